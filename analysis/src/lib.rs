@@ -1,0 +1,1 @@
+//! Recordings to percentiles, tables and plots, with polars.

@@ -1,0 +1,1 @@
+//! All that can stand in a graph: sources, stereo, mono, confidence, fusion, filter, score.

@@ -1,0 +1,1 @@
+//! Values to MCAP messages and back: writing and reading recordings.

@@ -1,0 +1,2 @@
+//! The `depthloom` command.
+fn main() {}
