@@ -1,1 +1,20 @@
 //! The graph language: values, ports, contracts, and YAML to a checked, shared plan.
+//!
+//! This crate knows no node kind, no file format but YAML, and no thread. Node kinds register themselves in a
+//! [`Registry`]; the language turns an experiment file into a [`plan::Plan`] against that registry; the runner
+//! executes the plan through the [`contracts`].
+
+pub mod contracts;
+pub mod key;
+pub mod plan;
+pub mod ready;
+pub mod registry;
+pub mod values;
+
+pub use contracts::{
+    Context, Fault, Frame, Host, Inputs, Instance, Node, OnceNode, OrderedNode, Outputs, Port, PureNode, Rate, Scratch,
+    Source, SourceKind, SourceOutputs, Store,
+};
+pub use key::Key;
+pub use registry::Registry;
+pub use values::{Value, ValueType};

@@ -1,0 +1,74 @@
+//! What a node may ask of whoever runs it.
+
+use std::any::{Any, TypeId};
+use std::collections::HashMap;
+
+/// What the runner offers a node while it works.
+pub trait Host: Sync {
+    /// Whether the run is being abandoned; long work checks this now and then and returns [`Fault::Cancelled`](crate::Fault).
+    fn cancelled(&self) -> bool;
+
+    /// Tells how far a long piece of work is.
+    fn progress(&self, done: u64, total: u64, message: &str);
+
+    /// Runs `f(0) .. f(n - 1)`, each once: the caller works, idle workers help. Returns when all are done.
+    ///
+    /// How the work is cut into tiles must depend on its size only, never on [`Host::width`].
+    fn tiles(&self, n: usize, f: &(dyn Fn(usize) + Sync));
+
+    /// How many tiles could run at once at best.
+    fn width(&self) -> usize;
+}
+
+/// A host without workers: everything runs on the caller's thread. For tests and one-off calls.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct InlineHost;
+
+impl Host for InlineHost {
+    fn cancelled(&self) -> bool {
+        false
+    }
+
+    fn progress(&self, _done: u64, _total: u64, _message: &str) {}
+
+    fn tiles(&self, n: usize, f: &(dyn Fn(usize) + Sync)) {
+        (0..n).for_each(f);
+    }
+
+    fn width(&self) -> usize {
+        1
+    }
+}
+
+/// Buffers that a worker keeps between calls, one a type.
+#[derive(Default)]
+pub struct Scratch(HashMap<TypeId, Box<dyn Any + Send>>);
+
+impl Scratch {
+    /// Takes the buffer of type `T`, or a fresh one. Put it back after use.
+    #[must_use]
+    pub fn take<T: Default + Send + 'static>(&mut self) -> Box<T> {
+        self.0.remove(&TypeId::of::<T>()).and_then(|any| any.downcast().ok()).unwrap_or_default()
+    }
+
+    /// Puts a buffer back for the next call on this worker.
+    pub fn put<T: Send + 'static>(&mut self, buffer: Box<T>) {
+        self.0.insert(TypeId::of::<T>(), buffer);
+    }
+}
+
+/// The surroundings of one call of a node.
+pub struct Context<'a> {
+    /// The runner.
+    pub host: &'a dyn Host,
+    /// This worker's buffers.
+    pub scratch: &'a mut Scratch,
+}
+
+impl<'a> Context<'a> {
+    /// Puts a context together.
+    #[must_use]
+    pub const fn new(host: &'a dyn Host, scratch: &'a mut Scratch) -> Self {
+        Self { host, scratch }
+    }
+}

@@ -1,0 +1,21 @@
+//! What the language, the nodes, the runner and the recording agree on.
+
+mod context;
+mod fault;
+mod frame;
+mod node;
+mod params;
+mod port;
+mod source;
+mod store;
+mod tap;
+
+pub use context::{Context, Host, InlineHost, Scratch};
+pub use fault::Fault;
+pub use frame::Frame;
+pub use node::{Inputs, Instance, Node, NodeDeclaration, OnceNode, OrderedNode, Outputs, PureNode};
+pub use params::{DataPath, FrameSelection};
+pub use port::{Contract, Port, Rate};
+pub use source::{Source, SourceDeclaration, SourceKind, SourceOutputs};
+pub use store::Store;
+pub use tap::{Commit, Failure, Slot, SlotKey, Tap, TapError};

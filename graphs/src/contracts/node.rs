@@ -1,0 +1,204 @@
+//! Nodes: pure, ordered, once.
+
+use std::sync::Arc;
+
+use schemars::JsonSchema;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+use super::{Context, Contract, Fault, Frame, Port};
+use crate::values::ValueKind;
+use crate::{Key, Value};
+
+/// The values at a node's input ports, in the order its declaration lists them; `None` where unwired or absent.
+#[derive(Clone, Debug)]
+pub struct Inputs<'a> {
+    ports: &'a [Port],
+    values: &'a [Option<Value>],
+}
+
+impl<'a> Inputs<'a> {
+    /// Pairs ports with their values.
+    ///
+    /// # Panics
+    /// If the two differ in length.
+    #[must_use]
+    pub fn new(ports: &'a [Port], values: &'a [Option<Value>]) -> Self {
+        assert_eq!(ports.len(), values.len(), "one value slot a port");
+        Self { ports, values }
+    }
+
+    /// The value at a required port.
+    ///
+    /// # Errors
+    /// If there is none of that name and type: an error of the node's own declaration, since the plan was checked.
+    pub fn get<T: ValueKind>(&self, port: &str) -> Result<&'a Arc<T>, Fault> {
+        self.optional(port)?.ok_or_else(|| Fault::new(format!("no value at input `{port}`")))
+    }
+
+    /// The value at an optional port.
+    ///
+    /// # Errors
+    /// If the node declares no such port or the value is of another type.
+    pub fn optional<T: ValueKind>(&self, port: &str) -> Result<Option<&'a Arc<T>>, Fault> {
+        let slot = self.ports.iter().position(|p| p.name == port);
+        let slot = slot.ok_or_else(|| Fault::new(format!("the node declares no input `{port}`")))?;
+        let Some(value) = &self.values[slot] else { return Ok(None) };
+        let typed = T::from_value(value);
+        typed.map(Some).ok_or_else(|| Fault::new(format!("input `{port}` holds {}", value.value_type())))
+    }
+}
+
+/// The values a node gives, by output port; a port left out is absent on this frame.
+#[derive(Clone, Debug, Default)]
+pub struct Outputs(Vec<(&'static str, Value)>);
+
+impl Outputs {
+    /// No values.
+    #[must_use]
+    pub const fn none() -> Self {
+        Self(Vec::new())
+    }
+
+    /// One value.
+    #[must_use]
+    pub fn one(port: &'static str, value: impl Into<Value>) -> Self {
+        Self(vec![(port, value.into())])
+    }
+
+    /// Adds a value.
+    #[must_use]
+    pub fn with(mut self, port: &'static str, value: impl Into<Value>) -> Self {
+        self.0.push((port, value.into()));
+        self
+    }
+
+    /// The values in the order of the declared ports, each of its declared type.
+    ///
+    /// # Errors
+    /// If a value is at no declared port, is of another type, or a required one is missing.
+    pub fn in_order_of(self, ports: &[Port]) -> Result<Vec<Option<Value>>, Fault> {
+        let mut ordered = vec![None; ports.len()];
+        for (name, value) in self.0 {
+            let Some(slot) = ports.iter().position(|p| p.name == name) else {
+                return Err(Fault::new(format!("gave a value at `{name}`, which it does not declare")));
+            };
+            if ports[slot].value_type != value.value_type() {
+                let (declared, given) = (ports[slot].value_type, value.value_type());
+                return Err(Fault::new(format!("gave {given} at `{name}`, which is declared as {declared}")));
+            }
+            ordered[slot] = Some(value);
+        }
+        match ports.iter().zip(&ordered).find(|(port, value)| value.is_none() && !port.optional) {
+            Some((port, _)) => Err(Fault::new(format!("gave no value at `{}`", port.name))),
+            None => Ok(ordered),
+        }
+    }
+}
+
+/// A node without memory between frames; several frames may be in it at once.
+pub trait PureNode: Send + Sync {
+    /// One frame's outputs from its inputs.
+    ///
+    /// # Errors
+    /// What failed, for the person who runs the experiment.
+    fn process(&self, inputs: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault>;
+}
+
+/// A node that sees frames in order and may keep state.
+pub trait OrderedNode: Send {
+    /// The next frame's per-frame outputs.
+    ///
+    /// # Errors
+    /// What failed; the node's stage ends.
+    fn process(&mut self, frame: &Frame, inputs: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault>;
+
+    /// After the last frame: the once-values (collected samples, running statistics).
+    ///
+    /// # Errors
+    /// What failed.
+    fn finish(self: Box<Self>, ctx: &mut Context<'_>) -> Result<Outputs, Fault>;
+
+    /// The state so far, for resuming; `None` if a resumed run replays the recorded inputs instead.
+    fn save(&self) -> Option<Vec<u8>> {
+        None
+    }
+
+    /// Takes up a state that [`OrderedNode::save`] gave.
+    ///
+    /// # Errors
+    /// If the state is not of this node and version.
+    fn restore(&mut self, _state: &[u8]) -> Result<(), Fault> {
+        Err(Fault::new("this node keeps no state to restore"))
+    }
+}
+
+/// A node that fires once, when its once-inputs are there.
+pub trait OnceNode: Send + Sync {
+    /// The once-outputs.
+    ///
+    /// # Errors
+    /// What failed.
+    fn run(&self, inputs: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault>;
+}
+
+/// A node ready to run.
+pub enum Instance {
+    /// See [`PureNode`].
+    Pure(Box<dyn PureNode>),
+    /// See [`OrderedNode`].
+    Ordered(Box<dyn OrderedNode>),
+    /// See [`OnceNode`].
+    Once(Box<dyn OnceNode>),
+}
+
+/// What a node kind says of itself.
+#[derive(Clone, Debug)]
+pub struct NodeDeclaration {
+    /// The kind's name in YAML, `family/name`.
+    pub kind: &'static str,
+    /// Raised whenever the same inputs give other outputs than before.
+    pub version: u32,
+    /// How it is called.
+    pub contract: Contract,
+    /// One sentence.
+    pub summary: &'static str,
+    /// Markdown: shapes, units, source (paper equation, OpenCV behaviour).
+    pub doc: &'static str,
+    /// Input ports.
+    pub inputs: Vec<Port>,
+    /// Output ports. Of an ordered node, those with [`Rate::Once`](super::Rate) come from `finish`.
+    pub outputs: Vec<Port>,
+}
+
+/// A node kind: everything about it declared in one place.
+pub trait Node: 'static {
+    /// Its parameters; their docs, defaults and ranges give the schema, the reference page and the checks.
+    /// Range attributes of schemars (`#[schemars(range(min = 1))]`, `extend("multipleOf" = 16)`) are checked by the language.
+    type Params: Serialize + DeserializeOwned + JsonSchema;
+
+    /// Its name, version and ports.
+    fn declaration() -> NodeDeclaration;
+
+    /// What no schema can say, e.g. `p2` must exceed `p1`: the parameter's name and a lower-case fragment.
+    ///
+    /// # Errors
+    /// The parameter at fault, and why.
+    fn check(_params: &Self::Params) -> Result<(), (&'static str, String)> {
+        Ok(())
+    }
+
+    /// What besides parameters and inputs decides the outputs (an engine's version, say); enters the recipe.
+    ///
+    /// # Errors
+    /// What is missing on this machine, with its remedy.
+    fn fingerprint(_params: &Self::Params) -> Result<Option<Key>, Fault> {
+        Ok(None)
+    }
+
+    /// A node ready to run.
+    ///
+    /// # Errors
+    /// What is missing (a file, a library), with its remedy; found before any frame is admitted.
+    fn build(params: Self::Params) -> Result<Instance, Fault>;
+}

@@ -1,0 +1,72 @@
+//! Typed ports.
+
+use crate::ValueType;
+
+/// How often a port carries a value.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Rate {
+    /// A value for every frame.
+    Frame,
+    /// One value for a whole stage.
+    Once,
+}
+
+/// How a node is called.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Contract {
+    /// Frame by frame, several at once, no memory between frames.
+    Pure,
+    /// Frame by frame in order, then finished once.
+    Ordered,
+    /// Once, when its once-inputs are there.
+    Once,
+}
+
+impl Contract {
+    /// The name used in documentation and plans.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Pure => "pure",
+            Self::Ordered => "ordered",
+            Self::Once => "once",
+        }
+    }
+}
+
+/// A named, typed input or output.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Port {
+    /// The name used in YAML.
+    pub name: &'static str,
+    /// What it carries.
+    pub value_type: ValueType,
+    /// How often.
+    pub rate: Rate,
+    /// An input that may stay unwired, or an output that may be absent on a frame.
+    ///
+    /// A node whose required input is absent on a frame does not fire on it: absence propagates, it is no failure.
+    pub optional: bool,
+    /// One sentence: shape, unit, meaning.
+    pub doc: &'static str,
+}
+
+impl Port {
+    /// A required port that carries a value for every frame.
+    #[must_use]
+    pub const fn frame(name: &'static str, value_type: ValueType, doc: &'static str) -> Self {
+        Self { name, value_type, rate: Rate::Frame, optional: false, doc }
+    }
+
+    /// A required port that carries one value for the stage.
+    #[must_use]
+    pub const fn once(name: &'static str, value_type: ValueType, doc: &'static str) -> Self {
+        Self { name, value_type, rate: Rate::Once, optional: false, doc }
+    }
+
+    /// The same port, optional.
+    #[must_use]
+    pub const fn optional(self) -> Self {
+        Self { optional: true, ..self }
+    }
+}

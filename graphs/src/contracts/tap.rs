@@ -1,0 +1,99 @@
+//! The tap: where a run's values go besides to each other. A recording is one.
+
+use super::Frame;
+use crate::{Key, Value};
+
+/// An output port of a stage run: of its source, or of one of its nodes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Slot {
+    /// The source's output port of that index.
+    Source {
+        /// Index among the source's outputs.
+        port: usize,
+    },
+    /// A node's output port.
+    Node {
+        /// Index among the stage run's nodes.
+        node: usize,
+        /// Index among the node's outputs.
+        port: usize,
+    },
+}
+
+/// The key of one value of a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SlotKey {
+    /// Which node of the stage run; all its output ports share the key.
+    pub node: usize,
+    /// The key.
+    pub key: Key,
+}
+
+/// A node that failed on a frame, kept when the run goes on: the tombstone of its values.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Failure {
+    /// Which node of the stage run; `None` for its source.
+    pub node: Option<usize>,
+    /// What failed, with everything beneath.
+    pub what: String,
+}
+
+/// All there is to say of a finished frame besides its values.
+#[derive(Clone, Debug)]
+pub struct Commit<'a> {
+    /// Index of the stage run in the plan.
+    pub run: usize,
+    /// The frame.
+    pub frame: &'a Frame,
+    /// The key of the source's values; `None` if the source failed.
+    pub source_key: Option<Key>,
+    /// The keys of the nodes' values, by node index; nodes that did not fire are left out.
+    pub keys: &'a [SlotKey],
+    /// The failures on this frame, by node index.
+    pub failures: &'a [Failure],
+}
+
+/// Why a tap could not take a value.
+#[derive(Debug, thiserror::Error)]
+#[error("{what}")]
+pub struct TapError {
+    /// A lower-case fragment naming file and place.
+    pub what: String,
+    /// The error beneath.
+    #[source]
+    pub source: Option<Box<dyn std::error::Error + Send + Sync>>,
+}
+
+/// Takes the values of a run, in the order (stage run, frame, plan position, port).
+///
+/// The values of one frame are handed over in *parts*: the tap says which part a slot belongs to, workers encode the parts of
+/// a frame as soon as their values are there, and one thread writes the frames in order.
+pub trait Tap: Send + Sync {
+    /// An encoded part, ready to be written.
+    type Part: Send;
+
+    /// How many parts a frame of this stage run has.
+    fn parts(&self, run: usize) -> usize;
+
+    /// The part a slot's values belong to; `None` if they are not taken at all.
+    fn part(&self, run: usize, slot: Slot) -> Option<usize>;
+
+    /// Encodes (and compresses) one part of a frame; called on workers, several at once. `values` are in plan order and
+    /// hold those of the part's slots that are there.
+    ///
+    /// # Errors
+    /// If a value cannot be encoded.
+    fn encode(&self, run: usize, frame: &Frame, part: usize, values: &[(Slot, Value)]) -> Result<Self::Part, TapError>;
+
+    /// Writes a frame: its parts in order, then its commit record. Called by one thread, in order of frames.
+    ///
+    /// # Errors
+    /// If the disk refuses.
+    fn write(&self, commit: &Commit<'_>, parts: Vec<Self::Part>) -> Result<(), TapError>;
+
+    /// Takes a once-value, after the frames of its stage run.
+    ///
+    /// # Errors
+    /// If the disk refuses.
+    fn once(&self, run: usize, slot: Slot, key: &Key, value: &Value) -> Result<(), TapError>;
+}

@@ -1,0 +1,168 @@
+//! A checked, shared plan: what is to be run, decided.
+//!
+//! What a person wrote is a spec; what follows from it for every variant, with equal nodes shared, is a plan.
+
+use std::path::PathBuf;
+
+use serde_json::Value as Json;
+
+use crate::contracts::{Contract, Port, Slot};
+use crate::key::Key;
+
+/// An experiment, ready to be built and run.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    /// The experiment's name.
+    pub experiment: String,
+    /// Its description.
+    pub about: String,
+    /// The variants' names, in the order of the file; one empty name if it declares none.
+    pub variants: Vec<String>,
+    /// The stage runs, in the order they are executed.
+    pub runs: Vec<StageRun>,
+    /// What is recorded.
+    pub record: Record,
+    /// The files the experiment was read from, as written: name and text, the file asked for first.
+    pub written: Vec<(String, String)>,
+    /// The experiment as resolved: `extends`, graph files, environment and `--set` applied, in YAML.
+    pub resolved: String,
+}
+
+/// What is recorded of every stage run.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Record {
+    /// Every how many frames values are kept (scores are kept of all).
+    pub every: u64,
+    /// Whether depth is also kept for looking at, as `16UC1` millimetres.
+    pub view: bool,
+}
+
+/// A stage on one source: variants that change a stage's source make several runs of it.
+#[derive(Clone, Debug)]
+pub struct StageRun {
+    /// The stage's name.
+    pub stage: String,
+    /// The prefix of its topics: `/<stage>`, or `/<stage>/<variant>` where the source differs between variants.
+    pub prefix: String,
+    /// Where its frames come from.
+    pub source: PlannedSource,
+    /// The nodes, each after all those it reads: the plan position is the index.
+    pub nodes: Vec<PlannedNode>,
+    /// What is scored.
+    pub estimates: Vec<Estimate>,
+    /// Which variants this run serves, as indices into [`Plan::variants`].
+    pub variants: Vec<usize>,
+}
+
+/// A source of a stage run.
+#[derive(Clone, Debug)]
+pub struct PlannedSource {
+    /// Its name under `sources:`.
+    pub name: String,
+    /// The sources joined, one after the other; usually one. All have the same output ports.
+    pub parts: Vec<SourcePart>,
+    /// The output ports.
+    pub outputs: Vec<PlannedOutput>,
+}
+
+/// One of the sources joined into a stage's source.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SourcePart {
+    /// The source kind.
+    pub kind: String,
+    /// Its version.
+    pub version: u32,
+    /// Its parameters, resolved.
+    pub params: Json,
+}
+
+/// A node, shared by every variant in which it is the same.
+#[derive(Clone, Debug)]
+pub struct PlannedNode {
+    /// Its name in the YAML file.
+    pub name: String,
+    /// The kind.
+    pub kind: String,
+    /// The kind's version.
+    pub version: u32,
+    /// How it is called.
+    pub contract: Contract,
+    /// Its parameters, resolved: every default filled in.
+    pub params: Json,
+    /// Its input ports, in the order of the declaration, and what is wired to them.
+    pub inputs: Vec<PlannedInput>,
+    /// Its output ports, in the order of the declaration.
+    pub outputs: Vec<PlannedOutput>,
+    /// `H(kind, version, parameters, recipes of inputs)`.
+    pub recipe: Key,
+    /// Which variants use it, as indices into [`Plan::variants`].
+    pub variants: Vec<usize>,
+}
+
+impl PlannedNode {
+    /// The variants it serves, named, for messages: empty where it serves all.
+    #[must_use]
+    pub fn variant_names<'a>(&self, plan: &'a Plan) -> Vec<&'a str> {
+        if self.variants.len() == plan.variants.len() {
+            return Vec::new();
+        }
+        self.variants.iter().map(|&v| plan.variants[v].as_str()).collect()
+    }
+}
+
+/// An input port and what is wired to it.
+#[derive(Clone, Debug)]
+pub struct PlannedInput {
+    /// The port.
+    pub port: Port,
+    /// Where its value comes from; `None` for an optional port left unwired.
+    pub from: Option<From>,
+}
+
+/// Where a value comes from.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub enum From {
+    /// An output of the same stage run, per frame.
+    Here(Slot),
+    /// A once-output of a node of this or an earlier stage run.
+    Once {
+        /// Index into [`Plan::runs`].
+        run: usize,
+        /// Index into [`StageRun::nodes`].
+        node: usize,
+        /// Index into [`PlannedNode::outputs`].
+        port: usize,
+    },
+    /// A once-value read from a file.
+    File(PathBuf),
+}
+
+/// An output port, its topic, and whether it is recorded.
+#[derive(Clone, Debug)]
+pub struct PlannedOutput {
+    /// The port.
+    pub port: Port,
+    /// The topic it is recorded under.
+    pub topic: String,
+    /// The topics it has in variants that share it: `/<stage>/<variant>/<node>/<port>`, for the alias table.
+    pub aliases: Vec<String>,
+    /// Whether it is recorded.
+    pub recorded: bool,
+}
+
+/// Something that is scored against the truth.
+#[derive(Clone, Debug)]
+pub struct Estimate {
+    /// `name` if the value is the same in all variants, else `variant/name`.
+    pub label: String,
+    /// The estimate's name under `estimates:`.
+    pub name: String,
+    /// The variant, as an index into [`Plan::variants`]; `None` if the value is the same in all.
+    pub variant: Option<usize>,
+    /// Where the estimated depth comes from.
+    pub estimate: Slot,
+    /// Where the true depth comes from.
+    pub truth: Slot,
+    /// Which node of the stage run computes its scores (`score/depth`).
+    pub score_node: usize,
+}

@@ -1,0 +1,202 @@
+//! A plan with its sources opened and its nodes built: everything that can be found missing has been found.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use crate::contracts::{Context, Fault, Frame, Instance, Source, SourceOutputs};
+use crate::plan::{From, Plan, PlannedSource};
+use crate::registry::Registry;
+use crate::values::{Artifact, Value, ValueType};
+
+/// A plan that can be run.
+pub struct Ready {
+    /// The plan.
+    pub plan: Plan,
+    /// What stands behind each of its stage runs.
+    pub runs: Vec<ReadyRun>,
+    /// The once-values that come from files, by path.
+    pub files: BTreeMap<PathBuf, Value>,
+}
+
+/// What stands behind a stage run.
+pub struct ReadyRun {
+    /// Its source, opened.
+    pub source: Box<dyn Source>,
+    /// Its nodes, in plan order.
+    pub nodes: Vec<Instance>,
+}
+
+/// Why a plan cannot be run on this machine, with this data.
+#[derive(Debug, thiserror::Error)]
+pub enum NotReady {
+    /// A source could not be opened.
+    #[error("source `{name}` ({kind})")]
+    Source {
+        /// Its name under `sources:`.
+        name: String,
+        /// Its kind.
+        kind: String,
+        /// What is wrong.
+        #[source]
+        fault: Fault,
+    },
+    /// A node could not be built.
+    #[error("node `{stage}.{name}` ({kind})")]
+    Node {
+        /// Its stage.
+        stage: String,
+        /// Its name.
+        name: String,
+        /// Its kind.
+        kind: String,
+        /// What is wrong.
+        #[source]
+        fault: Fault,
+    },
+    /// A once-value's file could not be read.
+    #[error("input `{port}` of node `{stage}.{name}`")]
+    File {
+        /// The node's stage.
+        stage: String,
+        /// The node's name.
+        name: String,
+        /// The input port.
+        port: &'static str,
+        /// What is wrong.
+        #[source]
+        fault: Fault,
+    },
+}
+
+impl NotReady {
+    /// What is wrong beneath.
+    #[must_use]
+    pub const fn fault(&self) -> &Fault {
+        match self {
+            Self::Source { fault, .. } | Self::Node { fault, .. } | Self::File { fault, .. } => fault,
+        }
+    }
+}
+
+impl Ready {
+    /// Opens the sources, builds the nodes and reads the files of a plan.
+    ///
+    /// # Errors
+    /// Everything that is missing, in plan order.
+    pub fn new(plan: Plan, registry: &Registry) -> Result<Self, Vec<NotReady>> {
+        let mut missing = Vec::new();
+        let mut files = BTreeMap::new();
+        let mut runs = Vec::with_capacity(plan.runs.len());
+        for run in &plan.runs {
+            let source = open(&run.source, registry).map_err(|error| missing.push(error)).ok();
+            let mut nodes = Vec::with_capacity(run.nodes.len());
+            for node in &run.nodes {
+                let built = registry
+                    .node_kind(&node.kind)
+                    .ok_or_else(|| Fault::new("this engine has no such kind"))
+                    .and_then(|kind| kind.build(&node.params));
+                match built {
+                    Ok(instance) => nodes.push(instance),
+                    Err(fault) => missing.push(NotReady::Node {
+                        stage: run.stage.clone(),
+                        name: node.name.clone(),
+                        kind: node.kind.clone(),
+                        fault,
+                    }),
+                }
+                for input in &node.inputs {
+                    let Some(From::File(path)) = &input.from else { continue };
+                    if files.contains_key(path) {
+                        continue;
+                    }
+                    match read_once_value(path, input.port.value_type) {
+                        Ok(value) => {
+                            files.insert(path.clone(), value);
+                        }
+                        Err(fault) => missing.push(NotReady::File {
+                            stage: run.stage.clone(),
+                            name: node.name.clone(),
+                            port: input.port.name,
+                            fault,
+                        }),
+                    }
+                }
+            }
+            if let Some(source) = source {
+                runs.push(ReadyRun { source, nodes });
+            }
+        }
+        if missing.is_empty() { Ok(Self { plan, runs, files }) } else { Err(missing) }
+    }
+}
+
+fn read_once_value(path: &PathBuf, value_type: ValueType) -> Result<Value, Fault> {
+    let bytes =
+        std::fs::read(path).map_err(|error| Fault::new(format!("failed to read {}", path.display())).because(error))?;
+    match value_type {
+        ValueType::Model => Ok(Value::Model(Arc::new(Artifact::new("model/onnx", bytes)))),
+        ValueType::Samples => Ok(Value::Samples(Arc::new(Artifact::new("samples", bytes)))),
+        other => Err(Fault::new(format!("a value of type {other} cannot be read from a file"))),
+    }
+}
+
+fn open(source: &PlannedSource, registry: &Registry) -> Result<Box<dyn Source>, NotReady> {
+    let mut parts = Vec::with_capacity(source.parts.len());
+    for part in &source.parts {
+        let opened = registry
+            .source_kind(&part.kind)
+            .ok_or_else(|| Fault::new("this engine has no such kind"))
+            .and_then(|kind| kind.open(&part.params));
+        parts.push(opened.map_err(|fault| NotReady::Source {
+            name: source.name.clone(),
+            kind: part.kind.clone(),
+            fault,
+        })?);
+    }
+    match parts.pop() {
+        Some(only) if parts.is_empty() => Ok(only),
+        last => {
+            parts.extend(last);
+            Ok(Box::new(Joined::new(parts)))
+        }
+    }
+}
+
+/// Several sources, one after the other; indices and times go on where the one before ended.
+struct Joined {
+    parts: Vec<Box<dyn Source>>,
+    frames: Vec<Frame>,
+    place: Vec<(usize, usize)>,
+}
+
+impl Joined {
+    fn new(parts: Vec<Box<dyn Source>>) -> Self {
+        let (mut frames, mut place): (Vec<Frame>, Vec<_>) = (Vec::new(), Vec::new());
+        for (part, source) in parts.iter().enumerate() {
+            let first_index = frames.last().map_or(0, |f| f.index + 1);
+            let first_time = frames.last().map_or(0, |f| f.time_ns + 100_000_000);
+            let own_time = source.frames().first().map_or(0, |f| f.time_ns);
+            for (position, frame) in source.frames().iter().enumerate() {
+                let (index, time_ns) = match part {
+                    0 => (frame.index, frame.time_ns),
+                    _ => (first_index + position as u64, first_time + frame.time_ns.saturating_sub(own_time)),
+                };
+                frames.push(Frame { id: frame.id.clone(), index, time_ns });
+                place.push((part, position));
+            }
+        }
+        Self { parts, frames, place }
+    }
+}
+
+impl Source for Joined {
+    fn frames(&self) -> &[Frame] {
+        &self.frames
+    }
+
+    fn read(&self, position: usize, ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
+        let (part, position) = self.place[position];
+        self.parts[part].read(position, ctx)
+    }
+}

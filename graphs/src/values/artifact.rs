@@ -1,0 +1,25 @@
+//! A once-value kept as bytes: a trained model, collected samples.
+
+use std::sync::Arc;
+
+use crate::Key;
+
+/// Bytes with a media type and their content hash.
+#[derive(Clone, Debug)]
+pub struct Artifact {
+    /// What the bytes are, e.g. `model/onnx`.
+    pub media_type: String,
+    /// The bytes themselves.
+    pub bytes: Arc<[u8]>,
+    /// The content hash by which the artifact enters keys and file names.
+    pub hash: Key,
+}
+
+impl Artifact {
+    /// Wraps bytes and hashes them.
+    #[must_use]
+    pub fn new(media_type: impl Into<String>, bytes: impl Into<Arc<[u8]>>) -> Self {
+        let bytes = bytes.into();
+        Self { media_type: media_type.into(), hash: Key::of_content(&bytes), bytes }
+    }
+}

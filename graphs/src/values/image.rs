@@ -1,0 +1,96 @@
+//! Camera images, with the data set's own compressed bytes kept beside the pixels.
+
+use std::sync::{Arc, OnceLock};
+
+use image::{GrayImage, RgbImage};
+
+/// The pixels of an image.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Pixels {
+    /// 8-bit grey.
+    Grey(GrayImage),
+    /// 8-bit RGB.
+    Rgb(RgbImage),
+}
+
+/// A compressed format that recordings keep as it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ImageFormat {
+    /// Portable Network Graphics.
+    Png,
+    /// JPEG.
+    Jpeg,
+}
+
+impl ImageFormat {
+    /// The name `foxglove.CompressedImage` uses.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Png => "png",
+            Self::Jpeg => "jpeg",
+        }
+    }
+}
+
+/// An image file's own bytes.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Encoded {
+    /// How they are compressed.
+    pub format: ImageFormat,
+    /// The file's content.
+    pub bytes: Arc<[u8]>,
+}
+
+/// An 8-bit image, grey or RGB.
+#[derive(Clone, Debug)]
+pub struct Image {
+    pixels: Pixels,
+    encoded: Option<Encoded>,
+    grey: OnceLock<GrayImage>,
+}
+
+impl Image {
+    /// An image made in memory.
+    #[must_use]
+    pub const fn new(pixels: Pixels) -> Self {
+        Self { pixels, encoded: None, grey: OnceLock::new() }
+    }
+
+    /// An image read from a file whose bytes are kept, so that a recording holds them unchanged.
+    #[must_use]
+    pub const fn with_encoded(pixels: Pixels, encoded: Encoded) -> Self {
+        Self { pixels, encoded: Some(encoded), grey: OnceLock::new() }
+    }
+
+    /// The pixels.
+    #[must_use]
+    pub const fn pixels(&self) -> &Pixels {
+        &self.pixels
+    }
+
+    /// The file's bytes, if it came from one.
+    #[must_use]
+    pub const fn encoded(&self) -> Option<&Encoded> {
+        self.encoded.as_ref()
+    }
+
+    /// Columns and rows.
+    #[must_use]
+    pub fn dimensions(&self) -> (u32, u32) {
+        match &self.pixels {
+            Pixels::Grey(grey) => grey.dimensions(),
+            Pixels::Rgb(rgb) => rgb.dimensions(),
+        }
+    }
+
+    /// The grey image: the pixels themselves, or `convert` of them, computed once and shared by all who ask.
+    ///
+    /// The conversion is the caller's because this crate holds no pixel arithmetic; every node passes the same one.
+    pub fn grey_with(&self, convert: impl FnOnce(&RgbImage) -> GrayImage) -> &GrayImage {
+        match &self.pixels {
+            Pixels::Grey(grey) => grey,
+            Pixels::Rgb(rgb) => self.grey.get_or_init(|| convert(rgb)),
+        }
+    }
+}

@@ -1,0 +1,22 @@
+//! What flows along the edges of a graph: immutable values, cheap to share.
+
+mod artifact;
+mod calibration;
+mod depth;
+mod disparity;
+mod image;
+mod mask;
+mod value;
+mod weight;
+
+pub use self::artifact::Artifact;
+pub use self::calibration::Calibration;
+pub use self::depth::Depth;
+pub use self::disparity::Disparity;
+pub use self::image::{Encoded, Image, ImageFormat, Pixels};
+pub use self::mask::Mask;
+pub use self::value::{Value, ValueKind, ValueType};
+pub use self::weight::Weight;
+
+/// A single-channel raster, row-major, `width x height`.
+pub type Raster<T> = ::image::ImageBuffer<::image::Luma<T>, Vec<T>>;

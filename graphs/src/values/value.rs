@@ -1,0 +1,147 @@
+//! The sum of all values, and their types.
+
+use std::fmt;
+use std::sync::Arc;
+
+use depthloom_scores::ScoreRow;
+
+use super::{Artifact, Calibration, Depth, Disparity, Image, Mask, Weight};
+
+/// The type of a value, and so of a port.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum ValueType {
+    /// 8-bit grey or RGB image.
+    Image,
+    /// Fixed-point disparity, 1/16 px.
+    Disparity,
+    /// Depth, f32 metres, NaN = no answer.
+    Depth,
+    /// Weight, f32 in [0, 1].
+    Weight,
+    /// Binary mask.
+    Mask,
+    /// Calibration of a rectified pair.
+    Calibration,
+    /// Rows of scores.
+    Scores,
+    /// Collected training samples.
+    Samples,
+    /// A trained network.
+    Model,
+}
+
+impl ValueType {
+    /// The name used in documentation, plans and diagnostics.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Image => "image",
+            Self::Disparity => "disparity",
+            Self::Depth => "depth",
+            Self::Weight => "weight",
+            Self::Mask => "mask",
+            Self::Calibration => "calibration",
+            Self::Scores => "scores",
+            Self::Samples => "samples",
+            Self::Model => "model",
+        }
+    }
+}
+
+impl fmt::Display for ValueType {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// A value on an edge; cloning shares it.
+#[derive(Clone, Debug)]
+pub enum Value {
+    /// 8-bit grey or RGB image.
+    Image(Arc<Image>),
+    /// Fixed-point disparity.
+    Disparity(Arc<Disparity>),
+    /// Depth in metres.
+    Depth(Arc<Depth>),
+    /// Weight in [0, 1].
+    Weight(Arc<Weight>),
+    /// Binary mask.
+    Mask(Arc<Mask>),
+    /// Calibration of a rectified pair.
+    Calibration(Arc<Calibration>),
+    /// Rows of scores, one a pixel set.
+    Scores(Arc<Vec<ScoreRow>>),
+    /// Collected training samples.
+    Samples(Arc<Artifact>),
+    /// A trained network.
+    Model(Arc<Artifact>),
+}
+
+impl Value {
+    /// The type of this value.
+    #[must_use]
+    pub const fn value_type(&self) -> ValueType {
+        match self {
+            Self::Image(_) => ValueType::Image,
+            Self::Disparity(_) => ValueType::Disparity,
+            Self::Depth(_) => ValueType::Depth,
+            Self::Weight(_) => ValueType::Weight,
+            Self::Mask(_) => ValueType::Mask,
+            Self::Calibration(_) => ValueType::Calibration,
+            Self::Scores(_) => ValueType::Scores,
+            Self::Samples(_) => ValueType::Samples,
+            Self::Model(_) => ValueType::Model,
+        }
+    }
+}
+
+/// A Rust type that a [`Value`] can hold: lets nodes ask their inputs for what they declared.
+pub trait ValueKind: Sized + Send + Sync + 'static {
+    /// The type's names among ports (two port types may share a Rust type).
+    const TYPES: &'static [ValueType];
+
+    /// The value inside, if it is one of this type.
+    fn from_value(value: &Value) -> Option<&Arc<Self>>;
+}
+
+macro_rules! value_kind {
+    ($ty:ty, $($variant:ident)|+) => {
+        impl ValueKind for $ty {
+            const TYPES: &'static [ValueType] = &[$(ValueType::$variant),+];
+
+            fn from_value(value: &Value) -> Option<&Arc<Self>> {
+                match value {
+                    $(Value::$variant(inner) => Some(inner),)+
+                    _ => None,
+                }
+            }
+        }
+    };
+}
+
+value_kind!(Image, Image);
+value_kind!(Disparity, Disparity);
+value_kind!(Depth, Depth);
+value_kind!(Weight, Weight);
+value_kind!(Mask, Mask);
+value_kind!(Calibration, Calibration);
+value_kind!(Vec<ScoreRow>, Scores);
+value_kind!(Artifact, Samples | Model);
+
+macro_rules! into_value {
+    ($ty:ty, $variant:ident) => {
+        impl From<$ty> for Value {
+            fn from(inner: $ty) -> Self {
+                Self::$variant(Arc::new(inner))
+            }
+        }
+    };
+}
+
+into_value!(Image, Image);
+into_value!(Disparity, Disparity);
+into_value!(Depth, Depth);
+into_value!(Weight, Weight);
+into_value!(Mask, Mask);
+into_value!(Calibration, Calibration);
+into_value!(Vec<ScoreRow>, Scores);
