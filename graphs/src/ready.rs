@@ -89,7 +89,11 @@ impl Ready {
         let mut files = BTreeMap::new();
         let mut runs = Vec::with_capacity(plan.runs.len());
         for run in &plan.runs {
-            let source = open(&run.source, registry).map_err(|error| missing.push(error)).ok();
+            let source = open(&run.source, registry)
+                .map_err(|(kind, fault)| {
+                    missing.push(NotReady::Source { name: run.source.name.clone(), kind, fault });
+                })
+                .ok();
             let mut nodes = Vec::with_capacity(run.nodes.len());
             for node in &run.nodes {
                 let built = registry
@@ -141,18 +145,15 @@ fn read_once_value(path: &PathBuf, value_type: ValueType) -> Result<Value, Fault
     }
 }
 
-fn open(source: &PlannedSource, registry: &Registry) -> Result<Box<dyn Source>, NotReady> {
+/// Opens a stage's source; the kind of the part at fault comes with the fault.
+fn open(source: &PlannedSource, registry: &Registry) -> Result<Box<dyn Source>, (String, Fault)> {
     let mut parts = Vec::with_capacity(source.parts.len());
     for part in &source.parts {
         let opened = registry
             .source_kind(&part.kind)
             .ok_or_else(|| Fault::new("this engine has no such kind"))
             .and_then(|kind| kind.open(&part.params));
-        parts.push(opened.map_err(|fault| NotReady::Source {
-            name: source.name.clone(),
-            kind: part.kind.clone(),
-            fault,
-        })?);
+        parts.push(opened.map_err(|fault| (part.kind.clone(), fault))?);
     }
     match parts.pop() {
         Some(only) if parts.is_empty() => Ok(only),
