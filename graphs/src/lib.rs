@@ -9,6 +9,7 @@ pub mod key;
 pub mod plan;
 pub mod ready;
 pub mod registry;
+pub mod value_keys;
 pub mod values;
 
 pub use contracts::{

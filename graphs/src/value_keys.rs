@@ -1,0 +1,82 @@
+//! Keys of values: what a value was made by and from, never where or when.
+//!
+//! A node has one key a frame; each of its output ports derives its own from it, so that two outputs of a node differ.
+//! Inputs are listed in the order of the node's declaration, `None` where a port is unwired or its value absent.
+
+use crate::key::{Key, KeyBuilder};
+
+/// The key of one output port of a node, or of a source's frame, from the key they share.
+#[must_use]
+pub fn port(of: &Key, port: &str) -> Key {
+    Key::build("port").key(of).text(port).finish()
+}
+
+/// The key of a pure node's values on one frame: its recipe and the keys of its inputs on that frame.
+#[must_use]
+pub fn pure(recipe: &Key, inputs: &[Option<Key>]) -> Key {
+    with_inputs(Key::build("pure").key(recipe), inputs).finish()
+}
+
+/// The key of an ordered node's values on one frame: its recipe, its key on the frame before, and its inputs.
+///
+/// `previous` is `None` on the first frame.
+#[must_use]
+pub fn ordered(recipe: &Key, previous: Option<&Key>, inputs: &[Option<Key>]) -> Key {
+    with_inputs(optional(Key::build("ordered").key(recipe), previous), inputs).finish()
+}
+
+/// The key of the once-values an ordered node gives after its last frame; `last` is its key on that frame.
+#[must_use]
+pub fn finished(recipe: &Key, last: Option<&Key>) -> Key {
+    optional(Key::build("finished").key(recipe), last).finish()
+}
+
+/// The key of a once-node's values: its recipe and its inputs, by content hash where they are artefacts.
+#[must_use]
+pub fn once(recipe: &Key, inputs: &[Option<Key>]) -> Key {
+    with_inputs(Key::build("once").key(recipe), inputs).finish()
+}
+
+fn with_inputs(builder: KeyBuilder, inputs: &[Option<Key>]) -> KeyBuilder {
+    inputs.iter().fold(builder.number(inputs.len() as u64), |builder, input| optional(builder, input.as_ref()))
+}
+
+fn optional(builder: KeyBuilder, key: Option<&Key>) -> KeyBuilder {
+    match key {
+        Some(key) => builder.number(1).key(key),
+        None => builder.number(0),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{finished, once, ordered, port, pure};
+    use crate::Key;
+
+    #[test]
+    fn a_key_changes_with_recipe_input_and_place_of_the_input() {
+        let (recipe, a, b) = (Key::of_content(b"recipe"), Key::of_content(b"a"), Key::of_content(b"b"));
+        let key = pure(&recipe, &[Some(a), Some(b)]);
+        assert_eq!(key, pure(&recipe, &[Some(a), Some(b)]));
+        assert_ne!(key, pure(&recipe, &[Some(b), Some(a)]));
+        assert_ne!(key, pure(&recipe, &[Some(a), None]));
+        assert_ne!(key, pure(&a, &[Some(a), Some(b)]));
+        assert_ne!(key, once(&recipe, &[Some(a), Some(b)]));
+    }
+
+    #[test]
+    fn ordered_keys_remember_every_frame_before() {
+        let (recipe, input) = (Key::of_content(b"recipe"), [Some(Key::of_content(b"input"))]);
+        let first = ordered(&recipe, None, &input);
+        let second = ordered(&recipe, Some(&first), &input);
+        assert_ne!(first, second);
+        assert_ne!(finished(&recipe, Some(&first)), finished(&recipe, Some(&second)));
+        assert_ne!(finished(&recipe, None), finished(&recipe, Some(&first)));
+    }
+
+    #[test]
+    fn ports_of_one_node_have_keys_of_their_own() {
+        let node = Key::of_content(b"node");
+        assert_ne!(port(&node, "mask"), port(&node, "weight"));
+    }
+}
