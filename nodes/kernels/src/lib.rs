@@ -1,1 +1,4 @@
 //! Pixel kernels: slices in, slices out.
+
+pub mod sgbm;
+pub mod tiles;
