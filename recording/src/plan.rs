@@ -1,0 +1,271 @@
+//! What a recording says of the plan that made it: enough to analyse it without the experiment file.
+
+use depthloom_graphs::contracts::Slot;
+use depthloom_graphs::plan::{From as Wire, Plan, PlannedInput, PlannedOutput, PlannedSource, StageRun};
+use depthloom_graphs::{Key, Rate, ValueType};
+use serde::{Deserialize, Serialize};
+use serde_json::Value as Json;
+
+/// The plan of a recording, as kept in its metadata.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RecordedPlan {
+    /// The experiment's name.
+    pub experiment: String,
+    /// Its description.
+    pub about: String,
+    /// The variants' names, in the order of the file; one empty name if it declared none.
+    pub variants: Vec<String>,
+    /// Every how many frames values were kept: those whose index is a multiple of it.
+    pub every: u64,
+    /// Whether depth was also kept for looking at.
+    pub view: bool,
+    /// The stage runs, in the order they were executed.
+    pub runs: Vec<RecordedRun>,
+}
+
+/// A stage run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RecordedRun {
+    /// The stage's name.
+    pub stage: String,
+    /// The prefix of its topics.
+    pub prefix: String,
+    /// The variants it served, as indices into [`RecordedPlan::variants`].
+    pub variants: Vec<usize>,
+    /// Its source.
+    pub source: RecordedSource,
+    /// Its nodes, by plan position.
+    pub nodes: Vec<RecordedNode>,
+    /// What was scored.
+    pub estimates: Vec<RecordedEstimate>,
+}
+
+/// The source of a stage run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RecordedSource {
+    /// Its name under `sources:`.
+    pub name: String,
+    /// The sources joined, one after the other; usually one.
+    pub parts: Vec<RecordedSourcePart>,
+    /// Its output ports.
+    pub outputs: Vec<RecordedOutput>,
+}
+
+/// One of the sources joined into a stage's source.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RecordedSourcePart {
+    /// The source kind.
+    pub kind: String,
+    /// Its version.
+    pub version: u32,
+    /// Its parameters, resolved.
+    pub params: Json,
+}
+
+/// A node.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RecordedNode {
+    /// Its name in the YAML file.
+    pub name: String,
+    /// The kind.
+    pub kind: String,
+    /// The kind's version.
+    pub version: u32,
+    /// `pure`, `ordered` or `once`.
+    pub contract: String,
+    /// Its parameters, every default filled in.
+    pub params: Json,
+    /// Its input ports and what was wired to them.
+    pub inputs: Vec<RecordedInput>,
+    /// Its output ports.
+    pub outputs: Vec<RecordedOutput>,
+    /// Its recipe.
+    pub recipe: Key,
+    /// The variants that use it, as indices into [`RecordedPlan::variants`].
+    pub variants: Vec<usize>,
+}
+
+/// An input port and where its value came from.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RecordedInput {
+    /// The port.
+    pub port: String,
+    /// `topic`, `once stage.node/port` or `file name`; `None` for an optional port left unwired.
+    pub from: Option<String>,
+}
+
+/// An output port.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RecordedOutput {
+    /// The port.
+    pub port: String,
+    /// What it carries: the name of a [`ValueType`].
+    #[serde(rename = "type")]
+    pub value_type: String,
+    /// Whether it carries one value for the whole stage.
+    pub once: bool,
+    /// Its topic.
+    pub topic: String,
+    /// The other names of its topic, one for each variant that shares it.
+    pub aliases: Vec<String>,
+    /// Whether its values are in the recording.
+    pub recorded: bool,
+}
+
+/// Something that was scored against the truth.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RecordedEstimate {
+    /// `name` if the value is the same in all variants, else `variant/name`.
+    pub label: String,
+    /// The estimate's name under `estimates:`.
+    pub name: String,
+    /// The variant, as an index into [`RecordedPlan::variants`]; `None` if the value is the same in all.
+    pub variant: Option<usize>,
+    /// The topic of the estimated depth; `None` if it was not recorded.
+    pub estimate_topic: Option<String>,
+    /// The topic of the true depth; `None` if it was not recorded.
+    pub truth_topic: Option<String>,
+    /// The topic of the scores; `None` if they were not recorded.
+    pub score_topic: Option<String>,
+    /// The score node's index among [`RecordedRun::nodes`].
+    pub score_node: usize,
+    /// The score node's parameters (preset, pixel sets, clamp, crop), every default filled in.
+    pub score_params: Json,
+}
+
+impl RecordedPlan {
+    /// What is kept of a plan: nothing that depends on the machine, the moment, or the number of workers.
+    #[must_use]
+    pub fn of(plan: &Plan) -> Self {
+        Self {
+            experiment: plan.experiment.clone(),
+            about: plan.about.clone(),
+            variants: plan.variants.clone(),
+            every: plan.record.every,
+            view: plan.record.view,
+            runs: plan.runs.iter().map(|run| recorded_run(plan, run)).collect(),
+        }
+    }
+
+    /// All output ports of a stage run: the source's, then the nodes', in plan order.
+    pub fn outputs(&self, run: usize) -> impl Iterator<Item = (Slot, &RecordedOutput)> {
+        let run = &self.runs[run];
+        let of_source = run.source.outputs.iter().enumerate().map(|(port, output)| (Slot::Source { port }, output));
+        let of_nodes = run.nodes.iter().enumerate().flat_map(|(node, planned)| {
+            planned.outputs.iter().enumerate().map(move |(port, output)| (Slot::Node { node, port }, output))
+        });
+        of_source.chain(of_nodes)
+    }
+
+    /// The output port recorded under a topic, or under an alias of it.
+    #[must_use]
+    pub fn find(&self, run: usize, topic: &str) -> Option<(Slot, &RecordedOutput)> {
+        self.outputs(run).find(|(_, output)| output.topic == topic || output.aliases.iter().any(|alias| alias == topic))
+    }
+}
+
+impl RecordedOutput {
+    /// What it carries; `None` if a later version of the engine wrote a type this one does not know.
+    #[must_use]
+    pub fn value_type(&self) -> Option<ValueType> {
+        const ALL: [ValueType; 9] = [
+            ValueType::Image,
+            ValueType::Disparity,
+            ValueType::Depth,
+            ValueType::Weight,
+            ValueType::Mask,
+            ValueType::Calibration,
+            ValueType::Scores,
+            ValueType::Samples,
+            ValueType::Model,
+        ];
+        ALL.into_iter().find(|value_type| value_type.name() == self.value_type)
+    }
+}
+
+fn recorded_run(plan: &Plan, run: &StageRun) -> RecordedRun {
+    let nodes = run.nodes.iter().map(|node| RecordedNode {
+        name: node.name.clone(),
+        kind: node.kind.clone(),
+        version: node.version,
+        contract: node.contract.name().to_owned(),
+        params: node.params.clone(),
+        inputs: node.inputs.iter().map(|input| recorded_input(plan, run, input)).collect(),
+        outputs: node.outputs.iter().map(recorded_output).collect(),
+        recipe: node.recipe,
+        variants: node.variants.clone(),
+    });
+    let estimates = run.estimates.iter().map(|estimate| {
+        let score = &run.nodes[estimate.score_node];
+        let scores = score.outputs.iter().find(|output| output.port.value_type == ValueType::Scores);
+        RecordedEstimate {
+            label: estimate.label.clone(),
+            name: estimate.name.clone(),
+            variant: estimate.variant,
+            estimate_topic: recorded_topic(planned_output(run, estimate.estimate)),
+            truth_topic: recorded_topic(planned_output(run, estimate.truth)),
+            score_topic: scores.and_then(recorded_topic),
+            score_node: estimate.score_node,
+            score_params: score.params.clone(),
+        }
+    });
+    RecordedRun {
+        stage: run.stage.clone(),
+        prefix: run.prefix.clone(),
+        variants: run.variants.clone(),
+        source: recorded_source(&run.source),
+        nodes: nodes.collect(),
+        estimates: estimates.collect(),
+    }
+}
+
+fn recorded_source(source: &PlannedSource) -> RecordedSource {
+    let parts = source.parts.iter().map(|part| RecordedSourcePart {
+        kind: part.kind.clone(),
+        version: part.version,
+        params: part.params.clone(),
+    });
+    RecordedSource {
+        name: source.name.clone(),
+        parts: parts.collect(),
+        outputs: source.outputs.iter().map(recorded_output).collect(),
+    }
+}
+
+fn recorded_output(output: &PlannedOutput) -> RecordedOutput {
+    RecordedOutput {
+        port: output.port.name.to_owned(),
+        value_type: output.port.value_type.name().to_owned(),
+        once: output.port.rate == Rate::Once,
+        topic: output.topic.clone(),
+        aliases: output.aliases.clone(),
+        recorded: output.recorded,
+    }
+}
+
+fn recorded_input(plan: &Plan, run: &StageRun, input: &PlannedInput) -> RecordedInput {
+    let from = input.from.as_ref().map(|from| match from {
+        Wire::Here(slot) => planned_output(run, *slot).topic.clone(),
+        Wire::Once { run, node, port } => {
+            let (run, node) = (&plan.runs[*run], &plan.runs[*run].nodes[*node]);
+            format!("once {}.{}/{}", run.stage, node.name, node.outputs[*port].port.name)
+        }
+        Wire::File(path) => match path.file_name() {
+            Some(name) => format!("file {}", name.to_string_lossy()),
+            None => "file".to_owned(),
+        },
+    });
+    RecordedInput { port: input.port.name.to_owned(), from }
+}
+
+/// The output port of a slot.
+pub(crate) fn planned_output(run: &StageRun, slot: Slot) -> &PlannedOutput {
+    match slot {
+        Slot::Source { port } => &run.source.outputs[port],
+        Slot::Node { node, port } => &run.nodes[node].outputs[port],
+    }
+}
+
+fn recorded_topic(output: &PlannedOutput) -> Option<String> {
+    output.recorded.then(|| output.topic.clone())
+}
