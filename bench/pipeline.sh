@@ -1,0 +1,58 @@
+#!/usr/bin/env bash
+# The whole golden experiment, ours and the peer's (OpenCV, NumPy, MCAP and pandas in Python), in turn on the same frames.
+# Prints both sides' phases and lines `ratio NAME VALUE` (theirs / ours; over 1, we are faster).
+#
+#   bench/pipeline.sh [ROUNDS] [--model]     needs ../shared (or DEPTHLOOM_SHARED); --model: a network as mono estimate
+set -euo pipefail
+cd "$(dirname "$0")/.."
+rounds=5 model=""
+for argument in "$@"; do
+  case "$argument" in
+    --model) model=1 ;;
+    *) rounds=$argument ;;
+  esac
+done
+shared=${DEPTHLOOM_SHARED:-../shared}
+if ! [ -d "$shared/oracle" ]; then
+  echo "SKIPPED bench/pipeline.sh: $shared is absent (it holds the frames and the peer)"
+  exit 0
+fi
+venv=target/bench-venv
+if ! [ -x "$venv/bin/python" ] || ! "$venv/bin/python" -c 'import cv2, pandas, mcap_protobuf, onnxruntime' 2>/dev/null; then
+  python3 -m venv "$venv"
+  "$venv/bin/pip" install --quiet numpy opencv-python-headless pandas mcap mcap-protobuf-support foxglove-schemas-protobuf onnxruntime
+fi
+cargo build --release --quiet
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+export KITTI_STEREO_2015=$shared/data/kitti_stereo_2015
+experiment=tests/experiments/golden-ground-plane.yaml
+peer_model=()
+if [ -n "$model" ]; then
+  experiment=tests/experiments/golden-onnx.yaml
+  export MONO_MODEL=$PWD/$shared/models/ssl_unet.onnx
+  ORT_DYLIB_PATH=$(ls "$PWD/$venv"/lib/python3*/site-packages/onnxruntime/capi/libonnxruntime.so.* | head -1)
+  export ORT_DYLIB_PATH
+  peer_model=(--model "$shared/models/ssl_unet.onnx")
+fi
+for round in $(seq "$rounds"); do
+  # Four variants, as the peer runs them; the golden experiment has a fifth.
+  target/release/depthloom run "$experiment" --quiet --overwrite --workers 2 --out "$work/ours" >/dev/null
+  cp "$work/ours/environment.json" "$work/ours.$round.json"
+  mkdir -p "$work/theirs"
+  "$venv/bin/python" "$shared/oracle/peer_pipeline.py" "$KITTI_STEREO_2015/training" "$work/theirs" \
+    --first 150 --last 155 --threads 2 "${peer_model[@]}" >"$work/theirs.$round.json"
+done
+echo "ours, the last round, by phase:"
+target/release/depthloom timings "$work/ours"
+echo "theirs, the last round:"
+cat "$work/theirs.$rounds.json"
+"$venv/bin/python" - "$work" "$rounds" <<'PY'
+import json, statistics, sys
+work, rounds = sys.argv[1], int(sys.argv[2])
+ours = [json.load(open(f"{work}/ours.{i}.json"))["wall_s"] for i in range(1, rounds + 1)]
+theirs = [json.load(open(f"{work}/theirs.{i}.json"))["total_s"] for i in range(1, rounds + 1)]
+a, b = statistics.median(ours), statistics.median(theirs)
+print(f"median of {rounds}: ours {a:.3f} s, theirs {b:.3f} s for 6 frames (5 variants ours, 4 theirs; imports and start-up left out)")
+print(f"ratio pipeline-2t {b / a:.2f}")
+PY
