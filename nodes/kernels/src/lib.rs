@@ -1,4 +1,43 @@
 //! Pixel kernels: slices in, slices out.
+//!
+//! Rasters are row-major slices; the caller owns every output. Depth is in metres, `f32`, NaN where there is no
+//! answer. Kernels whose output row depends on few input rows have a form for some rows only (`..._rows`), so that a
+//! frame can be spread over threads without changing a bit.
+//!
+//! ```
+//! use depthloom_kernels::{confidence, depth, edges, fuse, grey, median, scale};
+//!
+//! let (width, height) = (8, 4);
+//! let rgb: Vec<u8> = (0..width * height * 3).map(|i| (i * 37) as u8).collect();
+//! let disparity = vec![160_i16; width * height];
+//! let mono: Vec<f32> = (0..width * height).map(|i| 5.0 + i as f32).collect();
+//!
+//! let mut grey = vec![0; width * height];
+//! grey::grey_from_rgb(&rgb, width, height, &mut grey);
+//! let mut mask = vec![0; width * height];
+//! edges::edges(&grey, width, height, 100.0, &mut mask);
+//! let mut weight = vec![0.0; width * height];
+//! confidence::confidence_from_edges(&mask, width, height, 10.0, &mut weight);
+//! let mut stereo = vec![0.0; width * height];
+//! depth::depth_from_disparity(&disparity, 721.5377, 0.532725, 80.0, &mut stereo);
+//! let mut scaled = vec![0.0; width * height];
+//! scale::minmax(&mono, &stereo, &mut scaled);
+//! let mut merged = vec![0.0; width * height];
+//! fuse::fuse(&stereo, &scaled, &weight, fuse::Weighting::Full, &mut merged);
+//! let mut fused = vec![0.0; width * height];
+//! median::median5(&merged, width, height, &mut fused);
+//! ```
 
+pub mod confidence;
+pub mod depth;
+pub mod edges;
+pub mod fuse;
+pub mod gaussian;
+pub mod grey;
+pub mod median;
+mod raster;
+pub mod resize;
+pub mod scale;
 pub mod sgbm;
+pub mod simd;
 pub mod tiles;

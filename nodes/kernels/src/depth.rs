@@ -1,0 +1,220 @@
+//! Depth in metres from disparity, from ground-truth files and from the road's geometry.
+//!
+//! NaN means "no answer". All arithmetic is NumPy's on `float32`, operation by operation.
+
+use crate::raster::{check, check_same};
+use crate::simd::{Level, Pass};
+
+/// Focal length times baseline as `float32`, the way NumPy rounds `np.float32(focal * baseline)`.
+fn metre_pixels(focal_px: f64, baseline_metres: f64) -> f32 {
+    (focal_px * baseline_metres) as f32
+}
+
+/// The smaller of a depth and the cap; no answer stays no answer.
+#[inline(always)]
+fn capped(depth: f32, cap: f32) -> f32 {
+    if depth > cap { cap } else { depth }
+}
+
+/// `f * B / d` of OpenCV's fixed-point disparity (1/16 px), capped at `cap_metres`; NaN where `d <= 0`.
+///
+/// `cap_metres` of `f32::INFINITY` caps nothing.
+///
+/// # Panics
+/// If the slices differ in length.
+pub fn depth_from_disparity(disparity: &[i16], focal_px: f64, baseline_metres: f64, cap_metres: f32, out: &mut [f32]) {
+    depth_from_disparity_at(Level::best(), disparity, focal_px, baseline_metres, cap_metres, out);
+}
+
+pub(crate) fn depth_from_disparity_at(
+    level: Level,
+    disparity: &[i16],
+    focal_px: f64,
+    baseline_metres: f64,
+    cap_metres: f32,
+    out: &mut [f32],
+) {
+    check_same("depth", out.len(), disparity.len());
+    let metre_pixels = metre_pixels(focal_px, baseline_metres);
+    level.run(FromDisparity { disparity, metre_pixels, cap_metres, out });
+}
+
+struct FromDisparity<'a> {
+    disparity: &'a [i16],
+    metre_pixels: f32,
+    cap_metres: f32,
+    out: &'a mut [f32],
+}
+
+impl Pass for FromDisparity<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        for (depth, &fixed) in self.out.iter_mut().zip(self.disparity) {
+            let metres = capped(self.metre_pixels / (f32::from(fixed) / 16.0), self.cap_metres);
+            *depth = if fixed > 0 { metres } else { f32::NAN };
+        }
+    }
+}
+
+/// Depth from a network's disparity given as a share of the image's width:
+/// `min(f * B / max(share * width, floor_px), cap_metres)`.
+///
+/// # Panics
+/// If the slices differ in length.
+pub fn depth_from_share(
+    share: &[f32],
+    width: usize,
+    focal_px: f64,
+    baseline_metres: f64,
+    floor_px: f32,
+    cap_metres: f32,
+    out: &mut [f32],
+) {
+    check_same("depth", out.len(), share.len());
+    let (width, metre_pixels) = (width as f32, metre_pixels(focal_px, baseline_metres));
+    Level::best().run(FromShare { share, width, metre_pixels, floor_px, cap_metres, out });
+}
+
+struct FromShare<'a> {
+    share: &'a [f32],
+    width: f32,
+    metre_pixels: f32,
+    floor_px: f32,
+    cap_metres: f32,
+    out: &'a mut [f32],
+}
+
+impl Pass for FromShare<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        for (depth, &share) in self.out.iter_mut().zip(self.share) {
+            let disparity = share * self.width;
+            let disparity = if disparity < self.floor_px { self.floor_px } else { disparity };
+            *depth = capped(self.metre_pixels / disparity, self.cap_metres);
+        }
+    }
+}
+
+/// True depth from a KITTI disparity PNG (16 bit, 1/256 px): `f * B / (v / 256)`; NaN where `v` is 0.
+///
+/// # Panics
+/// If the slices differ in length.
+pub fn truth_from_disparity_png(raw: &[u16], focal_px: f64, baseline_metres: f64, out: &mut [f32]) {
+    check_same("depth", out.len(), raw.len());
+    let metre_pixels = metre_pixels(focal_px, baseline_metres);
+    for (depth, &raw) in out.iter_mut().zip(raw) {
+        *depth = if raw > 0 { metre_pixels / (f32::from(raw) / 256.0) } else { f32::NAN };
+    }
+}
+
+/// True depth from a KITTI depth PNG (16 bit, 1/256 m); NaN where the value is 0.
+///
+/// # Panics
+/// If the slices differ in length.
+pub fn truth_from_depth_png(raw: &[u16], out: &mut [f32]) {
+    check_same("depth", out.len(), raw.len());
+    for (depth, &raw) in out.iter_mut().zip(raw) {
+        *depth = if raw > 0 { f32::from(raw) / 256.0 } else { f32::NAN };
+    }
+}
+
+/// A level road seen by a level camera: the simplest still-mono estimate there is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GroundPlane {
+    /// Focal length, pixels.
+    pub focal_px: f64,
+    /// Height of the camera above the road, metres.
+    pub camera_height_metres: f64,
+    /// The row of the horizon as a share of the image's rows.
+    pub horizon_share: f64,
+    /// Nearest depth given, metres.
+    pub nearest_metres: f32,
+    /// Farthest depth given (also at and above the horizon), metres.
+    pub farthest_metres: f32,
+}
+
+impl GroundPlane {
+    /// Depth of every pixel: `clip(f * height / max(row - horizon, 1e-6), nearest, farthest)`.
+    ///
+    /// # Panics
+    /// If `out` does not have the size that `width` and `height` announce.
+    pub fn depth(&self, width: usize, height: usize, out: &mut [f32]) {
+        check("depth", out.len(), width, height, 1);
+        if out.is_empty() {
+            return;
+        }
+        let horizon = (self.horizon_share * height as f64) as f32;
+        let scale = (self.focal_px * self.camera_height_metres) as f32;
+        for (y, row) in out.chunks_exact_mut(width).enumerate() {
+            let below = (y as f32 - horizon).max(1e-6);
+            row.fill((scale / below).max(self.nearest_metres).min(self.farthest_metres));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simd::every_level;
+
+    const NAN: u32 = f32::NAN.to_bits();
+
+    fn bits(depth: &[f32]) -> Vec<u32> {
+        depth.iter().map(|depth| depth.to_bits()).collect()
+    }
+
+    #[test]
+    fn disparity_becomes_numpys_depth_with_cap_and_gaps() {
+        // np.minimum(np.float32(721.5377 * 0.532725) / (d.astype(np.float32) / 16.0), np.float32(80))
+        let disparity = [-16, 0, 1, 76, 77, 100, 1023, 333];
+        let expected = [NAN, NAN, 0x42a0_0000, 0x42a0_0000, 0x429f_be2a, 0x4276_0103, 0x40c0_60e2, 0x4193_c008];
+        let depth = every_level(|level| {
+            let mut depth = [0.0; 8];
+            depth_from_disparity_at(level, &disparity, 721.5377, 0.532725, 80.0, &mut depth);
+            bits(&depth)
+        });
+        assert_eq!(depth, expected);
+    }
+
+    #[test]
+    fn an_infinite_cap_caps_nothing() {
+        let mut depth = [0.0];
+        depth_from_disparity(&[1], 721.5377, 0.532725, f32::INFINITY, &mut depth);
+        assert_eq!(depth[0].to_bits(), 0x45c0_30ca);
+    }
+
+    #[test]
+    fn truth_is_read_at_the_data_sets_scales() {
+        let mut depth = [0.0; 3];
+        truth_from_disparity_png(&[0, 256, 5000], 721.5377, 0.532725, &mut depth);
+        assert_eq!(bits(&depth), [NAN, 0x43c0_30ca, 0x419d_7149]);
+        truth_from_depth_png(&[0, 256, 5000], &mut depth);
+        assert_eq!(bits(&depth), [NAN, 1f32.to_bits(), 19.53125f32.to_bits()]);
+    }
+
+    #[test]
+    fn a_share_of_the_width_becomes_depth_with_floor_and_cap() {
+        let mut depth = [0.0; 3];
+        depth_from_share(&[0.0, 0.05, 0.01], 1242, 721.5377, 0.532725, 1e-3, 80.0, &mut depth);
+        assert_eq!(bits(&depth), [0x42a0_0000, 0x40c6_1220, 0x41f7_96a9]);
+    }
+
+    #[test]
+    fn the_road_is_farthest_above_the_horizon_and_near_at_the_bottom() {
+        let plane = GroundPlane {
+            focal_px: 721.5377,
+            camera_height_metres: 1.65,
+            horizon_share: 0.461,
+            nearest_metres: 1.0,
+            farthest_metres: 80.0,
+        };
+        let mut depth = vec![0.0; 2 * 375];
+        plane.depth(2, 375, &mut depth);
+        assert_eq!(bits(&depth[..2]), [80f32.to_bits(); 2]);
+        assert_eq!(depth[2 * 374 + 1].to_bits(), 0x40bd_6ba4);
+    }
+}

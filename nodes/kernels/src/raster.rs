@@ -1,0 +1,76 @@
+//! What every kernel asks of its rasters, and how rows and borders are addressed.
+
+use std::ops::Range;
+
+/// Demands that `len` samples are what `width` x `height` pixels of `channels` samples need.
+#[track_caller]
+pub(crate) fn check(what: &str, len: usize, width: usize, height: usize, channels: usize) {
+    let wanted = width.checked_mul(height).and_then(|pixels| pixels.checked_mul(channels));
+    assert!(
+        wanted == Some(len),
+        "{what} has {len} samples, but {width} x {height} pixels of {channels} channel(s) were announced"
+    );
+}
+
+/// Demands that `rows` lie inside the image and that `len` output samples hold them.
+#[track_caller]
+pub(crate) fn check_rows(what: &str, len: usize, width: usize, height: usize, rows: &Range<usize>) {
+    assert!(
+        rows.start <= rows.end && rows.end <= height,
+        "rows {}..{} do not lie inside an image of {height} rows",
+        rows.start,
+        rows.end
+    );
+    check(what, len, width, rows.len(), 1);
+}
+
+/// Demands rasters of one size.
+#[track_caller]
+pub(crate) fn check_same(what: &str, len: usize, wanted: usize) {
+    assert!(len == wanted, "{what} has {len} samples where {wanted} are needed");
+}
+
+/// Border reflect-101 (`gfedcb|abcdefgh|gfedcba`): the index in `0..len` that `index` stands for.
+///
+/// OpenCV's `BORDER_REFLECT_101`, its default border; a single sample repeats.
+#[inline(always)]
+pub(crate) fn reflect101(index: isize, len: usize) -> usize {
+    if len == 1 {
+        return 0;
+    }
+    let last = len as isize - 1;
+    let mut index = index;
+    while index < 0 || index > last {
+        index = if index < 0 { -index } else { 2 * last - index };
+    }
+    index as usize
+}
+
+/// Border replicate (`aaaaaa|abcdefgh|hhhhhhh`): the index in `0..len` that `index` stands for.
+#[inline(always)]
+pub(crate) fn replicate(index: isize, len: usize) -> usize {
+    index.clamp(0, len as isize - 1) as usize
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn reflect101_mirrors_about_the_outermost_pixel_as_often_as_needed() {
+        let seen: Vec<usize> = (-7..8).map(|i| reflect101(i, 3)).collect();
+        assert_eq!(seen, [1, 2, 1, 0, 1, 2, 1, 0, 1, 2, 1, 0, 1, 2, 1]);
+        assert_eq!(reflect101(-5, 1), 0);
+    }
+
+    #[test]
+    fn replicate_repeats_the_outermost_pixel() {
+        assert_eq!([replicate(-3, 4), replicate(2, 4), replicate(9, 4)], [0, 2, 3]);
+    }
+
+    #[test]
+    #[should_panic(expected = "grey has 5 samples")]
+    fn a_raster_of_another_size_is_refused() {
+        check("grey", 5, 2, 3, 1);
+    }
+}

@@ -1,0 +1,13 @@
+//! Resizing: by area for the image a network sees, bilinear for the map it answers.
+
+mod area;
+mod bilinear;
+mod enlarge;
+
+pub use area::area_rgb8;
+pub use bilinear::bilinear_f32;
+
+/// How many input pixels make an output pixel along one axis, rounded as OpenCV rounds it.
+fn scale(input: usize, output: usize) -> f64 {
+    1.0 / (output as f64 / input as f64)
+}

@@ -1,0 +1,280 @@
+//! Scaling the mono estimate to what stereo saw (an ablation of the paper).
+//!
+//! A pixel is answered where its depth is finite. The estimate must answer everywhere for `minmax`, as in the paper.
+
+use crate::raster::check_same;
+use crate::simd::{Level, Pass};
+
+/// Independent partial results of a reduction: their number is fixed, so that every instruction set, and every
+/// machine, reduces in the same order.
+const LANES: usize = 16;
+
+/// Smallest and largest answered depth, metres.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Extent {
+    /// The smallest.
+    pub min: f32,
+    /// The largest.
+    pub max: f32,
+}
+
+/// Smallest and largest of the answered (finite) pixels; `None` where there is no answer at all.
+#[must_use]
+pub fn extent(depth: &[f32]) -> Option<Extent> {
+    extent_at(Level::best(), depth)
+}
+
+pub(crate) fn extent_at(level: Level, depth: &[f32]) -> Option<Extent> {
+    let Extent { min, max } = level.run(FindExtent { depth });
+    (min <= max).then_some(Extent { min, max })
+}
+
+struct FindExtent<'a> {
+    depth: &'a [f32],
+}
+
+impl Pass for FindExtent<'_> {
+    type Output = Extent;
+
+    #[inline(always)]
+    fn run(self) -> Extent {
+        let (mut min, mut max) = ([f32::INFINITY; LANES], [f32::NEG_INFINITY; LANES]);
+        let (blocks, rest) = self.depth.as_chunks::<LANES>();
+        for block in blocks {
+            for (lane, &depth) in block.iter().enumerate() {
+                widen(depth, &mut min[lane], &mut max[lane]);
+            }
+        }
+        for (lane, &depth) in rest.iter().enumerate() {
+            widen(depth, &mut min[lane], &mut max[lane]);
+        }
+        Extent {
+            min: min.into_iter().fold(f32::INFINITY, |a, b| if b < a { b } else { a }),
+            max: max.into_iter().fold(f32::NEG_INFINITY, |a, b| if b > a { b } else { a }),
+        }
+    }
+}
+
+#[inline(always)]
+fn widen(depth: f32, min: &mut f32, max: &mut f32) {
+    let (low, high) = if depth.is_finite() { (depth, depth) } else { (f32::INFINITY, f32::NEG_INFINITY) };
+    *min = if low < *min { low } else { *min };
+    *max = if high > *max { high } else { *max };
+}
+
+/// Min-max scaling: `min_s + (max_s - min_s) * (mono - min_m) / (max_m - min_m)`, the extent of stereo taken over the
+/// pixels it answered.
+///
+/// Where stereo answered nowhere there is nothing to scale by: mono stays as it is. A mono estimate that is the same
+/// everywhere has no extent: no answer (NaN) anywhere, as in the oracle.
+///
+/// # Panics
+/// If the slices differ in length.
+pub fn minmax(mono: &[f32], stereo: &[f32], out: &mut [f32]) {
+    minmax_at(Level::best(), mono, stereo, out);
+}
+
+pub(crate) fn minmax_at(level: Level, mono: &[f32], stereo: &[f32], out: &mut [f32]) {
+    check_same("stereo", stereo.len(), mono.len());
+    match (extent_at(level, mono), extent_at(level, stereo)) {
+        (Some(mono_extent), Some(stereo_extent)) => minmax_to(level, mono, mono_extent, stereo_extent, out),
+        _ => out.copy_from_slice(mono),
+    }
+}
+
+/// The second half of [`minmax`], for callers that find the extents tile by tile.
+///
+/// # Panics
+/// If the slices differ in length.
+pub fn minmax_between(mono: &[f32], mono_extent: Extent, stereo_extent: Extent, out: &mut [f32]) {
+    minmax_to(Level::best(), mono, mono_extent, stereo_extent, out);
+}
+
+fn minmax_to(level: Level, mono: &[f32], mono_extent: Extent, stereo_extent: Extent, out: &mut [f32]) {
+    check_same("scaled depth", out.len(), mono.len());
+    level.run(Affine {
+        mono,
+        offset: mono_extent.min,
+        numerator: stereo_extent.max - stereo_extent.min,
+        denominator: mono_extent.max - mono_extent.min,
+        floor: stereo_extent.min,
+        out,
+    });
+}
+
+struct Affine<'a> {
+    mono: &'a [f32],
+    offset: f32,
+    numerator: f32,
+    denominator: f32,
+    floor: f32,
+    out: &'a mut [f32],
+}
+
+impl Pass for Affine<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        for (out, &mono) in self.out.iter_mut().zip(self.mono) {
+            *out = self.floor + self.numerator * (mono - self.offset) / self.denominator;
+        }
+    }
+}
+
+/// Average scaling: `mono * mean(stereo) / mean(mono)`, both means over the pixels that stereo answered, in `f64`.
+///
+/// NumPy adds in another order, so its means may differ in the last bits of the `f64`; the ratio is rounded to `f32`
+/// before it multiplies. Where stereo answered nowhere, mono stays as it is.
+///
+/// # Panics
+/// If the slices differ in length.
+pub fn average(mono: &[f32], stereo: &[f32], out: &mut [f32]) {
+    average_at(Level::best(), mono, stereo, out);
+}
+
+pub(crate) fn average_at(level: Level, mono: &[f32], stereo: &[f32], out: &mut [f32]) {
+    check_same("stereo", stereo.len(), mono.len());
+    check_same("scaled depth", out.len(), mono.len());
+    let Sums { mono: mono_sum, stereo: stereo_sum, answered } = level.run(Answered { mono, stereo });
+    if answered == 0 {
+        out.copy_from_slice(mono);
+        return;
+    }
+    let (mono_mean, stereo_mean) = (mono_sum / answered as f64, stereo_sum / answered as f64);
+    level.run(Times { mono, factor: (stereo_mean / mono_mean) as f32, out });
+}
+
+struct Answered<'a> {
+    mono: &'a [f32],
+    stereo: &'a [f32],
+}
+
+struct Sums {
+    mono: f64,
+    stereo: f64,
+    answered: usize,
+}
+
+impl Pass for Answered<'_> {
+    type Output = Sums;
+
+    #[inline(always)]
+    fn run(self) -> Sums {
+        let (mut mono_sums, mut stereo_sums, mut counts) = ([0f64; LANES], [0f64; LANES], [0u32; LANES]);
+        let mut add = |lane: usize, mono: f32, stereo: f32| {
+            let seen = stereo.is_finite();
+            mono_sums[lane] += f64::from(if seen { mono } else { 0.0 });
+            stereo_sums[lane] += f64::from(if seen { stereo } else { 0.0 });
+            counts[lane] += u32::from(seen);
+        };
+        let ((monos, mono_rest), (stereos, stereo_rest)) =
+            (self.mono.as_chunks::<LANES>(), self.stereo.as_chunks::<LANES>());
+        for (mono, stereo) in monos.iter().zip(stereos) {
+            for lane in 0..LANES {
+                add(lane, mono[lane], stereo[lane]);
+            }
+        }
+        for (lane, (&mono, &stereo)) in mono_rest.iter().zip(stereo_rest).enumerate() {
+            add(lane, mono, stereo);
+        }
+        Sums {
+            mono: mono_sums.iter().sum(),
+            stereo: stereo_sums.iter().sum(),
+            answered: counts.iter().map(|&count| count as usize).sum(),
+        }
+    }
+}
+
+struct Times<'a> {
+    mono: &'a [f32],
+    factor: f32,
+    out: &'a mut [f32],
+}
+
+impl Pass for Times<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        for (out, &mono) in self.out.iter_mut().zip(self.mono) {
+            *out = mono * self.factor;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simd::every_level;
+    use proptest::prelude::*;
+
+    const NAN: f32 = f32::NAN;
+
+    fn minmax_of(mono: &[f32], stereo: &[f32]) -> Vec<f32> {
+        let bits = every_level(|level| {
+            let mut out = vec![0.0; mono.len()];
+            minmax_at(level, mono, stereo, &mut out);
+            out.into_iter().map(f32::to_bits).collect::<Vec<_>>()
+        });
+        bits.into_iter().map(f32::from_bits).collect()
+    }
+
+    fn average_of(mono: &[f32], stereo: &[f32]) -> Vec<f32> {
+        let bits = every_level(|level| {
+            let mut out = vec![0.0; mono.len()];
+            average_at(level, mono, stereo, &mut out);
+            out.into_iter().map(f32::to_bits).collect::<Vec<_>>()
+        });
+        bits.into_iter().map(f32::from_bits).collect()
+    }
+
+    #[test]
+    fn minmax_maps_monos_extent_over_all_pixels_onto_stereos_answers() {
+        assert_eq!(minmax_of(&[1.0, 2.0, 5.0], &[NAN, 10.0, 50.0]), [10.0, 20.0, 50.0]);
+    }
+
+    #[test]
+    fn average_takes_both_means_where_stereo_answered() {
+        assert_eq!(average_of(&[100.0, 2.0, 4.0], &[NAN, 10.0, 5.0]), [250.0, 5.0, 10.0]);
+    }
+
+    #[test]
+    fn without_any_stereo_mono_stays_as_it_is() {
+        assert_eq!(minmax_of(&[1.0, 2.0], &[NAN, NAN]), [1.0, 2.0]);
+        assert_eq!(average_of(&[1.0, 2.0], &[NAN, f32::INFINITY]), [1.0, 2.0]);
+        assert_eq!(extent(&[NAN, f32::INFINITY]), None);
+    }
+
+    #[test]
+    fn a_constant_mono_has_no_minmax_scale() {
+        assert!(minmax_of(&[3.0, 3.0], &[1.0, 2.0]).iter().all(|depth| depth.is_nan()));
+    }
+
+    proptest! {
+        #[test]
+        fn extents_and_means_are_those_of_the_definition(
+            pairs in prop::collection::vec((1f32..80.0, prop::option::weighted(0.8, 1f32..80.0)), 1..200),
+        ) {
+            let mono: Vec<f32> = pairs.iter().map(|pair| pair.0).collect();
+            let stereo: Vec<f32> = pairs.iter().map(|pair| pair.1.unwrap_or(NAN)).collect();
+            let seen: Vec<(f32, f32)> = pairs.iter().filter_map(|&(mono, stereo)| Some((mono, stereo?))).collect();
+            let found = extent(&stereo);
+            let smallest = seen.iter().map(|pair| pair.1).reduce(f32::min);
+            let largest = seen.iter().map(|pair| pair.1).reduce(f32::max);
+            prop_assert_eq!(found.map(|extent| extent.min), smallest);
+            prop_assert_eq!(found.map(|extent| extent.max), largest);
+            let scaled = average_of(&mono, &stereo);
+            minmax_of(&mono, &stereo);
+            let ratio = if seen.is_empty() {
+                1.0
+            } else {
+                let sum = |pick: fn(&(f32, f32)) -> f32| seen.iter().map(|pair| f64::from(pick(pair))).sum::<f64>();
+                sum(|pair| pair.1) / sum(|pair| pair.0)
+            };
+            for (scaled, mono) in scaled.iter().zip(&mono) {
+                prop_assert!((f64::from(*scaled) / (f64::from(*mono) * ratio) - 1.0).abs() < 2e-7);
+            }
+        }
+    }
+}
