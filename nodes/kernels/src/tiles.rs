@@ -1,5 +1,9 @@
 //! How a kernel spreads one frame over threads: it names the pieces, somebody else owns the threads.
 
+mod crew;
+
+pub use crew::{Closing, Crew};
+
 /// Runs the independent pieces ("tiles") of a kernel.
 ///
 /// Kernels cut their work by the image's size and never by [`Tiles::width`], and tiles of one `run` write to different

@@ -36,8 +36,8 @@ fn shared() -> PathBuf {
         .map_or_else(|| PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared")), PathBuf::from)
 }
 
-fn grey(path: PathBuf) -> (Vec<u8>, usize, usize) {
-    let image = image::open(&path).unwrap_or_else(|error| panic!("failed to read {}: {error}", path.display()));
+fn grey(path: &std::path::Path) -> (Vec<u8>, usize, usize) {
+    let image = image::open(path).unwrap_or_else(|error| panic!("failed to read {}: {error}", path.display()));
     let rgb = image.into_rgb8();
     let (width, height) = (rgb.width() as usize, rgb.height() as usize);
     let weigh = |p: &[u8]| (9798 * u32::from(p[0]) + 19235 * u32::from(p[1]) + 3735 * u32::from(p[2]) + 16384) >> 15;
@@ -56,8 +56,8 @@ fn every_pixel_equals_opencv() {
     assert_eq!(golden.cases.len(), 36);
     let mut scratch = Scratch::default();
     for case in &golden.cases {
-        let (left, width, height) = grey(shared.join(&case.left));
-        let (right, ..) = grey(shared.join(&case.right));
+        let (left, width, height) = grey(&shared.join(&case.left));
+        let (right, ..) = grey(&shared.join(&case.right));
         let params = Params {
             min_disparity: case.min_disparity,
             disparities: case.num_disparities,

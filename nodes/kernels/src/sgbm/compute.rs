@@ -56,6 +56,9 @@ pub fn compute_on(
     params.check()?;
     check_shapes(left, right, out.len())?;
     let search = Search::new(params, left.width, left.height, left.channels);
+    if (left.width as i64) < search.least_width() {
+        return Err(Error::Narrow { width: left.width, needed: search.least_width() });
+    }
     let _ = (scratch, tiles);
     match path {
         Path::Plain => plain::compute(&search, params.block, left, right, out),

@@ -65,6 +65,17 @@ impl Search {
         }
     }
 
+    /// The least width OpenCV accepts. `sgbm` and `hh` ask for more than half a block beyond the largest disparity, `3way`
+    /// for one searched column; `hh4` takes anything, and where nothing can be searched nothing is answered.
+    pub fn least_width(&self) -> i64 {
+        let end = i64::from(self.min_disparity) + self.disparities as i64;
+        match self.mode {
+            Mode::Sgbm | Mode::Hh => end + self.radius as i64 + 1,
+            Mode::ThreeWay => end.max(0) + i64::from(-self.min_disparity.min(0)) + 1,
+            Mode::Hh4 => 1,
+        }
+    }
+
     /// Elements of one row of costs.
     pub fn row_len(&self) -> usize {
         self.columns * self.disparities

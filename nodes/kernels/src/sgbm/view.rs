@@ -27,6 +27,13 @@ pub enum Error {
     Unequal((usize, usize, usize), (usize, usize, usize)),
     /// An image has neither one nor three channels, or no pixels, or is too large for 32-bit coordinates.
     Shape((usize, usize, usize)),
+    /// The image is too narrow for the disparities and the block, as OpenCV sees it in this mode.
+    Narrow {
+        /// Columns of the image.
+        width: usize,
+        /// Columns it needs at least.
+        needed: i64,
+    },
     /// A buffer does not hold what its image's size asks for.
     Length {
         /// `left`, `right` or `out`.
@@ -52,6 +59,12 @@ impl fmt::Display for Error {
                 write!(
                     f,
                     "image is {w}x{h} with {c} channels: expected 1 or 3 channels and 1 to 32767 rows and columns"
+                )
+            }
+            Self::Narrow { width, needed } => {
+                write!(
+                    f,
+                    "image is {width} columns wide, too narrow for these disparities and block: at least {needed} are needed"
                 )
             }
             Self::Length { buffer, len, expected } => {
