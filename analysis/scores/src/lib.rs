@@ -1,5 +1,31 @@
 //! The formulas of depth scores: slices in, a row out; no polars, no I/O.
+//!
+//! They stand once, here, and serve the node `score/depth` and the analysis of recordings alike. All arithmetic is f64 with a
+//! fixed order of additions and [our own logarithm](ln), so that equal maps give equal bits on every machine.
+//!
+//! ```
+//! use depthloom_scores::{PixelSet, Preset, score};
+//!
+//! let truth_m = [10.0, 20.0, f32::NAN, 40.0]; // NaN: nothing measured there
+//! let estimate_m = [11.0, 26.0, 5.0, f32::NAN]; // NaN: no answer
+//! let sets = [PixelSet::All, PixelSet::Answered];
+//! let rows = score(&estimate_m, &truth_m, 4, 1, &sets, &Preset::Paper.settings());
+//! assert_eq!((rows[0].pixels, rows[1].pixels), (3, 2)); // the missing answer counts in `all` only
+//! assert_eq!(rows[1].a1, 0.5); // 11/10 is within 1.25, 26/20 is not
+//! ```
 
+mod crop;
+mod ln;
+mod pixels;
+mod preset;
 mod row;
+mod score;
+mod settings;
+mod sums;
 
+pub use crop::{Crop, Window};
+pub use pixels::ScoredPixels;
+pub use preset::Preset;
 pub use row::{PixelSet, SCORE_NAMES, ScoreRow};
+pub use score::{score, score_pixels};
+pub use settings::{ScaleInvariant, Settings, SquaredRelative};

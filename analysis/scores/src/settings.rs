@@ -1,0 +1,83 @@
+//! How scores are taken.
+
+use crate::Crop;
+
+/// How scores are taken: which pixels count, what happens to the estimate before, and which of two formulas of one name.
+///
+/// In this order: the truth is masked by `min_m < t < max_m`, both strict, and by the crop; the answered estimates are median
+/// scaled if asked for; they are clamped to `[min_m, max_m]` last. A pixel without an answer then counts as `missing_m`, as it
+/// is, in the set `all`, and not at all in the set `answered`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Settings {
+    /// Truth above this is scored, and estimates below are raised to it; metres.
+    pub min_m: f64,
+    /// Truth below this is scored, and estimates above are lowered to it; metres.
+    pub max_m: f64,
+    /// What a missing answer counts as in the set `all`; metres.
+    pub missing_m: f64,
+    /// The part of the image that is scored.
+    pub crop: Crop,
+    /// Whether estimates are multiplied, frame by frame, by `median(truth) / median(estimate)` over the scored pixels with an
+    /// answer: for estimates that know no scale.
+    pub median_scaling: bool,
+    /// Which formula `sq_rel` is.
+    pub sq_rel: SquaredRelative,
+    /// Which formula `silog` is.
+    pub silog: ScaleInvariant,
+}
+
+/// The two formulas that go by "squared relative difference".
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum SquaredRelative {
+    /// `mean((y - t)^2 / t)`, metres: Eigen, monodepth and nearly all papers.
+    #[default]
+    ByTruth,
+    /// `mean((y - t)^2 / t^2)`, a share: the KITTI depth devkit.
+    ByTruthSquared,
+}
+
+/// The two formulas that go by "scale-invariant log error", with `e = ln y - ln t`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum ScaleInvariant {
+    /// `1/2N sum (e - mean e)^2`: half the variance, as in Table I of Martins et al. 2018.
+    #[default]
+    HalfVariance,
+    /// `100 sqrt(1/N sum (e - mean e)^2)`: the KITTI depth leaderboard and BTS.
+    HundredDeviation,
+}
+
+impl Settings {
+    /// Whether these settings can be scored with.
+    ///
+    /// # Errors
+    /// The setting at fault, by its field's name, and why.
+    pub fn check(&self) -> Result<(), (&'static str, String)> {
+        let positive = |metres: f64| metres.is_normal() && metres > 0.0;
+        if !positive(self.min_m) {
+            return Err(("min_m", format!("must be a positive distance in metres, not {}", self.min_m)));
+        }
+        if !positive(self.max_m) || self.max_m <= self.min_m {
+            return Err(("max_m", format!("must be above min_m ({} m), not {}", self.min_m, self.max_m)));
+        }
+        if !positive(self.missing_m) {
+            return Err(("missing_m", format!("must be a positive distance in metres, not {}", self.missing_m)));
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::Preset;
+
+    #[test]
+    fn settings_without_a_logarithm_are_refused_by_name() {
+        let fine = Preset::Paper.settings();
+        assert_eq!(fine.check(), Ok(()));
+        let at_fault = |settings: crate::Settings| settings.check().unwrap_err().0;
+        assert_eq!(at_fault(crate::Settings { min_m: 0.0, ..fine }), "min_m");
+        assert_eq!(at_fault(crate::Settings { max_m: f64::INFINITY, ..fine }), "max_m");
+        assert_eq!(at_fault(crate::Settings { max_m: 1e-4, ..fine }), "max_m");
+        assert_eq!(at_fault(crate::Settings { missing_m: f64::NAN, ..fine }), "missing_m");
+    }
+}
