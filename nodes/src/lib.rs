@@ -1,1 +1,31 @@
 //! All that can stand in a graph: sources, stereo, mono, confidence, fusion, filter, score.
+//!
+//! Each kind is one file, grouped by family as in its YAML name (`stereo/sgbm` is `stereo/sgbm.rs`), and one line in
+//! [`registry()`]. A kind wraps pixel kernels (`depthloom-kernels`) or formulas (`depthloom-scores`): here are the
+//! parameters, the ports, the checks and the errors, no pixel arithmetic.
+//!
+//! ```
+//! let registry = depthloom_nodes::registry();
+//! let kind = registry.node_kind("depth/from-disparity").expect("it is registered");
+//! let resolved = kind.resolve(&serde_json::json!({ "cap": 60.0 })).expect("a cap is a number");
+//! assert_eq!(resolved["cap"], 60.0);
+//! ```
+
+pub mod confidence;
+pub mod depth;
+pub mod filter;
+pub mod fusion;
+pub mod kitti_layout;
+pub mod mono;
+pub mod onnx_runtime;
+pub mod road;
+pub mod score;
+pub mod sources;
+pub mod stereo;
+
+mod grey;
+mod registry;
+mod shape;
+mod tiles;
+
+pub use registry::registry;

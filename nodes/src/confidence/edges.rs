@@ -1,0 +1,62 @@
+//! `confidence/edges`: the binary edge map.
+
+use depthloom_graphs::contracts::{Contract, NodeDeclaration};
+use depthloom_graphs::values::{Image, Mask};
+use depthloom_graphs::{Context, Fault, Inputs, Instance, Node, Outputs, Port, PureNode, ValueType};
+use depthloom_kernels::edges::edges;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::grey::grey;
+use crate::shape::filled;
+
+/// Parameters of `confidence/edges`.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct EdgesParams {
+    /// A pixel is an edge where the absolute 3x3 Sobel derivative along the row, of 8-bit grey, exceeds this.
+    #[schemars(range(min = 0, max = 1020))]
+    pub threshold: f64,
+}
+
+impl Default for EdgesParams {
+    fn default() -> Self {
+        Self { threshold: 100.0 }
+    }
+}
+
+/// The kind `confidence/edges`.
+pub struct Edges {
+    threshold: f32,
+}
+
+impl Node for Edges {
+    type Params = EdgesParams;
+
+    fn declaration() -> NodeDeclaration {
+        NodeDeclaration {
+            kind: "confidence/edges",
+            version: 1,
+            contract: Contract::Pure,
+            summary: "Mask of vertical contrasts, where stereo finds its match.",
+            doc: "\
+The paper's edge map (step 2): absolute horizontal derivative of the grey image by OpenCV's 3x3 Sobel, border reflect-101, over a threshold. It \
+selects the stereo pixels a network learns from.",
+            inputs: vec![Port::frame("image", ValueType::Image, "The left image, grey or RGB.")],
+            outputs: vec![Port::frame("mask", ValueType::Mask, "255 on edges, 0 elsewhere; of the image's size.")],
+        }
+    }
+
+    fn build(params: EdgesParams) -> Result<Instance, Fault> {
+        Ok(Instance::Pure(Box::new(Self { threshold: params.threshold as f32 })))
+    }
+}
+
+impl PureNode for Edges {
+    fn process(&self, inputs: &Inputs<'_>, _ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        let grey = grey(inputs.get::<Image>("image")?);
+        let (width, height) = grey.dimensions();
+        let set = filled((width, height), |out| edges(grey, width as usize, height as usize, self.threshold, out));
+        Ok(Outputs::one("mask", Mask { set }))
+    }
+}

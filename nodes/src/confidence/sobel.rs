@@ -1,0 +1,82 @@
+//! `confidence/sobel`: the stereo confidence `W_c`, the edge map blurred.
+
+use depthloom_graphs::contracts::{Contract, NodeDeclaration};
+use depthloom_graphs::values::{Image, Weight};
+use depthloom_graphs::{Context, Fault, Inputs, Instance, Node, Outputs, Port, PureNode, ValueType};
+use depthloom_kernels::confidence::confidence_from_edges;
+use depthloom_kernels::edges::edges;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::grey::grey;
+use crate::shape::filled;
+
+/// Parameters of `confidence/sobel`.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct SobelParams {
+    /// A pixel is an edge where the absolute 3x3 Sobel derivative along the row, of 8-bit grey, exceeds this.
+    #[schemars(range(min = 0, max = 1020))]
+    pub threshold: f64,
+    /// Standard deviation of the Gaussian that spreads the edges, px; its kernel reaches four of it.
+    #[schemars(range(max = 1000), extend("exclusiveMinimum" = 0))]
+    pub sigma: f64,
+}
+
+impl Default for SobelParams {
+    fn default() -> Self {
+        Self { threshold: 100.0, sigma: 10.0 }
+    }
+}
+
+/// The kind `confidence/sobel`.
+pub struct Sobel {
+    threshold: f32,
+    sigma_px: f64,
+}
+
+#[derive(Default)]
+struct EdgeBuffer(Vec<u8>);
+
+impl Node for Sobel {
+    type Params = SobelParams;
+
+    fn declaration() -> NodeDeclaration {
+        NodeDeclaration {
+            kind: "confidence/sobel",
+            version: 1,
+            contract: Contract::Pure,
+            summary: "Confidence in stereo, high near vertical contrasts: the paper's `W_c`.",
+            doc: "\
+The edge map of `confidence/edges`, blurred by a Gaussian (border reflect-101, taps to four sigma, as OpenCV's `GaussianBlur` on f32) and divided \
+by its maximum (paper, step 2). An image without any edge has confidence 0 everywhere.",
+            inputs: vec![Port::frame("image", ValueType::Image, "The left image, grey or RGB.")],
+            outputs: vec![Port::frame("weight", ValueType::Weight, "Confidence in [0, 1]; of the image's size.")],
+        }
+    }
+
+    fn check(params: &SobelParams) -> Result<(), (&'static str, String)> {
+        if params.sigma > 0.0 && params.sigma <= 1000.0 {
+            return Ok(());
+        }
+        Err(("sigma", format!("sigma is {} px, which is not in 0 to 1000", params.sigma)))
+    }
+
+    fn build(params: SobelParams) -> Result<Instance, Fault> {
+        Ok(Instance::Pure(Box::new(Self { threshold: params.threshold as f32, sigma_px: params.sigma })))
+    }
+}
+
+impl PureNode for Sobel {
+    fn process(&self, inputs: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        let grey = grey(inputs.get::<Image>("image")?);
+        let (columns, rows) = grey.dimensions();
+        let (width, height) = (columns as usize, rows as usize);
+        let mut mask = ctx.scratch.take::<EdgeBuffer>();
+        mask.0.resize(width * height, 0);
+        edges(grey, width, height, self.threshold, &mut mask.0);
+        let share = filled((columns, rows), |out| confidence_from_edges(&mask.0, width, height, self.sigma_px, out));
+        ctx.scratch.put(mask);
+        Ok(Outputs::one("weight", Weight { share }))
+    }
+}

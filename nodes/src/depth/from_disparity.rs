@@ -1,0 +1,73 @@
+//! `depth/from-disparity`: metres from disparity and calibration.
+
+use depthloom_graphs::contracts::{Contract, NodeDeclaration};
+use depthloom_graphs::values::{Calibration, Depth, Disparity};
+use depthloom_graphs::{Context, Fault, Inputs, Instance, Node, Outputs, Port, PureNode, ValueType};
+use depthloom_kernels::depth::depth_from_disparity;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::shape::filled;
+
+/// Parameters of `depth/from-disparity`.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct FromDisparityParams {
+    /// Largest depth given, metres; `null` leaves depth uncapped. The paper caps before fusion, and truth stops near 80 m.
+    #[schemars(extend("exclusiveMinimum" = 0))]
+    pub cap: Option<f64>,
+}
+
+impl Default for FromDisparityParams {
+    fn default() -> Self {
+        Self { cap: Some(80.0) }
+    }
+}
+
+/// The kind `depth/from-disparity`.
+pub struct FromDisparity {
+    cap_m: f32,
+}
+
+impl Node for FromDisparity {
+    type Params = FromDisparityParams;
+
+    fn declaration() -> NodeDeclaration {
+        NodeDeclaration {
+            kind: "depth/from-disparity",
+            version: 1,
+            contract: Contract::Pure,
+            summary: "Depth in metres from disparity: `f * B / d`, capped.",
+            doc: "\
+`Z = f * B / d` (paper, step 1), with focal length `f` (px) and baseline `B` (m) of the calibration, in f32. A disparity of zero or below is no \
+answer (NaN); answers beyond `cap` become `cap`.",
+            inputs: vec![
+                Port::frame("disparity", ValueType::Disparity, "Disparity, 1/16 px fixed point."),
+                Port::frame("calibration", ValueType::Calibration, "Focal length and baseline of the pair."),
+            ],
+            outputs: vec![Port::frame("depth", ValueType::Depth, "Depth, f32 metres, of the disparity's size.")],
+        }
+    }
+
+    fn check(params: &FromDisparityParams) -> Result<(), (&'static str, String)> {
+        match params.cap {
+            Some(cap) if cap <= 0.0 => Err(("cap", format!("cap is {cap} m, which is not greater than 0"))),
+            _ => Ok(()),
+        }
+    }
+
+    fn build(params: FromDisparityParams) -> Result<Instance, Fault> {
+        Ok(Instance::Pure(Box::new(Self { cap_m: params.cap.map_or(f32::INFINITY, |cap| cap as f32) })))
+    }
+}
+
+impl PureNode for FromDisparity {
+    fn process(&self, inputs: &Inputs<'_>, _ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        let disparity = &inputs.get::<Disparity>("disparity")?.sixteenths_px;
+        let Calibration { focal_px, baseline_m, .. } = **inputs.get::<Calibration>("calibration")?;
+        let metres = filled(disparity.dimensions(), |out| {
+            depth_from_disparity(disparity, focal_px, baseline_m, self.cap_m, out);
+        });
+        Ok(Outputs::one("depth", Depth { metres }))
+    }
+}

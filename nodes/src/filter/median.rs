@@ -1,0 +1,69 @@
+//! `filter/median`: the median filter that ends the fusion.
+
+use depthloom_graphs::contracts::{Contract, NodeDeclaration};
+use depthloom_graphs::values::Depth;
+use depthloom_graphs::{Context, Fault, Inputs, Instance, Node, Outputs, Port, PureNode, ValueType};
+use depthloom_kernels::median::{median3, median5};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::shape::filled;
+
+/// Parameters of `filter/median`.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct MedianParams {
+    /// Side of the window, px: 3 or 5.
+    #[schemars(extend("enum" = [3, 5]))]
+    pub size: u32,
+}
+
+impl Default for MedianParams {
+    fn default() -> Self {
+        Self { size: 5 }
+    }
+}
+
+/// The kind `filter/median`.
+pub struct Median {
+    kernel: fn(&[f32], usize, usize, &mut [f32]),
+}
+
+impl Node for Median {
+    type Params = MedianParams;
+
+    fn declaration() -> NodeDeclaration {
+        NodeDeclaration {
+            kind: "filter/median",
+            version: 1,
+            contract: Contract::Pure,
+            summary: "Median of every pixel's neighbourhood.",
+            doc: "\
+OpenCV's `medianBlur` of f32: square window, border replicated. The paper ends its fusion with 5x5. A pixel without answer (NaN) counts as larger \
+than any depth, so that a window with a majority of answers gives one.",
+            inputs: vec![Port::frame("depth", ValueType::Depth, "Depth, metres.")],
+            outputs: vec![Port::frame("depth", ValueType::Depth, "Depth, filtered, metres.")],
+        }
+    }
+
+    fn check(params: &MedianParams) -> Result<(), (&'static str, String)> {
+        match params.size {
+            3 | 5 => Ok(()),
+            size => Err(("size", format!("size is {size}, which is neither 3 nor 5"))),
+        }
+    }
+
+    fn build(params: MedianParams) -> Result<Instance, Fault> {
+        let kernel = if params.size == 3 { median3 } else { median5 };
+        Ok(Instance::Pure(Box::new(Self { kernel })))
+    }
+}
+
+impl PureNode for Median {
+    fn process(&self, inputs: &Inputs<'_>, _ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        let depth = &inputs.get::<Depth>("depth")?.metres;
+        let (width, height) = depth.dimensions();
+        let metres = filled((width, height), |out| (self.kernel)(depth, width as usize, height as usize, out));
+        Ok(Outputs::one("depth", Depth { metres }))
+    }
+}

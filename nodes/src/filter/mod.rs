@@ -1,0 +1,5 @@
+//! Filters of depth maps: `filter/*`.
+
+mod median;
+
+pub use median::{Median, MedianParams};

@@ -1,0 +1,84 @@
+//! `fusion/confidence`: mono and stereo, weighed pixel by pixel.
+
+use depthloom_graphs::contracts::{Contract, NodeDeclaration};
+use depthloom_graphs::values::{Depth, Weight};
+use depthloom_graphs::{Context, Fault, Inputs, Instance, Node, Outputs, Port, PureNode, ValueType};
+use depthloom_kernels::fuse;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::shape::{filled, same_size};
+
+/// How the two are weighed where stereo answered; mono stands everywhere else.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Weighting {
+    /// `W_c Z_s + (1 - W_c) (W_s Z_s + (1 - W_s) Z_m)`: the paper's.
+    #[default]
+    Full,
+    /// `W_c Z_s + (1 - W_c) Z_m`: the paper's "no weighting", `W_s` left out.
+    Confidence,
+    /// `(Z_s + Z_m) / 2`: both weights left out.
+    Mean,
+    /// `Z_s`: stereo wherever it answered.
+    Fill,
+}
+
+/// Parameters of `fusion/confidence`.
+#[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct ConfidenceParams {
+    /// How the two are weighed: `full`, `confidence`, `mean` or `fill`.
+    pub weighting: Weighting,
+}
+
+/// The kind `fusion/confidence`.
+pub struct Confidence {
+    weighting: fuse::Weighting,
+}
+
+impl Node for Confidence {
+    type Params = ConfidenceParams;
+
+    fn declaration() -> NodeDeclaration {
+        NodeDeclaration {
+            kind: "fusion/confidence",
+            version: 1,
+            contract: Contract::Pure,
+            summary: "Mono and stereo depth fused under stereo's confidence.",
+            doc: "\
+Step 5 of the paper, before the median filter. Where stereo gave no answer: `Z = Z_m`. Elsewhere `full` is \
+`Z = W_c Z_s + (1 - W_c)(W_s Z_s + (1 - W_s) Z_m)` with `W_s = min(N_s, N_m) / max(N_s, N_m)`, `N_s = Z_s / max(Z_s)` over answered pixels and \
+`N_m = Z_m / max(Z_m)`.",
+            inputs: vec![
+                Port::frame("mono", ValueType::Depth, "Mono depth, metres, usually scaled."),
+                Port::frame("stereo", ValueType::Depth, "Stereo depth, metres, NaN = no answer; of the same size."),
+                Port::frame("weight", ValueType::Weight, "Confidence in stereo, `W_c`, in [0, 1]; of the same size."),
+            ],
+            outputs: vec![Port::frame("depth", ValueType::Depth, "Fused depth, metres.")],
+        }
+    }
+
+    fn build(params: ConfidenceParams) -> Result<Instance, Fault> {
+        let weighting = match params.weighting {
+            Weighting::Full => fuse::Weighting::Full,
+            Weighting::Confidence => fuse::Weighting::Confidence,
+            Weighting::Mean => fuse::Weighting::Mean,
+            Weighting::Fill => fuse::Weighting::Fill,
+        };
+        Ok(Instance::Pure(Box::new(Self { weighting })))
+    }
+}
+
+impl PureNode for Confidence {
+    fn process(&self, inputs: &Inputs<'_>, _ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        let mono = &inputs.get::<Depth>("mono")?.metres;
+        let stereo = &inputs.get::<Depth>("stereo")?.metres;
+        let weight = &inputs.get::<Weight>("weight")?.share;
+        let size = mono.dimensions();
+        same_size(("mono", size), ("stereo", stereo.dimensions()))?;
+        same_size(("mono", size), ("weight", weight.dimensions()))?;
+        let metres = filled(size, |out| fuse::fuse(stereo, mono, weight, self.weighting, out));
+        Ok(Outputs::one("depth", Depth { metres }))
+    }
+}

@@ -1,0 +1,149 @@
+//! Writing frames in the layout of KITTI stereo 2015, for any tool that reads that benchmark.
+//!
+//! `<out>/training` receives `image_2`, `image_3`, `disp_occ_0`, `disp_noc_0` and `calib_cam_to_cam`; the source `kitti/stereo2015`
+//! reads it back: the same images, and true disparities to half of 1/256 px.
+
+use std::fmt::Write as _;
+use std::fs;
+use std::io::Cursor;
+use std::path::{Path, PathBuf};
+
+use depthloom_graphs::contracts::Frame;
+use depthloom_graphs::values::{Calibration, Depth, Image, Pixels, Raster};
+use depthloom_graphs::{Fault, Host};
+use image::{ImageFormat, Luma};
+
+use crate::sources::{Road, SyntheticRoadParams};
+
+/// Renders the frames of `params` into `<out>/training`; returns how many. `params.truth` does not matter: both truths are written.
+///
+/// The folder is written under the name `<out>.partial` and renamed when whole; an unfinished one of an earlier try is removed.
+///
+/// # Errors
+/// If `out` exists and is not empty, if the host cancels, or if a file cannot be written.
+pub fn write(out: &Path, params: &SyntheticRoadParams, host: &dyn Host) -> Result<u64, Fault> {
+    let road = Road::new(params);
+    let frames = Road::frames(&params.frames)?;
+    let mut layout = Layout::create(out)?;
+    let total = frames.len() as u64;
+    for (done, frame) in (0..).zip(&frames) {
+        if host.cancelled() {
+            return Err(Fault::Cancelled);
+        }
+        host.progress(done, total, &frame.id);
+        let view = road.frame(frame.index, host);
+        layout.image("image_2", frame, &view.left)?;
+        layout.image("image_3", frame, &view.right)?;
+        layout.disparity("disp_occ_0", frame, &view.sparse, &view.calibration)?;
+        layout.disparity("disp_noc_0", frame, &view.sparse_visible, &view.calibration)?;
+        layout.calibration(frame, &view.calibration)?;
+    }
+    host.progress(total, total, "done");
+    layout.finish()?;
+    Ok(total)
+}
+
+/// A data set being written.
+struct Layout {
+    partial: PathBuf,
+    out: PathBuf,
+}
+
+impl Layout {
+    fn create(out: &Path) -> Result<Self, Fault> {
+        let occupied = match fs::read_dir(out) {
+            Ok(mut entries) => entries.next().is_some(),
+            Err(_) => out.exists(),
+        };
+        if occupied {
+            return Err(
+                Fault::new(format!("{} exists already", out.display())).remedy("name a new folder, or remove it")
+            );
+        }
+        let name = out.file_name().ok_or_else(|| Fault::new(format!("{} names no folder", out.display())))?;
+        let mut partial = name.to_owned();
+        partial.push(".partial");
+        let partial = out.with_file_name(partial);
+        if partial.exists() {
+            fs::remove_dir_all(&partial).map_err(|error| unwritable(&partial, error))?;
+        }
+        for folder in ["image_2", "image_3", "disp_occ_0", "disp_noc_0", "calib_cam_to_cam"] {
+            let folder = partial.join("training").join(folder);
+            fs::create_dir_all(&folder).map_err(|error| unwritable(&folder, error))?;
+        }
+        Ok(Self { partial, out: out.to_owned() })
+    }
+
+    fn path(&self, folder: &str, file: String) -> PathBuf {
+        self.partial.join("training").join(folder).join(file)
+    }
+
+    fn image(&mut self, folder: &str, frame: &Frame, image: &Image) -> Result<(), Fault> {
+        let path = self.path(folder, format!("{}.png", frame.id));
+        let mut bytes = Cursor::new(Vec::new());
+        let encoded = match image.pixels() {
+            Pixels::Grey(grey) => grey.write_to(&mut bytes, ImageFormat::Png),
+            Pixels::Rgb(rgb) => rgb.write_to(&mut bytes, ImageFormat::Png),
+        };
+        encoded.map_err(|error| unwritable(&path, error))?;
+        fs::write(&path, bytes.into_inner()).map_err(|error| unwritable(&path, error))
+    }
+
+    /// Depth as KITTI's disparity: 16 bit, 1/256 px, 0 = unknown.
+    fn disparity(&mut self, folder: &str, frame: &Frame, depth: &Depth, of: &Calibration) -> Result<(), Fault> {
+        let path = self.path(folder, format!("{}.png", frame.id));
+        let (width, height) = depth.metres.dimensions();
+        let raw: Raster<u16> = Raster::from_fn(width, height, |x, y| {
+            let metres = f64::from(depth.metres.get_pixel(x, y).0[0]);
+            Luma([disparity_u16(of.focal_baseline_px_m() / metres)])
+        });
+        let mut bytes = Cursor::new(Vec::new());
+        raw.write_to(&mut bytes, ImageFormat::Png).map_err(|error| unwritable(&path, error))?;
+        fs::write(&path, bytes.into_inner()).map_err(|error| unwritable(&path, error))
+    }
+
+    /// Both rectified cameras; numbers with all their digits, so that they read back equal.
+    fn calibration(&mut self, frame: &Frame, calibration: &Calibration) -> Result<(), Fault> {
+        let path = self.path("calib_cam_to_cam", format!("{:06}.txt", frame.index));
+        let (f, cx, cy) = (calibration.focal_px, calibration.cx_px, calibration.cy_px);
+        let mut text = String::from("calib_time: synthetic\n");
+        for (camera, tx) in [("02", 0.0), ("03", -f * calibration.baseline_m)] {
+            let (width, height) = (calibration.width, calibration.height);
+            let p = [f, 0.0, cx, tx, 0.0, f, cy, 0.0, 0.0, 0.0, 1.0, 0.0];
+            let p: Vec<String> = p.iter().map(|number| format!("{number:e}")).collect();
+            let written = writeln!(text, "S_rect_{camera}: {width} {height}\nP_rect_{camera}: {}", p.join(" "));
+            written.expect("a String takes what is written");
+        }
+        fs::write(&path, text).map_err(|error| unwritable(&path, error))
+    }
+
+    fn finish(self) -> Result<(), Fault> {
+        // An empty folder of that name may be there; renaming over it fails on some systems.
+        let cleared = if self.out.is_dir() { fs::remove_dir(&self.out) } else { Ok(()) };
+        cleared.and_then(|()| fs::rename(&self.partial, &self.out)).map_err(|error| unwritable(&self.out, error))
+    }
+}
+
+/// A disparity in 1/256 px: 0 where unknown (NaN, no disparity) or beyond 16 bits.
+fn disparity_u16(disparity_px: f64) -> u16 {
+    let fixed = (disparity_px * 256.0).round();
+    if fixed >= 1.0 && fixed <= f64::from(u16::MAX) { fixed as u16 } else { 0 }
+}
+
+fn unwritable(path: &Path, error: impl Into<Box<dyn std::error::Error + Send + Sync>>) -> Fault {
+    Fault::new(format!("failed to write {}", path.display())).because(error)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::disparity_u16;
+
+    #[test]
+    fn what_sixteen_bits_cannot_hold_is_unknown() {
+        assert_eq!(disparity_u16(10.0), 2560);
+        assert_eq!(disparity_u16(f64::NAN), 0);
+        assert_eq!(disparity_u16(0.0), 0);
+        assert_eq!(disparity_u16(300.0), 0);
+        assert_eq!(disparity_u16(1.0 / 512.0), 1);
+    }
+}

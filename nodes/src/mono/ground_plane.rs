@@ -1,0 +1,90 @@
+//! `mono/ground-plane`: a level road, the simplest still-mono estimate there is.
+
+use depthloom_graphs::contracts::{Contract, NodeDeclaration};
+use depthloom_graphs::values::{Calibration, Depth, Image};
+use depthloom_graphs::{Context, Fault, Inputs, Instance, Node, Outputs, Port, PureNode, ValueType};
+use depthloom_kernels::depth::GroundPlane as Plane;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::shape::filled;
+
+/// Parameters of `mono/ground-plane`.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct GroundPlaneParams {
+    /// Height of the camera above the road, metres; KITTI's is 1.65.
+    #[schemars(extend("exclusiveMinimum" = 0))]
+    pub height_m: f64,
+    /// Row of the horizon, as a share of the image's rows.
+    #[schemars(range(min = 0, max = 1))]
+    pub horizon: f64,
+    /// Smallest depth given, metres.
+    #[schemars(range(min = 0))]
+    pub nearest_m: f64,
+    /// Largest depth given, also at and above the horizon, metres.
+    #[schemars(extend("exclusiveMinimum" = 0))]
+    pub cap: f64,
+}
+
+impl Default for GroundPlaneParams {
+    fn default() -> Self {
+        Self { height_m: 1.65, horizon: 0.461, nearest_m: 1.0, cap: 80.0 }
+    }
+}
+
+/// The kind `mono/ground-plane`.
+pub struct GroundPlane {
+    params: GroundPlaneParams,
+}
+
+impl Node for GroundPlane {
+    type Params = GroundPlaneParams;
+
+    fn declaration() -> NodeDeclaration {
+        NodeDeclaration {
+            kind: "mono/ground-plane",
+            version: 1,
+            contract: Contract::Pure,
+            summary: "Depth of a level road below a level camera: a mono estimate without a network.",
+            doc: "\
+`Z = clip(f * height_m / max(row - horizon * rows, 1e-6), nearest_m, cap)` for every pixel of a row, in f32; `f` is the focal length in pixels. \
+What stands on the road is taken for road: an estimate to be corrected by stereo, and the baseline any network must beat.",
+            inputs: vec![
+                Port::frame("image", ValueType::Image, "The left image; only its size counts."),
+                Port::frame("calibration", ValueType::Calibration, "The camera's focal length."),
+            ],
+            outputs: vec![Port::frame("depth", ValueType::Depth, "Depth, f32 metres, answered everywhere.")],
+        }
+    }
+
+    fn check(params: &GroundPlaneParams) -> Result<(), (&'static str, String)> {
+        let GroundPlaneParams { height_m, nearest_m, cap, .. } = params;
+        if *height_m <= 0.0 {
+            return Err(("height_m", format!("height_m is {height_m} m, which is not greater than 0")));
+        }
+        if cap < nearest_m {
+            return Err(("cap", format!("cap is {cap} m, below nearest_m, {nearest_m} m")));
+        }
+        Ok(())
+    }
+
+    fn build(params: GroundPlaneParams) -> Result<Instance, Fault> {
+        Ok(Instance::Pure(Box::new(Self { params })))
+    }
+}
+
+impl PureNode for GroundPlane {
+    fn process(&self, inputs: &Inputs<'_>, _ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        let (width, height) = inputs.get::<Image>("image")?.dimensions();
+        let plane = Plane {
+            focal_px: inputs.get::<Calibration>("calibration")?.focal_px,
+            camera_height_metres: self.params.height_m,
+            horizon_share: self.params.horizon,
+            nearest_metres: self.params.nearest_m as f32,
+            farthest_metres: self.params.cap as f32,
+        };
+        let metres = filled((width, height), |out| plane.depth(width as usize, height as usize, out));
+        Ok(Outputs::one("depth", Depth { metres }))
+    }
+}

@@ -1,0 +1,251 @@
+//! `mono/onnx`: any network that maps an image to depth.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use depthloom_graphs::contracts::{Contract, NodeDeclaration};
+use depthloom_graphs::values::{Artifact, Calibration, Depth, Image};
+use depthloom_graphs::{Context, Fault, Inputs, Instance, Key, Node, Outputs, Port, PureNode, ValueType};
+use depthloom_kernels::depth::depth_from_share;
+use depthloom_kernels::resize::bilinear_f32;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::network::Network;
+use super::network_input::tensor;
+use crate::onnx_runtime;
+use crate::shape::filled;
+
+/// The order of the input tensor's axes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Layout {
+    /// Batch, channels, rows, columns: PyTorch's.
+    #[default]
+    Nchw,
+    /// Batch, rows, columns, channels: TensorFlow's.
+    Nhwc,
+}
+
+/// The order of the input's channels.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Channels {
+    /// Red first.
+    #[default]
+    Rgb,
+    /// Blue first.
+    Bgr,
+}
+
+/// How the image is brought to the network's size.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Resize {
+    /// Mean over each pixel's area, rounded to 8 bits: OpenCV's `INTER_AREA`.
+    #[default]
+    Area,
+    /// Bilinear with half-pixel centres, in f32.
+    Bilinear,
+}
+
+/// What the network's output means.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Output {
+    /// Disparity as a share of the image's width.
+    #[default]
+    DisparityShare,
+    /// Disparity in pixels of the network's own input.
+    DisparityPx,
+    /// 1 / depth, 1/m.
+    InverseDepth,
+    /// Depth, metres.
+    Depth,
+}
+
+/// Parameters of `mono/onnx`.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct OnnxParams {
+    /// Order of the input tensor's axes: `nchw` or `nhwc`.
+    pub layout: Layout,
+    /// Order of the input's channels: `rgb` or `bgr`.
+    pub channels: Channels,
+    /// Subtracted from each channel of the image in [0, 1], in the network's order of channels.
+    pub mean: [f64; 3],
+    /// Each channel is then divided by this.
+    pub std: [f64; 3],
+    /// Columns and rows of the network's image, px; `null`: the network says it itself.
+    #[schemars(inner(range(min = 1, max = 16384)))]
+    pub size: Option<[u32; 2]>,
+    /// How the image is brought to that size: `area` or `bilinear`.
+    pub resize: Resize,
+    /// Whether the resized image is rounded to 8 bits; `area` always is.
+    pub round: bool,
+    /// Name of the network's input; `null`: its only one.
+    pub input_name: Option<String>,
+    /// Name of the network's output; `null`: its first one.
+    pub output_name: Option<String>,
+    /// What the output means: `disparity-share`, `disparity-px`, `inverse-depth` or `depth`.
+    pub output: Output,
+    /// The output is multiplied by this first.
+    pub output_scale: f64,
+    /// Smallest disparity taken, px of the image; smaller ones are raised to it.
+    #[schemars(extend("exclusiveMinimum" = 0))]
+    pub floor_px: f64,
+    /// Largest depth given, metres, before any scaling; `null` leaves depth uncapped.
+    #[schemars(extend("exclusiveMinimum" = 0))]
+    pub cap: Option<f64>,
+    /// Threads of ONNX Runtime per frame. More are faster for one frame, and no faster for many: frames run side by side.
+    #[schemars(range(min = 1, max = 256))]
+    pub threads: u32,
+}
+
+impl Default for OnnxParams {
+    fn default() -> Self {
+        Self {
+            layout: Layout::Nchw,
+            channels: Channels::Rgb,
+            mean: [0.0; 3],
+            std: [1.0; 3],
+            size: None,
+            resize: Resize::Area,
+            round: true,
+            input_name: None,
+            output_name: None,
+            output: Output::DisparityShare,
+            output_scale: 1.0,
+            floor_px: 1e-3,
+            cap: Some(80.0),
+            threads: 1,
+        }
+    }
+}
+
+/// Smallest depth an answer of [`Output::Depth`] is raised to, metres: what scores clamp to.
+const NEAREST_M: f32 = 1e-3;
+/// Smallest inverse depth taken, 1/m.
+const SMALLEST_INVERSE: f32 = 1e-6;
+
+/// The kind `mono/onnx`.
+pub struct Onnx {
+    params: OnnxParams,
+    network: Mutex<Option<(Key, Arc<Network>)>>,
+}
+
+impl Node for Onnx {
+    type Params = OnnxParams;
+
+    fn declaration() -> NodeDeclaration {
+        NodeDeclaration {
+            kind: "mono/onnx",
+            version: 1,
+            contract: Contract::Pure,
+            summary: "Depth by a network: any ONNX model that maps one image to one map.",
+            doc: "\
+The image is resized to the network's size, divided by 255, normalised by `mean` and `std` and run by ONNX Runtime on the CPU. The output, one map of \
+any size, is resized to the image's (bilinear, half-pixel centres) and turned into metres by what it means: with a disparity share `s`, \
+`Z = min(f * B / max(s * width, floor_px), cap)`. Depth is capped here, before any scaling. Where the network gives NaN there is no answer.\n\n\
+The model is a file (`model: { file: net.onnx }`) or a learning stage's output. ONNX Runtime is looked for at `ORT_DYLIB_PATH`, in the usual places and in \
+Python environments (`pip install onnxruntime`); `depthloom doctor` says which was found. Engine and version enter the keys of the results.",
+            inputs: vec![
+                Port::frame("image", ValueType::Image, "The image, grey or RGB."),
+                Port::frame(
+                    "calibration",
+                    ValueType::Calibration,
+                    "Focal length and baseline, for outputs that are disparities.",
+                ),
+                Port::once(
+                    "model",
+                    ValueType::Model,
+                    "The network: an ONNX model of one input, 1x3xHxW or 1x1xHxW (or channels last), f32.",
+                ),
+            ],
+            outputs: vec![Port::frame("depth", ValueType::Depth, "Depth, f32 metres, of the image's size.")],
+        }
+    }
+
+    fn check(params: &OnnxParams) -> Result<(), (&'static str, String)> {
+        if params.std.contains(&0.0) {
+            return Err(("std", "std must not be 0: every channel is divided by it".to_owned()));
+        }
+        if params.resize == Resize::Area && !params.round {
+            return Err((
+                "round",
+                "resize: area always rounds to 8 bits; round: false goes with resize: bilinear".to_owned(),
+            ));
+        }
+        if params.size.is_some_and(|size| size.contains(&0)) {
+            return Err(("size", "size must not be 0".to_owned()));
+        }
+        if params.threads == 0 {
+            return Err(("threads", "threads must be at least 1".to_owned()));
+        }
+        Ok(())
+    }
+
+    fn fingerprint(_params: &OnnxParams) -> Result<Option<Key>, Fault> {
+        onnx_runtime::find().map(|runtime| Some(runtime.fingerprint()))
+    }
+
+    fn build(params: OnnxParams) -> Result<Instance, Fault> {
+        onnx_runtime::find()?;
+        Ok(Instance::Pure(Box::new(Self { params, network: Mutex::new(None) })))
+    }
+}
+
+impl Onnx {
+    /// The network of a model, loaded when the first frame brings it.
+    fn network(&self, model: &Artifact) -> Result<Arc<Network>, Fault> {
+        let mut loaded = self.network.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((hash, network)) = &*loaded
+            && *hash == model.hash
+        {
+            return Ok(Arc::clone(network));
+        }
+        let network = Arc::new(Network::load(model, &self.params)?);
+        *loaded = Some((model.hash, Arc::clone(&network)));
+        Ok(network)
+    }
+
+    /// Metres from the network's output, resized to the image's size in place.
+    fn metres(&self, map: &[f32], calibration: &Calibration, width: usize, out: &mut [f32]) {
+        let cap = self.params.cap.map_or(f32::INFINITY, |cap| cap as f32);
+        let Calibration { focal_px, baseline_m, .. } = *calibration;
+        match self.params.output {
+            Output::DisparityShare | Output::DisparityPx => {
+                depth_from_share(map, width, focal_px, baseline_m, self.params.floor_px as f32, cap, out);
+            }
+            // 1 / x is f * B / (x * width) with all of f, B and width one.
+            Output::InverseDepth => depth_from_share(map, 1, 1.0, 1.0, SMALLEST_INVERSE, cap, out),
+            Output::Depth => {
+                for (metres, &value) in out.iter_mut().zip(map) {
+                    let raised = if value < NEAREST_M { NEAREST_M } else { value };
+                    *metres = if raised > cap { cap } else { raised };
+                }
+            }
+        }
+    }
+}
+
+impl PureNode for Onnx {
+    fn process(&self, inputs: &Inputs<'_>, _ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        let image = inputs.get::<Image>("image")?;
+        let calibration = inputs.get::<Calibration>("calibration")?;
+        let network = self.network(inputs.get::<Artifact>("model")?)?;
+        let (mut map, map_width, map_height) = network.run(&tensor(image, network.size, &self.params))?;
+        let scale = match self.params.output {
+            Output::DisparityPx => (self.params.output_scale / network.size.width as f64) as f32,
+            _ => self.params.output_scale as f32,
+        };
+        if scale != 1.0 {
+            map.iter_mut().for_each(|value| *value *= scale);
+        }
+        let (columns, rows) = image.dimensions();
+        let (width, height) = (columns as usize, rows as usize);
+        let mut full = vec![0.0; width * height];
+        bilinear_f32(&map, map_width, map_height, width, height, &mut full);
+        let metres = filled((columns, rows), |out| self.metres(&full, calibration, width, out));
+        Ok(Outputs::one("depth", Depth { metres }))
+    }
+}

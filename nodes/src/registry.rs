@@ -1,0 +1,30 @@
+//! The kinds this engine knows.
+
+use depthloom_graphs::Registry;
+
+use crate::confidence::{Edges, Sobel};
+use crate::depth::FromDisparity;
+use crate::filter::Median;
+use crate::fusion::{Confidence, Scale};
+use crate::mono::{GroundPlane, Onnx};
+use crate::score::ScoreDepth;
+use crate::sources::{KittiStereo2015, SyntheticRoad};
+use crate::stereo::Sgbm;
+
+/// Every source and node kind of this crate, one line each.
+#[must_use]
+pub fn registry() -> Registry {
+    Registry::default()
+        .source::<KittiStereo2015>()
+        .source::<SyntheticRoad>()
+        .node::<Sgbm>()
+        .node::<FromDisparity>()
+        .node::<Edges>()
+        .node::<Sobel>()
+        .node::<GroundPlane>()
+        .node::<Onnx>()
+        .node::<Scale>()
+        .node::<Confidence>()
+        .node::<Median>()
+        .node::<ScoreDepth>()
+}

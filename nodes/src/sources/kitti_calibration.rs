@@ -1,0 +1,154 @@
+//! KITTI's calibration: text files, and what stands in for them.
+
+use std::path::Path;
+
+use depthloom_graphs::Fault;
+use depthloom_graphs::values::Calibration;
+
+/// Baseline of the colour pair where no calibration file tells it, metres.
+const BASELINE_M: f64 = 0.532_725;
+
+/// Width of the rectified image, focal length and principal point (column, row) of the left colour camera, px: one line a recording day.
+const BY_WIDTH: [(u32, f64, f64, f64); 5] = [
+    (1242, 721.5377, 609.5593, 172.854),
+    (1241, 718.856, 607.1928, 185.2157),
+    (1238, 718.3351, 600.3891, 181.5122),
+    (1226, 707.0912, 601.8873, 183.1104),
+    (1224, 707.0493, 604.0814, 180.5066),
+];
+
+/// The calibration that KITTI's images of this size were rectified to; each recording day has a width of its own.
+///
+/// # Errors
+/// If no recording day has this width.
+pub fn by_width((width, height): (u32, u32)) -> Result<Calibration, Fault> {
+    let day = BY_WIDTH.iter().find(|day| day.0 == width).ok_or_else(|| {
+        let known: Vec<String> = BY_WIDTH.iter().map(|day| day.0.to_string()).collect();
+        Fault::new(format!(
+            "without a calibration file the focal length goes by the image's width, and no camera of KITTI is {width} px wide ({})",
+            known.join(", ")
+        ))
+        .remedy("add calib_cam_to_cam/<frame>.txt beside image_2 (KITTI: data_scene_flow_calib.zip)")
+    })?;
+    let &(_, focal_px, cx_px, cy_px) = day;
+    Ok(Calibration { width, height, focal_px, cx_px, cy_px, baseline_m: BASELINE_M })
+}
+
+/// Reads a `calib_cam_to_cam` text for an image of `size`.
+///
+/// A line is split at its first `:`; its values are numbers if every token parses, else text (`calib_time`). Wanted are the
+/// rectified projections `P_rect_02` and `P_rect_03` (3x4, row-major): focal length `P[0,0]`, principal point `P[0,2]` and `P[1,2]`,
+/// baseline `P3[0,3] / -P3[0,0] - P2[0,3] / -P2[0,0]`.
+///
+/// # Errors
+/// The line at fault, or the line that is missing.
+pub fn from_text(path: &Path, text: &str, (width, height): (u32, u32)) -> Result<Calibration, Fault> {
+    let fault = |line: Option<usize>, what: String| {
+        let place = line.map_or_else(|| path.display().to_string(), |line| format!("{}:{line}", path.display()));
+        Fault::new(format!("{place}: {what}"))
+            .remedy("lines are `NAME: numbers`, as in KITTI's data_scene_flow_calib.zip")
+    };
+    let mut left = None;
+    let mut right = None;
+    for (line, content) in text.lines().enumerate().map(|(index, content)| (index + 1, content.trim())) {
+        if content.is_empty() {
+            continue;
+        }
+        let Some((name, values)) = content.split_once(':') else {
+            return Err(fault(Some(line), format!("`{}` has no `:` after a name", shortened(content))));
+        };
+        let slot = match name.trim() {
+            "P_rect_02" => &mut left,
+            "P_rect_03" => &mut right,
+            _ => continue,
+        };
+        let matrix = projection(values).map_err(|what| fault(Some(line), format!("{} {what}", name.trim())))?;
+        *slot = Some((line, matrix));
+    }
+    let missing = |name: &str| fault(None, format!("there is no line `{name}`"));
+    let (left_line, left) = left.ok_or_else(|| missing("P_rect_02"))?;
+    let (right_line, right) = right.ok_or_else(|| missing("P_rect_03"))?;
+    for (line, matrix) in [(left_line, &left), (right_line, &right)] {
+        if matrix[0] <= 0.0 {
+            return Err(fault(
+                Some(line),
+                format!("the focal length is {} px, which is not greater than 0", matrix[0]),
+            ));
+        }
+    }
+    let baseline_m = right[3] / -right[0] - left[3] / -left[0];
+    if baseline_m <= 0.0 {
+        return Err(fault(Some(right_line), format!("the right camera is {baseline_m} m right of the left one")));
+    }
+    Ok(Calibration { width, height, focal_px: left[0], cx_px: left[2], cy_px: left[6], baseline_m })
+}
+
+fn projection(values: &str) -> Result<[f64; 12], String> {
+    let mut numbers = Vec::with_capacity(12);
+    for token in values.split_whitespace() {
+        match token.parse::<f64>() {
+            Ok(number) if number.is_finite() => numbers.push(number),
+            _ => return Err(format!("holds `{}`, which is no number", shortened(token))),
+        }
+    }
+    let count = numbers.len();
+    numbers.try_into().map_err(|_| format!("holds {count} numbers where a 3x4 matrix has 12"))
+}
+
+fn shortened(text: &str) -> String {
+    if text.chars().count() <= 40 { text.to_owned() } else { text.chars().take(40).chain("...".chars()).collect() }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::{by_width, from_text};
+
+    const TEXT: &str = "calib_time: 09-Jan-2012 13:57:47
+P_rect_02: 7.215377e+02 0.000000e+00 6.095593e+02 4.485728e+01 0.000000e+00 7.215377e+02 1.728540e+02 2.163791e-01 0.000000e+00 0.000000e+00 1.000000e+00 2.745884e-03
+P_rect_03: 7.215377e+02 0.000000e+00 6.095593e+02 -3.395242e+02 0.000000e+00 7.215377e+02 1.728540e+02 2.199936e+00 0.000000e+00 0.000000e+00 1.000000e+00 2.729905e-03
+";
+
+    fn error(text: &str) -> String {
+        from_text(Path::new("000150.txt"), text, (1242, 375)).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn kittis_own_file_gives_focal_length_and_baseline() {
+        let calibration = from_text(Path::new("000150.txt"), TEXT, (1242, 375)).unwrap();
+        assert_eq!(calibration.focal_px, 721.5377);
+        assert_eq!((calibration.cx_px, calibration.cy_px), (609.5593, 172.854));
+        assert!((calibration.baseline_m - 0.5327).abs() < 1e-4);
+    }
+
+    #[test]
+    fn the_table_by_width_agrees_with_the_file_of_that_day() {
+        let calibration = by_width((1242, 375)).unwrap();
+        let file = from_text(Path::new("000150.txt"), TEXT, (1242, 375)).unwrap();
+        assert_eq!(
+            (calibration.focal_px, calibration.cx_px, calibration.cy_px),
+            (file.focal_px, file.cx_px, file.cy_px)
+        );
+        assert!(by_width((640, 480)).is_err());
+    }
+
+    #[test]
+    fn a_bad_line_is_named_by_its_number() {
+        assert_eq!(error(&TEXT.replace("4.485728e+01", "x")), "000150.txt:2: P_rect_02 holds `x`, which is no number");
+        assert_eq!(
+            error(&TEXT.replace("2.729905e-03", "")),
+            "000150.txt:3: P_rect_03 holds 11 numbers where a 3x4 matrix has 12"
+        );
+        assert_eq!(error("garbage"), "000150.txt:1: `garbage` has no `:` after a name");
+        assert_eq!(error("P_rect_02: 1 2 nan 4"), "000150.txt:1: P_rect_02 holds `nan`, which is no number");
+    }
+
+    #[test]
+    fn missing_cameras_and_impossible_ones_are_errors() {
+        assert_eq!(error(""), "000150.txt: there is no line `P_rect_02`");
+        assert!(error(&TEXT.replace("P_rect_03", "P_rect_01")).ends_with("there is no line `P_rect_03`"));
+        assert!(error(&TEXT.replace("7.215377e+02", "0")).contains("which is not greater than 0"));
+        assert!(error(&TEXT.replace("-3.395242e+02", "3.395242e+02")).contains("m right of the left one"));
+    }
+}

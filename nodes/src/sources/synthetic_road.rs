@@ -1,0 +1,215 @@
+//! `synthetic/road`: a deterministic street, rendered.
+
+use std::ops::Range;
+
+use depthloom_graphs::contracts::{Frame, FrameSelection, SourceDeclaration};
+use depthloom_graphs::values::{Calibration, Depth, Image, Mask, Pixels, Raster};
+use depthloom_graphs::{Context, Fault, Host, Key, Outputs, Port, Source, SourceKind, SourceOutputs, ValueType};
+use image::RgbImage;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::road::{Size, Street};
+
+const KIND: &str = "synthetic/road";
+const VERSION: u32 = 1;
+/// Ids have six digits, as KITTI's.
+const FRAMES: Range<u64> = 0..1_000_000;
+
+/// Which true pixels are given at the port `depth`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum SyntheticTruth {
+    /// Those that the right camera sees too, as in KITTI's `disp_noc_0`.
+    #[default]
+    Noc,
+    /// All that the scanner hit, as in KITTI's `disp_occ_0`.
+    Occ,
+}
+
+/// Parameters of `synthetic/road`.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct SyntheticRoadParams {
+    /// Which frames: `0..16`, `1..=40` or a list of indices, each below 1,000,000.
+    pub frames: FrameSelection,
+    /// Which street: equal seeds give equal bits.
+    pub seed: u64,
+    /// Columns of the images, px.
+    #[schemars(range(min = 16, max = 8192))]
+    pub width: u32,
+    /// Rows of the images, px.
+    #[schemars(range(min = 16, max = 8192))]
+    pub height: u32,
+    /// Which true pixels are scored: `noc` (seen by both cameras) or `occ` (all the scanner hit).
+    pub truth: SyntheticTruth,
+}
+
+impl Default for SyntheticRoadParams {
+    fn default() -> Self {
+        Self {
+            frames: FrameSelection::Range(0..16),
+            seed: 1,
+            width: Size::KITTI.width as u32,
+            height: Size::KITTI.height as u32,
+            truth: SyntheticTruth::Noc,
+        }
+    }
+}
+
+/// The street of some parameters.
+pub(crate) struct Road {
+    street: Street,
+    recipe: Key,
+}
+
+/// A frame of a street, as values.
+pub(crate) struct RoadFrame {
+    pub left: Image,
+    pub right: Image,
+    pub calibration: Calibration,
+    /// Exact depth of every pixel that is not sky.
+    pub dense: Depth,
+    pub occluded: Mask,
+    /// What the scanner hit.
+    pub sparse: Depth,
+    /// What the scanner hit and the right camera sees.
+    pub sparse_visible: Depth,
+}
+
+impl Road {
+    pub(crate) fn new(params: &SyntheticRoadParams) -> Self {
+        let size = Size { width: params.width as usize, height: params.height as usize };
+        let recipe = Key::build(KIND).number(VERSION.into()).number(params.seed);
+        let recipe = recipe.number(params.width.into()).number(params.height.into());
+        Self { street: Street::new(params.seed, size), recipe: recipe.finish() }
+    }
+
+    /// The frames of a selection.
+    pub(crate) fn frames(selection: &FrameSelection) -> Result<Vec<Frame>, Fault> {
+        let indices: Vec<u64> = match selection {
+            FrameSelection::Range(range) if range.end <= FRAMES.end => range.clone().collect(),
+            FrameSelection::List(list) if list.iter().all(|index| FRAMES.contains(index)) => list.clone(),
+            FrameSelection::Range(_) | FrameSelection::List(_) => {
+                return Err(Fault::new(format!("a synthetic street has the frames 0 to {}", FRAMES.end - 1)));
+            }
+            FrameSelection::All | FrameSelection::File(_) => {
+                return Err(Fault::new("a synthetic street has no end")
+                    .remedy("say which frames, as a range (0..16) or a list ([3, 7])"));
+            }
+        };
+        if indices.is_empty() {
+            return Err(Fault::new("no frame is selected").remedy("frames takes a range (0..16) or a list ([3, 7])"));
+        }
+        Ok(indices.into_iter().map(|index| Frame::at_10_hz(format!("{index:06}_10"), index)).collect())
+    }
+
+    pub(crate) fn frame(&self, index: u64, host: &dyn Host) -> RoadFrame {
+        let frame = self.street.frame(index, &|n, tile| host.tiles(n, tile));
+        let (width, height) = (frame.size.width as u32, frame.size.height as u32);
+        let image = |rgb: Vec<u8>| {
+            Image::new(Pixels::Rgb(RgbImage::from_raw(width, height, rgb).expect("three bytes a pixel")))
+        };
+        let depth =
+            |metres: Vec<f32>| Depth { metres: Raster::from_raw(width, height, metres).expect("one depth a pixel") };
+        let hidden = frame.occluded.iter().map(|&hidden| if hidden { 255 } else { 0 }).collect();
+        let calibration = Calibration {
+            width,
+            height,
+            focal_px: frame.calibration.focal_px,
+            cx_px: frame.calibration.cx_px,
+            cy_px: frame.calibration.cy_px,
+            baseline_m: frame.calibration.baseline_m,
+        };
+        RoadFrame {
+            sparse_visible: depth(frame.sparse_visible()),
+            left: image(frame.left),
+            right: image(frame.right),
+            calibration,
+            dense: depth(frame.depth),
+            occluded: Mask { set: Raster::from_raw(width, height, hidden).expect("one byte a pixel") },
+            sparse: depth(frame.sparse),
+        }
+    }
+}
+
+/// The kind `synthetic/road`.
+pub struct SyntheticRoad {
+    road: Road,
+    truth: SyntheticTruth,
+    frames: Vec<Frame>,
+}
+
+impl SourceKind for SyntheticRoad {
+    type Params = SyntheticRoadParams;
+
+    fn declaration() -> SourceDeclaration {
+        SourceDeclaration {
+            kind: KIND,
+            version: VERSION,
+            summary: "A deterministic ray-cast street: rectified pairs with exact and scanner-like truth.",
+            doc: "\
+A street as seen by KITTI's cameras (focal length 721.5 px at 1242 columns, baseline 0.533 m, 1.65 m above the road): façades with repeated \
+windows, plain walls, cars, poles, trees, sky; sensor noise and a difference of exposure between the cameras. It needs no download, and is hard \
+for stereo in the ways real streets are.\n\n\
+A frame is a function of seed, size and index: equal on every machine, whatever the number of threads. Ids are `000000_10`, as KITTI's.",
+            outputs: vec![
+                Port::frame("left", ValueType::Image, "Left image, RGB, 8 bit."),
+                Port::frame("right", ValueType::Image, "Right image, likewise."),
+                Port::frame("calibration", ValueType::Calibration, "Focal length, principal point, baseline."),
+                Port::frame(
+                    "depth",
+                    ValueType::Depth,
+                    "What a 64-beam scanner would measure: sparse true depth, metres, NaN = unknown; the one to score against.",
+                ),
+                Port::frame("dense", ValueType::Depth, "Exact depth of every pixel, metres; NaN in the sky."),
+                Port::frame(
+                    "occluded",
+                    ValueType::Mask,
+                    "255 where the right camera does not see the left pixel's surface.",
+                ),
+            ],
+        }
+    }
+
+    fn check(params: &SyntheticRoadParams) -> Result<(), (&'static str, String)> {
+        Road::frames(&params.frames).map(drop).map_err(|fault| {
+            let remedy = fault.remedy_text().map_or_else(String::new, |remedy| format!(": {remedy}"));
+            ("frames", format!("{fault}{remedy}"))
+        })?;
+        for (name, pixels) in [("width", params.width), ("height", params.height)] {
+            if !(16..=8192).contains(&pixels) {
+                return Err((name, format!("{name} is {pixels} px, which is not in 16 to 8192")));
+            }
+        }
+        Ok(())
+    }
+
+    fn open(params: SyntheticRoadParams) -> Result<Box<dyn Source>, Fault> {
+        let frames = Road::frames(&params.frames)?;
+        Ok(Box::new(Self { road: Road::new(&params), truth: params.truth, frames }))
+    }
+}
+
+impl Source for SyntheticRoad {
+    fn frames(&self) -> &[Frame] {
+        &self.frames
+    }
+
+    fn read(&self, position: usize, ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
+        let index = self.frames[position].index;
+        let frame = self.road.frame(index, ctx.host);
+        let (truth, truth_name) = match self.truth {
+            SyntheticTruth::Noc => (frame.sparse_visible, "noc"),
+            SyntheticTruth::Occ => (frame.sparse, "occ"),
+        };
+        let outputs = Outputs::one("left", frame.left)
+            .with("right", frame.right)
+            .with("calibration", frame.calibration)
+            .with("depth", truth)
+            .with("dense", frame.dense)
+            .with("occluded", frame.occluded);
+        let key = Key::build("synthetic/road frame").key(&self.road.recipe).number(index).text(truth_name).finish();
+        Ok(SourceOutputs { outputs, key })
+    }
+}

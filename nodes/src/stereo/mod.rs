@@ -1,0 +1,5 @@
+//! Disparity from a rectified pair: `stereo/*`.
+
+mod sgbm;
+
+pub use sgbm::{Sgbm, SgbmMode, SgbmParams};

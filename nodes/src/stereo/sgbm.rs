@@ -1,0 +1,179 @@
+//! `stereo/sgbm`: OpenCV's semi-global block matching.
+
+use depthloom_graphs::contracts::{Contract, NodeDeclaration};
+use depthloom_graphs::values::{Disparity, Image};
+use depthloom_graphs::{Context, Fault, Inputs, Instance, Node, Outputs, Port, PureNode, ValueType};
+use depthloom_kernels::sgbm::{self, Mode, ParamError, Params, Scratch, View};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::grey::grey;
+use crate::shape::{filled, same_size};
+use crate::tiles::HostTiles;
+
+/// Which directions are summed, under OpenCV's names.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum SgbmMode {
+    /// Five directions in one pass: `MODE_SGBM`, the paper's.
+    #[default]
+    Sgbm,
+    /// Eight directions in two passes: `MODE_HH`.
+    Hh,
+    /// Left, right and down, in four stripes: `MODE_SGBM_3WAY`.
+    #[serde(rename = "3way")]
+    ThreeWay,
+    /// Left, right, down and up: `MODE_HH4`.
+    Hh4,
+}
+
+/// OpenCV's parameters of `StereoSGBM`, with the paper's values as defaults.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct SgbmParams {
+    /// How many disparities are searched, px (`numDisparities`): a multiple of 16.
+    #[schemars(range(min = 16, max = 2032), extend("multipleOf" = 16))]
+    pub disparities: i32,
+    /// Smallest disparity searched, px (`minDisparity`); may be negative.
+    #[schemars(range(min = -2047, max = 2031))]
+    pub min_disparity: i32,
+    /// Side of the matched block, px (`blockSize`): odd.
+    #[schemars(range(min = 1, max = 255))]
+    pub block: i32,
+    /// Penalty for a disparity change of one pixel between neighbours (`P1`); OpenCV's advice is `8 * block^2` for grey. 0 stands for 2.
+    #[schemars(range(min = 0, max = 32767))]
+    pub p1: i32,
+    /// Penalty for any larger change (`P2`), greater than `p1`; OpenCV's advice is `32 * block^2` for grey. 0 stands for 5.
+    #[schemars(range(min = 0, max = 32767))]
+    pub p2: i32,
+    /// Largest difference allowed by the left-right check, px (`disp12MaxDiff`). OpenCV takes 0 and below as 1; only a huge value switches it off.
+    pub disp12_max_diff: i32,
+    /// Clip of the horizontal Sobel prefilter (`preFilterCap`); OpenCV uses `max(cap, 15) | 1`.
+    #[schemars(range(min = 0))]
+    pub prefilter_cap: i32,
+    /// Per cent by which the best cost must beat all others (`uniquenessRatio`); 0 switches the check off.
+    #[schemars(range(min = 0, max = 99))]
+    pub uniqueness: i32,
+    /// Largest region, px, that the speckle filter removes (`speckleWindowSize`); 0 switches it off.
+    #[schemars(range(min = 0))]
+    pub speckle_window: i32,
+    /// Largest disparity step inside a region of the speckle filter, px (`speckleRange`).
+    #[schemars(range(min = 0))]
+    pub speckle_range: i32,
+    /// Which directions are summed: `sgbm` (5), `hh` (8), `3way` (3) or `hh4` (4).
+    pub mode: SgbmMode,
+}
+
+impl Default for SgbmParams {
+    fn default() -> Self {
+        let Params { min_disparity, disparities, block, p1, p2, disp12_max_diff, .. } = Params::default();
+        let Params { prefilter_cap, uniqueness, speckle_window, speckle_range, .. } = Params::default();
+        let mode = SgbmMode::Sgbm;
+        Self {
+            disparities,
+            min_disparity,
+            block,
+            p1,
+            p2,
+            disp12_max_diff,
+            prefilter_cap,
+            uniqueness,
+            speckle_window,
+            speckle_range,
+            mode,
+        }
+    }
+}
+
+impl SgbmParams {
+    fn for_kernel(&self) -> Params {
+        Params {
+            min_disparity: self.min_disparity,
+            disparities: self.disparities,
+            block: self.block,
+            p1: self.p1,
+            p2: self.p2,
+            disp12_max_diff: self.disp12_max_diff,
+            prefilter_cap: self.prefilter_cap,
+            uniqueness: self.uniqueness,
+            speckle_window: self.speckle_window,
+            speckle_range: self.speckle_range,
+            mode: match self.mode {
+                SgbmMode::Sgbm => Mode::Sgbm,
+                SgbmMode::Hh => Mode::Hh,
+                SgbmMode::ThreeWay => Mode::ThreeWay,
+                SgbmMode::Hh4 => Mode::Hh4,
+            },
+        }
+    }
+}
+
+/// The kind `stereo/sgbm`.
+pub struct Sgbm {
+    params: Params,
+}
+
+impl Node for Sgbm {
+    type Params = SgbmParams;
+
+    fn declaration() -> NodeDeclaration {
+        NodeDeclaration {
+            kind: "stereo/sgbm",
+            version: 1,
+            contract: Contract::Pure,
+            summary: "Disparity of a rectified pair by OpenCV's semi-global block matching, bit for bit.",
+            doc: "\
+Birchfield-Tomasi costs on x-Sobel and grey values, summed over a block and along 3 to 8 directions (Hirschmueller, *Stereo Processing by \
+Semiglobal Matching and Mutual Information*, 2008), as `cv::StereoSGBM` of OpenCV 5.0 computes them on the grey images; every pixel is equal to \
+OpenCV's.\n\n\
+Disparity is fixed point, i16, 1/16 px of the left image, `(min_disparity - 1) * 16` where nothing was found. Never searched, and so without \
+answer: `max(min_disparity + disparities, 0)` columns at the left, `max(-min_disparity, 0)` at the right.",
+            inputs: vec![
+                Port::frame("left", ValueType::Image, "The left image of a rectified pair, grey or RGB."),
+                Port::frame("right", ValueType::Image, "The right image, of the same size."),
+            ],
+            outputs: vec![Port::frame(
+                "disparity",
+                ValueType::Disparity,
+                "Disparity of the left image's pixels, 1/16 px fixed point.",
+            )],
+        }
+    }
+
+    fn check(params: &SgbmParams) -> Result<(), (&'static str, String)> {
+        params.for_kernel().check().map_err(|error| {
+            let name = match &error {
+                ParamError::Disparities(_) => "disparities",
+                ParamError::Block(_) => "block",
+                ParamError::Penalty(name, _) | ParamError::Negative(name, _) => name,
+                ParamError::PenaltyOrder(..) => "p2",
+                ParamError::Uniqueness(_) => "uniqueness",
+                ParamError::Range(..) => "min_disparity",
+            };
+            (name, error.to_string())
+        })
+    }
+
+    fn build(params: SgbmParams) -> Result<Instance, Fault> {
+        Ok(Instance::Pure(Box::new(Self { params: params.for_kernel() })))
+    }
+}
+
+impl PureNode for Sgbm {
+    fn process(&self, inputs: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        let (left, right) = (inputs.get::<Image>("left")?, inputs.get::<Image>("right")?);
+        same_size(("left", left.dimensions()), ("right", right.dimensions()))?;
+        let (width, height) = left.dimensions();
+        let view = |data| View { data, width: width as usize, height: height as usize, channels: 1 };
+        let (left, right) = (view(grey(left).as_raw()), view(grey(right).as_raw()));
+        let mut scratch = ctx.scratch.take::<Scratch>();
+        let mut result = Ok(());
+        let sixteenths_px = filled((width, height), |out| {
+            result = sgbm::compute(&left, &right, &self.params, &mut scratch, &HostTiles(ctx.host), out);
+        });
+        ctx.scratch.put(scratch);
+        result.map_err(|error| Fault::new(error.to_string()))?;
+        let min_disparity_px = self.params.min_disparity;
+        Ok(Outputs::one("disparity", Disparity { sixteenths_px, min_disparity_px }))
+    }
+}

@@ -1,0 +1,17 @@
+//! Kernels' tiles on the runner's workers.
+
+use depthloom_graphs::Host;
+use depthloom_kernels::tiles::Tiles;
+
+/// Lets a kernel spread a frame over whoever runs the node.
+pub struct HostTiles<'a>(pub &'a dyn Host);
+
+impl Tiles for HostTiles<'_> {
+    fn run(&self, n: usize, f: &(dyn Fn(usize) + Sync)) {
+        self.0.tiles(n, f);
+    }
+
+    fn width(&self) -> usize {
+        self.0.width()
+    }
+}

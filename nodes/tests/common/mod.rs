@@ -1,0 +1,98 @@
+//! What the tests of nodes share: one node or source called as the runner would, and the reference data beside the project.
+#![allow(dead_code, reason = "every test file uses its own part")]
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use depthloom_graphs::contracts::{InlineHost, SourceDeclaration};
+use depthloom_graphs::values::Raster;
+use depthloom_graphs::{Context, Fault, Inputs, Instance, Key, Registry, Scratch, Source, Value};
+use serde_json::Value as Json;
+
+/// The values at a node's output ports.
+pub type Values = BTreeMap<&'static str, Value>;
+
+/// The folder of reference data; says that the test is skipped where it is absent.
+pub fn shared(test: &str) -> Option<PathBuf> {
+    let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared");
+    let folder = std::env::var_os("DEPTHLOOM_SHARED").map_or(beside, PathBuf::from);
+    if folder.is_dir() {
+        return Some(folder);
+    }
+    println!("SKIPPED {test}: ../shared is absent");
+    None
+}
+
+/// A node built and called once, as the runner does it: parameters resolved, ports in order, outputs checked.
+pub fn call(kind: &str, params: Json, inputs: &[(&str, Value)]) -> Result<Values, Fault> {
+    let registry = depthloom_nodes::registry();
+    let node = registry.node_kind(kind).unwrap_or_else(|| panic!("{kind} is not registered"));
+    let resolved =
+        node.resolve(&params).map_err(|error| Fault::new(format!("{}: {}", error.path.join("."), error.what)))?;
+    let ports = &node.declaration.inputs;
+    let unknown = inputs.iter().find(|(name, _)| ports.iter().all(|port| port.name != *name));
+    assert!(unknown.is_none(), "{kind} has no input {:?}", unknown.map(|(name, _)| name));
+    let values: Vec<Option<Value>> = ports
+        .iter()
+        .map(|port| inputs.iter().find(|(name, _)| *name == port.name).map(|(_, value)| value.clone()))
+        .collect();
+    let Instance::Pure(instance) = node.build(&resolved)? else { panic!("{kind} is not pure") };
+    let mut scratch = Scratch::default();
+    let outputs = instance.process(&Inputs::new(ports, &values), &mut Context::new(&InlineHost, &mut scratch))?;
+    let outputs = outputs.in_order_of(&node.declaration.outputs)?;
+    let named = node.declaration.outputs.iter().zip(outputs);
+    Ok(named.filter_map(|(port, value)| Some((port.name, value?))).collect())
+}
+
+/// The only output of a node that is expected to work.
+pub fn value(kind: &str, params: Json, inputs: &[(&str, &Value)]) -> Value {
+    let inputs: Vec<(&str, Value)> = inputs.iter().map(|(name, value)| (*name, (*value).clone())).collect();
+    let outputs = call(kind, params, &inputs).unwrap_or_else(|fault| panic!("{kind}: {}", fault.chain()));
+    assert_eq!(outputs.len(), 1, "{kind} gives one value");
+    outputs.into_values().next().unwrap()
+}
+
+/// A source, opened.
+pub struct Opened {
+    pub source: Box<dyn Source>,
+    declaration: SourceDeclaration,
+}
+
+/// Opens a source as the runner does.
+pub fn open(kind: &str, params: Json) -> Result<Opened, Fault> {
+    let registry: Registry = depthloom_nodes::registry();
+    let entry = registry.source_kind(kind).unwrap_or_else(|| panic!("{kind} is not registered"));
+    let resolved =
+        entry.resolve(&params).map_err(|error| Fault::new(format!("{}: {}", error.path.join("."), error.what)))?;
+    Ok(Opened { source: entry.open(&resolved)?, declaration: entry.declaration.clone() })
+}
+
+impl Opened {
+    /// A frame's values and key.
+    pub fn read(&self, position: usize) -> Result<(Values, Key), Fault> {
+        let mut scratch = Scratch::default();
+        let read = self.source.read(position, &mut Context::new(&InlineHost, &mut scratch))?;
+        let outputs = read.outputs.in_order_of(&self.declaration.outputs)?;
+        let named = self.declaration.outputs.iter().zip(outputs);
+        Ok((named.filter_map(|(port, value)| Some((port.name, value?))).collect(), read.key))
+    }
+}
+
+/// A depth map's pixels.
+pub fn metres(value: &Value) -> &[f32] {
+    let Value::Depth(depth) = value else { panic!("{} is no depth", value.value_type()) };
+    depth.metres.as_raw()
+}
+
+/// A 16-bit PNG of the reference.
+pub fn png_u16(path: &Path) -> Raster<u16> {
+    let image = image::open(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+    let image::DynamicImage::ImageLuma16(map) = image else { panic!("{} has not 16 bits", path.display()) };
+    map
+}
+
+/// An ONNX model as a once-value.
+pub fn model(bytes: Vec<u8>) -> Value {
+    Value::Model(Arc::new(depthloom_graphs::values::Artifact::new("model/onnx", bytes)))
+}
