@@ -39,8 +39,14 @@ pub(super) struct Facade {
 impl Facade {
     /// A house of `floors` storeys above its ground floor, windows counted from `origin`.
     pub(super) fn new(draws: &mut Draws, origin: f32, floors: u32, windows: bool) -> Self {
-        let masonry =
-            draws.pick(&[Masonry::Plaster, Masonry::Plaster, Masonry::Plaster, Masonry::Brick, Masonry::Stone]);
+        let masonry = draws.pick(&[
+            Masonry::Plaster,
+            Masonry::Plaster,
+            Masonry::Plaster,
+            Masonry::Plaster,
+            Masonry::Brick,
+            Masonry::Stone,
+        ]);
         let colour = match masonry {
             Masonry::Plaster => draws.pick(&[
                 vec3(0.42, 0.40, 0.35),
@@ -136,10 +142,10 @@ impl Facade {
     }
 
     fn masonry_colour(&self, wall: &Wall) -> Vec3 {
-        let stained = 1.0 + 0.10 * plain_noise(self.seed, wall);
+        let stained = 1.0 + 0.07 * plain_noise(self.seed, wall);
         match self.masonry {
             Masonry::Plaster => self.colour * stained,
-            Masonry::Brick => self.courses(wall, (0.25, 0.083), 0.013, 0.35) * stained,
+            Masonry::Brick => self.courses(wall, (0.25, 0.083), 0.013, 0.26) * stained,
             Masonry::Stone => {
                 let rough =
                     faded(0.06, wall.up_px, || noise_grazing(self.seed ^ 3, wall.along, wall.up, 16.0, wall.along_px));

@@ -47,7 +47,7 @@ impl Ground {
         let pebbles = faded(0.125, across, || noise_grazing(self.seed ^ 3, z, x, 8.0, along));
         let tracks = slab((x.abs() - 1.85).abs(), 0.55, 0.95, 0.3);
         let mut colour = self.asphalt
-            * ((1.0 + 0.07 * broad + 0.04 * medium + 0.05 * pebbles + 0.13 * grit) * (1.0 - 0.06 * tracks));
+            * ((1.0 + 0.07 * broad + 0.04 * medium + 0.04 * pebbles + 0.10 * grit) * (1.0 - 0.06 * tracks));
         colour = colour * (1.0 - 0.35 * self.cracks(x, z, across, along));
         colour = self.patches(colour, x, z, across, along);
         let paint = self.paint(x, z, across, along);
@@ -105,7 +105,7 @@ impl Ground {
         let grit = faded(0.031, across, || noise_grazing(self.seed ^ 11, z, x, 32.0, along));
         let gum = faded(0.25, across, || noise_grazing(self.seed ^ 15, z, x, 4.0, along));
         let stains = noise_grazing(self.seed ^ 12, z, x, 1.0, along);
-        let worn = 1.0 + 0.09 * grit + 0.04 * gum + 0.08 * stains;
+        let worn = 1.0 + 0.07 * grit + 0.03 * gum + 0.07 * stains;
         if spot.normal.y < 0.5 || inside < 0.28 {
             let joint = pulses(z, 1.0, 0.015, along);
             let own = faded(1.0, along, || noise2(self.seed ^ 13, floor(z) as f32, 0.0, 1.0));

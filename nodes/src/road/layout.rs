@@ -112,7 +112,7 @@ impl Stretch {
             house(objects, &mut draws, side, FRONT + 12.0, (z0, z1), 1.0);
             return;
         }
-        let plain = if draws.chance(0.2) { 1.0 } else { 0.0 };
+        let plain = if draws.chance(0.3) { 1.0 } else { 0.0 };
         let gap = draws.pick(&[0.0, 0.0, 0.0, 2.5]);
         house(objects, &mut draws, side, front, (z0, z1 - gap), plain);
         if front > FRONT + 1.0 && draws.chance(0.6) {

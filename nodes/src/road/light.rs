@@ -24,11 +24,11 @@ impl Light {
         let side = if draws.chance(0.5) { 1.0 } else { -1.0 };
         let sun =
             vec3(side * draws.between(0.35, 0.75), draws.between(0.6, 1.0), draws.between(-0.6, 0.5)).normalised();
-        let strength = draws.between(1.6, 2.0);
+        let strength = draws.between(1.9, 2.5);
         Self {
             sun,
             sun_colour: vec3(1.0, 0.95, 0.86) * strength,
-            ambient: vec3(0.19, 0.21, 0.25),
+            ambient: vec3(0.135, 0.15, 0.18),
             haze: vec3(0.80, 0.86, 0.92),
             seed: draws.bits(),
         }

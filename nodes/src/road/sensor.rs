@@ -12,8 +12,8 @@ pub(super) struct Sensor {
 }
 
 /// Standard deviation of the noise, in grey levels: at black, and its growth up to white.
-const NOISE_FLOOR: f32 = 1.4;
-const NOISE_GROWTH: f32 = 1.6;
+const NOISE_FLOOR: f32 = 1.7;
+const NOISE_GROWTH: f32 = 1.7;
 
 impl Sensor {
     /// `eye` is 0 for the left camera, 1 for the right one; the right one's exposure strays by a few percent.
