@@ -15,6 +15,16 @@ impl Key {
         Self::from_hash(&blake3::hash(bytes))
     }
 
+    /// The key of a content that is too large to hold: equal to [`Key::of_content`] of the same bytes.
+    ///
+    /// # Errors
+    /// If the content cannot be read.
+    pub fn of_reader(reader: impl std::io::Read) -> std::io::Result<Self> {
+        let mut hasher = blake3::Hasher::new();
+        hasher.update_reader(reader)?;
+        Ok(Self::from_hash(&hasher.finalize()))
+    }
+
     /// A hasher for keys made of several parts; `domain` keeps keys of different meaning apart.
     #[must_use]
     pub fn build(domain: &str) -> KeyBuilder {
@@ -125,6 +135,7 @@ mod tests {
         let key = Key::of_content(b"depth");
         assert_eq!(Key::parse(&key.to_string()), Some(key));
         assert_eq!(Key::parse("zz"), None);
+        assert_eq!(Key::of_reader(&b"depth"[..]).expect("slices can be read"), key);
     }
 
     #[test]

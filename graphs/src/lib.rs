@@ -6,6 +6,7 @@
 
 pub mod contracts;
 pub mod key;
+pub mod language;
 pub mod plan;
 pub mod ready;
 pub mod registry;

@@ -1,0 +1,198 @@
+//! From a file to a plan.
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use super::change::{self, Scope};
+use super::diagnostics::{Diagnostic, Diagnostics, Report, Severity};
+use super::environment;
+use super::files::Files;
+use super::link;
+use super::linked::Linked;
+use super::live;
+use super::overrides;
+use super::params::Resolver;
+use super::record;
+use super::resolved;
+use super::share::{self, Shared};
+use super::source_file::Place;
+use super::spec::{self, Spec};
+use super::variants::{self, Variant};
+use crate::plan::Plan;
+use crate::registry::Registry;
+
+/// The most values all variants of an experiment may hold together.
+const MOST_VALUES: usize = 20_000_000;
+
+/// What besides the file decides an experiment.
+pub struct Options<'a> {
+    /// `--set path=value`, in order: path and value.
+    pub set: Vec<(String, String)>,
+    /// Looks up an environment variable.
+    pub env: Environment<'a>,
+}
+
+/// Looks up an environment variable.
+pub type Environment<'a> = Box<dyn Fn(&str) -> Option<String> + 'a>;
+
+impl Default for Options<'_> {
+    /// Nothing set, and the environment of the process.
+    fn default() -> Self {
+        Self { set: Vec::new(), env: Box::new(|name| std::env::var(name).ok()) }
+    }
+}
+
+/// An experiment that can be run.
+#[derive(Debug)]
+pub struct Loaded {
+    /// What is to be run.
+    pub plan: Plan,
+    /// What probably does not say what was meant.
+    pub warnings: Diagnostics,
+}
+
+/// Reads an experiment, checks all of it against the kinds of a registry, and plans it.
+///
+/// `--set` changes the experiment before its variants do: what a variant sets itself stays.
+///
+/// # Errors
+/// Everything that is wrong with it, in one pass; what is no YAML at all, or names a file that cannot be read, stops there.
+pub fn load(path: &Path, registry: &Registry, options: &Options<'_>) -> Result<Loaded, Diagnostics> {
+    let mut report = Report::default();
+    let mut files = Files::new(&*options.env);
+    let (set, set_files) = overrides::changes(&options.set, &mut report);
+    let plan = planned(path, registry, options, &set, &mut files, &mut report);
+    let mut order = files.sources();
+    order.extend(set_files);
+    let mut diagnostics = report.finish(&order);
+    for diagnostic in &mut diagnostics.0 {
+        let place = Place { file: std::sync::Arc::clone(&diagnostic.file), span: diagnostic.span.clone() };
+        diagnostic.key_path = files.key_path(&place).unwrap_or_default();
+    }
+    match plan {
+        Some(plan) if !diagnostics.has_errors() => Ok(Loaded { plan, warnings: diagnostics }),
+        _ => Err(diagnostics),
+    }
+}
+
+fn planned(
+    path: &Path,
+    registry: &Registry,
+    options: &Options<'_>,
+    set: &[change::Change],
+    files: &mut Files<'_>,
+    report: &mut Report,
+) -> Option<Plan> {
+    let root = files.experiment(path, report)?;
+    if files.is_broken() {
+        return None;
+    }
+    let root = change::apply(&root, set, Scope::CommandLine, report);
+    let root = environment::substitute(&root, &*options.env, report);
+    let (experiment, about) = spec::title(&root, report);
+    let recording = record::read(&root, report);
+    let variants = variants::read(&root, report);
+    if root.size().saturating_mul(variants.len()) > MOST_VALUES {
+        let what = format!("{} variants of an experiment this large are too many", variants.len());
+        report.push(Diagnostic::error(&variants[0].place, what));
+        return None;
+    }
+    let mut resolver = Resolver::default();
+    let mut linked: Vec<Linked<'_>> = Vec::with_capacity(variants.len());
+    for (index, variant) in variants.iter().enumerate() {
+        let before = report.len();
+        let changed = change::apply(&root, &variant.changes, Scope::Variant, report);
+        let spec = spec::read(&changed, report);
+        check_names(&spec, report);
+        linked.push(link::link(&spec, registry, &mut resolver, report));
+        if index > 0 {
+            report.in_variant(before, variant);
+        }
+    }
+    recording.check(&linked, report);
+    let live: Vec<_> = linked.iter().map(|linked| live::nodes(linked, &recording)).collect();
+    live::check(&linked, &live, report);
+    unused_sources(&root, &linked, report);
+    if report.has_errors() {
+        return None;
+    }
+    let names: Vec<String> = variants.iter().map(|variant| variant.name.clone()).collect();
+    let shared = share::share(&names, &linked, &live, &recording);
+    equal_variants(&variants, &shared, report);
+    Some(Plan {
+        experiment,
+        about,
+        variants: names,
+        runs: shared.runs,
+        record: recording.record,
+        written: files.written(),
+        resolved: resolved::yaml(&root),
+    })
+}
+
+/// Estimates are told apart by name alone, in all stages.
+fn check_names(spec: &Spec, report: &mut Report) {
+    let mut seen: HashMap<&str, (&str, &Place)> = HashMap::new();
+    for stage in &spec.stages {
+        for estimate in stage.score.iter().flat_map(|score| &score.estimates) {
+            let name = &estimate.name;
+            if let Some((other, place)) = seen.get(name.text.as_str()) {
+                let what = format!("stage `{other}` has an estimate `{}` already", name.text);
+                report.push(
+                    Diagnostic::error(&name.place, what)
+                        .label("the same name")
+                        .help("scores are told apart by the estimate's name: give one of the two another")
+                        .related(place, "first here"),
+                );
+            } else {
+                seen.insert(&name.text, (&stage.name.text, &name.place));
+            }
+        }
+    }
+}
+
+fn unused_sources(root: &super::tree::Node, linked: &[Linked<'_>], report: &mut Report) {
+    let used = |name: &str| {
+        let stages = linked.iter().flat_map(|linked| &linked.stages);
+        // A stage whose source is broken may have meant any.
+        stages.into_iter().any(|stage| stage.source.as_ref().is_none_or(|source| source.name == name))
+    };
+    for entry in root.get("sources").iter().flat_map(|sources| sources.entries()).filter(|entry| !used(&entry.key)) {
+        let warning = Diagnostic::warning(&entry.key_place, format!("no stage uses the source `{}`", entry.key));
+        report.push(warning.label("not used"));
+    }
+}
+
+fn equal_variants(variants: &[Variant], shared: &Shared, report: &mut Report) {
+    let mut seen: HashMap<&Vec<share::PlacedStage>, &Variant> = HashMap::new();
+    for (variant, placed) in variants.iter().zip(&shared.placed) {
+        match seen.get(placed) {
+            Some(first) => {
+                let what = format!("variant `{}` is the same experiment as `{}`", variant.name, first.name);
+                let warning = Diagnostic::warning(&variant.place, what).label("computes nothing of its own");
+                report.push(warning.help("remove it, or change what it was meant to change"));
+            }
+            None => {
+                seen.insert(placed, variant);
+            }
+        }
+    }
+}
+
+impl Report {
+    /// Says in which variant the diagnostics from `first` on came up, unless that is plain from where they are.
+    fn in_variant(&mut self, first: usize, variant: &Variant) {
+        let own = |diagnostic: &Diagnostic| {
+            variant.changes.iter().any(|change| {
+                [&change.place, &change.value.place].iter().any(|place| {
+                    std::sync::Arc::ptr_eq(&place.file, &diagnostic.file)
+                        && place.span.start <= diagnostic.span.start
+                        && diagnostic.span.end <= place.span.end
+                })
+            })
+        };
+        for diagnostic in self.since(first).filter(|d| d.severity == Severity::Error && !own(d)) {
+            diagnostic.message = format!("{} (in variant `{}`)", diagnostic.message, variant.name);
+        }
+    }
+}

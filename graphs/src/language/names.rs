@@ -1,0 +1,93 @@
+//! Names: which are allowed, and which one was probably meant.
+
+use super::diagnostics::{Diagnostic, Report};
+use super::source_file::Place;
+
+/// Reports a name that cannot be one: it would make references, topics and labels ambiguous.
+pub(super) fn check(name: &str, what: &str, reserved: &[&str], place: &Place, report: &mut Report) -> bool {
+    let allowed = |c: char| c.is_alphanumeric() || c == '_' || c == '-';
+    if reserved.contains(&name) {
+        let error =
+            Diagnostic::error(place, format!("`{name}` cannot name a {what}: the language uses that word itself"));
+        report.push(error.help("choose another name"));
+        return false;
+    }
+    if name.is_empty() {
+        report.push(Diagnostic::error(place, format!("a {what} needs a name")));
+        return false;
+    }
+    let Some(bad) = name.chars().find(|&c| !allowed(c)) else { return true };
+    let suggestion: String = name.chars().map(|c| if allowed(c) { c } else { '_' }).collect();
+    report.push(
+        Diagnostic::error(place, format!("the name of a {what} cannot hold `{bad}`"))
+            .label(format!("not a name for a {what}"))
+            .help(format!("names are letters, digits, `_` and `-`, e.g. `{suggestion}`")),
+    );
+    false
+}
+
+/// The candidate nearest to what was written, if one is near.
+pub(super) fn nearest<'a>(written: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+    // Long input is no misspelling, and distances cost the product of the lengths.
+    if written.len() > 100 {
+        return None;
+    }
+    let lower = written.to_lowercase();
+    let distance = |candidate: &str| {
+        let candidate = candidate.to_lowercase();
+        if candidate.replace(['_', '-'], "") == lower.replace(['_', '-'], "") {
+            return 0;
+        }
+        strsim::damerau_levenshtein(&lower, &candidate)
+    };
+    let near = |candidate: &str, distance: usize| {
+        let length = lower.chars().count().max(candidate.chars().count());
+        // A third of the word may be wrong; or one is the beginning of the other.
+        distance * 3 <= length.max(3)
+            || (lower.len() >= 3
+                && (candidate.starts_with(&lower) || lower.starts_with(candidate) && candidate.len() >= 3))
+            || (lower.len() >= 3 && candidate.ends_with(&lower))
+    };
+    let mut best: Option<(usize, &str)> = None;
+    for candidate in candidates {
+        let distance = distance(candidate);
+        if near(candidate, distance) && best.is_none_or(|(least, _)| distance < least) {
+            best = Some((distance, candidate));
+        }
+    }
+    best.map(|(_, candidate)| candidate)
+}
+
+/// `did you mean ...`, or else what there is to choose from.
+pub(super) fn suggestion(written: &str, what: &str, candidates: &[&str]) -> Option<String> {
+    if candidates.is_empty() {
+        return Some(format!("there are no {what}"));
+    }
+    Some(match nearest(written, candidates.iter().copied()) {
+        Some(near) => format!("did you mean `{near}`?"),
+        None => format!("{what}: {}", listed(candidates)),
+    })
+}
+
+/// Names in a sentence; long lists are cut.
+pub(super) fn listed(names: &[&str]) -> String {
+    const MOST: usize = 16;
+    let quoted: Vec<String> = names.iter().take(MOST).map(|name| format!("`{name}`")).collect();
+    let more = names.len().saturating_sub(MOST);
+    if more > 0 { format!("{} and {more} more", quoted.join(", ")) } else { quoted.join(", ") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::nearest;
+
+    #[test]
+    fn the_nearest_name_is_found_and_far_ones_are_not_offered() {
+        assert_eq!(nearest("disparites", ["disparities", "block"]), Some("disparities"));
+        assert_eq!(nearest("Mode", ["mode"]), Some("mode"));
+        assert_eq!(nearest("num-disparities", ["num_disparities"]), Some("num_disparities"));
+        assert_eq!(nearest("sgbm", ["stereo/sgbm", "stereo/bm"]), Some("stereo/sgbm"));
+        assert_eq!(nearest("zebra", ["disparities", "block"]), None);
+        assert_eq!(nearest(&"x".repeat(1 << 20), ["disparities"]), None);
+    }
+}

@@ -1,0 +1,237 @@
+//! Parameters against their kind: the schema first, then the type itself.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use serde_json::Value as Json;
+
+use super::diagnostics::{Diagnostic, Report};
+use super::paths;
+use super::schema_check::violations;
+use super::source_file::Place;
+use super::spec::Instance;
+use super::tree::{Node, Tree};
+use crate::contracts::Fault;
+use crate::key::Key;
+use crate::registry::{NodeKind, ParamError, SourceEntry};
+
+/// Parameters that fit their kind.
+#[derive(Debug, PartialEq)]
+pub(super) struct Parameters {
+    /// Every default filled in.
+    pub(super) resolved: Json,
+    /// The same as text in which nothing depends on where files lie: what a recipe is made of.
+    pub(super) portable: String,
+    /// What else decides a node's outputs.
+    pub(super) fingerprint: Option<Key>,
+}
+
+/// The contents of files named by parameters and inputs, hashed once.
+#[derive(Default)]
+pub(super) struct Contents(HashMap<PathBuf, Option<Key>>);
+
+impl Contents {
+    /// The hash of a file's content; `None` if there is no such file (or it is a folder).
+    pub(super) fn of(&mut self, path: &Path) -> Option<Key> {
+        if let Some(known) = self.0.get(path) {
+            return *known;
+        }
+        let key = hash(path);
+        self.0.insert(path.to_owned(), key);
+        key
+    }
+}
+
+fn hash(path: &Path) -> Option<Key> {
+    if !path.metadata().ok()?.is_file() {
+        return None;
+    }
+    Key::of_reader(std::fs::File::open(path).ok()?).ok()
+}
+
+/// Resolves parameters, each distinct set once.
+#[derive(Default)]
+pub(super) struct Resolver {
+    known: HashMap<(bool, String, String), Arc<Parameters>>,
+    pub(super) contents: Contents,
+}
+
+/// What the resolver needs of a kind.
+struct Kind<'a> {
+    name: &'a str,
+    schema: &'a Json,
+    resolve: &'a dyn Fn(&Json) -> Result<Json, ParamError>,
+    fingerprint: &'a dyn Fn(&Json) -> Result<Option<Key>, Fault>,
+}
+
+impl Resolver {
+    /// A node's parameters.
+    pub(super) fn node(
+        &mut self,
+        kind: &NodeKind,
+        instance: &Instance,
+        report: &mut Report,
+    ) -> Option<Arc<Parameters>> {
+        let kind = Kind {
+            name: kind.declaration.kind,
+            schema: &kind.schema,
+            resolve: &|json| kind.resolve(json),
+            fingerprint: &|json| kind.fingerprint(json),
+        };
+        self.resolve(&kind, false, instance, report)
+    }
+
+    /// A source's parameters.
+    pub(super) fn source(
+        &mut self,
+        kind: &SourceEntry,
+        instance: &Instance,
+        report: &mut Report,
+    ) -> Option<Arc<Parameters>> {
+        let kind = Kind {
+            name: kind.declaration.kind,
+            schema: &kind.schema,
+            resolve: &|json| kind.resolve(json),
+            fingerprint: &|_| Ok(None),
+        };
+        self.resolve(&kind, true, instance, report)
+    }
+
+    fn resolve(
+        &mut self,
+        kind: &Kind<'_>,
+        is_source: bool,
+        instance: &Instance,
+        report: &mut Report,
+    ) -> Option<Arc<Parameters>> {
+        let with = instance.with.as_deref().filter(|with| with.is_map());
+        let json =
+            with.map_or_else(|| Json::Object(serde_json::Map::new()), |with| paths::parameters(with, kind.schema));
+        let known = (is_source, kind.name.to_owned(), json.to_string());
+        if let Some(known) = self.known.get(&known) {
+            return Some(Arc::clone(known));
+        }
+        let resolved = checked(kind, json, with, &instance.kind.place, report)?;
+        let fingerprint = match (kind.fingerprint)(&resolved) {
+            Ok(fingerprint) => fingerprint,
+            Err(fault) => {
+                let error = Diagnostic::error(&instance.kind.place, format!("`{}`: {}", kind.name, fault.chain()));
+                report.push(error.maybe_help(fault.remedy_text().map(ToOwned::to_owned)));
+                return None;
+            }
+        };
+        let portable = canonical(&paths::with_paths(&resolved, kind.schema, &mut |path| self.portable_path(path)));
+        let parameters = Arc::new(Parameters { resolved, portable, fingerprint });
+        self.known.insert(known, Arc::clone(&parameters));
+        Some(parameters)
+    }
+
+    /// A path in a recipe: the content of the file, or the bare name of what is no file. Never where it lies.
+    fn portable_path(&mut self, path: &Path) -> Json {
+        match self.contents.of(path) {
+            Some(key) => serde_json::json!({ "content": key.to_string() }),
+            None => {
+                let name = path.file_name().map(|name| name.to_string_lossy().into_owned());
+                serde_json::json!({ "name": name })
+            }
+        }
+    }
+}
+
+/// Reports everything wrong with parameters; what is wrong is taken out, so that the rest is judged as well.
+fn checked(kind: &Kind<'_>, mut json: Json, with: Option<&Node>, at: &Place, report: &mut Report) -> Option<Json> {
+    let mut sound = true;
+    for violation in violations(&json.clone(), kind.schema) {
+        sound = false;
+        let place = place_of(with, &violation.path, violation.at_key).unwrap_or_else(|| at.clone());
+        report.push(
+            Diagnostic::error(&place, format!("{} (of `{}`)", violation.what, kind.name))
+                .label(violation.label)
+                .maybe_help(violation.help),
+        );
+        remove(&mut json, &violation.path);
+    }
+    loop {
+        match (kind.resolve)(&json) {
+            Ok(resolved) => return sound.then_some(resolved),
+            Err(error) => {
+                // A parameter that is missing because it was taken out has been spoken of.
+                if sound || !error.what.starts_with("missing field") {
+                    let place = place_of(with, &error.path, false).unwrap_or_else(|| at.clone());
+                    let what = match error.path.last() {
+                        Some(_) => format!("`{}`: {} (of `{}`)", error.path.join("."), error.what, kind.name),
+                        None => format!("{} (of `{}`)", error.what, kind.name),
+                    };
+                    report.push(Diagnostic::error(&place, what));
+                }
+                sound = false;
+                if !remove(&mut json, &error.path) {
+                    return None;
+                }
+            }
+        }
+    }
+}
+
+/// Where a parameter is written: as much of the path as is there.
+fn place_of(with: Option<&Node>, path: &[String], at_key: bool) -> Option<Place> {
+    let mut node = with?;
+    let mut place = None;
+    for (i, step) in path.iter().enumerate() {
+        let last = i + 1 == path.len();
+        match &node.value {
+            Tree::Map(_) => {
+                let Some(entry) = node.entry(step) else { break };
+                let empty = entry.value.is_null();
+                place =
+                    Some(if last && (at_key || empty) { entry.key_place.clone() } else { entry.value.place.clone() });
+                node = &entry.value;
+            }
+            Tree::List(items) => {
+                let Some(item) = step.parse::<usize>().ok().and_then(|index| items.get(index)) else { break };
+                place = Some(item.place.clone());
+                node = item;
+            }
+            Tree::Null | Tree::Bool(_) | Tree::Number(_) | Tree::Text(_) => break,
+        }
+    }
+    place
+}
+
+/// Takes a parameter out; an item of a list with the whole list, since the others would move away from their places.
+fn remove(json: &mut Json, path: &[String]) -> bool {
+    let Some((first, rest)) = path.split_first() else { return false };
+    match json {
+        Json::Object(map) => {
+            if let Some(inner) = map.get_mut(first)
+                && !rest.is_empty()
+                && remove(inner, rest)
+            {
+                return true;
+            }
+            map.shift_remove(first).is_some()
+        }
+        Json::Array(items) => match first.parse::<usize>().ok().and_then(|index| items.get_mut(index)) {
+            Some(item @ Json::Object(_)) => !rest.is_empty() && remove(item, rest),
+            _ => false,
+        },
+        Json::Null | Json::Bool(_) | Json::Number(_) | Json::String(_) => false,
+    }
+}
+
+/// JSON with its keys in order: equal values give equal text.
+pub(super) fn canonical(value: &Json) -> String {
+    fn sorted(value: &Json) -> Json {
+        match value {
+            Json::Object(map) => {
+                let mut entries: Vec<_> = map.iter().collect();
+                entries.sort_unstable_by(|a, b| a.0.cmp(b.0));
+                Json::Object(entries.into_iter().map(|(key, value)| (key.clone(), sorted(value))).collect())
+            }
+            Json::Array(items) => Json::Array(items.iter().map(sorted).collect()),
+            Json::Null | Json::Bool(_) | Json::Number(_) | Json::String(_) => value.clone(),
+        }
+    }
+    sorted(value).to_string()
+}

@@ -1,0 +1,97 @@
+//! Paths in parameters: a relative path starts at the folder of the file it is written in.
+//!
+//! Two exceptions, where the path stands in no file: what comes out of the environment and what `--set` gives start at the working
+//! directory, as they would in any other command.
+
+use std::path::{Path, PathBuf};
+
+use serde_json::Value as Json;
+
+use super::files::normal;
+use super::tree::{Node, Tree};
+use crate::contracts::FrameSelection;
+
+/// The path a scalar names, from the working directory.
+pub(super) fn located(node: &Node, text: &str) -> PathBuf {
+    match &node.written {
+        _ if text.is_empty() => PathBuf::new(),
+        Some(written) if written.leads => normal(Path::new(text)),
+        _ => normal(&node.place.file.folder().join(text)),
+    }
+}
+
+/// A tree as JSON for parameters of a schema: paths located, numbers out of the environment as text where text is wanted.
+pub(super) fn parameters(node: &Node, schema: &Json) -> Json {
+    match &node.value {
+        Tree::Text(text) if has_format(schema, "path") => {
+            Json::String(located(node, text).to_string_lossy().into_owned())
+        }
+        Tree::Text(text) if has_format(schema, "frames") => match FrameSelection::parse(text) {
+            Ok(FrameSelection::File(_)) => Json::String(located(node, text).to_string_lossy().into_owned()),
+            _ => Json::String(text.clone()),
+        },
+        Tree::Number(_) | Tree::Bool(_) | Tree::Null => match &node.written {
+            Some(written) if wants_text_only(schema) => Json::String(written.value.clone()),
+            _ => node.to_json(),
+        },
+        Tree::Text(text) => Json::String(text.clone()),
+        Tree::List(items) => {
+            let item_schema = part(schema, &|s| s.get("items")).unwrap_or(&Json::Null);
+            Json::Array(items.iter().map(|item| parameters(item, item_schema)).collect())
+        }
+        Tree::Map(entries) => {
+            let value = |key: &str, node: &Node| parameters(node, property(schema, key).unwrap_or(&Json::Null));
+            Json::Object(entries.iter().map(|e| (e.key.clone(), value(&e.key, &e.value))).collect())
+        }
+    }
+}
+
+/// Resolved parameters with every path replaced by what `name` makes of it.
+pub(super) fn with_paths(value: &Json, schema: &Json, name: &mut dyn FnMut(&Path) -> Json) -> Json {
+    match value {
+        Json::String(text) if !text.is_empty() => {
+            let is_path = has_format(schema, "path")
+                || has_format(schema, "frames") && matches!(FrameSelection::parse(text), Ok(FrameSelection::File(_)));
+            if is_path { name(Path::new(text)) } else { value.clone() }
+        }
+        Json::Array(items) => {
+            let item_schema = part(schema, &|s| s.get("items")).unwrap_or(&Json::Null);
+            Json::Array(items.iter().map(|item| with_paths(item, item_schema, name)).collect())
+        }
+        Json::Object(map) => {
+            let mut new = serde_json::Map::new();
+            for (key, value) in map {
+                new.insert(key.clone(), with_paths(value, property(schema, key).unwrap_or(&Json::Null), name));
+            }
+            Json::Object(new)
+        }
+        Json::Null | Json::Bool(_) | Json::Number(_) | Json::String(_) => value.clone(),
+    }
+}
+
+/// A part of a schema, or of the first of its alternatives that has it.
+fn part<'s>(schema: &'s Json, find: &dyn Fn(&'s Json) -> Option<&'s Json>) -> Option<&'s Json> {
+    find(schema).or_else(|| {
+        ["anyOf", "oneOf", "allOf"]
+            .iter()
+            .filter_map(|key| schema.get(key)?.as_array())
+            .flatten()
+            .find_map(|alternative| part(alternative, find))
+    })
+}
+
+fn property<'s>(schema: &'s Json, key: &str) -> Option<&'s Json> {
+    part(schema, &|s| s.get("properties")?.get(key)).or_else(|| part(schema, &|s| s.get("additionalProperties")))
+}
+
+fn has_format(schema: &Json, format: &str) -> bool {
+    part(schema, &|s| s.get("format").filter(|f| f.as_str() == Some(format))).is_some()
+}
+
+fn wants_text_only(schema: &Json) -> bool {
+    match schema.get("type") {
+        Some(Json::String(one)) => one == "string",
+        Some(Json::Array(several)) => several.iter().all(|t| matches!(t.as_str(), Some("string" | "null"))),
+        _ => false,
+    }
+}
