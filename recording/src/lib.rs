@@ -19,9 +19,39 @@
 //! `Recording` is `Sync` and reads by position, so several `FrameReader`s may work on it at once; a score topic gives
 //! `Value::Scores`. Nothing but the index is held in memory.
 
+mod chunk;
+mod decode;
+mod encode;
+mod error;
+mod file;
+mod index;
+mod layout;
+mod messages;
 mod plan;
+mod protobuf;
+mod reader;
+mod record;
+mod recorder;
+mod recording;
+mod schema;
+mod store;
+mod unpack;
+mod writer;
 
+pub use chunk::Part;
+pub use error::RecordingError;
+pub use index::AttachmentEntry;
 pub use plan::{
     RecordedEstimate, RecordedInput, RecordedNode, RecordedOutput, RecordedPlan, RecordedRun, RecordedSource,
     RecordedSourcePart,
 };
+pub use reader::FrameReader;
+pub use recorder::{Attachment, Recorder, Written};
+pub use recording::{RecordedFrame, RecordedOnce, Recording};
+
+/// The version of what a recording holds beside the values.
+pub(crate) const FORMAT: &str = "1";
+/// The metadata record that holds format, plan and aliases.
+pub(crate) const PLAN_METADATA: &str = "depthloom";
+/// The metadata records that say which attachment holds which once-value.
+pub(crate) const ONCE_METADATA: &str = "depthloom.once";

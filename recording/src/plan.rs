@@ -1,5 +1,7 @@
 //! What a recording says of the plan that made it: enough to analyse it without the experiment file.
 
+use std::collections::BTreeMap;
+
 use depthloom_graphs::contracts::Slot;
 use depthloom_graphs::plan::{From as Wire, Plan, PlannedInput, PlannedOutput, PlannedSource, StageRun};
 use depthloom_graphs::{Key, Rate, ValueType};
@@ -145,6 +147,14 @@ impl RecordedPlan {
             view: plan.record.view,
             runs: plan.runs.iter().map(|run| recorded_run(plan, run)).collect(),
         }
+    }
+
+    /// The topic that each alias stands for.
+    #[must_use]
+    pub fn aliases(&self) -> BTreeMap<&str, &str> {
+        let outputs = (0..self.runs.len()).flat_map(|run| self.outputs(run));
+        let aliases = outputs.flat_map(|(_, output)| output.aliases.iter().map(|alias| (alias, &output.topic)));
+        aliases.filter(|(alias, topic)| alias != topic).map(|(alias, topic)| (alias.as_str(), topic.as_str())).collect()
     }
 
     /// All output ports of a stage run: the source's, then the nodes', in plan order.

@@ -1,0 +1,237 @@
+//! A part of a frame as chunks: framed, checked and compressed by the worker that has its values.
+//!
+//! A part has at most three chunks: messages that hardly shrink lie uncompressed in one, those that do in a second, and the
+//! depths for looking at in a third. Whether a message shrinks is measured on a few of its own bytes, so that it depends on
+//! the message alone.
+
+use std::io::Cursor;
+
+use crc32fast::Hasher;
+use depthloom_graphs::Frame;
+use mcap::records::op;
+use zstd::bulk::Compressor;
+
+use crate::record::{ChunkPlace, put_message, put_message_index};
+
+/// Fast enough not to hold up a run; higher levels gain a few percent on maps (measured: see `benches/encode.rs`).
+const ZSTD_LEVEL: i32 = 1;
+/// A message is compressed if a sample of it shrinks to less than this share.
+const WORTH_COMPRESSING: f64 = 0.7;
+/// Messages below this many bytes are not worth a measurement.
+const SMALL: usize = 1024;
+/// The sample: this many windows of this many bytes, evenly spaced.
+const WINDOWS: usize = 8;
+const WINDOW: usize = 4096;
+
+/// How a message is to be kept.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Packing {
+    /// Compressed already, or too small.
+    Plain,
+    /// Known to shrink.
+    Compressed,
+    /// As a sample of it says.
+    Measured,
+    /// Compressed, and apart from the others.
+    View,
+}
+
+/// An encoded part of a frame: whole chunks and their message indexes, at offsets from its start.
+#[derive(Debug)]
+pub struct Part {
+    pub(crate) bytes: Vec<u8>,
+    pub(crate) crc: Hasher,
+    pub(crate) chunks: Vec<ChunkPlace>,
+    /// The channel of each message.
+    pub(crate) messages: Vec<u16>,
+}
+
+/// The records of a chunk being filled.
+#[derive(Default)]
+struct Lane {
+    records: Vec<u8>,
+    /// Channel and offset of each message.
+    messages: Vec<(u16, u64)>,
+}
+
+/// Fills a part with messages.
+pub(crate) struct PartBuilder<'a> {
+    frame: &'a Frame,
+    /// The uncompressed chunk grows where it will stay, behind room for its header.
+    bytes: Vec<u8>,
+    plain: Vec<(u16, u64)>,
+    packed: Lane,
+    view: Lane,
+    messages: Vec<u16>,
+}
+
+/// Opcode, length, times, uncompressed size, checksum, compression, compressed size.
+const fn header_length(compression: &str) -> usize {
+    1 + 8 + 8 + 8 + 8 + 4 + 4 + compression.len() + 8
+}
+
+const PLAIN_HEADER: usize = header_length("");
+
+impl<'a> PartBuilder<'a> {
+    pub(crate) fn new(frame: &'a Frame) -> Self {
+        Self {
+            frame,
+            bytes: vec![0; PLAIN_HEADER],
+            plain: Vec::new(),
+            packed: Lane::default(),
+            view: Lane::default(),
+            messages: Vec::new(),
+        }
+    }
+
+    /// Adds a message; `size` is about how many bytes `data` appends.
+    pub(crate) fn message(&mut self, channel: u16, packing: Packing, size: usize, data: impl FnOnce(&mut Vec<u8>)) {
+        let (sequence, time_ns) = (self.frame.index as u32, self.frame.time_ns);
+        self.messages.push(channel);
+        let lane = match packing {
+            Packing::View => &mut self.view,
+            Packing::Compressed => &mut self.packed,
+            Packing::Plain | Packing::Measured => {
+                let start = self.bytes.len();
+                self.bytes.reserve(size + 256);
+                put_message(&mut self.bytes, channel, sequence, time_ns, data);
+                if packing == Packing::Measured && shrinks(&self.bytes[start..]) {
+                    self.packed.messages.push((channel, self.packed.records.len() as u64));
+                    self.packed.records.extend_from_slice(&self.bytes[start..]);
+                    self.bytes.truncate(start);
+                } else {
+                    self.plain.push((channel, (start - PLAIN_HEADER) as u64));
+                }
+                return;
+            }
+        };
+        lane.messages.push((channel, lane.records.len() as u64));
+        lane.records.reserve(size + 256);
+        put_message(&mut lane.records, channel, sequence, time_ns, data);
+    }
+
+    /// Compresses, checks and indexes the chunks.
+    ///
+    /// # Errors
+    /// If zstd fails, which it does only without memory.
+    pub(crate) fn finish(self) -> std::io::Result<Part> {
+        let Self { frame, mut bytes, plain, packed, view, messages } = self;
+        let mut crc = Hasher::new();
+        let mut chunks = Vec::new();
+        if plain.is_empty() {
+            bytes.clear();
+        } else {
+            let mut records_crc = Hasher::new();
+            records_crc.update(&bytes[PLAIN_HEADER..]);
+            let size = (bytes.len() - PLAIN_HEADER) as u64;
+            let header = chunk_header(frame.time_ns, size, records_crc.clone().finalize(), "", size);
+            bytes[..PLAIN_HEADER].copy_from_slice(&header);
+            crc.update(&header);
+            crc.combine(&records_crc);
+            let place = place(frame.time_ns, 0, bytes.len(), "", size, size);
+            chunks.push(indexed(&mut bytes, &mut crc, place, &plain));
+        }
+        for lane in [packed, view] {
+            if lane.messages.is_empty() {
+                continue;
+            }
+            let start = bytes.len();
+            let records_start = start + header_length("zstd");
+            bytes.reserve(records_start - start + zstd::zstd_safe::compress_bound(lane.records.len()));
+            bytes.resize(records_start, 0);
+            let mut into = Cursor::new(bytes);
+            into.set_position(records_start as u64);
+            // A context of its own, so that what it compressed before cannot matter.
+            Compressor::new(ZSTD_LEVEL)?.compress_to_buffer(&lane.records, &mut into)?;
+            bytes = into.into_inner();
+            let compressed = (bytes.len() - records_start) as u64;
+            let size = lane.records.len() as u64;
+            let header = chunk_header(frame.time_ns, size, crc32fast::hash(&lane.records), "zstd", compressed);
+            bytes[start..records_start].copy_from_slice(&header);
+            crc.update(&bytes[start..]);
+            let place = place(frame.time_ns, start, bytes.len() - start, "zstd", compressed, size);
+            chunks.push(indexed(&mut bytes, &mut crc, place, &lane.messages));
+        }
+        Ok(Part { bytes, crc, chunks, messages })
+    }
+}
+
+/// Whether a sample of the bytes shrinks enough.
+fn shrinks(bytes: &[u8]) -> bool {
+    if bytes.len() < SMALL {
+        return false;
+    }
+    let gathered: Vec<u8>;
+    let sample = if bytes.len() <= 2 * WINDOWS * WINDOW {
+        bytes
+    } else {
+        let step = (bytes.len() - WINDOW) / (WINDOWS - 1);
+        gathered = (0..WINDOWS).flat_map(|window| &bytes[window * step..window * step + WINDOW]).copied().collect();
+        &gathered
+    };
+    let packed = zstd::bulk::compress(sample, ZSTD_LEVEL);
+    packed.is_ok_and(|packed| (packed.len() as f64) < WORTH_COMPRESSING * sample.len() as f64)
+}
+
+fn chunk_header(time_ns: u64, size: u64, crc: u32, compression: &str, compressed: u64) -> Vec<u8> {
+    let mut header = Vec::with_capacity(header_length(compression));
+    header.push(op::CHUNK);
+    let after_length = (header_length(compression) - 9) as u64;
+    for number in [after_length + compressed, time_ns, time_ns, size] {
+        header.extend_from_slice(&number.to_le_bytes());
+    }
+    header.extend_from_slice(&crc.to_le_bytes());
+    header.extend_from_slice(&(compression.len() as u32).to_le_bytes());
+    header.extend_from_slice(compression.as_bytes());
+    header.extend_from_slice(&compressed.to_le_bytes());
+    header
+}
+
+fn place(
+    time_ns: u64,
+    start: usize,
+    length: usize,
+    compression: &'static str,
+    compressed_size: u64,
+    uncompressed_size: u64,
+) -> ChunkPlace {
+    let (start, length) = (start as u64, length as u64);
+    let (indexes, indexes_length) = (Vec::new(), 0);
+    ChunkPlace { start, length, time_ns, indexes, indexes_length, compression, compressed_size, uncompressed_size }
+}
+
+/// Appends the message indexes of a chunk, and notes where they are.
+fn indexed(bytes: &mut Vec<u8>, crc: &mut Hasher, mut place: ChunkPlace, messages: &[(u16, u64)]) -> ChunkPlace {
+    let start = bytes.len();
+    let mut channels: Vec<u16> = messages.iter().map(|(channel, _)| *channel).collect();
+    channels.sort_unstable();
+    channels.dedup();
+    for channel in channels {
+        let of_channel = messages.iter().filter(|(of, _)| *of == channel);
+        let offsets: Vec<u64> = of_channel.map(|(_, offset)| *offset).collect();
+        place.indexes.push((channel, bytes.len() as u64));
+        put_message_index(bytes, channel, place.time_ns, &offsets);
+    }
+    place.indexes_length = (bytes.len() - start) as u64;
+    crc.update(&bytes[start..]);
+    place
+}
+
+#[cfg(test)]
+mod tests {
+    use super::shrinks;
+
+    #[test]
+    fn noise_stays_as_it_is_and_repetition_is_compressed() {
+        let mut state = 1_u64;
+        let noise: Vec<u8> = (0..200_000)
+            .map(|_| {
+                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+                (state >> 56) as u8
+            })
+            .collect();
+        assert!(!shrinks(&noise));
+        assert!(shrinks(&noise.iter().map(|byte| byte % 2).collect::<Vec<u8>>()));
+        assert!(!shrinks(&[0; 100]));
+    }
+}

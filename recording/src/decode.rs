@@ -1,0 +1,182 @@
+//! Messages to values.
+
+use std::sync::Arc;
+
+use depthloom_graphs::values::{
+    Calibration, Depth, Disparity, Encoded, Image, ImageFormat, Mask, Pixels, Raster, Weight,
+};
+use depthloom_graphs::{Value, ValueType};
+use depthloom_scores::ScoreRow;
+use foxglove::messages::CameraCalibration;
+use image::{DynamicImage, GrayImage, ImageBuffer, Luma, RgbImage};
+use prost::Message;
+
+use crate::messages::ScoreMessage;
+use crate::protobuf::{Content, Fields};
+use crate::schema::{BASELINE_M, MIN_DISPARITY_PX, Schema};
+
+/// Reads a raster or a calibration.
+///
+/// # Errors
+/// What is wrong with the message, as a lower-case fragment.
+pub(crate) fn value(schema: Schema, value_type: ValueType, message: &[u8]) -> Result<Value, String> {
+    match (schema, value_type) {
+        (Schema::CompressedImage, ValueType::Image) => compressed_image(message).map(Value::from),
+        (Schema::CameraCalibration, ValueType::Calibration) => calibration(message).map(Value::from),
+        (Schema::RawImage, _) => raw_image(message)?.value(value_type),
+        _ => Err(format!("a {} message holds no {value_type}", schema.name())),
+    }
+}
+
+/// Reads a row of scores.
+///
+/// # Errors
+/// What is wrong with the message, as a lower-case fragment.
+pub(crate) fn score(message: &[u8]) -> Result<ScoreRow, String> {
+    let score = ScoreMessage::decode(message).map_err(|error| format!("a message is no score: {error}"))?;
+    score.row().ok_or_else(|| format!("a score is of the unknown pixel set `{}`", score.set))
+}
+
+fn compressed_image(message: &[u8]) -> Result<Image, String> {
+    let (mut data, mut format): (&[u8], &[u8]) = (&[], &[]);
+    for field in Fields(message) {
+        match field.map_err(|error| error.to_string())? {
+            (2, content) => data = content.bytes(),
+            (3, content) => format = content.bytes(),
+            _ => {}
+        }
+    }
+    let formats = [(ImageFormat::Png, image::ImageFormat::Png), (ImageFormat::Jpeg, image::ImageFormat::Jpeg)];
+    let known = formats.into_iter().find(|(ours, _)| ours.name().as_bytes() == format);
+    let Some((format, codec)) = known else {
+        return Err(format!("an image is compressed as `{}`", String::from_utf8_lossy(format)));
+    };
+    let decoded = image::load_from_memory_with_format(data, codec);
+    let pixels = match decoded.map_err(|error| format!("an image cannot be decompressed: {error}"))? {
+        DynamicImage::ImageLuma8(grey) => Pixels::Grey(grey),
+        other => Pixels::Rgb(other.into_rgb8()),
+    };
+    Ok(Image::with_encoded(pixels, Encoded { format, bytes: data.into() }))
+}
+
+fn calibration(message: &[u8]) -> Result<Calibration, String> {
+    let no_calibration = |error: prost::DecodeError| format!("a message is no calibration: {error}");
+    let decoded = CameraCalibration::decode(message).map_err(no_calibration)?;
+    let mut baseline_m = None;
+    for field in Fields(message) {
+        if let (BASELINE_M, Content::Fixed64(bits)) = field.map_err(|error| error.to_string())? {
+            baseline_m = Some(f64::from_bits(bits));
+        }
+    }
+    let [focal_px, _, cx_px, _, _, cy_px, ..] = decoded.k[..] else {
+        return Err("a calibration's K is no 3x3 matrix".to_owned());
+    };
+    let baseline_m = baseline_m.ok_or("a calibration has no baseline")?;
+    Ok(Calibration { width: decoded.width, height: decoded.height, focal_px, cx_px, cy_px, baseline_m })
+}
+
+#[derive(Default)]
+struct RawImage<'a> {
+    width: u32,
+    height: u32,
+    encoding: &'a [u8],
+    step: u32,
+    min_disparity_px: i32,
+    data: &'a [u8],
+}
+
+fn raw_image(message: &[u8]) -> Result<RawImage<'_>, String> {
+    let mut image = RawImage::default();
+    for field in Fields(message) {
+        match field.map_err(|error| error.to_string())? {
+            (2, content) => image.width = content.fixed32(),
+            (3, content) => image.height = content.fixed32(),
+            (4, content) => image.encoding = content.bytes(),
+            (5, content) => image.step = content.fixed32(),
+            (6, content) => image.data = content.bytes(),
+            (MIN_DISPARITY_PX, content) => image.min_disparity_px = content.signed(),
+            _ => {}
+        }
+    }
+    Ok(image)
+}
+
+impl RawImage<'_> {
+    fn value(&self, value_type: ValueType) -> Result<Value, String> {
+        match (value_type, self.encoding) {
+            (ValueType::Image, b"mono8") => {
+                let grey = GrayImage::from_raw(self.width, self.height, self.samples(1, |[sample]: [u8; 1]| sample)?);
+                Ok(Image::new(Pixels::Grey(grey.ok_or("an image is of another size than it says")?)).into())
+            }
+            (ValueType::Image, b"rgb8") => {
+                let rgb = RgbImage::from_raw(self.width, self.height, self.samples(3, |[sample]: [u8; 1]| sample)?);
+                Ok(Image::new(Pixels::Rgb(rgb.ok_or("an image is of another size than it says")?)).into())
+            }
+            (ValueType::Disparity, b"16UC1") => {
+                let sixteenths_px = self.raster(i16::from_le_bytes)?;
+                Ok(Disparity { sixteenths_px, min_disparity_px: self.min_disparity_px }.into())
+            }
+            (ValueType::Depth, b"32FC1") => Ok(Depth { metres: self.raster(f32::from_le_bytes)? }.into()),
+            (ValueType::Weight, b"32FC1") => Ok(Weight { share: self.raster(f32::from_le_bytes)? }.into()),
+            (ValueType::Mask, b"mono8") => Ok(Mask { set: self.raster(|[sample]: [u8; 1]| sample)? }.into()),
+            (_, encoding) => {
+                Err(format!("an image of encoding `{}` holds no {value_type}", String::from_utf8_lossy(encoding)))
+            }
+        }
+    }
+
+    fn raster<T: Copy, const N: usize>(&self, sample: impl Fn([u8; N]) -> T) -> Result<Raster<T>, String>
+    where
+        Luma<T>: image::Pixel<Subpixel = T>,
+    {
+        let samples = self.samples(1, sample)?;
+        ImageBuffer::from_raw(self.width, self.height, samples)
+            .ok_or_else(|| "an image is of another size than it says".to_owned())
+    }
+
+    fn samples<T, const N: usize>(&self, channels: u128, sample: impl Fn([u8; N]) -> T) -> Result<Vec<T>, String> {
+        let row = u128::from(self.width) * channels * N as u128;
+        if u128::from(self.step) != row || self.data.len() as u128 != row * u128::from(self.height) {
+            let (width, height, bytes) = (self.width, self.height, self.data.len());
+            return Err(format!("an image of {width}x{height} pixels has {bytes} bytes"));
+        }
+        let (chunks, _) = self.data.as_chunks::<N>();
+        Ok(chunks.iter().map(|bytes| sample(*bytes)).collect())
+    }
+}
+
+/// Collects the messages of one topic on one frame.
+#[derive(Default)]
+pub(crate) enum Gathered {
+    #[default]
+    Nothing,
+    Value(Value),
+    Rows(Vec<ScoreRow>),
+}
+
+impl Gathered {
+    /// Takes the next message of the topic.
+    ///
+    /// # Errors
+    /// What is wrong with the message, as a lower-case fragment.
+    pub(crate) fn take(&mut self, schema: Schema, value_type: ValueType, message: &[u8]) -> Result<(), String> {
+        if schema == Schema::Score {
+            let row = score(message)?;
+            match self {
+                Self::Rows(rows) => rows.push(row),
+                Self::Nothing | Self::Value(_) => *self = Self::Rows(vec![row]),
+            }
+        } else {
+            *self = Self::Value(value(schema, value_type, message)?);
+        }
+        Ok(())
+    }
+
+    pub(crate) fn into_value(self) -> Option<Value> {
+        match self {
+            Self::Nothing => None,
+            Self::Value(value) => Some(value),
+            Self::Rows(rows) => Some(Value::Scores(Arc::new(rows))),
+        }
+    }
+}

@@ -1,0 +1,161 @@
+//! What can go wrong with a recording, naming file, place and remedy.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// Why a recording cannot be written or read.
+#[derive(Debug, thiserror::Error)]
+pub enum RecordingError {
+    /// The file could not be made.
+    #[error("failed to create {}", path.display())]
+    Create {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        #[source]
+        source: io::Error,
+    },
+    /// The file could not be opened.
+    #[error("failed to open {}", path.display())]
+    Open {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        #[source]
+        source: io::Error,
+    },
+    /// The disk refused bytes.
+    #[error("failed to write {} at byte {offset}", path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// How many bytes it held.
+        offset: u64,
+        /// What the system said.
+        #[source]
+        source: io::Error,
+    },
+    /// The disk refused to give bytes.
+    #[error("failed to read {} at byte {offset}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Where.
+        offset: u64,
+        /// What the system said.
+        #[source]
+        source: io::Error,
+    },
+    /// Something was written after a failure, or after the end.
+    #[error("{} takes no more values: {why}", path.display())]
+    Closed {
+        /// The file.
+        path: PathBuf,
+        /// What happened before.
+        why: &'static str,
+    },
+    /// The plan cannot be recorded.
+    #[error("topic {topic}: {what}")]
+    Plan {
+        /// The topic at fault.
+        topic: String,
+        /// What is wrong with it.
+        what: String,
+    },
+    /// A value cannot be kept.
+    #[error("frame {frame}, topic {topic}: {what}")]
+    Value {
+        /// The frame's id.
+        frame: String,
+        /// The topic.
+        topic: String,
+        /// What is wrong with it.
+        what: String,
+    },
+    /// The file does not start as an MCAP file does.
+    #[error("{} is not an MCAP file", path.display())]
+    NotMcap {
+        /// The file.
+        path: PathBuf,
+    },
+    /// An MCAP file of somebody else, or one cut off before its plan was written.
+    #[error("{} is an MCAP file, but holds no plan of depthloom", path.display())]
+    NotARecording {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A recording of another format version.
+    #[error("{} has recording format {found}; this engine reads format {known}", path.display())]
+    Format {
+        /// The file.
+        path: PathBuf,
+        /// Its format.
+        found: String,
+        /// The format known here.
+        known: &'static str,
+    },
+    /// Bytes that are not what was written.
+    #[error("{} is damaged at byte {offset}: {what}", path.display())]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// Where.
+        offset: u64,
+        /// What is wrong there.
+        what: String,
+    },
+    /// A topic that the stage run does not have, or that was not recorded.
+    #[error("{} has no values of topic {topic} in {prefix}", path.display())]
+    UnknownTopic {
+        /// The file.
+        path: PathBuf,
+        /// The stage run's prefix.
+        prefix: String,
+        /// The topic asked for.
+        topic: String,
+        /// The topics it has.
+        known: Vec<String>,
+    },
+    /// A stage run, frame or attachment that the recording does not have.
+    #[error("{} has no {what}", path.display())]
+    Missing {
+        /// The file.
+        path: PathBuf,
+        /// What was asked for.
+        what: String,
+    },
+}
+
+impl RecordingError {
+    /// What the person can do about it.
+    #[must_use]
+    pub fn remedy(&self) -> Option<String> {
+        match self {
+            Self::Create { source, .. } | Self::Write { source, .. } => match source.kind() {
+                io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => Some(
+                    "free some space or choose another folder with --out; `record:` keeps fewer topics, `every` fewer frames"
+                        .to_owned(),
+                ),
+                io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem => {
+                    Some("choose a folder that may be written with --out".to_owned())
+                }
+                _ => None,
+            },
+            Self::NotMcap { .. } => Some("give the recording.mcap of a run's folder".to_owned()),
+            Self::NotARecording { .. } => Some("give a recording that `depthloom run` made".to_owned()),
+            Self::Format { .. } => Some("read it with the version that made it, or run the experiment again".to_owned()),
+            Self::Damaged { .. } => Some("copy the file again, or run the experiment again".to_owned()),
+            Self::UnknownTopic { known, .. } => Some(format!("it has {}", known.join(", "))),
+            Self::Open { .. }
+            | Self::Read { .. }
+            | Self::Closed { .. }
+            | Self::Plan { .. }
+            | Self::Value { .. }
+            | Self::Missing { .. } => None,
+        }
+    }
+
+    pub(crate) fn damaged(path: &Path, offset: u64, what: impl Into<String>) -> Self {
+        Self::Damaged { path: path.to_owned(), offset, what: what.into() }
+    }
+}

@@ -1,0 +1,64 @@
+//! Reading a file by position, from several threads at once.
+
+use std::fs::File;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use crate::error::RecordingError;
+
+/// A file open for reading.
+#[derive(Debug)]
+pub(crate) struct PositionedFile {
+    pub(crate) path: PathBuf,
+    file: File,
+    pub(crate) size: u64,
+}
+
+impl PositionedFile {
+    pub(crate) fn open(path: &Path) -> Result<Self, RecordingError> {
+        let failed = |source| RecordingError::Open { path: path.to_owned(), source };
+        let file = File::open(path).map_err(failed)?;
+        let size = file.metadata().map_err(failed)?.len();
+        Ok(Self { path: path.to_owned(), file, size })
+    }
+
+    /// Fills the buffer with the bytes at a position.
+    pub(crate) fn read_exact(&self, buffer: &mut [u8], offset: u64) -> Result<(), RecordingError> {
+        let read = read_exact_at(&self.file, buffer, offset);
+        read.map_err(|source| RecordingError::Read { path: self.path.clone(), offset, source })
+    }
+
+    /// The bytes of a range, in a buffer that is reused.
+    ///
+    /// The range is checked against the file before anything is allocated: lengths in a damaged file can be anything.
+    pub(crate) fn read_range(&self, buffer: &mut Vec<u8>, offset: u64, length: u64) -> Result<(), RecordingError> {
+        let end = offset.checked_add(length).filter(|end| *end <= self.size);
+        let (Some(_), Ok(length)) = (end, usize::try_from(length)) else {
+            return Err(self.damaged(offset, format!("{length} bytes are said to follow, the file ends before")));
+        };
+        buffer.resize(length, 0);
+        self.read_exact(buffer, offset)
+    }
+
+    pub(crate) fn damaged(&self, offset: u64, what: impl Into<String>) -> RecordingError {
+        RecordingError::damaged(&self.path, offset, what)
+    }
+}
+
+#[cfg(unix)]
+fn read_exact_at(file: &File, buffer: &mut [u8], offset: u64) -> io::Result<()> {
+    std::os::unix::fs::FileExt::read_exact_at(file, buffer, offset)
+}
+
+#[cfg(windows)]
+fn read_exact_at(file: &File, mut buffer: &mut [u8], mut offset: u64) -> io::Result<()> {
+    while !buffer.is_empty() {
+        let read = std::os::windows::fs::FileExt::seek_read(file, buffer, offset)?;
+        if read == 0 {
+            return Err(io::ErrorKind::UnexpectedEof.into());
+        }
+        buffer = &mut buffer[read..];
+        offset += read as u64;
+    }
+    Ok(())
+}

@@ -1,0 +1,129 @@
+//! The messages that are depthloom's own: a row of scores, and the record that commits a frame.
+
+use depthloom_graphs::Key;
+use depthloom_graphs::contracts::{Commit, Failure, SlotKey};
+use depthloom_scores::{PixelSet, ScoreRow};
+
+/// `depthloom.Score`: one row of scores; a score that is NaN is absent.
+#[derive(Clone, PartialEq, prost::Message)]
+pub(crate) struct ScoreMessage {
+    #[prost(string, tag = "1")]
+    pub(crate) frame: String,
+    #[prost(string, tag = "2")]
+    pub(crate) set: String,
+    #[prost(uint64, tag = "3")]
+    pub(crate) pixels: u64,
+    #[prost(double, optional, tag = "4")]
+    pub(crate) a1: Option<f64>,
+    #[prost(double, optional, tag = "5")]
+    pub(crate) a2: Option<f64>,
+    #[prost(double, optional, tag = "6")]
+    pub(crate) a3: Option<f64>,
+    #[prost(double, optional, tag = "7")]
+    pub(crate) abs_rel: Option<f64>,
+    #[prost(double, optional, tag = "8")]
+    pub(crate) sq_rel: Option<f64>,
+    #[prost(double, optional, tag = "9")]
+    pub(crate) rmse: Option<f64>,
+    #[prost(double, optional, tag = "10")]
+    pub(crate) rmse_log: Option<f64>,
+    #[prost(double, optional, tag = "11")]
+    pub(crate) silog: Option<f64>,
+}
+
+impl ScoreMessage {
+    pub(crate) fn new(frame: &str, row: &ScoreRow) -> Self {
+        let [a1, a2, a3, abs_rel, sq_rel, rmse, rmse_log, silog] =
+            row.scores().map(|score| (!score.is_nan()).then_some(score));
+        let (frame, set, pixels) = (frame.to_owned(), row.set.name().to_owned(), row.pixels);
+        Self { frame, set, pixels, a1, a2, a3, abs_rel, sq_rel, rmse, rmse_log, silog }
+    }
+
+    /// The row; `None` if the pixel set is unknown.
+    pub(crate) fn row(&self) -> Option<ScoreRow> {
+        let set = [PixelSet::All, PixelSet::Answered].into_iter().find(|set| set.name() == self.set)?;
+        let or_nan = |score: Option<f64>| score.unwrap_or(f64::NAN);
+        Some(ScoreRow {
+            set,
+            pixels: self.pixels,
+            a1: or_nan(self.a1),
+            a2: or_nan(self.a2),
+            a3: or_nan(self.a3),
+            abs_rel: or_nan(self.abs_rel),
+            sq_rel: or_nan(self.sq_rel),
+            rmse: or_nan(self.rmse),
+            rmse_log: or_nan(self.rmse_log),
+            silog: or_nan(self.silog),
+        })
+    }
+}
+
+/// `depthloom.Commit`: closes a frame; what stands before it and after the last one belongs to the frame.
+///
+/// A node that is neither under `keys` nor under `failures` did not fire on the frame.
+#[derive(Clone, PartialEq, prost::Message)]
+pub(crate) struct CommitMessage {
+    #[prost(uint32, tag = "1")]
+    pub(crate) run: u32,
+    #[prost(string, tag = "2")]
+    pub(crate) frame: String,
+    #[prost(uint64, tag = "3")]
+    pub(crate) index: u64,
+    #[prost(string, tag = "4")]
+    pub(crate) source_key: String,
+    #[prost(message, repeated, tag = "5")]
+    pub(crate) keys: Vec<NodeKeyMessage>,
+    #[prost(message, repeated, tag = "6")]
+    pub(crate) failures: Vec<FailureMessage>,
+}
+
+/// `depthloom.NodeKey`: the key that all values of a node share on a frame.
+#[derive(Clone, PartialEq, prost::Message)]
+pub(crate) struct NodeKeyMessage {
+    #[prost(uint32, tag = "1")]
+    pub(crate) node: u32,
+    #[prost(string, tag = "2")]
+    pub(crate) key: String,
+}
+
+/// `depthloom.Failure`: a node that failed on a frame; without `node`, the source.
+#[derive(Clone, PartialEq, prost::Message)]
+pub(crate) struct FailureMessage {
+    #[prost(uint32, optional, tag = "1")]
+    pub(crate) node: Option<u32>,
+    #[prost(string, tag = "2")]
+    pub(crate) what: String,
+}
+
+impl CommitMessage {
+    pub(crate) fn new(commit: &Commit<'_>) -> Self {
+        let keys = commit.keys.iter();
+        let failures = commit.failures.iter();
+        Self {
+            run: commit.run as u32,
+            frame: commit.frame.id.to_string(),
+            index: commit.frame.index,
+            source_key: commit.source_key.map_or_else(String::new, |key| key.to_string()),
+            keys: keys.map(|of| NodeKeyMessage { node: of.node as u32, key: of.key.to_string() }).collect(),
+            failures: failures
+                .map(|failure| FailureMessage {
+                    node: failure.node.map(|node| node as u32),
+                    what: failure.what.clone(),
+                })
+                .collect(),
+        }
+    }
+
+    pub(crate) fn source_key(&self) -> Option<Key> {
+        Key::parse(&self.source_key)
+    }
+
+    pub(crate) fn keys(&self) -> Option<Vec<SlotKey>> {
+        self.keys.iter().map(|of| Some(SlotKey { node: of.node as usize, key: Key::parse(&of.key)? })).collect()
+    }
+
+    pub(crate) fn failures(&self) -> Vec<Failure> {
+        let failures = self.failures.iter();
+        failures.map(|of| Failure { node: of.node.map(|node| node as usize), what: of.what.clone() }).collect()
+    }
+}

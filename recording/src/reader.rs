@@ -1,0 +1,101 @@
+//! Values of some topics, frame by frame.
+
+use depthloom_graphs::{Value, ValueType};
+
+use crate::decode::Gathered;
+use crate::error::RecordingError;
+use crate::recording::{RecordedFrame, Recording};
+use crate::schema::Schema;
+use crate::unpack::ChunkBuffers;
+
+/// Reads the values of some topics of a stage run, frame by frame.
+///
+/// Chunks that hold none of the topics are neither read nor decompressed. Its buffers are reused; make one a thread.
+#[derive(Debug)]
+pub struct FrameReader<'a> {
+    recording: &'a Recording,
+    run: usize,
+    types: Vec<ValueType>,
+    /// Channel, its schema, and which of the topics it belongs to.
+    channels: Vec<(u16, Schema, usize)>,
+    buffers: ChunkBuffers,
+    next: usize,
+}
+
+impl<'a> FrameReader<'a> {
+    pub(crate) fn new(
+        recording: &'a Recording,
+        run: usize,
+        topics: &[impl AsRef<str>],
+    ) -> Result<Self, RecordingError> {
+        let plan = recording.plan();
+        let Some(planned) = plan.runs.get(run) else {
+            let (path, what) = (recording.path().to_owned(), format!("stage run {run}"));
+            return Err(RecordingError::Missing { path, what });
+        };
+        let recorded = |topic: &str| {
+            let (_, output) = plan.find(run, topic)?;
+            let value_type = output.value_type()?;
+            (output.recorded && !output.once).then_some((output.topic.as_str(), value_type))
+        };
+        let mut types = Vec::with_capacity(topics.len());
+        let mut channels = Vec::new();
+        for (position, topic) in topics.iter().enumerate() {
+            let Some((topic, value_type)) = recorded(topic.as_ref()) else {
+                let known = plan.outputs(run).filter(|(_, output)| output.recorded && !output.once);
+                return Err(RecordingError::UnknownTopic {
+                    path: recording.path().to_owned(),
+                    prefix: planned.prefix.clone(),
+                    topic: topic.as_ref().to_owned(),
+                    known: known.map(|(_, output)| output.topic.clone()).collect(),
+                });
+            };
+            types.push(value_type);
+            for (id, channel) in recording.index.channels.iter().filter(|(_, channel)| channel.topic == topic) {
+                let schema = recording.index.schema_of(channel).and_then(Schema::named);
+                let what = || recording.file.damaged(0, format!("channel {id} is of an unknown schema"));
+                channels.push((*id, schema.ok_or_else(what)?, position));
+            }
+        }
+        Ok(Self { recording, run, types, channels, buffers: ChunkBuffers::default(), next: 0 })
+    }
+
+    /// The values of the frame at that position among [`Recording::frames`], one a topic, in the order the topics were
+    /// asked for; `None` where the topic has no value on the frame.
+    ///
+    /// # Errors
+    /// If there is no such frame, or its bytes are damaged.
+    pub fn read(&mut self, position: usize) -> Result<Vec<Option<Value>>, RecordingError> {
+        let recording = self.recording;
+        let frame = recording.frames(self.run).get(position).ok_or_else(|| RecordingError::Missing {
+            path: recording.path().to_owned(),
+            what: format!("frame at position {position} of run {}", self.run),
+        })?;
+        let mut gathered: Vec<Gathered> = Vec::new();
+        gathered.resize_with(self.types.len(), Gathered::default);
+        for chunk in frame.chunks(&recording.index) {
+            if !self.channels.iter().any(|(channel, ..)| chunk.channels.binary_search(channel).is_ok()) {
+                continue;
+            }
+            let (channels, types) = (&self.channels, &self.types);
+            self.buffers.each_message(&recording.file, chunk, |message| {
+                for (_, schema, topic) in channels.iter().filter(|(channel, ..)| *channel == message.channel) {
+                    gathered[*topic].take(*schema, types[*topic], message.data)?;
+                }
+                Ok(())
+            })?;
+        }
+        Ok(gathered.into_iter().map(Gathered::into_value).collect())
+    }
+}
+
+impl<'a> Iterator for FrameReader<'a> {
+    type Item = Result<(&'a RecordedFrame, Vec<Option<Value>>), RecordingError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        let frame = self.recording.frames(self.run).get(self.next)?;
+        let values = self.read(self.next);
+        self.next += 1;
+        Some(values.map(|values| (frame, values)))
+    }
+}

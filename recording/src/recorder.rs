@@ -1,0 +1,249 @@
+//! A recording being written: the tap of a run.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use depthloom_graphs::contracts::{Commit, Slot, Tap, TapError};
+use depthloom_graphs::plan::Plan;
+use depthloom_graphs::values::Artifact;
+use depthloom_graphs::{Frame, Key, Value};
+use prost::Message;
+use serde::Serialize;
+
+use crate::chunk::{Packing, Part, PartBuilder};
+use crate::encode::{Stamp, encoded, put_compressed_image, put_value, put_view};
+use crate::error::RecordingError;
+use crate::layout::{Class, Layout, PortLayout};
+use crate::messages::{CommitMessage, ScoreMessage};
+use crate::plan::RecordedPlan;
+use crate::writer::Writer;
+use crate::{FORMAT, ONCE_METADATA, PLAN_METADATA};
+
+/// A file kept inside a recording.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Attachment {
+    /// Its name, with `/` between folders.
+    pub name: String,
+    /// What it holds, e.g. `text/csv`.
+    pub media_type: String,
+    /// Its content.
+    pub bytes: Vec<u8>,
+}
+
+/// What a recording came to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Written {
+    /// The file's size.
+    pub bytes: u64,
+    /// How many frames were committed, over all stage runs.
+    pub frames: u64,
+    /// How many messages it holds.
+    pub messages: u64,
+    /// How many chunks they lie in.
+    pub chunks: u64,
+}
+
+/// Writes the values of a run into one MCAP file.
+///
+/// Parts are framed and compressed by [`Tap::encode`] on whichever thread calls it; [`Tap::write`] only appends bytes.
+/// After every frame the file is readable up to it, whatever happens to the process.
+pub struct Recorder {
+    path: PathBuf,
+    layout: Layout,
+    every: u64,
+    state: Mutex<State>,
+}
+
+struct State {
+    writer: Writer,
+    frames: u64,
+    artifacts: BTreeSet<Key>,
+}
+
+impl Recorder {
+    /// Makes the file (usually one that is renamed when whole), and writes the plan and the experiment's files into it.
+    ///
+    /// # Errors
+    /// If the plan cannot be recorded, or the file cannot be made.
+    pub fn create(path: impl Into<PathBuf>, plan: &Plan) -> Result<Self, RecordingError> {
+        let path = path.into();
+        let layout = Layout::of(plan)?;
+        let recorded = RecordedPlan::of(plan);
+        let mut writer = Writer::create(&path, layout.channels.clone())?;
+        let metadata = BTreeMap::from([
+            ("format".to_owned(), FORMAT.to_owned()),
+            ("plan".to_owned(), json(&recorded)),
+            ("aliases".to_owned(), json(&recorded.aliases())),
+        ]);
+        writer.metadata(PLAN_METADATA, &metadata)?;
+        for (name, text) in experiment_files(plan) {
+            writer.attachment(&name, "application/yaml", text.as_bytes())?;
+        }
+        let state = State { writer, frames: 0, artifacts: BTreeSet::new() };
+        Ok(Self { path, layout, every: plan.record.every.max(1), state: Mutex::new(state) })
+    }
+
+    /// The file being written.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Adds the attachments, writes the summary and closes the file.
+    ///
+    /// # Errors
+    /// If the disk refuses, or did before.
+    pub fn finish(&self, attachments: &[Attachment]) -> Result<Written, RecordingError> {
+        let mut state = self.state();
+        for attachment in attachments {
+            state.writer.attachment(&attachment.name, &attachment.media_type, &attachment.bytes)?;
+        }
+        let (bytes, counts) = state.writer.finish()?;
+        let messages = counts.messages.values().sum();
+        Ok(Written { bytes, frames: state.frames, messages, chunks: u64::from(counts.chunks) })
+    }
+
+    fn state(&self) -> MutexGuard<'_, State> {
+        // A thread that panicked within left at worst a writer that refuses what follows.
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn put(&self, part: &mut PartBuilder<'_>, frame: &Frame, port: &PortLayout, value: &Value) {
+        let stamp = Stamp { frame, frame_id: &port.frame_id };
+        if let Value::Scores(rows) = value {
+            for row in rows.iter() {
+                let message = ScoreMessage::new(&frame.id, row).encode_to_vec();
+                part.message(port.channel, Packing::Plain, message.len(), |out| out.extend_from_slice(&message));
+            }
+            return;
+        }
+        if let (Some(encoded), Some(channel)) = (encoded(value), port.compressed_channel) {
+            let put = |out: &mut Vec<u8>| put_compressed_image(out, stamp, encoded);
+            part.message(channel, Packing::Plain, encoded.bytes.len(), put);
+            return;
+        }
+        let (packing, size) = match value {
+            Value::Disparity(disparity) => (Packing::Compressed, 2 * disparity.sixteenths_px.len()),
+            Value::Mask(mask) => (Packing::Compressed, mask.set.len()),
+            Value::Depth(depth) if port.class == Class::FixedPoint => (Packing::Compressed, 4 * depth.metres.len()),
+            Value::Depth(depth) => (Packing::Measured, 4 * depth.metres.len()),
+            Value::Weight(weight) => (Packing::Measured, 4 * weight.share.len()),
+            Value::Image(image) => {
+                let (width, height) = image.dimensions();
+                (Packing::Measured, 3 * width as usize * height as usize)
+            }
+            Value::Calibration(_) | Value::Scores(_) | Value::Samples(_) | Value::Model(_) => (Packing::Plain, 512),
+        };
+        part.message(port.channel, packing, size, |out| put_value(out, stamp, value));
+        if let (Value::Depth(depth), Some(channel)) = (value, port.view_channel) {
+            part.message(channel, Packing::View, 2 * depth.metres.len(), |out| put_view(out, stamp, depth));
+        }
+    }
+}
+
+impl Tap for Recorder {
+    type Part = Part;
+
+    fn parts(&self, run: usize) -> usize {
+        self.layout.runs[run].parts
+    }
+
+    fn part(&self, run: usize, slot: Slot) -> Option<usize> {
+        Some(self.layout.runs[run].port(slot)?.part)
+    }
+
+    fn encode(&self, run: usize, frame: &Frame, part: usize, values: &[(Slot, Value)]) -> Result<Part, TapError> {
+        let kept = frame.index.is_multiple_of(self.every);
+        let mut builder = PartBuilder::new(frame);
+        for (slot, value) in values {
+            let Some(port) = self.layout.runs[run].port(*slot).filter(|port| port.part == part) else { continue };
+            if matches!(value, Value::Samples(_) | Value::Model(_)) {
+                let what = format!("a value of type {} came with a frame", value.value_type());
+                let (frame, topic) = (frame.id.to_string(), port.topic.to_string());
+                return Err(tap_error(RecordingError::Value { frame, topic, what }));
+            }
+            if kept || port.class == Class::Rows {
+                self.put(&mut builder, frame, port, value);
+            }
+        }
+        builder.finish().map_err(|error| TapError {
+            what: format!("failed to compress frame {} for {}", frame.id, self.path.display()),
+            source: Some(Box::new(error)),
+        })
+    }
+
+    fn write(&self, commit: &Commit<'_>, parts: Vec<Part>) -> Result<(), TapError> {
+        let message = CommitMessage::new(commit).encode_to_vec();
+        let mut closing = PartBuilder::new(commit.frame);
+        let channel = self.layout.runs[commit.run].commit_channel;
+        closing.message(channel, Packing::Plain, message.len(), |out| out.extend_from_slice(&message));
+        let closing = closing.finish().expect("a commit record is not compressed");
+        let mut state = self.state();
+        for part in parts.iter().chain([&closing]) {
+            state.writer.part(part).map_err(tap_error)?;
+        }
+        state.frames += 1;
+        Ok(())
+    }
+
+    fn once(&self, run: usize, slot: Slot, key: &Key, value: &Value) -> Result<(), TapError> {
+        let (Value::Samples(artifact) | Value::Model(artifact)) = value else {
+            let what = format!("a once-value of type {} cannot be recorded", value.value_type());
+            return Err(TapError { what, source: None });
+        };
+        let Slot::Node { node, port } = slot else {
+            return Err(TapError { what: "a source has no once-values".to_owned(), source: None });
+        };
+        let mut state = self.state();
+        let name = artifact_name(artifact);
+        if state.artifacts.insert(artifact.hash) {
+            state.writer.attachment(&name, &artifact.media_type, &artifact.bytes).map_err(tap_error)?;
+        }
+        let metadata = [
+            ("run", run.to_string()),
+            ("node", node.to_string()),
+            ("port", port.to_string()),
+            ("type", value.value_type().name().to_owned()),
+            ("key", key.to_string()),
+            ("hash", artifact.hash.to_string()),
+            ("media_type", artifact.media_type.clone()),
+            ("attachment", name),
+        ];
+        let metadata = metadata.into_iter().map(|(name, text)| (name.to_owned(), text)).collect();
+        state.writer.metadata(ONCE_METADATA, &metadata).map_err(tap_error)
+    }
+}
+
+fn json(value: &impl Serialize) -> String {
+    serde_json::to_string(value).expect("plans hold nothing that JSON cannot")
+}
+
+/// The attachment that holds a once-value.
+fn artifact_name(artifact: &Artifact) -> String {
+    format!("artifacts/{}", artifact.hash)
+}
+
+/// The experiment's files, as written and as resolved, by the names they have as attachments: without folders, which differ
+/// between machines.
+fn experiment_files(plan: &Plan) -> Vec<(String, &str)> {
+    let mut files: Vec<(String, &str)> = Vec::new();
+    for (path, text) in &plan.written {
+        let name = Path::new(path).file_name().map_or_else(|| path.clone(), |name| name.to_string_lossy().into_owned());
+        let mut attachment = format!("experiment/{name}");
+        if files.iter().any(|(taken, _)| *taken == attachment) {
+            attachment = format!("experiment/{}-{name}", files.len());
+        }
+        files.push((attachment, text));
+    }
+    files.push(("experiment.resolved.yaml".to_owned(), &plan.resolved));
+    files
+}
+
+fn tap_error(error: RecordingError) -> TapError {
+    let what = match error.remedy() {
+        Some(remedy) => format!("{error} ({remedy})"),
+        None => error.to_string(),
+    };
+    TapError { what, source: Some(Box::new(error)) }
+}

@@ -1,0 +1,189 @@
+//! The schemas of a recording: Foxglove's, with whole descriptor sets, and depthloom's own two.
+//!
+//! Foxglove's `RawImage` and `CameraCalibration` get one field each beyond Foxglove's own, declared in the descriptor that
+//! the recording carries and skipped by readers that do not know it: the smallest disparity searched, without which a
+//! fixed-point map cannot be read back, and the pair's baseline, which `P` holds only as a rounded product.
+
+use std::sync::OnceLock;
+
+use foxglove::Encode;
+use foxglove::messages::{CameraCalibration, CompressedImage, RawImage};
+use prost::Message;
+use prost_types::field_descriptor_proto::{Label, Type};
+use prost_types::{
+    DescriptorProto, FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet, OneofDescriptorProto,
+};
+
+/// `RawImage`: the smallest disparity searched, whole pixels; of disparity maps only.
+pub(crate) const MIN_DISPARITY_PX: u32 = 1001;
+/// `CameraCalibration`: the distance between the two cameras' centres, metres.
+pub(crate) const BASELINE_M: u32 = 1001;
+
+/// A schema.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum Schema {
+    CompressedImage,
+    RawImage,
+    CameraCalibration,
+    Score,
+    Commit,
+}
+
+impl Schema {
+    pub(crate) const ALL: [Self; 5] =
+        [Self::CompressedImage, Self::RawImage, Self::CameraCalibration, Self::Score, Self::Commit];
+
+    /// Its id in every recording; zero is reserved by the format.
+    pub(crate) const fn id(self) -> u16 {
+        self as u16 + 1
+    }
+
+    pub(crate) const fn name(self) -> &'static str {
+        match self {
+            Self::CompressedImage => "foxglove.CompressedImage",
+            Self::RawImage => "foxglove.RawImage",
+            Self::CameraCalibration => "foxglove.CameraCalibration",
+            Self::Score => "depthloom.Score",
+            Self::Commit => "depthloom.Commit",
+        }
+    }
+
+    pub(crate) fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|schema| schema.name() == name)
+    }
+
+    /// The serialized `FileDescriptorSet`.
+    pub(crate) fn descriptor_set(self) -> &'static [u8] {
+        static SETS: OnceLock<[Vec<u8>; 5]> = OnceLock::new();
+        let sets = SETS.get_or_init(|| Self::ALL.map(|schema| schema.build().encode_to_vec()));
+        &sets[self as usize]
+    }
+
+    fn build(self) -> FileDescriptorSet {
+        match self {
+            Self::CompressedImage => foxglove_set::<CompressedImage>(),
+            Self::RawImage => {
+                let field = field("min_disparity_px", MIN_DISPARITY_PX, Type::Sint32);
+                extended(foxglove_set::<RawImage>(), "RawImage", field)
+            }
+            Self::CameraCalibration => {
+                let field = field("baseline_m", BASELINE_M, Type::Double);
+                extended(foxglove_set::<CameraCalibration>(), "CameraCalibration", field)
+            }
+            Self::Score => own_set("depthloom/Score.proto", vec![score()]),
+            Self::Commit => own_set("depthloom/Commit.proto", vec![commit(), node_key(), failure()]),
+        }
+    }
+}
+
+fn foxglove_set<T: Encode>() -> FileDescriptorSet {
+    let schema = T::get_schema().expect("foxglove's messages have schemas");
+    FileDescriptorSet::decode(&*schema.data).expect("foxglove's schemas are descriptor sets")
+}
+
+/// The set with one more field in one of its messages.
+fn extended(mut set: FileDescriptorSet, message: &str, field: FieldDescriptorProto) -> FileDescriptorSet {
+    let messages = set.file.iter_mut().flat_map(|file| &mut file.message_type);
+    let found = messages.into_iter().find(|descriptor| descriptor.name() == message);
+    found.expect("a descriptor set holds its message").field.push(field);
+    set
+}
+
+fn own_set(file: &str, messages: Vec<DescriptorProto>) -> FileDescriptorSet {
+    let file = FileDescriptorProto {
+        name: Some(file.to_owned()),
+        package: Some("depthloom".to_owned()),
+        message_type: messages,
+        syntax: Some("proto3".to_owned()),
+        ..FileDescriptorProto::default()
+    };
+    FileDescriptorSet { file: vec![file] }
+}
+
+fn field(name: &str, number: u32, kind: Type) -> FieldDescriptorProto {
+    FieldDescriptorProto {
+        name: Some(name.to_owned()),
+        number: Some(number as i32),
+        label: Some(Label::Optional.into()),
+        r#type: Some(kind.into()),
+        ..FieldDescriptorProto::default()
+    }
+}
+
+fn message(name: &str, fields: Vec<FieldDescriptorProto>) -> DescriptorProto {
+    DescriptorProto { name: Some(name.to_owned()), field: fields, ..DescriptorProto::default() }
+}
+
+/// Marks a field as one whose absence can be told; proto3 does so by a `oneof` of its own.
+fn optional(mut message: DescriptorProto, field: &str) -> DescriptorProto {
+    let index = message.oneof_decl.len() as i32;
+    message.oneof_decl.push(OneofDescriptorProto { name: Some(format!("_{field}")), options: None });
+    let found = message.field.iter_mut().find(|descriptor| descriptor.name() == field);
+    let found = found.expect("the field is declared");
+    found.oneof_index = Some(index);
+    found.proto3_optional = Some(true);
+    message
+}
+
+fn repeated(name: &str, number: u32, type_name: &str) -> FieldDescriptorProto {
+    FieldDescriptorProto {
+        label: Some(Label::Repeated.into()),
+        type_name: Some(format!(".depthloom.{type_name}")),
+        ..field(name, number, Type::Message)
+    }
+}
+
+fn score() -> DescriptorProto {
+    let mut fields =
+        vec![field("frame", 1, Type::String), field("set", 2, Type::String), field("pixels", 3, Type::Uint64)];
+    let scores = depthloom_scores::SCORE_NAMES;
+    fields.extend(scores.iter().zip(4..).map(|(name, number)| field(name, number, Type::Double)));
+    scores.into_iter().fold(message("Score", fields), optional)
+}
+
+fn commit() -> DescriptorProto {
+    let fields = vec![
+        field("run", 1, Type::Uint32),
+        field("frame", 2, Type::String),
+        field("index", 3, Type::Uint64),
+        field("source_key", 4, Type::String),
+        repeated("keys", 5, "NodeKey"),
+        repeated("failures", 6, "Failure"),
+    ];
+    message("Commit", fields)
+}
+
+fn node_key() -> DescriptorProto {
+    message("NodeKey", vec![field("node", 1, Type::Uint32), field("key", 2, Type::String)])
+}
+
+fn failure() -> DescriptorProto {
+    let failure = message("Failure", vec![field("node", 1, Type::Uint32), field("what", 2, Type::String)]);
+    optional(failure, "node")
+}
+
+#[cfg(test)]
+mod tests {
+    use prost::Message;
+    use prost_types::FileDescriptorSet;
+
+    use super::Schema;
+
+    #[test]
+    fn every_set_is_whole() {
+        for schema in Schema::ALL {
+            let set = FileDescriptorSet::decode(schema.descriptor_set()).unwrap();
+            let files: Vec<_> = set.file.iter().map(|file| file.name().to_owned()).collect();
+            for file in &set.file {
+                for dependency in &file.dependency {
+                    assert!(files.contains(dependency), "{}: {dependency} is missing", schema.name());
+                }
+            }
+            let (package, message) = schema.name().split_once('.').unwrap();
+            let found = set.file.iter().any(|file| {
+                file.package() == package && file.message_type.iter().any(|descriptor| descriptor.name() == message)
+            });
+            assert!(found, "{} is in its own set", schema.name());
+        }
+    }
+}

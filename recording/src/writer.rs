@@ -1,0 +1,190 @@
+//! The file of a recording being written: appends, and knows what the summary must say.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{self, Write as _};
+use std::path::{Path, PathBuf};
+
+use crc32fast::Hasher;
+use mcap::records::op;
+
+use crate::chunk::Part;
+use crate::error::RecordingError;
+use crate::layout::ChannelLayout;
+use crate::record::{
+    Counts, put_attachment, put_attachment_index, put_channel, put_chunk_index, put_data_end, put_footer, put_header,
+    put_metadata, put_metadata_index, put_schema, put_statistics, put_summary_offset,
+};
+use crate::schema::Schema;
+
+/// The library named in the file's header: no version, since equal runs are equal files.
+const LIBRARY: &str = "depthloom";
+
+/// Appends to a recording's file.
+///
+/// Nothing is held back in this process, so what was written is there if the process is killed. Schemas and channels are
+/// written when the first message needs them.
+pub(crate) struct Writer {
+    path: PathBuf,
+    file: File,
+    position: u64,
+    crc: Hasher,
+    channels: Vec<ChannelLayout>,
+    schemas_written: Vec<Schema>,
+    channels_written: Vec<u16>,
+    counts: Counts,
+    /// The records of the summary, in the bytes in which they will be written: the least memory.
+    chunk_indexes: Vec<u8>,
+    attachment_indexes: Vec<u8>,
+    metadata_indexes: Vec<u8>,
+    closed: Option<&'static str>,
+}
+
+impl Writer {
+    pub(crate) fn create(path: &Path, channels: Vec<ChannelLayout>) -> Result<Self, RecordingError> {
+        let file = File::create(path).map_err(|source| RecordingError::Create { path: path.to_owned(), source })?;
+        let mut writer = Self {
+            path: path.to_owned(),
+            file,
+            position: 0,
+            crc: Hasher::new(),
+            channels,
+            schemas_written: Vec::new(),
+            channels_written: Vec::new(),
+            counts: Counts::default(),
+            chunk_indexes: Vec::new(),
+            attachment_indexes: Vec::new(),
+            metadata_indexes: Vec::new(),
+            closed: None,
+        };
+        let mut start = mcap::MAGIC.to_vec();
+        put_header(&mut start, LIBRARY);
+        writer.append(&start)?;
+        Ok(writer)
+    }
+
+    /// Appends the chunks of a part.
+    pub(crate) fn part(&mut self, part: &Part) -> Result<(), RecordingError> {
+        if part.chunks.is_empty() {
+            return Ok(());
+        }
+        let mut declarations = Vec::new();
+        for channel in &part.messages {
+            self.declare(&mut declarations, *channel);
+            *self.counts.messages.entry(*channel).or_default() += 1;
+        }
+        if !declarations.is_empty() {
+            self.append(&declarations)?;
+        }
+        let base = self.position;
+        self.append_checked(&part.bytes, &part.crc)?;
+        for chunk in &part.chunks {
+            put_chunk_index(&mut self.chunk_indexes, base, chunk);
+            self.counts.chunks += 1;
+            let (first, last) = self.counts.times_ns.unwrap_or((chunk.time_ns, chunk.time_ns));
+            self.counts.times_ns = Some((first.min(chunk.time_ns), last.max(chunk.time_ns)));
+        }
+        Ok(())
+    }
+
+    pub(crate) fn attachment(&mut self, name: &str, media_type: &str, data: &[u8]) -> Result<(), RecordingError> {
+        let mut record = Vec::with_capacity(data.len() + name.len() + media_type.len() + 64);
+        put_attachment(&mut record, name, media_type, data);
+        let (offset, length) = (self.position, record.len() as u64);
+        self.append(&record)?;
+        put_attachment_index(&mut self.attachment_indexes, offset, length, data.len() as u64, name, media_type);
+        self.counts.attachments += 1;
+        Ok(())
+    }
+
+    pub(crate) fn metadata(&mut self, name: &str, metadata: &BTreeMap<String, String>) -> Result<(), RecordingError> {
+        let mut record = Vec::new();
+        put_metadata(&mut record, name, metadata);
+        let (offset, length) = (self.position, record.len() as u64);
+        self.append(&record)?;
+        put_metadata_index(&mut self.metadata_indexes, offset, length, name);
+        self.counts.metadata += 1;
+        Ok(())
+    }
+
+    /// Writes the summary; nothing can be written after it. Gives the file's size and what it holds.
+    pub(crate) fn finish(&mut self) -> Result<(u64, Counts), RecordingError> {
+        let mut end = Vec::new();
+        put_data_end(&mut end, self.crc.clone().finalize());
+        self.append(&end)?;
+        let start = self.position;
+        let mut summary = Vec::new();
+        let mut offsets = Vec::new();
+        let mut group = |summary: &mut Vec<u8>, opcode, put: &mut dyn FnMut(&mut Vec<u8>)| {
+            let group_start = summary.len() as u64;
+            put(summary);
+            let length = summary.len() as u64 - group_start;
+            if length > 0 {
+                put_summary_offset(&mut offsets, opcode, start + group_start, length);
+            }
+        };
+        group(&mut summary, op::SCHEMA, &mut |out| {
+            self.schemas_written.iter().for_each(|schema| put_declared_schema(out, *schema));
+        });
+        group(&mut summary, op::CHANNEL, &mut |out| {
+            self.channels_written.iter().for_each(|id| put_declared_channel(out, &self.channels, *id));
+        });
+        group(&mut summary, op::STATISTICS, &mut |out| put_statistics(out, &self.counts));
+        group(&mut summary, op::CHUNK_INDEX, &mut |out| out.append(&mut self.chunk_indexes));
+        group(&mut summary, op::ATTACHMENT_INDEX, &mut |out| out.append(&mut self.attachment_indexes));
+        group(&mut summary, op::METADATA_INDEX, &mut |out| out.append(&mut self.metadata_indexes));
+        let offsets_start = start + summary.len() as u64;
+        summary.append(&mut offsets);
+        put_footer(&mut summary, start, offsets_start);
+        summary.extend_from_slice(mcap::MAGIC);
+        self.append(&summary)?;
+        self.closed = Some("it is finished");
+        Ok((self.position, self.counts.clone()))
+    }
+
+    /// Appends the channel, and its schema, unless they are there already.
+    fn declare(&mut self, out: &mut Vec<u8>, channel: u16) {
+        if self.channels_written.contains(&channel) {
+            return;
+        }
+        let schema = self.channels[usize::from(channel) - 1].schema;
+        if !self.schemas_written.contains(&schema) {
+            put_declared_schema(out, schema);
+            self.schemas_written.push(schema);
+            self.counts.schemas += 1;
+        }
+        put_declared_channel(out, &self.channels, channel);
+        self.channels_written.push(channel);
+        self.counts.channels += 1;
+    }
+
+    fn append(&mut self, bytes: &[u8]) -> Result<(), RecordingError> {
+        let mut crc = Hasher::new();
+        crc.update(bytes);
+        self.append_checked(bytes, &crc)
+    }
+
+    fn append_checked(&mut self, bytes: &[u8], crc: &Hasher) -> Result<(), RecordingError> {
+        if let Some(why) = self.closed {
+            return Err(RecordingError::Closed { path: self.path.clone(), why });
+        }
+        self.file.write_all(bytes).map_err(|source| self.refused(source))?;
+        self.position += bytes.len() as u64;
+        self.crc.combine(crc);
+        Ok(())
+    }
+
+    fn refused(&mut self, source: io::Error) -> RecordingError {
+        self.closed = Some("an earlier write failed");
+        RecordingError::Write { path: self.path.clone(), offset: self.position, source }
+    }
+}
+
+fn put_declared_schema(out: &mut Vec<u8>, schema: Schema) {
+    put_schema(out, schema.id(), schema.name(), schema.descriptor_set());
+}
+
+fn put_declared_channel(out: &mut Vec<u8>, channels: &[ChannelLayout], id: u16) {
+    let channel = &channels[usize::from(id) - 1];
+    put_channel(out, id, channel.schema.id(), &channel.topic, &channel.metadata);
+}

@@ -1,0 +1,273 @@
+//! A plan with an output port of every type, and frames of made values for it.
+#![expect(clippy::unwrap_used, reason = "a fixture fails as a test does")]
+
+use std::path::Path;
+use std::sync::Arc;
+
+use depthloom_graphs::contracts::{Commit, Contract, Failure, Slot, SlotKey, Tap};
+use depthloom_graphs::plan::{
+    Estimate, From as Wire, Plan, PlannedInput, PlannedNode, PlannedOutput, PlannedSource, Record, SourcePart, StageRun,
+};
+use depthloom_graphs::values::{
+    Artifact, Calibration, Depth, Disparity, Encoded, Image, ImageFormat, Mask, Pixels, Raster, Weight,
+};
+use depthloom_graphs::{Frame, Key, Port, Value, ValueType};
+use depthloom_recording::{Attachment, Recorder};
+use depthloom_scores::{PixelSet, ScoreRow};
+use image::{GrayImage, RgbImage};
+use serde_json::json;
+
+/// What a node of the fixture reads and gives.
+struct NodeSpec {
+    name: &'static str,
+    inputs: &'static [(&'static str, Slot)],
+    outputs: &'static [Port],
+}
+
+const LEFT: Slot = Slot::Source { port: 0 };
+const NODES: &[NodeSpec] = &[
+    NodeSpec {
+        name: "stereo",
+        inputs: &[("left", LEFT), ("right", Slot::Source { port: 1 })],
+        outputs: &[Port::frame("disparity", ValueType::Disparity, "Fixed-point disparity.")],
+    },
+    NodeSpec {
+        name: "depth",
+        inputs: &[("disparity", Slot::Node { node: 0, port: 0 })],
+        outputs: &[Port::frame("depth", ValueType::Depth, "Depth of the disparity.")],
+    },
+    NodeSpec {
+        name: "edges",
+        inputs: &[("image", LEFT)],
+        outputs: &[
+            Port::frame("weight", ValueType::Weight, "Confidence."),
+            Port::frame("mask", ValueType::Mask, "Edges."),
+        ],
+    },
+    NodeSpec {
+        name: "fused",
+        inputs: &[("stereo", Slot::Node { node: 1, port: 0 }), ("weight", Slot::Node { node: 2, port: 0 })],
+        outputs: &[Port::frame("depth", ValueType::Depth, "Fused depth.")],
+    },
+    NodeSpec {
+        name: "score_fused",
+        inputs: &[("estimate", Slot::Node { node: 3, port: 0 }), ("truth", Slot::Source { port: 2 })],
+        outputs: &[Port::frame("scores", ValueType::Scores, "Scores.")],
+    },
+    NodeSpec { name: "teacher", inputs: &[], outputs: &[Port::once("model", ValueType::Model, "A network.")] },
+];
+
+/// The source's ports.
+const SOURCE: [Port; 4] = [
+    Port::frame("left", ValueType::Image, "Left image."),
+    Port::frame("right", ValueType::Image, "Right image."),
+    Port::frame("depth", ValueType::Depth, "True depth.").optional(),
+    Port::frame("calibration", ValueType::Calibration, "Calibration."),
+];
+
+fn port_type(slot: Slot) -> ValueType {
+    match slot {
+        Slot::Source { port } => SOURCE[port].value_type,
+        Slot::Node { node, port } => NODES[node].outputs[port].value_type,
+    }
+}
+
+/// A plan of one stage run, `/compare`.
+pub fn plan() -> Plan {
+    let output = |folder: &str, port: &Port| PlannedOutput {
+        port: port.clone(),
+        topic: format!("/compare/{folder}/{}", port.name),
+        aliases: vec![format!("/compare/full/{folder}/{}", port.name)],
+        recorded: true,
+    };
+    let nodes = NODES.iter().map(|spec| PlannedNode {
+        name: spec.name.to_owned(),
+        kind: format!("test/{}", spec.name),
+        version: 1,
+        contract: if spec.name == "teacher" { Contract::Once } else { Contract::Pure },
+        params: json!({ "sets": ["answered", "all"], "preset": "paper" }),
+        inputs: spec
+            .inputs
+            .iter()
+            .map(|(name, from)| PlannedInput {
+                port: Port::frame(name, port_type(*from), ""),
+                from: Some(Wire::Here(*from)),
+            })
+            .collect(),
+        outputs: spec.outputs.iter().map(|port| output(spec.name, port)).collect(),
+        recipe: Key::of_content(spec.name.as_bytes()),
+        variants: vec![0, 1],
+    });
+    let run = StageRun {
+        stage: "compare".to_owned(),
+        prefix: "/compare".to_owned(),
+        source: PlannedSource {
+            name: "test".to_owned(),
+            parts: vec![SourcePart { kind: "test/source".to_owned(), version: 3, params: json!({ "seed": 1 }) }],
+            outputs: SOURCE.iter().map(|port| output("source", port)).collect(),
+        },
+        nodes: nodes.collect(),
+        estimates: vec![Estimate {
+            label: "fused".to_owned(),
+            name: "fused".to_owned(),
+            variant: None,
+            estimate: Slot::Node { node: 3, port: 0 },
+            truth: Slot::Source { port: 2 },
+            score_node: 4,
+        }],
+        variants: vec![0, 1],
+    };
+    Plan {
+        experiment: "fixture".to_owned(),
+        about: "Every type of value.".to_owned(),
+        variants: vec!["full".to_owned(), "plain".to_owned()],
+        runs: vec![run],
+        record: Record { every: 1, view: false },
+        written: vec![("/somewhere/fixture.yaml".to_owned(), "experiment: fixture\n".to_owned())],
+        resolved: "experiment: fixture\nvariants: {}\n".to_owned(),
+    }
+}
+
+/// Numbers that look like noise, the same on every machine.
+pub struct Noise(pub u64);
+
+impl Noise {
+    /// The next 32 bits.
+    pub fn bits(&mut self) -> u32 {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 32) as u32
+    }
+
+    /// A share in [0, 1).
+    pub fn share(&mut self) -> f32 {
+        (self.bits() >> 8) as f32 / (1 << 24) as f32
+    }
+}
+
+/// A raster of made samples.
+pub fn raster<T: Copy>(width: u32, height: u32, mut sample: impl FnMut() -> T) -> Raster<T>
+where
+    image::Luma<T>: image::Pixel<Subpixel = T>,
+{
+    let samples = (0..width * height).map(|_| sample()).collect();
+    Raster::from_raw(width, height, samples).unwrap()
+}
+
+/// A frame's values: the source's, then the nodes', in plan order.
+pub fn values(frame: &Frame, width: u32, height: u32) -> Vec<(Slot, Value)> {
+    let mut noise = Noise(frame.index + 1);
+    let pixels =
+        Pixels::Rgb(RgbImage::from_fn(width, height, |x, y| image::Rgb([x as u8, y as u8, frame.index as u8])));
+    let made = Pixels::Grey(GrayImage::from_fn(width, height, |x, y| image::Luma([(x ^ y) as u8])));
+    let mut png = std::io::Cursor::new(Vec::new());
+    let Pixels::Rgb(rgb) = &pixels else { unreachable!() };
+    rgb.write_to(&mut png, image::ImageFormat::Png).unwrap();
+    let encoded = Encoded { format: ImageFormat::Png, bytes: png.into_inner().into() };
+    let disparity =
+        Disparity { sixteenths_px: raster(width, height, || (noise.bits() % 1024) as i16 - 16), min_disparity_px: -3 };
+    let metres = disparity.sixteenths_px.iter().map(|&d| if d > 0 { 386.0 * 16.0 / f32::from(d) } else { f32::NAN });
+    let stereo = Depth { metres: Raster::from_raw(width, height, metres.collect()).unwrap() };
+    let mut fused = raster(width, height, || noise.share() * 80.0);
+    // Other NaNs, infinities, zeros of both signs and subnormal numbers come back as they were.
+    for (pixel, bits) in fused.iter_mut().zip([0x7fc0_dead, 0xffc0_0001, 0x7f80_0000, 0x8000_0000, 1]) {
+        *pixel = f32::from_bits(bits);
+    }
+    let truth = raster(width, height, || if noise.bits().is_multiple_of(5) { noise.share() * 80.0 } else { f32::NAN });
+    let weight = Weight { share: raster(width, height, || noise.share()) };
+    let mask = Mask { set: raster(width, height, || if noise.bits().is_multiple_of(2) { 255 } else { 0 }) };
+    let calibration = Calibration {
+        width,
+        height,
+        focal_px: 721.5377 + frame.index as f64 / 3.0,
+        cx_px: 609.5593,
+        cy_px: 172.854,
+        baseline_m: 0.532_725_451_7,
+    };
+    let row = |set, a1| ScoreRow {
+        set,
+        pixels: 7 * frame.index,
+        a1,
+        a2: 0.1 + 0.2,
+        a3: 1.0,
+        abs_rel: f64::NAN,
+        sq_rel: 0.0,
+        rmse: 1e-300,
+        rmse_log: -0.0,
+        silog: 0.25,
+    };
+    let node = |node, port| Slot::Node { node, port };
+    let mut values: Vec<(Slot, Value)> = vec![
+        (Slot::Source { port: 0 }, Image::with_encoded(pixels, encoded).into()),
+        (Slot::Source { port: 1 }, Image::new(made).into()),
+    ];
+    if frame.index % 3 != 2 {
+        values.push((Slot::Source { port: 2 }, Depth { metres: truth }.into()));
+    }
+    values.extend([
+        (Slot::Source { port: 3 }, calibration.into()),
+        (node(0, 0), disparity.into()),
+        (node(1, 0), stereo.into()),
+        (node(2, 0), weight.into()),
+        (node(2, 1), mask.into()),
+        (node(3, 0), Depth { metres: fused }.into()),
+    ]);
+    if frame.index % 3 != 2 {
+        let rows = vec![row(PixelSet::Answered, 0.5), row(PixelSet::All, f64::NAN)];
+        values.push((node(4, 0), rows.into()));
+    }
+    values
+}
+
+/// The fixture's frame of that index.
+pub fn frame(index: u64) -> Frame {
+    Frame::at_10_hz(format!("{index:06}_10"), index)
+}
+
+/// The key of a node's values.
+pub fn key(frame: &Frame, node: usize) -> Key {
+    Key::build("test").number(frame.index).number(node as u64).finish()
+}
+
+/// Encodes a frame's parts in the order given by `order`, and commits it.
+pub fn record_frame(recorder: &Recorder, frame: &Frame, values: &[(Slot, Value)], backwards: bool) {
+    let parts = recorder.parts(0);
+    let mut order: Vec<usize> = (0..parts).collect();
+    if backwards {
+        order.reverse();
+    }
+    let mut encoded: Vec<Option<<Recorder as Tap>::Part>> = (0..parts).map(|_| None).collect();
+    for part in order {
+        let of_part: Vec<_> =
+            values.iter().filter(|(slot, _)| recorder.part(0, *slot) == Some(part)).cloned().collect();
+        encoded[part] = Some(recorder.encode(0, frame, part, &of_part).unwrap());
+    }
+    let nodes = 0..5;
+    let keys: Vec<SlotKey> = nodes
+        .filter(|node| values.iter().any(|(slot, _)| matches!(slot, Slot::Node { node: of, .. } if of == node)))
+        .map(|node| SlotKey { node, key: key(frame, node) })
+        .collect();
+    let failures = match frame.index % 3 {
+        2 => vec![Failure { node: Some(4), what: "score: no truth".to_owned() }],
+        _ => Vec::new(),
+    };
+    let source_key = Some(Key::build("source").number(frame.index).finish());
+    let commit = Commit { run: 0, frame, source_key, keys: &keys, failures: &failures };
+    recorder.write(&commit, encoded.into_iter().map(Option::unwrap).collect()).unwrap();
+}
+
+/// The once-value of the fixture.
+pub fn model() -> Value {
+    Value::Model(Arc::new(Artifact::new("model/onnx", vec![7_u8; 1000])))
+}
+
+/// Records frames of that size and finishes the file.
+pub fn record(path: &Path, plan: &Plan, frames: std::ops::Range<u64>, width: u32, height: u32) {
+    let recorder = Recorder::create(path, plan).unwrap();
+    for index in frames {
+        let frame = frame(index);
+        record_frame(&recorder, &frame, &values(&frame, width, height), index % 2 == 1);
+    }
+    recorder.once(0, Slot::Node { node: 5, port: 0 }, &Key::of_content(b"teacher"), &model()).unwrap();
+    let note = Attachment { name: "note.txt".to_owned(), media_type: "text/plain".to_owned(), bytes: b"note".to_vec() };
+    recorder.finish(&[note]).unwrap();
+}

@@ -1,0 +1,177 @@
+//! What is recorded is read back, bit for bit.
+
+use crate::fixture::{frame, key, plan, record, values};
+use depthloom_graphs::contracts::{Failure, Slot, Store};
+use depthloom_graphs::values::Pixels;
+use depthloom_graphs::{Key, Value};
+use depthloom_recording::{Recording, RecordingError};
+
+const WIDTH: u32 = 70;
+const HEIGHT: u32 = 40;
+
+fn bits(samples: &[f32]) -> Vec<u32> {
+    samples.iter().map(|sample| sample.to_bits()).collect()
+}
+
+/// Equality of every bit but those of NaN scores, which are recorded as absent.
+fn assert_same(recorded: &Value, read: &Value) {
+    match (recorded, read) {
+        (Value::Image(a), Value::Image(b)) => {
+            assert_eq!(a.pixels(), b.pixels());
+            assert_eq!(a.encoded(), b.encoded());
+        }
+        (Value::Disparity(a), Value::Disparity(b)) => assert_eq!(a, b),
+        (Value::Depth(a), Value::Depth(b)) => {
+            assert_eq!(a.metres.dimensions(), b.metres.dimensions());
+            assert_eq!(bits(&a.metres), bits(&b.metres));
+        }
+        (Value::Weight(a), Value::Weight(b)) => assert_eq!(bits(&a.share), bits(&b.share)),
+        (Value::Mask(a), Value::Mask(b)) => assert_eq!(a, b),
+        (Value::Calibration(a), Value::Calibration(b)) => assert_eq!(a, b),
+        (Value::Scores(a), Value::Scores(b)) => {
+            assert_eq!(a.len(), b.len());
+            for (a, b) in a.iter().zip(b.iter()) {
+                assert_eq!((a.set, a.pixels), (b.set, b.pixels));
+                let bits = |scores: [f64; 8]| scores.map(|s| if s.is_nan() { None } else { Some(s.to_bits()) });
+                assert_eq!(bits(a.scores()), bits(b.scores()));
+            }
+        }
+        (a, b) => panic!("{} came back as {}", a.value_type(), b.value_type()),
+    }
+}
+
+#[test]
+fn every_value_comes_back_bit_for_bit() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("recording.mcap");
+    record(&path, &plan(), 10..16, WIDTH, HEIGHT);
+    let recording = Recording::open(&path).unwrap();
+    assert!(recording.whole());
+    let outputs: Vec<_> = recording.plan().outputs(0).filter(|(_, output)| !output.once).collect();
+    let topics: Vec<&str> = outputs.iter().map(|(_, output)| output.topic.as_str()).collect();
+    assert_eq!(topics.len(), 10);
+    let mut reader = recording.reader(0, &topics).unwrap();
+    assert_eq!(recording.frames(0).len(), 6);
+    for (position, index) in (10..16).enumerate() {
+        let expected = values(&frame(index), WIDTH, HEIGHT);
+        let read = reader.read(position).unwrap();
+        for ((slot, output), read) in outputs.iter().zip(&read) {
+            let expected = expected.iter().find(|(of, _)| of == slot).map(|(_, value)| value);
+            match (expected, read) {
+                (Some(expected), Some(read)) => assert_same(expected, read),
+                (None, None) => {}
+                (expected, read) => panic!("{} of frame {index}: {expected:?}, {read:?}", output.topic),
+            }
+        }
+    }
+    let (first, from_iterator) = recording.reader(0, &topics[..1]).unwrap().next().unwrap().unwrap();
+    assert_eq!(&*first.id, "000010_10");
+    assert!(matches!(&from_iterator[0], Some(Value::Image(image)) if matches!(image.pixels(), Pixels::Rgb(_))));
+}
+
+#[test]
+fn frames_keep_ids_times_keys_and_failures() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("recording.mcap");
+    record(&path, &plan(), 0..3, 16, 16);
+    let recording = Recording::open(&path).unwrap();
+    let frames = recording.frames(0);
+    assert_eq!(
+        frames.iter().map(|of| (&*of.id, of.index, of.time_ns)).collect::<Vec<_>>(),
+        [("000000_10", 0, 0), ("000001_10", 1, 100_000_000), ("000002_10", 2, 200_000_000)]
+    );
+    assert_eq!(frames[1].source_key, Some(Key::build("source").number(1).finish()));
+    assert_eq!(frames[1].keys.iter().map(|of| of.node).collect::<Vec<_>>(), [0, 1, 2, 3, 4]);
+    assert_eq!(frames[1].keys[3].key, key(&frame(1), 3));
+    assert!(frames[1].failures.is_empty());
+    assert_eq!(frames[2].keys.len(), 4);
+    assert_eq!(frames[2].failures, [Failure { node: Some(4), what: "score: no truth".to_owned() }]);
+}
+
+#[test]
+fn the_plan_and_the_files_come_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("recording.mcap");
+    record(&path, &plan(), 0..1, 16, 16);
+    let recording = Recording::open(&path).unwrap();
+    let recorded = recording.plan();
+    assert_eq!(*recorded, depthloom_recording::RecordedPlan::of(&plan()));
+    let estimate = &recorded.runs[0].estimates[0];
+    assert_eq!(estimate.label, "fused");
+    assert_eq!(estimate.estimate_topic.as_deref(), Some("/compare/fused/depth"));
+    assert_eq!(estimate.truth_topic.as_deref(), Some("/compare/source/depth"));
+    assert_eq!(estimate.score_topic.as_deref(), Some("/compare/score_fused/scores"));
+    assert_eq!(estimate.score_params["preset"], "paper");
+    assert_eq!(recording.attachment("experiment/fixture.yaml").unwrap(), b"experiment: fixture\n");
+    assert_eq!(recording.attachment("experiment.resolved.yaml").unwrap(), b"experiment: fixture\nvariants: {}\n");
+    assert_eq!(recording.attachment("note.txt").unwrap(), b"note");
+    assert!(matches!(recording.attachment("other"), Err(RecordingError::Missing { .. })));
+}
+
+#[test]
+fn an_alias_reads_the_topic_it_stands_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("recording.mcap");
+    record(&path, &plan(), 0..1, 16, 16);
+    let recording = Recording::open(&path).unwrap();
+    let alias = recording.reader(0, &["/compare/full/fused/depth"]).unwrap().read(0).unwrap();
+    let topic = recording.reader(0, &["/compare/fused/depth"]).unwrap().read(0).unwrap();
+    assert_same(alias[0].as_ref().unwrap(), topic[0].as_ref().unwrap());
+    let unknown = recording.reader(0, &["/compare/fused/depht"]);
+    assert!(matches!(unknown, Err(RecordingError::UnknownTopic { topic, .. }) if topic == "/compare/fused/depht"));
+}
+
+#[test]
+fn values_are_found_by_key() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("recording.mcap");
+    record(&path, &plan(), 0..3, 16, 16);
+    let recording = Recording::open(&path).unwrap();
+    let frame = frame(1);
+    let expected = values(&frame, 16, 16);
+    let fused = expected.iter().find(|(slot, _)| *slot == Slot::Node { node: 3, port: 0 }).unwrap();
+    assert_same(&fused.1, &recording.get(&key(&frame, 3)).unwrap().unwrap());
+    let of_edges = recording.values_of(&key(&frame, 2)).unwrap().unwrap();
+    assert_eq!(of_edges.iter().map(|(port, _)| *port).collect::<Vec<_>>(), ["weight", "mask"]);
+    assert!(recording.get(&key(&frame, 2)).is_err(), "the key names two values");
+    let Some(Value::Model(model)) = recording.get(&Key::of_content(b"teacher")).unwrap() else { panic!("no model") };
+    assert_eq!(*model.bytes, [7; 1000]);
+    assert!(recording.get(&Key::of_content(b"unknown")).unwrap().is_none());
+}
+
+#[test]
+fn every_second_frame_keeps_values_and_every_frame_its_scores() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("recording.mcap");
+    let mut plan = plan();
+    plan.record.every = 2;
+    record(&path, &plan, 0..4, 16, 16);
+    let recording = Recording::open(&path).unwrap();
+    let mut reader = recording.reader(0, &["/compare/fused/depth", "/compare/score_fused/scores"]).unwrap();
+    let kept: Vec<(bool, bool)> = (0..4)
+        .map(|position| reader.read(position).unwrap())
+        .map(|values| (values[0].is_some(), values[1].is_some()))
+        .collect();
+    // Frame 2 has no truth, and so no scores.
+    assert_eq!(kept, [(true, true), (false, true), (true, false), (false, true)]);
+}
+
+#[test]
+fn parts_encoded_in_any_order_give_the_same_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let files = [false, true].map(|backwards| {
+        let path = folder.path().join(format!("{backwards}.mcap"));
+        let recorder = depthloom_recording::Recorder::create(&path, &plan()).unwrap();
+        // Meanwhile other frames' parts are encoded, as on a machine with more workers.
+        let other = values(&frame(99), 300, 100);
+        for index in 0..3 {
+            if backwards {
+                depthloom_graphs::contracts::Tap::encode(&recorder, 0, &frame(99), 1, &other).unwrap();
+            }
+            crate::fixture::record_frame(&recorder, &frame(index), &values(&frame(index), 300, 100), backwards);
+        }
+        recorder.finish(&[]).unwrap();
+        std::fs::read(path).unwrap()
+    });
+    assert!(files[0] == files[1]);
+}
