@@ -10,6 +10,7 @@ pub mod language;
 pub mod plan;
 pub mod ready;
 pub mod registry;
+pub mod render;
 pub mod value_keys;
 pub mod values;
 

@@ -22,9 +22,10 @@ fn loaded(name: &str, set: &[(&str, &str)]) -> Loaded {
 #[test]
 fn table1_loads() {
     let loaded = loaded("table1.yaml", &[]);
-    println!("{}", loaded.warnings);
-    println!("{:#?}", loaded.plan);
-    let kitti = self::loaded("table1-kitti.yaml", &[("sources.test.with.frames", "[3, 7]")]);
-    println!("{}", kitti.plan.resolved);
-    println!("{:?}", kitti.plan.runs[1].source);
+    println!("{}\n{}\n{}", loaded.plan.summary(), loaded.plan.mermaid(), loaded.plan.dot());
+    println!("{}", depthloom_graphs::render::kinds_index(&toys::registry()));
+    for kind in ["stereo/sgbm", "filter/median", "kitti/stereo2015", "fusion/scale", "learn/ssl"] {
+        println!("{}", depthloom_graphs::render::kind_reference(&toys::registry(), kind).unwrap());
+    }
+    std::fs::write("/tmp/schema.json", depthloom_graphs::language::schema(&toys::registry()).to_string()).unwrap();
 }

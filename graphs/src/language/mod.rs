@@ -24,6 +24,7 @@ mod recipe;
 mod record;
 mod reference;
 mod resolved;
+mod schema;
 mod schema_check;
 mod score;
 mod share;
@@ -36,4 +37,6 @@ mod wire;
 
 pub use diagnostics::{Diagnostic, Diagnostics, Related, Severity};
 pub use load::{Environment, Loaded, Options, load};
+pub use schema::schema;
+pub(crate) use schema_check::range_text;
 pub use source_file::{Place, SourceFile};

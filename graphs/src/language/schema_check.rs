@@ -228,7 +228,7 @@ fn number(value: &Json, schema: &Map<String, Json>, path: &[String], found: &mut
 }
 
 /// A schema's range in words: `1 to 80`, `above 0`.
-pub(super) fn range_text(schema: &Map<String, Json>) -> Option<String> {
+pub(crate) fn range_text(schema: &Map<String, Json>) -> Option<String> {
     let text = |key: &str| schema.get(key).filter(|bound| bound.is_number()).map(ToString::to_string);
     let below = text("maximum").map(|m| (m, true)).or_else(|| text("exclusiveMaximum").map(|m| (m, false)));
     let above = text("minimum").map(|m| (m, true)).or_else(|| text("exclusiveMinimum").map(|m| (m, false)));

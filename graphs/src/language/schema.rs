@@ -1,0 +1,257 @@
+//! The JSON Schema of an experiment file, from the registered kinds: editors complete and validate with it.
+//!
+//! It is a little more lenient than [`load`](super::load()): a file that extends another may leave out anything, so nothing but the shape of
+//! what is there can be required; and any scalar may be a `${NAME}`.
+
+use serde_json::{Map, Value as Json, json};
+
+use super::score;
+use crate::contracts::{Port, Rate};
+use crate::registry::Registry;
+use crate::values::ValueType;
+
+/// `node/output`, `source/output`, `stage.node/output`.
+const REFERENCE: &str = r"^([^./\s]+\.)?[^./\s]+/[^./\s]+$";
+const NAME: &str = r"^[^\s./+]+$";
+const PATH: &str = r"^[^.]+(\.[^.]+)+$";
+
+/// The schema, draft 2020-12.
+#[must_use]
+pub fn schema(registry: &Registry) -> Json {
+    let node_kinds = registry.nodes().map(|kind| Kind {
+        name: kind.declaration.kind,
+        summary: kind.declaration.summary,
+        parameters: &kind.schema,
+        inputs: Some(&kind.declaration.inputs),
+    });
+    let source_kinds = registry.sources().map(|kind| Kind {
+        name: kind.declaration.kind,
+        summary: kind.declaration.summary,
+        parameters: &kind.schema,
+        inputs: None,
+    });
+    json!({
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "depthloom experiment",
+        "description": "What to run: sources, stages, variants, scores.",
+        "type": "object",
+        "additionalProperties": false,
+        "anyOf": [{ "required": ["extends"] }, { "required": ["experiment", "sources", "stages"] }],
+        "properties": {
+            "experiment": { "type": ["string", "number"], "description": "The experiment's name." },
+            "about": { "type": "string", "description": "What it is for, in a sentence or two." },
+            "extends": { "type": "string", "description": "Another experiment to start from; maps merge by key. Relative to this file." },
+            "sources": {
+                "type": "object",
+                "description": "Where frames come from, by name.",
+                "propertyNames": { "pattern": NAME },
+                "additionalProperties": { "$ref": "#/$defs/source" },
+            },
+            "stages": {
+                "type": "object",
+                "description": "Graphs of nodes, each on one source, run one after the other.",
+                "propertyNames": { "pattern": NAME },
+                "additionalProperties": { "$ref": "#/$defs/stage" },
+            },
+            "variants": {
+                "type": ["object", "null"],
+                "description": "The same experiment with something changed; what a variant leaves alone is shared.",
+                "propertyNames": { "pattern": NAME },
+                "additionalProperties": { "$ref": "#/$defs/changes" },
+            },
+            "matrix": {
+                "type": "object",
+                "description": "Every combination of these values, as variants.",
+                "properties": {
+                    "include": { "type": "array", "items": { "$ref": "#/$defs/changes" }, "description": "Further combinations." },
+                    "exclude": { "type": "array", "items": { "$ref": "#/$defs/changes" }, "description": "Combinations left out." },
+                },
+                "additionalProperties": { "type": "array", "minItems": 1 },
+            },
+            "record": {
+                "description": "What is kept; everything if left out.",
+                "anyOf": [
+                    { "$ref": "#/$defs/patterns" },
+                    {
+                        "type": "object",
+                        "additionalProperties": false,
+                        "properties": {
+                            "topics": { "$ref": "#/$defs/patterns" },
+                            "every": or_variable(json!({ "type": "integer", "minimum": 1, "description": "Keep every Nth frame; scores are kept of all." })),
+                            "view": or_variable(json!({ "type": "boolean", "description": "Also keep depth as 16-bit millimetres, for looking at." })),
+                        },
+                    },
+                ],
+            },
+        },
+        "$defs": {
+            "source": source(source_kinds.collect()),
+            "stage": stage(registry),
+            "node": instance(node_kinds.collect(), "node"),
+            "changes": {
+                "type": ["object", "null"],
+                "description": "Paths and values: `stage.node.with.x`, `stage.node.kind`, `stage.node.inputs.port`, `sources.name.with.x`.",
+                "propertyNames": { "pattern": PATH },
+            },
+            "patterns": {
+                "type": "array",
+                "items": { "type": "string" },
+                "description": "`stage.node/port`, `node`, `/stage/node/port`; `*` for anything, `!` in front to leave out.",
+            },
+            "reference": { "type": "string", "pattern": REFERENCE, "description": "`node/output`, `source/output` or `stage.node/output`." },
+        },
+    })
+}
+
+struct Kind<'r> {
+    name: &'static str,
+    summary: &'static str,
+    parameters: &'r Json,
+    /// `None` for sources.
+    inputs: Option<&'r [Port]>,
+}
+
+fn source(kinds: Vec<Kind<'_>>) -> Json {
+    let mut source = instance(kinds, "source");
+    let join = json!({
+        "type": "array",
+        "minItems": 1,
+        "items": { "$ref": "#/$defs/source" },
+        "description": "Several sources, one after the other.",
+    });
+    if let Some(properties) = source.get_mut("properties").and_then(Json::as_object_mut) {
+        properties.insert("join".to_owned(), join);
+    }
+    source
+}
+
+/// A source or node: its kind decides what else it has.
+fn instance(kinds: Vec<Kind<'_>>, what: &str) -> Json {
+    let names: Vec<&str> = kinds.iter().map(|kind| kind.name).collect();
+    let summaries: Vec<&str> = kinds.iter().map(|kind| kind.summary).collect();
+    let is_node = what == "node";
+    let mut properties = json!({
+        "kind": {
+            "enum": names,
+            // Understood by VS Code and the YAML language server, ignored by others.
+            "markdownEnumDescriptions": summaries,
+            "description": format!("What {what} it is; `depthloom nodes` lists all."),
+        },
+        "with": { "type": ["object", "null"], "description": "Parameters." },
+    });
+    if is_node && let Some(properties) = properties.as_object_mut() {
+        properties.insert(
+            "inputs".to_owned(),
+            json!({ "type": "object", "description": "Where each input's value comes from." }),
+        );
+    }
+    let conditions: Vec<Json> = kinds
+        .into_iter()
+        .map(|kind| {
+            let mut then = Map::new();
+            then.insert("with".to_owned(), parameters(kind.parameters));
+            if let Some(inputs) = kind.inputs {
+                then.insert("inputs".to_owned(), inputs_of(inputs));
+            }
+            json!({
+                "if": { "properties": { "kind": { "const": kind.name } }, "required": ["kind"] },
+                "then": { "properties": then },
+            })
+        })
+        .collect();
+    json!({ "type": "object", "additionalProperties": false, "properties": properties, "allOf": conditions })
+}
+
+fn inputs_of(ports: &[Port]) -> Json {
+    let entries = ports.iter().map(|port| {
+        let rate = if port.rate == Rate::Once { ", once" } else { "" };
+        let optional = if port.optional { ", optional" } else { "" };
+        let description = format!("{}{rate}{optional}: {}", port.value_type, port.doc);
+        let file = port.rate == Rate::Once && matches!(port.value_type, ValueType::Model | ValueType::Samples);
+        let mut forms = vec![json!({ "$ref": "#/$defs/reference" })];
+        if file {
+            forms.push(json!({
+                "type": "object",
+                "additionalProperties": false,
+                "required": ["file"],
+                "properties": { "file": { "type": "string", "description": "Relative to this file." } },
+            }));
+        }
+        (port.name.to_owned(), json!({ "description": description, "anyOf": forms }))
+    });
+    json!({ "type": "object", "additionalProperties": false, "properties": entries.collect::<Map<_, _>>() })
+}
+
+/// A parameter type's schema as part of this one: nothing required (a merged file may hold it), variables allowed.
+fn parameters(schema: &Json) -> Json {
+    let mut new = schema.as_object().cloned().unwrap_or_default();
+    for key in ["$schema", "title", "required"] {
+        new.shift_remove(key);
+    }
+    if let Some(properties) = new.get_mut("properties").and_then(Json::as_object_mut) {
+        for property in properties.values_mut() {
+            *property = or_variable(property.take());
+        }
+        new.entry("additionalProperties").or_insert(Json::Bool(false));
+    }
+    new.insert("type".to_owned(), json!(["object", "null"]));
+    Json::Object(new)
+}
+
+/// Allows `${NAME}` where the schema does not allow text anyway.
+fn or_variable(schema: Json) -> Json {
+    let Json::Object(mut inner) = schema else { return schema };
+    if inner.get("type").and_then(Json::as_str) == Some("string") && inner.get("enum").is_none() {
+        return Json::Object(inner);
+    }
+    let mut outer = Map::new();
+    // What editors show stays where they look for it.
+    for key in ["description", "default"] {
+        if let Some(value) = inner.shift_remove(key) {
+            outer.insert(key.to_owned(), value);
+        }
+    }
+    outer.insert("anyOf".to_owned(), json!([inner, { "type": "string", "pattern": r"\$\{" }]));
+    Json::Object(outer)
+}
+
+fn stage(registry: &Registry) -> Json {
+    let own = registry.node_kind(score::KIND).map(|kind| parameters(&kind.schema));
+    let own =
+        own.as_ref().and_then(|schema| schema.get("properties")).and_then(Json::as_object).cloned().unwrap_or_default();
+    let mut estimate = own.clone();
+    estimate.insert("from".to_owned(), json!({ "$ref": "#/$defs/reference" }));
+    let mut score = own;
+    score.insert("truth".to_owned(), json!({ "$ref": "#/$defs/reference", "description": "The true depth." }));
+    score.insert(
+        "estimates".to_owned(),
+        json!({
+            "type": "object",
+            "description": "What is scored, by name.",
+            "propertyNames": { "pattern": NAME },
+            "additionalProperties": { "anyOf": [
+                { "$ref": "#/$defs/reference" },
+                { "type": "object", "additionalProperties": false, "required": ["from"], "properties": estimate },
+            ] },
+        }),
+    );
+    json!({
+        "type": "object",
+        "additionalProperties": false,
+        "properties": {
+            "source": { "type": "string", "description": "Which of `sources` the frames come from." },
+            "nodes": {
+                "type": ["object", "null"],
+                "description": "The nodes by name.",
+                "properties": { "graph": { "type": "string", "description": "A file to take nodes from. Relative to this file." } },
+                "additionalProperties": { "$ref": "#/$defs/node" },
+            },
+            "score": {
+                "type": "object",
+                "description": "What is compared with the truth, and how.",
+                "additionalProperties": false,
+                "properties": score,
+            },
+        },
+    })
+}

@@ -1,0 +1,214 @@
+//! The reference of kinds, in Markdown, from their declarations and parameter types.
+
+use std::fmt::Write as _;
+
+use serde_json::{Map, Value as Json};
+
+use crate::contracts::{Port, Rate};
+use crate::language::range_text;
+use crate::registry::Registry;
+
+/// All kinds with a sentence each.
+#[must_use]
+pub fn kinds_index(registry: &Registry) -> String {
+    let mut text = String::from("# Sources\n\n| kind | what it gives |\n|---|---|\n");
+    for kind in registry.sources() {
+        let _ = writeln!(text, "| `{}` | {} |", kind.declaration.kind, cell(kind.declaration.summary));
+    }
+    text.push_str("\n# Nodes\n\n| kind | contract | what it does |\n|---|---|---|\n");
+    for kind in registry.nodes() {
+        let declaration = &kind.declaration;
+        let contract = declaration.contract.name();
+        let _ = writeln!(text, "| `{}` | {contract} | {} |", declaration.kind, cell(declaration.summary));
+    }
+    text
+}
+
+/// Everything about one kind: ports, parameters with type, default and range, docs. `None` if there is no such kind.
+#[must_use]
+pub fn kind_reference(registry: &Registry, kind: &str) -> Option<String> {
+    if let Some(node) = registry.node_kind(kind) {
+        let declaration = &node.declaration;
+        let mut text = format!("# {}\n\n{}\n", declaration.kind, declaration.summary);
+        let _ = writeln!(text, "\n{} node, version {}.", capital(declaration.contract.name()), declaration.version);
+        paragraph(&mut text, declaration.doc);
+        ports(&mut text, "Inputs", &declaration.inputs);
+        ports(&mut text, "Outputs", &declaration.outputs);
+        parameters(&mut text, &node.schema);
+        return Some(text);
+    }
+    let source = registry.source_kind(kind)?;
+    let declaration = &source.declaration;
+    let mut text = format!("# {}\n\n{}\n", declaration.kind, declaration.summary);
+    let _ = writeln!(text, "\nSource, version {}.", declaration.version);
+    paragraph(&mut text, declaration.doc);
+    ports(&mut text, "Outputs", &declaration.outputs);
+    parameters(&mut text, &source.schema);
+    Some(text)
+}
+
+fn paragraph(text: &mut String, doc: &str) {
+    if !doc.trim().is_empty() {
+        let _ = write!(text, "\n{}\n", doc.trim());
+    }
+}
+
+fn ports(text: &mut String, title: &str, ports: &[Port]) {
+    if ports.is_empty() {
+        return;
+    }
+    let _ = write!(text, "\n## {title}\n\n| port | carries | how often | meaning |\n|---|---|---|---|\n");
+    for port in ports {
+        let rate = match port.rate {
+            Rate::Frame => "each frame",
+            Rate::Once => "once a stage",
+        };
+        let optional = if port.optional { ", optional" } else { "" };
+        let _ = writeln!(text, "| `{}` | {} | {rate}{optional} | {} |", port.name, port.value_type, cell(port.doc));
+    }
+}
+
+fn parameters(text: &mut String, schema: &Json) {
+    let mut rows = Vec::new();
+    collect(schema, "", &mut rows);
+    if rows.is_empty() {
+        text.push_str("\nNo parameters.\n");
+        return;
+    }
+    text.push_str("\n## Parameters\n\n| parameter | type | default | range | meaning |\n|---|---|---|---|---|\n");
+    for row in rows {
+        let _ = writeln!(text, "| `{}` | {} | {} | {} | {} |", row.name, row.kind, row.default, row.range, row.meaning);
+    }
+}
+
+struct Row {
+    name: String,
+    kind: String,
+    default: String,
+    range: String,
+    meaning: String,
+}
+
+/// A row a parameter; those of a map within are named `outer.inner`.
+fn collect(schema: &Json, prefix: &str, rows: &mut Vec<Row>) {
+    let Some(properties) = schema.get("properties").and_then(Json::as_object) else { return };
+    let required: Vec<&str> =
+        schema.get("required").and_then(Json::as_array).into_iter().flatten().filter_map(Json::as_str).collect();
+    for (key, property) in properties {
+        let name = format!("{prefix}{key}");
+        if property.get("properties").is_some() {
+            collect(property, &format!("{name}."), rows);
+            continue;
+        }
+        let default = match property.get("default") {
+            _ if required.contains(&key.as_str()) => "required".to_owned(),
+            Some(Json::Null) | None => "none".to_owned(),
+            Some(default) => format!("`{}`", cell(&plain(default))),
+        };
+        let range = range_of(property).unwrap_or_else(|| "-".to_owned());
+        rows.push(Row { name, kind: cell(&type_text(property)), default, range, meaning: cell(&meaning(property)) });
+    }
+}
+
+fn range_of(schema: &Json) -> Option<String> {
+    if is_frames(schema) {
+        return None;
+    }
+    let own = schema.as_object().and_then(range_text);
+    own.or_else(|| alternatives(schema).find_map(range_of)).or_else(|| {
+        let items = schema.get("items").and_then(range_of)?;
+        Some(format!("each {items}"))
+    })
+}
+
+/// Whether a parameter is a [`FrameSelection`](crate::contracts::FrameSelection).
+fn is_frames(schema: &Json) -> bool {
+    schema.get("format").and_then(Json::as_str) == Some("frames") || alternatives(schema).any(is_frames)
+}
+
+fn alternatives(schema: &Json) -> impl Iterator<Item = &Json> {
+    ["anyOf", "oneOf"].into_iter().filter_map(|key| schema.get(key)?.as_array()).flatten()
+}
+
+fn plain(value: &Json) -> String {
+    value.as_str().map_or_else(|| value.to_string(), ToOwned::to_owned)
+}
+
+/// The type of a parameter in words; the values of an enumeration.
+fn type_text(schema: &Json) -> String {
+    let values = enumeration(schema);
+    if !values.is_empty() {
+        return values.iter().map(|(value, _)| format!("`{value}`")).collect::<Vec<_>>().join(", ");
+    }
+    let format = |name: &str| schema.get("format").and_then(Json::as_str) == Some(name);
+    if format("path") {
+        return "path".to_owned();
+    }
+    if is_frames(schema) {
+        return "`1..=40`, `0..48`, list of indices, or file of ids".to_owned();
+    }
+    let several: Vec<String> = alternatives(schema)
+        .filter(|alternative| alternative.get("type").and_then(Json::as_str) != Some("null"))
+        .map(type_text)
+        .collect();
+    if !several.is_empty() {
+        return several.join(" or ");
+    }
+    let one = |name: &str| match name {
+        "integer" => "whole number".to_owned(),
+        "number" => "number".to_owned(),
+        "string" => "text".to_owned(),
+        "boolean" => "`true` or `false`".to_owned(),
+        "array" => schema
+            .get("items")
+            .map_or_else(|| "list".to_owned(), |items| format!("list of {}", plural(&type_text(items)))),
+        "object" => "map".to_owned(),
+        other => other.to_owned(),
+    };
+    match schema.get("type") {
+        Some(Json::String(name)) => one(name),
+        Some(Json::Array(names)) => {
+            let names: Vec<String> = names.iter().filter_map(Json::as_str).filter(|n| *n != "null").map(one).collect();
+            names.join(" or ")
+        }
+        _ => "anything".to_owned(),
+    }
+}
+
+fn plural(kind: &str) -> String {
+    if kind.ends_with("number") || kind == "path" || kind == "map" { format!("{kind}s") } else { kind.to_owned() }
+}
+
+/// The values of an enumeration with their docs.
+fn enumeration(schema: &Json) -> Vec<(String, Option<&str>)> {
+    let own = schema.get("enum").and_then(Json::as_array).into_iter().flatten();
+    let own = own.filter(|value| !value.is_null()).map(|value| (plain(value), None));
+    let constant = schema.get("const").map(|value| (plain(value), description(schema)));
+    let inner: Vec<_> = alternatives(schema).flat_map(enumeration).collect();
+    own.chain(constant).chain(inner).collect()
+}
+
+fn description(schema: &Json) -> Option<&str> {
+    schema.as_object().and_then(|schema: &Map<String, Json>| schema.get("description")).and_then(Json::as_str)
+}
+
+fn meaning(schema: &Json) -> String {
+    let own = description(schema).filter(|_| schema.get("const").is_none()).unwrap_or("");
+    let values = enumeration(schema);
+    let documented: Vec<String> =
+        values.iter().filter_map(|(value, doc)| Some(format!("`{value}`: {}", (*doc)?))).collect();
+    match (own.is_empty(), documented.is_empty()) {
+        (_, true) => own.to_owned(),
+        (true, false) => documented.join(" "),
+        (false, false) => format!("{own} {}", documented.join(" ")),
+    }
+}
+
+fn cell(text: &str) -> String {
+    text.split_whitespace().collect::<Vec<_>>().join(" ").replace('|', "\\|")
+}
+
+fn capital(text: &str) -> String {
+    let mut chars = text.chars();
+    chars.next().map_or_else(String::new, |first| first.to_uppercase().chain(chars).collect())
+}

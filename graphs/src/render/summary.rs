@@ -1,0 +1,178 @@
+//! What `depthloom plan` shows: every node, what it is, whom it serves, its recipe.
+
+use std::fmt::Write as _;
+
+use serde_json::{Value as Json, json};
+
+use super::diagram::variants;
+use crate::contracts::{Rate, Slot};
+use crate::plan::{From, Plan, PlannedNode, PlannedOutput, StageRun};
+
+impl Plan {
+    /// The plan as text: a table of nodes for each stage run, then what is scored.
+    #[must_use]
+    pub fn summary(&self) -> String {
+        let mut text = format!("experiment {}", self.experiment);
+        if !self.about.trim().is_empty() {
+            let _ = write!(text, ": {}", self.about.trim());
+        }
+        text.push('\n');
+        if self.variants != [""] {
+            let _ = writeln!(text, "{} variants: {}", self.variants.len(), self.variants.join(", "));
+        }
+        for run in &self.runs {
+            let kinds: Vec<&str> = run.source.parts.iter().map(|part| part.kind.as_str()).collect();
+            let _ = write!(text, "\nstage {} on {} ({})", run.stage, run.source.name, kinds.join(", then "));
+            if let Some(variants) = variants(self, &run.variants) {
+                let _ = write!(text, ", for {variants}");
+            }
+            text.push('\n');
+            text.push_str(&self.node_table(run));
+            for estimate in &run.estimates {
+                let what = self.slot_text(run, estimate.estimate);
+                let truth = self.slot_text(run, estimate.truth);
+                let _ = writeln!(text, "  scored: {} = {what} against {truth}", estimate.label);
+            }
+        }
+        text
+    }
+
+    fn node_table(&self, run: &StageRun) -> String {
+        let mut rows = vec![["node", "kind", "contract", "does", "for", "recipe", "reads"].map(str::to_owned)];
+        for node in &run.nodes {
+            let reads: Vec<String> = node
+                .inputs
+                .iter()
+                .filter_map(|input| Some(format!("{}={}", input.port.name, self.wire_text(run, input.from.as_ref()?))))
+                .collect();
+            rows.push([
+                node.name.clone(),
+                node.kind.clone(),
+                node.contract.name().to_owned(),
+                if self.is_shared(node) { "run, shared".to_owned() } else { "run".to_owned() },
+                self.served(node),
+                node.recipe.to_string()[..12].to_owned(),
+                reads.join(" "),
+            ]);
+        }
+        let width = |column: usize| rows.iter().map(|row| row[column].chars().count()).max().unwrap_or(0);
+        let widths: [usize; 7] = std::array::from_fn(width);
+        let mut text = String::new();
+        for row in &rows {
+            let cells: Vec<String> = row.iter().zip(widths).map(|(cell, width)| format!("{cell:width$}")).collect();
+            let _ = writeln!(text, "  {}", cells.join("  ").trim_end());
+        }
+        text
+    }
+
+    fn is_shared(&self, node: &PlannedNode) -> bool {
+        node.variants.len() > 1
+    }
+
+    fn served(&self, node: &PlannedNode) -> String {
+        let all = self.variants.len();
+        match variants(self, &node.variants) {
+            None if all == 1 => "-".to_owned(),
+            None => format!("all {all}"),
+            Some(names) => names,
+        }
+    }
+
+    fn slot_text(&self, run: &StageRun, slot: Slot) -> String {
+        self.wire_text(run, &From::Here(slot))
+    }
+
+    fn wire_text(&self, run: &StageRun, from: &From) -> String {
+        match from {
+            From::Here(Slot::Source { port }) => format!("source/{}", run.source.outputs[*port].port.name),
+            From::Here(Slot::Node { node, port }) => {
+                let node = &run.nodes[*node];
+                format!("{}/{}", node.name, node.outputs[*port].port.name)
+            }
+            From::Once { run, node, port } => {
+                let run = &self.runs[*run];
+                let node = &run.nodes[*node];
+                format!("{}.{}/{}", run.stage, node.name, node.outputs[*port].port.name)
+            }
+            From::File(path) => path.display().to_string(),
+        }
+    }
+
+    /// The plan as JSON: what [`Plan::summary`] shows and everything it leaves out, for other programs.
+    #[must_use]
+    pub fn summary_json(&self) -> Json {
+        json!({
+            "experiment": self.experiment,
+            "about": self.about,
+            "variants": self.variants,
+            "record": { "every": self.record.every, "view": self.record.view },
+            "runs": self.runs.iter().map(|run| self.run_json(run)).collect::<Vec<_>>(),
+        })
+    }
+
+    fn run_json(&self, run: &StageRun) -> Json {
+        let parts = run.source.parts.iter();
+        let nodes = run.nodes.iter().map(|node| {
+            let inputs: serde_json::Map<String, Json> = node
+                .inputs
+                .iter()
+                .filter_map(|input| {
+                    Some((input.port.name.to_owned(), self.wire_text(run, input.from.as_ref()?).into()))
+                })
+                .collect();
+            json!({
+                "name": node.name,
+                "kind": node.kind,
+                "version": node.version,
+                "contract": node.contract.name(),
+                "does": "run",
+                "shared": self.is_shared(node),
+                "variants": self.names(&node.variants),
+                "recipe": node.recipe.to_string(),
+                "with": node.params,
+                "inputs": inputs,
+                "outputs": outputs_json(&node.outputs),
+            })
+        });
+        json!({
+            "stage": run.stage,
+            "variants": self.names(&run.variants),
+            "source": {
+                "name": run.source.name,
+                "parts": parts.map(|p| json!({ "kind": p.kind, "version": p.version, "with": p.params })).collect::<Vec<_>>(),
+                "outputs": outputs_json(&run.source.outputs),
+            },
+            "nodes": nodes.collect::<Vec<_>>(),
+            "estimates": run.estimates.iter().map(|estimate| json!({
+                "label": estimate.label,
+                "name": estimate.name,
+                "variant": estimate.variant.map(|v| &self.variants[v]),
+                "estimate": self.slot_text(run, estimate.estimate),
+                "truth": self.slot_text(run, estimate.truth),
+                "score": run.nodes[estimate.score_node].name,
+            })).collect::<Vec<_>>(),
+        })
+    }
+
+    fn names(&self, served: &[usize]) -> Vec<&str> {
+        served.iter().map(|&v| self.variants[v].as_str()).collect()
+    }
+}
+
+fn outputs_json(outputs: &[PlannedOutput]) -> Json {
+    let entries = outputs.iter().map(|output| {
+        let rate = match output.port.rate {
+            Rate::Frame => "frame",
+            Rate::Once => "once",
+        };
+        let value = json!({
+            "type": output.port.value_type.name(),
+            "rate": rate,
+            "topic": output.topic,
+            "aliases": output.aliases,
+            "recorded": output.recorded,
+        });
+        (output.port.name.to_owned(), value)
+    });
+    Json::Object(entries.collect())
+}
