@@ -1,19 +1,18 @@
 //! Gaussian blur, separable, in `f32`, with OpenCV's kernel and border.
 //!
-//! The image is blurred in strips [`STRIP`] columns wide: along the rows into a scratch strip that stays in cache, from
-//! there down the columns. What is blurred along the rows is a [`Lines`]: an image of floats, or a mask of which only
-//! the set pixels cost anything. Each output is a sum in one fixed order, without FMA, on every instruction set.
+//! The image is blurred in strips of columns ([`strips`]): along the rows into a scratch strip that stays in cache, from
+//! there down the columns. Along the rows, a mask costs by its set pixels only ([`lines`]). Each output is a sum in one
+//! fixed order, without FMA, on every instruction set.
+
+mod lines;
+mod strips;
 
 use std::ops::Range;
 
-use crate::raster::{check, check_rows, reflect101};
-use crate::simd::{Level, Pass};
-
-/// Columns blurred together.
-const STRIP: usize = 64;
-
-/// One value for each column of a strip.
-type Lane = [f32; STRIP];
+use crate::raster::{check, check_rows};
+use crate::simd::Level;
+use lines::{Floats, SetPixels};
+use strips::{blur_lines, source_rows};
 
 /// The taps of OpenCV's Gaussian for 32-bit float images: `round(8 sigma + 1) | 1` of them, normalised in `f64`.
 ///
@@ -46,14 +45,7 @@ pub(crate) fn blur_at(level: Level, input: &[f32], width: usize, height: usize, 
     check("blurred image", out.len(), width, height, 1);
     let taps = taps(sigma);
     if !out.is_empty() {
-        level.run(Blur {
-            lines: Floats { input, width, taps: &taps },
-            taps: &taps,
-            width,
-            height,
-            rows: 0..height,
-            out,
-        });
+        blur_lines(level, Floats::new(input, width, &taps), &taps, width, height, 0..height, out);
     }
 }
 
@@ -80,155 +72,14 @@ pub(crate) fn blur_mask_rows_at(
     if !out.is_empty() {
         let needed = source_rows(&rows, taps.len() / 2, height);
         let lines = SetPixels::new(mask, width, needed, &taps);
-        level.run(Blur { lines, taps: &taps, width, height, rows, out });
-    }
-}
-
-/// The rows of the image that an output of `rows` depends on; the reflected ones lie among them.
-fn source_rows(rows: &Range<usize>, radius: usize, height: usize) -> Range<usize> {
-    rows.start.saturating_sub(radius)..height.min(rows.end + radius)
-}
-
-/// Something that can be blurred along its rows.
-trait Lines {
-    /// Columns `left..left + STRIP` of row `y`, blurred along the row. Columns outside the image mean nothing.
-    fn blurred(&mut self, y: usize, left: usize) -> Lane;
-}
-
-struct Blur<'a, L> {
-    lines: L,
-    taps: &'a [f32],
-    width: usize,
-    height: usize,
-    rows: Range<usize>,
-    out: &'a mut [f32],
-}
-
-impl<L: Lines> Pass for Blur<'_, L> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(mut self) {
-        let radius = self.taps.len() / 2;
-        let source = source_rows(&self.rows, radius, self.height);
-        let first = self.rows.start;
-        // Rows beyond the image are copied, so that the loop down the columns has no border.
-        let wanted = first as isize - radius as isize..(self.rows.end + radius) as isize;
-        let mut strip: Vec<Lane> = vec![[0.0; STRIP]; wanted.len()];
-        for left in (0..self.width).step_by(STRIP) {
-            let top = (source.start as isize - wanted.start) as usize;
-            for y in source.clone() {
-                strip[y - source.start + top] = self.lines.blurred(y, left);
-            }
-            for y in wanted.clone().filter(|&y| y < 0 || y >= self.height as isize) {
-                let mirrored = reflect101(y, self.height) - source.start + top;
-                strip[(y - wanted.start) as usize] = strip[mirrored];
-            }
-            let columns = STRIP.min(self.width - left);
-            for (row, window) in self.out.chunks_exact_mut(self.width).zip(strip.windows(2 * radius + 1)) {
-                let blurred = symmetric(window, self.taps);
-                row[left..left + columns].copy_from_slice(&blurred[..columns]);
-            }
-        }
-    }
-}
-
-/// The weighted sum of an odd number of lanes under symmetric taps, from the centre outwards.
-#[inline(always)]
-fn symmetric(window: &[Lane], taps: &[f32]) -> Lane {
-    let radius = taps.len() / 2;
-    let (before, after) = (&window[..radius], &window[radius + 1..]);
-    let mut sum = window[radius];
-    for value in &mut sum {
-        *value *= taps[radius];
-    }
-    for ((before, after), &tap) in before.iter().rev().zip(after).zip(&taps[radius + 1..]) {
-        for lane in 0..STRIP {
-            sum[lane] += tap * (before[lane] + after[lane]);
-        }
-    }
-    sum
-}
-
-/// An image of floats.
-struct Floats<'a> {
-    input: &'a [f32],
-    width: usize,
-    taps: &'a [f32],
-}
-
-impl Lines for Floats<'_> {
-    #[inline(always)]
-    fn blurred(&mut self, y: usize, left: usize) -> Lane {
-        let (row, radius) = (&self.input[y * self.width..][..self.width], self.taps.len() / 2);
-        let at = |x: isize| row[reflect101(x, self.width)];
-        let mut sum = [0.0; STRIP];
-        for (lane, sum) in sum.iter_mut().enumerate() {
-            let x = (left + lane) as isize;
-            *sum = self.taps[radius] * at(x);
-            for k in 1..=radius as isize {
-                *sum += self.taps[radius + k as usize] * (at(x - k) + at(x + k));
-            }
-        }
-        sum
-    }
-}
-
-/// The set pixels of a mask, a bit each, with the reflected border of either side.
-struct SetPixels {
-    /// Rows of `words` words; bit 0 of a row stands for column `-radius`.
-    bits: Vec<u64>,
-    words: usize,
-    rows: Range<usize>,
-    radius: usize,
-    /// The taps between `STRIP - 1` zeros on either side: a set pixel adds `STRIP` of them, whatever its column.
-    padded_taps: Vec<f32>,
-}
-
-impl SetPixels {
-    fn new(mask: &[u8], width: usize, rows: Range<usize>, taps: &[f32]) -> Self {
-        let radius = taps.len() / 2;
-        // One strip more than the image has, so that the last strip's window is whole.
-        let words = (width + 2 * radius + STRIP).div_ceil(64) + 1;
-        let mut bits = vec![0; words * rows.len()];
-        for (y, bits) in rows.clone().zip(bits.chunks_exact_mut(words)) {
-            let row = &mask[y * width..][..width];
-            for x in -(radius as isize)..(width + radius) as isize {
-                let bit = (x + radius as isize) as usize;
-                bits[bit / 64] |= u64::from(row[reflect101(x, width)] != 0) << (bit % 64);
-            }
-        }
-        let mut padded_taps = vec![0.0; 2 * (STRIP - 1) + taps.len()];
-        padded_taps[STRIP - 1..][..taps.len()].copy_from_slice(taps);
-        Self { bits, words, rows, radius, padded_taps }
-    }
-}
-
-impl Lines for SetPixels {
-    #[inline(always)]
-    fn blurred(&mut self, y: usize, left: usize) -> Lane {
-        let row = &self.bits[(y - self.rows.start) * self.words..][..self.words];
-        let mut sum = [0.0; STRIP];
-        // The window's bits are `left..left + STRIP + 2 radius`, and `left` is a multiple of the word's 64.
-        let reach = STRIP + 2 * self.radius;
-        for (index, &word) in row[left / 64..].iter().take(reach.div_ceil(64)).enumerate() {
-            let mut word = if (index + 1) * 64 > reach { word & ((1 << (reach % 64)) - 1) } else { word };
-            while word != 0 {
-                let position = index * 64 + word.trailing_zeros() as usize;
-                word &= word - 1;
-                let taps = &self.padded_taps[reach - 1 - position..][..STRIP];
-                for lane in 0..STRIP {
-                    sum[lane] += taps[lane];
-                }
-            }
-        }
-        sum
+        blur_lines(level, lines, &taps, width, height, rows, out);
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::raster::reflect101;
     use crate::simd::every_level;
     use proptest::prelude::*;
 

@@ -1,8 +1,34 @@
 //! Median filters of depth maps.
+//!
+//! Samples are compared as integers ([`key`]), which orders NaN too. The image is filtered in strips [`STRIP`] columns
+//! wide, from top to bottom, so that what neighbouring windows share stays in cache: each row's windows are sorted
+//! once, and for 5x5 two rows' sorted windows are merged once, whichever of the output rows read them.
+
+mod networks;
 
 use std::ops::Range;
 
-use crate::raster::{check, check_rows, replicate};
+use crate::raster::{check, check_rows, key, replicate};
+use crate::simd::{Level, Pass, prefetch};
+use networks::{median3_of_sorted, median11, merge5, middle6, sort3, sort5};
+
+/// Columns filtered together.
+const STRIP: usize = 64;
+
+/// Rows of sorted windows that 5x5 keeps: six are in use at once.
+const RING: usize = 8;
+
+/// How many rows ahead input and output are called into the cache.
+const AHEAD: usize = 8;
+
+/// One sample for each column of a strip. Aligned, because stores that straddle cache lines cost more than the network.
+#[derive(Clone, Copy)]
+#[repr(align(64))]
+struct Lane([i32; STRIP]);
+
+impl Lane {
+    const ZERO: Self = Self([0; STRIP]);
+}
 
 /// Median over 3x3 pixels, border replicated: OpenCV's `medianBlur(..., 3)` of a `float32` image, exactly.
 ///
@@ -19,7 +45,22 @@ pub fn median3(input: &[f32], width: usize, height: usize, out: &mut [f32]) {
 /// # Panics
 /// If a slice does not have the size that `width`, `height` and `rows` announce.
 pub fn median3_rows(input: &[f32], width: usize, height: usize, rows: Range<usize>, out: &mut [f32]) {
-    median_rows::<3>(input, width, height, rows, out);
+    median3_rows_at(Level::best(), input, width, height, rows, out);
+}
+
+pub(crate) fn median3_rows_at(
+    level: Level,
+    input: &[f32],
+    width: usize,
+    height: usize,
+    rows: Range<usize>,
+    out: &mut [f32],
+) {
+    check("depth", input.len(), width, height, 1);
+    check_rows("median", out.len(), width, height, &rows);
+    if !out.is_empty() {
+        level.run(Median3 { image: Image { input, width, height }, rows, out });
+    }
 }
 
 /// Median over 5x5 pixels, border replicated: OpenCV's `medianBlur(..., 5)` of a `float32` image, exactly.
@@ -37,20 +78,243 @@ pub fn median5(input: &[f32], width: usize, height: usize, out: &mut [f32]) {
 /// # Panics
 /// If a slice does not have the size that `width`, `height` and `rows` announce.
 pub fn median5_rows(input: &[f32], width: usize, height: usize, rows: Range<usize>, out: &mut [f32]) {
-    median_rows::<5>(input, width, height, rows, out);
+    median5_rows_at(Level::best(), input, width, height, rows, out);
 }
 
-fn median_rows<const N: usize>(input: &[f32], width: usize, height: usize, rows: Range<usize>, out: &mut [f32]) {
+pub(crate) fn median5_rows_at(
+    level: Level,
+    input: &[f32],
+    width: usize,
+    height: usize,
+    rows: Range<usize>,
+    out: &mut [f32],
+) {
     check("depth", input.len(), width, height, 1);
     check_rows("median", out.len(), width, height, &rows);
-    let reach = (N / 2) as isize;
-    for (y, out) in rows.zip(out.chunks_exact_mut(width.max(1))) {
-        for (x, out) in out.iter_mut().enumerate() {
-            let mut window: Vec<f32> = (-reach..=reach)
-                .flat_map(|dy| (-reach..=reach).map(move |dx| (dx, dy)))
-                .map(|(dx, dy)| input[replicate(y as isize + dy, height) * width + replicate(x as isize + dx, width)])
-                .collect();
-            *out = *window.select_nth_unstable_by(N * N / 2, f32::total_cmp).1;
+    if !out.is_empty() {
+        level.run(Median5 { image: Image { input, width, height }, rows, out });
+    }
+}
+
+/// The input, addressed with its replicated border.
+struct Image<'a> {
+    input: &'a [f32],
+    width: usize,
+    height: usize,
+}
+
+impl Image<'_> {
+    /// Keys of row `y` from column `left - reach` on, both replicated beyond the border.
+    #[inline(always)]
+    fn keys<const N: usize>(&self, y: isize, left: usize, reach: usize, keys: &mut [i32; N]) {
+        let row = &self.input[replicate(y, self.height) * self.width..][..self.width];
+        if left >= reach && left - reach + N <= self.width {
+            for (out, sample) in keys.iter_mut().zip(&row[left - reach..][..N]) {
+                *out = key(sample.to_bits() as i32);
+            }
+        } else {
+            for (x, out) in keys.iter_mut().enumerate() {
+                let x = replicate((left + x) as isize - reach as isize, self.width);
+                *out = key(row[x].to_bits() as i32);
+            }
+        }
+    }
+}
+
+/// Writes the part of a strip that lies inside the image.
+#[inline(always)]
+fn store(medians: &Lane, row: &mut [f32], left: usize) {
+    let columns = STRIP.min(row.len() - left);
+    for (out, &median) in row[left..left + columns].iter_mut().zip(&medians.0) {
+        *out = f32::from_bits(key(median) as u32);
+    }
+}
+
+struct Median3<'a> {
+    image: Image<'a>,
+    rows: Range<usize>,
+    out: &'a mut [f32],
+}
+
+impl Pass for Median3<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { image, rows, out } = self;
+        for left in (0..image.width).step_by(STRIP) {
+            // The sorted windows of three rows, in rotation.
+            let mut sorted = [[Lane::ZERO; 3]; 3];
+            let first = rows.start as isize;
+            sorted[0] = sorted_windows3(&image, first - 1, left);
+            sorted[1] = sorted_windows3(&image, first, left);
+            for (index, out) in out.chunks_exact_mut(image.width).enumerate() {
+                sorted[(index + 2) % 3] = sorted_windows3(&image, first + index as isize + 1, left);
+                let mut medians = Lane::ZERO;
+                for (x, median) in medians.0.iter_mut().enumerate() {
+                    *median = median3_of_sorted(sorted.each_ref().map(|row| row.each_ref().map(|lane| lane.0[x])));
+                }
+                store(&medians, out, left);
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn sorted_windows3(image: &Image<'_>, y: isize, left: usize) -> [Lane; 3] {
+    let mut keys = [0; STRIP + 2];
+    image.keys(y, left, 1, &mut keys);
+    let mut sorted = [Lane::ZERO; 3];
+    for x in 0..STRIP {
+        let window = sort3([keys[x], keys[x + 1], keys[x + 2]]);
+        for (lane, sample) in sorted.iter_mut().zip(window) {
+            lane.0[x] = sample;
+        }
+    }
+    sorted
+}
+
+struct Median5<'a> {
+    image: Image<'a>,
+    rows: Range<usize>,
+    out: &'a mut [f32],
+}
+
+impl Pass for Median5<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { image, rows, out } = self;
+        for left in (0..image.width).step_by(STRIP) {
+            // Output rows are made in pairs y, y + 1. Their windows share the rows y - 1 to y + 2, merged two by two:
+            // y - 1 with y, and y + 1 with y + 2, which the next pair of rows takes over as its first two.
+            let mut sorted = [[Lane::ZERO; 5]; RING]; // of row y + k at (index + k) % RING
+            let mut merged = [[Lane::ZERO; 10]; 2];
+            // Filled a round before they are sorted: unaligned loads of what was only just stored would stall.
+            let mut keys = [[0; STRIP + 4]; 2];
+            let first = rows.start as isize;
+            for ahead in -2..2 {
+                image.keys(first + ahead, left, 2, &mut keys[0]);
+                sort_windows5(&keys[0], &mut sorted[(ahead + 8) as usize % RING]);
+            }
+            merge_lanes(&sorted[RING - 1], &sorted[0], &mut merged[0]);
+            for (keys, ahead) in keys.iter_mut().zip(2..) {
+                image.keys(first + ahead, left, 2, keys);
+            }
+            for half in 0..rows.len().div_ceil(2) {
+                let index = 2 * half;
+                for ahead in [AHEAD, AHEAD + 1] {
+                    prefetch(image.input, (rows.start + index + ahead) * image.width + left, STRIP);
+                    prefetch(out, (index + ahead) * image.width + left, STRIP);
+                }
+                for (keys, ahead) in keys.iter_mut().zip(2..) {
+                    sort_windows5(keys, &mut sorted[(index + ahead) % RING]);
+                    image.keys(first + (index + ahead + 2) as isize, left, 2, keys);
+                }
+                merge_lanes(&sorted[(index + 1) % RING], &sorted[(index + 2) % RING], &mut merged[(half + 1) % 2]);
+                let (above, below) = (&sorted[(index + RING - 2) % RING], &sorted[(index + 3) % RING]);
+                let (mut upper, mut lower) = (Lane::ZERO, Lane::ZERO);
+                for x in 0..STRIP {
+                    let shared = middle6(at(&merged[0], x), at(&merged[1], x));
+                    upper.0[x] = median11(shared, at(above, x));
+                    lower.0[x] = median11(shared, at(below, x));
+                }
+                let mut pair = out[index * image.width..].chunks_exact_mut(image.width);
+                for (medians, row) in [upper, lower].iter().zip(&mut pair) {
+                    store(medians, row, left);
+                }
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn at<const N: usize>(lanes: &[Lane; N], x: usize) -> [i32; N] {
+    lanes.each_ref().map(|lane| lane.0[x])
+}
+
+#[inline(always)]
+fn sort_windows5(keys: &[i32; STRIP + 4], sorted: &mut [Lane; 5]) {
+    for x in 0..STRIP {
+        let window = sort5([keys[x], keys[x + 1], keys[x + 2], keys[x + 3], keys[x + 4]]);
+        for (lane, sample) in sorted.iter_mut().zip(window) {
+            lane.0[x] = sample;
+        }
+    }
+}
+
+#[inline(always)]
+fn merge_lanes(upper: &[Lane; 5], lower: &[Lane; 5], merged: &mut [Lane; 10]) {
+    for x in 0..STRIP {
+        for (lane, sample) in merged.iter_mut().zip(merge5(at(upper, x), at(lower, x))) {
+            lane.0[x] = sample;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simd::every_level;
+    use proptest::prelude::*;
+
+    /// The definition: sort the window, take the middle.
+    fn expected(input: &[f32], width: usize, height: usize, reach: isize) -> Vec<u32> {
+        let mut out = Vec::new();
+        for y in 0..height as isize {
+            for x in 0..width as isize {
+                let mut window: Vec<f32> = (-reach..=reach)
+                    .flat_map(|dy| (-reach..=reach).map(move |dx| (x + dx, y + dy)))
+                    .map(|(x, y)| input[replicate(y, height) * width + replicate(x, width)])
+                    .collect();
+                window.sort_unstable_by(f32::total_cmp);
+                out.push(window[window.len() / 2].to_bits());
+            }
+        }
+        out
+    }
+
+    type Median = fn(Level, &[f32], usize, usize, Range<usize>, &mut [f32]);
+
+    fn filtered(median: Median, input: &[f32], width: usize, height: usize, cut: usize) -> Vec<u32> {
+        every_level(|level| {
+            let mut out = vec![-7.0; input.len()];
+            let (upper, lower) = out.split_at_mut(cut * width);
+            median(level, input, width, height, 0..cut, upper);
+            median(level, input, width, height, cut..height, lower);
+            out.into_iter().map(f32::to_bits).collect()
+        })
+    }
+
+    #[test]
+    fn a_lone_outlier_disappears_and_a_straight_edge_stays() {
+        let mut input: Vec<f32> = (0..9 * 9).map(|i| if i % 9 < 4 { 1.0 } else { 5.0 }).collect();
+        let straight: Vec<u32> = input.iter().map(|sample| sample.to_bits()).collect();
+        input[4 * 9 + 2] = 80.0;
+        assert_eq!(filtered(median3_rows_at, &input, 9, 9, 0), straight);
+        assert_eq!(filtered(median5_rows_at, &input, 9, 9, 0), straight);
+    }
+
+    fn sample() -> impl Strategy<Value = f32> {
+        prop_oneof![
+            4 => (0u8..6).prop_map(f32::from),
+            4 => -90f32..90.0,
+            1 => prop_oneof![Just(f32::NAN), Just(f32::INFINITY), Just(f32::NEG_INFINITY), Just(-0.0)],
+        ]
+    }
+
+    proptest! {
+        #[test]
+        fn every_level_and_every_tiling_takes_the_middle_of_the_sorted_window(
+            (width, height, input) in (1usize..140, 1usize..12).prop_flat_map(|(w, h)| {
+                (Just(w), Just(h), prop::collection::vec(sample(), w * h))
+            }),
+            cut in any::<prop::sample::Index>(),
+        ) {
+            let cut = cut.index(height + 1);
+            prop_assert_eq!(filtered(median3_rows_at, &input, width, height, cut), expected(&input, width, height, 1));
+            prop_assert_eq!(filtered(median5_rows_at, &input, width, height, cut), expected(&input, width, height, 2));
         }
     }
 }

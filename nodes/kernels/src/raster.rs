@@ -1,4 +1,4 @@
-//! What every kernel asks of its rasters, and how rows and borders are addressed.
+//! What every kernel asks of its rasters: sizes, borders, and an order of samples.
 
 use std::ops::Range;
 
@@ -52,6 +52,12 @@ pub(crate) fn replicate(index: isize, len: usize) -> usize {
     index.clamp(0, len as isize - 1) as usize
 }
 
+/// An integer that orders as the float does; its own inverse on the bits.
+#[inline(always)]
+pub(crate) fn key(bits: i32) -> i32 {
+    bits ^ ((bits >> 31) as u32 >> 1) as i32
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -66,6 +72,14 @@ mod tests {
     #[test]
     fn replicate_repeats_the_outermost_pixel() {
         assert_eq!([replicate(-3, 4), replicate(2, 4), replicate(9, 4)], [0, 2, 3]);
+    }
+
+    #[test]
+    fn keys_order_as_floats_do_and_back() {
+        let ascending = [f32::NEG_INFINITY, -80.0, -1e-40, -0.0, 0.0, 1e-40, 1.0, 80.0, f32::INFINITY, f32::NAN];
+        let keys = ascending.map(|sample| key(sample.to_bits() as i32));
+        assert!(keys.is_sorted_by(|a, b| a < b));
+        assert_eq!(keys.map(|k| key(k) as u32), ascending.map(f32::to_bits));
     }
 
     #[test]

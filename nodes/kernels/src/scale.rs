@@ -2,12 +2,12 @@
 //!
 //! A pixel is answered where its depth is finite. The estimate must answer everywhere for `minmax`, as in the paper.
 
-use crate::raster::check_same;
+use crate::raster::{check_same, key};
 use crate::simd::{Level, Pass};
 
 /// Independent partial results of a reduction: their number is fixed, so that every instruction set, and every
 /// machine, reduces in the same order.
-const LANES: usize = 16;
+const LANES: usize = 64;
 
 /// Smallest and largest answered depth, metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -25,41 +25,29 @@ pub fn extent(depth: &[f32]) -> Option<Extent> {
 }
 
 pub(crate) fn extent_at(level: Level, depth: &[f32]) -> Option<Extent> {
-    let Extent { min, max } = level.run(FindExtent { depth });
-    (min <= max).then_some(Extent { min, max })
+    let (min, max) = level.run(FindExtent { depth });
+    (min <= max).then(|| Extent { min: f32::from_bits(key(min) as u32), max: f32::from_bits(key(max) as u32) })
 }
 
+/// Smallest and largest [`key`] of the answered pixels. Integers may be compared in any order, so that the compiler
+/// can.
 struct FindExtent<'a> {
     depth: &'a [f32],
 }
 
 impl Pass for FindExtent<'_> {
-    type Output = Extent;
+    type Output = (i32, i32);
 
     #[inline(always)]
-    fn run(self) -> Extent {
-        let (mut min, mut max) = ([f32::INFINITY; LANES], [f32::NEG_INFINITY; LANES]);
-        let (blocks, rest) = self.depth.as_chunks::<LANES>();
-        for block in blocks {
-            for (lane, &depth) in block.iter().enumerate() {
-                widen(depth, &mut min[lane], &mut max[lane]);
-            }
+    fn run(self) -> (i32, i32) {
+        let (mut min, mut max) = (i32::MAX, i32::MIN);
+        for depth in self.depth {
+            let key = key(depth.to_bits() as i32);
+            min = min.min(if depth.is_finite() { key } else { i32::MAX });
+            max = max.max(if depth.is_finite() { key } else { i32::MIN });
         }
-        for (lane, &depth) in rest.iter().enumerate() {
-            widen(depth, &mut min[lane], &mut max[lane]);
-        }
-        Extent {
-            min: min.into_iter().fold(f32::INFINITY, |a, b| if b < a { b } else { a }),
-            max: max.into_iter().fold(f32::NEG_INFINITY, |a, b| if b > a { b } else { a }),
-        }
+        (min, max)
     }
-}
-
-#[inline(always)]
-fn widen(depth: f32, min: &mut f32, max: &mut f32) {
-    let (low, high) = if depth.is_finite() { (depth, depth) } else { (f32::INFINITY, f32::NEG_INFINITY) };
-    *min = if low < *min { low } else { *min };
-    *max = if high > *max { high } else { *max };
 }
 
 /// Min-max scaling: `min_s + (max_s - min_s) * (mono - min_m) / (max_m - min_m)`, the extent of stereo taken over the
@@ -161,29 +149,35 @@ impl Pass for Answered<'_> {
 
     #[inline(always)]
     fn run(self) -> Sums {
-        let (mut mono_sums, mut stereo_sums, mut counts) = ([0f64; LANES], [0f64; LANES], [0u32; LANES]);
-        let mut add = |lane: usize, mono: f32, stereo: f32| {
-            let seen = stereo.is_finite();
-            mono_sums[lane] += f64::from(if seen { mono } else { 0.0 });
-            stereo_sums[lane] += f64::from(if seen { stereo } else { 0.0 });
-            counts[lane] += u32::from(seen);
-        };
+        let (mut mono_sums, mut stereo_sums, mut answered) = ([0f64; LANES], [0f64; LANES], 0);
         let ((monos, mono_rest), (stereos, stereo_rest)) =
             (self.mono.as_chunks::<LANES>(), self.stereo.as_chunks::<LANES>());
         for (mono, stereo) in monos.iter().zip(stereos) {
-            for lane in 0..LANES {
-                add(lane, mono[lane], stereo[lane]);
-            }
+            answered += add_answered(mono, stereo, &mut mono_sums, &mut stereo_sums);
         }
-        for (lane, (&mono, &stereo)) in mono_rest.iter().zip(stereo_rest).enumerate() {
-            add(lane, mono, stereo);
-        }
-        Sums {
-            mono: mono_sums.iter().sum(),
-            stereo: stereo_sums.iter().sum(),
-            answered: counts.iter().map(|&count| count as usize).sum(),
-        }
+        let (mut mono, mut stereo) = ([f32::NAN; LANES], [f32::NAN; LANES]);
+        mono[..mono_rest.len()].copy_from_slice(mono_rest);
+        stereo[..stereo_rest.len()].copy_from_slice(stereo_rest);
+        answered += add_answered(&mono, &stereo, &mut mono_sums, &mut stereo_sums);
+        Sums { mono: mono_sums.iter().sum(), stereo: stereo_sums.iter().sum(), answered: answered as usize }
     }
+}
+
+/// Adds both depths of the pixels that stereo answered to the lanes' sums; returns how many these are.
+#[inline(always)]
+fn add_answered(
+    mono: &[f32; LANES],
+    stereo: &[f32; LANES],
+    mono_sums: &mut [f64; LANES],
+    stereo_sums: &mut [f64; LANES],
+) -> u32 {
+    for lane in 0..LANES {
+        mono_sums[lane] += f64::from(if stereo[lane].is_finite() { mono[lane] } else { 0.0 });
+    }
+    for lane in 0..LANES {
+        stereo_sums[lane] += f64::from(if stereo[lane].is_finite() { stereo[lane] } else { 0.0 });
+    }
+    stereo.iter().map(|depth| u32::from(depth.is_finite())).sum()
 }
 
 struct Times<'a> {

@@ -1,12 +1,19 @@
 //! The one place where a kernel meets the instruction set.
 //!
 //! A kernel's inner loops are a [`Pass`]: safe Rust that the compiler vectorises. [`Level::run`] holds that same source
-//! compiled three times (for every machine, for AVX2, for AVX-512) and picks one at run time. Rust neither reorders
-//! nor contracts floating-point operations, so all three give the same bits, on any machine; `every_level` lets the
+//! compiled for every machine, for AVX2 and for AVX-512, and picks one at run time. Sums that must stay in registers are a
+//! [`BlockPass`], with the registers named. Rust neither reorders
+//! nor contracts floating-point operations, so all of them give the same bits, on any machine; `every_level` lets the
 //! tests prove it.
 #![expect(unsafe_code, reason = "calls functions compiled for instruction sets that were found at run time")]
 
+mod block;
+
+#[cfg(target_arch = "x86_64")]
+use std::marker::PhantomData;
 use std::sync::OnceLock;
+
+pub(crate) use block::{BLOCK, Block};
 
 /// An instruction set that this machine was seen to have.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -15,6 +22,8 @@ pub struct Level(Set);
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Set {
     Portable,
+    #[cfg(target_arch = "x86_64")]
+    Sse2,
     #[cfg(target_arch = "x86_64")]
     Avx2,
     #[cfg(target_arch = "x86_64")]
@@ -32,13 +41,21 @@ pub(crate) trait Pass {
     fn run(self) -> Self::Output;
 }
 
+/// A [`Pass`] that holds values in vector registers by name.
+pub(crate) trait BlockPass {
+    /// What the loops return.
+    type Output;
+    /// The loops; `#[inline(always)]` as in [`Pass`].
+    fn run<B: Block>(self) -> Self::Output;
+}
+
 impl Level {
-    /// What the compiler's own target guarantees; on x86-64 that is SSE2.
+    /// What the compiler makes of plain Rust for any machine of the target.
     pub const PORTABLE: Self = Self(Set::Portable);
 
     /// The widest instruction set of this machine.
     ///
-    /// The environment variable `DEPTHLOOM_SIMD` (`portable`, `avx2`) holds it down, for measuring: the results are
+    /// The environment variable `DEPTHLOOM_SIMD` (`portable`, `sse2`, `avx2`) holds it down, for measuring: the results are
     /// the same.
     #[must_use]
     pub fn best() -> Self {
@@ -56,6 +73,7 @@ impl Level {
         let mut levels = vec![Self::PORTABLE];
         #[cfg(target_arch = "x86_64")]
         {
+            levels.push(Self(Set::Sse2)); // part of x86-64
             let avx2 = is_x86_feature_detected!("avx2")
                 && is_x86_feature_detected!("fma")
                 && is_x86_feature_detected!("bmi1")
@@ -78,11 +96,13 @@ impl Level {
         levels
     }
 
-    /// `portable`, `avx2` or `avx512`.
+    /// `portable`, `sse2`, `avx2` or `avx512`.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self.0 {
             Set::Portable => "portable",
+            #[cfg(target_arch = "x86_64")]
+            Set::Sse2 => "sse2",
             #[cfg(target_arch = "x86_64")]
             Set::Avx2 => "avx2",
             #[cfg(target_arch = "x86_64")]
@@ -96,12 +116,43 @@ impl Level {
         match self.0 {
             Set::Portable => pass.run(),
             #[cfg(target_arch = "x86_64")]
+            Set::Sse2 => pass.run(),
+            #[cfg(target_arch = "x86_64")]
             // SAFETY: only `available` makes this level, where every feature named at `avx2` was detected.
             Set::Avx2 => unsafe { avx2(pass) },
             #[cfg(target_arch = "x86_64")]
             // SAFETY: only `available` makes this level, where every feature named at `avx512` was detected.
             Set::Avx512 => unsafe { avx512(pass) },
         }
+    }
+}
+
+impl Level {
+    /// Runs `pass` with the blocks of this level.
+    #[inline]
+    pub(crate) fn run_blocks<P: BlockPass>(self, pass: P) -> P::Output {
+        match self.0 {
+            Set::Portable => pass.run::<block::Portable>(),
+            #[cfg(target_arch = "x86_64")]
+            Set::Sse2 => self.run(With::<P, block::Sse2>(pass, PhantomData)),
+            #[cfg(target_arch = "x86_64")]
+            Set::Avx2 => self.run(With::<P, block::Avx2>(pass, PhantomData)),
+            #[cfg(target_arch = "x86_64")]
+            Set::Avx512 => self.run(With::<P, block::Avx512>(pass, PhantomData)),
+        }
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+struct With<P, B>(P, PhantomData<B>);
+
+#[cfg(target_arch = "x86_64")]
+impl<P: BlockPass, B: Block> Pass for With<P, B> {
+    type Output = P::Output;
+
+    #[inline(always)]
+    fn run(self) -> P::Output {
+        self.0.run::<B>()
     }
 }
 
@@ -115,6 +166,28 @@ fn avx2<P: Pass>(pass: P) -> P::Output {
 #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt,avx512f,avx512bw,avx512cd,avx512dq,avx512vl")]
 fn avx512<P: Pass>(pass: P) -> P::Output {
     pass.run()
+}
+
+/// Asks the cache for `count` samples from `start` on, as far as they lie in the slice. Walking down a strip of an
+/// image jumps a row at a time, which the processor does not foresee.
+#[inline(always)]
+pub(crate) fn prefetch<T>(samples: &[T], start: usize, count: usize) {
+    #[cfg(target_arch = "x86_64")]
+    {
+        const LINE: usize = 64;
+        for sample in (start..start + count).step_by(LINE / size_of::<T>()) {
+            if let Some(sample) = samples.get(sample) {
+                // SAFETY: a prefetch reads nothing; the address is that of a sample, and SSE is part of x86-64.
+                unsafe {
+                    std::arch::x86_64::_mm_prefetch::<{ std::arch::x86_64::_MM_HINT_T0 }>(
+                        std::ptr::from_ref(sample).cast(),
+                    )
+                };
+            }
+        }
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = (samples, start, count);
 }
 
 /// Runs `kernel` at every level of this machine and demands the same result of all.

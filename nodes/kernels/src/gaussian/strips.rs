@@ -1,0 +1,106 @@
+//! Blurring down the columns of a strip.
+
+use std::ops::Range;
+
+use crate::raster::reflect101;
+use crate::simd::{BLOCK, Block, BlockPass, Level, prefetch};
+
+/// Columns blurred together: their sums stay in registers.
+pub(super) const STRIP: usize = BLOCK;
+
+/// How many rows ahead the output is called into the cache.
+const AHEAD: usize = 4;
+
+/// One value for each column of a strip, aligned to cache lines.
+#[derive(Clone, Copy)]
+#[repr(align(64))]
+pub(super) struct Lane(pub(super) [f32; STRIP]);
+
+impl Lane {
+    pub(super) const ZERO: Self = Self([0.0; STRIP]);
+}
+
+/// Something that can be blurred along its rows.
+pub(super) trait Lines {
+    /// Columns `left..left + STRIP` of row `y`, blurred along the row. Columns outside the image mean nothing.
+    fn blurred<B: Block>(&mut self, y: usize, left: usize) -> B;
+}
+
+/// The rows of the image that an output of `rows` depends on; the reflected ones lie among them.
+pub(super) fn source_rows(rows: &Range<usize>, radius: usize, height: usize) -> Range<usize> {
+    rows.start.saturating_sub(radius)..height.min(rows.end + radius)
+}
+
+/// Blurs `rows` of the image that `lines` stands for.
+pub(super) fn blur_lines(
+    level: Level,
+    lines: impl Lines,
+    taps: &[f32],
+    width: usize,
+    height: usize,
+    rows: Range<usize>,
+    out: &mut [f32],
+) {
+    if width >= STRIP {
+        level.run_blocks(Blur { lines, taps, width, height, rows, out });
+        return;
+    }
+    // A narrow image is the left part of one strip.
+    let mut strip = vec![0.0; STRIP * rows.len()];
+    level.run_blocks(Blur { lines, taps, width: STRIP, height, rows, out: &mut strip });
+    for (out, strip) in out.chunks_exact_mut(width).zip(strip.chunks_exact(STRIP)) {
+        out.copy_from_slice(&strip[..width]);
+    }
+}
+
+struct Blur<'a, L> {
+    lines: L,
+    taps: &'a [f32],
+    /// Columns to make, at least a strip.
+    width: usize,
+    height: usize,
+    rows: Range<usize>,
+    out: &'a mut [f32],
+}
+
+impl<L: Lines> BlockPass for Blur<'_, L> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<B: Block>(self) {
+        let Self { mut lines, taps, width, height, rows, out } = self;
+        let radius = taps.len() / 2;
+        let source = source_rows(&rows, radius, height);
+        // Rows beyond the image are copied, so that the loop down the columns has no border.
+        let wanted = rows.start as isize - radius as isize..(rows.end + radius) as isize;
+        let top = (source.start as isize - wanted.start) as usize;
+        let mut strip = vec![Lane::ZERO; wanted.len()];
+        for left in (0..width).step_by(STRIP) {
+            // The last strip overlaps the one before: whole strips only.
+            let left = left.min(width - STRIP);
+            for y in source.clone() {
+                lines.blurred::<B>(y, left).store(&mut strip[y - source.start + top].0);
+            }
+            for y in wanted.clone().filter(|&y| y < 0 || y >= height as isize) {
+                strip[(y - wanted.start) as usize] = strip[reflect101(y, height) - source.start + top];
+            }
+            for (row, window) in strip.windows(2 * radius + 1).enumerate() {
+                prefetch(out, (row + AHEAD) * width + left, STRIP);
+                let out = out[row * width + left..].first_chunk_mut().expect("a whole strip");
+                symmetric::<B>(window, taps).store(out);
+            }
+        }
+    }
+}
+
+/// The weighted sum of an odd number of lanes under symmetric taps, from the centre outwards.
+#[inline(always)]
+fn symmetric<B: Block>(window: &[Lane], taps: &[f32]) -> B {
+    let radius = taps.len() / 2;
+    let (before, after) = (&window[..radius], &window[radius + 1..]);
+    let mut sum = B::load(&window[radius].0).times(taps[radius]);
+    for ((before, after), &tap) in before.iter().rev().zip(after).zip(&taps[radius + 1..]) {
+        sum = sum.plus(B::load(&before.0).plus(B::load(&after.0)).times(tap));
+    }
+    sum
+}

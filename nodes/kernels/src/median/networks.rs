@@ -1,0 +1,199 @@
+//! Sorting and selection networks: minima and maxima in a fixed order, hence one vector instruction each.
+//!
+//! Merging is Batcher's odd-even merge (Batcher 1968, "Sorting networks and their applications"): merge the samples of
+//! even and of odd index, then order neighbours across the two. Outputs that nobody needs are left out. That each
+//! network is right is proved in the tests by the 0-1 principle.
+
+#[inline(always)]
+fn order(a: i32, b: i32) -> (i32, i32) {
+    (a.min(b), a.max(b))
+}
+
+#[inline(always)]
+fn middle(a: i32, b: i32, c: i32) -> i32 {
+    let (low, high) = order(a, b);
+    low.max(high.min(c))
+}
+
+/// Three samples, ascending.
+#[inline(always)]
+pub(super) fn sort3([a, b, c]: [i32; 3]) -> [i32; 3] {
+    let (a, b) = order(a, b);
+    let (b, c) = order(b, c);
+    let (a, b) = order(a, b);
+    [a, b, c]
+}
+
+/// The median of nine samples that stand in three sorted threes.
+#[inline(always)]
+pub(super) fn median3_of_sorted([a, b, c]: [[i32; 3]; 3]) -> i32 {
+    let low = a[0].max(b[0]).max(c[0]);
+    let high = a[2].min(b[2]).min(c[2]);
+    middle(low, middle(a[1], b[1], c[1]), high)
+}
+
+/// Five samples, ascending.
+#[inline(always)]
+pub(super) fn sort5([a, b, c, d, e]: [i32; 5]) -> [i32; 5] {
+    let (a, b) = order(a, b);
+    let (c, d) = order(c, d);
+    let [s, t, u, v] = merge2([a, b], [c, d]);
+    // The fifth is inserted by Batcher's merge of four and one.
+    let (s, e) = order(s, e);
+    let (u, e) = order(u, e);
+    let (t, u) = order(t, u);
+    let (v, e) = order(v, e);
+    [s, t, u, v, e]
+}
+
+/// Two sorted pairs, ascending.
+#[inline(always)]
+fn merge2(a: [i32; 2], b: [i32; 2]) -> [i32; 4] {
+    let (first, low) = order(a[0], b[0]);
+    let (high, last) = order(a[1], b[1]);
+    let (low, high) = order(low, high);
+    [first, low, high, last]
+}
+
+/// Two sorted threes, ascending.
+#[inline(always)]
+fn merge3(a: [i32; 3], b: [i32; 3]) -> [i32; 6] {
+    let even = merge2([a[0], a[2]], [b[0], b[2]]);
+    let odd = order(a[1], b[1]);
+    let (s, t) = order(odd.0, even[1]);
+    let (u, v) = order(odd.1, even[2]);
+    [even[0], s, t, u, v, even[3]]
+}
+
+/// Two sorted fives, ascending.
+#[inline(always)]
+pub(super) fn merge5(a: [i32; 5], b: [i32; 5]) -> [i32; 10] {
+    let even = merge3([a[0], a[2], a[4]], [b[0], b[2], b[4]]);
+    let odd = merge2([a[1], a[3]], [b[1], b[3]]);
+    let (r1, r2) = order(odd[0], even[1]);
+    let (r3, r4) = order(odd[1], even[2]);
+    let (r5, r6) = order(odd[2], even[3]);
+    let (r7, r8) = order(odd[3], even[4]);
+    [even[0], r1, r2, r3, r4, r5, r6, r7, r8, even[5]]
+}
+
+/// The middle two of two sorted pairs.
+#[inline(always)]
+fn middle_of_merge2(a: [i32; 2], b: [i32; 2]) -> (i32, i32) {
+    order(a[0].max(b[0]), a[1].min(b[1]))
+}
+
+/// The middle two of two sorted threes.
+#[inline(always)]
+fn middle_of_merge3(a: [i32; 3], b: [i32; 3]) -> (i32, i32) {
+    let even = middle_of_merge2([a[0], a[2]], [b[0], b[2]]);
+    let odd = order(a[1], b[1]);
+    (odd.0.max(even.0), odd.1.min(even.1))
+}
+
+/// Ranks 4, 5 and 6 (from 0) of two sorted fives.
+#[inline(always)]
+fn ranks_4_to_6(a: [i32; 5], b: [i32; 5]) -> [i32; 3] {
+    let even = middle_of_merge3([a[0], a[2], a[4]], [b[0], b[2], b[4]]);
+    let odd = middle_of_merge2([a[1], a[3]], [b[1], b[3]]);
+    let (r5, r6) = order(odd.1, even.1);
+    [odd.0.max(even.0), r5, r6]
+}
+
+/// Ranks 3, 4 and 5 (from 0) of two sorted fives.
+#[inline(always)]
+fn ranks_3_to_5(a: [i32; 5], b: [i32; 5]) -> [i32; 3] {
+    let even = middle_of_merge3([a[0], a[2], a[4]], [b[0], b[2], b[4]]);
+    let odd = middle_of_merge2([a[1], a[3]], [b[1], b[3]]);
+    let (r3, r4) = order(odd.0, even.0);
+    [r3, r4, odd.1.min(even.1)]
+}
+
+/// Ranks 7 to 12 (from 0) of two sorted tens, ascending: the only ones of twenty samples that can be the median once
+/// five more are known.
+#[inline(always)]
+pub(super) fn middle6(a: [i32; 10], b: [i32; 10]) -> [i32; 6] {
+    let even = ranks_4_to_6([a[0], a[2], a[4], a[6], a[8]], [b[0], b[2], b[4], b[6], b[8]]);
+    let odd = ranks_3_to_5([a[1], a[3], a[5], a[7], a[9]], [b[1], b[3], b[5], b[7], b[9]]);
+    let (r7, r8) = order(odd[0], even[0]);
+    let (r9, r10) = order(odd[1], even[1]);
+    let (r11, r12) = order(odd[2], even[2]);
+    [r7, r8, r9, r10, r11, r12]
+}
+
+/// The median of a sorted six and a sorted five.
+#[inline(always)]
+pub(super) fn median11(a: [i32; 6], b: [i32; 5]) -> i32 {
+    let even = middle_of_merge3([a[0], a[2], a[4]], [b[0], b[2], b[4]]).1;
+    let odd = a[3].min(b[3]).max(a[1].max(a[5].min(b[1])));
+    odd.min(even)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// All sorted sequences of zeros and ones: by the 0-1 principle a network is right for every input if it is right
+    /// for these.
+    fn sorted<const N: usize>() -> impl Iterator<Item = [i32; N]> {
+        (0..=N).map(|zeros| std::array::from_fn(|i| i32::from(i >= zeros)))
+    }
+
+    fn unsorted<const N: usize>() -> impl Iterator<Item = [i32; N]> {
+        (0..1 << N).map(|bits: u32| std::array::from_fn(|i| (bits >> i & 1) as i32))
+    }
+
+    fn ascending(samples: impl IntoIterator<Item = i32>) -> Vec<i32> {
+        let mut samples: Vec<i32> = samples.into_iter().collect();
+        samples.sort_unstable();
+        samples
+    }
+
+    #[test]
+    fn small_sorts_sort() {
+        for samples in unsorted::<3>() {
+            assert_eq!(sort3(samples).to_vec(), ascending(samples));
+            assert_eq!(middle(samples[0], samples[1], samples[2]), ascending(samples)[1]);
+        }
+        for samples in unsorted::<5>() {
+            assert_eq!(sort5(samples).to_vec(), ascending(samples));
+        }
+    }
+
+    #[test]
+    fn three_sorted_threes_give_the_median_of_nine() {
+        for a in sorted::<3>() {
+            for b in sorted::<3>() {
+                for c in sorted::<3>() {
+                    assert_eq!(median3_of_sorted([a, b, c]), ascending([a, b, c].concat())[4]);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn merges_of_fives_and_tens_keep_every_rank_they_promise() {
+        for a in sorted::<5>() {
+            for b in sorted::<5>() {
+                let all = ascending([a, b].concat());
+                assert_eq!(merge5(a, b).to_vec(), all);
+                assert_eq!(ranks_4_to_6(a, b), all[4..7]);
+                assert_eq!(ranks_3_to_5(a, b), all[3..6]);
+            }
+        }
+        for a in sorted::<10>() {
+            for b in sorted::<10>() {
+                assert_eq!(middle6(a, b), ascending([a, b].concat())[7..13]);
+            }
+        }
+    }
+
+    #[test]
+    fn a_sorted_six_and_a_sorted_five_give_the_median_of_eleven() {
+        for a in sorted::<6>() {
+            for b in sorted::<5>() {
+                assert_eq!(median11(a, b), ascending(a.into_iter().chain(b))[5]);
+            }
+        }
+    }
+}
