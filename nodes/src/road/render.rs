@@ -14,9 +14,11 @@ use super::street::Run;
 use super::vector::{Vec3, vec3};
 
 /// Rows of a band: one tile of work. Depends on nothing but the image.
-const BAND_ROWS: usize = 16;
+const BAND_ROWS: usize = 24;
 /// Where the four rays of a mixed pixel pass, in pixels from its centre.
 const SUBPIXELS: [(f32, f32); 4] = [(-0.125, -0.375), (0.375, -0.125), (0.125, 0.375), (-0.375, 0.125)];
+/// Light that the sensor cannot tell from more.
+const WHITE: f32 = 1.3;
 /// Relative difference of depth above which a surface hides another from the right camera, and not itself.
 const NEARER: f32 = 1e-3;
 
@@ -36,6 +38,8 @@ struct Look {
     ray: Ray,
     hit: Option<Hit>,
     lit: bool,
+    /// Whether the surface is foliage or a railing.
+    leafy: bool,
 }
 
 /// Renders both images and the truth.
@@ -97,16 +101,12 @@ fn look(scene: &Scene, eye: &Eye, first_row: usize, rows: usize, size: Size) -> 
     for row in 0..rows + 2 {
         let v = (first_row + row) as f32 - 1.0;
         for column in 0..size.width {
-            looks.push(look_at(scene, eye, column as f32, v));
+            let (ray, hit) = scene.first_hit(eye, column as f32, v);
+            let lit = is_lit(scene, &ray, hit.as_ref());
+            looks.push(Look { ray, hit, lit, leafy: hit.is_some_and(|hit| scene.has_holes(hit.part)) });
         }
     }
     looks
-}
-
-fn look_at(scene: &Scene, eye: &Eye, column: f32, row: f32) -> Look {
-    let (ray, hit) = scene.first_hit(eye, column, row);
-    let lit = hit.is_some_and(|hit| scene.is_lit(ray.at(hit.depth), &hit));
-    Look { ray, hit, lit }
 }
 
 /// Whether the right camera sees something nearer in the direction of this point, or does not look there.
@@ -125,35 +125,45 @@ fn expose(scene: &Scene, eye: &Eye, looks: &[Look], sensor: &Sensor, first_row: 
         let (row, column) = (pixel / width, pixel % width);
         let at = pixel + width;
         let here = &looks[at];
-        let mixed = differs(here, &looks[at - width])
-            || differs(here, &looks[at + width])
-            || (column > 0 && differs(here, &looks[at - 1]))
-            || (column + 1 < width && differs(here, &looks[at + 1]));
-        let focal = eye.camera.focal_px;
-        let radiance = if mixed {
-            let (u, v) = (column as f32, (first_row + row) as f32);
-            let sum = SUBPIXELS.iter().fold(vec3(0.0, 0.0, 0.0), |sum, &(du, dv)| {
-                let look = look_at(scene, eye, u + du, v + dv);
-                // Light beyond white is clipped where it falls: a bright sky does not eat the branches before it.
-                let radiance = scene.radiance(&look.ray, look.hit.as_ref(), look.lit, focal);
-                sum + vec3(radiance.x.min(1.3), radiance.y.min(1.3), radiance.z.min(1.3))
-            });
-            sum * 0.25
+        let beside = [at - usize::from(column > 0), at + usize::from(column + 1 < width), at - width, at + width];
+        let radiance = if beside.iter().any(|&there| differs(here, &looks[there])) {
+            let around = [at, beside[0], beside[1], beside[2], beside[3]].map(|there| &looks[there]);
+            mixed_radiance(scene, eye, around, (column as f32, (first_row + row) as f32))
         } else {
-            scene.radiance(&here.ray, here.hit.as_ref(), here.lit, focal)
+            scene.radiance(&here.ray, here.hit.as_ref(), here.lit, eye.camera.focal_px)
         };
         bytes.copy_from_slice(&sensor.expose(radiance, first_row * width + pixel));
     }
 }
 
-/// Whether two neighbouring pixels show different surfaces, or the same one in light and in shadow.
+/// The mean of four rays through a pixel whose centre and neighbours are `around`.
+fn mixed_radiance(scene: &Scene, eye: &Eye, around: [&Look; 5], (column, row): (f32, f32)) -> Vec3 {
+    // Where sun or shadow is all that is to be seen around, there is no need to ask for each ray.
+    let mut seen = around.iter().filter(|look| look.hit.is_some()).map(|look| look.lit);
+    let first = seen.next();
+    let lit_everywhere = first.filter(|lit| seen.all(|other| other == *lit));
+    let sum = SUBPIXELS.iter().fold(vec3(0.0, 0.0, 0.0), |sum, &(right, down)| {
+        let (ray, hit) = scene.first_hit(eye, column + right, row + down);
+        let lit = lit_everywhere.unwrap_or_else(|| is_lit(scene, &ray, hit.as_ref()));
+        // Light beyond white is clipped where it falls: a bright sky does not eat the branches before it.
+        let radiance = scene.radiance(&ray, hit.as_ref(), lit, eye.camera.focal_px);
+        sum + vec3(radiance.x.min(WHITE), radiance.y.min(WHITE), radiance.z.min(WHITE))
+    });
+    sum * (1.0 / SUBPIXELS.len() as f32)
+}
+
+fn is_lit(scene: &Scene, ray: &Ray, hit: Option<&Hit>) -> bool {
+    hit.is_some_and(|hit| scene.is_lit(ray.at(hit.depth), hit))
+}
+
+/// Whether two neighbouring pixels show different surfaces, or the same one in light and in shadow. Leaves before leaves do not count: they are all
+/// edges.
 fn differs(a: &Look, b: &Look) -> bool {
     match (&a.hit, &b.hit) {
         (None, None) => false,
         (Some(a_hit), Some(b_hit)) => {
-            a.lit != b.lit
-                || a_hit.part != b_hit.part
-                || (a_hit.part != Part::Carriageway && a_hit.normal.dot(b_hit.normal) < 0.75)
+            let curved = a_hit.part != Part::Carriageway && a_hit.normal.dot(b_hit.normal) < 0.75;
+            !(a.leafy && b.leafy) && (a.lit != b.lit || a_hit.part != b_hit.part || curved)
         }
         _ => true,
     }

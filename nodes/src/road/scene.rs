@@ -93,12 +93,17 @@ impl Scene {
         }
         let from = point + hit.normal * 0.02;
         // Light finds its way between leaves: a crown does not put its own sunny side in the shade.
-        let among_leaves = matches!(hit.part, Part::Object(index) if self.objects[index as usize].material.has_holes());
+        let among_leaves = self.has_holes(hit.part);
         let ray = Ray::new(from, self.light.sun);
         !self.sun_cells.any_towards_sun(from, |index| {
             let object = &self.objects[index as usize];
             !(among_leaves && object.material.has_holes()) && object.meets(&ray, 1e-3, f32::INFINITY).is_some()
         })
+    }
+
+    /// Whether one sees through parts of this: foliage, a railing.
+    pub(super) fn has_holes(&self, part: Part) -> bool {
+        matches!(part, Part::Object(index) if self.objects[index as usize].material.has_holes())
     }
 
     /// How much of a laser's light comes back from here, of 255: panes, black paint and leaves swallow or scatter it.

@@ -49,7 +49,7 @@ fn upwards(cell: i32) -> u32 {
     cell.cast_unsigned().wrapping_mul(0xc2b2_ae35)
 }
 
-/// Half of a full hash: enough for what is only looked at.
+/// Most of a full hash, good in its upper bits: enough for what is only looked at.
 fn scramble(h: u32) -> u32 {
     let h = (h ^ (h >> 16)).wrapping_mul(0x21f0_aaad);
     (h ^ (h >> 15)).wrapping_mul(0x735a_2d97)
