@@ -33,6 +33,31 @@ impl Choice {
         let index = (0..8).filter_map(last_of).min().unwrap_or(0);
         Self { index: index as i32, cost }
     }
+
+    /// Whether a candidate that is not next to this one comes within the uniqueness margin.
+    pub fn is_rivalled(&self, search: &Search, sum: &[i16]) -> bool {
+        let far = |d: usize| (d as i32 - self.index).abs() > 1;
+        if search.mode == Mode::ThreeWay {
+            let limit = self.three_way_limit(search);
+            return search.uniqueness > 0 && (0..sum.len()).any(|d| sum[d] < limit && far(d));
+        }
+        let margin = 100 - search.uniqueness;
+        (0..sum.len()).any(|d| i32::from(sum[d]) * margin < i32::from(self.cost) * 100 && far(d))
+    }
+
+    /// The cost below which a candidate is a rival, `None` if every cost is; the cost must not be negative.
+    pub fn rival_limit(&self, search: &Search) -> Option<i16> {
+        if search.mode == Mode::ThreeWay {
+            return Some(self.three_way_limit(search));
+        }
+        let margin = 100 - search.uniqueness;
+        i16::try_from((i32::from(self.cost) * 100 + margin - 1) / margin).ok()
+    }
+
+    /// As OpenCV computes it: the threshold may wrap in its 16 bits.
+    fn three_way_limit(&self, search: &Search) -> i16 {
+        (100 * i32::from(self.cost) / (100 - search.uniqueness) + 1) as i16
+    }
 }
 
 /// Decides one row: the running state of the left-right check.
@@ -57,14 +82,13 @@ impl RowChoice {
 
     /// Decides searched column `x`; OpenCV goes from right to left.
     pub fn decide(&mut self, search: &Search, x: usize, best: &Choice, sum: &[i16], row: &mut [i16]) {
-        if is_rivalled(search, best, sum) {
-            return;
+        if !best.is_rivalled(search, sum) {
+            self.answer(search, x, best, sum, row);
         }
-        self.answer(search, x, best, sum, row);
     }
 
     /// Writes the answer of searched column `x`, whose best candidate was found unique.
-    pub fn answer(&mut self, search: &Search, x: usize, best: &Choice, sum: &[i16], row: &mut [i16]) {
+    fn answer(&mut self, search: &Search, x: usize, best: &Choice, sum: &[i16], row: &mut [i16]) {
         let column = x + search.first_column;
         let partner = column as i32 - best.index - search.min_disparity;
         if let Some(cost) = usize::try_from(partner).ok().and_then(|p| self.right_cost.get_mut(p))
@@ -94,19 +118,6 @@ impl RowChoice {
             }
         }
     }
-}
-
-/// Whether a candidate that is not next to the best comes within the uniqueness margin.
-fn is_rivalled(search: &Search, best: &Choice, sum: &[i16]) -> bool {
-    let margin = 100 - search.uniqueness;
-    let cost = i32::from(best.cost);
-    let far = |d: usize| (d as i32 - best.index).abs() > 1;
-    if search.mode == Mode::ThreeWay {
-        // 16 bits, as OpenCV compares them: the threshold may wrap.
-        let threshold = (100 * cost / margin + 1) as i16;
-        return search.uniqueness > 0 && (0..sum.len()).any(|d| sum[d] < threshold && far(d));
-    }
-    (0..sum.len()).any(|d| i32::from(sum[d]) * margin < cost * 100 && far(d))
 }
 
 /// The disparity index in 1/16 px: the minimum of the parabola through the candidate and its neighbours.

@@ -1,26 +1,53 @@
 //! The entry: checks, and the choice between implementations.
 
+use super::fast::{self, FastScratch, Set};
 use super::search::Search;
 use super::view::check_shapes;
-use super::{Error, Params, View, plain};
+use super::{Error, Params, View, plain, speckle};
 use crate::tiles::Tiles;
 
 /// Buffers that one call leaves for the next; any call may use any scratch.
 #[derive(Debug, Default)]
-pub struct Scratch {}
+pub struct Scratch {
+    fast: FastScratch,
+}
 
 /// An implementation. All give the same bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Path {
     /// The plain scalar twin, on one thread.
     Plain,
+    /// The fast implementation without named instructions.
+    Portable,
+    /// The fast implementation in AVX2.
+    Avx2,
+    /// The fast implementation in AVX-512's registers.
+    Avx512,
 }
 
 impl Path {
     /// The implementations this machine can run, fastest first.
     #[must_use]
     pub fn available() -> Vec<Self> {
-        vec![Self::Plain]
+        let mut paths: Vec<_> = Set::available().into_iter().map(Self::from).collect();
+        paths.push(Self::Plain);
+        paths
+    }
+
+    fn set(self) -> Option<Set> {
+        Set::available().into_iter().find(|&set| Self::from(set) == self)
+    }
+}
+
+impl From<Set> for Path {
+    fn from(set: Set) -> Self {
+        match set {
+            Set::Portable => Self::Portable,
+            #[cfg(target_arch = "x86_64")]
+            Set::Avx2 => Self::Avx2,
+            #[cfg(target_arch = "x86_64")]
+            Set::Avx512 => Self::Avx512,
+        }
     }
 }
 
@@ -40,7 +67,8 @@ pub fn compute(
     compute_on(Path::available()[0], left, right, params, scratch, tiles, out)
 }
 
-/// [`compute`] with a chosen implementation.
+/// [`compute`] with a chosen implementation; the plain one where this machine has not the chosen one, and wherever 16-bit
+/// costs might saturate.
 ///
 /// # Errors
 /// As [`compute`].
@@ -59,10 +87,15 @@ pub fn compute_on(
     if (left.width as i64) < search.least_width() {
         return Err(Error::Narrow { width: left.width, needed: search.least_width() });
     }
-    let _ = (scratch, tiles);
-    match path {
-        Path::Plain => plain::compute(&search, params.block, left, right, out),
+    match path.set() {
+        Some(set) if fast::fits(&search) => {
+            fast::compute(set, &search, params.block, [left, right], &mut scratch.fast, tiles, out);
+        }
+        _ => plain::compute(&search, params.block, left, right, out),
     }
-    plain::finish(&search, params.speckle_window, params.speckle_range, out);
+    if params.speckle_window > 0 {
+        let range = params.speckle_range.saturating_mul(16);
+        speckle::filter(out, search.width, search.invalid, params.speckle_window as usize, range);
+    }
     Ok(())
 }

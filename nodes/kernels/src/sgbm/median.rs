@@ -13,20 +13,23 @@ pub(super) fn median3(source: &[i16], width: usize, out: &mut [i16]) {
 #[inline(always)]
 pub(super) fn median3_row(rows: [&[i16]; 3], out: &mut [i16]) {
     let width = out.len();
-    let column = |x: usize| sorted3([rows[0][x], rows[1][x], rows[2][x]]);
-    let of = |x: usize| {
-        let columns = [column(x.saturating_sub(1)), column(x), column((x + 1).min(width - 1))];
-        median_of_sorted(columns)
-    };
-    out[0] = of(0);
-    out[width - 1] = of(width - 1);
+    let last = width - 1;
+    for x in [0, last] {
+        let columns = [x.saturating_sub(1), x, (x + 1).min(last)];
+        out[x] = median_of_rows(rows.map(|row| columns.map(|x| row[x])));
+    }
     if width < 3 {
         return;
     }
-    let windows = rows[0].windows(3).zip(rows[1].windows(3)).zip(rows[2].windows(3));
-    for (out, ((a, b), c)) in out[1..].iter_mut().zip(windows) {
-        *out = median_of_sorted([0, 1, 2].map(|i| sorted3([a[i], b[i], c[i]])));
+    let (above, here, below) = (rows[0].windows(3), rows[1].windows(3), rows[2].windows(3));
+    for (out, ((a, b), c)) in out[1..last].iter_mut().zip(above.zip(here).zip(below)) {
+        *out = median_of_rows([[a[0], a[1], a[2]], [b[0], b[1], b[2]], [c[0], c[1], c[2]]]);
     }
+}
+
+#[inline(always)]
+fn median_of_rows([a, b, c]: [[i16; 3]; 3]) -> i16 {
+    median_of_sorted([sorted3([a[0], b[0], c[0]]), sorted3([a[1], b[1], c[1]]), sorted3([a[2], b[2], c[2]])])
 }
 
 /// The median of nine: the largest of the smallest, the middle of the middles, the smallest of the largest; their middle.

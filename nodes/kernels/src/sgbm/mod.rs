@@ -22,6 +22,7 @@
 
 mod choice;
 mod compute;
+mod fast;
 mod median;
 mod params;
 mod plain;

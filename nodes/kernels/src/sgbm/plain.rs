@@ -10,9 +10,9 @@ use super::choice::{Choice, RowChoice};
 use super::plain_cost::CostRows;
 use super::search::{Search, Stripe};
 use super::view::View;
-use super::{Mode, median, speckle};
+use super::{Mode, median};
 
-/// Matches two images; shapes and parameters are checked by the caller.
+/// Matches two images, up to and including the median; shapes and parameters are checked by the caller.
 pub(super) fn compute(search: &Search, block: i32, left: &View<'_>, right: &View<'_>, out: &mut [i16]) {
     out.fill(search.invalid);
     if search.columns == 0 {
@@ -26,26 +26,30 @@ pub(super) fn compute(search: &Search, block: i32, left: &View<'_>, right: &View
             Mode::Hh | Mode::Hh4 => aggregation.two_passes(&stripe, out),
         }
     }
-}
-
-/// Median and speckle filter, as OpenCV applies them to every mode's result.
-pub(super) fn finish(search: &Search, window: i32, range: i32, out: &mut [i16]) {
     let source = out.to_vec();
     median::median3(&source, search.width, out);
-    if window > 0 {
-        speckle::filter(out, search.width, search.invalid, window as usize, range.saturating_mul(16));
-    }
 }
 
 /// The costs `L` of one direction along one row, and their minimum per column; a border column on each side stays 0.
+/// Each column's costs lie between two borders that are never the smallest.
 struct Paths {
     costs: Vec<i16>,
     minima: Vec<i16>,
 }
 
+/// Fresh costs of one column, or of several, of `d` disparities each.
+fn fresh(columns: usize, d: usize) -> Vec<i16> {
+    let mut costs = vec![0; columns * (d + 2)];
+    for column in costs.chunks_exact_mut(d + 2) {
+        column[0] = i16::MAX;
+        column[d + 1] = i16::MAX;
+    }
+    costs
+}
+
 impl Paths {
     fn new(search: &Search) -> Self {
-        Self { costs: vec![0; (search.columns + 2) * search.disparities], minima: vec![0; search.columns + 2] }
+        Self { costs: fresh(search.columns + 2, search.disparities), minima: vec![0; search.columns + 2] }
     }
 }
 
@@ -55,17 +59,16 @@ struct Aggregation<'a> {
     choice: RowChoice,
 }
 
-/// `L(p, d)` of one direction from `L(q, .)` of the pixel before: formula 13 of Hirschmueller 2005. `cost` already holds P2.
-/// Returns the minimum over `d`.
+/// `L(p, d)` of one direction from `L(q, .)` of the pixel before, both between borders: formula 13 of Hirschmueller 2005.
+/// `cost` already holds P2. Returns the minimum over `d`.
 fn step(previous: &[i16], delta: i16, p1: i16, cost: &[i16], out: &mut [i16]) -> i16 {
-    let d = previous.len();
+    let d = cost.len();
+    let (below, here, above) = (&previous[..d], &previous[1..=d], &previous[2..d + 2]);
     let mut minimum = i16::MAX;
-    for i in 0..d {
-        let below = if i > 0 { previous[i - 1] } else { i16::MAX };
-        let above = if i + 1 < d { previous[i + 1] } else { i16::MAX };
-        let best = previous[i].min(below.min(above).saturating_add(p1)).min(delta);
-        out[i] = best.saturating_sub(delta).saturating_add(cost[i]);
-        minimum = minimum.min(out[i]);
+    for ((((out, below), here), above), cost) in out[1..=d].iter_mut().zip(below).zip(here).zip(above).zip(cost) {
+        let near = (*below).min(*above).saturating_add(p1);
+        *out = near.min(*here).min(delta).saturating_sub(delta).saturating_add(*cost);
+        minimum = minimum.min(*out);
     }
     minimum
 }
@@ -92,14 +95,16 @@ impl<'a> Aggregation<'a> {
     /// One direction along one row: `from` holds the row the paths come from, shifted by `dx` columns.
     fn across(&self, from: &Paths, dx: isize, cost: &[i16], to: &mut Paths, sum: Option<&mut [i16]>) {
         let d = self.search.disparities;
+        let slot = d + 2;
         let mut sum = sum;
         for x in 0..self.search.columns {
             let before = (x as isize + 1 + dx) as usize;
             let delta = self.delta(from.minima[before]);
-            let out = &mut to.costs[(x + 1) * d..][..d];
-            to.minima[x + 1] = step(&from.costs[before * d..][..d], delta, self.search.p1, &cost[x * d..][..d], out);
+            let out = &mut to.costs[(x + 1) * slot..][..slot];
+            to.minima[x + 1] =
+                step(&from.costs[before * slot..][..slot], delta, self.search.p1, &cost[x * d..][..d], out);
             if let Some(sum) = sum.as_deref_mut() {
-                add(&mut sum[x * d..][..d], out);
+                add(&mut sum[x * d..][..d], &out[1..=d]);
             }
         }
     }
@@ -107,13 +112,13 @@ impl<'a> Aggregation<'a> {
     /// One direction along the row itself, to the right or to the left; `each` sees every column's costs.
     fn along(&self, leftwards: bool, cost: &[i16], mut each: impl FnMut(usize, &[i16])) {
         let d = self.search.disparities;
-        let mut previous = vec![0; d];
-        let mut current = vec![0; d];
+        let mut previous = fresh(1, d);
+        let mut current = fresh(1, d);
         let mut minimum = 0;
         for i in 0..self.search.columns {
             let x = if leftwards { self.search.columns - 1 - i } else { i };
             minimum = step(&previous, self.delta(minimum), self.search.p1, &cost[x * d..][..d], &mut current);
-            each(x, &current);
+            each(x, &current[1..=d]);
             std::mem::swap(&mut previous, &mut current);
         }
     }
@@ -215,7 +220,7 @@ impl<'a> Aggregation<'a> {
                 // OpenCV adds right and left first, then top.
                 let sum = &mut left[x * d..][..d];
                 add(sum, right);
-                add(sum, &top.costs[(x + 1) * d..][..d]);
+                add(sum, &top.costs[(x + 1) * (d + 2) + 1..][..d]);
                 choice.decide(self.search, x, &Choice::three_way(sum), sum, &mut row);
             });
             choice.check(self.search, &mut row);

@@ -7,7 +7,11 @@
 use super::search::Search;
 use super::view::View;
 
-/// One plane of one row: the value, and the smallest and largest value within half a pixel.
+/// Bytes after the last column, so that vectors may reach past it.
+const PADDING: usize = 32;
+
+/// One plane of one row: the value, and the smallest and largest value within half a pixel. Each row is followed by
+/// 32 bytes without meaning.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Plane {
     /// The value at each column.
@@ -29,6 +33,7 @@ impl Planes {
     }
 
     /// Fills the planes from row `y`.
+    #[inline(always)]
     pub fn fill(&mut self, search: &Search, image: &View<'_>, y: usize, reversed: bool) {
         let channels = image.channels;
         self.0.resize_with(2 * channels, Plane::default);
@@ -38,58 +43,69 @@ impl Planes {
         let (sobel, grey) = self.0.split_at_mut(channels);
         for (channel, (sobel, grey)) in sobel.iter_mut().zip(grey).enumerate() {
             for plane in [&mut *sobel, &mut *grey] {
-                plane.value.clear();
-                plane.value.resize(image.width, search.clip as u8);
-            }
-            if channels == 1 {
-                sobel_row(&mut sobel.value, above, row, below, search.clip);
-                if image.width > 2 {
-                    let inner = 1..image.width - 1;
-                    grey.value[inner.clone()].copy_from_slice(&row[inner]);
+                for row in [&mut plane.value, &mut plane.low, &mut plane.high] {
+                    row.resize(image.width + PADDING, 0);
                 }
-            } else {
-                let at = |r: &[u8], x: usize| i32::from(r[x * channels + channel]);
-                for x in 1..image.width.saturating_sub(1) {
-                    let step = |r: &[u8]| at(r, x + 1) - at(r, x - 1);
-                    sobel.value[x] = clipped(2 * step(row) + step(above) + step(below), search.clip);
-                    grey.value[x] = row[x * channels + channel];
+                plane.value[0] = search.clip as u8;
+                plane.value[image.width - 1] = search.clip as u8;
+            }
+            if image.width > 2 {
+                let inner = 1..image.width - 1;
+                let (sobel, grey) = (&mut sobel.value[inner.clone()], &mut grey.value[inner.clone()]);
+                if channels == 1 {
+                    sobel_row::<1>(sobel, above, row, below, search.clip);
+                    grey.copy_from_slice(&row[inner]);
+                } else {
+                    sobel_row::<3>(sobel, &above[channel..], &row[channel..], &below[channel..], search.clip);
+                    for (grey, pixel) in grey.iter_mut().zip(row[3..].chunks_exact(3)) {
+                        *grey = pixel[channel];
+                    }
                 }
             }
             for plane in [sobel, grey] {
                 if reversed {
-                    plane.value.reverse();
+                    plane.value[..image.width].reverse();
                 }
-                plane.fill_neighbourhood();
+                plane.fill_neighbourhood(image.width);
             }
         }
     }
 }
 
-/// OpenCV's table: clipped to `-clip..=clip`, shifted by `clip`, cut to eight bits.
-fn clipped(response: i32, clip: i32) -> u8 {
-    (response.clamp(-clip, clip) + clip) as u8
-}
-
-fn sobel_row(out: &mut [u8], above: &[u8], row: &[u8], below: &[u8], clip: i32) {
-    let wide = |v: u8| i32::from(v);
-    let windows = above.windows(3).zip(row.windows(3)).zip(below.windows(3));
-    for (out, ((a, r), b)) in out[1..].iter_mut().zip(windows) {
-        *out = clipped(2 * (wide(r[2]) - wide(r[0])) + wide(a[2]) - wide(a[0]) + wide(b[2]) - wide(b[0]), clip);
+/// x-Sobel of the inner columns as OpenCV's table has it: clipped to `-clip..=clip`, shifted by `clip`, cut to eight bits.
+#[inline(always)]
+fn sobel_row<const CHANNELS: usize>(out: &mut [u8], above: &[u8], row: &[u8], below: &[u8], clip: i32) {
+    // No response exceeds 1020: 16 bits do, and the compiler makes vectors of them.
+    let limit = clip.min(1020) as i16;
+    let step = |r: &[u8], x: usize| i16::from(r[x + 2 * CHANNELS]) - i16::from(r[x]);
+    let len = out.len();
+    let reach = CHANNELS * (len + 1) + 1;
+    let (above, row, below) = (&above[..reach], &row[..reach], &below[..reach]);
+    for (i, out) in out.iter_mut().enumerate() {
+        let x = i * CHANNELS;
+        let response = 2 * step(row, x) + step(above, x) + step(below, x);
+        *out = (response.clamp(-limit, limit) as u8).wrapping_add(clip as u8);
     }
 }
 
 impl Plane {
-    fn fill_neighbourhood(&mut self) {
-        let value = &self.value;
-        let last = value.len() - 1;
-        self.low.clone_from(value);
-        self.high.clone_from(value);
-        for x in 0..=last {
-            let here = u16::from(value[x]);
-            let left = ((here + u16::from(value[x.saturating_sub(1)])) / 2) as u8;
-            let right = ((here + u16::from(value[(x + 1).min(last)])) / 2) as u8;
-            self.low[x] = value[x].min(left).min(right);
-            self.high[x] = value[x].max(left).max(right);
+    #[inline(always)]
+    fn fill_neighbourhood(&mut self, width: usize) {
+        let value = &self.value[..width];
+        let (low, high) = (&mut self.low[..width], &mut self.high[..width]);
+        let between = |a: u8, b: u8| ((u16::from(a) + u16::from(b)) / 2) as u8;
+        let of = |left: u8, here: u8, right: u8| {
+            let (left, right) = (between(here, left), between(here, right));
+            (here.min(left).min(right), here.max(left).max(right))
+        };
+        let last = width - 1;
+        for x in [0, last] {
+            (low[x], high[x]) = of(value[x.saturating_sub(1)], value[x], value[(x + 1).min(last)]);
+        }
+        if width > 2 {
+            for ((v, low), high) in value.windows(3).zip(&mut low[1..last]).zip(&mut high[1..last]) {
+                (*low, *high) = of(v[0], v[1], v[2]);
+            }
         }
     }
 }

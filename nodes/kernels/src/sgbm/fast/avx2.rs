@@ -1,0 +1,159 @@
+//! [`Lanes`] in AVX2 instructions.
+
+use std::arch::x86_64::{
+    __m256i, _mm_loadu_si128, _mm_min_epu16, _mm_minpos_epu16, _mm256_add_epi8, _mm256_add_epi16, _mm256_adds_epi16,
+    _mm256_alignr_epi8, _mm256_and_si256, _mm256_broadcastw_epi16, _mm256_castsi256_si128, _mm256_cmpeq_epi16,
+    _mm256_cmpgt_epi16, _mm256_cvtepu8_epi16, _mm256_extract_epi16, _mm256_extracti128_si256, _mm256_loadu_si256,
+    _mm256_max_epu8, _mm256_min_epi16, _mm256_min_epu8, _mm256_movemask_epi8, _mm256_packs_epi16,
+    _mm256_permute2x128_si256, _mm256_permute4x64_epi64, _mm256_set1_epi8, _mm256_set1_epi16, _mm256_srli_epi16,
+    _mm256_storeu_si256, _mm256_sub_epi16, _mm256_subs_epu8,
+};
+
+use super::lanes::Lanes;
+
+/// AVX2, in functions compiled for it.
+#[derive(Clone, Copy)]
+pub(super) struct Avx2;
+
+/// One bit a lane of two comparison results.
+///
+/// # Safety
+/// AVX2 must be present.
+#[inline(always)]
+unsafe fn bits(a: __m256i, b: __m256i) -> u32 {
+    // SAFETY: the caller vouches for AVX2.
+    unsafe { _mm256_movemask_epi8(_mm256_permute4x64_epi64::<0b11_01_10_00>(_mm256_packs_epi16(a, b))) as u32 }
+}
+
+// The bodies below do nothing but name one or two instructions.
+// SAFETY: the trait's callers vouch for AVX2 and for the pointers; loads and stores are the unaligned forms.
+unsafe impl Lanes for Avx2 {
+    type V = __m256i;
+    type B = __m256i;
+
+    #[inline(always)]
+    unsafe fn load(from: *const i16) -> __m256i {
+        // SAFETY: as the trait demands.
+        unsafe { _mm256_loadu_si256(from.cast()) }
+    }
+    #[inline(always)]
+    unsafe fn store(to: *mut i16, v: __m256i) {
+        // SAFETY: as the trait demands.
+        unsafe { _mm256_storeu_si256(to.cast(), v) }
+    }
+    #[inline(always)]
+    unsafe fn splat(v: i16) -> __m256i {
+        // SAFETY: as the trait demands.
+        unsafe { _mm256_set1_epi16(v) }
+    }
+    #[inline(always)]
+    unsafe fn add(a: __m256i, b: __m256i) -> __m256i {
+        // SAFETY: as the trait demands.
+        unsafe { _mm256_add_epi16(a, b) }
+    }
+    #[inline(always)]
+    unsafe fn sub(a: __m256i, b: __m256i) -> __m256i {
+        // SAFETY: as the trait demands.
+        unsafe { _mm256_sub_epi16(a, b) }
+    }
+    #[inline(always)]
+    unsafe fn add_saturating(a: __m256i, b: __m256i) -> __m256i {
+        // SAFETY: as the trait demands.
+        unsafe { _mm256_adds_epi16(a, b) }
+    }
+    #[inline(always)]
+    unsafe fn min(a: __m256i, b: __m256i) -> __m256i {
+        // SAFETY: as the trait demands.
+        unsafe { _mm256_min_epi16(a, b) }
+    }
+    #[inline(always)]
+    unsafe fn straddle(a: __m256i, b: __m256i) -> __m256i {
+        // SAFETY: as the trait demands.
+        unsafe { _mm256_permute2x128_si256::<0x21>(a, b) }
+    }
+    #[inline(always)]
+    unsafe fn below(straddle: __m256i, v: __m256i) -> __m256i {
+        // SAFETY: as the trait demands.
+        unsafe { _mm256_alignr_epi8::<14>(v, straddle) }
+    }
+    #[inline(always)]
+    unsafe fn above(v: __m256i, straddle: __m256i) -> __m256i {
+        // SAFETY: as the trait demands.
+        unsafe { _mm256_alignr_epi8::<2>(straddle, v) }
+    }
+    #[inline(always)]
+    unsafe fn minimum(v: __m256i) -> __m256i {
+        // SAFETY: as the trait demands.
+        unsafe {
+            let half = _mm_min_epu16(_mm256_castsi256_si128(v), _mm256_extracti128_si256::<1>(v));
+            _mm256_broadcastw_epi16(_mm_minpos_epu16(half))
+        }
+    }
+    #[inline(always)]
+    unsafe fn first(v: __m256i) -> i16 {
+        // SAFETY: as the trait demands.
+        unsafe { _mm256_extract_epi16::<0>(v) as i16 }
+    }
+    #[inline(always)]
+    unsafe fn equal_bits(a: __m256i, b: __m256i, v: __m256i) -> u32 {
+        // SAFETY: as the trait demands.
+        unsafe { bits(_mm256_cmpeq_epi16(a, v), _mm256_cmpeq_epi16(b, v)) }
+    }
+    #[inline(always)]
+    unsafe fn less_bits(a: __m256i, b: __m256i, v: __m256i) -> u32 {
+        // SAFETY: as the trait demands.
+        unsafe { bits(_mm256_cmpgt_epi16(v, a), _mm256_cmpgt_epi16(v, b)) }
+    }
+    #[inline(always)]
+    unsafe fn load_widened(from: *const u8) -> __m256i {
+        // SAFETY: as the trait demands.
+        unsafe { _mm256_cvtepu8_epi16(_mm_loadu_si128(from.cast())) }
+    }
+    #[inline(always)]
+    unsafe fn load_bytes(from: *const u8) -> __m256i {
+        // SAFETY: as the trait demands.
+        unsafe { _mm256_loadu_si256(from.cast()) }
+    }
+    #[inline(always)]
+    unsafe fn store_bytes(to: *mut u8, b: __m256i) {
+        // SAFETY: as the trait demands.
+        unsafe { _mm256_storeu_si256(to.cast(), b) }
+    }
+    #[inline(always)]
+    unsafe fn splat_bytes(b: u8) -> __m256i {
+        // SAFETY: as the trait demands.
+        unsafe { _mm256_set1_epi8(b as i8) }
+    }
+    #[inline(always)]
+    unsafe fn add_bytes(a: __m256i, b: __m256i) -> __m256i {
+        // SAFETY: as the trait demands.
+        unsafe { _mm256_add_epi8(a, b) }
+    }
+    #[inline(always)]
+    unsafe fn sub_bytes(a: __m256i, b: __m256i) -> __m256i {
+        // SAFETY: as the trait demands.
+        unsafe { _mm256_subs_epu8(a, b) }
+    }
+    #[inline(always)]
+    unsafe fn min_bytes(a: __m256i, b: __m256i) -> __m256i {
+        // SAFETY: as the trait demands.
+        unsafe { _mm256_min_epu8(a, b) }
+    }
+    #[inline(always)]
+    unsafe fn max_bytes(a: __m256i, b: __m256i) -> __m256i {
+        // SAFETY: as the trait demands.
+        unsafe { _mm256_max_epu8(a, b) }
+    }
+    #[inline(always)]
+    unsafe fn quarter_bytes(a: __m256i) -> __m256i {
+        // SAFETY: as the trait demands.
+        unsafe { _mm256_and_si256(_mm256_srli_epi16::<2>(a), _mm256_set1_epi8(0x3f)) }
+    }
+    #[inline(always)]
+    unsafe fn widen(b: __m256i) -> [__m256i; 2] {
+        // SAFETY: as the trait demands.
+        unsafe {
+            [_mm256_cvtepu8_epi16(_mm256_castsi256_si128(b)), _mm256_cvtepu8_epi16(_mm256_extracti128_si256::<1>(b))]
+        }
+    }
+}

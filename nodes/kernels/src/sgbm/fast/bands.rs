@@ -1,0 +1,328 @@
+//! The order of the work: bands of rows, cut into columns for the directions that come from the row before.
+//!
+//! A band goes through three rounds, and the pieces of a round run in any order on any number of threads:
+//!
+//! 1. *Trapezoids*. Each tile of columns makes its block costs and leads the paths down its rows. A diagonal path needs
+//!    the neighbouring column of the row before, so that a tile loses one column at each inner side with every row.
+//! 2. *Triangles*: what the tiles lost between them. In the same round, row sums of the next band's costs.
+//! 3. *Rows*: the directions along the row, and the decision.
+//!
+//! `hh` and `hh4` go over the image twice, and keep costs and sums of the whole image in between; the others hold a band.
+
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use super::answers::Answers;
+use super::costs::{CostRow, Slide, pixel_len};
+use super::decide::Decide;
+use super::kernels::Kernels;
+use super::march::{March, Slots};
+use super::shared::{Costs, Shared};
+use crate::sgbm::Mode;
+use crate::sgbm::prefilter::Planes;
+use crate::sgbm::search::{Search, Stripe};
+use crate::sgbm::view::View;
+use crate::tiles::Tiles;
+
+/// Rows in a band.
+const BAND: usize = 8;
+
+/// Rows that are decided together.
+const PAIR: usize = 2;
+
+/// Columns in a tile, at least twice the rows of a band.
+const TILE: usize = 64;
+
+/// Memory of one piece of work on a row.
+#[derive(Debug, Default)]
+struct RowScratch {
+    left: Planes,
+    right: Planes,
+    pixel: Vec<i16>,
+    total: Vec<i16>,
+    answers: Answers,
+}
+
+/// Memory that is kept from frame to frame.
+#[derive(Debug, Default)]
+pub(super) struct Memory {
+    sums: Costs,
+    cost: Costs,
+    sum: Costs,
+    band: Costs,
+    paths: [Costs; 3],
+    rows: Vec<Mutex<RowScratch>>,
+}
+
+/// One stripe of one frame.
+struct Frame<'a> {
+    kernels: Kernels,
+    search: &'a Search,
+    left: &'a View<'a>,
+    right: &'a View<'a>,
+    stripe: &'a Stripe,
+    /// Row sums, row `k` at `k` modulo `sum_rows`.
+    sums: Shared<'a, i16>,
+    sum_rows: usize,
+    /// Block costs: of the whole stripe, or of the last `BAND + 1` rows.
+    cost: Shared<'a, i16>,
+    /// Sums over the directions of the first of two passes.
+    sum: Shared<'a, i16>,
+    /// Sums of the band's rows.
+    band: Shared<'a, i16>,
+    two_passes: bool,
+    rows: &'a [Mutex<RowScratch>],
+    out: Shared<'a, i16>,
+}
+
+/// One pass over a stripe's rows.
+struct Pass<'a> {
+    upwards: bool,
+    /// Whether this pass completes the sums.
+    last: bool,
+    slots: &'a [Slots<'a>],
+}
+
+/// Matches one stripe; `out` is the whole disparity map, of which the rows kept are written.
+pub(super) fn compute<'a>(
+    kernels: Kernels,
+    search: &'a Search,
+    stripe: &'a Stripe,
+    [left, right]: [&'a View<'a>; 2],
+    memory: &'a mut Memory,
+    tiles: &dyn Tiles,
+    out: Shared<'a, i16>,
+) {
+    let len = search.row_len();
+    let height = stripe.end - stripe.start;
+    let two_passes = matches!(search.mode, Mode::Hh | Mode::Hh4);
+    let diagonals = matches!(search.mode, Mode::Hh | Mode::Sgbm);
+    let volume = if two_passes { height } else { BAND + 1 };
+    let sum_rows = BAND + 2 * search.radius + 2;
+    memory.rows.resize_with(2 * BAND, Mutex::default);
+    let frame = Frame {
+        kernels,
+        search,
+        left,
+        right,
+        stripe,
+        sums: memory.sums.at_least(sum_rows * len),
+        sum_rows,
+        cost: memory.cost.at_least(volume * len),
+        sum: memory.sum.at_least(if two_passes { volume * len } else { 0 }),
+        band: memory.band.at_least(BAND * len),
+        two_passes,
+        rows: &memory.rows,
+        out,
+    };
+    // A diagonal enters on one side while another leaves on the other, up to a band's rows earlier or later.
+    let directions: &[(isize, usize)] = if diagonals { &[(-1, BAND), (0, 0), (1, BAND)] } else { &[(0, 0)] };
+    let path_memory: Vec<_> = directions
+        .iter()
+        .zip(&mut memory.paths)
+        .map(|(&(_, spare), costs)| costs.at_least(Slots::len(search, search.columns + spare)))
+        .collect();
+    for upwards in [false, true] {
+        if upwards && !two_passes {
+            break;
+        }
+        let slots: Vec<_> = directions
+            .iter()
+            .zip(&path_memory)
+            .map(|(&(drift, spare), &memory)| Slots::new(search, memory, search.columns + spare, drift))
+            .collect();
+        frame.pass(&Pass { upwards, last: upwards || !two_passes, slots: &slots }, tiles);
+    }
+}
+
+impl<'a> Frame<'a> {
+    /// Rows of the stripe.
+    fn height(&self) -> usize {
+        self.stripe.end - self.stripe.start
+    }
+
+    fn pass(&self, pass: &Pass<'_>, tiles: &dyn Tiles) {
+        let height = self.height();
+        let columns = self.search.columns;
+        let tile_count = (columns / TILE).max(1);
+        let tile = |t: usize| t * TILE..if t + 1 == tile_count { columns } else { (t + 1) * TILE };
+        let triangles = if pass.slots.len() > 1 { tile_count - 1 } else { 0 };
+        // Row sums are made up to where the costs of the band that follows need them.
+        let mut summed = self.stripe.start;
+        let end_of_sums = |band_end: usize| {
+            if pass.upwards {
+                return self.stripe.start;
+            }
+            let end = if band_end == 0 { 0 } else { band_end.min(height) + self.search.radius };
+            (self.stripe.start + end).min(self.search.height)
+        };
+        let first_end = end_of_sums(BAND);
+        tiles.run(first_end - summed, &|n| self.sum_row(summed + n, n));
+        summed = first_end;
+        for start in (0..height).step_by(BAND) {
+            let end = (start + BAND).min(height);
+            tiles.run(tile_count, &|t| self.trapezoid(pass, start..end, tile(t)));
+            let next = if end < height { end_of_sums(end + BAND) } else { summed };
+            tiles.run(triangles + next - summed, &|n| {
+                if n < triangles {
+                    self.triangle(pass, start..end, tile(n).end);
+                } else {
+                    self.sum_row(summed + n - triangles, n - triangles);
+                }
+            });
+            summed = next;
+            if pass.last {
+                tiles.run((end - start).div_ceil(PAIR), &|n| {
+                    let first = start + n * PAIR;
+                    self.decide(pass, first..(first + PAIR).min(end));
+                });
+            }
+        }
+    }
+
+    /// Memory for a piece of work; any piece may use any.
+    fn scratch(&self, n: usize) -> MutexGuard<'_, RowScratch> {
+        self.rows[n % self.rows.len()].lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Where row `k` of the image keeps its row sums.
+    fn sums_at(&self, k: usize) -> usize {
+        (k - self.stripe.start) % self.sum_rows * self.search.row_len()
+    }
+
+    /// Where row `y` of the stripe keeps its block costs.
+    fn cost_at(&self, y: usize) -> usize {
+        (if self.two_passes { y } else { y % (BAND + 1) }) * self.search.row_len()
+    }
+
+    /// Row `k` of the image: pixel costs, summed along the row. The `n`-th such row of its round.
+    fn sum_row(&self, k: usize, n: usize) {
+        let mut scratch = self.scratch(n);
+        let RowScratch { left, right, pixel, .. } = &mut *scratch;
+        pixel.resize(pixel_len(self.search), 0);
+        let start = self.sums_at(k);
+        // SAFETY: each row of a round writes its own part of the ring, of which nothing is read in this round: trapezoids,
+        // which read it, have rounds of their own. The table's maker found the instruction set.
+        unsafe {
+            let sums = self.sums.write(start..start + self.search.row_len());
+            (self.kernels.planes)(left, self.search, self.left, k, false);
+            (self.kernels.planes)(right, self.search, self.right, k, true);
+            (self.kernels.cost_row)(&mut CostRow {
+                search: self.search,
+                left: left.planes(),
+                right: right.planes(),
+                pixel,
+                sums,
+            });
+        }
+    }
+
+    /// One tile of columns through the rows of a band: block costs, and the paths as far as they depend on this tile.
+    fn trapezoid(&self, pass: &Pass<'_>, band: std::ops::Range<usize>, columns: std::ops::Range<usize>) {
+        let diagonals = pass.slots.len() > 1;
+        for i in band.clone() {
+            if !pass.upwards {
+                self.block_costs(i, columns.clone());
+            }
+            let lost = if diagonals { i - band.start } else { 0 };
+            let first = if columns.start == 0 { 0 } else { columns.start + lost };
+            let last = if columns.end == self.search.columns { columns.end } else { columns.end - lost };
+            self.march(pass, i, first..last);
+        }
+    }
+
+    /// What the tiles on both sides of `column` lost.
+    fn triangle(&self, pass: &Pass<'_>, band: std::ops::Range<usize>, column: usize) {
+        for i in band.clone() {
+            let lost = i - band.start;
+            self.march(pass, i, column - lost..column + lost);
+        }
+    }
+
+    /// The `i`-th row of the pass.
+    fn row_of(&self, pass: &Pass<'_>, i: usize) -> usize {
+        if pass.upwards { self.height() - 1 - i } else { i }
+    }
+
+    fn march(&self, pass: &Pass<'_>, i: usize, columns: std::ops::Range<usize>) {
+        let d = self.search.disparities;
+        let len = self.search.row_len();
+        let y = self.row_of(pass, i);
+        let first = columns.start * d;
+        let band = self.band.at(i % BAND * len + first);
+        let part = March {
+            search: self.search,
+            slots: pass.slots,
+            i,
+            columns,
+            cost: self.cost.at(self.cost_at(y) + first),
+            sum_before: if pass.upwards { self.sum.at(y * len + first) } else { std::ptr::null_mut() },
+            sum: if pass.last { band } else { self.sum.at(y * len + first) },
+        };
+        // SAFETY: columns of a row belong to one trapezoid or triangle; so do their slots: a diagonal leaves its tile for
+        // the triangle beside it, never for another tile (see the module's description). Costs of the columns were made
+        // by this tile, or in the round before. The table's maker found the instruction set.
+        unsafe { (self.kernels.march)(&part) }
+    }
+
+    /// Block costs of a tile of row `y` of the stripe.
+    fn block_costs(&self, y: usize, columns: std::ops::Range<usize>) {
+        let Search { disparities: d, radius, p2, height, mode, .. } = *self.search;
+        let part = |row: usize| row + columns.start * d..row + columns.end * d;
+        let last = height - 1;
+        let k = self.stripe.start + y;
+        // SAFETY: only this tile touches these columns of the costs in this round; the sums are read by all and written in
+        // other rounds.
+        unsafe {
+            let cost = self.cost.write(part(self.cost_at(y)));
+            let sums = |k: usize| self.sums.read(part(self.sums_at(k)));
+            if y == 0 {
+                cost.fill(p2);
+                for above in 0..=radius {
+                    for (cost, sum) in cost.iter_mut().zip(sums((k + above).min(last))) {
+                        *cost += sum * if above == 0 { radius as i16 + 1 } else { 1 };
+                    }
+                }
+            } else if mode == Mode::Hh4 && k + radius > last {
+                // OpenCV leaves the costs of the last rows at their initial value in this mode.
+                cost.fill(p2);
+            } else {
+                let before = self.cost.read(part(self.cost_at(y - 1)));
+                let leaves = (k - 1).saturating_sub(radius).max(self.stripe.start);
+                let (enters, leaves) = (sums((k + radius).min(last)), sums(leaves));
+                (self.kernels.slide)(&mut Slide { cost, before, enters, leaves });
+            }
+        }
+    }
+
+    /// The directions along some rows of the pass, and their decision.
+    fn decide(&self, pass: &Pass<'_>, rows: std::ops::Range<usize>) {
+        let kept = &self.stripe.kept;
+        let len = self.search.row_len();
+        let width = self.search.width;
+        let first = rows.start;
+        let mut scratch: [_; PAIR] = std::array::from_fn(|n| self.scratch(first + n));
+        let mut decided = Vec::with_capacity(PAIR);
+        for (i, scratch) in rows.zip(&mut scratch) {
+            let y = self.row_of(pass, i);
+            let source = self.stripe.start + y;
+            if !kept.contains(&source) {
+                continue;
+            }
+            let output = (source - kept.start + self.stripe.first_output) * width;
+            let RowScratch { total, answers, .. } = &mut **scratch;
+            // SAFETY: each row of this round has its own sums and its own row of the output; costs are only read.
+            decided.push(unsafe {
+                Decide {
+                    search: self.search,
+                    cost: self.cost.read(self.cost_at(y)..self.cost_at(y) + len),
+                    sum: self.band.write(i % BAND * len..(i % BAND + 1) * len),
+                    total,
+                    answers,
+                    out: self.out.write(output..output + width),
+                }
+            });
+        }
+        // SAFETY: the table's maker found the instruction set.
+        unsafe { (self.kernels.decide)(&mut decided) }
+    }
+}

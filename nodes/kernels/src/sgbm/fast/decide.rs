@@ -1,0 +1,295 @@
+//! The directions along the row, and the decision: they need a row's costs and sums, and nothing of other rows.
+
+use super::answers::{AnswerSlots, Answers};
+use super::lanes::{BYTES, LANES, Lanes};
+use super::march::border;
+use crate::sgbm::Mode;
+use crate::sgbm::choice::Choice;
+use crate::sgbm::search::Search;
+
+/// One row to be decided.
+pub(super) struct Decide<'a> {
+    pub search: &'a Search,
+    /// Block costs.
+    pub cost: &'a [i16],
+    /// Sums of the other directions; left with the sums up to the direction to the right.
+    pub sum: &'a mut [i16],
+    /// Memory for one column's sums.
+    pub total: &'a mut Vec<i16>,
+    pub answers: &'a mut Answers,
+    /// The row's disparities.
+    pub out: &'a mut [i16],
+}
+
+/// Leads the paths to the right and to the left, and decides every column, of two rows at once: each pixel waits for its
+/// neighbour's minimum, and the other row fills the wait.
+///
+/// # Safety
+/// The instruction set of `L` must be present.
+#[inline(always)]
+pub(super) unsafe fn decide<L: Lanes, const N: usize>(rows: &mut [Decide<'_>]) {
+    // SAFETY: as the caller vouches.
+    unsafe {
+        match rows {
+            [] => {}
+            [a, b] if N > 0 => decide_two::<L, _>(a, b, [[L::splat(0); N]; 2]),
+            rows => {
+                for row in rows {
+                    decide_one::<L, _>(row, vec![L::splat(0); row.search.disparities / LANES]);
+                }
+            }
+        }
+    }
+}
+
+/// # Safety
+/// As [`decide`]; the paths hold a vector for every 16 disparities.
+#[inline(always)]
+unsafe fn decide_two<L: Lanes, P: AsMut<[L::V]>>(a: &mut Decide<'_>, b: &mut Decide<'_>, [path_a, path_b]: [P; 2]) {
+    // SAFETY: as the caller vouches; columns are searched columns.
+    unsafe {
+        let search = a.search;
+        let fixed = Fixed::<L>::new(search);
+        let (mut row_a, mut row_b) = (Along::<L, P>::new(a, path_a), Along::<L, P>::new(b, path_b));
+        for x in 0..search.columns {
+            row_a.right(&fixed, x);
+            row_b.right(&fixed, x);
+        }
+        row_a.restart();
+        row_b.restart();
+        for x in (0..search.columns).rev() {
+            row_a.left(&fixed, x);
+            row_b.left(&fixed, x);
+        }
+    }
+    a.answers.finish(a.search, a.out);
+    b.answers.finish(b.search, b.out);
+}
+
+/// # Safety
+/// As [`decide_two`].
+#[inline(always)]
+unsafe fn decide_one<L: Lanes, P: AsMut<[L::V]>>(row: &mut Decide<'_>, path: P) {
+    // SAFETY: as the caller vouches; columns are searched columns.
+    unsafe {
+        let search = row.search;
+        let fixed = Fixed::<L>::new(search);
+        let mut along = Along::<L, P>::new(row, path);
+        for x in 0..search.columns {
+            along.right(&fixed, x);
+        }
+        along.restart();
+        for x in (0..search.columns).rev() {
+            along.left(&fixed, x);
+        }
+    }
+    row.answers.finish(row.search, row.out);
+}
+
+/// What is the same for all pixels.
+#[derive(Clone, Copy)]
+struct Fixed<'a, L: Lanes> {
+    search: &'a Search,
+    p1: L::V,
+    p2: L::V,
+    border: L::V,
+}
+
+impl<'a, L: Lanes> Fixed<'a, L> {
+    #[inline(always)]
+    unsafe fn new(search: &'a Search) -> Self {
+        // SAFETY: as the caller vouches.
+        unsafe { Self { search, p1: L::splat(search.p1), p2: L::splat(search.p2), border: L::splat(border(search)) } }
+    }
+}
+
+/// A path along a row.
+struct Along<L: Lanes, P> {
+    /// Costs of the pixel before.
+    path: P,
+    /// Their minimum.
+    smallest: L::V,
+    cost: *const i16,
+    sum: *mut i16,
+    total: *mut i16,
+    slots: AnswerSlots,
+}
+
+impl<L: Lanes, P: AsMut<[L::V]>> Along<L, P> {
+    #[inline(always)]
+    unsafe fn new(row: &mut Decide<'_>, mut path: P) -> Self {
+        let d = path.as_mut().len() * LANES;
+        assert!(row.search.disparities == d);
+        assert!(row.cost.len() == row.search.columns * d && row.sum.len() == row.cost.len());
+        row.total.clear();
+        row.total.resize(d.next_multiple_of(BYTES), i16::MAX);
+        Self {
+            path,
+            // SAFETY: as the caller vouches.
+            smallest: unsafe { L::splat(0) },
+            cost: row.cost.as_ptr(),
+            sum: row.sum.as_mut_ptr(),
+            total: row.total.as_mut_ptr(),
+            slots: row.answers.start(row.search),
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn restart(&mut self) {
+        // SAFETY: as the caller vouches.
+        unsafe {
+            self.path.as_mut().fill(L::splat(0));
+            self.smallest = L::splat(0);
+        }
+    }
+
+    /// One step to the right, to column `x`.
+    #[inline(always)]
+    unsafe fn right(&mut self, fixed: &Fixed<'_, L>, x: usize) {
+        // SAFETY: as the caller vouches.
+        unsafe {
+            let path = self.path.as_mut();
+            let at = x * path.len() * LANES;
+            let sum = self.sum.add(at);
+            self.smallest = advance::<L, false>(path, self.smallest, fixed, self.cost.add(at), sum, sum).0;
+        }
+    }
+
+    /// One step to the left, to column `x`, which completes its sums: it is decided.
+    #[inline(always)]
+    unsafe fn left(&mut self, fixed: &Fixed<'_, L>, x: usize) {
+        // SAFETY: as the caller vouches.
+        unsafe {
+            let path = self.path.as_mut();
+            let d = path.len() * LANES;
+            let (cost, sum) = (self.cost.add(x * d), self.sum.add(x * d));
+            let least;
+            (self.smallest, least) = advance::<L, true>(path, self.smallest, fixed, cost, sum, self.total);
+            let sums = std::slice::from_raw_parts(self.total, d);
+            match choose::<L>(fixed.search, least, sums) {
+                Some(best) => self.slots.put(fixed.search, x, best, sums),
+                None => self.slots.none(x),
+            }
+        }
+    }
+}
+
+/// Leads a path on by one pixel, and adds its costs to the sums. Returns their minimum, and if `LEAST` that of the sums.
+///
+/// # Safety
+/// As [`decide`]; the pointers hold the pixel's block costs and sums, and room for the new sums.
+#[inline(always)]
+unsafe fn advance<L: Lanes, const LEAST: bool>(
+    path: &mut [L::V],
+    smallest: L::V,
+    fixed: &Fixed<'_, L>,
+    cost: *const i16,
+    sum: *const i16,
+    to: *mut i16,
+) -> (L::V, L::V) {
+    let Fixed { p1, p2, border, .. } = *fixed;
+    // SAFETY: as the caller vouches.
+    unsafe {
+        let n = path.len();
+        let delta = L::add(smallest, p2);
+        let mut smallest = L::splat(i16::MAX);
+        let mut least = smallest;
+        let mut before = L::straddle(border, path[0]);
+        for j in 0..n {
+            let here = path[j];
+            let after = L::straddle(here, if j + 1 < n { path[j + 1] } else { border });
+            let near = L::add(L::min(L::below(before, here), L::above(here, after)), p1);
+            let best = L::min(L::min(near, here), delta);
+            let new = L::add(L::sub(best, delta), L::load(cost.add(j * LANES)));
+            path[j] = new;
+            before = after;
+            smallest = L::min(smallest, new);
+            let new = L::add_saturating(L::load(sum.add(j * LANES)), new);
+            L::store(to.add(j * LANES), new);
+            if LEAST {
+                least = L::min(least, new);
+            }
+        }
+        (L::minimum(smallest), if LEAST { L::minimum(least) } else { least })
+    }
+}
+
+/// The best candidate, if it is unique enough. `sums` is followed by saturated values up to a whole pair of vectors.
+///
+/// # Safety
+/// As [`decide`].
+#[inline(always)]
+unsafe fn choose<L: Lanes>(search: &Search, least: L::V, sums: &[i16]) -> Option<Choice> {
+    // SAFETY: as the caller vouches; pairs of vectors lie within the padded sums.
+    unsafe {
+        let cost = L::first(least);
+        if cost == i16::MAX {
+            let best = match search.mode {
+                Mode::ThreeWay => Choice::three_way(sums),
+                Mode::Sgbm | Mode::Hh | Mode::Hh4 => Choice::first_smallest(sums),
+            };
+            return (!best.is_rivalled(search, sums)).then_some(best);
+        }
+        let mut index = 0;
+        let mut equals = 0;
+        // From the end, so that the first pair with an equal cost has the last word.
+        for at in (0..sums.len()).step_by(2 * BYTES).rev() {
+            let bits = pairs::<L, true>(sums, at, least);
+            if search.mode == Mode::ThreeWay {
+                equals += bits.count_ones();
+            }
+            if bits != 0 {
+                index = at + bits.trailing_zeros() as usize;
+            }
+        }
+        let mut best = Choice { index: index as i32, cost };
+        if equals > 1 {
+            best = Choice::three_way(sums);
+        }
+        if search.uniqueness > 0 {
+            let limit = L::splat(best.rival_limit(search)?);
+            for at in (0..sums.len()).step_by(2 * BYTES) {
+                // The best candidate and its two neighbours are no rivals.
+                if pairs::<L, false>(sums, at, limit) & !near_bits(best.index - at as i32) != 0 {
+                    return None;
+                }
+            }
+        }
+        Some(best)
+    }
+}
+
+/// Bits of up to 64 sums from `at`: whether they equal `v`, or are less.
+///
+/// # Safety
+/// As [`choose`].
+#[inline(always)]
+unsafe fn pairs<L: Lanes, const EQUAL: bool>(sums: &[i16], at: usize, v: L::V) -> u64 {
+    // SAFETY: as the caller vouches.
+    unsafe {
+        let pair = sums.as_ptr().add(at);
+        let low = bits::<L, EQUAL>(pair, v);
+        let high = if at + BYTES < sums.len() { bits::<L, EQUAL>(pair.add(BYTES), v) } else { 0 };
+        u64::from(high) << BYTES | u64::from(low)
+    }
+}
+
+#[inline(always)]
+unsafe fn bits<L: Lanes, const EQUAL: bool>(pair: *const i16, v: L::V) -> u32 {
+    // SAFETY: as the caller vouches.
+    unsafe {
+        let (a, b) = (L::load(pair), L::load(pair.add(LANES)));
+        if EQUAL { L::equal_bits(a, b, v) } else { L::less_bits(a, b, v) }
+    }
+}
+
+/// Bits `index - 1`, `index` and `index + 1`, those of them that lie in 0..64.
+#[inline(always)]
+fn near_bits(index: i32) -> u64 {
+    match index {
+        -1 => 1,
+        0..64 => ((0b111_u128 << index) >> 1) as u64,
+        64 => 1 << 63,
+        _ => 0,
+    }
+}

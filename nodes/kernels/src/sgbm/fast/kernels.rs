@@ -1,0 +1,88 @@
+//! The kernels as compiled for each instruction set.
+//!
+//! Each is compiled for the numbers of disparities that people use, where whole loops become straight code and paths
+//! stay in registers, and once for any number.
+
+use super::costs::{self, CostRow, Slide};
+use super::decide::{self, Decide};
+use super::lanes::{LANES, Portable};
+use super::march::{self, March};
+use crate::sgbm::median;
+use crate::sgbm::prefilter::Planes;
+use crate::sgbm::search::Search;
+use crate::sgbm::view::View;
+
+/// One instruction set's kernels, for one number of disparities.
+///
+/// # Safety
+/// Each function's own; and the instruction set was found on this machine by whoever made the table.
+#[derive(Clone, Copy)]
+pub(super) struct Kernels {
+    pub planes: unsafe fn(&mut Planes, &Search, &View<'_>, usize, bool),
+    pub cost_row: unsafe fn(&mut CostRow<'_>),
+    pub slide: unsafe fn(&mut Slide<'_>),
+    pub march: unsafe fn(&March<'_>),
+    pub decide: unsafe fn(&mut [Decide<'_>]),
+    pub median: unsafe fn([&[i16]; 3], &mut [i16]),
+}
+
+/// Compiles the kernels in a module of their own: `$lanes`, with the features `$feature`.
+macro_rules! compiled {
+    ($name:ident, $lanes:ty $(, $feature:literal)?) => {
+        pub(super) mod $name {
+            use super::{CostRow, Decide, Kernels, LANES, March, Planes, Search, Slide, View, costs, decide, march, median};
+
+            $(#[target_feature(enable = $feature)])?
+            unsafe fn planes(planes: &mut Planes, search: &Search, image: &View<'_>, y: usize, reversed: bool) {
+                planes.fill(search, image, y, reversed);
+            }
+
+            $(#[target_feature(enable = $feature)])?
+            unsafe fn cost_row<const N: usize>(row: &mut CostRow<'_>) {
+                // SAFETY: as `Kernels` says.
+                unsafe { costs::cost_row::<$lanes, N>(row) }
+            }
+
+            $(#[target_feature(enable = $feature)])?
+            unsafe fn slide(part: &mut Slide<'_>) {
+                costs::slide(part);
+            }
+
+            $(#[target_feature(enable = $feature)])?
+            unsafe fn march<const N: usize>(part: &March<'_>) {
+                // SAFETY: as `Kernels` says.
+                unsafe { march::march::<$lanes, N>(part) }
+            }
+
+            $(#[target_feature(enable = $feature)])?
+            unsafe fn decide<const N: usize>(rows: &mut [Decide<'_>]) {
+                // SAFETY: as `Kernels` says.
+                unsafe { decide::decide::<$lanes, N>(rows) }
+            }
+
+            $(#[target_feature(enable = $feature)])?
+            unsafe fn median(rows: [&[i16]; 3], out: &mut [i16]) {
+                median::median3_row(rows, out);
+            }
+
+            fn table<const N: usize>() -> Kernels {
+                Kernels { planes, cost_row: cost_row::<N>, slide, march: march::<N>, decide: decide::<N>, median }
+            }
+
+            /// The kernels for `disparities`.
+            pub fn kernels(disparities: usize) -> Kernels {
+                match disparities / LANES {
+                    4 => table::<4>(),
+                    8 => table::<8>(),
+                    _ => table::<0>(),
+                }
+            }
+        }
+    };
+}
+
+compiled!(portable, super::Portable);
+#[cfg(target_arch = "x86_64")]
+compiled!(avx2, crate::sgbm::fast::avx2::Avx2, "avx2");
+#[cfg(target_arch = "x86_64")]
+compiled!(avx512, crate::sgbm::fast::avx2::Avx2, "avx2,avx512f,avx512bw,avx512vl");

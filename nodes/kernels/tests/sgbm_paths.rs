@@ -1,0 +1,131 @@
+//! Every implementation gives the bits of the plain twin, on any image, with any parameters and any number of threads.
+
+use depthloom_kernels::sgbm::{Error, Mode, Params, Path, Scratch, View, compute_on};
+use depthloom_kernels::tiles::{Crew, Serial, Tiles};
+use proptest::prelude::{Just, ProptestConfig, Strategy, any, prop_oneof, proptest};
+use proptest::sample::select;
+use proptest::{prop_assert_eq, prop_compose};
+
+/// Tiles in reverse order: what depends on order shows.
+struct Backwards;
+
+impl Tiles for Backwards {
+    fn run(&self, n: usize, f: &(dyn Fn(usize) + Sync)) {
+        (0..n).rev().for_each(f);
+    }
+
+    fn width(&self) -> usize {
+        3
+    }
+}
+
+#[derive(Clone, Debug)]
+struct Case {
+    params: Params,
+    width: usize,
+    height: usize,
+    channels: usize,
+    left: Vec<u8>,
+    right: Vec<u8>,
+}
+
+/// The right image is the left one, shifted and disturbed: costs have a clear minimum at some places and none at others.
+fn images(len: usize, shift: usize, grain: u32, seed: u64) -> (Vec<u8>, Vec<u8>) {
+    let mut state = seed | 1;
+    let mut random = move || {
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        state >> 32
+    };
+    let left: Vec<u8> = (0..len).map(|_| (random() as u8) >> grain << grain).collect();
+    let right = (0..len).map(|i| if random() % 8 == 0 { random() as u8 } else { left[(i + shift) % len] }).collect();
+    (left, right)
+}
+
+prop_compose! {
+    fn cases()(
+        mode in select(vec![Mode::Sgbm, Mode::Hh, Mode::ThreeWay, Mode::Hh4]),
+        vectors in select(vec![1, 2, 3, 4, 5, 8]),
+        min_disparity in prop_oneof![Just(0), -40..40_i32],
+        columns in 20..180_usize,
+        height in 1..40_usize,
+        channels in select(vec![1_usize, 3]),
+        block in select(vec![1, 3, 5, 7, 9, 11, 31]),
+        (p1, p2) in penalties(),
+        (disp12_max_diff, prefilter_cap, uniqueness) in (-1..4_i32, 0..200_i32, select(vec![0, 0, 5, 15, 60])),
+        (speckle_window, speckle_range) in (select(vec![0, 0, 30]), 0..3_i32),
+        (shift, grain, seed) in (0..60_usize, select(vec![0_u32, 0, 4, 7]), any::<u64>()),
+    ) -> Case {
+        let disparities = 16 * vectors;
+        let border = (min_disparity + disparities).max(0) as usize + min_disparity.min(0).unsigned_abs() as usize;
+        let width = border + columns;
+        let (left, right) = images(width * height * channels, shift * channels, grain, seed);
+        let params = Params {
+            min_disparity, disparities, block, p1, p2, disp12_max_diff, prefilter_cap, uniqueness, speckle_window,
+            speckle_range, mode,
+        };
+        Case { params, width, height, channels, left, right }
+    }
+}
+
+fn penalties() -> impl Strategy<Value = (i32, i32)> {
+    prop_oneof![
+        8 => (1..400_i32, 1..2000_i32).prop_map(|(p1, more)| (p1, p1 + more)),
+        1 => Just((0, 0)),
+        1 => (1..20_000_i32, 1..12_000_i32).prop_map(|(p1, more)| (p1, p1 + more)),
+    ]
+}
+
+fn run(case: &Case, path: Path, scratch: &mut Scratch, tiles: &dyn Tiles) -> Result<Vec<i16>, Error> {
+    let view = |data| View { data, width: case.width, height: case.height, channels: case.channels };
+    let mut out = vec![i16::MIN; case.width * case.height];
+    compute_on(path, &view(&case.left), &view(&case.right), &case.params, scratch, tiles, &mut out)?;
+    Ok(out)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig {
+        cases: if cfg!(miri) { 3 } else { 300 },
+        failure_persistence: None,
+        ..ProptestConfig::default()
+    })]
+    #[test]
+    fn every_path_equals_the_plain_twin(case in cases()) {
+        let mut scratch = Scratch::default();
+        let plain = run(&case, Path::Plain, &mut scratch, &Serial);
+        for path in Path::available() {
+            prop_assert_eq!(&run(&case, path, &mut scratch, &Serial), &plain, "{:?}", path);
+            prop_assert_eq!(&run(&case, path, &mut scratch, &Backwards), &plain, "{:?} backwards", path);
+        }
+        let crew = Crew::new(3);
+        let threaded = std::thread::scope(|scope| {
+            let _closing = crew.closing();
+            scope.spawn(|| crew.work());
+            scope.spawn(|| crew.work());
+            run(&case, Path::available()[0], &mut scratch, &crew)
+        });
+        prop_assert_eq!(&threaded, &plain, "three threads");
+    }
+}
+
+#[test]
+fn images_that_do_not_match_each_other_or_the_parameters_are_refused() {
+    let data = [0; 30 * 4];
+    let view = |width, height, channels| View { data: &data[..width * height * channels], width, height, channels };
+    let try_it = |left: &View<'_>, right: &View<'_>, params: &Params, len: usize| {
+        compute_on(Path::available()[0], left, right, params, &mut Scratch::default(), &Serial, &mut vec![0; len])
+    };
+    let small = Params { disparities: 16, ..Params::default() };
+    assert_eq!(try_it(&view(30, 4, 1), &view(30, 4, 1), &small, 120), Ok(()));
+    assert_eq!(try_it(&view(30, 4, 1), &view(30, 3, 1), &small, 120), Err(Error::Unequal((30, 4, 1), (30, 3, 1))));
+    assert_eq!(try_it(&view(30, 2, 2), &view(30, 2, 2), &small, 60), Err(Error::Shape((30, 2, 2))));
+    assert_eq!(
+        try_it(&view(30, 4, 1), &view(30, 4, 1), &small, 119),
+        Err(Error::Length { buffer: "out", len: 119, expected: 120 })
+    );
+    // OpenCV: "Your input images are too small for your window size and max disparity"
+    assert_eq!(try_it(&view(18, 4, 1), &view(18, 4, 1), &small, 72), Err(Error::Narrow { width: 18, needed: 19 }));
+    let hh4 = Params { mode: Mode::Hh4, ..small };
+    assert_eq!(try_it(&view(1, 1, 1), &view(1, 1, 1), &hh4, 1), Ok(()));
+}
