@@ -60,7 +60,7 @@ impl Ground {
 
     /// Thin dark lines where a broad noise crosses zero.
     fn cracks(&self, x: f32, z: f32, across: f32, along: f32) -> f32 {
-        if noise2(self.seed ^ 9, z, x, 1.0 / 16.0) < 0.1 {
+        if noise2(self.seed ^ 9, z, x, 1.0 / 16.0) < 0.3 {
             return 0.0;
         }
         let jagged = 0.25 * noise2(self.seed ^ 8, z, x, 2.0);

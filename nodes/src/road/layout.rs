@@ -221,3 +221,45 @@ fn house(objects: &mut Vec<Object>, draws: &mut Draws, side: f32, front: f32, (z
         });
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// House fronts between two places of the street: their ends, metres from its beginning.
+    fn fronts(camera_m: f64, origin_m: f64, between: std::ops::Range<f64>) -> Vec<(f64, f64)> {
+        let stretch = Stretch { seed: 5, camera_m, origin_m, time_s: 0.0 };
+        let houses = stretch.objects().into_iter().filter(|object| matches!(object.material, Material::Facade(_)));
+        houses
+            .map(|house| (f64::from(house.bounds.low.z) + origin_m, f64::from(house.bounds.high.z) + origin_m))
+            .filter(|(low, high)| *low > between.start && *high < between.end)
+            .collect()
+    }
+
+    #[test]
+    fn houses_stand_where_they_stood_in_the_last_frame() {
+        for (before, after) in [((100.0, 0.0), (104.0, 0.0)), ((1020.0, 0.0), (1024.0, 1024.0))] {
+            let between = after.0 + 10.0..before.0 + 190.0;
+            let (a, b) = (fronts(before.0, before.1, between.clone()), fronts(after.0, after.1, between));
+            assert!(a.len() > 10, "a street has houses: {}", a.len());
+            assert_eq!(a.len(), b.len());
+            for (a, b) in a.iter().zip(&b) {
+                assert!((a.0 - b.0).abs() < 1e-3 && (a.1 - b.1).abs() < 1e-3, "{a:?} {b:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn nothing_stands_in_the_lane_where_the_camera_drives() {
+        for step in 0..200 {
+            let camera_m = f64::from(step) * 4.0;
+            let stretch = Stretch { seed: 9, camera_m, origin_m: 0.0, time_s: camera_m / 13.5 };
+            let (low, high) = (camera_m as f32 - 1.0, camera_m as f32 + 5.0);
+            for object in stretch.objects() {
+                let b = object.bounds;
+                let beside = b.high.x < EGO_LANE - 0.9 || b.low.x > EGO_LANE + 0.9 || b.low.y > 2.5;
+                assert!(beside || b.high.z < low || b.low.z > high, "step {step}: {b:?}");
+            }
+        }
+    }
+}

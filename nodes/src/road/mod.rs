@@ -6,7 +6,7 @@
 //! touch a pixel; no libm).
 //!
 //! The street is hard for stereo in the ways real ones are: façades whose windows repeat strictly, railings, plain
-//! plaster, low-contrast asphalt, unpainted-looking car bodies, panes that reflect something far away, thin poles,
+//! plaster, low-contrast asphalt, car bodies of one colour, panes that mirror what is far away, thin poles,
 //! foliage with holes, shadows, saturated sky, sensor noise and two cameras whose exposures differ a little.
 //!
 //! Axes of the world: x to the right, y up, z along the street, metres; x = 0 is the middle of the carriageway, y = 0
