@@ -21,6 +21,7 @@
 
 mod chunk;
 mod decode;
+mod digest;
 mod encode;
 mod error;
 mod file;
@@ -39,6 +40,7 @@ mod unpack;
 mod writer;
 
 pub use chunk::Part;
+pub use digest::digest;
 pub use error::RecordingError;
 pub use index::AttachmentEntry;
 pub use plan::{

@@ -166,6 +166,11 @@ impl Recording {
         }
     }
 
+    /// The chunks of all committed frames, in the order of the file, each frame's commit record last.
+    pub(crate) fn committed_chunks(&self) -> impl Iterator<Item = &ChunkEntry> {
+        self.index.chunks.iter().take_while(|chunk| chunk.end <= self.committed)
+    }
+
     /// Finds the frames: each is what stands between two commit records.
     fn read_commits(&mut self) -> Result<(), RecordingError> {
         let is_commit = |(id, channel): (&u16, &ChannelEntry)| {

@@ -1,4 +1,7 @@
 //! Recordings as others see them: read back, read by other readers, cut off, made twice.
 
+mod faults;
 mod fixture;
+mod other_readers;
+mod python;
 mod round_trip;

@@ -1,0 +1,171 @@
+//! What a recording decodes to, in few numbers: to be compared with what other readers decode.
+
+use std::path::Path;
+
+use crc32fast::Hasher;
+use foxglove::messages::CameraCalibration;
+use prost::Message;
+use serde_json::{Map, Value as Json, json};
+
+use crate::error::RecordingError;
+use crate::index::ChannelEntry;
+use crate::messages::{CommitMessage, ScoreMessage};
+use crate::protobuf::{Content, Fields};
+use crate::recording::Recording;
+use crate::schema::{BASELINE_M, Schema};
+use crate::unpack::ChunkBuffers;
+
+/// What the messages of a topic decode to.
+struct Topic {
+    schema: Schema,
+    count: u64,
+    first_ns: u64,
+    last_ns: u64,
+    crc: Hasher,
+    numbers: Option<Numbers>,
+}
+
+/// What the pixels of a map of floats amount to.
+#[derive(Default)]
+struct Numbers {
+    sum: f64,
+    nan: u64,
+    infinite: u64,
+}
+
+/// Of each topic of a recording its schema, how many messages it has, its first and last time, and a CRC-32 of what they
+/// decode to; of maps of floats also the sum of the finite numbers, as text, and how many are NaN and infinite.
+///
+/// `tests/python/read_recording.py` computes the same object with Python's readers.
+///
+/// # Errors
+/// If the recording cannot be read.
+pub fn digest(path: impl AsRef<Path>) -> Result<Json, RecordingError> {
+    let recording = Recording::open(path)?;
+    let mut topics: Vec<(&str, Topic)> = Vec::new();
+    let mut buffers = ChunkBuffers::default();
+    for chunk in recording.committed_chunks() {
+        buffers.each_message(&recording.file, chunk, |message| {
+            let channel = recording.index.channels.get(&message.channel);
+            let ChannelEntry { topic: name, .. } = channel.ok_or("a message is of an unknown channel")?;
+            let schema = channel.and_then(|channel| recording.index.schema_of(channel)).and_then(Schema::named);
+            let schema = schema.ok_or("a channel is of an unknown schema")?;
+            let known = topics.iter().position(|(of, _)| of == name);
+            let topic = known.unwrap_or_else(|| {
+                topics.push((name, Topic::new(schema, message.time_ns)));
+                topics.len() - 1
+            });
+            topics[topic].1.take(message.time_ns, message.data)
+        })?;
+    }
+    let topics: Map<String, Json> =
+        topics.into_iter().map(|(name, topic)| (name.to_owned(), topic.into_json())).collect();
+    Ok(json!({ "topics": topics }))
+}
+
+impl Topic {
+    fn new(schema: Schema, time_ns: u64) -> Self {
+        Self { schema, count: 0, first_ns: time_ns, last_ns: time_ns, crc: Hasher::new(), numbers: None }
+    }
+
+    fn take(&mut self, time_ns: u64, message: &[u8]) -> Result<(), String> {
+        self.count += 1;
+        self.last_ns = time_ns;
+        match self.schema {
+            Schema::RawImage => self.take_image(message, 6),
+            Schema::CompressedImage => self.take_image(message, 2),
+            Schema::CameraCalibration => self.take_calibration(message),
+            Schema::Score => self.take_score(message),
+            Schema::Commit => self.take_commit(message),
+        }
+    }
+
+    fn take_image(&mut self, message: &[u8], data_field: u32) -> Result<(), String> {
+        let (mut encoding, mut data): (&[u8], &[u8]) = (&[], &[]);
+        for field in Fields(message) {
+            let (number, content) = field.map_err(|error| error.to_string())?;
+            if number == data_field {
+                data = content.bytes();
+            } else if number == 4 {
+                encoding = content.bytes();
+            }
+        }
+        self.crc.update(data);
+        if self.schema == Schema::RawImage && encoding == b"32FC1" {
+            let numbers = self.numbers.get_or_insert_default();
+            for number in data.as_chunks().0.iter().map(|bytes| f32::from_le_bytes(*bytes)) {
+                if number.is_finite() {
+                    numbers.sum += f64::from(number);
+                } else if number.is_nan() {
+                    numbers.nan += 1;
+                } else {
+                    numbers.infinite += 1;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn take_calibration(&mut self, message: &[u8]) -> Result<(), String> {
+        let calibration = CameraCalibration::decode(message).map_err(|error| error.to_string())?;
+        let mut baseline_m = 0;
+        for field in Fields(message) {
+            if let (BASELINE_M, Content::Fixed64(bits)) = field.map_err(|error| error.to_string())? {
+                baseline_m = bits;
+            }
+        }
+        self.crc.update(&calibration.width.to_le_bytes());
+        self.crc.update(&calibration.height.to_le_bytes());
+        for number in [calibration.d, calibration.k, calibration.r, calibration.p].concat() {
+            self.crc.update(&number.to_le_bytes());
+        }
+        self.crc.update(&baseline_m.to_le_bytes());
+        Ok(())
+    }
+
+    fn take_score(&mut self, message: &[u8]) -> Result<(), String> {
+        let score = ScoreMessage::decode(message).map_err(|error| error.to_string())?;
+        self.crc.update(score.frame.as_bytes());
+        self.crc.update(score.set.as_bytes());
+        self.crc.update(&score.pixels.to_le_bytes());
+        let scores =
+            [score.a1, score.a2, score.a3, score.abs_rel, score.sq_rel, score.rmse, score.rmse_log, score.silog];
+        scores.iter().for_each(|score| self.crc.update(&score.unwrap_or_default().to_le_bytes()));
+        scores.iter().for_each(|score| self.crc.update(&[u8::from(score.is_some())]));
+        Ok(())
+    }
+
+    fn take_commit(&mut self, message: &[u8]) -> Result<(), String> {
+        let commit = CommitMessage::decode(message).map_err(|error| error.to_string())?;
+        self.crc.update(&commit.run.to_le_bytes());
+        self.crc.update(&commit.index.to_le_bytes());
+        self.crc.update(commit.frame.as_bytes());
+        self.crc.update(commit.source_key.as_bytes());
+        for of in &commit.keys {
+            self.crc.update(&of.node.to_le_bytes());
+            self.crc.update(of.key.as_bytes());
+        }
+        for of in &commit.failures {
+            self.crc.update(&[u8::from(of.node.is_some())]);
+            self.crc.update(&of.node.unwrap_or_default().to_le_bytes());
+            self.crc.update(of.what.as_bytes());
+        }
+        Ok(())
+    }
+
+    fn into_json(self) -> Json {
+        let mut told = json!({
+            "schema": self.schema.name(),
+            "count": self.count,
+            "first_ns": self.first_ns,
+            "last_ns": self.last_ns,
+            "crc32": self.crc.finalize(),
+        });
+        if let Some(Numbers { sum, nan, infinite }) = self.numbers {
+            told["sum"] = json!(format!("{sum:.9}"));
+            told["nan"] = json!(nan);
+            told["infinite"] = json!(infinite);
+        }
+        told
+    }
+}

@@ -1,0 +1,150 @@
+//! The `mcap` crate's own readers find everything, by every way in.
+
+use std::collections::BTreeMap;
+
+use depthloom_graphs::contracts::Slot;
+use foxglove::Decode;
+use foxglove::messages::{CameraCalibration, RawImage};
+use mcap::sans_io::indexed_reader::{IndexedReadEvent, IndexedReader, IndexedReaderOptions};
+use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use mcap::{MessageStream, Summary};
+
+use crate::fixture::{frame, plan, record, values};
+
+fn recorded(frames: std::ops::Range<u64>) -> Vec<u8> {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("recording.mcap");
+    record(&path, &plan(), frames, 70, 40);
+    std::fs::read(path).expect("a recording")
+}
+
+#[test]
+fn every_checksum_holds() {
+    let bytes = recorded(0..3);
+    let options = LinearReaderOptions::default()
+        .with_validate_chunk_crcs(true)
+        .with_validate_data_section_crc(true)
+        .with_validate_summary_section_crc(true)
+        .with_check_finishes_after_end_magic(true);
+    let mut reader = LinearReader::new_with_options(options);
+    let (mut at, mut records) = (0, 0);
+    while let Some(event) = reader.next_event() {
+        match event.unwrap() {
+            LinearReadEvent::ReadRequest(wanted) => {
+                let given = wanted.min(bytes.len() - at);
+                reader.insert(given).copy_from_slice(&bytes[at..at + given]);
+                reader.notify_read(given);
+                at += given;
+            }
+            LinearReadEvent::Record { data, opcode } => {
+                mcap::parse_record(opcode, data).unwrap();
+                records += 1;
+            }
+        }
+    }
+    assert!(records > 30);
+}
+
+#[test]
+fn the_summary_tells_what_the_stream_holds() {
+    let bytes = recorded(0..4);
+    let mut counted: BTreeMap<String, u64> = BTreeMap::new();
+    let mut last = 0;
+    for message in MessageStream::new(&bytes).unwrap() {
+        let message = message.unwrap();
+        assert_eq!(message.log_time, message.publish_time);
+        assert_eq!(u64::from(message.sequence) * 100_000_000, message.log_time);
+        assert!(message.log_time >= last);
+        last = message.log_time;
+        assert_eq!(message.channel.message_encoding, "protobuf");
+        *counted.entry(message.channel.topic.clone()).or_default() += 1;
+    }
+    assert_eq!(counted["/compare/commit"], 4);
+    assert_eq!(counted["/compare/fused/depth"], 4);
+    assert_eq!(counted["/compare/source/depth"], 3);
+    let summary = Summary::read(&bytes).unwrap().unwrap();
+    let stats = summary.stats.unwrap();
+    let told: BTreeMap<String, u64> =
+        stats.channel_message_counts.iter().map(|(id, count)| (summary.channels[id].topic.clone(), *count)).collect();
+    assert_eq!(told, counted);
+    assert_eq!(stats.message_count, counted.values().sum::<u64>());
+    assert_eq!((stats.message_start_time, stats.message_end_time), (0, 300_000_000));
+    assert_eq!(stats.chunk_count as usize, summary.chunk_indexes.len());
+    assert_eq!(stats.attachment_count as usize, summary.attachment_indexes.len());
+    assert_eq!(stats.metadata_count as usize, summary.metadata_indexes.len());
+    assert_eq!(usize::from(stats.schema_count), summary.schemas.len());
+    for index in &summary.attachment_indexes {
+        mcap::read::attachment(&bytes, index).unwrap();
+    }
+    for index in &summary.metadata_indexes {
+        mcap::read::metadata(&bytes, index).unwrap();
+    }
+}
+
+#[test]
+fn message_indexes_lead_to_their_messages() {
+    let bytes = recorded(0..2);
+    let summary = Summary::read(&bytes).unwrap().unwrap();
+    for chunk in &summary.chunk_indexes {
+        for (channel, entries) in summary.read_message_indexes(&bytes, chunk).unwrap() {
+            for entry in entries {
+                let message = summary.seek_message(&bytes, chunk, &entry).unwrap();
+                assert_eq!(message.channel.id, channel.id);
+                assert_eq!(message.log_time, entry.log_time);
+            }
+        }
+    }
+}
+
+#[test]
+fn one_topic_is_sought_through_the_indexes() {
+    let bytes = recorded(0..5);
+    let summary = Summary::read(&bytes).unwrap().unwrap();
+    let options = IndexedReaderOptions::new().include_topics(["/compare/fused/depth"]).starting_at(200_000_000);
+    let mut reader = IndexedReader::new_with_options(&summary, options).unwrap();
+    let mut times = Vec::new();
+    while let Some(event) = reader.next_event() {
+        match event.unwrap() {
+            IndexedReadEvent::ReadChunkRequest { offset, length } => {
+                let chunk = &bytes[offset as usize..offset as usize + length];
+                reader.insert_chunk_record_data(offset, chunk).unwrap();
+            }
+            IndexedReadEvent::Message { header, .. } => times.push(header.log_time),
+        }
+    }
+    assert_eq!(times, [200_000_000, 300_000_000, 400_000_000]);
+}
+
+#[test]
+fn foxglove_decodes_its_own_messages() {
+    let bytes = recorded(1..2);
+    let expected = values(&frame(1), 70, 40);
+    let of_slot = |slot| expected.iter().find(|(of, _)| *of == slot).map(|(_, value)| value.clone()).unwrap();
+    let mut seen = 0;
+    for message in MessageStream::new(&bytes).unwrap().map(Result::unwrap) {
+        match message.channel.topic.as_str() {
+            "/compare/fused/depth" => {
+                let image = RawImage::decode(&*message.data).unwrap();
+                let timestamp = image.timestamp.unwrap();
+                assert_eq!((timestamp.sec(), timestamp.nsec()), (0, 100_000_000));
+                assert_eq!((image.width, image.height, image.step), (70, 40, 280));
+                assert_eq!((image.encoding.as_str(), image.frame_id.as_str()), ("32FC1", "left"));
+                let depthloom_graphs::Value::Depth(depth) = of_slot(Slot::Node { node: 3, port: 0 }) else { panic!() };
+                let bytes: Vec<u8> = depth.metres.iter().flat_map(|metres| metres.to_le_bytes()).collect();
+                assert_eq!(image.data, bytes);
+                seen += 1;
+            }
+            "/compare/source/calibration" => {
+                let read = CameraCalibration::decode(&*message.data).unwrap();
+                let depthloom_graphs::Value::Calibration(calibration) = of_slot(Slot::Source { port: 3 }) else {
+                    panic!()
+                };
+                assert_eq!((&read.k[..], &read.p[..]), (&calibration.k()[..], &calibration.p()[..]));
+                assert_eq!((read.width, read.height, read.frame_id.as_str()), (70, 40, "left"));
+                seen += 1;
+            }
+            _ => {}
+        }
+    }
+    assert_eq!(seen, 2);
+}

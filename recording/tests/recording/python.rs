@@ -1,0 +1,100 @@
+//! Python's own reader decodes the same numbers.
+
+use std::path::Path;
+use std::process::Command;
+
+use depthloom_graphs::Value;
+use depthloom_graphs::contracts::Slot;
+use serde_json::Value as Json;
+
+use crate::fixture::{frame, plan, record, values};
+
+const WIDTH: u32 = 64;
+const HEIGHT: u32 = 48;
+
+/// Runs the script; `None` if this machine has no Python, or no way to the packages.
+fn read_with_python(recording: &Path, arguments: &[&str]) -> Option<Json> {
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/python/read_recording.py");
+    let python = std::env::var_os("PYTHON").unwrap_or_else(|| "python3".into());
+    let output = match Command::new(python).arg(script).arg(recording).args(arguments).output() {
+        Ok(output) => output,
+        Err(error) => {
+            println!("SKIPPED python tests: python3 cannot be run: {error}");
+            return None;
+        }
+    };
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    if output.status.code() == Some(75) {
+        println!("SKIPPED python tests: its packages cannot be installed: {stderr}");
+        return None;
+    }
+    assert!(output.status.success(), "{stderr}");
+    Some(serde_json::from_slice(&output.stdout).expect("the script prints JSON"))
+}
+
+#[test]
+fn python_decodes_the_same_numbers() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("recording.mcap");
+    let mut plan = plan();
+    plan.record.view = true;
+    record(&path, &plan, 0..3, WIDTH, HEIGHT);
+    let Some(read) = read_with_python(&path, &[]) else { return };
+    assert_eq!(read, depthloom_recording::digest(&path).unwrap());
+
+    // The digest itself is held against the values that were recorded.
+    let fused: Vec<u8> = (0..3)
+        .flat_map(|index| values(&frame(index), WIDTH, HEIGHT))
+        .filter(|(slot, _)| *slot == Slot::Node { node: 3, port: 0 })
+        .flat_map(|(_, value)| {
+            let Value::Depth(depth) = value else { panic!("no depth") };
+            depth.metres.iter().flat_map(|metres| metres.to_le_bytes()).collect::<Vec<u8>>()
+        })
+        .collect();
+    let numbers = fused.as_chunks().0.iter().map(|bytes| f32::from_le_bytes(*bytes));
+    let sum: f64 = numbers.clone().filter(|metres| metres.is_finite()).map(f64::from).sum();
+    let topic = &read["topics"]["/compare/fused/depth"];
+    assert_eq!(topic["count"], 3);
+    assert_eq!(topic["crc32"], crc32fast::hash(&fused));
+    assert_eq!(topic["sum"], format!("{sum:.9}"));
+    assert_eq!(topic["nan"], numbers.clone().filter(|metres| metres.is_nan()).count());
+    assert_eq!(topic["infinite"], 3);
+}
+
+#[test]
+fn python_sees_what_viewers_need() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("recording.mcap");
+    let mut plan = plan();
+    plan.record.view = true;
+    record(&path, &plan, 0..3, WIDTH, HEIGHT);
+    let Some(read) = read_with_python(&path, &["--messages"]) else { return };
+    let topic = |name: &str| &read["topics"][name];
+    let first = |name: &str| &read["topics"][name]["messages"][0];
+
+    assert_eq!(topic("/compare/source/left")["schema"], "foxglove.CompressedImage");
+    assert_eq!(first("/compare/source/left")["frame_id"], "left");
+    assert_eq!(topic("/compare/source/right")["schema"], "foxglove.RawImage");
+    assert_eq!(first("/compare/source/right")["frame_id"], "right");
+    // A sibling topic of the image, of the same camera.
+    let calibration = &topic("/compare/source/calibration")["messages"][1];
+    assert_eq!(calibration["frame_id"], "left");
+    assert_eq!(calibration["K"][0], 721.5377 + 1.0 / 3.0);
+    assert_eq!(calibration["baseline_m"], 0.532_725_451_7);
+    assert_eq!(first("/compare/stereo/disparity")["encoding"], "16UC1");
+    assert_eq!(first("/compare/stereo/disparity")["min_disparity_px"], -3);
+    assert_eq!(first("/compare/fused/depth")["encoding"], "32FC1");
+    assert_eq!(first("/compare/fused/depth_view")["encoding"], "16UC1");
+    assert_eq!(first("/compare/edges/mask")["encoding"], "mono8");
+
+    let scores = topic("/compare/score_fused/scores");
+    assert_eq!(scores["count"], 4, "two pixel sets of two frames");
+    assert_eq!(scores["messages"][0]["frame"], "000000_10");
+    assert_eq!(scores["messages"][0]["set"], "answered");
+    assert_eq!(scores["messages"][0]["a2"], 0.1 + 0.2);
+    assert!(scores["messages"][0].get("abs_rel").is_none(), "a NaN is absent");
+    let commits = &topic("/compare/commit")["messages"];
+    assert_eq!(commits[2]["failures"][0]["what"], "score: no truth");
+    assert_eq!(read["metadata"], serde_json::json!(["depthloom", "depthloom.once"]));
+    assert_eq!(read["attachments"]["note.txt"], 4);
+}

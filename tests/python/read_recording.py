@@ -1,0 +1,140 @@
+#!/usr/bin/env python3
+"""Reads a recording as a stranger would: Python's `mcap` and `mcap-protobuf-support`, no code of depthloom's.
+
+    read_recording.py RECORDING [--messages]
+
+Prints one JSON object: of each topic its schema, how many messages it has, its first and last time, and a CRC-32 of what
+the messages decode to, one after the other: of images and maps all pixels (or the compressed file), of the rest all texts
+and numbers, little-endian, in the order of the fields. Of 32FC1 also the sum of its finite numbers and how many are NaN and
+infinite. `depthloom_recording::digest` computes the same object; tests compare the two.
+`--messages` adds the messages themselves, pixels left out, and the names of attachments and metadata.
+
+Every checksum of the file is verified, once reading from start to end and once through the summary's indexes, and the two
+ways must give the same. Packages that are missing are installed into a private environment under `target/`.
+"""
+import array
+import json
+import math
+import os
+import pathlib
+import struct
+import subprocess
+import sys
+import venv
+import zlib
+
+PACKAGES = ["mcap==1.*", "mcap-protobuf-support"]
+SCORES = ("a1", "a2", "a3", "abs_rel", "sq_rel", "rmse", "rmse_log", "silog")
+
+
+def in_private_environment():
+    """Runs this script again under an environment that has the packages."""
+    if os.environ.get("DEPTHLOOM_PYTHON_ENVIRONMENT") == "active":
+        sys.exit("read_recording.py: the packages were installed but cannot be imported")
+    root = pathlib.Path(__file__).resolve().parents[2]
+    folder = root / "target" / "python-environment"
+    python = folder / ("Scripts" if os.name == "nt" else "bin") / "python"
+    if not python.exists():
+        venv.create(folder, with_pip=True)
+    installed = subprocess.run([python, "-m", "pip", "install", "--quiet", *PACKAGES], stdout=sys.stderr)
+    if installed.returncode != 0:
+        # 75: try again later; tests take it as "this machine cannot reach a package index".
+        sys.exit(75)
+    environment = dict(os.environ, DEPTHLOOM_PYTHON_ENVIRONMENT="active")
+    sys.exit(subprocess.run([python, *sys.argv], env=environment).returncode)
+
+
+try:
+    from google.protobuf.json_format import MessageToDict
+    from mcap.reader import NonSeekingReader, SeekingReader
+    from mcap_protobuf.decoder import DecoderFactory
+except ImportError:
+    in_private_environment()
+
+
+def content(schema, message):
+    """What a decoded message holds, as bytes."""
+    if schema in ("foxglove.RawImage", "foxglove.CompressedImage"):
+        return message.data
+    if schema == "foxglove.CameraCalibration":
+        numbers = [*message.D, *message.K, *message.R, *message.P, message.baseline_m]
+        return struct.pack(f"<II{len(numbers)}d", message.width, message.height, *numbers)
+    if schema == "depthloom.Score":
+        scores = (getattr(message, score) if message.HasField(score) else 0.0 for score in SCORES)
+        present = (message.HasField(score) for score in SCORES)
+        return (message.frame + message.set).encode() + struct.pack("<Q8d8?", message.pixels, *scores, *present)
+    if schema == "depthloom.Commit":
+        told = [struct.pack("<IQ", message.run, message.index), (message.frame + message.source_key).encode()]
+        told += [struct.pack("<I", of.node) + of.key.encode() for of in message.keys]
+        told += [struct.pack("<?I", of.HasField("node"), of.node) + of.what.encode() for of in message.failures]
+        return b"".join(told)
+    raise SystemExit(f"read_recording.py: {schema} is no schema of a recording")
+
+
+def add_numbers(topic, data):
+    numbers = array.array("f", data)
+    if sys.byteorder == "big":
+        numbers.byteswap()
+    total, nan, infinite = topic.get("sum", 0.0), 0, 0
+    # One after the other: `sum` compensates for rounding in some versions and not in others.
+    for number in numbers:
+        if math.isfinite(number):
+            total += number
+        elif number != number:
+            nan += 1
+        else:
+            infinite += 1
+    topic.update(sum=total, nan=topic.get("nan", 0) + nan, infinite=topic.get("infinite", 0) + infinite)
+
+
+def read(reader, keep):
+    topics = {}
+    for schema, channel, record, message in reader.iter_decoded_messages():
+        first = dict(schema=schema.name, count=0, first_ns=record.log_time, crc32=0)
+        topic = topics.setdefault(channel.topic, first)
+        assert topic["schema"] == schema.name, f"{channel.topic} has two schemas"
+        assert record.log_time == record.publish_time, f"{channel.topic} has two times"
+        topic.update(count=topic["count"] + 1, last_ns=record.log_time)
+        topic["crc32"] = zlib.crc32(content(schema.name, message), topic["crc32"])
+        if schema.name == "foxglove.RawImage":
+            assert len(message.data) == message.step * message.height, f"{channel.topic} has rows that are cut"
+            if message.encoding == "32FC1":
+                add_numbers(topic, message.data)
+        if keep:
+            told = MessageToDict(message, preserving_proto_field_name=True)
+            told.pop("data", None)
+            topic.setdefault("messages", []).append(told)
+    for topic in topics.values():
+        if "sum" in topic:
+            # As text: readers of JSON do not agree on the last bit of a number.
+            topic["sum"] = f"{topic['sum']:.9f}"
+    return topics
+
+
+def main():
+    arguments = [argument for argument in sys.argv[1:] if argument != "--messages"]
+    keep = "--messages" in sys.argv
+    if len(arguments) != 1:
+        sys.exit(__doc__)
+    with open(arguments[0], "rb") as file:
+        from_start = read(NonSeekingReader(file, validate_crcs=True, decoder_factories=[DecoderFactory()]), keep)
+    with open(arguments[0], "rb") as file:
+        reader = SeekingReader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
+        topics = read(reader, keep)
+        assert from_start == topics, "the indexes lead to other messages than there are"
+        summary = reader.get_summary()
+        for number, channel in summary.channels.items():
+            told, topic = summary.statistics.channel_message_counts[number], topics[channel.topic]
+            assert told == topic["count"], f"{channel.topic}: the statistics count other messages"
+            last = reader.iter_messages(topics=[channel.topic], start_time=topic["last_ns"])
+            assert {found.topic for _, found, _ in last} == {channel.topic}, f"{channel.topic} cannot be sought"
+        attachments = {of.name: len(of.data) for of in reader.iter_attachments()}
+        metadata = [of.name for of in reader.iter_metadata()]
+    told = dict(topics=topics)
+    if keep:
+        told.update(attachments=attachments, metadata=metadata)
+    print(json.dumps(told, indent=1, allow_nan=False))
+
+
+if __name__ == "__main__":
+    main()
