@@ -1,0 +1,139 @@
+//! The engine's own cost: nodes that do nothing, beside a bare crossbeam channel.
+//!
+//! `cargo bench -p depthloom-runner --bench engine`. Throughput is in elements: tasks for the engine, messages for channels.
+
+#[path = "../tests/support/mod.rs"]
+mod support;
+
+use std::hint::black_box;
+use std::sync::Arc;
+use std::thread;
+
+use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
+use crossbeam::channel::{bounded, unbounded};
+use depthloom_graphs::contracts::{Commit, Contract, Slot, Tap, TapError};
+use depthloom_graphs::values::Calibration;
+use depthloom_graphs::{Context, Fault, Frame, Inputs, Instance, Key, Outputs, PureNode, Source, SourceOutputs, Value};
+use depthloom_runner::{Interrupt, Options, Unwatched, run};
+use support::{Bench, node, number, planned, source};
+
+const FRAMES: usize = 500;
+const NODES: usize = 20;
+
+/// Hands its input on.
+struct Trivial;
+
+impl PureNode for Trivial {
+    fn process(&self, inputs: &Inputs<'_>, _: &mut Context<'_>) -> Result<Outputs, Fault> {
+        Ok(Outputs::one("x", Value::Calibration(Arc::clone(inputs.get::<Calibration>("a")?))))
+    }
+}
+
+struct Still(Vec<Frame>, Value, Key);
+
+impl Source for Still {
+    fn frames(&self) -> &[Frame] {
+        &self.0
+    }
+
+    fn read(&self, _: usize, _: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
+        Ok(SourceOutputs { outputs: Outputs::one("x", self.1.clone()), key: self.2 })
+    }
+}
+
+/// Takes nothing.
+struct NoTap;
+
+impl Tap for NoTap {
+    type Part = ();
+
+    fn parts(&self, _: usize) -> usize {
+        0
+    }
+
+    fn part(&self, _: usize, _: Slot) -> Option<usize> {
+        None
+    }
+
+    fn encode(&self, _: usize, _: &Frame, _: usize, _: &[(Slot, Value)]) -> Result<(), TapError> {
+        Ok(())
+    }
+
+    fn write(&self, _: &Commit<'_>, _: Vec<()>) -> Result<(), TapError> {
+        Ok(())
+    }
+
+    fn once(&self, _: usize, _: Slot, _: &Key, _: &Value) -> Result<(), TapError> {
+        Ok(())
+    }
+}
+
+/// `NODES` nodes: one after the other, or all on the source.
+fn graph(is_chain: bool) -> Bench {
+    let mut bench = Bench::new(&[""]);
+    let frames = (0..FRAMES as u64).map(|k| Frame::at_10_hz("f", k)).collect();
+    bench.stage("bench", Still(frames, number(1), Key::of_content(b"still")));
+    for index in 0..NODES {
+        let from = if is_chain && index > 0 { node(index - 1, 0) } else { source(0) };
+        bench.node(planned("trivial", Contract::Pure, [from, None, None]), Instance::Pure(Box::new(Trivial)));
+    }
+    bench
+}
+
+fn engine(c: &mut Criterion) {
+    let mut group = c.benchmark_group("engine");
+    group.sample_size(20).throughput(Throughput::Elements((FRAMES * (NODES + 1)) as u64));
+    for (shape, is_chain) in [("chain", true), ("fan", false)] {
+        for workers in [1, 2] {
+            let options = Options { workers, window: None, keep_going: false };
+            group.bench_function(format!("{shape} of {NODES}, {workers} workers"), |b| {
+                let run = |ready| {
+                    run(ready, &NoTap, &options, &Unwatched, &Interrupt::default()).expect("the bench runs through")
+                };
+                b.iter_batched(|| graph(is_chain).ready(), run, BatchSize::PerIteration);
+            });
+        }
+    }
+    group.finish();
+}
+
+fn channel(c: &mut Criterion) {
+    const MESSAGES: u64 = 10_000;
+    let mut group = c.benchmark_group("channel");
+    group.sample_size(20).throughput(Throughput::Elements(MESSAGES));
+    group.bench_function("send and receive, one thread", |b| {
+        let (send, receive) = unbounded::<u64>();
+        b.iter(|| {
+            for message in 0..MESSAGES {
+                send.send(message).expect("the bench runs through");
+                black_box(receive.recv().expect("the other end is there"));
+            }
+        });
+    });
+    group.bench_function("send to another thread and back, one at a time", |b| {
+        let ((there, arrived), (back, returned)) = (bounded::<u64>(1), bounded::<u64>(1));
+        let echo = thread::spawn(move || arrived.iter().try_for_each(|message| back.send(message)));
+        b.iter(|| {
+            for message in 0..MESSAGES {
+                there.send(message).expect("the bench runs through");
+                black_box(returned.recv().expect("the other end is there"));
+            }
+        });
+        drop(there);
+        echo.join().expect("it does not panic").expect("the other end is there");
+    });
+    group.bench_function("send to another thread, streaming", |b| {
+        b.iter(|| {
+            let (send, receive) = bounded::<u64>(64);
+            thread::scope(|scope| {
+                scope.spawn(|| assert_eq!(black_box(receive.iter().count()) as u64, MESSAGES));
+                (0..MESSAGES).for_each(|message| send.send(message).expect("the other end is there"));
+                drop(send);
+            });
+        });
+    });
+    group.finish();
+}
+
+criterion_group!(benches, engine, channel);
+criterion_main!(benches);

@@ -1,0 +1,160 @@
+//! The thread budget: at most so many threads work at once, whoever they are.
+
+use std::sync::atomic::{AtomicUsize, Ordering, fence};
+use std::sync::{Condvar, Mutex, PoisonError};
+
+use crossbeam::utils::{Backoff, CachePadded};
+
+/// The permits to work. A worker without a task gives its permit back; a thread that helps with tiles takes one.
+///
+/// Workers that have nothing to do sleep here. The protocol is the usual one of two flags: who brings work first makes it
+/// visible and then looks for sleepers; who goes to sleep first says so and then looks for work; so one of the two sees the other.
+pub(crate) struct Crew {
+    width: usize,
+    free: CachePadded<AtomicUsize>,
+    sleepers: CachePadded<AtomicUsize>,
+    bed: Mutex<()>,
+    wake: Condvar,
+}
+
+/// The right to work until dropped.
+pub(crate) struct Permit<'a>(&'a Crew);
+
+impl Crew {
+    pub(crate) fn new(width: usize) -> Self {
+        Self {
+            width,
+            free: CachePadded::new(AtomicUsize::new(width)),
+            sleepers: CachePadded::new(AtomicUsize::new(0)),
+            bed: Mutex::new(()),
+            wake: Condvar::new(),
+        }
+    }
+
+    /// How many may work at once.
+    pub(crate) const fn width(&self) -> usize {
+        self.width
+    }
+
+    /// A permit, if one is free.
+    pub(crate) fn permit(&self) -> Option<Permit<'_>> {
+        let take = |free: usize| free.checked_sub(1);
+        // Cheap where none is free, which is the rule in a busy run.
+        if self.free.load(Ordering::Relaxed) == 0 {
+            return None;
+        }
+        self.free.fetch_update(Ordering::AcqRel, Ordering::Relaxed, take).is_ok().then_some(Permit(self))
+    }
+
+    /// A permit as soon as there is both work and a permit; `None` once the work is over.
+    pub(crate) fn permit_for(&self, is_work: impl Fn() -> bool, is_over: impl Fn() -> bool) -> Option<Permit<'_>> {
+        let look = || if is_work() { self.permit() } else { None };
+        // A task often follows within microseconds, and going to sleep costs several.
+        let spin = Backoff::new();
+        while !spin.is_completed() {
+            if is_over() {
+                return None;
+            }
+            if let Some(permit) = look() {
+                return Some(permit);
+            }
+            spin.snooze();
+        }
+        self.sleepers.fetch_add(1, Ordering::SeqCst);
+        fence(Ordering::SeqCst);
+        let mut bed = self.bed.lock().unwrap_or_else(PoisonError::into_inner);
+        let permit = loop {
+            if is_over() {
+                break None;
+            }
+            if let Some(permit) = look() {
+                break Some(permit);
+            }
+            bed = self.wake.wait(bed).unwrap_or_else(PoisonError::into_inner);
+        };
+        self.sleepers.fetch_sub(1, Ordering::SeqCst);
+        permit
+    }
+
+    /// Wakes sleepers for that many new tasks.
+    pub(crate) fn wake(&self, tasks: usize) {
+        fence(Ordering::SeqCst);
+        let sleepers = self.sleepers.load(Ordering::SeqCst);
+        if tasks == 0 || sleepers == 0 {
+            return;
+        }
+        let _bed = self.bed.lock().unwrap_or_else(PoisonError::into_inner);
+        (0..tasks.min(sleepers)).for_each(|_| self.wake.notify_one());
+    }
+
+    /// Wakes everyone, to find that the work is over.
+    pub(crate) fn wake_all(&self) {
+        let _bed = self.bed.lock().unwrap_or_else(PoisonError::into_inner);
+        self.wake.notify_all();
+    }
+}
+
+impl Permit<'_> {
+    /// Gives the permit back without waking anyone: right only for who looks for work itself afterwards.
+    pub(crate) fn rest(self) {
+        self.0.free.fetch_add(1, Ordering::Release);
+        std::mem::forget(self);
+    }
+}
+
+impl Drop for Permit<'_> {
+    fn drop(&mut self) {
+        self.0.free.fetch_add(1, Ordering::SeqCst);
+        // There may be a task that waits for no more than a permit.
+        self.0.wake(1);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Crew;
+    use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+
+    #[test]
+    fn there_are_as_many_permits_as_workers() {
+        let crew = Crew::new(2);
+        let (first, second) = (crew.permit(), crew.permit());
+        assert!(first.is_some() && second.is_some() && crew.permit().is_none());
+        drop(first);
+        assert!(crew.permit().is_some());
+    }
+
+    #[test]
+    fn sleepers_find_every_task_and_wake_at_the_end() {
+        let crew = Crew::new(3);
+        let (tasks, taken, over) = (AtomicUsize::new(0), AtomicUsize::new(0), AtomicBool::new(false));
+        let take = |tasks: usize| tasks.checked_sub(1);
+        std::thread::scope(|scope| {
+            for _ in 0..3 {
+                scope.spawn(|| {
+                    let is_work = || tasks.load(Ordering::SeqCst) > 0;
+                    while let Some(permit) = crew.permit_for(is_work, || over.load(Ordering::SeqCst)) {
+                        if tasks.fetch_update(Ordering::SeqCst, Ordering::SeqCst, take).is_ok() {
+                            taken.fetch_add(1, Ordering::SeqCst);
+                        }
+                        permit.rest();
+                    }
+                });
+            }
+            for _ in 0..2000 {
+                tasks.fetch_add(1, Ordering::SeqCst);
+                crew.wake(1);
+                // Every other task finds the others asleep or about to be.
+                while tasks.load(Ordering::SeqCst) > 1 {
+                    std::thread::yield_now();
+                }
+            }
+            while taken.load(Ordering::SeqCst) < 2000 {
+                std::thread::yield_now();
+            }
+            over.store(true, Ordering::SeqCst);
+            crew.wake_all();
+        });
+        assert_eq!(taken.load(Ordering::SeqCst), 2000);
+    }
+}

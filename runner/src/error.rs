@@ -1,0 +1,122 @@
+//! Why a run ended before its end.
+
+use depthloom_graphs::Fault;
+use depthloom_graphs::contracts::TapError;
+
+/// Why a run ended before its end. What was written before stays written.
+#[derive(Debug, thiserror::Error)]
+pub enum RunError {
+    /// A node failed on a frame: of the frames that failed the first, and of its nodes the first in plan order.
+    #[error("node `{stage}.{node}`{} failed on frame {frame}", of_variants(.variants))]
+    NodeFailed {
+        /// The stage.
+        stage: String,
+        /// The node.
+        node: String,
+        /// The variants it serves; empty if all.
+        variants: Vec<String>,
+        /// The frame's id.
+        frame: String,
+        /// What failed.
+        #[source]
+        fault: Box<Fault>,
+    },
+    /// A source could not read a frame.
+    #[error("source `{source_name}` of stage `{stage}` failed on frame {frame}")]
+    SourceFailed {
+        /// The stage.
+        stage: String,
+        /// The source's name under `sources:`.
+        source_name: String,
+        /// The frame's id.
+        frame: String,
+        /// What failed.
+        #[source]
+        fault: Box<Fault>,
+    },
+    /// A node failed outside any frame: a once-node, or an ordered node when it finished.
+    #[error("node `{stage}.{node}`{} failed", of_variants(.variants))]
+    OnceFailed {
+        /// The stage.
+        stage: String,
+        /// The node.
+        node: String,
+        /// The variants it serves; empty if all.
+        variants: Vec<String>,
+        /// What failed.
+        #[source]
+        fault: Box<Fault>,
+    },
+    /// The tap refused a frame or a once-value.
+    #[error("failed to record {what} of stage `{stage}`")]
+    Tap {
+        /// The stage.
+        stage: String,
+        /// Which frame or once-value.
+        what: String,
+        /// Why.
+        #[source]
+        error: TapError,
+    },
+    /// The plan asks for what cannot be run: an error of whoever made it.
+    #[error("the plan of stage `{stage}` cannot be run: {what}")]
+    Unrunnable {
+        /// The stage.
+        stage: String,
+        /// What contradicts what.
+        what: String,
+    },
+    /// The machine gave no thread.
+    #[error("failed to start a worker thread")]
+    NoThread(#[source] std::io::Error),
+    /// The run was interrupted twice and abandoned.
+    #[error("aborted")]
+    Aborted,
+}
+
+impl RunError {
+    /// What the person can do about it, if it is known.
+    #[must_use]
+    pub fn remedy(&self) -> Option<&str> {
+        match self {
+            Self::NodeFailed { fault, .. } | Self::SourceFailed { fault, .. } | Self::OnceFailed { fault, .. } => {
+                fault.remedy_text()
+            }
+            Self::Tap { .. } | Self::Unrunnable { .. } | Self::NoThread(_) | Self::Aborted => None,
+        }
+    }
+
+    /// Whether it is frames of the data that failed, and not the engine, the disk or learning.
+    #[must_use]
+    pub const fn is_of_a_frame(&self) -> bool {
+        matches!(self, Self::NodeFailed { .. } | Self::SourceFailed { .. })
+    }
+}
+
+/// ` (variants a, b)`, or nothing.
+fn of_variants(variants: &[String]) -> String {
+    match variants {
+        [] => String::new(),
+        [only] => format!(" (variant {only})"),
+        several => format!(" (variants {})", several.join(", ")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::RunError;
+    use depthloom_graphs::Fault;
+
+    #[test]
+    fn the_message_names_node_variants_and_frame() {
+        let error = RunError::NodeFailed {
+            stage: "compare".into(),
+            node: "merged".into(),
+            variants: vec!["full".into(), "mean".into()],
+            frame: "000150_10".into(),
+            fault: Box::new(Fault::new("no pixel was answered").remedy("lower `threshold`")),
+        };
+        assert_eq!(error.to_string(), "node `compare.merged` (variants full, mean) failed on frame 000150_10");
+        assert_eq!(error.remedy(), Some("lower `threshold`"));
+    }
+}

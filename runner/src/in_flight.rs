@@ -1,0 +1,148 @@
+//! One frame on its way through a stage: what has settled, the values still needed, the parts encoded.
+
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
+
+use depthloom_graphs::contracts::TapError;
+use depthloom_graphs::{Fault, Key, Value};
+
+use crate::timing::Spent;
+use crate::wiring::{Place, Wiring};
+
+/// How a step ended on a frame.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Outcome {
+    /// It fired; of the source and of nodes, the key of its values.
+    Fired(Option<Key>),
+    /// A required input was absent: so are its outputs. That is no failure.
+    Absent,
+    /// It failed.
+    Failed,
+    /// It did not run because that other step failed.
+    Forgone(usize),
+}
+
+/// A step that is over.
+pub(crate) struct Settled {
+    pub(crate) outcome: Outcome,
+    pub(crate) spent: Spent,
+}
+
+struct Progress {
+    pending: AtomicU32,
+    settled: OnceLock<Settled>,
+}
+
+/// A value, its key and how many still take it.
+struct Cell {
+    value: Option<Value>,
+    key: Option<Key>,
+    uses: u32,
+}
+
+/// A frame in flight; `P` is an encoded part.
+pub(crate) struct InFlight<P> {
+    /// Its position among the source's frames.
+    pub(crate) position: usize,
+    steps: Box<[Progress]>,
+    cells: Box<[Mutex<Cell>]>,
+    parts: Box<[Mutex<Option<P>>]>,
+    remaining: AtomicU32,
+    /// What failed, by step, in no order.
+    faults: Mutex<Vec<(usize, Fault)>>,
+    tap_errors: Mutex<Vec<(usize, TapError)>>,
+}
+
+impl<P> InFlight<P> {
+    pub(crate) fn new(position: usize, wiring: &Wiring) -> Self {
+        let progress = |waits_for| Progress { pending: AtomicU32::new(waits_for), settled: OnceLock::new() };
+        let cell = |place: &Place| Mutex::new(Cell { value: None, key: None, uses: place.uses });
+        Self {
+            position,
+            steps: wiring.order.iter().map(|o| progress(o.waits_for)).collect(),
+            cells: wiring.places.iter().map(cell).collect(),
+            parts: wiring.parts.iter().map(|_| Mutex::new(None)).collect(),
+            remaining: AtomicU32::new(wiring.steps_per_frame),
+            faults: Mutex::default(),
+            tap_errors: Mutex::default(),
+        }
+    }
+
+    /// Puts a value where its takers look for it; drops it if there are none.
+    pub(crate) fn put(&self, place: usize, value: Value, key: Option<Key>) {
+        let mut cell = locked(&self.cells[place]);
+        if cell.uses > 0 {
+            (cell.value, cell.key) = (Some(value), key);
+        }
+    }
+
+    /// Takes a value, if it is there, and its key. The last to take it takes it out.
+    pub(crate) fn take(&self, place: usize) -> Option<(Value, Option<Key>)> {
+        let mut cell = locked(&self.cells[place]);
+        cell.uses -= 1;
+        let value = if cell.uses == 0 { cell.value.take() } else { cell.value.clone() };
+        value.map(|value| (value, cell.key))
+    }
+
+    /// How a step ended; `None` while it has not.
+    pub(crate) fn settled(&self, step: usize) -> Option<&Settled> {
+        self.steps[step].settled.get()
+    }
+
+    /// Whether a step has ended without values because something failed.
+    pub(crate) fn is_without_values(&self, step: usize) -> bool {
+        self.settled(step).is_some_and(|s| matches!(s.outcome, Outcome::Failed | Outcome::Forgone(_)))
+    }
+
+    /// Ends a step; tells whether it was the frame's last. `ready` is called with the steps that waited for nothing else.
+    pub(crate) fn settle(&self, step: usize, settled: Settled, wiring: &Wiring, mut ready: impl FnMut(usize)) -> bool {
+        let fresh = self.steps[step].settled.set(settled).is_ok();
+        debug_assert!(fresh, "a step ends once");
+        for &then in &wiring.order[step].then {
+            if self.steps[then].pending.fetch_sub(1, Ordering::AcqRel) == 1 {
+                ready(then);
+            }
+        }
+        self.remaining.fetch_sub(1, Ordering::AcqRel) == 1
+    }
+
+    pub(crate) fn put_part(&self, part: usize, encoded: P) {
+        *locked(&self.parts[part]) = Some(encoded);
+    }
+
+    /// The encoded parts in order.
+    pub(crate) fn take_parts(&self) -> Vec<P> {
+        self.parts.iter().filter_map(|part| locked(part).take()).collect()
+    }
+
+    pub(crate) fn add_fault(&self, step: usize, fault: Fault) {
+        locked(&self.faults).push((step, fault));
+    }
+
+    pub(crate) fn add_tap_error(&self, part: usize, error: TapError) {
+        locked(&self.tap_errors).push((part, error));
+    }
+
+    /// Whether something has failed so far.
+    pub(crate) fn has_failed(&self) -> bool {
+        !locked(&self.faults).is_empty()
+    }
+
+    /// What failed, in the order of the steps.
+    pub(crate) fn take_faults(&self) -> Vec<(usize, Fault)> {
+        let mut faults = std::mem::take(&mut *locked(&self.faults));
+        faults.sort_by_key(|(step, _)| *step);
+        faults
+    }
+
+    /// Why the tap refused the frame, if it did: the error of its first part.
+    pub(crate) fn take_tap_error(&self) -> Option<TapError> {
+        let errors = std::mem::take(&mut *locked(&self.tap_errors));
+        errors.into_iter().min_by_key(|(part, _)| *part).map(|(_, error)| error)
+    }
+}
+
+/// Locks; a thread that panicked while it held the lock left nothing half-done in this crate's short sections.
+pub(crate) fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}

@@ -1,0 +1,35 @@
+//! Who watches a run: progress bars, logs.
+
+use depthloom_graphs::Frame;
+use depthloom_graphs::contracts::Failure;
+
+/// Is told what happens; every call should return at once.
+///
+/// Stage runs and nodes are given as indices into the plan.
+pub trait Observer: Sync {
+    /// A stage run starts on so many frames.
+    fn stage_started(&self, run: usize, frames: u64) {
+        let _ = (run, frames);
+    }
+
+    /// A frame has been written, with its failures if it has any. Called in the order of the frames.
+    fn frame_retired(&self, run: usize, frame: &Frame, failures: &[Failure]) {
+        let _ = (run, frame, failures);
+    }
+
+    /// A node tells how far a long piece of work is. Called on the node's thread.
+    fn progress(&self, run: usize, node: usize, done: u64, total: u64, message: &str) {
+        let _ = (run, node, done, total, message);
+    }
+
+    /// A stage run is over: whole, interrupted or failed.
+    fn stage_finished(&self, run: usize) {
+        let _ = run;
+    }
+}
+
+/// Watches nothing.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Unwatched;
+
+impl Observer for Unwatched {}

@@ -1,0 +1,182 @@
+//! Admission and retirement: the one thread that lets frames in, writes them in order and lets them go.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use crossbeam::channel::Receiver;
+use depthloom_graphs::Frame;
+use depthloom_graphs::contracts::{Commit, Failure, SlotKey, Tap, TapError};
+use depthloom_graphs::plan::Plan;
+
+use crate::error::RunError;
+use crate::in_flight::{InFlight, Outcome};
+use crate::panics::caught;
+use crate::report::{FrameFailure, Report, StageReport};
+use crate::stage::Stage;
+use crate::timing::{Phase, Stopwatch, Timing};
+use crate::wiring::Step;
+
+/// What is told of a stage run's frames as they retire.
+pub(crate) struct Ledger<'a> {
+    plan: &'a Plan,
+    run: usize,
+    pub(crate) stage: StageReport,
+    failures: Vec<FrameFailure>,
+    /// By step; the writer's comes last.
+    timings: Vec<Timing>,
+}
+
+impl<'a> Ledger<'a> {
+    pub(crate) fn new(plan: &'a Plan, run: usize, frames: usize, parts: usize) -> Self {
+        let nodes = &plan.runs[run].nodes;
+        let mut timings = vec![Timing::new(run, "source".to_owned(), Phase::Source)];
+        timings.extend(nodes.iter().enumerate().map(|(i, n)| Timing::new(run, n.name.clone(), Phase::Node(i))));
+        timings.extend((0..parts).map(|part| Timing::new(run, "encode".to_owned(), Phase::Encode(part))));
+        timings.push(Timing::new(run, "write".to_owned(), Phase::Write));
+        let stage = StageReport { frames: frames as u64, firings: vec![0; nodes.len()], ..StageReport::default() };
+        Self { plan, run, stage, failures: Vec::new(), timings }
+    }
+
+    /// Adds what there is to tell to the report.
+    pub(crate) fn close(self, report: &mut Report) {
+        report.stages.push(self.stage);
+        let room = Report::FAILURES - report.failures.len().min(Report::FAILURES);
+        report.failures.extend(self.failures.into_iter().take(room));
+        report.timings.extend(self.timings.into_iter().filter(|t| t.count > 0));
+    }
+}
+
+/// Whether all of a stage run's frames came through.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Passage {
+    Whole,
+    Interrupted,
+}
+
+/// Lets a stage's frames in and writes them, in order, until none is left or one ends the stage.
+pub(crate) fn retire_all<T: Tap>(
+    stage: &Stage<'_, T>,
+    done: &Receiver<Arc<InFlight<T::Part>>>,
+    ledger: &mut Ledger<'_>,
+) -> Result<Passage, RunError> {
+    let frames = stage.source.frames();
+    let (mut admitted, mut retired) = (0, 0);
+    let mut complete = BTreeMap::new();
+    loop {
+        while admitted < frames.len()
+            && admitted < retired + stage.window
+            && !stage.interrupt.stops_admission()
+            && !stage.is_past_the_last(admitted)
+        {
+            stage.admit(admitted);
+            admitted += 1;
+            ledger.stage.admitted += 1;
+            ledger.stage.peak_in_flight = ledger.stage.peak_in_flight.max(admitted - retired);
+        }
+        if retired == admitted {
+            break;
+        }
+        let Some(frame) = complete.remove(&retired) else {
+            // The workers leave before their work is done only when the run is abandoned.
+            let Ok(frame) = done.recv() else { return Err(RunError::Aborted) };
+            complete.insert(frame.position, frame);
+            continue;
+        };
+        if stage.interrupt.aborts() {
+            return Err(RunError::Aborted);
+        }
+        write(stage, &frame, &frames[retired], ledger)?;
+        retired += 1;
+        stage.set_oldest(retired);
+    }
+    Ok(if retired == frames.len() { Passage::Whole } else { Passage::Interrupted })
+}
+
+fn write<T: Tap>(
+    stage: &Stage<'_, T>,
+    in_flight: &InFlight<T::Part>,
+    frame: &Frame,
+    ledger: &mut Ledger<'_>,
+) -> Result<(), RunError> {
+    let tap_failed =
+        |error| RunError::Tap { stage: stage.plan.stage.clone(), what: format!("frame {}", frame.id), error };
+    let mut faults = in_flight.take_faults();
+    if let Some(fatal) = faults.iter().position(|(step, _)| stage.is_fatal(*step)) {
+        let (step, fault) = faults.swap_remove(fatal);
+        let fault = Box::new(fault);
+        let (plan, frame, run) = (ledger.plan, frame.id.to_string(), stage.plan);
+        return Err(match stage.wiring.step(step) {
+            Step::Node(node) => RunError::NodeFailed {
+                stage: run.stage.clone(),
+                node: run.nodes[node].name.clone(),
+                variants: run.nodes[node].variant_names(plan).into_iter().map(str::to_owned).collect(),
+                frame,
+                fault,
+            },
+            Step::Source | Step::Encode(_) => {
+                RunError::SourceFailed { stage: run.stage.clone(), source_name: run.source.name.clone(), frame, fault }
+            }
+        });
+    }
+    if let Some(error) = in_flight.take_tap_error() {
+        return Err(tap_failed(error));
+    }
+
+    let (mut source_key, mut keys, mut failures) = (None, Vec::new(), Vec::new());
+    for (step, timing) in ledger.timings.iter_mut().enumerate() {
+        let Some(settled) = (timing.phase != Phase::Write).then(|| in_flight.settled(step)).flatten() else { continue };
+        let node = step.checked_sub(1);
+        match settled.outcome {
+            Outcome::Absent => continue,
+            Outcome::Fired(key) => match (stage.wiring.step(step), key) {
+                (Step::Source, _) => source_key = key,
+                (Step::Node(node), Some(key)) => {
+                    keys.push(SlotKey { node, key });
+                    ledger.stage.firings[node] += 1;
+                }
+                (Step::Node(_) | Step::Encode(_), _) => {}
+            },
+            Outcome::Failed => {
+                let fault = faults.iter().find(|(failed, _)| *failed == step).map(|(_, fault)| fault);
+                failures.push(Failure { node, what: fault.map(depthloom_graphs::Fault::chain).unwrap_or_default() });
+            }
+            Outcome::Forgone(before) => {
+                failures.push(Failure { node, what: format!("not run: {} failed", origin(stage, in_flight, before)) });
+                continue;
+            }
+        }
+        timing.add(frame.index, settled.spent);
+    }
+
+    let watch = Stopwatch::start();
+    let commit = Commit { run: stage.run, frame, source_key, keys: &keys, failures: &failures };
+    caught(|| stage.tap.write(&commit, in_flight.take_parts()))
+        .unwrap_or_else(|panic| Err(TapError { what: format!("panicked {}", panic.0), source: None }))
+        .map_err(tap_failed)?;
+    if let Some(timing) = ledger.timings.last_mut() {
+        timing.add(frame.index, watch.stop(0));
+    }
+
+    ledger.stage.retired += 1;
+    ledger.stage.failed += u64::from(!failures.is_empty());
+    for (step, fault) in faults {
+        if ledger.failures.len() < Report::FAILURES {
+            let (node, what) = (step.checked_sub(1), fault.chain());
+            let remedy = fault.remedy_text().map(str::to_owned);
+            ledger.failures.push(FrameFailure { run: ledger.run, frame: frame.clone(), node, what, remedy });
+        }
+    }
+    stage.observer.frame_retired(stage.run, frame, &failures);
+    Ok(())
+}
+
+/// What failed first of the steps that one after the other did not run.
+fn origin<T: Tap>(stage: &Stage<'_, T>, frame: &InFlight<T::Part>, mut step: usize) -> String {
+    while let Some(Outcome::Forgone(before)) = frame.settled(step).map(|s| s.outcome) {
+        step = before;
+    }
+    match stage.wiring.step(step) {
+        Step::Node(node) => format!("`{}`", stage.plan.nodes[node].name),
+        Step::Source | Step::Encode(_) => format!("source `{}`", stage.plan.source.name),
+    }
+}

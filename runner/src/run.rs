@@ -1,0 +1,159 @@
+//! A run: its stage runs, one after the other.
+
+use std::collections::BTreeMap;
+use std::thread::{Builder, scope};
+
+use crossbeam::channel::bounded;
+use depthloom_graphs::contracts::{Contract, Tap};
+use depthloom_graphs::plan::Plan;
+use depthloom_graphs::ready::{Ready, ReadyRun};
+use depthloom_graphs::{Instance, Source};
+
+use crate::crew::Crew;
+use crate::error::RunError;
+use crate::interrupt::Interrupt;
+use crate::observer::Observer;
+use crate::once::{Job, OnceValues, OnceWork};
+use crate::options::Options;
+use crate::ordered::Ordered;
+use crate::report::Report;
+use crate::retire::{Ledger, Passage, retire_all};
+use crate::stage::{EndAll, FrameNode, Stage, Surroundings};
+use crate::wiring::{Wiring, contract_of};
+
+/// Runs a plan: every frame of every stage run, and its once-values, into the tap.
+///
+/// The calling thread admits frames and writes them; it returns when the last thread it started has ended.
+///
+/// # Errors
+/// Why the run ended before its end. An interrupted run is no error: the report says so.
+pub fn run<T: Tap>(
+    ready: Ready,
+    tap: &T,
+    options: &Options,
+    observer: &dyn Observer,
+    interrupt: &Interrupt,
+) -> Result<Report, RunError> {
+    let Ready { plan, runs, files } = ready;
+    let crew = Crew::new(options.workers());
+    let (window, keep_going) = (options.window(), options.keep_going);
+    let around = Surroundings { tap, crew: &crew, observer, interrupt, window, keep_going };
+    let mut values = OnceValues::new(files);
+    let mut report = Report::default();
+    for (run, ready) in runs.into_iter().enumerate() {
+        if interrupt.stops_admission() {
+            report.interrupted = true;
+            break;
+        }
+        observer.stage_started(run, ready.source.frames().len() as u64);
+        let passage = run_stage(run, &plan, ready, &around, &mut values, &mut report);
+        observer.stage_finished(run);
+        if passage? == Passage::Interrupted {
+            report.interrupted = true;
+            break;
+        }
+    }
+    Ok(report)
+}
+
+fn run_stage<T: Tap>(
+    run: usize,
+    plan: &Plan,
+    ready: ReadyRun,
+    around: &Surroundings<'_, T>,
+    values: &mut OnceValues,
+    report: &mut Report,
+) -> Result<Passage, RunError> {
+    let stage = &plan.runs[run];
+    let unrunnable = |what| RunError::Unrunnable { stage: stage.stage.clone(), what };
+    let ReadyRun { source, nodes } = ready;
+    if nodes.len() != stage.nodes.len() {
+        return Err(unrunnable(format!("{} nodes are planned and {} built", stage.nodes.len(), nodes.len())));
+    }
+    let mut waiting = BTreeMap::new();
+    let mut of_frames = Vec::with_capacity(nodes.len());
+    for (index, (instance, planned)) in nodes.into_iter().zip(&stage.nodes).enumerate() {
+        if contract_of(&instance) != planned.contract {
+            let (planned, built) = (planned.contract.name(), contract_of(&instance).name());
+            return Err(unrunnable(format!(
+                "node `{}` is planned {planned} and built {built}",
+                stage.nodes[index].name
+            )));
+        }
+        of_frames.push(match instance {
+            Instance::Pure(node) => FrameNode::Pure(node),
+            Instance::Ordered(node) => FrameNode::Ordered(Ordered::new(node, around.window)),
+            Instance::Once(node) => {
+                waiting.insert(index, node);
+                FrameNode::Aside
+            }
+        });
+    }
+
+    let mut once = OnceWork { run, plan, around, waiting, keys: BTreeMap::new(), timings: Vec::new() };
+    let mut ledger = Ledger::new(plan, run, source.frames().len(), around.tap.parts(run));
+    let passage = pass(&mut once, source.as_ref(), of_frames, &mut ledger, values);
+    for &node in once.keys.keys().filter(|&&node| stage.nodes[node].contract == Contract::Once) {
+        ledger.stage.firings[node] = 1;
+    }
+    ledger.close(report);
+    report.timings.append(&mut once.timings);
+    passage
+}
+
+/// A stage run from its first frame to its last once-value.
+fn pass<T: Tap>(
+    once: &mut OnceWork<'_, T>,
+    source: &dyn Source,
+    nodes: Vec<FrameNode<T::Part>>,
+    ledger: &mut Ledger<'_>,
+    values: &mut OnceValues,
+) -> Result<Passage, RunError> {
+    let (run, plan) = (once.run, &once.plan.runs[once.run]);
+    let unrunnable = |what| RunError::Unrunnable { stage: plan.stage.clone(), what };
+    // Once-nodes that need nothing of this stage's frames come first: its own nodes may need what they give.
+    if once.fire_all(values)? == Passage::Interrupted {
+        return Ok(Passage::Interrupted);
+    }
+    let wiring = Wiring::new(run, plan, once.around.tap, |from| values.find(from)).map_err(unrunnable)?;
+    let stage = Stage::new(run, plan, wiring, source, nodes, once.around);
+    if run_frames(&stage, ledger)? == Passage::Interrupted {
+        return Ok(Passage::Interrupted);
+    }
+    let mut jobs = Vec::new();
+    for (index, node) in stage.nodes.into_iter().enumerate() {
+        if let FrameNode::Ordered(ordered) = node
+            && let (Some(node), last_key) = ordered.into_state()
+        {
+            jobs.push((index, Job::Finish(node, last_key)));
+        }
+    }
+    if once.do_all(jobs, values)? == Passage::Interrupted || once.fire_all(values)? == Passage::Interrupted {
+        return Ok(Passage::Interrupted);
+    }
+    if let Some(node) = once.waiting.keys().next() {
+        return Err(unrunnable(format!(
+            "a once-value that node `{}` reads is made by no node before it",
+            plan.nodes[*node].name
+        )));
+    }
+    once.hand_over(values)?;
+    Ok(Passage::Whole)
+}
+
+/// Runs the frames on workers; this thread admits and writes.
+fn run_frames<T: Tap>(stage: &Stage<'_, T>, ledger: &mut Ledger<'_>) -> Result<Passage, RunError> {
+    // Never full: no more frames are in flight than this.
+    let (send, done) = bounded(stage.window);
+    scope(|scope| {
+        // However this thread leaves, the workers go home: else it would wait for them for ever.
+        let _end_all = EndAll(stage);
+        for worker in 0..stage.crew.width() {
+            let send = send.clone();
+            let builder = Builder::new().name(format!("depthloom-{worker}"));
+            builder.spawn_scoped(scope, move || stage.work(&send)).map_err(RunError::NoThread)?;
+        }
+        drop(send);
+        retire_all(stage, &done, ledger)
+    })
+}

@@ -1,0 +1,366 @@
+//! The frames of a stage run on the workers.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+
+use crossbeam::channel::Sender;
+use depthloom_graphs::contracts::{Slot, Tap, TapError};
+use depthloom_graphs::plan::StageRun;
+use depthloom_graphs::{Context, Fault, Inputs, Key, Outputs, PureNode, Scratch, Source, Value, value_keys};
+
+use crate::crew::Crew;
+use crate::host::TaskHost;
+use crate::in_flight::{InFlight, Outcome, Settled, locked};
+use crate::interrupt::Interrupt;
+use crate::observer::Observer;
+use crate::ordered::Ordered;
+use crate::panics::caught;
+use crate::queues::Queues;
+use crate::timing::{Spent, Stopwatch};
+use crate::wiring::{Step, Wire, Wiring};
+
+/// A node as the frames see it.
+pub(crate) enum FrameNode<P> {
+    Pure(Box<dyn PureNode>),
+    Ordered(Ordered<P>),
+    /// A once-node: no frame comes by it.
+    Aside,
+}
+
+/// A step of a frame that can run now.
+pub(crate) struct Task<P> {
+    frame: Arc<InFlight<P>>,
+    step: usize,
+}
+
+/// A frame on its way.
+type Flying<T> = Arc<InFlight<<T as Tap>::Part>>;
+
+/// A stage run while its frames run.
+pub(crate) struct Stage<'a, T: Tap> {
+    pub(crate) run: usize,
+    pub(crate) plan: &'a StageRun,
+    pub(crate) wiring: Wiring,
+    pub(crate) source: &'a dyn Source,
+    pub(crate) nodes: Vec<FrameNode<T::Part>>,
+    pub(crate) tap: &'a T,
+    pub(crate) crew: &'a Crew,
+    pub(crate) observer: &'a dyn Observer,
+    pub(crate) interrupt: &'a Interrupt,
+    pub(crate) window: usize,
+    pub(crate) keep_going: bool,
+    queues: Queues<Task<T::Part>>,
+    /// The lowest position that ends the stage: frames after it are dropped where they are.
+    last: AtomicUsize,
+    ended: AtomicBool,
+}
+
+/// What a worker keeps between tasks.
+#[derive(Default)]
+struct Desk {
+    scratch: Scratch,
+    inputs: Vec<Option<Value>>,
+    keys: Vec<Option<Key>>,
+    taken: Vec<(Slot, Value)>,
+}
+
+/// What a node found at its inputs.
+enum Gathered {
+    Complete,
+    Absent,
+    Without(usize),
+}
+
+/// Ends a stage when dropped, be it by a panic.
+pub(crate) struct EndAll<'s, 'a, T: Tap>(pub(crate) &'s Stage<'a, T>);
+
+impl<T: Tap> Drop for EndAll<'_, '_, T> {
+    fn drop(&mut self) {
+        self.0.end();
+    }
+}
+
+/// What the runs have in common.
+pub(crate) struct Surroundings<'a, T> {
+    pub(crate) tap: &'a T,
+    pub(crate) crew: &'a Crew,
+    pub(crate) observer: &'a dyn Observer,
+    pub(crate) interrupt: &'a Interrupt,
+    pub(crate) window: usize,
+    pub(crate) keep_going: bool,
+}
+
+impl<'a, T: Tap> Stage<'a, T> {
+    pub(crate) fn new(
+        run: usize,
+        plan: &'a StageRun,
+        wiring: Wiring,
+        source: &'a dyn Source,
+        nodes: Vec<FrameNode<T::Part>>,
+        around: &Surroundings<'a, T>,
+    ) -> Self {
+        Self {
+            run,
+            plan,
+            wiring,
+            source,
+            nodes,
+            tap: around.tap,
+            crew: around.crew,
+            observer: around.observer,
+            interrupt: around.interrupt,
+            window: around.window,
+            keep_going: around.keep_going,
+            queues: Queues::new(around.window),
+            last: AtomicUsize::new(usize::MAX),
+            ended: AtomicBool::new(false),
+        }
+    }
+
+    /// Lets a frame in.
+    pub(crate) fn admit(&self, position: usize) {
+        self.queues.push(position, Task { frame: Arc::new(InFlight::new(position, &self.wiring)), step: 0 });
+        self.crew.wake(1);
+    }
+
+    /// Says which frame is the oldest in flight.
+    pub(crate) fn set_oldest(&self, position: usize) {
+        self.queues.set_oldest(position);
+    }
+
+    /// Whether a frame comes after one that ends the stage.
+    pub(crate) fn is_past_the_last(&self, position: usize) -> bool {
+        position > self.last.load(Ordering::Relaxed)
+    }
+
+    /// Whether what failed at a step ends the stage.
+    pub(crate) fn is_fatal(&self, step: usize) -> bool {
+        !self.keep_going
+            || matches!(self.wiring.step(step), Step::Node(n) if matches!(self.nodes[n], FrameNode::Ordered(_)))
+    }
+
+    /// Sends the workers home.
+    pub(crate) fn end(&self) {
+        self.ended.store(true, Ordering::SeqCst);
+        self.crew.wake_all();
+    }
+
+    fn is_over(&self) -> bool {
+        self.ended.load(Ordering::Relaxed) || self.interrupt.aborts()
+    }
+
+    /// Works until the stage is over. Frames whose last step is done go to `done`, which never is full.
+    pub(crate) fn work(&self, done: &Sender<Flying<T>>) {
+        // Whatever ends one worker ends all: nobody waits for who is gone.
+        let _end_all = EndAll(self);
+        let mut desk = Desk::default();
+        let mut hand = None;
+        while let Some(permit) = self.crew.permit_for(|| !self.queues.is_empty(), || self.is_over()) {
+            while !self.is_over() {
+                let Some(task) = self.next(hand.take()) else { break };
+                hand = self.perform(task, &mut desk, done);
+            }
+            permit.rest();
+        }
+    }
+
+    /// The task to do next: the one in hand, unless an older frame has one.
+    fn next(&self, hand: Option<Task<T::Part>>) -> Option<Task<T::Part>> {
+        let Some(mine) = hand else { return self.queues.pop() };
+        let Some(older) = self.queues.pop_older_than(mine.frame.position) else { return Some(mine) };
+        self.queues.push(mine.frame.position, mine);
+        self.crew.wake(1);
+        Some(older)
+    }
+
+    /// Does a task; gives back one that it made ready, if any, and queues the others.
+    fn perform(&self, task: Task<T::Part>, desk: &mut Desk, done: &Sender<Flying<T>>) -> Option<Task<T::Part>> {
+        let Task { frame, step } = task;
+        if self.is_past_the_last(frame.position) {
+            return None;
+        }
+        let kind = self.wiring.step(step);
+        let settled = match kind {
+            Step::Source => self.read(&frame, desk),
+            Step::Node(node) => self.fire(&frame, node, desk),
+            Step::Encode(part) => self.encode(&frame, part, desk),
+        };
+        let (mut hand, mut queued) = (None, 0);
+        let mut offer = |frame: Flying<T>, step| {
+            let task = Task { frame, step };
+            if hand.is_none() {
+                hand = Some(task);
+            } else {
+                self.queues.push(task.frame.position, task);
+                queued += 1;
+            }
+        };
+        let is_complete = frame.settle(step, settled, &self.wiring, |then| {
+            let may_run = match self.wiring.step(then) {
+                Step::Node(node) => match &self.nodes[node] {
+                    FrameNode::Ordered(ordered) => ordered.arrive(&frame),
+                    FrameNode::Pure(_) | FrameNode::Aside => true,
+                },
+                Step::Source | Step::Encode(_) => true,
+            };
+            if may_run {
+                offer(Arc::clone(&frame), then);
+            }
+        });
+        if let Step::Node(node) = kind
+            && let FrameNode::Ordered(ordered) = &self.nodes[node]
+            && let Some(next) = ordered.advance()
+        {
+            offer(next, step);
+        }
+        self.crew.wake(queued);
+        if is_complete {
+            // Fails only if the writer is gone, and then the stage is over.
+            let _ = done.send(frame);
+        }
+        hand
+    }
+
+    fn host(&self, node: Option<usize>) -> TaskHost<'a> {
+        let (crew, interrupt, observer) = (self.crew, self.interrupt, self.observer);
+        TaskHost { crew, interrupt, observer, run: self.run, node, helpers_cpu_ns: AtomicU64::new(0) }
+    }
+
+    fn read(&self, frame: &InFlight<T::Part>, desk: &mut Desk) -> Settled {
+        let (watch, host) = (Stopwatch::start(), self.host(None));
+        let mut ctx = Context::new(&host, &mut desk.scratch);
+        let read = caught(|| self.source.read(frame.position, &mut ctx)).unwrap_or_else(|panic| Err(panic.into()));
+        let read = read.and_then(|read| Ok((read.outputs.in_order_of(&self.wiring.producers[0].outputs)?, read.key)));
+        let spent = watch.stop(host.helpers_cpu_ns.into_inner());
+        self.close(frame, 0, read, spent)
+    }
+
+    fn fire(&self, frame: &InFlight<T::Part>, node: usize, desk: &mut Desk) -> Settled {
+        let step = 1 + node;
+        let outcome = match self.gather(frame, step, desk) {
+            Gathered::Complete => None,
+            Gathered::Absent => Some(Outcome::Absent),
+            Gathered::Without(failed) => Some(Outcome::Forgone(failed)),
+        };
+        if let Some(outcome) = outcome {
+            desk.inputs.clear();
+            return Settled { outcome, spent: Spent::default() };
+        }
+        let producer = &self.wiring.producers[step];
+        let recipe = &self.plan.nodes[node].recipe;
+        let (watch, host) = (Stopwatch::start(), self.host(Some(node)));
+        let inputs = Inputs::new(&producer.inputs, &desk.inputs);
+        let mut ctx = Context::new(&host, &mut desk.scratch);
+        let in_order = |given: Outputs| given.in_order_of(&producer.outputs);
+        let fired = match &self.nodes[node] {
+            FrameNode::Pure(pure) => {
+                let fired = caught(|| pure.process(&inputs, &mut ctx)).unwrap_or_else(|panic| Err(panic.into()));
+                fired.and_then(in_order).map(|values| (values, value_keys::pure(recipe, &desk.keys)))
+            }
+            FrameNode::Ordered(ordered) => {
+                let mut state = locked(&ordered.state);
+                let instant = &self.source.frames()[frame.position];
+                let fired = match state.node.as_mut() {
+                    Some(node) => caught(|| node.process(instant, &inputs, &mut ctx)).unwrap_or_else(|p| Err(p.into())),
+                    None => Err(Fault::new("failed on an earlier frame")),
+                };
+                let fired = fired.and_then(in_order);
+                if fired.is_err() {
+                    state.node = None;
+                }
+                fired.map(|values| {
+                    let key = value_keys::ordered(recipe, state.last_key.as_ref(), &desk.keys);
+                    state.last_key = Some(key);
+                    (values, key)
+                })
+            }
+            FrameNode::Aside => Err(Fault::new("a once-node does not see frames")),
+        };
+        let spent = watch.stop(host.helpers_cpu_ns.into_inner());
+        desk.inputs.clear();
+        self.close(frame, step, fired, spent)
+    }
+
+    /// Takes a node's inputs from where they lie, whether it is going to fire or not.
+    fn gather(&self, frame: &InFlight<T::Part>, step: usize, desk: &mut Desk) -> Gathered {
+        let producer = &self.wiring.producers[step];
+        desk.inputs.clear();
+        desk.keys.clear();
+        let (mut without, mut is_absent) = (None, false);
+        for (port, wire) in producer.inputs.iter().zip(&producer.wires) {
+            let (value, key) = match wire {
+                Wire::Unwired | Wire::Once(None) => (None, None),
+                Wire::Once(Some(once)) => (Some(once.value.clone()), Some(once.key)),
+                Wire::Place { place, step } => {
+                    if without.is_none() && frame.is_without_values(*step) {
+                        without = Some(*step);
+                    }
+                    frame.take(*place).map_or((None, None), |(value, key)| (Some(value), key))
+                }
+            };
+            is_absent |= value.is_none() && !port.optional;
+            desk.inputs.push(value);
+            desk.keys.push(key);
+        }
+        match without {
+            Some(step) => Gathered::Without(step),
+            None if is_absent => Gathered::Absent,
+            None => Gathered::Complete,
+        }
+    }
+
+    /// Lays a producer's values where others find them, or takes down what failed.
+    fn close(
+        &self,
+        frame: &InFlight<T::Part>,
+        step: usize,
+        result: Result<(Vec<Option<Value>>, Key), Fault>,
+        spent: Spent,
+    ) -> Settled {
+        let outcome = match result {
+            Ok((values, key)) => {
+                let producer = &self.wiring.producers[step];
+                for (i, (value, port)) in values.into_iter().zip(&producer.outputs).enumerate() {
+                    let place = producer.first_place + i;
+                    let Some(value) = value else { continue };
+                    let is_keyed = self.wiring.places[place].keyed;
+                    frame.put(place, value, is_keyed.then(|| value_keys::port(&key, port.name)));
+                }
+                Outcome::Fired(Some(key))
+            }
+            Err(fault) => {
+                frame.add_fault(step, fault);
+                if self.is_fatal(step) {
+                    self.last.fetch_min(frame.position, Ordering::Relaxed);
+                }
+                Outcome::Failed
+            }
+        };
+        Settled { outcome, spent }
+    }
+
+    fn encode(&self, frame: &InFlight<T::Part>, part: usize, desk: &mut Desk) -> Settled {
+        desk.taken.clear();
+        let slots = self.wiring.parts[part].iter();
+        desk.taken.extend(slots.filter_map(|&(slot, place)| frame.take(place).map(|(value, _)| (slot, value))));
+        // A frame that ends the stage is not written.
+        if self.is_past_the_last(frame.position.saturating_add(1)) && frame.has_failed() {
+            desk.taken.clear();
+            return Settled { outcome: Outcome::Absent, spent: Spent::default() };
+        }
+        let watch = Stopwatch::start();
+        let instant = &self.source.frames()[frame.position];
+        let encoded = caught(|| self.tap.encode(self.run, instant, part, &desk.taken))
+            .unwrap_or_else(|panic| Err(TapError { what: format!("panicked {}", panic.0), source: None }));
+        let spent = watch.stop(0);
+        desk.taken.clear();
+        match encoded {
+            Ok(encoded) => frame.put_part(part, encoded),
+            Err(error) => {
+                frame.add_tap_error(part, error);
+                self.last.fetch_min(frame.position, Ordering::Relaxed);
+            }
+        }
+        Settled { outcome: Outcome::Fired(None), spent }
+    }
+}

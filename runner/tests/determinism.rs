@@ -1,0 +1,337 @@
+//! Random graphs on 1, 2 and 8 workers give what a reference gives that runs one node after the other.
+
+mod support;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::error::Error;
+
+use depthloom_graphs::contracts::{Commit, Contract, Failure, InlineHost, Slot, SlotKey};
+use depthloom_graphs::plan::{From, PlannedNode};
+use depthloom_graphs::{Context, Fault, Inputs, Instance, Key, Outputs, Port, Rate, Scratch, Value, value_keys};
+use depthloom_runner::{Interrupt, Options, RunError, Unwatched, run};
+use proptest::collection::{btree_set, vec};
+use proptest::prelude::*;
+use support::{Bench, Notebook, Numbers, Toy, once_key, part_of, told_commit, told_part, told_value, without_place};
+
+/// A random node: indices are taken modulo what there is to choose from.
+#[derive(Clone, Debug)]
+struct AnyNode {
+    contract: u8,
+    a: usize,
+    b: Option<usize>,
+    once: Option<usize>,
+    tiles: usize,
+    fails_at: BTreeSet<u64>,
+    panics_at: BTreeSet<u64>,
+    absent_at: BTreeSet<u64>,
+}
+
+#[derive(Clone, Debug)]
+struct AnyGraph {
+    frames: u64,
+    stages: Vec<Vec<AnyNode>>,
+    source_fails_at: BTreeSet<u64>,
+    source_absent_at: BTreeSet<u64>,
+    parts: usize,
+    window: usize,
+    keep_going: bool,
+}
+
+fn any_node(mishaps: usize) -> impl Strategy<Value = AnyNode> {
+    let few = |most: usize| btree_set(1..25_u64, 0..=most);
+    (
+        0..6_u8,
+        any::<usize>(),
+        prop::option::of(any::<usize>()),
+        prop::option::of(any::<usize>()),
+        0..5_usize,
+        few(mishaps),
+        prop_oneof![9 => Just(BTreeSet::new()), 1 => few(mishaps)],
+        few(6),
+    )
+        .prop_map(|(contract, a, b, once, tiles, fails_at, panics_at, absent_at)| {
+            let tiles = if tiles < 4 { 0 } else { 6 };
+            AnyNode { contract, a, b, once, tiles, fails_at, panics_at, absent_at }
+        })
+}
+
+fn any_graph() -> impl Strategy<Value = AnyGraph> {
+    (0..2_usize).prop_flat_map(|mishaps| {
+        let few = |most: usize| btree_set(1..25_u64, 0..=most);
+        let stages = vec(vec(any_node(mishaps), 0..9), 1..3);
+        (0..24_u64, stages, few(mishaps), few(4), 0..4_usize, 1..7_usize, any::<bool>()).prop_map(
+            |(frames, stages, source_fails_at, source_absent_at, parts, window, keep_going)| AnyGraph {
+                frames,
+                stages,
+                source_fails_at,
+                source_absent_at,
+                parts,
+                window,
+                keep_going,
+            },
+        )
+    })
+}
+
+fn bench(graph: &AnyGraph) -> Bench {
+    let mut bench = Bench::new(&["one"]);
+    let mut once_values: Vec<From> = Vec::new();
+    for (run, nodes) in graph.stages.iter().enumerate() {
+        let mut source = Numbers::new(graph.frames);
+        (source.toy.fails_at, source.toy.absent_at) = (graph.source_fails_at.clone(), graph.source_absent_at.clone());
+        bench.stage(&format!("stage{run}"), source);
+        let mut slots = vec![Slot::Source { port: 0 }, Slot::Source { port: 1 }];
+        // Frames may read once-values of earlier stages, once-nodes those of their own stage too.
+        let earlier = once_values.len();
+        for (index, node) in nodes.iter().enumerate() {
+            let contract = match node.contract {
+                0 => Contract::Ordered,
+                1 if !once_values.is_empty() => Contract::Once,
+                _ => Contract::Pure,
+            };
+            let slot = |i: usize| Some(From::Here(slots[i % slots.len()]));
+            let pick = |i: usize, of: usize| (of > 0).then(|| once_values[i % of].clone());
+            let from = match contract {
+                Contract::Once => {
+                    let all = once_values.len();
+                    [pick(node.a, all), node.once.and_then(|i| pick(i, all)), None]
+                }
+                Contract::Pure | Contract::Ordered => {
+                    [slot(node.a), node.b.and_then(slot), node.once.and_then(|i| pick(i, earlier))]
+                }
+            };
+            let toy = Toy {
+                salt: 100 * run as u64 + index as u64,
+                tiles: node.tiles,
+                fails_at: node.fails_at.clone(),
+                panics_at: node.panics_at.clone(),
+                absent_at: node.absent_at.clone(),
+                ..Toy::default()
+            };
+            bench.toy(&format!("n{run}_{index}"), contract, from, toy);
+            if contract != Contract::Once {
+                slots.extend([0, 1].map(|port| Slot::Node { node: index, port }));
+            }
+            match contract {
+                Contract::Ordered => once_values.push(From::Once { run, node: index, port: 2 }),
+                Contract::Once => once_values.push(From::Once { run, node: index, port: 0 }),
+                Contract::Pure => {}
+            }
+        }
+    }
+    bench
+}
+
+/// A run's end, in words without a panic's place.
+fn told_error(error: &RunError) -> String {
+    let beneath = error.source().map(ToString::to_string).unwrap_or_default();
+    format!("{error}: {}", without_place(&beneath))
+}
+
+fn told_run(graph: &AnyGraph, workers: usize, window: Option<usize>) -> (Vec<String>, Option<String>) {
+    let notebook = Notebook::with_parts(graph.parts);
+    let options = Options { workers, window, keep_going: graph.keep_going };
+    let result = run(bench(graph).ready(), &notebook, &options, &Unwatched, &Interrupt::default());
+    (notebook.lines(), result.err().as_ref().map(told_error))
+}
+
+// --- the reference -------------------------------------------------------------------------------------------------
+
+type Keyed = Option<(Value, Key)>;
+/// Once-values by stage run, node and port.
+type Once = BTreeMap<(usize, usize, usize), (Value, Key)>;
+
+/// What a step gave on a frame: its values by port, or why not.
+enum Gave {
+    Values(Key, Vec<Keyed>),
+    Nothing,
+    Failed(Fault),
+    NotRun(String),
+}
+
+fn called<R>(f: impl FnOnce() -> Result<R, Fault>) -> Result<R, Fault> {
+    std::panic::catch_unwind(std::panic::AssertUnwindSafe(f))
+        .unwrap_or_else(|payload| Err(Fault::new(payload.downcast_ref::<&str>().copied().unwrap_or("?"))))
+}
+
+fn ports(node: &PlannedNode, rate: Rate) -> Vec<Port> {
+    node.outputs.iter().map(|o| &o.port).filter(|p| p.rate == rate).cloned().collect()
+}
+
+fn keyed(values: Vec<Option<Value>>, ports: &[Port], key: &Key) -> Vec<Keyed> {
+    values.into_iter().zip(ports).map(|(v, p)| v.map(|v| (v, value_keys::port(key, p.name)))).collect()
+}
+
+/// Runs everything one after the other, in plan order.
+fn reference(graph: &AnyGraph) -> (Vec<String>, Option<String>) {
+    let Bench { plan, runs } = bench(graph);
+    let (mut lines, mut once) = (Vec::new(), Once::new());
+    let mut scratch = Scratch::default();
+    let mut ctx = Context::new(&InlineHost, &mut scratch);
+    for (run, (planned, mut ready)) in plan.runs.iter().zip(runs).enumerate() {
+        let mut last_keys: Vec<Option<Key>> = vec![None; planned.nodes.len()];
+        for (position, frame) in ready.source.frames().iter().enumerate() {
+            let source_ports: Vec<Port> = planned.source.outputs.iter().map(|o| o.port.clone()).collect();
+            let read = ready.source.read(position, &mut ctx);
+            let mut gave = vec![match read.and_then(|r| Ok((r.outputs.in_order_of(&source_ports)?, r.key))) {
+                Ok((values, key)) => Gave::Values(key, keyed(values, &source_ports, &key)),
+                Err(fault) => Gave::Failed(fault),
+            }];
+            for (index, (node, instance)) in planned.nodes.iter().zip(&mut ready.nodes).enumerate() {
+                let at = |from: &From| match from {
+                    From::Here(Slot::Source { port }) => (0, *port),
+                    From::Here(Slot::Node { node, port }) => (1 + node, *port),
+                    _ => unreachable!("asked of per-frame inputs only"),
+                };
+                let before = node.inputs.iter().filter_map(|i| i.from.as_ref());
+                let before = before.filter(|from| matches!(from, From::Here(_)));
+                let failed = before.map(|from| at(from).0).find_map(|step| match &gave[step] {
+                    Gave::Failed(_) if step == 0 => Some("not run: source `numbers` failed".to_owned()),
+                    Gave::Failed(_) => Some(format!("not run: `{}` failed", planned.nodes[step - 1].name)),
+                    Gave::NotRun(why) => Some(why.clone()),
+                    Gave::Values(..) | Gave::Nothing => None,
+                });
+                let inputs: Vec<Keyed> = node
+                    .inputs
+                    .iter()
+                    .map(|input| match input.from.as_ref()? {
+                        From::Once { run, node, port } => once.get(&(*run, *node, *port)).cloned(),
+                        here => match &gave[at(here).0] {
+                            Gave::Values(_, values) => values[at(here).1].clone(),
+                            Gave::Nothing | Gave::Failed(_) | Gave::NotRun(_) => None,
+                        },
+                    })
+                    .collect();
+                let is_absent = inputs.iter().zip(&node.inputs).any(|(v, i)| v.is_none() && !i.port.optional);
+                let (values, keys): (Vec<_>, Vec<_>) =
+                    inputs.into_iter().map(|i| i.map_or((None, None), |(v, k)| (Some(v), Some(k)))).unzip();
+                let in_ports: Vec<Port> = node.inputs.iter().map(|i| i.port.clone()).collect();
+                let out_ports = ports(node, Rate::Frame);
+                let in_order = |given: Outputs| given.in_order_of(&out_ports);
+                let inputs = Inputs::new(&in_ports, &values);
+                gave.push(match (failed, instance) {
+                    (_, Instance::Once(_)) => Gave::Nothing,
+                    (Some(why), _) => Gave::NotRun(why),
+                    (None, _) if is_absent => Gave::Nothing,
+                    (None, Instance::Pure(pure)) => {
+                        match called(|| pure.process(&inputs, &mut ctx)).and_then(in_order) {
+                            Ok(values) => {
+                                let key = value_keys::pure(&node.recipe, &keys);
+                                Gave::Values(key, keyed(values, &out_ports, &key))
+                            }
+                            Err(fault) => Gave::Failed(fault),
+                        }
+                    }
+                    (None, Instance::Ordered(ordered)) => {
+                        match called(|| ordered.process(frame, &inputs, &mut ctx)).and_then(in_order) {
+                            Ok(values) => {
+                                let key = value_keys::ordered(&node.recipe, last_keys[index].as_ref(), &keys);
+                                last_keys[index] = Some(key);
+                                Gave::Values(key, keyed(values, &out_ports, &key))
+                            }
+                            Err(fault) => Gave::Failed(fault),
+                        }
+                    }
+                });
+            }
+            let is_fatal =
+                |step: usize| !graph.keep_going || step > 0 && planned.nodes[step - 1].contract == Contract::Ordered;
+            for (step, gave) in gave.iter().enumerate() {
+                let Gave::Failed(fault) = gave else { continue };
+                if is_fatal(step) {
+                    let who = match step {
+                        0 => format!("source `numbers` of stage `{}`", planned.stage),
+                        _ => format!("node `{}.{}`", planned.stage, planned.nodes[step - 1].name),
+                    };
+                    return (lines, Some(format!("{who} failed on frame {}: {fault}", frame.id)));
+                }
+            }
+            lines.push(commit(run, graph.parts, frame, &gave));
+        }
+        if let Some(error) = finish(run, planned, ready.nodes, &last_keys, &mut once, &mut lines) {
+            return (lines, Some(error));
+        }
+    }
+    (lines, None)
+}
+
+fn commit(run: usize, parts: usize, frame: &depthloom_graphs::Frame, gave: &[Gave]) -> String {
+    let (mut taken, mut keys, mut failures) = (vec![Vec::new(); parts], Vec::new(), Vec::new());
+    for (step, gave) in gave.iter().enumerate() {
+        let node = step.checked_sub(1);
+        match gave {
+            Gave::Values(key, values) => {
+                keys.extend(node.map(|node| SlotKey { node, key: *key }));
+                for (port, value) in values.iter().enumerate() {
+                    let slot = node.map_or(Slot::Source { port }, |node| Slot::Node { node, port });
+                    if let (Some((value, _)), Some(part)) = (value, part_of(parts, slot)) {
+                        taken[part].push((slot, value.clone()));
+                    }
+                }
+            }
+            Gave::Nothing => {}
+            Gave::Failed(fault) => failures.push(Failure { node, what: fault.to_string() }),
+            Gave::NotRun(why) => failures.push(Failure { node, what: why.clone() }),
+        }
+    }
+    let source_key = if let Gave::Values(key, _) = &gave[0] { Some(*key) } else { None };
+    let told: Vec<_> = taken.iter().enumerate().map(|(part, values)| told_part(part, values)).collect();
+    told_commit(&Commit { run, frame, source_key, keys: &keys, failures: &failures }, &told)
+}
+
+fn finish(
+    run: usize,
+    planned: &depthloom_graphs::plan::StageRun,
+    nodes: Vec<Instance>,
+    last_keys: &[Option<Key>],
+    once: &mut Once,
+    lines: &mut Vec<String>,
+) -> Option<String> {
+    let mut scratch = Scratch::default();
+    let mut ctx = Context::new(&InlineHost, &mut scratch);
+    for (index, (node, instance)) in planned.nodes.iter().zip(nodes).enumerate() {
+        let ports = ports(node, Rate::Once);
+        let (made, key) = match instance {
+            Instance::Pure(_) => continue,
+            Instance::Ordered(ordered) => {
+                (ordered.finish(&mut ctx), value_keys::finished(&node.recipe, last_keys[index].as_ref()))
+            }
+            Instance::Once(instance) => {
+                let found = node.inputs.iter().map(|input| match input.from.as_ref()? {
+                    From::Once { run, node, port } => once.get(&(*run, *node, *port)).cloned(),
+                    _ => None,
+                });
+                let (values, keys): (Vec<_>, Vec<_>) =
+                    found.map(|i| i.map_or((None, None), |(v, k)| (Some(v), Some(k)))).unzip();
+                let in_ports: Vec<Port> = node.inputs.iter().map(|i| i.port.clone()).collect();
+                let made = called(|| instance.run(&Inputs::new(&in_ports, &values), &mut ctx));
+                (made, value_keys::once(&node.recipe, &keys))
+            }
+        };
+        let values = made.and_then(|made| made.in_order_of(&ports)).expect("toys fail on frames only");
+        for (port, value) in values.into_iter().enumerate() {
+            let Some(value) = value else { continue };
+            // An ordered toy's once-output follows its two per-frame ones.
+            let port = if node.contract == Contract::Ordered { 2 + port } else { port };
+            let slot = Slot::Node { node: index, port };
+            lines.push(format!("{run} {slot:?} {key} {}", told_value(&value)));
+            let entering = once_key(&value, &key, node.outputs[port].port.name);
+            once.insert((run, index, port), (value, entering));
+        }
+    }
+    None
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 120, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn any_graph_gives_what_the_reference_gives(graph in any_graph()) {
+        let expected = reference(&graph);
+        for workers in [1, 2, 8] {
+            let told = told_run(&graph, workers, Some(graph.window));
+            prop_assert_eq!(&told, &expected, "workers {}", workers);
+        }
+        prop_assert_eq!(&told_run(&graph, 3, None), &expected, "default window");
+    }
+}

@@ -1,0 +1,411 @@
+//! What a run does: sharing, order, once-values, failures, interrupts, bounds.
+
+mod support;
+
+use std::collections::BTreeSet;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, Weak};
+
+use depthloom_graphs::contracts::{Commit, Contract, Failure, Slot, Tap, TapError};
+use depthloom_graphs::values::{Mask, Raster};
+use depthloom_graphs::{
+    Context, Fault, Frame, Inputs, Instance, Key, OnceNode, Outputs, Port, PureNode, Source, SourceOutputs, Value,
+    ValueType,
+};
+use depthloom_runner::{Interrupt, Observer, Options, Phase, RunError, Unwatched, run};
+use support::{Bench, Notebook, Numbers, Toy, node, once, output, planned, source};
+
+fn options(workers: usize) -> Options {
+    Options { workers, window: None, keep_going: false }
+}
+
+fn frames(lines: &[String]) -> Vec<&str> {
+    lines.iter().filter_map(|line| line.split(' ').nth(1)).filter(|id| id.starts_with('f')).collect()
+}
+
+/// A chain a -> b -> c, and d beside it.
+fn chain(frames: u64, toys: [Toy; 4]) -> Bench {
+    let mut bench = Bench::new(&["full", "mean"]);
+    bench.stage("compare", Numbers::new(frames));
+    let [a, b, c, d] = toys;
+    bench.toy("a", Contract::Pure, [source(0), None, None], a);
+    bench.toy("b", Contract::Pure, [node(0, 0), None, None], b);
+    bench.toy("c", Contract::Pure, [node(1, 0), source(1), None], c);
+    bench.toy("d", Contract::Pure, [source(0), None, None], d);
+    bench
+}
+
+fn toys() -> [Toy; 4] {
+    [10, 11, 12, 13].map(Toy::salted)
+}
+
+#[test]
+fn a_shared_node_fires_once_a_frame() {
+    // One stereo, three variants that read it.
+    let stereo = Toy { tiles: 9, ..Toy::salted(5) };
+    let calls = Arc::clone(&stereo.calls);
+    let mut bench = Bench::new(&["full", "mean", "none"]);
+    bench.stage("compare", Numbers::new(40));
+    bench.toy("stereo", Contract::Pure, [source(0), source(1), None], stereo);
+    for variant in 0..3 {
+        bench.toy(&format!("merged{variant}"), Contract::Pure, [node(0, 0), None, None], Toy::salted(variant));
+    }
+    let report = run(bench.ready(), &Notebook::with_parts(2), &options(4), &Unwatched, &Interrupt::default()).unwrap();
+    assert_eq!(calls.load(Ordering::Relaxed), 40);
+    assert_eq!(report.stages[0].firings, [40; 4]);
+    assert_eq!((report.stages[0].admitted, report.stages[0].retired, report.stages[0].failed), (40, 40, 0));
+    let stereo = report.timings.iter().find(|t| t.phase == Phase::Node(0)).unwrap();
+    assert_eq!((stereo.label.as_str(), stereo.count, stereo.samples.len()), ("stereo", 40, 40));
+    assert_eq!(stereo.samples[3].frame_index, 4);
+    let classes: BTreeSet<_> = report.timings.iter().map(|t| t.label.as_str()).collect();
+    assert_eq!(classes, BTreeSet::from(["source", "stereo", "merged0", "merged1", "merged2", "encode", "write"]));
+}
+
+#[test]
+fn the_lowest_failing_frame_ends_the_run_and_those_before_it_are_kept() {
+    for workers in [1, 2, 8] {
+        let [a, b, mut c, mut d] = toys();
+        d.fails_at = BTreeSet::from([9, 30]);
+        c.panics_at = BTreeSet::from([21, 9]);
+        let notebook = Notebook::with_parts(2);
+        let mut bench = chain(60, [a, b, c, d]);
+        bench.plan.runs[0].nodes[2].variants = vec![1];
+        let error = run(bench.ready(), &notebook, &options(workers), &Unwatched, &Interrupt::default()).unwrap_err();
+        // Both fail on frame 9: `c` is first in plan order, and serves one variant only.
+        assert_eq!(error.to_string(), "node `compare.c` (variant mean) failed on frame f9");
+        let RunError::NodeFailed { fault, .. } = &error else { panic!("{error:?}") };
+        assert!(fault.to_string().contains("told to panic") && fault.to_string().contains("support"), "{fault}");
+        assert!(error.remedy().is_some() && error.is_of_a_frame());
+        assert_eq!(frames(&notebook.lines()), ["f1", "f2", "f3", "f4", "f5", "f6", "f7", "f8"]);
+    }
+}
+
+#[test]
+fn keep_going_leaves_tombstones_and_siblings_go_on() {
+    let [a, mut b, c, d] = toys();
+    b.fails_at = BTreeSet::from([3]);
+    let (notebook, options) = (Notebook::with_parts(1), Options { keep_going: true, ..options(3) });
+    let report = run(chain(6, [a, b, c, d]).ready(), &notebook, &options, &Unwatched, &Interrupt::default()).unwrap();
+    let lines = notebook.lines();
+    assert_eq!(frames(&lines), ["f1", "f2", "f3", "f4", "f5", "f6"]);
+    assert!(lines[2].contains(r#"["Some(1) told to fail", "Some(2) not run: `b` failed"]"#), "{}", lines[2]);
+    assert_eq!(report.stages[0].firings, [6, 5, 5, 6]);
+    assert_eq!(report.stages[0].failed, 1);
+    assert_eq!(report.failures.len(), 1, "what was not run is not listed: {:?}", report.failures);
+    assert_eq!((report.failures[0].node, report.failures[0].remedy.as_deref()), (Some(1), Some("do not tell it to")));
+}
+
+#[test]
+fn a_frame_the_source_cannot_read_is_a_tombstone_for_all() {
+    let mut numbers = Numbers::new(4);
+    numbers.toy.fails_at = BTreeSet::from([2]);
+    let mut bench = Bench::new(&[""]);
+    bench.stage("compare", numbers);
+    bench.toy("a", Contract::Pure, [source(0), None, None], Toy::salted(3));
+    bench.toy("sum", Contract::Ordered, [node(0, 0), None, None], Toy::salted(4));
+    let (notebook, options) = (Notebook::with_parts(1), Options { keep_going: true, ..options(2) });
+    let report = run(bench.ready(), &notebook, &options, &Unwatched, &Interrupt::default()).unwrap();
+    assert!(notebook.lines()[1].starts_with("0 f2 None []"), "{}", notebook.lines()[1]);
+    assert!(notebook.lines()[1].contains("Some(1) not run: source `numbers` failed"), "{}", notebook.lines()[1]);
+    assert_eq!((report.stages[0].firings.as_slice(), report.failures[0].node), ([3, 3].as_slice(), None));
+}
+
+#[test]
+fn an_ordered_node_that_panicked_ends_its_stage_even_if_told_to_keep_going() {
+    let sum = Toy { panics_at: BTreeSet::from([5]), ..Toy::salted(1) };
+    let calls = Arc::clone(&sum.calls);
+    let mut bench = Bench::new(&[""]);
+    bench.stage("learn", Numbers::new(50));
+    bench.toy("sum", Contract::Ordered, [source(0), None, None], sum);
+    let (notebook, options) = (Notebook::with_parts(1), Options { keep_going: true, ..options(4) });
+    let error = run(bench.ready(), &notebook, &options, &Unwatched, &Interrupt::default()).unwrap_err();
+    assert_eq!(error.to_string(), "node `learn.sum` failed on frame f5");
+    assert_eq!(frames(&notebook.lines()), ["f1", "f2", "f3", "f4"]);
+    assert_eq!(calls.load(Ordering::Relaxed), 5, "it is not called again");
+}
+
+#[test]
+fn once_values_reach_later_stages_and_nodes_of_their_own_stage() {
+    // learn: sum (ordered) -> teacher (once). compare: tuned (once, from the teacher) -> a (pure, from tuned).
+    let mut bench = Bench::new(&[""]);
+    bench.stage("learn", Numbers::new(7));
+    bench.toy("sum", Contract::Ordered, [source(0), None, None], Toy::salted(1));
+    bench.toy("teacher", Contract::Once, [once(0, 0, 2), None, None], Toy::salted(2));
+    bench.stage("compare", Numbers::new(3));
+    bench.toy("tuned", Contract::Once, [once(0, 1, 0), once(0, 0, 2), None], Toy::salted(3));
+    bench.toy("a", Contract::Pure, [source(0), None, once(1, 0, 0)], Toy::salted(4));
+    let (notebook, watcher) = (Notebook::with_parts(1), Watcher::default());
+    let report = run(bench.ready(), &notebook, &options(3), &watcher, &Interrupt::default()).unwrap();
+    let lines = notebook.lines();
+    assert_eq!(lines.len(), 7 + 2 + 3 + 1);
+    assert!(lines[7].starts_with("0 Node { node: 0, port: 2 }") && lines[8].starts_with("0 Node { node: 1, port: 0 }"));
+    assert!(lines[12].starts_with("1 Node { node: 0, port: 0 }"), "after the frames of its stage: {}", lines[12]);
+    assert_eq!(report.stages[1].firings, [1, 3]);
+    assert!(report.timings.iter().any(|t| t.phase == Phase::Once(1) && t.label == "teacher"));
+    let events = watcher.0.into_inner().unwrap();
+    assert_eq!(
+        events.iter().filter(|e| e.starts_with("progress")).collect::<Vec<_>>(),
+        ["progress 0 1 1/1 mixed", "progress 1 0 1/1 mixed"]
+    );
+    assert_eq!((events[0].as_str(), events[1].as_str()), ("started 0 7", "retired 0 f1 0"));
+    assert_eq!(events.last().map(String::as_str), Some("finished 1"));
+}
+
+#[test]
+fn a_failing_once_node_is_named() {
+    let mut bench = Bench::new(&[""]);
+    bench.stage("learn", Numbers::new(2));
+    bench.toy("sum", Contract::Ordered, [source(0), None, None], Toy::salted(1));
+    let teacher = Toy { fails_at: BTreeSet::from([0]), ..Toy::salted(2) };
+    bench.toy("teacher", Contract::Once, [once(0, 0, 2), None, None], teacher);
+    let error = run(bench.ready(), &Notebook::default(), &options(2), &Unwatched, &Interrupt::default()).unwrap_err();
+    assert_eq!(error.to_string(), "node `learn.teacher` failed");
+    assert!(matches!(&error, RunError::OnceFailed { fault, .. } if fault.to_string() == "told to fail"));
+}
+
+#[test]
+fn a_once_value_that_comes_too_late_for_the_frames_is_refused() {
+    let mut bench = Bench::new(&[""]);
+    bench.stage("learn", Numbers::new(2));
+    bench.toy("sum", Contract::Ordered, [source(0), None, None], Toy::salted(1));
+    bench.toy("a", Contract::Pure, [source(0), None, once(0, 0, 2)], Toy::salted(1));
+    let error = run(bench.ready(), &Notebook::default(), &options(2), &Unwatched, &Interrupt::default()).unwrap_err();
+    assert!(error.to_string().contains("input `c` of node `a` is not there before the stage's frames"), "{error}");
+}
+
+#[test]
+fn a_tap_that_refuses_ends_the_run_at_its_frame() {
+    for workers in [1, 4] {
+        let refuses_to_encode = BTreeSet::from([5]);
+        let notebook = Notebook { refuses_to_encode, ..Notebook::with_parts(2) };
+        let ready = chain(9, toys()).ready();
+        let error = run(ready, &notebook, &options(workers), &Unwatched, &Interrupt::default()).unwrap_err();
+        assert_eq!(error.to_string(), "failed to record frame f5 of stage `compare`");
+        assert_eq!(frames(&notebook.lines()), ["f1", "f2", "f3", "f4"]);
+        let notebook = Notebook { refuses_to_write: BTreeSet::from([3]), ..Notebook::with_parts(2) };
+        let ready = chain(9, toys()).ready();
+        let error = run(ready, &notebook, &options(workers), &Unwatched, &Interrupt::default()).unwrap_err();
+        assert_eq!(error.to_string(), "failed to record frame f3 of stage `compare`");
+        assert_eq!(frames(&notebook.lines()), ["f1", "f2"]);
+    }
+}
+
+#[test]
+fn the_first_interrupt_lets_admitted_frames_retire() {
+    for workers in [1, 4] {
+        let interrupt = Interrupt::default();
+        let raised = interrupt.clone();
+        let on_write = move |index| {
+            if index == 10 {
+                raised.raise();
+            }
+        };
+        let notebook = Notebook { on_write: Some(Box::new(on_write)), ..Notebook::with_parts(1) };
+        let options = Options { window: Some(5), ..options(workers) };
+        let report = run(chain(1000, toys()).ready(), &notebook, &options, &Unwatched, &interrupt).unwrap();
+        assert!(report.interrupted);
+        // Frame 10 was written while frames up to 14 were in flight: those are kept, and no more.
+        assert_eq!((report.stages[0].admitted, report.stages[0].retired), (14, 14));
+        assert_eq!(frames(&notebook.lines()).len(), 14);
+    }
+}
+
+#[test]
+fn an_interrupted_stage_gives_no_once_values_and_no_later_stage_starts() {
+    let mut bench = Bench::new(&[""]);
+    bench.stage("learn", Numbers::new(100));
+    bench.toy("sum", Contract::Ordered, [source(0), None, None], Toy::salted(1));
+    bench.stage("compare", Numbers::new(3));
+    let interrupt = Interrupt::default();
+    let raised = interrupt.clone();
+    let on_write = move |index| {
+        if index == 4 {
+            raised.raise();
+        }
+    };
+    let notebook = Notebook { on_write: Some(Box::new(on_write)), ..Notebook::with_parts(1) };
+    let report = run(bench.ready(), &notebook, &options(2), &Unwatched, &interrupt).unwrap();
+    assert!(report.interrupted && report.stages.len() == 1);
+    assert!(notebook.lines().iter().all(|line| line.starts_with("0 f")));
+}
+
+/// Learns until the run is abandoned.
+struct Endless(Interrupt);
+
+impl OnceNode for Endless {
+    fn run(&self, _: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        self.0.raise();
+        assert!(!ctx.host.cancelled(), "the first interrupt abandons nothing");
+        self.0.raise();
+        while !ctx.host.cancelled() {
+            std::thread::yield_now();
+        }
+        Err(Fault::Cancelled)
+    }
+}
+
+impl PureNode for Endless {
+    fn process(&self, inputs: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        self.run(inputs, ctx)
+    }
+}
+
+#[test]
+fn the_second_interrupt_aborts() {
+    let interrupt = Interrupt::default();
+    let mut bench = chain(5, toys());
+    bench.node(
+        planned("endless", Contract::Pure, [node(2, 0), None, None]),
+        Instance::Pure(Box::new(Endless(interrupt.clone()))),
+    );
+    let (notebook, options) = (Notebook::with_parts(1), Options { window: Some(1), ..options(3) });
+    let error = run(bench.ready(), &notebook, &options, &Unwatched, &interrupt).unwrap_err();
+    assert!(matches!(error, RunError::Aborted), "{error:?}");
+    assert!(notebook.lines().is_empty());
+
+    let interrupt = Interrupt::default();
+    let mut bench = Bench::new(&[""]);
+    bench.stage("learn", Numbers::new(2));
+    bench.toy("sum", Contract::Ordered, [source(0), None, None], Toy::salted(1));
+    let endless = Instance::Once(Box::new(Endless(interrupt.clone())));
+    bench.node(planned("endless", Contract::Once, [once(0, 0, 2), None, None]), endless);
+    let error = run(bench.ready(), &Notebook::default(), &options, &Unwatched, &interrupt).unwrap_err();
+    assert!(matches!(error, RunError::Aborted), "{error:?}");
+}
+
+#[derive(Default)]
+struct Watcher(Mutex<Vec<String>>);
+
+impl Watcher {
+    fn note(&self, event: String) {
+        self.0.lock().expect("nobody panics with the lock").push(event);
+    }
+}
+
+impl Observer for Watcher {
+    fn stage_started(&self, run: usize, frames: u64) {
+        self.note(format!("started {run} {frames}"));
+    }
+
+    fn frame_retired(&self, run: usize, frame: &Frame, failures: &[Failure]) {
+        self.note(format!("retired {run} {} {}", frame.id, failures.len()));
+    }
+
+    fn progress(&self, run: usize, node: usize, done: u64, total: u64, message: &str) {
+        self.note(format!("progress {run} {node} {done}/{total} {message}"));
+    }
+
+    fn stage_finished(&self, run: usize) {
+        self.note(format!("finished {run}"));
+    }
+}
+
+/// A mask of a frame.
+type Born = (u8, Weak<Mask>);
+
+/// Masks whose life is watched.
+#[derive(Clone, Default)]
+struct Nursery {
+    born: Arc<Mutex<Vec<Born>>>,
+    peak_frames: Arc<AtomicUsize>,
+    peak_values: Arc<AtomicUsize>,
+}
+
+impl Nursery {
+    fn bear(&self, frame: u8) -> Value {
+        let mask = Arc::new(Mask { set: Raster::from_raw(1, 1, vec![frame]).expect("one pixel") });
+        let mut born = self.born.lock().expect("nobody panics with the lock");
+        born.retain(|(_, mask)| mask.strong_count() > 0);
+        born.push((frame, Arc::downgrade(&mask)));
+        let frames: BTreeSet<u8> = born.iter().map(|(frame, _)| *frame).collect();
+        self.peak_frames.fetch_max(frames.len(), Ordering::Relaxed);
+        self.peak_values.fetch_max(born.len(), Ordering::Relaxed);
+        Value::Mask(mask)
+    }
+}
+
+struct Cradle(Nursery, Vec<Frame>);
+
+impl Source for Cradle {
+    fn frames(&self) -> &[Frame] {
+        &self.1
+    }
+
+    fn read(&self, position: usize, _: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
+        let key = Key::of_content(&position.to_le_bytes());
+        Ok(SourceOutputs { outputs: Outputs::one("m", self.0.bear(u8::try_from(position).expect("few frames"))), key })
+    }
+}
+
+impl PureNode for Nursery {
+    fn process(&self, inputs: &Inputs<'_>, _: &mut Context<'_>) -> Result<Outputs, Fault> {
+        std::thread::yield_now();
+        Ok(Outputs::one("m", self.bear(inputs.get::<Mask>("a")?.set.as_raw()[0])))
+    }
+}
+
+/// A chain of ten nodes whose masks are watched; the tap takes the last one's only, if any.
+fn watched_chain(nursery: &Nursery) -> Bench {
+    let mut bench = Bench::new(&[""]);
+    bench.stage("watched", Cradle(nursery.clone(), (0..200).map(|k| Frame::at_10_hz("f", k)).collect()));
+    let mask = |name| Port::frame(name, ValueType::Mask, "watched");
+    bench.plan.runs[0].source.outputs = vec![output(mask("m"))];
+    for index in 0..10 {
+        let from = if index == 0 { source(0) } else { node(index - 1, 0) };
+        let mut planned = planned(&format!("n{index}"), Contract::Pure, [from, None, None]);
+        planned.inputs[0].port = mask("a");
+        planned.outputs = vec![output(mask("m"))];
+        bench.node(planned, Instance::Pure(Box::new(nursery.clone())));
+    }
+    bench
+}
+
+struct Last(bool);
+
+impl Tap for Last {
+    type Part = Vec<Value>;
+
+    fn parts(&self, _: usize) -> usize {
+        1
+    }
+
+    fn part(&self, _: usize, slot: Slot) -> Option<usize> {
+        (self.0 || slot == Slot::Node { node: 9, port: 0 }).then_some(0)
+    }
+
+    fn encode(&self, _: usize, _: &Frame, _: usize, values: &[(Slot, Value)]) -> Result<Vec<Value>, TapError> {
+        Ok(values.iter().map(|(_, value)| value.clone()).collect())
+    }
+
+    fn write(&self, _: &Commit<'_>, parts: Vec<Vec<Value>>) -> Result<(), TapError> {
+        assert_eq!(parts[0].len(), if self.0 { 11 } else { 1 });
+        Ok(())
+    }
+
+    fn once(&self, _: usize, _: Slot, _: &Key, _: &Value) -> Result<(), TapError> {
+        Ok(())
+    }
+}
+
+#[test]
+fn no_more_frames_are_alive_than_the_window() {
+    for (workers, window) in [(1, 3), (2, 1), (4, 4), (8, 6)] {
+        // The tap holds on to every value until the frame is written: the worst there is.
+        let (nursery, options) = (Nursery::default(), Options { window: Some(window), ..options(workers) });
+        let ready = watched_chain(&nursery).ready();
+        let report = run(ready, &Last(true), &options, &Unwatched, &Interrupt::default()).unwrap();
+        assert!(nursery.peak_frames.load(Ordering::Relaxed) <= window, "workers {workers}, window {window}");
+        assert!(nursery.peak_values.load(Ordering::Relaxed) <= 11 * window, "workers {workers}, window {window}");
+        assert_eq!((report.stages[0].peak_in_flight, report.stages[0].retired), (window, 200));
+    }
+}
+
+#[test]
+fn a_value_is_dropped_with_its_last_reader() {
+    for workers in [1, 4] {
+        let (nursery, options) = (Nursery::default(), Options { window: Some(1), ..options(workers) });
+        run(watched_chain(&nursery).ready(), &Last(false), &options, &Unwatched, &Interrupt::default()).unwrap();
+        // What a node reads and what it gives: of eleven values in the chain, two.
+        assert_eq!(nursery.peak_values.load(Ordering::Relaxed), 2);
+    }
+}
