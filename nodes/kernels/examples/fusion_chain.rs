@@ -1,73 +1,169 @@
-//! Times the fusion chain on raw files.
+//! Times the fusion chain on raw files; the measuring half that is ours of `bench/fusion.sh`.
 //!
-//! `fusion_chain WIDTH HEIGHT GREY DISPARITY MONO REPEATS` reads grey (u8), disparity (i16, 1/16 px) and mono depth
-//! (f32, metres), and prints one JSON line: milliseconds of each kernel (a
-//! kernel that runs for several variants: of one run) and of the whole chain, median and best of the repeats.
+//! `fusion_chain WIDTH HEIGHT FOCAL_PX GREY DISPARITY MONO OUT` reads grey (u8), disparity (i16, 1/16 px) and mono depth
+//! (f32, metres), little-endian. Each line of standard input is a number of threads, 1 or 2: the chain runs once, and one
+//! line of JSON says how many milliseconds each step and all of it took. The line `write` writes `OUT/<variant>.raw`.
 
-use std::collections::BTreeMap;
+use std::io::{BufRead, Write};
+use std::sync::Mutex;
 use std::time::Instant;
 
 use depthloom_kernels::fuse::{Weighting, fuse};
-use depthloom_kernels::{confidence, depth, edges, median, scale, simd};
+use depthloom_kernels::tiles::{Crew, Serial, Tiles};
+use depthloom_kernels::{confidence, depth, edges, gaussian, median, scale};
+
+const BASELINE_METRES: f64 = 0.532725;
+const CAP_METRES: f32 = 80.0;
+const SIGMA_PX: f64 = 10.0;
+const VARIANTS: [&str; 4] = ["full", "no_weighting", "no_scaling", "average_scaling"];
+
+/// What the chain starts from.
+struct Frame {
+    width: usize,
+    height: usize,
+    focal_px: f64,
+    grey: Vec<u8>,
+    disparity: Vec<i16>,
+    mono: Vec<f32>,
+}
+
+/// What the chain makes, kept from run to run as the runner keeps its buffers.
+struct Maps {
+    mask: Vec<u8>,
+    weight: Vec<f32>,
+    stereo: Vec<f32>,
+    minmax: Vec<f32>,
+    average: Vec<f32>,
+    merged: [Vec<f32>; 4],
+    fused: [Vec<f32>; 4],
+}
+
+impl Maps {
+    fn new(size: usize) -> Self {
+        let map = || vec![0.0; size];
+        Self {
+            mask: vec![0; size],
+            weight: map(),
+            stereo: map(),
+            minmax: map(),
+            average: map(),
+            merged: std::array::from_fn(|_| map()),
+            fused: std::array::from_fn(|_| map()),
+        }
+    }
+}
 
 fn main() {
     let args: Vec<String> = std::env::args().skip(1).collect();
-    let [width, height, repeats] = [0, 1, 5].map(|i| args[i].parse::<usize>().expect("a number"));
+    let [width, height] = [0, 1].map(|i| args[i].parse::<usize>().expect("a size"));
     let [grey, disparity, mono] =
-        [2, 3, 4].map(|i| std::fs::read(&args[i]).unwrap_or_else(|error| panic!("{}: {error}", args[i])));
-    let disparity: Vec<i16> = disparity.as_chunks().0.iter().map(|&bytes| i16::from_le_bytes(bytes)).collect();
-    let mono: Vec<f32> = mono.as_chunks().0.iter().map(|&bytes| f32::from_le_bytes(bytes)).collect();
-    let mut spent: BTreeMap<&str, Vec<f64>> = BTreeMap::new();
-    let size = width * height;
-    let mut mask = vec![0; size];
-    let [mut weight, mut stereo, mut minmax, mut average] = std::array::from_fn(|_| vec![0.0; size]);
-    let mut merged: [Vec<f32>; 4] = std::array::from_fn(|_| vec![0.0; size]);
-    let mut fused = merged.clone();
-    for _ in 0..repeats {
-        let began = Instant::now();
-        let mut lap = {
-            let mut last = began;
-            let spent = &mut spent;
-            move |name| {
-                let now = Instant::now();
-                spent.entry(name).or_default().push((now - last).as_secs_f64() * 1e3);
-                last = now;
-            }
-        };
-        edges::edges(&grey, width, height, 100.0, &mut mask);
-        lap("edges");
-        confidence::confidence_from_edges(&mask, width, height, 10.0, &mut weight);
-        lap("confidence");
-        depth::depth_from_disparity(&disparity, 721.5377, 0.532725, 80.0, &mut stereo);
-        lap("depth");
-        scale::minmax(&mono, &stereo, &mut minmax);
-        lap("minmax");
-        scale::average(&mono, &stereo, &mut average);
-        lap("average");
-        let variants = [
-            (&minmax, Weighting::Full),
-            (&minmax, Weighting::Confidence),
-            (&mono, Weighting::Full),
-            (&average, Weighting::Full),
-        ];
-        for (((scaled, weighting), merged), fused) in variants.into_iter().zip(&mut merged).zip(&mut fused) {
-            fuse(&stereo, scaled, &weight, weighting, merged);
-            lap("fuse");
-            median::median5(merged, width, height, fused);
-            lap("median5");
-        }
-        spent.entry("total").or_default().push(began.elapsed().as_secs_f64() * 1e3);
-    }
-    let line = |pick: fn(&[f64]) -> f64| -> String {
-        let laps: Vec<String> = spent.iter().map(|(name, times)| format!("\"{name}\": {:.3}", pick(times))).collect();
-        laps.join(", ")
+        [3, 4, 5].map(|i| std::fs::read(&args[i]).unwrap_or_else(|error| panic!("{}: {error}", args[i])));
+    let frame = Frame {
+        width,
+        height,
+        focal_px: args[2].parse().expect("a focal length"),
+        grey,
+        disparity: disparity.as_chunks().0.iter().map(|&bytes| i16::from_le_bytes(bytes)).collect(),
+        mono: mono.as_chunks().0.iter().map(|&bytes| f32::from_le_bytes(bytes)).collect(),
     };
-    let (median, best) = (line(|times| sorted(times)[times.len() / 2]), line(|times| sorted(times)[0]));
-    println!("{{\"simd\": \"{}\", \"median_ms\": {{{median}}}, \"best_ms\": {{{best}}}}}", simd::Level::best().name());
+    let mut maps = Maps::new(width * height);
+    let crew = Crew::new(2);
+    std::thread::scope(|scope| {
+        let _closing = crew.closing();
+        scope.spawn(|| crew.work());
+        for line in std::io::stdin().lock().lines() {
+            let answer = match line.expect("standard input can be read").trim() {
+                "1" => chain(&frame, &mut maps, &Serial),
+                "2" => chain(&frame, &mut maps, &crew),
+                "write" => {
+                    for (name, fused) in VARIANTS.iter().zip(&maps.fused) {
+                        let path = format!("{}/{name}.raw", args[6]);
+                        let bytes: Vec<u8> = fused.iter().flat_map(|depth| depth.to_le_bytes()).collect();
+                        std::fs::write(&path, bytes).unwrap_or_else(|error| panic!("{path}: {error}"));
+                    }
+                    "{}".to_owned()
+                }
+                other => panic!("1, 2 or write is expected, not {other:?}"),
+            };
+            println!("{answer}");
+            std::io::stdout().flush().expect("standard output can be written");
+        }
+    });
 }
 
-fn sorted(times: &[f64]) -> Vec<f64> {
-    let mut times = times.to_vec();
-    times.sort_unstable_by(f64::total_cmp);
-    times
+/// Runs the chain once; its times as JSON.
+fn chain(frame: &Frame, maps: &mut Maps, tiles: &dyn Tiles) -> String {
+    let Frame { width, height, focal_px, grey, disparity, mono } = frame;
+    let (width, height) = (*width, *height);
+    let half = height.div_ceil(2);
+    let mut laps = Vec::new();
+    let began = Instant::now();
+    let mut last = began;
+    let mut lap = |step: &str| {
+        let now = Instant::now();
+        laps.push(format!("\"{step}\": {:.4}", (now - last).as_secs_f64() * 1e3));
+        last = now;
+    };
+
+    by_halves(tiles, &mut maps.mask, half * width, |begin, mask| {
+        let first = begin / width;
+        edges::edges_rows(grey, width, height, 100.0, first..first + mask.len() / width, mask);
+    });
+    lap("edges");
+
+    let mask = &maps.mask;
+    let tops = Mutex::new(Vec::new());
+    by_halves(tiles, &mut maps.weight, half * width, |begin, weight| {
+        let first = begin / width;
+        gaussian::blur_mask_rows(mask, width, height, SIGMA_PX, first..first + weight.len() / width, weight);
+        tops.lock().expect("no tile panicked").push(confidence::largest(weight));
+    });
+    let top = tops.into_inner().expect("no tile panicked").into_iter().fold(0.0, f32::max);
+    by_halves(tiles, &mut maps.weight, half * width, |_, weight| confidence::normalise(weight, top));
+    lap("confidence");
+
+    by_halves(tiles, &mut maps.stereo, half * width, |begin, stereo| {
+        let disparity = &disparity[begin..begin + stereo.len()];
+        depth::depth_from_disparity(disparity, *focal_px, BASELINE_METRES, CAP_METRES, stereo);
+    });
+    lap("depth");
+
+    let Maps { weight, stereo, minmax, average, merged, fused, .. } = maps;
+    let scaled = [Mutex::new(minmax), Mutex::new(average)];
+    tiles.run(2, &|index| {
+        let mut out = scaled[index].lock().expect("no tile panicked");
+        [scale::minmax, scale::average][index](mono, stereo, &mut out);
+    });
+    let [minmax, average] = scaled.map(|map| map.into_inner().expect("no tile panicked"));
+    lap("scale");
+
+    let variants = [
+        (&*minmax, Weighting::Full),
+        (&*minmax, Weighting::Confidence),
+        (mono, Weighting::Full),
+        (&*average, Weighting::Full),
+    ];
+    let outs: Vec<_> = merged.iter_mut().map(Mutex::new).collect();
+    tiles.run(4, &|index| {
+        let (scaled, weighting) = variants[index];
+        fuse(stereo, scaled, weight, weighting, &mut outs[index].lock().expect("no tile panicked"));
+    });
+    lap("fuse");
+
+    let outs: Vec<_> = fused.iter_mut().map(Mutex::new).collect();
+    tiles.run(4, &|index| {
+        median::median5(&merged[index], width, height, &mut outs[index].lock().expect("no tile panicked"));
+    });
+    lap("median");
+    lap_total(&laps, began)
+}
+
+fn lap_total(laps: &[String], began: Instant) -> String {
+    format!("{{{}, \"total\": {:.4}}}", laps.join(", "), began.elapsed().as_secs_f64() * 1e3)
+}
+
+/// Runs `f(begin, part)` on the two parts of `out` that `half` separates.
+fn by_halves<T: Send>(tiles: &dyn Tiles, out: &mut [T], half: usize, f: impl Fn(usize, &mut [T]) + Sync) {
+    let parts: Vec<_> = out.chunks_mut(half).map(Mutex::new).collect();
+    tiles.run(parts.len(), &|index| f(index * half, &mut parts[index].lock().expect("no tile panicked")));
 }

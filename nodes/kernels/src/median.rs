@@ -143,35 +143,38 @@ impl Pass for Median3<'_> {
     fn run(self) {
         let Self { image, rows, out } = self;
         for left in (0..image.width).step_by(STRIP) {
-            // The sorted windows of three rows, in rotation.
+            // The sorted windows of three rows, in rotation, and the keys of the next.
             let mut sorted = [[Lane::ZERO; 3]; 3];
+            let mut keys = [0; STRIP + 2];
             let first = rows.start as isize;
-            sorted[0] = sorted_windows3(&image, first - 1, left);
-            sorted[1] = sorted_windows3(&image, first, left);
-            for (index, out) in out.chunks_exact_mut(image.width).enumerate() {
-                sorted[(index + 2) % 3] = sorted_windows3(&image, first + index as isize + 1, left);
+            for (ahead, sorted) in (-1..1).zip(&mut sorted) {
+                image.keys(first + ahead, left, 1, &mut keys);
+                sort_windows3(&keys, sorted);
+            }
+            image.keys(first + 1, left, 1, &mut keys);
+            for index in 0..rows.len() {
+                prefetch(image.input, (rows.start + index + AHEAD) * image.width + left, STRIP);
+                prefetch(out, (index + AHEAD) * image.width + left, STRIP);
+                sort_windows3(&keys, &mut sorted[(index + 2) % 3]);
+                image.keys(first + index as isize + 2, left, 1, &mut keys);
                 let mut medians = Lane::ZERO;
-                for (x, median) in medians.0.iter_mut().enumerate() {
-                    *median = median3_of_sorted(sorted.each_ref().map(|row| row.each_ref().map(|lane| lane.0[x])));
+                for x in 0..STRIP {
+                    medians.0[x] = median3_of_sorted([at(&sorted[0], x), at(&sorted[1], x), at(&sorted[2], x)]);
                 }
-                store(&medians, out, left);
+                store(&medians, &mut out[index * image.width..][..image.width], left);
             }
         }
     }
 }
 
 #[inline(always)]
-fn sorted_windows3(image: &Image<'_>, y: isize, left: usize) -> [Lane; 3] {
-    let mut keys = [0; STRIP + 2];
-    image.keys(y, left, 1, &mut keys);
-    let mut sorted = [Lane::ZERO; 3];
+fn sort_windows3(keys: &[i32; STRIP + 2], sorted: &mut [Lane; 3]) {
     for x in 0..STRIP {
         let window = sort3([keys[x], keys[x + 1], keys[x + 2]]);
         for (lane, sample) in sorted.iter_mut().zip(window) {
             lane.0[x] = sample;
         }
     }
-    sorted
 }
 
 struct Median5<'a> {

@@ -174,15 +174,12 @@ fn avx512<P: Pass>(pass: P) -> P::Output {
 pub(crate) fn prefetch<T>(samples: &[T], start: usize, count: usize) {
     #[cfg(target_arch = "x86_64")]
     {
+        use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
         const LINE: usize = 64;
         for sample in (start..start + count).step_by(LINE / size_of::<T>()) {
             if let Some(sample) = samples.get(sample) {
                 // SAFETY: a prefetch reads nothing; the address is that of a sample, and SSE is part of x86-64.
-                unsafe {
-                    std::arch::x86_64::_mm_prefetch::<{ std::arch::x86_64::_MM_HINT_T0 }>(
-                        std::ptr::from_ref(sample).cast(),
-                    )
-                };
+                unsafe { _mm_prefetch::<_MM_HINT_T0>(std::ptr::from_ref(sample).cast()) };
             }
         }
     }

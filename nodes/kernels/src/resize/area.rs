@@ -36,8 +36,8 @@ pub(crate) fn area_rgb8_at(
     } else if let (Some(columns), Some(rows)) = (whole(scale_x), whole(scale_y)) {
         level.run(WholeCells { input, width, out_width, columns, rows, out });
     } else {
-        let columns = cells(width, out_width, scale_x);
-        let rows = cells(height, out_height, scale_y);
+        let columns = Axis::new(width, out_width, scale_x);
+        let rows = Axis::new(height, out_height, scale_y);
         level.run(Cells { input, width, out_width, columns: &columns, rows: &rows, out });
     }
 }
@@ -90,32 +90,48 @@ impl Pass for WholeCells<'_> {
     }
 }
 
-/// What one output pixel takes along one axis: input pixels `first..`, each with its share.
-struct Cell {
-    first: usize,
+/// What the output pixels take along one axis.
+struct Axis {
+    /// Of each output pixel, the first input pixel it takes and how many.
+    spans: Vec<(usize, usize)>,
+    /// The shares of these input pixels, one output pixel after the other.
     shares: Vec<f32>,
 }
 
-/// The cells of one axis, with OpenCV's rounding and its tolerance of 1e-3 for slivers.
-fn cells(input: usize, output: usize, scale: f64) -> Vec<Cell> {
-    let cell = |index: usize| {
-        let begin = index as f64 * scale;
-        let end = begin + scale;
-        let extent = scale.min(input as f64 - begin);
-        let last = (end.floor() as usize).min(input - 1);
-        let first = (begin.ceil() as usize).min(last);
-        let mut shares = Vec::with_capacity(last - first + 2);
-        let partial = first as f64 - begin > 1e-3;
-        if partial {
-            shares.push(((first as f64 - begin) / extent) as f32);
+impl Axis {
+    /// With OpenCV's rounding and its tolerance of 1e-3 for slivers.
+    fn new(input: usize, output: usize, scale: f64) -> Self {
+        let (mut spans, mut shares) = (Vec::with_capacity(output), Vec::with_capacity(2 * input));
+        for index in 0..output {
+            let begin = index as f64 * scale;
+            let end = begin + scale;
+            let extent = scale.min(input as f64 - begin);
+            let last = (end.floor() as usize).min(input - 1);
+            let first = (begin.ceil() as usize).min(last);
+            let before = shares.len();
+            let partial = first as f64 - begin > 1e-3;
+            if partial {
+                shares.push(((first as f64 - begin) / extent) as f32);
+            }
+            shares.extend((first..last).map(|_| (1.0 / extent) as f32));
+            if end - last as f64 > 1e-3 {
+                shares.push(((end - last as f64).min(1.0).min(extent) / extent) as f32);
+            }
+            spans.push((first - usize::from(partial), shares.len() - before));
         }
-        shares.extend((first..last).map(|_| (1.0 / extent) as f32));
-        if end - last as f64 > 1e-3 {
-            shares.push(((end - last as f64).min(1.0).min(extent) / extent) as f32);
-        }
-        Cell { first: first - usize::from(partial), shares }
-    };
-    (0..output).map(cell).collect()
+        Self { spans, shares }
+    }
+
+    /// First input pixel and shares of each output pixel.
+    #[inline(always)]
+    fn cells(&self) -> impl Iterator<Item = (usize, &[f32])> {
+        let mut rest = &self.shares[..];
+        self.spans.iter().map(move |&(first, count)| {
+            let (shares, others) = rest.split_at(count);
+            rest = others;
+            (first, shares)
+        })
+    }
 }
 
 /// Every output pixel is a weighted mean of input pixels, along the rows first.
@@ -123,8 +139,8 @@ struct Cells<'a> {
     input: &'a [u8],
     width: usize,
     out_width: usize,
-    columns: &'a [Cell],
-    rows: &'a [Cell],
+    columns: &'a Axis,
+    rows: &'a Axis,
     out: &'a mut [u8],
 }
 
@@ -134,12 +150,17 @@ impl Pass for Cells<'_> {
     #[inline(always)]
     fn run(self) {
         let Self { input, width, out_width, columns, rows, out } = self;
-        let mut along = vec![0f32; 3 * out_width];
+        // A sample more than the pixels have: see `shrink_row`.
+        let mut wide = vec![0f32; 3 * width + 1];
+        let mut along = vec![0f32; 3 * out_width + 1];
         let mut sum = vec![0f32; 3 * out_width];
-        for (out, cell) in out.chunks_exact_mut(3 * out_width).zip(rows) {
+        for (out, (first, shares)) in out.chunks_exact_mut(3 * out_width).zip(rows.cells()) {
             sum.fill(0.0);
-            for (row, &share) in input[3 * width * cell.first..].chunks_exact(3 * width).zip(&cell.shares) {
-                shrink_row(row, columns, &mut along);
+            for (row, &share) in input[3 * width * first..].chunks_exact(3 * width).zip(shares) {
+                for (wide, &sample) in wide.iter_mut().zip(row) {
+                    *wide = f32::from(sample);
+                }
+                shrink_row(&wide, columns, &mut along);
                 for (sum, &value) in sum.iter_mut().zip(&along) {
                     *sum += share * value;
                 }
@@ -152,15 +173,76 @@ impl Pass for Cells<'_> {
 }
 
 /// The weighted means along one row; each is added up from the left.
+///
+/// A pixel is read, calculated with and written as four samples, one vector; the fourth is the next pixel's, which is
+/// written after it.
 #[inline(always)]
-fn shrink_row(row: &[u8], columns: &[Cell], out: &mut [f32]) {
-    for (out, cell) in out.as_chunks_mut::<3>().0.iter_mut().zip(columns) {
-        let mut sum = [0f32; 3];
-        for (pixel, &share) in row[3 * cell.first..].as_chunks::<3>().0.iter().zip(&cell.shares) {
-            for channel in 0..3 {
-                sum[channel] += f32::from(pixel[channel]) * share;
+fn shrink_row(row: &[f32], columns: &Axis, out: &mut [f32]) {
+    for (x, (first, shares)) in columns.cells().enumerate() {
+        let mut sum = [0f32; 4];
+        let pixels = &row[3 * first..][..3 * shares.len() + 1];
+        for (k, &share) in shares.iter().enumerate() {
+            let pixel: &[f32; 4] = pixels[3 * k..].first_chunk().expect("three samples and the one after");
+            for lane in 0..4 {
+                sum[lane] += pixel[lane] * share;
             }
         }
-        *out = sum;
+        *out[3 * x..].first_chunk_mut().expect("three samples and the one after") = sum;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simd::every_level;
+    use proptest::prelude::*;
+
+    fn pattern(pixels: usize) -> Vec<u8> {
+        (0..3 * pixels).map(|k| (k * k * 31 + k * 7) as u8).collect()
+    }
+
+    fn resized(input: &[u8], size: (usize, usize), out_size: (usize, usize)) -> Vec<u8> {
+        every_level(|level| {
+            let mut out = vec![7; 3 * out_size.0 * out_size.1];
+            area_rgb8_at(level, input, size, out_size, &mut out);
+            out
+        })
+    }
+
+    // The expected numbers are those of OpenCV 5.0's resize(..., INTER_AREA).
+
+    #[test]
+    fn fractional_cells_are_weighted_means() {
+        let image = pattern(15);
+        assert_eq!(resized(&image, (5, 3), (2, 2)), [93, 44, 142, 105, 127, 159, 203, 131, 172, 131, 130, 174]);
+        assert_eq!(resized(&image, (5, 3), (4, 1)), [128, 75, 153, 168, 100, 161, 119, 120, 200, 117, 137, 133]);
+        assert_eq!(resized(&image, (5, 3), (5, 3)), image);
+    }
+
+    #[test]
+    fn whole_cells_are_means() {
+        let image = pattern(16);
+        assert_eq!(resized(&image, (4, 4), (2, 2)), [102, 93, 82, 146, 61, 230, 102, 173, 178, 178, 109, 166]);
+        assert_eq!(resized(&image, (4, 4), (1, 2)), [124, 77, 156, 140, 141, 172]);
+    }
+
+    #[test]
+    fn growing_along_either_axis_interpolates() {
+        let wider = resized(&pattern(15), (5, 3), (7, 3));
+        assert_eq!(wider[..12], [0, 38, 138, 26, 22, 80, 62, 16, 83, 134, 32, 248]);
+        let taller = resized(&pattern(15), (5, 3), (3, 5));
+        assert_eq!(taller[..12], [18, 28, 100, 116, 28, 207, 123, 165, 116, 70, 49, 123]);
+    }
+
+    proptest! {
+        #[test]
+        fn a_uniform_image_stays_uniform_at_every_size_and_level(
+            value in any::<u8>(),
+            size in (1usize..60, 1usize..20),
+            out_size in (1usize..60, 1usize..20),
+        ) {
+            let image = vec![value; 3 * size.0 * size.1];
+            prop_assert!(resized(&image, size, out_size).iter().all(|&sample| sample == value));
+        }
     }
 }

@@ -1,0 +1,25 @@
+#!/usr/bin/env bash
+# The fusion chain (edges, confidence, depth, scale, fuse, median 5x5; variants full, no_weighting, no_scaling and
+# average_scaling) of real frames: ours beside the oracle's on OpenCV and NumPy, in turn, in one run.
+#
+#   bench/fusion.sh [--frames 150,151] [--rounds N]
+#
+# Prints medians in milliseconds and `ratio fusion-1t VALUE`, `ratio fusion-2t VALUE`: theirs / ours, with one thread and
+# with two threads for one frame. Needs python3 and a package index, and ../shared (or DEPTHLOOM_SHARED).
+set -euo pipefail
+cd "$(dirname "$0")/.."
+target="${CARGO_TARGET_DIR:-$PWD/target}"
+shared="${DEPTHLOOM_SHARED:-$PWD/../shared}"
+if [ ! -d "$shared/oracle" ]; then
+    echo "SKIPPED bench/fusion.sh: $shared is absent" >&2
+    exit 0
+fi
+venv="$target/venv-opencv"
+if [ ! -e "$venv/ready" ]; then
+    rm -rf "$venv"
+    python3 -m venv "$venv"
+    "$venv/bin/pip" install --quiet 'opencv-python-headless==5.0.*' numpy
+    touch "$venv/ready"
+fi
+cargo build --release --quiet -p depthloom-kernels --example fusion_chain
+exec "$venv/bin/python" bench/fusion.py --shared "$shared" --ours "$target/release/examples/fusion_chain" "$@"
