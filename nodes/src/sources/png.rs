@@ -25,7 +25,11 @@ pub fn image(path: &Path, bytes: Arc<[u8]>) -> Result<Image, Fault> {
     let pixels = match decode(path, &bytes)? {
         DynamicImage::ImageLuma8(grey) => Pixels::Grey(grey),
         DynamicImage::ImageRgb8(rgb) => Pixels::Rgb(rgb),
-        other => return Err(wrong_pixels(path, &other, "camera images are 8-bit grey or RGB")),
+        other => {
+            return Err(wrong_pixels(path, &other, "camera images are 8-bit grey or RGB").remedy(
+                "convert the file to 8 bits without transparency, or take it from the data set's archive again",
+            ));
+        }
     };
     Ok(Image::with_encoded(pixels, Encoded { format: ImageFormat::Png, bytes }))
 }
@@ -46,7 +50,8 @@ fn decode(path: &Path, bytes: &[u8]) -> Result<DynamicImage, Fault> {
     let reader = ImageReader::with_format(Cursor::new(bytes), image::ImageFormat::Png);
     reader.decode().map_err(|error| {
         Fault::new(format!("failed to decode {} ({} bytes)", path.display(), bytes.len()))
-            .because(error)
+            // As text: the decoder's error repeats in its own message what is beneath it.
+            .because(error.to_string())
             .remedy("the file is no whole PNG: copy or download it again")
     })
 }

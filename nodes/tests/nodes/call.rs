@@ -1,5 +1,4 @@
 //! What the tests of nodes share: one node or source called as the runner would, and the reference data beside the project.
-#![allow(dead_code, reason = "every test file uses its own part")]
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -25,11 +24,11 @@ pub fn shared(test: &str) -> Option<PathBuf> {
 }
 
 /// A node built and called once, as the runner does it: parameters resolved, ports in order, outputs checked.
-pub fn call(kind: &str, params: Json, inputs: &[(&str, Value)]) -> Result<Values, Fault> {
+pub fn call(kind: &str, params: &Json, inputs: &[(&str, Value)]) -> Result<Values, Fault> {
     let registry = depthloom_nodes::registry();
     let node = registry.node_kind(kind).unwrap_or_else(|| panic!("{kind} is not registered"));
     let resolved =
-        node.resolve(&params).map_err(|error| Fault::new(format!("{}: {}", error.path.join("."), error.what)))?;
+        node.resolve(params).map_err(|error| Fault::new(format!("{}: {}", error.path.join("."), error.what)))?;
     let ports = &node.declaration.inputs;
     let unknown = inputs.iter().find(|(name, _)| ports.iter().all(|port| port.name != *name));
     assert!(unknown.is_none(), "{kind} has no input {:?}", unknown.map(|(name, _)| name));
@@ -46,7 +45,7 @@ pub fn call(kind: &str, params: Json, inputs: &[(&str, Value)]) -> Result<Values
 }
 
 /// The only output of a node that is expected to work.
-pub fn value(kind: &str, params: Json, inputs: &[(&str, &Value)]) -> Value {
+pub fn value(kind: &str, params: &Json, inputs: &[(&str, &Value)]) -> Value {
     let inputs: Vec<(&str, Value)> = inputs.iter().map(|(name, value)| (*name, (*value).clone())).collect();
     let outputs = call(kind, params, &inputs).unwrap_or_else(|fault| panic!("{kind}: {}", fault.chain()));
     assert_eq!(outputs.len(), 1, "{kind} gives one value");
@@ -60,11 +59,11 @@ pub struct Opened {
 }
 
 /// Opens a source as the runner does.
-pub fn open(kind: &str, params: Json) -> Result<Opened, Fault> {
+pub fn open(kind: &str, params: &Json) -> Result<Opened, Fault> {
     let registry: Registry = depthloom_nodes::registry();
     let entry = registry.source_kind(kind).unwrap_or_else(|| panic!("{kind} is not registered"));
     let resolved =
-        entry.resolve(&params).map_err(|error| Fault::new(format!("{}: {}", error.path.join("."), error.what)))?;
+        entry.resolve(params).map_err(|error| Fault::new(format!("{}: {}", error.path.join("."), error.what)))?;
     Ok(Opened { source: entry.open(&resolved)?, declaration: entry.declaration.clone() })
 }
 

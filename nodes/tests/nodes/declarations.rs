@@ -1,0 +1,132 @@
+//! What every kind says of itself.
+
+use std::collections::BTreeSet;
+
+use depthloom_graphs::Port;
+use serde_json::{Value as Json, json};
+
+/// The kinds the language's documentation names, with their ports.
+const PORTS: [(&str, &[&str], &[&str]); 10] = [
+    ("confidence/edges", &["image"], &["mask"]),
+    ("confidence/sobel", &["image"], &["weight"]),
+    ("depth/from-disparity", &["disparity", "calibration"], &["depth"]),
+    ("filter/median", &["depth"], &["depth"]),
+    ("fusion/confidence", &["mono", "stereo", "weight"], &["depth"]),
+    ("fusion/scale", &["mono", "stereo"], &["depth"]),
+    ("mono/ground-plane", &["image", "calibration"], &["depth"]),
+    ("mono/onnx", &["image", "calibration", "model"], &["depth"]),
+    ("score/depth", &["estimate", "truth"], &["rows"]),
+    ("stereo/sgbm", &["left", "right"], &["disparity"]),
+];
+
+fn names(ports: &[Port]) -> Vec<&str> {
+    ports.iter().map(|port| port.name).collect()
+}
+
+#[test]
+fn kinds_and_ports_are_those_of_the_language() {
+    let registry = depthloom_nodes::registry();
+    let kinds: Vec<&str> = registry.nodes().map(|node| node.declaration.kind).collect();
+    assert_eq!(kinds, PORTS.map(|(kind, ..)| kind));
+    for (node, (_, inputs, outputs)) in registry.nodes().zip(PORTS) {
+        assert_eq!(names(&node.declaration.inputs), inputs);
+        assert_eq!(names(&node.declaration.outputs), outputs);
+    }
+    let sources: Vec<(&str, Vec<&str>)> =
+        registry.sources().map(|source| (source.declaration.kind, names(&source.declaration.outputs))).collect();
+    assert_eq!(sources[0], ("kitti/stereo2015", vec!["left", "right", "calibration", "depth"]));
+    assert_eq!(sources[1], ("synthetic/road", vec!["left", "right", "calibration", "depth", "dense", "occluded"]));
+    assert_eq!(sources.len(), 2);
+}
+
+#[test]
+fn every_kind_port_and_parameter_is_documented() {
+    let registry = depthloom_nodes::registry();
+    let nodes = registry.nodes().map(|node| {
+        let declaration = &node.declaration;
+        let ports: Vec<Port> = [&declaration.inputs[..], &declaration.outputs].concat();
+        (declaration.kind, declaration.summary, declaration.doc, ports, &node.schema)
+    });
+    let sources = registry.sources().map(|source| {
+        let declaration = &source.declaration;
+        (declaration.kind, declaration.summary, declaration.doc, declaration.outputs.clone(), &source.schema)
+    });
+    for (kind, summary, doc, ports, schema) in nodes.chain(sources) {
+        assert!(summary.ends_with('.') && doc.ends_with('.'), "{kind}: summary and docs are sentences");
+        assert!(!doc.contains("  "), "{kind}: a broken line in the docs");
+        let unique: BTreeSet<&str> = ports.iter().map(|port| port.name).collect();
+        assert!(!unique.is_empty());
+        assert!(ports.iter().all(|port| port.doc.ends_with('.')), "{kind}: a port without a sentence");
+        let properties = schema["properties"].as_object().unwrap();
+        for (name, property) in properties {
+            assert!(property["description"].as_str().is_some_and(|text| text.ends_with('.')), "{kind}: {name}");
+            assert!(property.get("default").is_some(), "{kind}: {name} has no default");
+        }
+        assert_eq!(schema["additionalProperties"], Json::Bool(false), "{kind}: unknown keys must be refused");
+    }
+}
+
+#[test]
+fn defaults_are_the_golden_settings() {
+    let registry = depthloom_nodes::registry();
+    let defaults = |kind: &str| registry.node_kind(kind).unwrap().resolve(&json!({})).unwrap();
+    assert_eq!(
+        defaults("stereo/sgbm"),
+        json!({
+            "disparities": 64, "min_disparity": 0, "block": 5, "p1": 200, "p2": 800, "disp12_max_diff": -1,
+            "prefilter_cap": 63, "uniqueness": 0, "speckle_window": 0, "speckle_range": 0, "mode": "sgbm"
+        })
+    );
+    assert_eq!(defaults("depth/from-disparity"), json!({ "cap": 80.0 }));
+    assert_eq!(defaults("confidence/edges"), json!({ "threshold": 100.0 }));
+    assert_eq!(defaults("confidence/sobel"), json!({ "threshold": 100.0, "sigma": 10.0 }));
+    assert_eq!(
+        defaults("mono/ground-plane"),
+        json!({ "height_m": 1.65, "horizon": 0.461, "nearest_m": 1.0, "cap": 80.0 })
+    );
+    assert_eq!(defaults("fusion/scale"), json!({ "method": "minmax" }));
+    assert_eq!(defaults("fusion/confidence"), json!({ "weighting": "full" }));
+    assert_eq!(defaults("filter/median"), json!({ "size": 5 }));
+    assert_eq!(defaults("score/depth")["preset"], "paper");
+    assert_eq!(defaults("mono/onnx")["output"], "disparity-share");
+}
+
+#[test]
+fn resolving_twice_changes_nothing() {
+    let registry = depthloom_nodes::registry();
+    for node in registry.nodes() {
+        let once = node.resolve(&json!({})).unwrap();
+        assert_eq!(node.resolve(&once).unwrap(), once, "{}", node.declaration.kind);
+    }
+    let road = registry.source_kind("synthetic/road").unwrap();
+    let once = road.resolve(&json!({ "frames": [3, 5], "seed": 7 })).unwrap();
+    assert_eq!(road.resolve(&once).unwrap(), once);
+}
+
+#[test]
+fn parameters_that_no_schema_can_refuse_are_refused_by_name() {
+    let registry = depthloom_nodes::registry();
+    let refused = [
+        ("stereo/sgbm", json!({ "disparities": 40 }), "disparities"),
+        ("stereo/sgbm", json!({ "block": 4 }), "block"),
+        ("stereo/sgbm", json!({ "p1": 800, "p2": 800 }), "p2"),
+        ("stereo/sgbm", json!({ "mode": "sgm" }), "mode"),
+        ("depth/from-disparity", json!({ "cap": 0 }), "cap"),
+        ("depth/from-disparity", json!({ "capp": 80 }), "capp"),
+        ("confidence/sobel", json!({ "sigma": 0.0 }), "sigma"),
+        ("mono/ground-plane", json!({ "height_m": -1.0 }), "height_m"),
+        ("mono/ground-plane", json!({ "cap": 0.5 }), "cap"),
+        ("mono/onnx", json!({ "std": [1.0, 0.0, 1.0] }), "std"),
+        ("mono/onnx", json!({ "round": false }), "round"),
+        ("filter/median", json!({ "size": 4 }), "size"),
+        ("score/depth", json!({ "sets": [] }), "sets"),
+        ("score/depth", json!({ "sets": ["all", "all"] }), "sets"),
+        ("score/depth", json!({ "max_m": 0.0001 }), "max_m"),
+        ("score/depth", json!({ "preset": "papers" }), "preset"),
+    ];
+    for (kind, params, name) in refused {
+        let error = registry.node_kind(kind).unwrap().resolve(&params).unwrap_err();
+        let named = error.path.iter().any(|segment| segment == name) || error.what.contains(&format!("`{name}`"));
+        assert!(named, "{kind} {params}: {error:?} does not name {name}");
+    }
+}

@@ -1,0 +1,239 @@
+//! A kind's outputs change only with its version.
+//!
+//! `digests.txt` holds, for every kind and version, the digest of its outputs on small fixed inputs. A test fails when outputs changed and the version
+//! did not: values under old keys would be taken for new ones. After raising a version, `DEPTHLOOM_ACCEPT_DIGESTS=1 cargo test -p depthloom-nodes`
+//! adds its line; a line that is there is never changed.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::fs;
+use std::path::Path;
+
+use depthloom_graphs::key::KeyBuilder;
+use depthloom_graphs::values::{Depth, Disparity, Image, Pixels, Raster, Weight};
+use depthloom_graphs::{Key, Value};
+use image::{ImageBuffer, Luma, RgbImage};
+use serde_json::{Value as Json, json};
+
+use crate::call::{Values, call, model, open};
+use crate::onnx_file::{self, F32, Tensor};
+use crate::steps::calibration;
+
+const WIDTH: u32 = 90;
+const HEIGHT: u32 = 40;
+
+/// A fixed sequence of numbers (Knuth's MMIX generator), the upper bits.
+struct Numbers(u64);
+
+impl Numbers {
+    fn below(&mut self, n: u64) -> u64 {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 33) % n
+    }
+}
+
+/// Blocks of random colour, seen `shift` columns further left.
+fn image(shift: u32) -> Value {
+    let mut numbers = Numbers(1);
+    let blocks: Vec<[u8; 3]> = (0..64 * 16).map(|_| [0; 3].map(|_: u8| numbers.below(256) as u8)).collect();
+    let colour = |x: u32, y: u32| image::Rgb(blocks[(((x + shift) / 3) % 64 + (y / 4) % 16 * 64) as usize]);
+    Image::new(Pixels::Rgb(RgbImage::from_fn(WIDTH, HEIGHT, colour))).into()
+}
+
+fn raster<T: image::Primitive>(mut pixel: impl FnMut() -> T) -> Raster<T> {
+    let pixels = (0..WIDTH * HEIGHT).map(|_| pixel()).collect();
+    Raster::from_raw(WIDTH, HEIGHT, pixels).unwrap()
+}
+
+/// Depths of 1 to 100 m; one in `gaps` is no answer, none of 0.
+fn depth(seed: u64, gaps: u64) -> Value {
+    let mut numbers = Numbers(seed);
+    let pixel = || match gaps {
+        0 => 1.0 + numbers.below(9900) as f32 / 100.0,
+        _ if numbers.below(gaps) == 0 => f32::NAN,
+        _ => 1.0 + numbers.below(9900) as f32 / 100.0,
+    };
+    Depth { metres: raster(pixel) }.into()
+}
+
+fn weight() -> Value {
+    let mut numbers = Numbers(9);
+    Weight { share: raster(|| numbers.below(1001) as f32 / 1000.0) }.into()
+}
+
+fn disparity() -> Value {
+    let mut numbers = Numbers(10);
+    Disparity { sixteenths_px: raster(|| numbers.below(1024) as i16 - 16), min_disparity_px: 0 }.into()
+}
+
+/// Calls that stand for a kind: its name, sets of parameters, inputs.
+type Calls = (&'static str, Vec<Json>, Vec<(&'static str, Value)>);
+
+fn calls() -> Vec<Calls> {
+    let network = onnx_file::model(
+        "Identity",
+        None,
+        &[Tensor("image", F32, &[1, 1, 10, 30])],
+        &Tensor("share", F32, &[1, 1, 10, 30]),
+    );
+    let pair = vec![("left", image(6)), ("right", image(0))];
+    let fusion = vec![("mono", depth(2, 0)), ("stereo", depth(3, 5))];
+    vec![
+        ("confidence/edges", vec![json!({}), json!({ "threshold": 30.5 })], vec![("image", image(0))]),
+        ("confidence/sobel", vec![json!({}), json!({ "threshold": 400, "sigma": 2.5 })], vec![("image", image(0))]),
+        (
+            "depth/from-disparity",
+            vec![json!({}), json!({ "cap": null })],
+            vec![("disparity", disparity()), ("calibration", calibration(721.5377, 0.532_725))],
+        ),
+        ("filter/median", vec![json!({}), json!({ "size": 3 })], vec![("depth", depth(1, 4))]),
+        (
+            "fusion/confidence",
+            ["full", "confidence", "mean", "fill"].map(|w| json!({ "weighting": w })).to_vec(),
+            [fusion.clone(), vec![("weight", weight())]].concat(),
+        ),
+        ("fusion/scale", ["minmax", "average", "none"].map(|m| json!({ "method": m })).to_vec(), fusion),
+        (
+            "mono/ground-plane",
+            vec![json!({})],
+            vec![("image", image(0)), ("calibration", calibration(721.5377, 0.532_725))],
+        ),
+        (
+            "mono/onnx",
+            vec![
+                json!({}),
+                json!({ "resize": "bilinear", "round": false, "mean": [0.5, 0, 0], "output": "inverse-depth" }),
+                json!({ "output": "depth", "output_scale": 50 }),
+                json!({ "output": "disparity-px" }),
+            ],
+            vec![("image", image(0)), ("calibration", calibration(72.0, 0.5)), ("model", model(network))],
+        ),
+        (
+            "score/depth",
+            ["paper", "monodepth2", "kitti-depth"].map(|p| json!({ "preset": p, "sets": ["all", "answered"] })).to_vec(),
+            vec![("estimate", depth(4, 6)), ("truth", depth(5, 3))],
+        ),
+        (
+            "stereo/sgbm",
+            ["sgbm", "hh", "3way", "hh4"]
+                .map(|mode| json!({ "mode": mode, "disparities": 16, "uniqueness": 5, "speckle_window": 20, "speckle_range": 2 }))
+                .to_vec(),
+            pair,
+        ),
+    ]
+}
+
+fn add_values(digest: KeyBuilder, values: &Values) -> KeyBuilder {
+    values.iter().fold(digest, |digest, (port, value)| add(digest.text(port), value))
+}
+
+fn add(digest: KeyBuilder, value: &Value) -> KeyBuilder {
+    let floats = |map: &Raster<f32>| {
+        let bits = |value: &f32| if value.is_nan() { f32::NAN.to_bits() } else { value.to_bits() };
+        map.iter().flat_map(|value| bits(value).to_le_bytes()).collect::<Vec<u8>>()
+    };
+    match value {
+        Value::Image(image) => match image.pixels() {
+            Pixels::Grey(grey) => digest.bytes(grey),
+            Pixels::Rgb(rgb) => digest.bytes(rgb),
+        },
+        Value::Disparity(map) => {
+            digest.bytes(&map.sixteenths_px.iter().flat_map(|fixed| fixed.to_le_bytes()).collect::<Vec<u8>>())
+        }
+        Value::Depth(depth) => digest.bytes(&floats(&depth.metres)),
+        Value::Weight(weight) => digest.bytes(&floats(&weight.share)),
+        Value::Mask(mask) => digest.bytes(&mask.set),
+        Value::Calibration(c) => digest.text(&format!("{c:?}")),
+        Value::Scores(rows) => digest.text(&format!("{rows:?}")),
+        Value::Samples(artifact) | Value::Model(artifact) => digest.key(&artifact.hash),
+    }
+}
+
+/// The digest of every kind's outputs, by `kind@version`.
+fn digests() -> BTreeMap<String, Key> {
+    let registry = depthloom_nodes::registry();
+    let mut digests = BTreeMap::new();
+    let calls = calls();
+    for node in registry.nodes() {
+        let kind = node.declaration.kind;
+        if kind == "mono/onnx"
+            && let Err(fault) = depthloom_nodes::onnx_runtime::find()
+        {
+            println!("SKIPPED the digest of {kind}: {}", fault.chain());
+            continue;
+        }
+        let (_, variants, inputs) =
+            calls.iter().find(|call| call.0 == kind).unwrap_or_else(|| panic!("add a call of {kind}"));
+        let digest = variants.iter().fold(Key::build(kind), |digest, params| {
+            add_values(digest, &call(kind, params, inputs).unwrap_or_else(|fault| panic!("{kind}: {}", fault.chain())))
+        });
+        digests.insert(format!("{kind}@{}", node.declaration.version), digest.finish());
+    }
+    for source in registry.sources() {
+        let kind = source.declaration.kind;
+        let folder = tempfile::tempdir().unwrap();
+        let params = match kind {
+            "synthetic/road" => json!({ "frames": [2], "width": 96, "height": 32 }),
+            "kitti/stereo2015" => small_kitti(folder.path()),
+            _ => panic!("add a small {kind}"),
+        };
+        let (values, _) = open(kind, &params).unwrap().read(0).unwrap();
+        let digest = add_values(Key::build(kind), &values).finish();
+        digests.insert(format!("{kind}@{}", source.declaration.version), digest);
+    }
+    digests
+}
+
+/// One frame in KITTI's layout. Only its decoded values are digested: another release of the PNG encoder writes other bytes.
+fn small_kitti(root: &Path) -> Json {
+    let save = |folder: &str, image: &Value| {
+        let Value::Image(image) = image else { panic!("image") };
+        let Pixels::Rgb(rgb) = image.pixels() else { panic!("colour") };
+        fs::create_dir_all(root.join("training").join(folder)).unwrap();
+        rgb.save(root.join("training").join(folder).join("000001_10.png")).unwrap();
+    };
+    save("image_2", &image(6));
+    save("image_3", &image(0));
+    let truth = ImageBuffer::<Luma<u16>, _>::from_fn(WIDTH, HEIGHT, |x, y| Luma([(x * y * 7) as u16]));
+    fs::create_dir_all(root.join("training/disp_noc_0")).unwrap();
+    truth.save(root.join("training/disp_noc_0/000001_10.png")).unwrap();
+    fs::create_dir_all(root.join("training/calib_cam_to_cam")).unwrap();
+    let calibration = "P_rect_02: 500 0 45 0 0 500 20 0 0 0 1 0\nP_rect_03: 500 0 45 -250 0 500 20 0 0 0 1 0\n";
+    fs::write(root.join("training/calib_cam_to_cam/000001.txt"), calibration).unwrap();
+    json!({ "root": root })
+}
+
+#[test]
+fn outputs_change_only_with_the_version() {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/nodes/digests.txt");
+    let text = fs::read_to_string(&file).unwrap_or_default();
+    let mut known: BTreeMap<String, String> = text
+        .lines()
+        .filter_map(|line| line.split_once(' '))
+        .map(|(kind, digest)| (kind.to_owned(), digest.to_owned()))
+        .collect();
+    let mut missing = Vec::new();
+    for (kind, digest) in digests() {
+        match known.get(&kind) {
+            Some(then) => {
+                assert_eq!(*then, digest.to_string(), "{kind} gives other outputs than before: raise its version");
+            }
+            None => {
+                missing.push(kind.clone());
+                known.insert(kind, digest.to_string());
+            }
+        }
+    }
+    if missing.is_empty() {
+        return;
+    }
+    assert!(
+        std::env::var_os("DEPTHLOOM_ACCEPT_DIGESTS").is_some(),
+        "digests.txt has no line for {missing:?}: run this test with DEPTHLOOM_ACCEPT_DIGESTS=1"
+    );
+    let lines = known.iter().fold(String::new(), |mut lines, (kind, digest)| {
+        writeln!(lines, "{kind} {digest}").unwrap();
+        lines
+    });
+    fs::write(file, lines).unwrap();
+}

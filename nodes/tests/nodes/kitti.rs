@@ -1,0 +1,222 @@
+//! `kitti/stereo2015`: what it reads, and what it says of data that are not as KITTI made them.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use depthloom_graphs::{Fault, Value};
+use image::{DynamicImage, GrayImage, ImageBuffer, Luma, Rgb, RgbImage};
+use serde_json::{Value as Json, json};
+use tempfile::TempDir;
+
+use crate::call::{metres, open};
+
+const CALIBRATION: &str = "calib_time: 09-Jan-2012 13:57:47
+P_rect_02: 5.0e+02 0 32 0 0 5.0e+02 16 0 0 0 1 0
+P_rect_03: 5.0e+02 0 32 -2.5e+02 0 5.0e+02 16 0 0 0 1 0
+";
+
+/// A small data set of frames 3 and 7, complete.
+struct DataSet {
+    root: TempDir,
+}
+
+impl DataSet {
+    fn new() -> Self {
+        let set = Self { root: tempfile::tempdir().unwrap() };
+        for number in ["000003", "000007"] {
+            for folder in ["image_2", "image_3"] {
+                set.save(&format!("{folder}/{number}_10.png"), &colour(64, 32));
+                set.save(&format!("{folder}/{number}_11.png"), &colour(64, 32));
+            }
+            for folder in ["disp_noc_0", "disp_occ_0"] {
+                set.save(&format!("{folder}/{number}_10.png"), &truth(64, 32));
+            }
+            set.write(&format!("calib_cam_to_cam/{number}.txt"), CALIBRATION);
+        }
+        set
+    }
+
+    fn path(&self, file: &str) -> PathBuf {
+        self.root.path().join("training").join(file)
+    }
+
+    fn write(&self, file: &str, content: impl AsRef<[u8]>) {
+        let path = self.path(file);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        fs::write(path, content).unwrap();
+    }
+
+    fn save(&self, file: &str, image: &DynamicImage) {
+        let path = self.path(file);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        image.save(path).unwrap();
+    }
+
+    fn remove(&self, file: &str) {
+        let path = self.path(file);
+        if path.is_dir() { fs::remove_dir_all(path) } else { fs::remove_file(path) }.unwrap();
+    }
+
+    fn params(&self, more: &Json) -> Json {
+        let mut params = json!({ "root": self.root.path() });
+        params.as_object_mut().unwrap().extend(more.as_object().unwrap().clone());
+        params
+    }
+
+    fn at_opening(&self, more: &Json) -> Fault {
+        open("kitti/stereo2015", &self.params(more)).err().expect("found when the source is opened")
+    }
+
+    fn at_frame(&self, more: &Json) -> Fault {
+        let source = open("kitti/stereo2015", &self.params(more)).unwrap_or_else(|fault| panic!("{}", fault.chain()));
+        source.read(0).expect_err("found at the frame")
+    }
+
+    /// What a person is told, with the temporary folder called ROOT.
+    fn told(&self, fault: &Fault) -> String {
+        let remedy = fault.remedy_text().map_or_else(String::new, |text| format!("\n  remedy: {text}"));
+        format!("{}{remedy}", fault.chain()).replace(&self.root.path().display().to_string(), "ROOT")
+    }
+}
+
+fn colour(width: u32, height: u32) -> DynamicImage {
+    RgbImage::from_fn(width, height, |x, y| Rgb([x as u8 * 3, y as u8 * 5, (x * y) as u8])).into()
+}
+
+fn truth(width: u32, height: u32) -> DynamicImage {
+    let map = ImageBuffer::from_fn(width, height, |x, _| Luma([if x % 2 == 0 { 0 } else { 256 * x as u16 }]));
+    DynamicImage::ImageLuma16(map)
+}
+
+#[test]
+fn a_frame_has_its_images_with_their_bytes_its_calibration_and_its_truth() {
+    let set = DataSet::new();
+    let source = open("kitti/stereo2015", &set.params(&json!({}))).unwrap();
+    let ids: Vec<(&str, u64, u64)> = source.source.frames().iter().map(|f| (&*f.id, f.index, f.time_ns)).collect();
+    assert_eq!(ids, [("000003_10", 3, 300_000_000), ("000007_10", 7, 700_000_000)]);
+    let (values, _) = source.read(1).unwrap();
+    let Value::Image(left) = &values["left"] else { panic!("image") };
+    assert_eq!(left.encoded().unwrap().bytes[..], fs::read(set.path("image_2/000007_10.png")).unwrap()[..]);
+    let Value::Calibration(calibration) = &values["calibration"] else { panic!("calibration") };
+    assert_eq!((calibration.focal_px, calibration.baseline_m, calibration.width), (500.0, 0.5, 64));
+    let depth = metres(&values["depth"]);
+    assert!(depth[0].is_nan());
+    assert_eq!(depth[5], 50.0);
+}
+
+#[test]
+fn testing_frames_have_no_truth() {
+    let set = DataSet::new();
+    fs::rename(set.root.path().join("training"), set.root.path().join("testing")).unwrap();
+    let source = open("kitti/stereo2015", &set.params(&json!({ "split": "testing" }))).unwrap();
+    let (values, _) = source.read(0).unwrap();
+    assert_eq!(values.keys().copied().collect::<Vec<_>>(), ["calibration", "left", "right"]);
+}
+
+#[test]
+fn without_calibration_files_the_focal_length_goes_by_the_width() {
+    let set = DataSet::new();
+    set.remove("calib_cam_to_cam");
+    for folder in ["image_2", "image_3"] {
+        set.save(&format!("{folder}/000003_10.png"), &colour(1224, 20));
+    }
+    set.save("disp_noc_0/000003_10.png", &truth(1224, 20));
+    let source = open("kitti/stereo2015", &set.params(&json!({ "frames": [3] }))).unwrap();
+    let (values, _) = source.read(0).unwrap();
+    let Value::Calibration(calibration) = &values["calibration"] else { panic!("calibration") };
+    assert_eq!((calibration.focal_px, calibration.baseline_m), (707.0493, 0.532_725));
+}
+
+#[test]
+fn the_key_is_that_of_the_files_read_not_of_their_place() {
+    let (set, moved) = (DataSet::new(), DataSet::new());
+    let key = |set: &DataSet, more: Json| {
+        let source = open("kitti/stereo2015", &set.params(&more)).unwrap();
+        source.read(source.source.frames().len() - 1).unwrap().1
+    };
+    let here = key(&set, json!({}));
+    assert_eq!(here, key(&moved, json!({ "frames": [7] })));
+    assert_ne!(here, key(&set, json!({ "truth": "none" })));
+    moved.write("calib_cam_to_cam/000007.txt", CALIBRATION.replace("-2.5e+02", "-2.6e+02"));
+    assert_ne!(here, key(&moved, json!({})));
+}
+
+/// A way to break the data, how the source is opened, and whether it is found then or at the frame.
+type Breakage = (&'static str, fn(&DataSet), Json, bool);
+
+#[test]
+fn broken_data_are_named_with_their_remedy() {
+    let breakages: Vec<Breakage> = vec![
+        ("missing root", |set| fs::remove_dir_all(set.root.path()).unwrap(), json!({}), true),
+        ("no split", |set| fs::remove_dir_all(set.root.path().join("training")).unwrap(), json!({}), true),
+        (
+            "empty folder",
+            |set| {
+                for file in ["000003_10.png", "000003_11.png", "000007_10.png", "000007_11.png"] {
+                    set.remove(&format!("image_2/{file}"));
+                }
+            },
+            json!({}),
+            true,
+        ),
+        ("no frame selected", |_| {}, json!({ "frames": "8..12" }), true),
+        ("frame not there", |_| {}, json!({ "frames": [4] }), true),
+        ("missing right image", |set| set.remove("image_3/000003_10.png"), json!({}), true),
+        ("missing right folder", |set| set.remove("image_3"), json!({}), true),
+        ("missing truth folder", |set| set.remove("disp_occ_0"), json!({ "truth": "occ" }), true),
+        ("missing truth file", |set| set.remove("disp_noc_0/000007_10.png"), json!({}), true),
+        ("missing calibration file", |set| set.remove("calib_cam_to_cam/000003.txt"), json!({}), true),
+        (
+            "truncated PNG",
+            |set| {
+                let bytes = fs::read(set.path("image_2/000003_10.png")).unwrap();
+                set.write("image_2/000003_10.png", &bytes[..bytes.len() / 2]);
+            },
+            json!({}),
+            false,
+        ),
+        ("empty PNG", |set| set.write("image_3/000003_10.png", ""), json!({}), false),
+        ("no PNG at all", |set| set.write("image_3/000003_10.png", "<html>404</html>"), json!({}), false),
+        ("16-bit image", |set| set.save("image_2/000003_10.png", &truth(64, 32)), json!({}), false),
+        ("pair of two sizes", |set| set.save("image_3/000003_10.png", &colour(60, 32)), json!({}), false),
+        ("truth of another size", |set| set.save("disp_noc_0/000003_10.png", &truth(64, 30)), json!({}), false),
+        ("8-bit truth", |set| set.save("disp_noc_0/000003_10.png", &GrayImage::new(64, 32).into()), json!({}), false),
+        (
+            "calibration without a number",
+            |set| set.write("calib_cam_to_cam/000003.txt", CALIBRATION.replace("-2.5e+02", "-2,5e+02")),
+            json!({}),
+            false,
+        ),
+        (
+            "calibration cut short",
+            |set| set.write("calib_cam_to_cam/000003.txt", &CALIBRATION[..120]),
+            json!({}),
+            false,
+        ),
+        (
+            "calibration of another kind",
+            |set| set.write("calib_cam_to_cam/000003.txt", "fx 500\nfy 500\n"),
+            json!({}),
+            false,
+        ),
+        ("unknown width, no calibration", |set| set.remove("calib_cam_to_cam"), json!({}), false),
+    ];
+    let mut told = String::new();
+    for (name, break_it, more, at_opening) in breakages {
+        let set = DataSet::new();
+        break_it(&set);
+        let fault = if at_opening { set.at_opening(&more) } else { set.at_frame(&more) };
+        assert!(fault.remedy_text().is_some(), "{name}: no remedy");
+        told +=
+            &format!("{name}, {}\n  {}\n", if at_opening { "at opening" } else { "at the frame" }, set.told(&fault));
+    }
+    insta::assert_snapshot!(told);
+}
+
+#[test]
+fn a_root_left_out_says_which_folder_is_meant() {
+    let fault = open("kitti/stereo2015", &json!({})).err().unwrap();
+    assert!(fault.to_string().starts_with("root: root is missing: root holds `training`"), "{fault}");
+    let unknown = open("kitti/stereo2015", &json!({ "root": Path::new("x"), "truth": "ooc" })).err().unwrap();
+    assert!(unknown.to_string().contains("expected one of `noc`, `occ`, `none`"), "{unknown}");
+}

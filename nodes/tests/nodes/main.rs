@@ -1,0 +1,13 @@
+//! Tests of nodes and sources through the registry, as the runner calls them.
+#![expect(clippy::unwrap_used, reason = "a test that cannot go on says so by panicking")]
+
+mod call;
+mod declarations;
+mod digests;
+mod golden;
+mod kitti;
+mod network;
+mod onnx_file;
+mod road;
+mod score;
+mod steps;

@@ -1,0 +1,189 @@
+//! `mono/onnx` with networks of one operator: what goes in, what comes out, and what is refused.
+
+use depthloom_graphs::Value;
+use depthloom_graphs::values::{Image, Pixels};
+use depthloom_nodes::onnx_runtime;
+use image::RgbImage;
+use serde_json::{Value as Json, json};
+
+use crate::call::{call, metres, model, value};
+use crate::onnx_file::{self, F32, Tensor, U8};
+use crate::steps::calibration;
+
+/// Whether this machine can run networks; says that the test is skipped where it cannot.
+fn can_run(test: &str) -> bool {
+    match onnx_runtime::find() {
+        Ok(_) => true,
+        Err(fault) => {
+            println!("SKIPPED {test}: {}", fault.chain());
+            false
+        }
+    }
+}
+
+/// A network that gives the mean of its input's channels: of 1x3xHxW, 1x1xHxW.
+fn mean(input: &[i64], output: &[i64]) -> Value {
+    model(onnx_file::model("ReduceMean", Some(1), &[Tensor("image", F32, input)], &Tensor("share", F32, output)))
+}
+
+/// Four columns, each of one grey, two rows.
+fn image() -> Value {
+    let row = [51, 51, 51, 102, 102, 102, 204, 204, 204, 255, 255, 255];
+    Image::new(Pixels::Rgb(RgbImage::from_raw(4, 2, row.repeat(2)).unwrap())).into()
+}
+
+fn run(params: &Json, model: &Value) -> Result<Vec<f32>, String> {
+    let inputs = [("image", image()), ("calibration", calibration(10.0, 2.0)), ("model", model.clone())];
+    let told = |fault: depthloom_graphs::Fault| match fault.remedy_text() {
+        Some(remedy) => format!("{}\n  remedy: {remedy}", fault.chain()),
+        None => fault.chain(),
+    };
+    call("mono/onnx", params, &inputs).map(|values| metres(&values["depth"]).to_vec()).map_err(told)
+}
+
+fn assert_close(found: &[f32], expected: [f32; 4]) {
+    for (found, expected) in found.iter().zip(expected.repeat(2)) {
+        assert!((found - expected).abs() <= 1e-5 * expected, "{found} is not {expected}");
+    }
+}
+
+#[test]
+fn every_meaning_of_the_output_becomes_metres() {
+    if !can_run("every_meaning_of_the_output_becomes_metres") {
+        return;
+    }
+    // The image is as large as the network's; the means are .2 .4 .8 1, and f * B is 20 px m.
+    let network = mean(&[1, 3, 2, 4], &[1, 1, 2, 4]);
+    let run = |params| run(&params, &network).unwrap();
+    assert_close(&run(json!({})), [25.0, 12.5, 6.25, 5.0]);
+    assert_close(&run(json!({ "cap": 10 })), [10.0, 10.0, 6.25, 5.0]);
+    assert_close(&run(json!({ "output_scale": 0.5 })), [50.0, 25.0, 12.5, 10.0]);
+    assert_close(&run(json!({ "floor_px": 2.0 })), [10.0, 10.0, 6.25, 5.0]);
+    assert_close(&run(json!({ "output": "disparity-px", "cap": null })), [100.0, 50.0, 25.0, 20.0]);
+    assert_close(&run(json!({ "output": "inverse-depth" })), [5.0, 2.5, 1.25, 1.0]);
+    assert_close(&run(json!({ "output": "depth", "output_scale": 100.0 })), [20.0, 40.0, 80.0, 80.0]);
+    assert_close(&run(json!({ "output": "depth", "mean": [1.0, 1.0, 1.0] })), [1e-3; 4]);
+    assert_close(&run(json!({ "output": "depth", "std": [0.5, 0.5, 0.5] })), [0.4, 0.8, 1.6, 2.0]);
+}
+
+#[test]
+fn a_disparity_in_pixels_grows_with_the_image() {
+    if !can_run("a_disparity_in_pixels_grows_with_the_image") {
+        return;
+    }
+    // Half the image's columns: a pixel of the network is two of the image.
+    let network = mean(&[1, 3, 2, 2], &[1, 1, 2, 2]);
+    let depth = run(&json!({ "output": "disparity-px", "cap": null }), &network).unwrap();
+    // The mean of 51 and 102 is rounded to 76, half to even.
+    assert!((depth[0] - 20.0 / (2.0 * 76.0 / 255.0)).abs() < 1e-3, "{}", depth[0]);
+}
+
+#[test]
+fn an_open_size_is_filled_in_and_a_fixed_one_may_be_repeated() {
+    if !can_run("an_open_size_is_filled_in_and_a_fixed_one_may_be_repeated") {
+        return;
+    }
+    let open = mean(&[-1, 3, -1, -1], &[-1, 1, -1, -1]);
+    assert_close(&run(&json!({ "size": [4, 2] }), &open).unwrap(), [25.0, 12.5, 6.25, 5.0]);
+    let fixed = mean(&[1, 3, 2, 4], &[1, 1, 2, 4]);
+    assert_close(&run(&json!({ "size": [4, 2] }), &fixed).unwrap(), [25.0, 12.5, 6.25, 5.0]);
+}
+
+#[test]
+fn channels_may_come_last() {
+    if !can_run("channels_may_come_last") {
+        return;
+    }
+    let input = Tensor("image", F32, &[1, 2, 4, 3]);
+    let network = model(onnx_file::model("ReduceMean", Some(3), &[input], &Tensor("share", F32, &[1, 2, 4, 1])));
+    assert_close(&run(&json!({ "layout": "nhwc" }), &network).unwrap(), [25.0, 12.5, 6.25, 5.0]);
+}
+
+#[test]
+fn frames_side_by_side_have_sessions_of_their_own_and_equal_answers() {
+    if !can_run("frames_side_by_side_have_sessions_of_their_own_and_equal_answers") {
+        return;
+    }
+    use depthloom_graphs::contracts::InlineHost;
+    use depthloom_graphs::{Context, Inputs, Instance, Scratch};
+    let registry = depthloom_nodes::registry();
+    let kind = registry.node_kind("mono/onnx").unwrap();
+    let Instance::Pure(node) = kind.build(&kind.resolve(&json!({})).unwrap()).unwrap() else { panic!("pure") };
+    let inputs = [Some(image()), Some(calibration(10.0, 2.0)), Some(mean(&[1, 3, 2, 4], &[1, 1, 2, 4]))];
+    let process = || {
+        let inputs = Inputs::new(&kind.declaration.inputs, &inputs);
+        let outputs = node.process(&inputs, &mut Context::new(&InlineHost, &mut Scratch::default())).unwrap();
+        let value = outputs.in_order_of(&kind.declaration.outputs).unwrap().remove(0).unwrap();
+        metres(&value).to_vec()
+    };
+    let expected = process();
+    std::thread::scope(|scope| {
+        let workers: Vec<_> = (0..4).map(|_| scope.spawn(|| (0..20).all(|_| process() == expected))).collect();
+        assert!(workers.into_iter().all(|worker| worker.join().unwrap()));
+    });
+}
+
+#[test]
+fn what_is_no_network_of_depth_is_refused_with_its_remedy() {
+    if !can_run("what_is_no_network_of_depth_is_refused_with_its_remedy") {
+        return;
+    }
+    let good = mean(&[1, 3, 2, 4], &[1, 1, 2, 4]);
+    let one = |op, axes, input: &Tensor<'_>, output: &Tensor<'_>| {
+        let Tensor(name, ty, shape) = *input;
+        model(onnx_file::model(op, axes, &[Tensor(name, ty, shape)], output))
+    };
+    let rgb = Tensor("image", F32, &[1, 3, 2, 4]);
+    let two = [Tensor("image", F32, &[1, 3, 2, 4]), Tensor("pose", F32, &[1, 6])];
+    let broken: Vec<(&str, Value, Json)> = vec![
+        ("wrong input name", good.clone(), json!({ "input_name": "rgb" })),
+        ("wrong output name", good.clone(), json!({ "output_name": "depth" })),
+        ("wrong layout", good.clone(), json!({ "layout": "nhwc" })),
+        ("wrong size", good, json!({ "size": [320, 96] })),
+        ("open size", mean(&[1, 3, -1, -1], &[1, 1, -1, -1]), json!({})),
+        ("wrong rank", one("Identity", None, &Tensor("x", F32, &[3, 4]), &Tensor("y", F32, &[3, 4])), json!({})),
+        (
+            "wrong channels",
+            one("Identity", None, &Tensor("x", F32, &[1, 4, 2, 4]), &Tensor("y", F32, &[1, 4, 2, 4])),
+            json!({}),
+        ),
+        ("wrong batch", mean(&[8, 3, 2, 4], &[8, 1, 2, 4]), json!({})),
+        (
+            "wrong type",
+            one("Identity", None, &Tensor("x", U8, &[1, 3, 2, 4]), &Tensor("y", U8, &[1, 3, 2, 4])),
+            json!({}),
+        ),
+        ("two inputs", model(onnx_file::model("Identity", None, &two, &Tensor("y", F32, &[1, 3, 2, 4]))), json!({})),
+        ("several maps", one("Identity", None, &rgb, &Tensor("y", F32, &[1, 3, 2, 4])), json!({})),
+        ("output of whole numbers", one("Shape", None, &rgb, &Tensor("y", 7, &[4])), json!({})),
+    ];
+    let mut told = String::new();
+    for (name, network, params) in broken {
+        told += &format!("{name}\n  {}\n", run(&params, &network).unwrap_err());
+    }
+    insta::assert_snapshot!(told);
+}
+
+#[test]
+fn a_file_that_is_no_model_is_said_to_be_none() {
+    if !can_run("a_file_that_is_no_model_is_said_to_be_none") {
+        return;
+    }
+    let told = run(&json!({}), &model(b"<html>404</html>".to_vec())).unwrap_err();
+    assert!(told.starts_with("the 16 bytes of the model are none that ONNX Runtime "), "{told}");
+    assert!(told.ends_with("remedy: `model` wants an ONNX file, or the output of a learning stage"), "{told}");
+}
+
+#[test]
+fn threads_do_not_change_a_bit() {
+    if !can_run("threads_do_not_change_a_bit") {
+        return;
+    }
+    let Some(shared) = crate::call::shared("threads_do_not_change_a_bit") else { return };
+    let network = model(std::fs::read(shared.join("models/ssl_unet.onnx")).unwrap());
+    let of = |threads| {
+        let inputs = [("image", &image()), ("calibration", &calibration(10.0, 2.0)), ("model", &network)];
+        metres(&value("mono/onnx", &json!({ "threads": threads }), &inputs)).to_vec()
+    };
+    assert_eq!(of(1), of(2));
+}
