@@ -1,1 +1,26 @@
 //! Recordings to percentiles, tables and plots, with polars.
+//!
+//! Everything here works [from a recording alone](report()), so that a question thought of tomorrow needs no second run. What
+//! flows: a recording's plan names the [estimators](Estimator); their recorded [scores](FrameScore) make `scores.csv` and, as the
+//! mean over frames, the [table](Table); their recorded maps make the [error against distance](DistanceBin) and its figure.
+
+mod distance;
+mod error;
+mod estimators;
+mod figure;
+mod files;
+mod paper;
+mod reading;
+mod report;
+mod scores;
+mod table;
+mod timings;
+
+pub use distance::{DistanceBin, PERCENTILES};
+pub use error::AnalysisError;
+pub use estimators::Estimator;
+pub use paper::paper_scores;
+pub use report::{ReportOptions, Summary, report};
+pub use scores::FrameScore;
+pub use table::{Table, TableColumn};
+pub use timings::{Timing, read_timings, timings_table, write_timings};

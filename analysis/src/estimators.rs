@@ -1,0 +1,150 @@
+//! What a recording scored: estimators, in the order of every table and plot.
+
+use std::collections::HashSet;
+
+use depthloom_recording::RecordedPlan;
+use depthloom_scores::{Crop, PixelSet, Preset, ScaleInvariant, Settings, SquaredRelative};
+use serde::Deserialize;
+
+use crate::error::AnalysisError;
+
+/// An estimate that was scored against the truth.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Estimator {
+    /// Its name in tables: `name` if it is the same in all variants, else `variant/name`.
+    pub label: String,
+    /// Its name under `estimates:`.
+    pub name: String,
+    /// Its variant; `None` if it is the same in all.
+    pub variant: Option<String>,
+    /// Index of the stage run in the recorded plan.
+    pub run: usize,
+    /// The pixel sets it was scored on.
+    pub sets: Vec<PixelSet>,
+    /// How it was scored.
+    pub settings: Settings,
+    /// The topic of its scores; `None` if they were not recorded.
+    pub score_topic: Option<String>,
+    /// The topic of the estimated depth; `None` if it was not recorded.
+    pub estimate_topic: Option<String>,
+    /// The topic of the true depth; `None` if it was not recorded.
+    pub truth_topic: Option<String>,
+}
+
+/// The estimators of a recording: those that all variants share first, then variant by variant in the order of the file.
+///
+/// # Errors
+/// If a score node's parameters are not those of a `score/depth` this version knows.
+pub(crate) fn estimators(plan: &RecordedPlan) -> Result<Vec<Estimator>, AnalysisError> {
+    let all = || {
+        plan.runs.iter().enumerate().flat_map(|(r, run)| run.estimates.iter().map(move |estimate| (r, run, estimate)))
+    };
+    let mut labels = HashSet::new();
+    let repeated: HashSet<&str> =
+        all().map(|(.., e)| e.label.as_str()).filter(|label| !labels.insert(*label)).collect();
+    let mut ordered = Vec::new();
+    for (run, planned, estimate) in all() {
+        let (sets, settings) = settings(&estimate.score_params).map_err(|error| {
+            AnalysisError::content(format!("parameters of the scores of `{}`: {error}", estimate.label))
+        })?;
+        // Two stages may score estimates of one name.
+        let label = match repeated.contains(estimate.label.as_str()) {
+            true => format!("{}.{}", planned.stage, estimate.label),
+            false => estimate.label.clone(),
+        };
+        let variant = estimate.variant.map(|v| plan.variants[v].clone()).filter(|name| !name.is_empty());
+        let place = estimate.variant.map_or(0, |v| v + 1);
+        let estimator = Estimator {
+            label,
+            name: estimate.name.clone(),
+            variant,
+            run,
+            sets,
+            settings,
+            score_topic: estimate.score_topic.clone(),
+            estimate_topic: estimate.estimate_topic.clone(),
+            truth_topic: estimate.truth_topic.clone(),
+        };
+        ordered.push((place, estimator));
+    }
+    ordered.sort_by_key(|(place, _)| *place);
+    Ok(ordered.into_iter().map(|(_, estimator)| estimator).collect())
+}
+
+/// The parameters of `score/depth`, as recorded with every default filled in; what is null is the preset's.
+#[derive(Deserialize)]
+struct ScoreParams {
+    preset: String,
+    sets: Vec<String>,
+    min_m: Option<f64>,
+    max_m: Option<f64>,
+    missing_m: Option<f64>,
+    crop: Option<String>,
+    median_scaling: Option<bool>,
+    sq_rel: Option<String>,
+    silog: Option<String>,
+}
+
+fn settings(params: &serde_json::Value) -> Result<(Vec<PixelSet>, Settings), String> {
+    let params = ScoreParams::deserialize(params).map_err(|error| error.to_string())?;
+    let unknown = |what: &str, name: &str| format!("{what} `{name}` is unknown to this version");
+    let preset = Preset::from_name(&params.preset).ok_or_else(|| unknown("preset", &params.preset))?.settings();
+    let set = |name: &String| match name.as_str() {
+        "all" => Ok(PixelSet::All),
+        "answered" => Ok(PixelSet::Answered),
+        name => Err(unknown("pixel set", name)),
+    };
+    let sets = params.sets.iter().map(set).collect::<Result<_, _>>()?;
+    let settings = Settings {
+        min_m: params.min_m.unwrap_or(preset.min_m),
+        max_m: params.max_m.unwrap_or(preset.max_m),
+        missing_m: params.missing_m.unwrap_or(preset.missing_m),
+        crop: match params.crop {
+            Some(name) => Crop::from_name(&name).ok_or_else(|| unknown("crop", &name))?,
+            None => preset.crop,
+        },
+        median_scaling: params.median_scaling.unwrap_or(preset.median_scaling),
+        sq_rel: match params.sq_rel.as_deref() {
+            Some("by-truth") => SquaredRelative::ByTruth,
+            Some("by-truth-squared") => SquaredRelative::ByTruthSquared,
+            Some(name) => return Err(unknown("sq_rel", name)),
+            None => preset.sq_rel,
+        },
+        silog: match params.silog.as_deref() {
+            Some("half-variance") => ScaleInvariant::HalfVariance,
+            Some("hundred-deviation") => ScaleInvariant::HundredDeviation,
+            Some(name) => return Err(unknown("silog", name)),
+            None => preset.silog,
+        },
+    };
+    settings.check().map_err(|(name, what)| format!("{name} {what}"))?;
+    Ok((sets, settings))
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn what_is_null_is_the_presets() {
+        let params = json!({
+            "preset": "monodepth2", "sets": ["answered", "all"], "min_m": null, "max_m": 50.0, "missing_m": null,
+            "crop": "eigen", "median_scaling": null, "sq_rel": null, "silog": "hundred-deviation",
+        });
+        let (sets, read) = settings(&params).unwrap();
+        assert_eq!(sets, [PixelSet::Answered, PixelSet::All]);
+        let preset = Preset::Monodepth2.settings();
+        let silog = ScaleInvariant::HundredDeviation;
+        assert_eq!(read, Settings { max_m: 50.0, crop: Crop::Eigen, silog, ..preset });
+    }
+
+    #[test]
+    fn settings_of_a_later_version_are_refused_by_name() {
+        let mut params = json!({ "preset": "paper", "sets": ["all"] });
+        assert_eq!(settings(&params), Ok((vec![PixelSet::All], Preset::Paper.settings())));
+        params["crop"] = json!("benchmark");
+        assert_eq!(settings(&params), Err("crop `benchmark` is unknown to this version".to_owned()));
+    }
+}

@@ -1,0 +1,82 @@
+//! The paper's Table I, to stand beside ours.
+
+use depthloom_scores::PixelSet;
+
+use crate::estimators::Estimator;
+
+/// Numbers and citation.
+const TABLE_1: &str = include_str!("paper_table1.csv");
+
+/// The eight scores the paper gives for an estimator of that name, variant and pixel set; `None` if it gives none.
+///
+/// An estimator of an experiment without variants is held against the paper's full method.
+#[must_use]
+pub fn paper_scores(estimator: &Estimator, set: PixelSet) -> Option<[f64; 8]> {
+    let variant = match (estimator.variant.as_deref(), estimator.name.as_str()) {
+        (_, "stereo") => "",
+        (Some(variant), _) => variant,
+        (None, _) => "full",
+    };
+    let wanted = [variant, estimator.name.as_str(), set.name()];
+    rows().find(|(key, _)| *key == wanted).map(|(_, scores)| scores)
+}
+
+fn rows() -> impl Iterator<Item = ([&'static str; 3], [f64; 8])> {
+    let lines = TABLE_1.lines().filter(|line| !line.starts_with('#')).skip(1);
+    lines.map(|line| {
+        let cells: Vec<&str> = line.split(',').collect();
+        let score = |i: usize| cells[3 + i].parse().expect("the embedded table holds numbers");
+        ([cells[0], cells[1], cells[2]], std::array::from_fn(score))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use depthloom_scores::Settings;
+
+    use super::*;
+
+    fn estimator(variant: Option<&str>, name: &str) -> Estimator {
+        Estimator {
+            label: name.to_owned(),
+            name: name.to_owned(),
+            variant: variant.map(str::to_owned),
+            run: 0,
+            sets: vec![PixelSet::All],
+            settings: Settings::default(),
+            score_topic: None,
+            estimate_topic: None,
+            truth_topic: None,
+        }
+    }
+
+    #[test]
+    fn the_embedded_table_is_the_shared_one() {
+        let manifest = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
+        let shared = std::env::var_os("DEPTHLOOM_SHARED").map_or_else(|| manifest.join("../../shared"), Into::into);
+        let Ok(csv) = std::fs::read_to_string(shared.join("paper/table1.csv")) else {
+            println!("SKIPPED the_embedded_table_is_the_shared_one: ../shared is absent");
+            return;
+        };
+        let mut compared = 0;
+        for line in csv.lines().skip(1) {
+            let cells: Vec<&str> = line.split(',').collect();
+            let set = if cells[2] == "non_occluded" { PixelSet::Answered } else { PixelSet::All };
+            let variant = (cells[0] != "stereo").then_some(cells[0]);
+            let ours = paper_scores(&estimator(variant, cells[1]), set).unwrap();
+            let theirs: Vec<f64> = cells[3..].iter().map(|cell| cell.parse().unwrap()).collect();
+            assert_eq!(ours.to_vec(), theirs, "{line}");
+            compared += 1;
+        }
+        assert_eq!(compared, rows().count());
+    }
+
+    #[test]
+    fn an_experiment_without_variants_is_held_against_the_full_method() {
+        let fused = paper_scores(&estimator(None, "fused"), PixelSet::All);
+        assert_eq!(fused, paper_scores(&estimator(Some("full"), "fused"), PixelSet::All));
+        assert!(fused.is_some());
+        assert_eq!(paper_scores(&estimator(Some("mean"), "fused"), PixelSet::All), None);
+        assert_eq!(paper_scores(&estimator(None, "mono"), PixelSet::Answered), None);
+    }
+}

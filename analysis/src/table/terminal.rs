@@ -1,0 +1,72 @@
+//! The table as aligned text.
+
+use super::{LINES, Table};
+
+/// Blocks of whole groups, none wider than `width` unless a single group is.
+pub(super) fn render(table: &Table, width: usize) -> String {
+    let names = LINES.iter().map(|line| line.plain.len() + 2).max().unwrap_or(0);
+    let widths: Vec<usize> = (0..table.columns.len())
+        .map(|column| {
+            let cells = (0..LINES.len()).map(|line| table.cell(line, column).chars().count() + 1);
+            cells.chain([table.columns[column].name.chars().count()]).max().unwrap_or(0) + 2
+        })
+        .collect();
+    let mut text = format!(
+        "{}; * best over all true pixels{}\n",
+        table.about(),
+        if table.with_paper { "; (the paper's)" } else { "" }
+    );
+    let mut block: Vec<(std::ops::Range<usize>, usize)> = Vec::new();
+    for group in table.groups() {
+        // A heading may be wider than its columns: the group is then as wide as the heading.
+        let wide =
+            widths[group.clone()].iter().sum::<usize>().max(table.columns[group.start].group.chars().count() + 2);
+        if !block.is_empty() && names + block.iter().map(|(_, wide)| wide).sum::<usize>() + wide > width {
+            render_block(table, names, &widths, &block, &mut text);
+            block.clear();
+        }
+        block.push((group, wide));
+    }
+    render_block(table, names, &widths, &block, &mut text);
+    text
+}
+
+fn render_block(
+    table: &Table,
+    names: usize,
+    widths: &[usize],
+    block: &[(std::ops::Range<usize>, usize)],
+    text: &mut String,
+) {
+    let mut headings = " ".repeat(names);
+    let mut columns = " ".repeat(names);
+    for (group, wide) in block {
+        headings.push_str(&format!("  {:<1$}", table.columns[group.start].group, wide - 2));
+        columns.push_str(&" ".repeat(wide - widths[group.clone()].iter().sum::<usize>()));
+        for column in group.clone() {
+            // One place is left for the mark of the best.
+            columns.push_str(&format!("{:>1$} ", table.columns[column].name, widths[column] - 1));
+        }
+    }
+    push_line(text, "");
+    push_line(text, &headings);
+    push_line(text, &columns);
+    for (line, row) in LINES.iter().enumerate() {
+        let arrow = if row.more_is_better { '↑' } else { '↓' };
+        let mut cells = format!("{:<1$}", format!("{} {arrow}", row.plain), names);
+        let best = table.best(line);
+        for (group, wide) in block {
+            cells.push_str(&" ".repeat(wide - widths[group.clone()].iter().sum::<usize>()));
+            for column in group.clone() {
+                let mark = if best == Some(column) { '*' } else { ' ' };
+                cells.push_str(&format!("{:>1$}{mark}", table.cell(line, column), widths[column] - 1));
+            }
+        }
+        push_line(text, &cells);
+    }
+}
+
+fn push_line(text: &mut String, line: &str) {
+    text.push_str(line.trim_end());
+    text.push('\n');
+}

@@ -1,0 +1,163 @@
+//! Where a run's time went: `timings.parquet` and the table made of it.
+
+use std::fs::File;
+use std::path::Path;
+
+use polars::frame::DataFrame;
+use polars::prelude::{Column, NamedFrom, ParquetReader, PolarsResult, SerReader, Series};
+
+use crate::error::AnalysisError;
+use crate::files;
+
+/// What one part of a run cost.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Timing {
+    /// The stage; empty for what belongs to no stage.
+    pub stage: String,
+    /// The node, the source, or what else was busy.
+    pub node: String,
+    /// What it did: `read`, `process`, `encode`, `compress`, `write`, ...
+    pub phase: String,
+    /// How many frames it did it for.
+    pub frames: u64,
+    /// CPU time in all, nanoseconds.
+    pub cpu_ns: u64,
+    /// Wall-clock time in all, nanoseconds.
+    pub wall_ns: u64,
+    /// The median over frames of the CPU time, nanoseconds; `None` where it was not taken frame by frame.
+    pub median_cpu_ns: Option<u64>,
+}
+
+/// Writes timings to a Parquet file, a row each: `stage, node, phase, frames, cpu_ns, wall_ns, median_cpu_ns`.
+///
+/// # Errors
+/// If the file cannot be written.
+pub fn write_timings(timings: &[Timing], path: &Path) -> Result<(), AnalysisError> {
+    let texts = |name: &str, of: &dyn Fn(&Timing) -> &str| {
+        Column::from(Series::new(name.into(), timings.iter().map(|timing| of(timing).to_owned()).collect::<Vec<_>>()))
+    };
+    let numbers = |name: &str, of: &dyn Fn(&Timing) -> u64| {
+        Column::from(Series::new(name.into(), timings.iter().map(of).collect::<Vec<_>>()))
+    };
+    let medians: Vec<Option<u64>> = timings.iter().map(|timing| timing.median_cpu_ns).collect();
+    let columns = vec![
+        texts("stage", &|timing| &timing.stage),
+        texts("node", &|timing| &timing.node),
+        texts("phase", &|timing| &timing.phase),
+        numbers("frames", &|timing| timing.frames),
+        numbers("cpu_ns", &|timing| timing.cpu_ns),
+        numbers("wall_ns", &|timing| timing.wall_ns),
+        Column::from(Series::new("median_cpu_ns".into(), medians)),
+    ];
+    let mut table = DataFrame::new(timings.len(), columns).map_err(AnalysisError::compute("the timings"))?;
+    let (folder, name) = (path.parent().unwrap_or(Path::new("")), path.file_name().unwrap_or_default());
+    files::write_parquet(folder, &name.to_string_lossy(), &mut table)
+}
+
+/// Reads timings back.
+///
+/// # Errors
+/// If the file cannot be read or holds something else.
+pub fn read_timings(path: &Path) -> Result<Vec<Timing>, AnalysisError> {
+    let file = File::open(path).map_err(|source| AnalysisError::Read { path: path.to_owned(), source })?;
+    let read = || -> PolarsResult<Vec<Timing>> {
+        let table = ParquetReader::new(file).finish()?;
+        let texts = |name: &str| table.column(name).and_then(|column| column.str());
+        let numbers = |name: &str| table.column(name).and_then(|column| column.u64());
+        let (stages, nodes, phases) = (texts("stage")?, texts("node")?, texts("phase")?);
+        let (frames, cpu, wall, median) =
+            (numbers("frames")?, numbers("cpu_ns")?, numbers("wall_ns")?, numbers("median_cpu_ns")?);
+        let row = |i: usize| Timing {
+            stage: stages.get(i).unwrap_or_default().to_owned(),
+            node: nodes.get(i).unwrap_or_default().to_owned(),
+            phase: phases.get(i).unwrap_or_default().to_owned(),
+            frames: frames.get(i).unwrap_or(0),
+            cpu_ns: cpu.get(i).unwrap_or(0),
+            wall_ns: wall.get(i).unwrap_or(0),
+            median_cpu_ns: median.get(i),
+        };
+        Ok((0..table.height()).map(row).collect())
+    };
+    read().map_err(AnalysisError::compute(format!("timings from {}", path.display())))
+}
+
+/// A run's timings as aligned text: core-milliseconds per frame by node and phase, and their share of the whole.
+///
+/// # Errors
+/// If the file cannot be read or holds something else.
+pub fn timings_table(path: &Path) -> Result<String, AnalysisError> {
+    Ok(render(&read_timings(path)?))
+}
+
+fn render(timings: &[Timing]) -> String {
+    let whole_ns = timings.iter().map(|timing| timing.cpu_ns).sum::<u64>().max(1) as f64;
+    let per_frame_ms = |ns: u64, frames: u64| ns as f64 / 1e6 / frames.max(1) as f64;
+    let names: Vec<String> = timings.iter().map(|timing| name(timing)).collect();
+    let wide = names.iter().map(|name| name.chars().count()).max().unwrap_or(0).max("node".len());
+    let phases = timings.iter().map(|timing| timing.phase.chars().count()).max().unwrap_or(0).max("phase".len());
+    let mut text = format!(
+        "core-milliseconds per frame\n\n{:wide$}  {:phases$}  {:>7}  {:>9}  {:>9}  {:>9}  {:>6}\n",
+        "node", "phase", "frames", "core-ms", "median", "wall-ms", "share"
+    );
+    for (timing, name) in timings.iter().zip(&names) {
+        let median = timing.median_cpu_ns.map_or_else(|| "-".to_owned(), |ns| format!("{:.3}", ns as f64 / 1e6));
+        text.push_str(&format!(
+            "{name:wide$}  {:phases$}  {:>7}  {:>9.3}  {median:>9}  {:>9.3}  {:>5.1}%\n",
+            timing.phase,
+            timing.frames,
+            per_frame_ms(timing.cpu_ns, timing.frames),
+            per_frame_ms(timing.wall_ns, timing.frames),
+            100.0 * timing.cpu_ns as f64 / whole_ns,
+        ));
+    }
+    let frames = timings.iter().map(|timing| timing.frames).max().unwrap_or(0);
+    let sum = per_frame_ms(timings.iter().map(|timing| timing.cpu_ns).sum(), frames);
+    text.push_str(&format!("{:wide$}  {:phases$}  {frames:>7}  {sum:>9.3}\n", "in all", ""));
+    text
+}
+
+fn name(timing: &Timing) -> String {
+    if timing.stage.is_empty() { timing.node.clone() } else { format!("{}.{}", timing.stage, timing.node) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn timings() -> Vec<Timing> {
+        let timing = |stage: &str, node: &str, phase: &str, cpu_ns, median_cpu_ns| Timing {
+            stage: stage.to_owned(),
+            node: node.to_owned(),
+            phase: phase.to_owned(),
+            frames: 4,
+            cpu_ns,
+            wall_ns: cpu_ns + 1_000_000,
+            median_cpu_ns,
+        };
+        vec![
+            timing("compare", "stereo", "process", 300_000_000, Some(74_500_000)),
+            timing("compare", "fused", "process", 60_000_000, Some(15_000_000)),
+            timing("", "recording", "write", 40_000_000, None),
+        ]
+    }
+
+    #[test]
+    fn timings_come_back_as_they_were_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("timings.parquet");
+        write_timings(&timings(), &path).unwrap();
+        assert_eq!(read_timings(&path).unwrap(), timings());
+        assert_eq!(timings_table(&path).unwrap(), render(&timings()));
+    }
+
+    #[test]
+    fn core_milliseconds_are_per_frame() {
+        insta::assert_snapshot!(render(&timings()), @"");
+    }
+
+    #[test]
+    fn a_missing_file_is_named() {
+        let error = timings_table(Path::new("nowhere/timings.parquet")).unwrap_err();
+        assert_eq!(error.to_string(), "failed to read nowhere/timings.parquet");
+    }
+}
