@@ -127,13 +127,15 @@ def case_area_grow(kernels, rng):
 
 
 def case_bilinear(kernels, rng):
-    width, height = sizes(rng)
+    # OpenCV's packages leave maps of floats to Intel's IPP, but single rows and columns to code that rounds positions
+    # to 32 bits (7e-6 apart on values up to 1).
+    width, height = (max(size, 2) for size in sizes(rng))
     size = [int(rng.integers(1, 600)) for _ in range(2)]
     image = rng.random((height, width)).astype(np.float32)
     return kernels.run("bilinear", image, np.float32, size), cv2.resize(image, size, interpolation=cv2.INTER_LINEAR)
 
 
-# The largest difference that passes. Sums of floats differ in order, and OpenCV's own code differs by build.
+# The largest difference that passes. Sums of floats are added in another order.
 CASES = {
     case_grey: 0,
     case_edges: 0,
@@ -141,9 +143,9 @@ CASES = {
     case_median5: 0,
     case_area_shrink: 0,
     case_area_grow: 0,
-    case_confidence: 2e-6,
+    case_confidence: 1e-6,
     case_blur: 1e-6,
-    case_bilinear: 1e-6,
+    case_bilinear: 5e-7,
 }
 
 
