@@ -1,7 +1,7 @@
 //! What is wrong with an experiment, and where.
 
 use std::collections::HashSet;
-use std::fmt::{self, Write as _};
+use std::fmt;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -136,21 +136,33 @@ impl fmt::Display for Diagnostic {
     }
 }
 
-/// The line a span starts in, with as much of the span underlined as stands in that line.
+/// The widest piece of a line that is shown.
+const WIDEST: usize = 200;
+
+/// The line a span starts in, with as much of the span underlined as stands in that line; of a very long line, the piece around it.
 fn excerpt(file: &SourceFile, span: &Range<usize>, label: &str) -> String {
     let (number, column) = file.line_column(span.start);
-    let line_start = file.text[..file.boundary(span.start)].rfind('\n').map_or(0, |at| at + 1);
+    let start = file.boundary(span.start);
+    let line_start = file.text[..start].rfind('\n').map_or(0, |at| at + 1);
     let line = file.text[line_start..].lines().next().unwrap_or_default();
-    let line_end = line_start + line.len();
-    let end = file.boundary(span.end.clamp(span.start, line_end.max(span.start)));
-    let underlined = file.text[file.boundary(span.start)..end].chars().count().max(1);
-    let gutter = number.to_string().len();
-    let mut text = String::new();
+    let end = file.boundary(span.end.min(line_start + line.len()).max(start));
+    let mut underlined = file.text[start..end].chars().count().max(1);
+    let mut indent = column - 1;
     // Tabs are shown as one column, so that the underline stands under its words.
-    let line = line.replace('\t', " ");
-    let _ = writeln!(text, "  {number} | {line}");
-    let _ = writeln!(text, "  {:gutter$} | {:indent$}{} {label}", "", "", "^".repeat(underlined), indent = column - 1);
-    text
+    let mut shown: String = line.replace('\t', " ");
+    if shown.chars().count() > WIDEST {
+        let first = indent.saturating_sub(WIDEST / 2);
+        shown = shown.chars().skip(first).take(WIDEST).collect();
+        indent -= first;
+        if first > 0 {
+            shown.insert_str(0, "...");
+            indent += 3;
+        }
+        underlined = underlined.min(WIDEST + 3 - indent);
+    }
+    let gutter = number.to_string().len();
+    let (space, line) = (" ".repeat(indent), "^".repeat(underlined));
+    format!("  {number} | {shown}\n  {:gutter$} | {space}{line} {label}\n", "")
 }
 
 /// Everything that is wrong, in the order of files and lines.

@@ -107,6 +107,10 @@ fn stage_source(
         return source.clone();
     }
     let known: Vec<&str> = spec.sources.iter().map(|source| source.name.text.as_str()).collect();
+    if known.is_empty() {
+        // That there are none has been said.
+        return None;
+    }
     let error = Diagnostic::error(&name.place, format!("there is no source `{}`", name.text)).label("names nothing");
     report.push(error.maybe_help(names::suggestion(&name.text, "sources", &known)));
     None
@@ -234,7 +238,12 @@ fn unknown_input(kind: &NodeKind, input: &InputSpec, report: &mut Report) {
 }
 
 fn missing_inputs(kind: &NodeKind, spec: &NodeSpec, wiring: &Wiring<'_, '_, '_>, report: &mut Report) {
-    let wired = |port: &Port| spec.inputs.iter().any(|input| input.port.text == port.name);
+    let unknown = spec.inputs.iter().map(|input| input.port.text.as_str());
+    let unknown: Vec<&str> =
+        unknown.filter(|name| !kind.declaration.inputs.iter().any(|port| port.name == *name)).collect();
+    // A misspelt input has been spoken of, with the name that was meant.
+    let meant = |port: &Port| unknown.iter().any(|written| names::nearest(written, [port.name]).is_some());
+    let wired = |port: &Port| spec.inputs.iter().any(|input| input.port.text == port.name) || meant(port);
     let missing: Vec<&Port> = kind.declaration.inputs.iter().filter(|port| !port.optional && !wired(port)).collect();
     // A score without truth or estimate has been spoken of where it is written.
     if missing.is_empty() || kind.declaration.kind == score::KIND && spec.name.text.starts_with("score.") {

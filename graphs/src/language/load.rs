@@ -67,7 +67,9 @@ pub fn load(path: &Path, registry: &Registry, options: &Options<'_>) -> Result<L
     let mut diagnostics = report.finish(&order);
     for diagnostic in &mut diagnostics.0 {
         let place = Place { file: std::sync::Arc::clone(&diagnostic.file), span: diagnostic.span.clone() };
-        diagnostic.key_path = files.key_path(&place).unwrap_or_default();
+        if !place.span.is_empty() {
+            diagnostic.key_path = files.key_path(&place).unwrap_or_default();
+        }
     }
     match plan {
         Some(plan) if !diagnostics.has_errors() => Ok(Loaded { plan, warnings: diagnostics }),
@@ -152,6 +154,9 @@ fn check_names(spec: &Spec, report: &mut Report) {
 }
 
 fn unused_sources(root: &super::tree::Node, linked: &[Linked<'_>], report: &mut Report) {
+    if linked.iter().all(|linked| linked.stages.is_empty()) {
+        return;
+    }
     let used = |name: &str| {
         let stages = linked.iter().flat_map(|linked| &linked.stages);
         // A stage whose source is broken may have meant any.

@@ -123,12 +123,17 @@ fn named(combinations: Vec<Vec<Change>>, place: &Place) -> Vec<Variant> {
     variants
 }
 
-/// The shortest end of a path that no other path has; `blur.with.size` is named `blur.size`.
+/// The shortest end of a path that no other path has. `with` and `inputs` tell nothing: `blur.with.size` is `blur.size`.
 fn short(path: &str, all: &[String]) -> String {
-    let starts = path.rmatch_indices('.').map(|(at, _)| at + 1).chain([0]);
-    let unique = |end: &&str| all.iter().filter(|p| p.as_str() == *end || p.ends_with(&format!(".{end}"))).count() == 1;
-    let end = starts.map(|start| &path[start..]).find(unique).unwrap_or(path);
-    end.replace(".with.", ".").replace(".inputs.", ".").trim_start_matches("with.").to_owned()
+    let telling = |path: &str| {
+        let parts: Vec<&str> = path.split('.').filter(|part| !matches!(*part, "with" | "inputs")).collect();
+        parts.join(".")
+    };
+    let own = telling(path);
+    let others: Vec<String> = all.iter().filter(|other| *other != path).map(|other| telling(other)).collect();
+    let starts = own.rmatch_indices('.').map(|(at, _)| at + 1).chain([0]);
+    let unique = |end: &&str| !others.iter().any(|other| other == *end || other.ends_with(&format!(".{end}")));
+    starts.map(|start| &own[start..]).find(unique).unwrap_or(path).to_owned()
 }
 
 /// A value as part of a name: no `/`, which separates variant and estimate, and no space.

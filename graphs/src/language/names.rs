@@ -4,23 +4,24 @@ use super::diagnostics::{Diagnostic, Report};
 use super::source_file::Place;
 
 /// Reports a name that cannot be one: it would make references, topics and labels ambiguous.
+/// `what` says of what, with its article: `a node`.
 pub(super) fn check(name: &str, what: &str, reserved: &[&str], place: &Place, report: &mut Report) -> bool {
     let allowed = |c: char| c.is_alphanumeric() || c == '_' || c == '-';
     if reserved.contains(&name) {
         let error =
-            Diagnostic::error(place, format!("`{name}` cannot name a {what}: the language uses that word itself"));
+            Diagnostic::error(place, format!("`{name}` cannot name {what}: the language uses that word itself"));
         report.push(error.help("choose another name"));
         return false;
     }
     if name.is_empty() {
-        report.push(Diagnostic::error(place, format!("a {what} needs a name")));
+        report.push(Diagnostic::error(place, format!("{what} needs a name")));
         return false;
     }
     let Some(bad) = name.chars().find(|&c| !allowed(c)) else { return true };
     let suggestion: String = name.chars().map(|c| if allowed(c) { c } else { '_' }).collect();
     report.push(
-        Diagnostic::error(place, format!("the name of a {what} cannot hold `{bad}`"))
-            .label(format!("not a name for a {what}"))
+        Diagnostic::error(place, format!("the name of {what} cannot hold `{bad}`"))
+            .label(format!("not a name for {what}"))
             .help(format!("names are letters, digits, `_` and `-`, e.g. `{suggestion}`")),
     );
     false

@@ -158,10 +158,14 @@ fn checked(kind: &Kind<'_>, mut json: Json, with: Option<&Node>, at: &Place, rep
             Err(error) => {
                 // A parameter that is missing because it was taken out has been spoken of.
                 if sound || !error.what.starts_with("missing field") {
-                    let place = place_of(with, &error.path, false).unwrap_or_else(|| at.clone());
+                    let place = place_of(with, &error.path, false);
+                    let place = place.or_else(|| Some(with?.place.clone())).unwrap_or_else(|| at.clone());
                     let what = match error.path.last() {
-                        Some(_) => format!("`{}`: {} (of `{}`)", error.path.join("."), error.what, kind.name),
-                        None => format!("{} (of `{}`)", error.what, kind.name),
+                        // Many say by themselves of which parameter they speak.
+                        Some(name) if !error.what.contains(name) => {
+                            format!("`{}`: {} (of `{}`)", error.path.join("."), error.what, kind.name)
+                        }
+                        _ => format!("{} (of `{}`)", error.what, kind.name),
                     };
                     report.push(Diagnostic::error(&place, what));
                 }

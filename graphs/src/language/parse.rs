@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use serde::de::{Deserialize, Deserializer, MapAccess, SeqAccess, Visitor};
 use serde_json::Number;
+use serde_saphyr::budget::BudgetBreach;
 use serde_saphyr::options::DuplicateKeyPolicy;
 use serde_saphyr::{Error, Location, NonFiniteFloatPolicy, Spanned};
 
@@ -16,23 +17,91 @@ use super::tree::{Entry, Node, Tree};
 pub(super) const MOST_BYTES: u64 = 4 * 1024 * 1024;
 /// The most values a document may hold, aliases expanded.
 const MOST_VALUES: usize = 400_000;
+/// The most events of the parser that aliases may stand for.
+const MOST_REPLAYED: usize = 50_000;
 /// How deep maps and lists may be nested.
 const DEEPEST: usize = 48;
 
+/// How many duplicate keys are reported.
+const MOST_DUPLICATES: usize = 50;
+
 /// The document of a file; `None` if it is not YAML at all. Duplicate keys are reported, and the first of each is kept.
 pub(super) fn document(file: &Arc<SourceFile>, report: &mut Report) -> Option<Node> {
-    let text = file.text.as_str();
-    match serde_saphyr::from_str_with_options::<Spanned<Raw>>(text, options(DuplicateKeyPolicy::Error)) {
-        Ok(raw) => Some(placed(raw, file)),
-        Err(error) => {
-            let duplicate = matches!(error.without_snippet(), Error::DuplicateMappingKey { .. });
-            report.push(syntax_error(&error, file));
-            if !duplicate {
-                return None;
+    let read = |text: &str, policy| serde_saphyr::from_str_with_options::<Spanned<Raw>>(text, options(policy));
+    let mut text = file.text.clone();
+    let mut duplicates = Vec::new();
+    loop {
+        match read(&text, DuplicateKeyPolicy::Error) {
+            Ok(raw) if duplicates.is_empty() => return Some(placed(raw, file)),
+            Ok(_) => break,
+            Err(error) => {
+                let cause = cause(&error);
+                let place = place_of(cause.location().unwrap_or(Location::UNKNOWN), file);
+                if !matches!(cause, Error::DuplicateMappingKey { .. }) {
+                    report.push(syntax_error(cause, &place));
+                    return None;
+                }
+                // The parser stops at the first: hide it under another name of equal length, and look for the next.
+                let hidden = format!("{:x<1$.1$}", format!("_{}_", duplicates.len()), place.span.len());
+                let known = duplicates.contains(&place) || place.span.is_empty();
+                text.replace_range(place.span.clone(), &hidden);
+                duplicates.push(place);
+                if known || duplicates.len() >= MOST_DUPLICATES {
+                    break;
+                }
             }
-            let first = serde_saphyr::from_str_with_options(text, options(DuplicateKeyPolicy::FirstWins));
-            first.ok().map(|raw| placed(raw, file))
         }
+    }
+    let document = read(&file.text, DuplicateKeyPolicy::FirstWins).ok().map(|raw| placed(raw, file));
+    for place in duplicates {
+        let key = place.text().trim_matches(['"', '\'']);
+        let error = Diagnostic::error(&place, format!("the key `{key}` is given twice")).label("again");
+        let first = document.as_ref().and_then(|document| first_of(document, key, &place));
+        report.push(match first {
+            Some(first) => error.help("keep one of the two").related(&first, "first here"),
+            None => error.help("keep one of the two"),
+        });
+    }
+    document
+}
+
+/// The entry that a duplicate repeats: of the innermost map around it that has such a key.
+fn first_of(node: &Node, key: &str, again: &Place) -> Option<Place> {
+    if again.span.start < node.place.span.start {
+        return None;
+    }
+    let inner = match &node.value {
+        Tree::Map(entries) => {
+            let last = entries.iter().rev().find(|entry| entry.value.place.span.start <= again.span.start);
+            last.and_then(|entry| first_of(&entry.value, key, again))
+        }
+        Tree::List(items) => {
+            let last = items.iter().rev().find(|item| item.place.span.start <= again.span.start);
+            last.and_then(|item| first_of(item, key, again))
+        }
+        Tree::Null | Tree::Bool(_) | Tree::Number(_) | Tree::Text(_) => None,
+    };
+    // In a block, equal keys stand under each other; in `{ }`, in what is written between the braces.
+    let column = |place: &Place| place.file.line_column(place.span.start).1;
+    let flow = node.place.text().starts_with('{') && {
+        let between = again.file.text.get(node.place.span.end..again.span.start).unwrap_or_default();
+        let mut open = 0_i32;
+        between.chars().all(|c| {
+            open += i32::from(c == '{') - i32::from(c == '}');
+            open >= 0
+        })
+    };
+    inner.or_else(|| {
+        let entry = node.entry(key)?;
+        (flow || column(&entry.key_place) == column(again)).then(|| entry.key_place.clone())
+    })
+}
+
+/// What an error is about, without what the library wraps around it.
+fn cause(error: &Error) -> &Error {
+    match error.without_snippet() {
+        Error::AliasError { error, .. } => cause(error),
+        error => error,
     }
 }
 
@@ -51,7 +120,7 @@ fn options(duplicate_keys: DuplicateKeyPolicy) -> serde_saphyr::Options {
             enforce_alias_anchor_ratio: false,
         },
         alias_limits: serde_saphyr::alias_limits! {
-            max_total_replayed_events: MOST_VALUES,
+            max_total_replayed_events: MOST_REPLAYED,
             max_replay_stack_depth: 16,
         },
         duplicate_keys: duplicate_keys,
@@ -63,40 +132,38 @@ fn options(duplicate_keys: DuplicateKeyPolicy) -> serde_saphyr::Options {
     }
 }
 
-fn syntax_error(error: &Error, file: &Arc<SourceFile>) -> Diagnostic {
-    let error = error.without_snippet();
-    let place = place_of(error.location().unwrap_or(Location::UNKNOWN), file);
+fn syntax_error(error: &Error, place: &Place) -> Diagnostic {
     let text = error.to_string();
     // The parser appends the place, which a diagnostic shows by itself.
     let what = text.split(" at line ").next().unwrap_or(&text);
-    let bomb = "an experiment needs no such file; was it written by a person?";
+    let unusual = Some("no experiment needs such a file; was it written by a person?".to_owned());
+    let deep = || format!("maps and lists are nested deeper than {DEEPEST}");
     let (message, help) = match error {
-        Error::DuplicateMappingKey { key, .. } => (
-            key.as_ref()
-                .map_or_else(|| "a key is given twice".to_owned(), |key| format!("the key `{key}` is given twice")),
-            Some("keep one of the two".to_owned()),
-        ),
         Error::AliasReplayLimitExceeded { .. }
         | Error::AliasExpansionLimitExceeded { .. }
         | Error::AliasReplayStackDepthExceeded { .. }
         | Error::AliasReplayCounterOverflow { .. } => {
-            ("the file's aliases expand to more than an experiment can hold".to_owned(), Some(bomb.to_owned()))
+            (format!("the file's aliases expand to more than {MOST_REPLAYED} values"), unusual)
         }
-        Error::Budget { .. } => {
-            (format!("the file is larger or deeper than an experiment can be: {what}"), Some(bomb.to_owned()))
+        Error::Budget { breach: BudgetBreach::Documents { .. }, .. } | Error::MultipleDocuments { .. } => {
+            let help = "one file is one experiment: remove the `---`".to_owned();
+            ("the file holds several YAML documents".to_owned(), Some(help))
         }
-        Error::MultipleDocuments { .. } => (
-            "the file holds several YAML documents".to_owned(),
-            Some("one file is one experiment: remove the `---`".to_owned()),
-        ),
+        Error::Budget { breach: BudgetBreach::Depth { .. }, .. } => (deep(), unusual),
+        Error::Budget { .. } => (format!("the file holds more than {MOST_VALUES} values or 10000 aliases"), unusual),
         Error::UnknownAnchor { .. } => ("this alias has no anchor before it".to_owned(), None),
-        _ => (format!("not valid YAML: {}", lower_first(what)), braces_help(file, &place)),
+        _ if what.contains("recursion limit") => (deep(), unusual),
+        _ => (format!("not valid YAML: {}", lower_first(what)), braces_help(place)),
     };
-    Diagnostic::error(&place, message).maybe_help(help)
+    // The place may reach to the end of the file; its beginning is what matters.
+    let text = place.text();
+    let short = text.char_indices().nth(24).map_or(text.len(), |(at, _)| at);
+    Diagnostic::error(&place.part(text, 0..short), message).maybe_help(help)
 }
 
 /// `{ root: ${NAME} }` is the likeliest way to break a flow map.
-fn braces_help(file: &SourceFile, place: &Place) -> Option<String> {
+fn braces_help(place: &Place) -> Option<String> {
+    let file = &place.file;
     let start = file.text[..place.span.start].rfind('\n').map_or(0, |at| at + 1);
     let line = file.text[start..].lines().next().unwrap_or_default();
     let quoted = line.contains("\"${") || line.contains("'${");
@@ -221,6 +288,7 @@ fn placed(raw: Spanned<Raw>, file: &Arc<SourceFile>) -> Node {
             for item in &items {
                 cover(&mut place, &item.place);
             }
+            close(&mut place);
             Tree::List(items)
         }
         Raw::Map(entries) => {
@@ -232,6 +300,7 @@ fn placed(raw: Spanned<Raw>, file: &Arc<SourceFile>) -> Node {
                 cover(&mut place, &value.place);
                 list.push(Entry { key: key.value, key_place, value: Arc::new(value) });
             }
+            close(&mut place);
             Tree::Map(list)
         }
     };
@@ -242,5 +311,19 @@ fn placed(raw: Spanned<Raw>, file: &Arc<SourceFile>) -> Node {
 fn cover(place: &mut Place, inner: &Place) {
     if inner.span.start >= place.span.start {
         place.span.end = place.span.end.max(inner.span.end);
+    }
+}
+
+/// `[ ]` and `{ }` reach to their closing bracket.
+fn close(place: &mut Place) {
+    let text = &place.file.text;
+    let closing = match text[place.span.start..].chars().next() {
+        Some('[') => ']',
+        Some('{') => '}',
+        _ => return,
+    };
+    let rest = text[place.span.end..].trim_start_matches(|c: char| c.is_whitespace() || c == ',');
+    if rest.starts_with(closing) {
+        place.span.end = text.len() - rest.len() + 1;
     }
 }

@@ -9,6 +9,7 @@ use std::cell::Cell;
 use super::diagnostics::{Diagnostic, Report};
 use super::linked::Linked;
 use super::names;
+use super::schema_check::is_yaml_1_1_bool;
 use super::source_file::Place;
 use super::spec::known_keys;
 use super::tree::{Entry, Node, Tree};
@@ -117,7 +118,9 @@ fn setting(entry: &Entry, recording: &mut Recording, report: &mut Report) {
     let mut wrong = |wanted: &str| {
         let what = format!("`{}` wants {wanted}, not {}", entry.key, node.describe());
         let place = if node.is_null() { &entry.key_place } else { &node.place };
-        report.push(Diagnostic::error(place, what));
+        let yes = node.text().is_some_and(is_yaml_1_1_bool) && wanted.contains("true");
+        let help = yes.then(|| "YAML 1.2 knows `true` and `false` only".to_owned());
+        report.push(Diagnostic::error(place, what).maybe_help(help));
     };
     match (entry.key.as_str(), &node.value) {
         ("topics", Tree::List(items)) => {

@@ -133,18 +133,28 @@ fn wrong_type(value: &Json, types: &[&str], path: &[String]) -> Violation {
         {
             Some(format!("remove the quotes: `{text}`"))
         }
+        Json::String(text) if types.contains(&"boolean") && is_yaml_1_1_bool(text) => {
+            Some("YAML 1.2 knows `true` and `false` only".to_owned())
+        }
         Json::Number(_) | Json::Bool(_) if types.contains(&"string") => {
             Some("put it in quotes if text is meant".to_owned())
         }
         _ => None,
     };
-    let wanted = wanted.join(" or ");
+    let wanted = match wanted.split_last() {
+        Some((last, others)) if !others.is_empty() => format!("{} or {last}", others.join(", ")),
+        _ => wanted.concat(),
+    };
     violation(
         path,
         format!("{} wants {wanted}, not {}", subject(path), describe(value)),
         &format!("not {wanted}"),
         help,
     )
+}
+
+pub(super) fn is_yaml_1_1_bool(text: &str) -> bool {
+    matches!(text.to_ascii_lowercase().as_str(), "yes" | "no" | "on" | "off" | "y" | "n" | "true" | "false")
 }
 
 fn not_among(value: &Json, allowed: &[Json], path: &[String]) -> Violation {
@@ -185,7 +195,11 @@ fn alternatives_of(value: &Json, alternatives: &[Json], path: &mut Vec<String>, 
         return;
     }
     let types: Vec<&str> = nearest.iter().filter_map(|(a, _)| a.get("type").and_then(Json::as_str)).collect();
-    found.push(wrong_type(value, &types, path));
+    let mut wrong = wrong_type(value, &types, path);
+    if nearest.iter().any(|(alternative, _)| alternative.get("format").and_then(Json::as_str) == Some("frames")) {
+        wrong.help = Some("frames are `1..=40`, `0..48`, `[3, 7]`, or a text file with one frame id a line".to_owned());
+    }
+    found.push(wrong);
 }
 
 fn constants(schema: &Json) -> Vec<Json> {
@@ -200,7 +214,8 @@ fn number(value: &Json, schema: &Map<String, Json>, path: &[String], found: &mut
     let Some(number) = value.as_f64() else { return };
     let limit = |key: &str| schema.get(key).and_then(Json::as_f64);
     let bound = |key: &str| schema.get(key).map(ToString::to_string).unwrap_or_default();
-    let range = range_text(schema);
+    // One bound is in the message already.
+    let range = range_text(schema).filter(|range| range.contains([',']) || range.contains(" to "));
     let mut out = |what: String| {
         found.push(violation(path, what, "out of its range", range.clone().map(|range| format!("it takes {range}"))));
     };

@@ -104,11 +104,11 @@ pub(super) fn read(root: &Node, report: &mut Report) -> Spec {
     let mut spec = Spec { sources: Vec::new(), stages: Vec::new() };
     known_keys(root, "an experiment", EXPERIMENT_KEYS, report);
     for entry in section(root, "sources", report) {
-        names::check(&entry.key, "source", &[], &entry.key_place, report);
+        names::check(&entry.key, "a source", &[], &entry.key_place, report);
         spec.sources.push(source(entry, report));
     }
     for entry in section(root, "stages", report) {
-        names::check(&entry.key, "stage", RESERVED_STAGES, &entry.key_place, report);
+        names::check(&entry.key, "a stage", RESERVED_STAGES, &entry.key_place, report);
         spec.stages.push(stage(entry, report));
     }
     spec
@@ -137,6 +137,9 @@ pub(super) fn title(root: &Node, report: &mut Report) -> (String, String) {
 
 fn section<'n>(root: &'n Node, key: &str, report: &mut Report) -> &'n [Entry] {
     let Some(entry) = root.entry(key) else {
+        if misspelt(root, key, EXPERIMENT_KEYS) {
+            return &[];
+        }
         let place = root.entry("experiment").map_or_else(|| Place::start_of(&root.place.file), |e| e.key_place.clone());
         report.push(
             Diagnostic::error(&place, format!("the experiment has no `{key}`"))
@@ -161,6 +164,12 @@ pub(super) fn known_keys(node: &Node, what: &str, known: &[&str], report: &mut R
         let error = Diagnostic::error(&entry.key_place, format!("unknown key `{}` in {what}", entry.key));
         report.push(error.label("no such key").maybe_help(help));
     }
+}
+
+/// Whether a key is there under a name so near that it has been reported as unknown with this one in mind.
+fn misspelt(node: &Node, key: &str, known: &[&str]) -> bool {
+    let unknown = node.entries().iter().filter(|entry| !known.contains(&entry.key.as_str()));
+    unknown.into_iter().any(|entry| names::nearest(&entry.key, known.iter().copied()) == Some(key))
 }
 
 /// Reports what is no map.
@@ -218,6 +227,9 @@ fn map_of(entry: &Entry, what: &str, example: &str, report: &mut Report) -> bool
 
 fn instance(node: &Node, place: &Place, what: &str, report: &mut Report) -> Option<Instance> {
     let Some(kind) = node.entry("kind") else {
+        if misspelt(node, "kind", NODE_KEYS) {
+            return None;
+        }
         let error = Diagnostic::error(place, format!("this {what} has no `kind`"));
         report.push(error.help("`kind:` says what it is, e.g. `kind: family/name`; `depthloom nodes` lists all kinds"));
         return None;
@@ -244,6 +256,7 @@ fn stage(entry: &Entry, report: &mut Report) -> StageSpec {
     let node = &entry.value;
     known_keys(node, "a stage", STAGE_KEYS, report);
     match node.entry("source") {
+        None if misspelt(node, "source", STAGE_KEYS) => {}
         None => {
             let error = Diagnostic::error(&entry.key_place, format!("stage `{}` has no `source`", entry.key));
             report.push(error.help("say which of `sources:` its frames come from: `source: NAME`"));
@@ -260,7 +273,7 @@ fn stage(entry: &Entry, report: &mut Report) -> StageSpec {
     if let Some(nodes) = node.entry("nodes").filter(|nodes| !nodes.value.is_null()) {
         is_map(&nodes.value, "`nodes`", "nodes: { NAME: { kind: KIND, inputs: { ... } } }", report);
         for entry in nodes.value.entries() {
-            names::check(&entry.key, "node", RESERVED_NODES, &entry.key_place, report);
+            names::check(&entry.key, "a node", RESERVED_NODES, &entry.key_place, report);
             stage.nodes.push(node_spec(entry, report));
         }
     }
@@ -326,7 +339,7 @@ fn score_spec(entry: &Entry, report: &mut Report) -> ScoreSpec {
     match entry.value.entry("estimates") {
         Some(estimates) if matches!(&estimates.value.value, Tree::Map(list) if !list.is_empty()) => {
             for entry in estimates.value.entries() {
-                names::check(&entry.key, "estimate", &[], &entry.key_place, report);
+                names::check(&entry.key, "an estimate", &[], &entry.key_place, report);
                 score.estimates.push(estimate(entry, report));
             }
         }

@@ -75,7 +75,7 @@ fn declared(root: &Node, report: &mut Report) -> Vec<Variant> {
     }
     let mut variants = Vec::with_capacity(entries.len());
     for entry in entries {
-        names::check(&entry.key, "variant", &[], &entry.key_place, report);
+        names::check(&entry.key, "a variant", &[], &entry.key_place, report);
         let Some(changes) = changes(&entry.value, &format!("variant `{}`", entry.key), report) else { continue };
         variants.push(Variant { name: entry.key.clone(), place: entry.key_place.clone(), changes });
     }

@@ -22,6 +22,8 @@ pub fn registry() -> Registry {
         .node::<Merge>()
         .node::<Median>()
         .node::<Score>()
+        .node::<Average>()
+        .node::<Offset>()
         .node::<Broken>()
 }
 
@@ -302,6 +304,10 @@ pub struct ScoreParams {
 node!(Score, "score/depth", Pure, ScoreParams,
     [port("estimate", ValueType::Depth), port("truth", ValueType::Depth)] => [port("scores", ValueType::Scores)]);
 
+node!(Average, "toy/average", Ordered, NoParams,
+    [port("depth", ValueType::Depth)] => [Port::once("depth", ValueType::Depth, "The mean of all.")]);
+node!(Offset, "toy/offset", Pure, NoParams,
+    [port("depth", ValueType::Depth), Port::once("offset", ValueType::Depth, "Is added.")] => [port("depth", ValueType::Depth)]);
 node!(Broken, "toy/no-engine", Pure, NoParams, [port("image", ValueType::Image)] => [port("depth", ValueType::Depth)]
     fn fingerprint(_: &NoParams) -> Result<Option<Key>, Fault> {
         Err(Fault::new("no engine was found").remedy("install one"))
