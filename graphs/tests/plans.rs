@@ -135,7 +135,7 @@ fn every_node_comes_after_those_it_reads() {
 #[test]
 fn the_whole_plan_of_table_1_reads_as_expected() {
     let plan = loaded_with(&experiment("table1.yaml"), &[]).plan;
-    insta::assert_snapshot!("table1-summary", plan.summary());
+    insta::assert_snapshot!("table1-summary", plan.summary_text());
     insta::assert_snapshot!("table1-mermaid", plan.mermaid());
     insta::assert_snapshot!("table1-dot", plan.dot());
     let json = plan_of(&stereo("variants: { full: {}, other: { compare.fused.with.size: 3 } }")).summary_json();

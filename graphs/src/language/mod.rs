@@ -35,8 +35,10 @@ mod tree;
 mod variants;
 mod wire;
 
+pub use crate::render::kind_reference as reference;
 pub use diagnostics::{Diagnostic, Diagnostics, Related, Severity};
 pub use load::{Environment, Loaded, Options, load};
+pub use names::nearest;
 pub use schema::schema;
 pub(crate) use schema_check::range_text;
 pub use source_file::{Place, SourceFile};

@@ -28,7 +28,8 @@ pub(super) fn check(name: &str, what: &str, reserved: &[&str], place: &Place, re
 }
 
 /// The candidate nearest to what was written, if one is near.
-pub(super) fn nearest<'a>(written: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+#[must_use]
+pub fn nearest<'a>(written: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     // Long input is no misspelling, and distances cost the product of the lengths.
     if written.len() > 100 {
         return None;

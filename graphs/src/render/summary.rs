@@ -11,7 +11,7 @@ use crate::plan::{From, Plan, PlannedNode, PlannedOutput, StageRun};
 impl Plan {
     /// The plan as text: a table of nodes for each stage run, then what is scored.
     #[must_use]
-    pub fn summary(&self) -> String {
+    pub fn summary_text(&self) -> String {
         let mut text = format!("experiment {}", self.experiment);
         if !self.about.trim().is_empty() {
             let _ = write!(text, ": {}", self.about.trim());
@@ -98,7 +98,7 @@ impl Plan {
         }
     }
 
-    /// The plan as JSON: what [`Plan::summary`] shows and everything it leaves out, for other programs.
+    /// The plan as JSON: what [`Plan::summary_text`] shows and everything it leaves out, for other programs.
     #[must_use]
     pub fn summary_json(&self) -> Json {
         json!({
