@@ -136,7 +136,17 @@ fn unwritable(path: &Path, error: impl Into<Box<dyn std::error::Error + Send + S
 
 #[cfg(test)]
 mod tests {
+    use proptest::prelude::*;
+
     use super::disparity_u16;
+
+    proptest! {
+        #[test]
+        fn a_disparity_is_off_by_at_most_half_a_step(disparity_px in 0.002..255.99_f64) {
+            let written = f64::from(disparity_u16(disparity_px)) / 256.0;
+            prop_assert!((written - disparity_px).abs() <= 0.5 / 256.0);
+        }
+    }
 
     #[test]
     fn what_sixteen_bits_cannot_hold_is_unknown() {

@@ -73,9 +73,12 @@ fn rows(estimate: &Value, truth: &Value, sets: &[&str]) -> Vec<ScoreRow> {
 
 fn assert_scores(row: &ScoreRow, golden: (u64, [f64; 8]), tolerance: f64, what: &str) {
     assert_eq!(row.pixels, golden.0, "{what}: pixels");
+    let mut worst = 0.0_f64;
     for ((ours, golden), name) in row.scores().iter().zip(golden.1).zip(depthloom_scores::SCORE_NAMES) {
         assert!((ours - golden).abs() <= tolerance * golden.abs(), "{what}: {name} is {ours}, the oracle has {golden}");
+        worst = worst.max((ours / golden - 1.0).abs());
     }
+    println!("{what}: {} pixels, scores off by at most {worst:.1e}", row.pixels);
 }
 
 /// Scaling, fusion, median and scores of one frame under every variant.
@@ -90,6 +93,7 @@ fn fuse_and_compare(frame: &Frame, mono: &Value, folder: &Path, tolerance: f64) 
         );
         let fused = value("filter/median", &json!({}), &[("depth", &merged)]);
         let off = share_off(&fused, &folder.join(format!("{}.fused.{variant}.png", frame.id)));
+        println!("{} {variant}: {off:.1e} of the fused pixels off by more than 1/256 m", frame.id);
         assert!(off <= 1e-3, "{} {variant}: {off} of the pixels are off", frame.id);
         for (estimate, name) in [(&scaled, "mono"), (&fused, "fused")] {
             let estimator = format!("{variant}/{name}");
@@ -113,6 +117,7 @@ fn disparity_and_confidence_are_the_oracles() {
         let golden = png_u16(&folder.join(format!("{}.confidence.png", frame.id)));
         let off = |(ours, golden): (&f32, &u16)| (ours * 65535.0 - f32::from(*golden)).abs();
         let worst = weight.share.iter().zip(golden.as_raw()).map(off).fold(0.0, f32::max);
+        println!("{}: confidence off by at most {worst:.2} / 65535", frame.id);
         assert!(worst <= 4.0, "{}: confidence is off by {worst} / 65535", frame.id);
     }
 }
