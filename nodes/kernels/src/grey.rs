@@ -17,7 +17,8 @@ pub fn grey_from_rgb(rgb: &[u8], width: usize, height: usize, out: &mut [u8]) {
 pub(crate) fn grey_from_rgb_at(level: Level, rgb: &[u8], width: usize, height: usize, out: &mut [u8]) {
     check("rgb", rgb.len(), width, height, 3);
     check("grey", out.len(), width, height, 1);
-    level.run(Grey { rgb, out });
+    let done = level.grey_from_leading(rgb, out);
+    level.run(Grey { rgb: &rgb[3 * done..], out: &mut out[done..] });
 }
 
 struct Grey<'a> {

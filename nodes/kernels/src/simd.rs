@@ -8,6 +8,8 @@
 #![expect(unsafe_code, reason = "calls functions compiled for instruction sets that were found at run time")]
 
 mod block;
+#[cfg(target_arch = "x86_64")]
+mod grey;
 
 #[cfg(target_arch = "x86_64")]
 use std::marker::PhantomData;
@@ -128,6 +130,18 @@ impl Level {
 }
 
 impl Level {
+    /// Grey of as many leading pixels as vectors make; returns how many these are. The rest is the caller's.
+    pub(crate) fn grey_from_leading(self, rgb: &[u8], out: &mut [u8]) -> usize {
+        match self.0 {
+            Set::Portable => 0,
+            #[cfg(target_arch = "x86_64")]
+            Set::Sse2 => 0,
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: only `available` makes these levels, where AVX2 was detected.
+            Set::Avx2 | Set::Avx512 => unsafe { grey::grey_avx2(rgb, out) },
+        }
+    }
+
     /// Runs `pass` with the blocks of this level.
     #[inline]
     pub(crate) fn run_blocks<P: BlockPass>(self, pass: P) -> P::Output {
