@@ -25,8 +25,9 @@ pub(super) struct Answers {
     /// none. OpenCV goes from right to left and lets only a smaller cost replace one: of equal costs the larger index
     /// stays, so that it is the smallest key that wins.
     partners: Vec<i32>,
-    /// The disparity of the partner, px, with a margin.
-    seen: Vec<i16>,
+    /// For each column of the right image the smallest and largest disparity, px, that agree with its partner; with a
+    /// margin.
+    agreeing: Vec<[i16; 2]>,
 }
 
 /// Where one row's answers go, as long as its [`Answers`] are not touched.
@@ -98,15 +99,17 @@ impl Answers {
         out[columns.end..].fill(search.invalid);
         self.refine(search, &mut out[columns.clone()]);
         self.see(search);
-        let seen = &self.seen[..];
+        let agreeing = &self.agreeing[..];
         for (x, disparity) in columns.clone().zip(&mut out[columns]) {
             let fixed = i32::from(*disparity);
-            let disagrees = |d: i32| {
-                let seen = i32::from(seen[(x as i32 - d + MARGIN as i32) as usize]);
-                (seen >= search.min_disparity) & ((seen - d).abs() > search.disp12_max_diff)
+            let agrees = |d: i32| {
+                let [low, high] = agreeing[(x as i32 - d + MARGIN as i32) as usize].map(i32::from);
+                (low <= d) & (d <= high)
             };
-            let disagrees = disagrees(fixed >> 4) & disagrees((fixed + 15) >> 4);
-            *disparity = if disagrees { search.invalid } else { *disparity };
+            // Most agree at once.
+            if !agrees(fixed >> 4) && !agrees((fixed + 15) >> 4) {
+                *disparity = search.invalid;
+            }
         }
     }
 
@@ -131,17 +134,24 @@ impl Answers {
         }
     }
 
-    /// The disparities seen from the right image.
+    /// The disparities that agree with what is seen from the right image.
     #[inline(always)]
     fn see(&mut self, search: &Search) {
-        // Below the smallest disparity: says nothing.
-        self.seen.clear();
-        self.seen.resize(search.width + 2 * MARGIN, (search.min_disparity - 1) as i16);
-        for (seen, &key) in self.seen[MARGIN..].iter_mut().zip(&self.partners[..search.width]) {
+        const ALL: [i16; 2] = [i16::MIN, i16::MAX];
+        let Search { min_disparity, disp12_max_diff, .. } = *search;
+        // More than any two 16-bit numbers differ.
+        let reach = disp12_max_diff.min(1 << 20);
+        // A partner that nobody chose holds the invalid mark, which is in 1/16 px but compared as pixels: with a minimum
+        // disparity of 2 and more it passes for a disparity. OpenCV does that; so do we.
+        let nobody = i32::from(search.invalid);
+        let around = |seen: i32| [(seen - reach).max(-0x8000) as i16, (seen + reach).min(0x7fff) as i16];
+        let nobody = if nobody >= min_disparity { around(nobody) } else { ALL };
+        self.agreeing.clear();
+        self.agreeing.resize(search.width + 2 * MARGIN, ALL);
+        for (agreeing, &key) in self.agreeing[MARGIN..].iter_mut().zip(&self.partners[..search.width]) {
             let place = key & 0xffff;
-            // A partner that nobody chose holds the invalid mark, which is in 1/16 px but compared as pixels: with a
-            // minimum disparity of 2 and more it passes for a disparity. OpenCV does that; so do we.
-            *seen = if place == 0 { search.invalid } else { (INDICES - place + search.min_disparity) as i16 };
+            let seen = around(INDICES - place + min_disparity);
+            *agreeing = if place == 0 { nobody } else { seen };
         }
     }
 }

@@ -15,7 +15,7 @@ use super::answers::Answers;
 use super::costs::{CostRow, Slide, pixel_len};
 use super::decide::Decide;
 use super::kernels::Kernels;
-use super::march::{March, Slots};
+use super::march::{March, Slots, Source};
 use super::shared::{Costs, Shared};
 use crate::sgbm::Mode;
 use crate::sgbm::prefilter::Planes;
@@ -30,7 +30,7 @@ const BAND: usize = 8;
 const PAIR: usize = 2;
 
 /// Columns in a tile, at least twice the rows of a band.
-const TILE: usize = 64;
+const TILE: usize = 32;
 
 /// Memory of one piece of work on a row.
 #[derive(Debug, Default)]
@@ -220,13 +220,19 @@ impl<'a> Frame<'a> {
     fn trapezoid(&self, pass: &Pass<'_>, band: std::ops::Range<usize>, columns: std::ops::Range<usize>) {
         let diagonals = pass.slots.len() > 1;
         for i in band.clone() {
-            if !pass.upwards {
-                self.block_costs(i, columns.clone());
-            }
             let lost = if diagonals { i - band.start } else { 0 };
             let first = if columns.start == 0 { 0 } else { columns.start + lost };
             let last = if columns.end == self.search.columns { columns.end } else { columns.end - lost };
-            self.march(pass, i, first..last);
+            if pass.upwards || !self.slides(i) {
+                if !pass.upwards {
+                    self.first_costs(i, columns.clone());
+                }
+                self.march(pass, i, first..last, false);
+            } else {
+                self.slide(i, columns.start..first);
+                self.slide(i, last..columns.end);
+                self.march(pass, i, first..last, true);
+            }
         }
     }
 
@@ -234,7 +240,7 @@ impl<'a> Frame<'a> {
     fn triangle(&self, pass: &Pass<'_>, band: std::ops::Range<usize>, column: usize) {
         for i in band.clone() {
             let lost = i - band.start;
-            self.march(pass, i, column - lost..column + lost);
+            self.march(pass, i, column - lost..column + lost, false);
         }
     }
 
@@ -243,7 +249,8 @@ impl<'a> Frame<'a> {
         if pass.upwards { self.height() - 1 - i } else { i }
     }
 
-    fn march(&self, pass: &Pass<'_>, i: usize, columns: std::ops::Range<usize>) {
+    /// Leads the paths through some columns of the `i`-th row of the pass, making their block costs on the way or not.
+    fn march(&self, pass: &Pass<'_>, i: usize, columns: std::ops::Range<usize>, slides: bool) {
         let d = self.search.disparities;
         let len = self.search.row_len();
         let y = self.row_of(pass, i);
@@ -255,7 +262,18 @@ impl<'a> Frame<'a> {
             i,
             columns,
             cost: self.cost.at(self.cost_at(y) + first),
-            sum_before: if pass.upwards { self.sum.at(y * len + first) } else { std::ptr::null_mut() },
+            source: if pass.upwards {
+                Source::Sums(self.sum.at(y * len + first))
+            } else if slides {
+                let (enters, leaves) = self.sliding(y);
+                Source::Slide([
+                    self.cost.at(self.cost_at(y - 1) + first),
+                    self.sums.at(enters + first),
+                    self.sums.at(leaves + first),
+                ])
+            } else {
+                Source::Costs
+            },
             sum: if pass.last { band } else { self.sum.at(y * len + first) },
         };
         // SAFETY: columns of a row belong to one trapezoid or triangle; so do their slots: a diagonal leaves its tile for
@@ -264,32 +282,56 @@ impl<'a> Frame<'a> {
         unsafe { (self.kernels.march)(&part) }
     }
 
-    /// Block costs of a tile of row `y` of the stripe.
-    fn block_costs(&self, y: usize, columns: std::ops::Range<usize>) {
-        let Search { disparities: d, radius, p2, height, mode, .. } = *self.search;
-        let part = |row: usize| row + columns.start * d..row + columns.end * d;
-        let last = height - 1;
+    /// Whether block costs of row `y` of the stripe are made from those of the row before.
+    fn slides(&self, y: usize) -> bool {
+        // In this mode OpenCV leaves the costs of the last rows at their initial value.
+        let forgotten =
+            self.search.mode == Mode::Hh4 && self.stripe.start + y + self.search.radius >= self.search.height;
+        y > 0 && !forgotten
+    }
+
+    /// Where the row sums lie that enter and leave the block with row `y` of the stripe.
+    fn sliding(&self, y: usize) -> (usize, usize) {
         let k = self.stripe.start + y;
+        let enters = (k + self.search.radius).min(self.search.height - 1);
+        let leaves = (k - 1).saturating_sub(self.search.radius).max(self.stripe.start);
+        (self.sums_at(enters), self.sums_at(leaves))
+    }
+
+    /// Block costs of some columns of row `y` of the stripe, from those of the row before.
+    fn slide(&self, y: usize, columns: std::ops::Range<usize>) {
+        let d = self.search.disparities;
+        let part = |row: usize| row + columns.start * d..row + columns.end * d;
+        let (enters, leaves) = self.sliding(y);
         // SAFETY: only this tile touches these columns of the costs in this round; the sums are read by all and written in
-        // other rounds.
+        // other rounds. The table's maker found the instruction set.
         unsafe {
-            let cost = self.cost.write(part(self.cost_at(y)));
-            let sums = |k: usize| self.sums.read(part(self.sums_at(k)));
-            if y == 0 {
-                cost.fill(p2);
-                for above in 0..=radius {
-                    for (cost, sum) in cost.iter_mut().zip(sums((k + above).min(last))) {
-                        *cost += sum * if above == 0 { radius as i16 + 1 } else { 1 };
-                    }
-                }
-            } else if mode == Mode::Hh4 && k + radius > last {
-                // OpenCV leaves the costs of the last rows at their initial value in this mode.
-                cost.fill(p2);
-            } else {
-                let before = self.cost.read(part(self.cost_at(y - 1)));
-                let leaves = (k - 1).saturating_sub(radius).max(self.stripe.start);
-                let (enters, leaves) = (sums((k + radius).min(last)), sums(leaves));
-                (self.kernels.slide)(&mut Slide { cost, before, enters, leaves });
+            (self.kernels.slide)(&mut Slide {
+                cost: self.cost.write(part(self.cost_at(y))),
+                before: self.cost.read(part(self.cost_at(y - 1))),
+                enters: self.sums.read(part(enters)),
+                leaves: self.sums.read(part(leaves)),
+            });
+        }
+    }
+
+    /// Block costs of some columns of row `y` of the stripe, which has none before it, or which OpenCV leaves alone.
+    fn first_costs(&self, y: usize, columns: std::ops::Range<usize>) {
+        let Search { disparities: d, radius, p2, height, .. } = *self.search;
+        let part = |row: usize| row + columns.start * d..row + columns.end * d;
+        // SAFETY: as in `slide`.
+        let cost = unsafe { self.cost.write(part(self.cost_at(y))) };
+        cost.fill(p2);
+        if y > 0 {
+            return;
+        }
+        for above in 0..=radius {
+            let k = (self.stripe.start + above).min(height - 1);
+            let times = if above == 0 { radius as i16 + 1 } else { 1 };
+            // SAFETY: as in `slide`.
+            let sums = unsafe { self.sums.read(part(self.sums_at(k))) };
+            for (cost, sum) in cost.iter_mut().zip(sums) {
+                *cost += sum * times;
             }
         }
     }

@@ -52,6 +52,21 @@ impl<'a> Slots<'a> {
         let shift = (i % self.count) as isize * self.drift;
         (x as isize + shift).rem_euclid(self.count as isize) as usize
     }
+
+    /// Begins the diagonal that enters the image in the `i`-th row, if it enters in one of these columns: it has no
+    /// history.
+    fn enter(&self, search: &Search, i: usize, columns: &std::ops::Range<usize>) {
+        let x = match self.drift {
+            -1 => 0,
+            1 => search.columns - 1,
+            _ => return,
+        };
+        if columns.contains(&x) {
+            let start = LANES + self.index(x, i) * slot_len(search);
+            // SAFETY: the slot belongs to this column, hence to whoever leads paths through it.
+            reset(search, unsafe { self.memory.write(start..start + slot_len(search)) });
+        }
+    }
 }
 
 /// Stands for a cost beyond the disparities: never the smallest, and P1 can be added to it.
@@ -76,32 +91,53 @@ pub(super) struct March<'a> {
     /// Columns.
     pub columns: std::ops::Range<usize>,
     /// Block costs of these columns.
-    pub cost: *const i16,
-    /// Sums of earlier directions at these columns, or null for none.
-    pub sum_before: *const i16,
+    pub cost: *mut i16,
+    pub source: Source,
     /// Where the sums with these directions go.
     pub sum: *mut i16,
 }
 
+/// What is there before the paths come; all pointers are to the first column's values.
+#[derive(Clone, Copy)]
+pub(super) enum Source {
+    /// Block costs.
+    Costs,
+    /// Block costs, and sums of earlier directions.
+    Sums(*const i16),
+    /// Block costs of the row before, and the row sums that enter and leave: block costs are made from them.
+    Slide([*const i16; 3]),
+}
+
+/// [`Source`] known to the compiler.
+const COSTS: u8 = 0;
+const SUMS: u8 = 1;
+const SLIDE: u8 = 2;
+
 /// Leads the paths through a part of a row.
 ///
 /// # Safety
-/// The instruction set of `L` must be present; the pointers hold the costs of the columns; nobody else uses the sums or
-/// the columns' slots.
+/// The instruction set of `L` must be present; the pointers hold the costs and sums of the columns; nobody else uses the
+/// sums, the costs if they are made, or the columns' slots.
 #[inline(always)]
 pub(super) unsafe fn march<L: Lanes, const N: usize>(m: &March<'_>) {
     // SAFETY: as the caller vouches.
     unsafe {
-        match *m.slots {
-            [down] => march_through::<L, N, 1>(m, [down]),
-            [a, b, c] => march_through::<L, N, 3>(m, [a, b, c]),
+        match (m.slots, m.source) {
+            (&[down], Source::Costs) => through::<L, N, 1, COSTS>(m, [down]),
+            (&[down], Source::Sums(_)) => through::<L, N, 1, SUMS>(m, [down]),
+            (&[down], Source::Slide(_)) => through::<L, N, 1, SLIDE>(m, [down]),
+            (&[a, b, c], Source::Costs) => through::<L, N, 3, COSTS>(m, [a, b, c]),
+            (&[a, b, c], Source::Sums(_)) => through::<L, N, 3, SUMS>(m, [a, b, c]),
+            (&[a, b, c], Source::Slide(_)) => through::<L, N, 3, SLIDE>(m, [a, b, c]),
             _ => unreachable!("one direction or three"),
         }
     }
 }
 
+/// # Safety
+/// As [`march`].
 #[inline(always)]
-unsafe fn march_through<L: Lanes, const N: usize, const DIRECTIONS: usize>(
+unsafe fn through<L: Lanes, const N: usize, const DIRECTIONS: usize, const SOURCE: u8>(
     m: &March<'_>,
     slots: [Slots<'_>; DIRECTIONS],
 ) {
@@ -112,37 +148,26 @@ unsafe fn march_through<L: Lanes, const N: usize, const DIRECTIONS: usize>(
     if m.columns.is_empty() {
         return;
     }
-    for direction in &slots {
-        // A diagonal that enters the image here has no history.
-        let enters = match direction.drift {
-            -1 => 0,
-            1 => search.columns - 1,
-            _ => continue,
-        };
-        if m.columns.contains(&enters) {
-            let start = LANES + direction.index(enters, m.i) * stride;
-            // SAFETY: the slot belongs to this column, hence to this call.
-            reset(search, unsafe { direction.memory.write(start..start + stride) });
-        }
+    // The slot of the column, where the ring ends, and its length.
+    let mut slot = [std::ptr::null_mut::<i16>(); DIRECTIONS];
+    let mut end = slot;
+    let mut around = [0; DIRECTIONS];
+    for k in 0..DIRECTIONS {
+        slots[k].enter(search, m.i, &m.columns);
+        around[k] = slots[k].count * stride;
+        slot[k] = slots[k].memory.at(LANES + slots[k].index(m.columns.start, m.i) * stride);
+        end[k] = slots[k].memory.at(LANES + around[k]);
     }
-    let mut index = slots.map(|direction| direction.index(m.columns.start, m.i));
-    let base = slots.map(|direction| direction.memory.at(LANES));
-    // SAFETY: slots `index < count` lie in the memory with padding before and after; cost and sums as the caller vouches.
+    let (mut cost, mut sum) = (m.cost, m.sum);
+    let mut others = match m.source {
+        Source::Costs => [std::ptr::null(); 3],
+        Source::Sums(sums) => [sums; 3],
+        Source::Slide(rows) => rows,
+    };
+    // SAFETY: slots lie in their memory with padding before and after; the rest as the caller vouches.
     unsafe {
         let p1 = L::splat(search.p1);
-        let p2 = L::splat(search.p2);
-        let mut cost = m.cost;
-        let mut sum = m.sum;
-        let mut sum_before = m.sum_before;
         for _ in m.columns.clone() {
-            let mut slot = base;
-            for k in 0..DIRECTIONS {
-                slot[k] = base[k].add(index[k] * stride);
-                index[k] += 1;
-                if index[k] == slots[k].count {
-                    index[k] = 0;
-                }
-            }
             let mut delta = [L::splat(0); DIRECTIONS];
             let mut below = delta;
             for k in 0..DIRECTIONS {
@@ -152,8 +177,15 @@ unsafe fn march_through<L: Lanes, const N: usize, const DIRECTIONS: usize>(
             let mut smallest = [L::splat(i16::MAX); DIRECTIONS];
             for j in 0..n {
                 let at = j * LANES;
-                let c = L::load(cost.add(at));
-                let mut total = if sum_before.is_null() { L::splat(0) } else { L::load(sum_before.add(at)) };
+                let c = if SOURCE == SLIDE {
+                    let change = L::sub(L::load(others[1].add(at)), L::load(others[2].add(at)));
+                    let c = L::add(L::load(others[0].add(at)), change);
+                    L::store(cost.add(at), c);
+                    c
+                } else {
+                    L::load(cost.add(at))
+                };
+                let mut total = L::splat(0);
                 for k in 0..DIRECTIONS {
                     let slot = slot[k].add(at);
                     let near = L::add(L::min(below[k], L::load(slot.add(1))), p1);
@@ -163,17 +195,27 @@ unsafe fn march_through<L: Lanes, const N: usize, const DIRECTIONS: usize>(
                     let new = L::add(L::sub(best, delta[k]), c);
                     L::store(slot, new);
                     smallest[k] = L::min(smallest[k], new);
-                    total = L::add_saturating(total, new);
+                    total = if k == 0 && SOURCE != SUMS {
+                        new
+                    } else if k == 0 {
+                        L::add_saturating(L::load(others[0].add(at)), new)
+                    } else {
+                        L::add_saturating(total, new)
+                    };
                 }
                 L::store(sum.add(at), total);
             }
             for k in 0..DIRECTIONS {
-                *slot[k].add(d + DELTA) = L::first(L::add(L::minimum(smallest[k]), p2));
+                *slot[k].add(d + DELTA) = L::first(L::minimum(smallest[k])).wrapping_add(search.p2);
+                slot[k] = slot[k].add(stride);
+                if slot[k] == end[k] {
+                    slot[k] = slot[k].sub(around[k]);
+                }
             }
             cost = cost.add(d);
             sum = sum.add(d);
-            if !sum_before.is_null() {
-                sum_before = sum_before.add(d);
+            if SOURCE != COSTS {
+                others = [others[0].add(d), others[1].add(d), others[2].add(d)];
             }
         }
     }

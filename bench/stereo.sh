@@ -1,0 +1,25 @@
+#!/usr/bin/env bash
+# Stereo against OpenCV on real frames: prints medians, and lines `ratio MODE-THREADSt VALUE` (OpenCV's time / ours).
+#
+#   bench/stereo.sh [--count 5] [--repeat 6] [--modes sgbm hh 3way hh4] [--threads 1 2] [--path best]
+#
+# Frames: KITTI_STEREO_2015, or ../shared/data/kitti_stereo_2015 (its folder `training`). Builds the example `sgbm_raw`,
+# and installs OpenCV from PyPI into a virtual environment under target/.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+root="${KITTI_STEREO_2015:-../shared/data/kitti_stereo_2015}"
+frames="$root/training"
+if [ ! -d "$frames/image_2" ]; then
+    echo "no frames in $frames: set KITTI_STEREO_2015 to the folder that holds training/image_2 and image_3" >&2
+    exit 2
+fi
+target="${CARGO_TARGET_DIR:-target}"
+venv="$target/bench-venv"
+if ! "$venv/bin/python" -c "import cv2, numpy" 2>/dev/null; then
+    python3 -m venv "$venv"
+    "$venv/bin/pip" install --quiet "opencv-python-headless==5.0.*" numpy ||
+        "$venv/bin/pip" install --quiet --pre opencv-python-headless numpy
+fi
+cargo build --quiet --release -p depthloom-kernels --example sgbm_raw
+exec "$venv/bin/python" bench/stereo.py "$target/release/examples/sgbm_raw" "$frames" "$@"
