@@ -1,6 +1,7 @@
 //! The engine's own cost: nodes that do nothing, beside a bare crossbeam channel.
 //!
-//! `cargo bench -p depthloom-runner --bench engine`. Throughput is in elements: tasks for the engine, messages for channels.
+//! `cargo bench -p depthloom-runner --bench engine`. An element is a task of the engine, a message of a channel. What costs is
+//! processor time, of all threads together: unlike the time on the wall it says the same on a machine that has other work.
 
 #[path = "../tests/support/mod.rs"]
 mod support;
@@ -8,13 +9,15 @@ mod support;
 use std::hint::black_box;
 use std::sync::Arc;
 use std::thread;
+use std::time::Duration;
 
-use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
+use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use crossbeam::channel::{bounded, unbounded};
 use depthloom_graphs::contracts::{Commit, Contract, Slot, Tap, TapError};
 use depthloom_graphs::values::Calibration;
 use depthloom_graphs::{Context, Fault, Frame, Inputs, Instance, Key, Outputs, PureNode, Source, SourceOutputs, Value};
 use depthloom_runner::{Interrupt, Options, Unwatched, run};
+use rustix::time::{ClockId, clock_gettime};
 use support::{Bench, node, number, planned, source};
 
 const FRAMES: usize = 500;
@@ -80,17 +83,32 @@ fn graph(is_chain: bool) -> Bench {
     bench
 }
 
+/// The processor time that `f` takes `times` times, of all threads. Setting up is not counted.
+fn cpu_time<S>(times: u64, set_up: impl Fn() -> S, f: impl Fn(S)) -> Duration {
+    let now = || {
+        let now = clock_gettime(ClockId::ProcessCPUTime);
+        Duration::new(now.tv_sec.unsigned_abs(), u32::try_from(now.tv_nsec).expect("below a second"))
+    };
+    let time = || {
+        let ready = set_up();
+        let start = now();
+        f(ready);
+        now().saturating_sub(start)
+    };
+    (0..times).map(|_| time()).sum()
+}
+
 fn engine(c: &mut Criterion) {
     let mut group = c.benchmark_group("engine");
     group.sample_size(20).throughput(Throughput::Elements((FRAMES * (NODES + 1)) as u64));
     for (shape, is_chain) in [("chain", true), ("fan", false)] {
-        for workers in [1, 2] {
+        for workers in [1, 2, 4] {
             let options = Options { workers, window: None, keep_going: false };
+            let run = |ready| {
+                run(ready, &NoTap, &options, &Unwatched, &Interrupt::default()).expect("nothing fails");
+            };
             group.bench_function(format!("{shape} of {NODES}, {workers} workers"), |b| {
-                let run = |ready| {
-                    run(ready, &NoTap, &options, &Unwatched, &Interrupt::default()).expect("the bench runs through")
-                };
-                b.iter_batched(|| graph(is_chain).ready(), run, BatchSize::PerIteration);
+                b.iter_custom(|times| cpu_time(times, || graph(is_chain).ready(), run));
             });
         }
     }
@@ -103,34 +121,38 @@ fn channel(c: &mut Criterion) {
     group.sample_size(20).throughput(Throughput::Elements(MESSAGES));
     group.bench_function("send and receive, one thread", |b| {
         let (send, receive) = unbounded::<u64>();
-        b.iter(|| {
+        let round = |()| {
             for message in 0..MESSAGES {
-                send.send(message).expect("the bench runs through");
+                send.send(message).expect("the other end is there");
                 black_box(receive.recv().expect("the other end is there"));
             }
-        });
-    });
-    group.bench_function("send to another thread and back, one at a time", |b| {
-        let ((there, arrived), (back, returned)) = (bounded::<u64>(1), bounded::<u64>(1));
-        let echo = thread::spawn(move || arrived.iter().try_for_each(|message| back.send(message)));
-        b.iter(|| {
-            for message in 0..MESSAGES {
-                there.send(message).expect("the bench runs through");
-                black_box(returned.recv().expect("the other end is there"));
-            }
-        });
-        drop(there);
-        echo.join().expect("it does not panic").expect("the other end is there");
+        };
+        b.iter_custom(|times| cpu_time(times, || (), round));
     });
     group.bench_function("send to another thread, streaming", |b| {
-        b.iter(|| {
+        let round = |()| {
             let (send, receive) = bounded::<u64>(64);
             thread::scope(|scope| {
                 scope.spawn(|| assert_eq!(black_box(receive.iter().count()) as u64, MESSAGES));
                 (0..MESSAGES).for_each(|message| send.send(message).expect("the other end is there"));
                 drop(send);
             });
-        });
+        };
+        b.iter_custom(|times| cpu_time(times, || (), round));
+    });
+    group.bench_function("send to another thread and back, one at a time", |b| {
+        let round = |()| {
+            let ((there, arrived), (back, returned)) = (bounded::<u64>(1), bounded::<u64>(1));
+            thread::scope(|scope| {
+                scope.spawn(move || arrived.iter().try_for_each(|message| back.send(message)));
+                for message in 0..MESSAGES {
+                    there.send(message).expect("the other end is there");
+                    black_box(returned.recv().expect("the other end is there"));
+                }
+                drop(there);
+            });
+        };
+        b.iter_custom(|times| cpu_time(times, || (), round));
     });
     group.finish();
 }

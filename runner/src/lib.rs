@@ -14,6 +14,74 @@
 //! | the thread that calls [`run`] | admits frames, writes them in order, calls the tap for once-values |
 //! | workers | read frames, run nodes, encode parts |
 //! | threads started by [`tiles`](depthloom_graphs::Host::tiles) | help a node with its tiles while permits are free: workers and helpers together never are more than [`Options::workers`] |
+//!
+//! A tap that prints, and a run of no nodes at all:
+//!
+//! ```
+//! use depthloom_graphs::contracts::{Commit, Slot, Tap, TapError};
+//! use depthloom_graphs::plan::{Plan, PlannedSource, Record, StageRun};
+//! use depthloom_graphs::ready::{Ready, ReadyRun};
+//! use depthloom_graphs::{Context, Fault, Frame, Key, Outputs, Source, SourceOutputs, Value};
+//! use depthloom_runner::{Interrupt, Options, Unwatched, run};
+//!
+//! struct Empty(Vec<Frame>);
+//!
+//! impl Source for Empty {
+//!     fn frames(&self) -> &[Frame] {
+//!         &self.0
+//!     }
+//!     fn read(&self, position: usize, _: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
+//!         Ok(SourceOutputs { outputs: Outputs::none(), key: Key::of_content(&position.to_le_bytes()) })
+//!     }
+//! }
+//!
+//! struct Printer;
+//!
+//! impl Tap for Printer {
+//!     type Part = ();
+//!     fn parts(&self, _run: usize) -> usize {
+//!         0
+//!     }
+//!     fn part(&self, _run: usize, _slot: Slot) -> Option<usize> {
+//!         None
+//!     }
+//!     fn encode(&self, _: usize, _: &Frame, _: usize, _: &[(Slot, Value)]) -> Result<(), TapError> {
+//!         Ok(())
+//!     }
+//!     fn write(&self, commit: &Commit<'_>, _parts: Vec<()>) -> Result<(), TapError> {
+//!         println!("frame {}", commit.frame.id);
+//!         Ok(())
+//!     }
+//!     fn once(&self, _: usize, _: Slot, _: &Key, _: &Value) -> Result<(), TapError> {
+//!         Ok(())
+//!     }
+//! }
+//!
+//! let stage = StageRun {
+//!     stage: "compare".to_owned(),
+//!     prefix: "/compare".to_owned(),
+//!     source: PlannedSource { name: "test".to_owned(), parts: vec![], outputs: vec![] },
+//!     nodes: vec![],
+//!     estimates: vec![],
+//!     variants: vec![0],
+//! };
+//! let plan = Plan {
+//!     experiment: "empty".to_owned(),
+//!     about: String::new(),
+//!     variants: vec![String::new()],
+//!     runs: vec![stage],
+//!     record: Record { every: 1, view: false },
+//!     written: vec![],
+//!     resolved: String::new(),
+//! };
+//! let frames = (0..3).map(|k| Frame::at_10_hz(format!("{k:06}_10"), k)).collect();
+//! let runs = vec![ReadyRun { source: Box::new(Empty(frames)), nodes: vec![] }];
+//! let ready = Ready { plan, runs, files: Default::default() };
+//!
+//! let report = run(ready, &Printer, &Options::default(), &Unwatched, &Interrupt::default())?;
+//! assert_eq!(report.stages[0].retired, 3);
+//! # Ok::<(), depthloom_runner::RunError>(())
+//! ```
 
 mod crew;
 mod error;

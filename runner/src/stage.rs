@@ -62,6 +62,21 @@ struct Desk {
     inputs: Vec<Option<Value>>,
     keys: Vec<Option<Key>>,
     taken: Vec<(Slot, Value)>,
+    /// When the task before ended, if no rest came between: there this one starts. Reading a thread's processor time is a
+    /// system call, a good part of what the engine spends on a task; so its own work counts with the task it leads to.
+    since: Option<Stopwatch>,
+}
+
+impl Desk {
+    fn start(&mut self) -> Stopwatch {
+        self.since.take().unwrap_or_else(Stopwatch::start)
+    }
+
+    fn stop(&mut self, watch: Stopwatch, host: &TaskHost<'_>) -> Spent {
+        let (spent, now) = watch.lap(host.helpers_cpu_ns.load(Ordering::Relaxed));
+        self.since = Some(now);
+        spent
+    }
 }
 
 /// What a node found at its inputs.
@@ -160,6 +175,7 @@ impl<'a, T: Tap> Stage<'a, T> {
                 let Some(task) = self.next(hand.take()) else { break };
                 hand = self.perform(task, &mut desk, done);
             }
+            desk.since = None;
             permit.rest();
         }
     }
@@ -227,11 +243,11 @@ impl<'a, T: Tap> Stage<'a, T> {
     }
 
     fn read(&self, frame: &InFlight<T::Part>, desk: &mut Desk) -> Settled {
-        let (watch, host) = (Stopwatch::start(), self.host(None));
+        let (watch, host) = (desk.start(), self.host(None));
         let mut ctx = Context::new(&host, &mut desk.scratch);
         let read = caught(|| self.source.read(frame.position, &mut ctx)).unwrap_or_else(|panic| Err(panic.into()));
         let read = read.and_then(|read| Ok((read.outputs.in_order_of(&self.wiring.producers[0].outputs)?, read.key)));
-        let spent = watch.stop(host.helpers_cpu_ns.into_inner());
+        let spent = desk.stop(watch, &host);
         self.close(frame, 0, read, spent)
     }
 
@@ -248,7 +264,7 @@ impl<'a, T: Tap> Stage<'a, T> {
         }
         let producer = &self.wiring.producers[step];
         let recipe = &self.plan.nodes[node].recipe;
-        let (watch, host) = (Stopwatch::start(), self.host(Some(node)));
+        let (watch, host) = (desk.start(), self.host(Some(node)));
         let inputs = Inputs::new(&producer.inputs, &desk.inputs);
         let mut ctx = Context::new(&host, &mut desk.scratch);
         let in_order = |given: Outputs| given.in_order_of(&producer.outputs);
@@ -276,7 +292,7 @@ impl<'a, T: Tap> Stage<'a, T> {
             }
             FrameNode::Aside => Err(Fault::new("a once-node does not see frames")),
         };
-        let spent = watch.stop(host.helpers_cpu_ns.into_inner());
+        let spent = desk.stop(watch, &host);
         desk.inputs.clear();
         self.close(frame, step, fired, spent)
     }
@@ -348,11 +364,11 @@ impl<'a, T: Tap> Stage<'a, T> {
             desk.taken.clear();
             return Settled { outcome: Outcome::Absent, spent: Spent::default() };
         }
-        let watch = Stopwatch::start();
+        let (watch, host) = (desk.start(), self.host(None));
         let instant = &self.source.frames()[frame.position];
         let encoded = caught(|| self.tap.encode(self.run, instant, part, &desk.taken))
             .unwrap_or_else(|panic| Err(TapError { what: format!("panicked {}", panic.0), source: None }));
-        let spent = watch.stop(0);
+        let spent = desk.stop(watch, &host);
         desk.taken.clear();
         match encoded {
             Ok(encoded) => frame.put_part(part, encoded),

@@ -126,7 +126,8 @@ pub(crate) struct Spent {
     pub(crate) wall_ns: u64,
 }
 
-/// Measures a task on the thread it runs on.
+/// Measures a task on the thread it runs on: both clocks at its start.
+#[derive(Clone, Copy)]
 pub(crate) struct Stopwatch {
     cpu_ns: u64,
     wall: Instant,
@@ -137,14 +138,22 @@ impl Stopwatch {
         Self { wall: Instant::now(), cpu_ns: thread_cpu_ns() }
     }
 
+    /// This thread's processor time since the start.
     pub(crate) fn cpu_ns(&self) -> u64 {
         thread_cpu_ns().saturating_sub(self.cpu_ns)
     }
 
     /// The time since the start; `helpers_cpu_ns` is what other threads did for the task.
     pub(crate) fn stop(&self, helpers_cpu_ns: u64) -> Spent {
-        let wall_ns = u64::try_from(self.wall.elapsed().as_nanos()).unwrap_or(u64::MAX);
-        Spent { cpu_ns: self.cpu_ns() + helpers_cpu_ns, wall_ns }
+        self.lap(helpers_cpu_ns).0
+    }
+
+    /// The time since the start, and a start for what follows.
+    pub(crate) fn lap(&self, helpers_cpu_ns: u64) -> (Spent, Self) {
+        let now = Self::start();
+        let wall_ns = now.wall.saturating_duration_since(self.wall).as_nanos();
+        let cpu_ns = now.cpu_ns.saturating_sub(self.cpu_ns) + helpers_cpu_ns;
+        (Spent { cpu_ns, wall_ns: u64::try_from(wall_ns).unwrap_or(u64::MAX) }, now)
     }
 }
 

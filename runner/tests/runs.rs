@@ -409,3 +409,59 @@ fn a_value_is_dropped_with_its_last_reader() {
         assert_eq!(nursery.peak_values.load(Ordering::Relaxed), 2);
     }
 }
+
+/// Works in tiles, and counts who works at once.
+#[derive(Clone, Default)]
+struct Tiled {
+    now: Arc<AtomicUsize>,
+    peak: Arc<AtomicUsize>,
+    burn_ns: i64,
+}
+
+impl PureNode for Tiled {
+    fn process(&self, _: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        ctx.host.tiles(8, &|_| {
+            self.peak.fetch_max(self.now.fetch_add(1, Ordering::SeqCst) + 1, Ordering::SeqCst);
+            let start = thread_cpu_ns();
+            while thread_cpu_ns() - start < self.burn_ns {
+                std::thread::yield_now();
+            }
+            self.now.fetch_sub(1, Ordering::SeqCst);
+        });
+        Ok(Outputs::one("x", support::number(0)))
+    }
+}
+
+fn thread_cpu_ns() -> i64 {
+    let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
+    time.tv_sec * 1_000_000_000 + time.tv_nsec
+}
+
+fn tiled(frames: u64, node: &Tiled) -> Bench {
+    let mut bench = Bench::new(&[""]);
+    bench.stage("tiled", Numbers::new(frames));
+    for name in ["a", "b", "c"] {
+        bench.node(planned(name, Contract::Pure, [source(0), None, None]), Instance::Pure(Box::new(node.clone())));
+    }
+    bench
+}
+
+#[test]
+fn workers_and_helpers_together_are_never_more_than_asked_for() {
+    for workers in [1, 2, 5] {
+        let node = Tiled { burn_ns: 20_000, ..Tiled::default() };
+        let ready = tiled(30, &node).ready();
+        run(ready, &Notebook::default(), &options(workers), &Unwatched, &Interrupt::default()).unwrap();
+        assert!(node.peak.load(Ordering::SeqCst) <= workers);
+    }
+}
+
+#[test]
+fn a_tile_counts_as_its_nodes_time_whoever_ran_it() {
+    let node = Tiled { burn_ns: 500_000, ..Tiled::default() };
+    let ready = tiled(3, &node).ready();
+    let report = run(ready, &Notebook::default(), &options(4), &Unwatched, &Interrupt::default()).unwrap();
+    let a = report.timings.iter().find(|t| t.label == "a").unwrap();
+    assert_eq!(a.count, 3);
+    assert!(a.cpu.min_ns >= 8 * 500_000, "{a:?}");
+}

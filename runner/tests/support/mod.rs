@@ -62,12 +62,11 @@ impl Toy {
     fn work(&self, frame: u64, inputs: &[Option<u64>], ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
         self.calls.fetch_add(1, Ordering::Relaxed);
         let mixed = inputs.iter().fold(self.salt, |n, input| mix(n, input.unwrap_or(7)));
-        // Some calls take longer than others, so that workers come by in another order every time.
-        for spin in 0..mixed % 40 {
-            if spin % 8 == 0 {
-                std::thread::yield_now();
-            }
-            std::hint::spin_loop();
+        // Some calls take longer than others, so that workers come by in another order every time. To yield takes very long
+        // on a machine that has other work: few do.
+        (0..mixed % 300).for_each(|_| std::hint::spin_loop());
+        if mixed.is_multiple_of(32) {
+            std::thread::yield_now();
         }
         let tiles: Vec<AtomicU64> = (0..self.tiles).map(|_| AtomicU64::new(0)).collect();
         ctx.host.tiles(self.tiles, &|t| tiles[t].store(mix(mixed, t as u64), Ordering::Relaxed));
