@@ -219,14 +219,19 @@ pub(super) struct Report {
 }
 
 /// More than this is not read by anyone.
-const MOST: usize = 500;
+const MOST: usize = 100;
 
 impl Report {
     /// Adds a diagnostic, unless it has been said already.
     pub(super) fn push(&mut self, diagnostic: Diagnostic) {
-        if self.list.len() < MOST && self.seen.insert(diagnostic.identity()) {
+        if !self.is_full() && self.seen.insert(diagnostic.identity()) {
             self.list.push(diagnostic);
         }
+    }
+
+    /// Whether there are so many that no more are taken.
+    pub(super) const fn is_full(&self) -> bool {
+        self.list.len() >= MOST
     }
 
     /// How many there are so far.

@@ -20,11 +20,12 @@ pub(super) struct StageNames<'r, 's> {
     pub(super) name: &'s str,
     pub(super) source: Option<Arc<LinkedSource>>,
     pub(super) nodes: Vec<(&'s str, Option<&'r NodeKind>)>,
+    index: HashMap<&'s str, usize>,
 }
 
 impl StageNames<'_, '_> {
     pub(super) fn node(&self, name: &str) -> Option<usize> {
-        self.nodes.iter().position(|(known, _)| *known == name)
+        self.index.get(name).copied()
     }
 }
 
@@ -52,6 +53,7 @@ pub(super) fn link<'r>(
                 .iter()
                 .map(|node| (node.get().name.text.as_str(), kind(node.get(), registry, report)))
                 .collect(),
+            index: nodes.iter().enumerate().map(|(n, node)| (node.get().name.text.as_str(), n)).collect(),
         })
         .collect();
     let mut linked = Vec::with_capacity(stages.len());
@@ -119,7 +121,7 @@ fn stage_source(
 fn kind<'r>(node: &NodeSpec, registry: &'r Registry, report: &mut Report) -> Option<&'r NodeKind> {
     let word = &node.instance.as_ref()?.kind;
     let found = registry.node_kind(&word.text);
-    if found.is_none() {
+    if found.is_none() && !report.is_full() {
         let known: Vec<&str> = registry.nodes().map(|kind| kind.declaration.kind).collect();
         let help = if registry.source_kind(&word.text).is_some() {
             Some(format!("`{}` is a source: it belongs under `sources:`", word.text))
@@ -207,6 +209,10 @@ fn link_node<'r>(
     let mut wires: Vec<Option<Wire>> = vec![None; kind.map_or(0, |kind| kind.declaration.inputs.len())];
     let mut reads = Vec::new();
     for input in &spec.inputs {
+        // Nobody reads so many errors, and looking for nearest names takes its time.
+        if report.is_full() {
+            break;
+        }
         if let Some(Wired::Reference(reference)) = &input.from {
             reads.extend(wiring.read(reference).map(|(stage, node)| (stage, node, input.place.clone())));
         }
@@ -223,7 +229,7 @@ fn link_node<'r>(
             None => unknown_input(kind, input, report),
         }
     }
-    if let Some(kind) = kind {
+    if let Some(kind) = kind.filter(|_| !report.is_full()) {
         missing_inputs(kind, spec, wiring, report);
     }
     let is_score = matches!(node, NodeSpecRef::Score(_));

@@ -24,6 +24,9 @@ use crate::registry::Registry;
 /// The most values all variants of an experiment may hold together.
 const MOST_VALUES: usize = 20_000_000;
 
+/// How many variants are looked at once there are errors.
+const ENOUGH_VARIANTS: usize = 200;
+
 /// What besides the file decides an experiment.
 pub struct Options<'a> {
     /// `--set path=value`, in order: path and value.
@@ -109,6 +112,10 @@ fn planned(
         linked.push(link::link(&spec, registry, &mut resolver, report));
         if index > 0 {
             report.in_variant(before, variant);
+        }
+        // What is wrong in so many variants is wrong in the others too.
+        if report.is_full() || index >= ENOUGH_VARIANTS && report.has_errors() {
+            return None;
         }
     }
     recording.check(&linked, report);

@@ -1,5 +1,6 @@
 //! One document over another: maps merge by key, everything else is replaced.
 
+use std::collections::HashMap;
 use std::sync::Arc;
 
 use super::tree::{Entry, Node, Tree};
@@ -46,9 +47,11 @@ pub(super) fn merged(base: &Arc<Node>, over: &Arc<Node>, level: Level) -> Arc<No
         return Arc::clone(over);
     }
     let mut entries = old.clone();
+    let index: HashMap<&str, usize> = old.iter().enumerate().map(|(i, entry)| (entry.key.as_str(), i)).collect();
     for entry in new {
-        match entries.iter_mut().find(|e| e.key == entry.key) {
-            Some(place) => {
+        match index.get(entry.key.as_str()) {
+            Some(&i) => {
+                let place = &mut entries[i];
                 let value = match level {
                     Level::Settings => Arc::clone(&entry.value),
                     _ => merged(&place.value, &entry.value, level.below(&entry.key)),

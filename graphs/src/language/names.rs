@@ -30,7 +30,8 @@ pub(super) fn check(name: &str, what: &str, reserved: &[&str], place: &Place, re
 /// The candidate nearest to what was written, if one is near.
 #[must_use]
 pub fn nearest<'a>(written: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
-    // Long input is no misspelling, and distances cost the product of the lengths.
+    // Long input is no misspelling, distances cost the product of the lengths, and a stranger's file may hold many names.
+    const MOST: usize = 2000;
     if written.len() > 100 {
         return None;
     }
@@ -51,7 +52,7 @@ pub fn nearest<'a>(written: &str, candidates: impl IntoIterator<Item = &'a str>)
             || (lower.len() >= 3 && candidate.ends_with(&lower))
     };
     let mut best: Option<(usize, &str)> = None;
-    for candidate in candidates {
+    for candidate in candidates.into_iter().take(MOST).filter(|candidate| candidate.len() <= 200) {
         let distance = distance(candidate);
         if near(candidate, distance) && best.is_none_or(|(least, _)| distance < least) {
             best = Some((distance, candidate));

@@ -35,6 +35,9 @@ pub(super) fn of(stage: usize, nodes: &[LinkedNode<'_>], report: &mut Report) ->
     order
 }
 
+/// How many nodes of a circle are named.
+const LONGEST: usize = 12;
+
 /// Reports each circle once, at the wire that closes it.
 fn circles(stage: usize, nodes: &[LinkedNode<'_>], waiting_for: &[usize], report: &mut Report) {
     let mut visited = vec![false; nodes.len()];
@@ -52,6 +55,10 @@ fn circles(stage: usize, nodes: &[LinkedNode<'_>], waiting_for: &[usize], report
                 let mut names: Vec<String> =
                     path[first..].iter().map(|&n| format!("`{}`", nodes[n].name.text)).collect();
                 names.push(names[0].clone());
+                if names.len() > LONGEST {
+                    let left_out = names.len() - LONGEST;
+                    names.splice(LONGEST / 2..LONGEST / 2 + left_out, [format!("{left_out} more, of which the last")]);
+                }
                 let what = if names.len() == 2 {
                     format!("node {} reads itself", names[0])
                 } else {

@@ -16,7 +16,7 @@ use super::tree::{Entry, Node, Tree};
 /// The largest file read.
 pub(super) const MOST_BYTES: u64 = 4 * 1024 * 1024;
 /// The most values a document may hold, aliases expanded.
-const MOST_VALUES: usize = 400_000;
+const MOST_VALUES: usize = 100_000;
 /// The most events of the parser that aliases may stand for.
 const MOST_REPLAYED: usize = 50_000;
 /// How deep maps and lists may be nested.

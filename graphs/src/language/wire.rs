@@ -197,6 +197,7 @@ impl<'r> Wiring<'r, '_, '_> {
 
     /// Outputs that could be wired to a port, nearest first: the source's, then those of other nodes.
     pub(super) fn outputs_fitting(&self, port: &Port, node: &str) -> Vec<String> {
+        const MOST: usize = 100;
         let mut fitting = Vec::new();
         let fits = |output: &Port| output.value_type == port.value_type && output.rate == port.rate;
         for (index, stage) in self.stages.iter().enumerate().take(self.stage + 1) {
@@ -210,7 +211,7 @@ impl<'r> Wiring<'r, '_, '_> {
                 fitting.extend(own.map(|output| format!("source/{}", output.name)));
             }
             for (name, kind) in &stage.nodes {
-                if name.contains('.') || here && *name == node {
+                if name.contains('.') || here && *name == node || fitting.len() >= MOST {
                     continue;
                 }
                 let outputs = kind.iter().flat_map(|kind| &kind.declaration.outputs).filter(|output| fits(output));
