@@ -143,18 +143,14 @@ fn chain(frame: &Frame, maps: &mut Maps, tiles: &dyn Tiles) -> String {
         (mono, Weighting::Full),
         (&*average, Weighting::Full),
     ];
-    let outs: Vec<_> = merged.iter_mut().map(Mutex::new).collect();
+    let outs: Vec<_> = merged.iter_mut().zip(fused).map(Mutex::new).collect();
     tiles.run(4, &|index| {
         let (scaled, weighting) = variants[index];
-        fuse(stereo, scaled, weight, weighting, &mut outs[index].lock().expect("no tile panicked"));
+        let (merged, fused) = &mut *outs[index].lock().expect("no tile panicked");
+        fuse(stereo, scaled, weight, weighting, merged);
+        median::median5(merged, width, height, fused);
     });
-    lap("fuse");
-
-    let outs: Vec<_> = fused.iter_mut().map(Mutex::new).collect();
-    tiles.run(4, &|index| {
-        median::median5(&merged[index], width, height, &mut outs[index].lock().expect("no tile panicked"));
-    });
-    lap("median");
+    lap("fuse and median");
     lap_total(&laps, began)
 }
 
