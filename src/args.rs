@@ -1,0 +1,224 @@
+//! The command line's grammar: one definition of every option yields its help, its completion and its manual page.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+
+/// Declare depth-estimation experiments in YAML, run them fast, keep every intermediate.
+#[derive(Debug, Parser)]
+#[command(name = "depthloom", version, propagate_version = true, after_help = AFTER_HELP)]
+pub struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+
+    /// Colours in messages.
+    #[arg(long, global = true, value_enum, default_value_t = Colour::Auto, value_name = "WHEN")]
+    pub color: Colour,
+}
+
+const AFTER_HELP: &str = "\
+Exit codes: 0 whole; 1 engine, disk or learning failed; 2 found before any frame was admitted (file, arguments, data \
+missing); 3 frames failed or were dropped; 130 interrupted.";
+
+/// When messages are coloured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Colour {
+    /// On a terminal, unless NO_COLOR is set.
+    Auto,
+    /// Always.
+    Always,
+    /// Never.
+    Never,
+}
+
+/// What to do.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Run an experiment: record every intermediate, score, and print the table.
+    Run(RunArgs),
+    /// Check an experiment file; runs nothing and opens no data.
+    Check(ExperimentArgs),
+    /// Show what would be run: every node, the variants that share it, and its recipe.
+    Plan(PlanArgs),
+    /// Draw the experiment's graph.
+    Graph(GraphArgs),
+    /// Make the tables and plots of a run again, from its recording alone.
+    Report(ReportArgs),
+    /// Show where a run's time went: core-milliseconds per frame by node, encoding, compression and writing.
+    Timings(TimingsArgs),
+    /// List the kinds of nodes and sources, or explain one.
+    Nodes(NodesArgs),
+    /// Write synthetic street frames as a data set in KITTI stereo 2015 layout.
+    Synth(SynthArgs),
+    /// Show what this machine offers: cores, SIMD, ONNX Runtime, data roots.
+    Doctor(JsonArgs),
+    /// Print the JSON Schema of experiment files, for editors.
+    Schema,
+    /// Print a completion script for a shell.
+    Completions {
+        /// The shell.
+        shell: clap_complete::Shell,
+    },
+    /// Print the manual page (roff).
+    Man,
+}
+
+/// An experiment file, and what of it is set otherwise.
+#[derive(Debug, Args)]
+pub struct ExperimentArgs {
+    /// The experiment file (YAML).
+    pub experiment: PathBuf,
+
+    /// Set something in the experiment, as a variant would: `compare.mono.with.cap=50`. May be repeated; is recorded.
+    #[arg(long = "set", value_name = "PATH=VALUE", value_parser = parse_set)]
+    pub set: Vec<(String, String)>,
+}
+
+/// `run`.
+#[derive(Debug, Args)]
+pub struct RunArgs {
+    /// The experiment.
+    #[command(flatten)]
+    pub experiment: ExperimentArgs,
+
+    /// The folder to write; by default `runs/<experiment>/<UTC time>`.
+    #[arg(long, short, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+
+    /// Replace the output folder if it exists.
+    #[arg(long)]
+    pub overwrite: bool,
+
+    /// Worker threads; by default one a core. Never changes a result.
+    #[arg(long, short = 'j', value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub workers: Option<u16>,
+
+    /// Frames in flight at most; by default two more than workers. Bounds memory, never changes a result.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
+    pub window: Option<u16>,
+
+    /// Go on after a frame failed: what depended on it is left out, means are taken over the frames common to all.
+    #[arg(long)]
+    pub keep_going: bool,
+
+    /// Print the paper's Table I beside the table.
+    #[arg(long)]
+    pub paper: bool,
+
+    /// Print the run's folder and nothing else.
+    #[arg(long, short, conflicts_with = "json")]
+    pub quiet: bool,
+
+    /// Print one JSON object instead of text.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `plan`.
+#[derive(Debug, Args)]
+pub struct PlanArgs {
+    /// The experiment.
+    #[command(flatten)]
+    pub experiment: ExperimentArgs,
+
+    /// Print one JSON object instead of text.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// How a graph is drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum GraphFormat {
+    /// Mermaid, which GitHub and many editors draw.
+    Mermaid,
+    /// Graphviz.
+    Dot,
+}
+
+/// `graph`.
+#[derive(Debug, Args)]
+pub struct GraphArgs {
+    /// The experiment.
+    #[command(flatten)]
+    pub experiment: ExperimentArgs,
+
+    /// The language to draw it in.
+    #[arg(long, value_enum, default_value_t = GraphFormat::Mermaid)]
+    pub format: GraphFormat,
+}
+
+/// `report`.
+#[derive(Debug, Args)]
+pub struct ReportArgs {
+    /// A run's folder, or a recording.
+    pub run: PathBuf,
+
+    /// The folder to write tables and plots to; by default the run's own.
+    #[arg(long, short, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+
+    /// Print the paper's Table I beside the table.
+    #[arg(long)]
+    pub paper: bool,
+
+    /// Print one JSON object instead of text.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `timings`.
+#[derive(Debug, Args)]
+pub struct TimingsArgs {
+    /// A run's folder.
+    pub run: PathBuf,
+}
+
+/// `nodes`.
+#[derive(Debug, Args)]
+pub struct NodesArgs {
+    /// The kind to explain, e.g. `stereo/sgbm`.
+    pub kind: Option<String>,
+}
+
+/// `synth`.
+#[derive(Debug, Args)]
+pub struct SynthArgs {
+    /// The folder to write; it must not exist.
+    pub out: PathBuf,
+
+    /// How many frames.
+    #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    pub frames: u32,
+
+    /// The street's seed.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+
+    /// Image width, pixels.
+    #[arg(long, default_value_t = 1242, value_parser = clap::value_parser!(u32).range(64..=4096))]
+    pub width: u32,
+
+    /// Image height, pixels.
+    #[arg(long, default_value_t = 375, value_parser = clap::value_parser!(u32).range(32..=4096))]
+    pub height: u32,
+
+    /// Print nothing but errors.
+    #[arg(long, short)]
+    pub quiet: bool,
+}
+
+/// Only `--json`.
+#[derive(Debug, Args)]
+pub struct JsonArgs {
+    /// Print one JSON object instead of text.
+    #[arg(long)]
+    pub json: bool,
+}
+
+fn parse_set(text: &str) -> Result<(String, String), String> {
+    match text.split_once('=') {
+        Some((path, value)) if !path.is_empty() => Ok((path.to_owned(), value.to_owned())),
+        _ => Err("expected PATH=VALUE, e.g. compare.mono.with.cap=50".to_owned()),
+    }
+}

@@ -1,0 +1,42 @@
+//! `depthloom check`: is this experiment file right?
+
+use depthloom_graphs::plan::Plan;
+
+use super::print;
+use crate::args::ExperimentArgs;
+use crate::diagnostics;
+use crate::exit::{Exit, Stop};
+
+/// Loads the experiment and says what it holds.
+pub fn check(args: &ExperimentArgs) -> Result<Exit, Stop> {
+    let Some(plan) = load(args, false)? else { return Ok(Exit::Before) };
+    let nodes: usize = plan.runs.iter().map(|run| run.nodes.len()).sum();
+    let variants = plan.variants.len();
+    let plural = |n: usize| if n == 1 { "" } else { "s" };
+    print(&format!(
+        "{}: right; {variants} variant{}, {} stage run{}, {nodes} node{} after sharing\n",
+        args.experiment.display(),
+        plural(variants),
+        plan.runs.len(),
+        plural(plan.runs.len()),
+        plural(nodes),
+    ))?;
+    Ok(Exit::Whole)
+}
+
+/// Loads an experiment, printing every diagnostic (warnings not when `quiet`); `None` if there was an error.
+pub fn load(args: &ExperimentArgs, quiet: bool) -> Result<Option<Plan>, Stop> {
+    let options = depthloom_graphs::language::Options { set: args.set.clone(), ..Default::default() };
+    match depthloom_graphs::language::load(&args.experiment, &depthloom_nodes::registry(), &options) {
+        Ok(loaded) => {
+            if !quiet {
+                diagnostics::print(&loaded.warnings);
+            }
+            Ok(Some(loaded.plan))
+        }
+        Err(found) => {
+            diagnostics::print(&found);
+            Ok(None)
+        }
+    }
+}

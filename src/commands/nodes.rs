@@ -1,0 +1,36 @@
+//! `depthloom nodes` and `depthloom schema`: what can stand in an experiment.
+
+use super::{print, print_json};
+use crate::args::NodesArgs;
+use crate::exit::{Exit, Stop};
+
+/// Lists all kinds, or explains one.
+pub fn nodes(args: &NodesArgs) -> Result<Exit, Stop> {
+    let registry = depthloom_nodes::registry();
+    let Some(kind) = &args.kind else {
+        let sources = registry.sources().map(|s| (s.declaration.kind, "source", s.declaration.summary));
+        let nodes = registry.nodes().map(|n| (n.declaration.kind, n.declaration.contract.name(), n.declaration.summary));
+        let rows: Vec<_> = sources.chain(nodes).collect();
+        let width = rows.iter().map(|(kind, ..)| kind.len()).max().unwrap_or(0);
+        let list: String =
+            rows.iter().map(|(kind, contract, about)| format!("{kind:width$}  {contract:7}  {about}\n")).collect();
+        print(&list)?;
+        return Ok(Exit::Whole);
+    };
+    let Some(reference) = depthloom_graphs::language::reference(&registry, kind) else {
+        let known = registry.nodes().map(|n| n.declaration.kind).chain(registry.sources().map(|s| s.declaration.kind));
+        let stop = Stop::new(Exit::Before, format!("there is no kind `{kind}`"));
+        return Err(match depthloom_graphs::language::nearest(kind, known) {
+            Some(near) => stop.remedy(format!("did you mean `{near}`? `depthloom nodes` lists them all")),
+            None => stop.remedy("`depthloom nodes` lists them all"),
+        });
+    };
+    print(&reference)?;
+    Ok(Exit::Whole)
+}
+
+/// Prints the JSON Schema of experiment files.
+pub fn schema() -> Result<Exit, Stop> {
+    print_json(&depthloom_graphs::language::schema(&depthloom_nodes::registry()))?;
+    Ok(Exit::Whole)
+}

@@ -1,0 +1,23 @@
+//! `depthloom plan` and `depthloom graph`: what would be run, as a list and as a drawing.
+
+use super::check::load;
+use super::{print, print_json};
+use crate::args::{GraphArgs, GraphFormat, PlanArgs};
+use crate::exit::{Exit, Stop};
+
+/// Prints every node of the plan, the variants that share it, and its recipe.
+pub fn plan(args: &PlanArgs) -> Result<Exit, Stop> {
+    let Some(plan) = load(&args.experiment, args.json)? else { return Ok(Exit::Before) };
+    if args.json { print_json(&plan.summary_json())? } else { print(&plan.summary_text())? }
+    Ok(Exit::Whole)
+}
+
+/// Prints the plan as a drawing.
+pub fn graph(args: &GraphArgs) -> Result<Exit, Stop> {
+    let Some(plan) = load(&args.experiment, true)? else { return Ok(Exit::Before) };
+    print(&match args.format {
+        GraphFormat::Mermaid => plan.mermaid(),
+        GraphFormat::Dot => plan.dot(),
+    })?;
+    Ok(Exit::Whole)
+}

@@ -1,0 +1,77 @@
+//! `depthloom report` and `depthloom timings`: what a run found, and where its time went.
+
+use std::path::Path;
+
+use depthloom_analysis::{ReportOptions, Summary, Timing};
+use depthloom_graphs::plan::Plan;
+use depthloom_recording::Recording;
+use depthloom_runner::Phase;
+
+use super::run::recording_of;
+use super::{print, print_json};
+use crate::args::{ReportArgs, TimingsArgs};
+use crate::exit::{Exit, Stop};
+
+/// Makes tables and plots again, from the recording alone.
+pub fn report(args: &ReportArgs) -> Result<Exit, Stop> {
+    let path = recording_of(&args.run);
+    let recording = Recording::open(&path)
+        .map_err(|error| Stop::because(Exit::Before, format_args!("failed to open {}", path.display()), &error))?;
+    let out = match &args.out {
+        Some(out) => out.clone(),
+        None => path.parent().unwrap_or(Path::new(".")).to_owned(),
+    };
+    std::fs::create_dir_all(&out)
+        .map_err(|error| Stop::because(Exit::Before, format_args!("failed to create {}", out.display()), &error))?;
+    let report = depthloom_analysis::report(&recording, &out, &ReportOptions { paper: args.paper })
+        .map_err(|error| Stop::because(Exit::Engine, "failed to analyse the recording", &error))?;
+    if args.json { print_json(&report.json)? } else { print(&summary(&report, &out))? }
+    Ok(Exit::Whole)
+}
+
+/// The table, and where the rest is.
+pub fn summary(report: &Summary, folder: &Path) -> String {
+    let files = [
+        ("every intermediate", "recording.mcap (opens in Foxglove and Rerun)"),
+        ("scores per frame", "scores.csv"),
+        ("this table", "table.{csv,md,tex,parquet}"),
+        ("error against distance", "error_vs_distance.{csv,parquet,svg}"),
+    ];
+    let list: String = files.iter().map(|(what, file)| format!("  {what:24}{file}\n")).collect();
+    format!("{}\nin {}:\n{list}", report.text, folder.display())
+}
+
+/// Prints core-milliseconds per frame by node, encoding, compression and writing.
+pub fn timings(args: &TimingsArgs) -> Result<Exit, Stop> {
+    let path = args.run.join("timings.parquet");
+    let table = depthloom_analysis::timings_table(&path)
+        .map_err(|error| Stop::because(Exit::Before, format_args!("failed to read {}", path.display()), &error))?;
+    print(&table)?;
+    Ok(Exit::Whole)
+}
+
+/// Writes a run's timings beside its recording.
+pub fn write_timings(timings: &[depthloom_runner::Timing], plan: &Plan, path: &Path) -> Result<(), Stop> {
+    let rows: Vec<Timing> = timings.iter().map(|timing| row(timing, plan)).collect();
+    depthloom_analysis::write_timings(&rows, path)
+        .map_err(|error| Stop::because(Exit::Engine, format_args!("failed to write {}", path.display()), &error))
+}
+
+fn row(timing: &depthloom_runner::Timing, plan: &Plan) -> Timing {
+    let phase = match timing.phase {
+        Phase::Source => "source",
+        Phase::Node(_) => "node",
+        Phase::Encode(_) => "encode",
+        Phase::Write => "write",
+        Phase::Once(_) => "once",
+    };
+    Timing {
+        stage: plan.runs[timing.run].prefix.trim_start_matches('/').to_owned(),
+        node: timing.label.clone(),
+        phase: phase.to_owned(),
+        frames: timing.count,
+        cpu_ns: timing.cpu.sum_ns,
+        wall_ns: timing.wall.sum_ns,
+        median_cpu_ns: timing.median_cpu_ns(),
+    }
+}

@@ -1,0 +1,81 @@
+//! How problems are shown: miette's underlined source for a file's errors, two lines for everything else.
+
+use std::io::IsTerminal;
+use std::sync::OnceLock;
+
+use depthloom_graphs::language::{Diagnostic, Diagnostics, Severity};
+use miette::{GraphicalReportHandler, GraphicalTheme, LabeledSpan, MietteDiagnostic, NamedSource};
+
+use crate::args::Colour;
+
+static COLOUR: OnceLock<bool> = OnceLock::new();
+
+/// Decides whether messages are coloured.
+pub fn set_colour(colour: Colour) {
+    let coloured = match colour {
+        Colour::Always => true,
+        Colour::Never => false,
+        Colour::Auto => std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|v| v.is_empty()),
+    };
+    let _ = COLOUR.set(coloured);
+}
+
+fn handler() -> GraphicalReportHandler {
+    let coloured = *COLOUR.get_or_init(|| false);
+    let theme = if coloured { GraphicalTheme::unicode() } else { GraphicalTheme::unicode_nocolor() };
+    let width = if std::io::stderr().is_terminal() { 100 } else { 120 };
+    GraphicalReportHandler::new_themed(theme).with_width(width).with_links(false)
+}
+
+/// Prints every diagnostic to standard error, and how many there were.
+pub fn print(diagnostics: &Diagnostics) {
+    for diagnostic in &diagnostics.0 {
+        eprint!("{}", render(diagnostic));
+    }
+    let errors = diagnostics.0.iter().filter(|d| d.severity == Severity::Error).count();
+    if errors > 1 {
+        eprintln!("{errors} errors");
+    }
+}
+
+fn render(diagnostic: &Diagnostic) -> String {
+    let severity = match diagnostic.severity {
+        Severity::Error => miette::Severity::Error,
+        Severity::Warning => miette::Severity::Warning,
+    };
+    let span = diagnostic.span.start..diagnostic.span.end.max(diagnostic.span.start);
+    let mut shown = MietteDiagnostic::new(diagnostic.message.clone())
+        .with_severity(severity)
+        .with_label(LabeledSpan::new_with_span(Some(diagnostic.label.clone()), span));
+    let (here, elsewhere): (Vec<_>, Vec<_>) =
+        diagnostic.related.iter().partition(|related| related.file.name == diagnostic.file.name);
+    for related in here {
+        shown = shown.and_label(LabeledSpan::new_with_span(Some(related.label.clone()), related.span.clone()));
+    }
+    let mut help: Vec<String> = diagnostic.help.iter().cloned().collect();
+    help.extend(elsewhere.iter().map(|related| {
+        let (line, column) = related.file.line_column(related.span.start);
+        format!("{}:{line}:{column}: {}", related.file.name, related.label)
+    }));
+    if !help.is_empty() {
+        shown = shown.with_help(help.join("\n"));
+    }
+    let source = NamedSource::new(&diagnostic.file.name, diagnostic.file.text.to_string());
+    let report = miette::Report::new(shown).with_source_code(source);
+    let mut text = String::new();
+    if handler().render_report(&mut text, report.as_ref()).is_err() {
+        // The place alone is better than nothing: rendering only fails on spans outside the file.
+        let (line, column) = (diagnostic.line(), diagnostic.column());
+        text = format!("{}:{line}:{column}: {}\n", diagnostic.file.name, diagnostic.message);
+    }
+    text
+}
+
+/// Prints an error and its remedy to standard error.
+pub fn print_stop(message: &str, remedy: Option<&str>) {
+    let (red, cyan, plain) = if *COLOUR.get_or_init(|| false) { ("\x1b[31m", "\x1b[36m", "\x1b[0m") } else { ("", "", "") };
+    eprintln!("{red}error{plain}: {message}");
+    if let Some(remedy) = remedy {
+        eprintln!("  {cyan}help{plain}: {remedy}");
+    }
+}

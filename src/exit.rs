@@ -1,0 +1,63 @@
+//! How a command ends.
+
+use std::fmt::Display;
+
+/// The meaning of an exit code.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Exit {
+    /// Everything asked for was done.
+    Whole = 0,
+    /// The engine, the disk or learning failed.
+    Engine = 1,
+    /// Found before any frame was admitted: the file, the arguments, missing data.
+    Before = 2,
+    /// Frames failed or were dropped.
+    Frames = 3,
+    /// Interrupted.
+    Interrupted = 130,
+}
+
+/// An error with its remedy and the exit code it ends the program with.
+#[derive(Debug, thiserror::Error)]
+#[error("{message}")]
+pub struct Stop {
+    /// The exit code.
+    pub exit: Exit,
+    /// What went wrong, with everything beneath, joined by colons.
+    pub message: String,
+    /// What the person can do about it.
+    pub remedy: Option<String>,
+}
+
+impl Stop {
+    /// Ends with this code and message.
+    pub fn new(exit: Exit, message: impl Into<String>) -> Self {
+        Self { exit, message: message.into(), remedy: None }
+    }
+
+    /// Ends with this code, an intent ("failed to ...") and the error beneath.
+    pub fn because(exit: Exit, intent: impl Display, error: &dyn std::error::Error) -> Self {
+        Self::new(exit, format!("{intent}: {}", chain(error)))
+    }
+
+    /// Adds what the person can do about it.
+    pub fn remedy(self, remedy: impl Into<String>) -> Self {
+        Self { remedy: Some(remedy.into()), ..self }
+    }
+}
+
+/// An error and everything beneath it, joined by colons.
+pub fn chain(error: &dyn std::error::Error) -> String {
+    let mut text = error.to_string();
+    let mut below = error.source();
+    while let Some(error) = below {
+        // Some errors repeat their source in their own words.
+        let next = error.to_string();
+        if !text.ends_with(&next) {
+            text.push_str(": ");
+            text.push_str(&next);
+        }
+        below = error.source();
+    }
+    text
+}

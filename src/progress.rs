@@ -1,0 +1,142 @@
+//! How far a run is: a bar on a terminal, plain lines otherwise, nothing when asked to be quiet.
+
+use std::io::IsTerminal;
+use std::sync::Mutex;
+use std::time::{Duration, Instant};
+
+use depthloom_graphs::Frame;
+use depthloom_graphs::contracts::Failure;
+use depthloom_graphs::plan::Plan;
+use depthloom_runner::Observer;
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+
+/// A plain line is printed this often at most.
+const EVERY: Duration = Duration::from_secs(5);
+
+/// Shows how far a run is.
+pub struct Progress {
+    how: How,
+    stages: Vec<Stage>,
+    now: Mutex<Now>,
+}
+
+/// In which form.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum How {
+    Bar,
+    Lines,
+    Silent,
+}
+
+struct Stage {
+    name: String,
+    nodes: Vec<String>,
+}
+
+struct Now {
+    bar: ProgressBar,
+    frames: u64,
+    done: u64,
+    failed: u64,
+    started: Instant,
+    said: Instant,
+}
+
+impl Progress {
+    /// For a plan's stage runs; silent if asked to be quiet.
+    pub fn new(plan: &Plan, quiet: bool) -> Self {
+        let how = match (quiet, std::io::stderr().is_terminal()) {
+            (true, _) => How::Silent,
+            (false, true) => How::Bar,
+            (false, false) => How::Lines,
+        };
+        let stage = |run: &depthloom_graphs::plan::StageRun| Stage {
+            name: run.prefix.trim_start_matches('/').to_owned(),
+            nodes: run.nodes.iter().map(|node| node.name.clone()).collect(),
+        };
+        let (started, said) = (Instant::now(), Instant::now());
+        let now = Now { bar: ProgressBar::hidden(), frames: 0, done: 0, failed: 0, started, said };
+        Self { how, stages: plan.runs.iter().map(stage).collect(), now: Mutex::new(now) }
+    }
+
+    fn with_now(&self, f: impl FnOnce(&mut Now)) {
+        // A panic in another observer call must not hide the progress of the rest.
+        f(&mut self.now.lock().unwrap_or_else(std::sync::PoisonError::into_inner));
+    }
+}
+
+fn style(template: &str) -> ProgressStyle {
+    ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar())
+}
+
+impl Observer for Progress {
+    fn stage_started(&self, run: usize, frames: u64) {
+        let name = &self.stages[run].name;
+        self.with_now(|now| {
+            (now.frames, now.done, now.failed) = (frames, 0, 0);
+            (now.started, now.said) = (Instant::now(), Instant::now());
+            match self.how {
+                How::Bar => {
+                    now.bar = ProgressBar::with_draw_target(Some(frames), ProgressDrawTarget::stderr());
+                    now.bar.set_style(style("{prefix:12} {bar:30} {pos}/{len} frames  {per_sec}  {eta} left  {msg}"));
+                    now.bar.set_prefix(name.clone());
+                }
+                How::Lines => eprintln!("{name}: {frames} frames"),
+                How::Silent => {}
+            }
+        });
+    }
+
+    fn frame_retired(&self, run: usize, frame: &Frame, failures: &[Failure]) {
+        self.with_now(|now| {
+            now.done += 1;
+            now.failed += u64::from(!failures.is_empty());
+            match self.how {
+                How::Bar => {
+                    now.bar.set_position(now.done);
+                    if now.failed > 0 {
+                        now.bar.set_message(format!("{} failed", now.failed));
+                    }
+                }
+                How::Lines => {
+                    if let Some(failure) = failures.first() {
+                        eprintln!("{}: frame {} failed: {}", self.stages[run].name, frame.id, failure.what);
+                    }
+                    if now.said.elapsed() >= EVERY {
+                        now.said = Instant::now();
+                        let per_second = now.done as f64 / now.started.elapsed().as_secs_f64();
+                        let left = (now.frames - now.done) as f64 / per_second;
+                        let (done, frames) = (now.done, now.frames);
+                        let name = &self.stages[run].name;
+                        eprintln!("{name}: {done}/{frames} frames, {per_second:.1} a second, {left:.0} s left");
+                    }
+                }
+                How::Silent => {}
+            }
+        });
+    }
+
+    fn progress(&self, run: usize, node: usize, done: u64, total: u64, message: &str) {
+        let stage = &self.stages[run];
+        let name = stage.nodes.get(node).map_or("", String::as_str);
+        self.with_now(|now| match self.how {
+            How::Bar => now.bar.set_message(format!("{name} {done}/{total} {message}")),
+            How::Lines if now.said.elapsed() >= EVERY || done == total => {
+                now.said = Instant::now();
+                eprintln!("{}.{name}: {done}/{total} {message}", stage.name);
+            }
+            How::Lines | How::Silent => {}
+        });
+    }
+
+    fn stage_finished(&self, run: usize) {
+        self.with_now(|now| match self.how {
+            How::Bar => now.bar.finish_and_clear(),
+            How::Lines => {
+                let seconds = now.started.elapsed().as_secs_f64();
+                eprintln!("{}: {} of {} frames in {seconds:.1} s", self.stages[run].name, now.done, now.frames);
+            }
+            How::Silent => {}
+        });
+    }
+}

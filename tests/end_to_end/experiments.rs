@@ -1,0 +1,112 @@
+//! The shipped experiments, the generated files, and the commands around them.
+
+use crate::support::{depthloom, succeed, workspace};
+
+fn stdout(output: &std::process::Output) -> String {
+    String::from_utf8(output.stdout.clone()).expect("UTF-8")
+}
+
+#[test]
+fn every_shipped_experiment_is_right() {
+    for folder in ["experiments", "tests/experiments"] {
+        for entry in std::fs::read_dir(workspace().join(folder)).expect("the folder") {
+            let path = entry.expect("an entry").path();
+            if path.extension().is_some_and(|e| e == "yaml") {
+                let root = "/data/kitti";
+                succeed(depthloom().arg("check").arg(&path).env("KITTI_STEREO_2015", root).env("MONO_MODEL", "net.onnx"));
+            }
+        }
+    }
+}
+
+#[test]
+fn the_schema_in_the_tree_is_fresh() {
+    let printed = stdout(&succeed(depthloom().arg("schema")));
+    let kept = std::fs::read_to_string(workspace().join("experiments/experiment.schema.json")).expect("the schema");
+    assert!(printed == kept, "stale: cargo run --release -- schema > experiments/experiment.schema.json");
+}
+
+#[test]
+fn stereo_runs_once_a_frame_for_all_variants() {
+    let plan = stdout(&succeed(depthloom().args(["plan", "experiments/table1.yaml", "--json"])));
+    let plan: serde_json::Value = serde_json::from_str(&plan).expect("JSON");
+    let nodes = plan["runs"][0]["nodes"].as_array().expect("nodes");
+    let stereo: Vec<_> = nodes.iter().filter(|node| node["name"] == "stereo").collect();
+    assert_eq!(stereo.len(), 1, "stereo is shared by all variants");
+    assert_eq!(stereo[0]["variants"].as_array().map(Vec::len), Some(4));
+}
+
+#[test]
+fn a_run_ends_with_its_folder() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let out = folder.path().join("look");
+    let small = ["--set", "sources.street.with.width=320", "--set", "sources.street.with.height=96"];
+    let output = succeed(depthloom().args(["run", "experiments/first-look.yaml", "--out"]).arg(&out).args(small));
+    let said = stdout(&output);
+    assert_eq!(said.lines().last(), Some(format!("run: {}", out.display()).as_str()));
+    for file in [
+        "recording.mcap",
+        "scores.csv",
+        "table.csv",
+        "table.md",
+        "table.tex",
+        "table.parquet",
+        "error_vs_distance.csv",
+        "error_vs_distance.parquet",
+        "error_vs_distance.svg",
+        "experiment.yaml",
+        "experiment.resolved.yaml",
+        "environment.json",
+        "timings.parquet",
+    ] {
+        assert!(out.join(file).is_file(), "{file} is missing");
+    }
+    assert!(!folder.path().join("look.partial").exists());
+    // What is there already is somebody's results.
+    let again = depthloom().args(["run", "experiments/first-look.yaml", "--out"]).arg(&out).output().expect("started");
+    assert_eq!(again.status.code(), Some(2));
+    // The report can be made again from the recording alone.
+    let table = std::fs::read(out.join("table.csv")).expect("a table");
+    std::fs::remove_file(out.join("table.csv")).expect("removed");
+    succeed(depthloom().arg("report").arg(&out));
+    assert_eq!(std::fs::read(out.join("table.csv")).expect("a table"), table);
+    let timings = stdout(&succeed(depthloom().arg("timings").arg(&out)));
+    assert!(timings.contains("stereo"), "{timings}");
+}
+
+#[test]
+fn help_and_reference_answer_for_every_command_and_kind() {
+    let list = stdout(&succeed(depthloom().arg("nodes")));
+    let kinds: Vec<&str> = list.lines().filter_map(|line| line.split_whitespace().next()).collect();
+    assert!(kinds.contains(&"stereo/sgbm") && kinds.contains(&"synthetic/road"), "{list}");
+    for kind in kinds {
+        let reference = stdout(&succeed(depthloom().args(["nodes", kind])));
+        assert!(reference.contains(kind), "{reference}");
+    }
+    for command in ["run", "check", "plan", "graph", "report", "timings", "nodes", "synth", "doctor", "schema"] {
+        succeed(depthloom().args([command, "--help"]));
+    }
+    for format in ["mermaid", "dot"] {
+        let drawing = stdout(&succeed(depthloom().args(["graph", "experiments/table1.yaml", "--format", format])));
+        assert!(drawing.contains("stereo"), "{drawing}");
+    }
+    assert!(stdout(&succeed(depthloom().arg("man"))).contains("depthloom"));
+    assert!(stdout(&succeed(depthloom().args(["completions", "bash"]))).contains("depthloom"));
+    assert!(stdout(&succeed(depthloom().arg("doctor"))).contains("cores"));
+}
+
+#[test]
+fn a_written_street_reads_back_as_kitti() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let data = folder.path().join("street");
+    let size = ["--width", "320", "--height", "96", "--frames", "2", "--seed", "7"];
+    succeed(depthloom().arg("synth").arg(&data).args(size));
+    let experiment = folder.path().join("kitti.yaml");
+    let look = workspace().join("experiments/first-look.yaml");
+    let text = format!(
+        "extends: {}\nsources:\n  street: {{ kind: kitti/stereo2015, with: {{ root: street, truth: occ }} }}\n",
+        look.display()
+    );
+    std::fs::write(&experiment, text).expect("written");
+    succeed(depthloom().arg("run").arg(&experiment).arg("--out").arg(folder.path().join("run")));
+}

@@ -1,0 +1,101 @@
+//! Our numbers against the oracle's: OpenCV, NumPy, ONNX Runtime (`../shared/oracle`).
+
+use std::path::Path;
+
+use crate::support::{Row, depthloom, number, onnx_runtime, read_csv, shared, succeed};
+
+const SCORES: [&str; 8] = ["a1", "a2", "a3", "abs_rel", "sq_rel", "rmse", "rmse_log", "silog"];
+
+fn agree(ours: f64, theirs: f64, relative: f64) -> bool {
+    (ours - theirs).abs() <= relative * theirs.abs().max(1e-9)
+}
+
+fn assert_scores_agree(ours: &Path, theirs: &Path, relative: f64) {
+    let (ours, theirs) = (read_csv(ours), read_csv(theirs));
+    let name = |row: &Row| (row["frame"].clone(), row["estimator"].clone(), row["scored_on"].clone());
+    let ours: std::collections::BTreeMap<_, _> = ours.iter().map(|row| (name(row), row)).collect();
+    assert_eq!(ours.len(), theirs.len(), "as many rows as the oracle's");
+    for golden in &theirs {
+        let row = ours.get(&name(golden)).unwrap_or_else(|| panic!("no row {:?}", name(golden)));
+        assert_eq!(row["pixels"], golden["pixels"], "pixels of {:?}", name(golden));
+        for score in SCORES {
+            let (a, b) = (number(row, score), number(golden, score));
+            assert!(agree(a, b, relative), "{score} of {:?}: {a} is not {b} to {relative}", name(golden));
+        }
+    }
+}
+
+fn assert_percentiles_agree(ours: &Path, theirs: &Path, relative: f64) {
+    let (ours, theirs) = (read_csv(ours), read_csv(theirs));
+    let name = |row: &Row| (row["estimator"].clone(), row["bin_m"].parse::<u32>().expect("a bin"));
+    let ours: std::collections::BTreeMap<_, _> = ours.iter().map(|row| (name(row), row)).collect();
+    assert_eq!(ours.len(), theirs.len(), "as many bins as the oracle's");
+    for golden in &theirs {
+        let row = ours.get(&name(golden)).unwrap_or_else(|| panic!("no bin {:?}", name(golden)));
+        assert_eq!(row["count"], golden["count"], "count of {:?}", name(golden));
+        for percentile in ["p5", "p25", "p50", "p75", "p95"] {
+            let (a, b) = (number(row, percentile), number(golden, percentile));
+            // Relative where errors are errors; below a millimetre the floats of the depths themselves decide.
+            assert!((a - b).abs() <= relative * b.abs().max(1.0), "{percentile} of {:?}: {a} is not {b}", name(golden));
+        }
+    }
+}
+
+#[test]
+fn ground_plane_scores_are_the_oracles() {
+    let Some(shared) = shared("ground_plane_scores_are_the_oracles") else { return };
+    let folder = tempfile::tempdir().expect("a folder");
+    let out = folder.path().join("run");
+    succeed(
+        depthloom()
+            .args(["run", "tests/experiments/golden-ground-plane.yaml", "--out"])
+            .arg(&out)
+            .env("KITTI_STEREO_2015", shared.join("data/kitti_stereo_2015")),
+    );
+    let golden = shared.join("oracle/golden/ground_plane");
+    assert_scores_agree(&out.join("scores.csv"), &golden.join("scores.csv"), 1e-4);
+    assert_percentiles_agree(&out.join("error_vs_distance.csv"), &golden.join("percentiles.csv"), 1e-4);
+}
+
+#[test]
+fn network_scores_are_the_oracles() {
+    let Some(shared) = shared("network_scores_are_the_oracles") else { return };
+    let Some(library) = onnx_runtime("network_scores_are_the_oracles") else { return };
+    let folder = tempfile::tempdir().expect("a folder");
+    let out = folder.path().join("run");
+    succeed(
+        depthloom()
+            .args(["run", "tests/experiments/golden-onnx.yaml", "--out"])
+            .arg(&out)
+            .env("KITTI_STEREO_2015", shared.join("data/kitti_stereo_2015"))
+            .env("MONO_MODEL", shared.join("models/ssl_unet.onnx"))
+            .env("ORT_DYLIB_PATH", library),
+    );
+    let golden = shared.join("oracle/golden/ssl_unet");
+    assert_scores_agree(&out.join("scores.csv"), &golden.join("scores.csv"), 1e-3);
+    assert_percentiles_agree(&out.join("error_vs_distance.csv"), &golden.join("percentiles.csv"), 1e-3);
+}
+
+#[test]
+fn the_table_is_the_mean_over_frames() {
+    let Some(shared) = shared("the_table_is_the_mean_over_frames") else { return };
+    let folder = tempfile::tempdir().expect("a folder");
+    let out = folder.path().join("run");
+    succeed(
+        depthloom()
+            .args(["run", "tests/experiments/golden-ground-plane.yaml", "--out"])
+            .arg(&out)
+            .env("KITTI_STEREO_2015", shared.join("data/kitti_stereo_2015")),
+    );
+    let ours = read_csv(&out.join("table.csv"));
+    let golden = read_csv(&shared.join("oracle/golden/ground_plane/table.csv"));
+    assert_eq!(ours.len(), golden.len());
+    for row in &golden {
+        let same = |other: &&Row| other["estimator"] == row["estimator"] && other["scored_on"] == row["scored_on"];
+        let mine = ours.iter().find(same).unwrap_or_else(|| panic!("no row {row:?}"));
+        for score in SCORES {
+            // The oracle's table is rounded to four decimals.
+            assert!((number(mine, score) - number(row, score)).abs() <= 1e-4, "{score}: {mine:?} {row:?}");
+        }
+    }
+}

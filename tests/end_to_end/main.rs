@@ -1,0 +1,12 @@
+//! The program as a person uses it: the binary against real frames, oracles, faults, and itself.
+//!
+//! Tests that need `../shared` (real frames, golden results) or a Python environment print `SKIPPED <test>: why` where it is absent.
+
+mod broken_data;
+mod broken_files;
+mod determinism;
+mod experiments;
+mod golden;
+mod memory;
+mod python_reads;
+mod support;
