@@ -117,15 +117,25 @@ fn put_raw_image(out: &mut Vec<u8>, stamp: Stamp<'_>, image: &RawImage<'_>) {
     put_signed(out, MIN_DISPARITY_PX, image.min_disparity_px);
     match image.samples {
         Samples::U8(samples) => put_bytes(out, 6, samples),
-        Samples::I16(samples) => put_samples(out, 6, samples, i16::to_le_bytes),
-        Samples::F32(samples) => put_samples(out, 6, samples, f32::to_le_bytes),
+        Samples::I16(samples) => {
+            put_length(out, 6, 2 * samples.len());
+            put_samples(out, samples, i16::to_le_bytes);
+        }
+        Samples::F32(samples) => {
+            put_length(out, 6, 4 * samples.len());
+            put_floats(out, samples);
+        }
     }
 }
 
+/// Appends numbers as little-endian bytes.
+pub(crate) fn put_floats(out: &mut Vec<u8>, samples: &[f32]) {
+    put_samples(out, samples, f32::to_le_bytes);
+}
+
 /// Appends samples as little-endian bytes, through a block that stays in the nearest cache.
-fn put_samples<T: Copy, const N: usize>(out: &mut Vec<u8>, field: u32, samples: &[T], bytes: impl Fn(T) -> [u8; N]) {
+fn put_samples<T: Copy, const N: usize>(out: &mut Vec<u8>, samples: &[T], bytes: impl Fn(T) -> [u8; N]) {
     const BLOCK: usize = 4096;
-    put_length(out, field, samples.len() * N);
     let mut block = [0; BLOCK];
     for samples in samples.chunks(BLOCK / N) {
         for (into, &sample) in block.chunks_exact_mut(N).zip(samples) {

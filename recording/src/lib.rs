@@ -1,23 +1,58 @@
 //! Values to MCAP messages and back: writing and reading recordings.
 //!
 //! # Reading
-//! ```text
-//! let recording = Recording::open(path)?;                    // whole, or cut off by a crash: then up to the last commit
-//! let plan: &RecordedPlan = recording.plan();                // runs, nodes, params, topics, aliases, estimates
-//! for (run, planned) in plan.runs.iter().enumerate() {
-//!     let frames: &[RecordedFrame] = recording.frames(run);  // id, index, time_ns, source_key, keys, failures
-//!     // Any topics (or aliases) of the run; chunks that hold none of them are neither read nor decompressed.
-//!     let mut reader: FrameReader<'_> = recording.reader(run, &["/compare/source/depth", "/compare/fused/depth"])?;
-//!     for position in 0..frames.len() {
-//!         let values: Vec<Option<Value>> = reader.read(position)?;   // one a topic, in the order asked for
+//! ```no_run
+//! use depthloom_graphs::Value;
+//! use depthloom_recording::{Recording, RecordingError};
+//!
+//! fn answered_pixels(path: &str) -> Result<usize, RecordingError> {
+//!     let recording = Recording::open(path)?; // whole, or what a crash left: then up to the last commit
+//!     let mut answered = 0;
+//!     for (run, planned) in recording.plan().runs.iter().enumerate() {
+//!         for estimate in &planned.estimates {
+//!             let Some(topic) = &estimate.estimate_topic else { continue };
+//!             let mut reader = recording.reader(run, &[topic])?;
+//!             for position in 0..recording.frames(run).len() {
+//!                 if let [Some(Value::Depth(depth))] = &reader.read(position)?[..] {
+//!                     answered += depth.metres.iter().filter(|metres| !metres.is_nan()).count();
+//!                 }
+//!             }
+//!         }
 //!     }
-//!     for estimate in &planned.estimates {
-//!         // label, name, variant, estimate_topic, truth_topic, score_topic, score_node, score_params
-//!     }
+//!     Ok(answered)
 //! }
 //! ```
-//! `Recording` is `Sync` and reads by position, so several `FrameReader`s may work on it at once; a score topic gives
-//! `Value::Scores`. Nothing but the index is held in memory.
+//! A reader takes any topics of a stage run (or their aliases) and gives a value for each; chunks that hold none of them are
+//! neither read nor decompressed. A [`Recording`] is `Sync` and reads by position: several readers may work on it at once.
+//! Nothing but the index is held in memory.
+//!
+//! # What a recording is
+//! An MCAP file of protobuf channels that any MCAP reader opens. `log_time` and `publish_time` are the frame's time, `sequence`
+//! its index.
+//!
+//! | value | message | pixels |
+//! |---|---|---|
+//! | image with its file's bytes | `foxglove.CompressedImage` | the file, unchanged |
+//! | image | `foxglove.RawImage` | `rgb8` or `mono8` |
+//! | disparity | `foxglove.RawImage` | `16UC1`: 1/16 px, two's complement; field 1001 is the smallest disparity searched |
+//! | depth | `foxglove.RawImage` | `32FC1`: metres, NaN = no answer; with `view`, also `<topic>_view`, `16UC1` millimetres |
+//! | weight | `foxglove.RawImage` | `32FC1` |
+//! | mask | `foxglove.RawImage` | `mono8` |
+//! | calibration | `foxglove.CameraCalibration` | field 1001 is the pair's baseline |
+//! | scores | `depthloom.Score`, one a pixel set | a score that is NaN is absent |
+//!
+//! The source's first image port is the reference camera; its name is the `frame_id` of the calibration and of all maps.
+//!
+//! A frame is some chunks of values and then one chunk with its `depthloom.Commit` on `/<stage>/commit`; what stands behind the
+//! last commit of an unfinished file belongs to no frame. Chunks never cross frames. Topics that are replayed together share
+//! chunks: the source's images and calibrations; its truth; what fixed-point disparities decide; the other maps; scores. Within
+//! these, messages that hardly shrink lie apart, uncompressed: that is measured on a sample of the message itself, so equal
+//! values are equal bytes whoever encodes them. With `every: n`, frames whose index is a multiple of n keep their values; all
+//! keep scores and commits.
+//!
+//! The metadata record `depthloom` holds the format's version, the plan ([`RecordedPlan`] as JSON) and the aliases of topics;
+//! `depthloom.once` says which attachment `artifacts/<hash>` holds which once-value. The experiment's files are attachments, as
+//! written (`experiment/`) and as resolved.
 
 mod chunk;
 mod decode;
@@ -29,6 +64,7 @@ mod index;
 mod layout;
 mod messages;
 mod plan;
+mod pool;
 mod protobuf;
 mod reader;
 mod record;

@@ -6,17 +6,18 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use depthloom_graphs::contracts::{Commit, Slot, Tap, TapError};
 use depthloom_graphs::plan::Plan;
-use depthloom_graphs::values::Artifact;
+use depthloom_graphs::values::{Artifact, Pixels};
 use depthloom_graphs::{Frame, Key, Value};
 use prost::Message;
 use serde::Serialize;
 
-use crate::chunk::{Packing, Part, PartBuilder};
-use crate::encode::{Stamp, encoded, put_compressed_image, put_value, put_view};
+use crate::chunk::{Packing, Part, PartBuilder, measured};
+use crate::encode::{Stamp, encoded, put_compressed_image, put_floats, put_value, put_view};
 use crate::error::RecordingError;
-use crate::layout::{Class, Layout, PortLayout};
+use crate::layout::{Class, Layout, PortLayout, RunLayout};
 use crate::messages::{CommitMessage, ScoreMessage};
 use crate::plan::RecordedPlan;
+use crate::pool::PartPools;
 use crate::writer::Writer;
 use crate::{FORMAT, ONCE_METADATA, PLAN_METADATA};
 
@@ -52,6 +53,8 @@ pub struct Recorder {
     path: PathBuf,
     layout: Layout,
     every: u64,
+    /// By stage run and part; the commit records' come last.
+    pools: Vec<Vec<PartPools>>,
     state: Mutex<State>,
 }
 
@@ -80,8 +83,10 @@ impl Recorder {
         for (name, text) in experiment_files(plan) {
             writer.attachment(&name, "application/yaml", text.as_bytes())?;
         }
+        let pools_of = |run: &RunLayout| (0..=run.parts).map(|_| PartPools::default()).collect();
+        let pools = layout.runs.iter().map(pools_of).collect();
         let state = State { writer, frames: 0, artifacts: BTreeSet::new() };
-        Ok(Self { path, layout, every: plan.record.every.max(1), state: Mutex::new(state) })
+        Ok(Self { path, layout, every: plan.record.every.max(1), pools, state: Mutex::new(state) })
     }
 
     /// The file being written.
@@ -127,11 +132,14 @@ impl Recorder {
             Value::Disparity(disparity) => (Packing::Compressed, 2 * disparity.sixteenths_px.len()),
             Value::Mask(mask) => (Packing::Compressed, mask.set.len()),
             Value::Depth(depth) if port.class == Class::FixedPoint => (Packing::Compressed, 4 * depth.metres.len()),
-            Value::Depth(depth) => (Packing::Measured, 4 * depth.metres.len()),
-            Value::Weight(weight) => (Packing::Measured, 4 * weight.share.len()),
+            Value::Depth(depth) => (measured(&depth.metres, put_floats), 4 * depth.metres.len()),
+            Value::Weight(weight) => (measured(&weight.share, put_floats), 4 * weight.share.len()),
             Value::Image(image) => {
-                let (width, height) = image.dimensions();
-                (Packing::Measured, 3 * width as usize * height as usize)
+                let samples: &[u8] = match image.pixels() {
+                    Pixels::Grey(grey) => grey,
+                    Pixels::Rgb(rgb) => rgb,
+                };
+                (measured(samples, Vec::extend_from_slice), samples.len())
             }
             Value::Calibration(_) | Value::Scores(_) | Value::Samples(_) | Value::Model(_) => (Packing::Plain, 512),
         };
@@ -155,7 +163,7 @@ impl Tap for Recorder {
 
     fn encode(&self, run: usize, frame: &Frame, part: usize, values: &[(Slot, Value)]) -> Result<Part, TapError> {
         let kept = frame.index.is_multiple_of(self.every);
-        let mut builder = PartBuilder::new(frame);
+        let mut builder = PartBuilder::new(frame, &self.pools[run][part]);
         for (slot, value) in values {
             let Some(port) = self.layout.runs[run].port(*slot).filter(|port| port.part == part) else { continue };
             if matches!(value, Value::Samples(_) | Value::Model(_)) {
@@ -175,13 +183,15 @@ impl Tap for Recorder {
 
     fn write(&self, commit: &Commit<'_>, parts: Vec<Part>) -> Result<(), TapError> {
         let message = CommitMessage::new(commit).encode_to_vec();
-        let mut closing = PartBuilder::new(commit.frame);
-        let channel = self.layout.runs[commit.run].commit_channel;
-        closing.message(channel, Packing::Plain, message.len(), |out| out.extend_from_slice(&message));
+        let layout = &self.layout.runs[commit.run];
+        let pools = &self.pools[commit.run];
+        let mut closing = PartBuilder::new(commit.frame, &pools[layout.parts]);
+        closing.message(layout.commit_channel, Packing::Plain, message.len(), |out| out.extend_from_slice(&message));
         let closing = closing.finish().expect("a commit record is not compressed");
         let mut state = self.state();
-        for part in parts.iter().chain([&closing]) {
-            state.writer.part(part).map_err(tap_error)?;
+        for (part, pools) in parts.into_iter().chain([closing]).zip(pools) {
+            state.writer.part(&part).map_err(tap_error)?;
+            pools.bytes.put(part.bytes);
         }
         state.frames += 1;
         Ok(())

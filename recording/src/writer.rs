@@ -114,25 +114,36 @@ impl Writer {
         self.append(&end)?;
         let start = self.position;
         let mut summary = Vec::new();
+        self.schemas_written.iter().for_each(|schema| put_declared_schema(&mut summary, *schema));
+        let schemas_end = summary.len();
+        self.channels_written.iter().for_each(|id| put_declared_channel(&mut summary, &self.channels, *id));
+        let channels_end = summary.len();
+        put_statistics(&mut summary, &self.counts);
+        let statistics_end = summary.len();
+        // The chunks' indexes are by far the largest: what comes before them is put in front, and they are not copied.
+        let before = std::mem::replace(&mut summary, std::mem::take(&mut self.chunk_indexes));
+        summary.splice(0..0, before);
+        let chunks_end = summary.len();
+        summary.append(&mut self.attachment_indexes);
+        let attachments_end = summary.len();
+        summary.append(&mut self.metadata_indexes);
+        let groups = [
+            (op::SCHEMA, schemas_end),
+            (op::CHANNEL, channels_end),
+            (op::STATISTICS, statistics_end),
+            (op::CHUNK_INDEX, chunks_end),
+            (op::ATTACHMENT_INDEX, attachments_end),
+            (op::METADATA_INDEX, summary.len()),
+        ];
         let mut offsets = Vec::new();
-        let mut group = |summary: &mut Vec<u8>, opcode, put: &mut dyn FnMut(&mut Vec<u8>)| {
-            let group_start = summary.len() as u64;
-            put(summary);
-            let length = summary.len() as u64 - group_start;
-            if length > 0 {
-                put_summary_offset(&mut offsets, opcode, start + group_start, length);
+        let mut group_start = 0;
+        for (opcode, group_end) in groups {
+            if group_end > group_start {
+                let length = (group_end - group_start) as u64;
+                put_summary_offset(&mut offsets, opcode, start + group_start as u64, length);
             }
-        };
-        group(&mut summary, op::SCHEMA, &mut |out| {
-            self.schemas_written.iter().for_each(|schema| put_declared_schema(out, *schema));
-        });
-        group(&mut summary, op::CHANNEL, &mut |out| {
-            self.channels_written.iter().for_each(|id| put_declared_channel(out, &self.channels, *id));
-        });
-        group(&mut summary, op::STATISTICS, &mut |out| put_statistics(out, &self.counts));
-        group(&mut summary, op::CHUNK_INDEX, &mut |out| out.append(&mut self.chunk_indexes));
-        group(&mut summary, op::ATTACHMENT_INDEX, &mut |out| out.append(&mut self.attachment_indexes));
-        group(&mut summary, op::METADATA_INDEX, &mut |out| out.append(&mut self.metadata_indexes));
+            group_start = group_end;
+        }
         let offsets_start = start + summary.len() as u64;
         summary.append(&mut offsets);
         put_footer(&mut summary, start, offsets_start);

@@ -74,10 +74,27 @@ fn port_type(slot: Slot) -> ValueType {
 
 /// A plan of one stage run, `/compare`.
 pub fn plan() -> Plan {
+    plan_of(&["compare"])
+}
+
+/// A plan of these stages, all alike.
+pub fn plan_of(stages: &[&str]) -> Plan {
+    Plan {
+        experiment: "fixture".to_owned(),
+        about: "Every type of value.".to_owned(),
+        variants: vec!["full".to_owned(), "plain".to_owned()],
+        runs: stages.iter().map(|stage| stage_run(stage)).collect(),
+        record: Record { every: 1, view: false },
+        written: vec![("/somewhere/fixture.yaml".to_owned(), "experiment: fixture\n".to_owned())],
+        resolved: "experiment: fixture\nvariants: {}\n".to_owned(),
+    }
+}
+
+fn stage_run(stage: &str) -> StageRun {
     let output = |folder: &str, port: &Port| PlannedOutput {
         port: port.clone(),
-        topic: format!("/compare/{folder}/{}", port.name),
-        aliases: vec![format!("/compare/full/{folder}/{}", port.name)],
+        topic: format!("/{stage}/{folder}/{}", port.name),
+        aliases: vec![format!("/{stage}/full/{folder}/{}", port.name)],
         recorded: true,
     };
     let nodes = NODES.iter().map(|spec| PlannedNode {
@@ -98,9 +115,9 @@ pub fn plan() -> Plan {
         recipe: Key::of_content(spec.name.as_bytes()),
         variants: vec![0, 1],
     });
-    let run = StageRun {
-        stage: "compare".to_owned(),
-        prefix: "/compare".to_owned(),
+    StageRun {
+        stage: stage.to_owned(),
+        prefix: format!("/{stage}"),
         source: PlannedSource {
             name: "test".to_owned(),
             parts: vec![SourcePart { kind: "test/source".to_owned(), version: 3, params: json!({ "seed": 1 }) }],
@@ -116,15 +133,6 @@ pub fn plan() -> Plan {
             score_node: 4,
         }],
         variants: vec![0, 1],
-    };
-    Plan {
-        experiment: "fixture".to_owned(),
-        about: "Every type of value.".to_owned(),
-        variants: vec!["full".to_owned(), "plain".to_owned()],
-        runs: vec![run],
-        record: Record { every: 1, view: false },
-        written: vec![("/somewhere/fixture.yaml".to_owned(), "experiment: fixture\n".to_owned())],
-        resolved: "experiment: fixture\nvariants: {}\n".to_owned(),
     }
 }
 
@@ -229,8 +237,8 @@ pub fn key(frame: &Frame, node: usize) -> Key {
 }
 
 /// Encodes a frame's parts in the order given by `order`, and commits it.
-pub fn record_frame(recorder: &Recorder, frame: &Frame, values: &[(Slot, Value)], backwards: bool) {
-    let parts = recorder.parts(0);
+pub fn record_frame(recorder: &Recorder, run: usize, frame: &Frame, values: &[(Slot, Value)], backwards: bool) {
+    let parts = recorder.parts(run);
     let mut order: Vec<usize> = (0..parts).collect();
     if backwards {
         order.reverse();
@@ -238,8 +246,8 @@ pub fn record_frame(recorder: &Recorder, frame: &Frame, values: &[(Slot, Value)]
     let mut encoded: Vec<Option<<Recorder as Tap>::Part>> = (0..parts).map(|_| None).collect();
     for part in order {
         let of_part: Vec<_> =
-            values.iter().filter(|(slot, _)| recorder.part(0, *slot) == Some(part)).cloned().collect();
-        encoded[part] = Some(recorder.encode(0, frame, part, &of_part).unwrap());
+            values.iter().filter(|(slot, _)| recorder.part(run, *slot) == Some(part)).cloned().collect();
+        encoded[part] = Some(recorder.encode(run, frame, part, &of_part).unwrap());
     }
     let nodes = 0..5;
     let keys: Vec<SlotKey> = nodes
@@ -251,7 +259,7 @@ pub fn record_frame(recorder: &Recorder, frame: &Frame, values: &[(Slot, Value)]
         _ => Vec::new(),
     };
     let source_key = Some(Key::build("source").number(frame.index).finish());
-    let commit = Commit { run: 0, frame, source_key, keys: &keys, failures: &failures };
+    let commit = Commit { run, frame, source_key, keys: &keys, failures: &failures };
     recorder.write(&commit, encoded.into_iter().map(Option::unwrap).collect()).unwrap();
 }
 
@@ -265,7 +273,7 @@ pub fn record(path: &Path, plan: &Plan, frames: std::ops::Range<u64>, width: u32
     let recorder = Recorder::create(path, plan).unwrap();
     for index in frames {
         let frame = frame(index);
-        record_frame(&recorder, &frame, &values(&frame, width, height), index % 2 == 1);
+        record_frame(&recorder, 0, &frame, &values(&frame, width, height), index % 2 == 1);
     }
     recorder.once(0, Slot::Node { node: 5, port: 0 }, &Key::of_content(b"teacher"), &model()).unwrap();
     let note = Attachment { name: "note.txt".to_owned(), media_type: "text/plain".to_owned(), bytes: b"note".to_vec() };

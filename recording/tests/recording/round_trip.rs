@@ -1,6 +1,6 @@
 //! What is recorded is read back, bit for bit.
 
-use crate::fixture::{frame, key, plan, record, values};
+use crate::fixture::{frame, key, plan, plan_of, record, values};
 use depthloom_graphs::contracts::{Failure, Slot, Store};
 use depthloom_graphs::values::Pixels;
 use depthloom_graphs::{Key, Value};
@@ -168,10 +168,34 @@ fn parts_encoded_in_any_order_give_the_same_file() {
             if backwards {
                 depthloom_graphs::contracts::Tap::encode(&recorder, 0, &frame(99), 1, &other).unwrap();
             }
-            crate::fixture::record_frame(&recorder, &frame(index), &values(&frame(index), 300, 100), backwards);
+            crate::fixture::record_frame(&recorder, 0, &frame(index), &values(&frame(index), 300, 100), backwards);
         }
         recorder.finish(&[]).unwrap();
         std::fs::read(path).unwrap()
     });
     assert!(files[0] == files[1]);
+}
+
+#[test]
+fn two_stage_runs_share_a_file_and_keep_apart() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("recording.mcap");
+    let recorder = depthloom_recording::Recorder::create(&path, &plan_of(&["learn", "compare"])).unwrap();
+    // Their frames are of the same instants.
+    for (run, frames) in [(0, 0..3), (1, 1..5)] {
+        for index in frames {
+            crate::fixture::record_frame(&recorder, run, &frame(index), &values(&frame(index), 16, 16), false);
+        }
+    }
+    let written = recorder.finish(&[]).unwrap();
+    assert_eq!(written.frames, 7);
+    assert_eq!(written.bytes, std::fs::metadata(&path).unwrap().len());
+    let recording = Recording::open(&path).unwrap();
+    let indices = |run| recording.frames(run).iter().map(|frame| frame.index).collect::<Vec<_>>();
+    assert_eq!((indices(0), indices(1)), (vec![0, 1, 2], vec![1, 2, 3, 4]));
+    let of_learning = recording.reader(0, &["/learn/fused/depth"]).unwrap().read(2).unwrap();
+    let of_comparing = recording.reader(1, &["/compare/fused/depth"]).unwrap().read(1).unwrap();
+    assert_same(of_learning[0].as_ref().unwrap(), of_comparing[0].as_ref().unwrap());
+    assert!(recording.reader(0, &["/compare/fused/depth"]).is_err());
+    assert_eq!(recording.frames(2), []);
 }
