@@ -37,6 +37,8 @@ fn every_broken_file_says_what_is_wrong_and_where() {
         .collect();
     files.sort();
     assert!(files.len() >= 40, "the folder holds the cases");
+    let snapshots = std::fs::read_dir(folder.join("snapshots")).expect("the snapshots are there").count();
+    assert!(snapshots <= files.len(), "a snapshot without its file: {snapshots} for {} files", files.len());
     let mut settings = insta::Settings::clone_current();
     settings.set_snapshot_path("broken/snapshots");
     settings.set_prepend_module_to_snapshot(false);

@@ -55,6 +55,8 @@ fn hash(path: &Path) -> Option<Key> {
 pub(super) struct Resolver {
     known: HashMap<(bool, String, String), Arc<Parameters>>,
     pub(super) contents: Contents,
+    /// What this machine lacks: worth saying only of an experiment that is right otherwise.
+    pub(super) lacking: Vec<Diagnostic>,
 }
 
 /// What the resolver needs of a kind.
@@ -117,8 +119,8 @@ impl Resolver {
             Ok(fingerprint) => fingerprint,
             Err(fault) => {
                 let error = Diagnostic::error(&instance.kind.place, format!("`{}`: {}", kind.name, fault.chain()));
-                report.push(error.maybe_help(fault.remedy_text().map(ToOwned::to_owned)));
-                return None;
+                self.lacking.push(error.maybe_help(fault.remedy_text().map(ToOwned::to_owned)));
+                None
             }
         };
         let portable = canonical(&paths::with_paths(&resolved, kind.schema, &mut |path| self.portable_path(path)));
@@ -142,6 +144,7 @@ impl Resolver {
 /// Reports everything wrong with parameters; what is wrong is taken out, so that the rest is judged as well.
 fn checked(kind: &Kind<'_>, mut json: Json, with: Option<&Node>, at: &Place, report: &mut Report) -> Option<Json> {
     let mut sound = true;
+    let mut taken_out: Vec<Vec<String>> = Vec::new();
     for violation in violations(&json.clone(), kind.schema) {
         sound = false;
         let place = place_of(with, &violation.path, violation.at_key).unwrap_or_else(|| at.clone());
@@ -151,28 +154,31 @@ fn checked(kind: &Kind<'_>, mut json: Json, with: Option<&Node>, at: &Place, rep
                 .maybe_help(violation.help),
         );
         remove(&mut json, &violation.path);
+        taken_out.push(violation.path);
     }
     loop {
         match (kind.resolve)(&json) {
             Ok(resolved) => return sound.then_some(resolved),
             Err(error) => {
-                // A parameter that is missing because it was taken out has been spoken of.
-                if sound || !error.what.starts_with("missing field") {
-                    let place = place_of(with, &error.path, false);
-                    let place = place.or_else(|| Some(with?.place.clone())).unwrap_or_else(|| at.clone());
-                    let what = match error.path.last() {
-                        // Many say by themselves of which parameter they speak.
-                        Some(name) if !error.what.contains(name) => {
-                            format!("`{}`: {} (of `{}`)", error.path.join("."), error.what, kind.name)
-                        }
-                        _ => format!("{} (of `{}`)", error.what, kind.name),
-                    };
-                    report.push(Diagnostic::error(&place, what));
+                // What does not fit only because something was taken out (a missing field, a default that clashes) has been spoken of.
+                if taken_out.contains(&error.path) || !sound && error.what.starts_with("missing field") {
+                    return None;
                 }
+                let place = place_of(with, &error.path, false);
+                let place = place.or_else(|| Some(with?.place.clone())).unwrap_or_else(|| at.clone());
+                let what = match error.path.last() {
+                    // Many say by themselves of which parameter they speak.
+                    Some(name) if !error.what.contains(name) => {
+                        format!("`{}`: {} (of `{}`)", error.path.join("."), error.what, kind.name)
+                    }
+                    _ => format!("{} (of `{}`)", error.what, kind.name),
+                };
+                report.push(Diagnostic::error(&place, what));
                 sound = false;
                 if !remove(&mut json, &error.path) {
                     return None;
                 }
+                taken_out.push(error.path);
             }
         }
     }

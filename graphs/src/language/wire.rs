@@ -218,8 +218,12 @@ impl<'r> Wiring<'r, '_, '_> {
                 fitting.extend(outputs.map(|output| format!("{prefix}{name}/{}", output.name)));
             }
         }
-        // The output of the very same name first: `left` from `source/left`.
-        fitting.sort_by_key(|output| !output.ends_with(&format!("/{}", port.name)));
+        // The output or node of the very same name first (`left` from `source/left`); a source's depth is the truth, so last.
+        let truth = |output: &str| port.value_type == ValueType::Depth && output.starts_with("source/");
+        let of_that_name = |output: &str| {
+            output.ends_with(&format!("/{}", port.name)) || output.starts_with(&format!("{}/", port.name))
+        };
+        fitting.sort_by_key(|output: &String| (truth(output), !of_that_name(output)));
         fitting
     }
 }
