@@ -126,7 +126,9 @@ pub(super) fn title(root: &Node, report: &mut Report) -> (String, String) {
         text
     };
     let (name, about) = (text("experiment"), text("about"));
-    if root.entry("experiment").is_none() {
+    if root.entry("experiment").is_none() && misspelt(root, "experiment", EXPERIMENT_KEYS) {
+        // Said where its keys are read.
+    } else if root.entry("experiment").is_none() {
         let place = Place::start_of(&root.place.file);
         report.push(Diagnostic::error(&place, "the experiment has no name").help("begin with `experiment: NAME`"));
     } else if name.as_deref().is_some_and(|name| name.trim().is_empty()) {
@@ -327,11 +329,24 @@ fn input(entry: &Entry, report: &mut Report) -> InputSpec {
     InputSpec { port, place, from }
 }
 
+/// Takes out of a score's parameters what is meant as one of the language's own keys that is missing, and says so.
+fn misspelt_own_key(parameters: &mut Vec<Entry>, key: &str, what: &str, report: &mut Report) -> bool {
+    let Some(at) = parameters.iter().position(|entry| names::nearest(&entry.key, [key]).is_some()) else {
+        return false;
+    };
+    let entry = parameters.remove(at);
+    let error = Diagnostic::error(&entry.key_place, format!("unknown key `{}` in {what}", entry.key));
+    report.push(error.label("no such key").help(format!("did you mean `{key}`?")));
+    true
+}
+
 fn score_spec(entry: &Entry, report: &mut Report) -> ScoreSpec {
     let own = |key: &str| matches!(key, "truth" | "estimates");
-    let parameters = entry.value.entries().iter().filter(|e| !own(&e.key)).cloned().collect();
+    let mut parameters: Vec<Entry> = entry.value.entries().iter().filter(|e| !own(&e.key)).cloned().collect();
+    let missing = |key: &str| entry.value.entry(key).is_none();
+    let no_estimates = missing("estimates") && !misspelt_own_key(&mut parameters, "estimates", "`score`", report);
     let truth = entry.value.entry("truth").map(|truth| input(truth, report));
-    if truth.is_none() {
+    if truth.is_none() && !misspelt_own_key(&mut parameters, "truth", "`score`", report) {
         let error = Diagnostic::error(&entry.key_place, "`score` has no `truth`");
         report.push(error.help("name the true depth, e.g. `truth: source/depth`"));
     }
@@ -347,6 +362,7 @@ fn score_spec(entry: &Entry, report: &mut Report) -> ScoreSpec {
             let error = Diagnostic::error(&estimates.key_place, "`estimates` wants a map from names to `node/output`");
             report.push(error.help("e.g. `estimates: { stereo: depth/depth }`"));
         }
+        None if !no_estimates => {}
         None => {
             let error = Diagnostic::error(&entry.key_place, "`score` has no `estimates`");
             report.push(error.help("name what is scored, e.g. `estimates: { stereo: depth/depth }`"));
@@ -361,10 +377,10 @@ fn estimate(entry: &Entry, report: &mut Report) -> EstimateSpec {
         return EstimateSpec { name, from: Some(input(entry, report)), parameters: Vec::new() };
     }
     let from = entry.value.entry("from");
-    if from.is_none() {
+    let mut parameters: Vec<Entry> = entry.value.entries().iter().filter(|e| e.key != "from").cloned().collect();
+    if from.is_none() && !misspelt_own_key(&mut parameters, "from", "an estimate", report) {
         let error = Diagnostic::error(&entry.key_place, format!("estimate `{}` has no `from`", entry.key));
         report.push(error.help("`from: node/output` says which depth is scored"));
     }
-    let parameters = entry.value.entries().iter().filter(|e| e.key != "from").cloned().collect();
     EstimateSpec { name, from: from.map(|from| input(from, report)), parameters }
 }
