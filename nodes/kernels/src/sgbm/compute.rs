@@ -21,7 +21,7 @@ pub enum Path {
     Portable,
     /// The fast implementation in AVX2.
     Avx2,
-    /// The fast implementation in AVX-512's registers.
+    /// The fast implementation in AVX-512.
     Avx512,
 }
 

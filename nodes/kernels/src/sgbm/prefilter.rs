@@ -8,10 +8,10 @@ use super::search::Search;
 use super::view::View;
 
 /// Bytes after the last column, so that vectors may reach past it.
-const PADDING: usize = 32;
+const PADDING: usize = 64;
 
 /// One plane of one row: the value, and the smallest and largest value within half a pixel. Each row is followed by
-/// 32 bytes without meaning.
+/// 64 bytes without meaning.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Plane {
     /// The value at each column.

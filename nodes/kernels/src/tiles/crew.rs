@@ -7,9 +7,17 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 
 use super::Tiles;
 
-/// How often an idle helper, or a caller waiting for its helpers, looks again before it sleeps or yields: about the time
-/// between two `run`s of one kernel, so that a frame's helpers need not be woken for every one of them.
-const SPINS: u32 = 20_000;
+/// How often a waiting thread looks again at once, before it lets other threads go first: some microseconds.
+const SPINS: u32 = 500;
+
+/// How often an idle helper lets others go first before it sleeps: longer than the time between two `run`s of one kernel,
+/// so that a frame's helpers need not be woken for every one of them.
+const YIELDS: u32 = 500;
+
+/// Waits a little, the longer the more often it has been called.
+fn wait(times: u32) {
+    if times < SPINS { std::hint::spin_loop() } else { std::thread::yield_now() }
+}
 
 /// A meeting place of threads with tiles and threads without work.
 ///
@@ -70,9 +78,9 @@ impl Crew {
         while !self.closed.load(Ordering::Acquire) {
             if self.help() {
                 idle = 0;
-            } else if idle < SPINS {
+            } else if idle < SPINS + YIELDS {
+                wait(idle);
                 idle += 1;
-                std::hint::spin_loop();
             } else {
                 let jobs = self.lock();
                 if jobs.is_empty() && !self.closed.load(Ordering::Acquire) {
@@ -150,8 +158,8 @@ impl Tiles for Crew {
         self.take_tiles(&job);
         let mut looks = 0;
         while job.done.load(Ordering::Acquire) < n {
-            looks += 1;
-            if looks < SPINS { std::hint::spin_loop() } else { std::thread::yield_now() }
+            wait(looks);
+            looks = looks.saturating_add(1);
         }
         self.lock().retain(|other| !Arc::ptr_eq(other, &job));
         let panic = job.panic.lock().unwrap_or_else(PoisonError::into_inner).take();

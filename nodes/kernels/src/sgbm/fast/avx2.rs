@@ -30,6 +30,7 @@ unsafe fn bits(a: __m256i, b: __m256i) -> u32 {
 unsafe impl Lanes for Avx2 {
     type V = __m256i;
     type B = __m256i;
+    const LANES: usize = 16;
 
     #[inline(always)]
     unsafe fn load(from: *const i16) -> __m256i {
@@ -67,19 +68,14 @@ unsafe impl Lanes for Avx2 {
         unsafe { _mm256_min_epi16(a, b) }
     }
     #[inline(always)]
-    unsafe fn straddle(a: __m256i, b: __m256i) -> __m256i {
+    unsafe fn below(before: __m256i, v: __m256i) -> __m256i {
         // SAFETY: as the trait demands.
-        unsafe { _mm256_permute2x128_si256::<0x21>(a, b) }
+        unsafe { _mm256_alignr_epi8::<14>(v, _mm256_permute2x128_si256::<0x21>(before, v)) }
     }
     #[inline(always)]
-    unsafe fn below(straddle: __m256i, v: __m256i) -> __m256i {
+    unsafe fn above(v: __m256i, after: __m256i) -> __m256i {
         // SAFETY: as the trait demands.
-        unsafe { _mm256_alignr_epi8::<14>(v, straddle) }
-    }
-    #[inline(always)]
-    unsafe fn above(v: __m256i, straddle: __m256i) -> __m256i {
-        // SAFETY: as the trait demands.
-        unsafe { _mm256_alignr_epi8::<2>(straddle, v) }
+        unsafe { _mm256_alignr_epi8::<2>(_mm256_permute2x128_si256::<0x21>(v, after), v) }
     }
     #[inline(always)]
     unsafe fn minimum(v: __m256i) -> __m256i {
@@ -95,14 +91,20 @@ unsafe impl Lanes for Avx2 {
         unsafe { _mm256_extract_epi16::<0>(v) as i16 }
     }
     #[inline(always)]
-    unsafe fn equal_bits(a: __m256i, b: __m256i, v: __m256i) -> u32 {
+    unsafe fn equal_bits(from: *const i16, v: __m256i) -> u32 {
         // SAFETY: as the trait demands.
-        unsafe { bits(_mm256_cmpeq_epi16(a, v), _mm256_cmpeq_epi16(b, v)) }
+        unsafe {
+            let (a, b) = (Self::load(from), Self::load(from.add(16)));
+            bits(_mm256_cmpeq_epi16(a, v), _mm256_cmpeq_epi16(b, v))
+        }
     }
     #[inline(always)]
-    unsafe fn less_bits(a: __m256i, b: __m256i, v: __m256i) -> u32 {
+    unsafe fn less_bits(from: *const i16, v: __m256i) -> u32 {
         // SAFETY: as the trait demands.
-        unsafe { bits(_mm256_cmpgt_epi16(v, a), _mm256_cmpgt_epi16(v, b)) }
+        unsafe {
+            let (a, b) = (Self::load(from), Self::load(from.add(16)));
+            bits(_mm256_cmpgt_epi16(v, a), _mm256_cmpgt_epi16(v, b))
+        }
     }
     #[inline(always)]
     unsafe fn load_widened(from: *const u8) -> __m256i {

@@ -1,6 +1,6 @@
 //! One row of pixel costs, summed over the block's width; and block costs from the rows that enter and leave.
 
-use super::lanes::{BYTES, LANES, Lanes};
+use super::lanes::{Lanes, WIDEST};
 use crate::sgbm::prefilter::Plane;
 use crate::sgbm::search::Search;
 
@@ -19,7 +19,7 @@ pub(super) struct CostRow<'a> {
 
 /// Values of pixel memory that a row needs: vectors reach past the last pixel.
 pub(super) fn pixel_len(search: &Search) -> usize {
-    search.row_len() + 2 * BYTES
+    search.row_len() + WIDEST
 }
 
 /// The largest pixel cost.
@@ -47,7 +47,7 @@ struct Pixels<'a> {
     right: Pointers,
     /// The costs: bytes in the first half of the memory, or 16 bits.
     to: *mut i16,
-    /// Vectors of 16 bits per column.
+    /// Vectors of 16-bit costs per column.
     n: usize,
 }
 
@@ -60,7 +60,7 @@ trait Kept<L: Lanes> {
     /// As [`cost_row`]; `x` is a searched column.
     unsafe fn compute(pixels: &Pixels<'_>, x: usize);
 
-    /// Sixteen costs from `at`, computed before.
+    /// A vector of costs from `at`, computed before.
     ///
     /// # Safety
     /// As [`cost_row`].
@@ -77,8 +77,8 @@ impl<L: Lanes> Kept<L> for Bytes {
     #[inline(always)]
     unsafe fn compute(pixels: &Pixels<'_>, x: usize) {
         let (column, from) = pixels.places(x);
-        let d = pixels.n * LANES;
-        for at in (0..d).step_by(BYTES) {
+        let d = pixels.n * L::LANES;
+        for at in (0..d).step_by(L::BYTES) {
             // SAFETY: candidates lie in the planes, which are padded by a vector; so is the memory.
             unsafe {
                 let sobel = dissimilarity::<L>(&pixels.left[0], &pixels.right[0], column, from + at);
@@ -99,9 +99,9 @@ impl<L: Lanes> Kept<L> for Words {
     #[inline(always)]
     unsafe fn compute(pixels: &Pixels<'_>, x: usize) {
         let (column, from) = pixels.places(x);
-        let d = pixels.n * LANES;
+        let d = pixels.n * L::LANES;
         let channels = pixels.search.channels;
-        for at in (0..d).step_by(BYTES) {
+        for at in (0..d).step_by(L::BYTES) {
             // SAFETY: candidates lie in the planes, which are padded by a vector; so is the memory.
             unsafe {
                 let mut sum = [L::splat(0); 2];
@@ -111,7 +111,7 @@ impl<L: Lanes> Kept<L> for Words {
                     sum = [L::add(sum[0], cost[0]), L::add(sum[1], cost[1])];
                 }
                 L::store(pixels.to.add(x * d + at), sum[0]);
-                L::store(pixels.to.add(x * d + at + LANES), sum[1]);
+                L::store(pixels.to.add(x * d + at + L::LANES), sum[1]);
             }
         }
     }
@@ -146,7 +146,7 @@ pub(super) unsafe fn cost_row<L: Lanes, const N: usize>(row: &mut CostRow<'_>) {
         left: pointers(row.left),
         right: pointers(row.right),
         to: row.pixel.as_mut_ptr(),
-        n: if N > 0 { N } else { search.disparities / LANES },
+        n: if N > 0 { N } else { search.disparities / L::LANES },
     };
     // SAFETY: as the caller vouches; lengths were just measured.
     unsafe {
@@ -166,7 +166,7 @@ pub(super) unsafe fn cost_row<L: Lanes, const N: usize>(row: &mut CostRow<'_>) {
 unsafe fn sum_row<L: Lanes, K: Kept<L>>(pixels: &Pixels<'_>, sums: *mut i16) {
     let Search { columns, radius, .. } = *pixels.search;
     let n = pixels.n;
-    let d = n * LANES;
+    let d = n * L::LANES;
     let last = columns - 1;
     // SAFETY: `x <= last` and `j < n`: within the row's costs and sums.
     unsafe {
@@ -180,13 +180,13 @@ unsafe fn sum_row<L: Lanes, K: Kept<L>>(pixels: &Pixels<'_>, sums: *mut i16) {
             let now = sums.add(x * d);
             if x == 0 {
                 for j in 0..n {
-                    let first = K::load(pixels, j * LANES);
+                    let first = K::load(pixels, j * L::LANES);
                     // The border column counts `radius + 1` times: once here, and once more with each column added.
                     let mut sum = first;
                     for column in 1..=radius {
-                        sum = L::add(sum, L::add(first, K::load(pixels, column.min(last) * d + j * LANES)));
+                        sum = L::add(sum, L::add(first, K::load(pixels, column.min(last) * d + j * L::LANES)));
                     }
-                    L::store(now.add(j * LANES), sum);
+                    L::store(now.add(j * L::LANES), sum);
                 }
                 continue;
             }
@@ -194,7 +194,7 @@ unsafe fn sum_row<L: Lanes, K: Kept<L>>(pixels: &Pixels<'_>, sums: *mut i16) {
             let leaves = (x - 1).saturating_sub(radius) * d;
             let before = now.sub(d);
             for j in 0..n {
-                let at = j * LANES;
+                let at = j * L::LANES;
                 let change = L::sub(K::load(pixels, enters + at), K::load(pixels, leaves + at));
                 L::store(now.add(at), L::add(L::load(before.add(at)), change));
             }
@@ -202,7 +202,7 @@ unsafe fn sum_row<L: Lanes, K: Kept<L>>(pixels: &Pixels<'_>, sums: *mut i16) {
     }
 }
 
-/// The dissimilarity of a column of the left plane with 32 candidates of the right one.
+/// The dissimilarity of a column of the left plane with a vector of candidates of the right one.
 ///
 /// # Safety
 /// As [`cost_row`]; the places lie in the planes.

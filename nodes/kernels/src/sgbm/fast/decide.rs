@@ -1,7 +1,7 @@
 //! The directions along the row, and the decision: they need a row's costs and sums, and nothing of other rows.
 
 use super::answers::{AnswerSlots, Answers};
-use super::lanes::{BYTES, LANES, Lanes};
+use super::lanes::{COMPARED, Lanes};
 use super::march::border;
 use crate::sgbm::Mode;
 use crate::sgbm::choice::Choice;
@@ -35,7 +35,7 @@ pub(super) unsafe fn decide<L: Lanes, const N: usize>(rows: &mut [Decide<'_>]) {
             [a, b] if N > 0 => decide_two::<L, _>(a, b, [[L::splat(0); N]; 2]),
             rows => {
                 for row in rows {
-                    decide_one::<L, _>(row, vec![L::splat(0); row.search.disparities / LANES]);
+                    decide_one::<L, _>(row, vec![L::splat(0); row.search.disparities / L::LANES]);
                 }
             }
         }
@@ -43,7 +43,7 @@ pub(super) unsafe fn decide<L: Lanes, const N: usize>(rows: &mut [Decide<'_>]) {
 }
 
 /// # Safety
-/// As [`decide`]; the paths hold a vector for every 16 disparities.
+/// As [`decide`]; the paths hold vectors for all disparities.
 #[inline(always)]
 unsafe fn decide_two<L: Lanes, P: AsMut<[L::V]>>(a: &mut Decide<'_>, b: &mut Decide<'_>, [path_a, path_b]: [P; 2]) {
     // SAFETY: as the caller vouches; columns are searched columns.
@@ -118,11 +118,11 @@ struct Along<L: Lanes, P> {
 impl<L: Lanes, P: AsMut<[L::V]>> Along<L, P> {
     #[inline(always)]
     unsafe fn new(row: &mut Decide<'_>, mut path: P) -> Self {
-        let d = path.as_mut().len() * LANES;
+        let d = path.as_mut().len() * L::LANES;
         assert!(row.search.disparities == d);
         assert!(row.cost.len() == row.search.columns * d && row.sum.len() == row.cost.len());
         row.total.clear();
-        row.total.resize(d.next_multiple_of(BYTES), i16::MAX);
+        row.total.resize(d.next_multiple_of(COMPARED), i16::MAX);
         Self {
             path,
             // SAFETY: as the caller vouches.
@@ -149,7 +149,7 @@ impl<L: Lanes, P: AsMut<[L::V]>> Along<L, P> {
         // SAFETY: as the caller vouches.
         unsafe {
             let path = self.path.as_mut();
-            let at = x * path.len() * LANES;
+            let at = x * path.len() * L::LANES;
             let sum = self.sum.add(at);
             self.smallest = advance::<L, false>(path, self.smallest, fixed, self.cost.add(at), sum, sum).0;
         }
@@ -161,7 +161,7 @@ impl<L: Lanes, P: AsMut<[L::V]>> Along<L, P> {
         // SAFETY: as the caller vouches.
         unsafe {
             let path = self.path.as_mut();
-            let d = path.len() * LANES;
+            let d = path.len() * L::LANES;
             let (cost, sum) = (self.cost.add(x * d), self.sum.add(x * d));
             let least;
             (self.smallest, least) = advance::<L, true>(path, self.smallest, fixed, cost, sum, self.total);
@@ -194,18 +194,18 @@ unsafe fn advance<L: Lanes, const LEAST: bool>(
         let delta = L::add(smallest, p2);
         let mut smallest = L::splat(i16::MAX);
         let mut least = smallest;
-        let mut before = L::straddle(border, path[0]);
+        let mut before = border;
         for j in 0..n {
             let here = path[j];
-            let after = L::straddle(here, if j + 1 < n { path[j + 1] } else { border });
+            let after = if j + 1 < n { path[j + 1] } else { border };
             let near = L::add(L::min(L::below(before, here), L::above(here, after)), p1);
             let best = L::min(L::min(near, here), delta);
-            let new = L::add(L::sub(best, delta), L::load(cost.add(j * LANES)));
+            let new = L::add(L::sub(best, delta), L::load(cost.add(j * L::LANES)));
             path[j] = new;
-            before = after;
+            before = here;
             smallest = L::min(smallest, new);
-            let new = L::add_saturating(L::load(sum.add(j * LANES)), new);
-            L::store(to.add(j * LANES), new);
+            let new = L::add_saturating(L::load(sum.add(j * L::LANES)), new);
+            L::store(to.add(j * L::LANES), new);
             if LEAST {
                 least = L::min(least, new);
             }
@@ -214,13 +214,13 @@ unsafe fn advance<L: Lanes, const LEAST: bool>(
     }
 }
 
-/// The best candidate, if it is unique enough. `sums` is followed by saturated values up to a whole pair of vectors.
+/// The best candidate, if it is unique enough. `sums` is followed by saturated values up to a multiple of what is compared at once.
 ///
 /// # Safety
 /// As [`decide`].
 #[inline(always)]
 unsafe fn choose<L: Lanes>(search: &Search, least: L::V, sums: &[i16]) -> Option<Choice> {
-    // SAFETY: as the caller vouches; pairs of vectors lie within the padded sums.
+    // SAFETY: as the caller vouches; what is compared lies within the padded sums.
     unsafe {
         let cost = L::first(least);
         if cost == i16::MAX {
@@ -233,8 +233,8 @@ unsafe fn choose<L: Lanes>(search: &Search, least: L::V, sums: &[i16]) -> Option
         let mut index = 0;
         let mut equals = 0;
         // From the end, so that the first pair with an equal cost has the last word.
-        for at in (0..sums.len()).step_by(2 * BYTES).rev() {
-            let bits = pairs::<L, true>(sums, at, least);
+        for at in (0..sums.len()).step_by(2 * COMPARED).rev() {
+            let bits = compare::<L, true>(sums, at, least);
             if search.mode == Mode::ThreeWay {
                 equals += bits.count_ones();
             }
@@ -248,9 +248,9 @@ unsafe fn choose<L: Lanes>(search: &Search, least: L::V, sums: &[i16]) -> Option
         }
         if search.uniqueness > 0 {
             let limit = L::splat(best.rival_limit(search)?);
-            for at in (0..sums.len()).step_by(2 * BYTES) {
+            for at in (0..sums.len()).step_by(2 * COMPARED) {
                 // The best candidate and its two neighbours are no rivals.
-                if pairs::<L, false>(sums, at, limit) & !near_bits(best.index - at as i32) != 0 {
+                if compare::<L, false>(sums, at, limit) & !near_bits(best.index - at as i32) != 0 {
                     return None;
                 }
             }
@@ -264,23 +264,22 @@ unsafe fn choose<L: Lanes>(search: &Search, least: L::V, sums: &[i16]) -> Option
 /// # Safety
 /// As [`choose`].
 #[inline(always)]
-unsafe fn pairs<L: Lanes, const EQUAL: bool>(sums: &[i16], at: usize, v: L::V) -> u64 {
+unsafe fn compare<L: Lanes, const EQUAL: bool>(sums: &[i16], at: usize, v: L::V) -> u64 {
     // SAFETY: as the caller vouches.
     unsafe {
-        let pair = sums.as_ptr().add(at);
-        let low = bits::<L, EQUAL>(pair, v);
-        let high = if at + BYTES < sums.len() { bits::<L, EQUAL>(pair.add(BYTES), v) } else { 0 };
-        u64::from(high) << BYTES | u64::from(low)
+        let first = sums.as_ptr().add(at);
+        let low = bits::<L, EQUAL>(first, v);
+        let high = if at + COMPARED < sums.len() { bits::<L, EQUAL>(first.add(COMPARED), v) } else { 0 };
+        u64::from(high) << COMPARED | u64::from(low)
     }
 }
 
+/// # Safety
+/// As [`choose`].
 #[inline(always)]
-unsafe fn bits<L: Lanes, const EQUAL: bool>(pair: *const i16, v: L::V) -> u32 {
+unsafe fn bits<L: Lanes, const EQUAL: bool>(from: *const i16, v: L::V) -> u32 {
     // SAFETY: as the caller vouches.
-    unsafe {
-        let (a, b) = (L::load(pair), L::load(pair.add(LANES)));
-        if EQUAL { L::equal_bits(a, b, v) } else { L::less_bits(a, b, v) }
-    }
+    unsafe { if EQUAL { L::equal_bits(from, v) } else { L::less_bits(from, v) } }
 }
 
 /// Bits `index - 1`, `index` and `index + 1`, those of them that lie in 0..64.

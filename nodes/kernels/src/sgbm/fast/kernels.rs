@@ -5,7 +5,7 @@
 
 use super::costs::{self, CostRow, Slide};
 use super::decide::{self, Decide};
-use super::lanes::{LANES, Portable};
+use super::lanes::{Lanes, Portable};
 use super::march::{self, March};
 use crate::sgbm::median;
 use crate::sgbm::prefilter::Planes;
@@ -30,7 +30,7 @@ pub(super) struct Kernels {
 macro_rules! compiled {
     ($name:ident, $lanes:ty $(, $feature:literal)?) => {
         pub(super) mod $name {
-            use super::{CostRow, Decide, Kernels, LANES, March, Planes, Search, Slide, View, costs, decide, march, median};
+            use super::{CostRow, Decide, Kernels, Lanes, March, Planes, Search, Slide, View, costs, decide, march, median};
 
             $(#[target_feature(enable = $feature)])?
             unsafe fn planes(planes: &mut Planes, search: &Search, image: &View<'_>, y: usize, reversed: bool) {
@@ -71,7 +71,8 @@ macro_rules! compiled {
 
             /// The kernels for `disparities`.
             pub fn kernels(disparities: usize) -> Kernels {
-                match disparities / LANES {
+                match disparities / <$lanes>::LANES {
+                    2 => table::<2>(),
                     4 => table::<4>(),
                     8 => table::<8>(),
                     _ => table::<0>(),
@@ -85,4 +86,4 @@ compiled!(portable, super::Portable);
 #[cfg(target_arch = "x86_64")]
 compiled!(avx2, crate::sgbm::fast::avx2::Avx2, "avx2");
 #[cfg(target_arch = "x86_64")]
-compiled!(avx512, crate::sgbm::fast::avx2::Avx2, "avx2,avx512f,avx512bw,avx512vl");
+compiled!(avx512, crate::sgbm::fast::avx512::Avx512, "avx2,avx512f,avx512bw,avx512vl");

@@ -1,13 +1,19 @@
-//! What the fast kernels need of an instruction set: sixteen 16-bit lanes, and 32 bytes.
+//! What the fast kernels need of an instruction set: vectors of 16-bit lanes, and of twice as many bytes.
 //!
 //! The kernels are written once over [`Lanes`]. [`Portable`] is plain Rust: it runs on every machine and under Miri, and
 //! the compiler vectorises most of it; [`super::avx2::Avx2`] names the instructions.
 
-/// Lanes in a vector of costs.
-pub(super) const LANES: usize = 16;
+/// Disparities come in multiples of so many.
+pub(super) const GROUP: usize = 16;
 
-/// Bytes in a vector of pixel values.
-pub(super) const BYTES: usize = 32;
+/// How many sums are compared at once.
+pub(super) const COMPARED: usize = 32;
+
+/// Bytes of the widest vector: what is read past the end of a row is padded by so many.
+pub(super) const WIDEST: usize = 64;
+
+const LANES: usize = 16;
+const BYTES: usize = 32;
 
 /// The operations of an instruction set.
 ///
@@ -15,14 +21,18 @@ pub(super) const BYTES: usize = 32;
 /// Every function may only be called where the instruction set is present; pointers must be valid for what the name
 /// says, at any alignment.
 pub(super) unsafe trait Lanes: Copy + 'static {
-    /// Sixteen `i16`.
+    /// `LANES` times `i16`.
     type V: Copy;
-    /// Thirty-two `u8`.
+    /// `BYTES` times `u8`.
     type B: Copy;
+    /// Lanes in a vector of costs: a divisor of 32.
+    const LANES: usize;
+    /// Bytes in a vector of pixel values.
+    const BYTES: usize = 2 * Self::LANES;
 
-    /// Reads 16 values.
+    /// Reads values.
     unsafe fn load(from: *const i16) -> Self::V;
-    /// Writes 16 values.
+    /// Writes values.
     unsafe fn store(to: *mut i16, v: Self::V);
     /// All lanes `v`.
     unsafe fn splat(v: i16) -> Self::V;
@@ -34,26 +44,24 @@ pub(super) unsafe trait Lanes: Copy + 'static {
     unsafe fn add_saturating(a: Self::V, b: Self::V) -> Self::V;
     /// Smaller lane.
     unsafe fn min(a: Self::V, b: Self::V) -> Self::V;
-    /// The upper half of `a`, then the lower half of `b`.
-    unsafe fn straddle(a: Self::V, b: Self::V) -> Self::V;
-    /// Each lane's predecessor in `(before, v)`, given `straddle(before, v)`.
-    unsafe fn below(straddle: Self::V, v: Self::V) -> Self::V;
-    /// Each lane's successor in `(v, after)`, given `straddle(v, after)`.
-    unsafe fn above(v: Self::V, straddle: Self::V) -> Self::V;
+    /// Each lane's predecessor in `(before, v)`.
+    unsafe fn below(before: Self::V, v: Self::V) -> Self::V;
+    /// Each lane's successor in `(v, after)`.
+    unsafe fn above(v: Self::V, after: Self::V) -> Self::V;
     /// The smallest lane, in all lanes. No lane may be negative.
     unsafe fn minimum(v: Self::V) -> Self::V;
     /// Lane 0.
     unsafe fn first(v: Self::V) -> i16;
-    /// Bit `i` (`16 + i`): whether lane `i` of `a` (of `b`) equals that of `v`.
-    unsafe fn equal_bits(a: Self::V, b: Self::V, v: Self::V) -> u32;
-    /// Bit `i` (`16 + i`): whether lane `i` of `a` (of `b`) is less than that of `v`.
-    unsafe fn less_bits(a: Self::V, b: Self::V, v: Self::V) -> u32;
-    /// Reads 16 bytes as 16 values.
+    /// Bit `i`: whether the `i`-th of 32 values equals the lanes of `v`, which are all the same.
+    unsafe fn equal_bits(from: *const i16, v: Self::V) -> u32;
+    /// Bit `i`: whether the `i`-th of 32 values is less.
+    unsafe fn less_bits(from: *const i16, v: Self::V) -> u32;
+    /// Reads bytes as values.
     unsafe fn load_widened(from: *const u8) -> Self::V;
 
-    /// Reads 32 bytes.
+    /// Reads bytes.
     unsafe fn load_bytes(from: *const u8) -> Self::B;
-    /// Writes 32 bytes.
+    /// Writes bytes.
     unsafe fn store_bytes(to: *mut u8, b: Self::B);
     /// All bytes `b`.
     unsafe fn splat_bytes(b: u8) -> Self::B;
@@ -67,7 +75,7 @@ pub(super) unsafe trait Lanes: Copy + 'static {
     unsafe fn max_bytes(a: Self::B, b: Self::B) -> Self::B;
     /// A quarter, rounded down.
     unsafe fn quarter_bytes(a: Self::B) -> Self::B;
-    /// The lower and the upper 16 bytes as values.
+    /// The lower and the upper half as values.
     unsafe fn widen(b: Self::B) -> [Self::V; 2];
 }
 
@@ -81,15 +89,17 @@ fn zip<T: Copy, const N: usize>(a: [T; N], b: [T; N], f: impl Fn(T, T) -> T) -> 
 }
 
 #[inline(always)]
-fn bits(a: [i16; LANES], b: [i16; LANES], test: impl Fn(i16, usize) -> bool) -> u32 {
-    let half = |v: [i16; LANES]| (0..LANES).fold(0, |bits, i| bits | u32::from(test(v[i], i)) << i);
-    half(a) | half(b) << LANES
+unsafe fn bits(from: *const i16, test: impl Fn(i16) -> bool) -> u32 {
+    // SAFETY: the caller vouches for 32 values.
+    let values = unsafe { from.cast::<[i16; COMPARED]>().read_unaligned() };
+    (0..COMPARED).fold(0, |bits, i| bits | u32::from(test(values[i])) << i)
 }
 
 // SAFETY: plain Rust runs everywhere; pointers are read and written unaligned.
 unsafe impl Lanes for Portable {
     type V = [i16; LANES];
     type B = [u8; BYTES];
+    const LANES: usize = LANES;
 
     #[inline(always)]
     unsafe fn load(from: *const i16) -> Self::V {
@@ -122,16 +132,12 @@ unsafe impl Lanes for Portable {
         zip(a, b, i16::min)
     }
     #[inline(always)]
-    unsafe fn straddle(a: Self::V, b: Self::V) -> Self::V {
-        std::array::from_fn(|i| if i < 8 { a[8 + i] } else { b[i - 8] })
+    unsafe fn below(before: Self::V, v: Self::V) -> Self::V {
+        std::array::from_fn(|i| if i == 0 { before[LANES - 1] } else { v[i - 1] })
     }
     #[inline(always)]
-    unsafe fn below(straddle: Self::V, v: Self::V) -> Self::V {
-        std::array::from_fn(|i| if i == 0 { straddle[7] } else { v[i - 1] })
-    }
-    #[inline(always)]
-    unsafe fn above(v: Self::V, straddle: Self::V) -> Self::V {
-        std::array::from_fn(|i| if i == 15 { straddle[8] } else { v[i + 1] })
+    unsafe fn above(v: Self::V, after: Self::V) -> Self::V {
+        std::array::from_fn(|i| if i == LANES - 1 { after[0] } else { v[i + 1] })
     }
     #[inline(always)]
     unsafe fn minimum(v: Self::V) -> Self::V {
@@ -142,12 +148,14 @@ unsafe impl Lanes for Portable {
         v[0]
     }
     #[inline(always)]
-    unsafe fn equal_bits(a: Self::V, b: Self::V, v: Self::V) -> u32 {
-        bits(a, b, |x, i| x == v[i])
+    unsafe fn equal_bits(from: *const i16, v: Self::V) -> u32 {
+        // SAFETY: the caller vouches for 32 values.
+        unsafe { bits(from, |x| x == v[0]) }
     }
     #[inline(always)]
-    unsafe fn less_bits(a: Self::V, b: Self::V, v: Self::V) -> u32 {
-        bits(a, b, |x, i| x < v[i])
+    unsafe fn less_bits(from: *const i16, v: Self::V) -> u32 {
+        // SAFETY: the caller vouches for 32 values.
+        unsafe { bits(from, |x| x < v[0]) }
     }
     #[inline(always)]
     unsafe fn load_widened(from: *const u8) -> Self::V {

@@ -6,7 +6,7 @@
 //! that stand beyond the disparities (of this slot's end and of the next slot's beginning), one in between is the
 //! smallest cost plus P2.
 
-use super::lanes::{LANES, Lanes};
+use super::lanes::{GROUP, Lanes};
 use super::shared::Shared;
 use crate::sgbm::search::Search;
 
@@ -15,7 +15,7 @@ const DELTA: usize = 8;
 
 /// Values of one slot.
 pub(super) fn slot_len(search: &Search) -> usize {
-    search.disparities + LANES
+    search.disparities + GROUP
 }
 
 /// The slots of one direction.
@@ -32,16 +32,17 @@ pub(super) struct Slots<'a> {
 impl<'a> Slots<'a> {
     /// Values of memory for `count` slots.
     pub fn len(search: &Search, count: usize) -> usize {
-        LANES + count * slot_len(search)
+        GROUP + count * slot_len(search)
     }
 
     /// Fresh paths: all costs 0.
     pub fn new(search: &Search, memory: Shared<'a, i16>, count: usize, drift: isize) -> Self {
         // SAFETY: nobody else has this memory yet.
         let values = unsafe { memory.write(0..Self::len(search, count)) };
-        let (lead, slots) = values.split_at_mut(LANES);
+        let (lead, slots) = values.split_at_mut(GROUP);
         lead.fill(border(search));
         for slot in slots.chunks_exact_mut(slot_len(search)) {
+            slot[search.disparities..].fill(border(search));
             reset(search, slot);
         }
         Self { memory, count, drift }
@@ -62,9 +63,9 @@ impl<'a> Slots<'a> {
             _ => return,
         };
         if columns.contains(&x) {
-            let start = LANES + self.index(x, i) * slot_len(search);
-            // SAFETY: the slot belongs to this column, hence to whoever leads paths through it.
-            reset(search, unsafe { self.memory.write(start..start + slot_len(search)) });
+            let start = GROUP + self.index(x, i) * slot_len(search);
+            // SAFETY: the slot up to its smallest cost belongs to this column, hence to whoever leads paths through it.
+            reset(search, unsafe { self.memory.write(start..start + search.disparities + DELTA + 1) });
         }
     }
 }
@@ -74,11 +75,10 @@ pub(super) fn border(search: &Search) -> i16 {
     i16::MAX - search.p1
 }
 
+/// Makes the path of a slot fresh. Leaves the borders alone, which neighbours may be reading.
 fn reset(search: &Search, slot: &mut [i16]) {
-    let (costs, padding) = slot.split_at_mut(search.disparities);
-    costs.fill(0);
-    padding.fill(border(search));
-    padding[DELTA] = search.p2;
+    slot[..search.disparities].fill(0);
+    slot[search.disparities + DELTA] = search.p2;
 }
 
 /// Part of a row through which the paths are led on.
@@ -142,9 +142,9 @@ unsafe fn through<L: Lanes, const N: usize, const DIRECTIONS: usize, const SOURC
     slots: [Slots<'_>; DIRECTIONS],
 ) {
     let search = m.search;
-    let n = if N > 0 { N } else { search.disparities / LANES };
-    let d = n * LANES;
-    let stride = d + LANES;
+    let n = if N > 0 { N } else { search.disparities / L::LANES };
+    let d = n * L::LANES;
+    let stride = d + GROUP;
     if m.columns.is_empty() {
         return;
     }
@@ -155,8 +155,8 @@ unsafe fn through<L: Lanes, const N: usize, const DIRECTIONS: usize, const SOURC
     for k in 0..DIRECTIONS {
         slots[k].enter(search, m.i, &m.columns);
         around[k] = slots[k].count * stride;
-        slot[k] = slots[k].memory.at(LANES + slots[k].index(m.columns.start, m.i) * stride);
-        end[k] = slots[k].memory.at(LANES + around[k]);
+        slot[k] = slots[k].memory.at(GROUP + slots[k].index(m.columns.start, m.i) * stride);
+        end[k] = slots[k].memory.at(GROUP + around[k]);
     }
     let (mut cost, mut sum) = (m.cost, m.sum);
     let mut others = match m.source {
@@ -176,7 +176,7 @@ unsafe fn through<L: Lanes, const N: usize, const DIRECTIONS: usize, const SOURC
             }
             let mut smallest = [L::splat(i16::MAX); DIRECTIONS];
             for j in 0..n {
-                let at = j * LANES;
+                let at = j * L::LANES;
                 let c = if SOURCE == SLIDE {
                     let change = L::sub(L::load(others[1].add(at)), L::load(others[2].add(at)));
                     let c = L::add(L::load(others[0].add(at)), change);
@@ -189,8 +189,10 @@ unsafe fn through<L: Lanes, const N: usize, const DIRECTIONS: usize, const SOURC
                 for k in 0..DIRECTIONS {
                     let slot = slot[k].add(at);
                     let near = L::add(L::min(below[k], L::load(slot.add(1))), p1);
-                    // The next vector's predecessors, before this vector is overwritten.
-                    below[k] = L::load(slot.add(LANES - 1));
+                    if j + 1 < n {
+                        // The next vector's predecessors, before this vector is overwritten.
+                        below[k] = L::load(slot.add(L::LANES - 1));
+                    }
                     let best = L::min(L::min(near, L::load(slot)), delta[k]);
                     let new = L::add(L::sub(best, delta[k]), c);
                     L::store(slot, new);

@@ -8,6 +8,8 @@
 mod answers;
 #[cfg(target_arch = "x86_64")]
 mod avx2;
+#[cfg(target_arch = "x86_64")]
+mod avx512;
 mod bands;
 mod costs;
 mod decide;
@@ -32,7 +34,7 @@ pub(super) enum Set {
     /// AVX2.
     #[cfg(target_arch = "x86_64")]
     Avx2,
-    /// The same 256-bit vectors with AVX-512's registers and masks.
+    /// AVX-512 F, BW and VL: 512-bit vectors.
     #[cfg(target_arch = "x86_64")]
     Avx512,
 }
@@ -61,7 +63,10 @@ impl Set {
             #[cfg(target_arch = "x86_64")]
             Self::Avx2 => kernels::avx2::kernels(disparities),
             #[cfg(target_arch = "x86_64")]
-            Self::Avx512 => kernels::avx512::kernels(disparities),
+            // Whole vectors only.
+            Self::Avx512 if disparities.is_multiple_of(32) => kernels::avx512::kernels(disparities),
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512 => kernels::avx2::kernels(disparities),
         }
     }
 }

@@ -1,0 +1,168 @@
+//! [`Lanes`] in AVX-512 instructions on 512-bit vectors.
+
+use std::arch::x86_64::{
+    __m512i, _mm_extract_epi16, _mm_min_epu16, _mm_minpos_epu16, _mm256_castsi256_si128, _mm256_extracti128_si256,
+    _mm256_loadu_si256, _mm256_min_epu16, _mm512_add_epi8, _mm512_add_epi16, _mm512_adds_epi16, _mm512_and_si512,
+    _mm512_broadcastw_epi16, _mm512_castsi512_si128, _mm512_castsi512_si256, _mm512_cmpeq_epi16_mask,
+    _mm512_cmplt_epi16_mask, _mm512_cvtepu8_epi16, _mm512_extracti64x4_epi64, _mm512_loadu_si512, _mm512_max_epu8,
+    _mm512_min_epi16, _mm512_min_epu8, _mm512_permutex2var_epi16, _mm512_set1_epi8, _mm512_set1_epi16,
+    _mm512_srli_epi16, _mm512_storeu_si512, _mm512_sub_epi16, _mm512_subs_epu8,
+};
+
+use super::lanes::Lanes;
+
+/// AVX-512 F, BW and VL, in functions compiled for them.
+#[derive(Clone, Copy)]
+pub(super) struct Avx512;
+
+/// For a permutation of two vectors: where the predecessors of the second's lanes are.
+const BELOW: [i16; 32] = {
+    let mut lanes = [31; 32];
+    let mut i = 1;
+    while i < 32 {
+        lanes[i] = 32 + i as i16 - 1;
+        i += 1;
+    }
+    lanes
+};
+
+/// Where the successors of the first's lanes are.
+const ABOVE: [i16; 32] = {
+    let mut lanes = [0; 32];
+    let mut i = 0;
+    while i < 32 {
+        lanes[i] = i as i16 + 1;
+        i += 1;
+    }
+    lanes
+};
+
+// The bodies below do nothing but name one or two instructions.
+// SAFETY: the trait's callers vouch for the instruction set and for the pointers; loads and stores are the unaligned forms.
+unsafe impl Lanes for Avx512 {
+    type V = __m512i;
+    type B = __m512i;
+    const LANES: usize = 32;
+
+    #[inline(always)]
+    unsafe fn load(from: *const i16) -> __m512i {
+        // SAFETY: as the trait demands.
+        unsafe { _mm512_loadu_si512(from.cast()) }
+    }
+    #[inline(always)]
+    unsafe fn store(to: *mut i16, v: __m512i) {
+        // SAFETY: as the trait demands.
+        unsafe { _mm512_storeu_si512(to.cast(), v) }
+    }
+    #[inline(always)]
+    unsafe fn splat(v: i16) -> __m512i {
+        // SAFETY: as the trait demands.
+        unsafe { _mm512_set1_epi16(v) }
+    }
+    #[inline(always)]
+    unsafe fn add(a: __m512i, b: __m512i) -> __m512i {
+        // SAFETY: as the trait demands.
+        unsafe { _mm512_add_epi16(a, b) }
+    }
+    #[inline(always)]
+    unsafe fn sub(a: __m512i, b: __m512i) -> __m512i {
+        // SAFETY: as the trait demands.
+        unsafe { _mm512_sub_epi16(a, b) }
+    }
+    #[inline(always)]
+    unsafe fn add_saturating(a: __m512i, b: __m512i) -> __m512i {
+        // SAFETY: as the trait demands.
+        unsafe { _mm512_adds_epi16(a, b) }
+    }
+    #[inline(always)]
+    unsafe fn min(a: __m512i, b: __m512i) -> __m512i {
+        // SAFETY: as the trait demands.
+        unsafe { _mm512_min_epi16(a, b) }
+    }
+    #[inline(always)]
+    unsafe fn below(before: __m512i, v: __m512i) -> __m512i {
+        // SAFETY: as the trait demands.
+        unsafe { _mm512_permutex2var_epi16(before, _mm512_loadu_si512(BELOW.as_ptr().cast()), v) }
+    }
+    #[inline(always)]
+    unsafe fn above(v: __m512i, after: __m512i) -> __m512i {
+        // SAFETY: as the trait demands.
+        unsafe { _mm512_permutex2var_epi16(v, _mm512_loadu_si512(ABOVE.as_ptr().cast()), after) }
+    }
+    #[inline(always)]
+    unsafe fn minimum(v: __m512i) -> __m512i {
+        // SAFETY: as the trait demands.
+        unsafe {
+            let half = _mm256_min_epu16(_mm512_castsi512_si256(v), _mm512_extracti64x4_epi64::<1>(v));
+            let quarter = _mm_min_epu16(_mm256_castsi256_si128(half), _mm256_extracti128_si256::<1>(half));
+            _mm512_broadcastw_epi16(_mm_minpos_epu16(quarter))
+        }
+    }
+    #[inline(always)]
+    unsafe fn first(v: __m512i) -> i16 {
+        // SAFETY: as the trait demands.
+        unsafe { _mm_extract_epi16::<0>(_mm512_castsi512_si128(v)) as i16 }
+    }
+    #[inline(always)]
+    unsafe fn equal_bits(from: *const i16, v: __m512i) -> u32 {
+        // SAFETY: as the trait demands.
+        unsafe { _mm512_cmpeq_epi16_mask(Self::load(from), v) }
+    }
+    #[inline(always)]
+    unsafe fn less_bits(from: *const i16, v: __m512i) -> u32 {
+        // SAFETY: as the trait demands.
+        unsafe { _mm512_cmplt_epi16_mask(Self::load(from), v) }
+    }
+    #[inline(always)]
+    unsafe fn load_widened(from: *const u8) -> __m512i {
+        // SAFETY: as the trait demands.
+        unsafe { _mm512_cvtepu8_epi16(_mm256_loadu_si256(from.cast())) }
+    }
+    #[inline(always)]
+    unsafe fn load_bytes(from: *const u8) -> __m512i {
+        // SAFETY: as the trait demands.
+        unsafe { _mm512_loadu_si512(from.cast()) }
+    }
+    #[inline(always)]
+    unsafe fn store_bytes(to: *mut u8, b: __m512i) {
+        // SAFETY: as the trait demands.
+        unsafe { _mm512_storeu_si512(to.cast(), b) }
+    }
+    #[inline(always)]
+    unsafe fn splat_bytes(b: u8) -> __m512i {
+        // SAFETY: as the trait demands.
+        unsafe { _mm512_set1_epi8(b as i8) }
+    }
+    #[inline(always)]
+    unsafe fn add_bytes(a: __m512i, b: __m512i) -> __m512i {
+        // SAFETY: as the trait demands.
+        unsafe { _mm512_add_epi8(a, b) }
+    }
+    #[inline(always)]
+    unsafe fn sub_bytes(a: __m512i, b: __m512i) -> __m512i {
+        // SAFETY: as the trait demands.
+        unsafe { _mm512_subs_epu8(a, b) }
+    }
+    #[inline(always)]
+    unsafe fn min_bytes(a: __m512i, b: __m512i) -> __m512i {
+        // SAFETY: as the trait demands.
+        unsafe { _mm512_min_epu8(a, b) }
+    }
+    #[inline(always)]
+    unsafe fn max_bytes(a: __m512i, b: __m512i) -> __m512i {
+        // SAFETY: as the trait demands.
+        unsafe { _mm512_max_epu8(a, b) }
+    }
+    #[inline(always)]
+    unsafe fn quarter_bytes(a: __m512i) -> __m512i {
+        // SAFETY: as the trait demands.
+        unsafe { _mm512_and_si512(_mm512_srli_epi16::<2>(a), _mm512_set1_epi8(0x3f)) }
+    }
+    #[inline(always)]
+    unsafe fn widen(b: __m512i) -> [__m512i; 2] {
+        // SAFETY: as the trait demands.
+        unsafe {
+            [_mm512_cvtepu8_epi16(_mm512_castsi512_si256(b)), _mm512_cvtepu8_epi16(_mm512_extracti64x4_epi64::<1>(b))]
+        }
+    }
+}
