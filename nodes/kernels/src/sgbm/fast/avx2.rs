@@ -31,6 +31,7 @@ unsafe impl Lanes for Avx2 {
     type V = __m256i;
     type B = __m256i;
     const LANES: usize = 16;
+    const SHIFTS: bool = false;
 
     #[inline(always)]
     unsafe fn load(from: *const i16) -> __m256i {

@@ -43,6 +43,7 @@ unsafe impl Lanes for Avx512 {
     type V = __m512i;
     type B = __m512i;
     const LANES: usize = 32;
+    const SHIFTS: bool = true;
 
     #[inline(always)]
     unsafe fn load(from: *const i16) -> __m512i {

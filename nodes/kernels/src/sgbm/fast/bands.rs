@@ -13,7 +13,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use super::answers::Answers;
 use super::costs::{CostRow, Slide, pixel_len};
-use super::decide::Decide;
+use super::decide::{Decide, total_len};
 use super::kernels::Kernels;
 use super::march::{March, Slots, Source};
 use super::shared::{Costs, Shared};
@@ -37,8 +37,8 @@ const TILE: usize = 32;
 struct RowScratch {
     left: Planes,
     right: Planes,
-    pixel: Vec<i16>,
-    total: Vec<i16>,
+    pixel: Costs,
+    total: Costs,
     answers: Answers,
 }
 
@@ -119,7 +119,7 @@ pub(super) fn compute<'a>(
     let path_memory: Vec<_> = directions
         .iter()
         .zip(&mut memory.paths)
-        .map(|(&(_, spare), costs)| costs.at_least(Slots::len(search, search.columns + spare)))
+        .map(|(&(_, spare), costs)| costs.at_least(Slots::len(search, search.columns + spare, kernels.padding)))
         .collect();
     for upwards in [false, true] {
         if upwards && !two_passes {
@@ -128,7 +128,9 @@ pub(super) fn compute<'a>(
         let slots: Vec<_> = directions
             .iter()
             .zip(&path_memory)
-            .map(|(&(drift, spare), &memory)| Slots::new(search, memory, search.columns + spare, drift))
+            .map(|(&(drift, spare), &memory)| {
+                Slots::new(search, memory, search.columns + spare, kernels.padding, drift)
+            })
             .collect();
         frame.pass(&Pass { upwards, last: upwards || !two_passes, slots: &slots }, tiles);
     }
@@ -198,7 +200,7 @@ impl<'a> Frame<'a> {
     fn sum_row(&self, k: usize, n: usize) {
         let mut scratch = self.scratch(n);
         let RowScratch { left, right, pixel, .. } = &mut *scratch;
-        pixel.resize(pixel_len(self.search), 0);
+        let pixel = pixel.at_least(pixel_len(self.search));
         let start = self.sums_at(k);
         // SAFETY: each row of a round writes its own part of the ring, of which nothing is read in this round: trapezoids,
         // which read it, have rounds of their own. The table's maker found the instruction set.
@@ -210,7 +212,7 @@ impl<'a> Frame<'a> {
                 search: self.search,
                 left: left.planes(),
                 right: right.planes(),
-                pixel,
+                pixel: pixel.write(0..pixel_len(self.search)),
                 sums,
             });
         }
@@ -352,13 +354,16 @@ impl<'a> Frame<'a> {
             }
             let output = (source - kept.start + self.stripe.first_output) * width;
             let RowScratch { total, answers, .. } = &mut **scratch;
-            // SAFETY: each row of this round has its own sums and its own row of the output; costs are only read.
+            let room = total_len(self.search);
+            let total = total.at_least(room);
+            // SAFETY: each row of this round has its own scratch, its own sums and its own row of the output; costs are only
+            // read.
             decided.push(unsafe {
                 Decide {
                     search: self.search,
                     cost: self.cost.read(self.cost_at(y)..self.cost_at(y) + len),
                     sum: self.band.write(i % BAND * len..(i % BAND + 1) * len),
-                    total,
+                    total: total.write(0..room),
                     answers,
                     out: self.out.write(output..output + width),
                 }

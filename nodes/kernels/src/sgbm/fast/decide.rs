@@ -14,11 +14,16 @@ pub(super) struct Decide<'a> {
     pub cost: &'a [i16],
     /// Sums of the other directions; left with the sums up to the direction to the right.
     pub sum: &'a mut [i16],
-    /// Memory for one column's sums.
-    pub total: &'a mut Vec<i16>,
+    /// Memory for one column's sums: `total_len` values.
+    pub total: &'a mut [i16],
     pub answers: &'a mut Answers,
     /// The row's disparities.
     pub out: &'a mut [i16],
+}
+
+/// Values of memory for one column's sums.
+pub(super) fn total_len(search: &Search) -> usize {
+    search.disparities.next_multiple_of(COMPARED)
 }
 
 /// Leads the paths to the right and to the left, and decides every column, of two rows at once: each pixel waits for its
@@ -121,8 +126,8 @@ impl<L: Lanes, P: AsMut<[L::V]>> Along<L, P> {
         let d = path.as_mut().len() * L::LANES;
         assert!(row.search.disparities == d);
         assert!(row.cost.len() == row.search.columns * d && row.sum.len() == row.cost.len());
-        row.total.clear();
-        row.total.resize(d.next_multiple_of(COMPARED), i16::MAX);
+        assert!(row.total.len() == total_len(row.search));
+        row.total.fill(i16::MAX);
         Self {
             path,
             // SAFETY: as the caller vouches.

@@ -18,6 +18,8 @@ use crate::sgbm::view::View;
 /// Each function's own; and the instruction set was found on this machine by whoever made the table.
 #[derive(Clone, Copy)]
 pub(super) struct Kernels {
+    /// Padding of path slots that keeps their vectors aligned.
+    pub padding: usize,
     pub planes: unsafe fn(&mut Planes, &Search, &View<'_>, usize, bool),
     pub cost_row: unsafe fn(&mut CostRow<'_>),
     pub slide: unsafe fn(&mut Slide<'_>),
@@ -66,7 +68,8 @@ macro_rules! compiled {
             }
 
             fn table<const N: usize>() -> Kernels {
-                Kernels { planes, cost_row: cost_row::<N>, slide, march: march::<N>, decide: decide::<N>, median }
+                let padding = <$lanes>::LANES;
+                Kernels { padding, planes, cost_row: cost_row::<N>, slide, march: march::<N>, decide: decide::<N>, median }
             }
 
             /// The kernels for `disparities`.

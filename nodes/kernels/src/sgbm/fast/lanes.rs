@@ -3,9 +3,6 @@
 //! The kernels are written once over [`Lanes`]. [`Portable`] is plain Rust: it runs on every machine and under Miri, and
 //! the compiler vectorises most of it; [`super::avx2::Avx2`] names the instructions.
 
-/// Disparities come in multiples of so many.
-pub(super) const GROUP: usize = 16;
-
 /// How many sums are compared at once.
 pub(super) const COMPARED: usize = 32;
 
@@ -29,6 +26,9 @@ pub(super) unsafe trait Lanes: Copy + 'static {
     const LANES: usize;
     /// Bytes in a vector of pixel values.
     const BYTES: usize = 2 * Self::LANES;
+    /// Whether [`Lanes::below`] costs less than reading values again from one place before: where a vector fills a cache
+    /// line, such a read always needs two lines.
+    const SHIFTS: bool;
 
     /// Reads values.
     unsafe fn load(from: *const i16) -> Self::V;
@@ -100,6 +100,7 @@ unsafe impl Lanes for Portable {
     type V = [i16; LANES];
     type B = [u8; BYTES];
     const LANES: usize = LANES;
+    const SHIFTS: bool = false;
 
     #[inline(always)]
     unsafe fn load(from: *const i16) -> Self::V {

@@ -2,21 +2,19 @@
 //!
 //! Each direction keeps one slot a path, updated in place: a path that runs straight down stays in its column's slot, one
 //! that runs diagonally stays in the slot of its diagonal. Slots are rings over the diagonals alive at once.
-//! A slot holds the `d` costs of the path's last pixel, then 16 values of padding: the first and last are the borders
+//! A slot holds the `d` costs of the path's last pixel, then as much padding as keeps vectors aligned, 16 values or more: the first and last are the borders
 //! that stand beyond the disparities (of this slot's end and of the next slot's beginning), one in between is the
 //! smallest cost plus P2.
 
-use super::lanes::{GROUP, Lanes};
+use super::lanes::Lanes;
 use super::shared::Shared;
 use crate::sgbm::search::Search;
 
 /// Where a slot keeps its smallest cost plus P2, after its costs.
 const DELTA: usize = 8;
 
-/// Values of one slot.
-pub(super) fn slot_len(search: &Search) -> usize {
-    search.disparities + GROUP
-}
+/// Padding before the first slot: a cache line.
+const LEAD: usize = 32;
 
 /// The slots of one direction.
 #[derive(Clone, Copy)]
@@ -25,27 +23,30 @@ pub(super) struct Slots<'a> {
     memory: Shared<'a, i16>,
     /// Number of slots.
     count: usize,
+    /// Values of one slot, padding included.
+    stride: usize,
     /// By how many slots a column moves with each row: -1, 0 or 1.
     drift: isize,
 }
 
 impl<'a> Slots<'a> {
-    /// Values of memory for `count` slots.
-    pub fn len(search: &Search, count: usize) -> usize {
-        GROUP + count * slot_len(search)
+    /// Values of memory for `count` slots, each padded by `padding` values.
+    pub fn len(search: &Search, count: usize, padding: usize) -> usize {
+        LEAD + count * (search.disparities + padding)
     }
 
     /// Fresh paths: all costs 0.
-    pub fn new(search: &Search, memory: Shared<'a, i16>, count: usize, drift: isize) -> Self {
+    pub fn new(search: &Search, memory: Shared<'a, i16>, count: usize, padding: usize, drift: isize) -> Self {
         // SAFETY: nobody else has this memory yet.
-        let values = unsafe { memory.write(0..Self::len(search, count)) };
-        let (lead, slots) = values.split_at_mut(GROUP);
+        let values = unsafe { memory.write(0..Self::len(search, count, padding)) };
+        let stride = search.disparities + padding;
+        let (lead, slots) = values.split_at_mut(LEAD);
         lead.fill(border(search));
-        for slot in slots.chunks_exact_mut(slot_len(search)) {
+        for slot in slots.chunks_exact_mut(stride) {
             slot[search.disparities..].fill(border(search));
             reset(search, slot);
         }
-        Self { memory, count, drift }
+        Self { memory, count, stride, drift }
     }
 
     /// The slot of column `x` in the `i`-th row.
@@ -63,7 +64,7 @@ impl<'a> Slots<'a> {
             _ => return,
         };
         if columns.contains(&x) {
-            let start = GROUP + self.index(x, i) * slot_len(search);
+            let start = LEAD + self.index(x, i) * self.stride;
             // SAFETY: the slot up to its smallest cost belongs to this column, hence to whoever leads paths through it.
             reset(search, unsafe { self.memory.write(start..start + search.disparities + DELTA + 1) });
         }
@@ -144,7 +145,7 @@ unsafe fn through<L: Lanes, const N: usize, const DIRECTIONS: usize, const SOURC
     let search = m.search;
     let n = if N > 0 { N } else { search.disparities / L::LANES };
     let d = n * L::LANES;
-    let stride = d + GROUP;
+    let stride = slots[0].stride;
     if m.columns.is_empty() {
         return;
     }
@@ -155,8 +156,8 @@ unsafe fn through<L: Lanes, const N: usize, const DIRECTIONS: usize, const SOURC
     for k in 0..DIRECTIONS {
         slots[k].enter(search, m.i, &m.columns);
         around[k] = slots[k].count * stride;
-        slot[k] = slots[k].memory.at(GROUP + slots[k].index(m.columns.start, m.i) * stride);
-        end[k] = slots[k].memory.at(GROUP + around[k]);
+        slot[k] = slots[k].memory.at(LEAD + slots[k].index(m.columns.start, m.i) * stride);
+        end[k] = slots[k].memory.at(LEAD + around[k]);
     }
     let (mut cost, mut sum) = (m.cost, m.sum);
     let mut others = match m.source {
@@ -167,12 +168,13 @@ unsafe fn through<L: Lanes, const N: usize, const DIRECTIONS: usize, const SOURC
     // SAFETY: slots lie in their memory with padding before and after; the rest as the caller vouches.
     unsafe {
         let p1 = L::splat(search.p1);
+        let border = L::splat(border(search));
         for _ in m.columns.clone() {
             let mut delta = [L::splat(0); DIRECTIONS];
             let mut below = delta;
             for k in 0..DIRECTIONS {
                 delta[k] = L::splat(*slot[k].add(d + DELTA));
-                below[k] = L::load(slot[k].sub(1));
+                below[k] = if L::SHIFTS { border } else { L::load(slot[k].sub(1)) };
             }
             let mut smallest = [L::splat(i16::MAX); DIRECTIONS];
             for j in 0..n {
@@ -188,12 +190,16 @@ unsafe fn through<L: Lanes, const N: usize, const DIRECTIONS: usize, const SOURC
                 let mut total = L::splat(0);
                 for k in 0..DIRECTIONS {
                     let slot = slot[k].add(at);
-                    let near = L::add(L::min(below[k], L::load(slot.add(1))), p1);
-                    if j + 1 < n {
-                        // The next vector's predecessors, before this vector is overwritten.
+                    let here = L::load(slot);
+                    let lower = if L::SHIFTS { L::below(below[k], here) } else { below[k] };
+                    let near = L::add(L::min(lower, L::load(slot.add(1))), p1);
+                    // What the next vector's predecessors come from, before this vector is overwritten.
+                    if L::SHIFTS {
+                        below[k] = here;
+                    } else if j + 1 < n {
                         below[k] = L::load(slot.add(L::LANES - 1));
                     }
-                    let best = L::min(L::min(near, L::load(slot)), delta[k]);
+                    let best = L::min(L::min(near, here), delta[k]);
                     let new = L::add(L::sub(best, delta[k]), c);
                     L::store(slot, new);
                     smallest[k] = L::min(smallest[k], new);
