@@ -73,7 +73,8 @@ fn render(diagnostic: &Diagnostic) -> String {
 
 /// Prints an error and its remedy to standard error.
 pub fn print_stop(message: &str, remedy: Option<&str>) {
-    let (red, cyan, plain) = if *COLOUR.get_or_init(|| false) { ("\x1b[31m", "\x1b[36m", "\x1b[0m") } else { ("", "", "") };
+    let (red, cyan, plain) =
+        if *COLOUR.get_or_init(|| false) { ("\x1b[31m", "\x1b[36m", "\x1b[0m") } else { ("", "", "") };
     eprintln!("{red}error{plain}: {message}");
     if let Some(remedy) = remedy {
         eprintln!("  {cyan}help{plain}: {remedy}");

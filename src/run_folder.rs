@@ -18,9 +18,9 @@ impl RunFolder {
     ///
     /// A folder that exists under either name is somebody's results: it is only replaced when asked for.
     pub fn create(out: &Path, overwrite: bool) -> Result<Self, Stop> {
-        let name = out.file_name().ok_or_else(|| {
-            Stop::new(Exit::Before, format!("the output folder `{}` has no name", out.display()))
-        })?;
+        let name = out
+            .file_name()
+            .ok_or_else(|| Stop::new(Exit::Before, format!("the output folder `{}` has no name", out.display())))?;
         let mut partial_name = name.to_owned();
         partial_name.push(".partial");
         let folder = Self { partial: out.with_file_name(partial_name), out: out.to_owned() };

@@ -9,6 +9,7 @@ use std::io::Cursor;
 use crc32fast::Hasher;
 use depthloom_graphs::Frame;
 use mcap::records::op;
+use rustix::time::{ClockId, clock_gettime};
 use zstd::bulk::Compressor;
 
 use crate::pool::PartPools;
@@ -48,6 +49,8 @@ pub struct Part {
     pub(crate) chunks: Vec<ChunkPlace>,
     /// The channel of each message.
     pub(crate) messages: Vec<u16>,
+    /// Processor time that zstd took, nanoseconds.
+    pub(crate) compress_ns: u64,
 }
 
 /// The records of a chunk being filled.
@@ -115,6 +118,7 @@ impl<'a> PartBuilder<'a> {
         let Self { frame, pools, mut bytes, plain, packed, view, messages } = self;
         let mut crc = Hasher::new();
         let mut chunks = Vec::new();
+        let mut compress_ns = 0;
         if plain.is_empty() {
             bytes.clear();
         } else {
@@ -139,7 +143,9 @@ impl<'a> PartBuilder<'a> {
             let mut into = Cursor::new(bytes);
             into.set_position(records_start as u64);
             // A context of its own, so that what it compressed before cannot matter.
+            let began = thread_cpu_ns();
             Compressor::new(ZSTD_LEVEL)?.compress_to_buffer(&lane.records, &mut into)?;
+            compress_ns += thread_cpu_ns() - began;
             bytes = into.into_inner();
             let compressed = (bytes.len() - records_start) as u64;
             let size = lane.records.len() as u64;
@@ -150,8 +156,15 @@ impl<'a> PartBuilder<'a> {
             chunks.push(indexed(&mut bytes, &mut crc, place, &lane.messages));
             pools.records.put(lane.records);
         }
-        Ok(Part { bytes, crc, chunks, messages })
+        Ok(Part { bytes, crc, chunks, messages, compress_ns })
     }
+}
+
+/// The processor time of this thread, nanoseconds.
+#[expect(clippy::cast_sign_loss, reason = "a thread's processor time is not negative")]
+fn thread_cpu_ns() -> u64 {
+    let time = clock_gettime(ClockId::ThreadCPUTime);
+    time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64
 }
 
 /// How samples of a raster are best kept, measured on a few of them; `put` appends the bytes of a stretch of samples.

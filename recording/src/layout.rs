@@ -31,6 +31,17 @@ pub(crate) enum Class {
 
 impl Class {
     const ALL: [Self; 5] = [Self::Camera, Self::Truth, Self::FixedPoint, Self::Maps, Self::Rows];
+
+    /// The name under which a run's timings list it.
+    pub(crate) const fn name(self) -> &'static str {
+        match self {
+            Self::Camera => "camera",
+            Self::Truth => "truth",
+            Self::FixedPoint => "fixed-point",
+            Self::Maps => "maps",
+            Self::Rows => "scores",
+        }
+    }
 }
 
 /// An output port that is recorded.
@@ -52,6 +63,8 @@ pub(crate) struct PortLayout {
 #[derive(Clone, Debug)]
 pub(crate) struct RunLayout {
     pub(crate) parts: usize,
+    /// The class of each part.
+    pub(crate) classes: Vec<Class>,
     source: Vec<Option<PortLayout>>,
     nodes: Vec<Vec<Option<PortLayout>>>,
     pub(crate) commit_channel: u16,
@@ -113,7 +126,8 @@ impl Layout {
             metadata: BTreeMap::from([("stage".to_owned(), run.stage.clone())]),
         };
         let commit_channel = self.channel(commit, topics)?;
-        Ok(RunLayout { parts: used.len(), source, nodes, commit_channel })
+        let classes: Vec<Class> = Class::ALL.into_iter().filter(|class| used.contains(class)).collect();
+        Ok(RunLayout { parts: classes.len(), classes, source, nodes, commit_channel })
     }
 
     fn port(

@@ -84,7 +84,7 @@ pub use plan::{
     RecordedSourcePart,
 };
 pub use reader::FrameReader;
-pub use recorder::{Attachment, Recorder, Written};
+pub use recorder::{Attachment, Compression, Recorder, Written};
 pub use recording::{RecordedFrame, RecordedOnce, Recording};
 
 /// The version of what a recording holds beside the values.

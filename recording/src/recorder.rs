@@ -45,6 +45,15 @@ pub struct Written {
     pub chunks: u64,
 }
 
+/// What compressing one class of topics took.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Compression {
+    /// The class: `camera`, `truth`, `fixed-point`, `maps`, `scores`.
+    pub class: &'static str,
+    /// Processor time, over all frames written, nanoseconds.
+    pub cpu_ns: u64,
+}
+
 /// Writes the values of a run into one MCAP file.
 ///
 /// Parts are framed and compressed by [`Tap::encode`] on whichever thread calls it; [`Tap::write`] only appends bytes.
@@ -62,6 +71,8 @@ struct State {
     writer: Writer,
     frames: u64,
     artifacts: BTreeSet<Key>,
+    /// By stage run and part.
+    compress_ns: Vec<Vec<u64>>,
 }
 
 impl Recorder {
@@ -85,7 +96,8 @@ impl Recorder {
         }
         let pools_of = |run: &RunLayout| (0..=run.parts).map(|_| PartPools::default()).collect();
         let pools = layout.runs.iter().map(pools_of).collect();
-        let state = State { writer, frames: 0, artifacts: BTreeSet::new() };
+        let compress_ns = layout.runs.iter().map(|run| vec![0; run.parts]).collect();
+        let state = State { writer, frames: 0, artifacts: BTreeSet::new(), compress_ns };
         Ok(Self { path, layout, every: plan.record.every.max(1), pools, state: Mutex::new(state) })
     }
 
@@ -93,6 +105,17 @@ impl Recorder {
     #[must_use]
     pub fn path(&self) -> &Path {
         &self.path
+    }
+
+    /// What compression took in a stage run so far, by part.
+    ///
+    /// # Panics
+    /// If the plan has no such stage run.
+    #[must_use]
+    pub fn compression(&self, run: usize) -> Vec<Compression> {
+        let state = self.state();
+        let spent = self.layout.runs[run].classes.iter().zip(&state.compress_ns[run]);
+        spent.map(|(class, cpu_ns)| Compression { class: class.name(), cpu_ns: *cpu_ns }).collect()
     }
 
     /// Adds the attachments, writes the summary and closes the file.
@@ -189,6 +212,9 @@ impl Tap for Recorder {
         closing.message(layout.commit_channel, Packing::Plain, message.len(), |out| out.extend_from_slice(&message));
         let closing = closing.finish().expect("a commit record is not compressed");
         let mut state = self.state();
+        for (spent, part) in state.compress_ns[commit.run].iter_mut().zip(&parts) {
+            *spent += part.compress_ns;
+        }
         for (part, pools) in parts.into_iter().chain([closing]).zip(pools) {
             state.writer.part(&part).map_err(tap_error)?;
             pools.bytes.put(part.bytes);

@@ -9,7 +9,8 @@ pub fn nodes(args: &NodesArgs) -> Result<Exit, Stop> {
     let registry = depthloom_nodes::registry();
     let Some(kind) = &args.kind else {
         let sources = registry.sources().map(|s| (s.declaration.kind, "source", s.declaration.summary));
-        let nodes = registry.nodes().map(|n| (n.declaration.kind, n.declaration.contract.name(), n.declaration.summary));
+        let nodes =
+            registry.nodes().map(|n| (n.declaration.kind, n.declaration.contract.name(), n.declaration.summary));
         let rows: Vec<_> = sources.chain(nodes).collect();
         let width = rows.iter().map(|(kind, ..)| kind.len()).max().unwrap_or(0);
         let list: String =

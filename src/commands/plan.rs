@@ -8,7 +8,11 @@ use crate::exit::{Exit, Stop};
 /// Prints every node of the plan, the variants that share it, and its recipe.
 pub fn plan(args: &PlanArgs) -> Result<Exit, Stop> {
     let Some(plan) = load(&args.experiment, args.json)? else { return Ok(Exit::Before) };
-    if args.json { print_json(&plan.summary_json())? } else { print(&plan.summary_text())? }
+    if args.json {
+        print_json(&plan.summary_json())?
+    } else {
+        print(&plan.summary_text())?
+    }
     Ok(Exit::Whole)
 }
 

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use depthloom_analysis::{ReportOptions, Summary, Timing};
 use depthloom_graphs::plan::Plan;
-use depthloom_recording::Recording;
+use depthloom_recording::{Recorder, Recording};
 use depthloom_runner::Phase;
 
 use super::run::recording_of;
@@ -25,7 +25,11 @@ pub fn report(args: &ReportArgs) -> Result<Exit, Stop> {
         .map_err(|error| Stop::because(Exit::Before, format_args!("failed to create {}", out.display()), &error))?;
     let report = depthloom_analysis::report(&recording, &out, &ReportOptions { paper: args.paper })
         .map_err(|error| Stop::because(Exit::Engine, "failed to analyse the recording", &error))?;
-    if args.json { print_json(&report.json)? } else { print(&summary(&report, &out))? }
+    if args.json {
+        print_json(&report.json)?
+    } else {
+        print(&summary(&report, &out))?
+    }
     Ok(Exit::Whole)
 }
 
@@ -51,27 +55,55 @@ pub fn timings(args: &TimingsArgs) -> Result<Exit, Stop> {
 }
 
 /// Writes a run's timings beside its recording.
-pub fn write_timings(timings: &[depthloom_runner::Timing], plan: &Plan, path: &Path) -> Result<(), Stop> {
-    let rows: Vec<Timing> = timings.iter().map(|timing| row(timing, plan)).collect();
+pub fn write_timings(
+    timings: &[depthloom_runner::Timing],
+    plan: &Plan,
+    recorder: &Recorder,
+    path: &Path,
+) -> Result<(), Stop> {
+    let rows: Vec<Timing> = timings.iter().flat_map(|timing| rows(timing, plan, recorder)).collect();
     depthloom_analysis::write_timings(&rows, path)
         .map_err(|error| Stop::because(Exit::Engine, format_args!("failed to write {}", path.display()), &error))
 }
 
-fn row(timing: &depthloom_runner::Timing, plan: &Plan) -> Timing {
-    let phase = match timing.phase {
-        Phase::Source => "source",
-        Phase::Node(_) => "node",
-        Phase::Encode(_) => "encode",
-        Phase::Write => "write",
-        Phase::Once(_) => "once",
-    };
-    Timing {
-        stage: plan.runs[timing.run].prefix.trim_start_matches('/').to_owned(),
-        node: timing.label.clone(),
+/// A timing's rows: one, or two where compression is a share of encoding.
+fn rows(timing: &depthloom_runner::Timing, plan: &Plan, recorder: &Recorder) -> Vec<Timing> {
+    let run = &plan.runs[timing.run];
+    let stage = run.prefix.trim_start_matches('/').to_owned();
+    let row = |node: String, phase: &str, cpu_ns: u64, wall_ns: u64, median_cpu_ns: Option<u64>| Timing {
+        stage: stage.clone(),
+        node,
         phase: phase.to_owned(),
         frames: timing.count,
-        cpu_ns: timing.cpu.sum_ns,
-        wall_ns: timing.wall.sum_ns,
-        median_cpu_ns: timing.median_cpu_ns(),
+        cpu_ns,
+        wall_ns,
+        median_cpu_ns,
+    };
+    let whole =
+        |node: String, phase: &str| row(node, phase, timing.cpu.sum_ns, timing.wall.sum_ns, timing.median_cpu_ns());
+    match timing.phase {
+        Phase::Source => vec![whole(timing.label.clone(), "read")],
+        Phase::Write => vec![whole("recording".to_owned(), "write")],
+        Phase::Once(node) => vec![whole(name(plan, timing.run, node), "once")],
+        Phase::Node(node) => vec![whole(name(plan, timing.run, node), "process")],
+        Phase::Encode(part) => {
+            let compression = recorder.compression(timing.run)[part];
+            let node = format!("recording of {}", compression.class);
+            let encode_ns = timing.cpu.sum_ns.saturating_sub(compression.cpu_ns);
+            vec![
+                row(node.clone(), "encode", encode_ns, timing.wall.sum_ns, None),
+                row(node, "compress", compression.cpu_ns, 0, None),
+            ]
+        }
+    }
+}
+
+/// A node's name, with the first of its variants where it does not serve them all.
+fn name(plan: &Plan, run: usize, node: usize) -> String {
+    let node = &plan.runs[run].nodes[node];
+    let of_stage = plan.runs[run].variants.len();
+    match node.variants.first() {
+        Some(&first) if node.variants.len() < of_stage => format!("{}/{}", plan.variants[first], node.name),
+        _ => node.name.clone(),
     }
 }

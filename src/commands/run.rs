@@ -24,7 +24,8 @@ use crate::run_folder::RunFolder;
 pub fn run(args: &RunArgs) -> Result<Exit, Stop> {
     let silent = args.quiet || args.json;
     let Some(plan) = load(&args.experiment, silent)? else { return Ok(Exit::Before) };
-    let out = args.out.clone().unwrap_or_else(|| Path::new("runs").join(&plan.experiment).join(environment::utc_stamp()));
+    let out =
+        args.out.clone().unwrap_or_else(|| Path::new("runs").join(&plan.experiment).join(environment::utc_stamp()));
     let ready = match Ready::new(plan, &depthloom_nodes::registry()) {
         Ok(ready) => ready,
         Err(missing) => return Ok(print_missing(&missing)),
@@ -45,7 +46,8 @@ pub fn run(args: &RunArgs) -> Result<Exit, Stop> {
     let progress = Progress::new(&plan, silent);
     let ran = depthloom_runner::run(ready, &recorder, &options, &progress, &interrupt);
     // Whatever happened, what was recorded is closed properly: a run that failed keeps the frames before the failure.
-    let finished = recorder.finish(&[]).map_err(|error| Stop::because(Exit::Engine, "failed to close the recording", &error));
+    let finished =
+        recorder.finish(&[]).map_err(|error| Stop::because(Exit::Engine, "failed to close the recording", &error));
     write_experiment(&folder, &plan)?;
     let ran = match ran {
         Ok(ran) => ran,
@@ -53,7 +55,7 @@ pub fn run(args: &RunArgs) -> Result<Exit, Stop> {
     };
     finished?;
 
-    super::report::write_timings(&ran.timings, &plan, &folder.file("timings.parquet"))?;
+    super::report::write_timings(&ran.timings, &plan, &recorder, &folder.file("timings.parquet"))?;
     if ran.interrupted {
         return Err(Stop::new(Exit::Interrupted, "interrupted")
             .remedy(format!("the frames done so far are in {}", folder.partial.display())));
@@ -68,7 +70,8 @@ pub fn run(args: &RunArgs) -> Result<Exit, Stop> {
     let out = folder.finish()?;
 
     if args.json {
-        let mut object = json!({ "experiment": plan.experiment, "run": out, "failed_frames": failed, "environment": environment });
+        let mut object =
+            json!({ "experiment": plan.experiment, "run": out, "failed_frames": failed, "environment": environment });
         object["report"] = report.json;
         print_json(&object)?;
     } else if args.quiet {

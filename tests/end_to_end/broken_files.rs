@@ -5,7 +5,8 @@ use crate::support::{depthloom, workspace};
 #[test]
 fn every_broken_file_is_explained() {
     let folder = workspace().join("tests/broken");
-    let mut files: Vec<_> = std::fs::read_dir(&folder).expect("the folder").map(|e| e.expect("an entry").path()).collect();
+    let mut files: Vec<_> =
+        std::fs::read_dir(&folder).expect("the folder").map(|e| e.expect("an entry").path()).collect();
     files.retain(|path| path.extension().is_some_and(|e| e == "yaml"));
     files.sort();
     assert!(files.len() >= 30, "{} broken files", files.len());

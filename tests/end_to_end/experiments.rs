@@ -13,7 +13,9 @@ fn every_shipped_experiment_is_right() {
             let path = entry.expect("an entry").path();
             if path.extension().is_some_and(|e| e == "yaml") {
                 let root = "/data/kitti";
-                succeed(depthloom().arg("check").arg(&path).env("KITTI_STEREO_2015", root).env("MONO_MODEL", "net.onnx"));
+                succeed(
+                    depthloom().arg("check").arg(&path).env("KITTI_STEREO_2015", root).env("MONO_MODEL", "net.onnx"),
+                );
             }
         }
     }

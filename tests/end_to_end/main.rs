@@ -7,6 +7,7 @@ mod broken_files;
 mod determinism;
 mod experiments;
 mod golden;
+mod killed;
 mod memory;
 mod python_reads;
 mod support;
