@@ -27,6 +27,9 @@
 //! let mut fused = vec![0.0; width * height];
 //! median::median5(&merged, width, height, &mut fused);
 //! ```
+//!
+//! `unsafe` stands in the SIMD modules and where tiles are lent to threads. Under AddressSanitizer:
+//! `RUSTFLAGS=-Zsanitizer=address cargo +nightly test --release --target x86_64-unknown-linux-gnu -p depthloom-kernels --lib`.
 
 pub mod confidence;
 pub mod depth;

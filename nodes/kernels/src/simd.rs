@@ -58,7 +58,7 @@ impl Level {
     /// The widest instruction set of this machine.
     ///
     /// The environment variable `DEPTHLOOM_SIMD` (`portable`, `sse2`, `avx2`) holds it down, for measuring: the results are
-    /// the same.
+    /// the same. Any other value leaves it as it is.
     #[must_use]
     pub fn best() -> Self {
         static BEST: OnceLock<Level> = OnceLock::new();
