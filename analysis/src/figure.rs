@@ -1,11 +1,12 @@
-//! The paper's figure: absolute error against true distance, a panel a variant, and the histogram of true distances below.
+//! The paper's figure: absolute error against true distance, a panel a variant, and the histogram of true distances.
 //!
 //! The solid line is the median, the darker band goes from 25 to 75 %, the lighter one from 5 to 95 %; mono is red, stereo blue.
+//! A third estimator's lighter band is left out where it would hide those two; `error_vs_distance.csv` has its numbers.
 
 use std::collections::BTreeMap;
 
 use kuva::backend::svg::SvgBackend;
-use kuva::plot::legend::{LegendEntry, LegendShape};
+use kuva::plot::legend::{LegendEntry, LegendPosition, LegendShape};
 use kuva::plot::{BandPlot, Histogram, LinePlot};
 use kuva::render::figure::Figure as Sheet;
 use kuva::render::layout::{Layout, TickFormat};
@@ -15,13 +16,17 @@ use kuva::render::theme::Theme;
 use crate::distance::DistanceBin;
 use crate::estimators::Estimator;
 
-/// Panel width and height, and the histogram's height, pixels.
-const PANEL: (f64, f64) = (460.0, 300.0);
-const HISTOGRAM_HEIGHT: f64 = 190.0;
+/// Width and height of a panel, of one that stands alone, and the height of a histogram with its own row; pixels.
+const PANEL_PX: (f64, f64) = (440.0, 290.0);
+const LONE_PANEL_PX: (f64, f64) = (640.0, 400.0);
+const HISTOGRAM_HEIGHT_PX: f64 = 190.0;
 /// Stereo's colour, mono's, and those of all others in the order they come.
 const BLUE: &str = "#1f5fb4";
 const RED: &str = "#d1332e";
 const OTHERS: [&str; 6] = ["#2b9348", "#8e44ad", "#e08a00", "#0f8b8d", "#7f5539", "#5c677d"];
+/// How opaque the bands from 5 to 95 % and from 25 to 75 % are.
+const WIDE_OPACITY: f64 = 0.14;
+const NARROW_OPACITY: f64 = 0.30;
 
 /// What the figure shows.
 pub(crate) struct Figure<'a> {
@@ -35,55 +40,67 @@ pub(crate) struct Figure<'a> {
 pub(crate) fn render(figure: &Figure<'_>) -> String {
     let names = figure.names();
     let panels = figure.panels();
-    let columns = panels.len().clamp(1, 2);
-    let rows = panels.len().div_ceil(columns);
-    let far_m =
-        f64::from(figure.truth.keys().chain(figure.bins.iter().map(|bin| &bin.bin_m)).max().map_or(80, |m| m + 1));
+    let metres = figure.truth.keys().chain(figure.bins.iter().map(|bin| &bin.bin_m));
+    let far_m = metres.max().map_or(80.0, |metre| f64::from(metre + 1));
     let high_m = figure.bins.iter().map(|bin| bin.percentiles_m[4]).fold(1.0, f64::max);
 
-    let mut cells: Vec<Vec<usize>> = (0..panels.len()).map(|panel| vec![panel]).collect();
-    if let Some(last) = cells.last_mut() {
-        // A last panel alone in its row takes the whole row.
-        last.extend(panels.len()..rows * columns);
-    }
     let mut plots = Vec::new();
     let mut layouts = Vec::new();
-    for panel in &panels {
-        let drawn: Vec<Plot> = panel
-            .estimators
-            .iter()
-            .flat_map(|&index| figure.curves(index, colour(&names, figure.name(index))))
-            .collect();
-        let mut layout =
-            layout(far_m).with_y_axis_min(0.0).with_y_axis_max(high_m).with_y_label("absolute error |y − t|, m");
+    for (place, panel) in panels.iter().enumerate() {
+        let mut layout = layout(far_m).with_y_axis_min(0.0).with_y_axis_max(high_m);
+        if place % 2 == 0 {
+            layout = layout.with_y_label("absolute error |y − t|, m");
+        }
         if let Some(title) = &panel.title {
             layout = layout.with_title(title.as_str());
         }
-        plots.push(drawn);
+        plots.push(figure.panel(panel, &names));
         layouts.push(layout);
     }
-    cells.push((rows * columns..(rows + 1) * columns).collect());
-    plots.push(vec![figure.histogram()]);
-    let most = figure.truth.values().copied().max().unwrap_or(1) as f64;
+    // The histogram fills the place an odd number of panels leaves, or a row of its own.
+    let columns = panels.len().clamp(1, 2);
+    let own_row = panels.len().is_multiple_of(columns);
+    let rows = panels.len().div_ceil(columns) + usize::from(own_row);
+    let mut cells: Vec<Vec<usize>> = (0..panels.len()).map(|panel| vec![panel]).collect();
+    cells.push((panels.len()..rows * columns).collect());
+    let (histogram, most) = figure.histogram();
+    plots.push(vec![histogram]);
     let layout = layout(far_m).with_y_axis_min(0.0).with_y_axis_max(most).with_x_label("true distance t, m");
-    layouts.push(layout.with_y_label("true pixels").with_y_tick_format(TickFormat::Auto));
+    let layout = if own_row { layout } else { layout.with_title("true distances") };
+    // Few pixels are far: the legend hides no bar up there.
+    let layout = layout.with_legend_entries(legend(&names)).with_legend_position(LegendPosition::InsideTopRight);
+    layouts.push(layout.with_y_label("true pixels, thousands").with_y_tick_format(TickFormat::Auto));
 
-    let legend = names.iter().map(|name| LegendEntry {
-        label: (*name).to_owned(),
-        color: colour(&names, name).to_owned(),
-        shape: LegendShape::Line,
-        dasharray: None,
-    });
-    let mut sheet = Sheet::new(rows + 1, columns)
+    let (width_px, height_px) = if panels.len() == 1 { LONE_PANEL_PX } else { PANEL_PX };
+    let mut sheet = Sheet::new(rows, columns)
         .with_structure(cells)
         .with_plots(plots)
         .with_layouts(layouts)
-        .with_cell_size(PANEL.0, PANEL.1)
-        .with_row_height(rows, HISTOGRAM_HEIGHT)
-        .with_shared_legend_bottom()
-        .with_shared_legend_entries(legend.collect());
-    sheet = sheet.with_title("Absolute error against true distance: median, 25–75 %, 5–95 %").with_title_size(16);
-    SvgBackend::new().render_scene(&sheet.render())
+        .with_cell_size(width_px, height_px)
+        .with_spacing(8.0)
+        .with_title("Absolute error against true distance")
+        .with_title_size(17);
+    if own_row {
+        sheet = sheet.with_row_height(rows - 1, HISTOGRAM_HEIGHT_PX);
+    }
+    renumbered(&SvgBackend::new().render_scene(&sheet.render()))
+}
+
+/// Numbers clip paths from 0 in the order they come: kuva goes on counting from one figure of a process to the next.
+fn renumbered(svg: &str) -> String {
+    const MARK: &str = "kuva-clip-";
+    let mut pieces = svg.split(MARK);
+    let mut text = pieces.next().unwrap_or_default().to_owned();
+    let mut known: Vec<&str> = Vec::new();
+    for piece in pieces {
+        let (number, rest) = piece.split_at(piece.find(|c: char| !c.is_ascii_digit()).unwrap_or(piece.len()));
+        let place = known.iter().position(|other| *other == number).unwrap_or_else(|| {
+            known.push(number);
+            known.len() - 1
+        });
+        text.push_str(&format!("{MARK}{place}{rest}"));
+    }
+    text
 }
 
 /// A variant's estimators and those all variants share.
@@ -118,12 +135,11 @@ impl Figure<'_> {
         let shared: Vec<usize> = self.drawn().filter(|&index| self.estimators[index].variant.is_none()).collect();
         for index in self.drawn() {
             let Some(variant) = &self.estimators[index].variant else { continue };
-            match panels.iter_mut().find(|panel| panel.title.as_ref() == Some(variant)) {
-                Some(panel) => panel.estimators.push(index),
-                None => {
-                    let estimators = shared.iter().copied().chain([index]).collect();
-                    panels.push(Panel { title: Some(variant.clone()), estimators });
-                }
+            if let Some(panel) = panels.iter_mut().find(|panel| panel.title.as_ref() == Some(variant)) {
+                panel.estimators.push(index);
+            } else {
+                let estimators = shared.iter().copied().chain([index]).collect();
+                panels.push(Panel { title: Some(variant.clone()), estimators });
             }
         }
         if panels.is_empty() {
@@ -132,43 +148,82 @@ impl Figure<'_> {
         panels
     }
 
-    /// Two bands and a line through the middles of the bins; a metre without samples interrupts them.
-    fn curves(&self, index: usize, colour: &str) -> Vec<Plot> {
-        let bins: Vec<&DistanceBin> = self.bins.iter().filter(|bin| bin.estimator == index).collect();
-        let stretches = bins.chunk_by(|a, b| a.bin_m + 1 == b.bin_m);
-        let mut plots = Vec::new();
-        for stretch in stretches {
-            let middles = || stretch.iter().map(|bin| f64::from(bin.bin_m) + 0.5);
-            let percentile = |i: usize| stretch.iter().map(move |bin| bin.percentiles_m[i]);
-            for (below, above, opacity) in [(0, 4, 0.13), (1, 3, 0.27)] {
-                let band = BandPlot::new(middles(), percentile(below), percentile(above));
-                plots.push(Plot::Band(band.with_color(colour).with_opacity(opacity)));
-            }
-            let line = LinePlot::new().with_data(middles().zip(percentile(2)));
-            plots.push(Plot::Line(line.with_color(colour).with_stroke_width(1.8)));
-        }
-        plots
+    /// The wide bands of all, then the narrow ones, then the lines: no band hides a line.
+    fn panel(&self, panel: &Panel, names: &[&str]) -> Vec<Plot> {
+        let few = panel.estimators.len() <= 2;
+        let with_wide = panel.estimators.iter().filter(|index| few || ["stereo", "mono"].contains(&self.name(**index)));
+        let coloured = |index: usize| (index, colour(names, self.name(index)));
+        let wide = with_wide
+            .map(|&index| coloured(index))
+            .flat_map(|(index, colour)| self.bands(index, colour, (0, 4), WIDE_OPACITY));
+        let all = || panel.estimators.iter().map(|&index| coloured(index));
+        let narrow = all().flat_map(|(index, colour)| self.bands(index, colour, (1, 3), NARROW_OPACITY));
+        wide.chain(narrow).chain(all().flat_map(|(index, colour)| self.lines(index, colour))).collect()
     }
 
-    fn histogram(&self) -> Plot {
+    /// The bins of an estimator in stretches without a gap: a metre without samples interrupts bands and lines.
+    fn stretches(&self, index: usize) -> Vec<Vec<&DistanceBin>> {
+        let bins: Vec<&DistanceBin> = self.bins.iter().filter(|bin| bin.estimator == index).collect();
+        bins.chunk_by(|a, b| a.bin_m + 1 == b.bin_m).map(<[_]>::to_vec).collect()
+    }
+
+    fn bands(&self, index: usize, colour: &str, (below, above): (usize, usize), opacity: f64) -> Vec<Plot> {
+        let band = |stretch: Vec<&DistanceBin>| {
+            let percentile = |i: usize| stretch.iter().map(move |bin| bin.percentiles_m[i]);
+            let band = BandPlot::new(middles(&stretch), percentile(below), percentile(above));
+            Plot::Band(band.with_color(colour).with_opacity(opacity))
+        };
+        self.stretches(index).into_iter().map(band).collect()
+    }
+
+    fn lines(&self, index: usize, colour: &str) -> Vec<Plot> {
+        let line = |stretch: Vec<&DistanceBin>| {
+            let medians = stretch.iter().map(|bin| bin.percentiles_m[2]);
+            let line = LinePlot::new().with_data(middles(&stretch).into_iter().zip(medians));
+            Plot::Line(line.with_color(colour).with_stroke_width(1.8))
+        };
+        self.stretches(index).into_iter().map(line).collect()
+    }
+
+    /// The histogram, in thousands of pixels, and its highest bar.
+    fn histogram(&self) -> (Plot, f64) {
         let nearest = self.truth.keys().next().copied().unwrap_or(0);
         let farthest = self.truth.keys().next_back().copied().unwrap_or(0);
         let edges = (nearest..=farthest + 1).map(f64::from).collect();
-        let counts = (nearest..=farthest).map(|metre| self.truth.get(&metre).copied().unwrap_or(0) as f64).collect();
-        Plot::Histogram(Histogram::new().with_precomputed(edges, counts).with_color("#8d99ae"))
+        let thousands = |metre: u32| self.truth.get(&metre).copied().unwrap_or(0) as f64 / 1000.0;
+        let counts: Vec<f64> = (nearest..=farthest).map(thousands).collect();
+        let most = counts.iter().copied().fold(1e-3, f64::max);
+        (Plot::Histogram(Histogram::new().with_precomputed(edges, counts).with_color("#8d99ae")), most)
     }
+}
+
+fn middles(stretch: &[&DistanceBin]) -> Vec<f64> {
+    stretch.iter().map(|bin| f64::from(bin.bin_m) + 0.5).collect()
 }
 
 /// What all panels have in common.
 fn layout(far_m: f64) -> Layout {
     Layout::new((0.0, far_m), (0.0, 1.0))
-        .with_theme(Theme { show_grid: true, grid_color: "#e6e6e6".into(), ..Theme::light() })
+        .with_theme(Theme { grid_color: "#e8e8e8".into(), legend_border: "none".into(), ..Theme::light() })
         .with_x_axis_min(0.0)
         .with_x_axis_max(far_m)
         .with_x_tick_step(10.0)
         .with_title_size(14)
         .with_label_size(12)
         .with_tick_size(10)
+        .with_body_size(11)
+}
+
+fn legend(names: &[&str]) -> Vec<LegendEntry> {
+    let entry = |label: &str, colour: &str, shape| LegendEntry {
+        label: label.to_owned(),
+        color: colour.to_owned(),
+        shape,
+        dasharray: None,
+    };
+    let lines = names.iter().map(|name| entry(&format!("{name}, median"), colour(names, name), LegendShape::Line));
+    let bands = [entry("25–75 %", "#a9a9a9", LegendShape::Rect), entry("5–95 %", "#dcdcdc", LegendShape::Rect)];
+    lines.chain(bands).collect()
 }
 
 fn colour(names: &[&str], name: &str) -> &'static str {
@@ -184,57 +239,85 @@ fn colour(names: &[&str], name: &str) -> &'static str {
 
 #[cfg(test)]
 mod tests {
+    use depthloom_scores::Settings;
+
     use super::*;
 
+    fn estimator(variant: Option<&str>, name: &str) -> Estimator {
+        Estimator {
+            label: name.to_owned(),
+            name: name.to_owned(),
+            variant: variant.map(str::to_owned),
+            run: 0,
+            sets: Vec::new(),
+            settings: Settings::default(),
+            score_topic: None,
+            estimate_topic: None,
+            truth_topic: None,
+        }
+    }
+
+    fn bin(estimator: usize, bin_m: u32) -> DistanceBin {
+        let middle = f64::from(bin_m);
+        let percentiles_m = [0.1 * middle, 0.2 * middle, 0.3 * middle, 0.4 * middle, 0.5 * middle];
+        DistanceBin { estimator, bin_m, count: 10, percentiles_m }
+    }
+
     #[test]
-    fn zz_look() {
-        let csv = std::fs::read_to_string("/work/shared/oracle/golden/ground_plane/percentiles.csv").unwrap();
-        let mut est: Vec<Estimator> = Vec::new();
-        let mut bins = Vec::new();
-        let mut truth = BTreeMap::new();
-        for l in csv.lines().skip(1) {
-            let c: Vec<&str> = l.split(',').collect();
-            let i = est.iter().position(|e| e.label == c[0]).unwrap_or_else(|| {
-                let (v, n) = c[0].split_once('/').map_or((None, c[0]), |(v, n)| (Some(v.to_owned()), n));
-                est.push(Estimator {
-                    label: c[0].into(),
-                    name: n.into(),
-                    variant: v,
-                    run: 0,
-                    sets: vec![],
-                    settings: Default::default(),
-                    score_topic: None,
-                    estimate_topic: None,
-                    truth_topic: None,
-                });
-                est.len() - 1
-            });
-            let f = |k: usize| c[k].parse::<f64>().unwrap();
-            bins.push(DistanceBin {
-                estimator: i,
-                bin_m: f(1) as u32,
-                count: f(2) as u64,
-                percentiles_m: [f(3), f(4), f(5), f(6), f(7)],
-            });
-            if n_is(c[0]) {
-                truth.insert(f(1) as u32, f(2) as u64);
-            }
-        }
-        fn n_is(s: &str) -> bool {
-            s == "full/mono"
-        }
-        let svg = render(&Figure { estimators: &est, bins: &bins, truth: &truth });
-        std::fs::write("/tmp/figure.svg", &svg).unwrap();
-        let first: Vec<Estimator> = est
-            .iter()
-            .cloned()
-            .filter(|e| e.variant.is_none() || e.variant.as_deref() == Some("full"))
-            .map(|mut e| {
-                e.variant = None;
-                e
-            })
-            .collect();
-        let bins: Vec<_> = bins.into_iter().filter(|b| b.estimator < 3).collect();
-        std::fs::write("/tmp/figure1.svg", render(&Figure { estimators: &first, bins: &bins, truth: &truth })).unwrap();
+    fn every_variant_has_a_panel_with_what_all_variants_share() {
+        let estimators = [
+            estimator(None, "stereo"),
+            estimator(Some("full"), "mono"),
+            estimator(Some("full"), "fused"),
+            estimator(Some("bare"), "mono"),
+        ];
+        let bins = [bin(0, 5), bin(1, 5), bin(2, 5), bin(3, 5)];
+        let figure = Figure { estimators: &estimators, bins: &bins, truth: &BTreeMap::new() };
+        let panels: Vec<_> =
+            figure.panels().into_iter().map(|panel| (panel.title.unwrap(), panel.estimators)).collect();
+        assert_eq!(panels, [("full".to_owned(), vec![0, 1, 2]), ("bare".to_owned(), vec![0, 3])]);
+        // Two wide bands (stereo, mono), three narrow ones, three lines; of two estimators both have all.
+        let names = figure.names();
+        assert_eq!(figure.panel(&figure.panels()[0], &names).len(), 2 + 3 + 3);
+        assert_eq!(figure.panel(&figure.panels()[1], &names).len(), 2 + 2 + 2);
+    }
+
+    #[test]
+    fn a_metre_without_samples_interrupts_the_curves() {
+        let estimators = [estimator(None, "stereo")];
+        let bins = [bin(0, 3), bin(0, 4), bin(0, 6)];
+        let figure = Figure { estimators: &estimators, bins: &bins, truth: &BTreeMap::new() };
+        let stretches = figure.stretches(0);
+        assert_eq!(stretches.iter().map(|stretch| middles(stretch)).collect::<Vec<_>>(), [vec![3.5, 4.5], vec![6.5]]);
+    }
+
+    #[test]
+    fn mono_is_red_and_stereo_blue_and_others_differ() {
+        let names = ["fused", "stereo", "filled", "mono"];
+        assert_eq!(names.map(|name| colour(&names, name)), [OTHERS[0], BLUE, OTHERS[1], RED]);
+    }
+
+    #[test]
+    fn equal_numbers_give_equal_bytes() {
+        let estimators = [estimator(None, "stereo"), estimator(Some("a"), "mono"), estimator(Some("b"), "mono")];
+        let bins: Vec<DistanceBin> = (0..3).flat_map(|e| (2..70).map(move |metre| bin(e, metre))).collect();
+        let truth = (2..70).map(|metre| (metre, u64::from(5000 / metre))).collect();
+        let figure = || render(&Figure { estimators: &estimators, bins: &bins, truth: &truth });
+        let svg = figure();
+        assert!(svg == figure(), "two renderings of one figure differ");
+        assert!(svg.starts_with("<svg") && svg.contains(RED) && svg.contains(BLUE));
+    }
+
+    #[test]
+    fn clip_paths_are_numbered_in_the_order_they_come() {
+        let svg = r#"<clipPath id="kuva-clip-17"/><clipPath id="kuva-clip-9"/><g clip-path="url(#kuva-clip-17)"/>"#;
+        let expected = r#"<clipPath id="kuva-clip-0"/><clipPath id="kuva-clip-1"/><g clip-path="url(#kuva-clip-0)"/>"#;
+        assert_eq!(renumbered(svg), expected);
+    }
+
+    #[test]
+    fn nothing_to_draw_is_an_empty_figure() {
+        let svg = render(&Figure { estimators: &[estimator(None, "stereo")], bins: &[], truth: &BTreeMap::new() });
+        assert!(svg.ends_with("</svg>") || svg.trim_end().ends_with("</svg>"));
     }
 }

@@ -50,8 +50,6 @@ pub(crate) struct Distances {
     pub(crate) bins: Vec<DistanceBin>,
     /// Scored true pixels by metre, over the frames whose values were recorded; each truth counted once.
     pub(crate) truth: BTreeMap<u32, u64>,
-    /// The frames whose values were recorded.
-    pub(crate) frames: u64,
 }
 
 /// Takes the samples of all recorded maps, on all cores; of the estimators whose maps were not recorded there are none.
@@ -66,19 +64,16 @@ pub(crate) fn distances(
 ) -> Result<Distances, AnalysisError> {
     let samples = Mutex::new(Samples::new(estimators.len(), samples_in_memory, folder));
     let truth = Mutex::new(BTreeMap::new());
-    let mut frames = 0;
     for run in 0..recording.plan().runs.len() {
         let maps = Maps::new(run, estimators);
         if maps.estimators.is_empty() {
             continue;
         }
-        frames += recording.frames(run).iter().filter(|frame| frame.index % recording.plan().every.max(1) == 0).count()
-            as u64;
         maps.read_all(recording, estimators, &samples, &truth)?;
     }
     let samples = samples.into_inner().unwrap_or_else(PoisonError::into_inner);
     let truth = truth.into_inner().unwrap_or_else(PoisonError::into_inner);
-    Ok(Distances { bins: samples.percentiles()?, truth, frames })
+    Ok(Distances { bins: samples.percentiles()?, truth })
 }
 
 /// The maps of a stage run that are compared: its topics, and where among them each estimator's are.

@@ -75,13 +75,30 @@ pub fn report(recording: &Recording, folder: &Path, options: &ReportOptions) -> 
     let failed: usize =
         (0..plan.runs.len()).flat_map(|run| recording.frames(run)).filter(|f| !f.failures.is_empty()).count();
     if failed > 0 {
-        notes.push(format!("{failed} frames failed somewhere; means are over the frames all estimators have"));
+        let frames = if failed == 1 { "frame" } else { "frames" };
+        notes.push(format!("{failed} {frames} failed somewhere; means are over the frames all estimators have"));
+    }
+    if plan.every > 1 {
+        let ordinal = ordinal(plan.every);
+        notes.push(format!("error against distance is of every {ordinal} frame: only their maps were recorded"));
     }
     let mut text = table.terminal(TERMINAL_WIDTH);
     for note in &notes {
         text.push_str(&format!("note: {note}\n"));
     }
     Ok(Summary { text, json: json!({ "experiment": plan.experiment, "table": rows(&table), "notes": notes }) })
+}
+
+/// `2nd`, `3rd`, `11th`.
+fn ordinal(number: u64) -> String {
+    let ending = match (number % 100, number % 10) {
+        (11..=13, _) => "th",
+        (_, 1) => "st",
+        (_, 2) => "nd",
+        (_, 3) => "rd",
+        _ => "th",
+    };
+    format!("{number}{ending}")
 }
 
 /// The table's columns as objects.

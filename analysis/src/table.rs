@@ -233,3 +233,127 @@ fn means(scores: &[FrameScore], estimators: &[Estimator]) -> Result<Means, Analy
     };
     computed().map_err(AnalysisError::compute("the mean over frames"))
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use depthloom_scores::{ScoreRow, Settings};
+
+    use super::*;
+
+    fn estimator(variant: Option<&str>, name: &str, sets: &[PixelSet]) -> Estimator {
+        Estimator {
+            label: variant.map_or_else(|| name.to_owned(), |variant| format!("{variant}/{name}")),
+            name: name.to_owned(),
+            variant: variant.map(str::to_owned),
+            run: 0,
+            sets: sets.to_vec(),
+            settings: Settings::default(),
+            score_topic: None,
+            estimate_topic: None,
+            truth_topic: None,
+        }
+    }
+
+    fn estimators() -> Vec<Estimator> {
+        vec![
+            estimator(None, "stereo", &[PixelSet::Answered, PixelSet::All]),
+            estimator(Some("full"), "mono", &[PixelSet::All]),
+            estimator(Some("full"), "fused", &[PixelSet::All]),
+            estimator(Some("no_scaling"), "mono", &[PixelSet::All]),
+            estimator(Some("no_scaling"), "fused", &[PixelSet::All]),
+        ]
+    }
+
+    /// A score of frame `frame` for which all eight scores are `value`, but for rmse, which is ten times it.
+    fn score(frame: &str, estimator: usize, set: PixelSet, value: f64) -> FrameScore {
+        let [a1, a2, a3, abs_rel, sq_rel, rmse_log, silog] = [value; 7];
+        let row = ScoreRow { set, pixels: 5, a1, a2, a3, abs_rel, sq_rel, rmse: 10.0 * value, rmse_log, silog };
+        FrameScore { frame: Arc::from(frame), estimator, row }
+    }
+
+    fn scores() -> Vec<FrameScore> {
+        let mut scores = Vec::new();
+        for (frame, shift) in [("0", 0.0), ("1", 0.2)] {
+            scores.push(score(frame, 0, PixelSet::Answered, 0.7 + shift));
+            for (estimator, value) in [0.3, 0.4, 0.5, 0.6, 0.7].into_iter().enumerate() {
+                scores.push(score(frame, estimator, PixelSet::All, value + shift));
+            }
+        }
+        scores
+    }
+
+    fn table(with_paper: bool) -> Table {
+        Table::new(&scores(), &estimators(), with_paper).unwrap()
+    }
+
+    #[test]
+    fn means_are_over_the_frames_that_all_estimators_have() {
+        let mut scores = scores();
+        // On frame 2 an estimator failed: it counts for nobody.
+        scores.extend((0..4).map(|estimator| score("2", estimator, PixelSet::All, 0.0)));
+        let table = Table::new(&scores, &estimators(), false).unwrap();
+        assert_eq!(table.columns.len(), 6);
+        for (column, mean) in table.columns.iter().zip([0.8, 0.4, 0.5, 0.6, 0.7, 0.8]) {
+            assert_eq!(column.frames, 2);
+            assert!((column.means[0].unwrap() - mean).abs() < 1e-12, "{column:?}");
+            assert!((column.means[5].unwrap() - 10.0 * mean).abs() < 1e-12, "{column:?}");
+        }
+        assert_eq!(table.about(), "mean over 2 frames");
+    }
+
+    #[test]
+    fn a_frame_without_pixels_adds_nothing_and_is_said() {
+        let mut scores = scores();
+        scores[0].row = ScoreRow { pixels: 0, ..score("0", 0, PixelSet::Answered, f64::NAN).row };
+        let table = Table::new(&scores, &estimators(), false).unwrap();
+        assert_eq!((table.columns[0].frames, table.columns[1].frames), (1, 2));
+        assert!((table.columns[0].means[0].unwrap() - 0.9).abs() < 1e-12);
+        assert_eq!(table.about(), "mean over 2 frames (stereo on answered: 1)");
+    }
+
+    #[test]
+    fn no_scores_make_a_table_of_dashes() {
+        let table = Table::new(&[], &estimators(), false).unwrap();
+        assert!(table.columns.iter().all(|column| column.frames == 0 && column.means == [None; 8]));
+        assert_eq!(table.cell(0, 0), "-");
+        assert_eq!(table.best(0), None);
+    }
+
+    #[test]
+    fn the_long_form_is_sorted_as_the_oracles() {
+        let long = table(true).long_form().unwrap();
+        let names: Vec<String> = long.get_column_names().iter().map(|name| name.to_string()).collect();
+        let mut expected = vec!["estimator".to_owned(), "scored_on".to_owned()];
+        expected.extend(SCORE_NAMES.map(str::to_owned));
+        expected.push("frames".to_owned());
+        expected.extend(SCORE_NAMES.map(|name| format!("paper_{name}")));
+        assert_eq!(names, expected);
+        let labels: Vec<_> = long.column("estimator").unwrap().str().unwrap().iter().map(Option::unwrap).collect();
+        assert_eq!(labels, ["full/fused", "full/mono", "no_scaling/fused", "no_scaling/mono", "stereo", "stereo"]);
+        assert_eq!(long.column("paper_a1").unwrap().f64().unwrap().get(2), Some(0.85));
+    }
+
+    #[test]
+    fn best_is_among_those_over_all_pixels() {
+        let table = table(false);
+        assert_eq!((table.best(0), table.best(5)), (Some(5), Some(1)));
+    }
+
+    #[test]
+    fn terminal_text() {
+        insta::assert_snapshot!("terminal", table(false).terminal(200));
+        insta::assert_snapshot!("terminal_narrow_with_paper", table(true).terminal(70));
+    }
+
+    #[test]
+    fn markdown_text() {
+        insta::assert_snapshot!("markdown", table(true).markdown());
+    }
+
+    #[test]
+    fn latex_text() {
+        insta::assert_snapshot!("latex", table(true).latex());
+    }
+}

@@ -14,7 +14,7 @@ pub(super) fn render(table: &Table, width: usize) -> String {
     let mut text = format!(
         "{}; * best over all true pixels{}\n",
         table.about(),
-        if table.with_paper { "; (the paper's)" } else { "" }
+        if table.with_paper { "; in brackets: the paper's" } else { "" }
     );
     let mut block: Vec<(std::ops::Range<usize>, usize)> = Vec::new();
     for group in table.groups() {

@@ -1,0 +1,152 @@
+//! A recording of two variants and three estimators on small made maps.
+#![expect(clippy::unwrap_used, reason = "a fixture fails as a test does")]
+
+use std::path::Path;
+
+use depthloom_graphs::contracts::{Commit, Contract, Failure, Slot, Tap};
+use depthloom_graphs::plan::{Estimate, Plan, PlannedNode, PlannedOutput, PlannedSource, Record, SourcePart, StageRun};
+use depthloom_graphs::values::{Depth, Raster};
+use depthloom_graphs::{Frame, Key, Port, Value, ValueType};
+use depthloom_recording::Recorder;
+use depthloom_scores::{PixelSet, ScoreRow, Settings, score};
+use serde_json::json;
+
+/// Width and height of the maps.
+pub const SIZE: (u32, u32) = (40, 30);
+/// How many frames; the last has no truth, on the one before it `b/mono` failed.
+pub const FRAMES: u64 = 9;
+/// The estimators as the plan has them: label, name, variant, pixel sets.
+pub const ESTIMATORS: [(&str, &str, Option<usize>, &[PixelSet]); 3] = [
+    ("a/mono", "mono", Some(0), &[PixelSet::All]),
+    ("b/mono", "mono", Some(1), &[PixelSet::All]),
+    ("stereo", "stereo", None, &[PixelSet::Answered, PixelSet::All]),
+];
+
+/// A node for each estimate, then one for each of their scores.
+pub fn plan(every: u64, keep_b: bool) -> Plan {
+    let output = |node: &str, port: Port, recorded| PlannedOutput {
+        topic: format!("/compare/{node}/{}", port.name),
+        port,
+        aliases: Vec::new(),
+        recorded,
+    };
+    let node = |name: String, port: Port, params, recorded| PlannedNode {
+        kind: format!("test/{name}"),
+        version: 1,
+        contract: Contract::Pure,
+        params,
+        inputs: Vec::new(),
+        outputs: vec![output(&name.replace('/', "_"), port, recorded)],
+        recipe: Key::of_content(name.as_bytes()),
+        variants: vec![0, 1],
+        name,
+    };
+    let depths = ESTIMATORS.map(|(label, ..)| {
+        let depth = Port::frame("depth", ValueType::Depth, "Depth.");
+        node(label.to_owned(), depth, json!({}), keep_b || label != "b/mono")
+    });
+    let scores = ESTIMATORS.map(|(label, .., sets)| {
+        let sets: Vec<&str> = sets.iter().map(|set| set.name()).collect();
+        let scores = Port::frame("rows", ValueType::Scores, "Scores.");
+        node(format!("score_{label}"), scores, json!({ "preset": "paper", "sets": sets }), true)
+    });
+    let estimates = (0..ESTIMATORS.len()).map(|i| Estimate {
+        label: ESTIMATORS[i].0.to_owned(),
+        name: ESTIMATORS[i].1.to_owned(),
+        variant: ESTIMATORS[i].2,
+        estimate: Slot::Node { node: i, port: 0 },
+        truth: Slot::Source { port: 0 },
+        score_node: ESTIMATORS.len() + i,
+    });
+    let truth = Port::frame("depth", ValueType::Depth, "True depth.").optional();
+    Plan {
+        experiment: "fixture".to_owned(),
+        about: String::new(),
+        variants: vec!["a".to_owned(), "b".to_owned()],
+        runs: vec![StageRun {
+            stage: "compare".to_owned(),
+            prefix: "/compare".to_owned(),
+            source: PlannedSource {
+                name: "test".to_owned(),
+                parts: vec![SourcePart { kind: "test/source".to_owned(), version: 1, params: json!({}) }],
+                outputs: vec![output("source", truth, true)],
+            },
+            estimates: estimates.collect(),
+            nodes: depths.into_iter().chain(scores).collect(),
+            variants: vec![0, 1],
+        }],
+        record: Record { every, view: false },
+        written: vec![("fixture.yaml".to_owned(), "experiment: fixture\n".to_owned())],
+        resolved: "experiment: fixture\n".to_owned(),
+    }
+}
+
+/// A frame's truth and the three estimates.
+pub fn maps(index: u64) -> [Vec<f32>; 4] {
+    let mut state = index + 1;
+    let mut share = move || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 40) as f32 / (1 << 24) as f32
+    };
+    let pixels = (SIZE.0 * SIZE.1) as usize;
+    let truth: Vec<f32> = (0..pixels).map(|_| if share() < 0.4 { 2.0 + 80.0 * share() } else { f32::NAN }).collect();
+    let mut estimate = |spread: f32, holes: f32| -> Vec<f32> {
+        let base = truth.iter().map(|t| if t.is_nan() { 20.0 } else { *t });
+        base.map(|t| if share() < holes { f32::NAN } else { t * (1.0 + spread * (share() - 0.5)) }).collect()
+    };
+    let (a, b, stereo) = (estimate(0.6, 0.0), estimate(1.0, 0.0), estimate(0.1, 0.15));
+    [truth, a, b, stereo]
+}
+
+/// The scores of a frame, by estimator, as the engine records them.
+pub fn rows(index: u64) -> [Vec<ScoreRow>; 3] {
+    let [truth, estimates @ ..] = maps(index);
+    let (width, height) = (SIZE.0 as usize, SIZE.1 as usize);
+    std::array::from_fn(|i| score(&estimates[i], &truth, width, height, ESTIMATORS[i].3, &Settings::default()))
+}
+
+/// Whether an estimator has a value and scores on a frame.
+pub const fn answered(index: u64, estimator: usize) -> bool {
+    !(index + 2 == FRAMES && estimator == 1)
+}
+
+/// Whether a frame has a truth.
+pub const fn has_truth(index: u64) -> bool {
+    index + 1 != FRAMES
+}
+
+/// Records the fixture.
+pub fn record(path: &Path, plan: &Plan) {
+    let recorder = Recorder::create(path, plan).unwrap();
+    for index in 0..FRAMES {
+        record_frame(&recorder, index);
+    }
+    recorder.finish(&[]).unwrap();
+}
+
+fn record_frame(recorder: &Recorder, index: u64) {
+    let frame = Frame::at_10_hz(format!("{index:06}_10"), index);
+    let depth = |metres: &[f32]| -> Value {
+        Depth { metres: Raster::from_raw(SIZE.0, SIZE.1, metres.to_vec()).unwrap() }.into()
+    };
+    let [truth, estimates @ ..] = maps(index);
+    let rows = rows(index);
+    let mut values = Vec::new();
+    if has_truth(index) {
+        values.push((Slot::Source { port: 0 }, depth(&truth)));
+    }
+    let there = || (0..ESTIMATORS.len()).filter(|&i| answered(index, i));
+    values.extend(there().map(|i| (Slot::Node { node: i, port: 0 }, depth(&estimates[i]))));
+    let scored = there().filter(|_| has_truth(index));
+    values.extend(scored.map(|i| (Slot::Node { node: ESTIMATORS.len() + i, port: 0 }, rows[i].clone().into())));
+    let parts = (0..recorder.parts(0)).map(|part| {
+        let of_part: Vec<_> =
+            values.iter().filter(|(slot, _)| recorder.part(0, *slot) == Some(part)).cloned().collect();
+        recorder.encode(0, &frame, part, &of_part).unwrap()
+    });
+    let parts = parts.collect();
+    let failed = (0..ESTIMATORS.len()).filter(|&i| !answered(index, i));
+    let failures: Vec<Failure> = failed.map(|node| Failure { node: Some(node), what: "failed".to_owned() }).collect();
+    let source_key = Some(Key::build("source").number(index).finish());
+    recorder.write(&Commit { run: 0, frame: &frame, source_key, keys: &[], failures: &failures }, parts).unwrap();
+}

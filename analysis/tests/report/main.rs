@@ -1,0 +1,4 @@
+//! Reports of recordings made here: the files against what was recorded.
+
+mod fixture;
+mod report;

@@ -1,0 +1,172 @@
+//! What a report writes.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+
+use depthloom_analysis::{ReportOptions, Summary, report};
+use depthloom_recording::Recording;
+use depthloom_scores::PixelSet;
+
+use crate::fixture::{self, ESTIMATORS, FRAMES};
+
+/// The columns of `../shared/oracle/golden/ground_plane/scores.csv`.
+const SCORE_COLUMNS: &str = "frame,estimator,scored_on,pixels,a1,a2,a3,abs_rel,sq_rel,rmse,rmse_log,silog";
+const FILES: [&str; 9] = [
+    "error_vs_distance.csv",
+    "error_vs_distance.parquet",
+    "error_vs_distance.svg",
+    "scores.csv",
+    "table.csv",
+    "table.md",
+    "table.parquet",
+    "table.tex",
+    "true_distances.csv",
+];
+
+fn report_of(folder: &Path, every: u64, keep_b: bool, options: ReportOptions) -> Summary {
+    let path = folder.join("recording.mcap");
+    fixture::record(&path, &fixture::plan(every, keep_b));
+    let out = folder.join("report");
+    fs::create_dir(&out).unwrap();
+    report(&Recording::open(&path).unwrap(), &out, &options).unwrap()
+}
+
+fn lines(path: &Path) -> Vec<Vec<String>> {
+    let text = fs::read_to_string(path).unwrap();
+    text.lines().map(|line| line.split(',').map(str::to_owned).collect()).collect()
+}
+
+fn number(cell: &str) -> f64 {
+    cell.parse().unwrap_or_else(|error| panic!("`{cell}`: {error}"))
+}
+
+#[test]
+fn scores_are_those_that_were_recorded_in_the_oracles_order() {
+    let folder = tempfile::tempdir().unwrap();
+    report_of(folder.path(), 1, true, ReportOptions::default());
+    let written = lines(&folder.path().join("report/scores.csv"));
+    assert_eq!(written[0].join(","), SCORE_COLUMNS);
+    let mut expected = Vec::new();
+    for index in (0..FRAMES).filter(|&index| fixture::has_truth(index)) {
+        let rows = fixture::rows(index);
+        // What all variants share comes first; all pixels before those answered.
+        for (set, estimators) in [(PixelSet::All, [2, 0, 1].as_slice()), (PixelSet::Answered, &[2])] {
+            for &i in estimators.iter().filter(|&&i| fixture::answered(index, i)) {
+                let row = rows[i].iter().find(|row| row.set == set).unwrap();
+                expected.push((format!("{index:06}_10"), ESTIMATORS[i].0, *row));
+            }
+        }
+    }
+    assert_eq!(written.len() - 1, expected.len());
+    for (cells, (frame, label, row)) in written[1..].iter().zip(expected) {
+        assert_eq!(cells[..4], [frame, label.to_owned(), row.set.to_string(), row.pixels.to_string()]);
+        let scores: Vec<f64> = cells[4..].iter().map(|cell| number(cell)).collect();
+        assert_eq!(scores, row.scores());
+    }
+}
+
+#[test]
+fn the_table_is_the_mean_over_the_frames_of_all() {
+    let folder = tempfile::tempdir().unwrap();
+    let summary = report_of(folder.path(), 1, true, ReportOptions { paper: true });
+    let table = lines(&folder.path().join("report/table.csv"));
+    let common: Vec<u64> = (0..FRAMES - 2).collect();
+    for cells in &table[1..] {
+        let i = ESTIMATORS.iter().position(|(label, ..)| *label == cells[0]).unwrap();
+        let of = |index: &u64| *fixture::rows(*index)[i].iter().find(|row| row.set.name() == cells[1]).unwrap();
+        for score in 0..8 {
+            let mean = common.iter().map(|index| of(index).scores()[score]).sum::<f64>() / common.len() as f64;
+            assert!((number(&cells[2 + score]) - mean).abs() < 1e-12, "{cells:?}");
+        }
+        assert_eq!(cells[10], common.len().to_string());
+    }
+    assert_eq!(table.len(), 1 + 4);
+    assert!(summary.text.starts_with("mean over 7 frames"), "{}", summary.text);
+    assert!(summary.text.contains("1 frame failed"), "{}", summary.text);
+    // The paper has stereo on both sets, and no variants `a` and `b`.
+    let rows = summary.json["table"].as_array().unwrap();
+    let paper: Vec<bool> = rows.iter().map(|row| row.get("paper").is_some()).collect();
+    assert_eq!(paper, [true, true, false, false]);
+}
+
+#[test]
+fn errors_against_distance_are_those_of_the_recorded_maps() {
+    let folder = tempfile::tempdir().unwrap();
+    report_of(folder.path(), 1, true, ReportOptions::default());
+    let written = lines(&folder.path().join("report/error_vs_distance.csv"));
+    assert_eq!(written[0].join(","), "estimator,bin_m,count,p5,p25,p50,p75,p95");
+    let mut expected = Vec::new();
+    for i in [2, 0, 1] {
+        let mut bins: BTreeMap<u32, Vec<f64>> = BTreeMap::new();
+        for index in (0..FRAMES).filter(|&index| fixture::has_truth(index) && fixture::answered(index, i)) {
+            let maps = fixture::maps(index);
+            for (t, y) in maps[0].iter().zip(&maps[1 + i]).filter(|(t, y)| **t < 80.0 && y.is_finite()) {
+                bins.entry(*t as u32).or_default().push((f64::from(*y).min(80.0) - f64::from(*t)).abs());
+            }
+        }
+        for (metre, mut errors) in bins {
+            errors.sort_by(f64::total_cmp);
+            let percentile = |p: f64| {
+                let at = p / 100.0 * (errors.len() - 1) as f64;
+                let (below, above) = (errors[at.floor() as usize], errors[at.ceil() as usize]);
+                below + (above - below) * at.fract()
+            };
+            let percentiles = [5.0, 25.0, 50.0, 75.0, 95.0].map(percentile);
+            expected.push((ESTIMATORS[i].0.to_owned(), metre, errors.len(), percentiles));
+        }
+    }
+    assert_eq!(written.len() - 1, expected.len());
+    for (cells, (label, metre, count, percentiles)) in written[1..].iter().zip(expected) {
+        assert_eq!(cells[..3], [label, metre.to_string(), count.to_string()]);
+        for (ours, theirs) in cells[3..].iter().zip(percentiles) {
+            assert!((number(ours) - theirs).abs() < 1e-6 * (1.0 + theirs), "{cells:?}: {theirs}");
+        }
+    }
+    let truth = lines(&folder.path().join("report/true_distances.csv"));
+    let pixels: usize = truth[1..].iter().map(|cells| number(&cells[1]) as usize).sum();
+    let scored = |index| fixture::maps(index)[0].iter().filter(|t| **t < 80.0).count();
+    assert_eq!(pixels, (0..FRAMES - 1).map(scored).sum::<usize>());
+}
+
+#[test]
+fn equal_recordings_give_equal_files_and_nothing_half_written() {
+    let folders = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
+    for folder in &folders {
+        report_of(folder.path(), 1, true, ReportOptions { paper: true });
+    }
+    let mut found: Vec<String> = Vec::new();
+    for entry in fs::read_dir(folders[0].path().join("report")).unwrap() {
+        found.push(entry.unwrap().file_name().into_string().unwrap());
+    }
+    found.sort();
+    assert_eq!(found, FILES);
+    for file in FILES {
+        let [one, other] = [0, 1].map(|i: usize| fs::read(folders[i].path().join("report").join(file)).unwrap());
+        assert!(one == other, "{file} differs between two reports of equal recordings");
+    }
+}
+
+#[test]
+fn maps_that_were_not_recorded_are_said() {
+    let folder = tempfile::tempdir().unwrap();
+    let summary = report_of(folder.path(), 1, false, ReportOptions::default());
+    assert!(summary.text.contains("no error against distance of b/mono"), "{}", summary.text);
+    let written = lines(&folder.path().join("report/error_vs_distance.csv"));
+    assert!(written[1..].iter().all(|cells| cells[0] != "b/mono"));
+    // Its scores are there all the same.
+    let scores = lines(&folder.path().join("report/scores.csv"));
+    assert!(scores.iter().any(|cells| cells[1] == "b/mono"));
+}
+
+#[test]
+fn scores_of_frames_whose_maps_were_not_kept_count() {
+    let folder = tempfile::tempdir().unwrap();
+    let summary = report_of(folder.path(), 3, true, ReportOptions::default());
+    assert!(summary.text.starts_with("mean over 7 frames"), "{}", summary.text);
+    assert!(summary.text.contains("of every 3rd frame"), "{}", summary.text);
+    let written = lines(&folder.path().join("report/error_vs_distance.csv"));
+    let samples: f64 = written[1..].iter().filter(|cells| cells[0] == "a/mono").map(|cells| number(&cells[2])).sum();
+    let scored = |index| fixture::maps(index)[0].iter().filter(|t| **t < 80.0).count() as f64;
+    assert_eq!(samples, [0, 3, 6].map(scored).iter().sum::<f64>());
+}
