@@ -2,6 +2,7 @@
 
 use super::fast::{self, FastScratch, Set};
 use super::search::Search;
+use super::speckle::SpeckleScratch;
 use super::view::check_shapes;
 use super::{Error, Params, View, plain, speckle};
 use crate::tiles::Tiles;
@@ -10,6 +11,7 @@ use crate::tiles::Tiles;
 #[derive(Debug, Default)]
 pub struct Scratch {
     fast: FastScratch,
+    speckle: SpeckleScratch,
 }
 
 /// An implementation. All give the same bits.
@@ -95,7 +97,8 @@ pub fn compute_on(
     }
     if params.speckle_window > 0 {
         let range = params.speckle_range.saturating_mul(16);
-        speckle::filter(out, search.width, search.invalid, params.speckle_window as usize, range);
+        let window = params.speckle_window as usize;
+        speckle::filter(out, search.width, search.invalid, window, range, &mut scratch.speckle);
     }
     Ok(())
 }

@@ -34,5 +34,5 @@ mod view;
 
 pub use compute::{Path, Scratch, compute, compute_on};
 pub use params::{Mode, ParamError, Params};
-pub use speckle::filter as filter_speckles;
+pub use speckle::{SpeckleScratch, filter as filter_speckles};
 pub use view::{Error, View};

@@ -76,7 +76,9 @@ macro_rules! compiled {
             pub fn kernels(disparities: usize) -> Kernels {
                 match disparities / <$lanes>::LANES {
                     2 => table::<2>(),
+                    3 => table::<3>(),
                     4 => table::<4>(),
+                    6 => table::<6>(),
                     8 => table::<8>(),
                     _ => table::<0>(),
                 }
