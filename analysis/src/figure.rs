@@ -44,6 +44,10 @@ pub(crate) fn render(figure: &Figure<'_>) -> String {
     let far_m = metres.max().map_or(80.0, |metre| f64::from(metre + 1));
     let high_m = figure.bins.iter().map(|bin| bin.percentiles_m[4]).fold(1.0, f64::max);
 
+    // The histogram fills the place an odd number of panels leaves, or a row of its own.
+    let columns = panels.len().clamp(1, 2);
+    let own_row = panels.len().is_multiple_of(columns);
+
     let mut plots = Vec::new();
     let mut layouts = Vec::new();
     for (place, panel) in panels.iter().enumerate() {
@@ -54,12 +58,12 @@ pub(crate) fn render(figure: &Figure<'_>) -> String {
         if let Some(title) = &panel.title {
             layout = layout.with_title(title.as_str());
         }
+        if !own_row && place + 1 == panels.len() {
+            layout = layout.with_x_label("true distance t, m");
+        }
         plots.push(figure.panel(panel, &names));
         layouts.push(layout);
     }
-    // The histogram fills the place an odd number of panels leaves, or a row of its own.
-    let columns = panels.len().clamp(1, 2);
-    let own_row = panels.len().is_multiple_of(columns);
     let rows = panels.len().div_ceil(columns) + usize::from(own_row);
     let mut cells: Vec<Vec<usize>> = (0..panels.len()).map(|panel| vec![panel]).collect();
     cells.push((panels.len()..rows * columns).collect());

@@ -324,7 +324,7 @@ mod tests {
     #[test]
     fn the_long_form_is_sorted_as_the_oracles() {
         let long = table(true).long_form().unwrap();
-        let names: Vec<String> = long.get_column_names().iter().map(|name| name.to_string()).collect();
+        let names: Vec<String> = long.get_column_names().iter().map(ToString::to_string).collect();
         let mut expected = vec!["estimator".to_owned(), "scored_on".to_owned()];
         expected.extend(SCORE_NAMES.map(str::to_owned));
         expected.push("frames".to_owned());

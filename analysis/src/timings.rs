@@ -92,7 +92,7 @@ pub fn timings_table(path: &Path) -> Result<String, AnalysisError> {
 fn render(timings: &[Timing]) -> String {
     let whole_ns = timings.iter().map(|timing| timing.cpu_ns).sum::<u64>().max(1) as f64;
     let per_frame_ms = |ns: u64, frames: u64| ns as f64 / 1e6 / frames.max(1) as f64;
-    let names: Vec<String> = timings.iter().map(|timing| name(timing)).collect();
+    let names: Vec<String> = timings.iter().map(name).collect();
     let wide = names.iter().map(|name| name.chars().count()).max().unwrap_or(0).max("node".len());
     let phases = timings.iter().map(|timing| timing.phase.chars().count()).max().unwrap_or(0).max("phase".len());
     let mut text = format!(

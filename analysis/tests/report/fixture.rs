@@ -30,10 +30,11 @@ pub fn plan(every: u64, keep_b: bool) -> Plan {
         aliases: Vec::new(),
         recorded,
     };
-    let node = |name: String, port: Port, params, recorded| PlannedNode {
+    let node = |name: String, port: Port, params: serde_json::Value, recorded| PlannedNode {
         kind: format!("test/{name}"),
         version: 1,
         contract: Contract::Pure,
+        portable: params.clone(),
         params,
         inputs: Vec::new(),
         outputs: vec![output(&name.replace('/', "_"), port, recorded)],
@@ -68,7 +69,12 @@ pub fn plan(every: u64, keep_b: bool) -> Plan {
             prefix: "/compare".to_owned(),
             source: PlannedSource {
                 name: "test".to_owned(),
-                parts: vec![SourcePart { kind: "test/source".to_owned(), version: 1, params: json!({}) }],
+                parts: vec![SourcePart {
+                    kind: "test/source".to_owned(),
+                    version: 1,
+                    params: json!({}),
+                    portable: json!({}),
+                }],
                 outputs: vec![output("source", truth, true)],
             },
             estimates: estimates.collect(),

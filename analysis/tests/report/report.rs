@@ -1,4 +1,5 @@
 //! What a report writes.
+#![expect(clippy::unwrap_used, reason = "what the tests share fails as they do")]
 
 use std::collections::BTreeMap;
 use std::fs;
