@@ -8,6 +8,9 @@ use miette::{GraphicalReportHandler, GraphicalTheme, LabeledSpan, MietteDiagnost
 
 use crate::args::Colour;
 
+/// A line this long would bury the message.
+const LONG_LINE: usize = 300;
+
 static COLOUR: OnceLock<bool> = OnceLock::new();
 
 /// Decides whether messages are coloured.
@@ -29,7 +32,10 @@ fn handler() -> GraphicalReportHandler {
 
 /// Prints every diagnostic to standard error, and how many there were.
 pub fn print(diagnostics: &Diagnostics) {
-    for diagnostic in &diagnostics.0 {
+    for (index, diagnostic) in diagnostics.0.iter().enumerate() {
+        if index > 0 {
+            eprintln!();
+        }
         eprint!("{}", render(diagnostic));
     }
     let errors = diagnostics.0.iter().filter(|d| d.severity == Severity::Error).count();
@@ -39,6 +45,11 @@ pub fn print(diagnostics: &Diagnostics) {
 }
 
 fn render(diagnostic: &Diagnostic) -> String {
+    let line = diagnostic.file.text.lines().nth(diagnostic.line() - 1).unwrap_or_default();
+    if line.len() > LONG_LINE {
+        // The plain form shows only the part of the line that matters.
+        return diagnostic.to_string();
+    }
     let severity = match diagnostic.severity {
         Severity::Error => miette::Severity::Error,
         Severity::Warning => miette::Severity::Warning,

@@ -74,6 +74,9 @@ pub struct SourcePart {
     pub version: u32,
     /// Its parameters, resolved.
     pub params: Json,
+    /// The same with every path replaced by its content's hash or its last name: what may be recorded, since it is equal on
+    /// every machine.
+    pub portable: Json,
 }
 
 /// A node, shared by every variant in which it is the same.
@@ -89,6 +92,8 @@ pub struct PlannedNode {
     pub contract: Contract,
     /// Its parameters, resolved: every default filled in.
     pub params: Json,
+    /// The same as far as they are equal on every machine; see [`SourcePart::portable`].
+    pub portable: Json,
     /// Its input ports, in the order of the declaration, and what is wired to them.
     pub inputs: Vec<PlannedInput>,
     /// Its output ports, in the order of the declaration.

@@ -60,7 +60,7 @@ pub struct RecordedSourcePart {
     pub kind: String,
     /// Its version.
     pub version: u32,
-    /// Its parameters, resolved.
+    /// Its parameters, every default filled in; paths by content or last name, so that equal runs are equal files.
     pub params: Json,
 }
 
@@ -199,7 +199,7 @@ fn recorded_run(plan: &Plan, run: &StageRun) -> RecordedRun {
         kind: node.kind.clone(),
         version: node.version,
         contract: node.contract.name().to_owned(),
-        params: node.params.clone(),
+        params: node.portable.clone(),
         inputs: node.inputs.iter().map(|input| recorded_input(plan, run, input)).collect(),
         outputs: node.outputs.iter().map(recorded_output).collect(),
         recipe: node.recipe,
@@ -216,7 +216,7 @@ fn recorded_run(plan: &Plan, run: &StageRun) -> RecordedRun {
             truth_topic: recorded_topic(planned_output(run, estimate.truth)),
             score_topic: scores.and_then(recorded_topic),
             score_node: estimate.score_node,
-            score_params: score.params.clone(),
+            score_params: score.portable.clone(),
         }
     });
     RecordedRun {
@@ -233,7 +233,7 @@ fn recorded_source(source: &PlannedSource) -> RecordedSource {
     let parts = source.parts.iter().map(|part| RecordedSourcePart {
         kind: part.kind.clone(),
         version: part.version,
-        params: part.params.clone(),
+        params: part.portable.clone(),
     });
     RecordedSource {
         name: source.name.clone(),

@@ -8,14 +8,15 @@ fn stdout(output: &std::process::Output) -> String {
 
 #[test]
 fn every_shipped_experiment_is_right() {
+    let model = tempfile::NamedTempFile::new().expect("a file");
     for folder in ["experiments", "tests/experiments"] {
         for entry in std::fs::read_dir(workspace().join(folder)).expect("the folder") {
             let path = entry.expect("an entry").path();
             if path.extension().is_some_and(|e| e == "yaml") {
-                let root = "/data/kitti";
-                succeed(
-                    depthloom().arg("check").arg(&path).env("KITTI_STEREO_2015", root).env("MONO_MODEL", "net.onnx"),
-                );
+                // Checking opens no data: neither a data set nor ONNX Runtime need be there.
+                let mut check = depthloom();
+                check.env("KITTI_STEREO_2015", "/nowhere").env("MONO_MODEL", model.path());
+                succeed(check.env("ORT_DYLIB_PATH", "/nowhere/libonnxruntime.so").arg("check").arg(&path));
             }
         }
     }

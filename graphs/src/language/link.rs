@@ -165,6 +165,7 @@ fn source(
                 kind: part.kind.text.clone(),
                 version: kind.declaration.version,
                 params: parameters.resolved.clone(),
+                portable: parameters.portable.clone(),
             }),
             None => sound = false,
         }

@@ -21,8 +21,8 @@ use crate::registry::{NodeKind, ParamError, SourceEntry};
 pub(super) struct Parameters {
     /// Every default filled in.
     pub(super) resolved: Json,
-    /// The same as text in which nothing depends on where files lie: what a recipe is made of.
-    pub(super) portable: String,
+    /// The same with nothing in it that depends on where files lie: what a recipe is made of.
+    pub(super) portable: Json,
     /// What else decides a node's outputs.
     pub(super) fingerprint: Option<Key>,
 }
@@ -118,12 +118,12 @@ impl Resolver {
         let fingerprint = match (kind.fingerprint)(&resolved) {
             Ok(fingerprint) => fingerprint,
             Err(fault) => {
-                let error = Diagnostic::error(&instance.kind.place, format!("`{}`: {}", kind.name, fault.chain()));
-                self.lacking.push(error.maybe_help(fault.remedy_text().map(ToOwned::to_owned)));
+                let warning = Diagnostic::warning(&instance.kind.place, format!("`{}`: {}", kind.name, fault.chain()));
+                self.lacking.push(warning.maybe_help(fault.remedy_text().map(ToOwned::to_owned)));
                 None
             }
         };
-        let portable = canonical(&paths::with_paths(&resolved, kind.schema, &mut |path| self.portable_path(path)));
+        let portable = paths::with_paths(&resolved, kind.schema, &mut |path| self.portable_path(path));
         let parameters = Arc::new(Parameters { resolved, portable, fingerprint });
         self.known.insert(known, Arc::clone(&parameters));
         Some(parameters)

@@ -120,7 +120,7 @@ impl Shared {
                 .collect();
             let fingerprint = parameters.fingerprint.as_ref();
             let recipe =
-                recipe::of(declaration.kind, declaration.version, &parameters.portable, fingerprint, &contributions);
+                recipe::of(declaration.kind, declaration.version, &canonical(&parameters.portable), fingerprint, &contributions);
             let ports = declaration.inputs.iter().cloned();
             self.runs[run].nodes.push(PlannedNode {
                 name: node.name.text.clone(),
@@ -128,6 +128,7 @@ impl Shared {
                 version: declaration.version,
                 contract: declaration.contract,
                 params: parameters.resolved.clone(),
+                portable: parameters.portable.clone(),
                 inputs: ports.zip(inputs).map(|(port, from)| PlannedInput { port, from }).collect(),
                 outputs: declaration.outputs.iter().cloned().map(unnamed).collect(),
                 recipe,

@@ -103,6 +103,7 @@ fn stage_run(stage: &str) -> StageRun {
         version: 1,
         contract: if spec.name == "teacher" { Contract::Once } else { Contract::Pure },
         params: json!({ "sets": ["answered", "all"], "preset": "paper" }),
+        portable: json!({ "sets": ["answered", "all"], "preset": "paper" }),
         inputs: spec
             .inputs
             .iter()
@@ -120,7 +121,7 @@ fn stage_run(stage: &str) -> StageRun {
         prefix: format!("/{stage}"),
         source: PlannedSource {
             name: "test".to_owned(),
-            parts: vec![SourcePart { kind: "test/source".to_owned(), version: 3, params: json!({ "seed": 1 }) }],
+            parts: vec![SourcePart { kind: "test/source".to_owned(), version: 3, params: json!({ "seed": 1 }), portable: json!({ "seed": 1 }) }],
             outputs: SOURCE.iter().map(|port| output("source", port)).collect(),
         },
         nodes: nodes.collect(),

@@ -179,6 +179,7 @@ pub fn planned(name: &str, contract: Contract, from: [Option<From>; 3]) -> Plann
         version: 1,
         contract,
         params: serde_json::Value::Null,
+        portable: serde_json::Value::Null,
         inputs: ports.into_iter().zip(from).map(|(port, from)| PlannedInput { port, from }).collect(),
         outputs,
         recipe: Key::of_content(name.as_bytes()),
