@@ -24,7 +24,7 @@ use crate::sgbm::view::View;
 use crate::tiles::Tiles;
 
 /// Rows in a band.
-const BAND: usize = 8;
+const BAND: usize = 16;
 
 /// Rows that are decided together.
 const PAIR: usize = 2;
