@@ -7,9 +7,8 @@
 //! The percentiles are exact, and memory is bounded whatever the number of frames: [`Samples`] says how.
 
 mod in_memory;
-mod keys;
 mod samples;
-mod spilled;
+mod selection;
 
 use polars::frame::DataFrame;
 use polars::prelude::{Column, NamedFrom, Series};

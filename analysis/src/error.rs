@@ -58,6 +58,11 @@ impl AnalysisError {
         move |source| Self::Write { path: path.to_owned(), source }
     }
 
+    /// For `map_err`: what was being read.
+    pub(crate) fn read(path: &Path) -> impl FnOnce(io::Error) -> Self {
+        move |source| Self::Read { path: path.to_owned(), source }
+    }
+
     /// Something in a recording that an analysis cannot use.
     pub(crate) fn content(what: impl Into<String>) -> Self {
         Self::Content { what: what.into() }

@@ -1,10 +1,11 @@
 //! Files that are whole or not there.
 
-use std::fs;
+use std::fs::{self, File};
+use std::io::{BufWriter, Write};
 use std::path::Path;
 
 use polars::frame::DataFrame;
-use polars::prelude::{CsvWriter, ParquetWriter, SerWriter};
+use polars::prelude::{CsvWriter, ParquetWriter, PolarsResult, SerWriter};
 
 use crate::error::AnalysisError;
 
@@ -17,14 +18,23 @@ pub(crate) fn write(folder: &Path, name: &str, content: &[u8]) -> Result<(), Ana
 
 /// Writes a table as CSV; null is an empty cell.
 pub(crate) fn write_csv(folder: &Path, name: &str, table: &mut DataFrame) -> Result<(), AnalysisError> {
-    let mut bytes = Vec::new();
-    CsvWriter::new(&mut bytes).finish(table).map_err(AnalysisError::compute(name))?;
-    write(folder, name, &bytes)
+    write_with(folder, name, |file| CsvWriter::new(file).finish(table))
 }
 
 /// Writes a table as Parquet.
 pub(crate) fn write_parquet(folder: &Path, name: &str, table: &mut DataFrame) -> Result<(), AnalysisError> {
-    let mut bytes = Vec::new();
-    ParquetWriter::new(&mut bytes).finish(table).map_err(AnalysisError::compute(name))?;
-    write(folder, name, &bytes)
+    write_with(folder, name, |file| ParquetWriter::new(file).finish(table).map(drop))
+}
+
+/// Has polars write `<name>.partial` and renames it.
+fn write_with(
+    folder: &Path,
+    name: &str,
+    write: impl FnOnce(&mut BufWriter<File>) -> PolarsResult<()>,
+) -> Result<(), AnalysisError> {
+    let (partial, path) = (folder.join(format!("{name}.partial")), folder.join(name));
+    let mut file = BufWriter::new(File::create(&partial).map_err(AnalysisError::write(&partial))?);
+    write(&mut file).map_err(AnalysisError::compute(name))?;
+    file.flush().map_err(AnalysisError::write(&partial))?;
+    fs::rename(&partial, &path).map_err(AnalysisError::write(&path))
 }

@@ -14,7 +14,7 @@ use crate::reading;
 use crate::scores::table_of_scores;
 use crate::table::Table;
 
-/// How many samples of the error against distance are held in memory at most: 8 bytes each, 64 MiB.
+/// How many samples of the error against distance are held in memory at most: 4 to 8 bytes each, 64 MiB at worst.
 const SAMPLES_IN_MEMORY: usize = 8 << 20;
 /// Columns of text of a terminal's table.
 const TERMINAL_WIDTH: usize = 110;

@@ -27,13 +27,14 @@ pub(crate) fn order_frame(rows: &mut [FrameScore]) {
 
 /// The table `scores.csv` holds: `frame, estimator, scored_on, pixels`, then the eight scores; a score of no pixel is null.
 pub(crate) fn table_of_scores(rows: &[FrameScore], estimators: &[Estimator]) -> Result<DataFrame, AnalysisError> {
-    let text = |name: &str, of: &dyn Fn(&FrameScore) -> String| {
+    let text = |name: &str, of: &dyn for<'a> Fn(&'a FrameScore) -> &'a str| {
         Column::from(Series::new(name.into(), rows.iter().map(of).collect::<Vec<_>>()))
     };
+    let labels: Vec<&str> = rows.iter().map(|score| estimators[score.estimator].label.as_str()).collect();
     let mut columns = vec![
-        text("frame", &|score| score.frame.to_string()),
-        text("estimator", &|score| estimators[score.estimator].label.clone()),
-        text("scored_on", &|score| score.row.set.name().to_owned()),
+        text("frame", &|score| &score.frame),
+        Column::from(Series::new("estimator".into(), labels)),
+        text("scored_on", &|score| score.row.set.name()),
         Column::from(Series::new("pixels".into(), rows.iter().map(|score| score.row.pixels).collect::<Vec<_>>())),
     ];
     for (i, name) in SCORE_NAMES.into_iter().enumerate() {

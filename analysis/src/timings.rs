@@ -59,7 +59,7 @@ pub fn write_timings(timings: &[Timing], path: &Path) -> Result<(), AnalysisErro
 /// # Errors
 /// If the file cannot be read or holds something else.
 pub fn read_timings(path: &Path) -> Result<Vec<Timing>, AnalysisError> {
-    let file = File::open(path).map_err(|source| AnalysisError::Read { path: path.to_owned(), source })?;
+    let file = File::open(path).map_err(AnalysisError::read(path))?;
     let read = || -> PolarsResult<Vec<Timing>> {
         let table = ParquetReader::new(file).finish()?;
         let texts = |name: &str| table.column(name).and_then(|column| column.str());

@@ -1,33 +1,36 @@
-//! Percentiles of samples that fit: polars' quantiles by bin.
+//! Percentiles of samples that fit in memory: polars' quantiles by bin.
 
 use polars::frame::DataFrame;
 use polars::prelude::{
     Column, DataType, IntoLazy, NamedFrom, PolarsResult, QuantileMethod, Series, SortMultipleOptions, col, len, lit,
 };
 
-use super::keys::{bin_m, error_m};
+use super::samples::error_from_bits;
 use super::{DistanceBin, PERCENTILES};
 
-/// The bins of one estimator, nearest first.
-pub(super) fn percentiles(estimator: usize, keys: &[u64]) -> PolarsResult<Vec<DistanceBin>> {
-    let bins: Vec<u32> = keys.iter().map(|&key| bin_m(key)).collect();
-    let errors: Vec<f32> = keys.iter().map(|&key| error_m(key)).collect();
+/// The bins of one estimator, nearest first, from the errors of each metre.
+pub(super) fn percentiles(estimator: usize, held: &[Vec<u32>]) -> PolarsResult<Vec<DistanceBin>> {
+    let count = held.iter().map(Vec::len).sum();
+    let (mut bins, mut errors) = (Vec::with_capacity(count), Vec::with_capacity(count));
+    for (metre, bits) in held.iter().enumerate() {
+        bins.resize(bins.len() + bits.len(), metre as u32);
+        errors.extend(bits.iter().map(|&bits| error_from_bits(bits)));
+    }
     let columns =
         vec![Column::from(Series::new("bin_m".into(), bins)), Column::from(Series::new("error_m".into(), errors))];
     let mut aggregates = vec![len().alias("count")];
     aggregates.extend(PERCENTILES.map(|percentile| {
         let share = lit(f64::from(percentile) / 100.0);
-        let name = format!("p{percentile}");
         // Between two samples in f64, as numpy does.
-        col("error_m").cast(DataType::Float64).quantile(share, QuantileMethod::Linear).alias(name)
+        let error = col("error_m").cast(DataType::Float64);
+        error.quantile(share, QuantileMethod::Linear).alias(format!("p{percentile}"))
     }));
-    let by_bin = DataFrame::new(keys.len(), columns)?.lazy().group_by([col("bin_m")]).agg(aggregates);
+    let by_bin = DataFrame::new(count, columns)?.lazy().group_by([col("bin_m")]).agg(aggregates);
     let by_bin = by_bin.sort(["bin_m"], SortMultipleOptions::default()).collect()?;
     let (bins, counts) = (by_bin.column("bin_m")?.u32()?, by_bin.column("count")?.u32()?);
-    let names = PERCENTILES.map(|percentile| format!("p{percentile}"));
     let mut columns = Vec::new();
-    for name in &names {
-        columns.push(by_bin.column(name)?.f64()?);
+    for percentile in PERCENTILES {
+        columns.push(by_bin.column(&format!("p{percentile}"))?.f64()?);
     }
     let row = |i: usize| {
         let mut percentiles_m = [f64::NAN; 5];

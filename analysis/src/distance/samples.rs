@@ -1,40 +1,53 @@
 //! The samples, as they come in.
 
-use std::fs;
+use std::fs::{self, File};
+use std::io::{self, BufReader, BufWriter, ErrorKind, Read, Write};
 use std::path::{Path, PathBuf};
 
 use depthloom_scores::{ScoredPixels, Settings};
-use polars::frame::DataFrame;
-use polars::prelude::{Column, NamedFrom, ParquetCompression, ParquetWriter, Series};
 
-use super::keys::key;
-use super::{DistanceBin, in_memory, spilled};
+use super::{DistanceBin, in_memory, selection};
 use crate::error::AnalysisError;
 
-/// Collects the samples of all estimators, in no more than a given number of them in memory.
+/// Errors read from a file at a time.
+const BATCH: usize = 1 << 14;
+
+/// An error of zero or more as an integer that sorts as it does; f32 holds it to 6e-8 of itself, 5 micrometres at 80 m.
+pub(super) const fn bits_from_error(error_m: f64) -> u32 {
+    (error_m as f32).to_bits()
+}
+
+/// The error of [`bits_from_error`], metres.
+pub(super) const fn error_from_bits(bits: u32) -> f32 {
+    f32::from_bits(bits)
+}
+
+/// Collects the samples of all estimators, with no more than a given number of them in memory.
 ///
-/// A sample takes 8 bytes. When `at_most` of them are held they are written to Parquet files in a folder beside the results,
-/// one a estimator, and the percentiles are later found [by counting over the files](super::spilled): exact, and with memory
-/// that depends on neither frames nor pixels. If all fit, polars takes the percentiles of one estimator after the other, in 24
-/// bytes a sample of that estimator.
+/// A sample takes 4 bytes, 8 at worst while its bin grows. When more than `at_most` are held, all go to files in a folder
+/// beside the results, one an estimator, and the percentiles are later found [by counting](super::selection): exact, and with
+/// memory that depends on neither frames nor pixels. If all fit, [polars takes the percentiles](super::in_memory).
 pub(crate) struct Samples {
-    held: Vec<Vec<u64>>,
+    /// By estimator and metre of true distance: the errors' bits.
+    held: Vec<Vec<Vec<u32>>>,
+    count: usize,
     at_most: usize,
     /// Where samples go that no longer fit; made when needed.
     folder: PathBuf,
-    files: Vec<Vec<PathBuf>>,
+    spilled: bool,
 }
 
-/// The samples of one frame, put together on any thread.
+/// The samples of one frame, put together on any thread: by estimator, metre and error.
 #[derive(Default)]
-pub(crate) struct FrameSamples(Vec<(usize, Vec<u64>)>);
+pub(crate) struct FrameSamples(Vec<(usize, Vec<(u32, u32)>)>);
 
 impl FrameSamples {
     /// Adds the answered pixels of an estimate.
     pub(crate) fn add(&mut self, estimator: usize, pixels: &ScoredPixels, estimate_m: &[f32], settings: &Settings) {
-        let mut keys = Vec::with_capacity(pixels.len());
-        pixels.absolute_errors(estimate_m, settings, |truth_m, error_m| keys.push(key(truth_m, error_m)));
-        self.0.push((estimator, keys));
+        let mut samples = Vec::with_capacity(pixels.len());
+        let add = |truth_m: f32, error_m| samples.push((truth_m as u32, bits_from_error(error_m)));
+        pixels.absolute_errors(estimate_m, settings, add);
+        self.0.push((estimator, samples));
     }
 }
 
@@ -42,60 +55,101 @@ impl Samples {
     /// Samples of so many estimators, at most `at_most` of them in memory, the rest in files under `folder`.
     pub(crate) fn new(estimators: usize, at_most: usize, folder: &Path) -> Self {
         let folder = folder.join(".error_vs_distance.spill");
-        Self { held: vec![Vec::new(); estimators], at_most, folder, files: vec![Vec::new(); estimators] }
+        Self { held: vec![Vec::new(); estimators], count: 0, at_most, folder, spilled: false }
     }
 
     /// Takes the samples of a frame.
     pub(crate) fn take(&mut self, frame: FrameSamples) -> Result<(), AnalysisError> {
-        for (estimator, keys) in frame.0 {
-            self.held[estimator].extend_from_slice(&keys);
+        for (estimator, samples) in frame.0 {
+            let bins = &mut self.held[estimator];
+            self.count += samples.len();
+            for (metre, bits) in samples {
+                let metre = metre as usize;
+                if metre >= bins.len() {
+                    bins.resize_with(metre + 1, Vec::new);
+                }
+                bins[metre].push(bits);
+            }
         }
-        if self.held.iter().map(Vec::len).sum::<usize>() > self.at_most { self.spill() } else { Ok(()) }
+        if self.count > self.at_most { self.spill() } else { Ok(()) }
     }
 
     /// The percentiles, estimator by estimator, nearest bin first.
     pub(crate) fn percentiles(mut self) -> Result<Vec<DistanceBin>, AnalysisError> {
-        let spilled = self.files.iter().any(|files| !files.is_empty());
-        if spilled {
+        if self.spilled {
             self.spill()?;
         }
         let mut bins = Vec::new();
         for estimator in 0..self.held.len() {
-            let keys = std::mem::take(&mut self.held[estimator]);
-            let files = &self.files[estimator];
-            let found = match (files.is_empty(), keys.is_empty()) {
-                (false, _) => spilled::percentiles(estimator, files),
-                (true, false) => in_memory::percentiles(estimator, &keys),
-                (true, true) => continue,
-            };
-            bins.extend(found.map_err(AnalysisError::compute("percentiles of the error against distance"))?);
+            if self.spilled {
+                let path = self.file(estimator);
+                let visit = |f: &mut dyn FnMut(u32, &[u32])| read(&path, f);
+                bins.extend(selection::percentiles(estimator, visit).map_err(AnalysisError::read(&path))?);
+            } else {
+                let held = std::mem::take(&mut self.held[estimator]);
+                let found = in_memory::percentiles(estimator, &held);
+                bins.extend(found.map_err(AnalysisError::compute("percentiles of the error against distance"))?);
+            }
         }
         Ok(bins)
     }
 
-    /// Writes what is held to files.
+    fn file(&self, estimator: usize) -> PathBuf {
+        self.folder.join(estimator.to_string())
+    }
+
+    /// Appends what is held to the files: stretches of one metre, each with its metre and length before it.
     fn spill(&mut self) -> Result<(), AnalysisError> {
         fs::create_dir_all(&self.folder).map_err(AnalysisError::write(&self.folder))?;
-        for (estimator, (keys, files)) in self.held.iter_mut().zip(&mut self.files).enumerate() {
-            if keys.is_empty() {
-                continue;
-            }
-            let path = self.folder.join(format!("{estimator}-{}.parquet", files.len()));
-            let file = fs::File::create(&path).map_err(AnalysisError::write(&path))?;
-            let column = Column::from(Series::new("key".into(), std::mem::take(keys)));
-            let written = DataFrame::new(column.len(), vec![column]).and_then(|mut table| {
-                ParquetWriter::new(file).with_compression(ParquetCompression::Lz4Raw).finish(&mut table)
-            });
-            written.map_err(AnalysisError::compute(format!("{}", path.display())))?;
-            files.push(path);
+        self.spilled = true;
+        self.count = 0;
+        for estimator in 0..self.held.len() {
+            let path = self.file(estimator);
+            append(&path, &mut self.held[estimator]).map_err(AnalysisError::write(&path))?;
         }
         Ok(())
     }
 }
 
+fn append(path: &Path, bins: &mut [Vec<u32>]) -> io::Result<()> {
+    let mut file = BufWriter::new(File::options().create(true).append(true).open(path)?);
+    for (metre, errors) in bins.iter_mut().enumerate().filter(|(_, errors)| !errors.is_empty()) {
+        for number in [metre as u32, errors.len() as u32].iter().chain(&*errors) {
+            file.write_all(&number.to_le_bytes())?;
+        }
+        errors.clear();
+    }
+    file.flush()
+}
+
+/// Calls `f(metre, errors)` for all that was appended to a file, a batch at a time.
+fn read(path: &Path, f: &mut dyn FnMut(u32, &[u32])) -> io::Result<()> {
+    let mut file = BufReader::with_capacity(4 * BATCH, File::open(path)?);
+    let (mut bytes, mut errors) = (vec![0; 4 * BATCH], Vec::with_capacity(BATCH));
+    loop {
+        let mut head = [0; 8];
+        match file.read_exact(&mut head) {
+            Err(end) if end.kind() == ErrorKind::UnexpectedEof => return Ok(()),
+            other => other?,
+        }
+        let (metre, length) = head.split_at(4);
+        let number = |bytes: &[u8]| bytes.iter().rev().fold(0, |number, byte| number << 8 | u32::from(*byte));
+        let (metre, mut left) = (number(metre), number(length) as usize);
+        while left > 0 {
+            let batch = left.min(BATCH);
+            let bytes = &mut bytes[..4 * batch];
+            file.read_exact(bytes)?;
+            errors.clear();
+            errors.extend(bytes.chunks_exact(4).map(number));
+            f(metre, &errors);
+            left -= batch;
+        }
+    }
+}
+
 impl Drop for Samples {
     fn drop(&mut self) {
-        if self.files.iter().any(|files| !files.is_empty()) {
+        if self.spilled {
             // Nothing can be done about a folder that stays; its name says what it is.
             let _ = fs::remove_dir_all(&self.folder);
         }
@@ -116,7 +170,11 @@ mod tests {
         sorted[below] + (sorted[above] - sorted[below]) * (position - position.floor())
     }
 
-    fn naive(frames: &[(Vec<f32>, Vec<f32>)]) -> Vec<(u32, usize, [f64; 5])> {
+    type Frames = [(Vec<f32>, Vec<f32>)];
+    type Bin = (u32, u64, [f64; 5]);
+    type Bins = Vec<Bin>;
+
+    fn naive(frames: &Frames) -> Bins {
         let mut bins: std::collections::BTreeMap<u32, Vec<f64>> = std::collections::BTreeMap::new();
         for (t, y) in frames.iter().flat_map(|(truth, estimate)| truth.iter().zip(estimate)) {
             if *t > 1e-3 && *t < 80.0 && y.is_finite() {
@@ -126,12 +184,12 @@ mod tests {
         }
         let row = |(bin, mut errors): (u32, Vec<f64>)| {
             errors.sort_by(f64::total_cmp);
-            (bin, errors.len(), PERCENTILES.map(|p| numpy_percentile(&errors, p)))
+            (bin, errors.len() as u64, PERCENTILES.map(|p| numpy_percentile(&errors, p)))
         };
         bins.into_iter().map(row).collect()
     }
 
-    fn collected(frames: &[(Vec<f32>, Vec<f32>)], at_most: usize) -> Vec<(u32, usize, [f64; 5])> {
+    fn collected(frames: &Frames, at_most: usize) -> Bins {
         let folder = tempfile::tempdir().unwrap();
         let settings = Settings::default();
         let mut samples = Samples::new(1, at_most, folder.path());
@@ -141,33 +199,35 @@ mod tests {
             frame.add(0, &pixels, estimate, &settings);
             samples.take(frame).unwrap();
         }
+        assert!(at_most == usize::MAX || samples.spilled, "the bound was not reached");
         let bins = samples.percentiles().unwrap();
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0, "nothing is left behind");
-        bins.iter().map(|bin| (bin.bin_m, bin.count as usize, bin.percentiles_m)).collect()
+        bins.iter().map(|bin| (bin.bin_m, bin.count, bin.percentiles_m)).collect()
     }
 
-    fn same(ours: &[(u32, usize, [f64; 5])], theirs: &[(u32, usize, [f64; 5])]) -> bool {
+    fn same(ours: &Bins, theirs: &Bins) -> bool {
         let close = |a: &[f64; 5], b: &[f64; 5]| a.iter().zip(b).all(|(a, b)| (a - b).abs() <= 1e-12 * (1.0 + b));
-        ours.len() == theirs.len()
-            && ours.iter().zip(theirs).all(|(a, b)| (a.0, a.1) == (b.0, b.1) && close(&a.2, &b.2))
+        let same_bin = |(a, b): (&Bin, &Bin)| (a.0, a.1) == (b.0, b.1) && close(&a.2, &b.2);
+        ours.len() == theirs.len() && ours.iter().zip(theirs).all(same_bin)
     }
 
+    /// Few distances, so that bins are full; some errors many times over.
     fn frames() -> impl Strategy<Value = Vec<(Vec<f32>, Vec<f32>)>> {
         let metres = || {
-            let metre = prop_oneof![1 => Just(f32::NAN), 1 => Just(10.0_f32), 6 => 0.0_f32..100.0, 3 => 8.0_f32..9.0];
+            let metre = prop_oneof![1 => Just(f32::NAN), 1 => Just(10.0_f32), 3 => 0.0_f32..100.0, 6 => 8.0_f32..10.0];
             prop::collection::vec(metre, 60)
         };
-        prop::collection::vec((metres(), metres()), 1..12)
+        prop::collection::vec((metres(), metres()), 4..20)
     }
 
     proptest! {
-        #![proptest_config(ProptestConfig::with_cases(24))]
+        #![proptest_config(ProptestConfig { cases: 48, failure_persistence: None, ..ProptestConfig::default() })]
         #[test]
         fn percentiles_are_numpys_in_memory_and_from_disk(frames in frames()) {
             let expected = naive(&frames);
             let in_memory = collected(&frames, usize::MAX);
             prop_assert!(same(&in_memory, &expected), "{in_memory:?}\n{expected:?}");
-            let from_disk = collected(&frames, 100);
+            let from_disk = collected(&frames, 50);
             prop_assert!(same(&from_disk, &expected), "{from_disk:?}\n{expected:?}");
         }
     }
@@ -181,5 +241,13 @@ mod tests {
         for at_most in [usize::MAX, 0] {
             assert_eq!(collected(std::slice::from_ref(&frame), at_most), [(30, 6, expected)]);
         }
+    }
+
+    #[test]
+    fn bits_sort_as_errors_do() {
+        let errors = [0.0, 1e-9, 1e-6, 0.25, 0.250_001, 3.0, 79.9];
+        let bits = errors.map(bits_from_error);
+        assert!(bits.is_sorted());
+        assert_eq!(bits.map(error_from_bits), errors.map(|e| e as f32));
     }
 }
