@@ -48,10 +48,10 @@ prop_compose! {
         mode in select(vec![Mode::Sgbm, Mode::Hh, Mode::ThreeWay, Mode::Hh4]),
         vectors in select(if cfg!(miri) { vec![1] } else { vec![1, 2, 3, 4, 5, 6, 8] }),
         min_disparity in prop_oneof![Just(0), -40..40_i32],
-        columns in if cfg!(miri) { 64..72_usize } else { 20..180 },
-        height in if cfg!(miri) { 9..12_usize } else { 1..40 },
-        channels in select(vec![1_usize, 3]),
-        block in select(vec![1, 3, 5, 7, 9, 11, 31]),
+        columns in if cfg!(miri) { 64..67_usize } else { 20..180 },
+        height in if cfg!(miri) { 17..19_usize } else { 1..40 },
+        channels in select(if cfg!(miri) { vec![1_usize] } else { vec![1, 3] }),
+        block in select(if cfg!(miri) { vec![1, 3] } else { vec![1, 3, 5, 7, 9, 11, 31] }),
         (p1, p2) in penalties(),
         (disp12_max_diff, prefilter_cap, uniqueness) in (-1..4_i32, 0..200_i32, select(vec![0, 0, 5, 15, 60])),
         (speckle_window, speckle_range) in (select(vec![0, 0, 30]), 0..3_i32),
@@ -86,7 +86,7 @@ fn run(case: &Case, path: Path, scratch: &mut Scratch, tiles: &dyn Tiles) -> Res
 
 proptest! {
     #![proptest_config(ProptestConfig {
-        cases: if cfg!(miri) { 4 } else { 300 },
+        cases: if cfg!(miri) { 2 } else { 300 },
         failure_persistence: None,
         ..ProptestConfig::default()
     })]
@@ -94,7 +94,7 @@ proptest! {
     fn every_path_equals_the_plain_twin(case in cases()) {
         let mut scratch = Scratch::default();
         let plain = run(&case, Path::Plain, &mut scratch, &Serial);
-        for path in Path::available() {
+        for path in Path::available().into_iter().filter(|&path| path != Path::Plain) {
             prop_assert_eq!(&run(&case, path, &mut scratch, &Serial), &plain, "{:?}", path);
             prop_assert_eq!(&run(&case, path, &mut scratch, &Backwards), &plain, "{:?} backwards", path);
         }
