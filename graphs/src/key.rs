@@ -28,7 +28,7 @@ impl Key {
     /// A hasher for keys made of several parts; `domain` keeps keys of different meaning apart.
     #[must_use]
     pub fn build(domain: &str) -> KeyBuilder {
-        let builder = KeyBuilder(blake3::Hasher::new());
+        let builder = KeyBuilder(Vec::with_capacity(128));
         builder.text(domain)
     }
 
@@ -90,14 +90,16 @@ impl<'de> Deserialize<'de> for Key {
 }
 
 /// Collects the parts of a key; every part is length-prefixed, so that no two lists of parts collide.
-pub struct KeyBuilder(blake3::Hasher);
+///
+/// The parts are gathered and hashed at once: a hasher is near two kilobytes to hand on from part to part.
+pub struct KeyBuilder(Vec<u8>);
 
 impl KeyBuilder {
     /// Adds bytes.
     #[must_use]
     pub fn bytes(mut self, bytes: &[u8]) -> Self {
-        self.0.update(&(bytes.len() as u64).to_le_bytes());
-        self.0.update(bytes);
+        self.0.extend_from_slice(&(bytes.len() as u64).to_le_bytes());
+        self.0.extend_from_slice(bytes);
         self
     }
 
@@ -122,7 +124,7 @@ impl KeyBuilder {
     /// The key of all parts added.
     #[must_use]
     pub fn finish(self) -> Key {
-        Key::from_hash(&self.0.finalize())
+        Key::of_content(&self.0)
     }
 }
 

@@ -372,6 +372,14 @@ fn variables_become_what_they_look_like() {
 }
 
 #[test]
+fn a_kind_whose_engine_this_machine_lacks_can_be_planned_all_the_same() {
+    let loaded = loaded_with(&experiment("kind-without-engine.yaml"), &[]);
+    assert_eq!(nodes(&loaded.plan, 0, "far").len(), 1);
+    let said = loaded.warnings.to_string();
+    assert!(said.contains("no engine was found"), "{said}");
+}
+
+#[test]
 fn a_variable_that_nothing_needs_may_be_unset() {
     let files = [
         ("main.yaml", "extends: base.yaml\nsources: { test: { kind: synthetic/road } }".to_owned()),

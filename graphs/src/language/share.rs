@@ -119,8 +119,13 @@ impl Shared {
                 })
                 .collect();
             let fingerprint = parameters.fingerprint.as_ref();
-            let recipe =
-                recipe::of(declaration.kind, declaration.version, &canonical(&parameters.portable), fingerprint, &contributions);
+            let recipe = recipe::of(
+                declaration.kind,
+                declaration.version,
+                &canonical(&parameters.portable),
+                fingerprint,
+                &contributions,
+            );
             let ports = declaration.inputs.iter().cloned();
             self.runs[run].nodes.push(PlannedNode {
                 name: node.name.text.clone(),
