@@ -170,9 +170,9 @@ impl<L: Lanes, P: AsMut<[L::V]>> Along<L, P> {
             let (cost, sum) = (self.cost.add(x * d), self.sum.add(x * d));
             let least;
             (self.smallest, least) = advance::<L, true>(path, self.smallest, fixed, cost, sum, self.total);
-            let sums = std::slice::from_raw_parts(self.total, d);
-            match choose::<L>(fixed.search, least, sums) {
-                Some(best) => self.slots.put(fixed.search, x, best, sums),
+            let padded = std::slice::from_raw_parts(self.total, d.next_multiple_of(COMPARED));
+            match choose::<L>(fixed.search, least, padded) {
+                Some(best) => self.slots.put(fixed.search, x, best, &padded[..d]),
                 None => self.slots.none(x),
             }
         }
@@ -219,12 +219,13 @@ unsafe fn advance<L: Lanes, const LEAST: bool>(
     }
 }
 
-/// The best candidate, if it is unique enough. `sums` is followed by saturated values up to a multiple of what is compared at once.
+/// The best candidate, if it is unique enough. `padded` holds the sums, and saturated values up to a multiple of what is compared at once.
 ///
 /// # Safety
 /// As [`decide`].
 #[inline(always)]
-unsafe fn choose<L: Lanes>(search: &Search, least: L::V, sums: &[i16]) -> Option<Choice> {
+unsafe fn choose<L: Lanes>(search: &Search, least: L::V, padded: &[i16]) -> Option<Choice> {
+    let sums = &padded[..search.disparities];
     // SAFETY: as the caller vouches; what is compared lies within the padded sums.
     unsafe {
         let cost = L::first(least);
@@ -238,8 +239,8 @@ unsafe fn choose<L: Lanes>(search: &Search, least: L::V, sums: &[i16]) -> Option
         let mut index = 0;
         let mut equals = 0;
         // From the end, so that the first pair with an equal cost has the last word.
-        for at in (0..sums.len()).step_by(2 * COMPARED).rev() {
-            let bits = compare::<L, true>(sums, at, least);
+        for at in (0..padded.len()).step_by(2 * COMPARED).rev() {
+            let bits = compare::<L, true>(padded, at, least);
             if search.mode == Mode::ThreeWay {
                 equals += bits.count_ones();
             }
@@ -253,9 +254,9 @@ unsafe fn choose<L: Lanes>(search: &Search, least: L::V, sums: &[i16]) -> Option
         }
         if search.uniqueness > 0 {
             let limit = L::splat(best.rival_limit(search)?);
-            for at in (0..sums.len()).step_by(2 * COMPARED) {
+            for at in (0..padded.len()).step_by(2 * COMPARED) {
                 // The best candidate and its two neighbours are no rivals.
-                if compare::<L, false>(sums, at, limit) & !near_bits(best.index - at as i32) != 0 {
+                if compare::<L, false>(padded, at, limit) & !near_bits(best.index - at as i32) != 0 {
                     return None;
                 }
             }
