@@ -14,8 +14,8 @@ use crate::reading;
 use crate::scores::table_of_scores;
 use crate::table::Table;
 
-/// How many samples of the error against distance are held in memory at most: 4 to 8 bytes each, 64 MiB at worst.
-const SAMPLES_IN_MEMORY: usize = 8 << 20;
+/// How many samples of the error against distance are held in memory at most: 4 to 8 bytes each, 48 MiB at worst.
+const SAMPLES_IN_MEMORY: usize = 1 << 20;
 /// Columns of text of a terminal's table.
 const TERMINAL_WIDTH: usize = 110;
 
@@ -49,10 +49,12 @@ pub fn report(recording: &Recording, folder: &Path, options: &ReportOptions) -> 
         let text = "nothing was scored: no stage has a `score:`\n".to_owned();
         return Ok(Summary { json: json!({ "table": [], "notes": [text.trim_end()] }), text });
     }
-    let scores = reading::scores(recording, &estimators)?;
-    files::write_csv(folder, "scores.csv", &mut table_of_scores(&scores, &estimators)?)?;
-
-    let table = Table::new(&scores, &estimators, options.paper)?;
+    // The rows go before the samples come: what grows with the number of frames is never held beside them.
+    let table = {
+        let scores = reading::scores(recording, &estimators)?;
+        files::write_csv(folder, "scores.csv", &mut table_of_scores(&scores, &estimators)?)?;
+        Table::new(&scores, &estimators, options.paper)?
+    };
     let mut long_form = table.long_form()?;
     files::write_csv(folder, "table.csv", &mut long_form)?;
     files::write_parquet(folder, "table.parquet", &mut long_form)?;

@@ -105,19 +105,20 @@ impl Samples {
         self.count = 0;
         for estimator in 0..self.held.len() {
             let path = self.file(estimator);
-            append(&path, &mut self.held[estimator]).map_err(AnalysisError::write(&path))?;
+            // What is held is freed: a bin that once was full would keep its room for ever.
+            let bins = std::mem::take(&mut self.held[estimator]);
+            append(&path, &bins).map_err(AnalysisError::write(&path))?;
         }
         Ok(())
     }
 }
 
-fn append(path: &Path, bins: &mut [Vec<u32>]) -> io::Result<()> {
+fn append(path: &Path, bins: &[Vec<u32>]) -> io::Result<()> {
     let mut file = BufWriter::new(File::options().create(true).append(true).open(path)?);
-    for (metre, errors) in bins.iter_mut().enumerate().filter(|(_, errors)| !errors.is_empty()) {
-        for number in [metre as u32, errors.len() as u32].iter().chain(&*errors) {
+    for (metre, errors) in bins.iter().enumerate().filter(|(_, errors)| !errors.is_empty()) {
+        for number in [metre as u32, errors.len() as u32].iter().chain(errors) {
             file.write_all(&number.to_le_bytes())?;
         }
-        errors.clear();
     }
     file.flush()
 }
