@@ -31,12 +31,15 @@
 //! `unsafe` stands in the SIMD modules and where tiles are lent to threads. Under AddressSanitizer:
 //! `RUSTFLAGS=-Zsanitizer=address cargo +nightly test --release --target x86_64-unknown-linux-gnu -p depthloom-kernels --lib`.
 
+pub mod bm;
 pub mod confidence;
 pub mod depth;
 pub mod edges;
+pub mod fill;
 pub mod fuse;
 pub mod gaussian;
 pub mod grey;
+pub mod left_right;
 pub mod median;
 mod raster;
 pub mod resize;

@@ -1,0 +1,111 @@
+//! Filling of unanswered pixels from the background beside them, as KITTI's evaluation does before it counts errors.
+//!
+//! Source: `DisparityImage::interpolateBackground` of KITTI's stereo and scene flow development kits (`io_disp.h`, Geiger).
+
+/// Fills, in place, unanswered pixels: what is hidden in the other image belongs to what lies behind.
+///
+/// In every row a run of `invalid` pixels takes the smaller of the disparities at its two ends; at the image's border,
+/// the one there is. Then, in every column, what is still unanswered above the first and below the last answer takes that
+/// answer. Rows without any answer between others stay as they are: the development kit leaves them too. Rows are `width`
+/// long. Runs of more than `longest` pixels stay; the development kit has no such limit (`usize::MAX`).
+///
+/// # Panics
+/// If `width` does not divide the map's size.
+pub fn fill_background(map: &mut [i16], width: usize, invalid: i16, longest: usize) {
+    if map.is_empty() {
+        return;
+    }
+    assert!(width > 0 && map.len().is_multiple_of(width), "{} pixels are not rows of {width}", map.len());
+    for row in map.chunks_exact_mut(width) {
+        fill_row(row, invalid, longest);
+    }
+    let mut rows: Vec<usize> = (0..map.len() / width).collect();
+    extend_columns(map, width, &rows, invalid, longest);
+    rows.reverse();
+    extend_columns(map, width, &rows, invalid, longest);
+}
+
+fn fill_row(row: &mut [i16], invalid: i16, longest: usize) {
+    let mut start = 0;
+    while let Some(gap) = row[start..].iter().position(|&disparity| disparity == invalid) {
+        let begin = start + gap;
+        let end = row[begin..].iter().position(|&disparity| disparity != invalid).map_or(row.len(), |len| begin + len);
+        let neighbours = [begin.checked_sub(1), (end < row.len()).then_some(end)];
+        let background = neighbours.into_iter().flatten().map(|x| row[x]).min();
+        if let Some(background) = background
+            && end - begin <= longest
+        {
+            row[begin..end].fill(background);
+        }
+        start = end;
+    }
+}
+
+/// Copies each column's first answer, in the order of `rows`, to the rows before it.
+fn extend_columns(map: &mut [i16], width: usize, rows: &[usize], invalid: i16, longest: usize) {
+    // Columns whose first answer is still to come.
+    let mut waiting: Vec<usize> = (0..width).collect();
+    for (before, &y) in rows.iter().enumerate() {
+        waiting.retain(|&x| {
+            let answer = map[y * width + x];
+            if answer == invalid {
+                return true;
+            }
+            if before <= longest {
+                for &y in &rows[..before] {
+                    map[y * width + x] = answer;
+                }
+            }
+            false
+        });
+        if waiting.is_empty() {
+            return;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::fill_background;
+
+    const NO: i16 = -16;
+
+    #[test]
+    fn gaps_take_the_background_and_borders_what_is_beside_them() {
+        let mut map = [
+            NO, NO, NO, NO, NO, NO, //
+            NO, 90, NO, NO, 40, NO, //
+            NO, NO, NO, NO, NO, NO, //
+            70, NO, 80, 10, NO, 10, //
+            NO, NO, NO, NO, NO, NO,
+        ];
+        fill_background(&mut map, 6, NO, usize::MAX);
+        assert_eq!(
+            map,
+            [
+                90, 90, 40, 40, 40, 40, //
+                90, 90, 40, 40, 40, 40, //
+                NO, NO, NO, NO, NO, NO, //
+                70, 70, 80, 10, 10, 10, //
+                70, 70, 80, 10, 10, 10,
+            ]
+        );
+    }
+
+    #[test]
+    fn longer_gaps_than_allowed_stay() {
+        let mut map = [5, NO, NO, 7, NO, NO, NO, 9, NO, 3];
+        fill_background(&mut map, 10, NO, 2);
+        assert_eq!(map, [5, 5, 5, 7, NO, NO, NO, 9, 3, 3]);
+    }
+
+    #[test]
+    fn a_map_without_answers_stays_and_a_full_one_too() {
+        let mut empty = [NO; 12];
+        fill_background(&mut empty, 4, NO, usize::MAX);
+        assert_eq!(empty, [NO; 12]);
+        let mut full: Vec<i16> = (0..12).collect();
+        fill_background(&mut full, 4, NO, usize::MAX);
+        assert_eq!(full, (0..12).collect::<Vec<i16>>());
+    }
+}
