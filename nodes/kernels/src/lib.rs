@@ -32,6 +32,7 @@
 //! `RUSTFLAGS=-Zsanitizer=address cargo +nightly test --release --target x86_64-unknown-linux-gnu -p depthloom-kernels --lib`.
 
 pub mod bm;
+pub mod census;
 pub mod confidence;
 pub mod depth;
 pub mod edges;

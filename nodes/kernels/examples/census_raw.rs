@@ -1,0 +1,88 @@
+//! Matches raw grey images named on standard input by census costs, one job a line, and prints the milliseconds each took,
+//! or why it was refused.
+//!
+//! A line: `LEFT RIGHT OUT WIDTH HEIGHT CENSUS PATHS PATH THREADS`, then `min_disparity disparities p1 p2 uniqueness
+//! subpixel lr_max_diff`. Images are raw bytes, the output raw little-endian 16-bit disparities (`-`: none written); CENSUS is
+//! `symmetric`, `full` or `off-axis`, PATHS 4 or 8, PATH `best` or the name of an implementation (`Plain`, ...), subpixel 0
+//! or 1. What `tests/census_against_numpy.py` drives.
+
+use std::io::{BufRead, Write};
+use std::time::Instant;
+
+use depthloom_kernels::census::{Census, Pair, Params, Path, Paths, Scratch, compute_on};
+use depthloom_kernels::tiles::{Crew, Serial, Tiles};
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let mut scratch = Scratch::default();
+    let mut out = Vec::new();
+    for line in std::io::stdin().lock().lines() {
+        let line = line?;
+        let words: Vec<&str> = line.split_whitespace().collect();
+        let &[left, right, target, width, height, census, paths, path, threads, ref numbers @ ..] = &words[..] else {
+            return Err(format!("line holds {} words, expected 16: {line}", words.len()).into());
+        };
+        let numbers = numbers.iter().map(|word| word.parse()).collect::<Result<Vec<i32>, _>>()?;
+        let &[min_disparity, disparities, p1, p2, uniqueness, subpixel, lr_max_diff] = &numbers[..] else {
+            return Err(format!("line holds {} words, expected 16: {line}", words.len()).into());
+        };
+        let params = Params {
+            min_disparity,
+            disparities,
+            p1,
+            p2,
+            uniqueness,
+            subpixel: subpixel != 0,
+            lr_max_diff,
+            census: match census {
+                "symmetric" => Census::Symmetric,
+                "full" => Census::Full,
+                "off-axis" => Census::OffAxis,
+                other => return Err(format!("unknown census {other}").into()),
+            },
+            paths: match paths {
+                "4" => Paths::Four,
+                "8" => Paths::Eight,
+                other => return Err(format!("there are 4 or 8 paths, not {other}").into()),
+            },
+        };
+        let path = match path {
+            "best" => Path::available()[0],
+            name => Path::available()
+                .into_iter()
+                .find(|path| format!("{path:?}") == name)
+                .ok_or_else(|| format!("no implementation {name} here: {:?}", Path::available()))?,
+        };
+        let (left, right) = (std::fs::read(left)?, std::fs::read(right)?);
+        let pair = Pair { left: &left, right: &right, width: width.parse()?, height: height.parse()? };
+        out.resize(pair.width * pair.height, 0);
+        let mut timed = |tiles: &dyn Tiles| {
+            let start = Instant::now();
+            compute_on(path, &pair, &params, &mut scratch, tiles, &mut out)?;
+            Ok::<_, depthloom_kernels::census::ParamError>(start.elapsed().as_secs_f64() * 1e3)
+        };
+        let milliseconds = match threads.parse()? {
+            1 => timed(&Serial),
+            threads => {
+                let crew = Crew::new(threads);
+                std::thread::scope(|scope| {
+                    let _closing = crew.closing();
+                    for _ in 1..threads {
+                        scope.spawn(|| crew.work());
+                    }
+                    timed(&crew)
+                })
+            }
+        };
+        match milliseconds {
+            Ok(milliseconds) => {
+                if target != "-" {
+                    std::fs::write(target, out.iter().flat_map(|d| d.to_le_bytes()).collect::<Vec<u8>>())?;
+                }
+                println!("{milliseconds}");
+            }
+            Err(error) => println!("refused: {error}"),
+        }
+        std::io::stdout().flush()?;
+    }
+    Ok(())
+}

@@ -1,0 +1,305 @@
+//! The entry: the frame's stages, and how they are spread over tiles.
+//!
+//! Two marches, one down and one up, each sum half of the paths. Each first stores its sums for the half of the image
+//! where it begins; in the half where it ends it meets the other's sums, adds its own, and chooses. So no row's sums are
+//! written more than twice, and two threads can march at a time; transform and checks are spread further.
+
+use std::sync::{Mutex, PoisonError};
+
+use super::choice::{Demands, RightBest, choose};
+use super::features::{Feature, FeatureRow, comparisons};
+use super::finish::{Check, FinishRow, Maps};
+use super::paths::{March, Penalties};
+use super::simd::{Name, Set};
+use super::{Census, ParamError, Params, Paths, plain};
+use crate::raster;
+use crate::simd::Pass;
+use crate::tiles::Tiles;
+
+/// Rows of a tile, where rows do not depend on each other.
+const TILE_ROWS: usize = 16;
+
+/// A rectified pair of grey images, rows without gaps.
+#[derive(Clone, Copy, Debug)]
+pub struct Pair<'a> {
+    /// The left image, whose pixels get answers.
+    pub left: &'a [u8],
+    /// The right image.
+    pub right: &'a [u8],
+    /// Columns of both.
+    pub width: usize,
+    /// Rows of both.
+    pub height: usize,
+}
+
+/// Buffers that one call leaves for the next; any call may use any scratch.
+#[derive(Debug, Default)]
+pub struct Scratch {
+    narrow: Buffers<u32>,
+    wide: Buffers<u64>,
+    /// Costs summed over paths, by row, column and disparity.
+    sums: Vec<u16>,
+    left: Vec<u16>,
+    right: Vec<u16>,
+}
+
+/// Features and marches over them.
+#[derive(Debug, Default)]
+struct Buffers<F> {
+    left: Vec<F>,
+    right: Vec<F>,
+    marches: [Marcher<F>; 2],
+}
+
+/// A march and what it chooses with.
+#[derive(Debug, Default)]
+struct Marcher<F> {
+    march: March<F>,
+    right_best: RightBest,
+}
+
+/// An implementation. All give the same bits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Path {
+    /// The plain twin, as the papers have it, on one thread.
+    Plain,
+    /// The fast implementation for any machine of the target.
+    Portable,
+    /// The fast implementation in AVX2.
+    Avx2,
+    /// The fast implementation in AVX-512, with its counts of bits.
+    Avx512,
+}
+
+impl Path {
+    /// The implementations this machine can run, fastest first.
+    #[must_use]
+    pub fn available() -> Vec<Self> {
+        let mut paths: Vec<_> = Set::available().into_iter().map(Self::from).collect();
+        paths.push(Self::Plain);
+        paths
+    }
+}
+
+impl From<Set> for Path {
+    fn from(set: Set) -> Self {
+        match set.name() {
+            Name::Portable => Self::Portable,
+            #[cfg(target_arch = "x86_64")]
+            Name::Avx2 => Self::Avx2,
+            #[cfg(target_arch = "x86_64")]
+            Name::Avx512 => Self::Avx512,
+        }
+    }
+}
+
+/// Disparities of the left image's pixels in 1/16 px, [`Params::invalid`] where there is no answer; the fastest
+/// implementation for this machine, spread over `tiles`.
+///
+/// Memory: 2 bytes for each pixel and disparity.
+///
+/// # Errors
+/// A parameter out of its range ([`Params::check`]).
+///
+/// # Panics
+/// If an image or `out` has another size than announced, or the images have no pixels.
+pub fn compute(
+    pair: &Pair<'_>,
+    params: &Params,
+    scratch: &mut Scratch,
+    tiles: &dyn Tiles,
+    out: &mut [i16],
+) -> Result<(), ParamError> {
+    compute_on(Path::available()[0], pair, params, scratch, tiles, out)
+}
+
+/// [`compute`] with a chosen implementation; the plain one where this machine has not the chosen one.
+///
+/// # Errors
+/// As [`compute`].
+///
+/// # Panics
+/// As [`compute`].
+pub fn compute_on(
+    path: Path,
+    pair: &Pair<'_>,
+    params: &Params,
+    scratch: &mut Scratch,
+    tiles: &dyn Tiles,
+    out: &mut [i16],
+) -> Result<(), ParamError> {
+    params.check()?;
+    let Pair { left, right, width, height } = *pair;
+    assert!(width > 0 && height > 0, "an image of {width} x {height} pixels has none");
+    raster::check("the left image", left.len(), width, height, 1);
+    raster::check("the right image", right.len(), width, height, 1);
+    raster::check("the output", out.len(), width, height, 1);
+    let Some(set) = Set::available().into_iter().find(|&set| Path::from(set) == path) else {
+        plain::compute(pair, params, out);
+        return Ok(());
+    };
+    let pixels = width * height;
+    let Scratch { narrow, wide, sums, left, right } = scratch;
+    for map in [&mut *left, right] {
+        map.resize(pixels, 0);
+    }
+    let sums = Summed { sums, maps: [left, right] };
+    match params.census {
+        Census::Symmetric => narrow.raw_maps(set, pair, params, sums, tiles),
+        Census::Full | Census::OffAxis => wide.raw_maps(set, pair, params, sums, tiles),
+    }
+    let maps = Maps { left, right, width };
+    let check =
+        Check { min_disparity: params.min_disparity, lr_max_diff: params.lr_max_diff, invalid: params.invalid() };
+    each(tiles, out.chunks_mut(TILE_ROWS * width).collect(), |tile, out| {
+        let mut medians = vec![0; 2 * width];
+        for (row, out) in out.chunks_exact_mut(width).enumerate() {
+            let y = tile * TILE_ROWS + row;
+            set.run(FinishRow { maps, check, y, out, medians: &mut medians });
+        }
+    });
+    Ok(())
+}
+
+/// Runs each part as a tile of its own.
+fn each<T: Send>(tiles: &dyn Tiles, parts: Vec<T>, f: impl Fn(usize, T) + Sync) {
+    let parts: Vec<_> = parts.into_iter().map(|part| Mutex::new(Some(part))).collect();
+    tiles.run(parts.len(), &|index| {
+        let part = parts[index].lock().unwrap_or_else(PoisonError::into_inner).take();
+        f(index, part.expect("each index comes once"));
+    });
+}
+
+/// Where sums and raw maps are written.
+struct Summed<'a> {
+    sums: &'a mut Vec<u16>,
+    maps: [&'a mut [u16]; 2],
+}
+
+impl<F: Feature> Buffers<F> {
+    /// Transform, marches and choice.
+    fn raw_maps(&mut self, set: Set, pair: &Pair<'_>, params: &Params, summed: Summed<'_>, tiles: &dyn Tiles) {
+        self.transform(set, pair, params.census, tiles);
+        if params.disparities % 64 == 0 {
+            self.march::<64>(set, pair, params, summed, tiles);
+        } else {
+            self.march::<32>(set, pair, params, summed, tiles);
+        }
+    }
+
+    fn transform(&mut self, set: Set, pair: &Pair<'_>, census: Census, tiles: &dyn Tiles) {
+        let comparisons = comparisons(census);
+        let mut parts = Vec::new();
+        for (image, features) in [(pair.left, &mut self.left), (pair.right, &mut self.right)] {
+            features.resize(image.len(), F::default());
+            let chunks = features.chunks_mut(TILE_ROWS * pair.width).enumerate();
+            parts.extend(chunks.map(|(tile, features)| (image, tile * TILE_ROWS, features)));
+        }
+        each(tiles, parts, |_, (image, first, features)| {
+            for (row, out) in features.chunks_exact_mut(pair.width).enumerate() {
+                set.run(FeatureRow { image, width: pair.width, y: first + row, comparisons: &comparisons, out });
+            }
+        });
+    }
+
+    fn march<const N: usize>(
+        &mut self,
+        set: Set,
+        &Pair { width, height, .. }: &Pair<'_>,
+        params: &Params,
+        Summed { sums, maps: [left_map, right_map] }: Summed<'_>,
+        tiles: &dyn Tiles,
+    ) {
+        let disparities = params.disparities as usize;
+        let lanes = disparities.next_multiple_of(N);
+        let penalties = Penalties { p1: params.p1 as u8, p2: params.p2 as u8 };
+        for (marcher, upward) in self.marches.iter_mut().zip([false, true]) {
+            let diagonals = params.paths == Paths::Eight;
+            marcher.march.begin(upward, width, (disparities, lanes), penalties, diagonals);
+        }
+        sums.resize(width * height * lanes, 0);
+        let middle = height / 2;
+        let (upper_sums, lower_sums) = sums.split_at_mut(middle * width * lanes);
+        let (upper_left, lower_left) = left_map.split_at_mut(middle * width);
+        let (upper_right, lower_right) = right_map.split_at_mut(middle * width);
+        let [down, up] = &mut self.marches;
+        let frame = Frame {
+            left: &self.left,
+            right: &self.right,
+            width,
+            disparities,
+            lanes,
+            min_disparity: params.min_disparity,
+            demands: Demands { uniqueness: params.uniqueness as u32, subpixel: params.subpixel },
+        };
+        let begun = vec![
+            Leg::<F, N> { frame, marcher: &mut *down, first: 0, upward: false, sums: &mut *upper_sums, maps: None },
+            Leg::<F, N> { frame, marcher: &mut *up, first: middle, upward: true, sums: &mut *lower_sums, maps: None },
+        ];
+        each(tiles, begun, |_, leg| set.run(leg));
+        let (upper, lower) = (Some([upper_left, upper_right]), Some([lower_left, lower_right]));
+        let ended = vec![
+            Leg::<F, N> { frame, marcher: down, first: middle, upward: false, sums: lower_sums, maps: lower },
+            Leg::<F, N> { frame, marcher: up, first: 0, upward: true, sums: upper_sums, maps: upper },
+        ];
+        each(tiles, ended, |_, leg| set.run(leg));
+    }
+}
+
+/// What both marches look at.
+struct Frame<'a, F> {
+    left: &'a [F],
+    right: &'a [F],
+    width: usize,
+    disparities: usize,
+    lanes: usize,
+    min_disparity: i32,
+    demands: Demands,
+}
+
+impl<F> Clone for Frame<'_, F> {
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+
+impl<F> Copy for Frame<'_, F> {}
+
+/// One march over one half of the image.
+struct Leg<'a, F, const N: usize> {
+    frame: Frame<'a, F>,
+    marcher: &'a mut Marcher<F>,
+    /// The half's uppermost row.
+    first: usize,
+    upward: bool,
+    sums: &'a mut [u16],
+    /// The left and the right raw map of the half, if the other march has been here.
+    maps: Option<[&'a mut [u16]; 2]>,
+}
+
+impl<F: Feature, const N: usize> Pass for Leg<'_, F, N> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { frame, marcher: Marcher { march, right_best }, first, upward, sums, mut maps } = self;
+        let Frame { left, right, width, disparities, lanes, min_disparity, demands } = frame;
+        let rows = sums.len() / (width * lanes);
+        for step in 0..rows {
+            let row = if upward { rows - 1 - step } else { step };
+            let sums = &mut sums[row * width * lanes..][..width * lanes];
+            if maps.is_none() {
+                sums.fill(0);
+            }
+            let [left, right] = [left, right].map(|features| &features[(first + row) * width..][..width]);
+            march.row::<N>(left, right, min_disparity, sums);
+            let Some(maps) = &mut maps else { continue };
+            let [left, right] = maps.each_mut().map(|map| &mut map[row * width..][..width]);
+            right_best.begin(width, disparities);
+            for (x, (sums, left)) in sums.chunks_exact(lanes).zip(left).enumerate() {
+                *left = choose(x, &sums[..disparities], demands, right_best);
+            }
+            right_best.write(min_disparity, right);
+        }
+    }
+}

@@ -1,0 +1,126 @@
+//! Every implementation gives the bits of the plain twin, on any image, with any parameters and any number of threads.
+
+use depthloom_kernels::census::{Census, Pair, ParamError, Params, Path, Paths, Scratch, compute, compute_on};
+use depthloom_kernels::tiles::{Crew, Serial, Tiles};
+use proptest::prelude::{ProptestConfig, any, proptest};
+use proptest::sample::select;
+use proptest::{prop_assert_eq, prop_compose};
+
+/// Tiles in reverse order: what depends on order shows.
+struct Backwards;
+
+impl Tiles for Backwards {
+    fn run(&self, n: usize, f: &(dyn Fn(usize) + Sync)) {
+        (0..n).rev().for_each(f);
+    }
+
+    fn width(&self) -> usize {
+        3
+    }
+}
+
+#[derive(Clone, Debug)]
+struct Case {
+    params: Params,
+    width: usize,
+    height: usize,
+    left: Vec<u8>,
+    right: Vec<u8>,
+}
+
+/// The right image is the left one, shifted and disturbed: costs have a clear minimum at some places and none at others.
+fn images(len: usize, shift: usize, grain: u32, seed: u64) -> (Vec<u8>, Vec<u8>) {
+    let mut state = seed | 1;
+    let mut random = move || {
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        state >> 32
+    };
+    let left: Vec<u8> = (0..len).map(|_| (random() as u8) >> grain << grain).collect();
+    let right = (0..len).map(|i| if random() % 8 == 0 { random() as u8 } else { left[(i + shift) % len] }).collect();
+    (left, right)
+}
+
+prop_compose! {
+    fn cases()(
+        (width, height) in (1..170_usize, 1..40_usize),
+        (vectors, min_disparity) in (select(vec![1, 2, 3, 4, 4, 5, 6, 8, 12, 16]), select(vec![0, 0, -7, 5, 40, -200])),
+        census in select(vec![Census::Symmetric, Census::Full, Census::OffAxis]),
+        paths in select(vec![Paths::Four, Paths::Eight]),
+        (p1, p2) in (0..=224_i32, 0..=224_i32),
+        (uniqueness, subpixel, lr_max_diff) in (select(vec![0, 5, 5, 20, 99]), any::<bool>(), -1..4_i32),
+        (shift, grain, seed) in (0..40_usize, select(vec![0_u32, 0, 5, 7]), any::<u64>()),
+    ) -> Case {
+        let p2 = p2 % (256 - census.bits());
+        let params = Params {
+            min_disparity, disparities: 16 * vectors, p1: p1 % (p2 + 1), p2, uniqueness, subpixel, lr_max_diff, census, paths,
+        };
+        let (left, right) = images(width * height, shift, grain, seed);
+        Case { params, width, height, left, right }
+    }
+}
+
+impl Case {
+    fn run(&self, path: Path, scratch: &mut Scratch, tiles: &dyn Tiles) -> Vec<i16> {
+        let pair = Pair { left: &self.left, right: &self.right, width: self.width, height: self.height };
+        let mut out = vec![i16::MIN; self.width * self.height];
+        compute_on(path, &pair, &self.params, scratch, tiles, &mut out).expect("parameters are legal");
+        out
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 150, failure_persistence: None, ..ProptestConfig::default() })]
+    #[test]
+    fn every_path_equals_the_plain_twin(case in cases(), other in cases()) {
+        let mut scratch = Scratch::default();
+        // What another frame has left behind must not matter.
+        other.run(Path::available()[0], &mut scratch, &Serial);
+        let plain = case.run(Path::Plain, &mut scratch, &Serial);
+        for path in Path::available() {
+            prop_assert_eq!(&case.run(path, &mut scratch, &Serial), &plain, "{:?}", path);
+            prop_assert_eq!(&case.run(path, &mut scratch, &Backwards), &plain, "{:?} backwards", path);
+        }
+        let crew = Crew::new(3);
+        let threaded = std::thread::scope(|scope| {
+            let _closing = crew.closing();
+            scope.spawn(|| crew.work());
+            scope.spawn(|| crew.work());
+            case.run(Path::available()[0], &mut scratch, &crew)
+        });
+        prop_assert_eq!(&threaded, &plain, "three threads");
+    }
+}
+
+#[test]
+fn a_shifted_texture_has_its_shift_as_disparity() {
+    let (width, height) = (160, 30);
+    let (left, _) = images(width * height, 0, 0, 5);
+    let right: Vec<u8> = (0..left.len()).map(|i| left[(i + 23) % left.len()]).collect();
+    for (paths, min_disparity) in [(Paths::Four, 0), (Paths::Eight, -10), (Paths::Eight, 16)] {
+        let params = Params { paths, min_disparity, ..Params::default() };
+        let case = Case { params, width, height, left: left.clone(), right: right.clone() };
+        for path in Path::available() {
+            let out = case.run(path, &mut Scratch::default(), &Serial);
+            for y in 4..height - 4 {
+                for x in 100..width - 20 {
+                    let px = f32::from(out[y * width + x]) / 16.0;
+                    assert!((px - 23.0).abs() <= 0.5, "{path:?}, row {y}, column {x}: {px}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn parameters_are_checked_before_anything_is_written() {
+    let image = [7; 40];
+    let pair = Pair { left: &image, right: &image, width: 10, height: 4 };
+    let params = Params { p2: 250, ..Params::default() };
+    let mut out = [3; 40];
+    let error = compute(&pair, &params, &mut Scratch::default(), &Serial, &mut out).unwrap_err();
+    assert_eq!(error, ParamError::P2(250, Census::Symmetric));
+    assert_eq!(error.to_string(), "p2 is 250, outside 0..=224: with features of 31 bits, costs must fit a byte");
+    assert_eq!(out, [3; 40]);
+}
