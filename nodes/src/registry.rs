@@ -9,7 +9,7 @@ use crate::fusion::{Confidence, Scale};
 use crate::mono::{GroundPlane, Onnx};
 use crate::score::ScoreDepth;
 use crate::sources::{KittiStereo2015, SyntheticRoad};
-use crate::stereo::Sgbm;
+use crate::stereo::{CensusSgm, Sgbm};
 
 /// Every source and node kind of this crate, one line each.
 #[must_use]
@@ -18,6 +18,7 @@ pub fn registry() -> Registry {
         .source::<KittiStereo2015>()
         .source::<SyntheticRoad>()
         .node::<Sgbm>()
+        .node::<CensusSgm>()
         .node::<FromDisparity>()
         .node::<Edges>()
         .node::<Sobel>()

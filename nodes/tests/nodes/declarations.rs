@@ -6,7 +6,7 @@ use depthloom_graphs::Port;
 use serde_json::{Value as Json, json};
 
 /// The kinds the language's documentation names, with their ports.
-const PORTS: [(&str, &[&str], &[&str]); 10] = [
+const PORTS: [(&str, &[&str], &[&str]); 11] = [
     ("confidence/edges", &["image"], &["mask"]),
     ("confidence/sobel", &["image"], &["weight"]),
     ("depth/from-disparity", &["disparity", "calibration"], &["depth"]),
@@ -16,6 +16,7 @@ const PORTS: [(&str, &[&str], &[&str]); 10] = [
     ("mono/ground-plane", &["image", "calibration"], &["depth"]),
     ("mono/onnx", &["image", "calibration", "model"], &["depth"]),
     ("score/depth", &["estimate", "truth"], &["rows"]),
+    ("stereo/census-sgm", &["left", "right"], &["disparity"]),
     ("stereo/sgbm", &["left", "right"], &["disparity"]),
 ];
 
@@ -77,6 +78,13 @@ fn defaults_are_the_golden_settings() {
             "prefilter_cap": 63, "uniqueness": 0, "speckle_window": 0, "speckle_range": 0, "mode": "sgbm"
         })
     );
+    assert_eq!(
+        defaults("stereo/census-sgm"),
+        json!({
+            "disparities": 64, "min_disparity": 0, "p1": 10, "p2": 120, "uniqueness": 5, "subpixel": true, "lr_max_diff": 1,
+            "census": "symmetric", "paths": 8
+        })
+    );
     assert_eq!(defaults("depth/from-disparity"), json!({ "cap": 80.0 }));
     assert_eq!(defaults("confidence/edges"), json!({ "threshold": 100.0 }));
     assert_eq!(defaults("confidence/sobel"), json!({ "threshold": 100.0, "sigma": 10.0 }));
@@ -111,6 +119,10 @@ fn parameters_that_no_schema_can_refuse_are_refused_by_name() {
         ("stereo/sgbm", json!({ "block": 4 }), "block"),
         ("stereo/sgbm", json!({ "p1": 800, "p2": 800 }), "p2"),
         ("stereo/sgbm", json!({ "mode": "sgm" }), "mode"),
+        ("stereo/census-sgm", json!({ "disparities": 40 }), "disparities"),
+        ("stereo/census-sgm", json!({ "paths": 5 }), "paths"),
+        ("stereo/census-sgm", json!({ "census": "full", "p2": 200 }), "p2"),
+        ("stereo/census-sgm", json!({ "p1": 121 }), "p1"),
         ("depth/from-disparity", json!({ "cap": 0 }), "cap"),
         ("depth/from-disparity", json!({ "capp": 80 }), "capp"),
         ("confidence/sobel", json!({ "sigma": 0.0 }), "sigma"),

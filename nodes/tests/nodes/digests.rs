@@ -114,6 +114,15 @@ fn calls() -> Vec<Calls> {
             vec![("estimate", depth(4, 6)), ("truth", depth(5, 3))],
         ),
         (
+            "stereo/census-sgm",
+            vec![
+                json!({ "disparities": 16 }),
+                json!({ "disparities": 16, "paths": 4, "census": "full", "min_disparity": -3 }),
+                json!({ "disparities": 32, "census": "off-axis", "subpixel": false, "lr_max_diff": -1, "uniqueness": 0 }),
+            ],
+            pair.clone(),
+        ),
+        (
             "stereo/sgbm",
             ["sgbm", "hh", "3way", "hh4"]
                 .map(|mode| json!({ "mode": mode, "disparities": 16, "uniqueness": 5, "speckle_window": 20, "speckle_range": 2 }))

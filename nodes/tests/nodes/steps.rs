@@ -132,3 +132,20 @@ fn an_image_narrower_than_the_search_is_an_error() {
     let fault = call("stereo/sgbm", &json!({}), &[("left", image.clone()), ("right", image)]).unwrap_err();
     assert!(fault.to_string().starts_with("image is 40 columns wide, too narrow for these disparities"), "{fault}");
 }
+
+#[test]
+fn census_finds_a_shift_whatever_the_exposure() {
+    let texture = |x: u32, y: u32| (x.wrapping_mul(2_654_435_761) ^ y.wrapping_mul(40_503).rotate_left(7)) / 7 % 120;
+    let image = |shift: u32, gain: u32| {
+        let pixels = (0..40).flat_map(|y| (0..120).map(move |x| (gain * texture(x + shift, y) + 9) as u8)).collect();
+        grey(120, 40, pixels)
+    };
+    let inputs = [("left", &image(0, 1)), ("right", &image(11, 2))];
+    for paths in [4, 8] {
+        let params = json!({ "disparities": 32, "min_disparity": -2, "paths": paths });
+        let Value::Disparity(map) = value("stereo/census-sgm", &params, &inputs) else { panic!("disparity") };
+        assert_eq!(map.invalid(), -48);
+        let found = (50..100).map(|x| map.sixteenths_px.get_pixel(x, 20).0[0]);
+        assert!(found.clone().all(|sixteenths| (sixteenths - 11 * 16).abs() <= 8), "{:?}", found.collect::<Vec<_>>());
+    }
+}
