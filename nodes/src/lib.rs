@@ -13,6 +13,7 @@
 
 pub mod confidence;
 pub mod depth;
+pub mod disparity;
 pub mod filter;
 pub mod fusion;
 pub mod kitti_layout;

@@ -4,12 +4,13 @@ use depthloom_graphs::Registry;
 
 use crate::confidence::{Edges, Sobel};
 use crate::depth::FromDisparity;
+use crate::disparity::{Fill, LeftRight, Speckle};
 use crate::filter::Median;
 use crate::fusion::{Confidence, Scale};
 use crate::mono::{GroundPlane, Onnx};
 use crate::score::ScoreDepth;
 use crate::sources::{KittiStereo2015, SyntheticRoad};
-use crate::stereo::{CensusSgm, Sgbm};
+use crate::stereo::{Bm, CensusSgm, Sgbm};
 
 /// Every source and node kind of this crate, one line each.
 #[must_use]
@@ -18,7 +19,11 @@ pub fn registry() -> Registry {
         .source::<KittiStereo2015>()
         .source::<SyntheticRoad>()
         .node::<Sgbm>()
+        .node::<Bm>()
         .node::<CensusSgm>()
+        .node::<LeftRight>()
+        .node::<Speckle>()
+        .node::<Fill>()
         .node::<FromDisparity>()
         .node::<Edges>()
         .node::<Sobel>()

@@ -6,16 +6,20 @@ use depthloom_graphs::Port;
 use serde_json::{Value as Json, json};
 
 /// The kinds the language's documentation names, with their ports.
-const PORTS: [(&str, &[&str], &[&str]); 11] = [
+const PORTS: [(&str, &[&str], &[&str]); 15] = [
     ("confidence/edges", &["image"], &["mask"]),
     ("confidence/sobel", &["image"], &["weight"]),
     ("depth/from-disparity", &["disparity", "calibration"], &["depth"]),
+    ("disparity/fill", &["disparity"], &["disparity"]),
+    ("disparity/left-right", &["left", "right"], &["disparity"]),
+    ("disparity/speckle", &["disparity"], &["disparity"]),
     ("filter/median", &["depth"], &["depth"]),
     ("fusion/confidence", &["mono", "stereo", "weight"], &["depth"]),
     ("fusion/scale", &["mono", "stereo"], &["depth"]),
     ("mono/ground-plane", &["image", "calibration"], &["depth"]),
     ("mono/onnx", &["image", "calibration", "model"], &["depth"]),
     ("score/depth", &["estimate", "truth"], &["rows"]),
+    ("stereo/bm", &["left", "right"], &["disparity"]),
     ("stereo/census-sgm", &["left", "right"], &["disparity"]),
     ("stereo/sgbm", &["left", "right"], &["disparity"]),
 ];
@@ -85,6 +89,16 @@ fn defaults_are_the_golden_settings() {
             "census": "symmetric", "paths": 8
         })
     );
+    assert_eq!(
+        defaults("stereo/bm"),
+        json!({
+            "disparities": 64, "min_disparity": 0, "block": 21, "prefilter": "xsobel", "prefilter_size": 9, "prefilter_cap": 31,
+            "texture_threshold": 10, "uniqueness": 15, "disp12_max_diff": -1, "speckle_window": 0, "speckle_range": 0
+        })
+    );
+    assert_eq!(defaults("disparity/left-right"), json!({ "max_difference": 1.0 }));
+    assert_eq!(defaults("disparity/speckle"), json!({ "window": 100, "range": 1.0 }));
+    assert_eq!(defaults("disparity/fill"), json!({ "longest": null }));
     assert_eq!(defaults("depth/from-disparity"), json!({ "cap": 80.0 }));
     assert_eq!(defaults("confidence/edges"), json!({ "threshold": 100.0 }));
     assert_eq!(defaults("confidence/sobel"), json!({ "threshold": 100.0, "sigma": 10.0 }));
@@ -123,6 +137,14 @@ fn parameters_that_no_schema_can_refuse_are_refused_by_name() {
         ("stereo/census-sgm", json!({ "paths": 5 }), "paths"),
         ("stereo/census-sgm", json!({ "census": "full", "p2": 200 }), "p2"),
         ("stereo/census-sgm", json!({ "p1": 121 }), "p1"),
+        ("stereo/bm", json!({ "disparities": 40 }), "disparities"),
+        ("stereo/bm", json!({ "block": 8 }), "block"),
+        ("stereo/bm", json!({ "prefilter_size": 6 }), "prefilter_size"),
+        ("stereo/bm", json!({ "prefilter_cap": 64 }), "prefilter_cap"),
+        ("stereo/bm", json!({ "uniqueness": -1 }), "uniqueness"),
+        ("disparity/left-right", json!({ "max_difference": -1 }), "max_difference"),
+        ("disparity/speckle", json!({ "range": -0.5 }), "range"),
+        ("disparity/fill", json!({ "longest": -1 }), "longest"),
         ("depth/from-disparity", json!({ "cap": 0 }), "cap"),
         ("depth/from-disparity", json!({ "capp": 80 }), "capp"),
         ("confidence/sobel", json!({ "sigma": 0.0 }), "sigma"),

@@ -61,9 +61,18 @@ fn weight() -> Value {
     Weight { share: raster(|| numbers.below(1001) as f32 / 1000.0) }.into()
 }
 
-fn disparity() -> Value {
-    let mut numbers = Numbers(10);
-    Disparity { sixteenths_px: raster(|| numbers.below(1024) as i16 - 16), min_disparity_px: 0 }.into()
+/// Disparities of 64 px from the smallest on; one in 65 is no answer.
+fn disparity(seed: u64, min_disparity_px: i32) -> Value {
+    let mut numbers = Numbers(seed);
+    let sixteenths_px = raster(|| numbers.below(1024) as i16 - 16 + min_disparity_px as i16 * 16);
+    Disparity { sixteenths_px, min_disparity_px }.into()
+}
+
+/// Disparities of which a third is no answer.
+fn gappy() -> Value {
+    let mut numbers = Numbers(12);
+    let sixteenths_px = raster(|| (numbers.below(1024) as i16 - 340).max(-16));
+    Disparity { sixteenths_px, min_disparity_px: 0 }.into()
 }
 
 /// Calls that stand for a kind: its name, sets of parameters, inputs.
@@ -84,7 +93,18 @@ fn calls() -> Vec<Calls> {
         (
             "depth/from-disparity",
             vec![json!({}), json!({ "cap": null })],
-            vec![("disparity", disparity()), ("calibration", calibration(721.5377, 0.532_725))],
+            vec![("disparity", disparity(10, 0)), ("calibration", calibration(721.5377, 0.532_725))],
+        ),
+        ("disparity/fill", vec![json!({}), json!({ "longest": 1 })], vec![("disparity", gappy())]),
+        (
+            "disparity/left-right",
+            vec![json!({}), json!({ "max_difference": 12.25 })],
+            vec![("left", disparity(10, 0)), ("right", disparity(11, -60))],
+        ),
+        (
+            "disparity/speckle",
+            vec![json!({ "window": 9, "range": 10.5 }), json!({ "window": 30, "range": 20 })],
+            vec![("disparity", gappy())],
         ),
         ("filter/median", vec![json!({}), json!({ "size": 3 })], vec![("depth", depth(1, 4))]),
         (
@@ -112,6 +132,14 @@ fn calls() -> Vec<Calls> {
             "score/depth",
             ["paper", "monodepth2", "kitti-depth"].map(|p| json!({ "preset": p, "sets": ["all", "answered"] })).to_vec(),
             vec![("estimate", depth(4, 6)), ("truth", depth(5, 3))],
+        ),
+        (
+            "stereo/bm",
+            vec![
+                json!({ "disparities": 16, "block": 7, "disp12_max_diff": 1, "speckle_window": 20, "speckle_range": 16 }),
+                json!({ "disparities": 16, "block": 5, "prefilter": "normalized-response", "prefilter_size": 7, "min_disparity": 2 }),
+            ],
+            pair.clone(),
         ),
         (
             "stereo/census-sgm",

@@ -4,6 +4,7 @@
 mod call;
 mod declarations;
 mod digests;
+mod disparity;
 mod golden;
 mod kitti;
 mod network;

@@ -1,0 +1,56 @@
+//! `disparity/fill`: unanswered pixels filled from the background beside them.
+
+use depthloom_graphs::contracts::{Contract, NodeDeclaration};
+use depthloom_graphs::values::Disparity;
+use depthloom_graphs::{Context, Fault, Inputs, Instance, Node, Outputs, Port, PureNode, ValueType};
+use depthloom_kernels::fill::fill_background;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::{changed, invalid};
+
+/// Parameters of `disparity/fill`.
+#[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct FillParams {
+    /// Longest run of unanswered pixels that is filled, px; `null` fills all, as KITTI's development kit does.
+    pub longest: Option<u32>,
+}
+
+/// The kind `disparity/fill`.
+pub struct Fill {
+    longest: usize,
+}
+
+impl Node for Fill {
+    type Params = FillParams;
+
+    fn declaration() -> NodeDeclaration {
+        NodeDeclaration {
+            kind: "disparity/fill",
+            version: 1,
+            contract: Contract::Pure,
+            summary: "Disparity with its gaps filled from the background beside them.",
+            doc: "\
+`interpolateBackground` of KITTI's development kit, which the benchmark runs on every submitted map. In each row a run without answer takes the \
+smaller disparity of its two ends, at the image's border the one there is; then each column repeats its first answer upwards and its last one \
+downwards. Rows without any answer between others stay without.",
+            inputs: vec![Port::frame("disparity", ValueType::Disparity, "Disparity, 1/16 px fixed point.")],
+            outputs: vec![Port::frame("disparity", ValueType::Disparity, "Disparity, filled.")],
+        }
+    }
+
+    fn build(params: FillParams) -> Result<Instance, Fault> {
+        let longest = params.longest.map_or(usize::MAX, |px| px as usize);
+        Ok(Instance::Pure(Box::new(Self { longest })))
+    }
+}
+
+impl PureNode for Fill {
+    fn process(&self, inputs: &Inputs<'_>, _ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        let map = inputs.get::<Disparity>("disparity")?;
+        let (invalid, width) = (invalid(map)?, map.sixteenths_px.width() as usize);
+        let filled = changed(map, |pixels| fill_background(pixels, width, invalid, self.longest));
+        Ok(Outputs::one("disparity", filled))
+    }
+}

@@ -1,0 +1,29 @@
+//! Filters of disparity maps: `disparity/*`.
+
+mod fill;
+mod left_right;
+mod speckle;
+
+use depthloom_graphs::Fault;
+use depthloom_graphs::values::{Disparity, Raster};
+
+pub use fill::{Fill, FillParams};
+pub use left_right::{LeftRight, LeftRightParams};
+pub use speckle::{Speckle, SpeckleParams};
+
+/// What the map's unanswered pixels hold.
+///
+/// # Errors
+/// If that does not fit the map's 16 bits.
+fn invalid(map: &Disparity) -> Result<i16, Fault> {
+    let smallest = map.min_disparity_px;
+    i16::try_from(map.invalid())
+        .map_err(|_| Fault::new(format!("a smallest disparity of {smallest} px does not fit 16 bits of 1/16 px")))
+}
+
+/// The map with its pixels changed.
+fn changed(map: &Disparity, change: impl FnOnce(&mut [i16])) -> Disparity {
+    let mut sixteenths_px: Raster<i16> = map.sixteenths_px.clone();
+    change(&mut sixteenths_px);
+    Disparity { sixteenths_px, min_disparity_px: map.min_disparity_px }
+}

@@ -1,0 +1,76 @@
+//! `disparity/speckle`: removal of small regions.
+
+use depthloom_graphs::contracts::{Contract, NodeDeclaration};
+use depthloom_graphs::values::Disparity;
+use depthloom_graphs::{Context, Fault, Inputs, Instance, Node, Outputs, Port, PureNode, ValueType};
+use depthloom_kernels::sgbm::{SpeckleScratch, filter_speckles};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::{changed, invalid};
+
+/// Parameters of `disparity/speckle`; the defaults lie in the middle of what OpenCV advises (50 to 200 px, 1 or 2 px).
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct SpeckleParams {
+    /// Largest region, px, that is removed (`maxSpeckleSize`); 0 removes none.
+    pub window: u32,
+    /// Largest disparity step between neighbours of one region, px (`maxDiff`), in whole sixteenths.
+    #[schemars(range(min = 0, max = 2047))]
+    pub range: f64,
+}
+
+impl Default for SpeckleParams {
+    fn default() -> Self {
+        Self { window: 100, range: 1.0 }
+    }
+}
+
+/// The kind `disparity/speckle`.
+pub struct Speckle {
+    window: usize,
+    range_sixteenths: i32,
+}
+
+impl Node for Speckle {
+    type Params = SpeckleParams;
+
+    fn declaration() -> NodeDeclaration {
+        NodeDeclaration {
+            kind: "disparity/speckle",
+            version: 1,
+            contract: Contract::Pure,
+            summary: "Disparity without small regions that stand alone.",
+            doc: "\
+OpenCV's `filterSpeckles`. Neighbours (4 of them) belong to one region if both are answered and differ by at most `range`; regions of at most `window` \
+pixels lose their answers.",
+            inputs: vec![Port::frame("disparity", ValueType::Disparity, "Disparity, 1/16 px fixed point.")],
+            outputs: vec![Port::frame("disparity", ValueType::Disparity, "Disparity without speckles.")],
+        }
+    }
+
+    fn check(params: &SpeckleParams) -> Result<(), (&'static str, String)> {
+        if (0.0..=2047.0).contains(&params.range) {
+            return Ok(());
+        }
+        Err(("range", format!("range is {} px, which is not in 0..=2047", params.range)))
+    }
+
+    fn build(params: SpeckleParams) -> Result<Instance, Fault> {
+        let range_sixteenths = (params.range * 16.0) as i32;
+        Ok(Instance::Pure(Box::new(Self { window: params.window as usize, range_sixteenths })))
+    }
+}
+
+impl PureNode for Speckle {
+    fn process(&self, inputs: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        let map = inputs.get::<Disparity>("disparity")?;
+        let (invalid, width) = (invalid(map)?, map.sixteenths_px.width() as usize);
+        let mut scratch = ctx.scratch.take::<SpeckleScratch>();
+        let filtered = changed(map, |pixels| {
+            filter_speckles(pixels, width, invalid, self.window, self.range_sixteenths, &mut scratch);
+        });
+        ctx.scratch.put(scratch);
+        Ok(Outputs::one("disparity", filtered))
+    }
+}
