@@ -75,7 +75,7 @@ pub struct Timing {
 
 impl Timing {
     /// The most samples kept of a class.
-    pub const KEPT: usize = 4096;
+    pub const KEPT: usize = 256;
 
     pub(crate) const fn new(run: usize, label: String, phase: Phase) -> Self {
         Self { run, label, phase, count: 0, cpu: Spread::NONE, wall: Spread::NONE, samples: Vec::new(), stride: 1 }

@@ -60,11 +60,13 @@ pub fn run(args: &RunArgs) -> Result<Exit, Stop> {
         return Err(Stop::new(Exit::Interrupted, "interrupted")
             .remedy(format!("the frames done so far are in {}", folder.partial.display())));
     }
+    let failed: u64 = ran.stages.iter().map(|stage| stage.failed).sum();
+    // What the run needed is given back before the analysis begins.
+    drop((ran, recorder, progress));
     let recording = Recording::open(folder.file("recording.mcap"))
         .map_err(|error| Stop::because(Exit::Engine, "failed to read the recording back", &error))?;
     let report = report(&recording, &folder.partial, &ReportOptions { paper: args.paper })
         .map_err(|error| Stop::because(Exit::Engine, "failed to analyse the recording", &error))?;
-    let failed: u64 = ran.stages.iter().map(|stage| stage.failed).sum();
     let environment = environment::describe(options.workers, options.window, started.elapsed().as_secs_f64());
     folder.write("environment.json", &format!("{environment:#}\n"))?;
     let out = folder.finish()?;
