@@ -3,9 +3,6 @@
 /// Stands in raw maps where there is no answer; larger than all answers, also to the median.
 pub(super) const NONE: u16 = u16::MAX;
 
-/// Lanes compared at a time.
-const CHUNK: usize = 16;
-
 /// What is asked of a winner.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Demands {
@@ -50,18 +47,13 @@ fn disparity(key: u32) -> usize {
 #[inline(always)]
 pub(super) fn choose(x: usize, sums: &[u16], demands: Demands, right: &mut RightBest) -> u16 {
     let right = &mut right.keys[right.width - 1 - x..][..sums.len()];
-    let mut best = [u32::MAX; CHUNK];
-    let mut first = 0;
-    for (sums, right) in sums.as_chunks::<CHUNK>().0.iter().zip(right.as_chunks_mut::<CHUNK>().0) {
-        for lane in 0..CHUNK {
-            // Of equal costs, the smaller disparity wins.
-            let key = u32::from(sums[lane]) << 8 | (first + lane as u32);
-            best[lane] = best[lane].min(key);
-            right[lane] = right[lane].min(key);
-        }
-        first += CHUNK as u32;
+    let mut best = u32::MAX;
+    for ((right, &sum), d) in right.iter_mut().zip(sums).zip(0..) {
+        // Of equal costs, the smaller disparity wins.
+        let key = u32::from(sum) << 8 | d;
+        best = best.min(key);
+        *right = (*right).min(key);
     }
-    let best = best.into_iter().fold(u32::MAX, u32::min);
     let (winner, cost) = (disparity(best), best >> 8);
     if demands.uniqueness > 0 && !unique(sums, winner, cost, demands.uniqueness) {
         return NONE;
@@ -81,14 +73,8 @@ pub(super) fn choose(x: usize, sums: &[u16], demands: Demands, right: &mut Right
 #[inline(always)]
 fn unique(sums: &[u16], winner: usize, cost: u32, percent: u32) -> bool {
     let limit = (100 * cost).div_ceil(100 - percent).min(u32::from(u16::MAX)) as u16;
-    let mut below = [0_u16; CHUNK];
-    for sums in sums.as_chunks::<CHUNK>().0 {
-        for lane in 0..CHUNK {
-            below[lane] += u16::from(sums[lane] < limit);
-        }
-    }
-    let near = sums[winner.saturating_sub(1)..(winner + 2).min(sums.len())].iter();
-    below.into_iter().sum::<u16>() == near.map(|&sum| u16::from(sum < limit)).sum()
+    let below = |sums: &[u16]| sums.iter().map(|&sum| u16::from(sum < limit)).sum::<u16>();
+    below(sums) == below(&sums[winner.saturating_sub(1)..(winner + 2).min(sums.len())])
 }
 
 #[cfg(test)]
