@@ -268,29 +268,42 @@ impl<S: Sum> Sums<S> {
     /// Answers of the searched columns, at their places in the row; the rest of `disparity` stays.
     #[inline(always)]
     fn answer_row(&mut self, search: &Search, disparity: &mut [i16], cost: &mut [i32]) {
-        let (candidates, side) = (search.disparities, 2 * search.radius + 1);
+        // The usual numbers of candidates as constants: loops without remainders.
+        match search.disparities {
+            64 => self.answer_row_of::<64>(search, disparity, cost),
+            128 => self.answer_row_of::<128>(search, disparity, cost),
+            _ => self.answer_row_of::<0>(search, disparity, cost),
+        }
+    }
+
+    /// [`Self::answer_row`] for `N` candidates; 0 stands for any number.
+    #[inline(always)]
+    fn answer_row_of<const N: usize>(&mut self, search: &Search, disparity: &mut [i16], cost: &mut [i32]) {
+        let (candidates, side) = (if N == 0 { search.disparities } else { N }, 2 * search.radius + 1);
         self.block.clear();
         self.block.resize(candidates, S::default());
+        let block = &mut self.block[..candidates];
         let column = |index: usize| &self.columns[index * candidates..][..candidates];
         for index in 0..side - 1 {
-            widen(&mut self.block, column(index));
+            widen(block, column(index));
         }
         // What leaves before the first block is complete: nothing.
         let nothing = vec![S::default(); candidates];
         let mut texture: i32 = self.texture[..side - 1].iter().sum();
         let answers = disparity[search.first_column..].iter_mut().zip(&mut cost[search.first_column..]);
         for (x, (disparity, cost)) in answers.enumerate() {
-            let (leaving, flat) = if x == 0 { (&nothing[..], 0) } else { (column(x - 1), self.texture[x - 1]) };
-            let smallest = shift(&mut self.block, column(x + side - 1), leaving);
+            let (leaving, flat) =
+                if x == 0 { (&nothing[..candidates], 0) } else { (column(x - 1), self.texture[x - 1]) };
+            let smallest = shift(block, column(x + side - 1), leaving);
             texture += self.texture[x + side - 1] - flat;
             if texture < search.texture_threshold {
                 continue;
             }
-            let best = first_of(&self.block, smallest);
-            if is_rivalled(search, &self.block, best) {
+            let best = first_of(block, smallest);
+            if is_rivalled(search, block, best) {
                 continue;
             }
-            *disparity = refined(search, &self.block, best);
+            *disparity = refined(search, block, best);
             *cost = smallest.wide();
         }
     }
