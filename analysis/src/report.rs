@@ -14,8 +14,9 @@ use crate::reading;
 use crate::scores::table_of_scores;
 use crate::table::Table;
 
-/// How many samples of the error against distance are held in memory at most: 4 to 8 bytes each, 48 MiB at worst.
-const SAMPLES_IN_MEMORY: usize = 1 << 20;
+/// How many samples of the error against distance are held in memory at most: 4 to 8 bytes each, so 4 MiB at worst: few, so
+/// that memory is the same from the first hundred frames on (beyond, counting over files costs about as much time).
+const SAMPLES_IN_MEMORY: usize = 1 << 19;
 /// Columns of text of a terminal's table.
 const TERMINAL_WIDTH: usize = 110;
 

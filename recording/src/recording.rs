@@ -33,7 +33,7 @@ pub struct RecordedFrame {
     /// The key of the source's values; `None` if the source failed.
     pub source_key: Option<Key>,
     /// The keys of the nodes' values; a node that is neither here nor under `failures` did not fire.
-    pub keys: Vec<SlotKey>,
+    pub keys: Box<[SlotKey]>,
     /// What failed on it.
     pub failures: Vec<Failure>,
     pub(crate) chunks: Range<usize>,
@@ -208,7 +208,7 @@ fn committed(time_ns: u64, message: &[u8], chunks: Range<usize>) -> Result<(usiz
         index: commit.index,
         time_ns,
         source_key: commit.source_key(),
-        keys: commit.keys().ok_or("a commit record holds a key that is none")?,
+        keys: commit.keys().ok_or("a commit record holds a key that is none")?.into_boxed_slice(),
         failures: commit.failures(),
         chunks,
     };
