@@ -121,7 +121,12 @@ fn stage_run(stage: &str) -> StageRun {
         prefix: format!("/{stage}"),
         source: PlannedSource {
             name: "test".to_owned(),
-            parts: vec![SourcePart { kind: "test/source".to_owned(), version: 3, params: json!({ "seed": 1 }), portable: json!({ "seed": 1 }) }],
+            parts: vec![SourcePart {
+                kind: "test/source".to_owned(),
+                version: 3,
+                params: json!({ "seed": 1 }),
+                portable: json!({ "seed": 1 }),
+            }],
             outputs: SOURCE.iter().map(|port| output("source", port)).collect(),
         },
         nodes: nodes.collect(),
