@@ -71,7 +71,7 @@ fn render(diagnostic: &Diagnostic) -> String {
     if !help.is_empty() {
         shown = shown.with_help(help.join("\n"));
     }
-    let source = NamedSource::new(&diagnostic.file.name, diagnostic.file.text.to_string());
+    let source = NamedSource::new(&diagnostic.file.name, diagnostic.file.text.clone());
     let report = miette::Report::new(shown).with_source_code(source);
     let mut text = String::new();
     if handler().render_report(&mut text, report.as_ref()).is_err() {

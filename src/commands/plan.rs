@@ -9,9 +9,9 @@ use crate::exit::{Exit, Stop};
 pub fn plan(args: &PlanArgs) -> Result<Exit, Stop> {
     let Some(plan) = load(&args.experiment, args.json)? else { return Ok(Exit::Before) };
     if args.json {
-        print_json(&plan.summary_json())?
+        print_json(&plan.summary_json())?;
     } else {
-        print(&plan.summary_text())?
+        print(&plan.summary_text())?;
     }
     Ok(Exit::Whole)
 }

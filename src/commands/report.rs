@@ -26,9 +26,9 @@ pub fn report(args: &ReportArgs) -> Result<Exit, Stop> {
     let report = depthloom_analysis::report(&recording, &out, &ReportOptions { paper: args.paper })
         .map_err(|error| Stop::because(Exit::Engine, "failed to analyse the recording", &error))?;
     if args.json {
-        print_json(&report.json)?
+        print_json(&report.json)?;
     } else {
-        print(&summary(&report, &out))?
+        print(&summary(&report, &out))?;
     }
     Ok(Exit::Whole)
 }
