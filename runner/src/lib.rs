@@ -11,9 +11,9 @@
 //!
 //! | who | does what |
 //! |---|---|
-//! | the thread that calls [`run`] | admits frames, writes them in order, calls the tap for once-values |
+//! | the thread that calls [`run`](fn@run) | admits frames, writes them in order, calls the tap for once-values |
 //! | workers | read frames, run nodes, encode parts |
-//! | threads started by [`tiles`](depthloom_graphs::Host::tiles) | help a node with its tiles while permits are free: workers and helpers together never are more than [`Options::workers`] |
+//! | threads started by [`tiles`](depthloom_graphs::Host::tiles) | help a node with its tiles while permits are free: workers and helpers together never are more than [`Options::workers`](field@Options::workers) |
 //!
 //! A tap that prints, and a run of no nodes at all:
 //!
