@@ -23,6 +23,11 @@ import sys
 import venv
 import zlib
 
+try:
+    import fcntl
+except ImportError:  # not a Unix
+    fcntl = None
+
 PACKAGES = ["mcap==1.*", "mcap-protobuf-support"]
 SCORES = ("a1", "a2", "a3", "abs_rel", "sq_rel", "rmse", "rmse_log", "silog")
 
@@ -34,12 +39,19 @@ def in_private_environment():
     root = pathlib.Path(__file__).resolve().parents[2]
     folder = root / "target" / "python-environment"
     python = folder / ("Scripts" if os.name == "nt" else "bin") / "python"
-    if not python.exists():
-        venv.create(folder, with_pip=True)
-    installed = subprocess.run([python, "-m", "pip", "install", "--quiet", *PACKAGES], stdout=sys.stderr)
-    if installed.returncode != 0:
-        # 75: try again later; tests take it as "this machine cannot reach a package index".
-        sys.exit(75)
+    done = folder / "installed.txt"
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    # Tests run at once: the first makes the environment, the others wait for it.
+    with open(folder.with_suffix(".lock"), "w") as lock:
+        if fcntl is not None:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+        if not done.exists():
+            venv.create(folder, with_pip=True, clear=True)
+            installed = subprocess.run([python, "-m", "pip", "install", "--quiet", *PACKAGES], stdout=sys.stderr)
+            if installed.returncode != 0:
+                # 75: try again later; tests take it as "this machine cannot reach a package index".
+                sys.exit(75)
+            done.write_text(" ".join(PACKAGES))
     environment = dict(os.environ, DEPTHLOOM_PYTHON_ENVIRONMENT="active")
     sys.exit(subprocess.run([python, *sys.argv], env=environment).returncode)
 
