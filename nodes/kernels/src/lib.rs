@@ -34,6 +34,7 @@
 pub mod bm;
 pub mod census;
 pub mod confidence;
+pub mod convolve;
 pub mod depth;
 pub mod edges;
 pub mod fill;

@@ -10,12 +10,14 @@
 mod block;
 #[cfg(target_arch = "x86_64")]
 mod grey;
+mod lanes;
 
 #[cfg(target_arch = "x86_64")]
 use std::marker::PhantomData;
 use std::sync::OnceLock;
 
 pub(crate) use block::{BLOCK, Block};
+pub(crate) use lanes::{LANES, Lanes};
 
 /// An instruction set that this machine was seen to have.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -49,6 +51,14 @@ pub(crate) trait BlockPass {
     type Output;
     /// The loops; `#[inline(always)]` as in [`Pass`].
     fn run<B: Block>(self) -> Self::Output;
+}
+
+/// A [`Pass`] over sums of products.
+pub(crate) trait LanesPass {
+    /// What the loops return.
+    type Output;
+    /// The loops; `#[inline(always)]` as in [`Pass`].
+    fn run<L: Lanes>(self) -> Self::Output;
 }
 
 impl Level {
@@ -155,6 +165,20 @@ impl Level {
             Set::Avx512 => self.run(With::<P, block::Avx512>(pass, PhantomData)),
         }
     }
+
+    /// Runs `pass` with the lanes of this level.
+    #[inline]
+    pub(crate) fn run_lanes<P: LanesPass>(self, pass: P) -> P::Output {
+        match self.0 {
+            Set::Portable => pass.run::<lanes::Portable>(),
+            #[cfg(target_arch = "x86_64")]
+            Set::Sse2 => pass.run::<lanes::Portable>(),
+            #[cfg(target_arch = "x86_64")]
+            Set::Avx2 => self.run(WithLanes::<P, lanes::Avx2>(pass, PhantomData)),
+            #[cfg(target_arch = "x86_64")]
+            Set::Avx512 => self.run(WithLanes::<P, lanes::Avx512>(pass, PhantomData)),
+        }
+    }
 }
 
 #[cfg(target_arch = "x86_64")]
@@ -167,6 +191,19 @@ impl<P: BlockPass, B: Block> Pass for With<P, B> {
     #[inline(always)]
     fn run(self) -> P::Output {
         self.0.run::<B>()
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+struct WithLanes<P, L>(P, PhantomData<L>);
+
+#[cfg(target_arch = "x86_64")]
+impl<P: LanesPass, L: Lanes> Pass for WithLanes<P, L> {
+    type Output = P::Output;
+
+    #[inline(always)]
+    fn run(self) -> P::Output {
+        self.0.run::<L>()
     }
 }
 
