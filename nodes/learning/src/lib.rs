@@ -1,0 +1,3 @@
+//! Self-supervised learning of still-mono networks.
+
+pub mod samples;

@@ -1,0 +1,318 @@
+//! Samples as bytes: version 1 of the format, little-endian throughout.
+//!
+//! | bytes | what |
+//! |---|---|
+//! | 8 | `DLSAMPLE` |
+//! | 4 | version, 1 |
+//! | 4 | flags: bit 0, every sample has a right image; the others are 0 |
+//! | 4 + 4 | columns and rows, px |
+//! | 8 | number of samples |
+//!
+//! Then each sample:
+//!
+//! | bytes | what |
+//! |---|---|
+//! | 4 + n | length of the frame's id, and the id (UTF-8) |
+//! | 8 | `f * B / width`, metres (f64); NaN without calibration |
+//! | 3 x rows x columns | left image, the planes of red, green and blue |
+//! | 3 x rows x columns | right image likewise, if flagged |
+//! | 2 x rows x columns | disparity as a share of the image's width (IEEE half, above 0); NaN = no target |
+//!
+//! A number that is "none" is always the same NaN, so equal samples are equal bytes.
+
+use half::f16;
+
+use super::set::{Sample, Samples};
+
+const MAGIC: [u8; 8] = *b"DLSAMPLE";
+const VERSION: u32 = 1;
+const FLAG_RIGHT: u32 = 1;
+/// The largest side of an image, px: more is a damaged file.
+const LARGEST_SIDE: u32 = 1 << 14;
+/// Bytes before the first sample.
+pub(super) const HEADER_LEN: usize = 32;
+
+/// Why bytes are no samples.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum DecodeError {
+    /// The bytes begin otherwise.
+    #[error("the bytes are no training samples: they do not begin with `DLSAMPLE`")]
+    Magic,
+    /// Written by another version.
+    #[error("training samples of version {0}, where version {VERSION} is read: collect them again")]
+    Version(u32),
+    /// A flag that version 1 does not have.
+    #[error("training samples with the unknown flags {0:#x}")]
+    Flags(u32),
+    /// An image without pixels, or a huge one.
+    #[error("training samples of {width}x{height} px: sides are 1 to {LARGEST_SIDE}")]
+    Size {
+        /// Columns, px.
+        width: u32,
+        /// Rows, px.
+        height: u32,
+    },
+    /// The bytes end before what the header announces.
+    #[error("training samples are cut off in sample {sample} of {count}")]
+    CutOff {
+        /// The sample, counted from 0.
+        sample: u64,
+        /// How many there should be.
+        count: u64,
+    },
+    /// There are bytes after the last sample.
+    #[error("{0} bytes follow the last training sample")]
+    Trailing(usize),
+    /// The frame's id is no UTF-8.
+    #[error("the id of training sample {0} is no UTF-8")]
+    Id(u64),
+    /// A depth scale or a target that no camera gives.
+    #[error("training sample {sample} has {what} that is not above 0")]
+    Value {
+        /// The sample, counted from 0.
+        sample: u64,
+        /// What is wrong.
+        what: &'static str,
+    },
+}
+
+/// What all samples of a set share.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Form {
+    pub(super) width: u32,
+    pub(super) height: u32,
+    pub(super) has_right: bool,
+}
+
+impl Form {
+    const fn pixels(self) -> usize {
+        self.width as usize * self.height as usize
+    }
+
+    /// Bytes of a sample besides its id.
+    pub(super) const fn sample_len(self) -> usize {
+        4 + 8 + self.pixels() * (3 + if self.has_right { 3 } else { 0 } + 2)
+    }
+
+    /// The bytes before the samples.
+    pub(super) fn header(self, count: u64) -> [u8; HEADER_LEN] {
+        let mut header = [0; HEADER_LEN];
+        let flags = if self.has_right { FLAG_RIGHT } else { 0 };
+        header[..8].copy_from_slice(&MAGIC);
+        header[8..12].copy_from_slice(&VERSION.to_le_bytes());
+        header[12..16].copy_from_slice(&flags.to_le_bytes());
+        header[16..20].copy_from_slice(&self.width.to_le_bytes());
+        header[20..24].copy_from_slice(&self.height.to_le_bytes());
+        header[24..].copy_from_slice(&count.to_le_bytes());
+        header
+    }
+
+    /// Appends a sample.
+    ///
+    /// # Panics
+    /// If an image or the target is not of this form, or the id is longer than 4 GiB.
+    pub(super) fn append(self, sample: &Sample, out: &mut Vec<u8>) {
+        let pixels = self.pixels();
+        assert_eq!(sample.image.len(), 3 * pixels, "the image has the samples' size");
+        assert_eq!(sample.right.as_ref().map(Vec::len), self.has_right.then_some(3 * pixels), "all or none is right");
+        assert_eq!(sample.share.len(), pixels, "the target has the samples' size");
+        let id_len = u32::try_from(sample.id.len()).expect("an id is short");
+        out.reserve(self.sample_len() + sample.id.len());
+        out.extend_from_slice(&id_len.to_le_bytes());
+        out.extend_from_slice(sample.id.as_bytes());
+        out.extend_from_slice(&sample.depth_scale.unwrap_or(f64::NAN).to_le_bytes());
+        out.extend_from_slice(&sample.image);
+        out.extend_from_slice(sample.right.as_deref().unwrap_or_default());
+        for share in &sample.share {
+            let share = if share.is_nan() { f16::NAN } else { *share };
+            out.extend_from_slice(&share.to_le_bytes());
+        }
+    }
+}
+
+impl Samples {
+    /// The samples as bytes; equal samples give equal bytes.
+    ///
+    /// # Panics
+    /// If a sample is not of the set's size, or only some have a right image.
+    #[must_use]
+    pub fn encode(&self) -> Vec<u8> {
+        let form = Form { width: self.width, height: self.height, has_right: self.has_right };
+        let mut out = form.header(self.items.len() as u64).to_vec();
+        for sample in &self.items {
+            form.append(sample, &mut out);
+        }
+        out
+    }
+
+    /// Reads what [`Samples::encode`] wrote.
+    ///
+    /// # Errors
+    /// If the bytes are of something else, of another version, or damaged.
+    pub fn decode(bytes: &[u8]) -> Result<Self, DecodeError> {
+        let (form, count, mut rest) = header(bytes)?;
+        // Damaged counts announce more than the bytes can hold: no memory is taken before it is looked at.
+        let most = rest.len() / form.sample_len() + 1;
+        let mut items = Vec::with_capacity(usize::try_from(count).unwrap_or(usize::MAX).min(most));
+        for index in 0..count {
+            let (sample, after) = sample(form, index, count, rest)?;
+            items.push(sample);
+            rest = after;
+        }
+        if !rest.is_empty() {
+            return Err(DecodeError::Trailing(rest.len()));
+        }
+        Ok(Self { width: form.width, height: form.height, has_right: form.has_right, items })
+    }
+}
+
+/// The form, the number of samples, and the bytes of the samples.
+fn header(bytes: &[u8]) -> Result<(Form, u64, &[u8]), DecodeError> {
+    if bytes.get(..8) != Some(&MAGIC) {
+        return Err(DecodeError::Magic);
+    }
+    let cut = DecodeError::CutOff { sample: 0, count: 0 };
+    let (header, rest) = bytes.split_first_chunk::<HEADER_LEN>().ok_or(cut)?;
+    let number = |at: usize| u32::from_le_bytes([header[at], header[at + 1], header[at + 2], header[at + 3]]);
+    let (version, flags, width, height) = (number(8), number(12), number(16), number(20));
+    let count = u64::from(number(24)) | u64::from(number(28)) << 32;
+    if version != VERSION {
+        return Err(DecodeError::Version(version));
+    }
+    if flags & !FLAG_RIGHT != 0 {
+        return Err(DecodeError::Flags(flags));
+    }
+    if !(1..=LARGEST_SIDE).contains(&width) || !(1..=LARGEST_SIDE).contains(&height) {
+        return Err(DecodeError::Size { width, height });
+    }
+    Ok((Form { width, height, has_right: flags == FLAG_RIGHT }, count, rest))
+}
+
+/// The first of the samples in `rest`, and the bytes after it.
+fn sample(form: Form, index: u64, count: u64, rest: &[u8]) -> Result<(Sample, &[u8]), DecodeError> {
+    let cut = DecodeError::CutOff { sample: index, count };
+    let mut rest = rest;
+    let mut take = |len: usize| {
+        let (taken, after) = rest.split_at_checked(len).ok_or_else(|| cut.clone())?;
+        rest = after;
+        Ok(taken)
+    };
+    let id_len = take(4)?.first_chunk().map_or(0, |len| u32::from_le_bytes(*len));
+    let id = str::from_utf8(take(id_len as usize)?).map_err(|_| DecodeError::Id(index))?.to_owned();
+    let scale = take(8)?.first_chunk().map_or(f64::NAN, |scale| f64::from_le_bytes(*scale));
+    let image = take(3 * form.pixels())?.to_vec();
+    let right = if form.has_right { Some(take(3 * form.pixels())?.to_vec()) } else { None };
+    let (shares, _) = take(2 * form.pixels())?.as_chunks::<2>();
+    let share: Vec<f16> = shares.iter().map(|bytes| f16::from_le_bytes(*bytes)).collect();
+    let depth_scale = (!scale.is_nan()).then_some(scale);
+    if depth_scale.is_some_and(|scale| !(scale > 0.0 && scale.is_finite())) {
+        return Err(DecodeError::Value { sample: index, what: "a depth scale" });
+    }
+    let is_target = |share: &f16| share.is_nan() || *share > f16::ZERO && share.is_finite();
+    if !share.iter().all(is_target) {
+        return Err(DecodeError::Value { sample: index, what: "a target" });
+    }
+    Ok((Sample { id, image, right, share, depth_scale }, rest))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::collection::vec;
+    use proptest::prelude::*;
+
+    fn sample(form: Form) -> impl Strategy<Value = Sample> {
+        let pixels = form.pixels();
+        let share = prop_oneof![Just(f16::NAN), (1u16..0x7c00).prop_map(f16::from_bits)];
+        let right = vec(any::<u8>(), 3 * pixels).prop_map(move |right| form.has_right.then_some(right));
+        let scale = proptest::option::of(1e-3..1e4f64);
+        (".{0,12}", vec(any::<u8>(), 3 * pixels), right, vec(share, pixels), scale)
+            .prop_map(|(id, image, right, share, depth_scale)| Sample { id, image, right, share, depth_scale })
+    }
+
+    fn samples() -> impl Strategy<Value = Samples> {
+        (1u32..6, 1u32..5, any::<bool>()).prop_flat_map(|(width, height, has_right)| {
+            vec(sample(Form { width, height, has_right }), 0..4).prop_map(move |items| Samples {
+                width,
+                height,
+                has_right,
+                items,
+            })
+        })
+    }
+
+    fn one() -> Samples {
+        let share = vec![f16::NAN, f16::from_f32(0.25)];
+        let sample = Sample { id: "7".to_owned(), image: (1..7).collect(), right: None, share, depth_scale: Some(2.0) };
+        Samples { width: 2, height: 1, has_right: false, items: vec![sample] }
+    }
+
+    #[test]
+    fn the_bytes_are_those_of_the_documented_format() {
+        let mut expected = b"DLSAMPLE".to_vec();
+        for number in [1u32, 0, 2, 1, 1, 0, 1] {
+            expected.extend_from_slice(&number.to_le_bytes());
+        }
+        expected.push(b'7');
+        expected.extend_from_slice(&[0, 0, 0, 0, 0, 0, 0, 0x40]);
+        expected.extend_from_slice(&[1, 2, 3, 4, 5, 6]);
+        expected.extend_from_slice(&[0x00, 0x7e, 0x00, 0x34]);
+        assert_eq!(one().encode(), expected);
+    }
+
+    #[test]
+    fn every_nan_is_written_as_the_same_one() {
+        let mut other = one();
+        other.items[0].share[0] = f16::from_bits(0xffff);
+        assert_eq!(other.encode(), one().encode());
+    }
+
+    #[test]
+    fn damage_is_named() {
+        let bytes = one().encode();
+        let with = |at: usize, byte: u8| {
+            let mut bytes = bytes.clone();
+            bytes[at] = byte;
+            Samples::decode(&bytes).unwrap_err()
+        };
+        let scale = HEADER_LEN + 5;
+        assert_eq!(Samples::decode(b"PNG"), Err(DecodeError::Magic));
+        assert_eq!(Samples::decode(&bytes[..20]), Err(DecodeError::CutOff { sample: 0, count: 0 }));
+        assert_eq!(with(8, 9), DecodeError::Version(9));
+        assert_eq!(with(12, 6), DecodeError::Flags(6));
+        assert_eq!(with(16, 0), DecodeError::Size { width: 0, height: 1 });
+        assert_eq!(with(31, 0xff), DecodeError::CutOff { sample: 1, count: 0xff00_0000_0000_0001 });
+        assert_eq!(with(24, 0), DecodeError::Trailing(bytes.len() - HEADER_LEN));
+        assert_eq!(with(HEADER_LEN + 4, 0xff), DecodeError::Id(0));
+        assert_eq!(with(scale + 7, 0xc0), DecodeError::Value { sample: 0, what: "a depth scale" });
+        assert_eq!(with(bytes.len() - 1, 0xb4), DecodeError::Value { sample: 0, what: "a target" });
+    }
+
+    proptest! {
+        #[test]
+        fn samples_survive_being_written_and_read(samples in samples()) {
+            let bytes = samples.encode();
+            let read = Samples::decode(&bytes);
+            prop_assert_eq!(read.as_ref(), Ok(&samples));
+            prop_assert_eq!(read.map(|read| read.encode()), Ok(bytes));
+        }
+
+        #[test]
+        fn every_beginning_of_samples_is_an_error(samples in samples(), part in 0.0..1.0f64) {
+            let bytes = samples.encode();
+            prop_assert!(Samples::decode(&bytes[..(bytes.len() as f64 * part) as usize]).is_err());
+        }
+
+        #[test]
+        fn damaged_bytes_never_panic(samples in samples(), damage in vec((any::<prop::sample::Index>(), any::<u8>()), 1..6)) {
+            let mut bytes = samples.encode();
+            for (at, byte) in damage {
+                let at = at.index(bytes.len());
+                bytes[at] = byte;
+            }
+            if let Ok(read) = Samples::decode(&bytes) {
+                prop_assert_eq!(Samples::decode(&read.encode()), Ok(read));
+            }
+        }
+    }
+}
