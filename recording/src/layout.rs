@@ -147,7 +147,7 @@ impl Layout {
             }
             ValueType::Calibration => Schema::CameraCalibration,
             ValueType::Scores => Schema::Score,
-            ValueType::Samples | ValueType::Model => {
+            ValueType::Samples | ValueType::Model | ValueType::Curve => {
                 let what = format!("values of type {value_type} are kept once a stage, not once a frame");
                 return Err(RecordingError::Plan { topic: output.topic.clone(), what });
             }
@@ -253,6 +253,7 @@ fn metadata(run: &StageRun, slot: Slot, output: &PlannedOutput) -> BTreeMap<Stri
         ValueType::Depth => "metres, NaN = no answer",
         ValueType::Weight => "share in [0, 1]",
         ValueType::Mask => "255 = set, 0 = not",
+        ValueType::Curve => "losses in the unit of the loss that was trained with",
         ValueType::Image | ValueType::Calibration | ValueType::Scores | ValueType::Samples | ValueType::Model => "",
     };
     let mut metadata = BTreeMap::from([

@@ -164,7 +164,9 @@ impl Recorder {
                 };
                 (measured(samples, Vec::extend_from_slice), samples.len())
             }
-            Value::Calibration(_) | Value::Scores(_) | Value::Samples(_) | Value::Model(_) => (Packing::Plain, 512),
+            Value::Calibration(_) | Value::Scores(_) | Value::Samples(_) | Value::Model(_) | Value::Curve(_) => {
+                (Packing::Plain, 512)
+            }
         };
         part.message(port.channel, packing, size, |out| put_value(out, stamp, value));
         if let (Value::Depth(depth), Some(channel)) = (value, port.view_channel) {
@@ -189,7 +191,7 @@ impl Tap for Recorder {
         let mut builder = PartBuilder::new(frame, &self.pools[run][part]);
         for (slot, value) in values {
             let Some(port) = self.layout.runs[run].port(*slot).filter(|port| port.part == part) else { continue };
-            if matches!(value, Value::Samples(_) | Value::Model(_)) {
+            if matches!(value, Value::Samples(_) | Value::Model(_) | Value::Curve(_)) {
                 let what = format!("a value of type {} came with a frame", value.value_type());
                 let (frame, topic) = (frame.id.to_string(), port.topic.to_string());
                 return Err(tap_error(RecordingError::Value { frame, topic, what }));
