@@ -1,6 +1,6 @@
 //! A part of a frame as chunks: framed, checked and compressed by the worker that has its values.
 //!
-//! A part has at most three chunks: messages that hardly shrink lie uncompressed in one, those that do in a second, and the
+//! A part of a frame has at most three chunks: messages that hardly shrink lie uncompressed in one, those that do in a second, and the
 //! depths for looking at in a third. Whether a message shrinks is measured on a few of its own bytes, so that it depends on
 //! the message alone.
 
@@ -41,7 +41,7 @@ pub(crate) enum Packing {
     View,
 }
 
-/// An encoded part of a frame: whole chunks and their message indexes, at offsets from its start.
+/// An encoded part of a frame, or messages outside frames: whole chunks and their message indexes, at offsets from its start.
 #[derive(Debug)]
 pub struct Part {
     pub(crate) bytes: Vec<u8>,
@@ -53,12 +53,19 @@ pub struct Part {
     pub(crate) compress_ns: u64,
 }
 
+/// A message in the records of a chunk.
+#[derive(Clone, Copy)]
+struct Placed {
+    channel: u16,
+    time_ns: u64,
+    offset: u64,
+}
+
 /// The records of a chunk being filled.
 #[derive(Default)]
 struct Lane {
     records: Vec<u8>,
-    /// Channel and offset of each message.
-    messages: Vec<(u16, u64)>,
+    messages: Vec<Placed>,
 }
 
 /// Fills a part with messages.
@@ -67,7 +74,7 @@ pub(crate) struct PartBuilder<'a> {
     pools: &'a PartPools,
     /// The uncompressed chunk grows where it will stay, behind room for its header.
     bytes: Vec<u8>,
-    plain: Vec<(u16, u64)>,
+    plain: Vec<Placed>,
     packed: Lane,
     view: Lane,
     messages: Vec<u16>,
@@ -94,7 +101,8 @@ impl<'a> PartBuilder<'a> {
         self.messages.push(channel);
         let lane = match packing {
             Packing::Plain => {
-                self.plain.push((channel, (self.bytes.len() - PLAIN_HEADER) as u64));
+                let offset = (self.bytes.len() - PLAIN_HEADER) as u64;
+                self.plain.push(Placed { channel, time_ns, offset });
                 self.bytes.reserve(size + FIELDS);
                 put_message(&mut self.bytes, channel, sequence, time_ns, data);
                 return;
@@ -105,7 +113,7 @@ impl<'a> PartBuilder<'a> {
         if lane.messages.is_empty() {
             lane.records = self.pools.records.take();
         }
-        lane.messages.push((channel, lane.records.len() as u64));
+        lane.messages.push(Placed { channel, time_ns, offset: lane.records.len() as u64 });
         lane.records.reserve(size + FIELDS);
         put_message(&mut lane.records, channel, sequence, time_ns, data);
     }
@@ -115,22 +123,14 @@ impl<'a> PartBuilder<'a> {
     /// # Errors
     /// If zstd fails, which it does only without memory.
     pub(crate) fn finish(self) -> std::io::Result<Part> {
-        let Self { frame, pools, mut bytes, plain, packed, view, messages } = self;
+        let Self { pools, mut bytes, plain, packed, view, messages, .. } = self;
         let mut crc = Hasher::new();
         let mut chunks = Vec::new();
         let mut compress_ns = 0;
         if plain.is_empty() {
             bytes.clear();
         } else {
-            let mut records_crc = Hasher::new();
-            records_crc.update(&bytes[PLAIN_HEADER..]);
-            let size = (bytes.len() - PLAIN_HEADER) as u64;
-            let header = chunk_header(frame.time_ns, size, records_crc.clone().finalize(), "", size);
-            bytes[..PLAIN_HEADER].copy_from_slice(&header);
-            crc.update(&header);
-            crc.combine(&records_crc);
-            let place = place(frame.time_ns, 0, bytes.len(), "", size, size);
-            chunks.push(indexed(&mut bytes, &mut crc, place, &plain));
+            chunks.push(plain_chunk(&mut bytes, &mut crc, &plain));
         }
         for lane in [packed, view] {
             if lane.messages.is_empty() {
@@ -149,15 +149,49 @@ impl<'a> PartBuilder<'a> {
             bytes = into.into_inner();
             let compressed = (bytes.len() - records_start) as u64;
             let size = lane.records.len() as u64;
-            let header = chunk_header(frame.time_ns, size, crc32fast::hash(&lane.records), "zstd", compressed);
+            let times_ns = times_ns(&lane.messages);
+            let header = chunk_header(times_ns, size, crc32fast::hash(&lane.records), "zstd", compressed);
             bytes[start..records_start].copy_from_slice(&header);
             crc.update(&bytes[start..]);
-            let place = place(frame.time_ns, start, bytes.len() - start, "zstd", compressed, size);
+            let place = place(times_ns, start, bytes.len() - start, "zstd", compressed, size);
             chunks.push(indexed(&mut bytes, &mut crc, place, &lane.messages));
             pools.records.put(lane.records);
         }
         Ok(Part { bytes, crc, chunks, messages, compress_ns })
     }
+}
+
+/// Messages of one channel outside frames, as one uncompressed chunk: time and content of each.
+pub(crate) fn messages_outside_frames(channel: u16, content: impl IntoIterator<Item = (u64, Vec<u8>)>) -> Part {
+    let mut bytes = vec![0; PLAIN_HEADER];
+    let mut placed = Vec::new();
+    for (sequence, (time_ns, data)) in (0_u32..).zip(content) {
+        placed.push(Placed { channel, time_ns, offset: (bytes.len() - PLAIN_HEADER) as u64 });
+        put_message(&mut bytes, channel, sequence, time_ns, |out| out.extend_from_slice(&data));
+    }
+    let mut crc = Hasher::new();
+    let chunks = if placed.is_empty() { Vec::new() } else { vec![plain_chunk(&mut bytes, &mut crc, &placed)] };
+    Part { bytes, crc, chunks, messages: vec![channel; placed.len()], compress_ns: 0 }
+}
+
+/// Closes the uncompressed chunk that `bytes` holds behind the room for its header, and appends its message indexes.
+fn plain_chunk(bytes: &mut Vec<u8>, crc: &mut Hasher, messages: &[Placed]) -> ChunkPlace {
+    let mut records_crc = Hasher::new();
+    records_crc.update(&bytes[PLAIN_HEADER..]);
+    let size = (bytes.len() - PLAIN_HEADER) as u64;
+    let times_ns = times_ns(messages);
+    let header = chunk_header(times_ns, size, records_crc.clone().finalize(), "", size);
+    bytes[..PLAIN_HEADER].copy_from_slice(&header);
+    crc.update(&header);
+    crc.combine(&records_crc);
+    let place = place(times_ns, 0, bytes.len(), "", size, size);
+    indexed(bytes, crc, place, messages)
+}
+
+/// The first and last time of messages; zero where there are none.
+fn times_ns(messages: &[Placed]) -> (u64, u64) {
+    let times = || messages.iter().map(|message| message.time_ns);
+    (times().min().unwrap_or(0), times().max().unwrap_or(0))
 }
 
 /// The processor time of this thread, nanoseconds.
@@ -184,11 +218,11 @@ pub(crate) fn measured<T>(samples: &[T], put: impl Fn(&mut Vec<u8>, &[T])) -> Pa
     if shrinks && sample.len() >= SMALL { Packing::Compressed } else { Packing::Plain }
 }
 
-fn chunk_header(time_ns: u64, size: u64, crc: u32, compression: &str, compressed: u64) -> Vec<u8> {
+fn chunk_header(times_ns: (u64, u64), size: u64, crc: u32, compression: &str, compressed: u64) -> Vec<u8> {
     let mut header = Vec::with_capacity(header_length(compression));
     header.push(op::CHUNK);
     let after_length = (header_length(compression) - 9) as u64;
-    for number in [after_length + compressed, time_ns, time_ns, size] {
+    for number in [after_length + compressed, times_ns.0, times_ns.1, size] {
         header.extend_from_slice(&number.to_le_bytes());
     }
     header.extend_from_slice(&crc.to_le_bytes());
@@ -199,7 +233,7 @@ fn chunk_header(time_ns: u64, size: u64, crc: u32, compression: &str, compressed
 }
 
 fn place(
-    time_ns: u64,
+    times_ns: (u64, u64),
     start: usize,
     length: usize,
     compression: &'static str,
@@ -208,20 +242,20 @@ fn place(
 ) -> ChunkPlace {
     let (start, length) = (start as u64, length as u64);
     let (indexes, indexes_length) = (Vec::new(), 0);
-    ChunkPlace { start, length, time_ns, indexes, indexes_length, compression, compressed_size, uncompressed_size }
+    ChunkPlace { start, length, times_ns, indexes, indexes_length, compression, compressed_size, uncompressed_size }
 }
 
 /// Appends the message indexes of a chunk, and notes where they are.
-fn indexed(bytes: &mut Vec<u8>, crc: &mut Hasher, mut place: ChunkPlace, messages: &[(u16, u64)]) -> ChunkPlace {
+fn indexed(bytes: &mut Vec<u8>, crc: &mut Hasher, mut place: ChunkPlace, messages: &[Placed]) -> ChunkPlace {
     let start = bytes.len();
-    let mut channels: Vec<u16> = messages.iter().map(|(channel, _)| *channel).collect();
+    let mut channels: Vec<u16> = messages.iter().map(|message| message.channel).collect();
     channels.sort_unstable();
     channels.dedup();
     for channel in channels {
-        let of_channel = messages.iter().filter(|(of, _)| *of == channel);
-        let offsets: Vec<u64> = of_channel.map(|(_, offset)| *offset).collect();
+        let of_channel = messages.iter().filter(|message| message.channel == channel);
+        let entries: Vec<(u64, u64)> = of_channel.map(|message| (message.time_ns, message.offset)).collect();
         place.indexes.push((channel, bytes.len() as u64));
-        put_message_index(bytes, channel, place.time_ns, &offsets);
+        put_message_index(bytes, channel, &entries);
     }
     place.indexes_length = (bytes.len() - start) as u64;
     crc.update(&bytes[start..]);

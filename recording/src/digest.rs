@@ -9,7 +9,7 @@ use serde_json::{Map, Value as Json, json};
 
 use crate::error::RecordingError;
 use crate::index::ChannelEntry;
-use crate::messages::{CommitMessage, ScoreMessage};
+use crate::messages::{CommitMessage, CurvePointMessage, ScoreMessage};
 use crate::protobuf::{Content, Fields};
 use crate::recording::Recording;
 use crate::schema::{BASELINE_M, Schema};
@@ -77,6 +77,7 @@ impl Topic {
             Schema::CameraCalibration => self.take_calibration(message),
             Schema::Score => self.take_score(message),
             Schema::Commit => self.take_commit(message),
+            Schema::CurvePoint => self.take_curve_point(message),
         }
     }
 
@@ -150,6 +151,15 @@ impl Topic {
             self.crc.update(&of.node.unwrap_or_default().to_le_bytes());
             self.crc.update(of.what.as_bytes());
         }
+        Ok(())
+    }
+
+    fn take_curve_point(&mut self, message: &[u8]) -> Result<(), String> {
+        let point = CurvePointMessage::decode(message).map_err(|error| error.to_string())?;
+        self.crc.update(&point.step.to_le_bytes());
+        let numbers = [point.loss, point.validation, point.learning_rate];
+        numbers.iter().for_each(|number| self.crc.update(&number.unwrap_or_default().to_le_bytes()));
+        numbers.iter().for_each(|number| self.crc.update(&[u8::from(number.is_some())]));
         Ok(())
     }
 

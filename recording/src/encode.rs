@@ -37,7 +37,7 @@ struct RawImage<'a> {
 /// Appends the message of a raster or a calibration.
 ///
 /// # Panics
-/// If the value is a table or an artifact, which layouts keep elsewhere.
+/// If the value is a table, a curve or an artifact, which layouts keep elsewhere.
 pub(crate) fn put_value(out: &mut Vec<u8>, stamp: Stamp<'_>, value: &Value) {
     let raster = |(width, height), encoding, bytes_per_pixel, samples| RawImage {
         width,
@@ -60,7 +60,7 @@ pub(crate) fn put_value(out: &mut Vec<u8>, stamp: Stamp<'_>, value: &Value) {
         Value::Weight(weight) => raster(weight.share.dimensions(), "32FC1", 4, Samples::F32(&weight.share)),
         Value::Mask(mask) => raster(mask.set.dimensions(), "mono8", 1, Samples::U8(&mask.set)),
         Value::Calibration(calibration) => return put_calibration(out, stamp, calibration),
-        Value::Scores(_) | Value::Samples(_) | Value::Model(_) => {
+        Value::Scores(_) | Value::Samples(_) | Value::Model(_) | Value::Curve(_) => {
             unreachable!("layouts give no image channel to values of type {}", value.value_type())
         }
     };

@@ -67,6 +67,8 @@ pub(crate) struct RunLayout {
     pub(crate) classes: Vec<Class>,
     source: Vec<Option<PortLayout>>,
     nodes: Vec<Vec<Option<PortLayout>>>,
+    /// The channels of the learning curves.
+    curves: BTreeMap<Slot, u16>,
     pub(crate) commit_channel: u16,
 }
 
@@ -76,6 +78,11 @@ impl RunLayout {
             Slot::Source { port } => self.source.get(port)?.as_ref(),
             Slot::Node { node, port } => self.nodes.get(node)?.get(port)?.as_ref(),
         }
+    }
+
+    /// The channel of a learning curve that is recorded.
+    pub(crate) fn curve_channel(&self, slot: Slot) -> Option<u16> {
+        self.curves.get(&slot).copied()
     }
 }
 
@@ -111,7 +118,14 @@ impl Layout {
         let part_of = |class: Class| Class::ALL.iter().filter(|c| used.contains(c)).position(|c| *c == class);
         let mut source = vec![None; run.source.outputs.len()];
         let mut nodes: Vec<_> = run.nodes.iter().map(|node| vec![None; node.outputs.len()]).collect();
+        let mut curves = BTreeMap::new();
         for slot in slots {
+            let output = planned_output(run, slot);
+            if is_recorded_curve(output) {
+                let (topic, metadata) = (output.topic.clone(), metadata(run, slot, output));
+                let layout = ChannelLayout { schema: Schema::CurvePoint, topic, metadata };
+                curves.insert(slot, self.channel(layout, topics)?);
+            }
             let Some(class) = class(run, slot) else { continue };
             let Some(part) = part_of(class) else { continue };
             let port = self.port(plan, run, slot, class, part, topics)?;
@@ -127,7 +141,7 @@ impl Layout {
         };
         let commit_channel = self.channel(commit, topics)?;
         let classes: Vec<Class> = Class::ALL.into_iter().filter(|class| used.contains(class)).collect();
-        Ok(RunLayout { parts: classes.len(), classes, source, nodes, commit_channel })
+        Ok(RunLayout { parts: classes.len(), classes, source, nodes, curves, commit_channel })
     }
 
     fn port(
@@ -147,7 +161,7 @@ impl Layout {
             }
             ValueType::Calibration => Schema::CameraCalibration,
             ValueType::Scores => Schema::Score,
-            ValueType::Samples | ValueType::Model => {
+            ValueType::Samples | ValueType::Model | ValueType::Curve => {
                 let what = format!("values of type {value_type} are kept once a stage, not once a frame");
                 return Err(RecordingError::Plan { topic: output.topic.clone(), what });
             }
@@ -205,6 +219,11 @@ fn of_run(run: &StageRun) -> Vec<Slot> {
     of_source.chain(of_nodes).collect()
 }
 
+/// Whether an output is a learning curve, of one point after the other outside frames, and recorded.
+fn is_recorded_curve(output: &PlannedOutput) -> bool {
+    output.recorded && output.port.rate == Rate::Once && output.port.value_type == ValueType::Curve
+}
+
 /// The class of a slot's values; `None` if they are not recorded frame by frame.
 fn class(run: &StageRun, slot: Slot) -> Option<Class> {
     let output = planned_output(run, slot);
@@ -253,6 +272,7 @@ fn metadata(run: &StageRun, slot: Slot, output: &PlannedOutput) -> BTreeMap<Stri
         ValueType::Depth => "metres, NaN = no answer",
         ValueType::Weight => "share in [0, 1]",
         ValueType::Mask => "255 = set, 0 = not",
+        ValueType::Curve => "losses in the unit of the loss that was trained with",
         ValueType::Image | ValueType::Calibration | ValueType::Scores | ValueType::Samples | ValueType::Model => "",
     };
     let mut metadata = BTreeMap::from([

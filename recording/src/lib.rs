@@ -40,6 +40,7 @@
 //! | mask | `foxglove.RawImage` | `mono8` |
 //! | calibration | `foxglove.CameraCalibration` | field 1001 is the pair's baseline |
 //! | scores | `depthloom.Score`, one a pixel set | a score that is NaN is absent |
+//! | learning curve | `depthloom.CurvePoint`, one a point | outside frames: `log_time` is that of the stage's first frame, a millisecond more a step |
 //!
 //! The source's first image port is the reference camera; its name is the `frame_id` of the calibration and of all maps.
 //!
@@ -51,10 +52,13 @@
 //! keep scores and commits.
 //!
 //! The metadata record `depthloom` holds the format's version, the plan ([`RecordedPlan`] as JSON) and the aliases of topics;
-//! `depthloom.once` says which attachment `artifacts/<hash>` holds which once-value. The experiment's files are attachments, as
+//! `depthloom.once` says which attachment `artifacts/<hash>` holds which once-value, and of a learning curve its topic and how many
+//! messages it is. A curve is one chunk between two frames, with its `depthloom.once` behind it: without that record, in a file
+//! that was cut between the two, its messages belong to nothing. The experiment's files are attachments, as
 //! written (`experiment/`) and as resolved.
 
 mod chunk;
+mod curve;
 mod decode;
 mod digest;
 mod encode;
@@ -85,7 +89,7 @@ pub use plan::{
 };
 pub use reader::FrameReader;
 pub use recorder::{Attachment, Compression, Recorder, Written};
-pub use recording::{RecordedFrame, RecordedOnce, Recording};
+pub use recording::{RecordedContent, RecordedFrame, RecordedOnce, Recording};
 
 /// The version of what a recording holds beside the values.
 pub(crate) const FORMAT: &str = "1";

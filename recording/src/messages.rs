@@ -1,7 +1,8 @@
-//! The messages that are depthloom's own: a row of scores, and the record that commits a frame.
+//! The messages that are depthloom's own: a row of scores, a point of a learning curve, and the record that commits a frame.
 
 use depthloom_graphs::Key;
 use depthloom_graphs::contracts::{Commit, Failure, SlotKey};
+use depthloom_graphs::values::CurvePoint;
 use depthloom_scores::{PixelSet, ScoreRow};
 
 /// `depthloom.Score`: one row of scores; a score that is NaN is absent.
@@ -55,6 +56,35 @@ impl ScoreMessage {
             rmse_log: or_nan(self.rmse_log),
             silog: or_nan(self.silog),
         })
+    }
+}
+
+/// `depthloom.CurvePoint`: one point of a learning curve.
+///
+/// Loss and learning rate are always there: the presence is declared because zero, which an undeclared field leaves out, would
+/// come back without its sign.
+#[derive(Clone, Copy, PartialEq, prost::Message)]
+pub(crate) struct CurvePointMessage {
+    #[prost(uint64, tag = "1")]
+    pub(crate) step: u64,
+    #[prost(double, optional, tag = "2")]
+    pub(crate) loss: Option<f64>,
+    #[prost(double, optional, tag = "3")]
+    pub(crate) validation: Option<f64>,
+    #[prost(double, optional, tag = "4")]
+    pub(crate) learning_rate: Option<f64>,
+}
+
+impl CurvePointMessage {
+    pub(crate) const fn new(point: &CurvePoint) -> Self {
+        let CurvePoint { step, loss, validation, learning_rate } = *point;
+        Self { step, loss: Some(loss), validation, learning_rate: Some(learning_rate) }
+    }
+
+    /// The point; `None` if it has no loss or no learning rate.
+    pub(crate) fn point(&self) -> Option<CurvePoint> {
+        let (loss, learning_rate) = (self.loss?, self.learning_rate?);
+        Some(CurvePoint { step: self.step, loss, validation: self.validation, learning_rate })
     }
 }
 

@@ -178,7 +178,7 @@ impl RecordedOutput {
     /// What it carries; `None` if a later version of the engine wrote a type this one does not know.
     #[must_use]
     pub fn value_type(&self) -> Option<ValueType> {
-        const ALL: [ValueType; 9] = [
+        const ALL: [ValueType; 10] = [
             ValueType::Image,
             ValueType::Disparity,
             ValueType::Depth,
@@ -188,6 +188,7 @@ impl RecordedOutput {
             ValueType::Scores,
             ValueType::Samples,
             ValueType::Model,
+            ValueType::Curve,
         ];
         ALL.into_iter().find(|value_type| value_type.name() == self.value_type)
     }

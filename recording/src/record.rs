@@ -74,25 +74,27 @@ pub(crate) fn put_message(
     });
 }
 
-pub(crate) fn put_message_index(out: &mut Vec<u8>, channel: u16, time_ns: u64, offsets: &[u64]) {
+/// Appends where a chunk's messages of a channel are: time and offset of each.
+pub(crate) fn put_message_index(out: &mut Vec<u8>, channel: u16, messages: &[(u64, u64)]) {
     put_record(out, op::MESSAGE_INDEX, |out| {
         out.extend_from_slice(&channel.to_le_bytes());
-        out.extend_from_slice(&(offsets.len() as u32 * 16).to_le_bytes());
-        for offset in offsets {
+        out.extend_from_slice(&(messages.len() as u32 * 16).to_le_bytes());
+        for (time_ns, offset) in messages {
             out.extend_from_slice(&time_ns.to_le_bytes());
             out.extend_from_slice(&offset.to_le_bytes());
         }
     });
 }
 
-/// Where a chunk of one instant lies, for the summary.
+/// Where a chunk lies, for the summary.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct ChunkPlace {
     /// Where its record starts.
     pub(crate) start: u64,
     /// How many bytes the record has.
     pub(crate) length: u64,
-    pub(crate) time_ns: u64,
+    /// The first and last time of its messages, nanoseconds.
+    pub(crate) times_ns: (u64, u64),
     /// Where the message indexes of its channels start, by channel.
     pub(crate) indexes: Vec<(u16, u64)>,
     /// How many bytes the message indexes have.
@@ -105,7 +107,7 @@ pub(crate) struct ChunkPlace {
 /// Appends the index of a chunk that lies `base` bytes farther than it says.
 pub(crate) fn put_chunk_index(out: &mut Vec<u8>, base: u64, chunk: &ChunkPlace) {
     put_record(out, op::CHUNK_INDEX, |out| {
-        for number in [chunk.time_ns, chunk.time_ns, base + chunk.start, chunk.length] {
+        for number in [chunk.times_ns.0, chunk.times_ns.1, base + chunk.start, chunk.length] {
             out.extend_from_slice(&number.to_le_bytes());
         }
         out.extend_from_slice(&(chunk.indexes.len() as u32 * 10).to_le_bytes());

@@ -6,12 +6,13 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use depthloom_graphs::contracts::{Commit, Slot, Tap, TapError};
 use depthloom_graphs::plan::Plan;
-use depthloom_graphs::values::{Artifact, Pixels};
+use depthloom_graphs::values::{Artifact, Curve, Pixels};
 use depthloom_graphs::{Frame, Key, Value};
 use prost::Message;
 use serde::Serialize;
 
 use crate::chunk::{Packing, Part, PartBuilder, measured};
+use crate::curve::points_part;
 use crate::encode::{Stamp, encoded, put_compressed_image, put_floats, put_value, put_view};
 use crate::error::RecordingError;
 use crate::layout::{Class, Layout, PortLayout, RunLayout};
@@ -71,6 +72,8 @@ struct State {
     writer: Writer,
     frames: u64,
     artifacts: BTreeSet<Key>,
+    /// The time of each stage run's first frame.
+    first_ns: Vec<Option<u64>>,
     /// By stage run and part.
     compress_ns: Vec<Vec<u64>>,
 }
@@ -97,7 +100,8 @@ impl Recorder {
         let pools_of = |run: &RunLayout| (0..=run.parts).map(|_| PartPools::default()).collect();
         let pools = layout.runs.iter().map(pools_of).collect();
         let compress_ns = layout.runs.iter().map(|run| vec![0; run.parts]).collect();
-        let state = State { writer, frames: 0, artifacts: BTreeSet::new(), compress_ns };
+        let first_ns = vec![None; layout.runs.len()];
+        let state = State { writer, frames: 0, artifacts: BTreeSet::new(), first_ns, compress_ns };
         Ok(Self { path, layout, every: plan.record.every.max(1), pools, state: Mutex::new(state) })
     }
 
@@ -164,7 +168,9 @@ impl Recorder {
                 };
                 (measured(samples, Vec::extend_from_slice), samples.len())
             }
-            Value::Calibration(_) | Value::Scores(_) | Value::Samples(_) | Value::Model(_) => (Packing::Plain, 512),
+            Value::Calibration(_) | Value::Scores(_) | Value::Samples(_) | Value::Model(_) | Value::Curve(_) => {
+                (Packing::Plain, 512)
+            }
         };
         part.message(port.channel, packing, size, |out| put_value(out, stamp, value));
         if let (Value::Depth(depth), Some(channel)) = (value, port.view_channel) {
@@ -189,7 +195,7 @@ impl Tap for Recorder {
         let mut builder = PartBuilder::new(frame, &self.pools[run][part]);
         for (slot, value) in values {
             let Some(port) = self.layout.runs[run].port(*slot).filter(|port| port.part == part) else { continue };
-            if matches!(value, Value::Samples(_) | Value::Model(_)) {
+            if matches!(value, Value::Samples(_) | Value::Model(_) | Value::Curve(_)) {
                 let what = format!("a value of type {} came with a frame", value.value_type());
                 let (frame, topic) = (frame.id.to_string(), port.topic.to_string());
                 return Err(tap_error(RecordingError::Value { frame, topic, what }));
@@ -220,34 +226,61 @@ impl Tap for Recorder {
             pools.bytes.put(part.bytes);
         }
         state.frames += 1;
+        state.first_ns[commit.run].get_or_insert(commit.frame.time_ns);
         Ok(())
     }
 
     fn once(&self, run: usize, slot: Slot, key: &Key, value: &Value) -> Result<(), TapError> {
-        let (Value::Samples(artifact) | Value::Model(artifact)) = value else {
-            let what = format!("a once-value of type {} cannot be recorded", value.value_type());
-            return Err(TapError { what, source: None });
-        };
         let Slot::Node { node, port } = slot else {
             return Err(TapError { what: "a source has no once-values".to_owned(), source: None });
         };
         let mut state = self.state();
-        let name = artifact_name(artifact);
-        if state.artifacts.insert(artifact.hash) {
-            state.writer.attachment(&name, &artifact.media_type, &artifact.bytes).map_err(tap_error)?;
-        }
-        let metadata = [
+        let kept = match value {
+            Value::Samples(artifact) | Value::Model(artifact) => state.keep_artifact(artifact),
+            Value::Curve(curve) => {
+                let channel = self.layout.runs[run].curve_channel(slot).ok_or_else(|| TapError {
+                    what: "a learning curve came of a port that is not recorded".to_owned(),
+                    source: None,
+                })?;
+                state.keep_curve(run, channel, &self.layout.channels[usize::from(channel) - 1].topic, curve)
+            }
+            other => {
+                let what = format!("a once-value of type {} cannot be recorded", other.value_type());
+                return Err(TapError { what, source: None });
+            }
+        };
+        let of = [
             ("run", run.to_string()),
             ("node", node.to_string()),
             ("port", port.to_string()),
             ("type", value.value_type().name().to_owned()),
             ("key", key.to_string()),
-            ("hash", artifact.hash.to_string()),
-            ("media_type", artifact.media_type.clone()),
-            ("attachment", name),
         ];
-        let metadata = metadata.into_iter().map(|(name, text)| (name.to_owned(), text)).collect();
+        let kept = kept.map_err(tap_error)?;
+        let metadata = of.into_iter().chain(kept).map(|(name, text)| (name.to_owned(), text)).collect();
+        // What stands before this record and is not named by one is no once-value: this commits it.
         state.writer.metadata(ONCE_METADATA, &metadata).map_err(tap_error)
+    }
+}
+
+/// What the record of a once-value says of where its content is.
+type Kept = Vec<(&'static str, String)>;
+
+impl State {
+    /// Keeps an artefact as an attachment; equal ones once.
+    fn keep_artifact(&mut self, artifact: &Artifact) -> Result<Kept, RecordingError> {
+        let name = artifact_name(artifact);
+        if self.artifacts.insert(artifact.hash) {
+            self.writer.attachment(&name, &artifact.media_type, &artifact.bytes)?;
+        }
+        let hash = artifact.hash.to_string();
+        Ok(vec![("hash", hash), ("media_type", artifact.media_type.clone()), ("attachment", name)])
+    }
+
+    /// Keeps a learning curve as messages of its topic.
+    fn keep_curve(&mut self, run: usize, channel: u16, topic: &str, curve: &Curve) -> Result<Kept, RecordingError> {
+        self.writer.part(&points_part(channel, self.first_ns[run].unwrap_or(0), curve))?;
+        Ok(vec![("topic", topic.to_owned()), ("messages", curve.points.len().to_string())])
     }
 }
 

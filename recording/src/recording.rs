@@ -39,7 +39,7 @@ pub struct RecordedFrame {
     pub(crate) chunks: Range<usize>,
 }
 
-/// A once-value, and the attachment that holds it.
+/// A once-value, and where its content is.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RecordedOnce {
     /// The stage run.
@@ -50,14 +50,31 @@ pub struct RecordedOnce {
     pub port: usize,
     /// What it is: the name of a `ValueType`.
     pub value_type: String,
-    /// Its key.
+    /// Its key; all once-values of a node share it.
     pub key: Key,
-    /// The hash of its content.
-    pub hash: Key,
-    /// What its bytes are.
-    pub media_type: String,
-    /// The attachment's name.
-    pub attachment: String,
+    /// Where its content is.
+    pub content: RecordedContent,
+}
+
+/// Where the content of a once-value is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum RecordedContent {
+    /// In an attachment: models and samples.
+    Attachment {
+        /// The hash of the content.
+        hash: Key,
+        /// What the bytes are.
+        media_type: String,
+        /// The attachment's name.
+        name: String,
+    },
+    /// In the messages of a topic, outside frames: learning curves.
+    Messages {
+        /// The topic.
+        topic: String,
+        /// How many messages.
+        count: u64,
+    },
 }
 
 /// A recording open for reading: whole, or what a crash left of one, up to its last commit.
@@ -135,7 +152,7 @@ impl Recording {
         FrameReader::new(self, run, topics)
     }
 
-    /// The once-values.
+    /// The once-values; [`Recording::once_value`] reads one.
     #[must_use]
     pub fn once_values(&self) -> &[RecordedOnce] {
         &self.once
@@ -166,9 +183,9 @@ impl Recording {
         }
     }
 
-    /// The chunks of all committed frames, in the order of the file, each frame's commit record last.
+    /// The chunks of all committed frames, each frame's commit record last, and of all learning curves, in the order of the file.
     pub(crate) fn committed_chunks(&self) -> impl Iterator<Item = &ChunkEntry> {
-        self.index.chunks.iter().take_while(|chunk| chunk.end <= self.committed)
+        self.index.chunks.iter().filter(|chunk| chunk.end <= self.committed || self.holds_whole_curve(chunk))
     }
 
     /// Finds the frames: each is what stands between two commit records.
@@ -180,6 +197,11 @@ impl Recording {
         let mut buffers = ChunkBuffers::default();
         let mut first = 0;
         for (position, chunk) in self.index.chunks.iter().enumerate() {
+            if first == position && self.holds_points(chunk) {
+                // Between two frames, and of neither.
+                first = position + 1;
+                continue;
+            }
             if !matches!(*chunk.channels, [channel] if commits.contains(&channel)) {
                 continue;
             }
@@ -238,9 +260,14 @@ fn read_once(file: &PositionedFile, index: &Index, runs: usize) -> Result<Vec<Re
             port: number("port")?,
             value_type: text("type")?,
             key: Key::parse(&text("key")?)?,
-            hash: Key::parse(&text("hash")?)?,
-            media_type: text("media_type")?,
-            attachment: text("attachment")?,
+            content: match text("attachment") {
+                Some(name) => RecordedContent::Attachment {
+                    hash: Key::parse(&text("hash")?)?,
+                    media_type: text("media_type")?,
+                    name,
+                },
+                None => RecordedContent::Messages { topic: text("topic")?, count: number("messages")? as u64 },
+            },
         })
     };
     once.map(|metadata| read(metadata).ok_or_else(|| file.damaged(0, "the record of a once-value is incomplete")))

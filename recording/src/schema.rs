@@ -1,4 +1,4 @@
-//! The schemas of a recording: Foxglove's, with whole descriptor sets, and depthloom's own two.
+//! The schemas of a recording: Foxglove's, with whole descriptor sets, and depthloom's own three.
 //!
 //! Foxglove's `RawImage` and `CameraCalibration` get one field each beyond Foxglove's own, declared in the descriptor that
 //! the recording carries and skipped by readers that do not know it: the smallest disparity searched, without which a
@@ -27,11 +27,12 @@ pub(crate) enum Schema {
     CameraCalibration,
     Score,
     Commit,
+    CurvePoint,
 }
 
 impl Schema {
-    pub(crate) const ALL: [Self; 5] =
-        [Self::CompressedImage, Self::RawImage, Self::CameraCalibration, Self::Score, Self::Commit];
+    pub(crate) const ALL: [Self; 6] =
+        [Self::CompressedImage, Self::RawImage, Self::CameraCalibration, Self::Score, Self::Commit, Self::CurvePoint];
 
     /// Its id in every recording; zero is reserved by the format.
     pub(crate) const fn id(self) -> u16 {
@@ -45,6 +46,7 @@ impl Schema {
             Self::CameraCalibration => "foxglove.CameraCalibration",
             Self::Score => "depthloom.Score",
             Self::Commit => "depthloom.Commit",
+            Self::CurvePoint => "depthloom.CurvePoint",
         }
     }
 
@@ -54,7 +56,7 @@ impl Schema {
 
     /// The serialized `FileDescriptorSet`.
     pub(crate) fn descriptor_set(self) -> &'static [u8] {
-        static SETS: OnceLock<[Vec<u8>; 5]> = OnceLock::new();
+        static SETS: OnceLock<[Vec<u8>; 6]> = OnceLock::new();
         let sets = SETS.get_or_init(|| Self::ALL.map(|schema| schema.build().encode_to_vec()));
         &sets[self as usize]
     }
@@ -72,6 +74,7 @@ impl Schema {
             }
             Self::Score => own_set("depthloom/Score.proto", vec![score()]),
             Self::Commit => own_set("depthloom/Commit.proto", vec![commit(), node_key(), failure()]),
+            Self::CurvePoint => own_set("depthloom/CurvePoint.proto", vec![curve_point()]),
         }
     }
 }
@@ -160,6 +163,13 @@ fn node_key() -> DescriptorProto {
 fn failure() -> DescriptorProto {
     let failure = message("Failure", vec![field("node", 1, Type::Uint32), field("what", 2, Type::String)]);
     optional(failure, "node")
+}
+
+fn curve_point() -> DescriptorProto {
+    let numbers = ["loss", "validation", "learning_rate"];
+    let mut fields = vec![field("step", 1, Type::Uint64)];
+    fields.extend(numbers.iter().zip(2..).map(|(name, number)| field(name, number, Type::Double)));
+    numbers.into_iter().fold(message("CurvePoint", fields), optional)
 }
 
 #[cfg(test)]

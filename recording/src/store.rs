@@ -9,14 +9,14 @@ use depthloom_graphs::{Key, Value};
 
 use crate::error::RecordingError;
 use crate::plan::RecordedOutput;
-use crate::recording::Recording;
+use crate::recording::{RecordedContent, RecordedOnce, Recording};
 
 /// What a key names: all values that a source or a node gave on a frame, or a once-value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum KeyedPlace {
     /// The values of a run's source (`node: None`) or node on a frame.
     Frame { run: usize, position: usize, node: Option<usize> },
-    /// A once-value, by its place among [`Recording::once_values`].
+    /// The once-values of a node, by the place of one of them among [`Recording::once_values`].
     Once(usize),
 }
 
@@ -30,7 +30,7 @@ impl Recording {
         let places = self.by_key.get_or_init(|| self.keyed_places());
         let (run, position, node) = match places.get(key) {
             None => return Ok(None),
-            Some(KeyedPlace::Once(place)) => return self.once_value(*place).map(Some),
+            Some(KeyedPlace::Once(place)) => return self.once_values_of_node(*place).map(Some),
             Some(KeyedPlace::Frame { run, position, node }) => (*run, *position, *node),
         };
         let planned = &self.plan().runs[run];
@@ -46,14 +46,30 @@ impl Recording {
         Ok(Some(named.filter_map(|(output, value)| Some((output.port.as_str(), value?))).collect()))
     }
 
-    fn once_value(&self, place: usize) -> Result<Vec<(&str, Value)>, RecordingError> {
-        let once = &self.once_values()[place];
-        let bytes = self.attachment(&once.attachment)?;
-        let artifact = Arc::new(Artifact::new(once.media_type.clone(), bytes));
-        let value = if once.value_type == "model" { Value::Model(artifact) } else { Value::Samples(artifact) };
-        let node = self.plan().runs[once.run].nodes.get(once.node);
-        let output = node.and_then(|node| node.outputs.get(once.port));
-        Ok(vec![(output.map_or("", |output| output.port.as_str()), value)])
+    /// Reads a once-value.
+    ///
+    /// # Errors
+    /// If the recording cannot be read.
+    pub fn once_value(&self, once: &RecordedOnce) -> Result<Value, RecordingError> {
+        Ok(match &once.content {
+            RecordedContent::Messages { topic, count } => self.curve(topic, *count)?.into(),
+            RecordedContent::Attachment { media_type, name, .. } => {
+                let artifact = Arc::new(Artifact::new(media_type.clone(), self.attachment(name)?));
+                if once.value_type == "model" { Value::Model(artifact) } else { Value::Samples(artifact) }
+            }
+        })
+    }
+
+    /// The once-values of the node that gave the one at that place, by output port.
+    fn once_values_of_node(&self, place: usize) -> Result<Vec<(&str, Value)>, RecordingError> {
+        let RecordedOnce { run, node, .. } = self.once_values()[place];
+        let planned = self.plan().runs[run].nodes.get(node);
+        let port_of = |port: usize| match planned.and_then(|node| node.outputs.get(port)) {
+            Some(output) => output.port.as_str(),
+            None => "",
+        };
+        let of_node = self.once_values().iter().filter(|once| (once.run, once.node) == (run, node));
+        of_node.map(|once| Ok((port_of(once.port), self.once_value(once)?))).collect()
     }
 
     fn keyed_places(&self) -> BTreeMap<Key, KeyedPlace> {

@@ -81,8 +81,8 @@ impl Writer {
         for chunk in &part.chunks {
             put_chunk_index(&mut self.chunk_indexes, base, chunk);
             self.counts.chunks += 1;
-            let (first, last) = self.counts.times_ns.unwrap_or((chunk.time_ns, chunk.time_ns));
-            self.counts.times_ns = Some((first.min(chunk.time_ns), last.max(chunk.time_ns)));
+            let (first, last) = self.counts.times_ns.unwrap_or(chunk.times_ns);
+            self.counts.times_ns = Some((first.min(chunk.times_ns.0), last.max(chunk.times_ns.1)));
         }
         Ok(())
     }

@@ -55,7 +55,8 @@ fn content(value: &Value) -> Option<Key> {
         | Value::Weight(_)
         | Value::Mask(_)
         | Value::Calibration(_)
-        | Value::Scores(_) => None,
+        | Value::Scores(_)
+        | Value::Curve(_) => None,
     }
 }
 

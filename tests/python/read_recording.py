@@ -30,6 +30,7 @@ except ImportError:  # not a Unix
 
 PACKAGES = ["mcap==1.*", "mcap-protobuf-support"]
 SCORES = ("a1", "a2", "a3", "abs_rel", "sq_rel", "rmse", "rmse_log", "silog")
+CURVE_NUMBERS = ("loss", "validation", "learning_rate")
 
 
 def in_private_environment():
@@ -80,6 +81,10 @@ def content(schema, message):
         told += [struct.pack("<I", of.node) + of.key.encode() for of in message.keys]
         told += [struct.pack("<?I", of.HasField("node"), of.node) + of.what.encode() for of in message.failures]
         return b"".join(told)
+    if schema == "depthloom.CurvePoint":
+        numbers = (getattr(message, number) if message.HasField(number) else 0.0 for number in CURVE_NUMBERS)
+        present = (message.HasField(number) for number in CURVE_NUMBERS)
+        return struct.pack("<Q3d3?", message.step, *numbers, *present)
     raise SystemExit(f"read_recording.py: {schema} is no schema of a recording")
 
 

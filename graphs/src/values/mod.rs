@@ -2,6 +2,7 @@
 
 mod artifact;
 mod calibration;
+mod curve;
 mod depth;
 mod disparity;
 mod image;
@@ -11,6 +12,7 @@ mod weight;
 
 pub use self::artifact::Artifact;
 pub use self::calibration::Calibration;
+pub use self::curve::{Curve, CurvePoint};
 pub use self::depth::Depth;
 pub use self::disparity::Disparity;
 pub use self::image::{Encoded, Image, ImageFormat, Pixels};

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use depthloom_scores::ScoreRow;
 
-use super::{Artifact, Calibration, Depth, Disparity, Image, Mask, Weight};
+use super::{Artifact, Calibration, Curve, Depth, Disparity, Image, Mask, Weight};
 
 /// The type of a value, and so of a port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -28,6 +28,8 @@ pub enum ValueType {
     Samples,
     /// A trained network.
     Model,
+    /// A learning curve.
+    Curve,
 }
 
 impl ValueType {
@@ -44,6 +46,7 @@ impl ValueType {
             Self::Scores => "scores",
             Self::Samples => "samples",
             Self::Model => "model",
+            Self::Curve => "curve",
         }
     }
 }
@@ -75,6 +78,8 @@ pub enum Value {
     Samples(Arc<Artifact>),
     /// A trained network.
     Model(Arc<Artifact>),
+    /// The learning curve of a training.
+    Curve(Arc<Curve>),
 }
 
 impl Value {
@@ -91,6 +96,7 @@ impl Value {
             Self::Scores(_) => ValueType::Scores,
             Self::Samples(_) => ValueType::Samples,
             Self::Model(_) => ValueType::Model,
+            Self::Curve(_) => ValueType::Curve,
         }
     }
 }
@@ -127,6 +133,7 @@ value_kind!(Mask, Mask);
 value_kind!(Calibration, Calibration);
 value_kind!(Vec<ScoreRow>, Scores);
 value_kind!(Artifact, Samples | Model);
+value_kind!(Curve, Curve);
 
 macro_rules! into_value {
     ($ty:ty, $variant:ident) => {
@@ -145,3 +152,4 @@ into_value!(Weight, Weight);
 into_value!(Mask, Mask);
 into_value!(Calibration, Calibration);
 into_value!(Vec<ScoreRow>, Scores);
+into_value!(Curve, Curve);

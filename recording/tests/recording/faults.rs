@@ -8,14 +8,14 @@ use depthloom_recording::{Recorder, Recording, RecordingError};
 use proptest::prelude::{ProptestConfig, Strategy, any, proptest};
 use proptest::{prop_assert, prop_assert_eq};
 
-use crate::fixture::{frame, plan, record, record_frame, values};
+use crate::fixture::{CURVE, curve, frame, plan, record, record_frame, record_once_values, values};
 
 const FRAMES: u64 = 6;
 const TOPICS: [&str; 3] = ["/compare/fused/depth", "/compare/stereo/disparity", "/compare/score_fused/scores"];
 
-/// A finished file, and where each of its frames ends.
-fn recorded() -> &'static (Vec<u8>, Vec<u64>) {
-    static RECORDED: OnceLock<(Vec<u8>, Vec<u64>)> = OnceLock::new();
+/// A finished file, where each of its frames ends, and where its once-values do.
+fn recorded() -> &'static (Vec<u8>, Vec<u64>, u64) {
+    static RECORDED: OnceLock<(Vec<u8>, Vec<u64>, u64)> = OnceLock::new();
     RECORDED.get_or_init(|| {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("recording.mcap");
@@ -25,8 +25,10 @@ fn recorded() -> &'static (Vec<u8>, Vec<u64>) {
             record_frame(&recorder, 0, &frame(index), &values(&frame(index), 20, 12), false);
             ends.push(std::fs::metadata(&path).expect("the file").len());
         }
+        record_once_values(&recorder, 0);
+        let once_end = std::fs::metadata(&path).expect("the file").len();
         recorder.finish(&[]).expect("a finished file");
-        (std::fs::read(&path).expect("the file"), ends)
+        (std::fs::read(&path).expect("the file"), ends, once_end)
     })
 }
 
@@ -43,6 +45,9 @@ fn read_all(path: &Path) -> Result<usize, RecordingError> {
     for position in 0..recording.frames(0).len() {
         reader.read(position)?;
     }
+    for once in recording.once_values() {
+        recording.once_value(once)?;
+    }
     Ok(recording.frames(0).len())
 }
 
@@ -51,7 +56,7 @@ proptest! {
 
     #[test]
     fn a_file_cut_anywhere_is_readable_up_to_its_last_commit(cut in (0..=recorded().0.len()).prop_map(|cut| cut as u64)) {
-        let (bytes, ends) = recorded();
+        let (bytes, ends, once_end) = recorded();
         let folder = tempfile::tempdir()?;
         let path = written(folder.path(), &bytes[..cut as usize]);
         let committed = ends.iter().filter(|end| **end <= cut).count();
@@ -62,6 +67,9 @@ proptest! {
                 if let Some(last) = committed.checked_sub(1) {
                     prop_assert_eq!(recording.committed_bytes(), ends[last]);
                 }
+                let curves = recording.once_values().iter().filter(|once| once.value_type == "curve").count();
+                prop_assert_eq!(curves == 1, cut >= *once_end);
+                prop_assert!(recording.once_values().iter().all(|once| recording.once_value(once).is_ok()));
                 let read = read_all(&path);
                 prop_assert!(committed == 0 || read.is_ok_and(|frames| frames == committed));
             }
@@ -78,7 +86,7 @@ proptest! {
         bit in 0..8_u32,
         cut in any::<bool>(),
     ) {
-        let (bytes, ends) = recorded();
+        let (bytes, ends, _) = recorded();
         let mut bytes = bytes.clone();
         bytes[place] ^= 1 << bit;
         if cut {
@@ -94,7 +102,7 @@ proptest! {
 
 #[test]
 fn a_flipped_pixel_is_found() {
-    let (bytes, _) = recorded();
+    let (bytes, ..) = recorded();
     let folder = tempfile::tempdir().unwrap();
     let path = written(folder.path(), bytes);
     let recording = Recording::open(&path).unwrap();
@@ -114,6 +122,40 @@ fn a_flipped_pixel_is_found() {
     let recording = Recording::open(&path).unwrap();
     let stereo = recording.reader(0, &["/compare/stereo/disparity", "/compare/source/left"]).unwrap().read(0).unwrap();
     assert!(stereo.iter().all(Option::is_some));
+}
+
+#[test]
+fn points_of_a_curve_that_was_not_finished_belong_to_nothing() {
+    let (bytes, ends, once_end) = recorded();
+    let folder = tempfile::tempdir().unwrap();
+    let digest_of = |end: u64| {
+        let path = written(folder.path(), &bytes[..end as usize]);
+        depthloom_recording::digest(&path).unwrap()["topics"].as_object().unwrap().clone()
+    };
+    let whole = digest_of(*once_end);
+    assert_eq!(whole[CURVE]["count"], curve().points.len());
+    // The last byte cut is one of the record that would commit the curve: its messages are all there.
+    let cut = digest_of(once_end - 1);
+    assert!(!cut.contains_key(CURVE));
+    assert_eq!(cut.len() + 1, whole.len());
+    assert_eq!(digest_of(ends[FRAMES as usize - 1]), cut);
+}
+
+#[test]
+fn a_curve_that_lost_points_is_damaged() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("recording.mcap");
+    record(&path, &plan(), 0..1, 16, 16);
+    let mut bytes = std::fs::read(&path).unwrap();
+    // The number of messages in the record that commits the curve, as text with its length.
+    let told = b"\x08\0\0\0messages\x01\0\0\x004";
+    let place = bytes.windows(told.len()).position(|window| window == told).unwrap();
+    bytes[place + told.len() - 1] = b'5';
+    let recording = Recording::open(written(folder.path(), &bytes)).unwrap();
+    let error = recording.once_value(&recording.once_values()[1]).unwrap_err();
+    assert!(error.to_string().ends_with("the learning curve /compare/teacher/curve has 4 of its 5 points"), "{error}");
+    let model = recording.once_value(&recording.once_values()[0]).unwrap();
+    assert!(matches!(model, depthloom_graphs::Value::Model(_)), "the model is whole");
 }
 
 #[test]

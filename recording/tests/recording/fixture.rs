@@ -9,7 +9,8 @@ use depthloom_graphs::plan::{
     Estimate, From as Wire, Plan, PlannedInput, PlannedNode, PlannedOutput, PlannedSource, Record, SourcePart, StageRun,
 };
 use depthloom_graphs::values::{
-    Artifact, Calibration, Depth, Disparity, Encoded, Image, ImageFormat, Mask, Pixels, Raster, Weight,
+    Artifact, Calibration, Curve, CurvePoint, Depth, Disparity, Encoded, Image, ImageFormat, Mask, Pixels, Raster,
+    Weight,
 };
 use depthloom_graphs::{Frame, Key, Port, Value, ValueType};
 use depthloom_recording::{Attachment, Recorder};
@@ -54,7 +55,14 @@ const NODES: &[NodeSpec] = &[
         inputs: &[("estimate", Slot::Node { node: 3, port: 0 }), ("truth", Slot::Source { port: 2 })],
         outputs: &[Port::frame("scores", ValueType::Scores, "Scores.")],
     },
-    NodeSpec { name: "teacher", inputs: &[], outputs: &[Port::once("model", ValueType::Model, "A network.")] },
+    NodeSpec {
+        name: "teacher",
+        inputs: &[],
+        outputs: &[
+            Port::once("model", ValueType::Model, "A network."),
+            Port::once("curve", ValueType::Curve, "How it learned."),
+        ],
+    },
 ];
 
 /// The source's ports.
@@ -269,9 +277,32 @@ pub fn record_frame(recorder: &Recorder, run: usize, frame: &Frame, values: &[(S
     recorder.write(&commit, encoded.into_iter().map(Option::unwrap).collect()).unwrap();
 }
 
-/// The once-value of the fixture.
+/// The topic of the fixture's learning curve.
+pub const CURVE: &str = "/compare/teacher/curve";
+
+/// The model of the fixture.
 pub fn model() -> Value {
     Value::Model(Arc::new(Artifact::new("model/onnx", vec![7_u8; 1000])))
+}
+
+/// The learning curve of the fixture: of numbers that are easily lost.
+pub fn curve() -> Curve {
+    let point = |step, loss, validation, learning_rate| CurvePoint { step, loss, validation, learning_rate };
+    let other_nan = f64::from_bits(0x7ff8_0000_0000_dead);
+    let points = vec![
+        point(0, 0.1 + 0.2, None, 1e-3),
+        point(100, -0.0, Some(f64::INFINITY), 0.0),
+        point(200, other_nan, Some(-0.0), 1e-300),
+        point(250, f64::from_bits(1), Some(other_nan), 5e-4),
+    ];
+    Curve { points }
+}
+
+/// Records the once-values of a stage run.
+pub fn record_once_values(recorder: &Recorder, run: usize) {
+    let key = Key::of_content(b"teacher");
+    recorder.once(run, Slot::Node { node: 5, port: 0 }, &key, &model()).unwrap();
+    recorder.once(run, Slot::Node { node: 5, port: 1 }, &key, &curve().into()).unwrap();
 }
 
 /// Records frames of that size and finishes the file.
@@ -281,7 +312,7 @@ pub fn record(path: &Path, plan: &Plan, frames: std::ops::Range<u64>, width: u32
         let frame = frame(index);
         record_frame(&recorder, 0, &frame, &values(&frame, width, height), index % 2 == 1);
     }
-    recorder.once(0, Slot::Node { node: 5, port: 0 }, &Key::of_content(b"teacher"), &model()).unwrap();
+    record_once_values(&recorder, 0);
     let note = Attachment { name: "note.txt".to_owned(), media_type: "text/plain".to_owned(), bytes: b"note".to_vec() };
     recorder.finish(&[note]).unwrap();
 }

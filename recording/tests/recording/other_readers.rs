@@ -9,7 +9,7 @@ use mcap::sans_io::indexed_reader::{IndexedReadEvent, IndexedReader, IndexedRead
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use mcap::{MessageStream, Summary};
 
-use crate::fixture::{frame, plan, record, values};
+use crate::fixture::{CURVE, curve, frame, plan, record, values};
 
 fn recorded(frames: std::ops::Range<u64>) -> Vec<u8> {
     let folder = tempfile::tempdir().expect("a folder");
@@ -53,6 +53,12 @@ fn the_summary_tells_what_the_stream_holds() {
     for message in MessageStream::new(&bytes).unwrap() {
         let message = message.unwrap();
         assert_eq!(message.log_time, message.publish_time);
+        if message.channel.topic == CURVE {
+            let point = counted.entry(CURVE.to_owned()).or_default();
+            assert_eq!(message.log_time, 1_000_000 * curve().points[*point as usize].step);
+            *point += 1;
+            continue;
+        }
         assert_eq!(u64::from(message.sequence) * 100_000_000, message.log_time);
         assert!(message.log_time >= last);
         last = message.log_time;
@@ -62,6 +68,7 @@ fn the_summary_tells_what_the_stream_holds() {
     assert_eq!(counted["/compare/commit"], 4);
     assert_eq!(counted["/compare/fused/depth"], 4);
     assert_eq!(counted["/compare/source/depth"], 3);
+    assert_eq!(counted[CURVE], 4);
     let summary = Summary::read(&bytes).unwrap().unwrap();
     let stats = summary.stats.unwrap();
     let told: BTreeMap<String, u64> =

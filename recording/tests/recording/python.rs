@@ -7,7 +7,7 @@ use depthloom_graphs::Value;
 use depthloom_graphs::contracts::Slot;
 use serde_json::Value as Json;
 
-use crate::fixture::{frame, plan, record, values};
+use crate::fixture::{CURVE, frame, plan, record, values};
 
 const WIDTH: u32 = 64;
 const HEIGHT: u32 = 48;
@@ -95,6 +95,14 @@ fn python_sees_what_viewers_need() {
     assert!(scores["messages"][0].get("abs_rel").is_none(), "a NaN is absent");
     let commits = &topic("/compare/commit")["messages"];
     assert_eq!(commits[2]["failures"][0]["what"], "score: no truth");
-    assert_eq!(read["metadata"], serde_json::json!(["depthloom", "depthloom.once"]));
+    let curve = topic(CURVE);
+    assert_eq!(curve["schema"], "depthloom.CurvePoint");
+    assert_eq!(curve["messages"][0]["loss"], 0.1 + 0.2);
+    assert!(curve["messages"][0].get("validation").is_none(), "not measured");
+    assert_eq!(curve["messages"][1]["step"], "100", "JSON writes 64-bit numbers as text");
+    assert_eq!(curve["messages"][1]["validation"], "Infinity");
+    assert_eq!(curve["messages"][3]["learning_rate"], 5e-4);
+    assert_eq!(curve["last_ns"], 250_000_000);
+    assert_eq!(read["metadata"], serde_json::json!(["depthloom", "depthloom.once", "depthloom.once"]));
     assert_eq!(read["attachments"]["note.txt"], 4);
 }

@@ -1,16 +1,23 @@
 //! What is recorded is read back, bit for bit.
 
-use crate::fixture::{frame, key, plan, plan_of, record, values};
-use depthloom_graphs::contracts::{Failure, Slot, Store};
-use depthloom_graphs::values::Pixels;
+use crate::fixture::{CURVE, curve, frame, key, plan, plan_of, record, record_frame, record_once_values, values};
+use depthloom_graphs::contracts::{Failure, Slot, Store, Tap};
+use depthloom_graphs::values::{Curve, Pixels};
 use depthloom_graphs::{Key, Value};
-use depthloom_recording::{Recording, RecordingError};
+use depthloom_recording::{RecordedContent, Recorder, Recording, RecordingError};
 
 const WIDTH: u32 = 70;
 const HEIGHT: u32 = 40;
 
 fn bits(samples: &[f32]) -> Vec<u32> {
     samples.iter().map(|sample| sample.to_bits()).collect()
+}
+
+fn curve_bits(curve: &Curve) -> Vec<(u64, u64, Option<u64>, u64)> {
+    let bits = |point: &depthloom_graphs::values::CurvePoint| {
+        (point.step, point.loss.to_bits(), point.validation.map(f64::to_bits), point.learning_rate.to_bits())
+    };
+    curve.points.iter().map(bits).collect()
 }
 
 /// Equality of every bit but those of NaN scores, which are recorded as absent.
@@ -36,6 +43,7 @@ fn assert_same(recorded: &Value, read: &Value) {
                 assert_eq!(bits(a.scores()), bits(b.scores()));
             }
         }
+        (Value::Curve(a), Value::Curve(b)) => assert_eq!(curve_bits(a), curve_bits(b)),
         (a, b) => panic!("{} came back as {}", a.value_type(), b.value_type()),
     }
 }
@@ -134,9 +142,59 @@ fn values_are_found_by_key() {
     let of_edges = recording.values_of(&key(&frame, 2)).unwrap().unwrap();
     assert_eq!(of_edges.iter().map(|(port, _)| *port).collect::<Vec<_>>(), ["weight", "mask"]);
     assert!(recording.get(&key(&frame, 2)).is_err(), "the key names two values");
-    let Some(Value::Model(model)) = recording.get(&Key::of_content(b"teacher")).unwrap() else { panic!("no model") };
+    let of_teacher = recording.values_of(&Key::of_content(b"teacher")).unwrap().unwrap();
+    let [("model", Value::Model(model)), ("curve", learned)] = &of_teacher[..] else { panic!("{of_teacher:?}") };
     assert_eq!(*model.bytes, [7; 1000]);
+    assert_same(&curve().into(), learned);
+    assert!(recording.get(&Key::of_content(b"teacher")).is_err(), "the key names two values");
     assert!(recording.get(&Key::of_content(b"unknown")).unwrap().is_none());
+}
+
+#[test]
+fn a_learning_curve_lies_between_two_stages_and_in_no_frame() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("recording.mcap");
+    let recorder = Recorder::create(&path, &plan_of(&["learn", "compare"])).unwrap();
+    for (run, frames) in [(0, 3..5), (1, 0..2)] {
+        for index in frames {
+            record_frame(&recorder, run, &frame(index), &values(&frame(index), 16, 16), false);
+        }
+        record_once_values(&recorder, run);
+    }
+    recorder.finish(&[]).unwrap();
+    let recording = Recording::open(&path).unwrap();
+    let once = recording.once_values();
+    let told: Vec<_> = once.iter().map(|of| (of.run, of.node, of.port, of.value_type.as_str())).collect();
+    assert_eq!(told, [(0, 5, 0, "model"), (0, 5, 1, "curve"), (1, 5, 0, "model"), (1, 5, 1, "curve")]);
+    let topics = ["/learn/teacher/curve", CURVE];
+    for (of, topic) in [&once[1], &once[3]].into_iter().zip(topics) {
+        assert_eq!(of.content, RecordedContent::Messages { topic: topic.to_owned(), count: 4 });
+        assert_same(&curve().into(), &recording.once_value(of).unwrap());
+    }
+    assert_eq!([0, 1].map(|run| recording.frames(run).len()), [2, 2]);
+    assert!(recording.reader(1, &[CURVE]).is_err(), "a curve is no value of a frame");
+    // A millisecond a step, from the first frame of the stage on.
+    let digest = depthloom_recording::digest(&path).unwrap();
+    for (topic, first_ns) in topics.into_iter().zip([300_000_000_u64, 0]) {
+        let topic = &digest["topics"][topic];
+        assert_eq!((&topic["schema"], &topic["count"]), (&"depthloom.CurvePoint".into(), &4.into()));
+        assert_eq!((&topic["first_ns"], &topic["last_ns"]), (&first_ns.into(), &(first_ns + 250_000_000).into()));
+    }
+}
+
+#[test]
+fn a_curve_without_points_and_one_without_frames_come_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("recording.mcap");
+    let recorder = Recorder::create(&path, &plan_of(&["learn", "compare"])).unwrap();
+    let (slot, key) = (Slot::Node { node: 5, port: 1 }, Key::of_content(b"teacher"));
+    recorder.once(0, slot, &key, &Curve::default().into()).unwrap();
+    recorder.once(1, slot, &key, &curve().into()).unwrap();
+    recorder.finish(&[]).unwrap();
+    let recording = Recording::open(&path).unwrap();
+    let read = |place: usize| recording.once_value(&recording.once_values()[place]).unwrap();
+    assert_same(&Curve::default().into(), &read(0));
+    assert_same(&curve().into(), &read(1));
 }
 
 #[test]
@@ -161,14 +219,14 @@ fn parts_encoded_in_any_order_give_the_same_file() {
     let folder = tempfile::tempdir().unwrap();
     let files = [false, true].map(|backwards| {
         let path = folder.path().join(format!("{backwards}.mcap"));
-        let recorder = depthloom_recording::Recorder::create(&path, &plan()).unwrap();
+        let recorder = Recorder::create(&path, &plan()).unwrap();
         // Meanwhile other frames' parts are encoded, as on a machine with more workers.
         let other = values(&frame(99), 300, 100);
         for index in 0..3 {
             if backwards {
-                depthloom_graphs::contracts::Tap::encode(&recorder, 0, &frame(99), 1, &other).unwrap();
+                Tap::encode(&recorder, 0, &frame(99), 1, &other).unwrap();
             }
-            crate::fixture::record_frame(&recorder, 0, &frame(index), &values(&frame(index), 300, 100), backwards);
+            record_frame(&recorder, 0, &frame(index), &values(&frame(index), 300, 100), backwards);
         }
         recorder.finish(&[]).unwrap();
         std::fs::read(path).unwrap()
@@ -180,11 +238,11 @@ fn parts_encoded_in_any_order_give_the_same_file() {
 fn two_stage_runs_share_a_file_and_keep_apart() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("recording.mcap");
-    let recorder = depthloom_recording::Recorder::create(&path, &plan_of(&["learn", "compare"])).unwrap();
+    let recorder = Recorder::create(&path, &plan_of(&["learn", "compare"])).unwrap();
     // Their frames are of the same instants.
     for (run, frames) in [(0, 0..3), (1, 1..5)] {
         for index in frames {
-            crate::fixture::record_frame(&recorder, run, &frame(index), &values(&frame(index), 16, 16), false);
+            record_frame(&recorder, run, &frame(index), &values(&frame(index), 16, 16), false);
         }
     }
     let written = recorder.finish(&[]).unwrap();

@@ -1,0 +1,69 @@
+//! Learning curves: messages of a topic of their own, outside frames.
+//!
+//! The points of a curve are one chunk, and the record `depthloom.once` that stands behind it says how many there are. Without
+//! that record, where a crash cut the file between the two, they belong to nothing.
+
+use depthloom_graphs::values::Curve;
+use prost::Message;
+
+use crate::chunk::{Part, messages_outside_frames};
+use crate::error::RecordingError;
+use crate::index::ChunkEntry;
+use crate::messages::CurvePointMessage;
+use crate::recording::{RecordedContent, Recording};
+use crate::schema::Schema;
+use crate::unpack::ChunkBuffers;
+
+/// How far apart in time two steps are shown, nanoseconds: a training has no time of its own.
+const STEP_NS: u64 = 1_000_000;
+
+/// The points of a curve as messages, the first step a millisecond after the stage's first frame.
+pub(crate) fn points_part(channel: u16, first_frame_ns: u64, curve: &Curve) -> Part {
+    let message = |point| CurvePointMessage::new(point).encode_to_vec();
+    let time_ns = |step: u64| first_frame_ns.saturating_add(step.saturating_mul(STEP_NS));
+    messages_outside_frames(channel, curve.points.iter().map(|point| (time_ns(point.step), message(point))))
+}
+
+impl Recording {
+    /// Whether a chunk holds points of a learning curve, whole or not.
+    pub(crate) fn holds_points(&self, chunk: &ChunkEntry) -> bool {
+        let [channel] = *chunk.channels else { return false };
+        let schema = self.index.channels.get(&channel).and_then(|channel| self.index.schema_of(channel));
+        schema == Some(Schema::CurvePoint.name())
+    }
+
+    /// Whether a chunk holds the points of a learning curve that was recorded whole.
+    pub(crate) fn holds_whole_curve(&self, chunk: &ChunkEntry) -> bool {
+        let topics = self.once_values().iter().filter_map(|once| match &once.content {
+            RecordedContent::Messages { topic, .. } => Some(topic),
+            RecordedContent::Attachment { .. } => None,
+        });
+        let of_topic = |topic: &String| {
+            chunk.channels.iter().any(|channel| self.index.channels.get(channel).is_some_and(|of| of.topic == *topic))
+        };
+        self.holds_points(chunk) && topics.into_iter().any(of_topic)
+    }
+
+    /// Reads the learning curve of a topic, of which its record says that it has `count` points.
+    pub(crate) fn curve(&self, topic: &str, count: u64) -> Result<Curve, RecordingError> {
+        let of_topic = |chunk: &&ChunkEntry| {
+            let [channel] = *chunk.channels else { return false };
+            self.holds_points(chunk) && self.index.channels.get(&channel).is_some_and(|of| of.topic == topic)
+        };
+        let mut points = Vec::new();
+        let mut buffers = ChunkBuffers::default();
+        for chunk in self.index.chunks.iter().filter(of_topic) {
+            buffers.each_message(&self.file, chunk, |message| {
+                let point = CurvePointMessage::decode(message.data);
+                let point = point.map_err(|error| format!("a message is no point of a learning curve: {error}"))?;
+                points.push(point.point().ok_or("a point of a learning curve has no loss or no learning rate")?);
+                Ok(())
+            })?;
+        }
+        if points.len() as u64 != count {
+            let what = format!("the learning curve {topic} has {} of its {count} points", points.len());
+            return Err(self.file.damaged(0, what));
+        }
+        Ok(Curve { points })
+    }
+}
