@@ -1,0 +1,29 @@
+//! `eigen-coarse`: the network on board the paper's drone.
+//!
+//! The coarse scale of Eigen, Puhrsch, Fergus 2014 (their Figure 1 and Table 1): five convolutions and two dense layers, whose 4096
+//! units see the whole image; the map has a sixteenth of the image's columns and rows (theirs: 74x55 of 304x228, a quarter; the paper's
+//! on-board network is coarser still). Depth up to 10 m, the range of NYU Depth V2.
+
+use super::unet_lite::FIRST_BIAS;
+use super::{Act, Builder, Conv, Size};
+
+/// Units of the dense layer: a sixteenth of the original's, whose 4096 would hold 98 % of all parameters.
+const UNITS: usize = 256;
+
+/// Convolutions, then everything from everything.
+pub(super) fn eigen_coarse<B: Builder>(builder: &mut B, image: B::Map) -> B::Map {
+    let x = builder.conv("coarse1", &image, Conv { kernel: 11, stride: 4, pad: 5, ..Conv::three(96) });
+    let x = builder.halve(&x);
+    let x = builder.conv("coarse2", &x, Conv { kernel: 5, pad: 2, ..Conv::three(256) });
+    let x = builder.halve(&x);
+    let x = builder.conv("coarse3", &x, Conv::three(384));
+    let x = builder.conv("coarse4", &x, Conv::three(384));
+    let x = builder.conv("coarse5", &x, Conv::three(256));
+    let x = builder.halve(&x);
+    let x = builder.dense("coarse6", &x, UNITS, Act::Relu, 0.0);
+    let Size { width, height } = builder.size();
+    let size = Size { width: width / 8, height: height / 8 };
+    let x = builder.dense("coarse7", &x, size.width * size.height, Act::None, -FIRST_BIAS / 2.0);
+    let x = builder.as_map(&x, size);
+    builder.sigmoid(&x)
+}

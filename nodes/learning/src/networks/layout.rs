@@ -1,0 +1,140 @@
+//! The parameters of a network: names, shapes, and what they begin with.
+
+use super::{Act, Builder, Conv, Network, Size};
+use crate::random::Random;
+
+/// One tensor of parameters.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Parameter {
+    /// `<layer>.weight` or `<layer>.bias`.
+    pub name: String,
+    /// Its shape: of a convolution outputs x inputs x rows x columns, of a transposed one inputs x outputs x rows x columns,
+    /// of a dense layer inputs x outputs, of a bias its length.
+    pub shape: Vec<usize>,
+    /// Whether it is learned or kept.
+    pub frozen: bool,
+    start: Start,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Start {
+    Constant(f32),
+    /// Uniform within this.
+    Uniform(f32),
+}
+
+impl Parameter {
+    /// Number of values.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.shape.iter().product()
+    }
+
+    /// Whether it has no values.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+}
+
+/// The parameters of a network in the order of its layers.
+#[derive(Clone, Debug)]
+pub struct Layout {
+    /// The parameters.
+    pub parameters: Vec<Parameter>,
+    /// The size of its map.
+    pub map: Size,
+}
+
+impl Layout {
+    /// Values to begin with: Glorot's uniform distribution for weights, constants for biases (Glorot, Bengio 2010; what Keras does).
+    #[must_use]
+    pub fn start(&self, seed: u64) -> Vec<Vec<f32>> {
+        let mut random = Random::new(seed);
+        let values = |parameter: &Parameter| match parameter.start {
+            Start::Constant(value) => vec![value; parameter.len()],
+            Start::Uniform(limit) => (0..parameter.len()).map(|_| (random.unit() * 2.0 - 1.0) * limit).collect(),
+        };
+        self.parameters.iter().map(values).collect()
+    }
+
+    /// Number of values in all parameters.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.parameters.iter().map(Parameter::len).sum()
+    }
+}
+
+/// The parameters of `network` for images of `size`.
+#[must_use]
+pub fn layout(network: Network, size: Size) -> Layout {
+    let mut lister = Lister { size, parameters: Vec::new() };
+    let map = network.build(&mut lister, Shape { channels: 3, size });
+    Layout { parameters: lister.parameters, map: map.size }
+}
+
+#[derive(Clone, Copy)]
+struct Shape {
+    channels: usize,
+    size: Size,
+}
+
+struct Lister {
+    size: Size,
+    parameters: Vec<Parameter>,
+}
+
+impl Lister {
+    /// Weights that sum over `reach.0` inputs and are read by `reach.1` outputs, and a bias.
+    fn layer(&mut self, name: &str, shape: Vec<usize>, reach: (usize, usize), outputs: usize, frozen: bool, bias: f32) {
+        let limit = (6.0 / (reach.0 + reach.1) as f64).sqrt() as f32;
+        let named = |what: &str| format!("{name}.{what}");
+        self.parameters.push(Parameter { name: named("weight"), shape, frozen, start: Start::Uniform(limit) });
+        let start = Start::Constant(bias);
+        self.parameters.push(Parameter { name: named("bias"), shape: vec![outputs], frozen, start });
+    }
+}
+
+impl Builder for Lister {
+    type Map = Shape;
+
+    fn conv(&mut self, name: &str, x: &Shape, conv: Conv) -> Shape {
+        let Conv { outputs, kernel, stride, pad, frozen, bias, .. } = conv;
+        let taps = kernel * kernel;
+        let shape = vec![outputs, x.channels, kernel, kernel];
+        self.layer(name, shape, (x.channels * taps, outputs * taps), outputs, frozen, bias);
+        let side = |length: usize| (length + 2 * pad - kernel) / stride + 1;
+        Shape { channels: outputs, size: Size { width: side(x.size.width), height: side(x.size.height) } }
+    }
+
+    fn double(&mut self, name: &str, x: &Shape, outputs: usize) -> Shape {
+        self.layer(name, vec![x.channels, outputs, 4, 4], (x.channels * 16, outputs * 16), outputs, false, 0.0);
+        Shape { channels: outputs, size: Size { width: x.size.width * 2, height: x.size.height * 2 } }
+    }
+
+    fn halve(&mut self, x: &Shape) -> Shape {
+        Shape { channels: x.channels, size: Size { width: x.size.width / 2, height: x.size.height / 2 } }
+    }
+
+    fn join(&mut self, a: &Shape, b: &Shape) -> Shape {
+        Shape { channels: a.channels + b.channels, size: a.size }
+    }
+
+    fn dense(&mut self, name: &str, x: &Shape, outputs: usize, _act: Act, bias: f32) -> Shape {
+        let inputs = x.channels * x.size.width * x.size.height;
+        self.layer(name, vec![inputs, outputs], (inputs, outputs), outputs, false, bias);
+        Shape { channels: outputs, size: Size { width: 1, height: 1 } }
+    }
+
+    fn as_map(&mut self, _x: &Shape, size: Size) -> Shape {
+        Shape { channels: 1, size }
+    }
+
+    fn sigmoid(&mut self, x: &Shape) -> Shape {
+        *x
+    }
+
+    fn size(&self) -> Size {
+        self.size
+    }
+}

@@ -1,0 +1,183 @@
+//! Networks, one file each, described once for learning, for counting parameters and for ONNX.
+//!
+//! A network is a function from a [`Builder`]'s image to its map. What a builder makes of a layer differs: [`layout`] lists
+//! parameters, [`forward`](forward()) computes, [`export`](export()) writes ONNX.
+
+mod eigen_coarse;
+mod export;
+mod fcn_lite;
+mod fcn_vgg16;
+mod forward;
+mod layout;
+mod unet_lite;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+pub use export::export;
+pub use forward::forward;
+pub use layout::{Layout, Parameter, layout};
+
+/// Columns and rows of an image.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Size {
+    /// Columns, px.
+    pub width: usize,
+    /// Rows, px.
+    pub height: usize,
+}
+
+/// The networks.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Network {
+    /// Small U-Net with skips: 1.07 M parameters.
+    #[default]
+    UnetLite,
+    /// The same without skips.
+    FcnLite,
+    /// The paper's: the convolutions of VGG-16, the first 8 frozen, and two deconvolutions.
+    FcnVgg16,
+    /// The on-board one: the coarse scale of Eigen et al. 2014, depth up to 10 m.
+    EigenCoarse,
+}
+
+impl Network {
+    /// Its name in YAML.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::UnetLite => "unet-lite",
+            Self::FcnLite => "fcn-lite",
+            Self::FcnVgg16 => "fcn-vgg16",
+            Self::EigenCoarse => "eigen-coarse",
+        }
+    }
+
+    /// What its output means.
+    #[must_use]
+    pub const fn meaning(self) -> Meaning {
+        match self {
+            Self::UnetLite | Self::FcnLite | Self::FcnVgg16 => Meaning::DisparityShare { scale: 0.1 },
+            Self::EigenCoarse => Meaning::Depth { farthest_m: 10.0 },
+        }
+    }
+
+    /// Rows and columns of the image must be multiples of this.
+    #[must_use]
+    pub const fn multiple(self) -> usize {
+        match self {
+            Self::UnetLite | Self::FcnLite => 32,
+            Self::FcnVgg16 => 16,
+            Self::EigenCoarse => 32,
+        }
+    }
+
+    /// Lays the network out with `builder`, from its image to a map of one channel in [0, 1].
+    fn build<B: Builder>(self, builder: &mut B, image: B::Map) -> B::Map {
+        match self {
+            Self::UnetLite => unet_lite::unet_lite(builder, image),
+            Self::FcnLite => fcn_lite::fcn_lite(builder, image),
+            Self::FcnVgg16 => fcn_vgg16::fcn_vgg16(builder, image),
+            Self::EigenCoarse => eigen_coarse::eigen_coarse(builder, image),
+        }
+    }
+}
+
+/// What the map of a network, in [0, 1], stands for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Meaning {
+    /// `scale` times it is the disparity as a share of the image's width.
+    DisparityShare {
+        /// The share of the output 1.
+        scale: f32,
+    },
+    /// `farthest_m` times it is the depth in metres.
+    Depth {
+        /// The depth of the output 1, metres.
+        farthest_m: f32,
+    },
+}
+
+impl Meaning {
+    /// What the ONNX file's output is: the name that `mono/onnx` takes as its parameter `output`.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::DisparityShare { .. } => "disparity-share",
+            Self::Depth { .. } => "depth",
+        }
+    }
+
+    /// The factor from the map to that.
+    #[must_use]
+    pub const fn scale(self) -> f32 {
+        match self {
+            Self::DisparityShare { scale } => scale,
+            Self::Depth { farthest_m } => farthest_m,
+        }
+    }
+}
+
+/// What follows a layer's sum.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Act {
+    /// Nothing.
+    None,
+    /// `max(x, 0)`.
+    Relu,
+}
+
+/// A convolution.
+#[derive(Clone, Copy, Debug)]
+pub struct Conv {
+    /// Channels out.
+    pub outputs: usize,
+    /// Rows and columns of the kernel.
+    pub kernel: usize,
+    /// Step, px.
+    pub stride: usize,
+    /// Zeros around the image, px.
+    pub pad: usize,
+    /// What follows.
+    pub act: Act,
+    /// Whether it keeps the weights it was given.
+    pub frozen: bool,
+    /// What its bias begins with.
+    pub bias: f32,
+}
+
+impl Conv {
+    /// 3x3 and ReLU, the size kept.
+    const fn three(outputs: usize) -> Self {
+        Self { outputs, kernel: 3, stride: 1, pad: 1, act: Act::Relu, frozen: false, bias: 0.0 }
+    }
+
+    /// Whether it is of stride 1 and keeps the size.
+    const fn keeps_size(&self) -> bool {
+        self.stride == 1 && self.kernel == 2 * self.pad + 1
+    }
+}
+
+/// What lays out a network, layer by layer. Every layer with parameters has a name, unique in its network.
+trait Builder {
+    /// A map of some channels.
+    type Map: Clone;
+
+    /// A convolution.
+    fn conv(&mut self, name: &str, x: &Self::Map, conv: Conv) -> Self::Map;
+    /// A 4x4 transposed convolution of stride 2 and ReLU: twice the rows and columns.
+    fn double(&mut self, name: &str, x: &Self::Map, outputs: usize) -> Self::Map;
+    /// The largest of every 2x2 samples: half the rows and columns.
+    fn halve(&mut self, x: &Self::Map) -> Self::Map;
+    /// The channels of both, the first's first.
+    fn join(&mut self, a: &Self::Map, b: &Self::Map) -> Self::Map;
+    /// Every output from every sample of the map: a map of `outputs` channels of one sample.
+    fn dense(&mut self, name: &str, x: &Self::Map, outputs: usize, act: Act, bias: f32) -> Self::Map;
+    /// The same samples as one channel of `size`.
+    fn as_map(&mut self, x: &Self::Map, size: Size) -> Self::Map;
+    /// `1 / (1 + exp(-x))`.
+    fn sigmoid(&mut self, x: &Self::Map) -> Self::Map;
+    /// The image's size.
+    fn size(&self) -> Size;
+}

@@ -1,0 +1,43 @@
+//! `unet-lite`: a small U-Net (Ronneberger, Fischer, Brox 2015) with transposed convolutions back to the image's size.
+
+use super::{Act, Builder, Conv};
+
+/// Channels of the levels, finest first.
+pub(super) const LEVELS: [usize; 5] = [8, 16, 32, 64, 96];
+/// Channels at the bottom.
+pub(super) const BOTTOM: usize = 128;
+/// The bias of the last convolution at the start: the sigmoid then begins near 0.12, about the mean of real scenes in tenths of the
+/// width. From zero, learning sinks into a constant map first.
+pub(super) const FIRST_BIAS: f32 = -2.0;
+
+/// Two 3x3 convolutions a level, the maximum of 2x2 between them; upwards a transposed convolution, the level's own map beside
+/// it (not on the finest level, where it would cost most) and one convolution.
+pub(super) fn unet_lite<B: Builder>(builder: &mut B, image: B::Map) -> B::Map {
+    let mut levels = Vec::new();
+    let mut x = image;
+    for (level, &channels) in LEVELS.iter().enumerate() {
+        x = twice(builder, &format!("down{level}"), &x, channels);
+        levels.push(x.clone());
+        x = builder.halve(&x);
+    }
+    x = twice(builder, "bottom", &x, BOTTOM);
+    for (level, &channels) in LEVELS.iter().enumerate().rev() {
+        x = builder.double(&format!("up{level}.double"), &x, channels);
+        if level > 0 {
+            x = builder.join(&x, &levels[level]);
+            x = builder.conv(&format!("up{level}.conv"), &x, Conv::three(channels));
+        }
+    }
+    last(builder, &x)
+}
+
+pub(super) fn twice<B: Builder>(builder: &mut B, name: &str, x: &B::Map, channels: usize) -> B::Map {
+    let x = builder.conv(&format!("{name}.first"), x, Conv::three(channels));
+    builder.conv(&format!("{name}.second"), &x, Conv::three(channels))
+}
+
+/// One channel in [0, 1].
+pub(super) fn last<B: Builder>(builder: &mut B, x: &B::Map) -> B::Map {
+    let x = builder.conv("last", x, Conv { act: Act::None, bias: FIRST_BIAS, ..Conv::three(1) });
+    builder.sigmoid(&x)
+}

@@ -1,0 +1,167 @@
+//! What a map is wrong by, and which way each of its samples should go.
+//!
+//! Losses are plain loops over samples, forward and gradient in one, summed in a fixed order: so equal runs have equal bits
+//! whatever the number of threads, and the training library only has to carry the gradient back.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::networks::Meaning;
+
+/// In what the absolute error is measured.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Loss {
+    /// Inverse depth, as the disparity's share of the image's width: near things count as much as stereo measures them well.
+    #[default]
+    InverseDepth,
+    /// Depth, metres: the paper's; needs the calibration at `learn/samples`.
+    Depth,
+    /// Logarithm of depth: equal ratios count equally.
+    LogDepth,
+}
+
+/// Smallest share taken, of disparity and width: a depth of some kilometres.
+const LEAST_SHARE: f32 = 1e-5;
+/// Smallest depth taken, metres.
+const LEAST_DEPTH_M: f32 = 1e-3;
+
+/// A masked mean absolute error.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct MaskedError {
+    pub loss: Loss,
+    pub meaning: Meaning,
+    /// Depths beyond are as far as this, metres; of [`Loss::Depth`].
+    pub cap_m: f32,
+}
+
+/// A value and its derivative by the map's sample.
+#[derive(Clone, Copy)]
+struct Dual {
+    value: f32,
+    slope: f32,
+}
+
+impl MaskedError {
+    /// The factor that brings the loss to the order of the map's [0, 1].
+    fn unit(&self) -> f32 {
+        match (self.loss, self.meaning) {
+            (Loss::InverseDepth, Meaning::DisparityShare { scale }) => scale,
+            (Loss::Depth, Meaning::Depth { farthest_m }) => farthest_m,
+            (Loss::Depth, Meaning::DisparityShare { .. }) => self.cap_m,
+            (Loss::InverseDepth, Meaning::Depth { .. }) => 0.1,
+            (Loss::LogDepth, _) => 1.0,
+        }
+    }
+
+    /// The sample in the loss's own measure, and its derivative. `k` is depth x share.
+    fn measured(&self, sample: f32, k: f32) -> Dual {
+        let share = |sample: f32| match self.meaning {
+            Meaning::DisparityShare { scale } => Dual { value: (sample * scale).max(LEAST_SHARE), slope: scale },
+            Meaning::Depth { farthest_m } => {
+                let depth = (sample * farthest_m).max(LEAST_DEPTH_M);
+                Dual { value: k / depth, slope: -k / (depth * depth) * farthest_m }
+            }
+        };
+        match (self.loss, self.meaning) {
+            (Loss::InverseDepth, _) => share(sample),
+            (Loss::LogDepth, Meaning::DisparityShare { .. }) => {
+                let Dual { value, slope } = share(sample);
+                Dual { value: value.ln(), slope: slope / value }
+            }
+            (Loss::LogDepth, Meaning::Depth { farthest_m }) => {
+                let depth = (sample * farthest_m).max(LEAST_DEPTH_M);
+                Dual { value: (k / depth).ln(), slope: -farthest_m / depth }
+            }
+            (Loss::Depth, Meaning::Depth { farthest_m }) => Dual { value: sample * farthest_m, slope: farthest_m },
+            (Loss::Depth, Meaning::DisparityShare { .. }) => {
+                let Dual { value, slope } = share(sample);
+                let depth = k / value;
+                if depth > self.cap_m {
+                    // Held at the cap, but not without a way back: what is nearer there still pulls.
+                    return Dual { value: self.cap_m, slope: -k / (value * value) * slope };
+                }
+                Dual { value: depth, slope: -depth / value * slope }
+            }
+        }
+    }
+
+    fn target(&self, share: f32, k: f32) -> f32 {
+        match self.loss {
+            Loss::InverseDepth => share,
+            Loss::LogDepth => share.max(LEAST_SHARE).ln(),
+            Loss::Depth => (k / share.max(LEAST_SHARE)).min(self.cap_m),
+        }
+    }
+
+    /// Sum of absolute errors over the samples that have a target, and their number; `slopes` gets each sample's sign and
+    /// derivative, to be divided by the batch's number.
+    ///
+    /// `shares` is NaN where there is no target; `k` turns a share into depth (`depth = k / share`).
+    pub(super) fn add(&self, map: &[f32], shares: &[f32], k: f32, slopes: &mut [f32]) -> (f64, u64) {
+        let (mut sum, mut count, unit) = (0.0, 0, self.unit());
+        for ((&sample, &share), slope) in map.iter().zip(shares).zip(slopes) {
+            *slope = 0.0;
+            if share.is_nan() {
+                continue;
+            }
+            let measured = self.measured(sample, k);
+            let error = measured.value - self.target(share, k);
+            sum += f64::from(error.abs());
+            count += 1;
+            if error != 0.0 {
+                *slope = error.signum() * measured.slope / unit;
+            }
+        }
+        (sum, count)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Loss, MaskedError};
+    use crate::networks::Meaning;
+
+    fn all() -> impl Iterator<Item = MaskedError> {
+        let meanings = [Meaning::DisparityShare { scale: 0.1 }, Meaning::Depth { farthest_m: 10.0 }];
+        let losses = [Loss::InverseDepth, Loss::Depth, Loss::LogDepth];
+        losses.into_iter().flat_map(move |loss| meanings.map(|meaning| MaskedError { loss, meaning, cap_m: 80.0 }))
+    }
+
+    #[test]
+    fn the_slope_is_the_derivative() {
+        for error in all() {
+            for (sample, share) in [(0.2_f32, 0.05_f32), (0.7, 0.01), (0.4, 0.09)] {
+                let at = |sample: f32| error.add(&[sample], &[share], 0.3, &mut [0.0]).0;
+                let step = 1e-3;
+                let expected = (at(sample + step) - at(sample - step)) / f64::from(2.0 * step);
+                let mut slope = [0.0];
+                error.add(&[sample], &[share], 0.3, &mut slope);
+                let slope = f64::from(slope[0] * error.unit());
+                assert!((slope - expected).abs() < 0.01 * expected.abs().max(1e-3), "{error:?}: {slope} for {expected}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_loss_is_the_error_in_its_own_measure() {
+        let share = MaskedError { loss: Loss::InverseDepth, meaning: Meaning::DisparityShare { scale: 0.1 }, cap_m: 80.0 };
+        let (sum, count) = share.add(&[0.5, 0.1, 0.9], &[0.04, f32::NAN, 0.09], 1.0, &mut [0.0; 3]);
+        assert!((sum - 0.01).abs() < 1e-6 && count == 2, "{sum} {count}");
+        // depth = k / share: 0.4 / 0.05 = 8 m and 0.4 / 0.04 = 10 m; a share of 0.001 is 400 m, capped to 80.
+        let depth = MaskedError { loss: Loss::Depth, ..share };
+        let (sum, _) = depth.add(&[0.5, 0.5], &[0.04, 0.001], 0.4, &mut [0.0; 2]);
+        assert!((sum - 74.0).abs() < 1e-4, "{sum}");
+        let log = MaskedError { loss: Loss::LogDepth, ..share };
+        assert!((log.add(&[0.5], &[0.1], 1.0, &mut [0.0]).0 - std::f64::consts::LN_2).abs() < 1e-6);
+    }
+
+    #[test]
+    fn what_has_no_target_teaches_nothing() {
+        for error in all() {
+            let mut slopes = [1.0; 2];
+            assert_eq!(error.add(&[0.3, 0.4], &[f32::NAN; 2], 1.0, &mut slopes), (0.0, 0));
+            assert_eq!(slopes, [0.0; 2]);
+        }
+    }
+}
