@@ -1,5 +1,6 @@
 //! Self-supervised learning of still-mono networks.
 
+pub mod onnx;
 pub mod samples;
 pub mod networks;
 pub mod ops;

@@ -1,0 +1,9 @@
+//! Networks as ONNX files: writing them, and reading weights out of them and of `.safetensors` files.
+
+pub mod proto;
+
+mod graph;
+mod metadata;
+
+pub use graph::{Batch, GraphBuilder, OPSET, Tensor, Weights};
+pub use metadata::{Meaning, Metadata, names};
