@@ -1,5 +1,6 @@
 //! What the runner offers a node while it works.
 
+use std::path::Path;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::thread::{Builder, scope};
@@ -24,6 +25,8 @@ pub(crate) struct TaskHost<'a> {
     pub(crate) run: usize,
     /// The node that works, if it is one.
     pub(crate) node: Option<usize>,
+    /// Where it may put down checkpoints.
+    pub(crate) checkpoints: Option<&'a Path>,
     /// Processor time of helpers.
     pub(crate) helpers_cpu_ns: AtomicU64,
 }
@@ -87,6 +90,10 @@ impl Host for TaskHost<'_> {
     fn width(&self) -> usize {
         self.crew.width()
     }
+
+    fn checkpoints(&self) -> Option<&Path> {
+        self.checkpoints
+    }
 }
 
 #[cfg(test)]
@@ -100,7 +107,7 @@ mod tests {
     use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 
     fn host<'a>(crew: &'a Crew, interrupt: &'a Interrupt) -> TaskHost<'a> {
-        TaskHost { crew, interrupt, observer: &Unwatched, run: 0, node: None, helpers_cpu_ns: AtomicU64::new(0) }
+        TaskHost { crew, interrupt, observer: &Unwatched, run: 0, node: None, checkpoints: None, helpers_cpu_ns: AtomicU64::new(0) }
     }
 
     #[test]

@@ -172,8 +172,9 @@ impl<T: Tap> OnceWork<'_, T> {
     }
 
     fn host(&self, node: Option<usize>) -> TaskHost<'_> {
-        let Surroundings { crew, interrupt, observer, .. } = self.around;
-        TaskHost { crew, interrupt, observer: *observer, run: self.run, node, helpers_cpu_ns: AtomicU64::new(0) }
+        let Surroundings { crew, interrupt, observer, checkpoints, .. } = *self.around;
+        let (run, helpers_cpu_ns) = (self.run, AtomicU64::new(0));
+        TaskHost { crew, interrupt, observer, run, node, checkpoints, helpers_cpu_ns }
     }
 
     /// The key and the once-values by port, or `None` if the node did not fire.

@@ -1,9 +1,10 @@
 //! How a plan is run, as opposed to what is run.
 
 use std::num::NonZeroUsize;
+use std::path::PathBuf;
 
 /// How a plan is run; results do not depend on any of it, but for which frames are missing after a failure.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Options {
     /// How many threads work at once, those that help with tiles included. The thread that writes is not among them.
     pub workers: usize,
@@ -11,13 +12,15 @@ pub struct Options {
     pub window: Option<usize>,
     /// Whether a failing frame leaves tombstones and the run goes on, instead of ending there.
     pub keep_going: bool,
+    /// Where once-nodes put down checkpoints; see [`Host::checkpoints`](depthloom_graphs::Host::checkpoints).
+    pub checkpoints: Option<PathBuf>,
 }
 
 impl Default for Options {
     /// As many workers as the machine has cores.
     fn default() -> Self {
         let workers = std::thread::available_parallelism().map_or(1, NonZeroUsize::get);
-        Self { workers, window: None, keep_going: false }
+        Self { workers, window: None, keep_going: false, checkpoints: None }
     }
 }
 

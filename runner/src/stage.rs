@@ -1,5 +1,6 @@
 //! The frames of a stage run on the workers.
 
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 
@@ -103,6 +104,7 @@ pub(crate) struct Surroundings<'a, T> {
     pub(crate) interrupt: &'a Interrupt,
     pub(crate) window: usize,
     pub(crate) keep_going: bool,
+    pub(crate) checkpoints: Option<&'a Path>,
 }
 
 impl<'a, T: Tap> Stage<'a, T> {
@@ -239,7 +241,7 @@ impl<'a, T: Tap> Stage<'a, T> {
 
     fn host(&self, node: Option<usize>) -> TaskHost<'a> {
         let (crew, interrupt, observer) = (self.crew, self.interrupt, self.observer);
-        TaskHost { crew, interrupt, observer, run: self.run, node, helpers_cpu_ns: AtomicU64::new(0) }
+        TaskHost { crew, interrupt, observer, run: self.run, node, checkpoints: None, helpers_cpu_ns: AtomicU64::new(0) }
     }
 
     fn read(&self, frame: &InFlight<T::Part>, desk: &mut Desk) -> Settled {

@@ -16,7 +16,7 @@ use depthloom_runner::{Interrupt, Observer, Options, Phase, RunError, Unwatched,
 use support::{Bench, Notebook, Numbers, Toy, node, once, output, planned, source};
 
 fn options(workers: usize) -> Options {
-    Options { workers, window: None, keep_going: false }
+    Options { workers, window: None, keep_going: false, checkpoints: None }
 }
 
 fn frames(lines: &[String]) -> Vec<&str> {

@@ -39,6 +39,7 @@ pub fn run(args: &RunArgs) -> Result<Exit, Stop> {
         workers: args.workers.map_or(default.workers, usize::from),
         window: args.window.map(usize::from),
         keep_going: args.keep_going,
+        checkpoints: Some(folder.out.with_file_name("checkpoints")),
     };
     let interrupt = on_ctrl_c()?;
     let recorder = Recorder::create(folder.file("recording.mcap"), &plan)

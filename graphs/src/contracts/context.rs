@@ -2,6 +2,7 @@
 
 use std::any::{Any, TypeId};
 use std::collections::HashMap;
+use std::path::Path;
 
 /// What the runner offers a node while it works.
 pub trait Host: Sync {
@@ -18,6 +19,12 @@ pub trait Host: Sync {
 
     /// How many tiles could run at once at best.
     fn width(&self) -> usize;
+
+    /// A folder for what long work puts down now and then, named by its own keys, so that a run begun again after a kill takes
+    /// it up there; the work removes it when it is whole. `None`: nothing is kept.
+    fn checkpoints(&self) -> Option<&Path> {
+        None
+    }
 }
 
 /// A host without workers: everything runs on the caller's thread. For tests and one-off calls.

@@ -68,9 +68,9 @@ impl Builder for Layers<'_> {
     fn dense(&mut self, _name: &str, x: &Tensor<4>, outputs: usize, act: Act, _bias: f32) -> Tensor<4> {
         let [batch, channels, height, width] = x.dims();
         let inputs = channels * height * width;
-        let weight = self.next([inputs, outputs]);
+        let weight: Tensor<2> = self.next([outputs, inputs]);
         let bias: Tensor<1> = self.next([outputs]);
-        let out = x.clone().reshape([batch, inputs]).matmul(weight) + bias.unsqueeze();
+        let out = x.clone().reshape([batch, inputs]).matmul(weight.transpose()) + bias.unsqueeze();
         let out = if act == Act::Relu { activation::relu(out) } else { out };
         out.reshape([batch, outputs, 1, 1])
     }

@@ -9,7 +9,7 @@ pub struct Parameter {
     /// `<layer>.weight` or `<layer>.bias`.
     pub name: String,
     /// Its shape: of a convolution outputs x inputs x rows x columns, of a transposed one inputs x outputs x rows x columns,
-    /// of a dense layer inputs x outputs, of a bias its length.
+    /// of a dense layer outputs x inputs, of a bias its length.
     pub shape: Vec<usize>,
     /// Whether it is learned or kept.
     pub frozen: bool,
@@ -122,7 +122,7 @@ impl Builder for Lister {
 
     fn dense(&mut self, name: &str, x: &Shape, outputs: usize, _act: Act, bias: f32) -> Shape {
         let inputs = x.channels * x.size.width * x.size.height;
-        self.layer(name, vec![inputs, outputs], (inputs, outputs), outputs, false, bias);
+        self.layer(name, vec![outputs, inputs], (inputs, outputs), outputs, false, bias);
         Shape { channels: outputs, size: Size { width: 1, height: 1 } }
     }
 

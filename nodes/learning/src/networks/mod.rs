@@ -14,6 +14,8 @@ mod unet_lite;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::onnx;
+
 pub use export::export;
 pub use forward::forward;
 pub use layout::{Layout, Parameter, layout};
@@ -100,18 +102,16 @@ pub enum Meaning {
 }
 
 impl Meaning {
-    /// What the ONNX file's output is: the name that `mono/onnx` takes as its parameter `output`.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
+    /// What the ONNX file's output is.
+    const fn of_file(self) -> onnx::Meaning {
         match self {
-            Self::DisparityShare { .. } => "disparity-share",
-            Self::Depth { .. } => "depth",
+            Self::DisparityShare { .. } => onnx::Meaning::DisparityShare,
+            Self::Depth { .. } => onnx::Meaning::Depth,
         }
     }
 
     /// The factor from the map to that.
-    #[must_use]
-    pub const fn scale(self) -> f32 {
+    const fn scale(self) -> f32 {
         match self {
             Self::DisparityShare { scale } => scale,
             Self::Depth { farthest_m } => farthest_m,

@@ -1,6 +1,7 @@
 //! Networks as ONNX files: writing them, and reading weights out of them and of `.safetensors` files.
 
 pub mod proto;
+pub mod weights;
 
 mod graph;
 mod metadata;

@@ -1,10 +1,14 @@
 //! `learn/ssl`: a network taught by the robot's own stereo.
 
 mod batch;
+mod checkpoint;
 mod loss;
+mod node;
 mod params;
 mod photometric;
 mod train;
+mod weights;
 
 pub use loss::Loss;
+pub use node::Ssl;
 pub use params::{Schedule, SslParams};

@@ -5,7 +5,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::loss::Loss;
-use crate::networks::Network;
+use crate::networks::{Meaning, Network};
 
 /// How the learning rate goes on from its first value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -98,5 +98,12 @@ impl Default for SslParams {
             patience: None,
             checkpoint_every: 100,
         }
+    }
+}
+
+impl SslParams {
+    /// Whether network or loss speak of depth in metres.
+    pub(super) fn needs_depth(&self) -> bool {
+        self.loss == Loss::Depth || matches!(self.network.meaning(), Meaning::Depth { .. })
     }
 }

@@ -2,6 +2,7 @@
 
 use burn::optim::{Adam, AdamConfig, AdamState, AdaptiveMomentumState, Optimizer};
 use burn::tensor::{Device, Tensor, TensorData};
+use depthloom_graphs::values::CurvePoint;
 
 use super::batch::Batch;
 use super::loss::MaskedError;
@@ -22,18 +23,9 @@ pub(super) struct State {
     /// Sum and number of errors since the last point of the curve.
     pub since_point: (f64, u64),
     /// The learning curve so far.
-    pub points: Vec<Point>,
+    pub points: Vec<CurvePoint>,
     /// With validation: the best parameters, their error, and points since.
     pub best: Option<Best>,
-}
-
-/// A point of the learning curve.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Point {
-    pub step: u64,
-    pub loss: f64,
-    pub validation: Option<f64>,
-    pub learning_rate: f64,
 }
 
 /// The best parameters so far.
@@ -91,7 +83,7 @@ impl<'a> Training<'a> {
     }
 
     /// The points of the curve so far.
-    pub(super) fn points(&self) -> &[Point] {
+    pub(super) fn points(&self) -> &[CurvePoint] {
         &self.state.points
     }
 
@@ -149,7 +141,7 @@ impl<'a> Training<'a> {
         let (sum, count) = std::mem::take(&mut self.state.since_point);
         let validation = self.validation.map(|samples| self.error_on(samples));
         let (step, loss) = (self.state.step, sum / count.max(1) as f64);
-        self.state.points.push(Point { step, loss, validation, learning_rate });
+        self.state.points.push(CurvePoint { step, loss, validation, learning_rate });
         if let Some(error) = validation
             && self.state.best.as_ref().is_none_or(|best| error < best.error)
         {

@@ -1,0 +1,103 @@
+//! Pretrained weights brought to a network's parameters.
+
+use std::path::Path;
+
+use depthloom_graphs::{Fault, Key};
+
+use crate::networks::Layout;
+use crate::onnx::weights::{NamedTensor, read_weights};
+
+/// The tensors of a `.safetensors` or ONNX file, and the hash of what is in it.
+pub(super) fn read(path: &Path) -> Result<(Vec<NamedTensor>, Key), Fault> {
+    let bytes = std::fs::read(path).map_err(|error| {
+        Fault::new(format!("failed to read the weights {}", path.display()))
+            .because(error)
+            .remedy("`weights` names a .safetensors or .onnx file")
+    })?;
+    let tensors = read_weights(path).map_err(|error| {
+        Fault::new("failed to read the pretrained weights")
+            .because(error)
+            .remedy("`weights` names a .safetensors or .onnx file with f32 or f16 tensors")
+    })?;
+    Ok((tensors, Key::of_content(&bytes)))
+}
+
+/// Puts what the file has in place of the first values. Frozen parameters must be there; others may.
+pub(super) fn fill(layout: &Layout, file: &[NamedTensor], path: &Path, values: &mut [Vec<f32>]) -> Result<(), Fault> {
+    let path = path.display();
+    let mut found = 0;
+    for (parameter, values) in layout.parameters.iter().zip(values) {
+        let Some(tensor) = file.iter().find(|tensor| tensor.name == parameter.name) else {
+            if parameter.frozen {
+                return Err(Fault::new(format!("{path} has no tensor `{}`, which is not learned but kept", parameter.name))
+                    .remedy(format!("the names are torchvision's; the file has {}", some_names(file))));
+            }
+            continue;
+        };
+        if tensor.dims != parameter.shape {
+            let (name, have, want) = (&parameter.name, &tensor.dims, &parameter.shape);
+            return Err(Fault::new(format!("`{name}` of {path} has the shape {have:?} where {want:?} is wanted"))
+                .remedy("use weights of the same network"));
+        }
+        values.clone_from(&tensor.values);
+        found += 1;
+    }
+    if found == 0 {
+        let wanted = layout.parameters.first().map_or("", |parameter| &parameter.name);
+        return Err(Fault::new(format!("{path} has none of the network's parameters (`{wanted}`, ...)"))
+            .remedy(format!("the file has {}", some_names(file))));
+    }
+    Ok(())
+}
+
+fn some_names(file: &[NamedTensor]) -> String {
+    let names: Vec<&str> = file.iter().take(4).map(|tensor| tensor.name.as_str()).collect();
+    format!("{}{}", names.join(", "), if file.len() > names.len() { ", ..." } else { "" })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::{NamedTensor, fill};
+    use crate::networks::{Network, Size, layout};
+
+    const SIZE: Size = Size { width: 32, height: 32 };
+
+    fn of_vgg(leave_out: &str, wrong: &str) -> Vec<NamedTensor> {
+        let parameters = layout(Network::FcnVgg16, SIZE).parameters;
+        let frozen = parameters.into_iter().filter(|p| p.frozen && p.name != leave_out);
+        frozen
+            .map(|p| {
+                let mut dims = p.shape.clone();
+                if p.name == wrong {
+                    dims.push(1);
+                }
+                NamedTensor { values: vec![0.25; p.len()], name: p.name, dims }
+            })
+            .collect()
+    }
+
+    #[test]
+    fn frozen_parameters_are_taken_from_the_file() {
+        let layout = layout(Network::FcnVgg16, SIZE);
+        let mut values = layout.start(1);
+        fill(&layout, &of_vgg("", ""), Path::new("vgg.onnx"), &mut values).unwrap();
+        for (parameter, values) in layout.parameters.iter().zip(&values) {
+            assert_eq!(parameter.frozen, !values.is_empty() && values.iter().all(|&v| v == 0.25), "{}", parameter.name);
+        }
+        assert_eq!(layout.parameters.iter().filter(|p| p.frozen).count(), 16, "8 convolutions with their biases");
+    }
+
+    #[test]
+    fn what_is_missing_or_of_another_shape_is_named() {
+        let layout = layout(Network::FcnVgg16, SIZE);
+        let told = |file: &[NamedTensor]| {
+            let fault = fill(&layout, file, Path::new("vgg.onnx"), &mut layout.start(1)).unwrap_err();
+            format!("{} ({})", fault.chain(), fault.remedy_text().unwrap_or_default())
+        };
+        assert!(told(&of_vgg("features.7.bias", "")).contains("`features.7.bias`"));
+        assert!(told(&of_vgg("", "features.5.weight")).contains("[128, 128, 3, 3, 1]") || told(&of_vgg("", "features.5.weight")).contains("[128, 64, 3, 3, 1]"));
+        assert!(told(&[]).contains("features.0.weight"));
+    }
+}
