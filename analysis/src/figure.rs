@@ -17,12 +17,12 @@ use crate::distance::DistanceBin;
 use crate::estimators::Estimator;
 
 /// Width and height of a panel, of one that stands alone, and the height of a histogram with its own row; pixels.
-const PANEL_PX: (f64, f64) = (440.0, 290.0);
-const LONE_PANEL_PX: (f64, f64) = (640.0, 400.0);
+pub(crate) const PANEL_PX: (f64, f64) = (440.0, 290.0);
+pub(crate) const LONE_PANEL_PX: (f64, f64) = (640.0, 400.0);
 const HISTOGRAM_HEIGHT_PX: f64 = 190.0;
 /// Stereo's colour, mono's, and those of all others in the order they come.
-const BLUE: &str = "#1f5fb4";
-const RED: &str = "#d1332e";
+pub(crate) const BLUE: &str = "#1f5fb4";
+pub(crate) const RED: &str = "#d1332e";
 const OTHERS: [&str; 6] = ["#2b9348", "#8e44ad", "#e08a00", "#0f8b8d", "#7f5539", "#5c677d"];
 /// How opaque the bands from 5 to 95 % and from 25 to 75 % are.
 const WIDE_OPACITY: f64 = 0.14;
@@ -91,7 +91,7 @@ pub(crate) fn render(figure: &Figure<'_>) -> String {
 }
 
 /// Numbers clip paths from 0 in the order they come: kuva goes on counting from one figure of a process to the next.
-fn renumbered(svg: &str) -> String {
+pub(crate) fn renumbered(svg: &str) -> String {
     const MARK: &str = "kuva-clip-";
     let mut pieces = svg.split(MARK);
     let mut text = pieces.next().unwrap_or_default().to_owned();
@@ -207,11 +207,13 @@ fn middles(stretch: &[&DistanceBin]) -> Vec<f64> {
 
 /// What all panels have in common.
 fn layout(far_m: f64) -> Layout {
-    Layout::new((0.0, far_m), (0.0, 1.0))
+    styled(Layout::new((0.0, far_m), (0.0, 1.0))).with_x_axis_min(0.0).with_x_axis_max(far_m).with_x_tick_step(10.0)
+}
+
+/// The look of every panel of every figure.
+pub(crate) fn styled(layout: Layout) -> Layout {
+    layout
         .with_theme(Theme { grid_color: "#e8e8e8".into(), legend_border: "none".into(), ..Theme::light() })
-        .with_x_axis_min(0.0)
-        .with_x_axis_max(far_m)
-        .with_x_tick_step(10.0)
         .with_title_size(14)
         .with_label_size(12)
         .with_tick_size(10)

@@ -5,6 +5,7 @@ use std::path::Path;
 use depthloom_recording::Recording;
 use serde_json::{Map, Value as Json, json};
 
+use crate::curves::{LearningCurve, learning_curves, table_of_points};
 use crate::distance::table_of_bins;
 use crate::error::AnalysisError;
 use crate::estimators::estimators;
@@ -32,12 +33,14 @@ pub struct ReportOptions {
 pub struct Summary {
     /// The table for a terminal; what is missing, and why, under it.
     pub text: String,
-    /// The same for programs: `frames`, `table` (a row an estimator and pixel set), `notes`.
+    /// The same for programs: `table` (a row an estimator and pixel set), `learning_curves` (where each ended), `notes`.
     pub json: Json,
+    /// How many learning curves there are.
+    pub learning_curves: usize,
 }
 
 /// Analyses a recording and writes into `folder`: `scores.csv`, `table.{csv,md,tex,parquet}`,
-/// `error_vs_distance.{csv,parquet,svg}`, `true_distances.csv`.
+/// `error_vs_distance.{csv,parquet,svg}`, `true_distances.csv`; if something learned, also `learning_curves.{csv,parquet,svg}`.
 ///
 /// Every file is written under another name first and renamed when whole. Equal recordings give equal files.
 ///
@@ -46,9 +49,13 @@ pub struct Summary {
 pub fn report(recording: &Recording, folder: &Path, options: &ReportOptions) -> Result<Summary, AnalysisError> {
     let plan = recording.plan();
     let estimators = estimators(plan)?;
+    let curves = learning_curves(recording)?;
+    write_curves(&curves, folder)?;
+    let ends: Vec<Json> = curves.iter().map(LearningCurve::end).collect();
     if estimators.is_empty() {
         let text = "nothing was scored: no stage has a `score:`\n".to_owned();
-        return Ok(Summary { json: json!({ "table": [], "notes": [text.trim_end()] }), text });
+        let json = json!({ "table": [], "learning_curves": ends, "notes": [text.trim_end()] });
+        return Ok(Summary { text, json, learning_curves: curves.len() });
     }
     // The rows go before the samples come: what grows with the number of frames is never held beside them.
     let table = {
@@ -89,7 +96,24 @@ pub fn report(recording: &Recording, folder: &Path, options: &ReportOptions) -> 
     for note in &notes {
         text.push_str(&format!("note: {note}\n"));
     }
-    Ok(Summary { text, json: json!({ "experiment": plan.experiment, "table": rows(&table), "notes": notes }) })
+    let json = json!({
+        "experiment": plan.experiment,
+        "table": rows(&table),
+        "learning_curves": ends,
+        "notes": notes,
+    });
+    Ok(Summary { text, json, learning_curves: curves.len() })
+}
+
+/// Writes the points of the learning curves and their figure, if there are any.
+fn write_curves(curves: &[LearningCurve], folder: &Path) -> Result<(), AnalysisError> {
+    if curves.is_empty() {
+        return Ok(());
+    }
+    let mut points = table_of_points(curves)?;
+    files::write_csv(folder, "learning_curves.csv", &mut points)?;
+    files::write_parquet(folder, "learning_curves.parquet", &mut points)?;
+    files::write(folder, "learning_curves.svg", crate::curves::render(curves).as_bytes())
 }
 
 /// `2nd`, `3rd`, `11th`.

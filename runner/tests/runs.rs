@@ -7,10 +7,10 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, Weak};
 
 use depthloom_graphs::contracts::{Commit, Contract, Failure, Slot, Tap, TapError};
-use depthloom_graphs::values::{Mask, Raster};
+use depthloom_graphs::values::{Curve, CurvePoint, Mask, Raster};
 use depthloom_graphs::{
     Context, Fault, Frame, Inputs, Instance, Key, OnceNode, Outputs, Port, PureNode, Source, SourceOutputs, Value,
-    ValueType,
+    ValueType, value_keys,
 };
 use depthloom_runner::{Interrupt, Observer, Options, Phase, RunError, Unwatched, run};
 use support::{Bench, Notebook, Numbers, Toy, node, once, output, planned, source};
@@ -149,6 +149,54 @@ fn once_values_reach_later_stages_and_nodes_of_their_own_stage() {
     );
     assert_eq!((events[0].as_str(), events[1].as_str()), ("started 0 7", "retired 0 f1 0"));
     assert_eq!(events.last().map(String::as_str), Some("finished 1"));
+}
+
+/// Tells how it learned: a point for every frame there was.
+struct Teacher;
+
+impl OnceNode for Teacher {
+    fn run(&self, _: &Inputs<'_>, _: &mut Context<'_>) -> Result<Outputs, Fault> {
+        let point = |step| CurvePoint { step, loss: 0.5, validation: None, learning_rate: 1e-3 };
+        let curve = Curve { points: (0..3).map(point).collect() };
+        Ok(Outputs::one("model", support::artifact(7)).with("curve", curve))
+    }
+}
+
+/// Counts the points of a curve.
+struct Pupil;
+
+impl OnceNode for Pupil {
+    fn run(&self, inputs: &Inputs<'_>, _: &mut Context<'_>) -> Result<Outputs, Fault> {
+        Ok(Outputs::one("model", support::artifact(inputs.get::<Curve>("curve")?.points.len() as u64)))
+    }
+}
+
+#[test]
+fn a_learning_curve_is_a_once_value_beside_the_model() {
+    let curve = || Port::once("curve", ValueType::Curve, "how it learned");
+    let mut bench = Bench::new(&[""]);
+    bench.stage("learn", Numbers::new(2));
+    let mut teacher = planned("teacher", Contract::Once, [None, None, None]);
+    teacher.inputs.clear();
+    teacher.outputs.push(output(curve()));
+    bench.node(teacher, Instance::Once(Box::new(Teacher)));
+    let mut pupil = planned("pupil", Contract::Once, [once(0, 0, 1), None, None]);
+    pupil.inputs.truncate(1);
+    pupil.inputs[0].port = curve();
+    bench.node(pupil.clone(), Instance::Once(Box::new(Pupil)));
+    let notebook = Notebook::with_parts(1);
+    run(bench.ready(), &notebook, &options(2), &Unwatched, &Interrupt::default()).unwrap();
+    let lines = notebook.lines();
+    let key = value_keys::once(&Key::of_content(b"teacher"), &[]);
+    assert!(lines[2].starts_with(&format!("0 Node {{ node: 0, port: 0 }} {key} 7")), "{}", lines[2]);
+    assert!(
+        lines[3].starts_with(&format!("0 Node {{ node: 0, port: 1 }} {key} Curve(Curve {{ points: [")),
+        "{}",
+        lines[3]
+    );
+    // No artefact, so it enters keys by its port.
+    let key = value_keys::once(&pupil.recipe, &[Some(value_keys::port(&key, "curve"))]);
+    assert_eq!(lines[4..], [format!("0 Node {{ node: 1, port: 0 }} {key} 3")]);
 }
 
 #[test]

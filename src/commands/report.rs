@@ -41,7 +41,9 @@ pub fn summary(report: &Summary, folder: &Path) -> String {
         ("this table", "table.{csv,md,tex,parquet}"),
         ("error against distance", "error_vs_distance.{csv,parquet,svg}"),
     ];
-    let list: String = files.iter().map(|(what, file)| format!("  {what:24}{file}\n")).collect();
+    let curves = [("learning curves", "learning_curves.{csv,parquet,svg}")];
+    let files = files.iter().chain(curves.iter().filter(|_| report.learning_curves > 0));
+    let list: String = files.map(|(what, file)| format!("  {what:24}{file}\n")).collect();
     format!("{}\nin {}:\n{list}", report.text, folder.display())
 }
 

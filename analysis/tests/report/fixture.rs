@@ -5,7 +5,7 @@ use std::path::Path;
 
 use depthloom_graphs::contracts::{Commit, Contract, Failure, Slot, Tap};
 use depthloom_graphs::plan::{Estimate, Plan, PlannedNode, PlannedOutput, PlannedSource, Record, SourcePart, StageRun};
-use depthloom_graphs::values::{Depth, Raster};
+use depthloom_graphs::values::{Curve, CurvePoint, Depth, Raster};
 use depthloom_graphs::{Frame, Key, Port, Value, ValueType};
 use depthloom_recording::Recorder;
 use depthloom_scores::{PixelSet, ScoreRow, Settings, score};
@@ -87,6 +87,30 @@ pub fn plan(every: u64, keep_b: bool) -> Plan {
     }
 }
 
+/// The plan with a node after the others that learns, and keeps its curve.
+pub fn plan_that_learns() -> Plan {
+    let mut plan = plan(1, true);
+    let mut node = plan.runs[0].nodes[0].clone();
+    node.name = "teacher".to_owned();
+    node.contract = Contract::Once;
+    node.outputs[0].port = Port::once("curve", ValueType::Curve, "How it learned.");
+    node.outputs[0].topic = "/compare/teacher/curve".to_owned();
+    node.recipe = Key::of_content(b"teacher");
+    plan.runs[0].nodes.push(node);
+    plan
+}
+
+/// The curve of `teacher`.
+pub fn curve() -> Curve {
+    let point = |step: u64| CurvePoint {
+        step: 50 * step,
+        loss: 2.0 / (step + 1) as f64,
+        validation: step.is_multiple_of(4).then(|| 2.5 / (step + 1) as f64 + 0.1),
+        learning_rate: 1e-3 * 0.99_f64.powi(step as i32),
+    };
+    Curve { points: (0..40).map(point).collect() }
+}
+
 /// A frame's truth and the three estimates.
 pub fn maps(index: u64) -> [Vec<f32>; 4] {
     let mut state = index + 1;
@@ -126,6 +150,9 @@ pub fn record(path: &Path, plan: &Plan) {
     let recorder = Recorder::create(path, plan).unwrap();
     for index in 0..FRAMES {
         record_frame(&recorder, index);
+    }
+    for (node, _) in plan.runs[0].nodes.iter().enumerate().filter(|(_, node)| node.contract == Contract::Once) {
+        recorder.once(0, Slot::Node { node, port: 0 }, &Key::of_content(b"teacher"), &curve().into()).unwrap();
     }
     recorder.finish(&[]).unwrap();
 }

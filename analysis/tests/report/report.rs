@@ -149,6 +149,45 @@ fn equal_recordings_give_equal_files_and_nothing_half_written() {
 }
 
 #[test]
+fn learning_curves_are_those_that_were_recorded() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("recording.mcap");
+    let mut plan = fixture::plan_that_learns();
+    fixture::record(&path, &plan);
+    let out = folder.path().join("report");
+    fs::create_dir(&out).unwrap();
+    let summary = report(&Recording::open(&path).unwrap(), &out, &ReportOptions::default()).unwrap();
+    assert_eq!(summary.learning_curves, 1);
+    let end = &summary.json["learning_curves"][0];
+    assert_eq!((&end["curve"], &end["points"], &end["step"]), (&"compare/teacher".into(), &40.into(), &1950.into()));
+    assert_eq!((&end["loss"], &end["validation"]), (&0.05.into(), &(2.5 / 37.0 + 0.1).into()));
+    let written = lines(&out.join("learning_curves.csv"));
+    assert_eq!(written[0].join(","), "curve,step,loss,validation,learning_rate");
+    let points = fixture::curve().points;
+    assert_eq!(written.len() - 1, points.len());
+    for (cells, point) in written[1..].iter().zip(&points) {
+        assert_eq!(cells[..2], ["compare/teacher".to_owned(), point.step.to_string()]);
+        assert_eq!((number(&cells[2]), number(&cells[4])), (point.loss, point.learning_rate));
+        match point.validation {
+            Some(validation) => assert_eq!(number(&cells[3]), validation),
+            None => assert_eq!(cells[3], "", "not measured"),
+        }
+    }
+    let svg = fs::read_to_string(out.join("learning_curves.svg")).unwrap();
+    assert!(svg.starts_with("<svg") && svg.contains("compare/teacher") && svg.contains("validation"));
+    assert!(out.join("learning_curves.parquet").exists());
+
+    // Where nothing is scored, what was learned is told all the same.
+    plan.runs[0].estimates.clear();
+    fixture::record(&path, &plan);
+    let out = folder.path().join("without scores");
+    fs::create_dir(&out).unwrap();
+    let summary = report(&Recording::open(&path).unwrap(), &out, &ReportOptions::default()).unwrap();
+    assert_eq!(summary.json["learning_curves"].as_array().map(Vec::len), Some(1));
+    assert_eq!(lines(&out.join("learning_curves.csv")), written);
+}
+
+#[test]
 fn maps_that_were_not_recorded_are_said() {
     let folder = tempfile::tempdir().unwrap();
     let summary = report_of(folder.path(), 1, false, ReportOptions::default());

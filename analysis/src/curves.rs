@@ -1,0 +1,72 @@
+//! Learning curves: how the losses of trained networks fell, as they were recorded.
+
+mod figure;
+
+use depthloom_graphs::Value;
+use depthloom_graphs::values::{Curve, CurvePoint};
+use depthloom_recording::Recording;
+use polars::frame::DataFrame;
+use polars::prelude::{Column, NamedFrom, Series};
+use serde_json::{Value as Json, json};
+
+pub(crate) use self::figure::render;
+use crate::error::AnalysisError;
+
+/// A learning curve and what it is called.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct LearningCurve {
+    /// Its topic without what all curves share: `learn/teacher`, or `learn/variant/teacher`.
+    pub(crate) label: String,
+    pub(crate) curve: Curve,
+}
+
+/// All learning curves of a recording, in the order they were recorded.
+pub(crate) fn learning_curves(recording: &Recording) -> Result<Vec<LearningCurve>, AnalysisError> {
+    let mut curves = Vec::new();
+    for once in recording.once_values() {
+        let node = recording.plan().runs[once.run].nodes.get(once.node);
+        let Some(output) = node.and_then(|node| node.outputs.get(once.port)) else { continue };
+        if once.value_type != "curve" {
+            continue;
+        }
+        if let Value::Curve(curve) = recording.once_value(once)? {
+            let topic = output.topic.trim_start_matches('/');
+            let label = topic.strip_suffix("/curve").unwrap_or(topic).to_owned();
+            curves.push(LearningCurve { label, curve: curve.as_ref().clone() });
+        }
+    }
+    Ok(curves)
+}
+
+/// The table `learning_curves.csv` holds: `curve, step, loss, validation, learning_rate`; a validation that was not measured is
+/// null.
+pub(crate) fn table_of_points(curves: &[LearningCurve]) -> Result<DataFrame, AnalysisError> {
+    let points = || curves.iter().flat_map(|of| of.curve.points.iter().map(|point| (of.label.as_str(), point)));
+    let numbers = |name: &str, of: fn(&CurvePoint) -> f64| {
+        Column::from(Series::new(name.into(), points().map(|(_, point)| of(point)).collect::<Vec<f64>>()))
+    };
+    let validation: Vec<Option<f64>> = points().map(|(_, point)| point.validation).collect();
+    let columns = vec![
+        Column::from(Series::new("curve".into(), points().map(|(label, _)| label).collect::<Vec<&str>>())),
+        Column::from(Series::new("step".into(), points().map(|(_, point)| point.step).collect::<Vec<u64>>())),
+        numbers("loss", |point| point.loss),
+        Column::from(Series::new("validation".into(), validation)),
+        numbers("learning_rate", |point| point.learning_rate),
+    ];
+    DataFrame::new(points().count(), columns).map_err(AnalysisError::compute("the learning curves"))
+}
+
+impl LearningCurve {
+    /// Where it ended, for programs: last step, loss, and the last validation that was measured.
+    pub(crate) fn end(&self) -> Json {
+        let points = &self.curve.points;
+        let last = points.last();
+        json!({
+            "curve": self.label,
+            "points": points.len(),
+            "step": last.map(|point| point.step),
+            "loss": last.map(|point| point.loss),
+            "validation": points.iter().rev().find_map(|point| point.validation),
+        })
+    }
+}
