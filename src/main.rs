@@ -6,6 +6,7 @@ mod diagnostics;
 mod environment;
 mod exit;
 mod progress;
+mod registry;
 mod run_folder;
 
 use std::process::ExitCode;

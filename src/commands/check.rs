@@ -27,7 +27,7 @@ pub fn check(args: &ExperimentArgs) -> Result<Exit, Stop> {
 /// Loads an experiment, printing every diagnostic (warnings not when `quiet`); `None` if there was an error.
 pub fn load(args: &ExperimentArgs, quiet: bool) -> Result<Option<Plan>, Stop> {
     let options = depthloom_graphs::language::Options { set: args.set.clone(), ..Default::default() };
-    match depthloom_graphs::language::load(&args.experiment, &depthloom_nodes::registry(), &options) {
+    match depthloom_graphs::language::load(&args.experiment, &crate::registry::registry(), &options) {
         Ok(loaded) => {
             if !quiet {
                 diagnostics::print(&loaded.warnings);

@@ -6,7 +6,7 @@ use crate::exit::{Exit, Stop};
 
 /// Lists all kinds, or explains one.
 pub fn nodes(args: &NodesArgs) -> Result<Exit, Stop> {
-    let registry = depthloom_nodes::registry();
+    let registry = crate::registry::registry();
     let Some(kind) = &args.kind else {
         let sources = registry.sources().map(|s| (s.declaration.kind, "source", s.declaration.summary));
         let nodes =
@@ -32,6 +32,6 @@ pub fn nodes(args: &NodesArgs) -> Result<Exit, Stop> {
 
 /// Prints the JSON Schema of experiment files.
 pub fn schema() -> Result<Exit, Stop> {
-    print_json(&depthloom_graphs::language::schema(&depthloom_nodes::registry()))?;
+    print_json(&depthloom_graphs::language::schema(&crate::registry::registry()))?;
     Ok(Exit::Whole)
 }

@@ -26,7 +26,7 @@ pub fn run(args: &RunArgs) -> Result<Exit, Stop> {
     let Some(plan) = load(&args.experiment, silent)? else { return Ok(Exit::Before) };
     let out =
         args.out.clone().unwrap_or_else(|| Path::new("runs").join(&plan.experiment).join(environment::utc_stamp()));
-    let ready = match Ready::new(plan, &depthloom_nodes::registry()) {
+    let ready = match Ready::new(plan, &crate::registry::registry()) {
         Ok(ready) => ready,
         Err(missing) => return Ok(print_missing(&missing)),
     };

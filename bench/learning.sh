@@ -1,0 +1,22 @@
+#!/usr/bin/env bash
+# A training step of `unet-lite` (8 images of 320x96, forward, backward, Adam): ours beside TensorFlow on the CPU, in turn, in one run.
+#
+#   bench/learning.sh [--rounds N] [--steps N]
+#
+# Prints medians in milliseconds and `ratio step-1t VALUE`, `ratio step-2t VALUE`: theirs / ours, with one thread and two. Needs python3
+# and a package index.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+target="${CARGO_TARGET_DIR:-$PWD/target}"
+venv="$target/venv-tensorflow"
+if [ ! -e "$venv/ready" ]; then
+    rm -rf "$venv"
+    python3 -m venv "$venv"
+    "$venv/bin/pip" install --quiet tensorflow-cpu numpy
+    touch "$venv/ready"
+fi
+# With the whole program's features, so that no dependency is compiled twice.
+cargo build --release --quiet -p depthloom -p depthloom-learning --example steps
+for threads in 1 2; do
+    "$venv/bin/python" bench/learning.py --ours "$target/release/examples/steps" --threads "$threads" "$@"
+done
