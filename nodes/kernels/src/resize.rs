@@ -1,10 +1,12 @@
 //! Resizing: by area for the image a network sees, bilinear for the map it answers.
 
 mod area;
+mod area_f32;
 mod bilinear;
 mod enlarge;
 
 pub use area::area_rgb8;
+pub use area_f32::shrink_f32;
 pub use bilinear::bilinear_f32;
 
 /// How many input pixels make an output pixel along one axis, rounded as OpenCV rounds it.

@@ -91,7 +91,7 @@ impl Pass for WholeCells<'_> {
 }
 
 /// What the output pixels take along one axis.
-struct Axis {
+pub(super) struct Axis {
     /// Of each output pixel, the first input pixel it takes and how many.
     spans: Vec<(usize, usize)>,
     /// The shares of these input pixels, one output pixel after the other.
@@ -100,7 +100,7 @@ struct Axis {
 
 impl Axis {
     /// With OpenCV's rounding and its tolerance of 1e-3 for slivers.
-    fn new(input: usize, output: usize, scale: f64) -> Self {
+    pub(super) fn new(input: usize, output: usize, scale: f64) -> Self {
         let (mut spans, mut shares) = (Vec::with_capacity(output), Vec::with_capacity(2 * input));
         for index in 0..output {
             let begin = index as f64 * scale;
@@ -124,7 +124,7 @@ impl Axis {
 
     /// First input pixel and shares of each output pixel.
     #[inline(always)]
-    fn cells(&self) -> impl Iterator<Item = (usize, &[f32])> {
+    pub(super) fn cells(&self) -> impl Iterator<Item = (usize, &[f32])> {
         let mut rest = &self.shares[..];
         self.spans.iter().map(move |&(first, count)| {
             let (shares, others) = rest.split_at(count);

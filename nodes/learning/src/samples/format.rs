@@ -30,7 +30,7 @@ const FLAG_RIGHT: u32 = 1;
 /// The largest side of an image, px: more is a damaged file.
 const LARGEST_SIDE: u32 = 1 << 14;
 /// Bytes before the first sample.
-pub(super) const HEADER_LEN: usize = 32;
+const HEADER_LEN: usize = 32;
 
 /// Why bytes are no samples.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -90,7 +90,7 @@ impl Form {
     }
 
     /// Bytes of a sample besides its id.
-    pub(super) const fn sample_len(self) -> usize {
+    const fn sample_len(self) -> usize {
         4 + 8 + self.pixels() * (3 + if self.has_right { 3 } else { 0 } + 2)
     }
 

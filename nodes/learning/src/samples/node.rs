@@ -1,0 +1,209 @@
+//! `learn/samples`: images and confident disparities, collected at a network's size.
+
+use depthloom_graphs::contracts::{Contract, NodeDeclaration};
+use depthloom_graphs::values::{Artifact, Calibration, Disparity, Image, Mask, Pixels};
+use depthloom_graphs::{Context, Fault, Frame, Inputs, Instance, Node, OrderedNode, Outputs, Port, Value, ValueType};
+use depthloom_kernels::resize::area_rgb8;
+use half::f16;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::format::Form;
+use super::set::{MEDIA_TYPE, Sample};
+use super::spool::Spool;
+use super::target::{Maps, Rule};
+
+/// Parameters of `learn/samples`.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct SamplesParams {
+    /// Columns and rows of the network's image, px.
+    #[schemars(inner(range(min = 1, max = 4096)))]
+    pub size: [u32; 2],
+    /// Disparities above this are targets, px.
+    #[schemars(range(min = 0, max = 2048))]
+    pub least_disparity: f64,
+    /// Cells of the small image of which targets cover less than this share are left out.
+    #[schemars(range(min = 0, max = 1))]
+    pub coverage: f64,
+    /// Samples beyond this are kept in a temporary file until the last frame, MB (2^20 bytes); the result is the same.
+    #[schemars(range(min = 0, max = 1_048_576))]
+    pub memory_mb: u32,
+}
+
+impl Default for SamplesParams {
+    fn default() -> Self {
+        Self { size: [320, 96], least_disparity: 0.5, coverage: 0.2, memory_mb: 256 }
+    }
+}
+
+/// The kind `learn/samples`.
+pub struct CollectSamples {
+    size: [u32; 2],
+    rule: Rule,
+    maps: Maps,
+    spool: Spool,
+    count: u64,
+    /// Whether samples have a right image: settled by the first.
+    has_right: Option<bool>,
+}
+
+impl Node for CollectSamples {
+    type Params = SamplesParams;
+
+    fn declaration() -> NodeDeclaration {
+        NodeDeclaration {
+            kind: "learn/samples",
+            version: 1,
+            contract: Contract::Ordered,
+            summary: "Collects images and confident disparities at a network's size, to learn from.",
+            doc: "\
+The image is resized by area to `size` and rounded to 8 bits, as `mono/onnx` does it; grey is repeated in all three channels. The target of a pixel of the \
+small image is the mean, over its cell, of the disparities that the mask confirms and that are above `least_disparity`, divided by the image's width: \
+area resize of value and of mask, one over the other. Cells covered less than `coverage` have no target. Targets are kept as IEEE half, with `f * B / width` beside \
+them (from `calibration`), by which a share becomes metres.\n\n\
+No truth enters. A frame without any target teaches nothing and is left out; what learns from the samples says if none are left. The bytes of the samples depend on \
+the frames and on `size`, `least_disparity` and `coverage` alone.",
+            inputs: vec![
+                Port::frame("image", ValueType::Image, "The left image, grey or RGB, no smaller than `size`."),
+                Port::frame("target", ValueType::Disparity, "Disparity of the image's pixels, 1/16 px."),
+                Port::frame("mask", ValueType::Mask, "Where the disparity is confident enough to learn from."),
+                Port::frame("calibration", ValueType::Calibration, "Focal length and baseline, for losses in metres.")
+                    .optional(),
+                Port::frame("right", ValueType::Image, "The right image, for photometric losses.").optional(),
+            ],
+            outputs: vec![Port::once("samples", ValueType::Samples, "All samples, in the order of the frames.")],
+        }
+    }
+
+    fn check(params: &SamplesParams) -> Result<(), (&'static str, String)> {
+        if params.size.iter().any(|side| !(1..=4096).contains(side)) {
+            return Err(("size", format!("size is {:?}, whose sides are not in 1..=4096", params.size)));
+        }
+        if !(0.0..=2048.0).contains(&params.least_disparity) {
+            let given = params.least_disparity;
+            return Err(("least_disparity", format!("least_disparity is {given} px, which is not in 0..=2048")));
+        }
+        if !(0.0..=1.0).contains(&params.coverage) {
+            return Err(("coverage", format!("coverage is {}, which is not in 0..=1", params.coverage)));
+        }
+        Ok(())
+    }
+
+    fn build(params: SamplesParams) -> Result<Instance, Fault> {
+        Ok(Instance::Ordered(Box::new(Self::new(&params))))
+    }
+}
+
+impl CollectSamples {
+    fn new(params: &SamplesParams) -> Self {
+        let bound = (params.memory_mb as usize).saturating_mul(1 << 20);
+        let rule = Rule { least_disparity_px: params.least_disparity, coverage: params.coverage };
+        let (maps, spool) = (Maps::default(), Spool::new(bound));
+        Self { size: params.size, rule, maps, spool, count: 0, has_right: None }
+    }
+
+    const fn form(&self) -> Form {
+        let has_right = matches!(self.has_right, Some(true));
+        Form { width: self.size[0], height: self.size[1], has_right }
+    }
+
+    /// An image at the network's size, as planes.
+    fn small(&self, port: &str, image: &Image) -> Result<Vec<u8>, Fault> {
+        let (width, height) = image.dimensions();
+        let [columns, rows] = self.size;
+        if width < columns || height < rows {
+            return Err(Fault::new(format!(
+                "`{port}` is {width}x{height}, smaller than the network's image of {columns}x{rows}"
+            ))
+            .remedy("lower `size` (and the network's): learning from enlarged images is not offered"));
+        }
+        let repeated: Vec<u8>;
+        let interleaved = match image.pixels() {
+            Pixels::Rgb(rgb) => rgb.as_raw(),
+            Pixels::Grey(grey) => {
+                repeated = grey.iter().flat_map(|&value| [value; 3]).collect();
+                &repeated
+            }
+        };
+        let mut small = vec![0; 3 * columns as usize * rows as usize];
+        let to = (columns as usize, rows as usize);
+        area_rgb8(interleaved, width as usize, height as usize, to.0, to.1, &mut small);
+        Ok((0..3).flat_map(|channel| small.iter().skip(channel).step_by(3)).copied().collect())
+    }
+
+    /// The frame as a sample; `None` if it has no target.
+    fn sample(&mut self, frame: &Frame, inputs: &Inputs<'_>) -> Result<Option<Sample>, Fault> {
+        let image = inputs.get::<Image>("image")?;
+        let (disparity, mask) = (inputs.get::<Disparity>("target")?, inputs.get::<Mask>("mask")?);
+        let right = inputs.optional::<Image>("right")?;
+        same_size(image, "target", disparity.sixteenths_px.dimensions())?;
+        same_size(image, "mask", mask.set.dimensions())?;
+        if let Some(right) = right {
+            same_size(image, "right", right.dimensions())?;
+        }
+        let small = self.small("image", image)?;
+        let depth_scale = match inputs.optional::<Calibration>("calibration")? {
+            Some(calibration) => Some(depth_scale(calibration, image.dimensions().0)?),
+            None => None,
+        };
+        if *self.has_right.get_or_insert(right.is_some()) != right.is_some() {
+            return Err(Fault::new("some frames have a right image and others have none")
+                .remedy("leave `right` unwired, or take only frames that have it"));
+        }
+        let (columns, rows) = (self.size[0] as usize, self.size[1] as usize);
+        let share = self.maps.target(disparity, mask, self.rule, columns, rows);
+        if share.iter().all(|share: &f16| share.is_nan()) {
+            return Ok(None);
+        }
+        let right = right.map(|right| self.small("right", right)).transpose()?;
+        Ok(Some(Sample { id: frame.id.to_string(), image: small, right, share, depth_scale }))
+    }
+
+    fn bytes(&mut self) -> std::io::Result<std::sync::Arc<[u8]>> {
+        let header = self.form().header(self.count);
+        self.spool.bytes(&header)
+    }
+}
+
+impl OrderedNode for CollectSamples {
+    fn process(&mut self, frame: &Frame, inputs: &Inputs<'_>, _ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        if let Some(sample) = self.sample(frame, inputs)? {
+            let form = self.form();
+            self.spool.append(|out| form.append(&sample, out)).map_err(unwritten)?;
+            self.count += 1;
+        }
+        Ok(Outputs::none())
+    }
+
+    fn finish(mut self: Box<Self>, _ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        let samples = Artifact::new(MEDIA_TYPE, self.bytes().map_err(unwritten)?);
+        Ok(Outputs::one("samples", Value::Samples(samples.into())))
+    }
+}
+
+fn unwritten(error: std::io::Error) -> Fault {
+    Fault::new(format!("failed to keep samples in a temporary file in {}", std::env::temp_dir().display()))
+        .because(error)
+        .remedy("free some disk there, name another folder by TMPDIR, or raise `memory_mb`")
+}
+
+/// That a map lies over the image.
+fn same_size(image: &Image, port: &str, (width, height): (u32, u32)) -> Result<(), Fault> {
+    let (columns, rows) = image.dimensions();
+    if (columns, rows) == (width, height) {
+        return Ok(());
+    }
+    Err(Fault::new(format!("`image` is {columns}x{rows} and `{port}` is {width}x{height}: they must be of one size")))
+}
+
+/// `f * B / width`, metres: with a share `s`, depth is this over `s`.
+fn depth_scale(calibration: &Calibration, width: u32) -> Result<f64, Fault> {
+    let scale = calibration.focal_baseline_px_m() / f64::from(width);
+    if scale > 0.0 && scale.is_finite() {
+        return Ok(scale);
+    }
+    let Calibration { focal_px, baseline_m, .. } = calibration;
+    Err(Fault::new(format!("`calibration` has a focal length of {focal_px} px and a baseline of {baseline_m} m"))
+        .remedy("both must be above 0; leave `calibration` unwired to learn without metres"))
+}
