@@ -16,5 +16,5 @@ use depthloom_graphs::Registry;
 /// Adds the kinds of this crate, one line each.
 #[must_use]
 pub fn register(registry: Registry) -> Registry {
-    registry.node::<ssl::Ssl>()
+    registry.node::<samples::CollectSamples>().node::<ssl::Ssl>()
 }
