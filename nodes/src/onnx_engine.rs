@@ -151,17 +151,18 @@ impl Engine {
 
     fn builder(&self, environment: &Environment, provider: Provider, threads: usize) -> Result<SessionBuilder, Fault> {
         let options = || -> ort::Result<SessionBuilder> {
-            // Threads that wait by spinning would take the cores from the runner's workers.
+            // Threads of a session wait for work by spinning, which is worth it within a run; between runs the cores are the runner's workers'.
             Ok(Session::builder(environment)?
                 .with_optimization_level(GraphOptimizationLevel::All)?
                 .with_intra_threads(threads)?
                 .with_inter_threads(1)?
-                .with_intra_op_spinning(false)?
+                .with_intra_op_spinning(threads > 1)?
+                .with_config_entry("session.force_spinning_stop", "1")?
                 .with_deterministic_compute(true)?)
         };
         let builder =
             options().map_err(|error| Fault::new(format!("{} refused a session", self.title())).because(error))?;
-        provider.register(builder, environment).map_err(|error| {
+        provider.register(builder, environment, threads).map_err(|error| {
             let (title, asked) = (self.title(), provider.name());
             Fault::new(format!("{title} could not start its provider `{asked}`"))
                 .because(error)

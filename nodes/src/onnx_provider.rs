@@ -2,6 +2,8 @@
 //!
 //! A provider stands in the library or beside it: which there are is a matter of the build that the machine has. Nothing of them is linked here.
 
+use std::num::NonZeroUsize;
+
 use ort::environment::Environment;
 use ort::ep::{self, ExecutionProvider, ExecutionProviderDispatch};
 use ort::session::builder::SessionBuilder;
@@ -101,20 +103,25 @@ impl Provider {
     }
 
     /// Has the sessions of ONNX Runtime run on it, or fail: never silently on the processor instead.
-    pub(crate) fn register(self, builder: SessionBuilder, environment: &Environment) -> ort::Result<SessionBuilder> {
+    pub(crate) fn register(
+        self,
+        builder: SessionBuilder,
+        environment: &Environment,
+        threads: usize,
+    ) -> ort::Result<SessionBuilder> {
         if self == Self::Cpu {
-            // Left alone, ONNX Runtime chooses among all devices it knows. tract, and builds without that choice, have none.
+            // Left alone, ONNX Runtime chooses among all devices it knows. Builds without that choice name none.
             let processor = environment.devices().filter(|device| device.ep().is_ok_and(|ep| ep == ep::CPU::NAME));
             let processor: Vec<_> = processor.collect();
             return if processor.is_empty() { Ok(builder) } else { Ok(builder.with_devices(processor, None)?) };
         }
-        let providers = self.dispatches();
+        let providers = self.dispatches(threads);
         let strict: Vec<_> = providers.into_iter().map(ExecutionProviderDispatch::error_on_failure).collect();
         Ok(builder.with_execution_providers(strict)?)
     }
 
     /// What is registered, the preferred first.
-    fn dispatches(self) -> Vec<ExecutionProviderDispatch> {
+    fn dispatches(self, threads: usize) -> Vec<ExecutionProviderDispatch> {
         // A search by stopwatch may choose another algorithm, with other bits, in every run.
         let cuda = || {
             ep::CUDA::default()
@@ -122,17 +129,18 @@ impl Provider {
                 .with_tf32(false)
                 .build()
         };
+        let at_least_one = NonZeroUsize::new(threads).unwrap_or(NonZeroUsize::MIN);
         match self {
             Self::Cpu => Vec::new(),
             Self::Cuda => vec![cuda()],
             Self::TensorRt => vec![ep::TensorRT::default().build(), cuda()],
             Self::MiGraphX => vec![ep::MIGraphX::default().build()],
-            Self::OpenVino => vec![ep::OpenVINO::default().build()],
+            Self::OpenVino => vec![ep::OpenVINO::default().with_num_threads(threads).build()],
             Self::OneDnn => vec![ep::OneDNN::default().build()],
             Self::DirectMl => vec![ep::DirectML::default().build()],
             Self::CoreMl => vec![ep::CoreML::default().build()],
             Self::Qnn => vec![ep::QNN::default().build()],
-            Self::XnnPack => vec![ep::XNNPACK::default().build()],
+            Self::XnnPack => vec![ep::XNNPACK::default().with_intra_op_num_threads(at_least_one).build()],
         }
     }
 }
