@@ -231,7 +231,6 @@ fn fallback(why: String) -> Result<Engine, NoEngine> {
 }
 
 #[cfg(feature = "tract")]
-#[expect(clippy::unnecessary_wraps, reason = "without the feature it is an error")]
 fn tract(found_by: &'static str, instead_of: Option<String>) -> Result<Engine, NoEngine> {
     Ok(Engine {
         name: "tract",
