@@ -51,7 +51,7 @@ pub enum Command {
     Nodes(NodesArgs),
     /// Write synthetic street frames as a data set in KITTI stereo 2015 layout.
     Synth(SynthArgs),
-    /// Show what this machine offers: cores, SIMD, ONNX Runtime, data roots.
+    /// Show what this machine offers: cores, SIMD, engine of networks, data roots.
     Doctor(JsonArgs),
     /// Print the JSON Schema of experiment files, for editors.
     Schema,

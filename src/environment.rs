@@ -1,5 +1,7 @@
 //! What differs between machines and moments: kept beside the recording, never in it.
 
+use depthloom_nodes::onnx_engine::{self, Engine};
+use depthloom_nodes::onnx_provider::Provider;
 use serde_json::{Value as Json, json};
 
 /// The engine's version, the machine, the run's size and time, as `environment.json` holds them.
@@ -11,12 +13,37 @@ pub fn describe(workers: usize, window: Option<usize>, wall_seconds: f64) -> Jso
         "architecture": std::env::consts::ARCH,
         "cores": cores(),
         "simd": simd(),
+        "networks": onnx_engine::in_use().map(networks),
         "workers": workers,
         "window": window,
         "finished_utc": utc_stamp(),
         "wall_s": wall_seconds,
         "peak_resident_bytes": peak_resident_bytes(),
     })
+}
+
+/// The engine that runs networks, and the providers that they ran on.
+fn networks(engine: &Engine) -> Json {
+    let mut described = self::engine(engine);
+    described["ran_on"] = names(&engine.used()).into();
+    described
+}
+
+/// An engine that runs networks: what it is, and where it comes from.
+pub fn engine(engine: &Engine) -> Json {
+    json!({
+        "engine": engine.name,
+        "version": engine.version,
+        "build": engine.build,
+        "path": engine.library,
+        "found_by": engine.found_by,
+        "instead_of": engine.instead_of,
+    })
+}
+
+/// Providers by name.
+pub fn names(providers: &[Provider]) -> Vec<&'static str> {
+    providers.iter().map(|provider| provider.name()).collect()
 }
 
 /// How many threads can run at once here.

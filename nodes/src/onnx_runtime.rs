@@ -1,79 +1,60 @@
-//! ONNX Runtime: where this machine has it, and the one environment a process may have.
+//! ONNX Runtime: where this machine has it.
 //!
-//! The library is loaded when the first network asks for it; a machine that runs no network needs none. Looked at, in this
-//! order: `ORT_DYLIB_PATH`; the program's own folder and the system's library folders; Python environments (`VIRTUAL_ENV`,
+//! Looked at, in this order: `ORT_DYLIB_PATH`; the program's own folder and the system's library folders; Python environments (`VIRTUAL_ENV`,
 //! `CONDA_PREFIX`, then `.venv`, `venv` and `target/venv*` in the working folder and those above it); what `python3` imports as `onnxruntime`.
 //! The first library that loads and is new enough is taken.
 
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
-use std::sync::OnceLock;
 
-use depthloom_graphs::{Fault, Key};
-use ort::environment::Environment;
 use ort::logging::LogLevel;
 
-const REMEDY: &str = "install it with `pip install onnxruntime` in a virtual environment that is active or named .venv, or set ORT_DYLIB_PATH to libonnxruntime.so of version 1.24 or newer";
+use crate::onnx_engine::Engine;
 
-/// ONNX Runtime, loaded.
-#[derive(Debug)]
-pub struct OnnxRuntime {
-    /// The library's file.
-    pub path: PathBuf,
-    /// What led to it: `ORT_DYLIB_PATH`, `system`, `VIRTUAL_ENV`, ...
-    pub found_by: &'static str,
-    /// Its version, where its build tells: `1.31.1`.
-    pub version: String,
-    /// What it says of its build: branch, commit, compiler flags.
-    pub build: &'static str,
-    environment: Environment,
+pub(crate) const REMEDY: &str = "install it with `pip install onnxruntime` in a virtual environment that is active or named .venv, or set ORT_DYLIB_PATH to libonnxruntime.so of version 1.24 or newer";
+
+/// Why there is no ONNX Runtime.
+pub(crate) enum Missing {
+    /// `ORT_DYLIB_PATH` names one that cannot be used.
+    Named(String),
+    /// None was found that loads.
+    NoneFound(String),
 }
 
-impl OnnxRuntime {
-    /// Names engine, build and provider: what besides model and image decides a network's output.
-    #[must_use]
-    pub fn fingerprint(&self) -> Key {
-        Key::build("engine").text("onnxruntime").text(&self.version).text(self.build).text("cpu").finish()
-    }
-
-    pub(crate) const fn environment(&self) -> &Environment {
-        &self.environment
+impl Missing {
+    pub(crate) fn into_text(self) -> String {
+        match self {
+            Self::Named(what) | Self::NoneFound(what) => what,
+        }
     }
 }
 
-/// The ONNX Runtime of this machine; loaded once, the outcome kept.
-///
-/// # Errors
-/// If there is none that loads: what was looked at, and how to get one.
-pub fn find() -> Result<&'static OnnxRuntime, Fault> {
-    static FOUND: OnceLock<Result<OnnxRuntime, String>> = OnceLock::new();
-    FOUND.get_or_init(load).as_ref().map_err(|what| Fault::new(what.clone()).remedy(REMEDY))
-}
-
-fn load() -> Result<OnnxRuntime, String> {
+/// The ONNX Runtime of this machine.
+pub(crate) fn load() -> Result<Engine, Missing> {
     if let Some(path) = std::env::var_os("ORT_DYLIB_PATH").filter(|path| !path.is_empty()) {
         // Asked for by name: another one in its place would surprise.
-        return open(PathBuf::from(path), "ORT_DYLIB_PATH").map_err(|what| format!("ORT_DYLIB_PATH: {what}"));
+        let named = |what| Missing::Named(format!("ORT_DYLIB_PATH: {what}"));
+        return open(PathBuf::from(path), "ORT_DYLIB_PATH").map_err(named);
     }
     let mut refused = Vec::new();
     for (found_by, paths) in places() {
         for path in paths() {
             match open(path, found_by) {
-                Ok(runtime) => return Ok(runtime),
+                Ok(engine) => return Ok(engine),
                 Err(what) => refused.push(what),
             }
         }
     }
     let looked = "this machine has no ONNX Runtime: neither beside the program, in the system's library folders nor in a Python environment";
-    Err(if refused.is_empty() {
+    Err(Missing::NoneFound(if refused.is_empty() {
         looked.to_owned()
     } else {
         format!("{looked} is one that loads ({})", refused.join("; "))
-    })
+    }))
 }
 
-fn open(path: PathBuf, found_by: &'static str) -> Result<OnnxRuntime, String> {
+fn open(path: PathBuf, found_by: &'static str) -> Result<Engine, String> {
     if !path.is_file() {
         return Err(format!("there is no file {}", path.display()));
     }
@@ -81,9 +62,8 @@ fn open(path: PathBuf, found_by: &'static str) -> Result<OnnxRuntime, String> {
     let environment = environment.with_name("depthloom").with_telemetry(false).build().map_err(|e| e.to_string())?;
     // What it has to say to its developers would tear progress bars apart; failures come back as errors.
     environment.set_log_level(LogLevel::Error);
-    let build = ort::info();
-    let version = version(&path, build);
-    Ok(OnnxRuntime { path, found_by, version, build, environment })
+    let version = version(&path, ort::info());
+    Ok(Engine::of_library(path, found_by, version, environment))
 }
 
 /// From the file's name (`libonnxruntime.so.1.31.1`), links followed, or the branch it was built from (`rel-1.31.1`).

@@ -2,6 +2,8 @@
 
 use std::path::Path;
 
+use depthloom_graphs::Fault;
+use depthloom_nodes::onnx_engine::{self, Engine};
 use serde_json::json;
 
 use super::{print, print_json};
@@ -11,9 +13,9 @@ use crate::exit::{Exit, Stop};
 /// The environment variables by which the shipped experiments find data.
 const DATA_ROOTS: [(&str, &str); 1] = [("KITTI_STEREO_2015", "training/image_2")];
 
-/// Prints cores, SIMD, ONNX Runtime and data roots.
+/// Prints cores, SIMD, the engine of networks and data roots.
 pub fn doctor(as_json: bool) -> Result<Exit, Stop> {
-    let runtime = depthloom_nodes::onnx_runtime::find();
+    let engine = onnx_engine::find();
     let roots = DATA_ROOTS.map(|(variable, landmark)| {
         let root = std::env::var(variable).ok();
         let there = root.as_ref().is_some_and(|root| Path::new(root).join(landmark).is_dir());
@@ -28,9 +30,11 @@ pub fn doctor(as_json: bool) -> Result<Exit, Stop> {
             "depthloom": env!("CARGO_PKG_VERSION"),
             "cores": environment::cores(),
             "simd": environment::simd(),
-            "onnx_runtime": runtime.as_ref().ok().map(|found| json!({
-                "path": found.path, "version": found.version, "found_by": found.found_by,
-            })),
+            "networks": engine.as_ref().ok().map(|found| {
+                let mut described = environment::engine(found);
+                described["providers"] = environment::names(&found.providers()).into();
+                described
+            }),
             "data": data,
         }))?;
         return Ok(Exit::Whole);
@@ -39,13 +43,7 @@ pub fn doctor(as_json: bool) -> Result<Exit, Stop> {
     let mut text = format!("depthloom     {}\n", env!("CARGO_PKG_VERSION"));
     text += &format!("cores         {}\n", environment::cores());
     text += &format!("SIMD          {}\n", if simd.is_empty() { "none used".to_owned() } else { simd.join(", ") });
-    text += &match &runtime {
-        Ok(found) => format!("ONNX Runtime  {} at {} (by {})\n", found.version, found.path.display(), found.found_by),
-        Err(fault) => {
-            let remedy = fault.remedy_text().map(|remedy| format!("\n              {remedy}")).unwrap_or_default();
-            format!("ONNX Runtime  {fault}{remedy}\n")
-        }
-    };
+    text += &networks(&engine);
     for (variable, root, there, landmark) in &roots {
         text += &match (root, there) {
             (Some(root), true) => format!("{variable}  {root}\n"),
@@ -55,4 +53,24 @@ pub fn doctor(as_json: bool) -> Result<Exit, Stop> {
     }
     print(&text)?;
     Ok(Exit::Whole)
+}
+
+/// The engine of networks, with what it offers; or why there is none.
+fn networks(engine: &Result<&Engine, Fault>) -> String {
+    let below = |line: &str| format!("\n              {line}");
+    let text = match engine {
+        Ok(found) => {
+            let origin = match (&found.library, &found.instead_of) {
+                (Some(path), _) => format!("{} (by {})", path.display(), found.found_by),
+                (None, None) => format!("part of this program (by {})", found.found_by),
+                (None, Some(why)) => format!("part of this program: {why}"),
+            };
+            let providers = environment::names(&found.providers()).join(", ");
+            let choice = format!("{}=onnxruntime or tract asks for an engine by name", onnx_engine::VARIABLE);
+            let lines = [format!("providers: {providers}"), choice].map(|line| below(&line)).concat();
+            format!("{}, {origin}{lines}", found.title())
+        }
+        Err(fault) => format!("{fault}{}", fault.remedy_text().map(below).unwrap_or_default()),
+    };
+    format!("networks      {text}\n")
 }

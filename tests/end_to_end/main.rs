@@ -9,5 +9,9 @@ mod experiments;
 mod golden;
 mod killed;
 mod memory;
+mod networks;
+#[expect(dead_code, reason = "the nodes' own tests need more of it")]
+#[path = "../../nodes/tests/nodes/onnx_file.rs"]
+mod onnx_file;
 mod python_reads;
 mod support;

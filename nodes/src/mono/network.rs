@@ -1,30 +1,40 @@
-//! A network in ONNX Runtime: loaded, checked, and as many sessions as work at once.
+//! A network in the process's engine: loaded, checked, and as many sessions as work at once.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
 use depthloom_graphs::Fault;
 use depthloom_graphs::values::Artifact;
-use ort::session::Session;
-use ort::session::builder::{GraphOptimizationLevel, SessionBuilder};
-use ort::value::{Outlet, TensorElementType, TensorRef, ValueType};
+use ort::value::TensorElementType;
 
 use super::network_input::InputSize;
 use super::onnx::{Layout, OnnxParams};
-use crate::onnx_runtime::{self, OnnxRuntime};
+use crate::onnx_engine::{self, Engine};
+use crate::onnx_provider::Provider;
+use crate::onnx_session::{EngineSession, Outlet, Wiring};
+
+/// What a network gave: a map for each image, one after the other, row by row.
+pub struct Maps {
+    /// The maps' values.
+    pub values: Vec<f32>,
+    /// Columns of a map.
+    pub width: usize,
+    /// Rows of a map.
+    pub height: usize,
+}
 
 /// A network, ready to run.
 pub struct Network {
-    runtime: &'static OnnxRuntime,
+    engine: &'static Engine,
     model: Arc<[u8]>,
+    provider: Provider,
     threads: usize,
-    input_name: String,
-    output_name: String,
-    /// The shape of the input tensor.
-    shape: [i64; 4],
+    wiring: Wiring,
+    /// How many images one run takes.
+    batch: usize,
     /// The size of the image it wants.
     pub size: InputSize,
-    // ONNX Runtime's `run` is not safe to share: every worker in it has a session of its own, given back for the next.
-    sessions: Mutex<Vec<Session>>,
+    // A session's `run` is not safe to share: every worker in it has a session of its own, given back for the next.
+    sessions: Mutex<Vec<EngineSession>>,
 }
 
 impl Network {
@@ -33,89 +43,91 @@ impl Network {
     /// # Errors
     /// If it is no model, or of other inputs, rank or type than a network of depth has.
     pub fn load(model: &Artifact, params: &OnnxParams) -> Result<Self, Fault> {
-        let runtime = onnx_runtime::find()?;
-        let threads = params.threads as usize;
-        let session = session(runtime, &model.bytes, threads)?;
-        let input = outlet("input", session.inputs(), params.input_name.as_deref())?;
-        let output = outlet("output", session.outputs(), params.output_name.as_deref())?;
-        if let (None, [_, other, ..]) = (&params.input_name, session.inputs()) {
-            return Err(Fault::new(format!(
-                "the network has several inputs ({}, {}, ...)",
-                input.name(),
-                other.name()
-            ))
-            .remedy("only networks of one image can be run: export the model with that one input"));
+        let engine = onnx_engine::find()?;
+        engine.offers(params.provider)?;
+        let (provider, threads) = (params.provider, params.threads as usize);
+        let session = engine.session(&model.bytes, provider, threads)?;
+        let (inputs, outputs) = (session.inputs(), session.outputs());
+        let input = outlet("input", &inputs, params.input_name.as_deref())?;
+        let output = outlet("output", &outputs, params.output_name.as_deref())?;
+        if let (None, [_, other, ..]) = (&params.input_name, &inputs[..]) {
+            return Err(Fault::new(format!("the network has several inputs ({}, {}, ...)", input.name, other.name))
+                .remedy("only networks of one image can be run: export the model with that one input"));
         }
         let size = input_size(input, params)?;
         check_output(output)?;
-        let (channels, width, height) = (size.channels as i64, size.width as i64, size.height as i64);
+        let batch = batch(input, output, params);
         let shape = match params.layout {
-            Layout::Nchw => [1, channels, height, width],
-            Layout::Nhwc => [1, height, width, channels],
+            Layout::Nchw => [batch, size.channels, size.height, size.width],
+            Layout::Nhwc => [batch, size.height, size.width, size.channels],
         };
-        let (input_name, output_name) = (input.name().to_owned(), output.name().to_owned());
-        let model = Arc::clone(&model.bytes);
-        Ok(Self { runtime, model, threads, input_name, output_name, shape, size, sessions: Mutex::new(vec![session]) })
+        let wiring = Wiring { input: input.name.clone(), shape, output: output.name.clone() };
+        let (model, sessions) = (Arc::clone(&model.bytes), Mutex::default());
+        let network = Self { engine, model, provider, threads, wiring, batch, size, sessions };
+        let prepared = network.prepared(session)?;
+        network.give_back(prepared);
+        Ok(network)
     }
 
-    /// Runs the network on a tensor of its shape: the map it gives, its columns and rows.
+    /// Runs the network on the tensors of as many images as its parameters ask for, one after the other.
     ///
     /// # Errors
-    /// If ONNX Runtime fails, or the output is no single map.
-    pub fn run(&self, tensor: &[f32]) -> Result<(Vec<f32>, usize, usize), Fault> {
+    /// If the engine fails, or the output is no single map for each image.
+    pub fn run(&self, tensors: &[f32]) -> Result<Maps, Fault> {
         let idle = self.sessions.lock().unwrap_or_else(PoisonError::into_inner).pop();
         let mut session = match idle {
             Some(session) => session,
-            None => session(self.runtime, &self.model, self.threads)?,
+            None => self.prepared(self.engine.session(&self.model, self.provider, self.threads)?)?,
         };
-        let result = self.run_in(&mut session, tensor);
-        self.sessions.lock().unwrap_or_else(PoisonError::into_inner).push(session);
+        let result = self.run_in(&mut session, tensors);
+        self.give_back(session);
         result
     }
 
-    fn run_in(&self, session: &mut Session, tensor: &[f32]) -> Result<(Vec<f32>, usize, usize), Fault> {
-        let failed = |error: ort::Error| Fault::new("ONNX Runtime failed to run the network").because(error);
-        let input = TensorRef::from_array_view((self.shape, tensor)).map_err(failed)?;
-        let outputs = session.run(ort::inputs![self.input_name.as_str() => input]).map_err(failed)?;
-        let (shape, values) = outputs[self.output_name.as_str()].try_extract_tensor::<f32>().map_err(failed)?;
-        let (width, height) = map_size(shape).ok_or_else(|| {
-            Fault::new(format!(
-                "output `{}` of the network has the shape {}, which is no single map",
-                self.output_name,
-                shown(shape)
-            ))
+    fn prepared(&self, mut session: EngineSession) -> Result<EngineSession, Fault> {
+        session.prepare(&self.wiring).map_err(|what| self.engine.cannot_load(&self.model, what))?;
+        Ok(session)
+    }
+
+    fn give_back(&self, session: EngineSession) {
+        self.sessions.lock().unwrap_or_else(PoisonError::into_inner).push(session);
+    }
+
+    fn run_in(&self, session: &mut EngineSession, tensors: &[f32]) -> Result<Maps, Fault> {
+        let mut maps = Maps { values: Vec::new(), width: 0, height: 0 };
+        for tensor in tensors.chunks_exact(self.batch * self.size.samples()) {
+            let (shape, mut values) = session.run(self.engine, &self.wiring, tensor)?;
+            let (width, height) = map_size(&shape, self.batch).ok_or_else(|| self.no_map(&shape))?;
+            maps.values.append(&mut values);
+            (maps.width, maps.height) = (width, height);
+        }
+        Ok(maps)
+    }
+
+    fn no_map(&self, shape: &[i64]) -> Fault {
+        let each = if self.batch == 1 { String::new() } else { format!(" for each of {} images", self.batch) };
+        let (name, shape) = (&self.wiring.output, shown(shape));
+        Fault::new(format!("output `{name}` of the network has the shape {shape}, which is no single map{each}"))
             .remedy("name another output by `output_name`, or export the model with an output of 1x1xHxW")
-        })?;
-        Ok((values.to_vec(), width, height))
     }
 }
 
-fn session(runtime: &OnnxRuntime, model: &[u8], threads: usize) -> Result<Session, Fault> {
-    let mut builder =
-        builder(runtime, threads).map_err(|error| Fault::new("ONNX Runtime refused a session").because(error))?;
-    builder.commit_from_memory(model).map_err(|error| {
-        let (len, version) = (model.len(), &runtime.version);
-        Fault::new(format!("the {len} bytes of the model are none that ONNX Runtime {version} can load"))
-            .because(error)
-            .remedy("`model` wants an ONNX file, or the output of a learning stage")
-    })
-}
-
-fn builder(runtime: &OnnxRuntime, threads: usize) -> ort::Result<SessionBuilder> {
-    let builder = Session::builder(runtime.environment())?
-        .with_optimization_level(GraphOptimizationLevel::All)?
-        .with_intra_threads(threads)?
-        .with_inter_threads(1)?
-        .with_intra_op_spinning(false)?
-        .with_deterministic_compute(true)?;
-    Ok(builder)
+/// How many of a frame's images one run takes: all of them, if the model allows.
+fn batch(input: &Outlet, output: &Outlet, params: &OnnxParams) -> usize {
+    let first = |outlet: &Outlet| outlet.tensor.as_ref().and_then(|(_, shape)| shape.first().copied()).unwrap_or(1);
+    match (first(input), first(output)) {
+        // An output of a fixed batch says that the input's is open in name only.
+        (-1, -1) => params.flip.images(),
+        (-1, _) => 1,
+        (fixed, _) => fixed as usize,
+    }
 }
 
 fn outlet<'a>(what: &str, outlets: &'a [Outlet], name: Option<&str>) -> Result<&'a Outlet, Fault> {
-    let named = |wanted: &str| outlets.iter().find(|outlet| outlet.name() == wanted);
+    let named = |wanted: &str| outlets.iter().find(|outlet| outlet.name == wanted);
     let found = name.map_or(outlets.first(), named);
     found.ok_or_else(|| {
-        let names: Vec<&str> = outlets.iter().map(Outlet::name).collect();
+        let names: Vec<&str> = outlets.iter().map(|outlet| outlet.name.as_str()).collect();
         let wanted = name.map_or_else(|| format!("no {what}"), |name| format!("no {what} `{name}`"));
         Fault::new(format!("the network has {wanted}; it has {}", names.join(", ")))
             .remedy(format!("correct `{what}_name`, or leave it out to take the first"))
@@ -123,12 +135,12 @@ fn outlet<'a>(what: &str, outlets: &'a [Outlet], name: Option<&str>) -> Result<&
 }
 
 fn input_size(input: &Outlet, params: &OnnxParams) -> Result<InputSize, Fault> {
-    let name = input.name();
-    let ValueType::Tensor { ty, shape, .. } = input.dtype() else {
+    let name = &input.name;
+    let Some((ty, shape)) = &input.tensor else {
         return Err(Fault::new(format!("input `{name}` of the network is no tensor")));
     };
     if *ty != TensorElementType::Float32 {
-        return Err(Fault::new(format!("input `{name}` of the network holds {ty:?}, where f32 is wanted"))
+        return Err(Fault::new(format!("input `{name}` of the network holds {ty}, where f32 is wanted"))
             .remedy("export the model with an input of f32 values"));
     }
     let order = match params.layout {
@@ -137,7 +149,7 @@ fn input_size(input: &Outlet, params: &OnnxParams) -> Result<InputSize, Fault> {
     };
     let wrong = || {
         Fault::new(format!("input `{name}` of the network has the shape {}, which is not {order}", shown(shape)))
-            .remedy("`layout` is nchw or nhwc; channels must be 1 or 3, the batch 1 or open")
+            .remedy("`layout` is nchw or nhwc; channels must be 1 or 3, the batch 1 or open (or 2, with `flip`)")
     };
     let &[batch, a, b, c] = &shape[..] else { return Err(wrong()) };
     let (channels, height, width) = match params.layout {
@@ -146,7 +158,7 @@ fn input_size(input: &Outlet, params: &OnnxParams) -> Result<InputSize, Fault> {
     };
     // An open number of channels is taken to be three.
     let channels = if channels == -1 { 3 } else { channels };
-    if !(batch == 1 || batch == -1) || !(channels == 1 || channels == 3) {
+    if !(batch == 1 || batch == -1 || batch == params.flip.images() as i64) || !(channels == 1 || channels == 3) {
         return Err(wrong());
     }
     let side = |of_model: i64, of_params: Option<u32>| match (usize::try_from(of_model), of_params) {
@@ -171,23 +183,24 @@ fn input_size(input: &Outlet, params: &OnnxParams) -> Result<InputSize, Fault> {
 }
 
 fn check_output(output: &Outlet) -> Result<(), Fault> {
-    match output.dtype() {
-        ValueType::Tensor { ty: TensorElementType::Float32, .. } => Ok(()),
-        other => {
-            Err(Fault::new(format!("output `{}` of the network holds {other}, where f32 is wanted", output.name()))
-                .remedy("name another output by `output_name`, or export the model with an output of f32 values"))
-        }
-    }
+    let holds = match &output.tensor {
+        Some((TensorElementType::Float32, _)) => return Ok(()),
+        Some((other, _)) => other.to_string(),
+        None => "no tensor".to_owned(),
+    };
+    Err(Fault::new(format!("output `{}` of the network holds {holds}, where f32 is wanted", output.name))
+        .remedy("name another output by `output_name`, or export the model with an output of f32 values"))
 }
 
-/// Columns and rows of an output that is one map: two axes, and beside them only a batch and a channel of one.
-fn map_size(shape: &[i64]) -> Option<(usize, usize)> {
+/// Columns and rows of an output that is one map for each image: two axes, and beside them only the batch and a channel of one.
+fn map_size(shape: &[i64], batch: usize) -> Option<(usize, usize)> {
     let shape: Vec<usize> = shape.iter().map(|&side| usize::try_from(side).ok()).collect::<Option<_>>()?;
-    let ([height, width] | [1, height, width] | [1, 1, height, width] | [1, height, width, 1]) = *shape.as_slice()
-    else {
-        return None;
+    let (images, height, width) = match *shape.as_slice() {
+        [height, width] => (1, height, width),
+        [images, height, width] | [images, 1, height, width] | [images, height, width, 1] => (images, height, width),
+        _ => return None,
     };
-    (width > 0 && height > 0).then_some((width, height))
+    (images == batch && width > 0 && height > 0).then_some((width, height))
 }
 
 fn shown(shape: &[i64]) -> String {
@@ -202,10 +215,16 @@ mod tests {
     #[test]
     fn a_single_map_is_recognised_in_any_usual_shape() {
         for shape in [&[96, 320][..], &[1, 96, 320], &[1, 1, 96, 320], &[1, 96, 320, 1]] {
-            assert_eq!(map_size(shape), Some((320, 96)), "{shape:?}");
+            assert_eq!(map_size(shape, 1), Some((320, 96)), "{shape:?}");
         }
         for shape in [&[320][..], &[2, 96, 320], &[1, 3, 96, 320], &[1, 1, 0, 320], &[]] {
-            assert_eq!(map_size(shape), None, "{shape:?}");
+            assert_eq!(map_size(shape, 1), None, "{shape:?}");
+        }
+        for shape in [&[2, 96, 320][..], &[2, 1, 96, 320], &[2, 96, 320, 1]] {
+            assert_eq!(map_size(shape, 2), Some((320, 96)), "{shape:?}");
+        }
+        for shape in [&[96, 320][..], &[1, 96, 320], &[1, 1, 96, 320], &[4, 96, 320]] {
+            assert_eq!(map_size(shape, 2), None, "{shape:?}");
         }
         assert_eq!(shown(&[1, 3, -1, 320]), "1x3x?x320");
     }

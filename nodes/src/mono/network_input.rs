@@ -20,6 +20,11 @@ impl InputSize {
     fn pixels(self) -> usize {
         self.width * self.height
     }
+
+    /// Numbers in the tensor of one image.
+    pub const fn samples(self) -> usize {
+        self.width * self.height * self.channels
+    }
 }
 
 /// The tensor of an image, batch of one, in the order `layout` says.
@@ -43,6 +48,17 @@ pub fn tensor(image: &Image, size: InputSize, params: &OnnxParams) -> Vec<f32> {
         }
     }
     tensor
+}
+
+/// The tensor of the mirror image: every row from right to left.
+pub fn mirrored(tensor: &[f32], size: InputSize, layout: Layout) -> Vec<f32> {
+    // What moves together: a value, or all channels of a pixel.
+    let together = match layout {
+        Layout::Nchw => 1,
+        Layout::Nhwc => size.channels,
+    };
+    let rows = tensor.chunks_exact(size.width * together);
+    rows.flat_map(|row| row.chunks_exact(together).rev().flatten()).copied().collect()
 }
 
 /// The image at the network's size, interleaved, 0 to 255.
@@ -88,7 +104,7 @@ mod tests {
     use depthloom_graphs::values::{Image, Pixels};
     use image::RgbImage;
 
-    use super::{InputSize, tensor};
+    use super::{InputSize, mirrored, tensor};
     use crate::mono::onnx::{Channels, Layout, OnnxParams};
 
     fn image() -> Image {
@@ -116,6 +132,15 @@ mod tests {
         let expected = [0.0, 1.2, 0.0, 0.3, 0.0, -0.6];
         for (found, expected) in tensor(&image(), SIZE, &params).iter().zip(expected) {
             assert!((found - expected).abs() < 1e-6, "{found} is not {expected}");
+        }
+    }
+
+    #[test]
+    fn the_mirror_image_keeps_its_colours_in_either_layout() {
+        let turned = Image::new(Pixels::Rgb(RgbImage::from_raw(2, 1, vec![102, 153, 204, 255, 0, 51]).unwrap()));
+        for layout in [Layout::Nchw, Layout::Nhwc] {
+            let params = OnnxParams { layout, ..OnnxParams::default() };
+            assert_eq!(mirrored(&tensor(&image(), SIZE, &params), SIZE, layout), tensor(&turned, SIZE, &params));
         }
     }
 

@@ -10,9 +10,11 @@ use depthloom_kernels::resize::bilinear_f32;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::flip::Flip;
 use super::network::Network;
-use super::network_input::tensor;
-use crate::onnx_runtime;
+use super::network_input::{mirrored, tensor};
+use crate::onnx_engine;
+use crate::onnx_provider::Provider;
 use crate::shape::filled;
 
 /// The order of the input tensor's axes.
@@ -96,7 +98,11 @@ pub struct OnnxParams {
     /// Largest depth given, metres, before any scaling; `null` leaves depth uncapped.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub cap: Option<f64>,
-    /// Threads of ONNX Runtime per frame. More are faster for one frame, and no faster for many: frames run side by side.
+    /// Whether the network sees the mirrored image too, and how both answers are joined: `none`, `mean` or `godard`.
+    pub flip: Flip,
+    /// On what the network runs: `cpu`, `cuda`, `tensorrt`, ...; an error where the machine's ONNX Runtime has it not.
+    pub provider: Provider,
+    /// Threads of ONNX Runtime per frame. More are faster for one frame, and no faster for many: frames run side by side. tract always has one.
     #[schemars(range(min = 1, max = 256))]
     pub threads: u32,
 }
@@ -117,6 +123,8 @@ impl Default for OnnxParams {
             output_scale: 1.0,
             floor_px: 1e-3,
             cap: Some(80.0),
+            flip: Flip::None,
+            provider: Provider::Cpu,
             threads: 1,
         }
     }
@@ -143,11 +151,17 @@ impl Node for Onnx {
             contract: Contract::Pure,
             summary: "Depth by a network: any ONNX model that maps one image to one map.",
             doc: "\
-The image is resized to the network's size, divided by 255, normalised by `mean` and `std` and run by ONNX Runtime on the CPU. The output, one map of \
-any size, is resized to the image's (bilinear, half-pixel centres) and turned into metres by what it means: with a disparity share `s`, \
+The image is resized to the network's size, divided by 255, normalised by `mean` and `std` and run. The output, one map of any size, is resized to the \
+image's (bilinear, half-pixel centres) and turned into metres by what it means: with a disparity share `s`, \
 `Z = min(f * B / max(s * width, floor_px), cap)`. Depth is capped here, before any scaling. Where the network gives NaN there is no answer.\n\n\
-The model is a file (`model: { file: net.onnx }`) or a learning stage's output. ONNX Runtime is looked for at `ORT_DYLIB_PATH`, in the usual places and in \
-Python environments (`pip install onnxruntime`); `depthloom doctor` says which was found. Engine and version enter the keys of the results.",
+The model is a file (`model: { file: net.onnx }`) or a learning stage's output. Its batch is 1 or open: frames come one by one, and run side by side in \
+sessions of their own. With `flip` the network sees the frame and its mirror image, and both answers are joined before they become metres: as a batch of two \
+where the model leaves the batch of input and output open or fixes it at 2, in two runs where it fixes 1.\n\n\
+ONNX Runtime is looked for at `ORT_DYLIB_PATH`, in the usual places and in Python environments (`pip install onnxruntime`). Where there is none, tract runs the \
+network: in pure Rust, part of the program, slower, without `threads` and other providers than `cpu`. `DEPTHLOOM_ONNX_ENGINE=onnxruntime` or `tract` asks for one \
+by name. `depthloom doctor` says which it is and what providers it offers; engine, version and provider enter the keys of the results, and \
+`environment.json` beside a recording names them. A GPU's provider runs on the processor what operators it lacks, as ONNX Runtime does it; one that \
+is missing is an error.",
             inputs: vec![
                 Port::frame("image", ValueType::Image, "The image, grey or RGB."),
                 Port::frame(
@@ -184,12 +198,12 @@ Python environments (`pip install onnxruntime`); `depthloom doctor` says which w
         Ok(())
     }
 
-    fn fingerprint(_params: &OnnxParams) -> Result<Option<Key>, Fault> {
-        onnx_runtime::find().map(|runtime| Some(runtime.fingerprint()))
+    fn fingerprint(params: &OnnxParams) -> Result<Option<Key>, Fault> {
+        onnx_engine::find().map(|engine| Some(engine.fingerprint(params.provider)))
     }
 
     fn build(params: OnnxParams) -> Result<Instance, Fault> {
-        onnx_runtime::find()?;
+        onnx_engine::find()?.prepare(params.provider)?;
         Ok(Instance::Pure(Box::new(Self { params, network: Mutex::new(None) })))
     }
 }
@@ -233,7 +247,15 @@ impl PureNode for Onnx {
         let image = inputs.get::<Image>("image")?;
         let calibration = inputs.get::<Calibration>("calibration")?;
         let network = self.network(inputs.get::<Artifact>("model")?)?;
-        let (mut map, map_width, map_height) = network.run(&tensor(image, network.size, &self.params))?;
+        let mut tensors = tensor(image, network.size, &self.params);
+        if self.params.flip != Flip::None {
+            tensors.extend(mirrored(&tensors, network.size, self.params.layout));
+        }
+        let mut maps = network.run(&tensors)?;
+        let (map, of_mirrored) = maps.values.split_at_mut(maps.width * maps.height);
+        if self.params.flip != Flip::None {
+            self.params.flip.join(map, of_mirrored, maps.width);
+        }
         let scale = match self.params.output {
             Output::DisparityPx => (self.params.output_scale / network.size.width as f64) as f32,
             _ => self.params.output_scale as f32,
@@ -244,7 +266,7 @@ impl PureNode for Onnx {
         let (columns, rows) = image.dimensions();
         let (width, height) = (columns as usize, rows as usize);
         let mut full = vec![0.0; width * height];
-        bilinear_f32(&map, map_width, map_height, width, height, &mut full);
+        bilinear_f32(map, maps.width, maps.height, width, height, &mut full);
         let metres = filled((columns, rows), |out| self.metres(&full, calibration, width, out));
         Ok(Outputs::one("depth", Depth { metres }))
     }

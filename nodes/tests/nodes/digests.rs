@@ -194,7 +194,7 @@ fn digests() -> BTreeMap<String, Key> {
     for node in registry.nodes() {
         let kind = node.declaration.kind;
         if kind == "mono/onnx"
-            && let Err(fault) = depthloom_nodes::onnx_runtime::find()
+            && let Err(fault) = depthloom_nodes::onnx_engine::find()
         {
             println!("SKIPPED the digest of {kind}: {}", fault.chain());
             continue;

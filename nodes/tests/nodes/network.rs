@@ -1,18 +1,21 @@
 //! `mono/onnx` with networks of one operator: what goes in, what comes out, and what is refused.
 
+use std::path::Path;
+
 use depthloom_graphs::Value;
 use depthloom_graphs::values::{Image, Pixels};
-use depthloom_nodes::onnx_runtime;
+use depthloom_nodes::onnx_engine;
+use depthloom_nodes::onnx_provider::Provider;
 use image::RgbImage;
 use serde_json::{Value as Json, json};
 
-use crate::call::{call, metres, model, value};
+use crate::call::{call, metres, model, open, value};
 use crate::onnx_file::{self, F32, Tensor, U8};
 use crate::steps::calibration;
 
 /// Whether this machine can run networks; says that the test is skipped where it cannot.
 fn can_run(test: &str) -> bool {
-    match onnx_runtime::find() {
+    match onnx_engine::find() {
         Ok(_) => true,
         Err(fault) => {
             println!("SKIPPED {test}: {}", fault.chain());
@@ -170,8 +173,66 @@ fn a_file_that_is_no_model_is_said_to_be_none() {
         return;
     }
     let told = run(&json!({}), &model(b"<html>404</html>".to_vec())).unwrap_err();
-    assert!(told.starts_with("the 16 bytes of the model are none that ONNX Runtime "), "{told}");
-    assert!(told.ends_with("remedy: `model` wants an ONNX file, or the output of a learning stage"), "{told}");
+    let title = onnx_engine::find().unwrap().title();
+    assert!(told.starts_with(&format!("the 16 bytes of the model are none that {title} can load")), "{told}");
+    assert!(told.contains("remedy: `model` wants an ONNX file, or the output of a learning stage"), "{told}");
+}
+
+#[test]
+fn a_model_cut_short_or_spoilt_ends_no_process() {
+    if !can_run("a_model_cut_short_or_spoilt_ends_no_process") {
+        return;
+    }
+    let input = [Tensor("image", F32, &[1, 3, 2, 4])];
+    let whole = onnx_file::model("ReduceMean", Some(1), &input, &Tensor("share", F32, &[1, 1, 2, 4]));
+    assert!(run(&json!({}), &model(whole.clone())).is_ok());
+    let half = run(&json!({}), &model(whole[..whole.len() / 2].to_vec())).unwrap_err();
+    assert!(half.contains("bytes of the model are none that"), "{half}");
+    // A byte may say something else that is right, or not: no answer is expected, only that there is one.
+    for at in 0..whole.len() {
+        let mut spoilt = whole.clone();
+        spoilt[at] ^= 0x15;
+        let _ = run(&json!({}), &model(spoilt));
+        let _ = run(&json!({}), &model(whole[..at].to_vec()));
+    }
+}
+
+#[test]
+fn the_mirror_image_counts_as_much_whatever_batch_the_model_has() {
+    if !can_run("the_mirror_image_counts_as_much_whatever_batch_the_model_has") {
+        return;
+    }
+    // The larger of a pixel and its left neighbour; of the mirror image, mirrored back, and its right one.
+    let attributes: [(&str, &[i64]); 2] = [("kernel_shape", &[1, 2]), ("pads", &[0, 1, 0, 0])];
+    for batch in [1, 2, -1] {
+        let input = [Tensor("image", F32, &[batch, 1, 2, 4])];
+        let output = Tensor("share", F32, &[batch, 1, 2, 4]);
+        let network = model(onnx_file::model_with("MaxPool", &attributes, &input, &output));
+        let run = |flip| run(&json!({ "output": "depth", "output_scale": 10, "flip": flip }), &network);
+        assert_close(&run("mean").unwrap(), [3.0, 6.0, 9.0, 10.0]);
+        assert_close(&run("godard").unwrap(), [4.0, 6.0, 9.0, 10.0]);
+        match run("none") {
+            Ok(alone) => assert_close(&alone, [2.0, 4.0, 8.0, 10.0]),
+            Err(told) => assert!(batch == 2 && told.contains("(or 2, with `flip`)"), "{told}"),
+        }
+    }
+}
+
+#[test]
+fn a_provider_that_is_not_there_is_an_error_and_never_the_processor() {
+    if !can_run("a_provider_that_is_not_there_is_an_error_and_never_the_processor") {
+        return;
+    }
+    let engine = onnx_engine::find().unwrap();
+    for provider in Provider::ALL.into_iter().filter(|provider| !engine.providers().contains(provider)) {
+        let name = provider.name();
+        let told = run(&json!({ "provider": name }), &mean(&[1, 3, 2, 4], &[1, 1, 2, 4])).unwrap_err();
+        assert!(told.starts_with(&engine.title()), "{told}");
+        assert!(told.contains(&format!(" has no provider `{name}`; it has cpu")), "{told}");
+        assert!(told.contains("or take `provider: cpu`"), "{told}");
+        assert_ne!(engine.fingerprint(provider), engine.fingerprint(Provider::Cpu));
+    }
+    assert!(!engine.used().iter().any(|used| !engine.providers().contains(used)));
 }
 
 #[test]
@@ -186,4 +247,69 @@ fn threads_do_not_change_a_bit() {
         metres(&value("mono/onnx", &json!({ "threads": threads }), &inputs)).to_vec()
     };
     assert_eq!(of(1), of(2));
+}
+
+/// The network's own answer, unscaled, to a real frame.
+fn share(shared: &Path) -> Vec<f32> {
+    let root = shared.join("data/kitti_stereo_2015");
+    let source = open("kitti/stereo2015", &json!({ "root": root, "frames": [150] })).unwrap();
+    let left = source.read(0).unwrap().0.remove("left").unwrap();
+    let network = model(std::fs::read(shared.join("models/ssl_unet.onnx")).unwrap());
+    let inputs = [("image", &left), ("calibration", &calibration(721.5377, 0.532_725)), ("model", &network)];
+    metres(&value("mono/onnx", &json!({ "output": "depth", "cap": null }), &inputs)).to_vec()
+}
+
+/// This test program again, its networks in tract: a process has one engine.
+#[cfg(feature = "tract")]
+fn in_tract(arguments: &[&str], answer: &Path) -> std::process::Output {
+    let mut program = std::process::Command::new(std::env::current_exe().unwrap());
+    program.args(arguments).env(onnx_engine::VARIABLE, "tract").env(ANSWER, answer).output().unwrap()
+}
+
+const ANSWER: &str = "DEPTHLOOM_TEST_ANSWER";
+
+#[test]
+#[ignore = "the other half of tract_answers_as_onnx_runtime_does"]
+fn answer_into_a_file() {
+    let (Some(file), Some(shared)) = (std::env::var_os(ANSWER), crate::call::shared("answer_into_a_file")) else {
+        return;
+    };
+    let bytes: Vec<u8> = share(&shared).into_iter().flat_map(f32::to_le_bytes).collect();
+    std::fs::write(file, bytes).unwrap();
+}
+
+#[test]
+#[cfg(feature = "tract")]
+fn tract_answers_as_onnx_runtime_does() {
+    let Some(shared) = crate::call::shared("tract_answers_as_onnx_runtime_does") else { return };
+    match onnx_engine::find() {
+        Ok(engine) if engine.name == "onnxruntime" => {}
+        _ => return println!("SKIPPED tract_answers_as_onnx_runtime_does: this machine has no ONNX Runtime"),
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let answer = folder.path().join("answer");
+    let output = in_tract(&["--exact", "network::answer_into_a_file", "--ignored"], &answer);
+    assert!(output.status.success(), "{output:?}");
+    let bytes = std::fs::read(answer).unwrap();
+    let theirs: Vec<f32> = bytes.as_chunks().0.iter().map(|&value| f32::from_le_bytes(value)).collect();
+    let ours = share(&shared);
+    assert_eq!(ours.len(), theirs.len());
+    let off = |(a, b): (&f32, &f32)| f64::from((a - b).abs() / b.abs());
+    let worst = ours.iter().zip(&theirs).map(off).fold(0.0, f64::max);
+    println!("tract and ONNX Runtime differ by at most {worst:.1e}");
+    assert!(worst < 1e-4, "tract and ONNX Runtime differ by {worst}");
+}
+
+#[test]
+#[cfg(feature = "tract")]
+fn all_of_this_holds_in_tract() {
+    if std::env::var_os(ANSWER).is_some() {
+        return;
+    }
+    let output = in_tract(&["network::", "--test-threads", "1"], Path::new(""));
+    let said = String::from_utf8_lossy(&output.stdout);
+    assert!(output.status.success(), "{said}{}", String::from_utf8_lossy(&output.stderr));
+    let tests =
+        ["what_is_no_network_of_depth_is_refused_with_its_remedy", "every_meaning_of_the_output_becomes_metres"];
+    assert!(tests.iter().all(|test| said.contains(&format!("test network::{test} ... ok"))), "{said}");
 }

@@ -59,9 +59,17 @@ impl Tensor<'_> {
 ///
 /// `axes`: the attribute of that name, if the operator has one.
 pub fn model(op: &str, axes: Option<i64>, inputs: &[Tensor<'_>], output: &Tensor<'_>) -> Vec<u8> {
+    let attributes: Vec<_> = axes.iter().map(|axis| ("axes", std::slice::from_ref(axis))).collect();
+    model_with(op, &attributes, inputs, output)
+}
+
+/// The same with any attributes that are lists of whole numbers.
+pub fn model_with(op: &str, attributes: &[(&str, &[i64])], inputs: &[Tensor<'_>], output: &Tensor<'_>) -> Vec<u8> {
     let mut node = Message::default().text(1, inputs[0].0).text(2, output.0).text(4, op);
-    if let Some(axis) = axes {
-        node = node.message(5, &Message::default().text(1, "axes").varint(8, axis.cast_unsigned()).varint(20, 7));
+    for (name, values) in attributes {
+        let attribute = Message::default().text(1, name);
+        let attribute = values.iter().fold(attribute, |attribute, value| attribute.varint(8, value.cast_unsigned()));
+        node = node.message(5, &attribute.varint(20, 7));
     }
     let mut graph = Message::default().message(1, &node).text(2, "test");
     for input in inputs {

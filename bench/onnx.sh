@@ -1,0 +1,30 @@
+#!/usr/bin/env bash
+# A network through our nodes beside the same network in Python's onnxruntime, on the same tensors and the same library, in turn, in one run.
+#
+#   bench/onnx.sh [--model NET.onnx] [--count 4] [--rounds 40] [--threads 1 2]
+#
+# Prints medians in milliseconds, and for each number of threads `ratio onnx-THREADSt VALUE`: theirs / ours. The model is one of a fixed size;
+# by default ../shared/models/ssl_unet.onnx (or of DEPTHLOOM_SHARED). Needs python3 and a package index.
+set -euo pipefail
+model="${DEPTHLOOM_SHARED:-$(dirname "$0")/../../shared}/models/ssl_unet.onnx"
+if [ "${1:-}" = "--model" ]; then
+    model="$2"
+    shift 2
+fi
+if [ ! -f "$model" ]; then
+    echo "SKIPPED bench/onnx.sh: there is no model $model" >&2
+    exit 0
+fi
+model="$(realpath "$model")"
+cd "$(dirname "$0")/.."
+target="${CARGO_TARGET_DIR:-$PWD/target}"
+venv="$target/venv-onnx"
+if [ ! -e "$venv/ready" ]; then
+    rm -rf "$venv"
+    python3 -m venv "$venv"
+    "$venv/bin/pip" install --quiet 'onnxruntime==1.31.*' numpy
+    touch "$venv/ready"
+fi
+# The features of the whole workspace: what its build has compiled is used as it is.
+cargo build --release --quiet --workspace --example onnx_raw
+exec "$venv/bin/python" bench/onnx.py "$target/release/examples/onnx_raw" "$model" "$@"

@@ -1,0 +1,90 @@
+//! Two answers of a network, to the image and to its mirror image, made one.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// Whether the network sees the mirrored image too, and how both answers are joined.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Flip {
+    /// The image alone.
+    #[default]
+    None,
+    /// The mean of both.
+    Mean,
+    /// The mean of both; towards the left edge the mirrored answer, towards the right edge the plain one. Of the outermost 5 % of the columns
+    /// one answer alone counts, of the next 5 % more and more of the mean: the post-processing of Godard et al., "Unsupervised monocular depth
+    /// estimation with left-right consistency", CVPR 2017. Networks that learned from stereo pairs see least at the edge that only one camera saw.
+    Godard,
+}
+
+impl Flip {
+    /// How many images the network sees of one frame.
+    pub(crate) const fn images(self) -> usize {
+        match self {
+            Self::None => 1,
+            Self::Mean | Self::Godard => 2,
+        }
+    }
+
+    /// Joins to a map of so many columns the answer to the mirrored image, as the network gave it.
+    pub(crate) fn join(self, map: &mut [f32], of_mirrored: &[f32], width: usize) {
+        let shares: Vec<f32> = (0..width).map(|column| self.share_of_plain(column, width)).collect();
+        for (row, mirrored) in map.chunks_exact_mut(width).zip(of_mirrored.chunks_exact(width)) {
+            for ((value, mirrored), share) in row.iter_mut().zip(mirrored.iter().rev()).zip(&shares) {
+                *value = share * *value + (1.0 - share) * mirrored;
+            }
+        }
+    }
+
+    /// The weight of the plain answer in a column; the mirrored one's is the rest.
+    fn share_of_plain(self, column: usize, width: usize) -> f32 {
+        match self {
+            Self::None => 1.0,
+            Self::Mean => 0.5,
+            Self::Godard => {
+                let last = (width - 1).max(1) as f64;
+                let ramp = |place: f64| 1.0 - (20.0 * (place - 0.05)).clamp(0.0, 1.0);
+                // Godard's masks: `right * plain + left * mirrored + (1 - left - right) * mean`.
+                let (left, right) = (ramp(column as f64 / last), ramp((width - 1 - column) as f64 / last));
+                (0.5 * (1.0 - left + right)) as f32
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Flip;
+
+    fn joined(flip: Flip, width: usize) -> Vec<f32> {
+        let (mut plain, mirrored) = (vec![1.0; 2 * width], vec![0.0; 2 * width]);
+        flip.join(&mut plain, &mirrored, width);
+        assert_eq!(plain[..width], plain[width..], "rows are alike");
+        plain.truncate(width);
+        plain
+    }
+
+    #[test]
+    fn the_mirrored_answer_is_mirrored_back() {
+        let mut plain = [1.0, 2.0, 3.0];
+        Flip::Mean.join(&mut plain, &[7.0, 5.0, 3.0], 3);
+        assert_eq!(plain, [2.0, 3.5, 5.0]);
+    }
+
+    #[test]
+    fn godards_ramps_give_each_edge_to_the_answer_that_saw_it() {
+        // 41 columns: one is a fortieth of the width. 1 is the plain answer, 0 the mirrored one.
+        let shares = joined(Flip::Godard, 41);
+        for (column, expected) in
+            [(0, 0.0), (2, 0.0), (3, 0.25), (4, 0.5), (20, 0.5), (36, 0.5), (37, 0.75), (38, 1.0), (40, 1.0)]
+        {
+            assert!((shares[column] - expected).abs() < 1e-6, "column {column}: {} is not {expected}", shares[column]);
+        }
+    }
+
+    #[test]
+    fn a_single_column_has_both_edges() {
+        assert_eq!(joined(Flip::Godard, 1), [0.5]);
+    }
+}

@@ -1,0 +1,158 @@
+//! Execution providers: on what ONNX Runtime runs a network.
+//!
+//! A provider stands in the library or beside it: which there are is a matter of the build that the machine has. Nothing of them is linked here.
+
+use std::num::NonZeroUsize;
+
+use ort::environment::Environment;
+use ort::ep::{self, ExecutionProvider, ExecutionProviderDispatch};
+use ort::session::builder::SessionBuilder;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// On what a network runs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Provider {
+    /// The processor; every engine has it.
+    #[default]
+    Cpu,
+    /// NVIDIA's GPUs, through CUDA and cuDNN.
+    Cuda,
+    /// NVIDIA's GPUs, through TensorRT; what it lacks runs through CUDA.
+    TensorRt,
+    /// AMD's GPUs, through `MIGraphX`.
+    MiGraphX,
+    /// Intel's processors, GPUs and NPUs, through `OpenVINO`.
+    OpenVino,
+    /// Intel's processors, through oneDNN.
+    OneDnn,
+    /// Any GPU under Windows.
+    DirectMl,
+    /// Apple's processors, GPUs and Neural Engine.
+    CoreMl,
+    /// Qualcomm's NPUs.
+    Qnn,
+    /// ARM's and other processors, through XNNPACK.
+    XnnPack,
+}
+
+impl Provider {
+    /// All of them, the processor first.
+    pub const ALL: [Self; 10] = [
+        Self::Cpu,
+        Self::Cuda,
+        Self::TensorRt,
+        Self::MiGraphX,
+        Self::OpenVino,
+        Self::OneDnn,
+        Self::DirectMl,
+        Self::CoreMl,
+        Self::Qnn,
+        Self::XnnPack,
+    ];
+
+    /// Its name as a parameter.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Cpu => "cpu",
+            Self::Cuda => "cuda",
+            Self::TensorRt => "tensorrt",
+            Self::MiGraphX => "migraphx",
+            Self::OpenVino => "openvino",
+            Self::OneDnn => "onednn",
+            Self::DirectMl => "directml",
+            Self::CoreMl => "coreml",
+            Self::Qnn => "qnn",
+            Self::XnnPack => "xnnpack",
+        }
+    }
+
+    /// Where a build of ONNX Runtime with this provider comes from.
+    #[must_use]
+    pub const fn remedy(self) -> &'static str {
+        match self {
+            Self::Cpu => "every build has it",
+            Self::Cuda | Self::TensorRt => {
+                "install a build that has it (`pip install onnxruntime-gpu` in a virtual environment without the package onnxruntime) \
+                 and name its library by ORT_DYLIB_PATH, or take `provider: cpu`"
+            }
+            Self::OpenVino => {
+                "install a build that has it (`pip install onnxruntime-openvino` in a virtual environment without the package onnxruntime) \
+                 and name its library by ORT_DYLIB_PATH, or take `provider: cpu`"
+            }
+            _ => "name the library of a build that has it by ORT_DYLIB_PATH, or take `provider: cpu`",
+        }
+    }
+
+    /// Whether the loaded ONNX Runtime was built with it. What it needs of the machine shows when a session asks for it.
+    pub(crate) fn is_in_library(self) -> ort::Result<bool> {
+        match self {
+            Self::Cpu => Ok(true),
+            Self::Cuda => ep::CUDA::is_available(),
+            Self::TensorRt => ep::TensorRT::is_available(),
+            Self::MiGraphX => ep::MIGraphX::is_available(),
+            Self::OpenVino => ep::OpenVINO::is_available(),
+            Self::OneDnn => ep::OneDNN::is_available(),
+            Self::DirectMl => ep::DirectML::is_available(),
+            Self::CoreMl => ep::CoreML::is_available(),
+            Self::Qnn => ep::QNN::is_available(),
+            Self::XnnPack => ep::XNNPACK::is_available(),
+        }
+    }
+
+    /// Has the sessions of ONNX Runtime run on it, or fail: never silently on the processor instead.
+    pub(crate) fn register(
+        self,
+        builder: SessionBuilder,
+        environment: &Environment,
+        threads: usize,
+    ) -> ort::Result<SessionBuilder> {
+        if self == Self::Cpu {
+            // Left alone, ONNX Runtime chooses among all devices it knows. Builds without that choice name none.
+            let processor = environment.devices().filter(|device| device.ep().is_ok_and(|ep| ep == ep::CPU::NAME));
+            let processor: Vec<_> = processor.collect();
+            return if processor.is_empty() { Ok(builder) } else { Ok(builder.with_devices(processor, None)?) };
+        }
+        let providers = self.dispatches(threads);
+        let strict: Vec<_> = providers.into_iter().map(ExecutionProviderDispatch::error_on_failure).collect();
+        Ok(builder.with_execution_providers(strict)?)
+    }
+
+    /// What is registered, the preferred first.
+    fn dispatches(self, threads: usize) -> Vec<ExecutionProviderDispatch> {
+        // A search by stopwatch may choose another algorithm, with other bits, in every run.
+        let cuda = || {
+            ep::CUDA::default()
+                .with_conv_algorithm_search(ep::cuda::ConvAlgorithmSearch::Heuristic)
+                .with_tf32(false)
+                .build()
+        };
+        let at_least_one = NonZeroUsize::new(threads).unwrap_or(NonZeroUsize::MIN);
+        match self {
+            Self::Cpu => Vec::new(),
+            Self::Cuda => vec![cuda()],
+            Self::TensorRt => vec![ep::TensorRT::default().build(), cuda()],
+            Self::MiGraphX => vec![ep::MIGraphX::default().build()],
+            Self::OpenVino => vec![ep::OpenVINO::default().with_num_threads(threads).build()],
+            Self::OneDnn => vec![ep::OneDNN::default().build()],
+            Self::DirectMl => vec![ep::DirectML::default().build()],
+            Self::CoreMl => vec![ep::CoreML::default().build()],
+            Self::Qnn => vec![ep::QNN::default().build()],
+            Self::XnnPack => vec![ep::XNNPACK::default().with_intra_op_num_threads(at_least_one).build()],
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Provider;
+
+    #[test]
+    fn names_are_those_of_the_parameter() {
+        for provider in Provider::ALL {
+            assert_eq!(serde_json::to_value(provider).unwrap(), provider.name());
+        }
+    }
+}

@@ -1,0 +1,141 @@
+//! Networks on machines as they are: with and without ONNX Runtime, and what a run says of it.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use serde_json::Value as Json;
+
+use crate::onnx_file::{self, F32, Tensor};
+use crate::support::{depthloom, number, read_csv, shared, skipped, succeed, workspace};
+
+/// A street, a network that takes the mean of the colours for a disparity, and what they are made into.
+fn experiment(folder: &Path, with: &str) -> PathBuf {
+    let inputs = [Tensor("image", F32, &[1, 3, 32, 96])];
+    let output = Tensor("share", F32, &[1, 1, 32, 96]);
+    std::fs::write(folder.join("net.onnx"), onnx_file::model("ReduceMean", Some(1), &inputs, &output))
+        .expect("written");
+    let text = format!(
+        "experiment: network
+sources: {{ street: {{ kind: synthetic/road, with: {{ frames: 0..2, width: 192, height: 64 }} }} }}
+stages:
+  look:
+    source: street
+    nodes:
+      mono:
+        kind: mono/onnx
+        inputs: {{ image: source/left, calibration: source/calibration, model: {{ file: net.onnx }} }}
+        with: {with}
+    score: {{ truth: source/depth, estimates: {{ mono: {{ from: mono/depth, sets: [all] }} }} }}
+"
+    );
+    let path = folder.join("experiment.yaml");
+    std::fs::write(&path, text).expect("written");
+    path
+}
+
+/// The binary on a machine with nothing: no Python, no environment, a working folder without a Python environment above it.
+fn bare() -> Command {
+    let mut command = depthloom();
+    command.current_dir("/").env_clear().env("PATH", "").env("NO_COLOR", "1");
+    command
+}
+
+fn json(path: &Path) -> Json {
+    serde_json::from_str(&std::fs::read_to_string(path).expect("the file")).expect("JSON")
+}
+
+/// Whether the program was built with tract; says that the test is skipped where it was not.
+fn has_tract(test: &str) -> bool {
+    if !cfg!(feature = "tract") {
+        skipped(test, "built without tract");
+    }
+    cfg!(feature = "tract")
+}
+
+#[test]
+fn a_bare_machine_runs_networks_in_tract_and_says_so() {
+    if !has_tract("a_bare_machine_runs_networks_in_tract_and_says_so") {
+        return;
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = experiment(folder.path(), "{ flip: godard }");
+    let doctor = succeed(bare().args(["doctor", "--json"]));
+    let doctor: Json = serde_json::from_slice(&doctor.stdout).expect("JSON");
+    if doctor["networks"]["engine"] == "onnxruntime" {
+        return skipped("a_bare_machine_runs_networks_in_tract_and_says_so", "ONNX Runtime is part of this system");
+    }
+    assert_eq!(doctor["networks"]["engine"], "tract");
+    assert_eq!(doctor["networks"]["providers"], serde_json::json!(["cpu"]));
+    let out = folder.path().join("run");
+    succeed(bare().args(["run", "--quiet", "--out"]).arg(&out).arg(&path));
+    let networks = &json(&out.join("environment.json"))["networks"];
+    assert_eq!(networks["engine"], "tract");
+    assert_eq!(networks["found_by"], "fallback");
+    assert_eq!(networks["ran_on"], serde_json::json!(["cpu"]));
+    let why = networks["instead_of"].as_str().expect("a reason");
+    assert!(why.starts_with("this machine has no ONNX Runtime"), "{why}");
+    // Asked for by name it gives the same bytes.
+    let again = folder.path().join("again");
+    let named = ("DEPTHLOOM_ONNX_ENGINE", "tract");
+    succeed(bare().env(named.0, named.1).args(["run", "--quiet", "--out"]).arg(&again).arg(&path));
+    let recording = |run: &Path| std::fs::read(run.join("recording.mcap")).expect("a recording");
+    assert!(recording(&out) == recording(&again), "two runs of one engine differ");
+    // What was asked for by name is not replaced.
+    for (variable, value) in
+        [("ORT_DYLIB_PATH", "/nowhere/libonnxruntime.so"), ("DEPTHLOOM_ONNX_ENGINE", "onnxruntime")]
+    {
+        let output = bare().env(variable, value).arg("run").arg(&path).output().expect("started");
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{said}");
+        assert!(said.contains("libonnxruntime.so") || said.contains("no ONNX Runtime"), "{said}");
+    }
+}
+
+#[test]
+fn an_engine_nobody_knows_and_a_provider_that_is_not_there_are_found_before_any_frame() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = experiment(folder.path(), "{ provider: directml }");
+    let run = |engine: &str| {
+        let mut command = bare();
+        command.env("DEPTHLOOM_ONNX_ENGINE", engine).args(["run", "--out"]).arg(folder.path().join("run")).arg(&path);
+        let output = command.output().expect("started");
+        assert_eq!(output.status.code(), Some(2), "{output:?}");
+        String::from_utf8_lossy(&output.stderr).into_owned()
+    };
+    let unknown = run("caffe");
+    assert!(unknown.contains("DEPTHLOOM_ONNX_ENGINE is `caffe`, which is no engine"), "{unknown}");
+    if has_tract("a_provider_that_is_not_there") {
+        let missing = run("tract");
+        assert!(missing.contains("has no provider `directml`; it has cpu"), "{missing}");
+        assert!(missing.contains("take `provider: cpu`"), "{missing}");
+    }
+    assert!(!folder.path().join("run").exists() && !folder.path().join("run.partial").exists());
+}
+
+#[test]
+fn tracts_scores_are_the_oracles() {
+    let Some(shared) = shared("tracts_scores_are_the_oracles") else { return };
+    if !has_tract("tracts_scores_are_the_oracles") {
+        return;
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    let out = folder.path().join("run");
+    let shared = shared.canonicalize().expect("an absolute path");
+    let mut command = bare();
+    command.args(["run", "--quiet", "--out"]).arg(&out).arg(workspace().join("tests/experiments/golden-onnx.yaml"));
+    command.env("KITTI_STEREO_2015", shared.join("data/kitti_stereo_2015"));
+    succeed(command.env("MONO_MODEL", shared.join("models/ssl_unet.onnx")).env("DEPTHLOOM_ONNX_ENGINE", "tract"));
+    let ours = read_csv(&out.join("scores.csv"));
+    let golden = read_csv(&shared.join("oracle/golden/ssl_unet/scores.csv"));
+    assert_eq!(ours.len(), golden.len());
+    for row in &golden {
+        let same = |other: &&crate::support::Row| {
+            ["frame", "estimator", "scored_on"].iter().all(|column| other[*column] == row[*column])
+        };
+        let mine = ours.iter().find(same).unwrap_or_else(|| panic!("no row {row:?}"));
+        for score in ["a1", "abs_rel", "rmse", "silog"] {
+            let (a, b) = (number(mine, score), number(row, score));
+            assert!((a - b).abs() <= 1e-3 * b.abs(), "{score}: {a} is not {b} in {row:?}");
+        }
+    }
+}
