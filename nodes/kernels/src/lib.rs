@@ -48,3 +48,4 @@ pub mod scale;
 pub mod sgbm;
 pub mod simd;
 pub mod tiles;
+pub mod weighted_least_squares;
