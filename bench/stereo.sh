@@ -1,10 +1,11 @@
 #!/usr/bin/env bash
-# Stereo against OpenCV on real frames: prints medians, and lines `ratio MODE-THREADSt VALUE` (OpenCV's time / ours).
+# Stereo against OpenCV on real frames: prints medians, and lines `ratio MATCHER-THREADSt VALUE` (OpenCV's time / ours);
+# `census-sgm`, which OpenCV has not, is timed alone.
 #
-#   bench/stereo.sh [--count 5] [--repeat 6] [--modes sgbm hh 3way hh4] [--threads 1 2] [--path best]
+#   bench/stereo.sh [--count 5] [--repeat 6] [--modes sgbm hh 3way hh4 bm census-sgm] [--threads 1 2] [--path best]
 #
-# Frames: KITTI_STEREO_2015, or ../shared/data/kitti_stereo_2015 (its folder `training`). Builds the example `sgbm_raw`,
-# and installs OpenCV from PyPI into a virtual environment under target/.
+# Frames: KITTI_STEREO_2015, or ../shared/data/kitti_stereo_2015 (its folder `training`). Builds the examples
+# `sgbm_raw`, `bm_raw` and `census_raw`, and installs OpenCV from PyPI into a virtual environment under target/.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -21,5 +22,5 @@ if ! "$venv/bin/python" -c "import cv2, numpy" 2>/dev/null; then
     "$venv/bin/pip" install --quiet "opencv-python-headless==5.0.*" numpy ||
         "$venv/bin/pip" install --quiet --pre opencv-python-headless numpy
 fi
-cargo build --quiet --release -p depthloom-kernels --example sgbm_raw
-exec "$venv/bin/python" bench/stereo.py "$target/release/examples/sgbm_raw" "$frames" "$@"
+cargo build --quiet --release -p depthloom-kernels --example sgbm_raw --example bm_raw --example census_raw
+exec "$venv/bin/python" bench/stereo.py "$target/release/examples" "$frames" "$@"

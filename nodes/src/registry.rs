@@ -4,7 +4,7 @@ use depthloom_graphs::Registry;
 
 use crate::confidence::{Edges, Sobel};
 use crate::depth::FromDisparity;
-use crate::disparity::{Fill, LeftRight, Speckle};
+use crate::disparity::{Fill, LeftRight, Speckle, WeightedLeastSquares};
 use crate::filter::Median;
 use crate::fusion::{Confidence, Scale};
 use crate::mono::{GroundPlane, Onnx};
@@ -24,6 +24,7 @@ pub fn registry() -> Registry {
         .node::<LeftRight>()
         .node::<Speckle>()
         .node::<Fill>()
+        .node::<WeightedLeastSquares>()
         .node::<FromDisparity>()
         .node::<Edges>()
         .node::<Sobel>()

@@ -49,3 +49,4 @@ pub mod scale;
 pub mod sgbm;
 pub mod simd;
 pub mod tiles;
+pub mod weighted_least_squares;

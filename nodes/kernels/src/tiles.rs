@@ -2,6 +2,8 @@
 
 mod crew;
 
+use std::sync::{Mutex, PoisonError};
+
 pub use crew::{Closing, Crew};
 
 /// Runs the independent pieces ("tiles") of a kernel.
@@ -30,6 +32,15 @@ impl Tiles for Serial {
     fn width(&self) -> usize {
         1
     }
+}
+
+/// Runs each part as a tile of its own.
+pub(crate) fn each<T: Send>(tiles: &dyn Tiles, parts: Vec<T>, f: impl Fn(usize, T) + Sync) {
+    let parts: Vec<_> = parts.into_iter().map(|part| Mutex::new(Some(part))).collect();
+    tiles.run(parts.len(), &|index| {
+        let part = parts[index].lock().unwrap_or_else(PoisonError::into_inner).take();
+        f(index, part.expect("each index comes once"));
+    });
 }
 
 #[cfg(test)]

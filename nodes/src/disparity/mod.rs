@@ -3,6 +3,7 @@
 mod fill;
 mod left_right;
 mod speckle;
+mod weighted_least_squares;
 
 use depthloom_graphs::Fault;
 use depthloom_graphs::values::{Disparity, Raster};
@@ -10,6 +11,7 @@ use depthloom_graphs::values::{Disparity, Raster};
 pub use fill::{Fill, FillParams};
 pub use left_right::{LeftRight, LeftRightParams};
 pub use speckle::{Speckle, SpeckleParams};
+pub use weighted_least_squares::{WeightedLeastSquares, WeightedLeastSquaresParams};
 
 /// What the map's unanswered pixels hold.
 ///

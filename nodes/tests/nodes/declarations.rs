@@ -6,13 +6,14 @@ use depthloom_graphs::Port;
 use serde_json::{Value as Json, json};
 
 /// The kinds the language's documentation names, with their ports.
-const PORTS: [(&str, &[&str], &[&str]); 15] = [
+const PORTS: [(&str, &[&str], &[&str]); 16] = [
     ("confidence/edges", &["image"], &["mask"]),
     ("confidence/sobel", &["image"], &["weight"]),
     ("depth/from-disparity", &["disparity", "calibration"], &["depth"]),
     ("disparity/fill", &["disparity"], &["disparity"]),
     ("disparity/left-right", &["left", "right"], &["disparity"]),
     ("disparity/speckle", &["disparity"], &["disparity"]),
+    ("disparity/weighted-least-squares", &["image", "disparity", "right"], &["disparity"]),
     ("filter/median", &["depth"], &["depth"]),
     ("fusion/confidence", &["mono", "stereo", "weight"], &["depth"]),
     ("fusion/scale", &["mono", "stereo"], &["depth"]),
@@ -99,6 +100,13 @@ fn defaults_are_the_golden_settings() {
     assert_eq!(defaults("disparity/left-right"), json!({ "max_difference": 1.0 }));
     assert_eq!(defaults("disparity/speckle"), json!({ "window": 100, "range": 1.0 }));
     assert_eq!(defaults("disparity/fill"), json!({ "longest": null }));
+    assert_eq!(
+        defaults("disparity/weighted-least-squares"),
+        json!({
+            "lambda": 8000.0, "sigma": 1.0, "lambda_attenuation": 0.25, "iterations": 3, "fill": true,
+            "max_difference": 1.5, "discontinuity_radius": 5,
+        })
+    );
     assert_eq!(defaults("depth/from-disparity"), json!({ "cap": 80.0 }));
     assert_eq!(defaults("confidence/edges"), json!({ "threshold": 100.0 }));
     assert_eq!(defaults("confidence/sobel"), json!({ "threshold": 100.0, "sigma": 10.0 }));
@@ -145,6 +153,9 @@ fn parameters_that_no_schema_can_refuse_are_refused_by_name() {
         ("disparity/left-right", json!({ "max_difference": -1 }), "max_difference"),
         ("disparity/speckle", json!({ "range": -0.5 }), "range"),
         ("disparity/fill", json!({ "longest": -1 }), "longest"),
+        ("disparity/weighted-least-squares", json!({ "lambda": 1_000_001 }), "lambda"),
+        ("disparity/weighted-least-squares", json!({ "sigma": 0 }), "sigma"),
+        ("disparity/weighted-least-squares", json!({ "iterations": 0 }), "iterations"),
         ("depth/from-disparity", json!({ "cap": 0 }), "cap"),
         ("depth/from-disparity", json!({ "capp": 80 }), "capp"),
         ("confidence/sobel", json!({ "sigma": 0.0 }), "sigma"),

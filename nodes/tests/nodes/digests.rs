@@ -75,7 +75,7 @@ fn gappy() -> Value {
     Disparity { sixteenths_px, min_disparity_px: 0 }.into()
 }
 
-/// Calls that stand for a kind: its name, sets of parameters, inputs.
+/// Calls that stand for a kind, together with others of its name: the name, sets of parameters, inputs.
 type Calls = (&'static str, Vec<Json>, Vec<(&'static str, Value)>);
 
 fn calls() -> Vec<Calls> {
@@ -105,6 +105,16 @@ fn calls() -> Vec<Calls> {
             "disparity/speckle",
             vec![json!({ "window": 9, "range": 10.5 }), json!({ "window": 30, "range": 20 })],
             vec![("disparity", gappy())],
+        ),
+        (
+            "disparity/weighted-least-squares",
+            vec![json!({}), json!({ "lambda": 300, "sigma": 20, "iterations": 2, "fill": false })],
+            vec![("image", image(0)), ("disparity", gappy())],
+        ),
+        (
+            "disparity/weighted-least-squares",
+            vec![json!({ "max_difference": 20, "discontinuity_radius": 1 })],
+            vec![("image", image(0)), ("disparity", gappy()), ("right", disparity(11, -60))],
         ),
         ("filter/median", vec![json!({}), json!({ "size": 3 })], vec![("depth", depth(1, 4))]),
         (
@@ -199,11 +209,14 @@ fn digests() -> BTreeMap<String, Key> {
             println!("SKIPPED the digest of {kind}: {}", fault.chain());
             continue;
         }
-        let (_, variants, inputs) =
-            calls.iter().find(|call| call.0 == kind).unwrap_or_else(|| panic!("add a call of {kind}"));
-        let digest = variants.iter().fold(Key::build(kind), |digest, params| {
-            add_values(digest, &call(kind, params, inputs).unwrap_or_else(|fault| panic!("{kind}: {}", fault.chain())))
-        });
+        assert!(calls.iter().any(|call| call.0 == kind), "add a call of {kind}");
+        let digest =
+            calls.iter().filter(|call| call.0 == kind).fold(Key::build(kind), |digest, (_, variants, inputs)| {
+                variants.iter().fold(digest, |digest, params| {
+                    let values = call(kind, params, inputs).unwrap_or_else(|fault| panic!("{kind}: {}", fault.chain()));
+                    add_values(digest, &values)
+                })
+            });
         digests.insert(format!("{kind}@{}", node.declaration.version), digest.finish());
     }
     for source in registry.sources() {

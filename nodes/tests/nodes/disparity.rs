@@ -118,3 +118,44 @@ fn maps_of_different_sizes_and_images_smaller_than_the_block_are_errors() {
         "image is 200x21, too small for a block of 21: both sides must be larger"
     );
 }
+
+#[test]
+fn the_right_view_decides_what_is_smoothed_over_the_hidden_pixels() {
+    let (left, right) = (view(0), view(1));
+    let params = json!({ "disparities": 32, "block": 7, "uniqueness": 0, "texture_threshold": 0 });
+    let forth = value("stereo/bm", &params, &[("left", &left), ("right", &right)]);
+    let mut exchanged = params;
+    exchanged["min_disparity"] = json!(-31);
+    let back = value("stereo/bm", &exchanged, &[("left", &right), ("right", &left)]);
+    // The scene's texture is noise, in which every pixel is an edge: layers of one brightness each guide.
+    let layers = GrayImage::from_fn(WIDTH, HEIGHT, |x, _| image::Luma([if (90..130).contains(&x) { 200 } else { 50 }]));
+    let layers: Value = Image::new(Pixels::Grey(layers)).into();
+    let kind = "disparity/weighted-least-squares";
+    let alone = value(kind, &json!({}), &[("image", &layers), ("disparity", &forth)]);
+    let both = value(kind, &json!({}), &[("image", &layers), ("disparity", &forth), ("right", &back)]);
+
+    let (hidden, shown) = (HIDDEN, 93..127);
+    let (before, after) = (answered(&forth, hidden.clone()), answered(&both, hidden.clone()));
+    println!("hidden, answered and wrong: {before:?}, alone {:?}, both {after:?}", answered(&alone, hidden));
+    assert!(before.1 > before.0 / 2 && after.1 == 0 && after.0 >= before.0, "{before:?} {after:?}");
+    let of_object = answered(&both, shown);
+    assert_eq!(of_object.0, of_object.1, "the object keeps its own disparity");
+    assert!(answered(&both, 0..30).0 == 0, "columns that were never searched stay without answer");
+}
+
+#[test]
+fn smoothing_gives_pixels_without_answer_one_if_asked() {
+    let image: Value = Image::new(Pixels::Grey(GrayImage::new(4, 3))).into();
+    let before = map(4, 0, &[-16, 32, 32, 32, -16, 32, -16, 32, -16, -16, -16, -16]);
+    let after = |fill: bool| {
+        let params = json!({ "fill": fill });
+        let inputs = [("image", &image), ("disparity", &before)];
+        pixels(&value("disparity/weighted-least-squares", &params, &inputs)).to_vec()
+    };
+    assert_eq!(after(true), [-16, 32, 32, 32, -16, 32, 32, 32, -16, -16, -16, -16]);
+    assert_eq!(after(false), pixels(&before));
+    let small: Value = Image::new(Pixels::Grey(GrayImage::new(4, 2))).into();
+    let fault =
+        call("disparity/weighted-least-squares", &json!({}), &[("image", small), ("disparity", before.clone())]);
+    assert_eq!(fault.unwrap_err().to_string(), "`image` is 4x2 and `disparity` is 4x3: they must be of one size");
+}

@@ -4,8 +4,6 @@
 //! where it begins; in the half where it ends it meets the other's sums, adds its own, and chooses. So no row's sums are
 //! written more than twice, and two threads can march at a time; transform and checks are spread further.
 
-use std::sync::{Mutex, PoisonError};
-
 use super::choice::{Demands, RightBest, choose};
 use super::features::{Feature, FeatureRow, comparisons};
 use super::finish::{Check, FinishRow, Maps};
@@ -14,7 +12,7 @@ use super::simd::{Name, Set};
 use super::{Census, ParamError, Params, Paths, plain};
 use crate::raster;
 use crate::simd::Pass;
-use crate::tiles::Tiles;
+use crate::tiles::{Tiles, each};
 
 /// Rows of a tile, where rows do not depend on each other.
 const TILE_ROWS: usize = 16;
@@ -159,15 +157,6 @@ pub fn compute_on(
         }
     });
     Ok(())
-}
-
-/// Runs each part as a tile of its own.
-fn each<T: Send>(tiles: &dyn Tiles, parts: Vec<T>, f: impl Fn(usize, T) + Sync) {
-    let parts: Vec<_> = parts.into_iter().map(|part| Mutex::new(Some(part))).collect();
-    tiles.run(parts.len(), &|index| {
-        let part = parts[index].lock().unwrap_or_else(PoisonError::into_inner).take();
-        f(index, part.expect("each index comes once"));
-    });
 }
 
 /// Where sums and raw maps are written.
