@@ -15,7 +15,7 @@ fn recordings_are_equal_with_one_two_and_eight_workers() {
     let experiment = folder.path().join("small.yaml");
     let table1 = crate::support::workspace().join("experiments/table1.yaml");
     let text = format!(
-        "extends: {}\nexperiment: small\nsources:\n  test: {{ with: {{ frames: 0..5, width: 320, height: 96 }} }}\n",
+        "extends: {}\nexperiment: small\nsources:\n  train: {{ with: {{ frames: 0..4, width: 320, height: 96 }} }}\n  test: {{ with: {{ frames: 0..5, width: 320, height: 96 }} }}\nstages: {{ learn: {{ nodes: {{ teacher: {{ with: {{ steps: 12, curve_every: 4 }} }} }} }} }}\n",
         table1.display()
     );
     std::fs::write(&experiment, text).expect("written");
@@ -25,7 +25,7 @@ fn recordings_are_equal_with_one_two_and_eight_workers() {
     });
     assert!(runs[0].0 == runs[1].0, "recordings with 1 and 2 workers differ");
     assert!(runs[0].0 == runs[2].0, "recordings with 1 and 8 workers differ");
-    for file in ["scores.csv", "table.csv", "table.md", "table.tex", "error_vs_distance.csv", "error_vs_distance.svg"] {
+    for file in ["scores.csv", "table.csv", "table.md", "table.tex", "error_vs_distance.csv", "error_vs_distance.svg", "learning_curves.csv"] {
         let read = |out: &Path| std::fs::read(out.join(file)).unwrap_or_else(|error| panic!("{file}: {error}"));
         assert!(read(&runs[0].1) == read(&runs[2].1), "{file} differs");
     }

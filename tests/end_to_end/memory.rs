@@ -8,7 +8,8 @@ fn two_thousand_frames_take_no_more_memory_than_a_hundred() {
     let experiment = folder.path().join("small.yaml");
     let table1 = workspace().join("experiments/table1.yaml");
     let text = format!(
-        "extends: {}\nexperiment: small\nsources:\n  test: {{ with: {{ frames: 0..100, width: 320, height: 96 }} }}\n",
+        "extends: {}\nexperiment: small\nsources:\n  train: {{ with: {{ frames: 0..2, width: 320, height: 96 }} }}\n  test: {{ with: {{ frames: 0..100, width: 320, height: 96 }} }}\n\
+         stages:\n  learn:\n    nodes:\n      samples: {{ with: {{ size: [64, 32] }} }}\n      teacher: {{ with: {{ steps: 1, batch: 1 }} }}\n",
         table1.display()
     );
     std::fs::write(&experiment, text).expect("written");
