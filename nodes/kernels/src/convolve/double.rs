@@ -73,6 +73,9 @@ impl Double {
     }
 
     /// One image: `image` is inputs x height x width, `out` outputs x 2 height x 2 width.
+    ///
+    /// # Panics
+    /// If a slice is of another length.
     pub fn forward(
         &self,
         level: Level,
@@ -128,6 +131,9 @@ impl Double {
     /// One image backwards: from the gradient of the output, `slope`, those that `gradients` has room for.
     ///
     /// `image` and `out` are those of the forward pass. Of weights and bias this is one image's share.
+    ///
+    /// # Panics
+    /// If a slice is of another length.
     #[expect(clippy::too_many_arguments, reason = "an operation and everything it is of")]
     pub fn backward(
         &self,

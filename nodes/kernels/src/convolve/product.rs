@@ -122,10 +122,10 @@ unsafe fn tile<L: Lanes, const R: usize, const C: usize>(
         // SAFETY: the caller's promise.
         unsafe {
             let samples: [L; C] = std::array::from_fn(|c| L::load(source.add(offset + c * LANES)));
-            for r in 0..R {
+            for (r, sums) in sums.iter_mut().enumerate() {
                 let weight = L::splat(*weights.add(k * R + r));
-                for c in 0..C {
-                    sums[r][c] = sums[r][c].plus_product(samples[c], weight);
+                for (sum, samples) in sums.iter_mut().zip(samples) {
+                    *sum = sum.plus_product(samples, weight);
                 }
             }
         }
@@ -240,10 +240,10 @@ unsafe fn dots<L: Lanes, const R: usize, const K: usize>(
         // SAFETY: the caller's promise; `count` is a multiple of `LANES`.
         unsafe {
             let factors: [L; R] = std::array::from_fn(|r| L::load(left.add(r * stride + p)));
-            for k in 0..K {
-                let samples = L::load(lines[k].add(p));
-                for r in 0..R {
-                    sums[r][k] = sums[r][k].plus_product(factors[r], samples);
+            for (k, line) in lines.into_iter().enumerate() {
+                let samples = L::load(line.add(p));
+                for (sums, factor) in sums.iter_mut().zip(factors) {
+                    sums[k] = sums[k].plus_product(factor, samples);
                 }
             }
         }

@@ -73,6 +73,9 @@ impl Same {
     }
 
     /// One image: `image` is inputs x height x width, `out` outputs x height x width.
+    ///
+    /// # Panics
+    /// If a slice is of another length.
     pub fn forward(
         &self,
         level: Level,
@@ -112,6 +115,9 @@ impl Same {
     /// One image backwards: from the gradient of the output, `slope`, those that `gradients` has room for.
     ///
     /// `image` and `out` are those of the forward pass. Of weights and bias this is one image's share.
+    ///
+    /// # Panics
+    /// If a slice is of another length.
     #[expect(clippy::too_many_arguments, reason = "an operation and everything it is of")]
     pub fn backward(
         &self,

@@ -71,7 +71,7 @@ the state is put down beside the run; a run begun again after a kill goes on the
     }
 
     fn fingerprint(params: &SslParams) -> Result<Option<Key>, Fault> {
-        let key = Key::build("learning").text("burn 0.22").text(if cfg!(feature = "cuda") { "cuda" } else { "cpu" });
+        let key = Key::build("learning").text("burn 0.22").text(if cfg!(feature = "gpu") { "gpu" } else { "cpu" });
         Ok(Some(match &params.weights {
             Some(file) => key.key(&weights::read(file.path())?.1).finish(),
             None => key.finish(),

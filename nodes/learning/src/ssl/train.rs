@@ -237,12 +237,10 @@ impl<'a> Training<'a> {
 }
 
 /// Where networks learn.
-pub(super) fn device() -> Device {
-    #[cfg(feature = "cuda")]
-    return Device::cuda(0);
-    #[cfg(all(feature = "wgpu", not(feature = "cuda")))]
-    return Device::wgpu(Default::default());
-    #[cfg(not(any(feature = "cuda", feature = "wgpu")))]
+fn device() -> Device {
+    #[cfg(feature = "gpu")]
+    return Device::wgpu(burn::tensor::DeviceKind::default());
+    #[cfg(not(feature = "gpu"))]
     Device::flex()
 }
 
