@@ -107,7 +107,15 @@ mod tests {
     use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 
     fn host<'a>(crew: &'a Crew, interrupt: &'a Interrupt) -> TaskHost<'a> {
-        TaskHost { crew, interrupt, observer: &Unwatched, run: 0, node: None, checkpoints: None, helpers_cpu_ns: AtomicU64::new(0) }
+        TaskHost {
+            crew,
+            interrupt,
+            observer: &Unwatched,
+            run: 0,
+            node: None,
+            checkpoints: None,
+            helpers_cpu_ns: AtomicU64::new(0),
+        }
     }
 
     #[test]

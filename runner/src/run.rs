@@ -37,7 +37,15 @@ pub fn run<T: Tap>(
     let Ready { plan, runs, files } = ready;
     let crew = Crew::new(options.workers());
     let (window, keep_going) = (options.window(), options.keep_going);
-    let around = Surroundings { tap, crew: &crew, observer, interrupt, window, keep_going, checkpoints: options.checkpoints.as_deref() };
+    let around = Surroundings {
+        tap,
+        crew: &crew,
+        observer,
+        interrupt,
+        window,
+        keep_going,
+        checkpoints: options.checkpoints.as_deref(),
+    };
     let mut values = OnceValues::new(files);
     let mut report = Report::default();
     for (run, ready) in runs.into_iter().enumerate() {

@@ -241,7 +241,15 @@ impl<'a, T: Tap> Stage<'a, T> {
 
     fn host(&self, node: Option<usize>) -> TaskHost<'a> {
         let (crew, interrupt, observer) = (self.crew, self.interrupt, self.observer);
-        TaskHost { crew, interrupt, observer, run: self.run, node, checkpoints: None, helpers_cpu_ns: AtomicU64::new(0) }
+        TaskHost {
+            crew,
+            interrupt,
+            observer,
+            run: self.run,
+            node,
+            checkpoints: None,
+            helpers_cpu_ns: AtomicU64::new(0),
+        }
     }
 
     fn read(&self, frame: &InFlight<T::Part>, desk: &mut Desk) -> Settled {

@@ -25,7 +25,15 @@ fn recordings_are_equal_with_one_two_and_eight_workers() {
     });
     assert!(runs[0].0 == runs[1].0, "recordings with 1 and 2 workers differ");
     assert!(runs[0].0 == runs[2].0, "recordings with 1 and 8 workers differ");
-    for file in ["scores.csv", "table.csv", "table.md", "table.tex", "error_vs_distance.csv", "error_vs_distance.svg", "learning_curves.csv"] {
+    for file in [
+        "scores.csv",
+        "table.csv",
+        "table.md",
+        "table.tex",
+        "error_vs_distance.csv",
+        "error_vs_distance.svg",
+        "learning_curves.csv",
+    ] {
         let read = |out: &Path| std::fs::read(out.join(file)).unwrap_or_else(|error| panic!("{file}: {error}"));
         assert!(read(&runs[0].1) == read(&runs[2].1), "{file} differs");
     }

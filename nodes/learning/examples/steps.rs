@@ -41,7 +41,9 @@ impl Host for Clock {
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let args: Vec<String> = std::env::args().skip(1).collect();
-    let [network, steps, batch, threads] = args.as_slice() else { return Err("steps NETWORK STEPS BATCH THREADS".into()) };
+    let [network, steps, batch, threads] = args.as_slice() else {
+        return Err("steps NETWORK STEPS BATCH THREADS".into());
+    };
     let steps: u64 = steps.parse()?;
     let (width, height) = (320, 96);
     let item = |i: usize| Sample {
@@ -51,12 +53,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         share: (0..width * height).map(|p| half::f16::from_f32((p % 97 + 1) as f32 / 1000.0)).collect(),
         depth_scale: Some(0.3),
     };
-    let samples = Samples {
-        width: width as u32,
-        height: height as u32,
-        has_right: false,
-        items: (0..16).map(item).collect(),
-    };
+    let samples =
+        Samples { width: width as u32, height: height as u32, has_right: false, items: (0..16).map(item).collect() };
     let text = serde_json::json!({ "network": network, "steps": 2 * steps, "batch": batch.parse::<u32>()? });
     let params: SslParams = serde_json::from_value(text)?;
     let ports = Ssl::declaration().inputs;

@@ -59,11 +59,10 @@ mod tests {
     fn it_is_the_published_generator() {
         // Vigna's splitmix64.c with the state 1234567.
         let mut random = Random::new(1_234_567);
-        assert_eq!([random.next(), random.next(), random.next()], [
-            6_457_827_717_110_365_317,
-            3_203_168_211_198_807_973,
-            9_817_491_932_198_370_423
-        ]);
+        assert_eq!(
+            [random.next(), random.next(), random.next()],
+            [6_457_827_717_110_365_317, 3_203_168_211_198_807_973, 9_817_491_932_198_370_423]
+        );
     }
 
     #[test]

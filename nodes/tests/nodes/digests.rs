@@ -193,6 +193,7 @@ fn add(digest: KeyBuilder, value: &Value) -> KeyBuilder {
         Value::Calibration(c) => digest.text(&format!("{c:?}")),
         Value::Scores(rows) => digest.text(&format!("{rows:?}")),
         Value::Samples(artifact) | Value::Model(artifact) => digest.key(&artifact.hash),
+        Value::Curve(curve) => digest.text(&format!("{curve:?}")),
     }
 }
 

@@ -138,3 +138,30 @@ impl Builder for Lister {
         self.size
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::{Network, Size, layout};
+
+    #[test]
+    fn networks_have_the_sizes_they_are_known_for() {
+        let size = Size { width: 320, height: 96 };
+        // `../shared/models/ssl_unet.onnx` has as many.
+        assert_eq!(layout(Network::UnetLite, size).count(), 1_071_417);
+        assert_eq!(layout(Network::UnetLite, size).map, size);
+        // VGG-16's convolutions have 14,714,688 parameters (torchvision: `vgg16().features`).
+        let vgg = layout(Network::FcnVgg16, size);
+        let of_vgg = vgg.parameters.iter().filter(|parameter| parameter.name.starts_with("features."));
+        assert_eq!(of_vgg.map(|parameter| parameter.len()).sum::<usize>(), 14_714_688);
+        assert!(vgg.parameters.iter().any(|parameter| parameter.name == "features.28.weight"));
+        assert_eq!(layout(Network::EigenCoarse, size).map, Size { width: 40, height: 12 });
+    }
+
+    #[test]
+    fn equal_seeds_begin_equally() {
+        let layout = layout(Network::FcnLite, Size { width: 64, height: 32 });
+        assert!(layout.start(3) == layout.start(3) && layout.start(3) != layout.start(4));
+        let last = layout.parameters.iter().position(|parameter| parameter.name == "last.bias").unwrap();
+        assert_eq!(layout.start(3)[last], [-2.0]);
+    }
+}

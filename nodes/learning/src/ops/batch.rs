@@ -3,8 +3,8 @@
 use std::cell::RefCell;
 
 use burn::backend::TensorMetadata;
-use burn::tensor::{DType, Shape, TensorData};
 use burn::backend::flex::FlexTensor;
+use burn::tensor::{DType, Shape, TensorData};
 use depthloom_kernels::convolve::{Activation, Gradients, Scratch};
 use rayon::prelude::*;
 

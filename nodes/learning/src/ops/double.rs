@@ -59,7 +59,8 @@ pub(super) fn tracked<C: CheckpointStrategy>(
     bias: FloatTensor<Autodiff<Flex, C>>,
     relu: bool,
 ) -> FloatTensor<Autodiff<Flex, C>> {
-    let ((x, x_node), (weight, weight_node), (bias, bias_node)) = (x.into_parts(), weight.into_parts(), bias.into_parts());
+    let ((x, x_node), (weight, weight_node), (bias, bias_node)) =
+        (x.into_parts(), weight.into_parts(), bias.into_parts());
     let (x, weight, bias) = (in_order(x), in_order(weight), in_order(bias));
     let out = run(&x, &weight, &bias, relu);
     match Step.prepare::<C>([x_node, weight_node, bias_node]).compute_bound().stateful() {

@@ -5,7 +5,7 @@ use burn::backend::tensor::FloatTensor;
 use burn::backend::{Autodiff, Flex};
 
 use super::batch::in_order;
-use super::{Convolutions, double, same};
+use super::{Convolutions, double, halve, same};
 
 impl Convolutions for Flex {
     fn same(x: FloatTensor<Self>, weight: FloatTensor<Self>, bias: FloatTensor<Self>, relu: bool) -> FloatTensor<Self> {
@@ -19,6 +19,10 @@ impl Convolutions for Flex {
         relu: bool,
     ) -> FloatTensor<Self> {
         double::run(&in_order(x), &in_order(weight), &in_order(bias), relu)
+    }
+
+    fn halve(x: FloatTensor<Self>) -> FloatTensor<Self> {
+        halve::run(&in_order(x))
     }
 }
 
@@ -34,5 +38,9 @@ impl<C: CheckpointStrategy> Convolutions for Autodiff<Flex, C> {
         relu: bool,
     ) -> FloatTensor<Self> {
         double::tracked::<C>(x, weight, bias, relu)
+    }
+
+    fn halve(x: FloatTensor<Self>) -> FloatTensor<Self> {
+        halve::tracked::<C>(x)
     }
 }

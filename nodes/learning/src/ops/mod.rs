@@ -1,12 +1,13 @@
-//! Convolutions for the training library, many times faster on a CPU than its own.
+//! Convolutions and pooling for the training library, faster on a CPU than its own.
 //!
 //! burn's CPU back end computes the gradient of a convolution by another, strided convolution, which takes most of a training
-//! step. Its extension mechanism lets an operation bring its own gradient: here are the two that networks spend their time in, on
+//! step. Its extension mechanism lets an operation bring its own gradient: here are those that networks spend their time in, on
 //! top of `depthloom_kernels::convolve`, bias and ReLU included. On other back ends (a GPU) the library's own operations run.
 //! What is tested: equal to the library's own operations, forward and backward (`tests`).
 
 mod batch;
 mod double;
+mod halve;
 mod implementations;
 mod same;
 
@@ -21,8 +22,14 @@ pub trait Convolutions: Backend {
     /// Convolution with an odd kernel, stride 1 and zero padding that keeps the size; `relu` follows.
     fn same(x: FloatTensor<Self>, weight: FloatTensor<Self>, bias: FloatTensor<Self>, relu: bool) -> FloatTensor<Self>;
     /// Transposed convolution with a 4x4 kernel, stride 2 and padding 1, which doubles the size; `relu` follows.
-    fn double(x: FloatTensor<Self>, weight: FloatTensor<Self>, bias: FloatTensor<Self>, relu: bool)
-    -> FloatTensor<Self>;
+    fn double(
+        x: FloatTensor<Self>,
+        weight: FloatTensor<Self>,
+        bias: FloatTensor<Self>,
+        relu: bool,
+    ) -> FloatTensor<Self>;
+    /// The maximum of 2x2 samples; sides are even.
+    fn halve(x: FloatTensor<Self>) -> FloatTensor<Self>;
 }
 
 fn is_cpu(device: &Device) -> bool {
@@ -34,12 +41,8 @@ fn is_cpu(device: &Device) -> bool {
 pub fn same(x: Tensor<4>, weight: Tensor<4>, bias: Tensor<1>, activation: Activation) -> Tensor<4> {
     let relu = activation == Activation::Relu;
     if is_cpu(&x.device()) {
-        let out = <Dispatch as Convolutions>::same(
-            x.into_dispatch(),
-            weight.into_dispatch(),
-            bias.into_dispatch(),
-            relu,
-        );
+        let out =
+            <Dispatch as Convolutions>::same(x.into_dispatch(), weight.into_dispatch(), bias.into_dispatch(), relu);
         return Tensor::from_dispatch(out);
     }
     let pad = weight.dims()[2] / 2;
@@ -52,12 +55,8 @@ pub fn same(x: Tensor<4>, weight: Tensor<4>, bias: Tensor<1>, activation: Activa
 pub fn double(x: Tensor<4>, weight: Tensor<4>, bias: Tensor<1>, activation: Activation) -> Tensor<4> {
     let relu = activation == Activation::Relu;
     if is_cpu(&x.device()) {
-        let out = <Dispatch as Convolutions>::double(
-            x.into_dispatch(),
-            weight.into_dispatch(),
-            bias.into_dispatch(),
-            relu,
-        );
+        let out =
+            <Dispatch as Convolutions>::double(x.into_dispatch(), weight.into_dispatch(), bias.into_dispatch(), relu);
         return Tensor::from_dispatch(out);
     }
     let options = ConvTransposeOptions::new([2, 2], [1, 1], [0, 0], [1, 1], 1);
@@ -65,9 +64,12 @@ pub fn double(x: Tensor<4>, weight: Tensor<4>, bias: Tensor<1>, activation: Acti
     if relu { activation::relu(out) } else { out }
 }
 
-/// The largest of every 2x2 samples: half the rows and columns.
+/// The largest of every 2x2 samples: half the rows and columns, which are even.
 #[must_use]
 pub fn halve(x: Tensor<4>) -> Tensor<4> {
+    if is_cpu(&x.device()) {
+        return Tensor::from_dispatch(<Dispatch as Convolutions>::halve(x.into_dispatch()));
+    }
     module::max_pool2d(x, MaxPoolOptions::new([2, 2]).with_stride([2, 2]))
 }
 

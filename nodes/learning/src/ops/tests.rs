@@ -1,13 +1,18 @@
 //! Against the training library's own operations.
 
-use burn::tensor::ops::{ConvOptions, ConvTransposeOptions};
+use burn::tensor::ops::{ConvOptions, ConvTransposeOptions, MaxPoolOptions};
 use burn::tensor::{Device, Tensor, TensorData, Tolerance, activation, module};
 use depthloom_kernels::convolve::Activation;
 
 fn noise<const D: usize>(seed: usize, shape: [usize; D]) -> Tensor<D> {
+    frozen(seed, shape).require_grad()
+}
+
+/// As [`noise`], but nobody asks for its gradient.
+fn frozen<const D: usize>(seed: usize, shape: [usize; D]) -> Tensor<D> {
     let count: usize = shape.iter().product();
     let values: Vec<f32> = (0..count).map(|i| ((i * 7919 + seed * 104_729) % 2003) as f32 / 1001.0 - 1.0).collect();
-    Tensor::<D>::from_data(TensorData::new(values, shape), &Device::flex().autodiff()).require_grad()
+    Tensor::<D>::from_data(TensorData::new(values, shape), &Device::flex().autodiff())
 }
 
 /// Output and gradients of x, weight and bias, when `slope` comes back.
@@ -17,7 +22,7 @@ fn outcome(
 ) -> [TensorData; 4] {
     let (x, weight, bias) = operands;
     let out = op(x.clone(), weight.clone(), bias.clone());
-    let slope = noise(9, out.dims()).detach();
+    let slope = frozen(9, out.dims());
     let gradients = (out.clone() * slope).sum().backward();
     [
         out.into_data(),
@@ -57,8 +62,20 @@ fn double_is_conv_transpose2d_with_its_gradients() {
 }
 
 #[test]
+fn halve_is_max_pool2d_with_its_gradient() {
+    let run = |op: &dyn Fn(Tensor<4>) -> Tensor<4>| {
+        let x = noise(5, [2, 3, 6, 22]);
+        let out = op(x.clone());
+        let gradients = (out.clone() * frozen(6, out.dims())).sum().backward();
+        (out.into_data(), x.grad(&gradients).expect("x is tracked").into_data())
+    };
+    let options = || MaxPoolOptions::new([2, 2]);
+    assert!(run(&super::halve) == run(&|x| module::max_pool2d(x, options())));
+}
+
+#[test]
 fn frozen_weights_get_no_gradient_and_let_it_pass() {
-    let (x, weight, bias) = (noise(1, [2, 3, 4, 9]), noise(2, [4, 3, 3, 3]).detach(), noise(3, [4]).detach());
+    let (x, weight, bias) = (noise(1, [2, 3, 4, 9]), frozen(2, [4, 3, 3, 3]), frozen(3, [4]));
     let gradients = super::same(x.clone(), weight.clone(), bias, Activation::Relu).sum().backward();
     assert!(weight.grad(&gradients).is_none());
     assert!(x.grad(&gradients).is_some());

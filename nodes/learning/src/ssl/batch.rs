@@ -76,6 +76,17 @@ impl Batch {
         let (sample, window) = (&samples.items[index], change.window(width, height));
         let image = |image: &[u8], to: &mut Vec<f32>| {
             for (plane, gain) in image.chunks_exact(width * height).zip(change.gains) {
+                if change.kept == 1.0 {
+                    // Nothing cut off: every sample is one of the image's, in order or mirrored.
+                    let value = |&sample: &u8| (f32::from(sample) / 255.0 * gain).min(1.0);
+                    let rows = plane.chunks_exact(width);
+                    if change.mirrored {
+                        rows.for_each(|row| to.extend(row.iter().rev().map(value)));
+                    } else {
+                        to.extend(plane.iter().map(value));
+                    }
+                    continue;
+                }
                 let value = |y: f32, x: f32| bilinear(plane, width, height, y, x) / 255.0 * gain;
                 window.visit(|y, x, _| to.push(value(y, x).min(1.0)));
             }

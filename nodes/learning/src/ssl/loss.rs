@@ -138,14 +138,18 @@ mod tests {
                 let mut slope = [0.0];
                 error.add(&[sample], &[share], 0.3, &mut slope);
                 let slope = f64::from(slope[0] * error.unit());
-                assert!((slope - expected).abs() < 0.01 * expected.abs().max(1e-3), "{error:?}: {slope} for {expected}");
+                assert!(
+                    (slope - expected).abs() < 0.01 * expected.abs().max(1e-3),
+                    "{error:?}: {slope} for {expected}"
+                );
             }
         }
     }
 
     #[test]
     fn the_loss_is_the_error_in_its_own_measure() {
-        let share = MaskedError { loss: Loss::InverseDepth, meaning: Meaning::DisparityShare { scale: 0.1 }, cap_m: 80.0 };
+        let share =
+            MaskedError { loss: Loss::InverseDepth, meaning: Meaning::DisparityShare { scale: 0.1 }, cap_m: 80.0 };
         let (sum, count) = share.add(&[0.5, 0.1, 0.9], &[0.04, f32::NAN, 0.09], 1.0, &mut [0.0; 3]);
         assert!((sum - 0.01).abs() < 1e-6 && count == 2, "{sum} {count}");
         // depth = k / share: 0.4 / 0.05 = 8 m and 0.4 / 0.04 = 10 m; a share of 0.001 is 400 m, capped to 80.

@@ -48,7 +48,8 @@ With `validation`, samples of another stage, the network that agrees best with t
 the state is put down beside the run; a run begun again after a kill goes on there.",
             inputs: vec![
                 Port::once("samples", ValueType::Samples, "What to learn from: `learn/samples`."),
-                Port::once("validation", ValueType::Samples, "Samples of another stage, to see when it is best.").optional(),
+                Port::once("validation", ValueType::Samples, "Samples of another stage, to see when it is best.")
+                    .optional(),
             ],
             outputs: vec![
                 Port::once("model", ValueType::Model, "The network, ONNX."),
@@ -103,8 +104,10 @@ impl OnceNode for Ssl {
             .remedy("give both `learn/samples` the same `size`"));
         }
         if self.params.patience.is_some() && validation.is_none() {
-            return Err(Fault::new("`patience` waits for a better validation error, and no samples are wired to `validation`")
-                .remedy("wire validation samples, or leave `patience` out"));
+            return Err(Fault::new(
+                "`patience` waits for a better validation error, and no samples are wired to `validation`",
+            )
+            .remedy("wire validation samples, or leave `patience` out"));
         }
         if self.params.photometric > 0.0 && !samples.has_right {
             return Err(Fault::new("the photometric loss needs the right view, which the samples do not hold")
@@ -125,13 +128,18 @@ impl Ssl {
         let damaged = |error| Fault::new(format!("what is at `{port}` cannot be read as samples")).because(error);
         let samples = Samples::decode(&artifact.bytes).map_err(damaged)?;
         if samples.is_empty() {
-            return Err(Fault::new(format!("there are no samples at `{port}`: no frame had a target"))
-                .remedy("see that the stage has frames, and that mask and disparity of `learn/samples` leave something"));
+            return Err(Fault::new(format!("there are no samples at `{port}`: no frame had a target")).remedy(
+                "see that the stage has frames, and that mask and disparity of `learn/samples` leave something",
+            ));
         }
         if self.params.needs_depth() && !samples.has_depth_scale() {
             let network = self.params.network.name();
-            return Err(Fault::new(format!("depth cannot be told from the samples at `{port}`: they hold no calibration"))
-                .remedy(format!("wire `calibration: source/calibration` at `learn/samples`, which {network} with this loss needs")));
+            return Err(Fault::new(format!(
+                "depth cannot be told from the samples at `{port}`: they hold no calibration"
+            ))
+            .remedy(format!(
+                "wire `calibration: source/calibration` at `learn/samples`, which {network} with this loss needs"
+            )));
         }
         Ok(samples)
     }
@@ -155,7 +163,8 @@ impl Ssl {
     fn key(&self, samples: &Key, validation: Option<&Key>) -> Result<Key, Fault> {
         // How often it is put down, and where pretrained weights lie, decide nothing; what is in them does.
         let params = SslParams { checkpoint_every: 1, weights: None, ..self.params.clone() };
-        let params = serde_json::to_string(&params).map_err(|error| Fault::new("parameters have no text").because(error))?;
+        let params =
+            serde_json::to_string(&params).map_err(|error| Fault::new("parameters have no text").because(error))?;
         let key = Key::build("training").number(u64::from(VERSION)).text(&params).key(samples);
         Ok(validation.into_iter().chain(&self.weights_key).fold(key, |key, of| key.key(of)).finish())
     }

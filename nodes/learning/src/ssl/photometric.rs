@@ -161,6 +161,7 @@ mod tests {
 
     #[test]
     fn the_true_disparity_costs_least() {
+        // Not nothing: beyond the edge the right view has no samples.
         for mirrored in [false, true] {
             let batch = pair(1.5, mirrored);
             let at = |px: f32| {
@@ -168,7 +169,7 @@ mod tests {
                 loss(Meaning::DisparityShare { scale: 0.1 }).add(&map, &batch, 1.0, &mut [0.0; 120])
             };
             let costs: Vec<f64> = [0.0, 0.7, 1.5, 2.2].map(at).into();
-            assert!(costs[2] < 0.01 && costs[1] > costs[2] && costs[0] > costs[1] && costs[3] > costs[2], "{costs:?}");
+            assert!(costs[2] < 0.03 && costs[1] > costs[2] && costs[0] > costs[1] && costs[3] > costs[2], "{costs:?}");
         }
     }
 

@@ -127,7 +127,8 @@ impl<'a> Training<'a> {
         let gradients = (map * slopes).sum().backward();
         for (index, tracked) in tracked.iter().enumerate() {
             let Some(gradient) = tracked.grad(&gradients) else { continue };
-            let (value, moments) = self.adam.step(rate, self.values[index].clone(), gradient, self.moments[index].take());
+            let (value, moments) =
+                self.adam.step(rate, self.values[index].clone(), gradient, self.moments[index].take());
             self.values[index] = value;
             self.moments[index] = moments;
         }
@@ -162,11 +163,7 @@ impl<'a> Training<'a> {
     }
 
     fn masked_error(&self) -> MaskedError {
-        MaskedError {
-            loss: self.params.loss,
-            meaning: self.params.network.meaning(),
-            cap_m: self.params.cap as f32,
-        }
+        MaskedError { loss: self.params.loss, meaning: self.params.network.meaning(), cap_m: self.params.cap as f32 }
     }
 
     /// The gradient of the loss by the map; sum and number of absolute errors.
@@ -179,7 +176,8 @@ impl<'a> Training<'a> {
         let (mut sum, mut count) = (0.0, 0);
         for i in 0..batch.count {
             let of = i * area..(i + 1) * area;
-            let (more, of_them) = error.add(&map[of.clone()], &shares[of.clone()], batch.depth_scales[i], &mut slopes[of]);
+            let (more, of_them) =
+                error.add(&map[of.clone()], &shares[of.clone()], batch.depth_scales[i], &mut slopes[of]);
             sum += more;
             count += of_them;
         }
@@ -187,8 +185,12 @@ impl<'a> Training<'a> {
         slopes.iter_mut().for_each(|slope| *slope *= each);
         if self.params.photometric > 0.0 {
             let weight = (self.params.photometric / batch.count as f64) as f32;
-            Photometric { meaning: self.params.network.meaning(), map: self.layout.map, image: full }
-                .add(map, batch, weight, &mut slopes);
+            Photometric { meaning: self.params.network.meaning(), map: self.layout.map, image: full }.add(
+                map,
+                batch,
+                weight,
+                &mut slopes,
+            );
         }
         (slopes, (sum, count))
     }
@@ -199,11 +201,8 @@ impl<'a> Training<'a> {
         let (mut sum, mut count) = (0.0, 0);
         for start in (0..samples.len()).step_by(self.params.batch as usize) {
             let batch = Batch::plain(samples, start..samples.len().min(start + self.params.batch as usize));
-            let map = forward(
-                self.params.network,
-                images(size, &batch.images, batch.count, &self.device),
-                &self.values,
-            );
+            let map =
+                forward(self.params.network, images(size, &batch.images, batch.count, &self.device), &self.values);
             let (map, shares) = (host(&map), at_map(&batch.shares, size, self.layout.map));
             let area = map.len() / batch.count;
             for (i, &k) in batch.depth_scales.iter().enumerate() {
@@ -223,9 +222,9 @@ impl<'a> Training<'a> {
     /// What a checkpoint holds.
     pub(super) fn state(&self) -> State {
         let moments = self.moments.iter().map(|state| {
-            state.as_ref().map_or_else(Default::default, |state| {
-                [host(&state.momentum.moment_1), host(&state.momentum.moment_2)]
-            })
+            state
+                .as_ref()
+                .map_or_else(Default::default, |state| [host(&state.momentum.moment_1), host(&state.momentum.moment_2)])
         });
         State { values: self.host_values(), moments: moments.collect(), ..self.state.clone() }
     }

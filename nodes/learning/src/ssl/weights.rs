@@ -29,8 +29,11 @@ pub(super) fn fill(layout: &Layout, file: &[NamedTensor], path: &Path, values: &
     for (parameter, values) in layout.parameters.iter().zip(values) {
         let Some(tensor) = file.iter().find(|tensor| tensor.name == parameter.name) else {
             if parameter.frozen {
-                return Err(Fault::new(format!("{path} has no tensor `{}`, which is not learned but kept", parameter.name))
-                    .remedy(format!("the names are torchvision's; the file has {}", some_names(file))));
+                return Err(Fault::new(format!(
+                    "{path} has no tensor `{}`, which is not learned but kept",
+                    parameter.name
+                ))
+                .remedy(format!("the names are torchvision's; the file has {}", some_names(file))));
             }
             continue;
         };
@@ -97,7 +100,10 @@ mod tests {
             format!("{} ({})", fault.chain(), fault.remedy_text().unwrap_or_default())
         };
         assert!(told(&of_vgg("features.7.bias", "")).contains("`features.7.bias`"));
-        assert!(told(&of_vgg("", "features.5.weight")).contains("[128, 128, 3, 3, 1]") || told(&of_vgg("", "features.5.weight")).contains("[128, 64, 3, 3, 1]"));
+        assert!(
+            told(&of_vgg("", "features.5.weight")).contains("[128, 128, 3, 3, 1]")
+                || told(&of_vgg("", "features.5.weight")).contains("[128, 64, 3, 3, 1]")
+        );
         assert!(told(&[]).contains("features.0.weight"));
     }
 }
