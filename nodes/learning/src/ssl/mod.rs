@@ -12,3 +12,6 @@ mod weights;
 pub use loss::Loss;
 pub use node::Ssl;
 pub use params::{Schedule, SslParams};
+
+#[cfg(test)]
+mod tests;

@@ -192,6 +192,9 @@ impl Ssl {
                 return Err(Fault::Cancelled);
             }
             training.advance();
+            if !training.loss().is_finite() {
+                return Err(diverged());
+            }
             let step = training.step();
             let seconds = began.elapsed().as_secs_f64();
             let per_second = (step - first) as f64 / seconds.max(1e-9);
@@ -205,16 +208,14 @@ impl Ssl {
                 checkpoint.save(layout, &training.state())?;
             }
         }
-        if let Some(loss) = training.points().last().map(|point| point.loss)
-            && !loss.is_finite()
-        {
-            return Err(Fault::new(format!("learning diverged: the loss is {loss}"))
-                .remedy("lower `learning_rate`, or choose another `seed`"));
+        let learned = training.learned();
+        if learned.iter().flatten().any(|value| !value.is_finite()) {
+            return Err(diverged());
         }
         if let Some(checkpoint) = &checkpoint {
             checkpoint.remove();
         }
-        Ok((training.learned(), Curve { points: training.points().to_vec() }))
+        Ok((learned, Curve { points: training.points().to_vec() }))
     }
 
     /// The first values: random ones, and in their place what the file of weights has.
@@ -225,6 +226,11 @@ impl Ssl {
         }
         Ok(values)
     }
+}
+
+fn diverged() -> Fault {
+    Fault::new("learning diverged: the loss or the weights are no longer numbers")
+        .remedy("lower `learning_rate`, or choose another `seed`")
 }
 
 /// The threads that all trainings of this process share: two at once take turns instead of each other's cores.

@@ -1,0 +1,174 @@
+//! `learn/ssl` as the runner calls it, on small samples.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use depthloom_graphs::values::{Artifact, Curve};
+use depthloom_graphs::{Context, Fault, Host, Inputs, Instance, Node, Scratch, Value};
+use half::f16;
+use serde_json::json;
+
+use super::Ssl;
+use crate::samples::{MEDIA_TYPE, Sample, Samples};
+
+/// Bright is near: something a network can learn.
+fn samples(count: usize, seed: usize, right: bool) -> Samples {
+    let (width, height) = (64, 32);
+    let item = |i: usize| {
+        let shade = |p: usize| 40 + ((p % width) / 8 * 23 + (p / width) / 8 * 37 + (i + seed) * 51) % 180;
+        let image: Vec<u8> = (0..3 * width * height).map(|p| shade(p % (width * height)) as u8).collect();
+        let share = (0..width * height)
+            .map(|p| if p % 5 == 0 { f16::NAN } else { f16::from_f32(0.005 + shade(p) as f32 / 3000.0) });
+        Sample {
+            id: i.to_string(),
+            right: right.then(|| image.clone()),
+            share: share.collect(),
+            image,
+            depth_scale: Some(0.3),
+        }
+    };
+    Samples { width: 64, height: 32, has_right: right, items: (0..count).map(item).collect() }
+}
+
+/// A host that cancels after some steps.
+struct Patience {
+    threads: usize,
+    steps: u64,
+    seen: AtomicU64,
+    folder: Option<PathBuf>,
+}
+
+impl Patience {
+    fn endless(threads: usize) -> Self {
+        Self { threads, steps: u64::MAX, seen: AtomicU64::new(0), folder: None }
+    }
+}
+
+impl Host for Patience {
+    fn cancelled(&self) -> bool {
+        self.seen.load(Ordering::Relaxed) >= self.steps
+    }
+
+    fn progress(&self, _done: u64, _total: u64, _message: &str) {
+        self.seen.fetch_add(1, Ordering::Relaxed);
+    }
+
+    fn tiles(&self, n: usize, f: &(dyn Fn(usize) + Sync)) {
+        (0..n).for_each(f);
+    }
+
+    fn width(&self) -> usize {
+        self.threads
+    }
+
+    fn checkpoints(&self) -> Option<&Path> {
+        self.folder.as_deref()
+    }
+}
+
+/// The model's bytes and the curve.
+fn learn(
+    params: serde_json::Value,
+    samples: &Samples,
+    validation: Option<&Samples>,
+    host: &dyn Host,
+) -> Result<(Vec<u8>, Curve), Fault> {
+    let Instance::Once(node) = Ssl::build(serde_json::from_value(params).expect("parameters"))? else {
+        panic!("learn/ssl fires once")
+    };
+    let declaration = Ssl::declaration();
+    let value = |samples: &Samples| Value::Samples(Artifact::new(MEDIA_TYPE, samples.encode()).into());
+    let values = [Some(value(samples)), validation.map(value)];
+    let outputs =
+        node.run(&Inputs::new(&declaration.inputs, &values), &mut Context::new(host, &mut Scratch::default()))?;
+    match outputs.in_order_of(&declaration.outputs)?.as_slice() {
+        [Some(Value::Model(model)), Some(Value::Curve(curve))] => Ok((model.bytes.to_vec(), (**curve).clone())),
+        other => panic!("a model and a curve, not {other:?}"),
+    }
+}
+
+#[test]
+fn it_learns_with_every_network_and_loss() {
+    let learned = samples(4, 0, true);
+    let cases = [
+        json!({ "network": "unet-lite", "steps": 60 }),
+        json!({ "network": "fcn-lite", "loss": "log-depth", "steps": 60 }),
+        json!({ "network": "eigen-coarse", "loss": "depth", "steps": 80, "learning_rate": 5e-4, "flip": false }),
+        json!({ "network": "unet-lite", "loss": "depth", "photometric": 0.1, "steps": 60 }),
+        json!({ "network": "unet-lite", "loaded": 2, "draws": 5, "crop": 0.3, "schedule": "constant", "steps": 60 }),
+    ];
+    for mut params in cases {
+        params["batch"] = json!(4);
+        params["curve_every"] = json!(10);
+        let (model, curve) = learn(params.clone(), &learned, None, &Patience::endless(2)).expect("it learns");
+        let (first, last) = (curve.points[0].loss, curve.points.last().expect("points").loss);
+        assert!(last < 0.8 * first, "{params}: from {first} to {last}");
+        assert!(model.len() > 1000);
+    }
+}
+
+#[test]
+fn a_cancelled_training_goes_on_to_the_same_bytes() {
+    let (learned, held_out) = (samples(3, 0, false), samples(2, 7, false));
+    let params = || json!({ "steps": 14, "batch": 2, "curve_every": 3, "checkpoint_every": 4, "patience": 50 });
+    let whole = learn(params(), &learned, Some(&held_out), &Patience::endless(1)).expect("it learns");
+    for steps in [1, 4, 9] {
+        let folder = tempfile::tempdir().expect("a folder");
+        let checkpoints = folder.path().join("checkpoints");
+        let stopped = Patience { steps, folder: Some(checkpoints.clone()), ..Patience::endless(2) };
+        assert!(matches!(learn(params(), &learned, Some(&held_out), &stopped), Err(Fault::Cancelled)));
+        assert_eq!(std::fs::read_dir(&checkpoints).expect("a folder").count(), 1, "one checkpoint");
+        let resumed = Patience { folder: Some(checkpoints.clone()), ..Patience::endless(3) };
+        let again = learn(params(), &learned, Some(&held_out), &resumed).expect("it learns");
+        assert!(again == whole, "stopped after {steps} steps");
+        assert_eq!(resumed.seen.into_inner(), 14 - steps, "what was done is not done again");
+        assert!(!checkpoints.exists(), "a whole training leaves none");
+    }
+}
+
+#[test]
+fn patience_stops_and_the_best_network_is_given() {
+    let (learned, held_out) = (samples(2, 0, false), samples(2, 11, false));
+    // A rate that cannot get better for long.
+    let params = json!({ "steps": 200, "batch": 2, "curve_every": 2, "patience": 2, "learning_rate": 0.05, "schedule": "constant" });
+    let (model, curve) = learn(params.clone(), &learned, Some(&held_out), &Patience::endless(2)).expect("it learns");
+    let errors: Vec<f64> = curve.points.iter().map(|point| point.validation.expect("it was measured")).collect();
+    let best = errors.iter().copied().fold(f64::INFINITY, f64::min);
+    assert!(curve.points.len() < 100, "it stopped early");
+    assert_eq!(errors[errors.len() - 3], best, "two points after the best: {errors:?}");
+    // The same steps without validation give the last network instead.
+    let mut last = params;
+    last["steps"] = json!(curve.points.last().expect("points").step);
+    last["patience"] = json!(null);
+    assert!(learn(last, &learned, None, &Patience::endless(2)).expect("it learns").0 != model);
+}
+
+#[test]
+fn what_does_not_fit_is_said_with_a_remedy() {
+    let told = |params: serde_json::Value, samples: &Samples, validation: Option<&Samples>| {
+        let Err(fault) = learn(params, samples, validation, &Patience::endless(1)) else { panic!("it must not learn") };
+        format!("{} | {}", fault.chain(), fault.remedy_text().expect("a remedy"))
+    };
+    let good = samples(2, 0, false);
+    let none = Samples { items: Vec::new(), ..samples(0, 0, false) };
+    assert!(told(json!({}), &none, None).contains("no samples at `samples`"));
+    assert!(told(json!({ "patience": 2 }), &good, None).contains("wire validation samples"));
+    assert!(told(json!({ "photometric": 1.0 }), &good, None).contains("right: source/right"));
+    let mut no_depth = samples(2, 0, false);
+    no_depth.items.iter_mut().for_each(|item| item.depth_scale = None);
+    assert!(told(json!({ "loss": "depth" }), &no_depth, None).contains("calibration: source/calibration"));
+    let odd = Samples {
+        width: 40,
+        height: 32,
+        has_right: false,
+        items: vec![Sample {
+            id: "odd".to_owned(),
+            image: vec![9; 3 * 40 * 32],
+            right: None,
+            share: vec![f16::from_f32(0.1); 40 * 32],
+            depth_scale: None,
+        }],
+    };
+    assert!(told(json!({}), &odd, None).contains("size: [64, 32]"));
+    assert!(told(json!({ "learning_rate": 1e30, "steps": 3 }), &good, None).contains("lower `learning_rate`"));
+}
