@@ -103,7 +103,7 @@ fn engine(c: &mut Criterion) {
     group.sample_size(20).throughput(Throughput::Elements((FRAMES * (NODES + 1)) as u64));
     for (shape, is_chain) in [("chain", true), ("fan", false)] {
         for workers in [1, 2, 4] {
-            let options = Options { workers, window: None, keep_going: false };
+            let options = Options { workers, window: None, keep_going: false, checkpoints: None };
             let run = |ready| {
                 run(ready, &NoTap, &options, &Unwatched, &Interrupt::default()).expect("nothing fails");
             };
