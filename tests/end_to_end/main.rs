@@ -11,3 +11,4 @@ mod killed;
 mod memory;
 mod python_reads;
 mod support;
+mod written_networks;
