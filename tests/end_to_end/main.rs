@@ -15,3 +15,4 @@ mod networks;
 mod onnx_file;
 mod python_reads;
 mod support;
+mod written_networks;

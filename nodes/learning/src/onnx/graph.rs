@@ -402,10 +402,10 @@ impl GraphBuilder {
     }
 }
 
-/// The factor by which engines, who multiply in f32 and round down, come from one side to the other.
+/// The factor by which engines, who round down, come from one side to the other, whether they multiply in f32 or in f64.
 fn factor(from: usize, to: usize) -> f32 {
     let mut factor = to as f32 / from as f32;
-    while ((from as f32 * factor) as usize) < to {
+    while ((from as f64 * f64::from(factor)) as usize) < to {
         factor = factor.next_up();
     }
     factor

@@ -1,0 +1,64 @@
+//! Networks as we write them, in engines we did not write: their outputs are the training library's.
+
+mod cases;
+
+use std::process::Command;
+
+use tract_onnx::prelude::{Framework, InferenceModelExt, IntoRunnable, TValue, Tensor, tvec};
+
+use self::cases::{Case, cases};
+use crate::support::{python, succeed, workspace};
+
+/// The largest difference that is allowed, as a share of the output's range.
+const TOLERANCE: f32 = 1e-4;
+
+#[test]
+fn tract_computes_what_the_training_library_does() {
+    for case in cases() {
+        let (shape, found) = in_tract(&case).unwrap_or_else(|error| panic!("{}: {error:#}", case.name));
+        assert_eq!(shape, case.output.shape, "{}", case.name);
+        let differences = found.iter().zip(&case.output.values).map(|(a, b)| (a - b).abs());
+        let largest = differences.fold(0.0, f32::max);
+        // A map of one value would agree whatever the layers do.
+        let spread = case.output.values.iter().copied().fold(f32::MIN, f32::max)
+            - case.output.values.iter().copied().fold(f32::MAX, f32::min);
+        assert!(spread > 0.05 * case.range, "{}: the outputs spread over {spread} only", case.name);
+        assert!(largest <= TOLERANCE * case.range, "{}: {largest} of {}", case.name, case.range);
+    }
+}
+
+fn in_tract(case: &Case) -> tract_onnx::prelude::TractResult<(Vec<usize>, Vec<f32>)> {
+    let model = tract_onnx::onnx().model_for_read(&mut case.file.as_slice())?;
+    let image = Tensor::from_shape(&case.input.shape, &case.input.values)?;
+    let outputs = model.into_optimized()?.into_runnable()?.run(tvec![TValue::from(image)])?;
+    let output = outputs[0].to_plain_array_view::<f32>()?;
+    Ok((output.shape().to_vec(), output.iter().copied().collect()))
+}
+
+#[test]
+fn onnx_checks_and_onnx_runtime_computes_what_the_training_library_does() {
+    let Some(python) = python("onnx_checks_and_onnx_runtime_computes_what_the_training_library_does") else { return };
+    let folder = tempfile::tempdir().expect("a folder");
+    let cases = cases();
+    for case in &cases {
+        let write = |ending: &str, bytes: &[u8]| {
+            std::fs::write(folder.path().join(format!("{}.{ending}", case.name)), bytes).expect("written");
+        };
+        let floats = |values: &[f32]| values.iter().flat_map(|value| value.to_le_bytes()).collect::<Vec<u8>>();
+        write("onnx", &case.file);
+        write("input", &floats(&case.input.values));
+        write("output", &floats(&case.output.values));
+        let about = serde_json::json!({
+            "input": case.input.shape, "output": case.output.shape, "output_name": case.output_name,
+            "range": case.range, "tolerance": TOLERANCE,
+        });
+        write("json", about.to_string().as_bytes());
+    }
+    let script = workspace().join("tests/python/check_networks.py");
+    let output = succeed(Command::new(python).arg(script).arg(folder.path()));
+    let told = String::from_utf8(output.stdout).expect("UTF-8");
+    let names: Vec<&str> = told.lines().filter_map(|line| line.split_whitespace().next()).collect();
+    let mut expected: Vec<&str> = cases.iter().map(|case| case.name).collect();
+    expected.sort_unstable();
+    assert_eq!(names, expected, "{told}");
+}
