@@ -59,7 +59,7 @@ fn of_network(name: &'static str, network: Network, size: Size) -> Case {
     let file = export(network, size, &parameters, "a test");
     let input = image(size);
     let tensors: Vec<Tensor<1>> = parameters.iter().map(|values| tensor(values, [values.len()])).collect();
-    let map = forward(network, tensor(&input.values, [BATCH, 3, size.height, size.width]), &tensors);
+    let map = forward(network, &tensor(&input.values, [BATCH, 3, size.height, size.width]), &tensors);
     let (range, output_name) = match network.meaning() {
         Meaning::DisparityShare { scale } => (scale, "disparity_share"),
         Meaning::Depth { farthest_m } => (farthest_m, "depth"),

@@ -12,8 +12,8 @@ use super::{Act, Builder, Conv, Size};
 const UNITS: usize = 256;
 
 /// Convolutions, then everything from everything.
-pub(super) fn eigen_coarse<B: Builder>(builder: &mut B, image: B::Map) -> B::Map {
-    let x = builder.conv("coarse1", &image, Conv { kernel: 11, stride: 4, pad: 5, ..Conv::three(96) });
+pub(super) fn eigen_coarse<B: Builder>(builder: &mut B, image: &B::Map) -> B::Map {
+    let x = builder.conv("coarse1", image, Conv { kernel: 11, stride: 4, pad: 5, ..Conv::three(96) });
     let x = builder.halve(&x);
     let x = builder.conv("coarse2", &x, Conv { kernel: 5, pad: 2, ..Conv::three(256) });
     let x = builder.halve(&x);

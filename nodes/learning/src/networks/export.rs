@@ -17,7 +17,7 @@ pub fn export(network: Network, size: Size, values: &[Vec<f32>], training_key: &
     let mut graph = GraphBuilder::new(network.name(), Batch::Open);
     let image = graph.input(INPUT, &[3, size.height, size.width]);
     let mut writer = Writer { size, graph, values: values.iter() };
-    let map = network.build(&mut writer, image);
+    let map = network.build(&mut writer, &image);
     assert!(writer.values.next().is_none(), "every parameter belongs to a layer");
     let (meaning, mut graph) = (network.meaning(), writer.graph);
     let scaled = graph.scale(map, meaning.scale());

@@ -4,8 +4,8 @@ use super::unet_lite::{BOTTOM, LEVELS, last, twice};
 use super::{Builder, Conv};
 
 /// Everything the map knows has passed the bottom.
-pub(super) fn fcn_lite<B: Builder>(builder: &mut B, image: B::Map) -> B::Map {
-    let mut x = image;
+pub(super) fn fcn_lite<B: Builder>(builder: &mut B, image: &B::Map) -> B::Map {
+    let mut x = image.clone();
     for (level, &channels) in LEVELS.iter().enumerate() {
         x = twice(builder, &format!("down{level}"), &x, channels);
         x = builder.halve(&x);

@@ -14,8 +14,8 @@ const BLOCKS: [(usize, usize); 5] = [(64, 2), (128, 2), (256, 3), (512, 3), (512
 const FROZEN: usize = 8;
 
 /// Names are torchvision's (`features.0`, `features.2`, ...), so that its files fit.
-pub(super) fn fcn_vgg16<B: Builder>(builder: &mut B, image: B::Map) -> B::Map {
-    let (mut x, mut index, mut count) = (image, 0, 0);
+pub(super) fn fcn_vgg16<B: Builder>(builder: &mut B, image: &B::Map) -> B::Map {
+    let (mut x, mut index, mut count) = (image.clone(), 0, 0);
     for (block, &(channels, convolutions)) in BLOCKS.iter().enumerate() {
         if block > 0 {
             x = builder.halve(&x);

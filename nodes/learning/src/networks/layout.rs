@@ -69,7 +69,7 @@ impl Layout {
 #[must_use]
 pub fn layout(network: Network, size: Size) -> Layout {
     let mut lister = Lister { size, parameters: Vec::new() };
-    let map = network.build(&mut lister, Shape { channels: 3, size });
+    let map = network.build(&mut lister, &Shape { channels: 3, size });
     Layout { parameters: lister.parameters, map: map.size }
 }
 
@@ -152,7 +152,7 @@ mod tests {
         // VGG-16's convolutions have 14,714,688 parameters (torchvision: `vgg16().features`).
         let vgg = layout(Network::FcnVgg16, size);
         let of_vgg = vgg.parameters.iter().filter(|parameter| parameter.name.starts_with("features."));
-        assert_eq!(of_vgg.map(|parameter| parameter.len()).sum::<usize>(), 14_714_688);
+        assert_eq!(of_vgg.map(super::Parameter::len).sum::<usize>(), 14_714_688);
         assert!(vgg.parameters.iter().any(|parameter| parameter.name == "features.28.weight"));
         assert_eq!(layout(Network::EigenCoarse, size).map, Size { width: 40, height: 12 });
     }

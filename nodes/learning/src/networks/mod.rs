@@ -76,7 +76,7 @@ impl Network {
     }
 
     /// Lays the network out with `builder`, from its image to a map of one channel in [0, 1].
-    fn build<B: Builder>(self, builder: &mut B, image: B::Map) -> B::Map {
+    fn build<B: Builder>(self, builder: &mut B, image: &B::Map) -> B::Map {
         match self {
             Self::UnetLite => unet_lite::unet_lite(builder, image),
             Self::FcnLite => fcn_lite::fcn_lite(builder, image),

@@ -12,9 +12,9 @@ pub(super) const FIRST_BIAS: f32 = -2.0;
 
 /// Two 3x3 convolutions a level, the maximum of 2x2 between them; upwards a transposed convolution, the level's own map beside
 /// it (not on the finest level, where it would cost most) and one convolution.
-pub(super) fn unet_lite<B: Builder>(builder: &mut B, image: B::Map) -> B::Map {
+pub(super) fn unet_lite<B: Builder>(builder: &mut B, image: &B::Map) -> B::Map {
     let mut levels = Vec::new();
-    let mut x = image;
+    let mut x = image.clone();
     for (level, &channels) in LEVELS.iter().enumerate() {
         x = twice(builder, &format!("down{level}"), &x, channels);
         levels.push(x.clone());

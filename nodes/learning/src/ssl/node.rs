@@ -165,8 +165,11 @@ impl Ssl {
         let params = SslParams { checkpoint_every: 1, weights: None, ..self.params.clone() };
         let params =
             serde_json::to_string(&params).map_err(|error| Fault::new("parameters have no text").because(error))?;
-        let key = Key::build("training").number(u64::from(VERSION)).text(&params).key(samples);
-        Ok(validation.into_iter().chain(&self.weights_key).fold(key, |key, of| key.key(of)).finish())
+        let mut key = Key::build("training").number(u64::from(VERSION)).text(&params).key(samples);
+        for of in validation.into_iter().chain(&self.weights_key) {
+            key = key.key(of);
+        }
+        Ok(key.finish())
     }
 
     fn learn(

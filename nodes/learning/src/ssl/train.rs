@@ -118,7 +118,7 @@ impl<'a> Training<'a> {
             })
             .collect();
         let images = images(self.size(), &batch.images, batch.count, &self.device.clone().autodiff());
-        let map = forward(self.params.network, images, &tracked);
+        let map = forward(self.params.network, &images, &tracked);
         let (slopes, (sum, count)) = self.slopes(&host(&map), &batch);
         self.state.since_point.0 += sum;
         self.state.since_point.1 += count;
@@ -202,7 +202,7 @@ impl<'a> Training<'a> {
         for start in (0..samples.len()).step_by(self.params.batch as usize) {
             let batch = Batch::plain(samples, start..samples.len().min(start + self.params.batch as usize));
             let map =
-                forward(self.params.network, images(size, &batch.images, batch.count, &self.device), &self.values);
+                forward(self.params.network, &images(size, &batch.images, batch.count, &self.device), &self.values);
             let (map, shares) = (host(&map), at_map(&batch.shares, size, self.layout.map));
             let area = map.len() / batch.count;
             for (i, &k) in batch.depth_scales.iter().enumerate() {
