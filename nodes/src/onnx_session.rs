@@ -56,6 +56,15 @@ impl EngineSession {
         }
     }
 
+    /// What the model says of itself under a name.
+    pub fn metadata(&self, name: &str) -> Option<String> {
+        match self {
+            Self::OnnxRuntime(session) => session.metadata().ok()?.custom(name),
+            #[cfg(feature = "tract")]
+            Self::Tract(session) => session.metadata(name),
+        }
+    }
+
     /// Makes ready for runs of this wiring.
     #[cfg_attr(not(feature = "tract"), expect(unused_variables, reason = "only tract plans for a wiring"))]
     pub fn prepare(&mut self, wiring: &Wiring) -> Result<(), String> {

@@ -42,6 +42,11 @@ impl TractSession {
         })
     }
 
+    /// What the model says of itself under a name.
+    pub fn metadata(&self, name: &str) -> Option<String> {
+        self.model.metadata_props.iter().find(|said| said.key == name).map(|said| said.value.clone())
+    }
+
     /// Plans the way from an input of a shape to an output.
     pub fn prepare(&mut self, input: &str, shape: [usize; 4], output: &str) -> Result<(), String> {
         let plan = caught(|| {

@@ -7,7 +7,7 @@ use depthloom_graphs::values::Artifact;
 use ort::value::TensorElementType;
 
 use super::network_input::InputSize;
-use super::onnx::{Layout, OnnxParams};
+use super::onnx::{Layout, OnnxParams, Output};
 use crate::onnx_engine::{self, Engine};
 use crate::onnx_provider::Provider;
 use crate::onnx_session::{EngineSession, Outlet, Wiring};
@@ -33,6 +33,8 @@ pub struct Network {
     batch: usize,
     /// The size of the image it wants.
     pub size: InputSize,
+    /// What its map means.
+    pub meaning: Output,
     // A session's `run` is not safe to share: every worker in it has a session of its own, given back for the next.
     sessions: Mutex<Vec<EngineSession>>,
 }
@@ -57,13 +59,14 @@ impl Network {
         let size = input_size(input, params)?;
         check_output(output)?;
         let batch = batch(input, output, params);
+        let meaning = meaning(&session, params)?;
         let shape = match params.layout {
             Layout::Nchw => [batch, size.channels, size.height, size.width],
             Layout::Nhwc => [batch, size.height, size.width, size.channels],
         };
         let wiring = Wiring { input: input.name.clone(), shape, output: output.name.clone() };
         let (model, sessions) = (Arc::clone(&model.bytes), Mutex::default());
-        let network = Self { engine, model, provider, threads, wiring, batch, size, sessions };
+        let network = Self { engine, model, provider, threads, wiring, batch, size, meaning, sessions };
         let prepared = network.prepared(session)?;
         network.give_back(prepared);
         Ok(network)
@@ -109,6 +112,25 @@ impl Network {
         let (name, shape) = (&self.wiring.output, shown(shape));
         Fault::new(format!("output `{name}` of the network has the shape {shape}, which is no single map{each}"))
             .remedy("name another output by `output_name`, or export the model with an output of 1x1xHxW")
+    }
+}
+
+/// Under which name a model says what its output means, as the parameter `output` names it: `learn/ssl` writes it.
+const MEANING: &str = "depthloom.output";
+
+/// What the experiment says the output means, else what the model says, else the usual. The two must not contradict each other.
+fn meaning(session: &EngineSession, params: &OnnxParams) -> Result<Output, Fault> {
+    let Some(said) = session.metadata(MEANING) else { return Ok(params.output.unwrap_or_default()) };
+    let of_model = serde_json::from_value(said.clone().into()).map_err(|_| {
+        Fault::new(format!("the network says that its output is `{said}`, which is nothing known here"))
+            .remedy("a newer version of this program may have written it")
+    })?;
+    match params.output {
+        Some(asked) if asked != of_model => {
+            Err(Fault::new(format!("the network says that its output is `{said}`; `output` says otherwise"))
+                .remedy("leave `output` out"))
+        }
+        _ => Ok(of_model),
     }
 }
 

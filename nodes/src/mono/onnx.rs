@@ -88,8 +88,9 @@ pub struct OnnxParams {
     pub input_name: Option<String>,
     /// Name of the network's output; `null`: its first one.
     pub output_name: Option<String>,
-    /// What the output means: `disparity-share`, `disparity-px`, `inverse-depth` or `depth`.
-    pub output: Output,
+    /// What the output means: `disparity-share`, `disparity-px`, `inverse-depth` or `depth`; `null`: what the model says of itself (those of
+    /// `learn/ssl` do), else `disparity-share`.
+    pub output: Option<Output>,
     /// The output is multiplied by this first.
     pub output_scale: f64,
     /// Smallest disparity taken, px of the image; smaller ones are raised to it.
@@ -119,7 +120,7 @@ impl Default for OnnxParams {
             round: true,
             input_name: None,
             output_name: None,
-            output: Output::DisparityShare,
+            output: None,
             output_scale: 1.0,
             floor_px: 1e-3,
             cap: Some(80.0),
@@ -223,10 +224,10 @@ impl Onnx {
     }
 
     /// Metres from the network's output, resized to the image's size in place.
-    fn metres(&self, map: &[f32], calibration: &Calibration, width: usize, out: &mut [f32]) {
+    fn metres(&self, meaning: Output, map: &[f32], calibration: &Calibration, width: usize, out: &mut [f32]) {
         let cap = self.params.cap.map_or(f32::INFINITY, |cap| cap as f32);
         let Calibration { focal_px, baseline_m, .. } = *calibration;
-        match self.params.output {
+        match meaning {
             Output::DisparityShare | Output::DisparityPx => {
                 depth_from_share(map, width, focal_px, baseline_m, self.params.floor_px as f32, cap, out);
             }
@@ -256,7 +257,7 @@ impl PureNode for Onnx {
         if self.params.flip != Flip::None {
             self.params.flip.join(map, of_mirrored, maps.width);
         }
-        let scale = match self.params.output {
+        let scale = match network.meaning {
             Output::DisparityPx => (self.params.output_scale / network.size.width as f64) as f32,
             _ => self.params.output_scale as f32,
         };
@@ -267,7 +268,7 @@ impl PureNode for Onnx {
         let (width, height) = (columns as usize, rows as usize);
         let mut full = vec![0.0; width * height];
         bilinear_f32(map, maps.width, maps.height, width, height, &mut full);
-        let metres = filled((columns, rows), |out| self.metres(&full, calibration, width, out));
+        let metres = filled((columns, rows), |out| self.metres(network.meaning, &full, calibration, width, out));
         Ok(Outputs::one("depth", Depth { metres }))
     }
 }

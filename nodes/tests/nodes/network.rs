@@ -70,6 +70,29 @@ fn every_meaning_of_the_output_becomes_metres() {
 }
 
 #[test]
+fn a_model_may_say_itself_what_its_output_means() {
+    if !can_run("a_model_may_say_itself_what_its_output_means") {
+        return;
+    }
+    let saying = |meaning: &str| {
+        let (image, map) = (Tensor("image", F32, &[1, 3, 2, 4]), Tensor("map", F32, &[1, 1, 2, 4]));
+        let mut bytes = onnx_file::model("ReduceMean", Some(1), &[image], &map);
+        // `metadata_props`, field 14 of ModelProto: a key and a value, fields 1 and 2.
+        let name = "depthloom.output";
+        let entry = [&[0x0a, name.len() as u8], name.as_bytes(), &[0x12, meaning.len() as u8], meaning.as_bytes()];
+        let entry = entry.concat();
+        bytes.extend([0x72, entry.len() as u8]);
+        bytes.extend(entry);
+        model(bytes)
+    };
+    assert_close(&run(&json!({ "output_scale": 100.0 }), &saying("depth")).unwrap(), [20.0, 40.0, 80.0, 80.0]);
+    assert_close(&run(&json!({ "output": "inverse-depth" }), &saying("inverse-depth")).unwrap(), [5.0, 2.5, 1.25, 1.0]);
+    let told = run(&json!({ "output": "disparity-share" }), &saying("depth")).unwrap_err();
+    assert!(told.contains("says that its output is `depth`") && told.contains("leave `output` out"), "{told}");
+    assert!(run(&json!({}), &saying("warmth")).unwrap_err().contains("nothing known here"));
+}
+
+#[test]
 fn a_disparity_in_pixels_grows_with_the_image() {
     if !can_run("a_disparity_in_pixels_grows_with_the_image") {
         return;
