@@ -8,11 +8,13 @@ mod determinism;
 mod experiments;
 mod golden;
 mod killed;
+mod learning;
 mod memory;
 mod networks;
 #[expect(dead_code, reason = "the nodes' own tests need more of it")]
 #[path = "../../nodes/tests/nodes/onnx_file.rs"]
 mod onnx_file;
 mod python_reads;
+mod samples;
 mod support;
 mod written_networks;

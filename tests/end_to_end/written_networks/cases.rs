@@ -26,7 +26,7 @@ pub struct Case {
     pub range: f32,
 }
 
-/// The four networks at two sizes or one, and a graph of every operator.
+/// The four networks, and a graph of every operator with any number of images and with a fixed one.
 pub fn cases() -> Vec<Case> {
     let small = Size { width: 64, height: 32 };
     vec![
@@ -54,7 +54,11 @@ fn image(size: Size) -> Numbers {
 fn of_network(name: &'static str, network: Network, size: Size) -> Case {
     let mut parameters = layout(network, size).start(7);
     // Weights of a start let little through to the end: enlarged (He, Zhang, Ren, Sun 2015), the map has all of its values.
-    let enlarged = if network == Network::FcnVgg16 { 1.7 } else { 2.0 };
+    let enlarged = match network {
+        Network::UnetLite | Network::FcnLite => 1.5,
+        Network::FcnVgg16 => 1.7,
+        Network::EigenCoarse => 2.0,
+    };
     parameters.iter_mut().step_by(2).flatten().for_each(|weight| *weight *= enlarged);
     let file = export(network, size, &parameters, "a test");
     let input = image(size);

@@ -207,3 +207,6 @@ fn depth_scale(calibration: &Calibration, width: u32) -> Result<f64, Fault> {
     Err(Fault::new(format!("`calibration` has a focal length of {focal_px} px and a baseline of {baseline_m} m"))
         .remedy("both must be above 0; leave `calibration` unwired to learn without metres"))
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,159 @@
+//! Learning reads no truth, survives kills, and gives the same network with any number of workers.
+
+use std::collections::hash_map::RandomState;
+use std::hash::BuildHasher;
+use std::path::{Path, PathBuf};
+use std::process::Stdio;
+
+use depthloom_recording::{RecordedContent, Recording};
+
+use crate::support::{depthloom, succeed, workspace};
+
+const STEPS: u64 = 60;
+
+/// The nodes of a stage `learn`, small enough for seconds.
+fn learn(steps: u64, checkpoint_every: u64) -> String {
+    format!(
+        "  learn:
+    source: train
+    nodes:
+      stereo: {{ kind: stereo/sgbm, inputs: {{ left: source/left, right: source/right }} }}
+      edges: {{ kind: confidence/edges, inputs: {{ image: source/left }} }}
+      samples:
+        kind: learn/samples
+        inputs: {{ image: source/left, target: stereo/disparity, mask: edges/mask, calibration: source/calibration }}
+        with: {{ size: [64, 32] }}
+      teacher:
+        kind: learn/ssl
+        inputs: {{ samples: samples/samples }}
+        with: {{ steps: {steps}, batch: 2, curve_every: 7, checkpoint_every: {checkpoint_every} }}
+"
+    )
+}
+
+/// Writes an experiment that learns on a street, and nothing else.
+fn street(folder: &Path, checkpoint_every: u64) -> PathBuf {
+    let source = "  train: { kind: synthetic/road, with: { frames: 0..5, width: 320, height: 96, seed: 4 } }";
+    let path = folder.join(format!("street-{checkpoint_every}.yaml"));
+    let stage = learn(STEPS, checkpoint_every);
+    std::fs::write(&path, format!("experiment: street\nsources:\n{source}\nstages:\n{stage}")).expect("written");
+    path
+}
+
+/// The hashes of what learning left in a recording: model and samples by their content, the curve by its file.
+fn learned(out: &Path) -> (String, String, Vec<u8>) {
+    let recording = Recording::open(out.join("recording.mcap")).expect("a recording");
+    let hash = |of: &str| {
+        let mut found = recording.once_values().iter().filter(|value| value.value_type == of);
+        let value = found.next().unwrap_or_else(|| panic!("no {of} in {}", out.display()));
+        let RecordedContent::Attachment { hash, name, .. } = &value.content else { panic!("{of} is no attachment") };
+        assert!(!recording.attachment(name).expect("its bytes").is_empty());
+        hash.to_string()
+    };
+    (hash("model"), hash("samples"), std::fs::read(out.join("learning_curves.csv")).expect("a curve"))
+}
+
+fn run(experiment: &Path, out: &Path, workers: &str) -> (String, String, Vec<u8>) {
+    succeed(depthloom().arg("run").arg(experiment).args(["--quiet", "--workers", workers, "--out"]).arg(out));
+    learned(out)
+}
+
+#[test]
+fn truth_of_training_frames_changes_no_bit_of_the_network() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let data = folder.path().join("data");
+    let size = ["--width", "320", "--height", "96", "--frames", "4", "--seed", "3"];
+    succeed(depthloom().arg("synth").arg(&data).args(size));
+    // As the shipped Table I, after a stage that learns from a data set with truth.
+    let table1 = workspace().join("experiments/table1.yaml");
+    let experiment = |truth: &str| {
+        let path = folder.path().join(format!("{truth}.yaml"));
+        let text = format!(
+            "extends: {}\nexperiment: labels\nsources:\n  train: {{ kind: kitti/stereo2015, with: {{ root: data, truth: {truth} }} }}\n  \
+             test: {{ with: {{ frames: 0..2, width: 320, height: 96 }} }}\nstages:\n{}",
+            table1.display(),
+            learn(10, 100),
+        );
+        std::fs::write(&path, text).expect("written");
+        path
+    };
+    let run = |truth: &str, out: &str| {
+        let out = folder.path().join(out);
+        let learned = run(&experiment(truth), &out, "2");
+        (learned, std::fs::read(out.join("scores.csv")).expect("scores"))
+    };
+    let with = run("noc", "with");
+    let truth = data.join("training/disp_noc_0");
+    let file = |frame: u32| truth.join(format!("{frame:06}_10.png"));
+    // Wrong labels: every frame gets another's.
+    let bytes: Vec<Vec<u8>> = (0..4).map(|frame| std::fs::read(file(frame)).expect("truth")).collect();
+    (0..4).for_each(|frame| std::fs::write(file(frame), &bytes[(frame as usize + 1) % 4]).expect("written"));
+    assert!(with == run("noc", "wrong"), "wrong truth of training frames changes what is learned");
+    // No labels at all.
+    for folder in ["disp_noc_0", "disp_occ_0"] {
+        std::fs::remove_dir_all(data.join("training").join(folder)).expect("removed");
+    }
+    assert!(with == run("none", "without"), "truth of training frames changes what is learned");
+}
+
+#[test]
+fn the_network_is_the_same_with_one_and_eight_workers() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let experiment = street(folder.path(), 100);
+    let runs = ["1", "8"].map(|workers| run(&experiment, &folder.path().join(workers), workers));
+    assert!(runs[0] == runs[1], "networks with 1 and 8 workers differ");
+}
+
+/// The step of the checkpoint in a folder, if there is one: a `.safetensors` file with the progress as JSON in its header.
+fn step(checkpoints: &Path) -> Option<u64> {
+    let mut files = std::fs::read_dir(checkpoints).ok()?.flatten().map(|entry| entry.path());
+    let path = files.find(|path| path.extension().is_some_and(|extension| extension == "safetensors"))?;
+    let bytes = std::fs::read(path).ok()?;
+    let length = u64::from_le_bytes(bytes.get(..8)?.try_into().expect("8 bytes"));
+    let header: serde_json::Value = serde_json::from_slice(&bytes[8..8 + length as usize]).expect("a whole header");
+    let progress = header["__metadata__"]["progress"].as_str().expect("the progress");
+    let progress: serde_json::Value = serde_json::from_str(progress).expect("JSON");
+    progress["step"].as_u64()
+}
+
+/// Runs until a checkpoint of at least this step is there, then kills it. The step it was killed at; it never falls below `from`.
+fn run_and_kill(experiment: &Path, out: &Path, from: u64, at: u64) -> u64 {
+    let checkpoints = out.with_file_name("checkpoints");
+    let mut run = depthloom();
+    run.arg("run").arg(experiment).args(["--quiet", "--workers", "2", "--out"]).arg(out);
+    let mut child = run.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("the binary starts");
+    loop {
+        let reached = step(&checkpoints).unwrap_or(0);
+        assert!(reached >= from, "a run that was to go on from step {from} stands at {reached}");
+        if reached >= at {
+            break;
+        }
+        assert!(child.try_wait().expect("a child").is_none(), "the run ended before step {at}");
+        std::thread::yield_now();
+    }
+    child.kill().expect("killed");
+    child.wait().expect("ended");
+    assert!(!out.exists(), "a killed run must not look like a whole one");
+    step(&checkpoints).expect("a kill leaves the checkpoint before or the new one")
+}
+
+#[test]
+fn a_training_killed_three_times_gives_the_network_of_one_that_was_not() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let whole = folder.path().join("whole");
+    std::fs::create_dir(&whole).expect("a folder");
+    let undisturbed = run(&street(&whole, 100), &whole.join("run"), "2");
+    // How often the state is put down decides nothing.
+    let experiment = street(folder.path(), 1);
+    let random = RandomState::new();
+    let points = [0_u64, 1, 2].map(|third| 1 + third * 15 + random.hash_one(third) % 12);
+    let mut reached = 0;
+    for (attempt, at) in points.into_iter().enumerate() {
+        let out = folder.path().join(format!("killed-{attempt}"));
+        reached = run_and_kill(&experiment, &out, reached, at);
+        assert!((at..STEPS).contains(&reached), "killed at step {reached}, to be killed at {at}");
+    }
+    let found = run(&experiment, &folder.path().join("last"), "2");
+    assert!(found == undisturbed, "killed at the steps {points:?}, the network is another");
+    assert!(!folder.path().join("checkpoints").exists(), "a whole training needs no checkpoint");
+}
