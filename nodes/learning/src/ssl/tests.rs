@@ -108,6 +108,34 @@ fn it_learns_with_every_network_and_loss() {
 }
 
 #[test]
+fn the_papers_network_keeps_its_first_eight_convolutions() {
+    use crate::networks::{Network, Size, layout};
+    use crate::onnx::weights::read_weights;
+    let folder = tempfile::tempdir().expect("a folder");
+    let layout = layout(Network::FcnVgg16, Size { width: 64, height: 32 });
+    let pretrained = layout.start(77);
+    let frozen = || layout.parameters.iter().zip(&pretrained).filter(|(parameter, _)| parameter.frozen);
+    let bytes: Vec<Vec<u8>> = frozen().map(|(_, values)| values.iter().flat_map(|v| v.to_le_bytes()).collect()).collect();
+    let views = frozen().zip(&bytes).map(|((parameter, _), bytes)| {
+        let view = safetensors::tensor::TensorView::new(safetensors::Dtype::F32, parameter.shape.clone(), bytes);
+        (parameter.name.clone(), view.expect("a tensor"))
+    });
+    let file = folder.path().join("vgg.safetensors");
+    std::fs::write(&file, safetensors::serialize(views, None).expect("a file")).expect("written");
+    let params = json!({ "network": "fcn-vgg16", "weights": file, "loss": "depth", "steps": 2, "batch": 2 });
+    let (model, _) = learn(params, &samples(2, 0, false), None, &Patience::endless(2)).expect("it learns");
+    let onnx = folder.path().join("vgg.onnx");
+    std::fs::write(&onnx, model).expect("written");
+    let learned = read_weights(&onnx).expect("an ONNX file");
+    let first = layout.start(1);
+    for ((parameter, kept), first) in layout.parameters.iter().zip(&pretrained).zip(&first) {
+        let tensor = learned.iter().find(|tensor| tensor.name == parameter.name).expect("every parameter is written");
+        assert_eq!(tensor.values == *kept, parameter.frozen, "{}", parameter.name);
+        assert!(parameter.frozen || tensor.values != *first, "{} has learned", parameter.name);
+    }
+}
+
+#[test]
 fn a_cancelled_training_goes_on_to_the_same_bytes() {
     let (learned, held_out) = (samples(3, 0, false), samples(2, 7, false));
     let params = || json!({ "steps": 14, "batch": 2, "curve_every": 3, "checkpoint_every": 4, "patience": 50 });
