@@ -4,10 +4,11 @@ mod cases;
 
 use std::process::Command;
 
+use depthloom_learning::onnx::weights::read_weights;
 use tract_onnx::prelude::{Framework, InferenceModelExt, IntoRunnable, TValue, Tensor, tvec};
 
 use self::cases::{Case, cases};
-use crate::support::{python, succeed, workspace};
+use crate::support::{python, shared, succeed, workspace};
 
 /// The largest difference that is allowed, as a share of the output's range.
 const TOLERANCE: f32 = 1e-4;
@@ -61,4 +62,33 @@ fn onnx_checks_and_onnx_runtime_computes_what_the_training_library_does() {
     let mut expected: Vec<&str> = cases.iter().map(|case| case.name).collect();
     expected.sort_unstable();
     assert_eq!(names, expected, "{told}");
+}
+
+#[test]
+fn weights_of_a_network_we_did_not_write_are_those_that_the_onnx_package_reads() {
+    const TEST: &str = "weights_of_a_network_we_did_not_write_are_those_that_the_onnx_package_reads";
+    let (Some(shared), Some(python)) = (shared(TEST), python(TEST)) else { return };
+    let path = shared.join("models/ssl_unet.onnx");
+    let code = "import sys, onnx, numpy, zlib\n\
+                for of in onnx.load(sys.argv[1]).graph.initializer:\n    \
+                    values = onnx.numpy_helper.to_array(of)\n    \
+                    if values.dtype.kind == 'f': print(of.name, list(values.shape), zlib.crc32(values.astype('<f4').tobytes()))";
+    let theirs = succeed(Command::new(python).args(["-c", code]).arg(&path));
+    let theirs = String::from_utf8(theirs.stdout).expect("UTF-8");
+    let ours: String = read_weights(&path)
+        .expect("weights")
+        .iter()
+        .map(|tensor| {
+            let bytes: Vec<u8> = tensor.values.iter().flat_map(|value| value.to_le_bytes()).collect();
+            format!("{} {:?} {}\n", tensor.name, tensor.dims, crc32(&bytes))
+        })
+        .collect();
+    assert!(theirs.lines().count() > 10, "{theirs}");
+    assert_eq!(ours, theirs);
+}
+
+/// CRC-32 as zlib calculates it.
+fn crc32(bytes: &[u8]) -> u32 {
+    let shift = |crc: u32| if crc & 1 == 1 { crc >> 1 ^ 0xedb8_8320 } else { crc >> 1 };
+    !bytes.iter().fold(u32::MAX, |crc, &byte| (0..8).fold(crc ^ u32::from(byte), |crc, _| shift(crc)))
 }
