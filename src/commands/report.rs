@@ -35,14 +35,17 @@ pub fn report(args: &ReportArgs) -> Result<Exit, Stop> {
 
 /// The table, and where the rest is.
 pub fn summary(report: &Summary, folder: &Path) -> String {
-    let files = [
-        ("every intermediate", "recording.mcap (opens in Foxglove and Rerun)"),
+    let recording = [("every intermediate", "recording.mcap (opens in Foxglove and Rerun)")];
+    let scores = [
         ("scores per frame", "scores.csv"),
         ("this table", "table.{csv,md,tex,parquet}"),
         ("error against distance", "error_vs_distance.{csv,parquet,svg}"),
     ];
     let curves = [("learning curves", "learning_curves.{csv,parquet,svg}")];
-    let files = files.iter().chain(curves.iter().filter(|_| report.learning_curves > 0));
+    // A run that scores nothing has no table.
+    let is_scored = folder.join("scores.csv").is_file();
+    let scores = scores.iter().filter(|_| is_scored);
+    let files = recording.iter().chain(scores).chain(curves.iter().filter(|_| report.learning_curves > 0));
     let list: String = files.map(|(what, file)| format!("  {what:24}{file}\n")).collect();
     format!("{}\nin {}:\n{list}", report.text, folder.display())
 }

@@ -115,7 +115,8 @@ fn the_papers_network_keeps_its_first_eight_convolutions() {
     let layout = layout(Network::FcnVgg16, Size { width: 64, height: 32 });
     let pretrained = layout.start(77);
     let frozen = || layout.parameters.iter().zip(&pretrained).filter(|(parameter, _)| parameter.frozen);
-    let bytes: Vec<Vec<u8>> = frozen().map(|(_, values)| values.iter().flat_map(|v| v.to_le_bytes()).collect()).collect();
+    let bytes: Vec<Vec<u8>> =
+        frozen().map(|(_, values)| values.iter().flat_map(|v| v.to_le_bytes()).collect()).collect();
     let views = frozen().zip(&bytes).map(|((parameter, _), bytes)| {
         let view = safetensors::tensor::TensorView::new(safetensors::Dtype::F32, parameter.shape.clone(), bytes);
         (parameter.name.clone(), view.expect("a tensor"))

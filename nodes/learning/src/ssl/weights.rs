@@ -5,7 +5,7 @@ use std::path::Path;
 use depthloom_graphs::{Fault, Key};
 
 use crate::networks::Layout;
-use crate::onnx::weights::{NamedTensor, read_weights};
+use crate::onnx::weights::{NamedTensor, decode_weights};
 
 /// The tensors of a `.safetensors` or ONNX file, and the hash of what is in it.
 pub(super) fn read(path: &Path) -> Result<(Vec<NamedTensor>, Key), Fault> {
@@ -14,7 +14,7 @@ pub(super) fn read(path: &Path) -> Result<(Vec<NamedTensor>, Key), Fault> {
             .because(error)
             .remedy("`weights` names a .safetensors or .onnx file")
     })?;
-    let tensors = read_weights(path).map_err(|error| {
+    let tensors = decode_weights(path, &bytes).map_err(|error| {
         Fault::new("failed to read the pretrained weights")
             .because(error)
             .remedy("`weights` names a .safetensors or .onnx file with f32 or f16 tensors")
