@@ -91,6 +91,10 @@ impl Host for TaskHost<'_> {
         self.crew.width()
     }
 
+    fn spent(&self, cpu_ns: u64) {
+        self.helpers_cpu_ns.fetch_add(cpu_ns, Ordering::Relaxed);
+    }
+
     fn checkpoints(&self) -> Option<&Path> {
         self.checkpoints
     }

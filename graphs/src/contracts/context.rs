@@ -20,6 +20,9 @@ pub trait Host: Sync {
     /// How many tiles could run at once at best.
     fn width(&self) -> usize;
 
+    /// Adds processor time that threads of the node's own spent, nanoseconds, to what is told of the node.
+    fn spent(&self, _cpu_ns: u64) {}
+
     /// A folder for what long work puts down now and then, named by its own keys, so that a run begun again after a kill takes
     /// it up there; the work removes it when it is whole. `None`: nothing is kept.
     fn checkpoints(&self) -> Option<&Path> {

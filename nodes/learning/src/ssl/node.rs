@@ -8,6 +8,7 @@ use depthloom_graphs::contracts::{Contract, NodeDeclaration};
 use depthloom_graphs::values::{Artifact, Curve};
 use depthloom_graphs::{Context, Fault, Host, Inputs, Instance, Key, Node, OnceNode, Outputs, Port, ValueType};
 use rayon::ThreadPool;
+use rustix::time::{ClockId, clock_gettime};
 
 use super::checkpoint::Checkpoint;
 use super::params::SslParams;
@@ -116,7 +117,11 @@ impl OnceNode for Ssl {
         let layout = layout(self.params.network, size);
         let key = self.key(&artifact.hash, held_out.map(|held_out| &held_out.hash))?;
         let learn = || self.learn(&layout, &samples, validation.as_ref(), &key, ctx.host);
-        let (values, curve) = pool(ctx.host.width())?.install(learn)?;
+        let pool = pool(ctx.host.width())?;
+        let before = spent_ns(pool);
+        let learned = pool.install(learn);
+        ctx.host.spent(spent_ns(pool) - before);
+        let (values, curve) = learned?;
         let file = export(self.params.network, size, &values, &key.to_string());
         Ok(Outputs::one("model", depthloom_graphs::Value::Model(Arc::new(Artifact::new("application/onnx", file))))
             .with("curve", curve))
@@ -229,6 +234,15 @@ impl Ssl {
         }
         Ok(values)
     }
+}
+
+/// Processor time of the pool's threads since they began, nanoseconds.
+fn spent_ns(pool: &ThreadPool) -> u64 {
+    let of_thread = |_: rayon::BroadcastContext<'_>| {
+        let time = clock_gettime(ClockId::ThreadCPUTime);
+        time.tv_sec.unsigned_abs() * 1_000_000_000 + time.tv_nsec.unsigned_abs()
+    };
+    pool.broadcast(of_thread).into_iter().sum()
 }
 
 fn diverged() -> Fault {

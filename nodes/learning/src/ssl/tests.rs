@@ -35,12 +35,13 @@ struct Patience {
     threads: usize,
     steps: u64,
     seen: AtomicU64,
+    cpu_ns: AtomicU64,
     folder: Option<PathBuf>,
 }
 
 impl Patience {
     fn endless(threads: usize) -> Self {
-        Self { threads, steps: u64::MAX, seen: AtomicU64::new(0), folder: None }
+        Self { threads, steps: u64::MAX, seen: AtomicU64::new(0), cpu_ns: AtomicU64::new(0), folder: None }
     }
 }
 
@@ -59,6 +60,10 @@ impl Host for Patience {
 
     fn width(&self) -> usize {
         self.threads
+    }
+
+    fn spent(&self, cpu_ns: u64) {
+        self.cpu_ns.fetch_add(cpu_ns, Ordering::Relaxed);
     }
 
     fn checkpoints(&self) -> Option<&Path> {
@@ -150,6 +155,7 @@ fn a_cancelled_training_goes_on_to_the_same_bytes() {
         let resumed = Patience { folder: Some(checkpoints.clone()), ..Patience::endless(3) };
         let again = learn(params(), &learned, Some(&held_out), &resumed).expect("it learns");
         assert!(again == whole, "stopped after {steps} steps");
+        assert!(resumed.cpu_ns.into_inner() > 0, "the pool's threads have worked");
         assert_eq!(resumed.seen.into_inner(), 14 - steps, "what was done is not done again");
         assert!(!checkpoints.exists(), "a whole training leaves none");
     }
