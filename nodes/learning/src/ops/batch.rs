@@ -5,7 +5,7 @@ use std::cell::RefCell;
 use burn::backend::TensorMetadata;
 use burn::backend::flex::FlexTensor;
 use burn::tensor::{DType, Shape, TensorData};
-use depthloom_kernels::convolve::{Activation, Gradients, Scratch};
+use depthloom_kernels::convolve::{Gradients, Scratch};
 use rayon::prelude::*;
 
 /// What burn keeps of an operation for its backward pass.
@@ -35,10 +35,6 @@ pub(super) fn samples(tensor: &FlexTensor) -> &[f32] {
 
 pub(super) fn tensor(values: Vec<f32>, shape: impl Into<Shape>) -> FlexTensor {
     FlexTensor::from_data(TensorData::new(values, shape))
-}
-
-pub(super) const fn activation(relu: bool) -> Activation {
-    if relu { Activation::Relu } else { Activation::None }
 }
 
 /// Runs `f` with this thread's scratch memory, kept from call to call.

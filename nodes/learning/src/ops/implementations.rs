@@ -3,13 +3,14 @@
 use burn::backend::autodiff::checkpoint::strategy::CheckpointStrategy;
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Autodiff, Flex};
+use depthloom_kernels::convolve::{Double, Same};
 
 use super::batch::in_order;
-use super::{Convolutions, double, halve, same};
+use super::{Convolutions, convolution, halve};
 
 impl Convolutions for Flex {
     fn same(x: FloatTensor<Self>, weight: FloatTensor<Self>, bias: FloatTensor<Self>, relu: bool) -> FloatTensor<Self> {
-        same::run(&in_order(x), &in_order(weight), &in_order(bias), relu)
+        convolution::run::<Same>(x, weight, bias, relu)
     }
 
     fn double(
@@ -18,7 +19,7 @@ impl Convolutions for Flex {
         bias: FloatTensor<Self>,
         relu: bool,
     ) -> FloatTensor<Self> {
-        double::run(&in_order(x), &in_order(weight), &in_order(bias), relu)
+        convolution::run::<Double>(x, weight, bias, relu)
     }
 
     fn halve(x: FloatTensor<Self>) -> FloatTensor<Self> {
@@ -28,7 +29,7 @@ impl Convolutions for Flex {
 
 impl<C: CheckpointStrategy> Convolutions for Autodiff<Flex, C> {
     fn same(x: FloatTensor<Self>, weight: FloatTensor<Self>, bias: FloatTensor<Self>, relu: bool) -> FloatTensor<Self> {
-        same::tracked::<C>(x, weight, bias, relu)
+        convolution::tracked::<Same, C>(x, weight, bias, relu)
     }
 
     fn double(
@@ -37,7 +38,7 @@ impl<C: CheckpointStrategy> Convolutions for Autodiff<Flex, C> {
         bias: FloatTensor<Self>,
         relu: bool,
     ) -> FloatTensor<Self> {
-        double::tracked::<C>(x, weight, bias, relu)
+        convolution::tracked::<Double, C>(x, weight, bias, relu)
     }
 
     fn halve(x: FloatTensor<Self>) -> FloatTensor<Self> {

@@ -6,10 +6,9 @@
 //! What is tested: equal to the library's own operations, forward and backward (`tests`).
 
 mod batch;
-mod double;
+mod convolution;
 mod halve;
 mod implementations;
-mod same;
 
 use burn::backend::{Backend, Dispatch, backend_extension, tensor::FloatTensor};
 use burn::tensor::ops::{ConvOptions, ConvTransposeOptions, MaxPoolOptions};
