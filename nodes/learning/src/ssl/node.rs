@@ -1,7 +1,6 @@
 //! The kind `learn/ssl`.
 
-use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::Arc;
 use std::time::Instant;
 
 use depthloom_graphs::contracts::{Contract, NodeDeclaration};
@@ -117,10 +116,9 @@ impl OnceNode for Ssl {
         let layout = layout(self.params.network, size);
         let key = self.key(&artifact.hash, held_out.map(|held_out| &held_out.hash))?;
         let learn = || self.learn(&layout, &samples, validation.as_ref(), &key, ctx.host);
-        let pool = pool(ctx.host.width())?;
-        let before = spent_ns(pool);
+        let pool = pool(ctx.host.width(), self.params.batch)?;
         let learned = pool.install(learn);
-        ctx.host.spent(spent_ns(pool) - before);
+        ctx.host.spent(spent_ns(&pool));
         let (values, curve) = learned?;
         let file = export(self.params.network, size, &values, &key.to_string());
         Ok(Outputs::one("model", depthloom_graphs::Value::Model(Arc::new(Artifact::new("application/onnx", file))))
@@ -250,18 +248,11 @@ fn diverged() -> Fault {
         .remedy("lower `learning_rate`, or choose another `seed`")
 }
 
-/// The threads that all trainings of this process share: two at once take turns instead of each other's cores.
-fn pool(width: usize) -> Result<&'static ThreadPool, Fault> {
-    static POOLS: OnceLock<Mutex<BTreeMap<usize, &'static ThreadPool>>> = OnceLock::new();
-    let mut pools = POOLS.get_or_init(Mutex::default).lock().unwrap_or_else(PoisonError::into_inner);
-    if let Some(pool) = pools.get(&width) {
-        return Ok(pool);
-    }
+/// The threads of one training. More than the batch has images would find nothing to do. Trainings at once have threads of their own,
+/// so that each one's processor time is known; the cores they share.
+fn pool(width: usize, batch: u32) -> Result<ThreadPool, Fault> {
     let named = |index| format!("depthloom-learning-{index}");
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(width).thread_name(named).build();
-    let pool = pool.map_err(|error| Fault::new("failed to start the threads of learning").because(error))?;
-    // A process knows one width, tests a few: they live as long as it does.
-    let pool: &'static ThreadPool = Box::leak(Box::new(pool));
-    pools.insert(width, pool);
-    Ok(pool)
+    let threads = width.min(batch as usize).max(1);
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).thread_name(named).build();
+    pool.map_err(|error| Fault::new("failed to start the threads of learning").because(error))
 }
