@@ -88,7 +88,7 @@ impl Double {
         let (planes, columns) = (self.planes(), self.planes().columns());
         assert_eq!(image.len(), self.inputs * self.area());
         assert_eq!(out.len(), self.outputs * self.area() * 4);
-        self.spread(image, &mut scratch.source);
+        planes.spread(image, &mut scratch.source);
         scratch.room(2 * self.outputs * columns);
         for parity_row in 0..2 {
             let (even, odd) = scratch.sums.split_at_mut(self.outputs * columns);
@@ -181,7 +181,7 @@ impl Double {
         scratch.offsets.clear();
         scratch.offsets.extend((0..self.outputs * TAPS).map(tap));
         if let Some(gradient) = gradients.weights.as_deref_mut() {
-            self.spread(image, &mut scratch.source);
+            planes.spread(image, &mut scratch.source);
             level.run_lanes(Dots {
                 left: &scratch.source,
                 first: planes.origin(0),
@@ -204,20 +204,7 @@ impl Double {
                 rows: self.inputs,
                 columns: planes.columns(),
             });
-            for (channel, gradient) in gradient.chunks_exact_mut(area).enumerate() {
-                let sums = scratch.sums[channel * planes.columns()..].chunks(planes.row());
-                for (row, sums) in gradient.chunks_exact_mut(self.width).zip(sums) {
-                    row.copy_from_slice(&sums[..self.width]);
-                }
-            }
-        }
-    }
-
-    fn spread(&self, image: &[f32], to: &mut Vec<f32>) {
-        let planes = self.planes();
-        planes.reserve(to, self.inputs);
-        for (channel, image) in image.chunks_exact(self.area()).enumerate() {
-            planes.fill(to, channel, |y, row| row.copy_from_slice(&image[y * self.width..][..self.width]));
+            planes.collect(&scratch.sums, gradient);
         }
     }
 }

@@ -64,4 +64,23 @@ impl Planes {
         }
         rest.fill(0.0);
     }
+
+    /// Lays out an image, channel by channel.
+    pub(super) fn spread(&self, image: &[f32], planes: &mut Vec<f32>) {
+        let area = self.width * self.height;
+        self.reserve(planes, image.len() / area);
+        for (channel, image) in image.chunks_exact(area).enumerate() {
+            self.fill(planes, channel, |y, row| row.copy_from_slice(&image[y * self.width..][..self.width]));
+        }
+    }
+
+    /// Takes an image out of sums, whose channels are [`Planes::columns`] apart.
+    pub(super) fn collect(&self, sums: &[f32], image: &mut [f32]) {
+        for (channel, image) in image.chunks_exact_mut(self.width * self.height).enumerate() {
+            let sums = sums[channel * self.columns()..].chunks(self.row());
+            for (row, sums) in image.chunks_exact_mut(self.width).zip(sums) {
+                row.copy_from_slice(&sums[..self.width]);
+            }
+        }
+    }
 }

@@ -88,7 +88,7 @@ impl Same {
         let (planes, area) = (self.planes(), self.area());
         assert_eq!(image.len(), self.inputs * area);
         assert_eq!(out.len(), self.outputs * area);
-        self.spread(image, &mut scratch.source);
+        planes.spread(image, &mut scratch.source);
         self.offsets(self.inputs, &mut scratch.offsets);
         scratch.room(self.outputs * planes.columns());
         level.run_lanes(Product {
@@ -145,7 +145,7 @@ impl Same {
             }
         }
         if let Some(gradient) = gradients.weights.as_deref_mut() {
-            self.spread(image, &mut scratch.source);
+            planes.spread(image, &mut scratch.source);
             self.offsets(self.inputs, &mut scratch.offsets);
             level.run_lanes(Dots {
                 left: &scratch.slopes,
@@ -170,20 +170,7 @@ impl Same {
                 rows: self.inputs,
                 columns: planes.columns(),
             });
-            for (channel, gradient) in gradient.chunks_exact_mut(area).enumerate() {
-                let sums = scratch.sums[channel * planes.columns()..].chunks(planes.row());
-                for (row, sums) in gradient.chunks_exact_mut(self.width).zip(sums) {
-                    row.copy_from_slice(&sums[..self.width]);
-                }
-            }
-        }
-    }
-
-    fn spread(&self, image: &[f32], to: &mut Vec<f32>) {
-        let planes = self.planes();
-        planes.reserve(to, self.inputs);
-        for (channel, image) in image.chunks_exact(self.area()).enumerate() {
-            planes.fill(to, channel, |y, row| row.copy_from_slice(&image[y * self.width..][..self.width]));
+            planes.collect(&scratch.sums, gradient);
         }
     }
 }
