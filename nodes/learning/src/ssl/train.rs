@@ -212,7 +212,7 @@ impl<'a> Training<'a> {
                 count += of_them;
             }
         }
-        sum / f64::from(u32::try_from(count.max(1)).unwrap_or(u32::MAX))
+        sum / count.max(1) as f64
     }
 
     fn host_values(&self) -> Vec<Vec<f32>> {
