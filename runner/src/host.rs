@@ -36,6 +36,10 @@ impl Host for TaskHost<'_> {
         self.interrupt.aborts()
     }
 
+    fn stopping(&self) -> bool {
+        self.interrupt.stops_admission()
+    }
+
     fn progress(&self, done: u64, total: u64, message: &str) {
         if let Some(node) = self.node {
             self.observer.progress(self.run, node, done, total, message);

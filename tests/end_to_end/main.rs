@@ -6,6 +6,7 @@ mod broken_data;
 mod broken_files;
 mod determinism;
 mod experiments;
+mod faults;
 mod golden;
 mod killed;
 mod learning;

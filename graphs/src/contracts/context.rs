@@ -9,6 +9,16 @@ pub trait Host: Sync {
     /// Whether the run is being abandoned; long work checks this now and then and returns [`Fault::Cancelled`](crate::Fault).
     fn cancelled(&self) -> bool;
 
+    /// Whether the run is asked to end soon: long work that can be taken up again puts down where it is and returns
+    /// [`Fault::Cancelled`](crate::Fault). Work that cannot goes on.
+    fn stopping(&self) -> bool {
+        self.cancelled()
+    }
+
+    /// Tells the person something about this call that is no failure and spoils what follows from it, as a lower-case fragment
+    /// without the frame's name (`3 pixels are no numbers`); equal tellings of a node are counted, not repeated.
+    fn warn(&self, _what: &str) {}
+
     /// Tells how far a long piece of work is.
     fn progress(&self, done: u64, total: u64, message: &str);
 

@@ -1,0 +1,1 @@
+//! Faults of numbers, tables and figures.

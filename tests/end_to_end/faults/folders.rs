@@ -1,0 +1,1 @@
+//! Faults of a run's folder, signals, streams and what the system refuses.

@@ -1,0 +1,1 @@
+//! Faults of the experiment language and what sources read.

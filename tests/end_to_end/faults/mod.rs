@@ -1,0 +1,8 @@
+//! Faults found in released versions, each named `fault_<number>_<what holds now>` after the review that found it.
+
+mod analysis;
+mod folders;
+mod language;
+mod learning;
+mod networks;
+mod recordings;

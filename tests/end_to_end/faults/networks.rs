@@ -1,0 +1,1 @@
+//! Faults of networks, engines and values that are no numbers.
