@@ -7,6 +7,7 @@ use depthloom_graphs::language::{Diagnostic, Diagnostics, Severity};
 use miette::{GraphicalReportHandler, GraphicalTheme, LabeledSpan, MietteDiagnostic, NamedSource};
 
 use crate::args::Colour;
+use crate::streams::{say, tell};
 
 /// A line this long would bury the message.
 const LONG_LINE: usize = 300;
@@ -34,13 +35,13 @@ fn handler() -> GraphicalReportHandler {
 pub fn print(diagnostics: &Diagnostics) {
     for (index, diagnostic) in diagnostics.0.iter().enumerate() {
         if index > 0 {
-            eprintln!();
+            say("");
         }
-        eprint!("{}", render(diagnostic));
+        tell(render(diagnostic));
     }
     let errors = diagnostics.0.iter().filter(|d| d.severity == Severity::Error).count();
     if errors > 1 {
-        eprintln!("{errors} errors");
+        say(format_args!("{errors} errors"));
     }
 }
 
@@ -86,8 +87,8 @@ fn render(diagnostic: &Diagnostic) -> String {
 pub fn print_stop(message: &str, remedy: Option<&str>) {
     let (red, cyan, plain) =
         if *COLOUR.get_or_init(|| false) { ("\x1b[31m", "\x1b[36m", "\x1b[0m") } else { ("", "", "") };
-    eprintln!("{red}error{plain}: {message}");
+    say(format_args!("{red}error{plain}: {message}"));
     if let Some(remedy) = remedy {
-        eprintln!("  {cyan}help{plain}: {remedy}");
+        say(format_args!("  {cyan}help{plain}: {remedy}"));
     }
 }

@@ -1,14 +1,17 @@
 //! What differs between machines and moments: kept beside the recording, never in it.
 
+use depthloom_kernels::simd::Level;
 use depthloom_nodes::onnx_engine::{self, Engine};
 use depthloom_nodes::onnx_provider::Provider;
 use serde_json::{Value as Json, json};
 
 /// The engine's version, the machine, the run's size and time, as `environment.json` holds them.
 pub fn describe(workers: usize, window: Option<usize>, wall_seconds: f64) -> Json {
+    // JSON holds text: of an argument that is none, what can be read of it.
+    let arguments: Vec<_> = std::env::args_os().map(|argument| argument.to_string_lossy().into_owned()).collect();
     json!({
         "depthloom": env!("CARGO_PKG_VERSION"),
-        "arguments": std::env::args().collect::<Vec<_>>(),
+        "arguments": arguments,
         "os": std::env::consts::OS,
         "architecture": std::env::consts::ARCH,
         "cores": cores(),
@@ -35,7 +38,7 @@ pub fn engine(engine: &Engine) -> Json {
         "engine": engine.name,
         "version": engine.version,
         "build": engine.build,
-        "path": engine.library,
+        "path": engine.library.as_ref().map(|path| path.to_string_lossy()),
         "found_by": engine.found_by,
         "instead_of": engine.instead_of,
     })
@@ -51,19 +54,9 @@ pub fn cores() -> usize {
     std::thread::available_parallelism().map_or(1, std::num::NonZero::get)
 }
 
-/// The instruction sets that kernels choose from, as far as this machine has them.
+/// The instruction sets that kernels choose from on this machine.
 pub fn simd() -> Vec<&'static str> {
-    #[cfg(target_arch = "x86_64")]
-    {
-        let found = [
-            ("sse4.1", std::arch::is_x86_feature_detected!("sse4.1")),
-            ("avx2", std::arch::is_x86_feature_detected!("avx2")),
-            ("avx512bw", std::arch::is_x86_feature_detected!("avx512bw")),
-        ];
-        found.iter().filter(|(_, there)| *there).map(|(name, _)| *name).collect()
-    }
-    #[cfg(not(target_arch = "x86_64"))]
-    Vec::new()
+    Level::available().into_iter().filter(|level| *level != Level::PORTABLE).map(Level::name).collect()
 }
 
 /// The most memory this process has held at once; `None` where the system does not tell.

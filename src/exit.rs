@@ -40,9 +40,19 @@ impl Stop {
         Self::new(exit, format!("{intent}: {}", chain(error)))
     }
 
-    /// Adds what the person can do about it.
+    /// Says what the person can do about it.
     pub fn remedy(self, remedy: impl Into<String>) -> Self {
         Self { remedy: Some(remedy.into()), ..self }
+    }
+
+    /// Adds to what the person can do about it.
+    pub fn also(self, more: impl Into<String>) -> Self {
+        let more = more.into();
+        let remedy = match &self.remedy {
+            Some(remedy) => format!("{remedy}; {more}"),
+            None => more,
+        };
+        self.remedy(remedy)
     }
 }
 

@@ -5,10 +5,15 @@ mod commands;
 mod diagnostics;
 mod environment;
 mod exit;
+mod models;
+mod panics;
 mod progress;
 mod registry;
 mod run_folder;
+mod signals;
+mod streams;
 
+use std::io;
 use std::process::ExitCode;
 
 use clap::Parser;
@@ -18,17 +23,33 @@ use crate::args::{Cli, Command};
 use crate::exit::{Exit, Stop};
 
 fn main() -> ExitCode {
+    signals::outlive_file_size_limit();
+    let exit = panics::watched(program).unwrap_or_else(|Stop { exit, message, remedy }| {
+        diagnostics::print_stop(&message, remedy.as_deref());
+        exit
+    });
+    ExitCode::from(exit as u8)
+}
+
+fn program() -> Result<Exit, Stop> {
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
+        Err(error) if matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion) => {
+            return match error.print() {
+                Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
+                    Err(Stop::because(Exit::Engine, "failed to print", &error))
+                }
+                Ok(()) | Err(_) => Ok(Exit::Whole),
+            };
+        }
         Err(error) => {
-            // A reader that closed the pipe early (`--help | head`) is no error.
+            // The exit code tells it where standard error cannot.
             let _ = error.print();
-            let asked = matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion);
-            return ExitCode::from(if asked { Exit::Whole as u8 } else { Exit::Before as u8 });
+            return Ok(Exit::Before);
         }
     };
     diagnostics::set_colour(cli.color);
-    let ended = match cli.command {
+    match cli.command {
         Command::Run(args) => commands::run::run(&args),
         Command::Check(args) => commands::check::check(&args),
         Command::Plan(args) => commands::plan::plan(&args),
@@ -41,12 +62,5 @@ fn main() -> ExitCode {
         Command::Schema => commands::nodes::schema(),
         Command::Completions { shell } => commands::shell::completions(shell),
         Command::Man => commands::shell::man(),
-    };
-    match ended {
-        Ok(exit) => ExitCode::from(exit as u8),
-        Err(Stop { exit, message, remedy }) => {
-            diagnostics::print_stop(&message, remedy.as_deref());
-            ExitCode::from(exit as u8)
-        }
     }
 }

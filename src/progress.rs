@@ -10,6 +10,8 @@ use depthloom_graphs::plan::Plan;
 use depthloom_runner::Observer;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
+use crate::streams::say;
+
 /// A plain line is printed this often at most.
 const EVERY: Duration = Duration::from_secs(5);
 
@@ -37,6 +39,7 @@ struct Now {
     bar: ProgressBar,
     frames: u64,
     done: u64,
+    written: u64,
     failed: u64,
     started: Instant,
     said: Instant,
@@ -55,13 +58,18 @@ impl Progress {
             nodes: run.nodes.iter().map(|node| node.name.clone()).collect(),
         };
         let (started, said) = (Instant::now(), Instant::now());
-        let now = Now { bar: ProgressBar::hidden(), frames: 0, done: 0, failed: 0, started, said };
+        let now = Now { bar: ProgressBar::hidden(), frames: 0, done: 0, written: 0, failed: 0, started, said };
         Self { how, stages: plan.runs.iter().map(stage).collect(), now: Mutex::new(now) }
     }
 
-    fn with_now(&self, f: impl FnOnce(&mut Now)) {
+    /// How many frames have been written, over all stages.
+    pub fn written(&self) -> u64 {
+        self.with_now(|now| now.written)
+    }
+
+    fn with_now<R>(&self, f: impl FnOnce(&mut Now) -> R) -> R {
         // A panic in another observer call must not hide the progress of the rest.
-        f(&mut self.now.lock().unwrap_or_else(std::sync::PoisonError::into_inner));
+        f(&mut self.now.lock().unwrap_or_else(std::sync::PoisonError::into_inner))
     }
 }
 
@@ -81,7 +89,7 @@ impl Observer for Progress {
                     now.bar.set_style(style("{prefix:12} {bar:30} {pos}/{len} frames  {per_sec}  {eta} left  {msg}"));
                     now.bar.set_prefix(name.clone());
                 }
-                How::Lines => eprintln!("{name}: {frames} frames"),
+                How::Lines => say(format_args!("{name}: {frames} frames")),
                 How::Silent => {}
             }
         });
@@ -90,6 +98,7 @@ impl Observer for Progress {
     fn frame_retired(&self, run: usize, frame: &Frame, failures: &[Failure]) {
         self.with_now(|now| {
             now.done += 1;
+            now.written += 1;
             now.failed += u64::from(!failures.is_empty());
             match self.how {
                 How::Bar => {
@@ -100,7 +109,7 @@ impl Observer for Progress {
                 }
                 How::Lines => {
                     if let Some(failure) = failures.first() {
-                        eprintln!("{}: frame {} failed: {}", self.stages[run].name, frame.id, failure.what);
+                        say(format_args!("{}: frame {} failed: {}", self.stages[run].name, frame.id, failure.what));
                     }
                     if now.said.elapsed() >= EVERY {
                         now.said = Instant::now();
@@ -108,7 +117,7 @@ impl Observer for Progress {
                         let left = (now.frames - now.done) as f64 / per_second;
                         let (done, frames) = (now.done, now.frames);
                         let name = &self.stages[run].name;
-                        eprintln!("{name}: {done}/{frames} frames, {per_second:.1} a second, {left:.0} s left");
+                        say(format_args!("{name}: {done}/{frames} frames, {per_second:.1} a second, {left:.0} s left"));
                     }
                 }
                 How::Silent => {}
@@ -123,7 +132,7 @@ impl Observer for Progress {
             How::Bar => now.bar.set_message(format!("{name} {done}/{total} {message}")),
             How::Lines if now.said.elapsed() >= EVERY || done == total => {
                 now.said = Instant::now();
-                eprintln!("{}.{name}: {done}/{total} {message}", stage.name);
+                say(format_args!("{}.{name}: {done}/{total} {message}", stage.name));
             }
             How::Lines | How::Silent => {}
         });
@@ -134,7 +143,7 @@ impl Observer for Progress {
             How::Bar => now.bar.finish_and_clear(),
             How::Lines => {
                 let seconds = now.started.elapsed().as_secs_f64();
-                eprintln!("{}: {} of {} frames in {seconds:.1} s", self.stages[run].name, now.done, now.frames);
+                say(format_args!("{}: {} of {} frames in {seconds:.1} s", self.stages[run].name, now.done, now.frames));
             }
             How::Silent => {}
         });

@@ -1,9 +1,24 @@
-//! A run's folder: written as `<out>.partial`, renamed when whole.
+//! A run's folder: written as `<out>.partial`, renamed when whole, and replaced by nobody but who was asked to.
+//!
+//! Under the final name there is a whole run or none at every moment: an old one goes aside before the new one takes its name,
+//! and is removed after.
 
+mod lock;
+mod marker;
+
+use std::ffi::OsString;
 use std::fs;
+use std::io;
 use std::path::{Path, PathBuf};
 
+pub use lock::{Lock, Refused};
+use marker::Found;
+
 use crate::exit::{Exit, Stop};
+use crate::streams::say;
+
+/// The folder beside runs where trainings put down their checkpoints.
+pub const CHECKPOINTS: &str = "checkpoints";
 
 /// The folder a run writes to, not yet under its final name.
 pub struct RunFolder {
@@ -11,35 +26,73 @@ pub struct RunFolder {
     pub partial: PathBuf,
     /// The final name.
     pub out: PathBuf,
+    /// Held as long as the run writes.
+    lock: Lock,
+    /// The run that had the final name when this one began, over and kept so, if it is to be replaced.
+    replaced: Option<Lock>,
 }
 
 impl RunFolder {
-    /// Creates `<out>.partial`.
+    /// Makes `<out>.partial`.
     ///
-    /// A folder that exists under either name is somebody's results: it is only replaced when asked for.
-    pub fn create(out: &Path, overwrite: bool) -> Result<Self, Stop> {
-        let name = out
-            .file_name()
-            .ok_or_else(|| Stop::new(Exit::Before, format!("the output folder `{}` has no name", out.display())))?;
-        let mut partial_name = name.to_owned();
-        partial_name.push(".partial");
-        let folder = Self { partial: out.with_file_name(partial_name), out: out.to_owned() };
-        for path in [&folder.out, &folder.partial] {
-            if !path.exists() {
-                continue;
-            }
-            if !overwrite {
-                return Err(Stop::new(Exit::Before, format!("{} exists already", path.display()))
-                    .remedy("choose another --out, or replace it with --overwrite"));
-            }
-            if path == &folder.partial {
-                remove(path)?;
+    /// What stands under either name is somebody's results: it is replaced only when asked for, and only a run that is over and
+    /// holds none of the files `read`.
+    pub fn create(out: &Path, overwrite: bool, read: &[&Path]) -> Result<Self, Stop> {
+        let partial = partial_name(out)?;
+        make_parent(out)?;
+        for path in [out, &partial] {
+            match found(path)? {
+                Found::Nothing => {}
+                Found::Other(what) => return Err(no_run(path, what)),
+                Found::Run if overwrite => keep_from_harm(path, read)?,
+                Found::Run => return Err(exists(path)),
             }
         }
-        fs::create_dir_all(&folder.partial).map_err(|error| {
-            Stop::because(Exit::Before, format_args!("failed to create {}", folder.partial.display()), &error)
-        })?;
+        let replaced = (found(out)? == Found::Run).then(|| lock(out)).transpose()?;
+        if found(&partial)? == Found::Run {
+            let _old = lock(&partial)?;
+            let aside = aside(&partial);
+            fs::rename(&partial, &aside).map_err(|error| failed("move aside", &partial, &error))?;
+            fs::remove_dir_all(&aside).map_err(|error| failed("remove", &aside, &error))?;
+        }
+        fs::create_dir(&partial).map_err(|error| failed("create", &partial, &error))?;
+        let folder = Self::marked(partial, out, replaced)?;
+        if folder.replaced.is_none() && found(out)? != Found::Nothing {
+            // Another run took the name in the meantime.
+            folder.discard();
+            return Err(exists(out));
+        }
         Ok(folder)
+    }
+
+    /// Makes `<parent>/<name>.partial`, or `<name>-2` and so on: the first that is nobody's.
+    pub fn create_new(parent: &Path, name: &str) -> Result<Self, Stop> {
+        let mut number = 1_u32;
+        loop {
+            let out = parent.join(if number == 1 { name.to_owned() } else { format!("{name}-{number}") });
+            number += 1;
+            let partial = partial_name(&out)?;
+            make_parent(&out)?;
+            match fs::create_dir(&partial) {
+                Err(error) if error.kind() == io::ErrorKind::AlreadyExists => continue,
+                made => made.map_err(|error| failed("create", &partial, &error))?,
+            }
+            // Looked for only now: who had the partial name until a moment ago has the final one.
+            if found(&out)? == Found::Nothing {
+                return Self::marked(partial, &out, None);
+            }
+            fs::remove_dir(&partial).map_err(|error| failed("remove", &partial, &error))?;
+        }
+    }
+
+    fn marked(partial: PathBuf, out: &Path, replaced: Option<Lock>) -> Result<Self, Stop> {
+        match Lock::mark(&partial) {
+            Ok(lock) => Ok(Self { partial, out: out.to_owned(), lock, replaced }),
+            Err(error) => {
+                let _ = fs::remove_dir_all(&partial);
+                Err(Stop::because(Exit::Engine, format_args!("failed to mark {}", partial.display()), &error))
+            }
+        }
     }
 
     /// A file in the folder, as long as it is partial.
@@ -50,24 +103,134 @@ impl RunFolder {
     /// Writes a small file.
     pub fn write(&self, name: &str, content: &str) -> Result<(), Stop> {
         let path = self.file(name);
-        fs::write(&path, content)
+        depthloom_durable::write(&path, content.as_bytes())
             .map_err(|error| Stop::because(Exit::Engine, format_args!("failed to write {}", path.display()), &error))
     }
 
-    /// Gives the folder its final name.
-    pub fn finish(self) -> Result<PathBuf, Stop> {
-        if self.out.exists() {
-            remove(&self.out)?;
+    /// Where trainings put down their checkpoints: beside the run, so that the next one finds them.
+    pub fn checkpoints(&self) -> PathBuf {
+        self.out.with_file_name(CHECKPOINTS)
+    }
+
+    /// Removes the folder, which holds nothing worth keeping.
+    pub fn discard(self) {
+        if let Err(error) = fs::remove_dir_all(&self.partial) {
+            say(format_args!("warning: failed to remove {}: {error}", self.partial.display()));
         }
-        fs::rename(&self.partial, &self.out).map_err(|error| {
-            let intent = format!("failed to rename {} to {}", self.partial.display(), self.out.display());
-            Stop::because(Exit::Engine, intent, &error)
-        })?;
-        Ok(self.out)
+    }
+
+    /// Gives the folder its final name, once all it holds is on the disk.
+    pub fn finish(self) -> Result<PathBuf, Stop> {
+        let Self { partial, out, lock, replaced } = self;
+        let unnamed = |what: String| {
+            Stop::new(Exit::Engine, what).remedy(format!("the run is whole in {}: rename it", partial.display()))
+        };
+        let rename = |from: &Path, to: &Path| {
+            depthloom_durable::rename(from, to)
+                .map_err(|error| unnamed(format!("failed to rename {} to {}: {error}", from.display(), to.display())))
+        };
+        // Where folders with open files cannot be renamed the lock goes now, else when the run has its name.
+        let lock = cfg!(unix).then_some(lock);
+        depthloom_durable::sync_tree(&partial)
+            .map_err(|error| unnamed(format!("failed to synchronise {}: {error}", partial.display())))?;
+        let old = match fs::symlink_metadata(&out) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => None,
+            _ if replaced.as_ref().is_some_and(|replaced| replaced.is_of(&out)) => {
+                drop(replaced);
+                let aside = aside(&out);
+                rename(&out, &aside)?;
+                Some(aside)
+            }
+            _ => return Err(unnamed(format!("{} appeared while the run went on", out.display()))),
+        };
+        if let Err(stop) = rename(&partial, &out) {
+            if let Some(old) = &old {
+                let _ = depthloom_durable::rename(old, &out);
+            }
+            return Err(stop);
+        }
+        drop(lock);
+        if let Some(old) = old
+            && let Err(error) = fs::remove_dir_all(&old)
+        {
+            say(format_args!("warning: failed to remove the run before, {}: {error}", old.display()));
+        }
+        Ok(out)
     }
 }
 
-fn remove(path: &Path) -> Result<(), Stop> {
-    let removed = if path.is_dir() { fs::remove_dir_all(path) } else { fs::remove_file(path) };
-    removed.map_err(|error| Stop::because(Exit::Engine, format_args!("failed to remove {}", path.display()), &error))
+/// The lock of a run's folder for who writes more into it, or `None` if the folder is not a run's.
+pub fn lock_if_run(folder: &Path) -> Result<Option<Lock>, Stop> {
+    if found(folder)? == Found::Run { lock(folder).map(Some) } else { Ok(None) }
 }
+
+fn lock(folder: &Path) -> Result<Lock, Stop> {
+    Lock::take(folder).map_err(|refused| {
+        let stop = Stop::because(Exit::Before, format_args!("failed to lock {}", folder.display()), &refused);
+        match refused {
+            Refused::Busy => stop.remedy("wait until it is done, or write to another folder (--out)"),
+            Refused::System(_) => stop,
+        }
+    })
+}
+
+fn partial_name(out: &Path) -> Result<PathBuf, Stop> {
+    let name = out
+        .file_name()
+        .ok_or_else(|| Stop::new(Exit::Before, format!("the output folder `{}` has no name", out.display())))?;
+    if name == CHECKPOINTS {
+        let what = format!("{}: a folder `{CHECKPOINTS}` is where trainings put down theirs", out.display());
+        return Err(Stop::new(Exit::Before, what).remedy("choose another --out"));
+    }
+    Ok(depthloom_durable::partial_name(out))
+}
+
+fn make_parent(out: &Path) -> Result<(), Stop> {
+    match out.parent() {
+        Some(parent) => fs::create_dir_all(parent).map_err(|error| failed("create", parent, &error)),
+        None => Ok(()),
+    }
+}
+
+/// A name beside `path` that this process alone uses.
+fn aside(path: &Path) -> PathBuf {
+    let mut name = path.file_name().map(OsString::from).unwrap_or_default();
+    name.push(format!(".replaced-{}", std::process::id()));
+    path.with_file_name(name)
+}
+
+fn found(path: &Path) -> Result<Found, Stop> {
+    Found::at(path).map_err(|error| failed("look at", path, &error))
+}
+
+/// Refuses to replace what the person stands in or the run was made from.
+fn keep_from_harm(path: &Path, read: &[&Path]) -> Result<(), Stop> {
+    let real = fs::canonicalize(path).map_err(|error| failed("look at", path, &error))?;
+    let refuse = |why: String| {
+        Stop::new(Exit::Before, format!("{} is not replaced: {why}", path.display())).remedy("choose another --out")
+    };
+    if std::env::current_dir().is_ok_and(|here| here.starts_with(&real)) {
+        return Err(refuse("it is the current folder, or holds it".to_owned()));
+    }
+    match read.iter().find(|file| fs::canonicalize(file).is_ok_and(|file| file.starts_with(&real))) {
+        Some(file) => Err(refuse(format!("it holds {}, which this run reads", file.display()))),
+        None => Ok(()),
+    }
+}
+
+fn failed(to: &str, path: &Path, error: &io::Error) -> Stop {
+    Stop::because(Exit::Before, format_args!("failed to {to} {}", path.display()), error)
+}
+
+fn no_run(path: &Path, what: &str) -> Stop {
+    Stop::new(Exit::Before, format!("{} is {what}: only runs are replaced", path.display()))
+        .remedy("choose another --out, or remove it yourself")
+}
+
+fn exists(path: &Path) -> Stop {
+    Stop::new(Exit::Before, format!("{} exists already", path.display()))
+        .remedy("choose another --out, or replace it with --overwrite")
+}
+
+#[cfg(test)]
+mod tests;

@@ -61,6 +61,23 @@ pub fn sync_folder(folder: &Path) -> io::Result<()> {
     if cfg!(unix) { File::open(folder)?.sync_all() } else { Ok(()) }
 }
 
+/// Synchronises a folder and all that lies in it, whoever wrote it: what a folder needs before it gets its final name.
+///
+/// # Errors
+/// What the system gave.
+pub fn sync_tree(folder: &Path) -> io::Result<()> {
+    for entry in fs::read_dir(folder)? {
+        let (path, kind) = entry.and_then(|entry| Ok((entry.path(), entry.file_type()?)))?;
+        if kind.is_dir() {
+            sync_tree(&path)?;
+        } else if kind.is_file() {
+            // Some systems synchronise only what is open for writing.
+            File::options().read(true).write(!cfg!(unix)).open(&path)?.sync_all()?;
+        }
+    }
+    sync_folder(folder)
+}
+
 /// The folder a path names something in.
 fn parent(path: &Path) -> &Path {
     match path.parent() {
@@ -91,6 +108,16 @@ mod tests {
         super::write(&path, b"after").unwrap();
         assert_eq!(fs::read(&path).unwrap(), b"after");
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn a_tree_is_synchronised_whatever_is_in_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let below = folder.path().join("models");
+        fs::create_dir(&below).unwrap();
+        fs::write(below.join("teacher.onnx"), b"network").unwrap();
+        super::sync_tree(folder.path()).unwrap();
+        assert!(super::sync_tree(&below.join("none")).is_err());
     }
 
     #[test]

@@ -43,6 +43,20 @@ pub fn write(out: &Path, params: &SyntheticRoadParams, host: &dyn Host) -> Resul
     Ok(total)
 }
 
+/// What a data set has under `training`.
+const FOLDERS: [&str; 5] = ["image_2", "image_3", "disp_occ_0", "disp_noc_0", "calib_cam_to_cam"];
+
+/// Whether a folder holds what an earlier try leaves, and nothing of anybody else.
+fn is_unfinished(partial: &Path) -> bool {
+    let has_only = |folder: &Path, names: &[&str]| {
+        fs::symlink_metadata(folder).is_ok_and(|metadata| metadata.is_dir())
+            && fs::read_dir(folder).is_ok_and(|mut entries| {
+                entries.all(|entry| entry.is_ok_and(|entry| names.iter().any(|name| entry.file_name() == *name)))
+            })
+    };
+    has_only(partial, &["training"]) && has_only(&partial.join("training"), &FOLDERS)
+}
+
 /// A data set being written.
 struct Layout {
     partial: PathBuf,
@@ -60,14 +74,18 @@ impl Layout {
                 Fault::new(format!("{} exists already", out.display())).remedy("name a new folder, or remove it")
             );
         }
-        let name = out.file_name().ok_or_else(|| Fault::new(format!("{} names no folder", out.display())))?;
-        let mut partial = name.to_owned();
-        partial.push(".partial");
-        let partial = out.with_file_name(partial);
-        if partial.exists() {
+        if out.file_name().is_none() {
+            return Err(Fault::new(format!("{} names no folder", out.display())));
+        }
+        let partial = depthloom_durable::partial_name(out);
+        if fs::symlink_metadata(&partial).is_ok() {
+            if !is_unfinished(&partial) {
+                return Err(Fault::new(format!("{} exists already and is no unfinished data set", partial.display()))
+                    .remedy("name another folder, or remove it"));
+            }
             fs::remove_dir_all(&partial).map_err(|error| unwritable(&partial, error))?;
         }
-        for folder in ["image_2", "image_3", "disp_occ_0", "disp_noc_0", "calib_cam_to_cam"] {
+        for folder in FOLDERS {
             let folder = partial.join("training").join(folder);
             fs::create_dir_all(&folder).map_err(|error| unwritable(&folder, error))?;
         }
@@ -120,7 +138,10 @@ impl Layout {
     fn finish(self) -> Result<(), Fault> {
         // An empty folder of that name may be there; renaming over it fails on some systems.
         let cleared = if self.out.is_dir() { fs::remove_dir(&self.out) } else { Ok(()) };
-        cleared.and_then(|()| fs::rename(&self.partial, &self.out)).map_err(|error| unwritable(&self.out, error))
+        cleared
+            .and_then(|()| depthloom_durable::sync_tree(&self.partial))
+            .and_then(|()| depthloom_durable::rename(&self.partial, &self.out))
+            .map_err(|error| unwritable(&self.out, error))
     }
 }
 

@@ -82,7 +82,8 @@ impl RunError {
             Self::NodeFailed { fault, .. } | Self::SourceFailed { fault, .. } | Self::OnceFailed { fault, .. } => {
                 fault.remedy_text()
             }
-            Self::Tap { .. } | Self::Unrunnable { .. } | Self::NoThread(_) | Self::Aborted => None,
+            Self::NoThread(_) => Some("raise the limit of threads (`ulimit -u`), or run with fewer --workers"),
+            Self::Tap { .. } | Self::Unrunnable { .. } | Self::Aborted => None,
         }
     }
 

@@ -124,8 +124,14 @@ impl<T: Tap> OnceWork<'_, T> {
         if self.around.interrupt.aborts() {
             return Err(RunError::Aborted);
         }
+        let mut passage = Passage::Whole;
         for (node, _, done) in jobs {
             let Some((made, spent)) = locked(&done).take() else { continue };
+            if matches!(made, Err(Fault::Cancelled)) && self.around.interrupt.stops_admission() {
+                // It was asked to, and put down where it is.
+                passage = Passage::Interrupted;
+                continue;
+            }
             let planned = &nodes[node];
             let made = made.map_err(|fault| RunError::OnceFailed {
                 stage: self.plan.runs[self.run].stage.clone(),
@@ -151,7 +157,7 @@ impl<T: Tap> OnceWork<'_, T> {
                 self.timings.push(timing);
             }
         }
-        Ok(Passage::Whole)
+        Ok(passage)
     }
 
     /// Hands the once-values that are recorded to the tap, in plan order.

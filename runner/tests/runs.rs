@@ -298,6 +298,51 @@ impl PureNode for Endless {
     }
 }
 
+/// Learns until the run is asked to end, and puts down where it is.
+struct Patient(Interrupt);
+
+impl OnceNode for Patient {
+    fn run(&self, _: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        assert!(!ctx.host.stopping());
+        self.0.raise();
+        assert!(ctx.host.stopping() && !ctx.host.cancelled(), "it has the time to put down where it is");
+        Err(Fault::Cancelled)
+    }
+}
+
+#[test]
+fn fault_27_a_once_node_put_down_at_the_first_interrupt_interrupts_its_run_and_fails_nothing() {
+    let interrupt = Interrupt::default();
+    let mut bench = Bench::new(&[""]);
+    bench.stage("learn", Numbers::new(2));
+    bench.toy("sum", Contract::Ordered, [source(0), None, None], Toy::salted(1));
+    let patient = Instance::Once(Box::new(Patient(interrupt.clone())));
+    bench.node(planned("patient", Contract::Once, [once(0, 0, 2), None, None]), patient);
+    bench.stage("compare", Numbers::new(3));
+    let notebook = Notebook::with_parts(1);
+    let report = run(bench.ready(), &notebook, &options(2), &Unwatched, &interrupt).unwrap();
+    assert!(report.interrupted && report.stages.len() == 1);
+    assert_eq!(frames(&notebook.lines()), ["f1", "f2"]);
+
+    // Who gives up unasked has failed.
+    let mut bench = Bench::new(&[""]);
+    bench.stage("learn", Numbers::new(2));
+    bench.toy("sum", Contract::Ordered, [source(0), None, None], Toy::salted(1));
+    let quitter = Instance::Once(Box::new(Quitter));
+    bench.node(planned("quitter", Contract::Once, [once(0, 0, 2), None, None]), quitter);
+    let ended = run(bench.ready(), &Notebook::default(), &options(2), &Unwatched, &Interrupt::default());
+    assert!(matches!(ended, Err(RunError::OnceFailed { .. })), "{ended:?}");
+}
+
+/// Gives up unasked.
+struct Quitter;
+
+impl OnceNode for Quitter {
+    fn run(&self, _: &Inputs<'_>, _: &mut Context<'_>) -> Result<Outputs, Fault> {
+        Err(Fault::Cancelled)
+    }
+}
+
 #[test]
 fn the_second_interrupt_aborts() {
     let interrupt = Interrupt::default();

@@ -2,10 +2,10 @@
 
 use depthloom_graphs::plan::Plan;
 
-use super::print;
 use crate::args::ExperimentArgs;
 use crate::diagnostics;
 use crate::exit::{Exit, Stop};
+use crate::streams::print;
 
 /// Loads the experiment and says what it holds.
 pub fn check(args: &ExperimentArgs) -> Result<Exit, Stop> {

@@ -1,14 +1,14 @@
 //! `depthloom doctor`: what this machine offers.
 
-use std::path::Path;
+use std::path::PathBuf;
 
 use depthloom_graphs::Fault;
 use depthloom_nodes::onnx_engine::{self, Engine};
 use serde_json::json;
 
-use super::{print, print_json};
 use crate::environment;
 use crate::exit::{Exit, Stop};
+use crate::streams::{print, print_json};
 
 /// The environment variables by which the shipped experiments find data.
 const DATA_ROOTS: [(&str, &str); 1] = [("KITTI_STEREO_2015", "training/image_2")];
@@ -17,14 +17,17 @@ const DATA_ROOTS: [(&str, &str); 1] = [("KITTI_STEREO_2015", "training/image_2")
 pub fn doctor(as_json: bool) -> Result<Exit, Stop> {
     let engine = onnx_engine::find();
     let roots = DATA_ROOTS.map(|(variable, landmark)| {
-        let root = std::env::var(variable).ok();
-        let there = root.as_ref().is_some_and(|root| Path::new(root).join(landmark).is_dir());
+        let root = std::env::var_os(variable).map(PathBuf::from);
+        let there = root.as_ref().is_some_and(|root| root.join(landmark).is_dir());
         (variable, root, there, landmark)
     });
     if as_json {
         let data: Vec<_> = roots
             .iter()
-            .map(|(variable, root, there, _)| json!({ "variable": variable, "root": root, "found": there }))
+            .map(|(variable, root, there, _)| {
+                let root = root.as_ref().map(|root| root.to_string_lossy());
+                json!({ "variable": variable, "root": root, "found": there })
+            })
             .collect();
         print_json(&json!({
             "depthloom": env!("CARGO_PKG_VERSION"),
@@ -46,8 +49,8 @@ pub fn doctor(as_json: bool) -> Result<Exit, Stop> {
     text += &networks(&engine);
     for (variable, root, there, landmark) in &roots {
         text += &match (root, there) {
-            (Some(root), true) => format!("{variable}  {root}\n"),
-            (Some(root), false) => format!("{variable}  {root}: no folder {landmark} in it\n"),
+            (Some(root), true) => format!("{variable}  {}\n", root.display()),
+            (Some(root), false) => format!("{variable}  {}: no folder {landmark} in it\n", root.display()),
             (None, _) => format!("{variable}  not set: the folder that holds {landmark}\n"),
         };
     }

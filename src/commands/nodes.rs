@@ -1,8 +1,8 @@
 //! `depthloom nodes` and `depthloom schema`: what can stand in an experiment.
 
-use super::{print, print_json};
 use crate::args::NodesArgs;
 use crate::exit::{Exit, Stop};
+use crate::streams::{print, print_json};
 
 /// Lists all kinds, or explains one.
 pub fn nodes(args: &NodesArgs) -> Result<Exit, Stop> {

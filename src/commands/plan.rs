@@ -1,9 +1,9 @@
 //! `depthloom plan` and `depthloom graph`: what would be run, as a list and as a drawing.
 
 use super::check::load;
-use super::{print, print_json};
 use crate::args::{GraphArgs, GraphFormat, PlanArgs};
 use crate::exit::{Exit, Stop};
+use crate::streams::{print, print_json};
 
 /// Prints every node of the plan, the variants that share it, and its recipe.
 pub fn plan(args: &PlanArgs) -> Result<Exit, Stop> {

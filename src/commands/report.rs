@@ -1,36 +1,95 @@
 //! `depthloom report` and `depthloom timings`: what a run found, and where its time went.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use depthloom_analysis::{ReportOptions, Summary, Timing};
 use depthloom_graphs::plan::Plan;
 use depthloom_recording::{Recorder, Recording};
-use depthloom_runner::Phase;
+use depthloom_runner::{Interrupt, Phase};
 
-use super::run::recording_of;
-use super::{print, print_json};
 use crate::args::{ReportArgs, TimingsArgs};
 use crate::exit::{Exit, Stop};
+use crate::models;
+use crate::run_folder;
+use crate::signals;
+use crate::streams::{print, print_json};
 
-/// Makes tables and plots again, from the recording alone.
+/// A recording's name in a run's folder.
+pub const RECORDING: &str = "recording.mcap";
+
+/// Makes tables, plots and models again, from the recording alone.
 pub fn report(args: &ReportArgs) -> Result<Exit, Stop> {
-    let path = recording_of(&args.run);
-    let recording = Recording::open(&path)
-        .map_err(|error| Stop::because(Exit::Before, format_args!("failed to open {}", path.display()), &error))?;
+    let path = recording_of(&args.run)?;
     let out = match &args.out {
         Some(out) => out.clone(),
-        None => path.parent().unwrap_or(Path::new(".")).to_owned(),
+        None => path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new(".")).to_owned(),
     };
+    let interrupt = signals::listen()?;
     std::fs::create_dir_all(&out)
         .map_err(|error| Stop::because(Exit::Before, format_args!("failed to create {}", out.display()), &error))?;
-    let report = depthloom_analysis::report(&recording, &out, &ReportOptions { paper: args.paper })
-        .map_err(|error| Stop::because(Exit::Engine, "failed to analyse the recording", &error))?;
-    if args.json {
-        print_json(&report.json)?;
-    } else {
-        print(&summary(&report, &out))?;
-    }
+    let _lock = run_folder::lock_if_run(&out)?;
+    let recording = Recording::open(&path)
+        .map_err(|error| Stop::because(Exit::Before, format_args!("failed to open {}", path.display()), &error))?;
+    models::write(&recording, &out)?;
+    let report = analyse(&recording, &out, &ReportOptions { paper: args.paper }, &interrupt)?;
+    let printed = if args.json { print_json(&report.json) } else { print(summary(&report, &out)) };
+    printed.map_err(|stop| stop.also(format!("tables and plots are whole in {}", out.display())))?;
     Ok(Exit::Whole)
+}
+
+/// Analyses a recording until it is done or asked to stop.
+pub fn analyse(
+    recording: &Recording,
+    folder: &Path,
+    options: &ReportOptions,
+    interrupt: &Interrupt,
+) -> Result<Summary, Stop> {
+    let interrupted = || Stop::new(Exit::Interrupted, "interrupted while analysing");
+    if interrupt.stops_admission() {
+        return Err(interrupted());
+    }
+    depthloom_analysis::report(recording, folder, options)
+        .map_err(|error| Stop::because(Exit::Engine, "failed to analyse the recording", &error))
+}
+
+/// The recording of a run's folder, or the recording itself.
+fn recording_of(run: &Path) -> Result<PathBuf, Stop> {
+    let failed = |what: String| Stop::new(Exit::Before, format!("failed to open {}: {what}", run.display()));
+    let kind = std::fs::metadata(run).map_err(|error| failed(error.to_string()))?.file_type();
+    if kind.is_file() {
+        return Ok(run.to_owned());
+    }
+    if !kind.is_dir() {
+        return Err(failed("it is neither a file nor a folder".to_owned()).remedy("name a run's folder or a recording"));
+    }
+    let recording = run.join(RECORDING);
+    if recording.is_file() {
+        return Ok(recording);
+    }
+    let runs = runs_below(run, 2);
+    let stop = failed(format!("it has no {RECORDING}"));
+    Err(match runs.as_slice() {
+        [] => stop.remedy("name a run's folder or a recording"),
+        [one] => stop.remedy(format!("it holds a run: `depthloom report {}`", one.display())),
+        [.., newest] => stop.remedy(format!(
+            "it holds {} runs, one of which is `depthloom report {}`",
+            runs.len(),
+            newest.display()
+        )),
+    })
+}
+
+/// The runs in a folder and, up to a depth, in its folders; by name, and so by time.
+fn runs_below(folder: &Path, depth: u32) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let mut folders: Vec<_> = entries.map(|entry| entry.path()).filter(|path| path.is_dir()).collect();
+    folders.sort();
+    let below = |folder: PathBuf| match (folder.join(RECORDING).is_file(), depth) {
+        (true, _) => vec![folder],
+        (false, 0 | 1) => Vec::new(),
+        (false, _) => runs_below(&folder, depth - 1),
+    };
+    folders.into_iter().flat_map(below).collect()
 }
 
 /// The table, and where the rest is.
@@ -45,7 +104,10 @@ pub fn summary(report: &Summary, folder: &Path) -> String {
     // A run that scores nothing has no table.
     let is_scored = folder.join("scores.csv").is_file();
     let scores = scores.iter().filter(|_| is_scored);
-    let files = recording.iter().chain(scores).chain(curves.iter().filter(|_| report.learning_curves > 0));
+    let models = [("learnt models", "models/<stage>.<node>.onnx")];
+    let models = models.iter().filter(|_| folder.join(models::FOLDER).is_dir());
+    let curves = curves.iter().filter(|_| report.learning_curves > 0);
+    let files = recording.iter().chain(scores).chain(curves).chain(models);
     let list: String = files.map(|(what, file)| format!("  {what:24}{file}\n")).collect();
     format!("{}\nin {}:\n{list}", report.text, folder.display())
 }

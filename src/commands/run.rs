@@ -1,131 +1,92 @@
 //! `depthloom run`: from an experiment file to a recording, a table and plots.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Instant;
 
-use depthloom_analysis::{ReportOptions, report};
+use depthloom_analysis::{ReportOptions, Summary};
 use depthloom_graphs::plan::Plan;
 use depthloom_graphs::ready::{NotReady, Ready};
 use depthloom_recording::{Recorder, Recording};
 use depthloom_runner::{Interrupt, Options, RunError};
-use serde_json::json;
+use serde_json::{Value as Json, json};
 
 use super::check::load;
-use super::report::summary;
-use super::{print, print_json};
+use super::report::{RECORDING, analyse, summary, write_timings};
 use crate::args::RunArgs;
 use crate::diagnostics;
 use crate::environment;
 use crate::exit::{Exit, Stop, chain};
+use crate::models;
 use crate::progress::Progress;
 use crate::run_folder::RunFolder;
+use crate::signals;
+use crate::streams::{print, print_json, print_path, say};
 
 /// Loads, plans, opens, runs, records, scores and prints.
 pub fn run(args: &RunArgs) -> Result<Exit, Stop> {
-    let silent = args.quiet || args.json;
-    let Some(plan) = load(&args.experiment, silent)? else { return Ok(Exit::Before) };
-    let out =
-        args.out.clone().unwrap_or_else(|| Path::new("runs").join(&plan.experiment).join(environment::utc_stamp()));
+    let Some(plan) = load(&args.experiment, is_silent(args))? else { return Ok(Exit::Before) };
     let ready = match Ready::new(plan, &crate::registry::registry()) {
         Ok(ready) => ready,
         Err(missing) => return Ok(print_missing(&missing)),
     };
     let plan = ready.plan.clone();
-    let folder = RunFolder::create(&out, args.overwrite)?;
+    let interrupt = signals::listen()?;
+    let folder = make_folder(args, &plan)?;
     let started = Instant::now();
+    let options = options(args, &folder);
 
-    let default = Options::default();
-    let options = Options {
-        workers: args.workers.map_or(default.workers, usize::from),
-        window: args.window.map(usize::from),
-        keep_going: args.keep_going,
-        checkpoints: Some(folder.out.with_file_name("checkpoints")),
+    let failed = match record(ready, &plan, args, &options, &folder, &interrupt) {
+        Ok(failed) => failed,
+        Err(ended) => return Err(ended.stop(folder)),
     };
-    let interrupt = on_ctrl_c()?;
-    let recorder = Recorder::create(folder.file("recording.mcap"), &plan)
-        .map_err(|error| Stop::because(Exit::Engine, "failed to start the recording", &error))?;
-    let progress = Progress::new(&plan, silent);
-    let ran = depthloom_runner::run(ready, &recorder, &options, &progress, &interrupt);
-    // Whatever happened, what was recorded is closed properly: a run that failed keeps the frames before the failure.
-    let finished =
-        recorder.finish(&[]).map_err(|error| Stop::because(Exit::Engine, "failed to close the recording", &error));
-    write_experiment(&folder, &plan)?;
-    let ran = match ran {
-        Ok(ran) => ran,
-        Err(error) => return Err(stop_of(&error, &folder)),
-    };
-    finished?;
-
-    super::report::write_timings(&ran.timings, &plan, &recorder, &folder.file("timings.parquet"))?;
-    if ran.interrupted {
-        return Err(Stop::new(Exit::Interrupted, "interrupted")
-            .remedy(format!("the frames done so far are in {}", folder.partial.display())));
-    }
-    let failed: u64 = ran.stages.iter().map(|stage| stage.failed).sum();
-    // What the run needed is given back before the analysis begins.
-    drop((ran, recorder, progress));
-    let recording = Recording::open(folder.file("recording.mcap"))
-        .map_err(|error| Stop::because(Exit::Engine, "failed to read the recording back", &error))?;
-    let report = report(&recording, &folder.partial, &ReportOptions { paper: args.paper })
-        .map_err(|error| Stop::because(Exit::Engine, "failed to analyse the recording", &error))?;
-    let environment = environment::describe(options.workers, options.window, started.elapsed().as_secs_f64());
-    folder.write("environment.json", &format!("{environment:#}\n"))?;
+    let finished = finish(args, &folder, &interrupt, || {
+        environment::describe(options.workers, options.window, started.elapsed().as_secs_f64())
+    });
+    let (report, environment) = finished.map_err(|stop| {
+        let partial = folder.partial.display();
+        stop.also(format!("the recording is whole: `depthloom report {partial}` makes its tables"))
+    })?;
     let out = folder.finish()?;
 
-    if args.json {
-        let mut object =
-            json!({ "experiment": plan.experiment, "run": out, "failed_frames": failed, "environment": environment });
-        object["report"] = report.json;
-        print_json(&object)?;
-    } else if args.quiet {
-        print(&format!("run: {}\n", out.display()))?;
-    } else {
-        print(&summary(&report, &out))?;
-        print(&format!("run: {}\n", out.display()))?;
-    }
+    let told = json!({
+        "experiment": plan.experiment,
+        "run": out.to_string_lossy(),
+        "failed_frames": failed,
+        "environment": environment,
+    });
+    show(args, report, told, &out).map_err(|stop| stop.also(format!("the run is whole in {}", out.display())))?;
     if failed > 0 {
-        eprintln!("{failed} frames failed; what depended on them is left out");
+        say(format_args!("{failed} frames failed; what depended on them is left out"));
         return Ok(Exit::Frames);
     }
     Ok(Exit::Whole)
 }
 
-/// The first Ctrl-C stops admission, the second aborts; the third ends the process, should all else hang.
-fn on_ctrl_c() -> Result<Interrupt, Stop> {
-    let interrupt = Interrupt::default();
-    let raised = interrupt.clone();
-    ctrlc::set_handler(move || {
-        if raised.aborts() {
-            std::process::exit(Exit::Interrupted as i32);
-        }
-        match raised.raise() {
-            1 => eprintln!("stopping: the frames in flight are finished; again to abort"),
-            _ => eprintln!("aborting"),
-        }
-    })
-    .map_err(|error| Stop::because(Exit::Engine, "failed to listen for Ctrl-C", &error))?;
-    Ok(interrupt)
+fn is_silent(args: &RunArgs) -> bool {
+    args.quiet || args.json
 }
 
-fn print_missing(missing: &[NotReady]) -> Exit {
-    for error in missing {
-        diagnostics::print_stop(&chain(error), error.fault().remedy_text());
+/// The folder to write: the one asked for, or a new one of this moment.
+fn make_folder(args: &RunArgs, plan: &Plan) -> Result<RunFolder, Stop> {
+    let folder = match &args.out {
+        Some(out) if args.json && out.to_str().is_none() => {
+            let what = format!("the output folder `{}` is no UTF-8, which --json prints", out.display());
+            return Err(Stop::new(Exit::Before, what).remedy("choose another --out, or leave --json out"));
+        }
+        Some(out) => {
+            let written = plan.written.iter().map(|(name, _)| Path::new(name));
+            let read: Vec<&Path> = written.chain([args.experiment.experiment.as_path()]).collect();
+            RunFolder::create(out, args.overwrite, &read)?
+        }
+        None => RunFolder::create_new(&Path::new("runs").join(&plan.experiment), &environment::utc_stamp())?,
+    };
+    match write_experiment(&folder, plan) {
+        Ok(()) => Ok(folder),
+        Err(stop) => {
+            folder.discard();
+            Err(stop)
+        }
     }
-    Exit::Before
-}
-
-fn stop_of(error: &RunError, folder: &RunFolder) -> Stop {
-    let exit = match error {
-        RunError::Aborted => Exit::Interrupted,
-        error if error.is_of_a_frame() => Exit::Frames,
-        _ => Exit::Engine,
-    };
-    let kept = format!("the frames before are in {}", folder.partial.display());
-    let remedy = match error.remedy() {
-        Some(remedy) => format!("{remedy}; {kept}"),
-        None => kept,
-    };
-    Stop::new(exit, chain(error)).remedy(remedy)
 }
 
 /// Keeps the experiment as written and as resolved beside the recording.
@@ -136,7 +97,122 @@ fn write_experiment(folder: &RunFolder, plan: &Plan) -> Result<(), Stop> {
     folder.write("experiment.resolved.yaml", &plan.resolved)
 }
 
-/// The recording of a run's folder, or the recording itself.
-pub fn recording_of(run: &Path) -> PathBuf {
-    if run.is_dir() { run.join("recording.mcap") } else { run.to_owned() }
+fn options(args: &RunArgs, folder: &RunFolder) -> Options {
+    let default = Options::default();
+    Options {
+        workers: args.workers.map_or(default.workers, usize::from),
+        window: args.window.map(usize::from),
+        keep_going: args.keep_going,
+        checkpoints: Some(folder.checkpoints()),
+    }
+}
+
+/// A run that ended before its end.
+struct Ended {
+    why: Stop,
+    /// How many frames were written.
+    frames: u64,
+}
+
+impl Ended {
+    /// Says what was kept and how to go on. A run that wrote no frame leaves nothing behind.
+    fn stop(self, folder: RunFolder) -> Stop {
+        let mut stop = self.why;
+        let (partial, checkpoints) = (folder.partial.clone(), folder.checkpoints());
+        let frames = self.frames;
+        if frames == 0 {
+            folder.discard();
+            stop = stop.also("no frame was recorded");
+        } else {
+            let plural = if frames == 1 { "" } else { "s" };
+            let (at, report) = (partial.display(), partial.display());
+            stop = stop.also(format!("{frames} frame{plural} can be read from {at}: `depthloom report {report}`"));
+        }
+        let is_put_down = std::fs::read_dir(&checkpoints).is_ok_and(|mut files| files.next().is_some());
+        if stop.exit == Exit::Interrupted && is_put_down {
+            let parent = checkpoints.parent().unwrap_or(Path::new(".")).display().to_string();
+            stop = stop.also(format!(
+                "learning goes on from {} when the experiment runs again into a folder of `{parent}`",
+                checkpoints.display()
+            ));
+        }
+        stop
+    }
+}
+
+/// Runs the frames and closes the recording; gives how many frames failed.
+fn record(
+    ready: Ready,
+    plan: &Plan,
+    args: &RunArgs,
+    options: &Options,
+    folder: &RunFolder,
+    interrupt: &Interrupt,
+) -> Result<u64, Ended> {
+    let recorder = Recorder::create(folder.file(RECORDING), plan).map_err(|error| Ended {
+        why: Stop::because(Exit::Engine, "failed to start the recording", &error),
+        frames: 0,
+    })?;
+    let progress = Progress::new(plan, is_silent(args));
+    let ran = depthloom_runner::run(ready, &recorder, options, &progress, interrupt);
+    // Whatever happened, what was recorded is closed properly: a run that failed keeps the frames before the failure.
+    let finished =
+        recorder.finish(&[]).map_err(|error| Stop::because(Exit::Engine, "failed to close the recording", &error));
+    let ended = |why| Ended { why, frames: progress.written() };
+    // What failed first is told.
+    let ran = ran.map_err(|error| ended(stop_of(&error)))?;
+    finished.map_err(ended)?;
+    write_timings(&ran.timings, plan, &recorder, &folder.file("timings.parquet")).map_err(ended)?;
+    if ran.interrupted {
+        return Err(ended(Stop::new(Exit::Interrupted, "interrupted")));
+    }
+    Ok(ran.stages.iter().map(|stage| stage.failed).sum())
+}
+
+fn stop_of(error: &RunError) -> Stop {
+    let exit = match error {
+        RunError::Aborted => Exit::Interrupted,
+        error if error.is_of_a_frame() => Exit::Frames,
+        _ => Exit::Engine,
+    };
+    let stop = Stop::new(exit, chain(error));
+    match error.remedy() {
+        Some(remedy) => stop.remedy(remedy),
+        None => stop,
+    }
+}
+
+/// Makes of a whole recording what else lies in its folder: models, tables, figures, and where it was made.
+fn finish(
+    args: &RunArgs,
+    folder: &RunFolder,
+    interrupt: &Interrupt,
+    environment: impl FnOnce() -> Json,
+) -> Result<(Summary, Json), Stop> {
+    let recording = Recording::open(folder.file(RECORDING))
+        .map_err(|error| Stop::because(Exit::Engine, "failed to read the recording back", &error))?;
+    models::write(&recording, &folder.partial)?;
+    let report = analyse(&recording, &folder.partial, &ReportOptions { paper: args.paper }, interrupt)?;
+    let environment = environment();
+    folder.write("environment.json", &format!("{environment:#}\n"))?;
+    Ok((report, environment))
+}
+
+/// Prints what was asked for.
+fn show(args: &RunArgs, report: Summary, mut object: Json, out: &Path) -> Result<(), Stop> {
+    if args.json {
+        object["report"] = report.json;
+        return print_json(&object);
+    }
+    if !args.quiet {
+        print(summary(&report, out))?;
+    }
+    print_path("run: ", out)
+}
+
+fn print_missing(missing: &[NotReady]) -> Exit {
+    for error in missing {
+        diagnostics::print_stop(&chain(error), error.fault().remedy_text());
+    }
+    Exit::Before
 }

@@ -2,15 +2,15 @@
 
 use clap::CommandFactory;
 
-use super::print;
 use crate::args::Cli;
 use crate::exit::{Exit, Stop};
+use crate::streams::print;
 
 /// Prints the completion script of a shell.
 pub fn completions(shell: clap_complete::Shell) -> Result<Exit, Stop> {
     let mut script = Vec::new();
     clap_complete::generate(shell, &mut Cli::command(), "depthloom", &mut script);
-    print(&String::from_utf8_lossy(&script))?;
+    print(&script)?;
     Ok(Exit::Whole)
 }
 
@@ -19,6 +19,6 @@ pub fn man() -> Result<Exit, Stop> {
     let mut page = Vec::new();
     let rendered = clap_mangen::Man::new(Cli::command()).render(&mut page);
     rendered.map_err(|error| Stop::because(Exit::Engine, "failed to write the manual page", &error))?;
-    print(&String::from_utf8_lossy(&page))?;
+    print(&page)?;
     Ok(Exit::Whole)
 }

@@ -1,17 +1,20 @@
 //! `depthloom synth`: a synthetic street as a data set in KITTI stereo 2015 layout.
 
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::thread::{Builder, scope};
 
-use depthloom_graphs::Host;
 use depthloom_graphs::contracts::FrameSelection;
+use depthloom_graphs::{Fault, Host};
 use depthloom_nodes::kitti_layout;
 use depthloom_nodes::sources::SyntheticRoadParams;
+use depthloom_runner::Interrupt;
 use indicatif::{ProgressBar, ProgressStyle};
 
-use super::print;
 use crate::args::SynthArgs;
 use crate::environment;
 use crate::exit::{Exit, Stop, chain};
+use crate::signals;
+use crate::streams::print_path;
 
 /// Writes the frames.
 pub fn synth(args: &SynthArgs) -> Result<Exit, Stop> {
@@ -26,8 +29,14 @@ pub fn synth(args: &SynthArgs) -> Result<Exit, Stop> {
     if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos}/{len} frames  {eta} left") {
         bar.set_style(style);
     }
-    let frames = kitti_layout::write(&args.out, &params, &Renderer { bar: &bar }).map_err(|fault| {
-        let stop = Stop::new(Exit::Before, chain(&fault));
+    let renderer = Renderer { bar: &bar, interrupt: signals::listen()?, has_begun: AtomicBool::new(false) };
+    let frames = kitti_layout::write(&args.out, &params, &renderer).map_err(|fault| {
+        let exit = match (&fault, renderer.has_begun.load(Ordering::Relaxed)) {
+            (Fault::Cancelled, _) => return Stop::new(Exit::Interrupted, "interrupted"),
+            (_, false) => Exit::Before,
+            (_, true) => Exit::Engine,
+        };
+        let stop = Stop::new(exit, chain(&fault));
         match fault.remedy_text() {
             Some(remedy) => stop.remedy(remedy),
             None => stop,
@@ -35,7 +44,7 @@ pub fn synth(args: &SynthArgs) -> Result<Exit, Stop> {
     })?;
     bar.finish_and_clear();
     if !args.quiet {
-        print(&format!("{frames} frames in {}\n", args.out.display()))?;
+        print_path(&format!("{frames} frames in "), &args.out)?;
     }
     Ok(Exit::Whole)
 }
@@ -43,14 +52,17 @@ pub fn synth(args: &SynthArgs) -> Result<Exit, Stop> {
 /// Renders with every core; one frame at a time.
 struct Renderer<'a> {
     bar: &'a ProgressBar,
+    interrupt: Interrupt,
+    has_begun: AtomicBool,
 }
 
 impl Host for Renderer<'_> {
     fn cancelled(&self) -> bool {
-        false
+        self.interrupt.stops_admission()
     }
 
     fn progress(&self, done: u64, _total: u64, _message: &str) {
+        self.has_begun.store(true, Ordering::Relaxed);
         self.bar.set_position(done);
     }
 
@@ -64,9 +76,13 @@ impl Host for Renderer<'_> {
                 }
             }
         };
-        std::thread::scope(|scope| {
+        scope(|scope| {
             for _ in 1..self.width().min(n) {
-                scope.spawn(work);
+                let helper = Builder::new().name("depthloom-tiles".to_owned());
+                if helper.spawn_scoped(scope, work).is_err() {
+                    // No more threads to be had: those that are there do the work.
+                    break;
+                }
             }
             work();
         });

@@ -81,6 +81,17 @@ fn an_existing_folder_is_not_written_over_and_an_unfinished_one_is() {
     assert!(fault.to_string().ends_with("road exists already"), "{fault}");
 }
 
+#[test]
+fn fault_06_an_unfinished_folder_of_somebody_else_is_not_removed() {
+    let folder = tempfile::tempdir().unwrap();
+    let thesis = folder.path().join("road.partial/thesis");
+    fs::create_dir_all(thesis.parent().unwrap()).unwrap();
+    fs::write(&thesis, "years").unwrap();
+    let fault = write(&folder.path().join("road"), &json!({ "frames": [1], "width": 64, "height": 32 })).unwrap_err();
+    assert!(fault.to_string().contains("road.partial exists already"), "{fault}");
+    assert_eq!(fs::read_to_string(thesis).unwrap(), "years");
+}
+
 /// Gives up after the first frame.
 struct Impatient(std::sync::atomic::AtomicU64);
 

@@ -1,0 +1,44 @@
+//! A run's learnt models as files, under names that a person understands: `models/<stage>.<node>[.<variant>].onnx`.
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::Path;
+
+use depthloom_recording::{RecordedContent, RecordedOnce, RecordedPlan, Recording};
+
+use crate::exit::{Exit, Stop};
+
+/// The folder of models in a run's folder.
+pub const FOLDER: &str = "models";
+
+/// Writes the models that a recording holds into `<folder>/models`.
+pub fn write(recording: &Recording, folder: &Path) -> Result<(), Stop> {
+    let folder = folder.join(FOLDER);
+    let failed = |error: &dyn std::error::Error| {
+        Stop::because(Exit::Engine, format_args!("failed to write {}", folder.display()), error)
+    };
+    let mut taken = BTreeSet::new();
+    for value in recording.once_values().iter().filter(|value| value.value_type == "model") {
+        let RecordedContent::Attachment { name: attachment, .. } = &value.content else { continue };
+        let bytes = recording.attachment(attachment).map_err(|error| failed(&error))?;
+        fs::create_dir_all(&folder).map_err(|error| failed(&error))?;
+        let stem = stem(recording.plan(), value);
+        let names = (1..).map(|n| if n == 1 { format!("{stem}.onnx") } else { format!("{stem}-{n}.onnx") });
+        let name = names.into_iter().find(|name| !taken.contains(name)).unwrap_or_default();
+        depthloom_durable::write(&folder.join(&name), &bytes).map_err(|error| failed(&error))?;
+        taken.insert(name);
+    }
+    Ok(())
+}
+
+/// `<stage>.<node>`, with the first of its variants where it does not serve them all, and its port unless that is `model`.
+fn stem(plan: &RecordedPlan, value: &RecordedOnce) -> String {
+    let Some(run) = plan.runs.get(value.run) else { return "model".to_owned() };
+    let Some(node) = run.nodes.get(value.node) else { return run.stage.clone() };
+    let variant = node.variants.first().filter(|_| node.variants.len() < plan.variants.len());
+    let variant = variant.and_then(|&variant| plan.variants.get(variant)).map(String::as_str);
+    let port = node.outputs.get(value.port).map(|output| output.port.as_str()).filter(|port| *port != "model");
+    let parts: Vec<&str> = [run.stage.as_str(), node.name.as_str()].into_iter().chain(port).chain(variant).collect();
+    let is_plain = |c: char| c.is_alphanumeric() || "-_.=,+".contains(c);
+    parts.join(".").chars().map(|c| if is_plain(c) { c } else { '_' }).collect()
+}

@@ -1,0 +1,121 @@
+//! Who writes in a run's folder: one process at a time. The lock is the system's, on the open marker: a crash leaves none behind.
+
+use std::fs::{File, OpenOptions, TryLockError};
+use std::io::{self, Write as _};
+use std::path::Path;
+
+use super::marker::{MARKER, is_of_0_1_0};
+use crate::streams::say;
+
+/// The right to write in a run's folder, until dropped.
+#[derive(Debug)]
+pub struct Lock {
+    marker: File,
+}
+
+/// Why a folder cannot be locked.
+#[derive(Debug, thiserror::Error)]
+pub enum Refused {
+    /// Another process writes there.
+    #[error("another process is writing to it")]
+    Busy,
+    /// The system refused.
+    #[error(transparent)]
+    System(#[from] io::Error),
+}
+
+impl Lock {
+    /// Marks a folder as a run's and locks it.
+    pub fn mark(folder: &Path) -> Result<Self, Refused> {
+        // Under its name there never is a marker that its maker has not locked.
+        let new = folder.join(format!(".{MARKER}-{}", std::process::id()));
+        let mut marker = OpenOptions::new().read(true).write(true).create_new(true).open(&new)?;
+        let marked = writeln!(marker, "{}", content()).and_then(|()| marker.sync_all()).map_err(Refused::from);
+        let marked = marked.and_then(|()| Self::of(marker)).and_then(|lock| {
+            depthloom_durable::rename(&new, &folder.join(MARKER))?;
+            Ok(lock)
+        });
+        if marked.is_err() {
+            let _ = std::fs::remove_file(&new);
+        }
+        marked
+    }
+
+    /// Locks a run's folder, if nobody has.
+    pub fn take(folder: &Path) -> Result<Self, Refused> {
+        let marker = match OpenOptions::new().read(true).write(true).open(folder.join(MARKER)) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound && is_of_0_1_0(folder) => return Self::mark(folder),
+            opened => opened?,
+        };
+        let lock = Self::of(marker)?;
+        // Between opening and locking the folder may have been replaced by who had it.
+        if lock.is_of(folder) { Ok(lock) } else { Err(Refused::Busy) }
+    }
+
+    fn of(marker: File) -> Result<Self, Refused> {
+        match marker.try_lock() {
+            Ok(()) => {}
+            Err(TryLockError::WouldBlock) => return Err(Refused::Busy),
+            Err(TryLockError::Error(error)) if error.kind() == io::ErrorKind::Unsupported => {
+                say("warning: this disk knows no locks: see to it that no other process writes to the same folder");
+            }
+            Err(TryLockError::Error(error)) => return Err(error.into()),
+        }
+        Ok(Self { marker })
+    }
+
+    /// Whether the folder under this path is still the one that was locked.
+    pub fn is_of(&self, folder: &Path) -> bool {
+        let identities =
+            File::open(folder.join(MARKER)).and_then(|there| Ok((identity(&there)?, identity(&self.marker)?)));
+        identities.is_ok_and(|(there, here)| there == here)
+    }
+}
+
+fn content() -> serde_json::Value {
+    serde_json::json!({ "format": "depthloom run 1", "depthloom": env!("CARGO_PKG_VERSION") })
+}
+
+/// What tells a file from every other one, whatever its name.
+#[cfg(unix)]
+fn identity(file: &File) -> io::Result<(u64, u64)> {
+    use std::os::unix::fs::MetadataExt as _;
+    let metadata = file.metadata()?;
+    Ok((metadata.dev(), metadata.ino()))
+}
+
+/// As near as it comes without a file's number.
+#[cfg(not(unix))]
+fn identity(file: &File) -> io::Result<std::time::SystemTime> {
+    file.metadata()?.created()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Lock, Refused};
+    use crate::run_folder::marker::MARKER;
+    use std::fs;
+
+    #[test]
+    fn a_folder_has_one_writer_and_a_writer_that_is_gone_leaves_no_lock() {
+        let folder = tempfile::tempdir().unwrap();
+        let first = Lock::mark(folder.path()).unwrap();
+        assert!(matches!(Lock::take(folder.path()), Err(Refused::Busy)));
+        drop(first);
+        let second = Lock::take(folder.path()).unwrap();
+        assert!(second.is_of(folder.path()));
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn a_folder_that_replaced_the_locked_one_is_another() {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("out");
+        fs::create_dir(&out).unwrap();
+        let lock = Lock::mark(&out).unwrap();
+        fs::rename(&out, folder.path().join("aside")).unwrap();
+        fs::create_dir(&out).unwrap();
+        fs::write(out.join(MARKER), "").unwrap();
+        assert!(!lock.is_of(&out) && lock.is_of(&folder.path().join("aside")));
+    }
+}

@@ -1,0 +1,128 @@
+use super::{Exit, RunFolder};
+use std::fs;
+use std::path::Path;
+
+fn create(out: &Path, overwrite: bool) -> Result<RunFolder, Exit> {
+    RunFolder::create(out, overwrite, &[]).map_err(|stop| stop.exit)
+}
+
+/// A run that is over, with one file.
+fn whole_run(out: &Path, content: &str) {
+    let folder = create(out, true).unwrap();
+    folder.write("content", content).unwrap();
+    assert_eq!(folder.finish().unwrap(), out);
+}
+
+fn content(out: &Path) -> String {
+    fs::read_to_string(out.join("content")).unwrap()
+}
+
+fn names(folder: &Path) -> Vec<String> {
+    let mut names: Vec<_> =
+        fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    names
+}
+
+#[test]
+fn fault_06_a_folder_of_a_person_is_never_replaced() {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["t", "t.partial"] {
+        let thesis = folder.path().join(name);
+        fs::create_dir(&thesis).unwrap();
+        fs::write(thesis.join("thesis"), "years").unwrap();
+        for overwrite in [false, true] {
+            assert_eq!(create(&folder.path().join("t"), overwrite).err(), Some(Exit::Before));
+        }
+        assert_eq!(fs::read_to_string(thesis.join("thesis")).unwrap(), "years");
+        fs::remove_dir_all(&thesis).unwrap();
+    }
+}
+
+#[test]
+fn fault_06_what_appears_while_a_run_goes_on_stays() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    for overwrite in [false, true] {
+        let run = create(&out, overwrite).unwrap();
+        run.write("content", "new").unwrap();
+        fs::create_dir(&out).unwrap();
+        fs::write(out.join("thesis"), "years").unwrap();
+        let stop = run.finish().unwrap_err();
+        assert_eq!(stop.exit, Exit::Engine);
+        assert!(stop.remedy.unwrap().contains("out.partial"));
+        assert_eq!(fs::read_to_string(out.join("thesis")).unwrap(), "years");
+        assert_eq!(content(&folder.path().join("out.partial")), "new");
+        fs::remove_dir_all(&out).unwrap();
+        fs::remove_dir_all(folder.path().join("out.partial")).unwrap();
+    }
+}
+
+#[test]
+fn fault_41_a_run_that_goes_on_is_not_replaced_and_one_that_is_over_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let live = create(&out, false).unwrap();
+    live.write("content", "first").unwrap();
+    assert_eq!(create(&out, true).err(), Some(Exit::Before), "its partial folder is being written");
+    live.finish().unwrap();
+    assert_eq!(create(&out, false).err(), Some(Exit::Before), "nobody asked for it");
+
+    let next = create(&out, true).unwrap();
+    assert_eq!(content(&out), "first", "until the new run is whole the old one stays");
+    assert_eq!(create(&out, true).err(), Some(Exit::Before), "the old run is to be replaced already");
+    next.write("content", "second").unwrap();
+    next.finish().unwrap();
+    assert_eq!(content(&out), "second");
+    assert_eq!(names(folder.path()), ["out"]);
+}
+
+#[test]
+fn an_unfinished_run_that_nobody_writes_any_more_is_replaced_when_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    drop(create(&out, false).unwrap());
+    assert_eq!(create(&out, false).err(), Some(Exit::Before));
+    whole_run(&out, "new");
+    assert_eq!((content(&out).as_str(), names(folder.path())), ("new", vec!["out".to_owned()]));
+}
+
+#[test]
+fn fault_41_a_run_that_holds_what_is_read_is_not_replaced() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    whole_run(&out, "experiment");
+    let experiment = out.join("content");
+    let stop = RunFolder::create(&out, true, &[&experiment]).err().unwrap();
+    assert_eq!(stop.exit, Exit::Before);
+    assert_eq!(content(&out), "experiment");
+}
+
+#[test]
+fn fault_41_the_folder_of_checkpoints_is_no_run() {
+    let folder = tempfile::tempdir().unwrap();
+    assert_eq!(create(&folder.path().join("checkpoints"), true).err(), Some(Exit::Before));
+}
+
+#[test]
+fn fault_28_runs_of_one_second_have_folders_of_their_own() {
+    let folder = tempfile::tempdir().unwrap();
+    let new = || RunFolder::create_new(folder.path(), "2026-11-21T08-30-05Z").unwrap();
+    let (first, second) = (new(), new());
+    assert_eq!(first.finish().unwrap().file_name().unwrap(), "2026-11-21T08-30-05Z");
+    let third = new();
+    assert_eq!(second.finish().unwrap().file_name().unwrap(), "2026-11-21T08-30-05Z-2");
+    assert_eq!(third.finish().unwrap().file_name().unwrap(), "2026-11-21T08-30-05Z-3");
+}
+
+#[cfg(unix)]
+#[test]
+fn fault_50_a_dangling_link_is_found_before_any_frame() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    std::os::unix::fs::symlink(folder.path().join("nowhere"), &out).unwrap();
+    for overwrite in [false, true] {
+        assert_eq!(create(&out, overwrite).err(), Some(Exit::Before));
+    }
+    assert_eq!(names(folder.path()), ["out"]);
+}

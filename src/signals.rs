@@ -1,0 +1,102 @@
+//! Who asks a run to end: Ctrl-C, a scheduler, a terminal that closes.
+//!
+//! The first signal lets the frames in flight finish, learning put down a checkpoint, and the analysis stop; the second abandons
+//! the frames in flight; the third ends the process, should all else hang. What was ignored when the program began stays
+//! ignored: that is how `nohup` and a shell's background jobs ask for it.
+
+use depthloom_runner::Interrupt;
+
+use crate::exit::{Exit, Stop};
+use crate::streams::say;
+
+/// Listens for signals from now on; before, they end the process.
+pub fn listen() -> Result<Interrupt, Stop> {
+    let interrupt = Interrupt::default();
+    system::listen(interrupt.clone()).map_err(|error| {
+        Stop::because(Exit::Engine, "failed to listen for signals", &error)
+            .remedy("raise the limits of threads and open files (`ulimit -u`, `ulimit -n`)")
+    })?;
+    Ok(interrupt)
+}
+
+/// Lets a write beyond the limit of file sizes (`ulimit -f`) fail as one on a full disk does; by default it kills the process.
+pub fn outlive_file_size_limit() {
+    system::outlive_file_size_limit();
+}
+
+/// Ends the process at once, without waiting for anything it still holds.
+pub fn leave(exit: Exit) -> ! {
+    system::leave(exit as i32)
+}
+
+fn raise(interrupt: &Interrupt) {
+    if interrupt.aborts() {
+        leave(Exit::Interrupted);
+    }
+    match interrupt.raise() {
+        1 => say("stopping: frames in flight are finished, learning is put down; again to abort"),
+        _ => say("aborting"),
+    }
+}
+
+#[cfg(unix)]
+mod system {
+    use std::io;
+    use std::os::raw::c_int;
+    use std::sync::Arc;
+
+    use depthloom_runner::Interrupt;
+    use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGXFSZ};
+    use signal_hook::iterator::Signals;
+
+    pub fn listen(interrupt: Interrupt) -> io::Result<()> {
+        let heard: Vec<c_int> = [SIGINT, SIGTERM, SIGHUP].into_iter().filter(|signal| !is_ignored(*signal)).collect();
+        let mut signals = Signals::new(heard)?;
+        let hear = move || {
+            for signal in signals.forever() {
+                // A terminal that closes sends several, and nobody is there to mean more by the second.
+                if signal != SIGHUP || !interrupt.stops_admission() {
+                    super::raise(&interrupt);
+                }
+            }
+        };
+        std::thread::Builder::new().name("depthloom-signals".to_owned()).spawn(hear).map(drop)
+    }
+
+    /// Whether a signal was ignored when the program began. Where the system does not tell (no `/proc`), a hangup is taken to be:
+    /// a run that `nohup` did not protect then ends by it, and keeps its frames.
+    fn is_ignored(signal: c_int) -> bool {
+        let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+        let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+        match mask.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok()) {
+            Some(mask) => mask >> (signal - 1) & 1 == 1,
+            None => signal == SIGHUP,
+        }
+    }
+
+    pub fn outlive_file_size_limit() {
+        // A handler that does nothing of note; one that cannot be set leaves what was.
+        let _ = signal_hook::flag::register(SIGXFSZ, Arc::default());
+    }
+
+    pub fn leave(code: i32) -> ! {
+        signal_hook::low_level::exit(code)
+    }
+}
+
+#[cfg(not(unix))]
+mod system {
+    use std::io;
+
+    use depthloom_runner::Interrupt;
+
+    pub fn listen(interrupt: Interrupt) -> io::Result<()> {
+        ctrlc::set_handler(move || super::raise(&interrupt)).map_err(io::Error::other)
+    }
+
+    pub fn outlive_file_size_limit() {}
+
+    pub fn leave(code: i32) -> ! {
+        std::process::exit(code)
+    }
+}
