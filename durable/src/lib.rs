@@ -4,7 +4,7 @@
 //! that a rename replaces a name at once, and nothing of the order in which content and names reach the disk.
 
 use std::ffi::OsString;
-use std::fs::{self, File};
+use std::fs::{self, File, TryLockError};
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -13,16 +13,15 @@ pub const PARTIAL: &str = "partial";
 
 /// Writes a file with `write`, in place of whatever has its name once all of it is on the disk.
 ///
-/// On an error the file under the final name is what it was, and nothing half-written stays beside it.
+/// On an error the file under the final name is what it was, and nothing half-written stays beside it. Several may write one
+/// file at a time, in one process or in several: each writes a file of its own, and the last to end has the name.
 ///
 /// # Errors
 /// What `write` gave, or what creating, synchronising or renaming the file gave.
 pub fn write_with<E: From<io::Error>>(path: &Path, write: impl FnOnce(&mut File) -> Result<(), E>) -> Result<(), E> {
-    let partial = partial_name(path);
-    let mut file = File::create(&partial)?;
+    let (partial, mut file) = own_partial(path)?;
     let written = write(&mut file).and_then(|()| {
         file.sync_all()?;
-        drop(file);
         Ok(rename(&partial, path)?)
     });
     if written.is_err() {
@@ -30,6 +29,46 @@ pub fn write_with<E: From<io::Error>>(path: &Path, write: impl FnOnce(&mut File)
         let _ = fs::remove_file(&partial);
     }
     written
+}
+
+/// An empty file beside `path` that no other writer has: `<path>.partial`, or a numbered one while others write that.
+///
+/// The lock on it goes with its writer, however that ends: so what a killed one left is in nobody's way, and is taken over.
+fn own_partial(path: &Path) -> io::Result<(PathBuf, File)> {
+    let mut others: u32 = 0;
+    loop {
+        let partial = if others == 0 { partial_name(path) } else { partial_name(&with_number(path, others)) };
+        let file = File::options().create(true).truncate(false).write(true).open(&partial)?;
+        match file.try_lock() {
+            Err(TryLockError::WouldBlock) => others += 1,
+            // Its writer renamed it after it was opened here: it has its final name, and is not ours.
+            Ok(()) if !is_named(&file, &partial)? => {}
+            // Where the file system knows no locks, writers are not told apart.
+            Ok(()) | Err(TryLockError::Error(_)) => {
+                file.set_len(0)?;
+                return Ok((partial, file));
+            }
+        }
+    }
+}
+
+/// Whether an open file is still the one of that name.
+fn is_named(file: &File, path: &Path) -> io::Result<bool> {
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::MetadataExt;
+        let identity = |metadata: fs::Metadata| (metadata.dev(), metadata.ino());
+        match fs::metadata(path) {
+            Ok(named) => Ok(identity(named) == identity(file.metadata()?)),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(false),
+            Err(error) => Err(error),
+        }
+    }
+    #[cfg(not(unix))]
+    {
+        let _ = (file, path);
+        Ok(true)
+    }
 }
 
 /// Writes a file's whole content; see [`write_with`].
@@ -95,6 +134,13 @@ pub fn partial_name(path: &Path) -> PathBuf {
     path.with_file_name(name)
 }
 
+/// `<path>.<number>`.
+fn with_number(path: &Path, number: u32) -> PathBuf {
+    let mut name = path.file_name().map(OsString::from).unwrap_or_default();
+    name.push(format!(".{number}"));
+    path.with_file_name(name)
+}
+
 #[cfg(test)]
 mod tests {
     use std::fs;
@@ -131,6 +177,31 @@ mod tests {
         });
         assert_eq!(failed.unwrap_err().to_string(), "no room");
         assert_eq!(fs::read(&path).unwrap(), b"before");
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn fault_01_two_writers_of_one_file_do_not_mix() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("table.csv");
+        super::write_with(&path, |file| {
+            file.write_all(b"one ")?;
+            super::write(&path, b"the other, which is longer")?;
+            assert_eq!(fs::read(&path)?, b"the other, which is longer");
+            file.write_all(b"writer")
+        })
+        .unwrap();
+        assert_eq!(fs::read(&path).unwrap(), b"one writer");
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn fault_01_what_a_killed_writer_left_is_in_nobodys_way() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("table.csv");
+        fs::write(super::partial_name(&path), b"half of something long").unwrap();
+        super::write(&path, b"whole").unwrap();
+        assert_eq!(fs::read(&path).unwrap(), b"whole");
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
     }
 }
