@@ -28,7 +28,12 @@ fn handler() -> GraphicalReportHandler {
     let coloured = *COLOUR.get_or_init(|| false);
     let theme = if coloured { GraphicalTheme::unicode() } else { GraphicalTheme::unicode_nocolor() };
     let width = if std::io::stderr().is_terminal() { 100 } else { 120 };
-    GraphicalReportHandler::new_themed(theme).with_width(width).with_links(false)
+    GraphicalReportHandler::new_themed(theme)
+        .with_width(width)
+        .with_links(false)
+        // Between words alone: a kind's name (`disparity/left-right`) has hyphens and slashes, and is copied as a whole.
+        .with_word_separator(textwrap::WordSeparator::AsciiSpace)
+        .with_word_splitter(textwrap::WordSplitter::NoHyphenation)
 }
 
 /// Prints every diagnostic to standard error, and how many there were.

@@ -3,14 +3,13 @@
 mod figure;
 
 use depthloom_graphs::Value;
-use depthloom_graphs::values::{Curve, CurvePoint};
+use depthloom_graphs::values::Curve;
 use depthloom_recording::Recording;
-use polars::frame::DataFrame;
-use polars::prelude::{Column, NamedFrom, Series};
 use serde_json::{Value as Json, json};
 
 pub(crate) use self::figure::render;
 use crate::error::AnalysisError;
+use crate::sheet::{Cells, Sheet};
 
 /// A learning curve and what it is called.
 #[derive(Clone, Debug, PartialEq)]
@@ -24,7 +23,7 @@ pub(crate) struct LearningCurve {
 pub(crate) fn learning_curves(recording: &Recording) -> Result<Vec<LearningCurve>, AnalysisError> {
     let mut curves = Vec::new();
     for once in recording.once_values() {
-        let node = recording.plan().runs[once.run].nodes.get(once.node);
+        let node = recording.plan().runs.get(once.run).and_then(|run| run.nodes.get(once.node));
         let Some(output) = node.and_then(|node| node.outputs.get(once.port)) else { continue };
         if once.value_type != "curve" {
             continue;
@@ -40,20 +39,14 @@ pub(crate) fn learning_curves(recording: &Recording) -> Result<Vec<LearningCurve
 
 /// The table `learning_curves.csv` holds: `curve, step, loss, validation, learning_rate`; a validation that was not measured is
 /// null.
-pub(crate) fn table_of_points(curves: &[LearningCurve]) -> Result<DataFrame, AnalysisError> {
+pub(crate) fn table_of_points(curves: &[LearningCurve]) -> Sheet<'_> {
     let points = || curves.iter().flat_map(|of| of.curve.points.iter().map(|point| (of.label.as_str(), point)));
-    let numbers = |name: &str, of: fn(&CurvePoint) -> f64| {
-        Column::from(Series::new(name.into(), points().map(|(_, point)| of(point)).collect::<Vec<f64>>()))
-    };
-    let validation: Vec<Option<f64>> = points().map(|(_, point)| point.validation).collect();
-    let columns = vec![
-        Column::from(Series::new("curve".into(), points().map(|(label, _)| label).collect::<Vec<&str>>())),
-        Column::from(Series::new("step".into(), points().map(|(_, point)| point.step).collect::<Vec<u64>>())),
-        numbers("loss", |point| point.loss),
-        Column::from(Series::new("validation".into(), validation)),
-        numbers("learning_rate", |point| point.learning_rate),
-    ];
-    DataFrame::new(points().count(), columns).map_err(AnalysisError::compute("the learning curves"))
+    Sheet::new()
+        .with("curve", Cells::Text(points().map(|(label, _)| label).collect()))
+        .with("step", Cells::Count(points().map(|(_, point)| point.step).collect()))
+        .with("loss", Cells::Number(points().map(|(_, point)| Some(point.loss)).collect()))
+        .with("validation", Cells::Number(points().map(|(_, point)| point.validation).collect()))
+        .with("learning_rate", Cells::Number(points().map(|(_, point)| Some(point.learning_rate)).collect()))
 }
 
 impl LearningCurve {

@@ -1,6 +1,8 @@
 //! Why a recording could not be analysed.
 
+use std::any::Any;
 use std::io;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 
 use depthloom_recording::RecordingError;
@@ -9,6 +11,9 @@ use polars::error::PolarsError;
 /// Why a recording could not be analysed.
 #[derive(Debug, thiserror::Error)]
 pub enum AnalysisError {
+    /// It was asked to stop: what it has not written yet is what it was.
+    #[error("stopped before it was done")]
+    Stopped,
     /// The recording cannot be read.
     #[error("failed to read the recording")]
     Recording(#[from] RecordingError),
@@ -36,7 +41,7 @@ pub enum AnalysisError {
         #[source]
         source: io::Error,
     },
-    /// A table cannot be computed or written.
+    /// A table cannot be put together or read.
     #[error("failed to compute {what}")]
     Compute {
         /// What was being computed.
@@ -44,6 +49,12 @@ pub enum AnalysisError {
         /// What polars said.
         #[source]
         source: Box<PolarsError>,
+    },
+    /// An error in the analysis itself, or in a library of its.
+    #[error("the analysis panicked: {what}; this is an error in the engine: please report it")]
+    Panicked {
+        /// What the panic said.
+        what: String,
     },
 }
 
@@ -66,5 +77,28 @@ impl AnalysisError {
     /// Something in a recording that an analysis cannot use.
     pub(crate) fn content(what: impl Into<String>) -> Self {
         Self::Content { what: what.into() }
+    }
+
+    /// What a thread that panicked said.
+    pub(crate) fn panicked(payload: &(dyn Any + Send)) -> Self {
+        let text = payload.downcast_ref::<&str>().copied();
+        let text = text.or_else(|| payload.downcast_ref::<String>().map(String::as_str));
+        Self::Panicked { what: text.unwrap_or("no message").to_owned() }
+    }
+}
+
+/// Runs `f`; a panic in it is an error as any other.
+pub(crate) fn caught<R>(f: impl FnOnce() -> Result<R, AnalysisError>) -> Result<R, AnalysisError> {
+    catch_unwind(AssertUnwindSafe(f)).unwrap_or_else(|payload| Err(AnalysisError::panicked(payload.as_ref())))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn fault_43_a_panic_is_an_error() {
+        let error = caught::<()>(|| panic!("{} is not {}", 2, 3)).unwrap_err();
+        assert!(error.to_string().contains("2 is not 3"), "{error}");
     }
 }

@@ -29,12 +29,14 @@ pub struct Estimator {
     pub estimate_topic: Option<String>,
     /// The topic of the true depth; `None` if it was not recorded.
     pub truth_topic: Option<String>,
+    /// What the true depth was taken from, recorded or not; `None` if the recording does not say.
+    pub truth: Option<String>,
 }
 
 /// The estimators of a recording: those that all variants share first, then variant by variant in the order of the file.
 ///
 /// # Errors
-/// If a score node's parameters are not those of a `score/depth` this version knows.
+/// If a score node's parameters are not those of a `score/depth` this version knows, or something in the plan points outside it.
 pub(crate) fn estimators(plan: &RecordedPlan) -> Result<Vec<Estimator>, AnalysisError> {
     let all = || {
         plan.runs.iter().enumerate().flat_map(|(r, run)| run.estimates.iter().map(move |estimate| (r, run, estimate)))
@@ -52,7 +54,14 @@ pub(crate) fn estimators(plan: &RecordedPlan) -> Result<Vec<Estimator>, Analysis
             true => format!("{}.{}", planned.stage, estimate.label),
             false => estimate.label.clone(),
         };
-        let variant = estimate.variant.map(|v| plan.variants[v].clone()).filter(|name| !name.is_empty());
+        let named = |v: usize| {
+            let what =
+                || format!("the recording's plan is damaged: `{label}` is of variant {v} of {}", plan.variants.len());
+            plan.variants.get(v).cloned().ok_or_else(|| AnalysisError::content(what()))
+        };
+        let variant = estimate.variant.map(named).transpose()?.filter(|name| !name.is_empty());
+        let scoring = planned.nodes.get(estimate.score_node);
+        let truth = scoring.and_then(|node| node.inputs.iter().find(|input| input.port == "truth")?.from.clone());
         let place = estimate.variant.map_or(0, |v| v + 1);
         let estimator = Estimator {
             label,
@@ -64,6 +73,7 @@ pub(crate) fn estimators(plan: &RecordedPlan) -> Result<Vec<Estimator>, Analysis
             score_topic: estimate.score_topic.clone(),
             estimate_topic: estimate.estimate_topic.clone(),
             truth_topic: estimate.truth_topic.clone(),
+            truth,
         };
         ordered.push((place, estimator));
     }
@@ -138,6 +148,39 @@ mod tests {
         let preset = Preset::Monodepth2.settings();
         let silog = ScaleInvariant::HundredDeviation;
         assert_eq!(read, Settings { max_m: 50.0, crop: Crop::Eigen, silog, ..preset });
+    }
+
+    #[test]
+    fn fault_11_recorded_settings_that_nothing_can_be_scored_with_are_refused_by_name() {
+        let refused = |name: &str, value: serde_json::Value| {
+            let mut params = json!({ "preset": "paper", "sets": ["all"] });
+            params[name] = value;
+            settings(&params).unwrap_err()
+        };
+        assert!(refused("min_m", json!(90.0)).starts_with("max_m must be above min_m (90 m)"));
+        assert!(refused("max_m", json!(-1)).starts_with("max_m "));
+        assert!(refused("min_m", json!(0)).starts_with("min_m "));
+        assert!(refused("missing_m", json!(1e-320)).starts_with("missing_m "));
+    }
+
+    #[test]
+    fn fault_11_an_estimate_of_a_variant_that_is_not_there_is_an_error() {
+        let mut plan = json!({
+            "experiment": "x", "about": "", "variants": ["a", "b"], "every": 1, "view": false,
+            "runs": [{
+                "stage": "s", "prefix": "/s", "variants": [0], "nodes": [],
+                "source": { "name": "street", "parts": [], "outputs": [] },
+                "estimates": [{
+                    "label": "b/mono", "name": "mono", "variant": 1, "estimate_topic": null, "truth_topic": null,
+                    "score_topic": null, "score_node": 7, "score_params": { "preset": "paper", "sets": ["all"] },
+                }],
+            }],
+        });
+        let read = |plan: &serde_json::Value| estimators(&RecordedPlan::deserialize(plan).unwrap());
+        assert_eq!(read(&plan).unwrap()[0].variant.as_deref(), Some("b"));
+        plan["runs"][0]["estimates"][0]["variant"] = json!(9);
+        let error = read(&plan).unwrap_err().to_string();
+        assert_eq!(error, "the recording's plan is damaged: `b/mono` is of variant 9 of 2");
     }
 
     #[test]

@@ -1,40 +1,45 @@
-//! Files that are whole or not there.
+//! The files of a report: each whole or not there.
 
-use std::fs::{self, File};
 use std::io::{BufWriter, Write};
 use std::path::Path;
 
-use polars::frame::DataFrame;
-use polars::prelude::{CsvWriter, ParquetWriter, PolarsResult, SerWriter};
-
 use crate::error::AnalysisError;
+use crate::sheet::Sheet;
 
-/// Writes `<name>.partial` in the folder and renames it: under its final name a file is never half written.
-pub(crate) fn write(folder: &Path, name: &str, content: &[u8]) -> Result<(), AnalysisError> {
-    let (partial, path) = (folder.join(format!("{name}.partial")), folder.join(name));
-    fs::write(&partial, content).map_err(AnalysisError::write(&partial))?;
-    fs::rename(&partial, &path).map_err(AnalysisError::write(&path))
+/// Where a report's files go, and whether it is to go on.
+#[derive(Clone, Copy)]
+pub(crate) struct Output<'a> {
+    pub(crate) folder: &'a Path,
+    pub(crate) stop: &'a (dyn Fn() -> bool + Sync),
 }
 
-/// Writes a table as CSV; null is an empty cell.
-pub(crate) fn write_csv(folder: &Path, name: &str, table: &mut DataFrame) -> Result<(), AnalysisError> {
-    write_with(folder, name, |file| CsvWriter::new(file).finish(table))
-}
+impl Output<'_> {
+    /// An error once it is to stop.
+    pub(crate) fn go_on(&self) -> Result<(), AnalysisError> {
+        if (self.stop)() { Err(AnalysisError::Stopped) } else { Ok(()) }
+    }
 
-/// Writes a table as Parquet.
-pub(crate) fn write_parquet(folder: &Path, name: &str, table: &mut DataFrame) -> Result<(), AnalysisError> {
-    write_with(folder, name, |file| ParquetWriter::new(file).finish(table).map(drop))
-}
+    /// Writes a file.
+    pub(crate) fn write(&self, name: &str, content: &[u8]) -> Result<(), AnalysisError> {
+        self.go_on()?;
+        let path = self.folder.join(name);
+        depthloom_durable::write(&path, content).map_err(AnalysisError::write(&path))
+    }
 
-/// Has polars write `<name>.partial` and renames it.
-fn write_with(
-    folder: &Path,
-    name: &str,
-    write: impl FnOnce(&mut BufWriter<File>) -> PolarsResult<()>,
-) -> Result<(), AnalysisError> {
-    let (partial, path) = (folder.join(format!("{name}.partial")), folder.join(name));
-    let mut file = BufWriter::new(File::create(&partial).map_err(AnalysisError::write(&partial))?);
-    write(&mut file).map_err(AnalysisError::compute(name))?;
-    file.flush().map_err(AnalysisError::write(&partial))?;
-    fs::rename(&partial, &path).map_err(AnalysisError::write(&path))
+    /// Writes a table as CSV.
+    pub(crate) fn write_csv(&self, name: &str, table: &Sheet<'_>) -> Result<(), AnalysisError> {
+        self.go_on()?;
+        let path = self.folder.join(name);
+        let written = depthloom_durable::write_with(&path, |file| {
+            let mut file = BufWriter::new(file);
+            table.write_csv(&mut file)?;
+            file.flush()
+        });
+        written.map_err(AnalysisError::write(&path))
+    }
+
+    /// Writes a table as Parquet.
+    pub(crate) fn write_parquet(&self, name: &str, table: Sheet<'_>) -> Result<(), AnalysisError> {
+        self.write(name, &table.parquet().map_err(AnalysisError::compute(name))?)
+    }
 }

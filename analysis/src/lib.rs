@@ -1,4 +1,4 @@
-//! Recordings to percentiles, tables and plots, with polars.
+//! Recordings to percentiles, tables and plots.
 //!
 //! Everything here works [from a recording alone](report()), so that a question thought of tomorrow needs no second run. What
 //! flows: a recording's plan names the [estimators](Estimator); their recorded [scores](FrameScore) make `scores.csv` and, as the
@@ -15,10 +15,11 @@ mod paper;
 mod reading;
 mod report;
 mod scores;
+mod sheet;
 mod table;
 mod timings;
 
-pub use distance::{DistanceBin, PERCENTILES};
+pub use distance::{DistanceBin, PERCENTILES, Spread};
 pub use error::AnalysisError;
 pub use estimators::Estimator;
 pub use paper::paper_scores;

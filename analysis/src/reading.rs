@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 use std::num::NonZero;
-use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::thread;
@@ -11,16 +10,20 @@ use depthloom_graphs::Value;
 use depthloom_graphs::values::Depth;
 use depthloom_recording::Recording;
 use depthloom_scores::ScoredPixels;
-use polars::frame::DataFrame;
-use polars::prelude::{Column, NamedFrom, Series};
 
-use crate::distance::{DistanceBin, FrameSamples, Samples};
-use crate::error::AnalysisError;
+use crate::distance::{DistanceBin, FARTHEST_M, FrameSamples, Samples};
+use crate::error::{AnalysisError, caught};
 use crate::estimators::Estimator;
+use crate::files::Output;
 use crate::scores::{FrameScore, order_frame};
+use crate::sheet::{Cells, Sheet};
 
 /// All scores that were recorded: stage run by stage run, frame by frame, in the order of `scores.csv`.
-pub(crate) fn scores(recording: &Recording, estimators: &[Estimator]) -> Result<Vec<FrameScore>, AnalysisError> {
+pub(crate) fn scores(
+    recording: &Recording,
+    estimators: &[Estimator],
+    output: Output<'_>,
+) -> Result<Vec<FrameScore>, AnalysisError> {
     let mut scores = Vec::new();
     for run in 0..recording.plan().runs.len() {
         let scored = |(index, estimator): (usize, &Estimator)| {
@@ -32,10 +35,12 @@ pub(crate) fn scores(recording: &Recording, estimators: &[Estimator]) -> Result<
         }
         let mut reader = recording.reader(run, &topics)?;
         for (position, frame) in recording.frames(run).iter().enumerate() {
+            output.go_on()?;
             let first = scores.len();
             for (&estimator, value) in indices.iter().zip(reader.read(position)?) {
                 if let Some(Value::Scores(rows)) = value {
-                    scores.extend(rows.iter().map(|&row| FrameScore { frame: frame.id.clone(), estimator, row }));
+                    let score = |&row| FrameScore { frame: frame.id.clone(), position, estimator, row };
+                    scores.extend(rows.iter().map(score));
                 }
             }
             order_frame(&mut scores[first..]);
@@ -48,32 +53,34 @@ pub(crate) fn scores(recording: &Recording, estimators: &[Estimator]) -> Result<
 pub(crate) struct Distances {
     /// Estimator by estimator, nearest bin first.
     pub(crate) bins: Vec<DistanceBin>,
+    /// By estimator: how many samples were left out, since they lie beyond [`FARTHEST_M`].
+    pub(crate) beyond: Vec<u64>,
     /// Scored true pixels by metre, over the frames whose values were recorded; each truth counted once.
     pub(crate) truth: BTreeMap<u32, u64>,
 }
 
 /// Takes the samples of all recorded maps, on all cores; of the estimators whose maps were not recorded there are none.
 ///
-/// At most `samples_in_memory` samples are held at a time, and the maps of one frame a core; what does not fit lies in `folder`
-/// meanwhile.
+/// At most `samples_in_memory` samples are held at a time, and the maps of one frame a core; what does not fit lies on the disk
+/// of the output's folder meanwhile.
 pub(crate) fn distances(
     recording: &Recording,
     estimators: &[Estimator],
     samples_in_memory: usize,
-    folder: &Path,
+    output: Output<'_>,
 ) -> Result<Distances, AnalysisError> {
-    let samples = Mutex::new(Samples::new(estimators.len(), samples_in_memory, folder));
+    let samples = Mutex::new(Samples::new(estimators.len(), samples_in_memory, output));
     let truth = Mutex::new(BTreeMap::new());
     for run in 0..recording.plan().runs.len() {
         let maps = Maps::new(run, estimators);
         if maps.estimators.is_empty() {
             continue;
         }
-        maps.read_all(recording, estimators, &samples, &truth)?;
+        maps.read_all(recording, estimators, output, &samples, &truth)?;
     }
     let samples = samples.into_inner().unwrap_or_else(PoisonError::into_inner);
     let truth = truth.into_inner().unwrap_or_else(PoisonError::into_inner);
-    Ok(Distances { bins: samples.percentiles()?, truth })
+    Ok(Distances { beyond: samples.beyond().to_vec(), bins: samples.percentiles()?, truth })
 }
 
 /// The maps of a stage run that are compared: its topics, and where among them each estimator's are.
@@ -108,7 +115,8 @@ impl Maps {
         &self,
         recording: &Recording,
         estimators: &[Estimator],
-        samples: &Mutex<Samples>,
+        output: Output<'_>,
+        samples: &Mutex<Samples<'_>>,
         truth: &Mutex<BTreeMap<u32, u64>>,
     ) -> Result<(), AnalysisError> {
         let frames = recording.frames(self.run).len();
@@ -121,10 +129,9 @@ impl Maps {
                 if position >= frames {
                     break;
                 }
+                output.go_on()?;
                 let frame = self.samples(estimators, &reader.read(position)?, &mut counts)?;
-                let taken = samples.lock().unwrap_or_else(PoisonError::into_inner).take(frame);
-                // The others stop too: what they would read is of no use any more.
-                taken.inspect_err(|_| next.store(frames, Ordering::Relaxed))?;
+                samples.lock().unwrap_or_else(PoisonError::into_inner).take(frame)?;
             }
             let mut truth = truth.lock().unwrap_or_else(PoisonError::into_inner);
             for (metre, count) in counts {
@@ -132,12 +139,16 @@ impl Maps {
             }
             Ok(())
         };
+        // What the others would still read is of no use once one of them failed.
+        let work = || caught(work).inspect_err(|_| next.store(frames, Ordering::Relaxed));
         let cores = thread::available_parallelism().map_or(1, NonZero::get).min(frames.max(1));
         thread::scope(|scope| {
-            let others: Vec<_> = (1..cores).map(|_| scope.spawn(work)).collect();
+            // Where the system gives fewer threads, fewer do the work.
+            let others = (1..cores).map_while(|_| thread::Builder::new().spawn_scoped(scope, work).ok());
+            let others: Vec<_> = others.collect();
             let mut result = work();
             for other in others {
-                let theirs = other.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+                let theirs = other.join().unwrap_or_else(|panic| Err(AnalysisError::panicked(panic.as_ref())));
                 result = result.and(theirs);
             }
             result
@@ -155,43 +166,56 @@ impl Maps {
             _ => None,
         };
         let mut samples = FrameSamples::default();
-        // Scored pixels by place of the truth and settings: estimators nearly always share them.
-        let mut scored: Vec<(usize, &Estimator, ScoredPixels)> = Vec::new();
-        for &(index, truth_place, estimate_place) in &self.estimators {
-            let (Some(truth), Some(estimate)) = (map(truth_place), map(estimate_place)) else { continue };
-            let estimator = &estimators[index];
-            if truth.metres.dimensions() != estimate.metres.dimensions() {
-                let what = format!("the estimate `{}` is of another size than its truth", estimator.label);
-                return Err(AnalysisError::content(what));
+        let mut left: Vec<(usize, usize, usize)> = self.estimators.clone();
+        let mut counted = Vec::new();
+        // Those with one truth and one way to be scored are compared: nearly always all of them.
+        while let Some(&(first, truth_place, _)) = left.first() {
+            let settings = &estimators[first].settings;
+            let compared: Vec<(usize, Option<&Depth>)> = left
+                .extract_if(.., |(index, truth, _)| *truth == truth_place && estimators[*index].settings == *settings)
+                .map(|(index, _, estimate)| (index, map(estimate)))
+                .collect();
+            let Some(truth) = map(truth_place) else { continue };
+            let other_size = |depth: &&Depth| depth.metres.dimensions() != truth.metres.dimensions();
+            if let Some((index, _)) = compared.iter().find(|(_, estimate)| estimate.as_ref().is_some_and(other_size)) {
+                let label = &estimators[*index].label;
+                return Err(AnalysisError::content(format!(
+                    "the estimate `{label}` is of another size than its truth"
+                )));
             }
-            let known =
-                scored.iter().position(|(place, of, _)| *place == truth_place && of.settings == estimator.settings);
-            let place = known.unwrap_or_else(|| {
-                let pixels = scored_pixels(truth, estimator);
-                if scored.iter().all(|(place, ..)| *place != truth_place) {
-                    pixels.truth_m().iter().for_each(|&t| *counts.entry(t as u32).or_default() += 1);
+            let (width, height) = truth.metres.dimensions();
+            let pixels = ScoredPixels::new(&truth.metres, width as usize, height as usize, settings);
+            if compared.iter().any(|(_, estimate)| estimate.is_some()) && !counted.contains(&truth_place) {
+                counted.push(truth_place);
+                let metres = pixels.truth_m().iter().map(|&t| t as u32).filter(|metre| *metre < FARTHEST_M);
+                metres.for_each(|metre| *counts.entry(metre).or_default() += 1);
+            }
+            let mut shared = vec![true; pixels.len()];
+            for (_, estimate) in &compared {
+                let Some(estimate) = estimate else {
+                    shared.fill(false);
+                    break;
+                };
+                let metres = estimate.metres.as_raw();
+                for (shared, &at) in shared.iter_mut().zip(pixels.positions()) {
+                    *shared &= metres[at as usize].is_finite();
                 }
-                scored.push((truth_place, estimator, pixels));
-                scored.len() - 1
-            });
-            samples.add(index, &scored[place].2, &estimate.metres, &estimator.settings);
+            }
+            for (index, estimate) in compared {
+                if let Some(estimate) = estimate {
+                    samples.add(index, &pixels, &estimate.metres, settings, &shared);
+                }
+            }
         }
         Ok(samples)
     }
 }
 
-fn scored_pixels(truth: &Depth, estimator: &Estimator) -> ScoredPixels {
-    let (width, height) = truth.metres.dimensions();
-    ScoredPixels::new(&truth.metres, width as usize, height as usize, &estimator.settings)
-}
-
 impl Distances {
     /// `bin_m, count`, as written to `true_distances.csv`.
-    pub(crate) fn table_of_truth(&self) -> Result<DataFrame, AnalysisError> {
-        let columns = vec![
-            Column::from(Series::new("bin_m".into(), self.truth.keys().copied().collect::<Vec<_>>())),
-            Column::from(Series::new("count".into(), self.truth.values().copied().collect::<Vec<_>>())),
-        ];
-        DataFrame::new(self.truth.len(), columns).map_err(AnalysisError::compute("the histogram of true distances"))
+    pub(crate) fn table_of_truth(&self) -> Sheet<'_> {
+        Sheet::new()
+            .with("bin_m", Cells::Metres(self.truth.keys().copied().collect()))
+            .with("count", Cells::Count(self.truth.values().copied().collect()))
     }
 }

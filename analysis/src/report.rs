@@ -1,31 +1,40 @@
 //! Everything a run's folder says of its recording.
 
+use std::collections::BTreeSet;
 use std::path::Path;
 
 use depthloom_recording::Recording;
 use serde_json::{Map, Value as Json, json};
 
 use crate::curves::{LearningCurve, learning_curves, table_of_points};
-use crate::distance::table_of_bins;
-use crate::error::AnalysisError;
-use crate::estimators::estimators;
+use crate::distance::{FARTHEST_M, table_of_bins};
+use crate::error::{AnalysisError, caught};
+use crate::estimators::{Estimator, estimators};
 use crate::figure::{Figure, render};
-use crate::files;
+use crate::files::Output;
 use crate::reading;
 use crate::scores::table_of_scores;
 use crate::table::Table;
 
-/// How many samples of the error against distance are held in memory at most: 4 to 8 bytes each, so 4 MiB at worst: few, so
-/// that memory is the same from the first hundred frames on (beyond, counting over files costs about as much time).
-const SAMPLES_IN_MEMORY: usize = 1 << 19;
 /// Columns of text of a terminal's table.
 const TERMINAL_WIDTH: usize = 110;
 
-/// What a report shows.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+/// What a report shows, and what it may take.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ReportOptions {
     /// Whether the paper's numbers stand beside ours.
     pub paper: bool,
+    /// How many samples of the error against distance are held in memory at most: 4 to 8 bytes each. What is more lies in a
+    /// temporary file meanwhile; the numbers are the same to the bit.
+    pub samples_in_memory: usize,
+}
+
+impl Default for ReportOptions {
+    /// Without the paper's numbers; 4 MiB of samples at worst: few, so that memory is the same from the first hundred frames on
+    /// (beyond, counting over a file costs about as much time).
+    fn default() -> Self {
+        Self { paper: false, samples_in_memory: 1 << 19 }
+    }
 }
 
 /// What a report found.
@@ -35,62 +44,76 @@ pub struct Summary {
     pub text: String,
     /// The same for programs: `table` (a row an estimator and pixel set), `learning_curves` (where each ended), `notes`.
     pub json: Json,
+    /// Whether something was scored: whether there are `scores.csv` and `table.*`.
+    pub scored: bool,
+    /// Whether maps were kept to compare: whether there are `error_vs_distance.*` and `true_distances.csv`.
+    pub distances: bool,
     /// How many learning curves there are.
     pub learning_curves: usize,
 }
 
-/// Analyses a recording and writes into `folder`: `scores.csv`, `table.{csv,md,tex,parquet}`,
-/// `error_vs_distance.{csv,parquet,svg}`, `true_distances.csv`; if something learned, also `learning_curves.{csv,parquet,svg}`.
+/// Analyses a recording and writes into `folder`: if something was scored, `scores.csv` and `table.{csv,md,tex,parquet}`; if its
+/// maps were kept, `error_vs_distance.{csv,parquet,svg}` and `true_distances.csv`; if something learned,
+/// `learning_curves.{csv,parquet,svg}`.
 ///
-/// Every file is written under another name first and renamed when whole. Equal recordings give equal files.
+/// Every file is written under another name first and renamed once it is on the disk. Equal recordings give equal files. `stop`
+/// is asked between frames and between files, on several threads.
 ///
 /// # Errors
-/// If the recording cannot be read or a file not be written.
-pub fn report(recording: &Recording, folder: &Path, options: &ReportOptions) -> Result<Summary, AnalysisError> {
+/// If the recording cannot be read or a file not be written; [`AnalysisError::Stopped`] once `stop` says so.
+pub fn report(
+    recording: &Recording,
+    folder: &Path,
+    options: &ReportOptions,
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Result<Summary, AnalysisError> {
+    caught(|| analyse(recording, options, Output { folder, stop }))
+}
+
+fn analyse(recording: &Recording, options: &ReportOptions, output: Output<'_>) -> Result<Summary, AnalysisError> {
     let plan = recording.plan();
     let estimators = estimators(plan)?;
     let curves = learning_curves(recording)?;
-    write_curves(&curves, folder)?;
+    write_curves(&curves, output)?;
     let ends: Vec<Json> = curves.iter().map(LearningCurve::end).collect();
     if estimators.is_empty() {
         let text = "nothing was scored: no stage has a `score:`\n".to_owned();
         let json = json!({ "table": [], "learning_curves": ends, "notes": [text.trim_end()] });
-        return Ok(Summary { text, json, learning_curves: curves.len() });
+        return Ok(Summary { text, json, scored: false, distances: false, learning_curves: curves.len() });
     }
     // The rows go before the samples come: what grows with the number of frames is never held beside them.
     let table = {
-        let scores = reading::scores(recording, &estimators)?;
-        files::write_csv(folder, "scores.csv", &mut table_of_scores(&scores, &estimators)?)?;
-        Table::new(&scores, &estimators, options.paper)?
+        let scores = reading::scores(recording, &estimators, output)?;
+        output.write_csv("scores.csv", &table_of_scores(&scores, &estimators))?;
+        let source = |run: usize, position: usize| recording.frames(run).get(position).and_then(|f| f.source_key);
+        Table::new(&plan.experiment, &scores, &estimators, options.paper, &source)
     };
-    let mut long_form = table.long_form()?;
-    files::write_csv(folder, "table.csv", &mut long_form)?;
-    files::write_parquet(folder, "table.parquet", &mut long_form)?;
-    files::write(folder, "table.md", table.markdown().as_bytes())?;
-    files::write(folder, "table.tex", table.latex().as_bytes())?;
+    output.write_csv("table.csv", &table.long_form())?;
+    output.write_parquet("table.parquet", table.long_form())?;
+    output.write("table.md", table.markdown().as_bytes())?;
+    output.write("table.tex", table.latex().as_bytes())?;
 
-    let distances = reading::distances(recording, &estimators, SAMPLES_IN_MEMORY, folder)?;
-    let mut bins = table_of_bins(&distances.bins, &estimators)?;
-    files::write_csv(folder, "error_vs_distance.csv", &mut bins)?;
-    files::write_parquet(folder, "error_vs_distance.parquet", &mut bins)?;
-    files::write_csv(folder, "true_distances.csv", &mut distances.table_of_truth()?)?;
-    let figure = Figure { estimators: &estimators, bins: &distances.bins, truth: &distances.truth };
-    files::write(folder, "error_vs_distance.svg", render(&figure).as_bytes())?;
+    let distances = reading::distances(recording, &estimators, options.samples_in_memory, output)?;
+    if !distances.bins.is_empty() {
+        let bins = || table_of_bins(&distances.bins, &estimators);
+        output.write_csv("error_vs_distance.csv", &bins())?;
+        output.write_parquet("error_vs_distance.parquet", bins())?;
+        output.write_csv("true_distances.csv", &distances.table_of_truth())?;
+        let figure = Figure { estimators: &estimators, bins: &distances.bins, truth: &distances.truth };
+        output.write("error_vs_distance.svg", render(&figure).as_bytes())?;
+    }
 
-    let mut notes = Vec::new();
-    let without_maps = estimators.iter().filter(|e| e.estimate_topic.is_none() || e.truth_topic.is_none());
-    for estimator in without_maps {
-        notes.push(format!("no error against distance of {}: its maps were not recorded", estimator.label));
+    let mut notes: Vec<String> = estimators.iter().filter_map(without_maps).collect();
+    notes.extend(sparsely_kept(recording, &estimators, distances.bins.is_empty()));
+    for (estimator, beyond) in estimators.iter().zip(&distances.beyond).filter(|(_, beyond)| **beyond > 0) {
+        let label = &estimator.label;
+        notes.push(format!("error against distance of {label} leaves out {beyond} pixels beyond {FARTHEST_M} m"));
     }
     let failed: usize =
         (0..plan.runs.len()).flat_map(|run| recording.frames(run)).filter(|f| !f.failures.is_empty()).count();
     if failed > 0 {
         let frames = if failed == 1 { "frame" } else { "frames" };
         notes.push(format!("{failed} {frames} failed somewhere; means are over the frames all estimators have"));
-    }
-    if plan.every > 1 {
-        let ordinal = ordinal(plan.every);
-        notes.push(format!("error against distance is of every {ordinal} frame: only their maps were recorded"));
     }
     let mut text = table.terminal(TERMINAL_WIDTH);
     for note in &notes {
@@ -102,18 +125,58 @@ pub fn report(recording: &Recording, folder: &Path, options: &ReportOptions) -> 
         "learning_curves": ends,
         "notes": notes,
     });
-    Ok(Summary { text, json, learning_curves: curves.len() })
+    let distances = !distances.bins.is_empty();
+    Ok(Summary { text, json, scored: true, distances, learning_curves: curves.len() })
+}
+
+/// What an estimator lacks to be compared pixel by pixel, if anything.
+fn without_maps(estimator: &Estimator) -> Option<String> {
+    let truth = match &estimator.truth {
+        Some(from) => format!("the truth `{}`", from.trim_start_matches('/')),
+        None => "the truth".to_owned(),
+    };
+    let missing = match (&estimator.estimate_topic, &estimator.truth_topic) {
+        (Some(_), Some(_)) => return None,
+        (Some(_), None) => format!("{truth} was not recorded: add it to `record:`"),
+        (None, Some(_)) => "the estimate was not recorded: add it to `record:`".to_owned(),
+        (None, None) => format!("neither the estimate nor {truth} was recorded: add both to `record:`"),
+    };
+    Some(format!("no error against distance of {}: {missing}", estimator.label))
+}
+
+/// That not every frame kept its maps, or that none did; nothing is said where no maps were to be kept.
+fn sparsely_kept(recording: &Recording, estimators: &[Estimator], none: bool) -> Option<String> {
+    let every = recording.plan().every;
+    let with_maps = estimators.iter().filter(|e| e.estimate_topic.is_some() && e.truth_topic.is_some());
+    let runs: BTreeSet<usize> = with_maps.map(|estimator| estimator.run).collect();
+    let mut indices = runs.into_iter().flat_map(|run| recording.frames(run)).map(|frame| frame.index).peekable();
+    if every > 1 && !none {
+        let ordinal = ordinal(every);
+        return Some(format!("error against distance is of every {ordinal} frame: only their maps were recorded"));
+    }
+    indices.peek()?;
+    if !none {
+        return None;
+    }
+    let (first, last) = indices.fold((u64::MAX, 0), |(first, last), index| (first.min(index), last.max(index)));
+    Some(if every > 1 {
+        format!(
+            "no error against distance: `record.every: {every}` keeps the maps of frames whose index is a multiple of {every}, \
+             and these are {first} to {last}"
+        )
+    } else {
+        "no error against distance: no frame has a pixel with both a truth and an answer".to_owned()
+    })
 }
 
 /// Writes the points of the learning curves and their figure, if there are any.
-fn write_curves(curves: &[LearningCurve], folder: &Path) -> Result<(), AnalysisError> {
+fn write_curves(curves: &[LearningCurve], output: Output<'_>) -> Result<(), AnalysisError> {
     if curves.is_empty() {
         return Ok(());
     }
-    let mut points = table_of_points(curves)?;
-    files::write_csv(folder, "learning_curves.csv", &mut points)?;
-    files::write_parquet(folder, "learning_curves.parquet", &mut points)?;
-    files::write(folder, "learning_curves.svg", crate::curves::render(curves).as_bytes())
+    output.write_csv("learning_curves.csv", &table_of_points(curves))?;
+    output.write_parquet("learning_curves.parquet", table_of_points(curves))?;
+    output.write("learning_curves.svg", crate::curves::render(curves).as_bytes())
 }
 
 /// `2nd`, `3rd`, `11th`.

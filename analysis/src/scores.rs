@@ -3,17 +3,17 @@
 use std::sync::Arc;
 
 use depthloom_scores::{SCORE_NAMES, ScoreRow};
-use polars::frame::DataFrame;
-use polars::prelude::{Column, NamedFrom, PolarsResult, Series};
 
-use crate::error::AnalysisError;
 use crate::estimators::Estimator;
+use crate::sheet::{Cells, Sheet};
 
 /// The scores of one estimator on one frame and one pixel set.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FrameScore {
-    /// The frame's id.
+    /// The frame's id: what people call it. Sources that are joined may repeat one, and a frame may be asked for twice.
     pub frame: Arc<str>,
+    /// The frame's place in its stage run: what tells it from all others of the run.
+    pub position: usize,
     /// Index of the estimator.
     pub estimator: usize,
     /// Its scores.
@@ -26,23 +26,17 @@ pub(crate) fn order_frame(rows: &mut [FrameScore]) {
 }
 
 /// The table `scores.csv` holds: `frame, estimator, scored_on, pixels`, then the eight scores; a score of no pixel is null.
-pub(crate) fn table_of_scores(rows: &[FrameScore], estimators: &[Estimator]) -> Result<DataFrame, AnalysisError> {
-    let text = |name: &str, of: &dyn for<'a> Fn(&'a FrameScore) -> &'a str| {
-        Column::from(Series::new(name.into(), rows.iter().map(of).collect::<Vec<_>>()))
-    };
-    let labels: Vec<&str> = rows.iter().map(|score| estimators[score.estimator].label.as_str()).collect();
-    let mut columns = vec![
-        text("frame", &|score| &score.frame),
-        Column::from(Series::new("estimator".into(), labels)),
-        text("scored_on", &|score| score.row.set.name()),
-        Column::from(Series::new("pixels".into(), rows.iter().map(|score| score.row.pixels).collect::<Vec<_>>())),
-    ];
+pub(crate) fn table_of_scores<'a>(rows: &'a [FrameScore], estimators: &'a [Estimator]) -> Sheet<'a> {
+    let labels = rows.iter().map(|score| estimators[score.estimator].label.as_str());
+    let mut table = Sheet::new()
+        .with("frame", Cells::Text(rows.iter().map(|score| &*score.frame).collect()))
+        .with("estimator", Cells::Text(labels.collect()))
+        .with("scored_on", Cells::Text(rows.iter().map(|score| score.row.set.name()).collect()))
+        .with("pixels", Cells::Count(rows.iter().map(|score| score.row.pixels).collect()));
     for (i, name) in SCORE_NAMES.into_iter().enumerate() {
-        let scores: Vec<Option<f64>> = rows.iter().map(|score| null_if_nan(score.row.scores()[i])).collect();
-        columns.push(Column::from(Series::new(name.into(), scores)));
+        table = table.with(name, Cells::Number(rows.iter().map(|score| null_if_nan(score.row.scores()[i])).collect()));
     }
-    let table: PolarsResult<DataFrame> = DataFrame::new(rows.len(), columns);
-    table.map_err(AnalysisError::compute("scores per frame"))
+    table
 }
 
 /// NaN says "no pixel counted"; tables say null.

@@ -3,11 +3,10 @@
 use std::fs::File;
 use std::path::Path;
 
-use polars::frame::DataFrame;
-use polars::prelude::{Column, NamedFrom, ParquetReader, PolarsResult, SerReader, Series};
+use polars::prelude::{ParallelStrategy, ParquetReader, PolarsResult, SerReader};
 
-use crate::error::AnalysisError;
-use crate::files;
+use crate::error::{AnalysisError, caught};
+use crate::sheet::{Cells, Sheet};
 
 /// What one part of a run cost.
 #[derive(Clone, Debug, PartialEq)]
@@ -33,25 +32,20 @@ pub struct Timing {
 /// # Errors
 /// If the file cannot be written.
 pub fn write_timings(timings: &[Timing], path: &Path) -> Result<(), AnalysisError> {
-    let texts = |name: &str, of: &dyn Fn(&Timing) -> &str| {
-        Column::from(Series::new(name.into(), timings.iter().map(|timing| of(timing).to_owned()).collect::<Vec<_>>()))
-    };
-    let numbers = |name: &str, of: &dyn Fn(&Timing) -> u64| {
-        Column::from(Series::new(name.into(), timings.iter().map(of).collect::<Vec<_>>()))
-    };
-    let medians: Vec<Option<u64>> = timings.iter().map(|timing| timing.median_cpu_ns).collect();
-    let columns = vec![
-        texts("stage", &|timing| &timing.stage),
-        texts("node", &|timing| &timing.node),
-        texts("phase", &|timing| &timing.phase),
-        numbers("frames", &|timing| timing.frames),
-        numbers("cpu_ns", &|timing| timing.cpu_ns),
-        numbers("wall_ns", &|timing| timing.wall_ns),
-        Column::from(Series::new("median_cpu_ns".into(), medians)),
-    ];
-    let mut table = DataFrame::new(timings.len(), columns).map_err(AnalysisError::compute("the timings"))?;
-    let (folder, name) = (path.parent().unwrap_or(Path::new("")), path.file_name().unwrap_or_default());
-    files::write_parquet(folder, &name.to_string_lossy(), &mut table)
+    let texts = |of: fn(&Timing) -> &str| Cells::Text(timings.iter().map(of).collect());
+    let counts = |of: fn(&Timing) -> u64| Cells::Count(timings.iter().map(of).collect());
+    let table = Sheet::new()
+        .with("stage", texts(|timing| &timing.stage))
+        .with("node", texts(|timing| &timing.node))
+        .with("phase", texts(|timing| &timing.phase))
+        .with("frames", counts(|timing| timing.frames))
+        .with("cpu_ns", counts(|timing| timing.cpu_ns))
+        .with("wall_ns", counts(|timing| timing.wall_ns))
+        .with("median_cpu_ns", Cells::CountIfAny(timings.iter().map(|timing| timing.median_cpu_ns).collect()));
+    caught(|| {
+        let bytes = table.parquet().map_err(AnalysisError::compute("the timings"))?;
+        depthloom_durable::write(path, &bytes).map_err(AnalysisError::write(path))
+    })
 }
 
 /// Reads timings back.
@@ -61,7 +55,7 @@ pub fn write_timings(timings: &[Timing], path: &Path) -> Result<(), AnalysisErro
 pub fn read_timings(path: &Path) -> Result<Vec<Timing>, AnalysisError> {
     let file = File::open(path).map_err(AnalysisError::read(path))?;
     let read = || -> PolarsResult<Vec<Timing>> {
-        let table = ParquetReader::new(file).finish()?;
+        let table = ParquetReader::new(file).read_parallel(ParallelStrategy::None).finish()?;
         let texts = |name: &str| table.column(name).and_then(|column| column.str());
         let numbers = |name: &str| table.column(name).and_then(|column| column.u64());
         let (stages, nodes, phases) = (texts("stage")?, texts("node")?, texts("phase")?);
@@ -78,7 +72,7 @@ pub fn read_timings(path: &Path) -> Result<Vec<Timing>, AnalysisError> {
         };
         Ok((0..table.height()).map(row).collect())
     };
-    read().map_err(AnalysisError::compute(format!("timings from {}", path.display())))
+    caught(|| read().map_err(AnalysisError::compute(format!("timings from {}", path.display()))))
 }
 
 /// A run's timings as aligned text: core-milliseconds per frame by node and phase, and their share of the whole.

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use depthloom_analysis::{ReportOptions, Summary, Timing};
+use depthloom_analysis::{AnalysisError, ReportOptions, Summary, Timing};
 use depthloom_graphs::plan::Plan;
 use depthloom_recording::{Recorder, Recording};
 use depthloom_runner::{Interrupt, Phase};
@@ -31,7 +31,8 @@ pub fn report(args: &ReportArgs) -> Result<Exit, Stop> {
     let recording = Recording::open(&path)
         .map_err(|error| Stop::because(Exit::Before, format_args!("failed to open {}", path.display()), &error))?;
     models::write(&recording, &out)?;
-    let report = analyse(&recording, &out, &ReportOptions { paper: args.paper }, &interrupt)?;
+    let report =
+        analyse(&recording, &out, &ReportOptions { paper: args.paper, ..ReportOptions::default() }, &interrupt)?;
     let printed = if args.json { print_json(&report.json) } else { print(summary(&report, &out)) };
     printed.map_err(|stop| stop.also(format!("tables and plots are whole in {}", out.display())))?;
     Ok(Exit::Whole)
@@ -48,8 +49,11 @@ pub fn analyse(
     if interrupt.stops_admission() {
         return Err(interrupted());
     }
-    depthloom_analysis::report(recording, folder, options)
-        .map_err(|error| Stop::because(Exit::Engine, "failed to analyse the recording", &error))
+    depthloom_analysis::report(recording, folder, options, &|| interrupt.stops_admission()).map_err(|error| match error
+    {
+        AnalysisError::Stopped => interrupted(),
+        error => Stop::because(Exit::Engine, "failed to analyse the recording", &error),
+    })
 }
 
 /// The recording of a run's folder, or the recording itself.

@@ -192,7 +192,12 @@ fn finish(
     let recording = Recording::open(folder.file(RECORDING))
         .map_err(|error| Stop::because(Exit::Engine, "failed to read the recording back", &error))?;
     models::write(&recording, &folder.partial)?;
-    let report = analyse(&recording, &folder.partial, &ReportOptions { paper: args.paper }, interrupt)?;
+    let report = analyse(
+        &recording,
+        &folder.partial,
+        &ReportOptions { paper: args.paper, ..ReportOptions::default() },
+        interrupt,
+    )?;
     let environment = environment();
     folder.write("environment.json", &format!("{environment:#}\n"))?;
     Ok((report, environment))

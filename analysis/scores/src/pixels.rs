@@ -55,6 +55,12 @@ impl ScoredPixels {
         self.at.is_empty()
     }
 
+    /// Where the scored pixels are: row-major positions in the image, ascending.
+    #[must_use]
+    pub fn positions(&self) -> &[u32] {
+        &self.at
+    }
+
     /// The truth at the scored pixels, metres, in row-major order.
     #[must_use]
     pub fn truth_m(&self) -> &[f32] {

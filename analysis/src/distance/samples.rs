@@ -1,16 +1,14 @@
 //! The samples, as they come in.
 
-use std::fs::{self, File};
-use std::io::{self, BufReader, BufWriter, ErrorKind, Read, Write};
-use std::path::{Path, PathBuf};
-
 use depthloom_scores::{ScoredPixels, Settings};
 
-use super::{DistanceBin, in_memory, selection};
+use super::spill::Spill;
+use super::{DistanceBin, FARTHEST_M, PERCENTILES, Spread, between, position, selection};
 use crate::error::AnalysisError;
+use crate::files::Output;
 
-/// Errors read from a file at a time.
-const BATCH: usize = 1 << 14;
+/// The bit of a sample that says: not all that are compared answered this pixel. An error's own sign is never needed.
+const ALONE: u32 = 1 << 31;
 
 /// An error of zero or more as an integer that sorts as it does; f32 holds it to 6e-8 of itself, 5 micrometres at 80 m.
 pub(super) const fn bits_from_error(error_m: f64) -> u32 {
@@ -22,139 +20,185 @@ pub(super) const fn error_from_bits(bits: u32) -> f32 {
     f32::from_bits(bits)
 }
 
-/// Collects the samples of all estimators, with no more than a given number of them in memory.
-///
-/// A sample takes 4 bytes, 8 at worst while its bin grows. When more than `at_most` are held, all go to files in a folder
-/// beside the results, one an estimator, and the percentiles are later found [by counting](super::selection): exact, and with
-/// memory that depends on neither frames nor pixels. If all fit, [polars takes the percentiles](super::in_memory).
-pub(crate) struct Samples {
-    /// By estimator and metre of true distance: the errors' bits.
-    held: Vec<Vec<Vec<u32>>>,
-    count: usize,
-    at_most: usize,
-    /// Where samples go that no longer fit; made when needed.
-    folder: PathBuf,
-    spilled: bool,
+/// Which of an estimator's samples.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Which {
+    /// All it answered.
+    Answered,
+    /// Those that all it is compared with answered too.
+    Shared,
 }
 
-/// The samples of one frame, put together on any thread: by estimator, metre and error.
-#[derive(Default)]
-pub(crate) struct FrameSamples(Vec<(usize, Vec<(u32, u32)>)>);
-
-impl FrameSamples {
-    /// Adds the answered pixels of an estimate.
-    pub(crate) fn add(&mut self, estimator: usize, pixels: &ScoredPixels, estimate_m: &[f32], settings: &Settings) {
-        let mut samples = Vec::with_capacity(pixels.len());
-        let add = |truth_m: f32, error_m| samples.push((truth_m as u32, bits_from_error(error_m)));
-        pixels.absolute_errors(estimate_m, settings, add);
-        self.0.push((estimator, samples));
+impl Which {
+    /// The error's bits of a sample that is one of these.
+    pub(super) const fn bits(self, sample: u32) -> Option<u32> {
+        match self {
+            Self::Shared if sample & ALONE != 0 => None,
+            Self::Answered | Self::Shared => Some(sample & !ALONE),
+        }
     }
 }
 
-impl Samples {
-    /// Samples of so many estimators, at most `at_most` of them in memory, the rest in files under `folder`.
-    pub(crate) fn new(estimators: usize, at_most: usize, folder: &Path) -> Self {
-        let folder = folder.join(".error_vs_distance.spill");
-        Self { held: vec![Vec::new(); estimators], count: 0, at_most, folder, spilled: false }
+/// Collects the samples of all estimators, with no more than a given number of them in memory.
+///
+/// A sample takes 4 bytes, 8 at worst while its bin grows. When more than `at_most` are held, all go to a [temporary
+/// file](Spill), and the percentiles are later found [by counting](super::selection): exact, and with memory that depends on
+/// neither frames nor pixels. If all fit, they are sorted.
+pub(crate) struct Samples<'a> {
+    output: Output<'a>,
+    /// By estimator and metre of true distance: the errors' bits.
+    held: Vec<Vec<Vec<u32>>>,
+    /// By estimator: whether a sample is not [shared](Which::Shared).
+    any_alone: Vec<bool>,
+    /// By estimator: how many samples were too far.
+    beyond: Vec<u64>,
+    count: usize,
+    at_most: usize,
+    spill: Option<Spill>,
+}
+
+/// The samples of one frame, put together on any thread.
+#[derive(Default)]
+pub(crate) struct FrameSamples(Vec<OfEstimator>);
+
+/// An estimator, its samples by metre and error, and how many were too far.
+struct OfEstimator {
+    estimator: usize,
+    samples: Vec<(u32, u32)>,
+    beyond: u64,
+}
+
+impl FrameSamples {
+    /// Adds the answered pixels of an estimate; `shared` says of each scored pixel whether all that are compared answered it.
+    pub(crate) fn add(
+        &mut self,
+        estimator: usize,
+        pixels: &ScoredPixels,
+        estimate_m: &[f32],
+        settings: &Settings,
+        shared: &[bool],
+    ) {
+        let mut samples = Vec::with_capacity(pixels.len());
+        let mut beyond = 0;
+        // The same pixels in the same order as their errors come.
+        let answered = pixels.positions().iter().zip(shared).filter(|(at, _)| estimate_m[**at as usize].is_finite());
+        let mut answered = answered.map(|(_, shared)| *shared);
+        pixels.absolute_errors(estimate_m, settings, |truth_m, error_m| {
+            let alone = if answered.next() == Some(true) { 0 } else { ALONE };
+            match truth_m as u32 {
+                metre if metre < FARTHEST_M => samples.push((metre, bits_from_error(error_m) | alone)),
+                _ => beyond += 1,
+            }
+        });
+        self.0.push(OfEstimator { estimator, samples, beyond });
+    }
+}
+
+impl<'a> Samples<'a> {
+    /// Samples of so many estimators, at most `at_most` of them in memory.
+    pub(crate) fn new(estimators: usize, at_most: usize, output: Output<'a>) -> Self {
+        Self {
+            output,
+            held: vec![Vec::new(); estimators],
+            any_alone: vec![false; estimators],
+            beyond: vec![0; estimators],
+            count: 0,
+            at_most,
+            spill: None,
+        }
     }
 
     /// Takes the samples of a frame.
     pub(crate) fn take(&mut self, frame: FrameSamples) -> Result<(), AnalysisError> {
-        for (estimator, samples) in frame.0 {
+        for OfEstimator { estimator, samples, beyond } in frame.0 {
             let bins = &mut self.held[estimator];
             self.count += samples.len();
+            self.beyond[estimator] += beyond;
             for (metre, bits) in samples {
                 let metre = metre as usize;
                 if metre >= bins.len() {
                     bins.resize_with(metre + 1, Vec::new);
                 }
                 bins[metre].push(bits);
+                self.any_alone[estimator] |= bits & ALONE != 0;
             }
         }
         if self.count > self.at_most { self.spill() } else { Ok(()) }
     }
 
+    /// By estimator: how many samples were left out, since their true distance is too far.
+    pub(crate) fn beyond(&self) -> &[u64] {
+        &self.beyond
+    }
+
     /// The percentiles, estimator by estimator, nearest bin first.
     pub(crate) fn percentiles(mut self) -> Result<Vec<DistanceBin>, AnalysisError> {
-        if self.spilled {
+        if self.spill.is_some() {
             self.spill()?;
         }
         let mut bins = Vec::new();
         for estimator in 0..self.held.len() {
-            if self.spilled {
-                let path = self.file(estimator);
-                let visit = |f: &mut dyn FnMut(u32, &[u32])| read(&path, f);
-                bins.extend(selection::percentiles(estimator, visit).map_err(AnalysisError::read(&path))?);
-            } else {
-                let held = std::mem::take(&mut self.held[estimator]);
-                let found = in_memory::percentiles(estimator, &held);
-                bins.extend(found.map_err(AnalysisError::compute("percentiles of the error against distance"))?);
+            self.output.go_on()?;
+            let whiches: &[Which] =
+                if self.any_alone[estimator] { &[Which::Answered, Which::Shared] } else { &[Which::Answered] };
+            let mut spreads = match &self.spill {
+                Some(spill) => selection::spreads(whiches, |f| {
+                    spill.visit(estimator, &mut |metre, samples| {
+                        self.output.go_on()?;
+                        f(metre, samples);
+                        Ok(())
+                    })
+                })?,
+                None => whiches.iter().map(|which| sorted_spreads(*which, &self.held[estimator])).collect(),
+            };
+            self.held[estimator] = Vec::new();
+            let shared = if spreads.len() > 1 { spreads.pop() } else { None };
+            for (metre, answered) in spreads.into_iter().flatten().enumerate() {
+                let Some(answered) = answered else { continue };
+                let shared = match &shared {
+                    Some(shared) => shared.get(metre).copied().flatten(),
+                    // All its samples are shared.
+                    None => Some(answered),
+                };
+                bins.push(DistanceBin { estimator, bin_m: metre as u32, answered, shared });
             }
         }
         Ok(bins)
     }
 
-    fn file(&self, estimator: usize) -> PathBuf {
-        self.folder.join(estimator.to_string())
-    }
-
-    /// Appends what is held to the files: stretches of one metre, each with its metre and length before it.
+    /// Appends what is held to the file.
     fn spill(&mut self) -> Result<(), AnalysisError> {
-        fs::create_dir_all(&self.folder).map_err(AnalysisError::write(&self.folder))?;
-        self.spilled = true;
         self.count = 0;
+        if self.spill.is_none() {
+            self.spill = Some(Spill::new(self.output.folder, self.held.len())?);
+        }
+        let Some(spill) = &mut self.spill else { return Ok(()) };
         for estimator in 0..self.held.len() {
-            let path = self.file(estimator);
             // What is held is freed: a bin that once was full would keep its room for ever.
             let bins = std::mem::take(&mut self.held[estimator]);
-            append(&path, &bins).map_err(AnalysisError::write(&path))?;
+            spill.append(estimator, &bins)?;
         }
         Ok(())
     }
 }
 
-fn append(path: &Path, bins: &[Vec<u32>]) -> io::Result<()> {
-    let mut file = BufWriter::new(File::options().create(true).append(true).open(path)?);
-    for (metre, errors) in bins.iter().enumerate().filter(|(_, errors)| !errors.is_empty()) {
-        for number in [metre as u32, errors.len() as u32].iter().chain(errors) {
-            file.write_all(&number.to_le_bytes())?;
+/// By metre: how the errors spread.
+fn sorted_spreads(which: Which, held: &[Vec<u32>]) -> Vec<Option<Spread>> {
+    let spread = |samples: &Vec<u32>| {
+        let mut sorted: Vec<u32> = samples.iter().filter_map(|sample| which.bits(*sample)).collect();
+        if sorted.is_empty() {
+            return None;
         }
-    }
-    file.flush()
-}
-
-/// Calls `f(metre, errors)` for all that was appended to a file, a batch at a time.
-fn read(path: &Path, f: &mut dyn FnMut(u32, &[u32])) -> io::Result<()> {
-    let mut file = BufReader::with_capacity(4 * BATCH, File::open(path)?);
-    let (mut bytes, mut errors) = (vec![0; 4 * BATCH], Vec::with_capacity(BATCH));
-    loop {
-        let mut head = [0; 8];
-        match file.read_exact(&mut head) {
-            Err(end) if end.kind() == ErrorKind::UnexpectedEof => return Ok(()),
-            other => other?,
-        }
-        let (metre, length) = head.split_at(4);
-        let number = |bytes: &[u8]| bytes.iter().rev().fold(0, |number, byte| number << 8 | u32::from(*byte));
-        let (metre, mut left) = (number(metre), number(length) as usize);
-        while left > 0 {
-            let batch = left.min(BATCH);
-            let bytes = &mut bytes[..4 * batch];
-            file.read_exact(bytes)?;
-            errors.clear();
-            errors.extend(bytes.chunks_exact(4).map(number));
-            f(metre, &errors);
-            left -= batch;
-        }
-    }
-}
-
-impl Drop for Samples {
-    fn drop(&mut self) {
-        if self.spilled {
-            // Nothing can be done about a folder that stays; its name says what it is.
-            let _ = fs::remove_dir_all(&self.folder);
-        }
-    }
+        sorted.sort_unstable();
+        let count = sorted.len() as u64;
+        let percentiles_m = PERCENTILES.map(|percentile| {
+            let (below, share) = position(percentile, count);
+            let error = |rank: u64| error_from_bits(sorted[rank as usize]);
+            between(error(below), error((below + 1).min(count - 1)), share)
+        });
+        Some(Spread { count, percentiles_m })
+    };
+    held.iter().map(spread).collect()
 }
 
 #[cfg(test)]
@@ -171,77 +215,117 @@ mod tests {
         sorted[below] + (sorted[above] - sorted[below]) * (position - position.floor())
     }
 
-    type Frames = [(Vec<f32>, Vec<f32>)];
-    type Bin = (u32, u64, [f64; 5]);
-    type Bins = Vec<Bin>;
+    /// Frames: the truth and two estimates.
+    type Frames = [(Vec<f32>, [Vec<f32>; 2])];
 
-    fn naive(frames: &Frames) -> Bins {
-        let mut bins: std::collections::BTreeMap<u32, Vec<f64>> = std::collections::BTreeMap::new();
-        for (t, y) in frames.iter().flat_map(|(truth, estimate)| truth.iter().zip(estimate)) {
-            if *t > 1e-3 && *t < 80.0 && y.is_finite() {
-                let error = (f64::from(*y).clamp(1e-3, 80.0) - f64::from(*t)).abs();
-                bins.entry(*t as u32).or_default().push(f64::from(error as f32));
+    fn naive(frames: &Frames, estimator: usize) -> Vec<(u32, Spread, Option<Spread>)> {
+        let mut bins: std::collections::BTreeMap<u32, [Vec<f64>; 2]> = std::collections::BTreeMap::new();
+        for (truth, estimates) in frames {
+            for (pixel, t) in truth.iter().enumerate() {
+                let y = estimates[estimator][pixel];
+                if *t > 1e-3 && *t < 80.0 && y.is_finite() {
+                    let error = (f64::from(y).clamp(1e-3, 80.0) - f64::from(*t)).abs();
+                    let [answered, shared] = bins.entry(*t as u32).or_default();
+                    answered.push(f64::from(error as f32));
+                    if estimates.iter().all(|estimate| estimate[pixel].is_finite()) {
+                        shared.push(f64::from(error as f32));
+                    }
+                }
             }
         }
-        let row = |(bin, mut errors): (u32, Vec<f64>)| {
+        let spread = |mut errors: Vec<f64>| {
             errors.sort_by(f64::total_cmp);
-            (bin, errors.len() as u64, PERCENTILES.map(|p| numpy_percentile(&errors, p)))
+            let percentiles_m = || PERCENTILES.map(|p| numpy_percentile(&errors, p));
+            (!errors.is_empty()).then(|| Spread { count: errors.len() as u64, percentiles_m: percentiles_m() })
         };
-        bins.into_iter().map(row).collect()
+        bins.into_iter().map(|(bin, [answered, shared])| (bin, spread(answered).unwrap(), spread(shared))).collect()
     }
 
-    fn collected(frames: &Frames, at_most: usize) -> Bins {
+    fn collected(frames: &Frames, at_most: usize) -> Vec<DistanceBin> {
         let folder = tempfile::tempdir().unwrap();
         let settings = Settings::default();
-        let mut samples = Samples::new(1, at_most, folder.path());
-        for (truth, estimate) in frames {
+        let mut samples = Samples::new(2, at_most, Output { folder: folder.path(), stop: &|| false });
+        for (truth, estimates) in frames {
             let pixels = ScoredPixels::new(truth, truth.len(), 1, &settings);
+            let both = |at: &u32| estimates.iter().all(|estimate| estimate[*at as usize].is_finite());
+            let shared: Vec<bool> = pixels.positions().iter().map(both).collect();
             let mut frame = FrameSamples::default();
-            frame.add(0, &pixels, estimate, &settings);
+            for (estimator, estimate) in estimates.iter().enumerate() {
+                frame.add(estimator, &pixels, estimate, &settings, &shared);
+            }
             samples.take(frame).unwrap();
         }
-        assert!(at_most == usize::MAX || samples.spilled, "the bound was not reached");
+        assert!(at_most == usize::MAX || samples.spill.is_some(), "the bound was not reached");
         let bins = samples.percentiles().unwrap();
-        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0, "nothing is left behind");
-        bins.iter().map(|bin| (bin.bin_m, bin.count, bin.percentiles_m)).collect()
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "nothing is left behind");
+        bins
     }
 
-    fn same(ours: &Bins, theirs: &Bins) -> bool {
-        let close = |a: &[f64; 5], b: &[f64; 5]| a.iter().zip(b).all(|(a, b)| (a - b).abs() <= 1e-12 * (1.0 + b));
-        let same_bin = |(a, b): (&Bin, &Bin)| (a.0, a.1) == (b.0, b.1) && close(&a.2, &b.2);
-        ours.len() == theirs.len() && ours.iter().zip(theirs).all(same_bin)
+    fn same(ours: &[DistanceBin], frames: &Frames) -> bool {
+        let close = |a: &Spread, b: &Spread| {
+            let percentiles = a.percentiles_m.iter().zip(&b.percentiles_m);
+            a.count == b.count && percentiles.into_iter().all(|(a, b)| (a - b).abs() <= 1e-12 * (1.0 + b))
+        };
+        (0..2).all(|estimator| {
+            let ours: Vec<_> = ours.iter().filter(|bin| bin.estimator == estimator).collect();
+            let theirs = naive(frames, estimator);
+            ours.len() == theirs.len()
+                && ours.iter().zip(&theirs).all(|(bin, (bin_m, answered, shared))| {
+                    let same_shared = match (&bin.shared, shared) {
+                        (Some(a), Some(b)) => close(a, b),
+                        (a, b) => a.is_none() && b.is_none(),
+                    };
+                    bin.bin_m == *bin_m && close(&bin.answered, answered) && same_shared
+                })
+        })
     }
 
     /// Few distances, so that bins are full; some errors many times over.
-    fn frames() -> impl Strategy<Value = Vec<(Vec<f32>, Vec<f32>)>> {
+    fn frames() -> impl Strategy<Value = Vec<(Vec<f32>, [Vec<f32>; 2])>> {
         let metres = || {
             let metre = prop_oneof![1 => Just(f32::NAN), 1 => Just(10.0_f32), 3 => 0.0_f32..100.0, 6 => 8.0_f32..10.0];
             prop::collection::vec(metre, 60)
         };
-        prop::collection::vec((metres(), metres()), 4..20)
+        prop::collection::vec((metres(), [metres(), metres()]), 4..20)
     }
 
     proptest! {
         #![proptest_config(ProptestConfig { cases: 48, failure_persistence: None, ..ProptestConfig::default() })]
         #[test]
         fn percentiles_are_numpys_in_memory_and_from_disk(frames in frames()) {
-            let expected = naive(&frames);
             let in_memory = collected(&frames, usize::MAX);
-            prop_assert!(same(&in_memory, &expected), "{in_memory:?}\n{expected:?}");
-            let from_disk = collected(&frames, 50);
-            prop_assert!(same(&from_disk, &expected), "{from_disk:?}\n{expected:?}");
+            prop_assert!(same(&in_memory, &frames), "{in_memory:?}");
+            prop_assert_eq!(&collected(&frames, 50), &in_memory, "to the bit");
         }
     }
 
     #[test]
     fn percentiles_of_a_few_numbers_are_those_numpy_prints() {
-        // np.percentile([0.5, 1, 2, 4, 8, 16], [5, 25, 50, 75, 95])
-        let expected = [0.625, 1.25, 3.0, 7.0, 14.0];
-        let errors = [4.0, 0.5, 16.0, 1.0, 8.0, 2.0];
-        let frame = (vec![30.5; 6], errors.iter().map(|e| 30.5 + e).collect());
+        // np.percentile([0.5, 1, 2, 4, 8, 16], [5, 25, 50, 75, 95]), and of the three the other estimator answered
+        let answered = Spread { count: 6, percentiles_m: [0.625, 1.25, 3.0, 7.0, 14.0] };
+        let shared = Spread { count: 3, percentiles_m: [1.3, 2.5, 4.0, 10.0, 14.799_999_999_999_999] };
+        let estimate = [4.0, 0.5, 16.0, 1.0, 8.0, 2.0].map(|error| 30.5 + error).to_vec();
+        let other = [1.0, f32::NAN, 1.0, 1.0, f32::INFINITY, f32::NAN].to_vec();
+        let frame = (vec![30.5; 6], [estimate, other]);
         for at_most in [usize::MAX, 0] {
-            assert_eq!(collected(std::slice::from_ref(&frame), at_most), [(30, 6, expected)]);
+            let bins = collected(std::slice::from_ref(&frame), at_most);
+            assert_eq!(bins[0], DistanceBin { estimator: 0, bin_m: 30, answered, shared: Some(shared) });
+            assert_eq!(bins[1].shared, Some(bins[1].answered), "all it answered is shared");
         }
+    }
+
+    #[test]
+    fn what_is_too_far_to_count_is_left_out_and_counted() {
+        let settings = Settings { max_m: 1e30, ..Settings::default() };
+        let truth = [5.0, 1e9, 4095.5, 4096.0];
+        let pixels = ScoredPixels::new(&truth, 4, 1, &settings);
+        let mut frame = FrameSamples::default();
+        frame.add(0, &pixels, &[6.0; 4], &settings, &[true; 4]);
+        let mut samples = Samples::new(1, 10, Output { folder: std::path::Path::new("."), stop: &|| false });
+        samples.take(frame).unwrap();
+        assert_eq!(samples.beyond(), [2]);
+        let bins = samples.percentiles().unwrap();
+        assert_eq!(bins.iter().map(|bin| bin.bin_m).collect::<Vec<_>>(), [5, 4095]);
     }
 
     #[test]

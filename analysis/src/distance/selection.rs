@@ -5,64 +5,89 @@
 //! second pass splits those cells by the next 11 bits, the third by the last 10: what is left are single values. A pass holds
 //! counts only: 2048 a metre in the first, and for at most 10 cells a metre 2048 and 1024 in the others.
 
-use std::io;
-
-use super::samples::error_from_bits;
-use super::{DistanceBin, PERCENTILES};
+use super::samples::{Which, error_from_bits};
+use super::{PERCENTILES, Spread, between, position};
+use crate::error::AnalysisError;
 
 /// How many bits of an error each pass looks at.
 const BITS: [u32; 3] = [11, 11, 10];
 /// No cell of interest.
 const NONE: u32 = u32::MAX;
 
-/// The bins of one estimator, nearest first. `visit(f)` calls `f(metre, errors)` for all samples, and does so again when asked
-/// again.
-pub(super) fn percentiles(
-    estimator: usize,
-    visit: impl Fn(&mut dyn FnMut(u32, &[u32])) -> io::Result<()>,
-) -> io::Result<Vec<DistanceBin>> {
-    let mut cells = Cells { children: Vec::new() };
-    let mut counts: Vec<u64> = Vec::new();
-    visit(&mut |metre, errors| {
-        let first = (metre as usize) << BITS[0];
-        if counts.len() < first + (1 << BITS[0]) {
-            counts.resize(first + (1 << BITS[0]), 0);
-        }
-        let counts = &mut counts[first..];
-        errors.iter().for_each(|error| counts[(error >> (32 - BITS[0])) as usize] += 1);
-    })?;
-    let mut bins: Vec<DistanceBin> = Vec::new();
-    let mut wanted: Vec<Wanted> = Vec::new();
-    for (metre, counts) in counts.chunks(1 << BITS[0]).enumerate() {
-        let count = counts.iter().sum();
-        if count > 0 {
-            wanted.extend(order_statistics(metre, count));
-            bins.push(DistanceBin { estimator, bin_m: metre as u32, count, percentiles_m: [f64::NAN; 5] });
-        }
-    }
+/// How the errors of an estimator spread: for each of `whiches`, by metre. `visit(f)` calls `f(metre, samples)` for all samples,
+/// and does so again when asked again.
+pub(super) fn spreads(
+    whiches: &[Which],
+    visit: impl Fn(&mut dyn FnMut(u32, &[u32])) -> Result<(), AnalysisError>,
+) -> Result<Vec<Vec<Option<Spread>>>, AnalysisError> {
+    let mut selections: Vec<Selection> = whiches.iter().map(|which| Selection::new(*which)).collect();
     for pass in 0..BITS.len() {
-        let groups = cells.narrow(pass, &counts, &mut wanted);
-        if let Some(&bits) = BITS.get(pass + 1) {
-            counts = vec![0; groups << bits];
-            let shift = 32 - BITS[..=pass + 1].iter().sum::<u32>();
-            visit(&mut |metre, errors| {
-                for &error in errors {
-                    if let Some(group) = cells.group(metre, error) {
-                        counts[group << bits | (error >> shift) as usize & ((1 << bits) - 1)] += 1;
-                    }
-                }
-            })?;
+        visit(&mut |metre, samples| selections.iter_mut().for_each(|of| of.count(pass, metre, samples)))?;
+        selections.iter_mut().for_each(|of| of.narrow(pass));
+    }
+    Ok(selections.into_iter().map(Selection::spreads).collect())
+}
+
+/// Some of the samples on the way to their percentiles.
+struct Selection {
+    which: Which,
+    cells: Cells,
+    counts: Vec<u64>,
+    wanted: Vec<Wanted>,
+    /// By metre: how many there are.
+    counts_by_metre: Vec<u64>,
+}
+
+impl Selection {
+    const fn new(which: Which) -> Self {
+        let cells = Cells { children: Vec::new() };
+        Self { which, cells, counts: Vec::new(), wanted: Vec::new(), counts_by_metre: Vec::new() }
+    }
+
+    fn count(&mut self, pass: usize, metre: u32, samples: &[u32]) {
+        let errors = samples.iter().filter_map(|sample| self.which.bits(*sample));
+        if pass == 0 {
+            let first = (metre as usize) << BITS[0];
+            if self.counts.len() < first + (1 << BITS[0]) {
+                self.counts.resize(first + (1 << BITS[0]), 0);
+            }
+            let counts = &mut self.counts[first..first + (1 << BITS[0])];
+            errors.for_each(|error| counts[(error >> (32 - BITS[0])) as usize] += 1);
+            return;
+        }
+        let bits = BITS[pass];
+        let shift = 32 - BITS[..=pass].iter().sum::<u32>();
+        for error in errors {
+            if let Some(group) = self.cells.group(metre, error) {
+                self.counts[group << bits | (error >> shift) as usize & ((1 << bits) - 1)] += 1;
+            }
         }
     }
-    for (bin, wanted) in bins.iter_mut().zip(wanted.chunks(2 * PERCENTILES.len())) {
-        let pairs = wanted.chunks(2).zip(PERCENTILES);
-        bin.percentiles_m = std::array::from_fn(|_| f64::NAN);
-        for (percentile_m, (pair, percentile)) in bin.percentiles_m.iter_mut().zip(pairs) {
-            let [lower, upper] = [0, 1].map(|i: usize| f64::from(error_from_bits(pair[i].bits)));
-            *percentile_m = lower + (upper - lower) * position(percentile, bin.count).1;
+
+    /// Ends a pass: the cells it counted in become the next one's groups.
+    fn narrow(&mut self, pass: usize) {
+        if pass == 0 {
+            self.counts_by_metre = self.counts.chunks(1 << BITS[0]).map(|counts| counts.iter().sum()).collect();
+            let full = self.counts_by_metre.iter().enumerate().filter(|(_, count)| **count > 0);
+            self.wanted = full.flat_map(|(metre, count)| order_statistics(metre, *count)).collect();
         }
+        let groups = self.cells.narrow(pass, &self.counts, &mut self.wanted);
+        self.counts = vec![0; BITS.get(pass + 1).map_or(0, |bits| groups << bits)];
     }
-    Ok(bins)
+
+    fn spreads(self) -> Vec<Option<Spread>> {
+        let mut found = self.wanted.chunks(2 * PERCENTILES.len());
+        let spread = |count: u64| {
+            let wanted = (count > 0).then(|| found.next()).flatten()?;
+            let mut percentiles_m = [f64::NAN; 5];
+            for ((percentile_m, pair), percentile) in percentiles_m.iter_mut().zip(wanted.chunks(2)).zip(PERCENTILES) {
+                let [lower, upper] = [0, 1].map(|i: usize| error_from_bits(pair[i].bits));
+                *percentile_m = between(lower, upper, position(percentile, count).1);
+            }
+            Some(Spread { count, percentiles_m })
+        };
+        self.counts_by_metre.into_iter().map(spread).collect()
+    }
 }
 
 /// An order statistic on the way to being found.
@@ -73,12 +98,6 @@ struct Wanted {
     rank: u64,
     /// Its upper bits, as far as they are known.
     bits: u32,
-}
-
-/// Where a percentile lies among `count` sorted samples: the rank below it, and how far it is from there to the next.
-fn position(percentile: u32, count: u64) -> (u64, f64) {
-    let exact = f64::from(percentile) / 100.0 * (count - 1) as f64;
-    (exact.floor() as u64, exact - exact.floor())
 }
 
 /// The two samples beside each percentile; at first they are somewhere in their metre.

@@ -12,14 +12,17 @@ pub(super) fn render(table: &Table) -> String {
     text.push('\n');
     for (line, row) in LINES.iter().enumerate() {
         text.push_str(&format!("| {} {} |", row.plain, if row.more_is_better { '↑' } else { '↓' }));
-        let best = table.best(line);
         for column in 0..table.columns.len() {
-            let cell = table.cell(line, column);
-            text.push_str(&if best == Some(column) { format!(" **{cell}** |") } else { format!(" {cell} |") });
+            let (ours, paper) = table.cell(line, column);
+            text.push_str(&if table.is_best(line, column) { format!(" **{ours}**") } else { format!(" {ours}") });
+            text.push_str(&paper.map_or_else(|| " |".to_owned(), |paper| format!(" {paper} |")));
         }
         text.push('\n');
     }
-    text.push_str(&format!("\n{}. Best over all true pixels in bold.", capitalised(&table.about())));
+    text.push_str(&format!("\n{}.", capitalised(&table.about())));
+    if let Some(best) = table.best_of() {
+        text.push_str(&format!(" {} in bold.", capitalised(best)));
+    }
     if table.with_paper {
         text.push_str(" In brackets: Martins et al. 2018, Table I.");
     }

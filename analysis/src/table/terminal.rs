@@ -7,15 +7,15 @@ pub(super) fn render(table: &Table, width: usize) -> String {
     let names = LINES.iter().map(|line| line.plain.len() + 2).max().unwrap_or(0);
     let widths: Vec<usize> = (0..table.columns.len())
         .map(|column| {
-            let cells = (0..LINES.len()).map(|line| table.cell(line, column).chars().count() + 1);
+            let cells = (0..LINES.len()).map(|line| cell(table, line, column).chars().count());
             cells.chain([table.columns[column].name.chars().count()]).max().unwrap_or(0) + 2
         })
         .collect();
-    let mut text = format!(
-        "{}; * best over all true pixels{}\n",
-        table.about(),
-        if table.with_paper { "; in brackets: the paper's" } else { "" }
-    );
+    let mut text = table.about();
+    if let Some(best) = table.best_of() {
+        text.push_str(&format!("; * {best}"));
+    }
+    text.push_str(if table.with_paper { "; in brackets: the paper's\n" } else { "\n" });
     let mut block: Vec<(std::ops::Range<usize>, usize)> = Vec::new();
     for group in table.groups() {
         // A heading may be wider than its columns: the group is then as wide as the heading.
@@ -54,16 +54,21 @@ fn render_block(
     for (line, row) in LINES.iter().enumerate() {
         let arrow = if row.more_is_better { '↑' } else { '↓' };
         let mut cells = format!("{:<1$}", format!("{} {arrow}", row.plain), names);
-        let best = table.best(line);
         for (group, wide) in block {
             cells.push_str(&" ".repeat(wide - widths[group.clone()].iter().sum::<usize>()));
             for column in group.clone() {
-                let mark = if best == Some(column) { '*' } else { ' ' };
-                cells.push_str(&format!("{:>1$}{mark}", table.cell(line, column), widths[column] - 1));
+                cells.push_str(&format!("{:>1$}", cell(table, line, column), widths[column]));
             }
         }
         push_line(text, &cells);
     }
+}
+
+/// Our number, the mark of the best or a place for it, and the paper's number.
+fn cell(table: &Table, line: usize, column: usize) -> String {
+    let mark = if table.is_best(line, column) { '*' } else { ' ' };
+    let (ours, paper) = table.cell(line, column);
+    format!("{ours}{mark}{}", paper.map_or_else(String::new, |paper| format!(" {paper}")))
 }
 
 fn push_line(text: &mut String, line: &str) {

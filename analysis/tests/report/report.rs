@@ -30,7 +30,7 @@ fn report_of(folder: &Path, every: u64, keep_b: bool, options: ReportOptions) ->
     fixture::record(&path, &fixture::plan(every, keep_b));
     let out = folder.join("report");
     fs::create_dir(&out).unwrap();
-    report(&Recording::open(&path).unwrap(), &out, &options).unwrap()
+    report(&Recording::open(&path).unwrap(), &out, &options, &|| false).unwrap()
 }
 
 fn lines(path: &Path) -> Vec<Vec<String>> {
@@ -70,7 +70,7 @@ fn scores_are_those_that_were_recorded_in_the_oracles_order() {
 #[test]
 fn the_table_is_the_mean_over_the_frames_of_all() {
     let folder = tempfile::tempdir().unwrap();
-    let summary = report_of(folder.path(), 1, true, ReportOptions { paper: true });
+    let summary = report_of(folder.path(), 1, true, ReportOptions { paper: true, ..ReportOptions::default() });
     let table = lines(&folder.path().join("report/table.csv"));
     let common: Vec<u64> = (0..FRAMES - 2).collect();
     for cells in &table[1..] {
@@ -96,7 +96,10 @@ fn errors_against_distance_are_those_of_the_recorded_maps() {
     let folder = tempfile::tempdir().unwrap();
     report_of(folder.path(), 1, true, ReportOptions::default());
     let written = lines(&folder.path().join("report/error_vs_distance.csv"));
-    assert_eq!(written[0].join(","), "estimator,bin_m,count,p5,p25,p50,p75,p95");
+    assert_eq!(
+        written[0].join(","),
+        "estimator,bin_m,count,p5,p25,p50,p75,p95,shared_count,shared_p5,shared_p25,shared_p50,shared_p75,shared_p95"
+    );
     let mut expected = Vec::new();
     for i in [2, 0, 1] {
         let mut bins: BTreeMap<u32, Vec<f64>> = BTreeMap::new();
@@ -134,7 +137,7 @@ fn errors_against_distance_are_those_of_the_recorded_maps() {
 fn equal_recordings_give_equal_files_and_nothing_half_written() {
     let folders = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
     for folder in &folders {
-        report_of(folder.path(), 1, true, ReportOptions { paper: true });
+        report_of(folder.path(), 1, true, ReportOptions { paper: true, ..ReportOptions::default() });
     }
     let mut found: Vec<String> = Vec::new();
     for entry in fs::read_dir(folders[0].path().join("report")).unwrap() {
@@ -156,7 +159,7 @@ fn learning_curves_are_those_that_were_recorded() {
     fixture::record(&path, &plan);
     let out = folder.path().join("report");
     fs::create_dir(&out).unwrap();
-    let summary = report(&Recording::open(&path).unwrap(), &out, &ReportOptions::default()).unwrap();
+    let summary = report(&Recording::open(&path).unwrap(), &out, &ReportOptions::default(), &|| false).unwrap();
     assert_eq!(summary.learning_curves, 1);
     let end = &summary.json["learning_curves"][0];
     assert_eq!((&end["curve"], &end["points"], &end["step"]), (&"compare/teacher".into(), &40.into(), &1950.into()));
@@ -182,7 +185,7 @@ fn learning_curves_are_those_that_were_recorded() {
     fixture::record(&path, &plan);
     let out = folder.path().join("without scores");
     fs::create_dir(&out).unwrap();
-    let summary = report(&Recording::open(&path).unwrap(), &out, &ReportOptions::default()).unwrap();
+    let summary = report(&Recording::open(&path).unwrap(), &out, &ReportOptions::default(), &|| false).unwrap();
     assert_eq!(summary.json["learning_curves"].as_array().map(Vec::len), Some(1));
     assert_eq!(lines(&out.join("learning_curves.csv")), written);
 }
