@@ -5,6 +5,7 @@
 //! executes the plan through the [`contracts`].
 
 pub mod contracts;
+mod fingerprints;
 pub mod key;
 pub mod language;
 pub mod plan;

@@ -98,7 +98,8 @@ pub struct PlannedNode {
     pub inputs: Vec<PlannedInput>,
     /// Its output ports, in the order of the declaration.
     pub outputs: Vec<PlannedOutput>,
-    /// `H(kind, version, parameters, recipes of inputs)`.
+    /// `H(kind, version, parameters, recipes of inputs)`; of a plan made [`ready`](crate::ready), with the fingerprints of the engines
+    /// of this machine that the node and those before it run in.
     pub recipe: Key,
     /// Which variants use it, as indices into [`Plan::variants`].
     pub variants: Vec<usize>,

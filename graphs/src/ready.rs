@@ -4,14 +4,15 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use crate::contracts::{Context, Fault, Frame, Instance, Source, SourceOutputs};
-use crate::plan::{From, Plan, PlannedSource};
+use crate::contracts::{Context, Fault, Frame, Inputs, Instance, Port, Source, SourceOutputs};
+use crate::fingerprints;
+use crate::plan::{From, Plan, PlannedNode, PlannedSource};
 use crate::registry::Registry;
 use crate::values::{Artifact, Value, ValueType};
 
 /// A plan that can be run.
 pub struct Ready {
-    /// The plan.
+    /// The plan, its recipes with the fingerprints of this machine's engines.
     pub plan: Plan,
     /// What stands behind each of its stage runs.
     pub runs: Vec<ReadyRun>,
@@ -80,35 +81,34 @@ impl NotReady {
 }
 
 impl Ready {
-    /// Opens the sources, builds the nodes and reads the files of a plan.
+    /// Opens the sources, builds the nodes, reads the files of a plan and shows them to the nodes that get them.
     ///
     /// # Errors
     /// Everything that is missing, in plan order.
-    pub fn new(plan: Plan, registry: &Registry) -> Result<Self, Vec<NotReady>> {
+    pub fn new(mut plan: Plan, registry: &Registry) -> Result<Self, Vec<NotReady>> {
         let mut missing = Vec::new();
         let mut files = BTreeMap::new();
+        let mut prints = BTreeMap::new();
         let mut runs = Vec::with_capacity(plan.runs.len());
-        for run in &plan.runs {
+        for (index, run) in plan.runs.iter().enumerate() {
             let source = open(&run.source, registry)
                 .map_err(|(kind, fault)| {
                     missing.push(NotReady::Source { name: run.source.name.clone(), kind, fault });
                 })
                 .ok();
             let mut nodes = Vec::with_capacity(run.nodes.len());
-            for node in &run.nodes {
+            for (position, node) in run.nodes.iter().enumerate() {
+                let at_node = |fault| NotReady::Node {
+                    stage: run.stage.clone(),
+                    name: node.name.clone(),
+                    kind: node.kind.clone(),
+                    fault,
+                };
                 let built = registry
                     .node_kind(&node.kind)
                     .ok_or_else(|| Fault::new("this engine has no such kind"))
-                    .and_then(|kind| kind.build(&node.params));
-                match built {
-                    Ok(instance) => nodes.push(instance),
-                    Err(fault) => missing.push(NotReady::Node {
-                        stage: run.stage.clone(),
-                        name: node.name.clone(),
-                        kind: node.kind.clone(),
-                        fault,
-                    }),
-                }
+                    .and_then(|kind| Ok((kind.build(&node.params)?, kind.fingerprint(&node.params)?)));
+                let before = missing.len();
                 for input in &node.inputs {
                     let Some(From::File(path)) = &input.from else { continue };
                     if files.contains_key(path) {
@@ -126,13 +126,43 @@ impl Ready {
                         }),
                     }
                 }
+                match built {
+                    Ok((instance, fingerprint)) => {
+                        if missing.len() == before
+                            && let Err(fault) = show_files(&instance, node, &files)
+                        {
+                            missing.push(at_node(fault));
+                        }
+                        prints.extend(fingerprint.map(|key| ((index, position), key)));
+                        nodes.push(instance);
+                    }
+                    Err(fault) => missing.push(at_node(fault)),
+                }
             }
             if let Some(source) = source {
                 runs.push(ReadyRun { source, nodes });
             }
         }
-        if missing.is_empty() { Ok(Self { plan, runs, files }) } else { Err(missing) }
+        if !missing.is_empty() {
+            return Err(missing);
+        }
+        fingerprints::add(&mut plan, &prints);
+        Ok(Self { plan, runs, files })
     }
+}
+
+/// Lets a node look at the once-values that files give it, so that what is wrong with them is found before any frame.
+fn show_files(instance: &Instance, node: &PlannedNode, files: &BTreeMap<PathBuf, Value>) -> Result<(), Fault> {
+    let of_file = |from: &Option<From>| match from {
+        Some(From::File(path)) => files.get(path).cloned(),
+        _ => None,
+    };
+    let values: Vec<Option<Value>> = node.inputs.iter().map(|input| of_file(&input.from)).collect();
+    if values.iter().all(Option::is_none) {
+        return Ok(());
+    }
+    let ports: Vec<Port> = node.inputs.iter().map(|input| input.port.clone()).collect();
+    instance.prepare(&Inputs::new(&ports, &values))
 }
 
 fn read_once_value(path: &PathBuf, value_type: ValueType) -> Result<Value, Fault> {

@@ -17,7 +17,12 @@ pub trait Host: Sync {
 
     /// Tells the person something about this call that is no failure and spoils what follows from it, as a lower-case fragment
     /// without the frame's name (`3 pixels are no numbers`); equal tellings of a node are counted, not repeated.
-    fn warn(&self, _what: &str) {}
+    fn warn(&self, what: &str) {
+        self.warn_of(0, what);
+    }
+
+    /// As [`Host::warn`], of so many things named in the plural (`pixels that are no numbers`): their numbers are added up.
+    fn warn_of(&self, _count: u64, _what: &str) {}
 
     /// Tells how far a long piece of work is.
     fn progress(&self, done: u64, total: u64, message: &str);

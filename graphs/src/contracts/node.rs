@@ -103,6 +103,15 @@ pub trait PureNode: Send + Sync {
     /// # Errors
     /// What failed, for the person who runs the experiment.
     fn process(&self, inputs: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault>;
+
+    /// Looks at the once-values that come from files (all other inputs are absent) when the plan is made ready, so that what
+    /// would fail on every frame is found before any.
+    ///
+    /// # Errors
+    /// What is wrong with them.
+    fn prepare(&self, _files: &Inputs<'_>) -> Result<(), Fault> {
+        Ok(())
+    }
 }
 
 /// A node that sees frames in order and may keep state.
@@ -152,6 +161,16 @@ pub enum Instance {
     Once(Box<dyn OnceNode>),
 }
 
+impl Instance {
+    /// See [`PureNode::prepare`].
+    pub(crate) fn prepare(&self, files: &Inputs<'_>) -> Result<(), Fault> {
+        match self {
+            Self::Pure(node) => node.prepare(files),
+            Self::Ordered(_) | Self::Once(_) => Ok(()),
+        }
+    }
+}
+
 /// What a node kind says of itself.
 #[derive(Clone, Debug)]
 pub struct NodeDeclaration {
@@ -188,7 +207,8 @@ pub trait Node: 'static {
         Ok(())
     }
 
-    /// What besides parameters and inputs decides the outputs (an engine's version, say); enters the recipe.
+    /// What besides parameters and inputs decides the outputs (an engine's version, say). Asked for when a plan is made ready, never while
+    /// one is only looked at; enters the recipe then.
     ///
     /// # Errors
     /// What is missing on this machine, with its remedy.

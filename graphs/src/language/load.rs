@@ -122,9 +122,6 @@ fn planned(
     let live: Vec<_> = linked.iter().map(|linked| live::nodes(linked, &recording)).collect();
     live::check(&linked, &live, report);
     unused_sources(&root, &linked, report);
-    if !report.has_errors() {
-        resolver.lacking.into_iter().for_each(|lacking| report.push(lacking));
-    }
     if report.has_errors() {
         return None;
     }

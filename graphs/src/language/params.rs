@@ -12,7 +12,6 @@ use super::schema_check::violations;
 use super::source_file::Place;
 use super::spec::Instance;
 use super::tree::{Node, Tree};
-use crate::contracts::Fault;
 use crate::key::Key;
 use crate::registry::{NodeKind, ParamError, SourceEntry};
 
@@ -23,8 +22,6 @@ pub(super) struct Parameters {
     pub(super) resolved: Json,
     /// The same with nothing in it that depends on where files lie: what a recipe is made of.
     pub(super) portable: Json,
-    /// What else decides a node's outputs.
-    pub(super) fingerprint: Option<Key>,
 }
 
 /// The contents of files named by parameters and inputs, hashed once.
@@ -55,8 +52,6 @@ fn hash(path: &Path) -> Option<Key> {
 pub(super) struct Resolver {
     known: HashMap<(bool, String, String), Arc<Parameters>>,
     pub(super) contents: Contents,
-    /// What this machine lacks: worth saying only of an experiment that is right otherwise.
-    pub(super) lacking: Vec<Diagnostic>,
 }
 
 /// What the resolver needs of a kind.
@@ -64,7 +59,6 @@ struct Kind<'a> {
     name: &'a str,
     schema: &'a Json,
     resolve: &'a dyn Fn(&Json) -> Result<Json, ParamError>,
-    fingerprint: &'a dyn Fn(&Json) -> Result<Option<Key>, Fault>,
 }
 
 impl Resolver {
@@ -75,12 +69,7 @@ impl Resolver {
         instance: &Instance,
         report: &mut Report,
     ) -> Option<Arc<Parameters>> {
-        let kind = Kind {
-            name: kind.declaration.kind,
-            schema: &kind.schema,
-            resolve: &|json| kind.resolve(json),
-            fingerprint: &|json| kind.fingerprint(json),
-        };
+        let kind = Kind { name: kind.declaration.kind, schema: &kind.schema, resolve: &|json| kind.resolve(json) };
         self.resolve(&kind, false, instance, report)
     }
 
@@ -91,12 +80,7 @@ impl Resolver {
         instance: &Instance,
         report: &mut Report,
     ) -> Option<Arc<Parameters>> {
-        let kind = Kind {
-            name: kind.declaration.kind,
-            schema: &kind.schema,
-            resolve: &|json| kind.resolve(json),
-            fingerprint: &|_| Ok(None),
-        };
+        let kind = Kind { name: kind.declaration.kind, schema: &kind.schema, resolve: &|json| kind.resolve(json) };
         self.resolve(&kind, true, instance, report)
     }
 
@@ -115,16 +99,8 @@ impl Resolver {
             return Some(Arc::clone(known));
         }
         let resolved = checked(kind, json, with, &instance.kind.place, report)?;
-        let fingerprint = match (kind.fingerprint)(&resolved) {
-            Ok(fingerprint) => fingerprint,
-            Err(fault) => {
-                let warning = Diagnostic::warning(&instance.kind.place, format!("`{}`: {}", kind.name, fault.chain()));
-                self.lacking.push(warning.maybe_help(fault.remedy_text().map(ToOwned::to_owned)));
-                None
-            }
-        };
         let portable = paths::with_paths(&resolved, kind.schema, &mut |path| self.portable_path(path));
-        let parameters = Arc::new(Parameters { resolved, portable, fingerprint });
+        let parameters = Arc::new(Parameters { resolved, portable });
         self.known.insert(known, Arc::clone(&parameters));
         Some(parameters)
     }

@@ -8,7 +8,6 @@ use super::recipe::{self, InputRecipe};
 use super::record::Recording;
 use super::topics;
 use crate::contracts::Slot;
-use crate::key::Key;
 use crate::plan::{Estimate, From, PlannedInput, PlannedNode, PlannedOutput, PlannedSource, StageRun};
 
 /// Where the nodes of each variant went: by variant and stage, the stage run and the planned node of each of its nodes.
@@ -31,7 +30,6 @@ struct Identity {
     run: usize,
     kind: &'static str,
     params: String,
-    fingerprint: Option<Key>,
     inputs: Vec<Option<From>>,
 }
 
@@ -99,13 +97,8 @@ impl Shared {
         let declaration = &kind.declaration;
         let inputs: Vec<Option<From>> =
             node.wires.iter().map(|wire| self.from(variant, stage, wire.as_ref()?)).collect();
-        let identity = Identity {
-            run,
-            kind: declaration.kind,
-            params: canonical(&parameters.resolved),
-            fingerprint: parameters.fingerprint,
-            inputs: inputs.clone(),
-        };
+        let identity =
+            Identity { run, kind: declaration.kind, params: canonical(&parameters.resolved), inputs: inputs.clone() };
         let next = self.runs[run].nodes.len();
         let index = *known.entry(identity).or_insert(next);
         if index == next {
@@ -118,14 +111,8 @@ impl Shared {
                     Some((port.name, self.contribution(run, wire.as_ref()?, from.as_ref()?)))
                 })
                 .collect();
-            let fingerprint = parameters.fingerprint.as_ref();
-            let recipe = recipe::of(
-                declaration.kind,
-                declaration.version,
-                &canonical(&parameters.portable),
-                fingerprint,
-                &contributions,
-            );
+            let recipe =
+                recipe::of(declaration.kind, declaration.version, &canonical(&parameters.portable), &contributions);
             let ports = declaration.inputs.iter().cloned();
             self.runs[run].nodes.push(PlannedNode {
                 name: node.name.text.clone(),

@@ -1,0 +1,118 @@
+//! Recipes with what engines of this machine add to them.
+//!
+//! A plan is made of what is written, so that to look at one opens no library. What decides a node's outputs besides (the version of an engine,
+//! see [`Node::fingerprint`](crate::Node::fingerprint)) is known when the plan is made ready, and enters the recipes of that node and of
+//! every node that reads it, in whichever stage.
+
+use std::collections::BTreeMap;
+
+use crate::contracts::Slot;
+use crate::key::Key;
+use crate::plan::{From, Plan, PlannedInput};
+
+/// Adds fingerprints, by stage run and node, to the recipes of a plan; recipes that none of them reaches stay as they are.
+pub(crate) fn add(plan: &mut Plan, fingerprints: &BTreeMap<(usize, usize), Key>) {
+    let mut changed: BTreeMap<(usize, usize), Key> = BTreeMap::new();
+    // Every node comes after those it reads.
+    for run in 0..plan.runs.len() {
+        for node in 0..plan.runs[run].nodes.len() {
+            let planned = &plan.runs[run].nodes[node];
+            let mut inputs: Vec<(&str, &Key)> = planned
+                .inputs
+                .iter()
+                .filter_map(|input| Some((input.port.name, changed.get(&producer(run, input)?)?)))
+                .collect();
+            inputs.sort_unstable();
+            let own = fingerprints.get(&(run, node));
+            if own.is_none() && inputs.is_empty() {
+                continue;
+            }
+            let recipe = own.map_or_else(|| Key::build("on engines"), |own| Key::build("on an engine").key(own));
+            let recipe = recipe.key(&planned.recipe);
+            let recipe = inputs.into_iter().fold(recipe, |recipe, (port, of)| recipe.text(port).key(of)).finish();
+            plan.runs[run].nodes[node].recipe = recipe;
+            changed.insert((run, node), recipe);
+        }
+    }
+}
+
+/// The node that an input reads, by stage run and node.
+const fn producer(here: usize, input: &PlannedInput) -> Option<(usize, usize)> {
+    match input.from {
+        Some(From::Here(Slot::Node { node, .. })) => Some((here, node)),
+        Some(From::Once { run, node, .. }) => Some((run, node)),
+        Some(From::Here(Slot::Source { .. }) | From::File(_)) | None => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use serde_json::Value as Json;
+
+    use super::add;
+    use crate::ValueType;
+    use crate::contracts::{Contract, Port, Slot};
+    use crate::key::Key;
+    use crate::plan::{From, Plan, PlannedInput, PlannedNode, PlannedSource, Record, StageRun};
+
+    fn node(name: &str, from: Option<From>) -> PlannedNode {
+        PlannedNode {
+            name: name.to_owned(),
+            kind: "toy/any".to_owned(),
+            version: 1,
+            contract: Contract::Pure,
+            params: Json::Null,
+            portable: Json::Null,
+            inputs: vec![PlannedInput { port: Port::frame("depth", ValueType::Depth, "Any."), from }],
+            outputs: Vec::new(),
+            recipe: Key::of_content(name.as_bytes()),
+            variants: vec![0],
+        }
+    }
+
+    fn run(nodes: Vec<PlannedNode>) -> StageRun {
+        let source = PlannedSource { name: "any".to_owned(), parts: Vec::new(), outputs: Vec::new() };
+        let (stage, prefix) = ("look".to_owned(), "/look".to_owned());
+        StageRun { stage, prefix, source, nodes, estimates: Vec::new(), variants: vec![0] }
+    }
+
+    /// Two stages: of the first, `network` and what reads it; of the second, a reader of its once-value, and one of the source.
+    fn plan() -> Plan {
+        let here = |node| Some(From::Here(Slot::Node { node, port: 0 }));
+        let source = || Some(From::Here(Slot::Source { port: 0 }));
+        let once = Some(From::Once { run: 0, node: 1, port: 0 });
+        Plan {
+            experiment: "any".to_owned(),
+            about: String::new(),
+            variants: vec![String::new()],
+            runs: vec![
+                run(vec![node("network", source()), node("reader", here(0)), node("beside", source())]),
+                run(vec![node("later", once), node("alone", source())]),
+            ],
+            record: Record { every: 1, view: false },
+            written: Vec::new(),
+            resolved: String::new(),
+        }
+    }
+
+    fn recipes(fingerprint: Option<&[u8]>) -> Vec<Key> {
+        let mut plan = plan();
+        let of_network = fingerprint.map(|engine| ((0, 0), Key::of_content(engine)));
+        add(&mut plan, &of_network.into_iter().collect::<BTreeMap<_, _>>());
+        plan.runs.iter().flat_map(|run| &run.nodes).map(|node| node.recipe).collect()
+    }
+
+    #[test]
+    fn an_engine_enters_the_recipes_of_its_nodes_and_of_what_reads_them_in_every_stage() {
+        let (planned, one, other) = (recipes(None), recipes(Some(b"1.31")), recipes(Some(b"1.32")));
+        let planned_by_name: Vec<Key> =
+            ["network", "reader", "beside", "later", "alone"].map(|name| Key::of_content(name.as_bytes())).to_vec();
+        assert_eq!(planned, planned_by_name, "without engines a recipe is the plan's");
+        let differs = |a: &[Key], b: &[Key]| a.iter().zip(b).map(|(a, b)| a != b).collect::<Vec<_>>();
+        assert_eq!(differs(&planned, &one), [true, true, false, true, false]);
+        assert_eq!(differs(&one, &other), [true, true, false, true, false]);
+        assert_eq!(one, recipes(Some(b"1.31")));
+    }
+}
