@@ -88,6 +88,12 @@ fn render(diagnostic: &Diagnostic) -> String {
     text
 }
 
+/// Prints something worth knowing that is no error to standard error.
+pub fn print_warning(message: &str) {
+    let (yellow, plain) = if *COLOUR.get_or_init(|| false) { ("\x1b[33m", "\x1b[0m") } else { ("", "") };
+    say(format_args!("{yellow}warning{plain}: {message}"));
+}
+
 /// Prints an error and its remedy to standard error.
 pub fn print_stop(message: &str, remedy: Option<&str>) {
     let (red, cyan, plain) =

@@ -41,6 +41,7 @@ pub fn engine(engine: &Engine) -> Json {
         "path": engine.library.as_ref().map(|path| path.to_string_lossy()),
         "found_by": engine.found_by,
         "instead_of": engine.instead_of,
+        "refused": engine.refused,
     })
 }
 

@@ -12,6 +12,7 @@ use crate::interrupt::Interrupt;
 use crate::observer::Observer;
 use crate::panics::{Caught, caught, resume};
 use crate::timing::Stopwatch;
+use crate::warnings::Warnings;
 
 /// The host of one task.
 ///
@@ -22,6 +23,7 @@ pub(crate) struct TaskHost<'a> {
     pub(crate) crew: &'a Crew,
     pub(crate) interrupt: &'a Interrupt,
     pub(crate) observer: &'a dyn Observer,
+    pub(crate) warnings: &'a Warnings,
     pub(crate) run: usize,
     /// The node that works, if it is one.
     pub(crate) node: Option<usize>,
@@ -38,6 +40,12 @@ impl Host for TaskHost<'_> {
 
     fn stopping(&self) -> bool {
         self.interrupt.stops_admission()
+    }
+
+    fn warn_of(&self, count: u64, what: &str) {
+        if self.warnings.add(self.run, self.node, what, count) {
+            self.observer.warned(self.run, self.node, what);
+        }
     }
 
     fn progress(&self, done: u64, total: u64, message: &str) {
@@ -111,14 +119,16 @@ mod tests {
     use crate::interrupt::Interrupt;
     use crate::observer::Unwatched;
     use crate::panics::caught;
+    use crate::warnings::Warnings;
     use depthloom_graphs::Host;
     use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 
-    fn host<'a>(crew: &'a Crew, interrupt: &'a Interrupt) -> TaskHost<'a> {
+    fn host<'a>(crew: &'a Crew, interrupt: &'a Interrupt, warnings: &'a Warnings) -> TaskHost<'a> {
         TaskHost {
             crew,
             interrupt,
             observer: &Unwatched,
+            warnings,
             run: 0,
             node: None,
             checkpoints: None,
@@ -133,7 +143,8 @@ mod tests {
             let own = crew.permit().expect("nobody works yet");
             let (now, peak) = (AtomicUsize::new(0), AtomicUsize::new(0));
             let runs: Vec<AtomicUsize> = (0..500).map(|_| AtomicUsize::new(0)).collect();
-            let host = host(&crew, &interrupt);
+            let warnings = Warnings::default();
+            let host = host(&crew, &interrupt, &warnings);
             host.tiles(runs.len(), &|tile| {
                 peak.fetch_max(now.fetch_add(1, Ordering::SeqCst) + 1, Ordering::SeqCst);
                 runs[tile].fetch_add(1, Ordering::SeqCst);
@@ -152,7 +163,8 @@ mod tests {
     fn the_first_panicking_tile_is_told() {
         let (crew, interrupt) = (Crew::new(4), Interrupt::default());
         let tiles = || {
-            host(&crew, &interrupt).tiles(64, &|tile| assert!(tile % 10 != 7, "tile {tile} is odd"));
+            host(&crew, &interrupt, &Warnings::default())
+                .tiles(64, &|tile| assert!(tile % 10 != 7, "tile {tile} is odd"));
         };
         let told = caught(tiles).expect_err("tiles 7, 17, ... panic").0;
         assert!(told.ends_with("tile 7 is odd"), "{told}");
@@ -161,7 +173,8 @@ mod tests {
     #[test]
     fn tiles_within_tiles_run() {
         let (crew, interrupt) = (Crew::new(3), Interrupt::default());
-        let (host, count) = (host(&crew, &interrupt), AtomicUsize::new(0));
+        let warnings = Warnings::default();
+        let (host, count) = (host(&crew, &interrupt, &warnings), AtomicUsize::new(0));
         host.tiles(5, &|_| {
             host.tiles(7, &|_| {
                 count.fetch_add(1, Ordering::SeqCst);

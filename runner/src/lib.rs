@@ -99,6 +99,7 @@ mod retire;
 mod run;
 mod stage;
 mod timing;
+mod warnings;
 mod wiring;
 
 pub use error::RunError;
@@ -108,3 +109,4 @@ pub use options::Options;
 pub use report::{FrameFailure, Report, StageReport};
 pub use run::run;
 pub use timing::{Phase, Sample, Spread, Timing};
+pub use warnings::Warning;

@@ -22,6 +22,11 @@ pub trait Observer: Sync {
         let _ = (run, node, done, total, message);
     }
 
+    /// A node tells of something that is no failure, for the first time; the report says how often it did. Called on the node's thread.
+    fn warned(&self, run: usize, node: Option<usize>, what: &str) {
+        let _ = (run, node, what);
+    }
+
     /// A stage run is over: whole, interrupted or failed.
     fn stage_finished(&self, run: usize) {
         let _ = run;

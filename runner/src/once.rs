@@ -178,9 +178,9 @@ impl<T: Tap> OnceWork<'_, T> {
     }
 
     fn host(&self, node: Option<usize>) -> TaskHost<'_> {
-        let Surroundings { crew, interrupt, observer, checkpoints, .. } = *self.around;
+        let Surroundings { crew, interrupt, observer, warnings, checkpoints, .. } = *self.around;
         let (run, helpers_cpu_ns) = (self.run, AtomicU64::new(0));
-        TaskHost { crew, interrupt, observer, run, node, checkpoints, helpers_cpu_ns }
+        TaskHost { crew, interrupt, observer, warnings, run, node, checkpoints, helpers_cpu_ns }
     }
 
     /// The key and the once-values by port, or `None` if the node did not fire.

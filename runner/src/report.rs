@@ -3,6 +3,7 @@
 use depthloom_graphs::Frame;
 
 use crate::timing::Timing;
+use crate::warnings::Warning;
 
 /// What a run did.
 #[derive(Clone, Debug, Default)]
@@ -13,6 +14,8 @@ pub struct Report {
     pub failures: Vec<FrameFailure>,
     /// Whether the run was interrupted: frames or stages are missing.
     pub interrupted: bool,
+    /// What nodes told of without failing, in plan order.
+    pub warnings: Vec<Warning>,
     /// Where the time went, by stage run and class of task.
     pub timings: Vec<Timing>,
 }

@@ -19,6 +19,7 @@ use crate::ordered::Ordered;
 use crate::report::Report;
 use crate::retire::{Ledger, Passage, retire_all};
 use crate::stage::{EndAll, FrameNode, Stage, Surroundings};
+use crate::warnings::Warnings;
 use crate::wiring::{Wiring, contract_of};
 
 /// Runs a plan: every frame of every stage run, and its once-values, into the tap.
@@ -37,11 +38,13 @@ pub fn run<T: Tap>(
     let Ready { plan, runs, files } = ready;
     let crew = Crew::new(options.workers());
     let (window, keep_going) = (options.window(), options.keep_going);
+    let warnings = Warnings::default();
     let around = Surroundings {
         tap,
         crew: &crew,
         observer,
         interrupt,
+        warnings: &warnings,
         window,
         keep_going,
         checkpoints: options.checkpoints.as_deref(),
@@ -61,6 +64,7 @@ pub fn run<T: Tap>(
             break;
         }
     }
+    report.warnings = warnings.into_list();
     Ok(report)
 }
 

@@ -18,6 +18,7 @@ use crate::ordered::Ordered;
 use crate::panics::caught;
 use crate::queues::Queues;
 use crate::timing::{Spent, Stopwatch};
+use crate::warnings::Warnings;
 use crate::wiring::{Step, Wire, Wiring};
 
 /// A node as the frames see it.
@@ -48,6 +49,7 @@ pub(crate) struct Stage<'a, T: Tap> {
     pub(crate) crew: &'a Crew,
     pub(crate) observer: &'a dyn Observer,
     pub(crate) interrupt: &'a Interrupt,
+    warnings: &'a Warnings,
     pub(crate) window: usize,
     pub(crate) keep_going: bool,
     queues: Queues<Task<T::Part>>,
@@ -102,6 +104,7 @@ pub(crate) struct Surroundings<'a, T> {
     pub(crate) crew: &'a Crew,
     pub(crate) observer: &'a dyn Observer,
     pub(crate) interrupt: &'a Interrupt,
+    pub(crate) warnings: &'a Warnings,
     pub(crate) window: usize,
     pub(crate) keep_going: bool,
     pub(crate) checkpoints: Option<&'a Path>,
@@ -126,6 +129,7 @@ impl<'a, T: Tap> Stage<'a, T> {
             crew: around.crew,
             observer: around.observer,
             interrupt: around.interrupt,
+            warnings: around.warnings,
             window: around.window,
             keep_going: around.keep_going,
             queues: Queues::new(around.window),
@@ -245,6 +249,7 @@ impl<'a, T: Tap> Stage<'a, T> {
             crew,
             interrupt,
             observer,
+            warnings: self.warnings,
             run: self.run,
             node,
             checkpoints: None,

@@ -558,3 +558,45 @@ fn a_tile_counts_as_its_nodes_time_whoever_ran_it() {
     assert_eq!(a.count, 3);
     assert!(a.cpu.min_ns >= 8 * 500_000, "{a:?}");
 }
+
+/// Tells of three pixels on every frame, and of every call.
+struct Warner;
+
+impl PureNode for Warner {
+    fn process(&self, inputs: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        ctx.host.warn_of(3, "pixels are no numbers");
+        ctx.host.warn("was called");
+        Ok(Outputs::one("x", Value::Calibration(Arc::clone(inputs.get("a")?))))
+    }
+}
+
+/// Counts what it is told of.
+#[derive(Default)]
+struct Told(Mutex<Vec<String>>);
+
+impl Observer for Told {
+    fn warned(&self, run: usize, node: Option<usize>, what: &str) {
+        self.0.lock().unwrap().push(format!("{run} {node:?} {what}"));
+    }
+}
+
+#[test]
+fn equal_warnings_of_a_node_are_counted_and_told_once_with_any_number_of_workers() {
+    for workers in [1, 2, 8] {
+        let mut bench = Bench::new(&["full"]);
+        bench.stage("compare", Numbers::new(40));
+        bench.toy("quiet", Contract::Pure, [source(0), None, None], Toy::salted(1));
+        bench.node(planned("loud", Contract::Pure, [source(0), None, None]), Instance::Pure(Box::new(Warner)));
+        let (plan, told) = (bench.plan.clone(), Told::default());
+        let report =
+            run(bench.ready(), &Notebook::with_parts(2), &options(workers), &told, &Interrupt::default()).unwrap();
+        let texts: Vec<String> = report.warnings.iter().map(|warning| warning.text(&plan)).collect();
+        assert_eq!(
+            texts,
+            ["compare.loud: 120 pixels are no numbers, on 40 frames", "compare.loud: was called, on 40 frames"]
+        );
+        let mut told = told.0.into_inner().unwrap();
+        told.sort_unstable();
+        assert_eq!(told, ["0 Some(1) pixels are no numbers", "0 Some(1) was called"]);
+    }
+}

@@ -36,6 +36,7 @@ pub fn doctor(as_json: bool) -> Result<Exit, Stop> {
             "networks": engine.as_ref().ok().map(|found| {
                 let mut described = environment::engine(found);
                 described["providers"] = environment::names(&found.providers()).into();
+                described["looked_at"] = looked_at().into();
                 described
             }),
             "data": data,
@@ -58,6 +59,15 @@ pub fn doctor(as_json: bool) -> Result<Exit, Stop> {
     Ok(Exit::Whole)
 }
 
+/// Where ONNX Runtime is looked for: what led to each folder, and the folder.
+fn looked_at() -> Vec<String> {
+    let place = |(by, folder): (&str, PathBuf)| match by {
+        "system" => folder.display().to_string(),
+        by => format!("{} (by {by})", folder.display()),
+    };
+    onnx_engine::looked_at().into_iter().map(place).collect()
+}
+
 /// The engine of networks, with what it offers; or why there is none.
 fn networks(engine: &Result<&Engine, Fault>) -> String {
     let below = |line: &str| format!("\n              {line}");
@@ -70,7 +80,8 @@ fn networks(engine: &Result<&Engine, Fault>) -> String {
             };
             let providers = environment::names(&found.providers()).join(", ");
             let choice = format!("{}=onnxruntime or tract asks for an engine by name", onnx_engine::VARIABLE);
-            let lines = [format!("providers: {providers}"), choice].map(|line| below(&line)).concat();
+            let places = format!("looked at, where ORT_DYLIB_PATH names none: {}", looked_at().join(", "));
+            let lines = [format!("providers: {providers}"), places, choice].map(|line| below(&line)).concat();
             format!("{}, {origin}{lines}", found.title())
         }
         Err(fault) => format!("{fault}{}", fault.remedy_text().map(below).unwrap_or_default()),

@@ -6,8 +6,9 @@ use std::time::Instant;
 use depthloom_analysis::{ReportOptions, Summary};
 use depthloom_graphs::plan::Plan;
 use depthloom_graphs::ready::{NotReady, Ready};
+use depthloom_nodes::onnx_engine;
 use depthloom_recording::{Recorder, Recording};
-use depthloom_runner::{Interrupt, Options, RunError};
+use depthloom_runner::{Interrupt, Options, Report, RunError};
 use serde_json::{Value as Json, json};
 
 use super::check::load;
@@ -35,8 +36,8 @@ pub fn run(args: &RunArgs) -> Result<Exit, Stop> {
     let started = Instant::now();
     let options = options(args, &folder);
 
-    let failed = match record(ready, &plan, args, &options, &folder, &interrupt) {
-        Ok(failed) => failed,
+    let Recorded { failed, warnings } = match record(ready, &plan, args, &options, &folder, &interrupt) {
+        Ok(recorded) => recorded,
         Err(ended) => return Err(ended.stop(folder)),
     };
     let finished = finish(args, &folder, &interrupt, || {
@@ -52,6 +53,7 @@ pub fn run(args: &RunArgs) -> Result<Exit, Stop> {
         "experiment": plan.experiment,
         "run": out.to_string_lossy(),
         "failed_frames": failed,
+        "warnings": warnings,
         "environment": environment,
     });
     show(args, report, told, &out).map_err(|stop| stop.also(format!("the run is whole in {}", out.display())))?;
@@ -140,7 +142,15 @@ impl Ended {
     }
 }
 
-/// Runs the frames and closes the recording; gives how many frames failed.
+/// A recording that is whole.
+struct Recorded {
+    /// How many frames failed.
+    failed: u64,
+    /// What the run has to say that is no error.
+    warnings: Vec<String>,
+}
+
+/// Runs the frames, closes the recording, and says what there was to warn of.
 fn record(
     ready: Ready,
     plan: &Plan,
@@ -148,7 +158,7 @@ fn record(
     options: &Options,
     folder: &RunFolder,
     interrupt: &Interrupt,
-) -> Result<u64, Ended> {
+) -> Result<Recorded, Ended> {
     let recorder = Recorder::create(folder.file(RECORDING), plan).map_err(|error| Ended {
         why: Stop::because(Exit::Engine, "failed to start the recording", &error),
         frames: 0,
@@ -162,11 +172,24 @@ fn record(
     // What failed first is told.
     let ran = ran.map_err(|error| ended(stop_of(&error)))?;
     finished.map_err(ended)?;
+    let warnings = warnings(&ran, plan);
+    if !args.json {
+        warnings.iter().for_each(|warning| diagnostics::print_warning(warning));
+    }
     write_timings(&ran.timings, plan, &recorder, &folder.file("timings.parquet")).map_err(ended)?;
     if ran.interrupted {
         return Err(ended(Stop::new(Exit::Interrupted, "interrupted")));
     }
-    Ok(ran.stages.iter().map(|stage| stage.failed).sum())
+    Ok(Recorded { failed: ran.stages.iter().map(|stage| stage.failed).sum(), warnings })
+}
+
+/// Libraries that were passed over, and what nodes told of.
+fn warnings(ran: &Report, plan: &Plan) -> Vec<String> {
+    let engine = onnx_engine::in_use();
+    let passed_over = engine.into_iter().flat_map(|engine| {
+        engine.refused.iter().map(|refused| format!("networks ran in {}: {refused}", engine.title()))
+    });
+    passed_over.chain(ran.warnings.iter().map(|warning| warning.text(plan))).collect()
 }
 
 fn stop_of(error: &RunError) -> Stop {

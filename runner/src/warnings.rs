@@ -1,0 +1,71 @@
+//! What nodes told of without failing: equal tellings are counted, and told once.
+
+use std::collections::BTreeMap;
+use std::sync::Mutex;
+
+use depthloom_graphs::Rate;
+use depthloom_graphs::plan::Plan;
+
+use crate::in_flight::locked;
+
+/// Something a node told of that was no failure.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Warning {
+    /// Index of the stage run in the plan.
+    pub run: usize,
+    /// The node's index in the stage run; `None` for the source.
+    pub node: Option<usize>,
+    /// What it told, a lower-case fragment; of a counted thing its name in the plural.
+    pub what: String,
+    /// How many of the thing there were in all; 0 if it is none to be counted.
+    pub count: u64,
+    /// How often it was told: on how many frames, if the node sees frames.
+    pub times: u64,
+}
+
+impl Warning {
+    /// The warning in words: stage run, node, what, and how often.
+    #[must_use]
+    pub fn text(&self, plan: &Plan) -> String {
+        let run = &plan.runs[self.run];
+        let node = self.node.map(|node| &run.nodes[node]);
+        let name = node.map_or(&run.source.name, |node| &node.name);
+        let stage = run.prefix.trim_start_matches('/');
+        let variants = node.map(|node| node.variant_names(plan)).filter(|names| !names.is_empty());
+        let variants = variants.map(|names| format!(" (of {})", names.join(", "))).unwrap_or_default();
+        let count = if self.count > 0 { format!("{} ", self.count) } else { String::new() };
+        let sees_frames = node.is_none_or(|node| node.outputs.iter().any(|output| output.port.rate == Rate::Frame));
+        let often = match (self.times, sees_frames) {
+            (1, true) => ", on 1 frame".to_owned(),
+            (times, true) => format!(", on {times} frames"),
+            (1, false) => String::new(),
+            (times, false) => format!(", {times} times"),
+        };
+        format!("{stage}.{name}{variants}: {count}{}{often}", self.what)
+    }
+}
+
+/// Stage run, node and what was told.
+type Told = (usize, Option<usize>, String);
+
+/// The warnings of a run so far.
+#[derive(Default)]
+pub(crate) struct Warnings(Mutex<BTreeMap<Told, (u64, u64)>>);
+
+impl Warnings {
+    /// Adds a telling; says whether it is the first of its kind.
+    pub(crate) fn add(&self, run: usize, node: Option<usize>, what: &str, count: u64) -> bool {
+        let mut told = locked(&self.0);
+        let (counted, times) = told.entry((run, node, what.to_owned())).or_default();
+        *counted += count;
+        *times += 1;
+        *times == 1
+    }
+
+    /// All of them, in plan order.
+    pub(crate) fn into_list(self) -> Vec<Warning> {
+        let told = self.0.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let warning = |((run, node, what), (count, times))| Warning { run, node, what, count, times };
+        told.into_iter().map(warning).collect()
+    }
+}
