@@ -58,7 +58,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let mut timed = |tiles: &dyn Tiles| {
             let start = Instant::now();
             compute_on(path, &pair, &params, &mut scratch, tiles, &mut out)?;
-            Ok::<_, depthloom_kernels::census::ParamError>(start.elapsed().as_secs_f64() * 1e3)
+            Ok::<_, depthloom_kernels::census::Error>(start.elapsed().as_secs_f64() * 1e3)
         };
         let milliseconds = match threads.parse()? {
             1 => timed(&Serial),

@@ -20,6 +20,7 @@ pub enum Weighting {
 
 /// Fuses two depth maps (metres) under the confidence `weight` (`W_c`, in [0, 1]); the median filter comes after.
 ///
+/// Where one of the two has no answer (NaN, infinity) the other stands, whatever the weight; where neither has, there is none (NaN).
 /// Stereo's maximum is taken over the pixels it answered (finite ones), mono's over all of its finite pixels. The
 /// arithmetic is the oracle's (NumPy on `float32`), operation by operation.
 ///
@@ -150,7 +151,9 @@ impl<R: Rule> Pass for Fuse<'_, R> {
         let Self { stereo, mono, weight, out, rule } = self;
         for (((out, &stereo), &mono), &weight) in out.iter_mut().zip(stereo).zip(mono).zip(weight) {
             let both = rule.fused(stereo, mono, weight);
-            *out = if stereo.is_finite() { both } else { mono };
+            // What has part in a sum that is no number makes it none: so this one look at the result sees mono's gaps too.
+            let (fused, alone) = if stereo.is_finite() { (both, stereo) } else { (mono, f32::NAN) };
+            *out = if fused.is_finite() { fused } else { alone };
         }
     }
 }
@@ -181,6 +184,25 @@ mod tests {
         assert_eq!(fused(&stereo, &mono, &weight, Weighting::Confidence), [25.0, 20.0, 7.0, 20.0]);
         assert_eq!(fused(&stereo, &mono, &weight, Weighting::Mean), [25.0, 15.0, 7.0, 30.0]);
         assert_eq!(fused(&stereo, &mono, &weight, Weighting::Fill), [10.0, 20.0, 7.0, 40.0]);
+    }
+
+    #[test]
+    fn fault_19_stereo_stands_where_mono_is_no_number_whatever_the_weight() {
+        for gap in [NAN, -NAN, f32::INFINITY, f32::NEG_INFINITY] {
+            for weighting in [Weighting::Full, Weighting::Confidence, Weighting::Mean, Weighting::Fill] {
+                // 40 pixels of each, so that vectors and what remains of them are both seen.
+                let stereo = [[10.0; 40], [20.0; 40], [NAN; 40], [f32::INFINITY; 40]].concat();
+                let mono = [[gap; 40], [20.0; 40], [gap; 40], [30.0; 40]].concat();
+                for weight in [0.0, 0.3, 1.0] {
+                    let out = fused(&stereo, &mono, &[weight; 160], weighting);
+                    let expected = [[10.0; 40], [20.0; 40], [NAN; 40], [30.0; 40]].concat();
+                    for (found, expected) in out.iter().zip(expected) {
+                        let equal = if expected.is_nan() { found.is_nan() } else { (found - expected).abs() < 1e-5 };
+                        assert!(equal, "{gap} {weighting:?} {weight}: {found} is not {expected}");
+                    }
+                }
+            }
+        }
     }
 
     #[test]

@@ -44,6 +44,7 @@ pub mod gaussian;
 pub mod grey;
 pub mod left_right;
 pub mod median;
+pub mod memory;
 mod raster;
 pub mod resize;
 pub mod scale;

@@ -4,12 +4,14 @@
 //! wide, from top to bottom, so that what neighbouring windows share stays in cache: each row's windows are sorted
 //! once, and for 5x5 two rows' sorted windows are merged once, whichever of the output rows read them.
 
+mod answers;
 mod networks;
 
 use std::ops::Range;
 
 use crate::raster::{check, check_rows, key, replicate};
 use crate::simd::{Level, Pass, prefetch};
+pub use answers::{median3_of_answers, median5_of_answers};
 use networks::{median3_of_sorted, median11, merge5, middle6, sort3, sort5};
 
 /// Columns filtered together.

@@ -1,6 +1,6 @@
 //! Scaling the mono estimate to what stereo saw (an ablation of the paper).
 //!
-//! A pixel is answered where its depth is finite. The estimate must answer everywhere for `minmax`, as in the paper.
+//! A pixel is answered where its depth is finite.
 
 use crate::raster::{check_same, key};
 use crate::simd::{Level, Pass};
@@ -53,7 +53,8 @@ impl Pass for FindExtent<'_> {
 /// Min-max scaling: `min_s + (max_s - min_s) * (mono - min_m) / (max_m - min_m)`, the extent of stereo taken over the
 /// pixels it answered.
 ///
-/// Where stereo answered nowhere there is nothing to scale by: mono stays as it is. A mono estimate that is the same
+/// Mono's extent is taken over its own answers; a pixel without one stays without. Where stereo answered nowhere there is nothing to scale
+/// by: mono stays as it is. A mono estimate that is the same
 /// everywhere has no extent: no answer (NaN) anywhere, as in the oracle.
 ///
 /// # Panics
@@ -110,10 +111,10 @@ impl Pass for Affine<'_> {
     }
 }
 
-/// Average scaling: `mono * mean(stereo) / mean(mono)`, both means over the pixels that stereo answered, in `f64`.
+/// Average scaling: `mono * mean(stereo) / mean(mono)`, both means over the pixels that both answered, in `f64`.
 ///
 /// NumPy adds in another order, so its means may differ in the last bits of the `f64`; the ratio is rounded to `f32`
-/// before it multiplies. Where stereo answered nowhere, mono stays as it is.
+/// before it multiplies. Where no pixel was answered by both, mono stays as it is.
 ///
 /// # Panics
 /// If the slices differ in length.
@@ -163,7 +164,7 @@ impl Pass for Answered<'_> {
     }
 }
 
-/// Adds both depths of the pixels that stereo answered to the lanes' sums; returns how many these are.
+/// Adds both depths of the pixels that both answered to the lanes' sums; returns how many these are.
 #[inline(always)]
 fn add_answered(
     mono: &[f32; LANES],
@@ -171,13 +172,14 @@ fn add_answered(
     mono_sums: &mut [f64; LANES],
     stereo_sums: &mut [f64; LANES],
 ) -> u32 {
+    let answered = |lane: usize| mono[lane].is_finite() & stereo[lane].is_finite();
     for lane in 0..LANES {
-        mono_sums[lane] += f64::from(if stereo[lane].is_finite() { mono[lane] } else { 0.0 });
+        mono_sums[lane] += f64::from(if answered(lane) { mono[lane] } else { 0.0 });
     }
     for lane in 0..LANES {
-        stereo_sums[lane] += f64::from(if stereo[lane].is_finite() { stereo[lane] } else { 0.0 });
+        stereo_sums[lane] += f64::from(if answered(lane) { stereo[lane] } else { 0.0 });
     }
-    stereo.iter().map(|depth| u32::from(depth.is_finite())).sum()
+    (0..LANES).map(|lane| u32::from(answered(lane))).sum()
 }
 
 struct Times<'a> {
@@ -231,6 +233,21 @@ mod tests {
     #[test]
     fn average_takes_both_means_where_stereo_answered() {
         assert_eq!(average_of(&[100.0, 2.0, 4.0], &[NAN, 10.0, 5.0]), [250.0, 5.0, 10.0]);
+    }
+
+    #[test]
+    fn fault_42_a_pixel_that_is_no_number_costs_no_other_its_scale() {
+        for gap in [NAN, -NAN, f32::INFINITY, f32::NEG_INFINITY] {
+            let (mono, stereo) = ([100.0, 2.0, gap, 4.0], [NAN, 10.0, 7.0, 5.0]);
+            let scaled = average_of(&mono, &stereo);
+            assert_eq!((scaled[0], scaled[1], scaled[3]), (250.0, 5.0, 10.0), "{gap}");
+            assert!(!scaled[2].is_finite());
+            let scaled = minmax_of(&mono, &stereo);
+            assert_eq!((scaled[0], scaled[1]), (10.0, 5.0), "{gap}");
+            assert!(!scaled[2].is_finite() && scaled[3].is_finite());
+            // Nothing but numbers that are none: there is nothing to scale, and nothing to scale by.
+            assert!(average_of(&[gap; 3], &[1.0, 2.0, NAN]).iter().all(|depth| !depth.is_finite()));
+        }
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! Every implementation gives the bits of the plain twin, on any image, with any parameters and any number of threads.
 
-use depthloom_kernels::census::{Census, Pair, ParamError, Params, Path, Paths, Scratch, compute, compute_on};
+use depthloom_kernels::census::{Census, Error, Pair, ParamError, Params, Path, Paths, Scratch, compute, compute_on};
 use depthloom_kernels::tiles::{Crew, Serial, Tiles};
 use proptest::prelude::{ProptestConfig, any, proptest};
 use proptest::sample::select;
@@ -120,7 +120,7 @@ fn parameters_are_checked_before_anything_is_written() {
     let params = Params { p2: 250, ..Params::default() };
     let mut out = [3; 40];
     let error = compute(&pair, &params, &mut Scratch::default(), &Serial, &mut out).unwrap_err();
-    assert_eq!(error, ParamError::P2(250, Census::Symmetric));
+    assert_eq!(error, Error::Param(ParamError::P2(250, Census::Symmetric)));
     assert_eq!(error.to_string(), "p2 is 250, outside 0..=224: with features of 31 bits, costs must fit a byte");
     assert_eq!(out, [3; 40]);
 }

@@ -9,7 +9,8 @@ use super::features::{Feature, FeatureRow, comparisons};
 use super::finish::{Check, FinishRow, Maps};
 use super::paths::{March, Penalties};
 use super::simd::{Name, Set};
-use super::{Census, ParamError, Params, Paths, plain};
+use super::{Census, Error, Params, Paths, plain};
+use crate::memory;
 use crate::raster;
 use crate::simd::Pass;
 use crate::tiles::{Tiles, each};
@@ -97,7 +98,7 @@ impl From<Set> for Path {
 /// Memory: 2 bytes for each pixel and disparity.
 ///
 /// # Errors
-/// A parameter out of its range ([`Params::check`]).
+/// A parameter out of its range ([`Params::check`]), and more memory than there is for one call ([`memory::MOST_BYTES`]).
 ///
 /// # Panics
 /// If an image or `out` has another size than announced, or the images have no pixels.
@@ -107,7 +108,7 @@ pub fn compute(
     scratch: &mut Scratch,
     tiles: &dyn Tiles,
     out: &mut [i16],
-) -> Result<(), ParamError> {
+) -> Result<(), Error> {
     compute_on(Path::available()[0], pair, params, scratch, tiles, out)
 }
 
@@ -125,7 +126,7 @@ pub fn compute_on(
     scratch: &mut Scratch,
     tiles: &dyn Tiles,
     out: &mut [i16],
-) -> Result<(), ParamError> {
+) -> Result<(), Error> {
     params.check()?;
     let Pair { left, right, width, height } = *pair;
     assert!(width > 0 && height > 0, "an image of {width} x {height} pixels has none");
@@ -138,6 +139,7 @@ pub fn compute_on(
     };
     let pixels = width * height;
     let Scratch { narrow, wide, sums, left, right } = scratch;
+    memory::reserve(sums, pixels.saturating_mul(lanes(params)))?;
     for map in [&mut *left, right] {
         map.resize(pixels, 0);
     }
@@ -157,6 +159,11 @@ pub fn compute_on(
         }
     });
     Ok(())
+}
+
+/// Costs held for each pixel: the disparities, filled up to whole steps of a march.
+const fn lanes(params: &Params) -> usize {
+    (params.disparities as usize).next_multiple_of(if params.disparities % 64 == 0 { 64 } else { 32 })
 }
 
 /// Where sums and raw maps are written.
@@ -200,7 +207,8 @@ impl<F: Feature> Buffers<F> {
         tiles: &dyn Tiles,
     ) {
         let disparities = params.disparities as usize;
-        let lanes = disparities.next_multiple_of(N);
+        let lanes = lanes(params);
+        debug_assert!(lanes.is_multiple_of(N), "a row of costs is whole steps");
         let penalties = Penalties { p1: params.p1 as u8, p2: params.p2 as u8 };
         for (marcher, upward) in self.marches.iter_mut().zip([false, true]) {
             let diagonals = params.paths == Paths::Eight;

@@ -16,7 +16,7 @@
 //! use depthloom_kernels::census::{Pair, Params, Scratch, compute};
 //! use depthloom_kernels::tiles::Serial;
 //!
-//! # fn main() -> Result<(), depthloom_kernels::census::ParamError> {
+//! # fn main() -> Result<(), depthloom_kernels::census::Error> {
 //! let (width, height) = (96, 20);
 //! let left: Vec<u8> = (0..width * height).map(|i| (i * i % 251) as u8).collect();
 //! let pair = Pair { left: &left, right: &left, width, height };
@@ -38,4 +38,4 @@ mod plain;
 mod simd;
 
 pub use compute::{Pair, Path, Scratch, compute, compute_on};
-pub use params::{Census, ParamError, Params, Paths};
+pub use params::{Census, Error, ParamError, Params, Paths};

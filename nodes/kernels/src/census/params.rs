@@ -3,6 +3,8 @@
 use std::fmt;
 use std::ops::RangeInclusive;
 
+use crate::memory::TooMuch;
+
 /// Which comparisons in the 9x7 window around a pixel make its feature.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Census {
@@ -91,6 +93,38 @@ pub enum ParamError {
     P1(i32, i32),
     /// `uniqueness` is not in 0..=99.
     Uniqueness(i32),
+}
+
+/// Why a pair was not matched.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Error {
+    /// A parameter is out of its range.
+    Param(ParamError),
+    /// The images are too large for so many disparities.
+    Memory(TooMuch),
+}
+
+impl fmt::Display for Error {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Param(error) => error.fmt(f),
+            Self::Memory(error) => error.fmt(f),
+        }
+    }
+}
+
+impl std::error::Error for Error {}
+
+impl From<ParamError> for Error {
+    fn from(error: ParamError) -> Self {
+        Self::Param(error)
+    }
+}
+
+impl From<TooMuch> for Error {
+    fn from(error: TooMuch) -> Self {
+        Self::Memory(error)
+    }
 }
 
 impl fmt::Display for ParamError {

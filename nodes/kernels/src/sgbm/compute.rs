@@ -4,7 +4,8 @@ use super::fast::{self, FastScratch, Set};
 use super::search::Search;
 use super::speckle::SpeckleScratch;
 use super::view::check_shapes;
-use super::{Error, Params, View, plain, speckle};
+use super::{Error, Mode, Params, View, plain, speckle};
+use crate::memory::{TooMuch, bytes_of};
 use crate::tiles::Tiles;
 
 /// Buffers that one call leaves for the next; any call may use any scratch.
@@ -57,7 +58,8 @@ impl From<Set> for Path {
 /// for this machine, spread over `tiles`.
 ///
 /// # Errors
-/// Parameters or shapes that OpenCV refuses or does not document ([`Params::check`]), and an `out` of another size.
+/// Parameters or shapes that OpenCV refuses or does not document ([`Params::check`]), an `out` of another size, and more memory
+/// than there is for one call ([`MOST_BYTES`](crate::memory::MOST_BYTES)).
 pub fn compute(
     left: &View<'_>,
     right: &View<'_>,
@@ -89,9 +91,13 @@ pub fn compute_on(
     if (left.width as i64) < search.least_width() {
         return Err(Error::Narrow { width: left.width, needed: search.least_width() });
     }
+    if matches!(params.mode, Mode::Hh | Mode::Hh4) {
+        // Costs and sums of the whole image.
+        TooMuch::check(bytes_of(&[2, search.row_len(), search.height], size_of::<i16>()))?;
+    }
     match path.set() {
         Some(set) if fast::fits(&search) => {
-            fast::compute(set, &search, params.block, [left, right], &mut scratch.fast, tiles, out);
+            fast::compute(set, &search, params.block, [left, right], &mut scratch.fast, tiles, out)?;
         }
         _ => plain::compute(&search, params.block, left, right, out),
     }

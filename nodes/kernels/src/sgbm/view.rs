@@ -3,6 +3,7 @@
 use std::fmt;
 
 use super::ParamError;
+use crate::memory::TooMuch;
 
 /// An 8-bit image, rows without gaps.
 #[derive(Clone, Copy, Debug)]
@@ -43,12 +44,15 @@ pub enum Error {
         /// Elements it should hold.
         expected: usize,
     },
+    /// The images are too large for so many disparities: modes of two passes hold all costs.
+    Memory(TooMuch),
 }
 
 impl fmt::Display for Error {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Param(error) => error.fmt(f),
+            Self::Memory(error) => error.fmt(f),
             Self::Unequal((w1, h1, c1), (w2, h2, c2)) => {
                 write!(
                     f,
@@ -79,6 +83,12 @@ impl std::error::Error for Error {}
 impl From<ParamError> for Error {
     fn from(error: ParamError) -> Self {
         Self::Param(error)
+    }
+}
+
+impl From<TooMuch> for Error {
+    fn from(error: TooMuch) -> Self {
+        Self::Memory(error)
     }
 }
 

@@ -17,6 +17,7 @@ use super::decide::{Decide, total_len};
 use super::kernels::Kernels;
 use super::march::{March, Slots, Source};
 use super::shared::{Costs, Shared};
+use crate::memory::TooMuch;
 use crate::sgbm::Mode;
 use crate::sgbm::prefilter::Planes;
 use crate::sgbm::search::{Search, Stripe};
@@ -91,14 +92,19 @@ pub(super) fn compute<'a>(
     memory: &'a mut Memory,
     tiles: &dyn Tiles,
     out: Shared<'a, i16>,
-) {
+) -> Result<(), TooMuch> {
     let len = search.row_len();
     let height = stripe.end - stripe.start;
     let two_passes = matches!(search.mode, Mode::Hh | Mode::Hh4);
     let diagonals = matches!(search.mode, Mode::Hh | Mode::Sgbm);
     let volume = if two_passes { height } else { BAND + 1 };
     let sum_rows = BAND + 2 * search.radius + 2;
+    let sum_len = if two_passes { volume * len } else { 0 };
     memory.rows.resize_with(2 * BAND, Mutex::default);
+    memory.sums.make_room(sum_rows * len)?;
+    memory.cost.make_room(volume * len)?;
+    memory.sum.make_room(sum_len)?;
+    memory.band.make_room(BAND * len)?;
     let frame = Frame {
         kernels,
         search,
@@ -108,7 +114,7 @@ pub(super) fn compute<'a>(
         sums: memory.sums.at_least(sum_rows * len),
         sum_rows,
         cost: memory.cost.at_least(volume * len),
-        sum: memory.sum.at_least(if two_passes { volume * len } else { 0 }),
+        sum: memory.sum.at_least(sum_len),
         band: memory.band.at_least(BAND * len),
         two_passes,
         rows: &memory.rows,
@@ -134,6 +140,7 @@ pub(super) fn compute<'a>(
             .collect();
         frame.pass(&Pass { upwards, last: upwards || !two_passes, slots: &slots }, tiles);
     }
+    Ok(())
 }
 
 impl<'a> Frame<'a> {

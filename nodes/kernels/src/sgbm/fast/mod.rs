@@ -62,6 +62,7 @@ use shared::Shared;
 
 use super::search::Search;
 use super::view::View;
+use crate::memory::TooMuch;
 use crate::tiles::Tiles;
 
 /// Instruction sets.
@@ -132,18 +133,18 @@ pub(super) fn compute(
     scratch: &mut FastScratch,
     tiles: &dyn Tiles,
     out: &mut [i16],
-) {
+) -> Result<(), TooMuch> {
     assert!(Set::available().contains(&set), "{set:?} is not available on this machine");
     if search.columns == 0 {
         out.fill(search.invalid);
-        return;
+        return Ok(());
     }
     let kernels = set.kernels(search.disparities);
     scratch.raw.clear();
     scratch.raw.resize(out.len(), search.invalid);
     let raw = Shared::from(&mut scratch.raw[..]);
     for stripe in &search.stripes(block) {
-        bands::compute(kernels, search, stripe, images, &mut scratch.memory, tiles, raw);
+        bands::compute(kernels, search, stripe, images, &mut scratch.memory, tiles, raw)?;
     }
     let (width, height) = (search.width, search.height);
     let raw = &scratch.raw;
@@ -159,4 +160,5 @@ pub(super) fn compute(
             }
         }
     });
+    Ok(())
 }

@@ -3,6 +3,8 @@
 use std::marker::PhantomData;
 use std::ops::Range;
 
+use crate::memory::{self, TooMuch};
+
 /// A cache line; keeps vectors of costs from straddling two.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
@@ -13,6 +15,20 @@ struct Line([i16; 32]);
 pub(super) struct Costs(Vec<Line>);
 
 impl Costs {
+    /// Makes room for `len` values where that may be refused.
+    ///
+    /// # Errors
+    /// If it is too much for one call, or for the machine.
+    pub fn make_room(&mut self, len: usize) -> Result<(), TooMuch> {
+        let lines = len.div_ceil(32);
+        if self.0.len() < lines {
+            self.0 = Vec::new();
+            memory::reserve(&mut self.0, lines)?;
+            self.0.resize(lines, Line([0; 32]));
+        }
+        Ok(())
+    }
+
     /// At least `len` values, of whatever content.
     pub fn at_least(&mut self, len: usize) -> Shared<'_, i16> {
         let lines = len.div_ceil(32);

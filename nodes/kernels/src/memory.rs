@@ -1,0 +1,93 @@
+//! Memory that parameters and files ask for: bounded, and a refusal is an error.
+//!
+//! An allocation that fails ends the process. So where a size is made of more than the image at hand (a disparity range, a network's word), it is
+//! held against [`MOST_BYTES`] first, and then asked for in the way that may be refused.
+
+use std::fmt;
+
+/// The most memory that one call is given at once, bytes: twice what semi-global matching of a 4K pair over 256 disparities takes.
+pub const MOST_BYTES: u64 = 8 << 30;
+
+/// More memory than there is for one call.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TooMuch {
+    /// What was asked for, bytes.
+    pub bytes: u64,
+}
+
+impl TooMuch {
+    /// Holds a number of bytes against [`MOST_BYTES`].
+    ///
+    /// # Errors
+    /// If it is more.
+    pub const fn check(bytes: u64) -> Result<(), Self> {
+        if bytes > MOST_BYTES { Err(Self { bytes }) } else { Ok(()) }
+    }
+}
+
+impl fmt::Display for TooMuch {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let gib = |bytes: u64| bytes as f64 / f64::from(1 << 30);
+        if self.bytes > MOST_BYTES {
+            write!(
+                f,
+                "{:.1} GiB of memory would be needed, and {:.0} GiB is the most",
+                gib(self.bytes),
+                gib(MOST_BYTES)
+            )
+        } else {
+            write!(f, "{:.3} GiB of memory are needed, which this machine does not give", gib(self.bytes))
+        }
+    }
+}
+
+impl std::error::Error for TooMuch {}
+
+/// The bytes of so many numbers of a size each, along several sides; [`u64::MAX`] if they are even more.
+#[must_use]
+pub fn bytes_of(sides: &[usize], bytes_each: usize) -> u64 {
+    sides.iter().fold(bytes_each as u64, |bytes, &side| bytes.saturating_mul(side as u64))
+}
+
+/// Makes a buffer hold at least so many elements without moving again; what it holds stays.
+///
+/// # Errors
+/// If that is too much for one call, or for the machine.
+pub fn reserve<T>(buffer: &mut Vec<T>, len: usize) -> Result<(), TooMuch> {
+    let bytes = bytes_of(&[len], size_of::<T>());
+    TooMuch::check(bytes)?;
+    buffer.try_reserve_exact(len.saturating_sub(buffer.len())).map_err(|_| TooMuch { bytes })
+}
+
+/// So many zeros.
+///
+/// # Errors
+/// As [`reserve`].
+pub fn zeros<T: Clone + Default>(len: usize) -> Result<Vec<T>, TooMuch> {
+    let mut buffer = Vec::new();
+    reserve(&mut buffer, len)?;
+    buffer.resize(len, T::default());
+    Ok(buffer)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{MOST_BYTES, TooMuch, bytes_of, reserve, zeros};
+
+    #[test]
+    fn more_than_the_most_is_refused_with_its_number_before_it_is_asked_for() {
+        let told = zeros::<f32>(3_000_000_000_000).unwrap_err().to_string();
+        assert_eq!(told, "11175.9 GiB of memory would be needed, and 8 GiB is the most");
+        let mut sums: Vec<u16> = vec![7; 3];
+        let bytes = bytes_of(&[8192, 8192, 256], 2);
+        assert_eq!(reserve(&mut sums, 8192 * 8192 * 256), Err(TooMuch { bytes }));
+        assert_eq!((bytes, sums), (32 << 30, vec![7; 3]));
+    }
+
+    #[test]
+    fn what_fits_is_given_and_what_overflows_is_too_much() {
+        assert_eq!(zeros::<u8>(3), Ok(vec![0; 3]));
+        assert!(TooMuch::check(MOST_BYTES).is_ok());
+        assert!(TooMuch::check(bytes_of(&[usize::MAX, usize::MAX], 4)).is_err());
+    }
+}
