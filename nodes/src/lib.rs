@@ -26,6 +26,8 @@ pub mod sources;
 pub mod stereo;
 
 mod grey;
+mod onnx_library;
+mod onnx_model;
 mod onnx_runtime;
 mod onnx_session;
 #[cfg(feature = "tract")]

@@ -30,17 +30,25 @@ pub struct Engine {
     pub build: &'static str,
     /// The library it was loaded from; tract is part of the program.
     pub library: Option<PathBuf>,
-    /// What led to it: `ORT_DYLIB_PATH`, `system`, `VIRTUAL_ENV`, ...; `fallback` where there was no other.
+    /// What led to it: `ORT_DYLIB_PATH`, `LD_LIBRARY_PATH`, `system`, `VIRTUAL_ENV`, ...; `fallback` where there was no other.
     pub found_by: &'static str,
     /// Of a fallback: why there is no ONNX Runtime.
     pub instead_of: Option<String>,
+    /// Libraries that bear ONNX Runtime's name where it was looked for, and why each cannot be used.
+    pub refused: Vec<String>,
     /// ONNX Runtime's; tract has none.
     environment: Option<Environment>,
     used: Mutex<BTreeSet<Provider>>,
 }
 
 impl Engine {
-    pub(crate) fn of_library(path: PathBuf, found_by: &'static str, version: String, environment: Environment) -> Self {
+    pub(crate) fn of_library(
+        path: PathBuf,
+        found_by: &'static str,
+        version: String,
+        environment: Environment,
+        refused: Vec<String>,
+    ) -> Self {
         let (name, build, library) = ("onnxruntime", ort::info(), Some(path));
         Self {
             name,
@@ -49,6 +57,7 @@ impl Engine {
             library,
             found_by,
             instead_of: None,
+            refused,
             environment: Some(environment),
             used: Mutex::default(),
         }
@@ -197,6 +206,12 @@ pub fn find() -> Result<&'static Engine, Fault> {
     FOUND.get_or_init(choose).as_ref().map_err(|none| Fault::new(none.what.clone()).remedy(none.remedy))
 }
 
+/// The folders in which ONNX Runtime is looked for when `ORT_DYLIB_PATH` names none, in order; each with what led to it.
+#[must_use]
+pub fn looked_at() -> Vec<(&'static str, PathBuf)> {
+    onnx_runtime::places()
+}
+
 /// The engine, if a network has asked for it.
 #[must_use]
 pub fn in_use() -> Option<&'static Engine> {
@@ -209,10 +224,10 @@ fn choose() -> Result<Engine, NoEngine> {
         Some("") => onnx_runtime::load().or_else(|missing| match missing {
             // A library asked for by name: another engine in its place would surprise.
             onnx_runtime::Missing::Named(what) => Err(NoEngine::missing(what)),
-            onnx_runtime::Missing::NoneFound(what) => fallback(what),
+            onnx_runtime::Missing::NoneFound(what, refused) => fallback(what, refused),
         }),
         Some("onnxruntime") => onnx_runtime::load().map_err(|missing| NoEngine::missing(missing.into_text())),
-        Some("tract") => tract(VARIABLE, None),
+        Some("tract") => tract(VARIABLE, None, Vec::new()),
         _ => Err(NoEngine {
             what: format!("{VARIABLE} is `{}`, which is no engine", asked.display()),
             remedy: "set it to onnxruntime or tract, or to nothing for the first of them that is there",
@@ -221,17 +236,17 @@ fn choose() -> Result<Engine, NoEngine> {
 }
 
 #[cfg(feature = "tract")]
-fn fallback(why: String) -> Result<Engine, NoEngine> {
-    tract("fallback", Some(why))
+fn fallback(why: String, refused: Vec<String>) -> Result<Engine, NoEngine> {
+    tract("fallback", Some(why), refused)
 }
 
 #[cfg(not(feature = "tract"))]
-fn fallback(why: String) -> Result<Engine, NoEngine> {
+fn fallback(why: String, _refused: Vec<String>) -> Result<Engine, NoEngine> {
     Err(NoEngine::missing(why))
 }
 
 #[cfg(feature = "tract")]
-fn tract(found_by: &'static str, instead_of: Option<String>) -> Result<Engine, NoEngine> {
+fn tract(found_by: &'static str, instead_of: Option<String>, refused: Vec<String>) -> Result<Engine, NoEngine> {
     Ok(Engine {
         name: "tract",
         version: crate::onnx_tract::VERSION.to_owned(),
@@ -239,13 +254,14 @@ fn tract(found_by: &'static str, instead_of: Option<String>) -> Result<Engine, N
         library: None,
         found_by,
         instead_of,
+        refused,
         environment: None,
         used: Mutex::default(),
     })
 }
 
 #[cfg(not(feature = "tract"))]
-fn tract(_found_by: &'static str, _instead_of: Option<String>) -> Result<Engine, NoEngine> {
+fn tract(_: &'static str, _: Option<String>, _: Vec<String>) -> Result<Engine, NoEngine> {
     let what = format!("{VARIABLE} asks for tract, and this program was built without it");
     Err(NoEngine { what, remedy: "build it with the cargo feature `tract`, which is on by default" })
 }

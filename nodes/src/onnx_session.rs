@@ -2,7 +2,7 @@
 
 use depthloom_graphs::Fault;
 use ort::session::Session;
-use ort::value::{TensorElementType, TensorRef, ValueType};
+use ort::value::{TensorElementType, TensorRef};
 
 use crate::onnx_engine::Engine;
 
@@ -12,16 +12,6 @@ pub(crate) struct Outlet {
     pub name: String,
     /// Element type and shape, open sides -1; `None`: no tensor.
     pub tensor: Option<(TensorElementType, Vec<i64>)>,
-}
-
-impl Outlet {
-    fn of(outlet: &ort::value::Outlet) -> Self {
-        let tensor = match outlet.dtype() {
-            ValueType::Tensor { ty, shape, .. } => Some((*ty, shape.to_vec())),
-            _ => None,
-        };
-        Self { name: outlet.name().to_owned(), tensor }
-    }
 }
 
 /// The one input that is fed and the one output that is read.
@@ -40,31 +30,6 @@ pub(crate) enum EngineSession {
 }
 
 impl EngineSession {
-    pub fn inputs(&self) -> Vec<Outlet> {
-        match self {
-            Self::OnnxRuntime(session) => session.inputs().iter().map(Outlet::of).collect(),
-            #[cfg(feature = "tract")]
-            Self::Tract(session) => session.inputs.clone(),
-        }
-    }
-
-    pub fn outputs(&self) -> Vec<Outlet> {
-        match self {
-            Self::OnnxRuntime(session) => session.outputs().iter().map(Outlet::of).collect(),
-            #[cfg(feature = "tract")]
-            Self::Tract(session) => session.outputs.clone(),
-        }
-    }
-
-    /// What the model says of itself under a name.
-    pub fn metadata(&self, name: &str) -> Option<String> {
-        match self {
-            Self::OnnxRuntime(session) => session.metadata().ok()?.custom(name),
-            #[cfg(feature = "tract")]
-            Self::Tract(session) => session.metadata(name),
-        }
-    }
-
     /// Makes ready for runs of this wiring.
     #[cfg_attr(not(feature = "tract"), expect(unused_variables, reason = "only tract plans for a wiring"))]
     pub fn prepare(&mut self, wiring: &Wiring) -> Result<(), String> {

@@ -6,14 +6,12 @@
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 
-use ort::value::TensorElementType;
-use tract_onnx::pb::{ModelProto, ValueInfoProto, tensor_shape_proto, type_proto};
+use depthloom_kernels::memory::{TooMuch, bytes_of};
+use tract_onnx::pb::ModelProto;
 use tract_onnx::prelude::{
     Datum, Framework, InferenceFact, InferenceModelExt, IntoRunnable, Tensor, TractError, TractResult,
     TypedRunnableModel, tvec,
 };
-
-use crate::onnx_session::Outlet;
 
 /// The version that is compiled in; `Cargo.toml` pins it.
 pub const VERSION: &str = "0.23.9";
@@ -21,8 +19,6 @@ pub const VERSION: &str = "0.23.9";
 /// A model in tract.
 pub struct TractSession {
     model: Box<ModelProto>,
-    pub inputs: Vec<Outlet>,
-    pub outputs: Vec<Outlet>,
     plan: Option<Arc<TypedRunnableModel>>,
 }
 
@@ -31,20 +27,8 @@ impl TractSession {
     pub fn read(mut model: &[u8]) -> Result<Self, String> {
         caught(|| {
             let model = Box::new(tract_onnx::onnx().proto_model_for_read(&mut model)?);
-            let Some(graph) = &model.graph else {
-                return Err(TractError::msg("it holds no graph"));
-            };
-            // Old models list their weights among the inputs.
-            let is_weight = |input: &&ValueInfoProto| graph.initializer.iter().any(|weight| weight.name == input.name);
-            let inputs = graph.input.iter().filter(|input| !is_weight(input)).map(outlet).collect();
-            let outputs = graph.output.iter().map(outlet).collect();
-            Ok(Self { model, inputs, outputs, plan: None })
+            Ok(Self { model, plan: None })
         })
-    }
-
-    /// What the model says of itself under a name.
-    pub fn metadata(&self, name: &str) -> Option<String> {
-        self.model.metadata_props.iter().find(|said| said.key == name).map(|said| said.value.clone())
     }
 
     /// Plans the way from an input of a shape to an output.
@@ -63,6 +47,12 @@ impl TractSession {
             graph.set_input_outlets(&[found(input)?])?;
             graph.set_input_fact(0, InferenceFact::dt_shape(f32::datum_type(), shape))?;
             graph.select_output_outlets(&[found(output)?])?;
+            let graph = graph.into_typed()?;
+            // Sizes that follow from others are known now, and none of it is there yet.
+            for fact in graph.nodes.iter().flat_map(|node| &node.outputs).map(|outlet| &outlet.fact) {
+                let sides = fact.shape.as_concrete().unwrap_or_default();
+                TooMuch::check(bytes_of(sides, fact.datum_type.size_of())).map_err(TractError::new)?;
+            }
             graph.into_optimized()?.into_runnable()
         })?;
         self.plan = Some(plan);
@@ -90,42 +80,6 @@ fn caught<T>(work: impl FnOnce() -> TractResult<T>) -> Result<T, String> {
             let text = text.or_else(|| panic.downcast_ref::<String>().map(String::as_str));
             Err(format!("tract failed within: {}", text.unwrap_or("it says not why")))
         }
-    }
-}
-
-fn outlet(declared: &ValueInfoProto) -> Outlet {
-    let value = declared.r#type.as_ref().and_then(|ty| ty.value.as_ref());
-    let tensor = value.map(|type_proto::Value::TensorType(tensor)| {
-        let side = |dimension: &tensor_shape_proto::Dimension| match dimension.value {
-            Some(tensor_shape_proto::dimension::Value::DimValue(side)) => side,
-            _ => -1,
-        };
-        let shape = tensor.shape.as_ref().map(|shape| shape.dim.iter().map(side).collect());
-        (element(tensor.elem_type), shape.unwrap_or_default())
-    });
-    Outlet { name: declared.name.clone(), tensor }
-}
-
-/// The element type by its number in the ONNX schema.
-const fn element(number: i32) -> TensorElementType {
-    match number {
-        1 => TensorElementType::Float32,
-        2 => TensorElementType::Uint8,
-        3 => TensorElementType::Int8,
-        4 => TensorElementType::Uint16,
-        5 => TensorElementType::Int16,
-        6 => TensorElementType::Int32,
-        7 => TensorElementType::Int64,
-        8 => TensorElementType::String,
-        9 => TensorElementType::Bool,
-        10 => TensorElementType::Float16,
-        11 => TensorElementType::Float64,
-        12 => TensorElementType::Uint32,
-        13 => TensorElementType::Uint64,
-        14 => TensorElementType::Complex64,
-        15 => TensorElementType::Complex128,
-        16 => TensorElementType::Bfloat16,
-        _ => TensorElementType::Undefined,
     }
 }
 

@@ -3,7 +3,7 @@
 use depthloom_graphs::contracts::{Contract, NodeDeclaration};
 use depthloom_graphs::values::Depth;
 use depthloom_graphs::{Context, Fault, Inputs, Instance, Node, Outputs, Port, PureNode, ValueType};
-use depthloom_kernels::median::{median3, median5};
+use depthloom_kernels::median::{median3_of_answers, median5_of_answers};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -35,12 +35,13 @@ impl Node for Median {
     fn declaration() -> NodeDeclaration {
         NodeDeclaration {
             kind: "filter/median",
-            version: 1,
+            version: 2,
             contract: Contract::Pure,
             summary: "Median of every pixel's neighbourhood.",
             doc: "\
-OpenCV's `medianBlur` of f32: square window, border replicated. The paper ends its fusion with 5x5. A pixel without answer (NaN) counts as larger \
-than any depth, so that a window with a majority of answers gives one.",
+OpenCV's `medianBlur` of f32: square window, border replicated. The paper ends its fusion with 5x5. A pixel without answer (NaN or infinity) is no \
+sample: a pixel that answered gets the median of the answers around it (of an even number the mean of the middle two), one that did not gets it where \
+more than half of its window answered.",
             inputs: vec![Port::frame("depth", ValueType::Depth, "Depth, metres.")],
             outputs: vec![Port::frame("depth", ValueType::Depth, "Depth, filtered, metres.")],
         }
@@ -54,7 +55,7 @@ than any depth, so that a window with a majority of answers gives one.",
     }
 
     fn build(params: MedianParams) -> Result<Instance, Fault> {
-        let kernel = if params.size == 3 { median3 } else { median5 };
+        let kernel = if params.size == 3 { median3_of_answers } else { median5_of_answers };
         Ok(Instance::Pure(Box::new(Self { kernel })))
     }
 }

@@ -32,7 +32,13 @@ impl Flip {
         let shares: Vec<f32> = (0..width).map(|column| self.share_of_plain(column, width)).collect();
         for (row, mirrored) in map.chunks_exact_mut(width).zip(of_mirrored.chunks_exact(width)) {
             for ((value, mirrored), share) in row.iter_mut().zip(mirrored.iter().rev()).zip(&shares) {
-                *value = share * *value + (1.0 - share) * mirrored;
+                // Where only one of the two is a number, it stands.
+                *value = match (value.is_finite(), mirrored.is_finite()) {
+                    (true, true) => share * *value + (1.0 - share) * mirrored,
+                    (true, false) => *value,
+                    (false, true) => *mirrored,
+                    (false, false) => f32::NAN,
+                };
             }
         }
     }
@@ -80,6 +86,16 @@ mod tests {
             [(0, 0.0), (2, 0.0), (3, 0.25), (4, 0.5), (20, 0.5), (36, 0.5), (37, 0.75), (38, 1.0), (40, 1.0)]
         {
             assert!((shares[column] - expected).abs() < 1e-6, "column {column}: {} is not {expected}", shares[column]);
+        }
+    }
+
+    #[test]
+    fn fault_42_one_of_two_opinions_that_is_no_number_leaves_the_other() {
+        for flip in [Flip::Mean, Flip::Godard] {
+            let mut plain = [f32::NAN, 2.0, f32::INFINITY];
+            flip.join(&mut plain, &[f32::NAN, f32::NEG_INFINITY, 3.0], 3);
+            assert_eq!(plain[..2], [3.0, 2.0], "{flip:?}");
+            assert!(plain[2].is_nan());
         }
     }
 

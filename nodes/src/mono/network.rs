@@ -4,11 +4,13 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use depthloom_graphs::Fault;
 use depthloom_graphs::values::Artifact;
+use depthloom_kernels::memory::{TooMuch, bytes_of, zeros};
 use ort::value::TensorElementType;
 
 use super::network_input::InputSize;
 use super::onnx::{Layout, OnnxParams, Output};
 use crate::onnx_engine::{self, Engine};
+use crate::onnx_model::{Declared, elements};
 use crate::onnx_provider::Provider;
 use crate::onnx_session::{EngineSession, Outlet, Wiring};
 
@@ -48,10 +50,16 @@ impl Network {
         let engine = onnx_engine::find()?;
         engine.offers(params.provider)?;
         let (provider, threads) = (params.provider, params.threads as usize);
-        let session = engine.session(&model.bytes, provider, threads)?;
-        let (inputs, outputs) = (session.inputs(), session.outputs());
-        let input = outlet("input", &inputs, params.input_name.as_deref())?;
-        let output = outlet("output", &outputs, params.output_name.as_deref())?;
+        let declared = Declared::read(&model.bytes).map_err(|what| engine.cannot_load(&model.bytes, what))?;
+        if let Some(file) = &declared.external {
+            return Err(Fault::new(format!(
+                "the network keeps weights in another file (`{file}`), and is run from one alone"
+            ))
+            .remedy("save it whole: python -c \"import onnx; onnx.save(onnx.load('net.onnx'), 'whole.onnx')\""));
+        }
+        let Declared { inputs, outputs, .. } = &declared;
+        let input = outlet("input", inputs, params.input_name.as_deref())?;
+        let output = outlet("output", outputs, params.output_name.as_deref())?;
         if let (None, [_, other, ..]) = (&params.input_name, &inputs[..]) {
             return Err(Fault::new(format!("the network has several inputs ({}, {}, ...)", input.name, other.name))
                 .remedy("only networks of one image can be run: export the model with that one input"));
@@ -59,7 +67,8 @@ impl Network {
         let size = input_size(input, params)?;
         check_output(output)?;
         let batch = batch(input, output, params);
-        let meaning = meaning(&session, params)?;
+        check_memory(&declared, size, params)?;
+        let meaning = meaning(&declared, params)?;
         let shape = match params.layout {
             Layout::Nchw => [batch, size.channels, size.height, size.width],
             Layout::Nhwc => [batch, size.height, size.width, size.channels],
@@ -67,8 +76,17 @@ impl Network {
         let wiring = Wiring { input: input.name.clone(), shape, output: output.name.clone() };
         let (model, sessions) = (Arc::clone(&model.bytes), Mutex::default());
         let network = Self { engine, model, provider, threads, wiring, batch, size, meaning, sessions };
-        let prepared = network.prepared(session)?;
-        network.give_back(prepared);
+        let mut session = network.prepared(engine.session(&network.model, provider, threads)?)?;
+        match output.tensor.as_ref().map(|(_, shape)| shape) {
+            Some(shape) if !shape.is_empty() && shape.iter().all(|&side| side >= 0) => {
+                map_size(shape, batch).ok_or_else(|| network.no_map(shape))?;
+            }
+            // What it leaves open, a black image shows.
+            _ => {
+                network.run_in(&mut session, &zeros::<f32>(batch * size.samples()).map_err(too_large)?)?;
+            }
+        }
+        network.give_back(session);
         Ok(network)
     }
 
@@ -119,9 +137,9 @@ impl Network {
 const MEANING: &str = "depthloom.output";
 
 /// What the experiment says the output means, else what the model says, else the usual. The two must not contradict each other.
-fn meaning(session: &EngineSession, params: &OnnxParams) -> Result<Output, Fault> {
-    let Some(said) = session.metadata(MEANING) else { return Ok(params.output.unwrap_or_default()) };
-    let of_model = serde_json::from_value(said.clone().into()).map_err(|_| {
+fn meaning(declared: &Declared, params: &OnnxParams) -> Result<Output, Fault> {
+    let Some(said) = declared.metadata(MEANING) else { return Ok(params.output.unwrap_or_default()) };
+    let of_model = serde_json::from_value(said.into()).map_err(|_| {
         Fault::new(format!("the network says that its output is `{said}`, which is nothing known here"))
             .remedy("a newer version of this program may have written it")
     })?;
@@ -202,6 +220,29 @@ fn input_size(input: &Outlet, params: &OnnxParams) -> Result<InputSize, Fault> {
     let width = side(width, params.size.map(|size| size[0]))?;
     let height = side(height, params.size.map(|size| size[1]))?;
     Ok(InputSize { channels: channels as usize, width, height })
+}
+
+/// That neither what the model states nor what an image becomes takes more memory than there is for one call.
+fn check_memory(declared: &Declared, size: InputSize, params: &OnnxParams) -> Result<(), Fault> {
+    if let Some((name, sides)) = &declared.largest {
+        let bytes = elements(sides).saturating_mul(size_of::<f32>() as u64);
+        TooMuch::check(bytes).map_err(|error| {
+            Fault::new(format!("the network states a tensor `{name}` of {}", shown(sides)))
+                .because(error)
+                .remedy("export the model for a smaller image")
+        })?;
+    }
+    // The image at the network's size, in bytes and in f32; its tensors, ours and the engine's; a map each.
+    let (image, tensors) = (3 + 12, params.flip.images() * 4 * (2 * size.channels + 1));
+    TooMuch::check(bytes_of(&[size.width, size.height], image + tensors)).map_err(too_large).map_err(|fault| {
+        Fault::new(format!("the network's image is {}x{}", size.width, size.height))
+            .because(fault)
+            .remedy("export the model for a smaller image, or say which by a smaller `size`")
+    })
+}
+
+fn too_large(error: TooMuch) -> Fault {
+    Fault::new(error.to_string())
 }
 
 fn check_output(output: &Outlet) -> Result<(), Fault> {

@@ -1,6 +1,7 @@
 //! An image as a network wants it: resized, normalised, in its order of axes and channels.
 
 use depthloom_graphs::values::{Image, Pixels};
+use depthloom_kernels::memory::{TooMuch, zeros};
 use depthloom_kernels::resize::{area_rgb8, bilinear_f32};
 
 use super::onnx::{Channels, Layout, OnnxParams, Resize};
@@ -28,10 +29,13 @@ impl InputSize {
 }
 
 /// The tensor of an image, batch of one, in the order `layout` says.
-pub fn tensor(image: &Image, size: InputSize, params: &OnnxParams) -> Vec<f32> {
-    let rgb = resized(image, size, params);
+///
+/// # Errors
+/// If there is not the memory for it.
+pub fn tensor(image: &Image, size: InputSize, params: &OnnxParams) -> Result<Vec<f32>, TooMuch> {
+    let rgb = resized(image, size, params)?;
     let pixels = size.pixels();
-    let mut tensor = vec![0.0; pixels * size.channels];
+    let mut tensor = zeros::<f32>(pixels * size.channels)?;
     for channel in 0..size.channels {
         // Mean and deviation go with the network's channels, in its own order.
         let (mean, deviation) = (params.mean[channel] as f32, params.std[channel] as f32);
@@ -47,7 +51,7 @@ pub fn tensor(image: &Image, size: InputSize, params: &OnnxParams) -> Vec<f32> {
             tensor[at] = (sample / 255.0 - mean) / deviation;
         }
     }
-    tensor
+    Ok(tensor)
 }
 
 /// The tensor of the mirror image: every row from right to left.
@@ -62,19 +66,19 @@ pub fn mirrored(tensor: &[f32], size: InputSize, layout: Layout) -> Vec<f32> {
 }
 
 /// The image at the network's size, interleaved, 0 to 255.
-fn resized(image: &Image, size: InputSize, params: &OnnxParams) -> Vec<f32> {
+fn resized(image: &Image, size: InputSize, params: &OnnxParams) -> Result<Vec<f32>, TooMuch> {
     let (columns, rows) = image.dimensions();
     let (width, height) = (columns as usize, rows as usize);
     let interleaved = if size.channels == 1 { grey_as_rgb(image) } else { colour(image) };
     let rgb = match params.resize {
         Resize::Area => {
-            let mut small = vec![0; size.pixels() * 3];
+            let mut small = zeros::<u8>(size.pixels() * 3)?;
             area_rgb8(&interleaved, width, height, size.width, size.height, &mut small);
             small.into_iter().map(f32::from).collect()
         }
         Resize::Bilinear => {
-            let mut rgb = vec![0.0; size.pixels() * 3];
-            let mut plane = vec![0.0; size.pixels()];
+            let mut rgb = zeros::<f32>(size.pixels() * 3)?;
+            let mut plane = zeros::<f32>(size.pixels())?;
             for channel in 0..3 {
                 let samples: Vec<f32> = interleaved.iter().skip(channel).step_by(3).map(|&v| f32::from(v)).collect();
                 bilinear_f32(&samples, width, height, size.width, size.height, &mut plane);
@@ -85,7 +89,7 @@ fn resized(image: &Image, size: InputSize, params: &OnnxParams) -> Vec<f32> {
             rgb
         }
     };
-    if size.channels == 1 { rgb.into_iter().step_by(3).collect() } else { rgb }
+    Ok(if size.channels == 1 { rgb.into_iter().step_by(3).collect() } else { rgb })
 }
 
 fn colour(image: &Image) -> std::borrow::Cow<'_, [u8]> {
@@ -115,7 +119,9 @@ mod tests {
 
     #[test]
     fn channels_lie_in_planes_or_interleaved_and_in_either_order() {
-        let of = |layout, channels| tensor(&image(), SIZE, &OnnxParams { layout, channels, ..OnnxParams::default() });
+        let of = |layout, channels| {
+            tensor(&image(), SIZE, &OnnxParams { layout, channels, ..OnnxParams::default() }).unwrap()
+        };
         assert_eq!(of(Layout::Nchw, Channels::Rgb), [1.0, 0.4, 0.0, 0.6, 0.2, 0.8]);
         assert_eq!(of(Layout::Nhwc, Channels::Rgb), [1.0, 0.0, 0.2, 0.4, 0.6, 0.8]);
         assert_eq!(of(Layout::Nchw, Channels::Bgr), [0.2, 0.8, 0.0, 0.6, 1.0, 0.4]);
@@ -130,7 +136,7 @@ mod tests {
             ..OnnxParams::default()
         };
         let expected = [0.0, 1.2, 0.0, 0.3, 0.0, -0.6];
-        for (found, expected) in tensor(&image(), SIZE, &params).iter().zip(expected) {
+        for (found, expected) in tensor(&image(), SIZE, &params).unwrap().iter().zip(expected) {
             assert!((found - expected).abs() < 1e-6, "{found} is not {expected}");
         }
     }
@@ -140,13 +146,14 @@ mod tests {
         let turned = Image::new(Pixels::Rgb(RgbImage::from_raw(2, 1, vec![102, 153, 204, 255, 0, 51]).unwrap()));
         for layout in [Layout::Nchw, Layout::Nhwc] {
             let params = OnnxParams { layout, ..OnnxParams::default() };
-            assert_eq!(mirrored(&tensor(&image(), SIZE, &params), SIZE, layout), tensor(&turned, SIZE, &params));
+            let [plain, turned] = [image(), turned.clone()].map(|image| tensor(&image, SIZE, &params).unwrap());
+            assert_eq!(mirrored(&plain, SIZE, layout), turned);
         }
     }
 
     #[test]
     fn a_network_of_one_channel_sees_opencvs_grey() {
-        let grey = tensor(&image(), InputSize { channels: 1, ..SIZE }, &OnnxParams::default());
+        let grey = tensor(&image(), InputSize { channels: 1, ..SIZE }, &OnnxParams::default()).unwrap();
         assert_eq!(grey, [82.0 / 255.0, 144.0 / 255.0]);
     }
 }

@@ -148,17 +148,18 @@ impl Node for Onnx {
     fn declaration() -> NodeDeclaration {
         NodeDeclaration {
             kind: "mono/onnx",
-            version: 1,
+            version: 2,
             contract: Contract::Pure,
             summary: "Depth by a network: any ONNX model that maps one image to one map.",
             doc: "\
 The image is resized to the network's size, divided by 255, normalised by `mean` and `std` and run. The output, one map of any size, is resized to the \
 image's (bilinear, half-pixel centres) and turned into metres by what it means: with a disparity share `s`, \
-`Z = min(f * B / max(s * width, floor_px), cap)`. Depth is capped here, before any scaling. Where the network gives NaN there is no answer.\n\n\
-The model is a file (`model: { file: net.onnx }`) or a learning stage's output. Its batch is 1 or open: frames come one by one, and run side by side in \
+`Z = min(f * B / max(s * width, floor_px), cap)`. Depth is capped here, before any scaling. Where the network gives NaN or infinity there is no answer, nor where \
+such a pixel has part in a resized one; they are counted, and warned of at the end of the run.\n\n\
+The model is a file (`model: { file: net.onnx }`), its weights in that one file, or a learning stage's output. Its batch is 1 or open: frames come one by one, and run side by side in \
 sessions of their own. With `flip` the network sees the frame and its mirror image, and both answers are joined before they become metres: as a batch of two \
 where the model leaves the batch of input and output open or fixes it at 2, in two runs where it fixes 1.\n\n\
-ONNX Runtime is looked for at `ORT_DYLIB_PATH`, in the usual places and in Python environments (`pip install onnxruntime`). Where there is none, tract runs the \
+ONNX Runtime is looked for at `ORT_DYLIB_PATH`, in the system's folders and in the active Python environment (`pip install onnxruntime`). Where there is none, tract runs the \
 network: in pure Rust, part of the program, slower, without `threads` and other providers than `cpu`. `DEPTHLOOM_ONNX_ENGINE=onnxruntime` or `tract` asks for one \
 by name. `depthloom doctor` says which it is and what providers it offers; engine, version and provider enter the keys of the results, and \
 `environment.json` beside a recording names them. A GPU's provider runs on the processor what operators it lacks, as ONNX Runtime does it; one that \
@@ -243,16 +244,45 @@ impl Onnx {
     }
 }
 
+/// How many values are NaN or infinite.
+fn numberless(values: &[f32]) -> usize {
+    values.iter().filter(|value| !value.is_finite()).count()
+}
+
+/// Resizes a map of which some pixels are no numbers: what has part in none of them is as if there were none, the rest is NaN.
+fn resize_answers(
+    map: &mut [f32],
+    (from_width, from_height): (usize, usize),
+    (width, height): (usize, usize),
+    out: &mut [f32],
+) {
+    let gaps: Vec<f32> = map.iter().map(|value| f32::from(u8::from(!value.is_finite()))).collect();
+    map.iter_mut().filter(|value| !value.is_finite()).for_each(|value| *value = 0.0);
+    bilinear_f32(map, from_width, from_height, width, height, out);
+    let mut share_of_gaps = vec![0.0; out.len()];
+    bilinear_f32(&gaps, from_width, from_height, width, height, &mut share_of_gaps);
+    for (value, share) in out.iter_mut().zip(share_of_gaps) {
+        if share > 0.0 {
+            *value = f32::NAN;
+        }
+    }
+}
+
 impl PureNode for Onnx {
-    fn process(&self, inputs: &Inputs<'_>, _ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+    fn prepare(&self, files: &Inputs<'_>) -> Result<(), Fault> {
+        files.optional::<Artifact>("model")?.map_or(Ok(()), |model| self.network(model).map(|_| ()))
+    }
+
+    fn process(&self, inputs: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
         let image = inputs.get::<Image>("image")?;
         let calibration = inputs.get::<Calibration>("calibration")?;
         let network = self.network(inputs.get::<Artifact>("model")?)?;
-        let mut tensors = tensor(image, network.size, &self.params);
+        let mut tensors = tensor(image, network.size, &self.params).map_err(|error| Fault::new(error.to_string()))?;
         if self.params.flip != Flip::None {
             tensors.extend(mirrored(&tensors, network.size, self.params.layout));
         }
         let mut maps = network.run(&tensors)?;
+        let of_network = numberless(&maps.values);
         let (map, of_mirrored) = maps.values.split_at_mut(maps.width * maps.height);
         if self.params.flip != Flip::None {
             self.params.flip.join(map, of_mirrored, maps.width);
@@ -264,10 +294,20 @@ impl PureNode for Onnx {
         if scale != 1.0 {
             map.iter_mut().for_each(|value| *value *= scale);
         }
+        // A number may become none when it is multiplied; one of two opinions may have been a number.
+        let remaining = numberless(map);
+        let seen = of_network.max(remaining);
+        if seen > 0 {
+            ctx.host.warn_of(seen as u64, "pixels of the network are no numbers (NaN or infinity)");
+        }
         let (columns, rows) = image.dimensions();
         let (width, height) = (columns as usize, rows as usize);
         let mut full = vec![0.0; width * height];
-        bilinear_f32(map, maps.width, maps.height, width, height, &mut full);
+        if remaining == 0 {
+            bilinear_f32(map, maps.width, maps.height, width, height, &mut full);
+        } else {
+            resize_answers(map, (maps.width, maps.height), (width, height), &mut full);
+        }
         let metres = filled((columns, rows), |out| self.metres(network.meaning, &full, calibration, width, out));
         Ok(Outputs::one("depth", Depth { metres }))
     }

@@ -8,7 +8,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::grey::grey;
-use crate::shape::{filled, same_size};
+use crate::shape::{filled, same_size, too_large};
 use crate::tiles::HostTiles;
 
 /// Which comparisons in the 9x7 window around a pixel make its feature.
@@ -155,7 +155,10 @@ impl PureNode for CensusSgm {
             result = census::compute(&pair, &self.params, &mut scratch, &HostTiles(ctx.host), out);
         });
         ctx.scratch.put(scratch);
-        result.map_err(|error| Fault::new(error.to_string()))?;
+        result.map_err(|error| match error {
+            census::Error::Memory(error) => too_large(error, (width, height)),
+            error => Fault::new(error.to_string()),
+        })?;
         let min_disparity_px = self.params.min_disparity;
         Ok(Outputs::one("disparity", Disparity { sixteenths_px, min_disparity_px }))
     }

@@ -159,3 +159,23 @@ fn smoothing_gives_pixels_without_answer_one_if_asked() {
         call("disparity/weighted-least-squares", &json!({}), &[("image", small), ("disparity", before.clone())]);
     assert_eq!(fault.unwrap_err().to_string(), "`image` is 4x2 and `disparity` is 4x3: they must be of one size");
 }
+
+#[test]
+fn fault_12_costs_that_take_more_memory_than_there_is_are_refused_with_their_number() {
+    let image: Value = Image::new(Pixels::Grey(GrayImage::new(8192, 8192))).into();
+    let modes = [
+        ("stereo/census-sgm", json!({ "disparities": 256 }), "32.0 GiB"),
+        ("stereo/census-sgm", json!({ "disparities": 256, "census": "full", "p2": 100, "paths": 4 }), "32.0 GiB"),
+        // The first 256 columns are not searched.
+        ("stereo/sgbm", json!({ "disparities": 256, "mode": "hh" }), "62.0 GiB"),
+        ("stereo/sgbm", json!({ "disparities": 256, "mode": "hh4" }), "62.0 GiB"),
+    ];
+    for (kind, params, number) in modes {
+        let inputs = [("left", image.clone()), ("right", image.clone())];
+        let fault = call(kind, &params, &inputs).unwrap_err();
+        let told = fault.chain();
+        let expected = format!("the images are 8192x8192: {number} of memory would be needed, and 8 GiB is the most");
+        assert_eq!(told, expected, "{kind} {params}");
+        assert!(fault.remedy_text().is_some_and(|remedy| remedy.contains("fewer disparities")));
+    }
+}

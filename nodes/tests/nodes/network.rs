@@ -92,6 +92,78 @@ fn a_model_may_say_itself_what_its_output_means() {
     assert!(run(&json!({}), &saying("warmth")).unwrap_err().contains("nothing known here"));
 }
 
+/// A host that adds up what nodes tell of.
+#[derive(Default)]
+struct Listening(std::sync::Mutex<Vec<(u64, String)>>);
+
+impl depthloom_graphs::Host for Listening {
+    fn cancelled(&self) -> bool {
+        false
+    }
+
+    fn warn_of(&self, count: u64, what: &str) {
+        self.0.lock().unwrap().push((count, what.to_owned()));
+    }
+
+    fn progress(&self, _done: u64, _total: u64, _message: &str) {}
+
+    fn tiles(&self, n: usize, f: &(dyn Fn(usize) + Sync)) {
+        (0..n).for_each(f);
+    }
+
+    fn width(&self) -> usize {
+        1
+    }
+}
+
+#[test]
+fn fault_42_pixels_that_are_no_numbers_are_no_answers_are_counted_and_spread_no_further_than_their_part() {
+    if !can_run("fault_42_pixels_that_are_no_numbers_are_no_answers") {
+        return;
+    }
+    use depthloom_graphs::{Context, Inputs, Instance, Scratch};
+    let registry = depthloom_nodes::registry();
+    let kind = registry.node_kind("mono/onnx").unwrap();
+    // Of .2 .4 .8 1, the mean is taken away: the root of what is less is no number, of the others .55 and .71.
+    let of = |op: &str, columns: i64, params: Json| {
+        let (input, output) = (Tensor("x", F32, &[1, 1, 2, columns]), Tensor("y", F32, &[1, 1, 2, columns]));
+        let network = model(onnx_file::model(op, None, &[input], &output));
+        let Instance::Pure(node) = kind.build(&kind.resolve(&params).unwrap()).unwrap() else { panic!("pure") };
+        let inputs = [Some(image()), Some(calibration(10.0, 2.0)), Some(network)];
+        let (host, mut scratch) = (Listening::default(), Scratch::default());
+        let inputs = Inputs::new(&kind.declaration.inputs, &inputs);
+        let outputs = node.process(&inputs, &mut Context::new(&host, &mut scratch)).unwrap();
+        let value = outputs.in_order_of(&kind.declaration.outputs).unwrap().remove(0).unwrap();
+        (metres(&value).to_vec(), host.0.into_inner().unwrap())
+    };
+    let told = |count| vec![(count, "pixels of the network are no numbers (NaN or infinity)".to_owned())];
+    let dark = json!({ "mean": [0.5, 0.5, 0.5] });
+    for output in ["disparity-share", "disparity-px", "inverse-depth", "depth"] {
+        let mut params = dark.clone();
+        params["output"] = output.into();
+        let (depth, warned) = of("Sqrt", 4, params);
+        let answered: Vec<bool> = depth.iter().map(|metres| metres.is_finite()).collect();
+        assert_eq!(answered, [false, false, true, true].repeat(2), "{output}: {depth:?}");
+        assert_eq!(warned, told(4), "{output}");
+    }
+    // Infinity is no number either: a deviation so small that the quotient has no end.
+    let (depth, warned) = of("Exp", 4, json!({ "std": [1e-3, 1e-3, 1e-3], "output": "depth" }));
+    assert!(depth.iter().all(|metres| metres.is_nan()), "{depth:?}");
+    assert_eq!(warned, told(8));
+    // A network of two columns: the first is none, and has part in the image's first three.
+    let (depth, warned) = of("Sqrt", 2, dark.clone());
+    let answered: Vec<bool> = depth.iter().map(|metres| metres.is_finite()).collect();
+    assert_eq!((answered, warned), ([false, false, false, true].repeat(2), told(2)), "{depth:?}");
+    // With a second opinion, what one of the two gave stands.
+    let mut twice = dark;
+    twice["flip"] = "mean".into();
+    let (depth, warned) = of("Sqrt", 4, twice);
+    assert!(depth[2].is_finite() && depth[3].is_finite(), "{depth:?}");
+    assert!(warned[0].0 >= 4, "{warned:?}");
+    // And where all are numbers nobody is told of anything.
+    assert_eq!(of("Identity", 4, json!({})).1, Vec::new());
+}
+
 #[test]
 fn a_disparity_in_pixels_grows_with_the_image() {
     if !can_run("a_disparity_in_pixels_grows_with_the_image") {

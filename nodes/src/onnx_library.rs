@@ -1,0 +1,72 @@
+//! Whether a library is an ONNX Runtime that this program can call, found out before the crate `ort` is told of it.
+//!
+//! `ort` takes one library a process, and has nothing to go on with where that one is refused: what it calls next is memory that was never
+//! written. So every library is looked at here first, and `ort` gets one that it will take.
+#![expect(
+    unsafe_code,
+    reason = "a library's functions can only be called on its word that they are what their names say"
+)]
+
+use std::ffi::CStr;
+use std::mem::ManuallyDrop;
+use std::path::Path;
+
+use libloading::Library;
+use ort::MINOR_VERSION;
+use ort::sys::OrtApiBase;
+
+/// The entry of every ONNX Runtime.
+type GetApiBase = unsafe extern "C" fn() -> *const OrtApiBase;
+
+/// Loads a library and asks it for its version and the interface we need.
+///
+/// # Errors
+/// Why it cannot be used, as a fragment that begins with the file.
+pub(crate) fn look_at(path: &Path) -> Result<(), String> {
+    let refused = |why: String| format!("{} {why}", path.display());
+    // SAFETY: loading runs a library's own start-up code. Only files named as ONNX Runtime's are opened, from where the person
+    // said, the system's folders or the environment the person activated: code of theirs.
+    let library = unsafe { Library::new(path) }.map_err(|error| refused(format!("does not load ({error})")))?;
+    // Never unloaded: a library may have left something behind that runs at the process's end.
+    let library = ManuallyDrop::new(library);
+    // SAFETY: ONNX Runtime's header declares this function with this type, and no other library has one of its name.
+    let entry = unsafe { library.get::<GetApiBase>(b"OrtGetApiBase\0") };
+    let entry = entry.map_err(|_| refused("exports no OrtGetApiBase: it is no ONNX Runtime".to_owned()))?;
+    // SAFETY: as its header says, the function takes nothing and gives null or a table that stays for ever.
+    let base = unsafe { entry().as_ref() };
+    let base = base.ok_or_else(|| refused("gives no table of its interfaces".to_owned()))?;
+    // SAFETY: as its header says, the table's functions may be called at any time; the text stays for ever.
+    let version = unsafe { (base.GetVersionString)() };
+    if version.is_null() {
+        return Err(refused("does not tell its version".to_owned()));
+    }
+    // SAFETY: it is not null, and its header promises a text that ends with a zero.
+    let version = unsafe { CStr::from_ptr(version) }.to_string_lossy();
+    let minor = version.split('.').nth(1).and_then(|minor| minor.parse::<u32>().ok()).unwrap_or(0);
+    let needed = format!("1.{MINOR_VERSION} or newer is needed");
+    if minor < MINOR_VERSION {
+        return Err(refused(format!("is ONNX Runtime {version}; {needed}")));
+    }
+    // SAFETY: as for the version; an interface that it has not is null.
+    let api = unsafe { (base.GetApi)(ort::sys::ORT_API_VERSION) };
+    if api.is_null() {
+        return Err(refused(format!(
+            "says that it is ONNX Runtime {version}, without the interface of 1.{MINOR_VERSION}"
+        )));
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::look_at;
+
+    #[test]
+    fn what_is_no_library_at_all_is_refused_by_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("libonnxruntime.so");
+        std::fs::write(&path, "<html>404</html>").unwrap();
+        let told = look_at(&path).unwrap_err();
+        assert!(told.contains("libonnxruntime.so does not load"), "{told}");
+    }
+}
