@@ -1,0 +1,147 @@
+//! A child: started in a group of its own, listened to, and ended when its time is over.
+
+use std::io::Read;
+use std::os::unix::process::{CommandExt, ExitStatusExt};
+use std::path::PathBuf;
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// More than this of what a child says is not kept.
+const HEARD: u64 = 4 << 20;
+/// How often is looked whether it has ended.
+const LOOK_EVERY: Duration = Duration::from_millis(1);
+
+/// How a child ended.
+#[derive(Clone, Debug)]
+pub struct Ended {
+    pub code: Option<i32>,
+    pub signal: Option<i32>,
+    pub stdout: String,
+    pub stderr: String,
+    /// It did not end by itself in its time.
+    pub hung: bool,
+}
+
+impl Ended {
+    pub fn succeeded(&self) -> bool {
+        self.code == Some(0)
+    }
+
+    /// How it ended, in a few words.
+    pub fn told(&self) -> String {
+        let how = match (self.hung, self.code, self.signal) {
+            (true, ..) => "hung".to_owned(),
+            (_, Some(code), _) => format!("exit {code}"),
+            (_, _, Some(signal)) => format!("signal {signal}"),
+            _ => "ended somehow".to_owned(),
+        };
+        let last = self.stderr.lines().rev().find(|line| !line.trim().is_empty()).unwrap_or("nothing said");
+        let last: String = last.chars().take(200).collect();
+        format!("{how} ({last})")
+    }
+}
+
+/// A child under way.
+pub struct Running {
+    child: Child,
+    stdout: Option<JoinHandle<Vec<u8>>>,
+    stderr: Option<JoinHandle<Vec<u8>>>,
+    ended: Option<ExitStatus>,
+    deadline: Instant,
+}
+
+/// Starts a command; standard output and error are listened to unless they were set before by [`Command::stdout`].
+pub fn start(command: &mut Command, stdout: Option<Stdio>, stderr: Option<Stdio>, limit: Duration) -> Running {
+    command.process_group(0).stdin(Stdio::null());
+    command.stdout(stdout.unwrap_or_else(Stdio::piped)).stderr(stderr.unwrap_or_else(Stdio::piped));
+    let mut child = command.spawn().unwrap_or_else(|error| panic!("{command:?} cannot be started: {error}"));
+    let stdout = child.stdout.take().map(listen);
+    let stderr = child.stderr.take().map(listen);
+    Running { child, stdout, stderr, ended: None, deadline: Instant::now() + limit }
+}
+
+fn listen(from: impl Read + Send + 'static) -> JoinHandle<Vec<u8>> {
+    std::thread::spawn(move || {
+        let mut heard = Vec::new();
+        let mut from = from.take(HEARD);
+        // What a child that was ended had said until then is enough.
+        let _ = from.read_to_end(&mut heard);
+        let _ = std::io::copy(&mut from.into_inner(), &mut std::io::sink());
+        heard
+    })
+}
+
+impl Running {
+    /// Whether it has ended by itself.
+    pub fn is_over(&mut self) -> bool {
+        if self.ended.is_none() {
+            self.ended = self.child.try_wait().expect("a child can be asked");
+        }
+        self.ended.is_some()
+    }
+
+    /// The name of the program it is by now; `None` where the system does not tell.
+    pub fn name(&self) -> Option<String> {
+        let name = std::fs::read_to_string(format!("/proc/{}/comm", self.child.id())).ok()?;
+        Some(name.trim_end().to_owned())
+    }
+
+    /// Sends a signal (`INT`, `TERM`, `HUP`, `KILL`) unless it has ended.
+    pub fn signal(&mut self, name: &str) {
+        if !self.is_over() {
+            send(name, &self.child.id().to_string());
+        }
+    }
+
+    /// Waits for a moment of the child's life: until `come` says so, it has ended, or its time is over. Whether it came.
+    pub fn until(&mut self, mut come: impl FnMut(&Self) -> bool) -> bool {
+        loop {
+            if come(self) {
+                return true;
+            }
+            if self.is_over() || Instant::now() > self.deadline {
+                return false;
+            }
+            std::thread::sleep(LOOK_EVERY);
+        }
+    }
+
+    /// Waits some time, or until it has ended.
+    pub fn wait(&mut self, time: Duration) {
+        let end = Instant::now() + time;
+        while !self.is_over() && Instant::now() < end {
+            std::thread::sleep(LOOK_EVERY.min(end.saturating_duration_since(Instant::now())));
+        }
+    }
+
+    /// Waits until it ends; ends it where it takes too long.
+    pub fn end(mut self) -> Ended {
+        while !self.is_over() && Instant::now() < self.deadline {
+            std::thread::sleep(LOOK_EVERY);
+        }
+        let hung = !self.is_over();
+        if hung {
+            // The group: nothing it started may hold the pipes open.
+            send("KILL", &format!("-{}", self.child.id()));
+        }
+        let status = self.ended.unwrap_or_else(|| self.child.wait().expect("a child can be waited for"));
+        let heard = |thread: Option<JoinHandle<Vec<u8>>>| {
+            let bytes = thread.map(|thread| thread.join().expect("listening does not panic")).unwrap_or_default();
+            String::from_utf8_lossy(&bytes).into_owned()
+        };
+        let (stdout, stderr) = (heard(self.stdout.take()), heard(self.stderr.take()));
+        Ended { code: status.code(), signal: status.signal(), stdout, stderr, hung }
+    }
+}
+
+fn send(name: &str, to: &str) {
+    // It may have ended meanwhile.
+    let _ = Command::new("kill").args(["-s", name, "--", to]).stderr(Stdio::null()).status();
+}
+
+/// Where a program of the system is, if it is there.
+pub fn program(name: &str) -> Option<PathBuf> {
+    let path = std::env::var_os("PATH")?;
+    std::env::split_paths(&path).map(|folder| folder.join(name)).find(|file| file.is_file())
+}

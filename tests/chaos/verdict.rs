@@ -1,0 +1,74 @@
+//! What a case came to.
+
+use crate::child::Ended;
+
+/// What a case came to. The last three are faults of the program.
+#[derive(Clone, Debug)]
+pub enum Verdict {
+    /// Exit code, what was printed and every file that matters are those of the undisturbed program.
+    Equal,
+    /// A non-zero exit code with a message.
+    Error,
+    /// Exit 0 with an answer of less, and it is said that it is less.
+    Said,
+    /// The machine lacks what the case needs.
+    Skipped(String),
+    /// Exit 0 with another answer and nothing said, or a promise that was not kept: what is the matter.
+    Different(String),
+    /// A panic, or an end by a signal of the processor or of `abort`.
+    Panic(String),
+    /// It did not end.
+    Hang(String),
+}
+
+impl Verdict {
+    pub fn different(what: impl Into<String>) -> Self {
+        Self::Different(what.into())
+    }
+}
+
+/// Signals that a program gets by its own fault: ILL, TRAP, ABRT, BUS, FPE, SEGV, SYS.
+const OWN_FAULT: [i32; 7] = [4, 5, 6, 7, 8, 11, 31];
+/// The exit codes that `depthloom --help` lists.
+const KNOWN: [i32; 5] = [0, 1, 2, 3, 130];
+
+/// What no area excuses: a hang, a panic, a code nobody knows, an error without a word.
+pub fn fault(ended: &Ended) -> Option<Verdict> {
+    if ended.hung {
+        return Some(Verdict::Hang(ended.told()));
+    }
+    let own = ended.signal.is_some_and(|signal| OWN_FAULT.contains(&signal));
+    let panicked =
+        ["panicked at", "stack overflow", "memory allocation of"].iter().any(|text| ended.stderr.contains(text));
+    if own || panicked || matches!(ended.code, Some(101 | 134)) {
+        let place = ended.stderr.lines().find(|line| line.contains("panicked at")).unwrap_or_default();
+        return Some(Verdict::Panic(format!("{} {place}", ended.told())));
+    }
+    match ended.code {
+        Some(code) if !KNOWN.contains(&code) => Some(Verdict::different(format!("an unknown {}", ended.told()))),
+        Some(code) if code != 0 && ended.stderr.trim().is_empty() && ended.stdout.trim().is_empty() => {
+            Some(Verdict::different(format!("exit {code} without a word")))
+        }
+        _ => None,
+    }
+}
+
+/// For a child that nothing from outside ended: its fault, an error, or what `answered` makes of exit 0.
+pub fn judge(ended: &Ended, answered: impl FnOnce() -> Verdict) -> Verdict {
+    if let Some(fault) = fault(ended) {
+        return fault;
+    }
+    match (ended.code, ended.signal) {
+        (Some(0), _) => answered(),
+        (Some(_), _) => Verdict::Error,
+        (None, signal) => Verdict::different(format!("ended by signal {signal:?}")),
+    }
+}
+
+/// Whether a person who reads what was printed learns that the recording is not whole.
+pub fn says_it_is_not_whole(ended: &Ended) -> bool {
+    let said = format!("{}\n{}", ended.stdout, ended.stderr).to_lowercase();
+    ["unfinished", "not finished", " cut", "interrupted", "not whole", "damaged", "whole frame"]
+        .iter()
+        .any(|word| said.contains(word))
+}
