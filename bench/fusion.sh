@@ -9,7 +9,7 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 target="${CARGO_TARGET_DIR:-$PWD/target}"
-shared="${DEPTHLOOM_SHARED:-$PWD/../shared}"
+. bench/shared.sh
 if [ ! -d "$shared/oracle" ]; then
     echo "SKIPPED bench/fusion.sh: $shared is absent" >&2
     exit 0

@@ -6,17 +6,21 @@
 # Prints medians in milliseconds, and for each number of threads `ratio onnx-THREADSt VALUE`: theirs / ours. The model is one of a fixed size;
 # by default ../shared/models/ssl_unet.onnx (or of DEPTHLOOM_SHARED). Needs python3 and a package index.
 set -euo pipefail
-model="${DEPTHLOOM_SHARED:-$(dirname "$0")/../../shared}/models/ssl_unet.onnx"
+model=""
 if [ "${1:-}" = "--model" ]; then
-    model="$2"
+    case "$2" in
+        /*) model="$2" ;;
+        *) model="$PWD/$2" ;;
+    esac
     shift 2
 fi
+cd "$(dirname "$0")/.."
+. bench/shared.sh
+model="${model:-$shared/models/ssl_unet.onnx}"
 if [ ! -f "$model" ]; then
     echo "SKIPPED bench/onnx.sh: there is no model $model" >&2
     exit 0
 fi
-model="$(realpath "$model")"
-cd "$(dirname "$0")/.."
 target="${CARGO_TARGET_DIR:-$PWD/target}"
 venv="$target/venv-onnx"
 if [ ! -e "$venv/ready" ]; then

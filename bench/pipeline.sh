@@ -12,12 +12,13 @@ for argument in "$@"; do
     *) rounds=$argument ;;
   esac
 done
-shared=${DEPTHLOOM_SHARED:-../shared}
+. bench/shared.sh
+target="${CARGO_TARGET_DIR:-$PWD/target}"
 if ! [ -d "$shared/oracle" ]; then
-  echo "SKIPPED bench/pipeline.sh: $shared is absent (it holds the frames and the peer)"
+  echo "SKIPPED bench/pipeline.sh: $shared is absent (it holds the frames and the peer)" >&2
   exit 0
 fi
-venv=target/bench-venv
+venv="$target/bench-venv"
 if ! [ -x "$venv/bin/python" ] || ! "$venv/bin/python" -c 'import cv2, pandas, mcap_protobuf, onnxruntime' 2>/dev/null; then
   python3 -m venv "$venv"
   "$venv/bin/pip" install --quiet numpy opencv-python-headless pandas mcap mcap-protobuf-support foxglove-schemas-protobuf onnxruntime
@@ -30,21 +31,21 @@ experiment=tests/experiments/golden-ground-plane.yaml
 peer_model=()
 if [ -n "$model" ]; then
   experiment=tests/experiments/golden-onnx.yaml
-  export MONO_MODEL=$PWD/$shared/models/ssl_unet.onnx
-  ORT_DYLIB_PATH=$(ls "$PWD/$venv"/lib/python3*/site-packages/onnxruntime/capi/libonnxruntime.so.* | head -1)
+  export MONO_MODEL=$shared/models/ssl_unet.onnx
+  ORT_DYLIB_PATH=$(ls "$venv"/lib/python3*/site-packages/onnxruntime/capi/libonnxruntime.so.* | head -1)
   export ORT_DYLIB_PATH
   peer_model=(--model "$shared/models/ssl_unet.onnx")
 fi
 for round in $(seq "$rounds"); do
   # Four variants, as the peer runs them; the golden experiment has a fifth.
-  target/release/depthloom run "$experiment" --quiet --overwrite --workers 2 --out "$work/ours" >/dev/null
+  "$target/release/depthloom" run "$experiment" --quiet --overwrite --workers 2 --out "$work/ours" >/dev/null
   cp "$work/ours/environment.json" "$work/ours.$round.json"
   mkdir -p "$work/theirs"
   "$venv/bin/python" "$shared/oracle/peer_pipeline.py" "$KITTI_STEREO_2015/training" "$work/theirs" \
     --first 150 --last 155 --threads 2 "${peer_model[@]}" >"$work/theirs.$round.json"
 done
 echo "ours, the last round, by phase:"
-target/release/depthloom timings "$work/ours"
+"$target/release/depthloom" timings "$work/ours"
 echo "theirs, the last round:"
 cat "$work/theirs.$rounds.json"
 "$venv/bin/python" - "$work" "$rounds" <<'PY'

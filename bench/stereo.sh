@@ -4,18 +4,19 @@
 #
 #   bench/stereo.sh [--count 5] [--repeat 6] [--modes sgbm hh 3way hh4 bm census-sgm] [--threads 1 2] [--path best]
 #
-# Frames: KITTI_STEREO_2015, or ../shared/data/kitti_stereo_2015 (its folder `training`). Builds the examples
+# Frames: KITTI_STEREO_2015, or data/kitti_stereo_2015 of ../shared (or DEPTHLOOM_SHARED), its folder `training`. Builds the examples
 # `sgbm_raw`, `bm_raw` and `census_raw`, and installs OpenCV from PyPI into a virtual environment under target/.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
-root="${KITTI_STEREO_2015:-../shared/data/kitti_stereo_2015}"
+. bench/shared.sh
+root="${KITTI_STEREO_2015:-$shared/data/kitti_stereo_2015}"
 frames="$root/training"
 if [ ! -d "$frames/image_2" ]; then
-    echo "no frames in $frames: set KITTI_STEREO_2015 to the folder that holds training/image_2 and image_3" >&2
+    echo "no frames in $frames: set DEPTHLOOM_SHARED, or KITTI_STEREO_2015 to the folder that holds training/image_2 and image_3" >&2
     exit 2
 fi
-target="${CARGO_TARGET_DIR:-target}"
+target="${CARGO_TARGET_DIR:-$PWD/target}"
 venv="$target/bench-venv"
 if ! "$venv/bin/python" -c "import cv2, numpy" 2>/dev/null; then
     python3 -m venv "$venv"
