@@ -53,12 +53,8 @@ mod tests {
 
     #[test]
     fn the_embedded_table_is_the_shared_one() {
-        let manifest = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
-        let shared = std::env::var_os("DEPTHLOOM_SHARED").map_or_else(|| manifest.join("../../shared"), Into::into);
-        let Ok(csv) = std::fs::read_to_string(shared.join("paper/table1.csv")) else {
-            println!("SKIPPED the_embedded_table_is_the_shared_one: ../shared is absent");
-            return;
-        };
+        let Some(shared) = depthloom_test_needs::shared("the_embedded_table_is_the_shared_one") else { return };
+        let csv = std::fs::read_to_string(shared.join("paper/table1.csv")).unwrap();
         let mut compared = 0;
         for line in csv.lines().skip(1) {
             let cells: Vec<&str> = line.split(',').collect();

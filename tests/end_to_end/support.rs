@@ -1,30 +1,9 @@
-//! What the tests share: the binary, the data, a Python environment of their own.
+//! What the tests share: the binary, and how its answers are read.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Command, Output};
-use std::sync::OnceLock;
 
-/// The root of the workspace.
-pub fn workspace() -> &'static Path {
-    Path::new(env!("CARGO_MANIFEST_DIR"))
-}
-
-/// The folder of real frames and golden results, or `None` with a visible line.
-pub fn shared(test: &str) -> Option<PathBuf> {
-    let folder = std::env::var_os("DEPTHLOOM_SHARED").map_or_else(|| workspace().join("../shared"), PathBuf::from);
-    if folder.join("oracle/golden").is_dir() {
-        return Some(folder);
-    }
-    skipped(test, "../shared is absent");
-    None
-}
-
-/// Says that a test did not run, on the standard error itself: the test harness captures `eprintln!` alone.
-pub fn skipped(test: &str, why: &str) {
-    use std::io::Write;
-    let line = format!("SKIPPED {test}: {why}\n");
-    std::io::stderr().write_all(line.as_bytes()).expect("standard error is open");
-}
+pub use depthloom_test_needs::{onnx_runtime, python, shared, skipped, workspace};
 
 /// The binary under test.
 pub fn depthloom() -> Command {
@@ -62,48 +41,4 @@ pub fn read_csv(path: &Path) -> Vec<Row> {
 /// A number in a row.
 pub fn number(row: &Row, column: &str) -> f64 {
     row[column].parse().unwrap_or_else(|error| panic!("{column} of {row:?}: {error}"))
-}
-
-/// The Python of a private environment with `tests/python/requirements.txt`, made on first use under `target/`; or `None`
-/// with a visible line where there is no Python or no package index.
-pub fn python(test: &str) -> Option<PathBuf> {
-    static PYTHON: OnceLock<Result<PathBuf, String>> = OnceLock::new();
-    match PYTHON.get_or_init(make_python) {
-        Ok(python) => Some(python.clone()),
-        Err(why) => {
-            skipped(test, why);
-            None
-        }
-    }
-}
-
-fn make_python() -> Result<PathBuf, String> {
-    let requirements = workspace().join("tests/python/requirements.txt");
-    let venv = Path::new(env!("CARGO_TARGET_TMPDIR")).join("../python-tests");
-    let python = venv.join("bin/python");
-    let done = venv.join("installed.txt");
-    let wanted = std::fs::read_to_string(&requirements).expect("the requirements are in the tree");
-    if std::fs::read_to_string(&done).is_ok_and(|have| have == wanted) {
-        return Ok(python);
-    }
-    let attempt = |command: &mut Command| -> Result<(), String> {
-        let output = command.output().map_err(|error| format!("{command:?}: {error}"))?;
-        if output.status.success() {
-            return Ok(());
-        }
-        let said = String::from_utf8_lossy(&output.stderr);
-        Err(format!("{:?} failed: {}", command.get_program(), said.lines().last().unwrap_or_default()))
-    };
-    attempt(Command::new("python3").args(["-m", "venv", "--clear"]).arg(&venv))?;
-    attempt(Command::new(&python).args(["-m", "pip", "install", "--quiet", "-r"]).arg(&requirements))?;
-    std::fs::write(&done, wanted).map_err(|error| error.to_string())?;
-    Ok(python)
-}
-
-/// The ONNX Runtime library of the private Python environment.
-pub fn onnx_runtime(test: &str) -> Option<PathBuf> {
-    let python = python(test)?;
-    let code = "import onnxruntime, pathlib; print(next((pathlib.Path(onnxruntime.__file__).parent / 'capi').glob('libonnxruntime*.*')))";
-    let output = succeed(Command::new(python).args(["-c", code]));
-    Some(PathBuf::from(String::from_utf8(output.stdout).expect("a path").trim()))
 }

@@ -10,59 +10,21 @@ infinite. `depthloom_recording::digest` computes the same object; tests compare 
 `--messages` adds the messages themselves, pixels left out, and the names of attachments and metadata.
 
 Every checksum of the file is verified, once reading from start to end and once through the summary's indexes, and the two
-ways must give the same. Packages that are missing are installed into a private environment under `target/`.
+ways must give the same. `requirements.txt` names the packages.
 """
 import array
 import json
 import math
-import os
-import pathlib
 import struct
-import subprocess
 import sys
-import venv
 import zlib
 
-try:
-    import fcntl
-except ImportError:  # not a Unix
-    fcntl = None
+from google.protobuf.json_format import MessageToDict
+from mcap.reader import NonSeekingReader, SeekingReader
+from mcap_protobuf.decoder import DecoderFactory
 
-PACKAGES = ["mcap==1.*", "mcap-protobuf-support"]
 SCORES = ("a1", "a2", "a3", "abs_rel", "sq_rel", "rmse", "rmse_log", "silog")
 CURVE_NUMBERS = ("loss", "validation", "learning_rate")
-
-
-def in_private_environment():
-    """Runs this script again under an environment that has the packages."""
-    if os.environ.get("DEPTHLOOM_PYTHON_ENVIRONMENT") == "active":
-        sys.exit("read_recording.py: the packages were installed but cannot be imported")
-    root = pathlib.Path(__file__).resolve().parents[2]
-    folder = root / "target" / "python-environment"
-    python = folder / ("Scripts" if os.name == "nt" else "bin") / "python"
-    done = folder / "installed.txt"
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    # Tests run at once: the first makes the environment, the others wait for it.
-    with open(folder.with_suffix(".lock"), "w") as lock:
-        if fcntl is not None:
-            fcntl.flock(lock, fcntl.LOCK_EX)
-        if not done.exists():
-            venv.create(folder, with_pip=True, clear=True)
-            installed = subprocess.run([python, "-m", "pip", "install", "--quiet", *PACKAGES], stdout=sys.stderr)
-            if installed.returncode != 0:
-                # 75: try again later; tests take it as "this machine cannot reach a package index".
-                sys.exit(75)
-            done.write_text(" ".join(PACKAGES))
-    environment = dict(os.environ, DEPTHLOOM_PYTHON_ENVIRONMENT="active")
-    sys.exit(subprocess.run([python, *sys.argv], env=environment).returncode)
-
-
-try:
-    from google.protobuf.json_format import MessageToDict
-    from mcap.reader import NonSeekingReader, SeekingReader
-    from mcap_protobuf.decoder import DecoderFactory
-except ImportError:
-    in_private_environment()
 
 
 def content(schema, message):

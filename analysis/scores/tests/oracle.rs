@@ -1,9 +1,10 @@
 //! The scores against numbers that were not made by this project.
 
 use std::collections::HashMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use depthloom_scores::{PixelSet, Preset, SCORE_NAMES, score};
+use depthloom_test_needs::shared;
 
 /// Two sets on eight pixels. The expectations are `oracle.py`'s `score` (NumPy) on the same eight pairs; those of `kitti-depth`
 /// are NumPy's `((y - t)**2 / t**2).mean()` and `100 * (np.log(y) - np.log(t)).std()` with `y = clip(y, 1e-3, 256)`, 1e-4 where
@@ -54,16 +55,6 @@ const EXPECTED_ANSWERED: (u64, [f64; 8]) = (
 );
 const KITTI_SQ_REL: f64 = 0.653_434_288_217_934_7;
 const KITTI_SILOG: f64 = 468.151_520_394_708_5;
-
-fn shared(test: &str) -> Option<PathBuf> {
-    let beside = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared");
-    let folder = std::env::var_os("DEPTHLOOM_SHARED").map_or_else(beside, PathBuf::from);
-    if folder.is_dir() {
-        return Some(folder);
-    }
-    println!("SKIPPED {test}: ../shared is absent");
-    None
-}
 
 fn sixteen_bit(path: &Path) -> (usize, usize, Vec<u16>) {
     let image = image::open(path).unwrap_or_else(|error| panic!("{}: {error}", path.display())).into_luma16();

@@ -3,22 +3,13 @@
 //! The maps come from OpenCV and NumPy (`../shared/oracle/golden`), the settings from "Golden settings" of the
 //! conventions.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use depthloom_kernels::fuse::{Weighting, fuse};
 use depthloom_kernels::{confidence, depth, edges, grey, median, scale};
+use depthloom_test_needs::shared;
 
 const BASELINE_METRES: f64 = 0.532725;
-
-fn shared(test: &str) -> Option<PathBuf> {
-    let shared = std::env::var_os("DEPTHLOOM_SHARED")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared"), PathBuf::from);
-    if !shared.join("oracle/golden").is_dir() {
-        println!("SKIPPED {test}: ../shared is absent");
-        return None;
-    }
-    Some(shared)
-}
 
 fn png16(path: &Path) -> Vec<u16> {
     image::open(path).unwrap_or_else(|error| panic!("{}: {error}", path.display())).into_luma16().into_raw()

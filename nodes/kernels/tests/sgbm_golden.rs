@@ -1,9 +1,8 @@
 //! The 36 disparity maps of OpenCV 5.0 in `../shared/oracle/golden/sgbm`: every pixel equal, on every path.
 
-use std::path::PathBuf;
-
 use depthloom_kernels::sgbm::{Mode, Params, Path, Scratch, View, compute_on};
 use depthloom_kernels::tiles::Serial;
+use depthloom_test_needs::shared;
 
 #[derive(serde::Deserialize)]
 struct Golden {
@@ -31,11 +30,6 @@ struct Case {
     mode: String,
 }
 
-fn shared() -> PathBuf {
-    std::env::var_os("DEPTHLOOM_SHARED")
-        .map_or_else(|| PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared")), PathBuf::from)
-}
-
 fn grey(path: &std::path::Path) -> (Vec<u8>, usize, usize) {
     let image = image::open(path).unwrap_or_else(|error| panic!("failed to read {}: {error}", path.display()));
     let rgb = image.into_rgb8();
@@ -46,11 +40,7 @@ fn grey(path: &std::path::Path) -> (Vec<u8>, usize, usize) {
 
 #[test]
 fn every_pixel_equals_opencv() {
-    let shared = shared();
-    if !shared.exists() {
-        println!("SKIPPED every_pixel_equals_opencv: ../shared is absent");
-        return;
-    }
+    let Some(shared) = shared("every_pixel_equals_opencv") else { return };
     let folder = shared.join("oracle/golden/sgbm");
     let golden: Golden = serde_json::from_slice(&std::fs::read(folder.join("cases.json")).unwrap()).unwrap();
     assert_eq!(golden.cases.len(), 36);

@@ -1,7 +1,7 @@
-//! What the tests of nodes share: one node or source called as the runner would, and the reference data beside the project.
+//! What the tests of nodes share: one node or source called as the runner would.
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 
 use depthloom_graphs::contracts::{InlineHost, SourceDeclaration};
@@ -11,17 +11,6 @@ use serde_json::Value as Json;
 
 /// The values at a node's output ports.
 pub type Values = BTreeMap<&'static str, Value>;
-
-/// The folder of reference data; says that the test is skipped where it is absent.
-pub fn shared(test: &str) -> Option<PathBuf> {
-    let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared");
-    let folder = std::env::var_os("DEPTHLOOM_SHARED").map_or(beside, PathBuf::from);
-    if folder.is_dir() {
-        return Some(folder);
-    }
-    println!("SKIPPED {test}: ../shared is absent");
-    None
-}
 
 /// A node built and called once, as the runner does it: parameters resolved, ports in order, outputs checked.
 pub fn call(kind: &str, params: &Json, inputs: &[(&str, Value)]) -> Result<Values, Fault> {

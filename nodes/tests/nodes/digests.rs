@@ -207,7 +207,7 @@ fn digests() -> BTreeMap<String, Key> {
         if kind == "mono/onnx"
             && let Err(fault) = depthloom_nodes::onnx_engine::find()
         {
-            println!("SKIPPED the digest of {kind}: {}", fault.chain());
+            depthloom_test_needs::skipped(&format!("the digest of {kind}"), &fault.chain());
             continue;
         }
         assert!(calls.iter().any(|call| call.0 == kind), "add a call of {kind}");

@@ -4,12 +4,13 @@ use std::path::Path;
 
 use depthloom_graphs::Value;
 use depthloom_scores::ScoreRow;
+use depthloom_test_needs::{shared, skipped};
 use serde_json::json;
 
-use crate::call::{call, metres, model, open, png_u16, shared, value};
+use crate::call::{call, metres, model, open, png_u16, value};
 
 /// The variants of Table I as the oracle ran them: name, scaling, weighting.
-const VARIANTS: [(&str, &str, &str); 5] = [
+pub const VARIANTS: [(&str, &str, &str); 5] = [
     ("full", "minmax", "full"),
     ("no_weighting", "minmax", "confidence"),
     ("mean", "minmax", "mean"),
@@ -150,8 +151,7 @@ fn the_ground_plane_pipeline_is_the_oracles() {
 fn the_network_pipeline_is_the_oracles() {
     let Some(shared) = shared("the_network_pipeline_is_the_oracles") else { return };
     if let Err(fault) = depthloom_nodes::onnx_engine::find() {
-        println!("SKIPPED the_network_pipeline_is_the_oracles: {}", fault.chain());
-        return;
+        return skipped("the_network_pipeline_is_the_oracles", &fault.chain());
     }
     let folder = shared.join("oracle/golden/ssl_unet");
     let model = model(std::fs::read(shared.join("models/ssl_unet.onnx")).unwrap());

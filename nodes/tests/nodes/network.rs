@@ -1,11 +1,16 @@
 //! `mono/onnx` with networks of one operator: what goes in, what comes out, and what is refused.
 
 use std::path::Path;
+#[cfg(feature = "tract")]
+use std::process::Command;
 
 use depthloom_graphs::Value;
 use depthloom_graphs::values::{Image, Pixels};
 use depthloom_nodes::onnx_engine;
 use depthloom_nodes::onnx_provider::Provider;
+#[cfg(feature = "tract")]
+use depthloom_test_needs::onnx_runtime;
+use depthloom_test_needs::{shared, skipped};
 use image::RgbImage;
 use serde_json::{Value as Json, json};
 
@@ -18,7 +23,7 @@ fn can_run(test: &str) -> bool {
     match onnx_engine::find() {
         Ok(_) => true,
         Err(fault) => {
-            println!("SKIPPED {test}: {}", fault.chain());
+            skipped(test, &fault.chain());
             false
         }
     }
@@ -335,7 +340,7 @@ fn threads_do_not_change_a_bit() {
     if !can_run("threads_do_not_change_a_bit") {
         return;
     }
-    let Some(shared) = crate::call::shared("threads_do_not_change_a_bit") else { return };
+    let Some(shared) = shared("threads_do_not_change_a_bit") else { return };
     let network = model(std::fs::read(shared.join("models/ssl_unet.onnx")).unwrap());
     let of = |threads| {
         let inputs = [("image", &image()), ("calibration", &calibration(10.0, 2.0)), ("model", &network)];
@@ -354,19 +359,20 @@ fn share(shared: &Path) -> Vec<f32> {
     metres(&value("mono/onnx", &json!({ "output": "depth", "cap": null }), &inputs)).to_vec()
 }
 
-/// This test program again, its networks in tract: a process has one engine.
+/// This test program again, its networks in another engine: a process has one.
 #[cfg(feature = "tract")]
-fn in_tract(arguments: &[&str], answer: &Path) -> std::process::Output {
-    let mut program = std::process::Command::new(std::env::current_exe().unwrap());
-    program.args(arguments).env(onnx_engine::VARIABLE, "tract").env(ANSWER, answer).output().unwrap()
+fn again_in(engine: &str, arguments: &[&str], answer: &Path) -> Command {
+    let mut program = Command::new(std::env::current_exe().unwrap());
+    program.args(arguments).env(onnx_engine::VARIABLE, engine).env(ANSWER, answer);
+    program
 }
 
 const ANSWER: &str = "DEPTHLOOM_TEST_ANSWER";
 
 #[test]
-#[ignore = "the other half of tract_answers_as_onnx_runtime_does"]
+#[ignore = "a part of tract_answers_as_onnx_runtime_does"]
 fn answer_into_a_file() {
-    let (Some(file), Some(shared)) = (std::env::var_os(ANSWER), crate::call::shared("answer_into_a_file")) else {
+    let (Some(file), Some(shared)) = (std::env::var_os(ANSWER), shared("answer_into_a_file")) else {
         return;
     };
     let bytes: Vec<u8> = share(&shared).into_iter().flat_map(f32::to_le_bytes).collect();
@@ -376,21 +382,23 @@ fn answer_into_a_file() {
 #[test]
 #[cfg(feature = "tract")]
 fn tract_answers_as_onnx_runtime_does() {
-    let Some(shared) = crate::call::shared("tract_answers_as_onnx_runtime_does") else { return };
-    match onnx_engine::find() {
-        Ok(engine) if engine.name == "onnxruntime" => {}
-        _ => return println!("SKIPPED tract_answers_as_onnx_runtime_does: this machine has no ONNX Runtime"),
-    }
+    const TEST: &str = "tract_answers_as_onnx_runtime_does";
+    let (Some(_), Some(library)) = (shared(TEST), onnx_runtime(TEST)) else { return };
     let folder = tempfile::tempdir().unwrap();
-    let answer = folder.path().join("answer");
-    let output = in_tract(&["--exact", "network::answer_into_a_file", "--ignored"], &answer);
-    assert!(output.status.success(), "{output:?}");
-    let bytes = std::fs::read(answer).unwrap();
-    let theirs: Vec<f32> = bytes.as_chunks().0.iter().map(|&value| f32::from_le_bytes(value)).collect();
-    let ours = share(&shared);
-    assert_eq!(ours.len(), theirs.len());
+    let answer = |engine: &str, library: Option<&Path>| {
+        let answer = folder.path().join(engine);
+        let mut program = again_in(engine, &["--exact", "network::answer_into_a_file", "--ignored"], &answer);
+        let output = program.env_remove("ORT_DYLIB_PATH").envs(library.map(|path| ("ORT_DYLIB_PATH", path))).output();
+        let output = output.unwrap();
+        assert!(output.status.success(), "{output:?}");
+        let bytes = std::fs::read(answer).unwrap();
+        bytes.as_chunks().0.iter().map(|&value| f32::from_le_bytes(value)).collect::<Vec<f32>>()
+    };
+    let (tract, runtime) = (answer("tract", None), answer("onnxruntime", Some(&library)));
+    assert!(!tract.is_empty() && tract.iter().chain(&runtime).all(|share| share.is_finite()));
+    assert_eq!(tract.len(), runtime.len());
     let off = |(a, b): (&f32, &f32)| f64::from((a - b).abs() / b.abs());
-    let worst = ours.iter().zip(&theirs).map(off).fold(0.0, f64::max);
+    let worst = tract.iter().zip(&runtime).map(off).fold(0.0, f64::max);
     println!("tract and ONNX Runtime differ by at most {worst:.1e}");
     assert!(worst < 1e-4, "tract and ONNX Runtime differ by {worst}");
 }
@@ -401,7 +409,7 @@ fn all_of_this_holds_in_tract() {
     if std::env::var_os(ANSWER).is_some() {
         return;
     }
-    let output = in_tract(&["network::", "--test-threads", "1"], Path::new(""));
+    let output = again_in("tract", &["network::", "--test-threads", "1"], Path::new("")).output().unwrap();
     let said = String::from_utf8_lossy(&output.stdout);
     assert!(output.status.success(), "{said}{}", String::from_utf8_lossy(&output.stderr));
     let tests =

@@ -5,6 +5,7 @@ use std::process::Command;
 
 use depthloom_graphs::Value;
 use depthloom_graphs::contracts::Slot;
+use depthloom_test_needs::{python, workspace};
 use serde_json::Value as Json;
 
 use crate::fixture::{CURVE, frame, plan, record, values};
@@ -12,23 +13,11 @@ use crate::fixture::{CURVE, frame, plan, record, values};
 const WIDTH: u32 = 64;
 const HEIGHT: u32 = 48;
 
-/// Runs the script; `None` if this machine has no Python, or no way to the packages.
-fn read_with_python(recording: &Path, arguments: &[&str]) -> Option<Json> {
-    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/python/read_recording.py");
-    let python = std::env::var_os("PYTHON").unwrap_or_else(|| "python3".into());
-    let output = match Command::new(python).arg(script).arg(recording).args(arguments).output() {
-        Ok(output) => output,
-        Err(error) => {
-            println!("SKIPPED python tests: python3 cannot be run: {error}");
-            return None;
-        }
-    };
-    let stderr = String::from_utf8_lossy(&output.stderr);
-    if output.status.code() == Some(75) {
-        println!("SKIPPED python tests: its packages cannot be installed: {stderr}");
-        return None;
-    }
-    assert!(output.status.success(), "{stderr}");
+/// Runs the script; `None`, and the test is skipped, where this machine has no Python with its packages.
+fn read_with_python(test: &str, recording: &Path, arguments: &[&str]) -> Option<Json> {
+    let script = workspace().join("tests/python/read_recording.py");
+    let output = Command::new(python(test)?).arg(script).arg(recording).args(arguments).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     Some(serde_json::from_slice(&output.stdout).expect("the script prints JSON"))
 }
 
@@ -39,7 +28,7 @@ fn python_decodes_the_same_numbers() {
     let mut plan = plan();
     plan.record.view = true;
     record(&path, &plan, 0..3, WIDTH, HEIGHT);
-    let Some(read) = read_with_python(&path, &[]) else { return };
+    let Some(read) = read_with_python("python_decodes_the_same_numbers", &path, &[]) else { return };
     assert_eq!(read, depthloom_recording::digest(&path).unwrap());
 
     // The digest itself is held against the values that were recorded.
@@ -68,7 +57,7 @@ fn python_sees_what_viewers_need() {
     let mut plan = plan();
     plan.record.view = true;
     record(&path, &plan, 0..3, WIDTH, HEIGHT);
-    let Some(read) = read_with_python(&path, &["--messages"]) else { return };
+    let Some(read) = read_with_python("python_sees_what_viewers_need", &path, &["--messages"]) else { return };
     let topic = |name: &str| &read["topics"][name];
     let first = |name: &str| &read["topics"][name]["messages"][0];
 

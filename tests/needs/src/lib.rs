@@ -1,0 +1,47 @@
+//! What tests need and may not find: the folder of reference data, Python with packages, ONNX Runtime.
+//!
+//! A test that cannot have it is skipped: it passes, says so on the standard error itself (the test harness swallows what a
+//! passing test prints), and [leaves a record](skips) that `tests/skipped.rs`, the last program of `cargo test --workspace`,
+//! counts. Where `DEPTHLOOM_REQUIRE_SHARED` or `DEPTHLOOM_REQUIRE_PYTHON` is set (and not `0`), it fails instead.
+
+mod python;
+mod shared;
+pub mod skips;
+
+pub use python::{onnx_runtime, python};
+pub use shared::shared;
+pub use skips::skipped;
+
+use std::path::{Path, PathBuf};
+
+/// The root of the workspace.
+#[must_use]
+pub fn workspace() -> &'static Path {
+    let manifest = Path::new(env!("CARGO_MANIFEST_DIR"));
+    manifest.ancestors().nth(2).expect("this crate is tests/needs")
+}
+
+/// The folder that this test program was built into: `target`, or what `CARGO_TARGET_DIR` says.
+///
+/// # Panics
+/// If this is no test program that cargo built.
+#[must_use]
+pub fn target() -> PathBuf {
+    let program = std::env::current_exe().expect("a running program has a path");
+    // <target>/<profile>/deps/<program>
+    program.ancestors().nth(3).expect("cargo puts test programs into <target>/<profile>/deps").to_owned()
+}
+
+/// Whether the environment says that a need must be met.
+fn is_required(variable: &str) -> bool {
+    std::env::var_os(variable).is_some_and(|value| !value.is_empty() && value != "0")
+}
+
+/// Skips a test for want of something, or fails it where the environment says that this must be there.
+///
+/// # Panics
+/// If `variable` is set.
+fn miss(variable: &str, test: &str, why: &str) {
+    assert!(!is_required(variable), "{test} cannot run, and {variable} is set: {why}");
+    skipped(test, why);
+}
