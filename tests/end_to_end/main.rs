@@ -7,6 +7,7 @@ mod broken_files;
 mod determinism;
 mod experiments;
 mod faults;
+mod fixtures;
 mod golden;
 mod killed;
 mod learning;
@@ -16,6 +17,8 @@ mod networks;
 #[path = "../../nodes/tests/nodes/onnx_file.rs"]
 mod onnx_file;
 mod python_reads;
+#[cfg(target_os = "linux")]
+mod reports;
 mod samples;
 mod support;
 mod written_networks;

@@ -5,6 +5,7 @@ mod call;
 mod declarations;
 mod digests;
 mod disparity;
+mod fixtures;
 mod golden;
 mod kitti;
 mod network;
