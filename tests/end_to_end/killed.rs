@@ -1,22 +1,23 @@
 //! A run that is killed leaves what it has done, readable; a run that is interrupted says where it is.
 
+use std::collections::BTreeSet;
 use std::path::Path;
-use std::process::{Child, Stdio};
+use std::process::{Child, Command, Stdio};
 
-use crate::support::{depthloom, succeed};
+use crate::support::{depthloom, read_csv, succeed};
+
+/// A run of so many small frames.
+fn run(out: &Path, frames: usize) -> Command {
+    let mut run = depthloom();
+    run.args(["run", "experiments/first-look.yaml", "--workers", "2", "--out"]).arg(out);
+    run.args(["--set", "sources.street.with.width=320", "--set", "sources.street.with.height=96"]);
+    run.args(["--set", &format!("sources.street.with.frames=0..{frames}")]);
+    run
+}
 
 /// Starts a long run and waits until its recording holds some frames.
 fn start(out: &Path) -> Child {
-    let small = ["--set", "sources.street.with.width=320", "--set", "sources.street.with.height=96"];
-    let mut child = depthloom()
-        .args(["run", "experiments/first-look.yaml", "--workers", "2", "--out"])
-        .arg(out)
-        .args(small)
-        .args(["--set", "sources.street.with.frames=0..100000"])
-        .stdout(Stdio::null())
-        .stderr(Stdio::null())
-        .spawn()
-        .expect("the binary starts");
+    let mut child = run(out, 100_000).stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("the binary starts");
     let recording = out.with_extension("partial").join("recording.mcap");
     while std::fs::metadata(&recording).map_or(0, |file| file.len()) < 2_000_000 {
         assert!(child.try_wait().expect("a child").is_none(), "the run ended by itself");
@@ -35,8 +36,20 @@ fn a_killed_run_leaves_a_recording_that_can_be_reported() {
     assert!(!out.exists(), "a killed run must not look like a whole one");
     let partial = out.with_extension("partial");
     succeed(depthloom().arg("report").arg(&partial));
-    let scores = std::fs::read_to_string(partial.join("scores.csv")).expect("scores");
-    assert!(scores.lines().count() > 2, "{scores}");
+    assert_answers_of_its_frames(&partial, folder.path());
+}
+
+/// That a report of what an ended run left is the report of a whole run of as many frames.
+fn assert_answers_of_its_frames(partial: &Path, folder: &Path) {
+    let rows = read_csv(&partial.join("scores.csv"));
+    let frames = rows.iter().map(|row| &row["frame"]).collect::<BTreeSet<_>>().len();
+    assert!(frames > 2, "{frames} frames were left");
+    let whole = folder.join("whole");
+    succeed(&mut run(&whole, frames));
+    for file in ["scores.csv", "table.csv", "error_vs_distance.csv"] {
+        let read = |of: &Path| std::fs::read_to_string(of.join(file)).unwrap_or_else(|error| panic!("{file}: {error}"));
+        assert_eq!(read(partial), read(&whole), "{file} of the {frames} frames that were left");
+    }
 }
 
 #[cfg(unix)]
@@ -45,8 +58,10 @@ fn an_interrupted_run_finishes_its_frames_and_says_where_they_are() {
     let folder = tempfile::tempdir().expect("a folder");
     let out = folder.path().join("run");
     let mut child = start(&out);
-    succeed(std::process::Command::new("kill").args(["-INT", &child.id().to_string()]));
+    succeed(Command::new("kill").args(["-INT", &child.id().to_string()]));
     assert_eq!(child.wait().expect("ended").code(), Some(130));
     assert!(!out.exists(), "an interrupted run must not look like a whole one");
-    succeed(depthloom().arg("report").arg(out.with_extension("partial")));
+    let partial = out.with_extension("partial");
+    succeed(depthloom().arg("report").arg(&partial));
+    assert_answers_of_its_frames(&partial, folder.path());
 }
