@@ -31,6 +31,22 @@ fn the_schema_in_the_tree_is_fresh() {
 }
 
 #[test]
+fn every_crate_of_ours_is_tested_with_overflow_checks() {
+    let read =
+        |path: &str| std::fs::read_to_string(workspace().join(path)).unwrap_or_else(|error| panic!("{path}: {error}"));
+    let (workspace, checked) = (read("Cargo.toml"), read(".ci/checked.toml"));
+    let members = workspace.lines().find_map(|line| line.strip_prefix("members = ")).expect("members on one line");
+    let members: Vec<String> = serde_json::from_str(members).expect("a list as JSON has it");
+    for member in &members {
+        let manifest = read(&format!("{member}/Cargo.toml"));
+        let name = manifest.lines().find_map(|line| line.strip_prefix("name = ")).expect("a name").trim_matches('"');
+        let wanted = format!("{name} = {{ overflow-checks = true, debug-assertions = true }}");
+        assert!(checked.lines().any(|line| line == wanted), ".ci/checked.toml lacks: {wanted}");
+    }
+    assert!(members.len() > 10);
+}
+
+#[test]
 fn stereo_runs_once_a_frame_for_all_variants() {
     let plan = stdout(&succeed(depthloom().args(["plan", "experiments/table1.yaml", "--json"])));
     let plan: serde_json::Value = serde_json::from_str(&plan).expect("JSON");
