@@ -26,7 +26,7 @@ pub fn taps(sigma: f64) -> Vec<f32> {
     let count = (sigma * 8.0 + 1.0).round_ties_even() as usize | 1;
     let radius = (count / 2) as f64;
     let scale = -0.5 / (sigma * sigma);
-    let raw: Vec<f64> = (0..count).map(|i| i as f64 - radius).map(|x| (scale * x * x).exp()).collect();
+    let raw: Vec<f64> = (0..count).map(|i| i as f64 - radius).map(|x| libm::exp(scale * x * x)).collect();
     let sum: f64 = raw.iter().sum();
     raw.iter().map(|tap| (tap / sum) as f32).collect()
 }

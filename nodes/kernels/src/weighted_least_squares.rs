@@ -110,7 +110,7 @@ impl Smoother {
         assert!(sigma > 0.0 && sigma.is_finite(), "sigma is {sigma}");
         assert!((0.0..=1.0).contains(&attenuation) && iterations > 0, "{params:?}");
         // Rounded once, from f64: so is glibc's and OpenCV's `expf`, but for few last bits.
-        let affinity = |squared: u32| -f64::from(-(squared as f32).sqrt() / sigma).exp() as f32;
+        let affinity = |squared: u32| -(libm::exp(f64::from(-(squared as f32).sqrt() / sigma)) as f32);
         Self { params, table: (0..=3 * 255 * 255).map(affinity).collect() }
     }
 
