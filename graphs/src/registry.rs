@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use schemars::generate::SchemaSettings;
 use serde_json::Value as Json;
 
-use crate::contracts::{Fault, Instance, Node, NodeDeclaration, Source, SourceDeclaration, SourceKind};
+use crate::contracts::{Fault, Instance, Node, NodeDeclaration, Source, SourceDeclaration, SourceKind, Upstream};
 use crate::key::Key;
 
 /// Why parameters do not fit a kind.
@@ -24,6 +24,7 @@ pub struct NodeKind {
     /// The JSON schema of its parameters.
     pub schema: Json,
     resolve: fn(&Json) -> Result<Json, ParamError>,
+    check_inputs: fn(&Json, &Upstream<'_>) -> Result<(), Fault>,
     fingerprint: fn(&Json) -> Result<Option<Key>, Fault>,
     build: fn(&Json) -> Result<Instance, Fault>,
 }
@@ -35,6 +36,14 @@ impl NodeKind {
     /// The first parameter that does not fit.
     pub fn resolve(&self, params: &Json) -> Result<Json, ParamError> {
         (self.resolve)(params)
+    }
+
+    /// See [`Node::check_inputs`].
+    ///
+    /// # Errors
+    /// As there.
+    pub fn check_inputs(&self, resolved: &Json, upstream: &Upstream<'_>) -> Result<(), Fault> {
+        (self.check_inputs)(resolved, upstream)
     }
 
     /// See [`Node::fingerprint`].
@@ -97,6 +106,7 @@ impl Registry {
         let entry = NodeKind {
             schema: schema_of::<N::Params>(),
             resolve: |json| resolve::<N::Params>(json, N::check),
+            check_inputs: |json, upstream| N::check_inputs(&parse::<N::Params>(json)?, upstream),
             fingerprint: |json| N::fingerprint(&parse::<N::Params>(json)?),
             build: |json| N::build(parse::<N::Params>(json)?),
             declaration,

@@ -1,12 +1,13 @@
 //! What the runner offers a node while it works.
 
-use std::path::Path;
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::thread::{Builder, scope};
 
-use depthloom_graphs::Host;
+use depthloom_graphs::{Host, Key};
 
+use crate::checkpoints::{Checkpoints, Refused};
 use crate::crew::Crew;
 use crate::interrupt::Interrupt;
 use crate::observer::Observer;
@@ -27,8 +28,8 @@ pub(crate) struct TaskHost<'a> {
     pub(crate) run: usize,
     /// The node that works, if it is one.
     pub(crate) node: Option<usize>,
-    /// Where it may put down checkpoints.
-    pub(crate) checkpoints: Option<&'a Path>,
+    /// Of a once-node: the key of what it gives, and where it may put down checkpoints.
+    pub(crate) once: Option<(Key, &'a Checkpoints)>,
     /// Processor time of helpers.
     pub(crate) helpers_cpu_ns: AtomicU64,
 }
@@ -107,8 +108,23 @@ impl Host for TaskHost<'_> {
         self.helpers_cpu_ns.fetch_add(cpu_ns, Ordering::Relaxed);
     }
 
-    fn checkpoints(&self) -> Option<&Path> {
-        self.checkpoints
+    fn key(&self) -> Option<Key> {
+        self.once.map(|(key, _)| key)
+    }
+
+    fn checkpoint(&self) -> Option<PathBuf> {
+        let (key, checkpoints) = self.once?;
+        match checkpoints.take(&key) {
+            Ok(path) => path,
+            Err(Refused::InUse) => {
+                self.warn("another process is at the same work: nothing is kept of this one's until it is done");
+                None
+            }
+            Err(Refused::Io(error)) => {
+                self.warn(&format!("no checkpoint can be kept: {error}"));
+                None
+            }
+        }
     }
 }
 
@@ -131,7 +147,7 @@ mod tests {
             warnings,
             run: 0,
             node: None,
-            checkpoints: None,
+            once: None,
             helpers_cpu_ns: AtomicU64::new(0),
         }
     }

@@ -83,6 +83,7 @@
 //! # Ok::<(), depthloom_runner::RunError>(())
 //! ```
 
+mod checkpoints;
 mod crew;
 mod error;
 mod host;
@@ -102,6 +103,7 @@ mod timing;
 mod warnings;
 mod wiring;
 
+pub use checkpoints::Checkpoints;
 pub use error::RunError;
 pub use interrupt::Interrupt;
 pub use observer::{Observer, Unwatched};

@@ -8,7 +8,7 @@ use std::sync::atomic::AtomicU64;
 use depthloom_graphs::contracts::{Contract, Slot, Tap, TapError};
 use depthloom_graphs::plan::{From, Plan, PlannedNode};
 use depthloom_graphs::{
-    Context, Fault, Host as _, Inputs, Key, OnceNode, OrderedNode, Outputs, Port, Rate, Scratch, Value, value_keys,
+    Context, Fault, Host as _, Inputs, Key, OnceNode, OrderedNode, Port, Rate, Scratch, Value, value_keys,
 };
 
 use crate::error::RunError;
@@ -114,7 +114,7 @@ impl<T: Tap> OnceWork<'_, T> {
         let jobs: Vec<_> =
             jobs.into_iter().map(|(node, job)| (node, Mutex::new(Some(job)), Mutex::new(None))).collect();
         let permit = self.around.crew.permit();
-        self.host(None).tiles(jobs.len(), &|i| {
+        self.host(None, None).tiles(jobs.len(), &|i| {
             let (node, job, done) = &jobs[i];
             if let Some(job) = locked(job).take() {
                 *locked(done) = Some(self.perform(*node, &nodes[*node], job));
@@ -177,10 +177,11 @@ impl<T: Tap> OnceWork<'_, T> {
         Ok(())
     }
 
-    fn host(&self, node: Option<usize>) -> TaskHost<'_> {
+    fn host(&self, node: Option<usize>, key: Option<Key>) -> TaskHost<'_> {
         let Surroundings { crew, interrupt, observer, warnings, checkpoints, .. } = *self.around;
         let (run, helpers_cpu_ns) = (self.run, AtomicU64::new(0));
-        TaskHost { crew, interrupt, observer, warnings, run, node, checkpoints, helpers_cpu_ns }
+        let once = key.map(|key| (key, checkpoints));
+        TaskHost { crew, interrupt, observer, warnings, run, node, once, helpers_cpu_ns }
     }
 
     /// The key and the once-values by port, or `None` if the node did not fire.
@@ -191,27 +192,29 @@ impl<T: Tap> OnceWork<'_, T> {
         planned: &PlannedNode,
         job: Job,
     ) -> (Result<Option<(Key, Vec<Option<Value>>)>, Fault>, Spent) {
-        let (watch, host, mut scratch) = (Stopwatch::start(), self.host(Some(node)), Scratch::default());
+        let key = match &job {
+            Job::Fire(_, inputs) => {
+                let Some(inputs) = inputs else { return (Ok(None), Spent::default()) };
+                let keys: Vec<_> = inputs.iter().map(|input| input.as_ref().map(|once| once.key)).collect();
+                value_keys::once(&planned.recipe, &keys)
+            }
+            Job::Finish(_, last) => value_keys::finished(&planned.recipe, last.as_ref()),
+        };
+        let (watch, host, mut scratch) = (Stopwatch::start(), self.host(Some(node), Some(key)), Scratch::default());
         let mut ctx = Context::new(&host, &mut scratch);
         let ports: Vec<Port> =
             planned.outputs.iter().map(|o| &o.port).filter(|p| is_once(planned, p)).cloned().collect();
-        let in_order = |given: Outputs| given.in_order_of(&ports);
         let made = match job {
-            Job::Fire(_, None) => return (Ok(None), Spent::default()),
-            Job::Fire(instance, Some(inputs)) => {
+            Job::Fire(instance, inputs) => {
                 let in_ports: Vec<Port> = planned.inputs.iter().map(|i| i.port.clone()).collect();
-                let keys: Vec<_> = inputs.iter().map(|i| i.as_ref().map(|once| once.key)).collect();
-                let values: Vec<_> = inputs.into_iter().map(|i| i.map(|once| once.value)).collect();
-                let made = caught(|| instance.run(&Inputs::new(&in_ports, &values), &mut ctx));
-                let made = made.unwrap_or_else(|panic| Err(panic.into())).and_then(in_order);
-                made.map(|values| (value_keys::once(&planned.recipe, &keys), values))
+                let values: Vec<_> = inputs.into_iter().flatten().map(|i| i.map(|once| once.value)).collect();
+                caught(|| instance.run(&Inputs::new(&in_ports, &values), &mut ctx))
             }
-            Job::Finish(instance, last) => {
-                let made = caught(|| instance.finish(&mut ctx));
-                let made = made.unwrap_or_else(|panic| Err(panic.into())).and_then(in_order);
-                made.map(|values| (value_keys::finished(&planned.recipe, last.as_ref()), values))
-            }
+            Job::Finish(instance, _) => caught(|| instance.finish(&mut ctx)),
         };
+        self.around.checkpoints.release(&key);
+        let made = made.unwrap_or_else(|panic| Err(panic.into())).and_then(|given| given.in_order_of(&ports));
+        let made = made.map(|values| (key, values));
         (made.map(Some), watch.stop(host.helpers_cpu_ns.into_inner()))
     }
 }

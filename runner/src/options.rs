@@ -12,7 +12,7 @@ pub struct Options {
     pub window: Option<usize>,
     /// Whether a failing frame leaves tombstones and the run goes on, instead of ending there.
     pub keep_going: bool,
-    /// Where once-nodes put down checkpoints; see [`Host::checkpoints`](depthloom_graphs::Host::checkpoints).
+    /// Where once-nodes put down checkpoints; see [`Host::checkpoint`](depthloom_graphs::Host::checkpoint).
     pub checkpoints: Option<PathBuf>,
 }
 

@@ -2,6 +2,7 @@
 
 use depthloom_graphs::Frame;
 
+use crate::checkpoints::Checkpoints;
 use crate::timing::Timing;
 use crate::warnings::Warning;
 
@@ -18,6 +19,8 @@ pub struct Report {
     pub warnings: Vec<Warning>,
     /// Where the time went, by stage run and class of task.
     pub timings: Vec<Timing>,
+    /// What once-nodes put down on the way: to be removed when what they gave is safe.
+    pub checkpoints: Checkpoints,
 }
 
 impl Report {

@@ -9,6 +9,7 @@ use depthloom_graphs::plan::Plan;
 use depthloom_graphs::ready::{Ready, ReadyRun};
 use depthloom_graphs::{Instance, Source};
 
+use crate::checkpoints::Checkpoints;
 use crate::crew::Crew;
 use crate::error::RunError;
 use crate::interrupt::Interrupt;
@@ -37,6 +38,7 @@ pub fn run<T: Tap>(
 ) -> Result<Report, RunError> {
     let Ready { plan, runs, files } = ready;
     let crew = Crew::new(options.workers());
+    let checkpoints = Checkpoints::new(options.checkpoints.clone());
     let (window, keep_going) = (options.window(), options.keep_going);
     let warnings = Warnings::default();
     let around = Surroundings {
@@ -47,7 +49,7 @@ pub fn run<T: Tap>(
         warnings: &warnings,
         window,
         keep_going,
-        checkpoints: options.checkpoints.as_deref(),
+        checkpoints: &checkpoints,
     };
     let mut values = OnceValues::new(files);
     let mut report = Report::default();
@@ -65,6 +67,7 @@ pub fn run<T: Tap>(
         }
     }
     report.warnings = warnings.into_list();
+    report.checkpoints = checkpoints;
     Ok(report)
 }
 

@@ -1,6 +1,5 @@
 //! The frames of a stage run on the workers.
 
-use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 
@@ -9,6 +8,7 @@ use depthloom_graphs::contracts::{Slot, Tap, TapError};
 use depthloom_graphs::plan::StageRun;
 use depthloom_graphs::{Context, Fault, Inputs, Key, Outputs, PureNode, Scratch, Source, Value, value_keys};
 
+use crate::checkpoints::Checkpoints;
 use crate::crew::Crew;
 use crate::host::TaskHost;
 use crate::in_flight::{InFlight, Outcome, Settled, locked};
@@ -107,7 +107,7 @@ pub(crate) struct Surroundings<'a, T> {
     pub(crate) warnings: &'a Warnings,
     pub(crate) window: usize,
     pub(crate) keep_going: bool,
-    pub(crate) checkpoints: Option<&'a Path>,
+    pub(crate) checkpoints: &'a Checkpoints,
 }
 
 impl<'a, T: Tap> Stage<'a, T> {
@@ -252,7 +252,7 @@ impl<'a, T: Tap> Stage<'a, T> {
             warnings: self.warnings,
             run: self.run,
             node,
-            checkpoints: None,
+            once: None,
             helpers_cpu_ns: AtomicU64::new(0),
         }
     }

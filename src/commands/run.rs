@@ -8,7 +8,7 @@ use depthloom_graphs::plan::Plan;
 use depthloom_graphs::ready::{NotReady, Ready};
 use depthloom_nodes::onnx_engine;
 use depthloom_recording::{Recorder, Recording};
-use depthloom_runner::{Interrupt, Options, Report, RunError};
+use depthloom_runner::{Checkpoints, Interrupt, Options, Report, RunError};
 use serde_json::{Value as Json, json};
 
 use super::check::load;
@@ -36,7 +36,7 @@ pub fn run(args: &RunArgs) -> Result<Exit, Stop> {
     let started = Instant::now();
     let options = options(args, &folder);
 
-    let Recorded { failed, warnings } = match record(ready, &plan, args, &options, &folder, &interrupt) {
+    let Recorded { failed, warnings, checkpoints } = match record(ready, &plan, args, &options, &folder, &interrupt) {
         Ok(recorded) => recorded,
         Err(ended) => return Err(ended.stop(folder)),
     };
@@ -48,6 +48,7 @@ pub fn run(args: &RunArgs) -> Result<Exit, Stop> {
         stop.also(format!("the recording is whole: `depthloom report {partial}` makes its tables"))
     })?;
     let out = folder.finish()?;
+    checkpoints.remove();
 
     let told = json!({
         "experiment": plan.experiment,
@@ -148,6 +149,8 @@ struct Recorded {
     failed: u64,
     /// What the run has to say that is no error.
     warnings: Vec<String>,
+    /// What can go once all is safe.
+    checkpoints: Checkpoints,
 }
 
 /// Runs the frames, closes the recording, and says what there was to warn of.
@@ -180,7 +183,8 @@ fn record(
     if ran.interrupted {
         return Err(ended(Stop::new(Exit::Interrupted, "interrupted")));
     }
-    Ok(Recorded { failed: ran.stages.iter().map(|stage| stage.failed).sum(), warnings })
+    let failed = ran.stages.iter().map(|stage| stage.failed).sum();
+    Ok(Recorded { failed, warnings, checkpoints: ran.checkpoints })
 }
 
 /// Libraries that were passed over, and what nodes told of.

@@ -170,7 +170,7 @@ impl Ground {
         running.until(|_| seen.look(&checkpoints) >= LEARN_STEPS / 2);
         running.signal("KILL");
         running.end();
-        files(&checkpoints).keys().any(|name| name.ends_with(".safetensors")).then_some(checkpoints)
+        files(&checkpoints).keys().any(|name| name.ends_with(".checkpoint")).then_some(checkpoints)
     }
 
     /// A small data set on the disk, and the answer of [`DATA`] on it.
@@ -272,7 +272,7 @@ impl Changes {
     pub fn look(&mut self, folder: &Path) -> usize {
         let entries = fs::read_dir(folder).into_iter().flatten().flatten();
         let is_file =
-            |entry: &fs::DirEntry| entry.path().extension().is_some_and(|extension| extension == "safetensors");
+            |entry: &fs::DirEntry| entry.path().extension().is_some_and(|extension| extension == "checkpoint");
         self.0.extend(entries.filter(is_file).filter_map(|entry| Some(entry.metadata().ok()?.ino())));
         self.0.len()
     }

@@ -9,10 +9,10 @@ use depthloom_recording::{RecordedContent, Recording};
 
 use crate::support::{depthloom, succeed, workspace};
 
-const STEPS: u64 = 60;
+pub const STEPS: u64 = 60;
 
 /// The nodes of a stage `learn`, small enough for seconds.
-fn learn(steps: u64, checkpoint_every: u64) -> String {
+pub fn learn(steps: u64, checkpoint_every: u64) -> String {
     format!(
         "  learn:
     source: train
@@ -32,7 +32,7 @@ fn learn(steps: u64, checkpoint_every: u64) -> String {
 }
 
 /// Writes an experiment that learns on a street, and nothing else.
-fn street(folder: &Path, checkpoint_every: u64) -> PathBuf {
+pub fn street(folder: &Path, checkpoint_every: u64) -> PathBuf {
     let source = "  train: { kind: synthetic/road, with: { frames: 0..5, width: 320, height: 96, seed: 4 } }";
     let path = folder.join(format!("street-{checkpoint_every}.yaml"));
     let stage = learn(STEPS, checkpoint_every);
@@ -41,7 +41,7 @@ fn street(folder: &Path, checkpoint_every: u64) -> PathBuf {
 }
 
 /// The hashes of what learning left in a recording: model and samples by their content, the curve by its file.
-fn learned(out: &Path) -> (String, String, Vec<u8>) {
+pub fn learned(out: &Path) -> (String, String, Vec<u8>) {
     let recording = Recording::open(out.join("recording.mcap")).expect("a recording");
     let hash = |of: &str| {
         let mut found = recording.once_values().iter().filter(|value| value.value_type == of);
@@ -53,7 +53,7 @@ fn learned(out: &Path) -> (String, String, Vec<u8>) {
     (hash("model"), hash("samples"), std::fs::read(out.join("learning_curves.csv")).expect("a curve"))
 }
 
-fn run(experiment: &Path, out: &Path, workers: &str) -> (String, String, Vec<u8>) {
+pub fn run(experiment: &Path, out: &Path, workers: &str) -> (String, String, Vec<u8>) {
     succeed(depthloom().arg("run").arg(experiment).args(["--quiet", "--workers", workers, "--out"]).arg(out));
     learned(out)
 }
@@ -104,10 +104,10 @@ fn the_network_is_the_same_with_one_and_eight_workers() {
     assert!(runs[0] == runs[1], "networks with 1 and 8 workers differ");
 }
 
-/// The step of the checkpoint in a folder, if there is one: a `.safetensors` file with the progress as JSON in its header.
-fn step(checkpoints: &Path) -> Option<u64> {
+/// The step of the checkpoint in a folder, if there is one: it begins as a `.safetensors` file, with the progress as JSON in its header.
+pub fn step(checkpoints: &Path) -> Option<u64> {
     let mut files = std::fs::read_dir(checkpoints).ok()?.flatten().map(|entry| entry.path());
-    let path = files.find(|path| path.extension().is_some_and(|extension| extension == "safetensors"))?;
+    let path = files.find(|path| path.extension().is_some_and(|extension| extension == "checkpoint"))?;
     let bytes = std::fs::read(path).ok()?;
     let length = u64::from_le_bytes(bytes.get(..8)?.try_into().expect("8 bytes"));
     let header: serde_json::Value = serde_json::from_slice(&bytes[8..8 + length as usize]).expect("a whole header");
@@ -117,7 +117,7 @@ fn step(checkpoints: &Path) -> Option<u64> {
 }
 
 /// Runs until a checkpoint of at least this step is there, then kills it. The step it was killed at; it never falls below `from`.
-fn run_and_kill(experiment: &Path, out: &Path, from: u64, at: u64) -> u64 {
+pub fn run_and_kill(experiment: &Path, out: &Path, from: u64, at: u64) -> u64 {
     let checkpoints = out.with_file_name("checkpoints");
     let mut run = depthloom();
     run.arg("run").arg(experiment).args(["--quiet", "--workers", "2", "--out"]).arg(out);

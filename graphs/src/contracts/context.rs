@@ -2,7 +2,9 @@
 
 use std::any::{Any, TypeId};
 use std::collections::HashMap;
-use std::path::Path;
+use std::path::PathBuf;
+
+use crate::Key;
 
 /// What the runner offers a node while it works.
 pub trait Host: Sync {
@@ -38,9 +40,15 @@ pub trait Host: Sync {
     /// Adds processor time that threads of the node's own spent, nanoseconds, to what is told of the node.
     fn spent(&self, _cpu_ns: u64) {}
 
-    /// A folder for what long work puts down now and then, named by its own keys, so that a run begun again after a kill takes
-    /// it up there; the work removes it when it is whole. `None`: nothing is kept.
-    fn checkpoints(&self) -> Option<&Path> {
+    /// Names what this call gives: the key of a once-node's values. `None` where no key is known, as outside of a run.
+    fn key(&self) -> Option<Key> {
+        None
+    }
+
+    /// A file where long work puts down where it is, now and then and at its end, so that a run begun again after a kill takes it
+    /// up there. Its name is [`Host::key`]; nobody else has it until the call returns. The host removes it when what the call
+    /// gave is safe. `None`: nothing is kept, for nobody asked for it or another process is at the same work.
+    fn checkpoint(&self) -> Option<PathBuf> {
         None
     }
 }

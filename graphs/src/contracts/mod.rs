@@ -9,6 +9,7 @@ mod port;
 mod source;
 mod store;
 mod tap;
+mod upstream;
 
 pub use context::{Context, Host, InlineHost, Scratch};
 pub use fault::Fault;
@@ -19,3 +20,4 @@ pub use port::{Contract, Port, Rate};
 pub use source::{Source, SourceDeclaration, SourceKind, SourceOutputs};
 pub use store::Store;
 pub use tap::{Commit, Failure, Slot, SlotKey, Tap, TapError};
+pub use upstream::{Giver, GivingNode, Upstream};

@@ -6,7 +6,7 @@ use schemars::JsonSchema;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-use super::{Context, Contract, Fault, Frame, Port};
+use super::{Context, Contract, Fault, Frame, Port, Upstream};
 use crate::values::ValueKind;
 use crate::{Key, Value};
 
@@ -194,6 +194,10 @@ pub struct NodeDeclaration {
 pub trait Node: 'static {
     /// Its parameters; their docs, defaults and ranges give the schema, the reference page and the checks.
     /// Range attributes of schemars (`#[schemars(range(min = 1))]`, `extend("multipleOf" = 16)`) are checked by the language.
+    ///
+    /// A parameter that decides no output, only how it is come by (memory, threads, how often a checkpoint is written), is declared
+    /// so: `#[schemars(extend("operational" = true))]`. It enters no key and no recording, and nodes that differ in such parameters
+    /// alone are one node, with the parameters of the first.
     type Params: Serialize + DeserializeOwned + JsonSchema;
 
     /// Its name, version and ports.
@@ -204,6 +208,14 @@ pub trait Node: 'static {
     /// # Errors
     /// The parameter at fault, and why.
     fn check(_params: &Self::Params) -> Result<(), (&'static str, String)> {
+        Ok(())
+    }
+
+    /// What only the wiring shows, as far as it is known before any frame: whether what is given to the inputs can be of use.
+    ///
+    /// # Errors
+    /// What does not fit, and the remedy.
+    fn check_inputs(_params: &Self::Params, _upstream: &Upstream<'_>) -> Result<(), Fault> {
         Ok(())
     }
 

@@ -14,9 +14,10 @@ use super::overrides;
 use super::params::Resolver;
 use super::record;
 use super::resolved;
-use super::share::{self, Shared};
+use super::share::{self, Overruled, Shared};
 use super::source_file::Place;
 use super::spec::{self, Spec};
+use super::upstream;
 use super::variants::{self, Variant};
 use crate::plan::Plan;
 use crate::registry::Registry;
@@ -127,7 +128,9 @@ fn planned(
     }
     let names: Vec<String> = variants.iter().map(|variant| variant.name.clone()).collect();
     let shared = share::share(&names, &linked, &live, &recording);
+    upstream::check(&shared, &names, registry, report);
     equal_variants(&variants, &shared, report);
+    overruled(&names, &shared, report);
     Some(Plan {
         experiment,
         about,
@@ -188,6 +191,17 @@ fn equal_variants(variants: &[Variant], shared: &Shared, report: &mut Report) {
                 seen.insert(placed, variant);
             }
         }
+    }
+}
+
+/// Operational parameters decide nothing: two values of one are no reason to compute twice, and one of them is not used.
+fn overruled(names: &[String], shared: &Shared, report: &mut Report) {
+    for overruled in &shared.overruled {
+        let Overruled { node, place, variant, first } = overruled;
+        let what = format!("node `{node}` differs from `{first}` in parameters alone that decide no result");
+        let of = if names[*variant].is_empty() { String::new() } else { format!(" of variant `{}`", names[*variant]) };
+        let help = format!("they are one node, run with the parameters of `{first}`{of}; give both the same");
+        report.push(Diagnostic::warning(place, what).label("its own are not used").help(help));
     }
 }
 

@@ -32,6 +32,7 @@ mod source_file;
 mod spec;
 mod topics;
 mod tree;
+mod upstream;
 mod variants;
 mod wire;
 
@@ -39,6 +40,7 @@ pub use crate::render::kind_reference as reference;
 pub use diagnostics::{Diagnostic, Diagnostics, Related, Severity};
 pub use load::{Environment, Loaded, Options, load};
 pub use names::nearest;
+pub(crate) use paths::is_operational;
 pub use schema::schema;
 pub(crate) use schema_check::range_text;
 pub use source_file::{Place, SourceFile};

@@ -20,8 +20,12 @@ use crate::registry::{NodeKind, ParamError, SourceEntry};
 pub(super) struct Parameters {
     /// Every default filled in.
     pub(super) resolved: Json,
-    /// The same with nothing in it that depends on where files lie: what a recipe is made of.
+    /// The same without those that are operational, and with nothing in it that depends on where files lie: what a recipe is made of.
     pub(super) portable: Json,
+    /// What tells two nodes of a plan apart: as [`Parameters::portable`], but what is no file is named by its whole path.
+    pub(super) identity: String,
+    /// Those that are operational: they decide no output.
+    pub(super) operational: Json,
 }
 
 /// The contents of files named by parameters and inputs, hashed once.
@@ -99,10 +103,21 @@ impl Resolver {
             return Some(Arc::clone(known));
         }
         let resolved = checked(kind, json, with, &instance.kind.place, report)?;
-        let portable = paths::with_paths(&resolved, kind.schema, &mut |path| self.portable_path(path));
-        let parameters = Arc::new(Parameters { resolved, portable });
+        let decisive = paths::decisive(&resolved, kind.schema);
+        let portable = paths::with_paths(&decisive, kind.schema, &mut |path| self.portable_path(path));
+        let identity = canonical(&paths::with_paths(&decisive, kind.schema, &mut |path| self.identity_of(path)));
+        let operational = paths::operational(&resolved, kind.schema);
+        let parameters = Arc::new(Parameters { resolved, portable, identity, operational });
         self.known.insert(known, Arc::clone(&parameters));
         Some(parameters)
+    }
+
+    /// A path as it tells nodes of one plan apart: the content of the file, or where what is no file lies.
+    fn identity_of(&mut self, path: &Path) -> Json {
+        match self.contents.of(path) {
+            Some(key) => serde_json::json!({ "content": key.to_string() }),
+            None => serde_json::json!({ "path": path.to_string_lossy() }),
+        }
     }
 
     /// A path in a recipe: the content of the file, or the bare name of what is no file. Never where it lies.

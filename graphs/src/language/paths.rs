@@ -69,6 +69,32 @@ pub(super) fn with_paths(value: &Json, schema: &Json, name: &mut dyn FnMut(&Path
     }
 }
 
+/// Resolved parameters, those that are operational left out.
+pub(super) fn decisive(value: &Json, schema: &Json) -> Json {
+    chosen(value, schema, false)
+}
+
+/// Resolved parameters, those alone that are operational.
+pub(super) fn operational(value: &Json, schema: &Json) -> Json {
+    chosen(value, schema, true)
+}
+
+/// The parameters of a map that are operational, or are not; a list is taken as a whole.
+fn chosen(value: &Json, schema: &Json, operational: bool) -> Json {
+    let Json::Object(map) = value else { return value.clone() };
+    let of = |key: &str| property(schema, key).unwrap_or(&Json::Null);
+    let kept = map.iter().filter(|(key, _)| is_operational(of(key)) == operational);
+    Json::Object(kept.map(|(key, value)| (key.clone(), value.clone())).collect())
+}
+
+/// Whether a parameter is declared to decide no output; see [`Node::Params`](crate::contracts::Node::Params).
+pub(crate) fn is_operational(schema: &Json) -> bool {
+    part(schema, &|s| s.get(OPERATIONAL).filter(|is| is.as_bool() == Some(true))).is_some()
+}
+
+/// The attribute of a parameter's schema by which it is operational.
+const OPERATIONAL: &str = "operational";
+
 /// A part of a schema, or of the first of its alternatives that has it.
 fn part<'s>(schema: &'s Json, find: &dyn Fn(&'s Json) -> Option<&'s Json>) -> Option<&'s Json> {
     find(schema).or_else(|| {

@@ -1,19 +1,38 @@
 //! Sharing: nodes of equal kind, parameters and inputs are one node, whichever variants they come from.
+//!
+//! Operational parameters do not count: of nodes that differ in them alone, the first in order of variants and file gives its own. Files
+//! count by what is in them.
 
 use std::collections::{HashMap, HashSet};
+use std::sync::Arc;
 
 use super::linked::{Linked, LinkedNode, LinkedSource, Wire};
-use super::params::canonical;
+use super::params::{Parameters, canonical};
 use super::recipe::{self, InputRecipe};
 use super::record::Recording;
+use super::source_file::Place;
 use super::topics;
 use crate::contracts::Slot;
+use crate::key::Key;
 use crate::plan::{Estimate, From, PlannedInput, PlannedNode, PlannedOutput, PlannedSource, StageRun};
 
 /// Where the nodes of each variant went: by variant and stage, the stage run and the planned node of each of its nodes.
 pub(super) struct Shared {
     pub(super) runs: Vec<StageRun>,
     pub(super) placed: Vec<Vec<PlacedStage>>,
+    /// By stage run and planned node, where the first of those it stands for is written.
+    pub(super) places: Vec<Vec<Place>>,
+    /// Nodes that share one with other operational parameters.
+    pub(super) overruled: Vec<Overruled>,
+}
+
+/// A node whose operational parameters do not count, since it is one with a node written before it.
+pub(super) struct Overruled {
+    pub(super) node: String,
+    pub(super) place: Place,
+    /// The variant and node whose parameters count.
+    pub(super) variant: usize,
+    pub(super) first: String,
 }
 
 /// A stage of a variant, in the plan.
@@ -30,8 +49,18 @@ struct Identity {
     run: usize,
     kind: &'static str,
     params: String,
-    inputs: Vec<Option<From>>,
+    inputs: Vec<Option<InputIdentity>>,
 }
+
+/// What makes two inputs the same.
+#[derive(PartialEq, Eq, Hash)]
+enum InputIdentity {
+    Value(From),
+    Content(Key),
+}
+
+/// The nodes there are: by identity, the planned node, and the variant and parameters it is from.
+type Known = HashMap<Identity, (usize, usize, Arc<Parameters>)>;
 
 /// Puts linked variants without errors together.
 pub(super) fn share(
@@ -40,8 +69,9 @@ pub(super) fn share(
     live: &[HashSet<(usize, usize)>],
     recording: &Recording,
 ) -> Shared {
-    let mut shared = Shared { runs: Vec::new(), placed: vec![Vec::new(); variants.len()] };
-    let mut known: HashMap<Identity, usize> = HashMap::new();
+    let placed = vec![Vec::new(); variants.len()];
+    let mut shared = Shared { runs: Vec::new(), placed, places: Vec::new(), overruled: Vec::new() };
+    let mut known = Known::new();
     let stages = variants.first().map_or(0, |linked| linked.stages.len());
     for s in 0..stages {
         // Stage runs first: once-values of this stage are looked up by run.
@@ -81,26 +111,38 @@ impl Shared {
             estimates: Vec::new(),
             variants: Vec::new(),
         });
+        self.places.push(Vec::new());
         self.runs.len() - 1
     }
 
     /// The planned node of a variant's node: one that is there already, or a new one.
-    fn place(
-        &mut self,
-        known: &mut HashMap<Identity, usize>,
-        variant: usize,
-        stage: usize,
-        node: &LinkedNode<'_>,
-    ) -> Option<usize> {
+    fn place(&mut self, known: &mut Known, variant: usize, stage: usize, node: &LinkedNode<'_>) -> Option<usize> {
         let (kind, parameters) = (node.kind?, node.parameters.as_ref()?);
         let run = self.placed[variant][stage].run;
         let declaration = &kind.declaration;
         let inputs: Vec<Option<From>> =
             node.wires.iter().map(|wire| self.from(variant, stage, wire.as_ref()?)).collect();
-        let identity =
-            Identity { run, kind: declaration.kind, params: canonical(&parameters.resolved), inputs: inputs.clone() };
+        let identity = Identity {
+            run,
+            kind: declaration.kind,
+            params: parameters.identity.clone(),
+            inputs: inputs
+                .iter()
+                .zip(&node.wires)
+                .map(|(from, wire)| input_identity(from.as_ref()?, wire.as_ref()?))
+                .collect(),
+        };
         let next = self.runs[run].nodes.len();
-        let index = *known.entry(identity).or_insert(next);
+        let (index, first, counting) = known.entry(identity).or_insert_with(|| (next, variant, Arc::clone(parameters)));
+        let index = *index;
+        if counting.operational != parameters.operational {
+            self.overruled.push(Overruled {
+                node: node.name.text.clone(),
+                place: node.name.place.clone(),
+                variant: *first,
+                first: self.runs[run].nodes[index].name.clone(),
+            });
+        }
         if index == next {
             let contributions: Vec<(&'static str, InputRecipe<'_>)> = declaration
                 .inputs
@@ -113,6 +155,7 @@ impl Shared {
                 .collect();
             let recipe =
                 recipe::of(declaration.kind, declaration.version, &canonical(&parameters.portable), &contributions);
+            self.places[run].push(node.name.place.clone());
             let ports = declaration.inputs.iter().cloned();
             self.runs[run].nodes.push(PlannedNode {
                 name: node.name.text.clone(),
@@ -166,6 +209,14 @@ impl Shared {
             (From::File(_), _) => unreachable!("only a file's wire becomes a file"),
         }
     }
+}
+
+/// A file counts by its content, wherever it lies.
+fn input_identity(from: &From, wire: &Wire) -> Option<InputIdentity> {
+    Some(match wire {
+        Wire::File { content, .. } => InputIdentity::Content(*content),
+        Wire::Source { .. } | Wire::Node { .. } => InputIdentity::Value(from.clone()),
+    })
 }
 
 fn unnamed(port: crate::contracts::Port) -> PlannedOutput {

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use serde_json::{Map, Value as Json};
 
 use crate::contracts::{Port, Rate};
-use crate::language::range_text;
+use crate::language::{is_operational, range_text};
 use crate::registry::Registry;
 
 /// All kinds with a sentence each.
@@ -106,7 +106,11 @@ fn collect(schema: &Json, prefix: &str, rows: &mut Vec<Row>) {
             Some(default) => format!("`{}`", cell(&plain(default))),
         };
         let range = range_of(property).unwrap_or_else(|| "-".to_owned());
-        rows.push(Row { name, kind: cell(&type_text(property)), default, range, meaning: cell(&meaning(property)) });
+        let mut meaning = cell(&meaning(property));
+        if is_operational(property) {
+            meaning.push_str(" Decides no result, and enters no key.");
+        }
+        rows.push(Row { name, kind: cell(&type_text(property)), default, range, meaning });
     }
 }
 

@@ -14,7 +14,7 @@ pub struct Curve {
 pub struct CurvePoint {
     /// How many steps of the optimiser had been done.
     pub step: u64,
-    /// The mean training loss over the steps since the point before, in the loss's own unit.
+    /// The mean training loss over the steps since the point before, in the loss's own unit; NaN if no sample of theirs had a target.
     pub loss: f64,
     /// The loss on samples that are not trained on, in the same unit; `None` where it was not measured.
     pub validation: Option<f64>,

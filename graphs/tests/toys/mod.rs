@@ -1,6 +1,8 @@
 //! Kinds without pixels: the ports and parameters of real ones, so that the language can be tested alone.
 
-use depthloom_graphs::contracts::{Contract, DataPath, FrameSelection, NodeDeclaration, SourceDeclaration};
+use depthloom_graphs::contracts::{
+    Contract, DataPath, FrameSelection, Giver, NodeDeclaration, SourceDeclaration, Upstream,
+};
 use depthloom_graphs::{Fault, Instance, Key, Node, Port, Registry, Source, SourceKind, ValueType};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -203,14 +205,26 @@ pub struct SslParams {
     batch: u32,
     /// Weights to start from.
     weights: Option<DataPath>,
+    /// Steps from one checkpoint to the next.
+    #[schemars(range(min = 1), extend("operational" = true))]
+    checkpoint_every: u32,
 }
 impl Default for SslParams {
     fn default() -> Self {
-        Self { network: "unet-lite".to_owned(), steps: 2000, batch: 8, weights: None }
+        Self { network: "unet-lite".to_owned(), steps: 2000, batch: 8, weights: None, checkpoint_every: 100 }
     }
 }
 node!(Ssl, "learn/ssl", Once, SslParams,
-    [Port::once("samples", ValueType::Samples, "What to learn from.")] => [Port::once("model", ValueType::Model, "ONNX.")]);
+    [Port::once("samples", ValueType::Samples, "What to learn from.")] => [Port::once("model", ValueType::Model, "ONNX.")]
+    fn check_inputs(params: &SslParams, upstream: &Upstream<'_>) -> Result<(), Fault> {
+        match upstream.at("samples") {
+            Some(Giver::Node(node)) if node.kind == "learn/samples" && node.is_wired("mask") && params.network == "deaf" => {
+                Err(Fault::new("a deaf network cannot learn").remedy("choose another"))
+            }
+            _ => Ok(()),
+        }
+    }
+);
 
 #[derive(Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]

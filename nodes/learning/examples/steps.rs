@@ -2,7 +2,6 @@
 //!
 //! Used by `bench/learning.sh`, which runs a peer on the same network and batch in turn.
 
-use std::path::Path;
 use std::sync::Mutex;
 use std::time::Instant;
 
@@ -32,10 +31,6 @@ impl Host for Clock {
 
     fn width(&self) -> usize {
         self.threads
-    }
-
-    fn checkpoints(&self) -> Option<&Path> {
-        None
     }
 }
 

@@ -104,7 +104,7 @@ pub struct OnnxParams {
     /// On what the network runs: `cpu`, `cuda`, `tensorrt`, ...; an error where the machine's ONNX Runtime has it not.
     pub provider: Provider,
     /// Threads of ONNX Runtime per frame. More are faster for one frame, and no faster for many: frames run side by side. tract always has one.
-    #[schemars(range(min = 1, max = 256))]
+    #[schemars(range(min = 1, max = 256), extend("operational" = true))]
     pub threads: u32,
 }
 

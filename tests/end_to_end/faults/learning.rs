@@ -1,1 +1,175 @@
 //! Faults of learning and keys.
+
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+
+use depthloom_recording::Recording;
+
+use crate::learning::{STEPS, learn, learned, run, run_and_kill, step, street};
+use crate::support::{depthloom, succeed};
+
+/// Starts a run that says nothing.
+fn start(experiment: &Path, out: &Path) -> Child {
+    let mut run = depthloom();
+    run.arg("run").arg(experiment).args(["--quiet", "--workers", "2", "--out"]).arg(out);
+    run.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("the binary starts")
+}
+
+/// Waits until the checkpoint beside a run stands at a step, and sends a signal.
+fn signal_at(child: &Child, out: &Path, at: u64, signal: &str) {
+    while step(&out.with_file_name("checkpoints")).unwrap_or(0) < at {
+        std::thread::yield_now();
+    }
+    succeed(Command::new("kill").args([signal, &child.id().to_string()]));
+}
+
+/// A street that is learned from, and one of so many frames that is looked at with what was learned.
+fn and_then(folder: &Path, frames: u32) -> PathBuf {
+    let path = folder.join(format!("then-{frames}.yaml"));
+    let source = |frames| {
+        format!("{{ kind: synthetic/road, with: {{ frames: 0..{frames}, width: 320, height: 96, seed: 4 }} }}")
+    };
+    let text = format!(
+        "experiment: then\nsources:\n  train: {}\n  test: {}\nstages:\n{}  look:\n    source: test\n    nodes:\n      \
+         stereo: {{ kind: stereo/sgbm, inputs: {{ left: source/left, right: source/right }} }}\n",
+        source(5),
+        source(frames),
+        learn(STEPS, 1),
+    );
+    std::fs::write(&path, text).expect("written");
+    path
+}
+
+#[test]
+fn fault_05_two_processes_at_the_same_training_give_the_network_of_one() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let alone = folder.path().join("alone");
+    std::fs::create_dir(&alone).expect("a folder");
+    let undisturbed = run(&street(&alone, 100), &alone.join("run"), "2");
+    // Every step is put down, so that two writers of one file would meet.
+    let experiment = street(folder.path(), 1);
+    let outs = ["a", "b", "c"].map(|name| folder.path().join(name));
+    let children = outs.each_ref().map(|out| start(&experiment, out));
+    for mut child in children {
+        assert!(child.wait().expect("ended").success());
+    }
+    for out in &outs {
+        assert!(learned(out) == undisturbed, "{}", out.display());
+    }
+    assert!(!folder.path().join("checkpoints").exists(), "nothing stays, no lock either");
+}
+
+#[test]
+fn fault_14_how_often_a_checkpoint_is_written_and_what_memory_samples_take_change_no_key() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let recorded = |name: &str, set: &[&str]| {
+        let (experiment, out) = (street(folder.path(), 100), folder.path().join(name));
+        let mut run = depthloom();
+        run.arg("run").arg(experiment).args(["--quiet", "--out"]).arg(&out);
+        run.args(set.iter().flat_map(|set| ["--set", *set]));
+        succeed(&mut run);
+        let recording = Recording::open(out.join("recording.mcap")).expect("a recording");
+        (recording.plan().clone(), format!("{:?}", recording.once_values()), learned(&out))
+    };
+    let usual = recorded("usual", &["learn.teacher.with.steps=5"]);
+    let often = recorded(
+        "often",
+        &["learn.teacher.with.steps=5", "learn.teacher.with.checkpoint_every=1", "learn.samples.with.memory_mb=0"],
+    );
+    assert_eq!(usual.0, often.0, "the recorded plan, with every recipe");
+    assert!(usual == often);
+}
+
+#[test]
+fn fault_17_impossible_settings_of_learning_are_found_before_any_frame() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let experiment = street(folder.path(), 100);
+    for (set, told) in [
+        ("learn.samples.with.size=[100, 50]", "set `size: [128, 64]` at `learn/samples`"),
+        ("learn.teacher.with.patience=2", "wire validation samples"),
+        ("learn.teacher.with.photometric=1", "wire `right: source/right`"),
+    ] {
+        for command in ["check", "run"] {
+            let out = folder.path().join("out");
+            let mut asked = depthloom();
+            asked.arg(command).arg(&experiment).args(["--set", set]);
+            if command == "run" {
+                asked.arg("--out").arg(&out);
+            }
+            let output = asked.output().expect("the binary starts");
+            let said = String::from_utf8_lossy(&output.stderr).split_whitespace().collect::<Vec<_>>().join(" ");
+            assert_eq!(output.status.code(), Some(2), "{command} --set {set}: {said}");
+            assert!(said.replace("│ ", "").contains(told), "{command} --set {set}: {said}");
+            assert!(!out.exists() && !out.with_extension("partial").exists());
+        }
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn fault_27_a_signal_ends_learning_at_a_checkpoint_that_the_next_run_takes_up() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let alone = folder.path().join("alone");
+    std::fs::create_dir(&alone).expect("a folder");
+    let undisturbed = run(&street(&alone, 100), &alone.join("run"), "2");
+    let experiment = street(folder.path(), 1);
+    let checkpoints = folder.path().join("checkpoints");
+    let mut reached = 0;
+    for (signal, at) in [("-INT", 5), ("-TERM", 20)] {
+        let out = folder.path().join(signal);
+        let mut child = start(&experiment, &out);
+        signal_at(&child, &out, at, signal);
+        assert_eq!(child.wait().expect("ended").code(), Some(130), "{signal}");
+        assert!(!out.exists(), "an interrupted run must not look like a whole one");
+        let stands = step(&checkpoints).expect("a checkpoint");
+        assert!((at.max(reached)..STEPS).contains(&stands), "{signal} at {at}: {stands}");
+        reached = stands;
+    }
+    assert!(run(&experiment, &folder.path().join("last"), "2") == undisturbed);
+    assert!(!checkpoints.exists(), "a whole run needs no checkpoint");
+}
+
+#[cfg(unix)]
+#[test]
+fn fault_27_what_was_learned_is_not_lost_by_a_signal_after_the_training() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (experiment, out) = (and_then(folder.path(), 100_000), folder.path().join("long"));
+    let mut child = start(&experiment, &out);
+    let recording = out.with_extension("partial").join("recording.mcap");
+    signal_at(&child, &out, STEPS, "-0");
+    let learned_by = std::fs::metadata(&recording).expect("a recording").len();
+    // The stage after has begun.
+    while std::fs::metadata(&recording).expect("a recording").len() < learned_by + 100_000 {
+        assert!(child.try_wait().expect("a child").is_none(), "the run ended by itself");
+        std::thread::yield_now();
+    }
+    signal_at(&child, &out, STEPS, "-INT");
+    assert_eq!(child.wait().expect("ended").code(), Some(130));
+    let checkpoints = folder.path().join("checkpoints");
+    assert_eq!(step(&checkpoints), Some(STEPS), "the training is there, whole");
+    let short = and_then(folder.path(), 2);
+    let found = run(&short, &folder.path().join("short"), "2");
+    assert!(!checkpoints.exists(), "the run took it up, and is whole");
+    assert!(found == run(&short, &folder.path().join("again"), "1"));
+}
+
+#[test]
+fn fault_46_a_damaged_checkpoint_changes_no_network() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let alone = folder.path().join("alone");
+    std::fs::create_dir(&alone).expect("a folder");
+    let undisturbed = run(&street(&alone, 100), &alone.join("run"), "2");
+    let experiment = street(folder.path(), 1);
+    run_and_kill(&experiment, &folder.path().join("killed"), 0, 20);
+    let mut files = std::fs::read_dir(folder.path().join("checkpoints")).expect("a folder").flatten();
+    let checkpoint = files.find(|file| file.path().extension().is_some_and(|extension| extension == "checkpoint"));
+    let checkpoint = checkpoint.expect("a checkpoint").path();
+    let whole = std::fs::read(&checkpoint).expect("a checkpoint");
+    for at in [whole.len() / 3, whole.len() - 20] {
+        let mut damaged = whole.clone();
+        damaged[at] ^= 8;
+        std::fs::create_dir_all(checkpoint.parent().expect("a folder")).expect("a folder");
+        std::fs::write(&checkpoint, damaged).expect("written");
+        assert!(run(&experiment, &folder.path().join(format!("damaged-{at}")), "2") == undisturbed, "byte {at}");
+    }
+}

@@ -24,13 +24,13 @@ use half::f16;
 
 use super::set::{Sample, Samples};
 
-const MAGIC: [u8; 8] = *b"DLSAMPLE";
-const VERSION: u32 = 1;
-const FLAG_RIGHT: u32 = 1;
+pub(super) const MAGIC: [u8; 8] = *b"DLSAMPLE";
+pub(super) const VERSION: u32 = 1;
+pub(super) const FLAG_RIGHT: u32 = 1;
 /// The largest side of an image, px: more is a damaged file.
-const LARGEST_SIDE: u32 = 1 << 14;
+pub(super) const LARGEST_SIDE: u32 = 1 << 14;
 /// Bytes before the first sample.
-const HEADER_LEN: usize = 32;
+pub(super) const HEADER_LEN: usize = 32;
 
 /// Why bytes are no samples.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -85,12 +85,12 @@ pub(super) struct Form {
 }
 
 impl Form {
-    const fn pixels(self) -> usize {
+    pub(super) const fn pixels(self) -> usize {
         self.width as usize * self.height as usize
     }
 
     /// Bytes of a sample besides its id.
-    const fn sample_len(self) -> usize {
+    pub(super) const fn sample_len(self) -> usize {
         4 + 8 + self.pixels() * (3 + if self.has_right { 3 } else { 0 } + 2)
     }
 
@@ -144,75 +144,6 @@ impl Samples {
         }
         out
     }
-
-    /// Reads what [`Samples::encode`] wrote.
-    ///
-    /// # Errors
-    /// If the bytes are of something else, of another version, or damaged.
-    pub fn decode(bytes: &[u8]) -> Result<Self, DecodeError> {
-        let (form, count, mut rest) = header(bytes)?;
-        // Damaged counts announce more than the bytes can hold: no memory is taken before it is looked at.
-        let most = rest.len() / form.sample_len() + 1;
-        let mut items = Vec::with_capacity(usize::try_from(count).unwrap_or(usize::MAX).min(most));
-        for index in 0..count {
-            let (sample, after) = sample(form, index, count, rest)?;
-            items.push(sample);
-            rest = after;
-        }
-        if !rest.is_empty() {
-            return Err(DecodeError::Trailing(rest.len()));
-        }
-        Ok(Self { width: form.width, height: form.height, has_right: form.has_right, items })
-    }
-}
-
-/// The form, the number of samples, and the bytes of the samples.
-fn header(bytes: &[u8]) -> Result<(Form, u64, &[u8]), DecodeError> {
-    if bytes.get(..8) != Some(&MAGIC) {
-        return Err(DecodeError::Magic);
-    }
-    let cut = DecodeError::CutOff { sample: 0, count: 0 };
-    let (header, rest) = bytes.split_first_chunk::<HEADER_LEN>().ok_or(cut)?;
-    let number = |at: usize| u32::from_le_bytes([header[at], header[at + 1], header[at + 2], header[at + 3]]);
-    let (version, flags, width, height) = (number(8), number(12), number(16), number(20));
-    let count = u64::from(number(24)) | u64::from(number(28)) << 32;
-    if version != VERSION {
-        return Err(DecodeError::Version(version));
-    }
-    if flags & !FLAG_RIGHT != 0 {
-        return Err(DecodeError::Flags(flags));
-    }
-    if !(1..=LARGEST_SIDE).contains(&width) || !(1..=LARGEST_SIDE).contains(&height) {
-        return Err(DecodeError::Size { width, height });
-    }
-    Ok((Form { width, height, has_right: flags == FLAG_RIGHT }, count, rest))
-}
-
-/// The first of the samples in `rest`, and the bytes after it.
-fn sample(form: Form, index: u64, count: u64, rest: &[u8]) -> Result<(Sample, &[u8]), DecodeError> {
-    let cut = DecodeError::CutOff { sample: index, count };
-    let mut rest = rest;
-    let mut take = |len: usize| {
-        let (taken, after) = rest.split_at_checked(len).ok_or_else(|| cut.clone())?;
-        rest = after;
-        Ok(taken)
-    };
-    let id_len = take(4)?.first_chunk().map_or(0, |len| u32::from_le_bytes(*len));
-    let id = str::from_utf8(take(id_len as usize)?).map_err(|_| DecodeError::Id(index))?.to_owned();
-    let scale = take(8)?.first_chunk().map_or(f64::NAN, |scale| f64::from_le_bytes(*scale));
-    let image = take(3 * form.pixels())?.to_vec();
-    let right = if form.has_right { Some(take(3 * form.pixels())?.to_vec()) } else { None };
-    let (shares, _) = take(2 * form.pixels())?.as_chunks::<2>();
-    let share: Vec<f16> = shares.iter().map(|bytes| f16::from_le_bytes(*bytes)).collect();
-    let depth_scale = (!scale.is_nan()).then_some(scale);
-    if depth_scale.is_some_and(|scale| !(scale > 0.0 && scale.is_finite())) {
-        return Err(DecodeError::Value { sample: index, what: "a depth scale" });
-    }
-    let is_target = |share: &f16| share.is_nan() || *share > f16::ZERO && share.is_finite();
-    if !share.iter().all(is_target) {
-        return Err(DecodeError::Value { sample: index, what: "a target" });
-    }
-    Ok((Sample { id, image, right, share, depth_scale }, rest))
 }
 
 #[cfg(test)]

@@ -5,7 +5,10 @@ mod node;
 mod set;
 mod spool;
 mod target;
+mod view;
 
 pub use format::DecodeError;
 pub use node::{CollectSamples, SamplesParams};
 pub use set::{MEDIA_TYPE, Sample, Samples};
+pub(crate) use view::size_and_right;
+pub use view::{SampleView, SamplesView};

@@ -27,7 +27,7 @@ pub struct SamplesParams {
     #[schemars(range(min = 0, max = 1))]
     pub coverage: f64,
     /// Samples beyond this are kept in a temporary file until the last frame, MB (2^20 bytes); the result is the same.
-    #[schemars(range(min = 0, max = 1_048_576))]
+    #[schemars(range(min = 0, max = 1_048_576), extend("operational" = true))]
     pub memory_mb: u32,
 }
 
@@ -53,7 +53,7 @@ impl Node for CollectSamples {
 
     fn declaration() -> NodeDeclaration {
         NodeDeclaration {
-            kind: "learn/samples",
+            kind: Self::KIND,
             version: 1,
             contract: Contract::Ordered,
             summary: "Collects images and confident disparities at a network's size, to learn from.",
@@ -96,6 +96,9 @@ the frames and on `size`, `least_disparity` and `coverage` alone.",
 }
 
 impl CollectSamples {
+    /// The kind's name in YAML.
+    pub(crate) const KIND: &str = "learn/samples";
+
     fn new(params: &SamplesParams) -> Self {
         let bound = (params.memory_mb as usize).saturating_mul(1 << 20);
         let rule = Rule { least_disparity_px: params.least_disparity, coverage: params.coverage };

@@ -1,7 +1,7 @@
 //! Which samples a step learns from, and how they are changed.
 
 use crate::random::Random;
-use crate::samples::Samples;
+use crate::samples::SamplesView;
 
 use super::params::SslParams;
 
@@ -52,7 +52,7 @@ fn distinct(random: &mut Random, end: usize, count: usize) -> Vec<usize> {
 
 impl Batch {
     /// The samples of a step, augmented.
-    pub(super) fn augmented(params: &SslParams, samples: &Samples, step: u64) -> Self {
+    pub(super) fn augmented(params: &SslParams, samples: &SamplesView<'_>, step: u64) -> Self {
         let indices = drawn(params, samples.len(), step);
         // Apart from the draw, so that switching one augmentation off leaves the others and the draw as they are.
         let mut random = Random::part(params.seed ^ 0x0061_7567_6d65_6e74, step);
@@ -65,14 +65,14 @@ impl Batch {
     }
 
     /// Samples as they are.
-    pub(super) fn plain(samples: &Samples, indices: std::ops::Range<usize>) -> Self {
+    pub(super) fn plain(samples: &SamplesView<'_>, indices: std::ops::Range<usize>) -> Self {
         let mut batch = Self::default();
         indices.for_each(|index| batch.push(samples, index, &Change::NONE, false));
         batch
     }
 
-    fn push(&mut self, samples: &Samples, index: usize, change: &Change, with_right: bool) {
-        let (width, height) = (samples.width as usize, samples.height as usize);
+    fn push(&mut self, samples: &SamplesView<'_>, index: usize, change: &Change, with_right: bool) {
+        let (width, height) = (samples.width(), samples.height());
         let (sample, window) = (&samples.items[index], change.window(width, height));
         let image = |image: &[u8], to: &mut Vec<f32>| {
             for (plane, gain) in image.chunks_exact(width * height).zip(change.gains) {
@@ -91,12 +91,12 @@ impl Batch {
                 window.visit(|y, x, _| to.push(value(y, x).min(1.0)));
             }
         };
-        image(&sample.image, &mut self.images);
-        if let (true, Some(right)) = (with_right, &sample.right) {
+        image(sample.image, &mut self.images);
+        if let (true, Some(right)) = (with_right, sample.right) {
             image(right, &mut self.rights);
         }
         // Seen through a window of part of the width, a disparity is a larger share of it.
-        window.visit(|_, _, nearest| self.shares.push(sample.share[nearest].to_f32() / change.kept));
+        window.visit(|_, _, nearest| self.shares.push(sample.share(nearest).to_f32() / change.kept));
         // Depth is what it is: depth = k / share, and the share grew.
         self.depth_scales.push(sample.depth_scale.unwrap_or(f64::NAN) as f32 / change.kept);
         self.mirrored.push(change.mirrored);
@@ -172,39 +172,41 @@ mod tests {
     use half::f16;
 
     use super::{Batch, drawn};
-    use crate::samples::{Sample, Samples};
+    use crate::samples::{Sample, Samples, SamplesView};
     use crate::ssl::params::SslParams;
 
-    fn samples(count: usize) -> Samples {
+    fn samples(count: usize) -> Vec<u8> {
         let item = |i: usize| Sample {
             id: i.to_string(),
             image: (0..3 * 6).map(|p| (i * 40 + p * 3) as u8).collect(),
             right: None,
-            share: (0..6).map(|p| if p == 4 { f16::NAN } else { f16::from_f32(p as f32 / 64.0) }).collect(),
+            share: (0..6).map(|p| if p == 4 { f16::NAN } else { f16::from_f32((p + 1) as f32 / 64.0) }).collect(),
             depth_scale: Some(0.5),
         };
-        Samples { width: 3, height: 2, has_right: false, items: (0..count).map(item).collect() }
+        Samples { width: 3, height: 2, has_right: false, items: (0..count).map(item).collect() }.encode()
     }
 
     #[test]
     fn a_plain_batch_holds_the_samples() {
-        let samples = samples(2);
+        let bytes = samples(2);
+        let samples = SamplesView::read(&bytes).unwrap();
         let batch = Batch::plain(&samples, 1..2);
         let expected: Vec<f32> = samples.items[1].image.iter().map(|&v| f32::from(v) / 255.0).collect();
         assert_eq!(batch.images, expected);
         assert!(batch.shares[4].is_nan());
-        assert_eq!(batch.shares[5], 5.0 / 64.0);
+        assert_eq!(batch.shares[5], 6.0 / 64.0);
         assert_eq!(batch.depth_scales, [0.5]);
     }
 
     #[test]
     fn a_mirrored_sample_is_mirrored_with_its_target() {
         let params = SslParams { flip: true, brightness: 0.0, colour: 0.0, batch: 64, ..SslParams::default() };
-        let batch = Batch::augmented(&params, &samples(1), 3);
+        let bytes = samples(1);
+        let batch = Batch::augmented(&params, &SamplesView::read(&bytes).unwrap(), 3);
         assert!(batch.mirrored.contains(&true) && batch.mirrored.contains(&false));
         for (i, &mirrored) in batch.mirrored.iter().enumerate() {
             let expected = if mirrored { [2.0, 1.0, 0.0] } else { [0.0, 1.0, 2.0] };
-            assert_eq!(batch.shares[i * 6..i * 6 + 3], expected.map(|p: f32| p / 64.0));
+            assert_eq!(batch.shares[i * 6..i * 6 + 3], expected.map(|p: f32| (p + 1.0) / 64.0));
             assert_eq!(batch.images[i * 18..i * 18 + 3], expected.map(|p: f32| p * 3.0 / 255.0));
         }
     }
@@ -212,7 +214,8 @@ mod tests {
     #[test]
     fn a_window_on_half_the_image_doubles_shares_and_keeps_depth() {
         let params = SslParams { crop: 0.5, batch: 32, ..SslParams::default() };
-        let batch = Batch::augmented(&params, &samples(1), 0);
+        let bytes = samples(1);
+        let batch = Batch::augmented(&params, &SamplesView::read(&bytes).unwrap(), 0);
         let shown: Vec<f32> = batch.depth_scales.iter().map(|k| 0.5 / k).collect();
         assert!(shown.iter().all(|kept| (0.5..=1.0).contains(kept)) && shown.iter().any(|&kept| kept < 0.7));
     }

@@ -1,11 +1,12 @@
-//! What a killed training is taken up from.
+//! What a training that was stopped or killed is taken up from.
 //!
-//! A `.safetensors` file: parameters, Adam's moments and the best parameters as tensors, the rest as JSON in its metadata. It is
-//! written beside its place and renamed, so that a kill at any moment leaves the one before or the new one, whole.
+//! A `.safetensors` file, parameters, Adam's moments and the best parameters as tensors and the rest as JSON in its metadata; after it
+//! the first 16 bytes of its BLAKE3 hash, so that a file which is not as it was written is seen. It is written beside its place,
+//! synchronised and renamed: a kill or a power cut at any moment leaves the one before or the new one, whole.
 
 use std::collections::HashMap;
-use std::fs;
 use std::path::{Path, PathBuf};
+use std::{fs, io};
 
 use depthloom_graphs::values::CurvePoint;
 use depthloom_graphs::{Fault, Key};
@@ -16,7 +17,9 @@ use super::train::{Best, State};
 use crate::networks::Layout;
 
 /// Raised whenever files of before no longer fit.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
+/// Length of the hash at the end, bytes.
+const HASH_LEN: usize = 16;
 
 /// Where a training's checkpoint lies.
 #[derive(Debug)]
@@ -34,55 +37,39 @@ struct Progress {
     best: Option<(u64, u64)>,
 }
 
+/// Why a checkpoint there is cannot be gone on from.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum Unusable {
+    /// The system refused.
+    #[error("the checkpoint {0} cannot be read: {1}")]
+    Unreadable(PathBuf, io::Error),
+    /// It is not what was written.
+    #[error("the checkpoint {0} is damaged")]
+    Damaged(PathBuf),
+    /// It is whole, and of another program or training.
+    #[error("the checkpoint {0} was written by another version")]
+    Foreign(PathBuf),
+}
+
 impl Checkpoint {
-    /// The checkpoint of the training with this key.
-    pub(super) fn of(folder: &Path, key: &Key) -> Self {
-        Self { path: folder.join(format!("{key}.safetensors")) }
+    /// The checkpoint in a file, of one training alone.
+    pub(super) const fn at(path: PathBuf) -> Self {
+        Self { path }
     }
 
-    /// The state it holds; `None` if there is none, or it is damaged or of another version: then learning starts again.
-    pub(super) fn load(&self, layout: &Layout) -> Option<State> {
-        let bytes = fs::read(&self.path).ok()?;
-        let (_, header) = SafeTensors::read_metadata(&bytes).ok()?;
-        let progress: Progress = serde_json::from_str(header.metadata().as_ref()?.get("progress")?).ok()?;
-        if progress.version != VERSION {
-            return None;
-        }
-        let tensors = SafeTensors::deserialize(&bytes).ok()?;
-        let read = |what: &str, name: &str, count: usize| -> Option<Vec<f32>> {
-            let view = tensors.tensor(&format!("{what}.{name}")).ok()?;
-            let (values, rest) = view.data().as_chunks::<4>();
-            (view.dtype() == Dtype::F32 && rest.is_empty() && values.len() == count)
-                .then(|| values.iter().copied().map(f32::from_le_bytes).collect())
+    /// The state it holds; `None` if there is none.
+    pub(super) fn load(&self, layout: &Layout) -> Result<Option<State>, Unusable> {
+        let bytes = match fs::read(&self.path) {
+            Ok(bytes) => bytes,
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+            Err(error) => return Err(Unusable::Unreadable(self.path.clone(), error)),
         };
-        let all = |what: &str| -> Option<Vec<Vec<f32>>> {
-            layout.parameters.iter().map(|parameter| read(what, &parameter.name, parameter.len())).collect()
-        };
-        let moments = layout.parameters.iter().map(|parameter| {
-            if parameter.frozen {
-                return Some(Default::default());
+        match bytes.split_last_chunk::<HASH_LEN>() {
+            Some((content, hash)) if Key::of_content(content).as_bytes() == hash => {
+                decoded(content, layout).map(Some).ok_or_else(|| Unusable::Foreign(self.path.clone()))
             }
-            let of = |what| read(what, &parameter.name, parameter.len());
-            Some([of("first")?, of("second")?])
-        });
-        let point = |(step, loss, validation, rate): (u64, u64, Option<u64>, u64)| CurvePoint {
-            step,
-            loss: f64::from_bits(loss),
-            validation: validation.map(f64::from_bits),
-            learning_rate: f64::from_bits(rate),
-        };
-        let best = match progress.best {
-            None => None,
-            Some((step, error)) => Some(Best { step, error: f64::from_bits(error), values: all("best")? }),
-        };
-        Some(State {
-            step: progress.step,
-            values: all("value")?,
-            moments: moments.collect::<Option<_>>()?,
-            since_point: (f64::from_bits(progress.since_point.0), progress.since_point.1),
-            points: progress.points.into_iter().map(point).collect(),
-            best,
-        })
+            _ => Err(Unusable::Damaged(self.path.clone())),
+        }
     }
 
     /// Writes a state in place of the one before.
@@ -124,60 +111,116 @@ impl Checkpoint {
             .collect();
         let views = views.map_err(|error: safetensors::SafeTensorError| failed(&error))?;
         let metadata = HashMap::from([("progress".to_owned(), progress)]);
-        let bytes = safetensors::serialize(views, Some(metadata)).map_err(|error| failed(&error))?;
-        let beside = self.path.with_extension("new");
+        let mut bytes = safetensors::serialize(views, Some(metadata)).map_err(|error| failed(&error))?;
+        bytes.extend_from_slice(Key::of_content(&bytes).as_bytes());
         let folder = self.path.parent().unwrap_or(Path::new("."));
-        fs::create_dir_all(folder)
-            .and_then(|()| fs::write(&beside, bytes))
-            .and_then(|()| fs::rename(&beside, &self.path))
-            .map_err(|error| failed(&error))
+        let written = fs::create_dir_all(folder).and_then(|()| depthloom_durable::write(&self.path, &bytes));
+        written.map_err(|error| failed(&error))
     }
+}
 
-    /// Removes it: the training is whole. The folder goes with the last one.
-    pub(super) fn remove(&self) {
-        // A checkpoint that stays costs room and nothing else.
-        let _ = fs::remove_file(&self.path);
-        if let Some(folder) = self.path.parent() {
-            let _ = fs::remove_dir(folder);
-        }
+/// The state in the bytes of a checkpoint; `None` if they are not of this version and layout.
+fn decoded(bytes: &[u8], layout: &Layout) -> Option<State> {
+    let (_, header) = SafeTensors::read_metadata(bytes).ok()?;
+    let progress: Progress = serde_json::from_str(header.metadata().as_ref()?.get("progress")?).ok()?;
+    if progress.version != VERSION {
+        return None;
     }
+    let tensors = SafeTensors::deserialize(bytes).ok()?;
+    let read = |what: &str, name: &str, count: usize| -> Option<Vec<f32>> {
+        let view = tensors.tensor(&format!("{what}.{name}")).ok()?;
+        let (values, rest) = view.data().as_chunks::<4>();
+        (view.dtype() == Dtype::F32 && rest.is_empty() && values.len() == count)
+            .then(|| values.iter().copied().map(f32::from_le_bytes).collect())
+    };
+    let all = |what: &str| -> Option<Vec<Vec<f32>>> {
+        layout.parameters.iter().map(|parameter| read(what, &parameter.name, parameter.len())).collect()
+    };
+    let moments = layout.parameters.iter().map(|parameter| {
+        if parameter.frozen {
+            return Some(Default::default());
+        }
+        let of = |what| read(what, &parameter.name, parameter.len());
+        Some([of("first")?, of("second")?])
+    });
+    let point = |(step, loss, validation, rate): (u64, u64, Option<u64>, u64)| CurvePoint {
+        step,
+        loss: f64::from_bits(loss),
+        validation: validation.map(f64::from_bits),
+        learning_rate: f64::from_bits(rate),
+    };
+    let best = match progress.best {
+        None => None,
+        Some((step, error)) => Some(Best { step, error: f64::from_bits(error), values: all("best")? }),
+    };
+    Some(State {
+        step: progress.step,
+        values: all("value")?,
+        moments: moments.collect::<Option<_>>()?,
+        since_point: (f64::from_bits(progress.since_point.0), progress.since_point.1),
+        points: progress.points.into_iter().map(point).collect(),
+        best,
+    })
 }
 
 #[cfg(test)]
 mod tests {
-    use depthloom_graphs::Key;
     use depthloom_graphs::values::CurvePoint;
 
-    use super::{Best, Checkpoint, State};
-    use crate::networks::{Network, Size, layout};
+    use super::{Best, Checkpoint, State, Unusable};
+    use crate::networks::{Layout, Network, Size, layout};
 
-    #[test]
-    fn a_state_comes_back_bit_for_bit_and_a_damaged_one_not_at_all() {
-        let folder = tempfile::tempdir().unwrap();
-        let layout = layout(Network::UnetLite, Size { width: 32, height: 32 });
+    fn state(layout: &Layout) -> State {
         let (values, other) = (layout.start(1), layout.start(2));
         let points = vec![
             CurvePoint { step: 50, loss: 0.1 + 0.2, validation: Some(f64::MIN_POSITIVE), learning_rate: 1e-3 },
             CurvePoint { step: 100, loss: 1.0 / 3.0, validation: None, learning_rate: 1e-4 },
         ];
-        let state = State {
+        State {
             step: 123,
             moments: values.iter().map(|v| [v.clone(), v.iter().map(|v| v * v).collect()]).collect(),
             values,
             since_point: (0.1, 77),
             points,
             best: Some(Best { step: 50, error: 1.0 / 7.0, values: other }),
-        };
-        let checkpoint = Checkpoint::of(folder.path(), &Key::of_content(b"this training"));
-        assert!(checkpoint.load(&layout).is_none());
-        checkpoint.save(&layout, &state).unwrap();
-        assert!(checkpoint.load(&layout) == Some(state));
-        let whole = std::fs::read(&checkpoint.path).unwrap();
-        for cut in [0, 7, 100, whole.len() - 1] {
-            std::fs::write(&checkpoint.path, &whole[..cut]).unwrap();
-            assert!(checkpoint.load(&layout).is_none(), "{cut} bytes");
         }
-        checkpoint.remove();
-        assert!(!checkpoint.path.exists());
+    }
+
+    #[test]
+    fn a_state_comes_back_bit_for_bit_and_a_damaged_one_not_at_all() {
+        let folder = tempfile::tempdir().unwrap();
+        let layout = layout(Network::UnetLite, Size { width: 32, height: 32 });
+        let state = state(&layout);
+        let checkpoint = Checkpoint::at(folder.path().join("checkpoints/this.checkpoint"));
+        assert!(checkpoint.load(&layout).unwrap().is_none());
+        checkpoint.save(&layout, &state).unwrap();
+        assert!(checkpoint.load(&layout).unwrap() == Some(state));
+        let whole = std::fs::read(&checkpoint.path).unwrap();
+        for cut in [0, 7, 15, 16, 100, whole.len() - 1] {
+            std::fs::write(&checkpoint.path, &whole[..cut]).unwrap();
+            assert!(matches!(checkpoint.load(&layout), Err(Unusable::Damaged(_))), "{cut} bytes");
+        }
+        let other = crate::networks::layout(Network::FcnVgg16, Size { width: 32, height: 32 });
+        std::fs::write(&checkpoint.path, &whole).unwrap();
+        assert!(matches!(checkpoint.load(&other), Err(Unusable::Foreign(_))));
+    }
+
+    #[test]
+    fn fault_46_a_flipped_bit_of_a_checkpoint_is_seen() {
+        let folder = tempfile::tempdir().unwrap();
+        let layout = layout(Network::FcnLite, Size { width: 32, height: 32 });
+        let checkpoint = Checkpoint::at(folder.path().join("this.checkpoint"));
+        checkpoint.save(&layout, &state(&layout)).unwrap();
+        let mut bytes = std::fs::read(&checkpoint.path).unwrap();
+        let mut random = crate::random::Random::new(46);
+        let anywhere: Vec<usize> = (0..60).map(|_| random.below(bytes.len() * 8)).collect();
+        // Header, its middle, the hash.
+        let chosen = [0, 64, 800, 8 * bytes.len() - 1, 8 * bytes.len() - 100];
+        for bit in anywhere.into_iter().chain(chosen) {
+            bytes[bit / 8] ^= 1 << (bit % 8);
+            std::fs::write(&checkpoint.path, &bytes).unwrap();
+            assert!(matches!(checkpoint.load(&layout), Err(Unusable::Damaged(_))), "bit {bit}");
+            bytes[bit / 8] ^= 1 << (bit % 8);
+        }
     }
 }

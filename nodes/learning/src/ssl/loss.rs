@@ -26,6 +26,11 @@ const LEAST_SHARE: f32 = 1e-5;
 /// Smallest depth taken, metres.
 const LEAST_DEPTH_M: f32 = 1e-3;
 
+/// The natural logarithm, rounded once from `f64`, in plain arithmetic: the system's differs in last bits between machines.
+fn ln(x: f32) -> f32 {
+    libm::log(f64::from(x)) as f32
+}
+
 /// A masked mean absolute error.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct MaskedError {
@@ -67,11 +72,11 @@ impl MaskedError {
             (Loss::InverseDepth, _) => share(sample),
             (Loss::LogDepth, Meaning::DisparityShare { .. }) => {
                 let Dual { value, slope } = share(sample);
-                Dual { value: value.ln(), slope: slope / value }
+                Dual { value: ln(value), slope: slope / value }
             }
             (Loss::LogDepth, Meaning::Depth { farthest_m }) => {
                 let depth = (sample * farthest_m).max(LEAST_DEPTH_M);
-                Dual { value: (k / depth).ln(), slope: -farthest_m / depth }
+                Dual { value: ln(k / depth), slope: -farthest_m / depth }
             }
             (Loss::Depth, Meaning::Depth { farthest_m }) => Dual { value: sample * farthest_m, slope: farthest_m },
             (Loss::Depth, Meaning::DisparityShare { .. }) => {
@@ -89,7 +94,7 @@ impl MaskedError {
     fn target(&self, share: f32, k: f32) -> f32 {
         match self.loss {
             Loss::InverseDepth => share,
-            Loss::LogDepth => share.max(LEAST_SHARE).ln(),
+            Loss::LogDepth => ln(share.max(LEAST_SHARE)),
             Loss::Depth => (k / share.max(LEAST_SHARE)).min(self.cap_m),
         }
     }

@@ -2,6 +2,7 @@
 
 mod batch;
 mod checkpoint;
+mod fits;
 mod loss;
 mod node;
 mod params;

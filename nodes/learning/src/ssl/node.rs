@@ -3,28 +3,31 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use depthloom_graphs::contracts::{Contract, NodeDeclaration};
+use depthloom_graphs::contracts::{Contract, NodeDeclaration, Upstream};
 use depthloom_graphs::values::{Artifact, Curve};
-use depthloom_graphs::{Context, Fault, Host, Inputs, Instance, Key, Node, OnceNode, Outputs, Port, ValueType};
+use depthloom_graphs::{Context, Fault, Host, Inputs, Instance, Key, Node, OnceNode, Outputs, Port, Value, ValueType};
 use rayon::ThreadPool;
 use rustix::time::{ClockId, clock_gettime};
 
 use super::checkpoint::Checkpoint;
+use super::fits::Form;
 use super::params::SslParams;
 use super::train::{State, Training};
 use super::weights;
-use crate::networks::{Layout, Network, Size, export, layout};
+use crate::networks::{Layout, Network, export, layout};
 use crate::onnx::weights::NamedTensor;
-use crate::samples::Samples;
+use crate::samples::SamplesView;
 
 /// Raised whenever equal samples and parameters give another network.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
+
+/// What computes gradients and steps, with its version.
+const LIBRARY: &str = "burn 0.22.1";
 
 /// The kind `learn/ssl`.
 pub struct Ssl {
     params: SslParams,
     weights: Option<Vec<NamedTensor>>,
-    weights_key: Option<Key>,
 }
 
 impl Node for Ssl {
@@ -45,7 +48,7 @@ The network is an ONNX file (opset 13): input `image`, Nx3xHxW, RGB in [0, 1], a
 Networks: `unet-lite`, 1.07 M parameters; `fcn-lite`, without skips; `fcn-vgg16`, the paper's, whose first 8 convolutions keep the weights given by `weights` \
 (names as torchvision's: `features.0.weight`); `eigen-coarse`, the on-board one.\n\n\
 With `validation`, samples of another stage, the network that agrees best with their stereo is given, and `patience` stops early. Every `checkpoint_every` steps \
-the state is put down beside the run; a run begun again after a kill goes on there.",
+the state is put down beside the run; a run begun again after a kill, or after an interruption, goes on there.",
             inputs: vec![
                 Port::once("samples", ValueType::Samples, "What to learn from: `learn/samples`."),
                 Port::once("validation", ValueType::Samples, "Samples of another stage, to see when it is best.")
@@ -71,155 +74,109 @@ the state is put down beside the run; a run begun again after a kill goes on the
         Ok(())
     }
 
+    fn check_inputs(params: &SslParams, upstream: &Upstream<'_>) -> Result<(), Fault> {
+        params.check_upstream(upstream)
+    }
+
     fn fingerprint(params: &SslParams) -> Result<Option<Key>, Fault> {
-        let key = Key::build("learning").text("burn 0.22").text(if cfg!(feature = "gpu") { "gpu" } else { "cpu" });
-        Ok(Some(match &params.weights {
-            Some(file) => key.key(&weights::read(file.path())?.1).finish(),
-            None => key.finish(),
-        }))
+        if let Some(file) = &params.weights {
+            // What is in it enters by the parameter.
+            weights::look(file.path())?;
+        }
+        let device = if cfg!(feature = "gpu") { "gpu" } else { "cpu" };
+        Ok(Some(Key::build("learning").text(LIBRARY).text(device).text(arithmetic(params.network)).finish()))
     }
 
     fn build(params: SslParams) -> Result<Instance, Fault> {
-        let read = params.weights.as_ref().map(|file| weights::read(file.path())).transpose()?;
-        let (weights, weights_key) = read.unzip();
-        Ok(Instance::Once(Box::new(Self { params, weights, weights_key })))
+        let weights = params.weights.as_ref().map(|file| weights::read(file.path())).transpose()?;
+        Ok(Instance::Once(Box::new(Self { params, weights })))
     }
 }
 
 impl OnceNode for Ssl {
     fn run(&self, inputs: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
-        let artifact = inputs.get::<Artifact>("samples")?;
-        let held_out = inputs.optional::<Artifact>("validation")?;
-        let samples = self.samples("samples", artifact)?;
-        let validation = held_out.map(|artifact| self.samples("validation", artifact)).transpose()?;
-        let size = Size { width: samples.width as usize, height: samples.height as usize };
-        self.check_size(size)?;
-        if let Some(other) = &validation
-            && (other.width, other.height) != (samples.width, samples.height)
-        {
-            return Err(Fault::new(format!(
-                "validation samples are {}x{}, samples {}x{}",
-                other.width, other.height, samples.width, samples.height
-            ))
-            .remedy("give both `learn/samples` the same `size`"));
-        }
-        if self.params.patience.is_some() && validation.is_none() {
-            return Err(Fault::new(
-                "`patience` waits for a better validation error, and no samples are wired to `validation`",
-            )
-            .remedy("wire validation samples, or leave `patience` out"));
-        }
-        if self.params.photometric > 0.0 && !samples.has_right {
-            return Err(Fault::new("the photometric loss needs the right view, which the samples do not hold")
-                .remedy("wire `right: source/right` at `learn/samples`"));
-        }
-        let layout = layout(self.params.network, size);
-        let key = self.key(&artifact.hash, held_out.map(|held_out| &held_out.hash))?;
-        let learn = || self.learn(&layout, &samples, validation.as_ref(), &key, ctx.host);
+        let samples = read("samples", inputs.get::<Artifact>("samples")?)?;
+        let validation = inputs.optional::<Artifact>("validation")?;
+        let validation = validation.map(|artifact| read("validation", artifact)).transpose()?;
+        let form = Form::of(&samples);
+        self.params.check_form(&form, validation.as_ref().map(Form::of).as_ref())?;
+        self.params.check_patience(validation.is_some())?;
+        let layout = layout(self.params.network, form.size);
+        let learn = || self.learn(&layout, &samples, validation.as_ref(), ctx.host);
         let pool = pool(ctx.host.width(), self.params.batch)?;
         let learned = pool.install(learn);
         ctx.host.spent(spent_ns(&pool));
         let (values, curve) = learned?;
-        let file = export(self.params.network, size, &values, &key.to_string());
-        Ok(Outputs::one("model", depthloom_graphs::Value::Model(Arc::new(Artifact::new("application/onnx", file))))
-            .with("curve", curve))
+        let key = ctx.host.key().map_or_else(String::new, |key| key.to_string());
+        let file = export(self.params.network, form.size, &values, &key);
+        Ok(Outputs::one("model", Value::Model(Arc::new(Artifact::new("application/onnx", file)))).with("curve", curve))
     }
 }
 
+/// The samples at a port: where they lie, since a large set would not fit into memory twice.
+fn read<'a>(port: &str, artifact: &'a Artifact) -> Result<SamplesView<'a>, Fault> {
+    let damaged = |error| Fault::new(format!("what is at `{port}` cannot be read as samples")).because(error);
+    let samples = SamplesView::read(&artifact.bytes).map_err(damaged)?;
+    if !samples.has_target() {
+        return Err(Fault::new(format!("there are no samples at `{port}`: no frame had a target"))
+            .remedy("see that the stage has frames, and that mask and disparity of `learn/samples` leave something"));
+    }
+    Ok(samples)
+}
+
 impl Ssl {
-    fn samples(&self, port: &str, artifact: &Artifact) -> Result<Samples, Fault> {
-        let damaged = |error| Fault::new(format!("what is at `{port}` cannot be read as samples")).because(error);
-        let samples = Samples::decode(&artifact.bytes).map_err(damaged)?;
-        if samples.is_empty() {
-            return Err(Fault::new(format!("there are no samples at `{port}`: no frame had a target")).remedy(
-                "see that the stage has frames, and that mask and disparity of `learn/samples` leave something",
-            ));
-        }
-        if self.params.needs_depth() && !samples.has_depth_scale() {
-            let network = self.params.network.name();
-            return Err(Fault::new(format!(
-                "depth cannot be told from the samples at `{port}`: they hold no calibration"
-            ))
-            .remedy(format!(
-                "wire `calibration: source/calibration` at `learn/samples`, which {network} with this loss needs"
-            )));
-        }
-        Ok(samples)
-    }
-
-    fn check_size(&self, size: Size) -> Result<(), Fault> {
-        let (network, multiple) = (self.params.network, self.params.network.multiple());
-        if size.width.is_multiple_of(multiple) && size.height.is_multiple_of(multiple) {
-            return Ok(());
-        }
-        let up = |side: usize| side.next_multiple_of(multiple);
-        Err(Fault::new(format!(
-            "{} wants images whose sides are multiples of {multiple}; the samples are {}x{}",
-            network.name(),
-            size.width,
-            size.height
-        ))
-        .remedy(format!("set `size: [{}, {}]` at `learn/samples`", up(size.width), up(size.height))))
-    }
-
-    /// Names this training: the samples and every parameter that decides the result.
-    fn key(&self, samples: &Key, validation: Option<&Key>) -> Result<Key, Fault> {
-        // How often it is put down, and where pretrained weights lie, decide nothing; what is in them does.
-        let params = SslParams { checkpoint_every: 1, weights: None, ..self.params.clone() };
-        let params =
-            serde_json::to_string(&params).map_err(|error| Fault::new("parameters have no text").because(error))?;
-        let mut key = Key::build("training").number(u64::from(VERSION)).text(&params).key(samples);
-        for of in validation.into_iter().chain(&self.weights_key) {
-            key = key.key(of);
-        }
-        Ok(key.finish())
-    }
-
     fn learn(
         &self,
         layout: &Layout,
-        samples: &Samples,
-        validation: Option<&Samples>,
-        key: &Key,
+        samples: &SamplesView<'_>,
+        validation: Option<&SamplesView<'_>>,
         host: &dyn Host,
     ) -> Result<(Vec<Vec<f32>>, Curve), Fault> {
-        let checkpoint = host.checkpoints().map(|folder| Checkpoint::of(folder, key));
-        let state = match checkpoint.as_ref().and_then(|checkpoint| checkpoint.load(layout)) {
+        let checkpoint = host.checkpoint().map(Checkpoint::at);
+        let taken_up = checkpoint.as_ref().and_then(|checkpoint| {
+            checkpoint.load(layout).unwrap_or_else(|unusable| {
+                host.warn(&format!("{unusable}: learning begins again"));
+                None
+            })
+        });
+        let state = match taken_up {
             Some(state) => state,
             None => State { values: self.start(layout)?, ..State::default() },
         };
         let mut training = Training::resume(&self.params, layout, samples, validation, state);
+        let save = |training: &Training<'_>| match &checkpoint {
+            Some(checkpoint) => checkpoint.save(layout, &training.state()),
+            None => Ok(()),
+        };
         let (began, first) = (Instant::now(), training.step());
         while !training.is_over() {
-            if host.cancelled() {
-                if let Some(checkpoint) = &checkpoint {
-                    checkpoint.save(layout, &training.state())?;
-                }
+            if host.stopping() {
+                save(&training)?;
                 return Err(Fault::Cancelled);
             }
             training.advance();
-            if !training.loss().is_finite() {
+            if training.has_diverged() {
                 return Err(diverged());
             }
             let step = training.step();
             let seconds = began.elapsed().as_secs_f64();
             let per_second = (step - first) as f64 / seconds.max(1e-9);
             let left = self.params.steps.saturating_sub(step) as f64 / per_second;
-            let message = format!("loss {:.5}, {per_second:.1} steps/s, {left:.0} s left", training.loss());
-            host.progress(step, self.params.steps, &message);
-            if let Some(checkpoint) = &checkpoint
-                && step.is_multiple_of(self.params.checkpoint_every)
-                && !training.is_over()
-            {
-                checkpoint.save(layout, &training.state())?;
+            let loss = training.loss().map_or_else(|| "no target yet".to_owned(), |loss| format!("loss {loss:.5}"));
+            host.progress(step, self.params.steps, &format!("{loss}, {per_second:.1} steps/s, {left:.0} s left"));
+            if step.is_multiple_of(self.params.checkpoint_every) && !training.is_over() {
+                save(&training)?;
             }
         }
         let learned = training.learned();
         if learned.iter().flatten().any(|value| !value.is_finite()) {
             return Err(diverged());
         }
-        if let Some(checkpoint) = &checkpoint {
-            checkpoint.remove();
+        // The last state too: a run may end before what was learned is safe, and the next one finds it whole.
+        if training.step() > first
+            && let Err(fault) = save(&training)
+        {
+            host.warn(&fault.chain());
         }
         Ok((learned, Curve { points: training.points().to_vec() }))
     }
@@ -231,6 +188,19 @@ impl Ssl {
             weights::fill(layout, weights, file.path(), &mut values)?;
         }
         Ok(values)
+    }
+}
+
+/// What of the machine decides a network's arithmetic. Convolutions of our own give the same bits everywhere; the matrix products of dense
+/// layers and of convolutions that shrink are the library's, which adds in an order of its own for each set of instructions.
+fn arithmetic(network: Network) -> &'static str {
+    match network {
+        Network::UnetLite | Network::FcnLite | Network::FcnVgg16 => "",
+        #[cfg(target_arch = "x86_64")]
+        Network::EigenCoarse if std::arch::is_x86_feature_detected!("avx512f") => "avx512f",
+        #[cfg(target_arch = "x86_64")]
+        Network::EigenCoarse if std::arch::is_x86_feature_detected!("fma") => "fma",
+        Network::EigenCoarse => std::env::consts::ARCH,
     }
 }
 
@@ -255,4 +225,14 @@ fn pool(width: usize, batch: u32) -> Result<ThreadPool, Fault> {
     let threads = width.min(batch as usize).max(1);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).thread_name(named).build();
     pool.map_err(|error| Fault::new("failed to start the threads of learning").because(error))
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn the_librarys_version_is_that_of_the_lock_file() {
+        let (name, version) = super::LIBRARY.split_once(' ').unwrap();
+        let locked = include_str!("../../../../Cargo.lock");
+        assert!(locked.contains(&format!("name = \"{name}\"\nversion = \"{version}\"\n")), "{name} {version}");
+    }
 }

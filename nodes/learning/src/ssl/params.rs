@@ -71,7 +71,7 @@ pub struct SslParams {
     #[schemars(inner(range(min = 1)))]
     pub patience: Option<u32>,
     /// Steps from one checkpoint to the next.
-    #[schemars(range(min = 1))]
+    #[schemars(range(min = 1), extend("operational" = true))]
     pub checkpoint_every: u64,
 }
 

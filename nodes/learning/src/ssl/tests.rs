@@ -1,10 +1,11 @@
 //! `learn/ssl` as the runner calls it, on small samples.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use depthloom_graphs::values::{Artifact, Curve};
-use depthloom_graphs::{Context, Fault, Host, Inputs, Instance, Node, Scratch, Value};
+use depthloom_graphs::{Context, Fault, Host, Inputs, Instance, Key, Node, Scratch, Value};
 use half::f16;
 use serde_json::json;
 
@@ -30,24 +31,44 @@ fn samples(count: usize, seed: usize, right: bool) -> Samples {
     Samples { width: 64, height: 32, has_right: right, items: (0..count).map(item).collect() }
 }
 
-/// A host that cancels after some steps.
+/// A host that asks to end after some steps.
 struct Patience {
     threads: usize,
     steps: u64,
     seen: AtomicU64,
     cpu_ns: AtomicU64,
-    folder: Option<PathBuf>,
+    checkpoint: Option<PathBuf>,
+    told: Mutex<Vec<String>>,
 }
 
 impl Patience {
     fn endless(threads: usize) -> Self {
-        Self { threads, steps: u64::MAX, seen: AtomicU64::new(0), cpu_ns: AtomicU64::new(0), folder: None }
+        Self {
+            threads,
+            steps: u64::MAX,
+            seen: AtomicU64::new(0),
+            cpu_ns: AtomicU64::new(0),
+            checkpoint: None,
+            told: Mutex::default(),
+        }
     }
 }
 
 impl Host for Patience {
     fn cancelled(&self) -> bool {
+        false
+    }
+
+    fn stopping(&self) -> bool {
         self.seen.load(Ordering::Relaxed) >= self.steps
+    }
+
+    fn warn(&self, what: &str) {
+        self.told.lock().expect("nobody panics with it").push(what.to_owned());
+    }
+
+    fn key(&self) -> Option<Key> {
+        Some(Key::of_content(b"this training"))
     }
 
     fn progress(&self, _done: u64, _total: u64, _message: &str) {
@@ -66,8 +87,8 @@ impl Host for Patience {
         self.cpu_ns.fetch_add(cpu_ns, Ordering::Relaxed);
     }
 
-    fn checkpoints(&self) -> Option<&Path> {
-        self.folder.as_deref()
+    fn checkpoint(&self) -> Option<PathBuf> {
+        self.checkpoint.clone()
     }
 }
 
@@ -142,23 +163,62 @@ fn the_papers_network_keeps_its_first_eight_convolutions() {
 }
 
 #[test]
-fn a_cancelled_training_goes_on_to_the_same_bytes() {
+fn fault_27_a_training_asked_to_stop_goes_on_later_to_the_same_bytes() {
     let (learned, held_out) = (samples(3, 0, false), samples(2, 7, false));
     let params = || json!({ "steps": 14, "batch": 2, "curve_every": 3, "checkpoint_every": 4, "patience": 50 });
     let whole = learn(params(), &learned, Some(&held_out), &Patience::endless(1)).expect("it learns");
     for steps in [1, 4, 9] {
         let folder = tempfile::tempdir().expect("a folder");
-        let checkpoints = folder.path().join("checkpoints");
-        let stopped = Patience { steps, folder: Some(checkpoints.clone()), ..Patience::endless(2) };
+        let checkpoint = Some(folder.path().join("checkpoints/this.checkpoint"));
+        let stopped = Patience { steps, checkpoint: checkpoint.clone(), ..Patience::endless(2) };
         assert!(matches!(learn(params(), &learned, Some(&held_out), &stopped), Err(Fault::Cancelled)));
-        assert_eq!(std::fs::read_dir(&checkpoints).expect("a folder").count(), 1, "one checkpoint");
-        let resumed = Patience { folder: Some(checkpoints.clone()), ..Patience::endless(3) };
+        assert_eq!(stopped.seen.into_inner(), steps, "it stops when it is asked to");
+        let resumed = Patience { checkpoint: checkpoint.clone(), ..Patience::endless(3) };
         let again = learn(params(), &learned, Some(&held_out), &resumed).expect("it learns");
         assert!(again == whole, "stopped after {steps} steps");
         assert!(resumed.cpu_ns.into_inner() > 0, "the pool's threads have worked");
         assert_eq!(resumed.seen.into_inner(), 14 - steps, "what was done is not done again");
-        assert!(!checkpoints.exists(), "a whole training leaves none");
+        // Whoever runs it may be stopped after the training: then it is there to be taken up.
+        let after = Patience { checkpoint, ..Patience::endless(1) };
+        assert!(learn(params(), &learned, Some(&held_out), &after).expect("it has learned") == whole);
+        assert_eq!(after.seen.into_inner(), 0, "no step is done again");
     }
+}
+
+#[test]
+fn fault_46_a_damaged_checkpoint_is_said_and_learning_begins_again() {
+    let (learned, params) = (samples(2, 0, false), || json!({ "steps": 3, "batch": 2, "checkpoint_every": 1 }));
+    let whole = learn(params(), &learned, None, &Patience::endless(1)).expect("it learns");
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("this.checkpoint");
+    let host = || Patience { checkpoint: Some(path.clone()), ..Patience::endless(1) };
+    assert!(learn(params(), &learned, None, &Patience { steps: 2, ..host() }).is_err());
+    let mut bytes = std::fs::read(&path).expect("a checkpoint");
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 4;
+    std::fs::write(&path, bytes).expect("written");
+    let again = host();
+    assert!(learn(params(), &learned, None, &again).expect("it learns") == whole);
+    assert_eq!(again.seen.into_inner(), 3, "from the first step");
+    let told = again.told.into_inner().expect("nobody panicked");
+    assert_eq!(told, [format!("the checkpoint {} is damaged: learning begins again", path.display())]);
+}
+
+#[test]
+fn fault_13_a_batch_without_a_target_is_no_divergence_and_no_loss_of_zero() {
+    let mut sparse = samples(2, 0, false);
+    for item in &mut sparse.items {
+        let corner = item.share[1];
+        item.share.fill(f16::NAN);
+        item.share[1] = corner;
+    }
+    // Windows on a tenth of the sides: few of them show the corner.
+    let params = json!({ "steps": 12, "batch": 1, "crop": 0.9, "curve_every": 1, "flip": false });
+    let (_, curve) = learn(params, &sparse, None, &Patience::endless(1)).expect("it has not diverged");
+    let (measured, missing): (Vec<f64>, Vec<f64>) =
+        curve.points.iter().map(|point| point.loss).partition(|loss| loss.is_finite());
+    assert!(missing.iter().all(|loss| loss.is_nan()) && !missing.is_empty(), "{curve:?}");
+    assert!(measured.iter().all(|&loss| loss > 0.0), "{curve:?}");
 }
 
 #[test]

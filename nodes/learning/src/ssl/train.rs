@@ -9,7 +9,7 @@ use super::loss::MaskedError;
 use super::params::{Schedule, SslParams};
 use super::photometric::Photometric;
 use crate::networks::{Layout, Size, forward};
-use crate::samples::Samples;
+use crate::samples::SamplesView;
 
 /// Everything that goes on from step to step: what a checkpoint holds.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -40,14 +40,16 @@ pub(super) struct Best {
 pub(super) struct Training<'a> {
     params: &'a SslParams,
     layout: &'a Layout,
-    samples: &'a Samples,
-    validation: Option<&'a Samples>,
+    samples: &'a SamplesView<'a>,
+    validation: Option<&'a SamplesView<'a>>,
     device: Device,
     adam: Adam,
     values: Vec<Tensor<1>>,
     moments: Vec<Option<AdamState<1>>>,
     /// Without the tensors, which are above.
     state: State,
+    /// Whether an error was no number.
+    has_diverged: bool,
 }
 
 impl<'a> Training<'a> {
@@ -55,8 +57,8 @@ impl<'a> Training<'a> {
     pub(super) fn resume(
         params: &'a SslParams,
         layout: &'a Layout,
-        samples: &'a Samples,
-        validation: Option<&'a Samples>,
+        samples: &'a SamplesView<'a>,
+        validation: Option<&'a SamplesView<'a>>,
         mut state: State,
     ) -> Self {
         let device = device();
@@ -74,7 +76,7 @@ impl<'a> Training<'a> {
         moments.resize_with(layout.parameters.len(), || None);
         // Adam's own constants (Kingma, Ba 2015); burn's epsilon is a thousand times theirs.
         let adam = AdamConfig::new().with_epsilon(1e-8).build();
-        Self { params, layout, samples, validation, device, adam, values, moments, state }
+        Self { params, layout, samples, validation, device, adam, values, moments, state, has_diverged: false }
     }
 
     /// Steps done.
@@ -87,10 +89,16 @@ impl<'a> Training<'a> {
         &self.state.points
     }
 
-    /// Mean error since the last point, or of the last point.
-    pub(super) fn loss(&self) -> f64 {
+    /// Mean error since the last point, or of the last point that has one; `None` before the first target.
+    pub(super) fn loss(&self) -> Option<f64> {
         let (sum, count) = self.state.since_point;
-        if count > 0 { sum / count as f64 } else { self.state.points.last().map_or(f64::NAN, |point| point.loss) }
+        let of_points = || self.state.points.iter().rev().map(|point| point.loss).find(|loss| !loss.is_nan());
+        if count > 0 { Some(sum / count as f64) } else { of_points() }
+    }
+
+    /// Whether the errors are no longer numbers.
+    pub(super) const fn has_diverged(&self) -> bool {
+        self.has_diverged
     }
 
     /// Whether there is nothing left to do.
@@ -120,6 +128,7 @@ impl<'a> Training<'a> {
         let images = images(self.size(), &batch.images, batch.count, &self.device.clone().autodiff());
         let map = forward(self.params.network, &images, &tracked);
         let (slopes, (sum, count)) = self.slopes(&host(&map), &batch);
+        self.has_diverged |= !sum.is_finite();
         self.state.since_point.0 += sum;
         self.state.since_point.1 += count;
         // The gradient of `map . slopes` by the map is `slopes`: so any loss computed beside the library goes back through it.
@@ -141,7 +150,8 @@ impl<'a> Training<'a> {
     fn point(&mut self, learning_rate: f64) {
         let (sum, count) = std::mem::take(&mut self.state.since_point);
         let validation = self.validation.map(|samples| self.error_on(samples));
-        let (step, loss) = (self.state.step, sum / count.max(1) as f64);
+        // A window may have shown no target since the last point: then nothing was measured, and zero would be a lie.
+        let (step, loss) = (self.state.step, if count > 0 { sum / count as f64 } else { f64::NAN });
         self.state.points.push(CurvePoint { step, loss, validation, learning_rate });
         if let Some(error) = validation
             && self.state.best.as_ref().is_none_or(|best| error < best.error)
@@ -153,13 +163,13 @@ impl<'a> Training<'a> {
     fn learning_rate(&self) -> f64 {
         let done = self.state.step as f64 / self.params.steps as f64;
         match self.params.schedule {
-            Schedule::Cosine => self.params.learning_rate * 0.5 * (1.0 + (std::f64::consts::PI * done).cos()),
+            Schedule::Cosine => self.params.learning_rate * 0.5 * (1.0 + libm::cos(std::f64::consts::PI * done)),
             Schedule::Constant => self.params.learning_rate,
         }
     }
 
     const fn size(&self) -> Size {
-        Size { width: self.samples.width as usize, height: self.samples.height as usize }
+        Size { width: self.samples.width(), height: self.samples.height() }
     }
 
     fn masked_error(&self) -> MaskedError {
@@ -196,7 +206,7 @@ impl<'a> Training<'a> {
     }
 
     /// Mean absolute error on samples as they are: how far the network is from stereo there.
-    pub(super) fn error_on(&self, samples: &Samples) -> f64 {
+    fn error_on(&self, samples: &SamplesView<'_>) -> f64 {
         let (error, size) = (self.masked_error(), self.size());
         let (mut sum, mut count) = (0.0, 0);
         for start in (0..samples.len()).step_by(self.params.batch as usize) {

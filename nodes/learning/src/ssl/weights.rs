@@ -2,31 +2,51 @@
 
 use std::path::Path;
 
-use depthloom_graphs::{Fault, Key};
+use depthloom_graphs::Fault;
 
 use crate::networks::Layout;
 use crate::onnx::weights::{NamedTensor, decode_weights};
 
-/// The tensors of a `.safetensors` or ONNX file, and the hash of what is in it.
-pub(super) fn read(path: &Path) -> Result<(Vec<NamedTensor>, Key), Fault> {
-    let bytes = std::fs::read(path).map_err(|error| {
-        Fault::new(format!("failed to read the weights {}", path.display()))
-            .because(error)
-            .remedy("`weights` names a .safetensors or .onnx file")
-    })?;
-    let tensors = decode_weights(path, &bytes).map_err(|error| {
+/// That the file can be opened.
+pub(super) fn look(path: &Path) -> Result<(), Fault> {
+    std::fs::File::open(path).map(drop).map_err(|error| unreadable(path, error))
+}
+
+/// The tensors of a `.safetensors` or ONNX file.
+pub(super) fn read(path: &Path) -> Result<Vec<NamedTensor>, Fault> {
+    let bytes = std::fs::read(path).map_err(|error| unreadable(path, error))?;
+    decode_weights(path, &bytes).map_err(|error| {
         Fault::new("failed to read the pretrained weights")
             .because(error)
             .remedy("`weights` names a .safetensors or .onnx file with f32 or f16 tensors")
-    })?;
-    Ok((tensors, Key::of_content(&bytes)))
+    })
 }
 
-/// Puts what the file has in place of the first values. Frozen parameters must be there; others may.
+fn unreadable(path: &Path, error: std::io::Error) -> Fault {
+    Fault::new(format!("failed to read the weights {}", path.display()))
+        .because(error)
+        .remedy("`weights` names a .safetensors or .onnx file")
+}
+
+/// Puts what the file has in place of the first values.
 pub(super) fn fill(layout: &Layout, file: &[NamedTensor], path: &Path, values: &mut [Vec<f32>]) -> Result<(), Fault> {
+    for (tensor, values) in matched(layout, file, path)?.into_iter().zip(values) {
+        if let Some(tensor) = tensor {
+            values.clone_from(&tensor.values);
+        }
+    }
+    Ok(())
+}
+
+/// The file's tensor of every parameter. Frozen parameters must be there; others may.
+pub(super) fn matched<'f>(
+    layout: &Layout,
+    file: &'f [NamedTensor],
+    path: &Path,
+) -> Result<Vec<Option<&'f NamedTensor>>, Fault> {
     let path = path.display();
-    let mut found = 0;
-    for (parameter, values) in layout.parameters.iter().zip(values) {
+    let mut matched = Vec::with_capacity(layout.parameters.len());
+    for parameter in &layout.parameters {
         let Some(tensor) = file.iter().find(|tensor| tensor.name == parameter.name) else {
             if parameter.frozen {
                 return Err(Fault::new(format!(
@@ -35,6 +55,7 @@ pub(super) fn fill(layout: &Layout, file: &[NamedTensor], path: &Path, values: &
                 ))
                 .remedy(format!("the names are torchvision's; the file has {}", some_names(file))));
             }
+            matched.push(None);
             continue;
         };
         if tensor.dims != parameter.shape {
@@ -42,15 +63,14 @@ pub(super) fn fill(layout: &Layout, file: &[NamedTensor], path: &Path, values: &
             return Err(Fault::new(format!("`{name}` of {path} has the shape {have:?} where {want:?} is wanted"))
                 .remedy("use weights of the same network"));
         }
-        values.clone_from(&tensor.values);
-        found += 1;
+        matched.push(Some(tensor));
     }
-    if found == 0 {
+    if matched.iter().all(Option::is_none) {
         let wanted = layout.parameters.first().map_or("", |parameter| &parameter.name);
         return Err(Fault::new(format!("{path} has none of the network's parameters (`{wanted}`, ...)"))
             .remedy(format!("the file has {}", some_names(file))));
     }
-    Ok(())
+    Ok(matched)
 }
 
 fn some_names(file: &[NamedTensor]) -> String {

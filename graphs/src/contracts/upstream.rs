@@ -1,0 +1,63 @@
+//! What a node can know of its inputs before any frame: what gives them.
+
+use std::path::Path;
+
+use serde::de::DeserializeOwned;
+use serde_json::Value as Json;
+
+use super::Port;
+
+/// What stands at the input ports of a planned node.
+pub struct Upstream<'a> {
+    inputs: Vec<(&'static str, Giver<'a>)>,
+}
+
+/// What gives the value at an input port.
+pub enum Giver<'a> {
+    /// The stage's source.
+    Source,
+    /// A node.
+    Node(GivingNode<'a>),
+    /// A file.
+    File(&'a Path),
+}
+
+/// A node that gives a value to another.
+pub struct GivingNode<'a> {
+    /// Its name in the YAML file.
+    pub name: &'a str,
+    /// Its kind.
+    pub kind: &'a str,
+    /// Its parameters, resolved.
+    pub params: &'a Json,
+    /// Its input ports that are wired.
+    pub wired: Vec<&'static str>,
+}
+
+impl<'a> Upstream<'a> {
+    /// The wired ports and what gives their values.
+    #[must_use]
+    pub fn new(inputs: impl IntoIterator<Item = (&'a Port, Giver<'a>)>) -> Self {
+        Self { inputs: inputs.into_iter().map(|(port, giver)| (port.name, giver)).collect() }
+    }
+
+    /// What gives the value at a port; `None` where nothing is wired.
+    #[must_use]
+    pub fn at(&self, port: &str) -> Option<&Giver<'a>> {
+        self.inputs.iter().find(|(name, _)| *name == port).map(|(_, giver)| giver)
+    }
+}
+
+impl GivingNode<'_> {
+    /// Its parameters, if it is of this kind.
+    #[must_use]
+    pub fn params_of<P: DeserializeOwned>(&self, kind: &str) -> Option<P> {
+        (self.kind == kind).then(|| P::deserialize(self.params).ok())?
+    }
+
+    /// Whether something is wired to its input port.
+    #[must_use]
+    pub fn is_wired(&self, port: &str) -> bool {
+        self.wired.contains(&port)
+    }
+}

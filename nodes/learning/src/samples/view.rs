@@ -1,0 +1,212 @@
+//! Samples read where they lie: training holds no second copy of what it is given.
+
+use half::f16;
+
+use super::format::{DecodeError, FLAG_RIGHT, Form, HEADER_LEN, LARGEST_SIDE, MAGIC, VERSION};
+use super::set::{Sample, Samples};
+
+/// Encoded samples, checked and indexed.
+#[derive(Clone, Debug)]
+pub struct SamplesView<'a> {
+    form: Form,
+    /// The samples in the order of their frames.
+    pub items: Vec<SampleView<'a>>,
+}
+
+/// A frame as a network is taught it; as [`Sample`], but among the encoded bytes.
+#[derive(Clone, Copy, Debug)]
+pub struct SampleView<'a> {
+    /// The frame's own name.
+    pub id: &'a str,
+    /// The left image, 3 x height x width.
+    pub image: &'a [u8],
+    /// The right image, likewise.
+    pub right: Option<&'a [u8]>,
+    /// `f * B / width`, metres; `None` without calibration.
+    pub depth_scale: Option<f64>,
+    share: &'a [[u8; 2]],
+}
+
+impl SampleView<'_> {
+    /// The target of a pixel: disparity as a share of the image's width; NaN = no target.
+    ///
+    /// # Panics
+    /// If there is no such pixel.
+    #[inline]
+    #[must_use]
+    pub fn share(&self, pixel: usize) -> f16 {
+        f16::from_le_bytes(self.share[pixel])
+    }
+
+    /// The targets of all pixels.
+    pub fn shares(&self) -> impl Iterator<Item = f16> {
+        self.share.iter().map(|bytes| f16::from_le_bytes(*bytes))
+    }
+
+    fn to_sample(self) -> Sample {
+        Sample {
+            id: self.id.to_owned(),
+            image: self.image.to_vec(),
+            right: self.right.map(<[u8]>::to_vec),
+            share: self.shares().collect(),
+            depth_scale: self.depth_scale,
+        }
+    }
+}
+
+impl<'a> SamplesView<'a> {
+    /// Reads what [`Samples::encode`] wrote, without a copy.
+    ///
+    /// # Errors
+    /// If the bytes are of something else, of another version, or damaged.
+    pub fn read(bytes: &'a [u8]) -> Result<Self, DecodeError> {
+        let (form, count, mut rest) = header(bytes)?;
+        // Damaged counts announce more than the bytes can hold: no memory is taken before it is looked at.
+        let most = rest.len() / form.sample_len() + 1;
+        let mut items = Vec::with_capacity(usize::try_from(count).unwrap_or(usize::MAX).min(most));
+        for index in 0..count {
+            let (sample, after) = sample(form, index, count, rest)?;
+            items.push(sample);
+            rest = after;
+        }
+        if !rest.is_empty() {
+            return Err(DecodeError::Trailing(rest.len()));
+        }
+        Ok(Self { form, items })
+    }
+
+    /// Columns of the network's image, px.
+    #[must_use]
+    pub const fn width(&self) -> usize {
+        self.form.width as usize
+    }
+
+    /// Rows of the network's image, px.
+    #[must_use]
+    pub const fn height(&self) -> usize {
+        self.form.height as usize
+    }
+
+    /// Whether every sample has a right image; without, none has.
+    #[must_use]
+    pub const fn has_right(&self) -> bool {
+        self.form.has_right
+    }
+
+    /// How many samples there are.
+    #[must_use]
+    pub const fn len(&self) -> usize {
+        self.items.len()
+    }
+
+    /// Whether there is no sample.
+    #[must_use]
+    pub const fn is_empty(&self) -> bool {
+        self.items.is_empty()
+    }
+
+    /// Whether any sample has a target.
+    #[must_use]
+    pub fn has_target(&self) -> bool {
+        self.items.iter().any(|sample| sample.shares().any(|share| !share.is_nan()))
+    }
+
+    /// Whether every sample can be taught as depth in metres.
+    #[must_use]
+    pub fn has_depth_scale(&self) -> bool {
+        self.items.iter().all(|sample| sample.depth_scale.is_some())
+    }
+}
+
+impl Samples {
+    /// Reads what [`Samples::encode`] wrote.
+    ///
+    /// # Errors
+    /// As [`SamplesView::read`].
+    pub fn decode(bytes: &[u8]) -> Result<Self, DecodeError> {
+        let SamplesView { form, items } = SamplesView::read(bytes)?;
+        let items = items.into_iter().map(SampleView::to_sample).collect();
+        Ok(Self { width: form.width, height: form.height, has_right: form.has_right, items })
+    }
+}
+
+/// What the first bytes say: columns, rows, and whether there are right images.
+pub(crate) fn size_and_right(bytes: &[u8]) -> Result<(u32, u32, bool), DecodeError> {
+    header(bytes).map(|(form, ..)| (form.width, form.height, form.has_right))
+}
+
+/// The form, the number of samples, and the bytes of the samples.
+fn header(bytes: &[u8]) -> Result<(Form, u64, &[u8]), DecodeError> {
+    if bytes.get(..8) != Some(&MAGIC) {
+        return Err(DecodeError::Magic);
+    }
+    let cut = DecodeError::CutOff { sample: 0, count: 0 };
+    let (header, rest) = bytes.split_first_chunk::<HEADER_LEN>().ok_or(cut)?;
+    let number = |at: usize| u32::from_le_bytes([header[at], header[at + 1], header[at + 2], header[at + 3]]);
+    let (version, flags, width, height) = (number(8), number(12), number(16), number(20));
+    let count = u64::from(number(24)) | u64::from(number(28)) << 32;
+    if version != VERSION {
+        return Err(DecodeError::Version(version));
+    }
+    if flags & !FLAG_RIGHT != 0 {
+        return Err(DecodeError::Flags(flags));
+    }
+    if !(1..=LARGEST_SIDE).contains(&width) || !(1..=LARGEST_SIDE).contains(&height) {
+        return Err(DecodeError::Size { width, height });
+    }
+    Ok((Form { width, height, has_right: flags == FLAG_RIGHT }, count, rest))
+}
+
+/// The first of the samples in `rest`, and the bytes after it.
+fn sample(form: Form, index: u64, count: u64, rest: &[u8]) -> Result<(SampleView<'_>, &[u8]), DecodeError> {
+    let cut = DecodeError::CutOff { sample: index, count };
+    let mut rest = rest;
+    let mut take = |len: usize| {
+        let (taken, after) = rest.split_at_checked(len).ok_or_else(|| cut.clone())?;
+        rest = after;
+        Ok(taken)
+    };
+    let id_len = take(4)?.first_chunk().map_or(0, |len| u32::from_le_bytes(*len));
+    let id = str::from_utf8(take(id_len as usize)?).map_err(|_| DecodeError::Id(index))?;
+    let scale = take(8)?.first_chunk().map_or(f64::NAN, |scale| f64::from_le_bytes(*scale));
+    let image = take(3 * form.pixels())?;
+    let right = if form.has_right { Some(take(3 * form.pixels())?) } else { None };
+    let (share, _) = take(2 * form.pixels())?.as_chunks::<2>();
+    let depth_scale = (!scale.is_nan()).then_some(scale);
+    if depth_scale.is_some_and(|scale| !(scale > 0.0 && scale.is_finite())) {
+        return Err(DecodeError::Value { sample: index, what: "a depth scale" });
+    }
+    let sample = SampleView { id, image, right, depth_scale, share };
+    if !sample.shares().all(|share| share.is_nan() || share > f16::ZERO && share.is_finite()) {
+        return Err(DecodeError::Value { sample: index, what: "a target" });
+    }
+    Ok((sample, rest))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Sample, Samples, SamplesView, f16};
+
+    #[test]
+    fn fault_22_samples_are_read_where_they_lie() {
+        let sample = Sample {
+            id: "7".to_owned(),
+            image: (1..7).collect(),
+            right: Some((7..13).collect()),
+            share: vec![f16::NAN, f16::from_f32(0.25)],
+            depth_scale: Some(2.0),
+        };
+        let bytes = Samples { width: 2, height: 1, has_right: true, items: vec![sample.clone(), sample] }.encode();
+        let view = SamplesView::read(&bytes).unwrap();
+        for sample in &view.items {
+            let lies_within = |part: &[u8]| {
+                let (part, whole) = (part.as_ptr_range(), bytes.as_ptr_range());
+                whole.start <= part.start && part.end <= whole.end
+            };
+            assert!(lies_within(sample.id.as_bytes()) && lies_within(sample.image));
+            assert!(lies_within(sample.right.unwrap()) && lies_within(sample.share.as_flattened()));
+        }
+        // What indexing takes does not grow with the images.
+        assert!(size_of_val(&view.items[0]) < 128);
+    }
+}

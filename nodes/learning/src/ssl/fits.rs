@@ -1,0 +1,127 @@
+//! Whether samples are what a training needs: seen before any frame where the wiring tells it, and again on the samples themselves.
+
+use std::io::Read;
+use std::path::Path;
+
+use depthloom_graphs::Fault;
+use depthloom_graphs::contracts::{Giver, Upstream};
+
+use super::params::SslParams;
+use super::weights;
+use crate::networks::{Size, layout};
+use crate::samples::{CollectSamples, SamplesParams, SamplesView, size_and_right};
+
+/// What the samples at a port have in common.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Form {
+    pub size: Size,
+    pub has_right: bool,
+    /// Whether depth in metres can be told.
+    pub has_depth: bool,
+}
+
+impl Form {
+    /// Of samples that are there.
+    pub(super) fn of(samples: &SamplesView<'_>) -> Self {
+        let size = Size { width: samples.width(), height: samples.height() };
+        Self { size, has_right: samples.has_right(), has_depth: samples.has_depth_scale() }
+    }
+
+    /// Of samples yet to come, as far as what gives them tells it.
+    fn to_come(giver: &Giver<'_>) -> Option<Self> {
+        match giver {
+            Giver::Node(node) => {
+                let params: SamplesParams = node.params_of(CollectSamples::KIND)?;
+                let [width, height] = params.size.map(|side| side as usize);
+                let has = |port| node.is_wired(port);
+                Some(Self { size: Size { width, height }, has_right: has("right"), has_depth: has("calibration") })
+            }
+            Giver::File(path) => Self::of_file(path),
+            Giver::Source => None,
+        }
+    }
+
+    /// What the first bytes of a file say; what is no file of samples is spoken of when it is read. Whether each has a calibration they
+    /// do not say.
+    fn of_file(path: &Path) -> Option<Self> {
+        let mut head = Vec::new();
+        std::fs::File::open(path).ok()?.take(64).read_to_end(&mut head).ok()?;
+        let (width, height, has_right) = size_and_right(&head).ok()?;
+        Some(Self { size: Size { width: width as usize, height: height as usize }, has_right, has_depth: true })
+    }
+}
+
+impl SslParams {
+    /// That what is wired can be learned from.
+    pub(super) fn check_upstream(&self, upstream: &Upstream<'_>) -> Result<(), Fault> {
+        self.check_patience(upstream.at("validation").is_some())?;
+        let form = |port| upstream.at(port).and_then(Form::to_come);
+        let Some(samples) = form("samples") else { return Ok(()) };
+        self.check_form(&samples, form("validation").as_ref())?;
+        match &self.weights {
+            // A file that is not there is what this machine lacks: `build` speaks of it.
+            Some(file) if weights::look(file.path()).is_ok() => {
+                let tensors = weights::read(file.path())?;
+                weights::matched(&layout(self.network, samples.size), &tensors, file.path()).map(drop)
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// That there is something to be patient for.
+    pub(super) fn check_patience(&self, has_validation: bool) -> Result<(), Fault> {
+        if self.patience.is_none() || has_validation {
+            return Ok(());
+        }
+        Err(Fault::new("`patience` waits for a better validation error, and no samples are wired to `validation`")
+            .remedy("wire validation samples, or leave `patience` out"))
+    }
+
+    /// That network and losses can do with samples of this form.
+    pub(super) fn check_form(&self, samples: &Form, validation: Option<&Form>) -> Result<(), Fault> {
+        self.check_depth("samples", samples)?;
+        if let Some(validation) = validation {
+            self.check_depth("validation", validation)?;
+        }
+        self.check_size(samples.size)?;
+        if let Some(Form { size, .. }) = validation
+            && *size != samples.size
+        {
+            return Err(Fault::new(format!(
+                "validation samples are {}x{}, samples {}x{}",
+                size.width, size.height, samples.size.width, samples.size.height
+            ))
+            .remedy("give both `learn/samples` the same `size`"));
+        }
+        if self.photometric > 0.0 && !samples.has_right {
+            return Err(Fault::new("the photometric loss needs the right view, which the samples do not hold")
+                .remedy("wire `right: source/right` at `learn/samples`"));
+        }
+        Ok(())
+    }
+
+    fn check_depth(&self, port: &str, samples: &Form) -> Result<(), Fault> {
+        if !self.needs_depth() || samples.has_depth {
+            return Ok(());
+        }
+        let network = self.network.name();
+        Err(Fault::new(format!("depth cannot be told from the samples at `{port}`: they hold no calibration")).remedy(
+            format!("wire `calibration: source/calibration` at `learn/samples`, which {network} with this loss needs"),
+        ))
+    }
+
+    fn check_size(&self, size: Size) -> Result<(), Fault> {
+        let (network, multiple) = (self.network, self.network.multiple());
+        if size.width.is_multiple_of(multiple) && size.height.is_multiple_of(multiple) {
+            return Ok(());
+        }
+        let up = |side: usize| side.next_multiple_of(multiple);
+        Err(Fault::new(format!(
+            "{} wants images whose sides are multiples of {multiple}; the samples are {}x{}",
+            network.name(),
+            size.width,
+            size.height
+        ))
+        .remedy(format!("set `size: [{}, {}]` at `learn/samples`", up(size.width), up(size.height))))
+    }
+}

@@ -1,0 +1,177 @@
+//! The files where once-nodes put down where they are: who may write which, and when they go.
+
+use std::collections::BTreeMap;
+use std::fs::{self, File, OpenOptions, TryLockError};
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex};
+
+use depthloom_graphs::Key;
+
+use crate::in_flight::locked;
+
+/// The checkpoints that a run holds, each under the key of the values it leads to.
+///
+/// A lock beside each file keeps other processes away; it is the system's, so that a process that is killed leaves none. They are held
+/// to the end of the run: what a finished node gave is lost with a run that ends before its own end, and its checkpoint is what the
+/// next run takes it from. Whoever has made the run safe calls [`Checkpoints::remove`]; dropped, the files stay.
+#[derive(Clone, Debug, Default)]
+pub struct Checkpoints(Arc<Held>);
+
+#[derive(Debug, Default)]
+struct Held {
+    folder: Option<PathBuf>,
+    locks: Mutex<BTreeMap<Key, Lock>>,
+}
+
+#[derive(Debug)]
+struct Lock {
+    _file: File,
+    /// Whether a node is at it right now.
+    in_use: bool,
+}
+
+/// Why a node gets no checkpoint though there is a folder for it.
+#[derive(Debug)]
+pub(crate) enum Refused {
+    /// Another process, or another node of this one, is at the same work.
+    InUse,
+    /// The system refused.
+    Io(io::Error),
+}
+
+impl Checkpoints {
+    /// Checkpoints in a folder, which is made when the first node asks; without one, none.
+    pub(crate) fn new(folder: Option<PathBuf>) -> Self {
+        Self(Arc::new(Held { folder, locks: Mutex::default() }))
+    }
+
+    /// The file of the values with this key, until [`Checkpoints::release`]; `None` without a folder.
+    pub(crate) fn take(&self, key: &Key) -> Result<Option<PathBuf>, Refused> {
+        let Some(folder) = &self.0.folder else { return Ok(None) };
+        let mut locks = locked(&self.0.locks);
+        if let Some(lock) = locks.get_mut(key) {
+            if lock.in_use {
+                return Err(Refused::InUse);
+            }
+            lock.in_use = true;
+        } else {
+            let file = lock(folder, key)?;
+            locks.insert(*key, Lock { _file: file, in_use: true });
+        }
+        Ok(Some(file_of(folder, key)))
+    }
+
+    /// Says that the node with this key is done with its file.
+    pub(crate) fn release(&self, key: &Key) {
+        if let Some(lock) = locked(&self.0.locks).get_mut(key) {
+            lock.in_use = false;
+        }
+    }
+
+    /// Removes the files: what they led to is safe. The folder goes with the last one.
+    pub fn remove(self) {
+        let Some(folder) = &self.0.folder else { return };
+        for key in locked(&self.0.locks).keys() {
+            // A checkpoint that stays costs room and nothing else.
+            let _ = fs::remove_file(file_of(folder, key));
+        }
+    }
+}
+
+/// The locks go, and the folder if nothing is in it.
+impl Drop for Held {
+    fn drop(&mut self) {
+        let Some(folder) = &self.folder else { return };
+        let locks = self.locks.get_mut().unwrap_or_else(std::sync::PoisonError::into_inner);
+        for key in locks.keys() {
+            // Removed while it is held: who opened it before finds that it has no name any more, and makes another.
+            let _ = fs::remove_file(lock_of(folder, key));
+        }
+        if !locks.is_empty() {
+            locks.clear();
+            let _ = fs::remove_dir(folder);
+        }
+    }
+}
+
+fn file_of(folder: &Path, key: &Key) -> PathBuf {
+    folder.join(format!("{key}.checkpoint"))
+}
+
+fn lock_of(folder: &Path, key: &Key) -> PathBuf {
+    folder.join(format!("{key}.lock"))
+}
+
+/// Takes the lock of a key.
+fn lock(folder: &Path, key: &Key) -> Result<File, Refused> {
+    let path = lock_of(folder, key);
+    // Another process may remove the folder or the file between two of these calls: then they are made again.
+    for _ in 0..100 {
+        fs::create_dir_all(folder).map_err(Refused::Io)?;
+        let file = match OpenOptions::new().create(true).truncate(false).write(true).open(&path) {
+            Ok(file) => file,
+            Err(error) if error.kind() == io::ErrorKind::NotFound => continue,
+            Err(error) => return Err(Refused::Io(error)),
+        };
+        match file.try_lock() {
+            Ok(()) if has_this_name(&file, &path) => return Ok(file),
+            Ok(()) => {}
+            Err(TryLockError::WouldBlock) => return Err(Refused::InUse),
+            Err(TryLockError::Error(error)) => return Err(Refused::Io(error)),
+        }
+    }
+    Err(Refused::InUse)
+}
+
+/// Whether the file behind a name is still the one that was opened.
+fn has_this_name(file: &File, path: &Path) -> bool {
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::MetadataExt;
+        let same = |a: &fs::Metadata, b: &fs::Metadata| (a.dev(), a.ino()) == (b.dev(), b.ino());
+        matches!((file.metadata(), fs::metadata(path)), (Ok(opened), Ok(named)) if same(&opened, &named))
+    }
+    #[cfg(not(unix))]
+    {
+        // A file that is open cannot be removed.
+        let _ = file;
+        path.exists()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use depthloom_graphs::Key;
+
+    use super::{Checkpoints, Refused};
+
+    #[test]
+    fn fault_05_a_checkpoint_has_one_writer_at_a_time() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = || Checkpoints::new(Some(folder.path().join("checkpoints")));
+        let (key, other) = (Key::of_content(b"a training"), Key::of_content(b"another"));
+        let (first, second) = (at(), at());
+        let path = first.take(&key).unwrap().unwrap();
+        assert!(matches!(second.take(&key), Err(Refused::InUse)), "another process");
+        assert!(matches!(first.take(&key), Err(Refused::InUse)), "another node of this process");
+        assert_ne!(second.take(&other).unwrap(), Some(path.clone()));
+        fs::write(&path, b"half way").unwrap();
+        first.release(&key);
+        assert!(matches!(second.take(&key), Err(Refused::InUse)), "it is held until the run is safe");
+        assert_eq!(first.take(&key).unwrap(), Some(path.clone()));
+        drop(first);
+        // A run that did not come to its end leaves the file, and no lock.
+        assert_eq!(second.take(&key).unwrap(), Some(path.clone()));
+        assert_eq!(fs::read(&path).unwrap(), b"half way");
+        second.remove();
+        assert!(!folder.path().join("checkpoints").exists());
+    }
+
+    #[test]
+    fn without_a_folder_nothing_is_kept() {
+        assert!(Checkpoints::default().take(&Key::of_content(b"a training")).unwrap().is_none());
+    }
+}
