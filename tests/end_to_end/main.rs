@@ -13,7 +13,6 @@ mod killed;
 mod learning;
 mod memory;
 mod networks;
-#[expect(dead_code, reason = "the nodes' own tests need more of it")]
 #[path = "../../nodes/tests/nodes/onnx_file.rs"]
 mod onnx_file;
 mod python_reads;
