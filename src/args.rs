@@ -86,7 +86,7 @@ pub struct RunArgs {
     #[arg(long, short, value_name = "DIR")]
     pub out: Option<PathBuf>,
 
-    /// Replace the output folder if it exists.
+    /// Replace the output folder if it holds a run that is over.
     #[arg(long)]
     pub overwrite: bool,
 

@@ -228,7 +228,9 @@ fn no_run(path: &Path, what: &str) -> Stop {
 }
 
 fn exists(path: &Path) -> Stop {
-    Stop::new(Exit::Before, format!("{} exists already", path.display()))
+    let is_partial = path.extension().is_some_and(|extension| extension == depthloom_durable::PARTIAL);
+    let what = if is_partial { ": a run that goes on, or ended before it was whole" } else { "" };
+    Stop::new(Exit::Before, format!("{} exists already{what}", path.display()))
         .remedy("choose another --out, or replace it with --overwrite")
 }
 

@@ -221,6 +221,28 @@ stages:
 }
 
 #[test]
+fn fault_18_27_the_first_signal_ends_learning_at_a_checkpoint() {
+    let folder = tempfile::tempdir().expect("a folder");
+    // Without it, the run would end when somebody's patience does.
+    let experiment = street(folder.path(), 1_000_000);
+    for signal in ["INT", "TERM"] {
+        let out = folder.path().join(signal);
+        let checkpoints = folder.path().join("checkpoints");
+        let mut command = depthloom();
+        command.arg("run").arg(&experiment).args(["--workers", "2", "--out"]).arg(&out);
+        let mut child = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().expect("the binary starts");
+        wait(&mut child, || fs::read_dir(&checkpoints).is_ok_and(|mut files| files.next().is_some()));
+        send(signal, &child);
+        let output = child.wait_with_output().expect("ended");
+        assert_eq!(output.status.code(), Some(130), "{}", said(&output));
+        let said = said(&output);
+        assert!(said.contains("4 frames can be read from") && said.contains("learning goes on from"), "{said}");
+        assert!(fs::read_dir(&checkpoints).expect("a folder").next().is_some(), "the checkpoint is gone");
+        succeed(depthloom().arg("report").arg(partial(&out)));
+    }
+}
+
+#[test]
 fn fault_25_a_learnt_model_is_a_file_of_its_run() {
     let folder = tempfile::tempdir().expect("a folder");
     let out = folder.path().join("run");
@@ -367,4 +389,24 @@ fn fault_23_doctor_names_instruction_sets_that_kernels_use() {
     for name in doctor["simd"].as_array().expect("a list") {
         assert!(["sse2", "avx2", "avx512"].contains(&name.as_str().expect("a name")), "{name}");
     }
+}
+
+#[test]
+fn fault_47_a_signal_during_the_analysis_ends_it() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let out = folder.path().join("run");
+    let mut command = depthloom();
+    look(&mut command, "0..60", &out);
+    let mut child = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().expect("the binary starts");
+    // Written first of the analysis: the maps of all frames are still to be read.
+    wait(&mut child, || partial(&out).join("table.csv").exists());
+    send("TERM", &child);
+    let output = child.wait_with_output().expect("ended");
+    assert_eq!(output.status.code(), Some(130), "{}", said(&output));
+    assert!(said(&output).contains("the recording is whole"), "{}", said(&output));
+    assert!(!out.exists());
+    let left = fs::read_dir(partial(&out)).expect("a folder").flatten();
+    let hidden: Vec<_> = left.map(|e| e.file_name()).filter(|name| name.as_encoded_bytes().starts_with(b".")).collect();
+    assert!(hidden.is_empty(), "{hidden:?} stays");
+    succeed(depthloom().arg("report").arg(partial(&out)));
 }
