@@ -83,6 +83,7 @@ pub(crate) fn estimators(plan: &RecordedPlan) -> Result<Vec<Estimator>, Analysis
 
 /// The parameters of `score/depth`, as recorded with every default filled in; what is null is the preset's.
 #[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
 struct ScoreParams {
     preset: String,
     sets: Vec<String>,
@@ -104,7 +105,11 @@ fn settings(params: &serde_json::Value) -> Result<(Vec<PixelSet>, Settings), Str
         "answered" => Ok(PixelSet::Answered),
         name => Err(unknown("pixel set", name)),
     };
-    let sets = params.sets.iter().map(set).collect::<Result<_, _>>()?;
+    let sets: Vec<PixelSet> = params.sets.iter().map(set).collect::<Result<_, _>>()?;
+    // As `score/depth` demands of an experiment file.
+    if sets.is_empty() || sets.iter().enumerate().any(|(i, set)| sets[..i].contains(set)) {
+        return Err("sets names none, or one twice".to_owned());
+    }
     let settings = Settings {
         min_m: params.min_m.unwrap_or(preset.min_m),
         max_m: params.max_m.unwrap_or(preset.max_m),
@@ -189,5 +194,21 @@ mod tests {
         assert_eq!(settings(&params), Ok((vec![PixelSet::All], Preset::Paper.settings())));
         params["crop"] = json!("benchmark");
         assert_eq!(settings(&params), Err("crop `benchmark` is unknown to this version".to_owned()));
+    }
+
+    #[test]
+    fn fault_11_settings_that_no_experiment_may_have_are_refused() {
+        let fine = json!({ "preset": "paper", "sets": ["all"] });
+        let with = |name: &str, value: serde_json::Value| {
+            let mut params = fine.clone();
+            params[name] = value;
+            settings(&params).unwrap_err()
+        };
+        assert_eq!(with("sets", json!([])), "sets names none, or one twice");
+        assert_eq!(with("sets", json!(["all", "all"])), "sets names none, or one twice");
+        assert!(with("min_m", json!(90.0)).starts_with("max_m must be above min_m"));
+        assert!(with("max_m", json!(-1.0)).starts_with("max_m"));
+        assert!(with("missing_m", json!(0.0)).starts_with("missing_m"));
+        assert!(with("cap", json!(80)).contains("unknown field `cap`"));
     }
 }

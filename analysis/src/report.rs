@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use depthloom_recording::Recording;
+use depthloom_recording::{Condition, Recording};
 use serde_json::{Map, Value as Json, json};
 
 use crate::curves::{LearningCurve, learning_curves, table_of_points};
@@ -42,7 +42,8 @@ impl Default for ReportOptions {
 pub struct Summary {
     /// The table for a terminal; what is missing, and why, under it.
     pub text: String,
-    /// The same for programs: `table` (a row an estimator and pixel set), `learning_curves` (where each ended), `notes`.
+    /// The same for programs: `recording` (its `condition`, `frames`, and in words what is wrong), `table` (a row an estimator and
+    /// pixel set), `learning_curves` (where each ended), `notes`.
     pub json: Json,
     /// Whether something was scored: whether there are `scores.csv` and `table.*`.
     pub scored: bool,
@@ -76,9 +77,12 @@ fn analyse(recording: &Recording, options: &ReportOptions, output: Output<'_>) -
     let curves = learning_curves(recording)?;
     write_curves(&curves, output)?;
     let ends: Vec<Json> = curves.iter().map(LearningCurve::end).collect();
+    let (condition, told) = condition(recording);
     if estimators.is_empty() {
-        let text = "nothing was scored: no stage has a `score:`\n".to_owned();
-        let json = json!({ "table": [], "learning_curves": ends, "notes": [text.trim_end()] });
+        let mut notes = vec!["nothing was scored: no stage has a `score:`".to_owned()];
+        notes.extend(told);
+        let text = notes.iter().map(|note| format!("{note}\n")).collect();
+        let json = json!({ "recording": condition, "table": [], "learning_curves": ends, "notes": notes });
         return Ok(Summary { text, json, scored: false, distances: false, learning_curves: curves.len() });
     }
     // The rows go before the samples come: what grows with the number of frames is never held beside them.
@@ -103,7 +107,7 @@ fn analyse(recording: &Recording, options: &ReportOptions, output: Output<'_>) -
         output.write("error_vs_distance.svg", render(&figure).as_bytes())?;
     }
 
-    let mut notes: Vec<String> = estimators.iter().filter_map(without_maps).collect();
+    let mut notes: Vec<String> = told.into_iter().chain(estimators.iter().filter_map(without_maps)).collect();
     notes.extend(sparsely_kept(recording, &estimators, distances.bins.is_empty()));
     for (estimator, beyond) in estimators.iter().zip(&distances.beyond).filter(|(_, beyond)| **beyond > 0) {
         let label = &estimator.label;
@@ -121,6 +125,7 @@ fn analyse(recording: &Recording, options: &ReportOptions, output: Output<'_>) -
     }
     let json = json!({
         "experiment": plan.experiment,
+        "recording": condition,
         "table": rows(&table),
         "learning_curves": ends,
         "notes": notes,
@@ -167,6 +172,19 @@ fn sparsely_kept(recording: &Recording, estimators: &[Estimator], none: bool) ->
     } else {
         "no error against distance: no frame has a pixel with both a truth and an answer".to_owned()
     })
+}
+
+/// In what condition the recording is, for programs, and for people if it is not whole.
+fn condition(recording: &Recording) -> (Json, Option<String>) {
+    let frames: usize = (0..recording.plan().runs.len()).map(|run| recording.frames(run).len()).sum();
+    let condition = recording.condition();
+    let mut json = json!({ "condition": condition.name(), "frames": frames });
+    if *condition == Condition::Whole {
+        return (json, None);
+    }
+    json["what"] = condition.to_string().into();
+    let s = if frames == 1 { "" } else { "s" };
+    (json, Some(format!("the recording is {condition}; all numbers are of its {frames} whole frame{s}")))
 }
 
 /// Writes the points of the learning curves and their figure, if there are any.

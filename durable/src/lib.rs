@@ -117,6 +117,14 @@ pub fn sync_tree(folder: &Path) -> io::Result<()> {
     sync_folder(folder)
 }
 
+/// Synchronises the folder that names a file: its name is on the disk then.
+///
+/// # Errors
+/// What the system gave.
+pub fn sync_name(path: &Path) -> io::Result<()> {
+    sync_folder(parent(path))
+}
+
 /// The folder a path names something in.
 fn parent(path: &Path) -> &Path {
     match path.parent() {

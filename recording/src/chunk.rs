@@ -1,7 +1,7 @@
 //! A part of a frame as chunks: framed, checked and compressed by the worker that has its values.
 //!
-//! A part of a frame has at most three chunks: messages that hardly shrink lie uncompressed in one, those that do in a second, and the
-//! depths for looking at in a third. Whether a message shrinks is measured on a few of its own bytes, so that it depends on
+//! A part of a frame has three chunks: messages that hardly shrink lie uncompressed in one, those that do in a second, and the
+//! depths for looking at in a third; more only where one would grow past what readers take. Whether a message shrinks is measured on a few of its own bytes, so that it depends on
 //! the message alone.
 
 use std::io::Cursor;
@@ -14,6 +14,7 @@ use zstd::bulk::Compressor;
 
 use crate::pool::PartPools;
 use crate::record::{ChunkPlace, put_message, put_message_index};
+use crate::unpack::LARGEST_CHUNK;
 
 /// Fast enough not to hold up a run; higher levels gain a few percent on maps (measured: see `benches/encode.rs`).
 const ZSTD_LEVEL: i32 = 1;
@@ -53,6 +54,20 @@ pub struct Part {
     pub(crate) compress_ns: u64,
 }
 
+/// Why a part cannot be kept.
+#[derive(Debug)]
+pub(crate) enum Unkept {
+    /// A message is too large for a chunk.
+    TooLarge {
+        /// Its channel.
+        channel: u16,
+        /// Its size, with what surrounds it in a chunk.
+        bytes: u64,
+    },
+    /// zstd failed, which it does only without memory.
+    Compression(std::io::Error),
+}
+
 /// A message in the records of a chunk.
 #[derive(Clone, Copy)]
 struct Placed {
@@ -77,7 +92,11 @@ pub(crate) struct PartBuilder<'a> {
     plain: Vec<Placed>,
     packed: Lane,
     view: Lane,
+    /// What did not fit into these chunks, in more of them: that follow the first, and are all but never there.
+    more: Vec<(Packing, Lane)>,
     messages: Vec<u16>,
+    largest: u64,
+    too_large: Option<Unkept>,
 }
 
 /// Opcode, length, times, uncompressed size, checksum, compression, compressed size.
@@ -91,39 +110,69 @@ impl<'a> PartBuilder<'a> {
     pub(crate) fn new(frame: &'a Frame, pools: &'a PartPools) -> Self {
         let mut bytes = pools.bytes.take();
         bytes.resize(PLAIN_HEADER, 0);
-        let (plain, messages) = (Vec::new(), Vec::new());
-        Self { frame, pools, bytes, plain, packed: Lane::default(), view: Lane::default(), messages }
+        Self {
+            frame,
+            pools,
+            bytes,
+            plain: Vec::new(),
+            packed: Lane::default(),
+            view: Lane::default(),
+            more: Vec::new(),
+            messages: Vec::new(),
+            largest: LARGEST_CHUNK,
+            too_large: None,
+        }
     }
 
     /// Adds a message; `size` is about how many bytes `data` appends.
     pub(crate) fn message(&mut self, channel: u16, packing: Packing, size: usize, data: impl FnOnce(&mut Vec<u8>)) {
         let (sequence, time_ns) = (self.frame.index as u32, self.frame.time_ns);
         self.messages.push(channel);
-        let lane = match packing {
-            Packing::Plain => {
-                let offset = (self.bytes.len() - PLAIN_HEADER) as u64;
-                self.plain.push(Placed { channel, time_ns, offset });
-                self.bytes.reserve(size + FIELDS);
-                put_message(&mut self.bytes, channel, sequence, time_ns, data);
-                return;
-            }
-            Packing::Compressed => &mut self.packed,
-            Packing::View => &mut self.view,
+        let (records, messages, header) = match packing {
+            Packing::Plain => (&mut self.bytes, &mut self.plain, PLAIN_HEADER),
+            Packing::Compressed => (&mut self.packed.records, &mut self.packed.messages, 0),
+            Packing::View => (&mut self.view.records, &mut self.view.messages, 0),
         };
-        if lane.messages.is_empty() {
-            lane.records = self.pools.records.take();
+        if records.capacity() == 0 {
+            *records = self.pools.records.take();
         }
-        lane.messages.push(Placed { channel, time_ns, offset: lane.records.len() as u64 });
-        lane.records.reserve(size + FIELDS);
-        put_message(&mut lane.records, channel, sequence, time_ns, data);
+        let start = records.len();
+        records.reserve(size + FIELDS);
+        put_message(records, channel, sequence, time_ns, data);
+        messages.push(Placed { channel, time_ns, offset: (start - header) as u64 });
+        if (records.len() - header) as u64 > self.largest {
+            let message = records.split_off(start);
+            messages.pop();
+            self.overflow(packing, Placed { channel, time_ns, offset: 0 }, message);
+        }
+    }
+
+    /// Keeps a message that its chunk has no room for in another.
+    fn overflow(&mut self, packing: Packing, message: Placed, record: Vec<u8>) {
+        let bytes = record.len() as u64;
+        if bytes > self.largest {
+            self.too_large.get_or_insert(Unkept::TooLarge { channel: message.channel, bytes });
+            return;
+        }
+        let last = self.more.iter_mut().rev().find(|(of, _)| *of == packing);
+        match last.filter(|(_, lane)| lane.records.len() as u64 + bytes <= self.largest) {
+            Some((_, lane)) => {
+                lane.messages.push(Placed { offset: lane.records.len() as u64, ..message });
+                lane.records.extend_from_slice(&record);
+            }
+            None => self.more.push((packing, Lane { records: record, messages: vec![message] })),
+        }
     }
 
     /// Compresses, checks and indexes the chunks.
     ///
     /// # Errors
-    /// If zstd fails, which it does only without memory.
-    pub(crate) fn finish(self) -> std::io::Result<Part> {
-        let Self { pools, mut bytes, plain, packed, view, messages, .. } = self;
+    /// If a message is larger than a chunk may be, or zstd fails.
+    pub(crate) fn finish(self) -> Result<Part, Unkept> {
+        let Self { pools, mut bytes, plain, packed, view, more, messages, too_large, .. } = self;
+        if let Some(too_large) = too_large {
+            return Err(too_large);
+        }
         let mut crc = Hasher::new();
         let mut chunks = Vec::new();
         let mut compress_ns = 0;
@@ -132,28 +181,39 @@ impl<'a> PartBuilder<'a> {
         } else {
             chunks.push(plain_chunk(&mut bytes, &mut crc, &plain));
         }
-        for lane in [packed, view] {
+        for (packing, lane) in [(Packing::Compressed, packed), (Packing::View, view)].into_iter().chain(more) {
             if lane.messages.is_empty() {
                 continue;
             }
+            let compression = if packing == Packing::Plain { "" } else { "zstd" };
             let start = bytes.len();
-            let records_start = start + header_length("zstd");
-            bytes.reserve(records_start - start + zstd::zstd_safe::compress_bound(lane.records.len()));
+            let records_start = start + header_length(compression);
+            let bound = match packing {
+                Packing::Plain => lane.records.len(),
+                Packing::Compressed | Packing::View => zstd::zstd_safe::compress_bound(lane.records.len()),
+            };
+            bytes.reserve(records_start - start + bound);
             bytes.resize(records_start, 0);
-            let mut into = Cursor::new(bytes);
-            into.set_position(records_start as u64);
-            // A context of its own, so that what it compressed before cannot matter.
-            let began = thread_cpu_ns();
-            Compressor::new(ZSTD_LEVEL)?.compress_to_buffer(&lane.records, &mut into)?;
-            compress_ns += thread_cpu_ns() - began;
-            bytes = into.into_inner();
-            let compressed = (bytes.len() - records_start) as u64;
+            if packing == Packing::Plain {
+                bytes.extend_from_slice(&lane.records);
+            } else {
+                let mut into = Cursor::new(bytes);
+                into.set_position(records_start as u64);
+                // A context of its own, so that what it compressed before cannot matter.
+                let began = thread_cpu_ns();
+                let compressor = Compressor::new(ZSTD_LEVEL);
+                let compressed = compressor.and_then(|mut zstd| zstd.compress_to_buffer(&lane.records, &mut into));
+                compressed.map_err(Unkept::Compression)?;
+                compress_ns += thread_cpu_ns() - began;
+                bytes = into.into_inner();
+            }
+            let stored = (bytes.len() - records_start) as u64;
             let size = lane.records.len() as u64;
             let times_ns = times_ns(&lane.messages);
-            let header = chunk_header(times_ns, size, crc32fast::hash(&lane.records), "zstd", compressed);
+            let header = chunk_header(times_ns, size, crc32fast::hash(&lane.records), compression, stored);
             bytes[start..records_start].copy_from_slice(&header);
             crc.update(&bytes[start..]);
-            let place = place(times_ns, start, bytes.len() - start, "zstd", compressed, size);
+            let place = place(times_ns, start, bytes.len() - start, compression, stored, size);
             chunks.push(indexed(&mut bytes, &mut crc, place, &lane.messages));
             pools.records.put(lane.records);
         }
@@ -264,7 +324,71 @@ fn indexed(bytes: &mut Vec<u8>, crc: &mut Hasher, mut place: ChunkPlace, message
 
 #[cfg(test)]
 mod tests {
-    use super::{Packing, measured};
+    use std::collections::BTreeMap;
+
+    use depthloom_graphs::Frame;
+
+    use super::{Packing, PartBuilder, Unkept, measured};
+    use crate::file::PositionedFile;
+    use crate::index::ChunkEntry;
+    use crate::pool::PartPools;
+    use crate::unpack::ChunkBuffers;
+
+    #[test]
+    fn fault_08_what_does_not_fit_into_a_chunk_lies_in_several() {
+        const LARGEST: u64 = 5000;
+        let (frame, pools) = (Frame::at_10_hz("000000_10", 0), PartPools::default());
+        let mut part = PartBuilder { largest: LARGEST, ..PartBuilder::new(&frame, &pools) };
+        // In all eleven of each kind, of which two fit into a chunk, and one as large as a chunk can hold.
+        let room = LARGEST as usize - 31;
+        let sizes = [2000, 2400, 2300, 100, room, 2000, 2000, 2000, 1, 0, 3000];
+        let mut expected: BTreeMap<u16, Vec<u8>> = BTreeMap::new();
+        for (number, size) in (0_u16..).zip(sizes) {
+            for (kind, packing) in (1_u16..).zip([Packing::Plain, Packing::Compressed, Packing::View]) {
+                let channel = kind * 100 + number;
+                let data = vec![channel as u8; size];
+                part.message(channel, packing, size, |out| out.extend_from_slice(&data));
+                expected.insert(channel, data);
+            }
+        }
+        let part = part.finish().unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("chunks");
+        std::fs::write(&path, &part.bytes).unwrap();
+        let file = PositionedFile::open(&path).unwrap();
+        let mut read: BTreeMap<u16, Vec<u8>> = BTreeMap::new();
+        assert!(part.chunks.len() > 12);
+        for chunk in &part.chunks {
+            assert!(chunk.uncompressed_size <= LARGEST);
+            let end = chunk.start + chunk.length + chunk.indexes_length;
+            let channels: Vec<u16> = chunk.indexes.iter().map(|(channel, _)| *channel).collect();
+            let entry = ChunkEntry { start: chunk.start, length: chunk.length, end, channels: channels.clone().into() };
+            let mut seen = Vec::new();
+            let mut buffers = ChunkBuffers::default();
+            let taken = buffers.each_message(&file, &entry, |message| {
+                seen.push(message.channel);
+                assert_eq!(read.insert(message.channel, message.data.to_vec()), None);
+                Ok(())
+            });
+            taken.unwrap();
+            seen.sort_unstable();
+            assert_eq!(seen, channels);
+        }
+        assert!(read == expected);
+        assert_eq!(crc32fast::hash(&part.bytes), part.crc.finalize());
+    }
+
+    #[test]
+    fn fault_08_a_message_that_no_reader_takes_is_refused_with_its_size() {
+        let (frame, pools) = (Frame::at_10_hz("000000_10", 0), PartPools::default());
+        for packing in [Packing::Plain, Packing::Compressed, Packing::View] {
+            let mut part = PartBuilder { largest: 5000, ..PartBuilder::new(&frame, &pools) };
+            part.message(1, packing, 100, |out| out.extend_from_slice(&[0; 100]));
+            part.message(2, packing, 4970, |out| out.extend_from_slice(&[0; 4970]));
+            let refused = part.finish();
+            assert!(matches!(refused, Err(Unkept::TooLarge { channel: 2, bytes: 5001 })), "{refused:?}");
+        }
+    }
 
     #[test]
     fn noise_stays_as_it_is_and_repetition_is_compressed() {

@@ -8,9 +8,9 @@ use prost::Message;
 
 use crate::chunk::{Part, messages_outside_frames};
 use crate::error::RecordingError;
-use crate::index::ChunkEntry;
+use crate::index::{ChunkEntry, Index};
 use crate::messages::CurvePointMessage;
-use crate::recording::{RecordedContent, Recording};
+use crate::recording::Recording;
 use crate::schema::Schema;
 use crate::unpack::ChunkBuffers;
 
@@ -24,31 +24,21 @@ pub(crate) fn points_part(channel: u16, first_frame_ns: u64, curve: &Curve) -> P
     messages_outside_frames(channel, curve.points.iter().map(|point| (time_ns(point.step), message(point))))
 }
 
-impl Recording {
-    /// Whether a chunk holds points of a learning curve, whole or not.
+impl Index {
+    /// Whether a chunk holds points of a learning curve.
     pub(crate) fn holds_points(&self, chunk: &ChunkEntry) -> bool {
         let [channel] = *chunk.channels else { return false };
-        let schema = self.index.channels.get(&channel).and_then(|channel| self.index.schema_of(channel));
+        let schema = self.channels.get(&channel).and_then(|channel| self.schema_of(channel));
         schema == Some(Schema::CurvePoint.name())
     }
+}
 
-    /// Whether a chunk holds the points of a learning curve that was recorded whole.
-    pub(crate) fn holds_whole_curve(&self, chunk: &ChunkEntry) -> bool {
-        let topics = self.once_values().iter().filter_map(|once| match &once.content {
-            RecordedContent::Messages { topic, .. } => Some(topic),
-            RecordedContent::Attachment { .. } => None,
-        });
-        let of_topic = |topic: &String| {
-            chunk.channels.iter().any(|channel| self.index.channels.get(channel).is_some_and(|of| of.topic == *topic))
-        };
-        self.holds_points(chunk) && topics.into_iter().any(of_topic)
-    }
-
+impl Recording {
     /// Reads the learning curve of a topic, of which its record says that it has `count` points.
     pub(crate) fn curve(&self, topic: &str, count: u64) -> Result<Curve, RecordingError> {
         let of_topic = |chunk: &&ChunkEntry| {
             let [channel] = *chunk.channels else { return false };
-            self.holds_points(chunk) && self.index.channels.get(&channel).is_some_and(|of| of.topic == topic)
+            self.index.holds_points(chunk) && self.index.channels.get(&channel).is_some_and(|of| of.topic == topic)
         };
         let mut points = Vec::new();
         let mut buffers = ChunkBuffers::default();

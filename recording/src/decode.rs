@@ -75,6 +75,11 @@ fn calibration(message: &[u8]) -> Result<Calibration, String> {
     Ok(Calibration { width: decoded.width, height: decoded.height, focal_px, cx_px, cy_px, baseline_m })
 }
 
+/// What stands for "nothing found" in maps of disparities from there on, 1/16 px; `None` if 16 bits do not hold it.
+pub(crate) fn nothing_found(min_disparity_px: i32) -> Option<i16> {
+    i16::try_from(min_disparity_px.checked_sub(1)?.checked_mul(16)?).ok()
+}
+
 #[derive(Default)]
 struct RawImage<'a> {
     width: u32,
@@ -113,8 +118,11 @@ impl RawImage<'_> {
                 Ok(Image::new(Pixels::Rgb(rgb.ok_or("an image is of another size than it says")?)).into())
             }
             (ValueType::Disparity, b"16UC1") => {
-                let sixteenths_px = self.raster(i16::from_le_bytes)?;
-                Ok(Disparity { sixteenths_px, min_disparity_px: self.min_disparity_px }.into())
+                let min_disparity_px = self.min_disparity_px;
+                let nothing = nothing_found(min_disparity_px)
+                    .ok_or_else(|| format!("disparities from {min_disparity_px} px on do not fit into 16 bits"))?;
+                let sixteenths_px = self.raster(|sample| i16::from_le_bytes(sample).wrapping_add(nothing))?;
+                Ok(Disparity { sixteenths_px, min_disparity_px }.into())
             }
             (ValueType::Depth, b"32FC1") => Ok(Depth { metres: self.raster(f32::from_le_bytes)? }.into()),
             (ValueType::Weight, b"32FC1") => Ok(Weight { share: self.raster(f32::from_le_bytes)? }.into()),

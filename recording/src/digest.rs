@@ -44,7 +44,7 @@ pub fn digest(path: impl AsRef<Path>) -> Result<Json, RecordingError> {
     let recording = Recording::open(path)?;
     let mut topics: Vec<(&str, Topic)> = Vec::new();
     let mut buffers = ChunkBuffers::default();
-    for chunk in recording.committed_chunks() {
+    for chunk in &recording.index.chunks {
         buffers.each_message(&recording.file, chunk, |message| {
             let channel = recording.index.channels.get(&message.channel);
             let ChannelEntry { topic: name, .. } = channel.ok_or("a message is of an unknown channel")?;
@@ -151,6 +151,7 @@ impl Topic {
             self.crc.update(&of.node.unwrap_or_default().to_le_bytes());
             self.crc.update(of.what.as_bytes());
         }
+        self.crc.update(&commit.crc32_before.to_le_bytes());
         Ok(())
     }
 

@@ -21,7 +21,10 @@ pub(crate) struct Stamp<'a> {
 #[derive(Clone, Copy)]
 enum Samples<'a> {
     U8(&'a [u8]),
-    I16(&'a [i16]),
+    U16(&'a [u16]),
+    /// Fixed-point disparities, counted from the one that means that nothing was found: that is recorded as zero and all others
+    /// above it, since no viewer knows 16 bits with a sign.
+    Disparities(&'a [i16], i16),
     F32(&'a [f32]),
 }
 
@@ -54,7 +57,12 @@ pub(crate) fn put_value(out: &mut Vec<u8>, stamp: Stamp<'_>, value: &Value) {
         },
         Value::Disparity(disparity) => RawImage {
             min_disparity_px: disparity.min_disparity_px,
-            ..raster(disparity.sixteenths_px.dimensions(), "16UC1", 2, Samples::I16(&disparity.sixteenths_px))
+            ..raster(
+                disparity.sixteenths_px.dimensions(),
+                "16UC1",
+                2,
+                Samples::Disparities(&disparity.sixteenths_px, disparity.invalid() as i16),
+            )
         },
         Value::Depth(depth) => raster(depth.metres.dimensions(), "32FC1", 4, Samples::F32(&depth.metres)),
         Value::Weight(weight) => raster(weight.share.dimensions(), "32FC1", 4, Samples::F32(&weight.share)),
@@ -87,11 +95,11 @@ pub(crate) fn put_compressed_image(out: &mut Vec<u8>, stamp: Stamp<'_>, encoded:
 pub(crate) fn put_view(out: &mut Vec<u8>, stamp: Stamp<'_>, depth: &Depth) {
     let millimetres = |metres: &f32| {
         let rounded = (f64::from(*metres) * 1000.0).round();
-        if rounded >= 1.0 { rounded.min(65535.0) as u16 as i16 } else { 0 }
+        if rounded >= 1.0 { rounded.min(65535.0) as u16 } else { 0 }
     };
-    let millimetres: Vec<i16> = depth.metres.iter().map(millimetres).collect();
+    let millimetres: Vec<u16> = depth.metres.iter().map(millimetres).collect();
     let (width, height) = depth.metres.dimensions();
-    let samples = Samples::I16(&millimetres);
+    let samples = Samples::U16(&millimetres);
     put_raw_image(
         out,
         stamp,
@@ -117,9 +125,14 @@ fn put_raw_image(out: &mut Vec<u8>, stamp: Stamp<'_>, image: &RawImage<'_>) {
     put_signed(out, MIN_DISPARITY_PX, image.min_disparity_px);
     match image.samples {
         Samples::U8(samples) => put_bytes(out, 6, samples),
-        Samples::I16(samples) => {
+        Samples::U16(samples) => {
             put_length(out, 6, 2 * samples.len());
-            put_samples(out, samples, i16::to_le_bytes);
+            put_samples(out, samples, u16::to_le_bytes);
+        }
+        Samples::Disparities(samples, nothing) => {
+            put_length(out, 6, 2 * samples.len());
+            // Wrapping, so that whatever a map holds comes back.
+            put_samples(out, samples, |sample| sample.wrapping_sub(nothing).to_le_bytes());
         }
         Samples::F32(samples) => {
             put_length(out, 6, 4 * samples.len());

@@ -104,6 +104,24 @@ pub enum RecordingError {
         /// What is wrong there.
         what: String,
     },
+    /// What is to be read does not fit into memory.
+    #[error("{} holds {bytes} bytes at byte {offset} that do not fit into this machine's memory", path.display())]
+    Memory {
+        /// The file.
+        path: PathBuf,
+        /// Where.
+        offset: u64,
+        /// How many bytes.
+        bytes: u64,
+    },
+    /// A recording that says what none of ours does, though its checksums hold.
+    #[error("{} cannot be what depthloom wrote: {what}", path.display())]
+    Content {
+        /// The file.
+        path: PathBuf,
+        /// What it says.
+        what: String,
+    },
     /// A topic that the stage run does not have, or that was not recorded.
     #[error("{} has no values of topic {topic} in {prefix}", path.display())]
     UnknownTopic {
@@ -143,8 +161,13 @@ impl RecordingError {
             },
             Self::NotMcap { .. } => Some("give the recording.mcap of a run's folder".to_owned()),
             Self::NotARecording { .. } => Some("give a recording that `depthloom run` made".to_owned()),
+            Self::Format { found, .. } if found == "1" => {
+                Some("read it with depthloom 0.1.0, which made it, or run the experiment again".to_owned())
+            }
             Self::Format { .. } => Some("read it with the version that made it, or run the experiment again".to_owned()),
             Self::Damaged { .. } => Some("copy the file again, or run the experiment again".to_owned()),
+            Self::Content { .. } => Some("run the experiment again".to_owned()),
+            Self::Memory { .. } => Some("read it on a machine with more memory".to_owned()),
             Self::UnknownTopic { known, .. } => Some(format!("it has {}", known.join(", "))),
             Self::Open { .. }
             | Self::Read { .. }

@@ -36,8 +36,14 @@ impl PositionedFile {
         let (Some(_), Ok(length)) = (end, usize::try_from(length)) else {
             return Err(self.damaged(offset, format!("{length} bytes are said to follow, the file ends before")));
         };
+        let more = length.saturating_sub(buffer.len());
+        buffer.try_reserve_exact(more).map_err(|_| self.too_large(offset, length as u64))?;
         buffer.resize(length, 0);
         self.read_exact(buffer, offset)
+    }
+
+    pub(crate) fn too_large(&self, offset: u64, bytes: u64) -> RecordingError {
+        RecordingError::Memory { path: self.path.clone(), offset, bytes }
     }
 
     pub(crate) fn damaged(&self, offset: u64, what: impl Into<String>) -> RecordingError {

@@ -267,7 +267,7 @@ fn camera(run: &StageRun, slot: Slot) -> String {
 fn metadata(run: &StageRun, slot: Slot, output: &PlannedOutput) -> BTreeMap<String, String> {
     let unit = match output.port.value_type {
         ValueType::Disparity => {
-            "1/16 pixel, signed: read 16UC1 as two's complement; (min_disparity_px - 1) * 16 = nothing found"
+            "0 = nothing found; else disparity in pixels = value / 16 + min_disparity_px - 1, min_disparity_px being a field of the message"
         }
         ValueType::Depth => "metres, NaN = no answer",
         ValueType::Weight => "share in [0, 1]",

@@ -6,7 +6,7 @@
 //! use depthloom_recording::{Recording, RecordingError};
 //!
 //! fn answered_pixels(path: &str) -> Result<usize, RecordingError> {
-//!     let recording = Recording::open(path)?; // whole, or what a crash left: then up to the last commit
+//!     let recording = Recording::open(path)?; // whole, or up to the last commit: `condition()` says which
 //!     let mut answered = 0;
 //!     for (run, planned) in recording.plan().runs.iter().enumerate() {
 //!         for estimate in &planned.estimates {
@@ -34,7 +34,7 @@
 //! |---|---|---|
 //! | image with its file's bytes | `foxglove.CompressedImage` | the file, unchanged |
 //! | image | `foxglove.RawImage` | `rgb8` or `mono8` |
-//! | disparity | `foxglove.RawImage` | `16UC1`: 1/16 px, two's complement; field 1001 is the smallest disparity searched |
+//! | disparity | `foxglove.RawImage` | `16UC1`: 0 = nothing found, else `value / 16 + min_disparity_px - 1` pixels; `min_disparity_px`, the smallest disparity searched, is field 1001 |
 //! | depth | `foxglove.RawImage` | `32FC1`: metres, NaN = no answer; with `view`, also `<topic>_view`, `16UC1` millimetres |
 //! | weight | `foxglove.RawImage` | `32FC1` |
 //! | mask | `foxglove.RawImage` | `mono8` |
@@ -43,6 +43,9 @@
 //! | learning curve | `depthloom.CurvePoint`, one a point | outside frames: `log_time` is that of the stage's first frame, a millisecond more a step |
 //!
 //! The source's first image port is the reference camera; its name is the `frame_id` of the calibration and of all maps.
+//!
+//! Disparities count from one pixel below the smallest searched, because `foxglove.RawImage` knows 16 bits without a sign only: a
+//! viewer that takes the numbers at their word shows what is nearer as larger, and a pixel without an answer as zero.
 //!
 //! A frame is some chunks of values and then one chunk with its `depthloom.Commit` on `/<stage>/commit`; what stands behind the
 //! last commit of an unfinished file belongs to no frame. Chunks never cross frames. Topics that are replayed together share
@@ -56,8 +59,24 @@
 //! messages it is. A curve is one chunk between two frames, with its `depthloom.once` behind it: without that record, in a file
 //! that was cut between the two, its messages belong to nothing. The experiment's files are attachments, as
 //! written (`experiment/`) and as resolved.
+//!
+//! # What is checked
+//! Chunks, attachments and the summary have MCAP's own checksums, which are always there and always compared. What MCAP leaves
+//! unchecked has ours: each metadata record holds `checksum`, over its name and its other entries, and it and each commit hold
+//! `crc32_before`, the CRC-32 of all bytes of the file before their record (of a commit: before its chunk). So a finished file is
+//! opened by its summary in little time, and a file without an end, or with a damaged one, is read once from its start and kept
+//! up to the last commit before which every byte is what was written. [`Recording::condition`] says which it was.
+//! No message is larger than 2 GiB, and no chunk; what would be is refused with its size, by writer and reader.
+//!
+//! # A file that was not finished, read by others
+//! A run that was killed leaves no summary. Python's `mcap` then finds nothing by default, since `make_reader` looks for the
+//! summary first. `mcap.reader.NonSeekingReader(file).iter_messages(log_time_order=False)` reads from the start, and gives all
+//! messages before it says that the file ends too early. `depthloom report` takes such a file as it is.
 
+mod attachment;
+mod checksum;
 mod chunk;
+mod condition;
 mod curve;
 mod decode;
 mod digest;
@@ -67,6 +86,7 @@ mod file;
 mod index;
 mod layout;
 mod messages;
+mod parse;
 mod plan;
 mod pool;
 mod protobuf;
@@ -77,12 +97,14 @@ mod recording;
 mod schema;
 mod store;
 mod unpack;
+mod walk;
 mod writer;
 
+pub use attachment::AttachmentEntry;
 pub use chunk::Part;
+pub use condition::Condition;
 pub use digest::digest;
 pub use error::RecordingError;
-pub use index::AttachmentEntry;
 pub use plan::{
     RecordedEstimate, RecordedInput, RecordedNode, RecordedOutput, RecordedPlan, RecordedRun, RecordedSource,
     RecordedSourcePart,
@@ -92,7 +114,7 @@ pub use recorder::{Attachment, Compression, Recorder, Written};
 pub use recording::{RecordedContent, RecordedFrame, RecordedOnce, Recording};
 
 /// The version of what a recording holds beside the values.
-pub(crate) const FORMAT: &str = "1";
+pub(crate) const FORMAT: &str = "2";
 /// The metadata record that holds format, plan and aliases.
 pub(crate) const PLAN_METADATA: &str = "depthloom";
 /// The metadata records that say which attachment holds which once-value.

@@ -90,6 +90,7 @@ impl CurvePointMessage {
 
 /// `depthloom.Commit`: closes a frame; what stands before it and after the last one belongs to the frame.
 ///
+/// The CRC-32 is of all bytes of the file before the chunk that holds the record, so that a file that ends early is checked up to it.
 /// A node that is neither under `keys` nor under `failures` did not fire on the frame.
 #[derive(Clone, PartialEq, prost::Message)]
 pub(crate) struct CommitMessage {
@@ -105,6 +106,8 @@ pub(crate) struct CommitMessage {
     pub(crate) keys: Vec<NodeKeyMessage>,
     #[prost(message, repeated, tag = "6")]
     pub(crate) failures: Vec<FailureMessage>,
+    #[prost(fixed32, tag = "7")]
+    pub(crate) crc32_before: u32,
 }
 
 /// `depthloom.NodeKey`: the key that all values of a node share on a frame.
@@ -126,7 +129,7 @@ pub(crate) struct FailureMessage {
 }
 
 impl CommitMessage {
-    pub(crate) fn new(commit: &Commit<'_>) -> Self {
+    pub(crate) fn new(commit: &Commit<'_>, crc32_before: u32) -> Self {
         let keys = commit.keys.iter();
         let failures = commit.failures.iter();
         Self {
@@ -141,11 +144,13 @@ impl CommitMessage {
                     what: failure.what.clone(),
                 })
                 .collect(),
+            crc32_before,
         }
     }
 
-    pub(crate) fn source_key(&self) -> Option<Key> {
-        Key::parse(&self.source_key)
+    /// The key of the source's values, if it gave any; `None` if what stands there is no key.
+    pub(crate) fn source_key(&self) -> Option<Option<Key>> {
+        if self.source_key.is_empty() { Some(None) } else { Key::parse(&self.source_key).map(Some) }
     }
 
     pub(crate) fn keys(&self) -> Option<Vec<SlotKey>> {

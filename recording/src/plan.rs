@@ -1,5 +1,7 @@
 //! What a recording says of the plan that made it: enough to analyse it without the experiment file.
 
+mod check;
+
 use std::collections::BTreeMap;
 
 use depthloom_graphs::contracts::Slot;
@@ -10,6 +12,7 @@ use serde_json::Value as Json;
 
 /// The plan of a recording, as kept in its metadata.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct RecordedPlan {
     /// The experiment's name.
     pub experiment: String,
@@ -27,6 +30,7 @@ pub struct RecordedPlan {
 
 /// A stage run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct RecordedRun {
     /// The stage's name.
     pub stage: String,
@@ -44,6 +48,7 @@ pub struct RecordedRun {
 
 /// The source of a stage run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct RecordedSource {
     /// Its name under `sources:`.
     pub name: String,
@@ -55,6 +60,7 @@ pub struct RecordedSource {
 
 /// One of the sources joined into a stage's source.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct RecordedSourcePart {
     /// The source kind.
     pub kind: String,
@@ -66,6 +72,7 @@ pub struct RecordedSourcePart {
 
 /// A node.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct RecordedNode {
     /// Its name in the YAML file.
     pub name: String,
@@ -89,6 +96,7 @@ pub struct RecordedNode {
 
 /// An input port and where its value came from.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct RecordedInput {
     /// The port.
     pub port: String,
@@ -98,6 +106,7 @@ pub struct RecordedInput {
 
 /// An output port.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct RecordedOutput {
     /// The port.
     pub port: String,
@@ -116,6 +125,7 @@ pub struct RecordedOutput {
 
 /// Something that was scored against the truth.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct RecordedEstimate {
     /// `name` if the value is the same in all variants, else `variant/name`.
     pub label: String,

@@ -11,14 +11,16 @@ use depthloom_graphs::{Frame, Key, Value};
 use prost::Message;
 use serde::Serialize;
 
-use crate::chunk::{Packing, Part, PartBuilder, measured};
+use crate::chunk::{Packing, Part, PartBuilder, Unkept, measured};
 use crate::curve::points_part;
+use crate::decode::nothing_found;
 use crate::encode::{Stamp, encoded, put_compressed_image, put_floats, put_value, put_view};
 use crate::error::RecordingError;
 use crate::layout::{Class, Layout, PortLayout, RunLayout};
 use crate::messages::{CommitMessage, ScoreMessage};
 use crate::plan::RecordedPlan;
 use crate::pool::PartPools;
+use crate::unpack::LARGEST_CHUNK;
 use crate::writer::Writer;
 use crate::{FORMAT, ONCE_METADATA, PLAN_METADATA};
 
@@ -93,7 +95,7 @@ impl Recorder {
             ("plan".to_owned(), json(&recorded)),
             ("aliases".to_owned(), json(&recorded.aliases())),
         ]);
-        writer.metadata(PLAN_METADATA, &metadata)?;
+        writer.metadata(PLAN_METADATA, metadata)?;
         for (name, text) in experiment_files(plan) {
             writer.attachment(&name, "application/yaml", text.as_bytes())?;
         }
@@ -195,8 +197,16 @@ impl Tap for Recorder {
         let mut builder = PartBuilder::new(frame, &self.pools[run][part]);
         for (slot, value) in values {
             let Some(port) = self.layout.runs[run].port(*slot).filter(|port| port.part == part) else { continue };
-            if matches!(value, Value::Samples(_) | Value::Model(_) | Value::Curve(_)) {
-                let what = format!("a value of type {} came with a frame", value.value_type());
+            let refused = match value {
+                Value::Samples(_) | Value::Model(_) | Value::Curve(_) => {
+                    Some(format!("a value of type {} came with a frame", value.value_type()))
+                }
+                Value::Disparity(disparity) if nothing_found(disparity.min_disparity_px).is_none() => {
+                    Some(format!("disparities from {} px on do not fit into 16 bits", disparity.min_disparity_px))
+                }
+                _ => None,
+            };
+            if let Some(what) = refused {
                 let (frame, topic) = (frame.id.to_string(), port.topic.to_string());
                 return Err(tap_error(RecordingError::Value { frame, topic, what }));
             }
@@ -204,27 +214,39 @@ impl Tap for Recorder {
                 self.put(&mut builder, frame, port, value);
             }
         }
-        builder.finish().map_err(|error| TapError {
-            what: format!("failed to compress frame {} for {}", frame.id, self.path.display()),
-            source: Some(Box::new(error)),
+        builder.finish().map_err(|error| match error {
+            Unkept::TooLarge { channel, bytes } => {
+                let topic = self.layout.channels[usize::from(channel) - 1].topic.clone();
+                tap_error(RecordingError::Value { frame: frame.id.to_string(), topic, what: too_large(bytes) })
+            }
+            Unkept::Compression(error) => TapError {
+                what: format!("failed to compress frame {} for {}", frame.id, self.path.display()),
+                source: Some(Box::new(error)),
+            },
         })
     }
 
     fn write(&self, commit: &Commit<'_>, parts: Vec<Part>) -> Result<(), TapError> {
-        let message = CommitMessage::new(commit).encode_to_vec();
         let layout = &self.layout.runs[commit.run];
         let pools = &self.pools[commit.run];
-        let mut closing = PartBuilder::new(commit.frame, &pools[layout.parts]);
-        closing.message(layout.commit_channel, Packing::Plain, message.len(), |out| out.extend_from_slice(&message));
-        let closing = closing.finish().expect("a commit record is not compressed");
         let mut state = self.state();
         for (spent, part) in state.compress_ns[commit.run].iter_mut().zip(&parts) {
             *spent += part.compress_ns;
         }
-        for (part, pools) in parts.into_iter().chain([closing]).zip(pools) {
+        for (part, pools) in parts.into_iter().zip(pools) {
             state.writer.part(&part).map_err(tap_error)?;
             pools.bytes.put(part.bytes);
         }
+        let pools = &pools[layout.parts];
+        let closing = |crc32_before| {
+            let message = CommitMessage::new(commit, crc32_before).encode_to_vec();
+            let mut closing = PartBuilder::new(commit.frame, pools);
+            let channel = layout.commit_channel;
+            closing.message(channel, Packing::Plain, message.len(), |out| out.extend_from_slice(&message));
+            closing.finish().expect("a commit record is small, and not compressed")
+        };
+        let closing = state.writer.closing_part(layout.commit_channel, closing).map_err(tap_error)?;
+        pools.bytes.put(closing.bytes);
         state.frames += 1;
         state.first_ns[commit.run].get_or_insert(commit.frame.time_ns);
         Ok(())
@@ -258,8 +280,8 @@ impl Tap for Recorder {
         ];
         let kept = kept.map_err(tap_error)?;
         let metadata = of.into_iter().chain(kept).map(|(name, text)| (name.to_owned(), text)).collect();
-        // What stands before this record and is not named by one is no once-value: this commits it.
-        state.writer.metadata(ONCE_METADATA, &metadata).map_err(tap_error)
+        // What stands before this record and is not named by one is no once-value: this commits it. Hours may have gone into it.
+        state.writer.metadata(ONCE_METADATA, metadata).and_then(|()| state.writer.sync()).map_err(tap_error)
     }
 }
 
@@ -279,9 +301,18 @@ impl State {
 
     /// Keeps a learning curve as messages of its topic.
     fn keep_curve(&mut self, run: usize, channel: u16, topic: &str, curve: &Curve) -> Result<Kept, RecordingError> {
-        self.writer.part(&points_part(channel, self.first_ns[run].unwrap_or(0), curve))?;
+        let points = points_part(channel, self.first_ns[run].unwrap_or(0), curve);
+        if let Some(chunk) = points.chunks.iter().find(|chunk| chunk.uncompressed_size > LARGEST_CHUNK) {
+            let what = too_large(chunk.uncompressed_size);
+            return Err(RecordingError::Plan { topic: topic.to_owned(), what });
+        }
+        self.writer.part(&points)?;
         Ok(vec![("topic", topic.to_owned()), ("messages", curve.points.len().to_string())])
     }
+}
+
+fn too_large(bytes: u64) -> String {
+    format!("{bytes} bytes are more than a recording keeps in one piece, which is {LARGEST_CHUNK}")
 }
 
 fn json(value: &impl Serialize) -> String {

@@ -7,19 +7,20 @@ use std::sync::{Arc, OnceLock};
 
 use depthloom_graphs::Key;
 use depthloom_graphs::contracts::{Failure, SlotKey};
-use mcap::records::{Record, op};
 use prost::Message;
 
+use crate::attachment::AttachmentEntry;
+use crate::condition::Condition;
 use crate::error::RecordingError;
 use crate::file::PositionedFile;
-use crate::index::{AttachmentEntry, ChannelEntry, ChunkEntry, Index, MetadataEntry};
+use crate::index::{ChunkEntry, Index, MAGIC, MetadataEntry};
 use crate::messages::CommitMessage;
 use crate::plan::RecordedPlan;
 use crate::reader::FrameReader;
-use crate::schema::Schema;
 use crate::store::KeyedPlace;
 use crate::unpack::ChunkBuffers;
-use crate::{FORMAT, ONCE_METADATA, PLAN_METADATA};
+use crate::walk::{Walked, walk};
+use crate::{ONCE_METADATA, PLAN_METADATA};
 
 /// A frame of a stage run, committed.
 #[derive(Clone, Debug, PartialEq)]
@@ -77,13 +78,14 @@ pub enum RecordedContent {
     },
 }
 
-/// A recording open for reading: whole, or what a crash left of one, up to its last commit.
+/// A recording open for reading: whole, or what a crash or damage left of one, up to its last commit.
 ///
 /// The index is held in memory, values are not. Reading is by position, so several threads may read at once.
 #[derive(Debug)]
 pub struct Recording {
     pub(crate) file: PositionedFile,
     pub(crate) index: Index,
+    condition: Condition,
     plan: RecordedPlan,
     frames: Vec<Vec<RecordedFrame>>,
     once: Vec<RecordedOnce>,
@@ -92,26 +94,32 @@ pub struct Recording {
 }
 
 impl Recording {
-    /// Opens a recording.
+    /// Opens a recording: by its summary, in little time, or by reading all of it where it has no sound one.
+    ///
+    /// Bytes that are not what was written are an error if they are of the plan; others leave out what stands behind them, and
+    /// [`Recording::condition`] says so. Values are checked when they are read.
     ///
     /// # Errors
-    /// If the file cannot be read, is no recording, or is damaged.
+    /// If the file cannot be read, is no recording, or its plan is damaged or one that no engine makes.
     pub fn open(path: impl AsRef<Path>) -> Result<Self, RecordingError> {
         let file = PositionedFile::open(path.as_ref())?;
-        let index = Index::read(&file)?;
-        let plan = read_plan(&file, &index)?;
-        let once = read_once(&file, &index, plan.runs.len())?;
-        let mut recording = Self {
-            frames: vec![Vec::new(); plan.runs.len()],
-            file,
-            index,
-            plan,
-            once,
-            committed: 0,
-            by_key: OnceLock::new(),
+        let mut magic = [0; MAGIC as usize];
+        if file.size < MAGIC {
+            return Err(RecordingError::NotMcap { path: file.path });
+        }
+        file.read_exact(&mut magic, 0)?;
+        if magic != mcap::MAGIC {
+            return Err(RecordingError::NotMcap { path: file.path });
+        }
+        let whole = Index::of_summary(&file).and_then(|index| index.map(|index| Found::of(&file, index)).transpose());
+        let (found, condition) = match whole {
+            Ok(Some(found)) => (found, Condition::Whole),
+            Ok(None) => Found::without_summary(&file, None)?,
+            Err(RecordingError::Damaged { offset, what, .. }) => Found::without_summary(&file, Some((offset, what)))?,
+            Err(error) => return Err(error),
         };
-        recording.read_commits()?;
-        Ok(recording)
+        let Found { index, plan, frames, once, committed } = found;
+        Ok(Self { file, index, condition, plan, frames, once, committed, by_key: OnceLock::new() })
     }
 
     /// The file.
@@ -120,13 +128,13 @@ impl Recording {
         &self.file.path
     }
 
-    /// Whether its writer finished it.
+    /// In what condition it was found.
     #[must_use]
-    pub const fn whole(&self) -> bool {
-        self.index.whole
+    pub const fn condition(&self) -> &Condition {
+        &self.condition
     }
 
-    /// Where the last committed frame ends in the file: what stands behind it in an unfinished file belongs to no frame.
+    /// Where the last committed frame ends in the file.
     #[must_use]
     pub const fn committed_bytes(&self) -> u64 {
         self.committed
@@ -174,47 +182,76 @@ impl Recording {
             path: self.file.path.clone(),
             what: format!("attachment `{name}`"),
         })?;
-        let mut record = Vec::new();
-        self.file.read_range(&mut record, entry.offset, entry.length)?;
-        match mcap::parse_record(op::ATTACHMENT, record.get(9..).unwrap_or_default()) {
-            Ok(Record::Attachment { data, .. }) => Ok(data.into_owned()),
-            Ok(_) => Err(self.file.damaged(entry.offset, "no attachment is there")),
-            Err(error) => Err(self.file.damaged(entry.offset, error.to_string())),
+        entry.read(&self.file)
+    }
+}
+
+/// What an index leads to.
+struct Found {
+    index: Index,
+    plan: RecordedPlan,
+    frames: Vec<Vec<RecordedFrame>>,
+    once: Vec<RecordedOnce>,
+    committed: u64,
+}
+
+impl Found {
+    fn of(file: &PositionedFile, index: Index) -> Result<Self, RecordingError> {
+        let plan = read_plan(file, &index)?;
+        let once = read_once(file, &index, &plan)?;
+        let frames = vec![Vec::new(); plan.runs.len()];
+        let mut found = Self { index, plan, frames, once, committed: 0 };
+        found.read_commits(file)?;
+        Ok(found)
+    }
+
+    /// What there is without a summary, or without the one that was found damaged.
+    fn without_summary(
+        file: &PositionedFile,
+        damage: Option<(u64, String)>,
+    ) -> Result<(Self, Condition), RecordingError> {
+        let Walked { index, condition } = walk(file)?;
+        let condition = match (condition, damage) {
+            (Condition::Unfinished { .. }, Some((offset, what))) => Condition::Damaged { offset, what, cut: false },
+            (condition, _) => condition,
+        };
+        match (Self::of(file, index), &condition) {
+            (Ok(found), _) => Ok((found, condition)),
+            // Without a plan there is nothing to read, and why is what the walk stumbled over.
+            (Err(RecordingError::NotARecording { .. }), Condition::Damaged { offset, what, .. }) => {
+                Err(file.damaged(*offset, what))
+            }
+            (Err(error), _) => Err(error),
         }
     }
 
-    /// The chunks of all committed frames, each frame's commit record last, and of all learning curves, in the order of the file.
-    pub(crate) fn committed_chunks(&self) -> impl Iterator<Item = &ChunkEntry> {
-        self.index.chunks.iter().filter(|chunk| chunk.end <= self.committed || self.holds_whole_curve(chunk))
-    }
-
     /// Finds the frames: each is what stands between two commit records.
-    fn read_commits(&mut self) -> Result<(), RecordingError> {
-        let is_commit = |(id, channel): (&u16, &ChannelEntry)| {
-            (self.index.schema_of(channel) == Some(Schema::Commit.name())).then_some(*id)
-        };
-        let commits: Vec<u16> = self.index.channels.iter().filter_map(is_commit).collect();
+    fn read_commits(&mut self, file: &PositionedFile) -> Result<(), RecordingError> {
         let mut buffers = ChunkBuffers::default();
         let mut first = 0;
         for (position, chunk) in self.index.chunks.iter().enumerate() {
-            if first == position && self.holds_points(chunk) {
+            if first == position && self.index.holds_points(chunk) {
                 // Between two frames, and of neither.
                 first = position + 1;
                 continue;
             }
-            if !matches!(*chunk.channels, [channel] if commits.contains(&channel)) {
+            if !matches!(*chunk.channels, [channel] if self.index.is_of_commits(channel)) {
                 continue;
             }
             let mut found = None;
             let chunks = first..position;
-            buffers.each_message(&self.file, chunk, |message| {
+            buffers.each_message(file, chunk, |message| {
                 found = Some(committed(message.time_ns, message.data, chunks.clone())?);
                 Ok(())
             })?;
-            let (run, frame) = found.ok_or_else(|| self.file.damaged(chunk.start, "a commit chunk is empty"))?;
-            let frames = self.frames.get_mut(run);
+            let (run, frame) = found.ok_or_else(|| file.damaged(chunk.start, "a commit chunk is empty"))?;
+            let nodes = self.plan.runs.get(run).map_or(0, |run| run.nodes.len());
+            let mut of_nodes =
+                frame.keys.iter().map(|of| of.node).chain(frame.failures.iter().filter_map(|of| of.node));
+            let is_of_plan = of_nodes.all(|node| node < nodes);
+            let frames = self.frames.get_mut(run).filter(|_| is_of_plan);
             frames
-                .ok_or_else(|| self.file.damaged(chunk.start, "a frame is of a run the plan does not have"))?
+                .ok_or_else(|| file.damaged(chunk.start, "a frame is of a run or a node that the plan does not have"))?
                 .push(frame);
             first = position + 1;
             self.committed = chunk.end;
@@ -229,7 +266,7 @@ fn committed(time_ns: u64, message: &[u8], chunks: Range<usize>) -> Result<(usiz
         id: commit.frame.as_str().into(),
         index: commit.index,
         time_ns,
-        source_key: commit.source_key(),
+        source_key: commit.source_key().ok_or("a commit record holds a key that is none")?,
         keys: commit.keys().ok_or("a commit record holds a key that is none")?.into_boxed_slice(),
         failures: commit.failures(),
         chunks,
@@ -241,24 +278,22 @@ fn read_plan(file: &PositionedFile, index: &Index) -> Result<RecordedPlan, Recor
     let path = || file.path.clone();
     let found = index.metadata.iter().find(|metadata| metadata.name == PLAN_METADATA);
     let MetadataEntry { values, .. } = found.ok_or_else(|| RecordingError::NotARecording { path: path() })?;
-    let format = values.get("format").cloned().unwrap_or_default();
-    if format != FORMAT {
-        return Err(RecordingError::Format { path: path(), found: format, known: FORMAT });
-    }
     let plan = values.get("plan").ok_or_else(|| RecordingError::NotARecording { path: path() })?;
-    serde_json::from_str(plan).map_err(|error| file.damaged(0, format!("its plan cannot be read: {error}")))
+    RecordedPlan::from_json(plan).map_err(|what| RecordingError::Content { path: path(), what })
 }
 
-fn read_once(file: &PositionedFile, index: &Index, runs: usize) -> Result<Vec<RecordedOnce>, RecordingError> {
+fn read_once(file: &PositionedFile, index: &Index, plan: &RecordedPlan) -> Result<Vec<RecordedOnce>, RecordingError> {
     let once = index.metadata.iter().filter(|metadata| metadata.name == ONCE_METADATA);
     let read = |metadata: &MetadataEntry| {
         let text = |name: &str| metadata.values.get(name).cloned();
-        let number = |name: &str| metadata.values.get(name)?.parse().ok();
+        let number = |name: &str| metadata.values.get(name)?.parse::<usize>().ok();
+        let (run, node, port) = (number("run")?, number("node")?, number("port")?);
+        let output = plan.runs.get(run)?.nodes.get(node)?.outputs.get(port)?;
         Some(RecordedOnce {
-            run: number("run").filter(|run| *run < runs)?,
-            node: number("node")?,
-            port: number("port")?,
-            value_type: text("type")?,
+            run,
+            node,
+            port,
+            value_type: text("type").filter(|name| output.once && *name == output.value_type)?,
             key: Key::parse(&text("key")?)?,
             content: match text("attachment") {
                 Some(name) => RecordedContent::Attachment {
@@ -270,8 +305,11 @@ fn read_once(file: &PositionedFile, index: &Index, runs: usize) -> Result<Vec<Re
             },
         })
     };
-    once.map(|metadata| read(metadata).ok_or_else(|| file.damaged(0, "the record of a once-value is incomplete")))
-        .collect()
+    let no_value = || RecordingError::Content {
+        path: file.path.clone(),
+        what: "the record of a once-value names none that its plan has".to_owned(),
+    };
+    once.map(|metadata| read(metadata).ok_or_else(no_value)).collect()
 }
 
 impl RecordedFrame {

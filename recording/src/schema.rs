@@ -14,7 +14,7 @@ use prost_types::{
     DescriptorProto, FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet, OneofDescriptorProto,
 };
 
-/// `RawImage`: the smallest disparity searched, whole pixels; of disparity maps only.
+/// `RawImage`: the smallest disparity searched, whole pixels; of disparity maps only, whose numbers count from a pixel below it.
 pub(crate) const MIN_DISPARITY_PX: u32 = 1001;
 /// `CameraCalibration`: the distance between the two cameras' centres, metres.
 pub(crate) const BASELINE_M: u32 = 1001;
@@ -152,6 +152,7 @@ fn commit() -> DescriptorProto {
         field("source_key", 4, Type::String),
         repeated("keys", 5, "NodeKey"),
         repeated("failures", 6, "Failure"),
+        field("crc32_before", 7, Type::Fixed32),
     ];
     message("Commit", fields)
 }

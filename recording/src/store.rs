@@ -53,8 +53,12 @@ impl Recording {
     pub fn once_value(&self, once: &RecordedOnce) -> Result<Value, RecordingError> {
         Ok(match &once.content {
             RecordedContent::Messages { topic, count } => self.curve(topic, *count)?.into(),
-            RecordedContent::Attachment { media_type, name, .. } => {
+            RecordedContent::Attachment { media_type, name, hash } => {
                 let artifact = Arc::new(Artifact::new(media_type.clone(), self.attachment(name)?));
+                if artifact.hash != *hash {
+                    let what = format!("attachment `{name}` is another than the one of its once-value");
+                    return Err(RecordingError::Content { path: self.path().to_owned(), what });
+                }
                 if once.value_type == "model" { Value::Model(artifact) } else { Value::Samples(artifact) }
             }
         })

@@ -1,26 +1,21 @@
 //! A chunk read back: its records, decompressed and checked.
 
-use mcap::records::{Record, op};
+use mcap::records::op;
 
 use crate::error::RecordingError;
 use crate::file::PositionedFile;
-use crate::index::{ChunkEntry, Records};
+use crate::index::ChunkEntry;
+use crate::parse::{ChunkMessage, Records, chunk_head, message};
 
-/// The most a chunk may say it holds: far above any frame, far below what would exhaust a machine.
-const LARGEST_CHUNK: u64 = 1 << 31;
+/// The most a chunk may hold, uncompressed: protobuf messages end there, and no frame of a camera comes near. Writer and reader
+/// keep to the same number.
+pub(crate) const LARGEST_CHUNK: u64 = 1 << 31;
 
 /// Buffers for reading chunks, reused from one to the next.
 #[derive(Debug, Default)]
 pub(crate) struct ChunkBuffers {
     stored: Vec<u8>,
     unpacked: Vec<u8>,
-}
-
-/// A message within a chunk.
-pub(crate) struct ChunkMessage<'a> {
-    pub(crate) channel: u16,
-    pub(crate) time_ns: u64,
-    pub(crate) data: &'a [u8],
 }
 
 impl ChunkBuffers {
@@ -36,24 +31,28 @@ impl ChunkBuffers {
         let Some(Ok((_, op::CHUNK, body))) = Records::new(&self.stored).next() else {
             return Err(damaged("no chunk is there".to_owned()));
         };
-        let parsed = mcap::parse_record(op::CHUNK, body).map_err(|error| damaged(error.to_string()))?;
-        let Record::Chunk { header, data } = parsed else { return Err(damaged("no chunk is there".to_owned())) };
-        if header.uncompressed_size > LARGEST_CHUNK {
-            return Err(damaged(format!("a chunk is said to hold {} bytes", header.uncompressed_size)));
+        let head = chunk_head(body).filter(|head| head.body_length == Some(body.len() as u64));
+        let head = head.ok_or_else(|| damaged("the sizes of a chunk contradict each other".to_owned()))?;
+        if head.uncompressed_size > LARGEST_CHUNK {
+            let size = head.uncompressed_size;
+            return Err(damaged(format!("a chunk is said to hold {size} bytes, and none holds over {LARGEST_CHUNK}")));
         }
-        let records: &[u8] = match header.compression.as_str() {
-            "" => &data,
+        let stored = &body[head.length..];
+        let records: &[u8] = match head.compression {
+            "" => stored,
             "zstd" => {
+                let size = head.uncompressed_size as usize;
                 self.unpacked.clear();
-                self.unpacked.reserve(header.uncompressed_size as usize);
+                let reserved = self.unpacked.try_reserve_exact(size);
+                reserved.map_err(|_| file.too_large(chunk.start, head.uncompressed_size))?;
                 let unpacked = zstd::bulk::Decompressor::new()
-                    .and_then(|mut zstd| zstd.decompress_to_buffer(&data, &mut self.unpacked));
+                    .and_then(|mut zstd| zstd.decompress_to_buffer(stored, &mut self.unpacked));
                 unpacked.map_err(|error| damaged(format!("a chunk cannot be decompressed: {error}")))?;
                 &self.unpacked
             }
             other => return Err(damaged(format!("a chunk is compressed as `{other}`, which depthloom never does"))),
         };
-        if header.uncompressed_crc != 0 && crc32fast::hash(records) != header.uncompressed_crc {
+        if records.len() as u64 != head.uncompressed_size || crc32fast::hash(records) != head.crc {
             return Err(damaged("a chunk's checksum differs".to_owned()));
         }
         for record in Records::new(records) {
@@ -65,12 +64,4 @@ impl ChunkBuffers {
         }
         Ok(())
     }
-}
-
-fn message(body: &[u8]) -> Option<ChunkMessage<'_>> {
-    let (channel, rest) = body.split_first_chunk()?;
-    let (_sequence, rest) = rest.split_first_chunk::<4>()?;
-    let (time_ns, rest) = rest.split_first_chunk()?;
-    let (_publish_time, data) = rest.split_first_chunk::<8>()?;
-    Some(ChunkMessage { channel: u16::from_le_bytes(*channel), time_ns: u64::from_le_bytes(*time_ns), data })
 }

@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use crc32fast::Hasher;
 use mcap::records::op;
 
+use crate::checksum::seal;
 use crate::chunk::Part;
 use crate::error::RecordingError;
 use crate::layout::ChannelLayout;
@@ -68,13 +69,9 @@ impl Writer {
         if part.chunks.is_empty() {
             return Ok(());
         }
-        let mut declarations = Vec::new();
+        self.declare(&part.messages)?;
         for channel in &part.messages {
-            self.declare(&mut declarations, *channel);
             *self.counts.messages.entry(*channel).or_default() += 1;
-        }
-        if !declarations.is_empty() {
-            self.append(&declarations)?;
         }
         let base = self.position;
         self.append_checked(&part.bytes, &part.crc)?;
@@ -87,6 +84,18 @@ impl Writer {
         Ok(())
     }
 
+    /// Appends the part that `make` makes of the CRC-32 of all bytes before it; its messages are of one channel.
+    pub(crate) fn closing_part(
+        &mut self,
+        channel: u16,
+        make: impl FnOnce(u32) -> Part,
+    ) -> Result<Part, RecordingError> {
+        self.declare(&[channel])?;
+        let part = make(self.crc.clone().finalize());
+        self.part(&part)?;
+        Ok(part)
+    }
+
     pub(crate) fn attachment(&mut self, name: &str, media_type: &str, data: &[u8]) -> Result<(), RecordingError> {
         let mut record = Vec::with_capacity(data.len() + name.len() + media_type.len() + 64);
         put_attachment(&mut record, name, media_type, data);
@@ -97,9 +106,10 @@ impl Writer {
         Ok(())
     }
 
-    pub(crate) fn metadata(&mut self, name: &str, metadata: &BTreeMap<String, String>) -> Result<(), RecordingError> {
+    /// Appends a metadata record, with its checksums.
+    pub(crate) fn metadata(&mut self, name: &str, metadata: BTreeMap<String, String>) -> Result<(), RecordingError> {
         let mut record = Vec::new();
-        put_metadata(&mut record, name, metadata);
+        put_metadata(&mut record, name, &seal(name, metadata, self.crc.clone().finalize()));
         let (offset, length) = (self.position, record.len() as u64);
         self.append(&record)?;
         put_metadata_index(&mut self.metadata_indexes, offset, length, name);
@@ -107,7 +117,12 @@ impl Writer {
         Ok(())
     }
 
-    /// Writes the summary; nothing can be written after it. Gives the file's size and what it holds.
+    /// Waits until all that was written is on the disk.
+    pub(crate) fn sync(&mut self) -> Result<(), RecordingError> {
+        self.file.sync_data().map_err(|source| self.refused(source))
+    }
+
+    /// Writes the summary, and waits until the file is on the disk; nothing can be written after it. Gives the file's size and what it holds.
     pub(crate) fn finish(&mut self) -> Result<(u64, Counts), RecordingError> {
         let mut end = Vec::new();
         put_data_end(&mut end, self.crc.clone().finalize());
@@ -149,24 +164,30 @@ impl Writer {
         put_footer(&mut summary, start, offsets_start);
         summary.extend_from_slice(mcap::MAGIC);
         self.append(&summary)?;
+        let synchronised = self.file.sync_all().and_then(|()| depthloom_durable::sync_name(&self.path));
+        synchronised.map_err(|source| self.refused(source))?;
         self.closed = Some("it is finished");
         Ok((self.position, self.counts.clone()))
     }
 
-    /// Appends the channel, and its schema, unless they are there already.
-    fn declare(&mut self, out: &mut Vec<u8>, channel: u16) {
-        if self.channels_written.contains(&channel) {
-            return;
+    /// Appends the channels, and their schemas, that are not there already.
+    fn declare(&mut self, channels: &[u16]) -> Result<(), RecordingError> {
+        let mut out = Vec::new();
+        for &channel in channels {
+            if self.channels_written.contains(&channel) {
+                continue;
+            }
+            let schema = self.channels[usize::from(channel) - 1].schema;
+            if !self.schemas_written.contains(&schema) {
+                put_declared_schema(&mut out, schema);
+                self.schemas_written.push(schema);
+                self.counts.schemas += 1;
+            }
+            put_declared_channel(&mut out, &self.channels, channel);
+            self.channels_written.push(channel);
+            self.counts.channels += 1;
         }
-        let schema = self.channels[usize::from(channel) - 1].schema;
-        if !self.schemas_written.contains(&schema) {
-            put_declared_schema(out, schema);
-            self.schemas_written.push(schema);
-            self.counts.schemas += 1;
-        }
-        put_declared_channel(out, &self.channels, channel);
-        self.channels_written.push(channel);
-        self.counts.channels += 1;
+        if out.is_empty() { Ok(()) } else { self.append(&out) }
     }
 
     fn append(&mut self, bytes: &[u8]) -> Result<(), RecordingError> {

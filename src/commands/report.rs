@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use depthloom_analysis::{AnalysisError, ReportOptions, Summary, Timing};
 use depthloom_graphs::plan::Plan;
-use depthloom_recording::{Recorder, Recording};
+use depthloom_recording::{Condition, Recorder, Recording};
 use depthloom_runner::{Interrupt, Phase};
 
 use crate::args::{ReportArgs, TimingsArgs};
@@ -35,7 +35,9 @@ pub fn report(args: &ReportArgs) -> Result<Exit, Stop> {
         analyse(&recording, &out, &ReportOptions { paper: args.paper, ..ReportOptions::default() }, &interrupt)?;
     let printed = if args.json { print_json(&report.json) } else { print(summary(&report, &out)) };
     printed.map_err(|stop| stop.also(format!("tables and plots are whole in {}", out.display())))?;
-    Ok(Exit::Whole)
+    // An unfinished recording is what was asked for; a damaged one has lost what it had.
+    let is_damaged = matches!(recording.condition(), Condition::Damaged { .. });
+    Ok(if is_damaged { Exit::Frames } else { Exit::Whole })
 }
 
 /// Analyses a recording until it is done or asked to stop.

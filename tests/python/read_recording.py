@@ -1,13 +1,14 @@
 #!/usr/bin/env python3
 """Reads a recording as a stranger would: Python's `mcap` and `mcap-protobuf-support`, no code of depthloom's.
 
-    read_recording.py RECORDING [--messages]
+    read_recording.py RECORDING [--messages | --unfinished]
 
 Prints one JSON object: of each topic its schema, how many messages it has, its first and last time, and a CRC-32 of what
 the messages decode to, one after the other: of images and maps all pixels (or the compressed file), of the rest all texts
 and numbers, little-endian, in the order of the fields. Of 32FC1 also the sum of its finite numbers and how many are NaN and
 infinite. `depthloom_recording::digest` computes the same object; tests compare the two.
-`--messages` adds the messages themselves, pixels left out, and the names of attachments and metadata.
+`--messages` adds the messages themselves, pixels left out (of 16UC1 the smallest and largest number), and the names of attachments
+and metadata. `--unfinished` counts instead the messages that are read of a file that has no end: `by_default`, and `from_start`.
 
 Every checksum of the file is verified, once reading from start to end and once through the summary's indexes, and the two
 ways must give the same. `requirements.txt` names the packages.
@@ -20,7 +21,8 @@ import sys
 import zlib
 
 from google.protobuf.json_format import MessageToDict
-from mcap.reader import NonSeekingReader, SeekingReader
+from mcap.exceptions import McapError
+from mcap.reader import NonSeekingReader, SeekingReader, make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 SCORES = ("a1", "a2", "a3", "abs_rel", "sq_rel", "rmse", "rmse_log", "silog")
@@ -42,6 +44,7 @@ def content(schema, message):
         told = [struct.pack("<IQ", message.run, message.index), (message.frame + message.source_key).encode()]
         told += [struct.pack("<I", of.node) + of.key.encode() for of in message.keys]
         told += [struct.pack("<?I", of.HasField("node"), of.node) + of.what.encode() for of in message.failures]
+        told += [struct.pack("<I", message.crc32_before)]
         return b"".join(told)
     if schema == "depthloom.CurvePoint":
         numbers = (getattr(message, number) if message.HasField(number) else 0.0 for number in CURVE_NUMBERS)
@@ -82,6 +85,10 @@ def read(reader, keep):
         if keep:
             told = MessageToDict(message, preserving_proto_field_name=True)
             told.pop("data", None)
+            if schema.name == "foxglove.RawImage" and message.encoding == "16UC1":
+                # As the encoding says: 16 bits without a sign.
+                numbers = struct.unpack(f"<{message.width * message.height}H", message.data)
+                told.update(smallest=min(numbers), largest=max(numbers))
             topic.setdefault("messages", []).append(told)
     for topic in topics.values():
         if "sum" in topic:
@@ -90,11 +97,29 @@ def read(reader, keep):
     return topics
 
 
+def count(messages):
+    """How many messages come before the end, or before an error."""
+    counted = 0
+    try:
+        for _ in messages:
+            counted += 1
+    except McapError:
+        pass
+    return counted
+
+
 def main():
-    arguments = [argument for argument in sys.argv[1:] if argument != "--messages"]
+    arguments = [argument for argument in sys.argv[1:] if not argument.startswith("--")]
     keep = "--messages" in sys.argv
     if len(arguments) != 1:
         sys.exit(__doc__)
+    if "--unfinished" in sys.argv:
+        with open(arguments[0], "rb") as file:
+            by_default = count(make_reader(file).iter_messages())
+        with open(arguments[0], "rb") as file:
+            from_start = count(NonSeekingReader(file).iter_messages(log_time_order=False))
+        print(json.dumps(dict(by_default=by_default, from_start=from_start)))
+        return
     with open(arguments[0], "rb") as file:
         from_start = read(NonSeekingReader(file, validate_crcs=True, decoder_factories=[DecoderFactory()]), keep)
     with open(arguments[0], "rb") as file:

@@ -4,13 +4,15 @@ use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
 use depthloom_graphs::contracts::Tap;
-use depthloom_recording::{Recorder, Recording, RecordingError};
-use proptest::prelude::{ProptestConfig, Strategy, any, proptest};
+use depthloom_recording::{Condition, Recorder, Recording, RecordingError};
+use proptest::prelude::{ProptestConfig, Strategy, proptest};
 use proptest::{prop_assert, prop_assert_eq};
 
-use crate::fixture::{CURVE, curve, frame, plan, record, record_frame, record_once_values, values};
+use crate::fixture::{CURVE, Noise, curve, frame, plan, record, record_frame, record_once_values, values};
 
 const FRAMES: u64 = 6;
+/// The message index behind a commit's chunk: without it the commit is whole, and read.
+const COMMIT_INDEX: u64 = 9 + 2 + 4 + 16;
 const TOPICS: [&str; 3] = ["/compare/fused/depth", "/compare/stereo/disparity", "/compare/score_fused/scores"];
 
 /// A finished file, where each of its frames ends, and where its once-values do.
@@ -59,13 +61,17 @@ proptest! {
         let (bytes, ends, once_end) = recorded();
         let folder = tempfile::tempdir()?;
         let path = written(folder.path(), &bytes[..cut as usize]);
-        let committed = ends.iter().filter(|end| **end <= cut).count();
+        let committed = ends.iter().filter(|end| **end <= cut + COMMIT_INDEX).count();
         match Recording::open(&path) {
             Ok(recording) => {
                 prop_assert_eq!(recording.frames(0).len(), committed);
-                prop_assert_eq!(recording.whole(), cut == bytes.len() as u64);
+                if cut == bytes.len() as u64 {
+                    prop_assert_eq!(recording.condition(), &Condition::Whole);
+                } else {
+                    prop_assert!(matches!(recording.condition(), Condition::Unfinished { .. }), "{}", recording.condition());
+                }
                 if let Some(last) = committed.checked_sub(1) {
-                    prop_assert_eq!(recording.committed_bytes(), ends[last]);
+                    prop_assert!((ends[last] - COMMIT_INDEX..=ends[last]).contains(&recording.committed_bytes()));
                 }
                 let curves = recording.once_values().iter().filter(|once| once.value_type == "curve").count();
                 prop_assert_eq!(curves == 1, cut >= *once_end);
@@ -79,24 +85,153 @@ proptest! {
             Err(error) => prop_assert!(false, "{}", error),
         }
     }
+}
 
-    #[test]
-    fn a_flipped_bit_is_an_error_or_harmless_but_no_panic(
-        place in 0..recorded().0.len(),
-        bit in 0..8_u32,
-        cut in any::<bool>(),
-    ) {
-        let (bytes, ends, _) = recorded();
-        let mut bytes = bytes.clone();
+/// All that can be read of a recording, as text that tells every bit.
+fn everything(path: &Path) -> Result<String, RecordingError> {
+    let recording = Recording::open(path)?;
+    let frames: Vec<_> = recording.plan().runs.iter().enumerate().map(|(run, _)| recording.frames(run)).collect();
+    let frames = frames
+        .iter()
+        .flat_map(|of| of.iter())
+        .map(|of| (&of.id, of.index, of.time_ns, of.source_key, &of.keys, &of.failures));
+    let mut told = format!("{:?}\n{:?}\n", recording.plan(), frames.collect::<Vec<_>>());
+    told += &format!("{:?}\n", recording.once_values());
+    for once in recording.once_values() {
+        told += &format!("{:?}\n", recording.once_value(once)?);
+    }
+    let topics = recording.plan().outputs(0).filter(|(_, output)| output.recorded && !output.once);
+    let topics: Vec<&str> = topics.map(|(_, output)| output.topic.as_str()).collect();
+    let mut reader = recording.reader(0, &topics)?;
+    for position in 0..recording.frames(0).len() {
+        told += &format!("{:?}\n", reader.read(position)?);
+    }
+    Ok(told)
+}
+
+/// How many bits are flipped: `DEPTHLOOM_FLIPS`, or few enough for every day.
+fn flips() -> u32 {
+    std::env::var("DEPTHLOOM_FLIPS").map_or(300, |flips| flips.parse().expect("DEPTHLOOM_FLIPS is a number"))
+}
+
+/// Flips one bit after the other among the first `reach` bytes, and reads everything: it is the same, or an error, or said to be
+/// damaged.
+fn flip_bits(bytes: &[u8], reach: usize, seed: u64) {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = written(folder.path(), bytes);
+    let expected = everything(&path).expect("what was recorded can be read");
+    let condition = Recording::open(&path).expect("what was recorded can be read").condition().clone();
+    let (mut noise, mut bytes) = (Noise(seed), bytes.to_vec());
+    let (mut same, mut refused, mut said) = (0, 0, 0);
+    for _ in 0..flips() {
+        let (place, bit) = (noise.bits() as usize % reach.min(bytes.len()), noise.bits() % 8);
         bytes[place] ^= 1 << bit;
-        if cut {
-            bytes.truncate(ends[FRAMES as usize - 1] as usize);
+        std::fs::write(&path, &bytes).expect("a file");
+        match everything(&path) {
+            Err(_) => refused += 1,
+            Ok(told) => {
+                let recording = Recording::open(&path).expect("it was read before");
+                match recording.condition() {
+                    Condition::Damaged { .. } => said += 1,
+                    now => {
+                        assert!(told == expected, "bit {bit} of byte {place} silently changes what is read");
+                        assert_eq!(*now, condition, "bit {bit} of byte {place}");
+                        same += 1;
+                    }
+                }
+            }
         }
-        let folder = tempfile::tempdir()?;
-        let path = written(folder.path(), &bytes);
-        if let Ok(frames) = read_all(&path) {
-            prop_assert!(frames <= FRAMES as usize);
+        bytes[place] ^= 1 << bit;
+    }
+    println!("{} bits flipped: {same} change nothing, {refused} are refused, {said} are said", flips());
+}
+
+#[test]
+fn fault_48_a_flipped_bit_of_a_whole_recording_is_refused_said_or_changes_nothing() {
+    let (bytes, ..) = recorded();
+    flip_bits(bytes, bytes.len(), 1);
+    flip_bits(bytes, 6000, 2);
+}
+
+#[test]
+fn fault_48_a_flipped_bit_of_an_unfinished_recording_is_refused_said_or_changes_nothing() {
+    let (bytes, ends, once_end) = recorded();
+    for end in [ends[FRAMES as usize - 1], *once_end] {
+        flip_bits(&bytes[..end as usize], end as usize, 3);
+        flip_bits(&bytes[..end as usize], 6000, 4);
+    }
+    // The last commit of a file that ends with it has nothing behind it that vouches for it.
+    let end = ends[FRAMES as usize - 1] as usize;
+    let last = &bytes[..end];
+    let folder = tempfile::tempdir().unwrap();
+    for place in ends[FRAMES as usize - 2] as usize..end {
+        let mut flipped = last.to_vec();
+        flipped[place] ^= 1 << (place % 8);
+        let path = written(folder.path(), &flipped);
+        let Ok(recording) = Recording::open(&path) else { continue };
+        let damaged = matches!(recording.condition(), Condition::Damaged { .. });
+        assert!(damaged || recording.frames(0).len() == FRAMES as usize, "byte {place}: {}", recording.condition());
+    }
+}
+
+#[test]
+fn fault_07_a_damaged_frame_of_an_unfinished_file_cuts_it_at_the_commit_before() {
+    let (bytes, ends, _) = recorded();
+    let folder = tempfile::tempdir().unwrap();
+    let end = ends[FRAMES as usize - 1] as usize;
+    for (frame, from) in [(3, ends[2] as usize), (5, ends[4] as usize)] {
+        // A hole, as a power cut leaves it: of a whole frame, and within one.
+        for (start, length) in [(from, ends[frame] as usize - from), (from + 700, 64)] {
+            let mut holed = bytes[..end].to_vec();
+            holed[start..start + length].fill(0);
+            let recording = Recording::open(written(folder.path(), &holed)).unwrap();
+            assert_eq!(recording.frames(0).len(), frame);
+            assert!(matches!(recording.condition(), Condition::Damaged { cut: true, .. }), "{}", recording.condition());
+            assert_eq!(read_all(recording.path()).unwrap(), frame);
         }
+    }
+}
+
+#[test]
+fn fault_49_a_recording_says_in_what_condition_it_is() {
+    let (bytes, ends, _) = recorded();
+    let folder = tempfile::tempdir().unwrap();
+    let condition_of = |bytes: &[u8]| Recording::open(written(folder.path(), bytes)).unwrap().condition().clone();
+    assert_eq!(condition_of(bytes), Condition::Whole);
+    assert_eq!(condition_of(&bytes[..ends[3] as usize]), Condition::Unfinished { rest_bytes: 0 });
+    let cut = condition_of(&bytes[..ends[3] as usize + 500]);
+    assert_eq!(cut, Condition::Unfinished { rest_bytes: 500 });
+    assert_eq!(cut.to_string(), "unfinished, and its last 500 bytes belong to no whole frame");
+    // A record of the fourth frame that is said to have no end: what follows shows that it had one.
+    let mut endless = bytes[..ends[4] as usize].to_vec();
+    endless[ends[2] as usize + 4] ^= 1;
+    let Condition::Damaged { offset, what, cut: true } = condition_of(&endless) else { panic!("not seen") };
+    assert_eq!(offset, ends[2]);
+    assert_eq!(what, "the sizes of a chunk contradict each other");
+    // A summary that is damaged costs nothing but time.
+    let mut flipped = bytes.clone();
+    let place = bytes.len() - 100;
+    flipped[place] ^= 1;
+    let Condition::Damaged { what, cut: false, .. } = condition_of(&flipped) else { panic!("not seen") };
+    assert_eq!(what, "the summary's checksum differs");
+    assert_eq!(everything(&folder.path().join("recording.mcap")).unwrap(), {
+        everything(&written(folder.path(), bytes)).unwrap()
+    });
+}
+
+#[test]
+fn a_recording_of_another_format_is_refused_with_the_remedy() {
+    let (bytes, ends, _) = recorded();
+    let folder = tempfile::tempdir().unwrap();
+    let told = b"\x06\0\0\0format\x01\0\0\x002";
+    let place = bytes.windows(told.len()).position(|window| window == told).unwrap();
+    for (bytes, format) in [(bytes.clone(), b'1'), (bytes[..ends[1] as usize].to_vec(), b'1'), (bytes.clone(), b'3')] {
+        let mut other = bytes;
+        other[place + told.len() - 1] = format;
+        let error = Recording::open(written(folder.path(), &other)).unwrap_err();
+        let expected = format!("has recording format {}; this engine reads format 2", format as char);
+        assert!(error.to_string().ends_with(&expected), "{error}");
+        assert_eq!(error.remedy().unwrap().contains("0.1.0"), format == b'1');
     }
 }
 
@@ -142,7 +277,7 @@ fn points_of_a_curve_that_was_not_finished_belong_to_nothing() {
 }
 
 #[test]
-fn a_curve_that_lost_points_is_damaged() {
+fn a_changed_record_of_a_once_value_is_seen() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("recording.mcap");
     record(&path, &plan(), 0..1, 16, 16);
@@ -152,9 +287,9 @@ fn a_curve_that_lost_points_is_damaged() {
     let place = bytes.windows(told.len()).position(|window| window == told).unwrap();
     bytes[place + told.len() - 1] = b'5';
     let recording = Recording::open(written(folder.path(), &bytes)).unwrap();
-    let error = recording.once_value(&recording.once_values()[1]).unwrap_err();
-    assert!(error.to_string().ends_with("the learning curve /compare/teacher/curve has 4 of its 5 points"), "{error}");
-    let model = recording.once_value(&recording.once_values()[0]).unwrap();
+    assert!(recording.condition().to_string().contains("a metadata record is not what was written"));
+    let [model] = recording.once_values() else { panic!("the curve is left out") };
+    let model = recording.once_value(model).unwrap();
     assert!(matches!(model, depthloom_graphs::Value::Model(_)), "the model is whole");
 }
 

@@ -5,10 +5,12 @@ use std::process::Command;
 
 use depthloom_graphs::Value;
 use depthloom_graphs::contracts::Slot;
+use depthloom_graphs::values::{Disparity, Raster};
+use depthloom_recording::{Recorder, Recording};
 use depthloom_test_needs::{python, workspace};
 use serde_json::Value as Json;
 
-use crate::fixture::{CURVE, frame, plan, record, values};
+use crate::fixture::{CURVE, frame, plan, record, record_frame, values};
 
 const WIDTH: u32 = 64;
 const HEIGHT: u32 = 48;
@@ -72,6 +74,8 @@ fn python_sees_what_viewers_need() {
     assert_eq!(calibration["baseline_m"], 0.532_725_451_7);
     assert_eq!(first("/compare/stereo/disparity")["encoding"], "16UC1");
     assert_eq!(first("/compare/stereo/disparity")["min_disparity_px"], -3);
+    // The smallest disparity of the fixture is -1 px, 3 px above the one that means that nothing was found.
+    assert_eq!(first("/compare/stereo/disparity")["smallest"], 48);
     assert_eq!(first("/compare/fused/depth")["encoding"], "32FC1");
     assert_eq!(first("/compare/fused/depth_view")["encoding"], "16UC1");
     assert_eq!(first("/compare/edges/mask")["encoding"], "mono8");
@@ -94,4 +98,42 @@ fn python_sees_what_viewers_need() {
     assert_eq!(curve["last_ns"], 250_000_000);
     assert_eq!(read["metadata"], serde_json::json!(["depthloom", "depthloom.once", "depthloom.once"]));
     assert_eq!(read["attachments"]["note.txt"], 4);
+}
+
+#[test]
+fn fault_31_python_takes_the_numbers_of_a_disparity_map_at_their_word() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("recording.mcap");
+    let map = Disparity {
+        sixteenths_px: Raster::from_raw(3, 2, vec![-16, 0, 1, 16, 1600, -16]).unwrap(),
+        min_disparity_px: 0,
+    };
+    let recorder = Recorder::create(&path, &plan()).unwrap();
+    let slot = Slot::Node { node: 0, port: 0 };
+    record_frame(&recorder, 0, &frame(0), &[(slot, map.clone().into())], false);
+    recorder.finish(&[]).unwrap();
+    let recording = Recording::open(&path).unwrap();
+    let read = recording.reader(0, &["/compare/stereo/disparity"]).unwrap().read(0).unwrap();
+    assert!(matches!(&read[0], Some(Value::Disparity(read)) if **read == map));
+    let test = "fault_31_python_takes_the_numbers_of_a_disparity_map_at_their_word";
+    let Some(read) = read_with_python(test, &path, &["--messages"]) else { return };
+    let message = &read["topics"]["/compare/stereo/disparity"]["messages"][0];
+    assert_eq!(message["encoding"], "16UC1");
+    assert_eq!((&message["smallest"], &message["largest"]), (&Json::from(0), &Json::from(1616)));
+}
+
+#[test]
+fn fault_53_python_reads_an_unfinished_file_from_its_start_as_documented() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("recording.mcap");
+    let recorder = Recorder::create(&path, &plan()).unwrap();
+    for index in 0..3 {
+        record_frame(&recorder, 0, &frame(index), &values(&frame(index), WIDTH, HEIGHT), false);
+    }
+    drop(recorder);
+    let test = "fault_53_python_reads_an_unfinished_file_from_its_start_as_documented";
+    let Some(read) = read_with_python(test, &path, &["--unfinished"]) else { return };
+    // Ten topics with rasters, scores of two pixel sets and a commit; the truth and its scores are missing on a frame.
+    assert!(read["from_start"].as_u64().is_some_and(|messages| messages > 25), "{read}");
+    assert_eq!(read["by_default"], 0, "the documentation says that nothing is found");
 }

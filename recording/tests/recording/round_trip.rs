@@ -4,7 +4,7 @@ use crate::fixture::{CURVE, curve, frame, key, plan, plan_of, record, record_fra
 use depthloom_graphs::contracts::{Failure, Slot, Store, Tap};
 use depthloom_graphs::values::{Curve, Pixels};
 use depthloom_graphs::{Key, Value};
-use depthloom_recording::{RecordedContent, Recorder, Recording, RecordingError};
+use depthloom_recording::{Condition, RecordedContent, Recorder, Recording, RecordingError};
 
 const WIDTH: u32 = 70;
 const HEIGHT: u32 = 40;
@@ -54,7 +54,7 @@ fn every_value_comes_back_bit_for_bit() {
     let path = folder.path().join("recording.mcap");
     record(&path, &plan(), 10..16, WIDTH, HEIGHT);
     let recording = Recording::open(&path).unwrap();
-    assert!(recording.whole());
+    assert_eq!(*recording.condition(), Condition::Whole);
     let outputs: Vec<_> = recording.plan().outputs(0).filter(|(_, output)| !output.once).collect();
     let topics: Vec<&str> = outputs.iter().map(|(_, output)| output.topic.as_str()).collect();
     assert_eq!(topics.len(), 10);

@@ -1,1 +1,127 @@
 //! Faults of recordings: checksums, cuts, damage.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::Output;
+
+use crate::support::{depthloom, succeed};
+
+/// The recording of a small experiment that scores what it computes.
+fn recorded(folder: &Path, frames: &str) -> PathBuf {
+    let out = folder.join("run");
+    let mut run = depthloom();
+    run.args(["run", "experiments/first-look.yaml", "--quiet", "--out"]).arg(&out);
+    run.args(["--set", "sources.street.with.width=64", "--set", "sources.street.with.height=32"]);
+    run.arg("--set").arg(format!("sources.street.with.frames={frames}"));
+    succeed(&mut run);
+    out.join("recording.mcap")
+}
+
+/// Reports a recording of these bytes into a folder of its own: what it printed, and the files it wrote.
+fn report(folder: &Path, bytes: &[u8]) -> (Output, BTreeMap<String, Vec<u8>>) {
+    let recording = folder.join("given.mcap");
+    let out = folder.join("report");
+    std::fs::write(&recording, bytes).expect("written");
+    let _ = std::fs::remove_dir_all(&out);
+    let output = depthloom().arg("report").arg(&recording).arg("--out").arg(&out).output().expect("the binary starts");
+    let files = std::fs::read_dir(&out).map(|files| {
+        let files = files.map(|file| file.expect("a file"));
+        files
+            .map(|file| (file.file_name().into_string().expect("a name"), std::fs::read(file.path()).expect("read")))
+            .collect()
+    });
+    (output, files.unwrap_or_default())
+}
+
+/// Where the last whole frame of an unfinished file ends: before the end of the data, and of what follows the frames.
+fn without_the_end(bytes: &[u8]) -> &[u8] {
+    let summary_start = bytes.len() - 28;
+    let start = u64::from_le_bytes(bytes[summary_start..summary_start + 8].try_into().expect("eight bytes"));
+    &bytes[..start as usize - 13]
+}
+
+#[test]
+fn fault_49_report_says_that_a_recording_is_unfinished_or_cut() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let bytes = std::fs::read(recorded(folder.path(), "0..4")).expect("a recording");
+    let text = |output: &Output| String::from_utf8_lossy(&output.stdout).into_owned();
+
+    let (whole, files) = report(folder.path(), &bytes);
+    assert_eq!(whole.status.code(), Some(0));
+    assert!(!text(&whole).contains("the recording is"), "{}", text(&whole));
+
+    let (unfinished, same) = report(folder.path(), without_the_end(&bytes));
+    assert_eq!(unfinished.status.code(), Some(0));
+    assert!(text(&unfinished).contains("note: the recording is unfinished; all numbers are of its 4 whole frames"));
+    assert!(files == same, "all its frames are there");
+
+    let cut = &bytes[..without_the_end(&bytes).len() * 5 / 8];
+    let (cut, _) = report(folder.path(), cut);
+    assert_eq!(cut.status.code(), Some(0));
+    assert!(text(&cut).contains("the recording is unfinished, and its last"), "{}", text(&cut));
+    assert!(text(&cut).contains("all numbers are of its 2 whole frames"), "{}", text(&cut));
+
+    let mut damaged = without_the_end(&bytes).to_vec();
+    let middle = damaged.len() * 5 / 8;
+    damaged[middle..middle + 64].fill(0);
+    let (damaged, _) = report(folder.path(), &damaged);
+    assert_eq!(damaged.status.code(), Some(3));
+    assert!(text(&damaged).contains("note: the recording is damaged at byte"), "{}", text(&damaged));
+    assert!(text(&damaged).contains("what comes behind was left out; all numbers are of its 2 whole frames"));
+
+    let path = folder.path().join("given.mcap");
+    let json = succeed(
+        depthloom().arg("report").arg(path.with_file_name("run")).arg("--json").arg("--out").arg(folder.path()),
+    );
+    let json: serde_json::Value = serde_json::from_slice(&json.stdout).expect("JSON");
+    assert_eq!(json["recording"], serde_json::json!({ "condition": "whole", "frames": 4 }));
+}
+
+/// How many bits are flipped in each of four cases: `DEPTHLOOM_FLIPS`, or few enough for every day.
+fn flips() -> u64 {
+    std::env::var("DEPTHLOOM_FLIPS").map_or(25, |flips| flips.parse().expect("DEPTHLOOM_FLIPS is a number"))
+}
+
+#[test]
+fn fault_48_a_flipped_bit_gives_an_error_or_the_same_report() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let whole = std::fs::read(recorded(folder.path(), "0..3")).expect("a recording");
+    let unfinished = without_the_end(&whole).to_vec();
+    for (case, bytes, reach) in [
+        ("a whole recording", &whole, whole.len()),
+        ("an unfinished recording", &unfinished, unfinished.len()),
+        ("the first 40 kB of a whole recording", &whole, 40_000),
+        ("the first 40 kB of an unfinished recording", &unfinished, 40_000),
+    ] {
+        let (expected, files) = report(folder.path(), bytes);
+        assert_eq!(expected.status.code(), Some(0));
+        let (mut state, mut bytes) = (reach as u64, bytes.clone());
+        let (mut errors, mut same) = (0, 0);
+        for _ in 0..flips() {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            let place = (state >> 20) as usize % reach.min(bytes.len());
+            let bit = state >> 61;
+            bytes[place] ^= 1 << bit;
+            let (output, found) = report(folder.path(), &bytes);
+            bytes[place] ^= 1 << bit;
+            let stderr = String::from_utf8_lossy(&output.stderr);
+            match output.status.code() {
+                Some(0) => {
+                    assert_eq!(output.stdout, expected.stdout, "{case}: bit {bit} of byte {place}");
+                    assert!(found == files, "{case}: bit {bit} of byte {place} silently changes a file");
+                    same += 1;
+                }
+                Some(1..=3) => {
+                    assert!(!stderr.contains("panicked"), "{case}: bit {bit} of byte {place}: {stderr}");
+                    errors += 1;
+                }
+                code => panic!("{case}: bit {bit} of byte {place}: {code:?} {stderr}"),
+            }
+        }
+        println!(
+            "{case} ({} bytes): {} bits flipped, {errors} errors, {same} times the same report",
+            bytes.len(),
+            flips()
+        );
+    }
+}

@@ -1,0 +1,85 @@
+//! Checksums over what MCAP itself leaves unchecked.
+//!
+//! Every metadata record holds a checksum over itself. It and every commit record hold the CRC-32 of all bytes before them, so that
+//! a file without an end is checked, byte for byte, up to the last of them.
+
+use std::collections::BTreeMap;
+
+use crc32fast::Hasher;
+use depthloom_graphs::Key;
+
+use crate::error::RecordingError;
+use crate::file::PositionedFile;
+
+/// The entry of a metadata record with the checksum over its name and its other entries.
+const CHECKSUM: &str = "checksum";
+/// The entry of a metadata record with the CRC-32 of all bytes before it.
+const CRC32_BEFORE: &str = "crc32_before";
+
+/// Adds the checksums to the entries of a metadata record that stands behind bytes of that CRC-32.
+pub(crate) fn seal(name: &str, mut values: BTreeMap<String, String>, crc_before: u32) -> BTreeMap<String, String> {
+    values.insert(CRC32_BEFORE.to_owned(), crc_before.to_string());
+    let sum = sum(name, &values);
+    values.insert(CHECKSUM.to_owned(), sum.to_string());
+    values
+}
+
+/// The CRC-32 of all bytes before a metadata record; `None` if the record is not what was written.
+pub(crate) fn unseal(name: &str, values: &BTreeMap<String, String>) -> Option<u32> {
+    let whole = *values.get(CHECKSUM)? == sum(name, values).to_string();
+    whole.then(|| values.get(CRC32_BEFORE)?.parse().ok()).flatten()
+}
+
+fn sum(name: &str, values: &BTreeMap<String, String>) -> Key {
+    let entries = values.iter().filter(|(key, _)| *key != CHECKSUM);
+    let builder = Key::build("depthloom metadata").text(name);
+    entries.fold(builder, |builder, (key, value)| builder.text(key).text(value)).finish()
+}
+
+/// The CRC-32 of a file's bytes up to places that only move forward.
+pub(crate) struct CrcBefore<'a> {
+    file: &'a PositionedFile,
+    crc: Hasher,
+    at: u64,
+    block: Vec<u8>,
+}
+
+impl<'a> CrcBefore<'a> {
+    pub(crate) fn new(file: &'a PositionedFile) -> Self {
+        Self { file, crc: Hasher::new(), at: 0, block: Vec::new() }
+    }
+
+    /// The CRC-32 of all bytes before a place, which is not before the one asked for last.
+    pub(crate) fn place(&mut self, offset: u64) -> Result<u32, RecordingError> {
+        const BLOCK: u64 = 1 << 20;
+        while self.at < offset {
+            let length = BLOCK.min(offset - self.at);
+            self.file.read_range(&mut self.block, self.at, length)?;
+            self.crc.update(&self.block);
+            self.at += length;
+        }
+        Ok(self.crc.clone().finalize())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use super::{seal, unseal};
+
+    #[test]
+    fn every_change_of_a_sealed_record_is_seen() {
+        let values = BTreeMap::from([("plan".to_owned(), "{}".to_owned()), ("format".to_owned(), "2".to_owned())]);
+        let sealed = seal("depthloom", values, 77);
+        assert_eq!(unseal("depthloom", &sealed), Some(77));
+        assert_eq!(unseal("depthloom.once", &sealed), None);
+        for key in sealed.keys() {
+            let mut changed = sealed.clone();
+            changed.get_mut(key).unwrap().push('1');
+            assert_eq!(unseal("depthloom", &changed), None, "{key}");
+            changed.remove(key);
+            assert_eq!(unseal("depthloom", &changed), None, "{key}");
+        }
+    }
+}

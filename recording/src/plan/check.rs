@@ -1,0 +1,170 @@
+//! A recorded plan is read as strictly as an experiment file: what it names must be there.
+
+use std::collections::HashSet;
+
+use depthloom_graphs::ValueType;
+
+use super::{RecordedEstimate, RecordedOutput, RecordedPlan, RecordedRun};
+
+impl RecordedPlan {
+    /// Reads a plan.
+    ///
+    /// # Errors
+    /// What is wrong with it, as a lower-case fragment: then no engine of this version wrote it.
+    pub(crate) fn from_json(text: &str) -> Result<Self, String> {
+        let plan: Self = serde_json::from_str(text).map_err(|error| format!("its plan cannot be read: {error}"))?;
+        plan.check().map_err(|what| format!("its plan is none: {what}"))?;
+        Ok(plan)
+    }
+
+    fn check(&self) -> Result<(), String> {
+        if self.every == 0 {
+            return Err("values of every 0th frame are kept".to_owned());
+        }
+        unequal("variants", self.variants.iter())?;
+        unequal("stage runs", self.runs.iter().map(|run| &run.prefix))?;
+        let recorded = self.runs.iter().enumerate().flat_map(|(run, _)| self.outputs(run).map(|(_, output)| output));
+        unequal("topics", recorded.filter(|output| output.recorded).map(|output| &output.topic))?;
+        self.runs
+            .iter()
+            .try_for_each(|run| self.check_run(run).map_err(|what| format!("stage `{}`: {what}", run.stage)))
+    }
+
+    fn check_run(&self, run: &RecordedRun) -> Result<(), String> {
+        let of_nodes = run.nodes.iter().flat_map(|node| &node.variants);
+        self.check_variants(run.variants.iter().chain(of_nodes))?;
+        let of_nodes = run.nodes.iter().flat_map(|node| &node.outputs);
+        for output in run.source.outputs.iter().chain(of_nodes) {
+            if output.value_type().is_none() {
+                return Err(format!("topic {} is of type `{}`", output.topic, output.value_type));
+            }
+        }
+        for estimate in &run.estimates {
+            self.check_variants(estimate.variant.iter())?;
+            check_estimate(run, estimate).map_err(|what| format!("estimate `{}`: {what}", estimate.label))?;
+        }
+        Ok(())
+    }
+
+    fn check_variants<'a>(&self, mut variants: impl Iterator<Item = &'a usize>) -> Result<(), String> {
+        match variants.find(|variant| **variant >= self.variants.len()) {
+            None => Ok(()),
+            Some(variant) => Err(format!("variant {variant} is one of {}", self.variants.len())),
+        }
+    }
+}
+
+fn check_estimate(run: &RecordedRun, estimate: &RecordedEstimate) -> Result<(), String> {
+    let nodes = run.nodes.len();
+    let score = run.nodes.get(estimate.score_node);
+    let score = score.ok_or_else(|| format!("its score is node {} of {nodes}", estimate.score_node))?;
+    if estimate.score_params != score.params {
+        return Err("its scores have other parameters than their node".to_owned());
+    }
+    let anywhere = || run.source.outputs.iter().chain(run.nodes.iter().flat_map(|node| &node.outputs));
+    is_topic("estimate", estimate.estimate_topic.as_ref(), ValueType::Depth, anywhere())?;
+    is_topic("truth", estimate.truth_topic.as_ref(), ValueType::Depth, anywhere())?;
+    is_topic("scores", estimate.score_topic.as_ref(), ValueType::Scores, score.outputs.iter())
+}
+
+/// Whether a topic, if there is one, is that of a recorded output with values of that type.
+fn is_topic<'a>(
+    what: &str,
+    topic: Option<&String>,
+    value_type: ValueType,
+    mut outputs: impl Iterator<Item = &'a RecordedOutput>,
+) -> Result<(), String> {
+    let Some(topic) = topic else { return Ok(()) };
+    let is_of = |output: &RecordedOutput| output.recorded && !output.once && output.value_type() == Some(value_type);
+    let found = outputs.any(|output| output.topic == *topic && is_of(output));
+    if found { Ok(()) } else { Err(format!("topic {topic} of its {what} holds no {value_type} of a frame")) }
+}
+
+/// Whether no two names are equal.
+fn unequal<'a>(what: &str, mut names: impl Iterator<Item = &'a String>) -> Result<(), String> {
+    let mut seen = HashSet::new();
+    match names.find(|name| !seen.insert(*name)) {
+        None => Ok(()),
+        Some(name) => Err(format!("two {what} are called `{name}`")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::{Value as Json, json};
+
+    use super::RecordedPlan;
+
+    fn plan() -> Json {
+        let output = |topic: &str, value_type: &str| {
+            let (once, recorded) = (false, true);
+            json!({ "port": "out", "type": value_type, "once": once, "topic": topic, "aliases": [], "recorded": recorded })
+        };
+        let params = json!({ "preset": "paper", "sets": ["all"] });
+        let node = |name: &str, output: Json| {
+            json!({
+                "name": name, "kind": "test/node", "version": 1, "contract": "pure", "params": params, "inputs": [],
+                "outputs": [output], "recipe": "0123456789abcdef0123456789abcdef", "variants": [0, 1],
+            })
+        };
+        json!({
+            "experiment": "test", "about": "", "variants": ["a", "b"], "every": 1, "view": false,
+            "runs": [{
+                "stage": "compare", "prefix": "/compare", "variants": [0, 1],
+                "source": { "name": "street", "parts": [], "outputs": [output("/truth", "depth")] },
+                "nodes": [node("stereo", output("/estimate", "depth")), node("score", output("/scores", "scores"))],
+                "estimates": [{
+                    "label": "a/stereo", "name": "stereo", "variant": 0, "estimate_topic": "/estimate",
+                    "truth_topic": "/truth", "score_topic": "/scores", "score_node": 1, "score_params": params,
+                }],
+            }],
+        })
+    }
+
+    #[test]
+    fn fault_11_a_recorded_plan_names_nothing_that_is_not_there() {
+        let read = |plan: &Json| RecordedPlan::from_json(&plan.to_string());
+        assert!(read(&plan()).is_ok());
+        let refused = [
+            ("/runs/0/estimates/0/variant", json!(9), "variant 9 is one of 2"),
+            ("/runs/0/variants/1", json!(2), "variant 2 is one of 2"),
+            ("/runs/0/nodes/0/variants/0", json!(5), "variant 5 is one of 2"),
+            ("/runs/0/estimates/0/score_node", json!(2), "its score is node 2 of 2"),
+            ("/runs/0/estimates/0/score_topic", json!("/estimate"), "topic /estimate of its scores holds no scores"),
+            ("/runs/0/estimates/0/truth_topic", json!("/scores"), "topic /scores of its truth holds no depth"),
+            ("/runs/0/estimates/0/score_params/preset", json!("x"), "other parameters than their node"),
+            ("/runs/0/nodes/0/outputs/0/type", json!("depht"), "topic /estimate is of type `depht`"),
+            ("/runs/0/nodes/0/outputs/0/topic", json!("/truth"), "two topics are called `/truth`"),
+            ("/runs/0/nodes/0/recipe", json!("0123"), "its plan cannot be read"),
+            ("/runs/0/source/parts", json!([{}]), "its plan cannot be read"),
+            ("/variants/1", json!("a"), "two variants are called `a`"),
+            ("/every", json!(0), "every 0th frame"),
+            ("/view", json!(1), "its plan cannot be read"),
+        ];
+        for (place, value, what) in refused {
+            let mut changed = plan();
+            *changed.pointer_mut(place).unwrap() = value;
+            let error = read(&changed).unwrap_err();
+            assert!(error.contains(what), "{place}: {error}");
+        }
+        let mut unknown = plan();
+        unknown["runs"][0]["estimates"][0]["sets"] = json!([]);
+        assert!(read(&unknown).is_err());
+    }
+
+    #[test]
+    fn fault_11_every_digit_set_to_nine_is_refused_or_names_what_is_there() {
+        let text = plan().to_string();
+        for (place, _) in text.char_indices().filter(|(_, c)| c.is_ascii_digit()) {
+            let mut changed = text.clone();
+            changed.replace_range(place..=place, "9");
+            let Ok(plan) = RecordedPlan::from_json(&changed) else { continue };
+            for run in &plan.runs {
+                for estimate in &run.estimates {
+                    assert!(estimate.variant.is_none_or(|variant| variant < plan.variants.len()));
+                    assert!(estimate.score_node < run.nodes.len());
+                }
+            }
+        }
+    }
+}
