@@ -98,6 +98,7 @@ mod schema;
 mod store;
 mod unpack;
 mod walk;
+mod window;
 mod writer;
 
 pub use attachment::AttachmentEntry;

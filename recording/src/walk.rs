@@ -15,6 +15,7 @@ use crate::index::{ChunkEntry, Index, MAGIC, metadata_entry};
 use crate::messages::CommitMessage;
 use crate::parse::{self, ChunkHead, RECORD_HEADER};
 use crate::unpack::{ChunkBuffers, LARGEST_CHUNK};
+use crate::window::Window;
 
 /// The most bytes before a chunk's or an attachment's content that are looked at: names are short.
 const HEAD: u64 = 1 << 16;
@@ -33,15 +34,21 @@ enum End {
     Data,
     /// At a record that is cut, or at the file's end.
     Cut,
-    /// At what is not what was written.
-    Damaged { offset: u64, what: String },
+    /// At what is not what was written, or cannot be read.
+    Error(RecordingError),
+}
+
+impl From<RecordingError> for End {
+    fn from(error: RecordingError) -> Self {
+        Self::Error(error)
+    }
 }
 
 /// Walks over the records up to the first that is cut or damaged.
 pub(crate) fn walk(file: &PositionedFile) -> Result<Walked, RecordingError> {
     let mut walk = Walk {
         file,
-        window: Window { file, start: 0, bytes: Vec::new() },
+        window: Window::new(file),
         crc: CrcBefore::new(file),
         buffers: ChunkBuffers::default(),
         index: Index::default(),
@@ -51,23 +58,20 @@ pub(crate) fn walk(file: &PositionedFile) -> Result<Walked, RecordingError> {
         sound_to: MAGIC,
         rest_from: MAGIC,
     };
-    let end = loop {
-        match walk.step() {
-            Ok(None) => {}
-            Ok(Some(end)) => break end,
-            Err(RecordingError::Damaged { offset, what, .. }) => break End::Damaged { offset, what },
-            Err(error) => return Err(error),
+    let mut end = loop {
+        if let Err(end) = walk.step() {
+            break end;
         }
     };
-    let end = match end {
-        End::Cut => walk.cut()?,
-        end => end,
-    };
+    if matches!(end, End::Cut) {
+        end = walk.check_the_rest().err().map_or(End::Cut, End::Error);
+    }
     let rest_bytes = file.size - walk.rest_from;
     walk.drop_the_rest();
     let condition = match end {
         End::Data | End::Cut => Condition::Unfinished { rest_bytes },
-        End::Damaged { offset, what } => Condition::Damaged { offset, what, cut: true },
+        End::Error(RecordingError::Damaged { offset, what, .. }) => Condition::Damaged { offset, what, cut: true },
+        End::Error(error) => return Err(error),
     };
     Ok(Walked { index: walk.index, condition })
 }
@@ -99,137 +103,165 @@ struct Walk<'a> {
     rest_from: u64,
 }
 
+/// A record that the walk has come to.
+#[derive(Clone, Copy)]
+struct Here {
+    at: u64,
+    /// Where its body starts, how many bytes it is said to have, and where it then ends.
+    body: u64,
+    length: u64,
+    end: u64,
+    /// Whether the file ends before.
+    is_cut: bool,
+}
+
+impl Here {
+    /// Goes on only if the whole record is there.
+    const fn whole(self) -> Result<(), End> {
+        if self.is_cut { Err(End::Cut) } else { Ok(()) }
+    }
+}
+
 impl Walk<'_> {
     /// Goes one record on.
-    fn step(&mut self) -> Result<Option<End>, RecordingError> {
+    fn step(&mut self) -> Result<(), End> {
         let at = self.at;
-        let Some(header) = self.window.at(at, RECORD_HEADER)? else { return Ok(Some(End::Cut)) };
-        let Some((&opcode, Ok(length))) = header.split_first().map(|(opcode, length)| (opcode, length.try_into()))
-        else {
-            return Ok(Some(End::Cut));
-        };
-        let length = u64::from_le_bytes(length);
-        let (file, body) = (self.file, at + RECORD_HEADER);
-        let damaged = |what: &str| file.damaged(at, what);
+        let header = self.window.at(at, RECORD_HEADER)?.and_then(|header| header.first_chunk());
+        let [opcode, length @ ..] = *header.ok_or(End::Cut)?;
+        let (body, length) = (at + RECORD_HEADER, u64::from_le_bytes(length));
         let is_known = match opcode {
             op::HEADER => at == MAGIC,
-            op::SCHEMA | op::CHANNEL | op::CHUNK | op::MESSAGE_INDEX | op::ATTACHMENT | op::METADATA | op::DATA_END => {
-                true
-            }
+            op::DATA_END => length == 4,
+            op::SCHEMA | op::CHANNEL | op::CHUNK | op::MESSAGE_INDEX | op::METADATA | op::ATTACHMENT => true,
             _ => false,
         };
-        if !is_known {
-            return Err(damaged("no record of a recording starts there"));
-        }
+        let end = body.checked_add(length).filter(|_| is_known);
+        let Some(end) = end else { return Err(self.damaged(at, "no record of a recording starts there")) };
         if opcode != op::ATTACHMENT && length > LARGEST_RECORD {
-            return Err(damaged(&format!(
-                "a record is said to have {length} bytes, and none has over {LARGEST_RECORD}"
-            )));
+            let what = format!("a record is said to have {length} bytes, and none has over {LARGEST_RECORD}");
+            return Err(self.damaged(at, &what));
         }
-        let Some(end) = body.checked_add(length) else { return Err(damaged("a record is said to have no end")) };
-        let is_cut = end > file.size;
-        // What must be there of a record that is only looked into.
-        let head = length.min(HEAD);
-        if opcode == op::MESSAGE_INDEX {
-            let Some(bytes) = self.window.at(body, length.min(6))? else { return Ok(Some(End::Cut)) };
-            let channel = parse::message_index_channel(bytes, length);
-            let channel = channel.ok_or_else(|| damaged("a message index is not what was written"))?;
-            match &mut self.chunk {
-                _ if is_cut => return Ok(Some(End::Cut)),
-                Some((_, _, channels)) => channels.push(channel),
-                // The commit's own, which is whole without it.
-                None if self.sound_to == at && self.index.is_of_commits(channel) => {}
-                None => return Err(damaged("a message index belongs to no chunk")),
-            }
-            if let (None, Some(commit)) = (&self.chunk, self.index.chunks.last_mut()) {
-                commit.end = end;
-                self.rest_from = end;
-            }
-            self.at = end;
-            return Ok(None);
+        let here = Here { at, body, length, end, is_cut: end > self.file.size };
+        if opcode != op::MESSAGE_INDEX {
+            // The chunk before is complete: all its message indexes are.
+            self.close_chunk(at);
         }
-        // The chunk before is complete: all its message indexes are.
-        self.close_chunk(at);
         match opcode {
-            op::CHUNK => {
-                let Some(bytes) = self.window.at(body, head.min(file.size - body))? else { return Ok(Some(End::Cut)) };
-                let chunk = match parse::chunk_head(bytes) {
-                    Some(chunk) if chunk.body_length == Some(length) => chunk,
-                    None if is_cut && (bytes.len() as u64) < ChunkHead::LONGEST => return Ok(Some(End::Cut)),
-                    _ => return Err(damaged("the sizes of a chunk contradict each other")),
-                };
-                if is_cut {
-                    return Ok(Some(End::Cut));
-                }
-                // A commit record is never compressed.
-                let first = if chunk.compression.is_empty() { first_channel(&bytes[chunk.length..]) } else { None };
-                match first.filter(|channel| self.index.is_of_commits(*channel)) {
-                    Some(channel) => self.commit(at, end, channel)?,
-                    None => self.chunk = Some((at, end - at, Vec::new())),
-                }
-            }
-            op::ATTACHMENT => {
-                let Some(bytes) = self.window.at(body, head.min(file.size - body))? else { return Ok(Some(End::Cut)) };
-                let head = match parse::attachment_head(bytes) {
-                    Some(head) if head.body_length == Some(length) => head,
-                    None if is_cut => return Ok(Some(End::Cut)),
-                    _ => return Err(damaged("the sizes of an attachment contradict each other")),
-                };
-                if is_cut {
-                    return Ok(Some(End::Cut));
-                }
-                let (name, media_type, size) = (head.name, head.media_type, head.size);
-                let length = length + RECORD_HEADER;
-                self.index.attachments.push(AttachmentEntry { name, media_type, size, offset: at, length });
-            }
-            op::METADATA if is_cut => {
-                let there = self.window.at(body, head.min(file.size - body))?;
-                return match there.and_then(parse::metadata_length) {
-                    Some(told) if told != length => {
-                        Err(damaged("the sizes of a metadata record contradict each other"))
-                    }
-                    _ => Ok(Some(End::Cut)),
-                };
-            }
-            op::DATA_END if length != 4 => return Err(damaged("the end of the data is not what was written")),
-            _ if is_cut => return Ok(Some(End::Cut)),
-            op::SCHEMA => {
-                let Some(bytes) = self.window.at(body, length)? else { return Ok(Some(End::Cut)) };
-                let (id, name) = parse::schema(bytes).ok_or_else(|| damaged("a schema is not what was written"))?;
-                if self.index.schemas.insert(id, name).is_some() {
-                    return Err(damaged("a schema has the number of another"));
-                }
-                self.kept.later_schemas.push(id);
-            }
-            op::CHANNEL => {
-                let Some(bytes) = self.window.at(body, length)? else { return Ok(Some(End::Cut)) };
-                let (id, channel) =
-                    parse::channel(bytes).ok_or_else(|| damaged("a channel is not what was written"))?;
-                if self.index.channels.insert(id, channel).is_some() {
-                    return Err(damaged("a channel has the number of another"));
-                }
-                self.kept.later_channels.push(id);
-            }
-            op::METADATA => {
-                let Some(bytes) = self.window.at(body, length)? else { return Ok(Some(End::Cut)) };
-                let metadata = metadata_entry(file, at, bytes)?;
-                self.agree(at, metadata.crc_before)?;
-                self.index.metadata.push(metadata);
-                self.keep(end);
-            }
+            op::SCHEMA => self.schema(here)?,
+            op::CHANNEL => self.channel(here)?,
+            op::CHUNK => self.chunk(here)?,
+            op::MESSAGE_INDEX => self.message_index(here)?,
+            op::ATTACHMENT => self.attachment(here)?,
+            op::METADATA => self.metadata(here)?,
             op::DATA_END => {
-                let Some(bytes) = self.window.at(body, length)? else { return Ok(Some(End::Cut)) };
-                let crc = bytes.try_into().map(u32::from_le_bytes);
-                self.agree(at, crc.map_err(|_| damaged("the end of the data is not what was written"))?)?;
+                let told = self.window.at(body, length)?.and_then(|crc| crc.first_chunk()).ok_or(End::Cut)?;
+                let told = u32::from_le_bytes(*told);
+                self.agree(at, told)?;
                 self.keep(end);
-                self.at = end;
-                return Ok(Some(End::Data));
+                return Err(End::Data);
             }
             // The header says nothing that is needed, and the first checksum covers it.
-            _ => {}
+            _ => here.whole()?,
         }
         self.at = end;
-        Ok(None)
+        Ok(())
+    }
+
+    fn damaged(&self, offset: u64, what: &str) -> End {
+        self.file.damaged(offset, what).into()
+    }
+
+    /// As much of a record's body as there is, and is looked at.
+    fn head(&mut self, here: Here) -> Result<&[u8], End> {
+        let length = here.length.min(HEAD).min(self.file.size - here.body);
+        self.window.at(here.body, length)?.ok_or(End::Cut)
+    }
+
+    fn schema(&mut self, here: Here) -> Result<(), End> {
+        let body = self.window.at(here.body, here.length)?.ok_or(End::Cut)?;
+        match parse::schema(body) {
+            Some((id, name)) if !self.index.schemas.contains_key(&id) => {
+                self.index.schemas.insert(id, name);
+                self.kept.later_schemas.push(id);
+                Ok(())
+            }
+            _ => Err(self.damaged(here.at, "a schema is not what was written")),
+        }
+    }
+
+    fn channel(&mut self, here: Here) -> Result<(), End> {
+        let body = self.window.at(here.body, here.length)?.ok_or(End::Cut)?;
+        match parse::channel(body) {
+            Some((id, channel)) if !self.index.channels.contains_key(&id) => {
+                self.index.channels.insert(id, channel);
+                self.kept.later_channels.push(id);
+                Ok(())
+            }
+            _ => Err(self.damaged(here.at, "a channel is not what was written")),
+        }
+    }
+
+    fn chunk(&mut self, here: Here) -> Result<(), End> {
+        let head = self.head(here)?;
+        let first = match parse::chunk_head(head) {
+            // A commit record is never compressed.
+            Some(chunk) if chunk.body_length == Some(here.length) => match chunk.compression {
+                "" => first_channel(&head[chunk.length..]),
+                _ => None,
+            },
+            None if here.is_cut && (head.len() as u64) < ChunkHead::LONGEST => return Err(End::Cut),
+            _ => return Err(self.damaged(here.at, "the sizes of a chunk contradict each other")),
+        };
+        here.whole()?;
+        match first.filter(|channel| self.index.is_of_commits(*channel)) {
+            Some(channel) => self.commit(here.at, here.end, channel)?,
+            None => self.chunk = Some((here.at, here.end - here.at, Vec::new())),
+        }
+        Ok(())
+    }
+
+    fn message_index(&mut self, here: Here) -> Result<(), End> {
+        let head = self.window.at(here.body, here.length.min(6))?.ok_or(End::Cut)?;
+        let Some(channel) = parse::message_index_channel(head, here.length) else {
+            return Err(self.damaged(here.at, "a message index is not what was written"));
+        };
+        here.whole()?;
+        let is_of_commit = self.sound_to == here.at && self.index.is_of_commits(channel);
+        match (&mut self.chunk, self.index.chunks.last_mut()) {
+            (Some((_, _, channels)), _) => channels.push(channel),
+            // The commit is whole without it.
+            (None, Some(commit)) if is_of_commit => {
+                commit.end = here.end;
+                self.rest_from = here.end;
+            }
+            (None, _) => return Err(self.damaged(here.at, "a message index belongs to no chunk")),
+        }
+        Ok(())
+    }
+
+    fn attachment(&mut self, here: Here) -> Result<(), End> {
+        let head = match parse::attachment_head(self.head(here)?) {
+            Some(head) if head.body_length == Some(here.length) => head,
+            None if here.is_cut => return Err(End::Cut),
+            _ => return Err(self.damaged(here.at, "the sizes of an attachment contradict each other")),
+        };
+        here.whole()?;
+        let (name, media_type, size) = (head.name, head.media_type, head.size);
+        let (offset, length) = (here.at, here.end - here.at);
+        self.index.attachments.push(AttachmentEntry { name, media_type, size, offset, length });
+        Ok(())
+    }
+
+    fn metadata(&mut self, here: Here) -> Result<(), End> {
+        if parse::metadata_length(self.head(here)?).is_some_and(|told| told != here.length) {
+            return Err(self.damaged(here.at, "the sizes of a metadata record contradict each other"));
+        }
+        let body = self.window.at(here.body, here.length)?.ok_or(End::Cut)?;
+        let metadata = metadata_entry(self.file, here.at, body)?;
+        self.agree(here.at, metadata.crc_before)?;
+        self.index.metadata.push(metadata);
+        self.keep(here.end);
+        Ok(())
     }
 
     /// Takes the commit record in a chunk, and with it all that stands before.
@@ -290,47 +322,38 @@ impl Walk<'_> {
 
     /// Tells a file whose writer stopped from one that is damaged where the walk stopped: all that stands behind the last
     /// commit must be a beginning of what would have been written.
-    fn cut(&mut self) -> Result<End, RecordingError> {
+    fn check_the_rest(&mut self) -> Result<(), RecordingError> {
         // Where the file is cut among a chunk's message indexes, its last channels are missing.
-        let unindexed = self.chunk.take();
+        let unindexed = self.chunk.take().map(|(start, length, _)| {
+            let channels = self.index.channels.keys().copied().collect();
+            (ChunkEntry { start, length, end: start + length, channels }, false)
+        });
         let indexed = self.index.chunks[self.kept.chunks..].iter().map(|chunk| (chunk.clone(), true));
-        let channels = self.index.channels.keys().copied().collect();
-        let cut =
-            unindexed.map(|(start, length, _)| (ChunkEntry { start, length, end: start + length, channels }, false));
-        for (chunk, indexed) in indexed.chain(cut) {
+        for (chunk, is_indexed) in indexed.chain(unindexed) {
             let mut seen = Vec::new();
-            let read = self.buffers.each_message(self.file, &chunk, |message| {
+            self.buffers.each_message(self.file, &chunk, |message| {
                 seen.push(message.channel);
                 Ok(())
-            });
+            })?;
             seen.sort_unstable();
             seen.dedup();
             let told =
-                if indexed { seen == *chunk.channels } else { seen.iter().all(|id| chunk.channels.contains(id)) };
-            match read {
-                Ok(()) if told => {}
-                Ok(()) => {
-                    let what = "a chunk holds other channels than its message indexes say".to_owned();
-                    return Ok(End::Damaged { offset: chunk.start, what });
-                }
-                Err(RecordingError::Damaged { offset, what, .. }) => return Ok(End::Damaged { offset, what }),
-                Err(error) => return Err(error),
+                if is_indexed { seen == *chunk.channels } else { seen.iter().all(|id| chunk.channels.contains(id)) };
+            if !told {
+                let what = "a chunk holds other channels than its message indexes say";
+                return Err(self.file.damaged(chunk.start, what));
             }
         }
         for attachment in &self.index.attachments[self.kept.attachments..] {
-            match attachment.read(self.file) {
-                Ok(_) => {}
-                Err(RecordingError::Damaged { offset, what, .. }) => return Ok(End::Damaged { offset, what }),
-                Err(error) => return Err(error),
-            }
+            attachment.read(self.file)?;
         }
-        Ok(match self.chunk_behind(self.at)? {
-            None => End::Cut,
+        match self.chunk_behind(self.at)? {
+            None => Ok(()),
             Some(place) => {
                 let what = format!("the record there has no end, and at byte {place} a chunk follows");
-                End::Damaged { offset: self.at, what }
+                Err(self.file.damaged(self.at, what))
             }
-        })
+        }
     }
 
     /// The first place behind one where a whole head of a chunk stands.
@@ -365,26 +388,4 @@ fn first_channel(records: &[u8]) -> Option<u16> {
         return None;
     }
     body.first_chunk().map(|channel| u16::from_le_bytes(*channel))
-}
-
-/// A stretch of the file around where the walk is.
-struct Window<'a> {
-    file: &'a PositionedFile,
-    start: u64,
-    bytes: Vec<u8>,
-}
-
-impl Window<'_> {
-    /// The bytes of a range; `None` if the file ends before.
-    fn at(&mut self, offset: u64, length: u64) -> Result<Option<&[u8]>, RecordingError> {
-        const READ_AHEAD: u64 = 4096;
-        let Some(end) = offset.checked_add(length).filter(|end| *end <= self.file.size) else { return Ok(None) };
-        if offset < self.start || end > self.start + self.bytes.len() as u64 {
-            let length = length.max(READ_AHEAD).min(self.file.size - offset);
-            self.file.read_range(&mut self.bytes, offset, length)?;
-            self.start = offset;
-        }
-        let from = (offset - self.start) as usize;
-        Ok(Some(&self.bytes[from..from + length as usize]))
-    }
 }

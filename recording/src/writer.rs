@@ -117,9 +117,10 @@ impl Writer {
         Ok(())
     }
 
-    /// Waits until all that was written is on the disk.
+    /// Waits until all that was written is on the disk, and the file's name.
     pub(crate) fn sync(&mut self) -> Result<(), RecordingError> {
-        self.file.sync_data().map_err(|source| self.refused(source))
+        let synchronised = self.file.sync_all().and_then(|()| depthloom_durable::sync_name(&self.path));
+        synchronised.map_err(|source| self.refused(source))
     }
 
     /// Writes the summary, and waits until the file is on the disk; nothing can be written after it. Gives the file's size and what it holds.
@@ -164,8 +165,7 @@ impl Writer {
         put_footer(&mut summary, start, offsets_start);
         summary.extend_from_slice(mcap::MAGIC);
         self.append(&summary)?;
-        let synchronised = self.file.sync_all().and_then(|()| depthloom_durable::sync_name(&self.path));
-        synchronised.map_err(|source| self.refused(source))?;
+        self.sync()?;
         self.closed = Some("it is finished");
         Ok((self.position, self.counts.clone()))
     }

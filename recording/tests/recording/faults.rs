@@ -160,6 +160,9 @@ fn fault_48_a_flipped_bit_of_an_unfinished_recording_is_refused_said_or_changes_
         flip_bits(&bytes[..end as usize], end as usize, 3);
         flip_bits(&bytes[..end as usize], 6000, 4);
     }
+    // Within a frame, as a kill leaves it.
+    let middle = usize::midpoint(ends[3] as usize, ends[4] as usize);
+    flip_bits(&bytes[..middle], middle, 5);
     // The last commit of a file that ends with it has nothing behind it that vouches for it.
     let end = ends[FRAMES as usize - 1] as usize;
     let last = &bytes[..end];
