@@ -127,7 +127,7 @@ impl Walk<'_> {
     fn step(&mut self) -> Result<(), End> {
         let at = self.at;
         let header = self.window.at(at, RECORD_HEADER)?.and_then(|header| header.first_chunk());
-        let [opcode, length @ ..] = *header.ok_or(End::Cut)?;
+        let [opcode, length @ ..]: [u8; RECORD_HEADER as usize] = *header.ok_or(End::Cut)?;
         let (body, length) = (at + RECORD_HEADER, u64::from_le_bytes(length));
         let is_known = match opcode {
             op::HEADER => at == MAGIC,

@@ -21,10 +21,13 @@ impl RecordedPlan {
         if self.every == 0 {
             return Err("values of every 0th frame are kept".to_owned());
         }
-        unequal("variants", self.variants.iter())?;
-        unequal("stage runs", self.runs.iter().map(|run| &run.prefix))?;
-        let recorded = self.runs.iter().enumerate().flat_map(|(run, _)| self.outputs(run).map(|(_, output)| output));
-        unequal("topics", recorded.filter(|output| output.recorded).map(|output| &output.topic))?;
+        let outputs = (0..self.runs.len()).flat_map(|run| self.outputs(run));
+        let mut topics = HashSet::new();
+        for (_, output) in outputs.filter(|(_, output)| output.recorded && !output.once) {
+            if !topics.insert(&output.topic) {
+                return Err(format!("two outputs have the topic {}", output.topic));
+            }
+        }
         self.runs
             .iter()
             .try_for_each(|run| self.check_run(run).map_err(|what| format!("stage `{}`: {what}", run.stage)))
@@ -80,15 +83,6 @@ fn is_topic<'a>(
     if found { Ok(()) } else { Err(format!("topic {topic} of its {what} holds no {value_type} of a frame")) }
 }
 
-/// Whether no two names are equal.
-fn unequal<'a>(what: &str, mut names: impl Iterator<Item = &'a String>) -> Result<(), String> {
-    let mut seen = HashSet::new();
-    match names.find(|name| !seen.insert(*name)) {
-        None => Ok(()),
-        Some(name) => Err(format!("two {what} are called `{name}`")),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use serde_json::{Value as Json, json};
@@ -134,10 +128,9 @@ mod tests {
             ("/runs/0/estimates/0/truth_topic", json!("/scores"), "topic /scores of its truth holds no depth"),
             ("/runs/0/estimates/0/score_params/preset", json!("x"), "other parameters than their node"),
             ("/runs/0/nodes/0/outputs/0/type", json!("depht"), "topic /estimate is of type `depht`"),
-            ("/runs/0/nodes/0/outputs/0/topic", json!("/truth"), "two topics are called `/truth`"),
+            ("/runs/0/nodes/0/outputs/0/topic", json!("/truth"), "two outputs have the topic /truth"),
             ("/runs/0/nodes/0/recipe", json!("0123"), "its plan cannot be read"),
             ("/runs/0/source/parts", json!([{}]), "its plan cannot be read"),
-            ("/variants/1", json!("a"), "two variants are called `a`"),
             ("/every", json!(0), "every 0th frame"),
             ("/view", json!(1), "its plan cannot be read"),
         ];
