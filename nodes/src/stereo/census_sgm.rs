@@ -157,7 +157,7 @@ impl PureNode for CensusSgm {
         ctx.scratch.put(scratch);
         result.map_err(|error| match error {
             census::Error::Memory(error) => too_large(error, (width, height)),
-            error => Fault::new(error.to_string()),
+            census::Error::Param(error) => Fault::new(error.to_string()),
         })?;
         let min_disparity_px = self.params.min_disparity;
         Ok(Outputs::one("disparity", Disparity { sixteenths_px, min_disparity_px }))
