@@ -31,7 +31,7 @@ pub struct Plan {
 /// What is recorded of every stage run.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Record {
-    /// Every how many frames values are kept (scores are kept of all).
+    /// Of how many frames of a stage run the first has its values kept (scores are kept of all).
     pub every: u64,
     /// Whether depth is also kept for looking at, as `16UC1` millimetres.
     pub view: bool,

@@ -104,7 +104,7 @@ fn recording_a_frame(criterion: &mut Criterion) {
         let of_part = values.iter().filter(|(slot, _)| recorder.part(0, *slot) == Some(part));
         of_part.cloned().collect::<Vec<_>>()
     };
-    let encode = |part, values: &[_]| recorder.encode(0, &frame, part, values).expect("a part");
+    let encode = |part, values: &[_]| recorder.encode(0, (0, &frame), part, values).expect("a part");
     let raw: usize = values.iter().map(|(_, value)| size(value)).sum();
     let mut group = criterion.benchmark_group("KITTI frame");
     for (part, name) in ["camera", "truth", "fixed point", "maps"].into_iter().enumerate() {
@@ -139,7 +139,7 @@ fn recording_a_frame(criterion: &mut Criterion) {
     let frames = folder.path().join("frames.mcap");
     let recorder = Recorder::create(&frames, &plan()).expect("a recorder");
     for _ in 0..10 {
-        let parts = parts.iter().enumerate().map(|(part, values)| recorder.encode(0, &frame, part, values));
+        let parts = parts.iter().enumerate().map(|(part, values)| recorder.encode(0, (0, &frame), part, values));
         let parts = parts.collect::<Result<_, _>>().expect("parts");
         recorder.write(&commit, parts).expect("written");
     }

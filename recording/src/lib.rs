@@ -51,8 +51,8 @@
 //! last commit of an unfinished file belongs to no frame. Chunks never cross frames. Topics that are replayed together share
 //! chunks: the source's images and calibrations; its truth; what fixed-point disparities decide; the other maps; scores. Within
 //! these, messages that hardly shrink lie apart, uncompressed: that is measured on a sample of the message itself, so equal
-//! values are equal bytes whoever encodes them. With `every: n`, frames whose index is a multiple of n keep their values; all
-//! keep scores and commits.
+//! values are equal bytes whoever encodes them. With `every: n`, the first frame of a stage run and each nth after it keep
+//! their values, however the source numbers them; all keep scores and commits.
 //!
 //! The metadata record `depthloom` holds the format's version, the plan ([`RecordedPlan`] as JSON) and the aliases of topics;
 //! `depthloom.once` says which attachment `artifacts/<hash>` holds which once-value, and of a learning curve its topic and how many

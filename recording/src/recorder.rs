@@ -192,8 +192,14 @@ impl Tap for Recorder {
         Some(self.layout.runs[run].port(slot)?.part)
     }
 
-    fn encode(&self, run: usize, frame: &Frame, part: usize, values: &[(Slot, Value)]) -> Result<Part, TapError> {
-        let kept = frame.index.is_multiple_of(self.every);
+    fn encode(
+        &self,
+        run: usize,
+        (position, frame): (usize, &Frame),
+        part: usize,
+        values: &[(Slot, Value)],
+    ) -> Result<Part, TapError> {
+        let kept = (position as u64).is_multiple_of(self.every);
         let mut builder = PartBuilder::new(frame, &self.pools[run][part]);
         for (slot, value) in values {
             let Some(port) = self.layout.runs[run].port(*slot).filter(|port| port.part == part) else { continue };

@@ -58,7 +58,7 @@ impl Tap for NoTap {
         None
     }
 
-    fn encode(&self, _: usize, _: &Frame, _: usize, _: &[(Slot, Value)]) -> Result<(), TapError> {
+    fn encode(&self, _: usize, _: (usize, &Frame), _: usize, _: &[(Slot, Value)]) -> Result<(), TapError> {
         Ok(())
     }
 

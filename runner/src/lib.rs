@@ -45,7 +45,7 @@
 //!     fn part(&self, _run: usize, _slot: Slot) -> Option<usize> {
 //!         None
 //!     }
-//!     fn encode(&self, _: usize, _: &Frame, _: usize, _: &[(Slot, Value)]) -> Result<(), TapError> {
+//!     fn encode(&self, _: usize, _: (usize, &Frame), _: usize, _: &[(Slot, Value)]) -> Result<(), TapError> {
 //!         Ok(())
 //!     }
 //!     fn write(&self, commit: &Commit<'_>, _parts: Vec<()>) -> Result<(), TapError> {

@@ -466,7 +466,7 @@ impl Tap for Last {
         (self.0 || slot == Slot::Node { node: 9, port: 0 }).then_some(0)
     }
 
-    fn encode(&self, _: usize, _: &Frame, _: usize, values: &[(Slot, Value)]) -> Result<Vec<Value>, TapError> {
+    fn encode(&self, _: usize, _: (usize, &Frame), _: usize, values: &[(Slot, Value)]) -> Result<Vec<Value>, TapError> {
         Ok(values.iter().map(|(_, value)| value.clone()).collect())
     }
 

@@ -175,7 +175,7 @@ fn record_frame(recorder: &Recorder, index: u64) {
     let parts = (0..recorder.parts(0)).map(|part| {
         let of_part: Vec<_> =
             values.iter().filter(|(slot, _)| recorder.part(0, *slot) == Some(part)).cloned().collect();
-        recorder.encode(0, &frame, part, &of_part).unwrap()
+        recorder.encode(0, (index as usize, &frame), part, &of_part).unwrap()
     });
     let parts = parts.collect();
     let failed = (0..ESTIMATORS.len()).filter(|&i| !answered(index, i));

@@ -78,12 +78,19 @@ pub trait Tap: Send + Sync {
     /// The part a slot's values belong to; `None` if they are not taken at all.
     fn part(&self, run: usize, slot: Slot) -> Option<usize>;
 
-    /// Encodes (and compresses) one part of a frame; called on workers, several at once. `values` are in plan order and
-    /// hold those of the part's slots that are there.
+    /// Encodes (and compresses) one part of a frame; called on workers, several at once. With the frame comes its
+    /// position among those of the stage run, from 0, whatever the source numbers them; `values` are in plan order and hold
+    /// those of the part's slots that are there.
     ///
     /// # Errors
     /// If a value cannot be encoded.
-    fn encode(&self, run: usize, frame: &Frame, part: usize, values: &[(Slot, Value)]) -> Result<Self::Part, TapError>;
+    fn encode(
+        &self,
+        run: usize,
+        frame: (usize, &Frame),
+        part: usize,
+        values: &[(Slot, Value)],
+    ) -> Result<Self::Part, TapError>;
 
     /// Writes a frame: its parts in order, then its commit record. Called by one thread, in order of frames.
     ///

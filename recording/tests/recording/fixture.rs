@@ -250,8 +250,19 @@ pub fn key(frame: &Frame, node: usize) -> Key {
     Key::build("test").number(frame.index).number(node as u64).finish()
 }
 
-/// Encodes a frame's parts in the order given by `order`, and commits it.
+/// As [`record_frame_at`], of a source that is read from its first frame on.
 pub fn record_frame(recorder: &Recorder, run: usize, frame: &Frame, values: &[(Slot, Value)], backwards: bool) {
+    record_frame_at(recorder, run, (frame.index as usize, frame), values, backwards);
+}
+
+/// Encodes a frame's parts in the order given by `order`, and commits it.
+pub fn record_frame_at(
+    recorder: &Recorder,
+    run: usize,
+    (position, frame): (usize, &Frame),
+    values: &[(Slot, Value)],
+    backwards: bool,
+) {
     let parts = recorder.parts(run);
     let mut order: Vec<usize> = (0..parts).collect();
     if backwards {
@@ -261,7 +272,7 @@ pub fn record_frame(recorder: &Recorder, run: usize, frame: &Frame, values: &[(S
     for part in order {
         let of_part: Vec<_> =
             values.iter().filter(|(slot, _)| recorder.part(run, *slot) == Some(part)).cloned().collect();
-        encoded[part] = Some(recorder.encode(run, frame, part, &of_part).unwrap());
+        encoded[part] = Some(recorder.encode(run, (position, frame), part, &of_part).unwrap());
     }
     let nodes = 0..5;
     let keys: Vec<SlotKey> = nodes
@@ -308,9 +319,9 @@ pub fn record_once_values(recorder: &Recorder, run: usize) {
 /// Records frames of that size and finishes the file.
 pub fn record(path: &Path, plan: &Plan, frames: std::ops::Range<u64>, width: u32, height: u32) {
     let recorder = Recorder::create(path, plan).unwrap();
-    for index in frames {
+    for (position, index) in frames.enumerate() {
         let frame = frame(index);
-        record_frame(&recorder, 0, &frame, &values(&frame, width, height), index % 2 == 1);
+        record_frame_at(&recorder, 0, (position, &frame), &values(&frame, width, height), index % 2 == 1);
     }
     record_once_values(&recorder, 0);
     let note = Attachment { name: "note.txt".to_owned(), media_type: "text/plain".to_owned(), bytes: b"note".to_vec() };

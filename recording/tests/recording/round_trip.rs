@@ -215,6 +215,19 @@ fn every_second_frame_keeps_values_and_every_frame_its_scores() {
 }
 
 #[test]
+fn fault_29_every_nth_frame_counts_from_the_first_of_the_stage() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("recording.mcap");
+    let mut plan = plan();
+    plan.record.every = 100;
+    record(&path, &plan, 151..155, 16, 16);
+    let recording = Recording::open(&path).unwrap();
+    let mut reader = recording.reader(0, &["/compare/fused/depth"]).unwrap();
+    let kept: Vec<bool> = (0..4).map(|position| reader.read(position).unwrap()[0].is_some()).collect();
+    assert_eq!(kept, [true, false, false, false]);
+}
+
+#[test]
 fn parts_encoded_in_any_order_give_the_same_file() {
     let folder = tempfile::tempdir().unwrap();
     let files = [false, true].map(|backwards| {
@@ -224,7 +237,7 @@ fn parts_encoded_in_any_order_give_the_same_file() {
         let other = values(&frame(99), 300, 100);
         for index in 0..3 {
             if backwards {
-                Tap::encode(&recorder, 0, &frame(99), 1, &other).unwrap();
+                Tap::encode(&recorder, 0, (99, &frame(99)), 1, &other).unwrap();
             }
             record_frame(&recorder, 0, &frame(index), &values(&frame(index), 300, 100), backwards);
         }

@@ -319,7 +319,13 @@ impl Tap for Notebook {
         part_of(self.parts, slot)
     }
 
-    fn encode(&self, _: usize, frame: &Frame, part: usize, values: &[(Slot, Value)]) -> Result<String, TapError> {
+    fn encode(
+        &self,
+        _: usize,
+        (_, frame): (usize, &Frame),
+        part: usize,
+        values: &[(Slot, Value)],
+    ) -> Result<String, TapError> {
         if self.refuses_to_encode.contains(&frame.index) {
             return Err(TapError { what: "no ink".to_owned(), source: None });
         }
