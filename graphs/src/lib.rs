@@ -11,6 +11,7 @@ pub mod language;
 pub mod plan;
 pub mod ready;
 pub mod registry;
+pub mod regular_file;
 pub mod render;
 pub mod value_keys;
 pub mod values;

@@ -8,6 +8,7 @@ use crate::contracts::{Context, Fault, Frame, Inputs, Instance, Port, Source, So
 use crate::fingerprints;
 use crate::plan::{From, Plan, PlannedNode, PlannedSource};
 use crate::registry::Registry;
+use crate::regular_file;
 use crate::values::{Artifact, Value, ValueType};
 
 /// A plan that can be run.
@@ -165,9 +166,12 @@ fn show_files(instance: &Instance, node: &PlannedNode, files: &BTreeMap<PathBuf,
     instance.prepare(&Inputs::new(&ports, &values))
 }
 
+/// The largest file of a once-value: ONNX's own limit.
+const MOST_BYTES: u64 = 2 << 30;
+
 fn read_once_value(path: &PathBuf, value_type: ValueType) -> Result<Value, Fault> {
-    let bytes =
-        std::fs::read(path).map_err(|error| Fault::new(format!("failed to read {}", path.display())).because(error))?;
+    let bytes = regular_file::read(path, MOST_BYTES)
+        .map_err(|error| Fault::new(format!("failed to read {}", path.display())).because(error))?;
     match value_type {
         ValueType::Model => Ok(Value::Model(Arc::new(Artifact::new("model/onnx", bytes)))),
         ValueType::Samples => Ok(Value::Samples(Arc::new(Artifact::new("samples", bytes)))),

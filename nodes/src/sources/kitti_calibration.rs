@@ -1,5 +1,6 @@
 //! KITTI's calibration: text files, and what stands in for them.
 
+use std::ops::RangeInclusive;
 use std::path::Path;
 
 use depthloom_graphs::Fault;
@@ -7,6 +8,12 @@ use depthloom_graphs::values::Calibration;
 
 /// Baseline of the colour pair where no calibration file tells it, metres.
 const BASELINE_M: f64 = 0.532_725;
+
+/// What a camera can have: from a fisheye to a telescope, from an endoscope to two aeroplanes. Beyond, disparities and depths leave
+/// the numbers that hold them.
+const FOCAL_PX: RangeInclusive<f64> = 1.0..=1e6;
+const CENTRE_PX: RangeInclusive<f64> = -1e6..=1e6;
+const BASELINE_M_POSSIBLE: RangeInclusive<f64> = 1e-4..=1e4;
 
 /// Width of the rectified image, focal length and principal point (column, row) of the left colour camera, px: one line a recording day.
 const BY_WIDTH: [(u32, f64, f64, f64); 5] = [
@@ -69,18 +76,36 @@ pub fn from_text(path: &Path, text: &str, (width, height): (u32, u32)) -> Result
     let (left_line, left) = left.ok_or_else(|| missing("P_rect_02"))?;
     let (right_line, right) = right.ok_or_else(|| missing("P_rect_03"))?;
     for (line, matrix) in [(left_line, &left), (right_line, &right)] {
-        if matrix[0] <= 0.0 {
-            return Err(fault(
-                Some(line),
-                format!("the focal length is {} px, which is not greater than 0", matrix[0]),
-            ));
+        let bounds = [
+            (0, "the focal length", FOCAL_PX),
+            (2, "the principal point's column", CENTRE_PX),
+            (6, "the principal point's row", CENTRE_PX),
+        ];
+        for (at, what, possible) in bounds {
+            if !possible.contains(&matrix[at]) {
+                let (least, most) = (possible.start(), possible.end());
+                let what =
+                    format!("{what} is {} px, and no camera's is beyond {least} to {most} px", short(matrix[at]));
+                return Err(fault(Some(line), what));
+            }
         }
     }
     let baseline_m = right[3] / -right[0] - left[3] / -left[0];
     if baseline_m <= 0.0 {
-        return Err(fault(Some(right_line), format!("the right camera is {baseline_m} m right of the left one")));
+        let what = format!("the right camera is {} m right of the left one", short(baseline_m));
+        return Err(fault(Some(right_line), what));
+    }
+    if !BASELINE_M_POSSIBLE.contains(&baseline_m) {
+        let (least, most) = (BASELINE_M_POSSIBLE.start(), BASELINE_M_POSSIBLE.end());
+        let what = format!("the baseline is {} m, and no camera's is beyond {least} to {most} m", short(baseline_m));
+        return Err(fault(Some(right_line), what));
     }
     Ok(Calibration { width, height, focal_px: left[0], cx_px: left[2], cy_px: left[6], baseline_m })
+}
+
+/// A number as a person would write it: of 1e300 not all its zeros.
+fn short(number: f64) -> String {
+    if number == 0.0 || (1e-3..1e7).contains(&number.abs()) { number.to_string() } else { format!("{number:e}") }
 }
 
 fn projection(values: &str) -> Result<[f64; 12], String> {
@@ -145,10 +170,25 @@ P_rect_03: 7.215377e+02 0.000000e+00 6.095593e+02 -3.395242e+02 0.000000e+00 7.2
     }
 
     #[test]
+    fn fault_52_a_calibration_that_no_camera_has_is_refused_with_its_line_and_number() {
+        for number in ["1e300", "1e-300", "-7", "2000000"] {
+            let said = error(&TEXT.replace("7.215377e+02", number));
+            assert!(said.starts_with(&format!("000150.txt:2: the focal length is {number} px")), "{said}");
+        }
+        let far = error(&TEXT.replace("-3.395242e+02", "-1e300"));
+        assert!(far.starts_with("000150.txt:3: the baseline is 1.38") && far.contains("e297 m"), "{far}");
+        let near = error(&TEXT.replace("-3.395242e+02", "44.857279"));
+        assert!(near.starts_with("000150.txt:3: the baseline is 1.3"), "{near}");
+        assert!(error(&TEXT.replace("6.095593e+02", "1e300")).contains("the principal point's column is 1e300 px"));
+    }
+
+    #[test]
     fn missing_cameras_and_impossible_ones_are_errors() {
         assert_eq!(error(""), "000150.txt: there is no line `P_rect_02`");
         assert!(error(&TEXT.replace("P_rect_03", "P_rect_01")).ends_with("there is no line `P_rect_03`"));
-        assert!(error(&TEXT.replace("7.215377e+02", "0")).contains("which is not greater than 0"));
+        assert!(
+            error(&TEXT.replace("7.215377e+02", "0")).contains("000150.txt:2: the focal length is 0 px, and no camera")
+        );
         assert!(error(&TEXT.replace("-3.395242e+02", "3.395242e+02")).contains("m right of the left one"));
     }
 }

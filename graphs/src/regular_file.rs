@@ -1,0 +1,33 @@
+//! Reading what a stranger's experiment names: regular files only, up to a limit. A pipe would block, a device has no end.
+
+use std::fs::File;
+use std::io::{Error, ErrorKind, Read};
+use std::path::Path;
+
+/// The bytes of a regular file that holds at most `most` of them.
+///
+/// # Errors
+/// As lower-case fragments without the path: what the system says; [`ErrorKind::FileTooLarge`] with size and limit;
+/// [`ErrorKind::IsADirectory`]; [`ErrorKind::InvalidInput`] for pipes, sockets and devices.
+pub fn read(path: &Path, most: u64) -> Result<Vec<u8>, Error> {
+    // Looked at before it is opened: opening a pipe waits for whoever writes to it.
+    let metadata = std::fs::metadata(path)?;
+    if metadata.is_dir() {
+        return Err(Error::new(ErrorKind::IsADirectory, "it is a folder"));
+    }
+    if !metadata.is_file() {
+        return Err(Error::new(ErrorKind::InvalidInput, "it is no regular file"));
+    }
+    let too_large = |bytes: u64| {
+        let what = format!("it holds {} MiB, more than the {} MiB that are read", bytes.div_ceil(1 << 20), most >> 20);
+        Err(Error::new(ErrorKind::FileTooLarge, what))
+    };
+    if metadata.len() > most {
+        return too_large(metadata.len());
+    }
+    let mut bytes = Vec::new();
+    bytes.try_reserve_exact(usize::try_from(metadata.len()).unwrap_or(usize::MAX))?;
+    // It may grow meanwhile; and what lies under `/proc` is longer than it says.
+    File::open(path)?.take(most + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > most { too_large(bytes.len() as u64) } else { Ok(bytes) }
+}
