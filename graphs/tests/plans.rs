@@ -90,7 +90,7 @@ fn labels(plan: &Plan) -> Vec<&str> {
 
 #[test]
 fn table_1_runs_stereo_once_for_all_variants() {
-    let Loaded { plan, warnings } = loaded_with(&experiment("table1.yaml"), &[]);
+    let Loaded { plan, warnings, .. } = loaded_with(&experiment("table1.yaml"), &[]);
     assert!(warnings.is_empty(), "{warnings}");
     assert_eq!(plan.variants, ["full", "no_weighting", "no_scaling", "average_scaling"]);
     let count = |name: &str| nodes(&plan, 1, name).len();
@@ -421,16 +421,6 @@ fn a_new_kind_in_a_variant_drops_the_old_parameters_and_keeps_the_inputs() {
     };
     // The same kind again is no new kind.
     assert_eq!(sizes(1), (3.into(), serde_json::json!([1])));
-}
-
-#[test]
-fn null_takes_away_what_the_base_wrote() {
-    let plan = plan_of(
-        &stereo("variants: { full: {}, plain: { compare.stereo.with.block: null, compare.stereo.with.p1: 100 } }")
-            .replace("block: 5", "block: 9"),
-    );
-    let blocks: Vec<_> = nodes(&plan, 0, "stereo").iter().map(|node| node.params["block"].clone()).collect();
-    assert_eq!(blocks, [9, 5]);
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! `depthloom check`: is this experiment file right?
 
-use depthloom_graphs::plan::Plan;
+use depthloom_graphs::language::Loaded;
 
 use crate::args::ExperimentArgs;
 use crate::diagnostics;
@@ -9,7 +9,7 @@ use crate::streams::print;
 
 /// Loads the experiment and says what it holds.
 pub fn check(args: &ExperimentArgs) -> Result<Exit, Stop> {
-    let Some(plan) = load(args, false)? else { return Ok(Exit::Before) };
+    let Some(Loaded { plan, .. }) = load(args, false)? else { return Ok(Exit::Before) };
     let nodes: usize = plan.runs.iter().map(|run| run.nodes.len()).sum();
     let variants = plan.variants.len();
     let plural = |n: usize| if n == 1 { "" } else { "s" };
@@ -25,14 +25,14 @@ pub fn check(args: &ExperimentArgs) -> Result<Exit, Stop> {
 }
 
 /// Loads an experiment, printing every diagnostic (warnings not when `quiet`); `None` if there was an error.
-pub fn load(args: &ExperimentArgs, quiet: bool) -> Result<Option<Plan>, Stop> {
+pub fn load(args: &ExperimentArgs, quiet: bool) -> Result<Option<Loaded>, Stop> {
     let options = depthloom_graphs::language::Options { set: args.set.clone(), ..Default::default() };
     match depthloom_graphs::language::load(&args.experiment, &crate::registry::registry(), &options) {
         Ok(loaded) => {
             if !quiet {
                 diagnostics::print(&loaded.warnings);
             }
-            Ok(Some(loaded.plan))
+            Ok(Some(loaded))
         }
         Err(found) => {
             diagnostics::print(&found);

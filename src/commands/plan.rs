@@ -1,5 +1,7 @@
 //! `depthloom plan` and `depthloom graph`: what would be run, as a list and as a drawing.
 
+use depthloom_graphs::language::Loaded;
+
 use super::check::load;
 use crate::args::{GraphArgs, GraphFormat, PlanArgs};
 use crate::exit::{Exit, Stop};
@@ -7,7 +9,7 @@ use crate::streams::{print, print_json};
 
 /// Prints every node of the plan, the variants that share it, and its recipe.
 pub fn plan(args: &PlanArgs) -> Result<Exit, Stop> {
-    let Some(plan) = load(&args.experiment, args.json)? else { return Ok(Exit::Before) };
+    let Some(Loaded { plan, .. }) = load(&args.experiment, args.json)? else { return Ok(Exit::Before) };
     if args.json {
         print_json(&plan.summary_json())?;
     } else {
@@ -18,7 +20,7 @@ pub fn plan(args: &PlanArgs) -> Result<Exit, Stop> {
 
 /// Prints the plan as a drawing.
 pub fn graph(args: &GraphArgs) -> Result<Exit, Stop> {
-    let Some(plan) = load(&args.experiment, true)? else { return Ok(Exit::Before) };
+    let Some(Loaded { plan, .. }) = load(&args.experiment, true)? else { return Ok(Exit::Before) };
     print(&match args.format {
         GraphFormat::Mermaid => plan.mermaid(),
         GraphFormat::Dot => plan.dot(),

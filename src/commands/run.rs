@@ -4,6 +4,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use depthloom_analysis::{ReportOptions, Summary};
+use depthloom_graphs::language::Loaded;
 use depthloom_graphs::plan::Plan;
 use depthloom_graphs::ready::{NotReady, Ready};
 use depthloom_nodes::onnx_engine;
@@ -25,14 +26,14 @@ use crate::streams::{print, print_json, print_path, say};
 
 /// Loads, plans, opens, runs, records, scores and prints.
 pub fn run(args: &RunArgs) -> Result<Exit, Stop> {
-    let Some(plan) = load(&args.experiment, is_silent(args))? else { return Ok(Exit::Before) };
+    let Some(Loaded { plan, kept, .. }) = load(&args.experiment, is_silent(args))? else { return Ok(Exit::Before) };
     let ready = match Ready::new(plan, &crate::registry::registry()) {
         Ok(ready) => ready,
         Err(missing) => return Ok(print_missing(&missing)),
     };
     let plan = ready.plan.clone();
     let interrupt = signals::listen()?;
-    let folder = make_folder(args, &plan)?;
+    let folder = make_folder(args, &plan, &kept)?;
     let started = Instant::now();
     let options = options(args, &folder);
 
@@ -70,7 +71,7 @@ fn is_silent(args: &RunArgs) -> bool {
 }
 
 /// The folder to write: the one asked for, or a new one of this moment.
-fn make_folder(args: &RunArgs, plan: &Plan) -> Result<RunFolder, Stop> {
+fn make_folder(args: &RunArgs, plan: &Plan, kept: &[(String, String)]) -> Result<RunFolder, Stop> {
     let folder = match &args.out {
         Some(out) if args.json && out.to_str().is_none() => {
             let what = format!("the output folder `{}` is no UTF-8, which --json prints", out.display());
@@ -83,7 +84,7 @@ fn make_folder(args: &RunArgs, plan: &Plan) -> Result<RunFolder, Stop> {
         }
         None => RunFolder::create_new(&Path::new("runs").join(&plan.experiment), &environment::utc_stamp())?,
     };
-    match write_experiment(&folder, plan) {
+    match write_experiment(&folder, kept) {
         Ok(()) => Ok(folder),
         Err(stop) => {
             folder.discard();
@@ -92,12 +93,18 @@ fn make_folder(args: &RunArgs, plan: &Plan) -> Result<RunFolder, Stop> {
     }
 }
 
-/// Keeps the experiment as written and as resolved beside the recording.
-fn write_experiment(folder: &RunFolder, plan: &Plan) -> Result<(), Stop> {
-    if let Some((_, text)) = plan.written.first() {
-        folder.write("experiment.yaml", text)?;
+/// Keeps the experiment's files beside the recording, so that they can be checked and run from there.
+fn write_experiment(folder: &RunFolder, kept: &[(String, String)]) -> Result<(), Stop> {
+    for (name, text) in kept {
+        if let Some(inner) = Path::new(name).parent().filter(|inner| !inner.as_os_str().is_empty()) {
+            let inner = folder.partial.join(inner);
+            std::fs::create_dir_all(&inner).map_err(|error| {
+                Stop::because(Exit::Engine, format_args!("failed to create {}", inner.display()), &error)
+            })?;
+        }
+        folder.write(name, text)?;
     }
-    folder.write("experiment.resolved.yaml", &plan.resolved)
+    Ok(())
 }
 
 fn options(args: &RunArgs, folder: &RunFolder) -> Options {

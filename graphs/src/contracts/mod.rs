@@ -3,6 +3,7 @@
 mod context;
 mod fault;
 mod frame;
+mod frame_selection;
 mod node;
 mod params;
 mod port;
@@ -14,8 +15,9 @@ mod upstream;
 pub use context::{Context, Host, InlineHost, Scratch};
 pub use fault::Fault;
 pub use frame::Frame;
+pub use frame_selection::FrameSelection;
 pub use node::{Inputs, Instance, Node, NodeDeclaration, OnceNode, OrderedNode, Outputs, PureNode};
-pub use params::{DataPath, FrameSelection};
+pub use params::DataPath;
 pub use port::{Contract, Port, Rate};
 pub use source::{Source, SourceDeclaration, SourceKind, SourceOutputs};
 pub use store::Store;

@@ -1,8 +1,8 @@
 //! A change to an experiment: a path and a value, as variants, matrices and `--set` write them.
 //!
 //! `stage.node.with.x`, `stage.node.kind`, `stage.node.inputs.port`, `stage.source`, `stage.score.x`, `sources.name.with.x`.
-//! A map as value is merged by key; `null` takes away what the base wrote (a parameter back to its default, an optional
-//! input unwired). A new `kind` drops the old `with`.
+//! A map as value is merged by key; anything else, `null` too, stands there as if it had been written there: no cap, an
+//! optional input not wired. A new `kind` drops the old `with`.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -13,6 +13,9 @@ use super::merge::{Level, merged};
 use super::names;
 use super::source_file::Place;
 use super::tree::{Entry, Node, Tree};
+
+/// How many keys a path may have: parameters are nested no deeper.
+const DEEPEST: usize = 32;
 
 /// A path and the value it is to have.
 #[derive(Clone, Debug)]
@@ -71,6 +74,10 @@ fn locate(root: &Node, path: &str, scope: Scope) -> Result<Vec<String>, Unknown>
     for segment in path.split('.') {
         segments.push((segment, at..at + segment.len()));
         at += segment.len() + 1;
+    }
+    if segments.len() > DEEPEST {
+        let what = format!("the path is deeper than {DEEPEST} keys, and no experiment is");
+        return Err(Unknown { range: 0..path.len(), what, help: None });
     }
     let unknown = |index: usize, what: String, help: Option<String>| {
         let range = segments.get(index).map_or(0..path.len(), |(_, range)| range.clone());
@@ -210,16 +217,6 @@ fn set(node: &mut Arc<Node>, keys: &[String], at: usize, change: &Change) -> Res
         _ => change.place.clone(),
     };
     let inner = Arc::make_mut(node);
-    if at + 1 == keys.len() && change.value.is_null() {
-        let Tree::Map(entries) = &mut inner.value else { return Err(format!("`{}` is not there", change.path)) };
-        let before = entries.len();
-        entries.retain(|entry| &entry.key != key);
-        return if entries.len() < before {
-            Ok(())
-        } else {
-            Err(format!("`{}` is not there to be taken away", change.path))
-        };
-    }
     match &mut inner.value {
         Tree::List(items) => {
             let length = items.len();

@@ -65,6 +65,12 @@ fn scalar(text: &str, node: &Node, env: &Lookup<'_>, report: &mut Report) -> Opt
         match piece {
             Piece::Plain(text) => new.push_str(text),
             Piece::Variable { name, default, range } => match (env(name), default) {
+                (Some(value), _) if value.contains(['\u{fffd}', '\0']) => {
+                    let place = node.place.part(text, range.clone());
+                    let what = format!("the environment variable `{name}` holds what is no UTF-8 text");
+                    report.push(Diagnostic::error(&place, what).label("needed here"));
+                    new.push_str("unset");
+                }
                 (Some(value), _) if !value.is_empty() || default.is_none() => {
                     leads |= new.is_empty();
                     new.push_str(&value);

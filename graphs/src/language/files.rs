@@ -9,16 +9,24 @@ use super::merge::{Level, merged};
 use super::parse;
 use super::source_file::{Place, SourceFile};
 use super::tree::{Entry, Node, Tree};
+use crate::regular_file;
 
 /// How many files may extend or include each other.
 const DEEPEST: usize = 16;
 /// How many files an experiment may name.
 const MOST_FILES: usize = 64;
 
+/// The most values that graph files may put in, wherever they are used: each use is a copy.
+const MOST_PUT_IN: usize = 1_000_000;
+
 /// All files read so far.
 pub(super) struct Files<'a> {
     env: &'a Lookup<'a>,
     read: Vec<ReadFile>,
+    /// Where a file names another, and which of those read it is.
+    named: Vec<(Place, usize)>,
+    /// How many values graph files have put in.
+    put_in: usize,
     /// Whether a file could not be read: the experiment is not whole, and most of what could be said of it untrue.
     broken: bool,
 }
@@ -39,7 +47,7 @@ struct Open<'a> {
 
 impl<'a> Files<'a> {
     pub(super) const fn new(env: &'a Lookup<'a>) -> Self {
-        Self { env, read: Vec::new(), broken: false }
+        Self { env, read: Vec::new(), named: Vec::new(), put_in: 0, broken: false }
     }
 
     /// Whether a file of the experiment could not be had.
@@ -50,6 +58,11 @@ impl<'a> Files<'a> {
     /// The files in the order in which they were read.
     pub(super) fn sources(&self) -> Vec<Arc<SourceFile>> {
         self.read.iter().map(|read| Arc::clone(&read.file)).collect()
+    }
+
+    /// Where a file names another, and its position among the [sources](Self::sources).
+    pub(super) fn named(&self) -> impl Iterator<Item = (&Place, usize)> {
+        self.named.iter().map(|(place, target)| (place, *target))
     }
 
     /// Name (from the main file's folder) and text of each file.
@@ -74,7 +87,7 @@ impl<'a> Files<'a> {
     fn extended(&mut self, document: &Arc<Node>, open: &Open<'_>, report: &mut Report) -> Arc<Node> {
         let own = self.with_graphs(document, open, report);
         let Some(entry) = document.entry("extends") else { return own };
-        let base = self.named(&entry.value, "extends", open, report, |files, base, open, report| {
+        let base = self.following(&entry.value, "extends", open, report, |files, base, open, report| {
             Some(files.extended(base, open, report))
         });
         let own = without(&own, "extends");
@@ -103,7 +116,7 @@ impl<'a> Files<'a> {
     fn graph(&mut self, nodes: &Arc<Node>, open: &Open<'_>, report: &mut Report) -> Arc<Node> {
         let Some(entry) = nodes.entry("graph") else { return Arc::clone(nodes) };
         let own = without(nodes, "graph");
-        let base = self.named(&entry.value, "graph", open, report, |files, document, open, report| {
+        let base = self.following(&entry.value, "graph", open, report, |files, document, open, report| {
             for entry in document.entries().iter().filter(|e| !matches!(e.key.as_str(), "about" | "nodes")) {
                 report.push(
                     Diagnostic::error(&entry.key_place, format!("unknown key `{}` in a graph file", entry.key))
@@ -121,11 +134,19 @@ impl<'a> Files<'a> {
                 }
             }
         });
-        base.map_or_else(|| Arc::clone(&own), |base| merged(&base, &own, Level::Nodes))
+        let Some(base) = base else { return own };
+        self.put_in = self.put_in.saturating_add(base.size());
+        if self.put_in > MOST_PUT_IN {
+            let what = format!("graph files put in more than {MOST_PUT_IN} values, counted at every use");
+            report.push(Diagnostic::error(&entry.value.place, what));
+            self.broken = true;
+            return own;
+        }
+        merged(&base, &own, Level::Nodes)
     }
 
     /// Reads the file that a scalar names and hands it to `then`.
-    fn named<T>(
+    fn following<T>(
         &mut self,
         name: &Arc<Node>,
         key: &str,
@@ -174,6 +195,9 @@ impl<'a> Files<'a> {
         }
         let portable = self.portable_name(&name.place.file, text);
         let document = self.open(&path, portable, Some((&name.place, text)), report)?;
+        if let Some(target) = self.read.iter().position(|read| Path::new(&read.file.name) == path) {
+            self.named.push((name.place.clone(), target));
+        }
         then(self, &document, &inner, report)
     }
 
@@ -227,31 +251,15 @@ impl<'a> Files<'a> {
 }
 
 fn read_text(path: &Path) -> Result<String, String> {
-    use std::io::Read;
+    use std::io::ErrorKind;
 
-    let fragment = |error: std::io::Error| match error.kind() {
-        std::io::ErrorKind::NotFound => "there is no such file".to_owned(),
-        std::io::ErrorKind::PermissionDenied => "permission denied".to_owned(),
-        _ => error.to_string(),
-    };
-    // A pipe or device has no end.
-    let metadata = std::fs::metadata(path).map_err(fragment)?;
-    if metadata.is_dir() {
-        return Err("it is a folder".to_owned());
-    }
-    if !metadata.is_file() {
-        return Err("it is no regular file".to_owned());
-    }
     let most = parse::MOST_BYTES;
-    let too_large = || format!("it is larger than {} MiB, which no experiment needs", most >> 20);
-    if metadata.len() > most {
-        return Err(too_large());
-    }
-    let mut bytes = Vec::new();
-    std::fs::File::open(path).and_then(|file| file.take(most + 1).read_to_end(&mut bytes)).map_err(fragment)?;
-    if bytes.len() as u64 > most {
-        return Err(too_large());
-    }
+    let bytes = regular_file::read(path, most).map_err(|error| match error.kind() {
+        ErrorKind::NotFound => "there is no such file".to_owned(),
+        ErrorKind::PermissionDenied => "permission denied".to_owned(),
+        ErrorKind::FileTooLarge => format!("it is larger than {} MiB, which no experiment needs", most >> 20),
+        _ => error.to_string(),
+    })?;
     let text = String::from_utf8(bytes).map_err(|error| {
         let at = error.utf8_error().valid_up_to();
         format!("it is not UTF-8 text (at byte {at})")

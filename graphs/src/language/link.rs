@@ -250,7 +250,9 @@ fn missing_inputs(kind: &NodeKind, spec: &NodeSpec, wiring: &Wiring<'_, '_, '_>,
         unknown.filter(|name| !kind.declaration.inputs.iter().any(|port| port.name == *name)).collect();
     // A misspelt input has been spoken of, with the name that was meant.
     let meant = |port: &Port| unknown.iter().any(|written| names::nearest(written, [port.name]).is_some());
-    let wired = |port: &Port| spec.inputs.iter().any(|input| input.port.text == port.name) || meant(port);
+    let written = |input: &InputSpec| !matches!(input.from, Some(Wired::Nothing));
+    let wired =
+        |port: &Port| spec.inputs.iter().any(|input| input.port.text == port.name && written(input)) || meant(port);
     let missing: Vec<&Port> = kind.declaration.inputs.iter().filter(|port| !port.optional && !wired(port)).collect();
     // A score without truth or estimate has been spoken of where it is written.
     if missing.is_empty() || kind.declaration.kind == score::KIND && spec.name.text.starts_with("score.") {
@@ -266,7 +268,7 @@ fn missing_inputs(kind: &NodeKind, spec: &NodeSpec, wiring: &Wiring<'_, '_, '_>,
         })
         .collect();
     let help = (!fits.is_empty()).then(|| format!("e.g. `inputs: {{ {} }}`", fits.join(", ")));
-    report.push(
-        Diagnostic::error(&spec.name.place, what).label(format!("needs {}", list.join(" and "))).maybe_help(help),
-    );
+    let nothing = |input: &&InputSpec| !written(input) && missing.iter().any(|port| port.name == input.port.text);
+    let place = spec.inputs.iter().find(nothing).map_or(&spec.name.place, |input| &input.place);
+    report.push(Diagnostic::error(place, what).label(format!("needs {}", list.join(" and "))).maybe_help(help));
 }

@@ -7,6 +7,7 @@ use super::change::{self, Scope};
 use super::diagnostics::{Diagnostic, Diagnostics, Report, Severity};
 use super::environment;
 use super::files::Files;
+use super::kept;
 use super::link;
 use super::linked::Linked;
 use super::live;
@@ -42,7 +43,9 @@ pub type Environment<'a> = Box<dyn Fn(&str) -> Option<String> + 'a>;
 impl Default for Options<'_> {
     /// Nothing set, and the environment of the process.
     fn default() -> Self {
-        Self { set: Vec::new(), env: Box::new(|name| std::env::var(name).ok()) }
+        // What is no UTF-8 keeps a sign of it, and is refused where it is used.
+        let env = |name: &str| std::env::var_os(name).map(|value| value.to_string_lossy().into_owned());
+        Self { set: Vec::new(), env: Box::new(env) }
     }
 }
 
@@ -53,6 +56,9 @@ pub struct Loaded {
     pub plan: Plan,
     /// What probably does not say what was meant.
     pub warnings: Diagnostics,
+    /// The files a run keeps, by name (`experiment.yaml`, `experiment/base.yaml`, `experiment.resolved.yaml`) and text: whatever
+    /// folder they are put in, they can be checked and run from there.
+    pub kept: Vec<(String, String)>,
 }
 
 /// Reads an experiment, checks all of it against the kinds of a registry, and plans it.
@@ -76,7 +82,7 @@ pub fn load(path: &Path, registry: &Registry, options: &Options<'_>) -> Result<L
         }
     }
     match plan {
-        Some(plan) if !diagnostics.has_errors() => Ok(Loaded { plan, warnings: diagnostics }),
+        Some((plan, kept)) if !diagnostics.has_errors() => Ok(Loaded { plan, warnings: diagnostics, kept }),
         _ => Err(diagnostics),
     }
 }
@@ -88,7 +94,7 @@ fn planned(
     set: &[change::Change],
     files: &mut Files<'_>,
     report: &mut Report,
-) -> Option<Plan> {
+) -> Option<(Plan, Vec<(String, String)>)> {
     let root = files.experiment(path, report)?;
     if files.is_broken() {
         return None;
@@ -108,6 +114,7 @@ fn planned(
     for (index, variant) in variants.iter().enumerate() {
         let before = report.len();
         let changed = change::apply(&root, &variant.changes, Scope::Variant, report);
+        resolver.changed = variant.changes.iter().map(|change| change.value.place.clone()).collect();
         let spec = spec::read(&changed, report);
         check_names(&spec, report);
         linked.push(link::link(&spec, registry, &mut resolver, report));
@@ -131,15 +138,17 @@ fn planned(
     upstream::check(&shared, &names, registry, report);
     equal_variants(&variants, &shared, report);
     overruled(&names, &shared, report);
-    Some(Plan {
+    let kept = kept::files(files, &root, &resolver.anywhere);
+    let plan = Plan {
         experiment,
         about,
         variants: names,
         runs: shared.runs,
         record: recording.record,
         written: files.written(),
-        resolved: resolved::yaml(&root),
-    })
+        resolved: resolved::yaml(&root, None),
+    };
+    Some((plan, kept))
 }
 
 /// Estimates are told apart by name alone, in all stages.

@@ -5,9 +5,14 @@ use std::sync::Arc;
 
 use super::change::Change;
 use super::diagnostics::{Diagnostic, Report};
+use super::resolved::as_written;
 use super::source_file::Place;
 use super::tree::{Entry, Node, Tree};
 use super::variants::{MOST, Variant, changes, too_many};
+
+/// The most paths of a matrix, and the most entries of `exclude`.
+const MOST_PATHS: usize = 64;
+const MOST_EXCLUDED: usize = 1000;
 
 /// One path and the values it takes.
 struct Axis<'a> {
@@ -24,6 +29,11 @@ pub(super) fn read(matrix: &Entry, report: &mut Report) -> Vec<Variant> {
         return Vec::new();
     };
     let axes = axes(entries, report);
+    if axes.len() > MOST_PATHS {
+        let what = format!("a matrix of {} paths: more than {MOST_PATHS}", axes.len());
+        report.push(Diagnostic::error(&matrix.key_place, what).help("what has one value belongs where it is defined"));
+        return Vec::new();
+    }
     let count = axes.iter().fold(1_usize, |count, axis| count.saturating_mul(axis.values.len()));
     if count > MOST {
         report.push(too_many(&matrix.key_place, count));
@@ -58,6 +68,13 @@ pub(super) fn read(matrix: &Entry, report: &mut Report) -> Vec<Variant> {
         if combinations.len() >= MOST {
             report.push(too_many(&place, combinations.len() + 1));
             break;
+        }
+        if included.is_empty() {
+            report.push(
+                Diagnostic::error(&place, "this includes no change")
+                    .help("name the paths and values of this combination: they are its name, too"),
+            );
+            continue;
         }
         combinations.push(included);
     }
@@ -95,6 +112,11 @@ fn listed(entries: &[Entry], key: &str, report: &mut Report) -> Vec<(Vec<Change>
         report.push(Diagnostic::error(&entry.value.place, what).help("e.g. `- { STAGE.NODE.with.X: 3 }`"));
         return Vec::new();
     };
+    if key == "exclude" && items.len() > MOST_EXCLUDED {
+        let what = format!("`exclude` of {} entries: more than {MOST_EXCLUDED}", items.len());
+        report.push(Diagnostic::error(&entry.key_place, what).help("`include` names combinations one by one"));
+        return Vec::new();
+    }
     items.iter().filter_map(|item| Some((changes(item, &format!("`{key}`"), report)?, item.place.clone()))).collect()
 }
 
@@ -136,8 +158,16 @@ fn short(path: &str, all: &[String]) -> String {
     starts.map(|start| &own[start..]).find(unique).unwrap_or(path).to_owned()
 }
 
-/// A value as part of a name: no `/`, which separates variant and estimate, and no space.
+/// The longest part of a name that a value gives, characters.
+const LONGEST_VALUE: usize = 60;
+
+/// A value as part of a name: no `/`, which separates variant and estimate, and no space. Of a variable its name, not what
+/// this machine has for it.
 fn value_name(value: &Node) -> String {
-    let text = value.scalar_text().unwrap_or_else(|| value.to_json().to_string());
-    text.chars().map(|c| if c.is_alphanumeric() || matches!(c, '_' | '-' | '.' | '=') { c } else { '-' }).collect()
+    let text = match &value.written {
+        Some(written) => written.text.replace("${", "").replace(":-", "-").replace('}', ""),
+        None => value.scalar_text().unwrap_or_else(|| as_written(value, None).to_string()),
+    };
+    let text = text.chars().take(LONGEST_VALUE);
+    text.map(|c| if c.is_alphanumeric() || matches!(c, '_' | '-' | '.' | '=') { c } else { '-' }).collect()
 }

@@ -8,6 +8,7 @@ mod change;
 mod diagnostics;
 mod environment;
 mod files;
+mod kept;
 mod link;
 mod linked;
 mod live;

@@ -3,10 +3,38 @@
 use super::diagnostics::{Diagnostic, Report};
 use super::source_file::Place;
 
-/// Reports a name that cannot be one: it would make references, topics and labels ambiguous.
+/// The longest name, characters: names become topics, labels and parts of paths.
+const LONGEST: usize = 100;
+
+/// Reports a name that cannot be one: it would make references, topics, labels and paths ambiguous.
 /// `what` says of what, with its article: `a node`.
 pub(super) fn check(name: &str, what: &str, reserved: &[&str], place: &Place, report: &mut Report) -> bool {
-    let allowed = |c: char| c.is_alphanumeric() || c == '_' || c == '-';
+    allowed(name, what, "letters, digits, `_` and `-`", &['_', '-'], reserved, place, report)
+}
+
+/// Reports an experiment's name that cannot be that of a folder: a run without `--out` writes to `runs/<name>`.
+pub(super) fn check_experiment(name: &str, place: &Place, report: &mut Report) -> bool {
+    let what = "an experiment";
+    let bad = name.starts_with(['.', ' ']).then_some("begin").or_else(|| name.ends_with([' ', '.']).then_some("end"));
+    if let Some(verb) = bad {
+        let what = format!("the name of {what} cannot {verb} with `.` or a space");
+        let error = Diagnostic::error(place, what).label("not a name for an experiment");
+        report.push(error.help("its runs are written to a folder of that name"));
+        return false;
+    }
+    allowed(name, what, "letters, digits, `_`, `-`, `.` and spaces", &['_', '-', '.', ' '], &[], place, report)
+}
+
+fn allowed(
+    name: &str,
+    what: &str,
+    form: &str,
+    others: &[char],
+    reserved: &[&str],
+    place: &Place,
+    report: &mut Report,
+) -> bool {
+    let allowed = |c: char| c.is_alphanumeric() || others.contains(&c);
     if reserved.contains(&name) {
         let error =
             Diagnostic::error(place, format!("`{name}` cannot name {what}: the language uses that word itself"));
@@ -17,12 +45,17 @@ pub(super) fn check(name: &str, what: &str, reserved: &[&str], place: &Place, re
         report.push(Diagnostic::error(place, format!("{what} needs a name")));
         return false;
     }
+    if name.chars().count() > LONGEST {
+        let error = Diagnostic::error(place, format!("the name of {what} is longer than {LONGEST} characters"));
+        report.push(error.label(format!("not a name for {what}")).help("`about:` takes as many words as you like"));
+        return false;
+    }
     let Some(bad) = name.chars().find(|&c| !allowed(c)) else { return true };
     let suggestion: String = name.chars().map(|c| if allowed(c) { c } else { '_' }).collect();
     report.push(
-        Diagnostic::error(place, format!("the name of {what} cannot hold `{bad}`"))
+        Diagnostic::error(place, format!("the name of {what} cannot hold `{}`", bad.escape_debug()))
             .label(format!("not a name for {what}"))
-            .help(format!("names are letters, digits, `_` and `-`, e.g. `{suggestion}`")),
+            .help(format!("names are {form}, e.g. `{}`", suggestion.trim_start_matches('.'))),
     );
     false
 }

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use serde_json::Value as Json;
 
 use super::diagnostics::{Diagnostic, Report};
-use super::paths;
+use super::paths::{self, Anywhere};
 use super::schema_check::violations;
 use super::source_file::Place;
 use super::spec::Instance;
@@ -56,6 +56,10 @@ fn hash(path: &Path) -> Option<Key> {
 pub(super) struct Resolver {
     known: HashMap<(bool, String, String), Arc<Parameters>>,
     pub(super) contents: Contents,
+    /// The paths in parameters and inputs.
+    pub(super) anywhere: Anywhere,
+    /// Where the variant that is looked at writes its changes.
+    pub(super) changed: Vec<Place>,
 }
 
 /// What the resolver needs of a kind.
@@ -96,13 +100,15 @@ impl Resolver {
         report: &mut Report,
     ) -> Option<Arc<Parameters>> {
         let with = instance.with.as_deref().filter(|with| with.is_map());
-        let json =
-            with.map_or_else(|| Json::Object(serde_json::Map::new()), |with| paths::parameters(with, kind.schema));
+        let json = with.map_or_else(
+            || Json::Object(serde_json::Map::new()),
+            |with| paths::parameters(with, kind.schema, &mut self.anywhere),
+        );
         let known = (is_source, kind.name.to_owned(), json.to_string());
         if let Some(known) = self.known.get(&known) {
             return Some(Arc::clone(known));
         }
-        let resolved = checked(kind, json, with, &instance.kind.place, report)?;
+        let resolved = checked(kind, json, with, &instance.kind.place, &self.changed, report)?;
         let decisive = paths::decisive(&resolved, kind.schema);
         let portable = paths::with_paths(&decisive, kind.schema, &mut |path| self.portable_path(path));
         let identity = canonical(&paths::with_paths(&decisive, kind.schema, &mut |path| self.identity_of(path)));
@@ -133,7 +139,14 @@ impl Resolver {
 }
 
 /// Reports everything wrong with parameters; what is wrong is taken out, so that the rest is judged as well.
-fn checked(kind: &Kind<'_>, mut json: Json, with: Option<&Node>, at: &Place, report: &mut Report) -> Option<Json> {
+fn checked(
+    kind: &Kind<'_>,
+    mut json: Json,
+    with: Option<&Node>,
+    at: &Place,
+    changed: &[Place],
+    report: &mut Report,
+) -> Option<Json> {
     let mut sound = true;
     let mut taken_out: Vec<Vec<String>> = Vec::new();
     for violation in violations(&json.clone(), kind.schema) {
@@ -156,6 +169,8 @@ fn checked(kind: &Kind<'_>, mut json: Json, with: Option<&Node>, at: &Place, rep
                     return None;
                 }
                 let place = place_of(with, &error.path, false);
+                let place = culprit(with, &error.what, changed).or(place);
+                let place = place.or_else(|| first_named(with, &error.what));
                 let place = place.or_else(|| Some(with?.place.clone())).unwrap_or_else(|| at.clone());
                 let what = match error.path.last() {
                     // Many say by themselves of which parameter they speak.
@@ -173,6 +188,36 @@ fn checked(kind: &Kind<'_>, mut json: Json, with: Option<&Node>, at: &Place, rep
             }
         }
     }
+}
+
+/// Of the parameters that a message names, the one that the variant changed: the others were right without it.
+fn culprit(with: Option<&Node>, message: &str, changed: &[Place]) -> Option<Place> {
+    let of_the_variant = |place: &Place| {
+        changed.iter().any(|change| {
+            Arc::ptr_eq(&change.file, &place.file)
+                && change.span.start <= place.span.start
+                && place.span.end <= change.span.end
+        })
+    };
+    let mut places = named(with, message).filter(|place| of_the_variant(place));
+    places.next()
+}
+
+/// The first of the parameters that a message names.
+fn first_named(with: Option<&Node>, message: &str) -> Option<Place> {
+    named(with, message).next()
+}
+
+/// Where the written parameters stand that a message names.
+fn named(with: Option<&Node>, message: &str) -> impl Iterator<Item = Place> {
+    let words = |text: &str, word: &str| {
+        text.split(|c: char| !c.is_alphanumeric() && !matches!(c, '_' | '-')).any(|found| found == word)
+    };
+    let entries = with.map_or(&[][..], Node::entries);
+    entries
+        .iter()
+        .filter(move |entry| words(message, &entry.key))
+        .map(|entry| if entry.value.is_null() { entry.key_place.clone() } else { entry.value.place.clone() })
 }
 
 /// Where a parameter is written: as much of the path as is there.

@@ -11,7 +11,7 @@ use serde_saphyr::{Error, Location, NonFiniteFloatPolicy, Spanned};
 
 use super::diagnostics::{Diagnostic, Report};
 use super::source_file::{Place, SourceFile};
-use super::tree::{Entry, Node, Tree};
+use super::tree::{Entry, Node, Tree, has_leading_zero};
 
 /// The largest file read.
 pub(super) const MOST_BYTES: u64 = 4 * 1024 * 1024;
@@ -151,8 +151,12 @@ fn syntax_error(error: &Error, place: &Place) -> Diagnostic {
         }
         Error::Budget { breach: BudgetBreach::Depth { .. }, .. } => (deep(), unusual),
         Error::Budget { .. } => (format!("the file holds more than {MOST_VALUES} values or 10000 aliases"), unusual),
+        Error::NullIntoString { .. } => ("a key is empty".to_owned(), Some("put a name before the `:`".to_owned())),
         Error::UnknownAnchor { .. } => ("this alias has no anchor before it".to_owned(), None),
         _ if what.contains("recursion limit") => (deep(), unusual),
+        _ if what.contains("expected string scalar") => {
+            ("a key is a name, no list or map".to_owned(), braces_help(place))
+        }
         _ => (format!("not valid YAML: {}", lower_first(what)), braces_help(place)),
     };
     // The place may reach to the end of the file; its beginning is what matters.
@@ -281,6 +285,8 @@ fn placed(raw: Spanned<Raw>, file: &Arc<SourceFile>) -> Node {
     let value = match raw.value {
         Raw::Null => Tree::Null,
         Raw::Bool(value) => Tree::Bool(value),
+        // Octal to some, decimal to others; in a text, not to be lost.
+        Raw::Number(_) if has_leading_zero(place.text()) => Tree::Text(place.text().to_owned()),
         Raw::Number(value) => Tree::Number(value),
         Raw::Text(value) => Tree::Text(value),
         Raw::List(items) => {

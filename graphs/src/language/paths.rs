@@ -3,11 +3,14 @@
 //! Two exceptions, where the path stands in no file: what comes out of the environment and what `--set` gives start at the working
 //! directory, as they would in any other command.
 
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use serde_json::Value as Json;
 
 use super::files::normal;
+use super::source_file::Place;
 use super::tree::{Node, Tree};
 use crate::contracts::FrameSelection;
 
@@ -20,15 +23,58 @@ pub(super) fn located(node: &Node, text: &str) -> PathBuf {
     }
 }
 
+/// Where in its files an experiment names paths, each with the text that leads there from any folder of this machine.
+#[derive(Default)]
+pub(super) struct Anywhere(HashMap<(usize, usize), (Place, String)>);
+
+impl Anywhere {
+    /// Remembers a path, unless its text leads there from anywhere already: it is absolute, or begins with a variable.
+    pub(super) fn add(&mut self, node: &Node, text: &str) {
+        let written = match &node.written {
+            Some(written) if written.leads => return,
+            Some(written) => written.text.as_str(),
+            None => text,
+        };
+        if text.is_empty() || Path::new(text).is_absolute() {
+            return;
+        }
+        let folder = std::path::absolute(node.place.file.folder().join("."));
+        if let Some(folder) = folder.ok().as_deref().and_then(Path::to_str) {
+            let folder = folder.trim_end_matches('/').replace("${", "$${");
+            let place = node.place.clone();
+            self.0.insert(Self::key(&place), (place, format!("{folder}/{written}")));
+        }
+    }
+
+    /// The text for what stands at a place.
+    pub(super) fn of(&self, place: &Place) -> Option<&str> {
+        self.0.get(&Self::key(place)).map(|(_, text)| text.as_str())
+    }
+
+    /// The file, which the place keeps where it is, and the offset in it.
+    fn key(place: &Place) -> (usize, usize) {
+        (Arc::as_ptr(&place.file).addr(), place.span.start)
+    }
+
+    /// All places with their texts.
+    pub(super) fn iter(&self) -> impl Iterator<Item = (&Place, &str)> {
+        self.0.values().map(|(place, text)| (place, text.as_str()))
+    }
+}
+
 /// A tree as JSON for parameters of a schema: paths located, numbers out of the environment as text where text is wanted.
-pub(super) fn parameters(node: &Node, schema: &Json) -> Json {
+pub(super) fn parameters(node: &Node, schema: &Json, anywhere: &mut Anywhere) -> Json {
     match &node.value {
         Tree::Text(text) if has_format(schema, "path") => {
+            anywhere.add(node, text);
             Json::String(located(node, text).to_string_lossy().into_owned())
         }
-        Tree::Text(text) if has_format(schema, "frames") => match FrameSelection::parse(text) {
-            Ok(FrameSelection::File(_)) => Json::String(located(node, text).to_string_lossy().into_owned()),
-            _ => Json::String(text.clone()),
+        Tree::Text(text) if has_format(schema, "frames") => match frames_file(node, text) {
+            Some(path) => {
+                anywhere.add(node, text);
+                Json::String(path)
+            }
+            None => Json::String(text.clone()),
         },
         Tree::Number(_) | Tree::Bool(_) | Tree::Null => match &node.written {
             Some(written) if wants_text_only(schema) => Json::String(written.value.clone()),
@@ -37,12 +83,27 @@ pub(super) fn parameters(node: &Node, schema: &Json) -> Json {
         Tree::Text(text) => Json::String(text.clone()),
         Tree::List(items) => {
             let item_schema = part(schema, &|s| s.get("items")).unwrap_or(&Json::Null);
-            Json::Array(items.iter().map(|item| parameters(item, item_schema)).collect())
+            Json::Array(items.iter().map(|item| parameters(item, item_schema, anywhere)).collect())
         }
         Tree::Map(entries) => {
-            let value = |key: &str, node: &Node| parameters(node, property(schema, key).unwrap_or(&Json::Null));
+            let mut value =
+                |key: &str, node: &Node| parameters(node, property(schema, key).unwrap_or(&Json::Null), anywhere);
             Json::Object(entries.iter().map(|e| (e.key.clone(), value(&e.key, &e.value))).collect())
         }
+    }
+}
+
+/// The file of frame ids that a text names: by its form, or because there is such a file. A range is never one.
+fn frames_file(node: &Node, text: &str) -> Option<String> {
+    let path = || located(node, text).to_string_lossy().into_owned();
+    match FrameSelection::parse(text) {
+        Ok(FrameSelection::File(_)) => Some(path()),
+        Err(_) if !text.is_empty() && Path::new(&path()).is_file() => {
+            // Of a form that says so, wherever it is read again.
+            let path = path();
+            Some(if path.contains('/') { path } else { format!("./{path}") })
+        }
+        Ok(_) | Err(_) => None,
     }
 }
 

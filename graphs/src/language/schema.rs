@@ -77,7 +77,7 @@ pub fn schema(registry: &Registry) -> Json {
                         "additionalProperties": false,
                         "properties": {
                             "topics": { "$ref": "#/$defs/patterns" },
-                            "every": or_variable(json!({ "type": "integer", "minimum": 1, "description": "Keep every Nth frame; scores are kept of all." })),
+                            "every": or_variable(json!({ "type": "integer", "minimum": 1, "description": "Keep the first frame of a stage and every Nth after it; scores are kept of all." })),
                             "view": or_variable(json!({ "type": "boolean", "description": "Also keep depth as 16-bit millimetres, for looking at." })),
                         },
                     },
@@ -177,6 +177,9 @@ fn inputs_of(ports: &[Port]) -> Json {
                 "properties": { "file": { "type": "string", "description": "Relative to this file." } },
             }));
         }
+        if port.optional {
+            forms.push(json!({ "type": "null" }));
+        }
         (port.name.to_owned(), json!({ "description": description, "anyOf": forms }))
     });
     json!({ "type": "object", "additionalProperties": false, "properties": entries.collect::<Map<_, _>>() })
@@ -232,6 +235,7 @@ fn stage(registry: &Registry) -> Json {
             "additionalProperties": { "anyOf": [
                 { "$ref": "#/$defs/reference" },
                 { "type": "object", "additionalProperties": false, "required": ["from"], "properties": estimate },
+                { "type": "null" },
             ] },
         }),
     );

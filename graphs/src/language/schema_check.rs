@@ -3,6 +3,8 @@
 use serde_json::{Map, Value as Json};
 
 use super::names;
+use super::tree::has_leading_zero;
+use crate::contracts::FrameSelection;
 
 /// Something in a value that its schema does not allow.
 #[derive(Clone, Debug, PartialEq)]
@@ -117,6 +119,7 @@ fn describe(value: &Json) -> String {
         Json::Null => "nothing".to_owned(),
         Json::Bool(value) => format!("`{value}`"),
         Json::Number(value) => format!("`{value}`"),
+        Json::String(value) if is_infinite(value) || has_leading_zero(value) => format!("`{value}`"),
         Json::String(value) if value.len() <= 40 => format!("the text `{value}`"),
         Json::String(_) => "text".to_owned(),
         Json::Array(_) => "a list".to_owned(),
@@ -124,18 +127,31 @@ fn describe(value: &Json) -> String {
     }
 }
 
+/// How YAML writes what no parameter can be.
+fn is_infinite(text: &str) -> bool {
+    matches!(text.trim_start_matches(['+', '-']).to_ascii_lowercase().as_str(), ".inf" | ".nan")
+}
+
 fn wrong_type(value: &Json, types: &[&str], path: &[String]) -> Violation {
     let mut wanted: Vec<&str> = types.iter().filter(|name| **name != "null").map(|name| type_name(name)).collect();
     wanted.dedup();
+    let wants_number = types.iter().any(|t| matches!(*t, "integer" | "number"));
     let help = match value {
-        Json::String(text)
-            if text.parse::<f64>().is_ok() && types.iter().any(|t| matches!(*t, "integer" | "number")) =>
-        {
+        Json::String(text) if wants_number && is_infinite(text) => Some("numbers are finite".to_owned()),
+        Json::String(text) if wants_number && has_leading_zero(text) => {
+            let bare = text.trim_start_matches('+').trim_start_matches('0');
+            Some(format!("write it without the zero in front: `{}`", if bare.is_empty() { "0" } else { bare }))
+        }
+        Json::Number(number) if wants_number && number.as_f64().is_some_and(|n| n.fract() == 0.0 && n.abs() < 1e15) => {
+            number.as_f64().map(|n| format!("write it without point and exponent: `{n:.0}`"))
+        }
+        Json::String(text) if wants_number && text.parse::<f64>().is_ok() => {
             Some(format!("remove the quotes: `{text}`"))
         }
         Json::String(text) if types.contains(&"boolean") && is_yaml_1_1_bool(text) => {
             Some("YAML 1.2 knows `true` and `false` only".to_owned())
         }
+        Json::Null => Some("`null` is no value at all; for its default, leave the parameter out".to_owned()),
         Json::Number(_) | Json::Bool(_) if types.contains(&"string") => {
             Some("put it in quotes if text is meant".to_owned())
         }
@@ -197,7 +213,7 @@ fn alternatives_of(value: &Json, alternatives: &[Json], path: &mut Vec<String>, 
     let types: Vec<&str> = nearest.iter().filter_map(|(a, _)| a.get("type").and_then(Json::as_str)).collect();
     let mut wrong = wrong_type(value, &types, path);
     if nearest.iter().any(|(alternative, _)| alternative.get("format").and_then(Json::as_str) == Some("frames")) {
-        wrong.help = Some("frames are `1..=40`, `0..48`, `[3, 7]`, or a text file with one frame id a line".to_owned());
+        wrong.help = Some(format!("frames are {}", FrameSelection::FORMS));
     }
     found.push(wrong);
 }

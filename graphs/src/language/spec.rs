@@ -80,6 +80,8 @@ pub(super) enum Wired {
     Reference(Reference),
     /// `{ file: net.onnx }`.
     File(Arc<Node>),
+    /// `null`: an optional input that is not wired, though what is extended or changed may wire it.
+    Nothing,
 }
 
 /// `score:` of a stage.
@@ -131,8 +133,11 @@ pub(super) fn title(root: &Node, report: &mut Report) -> (String, String) {
     } else if root.entry("experiment").is_none() {
         let place = Place::start_of(&root.place.file);
         report.push(Diagnostic::error(&place, "the experiment has no name").help("begin with `experiment: NAME`"));
-    } else if name.as_deref().is_some_and(|name| name.trim().is_empty()) {
-        report.push(Diagnostic::error(&root.place, "the experiment's name is empty"));
+    } else if let (Some(entry), Some(name)) = (root.entry("experiment"), name.as_deref()) {
+        match name.trim().is_empty() {
+            true => report.push(Diagnostic::error(&root.place, "the experiment's name is empty")),
+            false => drop(names::check_experiment(name, &entry.value.place, report)),
+        }
     }
     (name.unwrap_or_default(), about.unwrap_or_default())
 }
@@ -297,7 +302,14 @@ fn node_spec(entry: &Entry, report: &mut Report) -> NodeSpec {
     spec.instance = instance(&entry.value, &entry.key_place, "node", report);
     if let Some(inputs) = entry.value.entry("inputs").filter(|inputs| !inputs.value.is_null()) {
         is_map(&inputs.value, "`inputs`", "inputs: { image: source/left }", report);
-        spec.inputs = inputs.value.entries().iter().map(|entry| input(entry, report)).collect();
+        let unwired = |entry: &Entry| InputSpec {
+            port: Word { text: entry.key.clone(), place: entry.key_place.clone() },
+            place: entry.key_place.clone(),
+            from: Some(Wired::Nothing),
+        };
+        let entries = inputs.value.entries().iter();
+        spec.inputs =
+            entries.map(|entry| if entry.value.is_null() { unwired(entry) } else { input(entry, report) }).collect();
     }
     spec
 }
@@ -353,9 +365,14 @@ fn score_spec(entry: &Entry, report: &mut Report) -> ScoreSpec {
     let mut score = ScoreSpec { place: entry.key_place.clone(), truth, parameters, estimates: Vec::new() };
     match entry.value.entry("estimates") {
         Some(estimates) if matches!(&estimates.value.value, Tree::Map(list) if !list.is_empty()) => {
-            for entry in estimates.value.entries() {
+            // One that is nothing is not scored: so a variant, or an experiment that extends another, leaves one out.
+            for entry in estimates.value.entries().iter().filter(|entry| !entry.value.is_null()) {
                 names::check(&entry.key, "an estimate", &[], &entry.key_place, report);
                 score.estimates.push(estimate(entry, report));
+            }
+            if score.estimates.is_empty() {
+                let error = Diagnostic::error(&estimates.key_place, "all of the `estimates` are nothing");
+                report.push(error.help("name what is scored, e.g. `estimates: { stereo: depth/depth }`"));
             }
         }
         Some(estimates) => {

@@ -171,7 +171,16 @@ pub(super) fn typed(text: &str) -> Tree {
     }
 }
 
+/// Whether a text is digits that begin with a zero, as `017`.
+pub(super) fn has_leading_zero(text: &str) -> bool {
+    let digits = text.strip_prefix(['+', '-']).unwrap_or(text);
+    digits.len() > 1 && digits.starts_with('0') && digits.bytes().all(|byte| byte.is_ascii_digit())
+}
+
 fn number(text: &str) -> Option<Number> {
+    if has_leading_zero(text) {
+        return None;
+    }
     // Rust also reads `inf`, `nan` and `infinity` as numbers; YAML does not.
     if !text.starts_with(|c: char| c.is_ascii_digit() || matches!(c, '-' | '+' | '.')) || text.ends_with('.') {
         return None;

@@ -12,6 +12,9 @@ use super::tree::{Node, Tree};
 /// The most variants an experiment may have.
 pub(super) const MOST: usize = 10_000;
 
+/// The most changes of one variant.
+const MOST_CHANGES: usize = 1000;
+
 /// One variant: a name and what it changes.
 #[derive(Clone, Debug)]
 pub(super) struct Variant {
@@ -86,6 +89,11 @@ fn declared(root: &Node, report: &mut Report) -> Vec<Variant> {
 pub(super) fn changes(node: &Arc<Node>, what: &str, report: &mut Report) -> Option<Vec<Change>> {
     match &node.value {
         Tree::Null => Some(Vec::new()),
+        Tree::Map(entries) if entries.len() > MOST_CHANGES => {
+            let error = Diagnostic::error(&node.place, format!("{what} changes more than {MOST_CHANGES} paths"));
+            report.push(error.help("another experiment with `extends` changes whole maps"));
+            None
+        }
         Tree::Map(entries) => Some(
             entries
                 .iter()

@@ -56,6 +56,7 @@ impl<'r> Wiring<'r, '_, '_> {
         report: &mut Report,
     ) -> Option<Wire> {
         match input.from.as_ref()? {
+            Wired::Nothing => None,
             Wired::File(file) => file_wire(port, file, resolver, report),
             Wired::Reference(reference) => {
                 let output = self.find(reference, report)?;
@@ -243,6 +244,7 @@ fn file_wire(port: &Port, file: &Node, resolver: &mut Resolver, report: &mut Rep
         report.push(Diagnostic::error(&file.place, what));
         return None;
     }
+    resolver.anywhere.add(file, text);
     let path = paths::located(file, text);
     match resolver.contents.of(&path) {
         Some(content) => Some(Wire::File { path, content }),

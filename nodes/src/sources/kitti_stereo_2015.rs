@@ -71,7 +71,8 @@ pub struct KittiStereo2015Params {
     pub split: Split,
     /// Which true pixels: `noc` (seen by both cameras), `occ` (all) or `none`. Testing frames have none.
     pub truth: KittiTruth,
-    /// Which frames, by KITTI's number: `1..=40`, `0..48`, `[3, 7]` or a file of ids. All by default.
+    /// Which frames, by KITTI's number: `1..=40`, `0..48`, `[3, 7]` or a file of ids, in the order asked for, each once. All of them
+    /// must be there; `1..=40 available` takes those that are. By default (`available`) all there are.
     pub frames: FrameSelection,
 }
 

@@ -31,7 +31,7 @@ pub enum SyntheticTruth {
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct SyntheticRoadParams {
-    /// Which frames: `0..16`, `1..=40` or a list of indices, each below 1,000,000.
+    /// Which frames: `0..16`, `1..=40` or a list of indices, each below 1,000,000; in the order asked for, each once.
     pub frames: FrameSelection,
     /// Which street: equal seeds give equal bits.
     pub seed: u64,
@@ -89,12 +89,17 @@ impl Road {
     pub(crate) fn frames(selection: &FrameSelection) -> Result<Vec<Frame>, Fault> {
         let indices: Vec<u64> = match selection {
             FrameSelection::Range(range) if range.end <= FRAMES.end => range.clone().collect(),
+            FrameSelection::Available(range) => (range.start..range.end.min(FRAMES.end)).collect(),
             FrameSelection::List(list) if list.iter().all(|index| FRAMES.contains(index)) => list.clone(),
             FrameSelection::Range(_) | FrameSelection::List(_) => {
                 return Err(Fault::new(format!("a synthetic street has the frames 0 to {}", FRAMES.end - 1)));
             }
-            FrameSelection::All | FrameSelection::File(_) => {
+            FrameSelection::All => {
                 return Err(Fault::new("a synthetic street has no end")
+                    .remedy("say which frames, as a range (0..16) or a list ([3, 7])"));
+            }
+            FrameSelection::File(_) => {
+                return Err(Fault::new("the frames of a synthetic street have numbers, not names in a file")
                     .remedy("say which frames, as a range (0..16) or a list ([3, 7])"));
             }
         };
