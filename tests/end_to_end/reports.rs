@@ -1,8 +1,10 @@
-//! Equal recordings are equal reports, whatever the number of cores: analysis reads frames on all of them, and samples come in any order.
+//! Equal recordings are equal reports, whatever the number of cores, and whoever else reports: analysis reads frames on all cores,
+//! samples come in any order, and what memory does not hold goes through files.
 
 use std::collections::BTreeMap;
 use std::ffi::OsString;
-use std::process::Command;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
 
 use crate::support::{depthloom, number, read_csv, skipped, succeed};
 
@@ -25,6 +27,35 @@ stages:
       estimates: { stereo: depth/depth, scaled: scaled/depth, merged: merged/depth, fused: fused/depth }
 ";
 
+/// A run whose samples memory does not hold.
+fn run(folder: &Path) -> PathBuf {
+    let (experiment, run) = (folder.join("dense.yaml"), folder.join("run"));
+    std::fs::write(&experiment, DENSE).expect("written");
+    succeed(depthloom().arg("run").arg(&experiment).args(["--quiet", "--out"]).arg(&run));
+    let bins = read_csv(&run.join("error_vs_distance.csv"));
+    let samples: f64 = bins.iter().map(|row| number(row, "count")).sum();
+    assert!(samples > f64::from(1 << 19), "{samples} samples fit into memory");
+    run
+}
+
+fn report(run: &Path, out: &Path) -> Command {
+    let mut report = depthloom();
+    report.arg("report").arg(run).arg("--out").arg(out);
+    report
+}
+
+fn files(folder: &Path) -> BTreeMap<OsString, Vec<u8>> {
+    let entries = std::fs::read_dir(folder).expect("a folder").map(|entry| entry.expect("an entry"));
+    entries.map(|entry| (entry.file_name(), std::fs::read(entry.path()).expect("a file"))).collect()
+}
+
+fn assert_equal(ours: &BTreeMap<OsString, Vec<u8>>, theirs: &BTreeMap<OsString, Vec<u8>>, what: &str) {
+    assert_eq!(ours.keys().collect::<Vec<_>>(), theirs.keys().collect::<Vec<_>>(), "{what}");
+    for (file, bytes) in ours {
+        assert!(theirs[file] == *bytes, "{what}: {} differs", file.display());
+    }
+}
+
 #[test]
 fn reports_on_one_core_and_on_all_are_equal_with_samples_beyond_memory() {
     const TEST: &str = "reports_on_one_core_and_on_all_are_equal_with_samples_beyond_memory";
@@ -32,34 +63,14 @@ fn reports_on_one_core_and_on_all_are_equal_with_samples_beyond_memory() {
         return skipped(TEST, "this machine has one core");
     }
     let folder = tempfile::tempdir().expect("a folder");
-    let (experiment, run) = (folder.path().join("dense.yaml"), folder.path().join("run"));
-    std::fs::write(&experiment, DENSE).expect("written");
-    succeed(depthloom().arg("run").arg(&experiment).args(["--quiet", "--out"]).arg(&run));
-    let reported = |name: &str, launcher: &[&str]| -> BTreeMap<OsString, Vec<u8>> {
-        let out = folder.path().join(name);
-        let ours = depthloom();
-        let mut report = match launcher {
-            [] => Command::new(ours.get_program()),
-            [program, arguments @ ..] => {
-                let mut launcher = Command::new(program);
-                launcher.args(arguments).arg(ours.get_program());
-                launcher
-            }
-        };
-        succeed(report.arg("report").arg(&run).arg("--out").arg(&out));
-        let files = std::fs::read_dir(&out).expect("a folder").map(|entry| entry.expect("an entry"));
-        files.map(|entry| (entry.file_name(), std::fs::read(entry.path()).expect("a file"))).collect()
-    };
-    let all = reported("all", &[]);
-    let core = first_core();
-    let one = reported("one", &["taskset", "--cpu-list", &core]);
-    let samples: f64 =
-        read_csv(&folder.path().join("all/error_vs_distance.csv")).iter().map(|row| number(row, "count")).sum();
-    assert!(samples > f64::from(1 << 19), "{samples} samples fit into memory");
-    assert_eq!(all.keys().collect::<Vec<_>>(), one.keys().collect::<Vec<_>>());
-    for (file, bytes) in &all {
-        assert!(one[file] == *bytes, "{} differs", file.display());
-    }
+    let run = run(folder.path());
+    let [all, one] = ["all", "one"].map(|name| folder.path().join(name));
+    let mut on_all = report(&run, &all);
+    succeed(&mut on_all);
+    let mut on_one = Command::new("taskset");
+    on_one.args(["--cpu-list", &first_core()]).arg(on_all.get_program());
+    succeed(on_one.arg("report").arg(&run).arg("--out").arg(&one));
+    assert_equal(&files(&all), &files(&one), "on one core");
 }
 
 /// A core that this process may use.
@@ -67,4 +78,34 @@ fn first_core() -> String {
     let status = std::fs::read_to_string("/proc/self/status").expect("Linux tells");
     let list = status.lines().find_map(|line| line.strip_prefix("Cpus_allowed_list:")).expect("Linux tells");
     list.trim().split([',', '-']).next().expect("a core").to_owned()
+}
+
+#[test]
+fn reports_at_once_and_after_a_killed_one_are_that_of_one_alone() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let run = run(folder.path());
+    let [alone, together] = ["alone", "together"].map(|name| folder.path().join(name));
+    succeed(&mut report(&run, &alone));
+    let alone = files(&alone);
+
+    let quiet = |mut command: Command| command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("started");
+    let children = [(); 3].map(|()| quiet(report(&run, &together)));
+    for mut child in children {
+        assert!(child.wait().expect("ended").success(), "one of three reports at once failed");
+    }
+    assert_equal(&alone, &files(&together), "three reports at once");
+
+    // The table is there before the samples are taken; a kill may come too late all the same.
+    let killed = (0..20).map(|attempt| folder.path().join(format!("killed-{attempt}"))).find(|out| {
+        let mut child = quiet(report(&run, out));
+        while !out.join("table.csv").exists() && child.try_wait().expect("a child").is_none() {
+            std::thread::yield_now();
+        }
+        child.kill().expect("killed");
+        child.wait().expect("ended");
+        !out.join("error_vs_distance.csv").exists()
+    });
+    let killed = killed.expect("one of twenty kills comes before the percentiles");
+    succeed(&mut report(&run, &killed));
+    assert_equal(&alone, &files(&killed), "after a killed one");
 }
