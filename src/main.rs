@@ -5,6 +5,7 @@ mod commands;
 mod diagnostics;
 mod environment;
 mod exit;
+mod memory;
 mod models;
 mod panics;
 mod progress;

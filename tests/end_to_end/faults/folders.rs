@@ -410,3 +410,29 @@ fn fault_47_a_signal_during_the_analysis_ends_it() {
     assert!(hidden.is_empty(), "{hidden:?} stays");
     succeed(depthloom().arg("report").arg(partial(&out)));
 }
+
+#[cfg(target_os = "linux")]
+#[test]
+fn fault_12_memory_that_the_system_refuses_is_an_error_not_an_abort() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let run = |kib: u64| {
+        let out = folder.path().join(kib.to_string());
+        let mut command = under("prlimit", &[&format!("--as={}", kib << 10)]);
+        look(&mut command, "0..2", &out);
+        command.output().expect("prlimit is there")
+    };
+    // The least address space it takes, nearly.
+    let (mut too_little, mut enough) = (0, 8 << 20);
+    while enough - too_little > 1 << 10 {
+        let middle = u64::midpoint(too_little, enough);
+        if run(middle).status.success() { enough = middle } else { too_little = middle }
+    }
+    // Where memory ends differs from moment to moment: just below it, it ends anywhere.
+    for step in 1..=40 {
+        let output = run(too_little - step * 512);
+        let said = said(&output);
+        assert!(output.status.code().is_some(), "{} KiB below: {}\n{said}", step * 512, output.status);
+        assert!(!said.contains("memory allocation of") && !said.contains("panicked"), "{said}");
+        assert!(output.status.success() || !said.is_empty(), "{output:?}");
+    }
+}

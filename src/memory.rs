@@ -1,0 +1,66 @@
+//! Memory that the system refuses ends the program with an error, not with an abort.
+//!
+//! Where a file or a parameter decides how much is asked for, the asking may be refused and the caller is told. Everywhere else Rust's
+//! collections cannot be refused: the standard library aborts. Here the program says what it lacked and leaves with the engine's
+//! exit code; frames that were written are readable, as after a kill.
+#![expect(unsafe_code, reason = "the interface of allocators is unsafe; every call goes on to the system's")]
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::io::{self, Write as _};
+
+use crate::exit::Exit;
+use crate::signals;
+
+/// From this size on the caller is told, bytes: so much is asked for in a way that may be refused.
+const TOLD: usize = 64 << 20;
+
+/// The system's memory; whoever cannot be told that there is none is not asked to go on.
+struct OrLeave;
+
+#[global_allocator]
+static MEMORY: OrLeave = OrLeave;
+
+// SAFETY: what each call promises and asks for is what the system's does; what it gives is handed on.
+unsafe impl GlobalAlloc for OrLeave {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        // SAFETY: the caller keeps the same promises.
+        given(unsafe { System.alloc(layout) }, layout.size())
+    }
+
+    unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
+        // SAFETY: as above.
+        given(unsafe { System.alloc_zeroed(layout) }, layout.size())
+    }
+
+    unsafe fn realloc(&self, memory: *mut u8, layout: Layout, size: usize) -> *mut u8 {
+        // SAFETY: as above.
+        given(unsafe { System.realloc(memory, layout, size) }, size)
+    }
+
+    unsafe fn dealloc(&self, memory: *mut u8, layout: Layout) {
+        // SAFETY: as above.
+        unsafe { System.dealloc(memory, layout) }
+    }
+}
+
+fn given(memory: *mut u8, bytes: usize) -> *mut u8 {
+    if memory.is_null() && bytes < TOLD {
+        refused(bytes);
+    }
+    memory
+}
+
+/// Says it without asking for memory, and leaves without giving any back: both could fail again.
+#[cold]
+fn refused(bytes: usize) -> ! {
+    let mut line = [0; 200];
+    let mut rest = &mut line[..];
+    // A line that did not fit would be cut.
+    let _ = writeln!(
+        rest,
+        "error: the system refuses {bytes} more bytes of memory\n  help: take fewer --workers, a smaller --window, or raise the limit (`ulimit -v`)"
+    );
+    let free = rest.len();
+    let _ = io::stderr().lock().write_all(&line[..line.len() - free]);
+    signals::leave(Exit::Engine)
+}
