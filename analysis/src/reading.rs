@@ -143,8 +143,9 @@ impl Maps {
         let work = || caught(work).inspect_err(|_| next.store(frames, Ordering::Relaxed));
         let cores = thread::available_parallelism().map_or(1, NonZero::get).min(frames.max(1));
         thread::scope(|scope| {
-            // Where the system gives fewer threads, fewer do the work.
-            let others = (1..cores).map_while(|_| thread::Builder::new().spawn_scoped(scope, work).ok());
+            // Where the system gives fewer threads, fewer do the work. The program tells by the name whose panics are found.
+            let thread = || thread::Builder::new().name("depthloom-analysis".to_owned());
+            let others = (1..cores).map_while(|_| thread().spawn_scoped(scope, work).ok());
             let others: Vec<_> = others.collect();
             let mut result = work();
             for other in others {

@@ -471,6 +471,38 @@ mod tests {
     }
 
     #[test]
+    fn fault_38_latex_is_neither_a_poster_nor_a_hairline() {
+        let names: Vec<String> = (0..48).map(|i| format!("variant_{i}")).collect();
+        let of_variant =
+            |name: &String| ["mono", "fused"].map(|estimate| estimator(Some(name), estimate, &[PixelSet::All]));
+        let many: Vec<Estimator> = names.iter().flat_map(of_variant).collect();
+        let rows: Vec<FrameScore> = (0..many.len()).map(|i| score("0", i, PixelSet::All, 0.5)).collect();
+        let latex = table_of(&rows, &many, false).latex();
+        assert!(!latex.contains("resizebox"));
+        let blocks: Vec<usize> = latex
+            .lines()
+            .filter_map(|line| line.strip_prefix("\\begin{tabular}"))
+            .map(|columns| columns.matches('r').count())
+            .collect();
+        assert_eq!(blocks.iter().sum::<usize>(), 96);
+        assert!(blocks.iter().all(|columns| (2..=8).contains(columns)), "{blocks:?}");
+
+        let lone = table_of(&rows[..1], &many[..1], true).latex();
+        assert!(lone.contains("\\begin{table}[t]") && lone.contains("\\label{tab:street-1}"), "{lone}");
+        assert!(
+            !lone.contains("\\textbf{0") && !lone.contains("in bold"),
+            "a lone column is the best of nothing: {lone}"
+        );
+        let with_paper = table(true);
+        for text in [with_paper.latex(), with_paper.markdown()] {
+            assert!(
+                text.contains("{0.800} (0.85)") || text.contains("**0.800** (0.85)"),
+                "the paper's is not bold: {text}"
+            );
+        }
+    }
+
+    #[test]
     fn latex_text() {
         insta::assert_snapshot!("latex", table(true).latex());
     }

@@ -100,21 +100,16 @@ fn runs_below(folder: &Path, depth: u32) -> Vec<PathBuf> {
 
 /// The table, and where the rest is.
 pub fn summary(report: &Summary, folder: &Path) -> String {
-    let recording = [("every intermediate", "recording.mcap (opens in Foxglove and Rerun)")];
-    let scores = [
-        ("scores per frame", "scores.csv"),
-        ("this table", "table.{csv,md,tex,parquet}"),
-        ("error against distance", "error_vs_distance.{csv,parquet,svg}"),
+    let files = [
+        (true, "every intermediate", "recording.mcap (opens in Foxglove and Rerun)"),
+        (report.scored, "scores per frame", "scores.csv"),
+        (report.scored, "this table", "table.{csv,md,tex,parquet}"),
+        (report.distances, "error against distance", "error_vs_distance.{csv,parquet,svg}"),
+        (report.learning_curves > 0, "learning curves", "learning_curves.{csv,parquet,svg}"),
+        (folder.join(models::FOLDER).is_dir(), "learnt models", "models/<stage>.<node>.onnx"),
     ];
-    let curves = [("learning curves", "learning_curves.{csv,parquet,svg}")];
-    // A run that scores nothing has no table.
-    let is_scored = folder.join("scores.csv").is_file();
-    let scores = scores.iter().filter(|_| is_scored);
-    let models = [("learnt models", "models/<stage>.<node>.onnx")];
-    let models = models.iter().filter(|_| folder.join(models::FOLDER).is_dir());
-    let curves = curves.iter().filter(|_| report.learning_curves > 0);
-    let files = recording.iter().chain(scores).chain(curves).chain(models);
-    let list: String = files.map(|(what, file)| format!("  {what:24}{file}\n")).collect();
+    let there = files.iter().filter(|(is_there, ..)| *is_there);
+    let list: String = there.map(|(_, what, file)| format!("  {what:24}{file}\n")).collect();
     format!("{}\nin {}:\n{list}", report.text, folder.display())
 }
 

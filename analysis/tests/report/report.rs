@@ -4,8 +4,9 @@
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
-use depthloom_analysis::{ReportOptions, Summary, report};
+use depthloom_analysis::{AnalysisError, ReportOptions, Summary, report};
 use depthloom_recording::Recording;
 use depthloom_scores::PixelSet;
 
@@ -148,6 +149,45 @@ fn equal_recordings_give_equal_files_and_nothing_half_written() {
     for file in FILES {
         let [one, other] = [0, 1].map(|i: usize| fs::read(folders[i].path().join("report").join(file)).unwrap());
         assert!(one == other, "{file} differs between two reports of equal recordings");
+    }
+}
+
+#[test]
+fn fault_18_a_report_that_is_stopped_leaves_whole_files_only() {
+    let folder = tempfile::tempdir().unwrap();
+    report_of(folder.path(), 1, true, ReportOptions::default());
+    let recording = Recording::open(folder.path().join("recording.mcap")).unwrap();
+    let options = ReportOptions { samples_in_memory: 100, ..ReportOptions::default() };
+    let whole = |file: &fs::DirEntry| fs::read(folder.path().join("report").join(file.file_name())).ok();
+    let mut stopped = 0;
+    // Every file and frame; then here and there while the percentiles are taken, bin by bin.
+    for allowed in (0..60).chain((60..).step_by(97)) {
+        let out = folder.path().join("stopped").join(allowed.to_string());
+        fs::create_dir_all(&out).unwrap();
+        let asked = AtomicUsize::new(0);
+        let ended = report(&recording, &out, &options, &|| asked.fetch_add(1, Ordering::Relaxed) >= allowed);
+        for file in fs::read_dir(&out).unwrap() {
+            let file = file.unwrap();
+            assert_eq!(fs::read(file.path()).ok(), whole(&file), "{:?} after {allowed}", file.file_name());
+        }
+        if ended.is_ok() {
+            break;
+        }
+        assert!(matches!(ended, Err(AnalysisError::Stopped)), "{ended:?}");
+        stopped += 1;
+    }
+    assert!(stopped > 60, "asked {stopped} times");
+}
+
+#[test]
+fn samples_that_memory_does_not_hold_change_no_byte() {
+    let folders = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
+    for (folder, samples_in_memory) in folders.iter().zip([usize::MAX, 100]) {
+        report_of(folder.path(), 1, true, ReportOptions { samples_in_memory, ..ReportOptions::default() });
+    }
+    for file in FILES {
+        let [one, other] = [0, 1].map(|i: usize| fs::read(folders[i].path().join("report").join(file)).unwrap());
+        assert!(one == other, "{file} differs where samples are spilled");
     }
 }
 
