@@ -1,6 +1,5 @@
 //! Everything a run's folder says of its recording.
 
-use std::collections::BTreeSet;
 use std::path::Path;
 
 use depthloom_recording::{Condition, Recording};
@@ -152,26 +151,19 @@ fn without_maps(estimator: &Estimator) -> Option<String> {
 /// That not every frame kept its maps, or that none did; nothing is said where no maps were to be kept.
 fn sparsely_kept(recording: &Recording, estimators: &[Estimator], none: bool) -> Option<String> {
     let every = recording.plan().every;
-    let with_maps = estimators.iter().filter(|e| e.estimate_topic.is_some() && e.truth_topic.is_some());
-    let runs: BTreeSet<usize> = with_maps.map(|estimator| estimator.run).collect();
-    let mut indices = runs.into_iter().flat_map(|run| recording.frames(run)).map(|frame| frame.index).peekable();
-    if every > 1 && !none {
-        let ordinal = ordinal(every);
-        return Some(format!("error against distance is of every {ordinal} frame: only their maps were recorded"));
-    }
-    indices.peek()?;
     if !none {
-        return None;
+        let note = |ordinal: String| {
+            format!("error against distance is of every {ordinal} frame: only their maps were recorded")
+        };
+        return (every > 1).then(|| note(ordinal(every)));
     }
-    let (first, last) = indices.fold((u64::MAX, 0), |(first, last), index| (first.min(index), last.max(index)));
-    Some(if every > 1 {
-        format!(
-            "no error against distance: `record.every: {every}` keeps the maps of frames whose index is a multiple of {every}, \
-             and these are {first} to {last}"
-        )
-    } else {
-        "no error against distance: no frame has a pixel with both a truth and an answer".to_owned()
-    })
+    let mut with_maps = estimators.iter().filter(|e| e.estimate_topic.is_some() && e.truth_topic.is_some());
+    let of = match every {
+        0 | 1 => "no frame has".to_owned(),
+        every => format!("maps were recorded of every {} frame only, and none of these has", ordinal(every)),
+    };
+    let note = || format!("no error against distance: {of} a pixel with both a truth and an answer");
+    with_maps.any(|estimator| !recording.frames(estimator.run).is_empty()).then(note)
 }
 
 /// In what condition the recording is, for programs, and for people if it is not whole.

@@ -20,7 +20,7 @@ pub struct RecordedPlan {
     pub about: String,
     /// The variants' names, in the order of the file; one empty name if it declared none.
     pub variants: Vec<String>,
-    /// Every how many frames values were kept: those whose index is a multiple of it.
+    /// Of how many frames of a stage run the first has its values kept (in 0.1.0: those whose index is a multiple of it).
     pub every: u64,
     /// Whether depth was also kept for looking at.
     pub view: bool,
