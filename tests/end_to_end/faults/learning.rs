@@ -16,8 +16,9 @@ fn start(experiment: &Path, out: &Path) -> Child {
 }
 
 /// Waits until the checkpoint beside a run stands at a step, and sends a signal.
-fn signal_at(child: &Child, out: &Path, at: u64, signal: &str) {
+fn signal_at(child: &mut Child, out: &Path, at: u64, signal: &str) {
     while step(&out.with_file_name("checkpoints")).unwrap_or(0) < at {
+        assert!(child.try_wait().expect("a child").is_none(), "the run ended before step {at} was put down");
         std::thread::yield_now();
     }
     succeed(Command::new("kill").args([signal, &child.id().to_string()]));
@@ -118,7 +119,7 @@ fn fault_27_a_signal_ends_learning_at_a_checkpoint_that_the_next_run_takes_up() 
     for (signal, at) in [("-INT", 5), ("-TERM", 20)] {
         let out = folder.path().join(signal);
         let mut child = start(&experiment, &out);
-        signal_at(&child, &out, at, signal);
+        signal_at(&mut child, &out, at, signal);
         assert_eq!(child.wait().expect("ended").code(), Some(130), "{signal}");
         assert!(!out.exists(), "an interrupted run must not look like a whole one");
         let stands = step(&checkpoints).expect("a checkpoint");
@@ -136,14 +137,14 @@ fn fault_27_what_was_learned_is_not_lost_by_a_signal_after_the_training() {
     let (experiment, out) = (and_then(folder.path(), 100_000), folder.path().join("long"));
     let mut child = start(&experiment, &out);
     let recording = out.with_extension("partial").join("recording.mcap");
-    signal_at(&child, &out, STEPS, "-0");
+    signal_at(&mut child, &out, STEPS, "-0");
     let learned_by = std::fs::metadata(&recording).expect("a recording").len();
     // The stage after has begun.
     while std::fs::metadata(&recording).expect("a recording").len() < learned_by + 100_000 {
         assert!(child.try_wait().expect("a child").is_none(), "the run ended by itself");
         std::thread::yield_now();
     }
-    signal_at(&child, &out, STEPS, "-INT");
+    signal_at(&mut child, &out, STEPS, "-INT");
     assert_eq!(child.wait().expect("ended").code(), Some(130));
     let checkpoints = folder.path().join("checkpoints");
     assert_eq!(step(&checkpoints), Some(STEPS), "the training is there, whole");
