@@ -11,7 +11,7 @@ fn recorded(folder: &Path, frames: &str) -> PathBuf {
     let out = folder.join("run");
     let mut run = depthloom();
     run.args(["run", "experiments/first-look.yaml", "--quiet", "--out"]).arg(&out);
-    run.args(["--set", "sources.street.with.width=64", "--set", "sources.street.with.height=32"]);
+    run.args(["--set", "sources.street.with.width=160", "--set", "sources.street.with.height=48"]);
     run.arg("--set").arg(format!("sources.street.with.frames={frames}"));
     succeed(&mut run);
     out.join("recording.mcap")
