@@ -226,12 +226,15 @@ fn fault_18_27_the_first_signal_ends_learning_at_a_checkpoint() {
     // Without it, the run would end when somebody's patience does.
     let experiment = street(folder.path(), 1_000_000);
     for signal in ["INT", "TERM"] {
-        let out = folder.path().join(signal);
-        let checkpoints = folder.path().join("checkpoints");
+        // Each beside checkpoints of its own: those of the first would be there before the second has begun.
+        let home = folder.path().join(signal);
+        fs::create_dir(&home).expect("a folder");
+        let (out, checkpoints) = (home.join("run"), home.join("checkpoints"));
+        let is_checkpoint = |file: fs::DirEntry| file.path().extension().is_some_and(|ending| ending == "checkpoint");
         let mut command = depthloom();
         command.arg("run").arg(&experiment).args(["--workers", "2", "--out"]).arg(&out);
         let mut child = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().expect("the binary starts");
-        wait(&mut child, || fs::read_dir(&checkpoints).is_ok_and(|mut files| files.next().is_some()));
+        wait(&mut child, || fs::read_dir(&checkpoints).is_ok_and(|files| files.flatten().any(is_checkpoint)));
         send(signal, &child);
         let output = child.wait_with_output().expect("ended");
         assert_eq!(output.status.code(), Some(130), "{}", said(&output));
