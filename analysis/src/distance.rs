@@ -9,6 +9,7 @@
 //!
 //! The percentiles are exact, and memory is bounded whatever the number of frames: [`Samples`] says how.
 
+mod in_memory;
 mod samples;
 mod selection;
 mod spill;

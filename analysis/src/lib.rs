@@ -1,4 +1,4 @@
-//! Recordings to percentiles, tables and plots.
+//! Recordings to percentiles, tables and plots, with polars.
 //!
 //! Everything here works [from a recording alone](report()), so that a question thought of tomorrow needs no second run. What
 //! flows: a recording's plan names the [estimators](Estimator); their recorded [scores](FrameScore) make `scores.csv` and, as the
@@ -17,6 +17,7 @@ mod report;
 mod scores;
 mod sheet;
 mod table;
+mod threads;
 mod timings;
 
 pub use distance::{DistanceBin, PERCENTILES, Spread};

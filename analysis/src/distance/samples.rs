@@ -3,9 +3,10 @@
 use depthloom_scores::{ScoredPixels, Settings};
 
 use super::spill::Spill;
-use super::{DistanceBin, FARTHEST_M, PERCENTILES, Spread, between, position, selection};
+use super::{DistanceBin, FARTHEST_M, PERCENTILES, Spread, between, in_memory, position, selection};
 use crate::error::AnalysisError;
 use crate::files::Output;
+use crate::threads;
 
 /// The bit of a sample that says: not all that are compared answered this pixel. An error's own sign is never needed.
 const ALONE: u32 = 1 << 31;
@@ -43,7 +44,8 @@ impl Which {
 ///
 /// A sample takes 4 bytes, 8 at worst while its bin grows. When more than `at_most` are held, all go to a [temporary
 /// file](Spill), and the percentiles are later found [by counting](super::selection): exact, and with memory that depends on
-/// neither frames nor pixels. If all fit, they are sorted.
+/// neither frames nor pixels. If all fit, [polars takes them](super::in_memory); they are sorted here where the system gives
+/// polars no threads. All three ways give the same bits.
 pub(crate) struct Samples<'a> {
     output: Output<'a>,
     /// By estimator and metre of true distance: the errors' bits.
@@ -149,7 +151,17 @@ impl<'a> Samples<'a> {
                         Ok(())
                     })
                 })?,
-                None => whiches.iter().map(|which| sorted_spreads(*which, &self.held[estimator])).collect(),
+                None => {
+                    let held = &self.held[estimator];
+                    let spreads = |which: &Which| {
+                        if threads::are_there() {
+                            in_memory::spreads(*which, held).map_err(AnalysisError::compute("the percentiles"))
+                        } else {
+                            Ok(sorted_spreads(*which, held))
+                        }
+                    };
+                    whiches.iter().map(spreads).collect::<Result<_, _>>()?
+                }
             };
             self.held[estimator] = Vec::new();
             let shared = if spreads.len() > 1 { spreads.pop() } else { None };
@@ -296,6 +308,10 @@ mod tests {
             let in_memory = collected(&frames, usize::MAX);
             prop_assert!(same(&in_memory, &frames), "{in_memory:?}");
             prop_assert_eq!(&collected(&frames, 50), &in_memory, "to the bit");
+            let held = [(0..40).map(|i| bits_from_error(f64::from(i * i) * 0.3) | u32::from(i % 3 == 0) << 31).collect(), Vec::new()];
+            for which in [Which::Answered, Which::Shared] {
+                prop_assert_eq!(sorted_spreads(which, &held), in_memory::spreads(which, &held).unwrap(), "to the bit");
+            }
         }
     }
 
