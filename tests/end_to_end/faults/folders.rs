@@ -186,11 +186,14 @@ fn fault_41_neither_the_current_folder_nor_the_experiments_is_replaced() {
     let experiment = workspace().join("experiments/first-look.yaml");
     let current = there(experiment.as_os_str(), &out, &out);
     let its_own = there(out.join("experiment.yaml").as_os_str(), folder.path(), &out);
-    let device = there(experiment.as_os_str(), folder.path(), Path::new("/dev/null"));
-    for refused in [current, its_own, device] {
+    // As a device is: nobody's folder. A program with the fault would replace the machine's own.
+    let socket = folder.path().join("socket");
+    let _bound = std::os::unix::net::UnixListener::bind(&socket).expect("a socket");
+    let no_folder = there(experiment.as_os_str(), folder.path(), &socket);
+    for refused in [current, its_own, no_folder] {
         assert_eq!(refused.status.code(), Some(2), "{}", said(&refused));
     }
-    assert!(out.join("experiment.yaml").is_file() && Path::new("/dev/null").exists());
+    assert!(out.join("experiment.yaml").is_file() && !socket.is_dir() && socket.exists());
 }
 
 /// An experiment that learns on a street.
