@@ -7,6 +7,8 @@ pub use depthloom_test_needs::{onnx_runtime, python, shared, skipped, workspace}
 
 /// The binary under test.
 pub fn depthloom() -> Command {
+    #[cfg(unix)]
+    depthloom_test_needs::signals::as_usual();
     let mut command = Command::new(env!("CARGO_BIN_EXE_depthloom"));
     command.current_dir(workspace()).env_remove("KITTI_STEREO_2015").env_remove("MONO_MODEL").env("NO_COLOR", "1");
     command

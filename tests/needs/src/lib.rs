@@ -6,6 +6,8 @@
 
 mod python;
 mod shared;
+#[cfg(unix)]
+pub mod signals;
 pub mod skips;
 
 pub use python::{onnx_runtime, python};
