@@ -1,6 +1,22 @@
-//! Memory is bounded by the window, not by the number of frames.
+//! Memory is bounded by the window, not by the number of frames; of what is learned from, each sample is held once.
+
+use std::path::Path;
 
 use crate::support::{depthloom, succeed, workspace};
+
+/// The largest memory that a run of so many frames of a source ever had, in bytes.
+fn peak(experiment: &Path, source: &str, frames: u32) -> f64 {
+    let out = experiment.with_file_name(frames.to_string());
+    let set = format!("sources.{source}.with.frames=0..{frames}");
+    // One arena: with several, what glibc keeps back in each differs from run to run by more than what is looked for.
+    let mut run = depthloom();
+    run.env("MALLOC_ARENA_MAX", "1").args(["run", "--workers", "2", "--set", &set, "--out"]).arg(&out).arg(experiment);
+    succeed(&mut run);
+    let environment = std::fs::read_to_string(out.join("environment.json")).expect("an environment");
+    let environment: serde_json::Value = serde_json::from_str(&environment).expect("JSON");
+    std::fs::remove_dir_all(&out).expect("removed");
+    environment["peak_resident_bytes"].as_f64().expect("a size")
+}
 
 #[test]
 fn two_thousand_frames_take_no_more_memory_than_a_hundred() {
@@ -13,21 +29,34 @@ fn two_thousand_frames_take_no_more_memory_than_a_hundred() {
         table1.display()
     );
     std::fs::write(&experiment, text).expect("written");
-    let peak = |frames: &str| -> f64 {
-        let out = folder.path().join(frames);
-        let set = format!("sources.test.with.frames=0..{frames}");
-        // One arena: with several, what glibc keeps back in each differs from run to run by more than what is looked for.
-        let mut run = depthloom();
-        run.env("MALLOC_ARENA_MAX", "1")
-            .args(["run", "--workers", "2", "--set", &set, "--out"])
-            .arg(&out)
-            .arg(&experiment);
-        succeed(&mut run);
-        let environment = std::fs::read_to_string(out.join("environment.json")).expect("an environment");
-        let environment: serde_json::Value = serde_json::from_str(&environment).expect("JSON");
-        std::fs::remove_dir_all(&out).expect("removed");
-        environment["peak_resident_bytes"].as_f64().expect("a size")
-    };
-    let (few, many) = (peak("100"), peak("2000"));
+    let (few, many) = (peak(&experiment, "test", 100), peak(&experiment, "test", 2000));
     assert!(many <= 1.1 * few, "100 frames took {:.1} MB, 2,000 took {:.1} MB", few / 1e6, many / 1e6);
+}
+
+#[test]
+fn a_sample_is_held_once_while_a_network_learns() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let experiment = folder.path().join("learn.yaml");
+    let text = "experiment: learn
+sources: { street: { kind: synthetic/road, with: { width: 160, height: 64 } } }
+stages:
+  learn:
+    source: street
+    nodes:
+      stereo: { kind: stereo/sgbm, inputs: { left: source/left, right: source/right } }
+      edges: { kind: confidence/edges, inputs: { image: source/left } }
+      samples:
+        kind: learn/samples
+        inputs: { image: source/left, target: stereo/disparity, mask: edges/mask }
+        with: { size: [160, 64] }
+      teacher: { kind: learn/ssl, inputs: { samples: samples/samples }, with: { steps: 2, batch: 1 } }
+";
+    std::fs::write(&experiment, text).expect("written");
+    let (few, many) = (50, 550);
+    let grown = peak(&experiment, "street", many) - peak(&experiment, "street", few);
+    let held = grown / f64::from(many - few);
+    // Three bytes of colour and an IEEE half for every pixel.
+    let sample = f64::from(160 * 64 * (3 + 2));
+    assert!(held >= 0.5 * sample, "{held:.0} bytes a sample of {sample}: what was measured are not samples");
+    assert!(held <= 1.4 * sample, "a sample of {sample} bytes takes {held:.0}");
 }

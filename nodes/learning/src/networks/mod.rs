@@ -75,6 +75,15 @@ impl Network {
         }
     }
 
+    /// A size of images that shows its parameters, where they are the same for every size; `None` of a network with dense layers.
+    #[must_use]
+    pub const fn any_size(self) -> Option<Size> {
+        match self {
+            Self::UnetLite | Self::FcnLite | Self::FcnVgg16 => Some(Size { width: 32, height: 32 }),
+            Self::EigenCoarse => None,
+        }
+    }
+
     /// Lays the network out with `builder`, from its image to a map of one channel in [0, 1].
     fn build<B: Builder>(self, builder: &mut B, image: &B::Map) -> B::Map {
         match self {

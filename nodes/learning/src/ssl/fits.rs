@@ -7,8 +7,7 @@ use depthloom_graphs::Fault;
 use depthloom_graphs::contracts::{Giver, Upstream};
 
 use super::params::SslParams;
-use super::weights;
-use crate::networks::{Size, layout};
+use crate::networks::Size;
 use crate::samples::{CollectSamples, SamplesParams, SamplesView, size_and_right};
 
 /// What the samples at a port have in common.
@@ -57,15 +56,7 @@ impl SslParams {
         self.check_patience(upstream.at("validation").is_some())?;
         let form = |port| upstream.at(port).and_then(Form::to_come);
         let Some(samples) = form("samples") else { return Ok(()) };
-        self.check_form(&samples, form("validation").as_ref())?;
-        match &self.weights {
-            // A file that is not there is what this machine lacks: `build` speaks of it.
-            Some(file) if weights::look(file.path()).is_ok() => {
-                let tensors = weights::read(file.path())?;
-                weights::matched(&layout(self.network, samples.size), &tensors, file.path()).map(drop)
-            }
-            _ => Ok(()),
-        }
+        self.check_form(&samples, form("validation").as_ref())
     }
 
     /// That there is something to be patient for.

@@ -79,16 +79,15 @@ the state is put down beside the run; a run begun again after a kill, or after a
     }
 
     fn fingerprint(params: &SslParams) -> Result<Option<Key>, Fault> {
-        if let Some(file) = &params.weights {
-            // What is in it enters by the parameter.
-            weights::look(file.path())?;
-        }
         let device = if cfg!(feature = "gpu") { "gpu" } else { "cpu" };
         Ok(Some(Key::build("learning").text(LIBRARY).text(device).text(arithmetic(params.network)).finish()))
     }
 
     fn build(params: SslParams) -> Result<Instance, Fault> {
         let weights = params.weights.as_ref().map(|file| weights::read(file.path())).transpose()?;
+        if let (Some(tensors), Some(file), Some(size)) = (&weights, &params.weights, params.network.any_size()) {
+            weights::matched(&layout(params.network, size), tensors, file.path())?;
+        }
         Ok(Instance::Once(Box::new(Self { params, weights })))
     }
 }

@@ -267,3 +267,19 @@ fn what_does_not_fit_is_said_with_a_remedy() {
     assert!(told(json!({}), &odd, None).contains("size: [64, 32]"));
     assert!(told(json!({ "learning_rate": 1e30, "steps": 3 }), &good, None).contains("lower `learning_rate`"));
 }
+
+#[test]
+fn fault_17_weights_of_another_network_are_refused_before_any_frame() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("other.safetensors");
+    let one = 1.0_f32.to_le_bytes();
+    let view = safetensors::tensor::TensorView::new(safetensors::Dtype::F32, vec![1], &one).expect("a tensor");
+    std::fs::write(&file, safetensors::serialize([("other", view)], None).expect("a file")).expect("written");
+    let built = |network: &str| {
+        Ssl::build(serde_json::from_value(json!({ "network": network, "weights": file })).expect("parameters"))
+    };
+    for network in ["unet-lite", "fcn-lite", "fcn-vgg16"] {
+        let Err(fault) = built(network) else { panic!("{network} must be refused") };
+        assert!(fault.remedy_text().is_some_and(|remedy| remedy.contains("other")), "{}", fault.chain());
+    }
+}

@@ -7,25 +7,18 @@ use depthloom_graphs::Fault;
 use crate::networks::Layout;
 use crate::onnx::weights::{NamedTensor, decode_weights};
 
-/// That the file can be opened.
-pub(super) fn look(path: &Path) -> Result<(), Fault> {
-    std::fs::File::open(path).map(drop).map_err(|error| unreadable(path, error))
-}
-
 /// The tensors of a `.safetensors` or ONNX file.
 pub(super) fn read(path: &Path) -> Result<Vec<NamedTensor>, Fault> {
-    let bytes = std::fs::read(path).map_err(|error| unreadable(path, error))?;
+    let bytes = std::fs::read(path).map_err(|error| {
+        Fault::new(format!("failed to read the weights {}", path.display()))
+            .because(error)
+            .remedy("`weights` names a .safetensors or .onnx file")
+    })?;
     decode_weights(path, &bytes).map_err(|error| {
         Fault::new("failed to read the pretrained weights")
             .because(error)
             .remedy("`weights` names a .safetensors or .onnx file with f32 or f16 tensors")
     })
-}
-
-fn unreadable(path: &Path, error: std::io::Error) -> Fault {
-    Fault::new(format!("failed to read the weights {}", path.display()))
-        .because(error)
-        .remedy("`weights` names a .safetensors or .onnx file")
 }
 
 /// Puts what the file has in place of the first values.
