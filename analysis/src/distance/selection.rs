@@ -20,78 +20,96 @@ pub(super) fn spreads(
     whiches: &[Which],
     visit: impl Fn(&mut dyn FnMut(u32, &[u32])) -> Result<(), AnalysisError>,
 ) -> Result<Vec<Vec<Option<Spread>>>, AnalysisError> {
-    let mut selections: Vec<Selection> = whiches.iter().map(|which| Selection::new(*which)).collect();
+    let mut cells = Cells { children: Vec::new() };
+    let mut counts = Counts::default();
+    visit(&mut |metre, samples| {
+        let first = (metre as usize) << BITS[0];
+        counts.grow(first + (1 << BITS[0]));
+        for &sample in samples {
+            counts.add(sample, first + (error_bits(sample) >> (32 - BITS[0])) as usize);
+        }
+    })?;
+    let counts_by_metre: Vec<Vec<u64>> = whiches.iter().map(|which| counts.by_metre(*which)).collect();
+    let mut wanted: Vec<Wanted> = Vec::new();
+    for (which, counts) in whiches.iter().zip(&counts_by_metre) {
+        let full = counts.iter().enumerate().filter(|(_, count)| **count > 0);
+        wanted.extend(full.flat_map(|(metre, count)| order_statistics(*which, metre, *count)));
+    }
     for pass in 0..BITS.len() {
-        visit(&mut |metre, samples| selections.iter_mut().for_each(|of| of.count(pass, metre, samples)))?;
-        selections.iter_mut().for_each(|of| of.narrow(pass));
+        let groups = cells.narrow(pass, &counts, &mut wanted);
+        let Some(&bits) = BITS.get(pass + 1) else { break };
+        counts = Counts::default();
+        counts.grow(groups << bits);
+        let shift = 32 - BITS[..=pass + 1].iter().sum::<u32>();
+        visit(&mut |metre, samples| {
+            for &sample in samples {
+                let error = error_bits(sample);
+                if let Some(group) = cells.group(metre, error) {
+                    counts.add(sample, group << bits | (error >> shift) as usize & ((1 << bits) - 1));
+                }
+            }
+        })?;
     }
-    Ok(selections.into_iter().map(Selection::spreads).collect())
+    let mut found = wanted.chunks(2 * PERCENTILES.len());
+    let mut spread = |count: &u64| {
+        let wanted = (*count > 0).then(|| found.next()).flatten()?;
+        let mut percentiles_m = [f64::NAN; 5];
+        for ((percentile_m, pair), percentile) in percentiles_m.iter_mut().zip(wanted.chunks(2)).zip(PERCENTILES) {
+            let [lower, upper] = [0, 1].map(|i: usize| error_from_bits(pair[i].bits));
+            *percentile_m = between(lower, upper, position(percentile, *count).1);
+        }
+        Some(Spread { count: *count, percentiles_m })
+    };
+    Ok(counts_by_metre.iter().map(|counts| counts.iter().map(&mut spread).collect()).collect())
 }
 
-/// Some of the samples on the way to their percentiles.
-struct Selection {
-    which: Which,
-    cells: Cells,
-    counts: Vec<u64>,
-    wanted: Vec<Wanted>,
-    /// By metre: how many there are.
-    counts_by_metre: Vec<u64>,
+/// How many samples are in each cell, those that are [shared](Which::Shared) and those that are not: a sample is looked up once,
+/// whichever percentiles it counts for.
+#[derive(Default)]
+struct Counts {
+    shared: Vec<u64>,
+    alone: Vec<u64>,
 }
 
-impl Selection {
-    const fn new(which: Which) -> Self {
-        let cells = Cells { children: Vec::new() };
-        Self { which, cells, counts: Vec::new(), wanted: Vec::new(), counts_by_metre: Vec::new() }
-    }
-
-    fn count(&mut self, pass: usize, metre: u32, samples: &[u32]) {
-        let errors = samples.iter().filter_map(|sample| self.which.bits(*sample));
-        if pass == 0 {
-            let first = (metre as usize) << BITS[0];
-            if self.counts.len() < first + (1 << BITS[0]) {
-                self.counts.resize(first + (1 << BITS[0]), 0);
-            }
-            let counts = &mut self.counts[first..first + (1 << BITS[0])];
-            errors.for_each(|error| counts[(error >> (32 - BITS[0])) as usize] += 1);
-            return;
-        }
-        let bits = BITS[pass];
-        let shift = 32 - BITS[..=pass].iter().sum::<u32>();
-        for error in errors {
-            if let Some(group) = self.cells.group(metre, error) {
-                self.counts[group << bits | (error >> shift) as usize & ((1 << bits) - 1)] += 1;
-            }
+impl Counts {
+    /// Makes room for so many cells.
+    fn grow(&mut self, cells: usize) {
+        if self.shared.len() < cells {
+            self.shared.resize(cells, 0);
+            self.alone.resize(cells, 0);
         }
     }
 
-    /// Ends a pass: the cells it counted in become the next one's groups.
-    fn narrow(&mut self, pass: usize) {
-        if pass == 0 {
-            self.counts_by_metre = self.counts.chunks(1 << BITS[0]).map(|counts| counts.iter().sum()).collect();
-            let full = self.counts_by_metre.iter().enumerate().filter(|(_, count)| **count > 0);
-            self.wanted = full.flat_map(|(metre, count)| order_statistics(metre, *count)).collect();
-        }
-        let groups = self.cells.narrow(pass, &self.counts, &mut self.wanted);
-        self.counts = vec![0; BITS.get(pass + 1).map_or(0, |bits| groups << bits)];
+    fn add(&mut self, sample: u32, cell: usize) {
+        let counts = if Which::Shared.bits(sample).is_some() { &mut self.shared } else { &mut self.alone };
+        counts[cell] += 1;
     }
 
-    fn spreads(self) -> Vec<Option<Spread>> {
-        let mut found = self.wanted.chunks(2 * PERCENTILES.len());
-        let spread = |count: u64| {
-            let wanted = (count > 0).then(|| found.next()).flatten()?;
-            let mut percentiles_m = [f64::NAN; 5];
-            for ((percentile_m, pair), percentile) in percentiles_m.iter_mut().zip(wanted.chunks(2)).zip(PERCENTILES) {
-                let [lower, upper] = [0, 1].map(|i: usize| error_from_bits(pair[i].bits));
-                *percentile_m = between(lower, upper, position(percentile, count).1);
-            }
-            Some(Spread { count, percentiles_m })
-        };
-        self.counts_by_metre.into_iter().map(spread).collect()
+    fn of(&self, which: Which, cell: usize) -> u64 {
+        match which {
+            Which::Answered => self.shared[cell] + self.alone[cell],
+            Which::Shared => self.shared[cell],
+        }
     }
+
+    /// The counts of the first pass, metre by metre.
+    fn by_metre(&self, which: Which) -> Vec<u64> {
+        let metres = self.shared.len() >> BITS[0];
+        (0..metres)
+            .map(|metre| (metre << BITS[0]..(metre + 1) << BITS[0]).map(|cell| self.of(which, cell)).sum())
+            .collect()
+    }
+}
+
+/// The error's bits of any sample.
+fn error_bits(sample: u32) -> u32 {
+    Which::Answered.bits(sample).unwrap_or(sample)
 }
 
 /// An order statistic on the way to being found.
 struct Wanted {
+    /// Among which samples.
+    which: Which,
     /// The counted group it lies in.
     group: usize,
     /// Its rank among the samples of that group, from 0.
@@ -101,10 +119,10 @@ struct Wanted {
 }
 
 /// The two samples beside each percentile; at first they are somewhere in their metre.
-fn order_statistics(metre: usize, count: u64) -> impl Iterator<Item = Wanted> {
+fn order_statistics(which: Which, metre: usize, count: u64) -> impl Iterator<Item = Wanted> {
     PERCENTILES.into_iter().flat_map(move |percentile| {
         let lower = position(percentile, count).0;
-        [lower, (lower + 1).min(count - 1)].map(|rank| Wanted { group: metre, rank, bits: 0 })
+        [lower, (lower + 1).min(count - 1)].map(|rank| Wanted { which, group: metre, rank, bits: 0 })
     })
 }
 
@@ -129,15 +147,15 @@ impl Cells {
     }
 
     /// Finds the cell of everything wanted from the counts of a pass; gives the number of cells found, the next pass's groups.
-    fn narrow(&mut self, pass: usize, counts: &[u64], wanted: &mut [Wanted]) -> usize {
+    fn narrow(&mut self, pass: usize, counts: &Counts, wanted: &mut [Wanted]) -> usize {
         let bits = BITS[pass];
-        let mut children = vec![NONE; counts.len()];
+        let mut children = vec![NONE; counts.shared.len()];
         let mut groups = 0;
         for wanted in wanted {
             let first = wanted.group << bits;
             let mut cell = 0;
-            while wanted.rank >= counts[first + cell] {
-                wanted.rank -= counts[first + cell];
+            while wanted.rank >= counts.of(wanted.which, first + cell) {
+                wanted.rank -= counts.of(wanted.which, first + cell);
                 cell += 1;
             }
             let child = &mut children[first + cell];
