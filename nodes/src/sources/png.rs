@@ -52,31 +52,45 @@ pub fn map_u16(path: &Path, bytes: &[u8]) -> Result<Raster<u16>, Fault> {
 
 fn decode(path: &Path, bytes: &[u8]) -> Result<DynamicImage, Fault> {
     let failed = |error: ImageError| {
-        let fault = Fault::new(format!("failed to decode {} ({} bytes)", path.display(), bytes.len()))
-            // As text: the decoder's error repeats in its own message what is beneath it.
-            .because(error.to_string());
-        match error {
-            ImageError::Limits(_) => {
-                fault.remedy("it asks for more memory than an image may take: is it the file meant?")
-            }
-            _ => fault.remedy("the file is no whole PNG: copy or download it again"),
+        // What the header asks for may be more than the decoder counts up to: a byte a pixel is the least.
+        let pixels = |(width, height): (u32, u32)| u64::from(width) * u64::from(height);
+        let limit = matches!(error, ImageError::Limits(_));
+        if let Some(size) = stated_size(bytes).filter(|size| limit && pixels(*size) > MOST_BYTES) {
+            return too_large(path, size, pixels(size));
         }
+        Fault::new(format!("failed to decode {} ({} bytes)", path.display(), bytes.len()))
+            // As text: the decoder's error repeats in its own message what is beneath it.
+            .because(error.to_string())
+            .remedy(if limit {
+                "what it holds beside its pixels takes more memory than an image may: is it the file meant?"
+            } else {
+                "the file is no whole PNG: copy or download it again"
+            })
     };
     let reader = ImageReader::with_format(Cursor::new(bytes), image::ImageFormat::Png);
     let mut decoder = reader.into_decoder().map_err(failed)?;
-    let ((width, height), needed) = (decoder.dimensions(), decoder.total_bytes());
+    let needed = decoder.total_bytes();
     if needed > MOST_BYTES {
-        let (path, needed, most) = (path.display(), needed.div_ceil(1 << 20), MOST_BYTES >> 20);
-        return Err(Fault::new(format!(
-            "{path} is {width}x{height}, which takes {needed} MiB decoded: more than the {most} MiB an image may take"
-        ))
-        .remedy("no camera gives such an image: is it the file meant?"));
+        return Err(too_large(path, decoder.dimensions(), needed));
     }
     let mut limits = image::Limits::no_limits();
     // Beside the pixels, what the file holds of profiles and texts.
     limits.max_alloc = Some(needed + (64 << 20));
     decoder.set_limits(limits).map_err(failed)?;
     DynamicImage::from_decoder(decoder).map_err(failed)
+}
+
+/// Columns and rows as the first chunk states them: behind the signature, its length and its name.
+fn stated_size(bytes: &[u8]) -> Option<(u32, u32)> {
+    let word = |at: usize| Some(u32::from_be_bytes(bytes.get(at..at + 4)?.try_into().ok()?));
+    if bytes.get(12..16)? == b"IHDR" { Some((word(16)?, word(20)?)) } else { None }
+}
+
+fn too_large(path: &Path, (width, height): (u32, u32), needed: u64) -> Fault {
+    let (path, needed, most) = (path.display(), needed.div_ceil(1 << 20), MOST_BYTES >> 20);
+    let what = format!("{path} is {width}x{height}, which takes at least {needed} MiB decoded");
+    Fault::new(format!("{what}: more than the {most} MiB an image may take"))
+        .remedy("no camera gives such an image: is it the file meant?")
 }
 
 fn wrong_pixels(path: &Path, found: &DynamicImage, expected: &str) -> Fault {
@@ -117,7 +131,7 @@ mod tests {
     fn fault_12_and_52_an_image_that_asks_for_too_much_is_refused_with_its_size() {
         let bomb = said(claims(60_000, 60_000));
         assert!(
-            bomb.contains("left.png is 60000x60000, which takes 3434 MiB decoded: more than the 512 MiB"),
+            bomb.contains("left.png is 60000x60000, which takes at least 3434 MiB decoded: more than the 512 MiB"),
             "{bomb}"
         );
         assert!(!bomb.contains("download"), "{bomb}");
