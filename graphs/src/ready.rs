@@ -1,7 +1,7 @@
 //! A plan with its sources opened and its nodes built: everything that can be found missing has been found.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use crate::contracts::{Context, Fault, Frame, Inputs, Instance, Port, Source, SourceOutputs};
@@ -169,7 +169,7 @@ fn show_files(instance: &Instance, node: &PlannedNode, files: &BTreeMap<PathBuf,
 /// The largest file of a once-value: ONNX's own limit.
 const MOST_BYTES: u64 = 2 << 30;
 
-fn read_once_value(path: &PathBuf, value_type: ValueType) -> Result<Value, Fault> {
+fn read_once_value(path: &Path, value_type: ValueType) -> Result<Value, Fault> {
     let bytes = regular_file::read(path, MOST_BYTES)
         .map_err(|error| Fault::new(format!("failed to read {}", path.display())).because(error))?;
     match value_type {

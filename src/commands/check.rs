@@ -13,7 +13,7 @@ pub fn check(args: &ExperimentArgs) -> Result<Exit, Stop> {
     let nodes: usize = plan.runs.iter().map(|run| run.nodes.len()).sum();
     let variants = plan.variants.len();
     let plural = |n: usize| if n == 1 { "" } else { "s" };
-    print(&format!(
+    print(format!(
         "{}: right; {variants} variant{}, {} stage run{}, {nodes} node{} after sharing\n",
         args.experiment.display(),
         plural(variants),

@@ -13,7 +13,7 @@ pub fn plan(args: &PlanArgs) -> Result<Exit, Stop> {
     if args.json {
         print_json(&plan.summary_json())?;
     } else {
-        print(&plan.summary_text())?;
+        print(plan.summary_text())?;
     }
     Ok(Exit::Whole)
 }
@@ -21,7 +21,7 @@ pub fn plan(args: &PlanArgs) -> Result<Exit, Stop> {
 /// Prints the plan as a drawing.
 pub fn graph(args: &GraphArgs) -> Result<Exit, Stop> {
     let Some(Loaded { plan, .. }) = load(&args.experiment, true)? else { return Ok(Exit::Before) };
-    print(&match args.format {
+    print(match args.format {
         GraphFormat::Mermaid => plan.mermaid(),
         GraphFormat::Dot => plan.dot(),
     })?;
