@@ -17,6 +17,9 @@ pub use skips::skipped;
 use std::path::{Path, PathBuf};
 
 /// The root of the workspace.
+///
+/// # Panics
+/// Never: this crate lies two folders below it.
 #[must_use]
 pub fn workspace() -> &'static Path {
     let manifest = Path::new(env!("CARGO_MANIFEST_DIR"));
