@@ -424,7 +424,11 @@ mod tests {
         assert_eq!(marked(&two(&mono, &capped, [&["0"], &["0"]])), none, "scored in another way");
         let other_truth = Estimator { truth: Some("/s/lidar/depth".to_owned()), ..fused };
         assert_eq!(marked(&two(&mono, &other_truth, [&["0"], &["0"]])), none, "against another truth");
-        assert_eq!(marked(&table_of(&[score("0", 0, PixelSet::All, 0.5)], &[mono.clone()], false)), none, "alone");
+        assert_eq!(
+            marked(&table_of(&[score("0", 0, PixelSet::All, 0.5)], std::slice::from_ref(&mono), false)),
+            none,
+            "alone"
+        );
         let answered = [mono.clone(), mono].map(|mono| Estimator { sets: vec![PixelSet::Answered], ..mono });
         let rows = [0, 1].map(|i| score("0", i, PixelSet::Answered, 0.5));
         assert_eq!(marked(&table_of(&rows, &answered, false)), none, "on the pixels each answered");

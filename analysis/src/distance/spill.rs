@@ -9,6 +9,9 @@ use std::path::{Path, PathBuf};
 
 use crate::error::AnalysisError;
 
+/// What is called with a metre of true distance and errors there.
+pub(super) type Visitor<'a> = dyn FnMut(u32, &[u32]) -> Result<(), AnalysisError> + 'a;
+
 /// Errors read at a time.
 const BATCH: usize = 1 << 14;
 
@@ -38,11 +41,7 @@ impl Spill {
     }
 
     /// Calls `f(metre, errors)` for all samples of an estimator, a batch at a time.
-    pub(super) fn visit(
-        &self,
-        estimator: usize,
-        f: &mut dyn FnMut(u32, &[u32]) -> Result<(), AnalysisError>,
-    ) -> Result<(), AnalysisError> {
+    pub(super) fn visit(&self, estimator: usize, f: &mut Visitor<'_>) -> Result<(), AnalysisError> {
         let failed = |source: io::Error| AnalysisError::read(&temporary(&self.folder))(source);
         let (mut bytes, mut errors) = (vec![0; 4 * BATCH], Vec::with_capacity(BATCH));
         for &(start, end) in &self.stretches[estimator] {

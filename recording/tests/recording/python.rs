@@ -18,7 +18,8 @@ const HEIGHT: u32 = 48;
 /// Runs the script; `None`, and the test is skipped, where this machine has no Python with its packages.
 fn read_with_python(test: &str, recording: &Path, arguments: &[&str]) -> Option<Json> {
     let script = workspace().join("tests/python/read_recording.py");
-    let output = Command::new(python(test)?).arg(script).arg(recording).args(arguments).output().unwrap();
+    let output =
+        Command::new(python(test)?).arg(script).arg(recording).args(arguments).output().expect("Python starts");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     Some(serde_json::from_slice(&output.stdout).expect("the script prints JSON"))
 }
