@@ -3,13 +3,14 @@
 //! Under the final name there is a whole run or none at every moment: an old one goes aside before the new one takes its name,
 //! and is removed after.
 
+mod contents;
 mod lock;
 mod marker;
 
 use std::ffi::OsString;
 use std::fs;
 use std::io;
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 pub use lock::{Lock, Refused};
 use marker::Found;
@@ -38,6 +39,7 @@ impl RunFolder {
     /// What stands under either name is somebody's results: it is replaced only when asked for, and only a run that is over and
     /// holds none of the files `read`.
     pub fn create(out: &Path, overwrite: bool, read: &[&Path]) -> Result<Self, Stop> {
+        let out = &without_turns(out)?;
         let partial = partial_name(out)?;
         make_parent(out)?;
         for path in [out, &partial] {
@@ -175,9 +177,14 @@ fn lock(folder: &Path) -> Result<Lock, Stop> {
 }
 
 fn partial_name(out: &Path) -> Result<PathBuf, Stop> {
-    let name = out
-        .file_name()
-        .ok_or_else(|| Stop::new(Exit::Before, format!("the output folder `{}` has no name", out.display())))?;
+    let name = out.file_name().ok_or_else(|| {
+        Stop::new(Exit::Before, format!("the output folder `{}` has no name", out.display()))
+            .remedy("name a folder that is not there yet, such as runs/first")
+    })?;
+    if Path::new(name).extension().is_some_and(|extension| extension == depthloom_durable::PARTIAL) {
+        let what = format!("{}: a folder with that ending is a run that is not whole yet", out.display());
+        return Err(Stop::new(Exit::Before, what).remedy("choose another --out"));
+    }
     if name == CHECKPOINTS {
         let what = format!("{}: a folder `{CHECKPOINTS}` is where trainings put down theirs", out.display());
         return Err(Stop::new(Exit::Before, what).remedy("choose another --out"));
@@ -203,7 +210,17 @@ fn found(path: &Path) -> Result<Found, Stop> {
     Found::at(path).map_err(|error| failed("look at", path, &error))
 }
 
-/// Refuses to replace what the person stands in or the run was made from.
+/// The same path without `..`: a folder that goes aside must not lie on the way to its own name.
+fn without_turns(out: &Path) -> Result<PathBuf, Stop> {
+    if !out.components().any(|part| part == Component::ParentDir) {
+        return Ok(out.to_owned());
+    }
+    let (Some(parent), Some(name)) = (out.parent(), out.file_name()) else { return Ok(out.to_owned()) };
+    let parent = fs::canonicalize(parent).map_err(|error| failed("find", parent, &error))?;
+    Ok(parent.join(name))
+}
+
+/// Refuses to replace what the person stands in, the run was made from, or somebody put there.
 fn keep_from_harm(path: &Path, read: &[&Path]) -> Result<(), Stop> {
     let real = fs::canonicalize(path).map_err(|error| failed("look at", path, &error))?;
     let refuse = |why: String| {
@@ -214,7 +231,10 @@ fn keep_from_harm(path: &Path, read: &[&Path]) -> Result<(), Stop> {
     }
     match read.iter().find(|file| fs::canonicalize(file).is_ok_and(|file| file.starts_with(&real))) {
         Some(file) => Err(refuse(format!("it holds {}, which this run reads", file.display()))),
-        None => Ok(()),
+        None => match contents::foreign(path).map_err(|error| failed("look into", path, &error))? {
+            Some(name) => Err(refuse(format!("it holds {}, which no run wrote", Path::new(&name).display()))),
+            None => Ok(()),
+        },
     }
 }
 

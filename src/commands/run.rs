@@ -142,7 +142,7 @@ impl Ended {
         if stop.exit == Exit::Interrupted && is_put_down {
             let parent = checkpoints.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
             stop = stop.also(format!(
-                "learning goes on from {} when the experiment runs again into a folder of {}",
+                "learning goes on from {} when the experiment runs again into a folder of {}, this one with --overwrite or another",
                 checkpoints.display(),
                 parent.display()
             ));

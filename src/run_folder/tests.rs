@@ -9,12 +9,12 @@ fn create(out: &Path, overwrite: bool) -> Result<RunFolder, Exit> {
 /// A run that is over, with one file.
 fn whole_run(out: &Path, content: &str) {
     let folder = create(out, true).unwrap();
-    folder.write("content", content).unwrap();
+    folder.write("scores.csv", content).unwrap();
     assert_eq!(folder.finish().unwrap(), out);
 }
 
 fn content(out: &Path) -> String {
-    fs::read_to_string(out.join("content")).unwrap()
+    fs::read_to_string(out.join("scores.csv")).unwrap()
 }
 
 fn names(folder: &Path) -> Vec<String> {
@@ -45,7 +45,7 @@ fn fault_06_what_appears_while_a_run_goes_on_stays() {
     let out = folder.path().join("out");
     for overwrite in [false, true] {
         let run = create(&out, overwrite).unwrap();
-        run.write("content", "new").unwrap();
+        run.write("scores.csv", "new").unwrap();
         fs::create_dir(&out).unwrap();
         fs::write(out.join("thesis"), "years").unwrap();
         let stop = run.finish().unwrap_err();
@@ -63,7 +63,7 @@ fn fault_41_a_run_that_goes_on_is_not_replaced_and_one_that_is_over_is() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");
     let live = create(&out, false).unwrap();
-    live.write("content", "first").unwrap();
+    live.write("scores.csv", "first").unwrap();
     assert_eq!(create(&out, true).err(), Some(Exit::Before), "its partial folder is being written");
     live.finish().unwrap();
     assert_eq!(create(&out, false).err(), Some(Exit::Before), "nobody asked for it");
@@ -71,7 +71,7 @@ fn fault_41_a_run_that_goes_on_is_not_replaced_and_one_that_is_over_is() {
     let next = create(&out, true).unwrap();
     assert_eq!(content(&out), "first", "until the new run is whole the old one stays");
     assert_eq!(create(&out, true).err(), Some(Exit::Before), "the old run is to be replaced already");
-    next.write("content", "second").unwrap();
+    next.write("scores.csv", "second").unwrap();
     next.finish().unwrap();
     assert_eq!(content(&out), "second");
     assert_eq!(names(folder.path()), ["out"]);
@@ -92,7 +92,7 @@ fn fault_41_a_run_that_holds_what_is_read_is_not_replaced() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");
     whole_run(&out, "experiment");
-    let experiment = out.join("content");
+    let experiment = out.join("scores.csv");
     let stop = RunFolder::create(&out, true, &[&experiment]).err().unwrap();
     assert_eq!(stop.exit, Exit::Before);
     assert_eq!(content(&out), "experiment");
@@ -125,4 +125,49 @@ fn fault_50_a_dangling_link_is_found_before_any_frame() {
         assert_eq!(create(&out, overwrite).err(), Some(Exit::Before));
     }
     assert_eq!(names(folder.path()), ["out"]);
+}
+
+#[test]
+fn a_run_that_holds_what_no_run_wrote_is_not_replaced() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    whole_run(&out, "kept");
+    for name in ["thesis.txt", "runs", "models/notes.txt", "scores.csv.old"] {
+        let path = out.join(name);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        if name == "runs" {
+            fs::create_dir(&path).unwrap()
+        } else {
+            fs::write(&path, "years").unwrap()
+        }
+        let stop = RunFolder::create(&out, true, &[]).err().unwrap();
+        assert_eq!(stop.exit, Exit::Before);
+        assert!(stop.message.contains(name.split('/').next().unwrap()), "{}", stop.message);
+        assert!(path.exists() && content(&out) == "kept");
+        if name == "runs" { fs::remove_dir(&path).unwrap() } else { fs::remove_file(&path).unwrap() }
+    }
+    // What a killed report left is a run's own.
+    fs::write(out.join("table.csv.partial"), "").unwrap();
+    fs::write(out.join("table.csv.1.partial"), "").unwrap();
+    whole_run(&out, "new");
+    assert_eq!(content(&out), "new");
+}
+
+#[test]
+fn a_way_through_the_folder_itself_replaces_it_as_any_other() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    whole_run(&out, "before");
+    let run = create(&out.join("../out"), true).unwrap();
+    run.write("scores.csv", "after").unwrap();
+    run.finish().unwrap();
+    assert_eq!((content(&out).as_str(), names(folder.path())), ("after", vec!["out".to_owned()]));
+    assert_eq!(create(&folder.path().join("none/../out"), true).err(), Some(Exit::Before));
+    assert_eq!(names(folder.path()), ["out"], "nothing was made on the way");
+}
+
+#[test]
+fn a_name_for_what_is_not_whole_is_no_name_of_a_run() {
+    let folder = tempfile::tempdir().unwrap();
+    assert_eq!(create(&folder.path().join("out.partial"), false).err(), Some(Exit::Before));
 }
