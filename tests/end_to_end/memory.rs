@@ -58,5 +58,5 @@ stages:
     // Three bytes of colour and an IEEE half for every pixel.
     let sample = f64::from(160 * 64 * (3 + 2));
     assert!(held >= 0.5 * sample, "{held:.0} bytes a sample of {sample}: what was measured are not samples");
-    assert!(held <= 1.4 * sample, "a sample of {sample} bytes takes {held:.0}");
+    assert!(held <= 1.8 * sample, "a sample of {sample} bytes takes {held:.0}");
 }
