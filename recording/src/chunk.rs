@@ -10,14 +10,12 @@ use crc32fast::Hasher;
 use depthloom_graphs::Frame;
 use mcap::records::op;
 use rustix::time::{ClockId, clock_gettime};
-use zstd::bulk::Compressor;
 
+use crate::compression;
 use crate::pool::PartPools;
 use crate::record::{ChunkPlace, put_message, put_message_index};
 use crate::unpack::LARGEST_CHUNK;
 
-/// Fast enough not to hold up a run; higher levels gain a few percent on maps (measured: see `benches/encode.rs`).
-const ZSTD_LEVEL: i32 = 1;
 /// A message is compressed if a sample of it shrinks to less than this share.
 ///
 /// On KITTI frames zstd brings maps made of fixed-point disparities to 0.19-0.37 and a ground plane to 0.001, fused maps to
@@ -185,12 +183,12 @@ impl<'a> PartBuilder<'a> {
             if lane.messages.is_empty() {
                 continue;
             }
-            let compression = if packing == Packing::Plain { "" } else { "zstd" };
+            let named = if packing == Packing::Plain { "" } else { "zstd" };
             let start = bytes.len();
-            let records_start = start + header_length(compression);
+            let records_start = start + header_length(named);
             let bound = match packing {
                 Packing::Plain => lane.records.len(),
-                Packing::Compressed | Packing::View => zstd::zstd_safe::compress_bound(lane.records.len()),
+                Packing::Compressed | Packing::View => compression::bound(lane.records.len()),
             };
             bytes.reserve(records_start - start + bound);
             bytes.resize(records_start, 0);
@@ -199,21 +197,18 @@ impl<'a> PartBuilder<'a> {
             } else {
                 let mut into = Cursor::new(bytes);
                 into.set_position(records_start as u64);
-                // A context of its own, so that what it compressed before cannot matter.
                 let began = thread_cpu_ns();
-                let compressor = Compressor::new(ZSTD_LEVEL);
-                let compressed = compressor.and_then(|mut zstd| zstd.compress_to_buffer(&lane.records, &mut into));
-                compressed.map_err(Unkept::Compression)?;
+                compression::compress(&lane.records, &mut into).map_err(Unkept::Compression)?;
                 compress_ns += thread_cpu_ns() - began;
                 bytes = into.into_inner();
             }
             let stored = (bytes.len() - records_start) as u64;
             let size = lane.records.len() as u64;
             let times_ns = times_ns(&lane.messages);
-            let header = chunk_header(times_ns, size, crc32fast::hash(&lane.records), compression, stored);
+            let header = chunk_header(times_ns, size, crc32fast::hash(&lane.records), named, stored);
             bytes[start..records_start].copy_from_slice(&header);
             crc.update(&bytes[start..]);
-            let place = place(times_ns, start, bytes.len() - start, compression, stored, size);
+            let place = place(times_ns, start, bytes.len() - start, named, stored, size);
             chunks.push(indexed(&mut bytes, &mut crc, place, &lane.messages));
             pools.records.put(lane.records);
         }
@@ -262,7 +257,10 @@ fn thread_cpu_ns() -> u64 {
 }
 
 /// How samples of a raster are best kept, measured on a few of them; `put` appends the bytes of a stretch of samples.
-pub(crate) fn measured<T>(samples: &[T], put: impl Fn(&mut Vec<u8>, &[T])) -> Packing {
+///
+/// # Errors
+/// If zstd fails: a guess would give other bytes than those of a run that measured.
+pub(crate) fn measured<T>(samples: &[T], put: impl Fn(&mut Vec<u8>, &[T])) -> Result<Packing, Unkept> {
     let window = WINDOW / size_of::<T>();
     let mut sample = Vec::with_capacity(WINDOWS * WINDOW);
     if samples.len() <= WINDOWS * window {
@@ -273,9 +271,10 @@ pub(crate) fn measured<T>(samples: &[T], put: impl Fn(&mut Vec<u8>, &[T])) -> Pa
             put(&mut sample, &samples[at..at + window]);
         }
     }
-    let packed = zstd::bulk::compress(&sample, ZSTD_LEVEL);
-    let shrinks = packed.is_ok_and(|packed| (packed.len() as f64) < WORTH_COMPRESSING * sample.len() as f64);
-    if shrinks && sample.len() >= SMALL { Packing::Compressed } else { Packing::Plain }
+    let mut packed = Vec::with_capacity(compression::bound(sample.len()));
+    let packed = compression::compress(&sample, &mut packed).map_err(Unkept::Compression)?;
+    let shrinks = (packed as f64) < WORTH_COMPRESSING * sample.len() as f64;
+    Ok(if shrinks && sample.len() >= SMALL { Packing::Compressed } else { Packing::Plain })
 }
 
 fn chunk_header(times_ns: (u64, u64), size: u64, crc: u32, compression: &str, compressed: u64) -> Vec<u8> {
@@ -399,7 +398,7 @@ mod tests {
                 (state >> 56) as u8
             })
             .collect();
-        let packing = |samples: &[u8]| measured(samples, Vec::extend_from_slice);
+        let packing = |samples: &[u8]| measured(samples, Vec::extend_from_slice).unwrap();
         assert_eq!(packing(&noise), Packing::Plain);
         assert_eq!(packing(&noise.iter().map(|byte| byte % 2).collect::<Vec<u8>>()), Packing::Compressed);
         assert_eq!(packing(&[0; 100]), Packing::Plain, "too small to matter");

@@ -68,6 +68,9 @@
 //! up to the last commit before which every byte is what was written. [`Recording::condition`] says which it was.
 //! No message is larger than 2 GiB, and no chunk; what would be is refused with its size, by writer and reader.
 //!
+//! A run that was interrupted, or failed, closes its file with a summary and with a metadata record `depthloom.ended` before it: any
+//! reader finds its way, and [`Recording::condition`] is unfinished.
+//!
 //! # A file that was not finished, read by others
 //! A run that was killed leaves no summary. Python's `mcap` then finds nothing by default, since `make_reader` looks for the
 //! summary first. `mcap.reader.NonSeekingReader(file).iter_messages(log_time_order=False)` reads from the start, and gives all
@@ -76,6 +79,7 @@
 mod attachment;
 mod checksum;
 mod chunk;
+mod compression;
 mod condition;
 mod curve;
 mod decode;
@@ -120,3 +124,5 @@ pub(crate) const FORMAT: &str = "2";
 pub(crate) const PLAN_METADATA: &str = "depthloom";
 /// The metadata records that say which attachment holds which once-value.
 pub(crate) const ONCE_METADATA: &str = "depthloom.once";
+/// The metadata record of a run that ended before its end.
+pub(crate) const ENDED_METADATA: &str = "depthloom.ended";

@@ -22,7 +22,7 @@ use crate::plan::RecordedPlan;
 use crate::pool::PartPools;
 use crate::unpack::LARGEST_CHUNK;
 use crate::writer::Writer;
-use crate::{FORMAT, ONCE_METADATA, PLAN_METADATA};
+use crate::{ENDED_METADATA, FORMAT, ONCE_METADATA, PLAN_METADATA};
 
 /// A file kept inside a recording.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -133,9 +133,18 @@ impl Recorder {
         for attachment in attachments {
             state.writer.attachment(&attachment.name, &attachment.media_type, &attachment.bytes)?;
         }
-        let (bytes, counts) = state.writer.finish()?;
-        let messages = counts.messages.values().sum();
-        Ok(Written { bytes, frames: state.frames, messages, chunks: u64::from(counts.chunks) })
+        state.close()
+    }
+
+    /// Writes the summary and closes the file of a run that ended before its end: who reads it is told.
+    ///
+    /// # Errors
+    /// If the disk refuses, or did before.
+    pub fn finish_early(&self) -> Result<Written, RecordingError> {
+        let mut state = self.state();
+        let frames = state.frames.to_string();
+        state.writer.metadata(ENDED_METADATA, BTreeMap::from([("frames".to_owned(), frames)]))?;
+        state.close()
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
@@ -143,32 +152,32 @@ impl Recorder {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn put(&self, part: &mut PartBuilder<'_>, frame: &Frame, port: &PortLayout, value: &Value) {
+    fn put(&self, part: &mut PartBuilder<'_>, frame: &Frame, port: &PortLayout, value: &Value) -> Result<(), Unkept> {
         let stamp = Stamp { frame, frame_id: &port.frame_id };
         if let Value::Scores(rows) = value {
             for row in rows.iter() {
                 let message = ScoreMessage::new(&frame.id, row).encode_to_vec();
                 part.message(port.channel, Packing::Plain, message.len(), |out| out.extend_from_slice(&message));
             }
-            return;
+            return Ok(());
         }
         if let (Some(encoded), Some(channel)) = (encoded(value), port.compressed_channel) {
             let put = |out: &mut Vec<u8>| put_compressed_image(out, stamp, encoded);
             part.message(channel, Packing::Plain, encoded.bytes.len(), put);
-            return;
+            return Ok(());
         }
         let (packing, size) = match value {
             Value::Disparity(disparity) => (Packing::Compressed, 2 * disparity.sixteenths_px.len()),
             Value::Mask(mask) => (Packing::Compressed, mask.set.len()),
             Value::Depth(depth) if port.class == Class::FixedPoint => (Packing::Compressed, 4 * depth.metres.len()),
-            Value::Depth(depth) => (measured(&depth.metres, put_floats), 4 * depth.metres.len()),
-            Value::Weight(weight) => (measured(&weight.share, put_floats), 4 * weight.share.len()),
+            Value::Depth(depth) => (measured(&depth.metres, put_floats)?, 4 * depth.metres.len()),
+            Value::Weight(weight) => (measured(&weight.share, put_floats)?, 4 * weight.share.len()),
             Value::Image(image) => {
                 let samples: &[u8] = match image.pixels() {
                     Pixels::Grey(grey) => grey,
                     Pixels::Rgb(rgb) => rgb,
                 };
-                (measured(samples, Vec::extend_from_slice), samples.len())
+                (measured(samples, Vec::extend_from_slice)?, samples.len())
             }
             Value::Calibration(_) | Value::Scores(_) | Value::Samples(_) | Value::Model(_) | Value::Curve(_) => {
                 (Packing::Plain, 512)
@@ -178,6 +187,7 @@ impl Recorder {
         if let (Value::Depth(depth), Some(channel)) = (value, port.view_channel) {
             part.message(channel, Packing::View, 2 * depth.metres.len(), |out| put_view(out, stamp, depth));
         }
+        Ok(())
     }
 }
 
@@ -200,6 +210,16 @@ impl Tap for Recorder {
         values: &[(Slot, Value)],
     ) -> Result<Part, TapError> {
         let kept = (position as u64).is_multiple_of(self.every);
+        let unkept = |why| match why {
+            Unkept::TooLarge { channel, bytes } => {
+                let topic = self.layout.channels[usize::from(channel) - 1].topic.clone();
+                tap_error(RecordingError::Value { frame: frame.id.to_string(), topic, what: too_large(bytes) })
+            }
+            Unkept::Compression(error) => TapError {
+                what: format!("failed to compress frame {} for {}", frame.id, self.path.display()),
+                source: Some(Box::new(error)),
+            },
+        };
         let mut builder = PartBuilder::new(frame, &self.pools[run][part]);
         for (slot, value) in values {
             let Some(port) = self.layout.runs[run].port(*slot).filter(|port| port.part == part) else { continue };
@@ -217,19 +237,10 @@ impl Tap for Recorder {
                 return Err(tap_error(RecordingError::Value { frame, topic, what }));
             }
             if kept || port.class == Class::Rows {
-                self.put(&mut builder, frame, port, value);
+                self.put(&mut builder, frame, port, value).map_err(unkept)?;
             }
         }
-        builder.finish().map_err(|error| match error {
-            Unkept::TooLarge { channel, bytes } => {
-                let topic = self.layout.channels[usize::from(channel) - 1].topic.clone();
-                tap_error(RecordingError::Value { frame: frame.id.to_string(), topic, what: too_large(bytes) })
-            }
-            Unkept::Compression(error) => TapError {
-                what: format!("failed to compress frame {} for {}", frame.id, self.path.display()),
-                source: Some(Box::new(error)),
-            },
-        })
+        builder.finish().map_err(unkept)
     }
 
     fn write(&self, commit: &Commit<'_>, parts: Vec<Part>) -> Result<(), TapError> {
@@ -295,6 +306,12 @@ impl Tap for Recorder {
 type Kept = Vec<(&'static str, String)>;
 
 impl State {
+    fn close(&mut self) -> Result<Written, RecordingError> {
+        let (bytes, counts) = self.writer.finish()?;
+        let messages = counts.messages.values().sum();
+        Ok(Written { bytes, frames: self.frames, messages, chunks: u64::from(counts.chunks) })
+    }
+
     /// Keeps an artefact as an attachment; equal ones once.
     fn keep_artifact(&mut self, artifact: &Artifact) -> Result<Kept, RecordingError> {
         let name = artifact_name(artifact);

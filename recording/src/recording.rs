@@ -20,7 +20,7 @@ use crate::reader::FrameReader;
 use crate::store::KeyedPlace;
 use crate::unpack::ChunkBuffers;
 use crate::walk::{Walked, walk};
-use crate::{ONCE_METADATA, PLAN_METADATA};
+use crate::{ENDED_METADATA, ONCE_METADATA, PLAN_METADATA};
 
 /// A frame of a stage run, committed.
 #[derive(Clone, Debug, PartialEq)]
@@ -113,6 +113,7 @@ impl Recording {
         }
         let whole = Index::of_summary(&file).and_then(|index| index.map(|index| Found::of(&file, index)).transpose());
         let (found, condition) = match whole {
+            Ok(Some(found)) if found.ended_early() => (found, Condition::Unfinished { rest_bytes: 0 }),
             Ok(Some(found)) => (found, Condition::Whole),
             Ok(None) => Found::without_summary(&file, None)?,
             Err(RecordingError::Damaged { offset, what, .. }) => Found::without_summary(&file, Some((offset, what)))?,
@@ -223,6 +224,11 @@ impl Found {
             }
             (Err(error), _) => Err(error),
         }
+    }
+
+    /// Whether its writer says that the run ended before its end.
+    fn ended_early(&self) -> bool {
+        self.index.metadata.iter().any(|metadata| metadata.name == ENDED_METADATA)
     }
 
     /// Finds the frames: each is what stands between two commit records.

@@ -1,7 +1,10 @@
 //! A chunk read back: its records, decompressed and checked.
 
+use std::io::ErrorKind;
+
 use mcap::records::op;
 
+use crate::compression::decompress;
 use crate::error::RecordingError;
 use crate::file::PositionedFile;
 use crate::index::ChunkEntry;
@@ -45,9 +48,13 @@ impl ChunkBuffers {
                 self.unpacked.clear();
                 let reserved = self.unpacked.try_reserve_exact(size);
                 reserved.map_err(|_| file.too_large(chunk.start, head.uncompressed_size))?;
-                let unpacked = zstd::bulk::Decompressor::new()
-                    .and_then(|mut zstd| zstd.decompress_to_buffer(stored, &mut self.unpacked));
-                unpacked.map_err(|error| damaged(format!("a chunk cannot be decompressed: {error}")))?;
+                match decompress(stored, &mut self.unpacked) {
+                    Ok(_) => {}
+                    Err(error) if error.kind() == ErrorKind::OutOfMemory => {
+                        return Err(file.too_large(chunk.start, head.uncompressed_size));
+                    }
+                    Err(error) => return Err(damaged(format!("a chunk cannot be decompressed: {error}"))),
+                }
                 &self.unpacked
             }
             other => return Err(damaged(format!("a chunk is compressed as `{other}`, which depthloom never does"))),

@@ -177,8 +177,11 @@ fn record(
     let progress = Progress::new(plan, is_silent(args));
     let ran = depthloom_runner::run(ready, &recorder, options, &progress, interrupt);
     // Whatever happened, what was recorded is closed properly: a run that failed keeps the frames before the failure.
-    let finished =
-        recorder.finish(&[]).map_err(|error| Stop::because(Exit::Engine, "failed to close the recording", &error));
+    let finished = match &ran {
+        Ok(ran) if !ran.interrupted => recorder.finish(&[]),
+        _ => recorder.finish_early(),
+    };
+    let finished = finished.map_err(|error| Stop::because(Exit::Engine, "failed to close the recording", &error));
     let ended = |why| Ended { why, frames: progress.written() };
     // What failed first is told.
     let ran = ran.map_err(|error| ended(stop_of(&error)))?;

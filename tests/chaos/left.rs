@@ -65,6 +65,8 @@ fn look_at_recording(case: &mut Case<'_>, reference: &Reference, path: &Path, ki
     let is_right = |files: &Answer| files.difference_in_files(&answer).is_none();
     let right = reference.of_frames(frames).filter_map(|shorter| shorter.answer.as_ref()).any(is_right);
     match (right, says_it_is_not_whole(&ended)) {
+        // Ended after its last frame: nothing is missing that a word would be about.
+        (true, false) if reference.recording == bytes => Verdict::Error,
         (true, true) => Verdict::Said,
         (true, false) => Verdict::different(format!("a table of {frames} frames, and no word that the run was ended")),
         (false, _) => Verdict::different(format!("a table that is not that of the {frames} whole frames")),

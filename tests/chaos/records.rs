@@ -11,7 +11,8 @@ pub struct Record<'a> {
 const MAGIC: usize = 8;
 const SCHEMA: u8 = 3;
 const CHANNEL: u8 = 4;
-const MESSAGE_INDEX: u8 = 7;
+const MESSAGE: u8 = 5;
+const CHUNK: u8 = 6;
 const ATTACHMENT: u8 = 9;
 const METADATA: u8 = 0x0c;
 const DATA_END: u8 = 0x0f;
@@ -44,7 +45,7 @@ fn number(bytes: &[u8]) -> Option<u16> {
     Some(u16::from_le_bytes(*bytes.first_chunk()?))
 }
 
-/// Where each whole frame ends: behind the message index of its commit.
+/// Where each whole frame ends: behind the chunk with its commit. The index behind it adds nothing that is not in it.
 pub fn commits(file: &[u8]) -> Vec<usize> {
     let (mut schema, mut channels, mut ends) = (None, Vec::new(), Vec::new());
     for record in records(file) {
@@ -55,13 +56,21 @@ pub fn commits(file: &[u8]) -> Vec<usize> {
             CHANNEL if schema.is_some() && record.body.get(2..).and_then(number) == schema => {
                 channels.extend(number(record.body));
             }
-            MESSAGE_INDEX if number(record.body).is_some_and(|channel| channels.contains(&channel)) => {
+            CHUNK if first_channel(record.body).is_some_and(|channel| channels.contains(&channel)) => {
                 ends.push(record.end);
             }
             _ => {}
         }
     }
     ends
+}
+
+/// The channel of the first message of an uncompressed chunk.
+fn first_channel(chunk: &[u8]) -> Option<u16> {
+    // Behind two times, a size and a checksum; before the messages, how long they are.
+    let ("", rest) = text(chunk.get(28..)?)? else { return None };
+    let message = rest.get(8..)?;
+    (*message.first()? == MESSAGE).then(|| number(message.get(9..)?)).flatten()
 }
 
 /// Where what a report shows may change: behind the frames, and behind what stands outside them.

@@ -77,30 +77,6 @@ const KINDS: [Kind; 42] = [
 const KEPT_AT_MOST: usize = 40;
 static KEPT: AtomicUsize = AtomicUsize::new(0);
 
-/// Kinds that find faults whose mends are not in yet: left out of the shortened run, not of the full one.
-const AWAITED: [&str; 20] = [
-    "bits/checkpoint",
-    "truncations/anywhere",
-    "truncations/near-a-record",
-    "truncations/zeros",
-    "kills/street",
-    "kills/learning",
-    "signals/start",
-    "signals/frames",
-    "signals/learning",
-    "signals/analysis",
-    "signals/ignored",
-    "limits/memory",
-    "limits/descriptors",
-    "limits/threads",
-    "limits/file-size",
-    "limits/disk",
-    "onnx/not-finite",
-    "streams/run",
-    "streams/others",
-    "streams/names",
-];
-
 /// How many cases of a kind came to what.
 #[derive(Clone, Copy, Default)]
 struct Tally {
@@ -200,12 +176,8 @@ fn cases(arguments: &Arguments) -> Vec<(&'static Kind, String)> {
     let wanted = |kind: &&Kind| {
         arguments.only.is_empty() || arguments.only.iter().any(|only| kind.name.contains(only) || only == "chaos")
     };
-    let is_short = !arguments.full && arguments.cases.is_none();
-    let awaited = KINDS.iter().filter(|kind| is_short && AWAITED.contains(&kind.name));
-    awaited.for_each(|kind| eprintln!("SKIPPED chaos {}: its mends are awaited", kind.name));
     let count = |kind: &Kind| arguments.cases.unwrap_or(kind.counts[usize::from(arguments.full)]);
     let of_kind = |kind: &'static Kind| (0..count(kind)).map(move |index| (kind, format!("{}/{index}", kind.name)));
-    let wanted = |kind: &&Kind| wanted(kind) && !(is_short && AWAITED.contains(&kind.name));
     KINDS.iter().filter(wanted).flat_map(of_kind).collect()
 }
 

@@ -51,7 +51,7 @@ pub fn while_learning(case: &mut Case<'_>) -> Verdict {
 pub fn in_the_analysis(case: &mut Case<'_>) -> Verdict {
     let reference = case.ground.street();
     let partial = case.at("run.partial");
-    during(case, reference, reference.took.mul_f64(0.3), move || partial.join("experiment.resolved.yaml").exists())
+    during(case, reference, reference.took.mul_f64(0.3), move || partial.join("timings.parquet").exists())
 }
 
 fn size(path: &std::path::Path) -> u64 {

@@ -62,6 +62,9 @@ fn an_interrupted_run_finishes_its_frames_and_says_where_they_are() {
     assert_eq!(child.wait().expect("ended").code(), Some(130));
     assert!(!out.exists(), "an interrupted run must not look like a whole one");
     let partial = out.with_extension("partial");
-    succeed(depthloom().arg("report").arg(&partial));
+    let report = succeed(depthloom().arg("report").arg(&partial));
+    assert!(
+        String::from_utf8_lossy(&report.stdout).contains("note: the recording is unfinished; all numbers are of its")
+    );
     assert_answers_of_its_frames(&partial, folder.path());
 }

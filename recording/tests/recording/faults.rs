@@ -347,3 +347,18 @@ fn equal_topics_are_refused_before_anything_is_written() {
     let recording = Recording::open(&path).unwrap();
     assert_eq!(recording.plan().runs[0].estimates[0].estimate_topic, None);
 }
+
+#[test]
+fn fault_49_a_run_that_ended_before_its_end_says_so_in_a_closed_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("recording.mcap");
+    let recorder = Recorder::create(&path, &plan()).unwrap();
+    record_frame(&recorder, 0, &frame(0), &values(&frame(0), 20, 12), false);
+    recorder.finish_early().unwrap();
+    let recording = Recording::open(&path).unwrap();
+    assert_eq!(*recording.condition(), Condition::Unfinished { rest_bytes: 0 });
+    assert_eq!(read_all(&path).unwrap(), 1);
+    // Other readers find the summary: the file is closed.
+    let bytes = std::fs::read(&path).unwrap();
+    assert!(mcap::Summary::read(&bytes).unwrap().is_some());
+}

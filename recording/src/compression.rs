@@ -1,0 +1,46 @@
+//! zstd, each time in a context of its own, so that what it did before cannot matter; without memory an error, not a panic.
+
+use std::io;
+
+use zstd::zstd_safe::{CCtx, CParameter, DCtx, WriteBuf, get_error_name};
+
+/// Fast enough not to hold up a run; higher levels gain a few percent on maps (measured: see `benches/encode.rs`).
+const LEVEL: i32 = 1;
+
+/// The most bytes that so many may come to.
+pub(crate) fn bound(bytes: usize) -> usize {
+    zstd::zstd_safe::compress_bound(bytes)
+}
+
+/// Compresses into the room there is.
+pub(crate) fn compress(from: &[u8], into: &mut (impl WriteBuf + ?Sized)) -> io::Result<usize> {
+    let mut context = CCtx::try_create().ok_or(io::ErrorKind::OutOfMemory)?;
+    context.set_parameter(CParameter::CompressionLevel(LEVEL)).map_err(told)?;
+    context.compress2(into, from).map_err(told)
+}
+
+/// Decompresses into the room there is.
+pub(crate) fn decompress(from: &[u8], into: &mut (impl WriteBuf + ?Sized)) -> io::Result<usize> {
+    DCtx::try_create().ok_or(io::ErrorKind::OutOfMemory)?.decompress(into, from).map_err(told)
+}
+
+fn told(code: usize) -> io::Error {
+    io::Error::other(get_error_name(code))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{bound, compress, decompress};
+
+    #[test]
+    fn the_bytes_are_those_of_the_librarys_own_interface() {
+        let bytes: Vec<u8> = (0..100_000_u32).map(|n| (n * n / 977) as u8).collect();
+        let mut packed = Vec::with_capacity(bound(bytes.len()));
+        compress(&bytes, &mut packed).unwrap();
+        assert!(packed == zstd::bulk::compress(&bytes, super::LEVEL).unwrap());
+        let mut unpacked = Vec::with_capacity(bytes.len());
+        decompress(&packed, &mut unpacked).unwrap();
+        assert!(unpacked == bytes);
+        assert!(decompress(&packed, &mut Vec::with_capacity(bytes.len() - 1)).is_err());
+    }
+}
