@@ -19,7 +19,7 @@ pub struct Cli {
 
 const AFTER_HELP: &str = "\
 Exit codes: 0 whole; 1 engine, disk or learning failed; 2 found before any frame was admitted (file, arguments, data \
-missing); 3 frames failed or were dropped; 130 interrupted.";
+missing); 3 frames failed or were dropped, or a recording is damaged; 130 interrupted.";
 
 /// When messages are coloured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]

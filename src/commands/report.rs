@@ -35,9 +35,9 @@ pub fn report(args: &ReportArgs) -> Result<Exit, Stop> {
         analyse(&recording, &out, &ReportOptions { paper: args.paper, ..ReportOptions::default() }, &interrupt)?;
     let printed = if args.json { print_json(&report.json) } else { print(summary(&report, &out)) };
     printed.map_err(|stop| stop.also(format!("tables and plots are whole in {}", out.display())))?;
-    // An unfinished recording is what was asked for; of a damaged one, frames may be lost.
-    let is_cut = matches!(recording.condition(), Condition::Damaged { cut: true, .. });
-    Ok(if is_cut { Exit::Frames } else { Exit::Whole })
+    // An unfinished recording is what was asked for; a damaged one is not what was written.
+    let is_damaged = matches!(recording.condition(), Condition::Damaged { .. });
+    Ok(if is_damaged { Exit::Frames } else { Exit::Whole })
 }
 
 /// Analyses a recording until it is done or asked to stop.
