@@ -133,10 +133,11 @@ impl Ended {
         }
         let is_put_down = std::fs::read_dir(&checkpoints).is_ok_and(|mut files| files.next().is_some());
         if stop.exit == Exit::Interrupted && is_put_down {
-            let parent = checkpoints.parent().unwrap_or(Path::new(".")).display().to_string();
+            let parent = checkpoints.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
             stop = stop.also(format!(
-                "learning goes on from {} when the experiment runs again into a folder of `{parent}`",
-                checkpoints.display()
+                "learning goes on from {} when the experiment runs again into a folder of {}",
+                checkpoints.display(),
+                parent.display()
             ));
         }
         stop
