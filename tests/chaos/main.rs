@@ -84,5 +84,5 @@ fn main() -> std::process::ExitCode {
 
 #[cfg(not(unix))]
 fn main() {
-    eprintln!("SKIPPED chaos: kills, signals and limits are those of Unix");
+    depthloom_test_needs::skipped("chaos", "kills, signals and limits are those of Unix");
 }

@@ -154,7 +154,7 @@ pub fn run(arguments: &Arguments) -> ExitCode {
     let _ = fs::remove_dir_all(&root);
 
     for ((kind, why), count) in skips.into_inner().unwrap_or_else(PoisonError::into_inner) {
-        eprintln!("SKIPPED chaos {kind}, {count} cases: {why}");
+        depthloom_test_needs::skipped(&format!("chaos {kind}, {count} cases"), &why);
     }
     let found = found.into_inner().unwrap_or_else(PoisonError::into_inner);
     println!("\n{:28}  cases  errors   equal    said  different  panics  hangs  skipped", "");
