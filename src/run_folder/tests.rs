@@ -135,16 +135,12 @@ fn a_run_that_holds_what_no_run_wrote_is_not_replaced() {
     for name in ["thesis.txt", "runs", "models/notes.txt", "scores.csv.old"] {
         let path = out.join(name);
         fs::create_dir_all(path.parent().unwrap()).unwrap();
-        if name == "runs" {
-            fs::create_dir(&path).unwrap()
-        } else {
-            fs::write(&path, "years").unwrap()
-        }
+        if name == "runs" { fs::create_dir(&path) } else { fs::write(&path, "years") }.unwrap();
         let stop = RunFolder::create(&out, true, &[]).err().unwrap();
         assert_eq!(stop.exit, Exit::Before);
         assert!(stop.message.contains(name.split('/').next().unwrap()), "{}", stop.message);
         assert!(path.exists() && content(&out) == "kept");
-        if name == "runs" { fs::remove_dir(&path).unwrap() } else { fs::remove_file(&path).unwrap() }
+        if name == "runs" { fs::remove_dir(&path) } else { fs::remove_file(&path) }.unwrap();
     }
     // What a killed report left is a run's own.
     fs::write(out.join("table.csv.partial"), "").unwrap();
