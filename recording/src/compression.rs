@@ -34,7 +34,7 @@ mod tests {
 
     #[test]
     fn the_bytes_are_those_of_the_librarys_own_interface() {
-        let bytes: Vec<u8> = (0..100_000_u32).map(|n| (n * n / 977) as u8).collect();
+        let bytes: Vec<u8> = (0..100_000_u32).map(|n| (n.wrapping_mul(n) / 977) as u8).collect();
         let mut packed = Vec::with_capacity(bound(bytes.len()));
         compress(&bytes, &mut packed).unwrap();
         assert!(packed == zstd::bulk::compress(&bytes, super::LEVEL).unwrap());

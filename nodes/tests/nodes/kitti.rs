@@ -80,7 +80,7 @@ impl DataSet {
 }
 
 fn colour(width: u32, height: u32) -> DynamicImage {
-    RgbImage::from_fn(width, height, |x, y| Rgb([x as u8 * 3, y as u8 * 5, (x * y) as u8])).into()
+    RgbImage::from_fn(width, height, |x, y| Rgb([(x * 3) as u8, (y * 5) as u8, (x * y) as u8])).into()
 }
 
 fn truth(width: u32, height: u32) -> DynamicImage {
