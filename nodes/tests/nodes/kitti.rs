@@ -84,7 +84,7 @@ fn colour(width: u32, height: u32) -> DynamicImage {
 }
 
 fn truth(width: u32, height: u32) -> DynamicImage {
-    let map = ImageBuffer::from_fn(width, height, |x, _| Luma([if x % 2 == 0 { 0 } else { 256 * x as u16 }]));
+    let map = ImageBuffer::from_fn(width, height, |x, _| Luma([if x % 2 == 0 { 0 } else { (256 * x) as u16 }]));
     DynamicImage::ImageLuma16(map)
 }
 
