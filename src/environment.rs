@@ -1,8 +1,8 @@
 //! What differs between machines and moments: kept beside the recording, never in it.
 
 use depthloom_kernels::simd::Level;
-use depthloom_nodes::onnx_engine::{self, Engine};
-use depthloom_nodes::onnx_provider::Provider;
+use depthloom_nodes::onnx::Provider;
+use depthloom_nodes::onnx::{self, Engine};
 use serde_json::{Value as Json, json};
 
 /// The engine's version, the machine, the run's size and time, as `environment.json` holds them.
@@ -16,7 +16,7 @@ pub fn describe(workers: usize, window: Option<usize>, wall_seconds: f64) -> Jso
         "architecture": std::env::consts::ARCH,
         "cores": cores(),
         "simd": simd(),
-        "networks": onnx_engine::in_use().map(networks),
+        "networks": onnx::in_use().map(networks),
         "workers": workers,
         "window": window,
         "finished_utc": utc_stamp(),

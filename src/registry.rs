@@ -2,7 +2,7 @@
 
 use depthloom_graphs::Registry;
 
-/// Those of `nodes` and of `nodes/learning`.
+/// Those of `nodes` and of `learning`.
 pub fn registry() -> Registry {
     depthloom_learning::register(depthloom_nodes::registry())
 }

@@ -7,8 +7,7 @@ use std::io::{BufRead, Write};
 use std::time::Instant;
 
 use depthloom_graphs::values::Artifact;
-use depthloom_nodes::mono::{Network, OnnxParams};
-use depthloom_nodes::onnx_engine;
+use depthloom_nodes::onnx::{self, Network, OnnxParams};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
@@ -16,7 +15,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let params = OnnxParams { threads: threads.parse()?, ..OnnxParams::default() };
     let network =
         Network::load(&Artifact::new("model/onnx", std::fs::read(model)?), &params).map_err(|fault| fault.chain())?;
-    let (title, size) = (onnx_engine::find().map_err(|fault| fault.chain())?.title(), network.size);
+    let (title, size) = (onnx::find().map_err(|fault| fault.chain())?.title(), network.size);
     println!("{title} {} {} {}", size.channels, size.height, size.width);
     for line in std::io::stdin().lock().lines() {
         let line = line?;

@@ -18,20 +18,12 @@ pub mod filter;
 pub mod fusion;
 pub mod kitti_layout;
 pub mod mono;
-pub mod onnx_engine;
-pub mod onnx_provider;
-pub mod road;
+pub mod onnx;
 pub mod score;
 pub mod sources;
 pub mod stereo;
 
 mod grey;
-mod onnx_library;
-mod onnx_model;
-mod onnx_runtime;
-mod onnx_session;
-#[cfg(feature = "tract")]
-mod onnx_tract;
 mod registry;
 mod shape;
 mod tiles;

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use depthloom_graphs::Fault;
-use depthloom_nodes::onnx_engine::{self, Engine};
+use depthloom_nodes::onnx::{self, Engine};
 use serde_json::json;
 
 use crate::environment;
@@ -15,7 +15,7 @@ const DATA_ROOTS: [(&str, &str); 1] = [("KITTI_STEREO_2015", "training/image_2")
 
 /// Prints cores, SIMD, the engine of networks and data roots.
 pub fn doctor(as_json: bool) -> Result<Exit, Stop> {
-    let engine = onnx_engine::find();
+    let engine = onnx::find();
     let roots = DATA_ROOTS.map(|(variable, landmark)| {
         let root = std::env::var_os(variable).map(PathBuf::from);
         let there = root.as_ref().is_some_and(|root| root.join(landmark).is_dir());
@@ -65,7 +65,7 @@ fn looked_at() -> Vec<String> {
         "system" => folder.display().to_string(),
         by => format!("{} (by {by})", folder.display()),
     };
-    onnx_engine::looked_at().into_iter().map(place).collect()
+    onnx::looked_at().into_iter().map(place).collect()
 }
 
 /// The engine of networks, with what it offers; or why there is none.
@@ -79,7 +79,7 @@ fn networks(engine: &Result<&Engine, Fault>) -> String {
                 (None, Some(why)) => format!("part of this program: {why}"),
             };
             let providers = environment::names(&found.providers()).join(", ");
-            let choice = format!("{}=onnxruntime or tract asks for an engine by name", onnx_engine::VARIABLE);
+            let choice = format!("{}=onnxruntime or tract asks for an engine by name", onnx::VARIABLE);
             let places = format!("looked at, where ORT_DYLIB_PATH names none: {}", looked_at().join(", "));
             let lines = [format!("providers: {providers}"), places, choice].map(|line| below(&line)).concat();
             format!("{}, {origin}{lines}", found.title())

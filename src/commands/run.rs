@@ -7,7 +7,7 @@ use depthloom_analysis::{ReportOptions, Summary};
 use depthloom_graphs::language::Loaded;
 use depthloom_graphs::plan::Plan;
 use depthloom_graphs::ready::{NotReady, Ready};
-use depthloom_nodes::onnx_engine;
+use depthloom_nodes::onnx;
 use depthloom_recording::{Recorder, Recording};
 use depthloom_runner::{Checkpoints, Interrupt, Options, Report, RunError};
 use serde_json::{Value as Json, json};
@@ -200,7 +200,7 @@ fn record(
 
 /// Libraries that were passed over, and what nodes told of.
 fn warnings(ran: &Report, plan: &Plan) -> Vec<String> {
-    let engine = onnx_engine::in_use();
+    let engine = onnx::in_use();
     let passed_over = engine.into_iter().flat_map(|engine| {
         engine.refused.iter().map(|refused| format!("networks ran in {}: {refused}", engine.title()))
     });

@@ -9,7 +9,7 @@ use image::RgbImage;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::road::{Size, Street};
+use depthloom_road::{Size, Street};
 
 const KIND: &str = "synthetic/road";
 const VERSION: u32 = 1;

@@ -205,7 +205,7 @@ fn digests() -> BTreeMap<String, Key> {
     for node in registry.nodes() {
         let kind = node.declaration.kind;
         if kind == "mono/onnx"
-            && let Err(fault) = depthloom_nodes::onnx_engine::find()
+            && let Err(fault) = depthloom_nodes::onnx::find()
         {
             depthloom_test_needs::skipped(&format!("the digest of {kind}"), &fault.chain());
             continue;

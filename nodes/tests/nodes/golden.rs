@@ -150,7 +150,7 @@ fn the_ground_plane_pipeline_is_the_oracles() {
 #[test]
 fn the_network_pipeline_is_the_oracles() {
     let Some(shared) = shared("the_network_pipeline_is_the_oracles") else { return };
-    if let Err(fault) = depthloom_nodes::onnx_engine::find() {
+    if let Err(fault) = depthloom_nodes::onnx::find() {
         return skipped("the_network_pipeline_is_the_oracles", &fault.chain());
     }
     let folder = shared.join("oracle/golden/ssl_unet");

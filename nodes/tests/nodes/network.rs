@@ -6,8 +6,8 @@ use std::process::Command;
 
 use depthloom_graphs::Value;
 use depthloom_graphs::values::{Image, Pixels};
-use depthloom_nodes::onnx_engine;
-use depthloom_nodes::onnx_provider::Provider;
+use depthloom_nodes::onnx;
+use depthloom_nodes::onnx::Provider;
 #[cfg(feature = "tract")]
 use depthloom_test_needs::onnx_runtime;
 use depthloom_test_needs::{shared, skipped};
@@ -20,7 +20,7 @@ use crate::steps::calibration;
 
 /// Whether this machine can run networks; says that the test is skipped where it cannot.
 fn can_run(test: &str) -> bool {
-    match onnx_engine::find() {
+    match onnx::find() {
         Ok(_) => true,
         Err(fault) => {
             skipped(test, &fault.chain());
@@ -273,7 +273,7 @@ fn a_file_that_is_no_model_is_said_to_be_none() {
         return;
     }
     let told = run(&json!({}), &model(b"<html>404</html>".to_vec())).unwrap_err();
-    let title = onnx_engine::find().unwrap().title();
+    let title = onnx::find().unwrap().title();
     assert!(told.starts_with(&format!("the 16 bytes of the model are none that {title} can load")), "{told}");
     assert!(told.contains("remedy: `model` wants an ONNX file, or the output of a learning stage"), "{told}");
 }
@@ -323,7 +323,7 @@ fn a_provider_that_is_not_there_is_an_error_and_never_the_processor() {
     if !can_run("a_provider_that_is_not_there_is_an_error_and_never_the_processor") {
         return;
     }
-    let engine = onnx_engine::find().unwrap();
+    let engine = onnx::find().unwrap();
     for provider in Provider::ALL.into_iter().filter(|provider| !engine.providers().contains(provider)) {
         let name = provider.name();
         let told = run(&json!({ "provider": name }), &mean(&[1, 3, 2, 4], &[1, 1, 2, 4])).unwrap_err();
@@ -363,7 +363,7 @@ fn share(shared: &Path) -> Vec<f32> {
 #[cfg(feature = "tract")]
 fn again_in(engine: &str, arguments: &[&str], answer: &Path) -> Command {
     let mut program = Command::new(std::env::current_exe().unwrap());
-    program.args(arguments).env(onnx_engine::VARIABLE, engine).env(ANSWER, answer);
+    program.args(arguments).env(onnx::VARIABLE, engine).env(ANSWER, answer);
     program
 }
 

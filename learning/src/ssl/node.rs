@@ -1,0 +1,237 @@
+//! The kind `learn/ssl`.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use depthloom_graphs::contracts::{Contract, NodeDeclaration, Upstream};
+use depthloom_graphs::values::{Artifact, Curve};
+use depthloom_graphs::{Context, Fault, Host, Inputs, Instance, Key, Node, OnceNode, Outputs, Port, Value, ValueType};
+use rayon::ThreadPool;
+use rustix::time::{ClockId, clock_gettime};
+
+use super::checkpoint::Checkpoint;
+use super::fits::Form;
+use super::params::SslParams;
+use super::train::{State, Training};
+use super::weights;
+use crate::networks::{Layout, Network, export, layout};
+use crate::onnx::weights::NamedTensor;
+use crate::samples::SamplesView;
+
+/// Raised whenever equal samples and parameters give another network.
+const VERSION: u32 = 2;
+
+/// What computes gradients and steps, with its version.
+const LIBRARY: &str = "burn 0.22.1";
+
+/// The kind `learn/ssl`.
+pub struct Ssl {
+    params: SslParams,
+    weights: Option<Vec<NamedTensor>>,
+}
+
+impl Node for Ssl {
+    type Params = SslParams;
+
+    fn declaration() -> NodeDeclaration {
+        NodeDeclaration {
+            kind: "learn/ssl",
+            version: VERSION,
+            contract: Contract::Once,
+            summary: "Teaches a still-mono network from the robot's own stereo: no ground truth.",
+            doc: "\
+The loss is the paper's, the masked mean absolute error `l = mean over C of |Z_m - Z_s|` (Martins et al. 2018), on inverse depth, depth or log depth; beside it, if asked for, \
+the left-right photometric loss of Godard et al. 2017. The optimiser is Adam. A step's samples and their changes depend on `seed` and the step alone, and gradients are added up in a \
+fixed order: the same samples give the same network, bit for bit, with any number of workers, killed and resumed or not.\n\n\
+The network is an ONNX file (opset 13): input `image`, Nx3xHxW, RGB in [0, 1], area resized to the samples' size; output `disparity_share` (disparity as a share of the image's width) or `depth` \
+(metres, `eigen-coarse`). Its metadata tell input size, normalisation, meaning and the training's key.\n\n\
+Networks: `unet-lite`, 1.07 M parameters; `fcn-lite`, without skips; `fcn-vgg16`, the paper's, whose first 8 convolutions keep the weights given by `weights` \
+(names as torchvision's: `features.0.weight`); `eigen-coarse`, the on-board one.\n\n\
+With `validation`, samples of another stage, the network that agrees best with their stereo is given, and `patience` stops early. Every `checkpoint_every` steps \
+the state is put down beside the run; a run begun again after a kill, or after an interruption, goes on there.",
+            inputs: vec![
+                Port::once("samples", ValueType::Samples, "What to learn from: `learn/samples`."),
+                Port::once("validation", ValueType::Samples, "Samples of another stage, to see when it is best.")
+                    .optional(),
+            ],
+            outputs: vec![
+                Port::once("model", ValueType::Model, "The network, ONNX."),
+                Port::once("curve", ValueType::Curve, "Loss, validation error and learning rate against steps."),
+            ],
+        }
+    }
+
+    fn check(params: &SslParams) -> Result<(), (&'static str, String)> {
+        if params.patience.is_some() && params.curve_every > params.steps {
+            return Err(("curve_every", "curve_every must not exceed steps where patience waits for it".to_owned()));
+        }
+        if params.network == Network::FcnVgg16 && params.weights.is_none() {
+            return Err((
+                "weights",
+                "fcn-vgg16 keeps its first 8 convolutions as they are: name a file of pretrained weights".to_owned(),
+            ));
+        }
+        Ok(())
+    }
+
+    fn check_inputs(params: &SslParams, upstream: &Upstream<'_>) -> Result<(), Fault> {
+        params.check_upstream(upstream)
+    }
+
+    fn fingerprint(params: &SslParams) -> Result<Option<Key>, Fault> {
+        let device = if cfg!(feature = "gpu") { "gpu" } else { "cpu" };
+        Ok(Some(Key::build("learning").text(LIBRARY).text(device).text(arithmetic(params.network)).finish()))
+    }
+
+    fn build(params: SslParams) -> Result<Instance, Fault> {
+        let weights = params.weights.as_ref().map(|file| weights::read(file.path())).transpose()?;
+        if let (Some(tensors), Some(file), Some(size)) = (&weights, &params.weights, params.network.any_size()) {
+            weights::matched(&layout(params.network, size), tensors, file.path())?;
+        }
+        Ok(Instance::Once(Box::new(Self { params, weights })))
+    }
+}
+
+impl OnceNode for Ssl {
+    fn run(&self, inputs: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        let samples = read("samples", inputs.get::<Artifact>("samples")?)?;
+        let validation = inputs.optional::<Artifact>("validation")?;
+        let validation = validation.map(|artifact| read("validation", artifact)).transpose()?;
+        let form = Form::of(&samples);
+        self.params.check_form(&form, validation.as_ref().map(Form::of).as_ref())?;
+        self.params.check_patience(validation.is_some())?;
+        let layout = layout(self.params.network, form.size);
+        let learn = || self.learn(&layout, &samples, validation.as_ref(), ctx.host);
+        let pool = pool(ctx.host.width(), self.params.batch)?;
+        let learned = pool.install(learn);
+        ctx.host.spent(spent_ns(&pool));
+        let (values, curve) = learned?;
+        let key = ctx.host.key().map_or_else(String::new, |key| key.to_string());
+        let file = export(self.params.network, form.size, &values, &key);
+        Ok(Outputs::one("model", Value::Model(Arc::new(Artifact::new("application/onnx", file)))).with("curve", curve))
+    }
+}
+
+/// The samples at a port: where they lie, since a large set would not fit into memory twice.
+fn read<'a>(port: &str, artifact: &'a Artifact) -> Result<SamplesView<'a>, Fault> {
+    let damaged = |error| Fault::new(format!("what is at `{port}` cannot be read as samples")).because(error);
+    let samples = SamplesView::read(&artifact.bytes).map_err(damaged)?;
+    if !samples.has_target() {
+        return Err(Fault::new(format!("there are no samples at `{port}`: no frame had a target"))
+            .remedy("see that the stage has frames, and that mask and disparity of `learn/samples` leave something"));
+    }
+    Ok(samples)
+}
+
+impl Ssl {
+    fn learn(
+        &self,
+        layout: &Layout,
+        samples: &SamplesView<'_>,
+        validation: Option<&SamplesView<'_>>,
+        host: &dyn Host,
+    ) -> Result<(Vec<Vec<f32>>, Curve), Fault> {
+        let checkpoint = host.checkpoint().map(Checkpoint::at);
+        let taken_up = checkpoint.as_ref().and_then(|checkpoint| {
+            checkpoint.load(layout).unwrap_or_else(|unusable| {
+                host.warn(&format!("{unusable}: learning begins again"));
+                None
+            })
+        });
+        let state = match taken_up {
+            Some(state) => state,
+            None => State { values: self.start(layout)?, ..State::default() },
+        };
+        let mut training = Training::resume(&self.params, layout, samples, validation, state);
+        let save = |training: &Training<'_>| match &checkpoint {
+            Some(checkpoint) => checkpoint.save(layout, &training.state()),
+            None => Ok(()),
+        };
+        let (began, first) = (Instant::now(), training.step());
+        while !training.is_over() {
+            if host.stopping() {
+                save(&training)?;
+                return Err(Fault::Cancelled);
+            }
+            training.advance();
+            if training.has_diverged() {
+                return Err(diverged());
+            }
+            let step = training.step();
+            let seconds = began.elapsed().as_secs_f64();
+            let per_second = (step - first) as f64 / seconds.max(1e-9);
+            let left = self.params.steps.saturating_sub(step) as f64 / per_second;
+            let loss = training.loss().map_or_else(|| "no target yet".to_owned(), |loss| format!("loss {loss:.5}"));
+            host.progress(step, self.params.steps, &format!("{loss}, {per_second:.1} steps/s, {left:.0} s left"));
+            if step.is_multiple_of(self.params.checkpoint_every) && !training.is_over() {
+                save(&training)?;
+            }
+        }
+        let learned = training.learned();
+        if learned.iter().flatten().any(|value| !value.is_finite()) {
+            return Err(diverged());
+        }
+        // The last state too: a run may end before what was learned is safe, and the next one finds it whole.
+        if training.step() > first
+            && let Err(fault) = save(&training)
+        {
+            host.warn(&fault.chain());
+        }
+        Ok((learned, Curve { points: training.points().to_vec() }))
+    }
+
+    /// The first values: random ones, and in their place what the file of weights has.
+    fn start(&self, layout: &Layout) -> Result<Vec<Vec<f32>>, Fault> {
+        let mut values = layout.start(self.params.seed);
+        if let (Some(weights), Some(file)) = (&self.weights, &self.params.weights) {
+            weights::fill(layout, weights, file.path(), &mut values)?;
+        }
+        Ok(values)
+    }
+}
+
+/// What of the machine decides a network's arithmetic. Convolutions of our own give the same bits everywhere; the matrix products of dense
+/// layers and of convolutions that shrink are the library's, which adds in an order of its own for each set of instructions.
+fn arithmetic(network: Network) -> &'static str {
+    match network {
+        Network::UnetLite | Network::FcnLite | Network::FcnVgg16 => "",
+        #[cfg(target_arch = "x86_64")]
+        Network::EigenCoarse if std::arch::is_x86_feature_detected!("avx512f") => "avx512f",
+        #[cfg(target_arch = "x86_64")]
+        Network::EigenCoarse if std::arch::is_x86_feature_detected!("fma") => "fma",
+        Network::EigenCoarse => std::env::consts::ARCH,
+    }
+}
+
+/// Processor time of the pool's threads since they began, nanoseconds.
+fn spent_ns(pool: &ThreadPool) -> u64 {
+    let of_thread = |_: rayon::BroadcastContext<'_>| {
+        let time = clock_gettime(ClockId::ThreadCPUTime);
+        time.tv_sec.unsigned_abs() * 1_000_000_000 + time.tv_nsec.unsigned_abs()
+    };
+    pool.broadcast(of_thread).into_iter().sum()
+}
+
+fn diverged() -> Fault {
+    Fault::new("learning diverged: the loss or the weights are no longer numbers")
+        .remedy("lower `learning_rate`, or choose another `seed`")
+}
+
+/// The threads of one training. More than the batch has images would find nothing to do. Trainings at once have threads of their own,
+/// so that each one's processor time is known; the cores they share.
+fn pool(width: usize, batch: u32) -> Result<ThreadPool, Fault> {
+    let named = |index| format!("depthloom-learning-{index}");
+    let threads = width.min(batch as usize).max(1);
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).thread_name(named).build();
+    pool.map_err(|error| Fault::new("failed to start the threads of learning").because(error))
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn the_librarys_version_is_that_of_the_lock_file() {
+        let (name, version) = super::LIBRARY.split_once(' ').unwrap();
+        let locked = include_str!("../../../Cargo.lock");
+        assert!(locked.contains(&format!("name = \"{name}\"\nversion = \"{version}\"\n")), "{name} {version}");
+    }
+}

@@ -1,0 +1,87 @@
+//! Which engine runs networks in this process: ONNX Runtime where the machine has it, tract (pure Rust) otherwise.
+//!
+//! It is chosen when the first network asks for it, and for the whole process: a machine that runs no network needs none.
+//! [`VARIABLE`] asks for one by name; then no other takes its place.
+
+use std::path::PathBuf;
+use std::sync::OnceLock;
+
+use depthloom_graphs::Fault;
+
+use super::engine::Engine;
+use super::runtime;
+
+/// The environment variable that names the engine: `onnxruntime` or `tract`; unset or empty, the first of them that is there.
+pub const VARIABLE: &str = "DEPTHLOOM_ONNX_ENGINE";
+
+static FOUND: OnceLock<Result<Engine, NoEngine>> = OnceLock::new();
+
+/// Why there is no engine.
+struct NoEngine {
+    what: String,
+    remedy: &'static str,
+}
+
+impl NoEngine {
+    const fn missing(what: String) -> Self {
+        Self { what, remedy: runtime::REMEDY }
+    }
+}
+
+/// The engine of this process; found once, the outcome kept.
+///
+/// # Errors
+/// If there is none, or not the one that is asked for by name: what was looked at, and how to get one.
+pub fn find() -> Result<&'static Engine, Fault> {
+    FOUND.get_or_init(choose).as_ref().map_err(|none| Fault::new(none.what.clone()).remedy(none.remedy))
+}
+
+/// The folders in which ONNX Runtime is looked for when `ORT_DYLIB_PATH` names none, in order; each with what led to it.
+#[must_use]
+pub fn looked_at() -> Vec<(&'static str, PathBuf)> {
+    runtime::places()
+}
+
+/// The engine, if a network has asked for it.
+#[must_use]
+pub fn in_use() -> Option<&'static Engine> {
+    FOUND.get().and_then(|found| found.as_ref().ok())
+}
+
+fn choose() -> Result<Engine, NoEngine> {
+    let asked = std::env::var_os(VARIABLE).unwrap_or_default();
+    match asked.to_str() {
+        Some("") => runtime::load().or_else(|missing| match missing {
+            // A library asked for by name: another engine in its place would surprise.
+            runtime::Missing::Named(what) => Err(NoEngine::missing(what)),
+            runtime::Missing::NoneFound(what, refused) => fallback(what, refused),
+        }),
+        Some("onnxruntime") => runtime::load().map_err(|missing| NoEngine::missing(missing.into_text())),
+        Some("tract") => tract(VARIABLE, None, Vec::new()),
+        _ => Err(NoEngine {
+            what: format!("{VARIABLE} is `{}`, which is no engine", asked.display()),
+            remedy: "set it to onnxruntime or tract, or to nothing for the first of them that is there",
+        }),
+    }
+}
+
+#[cfg(feature = "tract")]
+fn fallback(why: String, refused: Vec<String>) -> Result<Engine, NoEngine> {
+    tract("fallback", Some(why), refused)
+}
+
+#[cfg(not(feature = "tract"))]
+fn fallback(why: String, _refused: Vec<String>) -> Result<Engine, NoEngine> {
+    Err(NoEngine::missing(why))
+}
+
+#[cfg(feature = "tract")]
+fn tract(found_by: &'static str, instead_of: Option<String>, refused: Vec<String>) -> Result<Engine, NoEngine> {
+    Ok(Engine::of_tract(found_by, instead_of, refused))
+}
+
+#[cfg(not(feature = "tract"))]
+fn tract(_: &'static str, _: Option<String>, _: Vec<String>) -> Result<Engine, NoEngine> {
+    let what = format!("{VARIABLE} asks for tract, and this program was built without it");
+    Err(NoEngine { what, remedy: "build it with the cargo feature `tract`, which is on by default" })
+}

@@ -1,0 +1,121 @@
+//! What an experiment says of a network: how it takes an image, what its map means, on what it runs.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::flip::Flip;
+use super::provider::Provider;
+
+/// The order of the input tensor's axes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Layout {
+    /// Batch, channels, rows, columns: PyTorch's.
+    #[default]
+    Nchw,
+    /// Batch, rows, columns, channels: TensorFlow's.
+    Nhwc,
+}
+
+/// The order of the input's channels.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Channels {
+    /// Red first.
+    #[default]
+    Rgb,
+    /// Blue first.
+    Bgr,
+}
+
+/// How the image is brought to the network's size.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Resize {
+    /// Mean over each pixel's area, rounded to 8 bits: OpenCV's `INTER_AREA`.
+    #[default]
+    Area,
+    /// Bilinear with half-pixel centres, in f32.
+    Bilinear,
+}
+
+/// What the network's output means.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Output {
+    /// Disparity as a share of the image's width.
+    #[default]
+    DisparityShare,
+    /// Disparity in pixels of the network's own input.
+    DisparityPx,
+    /// 1 / depth, 1/m.
+    InverseDepth,
+    /// Depth, metres.
+    Depth,
+}
+
+/// Parameters of `mono/onnx`.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct OnnxParams {
+    /// Order of the input tensor's axes: `nchw` or `nhwc`.
+    pub layout: Layout,
+    /// Order of the input's channels: `rgb` or `bgr`.
+    pub channels: Channels,
+    /// Subtracted from each channel of the image in [0, 1], in the network's order of channels.
+    pub mean: [f64; 3],
+    /// Each channel is then divided by this.
+    pub std: [f64; 3],
+    /// Columns and rows of the network's image, px; `null`: the network says it itself.
+    #[schemars(inner(range(min = 1, max = 16384)))]
+    pub size: Option<[u32; 2]>,
+    /// How the image is brought to that size: `area` or `bilinear`.
+    pub resize: Resize,
+    /// Whether the resized image is rounded to 8 bits; `area` always is.
+    pub round: bool,
+    /// Name of the network's input; `null`: its only one.
+    pub input_name: Option<String>,
+    /// Name of the network's output; `null`: its first one.
+    pub output_name: Option<String>,
+    /// What the output means: `disparity-share`, `disparity-px`, `inverse-depth` or `depth`; `null`: what the model says of itself (those of
+    /// `learn/ssl` do), else `disparity-share`.
+    pub output: Option<Output>,
+    /// The output is multiplied by this first.
+    pub output_scale: f64,
+    /// Smallest disparity taken, px of the image; smaller ones are raised to it.
+    #[schemars(extend("exclusiveMinimum" = 0))]
+    pub floor_px: f64,
+    /// Largest depth given, metres, before any scaling; `null` leaves depth uncapped.
+    #[schemars(extend("exclusiveMinimum" = 0))]
+    pub cap: Option<f64>,
+    /// Whether the network sees the mirrored image too, and how both answers are joined: `none`, `mean` or `godard`.
+    pub flip: Flip,
+    /// On what the network runs: `cpu`, `cuda`, `tensorrt`, ...; an error where the machine's ONNX Runtime has it not.
+    pub provider: Provider,
+    /// Threads of ONNX Runtime per frame. More are faster for one frame, and no faster for many: frames run side by side. tract always has one.
+    #[schemars(range(min = 1, max = 256), extend("operational" = true))]
+    pub threads: u32,
+}
+
+impl Default for OnnxParams {
+    fn default() -> Self {
+        Self {
+            layout: Layout::Nchw,
+            channels: Channels::Rgb,
+            mean: [0.0; 3],
+            std: [1.0; 3],
+            size: None,
+            resize: Resize::Area,
+            round: true,
+            input_name: None,
+            output_name: None,
+            output: None,
+            output_scale: 1.0,
+            floor_px: 1e-3,
+            cap: Some(80.0),
+            flip: Flip::None,
+            provider: Provider::Cpu,
+            threads: 1,
+        }
+    }
+}

@@ -1,0 +1,173 @@
+//! ONNX Runtime: where this machine has it.
+//!
+//! Looked at, in this order: `ORT_DYLIB_PATH`; the system (`LD_LIBRARY_PATH`, then its library folders); the active Python environment
+//! (`VIRTUAL_ENV`, `CONDA_PREFIX`). Never a folder that merely lies near, and no program is run to find one: an experiment may come from
+//! a stranger, together with the folder it lies in. The first library that loads and is new enough is taken.
+
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
+
+use ort::logging::LogLevel;
+
+use super::engine::Engine;
+use super::library;
+
+pub(crate) const REMEDY: &str = "activate a Python environment that has it (`pip install onnxruntime`), or set ORT_DYLIB_PATH to libonnxruntime.so of version 1.24 or newer";
+
+/// Why there is no ONNX Runtime.
+pub(crate) enum Missing {
+    /// `ORT_DYLIB_PATH` names one that cannot be used.
+    Named(String),
+    /// None was found that can be used; the libraries that were there, and why not.
+    NoneFound(String, Vec<String>),
+}
+
+impl Missing {
+    pub(crate) fn into_text(self) -> String {
+        match self {
+            Self::Named(what) | Self::NoneFound(what, _) => what,
+        }
+    }
+}
+
+/// The ONNX Runtime of this machine.
+pub(crate) fn load() -> Result<Engine, Missing> {
+    if let Some(path) = std::env::var_os("ORT_DYLIB_PATH").filter(|path| !path.is_empty()) {
+        // Asked for by name: another one in its place would surprise.
+        let named = |what| Missing::Named(format!("ORT_DYLIB_PATH: {what}"));
+        let path = std::path::absolute(path).map_err(|error| named(error.to_string()))?;
+        if !path.is_file() {
+            return Err(named(format!("there is no file {}", path.display())));
+        }
+        library::look_at(&path).map_err(named)?;
+        return open(path, "ORT_DYLIB_PATH", Vec::new()).map_err(named);
+    }
+    let mut refused: Vec<String> = Vec::new();
+    for (found_by, folder) in places() {
+        for path in libraries(&folder) {
+            match library::look_at(&path) {
+                // `ort` takes one library a process: whatever it says to this one is the last word.
+                Ok(()) => match open(path, found_by, refused.clone()) {
+                    Ok(engine) => return Ok(engine),
+                    Err(what) => {
+                        refused.push(what);
+                        return Err(none_found(refused));
+                    }
+                },
+                Err(what) => refused.push(what),
+            }
+        }
+    }
+    Err(none_found(refused))
+}
+
+fn none_found(refused: Vec<String>) -> Missing {
+    let looked =
+        "this machine has no ONNX Runtime: neither in the system's library folders nor in an active Python environment";
+    let text = match refused.as_slice() {
+        [] => looked.to_owned(),
+        refused => format!("{looked} is one that can be used ({})", refused.join("; ")),
+    };
+    Missing::NoneFound(text, refused)
+}
+
+/// Where libraries are looked for when none is named, in order: what led to each folder, and the folder.
+pub(crate) fn places() -> Vec<(&'static str, PathBuf)> {
+    let variable = |name: &'static str| std::env::var_os(name).unwrap_or_default();
+    // What is no absolute path would be another folder for every working directory.
+    let loader = if cfg!(target_os = "macos") { "DYLD_LIBRARY_PATH" } else { "LD_LIBRARY_PATH" };
+    let of_loader: Vec<PathBuf> = std::env::split_paths(&variable(loader)).filter(|path| path.is_absolute()).collect();
+    let system = [
+        "/usr/local/lib",
+        "/usr/lib",
+        "/usr/lib64",
+        "/usr/lib/x86_64-linux-gnu",
+        "/usr/lib/aarch64-linux-gnu",
+        "/opt/onnxruntime/lib",
+        "/opt/homebrew/lib",
+    ];
+    let mut places: Vec<(&'static str, PathBuf)> = of_loader.into_iter().map(|folder| (loader, folder)).collect();
+    places.extend(system.map(|folder| ("system", PathBuf::from(folder))));
+    for name in ["VIRTUAL_ENV", "CONDA_PREFIX"] {
+        let root = PathBuf::from(variable(name));
+        if root.is_absolute() {
+            places.extend(in_python(&root).into_iter().map(|folder| (name, folder)));
+        }
+    }
+    places
+}
+
+fn open(path: PathBuf, found_by: &'static str, refused: Vec<String>) -> Result<Engine, String> {
+    let environment = ort::init_from(&path).map_err(|error| error.to_string())?;
+    let environment = environment.with_name("depthloom").with_telemetry(false).build().map_err(|e| e.to_string())?;
+    // What it has to say to its developers would tear progress bars apart; failures come back as errors.
+    environment.set_log_level(LogLevel::Error);
+    let version = version(&path, ort::info());
+    Ok(Engine::of_library(path, found_by, version, environment, refused))
+}
+
+/// From the file's name (`libonnxruntime.so.1.31.1`), links followed, or the branch it was built from (`rel-1.31.1`).
+fn version(path: &Path, build: &str) -> String {
+    let file = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+    let file = file.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+    let named = file.split_once(".so.").map(|(_, version)| version.to_owned());
+    let branch = || build.split_once("git-branch=rel-").and_then(|(_, rest)| rest.split(',').next()).map(str::to_owned);
+    named.or_else(branch).unwrap_or_else(|| "unknown".to_owned())
+}
+
+/// Where the wheel keeps its library inside a Python environment.
+fn in_python(root: &Path) -> Vec<PathBuf> {
+    let package = "site-packages/onnxruntime/capi";
+    let is_python = |path: &PathBuf| path.file_name().is_some_and(|name| name.to_string_lossy().starts_with("python"));
+    let versions = entries(&root.join("lib")).into_iter().filter(is_python).map(|python| python.join(package));
+    std::iter::once(root.join("Lib").join(package)).chain(versions).filter(|folder| folder.is_dir()).collect()
+}
+
+/// ONNX Runtime's libraries in a folder, by name; the provider plug-ins beside it are none.
+fn libraries(folder: &Path) -> Vec<PathBuf> {
+    let is_library = |path: &PathBuf| {
+        let name = path.file_name().and_then(OsStr::to_str).unwrap_or_default();
+        let versioned = |prefix: &str, suffix: &str| {
+            name.strip_prefix(prefix)
+                .and_then(|rest| rest.strip_suffix(suffix))
+                .is_some_and(|rest| rest.bytes().all(|byte| byte.is_ascii_digit() || byte == b'.'))
+        };
+        name == "onnxruntime.dll" || versioned("libonnxruntime.so", "") || versioned("libonnxruntime", ".dylib")
+    };
+    entries(folder).into_iter().filter(is_library).collect()
+}
+
+fn entries(folder: &Path) -> Vec<PathBuf> {
+    let Ok(listing) = std::fs::read_dir(folder) else { return Vec::new() };
+    let mut paths: Vec<PathBuf> = listing.filter_map(|entry| Some(entry.ok()?.path())).collect();
+    paths.sort();
+    paths
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+    use std::path::Path;
+
+    use super::{in_python, libraries, version};
+
+    #[test]
+    fn a_wheel_is_found_in_a_python_environment_without_its_plug_ins() {
+        let root = tempfile::tempdir().unwrap();
+        let capi = root.path().join("lib/python3.12/site-packages/onnxruntime/capi");
+        fs::create_dir_all(&capi).unwrap();
+        for name in ["libonnxruntime.so.1.31.1", "libonnxruntime_providers_shared.so", "__init__.py"] {
+            fs::write(capi.join(name), "").unwrap();
+        }
+        assert_eq!(in_python(root.path()), [capi.as_path()]);
+        assert_eq!(libraries(&capi), [capi.join("libonnxruntime.so.1.31.1")]);
+    }
+
+    #[test]
+    fn the_version_is_told_by_the_file_or_the_branch() {
+        let build = "ORT Build Info: git-branch=rel-1.30.2, git-commit-id=abc";
+        assert_eq!(version(Path::new("/none/libonnxruntime.so.1.31.1"), build), "1.31.1");
+        assert_eq!(version(Path::new("/none/libonnxruntime.so"), build), "1.30.2");
+        assert_eq!(version(Path::new("/none/onnxruntime.dll"), ""), "unknown");
+    }
+}
