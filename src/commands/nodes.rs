@@ -18,7 +18,7 @@ pub fn nodes(args: &NodesArgs) -> Result<Exit, Stop> {
         print(&list)?;
         return Ok(Exit::Whole);
     };
-    let Some(reference) = depthloom_graphs::language::reference(&registry, kind) else {
+    let Some(reference) = depthloom_graphs::render::kind_reference(&registry, kind) else {
         let known = registry.nodes().map(|n| n.declaration.kind).chain(registry.sources().map(|s| s.declaration.kind));
         let stop = Stop::new(Exit::Before, format!("there is no kind `{kind}`"));
         return Err(match depthloom_graphs::language::nearest(kind, known) {

@@ -3,23 +3,25 @@
 use std::collections::HashMap;
 use std::path::Path;
 
-use super::change::{self, Scope};
-use super::diagnostics::{Diagnostic, Diagnostics, Report, Severity};
-use super::environment;
-use super::files::Files;
-use super::kept;
-use super::link;
-use super::linked::Linked;
-use super::live;
-use super::overrides;
-use super::params::Resolver;
-use super::record;
-use super::resolved;
-use super::share::{self, Overruled, Shared};
-use super::source_file::Place;
-use super::spec::{self, Spec};
-use super::upstream;
-use super::variants::{self, Variant};
+use super::change::apply::{self, Change, Scope};
+use super::change::overrides;
+use super::change::variant::Variant;
+use super::change::variants;
+use super::check::params::Resolver;
+use super::check::spec::{self, Spec};
+use super::plan::link;
+use super::plan::linked::Linked;
+use super::plan::live;
+use super::plan::record;
+use super::plan::share::{self, Overruled, Shared};
+use super::plan::upstream;
+use super::text::diagnostics::{Diagnostic, Diagnostics, Report, Severity};
+use super::text::environment;
+use super::text::files::Files;
+use super::text::kept;
+use super::text::resolved;
+use super::text::source_file::Place;
+use super::text::tree::Node;
 use crate::plan::Plan;
 use crate::registry::Registry;
 
@@ -91,7 +93,7 @@ fn planned(
     path: &Path,
     registry: &Registry,
     options: &Options<'_>,
-    set: &[change::Change],
+    set: &[Change],
     files: &mut Files<'_>,
     report: &mut Report,
 ) -> Option<(Plan, Vec<(String, String)>)> {
@@ -99,7 +101,7 @@ fn planned(
     if files.is_broken() {
         return None;
     }
-    let root = change::apply(&root, set, Scope::CommandLine, report);
+    let root = apply::apply(&root, set, Scope::CommandLine, report);
     let root = environment::substitute(&root, &*options.env, report);
     let (experiment, about) = spec::title(&root, report);
     let recording = record::read(&root, report);
@@ -113,7 +115,7 @@ fn planned(
     let mut linked: Vec<Linked<'_>> = Vec::with_capacity(variants.len());
     for (index, variant) in variants.iter().enumerate() {
         let before = report.len();
-        let changed = change::apply(&root, &variant.changes, Scope::Variant, report);
+        let changed = apply::apply(&root, &variant.changes, Scope::Variant, report);
         resolver.changed = variant.changes.iter().map(|change| change.value.place.clone()).collect();
         let spec = spec::read(&changed, report);
         check_names(&spec, report);
@@ -172,7 +174,7 @@ fn check_names(spec: &Spec, report: &mut Report) {
     }
 }
 
-fn unused_sources(root: &super::tree::Node, linked: &[Linked<'_>], report: &mut Report) {
+fn unused_sources(root: &Node, linked: &[Linked<'_>], report: &mut Report) {
     if linked.iter().all(|linked| linked.stages.is_empty()) {
         return;
     }

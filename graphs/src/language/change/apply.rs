@@ -1,0 +1,261 @@
+//! A change to an experiment: a path and a value, as variants, matrices and `--set` write them.
+//!
+//! `stage.node.with.x`, `stage.node.kind`, `stage.node.inputs.port`, `stage.source`, `stage.score.x`, `sources.name.with.x`.
+//! A map as value is merged by key; anything else, `null` too, stands there as if it had been written there: no cap, an
+//! optional input not wired. A new `kind` drops the old `with`.
+
+use std::ops::Range;
+use std::sync::Arc;
+
+use crate::language::text::diagnostics::{Diagnostic, Report};
+use crate::language::text::merge::{Level, merged};
+use crate::language::text::names;
+use crate::language::text::source_file::Place;
+use crate::language::text::tree::{Entry, Node, Tree, entry_mut};
+
+/// How many keys a path may have: parameters are nested no deeper.
+const DEEPEST: usize = 32;
+
+/// A path and the value it is to have.
+#[derive(Clone, Debug)]
+pub(crate) struct Change {
+    pub(crate) path: String,
+    pub(crate) place: Place,
+    pub(crate) value: Arc<Node>,
+}
+
+/// Who asks for a change.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Scope {
+    /// A variant or a matrix: the science.
+    Variant,
+    /// `--set`: also what is recorded.
+    CommandLine,
+}
+
+/// A path that names nothing: which part of it, and what to do.
+struct Unknown {
+    range: Range<usize>,
+    what: String,
+    help: Option<String>,
+}
+
+/// The experiment with the changes made; those whose path names nothing are reported and left out.
+pub(crate) fn apply(root: &Arc<Node>, changes: &[Change], scope: Scope, report: &mut Report) -> Arc<Node> {
+    let mut new = Arc::clone(root);
+    let mut located = Vec::with_capacity(changes.len());
+    for change in changes {
+        match locate(root, &change.path, scope) {
+            Ok(keys) => located.push((keys, change)),
+            Err(unknown) => {
+                let place = change.place.part(&change.path, unknown.range);
+                report.push(Diagnostic::error(&place, unknown.what).label("names nothing").maybe_help(unknown.help));
+            }
+        }
+    }
+    // Kinds first: a new kind drops the old parameters, not those set beside it.
+    located.sort_by_key(|(keys, _)| keys.last().is_none_or(|key| key != "kind"));
+    for (keys, change) in located {
+        if keys.last().is_some_and(|key| key == "kind") {
+            drop_parameters_of_another_kind(&mut new, &keys[..keys.len() - 1], &change.value);
+        }
+        if let Err(what) = set(&mut new, &keys, 0, change) {
+            report.push(Diagnostic::error(&change.place, what).label("names nothing"));
+        }
+    }
+    new
+}
+
+/// The keys from the document's root that a path stands for.
+fn locate(root: &Node, path: &str, scope: Scope) -> Result<Vec<String>, Unknown> {
+    let mut segments = Vec::new();
+    let mut at = 0;
+    for segment in path.split('.') {
+        segments.push((segment, at..at + segment.len()));
+        at += segment.len() + 1;
+    }
+    if segments.len() > DEEPEST {
+        let what = format!("the path is deeper than {DEEPEST} keys, and no experiment is");
+        return Err(Unknown { range: 0..path.len(), what, help: None });
+    }
+    let unknown = |index: usize, what: String, help: Option<String>| {
+        let range = segments.get(index).map_or(0..path.len(), |(_, range)| range.clone());
+        Unknown { range, what, help }
+    };
+    let owned = |keys: &[&str]| keys.iter().map(|&key| key.to_owned()).collect::<Vec<_>>();
+    let rest = |from: usize| segments[from..].iter().map(|(s, _)| (*s).to_owned()).collect::<Vec<_>>();
+    let keys_of = |node: Option<&Arc<Node>>| -> Vec<String> {
+        node.map(|node| node.entries().iter().map(|entry| entry.key.clone()).collect()).unwrap_or_default()
+    };
+    let refs = |names: &[String]| -> Vec<String> { names.to_vec() };
+
+    let first = segments[0].0;
+    let second = segments.get(1).map(|(s, _)| *s);
+    match first {
+        "record" if scope == Scope::CommandLine => return Ok(rest(0)),
+        "sources" => {
+            let sources = keys_of(root.get("sources"));
+            let Some(name) = second.filter(|name| sources.iter().any(|s| s == name)) else {
+                let names = refs(&sources);
+                let names: Vec<&str> = names.iter().map(String::as_str).collect();
+                let what = second.map_or_else(
+                    || "the path ends before it names a source".to_owned(),
+                    |name| format!("there is no source `{name}`"),
+                );
+                return Err(unknown(1, what, names::suggestion(second.unwrap_or(""), "sources", &names)));
+            };
+            let mut keys = owned(&["sources", name]);
+            match segments.get(2).map(|(s, _)| *s) {
+                None | Some("kind" | "with" | "join") => keys.extend(rest(2)),
+                Some(other) => {
+                    let what = format!("a source has no `{other}`");
+                    let help = format!("did you mean `sources.{name}.with.{other}`?");
+                    return Err(unknown(2, what, Some(help)));
+                }
+            }
+            return Ok(keys);
+        }
+        _ => {}
+    }
+    let stages = keys_of(root.get("stages"));
+    if !stages.iter().any(|stage| stage == first) {
+        let mut names: Vec<&str> = stages.iter().map(String::as_str).collect();
+        names.push("sources");
+        let help = if first == "stages" && segments.len() > 1 {
+            Some(format!("leave out `stages.`: `{}`", &path[segments[1].1.start..]))
+        } else {
+            names::suggestion(first, "a path begins with a stage or with `sources`", &names)
+        };
+        return Err(unknown(0, format!("there is no stage `{first}`"), help));
+    }
+    let stage = root.get("stages").and_then(|stages| stages.get(first));
+    let nodes = keys_of(stage.and_then(|stage| stage.get("nodes")));
+    let Some(name) = second else {
+        let what = format!("`{first}` is a whole stage: the path ends too early");
+        return Err(unknown(0, what, Some(format!("e.g. `{first}.NODE.with.PARAMETER`"))));
+    };
+    if nodes.iter().any(|node| node == name) {
+        let mut keys = owned(&["stages", first, "nodes", name]);
+        match segments.get(2).map(|(s, _)| *s) {
+            None | Some("with") => {}
+            Some("kind") if segments.len() == 3 => {}
+            Some("inputs") if segments.len() <= 4 => {}
+            Some("kind" | "inputs") => {
+                return Err(unknown(segments.len() - 1, "the path goes too deep".to_owned(), None));
+            }
+            Some(other) => {
+                let what = format!("a node has no `{other}`");
+                let near = names::nearest(other, ["kind", "inputs", "with"]);
+                let help = match near {
+                    Some(near) => format!("did you mean `{first}.{name}.{near}`?"),
+                    None => format!("did you mean `{first}.{name}.with.{other}`?"),
+                };
+                return Err(unknown(2, what, Some(help)));
+            }
+        }
+        keys.extend(rest(2));
+        return Ok(keys);
+    }
+    let score = stage.and_then(|stage| stage.get("score"));
+    match (name, score) {
+        ("source", _) if segments.len() == 2 => return Ok(owned(&["stages", first, "source"])),
+        ("score", Some(score)) => {
+            if segments.get(2).is_some_and(|(s, _)| *s == "estimates") {
+                let estimates = keys_of(score.get("estimates"));
+                if let Some((estimate, _)) = segments.get(3).filter(|(s, _)| !estimates.iter().any(|e| e == s)) {
+                    let names: Vec<&str> = estimates.iter().map(String::as_str).collect();
+                    let help = names::suggestion(estimate, "estimates", &names);
+                    return Err(unknown(3, format!("stage `{first}` has no estimate `{estimate}`"), help));
+                }
+            }
+            let mut keys = owned(&["stages", first]);
+            keys.extend(rest(1));
+            return Ok(keys);
+        }
+        _ => {}
+    }
+    let mut candidates: Vec<&str> = nodes.iter().map(String::as_str).collect();
+    candidates.push("source");
+    if score.is_some() {
+        candidates.push("score");
+    }
+    let help = names::suggestion(name, "nodes of the stage", &candidates);
+    Err(unknown(1, format!("stage `{first}` has no node `{name}`"), help))
+}
+
+fn drop_parameters_of_another_kind(root: &mut Arc<Node>, instance: &[String], kind: &Node) {
+    let mut node = root;
+    for key in instance {
+        match entry_mut(node, key) {
+            Some(inner) => node = inner,
+            None => return,
+        }
+    }
+    let old = node.get("kind").and_then(|kind| kind.scalar_text());
+    if old != kind.scalar_text()
+        && let Tree::Map(entries) = &mut Arc::make_mut(node).value
+    {
+        entries.retain(|entry| entry.key != "with");
+    }
+}
+
+fn set(node: &mut Arc<Node>, keys: &[String], at: usize, change: &Change) -> Result<(), String> {
+    let Some(key) = keys.get(at) else {
+        let level = if matches!(keys.first().map(String::as_str), Some("sources")) && keys.len() == 2 || keys.len() == 4
+        {
+            Level::Instance
+        } else {
+            Level::Plain
+        };
+        *node = merged(node, &change.value, level);
+        return Ok(());
+    };
+    let last = at + 1 == keys.len();
+    let key_place = || match change.path.rfind(key.as_str()) {
+        Some(start) if last => change.place.part(&change.path, start..start + key.len()),
+        _ => change.place.clone(),
+    };
+    let inner = Arc::make_mut(node);
+    match &mut inner.value {
+        Tree::List(items) => {
+            let length = items.len();
+            match key.parse::<usize>().ok().and_then(|index| items.get_mut(index)) {
+                Some(item) => set(item, keys, at + 1, change),
+                None => Err(format!("`{key}` is no index of a list of {length}")),
+            }
+        }
+        Tree::Text(from)
+            if keys.get(at.wrapping_sub(1)).is_some_and(|_| keys.get(3).is_some_and(|k| k == "estimates")) =>
+        {
+            // `name: node/port` is short for `name: { from: node/port }`.
+            let from = Arc::new(Node::new(Tree::Text(std::mem::take(from)), inner.place.clone()));
+            let entry = Entry { key: "from".to_owned(), key_place: inner.place.clone(), value: from };
+            inner.value = Tree::Map(vec![entry]);
+            set(node, keys, at, change)
+        }
+        Tree::Null => {
+            inner.value = Tree::Map(Vec::new());
+            set(node, keys, at, change)
+        }
+        Tree::Map(entries) => match entries.iter_mut().find(|entry| &entry.key == key) {
+            Some(entry) => {
+                if last {
+                    entry.key_place = key_place();
+                }
+                set(&mut entry.value, keys, at + 1, change)
+            }
+            None => {
+                let empty = Node::new(Tree::Map(Vec::new()), change.place.clone());
+                let mut value = if last { Arc::clone(&change.value) } else { Arc::new(empty) };
+                if !last {
+                    set(&mut value, keys, at + 1, change)?;
+                }
+                entries.push(Entry { key: key.clone(), key_place: key_place(), value });
+                Ok(())
+            }
+        },
+        Tree::Bool(_) | Tree::Number(_) | Tree::Text(_) => {
+            Err(format!("`{}` goes on beyond a single value", change.path))
+        }
+    }
+}

@@ -1,0 +1,8 @@
+//! The document changed: by `--set`, by `variants` and by `matrix`.
+//! From the document to a document for every variant.
+
+pub(crate) mod apply;
+pub(crate) mod matrix;
+pub(crate) mod overrides;
+pub(crate) mod variant;
+pub(crate) mod variants;

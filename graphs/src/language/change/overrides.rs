@@ -1,0 +1,57 @@
+//! `--set path=value` on the command line.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use super::apply::Change;
+use crate::language::text::diagnostics::Report;
+use crate::language::text::parse;
+use crate::language::text::source_file::{Place, SourceFile};
+use crate::language::text::tree::{Node, Tree};
+
+/// The changes asked for; values are YAML, so that `frames=[3, 7]` is a list and `view=true` a truth value.
+///
+/// Relative paths in them start at the working directory: that is where they were typed.
+pub(crate) fn changes(set: &[(String, String)], report: &mut Report) -> (Vec<Change>, Vec<Arc<SourceFile>>) {
+    let (mut changes, mut files) = (Vec::new(), Vec::new());
+    for (path, value) in set {
+        // A file that holds the whole argument, and one padded alike that holds the value alone: equal offsets.
+        let file = Arc::new(SourceFile::new("--set", format!("{path}={value}"), Path::new("")));
+        let start = path.len() + 1;
+        let place = Place::new(&file, &(0..path.len()));
+        let padded = Arc::new(SourceFile::new("--set", format!("{}{value}", " ".repeat(start)), Path::new("")));
+        let whole = Place::new(&file, &(start..start + value.len()));
+        let value = if value.contains('\n') {
+            Some(Node::new(Tree::Text(value.clone()), whole))
+        } else if value.trim().is_empty() {
+            Some(Node::new(Tree::Null, whole))
+        } else {
+            parse::document(&padded, report).map(|node| moved(node, &file))
+        };
+        files.push(padded);
+        files.push(file);
+        if let Some(value) = value {
+            changes.push(Change { path: path.clone(), place, value: Arc::new(value) });
+        }
+    }
+    (changes, files)
+}
+
+/// The same tree with its places in another file of equal offsets.
+fn moved(node: Node, file: &Arc<SourceFile>) -> Node {
+    let place = Place::new(file, &node.place.span);
+    let value = match node.value {
+        Tree::List(items) => {
+            Tree::List(items.into_iter().map(|item| Arc::new(moved(Arc::unwrap_or_clone(item), file))).collect())
+        }
+        Tree::Map(mut entries) => {
+            for entry in &mut entries {
+                entry.key_place = Place::new(file, &entry.key_place.span);
+                entry.value = Arc::new(moved((*entry.value).clone(), file));
+            }
+            Tree::Map(entries)
+        }
+        scalar => scalar,
+    };
+    Node { value, place, written: node.written }
+}

@@ -1,0 +1,54 @@
+//! One variant: a name and what it changes.
+
+use std::sync::Arc;
+
+use super::apply::Change;
+use crate::language::text::diagnostics::{Diagnostic, Report};
+use crate::language::text::source_file::Place;
+use crate::language::text::tree::{Node, Tree};
+
+/// The most variants an experiment may have.
+pub(crate) const MOST: usize = 10_000;
+
+/// The most changes of one variant.
+const MOST_CHANGES: usize = 1000;
+
+/// One variant: a name and what it changes.
+#[derive(Clone, Debug)]
+pub(crate) struct Variant {
+    pub(crate) name: String,
+    pub(crate) place: Place,
+    pub(crate) changes: Vec<Change>,
+}
+
+/// What is to be said of more variants than [`MOST`].
+pub(crate) fn too_many(place: &Place, count: usize) -> Diagnostic {
+    Diagnostic::error(place, format!("{count} variants: more than {MOST}"))
+        .help("split the experiment, or `exclude` combinations")
+}
+
+/// A map from paths to values.
+pub(crate) fn changes(node: &Arc<Node>, what: &str, report: &mut Report) -> Option<Vec<Change>> {
+    match &node.value {
+        Tree::Null => Some(Vec::new()),
+        Tree::Map(entries) if entries.len() > MOST_CHANGES => {
+            let error = Diagnostic::error(&node.place, format!("{what} changes more than {MOST_CHANGES} paths"));
+            report.push(error.help("another experiment with `extends` changes whole maps"));
+            None
+        }
+        Tree::Map(entries) => Some(
+            entries
+                .iter()
+                .map(|e| Change { path: e.key.clone(), place: e.key_place.clone(), value: Arc::clone(&e.value) })
+                .collect(),
+        ),
+        _ => {
+            let error = Diagnostic::error(
+                &node.place,
+                format!("{what} wants a map from paths to values, not {}", node.describe()),
+            );
+            report.push(error.help("e.g. `{ STAGE.NODE.with.X: 3 }`; `{}` changes nothing"));
+            None
+        }
+    }
+}

@@ -1,0 +1,10 @@
+//! One variant's document read into types, and its parameters held against their kinds' schemas.
+//! From the document to a spec.
+
+pub(crate) mod params;
+pub(crate) mod reference;
+pub(crate) mod schema;
+pub(crate) mod schema_check;
+pub(crate) mod score;
+pub(crate) mod spec;
+pub(crate) mod with_schema;

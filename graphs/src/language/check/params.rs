@@ -1,0 +1,284 @@
+//! Parameters against their kind: the schema first, then the type itself.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use serde_json::Value as Json;
+
+use super::schema_check::violations;
+use super::spec::Instance;
+use super::with_schema;
+use crate::key::Key;
+use crate::language::text::diagnostics::{Diagnostic, Report};
+use crate::language::text::paths::Anywhere;
+use crate::language::text::source_file::Place;
+use crate::language::text::tree::{Node, Tree};
+use crate::registry::{NodeKind, ParamError, SourceEntry};
+
+/// Parameters that fit their kind.
+#[derive(Debug, PartialEq)]
+pub(crate) struct Parameters {
+    /// Every default filled in.
+    pub(crate) resolved: Json,
+    /// The same without those that are operational, and with nothing in it that depends on where files lie: what a recipe is made of.
+    pub(crate) portable: Json,
+    /// What tells two nodes of a plan apart: as [`Parameters::portable`], but what is no file is named by its whole path.
+    pub(crate) identity: String,
+    /// Those that are operational: they decide no output.
+    pub(crate) operational: Json,
+}
+
+/// The contents of files named by parameters and inputs, hashed once.
+#[derive(Default)]
+pub(crate) struct Contents(HashMap<PathBuf, Option<Key>>);
+
+impl Contents {
+    /// The hash of a file's content; `None` if there is no such file (or it is a folder).
+    pub(crate) fn of(&mut self, path: &Path) -> Option<Key> {
+        if let Some(known) = self.0.get(path) {
+            return *known;
+        }
+        let key = hash(path);
+        self.0.insert(path.to_owned(), key);
+        key
+    }
+}
+
+fn hash(path: &Path) -> Option<Key> {
+    if !path.metadata().ok()?.is_file() {
+        return None;
+    }
+    Key::of_reader(std::fs::File::open(path).ok()?).ok()
+}
+
+/// Resolves parameters, each distinct set once.
+#[derive(Default)]
+pub(crate) struct Resolver {
+    known: HashMap<(bool, String, String), Arc<Parameters>>,
+    pub(crate) contents: Contents,
+    /// The paths in parameters and inputs.
+    pub(crate) anywhere: Anywhere,
+    /// Where the variant that is looked at writes its changes.
+    pub(crate) changed: Vec<Place>,
+}
+
+/// What the resolver needs of a kind.
+struct Kind<'a> {
+    name: &'a str,
+    schema: &'a Json,
+    resolve: &'a dyn Fn(&Json) -> Result<Json, ParamError>,
+}
+
+impl Resolver {
+    /// A node's parameters.
+    pub(crate) fn node(
+        &mut self,
+        kind: &NodeKind,
+        instance: &Instance,
+        report: &mut Report,
+    ) -> Option<Arc<Parameters>> {
+        let kind = Kind { name: kind.declaration.kind, schema: &kind.schema, resolve: &|json| kind.resolve(json) };
+        self.resolve(&kind, false, instance, report)
+    }
+
+    /// A source's parameters.
+    pub(crate) fn source(
+        &mut self,
+        kind: &SourceEntry,
+        instance: &Instance,
+        report: &mut Report,
+    ) -> Option<Arc<Parameters>> {
+        let kind = Kind { name: kind.declaration.kind, schema: &kind.schema, resolve: &|json| kind.resolve(json) };
+        self.resolve(&kind, true, instance, report)
+    }
+
+    fn resolve(
+        &mut self,
+        kind: &Kind<'_>,
+        is_source: bool,
+        instance: &Instance,
+        report: &mut Report,
+    ) -> Option<Arc<Parameters>> {
+        let with = instance.with.as_deref().filter(|with| with.is_map());
+        let json = with.map_or_else(
+            || Json::Object(serde_json::Map::new()),
+            |with| with_schema::parameters(with, kind.schema, &mut self.anywhere),
+        );
+        let known = (is_source, kind.name.to_owned(), json.to_string());
+        if let Some(known) = self.known.get(&known) {
+            return Some(Arc::clone(known));
+        }
+        let resolved = checked(kind, json, with, &instance.kind.place, &self.changed, report)?;
+        let decisive = with_schema::decisive(&resolved, kind.schema);
+        let portable = with_schema::with_paths(&decisive, kind.schema, &mut |path| self.portable_path(path));
+        let identity = canonical(&with_schema::with_paths(&decisive, kind.schema, &mut |path| self.identity_of(path)));
+        let operational = with_schema::operational(&resolved, kind.schema);
+        let parameters = Arc::new(Parameters { resolved, portable, identity, operational });
+        self.known.insert(known, Arc::clone(&parameters));
+        Some(parameters)
+    }
+
+    /// A path as it tells nodes of one plan apart: the content of the file, or where what is no file lies.
+    fn identity_of(&mut self, path: &Path) -> Json {
+        match self.contents.of(path) {
+            Some(key) => serde_json::json!({ "content": key.to_string() }),
+            None => serde_json::json!({ "path": path.to_string_lossy() }),
+        }
+    }
+
+    /// A path in a recipe: the content of the file, or the bare name of what is no file. Never where it lies.
+    fn portable_path(&mut self, path: &Path) -> Json {
+        match self.contents.of(path) {
+            Some(key) => serde_json::json!({ "content": key.to_string() }),
+            None => {
+                let name = path.file_name().map(|name| name.to_string_lossy().into_owned());
+                serde_json::json!({ "name": name })
+            }
+        }
+    }
+}
+
+/// Reports everything wrong with parameters; what is wrong is taken out, so that the rest is judged as well.
+fn checked(
+    kind: &Kind<'_>,
+    mut json: Json,
+    with: Option<&Node>,
+    at: &Place,
+    changed: &[Place],
+    report: &mut Report,
+) -> Option<Json> {
+    let mut sound = true;
+    let mut taken_out: Vec<Vec<String>> = Vec::new();
+    for violation in violations(&json.clone(), kind.schema) {
+        sound = false;
+        let place = place_of(with, &violation.path, violation.at_key).unwrap_or_else(|| at.clone());
+        report.push(
+            Diagnostic::error(&place, format!("{} (of `{}`)", violation.what, kind.name))
+                .label(violation.label)
+                .maybe_help(violation.help),
+        );
+        remove(&mut json, &violation.path);
+        taken_out.push(violation.path);
+    }
+    loop {
+        match (kind.resolve)(&json) {
+            Ok(resolved) => return sound.then_some(resolved),
+            Err(error) => {
+                // What does not fit only because something was taken out (a missing field, a default that clashes) has been spoken of.
+                if taken_out.contains(&error.path) || !sound && error.what.starts_with("missing field") {
+                    return None;
+                }
+                let place = place_of(with, &error.path, false);
+                let place = culprit(with, &error.what, changed).or(place);
+                let place = place.or_else(|| first_named(with, &error.what));
+                let place = place.or_else(|| Some(with?.place.clone())).unwrap_or_else(|| at.clone());
+                let what = match error.path.last() {
+                    // Many say by themselves of which parameter they speak.
+                    Some(name) if !error.what.contains(name) => {
+                        format!("`{}`: {} (of `{}`)", error.path.join("."), error.what, kind.name)
+                    }
+                    _ => format!("{} (of `{}`)", error.what, kind.name),
+                };
+                report.push(Diagnostic::error(&place, what));
+                sound = false;
+                if !remove(&mut json, &error.path) {
+                    return None;
+                }
+                taken_out.push(error.path);
+            }
+        }
+    }
+}
+
+/// Of the parameters that a message names, the one that the variant changed: the others were right without it.
+fn culprit(with: Option<&Node>, message: &str, changed: &[Place]) -> Option<Place> {
+    let of_the_variant = |place: &Place| {
+        changed.iter().any(|change| {
+            Arc::ptr_eq(&change.file, &place.file)
+                && change.span.start <= place.span.start
+                && place.span.end <= change.span.end
+        })
+    };
+    let mut places = named(with, message).filter(|place| of_the_variant(place));
+    places.next()
+}
+
+/// The first of the parameters that a message names.
+fn first_named(with: Option<&Node>, message: &str) -> Option<Place> {
+    named(with, message).next()
+}
+
+/// Where the written parameters stand that a message names.
+fn named(with: Option<&Node>, message: &str) -> impl Iterator<Item = Place> {
+    let words = |text: &str, word: &str| {
+        text.split(|c: char| !c.is_alphanumeric() && !matches!(c, '_' | '-')).any(|found| found == word)
+    };
+    let entries = with.map_or(&[][..], Node::entries);
+    entries
+        .iter()
+        .filter(move |entry| words(message, &entry.key))
+        .map(|entry| if entry.value.is_null() { entry.key_place.clone() } else { entry.value.place.clone() })
+}
+
+/// Where a parameter is written: as much of the path as is there.
+fn place_of(with: Option<&Node>, path: &[String], at_key: bool) -> Option<Place> {
+    let mut node = with?;
+    let mut place = None;
+    for (i, step) in path.iter().enumerate() {
+        let last = i + 1 == path.len();
+        match &node.value {
+            Tree::Map(_) => {
+                let Some(entry) = node.entry(step) else { break };
+                let empty = entry.value.is_null();
+                place =
+                    Some(if last && (at_key || empty) { entry.key_place.clone() } else { entry.value.place.clone() });
+                node = &entry.value;
+            }
+            Tree::List(items) => {
+                let Some(item) = step.parse::<usize>().ok().and_then(|index| items.get(index)) else { break };
+                place = Some(item.place.clone());
+                node = item;
+            }
+            Tree::Null | Tree::Bool(_) | Tree::Number(_) | Tree::Text(_) => break,
+        }
+    }
+    place
+}
+
+/// Takes a parameter out; an item of a list with the whole list, since the others would move away from their places.
+fn remove(json: &mut Json, path: &[String]) -> bool {
+    let Some((first, rest)) = path.split_first() else { return false };
+    match json {
+        Json::Object(map) => {
+            if let Some(inner) = map.get_mut(first)
+                && !rest.is_empty()
+                && remove(inner, rest)
+            {
+                return true;
+            }
+            map.shift_remove(first).is_some()
+        }
+        Json::Array(items) => match first.parse::<usize>().ok().and_then(|index| items.get_mut(index)) {
+            Some(item @ Json::Object(_)) => !rest.is_empty() && remove(item, rest),
+            _ => false,
+        },
+        Json::Null | Json::Bool(_) | Json::Number(_) | Json::String(_) => false,
+    }
+}
+
+/// JSON with its keys in order: equal values give equal text.
+pub(crate) fn canonical(value: &Json) -> String {
+    fn sorted(value: &Json) -> Json {
+        match value {
+            Json::Object(map) => {
+                let mut entries: Vec<_> = map.iter().collect();
+                entries.sort_unstable_by(|a, b| a.0.cmp(b.0));
+                Json::Object(entries.into_iter().map(|(key, value)| (key.clone(), sorted(value))).collect())
+            }
+            Json::Array(items) => Json::Array(items.iter().map(sorted).collect()),
+            Json::Null | Json::Bool(_) | Json::Number(_) | Json::String(_) => value.clone(),
+        }
+    }
+    sorted(value).to_string()
+}

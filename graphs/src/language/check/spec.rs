@@ -1,0 +1,397 @@
+//! What a person wrote, read into types: one variant's experiment, not yet checked against any kind.
+
+use std::sync::Arc;
+
+use super::reference::Reference;
+use crate::language::text::diagnostics::{Diagnostic, Report};
+use crate::language::text::names;
+use crate::language::text::source_file::Place;
+use crate::language::text::tree::{Entry, Node, Tree};
+use crate::language::text::word::Word;
+
+/// Keys of an experiment.
+pub(crate) const EXPERIMENT_KEYS: &[&str] =
+    &["experiment", "about", "extends", "sources", "stages", "variants", "matrix", "record"];
+const STAGE_KEYS: &[&str] = &["source", "nodes", "score"];
+const NODE_KEYS: &[&str] = &["kind", "inputs", "with"];
+const SOURCE_KEYS: &[&str] = &["kind", "with", "join"];
+/// Names that would be mistaken for words of the language.
+const RESERVED_NODES: &[&str] = &["source", "score", "graph"];
+const RESERVED_STAGES: &[&str] = &["sources", "stages", "record"];
+
+/// One variant of an experiment, as written.
+#[derive(Debug)]
+pub(crate) struct Spec {
+    pub(crate) sources: Vec<SourceSpec>,
+    pub(crate) stages: Vec<StageSpec>,
+}
+
+/// An entry of `sources:`.
+#[derive(Debug)]
+pub(crate) struct SourceSpec {
+    pub(crate) name: Word,
+    pub(crate) parts: Vec<Instance>,
+}
+
+/// An entry of `stages:`.
+#[derive(Debug)]
+pub(crate) struct StageSpec {
+    pub(crate) name: Word,
+    pub(crate) source: Option<Word>,
+    pub(crate) nodes: Vec<NodeSpec>,
+    pub(crate) score: Option<ScoreSpec>,
+}
+
+/// A kind with parameters.
+#[derive(Clone, Debug)]
+pub(crate) struct Instance {
+    pub(crate) kind: Word,
+    pub(crate) with: Option<Arc<Node>>,
+}
+
+/// An entry of `nodes:`.
+#[derive(Debug)]
+pub(crate) struct NodeSpec {
+    pub(crate) name: Word,
+    /// `None` if it has no kind that could be read.
+    pub(crate) instance: Option<Instance>,
+    pub(crate) inputs: Vec<InputSpec>,
+}
+
+/// An entry of `inputs:`.
+#[derive(Clone, Debug)]
+pub(crate) struct InputSpec {
+    pub(crate) port: Word,
+    pub(crate) place: Place,
+    /// `None` if it could not be read (which has been reported).
+    pub(crate) from: Option<Wired>,
+}
+
+/// What an input is wired to, as written.
+#[derive(Clone, Debug)]
+pub(crate) enum Wired {
+    /// `node/output` and its longer forms.
+    Reference(Reference),
+    /// `{ file: net.onnx }`.
+    File(Arc<Node>),
+    /// `null`: an optional input that is not wired, though what is extended or changed may wire it.
+    Nothing,
+}
+
+/// `score:` of a stage.
+#[derive(Debug)]
+pub(crate) struct ScoreSpec {
+    pub(crate) place: Place,
+    pub(crate) truth: Option<InputSpec>,
+    pub(crate) parameters: Vec<Entry>,
+    pub(crate) estimates: Vec<EstimateSpec>,
+}
+
+/// An entry of `estimates:`.
+#[derive(Debug)]
+pub(crate) struct EstimateSpec {
+    pub(crate) name: Word,
+    pub(crate) from: Option<InputSpec>,
+    pub(crate) parameters: Vec<Entry>,
+}
+
+/// Reads sources and stages of a document.
+pub(crate) fn read(root: &Node, report: &mut Report) -> Spec {
+    let mut spec = Spec { sources: Vec::new(), stages: Vec::new() };
+    known_keys(root, "an experiment", EXPERIMENT_KEYS, report);
+    for entry in section(root, "sources", report) {
+        names::check(&entry.key, "a source", &[], &entry.key_place, report);
+        spec.sources.push(source(entry, report));
+    }
+    for entry in section(root, "stages", report) {
+        names::check(&entry.key, "a stage", RESERVED_STAGES, &entry.key_place, report);
+        spec.stages.push(stage(entry, report));
+    }
+    spec
+}
+
+/// The experiment's name and description.
+pub(crate) fn title(root: &Node, report: &mut Report) -> (String, String) {
+    let mut text = |key: &str| {
+        let entry = root.entry(key)?;
+        let text = entry.value.scalar_text();
+        if text.is_none() {
+            let what = format!("`{key}` wants text, not {}", entry.value.describe());
+            report.push(Diagnostic::error(&entry.value.place, what));
+        }
+        text
+    };
+    let (name, about) = (text("experiment"), text("about"));
+    if root.entry("experiment").is_none() && misspelt(root, "experiment", EXPERIMENT_KEYS) {
+        // Said where its keys are read.
+    } else if root.entry("experiment").is_none() {
+        let place = Place::start_of(&root.place.file);
+        report.push(Diagnostic::error(&place, "the experiment has no name").help("begin with `experiment: NAME`"));
+    } else if let (Some(entry), Some(name)) = (root.entry("experiment"), name.as_deref()) {
+        match name.trim().is_empty() {
+            true => report.push(Diagnostic::error(&root.place, "the experiment's name is empty")),
+            false => drop(names::check_experiment(name, &entry.value.place, report)),
+        }
+    }
+    (name.unwrap_or_default(), about.unwrap_or_default())
+}
+
+fn section<'n>(root: &'n Node, key: &str, report: &mut Report) -> &'n [Entry] {
+    let Some(entry) = root.entry(key) else {
+        if misspelt(root, key, EXPERIMENT_KEYS) {
+            return &[];
+        }
+        let place = root.entry("experiment").map_or_else(|| Place::start_of(&root.place.file), |e| e.key_place.clone());
+        report.push(
+            Diagnostic::error(&place, format!("the experiment has no `{key}`"))
+                .label(format!("needs `{key}:` beside it")),
+        );
+        return &[];
+    };
+    if !matches!(&entry.value.value, Tree::Map(entries) if !entries.is_empty()) {
+        let what = match entry.value.value {
+            Tree::Map(_) | Tree::Null => format!("`{key}` is empty"),
+            _ => format!("`{key}` wants a map from names, not {}", entry.value.describe()),
+        };
+        report.push(Diagnostic::error(&entry.key_place, what));
+    }
+    entry.value.entries()
+}
+
+/// Reports keys that mean nothing there.
+pub(crate) fn known_keys(node: &Node, what: &str, known: &[&str], report: &mut Report) {
+    for entry in node.entries().iter().filter(|entry| !known.contains(&entry.key.as_str())) {
+        let help = names::suggestion(&entry.key, "keys known here", known);
+        let error = Diagnostic::error(&entry.key_place, format!("unknown key `{}` in {what}", entry.key));
+        report.push(error.label("no such key").maybe_help(help));
+    }
+}
+
+/// Whether a key is there under a name so near that it has been reported as unknown with this one in mind.
+fn misspelt(node: &Node, key: &str, known: &[&str]) -> bool {
+    let unknown = node.entries().iter().filter(|entry| !known.contains(&entry.key.as_str()));
+    unknown.into_iter().any(|entry| names::nearest(&entry.key, known.iter().copied()) == Some(key))
+}
+
+/// Reports what is no map.
+fn is_map(node: &Node, what: &str, example: &str, report: &mut Report) -> bool {
+    if !node.is_map() {
+        let error = Diagnostic::error(&node.place, format!("{what} wants a map, not {}", node.describe()));
+        report.push(error.label("not a map").help(format!("e.g. `{example}`")));
+    }
+    node.is_map()
+}
+
+fn source(entry: &Entry, report: &mut Report) -> SourceSpec {
+    let name = Word { text: entry.key.clone(), place: entry.key_place.clone() };
+    let node = &entry.value;
+    let mut parts = Vec::new();
+    if !map_of(entry, "a source", "{ kind: KIND, with: { ... } }", report) {
+        return SourceSpec { name, parts };
+    }
+    known_keys(node, "a source", SOURCE_KEYS, report);
+    match node.entry("join") {
+        None => parts.extend(instance(node, &entry.key_place, "source", report)),
+        Some(join) => {
+            for other in node.entries().iter().filter(|e| matches!(e.key.as_str(), "kind" | "with")) {
+                let error = Diagnostic::error(&other.key_place, format!("`{}` beside `join`", other.key));
+                report.push(error.help("each of the joined sources has its own `kind` and `with`"));
+            }
+            match &join.value.value {
+                Tree::List(items) if !items.is_empty() => {
+                    for item in items {
+                        if is_map(item, "a joined source", "{ kind: KIND, with: { ... } }", report) {
+                            known_keys(item, "a joined source", &["kind", "with"], report);
+                            parts.extend(instance(item, &item.place, "source", report));
+                        }
+                    }
+                }
+                _ => {
+                    let error = Diagnostic::error(&join.value.place, "`join` wants a list of sources");
+                    report.push(error.help("e.g. `join: [ { kind: KIND }, { kind: KIND } ]`"));
+                }
+            }
+        }
+    }
+    SourceSpec { name, parts }
+}
+
+/// As [`is_map`], for an entry: an empty value has no words of its own to underline.
+fn map_of(entry: &Entry, what: &str, example: &str, report: &mut Report) -> bool {
+    if entry.value.is_null() {
+        let error = Diagnostic::error(&entry.key_place, format!("`{}` is empty: {what} wants a map", entry.key));
+        report.push(error.help(format!("e.g. `{example}`")));
+        return false;
+    }
+    is_map(&entry.value, what, example, report)
+}
+
+fn instance(node: &Node, place: &Place, what: &str, report: &mut Report) -> Option<Instance> {
+    let Some(kind) = node.entry("kind") else {
+        if misspelt(node, "kind", NODE_KEYS) {
+            return None;
+        }
+        let error = Diagnostic::error(place, format!("this {what} has no `kind`"));
+        report.push(error.help("`kind:` says what it is, e.g. `kind: family/name`; `depthloom nodes` lists all kinds"));
+        return None;
+    };
+    let Some(text) = kind.value.text() else {
+        let what = format!("`kind` wants the name of a kind, not {}", kind.value.describe());
+        let place = if kind.value.is_null() { &kind.key_place } else { &kind.value.place };
+        report.push(Diagnostic::error(place, what));
+        return None;
+    };
+    let kind = Word { text: text.to_owned(), place: kind.value.place.clone() };
+    let with = node
+        .entry("with")
+        .filter(|with| with.value.is_null() || is_map(&with.value, "`with`", "with: { parameter: value }", report));
+    Some(Instance { kind, with: with.map(|with| Arc::clone(&with.value)) })
+}
+
+fn stage(entry: &Entry, report: &mut Report) -> StageSpec {
+    let name = Word { text: entry.key.clone(), place: entry.key_place.clone() };
+    let mut stage = StageSpec { name, source: None, nodes: Vec::new(), score: None };
+    if !map_of(entry, "a stage", "{ source: SOURCE, nodes: { ... } }", report) {
+        return stage;
+    }
+    let node = &entry.value;
+    known_keys(node, "a stage", STAGE_KEYS, report);
+    match node.entry("source") {
+        None if misspelt(node, "source", STAGE_KEYS) => {}
+        None => {
+            let error = Diagnostic::error(&entry.key_place, format!("stage `{}` has no `source`", entry.key));
+            report.push(error.help("say which of `sources:` its frames come from: `source: NAME`"));
+        }
+        Some(source) => match source.value.scalar_text() {
+            Some(text) => stage.source = Some(Word { text, place: source.value.place.clone() }),
+            None => {
+                let what = format!("`source` wants the name of a source, not {}", source.value.describe());
+                let place = if source.value.is_null() { &source.key_place } else { &source.value.place };
+                report.push(Diagnostic::error(place, what));
+            }
+        },
+    }
+    if let Some(nodes) = node.entry("nodes").filter(|nodes| !nodes.value.is_null()) {
+        is_map(&nodes.value, "`nodes`", "nodes: { NAME: { kind: KIND, inputs: { ... } } }", report);
+        for entry in nodes.value.entries() {
+            names::check(&entry.key, "a node", RESERVED_NODES, &entry.key_place, report);
+            stage.nodes.push(node_spec(entry, report));
+        }
+    }
+    if let Some(score) = node.entry("score").filter(|score| map_of(score, "`score`", SCORE_EXAMPLE, report)) {
+        stage.score = Some(score_spec(score, report));
+    }
+    stage
+}
+
+const SCORE_EXAMPLE: &str = "score: { truth: source/depth, estimates: { stereo: depth/depth } }";
+
+fn node_spec(entry: &Entry, report: &mut Report) -> NodeSpec {
+    let name = Word { text: entry.key.clone(), place: entry.key_place.clone() };
+    let mut spec = NodeSpec { name, instance: None, inputs: Vec::new() };
+    if !map_of(entry, "a node", "{ kind: KIND, inputs: { ... }, with: { ... } }", report) {
+        return spec;
+    }
+    known_keys(&entry.value, "a node", NODE_KEYS, report);
+    spec.instance = instance(&entry.value, &entry.key_place, "node", report);
+    if let Some(inputs) = entry.value.entry("inputs").filter(|inputs| !inputs.value.is_null()) {
+        is_map(&inputs.value, "`inputs`", "inputs: { image: source/left }", report);
+        let unwired = |entry: &Entry| InputSpec {
+            port: Word { text: entry.key.clone(), place: entry.key_place.clone() },
+            place: entry.key_place.clone(),
+            from: Some(Wired::Nothing),
+        };
+        let entries = inputs.value.entries().iter();
+        spec.inputs =
+            entries.map(|entry| if entry.value.is_null() { unwired(entry) } else { input(entry, report) }).collect();
+    }
+    spec
+}
+
+/// An entry of `inputs:`, or another that is wired like one.
+fn input(entry: &Entry, report: &mut Report) -> InputSpec {
+    let port = Word { text: entry.key.clone(), place: entry.key_place.clone() };
+    let node = &entry.value;
+    let form = "write `node/output`, `source/output`, `stage.node/output`, or `{ file: PATH }` for a once-value";
+    let (from, place) = match &node.value {
+        Tree::Text(text) => match Reference::parse(text, &node.place) {
+            Ok(reference) => (Some(Wired::Reference(reference)), node.place.clone()),
+            Err(what) => {
+                report.push(Diagnostic::error(&node.place, what).label("not a reference").help(form));
+                (None, node.place.clone())
+            }
+        },
+        Tree::Map(_) if node.entry("file").is_some() => {
+            known_keys(node, "an input", &["file"], report);
+            (node.get("file").map(|file| Wired::File(Arc::clone(file))), node.place.clone())
+        }
+        _ => {
+            let place = if node.is_null() { &entry.key_place } else { &node.place };
+            let what = format!("`{}` wants to know where its value comes from, not {}", entry.key, node.describe());
+            report.push(Diagnostic::error(place, what).help(form));
+            (None, place.clone())
+        }
+    };
+    InputSpec { port, place, from }
+}
+
+/// Takes out of a score's parameters what is meant as one of the language's own keys that is missing, and says so.
+fn misspelt_own_key(parameters: &mut Vec<Entry>, key: &str, what: &str, report: &mut Report) -> bool {
+    let Some(at) = parameters.iter().position(|entry| names::nearest(&entry.key, [key]).is_some()) else {
+        return false;
+    };
+    let entry = parameters.remove(at);
+    let error = Diagnostic::error(&entry.key_place, format!("unknown key `{}` in {what}", entry.key));
+    report.push(error.label("no such key").help(format!("did you mean `{key}`?")));
+    true
+}
+
+fn score_spec(entry: &Entry, report: &mut Report) -> ScoreSpec {
+    let own = |key: &str| matches!(key, "truth" | "estimates");
+    let mut parameters: Vec<Entry> = entry.value.entries().iter().filter(|e| !own(&e.key)).cloned().collect();
+    let missing = |key: &str| entry.value.entry(key).is_none();
+    let no_estimates = missing("estimates") && !misspelt_own_key(&mut parameters, "estimates", "`score`", report);
+    let truth = entry.value.entry("truth").map(|truth| input(truth, report));
+    if truth.is_none() && !misspelt_own_key(&mut parameters, "truth", "`score`", report) {
+        let error = Diagnostic::error(&entry.key_place, "`score` has no `truth`");
+        report.push(error.help("name the true depth, e.g. `truth: source/depth`"));
+    }
+    let mut score = ScoreSpec { place: entry.key_place.clone(), truth, parameters, estimates: Vec::new() };
+    match entry.value.entry("estimates") {
+        Some(estimates) if matches!(&estimates.value.value, Tree::Map(list) if !list.is_empty()) => {
+            // One that is nothing is not scored: so a variant, or an experiment that extends another, leaves one out.
+            for entry in estimates.value.entries().iter().filter(|entry| !entry.value.is_null()) {
+                names::check(&entry.key, "an estimate", &[], &entry.key_place, report);
+                score.estimates.push(estimate(entry, report));
+            }
+            if score.estimates.is_empty() {
+                let error = Diagnostic::error(&estimates.key_place, "all of the `estimates` are nothing");
+                report.push(error.help("name what is scored, e.g. `estimates: { stereo: depth/depth }`"));
+            }
+        }
+        Some(estimates) => {
+            let error = Diagnostic::error(&estimates.key_place, "`estimates` wants a map from names to `node/output`");
+            report.push(error.help("e.g. `estimates: { stereo: depth/depth }`"));
+        }
+        None if !no_estimates => {}
+        None => {
+            let error = Diagnostic::error(&entry.key_place, "`score` has no `estimates`");
+            report.push(error.help("name what is scored, e.g. `estimates: { stereo: depth/depth }`"));
+        }
+    }
+    score
+}
+
+fn estimate(entry: &Entry, report: &mut Report) -> EstimateSpec {
+    let name = Word { text: entry.key.clone(), place: entry.key_place.clone() };
+    if !entry.value.is_map() {
+        return EstimateSpec { name, from: Some(input(entry, report)), parameters: Vec::new() };
+    }
+    let from = entry.value.entry("from");
+    let mut parameters: Vec<Entry> = entry.value.entries().iter().filter(|e| e.key != "from").cloned().collect();
+    if from.is_none() && !misspelt_own_key(&mut parameters, "from", "an estimate", report) {
+        let error = Diagnostic::error(&entry.key_place, format!("estimate `{}` has no `from`", entry.key));
+        report.push(error.help("`from: node/output` says which depth is scored"));
+    }
+    EstimateSpec { name, from: from.map(|from| input(from, report)), parameters }
+}

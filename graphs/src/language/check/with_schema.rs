@@ -1,0 +1,130 @@
+//! Parameters read with the schema of their kind: which of them are paths, and which are operational.
+
+use std::path::Path;
+
+use serde_json::Value as Json;
+
+use crate::contracts::FrameSelection;
+use crate::language::text::paths::{Anywhere, located};
+use crate::language::text::tree::{Node, Tree};
+
+/// A tree as JSON for parameters of a schema: paths located, numbers out of the environment as text where text is wanted.
+pub(crate) fn parameters(node: &Node, schema: &Json, anywhere: &mut Anywhere) -> Json {
+    match &node.value {
+        Tree::Text(text) if has_format(schema, "path") => {
+            anywhere.add(node, text);
+            Json::String(located(node, text).to_string_lossy().into_owned())
+        }
+        Tree::Text(text) if has_format(schema, "frames") => match frames_file(node, text) {
+            Some(path) => {
+                anywhere.add(node, text);
+                Json::String(path)
+            }
+            None => Json::String(text.clone()),
+        },
+        Tree::Number(_) | Tree::Bool(_) | Tree::Null => match &node.written {
+            Some(written) if wants_text_only(schema) => Json::String(written.value.clone()),
+            _ => node.to_json(),
+        },
+        Tree::Text(text) => Json::String(text.clone()),
+        Tree::List(items) => {
+            let item_schema = part(schema, &|s| s.get("items")).unwrap_or(&Json::Null);
+            Json::Array(items.iter().map(|item| parameters(item, item_schema, anywhere)).collect())
+        }
+        Tree::Map(entries) => {
+            let mut value =
+                |key: &str, node: &Node| parameters(node, property(schema, key).unwrap_or(&Json::Null), anywhere);
+            Json::Object(entries.iter().map(|e| (e.key.clone(), value(&e.key, &e.value))).collect())
+        }
+    }
+}
+
+/// The file of frame ids that a text names: by its form, or because there is such a file. A range is never one.
+fn frames_file(node: &Node, text: &str) -> Option<String> {
+    let path = || located(node, text).to_string_lossy().into_owned();
+    match FrameSelection::parse(text) {
+        Ok(FrameSelection::File(_)) => Some(path()),
+        Err(_) if !text.is_empty() && Path::new(&path()).is_file() => {
+            // Of a form that says so, wherever it is read again.
+            let path = path();
+            Some(if path.contains('/') { path } else { format!("./{path}") })
+        }
+        Ok(_) | Err(_) => None,
+    }
+}
+
+/// Resolved parameters with every path replaced by what `name` makes of it.
+pub(crate) fn with_paths(value: &Json, schema: &Json, name: &mut dyn FnMut(&Path) -> Json) -> Json {
+    match value {
+        Json::String(text) if !text.is_empty() => {
+            let is_path = has_format(schema, "path")
+                || has_format(schema, "frames") && matches!(FrameSelection::parse(text), Ok(FrameSelection::File(_)));
+            if is_path { name(Path::new(text)) } else { value.clone() }
+        }
+        Json::Array(items) => {
+            let item_schema = part(schema, &|s| s.get("items")).unwrap_or(&Json::Null);
+            Json::Array(items.iter().map(|item| with_paths(item, item_schema, name)).collect())
+        }
+        Json::Object(map) => {
+            let mut new = serde_json::Map::new();
+            for (key, value) in map {
+                new.insert(key.clone(), with_paths(value, property(schema, key).unwrap_or(&Json::Null), name));
+            }
+            Json::Object(new)
+        }
+        Json::Null | Json::Bool(_) | Json::Number(_) | Json::String(_) => value.clone(),
+    }
+}
+
+/// Resolved parameters, those that are operational left out.
+pub(crate) fn decisive(value: &Json, schema: &Json) -> Json {
+    chosen(value, schema, false)
+}
+
+/// Resolved parameters, those alone that are operational.
+pub(crate) fn operational(value: &Json, schema: &Json) -> Json {
+    chosen(value, schema, true)
+}
+
+/// The parameters of a map that are operational, or are not; a list is taken as a whole.
+fn chosen(value: &Json, schema: &Json, operational: bool) -> Json {
+    let Json::Object(map) = value else { return value.clone() };
+    let of = |key: &str| property(schema, key).unwrap_or(&Json::Null);
+    let kept = map.iter().filter(|(key, _)| is_operational(of(key)) == operational);
+    Json::Object(kept.map(|(key, value)| (key.clone(), value.clone())).collect())
+}
+
+/// Whether a parameter is declared to decide no output; see [`Node::Params`](crate::contracts::Node::Params).
+pub(crate) fn is_operational(schema: &Json) -> bool {
+    part(schema, &|s| s.get(OPERATIONAL).filter(|is| is.as_bool() == Some(true))).is_some()
+}
+
+/// The attribute of a parameter's schema by which it is operational.
+const OPERATIONAL: &str = "operational";
+
+/// A part of a schema, or of the first of its alternatives that has it.
+fn part<'s>(schema: &'s Json, find: &dyn Fn(&'s Json) -> Option<&'s Json>) -> Option<&'s Json> {
+    find(schema).or_else(|| {
+        ["anyOf", "oneOf", "allOf"]
+            .iter()
+            .filter_map(|key| schema.get(key)?.as_array())
+            .flatten()
+            .find_map(|alternative| part(alternative, find))
+    })
+}
+
+fn property<'s>(schema: &'s Json, key: &str) -> Option<&'s Json> {
+    part(schema, &|s| s.get("properties")?.get(key)).or_else(|| part(schema, &|s| s.get("additionalProperties")))
+}
+
+fn has_format(schema: &Json, format: &str) -> bool {
+    part(schema, &|s| s.get("format").filter(|f| f.as_str() == Some(format))).is_some()
+}
+
+fn wants_text_only(schema: &Json) -> bool {
+    match schema.get("type") {
+        Some(Json::String(one)) => one == "string",
+        Some(Json::Array(several)) => several.iter().all(|t| matches!(t.as_str(), Some("string" | "null"))),
+        _ => false,
+    }
+}

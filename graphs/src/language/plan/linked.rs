@@ -1,0 +1,70 @@
+//! One variant with every name resolved: what the linker hands to sharing.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use crate::contracts::Port;
+use crate::key::Key;
+use crate::language::check::params::Parameters;
+use crate::language::text::source_file::Place;
+use crate::language::text::word::Word;
+use crate::plan::SourcePart;
+use crate::registry::NodeKind;
+
+/// A variant's stages, in the order of the file.
+pub(crate) struct Linked<'r> {
+    pub(crate) stages: Vec<LinkedStage<'r>>,
+}
+
+/// A stage with its source and nodes.
+pub(crate) struct LinkedStage<'r> {
+    pub(crate) name: Word,
+    /// `None` if something is wrong with it.
+    pub(crate) source: Option<Arc<LinkedSource>>,
+    /// In the order of the file, the scores last.
+    pub(crate) nodes: Vec<LinkedNode<'r>>,
+    /// Indices of nodes, each after all those it reads; empty where nodes go round in a circle.
+    pub(crate) order: Vec<usize>,
+    pub(crate) estimates: Vec<LinkedEstimate>,
+}
+
+/// A stage's source.
+#[derive(Debug)]
+pub(crate) struct LinkedSource {
+    pub(crate) name: String,
+    pub(crate) parts: Vec<SourcePart>,
+    pub(crate) outputs: Vec<Port>,
+}
+
+/// A node whose references are resolved.
+pub(crate) struct LinkedNode<'r> {
+    pub(crate) name: Word,
+    /// `None` if its kind is unknown.
+    pub(crate) kind: Option<&'r NodeKind>,
+    /// `None` if something is wrong with them.
+    pub(crate) parameters: Option<Arc<Parameters>>,
+    /// By input port of the declaration; `None` where unwired, or wired wrongly.
+    pub(crate) wires: Vec<Option<Wire>>,
+    /// The nodes it reads, as (stage, node), whether or not the wires fit.
+    pub(crate) reads: Vec<(usize, usize, Place)>,
+    /// Whether it is one of the nodes that `score:` stands for.
+    pub(crate) is_score: bool,
+}
+
+/// Where an input's value comes from.
+#[derive(Clone, Debug)]
+pub(crate) enum Wire {
+    /// The stage's source.
+    Source { port: usize },
+    /// A node of the same stage, or a once-value of an earlier one.
+    Node { stage: usize, node: usize, port: usize },
+    /// A file.
+    File { path: PathBuf, content: Key },
+}
+
+/// An estimate of a stage's `score:`.
+pub(crate) struct LinkedEstimate {
+    pub(crate) name: Word,
+    /// Index of its score node.
+    pub(crate) node: usize,
+}

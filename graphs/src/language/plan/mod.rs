@@ -1,0 +1,14 @@
+//! All variants' specs linked against the kinds an engine knows, and shared: equal nodes are one, with one recipe.
+//! From specs to the stage runs of a [`Plan`](crate::plan::Plan).
+
+pub(crate) mod link;
+pub(crate) mod linked;
+pub(crate) mod live;
+pub(crate) mod order;
+pub(crate) mod recipe;
+pub(crate) mod record;
+pub(crate) mod share;
+pub(crate) mod stage_names;
+pub(crate) mod topics;
+pub(crate) mod upstream;
+pub(crate) mod wire;

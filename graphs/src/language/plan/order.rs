@@ -1,0 +1,72 @@
+//! An order in which every node comes after those it reads; circles are reported.
+
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
+use super::linked::LinkedNode;
+use crate::language::text::diagnostics::{Diagnostic, Report};
+
+/// Indices of a stage's nodes, each after all those it reads, otherwise in the order of the file. Nodes in or after a
+/// circle are left out.
+pub(crate) fn of(stage: usize, nodes: &[LinkedNode<'_>], report: &mut Report) -> Vec<usize> {
+    let mut waiting_for: Vec<usize> = vec![0; nodes.len()];
+    let mut readers: Vec<Vec<usize>> = vec![Vec::new(); nodes.len()];
+    for (index, node) in nodes.iter().enumerate() {
+        for &(_, read, _) in node.reads.iter().filter(|(of, ..)| *of == stage) {
+            waiting_for[index] += 1;
+            readers[read].push(index);
+        }
+    }
+    let mut ready: BinaryHeap<Reverse<usize>> =
+        (0..nodes.len()).filter(|&node| waiting_for[node] == 0).map(Reverse).collect();
+    let mut order = Vec::with_capacity(nodes.len());
+    while let Some(Reverse(node)) = ready.pop() {
+        order.push(node);
+        for &reader in &readers[node] {
+            waiting_for[reader] -= 1;
+            if waiting_for[reader] == 0 {
+                ready.push(Reverse(reader));
+            }
+        }
+    }
+    if order.len() < nodes.len() {
+        circles(stage, nodes, &waiting_for, report);
+    }
+    order
+}
+
+/// How many nodes of a circle are named.
+const LONGEST: usize = 12;
+
+/// Reports each circle once, at the wire that closes it.
+fn circles(stage: usize, nodes: &[LinkedNode<'_>], waiting_for: &[usize], report: &mut Report) {
+    let mut visited = vec![false; nodes.len()];
+    for start in (0..nodes.len()).filter(|&node| waiting_for[node] > 0) {
+        // Every node that waits reads another that waits: following those comes back to one seen before.
+        let mut path: Vec<usize> = Vec::new();
+        let mut node = start;
+        while !visited[node] {
+            visited[node] = true;
+            path.push(node);
+            let waits = |read: usize| waiting_for[read] > 0;
+            let next = nodes[node].reads.iter().find(|(of, read, _)| *of == stage && waits(*read));
+            let Some((_, next, place)) = next else { break };
+            if let Some(first) = path.iter().position(|seen| seen == next) {
+                let mut names: Vec<String> =
+                    path[first..].iter().map(|&n| format!("`{}`", nodes[n].name.text)).collect();
+                names.push(names[0].clone());
+                if names.len() > LONGEST {
+                    let left_out = names.len() - LONGEST;
+                    names.splice(LONGEST / 2..LONGEST / 2 + left_out, [format!("{left_out} more, of which the last")]);
+                }
+                let what = if names.len() == 2 {
+                    format!("node {} reads itself", names[0])
+                } else {
+                    format!("nodes read each other in a circle: {}", names.join(" reads "))
+                };
+                report.push(Diagnostic::error(place, what).label("closes the circle"));
+            }
+            node = *next;
+        }
+    }
+}

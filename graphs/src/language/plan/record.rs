@@ -1,0 +1,199 @@
+//! `record:`: what is kept of a run.
+//!
+//! Everything by default. A list of patterns, or `{ topics: [...], every: N, view: true }`. A pattern is written like a reference,
+//! `[stage.]node[/port]`, or like a topic, `/stage[/node[/port]]`; `*` stands for any run of characters, a part left out for
+//! all there are, and `!` at the beginning leaves out what patterns before it took. Scores are always kept.
+
+use std::cell::Cell;
+
+use super::linked::Linked;
+use crate::language::check::schema_check::is_yaml_1_1_bool;
+use crate::language::check::spec::known_keys;
+use crate::language::text::diagnostics::{Diagnostic, Report};
+use crate::language::text::names;
+use crate::language::text::source_file::Place;
+use crate::language::text::tree::{Entry, Node, Tree};
+use crate::plan::Record;
+
+/// What is recorded.
+pub(crate) struct Recording {
+    pub(crate) record: Record,
+    /// `None`: everything.
+    patterns: Option<Vec<Pattern>>,
+}
+
+struct Pattern {
+    text: String,
+    place: Place,
+    leaves_out: bool,
+    stage: String,
+    node: String,
+    port: String,
+    matched: Cell<bool>,
+}
+
+impl Recording {
+    /// Whether an output is recorded; the source of a stage is its node `source`.
+    pub(crate) fn keeps(&self, stage: &str, node: &str, port: &str) -> bool {
+        let Some(patterns) = &self.patterns else { return true };
+        let mut kept = false;
+        for pattern in patterns {
+            if glob(&pattern.stage, stage) && glob(&pattern.node, node) && glob(&pattern.port, port) {
+                pattern.matched.set(true);
+                kept = !pattern.leaves_out;
+            }
+        }
+        kept
+    }
+
+    /// Reports patterns that match no output of any variant.
+    pub(crate) fn check(&self, variants: &[Linked<'_>], report: &mut Report) {
+        let Some(patterns) = &self.patterns else { return };
+        let mut topics: Vec<String> = Vec::new();
+        let mut whole = true;
+        for stage in variants.iter().flat_map(|linked| &linked.stages) {
+            let source = stage.source.as_ref().map(|source| ("source", source.outputs.as_slice()));
+            let nodes = stage.nodes.iter().map(|node| {
+                whole &= node.kind.is_some();
+                (node.name.text.as_str(), node.kind.map_or(&[][..], |kind| kind.declaration.outputs.as_slice()))
+            });
+            for (node, ports) in source.into_iter().chain(nodes) {
+                for port in ports {
+                    self.keeps(&stage.name.text, node, port.name);
+                    topics.push(format!("{}.{node}/{}", stage.name.text, port.name));
+                }
+            }
+        }
+        if !whole {
+            return;
+        }
+        topics.sort();
+        topics.dedup();
+        for pattern in patterns.iter().filter(|pattern| !pattern.matched.get()) {
+            let written = pattern.text.trim_start_matches(['!', '/']);
+            let written = if pattern.text.contains("./") {
+                written.to_owned()
+            } else {
+                written.replacen('/', ".", usize::from(pattern.text.trim_start_matches('!').starts_with('/')))
+            };
+            let nodes = topics.iter().filter_map(|topic| Some(topic.split_once('.')?.1));
+            let near = names::nearest(&written, topics.iter().map(String::as_str).chain(nodes));
+            let help = near.map_or_else(
+                || {
+                    "patterns are written `stage.node/port`, `node`, `/stage/node/port`, with `*` for anything"
+                        .to_owned()
+                },
+                |near| format!("did you mean `{near}`?"),
+            );
+            let what = format!("`{}` matches nothing that could be recorded", pattern.text);
+            report.push(Diagnostic::error(&pattern.place, what).label("matches nothing").help(help));
+        }
+    }
+}
+
+/// Reads `record:`.
+pub(crate) fn read(root: &Node, report: &mut Report) -> Recording {
+    let mut recording = Recording { record: Record { every: 1, view: false }, patterns: None };
+    let Some(entry) = root.entry("record").filter(|entry| !entry.value.is_null()) else { return recording };
+    match &entry.value.value {
+        Tree::List(items) => recording.patterns = Some(items.iter().filter_map(|item| pattern(item, report)).collect()),
+        Tree::Map(entries) => {
+            known_keys(&entry.value, "`record`", &["topics", "every", "view"], report);
+            for entry in entries {
+                setting(entry, &mut recording, report);
+            }
+        }
+        _ => {
+            let what = format!("`record` wants a list of patterns or a map, not {}", entry.value.describe());
+            let help =
+                "e.g. `record: [compare.*/depth]` or `record: { every: 10 }`; without `record` everything is kept";
+            report.push(Diagnostic::error(&entry.value.place, what).help(help));
+        }
+    }
+    recording
+}
+
+fn setting(entry: &Entry, recording: &mut Recording, report: &mut Report) {
+    let node = &entry.value;
+    let mut wrong = |wanted: &str| {
+        let what = format!("`{}` wants {wanted}, not {}", entry.key, node.describe());
+        let place = if node.is_null() { &entry.key_place } else { &node.place };
+        let yes = node.text().is_some_and(is_yaml_1_1_bool) && wanted.contains("true");
+        let help = yes.then(|| "YAML 1.2 knows `true` and `false` only".to_owned());
+        report.push(Diagnostic::error(place, what).maybe_help(help));
+    };
+    match (entry.key.as_str(), &node.value) {
+        ("topics", Tree::List(items)) => {
+            recording.patterns = Some(items.iter().filter_map(|item| pattern(item, report)).collect());
+        }
+        ("topics", _) => wrong("a list of patterns"),
+        ("every", Tree::Number(number)) => match number.as_u64() {
+            Some(every) if every >= 1 => recording.record.every = every,
+            _ => {
+                let what = format!("`every` must be a whole number of at least 1, not {number}");
+                report.push(Diagnostic::error(&node.place, what).help("`every: 10` keeps each tenth frame"));
+            }
+        },
+        ("every", _) => wrong("a whole number"),
+        ("view", Tree::Bool(view)) => recording.record.view = *view,
+        ("view", _) => wrong("`true` or `false`"),
+        _ => {}
+    }
+}
+
+fn pattern(item: &Node, report: &mut Report) -> Option<Pattern> {
+    let form = "patterns are written `stage.node/port`, `node`, `/stage/node/port`, with `*` for anything";
+    let Some(text) = item.text() else {
+        report.push(Diagnostic::error(&item.place, format!("a pattern is text, not {}", item.describe())).help(form));
+        return None;
+    };
+    let (leaves_out, bare) = text.strip_prefix('!').map_or((false, text), |bare| (true, bare));
+    let all = || "*".to_owned();
+    let parts: Vec<&str> = bare.split('/').collect();
+    let (stage, node, port) = match parts.as_slice() {
+        ["", stage] => ((*stage).to_owned(), all(), all()),
+        ["", stage, node] => ((*stage).to_owned(), (*node).to_owned(), all()),
+        ["", stage, node, port] => ((*stage).to_owned(), (*node).to_owned(), (*port).to_owned()),
+        [name] | [name, _] if !name.is_empty() => {
+            let (stage, node) = name.split_once('.').map_or((all(), *name), |(stage, node)| (stage.to_owned(), node));
+            (stage, node.to_owned(), parts.get(1).map_or_else(all, |port| (*port).to_owned()))
+        }
+        _ => {
+            report.push(Diagnostic::error(&item.place, format!("`{text}` is no pattern")).help(form));
+            return None;
+        }
+    };
+    let place = item.place.clone();
+    Some(Pattern { text: text.to_owned(), place, leaves_out, stage, node, port, matched: Cell::new(false) })
+}
+
+/// Whether a text is of a pattern's form; `*` stands for any run of characters.
+fn glob(pattern: &str, text: &str) -> bool {
+    let Some((first, rest)) = pattern.split_once('*') else { return pattern == text };
+    let Some(mut text) = text.strip_prefix(first) else { return false };
+    let mut parts: Vec<&str> = rest.split('*').collect();
+    let last = parts.pop().unwrap_or_default();
+    for part in parts {
+        // The earliest place leaves the most for what follows.
+        let Some(at) = text.find(part) else { return false };
+        text = &text[at + part.len()..];
+    }
+    text.ends_with(last)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::glob;
+
+    #[test]
+    fn stars_stand_for_any_run_of_characters() {
+        for (pattern, text) in
+            [("*", "depth"), ("de*", "depth"), ("*th", "depth"), ("d*p*h", "depth"), ("depth", "depth"), ("**", "")]
+        {
+            assert!(glob(pattern, text), "{pattern} {text}");
+        }
+        for (pattern, text) in [("d", "depth"), ("*x", "depth"), ("dep*pth", "depth"), ("", "depth")] {
+            assert!(!glob(pattern, text), "{pattern} {text}");
+        }
+    }
+}

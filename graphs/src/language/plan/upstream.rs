@@ -1,0 +1,43 @@
+//! Whether what is given to each node's inputs can be of use to it, as far as kinds know before any frame.
+
+use super::share::Shared;
+use crate::contracts::{Giver, GivingNode, Slot, Upstream};
+use crate::language::text::diagnostics::{Diagnostic, Report};
+use crate::plan::{From, PlannedNode, StageRun};
+use crate::registry::Registry;
+
+/// Reports what does not fit, node by node of a plan.
+pub(crate) fn check(shared: &Shared, variants: &[String], registry: &Registry, report: &mut Report) {
+    for (run, places) in shared.runs.iter().zip(&shared.places) {
+        for (node, place) in run.nodes.iter().zip(places) {
+            let Some(kind) = registry.node_kind(&node.kind) else { continue };
+            let wired = node.inputs.iter().filter_map(|input| Some((&input.port, input.from.as_ref()?)));
+            let upstream = Upstream::new(wired.map(|(port, from)| (port, giver(&shared.runs, run, from))));
+            if let Err(fault) = kind.check_inputs(&node.params, &upstream) {
+                let of = match node.variants.first() {
+                    Some(&first) if node.variants.len() < variants.len() => {
+                        format!(" (in variant `{}`)", variants[first])
+                    }
+                    _ => String::new(),
+                };
+                let what = format!("node `{}`: {}{of}", node.name, fault.chain());
+                let help = fault.remedy_text().map(ToOwned::to_owned);
+                report.push(Diagnostic::error(place, what).label("cannot use its inputs").maybe_help(help));
+            }
+        }
+    }
+}
+
+fn giver<'a>(runs: &'a [StageRun], here: &'a StageRun, from: &'a From) -> Giver<'a> {
+    match from {
+        From::Here(Slot::Source { .. }) => Giver::Source,
+        From::Here(Slot::Node { node, .. }) => Giver::Node(giving(&here.nodes[*node])),
+        From::Once { run, node, .. } => Giver::Node(giving(&runs[*run].nodes[*node])),
+        From::File(path) => Giver::File(path),
+    }
+}
+
+fn giving(node: &PlannedNode) -> GivingNode<'_> {
+    let wired = node.inputs.iter().filter(|input| input.from.is_some()).map(|input| input.port.name).collect();
+    GivingNode { name: &node.name, kind: &node.kind, params: &node.params, wired }
+}

@@ -1,0 +1,258 @@
+//! One wire: the output a reference names, and whether it fits the input it is wired to.
+
+use super::linked::Wire;
+use super::stage_names::StageNames;
+use crate::contracts::{Contract, Port, Rate};
+use crate::language::check::params::Resolver;
+use crate::language::check::reference::Reference;
+use crate::language::check::spec::{InputSpec, Wired};
+use crate::language::text::diagnostics::{Diagnostic, Report};
+use crate::language::text::names;
+use crate::language::text::paths;
+use crate::language::text::tree::Node;
+use crate::registry::NodeKind;
+use crate::values::ValueType;
+
+/// What a stage's inputs can be wired to.
+pub(crate) struct Wiring<'r, 's, 'n> {
+    pub(crate) stages: &'n [StageNames<'r, 's>],
+    /// The stage whose inputs are wired.
+    pub(crate) stage: usize,
+}
+
+/// An output found.
+struct Output<'n> {
+    wire: Wire,
+    port: &'n Port,
+    stage: usize,
+}
+
+impl<'r> Wiring<'r, '_, '_> {
+    /// The node a reference reads, if there is one of that name.
+    pub(crate) fn read(&self, reference: &Reference) -> Option<(usize, usize)> {
+        let stage = self.stage_of(reference)?;
+        Some((stage, self.stages[stage].node(&reference.node.text)?))
+    }
+
+    fn stage_of(&self, reference: &Reference) -> Option<usize> {
+        match &reference.stage {
+            None => Some(self.stage),
+            Some(word) => self.stages.iter().position(|stage| stage.name == word.text),
+        }
+    }
+
+    /// Reports a reference that names nothing.
+    pub(crate) fn output(&self, reference: &Reference, report: &mut Report) {
+        self.find(reference, report);
+    }
+
+    /// The wire to an input port, if it fits.
+    pub(crate) fn wire(
+        &self,
+        kind: &'r NodeKind,
+        port: &Port,
+        input: &InputSpec,
+        resolver: &mut Resolver,
+        report: &mut Report,
+    ) -> Option<Wire> {
+        match input.from.as_ref()? {
+            Wired::Nothing => None,
+            Wired::File(file) => file_wire(port, file, resolver, report),
+            Wired::Reference(reference) => {
+                let output = self.find(reference, report)?;
+                let error = self.misfit(kind, port, input, &output)?;
+                if let Err(error) = error {
+                    report.push(*error);
+                    return None;
+                }
+                Some(output.wire)
+            }
+        }
+    }
+
+    /// Why an output does not fit an input. (`Some(Ok(()))`: it does.)
+    fn misfit(
+        &self,
+        kind: &NodeKind,
+        port: &Port,
+        input: &InputSpec,
+        output: &Output<'_>,
+    ) -> Option<Result<(), Box<Diagnostic>>> {
+        let written = input.place.text();
+        let error = |what: String| Diagnostic::error(&input.place, what);
+        let fail = |diagnostic: Diagnostic| Some(Err(Box::new(diagnostic)));
+        let (wanted, given) = (port.value_type, output.port.value_type);
+        let name = port.name;
+        if output.stage != self.stage {
+            let (other, own) = (self.stages[output.stage].name, self.stages[self.stage].name);
+            if output.port.rate == Rate::Frame {
+                let what = format!(
+                    "`{written}` has a value for every frame of stage `{other}`: only once-values are seen by other stages"
+                );
+                let help = format!(
+                    "compute it in `{own}` too: equal nodes on equal sources cost nothing twice once values are reused"
+                );
+                return fail(error(what).label("a value a frame").help(help));
+            }
+            if output.stage > self.stage {
+                let what = format!("`{written}` is known only after stage `{other}`, which comes after `{own}`");
+                return fail(error(what).label("not known yet").help(format!("move stage `{other}` above `{own}`")));
+            }
+        }
+        if wanted != given {
+            let what = format!("input `{name}` wants {wanted}, but `{written}` is {given}");
+            let fitting = self.outputs_fitting(port, "");
+            let fitting: Vec<&str> = fitting.iter().map(String::as_str).collect();
+            let help = (!fitting.is_empty()).then(|| format!("outputs that fit: {}", names::listed(&fitting)));
+            return fail(error(what).label(format!("{given}, not {wanted}")).maybe_help(help));
+        }
+        match (port.rate, output.port.rate) {
+            (Rate::Frame, Rate::Once) => {
+                let what = format!(
+                    "input `{name}` wants a value for every frame, but `{written}` is one value for the whole stage"
+                );
+                fail(error(what).label("a once-value"))
+            }
+            (Rate::Once, Rate::Frame) => {
+                let what = format!(
+                    "input `{name}` wants one value for the whole stage, but `{written}` has one for every frame"
+                );
+                let help = format!("an ordered node that collects {given} and finishes with one value goes between");
+                fail(error(what).label("a value a frame").help(help))
+            }
+            (Rate::Once, Rate::Once) if output.stage == self.stage && kind.declaration.contract != Contract::Once => {
+                let what = format!(
+                    "`{written}` is known only after the last frame of stage `{}`, but `{}` works frame by frame",
+                    self.stages[self.stage].name, kind.declaration.kind
+                );
+                fail(error(what).label("not known yet").help("move the node that reads it into a later stage"))
+            }
+            (Rate::Once, Rate::Once) | (Rate::Frame, Rate::Frame) => Some(Ok(())),
+        }
+    }
+
+    /// The output a reference names. `None` without a report if its node is broken, which is said elsewhere.
+    fn find(&self, reference: &Reference, report: &mut Report) -> Option<Output<'_>> {
+        let Some(stage) = self.stage_of(reference) else {
+            let word = reference.stage.as_ref()?;
+            let known: Vec<&str> = self.stages.iter().map(|stage| stage.name).collect();
+            let error =
+                Diagnostic::error(&word.place, format!("there is no stage `{}`", word.text)).label("names nothing");
+            report.push(error.maybe_help(names::suggestion(&word.text, "stages", &known)));
+            return None;
+        };
+        let names = &self.stages[stage];
+        let output = &reference.output;
+        let node = names.node(&reference.node.text);
+        let (owner, ports): (String, &[Port]) = match node {
+            Some(node) => {
+                let declaration = &names.nodes[node].1?.declaration;
+                (format!("`{}` ({})", reference.node.text, declaration.kind), &declaration.outputs)
+            }
+            None if reference.node.text == "source" => {
+                let source = names.source.as_ref()?;
+                (format!("source `{}`", source.name), &source.outputs)
+            }
+            None => {
+                self.unknown_node(reference, stage, report);
+                return None;
+            }
+        };
+        match ports.iter().position(|port| port.name == output.text) {
+            Some(port) => {
+                let wire = node.map_or(Wire::Source { port }, |node| Wire::Node { stage, node, port });
+                Some(Output { wire, port: &ports[port], stage })
+            }
+            None => {
+                let known: Vec<&str> = ports.iter().map(|port| port.name).collect();
+                let error = Diagnostic::error(&output.place, format!("{owner} has no output `{}`", output.text));
+                report.push(error.label("no such output").maybe_help(names::suggestion(
+                    &output.text,
+                    "outputs",
+                    &known,
+                )));
+                None
+            }
+        }
+    }
+
+    fn unknown_node(&self, reference: &Reference, stage: usize, report: &mut Report) {
+        let name = &reference.node.text;
+        let names = &self.stages[stage];
+        let what = format!("stage `{}` has no node `{name}`", names.name);
+        let mut known: Vec<&str> =
+            names.nodes.iter().map(|(name, _)| *name).filter(|name| !name.contains('.')).collect();
+        known.push("source");
+        let elsewhere = self.stages[..self.stage].iter().find(|earlier| earlier.node(name).is_some());
+        let help = match elsewhere {
+            Some(earlier) => {
+                Some(format!("did you mean `{}.{name}/{}`, of stage `{0}`?", earlier.name, reference.output.text))
+            }
+            None if self.stages.iter().any(|stage| stage.name == name) => {
+                Some(format!("`{name}` is a stage: a once-value of it is `{name}.NODE/OUTPUT`"))
+            }
+            None => names::suggestion(name, "nodes of the stage", &known),
+        };
+        report.push(Diagnostic::error(&reference.node.place, what).label("names nothing").maybe_help(help));
+    }
+
+    /// Outputs that could be wired to a port, nearest first: the source's, then those of other nodes.
+    pub(crate) fn outputs_fitting(&self, port: &Port, node: &str) -> Vec<String> {
+        const MOST: usize = 100;
+        let mut fitting = Vec::new();
+        let fits = |output: &Port| output.value_type == port.value_type && output.rate == port.rate;
+        for (index, stage) in self.stages.iter().enumerate().take(self.stage + 1) {
+            let here = index == self.stage;
+            if !here && port.rate == Rate::Frame {
+                continue;
+            }
+            let prefix = if here { String::new() } else { format!("{}.", stage.name) };
+            if let Some(source) = stage.source.as_ref().filter(|_| here) {
+                let own = source.outputs.iter().filter(|output| fits(output));
+                fitting.extend(own.map(|output| format!("source/{}", output.name)));
+            }
+            for (name, kind) in &stage.nodes {
+                if name.contains('.') || here && *name == node || fitting.len() >= MOST {
+                    continue;
+                }
+                let outputs = kind.iter().flat_map(|kind| &kind.declaration.outputs).filter(|output| fits(output));
+                fitting.extend(outputs.map(|output| format!("{prefix}{name}/{}", output.name)));
+            }
+        }
+        // The output or node of the very same name first (`left` from `source/left`); a source's depth is the truth, so last.
+        let truth = |output: &str| port.value_type == ValueType::Depth && output.starts_with("source/");
+        let of_that_name = |output: &str| {
+            output.ends_with(&format!("/{}", port.name)) || output.starts_with(&format!("{}/", port.name))
+        };
+        fitting.sort_by_key(|output: &String| (truth(output), !of_that_name(output)));
+        fitting
+    }
+}
+
+fn file_wire(port: &Port, file: &Node, resolver: &mut Resolver, report: &mut Report) -> Option<Wire> {
+    let Some(text) = file.text() else {
+        report.push(Diagnostic::error(&file.place, format!("`file` wants a path, not {}", file.describe())));
+        return None;
+    };
+    if port.rate == Rate::Frame {
+        let what = format!("input `{}` wants a value for every frame: only once-values come from files", port.name);
+        report.push(Diagnostic::error(&file.place, what));
+        return None;
+    }
+    if !matches!(port.value_type, ValueType::Model | ValueType::Samples) {
+        let what = format!("input `{}` wants {}, which cannot be read from a file", port.name, port.value_type);
+        report.push(Diagnostic::error(&file.place, what));
+        return None;
+    }
+    resolver.anywhere.add(file, text);
+    let path = paths::located(file, text);
+    match resolver.contents.of(&path) {
+        Some(content) => Some(Wire::File { path, content }),
+        None => {
+            let what = format!("there is no file `{}`", path.display());
+            let error = Diagnostic::error(&file.place, what).label("cannot be read");
+            report.push(error.help("relative paths start at the folder of the YAML file they are written in"));
+            None
+        }
+    }
+}

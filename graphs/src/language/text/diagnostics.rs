@@ -1,0 +1,258 @@
+//! What is wrong with an experiment, and where.
+
+use std::collections::HashSet;
+use std::fmt;
+use std::ops::Range;
+use std::sync::Arc;
+
+use super::source_file::{Place, SourceFile};
+
+/// How bad it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Severity {
+    /// The experiment cannot be run.
+    Error,
+    /// It can, but probably does not say what was meant.
+    Warning,
+}
+
+/// Another place that belongs to a diagnostic.
+#[derive(Clone, Debug)]
+pub struct Related {
+    /// The file.
+    pub file: Arc<SourceFile>,
+    /// Byte offsets.
+    pub span: Range<usize>,
+    /// What is there.
+    pub label: String,
+}
+
+/// One thing that is wrong.
+#[derive(Clone, Debug)]
+pub struct Diagnostic {
+    /// How bad it is.
+    pub severity: Severity,
+    /// The file it stands in.
+    pub file: Arc<SourceFile>,
+    /// The words at fault, as byte offsets into the file's text.
+    pub span: Range<usize>,
+    /// What is to be said at those words.
+    pub label: String,
+    /// What is wrong: a lower-case fragment.
+    pub message: String,
+    /// What to do about it.
+    pub help: Option<String>,
+    /// Another place that belongs to it.
+    pub related: Option<Related>,
+    /// The keys that lead to the words, joined by dots: `stages.compare.nodes.depth.with.cap`.
+    pub key_path: String,
+}
+
+impl Diagnostic {
+    /// An error at some words.
+    #[must_use]
+    pub fn error(place: &Place, message: impl Into<String>) -> Self {
+        Self {
+            severity: Severity::Error,
+            file: Arc::clone(&place.file),
+            span: place.span.clone(),
+            label: "here".to_owned(),
+            message: message.into(),
+            help: None,
+            related: None,
+            key_path: String::new(),
+        }
+    }
+
+    /// A warning at some words.
+    #[must_use]
+    pub fn warning(place: &Place, message: impl Into<String>) -> Self {
+        Self { severity: Severity::Warning, ..Self::error(place, message) }
+    }
+
+    /// Says something at the words at fault.
+    #[must_use]
+    pub fn label(self, label: impl Into<String>) -> Self {
+        Self { label: label.into(), ..self }
+    }
+
+    /// Says what to do about it.
+    #[must_use]
+    pub fn help(self, help: impl Into<String>) -> Self {
+        Self { help: Some(help.into()), ..self }
+    }
+
+    /// Says what to do about it, if that is known.
+    #[must_use]
+    pub fn maybe_help(self, help: Option<String>) -> Self {
+        Self { help, ..self }
+    }
+
+    /// Points at another place as well.
+    #[must_use]
+    pub fn related(self, place: &Place, label: impl Into<String>) -> Self {
+        let related = Related { file: Arc::clone(&place.file), span: place.span.clone(), label: label.into() };
+        Self { related: Some(related), ..self }
+    }
+
+    /// The line, from 1.
+    #[must_use]
+    pub fn line(&self) -> usize {
+        self.file.line_column(self.span.start).0
+    }
+
+    /// The column in characters, from 1.
+    #[must_use]
+    pub fn column(&self) -> usize {
+        self.file.line_column(self.span.start).1
+    }
+
+    fn identity(&self) -> (Severity, String, Range<usize>, String) {
+        (self.severity, self.file.name.clone(), self.span.clone(), self.message.clone())
+    }
+}
+
+/// The diagnostic as plain text: place and message, the line with the words underlined, the help.
+impl fmt::Display for Diagnostic {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let severity = match self.severity {
+            Severity::Error => "error",
+            Severity::Warning => "warning",
+        };
+        writeln!(f, "{}:{}:{}: {severity}: {}", self.file.name, self.line(), self.column(), self.message)?;
+        f.write_str(&excerpt(&self.file, &self.span, &self.label))?;
+        if let Some(related) = &self.related {
+            let (line, column) = related.file.line_column(related.span.start);
+            writeln!(f, "  {}:{line}:{column}:", related.file.name)?;
+            f.write_str(&excerpt(&related.file, &related.span, &related.label))?;
+        }
+        if !self.key_path.is_empty() {
+            writeln!(f, "  key: {}", self.key_path)?;
+        }
+        if let Some(help) = &self.help {
+            writeln!(f, "  help: {help}")?;
+        }
+        Ok(())
+    }
+}
+
+/// The widest piece of a line that is shown.
+const WIDEST: usize = 200;
+
+/// The line a span starts in, with as much of the span underlined as stands in that line; of a very long line, the piece around it.
+fn excerpt(file: &SourceFile, span: &Range<usize>, label: &str) -> String {
+    let (number, column) = file.line_column(span.start);
+    let start = file.boundary(span.start);
+    let line_start = file.text[..start].rfind('\n').map_or(0, |at| at + 1);
+    let line = file.text[line_start..].lines().next().unwrap_or_default();
+    let end = file.boundary(span.end.min(line_start + line.len()).max(start));
+    let mut underlined = file.text[start..end].chars().count().max(1);
+    let mut indent = column - 1;
+    // Tabs are shown as one column, so that the underline stands under its words.
+    let mut shown: String = line.replace('\t', " ");
+    if shown.chars().count() > WIDEST {
+        let first = indent.saturating_sub(WIDEST / 2);
+        shown = shown.chars().skip(first).take(WIDEST).collect();
+        indent -= first;
+        if first > 0 {
+            shown.insert_str(0, "...");
+            indent += 3;
+        }
+        underlined = underlined.min(WIDEST + 3 - indent);
+    }
+    let gutter = number.to_string().len();
+    let (space, line) = (" ".repeat(indent), "^".repeat(underlined));
+    format!("  {number} | {shown}\n  {:gutter$} | {space}{line} {label}\n", "")
+}
+
+/// Everything that is wrong, in the order of files and lines.
+#[derive(Clone, Debug, Default)]
+pub struct Diagnostics(pub Vec<Diagnostic>);
+
+impl Diagnostics {
+    /// Whether nothing at all is wrong.
+    #[must_use]
+    pub const fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// Whether any of it is an error.
+    #[must_use]
+    pub fn has_errors(&self) -> bool {
+        self.0.iter().any(|d| d.severity == Severity::Error)
+    }
+
+    /// The diagnostics one by one.
+    pub fn iter(&self) -> std::slice::Iter<'_, Diagnostic> {
+        self.0.iter()
+    }
+}
+
+impl<'a> IntoIterator for &'a Diagnostics {
+    type Item = &'a Diagnostic;
+    type IntoIter = std::slice::Iter<'a, Diagnostic>;
+
+    fn into_iter(self) -> Self::IntoIter {
+        self.iter()
+    }
+}
+
+impl fmt::Display for Diagnostics {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (i, diagnostic) in self.iter().enumerate() {
+            if i > 0 {
+                writeln!(f)?;
+            }
+            fmt::Display::fmt(diagnostic, f)?;
+        }
+        Ok(())
+    }
+}
+
+impl std::error::Error for Diagnostics {}
+
+/// Collects diagnostics; the same words with the same message are said once, however many variants they spoil.
+#[derive(Debug, Default)]
+pub(crate) struct Report {
+    list: Vec<Diagnostic>,
+    seen: HashSet<(Severity, String, Range<usize>, String)>,
+}
+
+/// More than this is not read by anyone.
+const MOST: usize = 100;
+
+impl Report {
+    /// Adds a diagnostic, unless it has been said already.
+    pub(crate) fn push(&mut self, diagnostic: Diagnostic) {
+        if !self.is_full() && self.seen.insert(diagnostic.identity()) {
+            self.list.push(diagnostic);
+        }
+    }
+
+    /// Whether there are so many that no more are taken.
+    pub(crate) const fn is_full(&self) -> bool {
+        self.list.len() >= MOST
+    }
+
+    /// How many there are so far.
+    pub(crate) const fn len(&self) -> usize {
+        self.list.len()
+    }
+
+    /// Whether there are errors so far.
+    pub(crate) fn has_errors(&self) -> bool {
+        self.list.iter().any(|d| d.severity == Severity::Error)
+    }
+
+    /// The diagnostics from `first` on.
+    pub(crate) fn since(&mut self, first: usize) -> std::slice::IterMut<'_, Diagnostic> {
+        self.list[first..].iter_mut()
+    }
+
+    /// All of it, in the order of lines; files in the order in which `files` lists them.
+    pub(crate) fn finish(mut self, files: &[Arc<SourceFile>]) -> Diagnostics {
+        let rank = |d: &Diagnostic| files.iter().position(|f| Arc::ptr_eq(f, &d.file)).unwrap_or(files.len());
+        self.list.sort_by_key(|d| (rank(d), d.span.start, d.span.end));
+        Diagnostics(self.list)
+    }
+}

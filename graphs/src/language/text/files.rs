@@ -1,0 +1,296 @@
+//! Reads an experiment with what it extends and the graph files it takes nodes from.
+
+use std::path::{Component, Path, PathBuf};
+use std::sync::Arc;
+
+use super::diagnostics::{Diagnostic, Report};
+use super::environment::{Lookup, substitute};
+use super::merge::{Level, merged};
+use super::parse;
+use super::source_file::{Place, SourceFile};
+use super::tree::{Node, Tree, entry_mut};
+use crate::regular_file;
+
+/// How many files may extend or include each other.
+const DEEPEST: usize = 16;
+/// How many files an experiment may name.
+const MOST_FILES: usize = 64;
+
+/// The most values that graph files may put in, wherever they are used: each use is a copy.
+const MOST_PUT_IN: usize = 1_000_000;
+
+/// All files read so far.
+pub(crate) struct Files<'a> {
+    env: &'a Lookup<'a>,
+    read: Vec<ReadFile>,
+    /// Where a file names another, and which of those read it is.
+    named: Vec<(Place, usize)>,
+    /// How many values graph files have put in.
+    put_in: usize,
+    /// Whether a file could not be read: the experiment is not whole, and most of what could be said of it untrue.
+    broken: bool,
+}
+
+struct ReadFile {
+    file: Arc<SourceFile>,
+    /// The path from the main file's folder: what a recording calls it.
+    portable: String,
+    document: Option<Arc<Node>>,
+}
+
+/// A file being read, and why: to name the whole circle if there is one.
+struct Open<'a> {
+    identity: PathBuf,
+    outer: Option<&'a Self>,
+    depth: usize,
+}
+
+impl<'a> Files<'a> {
+    pub(crate) const fn new(env: &'a Lookup<'a>) -> Self {
+        Self { env, read: Vec::new(), named: Vec::new(), put_in: 0, broken: false }
+    }
+
+    /// Whether a file of the experiment could not be had.
+    pub(crate) const fn is_broken(&self) -> bool {
+        self.broken
+    }
+
+    /// The files in the order in which they were read.
+    pub(crate) fn sources(&self) -> Vec<Arc<SourceFile>> {
+        self.read.iter().map(|read| Arc::clone(&read.file)).collect()
+    }
+
+    /// Where a file names another, and its position among the [sources](Self::sources).
+    pub(crate) fn named(&self) -> impl Iterator<Item = (&Place, usize)> {
+        self.named.iter().map(|(place, target)| (place, *target))
+    }
+
+    /// Name (from the main file's folder) and text of each file.
+    pub(crate) fn written(&self) -> Vec<(String, String)> {
+        self.read.iter().map(|read| (read.portable.clone(), read.file.text.clone())).collect()
+    }
+
+    /// The keys that lead to a place.
+    pub(crate) fn key_path(&self, place: &Place) -> Option<String> {
+        let read = self.read.iter().find(|read| Arc::ptr_eq(&read.file, &place.file))?;
+        read.document.as_ref()?.key_path(place)
+    }
+
+    /// The experiment at `path`, merged onto what it extends, graph files put in.
+    pub(crate) fn experiment(&mut self, path: &Path, report: &mut Report) -> Option<Arc<Node>> {
+        let portable = path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+        let main = self.open(path, portable, None, report)?;
+        let open = Open { identity: identity(path), outer: None, depth: 0 };
+        Some(self.extended(&main, &open, report))
+    }
+
+    fn extended(&mut self, document: &Arc<Node>, open: &Open<'_>, report: &mut Report) -> Arc<Node> {
+        let own = self.with_graphs(document, open, report);
+        let Some(entry) = document.entry("extends") else { return own };
+        let base = self.following(&entry.value, "extends", open, report, |files, base, open, report| {
+            Some(files.extended(base, open, report))
+        });
+        let own = without(&own, "extends");
+        base.map_or_else(|| Arc::clone(&own), |base| merged(&base, &own, Level::Experiment))
+    }
+
+    /// The document with `nodes: { graph: file }` of every stage replaced by the nodes of that file.
+    fn with_graphs(&mut self, document: &Arc<Node>, open: &Open<'_>, report: &mut Report) -> Arc<Node> {
+        let mut new = Arc::clone(document);
+        let Some(stages) = document.get("stages") else { return new };
+        for (i, stage) in stages.entries().iter().enumerate() {
+            let Some(nodes) = stage.value.get("nodes").filter(|nodes| nodes.get("graph").is_some()) else { continue };
+            let nodes = self.graph(nodes, open, report);
+            let place = entry_mut(&mut new, "stages").and_then(|stages| match &mut Arc::make_mut(stages).value {
+                Tree::Map(entries) => entries.get_mut(i),
+                _ => None,
+            });
+            if let Some(place) = place.and_then(|stage| entry_mut(&mut stage.value, "nodes")) {
+                *place = nodes;
+            }
+        }
+        new
+    }
+
+    /// A map of nodes with those of its `graph` file beneath them.
+    fn graph(&mut self, nodes: &Arc<Node>, open: &Open<'_>, report: &mut Report) -> Arc<Node> {
+        let Some(entry) = nodes.entry("graph") else { return Arc::clone(nodes) };
+        let own = without(nodes, "graph");
+        let base = self.following(&entry.value, "graph", open, report, |files, document, open, report| {
+            for entry in document.entries().iter().filter(|e| !matches!(e.key.as_str(), "about" | "nodes")) {
+                report.push(
+                    Diagnostic::error(&entry.key_place, format!("unknown key `{}` in a graph file", entry.key))
+                        .help("a graph file holds `nodes:` and, if you like, `about:`"),
+                );
+            }
+            match document.get("nodes") {
+                Some(nodes) => Some(files.graph(nodes, open, report)),
+                None => {
+                    report.push(
+                        Diagnostic::error(&Place::start_of(&document.place.file), "a graph file without `nodes:`")
+                            .help("a graph file holds `nodes:`, written as in a stage"),
+                    );
+                    None
+                }
+            }
+        });
+        let Some(base) = base else { return own };
+        self.put_in = self.put_in.saturating_add(base.size());
+        if self.put_in > MOST_PUT_IN {
+            let what = format!("graph files put in more than {MOST_PUT_IN} values, counted at every use");
+            report.push(Diagnostic::error(&entry.value.place, what));
+            self.broken = true;
+            return own;
+        }
+        merged(&base, &own, Level::Nodes)
+    }
+
+    /// Reads the file that a scalar names and hands it to `then`.
+    fn following<T>(
+        &mut self,
+        name: &Arc<Node>,
+        key: &str,
+        open: &Open<'_>,
+        report: &mut Report,
+        then: impl FnOnce(&mut Self, &Arc<Node>, &Open<'_>, &mut Report) -> Option<T>,
+    ) -> Option<T> {
+        let found = self.named_file(name, key, open, report, then);
+        self.broken |= found.is_none();
+        found
+    }
+
+    fn named_file<T>(
+        &mut self,
+        name: &Arc<Node>,
+        key: &str,
+        open: &Open<'_>,
+        report: &mut Report,
+        then: impl FnOnce(&mut Self, &Arc<Node>, &Open<'_>, &mut Report) -> Option<T>,
+    ) -> Option<T> {
+        let name = substitute(name, self.env, report);
+        let Some(text) = name.text() else {
+            let what = format!("`{key}` wants the path of a YAML file, not {}", name.describe());
+            report.push(Diagnostic::error(&name.place, what));
+            return None;
+        };
+        let folder = match &name.written {
+            Some(written) if written.leads => Path::new(""),
+            _ => name.place.file.folder(),
+        };
+        let path = normal(&folder.join(text));
+        let inner = Open { identity: identity(&path), outer: Some(open), depth: open.depth + 1 };
+        let mut outer = Some(open);
+        while let Some(file) = outer {
+            if file.identity == inner.identity {
+                let what = format!("`{key}` goes round in a circle: `{text}` is being read already");
+                report.push(Diagnostic::error(&name.place, what).label("comes back to a file that leads here"));
+                return None;
+            }
+            outer = file.outer;
+        }
+        if inner.depth > DEEPEST || self.read.len() >= MOST_FILES {
+            let what = format!("too many files: at most {MOST_FILES}, and {DEEPEST} that lead from one to the next");
+            report.push(Diagnostic::error(&name.place, what));
+            return None;
+        }
+        let portable = self.portable_name(&name.place.file, text);
+        let document = self.open(&path, portable, Some((&name.place, text)), report)?;
+        if let Some(target) = self.read.iter().position(|read| Path::new(&read.file.name) == path) {
+            self.named.push((name.place.clone(), target));
+        }
+        then(self, &document, &inner, report)
+    }
+
+    fn portable_name(&self, from: &Arc<SourceFile>, text: &str) -> String {
+        let from = self.read.iter().find(|read| Arc::ptr_eq(&read.file, from));
+        let folder = from.map_or("", |read| read.portable.rsplit_once('/').map_or("", |(folder, _)| folder));
+        normal(&Path::new(folder).join(text)).to_string_lossy().replace('\\', "/")
+    }
+
+    fn open(
+        &mut self,
+        path: &Path,
+        portable: String,
+        from: Option<(&Place, &str)>,
+        report: &mut Report,
+    ) -> Option<Arc<Node>> {
+        if let Some(read) = self.read.iter().find(|read| Path::new(&read.file.name) == path) {
+            return read.document.clone();
+        }
+        let folder = path.parent().unwrap_or_else(|| Path::new(""));
+        let file = |text: String| Arc::new(SourceFile::new(path.to_string_lossy(), text, folder));
+        let text = match read_text(path) {
+            Ok(text) => text,
+            Err(what) => {
+                let place = match from {
+                    Some((place, _)) => place.clone(),
+                    None => Place::start_of(&file(String::new())),
+                };
+                let error = Diagnostic::error(&place, format!("failed to read `{}`: {what}", path.display()));
+                report.push(match from {
+                    Some((_, text)) if Path::new(text).is_relative() => {
+                        error.help("relative paths start at the folder of the file they are written in")
+                    }
+                    _ => error,
+                });
+                return None;
+            }
+        };
+        let file = file(text);
+        let document = parse::document(&file, report).map(Arc::new);
+        self.read.push(ReadFile { file: Arc::clone(&file), portable, document: document.clone() });
+        let document = document?;
+        if !document.is_map() {
+            let what = format!("an experiment is a map, this file holds {}", document.describe());
+            let help = "begin with `experiment: NAME`, `sources:` and `stages:`";
+            report.push(Diagnostic::error(&document.place, what).help(help));
+            return None;
+        }
+        Some(document)
+    }
+}
+
+fn read_text(path: &Path) -> Result<String, String> {
+    use std::io::ErrorKind;
+
+    let most = parse::MOST_BYTES;
+    let bytes = regular_file::read(path, most).map_err(|error| match error.kind() {
+        ErrorKind::NotFound => "there is no such file".to_owned(),
+        ErrorKind::PermissionDenied => "permission denied".to_owned(),
+        ErrorKind::FileTooLarge => format!("it is larger than {} MiB, which no experiment needs", most >> 20),
+        _ => error.to_string(),
+    })?;
+    let text = String::from_utf8(bytes).map_err(|error| {
+        let at = error.utf8_error().valid_up_to();
+        format!("it is not UTF-8 text (at byte {at})")
+    })?;
+    Ok(text.strip_prefix('\u{feff}').map_or_else(|| text.clone(), ToOwned::to_owned))
+}
+
+/// What tells two paths to one file.
+fn identity(path: &Path) -> PathBuf {
+    path.canonicalize().unwrap_or_else(|_| path.to_owned())
+}
+
+/// The path without `.` and, where that is safe to see from the text, without `folder/..`.
+pub(crate) fn normal(path: &Path) -> PathBuf {
+    let mut new = PathBuf::new();
+    for part in path.components() {
+        match part {
+            Component::CurDir => {}
+            Component::ParentDir if matches!(new.components().next_back(), Some(Component::Normal(_))) => {
+                new.pop();
+            }
+            part => new.push(part),
+        }
+    }
+    new
+}
+
+fn without(node: &Arc<Node>, key: &str) -> Arc<Node> {
+    let mut new = Arc::clone(node);
+    if let Tree::Map(entries) = &mut Arc::make_mut(&mut new).value {
+        entries.retain(|entry| entry.key != key);
+    }
+    new
+}

@@ -1,0 +1,71 @@
+//! What a run keeps of its experiment: files that can be checked and run from where they are kept.
+//!
+//! The main file is `experiment.yaml`; what it extends or takes nodes from lies in `experiment/`; `experiment.resolved.yaml` is
+//! all of it as one, with `--set`. They stay as they were written but for the paths in them: files that are kept are named by
+//! their new names, and data by a path that starts at the root. What comes out of the environment stays a variable.
+
+use std::collections::HashSet;
+use std::ops::Range;
+use std::path::Path;
+
+use super::files::Files;
+use super::paths::Anywhere;
+use super::resolved;
+use super::source_file::Place;
+use super::tree::Node;
+
+const MAIN: &str = "experiment.yaml";
+const RESOLVED: &str = "experiment.resolved.yaml";
+const FOLDER: &str = "experiment";
+
+/// The files by name, `/` between folder and file.
+pub(crate) fn files(files: &Files<'_>, root: &Node, anywhere: &Anywhere) -> Vec<(String, String)> {
+    let sources = files.sources();
+    let names = names(sources.iter().map(|file| file.name.as_str()));
+    let mut kept: Vec<(String, String)> = Vec::with_capacity(sources.len() + 1);
+    for (index, file) in sources.iter().enumerate() {
+        let mut edits: Vec<(Range<usize>, String)> = Vec::new();
+        let here = |place: &Place| std::sync::Arc::ptr_eq(&place.file, file);
+        for (place, target) in files.named().filter(|(place, _)| here(place)) {
+            let folder = if index == 0 { format!("{FOLDER}/") } else { String::new() };
+            edits.extend(replaced(place, &format!("{folder}{}", names[target])));
+        }
+        for (place, text) in anywhere.iter().filter(|(place, _)| here(place)) {
+            edits.extend(replaced(place, text));
+        }
+        // From the end, so that what is still to be replaced stays where it is.
+        edits.sort_unstable_by_key(|(range, _)| std::cmp::Reverse(range.start));
+        edits.dedup_by_key(|(range, _)| range.start);
+        let mut text = file.text.clone();
+        for (range, with) in edits {
+            text.replace_range(range, &with);
+        }
+        let name = if index == 0 { MAIN.to_owned() } else { format!("{FOLDER}/{}", names[index]) };
+        kept.push((name, text));
+    }
+    kept.push((RESOLVED.to_owned(), resolved::yaml(root, Some(anywhere))));
+    kept
+}
+
+/// The files' own names, each once.
+fn names<'f>(paths: impl Iterator<Item = &'f str>) -> Vec<String> {
+    let mut taken = HashSet::new();
+    let of = |path: &str| {
+        let path = Path::new(path);
+        let text = |part: Option<&std::ffi::OsStr>| part.map_or_else(String::new, |p| p.to_string_lossy().into_owned());
+        let (stem, ending) = (text(path.file_stem()), text(path.extension()));
+        let ending = if ending.is_empty() { ending } else { format!(".{ending}") };
+        let numbered = (2..).map(|number| format!("{stem}-{number}{ending}"));
+        let mut names = std::iter::once(format!("{stem}{ending}")).chain(numbered);
+        names.find(|name| taken.insert(name.clone())).expect("numbers have no end")
+    };
+    paths.map(of).collect()
+}
+
+/// A scalar that stands in one line, replaced by another text. (A block of text stays: nobody writes a path as one.)
+fn replaced(place: &Place, with: &str) -> Option<(Range<usize>, String)> {
+    let text = place.text();
+    let whole = !text.is_empty() && !text.contains(['\n', '\r']) && !text.starts_with(['|', '>', '&', '*', '!']);
+    // JSON's text is YAML's, in double quotes.
+    whole.then(|| (place.span.clone(), serde_json::Value::from(with).to_string()))
+}

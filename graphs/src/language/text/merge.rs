@@ -1,0 +1,72 @@
+//! One document over another: maps merge by key, everything else is replaced.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use super::tree::{Entry, Node, Tree};
+
+/// Where in an experiment a map stands: decides what a changed `kind` does.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Level {
+    /// The experiment.
+    Experiment,
+    /// `sources:`.
+    Sources,
+    /// `stages:`.
+    Stages,
+    /// A stage.
+    Stage,
+    /// `nodes:` of a stage or a graph file.
+    Nodes,
+    /// A source or node: starts afresh if its kind changes.
+    Instance,
+    /// `variants:` and `matrix:`: their values are settings that replace each other whole.
+    Settings,
+    /// Anything else.
+    Plain,
+}
+
+impl Level {
+    fn below(self, key: &str) -> Self {
+        match (self, key) {
+            (Self::Experiment, "sources") => Self::Sources,
+            (Self::Experiment, "stages") => Self::Stages,
+            (Self::Experiment, "matrix") => Self::Settings,
+            (Self::Stages, _) => Self::Stage,
+            (Self::Stage, "nodes") => Self::Nodes,
+            (Self::Sources | Self::Nodes, _) => Self::Instance,
+            _ => Self::Plain,
+        }
+    }
+}
+
+/// `over` on top of `base`.
+pub(crate) fn merged(base: &Arc<Node>, over: &Arc<Node>, level: Level) -> Arc<Node> {
+    let (Tree::Map(old), Tree::Map(new)) = (&base.value, &over.value) else { return Arc::clone(over) };
+    if level == Level::Instance && starts_afresh(base, over) {
+        return Arc::clone(over);
+    }
+    let mut entries = old.clone();
+    let index: HashMap<&str, usize> = old.iter().enumerate().map(|(i, entry)| (entry.key.as_str(), i)).collect();
+    for entry in new {
+        match index.get(entry.key.as_str()) {
+            Some(&i) => {
+                let place = &mut entries[i];
+                let value = match level {
+                    Level::Settings => Arc::clone(&entry.value),
+                    _ => merged(&place.value, &entry.value, level.below(&entry.key)),
+                };
+                *place = Entry { value, ..entry.clone() };
+            }
+            None => entries.push(entry.clone()),
+        }
+    }
+    Arc::new(Node::new(Tree::Map(entries), over.place.clone()))
+}
+
+/// Another kind has other parameters and ports: what was set for the old one means nothing to it.
+fn starts_afresh(base: &Node, over: &Node) -> bool {
+    let identity = |node: &Node| (node.get("kind").and_then(|kind| kind.scalar_text()), node.get("join").is_some());
+    let (old, new) = (identity(base), identity(over));
+    (new.0.is_some() && new.0 != old.0) || (new.1 && !old.1) || (new.0.is_some() && old.1)
+}

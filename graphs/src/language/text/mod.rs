@@ -1,0 +1,15 @@
+//! What is written: files, trees that remember where every word stands, one document out of `extends`, graph files and the
+//! environment, and what is said of a place in them. Knows no kind.
+
+pub(crate) mod diagnostics;
+pub(crate) mod environment;
+pub(crate) mod files;
+pub(crate) mod kept;
+pub(crate) mod merge;
+pub(crate) mod names;
+pub(crate) mod parse;
+pub(crate) mod paths;
+pub(crate) mod resolved;
+pub(crate) mod source_file;
+pub(crate) mod tree;
+pub(crate) mod word;

@@ -1,0 +1,129 @@
+//! Names: which are allowed, and which one was probably meant.
+
+use super::diagnostics::{Diagnostic, Report};
+use super::source_file::Place;
+
+/// The longest name, characters: names become topics, labels and parts of paths.
+const LONGEST: usize = 100;
+
+/// Reports a name that cannot be one: it would make references, topics, labels and paths ambiguous.
+/// `what` says of what, with its article: `a node`.
+pub(crate) fn check(name: &str, what: &str, reserved: &[&str], place: &Place, report: &mut Report) -> bool {
+    allowed(name, what, "letters, digits, `_` and `-`", &['_', '-'], reserved, place, report)
+}
+
+/// Reports an experiment's name that cannot be that of a folder: a run without `--out` writes to `runs/<name>`.
+pub(crate) fn check_experiment(name: &str, place: &Place, report: &mut Report) -> bool {
+    let what = "an experiment";
+    let bad = name.starts_with(['.', ' ']).then_some("begin").or_else(|| name.ends_with([' ', '.']).then_some("end"));
+    if let Some(verb) = bad {
+        let what = format!("the name of {what} cannot {verb} with `.` or a space");
+        let error = Diagnostic::error(place, what).label("not a name for an experiment");
+        report.push(error.help("its runs are written to a folder of that name"));
+        return false;
+    }
+    allowed(name, what, "letters, digits, `_`, `-`, `.` and spaces", &['_', '-', '.', ' '], &[], place, report)
+}
+
+fn allowed(
+    name: &str,
+    what: &str,
+    form: &str,
+    others: &[char],
+    reserved: &[&str],
+    place: &Place,
+    report: &mut Report,
+) -> bool {
+    let allowed = |c: char| c.is_alphanumeric() || others.contains(&c);
+    if reserved.contains(&name) {
+        let error =
+            Diagnostic::error(place, format!("`{name}` cannot name {what}: the language uses that word itself"));
+        report.push(error.help("choose another name"));
+        return false;
+    }
+    if name.is_empty() {
+        report.push(Diagnostic::error(place, format!("{what} needs a name")));
+        return false;
+    }
+    if name.chars().count() > LONGEST {
+        let error = Diagnostic::error(place, format!("the name of {what} is longer than {LONGEST} characters"));
+        report.push(error.label(format!("not a name for {what}")).help("`about:` takes as many words as you like"));
+        return false;
+    }
+    let Some(bad) = name.chars().find(|&c| !allowed(c)) else { return true };
+    let suggestion: String = name.chars().map(|c| if allowed(c) { c } else { '_' }).collect();
+    report.push(
+        Diagnostic::error(place, format!("the name of {what} cannot hold `{}`", bad.escape_debug()))
+            .label(format!("not a name for {what}"))
+            .help(format!("names are {form}, e.g. `{}`", suggestion.trim_start_matches('.'))),
+    );
+    false
+}
+
+/// The candidate nearest to what was written, if one is near.
+#[must_use]
+pub fn nearest<'a>(written: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+    // Long input is no misspelling, distances cost the product of the lengths, and a stranger's file may hold many names.
+    const MOST: usize = 2000;
+    if written.len() > 100 {
+        return None;
+    }
+    let lower = written.to_lowercase();
+    let distance = |candidate: &str| {
+        let candidate = candidate.to_lowercase();
+        if candidate.replace(['_', '-'], "") == lower.replace(['_', '-'], "") {
+            return 0;
+        }
+        strsim::damerau_levenshtein(&lower, &candidate)
+    };
+    let near = |candidate: &str, distance: usize| {
+        let length = lower.chars().count().max(candidate.chars().count());
+        // A third of the word may be wrong; or one is the beginning of the other.
+        distance * 3 <= length.max(3)
+            || (lower.len() >= 3
+                && (candidate.starts_with(&lower) || lower.starts_with(candidate) && candidate.len() >= 3))
+            || (lower.len() >= 3 && candidate.ends_with(&lower))
+    };
+    let mut best: Option<(usize, &str)> = None;
+    for candidate in candidates.into_iter().take(MOST).filter(|candidate| candidate.len() <= 200) {
+        let distance = distance(candidate);
+        if near(candidate, distance) && best.is_none_or(|(least, _)| distance < least) {
+            best = Some((distance, candidate));
+        }
+    }
+    best.map(|(_, candidate)| candidate)
+}
+
+/// `did you mean ...`, or else what there is to choose from.
+pub(crate) fn suggestion(written: &str, what: &str, candidates: &[&str]) -> Option<String> {
+    if candidates.is_empty() {
+        return Some(format!("there are no {what}"));
+    }
+    Some(match nearest(written, candidates.iter().copied()) {
+        Some(near) => format!("did you mean `{near}`?"),
+        None => format!("{what}: {}", listed(candidates)),
+    })
+}
+
+/// Names in a sentence; long lists are cut.
+pub(crate) fn listed(names: &[&str]) -> String {
+    const MOST: usize = 16;
+    let quoted: Vec<String> = names.iter().take(MOST).map(|name| format!("`{name}`")).collect();
+    let more = names.len().saturating_sub(MOST);
+    if more > 0 { format!("{} and {more} more", quoted.join(", ")) } else { quoted.join(", ") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::nearest;
+
+    #[test]
+    fn the_nearest_name_is_found_and_far_ones_are_not_offered() {
+        assert_eq!(nearest("disparites", ["disparities", "block"]), Some("disparities"));
+        assert_eq!(nearest("Mode", ["mode"]), Some("mode"));
+        assert_eq!(nearest("num-disparities", ["num_disparities"]), Some("num_disparities"));
+        assert_eq!(nearest("sgbm", ["stereo/sgbm", "stereo/bm"]), Some("stereo/sgbm"));
+        assert_eq!(nearest("zebra", ["disparities", "block"]), None);
+        assert_eq!(nearest(&"x".repeat(1 << 20), ["disparities"]), None);
+    }
+}

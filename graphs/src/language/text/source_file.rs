@@ -1,0 +1,88 @@
+//! Files as read, and places in them.
+
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// A file as read, or a piece of the command line that is treated like one.
+#[derive(Debug, PartialEq, Eq)]
+pub struct SourceFile {
+    /// The name shown to people: the path as it was given.
+    pub name: String,
+    /// The whole text.
+    pub text: String,
+    folder: PathBuf,
+}
+
+impl SourceFile {
+    /// A file of that name and text; relative paths written in it start at `folder`.
+    #[must_use]
+    pub fn new(name: impl Into<String>, text: impl Into<String>, folder: impl Into<PathBuf>) -> Self {
+        Self { name: name.into(), text: text.into(), folder: folder.into() }
+    }
+
+    /// Where relative paths written in this file start.
+    #[must_use]
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// The line and column of a byte offset, both counted from 1, columns in characters.
+    #[must_use]
+    pub fn line_column(&self, offset: usize) -> (usize, usize) {
+        let before = &self.text[..self.boundary(offset)];
+        let start = before.rfind('\n').map_or(0, |at| at + 1);
+        (before.matches('\n').count() + 1, before[start..].chars().count() + 1)
+    }
+
+    /// The largest character boundary at or before an offset.
+    pub(crate) fn boundary(&self, offset: usize) -> usize {
+        let mut offset = offset.min(self.text.len());
+        while !self.text.is_char_boundary(offset) {
+            offset -= 1;
+        }
+        offset
+    }
+}
+
+/// A stretch of a file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Place {
+    /// The file.
+    pub file: Arc<SourceFile>,
+    /// Byte offsets of the words meant.
+    pub span: Range<usize>,
+}
+
+impl Place {
+    /// A stretch of a file, cut to the file's size and to whole characters.
+    #[must_use]
+    pub fn new(file: &Arc<SourceFile>, span: &Range<usize>) -> Self {
+        let start = file.boundary(span.start);
+        Self { file: Arc::clone(file), span: start..file.boundary(span.end.max(start)) }
+    }
+
+    /// The beginning of a file, for what a file lacks as a whole.
+    #[must_use]
+    pub fn start_of(file: &Arc<SourceFile>) -> Self {
+        Self::new(file, &(0..0))
+    }
+
+    /// The words meant.
+    #[must_use]
+    pub fn text(&self) -> &str {
+        self.file.text.get(self.span.clone()).unwrap_or_default()
+    }
+
+    /// A part of the words meant, if they are `whole`; else all of them (a quoted or aliased scalar, say).
+    #[must_use]
+    pub fn part(&self, whole: &str, part: Range<usize>) -> Self {
+        let inner = match self.text() {
+            text if text == whole => self.span.start,
+            // Quoted without escapes: the same words one byte further on.
+            text if text.len() == whole.len() + 2 && text.get(1..=whole.len()) == Some(whole) => self.span.start + 1,
+            _ => return self.clone(),
+        };
+        Self::new(&self.file, &(inner + part.start..inner + part.end))
+    }
+}

@@ -1,0 +1,207 @@
+//! A YAML document as a tree that knows where each of its words stands.
+
+use std::sync::Arc;
+
+use serde_json::{Number, Value as Json};
+
+use super::source_file::Place;
+
+/// A value of the document.
+#[derive(Clone, Debug)]
+pub(crate) struct Node {
+    pub(crate) value: Tree,
+    pub(crate) place: Place,
+    /// What stood there before the environment was read.
+    pub(crate) written: Option<Written>,
+}
+
+/// A scalar with `${...}` in it, as written.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Written {
+    pub(crate) text: String,
+    /// The text with the environment in it, before it was typed.
+    pub(crate) value: String,
+    /// Whether the text now begins with something out of the environment: such a path does not stand in the file.
+    pub(crate) leads: bool,
+}
+
+/// What a value is.
+#[derive(Clone, Debug)]
+pub(crate) enum Tree {
+    Null,
+    Bool(bool),
+    Number(Number),
+    Text(String),
+    List(Vec<Arc<Node>>),
+    Map(Vec<Entry>),
+}
+
+/// A key and its value. Values are shared, so that changing a copy of a document copies the path to the change only.
+#[derive(Clone, Debug)]
+pub(crate) struct Entry {
+    pub(crate) key: String,
+    pub(crate) key_place: Place,
+    pub(crate) value: Arc<Node>,
+}
+
+impl Node {
+    pub(crate) const fn new(value: Tree, place: Place) -> Self {
+        Self { value, place, written: None }
+    }
+
+    /// The entries of a map; none if it is something else.
+    pub(crate) fn entries(&self) -> &[Entry] {
+        match &self.value {
+            Tree::Map(entries) => entries,
+            _ => &[],
+        }
+    }
+
+    /// The entry of that key.
+    pub(crate) fn entry(&self, key: &str) -> Option<&Entry> {
+        self.entries().iter().find(|entry| entry.key == key)
+    }
+
+    /// The value under that key.
+    pub(crate) fn get(&self, key: &str) -> Option<&Arc<Self>> {
+        self.entry(key).map(|entry| &entry.value)
+    }
+
+    /// The text, if it is one.
+    pub(crate) fn text(&self) -> Option<&str> {
+        match &self.value {
+            Tree::Text(text) => Some(text),
+            _ => None,
+        }
+    }
+
+    /// A scalar as text: numbers and truth values as they are usually written.
+    pub(crate) fn scalar_text(&self) -> Option<String> {
+        match &self.value {
+            Tree::Text(text) => Some(text.clone()),
+            Tree::Number(number) => Some(number.to_string()),
+            Tree::Bool(bool) => Some(bool.to_string()),
+            Tree::Null | Tree::List(_) | Tree::Map(_) => None,
+        }
+    }
+
+    pub(crate) const fn is_null(&self) -> bool {
+        matches!(self.value, Tree::Null)
+    }
+
+    pub(crate) const fn is_map(&self) -> bool {
+        matches!(self.value, Tree::Map(_))
+    }
+
+    /// The value as JSON, as it stands after the environment was read.
+    pub(crate) fn to_json(&self) -> Json {
+        match &self.value {
+            Tree::Null => Json::Null,
+            Tree::Bool(bool) => Json::Bool(*bool),
+            Tree::Number(number) => Json::Number(number.clone()),
+            Tree::Text(text) => Json::String(text.clone()),
+            Tree::List(items) => Json::Array(items.iter().map(|item| item.to_json()).collect()),
+            Tree::Map(entries) => {
+                Json::Object(entries.iter().map(|entry| (entry.key.clone(), entry.value.to_json())).collect())
+            }
+        }
+    }
+
+    /// What it is, for a message.
+    pub(crate) const fn describe(&self) -> &'static str {
+        match self.value {
+            Tree::Null => "nothing",
+            Tree::Bool(_) => "a truth value",
+            Tree::Number(_) => "a number",
+            Tree::Text(_) => "text",
+            Tree::List(_) => "a list",
+            Tree::Map(_) => "a map",
+        }
+    }
+
+    /// How many values it holds, itself included.
+    pub(crate) fn size(&self) -> usize {
+        1 + match &self.value {
+            Tree::List(items) => items.iter().map(|item| item.size()).sum(),
+            Tree::Map(entries) => entries.iter().map(|entry| entry.value.size()).sum::<usize>(),
+            Tree::Null | Tree::Bool(_) | Tree::Number(_) | Tree::Text(_) => 0,
+        }
+    }
+
+    /// The keys that lead to the value or key at `place`, joined by dots.
+    pub(crate) fn key_path(&self, place: &Place) -> Option<String> {
+        fn walk(node: &Node, place: &Place, keys: &mut Vec<String>) -> bool {
+            let inside = |outer: &Place| outer.span.start <= place.span.start && place.span.end <= outer.span.end;
+            match &node.value {
+                Tree::Map(entries) => {
+                    for entry in entries {
+                        keys.push(entry.key.clone());
+                        if walk(&entry.value, place, keys) || inside(&entry.key_place) || inside(&entry.value.place) {
+                            return true;
+                        }
+                        keys.pop();
+                    }
+                    false
+                }
+                Tree::List(items) => {
+                    for (i, item) in items.iter().enumerate() {
+                        keys.push(i.to_string());
+                        if walk(item, place, keys) || inside(&item.place) {
+                            return true;
+                        }
+                        keys.pop();
+                    }
+                    false
+                }
+                Tree::Null | Tree::Bool(_) | Tree::Number(_) | Tree::Text(_) => false,
+            }
+        }
+        let mut keys = Vec::new();
+        walk(self, place, &mut keys).then(|| keys.join("."))
+    }
+}
+
+/// The value under a key, to be changed; shared parts are copied first.
+pub(crate) fn entry_mut<'n>(node: &'n mut Arc<Node>, key: &str) -> Option<&'n mut Arc<Node>> {
+    match &mut Arc::make_mut(node).value {
+        Tree::Map(entries) => {
+            entries.iter_mut().find(|entry: &&mut Entry| entry.key == key).map(|entry| &mut entry.value)
+        }
+        _ => None,
+    }
+}
+
+/// A scalar's text, typed as YAML types plain text.
+pub(crate) fn typed(text: &str) -> Tree {
+    match text {
+        "" | "~" | "null" => Tree::Null,
+        "true" => Tree::Bool(true),
+        "false" => Tree::Bool(false),
+        _ => number(text).map_or_else(|| Tree::Text(text.to_owned()), Tree::Number),
+    }
+}
+
+/// Whether a text is digits that begin with a zero, as `017`.
+pub(crate) fn has_leading_zero(text: &str) -> bool {
+    let digits = text.strip_prefix(['+', '-']).unwrap_or(text);
+    digits.len() > 1 && digits.starts_with('0') && digits.bytes().all(|byte| byte.is_ascii_digit())
+}
+
+fn number(text: &str) -> Option<Number> {
+    if has_leading_zero(text) {
+        return None;
+    }
+    // Rust also reads `inf`, `nan` and `infinity` as numbers; YAML does not.
+    if !text.starts_with(|c: char| c.is_ascii_digit() || matches!(c, '-' | '+' | '.')) || text.ends_with('.') {
+        return None;
+    }
+    let whole = text.strip_prefix('+').unwrap_or(text);
+    if let Ok(unsigned) = whole.parse::<u64>() {
+        return Some(unsigned.into());
+    }
+    if let Ok(signed) = whole.parse::<i64>() {
+        return Some(signed.into());
+    }
+    let digits = |c: char| c.is_ascii_digit() || matches!(c, '-' | '+' | '.' | 'e' | 'E');
+    if whole.chars().all(digits) { whole.parse::<f64>().ok().and_then(Number::from_f64) } else { None }
+}
