@@ -84,6 +84,7 @@ mod condition;
 mod curve;
 mod decode;
 mod digest;
+mod early_sync;
 mod encode;
 mod error;
 mod file;

@@ -4,12 +4,14 @@ use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use crc32fast::Hasher;
 use mcap::records::op;
 
 use crate::checksum::seal;
 use crate::chunk::Part;
+use crate::early_sync::EarlySync;
 use crate::error::RecordingError;
 use crate::layout::ChannelLayout;
 use crate::record::{
@@ -27,7 +29,8 @@ const LIBRARY: &str = "depthloom";
 /// written when the first message needs them.
 pub(crate) struct Writer {
     path: PathBuf,
-    file: File,
+    file: Arc<File>,
+    early_sync: EarlySync,
     position: u64,
     crc: Hasher,
     channels: Vec<ChannelLayout>,
@@ -44,8 +47,10 @@ pub(crate) struct Writer {
 impl Writer {
     pub(crate) fn create(path: &Path, channels: Vec<ChannelLayout>) -> Result<Self, RecordingError> {
         let file = File::create(path).map_err(|source| RecordingError::Create { path: path.to_owned(), source })?;
+        let file = Arc::new(file);
         let mut writer = Self {
             path: path.to_owned(),
+            early_sync: EarlySync::new(Arc::clone(&file)),
             file,
             position: 0,
             crc: Hasher::new(),
@@ -119,7 +124,9 @@ impl Writer {
 
     /// Waits until all that was written is on the disk, and the file's name.
     pub(crate) fn sync(&mut self) -> Result<(), RecordingError> {
-        let synchronised = self.file.sync_all().and_then(|()| depthloom_durable::sync_name(&self.path));
+        let early = self.early_sync.finish();
+        let synchronised =
+            early.and_then(|()| self.file.sync_all()).and_then(|()| depthloom_durable::sync_name(&self.path));
         synchronised.map_err(|source| self.refused(source))
     }
 
@@ -200,8 +207,9 @@ impl Writer {
         if let Some(why) = self.closed {
             return Err(RecordingError::Closed { path: self.path.clone(), why });
         }
-        self.file.write_all(bytes).map_err(|source| self.refused(source))?;
+        (&*self.file).write_all(bytes).map_err(|source| self.refused(source))?;
         self.position += bytes.len() as u64;
+        self.early_sync.written(bytes.len() as u64);
         self.crc.combine(crc);
         Ok(())
     }
