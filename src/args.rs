@@ -53,6 +53,8 @@ pub enum Command {
     Synth(SynthArgs),
     /// Show what this machine offers: cores, SIMD, engine of networks, data roots.
     Doctor(JsonArgs),
+    /// Write a first experiment, commented, to begin from.
+    New(NewArgs),
     /// Print the JSON Schema of experiment files, for editors.
     Schema,
     /// Print a completion script for a shell.
@@ -179,6 +181,13 @@ pub struct TimingsArgs {
 pub struct NodesArgs {
     /// The kind to explain, e.g. `stereo/sgbm`.
     pub kind: Option<String>,
+}
+
+/// `new`.
+#[derive(Debug, Args)]
+pub struct NewArgs {
+    /// The experiment file to write; it must not exist.
+    pub file: PathBuf,
 }
 
 /// `synth`.

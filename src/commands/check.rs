@@ -1,5 +1,6 @@
 //! `depthloom check`: is this experiment file right?
 
+use depthloom_graphs::Registry;
 use depthloom_graphs::language::Loaded;
 
 use crate::args::ExperimentArgs;
@@ -8,8 +9,8 @@ use crate::exit::{Exit, Stop};
 use crate::streams::print;
 
 /// Loads the experiment and says what it holds.
-pub fn check(args: &ExperimentArgs) -> Result<Exit, Stop> {
-    let Some(Loaded { plan, .. }) = load(args, false)? else { return Ok(Exit::Before) };
+pub fn check(args: &ExperimentArgs, registry: &Registry) -> Result<Exit, Stop> {
+    let Some(Loaded { plan, .. }) = load(args, registry, false)? else { return Ok(Exit::Before) };
     let nodes: usize = plan.runs.iter().map(|run| run.nodes.len()).sum();
     let variants = plan.variants.len();
     let plural = |n: usize| if n == 1 { "" } else { "s" };
@@ -25,9 +26,9 @@ pub fn check(args: &ExperimentArgs) -> Result<Exit, Stop> {
 }
 
 /// Loads an experiment, printing every diagnostic (warnings not when `quiet`); `None` if there was an error.
-pub fn load(args: &ExperimentArgs, quiet: bool) -> Result<Option<Loaded>, Stop> {
+pub fn load(args: &ExperimentArgs, registry: &Registry, quiet: bool) -> Result<Option<Loaded>, Stop> {
     let options = depthloom_graphs::language::Options { set: args.set.clone(), ..Default::default() };
-    match depthloom_graphs::language::load(&args.experiment, &crate::registry::registry(), &options) {
+    match depthloom_graphs::language::load(&args.experiment, registry, &options) {
         Ok(loaded) => {
             if !quiet {
                 diagnostics::print(&loaded.warnings);

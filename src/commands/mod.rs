@@ -2,6 +2,7 @@
 
 pub mod check;
 pub mod doctor;
+pub mod new;
 pub mod nodes;
 pub mod plan;
 pub mod report;

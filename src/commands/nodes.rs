@@ -1,12 +1,13 @@
 //! `depthloom nodes` and `depthloom schema`: what can stand in an experiment.
 
+use depthloom_graphs::Registry;
+
 use crate::args::NodesArgs;
 use crate::exit::{Exit, Stop};
 use crate::streams::{print, print_json};
 
 /// Lists all kinds, or explains one.
-pub fn nodes(args: &NodesArgs) -> Result<Exit, Stop> {
-    let registry = crate::registry::registry();
+pub fn nodes(args: &NodesArgs, registry: &Registry) -> Result<Exit, Stop> {
     let Some(kind) = &args.kind else {
         let sources = registry.sources().map(|s| (s.declaration.kind, "source", s.declaration.summary));
         let nodes =
@@ -18,7 +19,7 @@ pub fn nodes(args: &NodesArgs) -> Result<Exit, Stop> {
         print(&list)?;
         return Ok(Exit::Whole);
     };
-    let Some(reference) = depthloom_graphs::render::kind_reference(&registry, kind) else {
+    let Some(reference) = depthloom_graphs::render::kind_reference(registry, kind) else {
         let known = registry.nodes().map(|n| n.declaration.kind).chain(registry.sources().map(|s| s.declaration.kind));
         let stop = Stop::new(Exit::Before, format!("there is no kind `{kind}`"));
         return Err(match depthloom_graphs::language::nearest(kind, known) {
@@ -31,7 +32,7 @@ pub fn nodes(args: &NodesArgs) -> Result<Exit, Stop> {
 }
 
 /// Prints the JSON Schema of experiment files.
-pub fn schema() -> Result<Exit, Stop> {
-    print_json(&depthloom_graphs::language::schema(&crate::registry::registry()))?;
+pub fn schema(registry: &Registry) -> Result<Exit, Stop> {
+    print_json(&depthloom_graphs::language::schema(registry))?;
     Ok(Exit::Whole)
 }

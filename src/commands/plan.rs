@@ -1,5 +1,6 @@
 //! `depthloom plan` and `depthloom graph`: what would be run, as a list and as a drawing.
 
+use depthloom_graphs::Registry;
 use depthloom_graphs::language::Loaded;
 
 use super::check::load;
@@ -8,8 +9,8 @@ use crate::exit::{Exit, Stop};
 use crate::streams::{print, print_json};
 
 /// Prints every node of the plan, the variants that share it, and its recipe.
-pub fn plan(args: &PlanArgs) -> Result<Exit, Stop> {
-    let Some(Loaded { plan, .. }) = load(&args.experiment, args.json)? else { return Ok(Exit::Before) };
+pub fn plan(args: &PlanArgs, registry: &Registry) -> Result<Exit, Stop> {
+    let Some(Loaded { plan, .. }) = load(&args.experiment, registry, args.json)? else { return Ok(Exit::Before) };
     if args.json {
         print_json(&plan.summary_json())?;
     } else {
@@ -19,8 +20,8 @@ pub fn plan(args: &PlanArgs) -> Result<Exit, Stop> {
 }
 
 /// Prints the plan as a drawing.
-pub fn graph(args: &GraphArgs) -> Result<Exit, Stop> {
-    let Some(Loaded { plan, .. }) = load(&args.experiment, true)? else { return Ok(Exit::Before) };
+pub fn graph(args: &GraphArgs, registry: &Registry) -> Result<Exit, Stop> {
+    let Some(Loaded { plan, .. }) = load(&args.experiment, registry, true)? else { return Ok(Exit::Before) };
     print(match args.format {
         GraphFormat::Mermaid => plan.mermaid(),
         GraphFormat::Dot => plan.dot(),

@@ -4,6 +4,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use depthloom_analysis::{ReportOptions, Summary};
+use depthloom_graphs::Registry;
 use depthloom_graphs::language::Loaded;
 use depthloom_graphs::plan::Plan;
 use depthloom_graphs::ready::{NotReady, Ready};
@@ -25,9 +26,11 @@ use crate::signals;
 use crate::streams::{print, print_json, print_path, say};
 
 /// Loads, plans, opens, runs, records, scores and prints.
-pub fn run(args: &RunArgs) -> Result<Exit, Stop> {
-    let Some(Loaded { plan, kept, .. }) = load(&args.experiment, is_silent(args))? else { return Ok(Exit::Before) };
-    let ready = match Ready::new(plan, &crate::registry::registry()) {
+pub fn run(args: &RunArgs, registry: &Registry) -> Result<Exit, Stop> {
+    let Some(Loaded { plan, kept, .. }) = load(&args.experiment, registry, is_silent(args))? else {
+        return Ok(Exit::Before);
+    };
+    let ready = match Ready::new(plan, registry) {
         Ok(ready) => ready,
         Err(missing) => return Ok(print_missing(&missing)),
     };

@@ -130,3 +130,18 @@ fn a_written_street_reads_back_as_kitti() {
     std::fs::write(&experiment, text).expect("written");
     succeed(depthloom().arg("run").arg(&experiment).arg("--out").arg(folder.path().join("run")));
 }
+
+#[test]
+fn a_new_experiment_is_right_and_replaces_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("mine.yaml");
+    succeed(depthloom().arg("new").arg(&file));
+    succeed(
+        depthloom().arg("run").arg(&file).args(["--set", "sources.street.with.frames=0..1"]).current_dir(folder.path()),
+    );
+    let written = std::fs::read(&file).unwrap();
+    let again = depthloom().arg("new").arg(&file).output().unwrap();
+    assert_eq!(again.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&again.stderr).contains("exists already"));
+    assert_eq!(std::fs::read(&file).unwrap(), written);
+}

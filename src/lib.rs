@@ -1,0 +1,94 @@
+//! depthloom: declare depth-estimation experiments in YAML, run them fast, keep every intermediate.
+//!
+//! This crate is the command line, as a library: a program of one's own adds node and source kinds to the [`registry()`] and hands it to
+//! [`main()`]. It then has every command, with its own kinds in schema, reference, checks and completion:
+//!
+//! ```no_run
+//! use std::process::ExitCode;
+//!
+//! fn main() -> ExitCode {
+//!     let registry = depthloom::registry(); // .node::<MyNode>().source::<MySource>()
+//!     depthloom::main(registry)
+//! }
+//! ```
+//!
+//! What a kind is made of (values, ports, the contracts) stands in [`graphs`]; `examples/own-node` is such a program.
+
+pub use depthloom_graphs as graphs;
+
+mod args;
+mod commands;
+mod diagnostics;
+mod environment;
+mod exit;
+mod memory;
+mod models;
+mod panics;
+mod progress;
+mod run_folder;
+mod signals;
+mod streams;
+
+use std::io;
+use std::process::ExitCode;
+
+use clap::Parser;
+use clap::error::ErrorKind;
+use depthloom_graphs::Registry;
+
+use crate::args::{Cli, Command};
+use crate::exit::{Exit, Stop};
+
+/// The kinds that depthloom comes with.
+#[must_use]
+pub fn registry() -> Registry {
+    depthloom_learning::register(depthloom_nodes::registry())
+}
+
+/// The whole program: reads the process's arguments, does what they ask for with the kinds of `registry`, and tells how it ended.
+///
+/// It takes the process's signals, its panic hook and its standard streams; a process calls it once, from its `main`.
+#[must_use]
+pub fn main(registry: Registry) -> ExitCode {
+    signals::outlive_file_size_limit();
+    let exit = panics::watched(|| program(&registry)).unwrap_or_else(|Stop { exit, message, remedy }| {
+        diagnostics::print_stop(&message, remedy.as_deref());
+        exit
+    });
+    ExitCode::from(exit as u8)
+}
+
+fn program(registry: &Registry) -> Result<Exit, Stop> {
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) if matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion) => {
+            return match error.print() {
+                Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
+                    Err(Stop::because(Exit::Engine, "failed to print", &error))
+                }
+                Ok(()) | Err(_) => Ok(Exit::Whole),
+            };
+        }
+        Err(error) => {
+            // The exit code tells it where standard error cannot.
+            let _ = error.print();
+            return Ok(Exit::Before);
+        }
+    };
+    diagnostics::set_colour(cli.color);
+    match cli.command {
+        Command::Run(args) => commands::run::run(&args, registry),
+        Command::Check(args) => commands::check::check(&args, registry),
+        Command::Plan(args) => commands::plan::plan(&args, registry),
+        Command::Graph(args) => commands::plan::graph(&args, registry),
+        Command::Report(args) => commands::report::report(&args),
+        Command::Timings(args) => commands::report::timings(&args),
+        Command::Nodes(args) => commands::nodes::nodes(&args, registry),
+        Command::Synth(args) => commands::synth::synth(&args),
+        Command::Doctor(args) => commands::doctor::doctor(args.json),
+        Command::New(args) => commands::new::new(&args),
+        Command::Schema => commands::nodes::schema(registry),
+        Command::Completions { shell } => commands::shell::completions(shell),
+        Command::Man => commands::shell::man(),
+    }
+}
