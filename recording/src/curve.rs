@@ -9,10 +9,10 @@ use prost::Message;
 use crate::chunk::{Part, messages_outside_frames};
 use crate::error::RecordingError;
 use crate::index::{ChunkEntry, Index};
-use crate::messages::CurvePointMessage;
 use crate::recording::Recording;
-use crate::schema::Schema;
 use crate::unpack::ChunkBuffers;
+use depthloom_codecs::messages::CurvePointMessage;
+use depthloom_codecs::schema::Schema;
 
 /// How far apart in time two steps are shown, nanoseconds: a training has no time of its own.
 const STEP_NS: u64 = 1_000_000;

@@ -9,11 +9,11 @@ use serde_json::{Map, Value as Json, json};
 
 use crate::error::RecordingError;
 use crate::index::ChannelEntry;
-use crate::messages::{CommitMessage, CurvePointMessage, ScoreMessage};
-use crate::protobuf::{Content, Fields};
 use crate::recording::Recording;
-use crate::schema::{BASELINE_M, Schema};
 use crate::unpack::ChunkBuffers;
+use depthloom_codecs::messages::{CommitMessage, CurvePointMessage, ScoreMessage};
+use depthloom_codecs::schema::{BASELINE_M, Schema};
+use depthloom_codecs::wire_format::{Content, Fields};
 
 /// What the messages of a topic decode to.
 struct Topic {

@@ -10,8 +10,8 @@ use crate::checksum::unseal;
 use crate::error::RecordingError;
 use crate::file::PositionedFile;
 use crate::parse::{self, RECORD_HEADER, Records};
-use crate::schema::Schema;
 use crate::{FORMAT, PLAN_METADATA};
+use depthloom_codecs::schema::Schema;
 
 /// A chunk, and which channels it has messages of.
 #[derive(Clone, Debug)]

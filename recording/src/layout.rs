@@ -12,7 +12,7 @@ use depthloom_graphs::{Rate, ValueType};
 
 use crate::error::RecordingError;
 use crate::plan::planned_output;
-use crate::schema::Schema;
+use depthloom_codecs::schema::Schema;
 
 /// The topics that share chunks: what is replayed together lies together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]

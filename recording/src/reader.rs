@@ -2,11 +2,11 @@
 
 use depthloom_graphs::{Value, ValueType};
 
-use crate::decode::Gathered;
 use crate::error::RecordingError;
 use crate::recording::{RecordedFrame, Recording};
-use crate::schema::Schema;
 use crate::unpack::ChunkBuffers;
+use depthloom_codecs::decode::Gathered;
+use depthloom_codecs::schema::Schema;
 
 /// Reads the values of some topics of a stage run, frame by frame.
 ///

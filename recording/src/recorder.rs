@@ -13,16 +13,16 @@ use serde::Serialize;
 
 use crate::chunk::{Packing, Part, PartBuilder, Unkept, measured};
 use crate::curve::points_part;
-use crate::decode::nothing_found;
-use crate::encode::{Stamp, encoded, put_compressed_image, put_floats, put_value, put_view};
 use crate::error::RecordingError;
 use crate::layout::{Class, Layout, PortLayout, RunLayout};
-use crate::messages::{CommitMessage, ScoreMessage};
 use crate::plan::RecordedPlan;
 use crate::pool::PartPools;
 use crate::unpack::LARGEST_CHUNK;
 use crate::writer::Writer;
 use crate::{ENDED_METADATA, FORMAT, ONCE_METADATA, PLAN_METADATA};
+use depthloom_codecs::decode::nothing_found;
+use depthloom_codecs::encode::{Stamp, encoded, put_compressed_image, put_floats, put_value, put_view};
+use depthloom_codecs::messages::{CommitMessage, ScoreMessage};
 
 /// A file kept inside a recording.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -153,7 +153,7 @@ impl Recorder {
     }
 
     fn put(&self, part: &mut PartBuilder<'_>, frame: &Frame, port: &PortLayout, value: &Value) -> Result<(), Unkept> {
-        let stamp = Stamp { frame, frame_id: &port.frame_id };
+        let stamp = Stamp { time_ns: frame.time_ns, frame_id: &port.frame_id };
         if let Value::Scores(rows) = value {
             for row in rows.iter() {
                 let message = ScoreMessage::new(&frame.id, row).encode_to_vec();

@@ -14,13 +14,13 @@ use crate::condition::Condition;
 use crate::error::RecordingError;
 use crate::file::PositionedFile;
 use crate::index::{ChunkEntry, Index, MAGIC, MetadataEntry};
-use crate::messages::CommitMessage;
 use crate::plan::RecordedPlan;
 use crate::reader::FrameReader;
 use crate::store::KeyedPlace;
 use crate::unpack::ChunkBuffers;
 use crate::walk::{Walked, walk};
 use crate::{ENDED_METADATA, ONCE_METADATA, PLAN_METADATA};
+use depthloom_codecs::messages::CommitMessage;
 
 /// A frame of a stage run, committed.
 #[derive(Clone, Debug, PartialEq)]

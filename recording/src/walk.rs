@@ -12,10 +12,10 @@ use crate::condition::Condition;
 use crate::error::RecordingError;
 use crate::file::PositionedFile;
 use crate::index::{ChunkEntry, Index, MAGIC, metadata_entry};
-use crate::messages::CommitMessage;
 use crate::parse::{self, ChunkHead, RECORD_HEADER};
 use crate::unpack::{ChunkBuffers, LARGEST_CHUNK};
 use crate::window::Window;
+use depthloom_codecs::messages::CommitMessage;
 
 /// The most bytes before a chunk's or an attachment's content that are looked at: names are short.
 const HEAD: u64 = 1 << 16;

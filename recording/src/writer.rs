@@ -18,7 +18,7 @@ use crate::record::{
     Counts, put_attachment, put_attachment_index, put_channel, put_chunk_index, put_data_end, put_footer, put_header,
     put_metadata, put_metadata_index, put_schema, put_statistics, put_summary_offset,
 };
-use crate::schema::Schema;
+use depthloom_codecs::schema::Schema;
 
 /// The library named in the file's header: no version, since equal runs are equal files.
 const LIBRARY: &str = "depthloom";

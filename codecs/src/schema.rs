@@ -15,31 +15,41 @@ use prost_types::{
 };
 
 /// `RawImage`: the smallest disparity searched, whole pixels; of disparity maps only, whose numbers count from a pixel below it.
-pub(crate) const MIN_DISPARITY_PX: u32 = 1001;
+pub const MIN_DISPARITY_PX: u32 = 1001;
 /// `CameraCalibration`: the distance between the two cameras' centres, metres.
-pub(crate) const BASELINE_M: u32 = 1001;
+pub const BASELINE_M: u32 = 1001;
 
 /// A schema.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(crate) enum Schema {
+pub enum Schema {
+    /// An image, in its file's own bytes.
     CompressedImage,
+    /// Pixels.
     RawImage,
+    /// Intrinsics and baseline.
     CameraCalibration,
+    /// A row of scores.
     Score,
+    /// What closes a frame.
     Commit,
+    /// A point of a learning curve.
     CurvePoint,
 }
 
 impl Schema {
-    pub(crate) const ALL: [Self; 6] =
+    /// All of them.
+    pub const ALL: [Self; 6] =
         [Self::CompressedImage, Self::RawImage, Self::CameraCalibration, Self::Score, Self::Commit, Self::CurvePoint];
 
     /// Its id in every recording; zero is reserved by the format.
-    pub(crate) const fn id(self) -> u16 {
+    #[must_use]
+    pub const fn id(self) -> u16 {
         self as u16 + 1
     }
 
-    pub(crate) const fn name(self) -> &'static str {
+    /// Its full name in protobuf.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
         match self {
             Self::CompressedImage => "foxglove.CompressedImage",
             Self::RawImage => "foxglove.RawImage",
@@ -50,12 +60,15 @@ impl Schema {
         }
     }
 
-    pub(crate) fn named(name: &str) -> Option<Self> {
+    /// The schema of that name.
+    #[must_use]
+    pub fn named(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|schema| schema.name() == name)
     }
 
     /// The serialized `FileDescriptorSet`.
-    pub(crate) fn descriptor_set(self) -> &'static [u8] {
+    #[must_use]
+    pub fn descriptor_set(self) -> &'static [u8] {
         static SETS: OnceLock<[Vec<u8>; 6]> = OnceLock::new();
         let sets = SETS.get_or_init(|| Self::ALL.map(|schema| schema.build().encode_to_vec()));
         &sets[self as usize]

@@ -1,20 +1,25 @@
 //! Values to messages.
 
+use std::fmt;
+
+use depthloom_graphs::Value;
 use depthloom_graphs::values::{Calibration, Depth, Encoded, Image, Pixels};
-use depthloom_graphs::{Frame, Value};
 use foxglove::messages::{CameraCalibration, Timestamp};
 use prost::Message;
 
-use crate::protobuf::{put_bytes, put_fixed32, put_length, put_number, put_signed, put_varint};
-use crate::schema::{BASELINE_M, MIN_DISPARITY_PX};
+use crate::decode::nothing_found;
+use crate::schema::{BASELINE_M, MIN_DISPARITY_PX, Schema};
+use crate::wire_format::{put_bytes, put_fixed32, put_length, put_number, put_signed, put_varint};
 
 const NS_PER_S: u64 = 1_000_000_000;
 
 /// Where and when a message's pixels were taken.
 #[derive(Clone, Copy)]
-pub(crate) struct Stamp<'a> {
-    pub(crate) frame: &'a Frame,
-    pub(crate) frame_id: &'a str,
+pub struct Stamp<'a> {
+    /// The frame's time, nanoseconds.
+    pub time_ns: u64,
+    /// The camera whose pixels they are, as viewers' `frame_id`.
+    pub frame_id: &'a str,
 }
 
 /// The samples of a raster, row by row.
@@ -37,11 +42,51 @@ struct RawImage<'a> {
     samples: Samples<'a>,
 }
 
-/// Appends the message of a raster or a calibration.
+/// Why a value is no message.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct NoMessage(String);
+
+impl fmt::Display for NoMessage {
+    /// As a lower-case fragment.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for NoMessage {}
+
+/// Appends the message of a raster or a calibration, and says of what schema it is: images with their file's bytes become a
+/// `foxglove.CompressedImage`, other rasters a `foxglove.RawImage`. [`decode::value`](crate::decode::value) reads it back.
+///
+/// # Errors
+/// If the value is none of these: scores and curves are a message a row ([`messages`](crate::messages)), samples and models none; or
+/// if 16 bits do not hold its disparities.
+pub fn put(out: &mut Vec<u8>, stamp: Stamp<'_>, value: &Value) -> Result<Schema, NoMessage> {
+    match value {
+        Value::Scores(_) | Value::Samples(_) | Value::Model(_) | Value::Curve(_) => {
+            return Err(NoMessage(format!("a value of type {} is not one message", value.value_type())));
+        }
+        Value::Disparity(disparity) if nothing_found(disparity.min_disparity_px).is_none() => {
+            return Err(NoMessage(format!(
+                "disparities from {} px on do not fit into 16 bits",
+                disparity.min_disparity_px
+            )));
+        }
+        _ => {}
+    }
+    if let Some(encoded) = encoded(value) {
+        put_compressed_image(out, stamp, encoded);
+        return Ok(Schema::CompressedImage);
+    }
+    put_value(out, stamp, value);
+    Ok(if matches!(value, Value::Calibration(_)) { Schema::CameraCalibration } else { Schema::RawImage })
+}
+
+/// Appends the message of a raster or a calibration; an image as its pixels.
 ///
 /// # Panics
-/// If the value is a table, a curve or an artifact, which layouts keep elsewhere.
-pub(crate) fn put_value(out: &mut Vec<u8>, stamp: Stamp<'_>, value: &Value) {
+/// If the value is a table, a curve or an artefact: see [`put`].
+pub fn put_value(out: &mut Vec<u8>, stamp: Stamp<'_>, value: &Value) {
     let raster = |(width, height), encoding, bytes_per_pixel, samples| RawImage {
         width,
         height,
@@ -69,14 +114,14 @@ pub(crate) fn put_value(out: &mut Vec<u8>, stamp: Stamp<'_>, value: &Value) {
         Value::Mask(mask) => raster(mask.set.dimensions(), "mono8", 1, Samples::U8(&mask.set)),
         Value::Calibration(calibration) => return put_calibration(out, stamp, calibration),
         Value::Scores(_) | Value::Samples(_) | Value::Model(_) | Value::Curve(_) => {
-            unreachable!("layouts give no image channel to values of type {}", value.value_type())
+            unreachable!("a value of type {} is not one message", value.value_type())
         }
     };
     put_raw_image(out, stamp, &image);
 }
 
 /// The file's own bytes, where the value is an image that came from one.
-pub(crate) fn encoded(value: &Value) -> Option<&Encoded> {
+pub fn encoded(value: &Value) -> Option<&Encoded> {
     match value {
         Value::Image(image) => Image::encoded(image),
         _ => None,
@@ -84,15 +129,15 @@ pub(crate) fn encoded(value: &Value) -> Option<&Encoded> {
 }
 
 /// Appends a `foxglove.CompressedImage`.
-pub(crate) fn put_compressed_image(out: &mut Vec<u8>, stamp: Stamp<'_>, encoded: &Encoded) {
-    put_timestamp(out, 1, stamp.frame.time_ns);
+pub fn put_compressed_image(out: &mut Vec<u8>, stamp: Stamp<'_>, encoded: &Encoded) {
+    put_timestamp(out, 1, stamp.time_ns);
     put_bytes(out, 4, stamp.frame_id.as_bytes());
     put_bytes(out, 3, encoded.format.name().as_bytes());
     put_bytes(out, 2, &encoded.bytes);
 }
 
 /// Appends a depth map as whole millimetres: 0 = no answer, 65535 = that far or farther.
-pub(crate) fn put_view(out: &mut Vec<u8>, stamp: Stamp<'_>, depth: &Depth) {
+pub fn put_view(out: &mut Vec<u8>, stamp: Stamp<'_>, depth: &Depth) {
     let millimetres = |metres: &f32| {
         let rounded = (f64::from(*metres) * 1000.0).round();
         if rounded >= 1.0 { rounded.min(65535.0) as u16 } else { 0 }
@@ -116,7 +161,7 @@ fn put_timestamp(out: &mut Vec<u8>, field: u32, time_ns: u64) {
 }
 
 fn put_raw_image(out: &mut Vec<u8>, stamp: Stamp<'_>, image: &RawImage<'_>) {
-    put_timestamp(out, 1, stamp.frame.time_ns);
+    put_timestamp(out, 1, stamp.time_ns);
     put_bytes(out, 7, stamp.frame_id.as_bytes());
     put_fixed32(out, 2, image.width);
     put_fixed32(out, 3, image.height);
@@ -142,7 +187,7 @@ fn put_raw_image(out: &mut Vec<u8>, stamp: Stamp<'_>, image: &RawImage<'_>) {
 }
 
 /// Appends numbers as little-endian bytes.
-pub(crate) fn put_floats(out: &mut Vec<u8>, samples: &[f32]) {
+pub fn put_floats(out: &mut Vec<u8>, samples: &[f32]) {
     put_samples(out, samples, f32::to_le_bytes);
 }
 
@@ -159,7 +204,7 @@ fn put_samples<T: Copy, const N: usize>(out: &mut Vec<u8>, samples: &[T], bytes:
 }
 
 fn put_calibration(out: &mut Vec<u8>, stamp: Stamp<'_>, calibration: &Calibration) {
-    let time_ns = stamp.frame.time_ns;
+    let time_ns = stamp.time_ns;
     let message = CameraCalibration {
         timestamp: Some(Timestamp::new((time_ns / NS_PER_S) as u32, (time_ns % NS_PER_S) as u32)),
         frame_id: stamp.frame_id.to_owned(),

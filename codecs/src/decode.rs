@@ -12,14 +12,14 @@ use image::{DynamicImage, GrayImage, ImageBuffer, Luma, RgbImage};
 use prost::Message;
 
 use crate::messages::ScoreMessage;
-use crate::protobuf::{Content, Fields};
 use crate::schema::{BASELINE_M, MIN_DISPARITY_PX, Schema};
+use crate::wire_format::{Content, Fields};
 
 /// Reads a raster or a calibration.
 ///
 /// # Errors
 /// What is wrong with the message, as a lower-case fragment.
-pub(crate) fn value(schema: Schema, value_type: ValueType, message: &[u8]) -> Result<Value, String> {
+pub fn value(schema: Schema, value_type: ValueType, message: &[u8]) -> Result<Value, String> {
     match (schema, value_type) {
         (Schema::CompressedImage, ValueType::Image) => compressed_image(message).map(Value::from),
         (Schema::CameraCalibration, ValueType::Calibration) => calibration(message).map(Value::from),
@@ -32,7 +32,7 @@ pub(crate) fn value(schema: Schema, value_type: ValueType, message: &[u8]) -> Re
 ///
 /// # Errors
 /// What is wrong with the message, as a lower-case fragment.
-pub(crate) fn score(message: &[u8]) -> Result<ScoreRow, String> {
+pub fn score(message: &[u8]) -> Result<ScoreRow, String> {
     let score = ScoreMessage::decode(message).map_err(|error| format!("a message is no score: {error}"))?;
     score.row().ok_or_else(|| format!("a score is of the unknown pixel set `{}`", score.set))
 }
@@ -76,7 +76,8 @@ fn calibration(message: &[u8]) -> Result<Calibration, String> {
 }
 
 /// What stands for "nothing found" in maps of disparities from there on, 1/16 px; `None` if 16 bits do not hold it.
-pub(crate) fn nothing_found(min_disparity_px: i32) -> Option<i16> {
+#[must_use]
+pub fn nothing_found(min_disparity_px: i32) -> Option<i16> {
     i16::try_from(min_disparity_px.checked_sub(1)?.checked_mul(16)?).ok()
 }
 
@@ -155,10 +156,13 @@ impl RawImage<'_> {
 
 /// Collects the messages of one topic on one frame.
 #[derive(Default)]
-pub(crate) enum Gathered {
+pub enum Gathered {
+    /// No message yet.
     #[default]
     Nothing,
+    /// The last message's.
     Value(Value),
+    /// Rows of scores, one a message.
     Rows(Vec<ScoreRow>),
 }
 
@@ -167,7 +171,7 @@ impl Gathered {
     ///
     /// # Errors
     /// What is wrong with the message, as a lower-case fragment.
-    pub(crate) fn take(&mut self, schema: Schema, value_type: ValueType, message: &[u8]) -> Result<(), String> {
+    pub fn take(&mut self, schema: Schema, value_type: ValueType, message: &[u8]) -> Result<(), String> {
         if schema == Schema::Score {
             let row = score(message)?;
             match self {
@@ -180,7 +184,9 @@ impl Gathered {
         Ok(())
     }
 
-    pub(crate) fn into_value(self) -> Option<Value> {
+    /// What they amount to.
+    #[must_use]
+    pub fn into_value(self) -> Option<Value> {
         match self {
             Self::Nothing => None,
             Self::Value(value) => Some(value),

@@ -3,7 +3,7 @@
 use std::fmt;
 
 /// Appends a varint.
-pub(crate) fn put_varint(out: &mut Vec<u8>, mut value: u64) {
+pub fn put_varint(out: &mut Vec<u8>, mut value: u64) {
     while value >= 0x80 {
         out.push((value & 0x7f) as u8 | 0x80);
         value >>= 7;
@@ -12,7 +12,7 @@ pub(crate) fn put_varint(out: &mut Vec<u8>, mut value: u64) {
 }
 
 /// Appends a varint field; zero is the default and left out.
-pub(crate) fn put_number(out: &mut Vec<u8>, field: u32, value: u64) {
+pub fn put_number(out: &mut Vec<u8>, field: u32, value: u64) {
     if value != 0 {
         put_varint(out, u64::from(field) << 3);
         put_varint(out, value);
@@ -20,12 +20,12 @@ pub(crate) fn put_number(out: &mut Vec<u8>, field: u32, value: u64) {
 }
 
 /// Appends a signed (zigzag) varint field; zero is the default and left out.
-pub(crate) fn put_signed(out: &mut Vec<u8>, field: u32, value: i32) {
+pub fn put_signed(out: &mut Vec<u8>, field: u32, value: i32) {
     put_number(out, field, u64::from(((value << 1) ^ (value >> 31)) as u32));
 }
 
 /// Appends a `fixed32` field; zero is the default and left out.
-pub(crate) fn put_fixed32(out: &mut Vec<u8>, field: u32, value: u32) {
+pub fn put_fixed32(out: &mut Vec<u8>, field: u32, value: u32) {
     if value != 0 {
         put_varint(out, u64::from(field) << 3 | 5);
         out.extend_from_slice(&value.to_le_bytes());
@@ -33,13 +33,13 @@ pub(crate) fn put_fixed32(out: &mut Vec<u8>, field: u32, value: u32) {
 }
 
 /// Appends tag and length of a field of that many bytes, which are to follow.
-pub(crate) fn put_length(out: &mut Vec<u8>, field: u32, length: usize) {
+pub fn put_length(out: &mut Vec<u8>, field: u32, length: usize) {
     put_varint(out, u64::from(field) << 3 | 2);
     put_varint(out, length as u64);
 }
 
 /// Appends a string or bytes field; empty is the default and left out.
-pub(crate) fn put_bytes(out: &mut Vec<u8>, field: u32, bytes: &[u8]) {
+pub fn put_bytes(out: &mut Vec<u8>, field: u32, bytes: &[u8]) {
     if !bytes.is_empty() {
         put_length(out, field, bytes.len());
         out.extend_from_slice(bytes);
@@ -48,29 +48,39 @@ pub(crate) fn put_bytes(out: &mut Vec<u8>, field: u32, bytes: &[u8]) {
 
 /// A field's content.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Content<'a> {
+pub enum Content<'a> {
+    /// Wire type 0.
     Varint(u64),
+    /// Wire type 1.
     Fixed64(u64),
+    /// Wire type 2.
     Bytes(&'a [u8]),
+    /// Wire type 5.
     Fixed32(u32),
 }
 
 impl<'a> Content<'a> {
-    pub(crate) const fn fixed32(self) -> u32 {
+    /// A `fixed32`; of another type 0, as protobuf's readers do it.
+    #[must_use]
+    pub const fn fixed32(self) -> u32 {
         match self {
             Self::Fixed32(value) => value,
             Self::Varint(_) | Self::Fixed64(_) | Self::Bytes(_) => 0,
         }
     }
 
-    pub(crate) const fn signed(self) -> i32 {
+    /// A zigzag varint; of another type 0.
+    #[must_use]
+    pub const fn signed(self) -> i32 {
         match self {
             Self::Varint(value) => ((value as u32) >> 1) as i32 ^ -((value as u32 & 1) as i32),
             Self::Fixed32(_) | Self::Fixed64(_) | Self::Bytes(_) => 0,
         }
     }
 
-    pub(crate) const fn bytes(self) -> &'a [u8] {
+    /// A string or bytes; of another type nothing.
+    #[must_use]
+    pub const fn bytes(self) -> &'a [u8] {
         match self {
             Self::Bytes(bytes) => bytes,
             Self::Varint(_) | Self::Fixed32(_) | Self::Fixed64(_) => &[],
@@ -80,7 +90,7 @@ impl<'a> Content<'a> {
 
 /// A message that does not follow the wire format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Malformed;
+pub struct Malformed;
 
 impl fmt::Display for Malformed {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -89,7 +99,7 @@ impl fmt::Display for Malformed {
 }
 
 /// The fields of a message, in the order they were written.
-pub(crate) struct Fields<'a>(pub(crate) &'a [u8]);
+pub struct Fields<'a>(pub &'a [u8]);
 
 impl<'a> Fields<'a> {
     fn varint(&mut self) -> Option<u64> {

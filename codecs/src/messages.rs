@@ -7,33 +7,46 @@ use depthloom_scores::{PixelSet, ScoreRow};
 
 /// `depthloom.Score`: one row of scores; a score that is NaN is absent.
 #[derive(Clone, PartialEq, prost::Message)]
-pub(crate) struct ScoreMessage {
+pub struct ScoreMessage {
+    /// Field `frame`.
     #[prost(string, tag = "1")]
-    pub(crate) frame: String,
+    pub frame: String,
+    /// Field `set`.
     #[prost(string, tag = "2")]
-    pub(crate) set: String,
+    pub set: String,
+    /// Field `pixels`.
     #[prost(uint64, tag = "3")]
-    pub(crate) pixels: u64,
+    pub pixels: u64,
+    /// Field `a1`.
     #[prost(double, optional, tag = "4")]
-    pub(crate) a1: Option<f64>,
+    pub a1: Option<f64>,
+    /// Field `a2`.
     #[prost(double, optional, tag = "5")]
-    pub(crate) a2: Option<f64>,
+    pub a2: Option<f64>,
+    /// Field `a3`.
     #[prost(double, optional, tag = "6")]
-    pub(crate) a3: Option<f64>,
+    pub a3: Option<f64>,
+    /// Field `abs_rel`.
     #[prost(double, optional, tag = "7")]
-    pub(crate) abs_rel: Option<f64>,
+    pub abs_rel: Option<f64>,
+    /// Field `sq_rel`.
     #[prost(double, optional, tag = "8")]
-    pub(crate) sq_rel: Option<f64>,
+    pub sq_rel: Option<f64>,
+    /// Field `rmse`.
     #[prost(double, optional, tag = "9")]
-    pub(crate) rmse: Option<f64>,
+    pub rmse: Option<f64>,
+    /// Field `rmse_log`.
     #[prost(double, optional, tag = "10")]
-    pub(crate) rmse_log: Option<f64>,
+    pub rmse_log: Option<f64>,
+    /// Field `silog`.
     #[prost(double, optional, tag = "11")]
-    pub(crate) silog: Option<f64>,
+    pub silog: Option<f64>,
 }
 
 impl ScoreMessage {
-    pub(crate) fn new(frame: &str, row: &ScoreRow) -> Self {
+    /// The message of a frame's row.
+    #[must_use]
+    pub fn new(frame: &str, row: &ScoreRow) -> Self {
         let [a1, a2, a3, abs_rel, sq_rel, rmse, rmse_log, silog] =
             row.scores().map(|score| (!score.is_nan()).then_some(score));
         let (frame, set, pixels) = (frame.to_owned(), row.set.name().to_owned(), row.pixels);
@@ -41,7 +54,8 @@ impl ScoreMessage {
     }
 
     /// The row; `None` if the pixel set is unknown.
-    pub(crate) fn row(&self) -> Option<ScoreRow> {
+    #[must_use]
+    pub fn row(&self) -> Option<ScoreRow> {
         let set = [PixelSet::All, PixelSet::Answered].into_iter().find(|set| set.name() == self.set)?;
         let or_nan = |score: Option<f64>| score.unwrap_or(f64::NAN);
         Some(ScoreRow {
@@ -64,25 +78,32 @@ impl ScoreMessage {
 /// Loss and learning rate are always there: the presence is declared because zero, which an undeclared field leaves out, would
 /// come back without its sign.
 #[derive(Clone, Copy, PartialEq, prost::Message)]
-pub(crate) struct CurvePointMessage {
+pub struct CurvePointMessage {
+    /// Field `step`.
     #[prost(uint64, tag = "1")]
-    pub(crate) step: u64,
+    pub step: u64,
+    /// Field `loss`.
     #[prost(double, optional, tag = "2")]
-    pub(crate) loss: Option<f64>,
+    pub loss: Option<f64>,
+    /// Field `validation`.
     #[prost(double, optional, tag = "3")]
-    pub(crate) validation: Option<f64>,
+    pub validation: Option<f64>,
+    /// Field `learning_rate`.
     #[prost(double, optional, tag = "4")]
-    pub(crate) learning_rate: Option<f64>,
+    pub learning_rate: Option<f64>,
 }
 
 impl CurvePointMessage {
-    pub(crate) const fn new(point: &CurvePoint) -> Self {
+    /// The message of a point.
+    #[must_use]
+    pub const fn new(point: &CurvePoint) -> Self {
         let CurvePoint { step, loss, validation, learning_rate } = *point;
         Self { step, loss: Some(loss), validation, learning_rate: Some(learning_rate) }
     }
 
     /// The point; `None` if it has no loss or no learning rate.
-    pub(crate) fn point(&self) -> Option<CurvePoint> {
+    #[must_use]
+    pub fn point(&self) -> Option<CurvePoint> {
         let (loss, learning_rate) = (self.loss?, self.learning_rate?);
         Some(CurvePoint { step: self.step, loss, validation: self.validation, learning_rate })
     }
@@ -93,43 +114,56 @@ impl CurvePointMessage {
 /// The CRC-32 is of all bytes of the file before the chunk that holds the record, so that a file that ends early is checked up to it.
 /// A node that is neither under `keys` nor under `failures` did not fire on the frame.
 #[derive(Clone, PartialEq, prost::Message)]
-pub(crate) struct CommitMessage {
+pub struct CommitMessage {
+    /// Field `run`.
     #[prost(uint32, tag = "1")]
-    pub(crate) run: u32,
+    pub run: u32,
+    /// Field `frame`.
     #[prost(string, tag = "2")]
-    pub(crate) frame: String,
+    pub frame: String,
+    /// Field `index`.
     #[prost(uint64, tag = "3")]
-    pub(crate) index: u64,
+    pub index: u64,
+    /// Field `source_key`.
     #[prost(string, tag = "4")]
-    pub(crate) source_key: String,
+    pub source_key: String,
+    /// Field `keys`.
     #[prost(message, repeated, tag = "5")]
-    pub(crate) keys: Vec<NodeKeyMessage>,
+    pub keys: Vec<NodeKeyMessage>,
+    /// Field `failures`.
     #[prost(message, repeated, tag = "6")]
-    pub(crate) failures: Vec<FailureMessage>,
+    pub failures: Vec<FailureMessage>,
+    /// Field `crc32_before`.
     #[prost(fixed32, tag = "7")]
-    pub(crate) crc32_before: u32,
+    pub crc32_before: u32,
 }
 
 /// `depthloom.NodeKey`: the key that all values of a node share on a frame.
 #[derive(Clone, PartialEq, prost::Message)]
-pub(crate) struct NodeKeyMessage {
+pub struct NodeKeyMessage {
+    /// Field `node`.
     #[prost(uint32, tag = "1")]
-    pub(crate) node: u32,
+    pub node: u32,
+    /// Field `key`.
     #[prost(string, tag = "2")]
-    pub(crate) key: String,
+    pub key: String,
 }
 
 /// `depthloom.Failure`: a node that failed on a frame; without `node`, the source.
 #[derive(Clone, PartialEq, prost::Message)]
-pub(crate) struct FailureMessage {
+pub struct FailureMessage {
+    /// Field `node`.
     #[prost(uint32, optional, tag = "1")]
-    pub(crate) node: Option<u32>,
+    pub node: Option<u32>,
+    /// Field `what`.
     #[prost(string, tag = "2")]
-    pub(crate) what: String,
+    pub what: String,
 }
 
 impl CommitMessage {
-    pub(crate) fn new(commit: &Commit<'_>, crc32_before: u32) -> Self {
+    /// The message of a commit.
+    #[must_use]
+    pub fn new(commit: &Commit<'_>, crc32_before: u32) -> Self {
         let keys = commit.keys.iter();
         let failures = commit.failures.iter();
         Self {
@@ -149,15 +183,20 @@ impl CommitMessage {
     }
 
     /// The key of the source's values, if it gave any; `None` if what stands there is no key.
-    pub(crate) fn source_key(&self) -> Option<Option<Key>> {
+    #[must_use]
+    pub fn source_key(&self) -> Option<Option<Key>> {
         if self.source_key.is_empty() { Some(None) } else { Key::parse(&self.source_key).map(Some) }
     }
 
-    pub(crate) fn keys(&self) -> Option<Vec<SlotKey>> {
+    /// The keys of the nodes' values; `None` if one is none.
+    #[must_use]
+    pub fn keys(&self) -> Option<Vec<SlotKey>> {
         self.keys.iter().map(|of| Some(SlotKey { node: of.node as usize, key: Key::parse(&of.key)? })).collect()
     }
 
-    pub(crate) fn failures(&self) -> Vec<Failure> {
+    /// The failures.
+    #[must_use]
+    pub fn failures(&self) -> Vec<Failure> {
         let failures = self.failures.iter();
         failures.map(|of| Failure { node: of.node.map(|node| node as usize), what: of.what.clone() }).collect()
     }

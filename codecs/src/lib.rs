@@ -1,0 +1,26 @@
+//! Values as protobuf messages and back: bytes, no file.
+//!
+//! A recording is one consumer; whoever hands values to another program (a live view, a process, a bridge) encodes them here as they
+//! would stand in a recording: `foxglove.*` messages that any viewer of these reads, and depthloom's own for scores, learning curves and commits.
+//!
+//! ```
+//! use depthloom_codecs::{decode, encode};
+//! use depthloom_graphs::values::{Depth, Raster};
+//! use depthloom_graphs::{Value, ValueType};
+//!
+//! let value = Value::from(Depth { metres: Raster::from_raw(2, 1, vec![3.5, f32::NAN]).unwrap() });
+//! let mut message = Vec::new();
+//! let stamp = encode::Stamp { time_ns: 100_000_000, frame_id: "left" };
+//! let schema = encode::put(&mut message, stamp, &value).unwrap();
+//! assert_eq!(schema.name(), "foxglove.RawImage");
+//! let Ok(Value::Depth(depth)) = decode::value(schema, ValueType::Depth, &message) else { panic!() };
+//! assert_eq!(depth.metres[(0, 0)].0, [3.5]);
+//! ```
+
+pub mod decode;
+pub mod encode;
+pub mod messages;
+pub mod schema;
+pub mod wire_format;
+
+pub use schema::Schema;
