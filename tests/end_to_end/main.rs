@@ -2,6 +2,7 @@
 //!
 //! Tests that need `../shared` (real frames, golden results) or a Python environment print `SKIPPED <test>: why` where it is absent.
 
+mod architecture;
 mod broken_data;
 mod broken_files;
 mod determinism;

@@ -1,0 +1,87 @@
+//! ARCHITECTURE.md against the manifests: its table of crates, its direction, its arrows.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::process::Command;
+
+use serde_json::Value as Json;
+
+use crate::support::{succeed, workspace};
+
+struct Crate {
+    folder: String,
+    /// The crates of ours that it uses outside tests, build scripts and benches.
+    uses: BTreeSet<String>,
+}
+
+/// Every crate of the workspace, as cargo knows them.
+fn crates() -> BTreeMap<String, Crate> {
+    let mut cargo = Command::new(env!("CARGO"));
+    cargo.args(["metadata", "--no-deps", "--offline", "--format-version", "1"]).current_dir(workspace());
+    let metadata: Json = serde_json::from_slice(&succeed(&mut cargo).stdout).unwrap();
+    let packages = metadata["packages"].as_array().unwrap();
+    let text = |json: &Json| json.as_str().unwrap().to_owned();
+    let names: BTreeSet<String> = packages.iter().map(|package| text(&package["name"])).collect();
+    let root = text(&metadata["workspace_root"]);
+    let of = |package: &Json| {
+        let manifest = text(&package["manifest_path"]);
+        let folder = manifest.strip_prefix(&root).unwrap().trim_matches('/').trim_end_matches("Cargo.toml").to_owned();
+        let dependencies = package["dependencies"].as_array().unwrap().iter();
+        let normal = dependencies.filter(|dependency| dependency["kind"].is_null());
+        let uses = normal.map(|dependency| text(&dependency["name"])).filter(|name| names.contains(name)).collect();
+        // The root package's own folder is `src/`.
+        let folder = if folder.is_empty() { "src/".to_owned() } else { folder };
+        (text(&package["name"]), Crate { folder, uses })
+    };
+    packages.iter().map(of).collect()
+}
+
+fn architecture() -> String {
+    std::fs::read_to_string(workspace().join("ARCHITECTURE.md")).unwrap()
+}
+
+/// The rows of the table: folder and crate.
+fn rows(text: &str) -> Vec<(String, String)> {
+    let rows = text.lines().skip_while(|line| !line.starts_with("| folder | crate |")).skip(2);
+    let cell = |cell: &str| cell.trim().trim_matches('`').to_owned();
+    let row = |line: &str| {
+        let cells: Vec<&str> = line.split('|').collect();
+        (cell(cells[1]), cell(cells[2]))
+    };
+    rows.take_while(|line| line.starts_with('|')).map(row).collect()
+}
+
+#[test]
+fn the_table_lists_every_crate_and_each_uses_only_what_stands_below_it() {
+    let (text, crates) = (architecture(), crates());
+    let rows = rows(&text);
+    let listed: BTreeSet<(&str, &str)> = rows.iter().map(|(folder, name)| (&**folder, &**name)).collect();
+    let there: BTreeSet<(&str, &str)> = crates.iter().map(|(name, of)| (&*of.folder, &**name)).collect();
+    assert_eq!(listed, there);
+    for (place, (_, name)) in rows.iter().enumerate() {
+        for used in &crates[name].uses {
+            let below = rows[place + 1..].iter().any(|(_, other)| other == used);
+            assert!(below, "`{name}` uses `{used}`, which does not stand below it");
+        }
+    }
+}
+
+#[test]
+fn the_arrows_are_those_of_the_manifests() {
+    let full = |short: &str| match short {
+        "depthloom" | "own-node" => short.to_owned(),
+        short => format!("depthloom-{short}"),
+    };
+    let text = architecture();
+    let arrows = text.lines().skip_while(|line| *line != "graph TD").skip(1).take_while(|line| *line != "```");
+    let drawn: BTreeSet<(String, String)> = arrows
+        .flat_map(|line| {
+            let (from, to) = line.trim().split_once(" --> ").unwrap();
+            to.split(" & ").map(|to| (full(from), full(to))).collect::<Vec<_>>()
+        })
+        .collect();
+    let mut there = BTreeSet::new();
+    for (name, of) in crates() {
+        there.extend(of.uses.into_iter().map(|used| (name.clone(), used)));
+    }
+    assert_eq!(drawn, there);
+}
