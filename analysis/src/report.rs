@@ -30,7 +30,7 @@ pub struct ReportOptions {
 
 impl Default for ReportOptions {
     /// Without the paper's numbers; 4 MiB of samples at worst: few, so that memory is the same from the first hundred frames on
-    /// (beyond, counting over a file costs about as much time).
+    /// (beyond, a file costs about as much time).
     fn default() -> Self {
         Self { paper: false, samples_in_memory: 1 << 19 }
     }
