@@ -3,6 +3,8 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
+use crate::damage::Held;
+
 /// Why a recording cannot be written or read.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordingError {
@@ -175,6 +177,16 @@ impl RecordingError {
             | Self::Plan { .. }
             | Self::Value { .. }
             | Self::Missing { .. } => None,
+        }
+    }
+
+    /// Says what the damaged bytes held.
+    pub(crate) fn that_held(self, held: &Held) -> Self {
+        match self {
+            Self::Damaged { path, offset, what } => {
+                Self::Damaged { path, offset, what: format!("{what}; it held {held}") }
+            }
+            other => other,
         }
     }
 
