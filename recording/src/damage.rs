@@ -27,8 +27,8 @@ pub struct Damage {
 pub enum Held {
     /// Values of a frame.
     Frame {
-        /// The prefix of the stage run's topics.
-        prefix: String,
+        /// The stage run's name.
+        stage: String,
         /// The frame's position among the stage run's.
         position: usize,
         /// Its id.
@@ -115,7 +115,7 @@ impl Recording {
         is_one: impl Fn(u16) -> bool,
     ) -> Held {
         Held::Frame {
-            prefix: self.plan().runs[run].prefix.clone(),
+            stage: self.plan().runs[run].name().to_owned(),
             position,
             id: self.frames(run)[position].id.clone(),
             topics: self.topics(chunk, is_one),
@@ -137,13 +137,13 @@ impl fmt::Display for Held {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         const SHOWN: usize = 4;
         match self {
-            Self::Frame { prefix, position, id, topics } => {
+            Self::Frame { stage, position, id, topics } => {
                 let shown = topics[..topics.len().min(SHOWN)].join(", ");
                 write!(f, "{shown}")?;
                 if topics.len() > SHOWN {
                     write!(f, " and {} more", topics.len() - SHOWN)?;
                 }
-                write!(f, " of frame `{id}`, the one at position {position} of {prefix}")
+                write!(f, " of frame `{id}` (position {position} of stage `{stage}`)")
             }
             Self::Curve(topic) => write!(f, "the learning curve {topic}"),
             Self::Attachment(name) => write!(f, "the attachment `{name}`"),

@@ -180,6 +180,12 @@ impl RecordingError {
         }
     }
 
+    /// Whether bytes were found that are not what was written.
+    #[must_use]
+    pub const fn is_damage(&self) -> bool {
+        matches!(self, Self::Damaged { .. })
+    }
+
     /// Says what the damaged bytes held.
     pub(crate) fn that_held(self, held: &Held) -> Self {
         match self {

@@ -255,7 +255,7 @@ fn a_flipped_pixel_is_found() {
     let Err(error) = read_all(&path) else { panic!("the flip was not found") };
     assert!(matches!(error, RecordingError::Damaged { .. }), "{error}");
     assert!(error.to_string().contains("recording.mcap is damaged at byte"), "{error}");
-    let held = "it held /compare/fused/depth of frame `000000_10`, the one at position 0 of /compare";
+    let held = "it held /compare/fused/depth of frame `000000_10` (position 0 of stage `compare`)";
     assert!(error.to_string().ends_with(&format!("a chunk's checksum differs; {held}")), "{error}");
     assert_eq!(error.remedy().unwrap(), "copy the file again, or run the experiment again");
     // Only who wants the damaged topics reads their chunk.
@@ -307,7 +307,7 @@ fn damage_is_named_by_what_it_held() {
     let held: Vec<String> = damage.iter().map(|damage| damage.held.to_string()).collect();
     let [image, model, note] = &held[..] else { panic!("{held:?}") };
     assert!(image.contains("/compare/source/left"), "{image}");
-    assert!(image.ends_with("of frame `000001_10`, the one at position 1 of /compare"), "{image}");
+    assert!(image.ends_with("of frame `000001_10` (position 1 of stage `compare`)"), "{image}");
     assert!(model.starts_with("the attachment `artifacts/"), "{model}");
     assert_eq!(note, "the attachment `note.txt`");
     for (damage, place) in damage.iter().zip(places) {
