@@ -43,7 +43,7 @@ pub enum Command {
     Plan(PlanArgs),
     /// Draw the experiment's graph.
     Graph(GraphArgs),
-    /// Make the tables and plots of a run again, from its recording alone.
+    /// Make the tables and plots of a run again, from its recording alone, of which every byte is checked.
     Report(ReportArgs),
     /// Show where a run's time went: core-milliseconds per frame by node, encoding, compression and writing.
     Timings(TimingsArgs),

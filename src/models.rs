@@ -20,7 +20,10 @@ pub fn write(recording: &Recording, folder: &Path) -> Result<(), Stop> {
     let mut taken = BTreeSet::new();
     for value in recording.once_values().iter().filter(|value| value.value_type == "model") {
         let RecordedContent::Attachment { name: attachment, .. } = &value.content else { continue };
-        let bytes = recording.attachment(attachment).map_err(|error| failed(&error))?;
+        let bytes = recording.attachment(attachment).map_err(|error| {
+            let exit = if error.is_damage() { Exit::Frames } else { Exit::Engine };
+            Stop::because(exit, "failed to read a learnt model", &error).known_remedy(error.remedy())
+        })?;
         fs::create_dir_all(&folder).map_err(|error| failed(&error))?;
         let stem = stem(recording.plan(), value);
         let names = (1..).map(|n| if n == 1 { format!("{stem}.onnx") } else { format!("{stem}-{n}.onnx") });

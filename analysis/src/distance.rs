@@ -12,6 +12,7 @@
 mod in_memory;
 mod samples;
 mod selection;
+mod sorting;
 mod spill;
 
 pub(crate) use samples::{FrameSamples, Samples};

@@ -16,7 +16,12 @@ pub enum AnalysisError {
     Stopped,
     /// The recording cannot be read.
     #[error("failed to read the recording")]
-    Recording(#[from] RecordingError),
+    Recording {
+        /// Why.
+        source: RecordingError,
+        /// What was written before, and is whole.
+        whole: Option<String>,
+    },
     /// The recording holds something an analysis cannot use.
     #[error("{what}")]
     Content {
@@ -58,7 +63,39 @@ pub enum AnalysisError {
     },
 }
 
+impl From<RecordingError> for AnalysisError {
+    fn from(source: RecordingError) -> Self {
+        Self::Recording { source, whole: None }
+    }
+}
+
 impl AnalysisError {
+    /// What the person can do about it, and what there is all the same.
+    #[must_use]
+    pub fn remedy(&self) -> Option<String> {
+        let Self::Recording { source, whole } = self else { return None };
+        let whole = whole.as_ref().map(|whole| format!("what is whole all the same: {whole}"));
+        let remedies: Vec<String> = source.remedy().into_iter().chain(whole).collect();
+        (!remedies.is_empty()).then(|| remedies.join("; "))
+    }
+
+    /// Whether it is that the recording is damaged.
+    #[must_use]
+    pub const fn is_damage(&self) -> bool {
+        matches!(self, Self::Recording { source, .. } if source.is_damage())
+    }
+
+    /// Where the recording cannot be read: these files are whole.
+    pub(crate) fn but_whole(self, files: &[&str], folder: &Path) -> Self {
+        match self {
+            Self::Recording { source, .. } if !files.is_empty() => {
+                let whole = Some(format!("{} in {}", files.join(", "), folder.display()));
+                Self::Recording { source, whole }
+            }
+            other => other,
+        }
+    }
+
     /// For `map_err`: what was being computed.
     pub(crate) fn compute(what: impl Into<String>) -> impl FnOnce(PolarsError) -> Self {
         move |source| Self::Compute { what: what.into(), source: Box::new(source) }

@@ -29,7 +29,9 @@ pub struct Estimator {
     pub estimate_topic: Option<String>,
     /// The topic of the true depth; `None` if it was not recorded.
     pub truth_topic: Option<String>,
-    /// What the true depth was taken from, recorded or not; `None` if the recording does not say.
+    /// The topic of what was scored, recorded or not; `None` if the recording does not say.
+    pub estimate: Option<String>,
+    /// The topic of what the true depth was taken from, recorded or not; `None` if the recording does not say.
     pub truth: Option<String>,
 }
 
@@ -61,7 +63,8 @@ pub(crate) fn estimators(plan: &RecordedPlan) -> Result<Vec<Estimator>, Analysis
         };
         let variant = estimate.variant.map(named).transpose()?.filter(|name| !name.is_empty());
         let scoring = planned.nodes.get(estimate.score_node);
-        let truth = scoring.and_then(|node| node.inputs.iter().find(|input| input.port == "truth")?.from.clone());
+        let from =
+            |port: &str| scoring.and_then(|node| node.inputs.iter().find(|input| input.port == port)?.from.clone());
         let place = estimate.variant.map_or(0, |v| v + 1);
         let estimator = Estimator {
             label,
@@ -73,7 +76,8 @@ pub(crate) fn estimators(plan: &RecordedPlan) -> Result<Vec<Estimator>, Analysis
             score_topic: estimate.score_topic.clone(),
             estimate_topic: estimate.estimate_topic.clone(),
             truth_topic: estimate.truth_topic.clone(),
-            truth,
+            estimate: from("estimate"),
+            truth: from("truth"),
         };
         ordered.push((place, estimator));
     }

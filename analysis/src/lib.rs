@@ -5,12 +5,14 @@
 //! mean over frames, the [table](Table); their recorded maps make the [error against distance](DistanceBin) and its figure. The learning curves of what was trained
 //! have a figure and a table of their own.
 
+mod condition;
 mod curves;
 mod distance;
 mod error;
 mod estimators;
 mod figure;
 mod files;
+mod maps;
 mod paper;
 mod reading;
 mod report;

@@ -185,7 +185,8 @@ impl Maps {
                 )));
             }
             let (width, height) = truth.metres.dimensions();
-            let pixels = ScoredPixels::new(&truth.metres, width as usize, height as usize, settings);
+            let pixels =
+                ScoredPixels::new(&truth.metres, width as usize, height as usize, settings).by_metre(FARTHEST_M);
             if compared.iter().any(|(_, estimate)| estimate.is_some()) && !counted.contains(&truth_place) {
                 counted.push(truth_place);
                 let metres = pixels.truth_m().iter().map(|&t| t as u32).filter(|metre| *metre < FARTHEST_M);

@@ -2,15 +2,17 @@
 
 use std::path::Path;
 
-use depthloom_recording::{Condition, Recording};
+use depthloom_recording::Recording;
 use serde_json::{Map, Value as Json, json};
 
+use crate::condition::{self, Told};
 use crate::curves::{LearningCurve, learning_curves, table_of_points};
 use crate::distance::{FARTHEST_M, table_of_bins};
 use crate::error::{AnalysisError, caught};
 use crate::estimators::{Estimator, estimators};
 use crate::figure::{Figure, render};
 use crate::files::Output;
+use crate::maps::{not_recorded, sparsely_kept};
 use crate::reading;
 use crate::scores::table_of_scores;
 use crate::table::Table;
@@ -23,33 +25,39 @@ const TERMINAL_WIDTH: usize = 110;
 pub struct ReportOptions {
     /// Whether the paper's numbers stand beside ours.
     pub paper: bool,
+    /// Whether bytes are checked, too, that no number comes from.
+    pub check_every_byte: bool,
     /// How many samples of the error against distance are held in memory at most: 4 to 8 bytes each. What is more lies in a
     /// temporary file meanwhile; the numbers are the same to the bit.
     pub samples_in_memory: usize,
 }
 
 impl Default for ReportOptions {
-    /// Without the paper's numbers; 4 MiB of samples at worst: few, so that memory is the same from the first hundred frames on
-    /// (beyond, counting over a file costs about as much time).
+    /// Without the paper's numbers; what is read is checked; 4 MiB of samples at worst: few, so that memory is the same from the first
+    /// hundred frames on (beyond, a file costs about as much time).
     fn default() -> Self {
-        Self { paper: false, samples_in_memory: 1 << 19 }
+        Self { paper: false, check_every_byte: false, samples_in_memory: 1 << 19 }
     }
 }
 
 /// What a report found.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Summary {
-    /// The table for a terminal; what is missing, and why, under it.
+    /// The table for a terminal, if a frame was scored; what is missing, and why, under it.
     pub text: String,
-    /// The same for programs: `recording` (its `condition`, `frames`, and in words what is wrong), `table` (a row an estimator and
-    /// pixel set), `learning_curves` (where each ended), `notes`.
+    /// The same for programs: `recording` (its `condition`, `frames`, `stages` with the frames of each, in words what is wrong, and
+    /// each damaged place), `table` (a row an estimator and pixel set), `learning_curves` (where each ended), `notes`.
     pub json: Json,
-    /// Whether something was scored: whether there are `scores.csv` and `table.*`.
+    /// Whether a frame was scored: whether there is `scores.csv`.
     pub scored: bool,
+    /// Whether there is a mean to show: whether there are `table.*`.
+    pub table: bool,
     /// Whether maps were kept to compare: whether there are `error_vs_distance.*` and `true_distances.csv`.
     pub distances: bool,
     /// How many learning curves there are.
     pub learning_curves: usize,
+    /// Whether bytes of the recording are not what was written; no number comes from there.
+    pub is_damaged: bool,
 }
 
 /// Analyses a recording and writes into `folder`: if something was scored, `scores.csv` and `table.{csv,md,tex,parquet}`; if its
@@ -60,7 +68,8 @@ pub struct Summary {
 /// is asked between frames and between files, on several threads.
 ///
 /// # Errors
-/// If the recording cannot be read or a file not be written; [`AnalysisError::Stopped`] once `stop` says so.
+/// If the recording cannot be read, or is damaged where a number would come from, or a file cannot be written;
+/// [`AnalysisError::Stopped`] once `stop` says so.
 pub fn report(
     recording: &Recording,
     folder: &Path,
@@ -73,42 +82,29 @@ pub fn report(
 fn analyse(recording: &Recording, options: &ReportOptions, output: Output<'_>) -> Result<Summary, AnalysisError> {
     let plan = recording.plan();
     let estimators = estimators(plan)?;
-    let curves = learning_curves(recording)?;
+    let mut written = Vec::new();
+    let (table, scored) = write_scores(recording, &estimators, options, output)?;
+    written.extend(scored.then_some("scores.csv"));
+    written.extend(table.is_some().then_some("table.*"));
+    let (distances, beyond) = write_distances(recording, &estimators, options, output)
+        .map_err(|error| error.but_whole(&written, output.folder))?;
+    written.extend(distances.then_some("error_vs_distance.*"));
+    let curves = learning_curves(recording).map_err(|error| error.but_whole(&written, output.folder))?;
     write_curves(&curves, output)?;
-    let ends: Vec<Json> = curves.iter().map(LearningCurve::end).collect();
-    let (condition, told) = condition(recording);
-    if estimators.is_empty() {
-        let mut notes = vec!["nothing was scored: no stage has a `score:`".to_owned()];
-        notes.extend(told);
-        let text = notes.iter().map(|note| format!("{note}\n")).collect();
-        let json = json!({ "recording": condition, "table": [], "learning_curves": ends, "notes": notes });
-        return Ok(Summary { text, json, scored: false, distances: false, learning_curves: curves.len() });
-    }
-    // The rows go before the samples come: what grows with the number of frames is never held beside them.
-    let table = {
-        let scores = reading::scores(recording, &estimators, output)?;
-        output.write_csv("scores.csv", &table_of_scores(&scores, &estimators))?;
-        let source = |run: usize, position: usize| recording.frames(run).get(position).and_then(|f| f.source_key);
-        Table::new(&plan.experiment, &scores, &estimators, options.paper, &source)
-    };
-    output.write_csv("table.csv", &table.long_form())?;
-    output.write_parquet("table.parquet", table.long_form())?;
-    output.write("table.md", table.markdown().as_bytes())?;
-    output.write("table.tex", table.latex().as_bytes())?;
+    let damage = if options.check_every_byte { recording.damage(output.stop) } else { Vec::new() };
+    output.go_on()?;
 
-    let distances = reading::distances(recording, &estimators, options.samples_in_memory, output)?;
-    if !distances.bins.is_empty() {
-        let bins = || table_of_bins(&distances.bins, &estimators);
-        output.write_csv("error_vs_distance.csv", &bins())?;
-        output.write_parquet("error_vs_distance.parquet", bins())?;
-        output.write_csv("true_distances.csv", &distances.table_of_truth())?;
-        let figure = Figure { estimators: &estimators, bins: &distances.bins, truth: &distances.truth };
-        output.write("error_vs_distance.svg", render(&figure).as_bytes())?;
+    let Told { json: condition, mut notes, is_damaged } =
+        condition::told(recording, &damage, scored || !curves.is_empty());
+    match (estimators.is_empty(), scored, &table) {
+        (true, ..) => notes.insert(0, "nothing was scored: no stage has a `score:`".to_owned()),
+        (_, false, _) => notes.insert(0, "no table: no frame was scored".to_owned()),
+        (_, _, None) => notes.insert(0, "no table: no frame has the scores of all estimators of its stage".to_owned()),
+        _ => {}
     }
-
-    let mut notes: Vec<String> = told.into_iter().chain(estimators.iter().filter_map(without_maps)).collect();
-    notes.extend(sparsely_kept(recording, &estimators, distances.bins.is_empty()));
-    for (estimator, beyond) in estimators.iter().zip(&distances.beyond).filter(|(_, beyond)| **beyond > 0) {
+    notes.extend(not_recorded(plan, &estimators));
+    notes.extend(sparsely_kept(recording, &estimators, !distances));
+    for (estimator, beyond) in estimators.iter().zip(&beyond).filter(|(_, beyond)| **beyond > 0) {
         let label = &estimator.label;
         notes.push(format!("error against distance of {label} leaves out {beyond} pixels beyond {FARTHEST_M} m"));
     }
@@ -118,65 +114,65 @@ fn analyse(recording: &Recording, options: &ReportOptions, output: Output<'_>) -
         let frames = if failed == 1 { "frame" } else { "frames" };
         notes.push(format!("{failed} {frames} failed somewhere; means are over the frames all estimators have"));
     }
-    let mut text = table.terminal(TERMINAL_WIDTH);
+    let mut text = table.as_ref().map_or_else(String::new, |table| table.terminal(TERMINAL_WIDTH));
     for note in &notes {
         text.push_str(&format!("note: {note}\n"));
     }
     let json = json!({
         "experiment": plan.experiment,
         "recording": condition,
-        "table": rows(&table),
-        "learning_curves": ends,
+        "table": table.as_ref().map_or_else(Vec::new, rows),
+        "learning_curves": curves.iter().map(LearningCurve::end).collect::<Vec<Json>>(),
         "notes": notes,
     });
-    let distances = !distances.bins.is_empty();
-    Ok(Summary { text, json, scored: true, distances, learning_curves: curves.len() })
+    Ok(Summary { text, json, scored, table: table.is_some(), distances, learning_curves: curves.len(), is_damaged })
 }
 
-/// What an estimator lacks to be compared pixel by pixel, if anything.
-fn without_maps(estimator: &Estimator) -> Option<String> {
-    let truth = match &estimator.truth {
-        Some(from) => format!("the truth `{}`", from.trim_start_matches('/')),
-        None => "the truth".to_owned(),
-    };
-    let missing = match (&estimator.estimate_topic, &estimator.truth_topic) {
-        (Some(_), Some(_)) => return None,
-        (Some(_), None) => format!("{truth} was not recorded: add it to `record:`"),
-        (None, Some(_)) => "the estimate was not recorded: add it to `record:`".to_owned(),
-        (None, None) => format!("neither the estimate nor {truth} was recorded: add both to `record:`"),
-    };
-    Some(format!("no error against distance of {}: {missing}", estimator.label))
-}
-
-/// That not every frame kept its maps, or that none did; nothing is said where no maps were to be kept.
-fn sparsely_kept(recording: &Recording, estimators: &[Estimator], none: bool) -> Option<String> {
-    let every = recording.plan().every;
-    if !none {
-        let note = |ordinal: String| {
-            format!("error against distance is of every {ordinal} frame: only their maps were recorded")
-        };
-        return (every > 1).then(|| note(ordinal(every)));
+/// Writes the scores by frame, if there are any, and the table of their means; gives the table, if it has a mean, and whether there are
+/// scores.
+fn write_scores(
+    recording: &Recording,
+    estimators: &[Estimator],
+    options: &ReportOptions,
+    output: Output<'_>,
+) -> Result<(Option<Table>, bool), AnalysisError> {
+    let plan = recording.plan();
+    let scores = reading::scores(recording, estimators, output)?;
+    if scores.is_empty() {
+        return Ok((None, false));
     }
-    let mut with_maps = estimators.iter().filter(|e| e.estimate_topic.is_some() && e.truth_topic.is_some());
-    let of = match every {
-        0 | 1 => "no frame has".to_owned(),
-        every => format!("maps were recorded of every {} frame only, and none of these has", ordinal(every)),
-    };
-    let note = || format!("no error against distance: {of} a pixel with both a truth and an answer");
-    with_maps.any(|estimator| !recording.frames(estimator.run).is_empty()).then(note)
+    output.write_csv("scores.csv", &table_of_scores(&scores, estimators, &plan.runs))?;
+    let source = |run: usize, position: usize| recording.frames(run).get(position).and_then(|f| f.source_key);
+    let table = Table::new(&plan.experiment, &scores, estimators, options.paper, &source);
+    if table.columns.iter().all(|column| column.frames == 0) {
+        return Ok((None, true));
+    }
+    output.write_csv("table.csv", &table.long_form())?;
+    output.write_parquet("table.parquet", table.long_form())?;
+    output.write("table.md", table.markdown().as_bytes())?;
+    output.write("table.tex", table.latex().as_bytes())?;
+    Ok((Some(table), true))
 }
 
-/// In what condition the recording is, for programs, and for people if it is not whole.
-fn condition(recording: &Recording) -> (Json, Option<String>) {
-    let frames: usize = (0..recording.plan().runs.len()).map(|run| recording.frames(run).len()).sum();
-    let condition = recording.condition();
-    let mut json = json!({ "condition": condition.name(), "frames": frames });
-    if *condition == Condition::Whole {
-        return (json, None);
+/// Writes the error against distance, if there are maps to compare; gives whether there are, and by estimator how many samples were too
+/// far.
+fn write_distances(
+    recording: &Recording,
+    estimators: &[Estimator],
+    options: &ReportOptions,
+    output: Output<'_>,
+) -> Result<(bool, Vec<u64>), AnalysisError> {
+    let distances = reading::distances(recording, estimators, options.samples_in_memory, output)?;
+    if distances.bins.is_empty() {
+        return Ok((false, distances.beyond));
     }
-    json["what"] = condition.to_string().into();
-    let s = if frames == 1 { "" } else { "s" };
-    (json, Some(format!("the recording is {condition}; all numbers are of its {frames} whole frame{s}")))
+    let bins = || table_of_bins(&distances.bins, estimators);
+    output.write_csv("error_vs_distance.csv", &bins())?;
+    output.write_parquet("error_vs_distance.parquet", bins())?;
+    output.write_csv("true_distances.csv", &distances.table_of_truth())?;
+    let figure = Figure { estimators, bins: &distances.bins, truth: &distances.truth };
+    output.write("error_vs_distance.svg", render(&figure).as_bytes())?;
+    Ok((true, distances.beyond))
 }
 
 /// Writes the points of the learning curves and their figure, if there are any.
@@ -187,18 +183,6 @@ fn write_curves(curves: &[LearningCurve], output: Output<'_>) -> Result<(), Anal
     output.write_csv("learning_curves.csv", &table_of_points(curves))?;
     output.write_parquet("learning_curves.parquet", table_of_points(curves))?;
     output.write("learning_curves.svg", crate::curves::render(curves).as_bytes())
-}
-
-/// `2nd`, `3rd`, `11th`.
-fn ordinal(number: u64) -> String {
-    let ending = match (number % 100, number % 10) {
-        (11..=13, _) => "th",
-        (_, 1) => "st",
-        (_, 2) => "nd",
-        (_, 3) => "rd",
-        _ => "th",
-    };
-    format!("{number}{ending}")
 }
 
 /// The table's columns as objects.

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use depthloom_recording::RecordedRun;
 use depthloom_scores::{SCORE_NAMES, ScoreRow};
 
 use crate::estimators::Estimator;
@@ -25,10 +26,17 @@ pub(crate) fn order_frame(rows: &mut [FrameScore]) {
     rows.sort_by_key(|score| (score.row.set, score.estimator));
 }
 
-/// The table `scores.csv` holds: `frame, estimator, scored_on, pixels`, then the eight scores; a score of no pixel is null.
-pub(crate) fn table_of_scores<'a>(rows: &'a [FrameScore], estimators: &'a [Estimator]) -> Sheet<'a> {
+/// The table `scores.csv` holds: `stage, position, frame, estimator, scored_on, pixels`, then the eight scores; a score of no pixel is
+/// null. No two rows have the same stage, position, estimator and `scored_on`, whatever frames are called.
+pub(crate) fn table_of_scores<'a>(
+    rows: &'a [FrameScore],
+    estimators: &'a [Estimator],
+    runs: &'a [RecordedRun],
+) -> Sheet<'a> {
     let labels = rows.iter().map(|score| estimators[score.estimator].label.as_str());
     let mut table = Sheet::new()
+        .with("stage", Cells::Text(rows.iter().map(|score| runs[estimators[score.estimator].run].name()).collect()))
+        .with("position", Cells::Count(rows.iter().map(|score| score.position as u64).collect()))
         .with("frame", Cells::Text(rows.iter().map(|score| &*score.frame).collect()))
         .with("estimator", Cells::Text(labels.collect()))
         .with("scored_on", Cells::Text(rows.iter().map(|score| score.row.set.name()).collect()))

@@ -284,6 +284,7 @@ mod tests {
             score_topic: None,
             estimate_topic: None,
             truth_topic: None,
+            estimate: None,
             truth: None,
         }
     }

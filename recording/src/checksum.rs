@@ -49,9 +49,14 @@ impl<'a> CrcBefore<'a> {
         Self { file, crc: Hasher::new(), at: 0, block: Vec::new() }
     }
 
+    /// Takes it as known that all bytes before a place have that CRC-32.
+    pub(crate) fn take_as_known(&mut self, offset: u64, crc: u32) {
+        (self.at, self.crc) = (offset, Hasher::new_with_initial(crc));
+    }
+
     /// The CRC-32 of all bytes before a place, which is not before the one asked for last.
     pub(crate) fn place(&mut self, offset: u64) -> Result<u32, RecordingError> {
-        const BLOCK: u64 = 1 << 20;
+        const BLOCK: u64 = 1 << 18;
         while self.at < offset {
             let length = BLOCK.min(offset - self.at);
             self.file.read_range(&mut self.block, self.at, length)?;

@@ -7,6 +7,7 @@ use depthloom_graphs::values::Curve;
 use prost::Message;
 
 use crate::chunk::{Part, messages_outside_frames};
+use crate::damage::Held;
 use crate::error::RecordingError;
 use crate::index::{ChunkEntry, Index};
 use crate::recording::Recording;
@@ -43,12 +44,14 @@ impl Recording {
         let mut points = Vec::new();
         let mut buffers = ChunkBuffers::default();
         for chunk in self.index.chunks.iter().filter(of_topic) {
-            buffers.each_message(&self.file, chunk, |message| {
-                let point = CurvePointMessage::decode(message.data);
-                let point = point.map_err(|error| format!("a message is no point of a learning curve: {error}"))?;
-                points.push(point.point().ok_or("a point of a learning curve has no loss or no learning rate")?);
-                Ok(())
-            })?;
+            buffers
+                .each_message(&self.file, chunk, |message| {
+                    let point = CurvePointMessage::decode(message.data);
+                    let point = point.map_err(|error| format!("a message is no point of a learning curve: {error}"))?;
+                    points.push(point.point().ok_or("a point of a learning curve has no loss or no learning rate")?);
+                    Ok(())
+                })
+                .map_err(|error| error.that_held(&Held::Curve(topic.to_owned())))?;
         }
         if points.len() as u64 != count {
             let what = format!("the learning curve {topic} has {} of its {count} points", points.len());

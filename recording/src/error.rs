@@ -3,6 +3,8 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
+use crate::damage::Held;
+
 /// Why a recording cannot be written or read.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordingError {
@@ -175,6 +177,22 @@ impl RecordingError {
             | Self::Plan { .. }
             | Self::Value { .. }
             | Self::Missing { .. } => None,
+        }
+    }
+
+    /// Whether bytes were found that are not what was written.
+    #[must_use]
+    pub const fn is_damage(&self) -> bool {
+        matches!(self, Self::Damaged { .. })
+    }
+
+    /// Says what the damaged bytes held.
+    pub(crate) fn that_held(self, held: &Held) -> Self {
+        match self {
+            Self::Damaged { path, offset, what } => {
+                Self::Damaged { path, offset, what: format!("{what}; it held {held}") }
+            }
+            other => other,
         }
     }
 

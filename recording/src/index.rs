@@ -38,6 +38,8 @@ pub(crate) struct ChannelEntry {
 pub(crate) struct MetadataEntry {
     pub(crate) name: String,
     pub(crate) values: BTreeMap<String, String>,
+    /// Where it starts.
+    pub(crate) offset: u64,
     /// The CRC-32 that all bytes before it had when it was written.
     pub(crate) crc_before: u32,
 }
@@ -51,11 +53,13 @@ pub(crate) struct Index {
     pub(crate) chunks: Vec<ChunkEntry>,
     pub(crate) attachments: Vec<AttachmentEntry>,
     pub(crate) metadata: Vec<MetadataEntry>,
+    /// Where the data ends, and the CRC-32 that all bytes before then had; `None` if that was not needed to find the rest.
+    pub(crate) data_end: Option<(u64, u32)>,
     pub(crate) channel_lists: BTreeMap<Vec<u16>, Arc<[u16]>>,
 }
 
 /// The record that ends the data, before the summary.
-const DATA_END: u64 = RECORD_HEADER + 4;
+pub(crate) const DATA_END: u64 = RECORD_HEADER + 4;
 /// A footer with its header, and the magic bytes after it.
 const FOOTER: u64 = RECORD_HEADER + 20 + MAGIC;
 pub(crate) const MAGIC: u64 = mcap::MAGIC.len() as u64;
@@ -73,7 +77,9 @@ impl Index {
         if crc != crc32fast::hash(checked).to_le_bytes() {
             return Err(file.damaged(start, "the summary's checksum differs"));
         }
-        let mut index = Self::default();
+        let mut crc = [0; 4];
+        file.read_exact(&mut crc, start - 4)?;
+        let mut index = Self { data_end: Some((start - DATA_END, u32::from_le_bytes(crc))), ..Self::default() };
         index.read_summary(file, start, &bytes[..bytes.len() - FOOTER as usize])?;
         index.channel_lists.clear();
         Ok(Some(index))
@@ -153,7 +159,7 @@ pub(crate) fn metadata_entry(file: &PositionedFile, offset: u64, body: &[u8]) ->
         }
     }
     let crc_before = unseal(&name, &values).ok_or_else(damaged)?;
-    Ok(MetadataEntry { name, values, crc_before })
+    Ok(MetadataEntry { name, values, offset, crc_before })
 }
 
 /// Where the summary starts, which ends with the file; `None` if the file's writer did not finish it.

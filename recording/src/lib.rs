@@ -65,7 +65,8 @@
 //! unchecked has ours: each metadata record holds `checksum`, over its name and its other entries, and it and each commit hold
 //! `crc32_before`, the CRC-32 of all bytes of the file before their record (of a commit: before its chunk). So a finished file is
 //! opened by its summary in little time, and a file without an end, or with a damaged one, is read once from its start and kept
-//! up to the last commit before which every byte is what was written. [`Recording::condition`] says which it was.
+//! up to the last commit before which every byte is what was written. [`Recording::condition`] says which it was. Of a finished file
+//! [`Recording::damage`] checks every byte, without decompressing one.
 //! No message is larger than 2 GiB, and no chunk; what would be is refused with its size, by writer and reader.
 //!
 //! A run that was interrupted, or failed, closes its file with a summary and with a metadata record `depthloom.ended` before it: any
@@ -82,6 +83,7 @@ mod chunk;
 mod compression;
 mod condition;
 mod curve;
+mod damage;
 mod digest;
 mod early_sync;
 mod error;
@@ -104,6 +106,7 @@ mod writer;
 pub use attachment::AttachmentEntry;
 pub use chunk::Part;
 pub use condition::Condition;
+pub use damage::{Damage, Held};
 pub use digest::digest;
 pub use error::RecordingError;
 pub use plan::{

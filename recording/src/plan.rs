@@ -184,6 +184,14 @@ impl RecordedPlan {
     }
 }
 
+impl RecordedRun {
+    /// What people call it: the stage, and the variant where its source differs between variants.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        self.prefix.trim_start_matches('/')
+    }
+}
+
 impl RecordedOutput {
     /// What it carries; `None` if a later version of the engine wrote a type this one does not know.
     #[must_use]

@@ -78,12 +78,14 @@ impl<'a> FrameReader<'a> {
                 continue;
             }
             let (channels, types) = (&self.channels, &self.types);
-            self.buffers.each_message(&recording.file, chunk, |message| {
+            let read = self.buffers.each_message(&recording.file, chunk, |message| {
                 for (_, schema, topic) in channels.iter().filter(|(channel, ..)| *channel == message.channel) {
                     gathered[*topic].take(*schema, types[*topic], message.data)?;
                 }
                 Ok(())
-            })?;
+            });
+            let is_read = |id: u16| channels.iter().any(|(channel, ..)| *channel == id);
+            read.map_err(|error| error.that_held(&recording.held_of_frame(self.run, position, chunk, is_read)))?;
         }
         Ok(gathered.into_iter().map(Gathered::into_value).collect())
     }

@@ -11,6 +11,7 @@ use prost::Message;
 
 use crate::attachment::AttachmentEntry;
 use crate::condition::Condition;
+use crate::damage::Held;
 use crate::error::RecordingError;
 use crate::file::PositionedFile;
 use crate::index::{ChunkEntry, Index, MAGIC, MetadataEntry};
@@ -90,6 +91,8 @@ pub struct Recording {
     frames: Vec<Vec<RecordedFrame>>,
     once: Vec<RecordedOnce>,
     committed: u64,
+    /// By commit: where its chunk starts, and the CRC-32 that all bytes before had.
+    pub(crate) sealed: Vec<(u64, u32)>,
     pub(crate) by_key: OnceLock<BTreeMap<Key, KeyedPlace>>,
 }
 
@@ -119,8 +122,8 @@ impl Recording {
             Err(RecordingError::Damaged { offset, what, .. }) => Found::without_summary(&file, Some((offset, what)))?,
             Err(error) => return Err(error),
         };
-        let Found { index, plan, frames, once, committed } = found;
-        Ok(Self { file, index, condition, plan, frames, once, committed, by_key: OnceLock::new() })
+        let Found { index, plan, frames, once, committed, sealed } = found;
+        Ok(Self { file, index, condition, plan, frames, once, committed, sealed, by_key: OnceLock::new() })
     }
 
     /// The file.
@@ -183,7 +186,7 @@ impl Recording {
             path: self.file.path.clone(),
             what: format!("attachment `{name}`"),
         })?;
-        entry.read(&self.file)
+        entry.read(&self.file).map_err(|error| error.that_held(&Held::Attachment(name.to_owned())))
     }
 }
 
@@ -194,6 +197,7 @@ struct Found {
     frames: Vec<Vec<RecordedFrame>>,
     once: Vec<RecordedOnce>,
     committed: u64,
+    sealed: Vec<(u64, u32)>,
 }
 
 impl Found {
@@ -201,7 +205,7 @@ impl Found {
         let plan = read_plan(file, &index)?;
         let once = read_once(file, &index, &plan)?;
         let frames = vec![Vec::new(); plan.runs.len()];
-        let mut found = Self { index, plan, frames, once, committed: 0 };
+        let mut found = Self { index, plan, frames, once, committed: 0, sealed: Vec::new() };
         found.read_commits(file)?;
         Ok(found)
     }
@@ -250,7 +254,7 @@ impl Found {
                 found = Some(committed(message.time_ns, message.data, chunks.clone())?);
                 Ok(())
             })?;
-            let (run, frame) = found.ok_or_else(|| file.damaged(chunk.start, "a commit chunk is empty"))?;
+            let (run, frame, crc_before) = found.ok_or_else(|| file.damaged(chunk.start, "a commit chunk is empty"))?;
             let nodes = self.plan.runs.get(run).map_or(0, |run| run.nodes.len());
             let mut of_nodes =
                 frame.keys.iter().map(|of| of.node).chain(frame.failures.iter().filter_map(|of| of.node));
@@ -261,12 +265,14 @@ impl Found {
                 .push(frame);
             first = position + 1;
             self.committed = chunk.end;
+            self.sealed.push((chunk.start, crc_before));
         }
         Ok(())
     }
 }
 
-fn committed(time_ns: u64, message: &[u8], chunks: Range<usize>) -> Result<(usize, RecordedFrame), String> {
+/// The stage run of a frame, the frame, and the CRC-32 that all bytes before its commit had.
+fn committed(time_ns: u64, message: &[u8], chunks: Range<usize>) -> Result<(usize, RecordedFrame, u32), String> {
     let commit = CommitMessage::decode(message).map_err(|error| format!("a commit record is none: {error}"))?;
     let frame = RecordedFrame {
         id: commit.frame.as_str().into(),
@@ -277,7 +283,7 @@ fn committed(time_ns: u64, message: &[u8], chunks: Range<usize>) -> Result<(usiz
         failures: commit.failures(),
         chunks,
     };
-    Ok((commit.run as usize, frame))
+    Ok((commit.run as usize, frame, commit.crc32_before))
 }
 
 fn read_plan(file: &PositionedFile, index: &Index) -> Result<RecordedPlan, RecordingError> {

@@ -5,7 +5,7 @@ use crate::Settings;
 /// The pixels of a frame whose truth is scored: found once, used for every estimate of the frame.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ScoredPixels {
-    /// Row-major positions, ascending.
+    /// Row-major positions.
     at: Vec<u32>,
     /// The truth there, metres.
     truth_m: Vec<f32>,
@@ -43,6 +43,27 @@ impl ScoredPixels {
         Self { at, truth_m: truths, of: truth_m.len() }
     }
 
+    /// The same pixels by whole metres of their truth, within a metre as they were; what is `farthest_m` away or farther comes last,
+    /// as one metre. For what depends on no order: sums do, in their last bits.
+    #[must_use]
+    pub fn by_metre(&self, farthest_m: u32) -> Self {
+        let metre = |t: f32| (t as u32).min(farthest_m) as usize;
+        let mut next = vec![0; farthest_m as usize + 2];
+        self.truth_m.iter().for_each(|&t| next[metre(t) + 1] += 1);
+        let mut before = 0;
+        for place in &mut next {
+            before += *place;
+            *place = before;
+        }
+        let mut sorted = Self { at: vec![0; self.len()], truth_m: vec![0.0; self.len()], of: self.of };
+        for (&at, &t) in self.at.iter().zip(&self.truth_m) {
+            let place = &mut next[metre(t)];
+            (sorted.at[*place], sorted.truth_m[*place]) = (at, t);
+            *place += 1;
+        }
+        sorted
+    }
+
     /// How many pixels are scored.
     #[must_use]
     pub fn len(&self) -> usize {
@@ -55,19 +76,20 @@ impl ScoredPixels {
         self.at.is_empty()
     }
 
-    /// Where the scored pixels are: row-major positions in the image, ascending.
+    /// Where the scored pixels are: row-major positions in the image, ascending unless they were [put in another
+    /// order](Self::by_metre).
     #[must_use]
     pub fn positions(&self) -> &[u32] {
         &self.at
     }
 
-    /// The truth at the scored pixels, metres, in row-major order.
+    /// The truth at the scored pixels, metres, in the same order.
     #[must_use]
     pub fn truth_m(&self) -> &[f32] {
         &self.truth_m
     }
 
-    /// Calls `f(t, y)` for every scored pixel with an answer, in row-major order: the truth, and the estimate as it is scored
+    /// Calls `f(t, y)` for every scored pixel with an answer, in order: the truth, and the estimate as it is scored
     /// (median scaled if asked for, clamped), both in metres; and `missing(t)` for every one without.
     ///
     /// # Panics
@@ -91,7 +113,7 @@ impl ScoredPixels {
         }
     }
 
-    /// Calls `f(t, e)` for every scored pixel with an answer, in row-major order: the truth and the absolute error
+    /// Calls `f(t, e)` for every scored pixel with an answer, in order: the truth and the absolute error
     /// `e = |y - t|` of the estimate as it is scored (median scaled if asked for, clamped), metres.
     ///
     /// # Panics
@@ -141,6 +163,15 @@ mod tests {
         let pixels = ScoredPixels::new(&truth, 1242, 375, &settings);
         assert_eq!(pixels.len(), (371 - 153) * (1197 - 44));
         assert_eq!((pixels.at[0], pixels.at[pixels.len() - 1]), (153 * 1242 + 44, 370 * 1242 + 1196));
+    }
+
+    #[test]
+    fn pixels_by_metre_are_the_same_pixels() {
+        let truth = [3.5, 9.0, 3.25, f32::NAN, 70.0, 1.0, 60.0, 3.75];
+        let pixels = ScoredPixels::new(&truth, 4, 2, &Settings::default()).by_metre(50);
+        assert_eq!(pixels.positions(), [5, 0, 2, 7, 1, 4, 6]);
+        assert_eq!(pixels.truth_m(), [1.0, 3.5, 3.25, 3.75, 9.0, 70.0, 60.0]);
+        assert!(ScoredPixels::default().by_metre(50).is_empty());
     }
 
     #[test]

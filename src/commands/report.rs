@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use depthloom_analysis::{AnalysisError, ReportOptions, Summary, Timing};
 use depthloom_graphs::plan::Plan;
-use depthloom_recording::{Condition, Recorder, Recording};
+use depthloom_recording::{Recorder, Recording};
 use depthloom_runner::{Interrupt, Phase};
 
 use crate::args::{ReportArgs, TimingsArgs};
@@ -28,16 +28,18 @@ pub fn report(args: &ReportArgs) -> Result<Exit, Stop> {
     std::fs::create_dir_all(&out)
         .map_err(|error| Stop::because(Exit::Before, format_args!("failed to create {}", out.display()), &error))?;
     let _lock = run_folder::lock_if_run(&out)?;
-    let recording = Recording::open(&path)
-        .map_err(|error| Stop::because(Exit::Before, format_args!("failed to open {}", path.display()), &error))?;
-    models::write(&recording, &out)?;
-    let report =
-        analyse(&recording, &out, &ReportOptions { paper: args.paper, ..ReportOptions::default() }, &interrupt)?;
+    let recording = Recording::open(&path).map_err(|error| {
+        Stop::because(Exit::Before, format_args!("failed to open {}", path.display()), &error)
+            .known_remedy(error.remedy())
+    })?;
+    let options = ReportOptions { paper: args.paper, check_every_byte: true, ..ReportOptions::default() };
+    let report = analyse(&recording, &out, &options, &interrupt)?;
+    let but_whole = |stop: Stop| stop.also(format!("tables and plots are whole in {}", out.display()));
+    models::write(&recording, &out).map_err(but_whole)?;
     let printed = if args.json { print_json(&report.json) } else { print(summary(&report, &out)) };
-    printed.map_err(|stop| stop.also(format!("tables and plots are whole in {}", out.display())))?;
+    printed.map_err(but_whole)?;
     // An unfinished recording is what was asked for; a damaged one is not what was written.
-    let is_damaged = matches!(recording.condition(), Condition::Damaged { .. });
-    Ok(if is_damaged { Exit::Frames } else { Exit::Whole })
+    Ok(if report.is_damaged { Exit::Frames } else { Exit::Whole })
 }
 
 /// Analyses a recording until it is done or asked to stop.
@@ -54,7 +56,10 @@ pub fn analyse(
     depthloom_analysis::report(recording, folder, options, &|| interrupt.stops_admission()).map_err(|error| match error
     {
         AnalysisError::Stopped => interrupted(),
-        error => Stop::because(Exit::Engine, "failed to analyse the recording", &error),
+        error => {
+            let exit = if error.is_damage() { Exit::Frames } else { Exit::Engine };
+            Stop::because(exit, "failed to analyse the recording", &error).known_remedy(error.remedy())
+        }
     })
 }
 
@@ -101,16 +106,16 @@ fn runs_below(folder: &Path, depth: u32) -> Vec<PathBuf> {
 /// The table, and where the rest is.
 pub fn summary(report: &Summary, folder: &Path) -> String {
     let files = [
-        (true, "every intermediate", "recording.mcap (opens in Foxglove and Rerun)"),
+        (folder.join(RECORDING).is_file(), "what was recorded", "recording.mcap (opens in Foxglove and Rerun)"),
         (report.scored, "scores per frame", "scores.csv"),
-        (report.scored, "this table", "table.{csv,md,tex,parquet}"),
+        (report.table, "this table", "table.{csv,md,tex,parquet}"),
         (report.distances, "error against distance", "error_vs_distance.{csv,parquet,svg}"),
         (report.learning_curves > 0, "learning curves", "learning_curves.{csv,parquet,svg}"),
         (folder.join(models::FOLDER).is_dir(), "learnt models", "models/<stage>.<node>.onnx"),
     ];
     let there = files.iter().filter(|(is_there, ..)| *is_there);
     let list: String = there.map(|(_, what, file)| format!("  {what:24}{file}\n")).collect();
-    format!("{}\nin {}:\n{list}", report.text, folder.display())
+    if list.is_empty() { report.text.clone() } else { format!("{}\nin {}:\n{list}", report.text, folder.display()) }
 }
 
 /// Prints core-milliseconds per frame by node, encoding, compression and writing.

@@ -3,14 +3,16 @@
 use polars::frame::DataFrame;
 use polars::prelude::{Column, DataType, IntoLazy, NamedFrom, PolarsResult, QuantileMethod, Series, col, len, lit};
 
-use super::samples::{Which, error_from_bits};
+use super::samples::{Which, error_bits, error_from_bits};
 use super::{PERCENTILES, Spread};
 
 /// By metre: how the errors spread. Needs [polars' threads](crate::threads).
 pub(super) fn spreads(which: Which, held: &[Vec<u32>]) -> PolarsResult<Vec<Option<Spread>>> {
     let (mut bins, mut errors) = (Vec::new(), Vec::new());
     for (metre, samples) in held.iter().enumerate() {
-        errors.extend(samples.iter().filter_map(|sample| which.bits(*sample)).map(error_from_bits));
+        errors.extend(
+            samples.iter().filter(|sample| which.has(**sample)).map(|sample| error_from_bits(error_bits(*sample))),
+        );
         bins.resize(errors.len(), metre as u32);
     }
     let height = bins.len();

@@ -3,13 +3,14 @@
 use depthloom_scores::{ScoredPixels, Settings};
 
 use super::spill::Spill;
-use super::{DistanceBin, FARTHEST_M, PERCENTILES, Spread, between, in_memory, position, selection};
+use super::{DistanceBin, FARTHEST_M, Spread, in_memory, selection, sorting};
 use crate::error::AnalysisError;
 use crate::files::Output;
 use crate::threads;
 
-/// The bit of a sample that says: not all that are compared answered this pixel. An error's own sign is never needed.
-const ALONE: u32 = 1 << 31;
+/// The lowest bit of a sample, which says: not all that are compared answered this pixel. The error's bits stand above it, so that
+/// samples sort as their errors do; an error's own sign is never needed.
+const ALONE: u32 = 1;
 
 /// An error of zero or more as an integer that sorts as it does; f32 holds it to 6e-8 of itself, 5 micrometres at 80 m.
 pub(super) const fn bits_from_error(error_m: f64) -> u32 {
@@ -19,6 +20,16 @@ pub(super) const fn bits_from_error(error_m: f64) -> u32 {
 /// The error of [`bits_from_error`], metres.
 pub(super) const fn error_from_bits(bits: u32) -> f32 {
     f32::from_bits(bits)
+}
+
+/// A sample: an error, and whether all that are compared answered its pixel.
+pub(super) const fn sample(error_m: f64, is_shared: bool) -> u32 {
+    bits_from_error(error_m) << 1 | if is_shared { 0 } else { ALONE }
+}
+
+/// The bits of a sample's error.
+pub(super) const fn error_bits(sample: u32) -> u32 {
+    sample >> 1
 }
 
 /// Which of an estimator's samples.
@@ -31,27 +42,23 @@ pub(super) enum Which {
 }
 
 impl Which {
-    /// The error's bits of a sample that is one of these.
-    pub(super) const fn bits(self, sample: u32) -> Option<u32> {
-        match self {
-            Self::Shared if sample & ALONE != 0 => None,
-            Self::Answered | Self::Shared => Some(sample & !ALONE),
-        }
+    /// Whether a sample is one of these.
+    pub(super) const fn has(self, sample: u32) -> bool {
+        matches!(self, Self::Answered) || sample & ALONE == 0
     }
 }
 
 /// Collects the samples of all estimators, with no more than a given number of them in memory.
 ///
 /// A sample takes 4 bytes, 8 at worst while its bin grows. When more than `at_most` are held, all go to a [temporary
-/// file](Spill), and the percentiles are later found [by counting](super::selection): exact, and with memory that depends on
-/// neither frames nor pixels. If all fit, [polars takes them](super::in_memory); they are sorted here where the system gives
-/// polars no threads. All three ways give the same bits.
+/// file](Spill), from which as many metres as fit are read back at a time and [sorted](super::sorting); one metre of which more
+/// than `at_most` were taken is found [by counting](super::selection): exact, and with memory that depends on neither frames nor
+/// pixels. If all fit, [polars takes them](super::in_memory); they are sorted where the system gives polars no threads. All ways
+/// give the same bits.
 pub(crate) struct Samples<'a> {
     output: Output<'a>,
-    /// By estimator and metre of true distance: the errors' bits.
+    /// By estimator and metre of true distance.
     held: Vec<Vec<Vec<u32>>>,
-    /// By estimator: whether a sample is not [shared](Which::Shared).
-    any_alone: Vec<bool>,
     /// By estimator: how many samples were too far.
     beyond: Vec<u64>,
     count: usize,
@@ -63,15 +70,19 @@ pub(crate) struct Samples<'a> {
 #[derive(Default)]
 pub(crate) struct FrameSamples(Vec<OfEstimator>);
 
-/// An estimator, its samples by metre and error, and how many were too far.
+/// The samples of an estimator on a frame.
 struct OfEstimator {
     estimator: usize,
-    samples: Vec<(u32, u32)>,
+    samples: Vec<u32>,
+    /// Metres, nearest first, and where among the samples each ends.
+    ends: Vec<(usize, usize)>,
+    /// How many were too far.
     beyond: u64,
 }
 
 impl FrameSamples {
-    /// Adds the answered pixels of an estimate; `shared` says of each scored pixel whether all that are compared answered it.
+    /// Adds the answered pixels of an estimate; `shared` says of each scored pixel whether all that are compared answered it. The pixels
+    /// are [by metre](ScoredPixels::by_metre).
     pub(crate) fn add(
         &mut self,
         estimator: usize,
@@ -81,48 +92,49 @@ impl FrameSamples {
         shared: &[bool],
     ) {
         let mut samples = Vec::with_capacity(pixels.len());
+        let mut ends = Vec::new();
         let mut beyond = 0;
+        let mut now = 0;
         // The same pixels in the same order as their errors come.
         let answered = pixels.positions().iter().zip(shared).filter(|(at, _)| estimate_m[**at as usize].is_finite());
         let mut answered = answered.map(|(_, shared)| *shared);
         pixels.absolute_errors(estimate_m, settings, |truth_m, error_m| {
-            let alone = if answered.next() == Some(true) { 0 } else { ALONE };
-            match truth_m as u32 {
-                metre if metre < FARTHEST_M => samples.push((metre, bits_from_error(error_m) | alone)),
-                _ => beyond += 1,
+            let is_shared = answered.next() == Some(true);
+            let metre = truth_m as u32;
+            if metre >= FARTHEST_M {
+                beyond += 1;
+                return;
             }
+            if metre != now {
+                ends.push((now as usize, samples.len()));
+                now = metre;
+            }
+            samples.push(sample(error_m, is_shared));
         });
-        self.0.push(OfEstimator { estimator, samples, beyond });
+        ends.push((now as usize, samples.len()));
+        self.0.push(OfEstimator { estimator, samples, ends, beyond });
     }
 }
 
 impl<'a> Samples<'a> {
     /// Samples of so many estimators, at most `at_most` of them in memory.
     pub(crate) fn new(estimators: usize, at_most: usize, output: Output<'a>) -> Self {
-        Self {
-            output,
-            held: vec![Vec::new(); estimators],
-            any_alone: vec![false; estimators],
-            beyond: vec![0; estimators],
-            count: 0,
-            at_most,
-            spill: None,
-        }
+        Self { output, held: vec![Vec::new(); estimators], beyond: vec![0; estimators], count: 0, at_most, spill: None }
     }
 
     /// Takes the samples of a frame.
     pub(crate) fn take(&mut self, frame: FrameSamples) -> Result<(), AnalysisError> {
-        for OfEstimator { estimator, samples, beyond } in frame.0 {
+        for OfEstimator { estimator, samples, ends, beyond } in frame.0 {
             let bins = &mut self.held[estimator];
             self.count += samples.len();
             self.beyond[estimator] += beyond;
-            for (metre, bits) in samples {
-                let metre = metre as usize;
+            let mut start = 0;
+            for (metre, end) in ends {
                 if metre >= bins.len() {
                     bins.resize_with(metre + 1, Vec::new);
                 }
-                bins[metre].push(bits);
-                self.any_alone[estimator] |= bits & ALONE != 0;
+                bins[metre].extend_from_slice(&samples[start..end]);
+                start = end;
             }
         }
         if self.count > self.at_most { self.spill() } else { Ok(()) }
@@ -141,41 +153,48 @@ impl<'a> Samples<'a> {
         let mut bins = Vec::new();
         for estimator in 0..self.held.len() {
             self.output.go_on()?;
-            let whiches: &[Which] =
-                if self.any_alone[estimator] { &[Which::Answered, Which::Shared] } else { &[Which::Answered] };
-            let mut spreads = match &self.spill {
-                Some(spill) => selection::spreads(whiches, |f| {
-                    spill.visit(estimator, &mut |metre, samples| {
-                        self.output.go_on()?;
-                        f(metre, samples);
-                        Ok(())
-                    })
-                })?,
-                None => {
-                    let held = &self.held[estimator];
-                    let spreads = |which: &Which| {
-                        if threads::are_there() {
-                            in_memory::spreads(*which, held).map_err(AnalysisError::compute("the percentiles"))
-                        } else {
-                            Ok(sorted_spreads(*which, held))
-                        }
-                    };
-                    whiches.iter().map(spreads).collect::<Result<_, _>>()?
-                }
+            let spreads = match &self.spill {
+                Some(spill) => self.of_spill(spill, estimator)?,
+                None => of_memory(std::mem::take(&mut self.held[estimator]))?,
             };
-            self.held[estimator] = Vec::new();
-            let shared = if spreads.len() > 1 { spreads.pop() } else { None };
-            for (metre, answered) in spreads.into_iter().flatten().enumerate() {
-                let Some(answered) = answered else { continue };
-                let shared = match &shared {
-                    Some(shared) => shared.get(metre).copied().flatten(),
-                    // All its samples are shared.
-                    None => Some(answered),
-                };
-                bins.push(DistanceBin { estimator, bin_m: metre as u32, answered, shared });
+            for (bin_m, [answered, shared]) in (0..).zip(spreads) {
+                bins.extend(answered.map(|answered| DistanceBin { estimator, bin_m, answered, shared }));
             }
         }
         Ok(bins)
+    }
+
+    /// How the samples of an estimator in the file spread, by metre.
+    fn of_spill(&self, spill: &Spill, estimator: usize) -> Result<Vec<[Option<Spread>; 2]>, AnalysisError> {
+        let counts = spill.counts(estimator);
+        let mut spreads = Vec::with_capacity(counts.len());
+        while spreads.len() < counts.len() {
+            let (first, mut together) = (spreads.len(), 0);
+            let fits = |count: &&u64| {
+                together += **count;
+                together <= self.at_most as u64
+            };
+            let mut held: Vec<Vec<u32>> =
+                counts[first..].iter().take_while(fits).map(|count| Vec::with_capacity(*count as usize)).collect();
+            if held.is_empty() {
+                let visit = |f: &mut dyn FnMut(&[u32])| {
+                    spill.visit(estimator, first..first + 1, &mut |_, samples| {
+                        self.output.go_on()?;
+                        f(samples);
+                        Ok(())
+                    })
+                };
+                spreads.push(selection::spreads(visit)?);
+                continue;
+            }
+            spill.visit(estimator, first..first + held.len(), &mut |metre, samples| {
+                held[metre - first].extend_from_slice(samples);
+                Ok(())
+            })?;
+            self.output.go_on()?;
+            spreads.extend(held.into_iter().map(sorting::spreads));
+        }
+        Ok(spreads)
     }
 
     /// Appends what is held to the file.
@@ -194,23 +213,16 @@ impl<'a> Samples<'a> {
     }
 }
 
-/// By metre: how the errors spread.
-fn sorted_spreads(which: Which, held: &[Vec<u32>]) -> Vec<Option<Spread>> {
-    let spread = |samples: &Vec<u32>| {
-        let mut sorted: Vec<u32> = samples.iter().filter_map(|sample| which.bits(*sample)).collect();
-        if sorted.is_empty() {
-            return None;
-        }
-        sorted.sort_unstable();
-        let count = sorted.len() as u64;
-        let percentiles_m = PERCENTILES.map(|percentile| {
-            let (below, share) = position(percentile, count);
-            let error = |rank: u64| error_from_bits(sorted[rank as usize]);
-            between(error(below), error((below + 1).min(count - 1)), share)
-        });
-        Some(Spread { count, percentiles_m })
-    };
-    held.iter().map(spread).collect()
+/// How samples in memory spread, by metre.
+fn of_memory(held: Vec<Vec<u32>>) -> Result<Vec<[Option<Spread>; 2]>, AnalysisError> {
+    if !threads::are_there() {
+        return Ok(held.into_iter().map(sorting::spreads).collect());
+    }
+    let spreads = |which| in_memory::spreads(which, &held).map_err(AnalysisError::compute("the percentiles"));
+    let answered = spreads(Which::Answered)?;
+    let all_are_shared = held.iter().flatten().all(|sample| Which::Shared.has(*sample));
+    let shared = if all_are_shared { answered.clone() } else { spreads(Which::Shared)? };
+    Ok(answered.into_iter().zip(shared).map(|(answered, shared)| [answered, shared]).collect())
 }
 
 #[cfg(test)]
@@ -258,7 +270,7 @@ mod tests {
         let settings = Settings::default();
         let mut samples = Samples::new(2, at_most, Output { folder: folder.path(), stop: &|| false });
         for (truth, estimates) in frames {
-            let pixels = ScoredPixels::new(truth, truth.len(), 1, &settings);
+            let pixels = ScoredPixels::new(truth, truth.len(), 1, &settings).by_metre(FARTHEST_M);
             let both = |at: &u32| estimates.iter().all(|estimate| estimate[*at as usize].is_finite());
             let shared: Vec<bool> = pixels.positions().iter().map(both).collect();
             let mut frame = FrameSamples::default();
@@ -308,10 +320,7 @@ mod tests {
             let in_memory = collected(&frames, usize::MAX);
             prop_assert!(same(&in_memory, &frames), "{in_memory:?}");
             prop_assert_eq!(&collected(&frames, 50), &in_memory, "to the bit");
-            let held = [(0..40).map(|i| bits_from_error(f64::from(i * i) * 0.3) | u32::from(i % 3 == 0) << 31).collect(), Vec::new()];
-            for which in [Which::Answered, Which::Shared] {
-                prop_assert_eq!(sorted_spreads(which, &held), in_memory::spreads(which, &held).unwrap(), "to the bit");
-            }
+            prop_assert_eq!(&collected(&frames, 0), &in_memory, "to the bit, all by counting");
         }
     }
 
@@ -334,7 +343,7 @@ mod tests {
     fn what_is_too_far_to_count_is_left_out_and_counted() {
         let settings = Settings { max_m: 1e30, ..Settings::default() };
         let truth = [5.0, 1e9, 4095.5, 4096.0];
-        let pixels = ScoredPixels::new(&truth, 4, 1, &settings);
+        let pixels = ScoredPixels::new(&truth, 4, 1, &settings).by_metre(FARTHEST_M);
         let mut frame = FrameSamples::default();
         frame.add(0, &pixels, &[6.0; 4], &settings, &[true; 4]);
         let mut samples = Samples::new(1, 10, Output { folder: std::path::Path::new("."), stop: &|| false });

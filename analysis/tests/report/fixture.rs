@@ -145,11 +145,31 @@ pub const fn has_truth(index: u64) -> bool {
     index + 1 != FRAMES
 }
 
+/// The plan with a stage `learn` before it that scores nothing, on the same source.
+pub fn plan_of_two_stages() -> Plan {
+    let mut plan = plan(1, true);
+    let mut learn = plan.runs[0].clone();
+    (learn.stage, learn.prefix) = ("learn".to_owned(), "/learn".to_owned());
+    learn.estimates.clear();
+    let outputs = learn.nodes.iter_mut().flat_map(|node| &mut node.outputs).chain(&mut learn.source.outputs);
+    outputs.for_each(|output| output.topic = output.topic.replace("/compare/", "/learn/"));
+    plan.runs.insert(0, learn);
+    plan
+}
+
+/// Records so many frames of each stage run, and is killed.
+pub fn record_unfinished(path: &Path, plan: &Plan, frames: &[u64]) {
+    let recorder = Recorder::create(path, plan).unwrap();
+    for (run, frames) in frames.iter().enumerate() {
+        (0..*frames).for_each(|index| record_frame(&recorder, run, index));
+    }
+}
+
 /// Records the fixture.
 pub fn record(path: &Path, plan: &Plan) {
     let recorder = Recorder::create(path, plan).unwrap();
     for index in 0..FRAMES {
-        record_frame(&recorder, index);
+        record_frame(&recorder, 0, index);
     }
     for (node, _) in plan.runs[0].nodes.iter().enumerate().filter(|(_, node)| node.contract == Contract::Once) {
         recorder.once(0, Slot::Node { node, port: 0 }, &Key::of_content(b"teacher"), &curve().into()).unwrap();
@@ -157,7 +177,7 @@ pub fn record(path: &Path, plan: &Plan) {
     recorder.finish(&[]).unwrap();
 }
 
-fn record_frame(recorder: &Recorder, index: u64) {
+fn record_frame(recorder: &Recorder, run: usize, index: u64) {
     let frame = Frame::at_10_hz(format!("{index:06}_10"), index);
     let depth = |metres: &[f32]| -> Value {
         Depth { metres: Raster::from_raw(SIZE.0, SIZE.1, metres.to_vec()).unwrap() }.into()
@@ -172,14 +192,14 @@ fn record_frame(recorder: &Recorder, index: u64) {
     values.extend(there().map(|i| (Slot::Node { node: i, port: 0 }, depth(&estimates[i]))));
     let scored = there().filter(|_| has_truth(index));
     values.extend(scored.map(|i| (Slot::Node { node: ESTIMATORS.len() + i, port: 0 }, rows[i].clone().into())));
-    let parts = (0..recorder.parts(0)).map(|part| {
+    let parts = (0..recorder.parts(run)).map(|part| {
         let of_part: Vec<_> =
-            values.iter().filter(|(slot, _)| recorder.part(0, *slot) == Some(part)).cloned().collect();
-        recorder.encode(0, (index as usize, &frame), part, &of_part).unwrap()
+            values.iter().filter(|(slot, _)| recorder.part(run, *slot) == Some(part)).cloned().collect();
+        recorder.encode(run, (index as usize, &frame), part, &of_part).unwrap()
     });
     let parts = parts.collect();
     let failed = (0..ESTIMATORS.len()).filter(|&i| !answered(index, i));
     let failures: Vec<Failure> = failed.map(|node| Failure { node: Some(node), what: "failed".to_owned() }).collect();
     let source_key = Some(Key::build("source").number(index).finish());
-    recorder.write(&Commit { run: 0, frame: &frame, source_key, keys: &[], failures: &failures }, parts).unwrap();
+    recorder.write(&Commit { run, frame: &frame, source_key, keys: &[], failures: &failures }, parts).unwrap();
 }

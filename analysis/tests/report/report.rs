@@ -7,13 +7,18 @@ use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use depthloom_analysis::{AnalysisError, ReportOptions, Summary, report};
+use depthloom_graphs::contracts::Slot;
+use depthloom_graphs::plan::{From as Wire, Plan, PlannedInput};
+use depthloom_graphs::{Port, ValueType};
 use depthloom_recording::Recording;
 use depthloom_scores::PixelSet;
+use serde_json::json;
 
 use crate::fixture::{self, ESTIMATORS, FRAMES};
 
-/// The columns of `../shared/oracle/golden/ground_plane/scores.csv`.
-const SCORE_COLUMNS: &str = "frame,estimator,scored_on,pixels,a1,a2,a3,abs_rel,sq_rel,rmse,rmse_log,silog";
+/// What tells rows apart, then the columns of `../shared/oracle/golden/ground_plane/scores.csv`.
+const SCORE_COLUMNS: &str =
+    "stage,position,frame,estimator,scored_on,pixels,a1,a2,a3,abs_rel,sq_rel,rmse,rmse_log,silog";
 const FILES: [&str; 9] = [
     "error_vs_distance.csv",
     "error_vs_distance.parquet",
@@ -56,14 +61,15 @@ fn scores_are_those_that_were_recorded_in_the_oracles_order() {
         for (set, estimators) in [(PixelSet::All, [2, 0, 1].as_slice()), (PixelSet::Answered, &[2])] {
             for &i in estimators.iter().filter(|&&i| fixture::answered(index, i)) {
                 let row = rows[i].iter().find(|row| row.set == set).unwrap();
-                expected.push((format!("{index:06}_10"), ESTIMATORS[i].0, *row));
+                expected.push((index, ESTIMATORS[i].0, *row));
             }
         }
     }
     assert_eq!(written.len() - 1, expected.len());
-    for (cells, (frame, label, row)) in written[1..].iter().zip(expected) {
-        assert_eq!(cells[..4], [frame, label.to_owned(), row.set.to_string(), row.pixels.to_string()]);
-        let scores: Vec<f64> = cells[4..].iter().map(|cell| number(cell)).collect();
+    for (cells, (index, label, row)) in written[1..].iter().zip(expected) {
+        assert_eq!(cells[..3], ["compare".to_owned(), index.to_string(), format!("{index:06}_10")]);
+        assert_eq!(cells[3..6], [label.to_owned(), row.set.to_string(), row.pixels.to_string()]);
+        let scores: Vec<f64> = cells[6..].iter().map(|cell| number(cell)).collect();
         assert_eq!(scores, row.scores());
     }
 }
@@ -234,12 +240,13 @@ fn learning_curves_are_those_that_were_recorded() {
 fn maps_that_were_not_recorded_are_said() {
     let folder = tempfile::tempdir().unwrap();
     let summary = report_of(folder.path(), 1, false, ReportOptions::default());
-    assert!(summary.text.contains("no error against distance of b/mono"), "{}", summary.text);
+    let note = "no error against distance of b/mono: the estimate was not recorded: add it to `record:`";
+    assert!(summary.text.contains(note), "{}", summary.text);
     let written = lines(&folder.path().join("report/error_vs_distance.csv"));
     assert!(written[1..].iter().all(|cells| cells[0] != "b/mono"));
     // Its scores are there all the same.
     let scores = lines(&folder.path().join("report/scores.csv"));
-    assert!(scores.iter().any(|cells| cells[1] == "b/mono"));
+    assert!(scores.iter().any(|cells| cells[3] == "b/mono"));
 }
 
 #[test]
@@ -252,4 +259,89 @@ fn scores_of_frames_whose_maps_were_not_kept_count() {
     let samples: f64 = written[1..].iter().filter(|cells| cells[0] == "a/mono").map(|cells| number(&cells[2])).sum();
     let scored = |index| fixture::maps(index)[0].iter().filter(|t| **t < 80.0).count() as f64;
     assert_eq!(samples, [0, 3, 6].map(scored).iter().sum::<f64>());
+}
+
+/// A report of a recording whose run was killed.
+fn report_of_killed(folder: &Path, plan: &Plan, frames: &[u64]) -> (Summary, Vec<String>) {
+    let path = folder.join("recording.mcap");
+    fixture::record_unfinished(&path, plan, frames);
+    let out = folder.join("report");
+    fs::create_dir(&out).unwrap();
+    let summary = report(&Recording::open(&path).unwrap(), &out, &ReportOptions::default(), &|| false).unwrap();
+    let mut files: Vec<String> =
+        fs::read_dir(&out).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+    files.sort();
+    (summary, files)
+}
+
+#[test]
+fn a_stage_that_never_began_is_named_and_no_table_of_dashes_is_made() {
+    let folder = tempfile::tempdir().unwrap();
+    let (summary, files) = report_of_killed(folder.path(), &fixture::plan_of_two_stages(), &[4, 0]);
+    let expected = "note: no table: no frame was scored\n\
+                    note: the recording is unfinished; it has 4 whole frames\n\
+                    note: stage `compare` has no frames: the recording ends before its first\n";
+    assert_eq!(summary.text, expected);
+    assert_eq!(files, [] as [&str; 0]);
+    assert!(!summary.scored && !summary.table);
+    let stages = json!([{ "stage": "learn", "frames": 4 }, { "stage": "compare", "frames": 0 }]);
+    assert_eq!(summary.json["recording"]["stages"], stages);
+    assert_eq!(summary.json["table"], json!([]));
+    assert_eq!(summary.json["notes"].as_array().map(Vec::len), Some(3));
+}
+
+#[test]
+fn a_stage_with_fewer_frames_than_its_source_gave_another_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut plan = fixture::plan_of_two_stages();
+    let (summary, files) = report_of_killed(folder.path(), &plan, &[4, 2]);
+    assert!(summary.text.starts_with("mean over 2 frames"), "{}", summary.text);
+    let note = "note: stage `compare` has 2 of the 4 frames that stage `learn` has of the same source\n";
+    assert!(summary.text.contains(note), "{}", summary.text);
+    assert!(FILES.iter().all(|file| files.iter().any(|found| found == file)), "{files:?}");
+
+    // Of another source nothing is known.
+    plan.runs[0].source.parts[0].portable = json!({ "frames": "0..4" });
+    let folder = tempfile::tempdir().unwrap();
+    let (summary, _) = report_of_killed(folder.path(), &plan, &[4, 2]);
+    assert!(!summary.text.contains("of the same source"), "{}", summary.text);
+}
+
+#[test]
+fn scores_that_no_frame_has_of_all_are_written_without_a_table() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut plan = fixture::plan(1, true);
+    // An estimator that gave no scores on any frame.
+    let node = plan.runs[0].nodes[5].clone();
+    plan.runs[0].nodes.push(node);
+    plan.runs[0].nodes[6].outputs[0].topic = "/compare/never/rows".to_owned();
+    let mut never = plan.runs[0].estimates[2].clone();
+    (never.label, never.name, never.score_node) = ("never".to_owned(), "never".to_owned(), 6);
+    plan.runs[0].estimates.push(never);
+    let (summary, files) = report_of_killed(folder.path(), &plan, &[2]);
+    let expected = "note: no table: no frame has the scores of all estimators of its stage\n";
+    assert!(summary.text.starts_with(expected), "{}", summary.text);
+    assert!(files.contains(&"scores.csv".to_owned()) && !files.contains(&"table.csv".to_owned()), "{files:?}");
+}
+
+#[test]
+fn maps_of_which_none_was_recorded_are_told_in_one_note() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut plan = fixture::plan(1, true);
+    let run = &mut plan.runs[0];
+    run.source.outputs[0].recorded = false;
+    for node in 0..3 {
+        run.nodes[node].outputs[0].recorded = false;
+        // As the language wires a score.
+        let port = |name| Port::frame(name, ValueType::Depth, "");
+        let estimate = Some(Wire::Here(Slot::Node { node, port: 0 }));
+        let truth = Some(Wire::Here(Slot::Source { port: 0 }));
+        let input = |name, from| PlannedInput { port: port(name), from };
+        run.nodes[3 + node].inputs = vec![input("estimate", estimate), input("truth", truth)];
+    }
+    let (summary, _) = report_of_killed(folder.path(), &plan, &[2]);
+    let note = "note: no error against distance: the truth `compare.source/depth` and the estimates `compare.a/mono/depth`, \
+                `compare.b/mono/depth`, `compare.stereo/depth` were not recorded: add them to `record:`\n";
+    assert!(summary.text.ends_with(note), "{}", summary.text);
+    assert_eq!(summary.text.matches("error against distance").count(), 1);
 }

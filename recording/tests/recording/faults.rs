@@ -255,11 +255,66 @@ fn a_flipped_pixel_is_found() {
     let Err(error) = read_all(&path) else { panic!("the flip was not found") };
     assert!(matches!(error, RecordingError::Damaged { .. }), "{error}");
     assert!(error.to_string().contains("recording.mcap is damaged at byte"), "{error}");
-    assert!(error.to_string().ends_with("a chunk's checksum differs"), "{error}");
+    let held = "it held /compare/fused/depth of frame `000000_10` (position 0 of stage `compare`)";
+    assert!(error.to_string().ends_with(&format!("a chunk's checksum differs; {held}")), "{error}");
+    assert_eq!(error.remedy().unwrap(), "copy the file again, or run the experiment again");
     // Only who wants the damaged topics reads their chunk.
     let recording = Recording::open(&path).unwrap();
     let stereo = recording.reader(0, &["/compare/stereo/disparity", "/compare/source/left"]).unwrap().read(0).unwrap();
     assert!(stereo.iter().all(Option::is_some));
+}
+
+#[test]
+fn every_damaged_byte_of_a_finished_file_is_found_without_reading_its_values() {
+    let (bytes, ..) = recorded();
+    let folder = tempfile::tempdir().unwrap();
+    let path = written(folder.path(), bytes);
+    assert_eq!(Recording::open(&path).unwrap().damage(&|| false), []);
+    let (mut found, mut seen_when_opened) = (0, 0);
+    let mut flipped = bytes.clone();
+    for place in (0..bytes.len()).step_by(37) {
+        flipped[place] ^= 1 << (place % 8);
+        std::fs::write(&path, &flipped).unwrap();
+        match Recording::open(&path) {
+            Ok(recording) if *recording.condition() == Condition::Whole => {
+                let [damage] = &recording.damage(&|| false)[..] else { panic!("byte {place}") };
+                let stretch = damage.offset..damage.offset + damage.bytes;
+                assert!(stretch.contains(&(place as u64)), "byte {place} is not in {damage:?}");
+                found += 1;
+            }
+            _ => seen_when_opened += 1,
+        }
+        flipped[place] ^= 1 << (place % 8);
+    }
+    assert!(found > 2 * seen_when_opened && seen_when_opened > 0, "{found} {seen_when_opened}");
+}
+
+#[test]
+fn damage_is_named_by_what_it_held() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("recording.mcap");
+    record(&path, &plan(), 0..4, 64, 48);
+    let mut bytes = std::fs::read(&path).unwrap();
+    let place_of = |bytes: &[u8], text: &[u8]| bytes.windows(text.len()).position(|window| window == text).unwrap();
+    // A PNG file of the second frame, the model, and the attached note; the first frame's PNG is whole.
+    let first = place_of(&bytes, b"IDAT");
+    let png = first + 1 + place_of(&bytes[first + 1..], b"IDAT");
+    let places = [png, place_of(&bytes, &[7; 100]), place_of(&bytes, b"text/plain") + 20];
+    places.iter().for_each(|place| bytes[*place] ^= 1);
+    let recording = Recording::open(written(folder.path(), &bytes)).unwrap();
+    assert_eq!(*recording.condition(), Condition::Whole);
+    let damage = recording.damage(&|| false);
+    let held: Vec<String> = damage.iter().map(|damage| damage.held.to_string()).collect();
+    let [image, model, note] = &held[..] else { panic!("{held:?}") };
+    assert!(image.contains("/compare/source/left"), "{image}");
+    assert!(image.ends_with("of frame `000001_10` (position 1 of stage `compare`)"), "{image}");
+    assert!(model.starts_with("the attachment `artifacts/"), "{model}");
+    assert_eq!(note, "the attachment `note.txt`");
+    for (damage, place) in damage.iter().zip(places) {
+        assert!((damage.offset..damage.offset + damage.bytes).contains(&(place as u64)), "{damage:?}");
+    }
+    let error = recording.attachment("note.txt").unwrap_err();
+    assert!(error.to_string().ends_with("it held the attachment `note.txt`"), "{error}");
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! Faults of numbers, tables and figures.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -76,6 +77,13 @@ fn mean_of_three(run: &Path) {
         assert!((number(row, "rmse") - rmse.iter().sum::<f64>() / 3.0).abs() < 1e-12);
     }
     assert_eq!(table.len(), 2);
+    // Every row has a key of its own, whatever the frames are called.
+    let key = |row: &Row| ["stage", "position", "estimator", "scored_on"].map(|column| row[column].clone());
+    let keys: BTreeSet<[String; 4]> = scores.iter().map(key).collect();
+    assert_eq!((keys.len(), scores.len()), (6, 6));
+    assert!(scores.iter().all(|row| row["stage"] == "look" && ["0", "1", "2"].contains(&&*row["position"])));
+    let names: BTreeSet<&String> = scores.iter().map(|row| &row["frame"]).collect();
+    assert!(names.len() < 3, "two frames have one name");
 }
 
 #[test]
@@ -91,13 +99,20 @@ fn fault_29_of_every_hundredth_frame_the_first_keeps_its_maps_and_that_is_said()
 fn fault_30_what_is_missing_is_named() {
     let folder = tempfile::tempdir().expect("a folder");
     let (_, said) = first_look(folder.path(), &street("0..1", 1), "[depth]");
-    let note =
-        "no error against distance of stereo: the truth `look/source/depth` was not recorded: add it to `record:`";
+    let note = "no error against distance: the truth `look.source/depth` was not recorded: add it to `record:`";
     assert!(said.contains(note), "{said}");
     assert!(!said.contains("error_vs_distance"), "{said}");
     let folder = tempfile::tempdir().expect("a folder");
     let (_, said) = first_look(folder.path(), &street("0..1", 1), "[source]");
-    assert!(said.contains("of stereo: the estimate was not recorded"), "{said}");
+    assert!(said.contains("the estimate `look.depth/depth` was not recorded: add it"), "{said}");
+    // What it says can be done as it is said.
+    let folder = tempfile::tempdir().expect("a folder");
+    let (out, said) = first_look(folder.path(), &street("0..1", 1), "[look.source/depth, look.depth/depth]");
+    assert!(!said.contains("no error against distance") && out.join("error_vs_distance.svg").exists(), "{said}");
+    // A report elsewhere does not say that the recording is there.
+    let elsewhere = folder.path().join("elsewhere");
+    let report = succeed(depthloom().arg("report").arg(&out).arg("--out").arg(&elsewhere));
+    assert!(said.contains("recording.mcap") && !String::from_utf8_lossy(&report.stdout).contains("recording.mcap"));
 }
 
 #[test]

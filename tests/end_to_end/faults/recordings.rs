@@ -4,6 +4,8 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Output;
 
+use depthloom_recording::{Damage, Held, Recording};
+
 use crate::support::{depthloom, succeed};
 
 /// The recording of a small experiment that scores what it computes.
@@ -74,7 +76,88 @@ fn fault_49_report_says_that_a_recording_is_unfinished_or_cut() {
         depthloom().arg("report").arg(path.with_file_name("run")).arg("--json").arg("--out").arg(folder.path()),
     );
     let json: serde_json::Value = serde_json::from_slice(&json.stdout).expect("JSON");
-    assert_eq!(json["recording"], serde_json::json!({ "condition": "whole", "frames": 4 }));
+    let stages = [serde_json::json!({ "stage": "look", "frames": 4 })];
+    assert_eq!(json["recording"], serde_json::json!({ "condition": "whole", "frames": 4, "stages": stages }));
+}
+
+/// Flips a bit of the third frame's values of a topic.
+fn flipped_in(folder: &Path, bytes: &[u8], topic: &str) -> Vec<u8> {
+    let path = folder.join("flipped.mcap");
+    let mut flipped = bytes.to_vec();
+    for place in (0..bytes.len()).step_by(61) {
+        flipped[place] ^= 4;
+        std::fs::write(&path, &flipped).expect("written");
+        let damage = Recording::open(&path).map_or_else(|_| Vec::new(), |recording| recording.damage(&|| false));
+        if let [Damage { held: Held::Frame { position: 2, topics, .. }, .. }] = &damage[..]
+            && topics.iter().any(|of| of == topic)
+        {
+            return flipped;
+        }
+        flipped[place] ^= 4;
+    }
+    panic!("no chunk holds {topic}");
+}
+
+#[test]
+fn damage_that_no_number_comes_from_is_said_beside_the_right_numbers() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let bytes = std::fs::read(recorded(folder.path(), "0..4")).expect("a recording");
+    let (whole, files) = report(folder.path(), &bytes);
+    assert_eq!(whole.status.code(), Some(0));
+    let flipped = flipped_in(folder.path(), &bytes, "/look/source/left");
+    let (damaged, same) = report(folder.path(), &flipped);
+    assert_eq!(damaged.status.code(), Some(3));
+    let text = String::from_utf8_lossy(&damaged.stdout);
+    let note = text.lines().find(|line| line.starts_with("note: the recording is damaged at byte")).expect("a note");
+    assert!(
+        note.contains("/look/source/left") && note.contains("of frame `000002_10` (position 2 of stage `look`)"),
+        "{note}"
+    );
+    assert!(note.ends_with("; no number here comes from there"), "{note}");
+    assert!(files == same, "the numbers are those of the whole recording");
+
+    let out = folder.path().join("report");
+    let mut json = depthloom();
+    json.arg("report").arg(folder.path().join("given.mcap")).arg("--json").arg("--out").arg(&out);
+    let json = json.output().expect("the binary starts");
+    assert_eq!(json.status.code(), Some(3));
+    let json: serde_json::Value = serde_json::from_slice(&json.stdout).expect("JSON");
+    assert_eq!(json["recording"]["condition"], "damaged");
+    let [place] = &json["recording"]["damage"].as_array().expect("places")[..] else { panic!("{json:#}") };
+    assert_eq!(
+        (&place["stage"], &place["position"], &place["frame"]),
+        (&"look".into(), &2.into(), &"000002_10".into())
+    );
+}
+
+#[test]
+fn damage_that_a_number_would_come_from_is_an_error_that_says_what_is_lost_and_what_is_not() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let bytes = std::fs::read(recorded(folder.path(), "0..4")).expect("a recording");
+    let (_, files) = report(folder.path(), &bytes);
+    let (damaged, left) = report(folder.path(), &flipped_in(folder.path(), &bytes, "/look/depth/depth"));
+    assert_eq!(damaged.status.code(), Some(3));
+    // As it was said, whatever the width of the lines.
+    let words = |text: &[u8]| String::from_utf8_lossy(text).split_whitespace().collect::<Vec<_>>().join(" ");
+    let said = words(&damaged.stderr);
+    assert!(said.contains("given.mcap is damaged at byte"), "{said}");
+    assert!(said.contains("it held /look/depth/depth of frame `000002_10` (position 2 of stage `look`)"), "{said}");
+    assert!(
+        said.contains(
+            "copy the file again, or run the experiment again; what is whole all the same: scores.csv, table.* in"
+        ),
+        "{said}"
+    );
+    assert!(left.keys().any(|name| name == "scores.csv") && left.keys().any(|name| name == "table.csv"), "{left:?}");
+    assert!(left.iter().all(|(name, bytes)| files[name] == *bytes), "what is written is that of the whole recording");
+
+    let recording = Recording::open(folder.path().join("run/recording.mcap")).expect("a recording");
+    let scores = recording.plan().runs[0].estimates[0].score_topic.as_deref().expect("scores are recorded");
+    let (damaged, left) = report(folder.path(), &flipped_in(folder.path(), &bytes, scores));
+    let said = words(&damaged.stderr);
+    assert!(said.contains(&format!("{scores} of frame `000002_10`")), "{said}");
+    assert!(!said.contains("all the same"), "{said}");
+    assert!(left.is_empty(), "{left:?}");
 }
 
 /// How many bits are flipped in each of four cases: `DEPTHLOOM_FLIPS`, or few enough for every day.

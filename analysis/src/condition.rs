@@ -1,0 +1,100 @@
+//! What a report says of the recording itself: its condition, what is damaged in it, and which stages have frames.
+
+use depthloom_recording::{Condition, Damage, Held, RecordedPlan, Recording};
+use serde_json::{Value as Json, json};
+
+/// How many damaged places are told to people; programs are told all.
+const SHOWN: usize = 5;
+
+/// A recording's condition.
+pub(crate) struct Told {
+    /// For programs.
+    pub(crate) json: Json,
+    /// For people, what there is to say.
+    pub(crate) notes: Vec<String>,
+    /// Whether bytes are not what was written.
+    pub(crate) is_damaged: bool,
+}
+
+/// In what condition the recording is; `damage` is what was found in it beside what was read, and `has_numbers`, whether the report has
+/// any.
+pub(crate) fn told(recording: &Recording, damage: &[Damage], has_numbers: bool) -> Told {
+    let plan = recording.plan();
+    let frames: Vec<usize> = (0..plan.runs.len()).map(|run| recording.frames(run).len()).collect();
+    let condition = recording.condition();
+    let is_damaged = matches!(condition, Condition::Damaged { .. }) || !damage.is_empty();
+    let mut wrong = Vec::new();
+    let mut notes = Vec::new();
+    if *condition != Condition::Whole {
+        let all: usize = frames.iter().sum();
+        let s = if all == 1 { "" } else { "s" };
+        wrong.push(condition.to_string());
+        let of_numbers = if has_numbers { "all numbers are of its" } else { "it has" };
+        notes.push(format!("the recording is {condition}; {of_numbers} {all} whole frame{s}"));
+    }
+    for Damage { offset, held, .. } in damage {
+        wrong.push(format!("damaged at byte {offset}: it held {held}"));
+    }
+    for Damage { offset, held, .. } in &damage[..damage.len().min(SHOWN)] {
+        notes.push(format!(
+            "the recording is damaged at byte {offset}: it held {held}; no number here comes from there"
+        ));
+    }
+    if damage.len() > SHOWN {
+        let more = damage.len() - SHOWN;
+        notes.push(format!(
+            "the recording is damaged at {more} more places, which `--json` names; no number here comes from there"
+        ));
+    }
+    let ends_early = matches!(condition, Condition::Unfinished { .. } | Condition::Damaged { cut: true, .. });
+    notes.extend(without_frames(plan, &frames, ends_early));
+    let stages = plan.runs.iter().zip(&frames);
+    let stages: Vec<Json> = stages.map(|(run, frames)| json!({ "stage": run.name(), "frames": frames })).collect();
+    let name = if is_damaged { "damaged" } else { condition.name() };
+    let mut json = json!({ "condition": name, "frames": frames.iter().sum::<usize>(), "stages": stages });
+    if !wrong.is_empty() {
+        json["what"] = wrong.join("; ").into();
+    }
+    if !damage.is_empty() {
+        json["damage"] = damage.iter().map(place).collect();
+    }
+    Told { json, notes, is_damaged }
+}
+
+/// Of each stage run that has no frames that it has none, and of one that has fewer than another of the same source how many.
+fn without_frames(plan: &RecordedPlan, frames: &[usize], ends_early: bool) -> Vec<String> {
+    let mut notes = Vec::new();
+    for (run, &count) in plan.runs.iter().zip(frames) {
+        let name = run.name();
+        if count == 0 {
+            let why = if ends_early { ": the recording ends before its first" } else { "" };
+            notes.push(format!("stage `{name}` has no frames{why}"));
+            continue;
+        }
+        let same = plan.runs.iter().zip(frames).filter(|(other, _)| other.source.parts == run.source.parts);
+        if let Some((other, most)) = same.max_by_key(|(_, count)| **count).filter(|(_, most)| **most > count) {
+            let other = other.name();
+            notes.push(format!(
+                "stage `{name}` has {count} of the {most} frames that stage `{other}` has of the same source"
+            ));
+        }
+    }
+    notes
+}
+
+/// A damaged place, for programs.
+fn place(damage: &Damage) -> Json {
+    let mut json = json!({ "offset": damage.offset, "bytes": damage.bytes });
+    match &damage.held {
+        Held::Frame { stage, position, id, topics } => {
+            json["stage"] = stage.as_str().into();
+            json["position"] = (*position).into();
+            json["frame"] = (**id).into();
+            json["topics"] = topics.as_slice().into();
+        }
+        Held::Curve(topic) => json["topics"] = [topic.as_str()].as_slice().into(),
+        Held::Attachment(name) => json["attachment"] = name.as_str().into(),
+        Held::NoValue => {}
+    }
+    json
+}

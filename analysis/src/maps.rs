@@ -1,0 +1,96 @@
+//! What a report says of maps that were not recorded: without them there is no error against distance.
+
+use depthloom_graphs::contracts::Slot;
+use depthloom_recording::{RecordedPlan, Recording};
+
+use crate::estimators::Estimator;
+
+/// Which estimators lack their maps or the truth, if any, and what `record:` would have to name.
+pub(crate) fn not_recorded(plan: &RecordedPlan, estimators: &[Estimator]) -> Option<String> {
+    let (mut truths, mut estimates, mut labels) = (Vec::new(), Vec::new(), Vec::new());
+    for estimator in estimators {
+        let name = |from: &Option<String>| from.as_deref().map(|topic| reference(plan, estimator.run, topic));
+        if estimator.truth_topic.is_none() {
+            truths.push(name(&estimator.truth));
+        }
+        if estimator.estimate_topic.is_none() {
+            estimates.push(name(&estimator.estimate));
+        }
+        if estimator.truth_topic.is_none() || estimator.estimate_topic.is_none() {
+            labels.push(estimator.label.clone());
+        }
+    }
+    let several = count(&mut truths) + count(&mut estimates) > 1;
+    let missing: Vec<String> = [named("truth", &truths), named("estimate", &estimates)].into_iter().flatten().collect();
+    if missing.is_empty() {
+        return None;
+    }
+    let whose = if labels.len() == estimators.len() { String::new() } else { format!(" of {}", some(&labels)) };
+    let (were, them) = if several { ("were", "them") } else { ("was", "it") };
+    let missing = missing.join(" and ");
+    Some(format!("no error against distance{whose}: {missing} {were} not recorded: add {them} to `record:`"))
+}
+
+/// An output as `record:` takes it: `stage.node/port`.
+fn reference(plan: &RecordedPlan, run: usize, topic: &str) -> String {
+    let planned = &plan.runs[run];
+    let (node, output) = match plan.find(run, topic) {
+        Some((Slot::Source { .. }, output)) => ("source", output),
+        Some((Slot::Node { node, .. }, output)) => (planned.nodes[node].name.as_str(), output),
+        None => return topic.to_owned(),
+    };
+    format!("{}.{node}/{}", planned.stage, output.port)
+}
+
+/// How many different ones there are; each is left once.
+fn count(names: &mut Vec<Option<String>>) -> usize {
+    names.sort();
+    names.dedup();
+    names.len()
+}
+
+/// `the truth`, ``the truth `a` ``, ``the truths `a`, `b` ``.
+fn named(what: &str, names: &[Option<String>]) -> Option<String> {
+    let s = if names.len() > 1 { "s" } else { "" };
+    let known: Vec<String> = names.iter().flatten().map(|name| format!("`{name}`")).collect();
+    (!names.is_empty()).then(|| format!("the {what}{s} {}", some(&known)).trim_end().to_owned())
+}
+
+/// The first few of many.
+fn some(names: &[String]) -> String {
+    const SHOWN: usize = 6;
+    match names.len() {
+        ..=SHOWN => names.join(", "),
+        all => format!("{} and {} more", names[..SHOWN].join(", "), all - SHOWN),
+    }
+}
+
+/// That not every frame kept its maps, or that none did; nothing is said where no maps were to be kept.
+pub(crate) fn sparsely_kept(recording: &Recording, estimators: &[Estimator], none: bool) -> Option<String> {
+    let every = recording.plan().every;
+    if !none {
+        let note = |ordinal: String| {
+            format!("error against distance is of every {ordinal} frame: only their maps were recorded")
+        };
+        return (every > 1).then(|| note(ordinal(every)));
+    }
+    let mut with_maps = estimators.iter().filter(|e| e.estimate_topic.is_some() && e.truth_topic.is_some());
+    let of = match every {
+        0 | 1 => "no frame has".to_owned(),
+        every => format!("maps were recorded of every {} frame only, and none of these has", ordinal(every)),
+    };
+    let note = || format!("no error against distance: {of} a pixel with both a truth and an answer");
+    with_maps.any(|estimator| !recording.frames(estimator.run).is_empty()).then(note)
+}
+
+/// `2nd`, `3rd`, `11th`.
+fn ordinal(number: u64) -> String {
+    let ending = match (number % 100, number % 10) {
+        (11..=13, _) => "th",
+        (_, 1) => "st",
+        (_, 2) => "nd",
+        (_, 3) => "rd",
+        _ => "th",
+    };
+    format!("{number}{ending}")
+}

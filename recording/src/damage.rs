@@ -1,0 +1,153 @@
+//! What in a recording is not what was written.
+//!
+//! Reading checks what it reads. All the rest is checked here, and nothing is decompressed for it: commits, metadata records and the
+//! end of the data hold the CRC-32 of all bytes before them, so that each vouches for what stands between the one before and itself.
+
+use std::fmt;
+use std::sync::Arc;
+
+use crate::checksum::CrcBefore;
+use crate::index::{ChunkEntry, DATA_END};
+use crate::recording::Recording;
+use crate::unpack::ChunkBuffers;
+
+/// A stretch of a recording that is not what was written.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Damage {
+    /// Where it starts.
+    pub offset: u64,
+    /// How many bytes it has; some of them are damaged.
+    pub bytes: u64,
+    /// What it held.
+    pub held: Held,
+}
+
+/// What a stretch of a recording held.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Held {
+    /// Values of a frame.
+    Frame {
+        /// The stage run's name.
+        stage: String,
+        /// The frame's position among the stage run's.
+        position: usize,
+        /// Its id.
+        id: Arc<str>,
+        /// The topics of the values.
+        topics: Vec<String>,
+    },
+    /// The learning curve of that topic.
+    Curve(String),
+    /// The attachment of that name.
+    Attachment(String),
+    /// Nothing that a value is read from: what stands around values, or says where they are a second time.
+    NoValue,
+}
+
+impl Recording {
+    /// Checks every byte of a finished file: all that is damaged, in the order of the file; what cannot be read is damaged, too.
+    ///
+    /// Of a file that is unfinished or whose summary is damaged, [`Recording::open`] checked every byte: there is nothing to be found.
+    /// Ends early once `stop` says so, which is asked once a frame.
+    #[must_use]
+    pub fn damage(&self, stop: &dyn Fn() -> bool) -> Vec<Damage> {
+        let Some(data_end) = self.index.data_end else { return Vec::new() };
+        let of_metadata = self.index.metadata.iter().map(|metadata| (metadata.offset, metadata.crc_before));
+        let mut sealed: Vec<(u64, u32)> = self.sealed.iter().copied().chain(of_metadata).chain([data_end]).collect();
+        sealed.sort_unstable();
+        let mut damage = Vec::new();
+        let (mut crc, mut from) = (CrcBefore::new(&self.file), 0);
+        for (place, told) in sealed {
+            if stop() {
+                break;
+            }
+            if !crc.place(place).is_ok_and(|found| found == told) {
+                // The record of the end may be what is damaged.
+                let to = if place == data_end.0 { place + DATA_END } else { place };
+                self.find_damage(from, to, &mut damage);
+                crc.take_as_known(place, told);
+            }
+            from = place;
+        }
+        damage
+    }
+
+    /// What is damaged between two places, between which something is.
+    fn find_damage(&self, from: u64, to: u64, damage: &mut Vec<Damage>) {
+        let found = damage.len();
+        let mut buffers = ChunkBuffers::default();
+        for (place, chunk) in self.index.chunks.iter().enumerate() {
+            if (from..to).contains(&chunk.start) && buffers.each_message(&self.file, chunk, |_| Ok(())).is_err() {
+                damage.push(Damage { offset: chunk.start, bytes: chunk.length, held: self.held(place, chunk) });
+            }
+        }
+        for attachment in &self.index.attachments {
+            if (from..to).contains(&attachment.offset) && attachment.read(&self.file).is_err() {
+                let held = Held::Attachment(attachment.name.clone());
+                damage.push(Damage { offset: attachment.offset, bytes: attachment.length, held });
+            }
+        }
+        if damage.len() == found {
+            damage.push(Damage { offset: from, bytes: to - from, held: Held::NoValue });
+        }
+        damage[found..].sort_by_key(|damage| damage.offset);
+    }
+
+    /// What a chunk held, by its place among the chunks.
+    fn held(&self, place: usize, chunk: &ChunkEntry) -> Held {
+        for run in 0..self.plan().runs.len() {
+            if let Some(position) = self.frames(run).iter().position(|frame| frame.chunks.contains(&place)) {
+                return self.held_of_frame(run, position, chunk, |_| true);
+            }
+        }
+        match self.topics(chunk, |_| true).pop() {
+            Some(topic) if self.index.holds_points(chunk) => Held::Curve(topic),
+            _ => Held::NoValue,
+        }
+    }
+
+    /// What a chunk of a frame held of some channels.
+    pub(crate) fn held_of_frame(
+        &self,
+        run: usize,
+        position: usize,
+        chunk: &ChunkEntry,
+        is_one: impl Fn(u16) -> bool,
+    ) -> Held {
+        Held::Frame {
+            stage: self.plan().runs[run].name().to_owned(),
+            position,
+            id: self.frames(run)[position].id.clone(),
+            topics: self.topics(chunk, is_one),
+        }
+    }
+
+    fn topics(&self, chunk: &ChunkEntry, is_one: impl Fn(u16) -> bool) -> Vec<String> {
+        let channels = chunk.channels.iter().filter(|channel| is_one(**channel));
+        let topics = channels.filter_map(|channel| Some(self.index.channels.get(channel)?.topic.clone()));
+        let mut topics: Vec<String> = topics.collect();
+        // An image's topic has two channels.
+        topics.dedup();
+        topics
+    }
+}
+
+impl fmt::Display for Held {
+    /// What it was, as a lower-case fragment; of many topics the first.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        const SHOWN: usize = 4;
+        match self {
+            Self::Frame { stage, position, id, topics } => {
+                let shown = topics[..topics.len().min(SHOWN)].join(", ");
+                write!(f, "{shown}")?;
+                if topics.len() > SHOWN {
+                    write!(f, " and {} more", topics.len() - SHOWN)?;
+                }
+                write!(f, " of frame `{id}` (position {position} of stage `{stage}`)")
+            }
+            Self::Curve(topic) => write!(f, "the learning curve {topic}"),
+            Self::Attachment(name) => write!(f, "the attachment `{name}`"),
+            Self::NoValue => f.write_str("no value, but an index or a header"),
+        }
+    }
+}
