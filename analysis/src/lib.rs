@@ -12,12 +12,12 @@ mod estimators;
 mod figure;
 mod files;
 mod paper;
+mod polars_needs;
 mod reading;
 mod report;
 mod scores;
 mod sheet;
 mod table;
-mod threads;
 mod timings;
 
 pub use distance::{DistanceBin, PERCENTILES, Spread};

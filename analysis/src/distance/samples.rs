@@ -6,7 +6,7 @@ use super::spill::Spill;
 use super::{DistanceBin, FARTHEST_M, PERCENTILES, Spread, between, in_memory, position, selection};
 use crate::error::AnalysisError;
 use crate::files::Output;
-use crate::threads;
+use crate::polars_needs;
 
 /// The bit of a sample that says: not all that are compared answered this pixel. An error's own sign is never needed.
 const ALONE: u32 = 1 << 31;
@@ -45,7 +45,7 @@ impl Which {
 /// A sample takes 4 bytes, 8 at worst while its bin grows. When more than `at_most` are held, all go to a [temporary
 /// file](Spill), and the percentiles are later found [by counting](super::selection): exact, and with memory that depends on
 /// neither frames nor pixels. If all fit, [polars takes them](super::in_memory); they are sorted here where the system gives
-/// polars no threads. All three ways give the same bits.
+/// polars no threads or files. All three ways give the same bits.
 pub(crate) struct Samples<'a> {
     output: Output<'a>,
     /// By estimator and metre of true distance: the errors' bits.
@@ -154,7 +154,7 @@ impl<'a> Samples<'a> {
                 None => {
                     let held = &self.held[estimator];
                     let spreads = |which: &Which| {
-                        if threads::are_there() {
+                        if polars_needs::are_there() {
                             in_memory::spreads(*which, held).map_err(AnalysisError::compute("the percentiles"))
                         } else {
                             Ok(sorted_spreads(*which, held))
