@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use super::diagnostics::{Diagnostic, Report};
 use super::environment::{Lookup, substitute};
+use super::kept;
 use super::merge::{Level, merged};
 use super::parse;
 use super::source_file::{Place, SourceFile};
@@ -237,6 +238,9 @@ impl<'a> Files<'a> {
                 report.push(match from {
                     Some((_, text)) if Path::new(text).is_relative() => {
                         error.help("relative paths start at the folder of the file they are written in")
+                    }
+                    None if path.join(kept::MAIN).is_file() => {
+                        error.help(format!("the experiment of that run is `{}`", path.join(kept::MAIN).display()))
                     }
                     _ => error,
                 });

@@ -14,7 +14,8 @@ use super::resolved;
 use super::source_file::Place;
 use super::tree::Node;
 
-const MAIN: &str = "experiment.yaml";
+/// The name of the main file.
+pub(super) const MAIN: &str = "experiment.yaml";
 const RESOLVED: &str = "experiment.resolved.yaml";
 const FOLDER: &str = "experiment";
 
