@@ -7,6 +7,7 @@ use depthloom_graphs::language::{Diagnostic, Diagnostics, Severity};
 use miette::{GraphicalReportHandler, GraphicalTheme, LabeledSpan, MietteDiagnostic, NamedSource};
 
 use crate::args::Colour;
+use crate::exit::remedy_of_the_system;
 use crate::streams::{say, tell};
 
 /// A line this long would bury the message.
@@ -99,7 +100,10 @@ pub fn print_stop(message: &str, remedy: Option<&str>) {
     let (red, cyan, plain) =
         if *COLOUR.get_or_init(|| false) { ("\x1b[31m", "\x1b[36m", "\x1b[0m") } else { ("", "", "") };
     say(format_args!("{red}error{plain}: {message}"));
-    if let Some(remedy) = remedy {
-        say(format_args!("  {cyan}help{plain}: {remedy}"));
+    let of_the_system =
+        remedy_of_the_system(message).filter(|_| !remedy.is_some_and(|said| said.contains("`ulimit -n`")));
+    let remedies: Vec<&str> = of_the_system.into_iter().chain(remedy).collect();
+    if !remedies.is_empty() {
+        say(format_args!("  {cyan}help{plain}: {}", remedies.join("; ")));
     }
 }

@@ -1,6 +1,10 @@
 //! How a command ends.
 
 use std::fmt::Display;
+use std::io::{self, ErrorKind};
+
+use depthloom_analysis::AnalysisError;
+use depthloom_recording::RecordingError;
 
 /// The meaning of an exit code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -40,6 +44,25 @@ impl Stop {
         Self::new(exit, format!("{intent}: {}", chain(error)))
     }
 
+    /// As [`Stop::because`], with the remedy that a recording's error knows.
+    pub fn of_recording(exit: Exit, intent: impl Display, error: &RecordingError) -> Self {
+        Self { remedy: error.remedy(), ..Self::because(exit, intent, error) }
+    }
+
+    /// As [`Stop::because`], with what helps where a folder of ours cannot be written.
+    pub fn of_writing(exit: Exit, intent: impl Display, error: &io::Error) -> Self {
+        Self { remedy: remedy_of_writing(error).map(ToOwned::to_owned), ..Self::because(exit, intent, error) }
+    }
+
+    /// As [`Stop::because`], with the remedy that the analysis' error knows.
+    pub fn of_analysis(exit: Exit, intent: impl Display, error: &AnalysisError) -> Self {
+        let remedy = match error {
+            AnalysisError::Write { source, .. } => remedy_of_writing(source).map(ToOwned::to_owned),
+            error => error.remedy(),
+        };
+        Self { remedy, ..Self::because(exit, intent, error) }
+    }
+
     /// Says what the person can do about it.
     pub fn remedy(self, remedy: impl Into<String>) -> Self {
         Self { remedy: Some(remedy.into()), ..self }
@@ -58,6 +81,29 @@ impl Stop {
             None => more,
         };
         self.remedy(remedy)
+    }
+}
+
+/// The remedy for what the system refuses anywhere, however deep beneath the message it was said.
+pub fn remedy_of_the_system(message: &str) -> Option<&'static str> {
+    let too_many = message.contains("Too many open files") && !message.contains("open files in system");
+    too_many.then_some("raise the limit of open files (`ulimit -n`)")
+}
+
+/// The remedy for what the system refuses where a folder of ours is written.
+pub fn remedy_of_writing(error: &io::Error) -> Option<&'static str> {
+    match error.kind() {
+        ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem => {
+            Some("choose a folder that may be written with --out")
+        }
+        ErrorKind::StorageFull | ErrorKind::QuotaExceeded => {
+            Some("free some space, or choose a folder on another disk with --out")
+        }
+        ErrorKind::NotADirectory | ErrorKind::AlreadyExists => {
+            Some("something else stands where a folder is wanted: choose another --out")
+        }
+        ErrorKind::InvalidFilename => Some("choose a shorter --out: `.partial` and the names of files come behind it"),
+        _ => None,
     }
 }
 

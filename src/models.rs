@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 use std::fs;
+use std::io;
 use std::path::Path;
 
 use depthloom_recording::{RecordedContent, RecordedOnce, RecordedPlan, Recording};
@@ -14,15 +15,14 @@ pub const FOLDER: &str = "models";
 /// Writes the models that a recording holds into `<folder>/models`.
 pub fn write(recording: &Recording, folder: &Path) -> Result<(), Stop> {
     let folder = folder.join(FOLDER);
-    let failed = |error: &dyn std::error::Error| {
-        Stop::because(Exit::Engine, format_args!("failed to write {}", folder.display()), error)
-    };
+    let failed =
+        |error: &io::Error| Stop::of_writing(Exit::Engine, format_args!("failed to write {}", folder.display()), error);
     let mut taken = BTreeSet::new();
     for value in recording.once_values().iter().filter(|value| value.value_type == "model") {
         let RecordedContent::Attachment { name: attachment, .. } = &value.content else { continue };
         let bytes = recording.attachment(attachment).map_err(|error| {
             let exit = if error.is_damage() { Exit::Frames } else { Exit::Engine };
-            Stop::because(exit, "failed to read a learnt model", &error).known_remedy(error.remedy())
+            Stop::of_recording(exit, "failed to read a learnt model", &error)
         })?;
         fs::create_dir_all(&folder).map_err(|error| failed(&error))?;
         let stem = stem(recording.plan(), value);
@@ -34,6 +34,9 @@ pub fn write(recording: &Recording, folder: &Path) -> Result<(), Stop> {
     Ok(())
 }
 
+/// The longest name of a model without its ending, bytes: every file system takes it, with what stands behind it until it is whole.
+const LONGEST_STEM: usize = 200;
+
 /// `<stage>.<node>`, with the first of its variants where it does not serve them all, and its port unless that is `model`.
 fn stem(plan: &RecordedPlan, value: &RecordedOnce) -> String {
     let Some(run) = plan.runs.get(value.run) else { return "model".to_owned() };
@@ -43,5 +46,7 @@ fn stem(plan: &RecordedPlan, value: &RecordedOnce) -> String {
     let port = node.outputs.get(value.port).map(|output| output.port.as_str()).filter(|port| *port != "model");
     let parts: Vec<&str> = [run.stage.as_str(), node.name.as_str()].into_iter().chain(port).chain(variant).collect();
     let is_plain = |c: char| c.is_alphanumeric() || "-_.=,+".contains(c);
-    parts.join(".").chars().map(|c| if is_plain(c) { c } else { '_' }).collect()
+    let mut stem: String = parts.join(".").chars().map(|c| if is_plain(c) { c } else { '_' }).collect();
+    stem.truncate(stem.floor_char_boundary(LONGEST_STEM));
+    stem
 }

@@ -8,6 +8,7 @@ mod lock;
 mod marker;
 
 use std::ffi::OsString;
+use std::fmt::Display;
 use std::fs;
 use std::io;
 use std::path::{Component, Path, PathBuf};
@@ -15,7 +16,7 @@ use std::path::{Component, Path, PathBuf};
 pub use lock::{Lock, Refused};
 use marker::Found;
 
-use crate::exit::{Exit, Stop};
+use crate::exit::{Exit, Stop, remedy_of_writing};
 use crate::streams::say;
 
 /// The folder beside runs where trainings put down their checkpoints.
@@ -37,14 +38,20 @@ impl RunFolder {
     /// Makes `<out>.partial`.
     ///
     /// What stands under either name is somebody's results: it is replaced only when asked for, and only a run that is over and
-    /// holds none of the files `read`.
-    pub fn create(out: &Path, overwrite: bool, read: &[&Path]) -> Result<Self, Stop> {
+    /// holds none of the files and folders `read`. A partial folder with nothing in it is what a run left that ended as it began.
+    pub fn create(out: &Path, overwrite: bool, read: &[PathBuf]) -> Result<Self, Stop> {
         let out = &without_turns(out)?;
         let partial = partial_name(out)?;
         make_parent(out)?;
+        // So long a name would be refused when the run is done.
+        found(&aside(out))?;
         for path in [out, &partial] {
             match found(path)? {
                 Found::Nothing => {}
+                Found::Empty if path == &partial => {
+                    fs::remove_dir(path).map_err(|error| failed("remove", path, &error))?;
+                }
+                Found::Empty => return Err(no_run(path, "a folder, but not of a run")),
                 Found::Other(what) => return Err(no_run(path, what)),
                 Found::Run if overwrite => keep_from_harm(path, read)?,
                 Found::Run => return Err(exists(path)),
@@ -91,8 +98,13 @@ impl RunFolder {
         match Lock::mark(&partial) {
             Ok(lock) => Ok(Self { partial, out: out.to_owned(), lock, replaced }),
             Err(error) => {
-                let _ = fs::remove_dir_all(&partial);
-                Err(Stop::because(Exit::Engine, format_args!("failed to mark {}", partial.display()), &error))
+                // Not with all it holds: that takes a descriptor, which there may not be, and what is in it now is not ours.
+                let _ = fs::remove_dir(&partial);
+                let intent = format_args!("failed to mark {}", partial.display());
+                Err(match error {
+                    Refused::System(error) => failed_to(intent, &error),
+                    busy @ Refused::Busy => Stop::because(Exit::Before, intent, &busy),
+                })
             }
         }
     }
@@ -106,7 +118,7 @@ impl RunFolder {
     pub fn write(&self, name: &str, content: &str) -> Result<(), Stop> {
         let path = self.file(name);
         depthloom_durable::write(&path, content.as_bytes())
-            .map_err(|error| Stop::because(Exit::Engine, format_args!("failed to write {}", path.display()), &error))
+            .map_err(|error| Stop::of_writing(Exit::Engine, format_args!("failed to write {}", path.display()), &error))
     }
 
     /// Where trainings put down their checkpoints: beside the run, so that the next one finds them.
@@ -171,7 +183,7 @@ fn lock(folder: &Path) -> Result<Lock, Stop> {
         let stop = Stop::because(Exit::Before, format_args!("failed to lock {}", folder.display()), &refused);
         match refused {
             Refused::Busy => stop.remedy("wait until it is done, or write to another folder (--out)"),
-            Refused::System(_) => stop,
+            Refused::System(error) => Stop { remedy: remedy_of_writing(&error).map(ToOwned::to_owned), ..stop },
         }
     })
 }
@@ -210,10 +222,11 @@ fn found(path: &Path) -> Result<Found, Stop> {
     Found::at(path).map_err(|error| failed("look at", path, &error))
 }
 
-/// The same path without `..`: a folder that goes aside must not lie on the way to its own name.
+/// The same path without `..`: a folder that goes aside must not lie on the way to its own name. And without a slash at its end,
+/// behind which a link is taken for what it leads to.
 fn without_turns(out: &Path) -> Result<PathBuf, Stop> {
     if !out.components().any(|part| part == Component::ParentDir) {
-        return Ok(out.to_owned());
+        return Ok(out.components().collect());
     }
     let (Some(parent), Some(name)) = (out.parent(), out.file_name()) else { return Ok(out.to_owned()) };
     let parent = fs::canonicalize(parent).map_err(|error| failed("find", parent, &error))?;
@@ -221,7 +234,7 @@ fn without_turns(out: &Path) -> Result<PathBuf, Stop> {
 }
 
 /// Refuses to replace what the person stands in, the run was made from, or somebody put there.
-fn keep_from_harm(path: &Path, read: &[&Path]) -> Result<(), Stop> {
+fn keep_from_harm(path: &Path, read: &[PathBuf]) -> Result<(), Stop> {
     let real = fs::canonicalize(path).map_err(|error| failed("look at", path, &error))?;
     let refuse = |why: String| {
         Stop::new(Exit::Before, format!("{} is not replaced: {why}", path.display())).remedy("choose another --out")
@@ -239,7 +252,12 @@ fn keep_from_harm(path: &Path, read: &[&Path]) -> Result<(), Stop> {
 }
 
 fn failed(to: &str, path: &Path, error: &io::Error) -> Stop {
-    Stop::because(Exit::Before, format_args!("failed to {to} {}", path.display()), error)
+    failed_to(format_args!("failed to {to} {}", path.display()), error)
+}
+
+/// Before any frame, whatever it is.
+fn failed_to(intent: impl Display, error: &io::Error) -> Stop {
+    Stop::of_writing(Exit::Before, intent, error)
 }
 
 fn no_run(path: &Path, what: &str) -> Stop {

@@ -14,12 +14,12 @@ mod figure;
 mod files;
 mod maps;
 mod paper;
+mod polars_needs;
 mod reading;
 mod report;
 mod scores;
 mod sheet;
 mod table;
-mod threads;
 mod timings;
 
 pub use distance::{DistanceBin, PERCENTILES, Spread};

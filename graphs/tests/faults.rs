@@ -210,6 +210,22 @@ stages:
 }
 
 #[test]
+fn what_an_experiment_is_read_from_and_names_is_known_by_its_path() {
+    let main = "extends: ../base.yaml
+sources: { train: { kind: kitti/stereo2015, with: { root: data, frames: ./ids.txt } } }
+stages: { learn: { nodes: { graph: parts/graph.yaml } } }
+";
+    let base = learning("weights: net.onnx", "mask: edges/mask", "");
+    let files = [("exps/main.yaml", main), ("base.yaml", &base), ("exps/parts/graph.yaml", "nodes: {}")];
+    let project = folder(&files);
+    let first = loaded(&project.path().join("exps/main.yaml"), &[], "").unwrap_or_else(|said| panic!("{said}"));
+    let mut read: Vec<_> = first.read.iter().map(|path| path.strip_prefix(project.path()).expect("in it")).collect();
+    read.sort();
+    let expected = ["base.yaml", "exps/data", "exps/ids.txt", "exps/main.yaml", "exps/parts/graph.yaml", "net.onnx"];
+    assert_eq!(read, expected.map(Path::new));
+}
+
+#[test]
 fn what_a_stranger_writes_large_is_refused_before_it_fills_the_memory() {
     let deep = format!("learn.teacher.with{}", ".x".repeat(20_000));
     let said = plan_of(&learning("", "mask: edges/mask", ""), &[(&deep, "1")]).expect_err("too deep");

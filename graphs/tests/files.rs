@@ -19,6 +19,9 @@ fn files_that_cannot_be_read_are_named_with_the_reason() {
     let path = folder.path();
     assert!(said(path, "nowhere.yaml").contains("failed to read `/nowhere.yaml`: there is no such file"));
     assert!(said(path, ".").contains("it is a folder"));
+    std::fs::create_dir(path.join("run")).unwrap();
+    std::fs::write(path.join("run/experiment.yaml"), "").unwrap();
+    assert!(said(path, "run").contains("the experiment of that run is `/run/experiment.yaml`"));
     std::fs::write(path.join("latin1.yaml"), b"experiment: caf\xe9\n").unwrap();
     assert!(said(path, "latin1.yaml").contains("it is not UTF-8 text (at byte 15)"));
     let huge = std::fs::File::create(path.join("huge.yaml")).unwrap();

@@ -216,8 +216,8 @@ impl Tap for Recorder {
                 tap_error(RecordingError::Value { frame: frame.id.to_string(), topic, what: too_large(bytes) })
             }
             Unkept::Compression(error) => TapError {
-                what: format!("failed to compress frame {} for {}", frame.id, self.path.display()),
                 source: Some(Box::new(error)),
+                ..TapError::new(format!("failed to compress frame {} for {}", frame.id, self.path.display()))
             },
         };
         let mut builder = PartBuilder::new(frame, &self.pools[run][part]);
@@ -271,21 +271,20 @@ impl Tap for Recorder {
 
     fn once(&self, run: usize, slot: Slot, key: &Key, value: &Value) -> Result<(), TapError> {
         let Slot::Node { node, port } = slot else {
-            return Err(TapError { what: "a source has no once-values".to_owned(), source: None });
+            return Err(TapError::new("a source has no once-values"));
         };
         let mut state = self.state();
         let kept = match value {
             Value::Samples(artifact) | Value::Model(artifact) => state.keep_artifact(artifact),
             Value::Curve(curve) => {
-                let channel = self.layout.runs[run].curve_channel(slot).ok_or_else(|| TapError {
-                    what: "a learning curve came of a port that is not recorded".to_owned(),
-                    source: None,
-                })?;
+                let channel = self.layout.runs[run]
+                    .curve_channel(slot)
+                    .ok_or_else(|| TapError::new("a learning curve came of a port that is not recorded"))?;
                 state.keep_curve(run, channel, &self.layout.channels[usize::from(channel) - 1].topic, curve)
             }
             other => {
                 let what = format!("a once-value of type {} cannot be recorded", other.value_type());
-                return Err(TapError { what, source: None });
+                return Err(TapError::new(what));
             }
         };
         let of = [
@@ -364,9 +363,5 @@ fn experiment_files(plan: &Plan) -> Vec<(String, &str)> {
 }
 
 fn tap_error(error: RecordingError) -> TapError {
-    let what = match error.remedy() {
-        Some(remedy) => format!("{error} ({remedy})"),
-        None => error.to_string(),
-    };
-    TapError { what, source: Some(Box::new(error)) }
+    TapError { what: error.to_string(), remedy: error.remedy(), source: Some(Box::new(error)) }
 }

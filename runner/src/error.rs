@@ -83,7 +83,8 @@ impl RunError {
                 fault.remedy_text()
             }
             Self::NoThread(_) => Some("raise the limit of threads (`ulimit -u`), or run with fewer --workers"),
-            Self::Tap { .. } | Self::Unrunnable { .. } | Self::Aborted => None,
+            Self::Tap { error, .. } => error.remedy.as_deref(),
+            Self::Unrunnable { .. } | Self::Aborted => None,
         }
     }
 

@@ -167,7 +167,7 @@ impl<T: Tap> OnceWork<'_, T> {
             for (port, output) in run.nodes[node].outputs.iter().enumerate().filter(|(_, o)| o.recorded) {
                 let Some(Some(once)) = values.made.get(&(self.run, node, port)) else { continue };
                 caught(|| self.around.tap.once(self.run, Slot::Node { node, port }, key, &once.value))
-                    .unwrap_or_else(|panic| Err(TapError { what: format!("panicked {}", panic.0), source: None }))
+                    .unwrap_or_else(|panic| Err(TapError::new(format!("panicked {}", panic.0))))
                     .map_err(|error| {
                         let what = format!("the once-value `{}/{}`", run.nodes[node].name, output.port.name);
                         RunError::Tap { stage: run.stage.clone(), what, error }

@@ -151,7 +151,7 @@ fn write<T: Tap>(
     let watch = Stopwatch::start();
     let commit = Commit { run: stage.run, frame, source_key, keys: &keys, failures: &failures };
     caught(|| stage.tap.write(&commit, in_flight.take_parts()))
-        .unwrap_or_else(|panic| Err(TapError { what: format!("panicked {}", panic.0), source: None }))
+        .unwrap_or_else(|panic| Err(TapError::new(format!("panicked {}", panic.0))))
         .map_err(tap_failed)?;
     if let Some(timing) = ledger.timings.last_mut() {
         timing.add(frame.index, watch.stop(0));

@@ -382,7 +382,7 @@ impl<'a, T: Tap> Stage<'a, T> {
         let (watch, host) = (desk.start(), self.host(None));
         let instant = &self.source.frames()[frame.position];
         let encoded = caught(|| self.tap.encode(self.run, (frame.position, instant), part, &desk.taken))
-            .unwrap_or_else(|panic| Err(TapError { what: format!("panicked {}", panic.0), source: None }));
+            .unwrap_or_else(|panic| Err(TapError::new(format!("panicked {}", panic.0))));
         let spent = desk.stop(watch, &host);
         desk.taken.clear();
         match encoded {

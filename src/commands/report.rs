@@ -1,5 +1,6 @@
 //! `depthloom report` and `depthloom timings`: what a run found, and where its time went.
 
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use depthloom_analysis::{AnalysisError, ReportOptions, Summary, Timing};
@@ -17,6 +18,9 @@ use crate::streams::{print, print_json};
 /// A recording's name in a run's folder.
 pub const RECORDING: &str = "recording.mcap";
 
+/// The name of its timings.
+pub const TIMINGS: &str = "timings.parquet";
+
 /// Makes tables, plots and models again, from the recording alone.
 pub fn report(args: &ReportArgs) -> Result<Exit, Stop> {
     let path = recording_of(&args.run)?;
@@ -26,12 +30,10 @@ pub fn report(args: &ReportArgs) -> Result<Exit, Stop> {
     };
     let interrupt = signals::listen()?;
     std::fs::create_dir_all(&out)
-        .map_err(|error| Stop::because(Exit::Before, format_args!("failed to create {}", out.display()), &error))?;
+        .map_err(|error| Stop::of_writing(Exit::Before, format_args!("failed to create {}", out.display()), &error))?;
     let _lock = run_folder::lock_if_run(&out)?;
-    let recording = Recording::open(&path).map_err(|error| {
-        Stop::because(Exit::Before, format_args!("failed to open {}", path.display()), &error)
-            .known_remedy(error.remedy())
-    })?;
+    let recording = Recording::open(&path)
+        .map_err(|error| Stop::of_recording(Exit::Before, "failed to read the recording", &error))?;
     let options = ReportOptions { paper: args.paper, check_every_byte: true, ..ReportOptions::default() };
     let report = analyse(&recording, &out, &options, &interrupt)?;
     let but_whole = |stop: Stop| stop.also(format!("tables and plots are whole in {}", out.display()));
@@ -58,7 +60,7 @@ pub fn analyse(
         AnalysisError::Stopped => interrupted(),
         error => {
             let exit = if error.is_damage() { Exit::Frames } else { Exit::Engine };
-            Stop::because(exit, "failed to analyse the recording", &error).known_remedy(error.remedy())
+            Stop::of_analysis(exit, "failed to analyse the recording", &error)
         }
     })
 }
@@ -66,7 +68,16 @@ pub fn analyse(
 /// The recording of a run's folder, or the recording itself.
 fn recording_of(run: &Path) -> Result<PathBuf, Stop> {
     let failed = |what: String| Stop::new(Exit::Before, format!("failed to open {}: {what}", run.display()));
-    let kind = std::fs::metadata(run).map_err(|error| failed(error.to_string()))?.file_type();
+    let kind = match std::fs::metadata(run) {
+        Ok(metadata) => metadata.file_type(),
+        Err(error) => {
+            let stop = failed(error.to_string());
+            return Err(match unfinished(run, RECORDING) {
+                Some(partial) => stop.remedy(of_unfinished(&partial, "report")),
+                None => stop.remedy("name a run's folder or a recording"),
+            });
+        }
+    };
     if kind.is_file() {
         return Ok(run.to_owned());
     }
@@ -74,8 +85,10 @@ fn recording_of(run: &Path) -> Result<PathBuf, Stop> {
         return Err(failed("it is neither a file nor a folder".to_owned()).remedy("name a run's folder or a recording"));
     }
     let recording = run.join(RECORDING);
-    if recording.is_file() {
-        return Ok(recording);
+    match std::fs::metadata(&recording) {
+        Ok(metadata) if metadata.is_file() => return Ok(recording),
+        Err(error) if error.kind() != ErrorKind::NotFound => return Err(failed(error.to_string())),
+        Ok(_) | Err(_) => {}
     }
     let runs = runs_below(run, 2);
     let stop = failed(format!("it has no {RECORDING}"));
@@ -88,6 +101,22 @@ fn recording_of(run: &Path) -> Result<PathBuf, Stop> {
             newest.display()
         )),
     })
+}
+
+/// The run with this file that would have this name, were it whole: `<run>.partial`, or that of a run which `run` is a file of.
+fn unfinished(run: &Path, file: &str) -> Option<PathBuf> {
+    let of = |run: &Path| {
+        let partial = run.file_name().map(|_| depthloom_durable::partial_name(run))?;
+        partial.join(file).is_file().then_some(partial)
+    };
+    of(run).or_else(|| of(run.parent()?))
+}
+
+fn of_unfinished(partial: &Path, command: &str) -> String {
+    let partial = partial.display();
+    format!(
+        "{partial} is there: a run that goes on, or ended before it was whole; `depthloom {command} {partial}` reads what there is of it"
+    )
 }
 
 /// The runs in a folder and, up to a depth, in its folders; by name, and so by time.
@@ -120,9 +149,14 @@ pub fn summary(report: &Summary, folder: &Path) -> String {
 
 /// Prints core-milliseconds per frame by node, encoding, compression and writing.
 pub fn timings(args: &TimingsArgs) -> Result<Exit, Stop> {
-    let path = args.run.join("timings.parquet");
-    let table = depthloom_analysis::timings_table(&path)
-        .map_err(|error| Stop::because(Exit::Before, format_args!("failed to read {}", path.display()), &error))?;
+    let path = args.run.join(TIMINGS);
+    let table = depthloom_analysis::timings_table(&path).map_err(|error| {
+        let stop = Stop::because(Exit::Before, "failed to show the timings", &error);
+        match unfinished(&args.run, TIMINGS).filter(|_| !args.run.exists()) {
+            Some(partial) => stop.remedy(of_unfinished(&partial, "timings")),
+            None => stop.remedy("name the folder of a run"),
+        }
+    })?;
     print(&table)?;
     Ok(Exit::Whole)
 }
@@ -136,7 +170,7 @@ pub fn write_timings(
 ) -> Result<(), Stop> {
     let rows: Vec<Timing> = timings.iter().flat_map(|timing| rows(timing, plan, recorder)).collect();
     depthloom_analysis::write_timings(&rows, path)
-        .map_err(|error| Stop::because(Exit::Engine, format_args!("failed to write {}", path.display()), &error))
+        .map_err(|error| Stop::of_analysis(Exit::Engine, "failed to keep the timings", &error))
 }
 
 /// A timing's rows: one, or two where compression is a share of encoding.

@@ -1,6 +1,6 @@
 //! `depthloom run`: from an experiment file to a recording, a table and plots.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use depthloom_analysis::{ReportOptions, Summary};
@@ -14,7 +14,7 @@ use depthloom_runner::{Checkpoints, Interrupt, Options, Report, RunError};
 use serde_json::{Value as Json, json};
 
 use super::check::load;
-use super::report::{RECORDING, analyse, summary, write_timings};
+use super::report::{RECORDING, TIMINGS, analyse, summary, write_timings};
 use crate::args::RunArgs;
 use crate::diagnostics;
 use crate::environment;
@@ -27,7 +27,7 @@ use crate::streams::{print, print_json, print_path, say};
 
 /// Loads, plans, opens, runs, records, scores and prints.
 pub fn run(args: &RunArgs, registry: &Registry) -> Result<Exit, Stop> {
-    let Some(Loaded { plan, kept, .. }) = load(&args.experiment, registry, is_silent(args))? else {
+    let Some(Loaded { plan, kept, read, .. }) = load(&args.experiment, registry, is_silent(args))? else {
         return Ok(Exit::Before);
     };
     let ready = match Ready::new(plan, registry) {
@@ -36,7 +36,7 @@ pub fn run(args: &RunArgs, registry: &Registry) -> Result<Exit, Stop> {
     };
     let plan = ready.plan.clone();
     let interrupt = signals::listen()?;
-    let folder = make_folder(args, &plan, &kept)?;
+    let folder = make_folder(args, &plan.experiment, &kept, &read)?;
     let started = Instant::now();
     let options = options(args, &folder);
 
@@ -74,18 +74,19 @@ fn is_silent(args: &RunArgs) -> bool {
 }
 
 /// The folder to write: the one asked for, or a new one of this moment.
-fn make_folder(args: &RunArgs, plan: &Plan, kept: &[(String, String)]) -> Result<RunFolder, Stop> {
+fn make_folder(
+    args: &RunArgs,
+    experiment: &str,
+    kept: &[(String, String)],
+    read: &[PathBuf],
+) -> Result<RunFolder, Stop> {
     let folder = match &args.out {
         Some(out) if args.json && out.to_str().is_none() => {
             let what = format!("the output folder `{}` is no UTF-8, which --json prints", out.display());
             return Err(Stop::new(Exit::Before, what).remedy("choose another --out, or leave --json out"));
         }
-        Some(out) => {
-            let written = plan.written.iter().map(|(name, _)| Path::new(name));
-            let read: Vec<&Path> = written.chain([args.experiment.experiment.as_path()]).collect();
-            RunFolder::create(out, args.overwrite, &read)?
-        }
-        None => RunFolder::create_new(&Path::new("runs").join(&plan.experiment), &environment::utc_stamp())?,
+        Some(out) => RunFolder::create(out, args.overwrite, read)?,
+        None => RunFolder::create_new(&Path::new("runs").join(experiment), &environment::utc_stamp())?,
     };
     match write_experiment(&folder, kept) {
         Ok(()) => Ok(folder),
@@ -102,10 +103,10 @@ fn write_experiment(folder: &RunFolder, kept: &[(String, String)]) -> Result<(),
         if let Some(inner) = Path::new(name).parent().filter(|inner| !inner.as_os_str().is_empty()) {
             let inner = folder.partial.join(inner);
             std::fs::create_dir_all(&inner).map_err(|error| {
-                Stop::because(Exit::Engine, format_args!("failed to create {}", inner.display()), &error)
+                Stop::of_writing(Exit::Before, format_args!("failed to create {}", inner.display()), &error)
             })?;
         }
-        folder.write(name, text)?;
+        folder.write(name, text).map_err(|stop| Stop { exit: Exit::Before, ..stop })?;
     }
     Ok(())
 }
@@ -174,7 +175,7 @@ fn record(
     interrupt: &Interrupt,
 ) -> Result<Recorded, Ended> {
     let recorder = Recorder::create(folder.file(RECORDING), plan).map_err(|error| Ended {
-        why: Stop::because(Exit::Engine, "failed to start the recording", &error),
+        why: Stop::of_recording(Exit::Engine, "failed to start the recording", &error),
         frames: 0,
     })?;
     let progress = Progress::new(plan, is_silent(args));
@@ -184,7 +185,7 @@ fn record(
         Ok(ran) if !ran.interrupted => recorder.finish(&[]),
         _ => recorder.finish_early(),
     };
-    let finished = finished.map_err(|error| Stop::because(Exit::Engine, "failed to close the recording", &error));
+    let finished = finished.map_err(|error| Stop::of_recording(Exit::Engine, "failed to close the recording", &error));
     let ended = |why| Ended { why, frames: progress.written() };
     // What failed first is told.
     let ran = ran.map_err(|error| ended(stop_of(&error)))?;
@@ -193,7 +194,7 @@ fn record(
     if !args.json {
         warnings.iter().for_each(|warning| diagnostics::print_warning(warning));
     }
-    write_timings(&ran.timings, plan, &recorder, &folder.file("timings.parquet")).map_err(ended)?;
+    write_timings(&ran.timings, plan, &recorder, &folder.file(TIMINGS)).map_err(ended)?;
     if ran.interrupted {
         return Err(ended(Stop::new(Exit::Interrupted, "interrupted")));
     }
@@ -231,7 +232,7 @@ fn finish(
     environment: impl FnOnce() -> Json,
 ) -> Result<(Summary, Json), Stop> {
     let recording = Recording::open(folder.file(RECORDING))
-        .map_err(|error| Stop::because(Exit::Engine, "failed to read the recording back", &error))?;
+        .map_err(|error| Stop::of_recording(Exit::Engine, "failed to read the recording back", &error))?;
     models::write(&recording, &folder.partial)?;
     let report = analyse(
         &recording,

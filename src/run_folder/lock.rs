@@ -26,19 +26,25 @@ pub enum Refused {
 
 impl Lock {
     /// Marks a folder as a run's and locks it.
+    ///
+    /// The marker has its name from the start, though it may not be whole yet: a folder is known by it at every moment that a kill
+    /// can leave behind, and of several who mark one folder only one does.
     pub fn mark(folder: &Path) -> Result<Self, Refused> {
-        // Under its name there never is a marker that its maker has not locked.
-        let new = folder.join(format!(".{MARKER}-{}", std::process::id()));
-        let mut marker = OpenOptions::new().read(true).write(true).create_new(true).open(&new)?;
-        let marked = writeln!(marker, "{}", content()).and_then(|()| marker.sync_all()).map_err(Refused::from);
-        let marked = marked.and_then(|()| Self::of(marker)).and_then(|lock| {
-            depthloom_durable::rename(&new, &folder.join(MARKER))?;
-            Ok(lock)
-        });
-        if marked.is_err() {
-            let _ = std::fs::remove_file(&new);
+        let path = folder.join(MARKER);
+        let marker = match OpenOptions::new().read(true).write(true).create_new(true).open(&path) {
+            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => return Err(Refused::Busy),
+            opened => opened?,
+        };
+        // Who looks for a run that is over may have locked it by now: then the folder is theirs, and so is the marker.
+        let mut lock = Self::of(marker)?;
+        let written = writeln!(lock.marker, "{}", content()).and_then(|()| lock.marker.sync_all());
+        match written.and_then(|()| depthloom_durable::sync_name(&path)) {
+            Ok(()) => Ok(lock),
+            Err(error) => {
+                let _ = std::fs::remove_file(&path);
+                Err(error.into())
+            }
         }
-        marked
     }
 
     /// Locks a run's folder, if nobody has.
@@ -104,6 +110,17 @@ mod tests {
         drop(first);
         let second = Lock::take(folder.path()).unwrap();
         assert!(second.is_of(folder.path()));
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn a_folder_is_marked_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let first = Lock::mark(folder.path()).unwrap();
+        assert!(matches!(Lock::mark(folder.path()), Err(Refused::Busy)));
+        assert!(first.is_of(folder.path()));
+        // A folder that cannot be marked is left as it was.
+        assert!(Lock::mark(&folder.path().join("none")).is_err());
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
     }
 

@@ -14,6 +14,8 @@ pub enum Found {
     Nothing,
     /// A run's folder, over or still being written.
     Run,
+    /// A folder with nothing in it.
+    Empty,
     /// Something else, in words.
     Other(&'static str),
 }
@@ -31,6 +33,7 @@ impl Found {
             () if kind.is_file() => Self::Other("a file"),
             () if !kind.is_dir() => Self::Other("neither file nor folder"),
             () if has_file(path, MARKER) || is_of_0_1_0(path) => Self::Run,
+            () if fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_none()) => Self::Empty,
             () => Self::Other("a folder, but not of a run"),
         })
     }

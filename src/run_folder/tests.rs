@@ -93,7 +93,7 @@ fn fault_41_a_run_that_holds_what_is_read_is_not_replaced() {
     let out = folder.path().join("out");
     whole_run(&out, "experiment");
     let experiment = out.join("scores.csv");
-    let stop = RunFolder::create(&out, true, &[&experiment]).err().unwrap();
+    let stop = RunFolder::create(&out, true, &[experiment]).err().unwrap();
     assert_eq!(stop.exit, Exit::Before);
     assert_eq!(content(&out), "experiment");
 }
@@ -125,6 +125,19 @@ fn fault_50_a_dangling_link_is_found_before_any_frame() {
         assert_eq!(create(&out, overwrite).err(), Some(Exit::Before));
     }
     assert_eq!(names(folder.path()), ["out"]);
+}
+
+#[cfg(unix)]
+#[test]
+fn a_link_to_a_run_is_not_replaced_by_whatever_way_it_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let (run, link) = (folder.path().join("run"), folder.path().join("link"));
+    whole_run(&run, "kept");
+    std::os::unix::fs::symlink(&run, &link).unwrap();
+    for way in ["link", "link/", "./link//", "link/."] {
+        assert_eq!(create(&folder.path().join(way), true).err(), Some(Exit::Before), "{way}");
+    }
+    assert_eq!((content(&run).as_str(), names(folder.path())), ("kept", vec!["link".to_owned(), "run".to_owned()]));
 }
 
 #[test]
@@ -160,6 +173,35 @@ fn a_way_through_the_folder_itself_replaces_it_as_any_other() {
     assert_eq!((content(&out).as_str(), names(folder.path())), ("after", vec!["out".to_owned()]));
     assert_eq!(create(&folder.path().join("none/../out"), true).err(), Some(Exit::Before));
     assert_eq!(names(folder.path()), ["out"], "nothing was made on the way");
+}
+
+#[test]
+fn a_run_that_ended_as_it_began_is_in_nobodys_way() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    for overwrite in [false, true] {
+        fs::create_dir(folder.path().join("out.partial")).unwrap();
+        drop(create(&out, overwrite).unwrap());
+        // Marked before anything else is in it: at no moment a kill leaves what is not known again.
+        assert_eq!(names(&folder.path().join("out.partial")), [super::marker::MARKER]);
+        create(&out, true).unwrap().discard();
+        assert_eq!(names(folder.path()), Vec::<String>::new());
+    }
+    // Under the final name it is somebody's all the same.
+    fs::create_dir(&out).unwrap();
+    assert_eq!(create(&out, true).err(), Some(Exit::Before));
+    assert_eq!(names(folder.path()), ["out"]);
+}
+
+#[test]
+fn a_name_too_long_for_what_comes_behind_it_is_found_before_any_frame() {
+    let folder = tempfile::tempdir().unwrap();
+    for length in [245, 250, 300] {
+        let stop = RunFolder::create(&folder.path().join("x".repeat(length)), true, &[]).err().unwrap();
+        assert_eq!(stop.exit, Exit::Before);
+        assert!(stop.remedy.is_some_and(|remedy| remedy.contains("a shorter --out")), "{}", stop.message);
+    }
+    assert_eq!(names(folder.path()), Vec::<String>::new());
 }
 
 #[test]

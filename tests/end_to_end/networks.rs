@@ -92,6 +92,30 @@ fn a_bare_machine_runs_networks_in_tract_and_says_so() {
 }
 
 #[test]
+fn a_library_that_is_named_and_cannot_be_used_comes_with_the_ways_out() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = experiment(folder.path(), "{}");
+    let text = folder.path().join("libonnxruntime.so");
+    std::fs::write(&text, "<html>404</html>").expect("written");
+    for library in ["/nowhere/libonnxruntime.so".as_ref(), text.as_path(), folder.path()] {
+        for command in ["run", "doctor"] {
+            let mut program = bare();
+            program.env("ORT_DYLIB_PATH", library).arg(command);
+            if command == "run" {
+                program.arg(&path).arg("--out").arg(folder.path().join("run"));
+            }
+            let output = program.output().expect("started");
+            assert_eq!(output.status.code(), Some(if command == "run" { 2 } else { 0 }), "{output:?}");
+            let said = [output.stdout, output.stderr].concat();
+            let said = String::from_utf8_lossy(&said);
+            assert!(said.contains(&format!("{}", library.display())), "{said}");
+            assert!(said.contains("unset ORT_DYLIB_PATH") && said.contains("let it name libonnxruntime.so"), "{said}");
+            assert_eq!(said.contains("DEPTHLOOM_ONNX_ENGINE=tract"), cfg!(feature = "tract"), "{said}");
+        }
+    }
+}
+
+#[test]
 fn an_engine_nobody_knows_and_a_provider_that_is_not_there_are_found_before_any_frame() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = experiment(folder.path(), "{ provider: directml }");

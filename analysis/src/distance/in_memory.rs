@@ -6,7 +6,7 @@ use polars::prelude::{Column, DataType, IntoLazy, NamedFrom, PolarsResult, Quant
 use super::samples::{Which, error_bits, error_from_bits};
 use super::{PERCENTILES, Spread};
 
-/// By metre: how the errors spread. Needs [polars' threads](crate::threads).
+/// By metre: how the errors spread. Needs [what polars needs](crate::polars_needs).
 pub(super) fn spreads(which: Which, held: &[Vec<u32>]) -> PolarsResult<Vec<Option<Spread>>> {
     let (mut bins, mut errors) = (Vec::new(), Vec::new());
     for (metre, samples) in held.iter().enumerate() {

@@ -59,9 +59,19 @@ pub struct Commit<'a> {
 pub struct TapError {
     /// A lower-case fragment naming file and place.
     pub what: String,
+    /// What the person can do about it, if it is known.
+    pub remedy: Option<String>,
     /// The error beneath.
     #[source]
     pub source: Option<Box<dyn std::error::Error + Send + Sync>>,
+}
+
+impl TapError {
+    /// A lower-case fragment and nothing else.
+    #[must_use]
+    pub fn new(what: impl Into<String>) -> Self {
+        Self { what: what.into(), remedy: None, source: None }
+    }
 }
 
 /// Takes the values of a run, in the order (stage run, frame, plan position, port).

@@ -1,8 +1,9 @@
 //! From a file to a plan.
 
 use std::collections::HashMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
+use super::blame;
 use super::change::apply::{self, Change, Scope};
 use super::change::overrides;
 use super::change::variant::Variant;
@@ -61,6 +62,8 @@ pub struct Loaded {
     /// The files a run keeps, by name (`experiment.yaml`, `experiment/base.yaml`, `experiment.resolved.yaml`) and text: whatever
     /// folder they are put in, they can be checked and run from there.
     pub kept: Vec<(String, String)>,
+    /// The files it was read from, and the files and folders that it names, as paths from the working directory.
+    pub read: Vec<PathBuf>,
 }
 
 /// Reads an experiment, checks all of it against the kinds of a registry, and plans it.
@@ -70,10 +73,26 @@ pub struct Loaded {
 /// # Errors
 /// Everything that is wrong with it, in one pass; what is no YAML at all, or names a file that cannot be read, stops there.
 pub fn load(path: &Path, registry: &Registry, options: &Options<'_>) -> Result<Loaded, Diagnostics> {
+    let looked_at = |set: &[(String, String)]| look_at(path, registry, &*options.env, set);
+    looked_at(&options.set).map_err(|found| {
+        blame::pointed(found, &options.set, |argument| {
+            let rest = [&options.set[..argument], &options.set[argument + 1..]].concat();
+            looked_at(&rest).map_or_else(|wrong| wrong, |loaded| loaded.warnings)
+        })
+    })
+}
+
+/// As [`load`], with these arguments of `--set`; what is wrong points at where it shows.
+fn look_at(
+    path: &Path,
+    registry: &Registry,
+    env: &environment::Lookup<'_>,
+    set: &[(String, String)],
+) -> Result<Loaded, Diagnostics> {
     let mut report = Report::default();
-    let mut files = Files::new(&*options.env);
-    let (set, set_files) = overrides::changes(&options.set, &mut report);
-    let plan = planned(path, registry, options, &set, &mut files, &mut report);
+    let mut files = Files::new(env);
+    let (set, set_files) = overrides::changes(set, &mut report);
+    let planned = planned(path, registry, env, &set, &mut files, &mut report);
     let mut order = files.sources();
     order.extend(set_files);
     let mut diagnostics = report.finish(&order);
@@ -83,8 +102,8 @@ pub fn load(path: &Path, registry: &Registry, options: &Options<'_>) -> Result<L
             diagnostic.key_path = files.key_path(&place).unwrap_or_default();
         }
     }
-    match plan {
-        Some((plan, kept)) if !diagnostics.has_errors() => Ok(Loaded { plan, warnings: diagnostics, kept }),
+    match planned {
+        Some(loaded) if !diagnostics.has_errors() => Ok(Loaded { warnings: diagnostics, ..loaded }),
         _ => Err(diagnostics),
     }
 }
@@ -92,17 +111,17 @@ pub fn load(path: &Path, registry: &Registry, options: &Options<'_>) -> Result<L
 fn planned(
     path: &Path,
     registry: &Registry,
-    options: &Options<'_>,
+    env: &environment::Lookup<'_>,
     set: &[Change],
     files: &mut Files<'_>,
     report: &mut Report,
-) -> Option<(Plan, Vec<(String, String)>)> {
+) -> Option<Loaded> {
     let root = files.experiment(path, report)?;
     if files.is_broken() {
         return None;
     }
     let root = apply::apply(&root, set, Scope::CommandLine, report);
-    let root = environment::substitute(&root, &*options.env, report);
+    let root = environment::substitute(&root, env, report);
     let (experiment, about) = spec::title(&root, report);
     let recording = record::read(&root, report);
     let variants = variants::read(&root, report);
@@ -150,7 +169,8 @@ fn planned(
         written: files.written(),
         resolved: resolved::yaml(&root, None),
     };
-    Some((plan, kept))
+    let read = files.paths().chain(resolver.contents.named()).map(Path::to_owned).collect();
+    Some(Loaded { plan, warnings: Diagnostics::default(), kept, read })
 }
 
 /// Estimates are told apart by name alone, in all stages.

@@ -3,6 +3,7 @@
 //! What a person wrote and what the program decided are two types. On the way, a folder a stage of it, each using those before it:
 //! `text`, `change`, `check`, `plan`. Errors are collected on the way and handed over together.
 
+mod blame;
 mod change;
 mod check;
 mod load;

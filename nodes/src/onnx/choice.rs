@@ -9,7 +9,7 @@ use std::sync::OnceLock;
 use depthloom_graphs::Fault;
 
 use super::engine::Engine;
-use super::runtime;
+use super::runtime::{self, Missing};
 
 /// The environment variable that names the engine: `onnxruntime` or `tract`; unset or empty, the first of them that is there.
 pub const VARIABLE: &str = "DEPTHLOOM_ONNX_ENGINE";
@@ -22,9 +22,12 @@ struct NoEngine {
     remedy: &'static str,
 }
 
-impl NoEngine {
-    const fn missing(what: String) -> Self {
-        Self { what, remedy: runtime::REMEDY }
+impl From<Missing> for NoEngine {
+    fn from(missing: Missing) -> Self {
+        match missing {
+            Missing::Named(what) => Self { what, remedy: runtime::REMEDY_OF_NAMED },
+            Missing::NoneFound(what, _) => Self { what, remedy: runtime::REMEDY },
+        }
     }
 }
 
@@ -53,10 +56,10 @@ fn choose() -> Result<Engine, NoEngine> {
     match asked.to_str() {
         Some("") => runtime::load().or_else(|missing| match missing {
             // A library asked for by name: another engine in its place would surprise.
-            runtime::Missing::Named(what) => Err(NoEngine::missing(what)),
-            runtime::Missing::NoneFound(what, refused) => fallback(what, refused),
+            named @ Missing::Named(_) => Err(named.into()),
+            Missing::NoneFound(what, refused) => fallback(what, refused),
         }),
-        Some("onnxruntime") => runtime::load().map_err(|missing| NoEngine::missing(missing.into_text())),
+        Some("onnxruntime") => runtime::load().map_err(NoEngine::from),
         Some("tract") => tract(VARIABLE, None, Vec::new()),
         _ => Err(NoEngine {
             what: format!("{VARIABLE} is `{}`, which is no engine", asked.display()),
@@ -72,7 +75,7 @@ fn fallback(why: String, refused: Vec<String>) -> Result<Engine, NoEngine> {
 
 #[cfg(not(feature = "tract"))]
 fn fallback(why: String, _refused: Vec<String>) -> Result<Engine, NoEngine> {
-    Err(NoEngine::missing(why))
+    Err(Missing::NoneFound(why, Vec::new()).into())
 }
 
 #[cfg(feature = "tract")]

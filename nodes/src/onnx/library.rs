@@ -7,6 +7,7 @@
     reason = "a library's functions can only be called on its word that they are what their names say"
 )]
 
+use std::error::Error as _;
 use std::ffi::CStr;
 use std::mem::ManuallyDrop;
 use std::path::Path;
@@ -26,7 +27,11 @@ pub(crate) fn look_at(path: &Path) -> Result<(), String> {
     let refused = |why: String| format!("{} {why}", path.display());
     // SAFETY: loading runs a library's own start-up code. Only files named as ONNX Runtime's are opened, from where the person
     // said, the system's folders or the environment the person activated: code of theirs.
-    let library = unsafe { Library::new(path) }.map_err(|error| refused(format!("does not load ({error})")))?;
+    let library = unsafe { Library::new(path) }.map_err(|error| {
+        // What the loader has to say stands beneath.
+        let why = error.source().map_or_else(|| error.to_string(), ToString::to_string);
+        refused(format!("does not load ({why})"))
+    })?;
     // Never unloaded: a library may have left something behind that runs at the process's end.
     let library = ManuallyDrop::new(library);
     // SAFETY: ONNX Runtime's header declares this function with this type, and no other library has one of its name.
@@ -68,5 +73,6 @@ mod tests {
         std::fs::write(&path, "<html>404</html>").unwrap();
         let told = look_at(&path).unwrap_err();
         assert!(told.contains("libonnxruntime.so does not load"), "{told}");
+        assert!(!cfg!(target_os = "linux") || told.contains("invalid ELF header"), "{told}");
     }
 }

@@ -14,6 +14,13 @@ use super::library;
 
 pub(crate) const REMEDY: &str = "activate a Python environment that has it (`pip install onnxruntime`), or set ORT_DYLIB_PATH to libonnxruntime.so of version 1.24 or newer";
 
+/// Where `ORT_DYLIB_PATH` names what cannot be used.
+#[cfg(feature = "tract")]
+pub(crate) const REMEDY_OF_NAMED: &str = "unset ORT_DYLIB_PATH for what this machine has, let it name libonnxruntime.so of version 1.24 or newer, or set DEPTHLOOM_ONNX_ENGINE=tract for the engine inside this program";
+#[cfg(not(feature = "tract"))]
+pub(crate) const REMEDY_OF_NAMED: &str =
+    "unset ORT_DYLIB_PATH for what this machine has, or let it name libonnxruntime.so of version 1.24 or newer";
+
 /// Why there is no ONNX Runtime.
 pub(crate) enum Missing {
     /// `ORT_DYLIB_PATH` names one that cannot be used.
@@ -22,20 +29,15 @@ pub(crate) enum Missing {
     NoneFound(String, Vec<String>),
 }
 
-impl Missing {
-    pub(crate) fn into_text(self) -> String {
-        match self {
-            Self::Named(what) | Self::NoneFound(what, _) => what,
-        }
-    }
-}
-
 /// The ONNX Runtime of this machine.
 pub(crate) fn load() -> Result<Engine, Missing> {
     if let Some(path) = std::env::var_os("ORT_DYLIB_PATH").filter(|path| !path.is_empty()) {
         // Asked for by name: another one in its place would surprise.
         let named = |what| Missing::Named(format!("ORT_DYLIB_PATH: {what}"));
         let path = std::path::absolute(path).map_err(|error| named(error.to_string()))?;
+        if path.is_dir() {
+            return Err(named(format!("{} is a folder, not the library in it", path.display())));
+        }
         if !path.is_file() {
             return Err(named(format!("there is no file {}", path.display())));
         }

@@ -327,14 +327,14 @@ impl Tap for Notebook {
         values: &[(Slot, Value)],
     ) -> Result<String, TapError> {
         if self.refuses_to_encode.contains(&frame.index) {
-            return Err(TapError { what: "no ink".to_owned(), source: None });
+            return Err(TapError::new("no ink"));
         }
         Ok(told_part(part, values))
     }
 
     fn write(&self, commit: &Commit<'_>, parts: Vec<String>) -> Result<(), TapError> {
         if self.refuses_to_write.contains(&commit.frame.index) {
-            return Err(TapError { what: "no paper".to_owned(), source: None });
+            return Err(TapError::new("no paper"));
         }
         self.lines.lock().expect("nobody panics with the lock").push(told_commit(commit, &parts));
         self.on_write.iter().for_each(|f| f(commit.frame.index));

@@ -33,6 +33,15 @@ pub(crate) enum Scope {
     CommandLine,
 }
 
+impl Scope {
+    const fn describe(self) -> &'static str {
+        match self {
+            Self::Variant => "a variant",
+            Self::CommandLine => "`--set`",
+        }
+    }
+}
+
 /// A path that names nothing: which part of it, and what to do.
 struct Unknown {
     range: Range<usize>,
@@ -89,6 +98,10 @@ fn locate(root: &Node, path: &str, scope: Scope) -> Result<Vec<String>, Unknown>
     };
     let refs = |names: &[String]| -> Vec<String> { names.to_vec() };
 
+    if let Some(empty) = segments.iter().position(|(segment, _)| segment.trim().is_empty()) {
+        let what = "a path is keys joined by dots, and one of these is empty".to_owned();
+        return Err(unknown(empty, what, Some(format!("e.g. `{}`", example(root)))));
+    }
     let first = segments[0].0;
     let second = segments.get(1).map(|(s, _)| *s);
     match first {
@@ -98,11 +111,13 @@ fn locate(root: &Node, path: &str, scope: Scope) -> Result<Vec<String>, Unknown>
             let Some(name) = second.filter(|name| sources.iter().any(|s| s == name)) else {
                 let names = refs(&sources);
                 let names: Vec<&str> = names.iter().map(String::as_str).collect();
-                let what = second.map_or_else(
-                    || "the path ends before it names a source".to_owned(),
-                    |name| format!("there is no source `{name}`"),
-                );
-                return Err(unknown(1, what, names::suggestion(second.unwrap_or(""), "sources", &names)));
+                let Some(name) = second else {
+                    let what = format!("{} changes one source at a time, not all `sources`", scope.describe());
+                    let help = format!("e.g. `sources.{}.with.PARAMETER`", names.first().unwrap_or(&"NAME"));
+                    return Err(unknown(0, what, Some(help)));
+                };
+                let what = format!("there is no source `{name}`");
+                return Err(unknown(1, what, names::suggestion(name, "sources", &names)));
             };
             let mut keys = owned(&["sources", name]);
             match segments.get(2).map(|(s, _)| *s) {
@@ -119,20 +134,37 @@ fn locate(root: &Node, path: &str, scope: Scope) -> Result<Vec<String>, Unknown>
     }
     let stages = keys_of(root.get("stages"));
     if !stages.iter().any(|stage| stage == first) {
+        if first == "stages" {
+            let Some((_, rest)) = segments.get(1) else {
+                let what = format!("{} changes one node at a time, not all `stages`", scope.describe());
+                return Err(unknown(0, what, Some(format!("e.g. `{}`", example(root)))));
+            };
+            let what = "a path begins with the name of a stage itself".to_owned();
+            return Err(unknown(0, what, Some(format!("leave out `stages.`: `{}`", &path[rest.start..]))));
+        }
+        if names::EXPERIMENT_KEYS.contains(&first) {
+            let what = format!("{} cannot change `{first}`", scope.describe());
+            let record = if scope == Scope::CommandLine { ", `sources` and `record`" } else { " and `sources`" };
+            let help = format!(
+                "it changes stages{record}, e.g. `{}`; another experiment that `extends` this one changes all",
+                example(root)
+            );
+            return Err(unknown(0, what, Some(help)));
+        }
         let mut names: Vec<&str> = stages.iter().map(String::as_str).collect();
         names.push("sources");
-        let help = if first == "stages" && segments.len() > 1 {
-            Some(format!("leave out `stages.`: `{}`", &path[segments[1].1.start..]))
-        } else {
-            names::suggestion(first, "a path begins with a stage or with `sources`", &names)
-        };
+        if scope == Scope::CommandLine {
+            names.push("record");
+        }
+        let help = names::suggestion(first, "a path begins with one of", &names);
         return Err(unknown(0, format!("there is no stage `{first}`"), help));
     }
     let stage = root.get("stages").and_then(|stages| stages.get(first));
     let nodes = keys_of(stage.and_then(|stage| stage.get("nodes")));
     let Some(name) = second else {
         let what = format!("`{first}` is a whole stage: the path ends too early");
-        return Err(unknown(0, what, Some(format!("e.g. `{first}.NODE.with.PARAMETER`"))));
+        let node = nodes.first().map_or("NODE", String::as_str);
+        return Err(unknown(0, what, Some(format!("e.g. `{first}.{node}.with.PARAMETER`"))));
     };
     if nodes.iter().any(|node| node == name) {
         let mut keys = owned(&["stages", first, "nodes", name]);
@@ -179,8 +211,19 @@ fn locate(root: &Node, path: &str, scope: Scope) -> Result<Vec<String>, Unknown>
     if score.is_some() {
         candidates.push("score");
     }
-    let help = names::suggestion(name, "nodes of the stage", &candidates);
+    let help = match segments.get(2) {
+        Some((_, rest)) if name == "nodes" => Some(format!("leave out `nodes.`: `{first}.{}`", &path[rest.start..])),
+        _ => names::suggestion(name, "nodes of the stage", &candidates),
+    };
     Err(unknown(1, format!("stage `{first}` has no node `{name}`"), help))
+}
+
+/// A path that would name something in this experiment.
+fn example(root: &Node) -> String {
+    let stage = root.get("stages").and_then(|stages| stages.entries().first());
+    let node = stage.and_then(|stage| stage.value.get("nodes")?.entries().first());
+    let name = |entry: Option<&Entry>, other: &str| entry.map_or_else(|| other.to_owned(), |entry| entry.key.clone());
+    format!("{}.{}.with.PARAMETER", name(stage, "STAGE"), name(node, "NODE"))
 }
 
 fn drop_parameters_of_another_kind(root: &mut Arc<Node>, instance: &[String], kind: &Node) {

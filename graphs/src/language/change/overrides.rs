@@ -9,26 +9,41 @@ use crate::language::text::parse;
 use crate::language::text::source_file::{Place, SourceFile};
 use crate::language::text::tree::{Node, Tree};
 
+/// The name that arguments have among files.
+pub(crate) const NAME: &str = "--set";
+
+/// An argument as a file that holds all of it.
+pub(crate) fn argument(path: &str, value: &str) -> SourceFile {
+    SourceFile::new(NAME, format!("{path}={value}"), Path::new(""))
+}
+
 /// The changes asked for; values are YAML, so that `frames=[3, 7]` is a list and `view=true` a truth value.
 ///
 /// Relative paths in them start at the working directory: that is where they were typed.
 pub(crate) fn changes(set: &[(String, String)], report: &mut Report) -> (Vec<Change>, Vec<Arc<SourceFile>>) {
     let (mut changes, mut files) = (Vec::new(), Vec::new());
     for (path, value) in set {
-        // A file that holds the whole argument, and one padded alike that holds the value alone: equal offsets.
-        let file = Arc::new(SourceFile::new("--set", format!("{path}={value}"), Path::new("")));
+        // One file holds the whole argument, and one padded alike the value alone: equal offsets.
+        let file = Arc::new(argument(path, value));
         let start = path.len() + 1;
         let place = Place::new(&file, &(0..path.len()));
-        let padded = Arc::new(SourceFile::new("--set", format!("{}{value}", " ".repeat(start)), Path::new("")));
+        let padded = Arc::new(SourceFile::new(NAME, format!("{}{value}", " ".repeat(start)), Path::new("")));
         let whole = Place::new(&file, &(start..start + value.len()));
         let value = if value.contains('\n') {
             Some(Node::new(Tree::Text(value.clone()), whole))
         } else if value.trim().is_empty() {
             Some(Node::new(Tree::Null, whole))
         } else {
-            parse::document(&padded, report).map(|node| moved(node, &file))
+            let before = report.len();
+            let node = parse::document(&padded, report);
+            for diagnostic in report.since(before) {
+                diagnostic.file = Arc::clone(&file);
+                if let Some(related) = &mut diagnostic.related {
+                    related.file = Arc::clone(&file);
+                }
+            }
+            node.map(|node| moved(node, &file))
         };
-        files.push(padded);
         files.push(file);
         if let Some(value) = value {
             changes.push(Change { path: path.clone(), place, value: Arc::new(value) });

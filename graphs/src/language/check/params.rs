@@ -43,6 +43,11 @@ impl Contents {
         self.0.insert(path.to_owned(), key);
         key
     }
+
+    /// The files that were asked for, and what was taken for one: folders too.
+    pub(crate) fn named(&self) -> impl Iterator<Item = &Path> {
+        self.0.keys().map(PathBuf::as_path)
+    }
 }
 
 fn hash(path: &Path) -> Option<Key> {

@@ -4,14 +4,11 @@ use std::sync::Arc;
 
 use super::reference::Reference;
 use crate::language::text::diagnostics::{Diagnostic, Report};
-use crate::language::text::names;
+use crate::language::text::names::{self, EXPERIMENT_KEYS};
 use crate::language::text::source_file::Place;
 use crate::language::text::tree::{Entry, Node, Tree};
 use crate::language::text::word::Word;
 
-/// Keys of an experiment.
-pub(crate) const EXPERIMENT_KEYS: &[&str] =
-    &["experiment", "about", "extends", "sources", "stages", "variants", "matrix", "record"];
 const STAGE_KEYS: &[&str] = &["source", "nodes", "score"];
 const NODE_KEYS: &[&str] = &["kind", "inputs", "with"];
 const SOURCE_KEYS: &[&str] = &["kind", "with", "join"];

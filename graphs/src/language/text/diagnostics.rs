@@ -16,6 +16,9 @@ pub enum Severity {
     Warning,
 }
 
+/// What tells a diagnostic from others: equal ones are said once.
+pub(crate) type Identity = (Severity, String, Range<usize>, String);
+
 /// Another place that belongs to a diagnostic.
 #[derive(Clone, Debug)]
 pub struct Related {
@@ -49,6 +52,9 @@ pub struct Diagnostic {
 }
 
 impl Diagnostic {
+    /// What is said at the words at fault where there is nothing else to say.
+    pub(crate) const UNLABELLED: &'static str = "here";
+
     /// An error at some words.
     #[must_use]
     pub fn error(place: &Place, message: impl Into<String>) -> Self {
@@ -56,7 +62,7 @@ impl Diagnostic {
             severity: Severity::Error,
             file: Arc::clone(&place.file),
             span: place.span.clone(),
-            label: "here".to_owned(),
+            label: Self::UNLABELLED.to_owned(),
             message: message.into(),
             help: None,
             related: None,
@@ -107,7 +113,7 @@ impl Diagnostic {
         self.file.line_column(self.span.start).1
     }
 
-    fn identity(&self) -> (Severity, String, Range<usize>, String) {
+    pub(crate) fn identity(&self) -> Identity {
         (self.severity, self.file.name.clone(), self.span.clone(), self.message.clone())
     }
 }
@@ -215,18 +221,30 @@ impl std::error::Error for Diagnostics {}
 #[derive(Debug, Default)]
 pub(crate) struct Report {
     list: Vec<Diagnostic>,
-    seen: HashSet<(Severity, String, Range<usize>, String)>,
+    seen: HashSet<Identity>,
+    /// Words whose value is not known, which has been said.
+    unknown: Vec<Place>,
 }
 
 /// More than this is not read by anyone.
 const MOST: usize = 100;
 
 impl Report {
-    /// Adds a diagnostic, unless it has been said already.
+    /// Adds a diagnostic, unless it has been said already, or is about a value that is not known.
     pub(crate) fn push(&mut self, diagnostic: Diagnostic) {
+        let is_of = |words: &Place| words.span == diagnostic.span && Arc::ptr_eq(&words.file, &diagnostic.file);
+        if self.unknown.iter().any(is_of) {
+            return;
+        }
         if !self.is_full() && self.seen.insert(diagnostic.identity()) {
             self.list.push(diagnostic);
         }
+    }
+
+    /// Adds why the value of some words is not known: nothing else is said of it then.
+    pub(crate) fn push_unknown(&mut self, diagnostic: Diagnostic, words: &Place) {
+        self.push(diagnostic);
+        self.unknown.push(words.clone());
     }
 
     /// Whether there are so many that no more are taken.

@@ -46,7 +46,7 @@ fn scalar(text: &str, node: &Node, env: &Lookup<'_>, report: &mut Report) -> Opt
         Err((range, what)) => {
             let place = node.place.part(text, range);
             let help = "write `${NAME}` or `${NAME:-default}`; `$${` stands for a plain `${`";
-            report.push(Diagnostic::error(&place, what).help(help));
+            report.push_unknown(Diagnostic::error(&place, what).help(help), &node.place);
             return None;
         }
     };
@@ -68,7 +68,7 @@ fn scalar(text: &str, node: &Node, env: &Lookup<'_>, report: &mut Report) -> Opt
                 (Some(value), _) if value.contains(['\u{fffd}', '\0']) => {
                     let place = node.place.part(text, range.clone());
                     let what = format!("the environment variable `{name}` holds what is no UTF-8 text");
-                    report.push(Diagnostic::error(&place, what).label("needed here"));
+                    report.push_unknown(Diagnostic::error(&place, what).label("needed here"), &node.place);
                     new.push_str("unset");
                 }
                 (Some(value), _) if !value.is_empty() || default.is_none() => {
@@ -78,12 +78,9 @@ fn scalar(text: &str, node: &Node, env: &Lookup<'_>, report: &mut Report) -> Opt
                 (_, Some(default)) => new.push_str(default),
                 (_, None) => {
                     let place = node.place.part(text, range.clone());
-                    report.push(
-                        Diagnostic::error(&place, format!("the environment variable `{name}` is not set"))
-                            .label("needed here")
-                            .help(format!("set it (`export {name}=...`) or give a default: `${{{name}:-...}}`")),
-                    );
-                    // Whatever else there is to say of this scalar, it is not about its value.
+                    let error = Diagnostic::error(&place, format!("the environment variable `{name}` is not set"));
+                    let help = format!("set it (`export {name}=...`) or give a default: `${{{name}:-...}}`");
+                    report.push_unknown(error.label("needed here").help(help), &node.place);
                     new.push_str("unset");
                 }
             },

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use super::diagnostics::{Diagnostic, Report};
 use super::environment::{Lookup, substitute};
+use super::kept;
 use super::merge::{Level, merged};
 use super::parse;
 use super::source_file::{Place, SourceFile};
@@ -32,6 +33,8 @@ pub(crate) struct Files<'a> {
 }
 
 struct ReadFile {
+    /// The path from the working directory.
+    path: PathBuf,
     file: Arc<SourceFile>,
     /// The path from the main file's folder: what a recording calls it.
     portable: String,
@@ -58,6 +61,11 @@ impl<'a> Files<'a> {
     /// The files in the order in which they were read.
     pub(crate) fn sources(&self) -> Vec<Arc<SourceFile>> {
         self.read.iter().map(|read| Arc::clone(&read.file)).collect()
+    }
+
+    /// The files' paths from the working directory.
+    pub(crate) fn paths(&self) -> impl Iterator<Item = &Path> {
+        self.read.iter().map(|read| read.path.as_path())
     }
 
     /// Where a file names another, and its position among the [sources](Self::sources).
@@ -195,7 +203,7 @@ impl<'a> Files<'a> {
         }
         let portable = self.portable_name(&name.place.file, text);
         let document = self.open(&path, portable, Some((&name.place, text)), report)?;
-        if let Some(target) = self.read.iter().position(|read| Path::new(&read.file.name) == path) {
+        if let Some(target) = self.read.iter().position(|read| read.path == path) {
             self.named.push((name.place.clone(), target));
         }
         then(self, &document, &inner, report)
@@ -214,7 +222,7 @@ impl<'a> Files<'a> {
         from: Option<(&Place, &str)>,
         report: &mut Report,
     ) -> Option<Arc<Node>> {
-        if let Some(read) = self.read.iter().find(|read| Path::new(&read.file.name) == path) {
+        if let Some(read) = self.read.iter().find(|read| read.path == path) {
             return read.document.clone();
         }
         let folder = path.parent().unwrap_or_else(|| Path::new(""));
@@ -231,6 +239,9 @@ impl<'a> Files<'a> {
                     Some((_, text)) if Path::new(text).is_relative() => {
                         error.help("relative paths start at the folder of the file they are written in")
                     }
+                    None if path.join(kept::MAIN).is_file() => {
+                        error.help(format!("the experiment of that run is `{}`", path.join(kept::MAIN).display()))
+                    }
                     _ => error,
                 });
                 return None;
@@ -238,7 +249,7 @@ impl<'a> Files<'a> {
         };
         let file = file(text);
         let document = parse::document(&file, report).map(Arc::new);
-        self.read.push(ReadFile { file: Arc::clone(&file), portable, document: document.clone() });
+        self.read.push(ReadFile { path: path.to_owned(), file, portable, document: document.clone() });
         let document = document?;
         if !document.is_map() {
             let what = format!("an experiment is a map, this file holds {}", document.describe());

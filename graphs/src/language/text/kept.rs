@@ -14,7 +14,8 @@ use super::resolved;
 use super::source_file::Place;
 use super::tree::Node;
 
-const MAIN: &str = "experiment.yaml";
+/// The name of the main file.
+pub(super) const MAIN: &str = "experiment.yaml";
 const RESOLVED: &str = "experiment.resolved.yaml";
 const FOLDER: &str = "experiment";
 
@@ -47,16 +48,22 @@ pub(crate) fn files(files: &Files<'_>, root: &Node, anywhere: &Anywhere) -> Vec<
     kept
 }
 
-/// The files' own names, each once.
+/// The longest stem of a kept file's name, bytes: with number, ending and `.partial` behind it every file system takes it.
+const LONGEST_STEM: usize = 180;
+
+/// The files' own names, each once, with an ending by which they are known as an experiment's.
 fn names<'f>(paths: impl Iterator<Item = &'f str>) -> Vec<String> {
     let mut taken = HashSet::new();
     let of = |path: &str| {
         let path = Path::new(path);
         let text = |part: Option<&std::ffi::OsStr>| part.map_or_else(String::new, |p| p.to_string_lossy().into_owned());
-        let (stem, ending) = (text(path.file_stem()), text(path.extension()));
-        let ending = if ending.is_empty() { ending } else { format!(".{ending}") };
-        let numbered = (2..).map(|number| format!("{stem}-{number}{ending}"));
-        let mut names = std::iter::once(format!("{stem}{ending}")).chain(numbered);
+        let (mut stem, ending) = match text(path.extension()) {
+            ending if ending == "yaml" || ending == "yml" => (text(path.file_stem()), ending),
+            _ => (text(path.file_name()), "yaml".to_owned()),
+        };
+        stem.truncate(stem.floor_char_boundary(LONGEST_STEM));
+        let numbered = (2..).map(|number| format!("{stem}-{number}.{ending}"));
+        let mut names = std::iter::once(format!("{stem}.{ending}")).chain(numbered);
         names.find(|name| taken.insert(name.clone())).expect("numbers have no end")
     };
     paths.map(of).collect()
@@ -68,4 +75,19 @@ fn replaced(place: &Place, with: &str) -> Option<(Range<usize>, String)> {
     let whole = !text.is_empty() && !text.contains(['\n', '\r']) && !text.starts_with(['|', '>', '&', '*', '!']);
     // JSON's text is YAML's, in double quotes.
     whole.then(|| (place.span.clone(), serde_json::Value::from(with).to_string()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::names;
+
+    #[test]
+    fn files_keep_their_names_as_far_as_every_file_system_takes_them_and_end_as_an_experiments_do() {
+        let long = format!("{}.yaml", "ä".repeat(125));
+        let paths = ["a/base.yaml", "b/base.yaml", "c.yml", "nodes.txt", "nodes", ".yaml", long.as_str()];
+        let cut = format!("{}.yaml", "ä".repeat(90));
+        let expected =
+            ["base.yaml", "base-2.yaml", "c.yml", "nodes.txt.yaml", "nodes.yaml", ".yaml.yaml", cut.as_str()];
+        assert_eq!(names(paths.into_iter()), expected);
+    }
 }

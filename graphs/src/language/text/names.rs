@@ -3,6 +3,10 @@
 use super::diagnostics::{Diagnostic, Report};
 use super::source_file::Place;
 
+/// The keys of an experiment.
+pub(crate) const EXPERIMENT_KEYS: &[&str] =
+    &["experiment", "about", "extends", "sources", "stages", "variants", "matrix", "record"];
+
 /// The longest name, characters: names become topics, labels and parts of paths.
 const LONGEST: usize = 100;
 

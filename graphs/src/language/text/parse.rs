@@ -153,7 +153,13 @@ fn syntax_error(error: &Error, place: &Place) -> Diagnostic {
         Error::Budget { .. } => (format!("the file holds more than {MOST_VALUES} values or 10000 aliases"), unusual),
         Error::NullIntoString { .. } => ("a key is empty".to_owned(), Some("put a name before the `:`".to_owned())),
         Error::UnknownAnchor { .. } => ("this alias has no anchor before it".to_owned(), None),
+        Error::RecursiveReferencesRequireWeakTypes { .. } => {
+            ("this alias stands within what it stands for".to_owned(), None)
+        }
         _ if what.contains("recursion limit") => (deep(), unusual),
+        _ if what.contains("a tab") || what.contains("tabs") => {
+            (format!("not valid YAML: {}", lower_first(what)), Some("YAML is indented with spaces alone".to_owned()))
+        }
         _ if what.contains("expected string scalar") => {
             ("a key is a name, no list or map".to_owned(), braces_help(place))
         }

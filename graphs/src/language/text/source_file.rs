@@ -68,6 +68,12 @@ impl Place {
         Self::new(file, &(0..0))
     }
 
+    /// All of a file.
+    #[must_use]
+    pub fn whole(file: &Arc<SourceFile>) -> Self {
+        Self::new(file, &(0..file.text.len()))
+    }
+
     /// The words meant.
     #[must_use]
     pub fn text(&self) -> &str {

@@ -1,7 +1,7 @@
-//! Whether polars can have its threads.
+//! Whether polars can have its threads and descriptors.
 //!
-//! Where the system gives no more threads, polars' pools panic, or wait for ever for threads that never came. So as many as it
-//! may start are started once, all at the same time, before its first query.
+//! Where the system gives no more of them, polars' pools panic, or wait for ever for threads that never came. So as many as it
+//! may start and open are started and opened once, all at the same time, before its first query.
 
 use std::sync::{Mutex, OnceLock, PoisonError};
 use std::thread::{Builder, available_parallelism, scope};
@@ -9,10 +9,19 @@ use std::thread::{Builder, available_parallelism, scope};
 /// What polars starts besides a thread a core, at most: those of its input and output.
 const BESIDES: usize = 8;
 
+/// Pipes, of two descriptors each, that come to more than polars opens and a report needs beside it.
+const PIPES: usize = 8;
+
 /// Whether polars' queries can be run here.
 pub(crate) fn are_there() -> bool {
     static THERE: OnceLock<bool> = OnceLock::new();
-    *THERE.get_or_init(|| can_start(2 * available_parallelism().map_or(1, usize::from) + BESIDES))
+    let threads = || 2 * available_parallelism().map_or(1, usize::from) + BESIDES;
+    *THERE.get_or_init(|| can_open(PIPES) && can_start(threads()))
+}
+
+/// Whether so many pipes can be open at once.
+fn can_open(pipes: usize) -> bool {
+    (0..pipes).map(|_| std::io::pipe()).collect::<Result<Vec<_>, _>>().is_ok()
 }
 
 /// Whether so many threads can run at once.
@@ -35,7 +44,7 @@ fn can_start(threads: usize) -> bool {
 mod tests {
     #[test]
     fn a_few_threads_can_be_started_and_more_than_there_can_be_cannot() {
-        assert!(super::can_start(4));
+        assert!(super::can_start(4) && super::can_open(1));
         assert!(super::are_there());
     }
 }

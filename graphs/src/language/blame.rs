@@ -1,0 +1,56 @@
+//! Errors that an argument of `--set` leads to and that show elsewhere: they point at the argument.
+//!
+//! A new kind, source or size is right where it is written, and wrong with what the file says of other nodes. What is at fault shows
+//! in what is left without it: the experiment is looked at again, each time with one argument less.
+
+use std::collections::HashSet;
+use std::sync::Arc;
+
+use super::change::overrides;
+use super::text::diagnostics::{Diagnostic, Diagnostics, Identity, Severity};
+use super::text::source_file::Place;
+
+/// More arguments than this are not left out one by one.
+const MOST: usize = 32;
+
+/// The diagnostics, with errors that go when one argument goes pointing at that argument; `without` gives what is wrong without the
+/// argument of that position.
+pub(crate) fn pointed(
+    mut found: Diagnostics,
+    set: &[(String, String)],
+    without: impl Fn(usize) -> Diagnostics,
+) -> Diagnostics {
+    if set.len() > MOST {
+        return found;
+    }
+    let before = errors(&found);
+    for (index, (path, value)) in set.iter().enumerate().rev() {
+        if !found.iter().any(shows_elsewhere) {
+            break;
+        }
+        let rest = errors(&without(index));
+        // An argument that the experiment needs hides errors when it goes, and is not to blame for those.
+        if !rest.is_subset(&before) {
+            continue;
+        }
+        let argument = Place::whole(&Arc::new(overrides::argument(path, value)));
+        for diagnostic in found.0.iter_mut().filter(|d| shows_elsewhere(d) && !rest.contains(&d.identity())) {
+            let shown = Place { file: Arc::clone(&diagnostic.file), span: diagnostic.span.clone() };
+            let label = match std::mem::replace(&mut diagnostic.label, "leads to this".to_owned()) {
+                label if label == Diagnostic::UNLABELLED => "shows here".to_owned(),
+                label => label,
+            };
+            *diagnostic = diagnostic.clone().related(&shown, label);
+            (diagnostic.file, diagnostic.span) = (Arc::clone(&argument.file), argument.span.clone());
+        }
+    }
+    found
+}
+
+fn errors(diagnostics: &Diagnostics) -> HashSet<Identity> {
+    diagnostics.iter().filter(|d| d.severity == Severity::Error).map(Diagnostic::identity).collect()
+}
+
+fn shows_elsewhere(diagnostic: &Diagnostic) -> bool {
+    diagnostic.severity == Severity::Error && diagnostic.file.name != overrides::NAME
+}
