@@ -10,7 +10,7 @@ use std::io::{BufRead, Write};
 use std::time::Instant;
 
 use depthloom_kernels::census::{Census, Pair, Params, Path, Paths, Scratch, compute_on};
-use depthloom_kernels::tiles::{Crew, Serial, Tiles};
+use depthloom_threads::Budget;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut scratch = Scratch::default();
@@ -55,26 +55,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let (left, right) = (std::fs::read(left)?, std::fs::read(right)?);
         let pair = Pair { left: &left, right: &right, width: width.parse()?, height: height.parse()? };
         out.resize(pair.width * pair.height, 0);
-        let mut timed = |tiles: &dyn Tiles| {
-            let start = Instant::now();
-            compute_on(path, &pair, &params, &mut scratch, tiles, &mut out)?;
-            Ok::<_, depthloom_kernels::census::Error>(start.elapsed().as_secs_f64() * 1e3)
-        };
-        let milliseconds = match threads.parse()? {
-            1 => timed(&Serial),
-            threads => {
-                let crew = Crew::new(threads);
-                std::thread::scope(|scope| {
-                    let _closing = crew.closing();
-                    for _ in 1..threads {
-                        scope.spawn(|| crew.work());
-                    }
-                    timed(&crew)
-                })
-            }
-        };
-        match milliseconds {
-            Ok(milliseconds) => {
+        let budget = Budget::new(threads.parse()?);
+        let _own = budget.permit();
+        let start = Instant::now();
+        match compute_on(path, &pair, &params, &mut scratch, &budget, &mut out) {
+            Ok(()) => {
+                let milliseconds = start.elapsed().as_secs_f64() * 1e3;
                 if target != "-" {
                     std::fs::write(target, out.iter().flat_map(|d| d.to_le_bytes()).collect::<Vec<u8>>())?;
                 }

@@ -8,8 +8,8 @@
 use std::io::{BufRead, Write};
 use std::time::Instant;
 
-use depthloom_kernels::tiles::{Crew, Serial, Tiles};
 use depthloom_kernels::weighted_least_squares::{Guide, Params, Right, Scratch, Smoother};
+use depthloom_threads::Budget;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut scratch = Scratch::default();
@@ -53,23 +53,11 @@ fn smoothed(
         radius: radius as usize,
     });
     let mut map = disparities(left)?;
-    let mut timed = |tiles: &dyn Tiles| {
-        let start = Instant::now();
-        smoother.filter(&mut map, invalid as i16, &guide, right.as_ref(), fill != 0, scratch, tiles);
-        start.elapsed().as_secs_f64() * 1e3
-    };
-    let milliseconds = if threads == 1 {
-        timed(&Serial)
-    } else {
-        let crew = Crew::new(threads as usize);
-        std::thread::scope(|scope| {
-            for _ in 1..threads {
-                scope.spawn(|| crew.work());
-            }
-            let _closing = crew.closing();
-            timed(&crew)
-        })
-    };
+    let budget = Budget::new(threads as usize);
+    let _own = budget.permit();
+    let start = Instant::now();
+    smoother.filter(&mut map, invalid as i16, &guide, right.as_ref(), fill != 0, scratch, &budget);
+    let milliseconds = start.elapsed().as_secs_f64() * 1e3;
     std::fs::write(out, map.iter().flat_map(|d| d.to_le_bytes()).collect::<Vec<u8>>())?;
     Ok(milliseconds)
 }

@@ -1,23 +1,14 @@
 //! Every implementation gives the bits of the plain twin, on any image, with any parameters and any number of threads.
 
 use depthloom_kernels::sgbm::{Error, Mode, Params, Path, Scratch, View, compute_on};
-use depthloom_kernels::tiles::{Crew, Serial, Tiles};
+use depthloom_kernels::tiles::{Serial, Tiles};
+use depthloom_threads::Budget;
 use proptest::prelude::{Just, ProptestConfig, Strategy, any, prop_oneof, proptest};
 use proptest::sample::select;
 use proptest::{prop_assert_eq, prop_compose};
+use support::{Backwards, images};
 
-/// Tiles in reverse order: what depends on order shows.
-struct Backwards;
-
-impl Tiles for Backwards {
-    fn run(&self, n: usize, f: &(dyn Fn(usize) + Sync)) {
-        (0..n).rev().for_each(f);
-    }
-
-    fn width(&self) -> usize {
-        3
-    }
-}
+mod support;
 
 #[derive(Clone, Debug)]
 struct Case {
@@ -27,20 +18,6 @@ struct Case {
     channels: usize,
     left: Vec<u8>,
     right: Vec<u8>,
-}
-
-/// The right image is the left one, shifted and disturbed: costs have a clear minimum at some places and none at others.
-fn images(len: usize, shift: usize, grain: u32, seed: u64) -> (Vec<u8>, Vec<u8>) {
-    let mut state = seed | 1;
-    let mut random = move || {
-        state ^= state << 13;
-        state ^= state >> 7;
-        state ^= state << 17;
-        state >> 32
-    };
-    let left: Vec<u8> = (0..len).map(|_| (random() as u8) >> grain << grain).collect();
-    let right = (0..len).map(|i| if random() % 8 == 0 { random() as u8 } else { left[(i + shift) % len] }).collect();
-    (left, right)
 }
 
 prop_compose! {
@@ -98,13 +75,9 @@ proptest! {
             prop_assert_eq!(&run(&case, path, &mut scratch, &Serial), &plain, "{:?}", path);
             prop_assert_eq!(&run(&case, path, &mut scratch, &Backwards), &plain, "{:?} backwards", path);
         }
-        let crew = Crew::new(3);
-        let threaded = std::thread::scope(|scope| {
-            let _closing = crew.closing();
-            scope.spawn(|| crew.work());
-            scope.spawn(|| crew.work());
-            run(&case, Path::available()[0], &mut scratch, &crew)
-        });
+        let budget = Budget::new(3);
+        let _own = budget.permit();
+        let threaded = run(&case, Path::available()[0], &mut scratch, &budget);
         prop_assert_eq!(&threaded, &plain, "three threads");
     }
 }

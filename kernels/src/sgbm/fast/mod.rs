@@ -32,7 +32,7 @@
 //! row waits for (two rows at a time share the wait), reads across cache lines, decisions that are scalar by nature
 //! (about a tenth). With two threads on two idle cores a frame took 12.7 ms in `sgbm` (19.7 with one), 12.2 in `3way`, 25
 //! in `hh4`. Memory is no bound but in `hh` and `hh4`, which write and read 57 MB of costs and 57 MB of sums:
-//! at the 20 GB/s this machine gave, 11 ms. A band's costs, sums and row sums take some 8 MB and stay in the
+//! at the 20 GB/s this machine gave, 11 ms. A band's costs, sums and row sums take some 12 MB and stay in the
 //! last-level cache (80 GB/s); a tile's paths, 18 kB, in the first-level one.
 //!
 //! # Soundness
