@@ -3,7 +3,7 @@
 //!
 //! A line: `LEFT RIGHT OUT WIDTH HEIGHT CENSUS PATHS PATH THREADS`, then `min_disparity disparities p1 p2 uniqueness
 //! subpixel lr_max_diff`. Images are raw bytes, the output raw little-endian 16-bit disparities (`-`: none written); CENSUS is
-//! `symmetric`, `full` or `off-axis`, PATHS 4 or 8, PATH `best` or the name of an implementation (`Plain`, ...), subpixel 0
+//! `symmetric`, `full` or `off-axis`, PATHS 4 or 8, PATH `best` or the name of an implementation (`plain`, ...), subpixel 0
 //! or 1. What `tests/census_against_numpy.py` drives.
 
 use std::io::{BufRead, Write};
@@ -45,13 +45,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 other => return Err(format!("there are 4 or 8 paths, not {other}").into()),
             },
         };
-        let path = match path {
-            "best" => Path::available()[0],
-            name => Path::available()
-                .into_iter()
-                .find(|path| format!("{path:?}") == name)
-                .ok_or_else(|| format!("no implementation {name} here: {:?}", Path::available()))?,
-        };
+        let path =
+            Path::named(path).ok_or_else(|| format!("no implementation {path} here: {:?}", Path::available()))?;
         let (left, right) = (std::fs::read(left)?, std::fs::read(right)?);
         let pair = Pair { left: &left, right: &right, width: width.parse()?, height: height.parse()? };
         out.resize(pair.width * pair.height, 0);

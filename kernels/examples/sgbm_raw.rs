@@ -3,7 +3,7 @@
 //!
 //! A line: `LEFT RIGHT OUT WIDTH HEIGHT CHANNELS MODE PATH THREADS`, then `minDisparity numDisparities blockSize P1 P2
 //! disp12MaxDiff preFilterCap uniquenessRatio speckleWindowSize speckleRange`. Images are raw bytes, the output raw
-//! little-endian 16-bit disparities; PATH is `best` or the name of an implementation (`Plain`, ...). What
+//! little-endian 16-bit disparities; PATH is `best` or the name of an implementation (`plain`, ...). What
 //! `tests/sgbm_against_opencv.py` and `bench/stereo.sh` drive.
 
 use std::io::{BufRead, Write};
@@ -49,13 +49,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 other => return Err(format!("unknown mode {other}").into()),
             },
         };
-        let path = match *path {
-            "best" => Path::available()[0],
-            name => Path::available()
-                .into_iter()
-                .find(|path| format!("{path:?}") == name)
-                .ok_or_else(|| format!("no implementation {name} here: {:?}", Path::available()))?,
-        };
+        let path =
+            Path::named(path).ok_or_else(|| format!("no implementation {path} here: {:?}", Path::available()))?;
         let (left, right) = (std::fs::read(left)?, std::fs::read(right)?);
         let [left, right] = [&left, &right].map(|data| View { data, width, height, channels });
         out.resize(width * height, 0);

@@ -61,9 +61,9 @@ pub fn rounds_in_one_run(tiles: &dyn Tiles, counts: &[usize], f: &(dyn Fn(usize,
         let mut looks = 0_u32;
         while done.load(Ordering::Acquire) < rounds[round].first {
             if looks < SPINS {
-                std::hint::spin_loop()
+                std::hint::spin_loop();
             } else {
-                std::thread::yield_now()
+                std::thread::yield_now();
             }
             looks = looks.saturating_add(1);
         }

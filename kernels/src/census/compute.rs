@@ -8,11 +8,10 @@ use super::choice::{Demands, RightBest, choose};
 use super::features::{Feature, FeatureRow, comparisons};
 use super::finish::{Check, FinishRow, Maps};
 use super::paths::{March, Penalties};
-use super::simd::{Name, Set};
 use super::{Census, Error, Params, Paths, plain};
 use crate::memory;
 use crate::raster;
-use crate::simd::Pass;
+use crate::simd::{Level, Pass, Path};
 use crate::tiles::{Tiles, each};
 
 /// Rows of a tile, where rows do not depend on each other.
@@ -57,43 +56,8 @@ struct Marcher<F> {
     right_best: RightBest,
 }
 
-/// An implementation. All give the same bits.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Path {
-    /// The plain twin, as the papers have it, on one thread.
-    Plain,
-    /// The fast implementation for any machine of the target.
-    Portable,
-    /// The fast implementation in AVX2.
-    Avx2,
-    /// The fast implementation in AVX-512, with its counts of bits.
-    Avx512,
-}
-
-impl Path {
-    /// The implementations this machine can run, fastest first.
-    #[must_use]
-    pub fn available() -> Vec<Self> {
-        let mut paths: Vec<_> = Set::available().into_iter().map(Self::from).collect();
-        paths.push(Self::Plain);
-        paths
-    }
-}
-
-impl From<Set> for Path {
-    fn from(set: Set) -> Self {
-        match set.name() {
-            Name::Portable => Self::Portable,
-            #[cfg(target_arch = "x86_64")]
-            Name::Avx2 => Self::Avx2,
-            #[cfg(target_arch = "x86_64")]
-            Name::Avx512 => Self::Avx512,
-        }
-    }
-}
-
 /// Disparities of the left image's pixels in 1/16 px, [`Params::invalid`] where there is no answer; the fastest
-/// implementation for this machine, spread over `tiles`.
+/// implementation for this machine ([`Path::best`]), spread over `tiles`.
 ///
 /// Memory: 2 bytes for each pixel and disparity.
 ///
@@ -109,10 +73,10 @@ pub fn compute(
     tiles: &dyn Tiles,
     out: &mut [i16],
 ) -> Result<(), Error> {
-    compute_on(Path::available()[0], pair, params, scratch, tiles, out)
+    compute_on(Path::best(), pair, params, scratch, tiles, out)
 }
 
-/// [`compute`] with a chosen implementation; the plain one where this machine has not the chosen one.
+/// [`compute`] with a chosen implementation.
 ///
 /// # Errors
 /// As [`compute`].
@@ -133,7 +97,7 @@ pub fn compute_on(
     raster::check("the left image", left.len(), width, height, 1);
     raster::check("the right image", right.len(), width, height, 1);
     raster::check("the output", out.len(), width, height, 1);
-    let Some(set) = Set::available().into_iter().find(|&set| Path::from(set) == path) else {
+    let Path::Fast(level) = path else {
         plain::compute(pair, params, out);
         return Ok(());
     };
@@ -145,8 +109,8 @@ pub fn compute_on(
     }
     let sums = Summed { sums, maps: [left, right] };
     match params.census {
-        Census::Symmetric => narrow.raw_maps(set, pair, params, sums, tiles),
-        Census::Full | Census::OffAxis => wide.raw_maps(set, pair, params, sums, tiles),
+        Census::Symmetric => narrow.raw_maps(level, pair, params, sums, tiles),
+        Census::Full | Census::OffAxis => wide.raw_maps(level, pair, params, sums, tiles),
     }
     let maps = Maps { left, right, width };
     let check =
@@ -155,7 +119,7 @@ pub fn compute_on(
         let mut medians = vec![0; 2 * width];
         for (row, out) in out.chunks_exact_mut(width).enumerate() {
             let y = tile * TILE_ROWS + row;
-            set.run(FinishRow { maps, check, y, out, medians: &mut medians });
+            level.run_counting(FinishRow { maps, check, y, out, medians: &mut medians });
         }
     });
     Ok(())
@@ -174,16 +138,16 @@ struct Summed<'a> {
 
 impl<F: Feature> Buffers<F> {
     /// Transform, marches and choice.
-    fn raw_maps(&mut self, set: Set, pair: &Pair<'_>, params: &Params, summed: Summed<'_>, tiles: &dyn Tiles) {
-        self.transform(set, pair, params.census, tiles);
+    fn raw_maps(&mut self, level: Level, pair: &Pair<'_>, params: &Params, summed: Summed<'_>, tiles: &dyn Tiles) {
+        self.transform(level, pair, params.census, tiles);
         if params.disparities % 64 == 0 {
-            self.march::<64>(set, pair, params, summed, tiles);
+            self.march::<64>(level, pair, params, summed, tiles);
         } else {
-            self.march::<32>(set, pair, params, summed, tiles);
+            self.march::<32>(level, pair, params, summed, tiles);
         }
     }
 
-    fn transform(&mut self, set: Set, pair: &Pair<'_>, census: Census, tiles: &dyn Tiles) {
+    fn transform(&mut self, level: Level, pair: &Pair<'_>, census: Census, tiles: &dyn Tiles) {
         let comparisons = comparisons(census);
         let mut parts = Vec::new();
         for (image, features) in [(pair.left, &mut self.left), (pair.right, &mut self.right)] {
@@ -193,14 +157,20 @@ impl<F: Feature> Buffers<F> {
         }
         each(tiles, parts, |_, (image, first, features)| {
             for (row, out) in features.chunks_exact_mut(pair.width).enumerate() {
-                set.run(FeatureRow { image, width: pair.width, y: first + row, comparisons: &comparisons, out });
+                level.run_counting(FeatureRow {
+                    image,
+                    width: pair.width,
+                    y: first + row,
+                    comparisons: &comparisons,
+                    out,
+                });
             }
         });
     }
 
     fn march<const N: usize>(
         &mut self,
-        set: Set,
+        level: Level,
         &Pair { width, height, .. }: &Pair<'_>,
         params: &Params,
         Summed { sums, maps: [left_map, right_map] }: Summed<'_>,
@@ -233,13 +203,13 @@ impl<F: Feature> Buffers<F> {
             Leg::<F, N> { frame, marcher: &mut *down, first: 0, upward: false, sums: &mut *upper_sums, maps: None },
             Leg::<F, N> { frame, marcher: &mut *up, first: middle, upward: true, sums: &mut *lower_sums, maps: None },
         ];
-        each(tiles, begun, |_, leg| set.run(leg));
+        each(tiles, begun, |_, leg| level.run_counting(leg));
         let (upper, lower) = (Some([upper_left, upper_right]), Some([lower_left, lower_right]));
         let ended = vec![
             Leg::<F, N> { frame, marcher: down, first: middle, upward: false, sums: lower_sums, maps: lower },
             Leg::<F, N> { frame, marcher: up, first: 0, upward: true, sums: upper_sums, maps: upper },
         ];
-        each(tiles, ended, |_, leg| set.run(leg));
+        each(tiles, ended, |_, leg| level.run_counting(leg));
     }
 }
 

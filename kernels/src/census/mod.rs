@@ -35,7 +35,7 @@ mod finish;
 mod params;
 mod paths;
 mod plain;
-mod simd;
 
-pub use compute::{Pair, Path, Scratch, compute, compute_on};
+pub use crate::simd::Path;
+pub use compute::{Pair, Scratch, compute, compute_on};
 pub use params::{Census, Error, ParamError, Params, Paths};

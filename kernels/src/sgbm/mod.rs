@@ -32,7 +32,8 @@ mod search;
 mod speckle;
 mod view;
 
-pub use compute::{Path, Scratch, compute, compute_on};
+pub use crate::simd::Path;
+pub use compute::{Scratch, compute, compute_on};
 pub use params::{Mode, ParamError, Params};
 pub use speckle::{SpeckleScratch, filter as filter_speckles};
 pub use view::{Error, View};
