@@ -7,7 +7,7 @@
 use std::hint::black_box;
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use depthloom_kernels::bm::{Params, Scratch, compute};
+use depthloom_kernels::bm::{BmScratch, Params, compute};
 use depthloom_kernels::tiles::{Serial, Tiles};
 use depthloom_threads::Budget;
 use support::{HEIGHT, WIDTH, texture};
@@ -16,7 +16,7 @@ mod support;
 
 fn stereo(c: &mut Criterion) {
     let (left, right) = texture();
-    let mut scratch = Scratch::default();
+    let mut scratch = BmScratch::default();
     let mut out = vec![0; WIDTH * HEIGHT];
     let mut frame = |params: &Params, tiles: &dyn Tiles| {
         compute(&left, &right, WIDTH, HEIGHT, params, &mut scratch, tiles, &mut out).expect("parameters are legal");

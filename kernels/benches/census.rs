@@ -6,7 +6,7 @@
 use std::hint::black_box;
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use depthloom_kernels::census::{Census, Pair, Params, Path, Paths, Scratch, compute_on};
+use depthloom_kernels::census::{Census, CensusScratch, Pair, Params, Path, Paths, compute_on};
 use depthloom_kernels::tiles::{Serial, Tiles};
 use depthloom_threads::Budget;
 use support::{HEIGHT, WIDTH, texture};
@@ -15,7 +15,7 @@ mod support;
 
 fn stereo(c: &mut Criterion) {
     let (left, right) = texture();
-    let mut scratch = Scratch::default();
+    let mut scratch = CensusScratch::default();
     let mut out = vec![0; WIDTH * HEIGHT];
     let mut frame = |path: Path, params: &Params, tiles: &dyn Tiles| {
         let pair = Pair { left: &left, right: &right, width: WIDTH, height: HEIGHT };

@@ -6,7 +6,7 @@
 use std::hint::black_box;
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use depthloom_kernels::sgbm::{Mode, Params, Path, Scratch, View, compute_on};
+use depthloom_kernels::sgbm::{Mode, Params, Path, SgbmScratch, View, compute_on};
 use depthloom_kernels::tiles::{Serial, Tiles};
 use depthloom_threads::Budget;
 use support::{HEIGHT, WIDTH, texture};
@@ -17,7 +17,7 @@ fn match_frame(
     path: Path,
     params: &Params,
     images: &(Vec<u8>, Vec<u8>),
-    state: &mut (Scratch, Vec<i16>),
+    state: &mut (SgbmScratch, Vec<i16>),
     tiles: &dyn Tiles,
 ) {
     let view = |data| View { data, width: WIDTH, height: HEIGHT, channels: 1 };
@@ -28,7 +28,7 @@ fn match_frame(
 
 fn stereo(c: &mut Criterion) {
     let images = texture();
-    let mut state = (Scratch::default(), vec![0; WIDTH * HEIGHT]);
+    let mut state = (SgbmScratch::default(), vec![0; WIDTH * HEIGHT]);
     for (name, mode) in [("sgbm", Mode::Sgbm), ("hh", Mode::Hh), ("3way", Mode::ThreeWay), ("hh4", Mode::Hh4)] {
         let mut group = c.benchmark_group(name);
         group.sample_size(10).throughput(Throughput::Elements((WIDTH * HEIGHT) as u64));

@@ -11,14 +11,14 @@
 use std::io::{BufRead, Write};
 use std::time::Instant;
 
-use depthloom_kernels::bm::{Params, Prefilter, Scratch, compute};
+use depthloom_kernels::bm::{BmScratch, Params, Prefilter, compute};
 use depthloom_kernels::fill::fill_background;
 use depthloom_kernels::left_right;
 use depthloom_kernels::sgbm::{SpeckleScratch, filter_speckles};
 use depthloom_threads::Budget;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let mut scratch = Scratch::default();
+    let mut scratch = BmScratch::default();
     for line in std::io::stdin().lock().lines() {
         let line = line?;
         let words: Vec<&str> = line.split_whitespace().collect();
@@ -73,7 +73,7 @@ fn filtered([from, out]: [&str; 2], filter: impl FnOnce(&mut [i16])) -> std::io:
 fn matched(
     [left, right, out]: [&str; 3],
     numbers: &[&str],
-    scratch: &mut Scratch,
+    scratch: &mut BmScratch,
 ) -> Result<String, Box<dyn std::error::Error>> {
     let [width, height, threads, kind, size, cap, block, min, count, texture, unique, window, range, diff] =
         parsed(numbers)?;

@@ -9,11 +9,11 @@
 use std::io::{BufRead, Write};
 use std::time::Instant;
 
-use depthloom_kernels::census::{Census, Pair, Params, Path, Paths, Scratch, compute_on};
+use depthloom_kernels::census::{Census, CensusScratch, Pair, Params, Path, Paths, compute_on};
 use depthloom_threads::Budget;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let mut scratch = Scratch::default();
+    let mut scratch = CensusScratch::default();
     let mut out = Vec::new();
     for line in std::io::stdin().lock().lines() {
         let line = line?;

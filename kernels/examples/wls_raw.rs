@@ -8,11 +8,11 @@
 use std::io::{BufRead, Write};
 use std::time::Instant;
 
-use depthloom_kernels::weighted_least_squares::{Guide, Params, Right, Scratch, Smoother};
+use depthloom_kernels::weighted_least_squares::{Guide, Params, Right, Smoother, SmootherScratch};
 use depthloom_threads::Budget;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let mut scratch = Scratch::default();
+    let mut scratch = SmootherScratch::default();
     for line in std::io::stdin().lock().lines() {
         let line = line?;
         let words: Vec<&str> = line.split_whitespace().collect();
@@ -30,7 +30,7 @@ fn disparities(file: &str) -> std::io::Result<Vec<i16>> {
 fn smoothed(
     [guide, left, right, out]: [&str; 4],
     numbers: &[&str],
-    scratch: &mut Scratch,
+    scratch: &mut SmootherScratch,
 ) -> Result<f64, Box<dyn std::error::Error>> {
     let (whole, real) = numbers.split_at_checked(10).ok_or("a job holds ten whole numbers")?;
     let whole = whole.iter().map(|word| word.parse()).collect::<Result<Vec<i32>, _>>()?;

@@ -1,6 +1,6 @@
 //! Every implementation gives the bits of the plain twin, on any image, with any parameters and any number of threads.
 
-use depthloom_kernels::sgbm::{Error, Mode, Params, Path, Scratch, View, compute_on};
+use depthloom_kernels::sgbm::{Error, Mode, Params, Path, SgbmScratch, View, compute_on};
 use depthloom_kernels::tiles::{Serial, Tiles};
 use depthloom_threads::Budget;
 use proptest::prelude::{Just, ProptestConfig, Strategy, any, prop_oneof, proptest};
@@ -54,7 +54,7 @@ fn penalties() -> impl Strategy<Value = (i32, i32)> {
     ]
 }
 
-fn run(case: &Case, path: Path, scratch: &mut Scratch, tiles: &dyn Tiles) -> Result<Vec<i16>, Error> {
+fn run(case: &Case, path: Path, scratch: &mut SgbmScratch, tiles: &dyn Tiles) -> Result<Vec<i16>, Error> {
     let view = |data| View { data, width: case.width, height: case.height, channels: case.channels };
     let mut out = vec![i16::MIN; case.width * case.height];
     compute_on(path, &view(&case.left), &view(&case.right), &case.params, scratch, tiles, &mut out)?;
@@ -69,7 +69,7 @@ proptest! {
     })]
     #[test]
     fn every_path_equals_the_plain_twin(case in cases()) {
-        let mut scratch = Scratch::default();
+        let mut scratch = SgbmScratch::default();
         let plain = run(&case, Path::Plain, &mut scratch, &Serial);
         for path in Path::available().into_iter().filter(|&path| path != Path::Plain) {
             prop_assert_eq!(&run(&case, path, &mut scratch, &Serial), &plain, "{:?}", path);
@@ -87,7 +87,7 @@ fn images_that_do_not_match_each_other_or_the_parameters_are_refused() {
     let data = [0; 30 * 4];
     let view = |width, height, channels| View { data: &data[..width * height * channels], width, height, channels };
     let try_it = |left: &View<'_>, right: &View<'_>, params: &Params, len: usize| {
-        compute_on(Path::best(), left, right, params, &mut Scratch::default(), &Serial, &mut vec![0; len])
+        compute_on(Path::best(), left, right, params, &mut SgbmScratch::default(), &Serial, &mut vec![0; len])
     };
     let small = Params { disparities: 16, ..Params::default() };
     assert_eq!(try_it(&view(30, 4, 1), &view(30, 4, 1), &small, 120), Ok(()));

@@ -11,7 +11,7 @@ use crate::tiles::Tiles;
 
 /// Buffers that one call leaves for the next; any call may use any scratch.
 #[derive(Debug, Default)]
-pub struct Scratch {
+pub struct SgbmScratch {
     fast: FastScratch,
     speckle: SpeckleScratch,
 }
@@ -26,7 +26,7 @@ pub fn compute(
     left: &View<'_>,
     right: &View<'_>,
     params: &Params,
-    scratch: &mut Scratch,
+    scratch: &mut SgbmScratch,
     tiles: &dyn Tiles,
     out: &mut [i16],
 ) -> Result<(), Error> {
@@ -42,7 +42,7 @@ pub fn compute_on(
     left: &View<'_>,
     right: &View<'_>,
     params: &Params,
-    scratch: &mut Scratch,
+    scratch: &mut SgbmScratch,
     tiles: &dyn Tiles,
     out: &mut [i16],
 ) -> Result<(), Error> {

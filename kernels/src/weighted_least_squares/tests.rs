@@ -8,7 +8,7 @@ const NO: i16 = -16;
 
 fn filtered(smoother: &Smoother, map: &[i16], guide: &Guide<'_>, right: Option<&Right<'_>>, fill: bool) -> Vec<i16> {
     let mut out = map.to_vec();
-    smoother.filter(&mut out, NO, guide, right, fill, &mut Scratch::default(), &Serial);
+    smoother.filter(&mut out, NO, guide, right, fill, &mut SmootherScratch::default(), &Serial);
     out
 }
 
@@ -145,12 +145,12 @@ proptest! {
         let smoother = Smoother::new(Params::default());
         let expected = every_level(|level| {
             let mut out = left.clone();
-            smoother.filter_at(level, &mut out, NO, &guide, right, true, &mut Scratch::default(), &Serial);
+            smoother.filter_at(level, &mut out, NO, &guide, right, true, &mut SmootherScratch::default(), &Serial);
             out
         });
         let budget = Budget::new(3);
         let _own = budget.permit();
-        let (mut scratch, mut threaded) = (Scratch::default(), left.clone());
+        let (mut scratch, mut threaded) = (SmootherScratch::default(), left.clone());
         // What another frame has left behind must not matter.
         smoother.filter(&mut right.map_or(left.clone(), |right| right.disparity.to_vec()), NO, &guide, None, true, &mut scratch, &budget);
         smoother.filter(&mut threaded, NO, &guide, right, true, &mut scratch, &budget);

@@ -43,6 +43,7 @@
 //! x86_64-unknown-linux-gnu -p depthloom-kernels --test sgbm_paths`.
 #![expect(unsafe_code, reason = "vector instructions, and buffers of which several threads write disjoint parts")]
 
+mod aggregate;
 mod answers;
 #[cfg(target_arch = "x86_64")]
 mod avx2;
@@ -53,7 +54,6 @@ mod costs;
 mod decide;
 mod kernels;
 mod lanes;
-mod march;
 mod shared;
 
 use bands::Memory;
