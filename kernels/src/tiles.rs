@@ -2,7 +2,7 @@
 
 use std::sync::{Mutex, PoisonError};
 
-pub use depthloom_threads::{Serial, Tiles};
+pub use depthloom_threads::{Serial, Tiles, rounds_in_one_run};
 
 /// Runs each part as a tile of its own.
 pub(crate) fn each<T: Send>(tiles: &dyn Tiles, parts: Vec<T>, f: impl Fn(usize, T) + Sync) {

@@ -200,9 +200,9 @@ impl<'a> Frame<'a> {
         if sweep.slots.len() == 1 {
             return;
         }
-        for border in tile.saturating_sub(1)..(tile + 1).min(beside.len()) {
+        for border in [tile.checked_sub(1), Some(tile)].into_iter().flatten() {
             // Both neighbours pass by once a band. What the other one wrote is seen by whoever comes second.
-            if beside[border].fetch_add(1, Ordering::AcqRel) % 2 == 1 {
+            if beside.get(border).is_some_and(|passed| passed.fetch_add(1, Ordering::AcqRel) % 2 == 1) {
                 self.triangle(sweep, self.rows_of(band), (border + 1) * TILE);
             }
         }
