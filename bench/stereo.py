@@ -123,7 +123,7 @@ def main():
     parser.add_argument("--threads", type=int, nargs="+", default=[1, 2])
     matchers = [*MODES, "bm", "census-sgm"]
     parser.add_argument("--modes", nargs="+", default=matchers, choices=matchers)
-    parser.add_argument("--path", default="best", help="of the modes of SGBM: best, Avx512, Avx2, Portable or Plain")
+    parser.add_argument("--path", default="best", help="of the modes of SGBM: best, avx512, avx2, portable or plain")
     parser.add_argument("--disparities", type=int, default=64)
     args = parser.parse_args()
     names = [path.name for path in sorted((args.frames / "image_2").glob("*_10.png"))]

@@ -6,29 +6,16 @@
 use std::hint::black_box;
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use depthloom_kernels::census::{Census, Pair, Params, Path, Paths, Scratch, compute_on};
-use depthloom_kernels::tiles::{Crew, Serial, Tiles};
+use depthloom_kernels::census::{Census, CensusScratch, Pair, Params, Path, Paths, compute_on};
+use depthloom_kernels::tiles::{Serial, Tiles};
+use depthloom_threads::Budget;
+use support::{HEIGHT, WIDTH, texture};
 
-const WIDTH: usize = 1242;
-const HEIGHT: usize = 375;
-
-fn texture() -> (Vec<u8>, Vec<u8>) {
-    let mut state = 0x2545_f491_4f6c_dd1d_u64;
-    let left: Vec<u8> = std::iter::repeat_with(|| {
-        state ^= state << 13;
-        state ^= state >> 7;
-        state ^= state << 17;
-        (state >> 56) as u8
-    })
-    .take(WIDTH * HEIGHT)
-    .collect();
-    let right = (0..left.len()).map(|i| left[(i + 20) % left.len()]).collect();
-    (left, right)
-}
+mod support;
 
 fn stereo(c: &mut Criterion) {
     let (left, right) = texture();
-    let mut scratch = Scratch::default();
+    let mut scratch = CensusScratch::default();
     let mut out = vec![0; WIDTH * HEIGHT];
     let mut frame = |path: Path, params: &Params, tiles: &dyn Tiles| {
         let pair = Pair { left: &left, right: &right, width: WIDTH, height: HEIGHT };
@@ -43,17 +30,14 @@ fn stereo(c: &mut Criterion) {
             let mut group = c.benchmark_group(format!("census {census:?} {paths:?} {disparities}"));
             group.sample_size(10).throughput(Throughput::Elements((WIDTH * HEIGHT) as u64));
             for path in Path::available().into_iter().filter(|&path| path != Path::Plain) {
-                group.bench_function(BenchmarkId::new("1 thread", format!("{path:?}")), |b| {
+                group.bench_function(BenchmarkId::new("1 thread", path.name()), |b| {
                     b.iter(|| frame(path, &params, &Serial));
                 });
             }
-            let crew = Crew::new(2);
-            std::thread::scope(|scope| {
-                let _closing = crew.closing();
-                scope.spawn(|| crew.work());
-                group.bench_function(BenchmarkId::new("2 threads", "best"), |b| {
-                    b.iter(|| frame(Path::available()[0], &params, &crew));
-                });
+            let budget = Budget::new(2);
+            let _own = budget.permit();
+            group.bench_function(BenchmarkId::new("2 threads", "best"), |b| {
+                b.iter(|| frame(Path::best(), &params, &budget));
             });
         }
     }

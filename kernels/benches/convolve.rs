@@ -6,7 +6,7 @@
 use std::hint::black_box;
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use depthloom_kernels::convolve::{Activation, Double, Gradients, Same, Scratch};
+use depthloom_kernels::convolve::{Activation, ConvolutionScratch, Double, Gradients, Same};
 use depthloom_kernels::simd::Level;
 
 fn noise(count: usize) -> Vec<f32> {
@@ -26,7 +26,7 @@ fn same(c: &mut Criterion) {
         let op = Same { inputs, outputs, width, height, kernel: 3, activation: Activation::Relu };
         let (image, slope) = (noise(inputs * width * height), noise(outputs * width * height));
         let (weights, bias) = (noise(inputs * outputs * 9), noise(outputs));
-        let (mut scratch, mut out) = (Scratch::default(), slope.clone());
+        let (mut scratch, mut out) = (ConvolutionScratch::default(), slope.clone());
         let mut of = [image.clone(), weights.clone(), bias.clone()];
         let mut group = c.benchmark_group("same");
         group.throughput(Throughput::Elements((inputs * outputs * 9 * width * height) as u64));
@@ -53,7 +53,7 @@ fn double(c: &mut Criterion) {
         let op = Double { inputs, outputs, width, height, activation: Activation::Relu };
         let (image, slope) = (noise(inputs * width * height), noise(outputs * width * height * 4));
         let (weights, bias) = (noise(inputs * outputs * 16), noise(outputs));
-        let (mut scratch, mut out) = (Scratch::default(), slope.clone());
+        let (mut scratch, mut out) = (ConvolutionScratch::default(), slope.clone());
         let mut of = [image.clone(), weights.clone(), bias.clone()];
         let mut group = c.benchmark_group("double");
         group.throughput(Throughput::Elements((inputs * outputs * 16 * width * height) as u64));

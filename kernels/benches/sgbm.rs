@@ -6,31 +6,18 @@
 use std::hint::black_box;
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use depthloom_kernels::sgbm::{Mode, Params, Path, Scratch, View, compute_on};
-use depthloom_kernels::tiles::{Crew, Serial, Tiles};
+use depthloom_kernels::sgbm::{Mode, Params, Path, SgbmScratch, View, compute_on};
+use depthloom_kernels::tiles::{Serial, Tiles};
+use depthloom_threads::Budget;
+use support::{HEIGHT, WIDTH, texture};
 
-const WIDTH: usize = 1242;
-const HEIGHT: usize = 375;
-
-fn texture() -> (Vec<u8>, Vec<u8>) {
-    let mut state = 0x2545_f491_4f6c_dd1d_u64;
-    let left: Vec<u8> = std::iter::repeat_with(|| {
-        state ^= state << 13;
-        state ^= state >> 7;
-        state ^= state << 17;
-        (state >> 56) as u8
-    })
-    .take(WIDTH * HEIGHT)
-    .collect();
-    let right = (0..left.len()).map(|i| left[(i + 20) % left.len()]).collect();
-    (left, right)
-}
+mod support;
 
 fn match_frame(
     path: Path,
     params: &Params,
     images: &(Vec<u8>, Vec<u8>),
-    state: &mut (Scratch, Vec<i16>),
+    state: &mut (SgbmScratch, Vec<i16>),
     tiles: &dyn Tiles,
 ) {
     let view = |data| View { data, width: WIDTH, height: HEIGHT, channels: 1 };
@@ -41,23 +28,20 @@ fn match_frame(
 
 fn stereo(c: &mut Criterion) {
     let images = texture();
-    let mut state = (Scratch::default(), vec![0; WIDTH * HEIGHT]);
+    let mut state = (SgbmScratch::default(), vec![0; WIDTH * HEIGHT]);
     for (name, mode) in [("sgbm", Mode::Sgbm), ("hh", Mode::Hh), ("3way", Mode::ThreeWay), ("hh4", Mode::Hh4)] {
         let mut group = c.benchmark_group(name);
         group.sample_size(10).throughput(Throughput::Elements((WIDTH * HEIGHT) as u64));
         let params = Params { mode, ..Params::default() };
         for path in Path::available() {
-            group.bench_function(BenchmarkId::new("1 thread", format!("{path:?}")), |b| {
+            group.bench_function(BenchmarkId::new("1 thread", path.name()), |b| {
                 b.iter(|| match_frame(path, &params, &images, &mut state, &Serial));
             });
         }
-        let crew = Crew::new(2);
-        std::thread::scope(|scope| {
-            let _closing = crew.closing();
-            scope.spawn(|| crew.work());
-            group.bench_function(BenchmarkId::new("2 threads", "best"), |b| {
-                b.iter(|| match_frame(Path::available()[0], &params, &images, &mut state, &crew));
-            });
+        let budget = Budget::new(2);
+        let _own = budget.permit();
+        group.bench_function(BenchmarkId::new("2 threads", "best"), |b| {
+            b.iter(|| match_frame(Path::best(), &params, &images, &mut state, &budget));
         });
     }
 }

@@ -11,14 +11,14 @@
 use std::io::{BufRead, Write};
 use std::time::Instant;
 
-use depthloom_kernels::bm::{Error, Params, Prefilter, Scratch, compute};
+use depthloom_kernels::bm::{BmScratch, Params, Prefilter, compute};
 use depthloom_kernels::fill::fill_background;
 use depthloom_kernels::left_right;
 use depthloom_kernels::sgbm::{SpeckleScratch, filter_speckles};
-use depthloom_kernels::tiles::{Crew, Serial, Tiles};
+use depthloom_threads::Budget;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let mut scratch = Scratch::default();
+    let mut scratch = BmScratch::default();
     for line in std::io::stdin().lock().lines() {
         let line = line?;
         let words: Vec<&str> = line.split_whitespace().collect();
@@ -73,7 +73,7 @@ fn filtered([from, out]: [&str; 2], filter: impl FnOnce(&mut [i16])) -> std::io:
 fn matched(
     [left, right, out]: [&str; 3],
     numbers: &[&str],
-    scratch: &mut Scratch,
+    scratch: &mut BmScratch,
 ) -> Result<String, Box<dyn std::error::Error>> {
     let [width, height, threads, kind, size, cap, block, min, count, texture, unique, window, range, diff] =
         parsed(numbers)?;
@@ -93,28 +93,13 @@ fn matched(
     let (width, height) = (width as usize, height as usize);
     let (left, right) = (std::fs::read(left)?, std::fs::read(right)?);
     let mut disparity = vec![0; width * height];
-    let mut timed = |tiles: &dyn Tiles| {
-        let start = Instant::now();
-        compute(&left, &right, width, height, &params, scratch, tiles, &mut disparity)?;
-        Ok::<_, Error>(start.elapsed().as_secs_f64() * 1e3)
-    };
-    let milliseconds = if threads == 1 {
-        timed(&Serial)
-    } else {
-        let crew = Crew::new(threads as usize);
-        std::thread::scope(|scope| {
-            for _ in 1..threads {
-                scope.spawn(|| crew.work());
-            }
-            let closing = crew.closing();
-            let taken = timed(&crew);
-            drop(closing);
-            taken
-        })
-    };
-    Ok(match milliseconds {
+    let budget = Budget::new(threads as usize);
+    let _own = budget.permit();
+    let start = Instant::now();
+    Ok(match compute(&left, &right, width, height, &params, scratch, &budget, &mut disparity) {
         Err(error) => format!("refused: {error}"),
-        Ok(milliseconds) => {
+        Ok(()) => {
+            let milliseconds = start.elapsed().as_secs_f64() * 1e3;
             write(out, &disparity)?;
             milliseconds.to_string()
         }

@@ -3,17 +3,17 @@
 //!
 //! A line: `LEFT RIGHT OUT WIDTH HEIGHT CENSUS PATHS PATH THREADS`, then `min_disparity disparities p1 p2 uniqueness
 //! subpixel lr_max_diff`. Images are raw bytes, the output raw little-endian 16-bit disparities (`-`: none written); CENSUS is
-//! `symmetric`, `full` or `off-axis`, PATHS 4 or 8, PATH `best` or the name of an implementation (`Plain`, ...), subpixel 0
+//! `symmetric`, `full` or `off-axis`, PATHS 4 or 8, PATH `best` or the name of an implementation (`plain`, ...), subpixel 0
 //! or 1. What `tests/census_against_numpy.py` drives.
 
 use std::io::{BufRead, Write};
 use std::time::Instant;
 
-use depthloom_kernels::census::{Census, Pair, Params, Path, Paths, Scratch, compute_on};
-use depthloom_kernels::tiles::{Crew, Serial, Tiles};
+use depthloom_kernels::census::{Census, CensusScratch, Pair, Params, Path, Paths, compute_on};
+use depthloom_threads::Budget;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let mut scratch = Scratch::default();
+    let mut scratch = CensusScratch::default();
     let mut out = Vec::new();
     for line in std::io::stdin().lock().lines() {
         let line = line?;
@@ -45,36 +45,17 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 other => return Err(format!("there are 4 or 8 paths, not {other}").into()),
             },
         };
-        let path = match path {
-            "best" => Path::available()[0],
-            name => Path::available()
-                .into_iter()
-                .find(|path| format!("{path:?}") == name)
-                .ok_or_else(|| format!("no implementation {name} here: {:?}", Path::available()))?,
-        };
+        let path =
+            Path::named(path).ok_or_else(|| format!("no implementation {path} here: {:?}", Path::available()))?;
         let (left, right) = (std::fs::read(left)?, std::fs::read(right)?);
         let pair = Pair { left: &left, right: &right, width: width.parse()?, height: height.parse()? };
         out.resize(pair.width * pair.height, 0);
-        let mut timed = |tiles: &dyn Tiles| {
-            let start = Instant::now();
-            compute_on(path, &pair, &params, &mut scratch, tiles, &mut out)?;
-            Ok::<_, depthloom_kernels::census::Error>(start.elapsed().as_secs_f64() * 1e3)
-        };
-        let milliseconds = match threads.parse()? {
-            1 => timed(&Serial),
-            threads => {
-                let crew = Crew::new(threads);
-                std::thread::scope(|scope| {
-                    let _closing = crew.closing();
-                    for _ in 1..threads {
-                        scope.spawn(|| crew.work());
-                    }
-                    timed(&crew)
-                })
-            }
-        };
-        match milliseconds {
-            Ok(milliseconds) => {
+        let budget = Budget::new(threads.parse()?);
+        let _own = budget.permit();
+        let start = Instant::now();
+        match compute_on(path, &pair, &params, &mut scratch, &budget, &mut out) {
+            Ok(()) => {
+                let milliseconds = start.elapsed().as_secs_f64() * 1e3;
                 if target != "-" {
                     std::fs::write(target, out.iter().flat_map(|d| d.to_le_bytes()).collect::<Vec<u8>>())?;
                 }

@@ -9,8 +9,9 @@ use std::sync::Mutex;
 use std::time::Instant;
 
 use depthloom_kernels::fuse::{Weighting, fuse};
-use depthloom_kernels::tiles::{Crew, Serial, Tiles};
+use depthloom_kernels::tiles::{Serial, Tiles};
 use depthloom_kernels::{confidence, depth, edges, gaussian, median, scale};
+use depthloom_threads::Budget;
 
 const BASELINE_METRES: f64 = 0.532725;
 const CAP_METRES: f32 = 80.0;
@@ -67,28 +68,25 @@ fn main() {
         mono: mono.as_chunks().0.iter().map(|&bytes| f32::from_le_bytes(bytes)).collect(),
     };
     let mut maps = Maps::new(width * height);
-    let crew = Crew::new(2);
-    std::thread::scope(|scope| {
-        let _closing = crew.closing();
-        scope.spawn(|| crew.work());
-        for line in std::io::stdin().lock().lines() {
-            let answer = match line.expect("standard input can be read").trim() {
-                "1" => chain(&frame, &mut maps, &Serial),
-                "2" => chain(&frame, &mut maps, &crew),
-                "write" => {
-                    for (name, fused) in VARIANTS.iter().zip(&maps.fused) {
-                        let path = format!("{}/{name}.raw", args[6]);
-                        let bytes: Vec<u8> = fused.iter().flat_map(|depth| depth.to_le_bytes()).collect();
-                        std::fs::write(&path, bytes).unwrap_or_else(|error| panic!("{path}: {error}"));
-                    }
-                    "{}".to_owned()
+    let budget = Budget::new(2);
+    let _own = budget.permit();
+    for line in std::io::stdin().lock().lines() {
+        let answer = match line.expect("standard input can be read").trim() {
+            "1" => chain(&frame, &mut maps, &Serial),
+            "2" => chain(&frame, &mut maps, &budget),
+            "write" => {
+                for (name, fused) in VARIANTS.iter().zip(&maps.fused) {
+                    let path = format!("{}/{name}.raw", args[6]);
+                    let bytes: Vec<u8> = fused.iter().flat_map(|depth| depth.to_le_bytes()).collect();
+                    std::fs::write(&path, bytes).unwrap_or_else(|error| panic!("{path}: {error}"));
                 }
-                other => panic!("1, 2 or write is expected, not {other:?}"),
-            };
-            println!("{answer}");
-            std::io::stdout().flush().expect("standard output can be written");
-        }
-    });
+                "{}".to_owned()
+            }
+            other => panic!("1, 2 or write is expected, not {other:?}"),
+        };
+        println!("{answer}");
+        std::io::stdout().flush().expect("standard output can be written");
+    }
 }
 
 /// Runs the chain once; its times as JSON.

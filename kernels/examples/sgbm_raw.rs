@@ -3,17 +3,17 @@
 //!
 //! A line: `LEFT RIGHT OUT WIDTH HEIGHT CHANNELS MODE PATH THREADS`, then `minDisparity numDisparities blockSize P1 P2
 //! disp12MaxDiff preFilterCap uniquenessRatio speckleWindowSize speckleRange`. Images are raw bytes, the output raw
-//! little-endian 16-bit disparities; PATH is `best` or the name of an implementation (`Plain`, ...). What
+//! little-endian 16-bit disparities; PATH is `best` or the name of an implementation (`plain`, ...). What
 //! `tests/sgbm_against_opencv.py` and `bench/stereo.sh` drive.
 
 use std::io::{BufRead, Write};
 use std::time::Instant;
 
-use depthloom_kernels::sgbm::{Mode, Params, Path, Scratch, View, compute_on};
-use depthloom_kernels::tiles::{Crew, Serial, Tiles};
+use depthloom_kernels::sgbm::{Mode, Params, Path, SgbmScratch, View, compute_on};
+use depthloom_threads::Budget;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let mut scratch = Scratch::default();
+    let mut scratch = SgbmScratch::default();
     let mut out = Vec::new();
     for line in std::io::stdin().lock().lines() {
         let line = line?;
@@ -49,43 +49,19 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 other => return Err(format!("unknown mode {other}").into()),
             },
         };
-        let path = match *path {
-            "best" => Path::available()[0],
-            name => Path::available()
-                .into_iter()
-                .find(|path| format!("{path:?}") == name)
-                .ok_or_else(|| format!("no implementation {name} here: {:?}", Path::available()))?,
-        };
+        let path =
+            Path::named(path).ok_or_else(|| format!("no implementation {path} here: {:?}", Path::available()))?;
         let (left, right) = (std::fs::read(left)?, std::fs::read(right)?);
         let [left, right] = [&left, &right].map(|data| View { data, width, height, channels });
         out.resize(width * height, 0);
-        let mut timed = |tiles: &dyn Tiles| {
-            let start = Instant::now();
-            compute_on(path, &left, &right, &params, &mut scratch, tiles, &mut out)?;
-            Ok::<_, depthloom_kernels::sgbm::Error>(start.elapsed().as_secs_f64() * 1e3)
-        };
-        let milliseconds = match threads.parse()? {
-            1 => timed(&Serial),
-            threads => {
-                let crew = Crew::new(threads);
-                std::thread::scope(|scope| {
-                    for _ in 1..threads {
-                        scope.spawn(|| crew.work());
-                    }
-                    let closing = crew.closing();
-                    let taken = timed(&crew);
-                    drop(closing);
-                    taken
-                })
-            }
-        };
-        let milliseconds = match milliseconds {
-            Ok(milliseconds) => milliseconds,
-            Err(error) => {
-                println!("refused: {error}");
-                continue;
-            }
-        };
+        let budget = Budget::new(threads.parse()?);
+        let _own = budget.permit();
+        let start = Instant::now();
+        if let Err(error) = compute_on(path, &left, &right, &params, &mut scratch, &budget, &mut out) {
+            println!("refused: {error}");
+            continue;
+        }
+        let milliseconds = start.elapsed().as_secs_f64() * 1e3;
         if *target != "-" {
             std::fs::write(target, out.iter().flat_map(|d| d.to_le_bytes()).collect::<Vec<u8>>())?;
         }

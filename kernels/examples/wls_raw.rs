@@ -8,11 +8,11 @@
 use std::io::{BufRead, Write};
 use std::time::Instant;
 
-use depthloom_kernels::tiles::{Crew, Serial, Tiles};
-use depthloom_kernels::weighted_least_squares::{Guide, Params, Right, Scratch, Smoother};
+use depthloom_kernels::weighted_least_squares::{Guide, Params, Right, Smoother, SmootherScratch};
+use depthloom_threads::Budget;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let mut scratch = Scratch::default();
+    let mut scratch = SmootherScratch::default();
     for line in std::io::stdin().lock().lines() {
         let line = line?;
         let words: Vec<&str> = line.split_whitespace().collect();
@@ -30,7 +30,7 @@ fn disparities(file: &str) -> std::io::Result<Vec<i16>> {
 fn smoothed(
     [guide, left, right, out]: [&str; 4],
     numbers: &[&str],
-    scratch: &mut Scratch,
+    scratch: &mut SmootherScratch,
 ) -> Result<f64, Box<dyn std::error::Error>> {
     let (whole, real) = numbers.split_at_checked(10).ok_or("a job holds ten whole numbers")?;
     let whole = whole.iter().map(|word| word.parse()).collect::<Result<Vec<i32>, _>>()?;
@@ -53,23 +53,11 @@ fn smoothed(
         radius: radius as usize,
     });
     let mut map = disparities(left)?;
-    let mut timed = |tiles: &dyn Tiles| {
-        let start = Instant::now();
-        smoother.filter(&mut map, invalid as i16, &guide, right.as_ref(), fill != 0, scratch, tiles);
-        start.elapsed().as_secs_f64() * 1e3
-    };
-    let milliseconds = if threads == 1 {
-        timed(&Serial)
-    } else {
-        let crew = Crew::new(threads as usize);
-        std::thread::scope(|scope| {
-            for _ in 1..threads {
-                scope.spawn(|| crew.work());
-            }
-            let _closing = crew.closing();
-            timed(&crew)
-        })
-    };
+    let budget = Budget::new(threads as usize);
+    let _own = budget.permit();
+    let start = Instant::now();
+    smoother.filter(&mut map, invalid as i16, &guide, right.as_ref(), fill != 0, scratch, &budget);
+    let milliseconds = start.elapsed().as_secs_f64() * 1e3;
     std::fs::write(out, map.iter().flat_map(|d| d.to_le_bytes()).collect::<Vec<u8>>())?;
     Ok(milliseconds)
 }

@@ -2,18 +2,18 @@
 //!
 //! Two shapes that learning spends its time in: [`Same`] (odd kernel, stride 1, size kept) and [`Double`] (4x4 transposed,
 //! stride 2, size doubled), as PyTorch defines them, bias and ReLU included. Images are f32, channels x height x width.
-//! A call works on one thread; a batch is spread by giving each thread its images and its [`Scratch`]. Every gradient of weights is
+//! A call works on one thread; a batch is spread by giving each thread its images and its [`ConvolutionScratch`]. Every gradient of weights is
 //! one image's share, to be added up in the order of the images: then no result depends on the number of threads, and
 //! fused multiply-adds on every instruction set give the same bits on all of them.
 //!
 //! ```
-//! use depthloom_kernels::convolve::{Activation, Same, Scratch};
+//! use depthloom_kernels::convolve::{Activation, Same, ConvolutionScratch};
 //! use depthloom_kernels::simd::Level;
 //!
 //! let same = Same { inputs: 1, outputs: 1, width: 3, height: 2, kernel: 3, activation: Activation::None };
 //! let mut sum_of_nine = vec![0.0; 6];
 //! let weights = same.weights(Level::best(), &[1.0; 9], false);
-//! same.forward(Level::best(), &[1.0, 2.0, 3.0, 4.0, 5.0, 6.0], &weights, &[0.5], &mut sum_of_nine, &mut Scratch::default());
+//! same.forward(Level::best(), &[1.0, 2.0, 3.0, 4.0, 5.0, 6.0], &weights, &[0.5], &mut sum_of_nine, &mut ConvolutionScratch::default());
 //! assert_eq!(sum_of_nine, [12.5, 21.5, 16.5, 12.5, 21.5, 16.5]);
 //! ```
 
@@ -61,14 +61,14 @@ pub struct Gradients<'a> {
 
 /// Memory that a thread keeps between calls.
 #[derive(Debug, Default)]
-pub struct Scratch {
+pub struct ConvolutionScratch {
     source: Vec<f32>,
     slopes: Vec<f32>,
     sums: Vec<f32>,
     offsets: Vec<usize>,
 }
 
-impl Scratch {
+impl ConvolutionScratch {
     fn room(&mut self, sums: usize) {
         if self.sums.len() < sums {
             self.sums.resize(sums, 0.0);

@@ -2,15 +2,19 @@
 //!
 //! A kernel's inner loops are a [`Pass`]: safe Rust that the compiler vectorises. [`Level::run`] holds that same source
 //! compiled for every machine, for AVX2 and for AVX-512, and picks one at run time. Sums that must stay in registers are a
-//! [`BlockPass`], with the registers named. Rust neither reorders
-//! nor contracts floating-point operations, so all of them give the same bits, on any machine; `every_level` lets the
-//! tests prove it.
+//! [`BlockPass`] or a [`LanesPass`], with the registers named; `sgbm` compiles its own passes over vectors of 16-bit costs, and picks
+//! by [`Level::pick`]. Rust neither reorders nor contracts floating-point operations, so all of them give the same bits, on any
+//! machine; `every_level` and the tests of [`Path`]s prove it.
+//!
+//! Nothing else asks the machine what it can do. A [`Level`] is made by [`Level::available`] alone, so who holds one has seen its
+//! features; vectors are named only inside of passes that a level runs.
 #![expect(unsafe_code, reason = "calls functions compiled for instruction sets that were found at run time")]
 
 mod block;
 #[cfg(target_arch = "x86_64")]
 mod grey;
 mod lanes;
+mod path;
 
 #[cfg(target_arch = "x86_64")]
 use std::marker::PhantomData;
@@ -18,6 +22,7 @@ use std::sync::OnceLock;
 
 pub(crate) use block::{BLOCK, Block};
 pub(crate) use lanes::{LANES, Lanes};
+pub use path::Path;
 
 /// An instruction set that this machine was seen to have.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -32,6 +37,9 @@ enum Set {
     Avx2,
     #[cfg(target_arch = "x86_64")]
     Avx512,
+    /// AVX-512 that counts bits and permutes bytes in vectors.
+    #[cfg(target_arch = "x86_64")]
+    Avx512Popcnt,
 }
 
 /// Inner loops that are compiled once per instruction set.
@@ -67,8 +75,8 @@ impl Level {
 
     /// The widest instruction set of this machine.
     ///
-    /// The environment variable `DEPTHLOOM_SIMD` (`portable`, `sse2`, `avx2`) holds it down, for measuring: the results are
-    /// the same. Any other value leaves it as it is.
+    /// The environment variable `DEPTHLOOM_SIMD` (`portable`, `sse2`, `avx2`, `avx512`) holds it down for all kernels, for measuring:
+    /// the results are the same. Any other value leaves it as it is.
     #[must_use]
     pub fn best() -> Self {
         static BEST: OnceLock<Level> = OnceLock::new();
@@ -95,20 +103,27 @@ impl Level {
             if avx2 {
                 levels.push(Self(Set::Avx2));
             }
-            if avx2
+            let avx512 = avx2
                 && is_x86_feature_detected!("avx512f")
                 && is_x86_feature_detected!("avx512bw")
                 && is_x86_feature_detected!("avx512cd")
                 && is_x86_feature_detected!("avx512dq")
-                && is_x86_feature_detected!("avx512vl")
-            {
+                && is_x86_feature_detected!("avx512vl");
+            if avx512 {
                 levels.push(Self(Set::Avx512));
+            }
+            if avx512
+                && is_x86_feature_detected!("avx512vbmi")
+                && is_x86_feature_detected!("avx512bitalg")
+                && is_x86_feature_detected!("avx512vpopcntdq")
+            {
+                levels.push(Self(Set::Avx512Popcnt));
             }
         }
         levels
     }
 
-    /// `portable`, `sse2`, `avx2` or `avx512`.
+    /// `portable`, `sse2`, `avx2`, `avx512` or `avx512-popcnt`.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self.0 {
@@ -119,6 +134,8 @@ impl Level {
             Set::Avx2 => "avx2",
             #[cfg(target_arch = "x86_64")]
             Set::Avx512 => "avx512",
+            #[cfg(target_arch = "x86_64")]
+            Set::Avx512Popcnt => "avx512-popcnt",
         }
     }
 
@@ -133,8 +150,35 @@ impl Level {
             // SAFETY: only `available` makes this level, where every feature named at `avx2` was detected.
             Set::Avx2 => unsafe { avx2(pass) },
             #[cfg(target_arch = "x86_64")]
-            // SAFETY: only `available` makes this level, where every feature named at `avx512` was detected.
-            Set::Avx512 => unsafe { avx512(pass) },
+            // SAFETY: only `available` makes these levels, where every feature named at `avx512` was detected.
+            Set::Avx512 | Set::Avx512Popcnt => unsafe { avx512(pass) },
+        }
+    }
+
+    /// [`Level::run`] for passes that count bits: with wide vectors only where these count bits themselves.
+    #[inline]
+    pub(crate) fn run_counting<P: Pass>(self, pass: P) -> P::Output {
+        match self.0 {
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: only `available` makes this level, where every feature named at `avx512_popcnt` was detected.
+            Set::Avx512Popcnt => unsafe { avx512_popcnt(pass) },
+            #[cfg(target_arch = "x86_64")]
+            Set::Avx512 => Self(Set::Avx2).run(pass),
+            _ => self.run(pass),
+        }
+    }
+
+    /// The one of three compiled for this level: for every machine, for AVX2, for AVX-512 F, BW, CD, DQ and VL.
+    #[cfg_attr(not(target_arch = "x86_64"), expect(unused_variables, reason = "levels of x86-64"))]
+    pub(crate) fn pick<T>(self, portable: T, avx2: T, avx512: T) -> T {
+        match self.0 {
+            Set::Portable => portable,
+            #[cfg(target_arch = "x86_64")]
+            Set::Sse2 => portable,
+            #[cfg(target_arch = "x86_64")]
+            Set::Avx2 => avx2,
+            #[cfg(target_arch = "x86_64")]
+            Set::Avx512 | Set::Avx512Popcnt => avx512,
         }
     }
 }
@@ -148,7 +192,7 @@ impl Level {
             Set::Sse2 => 0,
             #[cfg(target_arch = "x86_64")]
             // SAFETY: only `available` makes these levels, where AVX2 was detected.
-            Set::Avx2 | Set::Avx512 => unsafe { grey::grey_avx2(rgb, out) },
+            Set::Avx2 | Set::Avx512 | Set::Avx512Popcnt => unsafe { grey::grey_avx2(rgb, out) },
         }
     }
 
@@ -162,7 +206,7 @@ impl Level {
             #[cfg(target_arch = "x86_64")]
             Set::Avx2 => self.run(With::<P, block::Avx2>(pass, PhantomData)),
             #[cfg(target_arch = "x86_64")]
-            Set::Avx512 => self.run(With::<P, block::Avx512>(pass, PhantomData)),
+            Set::Avx512 | Set::Avx512Popcnt => self.run(With::<P, block::Avx512>(pass, PhantomData)),
         }
     }
 
@@ -176,7 +220,7 @@ impl Level {
             #[cfg(target_arch = "x86_64")]
             Set::Avx2 => self.run(WithLanes::<P, lanes::Avx2>(pass, PhantomData)),
             #[cfg(target_arch = "x86_64")]
-            Set::Avx512 => self.run(WithLanes::<P, lanes::Avx512>(pass, PhantomData)),
+            Set::Avx512 | Set::Avx512Popcnt => self.run(WithLanes::<P, lanes::Avx512>(pass, PhantomData)),
         }
     }
 }
@@ -216,6 +260,14 @@ fn avx2<P: Pass>(pass: P) -> P::Output {
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt,avx512f,avx512bw,avx512cd,avx512dq,avx512vl")]
 fn avx512<P: Pass>(pass: P) -> P::Output {
+    pass.run()
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(
+    enable = "avx2,bmi1,bmi2,lzcnt,popcnt,avx512f,avx512bw,avx512dq,avx512vl,avx512vbmi,avx512bitalg,avx512vpopcntdq"
+)]
+fn avx512_popcnt<P: Pass>(pass: P) -> P::Output {
     pass.run()
 }
 

@@ -83,7 +83,7 @@ struct Region {
 
 /// Buffers that are kept from frame to frame.
 #[derive(Debug, Default)]
-pub struct Scratch {
+pub struct SmootherScratch {
     affinities: Affinities,
     weighted: Vec<f32>,
     confidence: Vec<f32>,
@@ -133,7 +133,7 @@ impl Smoother {
         guide: &Guide<'_>,
         right: Option<&Right<'_>>,
         fill: bool,
-        scratch: &mut Scratch,
+        scratch: &mut SmootherScratch,
         tiles: &dyn Tiles,
     ) {
         self.filter_at(Level::best(), map, invalid, guide, right, fill, scratch, tiles);
@@ -148,7 +148,7 @@ impl Smoother {
         guide: &Guide<'_>,
         right: Option<&Right<'_>>,
         fill: bool,
-        scratch: &mut Scratch,
+        scratch: &mut SmootherScratch,
         tiles: &dyn Tiles,
     ) {
         let Guide { samples, width, height, channels } = *guide;
@@ -160,7 +160,7 @@ impl Smoother {
         }
         let left = Map { pixels: map, width, invalid };
         let Some(region) = left.answered_region() else { return };
-        let Scratch { affinities, weighted, confidence, spares } = scratch;
+        let SmootherScratch { affinities, weighted, confidence, spares } = scratch;
         affinities.fill(&self.table, guide, &region, tiles);
 
         let size = region.width * region.height;

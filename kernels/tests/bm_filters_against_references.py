@@ -11,29 +11,11 @@ Makes a private virtual environment under the target folder with opencv-python-h
 example `bm_raw`. Prints what differs and exits 1, or says that nothing does.
 """
 import argparse
-import os
-import pathlib
 import subprocess
 import sys
 import tempfile
-import venv
 
-WORKSPACE = pathlib.Path(__file__).resolve().parents[3]
-TARGET = pathlib.Path(os.environ.get("CARGO_TARGET_DIR", WORKSPACE / "target"))
-PACKAGES = ["opencv-python-headless==5.0.*", "numpy"]
-
-
-def into_private_environment():
-    """Runs this script again with the private environment's Python, which is made if it is not there."""
-    place = TARGET / "venv-opencv"
-    python = place / "bin" / "python"
-    if pathlib.Path(sys.prefix) == place:
-        return
-    if not (place / "ready").exists():
-        venv.create(place, with_pip=True, clear=True)
-        subprocess.run([python, "-m", "pip", "install", "--quiet", *PACKAGES], check=True)
-        (place / "ready").touch()
-    os.execv(python, [str(python), *sys.argv])
+from cases import TARGET, WORKSPACE, into_private_environment
 
 
 def draw(rng, shape, invalid):

@@ -9,7 +9,7 @@ sub-pixel parabola, left-right check). Images: random ones, teddy and cones (Mid
 ones lie in DEPTHLOOM_SHARED, by default ../shared beside the workspace. Also prints the share of bad pixels on teddy and
 cones beside OpenCV's StereoSGBM in mode hh, and milliseconds of both on a KITTI frame with one thread.
 
-Packages come from PyPI into a virtual environment of this script (DEPTHLOOM_VENV, by default a folder in the cache).
+Packages come from PyPI into a private virtual environment under the target folder (`cases.py`).
 Prints what differs and exits 1, or says that nothing does.
 """
 import argparse
@@ -19,27 +19,10 @@ import subprocess
 import sys
 import tempfile
 import time
-import venv
 
-PACKAGES = ["numpy", "opencv-python-headless==5.0.0.93"]
+import cases
 
-
-def enter_venv():
-    """Runs this script again in an environment that has its packages."""
-    cache = pathlib.Path(os.environ.get("XDG_CACHE_HOME", pathlib.Path.home() / ".cache"))
-    folder = pathlib.Path(os.environ.get("DEPTHLOOM_VENV", cache / "depthloom" / "census-venv")).absolute()
-    if pathlib.Path(sys.prefix) == folder:
-        return
-    python = folder / "bin" / "python"
-    ready = folder / "depthloom-packages"
-    if not ready.exists() or ready.read_text() != "\n".join(PACKAGES):
-        venv.create(folder, with_pip=True)
-        subprocess.run([python, "-m", "pip", "install", "--quiet", *PACKAGES], check=True)
-        ready.write_text("\n".join(PACKAGES))
-    os.execv(python, [python, *sys.argv])
-
-
-enter_venv()
+cases.into_private_environment()
 
 import cv2  # noqa: E402
 import numpy as np  # noqa: E402
@@ -258,7 +241,7 @@ def main():
         print(f"{args.cases} random pairs, {answered} of {pixels} pixels answered: {differing} differ")
 
         shared = os.environ.get("DEPTHLOOM_SHARED")
-        shared = pathlib.Path(shared) if shared else pathlib.Path(__file__).resolve().parents[4] / "shared"
+        shared = pathlib.Path(shared) if shared else cases.WORKSPACE.parent / "shared"
         if not shared.is_dir():
             print(f"SKIPPED real images: {shared} is absent")
             sys.exit(1 if differing else 0)

@@ -1,23 +1,16 @@
 //! Every implementation gives the bits of the plain twin, on any image, with any parameters and any number of threads.
 
-use depthloom_kernels::census::{Census, Error, Pair, ParamError, Params, Path, Paths, Scratch, compute, compute_on};
-use depthloom_kernels::tiles::{Crew, Serial, Tiles};
+use depthloom_kernels::census::{
+    Census, CensusScratch, Error, Pair, ParamError, Params, Path, Paths, compute, compute_on,
+};
+use depthloom_kernels::tiles::{Serial, Tiles};
+use depthloom_threads::Budget;
 use proptest::prelude::{ProptestConfig, any, proptest};
 use proptest::sample::select;
 use proptest::{prop_assert_eq, prop_compose};
+use support::{Backwards, images};
 
-/// Tiles in reverse order: what depends on order shows.
-struct Backwards;
-
-impl Tiles for Backwards {
-    fn run(&self, n: usize, f: &(dyn Fn(usize) + Sync)) {
-        (0..n).rev().for_each(f);
-    }
-
-    fn width(&self) -> usize {
-        3
-    }
-}
+mod support;
 
 #[derive(Clone, Debug)]
 struct Case {
@@ -26,20 +19,6 @@ struct Case {
     height: usize,
     left: Vec<u8>,
     right: Vec<u8>,
-}
-
-/// The right image is the left one, shifted and disturbed: costs have a clear minimum at some places and none at others.
-fn images(len: usize, shift: usize, grain: u32, seed: u64) -> (Vec<u8>, Vec<u8>) {
-    let mut state = seed | 1;
-    let mut random = move || {
-        state ^= state << 13;
-        state ^= state >> 7;
-        state ^= state << 17;
-        state >> 32
-    };
-    let left: Vec<u8> = (0..len).map(|_| (random() as u8) >> grain << grain).collect();
-    let right = (0..len).map(|i| if random() % 8 == 0 { random() as u8 } else { left[(i + shift) % len] }).collect();
-    (left, right)
 }
 
 prop_compose! {
@@ -62,7 +41,7 @@ prop_compose! {
 }
 
 impl Case {
-    fn run(&self, path: Path, scratch: &mut Scratch, tiles: &dyn Tiles) -> Vec<i16> {
+    fn run(&self, path: Path, scratch: &mut CensusScratch, tiles: &dyn Tiles) -> Vec<i16> {
         let pair = Pair { left: &self.left, right: &self.right, width: self.width, height: self.height };
         let mut out = vec![i16::MIN; self.width * self.height];
         compute_on(path, &pair, &self.params, scratch, tiles, &mut out).expect("parameters are legal");
@@ -74,21 +53,17 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 150, failure_persistence: None, ..ProptestConfig::default() })]
     #[test]
     fn every_path_equals_the_plain_twin(case in cases(), other in cases()) {
-        let mut scratch = Scratch::default();
+        let mut scratch = CensusScratch::default();
         // What another frame has left behind must not matter.
-        other.run(Path::available()[0], &mut scratch, &Serial);
+        other.run(Path::best(), &mut scratch, &Serial);
         let plain = case.run(Path::Plain, &mut scratch, &Serial);
         for path in Path::available() {
             prop_assert_eq!(&case.run(path, &mut scratch, &Serial), &plain, "{:?}", path);
             prop_assert_eq!(&case.run(path, &mut scratch, &Backwards), &plain, "{:?} backwards", path);
         }
-        let crew = Crew::new(3);
-        let threaded = std::thread::scope(|scope| {
-            let _closing = crew.closing();
-            scope.spawn(|| crew.work());
-            scope.spawn(|| crew.work());
-            case.run(Path::available()[0], &mut scratch, &crew)
-        });
+        let budget = Budget::new(3);
+        let _own = budget.permit();
+        let threaded = case.run(Path::best(), &mut scratch, &budget);
         prop_assert_eq!(&threaded, &plain, "three threads");
     }
 }
@@ -102,7 +77,7 @@ fn a_shifted_texture_has_its_shift_as_disparity() {
         let params = Params { paths, min_disparity, ..Params::default() };
         let case = Case { params, width, height, left: left.clone(), right: right.clone() };
         for path in Path::available() {
-            let out = case.run(path, &mut Scratch::default(), &Serial);
+            let out = case.run(path, &mut CensusScratch::default(), &Serial);
             for y in 4..height - 4 {
                 for x in 100..width - 20 {
                     let px = f32::from(out[y * width + x]) / 16.0;
@@ -119,7 +94,7 @@ fn parameters_are_checked_before_anything_is_written() {
     let pair = Pair { left: &image, right: &image, width: 10, height: 4 };
     let params = Params { p2: 250, ..Params::default() };
     let mut out = [3; 40];
-    let error = compute(&pair, &params, &mut Scratch::default(), &Serial, &mut out).unwrap_err();
+    let error = compute(&pair, &params, &mut CensusScratch::default(), &Serial, &mut out).unwrap_err();
     assert_eq!(error, Error::Param(ParamError::P2(250, Census::Symmetric)));
     assert_eq!(error.to_string(), "p2 is 250, outside 0..=224: with features of 31 bits, costs must fit a byte");
     assert_eq!(out, [3; 40]);

@@ -1,23 +1,21 @@
 #!/usr/bin/env python3
 """Draws random images and parameters and compares our disparities with OpenCV's own, pixel by pixel.
 
-    pip install opencv-python-headless numpy
-    cargo build --release -p depthloom-kernels --example sgbm_raw
-    kernels/tests/sgbm_against_opencv.py TARGET/release/examples/sgbm_raw [--cases 500] [--seed 1] [--threads 1 2 5]
+    sgbm_against_opencv.py [--cases 500] [--seed 1] [--threads 1 2 5] [--path best]
 
-OpenCV runs with one thread: in `hh4` its saturated sums depend on how it cuts the image among threads. Not drawn: images
-with fewer searched columns than half a block, where OpenCV reads behind a buffer (except in hh4). What OpenCV refuses
-must be refused.
+Makes a private virtual environment under the target folder and builds the example `sgbm_raw` (`cases.py`). OpenCV runs with
+one thread: in `hh4` its saturated sums depend on how it cuts the image among threads. Not drawn: images with fewer searched
+columns than half a block, where OpenCV reads behind a buffer (except in hh4). What OpenCV refuses must be refused.
 Prints what differs and exits 1, or says that nothing does.
 """
 import argparse
-import pathlib
-import subprocess
-import sys
-import tempfile
 
-import cv2
-import numpy as np
+import cases
+
+cases.into_private_environment()
+
+import cv2  # noqa: E402
+import numpy as np  # noqa: E402
 
 MODES = {
     "sgbm": cv2.STEREO_SGBM_MODE_SGBM,
@@ -25,34 +23,6 @@ MODES = {
     "3way": cv2.STEREO_SGBM_MODE_SGBM_3WAY,
     "hh4": cv2.STEREO_SGBM_MODE_HH4,
 }
-
-
-def texture(rng, height, width, channels):
-    """One of several kinds of image: noise, blurred noise, steps, saturated noise, nearly flat."""
-    kind = rng.integers(5)
-    image = rng.integers(0, 256, (height, width, channels)).astype(np.float32)
-    if kind == 1:
-        image = cv2.GaussianBlur(image, (0, 0), float(rng.uniform(0.5, 3))).reshape(height, width, channels)
-        image = (image - image.min()) * (255 / max(np.ptp(image), 1))
-    elif kind == 2:
-        image = np.repeat(np.repeat(image[::5, ::7], 5, 0), 7, 1)[:height, :width]
-    elif kind == 3:
-        image = np.where(image > 128, 255, 0)
-    elif kind == 4:
-        image = 100 + image / 64
-    return np.clip(image, 0, 255).astype(np.uint8)
-
-
-def pair(rng, height, width, channels, reach):
-    """A left image, and a right image that shows it shifted by a disparity that changes along and across."""
-    left = texture(rng, height, width, channels)
-    if rng.random() < 0.1:
-        return left, texture(rng, height, width, channels)
-    rows, columns = np.mgrid[0:height, 0:width]
-    shift = reach * (0.5 + 0.4 * np.sin(rows / rng.uniform(3, 40) + columns / rng.uniform(10, 80)))
-    right = np.take_along_axis(left, np.clip(columns + shift.astype(int), 0, width - 1)[..., None], 1)
-    noise = rng.normal(0, rng.uniform(0, 8), right.shape)
-    return left, np.clip(right + noise, 0, 255).astype(np.uint8)
 
 
 def draw(rng):
@@ -85,7 +55,6 @@ def draw(rng):
 
 def main():
     parser = argparse.ArgumentParser()
-    parser.add_argument("binary", type=pathlib.Path)
     parser.add_argument("--cases", type=int, default=500)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--path", default="best")
@@ -93,47 +62,20 @@ def main():
     args = parser.parse_args()
     cv2.setNumThreads(1)
     rng = np.random.default_rng(args.seed)
-    ours = subprocess.Popen([args.binary], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-    differing = answered = refused = 0
-    with tempfile.TemporaryDirectory() as folder:
-        files = [f"{folder}/{name}" for name in ("left", "right", "out")]
-        for case in range(args.cases):
-            mode, width, height, channels, params = draw(rng)
-            left, right = pair(rng, height, width, channels, params["minDisparity"] + params["numDisparities"] / 2)
-            if channels == 1:
-                left, right = left[..., 0].copy(), right[..., 0].copy()
-            left.tofile(files[0])
-            right.tofile(files[1])
-            try:
-                expected = cv2.StereoSGBM_create(mode=MODES[mode], **params).compute(left, right)
-            except cv2.error:
-                expected = None
-            threads = args.threads[case % len(args.threads)]
-            words = [*files, width, height, channels, mode, args.path, threads, *params.values()]
-            ours.stdin.write(" ".join(map(str, words)) + "\n")
-            ours.stdin.flush()
-            answer = ours.stdout.readline()
-            if not answer:
-                sys.exit(f"case {case}: no answer to {words}")
-            if expected is None or answer.startswith("refused"):
-                refused += 1
-                if expected is not None or not answer.startswith("refused"):
-                    differing += 1
-                    print(f"case {case}: {mode} {width}x{height}x{channels} {params}: OpenCV "
-                          f"{'refuses' if expected is None else 'accepts'}, ours: {answer}")
-                continue
-            got = np.fromfile(files[2], np.int16).reshape(height, width)
-            answered += int((expected != (params["minDisparity"] - 1) * 16).sum())
-            if not np.array_equal(got, expected):
-                differing += 1
-                wrong = np.argwhere(got != expected)
-                y, x = wrong[0]
-                print(f"case {case}: {mode} {width}x{height}x{channels} {params} threads {threads}: {len(wrong)} of "
-                      f"{got.size} pixels differ, first at row {y} column {x}: ours {got[y, x]}, OpenCV's {expected[y, x]}")
-    ours.stdin.close()
-    ours.wait()
-    print(f"{args.cases} cases with OpenCV {cv2.__version__}, {refused} refused by both, {answered} answered pixels: {differing} cases differ")
-    sys.exit(1 if differing else 0)
+    comparison = cases.Comparison(cases.built("sgbm_raw"))
+    for case in range(args.cases):
+        mode, width, height, channels, params = draw(rng)
+        left, right = cases.pair(rng, height, width, channels, params["minDisparity"] + params["numDisparities"] / 2)
+        try:
+            expected = cv2.StereoSGBM_create(mode=MODES[mode], **params).compute(left, right)
+        except cv2.error:
+            expected = None
+        threads = args.threads[case % len(args.threads)]
+        comparison.compare(
+            f"{mode} {width}x{height}x{channels} {params} threads {threads}", left, right,
+            lambda files: [*files, width, height, channels, mode, args.path, threads, *params.values()],
+            expected, (params["minDisparity"] - 1) * 16)
+    comparison.end(f"with OpenCV {cv2.__version__}")
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 //! The 36 disparity maps of OpenCV 5.0 in `../shared/oracle/golden/sgbm`: every pixel equal, on every path.
 
-use depthloom_kernels::sgbm::{Mode, Params, Path, Scratch, View, compute_on};
+use depthloom_kernels::sgbm::{Mode, Params, Path, SgbmScratch, View, compute_on};
 use depthloom_kernels::tiles::Serial;
 use depthloom_test_needs::shared;
 
@@ -44,7 +44,7 @@ fn every_pixel_equals_opencv() {
     let folder = shared.join("oracle/golden/sgbm");
     let golden: Golden = serde_json::from_slice(&std::fs::read(folder.join("cases.json")).unwrap()).unwrap();
     assert_eq!(golden.cases.len(), 36);
-    let mut scratch = Scratch::default();
+    let mut scratch = SgbmScratch::default();
     for case in &golden.cases {
         let (left, width, height) = grey(&shared.join(&case.left));
         let (right, ..) = grey(&shared.join(&case.right));

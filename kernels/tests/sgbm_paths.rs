@@ -1,23 +1,14 @@
 //! Every implementation gives the bits of the plain twin, on any image, with any parameters and any number of threads.
 
-use depthloom_kernels::sgbm::{Error, Mode, Params, Path, Scratch, View, compute_on};
-use depthloom_kernels::tiles::{Crew, Serial, Tiles};
+use depthloom_kernels::sgbm::{Error, Mode, Params, Path, SgbmScratch, View, compute_on};
+use depthloom_kernels::tiles::{Serial, Tiles};
+use depthloom_threads::Budget;
 use proptest::prelude::{Just, ProptestConfig, Strategy, any, prop_oneof, proptest};
 use proptest::sample::select;
 use proptest::{prop_assert_eq, prop_compose};
+use support::{Backwards, images};
 
-/// Tiles in reverse order: what depends on order shows.
-struct Backwards;
-
-impl Tiles for Backwards {
-    fn run(&self, n: usize, f: &(dyn Fn(usize) + Sync)) {
-        (0..n).rev().for_each(f);
-    }
-
-    fn width(&self) -> usize {
-        3
-    }
-}
+mod support;
 
 #[derive(Clone, Debug)]
 struct Case {
@@ -27,20 +18,6 @@ struct Case {
     channels: usize,
     left: Vec<u8>,
     right: Vec<u8>,
-}
-
-/// The right image is the left one, shifted and disturbed: costs have a clear minimum at some places and none at others.
-fn images(len: usize, shift: usize, grain: u32, seed: u64) -> (Vec<u8>, Vec<u8>) {
-    let mut state = seed | 1;
-    let mut random = move || {
-        state ^= state << 13;
-        state ^= state >> 7;
-        state ^= state << 17;
-        state >> 32
-    };
-    let left: Vec<u8> = (0..len).map(|_| (random() as u8) >> grain << grain).collect();
-    let right = (0..len).map(|i| if random() % 8 == 0 { random() as u8 } else { left[(i + shift) % len] }).collect();
-    (left, right)
 }
 
 prop_compose! {
@@ -77,7 +54,7 @@ fn penalties() -> impl Strategy<Value = (i32, i32)> {
     ]
 }
 
-fn run(case: &Case, path: Path, scratch: &mut Scratch, tiles: &dyn Tiles) -> Result<Vec<i16>, Error> {
+fn run(case: &Case, path: Path, scratch: &mut SgbmScratch, tiles: &dyn Tiles) -> Result<Vec<i16>, Error> {
     let view = |data| View { data, width: case.width, height: case.height, channels: case.channels };
     let mut out = vec![i16::MIN; case.width * case.height];
     compute_on(path, &view(&case.left), &view(&case.right), &case.params, scratch, tiles, &mut out)?;
@@ -92,19 +69,15 @@ proptest! {
     })]
     #[test]
     fn every_path_equals_the_plain_twin(case in cases()) {
-        let mut scratch = Scratch::default();
+        let mut scratch = SgbmScratch::default();
         let plain = run(&case, Path::Plain, &mut scratch, &Serial);
         for path in Path::available().into_iter().filter(|&path| path != Path::Plain) {
             prop_assert_eq!(&run(&case, path, &mut scratch, &Serial), &plain, "{:?}", path);
             prop_assert_eq!(&run(&case, path, &mut scratch, &Backwards), &plain, "{:?} backwards", path);
         }
-        let crew = Crew::new(3);
-        let threaded = std::thread::scope(|scope| {
-            let _closing = crew.closing();
-            scope.spawn(|| crew.work());
-            scope.spawn(|| crew.work());
-            run(&case, Path::available()[0], &mut scratch, &crew)
-        });
+        let budget = Budget::new(3);
+        let _own = budget.permit();
+        let threaded = run(&case, Path::best(), &mut scratch, &budget);
         prop_assert_eq!(&threaded, &plain, "three threads");
     }
 }
@@ -114,7 +87,7 @@ fn images_that_do_not_match_each_other_or_the_parameters_are_refused() {
     let data = [0; 30 * 4];
     let view = |width, height, channels| View { data: &data[..width * height * channels], width, height, channels };
     let try_it = |left: &View<'_>, right: &View<'_>, params: &Params, len: usize| {
-        compute_on(Path::available()[0], left, right, params, &mut Scratch::default(), &Serial, &mut vec![0; len])
+        compute_on(Path::best(), left, right, params, &mut SgbmScratch::default(), &Serial, &mut vec![0; len])
     };
     let small = Params { disparities: 16, ..Params::default() };
     assert_eq!(try_it(&view(30, 4, 1), &view(30, 4, 1), &small, 120), Ok(()));

@@ -22,26 +22,12 @@ import subprocess
 import sys
 import tempfile
 import time
-import venv
 
-WORKSPACE = pathlib.Path(__file__).resolve().parents[3]
-TARGET = pathlib.Path(os.environ.get("CARGO_TARGET_DIR", WORKSPACE / "target"))
+from cases import TARGET, WORKSPACE, into_private_environment
+
 SHARED = pathlib.Path(os.environ.get("DEPTHLOOM_SHARED", WORKSPACE.parent / "shared"))
 PACKAGES = ["opencv-contrib-python-headless==5.0.*", "numpy"]
 LEAST_CONFIDENCE = 1e-30
-
-
-def into_private_environment():
-    """Runs this script again with the private environment's Python, which is made if it is not there."""
-    place = TARGET / "venv-opencv-contrib"
-    python = place / "bin" / "python"
-    if pathlib.Path(sys.prefix) == place:
-        return
-    if not (place / "ready").exists():
-        venv.create(place, with_pip=True, clear=True)
-        subprocess.run([python, "-m", "pip", "install", "--quiet", *PACKAGES], check=True)
-        (place / "ready").touch()
-    os.execv(python, [str(python), *sys.argv])
 
 
 class Ours:
@@ -247,7 +233,7 @@ def main():
 
 
 if __name__ == "__main__":
-    into_private_environment()
+    into_private_environment("venv-opencv-contrib", PACKAGES)
     import cv2
     import numpy as np
 

@@ -7,7 +7,6 @@
 pub mod networks;
 pub mod onnx;
 pub mod ops;
-pub mod random;
 pub mod samples;
 pub mod ssl;
 

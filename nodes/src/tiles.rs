@@ -1,7 +1,7 @@
 //! Kernels' tiles on the runner's workers.
 
 use depthloom_graphs::Host;
-use depthloom_kernels::tiles::Tiles;
+use depthloom_kernels::tiles::{Tiles, rounds_in_one_run};
 
 /// Lets a kernel spread a frame over whoever runs the node.
 pub struct HostTiles<'a>(pub &'a dyn Host);
@@ -9,6 +9,10 @@ pub struct HostTiles<'a>(pub &'a dyn Host);
 impl Tiles for HostTiles<'_> {
     fn run(&self, n: usize, f: &(dyn Fn(usize) + Sync)) {
         self.0.tiles(n, f);
+    }
+
+    fn rounds(&self, counts: &[usize], f: &(dyn Fn(usize, usize) + Sync)) {
+        rounds_in_one_run(self, counts, f);
     }
 
     fn width(&self) -> usize {

@@ -1,6 +1,8 @@
 //! Randomness without state: every number is a hash of what it belongs to, so that any pixel of any frame can be asked
 //! for alone.
 
+use depthloom_random::mix;
+
 /// Mixes two coordinates under a seed into 32 well-spread bits (a multiply-xorshift finaliser).
 pub(crate) fn hash2(seed: u32, x: i32, y: i32) -> u32 {
     let mut h = seed
@@ -9,14 +11,6 @@ pub(crate) fn hash2(seed: u32, x: i32, y: i32) -> u32 {
     h = (h ^ (h >> 16)).wrapping_mul(0x21f0_aaad);
     h = (h ^ (h >> 15)).wrapping_mul(0x735a_2d97);
     h ^ (h >> 15)
-}
-
-/// Spreads 64 bits (the finaliser of splitmix64).
-pub(crate) fn mix64(value: u64) -> u64 {
-    let mut h = value.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    h = (h ^ (h >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    h = (h ^ (h >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    h ^ (h >> 31)
 }
 
 /// The upper 24 bits as a number in [0, 1).
@@ -34,12 +28,12 @@ pub(crate) struct Draws {
 
 impl Draws {
     pub(crate) fn new(seed: u64, kind: u64, index: i64) -> Self {
-        Self { key: mix64(mix64(mix64(seed) ^ kind) ^ index.cast_unsigned()), count: 0 }
+        Self { key: mix(mix(mix(seed) ^ kind) ^ index.cast_unsigned()), count: 0 }
     }
 
     pub(crate) fn bits(&mut self) -> u32 {
         self.count += 1;
-        (mix64(self.key ^ self.count) >> 32) as u32
+        (mix(self.key ^ self.count) >> 32) as u32
     }
 
     pub(crate) fn between(&mut self, low: f32, high: f32) -> f32 {

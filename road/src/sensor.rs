@@ -1,7 +1,8 @@
 //! From light to bytes: exposure, tone curve, noise that grows with the signal, quantisation.
 
-use crate::hash::{Draws, mix64};
+use crate::hash::Draws;
 use crate::vector::Vec3;
+use depthloom_random::mix;
 
 /// One camera in one frame.
 #[derive(Clone, Copy, Debug)]
@@ -24,13 +25,13 @@ impl Sensor {
         Self {
             gain: (1.0 + shared) * (1.0 + stray * draws.between(-0.06, 0.06)),
             offset: stray * draws.between(-1.5, 1.5),
-            key: mix64(mix64(seed ^ frame.rotate_left(32)) ^ eye),
+            key: mix(mix(seed ^ frame.rotate_left(32)) ^ eye),
         }
     }
 
     /// The bytes of pixel number `pixel`.
     pub(crate) fn expose(&self, radiance: Vec3, pixel: usize) -> [u8; 3] {
-        let noise = mix64(self.key ^ (pixel as u64).wrapping_mul(0xd6e8_feb8_6659_fd93));
+        let noise = mix(self.key ^ (pixel as u64).wrapping_mul(0xd6e8_feb8_6659_fd93));
         // Three bytes of the hash make one nearly Gaussian number of unit variance.
         let gaussian = |lane: u32| {
             let part = (noise >> (21 * lane)) as u32;

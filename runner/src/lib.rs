@@ -84,7 +84,6 @@
 //! ```
 
 mod checkpoints;
-mod crew;
 mod error;
 mod host;
 mod in_flight;

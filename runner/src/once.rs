@@ -113,7 +113,7 @@ impl<T: Tap> OnceWork<'_, T> {
         let nodes = &self.plan.runs[self.run].nodes;
         let jobs: Vec<_> =
             jobs.into_iter().map(|(node, job)| (node, Mutex::new(Some(job)), Mutex::new(None))).collect();
-        let permit = self.around.crew.permit();
+        let permit = self.around.budget.permit();
         self.host(None, None).tiles(jobs.len(), &|i| {
             let (node, job, done) = &jobs[i];
             if let Some(job) = locked(job).take() {
@@ -178,10 +178,10 @@ impl<T: Tap> OnceWork<'_, T> {
     }
 
     fn host(&self, node: Option<usize>, key: Option<Key>) -> TaskHost<'_> {
-        let Surroundings { crew, interrupt, observer, warnings, checkpoints, .. } = *self.around;
+        let Surroundings { budget, interrupt, observer, warnings, checkpoints, .. } = *self.around;
         let (run, helpers_cpu_ns) = (self.run, AtomicU64::new(0));
         let once = key.map(|key| (key, checkpoints));
-        TaskHost { crew, interrupt, observer, warnings, run, node, once, helpers_cpu_ns }
+        TaskHost { budget, interrupt, observer, warnings, run, node, once, helpers_cpu_ns }
     }
 
     /// The key and the once-values by port, or `None` if the node did not fire.

@@ -10,7 +10,6 @@ use depthloom_graphs::ready::{Ready, ReadyRun};
 use depthloom_graphs::{Instance, Source};
 
 use crate::checkpoints::Checkpoints;
-use crate::crew::Crew;
 use crate::error::RunError;
 use crate::interrupt::Interrupt;
 use crate::observer::Observer;
@@ -22,6 +21,7 @@ use crate::retire::{Ledger, Passage, retire_all};
 use crate::stage::{EndAll, FrameNode, Stage, Surroundings};
 use crate::warnings::Warnings;
 use crate::wiring::{Wiring, contract_of};
+use depthloom_threads::Budget;
 
 /// Runs a plan: every frame of every stage run, and its once-values, into the tap.
 ///
@@ -37,13 +37,13 @@ pub fn run<T: Tap>(
     interrupt: &Interrupt,
 ) -> Result<Report, RunError> {
     let Ready { plan, runs, files } = ready;
-    let crew = Crew::new(options.workers());
+    let budget = Budget::new(options.workers());
     let checkpoints = Checkpoints::new(options.checkpoints.clone());
     let (window, keep_going) = (options.window(), options.keep_going);
     let warnings = Warnings::default();
     let around = Surroundings {
         tap,
-        crew: &crew,
+        budget: &budget,
         observer,
         interrupt,
         warnings: &warnings,
@@ -163,7 +163,7 @@ fn run_frames<T: Tap>(stage: &Stage<'_, T>, ledger: &mut Ledger<'_>) -> Result<P
     scope(|scope| {
         // However this thread leaves, the workers go home: else it would wait for them for ever.
         let _end_all = EndAll(stage);
-        for worker in 0..stage.crew.width() {
+        for worker in 0..stage.budget.width() {
             let send = send.clone();
             let builder = Builder::new().name(format!("depthloom-{worker}"));
             builder.spawn_scoped(scope, move || stage.work(&send)).map_err(RunError::NoThread)?;

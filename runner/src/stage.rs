@@ -9,7 +9,6 @@ use depthloom_graphs::plan::StageRun;
 use depthloom_graphs::{Context, Fault, Inputs, Key, Outputs, PureNode, Scratch, Source, Value, value_keys};
 
 use crate::checkpoints::Checkpoints;
-use crate::crew::Crew;
 use crate::host::TaskHost;
 use crate::in_flight::{InFlight, Outcome, Settled, locked};
 use crate::interrupt::Interrupt;
@@ -20,6 +19,7 @@ use crate::queues::Queues;
 use crate::timing::{Spent, Stopwatch};
 use crate::warnings::Warnings;
 use crate::wiring::{Step, Wire, Wiring};
+use depthloom_threads::Budget;
 
 /// A node as the frames see it.
 pub(crate) enum FrameNode<P> {
@@ -46,7 +46,7 @@ pub(crate) struct Stage<'a, T: Tap> {
     pub(crate) source: &'a dyn Source,
     pub(crate) nodes: Vec<FrameNode<T::Part>>,
     pub(crate) tap: &'a T,
-    pub(crate) crew: &'a Crew,
+    pub(crate) budget: &'a Budget,
     pub(crate) observer: &'a dyn Observer,
     pub(crate) interrupt: &'a Interrupt,
     warnings: &'a Warnings,
@@ -101,7 +101,7 @@ impl<T: Tap> Drop for EndAll<'_, '_, T> {
 /// What the runs have in common.
 pub(crate) struct Surroundings<'a, T> {
     pub(crate) tap: &'a T,
-    pub(crate) crew: &'a Crew,
+    pub(crate) budget: &'a Budget,
     pub(crate) observer: &'a dyn Observer,
     pub(crate) interrupt: &'a Interrupt,
     pub(crate) warnings: &'a Warnings,
@@ -126,7 +126,7 @@ impl<'a, T: Tap> Stage<'a, T> {
             source,
             nodes,
             tap: around.tap,
-            crew: around.crew,
+            budget: around.budget,
             observer: around.observer,
             interrupt: around.interrupt,
             warnings: around.warnings,
@@ -141,7 +141,7 @@ impl<'a, T: Tap> Stage<'a, T> {
     /// Lets a frame in.
     pub(crate) fn admit(&self, position: usize) {
         self.queues.push(position, Task { frame: Arc::new(InFlight::new(position, &self.wiring)), step: 0 });
-        self.crew.wake(1);
+        self.budget.wake(1);
     }
 
     /// Says which frame is the oldest in flight.
@@ -163,7 +163,7 @@ impl<'a, T: Tap> Stage<'a, T> {
     /// Sends the workers home.
     pub(crate) fn end(&self) {
         self.ended.store(true, Ordering::SeqCst);
-        self.crew.wake_all();
+        self.budget.wake_all();
     }
 
     fn is_over(&self) -> bool {
@@ -176,7 +176,7 @@ impl<'a, T: Tap> Stage<'a, T> {
         let _end_all = EndAll(self);
         let mut desk = Desk::default();
         let mut hand = None;
-        while let Some(permit) = self.crew.permit_for(|| !self.queues.is_empty(), || self.is_over()) {
+        while let Some(permit) = self.budget.permit_for(|| !self.queues.is_empty(), || self.is_over()) {
             while !self.is_over() {
                 let Some(task) = self.next(hand.take()) else { break };
                 hand = self.perform(task, &mut desk, done);
@@ -191,7 +191,7 @@ impl<'a, T: Tap> Stage<'a, T> {
         let Some(mine) = hand else { return self.queues.pop() };
         let Some(older) = self.queues.pop_older_than(mine.frame.position) else { return Some(mine) };
         self.queues.push(mine.frame.position, mine);
-        self.crew.wake(1);
+        self.budget.wake(1);
         Some(older)
     }
 
@@ -235,7 +235,7 @@ impl<'a, T: Tap> Stage<'a, T> {
         {
             offer(next, step);
         }
-        self.crew.wake(queued);
+        self.budget.wake(queued);
         if is_complete {
             // Fails only if the writer is gone, and then the stage is over.
             let _ = done.send(frame);
@@ -244,9 +244,9 @@ impl<'a, T: Tap> Stage<'a, T> {
     }
 
     fn host(&self, node: Option<usize>) -> TaskHost<'a> {
-        let (crew, interrupt, observer) = (self.crew, self.interrupt, self.observer);
+        let (budget, interrupt, observer) = (self.budget, self.interrupt, self.observer);
         TaskHost {
-            crew,
+            budget,
             interrupt,
             observer,
             warnings: self.warnings,

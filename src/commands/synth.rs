@@ -1,13 +1,13 @@
 //! `depthloom synth`: a synthetic street as a data set in KITTI stereo 2015 layout.
 
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::thread::{Builder, scope};
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use depthloom_graphs::contracts::FrameSelection;
 use depthloom_graphs::{Fault, Host};
 use depthloom_nodes::kitti_layout;
 use depthloom_nodes::sources::SyntheticRoadParams;
 use depthloom_runner::Interrupt;
+use depthloom_threads::Budget;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::args::SynthArgs;
@@ -29,7 +29,9 @@ pub fn synth(args: &SynthArgs) -> Result<Exit, Stop> {
     if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos}/{len} frames  {eta} left") {
         bar.set_style(style);
     }
-    let renderer = Renderer { bar: &bar, interrupt: signals::listen()?, has_begun: AtomicBool::new(false) };
+    let (budget, interrupt) = (Budget::new(environment::cores()), signals::listen()?);
+    let _own = budget.permit();
+    let renderer = Renderer { bar: &bar, interrupt, budget: &budget, has_begun: AtomicBool::new(false) };
     let frames = kitti_layout::write(&args.out, &params, &renderer).map_err(|fault| {
         let exit = match (&fault, renderer.has_begun.load(Ordering::Relaxed)) {
             (Fault::Cancelled, _) => return Stop::new(Exit::Interrupted, "interrupted"),
@@ -53,6 +55,7 @@ pub fn synth(args: &SynthArgs) -> Result<Exit, Stop> {
 struct Renderer<'a> {
     bar: &'a ProgressBar,
     interrupt: Interrupt,
+    budget: &'a Budget,
     has_begun: AtomicBool,
 }
 
@@ -67,28 +70,10 @@ impl Host for Renderer<'_> {
     }
 
     fn tiles(&self, n: usize, f: &(dyn Fn(usize) + Sync)) {
-        let next = AtomicUsize::new(0);
-        let work = || {
-            loop {
-                match next.fetch_add(1, Ordering::Relaxed) {
-                    tile if tile < n => f(tile),
-                    _ => break,
-                }
-            }
-        };
-        scope(|scope| {
-            for _ in 1..self.width().min(n) {
-                let helper = Builder::new().name("depthloom-tiles".to_owned());
-                if helper.spawn_scoped(scope, work).is_err() {
-                    // No more threads to be had: those that are there do the work.
-                    break;
-                }
-            }
-            work();
-        });
+        self.budget.tiles(n, f, &|work| work());
     }
 
     fn width(&self) -> usize {
-        environment::cores()
+        self.budget.width()
     }
 }

@@ -29,7 +29,8 @@ pub trait Host: Sync {
     /// Tells how far a long piece of work is.
     fn progress(&self, done: u64, total: u64, message: &str);
 
-    /// Runs `f(0) .. f(n - 1)`, each once: the caller works, idle workers help. Returns when all are done.
+    /// Runs `f(0) .. f(n - 1)`, each once: the caller works, idle workers help. Returns when all are done. They are begun in
+    /// ascending order, so that one may wait for those before it.
     ///
     /// How the work is cut into tiles must depend on its size only, never on [`Host::width`].
     fn tiles(&self, n: usize, f: &(dyn Fn(usize) + Sync));

@@ -1,4 +1,4 @@
-//! The entry: checks, bands of rows on several threads, and the row by row march of each band.
+//! The entry: checks, bands of rows on several threads, and each band row by row.
 
 use std::fmt;
 use std::ops::Range;
@@ -51,7 +51,7 @@ impl From<ParamError> for Error {
 
 /// Buffers that one call leaves for the next; any call may use any scratch.
 #[derive(Debug, Default)]
-pub struct Scratch {
+pub struct BmScratch {
     left: Vec<u8>,
     right: Vec<u8>,
     bands: Mutex<Vec<Band>>,
@@ -96,7 +96,7 @@ pub fn compute(
     width: usize,
     height: usize,
     params: &Params,
-    scratch: &mut Scratch,
+    scratch: &mut BmScratch,
     tiles: &dyn Tiles,
     out: &mut [i16],
 ) -> Result<(), Error> {
@@ -123,7 +123,7 @@ fn compute_at(
     search: &Search,
     params: &Params,
     [left, right]: [&[u8]; 2],
-    scratch: &mut Scratch,
+    scratch: &mut BmScratch,
     tiles: &dyn Tiles,
     out: &mut [i16],
 ) {
@@ -134,7 +134,7 @@ fn compute_at(
             prefilter::rows(level, params, image, (width, height), rows, out);
         });
     }
-    let Scratch { left, right, bands, speckle } = scratch;
+    let BmScratch { left, right, bands, speckle } = scratch;
     let (bands, images) = (&*bands, Images { left, right });
     // The bottom margin goes to the last band, which may write to it.
     let top = search.radius * width;
@@ -144,9 +144,9 @@ fn compute_at(
         let Band { sums_16, sums_32, disparity, cost, right_view } = &mut band;
         let answers = (disparity, cost, right_view);
         if narrow {
-            level.run(March { search, images: &images, rows, sums: sums_16, answers, out });
+            level.run(BandRows { search, images: &images, rows, sums: sums_16, answers, out });
         } else {
-            level.run(March { search, images: &images, rows, sums: sums_32, answers, out });
+            level.run(BandRows { search, images: &images, rows, sums: sums_32, answers, out });
         }
         lock().push(band);
     });
@@ -193,7 +193,7 @@ impl<'a> Images<'a> {
 }
 
 /// The rows of a band, from top to bottom.
-struct March<'a, S> {
+struct BandRows<'a, S> {
     search: &'a Search,
     images: &'a Images<'a>,
     rows: Range<usize>,
@@ -202,7 +202,7 @@ struct March<'a, S> {
     out: &'a mut [i16],
 }
 
-impl<S: Sum> Pass for March<'_, S> {
+impl<S: Sum> Pass for BandRows<'_, S> {
     type Output = ();
 
     #[inline(always)]
@@ -314,7 +314,7 @@ mod tests {
     use proptest::prelude::{ProptestConfig, any, proptest};
     use proptest::{prop_assert_eq, prop_oneof};
 
-    use super::{Error, Scratch, compute, compute_at};
+    use super::{BmScratch, Error, compute, compute_at};
     use crate::bm::search::Search;
     use crate::bm::{Params, Prefilter};
     use crate::simd::every_level;
@@ -337,7 +337,7 @@ mod tests {
         let (left, right) = pair(160, 90, 9, 5);
         let mut disparity = vec![0; 160 * 90];
         let params = Params { disparities: 32, block: 9, ..Params::default() };
-        compute(&left, &right, 160, 90, &params, &mut Scratch::default(), &Serial, &mut disparity).unwrap();
+        compute(&left, &right, 160, 90, &params, &mut BmScratch::default(), &Serial, &mut disparity).unwrap();
         for (i, fixed) in disparity.into_iter().enumerate() {
             let inside = (31 + 4..160 - 4).contains(&(i % 160)) && (4..90 - 4).contains(&(i / 160));
             if inside {
@@ -356,7 +356,7 @@ mod tests {
             9,
             7,
             &Params { block: 7, ..Params::default() },
-            &mut Scratch::default(),
+            &mut BmScratch::default(),
             &Serial,
             &mut [0; 63],
         );
@@ -381,7 +381,7 @@ mod tests {
             if let Some(search) = Search::new(&params, width, height) {
                 let matched = |narrow| every_level(|level| {
                     let mut out = vec![0; width * height];
-                    compute_at(level, narrow, &search, &params, [&left, &right], &mut Scratch::default(), &Serial, &mut out);
+                    compute_at(level, narrow, &search, &params, [&left, &right], &mut BmScratch::default(), &Serial, &mut out);
                     out
                 });
                 prop_assert_eq!(matched(true), matched(false));

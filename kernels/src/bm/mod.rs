@@ -20,7 +20,7 @@
 //! and responses are clipped as with any other).
 //!
 //! ```
-//! use depthloom_kernels::bm::{Params, Scratch, compute};
+//! use depthloom_kernels::bm::{Params, BmScratch, compute};
 //! use depthloom_kernels::tiles::Serial;
 //!
 //! # fn main() -> Result<(), depthloom_kernels::bm::Error> {
@@ -28,7 +28,7 @@
 //! let left: Vec<u8> = (0..width * height).map(|i| (i * i % 251) as u8).collect();
 //! let right: Vec<u8> = (0..width * height).map(|i| left[(i + 7).min(left.len() - 1)]).collect();
 //! let mut disparity = vec![0; width * height];
-//! compute(&left, &right, width, height, &Params::default(), &mut Scratch::default(), &Serial, &mut disparity)?;
+//! compute(&left, &right, width, height, &Params::default(), &mut BmScratch::default(), &Serial, &mut disparity)?;
 //! assert_eq!(disparity[15 * width + 90] >> 4, 7);
 //! assert_eq!(disparity[0], Params::default().invalid()); // no block around a corner lies inside the image
 //! # Ok(())
@@ -43,5 +43,5 @@ mod prefilter;
 mod search;
 mod sums;
 
-pub use compute::{Error, Scratch, compute};
+pub use compute::{BmScratch, Error, compute};
 pub use params::{ParamError, Params, Prefilter};

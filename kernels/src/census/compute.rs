@@ -1,18 +1,17 @@
 //! The entry: the frame's stages, and how they are spread over tiles.
 //!
-//! Two marches, one down and one up, each sum half of the paths. Each first stores its sums for the half of the image
+//! Two sweeps, one down and one up, each sum half of the paths. Each first stores its sums for the half of the image
 //! where it begins; in the half where it ends it meets the other's sums, adds its own, and chooses. So no row's sums are
-//! written more than twice, and two threads can march at a time; transform and checks are spread further.
+//! written more than twice, and two threads can sweep at a time; transform and checks are spread further.
 
 use super::choice::{Demands, RightBest, choose};
 use super::features::{Feature, FeatureRow, comparisons};
 use super::finish::{Check, FinishRow, Maps};
-use super::paths::{March, Penalties};
-use super::simd::{Name, Set};
+use super::paths::{Aggregation, Penalties};
 use super::{Census, Error, Params, Paths, plain};
 use crate::memory;
 use crate::raster;
-use crate::simd::Pass;
+use crate::simd::{Level, Pass, Path};
 use crate::tiles::{Tiles, each};
 
 /// Rows of a tile, where rows do not depend on each other.
@@ -33,7 +32,7 @@ pub struct Pair<'a> {
 
 /// Buffers that one call leaves for the next; any call may use any scratch.
 #[derive(Debug, Default)]
-pub struct Scratch {
+pub struct CensusScratch {
     narrow: Buffers<u32>,
     wide: Buffers<u64>,
     /// Costs summed over paths, by row, column and disparity.
@@ -42,58 +41,23 @@ pub struct Scratch {
     right: Vec<u16>,
 }
 
-/// Features and marches over them.
+/// Features and sweeps over them.
 #[derive(Debug, Default)]
 struct Buffers<F> {
     left: Vec<F>,
     right: Vec<F>,
-    marches: [Marcher<F>; 2],
+    sweeps: [Sweep<F>; 2],
 }
 
-/// A march and what it chooses with.
+/// One sweep of the image: its path aggregation, and what chooses the winners.
 #[derive(Debug, Default)]
-struct Marcher<F> {
-    march: March<F>,
+struct Sweep<F> {
+    aggregation: Aggregation<F>,
     right_best: RightBest,
 }
 
-/// An implementation. All give the same bits.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Path {
-    /// The plain twin, as the papers have it, on one thread.
-    Plain,
-    /// The fast implementation for any machine of the target.
-    Portable,
-    /// The fast implementation in AVX2.
-    Avx2,
-    /// The fast implementation in AVX-512, with its counts of bits.
-    Avx512,
-}
-
-impl Path {
-    /// The implementations this machine can run, fastest first.
-    #[must_use]
-    pub fn available() -> Vec<Self> {
-        let mut paths: Vec<_> = Set::available().into_iter().map(Self::from).collect();
-        paths.push(Self::Plain);
-        paths
-    }
-}
-
-impl From<Set> for Path {
-    fn from(set: Set) -> Self {
-        match set.name() {
-            Name::Portable => Self::Portable,
-            #[cfg(target_arch = "x86_64")]
-            Name::Avx2 => Self::Avx2,
-            #[cfg(target_arch = "x86_64")]
-            Name::Avx512 => Self::Avx512,
-        }
-    }
-}
-
 /// Disparities of the left image's pixels in 1/16 px, [`Params::invalid`] where there is no answer; the fastest
-/// implementation for this machine, spread over `tiles`.
+/// implementation for this machine ([`Path::best`]), spread over `tiles`.
 ///
 /// Memory: 2 bytes for each pixel and disparity.
 ///
@@ -105,14 +69,14 @@ impl From<Set> for Path {
 pub fn compute(
     pair: &Pair<'_>,
     params: &Params,
-    scratch: &mut Scratch,
+    scratch: &mut CensusScratch,
     tiles: &dyn Tiles,
     out: &mut [i16],
 ) -> Result<(), Error> {
-    compute_on(Path::available()[0], pair, params, scratch, tiles, out)
+    compute_on(Path::best(), pair, params, scratch, tiles, out)
 }
 
-/// [`compute`] with a chosen implementation; the plain one where this machine has not the chosen one.
+/// [`compute`] with a chosen implementation.
 ///
 /// # Errors
 /// As [`compute`].
@@ -123,7 +87,7 @@ pub fn compute_on(
     path: Path,
     pair: &Pair<'_>,
     params: &Params,
-    scratch: &mut Scratch,
+    scratch: &mut CensusScratch,
     tiles: &dyn Tiles,
     out: &mut [i16],
 ) -> Result<(), Error> {
@@ -133,20 +97,20 @@ pub fn compute_on(
     raster::check("the left image", left.len(), width, height, 1);
     raster::check("the right image", right.len(), width, height, 1);
     raster::check("the output", out.len(), width, height, 1);
-    let Some(set) = Set::available().into_iter().find(|&set| Path::from(set) == path) else {
+    let Path::Fast(level) = path else {
         plain::compute(pair, params, out);
         return Ok(());
     };
     let pixels = width * height;
-    let Scratch { narrow, wide, sums, left, right } = scratch;
+    let CensusScratch { narrow, wide, sums, left, right } = scratch;
     memory::reserve(sums, pixels.saturating_mul(lanes(params)))?;
     for map in [&mut *left, right] {
         map.resize(pixels, 0);
     }
     let sums = Summed { sums, maps: [left, right] };
     match params.census {
-        Census::Symmetric => narrow.raw_maps(set, pair, params, sums, tiles),
-        Census::Full | Census::OffAxis => wide.raw_maps(set, pair, params, sums, tiles),
+        Census::Symmetric => narrow.raw_maps(level, pair, params, sums, tiles),
+        Census::Full | Census::OffAxis => wide.raw_maps(level, pair, params, sums, tiles),
     }
     let maps = Maps { left, right, width };
     let check =
@@ -155,13 +119,13 @@ pub fn compute_on(
         let mut medians = vec![0; 2 * width];
         for (row, out) in out.chunks_exact_mut(width).enumerate() {
             let y = tile * TILE_ROWS + row;
-            set.run(FinishRow { maps, check, y, out, medians: &mut medians });
+            level.run_counting(FinishRow { maps, check, y, out, medians: &mut medians });
         }
     });
     Ok(())
 }
 
-/// Costs held for each pixel: the disparities, filled up to whole steps of a march.
+/// Costs held for each pixel: the disparities, filled up to whole steps of a sweep.
 const fn lanes(params: &Params) -> usize {
     (params.disparities as usize).next_multiple_of(if params.disparities % 64 == 0 { 64 } else { 32 })
 }
@@ -173,17 +137,17 @@ struct Summed<'a> {
 }
 
 impl<F: Feature> Buffers<F> {
-    /// Transform, marches and choice.
-    fn raw_maps(&mut self, set: Set, pair: &Pair<'_>, params: &Params, summed: Summed<'_>, tiles: &dyn Tiles) {
-        self.transform(set, pair, params.census, tiles);
+    /// Transform, sweeps and choice.
+    fn raw_maps(&mut self, level: Level, pair: &Pair<'_>, params: &Params, summed: Summed<'_>, tiles: &dyn Tiles) {
+        self.transform(level, pair, params.census, tiles);
         if params.disparities % 64 == 0 {
-            self.march::<64>(set, pair, params, summed, tiles);
+            self.aggregate::<64>(level, pair, params, summed, tiles);
         } else {
-            self.march::<32>(set, pair, params, summed, tiles);
+            self.aggregate::<32>(level, pair, params, summed, tiles);
         }
     }
 
-    fn transform(&mut self, set: Set, pair: &Pair<'_>, census: Census, tiles: &dyn Tiles) {
+    fn transform(&mut self, level: Level, pair: &Pair<'_>, census: Census, tiles: &dyn Tiles) {
         let comparisons = comparisons(census);
         let mut parts = Vec::new();
         for (image, features) in [(pair.left, &mut self.left), (pair.right, &mut self.right)] {
@@ -193,14 +157,20 @@ impl<F: Feature> Buffers<F> {
         }
         each(tiles, parts, |_, (image, first, features)| {
             for (row, out) in features.chunks_exact_mut(pair.width).enumerate() {
-                set.run(FeatureRow { image, width: pair.width, y: first + row, comparisons: &comparisons, out });
+                level.run_counting(FeatureRow {
+                    image,
+                    width: pair.width,
+                    y: first + row,
+                    comparisons: &comparisons,
+                    out,
+                });
             }
         });
     }
 
-    fn march<const N: usize>(
+    fn aggregate<const N: usize>(
         &mut self,
-        set: Set,
+        level: Level,
         &Pair { width, height, .. }: &Pair<'_>,
         params: &Params,
         Summed { sums, maps: [left_map, right_map] }: Summed<'_>,
@@ -210,16 +180,16 @@ impl<F: Feature> Buffers<F> {
         let lanes = lanes(params);
         debug_assert!(lanes.is_multiple_of(N), "a row of costs is whole steps");
         let penalties = Penalties { p1: params.p1 as u8, p2: params.p2 as u8 };
-        for (marcher, upward) in self.marches.iter_mut().zip([false, true]) {
+        for (sweep, upward) in self.sweeps.iter_mut().zip([false, true]) {
             let diagonals = params.paths == Paths::Eight;
-            marcher.march.begin(upward, width, (disparities, lanes), penalties, diagonals);
+            sweep.aggregation.begin(upward, width, (disparities, lanes), penalties, diagonals);
         }
         sums.resize(width * height * lanes, 0);
         let middle = height / 2;
         let (upper_sums, lower_sums) = sums.split_at_mut(middle * width * lanes);
         let (upper_left, lower_left) = left_map.split_at_mut(middle * width);
         let (upper_right, lower_right) = right_map.split_at_mut(middle * width);
-        let [down, up] = &mut self.marches;
+        let [down, up] = &mut self.sweeps;
         let frame = Frame {
             left: &self.left,
             right: &self.right,
@@ -230,20 +200,27 @@ impl<F: Feature> Buffers<F> {
             demands: Demands { uniqueness: params.uniqueness as u32, subpixel: params.subpixel },
         };
         let begun = vec![
-            Leg::<F, N> { frame, marcher: &mut *down, first: 0, upward: false, sums: &mut *upper_sums, maps: None },
-            Leg::<F, N> { frame, marcher: &mut *up, first: middle, upward: true, sums: &mut *lower_sums, maps: None },
+            HalfSweep::<F, N> { frame, sweep: &mut *down, first: 0, upward: false, sums: &mut *upper_sums, maps: None },
+            HalfSweep::<F, N> {
+                frame,
+                sweep: &mut *up,
+                first: middle,
+                upward: true,
+                sums: &mut *lower_sums,
+                maps: None,
+            },
         ];
-        each(tiles, begun, |_, leg| set.run(leg));
+        each(tiles, begun, |_, half| level.run_counting(half));
         let (upper, lower) = (Some([upper_left, upper_right]), Some([lower_left, lower_right]));
         let ended = vec![
-            Leg::<F, N> { frame, marcher: down, first: middle, upward: false, sums: lower_sums, maps: lower },
-            Leg::<F, N> { frame, marcher: up, first: 0, upward: true, sums: upper_sums, maps: upper },
+            HalfSweep::<F, N> { frame, sweep: down, first: middle, upward: false, sums: lower_sums, maps: lower },
+            HalfSweep::<F, N> { frame, sweep: up, first: 0, upward: true, sums: upper_sums, maps: upper },
         ];
-        each(tiles, ended, |_, leg| set.run(leg));
+        each(tiles, ended, |_, half| level.run_counting(half));
     }
 }
 
-/// What both marches look at.
+/// What both sweeps look at.
 struct Frame<'a, F> {
     left: &'a [F],
     right: &'a [F],
@@ -262,24 +239,24 @@ impl<F> Clone for Frame<'_, F> {
 
 impl<F> Copy for Frame<'_, F> {}
 
-/// One march over one half of the image.
-struct Leg<'a, F, const N: usize> {
+/// One sweep over one half of the image.
+struct HalfSweep<'a, F, const N: usize> {
     frame: Frame<'a, F>,
-    marcher: &'a mut Marcher<F>,
+    sweep: &'a mut Sweep<F>,
     /// The half's uppermost row.
     first: usize,
     upward: bool,
     sums: &'a mut [u16],
-    /// The left and the right raw map of the half, if the other march has been here.
+    /// The left and the right raw map of the half, if the other sweep has been here.
     maps: Option<[&'a mut [u16]; 2]>,
 }
 
-impl<F: Feature, const N: usize> Pass for Leg<'_, F, N> {
+impl<F: Feature, const N: usize> Pass for HalfSweep<'_, F, N> {
     type Output = ();
 
     #[inline(always)]
     fn run(self) {
-        let Self { frame, marcher: Marcher { march, right_best }, first, upward, sums, mut maps } = self;
+        let Self { frame, sweep: Sweep { aggregation, right_best }, first, upward, sums, mut maps } = self;
         let Frame { left, right, width, disparities, lanes, min_disparity, demands } = frame;
         let rows = sums.len() / (width * lanes);
         for step in 0..rows {
@@ -289,7 +266,7 @@ impl<F: Feature, const N: usize> Pass for Leg<'_, F, N> {
                 sums.fill(0);
             }
             let [left, right] = [left, right].map(|features| &features[(first + row) * width..][..width]);
-            march.row::<N>(left, right, min_disparity, sums);
+            aggregation.row::<N>(left, right, min_disparity, sums);
             let Some(maps) = &mut maps else { continue };
             let [left, right] = maps.each_mut().map(|map| &mut map[row * width..][..width]);
             right_best.begin(width, disparities);

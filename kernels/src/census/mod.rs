@@ -13,7 +13,7 @@
 //! there); and a black pixel is a pixel like others (libSGM takes it as masked).
 //!
 //! ```
-//! use depthloom_kernels::census::{Pair, Params, Scratch, compute};
+//! use depthloom_kernels::census::{Pair, Params, CensusScratch, compute};
 //! use depthloom_kernels::tiles::Serial;
 //!
 //! # fn main() -> Result<(), depthloom_kernels::census::Error> {
@@ -21,7 +21,7 @@
 //! let left: Vec<u8> = (0..width * height).map(|i| (i * i % 251) as u8).collect();
 //! let pair = Pair { left: &left, right: &left, width, height };
 //! let mut disparity = vec![0; width * height];
-//! compute(&pair, &Params::default(), &mut Scratch::default(), &Serial, &mut disparity)?;
+//! compute(&pair, &Params::default(), &mut CensusScratch::default(), &Serial, &mut disparity)?;
 //! assert_eq!(disparity[10 * width + 80], 0);
 //! # Ok(())
 //! # }
@@ -35,7 +35,7 @@ mod finish;
 mod params;
 mod paths;
 mod plain;
-mod simd;
 
-pub use compute::{Pair, Path, Scratch, compute, compute_on};
+pub use crate::simd::Path;
+pub use compute::{CensusScratch, Pair, compute, compute_on};
 pub use params::{Census, Error, ParamError, Params, Paths};

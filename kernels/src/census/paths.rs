@@ -1,8 +1,8 @@
-//! Costs summed along paths: one march over the image takes the paths that come with it.
+//! Path aggregation (Hirschmueller 2008): one sweep over the image takes the paths that come with it.
 //!
-//! A march goes row by row, downwards in the order of columns or upwards against it, and takes the vertical, the
-//! horizontal and, of eight paths, the two diagonal ones that come from rows it has seen. The upward march is the downward one on the
-//! image turned by 180 degrees, and is written as that: positions below count in the march's own order.
+//! A sweep goes row by row, downwards in the order of columns or upwards against it, and takes the vertical, the
+//! horizontal and, of eight paths, the two diagonal ones that come from rows it has seen. The upward sweep is the downward one on the
+//! image turned by 180 degrees, and is written as that: positions below count in the sweep's own order.
 
 use super::costs::{Candidates, hamming};
 use super::features::Feature;
@@ -21,13 +21,13 @@ pub(super) struct Penalties {
 
 /// Paths of one direction, one entry each: the costs at the last pixel reached, between guards, and the smallest.
 #[derive(Debug, Default)]
-struct Front {
+struct PathCosts {
     costs: Vec<u8>,
     least: Vec<u8>,
     stride: usize,
 }
 
-impl Front {
+impl PathCosts {
     /// `count` paths that have not begun.
     fn begin(&mut self, count: usize, lanes: usize) {
         self.stride = lanes + 2 * GUARD;
@@ -95,9 +95,9 @@ fn advance<const N: usize>(
     least.into_iter().fold(u8::MAX, u8::min)
 }
 
-/// A march under way.
+/// The path aggregation of a sweep under way.
 #[derive(Debug, Default)]
-pub(super) struct March<F> {
+pub(super) struct Aggregation<F> {
     upward: bool,
     width: usize,
     lanes: usize,
@@ -107,13 +107,13 @@ pub(super) struct March<F> {
     candidates: Candidates<F>,
     /// Rows done.
     rows: usize,
-    vertical: Front,
+    vertical: PathCosts,
     /// Paths that come from the pixel before in the row before, and from the pixel behind in the row before.
-    diagonal: Option<[Front; 2]>,
-    horizontal: Front,
+    diagonal: Option<[PathCosts; 2]>,
+    horizontal: PathCosts,
 }
 
-impl<F: Feature> March<F> {
+impl<F: Feature> Aggregation<F> {
     /// Before the first row.
     pub fn begin(
         &mut self,
@@ -130,12 +130,12 @@ impl<F: Feature> March<F> {
         self.vertical.begin(width, lanes);
         self.horizontal.begin(1, lanes);
         self.diagonal = with_diagonals.then(|| self.diagonal.take().unwrap_or_default());
-        for front in self.diagonal.iter_mut().flatten() {
-            front.begin(width, lanes);
+        for paths in self.diagonal.iter_mut().flatten() {
+            paths.begin(width, lanes);
         }
     }
 
-    /// Adds the costs of this march's paths at one row to `sums`, `lanes` a column.
+    /// Adds the costs of this sweep's paths at one row to `sums`, `lanes` a column.
     #[inline(always)]
     pub fn row<const N: usize>(&mut self, left: &[F], right: &[F], min_disparity: i32, sums: &mut [u16]) {
         let Self { width, lanes, penalties, .. } = *self;

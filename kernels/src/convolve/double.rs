@@ -2,7 +2,7 @@
 
 use super::planes::Planes;
 use super::product::{Dots, Product, pack};
-use super::{Activation, Gradients, Scratch};
+use super::{Activation, ConvolutionScratch, Gradients};
 use crate::simd::Level;
 
 /// Rows and columns of the kernel.
@@ -83,7 +83,7 @@ impl Double {
         weights: &DoubleWeights,
         bias: &[f32],
         out: &mut [f32],
-        scratch: &mut Scratch,
+        scratch: &mut ConvolutionScratch,
     ) {
         let (planes, columns) = (self.planes(), self.planes().columns());
         assert_eq!(image.len(), self.inputs * self.area());
@@ -143,7 +143,7 @@ impl Double {
         out: &[f32],
         slope: &[f32],
         gradients: &mut Gradients<'_>,
-        scratch: &mut Scratch,
+        scratch: &mut ConvolutionScratch,
     ) {
         let (planes, area) = (self.planes(), self.area());
         assert_eq!(slope.len(), self.outputs * area * 4);

@@ -2,7 +2,7 @@
 
 use super::planes::Planes;
 use super::product::{Dots, Product, pack};
-use super::{Activation, Gradients, Scratch};
+use super::{Activation, ConvolutionScratch, Gradients};
 use crate::simd::Level;
 
 /// A convolution `out[o] = act(bias[o] + sum over i of weights[o][i] * in[i])` with zero padding that keeps the size: PyTorch's
@@ -83,7 +83,7 @@ impl Same {
         weights: &SameWeights,
         bias: &[f32],
         out: &mut [f32],
-        scratch: &mut Scratch,
+        scratch: &mut ConvolutionScratch,
     ) {
         let (planes, area) = (self.planes(), self.area());
         assert_eq!(image.len(), self.inputs * area);
@@ -127,7 +127,7 @@ impl Same {
         out: &[f32],
         slope: &[f32],
         gradients: &mut Gradients<'_>,
-        scratch: &mut Scratch,
+        scratch: &mut ConvolutionScratch,
     ) {
         let (planes, area) = (self.planes(), self.area());
         assert_eq!(slope.len(), self.outputs * area);

@@ -1,6 +1,6 @@
 use proptest::prelude::*;
 
-use super::{Activation, Double, Gradients, Same, Scratch};
+use super::{Activation, ConvolutionScratch, Double, Gradients, Same};
 use crate::simd::{Level, every_level};
 
 /// Values in [-1, 1), from a seed.
@@ -105,7 +105,7 @@ impl Terms {
 
 fn run_same(op: &Same, case: &Case, level: Level) -> Results {
     let weights = op.weights(level, &case.weights, true);
-    let mut scratch = Scratch::default();
+    let mut scratch = ConvolutionScratch::default();
     // What an earlier call of another size left must not matter.
     scratch.source.resize(9000, f32::NAN);
     scratch.slopes.resize(9000, f32::NAN);
@@ -121,7 +121,7 @@ fn run_same(op: &Same, case: &Case, level: Level) -> Results {
 
 fn run_double(op: &Double, case: &Case, level: Level) -> Results {
     let weights = op.weights(level, &case.weights, true);
-    let mut scratch = Scratch::default();
+    let mut scratch = ConvolutionScratch::default();
     scratch.source.resize(9000, f32::NAN);
     scratch.slopes.resize(9000, f32::NAN);
     scratch.sums.resize(9000, f32::NAN);

@@ -5,7 +5,7 @@
 //! left-right check, 3x3 median, speckle filter. Disparities are fixed point, 1/16 px in an `i16`.
 //!
 //! ```
-//! use depthloom_kernels::sgbm::{Params, Scratch, View, compute};
+//! use depthloom_kernels::sgbm::{Params, SgbmScratch, View, compute};
 //! use depthloom_kernels::tiles::Serial;
 //!
 //! # fn main() -> Result<(), depthloom_kernels::sgbm::Error> {
@@ -13,7 +13,7 @@
 //! let left: Vec<u8> = (0..width * height).map(|i| (i * i % 251) as u8).collect();
 //! let view = View { data: &left, width, height, channels: 1 };
 //! let mut disparity = vec![0; width * height];
-//! compute(&view, &view, &Params::default(), &mut Scratch::default(), &Serial, &mut disparity)?;
+//! compute(&view, &view, &Params::default(), &mut SgbmScratch::default(), &Serial, &mut disparity)?;
 //! assert_eq!(disparity[10 * width + 80], 0);
 //! assert_eq!(disparity[0], Params::default().invalid()); // the first 64 columns have no partner
 //! # Ok(())
@@ -32,7 +32,8 @@ mod search;
 mod speckle;
 mod view;
 
-pub use compute::{Path, Scratch, compute, compute_on};
+pub use crate::simd::Path;
+pub use compute::{SgbmScratch, compute, compute_on};
 pub use params::{Mode, ParamError, Params};
 pub use speckle::{SpeckleScratch, filter as filter_speckles};
 pub use view::{Error, View};

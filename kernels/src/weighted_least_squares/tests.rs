@@ -1,13 +1,14 @@
 use super::*;
 use crate::simd::every_level;
-use crate::tiles::{Crew, Serial};
+use crate::tiles::Serial;
+use depthloom_threads::Budget;
 use proptest::prelude::*;
 
 const NO: i16 = -16;
 
 fn filtered(smoother: &Smoother, map: &[i16], guide: &Guide<'_>, right: Option<&Right<'_>>, fill: bool) -> Vec<i16> {
     let mut out = map.to_vec();
-    smoother.filter(&mut out, NO, guide, right, fill, &mut Scratch::default(), &Serial);
+    smoother.filter(&mut out, NO, guide, right, fill, &mut SmootherScratch::default(), &Serial);
     out
 }
 
@@ -144,20 +145,15 @@ proptest! {
         let smoother = Smoother::new(Params::default());
         let expected = every_level(|level| {
             let mut out = left.clone();
-            smoother.filter_at(level, &mut out, NO, &guide, right, true, &mut Scratch::default(), &Serial);
+            smoother.filter_at(level, &mut out, NO, &guide, right, true, &mut SmootherScratch::default(), &Serial);
             out
         });
-        let crew = Crew::new(3);
-        let threaded = std::thread::scope(|scope| {
-            let _closing = crew.closing();
-            scope.spawn(|| crew.work());
-            scope.spawn(|| crew.work());
-            let (mut scratch, mut out) = (Scratch::default(), left.clone());
-            // What another frame has left behind must not matter.
-            smoother.filter(&mut right.map_or(left.clone(), |right| right.disparity.to_vec()), NO, &guide, None, true, &mut scratch, &crew);
-            smoother.filter(&mut out, NO, &guide, right, true, &mut scratch, &crew);
-            out
-        });
+        let budget = Budget::new(3);
+        let _own = budget.permit();
+        let (mut scratch, mut threaded) = (SmootherScratch::default(), left.clone());
+        // What another frame has left behind must not matter.
+        smoother.filter(&mut right.map_or(left.clone(), |right| right.disparity.to_vec()), NO, &guide, None, true, &mut scratch, &budget);
+        smoother.filter(&mut threaded, NO, &guide, right, true, &mut scratch, &budget);
         prop_assert_eq!(threaded, expected);
     }
 }

@@ -1,7 +1,7 @@
 //! The parameters of a network: names, shapes, and what they begin with.
 
 use super::{Act, Builder, Conv, Network, Size};
-use crate::random::Random;
+use depthloom_random::SplitMix64;
 
 /// One tensor of parameters.
 #[derive(Clone, Debug, PartialEq)]
@@ -50,7 +50,7 @@ impl Layout {
     /// Values to begin with: Glorot's uniform distribution for weights, constants for biases (Glorot, Bengio 2010; what Keras does).
     #[must_use]
     pub fn start(&self, seed: u64) -> Vec<Vec<f32>> {
-        let mut random = Random::new(seed);
+        let mut random = SplitMix64::new(seed);
         let values = |parameter: &Parameter| match parameter.start {
             Start::Constant(value) => vec![value; parameter.len()],
             Start::Uniform(limit) => (0..parameter.len()).map(|_| (random.unit() * 2.0 - 1.0) * limit).collect(),

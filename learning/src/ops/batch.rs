@@ -5,7 +5,7 @@ use std::cell::RefCell;
 use burn::backend::TensorMetadata;
 use burn::backend::flex::FlexTensor;
 use burn::tensor::{DType, Shape, TensorData};
-use depthloom_kernels::convolve::{Gradients, Scratch};
+use depthloom_kernels::convolve::{ConvolutionScratch, Gradients};
 use rayon::prelude::*;
 
 /// What burn keeps of an operation for its backward pass.
@@ -38,9 +38,9 @@ pub(super) fn tensor(values: Vec<f32>, shape: impl Into<Shape>) -> FlexTensor {
 }
 
 /// Runs `f` with this thread's scratch memory, kept from call to call.
-fn with_scratch<T>(f: impl FnOnce(&mut Scratch) -> T) -> T {
+fn with_scratch<T>(f: impl FnOnce(&mut ConvolutionScratch) -> T) -> T {
     thread_local! {
-        static SCRATCH: RefCell<Scratch> = RefCell::default();
+        static SCRATCH: RefCell<ConvolutionScratch> = RefCell::default();
     }
     SCRATCH.with_borrow_mut(f)
 }
@@ -49,7 +49,7 @@ fn with_scratch<T>(f: impl FnOnce(&mut Scratch) -> T) -> T {
 pub(super) fn forward(
     x: &FlexTensor,
     out_shape: [usize; 4],
-    f: impl Fn(&[f32], &mut [f32], &mut Scratch) + Sync,
+    f: impl Fn(&[f32], &mut [f32], &mut ConvolutionScratch) + Sync,
 ) -> FlexTensor {
     let [_, channels, rows, columns] = nchw(x);
     let mut out = vec![0.0; out_shape.iter().product()];
@@ -75,7 +75,7 @@ pub(super) fn backward(
     slope: &FlexTensor,
     wanted: Wanted,
     biases: usize,
-    f: impl Fn(&[f32], &[f32], &[f32], &mut Gradients<'_>, &mut Scratch) + Sync,
+    f: impl Fn(&[f32], &[f32], &[f32], &mut Gradients<'_>, &mut ConvolutionScratch) + Sync,
 ) -> [Option<FlexTensor>; 3] {
     let [batch, channels, rows, columns] = nchw(&kept.x);
     let area = channels * rows * columns;

@@ -10,7 +10,9 @@ use burn::backend::autodiff::ops::{Backward, Ops, OpsKind};
 use burn::backend::flex::FlexTensor;
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Autodiff, Flex};
-use depthloom_kernels::convolve::{Activation, Double, DoubleWeights, Gradients, Same, SameWeights, Scratch};
+use depthloom_kernels::convolve::{
+    Activation, ConvolutionScratch, Double, DoubleWeights, Gradients, Same, SameWeights,
+};
 use depthloom_kernels::simd::Level;
 
 use super::batch::{Kept, Wanted, backward, forward, in_order, nchw, samples};
@@ -34,7 +36,7 @@ pub(super) trait Convolution: Debug + Sized + Sync + 'static {
         weights: &Self::Weights,
         bias: &[f32],
         out: &mut [f32],
-        scratch: &mut Scratch,
+        scratch: &mut ConvolutionScratch,
     );
     /// One image backwards.
     #[expect(clippy::too_many_arguments, reason = "an operation and everything it is of")]
@@ -46,7 +48,7 @@ pub(super) trait Convolution: Debug + Sized + Sync + 'static {
         out: &[f32],
         slope: &[f32],
         gradients: &mut Gradients<'_>,
-        scratch: &mut Scratch,
+        scratch: &mut ConvolutionScratch,
     );
 }
 
@@ -65,7 +67,7 @@ macro_rules! convolution {
             weights: &$weights,
             bias: &[f32],
             out: &mut [f32],
-            scratch: &mut Scratch,
+            scratch: &mut ConvolutionScratch,
         ) {
             $kernel::forward(self, level, image, weights, bias, out, scratch);
         }
@@ -78,7 +80,7 @@ macro_rules! convolution {
             out: &[f32],
             slope: &[f32],
             gradients: &mut Gradients<'_>,
-            scratch: &mut Scratch,
+            scratch: &mut ConvolutionScratch,
         ) {
             $kernel::backward(self, level, image, weights, out, slope, gradients, scratch);
         }

@@ -1,7 +1,7 @@
 //! Which samples a step learns from, and how they are changed.
 
-use crate::random::Random;
 use crate::samples::SamplesView;
+use depthloom_random::SplitMix64;
 
 use super::params::SslParams;
 
@@ -23,8 +23,8 @@ pub(super) struct Batch {
 }
 
 /// The sequence of random numbers that a step begins; other purposes have other parts of the seed.
-fn of_step(seed: u64, step: u64) -> Random {
-    Random::part(seed ^ 0x0062_6174_6368, step)
+fn of_step(seed: u64, step: u64) -> SplitMix64 {
+    SplitMix64::part(seed ^ 0x0062_6174_6368, step)
 }
 
 /// The samples of step `step`, by index: a function of seed and step alone, so that a resumed training goes on with the same.
@@ -34,13 +34,13 @@ pub(super) fn drawn(params: &SslParams, samples: usize, step: u64) -> Vec<usize>
     let Some(loaded) = params.loaded else { return (0..batch).map(|_| random.below(samples)).collect() };
     // As in the paper: so many images are loaded, and batches drawn from them alone for a while.
     let epoch = step / u64::from(params.draws);
-    let mut loader = Random::part(params.seed ^ 0x6c6f_6164, epoch);
+    let mut loader = SplitMix64::part(params.seed ^ 0x6c6f_6164, epoch);
     let loaded: Vec<usize> = distinct(&mut loader, samples, loaded as usize);
     (0..batch).map(|_| loaded[random.below(loaded.len())]).collect()
 }
 
 /// `count` different numbers below `end`, or all of them.
-fn distinct(random: &mut Random, end: usize, count: usize) -> Vec<usize> {
+fn distinct(random: &mut SplitMix64, end: usize, count: usize) -> Vec<usize> {
     let mut all: Vec<usize> = (0..end).collect();
     for i in 0..count.min(end) {
         let j = i + random.below(end - i);
@@ -55,7 +55,7 @@ impl Batch {
     pub(super) fn augmented(params: &SslParams, samples: &SamplesView<'_>, step: u64) -> Self {
         let indices = drawn(params, samples.len(), step);
         // Apart from the draw, so that switching one augmentation off leaves the others and the draw as they are.
-        let mut random = Random::part(params.seed ^ 0x0061_7567_6d65_6e74, step);
+        let mut random = SplitMix64::part(params.seed ^ 0x0061_7567_6d65_6e74, step);
         let mut batch = Self::default();
         for index in indices {
             let change = Change::draw(params, &mut random);
@@ -117,7 +117,7 @@ struct Change {
 impl Change {
     const NONE: Self = Self { mirrored: false, kept: 1.0, place: [0.0; 2], gains: [1.0; 3] };
 
-    fn draw(params: &SslParams, random: &mut Random) -> Self {
+    fn draw(params: &SslParams, random: &mut SplitMix64) -> Self {
         // Every number is drawn whether it is used or not: the sequence never shifts.
         let (mirror, kept, place) = (random.unit(), random.unit(), [random.unit(), random.unit()]);
         let brightness = 1.0 + random.sign_unit() * params.brightness as f32;

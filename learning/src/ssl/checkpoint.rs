@@ -212,7 +212,7 @@ mod tests {
         let checkpoint = Checkpoint::at(folder.path().join("this.checkpoint"));
         checkpoint.save(&layout, &state(&layout)).unwrap();
         let mut bytes = std::fs::read(&checkpoint.path).unwrap();
-        let mut random = crate::random::Random::new(46);
+        let mut random = depthloom_random::SplitMix64::new(46);
         let anywhere: Vec<usize> = (0..60).map(|_| random.below(bytes.len() * 8)).collect();
         // Header, its middle, the hash.
         let chosen = [0, 64, 800, 8 * bytes.len() - 1, 8 * bytes.len() - 100];

@@ -127,8 +127,8 @@ fn block(x: &[f32], y: &[f32], at: usize, width: usize, weight: f32, slopes: &mu
 mod tests {
     use super::Photometric;
     use crate::networks::{Meaning, Size};
-    use crate::random::Random;
     use crate::ssl::batch::Batch;
+    use depthloom_random::SplitMix64;
 
     const SIZE: Size = Size { width: 24, height: 5 };
 
@@ -175,7 +175,7 @@ mod tests {
 
     #[test]
     fn the_slope_is_the_derivative() {
-        let mut random = Random::new(4);
+        let mut random = SplitMix64::new(4);
         for meaning in [Meaning::DisparityShare { scale: 0.1 }, Meaning::Depth { farthest_m: 10.0 }] {
             let batch = pair(1.3, false);
             let map: Vec<f32> = (0..120).map(|_| 0.35 + 0.2 * random.unit()).collect();

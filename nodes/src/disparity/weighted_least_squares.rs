@@ -3,7 +3,7 @@
 use depthloom_graphs::contracts::{Contract, NodeDeclaration};
 use depthloom_graphs::values::{Disparity, Image, Pixels};
 use depthloom_graphs::{Context, Fault, Inputs, Instance, Node, Outputs, Port, PureNode, ValueType};
-use depthloom_kernels::weighted_least_squares::{Guide, Params, Right, Scratch, Smoother};
+use depthloom_kernels::weighted_least_squares::{Guide, Params, Right, Smoother, SmootherScratch};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -147,7 +147,7 @@ impl PureNode for WeightedLeastSquares {
         };
         let guide = Guide { samples, width: dimensions.0 as usize, height: dimensions.1 as usize, channels };
         let left_invalid = invalid(map)?;
-        let mut scratch = ctx.scratch.take::<Scratch>();
+        let mut scratch = ctx.scratch.take::<SmootherScratch>();
         let smoothed = changed(map, |pixels| {
             let tiles = HostTiles(ctx.host);
             self.smoother.filter(pixels, left_invalid, &guide, right.as_ref(), self.fill, &mut scratch, &tiles);

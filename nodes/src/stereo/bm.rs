@@ -3,7 +3,7 @@
 use depthloom_graphs::contracts::{Contract, NodeDeclaration};
 use depthloom_graphs::values::{Disparity, Image};
 use depthloom_graphs::{Context, Fault, Inputs, Instance, Node, Outputs, Port, PureNode, ValueType};
-use depthloom_kernels::bm::{self, ParamError, Params, Prefilter, Scratch};
+use depthloom_kernels::bm::{self, BmScratch, ParamError, Params, Prefilter};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -159,7 +159,7 @@ impl PureNode for Bm {
         let (left, right) = (grey(left), grey(right));
         let (width, height) = left.dimensions();
         let (columns, rows) = (width as usize, height as usize);
-        let mut scratch = ctx.scratch.take::<Scratch>();
+        let mut scratch = ctx.scratch.take::<BmScratch>();
         let mut result = Ok(());
         let sixteenths_px = filled((width, height), |out| {
             let tiles = HostTiles(ctx.host);

@@ -3,7 +3,7 @@
 use depthloom_graphs::contracts::{Contract, NodeDeclaration};
 use depthloom_graphs::values::{Disparity, Image};
 use depthloom_graphs::{Context, Fault, Inputs, Instance, Node, Outputs, Port, PureNode, ValueType};
-use depthloom_kernels::census::{self, Census, Pair, ParamError, Params, Paths, Scratch};
+use depthloom_kernels::census::{self, Census, CensusScratch, Pair, ParamError, Params, Paths};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -149,7 +149,7 @@ impl PureNode for CensusSgm {
         }
         let (left, right) = (grey(left).as_raw(), grey(right).as_raw());
         let pair = Pair { left, right, width: width as usize, height: height as usize };
-        let mut scratch = ctx.scratch.take::<Scratch>();
+        let mut scratch = ctx.scratch.take::<CensusScratch>();
         let mut result = Ok(());
         let sixteenths_px = filled((width, height), |out| {
             result = census::compute(&pair, &self.params, &mut scratch, &HostTiles(ctx.host), out);

@@ -3,7 +3,7 @@
 use depthloom_graphs::contracts::{Contract, NodeDeclaration};
 use depthloom_graphs::values::{Disparity, Image};
 use depthloom_graphs::{Context, Fault, Inputs, Instance, Node, Outputs, Port, PureNode, ValueType};
-use depthloom_kernels::sgbm::{self, Mode, ParamError, Params, Scratch, View};
+use depthloom_kernels::sgbm::{self, Mode, ParamError, Params, SgbmScratch, View};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -166,7 +166,7 @@ impl PureNode for Sgbm {
         let (width, height) = left.dimensions();
         let view = |data| View { data, width: width as usize, height: height as usize, channels: 1 };
         let (left, right) = (view(grey(left).as_raw()), view(grey(right).as_raw()));
-        let mut scratch = ctx.scratch.take::<Scratch>();
+        let mut scratch = ctx.scratch.take::<SgbmScratch>();
         let mut result = Ok(());
         let sixteenths_px = filled((width, height), |out| {
             result = sgbm::compute(&left, &right, &self.params, &mut scratch, &HostTiles(ctx.host), out);

@@ -1,21 +1,24 @@
 //! The order of the work: bands of rows, cut into columns for the directions that come from the row before.
 //!
-//! A band goes through three rounds, and the pieces of a round run in any order on any number of threads:
+//! A band goes through two rounds, and the pieces of a round run in any order on any number of threads:
 //!
-//! 1. *Trapezoids*. Each tile of columns makes its block costs and leads the paths down its rows. A diagonal path needs
-//!    the neighbouring column of the row before, so that a tile loses one column at each inner side with every row.
-//! 2. *Triangles*: what the tiles lost between them. In the same round, row sums of the next band's costs.
-//! 3. *Rows*: the directions along the row, and the decision.
+//! 1. *Columns*. Each tile of columns makes its block costs and aggregates path costs down its rows. A diagonal path needs the
+//!    neighbouring column of the row before, so that a tile loses one column at each inner side with every row: it does a
+//!    *trapezoid*. The *triangle* that two neighbours lost between them is done by the later of the two.
+//! 2. *Rows*: the directions along the row, and the decision; and the row sums of the next band's costs, smaller pieces that
+//!    fill what is left of the round.
 //!
 //! `hh` and `hh4` go over the image twice, and keep costs and sums of the whole image in between; the others hold a band.
 
+use std::ops::Range;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
+use super::aggregate::{Aggregate, Slots, Source};
 use super::answers::Answers;
 use super::costs::{CostRow, Slide, pixel_len};
 use super::decide::{Decide, total_len};
 use super::kernels::Kernels;
-use super::march::{March, Slots, Source};
 use super::shared::{Costs, Shared};
 use crate::memory::TooMuch;
 use crate::sgbm::Mode;
@@ -24,14 +27,14 @@ use crate::sgbm::search::{Search, Stripe};
 use crate::sgbm::view::View;
 use crate::tiles::Tiles;
 
-/// Rows in a band.
-const BAND: usize = 16;
+/// Rows in a band. More are fewer rounds and fewer triangles; fewer are less that leaves the cache.
+const BAND: usize = 24;
 
 /// Rows that are decided together.
 const PAIR: usize = 2;
 
 /// Columns in a tile, at least twice the rows of a band.
-const TILE: usize = 32;
+const TILE: usize = 2 * BAND;
 
 /// Memory of one piece of work on a row.
 #[derive(Debug, Default)]
@@ -75,10 +78,10 @@ struct Frame<'a> {
     out: Shared<'a, i16>,
 }
 
-/// One pass over a stripe's rows.
-struct Pass<'a> {
+/// One sweep over a stripe's rows.
+struct Sweep<'a> {
     upwards: bool,
-    /// Whether this pass completes the sums.
+    /// Whether this sweep completes the sums.
     last: bool,
     slots: &'a [Slots<'a>],
 }
@@ -138,7 +141,7 @@ pub(super) fn compute<'a>(
                 Slots::new(search, memory, search.columns + spare, kernels.padding, drift)
             })
             .collect();
-        frame.pass(&Pass { upwards, last: upwards || !two_passes, slots: &slots }, tiles);
+        frame.sweep(&Sweep { upwards, last: upwards || !two_passes, slots: &slots }, tiles);
     }
     Ok(())
 }
@@ -149,41 +152,58 @@ impl<'a> Frame<'a> {
         self.stripe.end - self.stripe.start
     }
 
-    fn pass(&self, pass: &Pass<'_>, tiles: &dyn Tiles) {
-        let height = self.height();
-        let columns = self.search.columns;
-        let tile_count = (columns / TILE).max(1);
-        let tile = |t: usize| t * TILE..if t + 1 == tile_count { columns } else { (t + 1) * TILE };
-        let triangles = if pass.slots.len() > 1 { tile_count - 1 } else { 0 };
-        // Row sums are made up to where the costs of the band that follows need them.
-        let mut summed = self.stripe.start;
-        let end_of_sums = |band_end: usize| {
-            if pass.upwards {
-                return self.stripe.start;
+    fn sweep(&self, sweep: &Sweep<'_>, tiles: &dyn Tiles) {
+        let bands = self.height().div_ceil(BAND);
+        let tile_count = (self.search.columns / TILE).max(1);
+        // Of each border between two tiles, how many trapezoids beside it have been done.
+        let beside: Vec<_> = (1..tile_count).map(|_| AtomicUsize::new(0)).collect();
+        let decided = |band: usize| if sweep.last { self.rows_of(band).len().div_ceil(PAIR) } else { 0 };
+        // The first round makes the row sums of the first band alone; then two rounds for each band.
+        let mut counts = vec![self.summed_for(sweep, 0).len()];
+        for band in 0..bands {
+            counts.extend([tile_count, decided(band) + self.summed_for(sweep, band + 1).len()]);
+        }
+        tiles.rounds(&counts, &|round, n| {
+            let sum = |band: usize, n: usize| self.sum_row(self.summed_for(sweep, band).start + n, n);
+            match (round.checked_sub(1).map(|round| round / 2), round % 2) {
+                (None, _) => sum(0, n),
+                (Some(band), 1) => self.tile(sweep, band, n, &beside),
+                (Some(band), _) if n < decided(band) => {
+                    let rows = self.rows_of(band);
+                    let first = rows.start + n * PAIR;
+                    self.decide(sweep, first..(first + PAIR).min(rows.end));
+                }
+                (Some(band), _) => sum(band + 1, n - decided(band)),
             }
-            let end = if band_end == 0 { 0 } else { band_end.min(height) + self.search.radius };
+        });
+    }
+
+    /// The rows of a band, in the order of the sweep.
+    fn rows_of(&self, band: usize) -> Range<usize> {
+        band * BAND..((band + 1) * BAND).min(self.height())
+    }
+
+    /// The rows of the image whose row sums a band is the first to need; none where the sweep finds the costs made, and beyond
+    /// the last band.
+    fn summed_for(&self, sweep: &Sweep<'_>, band: usize) -> Range<usize> {
+        let end_of = |bands: usize| {
+            let end = if bands == 0 { 0 } else { (bands * BAND).min(self.height()) + self.search.radius };
             (self.stripe.start + end).min(self.search.height)
         };
-        let first_end = end_of_sums(BAND);
-        tiles.run(first_end - summed, &|n| self.sum_row(summed + n, n));
-        summed = first_end;
-        for start in (0..height).step_by(BAND) {
-            let end = (start + BAND).min(height);
-            tiles.run(tile_count, &|t| self.trapezoid(pass, start..end, tile(t)));
-            let next = if end < height { end_of_sums(end + BAND) } else { summed };
-            tiles.run(triangles + next - summed, &|n| {
-                if n < triangles {
-                    self.triangle(pass, start..end, tile(n).end);
-                } else {
-                    self.sum_row(summed + n - triangles, n - triangles);
-                }
-            });
-            summed = next;
-            if pass.last {
-                tiles.run((end - start).div_ceil(PAIR), &|n| {
-                    let first = start + n * PAIR;
-                    self.decide(pass, first..(first + PAIR).min(end));
-                });
+        if sweep.upwards { 0..0 } else { end_of(band)..end_of(band + 1) }
+    }
+
+    /// The trapezoid of a tile, and the triangles at its sides whose other neighbour has been done.
+    fn tile(&self, sweep: &Sweep<'_>, band: usize, tile: usize, beside: &[AtomicUsize]) {
+        let end = if tile == beside.len() { self.search.columns } else { (tile + 1) * TILE };
+        self.trapezoid(sweep, self.rows_of(band), tile * TILE..end);
+        if sweep.slots.len() == 1 {
+            return;
+        }
+        for border in [tile.checked_sub(1), Some(tile)].into_iter().flatten() {
+            // Both neighbours pass by once a band. What the other one wrote is seen by whoever comes second.
+            if beside.get(border).is_some_and(|passed| passed.fetch_add(1, Ordering::AcqRel) % 2 == 1) {
+                self.triangle(sweep, self.rows_of(band), (border + 1) * TILE);
             }
         }
     }
@@ -205,7 +225,8 @@ impl<'a> Frame<'a> {
 
     /// Row `k` of the image: pixel costs, summed along the row. The `n`-th such row of its round.
     fn sum_row(&self, k: usize, n: usize) {
-        let mut scratch = self.scratch(n);
+        // Beside those of the rows that are decided in the same round.
+        let mut scratch = self.scratch(BAND + n);
         let RowScratch { left, right, pixel, .. } = &mut *scratch;
         let pixel = pixel.at_least(pixel_len(self.search));
         let start = self.sums_at(k);
@@ -226,52 +247,52 @@ impl<'a> Frame<'a> {
     }
 
     /// One tile of columns through the rows of a band: block costs, and the paths as far as they depend on this tile.
-    fn trapezoid(&self, pass: &Pass<'_>, band: std::ops::Range<usize>, columns: std::ops::Range<usize>) {
-        let diagonals = pass.slots.len() > 1;
+    fn trapezoid(&self, sweep: &Sweep<'_>, band: Range<usize>, columns: Range<usize>) {
+        let diagonals = sweep.slots.len() > 1;
         for i in band.clone() {
             let lost = if diagonals { i - band.start } else { 0 };
             let first = if columns.start == 0 { 0 } else { columns.start + lost };
             let last = if columns.end == self.search.columns { columns.end } else { columns.end - lost };
-            if pass.upwards || !self.slides(i) {
-                if !pass.upwards {
+            if sweep.upwards || !self.slides(i) {
+                if !sweep.upwards {
                     self.first_costs(i, columns.clone());
                 }
-                self.march(pass, i, first..last, false);
+                self.aggregate(sweep, i, first..last, false);
             } else {
                 self.slide(i, columns.start..first);
                 self.slide(i, last..columns.end);
-                self.march(pass, i, first..last, true);
+                self.aggregate(sweep, i, first..last, true);
             }
         }
     }
 
     /// What the tiles on both sides of `column` lost.
-    fn triangle(&self, pass: &Pass<'_>, band: std::ops::Range<usize>, column: usize) {
+    fn triangle(&self, sweep: &Sweep<'_>, band: Range<usize>, column: usize) {
         for i in band.clone() {
             let lost = i - band.start;
-            self.march(pass, i, column - lost..column + lost, false);
+            self.aggregate(sweep, i, column - lost..column + lost, false);
         }
     }
 
-    /// The `i`-th row of the pass.
-    fn row_of(&self, pass: &Pass<'_>, i: usize) -> usize {
-        if pass.upwards { self.height() - 1 - i } else { i }
+    /// The `i`-th row of the sweep.
+    fn row_of(&self, sweep: &Sweep<'_>, i: usize) -> usize {
+        if sweep.upwards { self.height() - 1 - i } else { i }
     }
 
-    /// Leads the paths through some columns of the `i`-th row of the pass, making their block costs on the way or not.
-    fn march(&self, pass: &Pass<'_>, i: usize, columns: std::ops::Range<usize>, slides: bool) {
+    /// Aggregates costs along the paths through some columns of the `i`-th row of the sweep, making their block costs on the way or not.
+    fn aggregate(&self, sweep: &Sweep<'_>, i: usize, columns: Range<usize>, slides: bool) {
         let d = self.search.disparities;
         let len = self.search.row_len();
-        let y = self.row_of(pass, i);
+        let y = self.row_of(sweep, i);
         let first = columns.start * d;
         let band = self.band.at(i % BAND * len + first);
-        let part = March {
+        let part = Aggregate {
             search: self.search,
-            slots: pass.slots,
+            slots: sweep.slots,
             i,
             columns,
             cost: self.cost.at(self.cost_at(y) + first),
-            source: if pass.upwards {
+            source: if sweep.upwards {
                 Source::Sums(self.sum.at(y * len + first))
             } else if slides {
                 let (enters, leaves) = self.sliding(y);
@@ -283,12 +304,12 @@ impl<'a> Frame<'a> {
             } else {
                 Source::Costs
             },
-            sum: if pass.last { band } else { self.sum.at(y * len + first) },
+            sum: if sweep.last { band } else { self.sum.at(y * len + first) },
         };
         // SAFETY: columns of a row belong to one trapezoid or triangle; so do their slots: a diagonal leaves its tile for
-        // the triangle beside it, never for another tile (see the module's description). Costs of the columns were made
-        // by this tile, or in the round before. The table's maker found the instruction set.
-        unsafe { (self.kernels.march)(&part) }
+        // the triangle beside it, never for another tile, and triangles come when both tiles are done (see the module's
+        // description). Costs of the columns were made by this tile, or by those beside the triangle. The table's maker found the instruction set.
+        unsafe { (self.kernels.aggregate)(&part) }
     }
 
     /// Whether block costs of row `y` of the stripe are made from those of the row before.
@@ -308,7 +329,7 @@ impl<'a> Frame<'a> {
     }
 
     /// Block costs of some columns of row `y` of the stripe, from those of the row before.
-    fn slide(&self, y: usize, columns: std::ops::Range<usize>) {
+    fn slide(&self, y: usize, columns: Range<usize>) {
         let d = self.search.disparities;
         let part = |row: usize| row + columns.start * d..row + columns.end * d;
         let (enters, leaves) = self.sliding(y);
@@ -325,7 +346,7 @@ impl<'a> Frame<'a> {
     }
 
     /// Block costs of some columns of row `y` of the stripe, which has none before it, or which OpenCV leaves alone.
-    fn first_costs(&self, y: usize, columns: std::ops::Range<usize>) {
+    fn first_costs(&self, y: usize, columns: Range<usize>) {
         let Search { disparities: d, radius, p2, height, .. } = *self.search;
         let part = |row: usize| row + columns.start * d..row + columns.end * d;
         // SAFETY: as in `slide`.
@@ -345,16 +366,16 @@ impl<'a> Frame<'a> {
         }
     }
 
-    /// The directions along some rows of the pass, and their decision.
-    fn decide(&self, pass: &Pass<'_>, rows: std::ops::Range<usize>) {
+    /// The directions along some rows of the sweep, and their decision.
+    fn decide(&self, sweep: &Sweep<'_>, rows: Range<usize>) {
         let kept = &self.stripe.kept;
         let len = self.search.row_len();
         let width = self.search.width;
         let first = rows.start;
-        let mut scratch: [_; PAIR] = std::array::from_fn(|n| self.scratch(first + n));
+        let mut scratch: [_; PAIR] = std::array::from_fn(|n| self.scratch(first % BAND + n));
         let mut decided = Vec::with_capacity(PAIR);
         for (i, scratch) in rows.zip(&mut scratch) {
-            let y = self.row_of(pass, i);
+            let y = self.row_of(sweep, i);
             let source = self.stripe.start + y;
             if !kept.contains(&source) {
                 continue;

@@ -1,8 +1,8 @@
 //! The directions along the row, and the decision: they need a row's costs and sums, and nothing of other rows.
 
+use super::aggregate::border;
 use super::answers::{AnswerSlots, Answers};
 use super::lanes::{COMPARED, Lanes};
-use super::march::border;
 use crate::sgbm::Mode;
 use crate::sgbm::choice::Choice;
 use crate::sgbm::search::Search;

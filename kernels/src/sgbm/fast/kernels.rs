@@ -3,10 +3,10 @@
 //! Each is compiled for the numbers of disparities that people use, where whole loops become straight code and paths
 //! stay in registers, and once for any number.
 
+use super::aggregate::{self, Aggregate};
 use super::costs::{self, CostRow, Slide};
 use super::decide::{self, Decide};
 use super::lanes::{Lanes, Portable};
-use super::march::{self, March};
 use crate::sgbm::median;
 use crate::sgbm::prefilter::Planes;
 use crate::sgbm::search::Search;
@@ -23,7 +23,7 @@ pub(super) struct Kernels {
     pub planes: unsafe fn(&mut Planes, &Search, &View<'_>, usize, bool),
     pub cost_row: unsafe fn(&mut CostRow<'_>),
     pub slide: unsafe fn(&mut Slide<'_>),
-    pub march: unsafe fn(&March<'_>),
+    pub aggregate: unsafe fn(&Aggregate<'_>),
     pub decide: unsafe fn(&mut [Decide<'_>]),
     pub median: unsafe fn([&[i16]; 3], &mut [i16]),
 }
@@ -32,7 +32,7 @@ pub(super) struct Kernels {
 macro_rules! compiled {
     ($name:ident, $lanes:ty $(, $feature:literal)?) => {
         pub(super) mod $name {
-            use super::{CostRow, Decide, Kernels, Lanes, March, Planes, Search, Slide, View, costs, decide, march, median};
+            use super::{CostRow, Decide, Kernels, Lanes, Aggregate, Planes, Search, Slide, View, costs, decide, aggregate, median};
 
             $(#[target_feature(enable = $feature)])?
             unsafe fn planes(planes: &mut Planes, search: &Search, image: &View<'_>, y: usize, reversed: bool) {
@@ -51,9 +51,9 @@ macro_rules! compiled {
             }
 
             $(#[target_feature(enable = $feature)])?
-            unsafe fn march<const N: usize>(part: &March<'_>) {
+            unsafe fn aggregate<const N: usize>(part: &Aggregate<'_>) {
                 // SAFETY: as `Kernels` says.
-                unsafe { march::march::<$lanes, N>(part) }
+                unsafe { aggregate::aggregate::<$lanes, N>(part) }
             }
 
             $(#[target_feature(enable = $feature)])?
@@ -69,7 +69,7 @@ macro_rules! compiled {
 
             fn table<const N: usize>() -> Kernels {
                 let padding = <$lanes>::LANES;
-                Kernels { padding, planes, cost_row: cost_row::<N>, slide, march: march::<N>, decide: decide::<N>, median }
+                Kernels { padding, planes, cost_row: cost_row::<N>, slide, aggregate: aggregate::<N>, decide: decide::<N>, median }
             }
 
             /// The kernels for `disparities`.

@@ -32,7 +32,7 @@
 //! row waits for (two rows at a time share the wait), reads across cache lines, decisions that are scalar by nature
 //! (about a tenth). With two threads on two idle cores a frame took 12.7 ms in `sgbm` (19.7 with one), 12.2 in `3way`, 25
 //! in `hh4`. Memory is no bound but in `hh` and `hh4`, which write and read 57 MB of costs and 57 MB of sums:
-//! at the 20 GB/s this machine gave, 11 ms. A band's costs, sums and row sums take some 8 MB and stay in the
+//! at the 20 GB/s this machine gave, 11 ms. A band's costs, sums and row sums take some 12 MB and stay in the
 //! last-level cache (80 GB/s); a tile's paths, 18 kB, in the first-level one.
 //!
 //! # Soundness
@@ -43,6 +43,7 @@
 //! x86_64-unknown-linux-gnu -p depthloom-kernels --test sgbm_paths`.
 #![expect(unsafe_code, reason = "vector instructions, and buffers of which several threads write disjoint parts")]
 
+mod aggregate;
 mod answers;
 #[cfg(target_arch = "x86_64")]
 mod avx2;
@@ -53,7 +54,6 @@ mod costs;
 mod decide;
 mod kernels;
 mod lanes;
-mod march;
 mod shared;
 
 use bands::Memory;
@@ -63,51 +63,20 @@ use shared::Shared;
 use super::search::Search;
 use super::view::View;
 use crate::memory::TooMuch;
+use crate::simd::Level;
 use crate::tiles::Tiles;
 
-/// Instruction sets.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Set {
-    /// Whatever the compiler was told to assume.
-    Portable,
-    /// AVX2.
+/// The kernels of a level.
+fn kernels_of(level: Level, disparities: usize) -> Kernels {
+    let portable: fn(usize) -> Kernels = kernels::portable::kernels;
     #[cfg(target_arch = "x86_64")]
-    Avx2,
-    /// AVX-512 F, BW and VL: 512-bit vectors.
+    // Vectors of AVX-512 hold 32 costs, and only whole ones are taken.
+    let avx512 = if disparities.is_multiple_of(32) { kernels::avx512::kernels } else { kernels::avx2::kernels };
     #[cfg(target_arch = "x86_64")]
-    Avx512,
-}
-
-impl Set {
-    /// Those of this machine, fastest first.
-    pub fn available() -> Vec<Self> {
-        let mut sets = Vec::new();
-        #[cfg(target_arch = "x86_64")]
-        {
-            let avx2 = is_x86_feature_detected!("avx2");
-            if avx2 && is_x86_feature_detected!("avx512bw") && is_x86_feature_detected!("avx512vl") {
-                sets.push(Self::Avx512);
-            }
-            if avx2 {
-                sets.push(Self::Avx2);
-            }
-        }
-        sets.push(Self::Portable);
-        sets
-    }
-
-    fn kernels(self, disparities: usize) -> Kernels {
-        match self {
-            Self::Portable => kernels::portable::kernels(disparities),
-            #[cfg(target_arch = "x86_64")]
-            Self::Avx2 => kernels::avx2::kernels(disparities),
-            #[cfg(target_arch = "x86_64")]
-            // Whole vectors only.
-            Self::Avx512 if disparities.is_multiple_of(32) => kernels::avx512::kernels(disparities),
-            #[cfg(target_arch = "x86_64")]
-            Self::Avx512 => kernels::avx2::kernels(disparities),
-        }
-    }
+    let kernels = level.pick(portable, kernels::avx2::kernels, avx512);
+    #[cfg(not(target_arch = "x86_64"))]
+    let kernels = level.pick(portable, portable, portable);
+    kernels(disparities)
 }
 
 /// Memory that one call leaves for the next.
@@ -124,9 +93,9 @@ pub(super) fn fits(search: &Search) -> bool {
     largest.saturating_add(2 * search.p2 as usize) <= i16::MAX as usize
 }
 
-/// Matches two images, up to and including the median; `set` must be one of [`Set::available`].
+/// Matches two images, up to and including the median.
 pub(super) fn compute(
-    set: Set,
+    level: Level,
     search: &Search,
     block: i32,
     images: [&View<'_>; 2],
@@ -134,12 +103,11 @@ pub(super) fn compute(
     tiles: &dyn Tiles,
     out: &mut [i16],
 ) -> Result<(), TooMuch> {
-    assert!(Set::available().contains(&set), "{set:?} is not available on this machine");
     if search.columns == 0 {
         out.fill(search.invalid);
         return Ok(());
     }
-    let kernels = set.kernels(search.disparities);
+    let kernels = kernels_of(level, search.disparities);
     scratch.raw.clear();
     scratch.raw.resize(out.len(), search.invalid);
     let raw = Shared::from(&mut scratch.raw[..]);

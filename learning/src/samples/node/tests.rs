@@ -7,8 +7,8 @@ use half::f16;
 use image::{GrayImage, RgbImage};
 
 use super::{CollectSamples, SamplesParams};
-use crate::random::Random;
 use crate::samples::Samples;
+use depthloom_random::SplitMix64;
 
 /// What is wired to the node in a frame.
 #[derive(Clone)]
@@ -21,7 +21,7 @@ struct Wired {
 }
 
 fn rgb(width: u32, height: u32, seed: u64) -> Image {
-    let mut random = Random::new(seed);
+    let mut random = SplitMix64::new(seed);
     let bytes = (0..width * height * 3).map(|_| random.below(256) as u8).collect();
     Image::new(Pixels::Rgb(RgbImage::from_raw(width, height, bytes).unwrap()))
 }

@@ -1,43 +1,50 @@
-//! The thread budget: at most so many threads work at once, whoever they are.
+//! The permits to work: at most so many threads work at once, whoever they are.
 
 use std::sync::atomic::{AtomicUsize, Ordering, fence};
 use std::sync::{Condvar, Mutex, PoisonError};
 
 use crossbeam::utils::{Backoff, CachePadded};
 
-/// The permits to work. A worker without a task gives its permit back; a thread that helps with tiles takes one.
+/// The permits to work, as many as threads may work at once. A worker without a task gives its permit back; a thread that helps with tiles takes one.
 ///
 /// Workers that have nothing to do sleep here. The protocol is the usual one of two flags: who brings work first makes it
 /// visible and then looks for sleepers; who goes to sleep first says so and then looks for work; so one of the two sees the other.
-pub(crate) struct Crew {
+#[derive(Debug)]
+pub struct Budget {
     width: usize,
     free: CachePadded<AtomicUsize>,
     sleepers: CachePadded<AtomicUsize>,
-    bed: Mutex<()>,
+    asleep: Mutex<()>,
     wake: Condvar,
 }
 
 /// The right to work until dropped.
-pub(crate) struct Permit<'a>(&'a Crew);
+#[must_use = "dropping it gives it back"]
+#[derive(Debug)]
+pub struct Permit<'a>(&'a Budget);
 
-impl Crew {
-    pub(crate) fn new(width: usize) -> Self {
+impl Budget {
+    /// A budget of `width` threads, at least one.
+    #[must_use]
+    pub fn new(width: usize) -> Self {
+        let width = width.max(1);
         Self {
             width,
             free: CachePadded::new(AtomicUsize::new(width)),
             sleepers: CachePadded::new(AtomicUsize::new(0)),
-            bed: Mutex::new(()),
+            asleep: Mutex::new(()),
             wake: Condvar::new(),
         }
     }
 
     /// How many may work at once.
-    pub(crate) const fn width(&self) -> usize {
+    #[must_use]
+    pub const fn width(&self) -> usize {
         self.width
     }
 
     /// A permit, if one is free.
-    pub(crate) fn permit(&self) -> Option<Permit<'_>> {
+    pub fn permit(&self) -> Option<Permit<'_>> {
         let take = |free: usize| free.checked_sub(1);
         // Cheap where none is free, which is the rule in a busy run.
         if self.free.load(Ordering::Relaxed) == 0 {
@@ -47,7 +54,7 @@ impl Crew {
     }
 
     /// A permit as soon as there is both work and a permit; `None` once the work is over.
-    pub(crate) fn permit_for(&self, is_work: impl Fn() -> bool, is_over: impl Fn() -> bool) -> Option<Permit<'_>> {
+    pub fn permit_for(&self, is_work: impl Fn() -> bool, is_over: impl Fn() -> bool) -> Option<Permit<'_>> {
         let look = || if is_work() { self.permit() } else { None };
         // A task often follows within microseconds, and going to sleep costs several.
         let spin = Backoff::new();
@@ -62,7 +69,7 @@ impl Crew {
         }
         self.sleepers.fetch_add(1, Ordering::SeqCst);
         fence(Ordering::SeqCst);
-        let mut bed = self.bed.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut asleep = self.asleep.lock().unwrap_or_else(PoisonError::into_inner);
         let permit = loop {
             if is_over() {
                 break None;
@@ -70,33 +77,33 @@ impl Crew {
             if let Some(permit) = look() {
                 break Some(permit);
             }
-            bed = self.wake.wait(bed).unwrap_or_else(PoisonError::into_inner);
+            asleep = self.wake.wait(asleep).unwrap_or_else(PoisonError::into_inner);
         };
         self.sleepers.fetch_sub(1, Ordering::SeqCst);
         permit
     }
 
     /// Wakes sleepers for that many new tasks.
-    pub(crate) fn wake(&self, tasks: usize) {
+    pub fn wake(&self, tasks: usize) {
         fence(Ordering::SeqCst);
         let sleepers = self.sleepers.load(Ordering::SeqCst);
         if tasks == 0 || sleepers == 0 {
             return;
         }
-        let _bed = self.bed.lock().unwrap_or_else(PoisonError::into_inner);
+        let _asleep = self.asleep.lock().unwrap_or_else(PoisonError::into_inner);
         (0..tasks.min(sleepers)).for_each(|_| self.wake.notify_one());
     }
 
     /// Wakes everyone, to find that the work is over.
-    pub(crate) fn wake_all(&self) {
-        let _bed = self.bed.lock().unwrap_or_else(PoisonError::into_inner);
+    pub fn wake_all(&self) {
+        let _asleep = self.asleep.lock().unwrap_or_else(PoisonError::into_inner);
         self.wake.notify_all();
     }
 }
 
 impl Permit<'_> {
     /// Gives the permit back without waking anyone: right only for who looks for work itself afterwards.
-    pub(crate) fn rest(self) {
+    pub fn rest(self) {
         self.0.free.fetch_add(1, Ordering::Release);
         std::mem::forget(self);
     }
@@ -112,28 +119,28 @@ impl Drop for Permit<'_> {
 
 #[cfg(test)]
 mod tests {
-    use super::Crew;
+    use super::Budget;
     use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
     #[test]
     fn there_are_as_many_permits_as_workers() {
-        let crew = Crew::new(2);
-        let (first, second) = (crew.permit(), crew.permit());
-        assert!(first.is_some() && second.is_some() && crew.permit().is_none());
+        let budget = Budget::new(2);
+        let (first, second) = (budget.permit(), budget.permit());
+        assert!(first.is_some() && second.is_some() && budget.permit().is_none());
         drop(first);
-        assert!(crew.permit().is_some());
+        assert!(budget.permit().is_some());
     }
 
     #[test]
     fn sleepers_find_every_task_and_wake_at_the_end() {
-        let crew = Crew::new(3);
+        let budget = Budget::new(3);
         let (tasks, taken, over) = (AtomicUsize::new(0), AtomicUsize::new(0), AtomicBool::new(false));
         let take = |tasks: usize| tasks.checked_sub(1);
         std::thread::scope(|scope| {
             for _ in 0..3 {
                 scope.spawn(|| {
                     let is_work = || tasks.load(Ordering::SeqCst) > 0;
-                    while let Some(permit) = crew.permit_for(is_work, || over.load(Ordering::SeqCst)) {
+                    while let Some(permit) = budget.permit_for(is_work, || over.load(Ordering::SeqCst)) {
                         if tasks.fetch_update(Ordering::SeqCst, Ordering::SeqCst, take).is_ok() {
                             taken.fetch_add(1, Ordering::SeqCst);
                         }
@@ -143,7 +150,7 @@ mod tests {
             }
             for _ in 0..2000 {
                 tasks.fetch_add(1, Ordering::SeqCst);
-                crew.wake(1);
+                budget.wake(1);
                 // Every other task finds the others asleep or about to be.
                 while tasks.load(Ordering::SeqCst) > 1 {
                     std::thread::yield_now();
@@ -153,7 +160,7 @@ mod tests {
                 std::thread::yield_now();
             }
             over.store(true, Ordering::SeqCst);
-            crew.wake_all();
+            budget.wake_all();
         });
         assert_eq!(taken.load(Ordering::SeqCst), 2000);
     }

@@ -65,7 +65,7 @@ impl<'a> Slots<'a> {
         };
         if columns.contains(&x) {
             let start = LEAD + self.index(x, i) * self.stride;
-            // SAFETY: the slot up to its smallest cost belongs to this column, hence to whoever leads paths through it.
+            // SAFETY: the slot up to its smallest cost belongs to this column, hence to whoever aggregates paths through it.
             reset(search, unsafe { self.memory.write(start..start + search.disparities + DELTA + 1) });
         }
     }
@@ -82,8 +82,8 @@ fn reset(search: &Search, slot: &mut [i16]) {
     slot[search.disparities + DELTA] = search.p2;
 }
 
-/// Part of a row through which the paths are led on.
-pub(super) struct March<'a> {
+/// Part of a row through which path costs are aggregated.
+pub(super) struct Aggregate<'a> {
     pub search: &'a Search,
     /// The directions: one, or three.
     pub slots: &'a [Slots<'a>],
@@ -114,13 +114,13 @@ const COSTS: u8 = 0;
 const SUMS: u8 = 1;
 const SLIDE: u8 = 2;
 
-/// Leads the paths through a part of a row.
+/// Aggregates costs along the paths through a part of a row.
 ///
 /// # Safety
 /// The instruction set of `L` must be present; the pointers hold the costs and sums of the columns; nobody else uses the
 /// sums, the costs if they are made, or the columns' slots.
 #[inline(always)]
-pub(super) unsafe fn march<L: Lanes, const N: usize>(m: &March<'_>) {
+pub(super) unsafe fn aggregate<L: Lanes, const N: usize>(m: &Aggregate<'_>) {
     // SAFETY: as the caller vouches.
     unsafe {
         match (m.slots, m.source) {
@@ -136,10 +136,10 @@ pub(super) unsafe fn march<L: Lanes, const N: usize>(m: &March<'_>) {
 }
 
 /// # Safety
-/// As [`march`].
+/// As [`aggregate`].
 #[inline(always)]
 unsafe fn through<L: Lanes, const N: usize, const DIRECTIONS: usize, const SOURCE: u8>(
-    m: &March<'_>,
+    m: &Aggregate<'_>,
     slots: [Slots<'_>; DIRECTIONS],
 ) {
     let search = m.search;

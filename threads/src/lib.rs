@@ -1,0 +1,22 @@
+//! One budget of threads for all who work at once, and tiles spread over it.
+//!
+//! ```
+//! use std::sync::atomic::{AtomicUsize, Ordering};
+//! use depthloom_threads::{Budget, Tiles};
+//!
+//! let budget = Budget::new(2);
+//! let _own = budget.permit(); // of the thread that works here
+//! let sum = AtomicUsize::new(0);
+//! budget.run(100, &|tile| {
+//!     sum.fetch_add(tile, Ordering::Relaxed);
+//! });
+//! assert_eq!(sum.into_inner(), 4950);
+//! ```
+#![forbid(unsafe_code)]
+
+mod budget;
+mod helpers;
+mod tiles;
+
+pub use budget::{Budget, Permit};
+pub use tiles::{Serial, Tiles, rounds_in_one_run};
