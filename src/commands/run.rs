@@ -30,11 +30,13 @@ pub fn run(args: &RunArgs, registry: &Registry) -> Result<Exit, Stop> {
     let Some(Loaded { plan, kept, .. }) = load(&args.experiment, registry, is_silent(args))? else {
         return Ok(Exit::Before);
     };
-    let ready = match Ready::new(plan, registry) {
+    let mut ready = match Ready::new(plan, registry) {
         Ok(ready) => ready,
         Err(missing) => return Ok(print_missing(&missing)),
     };
     let plan = ready.plan.clone();
+    let of_sources = std::mem::take(&mut ready.warnings);
+    tell(args, &of_sources);
     let interrupt = signals::listen()?;
     let folder = make_folder(args, &plan, &kept)?;
     let started = Instant::now();
@@ -58,7 +60,7 @@ pub fn run(args: &RunArgs, registry: &Registry) -> Result<Exit, Stop> {
         "experiment": plan.experiment,
         "run": out.to_string_lossy(),
         "failed_frames": failed,
-        "warnings": warnings,
+        "warnings": [of_sources, warnings].concat(),
         "environment": environment,
     });
     show(args, report, told, &out).map_err(|stop| stop.also(format!("the run is whole in {}", out.display())))?;
@@ -190,9 +192,7 @@ fn record(
     let ran = ran.map_err(|error| ended(stop_of(&error)))?;
     finished.map_err(ended)?;
     let warnings = warnings(&ran, plan);
-    if !args.json {
-        warnings.iter().for_each(|warning| diagnostics::print_warning(warning));
-    }
+    tell(args, &warnings);
     write_timings(&ran.timings, plan, &recorder, &folder.file("timings.parquet")).map_err(ended)?;
     if ran.interrupted {
         return Err(ended(Stop::new(Exit::Interrupted, "interrupted")));
@@ -208,6 +208,13 @@ fn warnings(ran: &Report, plan: &Plan) -> Vec<String> {
         engine.refused.iter().map(|refused| format!("networks ran in {}: {refused}", engine.title()))
     });
     passed_over.chain(ran.warnings.iter().map(|warning| warning.text(plan))).collect()
+}
+
+/// Prints warnings, unless they go into the JSON object.
+fn tell(args: &RunArgs, warnings: &[String]) {
+    if !args.json {
+        warnings.iter().for_each(|warning| diagnostics::print_warning(warning));
+    }
 }
 
 fn stop_of(error: &RunError) -> Stop {
