@@ -4,6 +4,7 @@ use std::collections::HashMap;
 use std::path::Path;
 
 use super::change::apply::{self, Change, Scope};
+use super::change::outlasted::Outlasted;
 use super::change::overrides;
 use super::change::variant::Variant;
 use super::change::variants;
@@ -65,7 +66,8 @@ pub struct Loaded {
 
 /// Reads an experiment, checks all of it against the kinds of a registry, and plans it.
 ///
-/// `--set` changes the experiment before its variants do: what a variant sets itself stays.
+/// `--set` changes the experiment before its variants do: what a variant sets itself stays, and is told of. Where all of them set it
+/// themselves, `--set` is wrong.
 ///
 /// # Errors
 /// Everything that is wrong with it, in one pass; what is no YAML at all, or names a file that cannot be read, stops there.
@@ -111,11 +113,13 @@ fn planned(
         report.push(Diagnostic::error(&variants[0].place, what));
         return None;
     }
+    let mut outlasted = Outlasted::new(&root, set);
     let mut resolver = Resolver::default();
     let mut linked: Vec<Linked<'_>> = Vec::with_capacity(variants.len());
     for (index, variant) in variants.iter().enumerate() {
         let before = report.len();
         let changed = apply::apply(&root, &variant.changes, Scope::Variant, report);
+        outlasted.look(index, &root, &changed);
         resolver.changed = variant.changes.iter().map(|change| change.value.place.clone()).collect();
         let spec = spec::read(&changed, report);
         check_names(&spec, report);
@@ -128,6 +132,7 @@ fn planned(
             return None;
         }
     }
+    outlasted.report(&root, &variants, report);
     recording.check(&linked, report);
     let live: Vec<_> = linked.iter().map(|linked| live::nodes(linked, &recording)).collect();
     live::check(&linked, &live, report);
@@ -140,7 +145,7 @@ fn planned(
     upstream::check(&shared, &names, registry, report);
     equal_variants(&variants, &shared, report);
     overruled(&names, &shared, report);
-    let kept = kept::files(files, &root, &resolver.anywhere);
+    let kept = kept::files(files, &root, &options.set, &resolver.anywhere);
     let plan = Plan {
         experiment,
         about,

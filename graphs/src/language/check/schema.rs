@@ -8,7 +8,6 @@ use serde_json::{Map, Value as Json, json};
 use super::score;
 use crate::contracts::{Port, Rate};
 use crate::registry::Registry;
-use crate::values::ValueType;
 
 /// `node/output`, `source/output`, `stage.node/output`.
 const REFERENCE: &str = r"^([^./\s]+\.)?[^./\s]+/[^./\s]+$";
@@ -167,9 +166,8 @@ fn inputs_of(ports: &[Port]) -> Json {
         let rate = if port.rate == Rate::Once { ", once" } else { "" };
         let optional = if port.optional { ", optional" } else { "" };
         let description = format!("{}{rate}{optional}: {}", port.value_type, port.doc);
-        let file = port.rate == Rate::Once && matches!(port.value_type, ValueType::Model | ValueType::Samples);
         let mut forms = vec![json!({ "$ref": "#/$defs/reference" })];
-        if file {
+        if port.takes_file() {
             forms.push(json!({
                 "type": "object",
                 "additionalProperties": false,
