@@ -138,6 +138,17 @@ impl Observer for Progress {
         });
     }
 
+    fn told(&self, run: usize, node: usize, what: &str) {
+        let stage = &self.stages[run];
+        let name = stage.nodes.get(node).map_or("", String::as_str);
+        let line = format!("{}.{name}: {what}", stage.name);
+        self.with_now(|now| match self.how {
+            How::Bar => now.bar.suspend(|| say(line)),
+            How::Lines => say(line),
+            How::Silent => {}
+        });
+    }
+
     fn stage_finished(&self, run: usize) {
         self.with_now(|now| match self.how {
             How::Bar => now.bar.finish_and_clear(),

@@ -54,7 +54,7 @@ pub fn schema(registry: &Registry) -> Json {
             },
             "variants": {
                 "type": ["object", "null"],
-                "description": "The same experiment with something changed; what a variant leaves alone is shared.",
+                "description": "The same experiment with something changed; what a variant leaves alone is shared. In a file that extends another, `null` drops one of its variants.",
                 "propertyNames": { "pattern": NAME },
                 "additionalProperties": { "$ref": "#/$defs/changes" },
             },
@@ -77,7 +77,7 @@ pub fn schema(registry: &Registry) -> Json {
                         "properties": {
                             "topics": { "$ref": "#/$defs/patterns" },
                             "every": or_variable(json!({ "type": "integer", "minimum": 1, "description": "Keep the first frame of a stage and every Nth after it; scores are kept of all." })),
-                            "view": or_variable(json!({ "type": "boolean", "description": "Also keep depth as 16-bit millimetres, for looking at." })),
+                            "view": or_variable(json!({ "type": "boolean", "description": "Also keep depth as 16-bit millimetres, for looking at: what is farther than 65.535 m reads as 65.535 m." })),
                         },
                     },
                 ],
