@@ -16,6 +16,7 @@ use serde_json::{Value as Json, json};
 use super::check::load;
 use super::report::{RECORDING, analyse, summary, write_timings};
 use crate::args::RunArgs;
+use crate::counted::counted;
 use crate::diagnostics;
 use crate::environment;
 use crate::exit::{Exit, Stop, chain};
@@ -56,16 +57,18 @@ pub fn run(args: &RunArgs, registry: &Registry) -> Result<Exit, Stop> {
     let out = folder.finish()?;
     checkpoints.remove();
 
+    let warnings = [of_sources, warnings].concat();
     let told = json!({
         "experiment": plan.experiment,
         "run": out.to_string_lossy(),
         "failed_frames": failed,
-        "warnings": [of_sources, warnings].concat(),
+        "warnings": warnings,
         "environment": environment,
     });
     show(args, report, told, &out).map_err(|stop| stop.also(format!("the run is whole in {}", out.display())))?;
     if failed > 0 {
-        say(format_args!("{failed} frames failed; what depended on them is left out"));
+        let frames = counted(failed, "frame");
+        say(format_args!("{frames} failed; what depended on them is left out"));
         return Ok(Exit::Frames);
     }
     Ok(Exit::Whole)
@@ -139,17 +142,15 @@ impl Ended {
             folder.discard();
             stop = stop.also("no frame was recorded");
         } else {
-            let plural = if frames == 1 { "" } else { "s" };
+            let frames = counted(frames, "frame");
             let (at, report) = (partial.display(), partial.display());
-            stop = stop.also(format!("{frames} frame{plural} can be read from {at}: `depthloom report {report}`"));
+            stop = stop.also(format!("{frames} can be read from {at}: `depthloom report {report}`"));
         }
         let is_put_down = std::fs::read_dir(&checkpoints).is_ok_and(|mut files| files.next().is_some());
         if stop.exit == Exit::Interrupted && is_put_down {
-            let parent = checkpoints.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
             stop = stop.also(format!(
-                "learning goes on from {} when the experiment runs again into a folder of {}, this one with --overwrite or another",
-                checkpoints.display(),
-                parent.display()
+                "learning goes on from {} when the same runs again: with --overwrite, or with another --out beside this one",
+                checkpoints.display()
             ));
         }
         stop
