@@ -72,7 +72,10 @@ pub struct ExperimentArgs {
     /// The experiment file (YAML).
     pub experiment: PathBuf,
 
-    /// Set something in the experiment, as a variant would: `compare.mono.with.cap=50`. May be repeated; is recorded.
+    /// Set something in the experiment before its variants do: `compare.mono.with.cap=50`. Goes before the file and its defaults; a
+    /// variant that sets the same keeps its own value, which is said, and where all do, it is an error. `variants.NAME.` or `matrix.` in
+    /// front sets it there: `variants.full.compare.mono.with.cap=50`, `matrix.compare.mono.with.cap=[50, 80]`; `variants.NAME=null` leaves
+    /// a variant out. May be repeated; is recorded.
     #[arg(long = "set", value_name = "PATH=VALUE", value_parser = parse_set)]
     pub set: Vec<(String, String)>,
 }

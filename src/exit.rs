@@ -68,11 +68,6 @@ impl Stop {
         Self { remedy: Some(remedy.into()), ..self }
     }
 
-    /// Says what the person can do about it, if that is known.
-    pub fn known_remedy(self, remedy: Option<String>) -> Self {
-        Self { remedy, ..self }
-    }
-
     /// Adds to what the person can do about it.
     pub fn also(self, more: impl Into<String>) -> Self {
         let more = more.into();

@@ -18,6 +18,7 @@ pub use depthloom_graphs as graphs;
 
 mod args;
 mod commands;
+mod counted;
 mod diagnostics;
 mod environment;
 mod exit;

@@ -10,6 +10,7 @@ use depthloom_graphs::plan::Plan;
 use depthloom_runner::Observer;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
+use crate::counted::counted;
 use crate::streams::say;
 
 /// A plain line is printed this often at most.
@@ -89,7 +90,7 @@ impl Observer for Progress {
                     now.bar.set_style(style("{prefix:12} {bar:30} {pos}/{len} frames  {per_sec}  {eta} left  {msg}"));
                     now.bar.set_prefix(name.clone());
                 }
-                How::Lines => say(format_args!("{name}: {frames} frames")),
+                How::Lines => say(format_args!("{name}: {}", counted(frames, "frame"))),
                 How::Silent => {}
             }
         });
@@ -117,7 +118,8 @@ impl Observer for Progress {
                         let left = (now.frames - now.done) as f64 / per_second;
                         let (done, frames) = (now.done, now.frames);
                         let name = &self.stages[run].name;
-                        say(format_args!("{name}: {done}/{frames} frames, {per_second:.1} a second, {left:.0} s left"));
+                        let frames = counted(frames, "frame");
+                        say(format_args!("{name}: {done}/{frames}, {per_second:.1} a second, {left:.0} s left"));
                     }
                 }
                 How::Silent => {}
@@ -138,12 +140,24 @@ impl Observer for Progress {
         });
     }
 
+    fn told(&self, run: usize, node: usize, what: &str) {
+        let stage = &self.stages[run];
+        let name = stage.nodes.get(node).map_or("", String::as_str);
+        let line = format!("{}.{name}: {what}", stage.name);
+        self.with_now(|now| match self.how {
+            How::Bar => now.bar.suspend(|| say(line)),
+            How::Lines => say(line),
+            How::Silent => {}
+        });
+    }
+
     fn stage_finished(&self, run: usize) {
         self.with_now(|now| match self.how {
             How::Bar => now.bar.finish_and_clear(),
             How::Lines => {
                 let seconds = now.started.elapsed().as_secs_f64();
-                say(format_args!("{}: {} of {} frames in {seconds:.1} s", self.stages[run].name, now.done, now.frames));
+                let frames = counted(now.frames, "frame");
+                say(format_args!("{}: {} of {frames} in {seconds:.1} s", self.stages[run].name, now.done));
             }
             How::Silent => {}
         });

@@ -219,8 +219,8 @@ impl Figure<'_> {
         if compared == truth {
             return format!("{what}, on all true pixels");
         }
-        // Never rounded up to all.
-        let share = (100.0 * compared as f64 / truth.max(1) as f64).floor();
+        // Never rounded up to all, nor down to none.
+        let share = (100.0 * compared as f64 / truth.max(1) as f64).round().clamp(1.0, 99.0);
         format!("{what}, on the {share} % of true pixels that all estimators answered")
     }
 
@@ -447,7 +447,14 @@ mod tests {
         let figure = Figure { estimators: &estimators, bins: &bins, truth: &truth };
         assert_eq!(
             figure.title(),
-            "Absolute error against true distance, on the 62 % of true pixels that all estimators answered"
+            "Absolute error against true distance, on the 63 % of true pixels that all estimators answered"
+        );
+        let title = |truth: u64| {
+            let truth = BTreeMap::from([(5, truth)]);
+            Figure { estimators: &estimators, bins: &bins, truth: &truth }.title()
+        };
+        assert!(
+            [(12, "83 %"), (13, "77 %"), (10_000, "1 %")].iter().all(|(truth, share)| title(*truth).contains(share))
         );
         let drawn = |index: usize| figure.stretches(index, |bin| figure.solid(bin))[0][0].1.count;
         assert_eq!((drawn(0), drawn(1)), (10, 10), "stereo and fused on the same pixels");

@@ -75,7 +75,8 @@ pub fn read_timings(path: &Path) -> Result<Vec<Timing>, AnalysisError> {
     caught(|| read().map_err(AnalysisError::compute(format!("timings from {}", path.display()))))
 }
 
-/// A run's timings as aligned text: core-milliseconds per frame by node and phase, and their share of the whole.
+/// A run's timings as aligned text: core-milliseconds per frame by node and phase, and their share of the whole; then what was
+/// done once.
 ///
 /// # Errors
 /// If the file cannot be read or holds something else.
@@ -83,30 +84,44 @@ pub fn timings_table(path: &Path) -> Result<String, AnalysisError> {
     Ok(render(&read_timings(path)?))
 }
 
+/// What a once-node did, not frame by frame.
+const ONCE: &str = "once";
+
 fn render(timings: &[Timing]) -> String {
     let whole_ns = timings.iter().map(|timing| timing.cpu_ns).sum::<u64>().max(1) as f64;
     let per_frame_ms = |ns: u64, frames: u64| ns as f64 / 1e6 / frames.max(1) as f64;
     let names: Vec<String> = timings.iter().map(name).collect();
     let wide = names.iter().map(|name| name.chars().count()).max().unwrap_or(0).max("node".len());
     let phases = timings.iter().map(|timing| timing.phase.chars().count()).max().unwrap_or(0).max("phase".len());
-    let mut text = format!(
-        "core-milliseconds per frame\n\n{:wide$}  {:phases$}  {:>7}  {:>9}  {:>9}  {:>9}  {:>6}\n",
-        "node", "phase", "frames", "core-ms", "median", "wall-ms", "share"
-    );
-    for (timing, name) in timings.iter().zip(&names) {
+    let row = |(timing, name): (&Timing, &String)| {
         let median = timing.median_cpu_ns.map_or_else(|| "-".to_owned(), |ns| format!("{:.3}", ns as f64 / 1e6));
-        text.push_str(&format!(
+        format!(
             "{name:wide$}  {:phases$}  {:>7}  {:>9.3}  {median:>9}  {:>9.3}  {:>5.1}%\n",
             timing.phase,
             timing.frames,
             per_frame_ms(timing.cpu_ns, timing.frames),
             per_frame_ms(timing.wall_ns, timing.frames),
             100.0 * timing.cpu_ns as f64 / whole_ns,
-        ));
-    }
-    let frames = timings.iter().map(|timing| timing.frames).max().unwrap_or(0);
-    let sum = per_frame_ms(timings.iter().map(|timing| timing.cpu_ns).sum(), frames);
+        )
+    };
+    let rows = |once: bool| timings.iter().zip(&names).filter(move |(timing, _)| (timing.phase == ONCE) == once);
+    let head = |frames: &str| {
+        let (node, phase, core, median, wall, share) = ("node", "phase", "core-ms", "median", "wall-ms", "share");
+        format!("{node:wide$}  {phase:phases$}  {frames:>7}  {core:>9}  {median:>9}  {wall:>9}  {share:>6}\n")
+    };
+    let mut text = String::from(
+        "per frame; core-ms: processor time of all threads, mean; median: the same; wall-ms: from start to end, mean;\n\
+         share: of the run's processor time\n\n",
+    );
+    text.push_str(&head("frames"));
+    text.extend(rows(false).map(row));
+    let frames = rows(false).map(|(timing, _)| timing.frames).max().unwrap_or(0);
+    let sum = per_frame_ms(rows(false).map(|(timing, _)| timing.cpu_ns).sum(), frames);
     text.push_str(&format!("{:wide$}  {:phases$}  {frames:>7}  {sum:>9.3}\n", "in all", ""));
+    if rows(true).next().is_some() {
+        text.push_str(&format!("\nonce, after the last frame of its stage\n\n{}", head("times")));
+        text.extend(rows(true).map(row));
+    }
     text
 }
 
@@ -151,13 +166,44 @@ mod tests {
         assert_eq!(
             lines,
             [
-                "core-milliseconds per frame",
+                "per frame; core-ms: processor time of all threads, mean; median: the same; wall-ms: from start to end, mean;",
+                "share: of the run's processor time",
                 "",
                 "node            phase     frames    core-ms     median    wall-ms   share",
                 "compare.stereo  process        4     75.000     74.500     75.250   75.0%",
                 "compare.fused   process        4     15.000     15.000     15.250   15.0%",
                 "recording       write          4     10.000          -     10.250   10.0%",
                 "in all                         4    100.000",
+            ]
+        );
+    }
+
+    #[test]
+    fn what_was_done_once_is_not_among_the_frames() {
+        let once = Timing {
+            stage: "learn".to_owned(),
+            node: "teacher".to_owned(),
+            phase: "once".to_owned(),
+            frames: 1,
+            cpu_ns: 1_600_000_000,
+            wall_ns: 900_000_000,
+            median_cpu_ns: None,
+        };
+        let lines = render(&[timings(), vec![once]].concat());
+        let lines: Vec<&str> = lines.lines().collect();
+        assert_eq!(
+            lines[3..],
+            [
+                "node            phase     frames    core-ms     median    wall-ms   share",
+                "compare.stereo  process        4     75.000     74.500     75.250   15.0%",
+                "compare.fused   process        4     15.000     15.000     15.250    3.0%",
+                "recording       write          4     10.000          -     10.250    2.0%",
+                "in all                         4    100.000",
+                "",
+                "once, after the last frame of its stage",
+                "",
+                "node            phase      times    core-ms     median    wall-ms   share",
+                "learn.teacher   once           1   1600.000          -    900.000   80.0%",
             ]
         );
     }

@@ -19,6 +19,8 @@ pub struct Ready {
     pub runs: Vec<ReadyRun>,
     /// The once-values that come from files, by path.
     pub files: BTreeMap<PathBuf, Value>,
+    /// What the sources have to say of the data they found, each once, with the source's name.
+    pub warnings: Vec<String>,
 }
 
 /// What stands behind a stage run.
@@ -148,7 +150,16 @@ impl Ready {
             return Err(missing);
         }
         fingerprints::add(&mut plan, &prints);
-        Ok(Self { plan, runs, files })
+        let mut warnings: Vec<String> = Vec::new();
+        for (run, ready) in plan.runs.iter().zip(&runs) {
+            let told = ready.source.warnings().iter().map(|what| format!("source `{}`: {what}", run.source.name));
+            for warning in told {
+                if !warnings.contains(&warning) {
+                    warnings.push(warning);
+                }
+            }
+        }
+        Ok(Self { plan, runs, files, warnings })
     }
 }
 
@@ -203,10 +214,12 @@ struct Joined {
     parts: Vec<Box<dyn Source>>,
     frames: Vec<Frame>,
     place: Vec<(usize, usize)>,
+    warnings: Vec<String>,
 }
 
 impl Joined {
     fn new(parts: Vec<Box<dyn Source>>) -> Self {
+        let warnings = parts.iter().flat_map(|part| part.warnings()).cloned().collect();
         let (mut frames, mut place): (Vec<Frame>, Vec<_>) = (Vec::new(), Vec::new());
         for (part, source) in parts.iter().enumerate() {
             let first_index = frames.last().map_or(0, |f| f.index + 1);
@@ -221,13 +234,17 @@ impl Joined {
                 place.push((part, position));
             }
         }
-        Self { parts, frames, place }
+        Self { parts, frames, place, warnings }
     }
 }
 
 impl Source for Joined {
     fn frames(&self) -> &[Frame] {
         &self.frames
+    }
+
+    fn warnings(&self) -> &[String] {
+        &self.warnings
     }
 
     fn read(&self, position: usize, ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault> {

@@ -44,6 +44,12 @@ impl Host for TaskHost<'_> {
         }
     }
 
+    fn tell(&self, what: &str) {
+        if let Some(node) = self.node {
+            self.observer.told(self.run, node, what);
+        }
+    }
+
     fn progress(&self, done: u64, total: u64, message: &str) {
         if let Some(node) = self.node {
             self.observer.progress(self.run, node, done, total, message);

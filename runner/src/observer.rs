@@ -27,6 +27,11 @@ pub trait Observer: Sync {
         let _ = (run, node, what);
     }
 
+    /// A node tells of something that is no trouble. Called on the node's thread.
+    fn told(&self, run: usize, node: usize, what: &str) {
+        let _ = (run, node, what);
+    }
+
     /// A stage run is over: whole, interrupted or failed.
     fn stage_finished(&self, run: usize) {
         let _ = run;

@@ -36,7 +36,7 @@ pub fn run<T: Tap>(
     observer: &dyn Observer,
     interrupt: &Interrupt,
 ) -> Result<Report, RunError> {
-    let Ready { plan, runs, files } = ready;
+    let Ready { plan, runs, files, .. } = ready;
     let budget = Budget::new(options.workers());
     let checkpoints = Checkpoints::new(options.checkpoints.clone());
     let (window, keep_going) = (options.window(), options.keep_going);

@@ -4,6 +4,7 @@ use depthloom_graphs::Registry;
 use depthloom_graphs::language::Loaded;
 
 use crate::args::ExperimentArgs;
+use crate::counted::counted;
 use crate::diagnostics;
 use crate::exit::{Exit, Stop};
 use crate::streams::print;
@@ -12,15 +13,12 @@ use crate::streams::print;
 pub fn check(args: &ExperimentArgs, registry: &Registry) -> Result<Exit, Stop> {
     let Some(Loaded { plan, .. }) = load(args, registry, false)? else { return Ok(Exit::Before) };
     let nodes: usize = plan.runs.iter().map(|run| run.nodes.len()).sum();
-    let variants = plan.variants.len();
-    let plural = |n: usize| if n == 1 { "" } else { "s" };
     print(format!(
-        "{}: right; {variants} variant{}, {} stage run{}, {nodes} node{} after sharing\n",
+        "{}: right; {}, {}, {} after sharing\n",
         args.experiment.display(),
-        plural(variants),
-        plan.runs.len(),
-        plural(plan.runs.len()),
-        plural(nodes),
+        counted(plan.variants.len() as u64, "variant"),
+        counted(plan.runs.len() as u64, "stage run"),
+        counted(nodes as u64, "node"),
     ))?;
     Ok(Exit::Whole)
 }

@@ -16,6 +16,7 @@ use serde_json::{Value as Json, json};
 use super::check::load;
 use super::report::{RECORDING, TIMINGS, analyse, summary, write_timings};
 use crate::args::RunArgs;
+use crate::counted::counted;
 use crate::diagnostics;
 use crate::environment;
 use crate::exit::{Exit, Stop, chain};
@@ -30,11 +31,13 @@ pub fn run(args: &RunArgs, registry: &Registry) -> Result<Exit, Stop> {
     let Some(Loaded { plan, kept, read, .. }) = load(&args.experiment, registry, is_silent(args))? else {
         return Ok(Exit::Before);
     };
-    let ready = match Ready::new(plan, registry) {
+    let mut ready = match Ready::new(plan, registry) {
         Ok(ready) => ready,
         Err(missing) => return Ok(print_missing(&missing)),
     };
     let plan = ready.plan.clone();
+    let of_sources = std::mem::take(&mut ready.warnings);
+    tell(args, &of_sources);
     let interrupt = signals::listen()?;
     let folder = make_folder(args, &plan.experiment, &kept, &read)?;
     let started = Instant::now();
@@ -54,6 +57,7 @@ pub fn run(args: &RunArgs, registry: &Registry) -> Result<Exit, Stop> {
     let out = folder.finish()?;
     checkpoints.remove();
 
+    let warnings = [of_sources, warnings].concat();
     let told = json!({
         "experiment": plan.experiment,
         "run": out.to_string_lossy(),
@@ -63,7 +67,8 @@ pub fn run(args: &RunArgs, registry: &Registry) -> Result<Exit, Stop> {
     });
     show(args, report, told, &out).map_err(|stop| stop.also(format!("the run is whole in {}", out.display())))?;
     if failed > 0 {
-        say(format_args!("{failed} frames failed; what depended on them is left out"));
+        let frames = counted(failed, "frame");
+        say(format_args!("{frames} failed; what depended on them is left out"));
         return Ok(Exit::Frames);
     }
     Ok(Exit::Whole)
@@ -138,17 +143,15 @@ impl Ended {
             folder.discard();
             stop = stop.also("no frame was recorded");
         } else {
-            let plural = if frames == 1 { "" } else { "s" };
+            let frames = counted(frames, "frame");
             let (at, report) = (partial.display(), partial.display());
-            stop = stop.also(format!("{frames} frame{plural} can be read from {at}: `depthloom report {report}`"));
+            stop = stop.also(format!("{frames} can be read from {at}: `depthloom report {report}`"));
         }
         let is_put_down = std::fs::read_dir(&checkpoints).is_ok_and(|mut files| files.next().is_some());
         if stop.exit == Exit::Interrupted && is_put_down {
-            let parent = checkpoints.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
             stop = stop.also(format!(
-                "learning goes on from {} when the experiment runs again into a folder of {}, this one with --overwrite or another",
-                checkpoints.display(),
-                parent.display()
+                "learning goes on from {} when the same runs again: with --overwrite, or with another --out beside this one",
+                checkpoints.display()
             ));
         }
         stop
@@ -191,9 +194,7 @@ fn record(
     let ran = ran.map_err(|error| ended(stop_of(&error)))?;
     finished.map_err(ended)?;
     let warnings = warnings(&ran, plan);
-    if !args.json {
-        warnings.iter().for_each(|warning| diagnostics::print_warning(warning));
-    }
+    tell(args, &warnings);
     write_timings(&ran.timings, plan, &recorder, &folder.file(TIMINGS)).map_err(ended)?;
     if ran.interrupted {
         return Err(ended(Stop::new(Exit::Interrupted, "interrupted")));
@@ -209,6 +210,13 @@ fn warnings(ran: &Report, plan: &Plan) -> Vec<String> {
         engine.refused.iter().map(|refused| format!("networks ran in {}: {refused}", engine.title()))
     });
     passed_over.chain(ran.warnings.iter().map(|warning| warning.text(plan))).collect()
+}
+
+/// Prints warnings, unless they go into the JSON object.
+fn tell(args: &RunArgs, warnings: &[String]) {
+    if !args.json {
+        warnings.iter().for_each(|warning| diagnostics::print_warning(warning));
+    }
 }
 
 fn stop_of(error: &RunError) -> Stop {

@@ -11,6 +11,7 @@ use depthloom_threads::Budget;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::args::SynthArgs;
+use crate::counted::counted;
 use crate::environment;
 use crate::exit::{Exit, Stop, chain};
 use crate::signals;
@@ -46,7 +47,7 @@ pub fn synth(args: &SynthArgs) -> Result<Exit, Stop> {
     })?;
     bar.finish_and_clear();
     if !args.quiet {
-        print_path(&format!("{frames} frames in "), &args.out)?;
+        print_path(&format!("{} in ", counted(frames, "frame")), &args.out)?;
     }
     Ok(Exit::Whole)
 }

@@ -17,6 +17,7 @@ mod networks;
 #[path = "../../nodes/tests/nodes/onnx_file.rs"]
 mod onnx_file;
 mod python_reads;
+mod readme;
 #[cfg(target_os = "linux")]
 mod reports;
 mod samples;

@@ -26,6 +26,9 @@ pub trait Host: Sync {
     /// As [`Host::warn`], of so many things named in the plural (`pixels that are no numbers`): their numbers are added up.
     fn warn_of(&self, _count: u64, _what: &str) {}
 
+    /// Tells the person at once of something that is no trouble, as a lower-case fragment (`goes on at step 60 of 120`).
+    fn tell(&self, _what: &str) {}
+
     /// Tells how far a long piece of work is.
     fn progress(&self, done: u64, total: u64, message: &str);
 

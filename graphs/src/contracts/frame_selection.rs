@@ -72,6 +72,7 @@ impl FrameSelection {
     /// If a file of ids cannot be read, a frame that is asked for does not exist or is asked for twice, or nothing is selected.
     pub fn select(&self, ids: &[(u64, &str)]) -> Result<Vec<usize>, Fault> {
         let span = || match (ids.first(), ids.last()) {
+            (Some(only), Some(_)) if ids.len() == 1 => format!("there is 1 frame, {}", only.0),
             (Some(first), Some(last)) => format!("there are {} frames, {} to {}", ids.len(), first.0, last.0),
             _ => "there are no frames at all".to_owned(),
         };

@@ -64,6 +64,12 @@ impl Port {
         Self { name, value_type, rate: Rate::Once, optional: false, doc }
     }
 
+    /// Whether a file can be the value of this input.
+    #[must_use]
+    pub fn takes_file(&self) -> bool {
+        self.rate == Rate::Once && matches!(self.value_type, ValueType::Model | ValueType::Samples)
+    }
+
     /// The same port, optional.
     #[must_use]
     pub const fn optional(self) -> Self {

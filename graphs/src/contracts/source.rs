@@ -22,6 +22,12 @@ pub trait Source: Send + Sync {
     /// The frames selected, in the order they are to be read.
     fn frames(&self) -> &[Frame];
 
+    /// What there is to say of the data as they were found at opening that is no failure, as lower-case fragments: files that belong to
+    /// no frame, say.
+    fn warnings(&self) -> &[String] {
+        &[]
+    }
+
     /// Reads `frames()[position]`.
     ///
     /// # Errors

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::blame;
 use super::change::apply::{self, Change, Scope};
+use super::change::outlasted::Outlasted;
 use super::change::overrides;
 use super::change::variant::Variant;
 use super::change::variants;
@@ -68,7 +69,8 @@ pub struct Loaded {
 
 /// Reads an experiment, checks all of it against the kinds of a registry, and plans it.
 ///
-/// `--set` changes the experiment before its variants do: what a variant sets itself stays.
+/// `--set` changes the experiment before its variants do: what a variant sets itself stays, and is told of. Where all of them set it
+/// themselves, `--set` is wrong.
 ///
 /// # Errors
 /// Everything that is wrong with it, in one pass; what is no YAML at all, or names a file that cannot be read, stops there.
@@ -91,8 +93,8 @@ fn look_at(
 ) -> Result<Loaded, Diagnostics> {
     let mut report = Report::default();
     let mut files = Files::new(env);
-    let (set, set_files) = overrides::changes(set, &mut report);
-    let planned = planned(path, registry, env, &set, &mut files, &mut report);
+    let (changes, set_files) = overrides::changes(set, &mut report);
+    let planned = planned(path, registry, env, (set, &changes), &mut files, &mut report);
     let mut order = files.sources();
     order.extend(set_files);
     let mut diagnostics = report.finish(&order);
@@ -112,7 +114,7 @@ fn planned(
     path: &Path,
     registry: &Registry,
     env: &environment::Lookup<'_>,
-    set: &[Change],
+    (set, changes): (&[(String, String)], &[Change]),
     files: &mut Files<'_>,
     report: &mut Report,
 ) -> Option<Loaded> {
@@ -120,7 +122,7 @@ fn planned(
     if files.is_broken() {
         return None;
     }
-    let root = apply::apply(&root, set, Scope::CommandLine, report);
+    let root = apply::apply(&root, changes, Scope::CommandLine, report);
     let root = environment::substitute(&root, env, report);
     let (experiment, about) = spec::title(&root, report);
     let recording = record::read(&root, report);
@@ -130,11 +132,13 @@ fn planned(
         report.push(Diagnostic::error(&variants[0].place, what));
         return None;
     }
+    let mut outlasted = Outlasted::new(&root, changes);
     let mut resolver = Resolver::default();
     let mut linked: Vec<Linked<'_>> = Vec::with_capacity(variants.len());
     for (index, variant) in variants.iter().enumerate() {
         let before = report.len();
         let changed = apply::apply(&root, &variant.changes, Scope::Variant, report);
+        outlasted.look(index, &root, &changed);
         resolver.changed = variant.changes.iter().map(|change| change.value.place.clone()).collect();
         let spec = spec::read(&changed, report);
         check_names(&spec, report);
@@ -147,6 +151,7 @@ fn planned(
             return None;
         }
     }
+    outlasted.report(&root, &variants, report);
     recording.check(&linked, report);
     let live: Vec<_> = linked.iter().map(|linked| live::nodes(linked, &recording)).collect();
     live::check(&linked, &live, report);
@@ -159,7 +164,7 @@ fn planned(
     upstream::check(&shared, &names, registry, report);
     equal_variants(&variants, &shared, report);
     overruled(&names, &shared, report);
-    let kept = kept::files(files, &root, &resolver.anywhere);
+    let kept = kept::files(files, &root, set, &resolver.anywhere);
     let plan = Plan {
         experiment,
         about,

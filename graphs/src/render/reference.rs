@@ -33,6 +33,7 @@ pub fn kind_reference(registry: &Registry, kind: &str) -> Option<String> {
         let _ = writeln!(text, "\n{} node, version {}.", capital(declaration.contract.name()), declaration.version);
         paragraph(&mut text, declaration.doc);
         ports(&mut text, "Inputs", &declaration.inputs);
+        files(&mut text, &declaration.inputs);
         ports(&mut text, "Outputs", &declaration.outputs);
         parameters(&mut text, &node.schema);
         return Some(text);
@@ -65,6 +66,18 @@ fn ports(text: &mut String, title: &str, ports: &[Port]) {
         };
         let optional = if port.optional { ", optional" } else { "" };
         let _ = writeln!(text, "| `{}` | {} | {rate}{optional} | {} |", port.name, port.value_type, cell(port.doc));
+    }
+}
+
+/// How inputs are written that a file can be the value of.
+fn files(text: &mut String, inputs: &[Port]) {
+    for port in inputs.iter().filter(|port| port.takes_file()) {
+        let name = port.name;
+        let _ = write!(
+            text,
+            "\n`{name}` is an input: `inputs: {{ {name}: STAGE.NODE/{name} }}` of an earlier stage, or a file, "
+        );
+        let _ = writeln!(text, "`inputs: {{ {name}: {{ file: PATH }} }}`, relative to the experiment's file.");
     }
 }
 
@@ -115,7 +128,8 @@ fn collect(schema: &Json, prefix: &str, rows: &mut Vec<Row>) {
 }
 
 fn range_of(schema: &Json) -> Option<String> {
-    if is_frames(schema) {
+    // What it can be is said with its type.
+    if is_frames(schema) || schema.get("enum").is_some() {
         return None;
     }
     let own = schema.as_object().and_then(range_text);

@@ -139,7 +139,13 @@ impl Ssl {
             })
         });
         let state = match taken_up {
-            Some(state) => state,
+            Some(state) => {
+                host.tell(&format!(
+                    "goes on at step {} of {}, where an earlier run left it",
+                    state.step, self.params.steps
+                ));
+                state
+            }
             None => State { values: self.start(layout)?, ..State::default() },
         };
         let mut training = Training::resume(&self.params, layout, samples, validation, state);

@@ -67,6 +67,10 @@ impl Host for Patience {
         self.told.lock().expect("nobody panics with it").push(what.to_owned());
     }
 
+    fn tell(&self, what: &str) {
+        self.warn(what);
+    }
+
     fn key(&self) -> Option<Key> {
         Some(Key::of_content(b"this training"))
     }
@@ -178,6 +182,8 @@ fn fault_27_a_training_asked_to_stop_goes_on_later_to_the_same_bytes() {
         assert!(again == whole, "stopped after {steps} steps");
         assert!(resumed.cpu_ns.into_inner() > 0, "the pool's threads have worked");
         assert_eq!(resumed.seen.into_inner(), 14 - steps, "what was done is not done again");
+        let told = resumed.told.into_inner().expect("nobody panicked");
+        assert_eq!(told, [format!("goes on at step {steps} of 14, where an earlier run left it")]);
         // Whoever runs it may be stopped after the training: then it is there to be taken up.
         let after = Patience { checkpoint, ..Patience::endless(1) };
         assert!(learn(params(), &learned, Some(&held_out), &after).expect("it has learned") == whole);

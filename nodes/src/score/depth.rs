@@ -73,13 +73,13 @@ pub struct ScoreDepthParams {
     /// The pixel sets, a row each: `all` and `answered`.
     #[schemars(length(min = 1))]
     pub sets: Vec<ScoreSet>,
-    /// Truth above this is scored, and answers below are raised to it, metres; `null`: the preset's.
+    /// Truth above this is scored, and answers below (not missing ones) are raised to it, metres; `null`: the preset's.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub min_m: Option<f64>,
     /// Truth below this is scored, and answers above are lowered to it, metres; `null`: the preset's.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub max_m: Option<f64>,
-    /// What a missing answer counts as in the set `all`, metres; `null`: the preset's.
+    /// What a missing answer counts as in the set `all`, metres, as it is: also where it is below `min_m`; `null`: the preset's.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub missing_m: Option<f64>,
     /// The part of the image that is scored: `none`, `garg` or `eigen`; `null`: the preset's.
@@ -170,7 +170,11 @@ impl Node for ScoreDepth {
             doc: "\
 `a1 a2 a3 abs_rel sq_rel rmse rmse_log silog` over the scored pixels, one row a pixel set, in f64. In this order: the truth is masked by \
 `min_m < t < max_m` (both strict) and by the crop; answers are median scaled if asked for; answers are clamped to `[min_m, max_m]` last. In the set \
-`all` a missing answer (NaN) counts as `missing_m`; in `answered` it is left out. A data set's value is the unweighted mean over its frames.\n\n\
+`all` a missing answer (NaN or infinity) counts as `missing_m`, exactly: it is neither scaled nor clamped, so that the paper's 0.0001 m stays below its \
+`min_m` of 0.001 m and `rmse_log` and `silog` are taken of it. In `answered` it is left out.\n\n\
+With `y` the answer, `t` the truth and `e = ln y - ln t` (natural logarithm), over N pixels: `a1`, `a2`, `a3` are the shares with \
+`max(y/t, t/y)` below 1.25, 1.25^2, 1.25^3; `abs_rel = mean(|y - t| / t)`; `rmse = sqrt(mean((y - t)^2))`; `rmse_log = sqrt(mean(e^2))`; `sq_rel` and \
+`silog` as the preset or the parameter says. A data set's value is the unweighted mean over its frames.\n\n\
 `score:` in a stage is sugar for nodes of this kind.",
             inputs: vec![
                 Port::frame("estimate", ValueType::Depth, "Estimated depth, metres, NaN = no answer."),

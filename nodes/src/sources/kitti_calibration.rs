@@ -15,6 +15,14 @@ const FOCAL_PX: RangeInclusive<f64> = 1.0..=1e6;
 const CENTRE_PX: RangeInclusive<f64> = -1e6..=1e6;
 const BASELINE_M_POSSIBLE: RangeInclusive<f64> = 1e-4..=1e4;
 
+/// How far the two cameras of a rectified pair may differ: by one in the last of the seven digits that KITTI writes.
+const FOCAL_TOLERANCE: f64 = 1.5e-6;
+const CENTRE_TOLERANCE_PX: f64 = 1e-3;
+
+/// What a file needs, for those who write their own.
+const WANTED: &str = "a calibration file has two lines, `P_rect_02:` (left) and `P_rect_03:` (right), each with the 12 numbers of \
+`f 0 cx -f*x 0 f cy 0 0 0 1 0`: px, and x, the camera's place to the right, in metres";
+
 /// Width of the rectified image, focal length and principal point (column, row) of the left colour camera, px: one line a recording day.
 const BY_WIDTH: [(u32, f64, f64, f64); 5] = [
     (1242, 721.5377, 609.5593, 172.854),
@@ -23,6 +31,16 @@ const BY_WIDTH: [(u32, f64, f64, f64); 5] = [
     (1226, 707.0912, 601.8873, 183.1104),
     (1224, 707.0493, 604.0814, 180.5066),
 ];
+
+/// What is to be said of a calibration that no file tells.
+pub fn assumption(folder: &Path, assumed: &Calibration) -> String {
+    format!(
+        "no calibration files in {}: focal length {:.2} px and baseline {:.4} m assumed, those of KITTI's cameras of this width",
+        folder.display(),
+        assumed.focal_px,
+        assumed.baseline_m
+    )
+}
 
 /// The calibration that KITTI's images of this size were rectified to; each recording day has a width of its own.
 ///
@@ -35,7 +53,7 @@ pub fn by_width((width, height): (u32, u32)) -> Result<Calibration, Fault> {
             "without a calibration file the focal length goes by the image's width, and no camera of KITTI is {width} px wide ({})",
             known.join(", ")
         ))
-        .remedy("add calib_cam_to_cam/<frame>.txt beside image_2 (KITTI: data_scene_flow_calib.zip)")
+        .remedy(format!("put calib_cam_to_cam/000150.txt for frame 000150_10 beside image_2 (KITTI's are in data_scene_flow_calib.zip): {WANTED}"))
     })?;
     let &(_, focal_px, cx_px, cy_px) = day;
     Ok(Calibration { width, height, focal_px, cx_px, cy_px, baseline_m: BASELINE_M })
@@ -47,13 +65,15 @@ pub fn by_width((width, height): (u32, u32)) -> Result<Calibration, Fault> {
 /// rectified projections `P_rect_02` and `P_rect_03` (3x4, row-major): focal length `P[0,0]`, principal point `P[0,2]` and `P[1,2]`,
 /// baseline `P3[0,3] / -P3[0,0] - P2[0,3] / -P2[0,0]`.
 ///
+/// The two cameras must have one focal length and one principal point: what is matched along rows, and turned into depth by
+/// `f * B / d`, is a rectified pair.
+///
 /// # Errors
 /// The line at fault, or the line that is missing.
 pub fn from_text(path: &Path, text: &str, (width, height): (u32, u32)) -> Result<Calibration, Fault> {
     let fault = |line: Option<usize>, what: String| {
         let place = line.map_or_else(|| path.display().to_string(), |line| format!("{}:{line}", path.display()));
-        Fault::new(format!("{place}: {what}"))
-            .remedy("lines are `NAME: numbers`, as in KITTI's data_scene_flow_calib.zip")
+        Fault::new(format!("{place}: {what}")).remedy(WANTED)
     };
     let mut left = None;
     let mut right = None;
@@ -88,6 +108,25 @@ pub fn from_text(path: &Path, text: &str, (width, height): (u32, u32)) -> Result
                     format!("{what} is {} px, and no camera's is beyond {least} to {most} px", short(matrix[at]));
                 return Err(fault(Some(line), what));
             }
+        }
+    }
+    if (right[0] - left[0]).abs() > FOCAL_TOLERANCE * left[0] {
+        let what = format!(
+            "P_rect_03 has a focal length of {} px and P_rect_02 one of {} px: rectified cameras have the same",
+            short(right[0]),
+            short(left[0])
+        );
+        return Err(fault(Some(right_line), what));
+    }
+    for (at, what) in [(2, "column"), (6, "row")] {
+        if (right[at] - left[at]).abs() > CENTRE_TOLERANCE_PX {
+            let what = format!(
+                "P_rect_03 has its principal point's {what} at {} px and P_rect_02 at {} px: rectified cameras have the same, so that \
+                 what is infinitely far has no disparity",
+                short(right[at]),
+                short(left[at])
+            );
+            return Err(fault(Some(right_line), what));
         }
     }
     let baseline_m = right[3] / -right[0] - left[3] / -left[0];
@@ -180,6 +219,27 @@ P_rect_03: 7.215377e+02 0.000000e+00 6.095593e+02 -3.395242e+02 0.000000e+00 7.2
         let near = error(&TEXT.replace("-3.395242e+02", "44.857279"));
         assert!(near.starts_with("000150.txt:3: the baseline is 1.3"), "{near}");
         assert!(error(&TEXT.replace("6.095593e+02", "1e300")).contains("the principal point's column is 1e300 px"));
+    }
+
+    #[test]
+    fn cameras_of_two_focal_lengths_or_principal_points_are_no_rectified_pair() {
+        let right = TEXT.find("P_rect_03").unwrap();
+        let unlike =
+            |from: &str, to: &str| error(&format!("{}{}", &TEXT[..right], TEXT[right..].replacen(from, to, 1)));
+        assert_eq!(
+            unlike("7.215377e+02", "6.500000e+02"),
+            "000150.txt:3: P_rect_03 has a focal length of 650 px and P_rect_02 one of 721.5377 px: rectified cameras have the same"
+        );
+        assert!(
+            unlike("6.095593e+02", "6.1e+02")
+                .starts_with("000150.txt:3: P_rect_03 has its principal point's column at 610 px")
+        );
+        assert!(
+            unlike("1.728540e+02", "1.7e+02")
+                .starts_with("000150.txt:3: P_rect_03 has its principal point's row at 170 px")
+        );
+        let nearly = format!("{}{}", &TEXT[..right], TEXT[right..].replacen("7.215377e+02", "7.215378e+02", 1));
+        assert!(from_text(Path::new("000150.txt"), &nearly, (1242, 375)).is_ok(), "the last digit that KITTI writes");
     }
 
     #[test]

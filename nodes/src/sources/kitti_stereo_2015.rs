@@ -16,7 +16,14 @@ use crate::shape::filled;
 
 const KIND: &str = "kitti/stereo2015";
 const VERSION: u32 = 1;
-const LAYOUT: &str = "root holds `training` and `testing` as KITTI unpacks them: image_2 and image_3 with 000000_10.png ..., disp_noc_0 and disp_occ_0 in training";
+const LAYOUT: &str = "root holds `training` (with truth) or `testing` (without), each with image_2 (left) and image_3 (right) of 000000_10.png ...; \
+    in training also disp_noc_0 or disp_occ_0, unless `truth: none`";
+
+/// The folder of calibration files.
+const CALIBRATION: &str = "calib_cam_to_cam";
+
+/// How many files that belong to no frame are named.
+const NAMED: usize = 3;
 
 /// Which half of the benchmark.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -82,6 +89,7 @@ pub struct KittiStereo2015 {
     truth: Option<&'static str>,
     has_calibration: bool,
     frames: Vec<Frame>,
+    warnings: Vec<String>,
 }
 
 impl SourceKind for KittiStereo2015 {
@@ -99,7 +107,10 @@ read.\n\n\
 A frame's id is its file's stem (`000150_10`), its index the number (150). Images keep their own PNG bytes. Truth is depth: \
 `f * B / (v / 256)` of the 16-bit disparity `v`, NaN where `v` is 0.\n\n\
 With calibration files `f = P_rect_02[0,0]` and `B` is the distance of both projections' centres. Without them the focal length goes by the image's \
-width (1242: 721.5377 px, 1241: 718.856, 1238: 718.3351, 1226: 707.0912, 1224: 707.0493) and `B = 0.532725` m.",
+width (1242: 721.5377 px, 1241: 718.856, 1238: 718.3351, 1226: 707.0912, 1224: 707.0493) and `B = 0.532725` m, and a run says so.\n\n\
+Pairs of one's own, rectified, take the same layout: frame 150 is `training/image_2/000150_10.png` and `training/image_3/000150_10.png`, 8-bit PNG, and \
+`training/calib_cam_to_cam/000150.txt` with two lines, `P_rect_02: f 0 cx 0 0 f cy 0 0 0 1 0` and `P_rect_03: f 0 cx -f*B 0 f cy 0 0 0 1 0` (px; the \
+baseline `B` in metres). Truth is optional: 16-bit grey PNG of disparity * 256, 0 = unknown, in `disp_noc_0` or `disp_occ_0`; without any, `truth: none`.",
             outputs: vec![
                 Port::frame("left", ValueType::Image, "Left colour image, 8 bit, with its PNG bytes."),
                 Port::frame("right", ValueType::Image, "Right colour image, likewise."),
@@ -127,7 +138,8 @@ width (1242: 721.5377 px, 1241: 718.856, 1238: 718.3351, 1226: 707.0912, 1224: 7
             return Err(Fault::new(format!("there is no folder {}", root.display())).remedy(LAYOUT));
         }
         let folder = root.join(params.split.folder());
-        let lefts = stems(&folder.join("image_2"))?;
+        let listed = Stems::of(&folder, "image_2")?;
+        let lefts = &listed.stems;
         let known: Vec<(u64, &str)> = lefts.iter().map(|stem| (number(stem), stem.as_str())).collect();
         if known.is_empty() {
             let empty = folder.join("image_2");
@@ -142,34 +154,42 @@ width (1242: 721.5377 px, 1241: 718.856, 1238: 718.3351, 1226: 707.0912, 1224: 7
             Split::Training => params.truth.folder(),
             Split::Testing => None,
         };
-        let calibration = folder.join("calib_cam_to_cam");
-        let source = Self { truth, has_calibration: calibration.is_dir(), frames, folder };
-        source.check_companions()?;
+        let has_calibration = folder.join(CALIBRATION).is_dir();
+        let mut source = Self { truth, has_calibration, frames, folder, warnings: Vec::new() };
+        let unread = source.check_companions(&listed)?;
+        source.warnings.extend(unread_files(&unread));
         Ok(Box::new(source))
     }
 }
 
 impl KittiStereo2015 {
-    /// That every chosen frame has all of its files.
-    fn check_companions(&self) -> Result<(), Fault> {
-        let rights = stems(&self.folder.join("image_3"))?;
-        self.check_stems("image_3", &rights, "each left image needs its right one: unpack data_scene_flow.zip again")?;
+    /// That every chosen frame has all of its files; gives the files that belong to no frame.
+    fn check_companions(&self, lefts: &Stems) -> Result<Vec<String>, Fault> {
+        let mut unread = lefts.others.clone();
+        let rights = Stems::of(&self.folder, "image_3")?;
+        let remedy = "each left image needs its right one, of the same name (KITTI: unpack data_scene_flow.zip again)";
+        self.check_stems("image_3", &rights.stems, remedy)?;
+        unread.extend(rights.without(lefts));
         if let Some(truth) = self.truth {
             let folder = self.folder.join(truth);
-            let remedy = "unpack data_scene_flow.zip again, or choose another `truth`: noc, occ or none";
+            let remedy = "without truth, or with another, say so: `truth: noc`, `occ` or `none` (KITTI: unpack data_scene_flow.zip again)";
             if !folder.is_dir() {
                 return Err(Fault::new(format!("there is no folder {}", folder.display())).remedy(remedy));
             }
-            self.check_stems(truth, &stems(&folder)?, remedy)?;
+            let truths = Stems::of(&self.folder, truth)?;
+            self.check_stems(truth, &truths.stems, remedy)?;
+            unread.extend(truths.without(lefts));
         }
         if self.has_calibration
             && let Some(missing) =
                 self.frames.iter().map(|frame| self.calibration_path(frame)).find(|path| !path.is_file())
         {
-            return Err(Fault::new(format!("there is no file {}", missing.display()))
-                .remedy("unpack data_scene_flow_calib.zip again, or remove the whole folder calib_cam_to_cam: the focal length then goes by the image's width"));
+            return Err(Fault::new(format!("there is no file {}", missing.display())).remedy(
+                "each frame needs its calibration, 000150.txt for 000150_10.png (KITTI: unpack data_scene_flow_calib.zip again); without the \
+                 whole folder calib_cam_to_cam KITTI's own goes by the image's width",
+            ));
         }
-        Ok(())
+        Ok(unread)
     }
 
     fn check_stems(&self, folder: &str, present: &BTreeSet<String>, remedy: &str) -> Result<(), Fault> {
@@ -187,7 +207,7 @@ impl KittiStereo2015 {
     }
 
     fn calibration_path(&self, frame: &Frame) -> PathBuf {
-        self.folder.join("calib_cam_to_cam").join(format!("{:06}.txt", frame.index))
+        self.folder.join(CALIBRATION).join(format!("{:06}.txt", frame.index))
     }
 }
 
@@ -196,7 +216,11 @@ impl Source for KittiStereo2015 {
         &self.frames
     }
 
-    fn read(&self, position: usize, _ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
+    fn warnings(&self) -> &[String] {
+        &self.warnings
+    }
+
+    fn read(&self, position: usize, ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
         let frame = &self.frames[position];
         let (left_path, right_path) = (self.image_path("image_2", frame), self.image_path("image_3", frame));
         let (left_bytes, right_bytes) = (png::read(&left_path)?, png::read(&right_path)?);
@@ -213,7 +237,9 @@ impl Source for KittiStereo2015 {
             key = key.text("calibration").bytes(&bytes);
             kitti_calibration::from_text(&path, &String::from_utf8_lossy(&bytes), size)?
         } else {
-            kitti_calibration::by_width(size).map_err(|fault| at_file(&left_path, fault))?
+            let assumed = kitti_calibration::by_width(size).map_err(|fault| at_file(&left_path, fault))?;
+            ctx.host.warn(&kitti_calibration::assumption(&self.folder, &assumed));
+            assumed
         };
         let mut outputs = Outputs::one("left", left).with("right", right);
         if let Some(folder) = self.truth {
@@ -245,7 +271,7 @@ fn same_size_as_left(left: (&Path, (u32, u32)), other: (&Path, (u32, u32))) -> R
         other.display(),
         left.display()
     ))
-    .remedy("the files of a frame belong together: unpack the frame again"))
+    .remedy("the files of a frame belong together: make or unpack the frame's again"))
 }
 
 fn at_file(path: &Path, fault: Fault) -> Fault {
@@ -257,25 +283,67 @@ fn at_file(path: &Path, fault: Fault) -> Fault {
     }
 }
 
-/// The stems of the first time step's images in a folder, in order.
-fn stems(folder: &Path) -> Result<BTreeSet<String>, Fault> {
-    let listing = std::fs::read_dir(folder).map_err(|error| match error.kind() {
-        ErrorKind::NotFound => Fault::new(format!("there is no folder {}", folder.display())).remedy(LAYOUT),
-        _ => Fault::new(format!("failed to list {}", folder.display())).because(error),
-    })?;
-    let mut stems = BTreeSet::new();
-    for entry in listing {
-        let entry = entry.map_err(|error| Fault::new(format!("failed to list {}", folder.display())).because(error))?;
-        let name = entry.file_name();
-        if let Some(stem) = name.to_str().and_then(|name| name.strip_suffix(".png"))
-            && let Some(digits) = stem.strip_suffix("_10")
-            && digits.len() == 6
-            && digits.bytes().all(|byte| byte.is_ascii_digit())
-        {
-            stems.insert(stem.to_owned());
+/// What a folder of images holds.
+struct Stems {
+    folder: &'static str,
+    /// The stems of the first time step's images, in order.
+    stems: BTreeSet<String>,
+    /// Files that are no image of any time step, by folder and name, in order.
+    others: Vec<String>,
+}
+
+impl Stems {
+    fn of(split: &Path, folder: &'static str) -> Result<Self, Fault> {
+        let path = split.join(folder);
+        let failed = |error| Fault::new(format!("failed to list {}", path.display())).because(error);
+        let listing = std::fs::read_dir(&path).map_err(|error| match error.kind() {
+            ErrorKind::NotFound => Fault::new(format!("there is no folder {}", path.display())).remedy(LAYOUT),
+            _ => failed(error),
+        })?;
+        let (mut stems, mut others) = (BTreeSet::new(), Vec::new());
+        for entry in listing {
+            let name = entry.map_err(failed)?.file_name().to_string_lossy().into_owned();
+            let stem = name.strip_suffix(".png").unwrap_or_default();
+            match stem.split_once('_').filter(|(number, step)| is_number(number, 6) && is_number(step, 2)) {
+                Some((_, "10")) => {
+                    stems.insert(stem.to_owned());
+                }
+                // Another time step; or what a desktop left.
+                Some(_) => {}
+                None if name.starts_with('.') || matches!(name.as_str(), "Thumbs.db" | "desktop.ini") => {}
+                None => others.push(format!("{folder}/{name}")),
+            }
         }
+        others.sort_unstable();
+        Ok(Self { folder, stems, others })
     }
-    Ok(stems)
+
+    /// The files here that belong to none of the left images.
+    fn without(&self, lefts: &Self) -> Vec<String> {
+        let alone = self.stems.difference(&lefts.stems).map(|stem| format!("{}/{stem}.png", self.folder));
+        alone.chain(self.others.iter().cloned()).collect()
+    }
+}
+
+fn is_number(text: &str, digits: usize) -> bool {
+    text.len() == digits && text.bytes().all(|byte| byte.is_ascii_digit())
+}
+
+/// What is to be said of files that belong to no frame.
+fn unread_files(files: &[String]) -> Option<String> {
+    let named = files.iter().take(NAMED).cloned().collect::<Vec<_>>().join(", ");
+    let more = match files.len().saturating_sub(NAMED) {
+        0 => String::new(),
+        more => format!(" and {more} more"),
+    };
+    let are = match files.len() {
+        0 => return None,
+        1 => "1 file belongs to no frame and is".to_owned(),
+        many => format!("{many} files belong to no frame and are"),
+    };
+    Some(format!(
+        "{are} not read: {named}{more} (a frame is image_2/000150_10.png, six digits and `_10`, with files of that name in the other folders)"
+    ))
 }
 
 /// The number in `000150_10`.

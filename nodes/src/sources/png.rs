@@ -31,7 +31,7 @@ pub fn image(path: &Path, bytes: Arc<[u8]>) -> Result<Image, Fault> {
         DynamicImage::ImageRgb8(rgb) => Pixels::Rgb(rgb),
         other => {
             return Err(wrong_pixels(path, &other, "camera images are 8-bit grey or RGB").remedy(
-                "convert the file to 8 bits without transparency, or take it from the data set's archive again",
+                "convert the file to 8 bits without transparency; of a data set that was downloaded, take it from its archive again",
             ));
         }
     };
@@ -46,7 +46,7 @@ pub fn map_u16(path: &Path, bytes: &[u8]) -> Result<Raster<u16>, Fault> {
     match decode(path, bytes)? {
         DynamicImage::ImageLuma16(map) => Ok(map),
         other => Err(wrong_pixels(path, &other, "KITTI's truth has 16 bits, one channel (1/256 px, 0 = unknown)")
-            .remedy("take the file from the data set's archive again: an image tool may have saved it with 8 bits")),
+            .remedy("write disparity * 256 as 16-bit grey, 0 where it is unknown; of a downloaded data set, take the file from its archive again: an image tool may have saved it with 8 bits")),
     }
 }
 

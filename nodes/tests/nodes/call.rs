@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use depthloom_graphs::contracts::{InlineHost, SourceDeclaration};
 use depthloom_graphs::values::Raster;
-use depthloom_graphs::{Context, Fault, Inputs, Instance, Key, Registry, Scratch, Source, Value};
+use depthloom_graphs::{Context, Fault, Host, Inputs, Instance, Key, Registry, Scratch, Source, Value};
 use serde_json::Value as Json;
 
 /// The values at a node's output ports.
@@ -59,8 +59,13 @@ pub fn open(kind: &str, params: &Json) -> Result<Opened, Fault> {
 impl Opened {
     /// A frame's values and key.
     pub fn read(&self, position: usize) -> Result<(Values, Key), Fault> {
+        self.read_on(&InlineHost, position)
+    }
+
+    /// As [`Opened::read`], on a host of the test's own.
+    pub fn read_on(&self, host: &dyn Host, position: usize) -> Result<(Values, Key), Fault> {
         let mut scratch = Scratch::default();
-        let read = self.source.read(position, &mut Context::new(&InlineHost, &mut scratch))?;
+        let read = self.source.read(position, &mut Context::new(host, &mut scratch))?;
         let outputs = read.outputs.in_order_of(&self.declaration.outputs)?;
         let named = self.declaration.outputs.iter().zip(outputs);
         Ok((named.filter_map(|(port, value)| Some((port.name, value?))).collect(), read.key))

@@ -2,8 +2,9 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::Mutex;
 
-use depthloom_graphs::{Fault, Value};
+use depthloom_graphs::{Fault, Host, Value};
 use image::{DynamicImage, GrayImage, ImageBuffer, Luma, Rgb, RgbImage};
 use serde_json::{Value as Json, json};
 use tempfile::TempDir;
@@ -122,9 +123,65 @@ fn without_calibration_files_the_focal_length_goes_by_the_width() {
     }
     set.save("disp_noc_0/000003_10.png", &truth(1224, 20));
     let source = open("kitti/stereo2015", &set.params(&json!({ "frames": [3] }))).unwrap();
-    let (values, _) = source.read(0).unwrap();
+    let host = Listening::default();
+    let (values, _) = source.read_on(&host, 0).unwrap();
     let Value::Calibration(calibration) = &values["calibration"] else { panic!("calibration") };
     assert_eq!((calibration.focal_px, calibration.baseline_m), (707.0493, 0.532_725));
+    let told = format!(
+        "no calibration files in {}: focal length 707.05 px and baseline 0.5327 m assumed, those of KITTI's cameras of this width",
+        set.root.path().join("training").display()
+    );
+    assert_eq!(*host.0.lock().unwrap(), [told]);
+}
+
+/// A host that keeps what it is told.
+#[derive(Default)]
+struct Listening(Mutex<Vec<String>>);
+
+impl Host for Listening {
+    fn cancelled(&self) -> bool {
+        false
+    }
+
+    fn warn_of(&self, _count: u64, what: &str) {
+        self.0.lock().unwrap().push(what.to_owned());
+    }
+
+    fn progress(&self, _done: u64, _total: u64, _message: &str) {}
+
+    fn tiles(&self, n: usize, f: &(dyn Fn(usize) + Sync)) {
+        (0..n).for_each(f);
+    }
+
+    fn width(&self) -> usize {
+        1
+    }
+}
+
+#[test]
+fn files_that_belong_to_no_frame_are_told_and_counted() {
+    let set = DataSet::new();
+    let told = |more: Json| open("kitti/stereo2015", &set.params(&more)).unwrap().source.warnings().to_vec();
+    for file in ["image_2/.DS_Store", "image_3/Thumbs.db", "image_2/000003_09.png"] {
+        set.write(file, "");
+    }
+    assert_eq!(told(json!({})), [""; 0], "other time steps and what desktops leave are no frames that somebody misses");
+    set.write("image_3/000151_10.png", "");
+    assert!(
+        told(json!({}))[0].starts_with("1 file belongs to no frame and is not read: image_3/000151_10.png (a frame is")
+    );
+    for file in ["image_2/151_10.png", "image_2/000152_10.jpg", "disp_noc_0/000153_10.png"] {
+        set.write(file, "");
+    }
+    let named = "image_2/000152_10.jpg, image_2/151_10.png, image_3/000151_10.png";
+    assert!(
+        told(json!({}))[0]
+            .starts_with(&format!("4 files belong to no frame and are not read: {named} and 1 more (a frame")),
+        "{:?}",
+        told(json!({}))
+    );
+    let without_truth = format!("3 files belong to no frame and are not read: {named} (a frame");
+    assert!(told(json!({ "truth": "none" }))[0].starts_with(&without_truth));
 }
 
 #[test]
@@ -184,6 +241,17 @@ fn broken_data_are_named_with_their_remedy() {
         (
             "calibration without a number",
             |set| set.write("calib_cam_to_cam/000003.txt", CALIBRATION.replace("-2.5e+02", "-2,5e+02")),
+            json!({}),
+            false,
+        ),
+        (
+            "cameras that are not rectified",
+            |set| {
+                set.write(
+                    "calib_cam_to_cam/000003.txt",
+                    CALIBRATION.replace("P_rect_03: 5.0e+02", "P_rect_03: 4.5e+02"),
+                )
+            },
             json!({}),
             false,
         ),

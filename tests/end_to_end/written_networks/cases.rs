@@ -4,7 +4,7 @@ use burn::tensor::ops::{ConvOptions, ConvTransposeOptions, InterpolateMode, Inte
 use burn::tensor::{Device, Tensor, TensorData, activation, module};
 use depthloom_learning::networks::{Meaning, Network, Size, export, forward, layout};
 use depthloom_learning::onnx::{self, Batch, GraphBuilder, Metadata, Weights};
-use depthloom_learning::random::Random;
+use depthloom_random::SplitMix64;
 
 const BATCH: usize = 2;
 
@@ -40,7 +40,7 @@ pub fn cases() -> Vec<Case> {
 }
 
 fn noise(seed: u64, count: usize, limit: f32) -> Vec<f32> {
-    let mut random = Random::new(seed);
+    let mut random = SplitMix64::new(seed);
     (0..count).map(|_| random.sign_unit() * limit).collect()
 }
 

@@ -1,6 +1,7 @@
 //! A change to an experiment: a path and a value, as variants, matrices and `--set` write them.
 //!
-//! `stage.node.with.x`, `stage.node.kind`, `stage.node.inputs.port`, `stage.source`, `stage.score.x`, `sources.name.with.x`.
+//! `stage.node.with.x`, `stage.node.kind`, `stage.node.inputs.port`, `stage.source`, `stage.score.x`, `sources.name.with.x`; of the
+//! command line alone also `record`, and `variants.name.` and `matrix.` before one of these.
 //! A map as value is merged by key; anything else, `null` too, stands there as if it had been written there: no cap, an
 //! optional input not wired. A new `kind` drops the old `with`.
 
@@ -68,11 +69,20 @@ pub(crate) fn apply(root: &Arc<Node>, changes: &[Change], scope: Scope, report: 
         if keys.last().is_some_and(|key| key == "kind") {
             drop_parameters_of_another_kind(&mut new, &keys[..keys.len() - 1], &change.value);
         }
+        if matches!(keys.as_slice(), [section, _] if section == "variants") && change.value.is_null() {
+            drop_variant(&mut new, &keys[1]);
+            continue;
+        }
         if let Err(what) = set(&mut new, &keys, 0, change) {
             report.push(Diagnostic::error(&change.place, what).label("names nothing"));
         }
     }
     new
+}
+
+/// The keys from the document's root that a path stands for, if it names something.
+pub(crate) fn keys(root: &Node, path: &str) -> Option<Vec<String>> {
+    locate(root, path, Scope::CommandLine).ok()
 }
 
 /// The keys from the document's root that a path stands for.
@@ -106,6 +116,20 @@ fn locate(root: &Node, path: &str, scope: Scope) -> Result<Vec<String>, Unknown>
     let second = segments.get(1).map(|(s, _)| *s);
     match first {
         "record" if scope == Scope::CommandLine => return Ok(rest(0)),
+        "variants" | "matrix" if scope == Scope::CommandLine && segments.len() > 1 && !is_stage(root, first) => {
+            let known = keys_of(root.get(first));
+            let known: Vec<&str> = known.iter().map(String::as_str).collect();
+            // What is changed is itself a path: one key, with its dots.
+            let (name, inner) = match first {
+                "variants" => (segments[1].0, segments.get(2).map(|(_, range)| path[range.start..].to_owned())),
+                _ => (&path[segments[1].1.start..], None),
+            };
+            if !known.contains(&name) {
+                let what = format!("`{first}` has no `{name}`");
+                return Err(unknown(1, what, names::suggestion(name, &format!("`{first}` has"), &known)));
+            }
+            return Ok([owned(&[first, name]), inner.into_iter().collect()].concat());
+        }
         "sources" => {
             let sources = keys_of(root.get("sources"));
             let Some(name) = second.filter(|name| sources.iter().any(|s| s == name)) else {
@@ -224,6 +248,19 @@ fn example(root: &Node) -> String {
     let node = stage.and_then(|stage| stage.value.get("nodes")?.entries().first());
     let name = |entry: Option<&Entry>, other: &str| entry.map_or_else(|| other.to_owned(), |entry| entry.key.clone());
     format!("{}.{}.with.PARAMETER", name(stage, "STAGE"), name(node, "NODE"))
+}
+
+/// As `null` in a file that extends another does.
+fn drop_variant(root: &mut Arc<Node>, name: &str) {
+    if let Some(variants) = entry_mut(root, "variants")
+        && let Tree::Map(entries) = &mut Arc::make_mut(variants).value
+    {
+        entries.retain(|entry| entry.key != name);
+    }
+}
+
+fn is_stage(root: &Node, name: &str) -> bool {
+    root.get("stages").is_some_and(|stages| stages.get(name).is_some())
 }
 
 fn drop_parameters_of_another_kind(root: &mut Arc<Node>, instance: &[String], kind: &Node) {

@@ -3,6 +3,7 @@
 
 pub(crate) mod apply;
 pub(crate) mod matrix;
+pub(crate) mod outlasted;
 pub(crate) mod overrides;
 pub(crate) mod variant;
 pub(crate) mod variants;

@@ -6,9 +6,10 @@ use std::sync::Arc;
 
 use serde_json::Value as Json;
 
-use super::schema_check::violations;
+use super::schema_check::{Violation, violations};
 use super::spec::Instance;
 use super::with_schema;
+use crate::contracts::Port;
 use crate::key::Key;
 use crate::language::text::diagnostics::{Diagnostic, Report};
 use crate::language::text::paths::Anywhere;
@@ -71,6 +72,7 @@ pub(crate) struct Resolver {
 /// What the resolver needs of a kind.
 struct Kind<'a> {
     name: &'a str,
+    inputs: &'a [Port],
     schema: &'a Json,
     resolve: &'a dyn Fn(&Json) -> Result<Json, ParamError>,
 }
@@ -83,7 +85,12 @@ impl Resolver {
         instance: &Instance,
         report: &mut Report,
     ) -> Option<Arc<Parameters>> {
-        let kind = Kind { name: kind.declaration.kind, schema: &kind.schema, resolve: &|json| kind.resolve(json) };
+        let kind = Kind {
+            name: kind.declaration.kind,
+            inputs: &kind.declaration.inputs,
+            schema: &kind.schema,
+            resolve: &|json| kind.resolve(json),
+        };
         self.resolve(&kind, false, instance, report)
     }
 
@@ -94,7 +101,12 @@ impl Resolver {
         instance: &Instance,
         report: &mut Report,
     ) -> Option<Arc<Parameters>> {
-        let kind = Kind { name: kind.declaration.kind, schema: &kind.schema, resolve: &|json| kind.resolve(json) };
+        let kind = Kind {
+            name: kind.declaration.kind,
+            inputs: &[],
+            schema: &kind.schema,
+            resolve: &|json| kind.resolve(json),
+        };
         self.resolve(&kind, true, instance, report)
     }
 
@@ -158,10 +170,11 @@ fn checked(
     for violation in violations(&json.clone(), kind.schema) {
         sound = false;
         let place = place_of(with, &violation.path, violation.at_key).unwrap_or_else(|| at.clone());
+        let help = as_input(kind, &violation, &json).or(violation.help);
         report.push(
             Diagnostic::error(&place, format!("{} (of `{}`)", violation.what, kind.name))
                 .label(violation.label)
-                .maybe_help(violation.help),
+                .maybe_help(help),
         );
         remove(&mut json, &violation.path);
         taken_out.push(violation.path);
@@ -194,6 +207,21 @@ fn checked(
             }
         }
     }
+}
+
+/// What is no parameter but an input of that name: how it is written.
+fn as_input(kind: &Kind<'_>, violation: &Violation, json: &Json) -> Option<String> {
+    let [name] = violation.path.as_slice() else { return None };
+    if !violation.at_key {
+        return None;
+    }
+    let port = kind.inputs.iter().find(|port| port.name == name.as_str())?;
+    let value = match json.get(name).and_then(Json::as_str) {
+        Some(text) if port.takes_file() && !text.is_empty() => format!("{{ file: {text} }}"),
+        Some(text) if text.contains('/') && !port.takes_file() => text.to_owned(),
+        _ => "NODE/OUTPUT".to_owned(),
+    };
+    Some(format!("`{name}` is an input: write `inputs: {{ {name}: {value} }}`"))
 }
 
 /// Of the parameters that a message names, the one that the variant changed: the others were right without it.

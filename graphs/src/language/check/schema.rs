@@ -8,7 +8,6 @@ use serde_json::{Map, Value as Json, json};
 use super::score;
 use crate::contracts::{Port, Rate};
 use crate::registry::Registry;
-use crate::values::ValueType;
 
 /// `node/output`, `source/output`, `stage.node/output`.
 const REFERENCE: &str = r"^([^./\s]+\.)?[^./\s]+/[^./\s]+$";
@@ -55,7 +54,7 @@ pub fn schema(registry: &Registry) -> Json {
             },
             "variants": {
                 "type": ["object", "null"],
-                "description": "The same experiment with something changed; what a variant leaves alone is shared.",
+                "description": "The same experiment with something changed; what a variant leaves alone is shared. In a file that extends another, `null` drops one of its variants.",
                 "propertyNames": { "pattern": NAME },
                 "additionalProperties": { "$ref": "#/$defs/changes" },
             },
@@ -78,7 +77,7 @@ pub fn schema(registry: &Registry) -> Json {
                         "properties": {
                             "topics": { "$ref": "#/$defs/patterns" },
                             "every": or_variable(json!({ "type": "integer", "minimum": 1, "description": "Keep the first frame of a stage and every Nth after it; scores are kept of all." })),
-                            "view": or_variable(json!({ "type": "boolean", "description": "Also keep depth as 16-bit millimetres, for looking at." })),
+                            "view": or_variable(json!({ "type": "boolean", "description": "Also keep depth as 16-bit millimetres, for looking at: what is farther than 65.535 m reads as 65.535 m." })),
                         },
                     },
                 ],
@@ -167,9 +166,8 @@ fn inputs_of(ports: &[Port]) -> Json {
         let rate = if port.rate == Rate::Once { ", once" } else { "" };
         let optional = if port.optional { ", optional" } else { "" };
         let description = format!("{}{rate}{optional}: {}", port.value_type, port.doc);
-        let file = port.rate == Rate::Once && matches!(port.value_type, ValueType::Model | ValueType::Samples);
         let mut forms = vec![json!({ "$ref": "#/$defs/reference" })];
-        if file {
+        if port.takes_file() {
             forms.push(json!({
                 "type": "object",
                 "additionalProperties": false,

@@ -218,7 +218,7 @@ fn link_node<'r>(
         };
         let ports = &kind.declaration.inputs;
         match ports.iter().position(|port| port.name == input.port.text) {
-            Some(port) => wires[port] = wiring.wire(kind, &ports[port], input, resolver, report),
+            Some(port) => wires[port] = wiring.wire(&spec.name.text, kind, &ports[port], input, resolver, report),
             None => unknown_input(kind, input, report),
         }
     }
@@ -256,7 +256,9 @@ fn missing_inputs(kind: &NodeKind, spec: &NodeSpec, wiring: &Wiring<'_, '_, '_>,
     let fits: Vec<String> = missing
         .iter()
         .filter_map(|port| {
-            Some(format!("{}: {}", port.name, wiring.outputs_fitting(port, &spec.name.text).into_iter().next()?))
+            let fitting = wiring.outputs_fitting(port, &spec.name.text).into_iter().next();
+            let file = || port.takes_file().then(|| "{ file: PATH }".to_owned());
+            Some(format!("{}: {}", port.name, fitting.or_else(file)?))
         })
         .collect();
     let help = (!fits.is_empty()).then(|| format!("e.g. `inputs: {{ {} }}`", fits.join(", ")));

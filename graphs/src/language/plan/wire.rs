@@ -46,9 +46,10 @@ impl<'r> Wiring<'r, '_, '_> {
         self.find(reference, report);
     }
 
-    /// The wire to an input port, if it fits.
+    /// The wire to an input port of a node, if it fits.
     pub(crate) fn wire(
         &self,
+        node: &str,
         kind: &'r NodeKind,
         port: &Port,
         input: &InputSpec,
@@ -60,7 +61,7 @@ impl<'r> Wiring<'r, '_, '_> {
             Wired::File(file) => file_wire(port, file, resolver, report),
             Wired::Reference(reference) => {
                 let output = self.find(reference, report)?;
-                let error = self.misfit(kind, port, input, &output)?;
+                let error = self.misfit(node, kind, port, input, &output)?;
                 if let Err(error) = error {
                     report.push(*error);
                     return None;
@@ -73,6 +74,7 @@ impl<'r> Wiring<'r, '_, '_> {
     /// Why an output does not fit an input. (`Some(Ok(()))`: it does.)
     fn misfit(
         &self,
+        node: &str,
         kind: &NodeKind,
         port: &Port,
         input: &InputSpec,
@@ -101,7 +103,7 @@ impl<'r> Wiring<'r, '_, '_> {
         }
         if wanted != given {
             let what = format!("input `{name}` wants {wanted}, but `{written}` is {given}");
-            let fitting = self.outputs_fitting(port, "");
+            let fitting = self.outputs_fitting(port, node);
             let fitting: Vec<&str> = fitting.iter().map(String::as_str).collect();
             let help = (!fitting.is_empty()).then(|| format!("outputs that fit: {}", names::listed(&fitting)));
             return fail(error(what).label(format!("{given}, not {wanted}")).maybe_help(help));
@@ -239,7 +241,7 @@ fn file_wire(port: &Port, file: &Node, resolver: &mut Resolver, report: &mut Rep
         report.push(Diagnostic::error(&file.place, what));
         return None;
     }
-    if !matches!(port.value_type, ValueType::Model | ValueType::Samples) {
+    if !port.takes_file() {
         let what = format!("input `{}` wants {}, which cannot be read from a file", port.name, port.value_type);
         report.push(Diagnostic::error(&file.place, what));
         return None;

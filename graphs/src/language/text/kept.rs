@@ -1,7 +1,7 @@
 //! What a run keeps of its experiment: files that can be checked and run from where they are kept.
 //!
 //! The main file is `experiment.yaml`; what it extends or takes nodes from lies in `experiment/`; `experiment.resolved.yaml` is
-//! all of it as one, with `--set`. They stay as they were written but for the paths in them: files that are kept are named by
+//! all of it as one, with `--set`, of which the main file has a comment alone. They stay as they were written but for the paths in them: files that are kept are named by
 //! their new names, and data by a path that starts at the root. What comes out of the environment stays a variable.
 
 use std::collections::HashSet;
@@ -20,7 +20,12 @@ const RESOLVED: &str = "experiment.resolved.yaml";
 const FOLDER: &str = "experiment";
 
 /// The files by name, `/` between folder and file.
-pub(crate) fn files(files: &Files<'_>, root: &Node, anywhere: &Anywhere) -> Vec<(String, String)> {
+pub(crate) fn files(
+    files: &Files<'_>,
+    root: &Node,
+    set: &[(String, String)],
+    anywhere: &Anywhere,
+) -> Vec<(String, String)> {
     let sources = files.sources();
     let names = names(sources.iter().map(|file| file.name.as_str()));
     let mut kept: Vec<(String, String)> = Vec::with_capacity(sources.len() + 1);
@@ -41,6 +46,10 @@ pub(crate) fn files(files: &Files<'_>, root: &Node, anywhere: &Anywhere) -> Vec<
         for (range, with) in edits {
             text.replace_range(range, &with);
         }
+        if index == 0 && !set.is_empty() {
+            let start = if text.starts_with('\u{feff}') { '\u{feff}'.len_utf8() } else { 0 };
+            text.insert_str(start, &without(set));
+        }
         let name = if index == 0 { MAIN.to_owned() } else { format!("{FOLDER}/{}", names[index]) };
         kept.push((name, text));
     }
@@ -50,6 +59,17 @@ pub(crate) fn files(files: &Files<'_>, root: &Node, anywhere: &Anywhere) -> Vec<
 
 /// The longest stem of a kept file's name, bytes: with number, ending and `.partial` behind it every file system takes it.
 const LONGEST_STEM: usize = 180;
+
+/// A comment that says what the file as it was written does not have.
+fn without(set: &[(String, String)]) -> String {
+    let one_line = |text: &str| text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect::<String>();
+    let set: Vec<String> =
+        set.iter().map(|(path, value)| format!("--set '{}={}'", one_line(path), one_line(value))).collect();
+    format!(
+        "# As it was written, without what the run set: {}. {RESOLVED} has it all, and repeats the run.\n",
+        set.join(" ")
+    )
+}
 
 /// The files' own names, each once, with an ending by which they are known as an experiment's.
 fn names<'f>(paths: impl Iterator<Item = &'f str>) -> Vec<String> {

@@ -20,8 +20,10 @@ pub(crate) enum Level {
     Nodes,
     /// A source or node: starts afresh if its kind changes.
     Instance,
-    /// `variants:` and `matrix:`: their values are settings that replace each other whole.
+    /// `matrix:`: its values are settings that replace each other whole.
     Settings,
+    /// `variants:`: `null` drops one of the base.
+    Variants,
     /// Anything else.
     Plain,
 }
@@ -32,6 +34,7 @@ impl Level {
             (Self::Experiment, "sources") => Self::Sources,
             (Self::Experiment, "stages") => Self::Stages,
             (Self::Experiment, "matrix") => Self::Settings,
+            (Self::Experiment, "variants") => Self::Variants,
             (Self::Stages, _) => Self::Stage,
             (Self::Stage, "nodes") => Self::Nodes,
             (Self::Sources | Self::Nodes, _) => Self::Instance,
@@ -60,6 +63,10 @@ pub(crate) fn merged(base: &Arc<Node>, over: &Arc<Node>, level: Level) -> Arc<No
             }
             None => entries.push(entry.clone()),
         }
+    }
+    if level == Level::Variants {
+        let dropped = |key: &str| new.iter().any(|entry| entry.key == key && entry.value.is_null());
+        entries.retain(|entry| !(index.contains_key(entry.key.as_str()) && dropped(&entry.key)));
     }
     Arc::new(Node::new(Tree::Map(entries), over.place.clone()))
 }
