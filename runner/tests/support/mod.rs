@@ -238,7 +238,7 @@ impl Bench {
     }
 
     pub fn ready(self) -> Ready {
-        Ready { plan: self.plan, runs: self.runs, files: BTreeMap::new() }
+        Ready { plan: self.plan, runs: self.runs, files: BTreeMap::new(), warnings: Vec::new() }
     }
 }
 
