@@ -14,7 +14,6 @@ mod figure;
 mod files;
 mod maps;
 mod paper;
-mod polars_needs;
 mod reading;
 mod report;
 mod scores;

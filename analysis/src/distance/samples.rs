@@ -6,7 +6,6 @@ use super::spill::Spill;
 use super::{DistanceBin, FARTHEST_M, Spread, in_memory, selection, sorting};
 use crate::error::AnalysisError;
 use crate::files::Output;
-use crate::polars_needs;
 
 /// The lowest bit of a sample, which says: not all that are compared answered this pixel. The error's bits stand above it, so that
 /// samples sort as their errors do; an error's own sign is never needed.
@@ -53,9 +52,7 @@ impl Which {
 /// A sample takes 4 bytes, 8 at worst while its bin grows. When more than `at_most` are held, all go to a [temporary
 /// file](Spill), from which as many metres as fit are read back at a time and [sorted](super::sorting); one metre of which more
 /// than `at_most` were taken is found [by counting](super::selection): exact, and with memory that depends on neither frames nor
-/// pixels. If all fit, [polars takes them](super::in_memory); they are sorted where the system gives polars no threads or
-/// files. All ways
-/// give the same bits.
+/// pixels. If all fit, [polars takes them](super::in_memory). All ways give the same bits.
 pub(crate) struct Samples<'a> {
     output: Output<'a>,
     /// By estimator and metre of true distance.
@@ -156,7 +153,7 @@ impl<'a> Samples<'a> {
             self.output.go_on()?;
             let spreads = match &self.spill {
                 Some(spill) => self.of_spill(spill, estimator)?,
-                None => of_memory(std::mem::take(&mut self.held[estimator]))?,
+                None => of_memory(&std::mem::take(&mut self.held[estimator]))?,
             };
             for (bin_m, [answered, shared]) in (0..).zip(spreads) {
                 bins.extend(answered.map(|answered| DistanceBin { estimator, bin_m, answered, shared }));
@@ -215,11 +212,8 @@ impl<'a> Samples<'a> {
 }
 
 /// How samples in memory spread, by metre.
-fn of_memory(held: Vec<Vec<u32>>) -> Result<Vec<[Option<Spread>; 2]>, AnalysisError> {
-    if !polars_needs::are_there() {
-        return Ok(held.into_iter().map(sorting::spreads).collect());
-    }
-    let spreads = |which| in_memory::spreads(which, &held).map_err(AnalysisError::compute("the percentiles"));
+fn of_memory(held: &[Vec<u32>]) -> Result<Vec<[Option<Spread>; 2]>, AnalysisError> {
+    let spreads = |which| in_memory::spreads(which, held).map_err(AnalysisError::compute("the percentiles"));
     let answered = spreads(Which::Answered)?;
     let all_are_shared = held.iter().flatten().all(|sample| Which::Shared.has(*sample));
     let shared = if all_are_shared { answered.clone() } else { spreads(Which::Shared)? };
