@@ -1,4 +1,4 @@
-//! Percentiles of samples that fit in memory, without polars: by sorting them.
+//! Percentiles of the samples of one metre that were read back from a spill: by sorting them.
 
 use super::samples::{Which, error_bits, error_from_bits};
 use super::{PERCENTILES, Spread, between, position};
