@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Stereo against OpenCV on real frames: prints medians, and lines `ratio MATCHER-THREADSt VALUE` (OpenCV's time / ours);
-# `census-sgm`, which OpenCV has not, is timed alone.
+# `census-sgm`, which OpenCV has not, is timed alone. Several threads are those of the runner: the budget and tiles of `threads/`.
 #
 #   bench/stereo.sh [--count 5] [--repeat 6] [--modes sgbm hh 3way hh4 bm census-sgm] [--threads 1 2] [--path best]
 #
