@@ -48,6 +48,8 @@ pub fn registry() -> Registry {
 
 /// The whole program: reads the process's arguments, does what they ask for with the kinds of `registry`, and tells how it ended.
 ///
+/// A kind that `registry` holds twice is refused before anything else, with exit code 2.
+///
 /// It takes the process's signals, its panic hook and its standard streams; a process calls it once, from its `main`.
 #[must_use]
 pub fn main(registry: Registry) -> ExitCode {
@@ -60,6 +62,9 @@ pub fn main(registry: Registry) -> ExitCode {
 }
 
 fn program(registry: &Registry) -> Result<Exit, Stop> {
+    registry.check().map_err(|clash| {
+        Stop::new(Exit::Before, clash.to_string()).remedy("register it once, or give one of the two another name")
+    })?;
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
         Err(error) if matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion) => {
@@ -91,5 +96,17 @@ fn program(registry: &Registry) -> Result<Exit, Stop> {
         Command::Schema => commands::nodes::schema(registry),
         Command::Completions { shell } => commands::shell::completions(shell),
         Command::Man => commands::shell::man(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Exit, program, registry};
+
+    #[test]
+    fn a_kind_registered_twice_is_refused_before_anything_else() {
+        let stop = program(&registry().merge(registry())).unwrap_err();
+        assert_eq!(stop.exit, Exit::Before);
+        assert!(stop.message.starts_with("kind `confidence/edges` is registered twice: by "), "{}", stop.message);
     }
 }

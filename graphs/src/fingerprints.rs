@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 
 use crate::contracts::Slot;
 use crate::key::Key;
-use crate::plan::{From, Plan, PlannedInput};
+use crate::plan::{Origin, Plan, PlannedInput};
 
 /// Adds fingerprints, by stage run and node, to the recipes of a plan; recipes that none of them reaches stay as they are.
 pub(crate) fn add(plan: &mut Plan, fingerprints: &BTreeMap<(usize, usize), Key>) {
@@ -39,9 +39,9 @@ pub(crate) fn add(plan: &mut Plan, fingerprints: &BTreeMap<(usize, usize), Key>)
 /// The node that an input reads, by stage run and node.
 const fn producer(here: usize, input: &PlannedInput) -> Option<(usize, usize)> {
     match input.from {
-        Some(From::Here(Slot::Node { node, .. })) => Some((here, node)),
-        Some(From::Once { run, node, .. }) => Some((run, node)),
-        Some(From::Here(Slot::Source { .. }) | From::File(_)) | None => None,
+        Some(Origin::Here(Slot::Node { node, .. })) => Some((here, node)),
+        Some(Origin::Once { run, node, .. }) => Some((run, node)),
+        Some(Origin::Here(Slot::Source { .. }) | Origin::File(_)) | None => None,
     }
 }
 
@@ -55,9 +55,9 @@ mod tests {
     use crate::ValueType;
     use crate::contracts::{Contract, Port, Slot};
     use crate::key::Key;
-    use crate::plan::{From, Plan, PlannedInput, PlannedNode, PlannedSource, Record, StageRun};
+    use crate::plan::{Origin, Plan, PlannedInput, PlannedNode, PlannedSource, Record, StageRun};
 
-    fn node(name: &str, from: Option<From>) -> PlannedNode {
+    fn node(name: &str, from: Option<Origin>) -> PlannedNode {
         PlannedNode {
             name: name.to_owned(),
             kind: "toy/any".to_owned(),
@@ -80,9 +80,9 @@ mod tests {
 
     /// Two stages: of the first, `network` and what reads it; of the second, a reader of its once-value, and one of the source.
     fn plan() -> Plan {
-        let here = |node| Some(From::Here(Slot::Node { node, port: 0 }));
-        let source = || Some(From::Here(Slot::Source { port: 0 }));
-        let once = Some(From::Once { run: 0, node: 1, port: 0 });
+        let here = |node| Some(Origin::Here(Slot::Node { node, port: 0 }));
+        let source = || Some(Origin::Here(Slot::Source { port: 0 }));
+        let once = Some(Origin::Once { run: 0, node: 1, port: 0 });
         Plan {
             experiment: "any".to_owned(),
             about: String::new(),

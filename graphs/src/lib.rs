@@ -18,7 +18,7 @@ pub mod values;
 
 pub use contracts::{
     Context, Fault, Frame, Host, Inputs, Instance, Node, OnceNode, OrderedNode, Outputs, Port, PureNode, Rate, Scratch,
-    Source, SourceKind, SourceOutputs, Store,
+    Source, SourceKind, SourceOutputs, Store, Stored,
 };
 pub use key::Key;
 pub use registry::Registry;

@@ -122,12 +122,12 @@ pub struct PlannedInput {
     /// The port.
     pub port: Port,
     /// Where its value comes from; `None` for an optional port left unwired.
-    pub from: Option<From>,
+    pub from: Option<Origin>,
 }
 
 /// Where a value comes from.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
-pub enum From {
+pub enum Origin {
     /// An output of the same stage run, per frame.
     Here(Slot),
     /// A once-output of a node of this or an earlier stage run.

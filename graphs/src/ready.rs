@@ -6,7 +6,8 @@ use std::sync::Arc;
 
 use crate::contracts::{Context, Fault, Frame, Inputs, Instance, Port, Source, SourceOutputs};
 use crate::fingerprints;
-use crate::plan::{From, Plan, PlannedNode, PlannedSource};
+use crate::key::Key;
+use crate::plan::{Origin, Plan, PlannedNode, PlannedSource};
 use crate::registry::Registry;
 use crate::regular_file;
 use crate::values::{Artifact, Value, ValueType};
@@ -113,7 +114,7 @@ impl Ready {
                     .and_then(|kind| Ok((kind.build(&node.params)?, kind.fingerprint(&node.params)?)));
                 let before = missing.len();
                 for input in &node.inputs {
-                    let Some(From::File(path)) = &input.from else { continue };
+                    let Some(Origin::File(path)) = &input.from else { continue };
                     if files.contains_key(path) {
                         continue;
                     }
@@ -165,8 +166,8 @@ impl Ready {
 
 /// Lets a node look at the once-values that files give it, so that what is wrong with them is found before any frame.
 fn show_files(instance: &Instance, node: &PlannedNode, files: &BTreeMap<PathBuf, Value>) -> Result<(), Fault> {
-    let of_file = |from: &Option<From>| match from {
-        Some(From::File(path)) => files.get(path).cloned(),
+    let of_file = |from: &Option<Origin>| match from {
+        Some(Origin::File(path)) => files.get(path).cloned(),
         _ => None,
     };
     let values: Vec<Option<Value>> = node.inputs.iter().map(|input| of_file(&input.from)).collect();
@@ -184,8 +185,8 @@ fn read_once_value(path: &Path, value_type: ValueType) -> Result<Value, Fault> {
     let bytes = regular_file::read(path, MOST_BYTES)
         .map_err(|error| Fault::new(format!("failed to read {}", path.display())).because(error))?;
     match value_type {
-        ValueType::Model => Ok(Value::Model(Arc::new(Artifact::new("model/onnx", bytes)))),
-        ValueType::Samples => Ok(Value::Samples(Arc::new(Artifact::new("samples", bytes)))),
+        ValueType::Model => Ok(Value::Model(Arc::new(Artifact::model(bytes)))),
+        ValueType::Samples => Ok(Value::Samples(Arc::new(Artifact::samples(bytes)))),
         other => Err(Fault::new(format!("a value of type {other} cannot be read from a file"))),
     }
 }
@@ -245,6 +246,11 @@ impl Source for Joined {
 
     fn warnings(&self) -> &[String] {
         &self.warnings
+    }
+
+    fn key(&self, position: usize) -> Result<Key, Fault> {
+        let (part, position) = self.place[position];
+        self.parts[part].key(position)
     }
 
     fn read(&self, position: usize, ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault> {

@@ -1,5 +1,6 @@
 //! The kinds of nodes and sources an engine knows.
 
+use std::any::type_name;
 use std::collections::BTreeMap;
 
 use schemars::generate::SchemaSettings;
@@ -96,6 +97,21 @@ impl SourceEntry {
 pub struct Registry {
     nodes: BTreeMap<&'static str, NodeKind>,
     sources: BTreeMap<&'static str, SourceEntry>,
+    /// By kind, the type that declares it.
+    types: BTreeMap<&'static str, &'static str>,
+    clashes: Vec<RegisteredTwice>,
+}
+
+/// A kind that two registrations declare: experiments could not say which of them they mean.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("kind `{kind}` is registered twice: by `{first}` and by `{second}`")]
+pub struct RegisteredTwice {
+    /// The kind's name.
+    pub kind: &'static str,
+    /// The type that was registered first.
+    pub first: &'static str,
+    /// The type that was registered after it; the same one, if it was registered twice itself.
+    pub second: &'static str,
 }
 
 impl Registry {
@@ -111,7 +127,9 @@ impl Registry {
             build: |json| N::build(parse::<N::Params>(json)?),
             declaration,
         };
-        self.nodes.insert(entry.declaration.kind, entry);
+        if self.claim(entry.declaration.kind, type_name::<N>()) {
+            self.nodes.insert(entry.declaration.kind, entry);
+        }
         self
     }
 
@@ -124,8 +142,43 @@ impl Registry {
             resolve: |json| resolve::<S::Params>(json, S::check),
             open: |json| S::open(parse::<S::Params>(json)?),
         };
-        self.sources.insert(entry.declaration.kind, entry);
+        if self.claim(entry.declaration.kind, type_name::<S>()) {
+            self.sources.insert(entry.declaration.kind, entry);
+        }
         self
+    }
+
+    /// Adds all kinds of another registry.
+    #[must_use]
+    pub fn merge(mut self, other: Self) -> Self {
+        let Self { mut nodes, mut sources, types, clashes } = other;
+        for (kind, declared_by) in types {
+            if self.claim(kind, declared_by) {
+                self.nodes.extend(nodes.remove_entry(kind));
+                self.sources.extend(sources.remove_entry(kind));
+            }
+        }
+        self.clashes.extend(clashes);
+        self
+    }
+
+    /// Whether every kind was registered once; of two of one name, nodes or sources, the first is the one known. Whoever starts an
+    /// engine asks before anything else.
+    ///
+    /// # Errors
+    /// The first kind that was registered twice.
+    pub fn check(&self) -> Result<(), RegisteredTwice> {
+        self.clashes.first().map_or(Ok(()), |clash| Err(clash.clone()))
+    }
+
+    /// Takes a kind's name for a type; `false` if it is taken.
+    fn claim(&mut self, kind: &'static str, declared_by: &'static str) -> bool {
+        let first = *self.types.entry(kind).or_insert(declared_by);
+        let is_free = !self.nodes.contains_key(kind) && !self.sources.contains_key(kind);
+        if !is_free {
+            self.clashes.push(RegisteredTwice { kind, first, second: declared_by });
+        }
+        is_free
     }
 
     /// The node kind of that name.
@@ -171,4 +224,65 @@ fn resolve<P: serde::Serialize + serde::de::DeserializeOwned>(
     })?;
     check(&params).map_err(|(name, what)| ParamError { path: vec![name.to_owned()], what })?;
     serde_json::to_value(&params).map_err(|error| ParamError { path: Vec::new(), what: error.to_string() })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Registry;
+    use crate::contracts::{Contract, NodeDeclaration, SourceDeclaration};
+    use crate::{Fault, Instance, Node, Source, SourceKind};
+
+    macro_rules! node {
+        ($name:ident, $kind:literal) => {
+            struct $name;
+            impl Node for $name {
+                type Params = std::collections::BTreeMap<String, u8>;
+                fn declaration() -> NodeDeclaration {
+                    let (inputs, outputs) = (Vec::new(), Vec::new());
+                    let (version, contract, summary, doc) = (1, Contract::Pure, stringify!($name), "");
+                    NodeDeclaration { kind: $kind, version, contract, summary, doc, inputs, outputs }
+                }
+                fn build(_: Self::Params) -> Result<Instance, Fault> {
+                    Err(Fault::new("only registered"))
+                }
+            }
+        };
+    }
+    node!(Blur, "filter/blur");
+    node!(Sharpen, "filter/sharpen");
+    node!(OtherBlur, "filter/blur");
+
+    struct BlurredRoad;
+    impl SourceKind for BlurredRoad {
+        type Params = std::collections::BTreeMap<String, u8>;
+        fn declaration() -> SourceDeclaration {
+            SourceDeclaration { kind: "filter/blur", version: 1, summary: "A source.", doc: "", outputs: Vec::new() }
+        }
+        fn open(_: Self::Params) -> Result<Box<dyn Source>, Fault> {
+            Err(Fault::new("only registered"))
+        }
+    }
+
+    #[test]
+    fn a_kind_registered_twice_is_refused_by_name_and_the_first_is_known() {
+        let told = |registry: &Registry| registry.check().map_err(|clash| clash.to_string());
+        let registry = Registry::default().node::<Blur>().node::<Sharpen>().node::<OtherBlur>();
+        let here = module_path!();
+        let clash = format!("kind `filter/blur` is registered twice: by `{here}::Blur` and by `{here}::OtherBlur`");
+        assert_eq!(told(&registry), Err(clash));
+        assert_eq!(registry.node_kind("filter/blur").expect("the first stays").declaration.summary, "Blur");
+        // A source of a node's name, either way round.
+        assert!(Registry::default().node::<Blur>().source::<BlurredRoad>().check().is_err());
+        assert!(Registry::default().source::<BlurredRoad>().node::<Blur>().check().is_err());
+    }
+
+    #[test]
+    fn registries_compose_and_what_clashes_in_one_or_between_them_is_refused() {
+        let blur = || Registry::default().node::<Blur>();
+        let both = blur().merge(Registry::default().node::<Sharpen>());
+        assert!(both.check().is_ok() && both.nodes().count() == 2);
+        assert!(blur().merge(blur()).check().is_err());
+        assert!(Registry::default().merge(blur().node::<Blur>()).check().is_err());
+        assert!(blur().merge(Registry::default().source::<BlurredRoad>()).check().is_err());
+    }
 }

@@ -5,7 +5,7 @@ mod toys;
 use std::path::Path;
 
 use depthloom_graphs::language::{Loaded, Options, load};
-use depthloom_graphs::plan::{From, Plan};
+use depthloom_graphs::plan::{Origin, Plan};
 
 /// Files in a folder of their own.
 fn folder(files: &[(&str, &str)]) -> tempfile::TempDir {
@@ -107,7 +107,7 @@ fn fault_26_null_means_none_wherever_it_is_written() {
     };
     let mask = |plan: &Plan, node: usize| {
         let nodes: Vec<_> = plan.runs[0].nodes.iter().filter(|node| node.name == "weight").collect();
-        nodes[node].inputs.iter().any(|input| input.port.name == "mask" && matches!(input.from, Some(From::Here(_))))
+        nodes[node].inputs.iter().any(|input| input.port.name == "mask" && matches!(input.from, Some(Origin::Here(_))))
     };
     let (some, wired) = ("weights: a.onnx", "mask: edges/mask");
     let plan = plan_of(&learning(some, wired, ""), &[]).expect("right");

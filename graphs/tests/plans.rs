@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use depthloom_graphs::contracts::Slot;
 use depthloom_graphs::language::{Diagnostics, Loaded, Options, load};
-use depthloom_graphs::plan::{From, Plan, PlannedNode};
+use depthloom_graphs::plan::{Origin, Plan, PlannedNode};
 
 fn environment(name: &str) -> Option<String> {
     match name {
@@ -123,9 +123,9 @@ fn every_node_comes_after_those_it_reads() {
         for (n, node) in run.nodes.iter().enumerate() {
             for from in node.inputs.iter().filter_map(|input| input.from.as_ref()) {
                 match from {
-                    From::Here(Slot::Node { node, .. }) => assert!(*node < n),
-                    From::Once { run, node, .. } => assert!((*run, *node) < (r, n)),
-                    From::Here(Slot::Source { .. }) | From::File(_) => {}
+                    Origin::Here(Slot::Node { node, .. }) => assert!(*node < n),
+                    Origin::Once { run, node, .. } => assert!((*run, *node) < (r, n)),
+                    Origin::Here(Slot::Source { .. }) | Origin::File(_) => {}
                 }
             }
         }
@@ -297,7 +297,7 @@ stages:
         let written = Written::new(&[("main.yaml", &text), (net, content), (weights, content)]);
         let plan = written.plan(&[]);
         let path = plan.runs[0].nodes[0].inputs[2].from.clone();
-        assert_eq!(path, Some(From::File(written.path(net))), "paths start at the folder of the YAML file");
+        assert_eq!(path, Some(Origin::File(written.path(net))), "paths start at the folder of the YAML file");
         (nodes(&plan, 0, "mono")[0].recipe, nodes(&plan, 0, "teacher")[0].recipe)
     };
     let base = recipes("a.onnx", "w.bin", "content");

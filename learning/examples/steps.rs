@@ -7,7 +7,7 @@ use std::time::Instant;
 
 use depthloom_graphs::values::Artifact;
 use depthloom_graphs::{Context, Host, Inputs, Instance, Node, Scratch, Value};
-use depthloom_learning::samples::{MEDIA_TYPE, Sample, Samples};
+use depthloom_learning::samples::{Sample, Samples};
 use depthloom_learning::ssl::{Ssl, SslParams};
 
 /// Notes when each step was done.
@@ -53,7 +53,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let text = serde_json::json!({ "network": network, "steps": 2 * steps, "batch": batch.parse::<u32>()? });
     let params: SslParams = serde_json::from_value(text)?;
     let ports = Ssl::declaration().inputs;
-    let values = [Some(Value::Samples(Artifact::new(MEDIA_TYPE, samples.encode()).into())), None];
+    let values = [Some(Value::Samples(Artifact::samples(samples.encode()).into())), None];
     let Instance::Once(node) = Ssl::build(params)? else { return Err("learn/ssl fires once".into()) };
     let clock = Clock { threads: threads.parse()?, done: Mutex::default() };
     node.run(&Inputs::new(&ports, &values), &mut Context::new(&clock, &mut Scratch::default()))?;

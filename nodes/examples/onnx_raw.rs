@@ -13,8 +13,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [model, threads] = &arguments[..] else { return Err("usage: onnx_raw MODEL THREADS".into()) };
     let params = OnnxParams { threads: threads.parse()?, ..OnnxParams::default() };
-    let network =
-        Network::load(&Artifact::new("model/onnx", std::fs::read(model)?), &params).map_err(|fault| fault.chain())?;
+    let network = Network::load(&Artifact::model(std::fs::read(model)?), &params).map_err(|fault| fault.chain())?;
     let (title, size) = (onnx::find().map_err(|fault| fault.chain())?.title(), network.size);
     println!("{title} {} {} {}", size.channels, size.height, size.width);
     for line in std::io::stdin().lock().lines() {

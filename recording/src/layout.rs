@@ -7,7 +7,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use depthloom_graphs::contracts::Slot;
-use depthloom_graphs::plan::{From as Wire, Plan, PlannedNode, PlannedOutput, StageRun};
+use depthloom_graphs::plan::{Origin, Plan, PlannedNode, PlannedOutput, StageRun};
 use depthloom_graphs::{Rate, ValueType};
 
 use crate::error::RecordingError;
@@ -243,7 +243,7 @@ fn class(run: &StageRun, slot: Slot) -> Option<Class> {
 /// Whether a node reads disparities and no other raster, frame by frame: then it gives as few distinct numbers as they have.
 fn from_fixed_point(node: &PlannedNode) -> bool {
     let reads = |wanted: &[ValueType]| {
-        let mut wired = node.inputs.iter().filter(|input| matches!(input.from, Some(Wire::Here(_))));
+        let mut wired = node.inputs.iter().filter(|input| matches!(input.from, Some(Origin::Here(_))));
         wired.any(|input| wanted.contains(&input.port.value_type))
     };
     reads(&[ValueType::Disparity]) && !reads(&[ValueType::Image, ValueType::Depth, ValueType::Weight])

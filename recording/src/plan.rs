@@ -5,7 +5,7 @@ mod check;
 use std::collections::BTreeMap;
 
 use depthloom_graphs::contracts::Slot;
-use depthloom_graphs::plan::{From as Wire, Plan, PlannedInput, PlannedOutput, PlannedSource, StageRun};
+use depthloom_graphs::plan::{Origin, Plan, PlannedInput, PlannedOutput, PlannedSource, StageRun};
 use depthloom_graphs::{Key, Rate, ValueType};
 use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
@@ -196,19 +196,7 @@ impl RecordedOutput {
     /// What it carries; `None` if a later version of the engine wrote a type this one does not know.
     #[must_use]
     pub fn value_type(&self) -> Option<ValueType> {
-        const ALL: [ValueType; 10] = [
-            ValueType::Image,
-            ValueType::Disparity,
-            ValueType::Depth,
-            ValueType::Weight,
-            ValueType::Mask,
-            ValueType::Calibration,
-            ValueType::Scores,
-            ValueType::Samples,
-            ValueType::Model,
-            ValueType::Curve,
-        ];
-        ALL.into_iter().find(|value_type| value_type.name() == self.value_type)
+        ValueType::from_name(&self.value_type)
     }
 }
 
@@ -274,12 +262,12 @@ fn recorded_output(output: &PlannedOutput) -> RecordedOutput {
 
 fn recorded_input(plan: &Plan, run: &StageRun, input: &PlannedInput) -> RecordedInput {
     let from = input.from.as_ref().map(|from| match from {
-        Wire::Here(slot) => planned_output(run, *slot).topic.clone(),
-        Wire::Once { run, node, port } => {
+        Origin::Here(slot) => planned_output(run, *slot).topic.clone(),
+        Origin::Once { run, node, port } => {
             let (run, node) = (&plan.runs[*run], &plan.runs[*run].nodes[*node]);
             format!("once {}.{}/{}", run.stage, node.name, node.outputs[*port].port.name)
         }
-        Wire::File(path) => match path.file_name() {
+        Origin::File(path) => match path.file_name() {
             Some(name) => format!("file {}", name.to_string_lossy()),
             None => "file".to_owned(),
         },

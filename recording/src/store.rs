@@ -3,10 +3,11 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use depthloom_graphs::contracts::{Fault, Store};
+use depthloom_graphs::contracts::{Fault, Store, Stored};
 use depthloom_graphs::values::Artifact;
-use depthloom_graphs::{Key, Value};
+use depthloom_graphs::{Key, Value, ValueType};
 
+use crate::condition::Condition;
 use crate::error::RecordingError;
 use crate::plan::RecordedOutput;
 use crate::recording::{RecordedContent, RecordedOnce, Recording};
@@ -16,34 +17,59 @@ use crate::recording::{RecordedContent, RecordedOnce, Recording};
 pub(crate) enum KeyedPlace {
     /// The values of a run's source (`node: None`) or node on a frame.
     Frame { run: usize, position: usize, node: Option<usize> },
-    /// The once-values of a node, by the place of one of them among [`Recording::once_values`].
-    Once(usize),
+    /// The once-values of a node.
+    Once { run: usize, node: usize },
 }
 
 impl Recording {
-    /// The values that a key names, by output port: all ports of a node share its key. Ports that were not recorded, or
-    /// gave nothing, are left out; `None` if the recording does not know the key.
+    /// What the recording has of the values that a key names, by output port: all ports of a node share its key. `None` if it does not
+    /// know the key. See [`Store::get`].
     ///
     /// # Errors
     /// If the recording cannot be read.
-    pub fn values_of(&self, key: &Key) -> Result<Option<Vec<(&str, Value)>>, RecordingError> {
+    pub fn values_of(&self, key: &Key) -> Result<Option<Vec<Stored>>, RecordingError> {
         let places = self.by_key.get_or_init(|| self.keyed_places());
-        let (run, position, node) = match places.get(key) {
-            None => return Ok(None),
-            Some(KeyedPlace::Once(place)) => return self.once_values_of_node(*place).map(Some),
-            Some(KeyedPlace::Frame { run, position, node }) => (*run, *position, *node),
-        };
+        match places.get(key) {
+            None => Ok(None),
+            Some(KeyedPlace::Once { run, node }) => self.once_values_of(*run, *node).map(Some),
+            Some(KeyedPlace::Frame { run, position, node }) => self.frame_values_of(*run, *position, *node).map(Some),
+        }
+    }
+
+    fn frame_values_of(&self, run: usize, position: usize, node: Option<usize>) -> Result<Vec<Stored>, RecordingError> {
+        // Of the frames between, only scores are kept.
+        let is_whole = (position as u64).is_multiple_of(self.plan().every.max(1));
+        let is_kept = |output: &&RecordedOutput| is_whole || output.value_type() == Some(ValueType::Scores);
+        let outputs = self.outputs_of(run, node).filter(|output| output.recorded && !output.once).filter(is_kept);
+        let outputs: Vec<&RecordedOutput> = outputs.collect();
+        let topics: Vec<&str> = outputs.iter().map(|output| output.topic.as_str()).collect();
+        let values = self.reader(run, &topics)?.read(position)?;
+        let stored = |(output, value): (&&RecordedOutput, _)| Stored { port: output.port.clone(), value };
+        Ok(outputs.iter().zip(values).map(stored).collect())
+    }
+
+    fn once_values_of(&self, run: usize, node: usize) -> Result<Vec<Stored>, RecordingError> {
+        let mut stored = Vec::new();
+        for (port, output) in self.outputs_of(run, Some(node)).enumerate() {
+            let once = self.once_values().iter().find(|once| (once.run, once.node, once.port) == (run, node, port));
+            let value = once.map(|once| self.once_value(once)).transpose()?;
+            // Of a node's once-values each has a record of its own: one that is not there may have been cut off.
+            let is_known = value.is_some() || *self.condition() == Condition::Whole;
+            if output.recorded && output.once && is_known {
+                stored.push(Stored { port: output.port.clone(), value });
+            }
+        }
+        Ok(stored)
+    }
+
+    /// The planned outputs of a source (`None`) or node.
+    fn outputs_of(&self, run: usize, node: Option<usize>) -> impl Iterator<Item = &RecordedOutput> {
         let planned = &self.plan().runs[run];
         let outputs = match node {
             None => Some(&planned.source.outputs),
             Some(node) => planned.nodes.get(node).map(|node| &node.outputs),
         };
-        let outputs: Vec<&RecordedOutput> =
-            outputs.into_iter().flatten().filter(|output| output.recorded && !output.once).collect();
-        let topics: Vec<&str> = outputs.iter().map(|output| output.topic.as_str()).collect();
-        let values = self.reader(run, &topics)?.read(position)?;
-        let named = outputs.iter().zip(values);
-        Ok(Some(named.filter_map(|(output, value)| Some((output.port.as_str(), value?))).collect()))
+        outputs.into_iter().flatten()
     }
 
     /// Reads a once-value.
@@ -59,21 +85,12 @@ impl Recording {
                     let what = format!("attachment `{name}` is another than the one of its once-value");
                     return Err(RecordingError::Content { path: self.path().to_owned(), what });
                 }
-                if once.value_type == "model" { Value::Model(artifact) } else { Value::Samples(artifact) }
+                match ValueType::from_name(&once.value_type) {
+                    Some(ValueType::Model) => Value::Model(artifact),
+                    _ => Value::Samples(artifact),
+                }
             }
         })
-    }
-
-    /// The once-values of the node that gave the one at that place, by output port.
-    fn once_values_of_node(&self, place: usize) -> Result<Vec<(&str, Value)>, RecordingError> {
-        let RecordedOnce { run, node, .. } = self.once_values()[place];
-        let planned = self.plan().runs[run].nodes.get(node);
-        let port_of = |port: usize| match planned.and_then(|node| node.outputs.get(port)) {
-            Some(output) => output.port.as_str(),
-            None => "",
-        };
-        let of_node = self.once_values().iter().filter(|once| (once.run, once.node) == (run, node));
-        of_node.map(|once| Ok((port_of(once.port), self.once_value(once)?))).collect()
     }
 
     fn keyed_places(&self) -> BTreeMap<Key, KeyedPlace> {
@@ -87,29 +104,20 @@ impl Recording {
                 }
             }
         }
-        let once = self.once_values().iter().enumerate();
-        places.extend(once.map(|(place, once)| (once.key, KeyedPlace::Once(place))));
+        let once = self.once_values().iter();
+        places.extend(once.map(|once| (once.key, KeyedPlace::Once { run: once.run, node: once.node })));
         places
     }
 }
 
 impl Store for Recording {
-    /// The value of a key that names exactly one; where a node has several output ports, ask [`Recording::values_of`].
-    fn get(&self, key: &Key) -> Result<Option<Value>, Fault> {
-        let values = self.values_of(key).map_err(|error| {
+    fn get(&self, key: &Key) -> Result<Option<Vec<Stored>>, Fault> {
+        self.values_of(key).map_err(|error| {
             let fault = Fault::new(error.to_string());
             match error.remedy() {
                 Some(remedy) => fault.remedy(remedy).because(error),
                 None => fault.because(error),
             }
-        })?;
-        match values.as_deref() {
-            None | Some([]) => Ok(None),
-            Some([(_, value)]) => Ok(Some(value.clone())),
-            Some(several) => {
-                let ports: Vec<&str> = several.iter().map(|(port, _)| *port).collect();
-                Err(Fault::new(format!("key {key} names the values of several ports: {}", ports.join(", "))))
-            }
-        }
+        })
     }
 }

@@ -39,6 +39,10 @@ impl Source for Still {
         &self.0
     }
 
+    fn key(&self, _: usize) -> Result<Key, Fault> {
+        Ok(self.2)
+    }
+
     fn read(&self, _: usize, _: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
         Ok(SourceOutputs { outputs: Outputs::one("x", self.1.clone()), key: self.2 })
     }

@@ -6,8 +6,8 @@ use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use depthloom_graphs::contracts::TapError;
 use depthloom_graphs::{Fault, Key, Value};
 
+use crate::frame_graph::{FrameGraph, Place};
 use crate::timing::Spent;
-use crate::wiring::{Place, Wiring};
 
 /// How a step ended on a frame.
 #[derive(Clone, Copy, Debug)]
@@ -19,7 +19,7 @@ pub(crate) enum Outcome {
     /// It failed.
     Failed,
     /// It did not run because that other step failed.
-    Forgone(usize),
+    Skipped(usize),
 }
 
 /// A step that is over.
@@ -54,15 +54,15 @@ pub(crate) struct InFlight<P> {
 }
 
 impl<P> InFlight<P> {
-    pub(crate) fn new(position: usize, wiring: &Wiring) -> Self {
+    pub(crate) fn new(position: usize, graph: &FrameGraph) -> Self {
         let progress = |waits_for| Progress { pending: AtomicU32::new(waits_for), settled: OnceLock::new() };
         let cell = |place: &Place| Mutex::new(Cell { value: None, key: None, uses: place.uses });
         Self {
             position,
-            steps: wiring.order.iter().map(|o| progress(o.waits_for)).collect(),
-            cells: wiring.places.iter().map(cell).collect(),
-            parts: wiring.parts.iter().map(|_| Mutex::new(None)).collect(),
-            remaining: AtomicU32::new(wiring.steps_per_frame),
+            steps: graph.order.iter().map(|o| progress(o.waits_for)).collect(),
+            cells: graph.places.iter().map(cell).collect(),
+            parts: graph.parts.iter().map(|_| Mutex::new(None)).collect(),
+            remaining: AtomicU32::new(graph.steps_per_frame),
             faults: Mutex::default(),
             tap_errors: Mutex::default(),
         }
@@ -91,14 +91,20 @@ impl<P> InFlight<P> {
 
     /// Whether a step has ended without values because something failed.
     pub(crate) fn is_without_values(&self, step: usize) -> bool {
-        self.settled(step).is_some_and(|s| matches!(s.outcome, Outcome::Failed | Outcome::Forgone(_)))
+        self.settled(step).is_some_and(|s| matches!(s.outcome, Outcome::Failed | Outcome::Skipped(_)))
     }
 
     /// Ends a step; tells whether it was the frame's last. `ready` is called with the steps that waited for nothing else.
-    pub(crate) fn settle(&self, step: usize, settled: Settled, wiring: &Wiring, mut ready: impl FnMut(usize)) -> bool {
+    pub(crate) fn settle(
+        &self,
+        step: usize,
+        settled: Settled,
+        graph: &FrameGraph,
+        mut ready: impl FnMut(usize),
+    ) -> bool {
         let fresh = self.steps[step].settled.set(settled).is_ok();
         debug_assert!(fresh, "a step ends once");
-        for &then in &wiring.order[step].then {
+        for &then in &graph.order[step].then {
             if self.steps[then].pending.fetch_sub(1, Ordering::AcqRel) == 1 {
                 ready(then);
             }

@@ -30,8 +30,11 @@
 //!     fn frames(&self) -> &[Frame] {
 //!         &self.0
 //!     }
+//!     fn key(&self, position: usize) -> Result<Key, Fault> {
+//!         Ok(Key::of_content(&position.to_le_bytes()))
+//!     }
 //!     fn read(&self, position: usize, _: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
-//!         Ok(SourceOutputs { outputs: Outputs::none(), key: Key::of_content(&position.to_le_bytes()) })
+//!         Ok(SourceOutputs { outputs: Outputs::none(), key: self.key(position)? })
 //!     }
 //! }
 //!
@@ -85,6 +88,7 @@
 
 mod checkpoints;
 mod error;
+mod frame_graph;
 mod host;
 mod in_flight;
 mod interrupt;
@@ -100,7 +104,6 @@ mod run;
 mod stage;
 mod timing;
 mod warnings;
-mod wiring;
 
 pub use checkpoints::Checkpoints;
 pub use error::RunError;

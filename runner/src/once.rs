@@ -1,12 +1,12 @@
 //! Once-values: what ordered nodes give when they finish, what once-nodes make of it, and who finds it where.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 use std::path::PathBuf;
 use std::sync::Mutex;
 use std::sync::atomic::AtomicU64;
 
 use depthloom_graphs::contracts::{Contract, Slot, Tap, TapError};
-use depthloom_graphs::plan::{From, Plan, PlannedNode};
+use depthloom_graphs::plan::{Origin, Plan, PlannedNode};
 use depthloom_graphs::{
     Context, Fault, Host as _, Inputs, Key, OnceNode, OrderedNode, Port, Rate, Scratch, Value, value_keys,
 };
@@ -15,48 +15,58 @@ use crate::error::RunError;
 use crate::host::TaskHost;
 use crate::in_flight::locked;
 use crate::panics::caught;
-use crate::retire::Passage;
-use crate::stage::Surroundings;
+use crate::retire::Completion;
+use crate::stage::Common;
 use crate::timing::{Phase, Spent, Stopwatch, Timing};
-use crate::wiring::OnceValue;
+
+/// A once-value and the key by which it enters the keys of what is made from it.
+#[derive(Clone, Debug)]
+pub(crate) struct OnceValue {
+    pub(crate) value: Value,
+    pub(crate) key: Key,
+}
+
+/// What is known of a once-value.
+pub(crate) enum OnceState {
+    /// Its node has not fired yet.
+    Pending,
+    /// Its node gave nothing there.
+    Absent,
+    /// It is there.
+    There(OnceValue),
+}
 
 /// The once-values there are so far.
 pub(crate) struct OnceValues {
     files: BTreeMap<PathBuf, Value>,
     /// By stage run, node and port; `None` where the node left an optional output out.
     made: HashMap<(usize, usize, usize), Option<OnceValue>>,
+    /// What once-nodes gave, by their key: of two that are equal, in whichever stage runs, one fires.
+    given: HashMap<Key, Vec<Option<Value>>>,
 }
 
 impl OnceValues {
     pub(crate) fn new(files: BTreeMap<PathBuf, Value>) -> Self {
-        Self { files, made: HashMap::new() }
+        Self { files, made: HashMap::new(), given: HashMap::new() }
     }
 
-    /// What is wired to a once-input, if it is there yet.
-    pub(crate) fn find(&self, from: &From) -> Option<Option<OnceValue>> {
+    /// What is wired to a once-input.
+    pub(crate) fn find(&self, from: &Origin) -> OnceState {
+        let there = |once: Option<OnceValue>| once.map_or(OnceState::Absent, OnceState::There);
         match from {
-            From::Here(_) => None,
-            From::Once { run, node, port } => self.made.get(&(*run, *node, *port)).cloned(),
-            From::File(path) => {
-                let value = self.files.get(path)?;
-                Some(Some(OnceValue { value: value.clone(), key: content(value)? }))
+            Origin::Here(_) => OnceState::Pending,
+            Origin::Once { run, node, port } => {
+                self.made.get(&(*run, *node, *port)).map_or(OnceState::Pending, |made| there(made.clone()))
+            }
+            Origin::File(path) => {
+                let value = self.files.get(path);
+                value
+                    .and_then(|value| Some((value, value.artifact()?.hash)))
+                    .map_or(OnceState::Pending, |(value, key)| {
+                        OnceState::There(OnceValue { value: value.clone(), key })
+                    })
             }
         }
-    }
-}
-
-/// An artefact's content hash.
-fn content(value: &Value) -> Option<Key> {
-    match value {
-        Value::Model(artifact) | Value::Samples(artifact) => Some(artifact.hash),
-        Value::Image(_)
-        | Value::Disparity(_)
-        | Value::Depth(_)
-        | Value::Weight(_)
-        | Value::Mask(_)
-        | Value::Calibration(_)
-        | Value::Scores(_)
-        | Value::Curve(_) => None,
     }
 }
 
@@ -68,27 +78,42 @@ pub(crate) enum Job {
     Finish(Box<dyn OrderedNode>, Option<Key>),
 }
 
+impl Job {
+    /// The key of the values it gives; `None` if it gives none, for a required input is absent.
+    fn key(&self, planned: &PlannedNode) -> Option<Key> {
+        match self {
+            Self::Fire(_, inputs) => {
+                let keys: Vec<_> = inputs.as_ref()?.iter().map(|input| input.as_ref().map(|once| once.key)).collect();
+                Some(value_keys::once(&planned.recipe, &keys))
+            }
+            Self::Finish(_, last) => Some(value_keys::finished(&planned.recipe, last.as_ref())),
+        }
+    }
+}
+
 /// A stage run's work outside frames.
 pub(crate) struct OnceWork<'a, T> {
     pub(crate) run: usize,
     pub(crate) plan: &'a Plan,
-    pub(crate) around: &'a Surroundings<'a, T>,
+    pub(crate) common: &'a Common<'a, T>,
     /// The once-nodes that have not fired yet, by index.
     pub(crate) waiting: BTreeMap<usize, Box<dyn OnceNode>>,
     /// The key of each node that gave once-values, by index.
     pub(crate) keys: BTreeMap<usize, Key>,
+    /// The once-nodes that fired: not those whose values an equal one gave.
+    pub(crate) fired: BTreeSet<usize>,
     pub(crate) timings: Vec<Timing>,
 }
 
 impl<T: Tap> OnceWork<'_, T> {
     /// Fires every once-node whose inputs are there, and those whose inputs these give, and so on.
-    pub(crate) fn fire_all(&mut self, values: &mut OnceValues) -> Result<Passage, RunError> {
+    pub(crate) fn fire_all(&mut self, values: &mut OnceValues) -> Result<Completion, RunError> {
         loop {
             let nodes = &self.plan.runs[self.run].nodes;
             let ready = self.waiting.extract_if(.., |node, _| inputs_of(&nodes[*node], values).is_some());
             let ready: Vec<_> = ready.collect();
             if ready.is_empty() {
-                return Ok(Passage::Whole);
+                return Ok(Completion::Whole);
             }
             let with_inputs = |(node, instance): (usize, Box<dyn OnceNode>)| {
                 let inputs = inputs_of(&nodes[node], values).unwrap_or_default();
@@ -96,68 +121,95 @@ impl<T: Tap> OnceWork<'_, T> {
                 (node, Job::Fire(instance, (!is_absent).then_some(inputs)))
             };
             let jobs = ready.into_iter().map(with_inputs).collect();
-            if self.do_all(jobs, values)? == Passage::Interrupted {
-                return Ok(Passage::Interrupted);
+            if self.do_all(jobs, values)? == Completion::Interrupted {
+                return Ok(Completion::Interrupted);
             }
         }
     }
 
     /// Does jobs that do not depend on each other, as many at once as there are workers.
-    pub(crate) fn do_all(&mut self, jobs: Vec<(usize, Job)>, values: &mut OnceValues) -> Result<Passage, RunError> {
+    pub(crate) fn do_all(&mut self, jobs: Vec<(usize, Job)>, values: &mut OnceValues) -> Result<Completion, RunError> {
         if jobs.is_empty() {
-            return Ok(Passage::Whole);
+            return Ok(Completion::Whole);
         }
-        if self.around.interrupt.stops_admission() {
-            return Ok(Passage::Interrupted);
+        if self.common.interrupt.stops_admission() {
+            return Ok(Completion::Interrupted);
         }
         let nodes = &self.plan.runs[self.run].nodes;
-        let jobs: Vec<_> =
-            jobs.into_iter().map(|(node, job)| (node, Mutex::new(Some(job)), Mutex::new(None))).collect();
-        let permit = self.around.budget.permit();
+        let mut fires: HashSet<Key> = HashSet::new();
+        let jobs: Vec<_> = jobs
+            .into_iter()
+            .map(|(node, job)| {
+                let key = job.key(&nodes[node]);
+                let is_first = |key: &Key| !values.given.contains_key(key) && fires.insert(*key);
+                let runs = match job {
+                    Job::Fire(..) => key.as_ref().is_some_and(is_first),
+                    Job::Finish(..) => true,
+                };
+                (node, key, Mutex::new(runs.then_some(job)), Mutex::new(None))
+            })
+            .collect();
+        let permit = self.common.budget.permit();
         self.host(None, None).tiles(jobs.len(), &|i| {
-            let (node, job, done) = &jobs[i];
-            if let Some(job) = locked(job).take() {
-                *locked(done) = Some(self.perform(*node, &nodes[*node], job));
+            let (node, key, job, done) = &jobs[i];
+            if let (Some(job), Some(key)) = (locked(job).take(), key) {
+                *locked(done) = Some(self.perform(*node, &nodes[*node], *key, job));
             }
         });
         drop(permit);
-        if self.around.interrupt.aborts() {
+        if self.common.interrupt.aborts() {
             return Err(RunError::Aborted);
         }
-        let mut passage = Passage::Whole;
-        for (node, _, done) in jobs {
-            let Some((made, spent)) = locked(&done).take() else { continue };
-            if matches!(made, Err(Fault::Cancelled)) && self.around.interrupt.stops_admission() {
-                // It was asked to, and put down where it is.
-                passage = Passage::Interrupted;
-                continue;
-            }
+        let mut completion = Completion::Whole;
+        for (node, key, _, done) in jobs {
             let planned = &nodes[node];
-            let made = made.map_err(|fault| RunError::OnceFailed {
-                stage: self.plan.runs[self.run].stage.clone(),
-                node: planned.name.clone(),
-                variants: planned.variant_names(self.plan).into_iter().map(str::to_owned).collect(),
-                fault: Box::new(fault),
-            })?;
-            let fired = made.is_some();
-            let (key, outputs) = made.map_or((None, Vec::new()), |(key, outputs)| (Some(key), outputs));
+            let outputs = match locked(&done).take() {
+                Some((Err(Fault::Cancelled), _)) if self.common.interrupt.stops_admission() => {
+                    // It was asked to, and put down where it is.
+                    completion = Completion::Interrupted;
+                    continue;
+                }
+                Some((Err(fault), _)) => {
+                    return Err(RunError::OnceFailed {
+                        stage: self.plan.runs[self.run].stage.clone(),
+                        node: planned.name.clone(),
+                        variants: planned.variant_names(self.plan).into_iter().map(str::to_owned).collect(),
+                        fault: Box::new(fault),
+                    });
+                }
+                Some((Ok(outputs), spent)) => {
+                    let mut timing = Timing::new(self.run, planned.name.clone(), Phase::Once(node));
+                    timing.add(0, spent);
+                    self.timings.push(timing);
+                    if let (Contract::Once, Some(key)) = (planned.contract, key) {
+                        self.fired.insert(node);
+                        values.given.insert(key, outputs.clone());
+                    }
+                    outputs
+                }
+                None => match key {
+                    // A required input is absent: so are its outputs.
+                    None => Vec::new(),
+                    // An equal node fired; unless it was put down, as above.
+                    Some(key) => match values.given.get(&key) {
+                        Some(outputs) => outputs.clone(),
+                        None => continue,
+                    },
+                },
+            };
             let mut outputs = outputs.into_iter();
             for (port, output) in planned.outputs.iter().enumerate().filter(|(_, o)| is_once(planned, &o.port)) {
                 let value = outputs.next().flatten();
                 let keyed = value.zip(key).map(|(value, key)| {
-                    let key = content(&value).unwrap_or_else(|| value_keys::port(&key, output.port.name));
+                    let content = value.artifact().map(|artifact| artifact.hash);
+                    let key = content.unwrap_or_else(|| value_keys::port(&key, output.port.name));
                     OnceValue { value, key }
                 });
                 values.made.insert((self.run, node, port), keyed);
             }
             self.keys.extend(key.map(|key| (node, key)));
-            if fired {
-                let mut timing = Timing::new(self.run, planned.name.clone(), Phase::Once(node));
-                timing.add(0, spent);
-                self.timings.push(timing);
-            }
         }
-        Ok(passage)
+        Ok(completion)
     }
 
     /// Hands the once-values that are recorded to the tap, in plan order.
@@ -166,7 +218,7 @@ impl<T: Tap> OnceWork<'_, T> {
         for (&node, key) in &self.keys {
             for (port, output) in run.nodes[node].outputs.iter().enumerate().filter(|(_, o)| o.recorded) {
                 let Some(Some(once)) = values.made.get(&(self.run, node, port)) else { continue };
-                caught(|| self.around.tap.once(self.run, Slot::Node { node, port }, key, &once.value))
+                caught(|| self.common.tap.once(self.run, Slot::Node { node, port }, key, &once.value))
                     .unwrap_or_else(|panic| Err(TapError::new(format!("panicked {}", panic.0))))
                     .map_err(|error| {
                         let what = format!("the once-value `{}/{}`", run.nodes[node].name, output.port.name);
@@ -178,28 +230,20 @@ impl<T: Tap> OnceWork<'_, T> {
     }
 
     fn host(&self, node: Option<usize>, key: Option<Key>) -> TaskHost<'_> {
-        let Surroundings { budget, interrupt, observer, warnings, checkpoints, .. } = *self.around;
+        let Common { budget, interrupt, observer, warnings, checkpoints, .. } = *self.common;
         let (run, helpers_cpu_ns) = (self.run, AtomicU64::new(0));
         let once = key.map(|key| (key, checkpoints));
         TaskHost { budget, interrupt, observer, warnings, run, node, once, helpers_cpu_ns }
     }
 
-    /// The key and the once-values by port, or `None` if the node did not fire.
-    #[expect(clippy::type_complexity, reason = "read in one place only")]
+    /// The once-values by port.
     fn perform(
         &self,
         node: usize,
         planned: &PlannedNode,
+        key: Key,
         job: Job,
-    ) -> (Result<Option<(Key, Vec<Option<Value>>)>, Fault>, Spent) {
-        let key = match &job {
-            Job::Fire(_, inputs) => {
-                let Some(inputs) = inputs else { return (Ok(None), Spent::default()) };
-                let keys: Vec<_> = inputs.iter().map(|input| input.as_ref().map(|once| once.key)).collect();
-                value_keys::once(&planned.recipe, &keys)
-            }
-            Job::Finish(_, last) => value_keys::finished(&planned.recipe, last.as_ref()),
-        };
+    ) -> (Result<Vec<Option<Value>>, Fault>, Spent) {
         let (watch, host, mut scratch) = (Stopwatch::start(), self.host(Some(node), Some(key)), Scratch::default());
         let mut ctx = Context::new(&host, &mut scratch);
         let ports: Vec<Port> =
@@ -212,10 +256,9 @@ impl<T: Tap> OnceWork<'_, T> {
             }
             Job::Finish(instance, _) => caught(|| instance.finish(&mut ctx)),
         };
-        self.around.checkpoints.release(&key);
+        self.common.checkpoints.release(&key);
         let made = made.unwrap_or_else(|panic| Err(panic.into())).and_then(|given| given.in_order_of(&ports));
-        let made = made.map(|values| (key, values));
-        (made.map(Some), watch.stop(host.helpers_cpu_ns.into_inner()))
+        (made, watch.stop(host.helpers_cpu_ns.into_inner()))
     }
 }
 
@@ -226,5 +269,12 @@ fn is_once(node: &PlannedNode, port: &Port) -> bool {
 
 /// What is at a once-node's inputs; `None` while one of them is not there yet.
 fn inputs_of(node: &PlannedNode, values: &OnceValues) -> Option<Vec<Option<OnceValue>>> {
-    node.inputs.iter().map(|input| input.from.as_ref().map_or(Some(None), |from| values.find(from))).collect()
+    let found = node.inputs.iter().map(|input| input.from.as_ref().map_or(OnceState::Absent, |from| values.find(from)));
+    found
+        .map(|state| match state {
+            OnceState::Pending => None,
+            OnceState::Absent => Some(None),
+            OnceState::There(value) => Some(Some(value)),
+        })
+        .collect()
 }

@@ -9,12 +9,12 @@ use depthloom_graphs::contracts::{Commit, Failure, SlotKey, Tap, TapError};
 use depthloom_graphs::plan::Plan;
 
 use crate::error::RunError;
+use crate::frame_graph::Step;
 use crate::in_flight::{InFlight, Outcome};
 use crate::panics::caught;
 use crate::report::{FrameFailure, Report, StageReport};
 use crate::stage::Stage;
 use crate::timing::{Phase, Stopwatch, Timing};
-use crate::wiring::Step;
 
 /// What is told of a stage run's frames as they retire.
 pub(crate) struct Ledger<'a> {
@@ -48,7 +48,7 @@ impl<'a> Ledger<'a> {
 
 /// Whether all of a stage run's frames came through.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Passage {
+pub(crate) enum Completion {
     Whole,
     Interrupted,
 }
@@ -58,7 +58,7 @@ pub(crate) fn retire_all<T: Tap>(
     stage: &Stage<'_, T>,
     done: &Receiver<Arc<InFlight<T::Part>>>,
     ledger: &mut Ledger<'_>,
-) -> Result<Passage, RunError> {
+) -> Result<Completion, RunError> {
     let frames = stage.source.frames();
     let (mut admitted, mut retired) = (0, 0);
     let mut complete = BTreeMap::new();
@@ -89,7 +89,7 @@ pub(crate) fn retire_all<T: Tap>(
         retired += 1;
         stage.set_oldest(retired);
     }
-    Ok(if retired == frames.len() { Passage::Whole } else { Passage::Interrupted })
+    Ok(if retired == frames.len() { Completion::Whole } else { Completion::Interrupted })
 }
 
 fn write<T: Tap>(
@@ -105,7 +105,7 @@ fn write<T: Tap>(
         let (step, fault) = faults.swap_remove(fatal);
         let fault = Box::new(fault);
         let (plan, frame, run) = (ledger.plan, frame.id.to_string(), stage.plan);
-        return Err(match stage.wiring.step(step) {
+        return Err(match stage.graph.step(step) {
             Step::Node(node) => RunError::NodeFailed {
                 stage: run.stage.clone(),
                 node: run.nodes[node].name.clone(),
@@ -128,7 +128,7 @@ fn write<T: Tap>(
         let node = step.checked_sub(1);
         match settled.outcome {
             Outcome::Absent => continue,
-            Outcome::Fired(key) => match (stage.wiring.step(step), key) {
+            Outcome::Fired(key) => match (stage.graph.step(step), key) {
                 (Step::Source, _) => source_key = key,
                 (Step::Node(node), Some(key)) => {
                     keys.push(SlotKey { node, key });
@@ -140,7 +140,7 @@ fn write<T: Tap>(
                 let fault = faults.iter().find(|(failed, _)| *failed == step).map(|(_, fault)| fault);
                 failures.push(Failure { node, what: fault.map(depthloom_graphs::Fault::chain).unwrap_or_default() });
             }
-            Outcome::Forgone(before) => {
+            Outcome::Skipped(before) => {
                 failures.push(Failure { node, what: format!("not run: {} failed", origin(stage, in_flight, before)) });
                 continue;
             }
@@ -172,10 +172,10 @@ fn write<T: Tap>(
 
 /// What failed first of the steps that one after the other did not run.
 fn origin<T: Tap>(stage: &Stage<'_, T>, frame: &InFlight<T::Part>, mut step: usize) -> String {
-    while let Some(Outcome::Forgone(before)) = frame.settled(step).map(|s| s.outcome) {
+    while let Some(Outcome::Skipped(before)) = frame.settled(step).map(|s| s.outcome) {
         step = before;
     }
-    match stage.wiring.step(step) {
+    match stage.graph.step(step) {
         Step::Node(node) => format!("`{}`", stage.plan.nodes[node].name),
         Step::Source | Step::Encode(_) => format!("source `{}`", stage.plan.source.name),
     }

@@ -1,26 +1,26 @@
 //! A run: its stage runs, one after the other.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::thread::{Builder, scope};
 
 use crossbeam::channel::bounded;
-use depthloom_graphs::contracts::{Contract, Tap};
+use depthloom_graphs::contracts::Tap;
 use depthloom_graphs::plan::Plan;
 use depthloom_graphs::ready::{Ready, ReadyRun};
 use depthloom_graphs::{Instance, Source};
 
 use crate::checkpoints::Checkpoints;
 use crate::error::RunError;
+use crate::frame_graph::{FrameGraph, contract_of};
 use crate::interrupt::Interrupt;
 use crate::observer::Observer;
 use crate::once::{Job, OnceValues, OnceWork};
 use crate::options::Options;
 use crate::ordered::Ordered;
 use crate::report::Report;
-use crate::retire::{Ledger, Passage, retire_all};
-use crate::stage::{EndAll, FrameNode, Stage, Surroundings};
+use crate::retire::{Completion, Ledger, retire_all};
+use crate::stage::{Common, EndAll, FrameNode, Stage};
 use crate::warnings::Warnings;
-use crate::wiring::{Wiring, contract_of};
 use depthloom_threads::Budget;
 
 /// Runs a plan: every frame of every stage run, and its once-values, into the tap.
@@ -41,7 +41,7 @@ pub fn run<T: Tap>(
     let checkpoints = Checkpoints::new(options.checkpoints.clone());
     let (window, keep_going) = (options.window(), options.keep_going);
     let warnings = Warnings::default();
-    let around = Surroundings {
+    let common = Common {
         tap,
         budget: &budget,
         observer,
@@ -59,9 +59,9 @@ pub fn run<T: Tap>(
             break;
         }
         observer.stage_started(run, ready.source.frames().len() as u64);
-        let passage = run_stage(run, &plan, ready, &around, &mut values, &mut report);
+        let completion = run_stage(run, &plan, ready, &common, &mut values, &mut report);
         observer.stage_finished(run);
-        if passage? == Passage::Interrupted {
+        if completion? == Completion::Interrupted {
             report.interrupted = true;
             break;
         }
@@ -75,10 +75,10 @@ fn run_stage<T: Tap>(
     run: usize,
     plan: &Plan,
     ready: ReadyRun,
-    around: &Surroundings<'_, T>,
+    common: &Common<'_, T>,
     values: &mut OnceValues,
     report: &mut Report,
-) -> Result<Passage, RunError> {
+) -> Result<Completion, RunError> {
     let stage = &plan.runs[run];
     let unrunnable = |what| RunError::Unrunnable { stage: stage.stage.clone(), what };
     let ReadyRun { source, nodes } = ready;
@@ -97,23 +97,24 @@ fn run_stage<T: Tap>(
         }
         of_frames.push(match instance {
             Instance::Pure(node) => FrameNode::Pure(node),
-            Instance::Ordered(node) => FrameNode::Ordered(Ordered::new(node, around.window)),
+            Instance::Ordered(node) => FrameNode::Ordered(Ordered::new(node, common.window)),
             Instance::Once(node) => {
                 waiting.insert(index, node);
-                FrameNode::Aside
+                FrameNode::Once
             }
         });
     }
 
-    let mut once = OnceWork { run, plan, around, waiting, keys: BTreeMap::new(), timings: Vec::new() };
-    let mut ledger = Ledger::new(plan, run, source.frames().len(), around.tap.parts(run));
-    let passage = pass(&mut once, source.as_ref(), of_frames, &mut ledger, values);
-    for &node in once.keys.keys().filter(|&&node| stage.nodes[node].contract == Contract::Once) {
+    let mut once =
+        OnceWork { run, plan, common, waiting, keys: BTreeMap::new(), fired: BTreeSet::new(), timings: Vec::new() };
+    let mut ledger = Ledger::new(plan, run, source.frames().len(), common.tap.parts(run));
+    let completion = pass(&mut once, source.as_ref(), of_frames, &mut ledger, values);
+    for &node in &once.fired {
         ledger.stage.firings[node] = 1;
     }
     ledger.close(report);
     report.timings.append(&mut once.timings);
-    passage
+    completion
 }
 
 /// A stage run from its first frame to its last once-value.
@@ -123,17 +124,17 @@ fn pass<T: Tap>(
     nodes: Vec<FrameNode<T::Part>>,
     ledger: &mut Ledger<'_>,
     values: &mut OnceValues,
-) -> Result<Passage, RunError> {
+) -> Result<Completion, RunError> {
     let (run, plan) = (once.run, &once.plan.runs[once.run]);
     let unrunnable = |what| RunError::Unrunnable { stage: plan.stage.clone(), what };
     // Once-nodes that need nothing of this stage's frames come first: its own nodes may need what they give.
-    if once.fire_all(values)? == Passage::Interrupted {
-        return Ok(Passage::Interrupted);
+    if once.fire_all(values)? == Completion::Interrupted {
+        return Ok(Completion::Interrupted);
     }
-    let wiring = Wiring::new(run, plan, once.around.tap, |from| values.find(from)).map_err(unrunnable)?;
-    let stage = Stage::new(run, plan, wiring, source, nodes, once.around);
-    if run_frames(&stage, ledger)? == Passage::Interrupted {
-        return Ok(Passage::Interrupted);
+    let graph = FrameGraph::new(run, plan, once.common.tap, |from| values.find(from)).map_err(unrunnable)?;
+    let stage = Stage::new(run, plan, graph, source, nodes, once.common);
+    if run_frames(&stage, ledger)? == Completion::Interrupted {
+        return Ok(Completion::Interrupted);
     }
     let mut jobs = Vec::new();
     for (index, node) in stage.nodes.into_iter().enumerate() {
@@ -143,8 +144,8 @@ fn pass<T: Tap>(
             jobs.push((index, Job::Finish(node, last_key)));
         }
     }
-    if once.do_all(jobs, values)? == Passage::Interrupted || once.fire_all(values)? == Passage::Interrupted {
-        return Ok(Passage::Interrupted);
+    if once.do_all(jobs, values)? == Completion::Interrupted || once.fire_all(values)? == Completion::Interrupted {
+        return Ok(Completion::Interrupted);
     }
     if let Some(node) = once.waiting.keys().next() {
         return Err(unrunnable(format!(
@@ -153,11 +154,11 @@ fn pass<T: Tap>(
         )));
     }
     once.hand_over(values)?;
-    Ok(Passage::Whole)
+    Ok(Completion::Whole)
 }
 
 /// Runs the frames on workers; this thread admits and writes.
-fn run_frames<T: Tap>(stage: &Stage<'_, T>, ledger: &mut Ledger<'_>) -> Result<Passage, RunError> {
+fn run_frames<T: Tap>(stage: &Stage<'_, T>, ledger: &mut Ledger<'_>) -> Result<Completion, RunError> {
     // Never full: no more frames are in flight than this.
     let (send, done) = bounded(stage.window);
     scope(|scope| {

@@ -9,6 +9,7 @@ use depthloom_graphs::plan::StageRun;
 use depthloom_graphs::{Context, Fault, Inputs, Key, Outputs, PureNode, Scratch, Source, Value, value_keys};
 
 use crate::checkpoints::Checkpoints;
+use crate::frame_graph::{Feed, FrameGraph, Step};
 use crate::host::TaskHost;
 use crate::in_flight::{InFlight, Outcome, Settled, locked};
 use crate::interrupt::Interrupt;
@@ -18,7 +19,6 @@ use crate::panics::caught;
 use crate::queues::Queues;
 use crate::timing::{Spent, Stopwatch};
 use crate::warnings::Warnings;
-use crate::wiring::{Step, Wire, Wiring};
 use depthloom_threads::Budget;
 
 /// A node as the frames see it.
@@ -26,7 +26,7 @@ pub(crate) enum FrameNode<P> {
     Pure(Box<dyn PureNode>),
     Ordered(Ordered<P>),
     /// A once-node: no frame comes by it.
-    Aside,
+    Once,
 }
 
 /// A step of a frame that can run now.
@@ -36,13 +36,13 @@ pub(crate) struct Task<P> {
 }
 
 /// A frame on its way.
-type Flying<T> = Arc<InFlight<<T as Tap>::Part>>;
+type FrameInFlight<T> = Arc<InFlight<<T as Tap>::Part>>;
 
 /// A stage run while its frames run.
 pub(crate) struct Stage<'a, T: Tap> {
     pub(crate) run: usize,
     pub(crate) plan: &'a StageRun,
-    pub(crate) wiring: Wiring,
+    pub(crate) graph: FrameGraph,
     pub(crate) source: &'a dyn Source,
     pub(crate) nodes: Vec<FrameNode<T::Part>>,
     pub(crate) tap: &'a T,
@@ -60,7 +60,7 @@ pub(crate) struct Stage<'a, T: Tap> {
 
 /// What a worker keeps between tasks.
 #[derive(Default)]
-struct Desk {
+struct WorkerState {
     scratch: Scratch,
     inputs: Vec<Option<Value>>,
     keys: Vec<Option<Key>>,
@@ -70,7 +70,7 @@ struct Desk {
     since: Option<Stopwatch>,
 }
 
-impl Desk {
+impl WorkerState {
     fn start(&mut self) -> Stopwatch {
         self.since.take().unwrap_or_else(Stopwatch::start)
     }
@@ -99,7 +99,7 @@ impl<T: Tap> Drop for EndAll<'_, '_, T> {
 }
 
 /// What the runs have in common.
-pub(crate) struct Surroundings<'a, T> {
+pub(crate) struct Common<'a, T> {
     pub(crate) tap: &'a T,
     pub(crate) budget: &'a Budget,
     pub(crate) observer: &'a dyn Observer,
@@ -114,25 +114,25 @@ impl<'a, T: Tap> Stage<'a, T> {
     pub(crate) fn new(
         run: usize,
         plan: &'a StageRun,
-        wiring: Wiring,
+        graph: FrameGraph,
         source: &'a dyn Source,
         nodes: Vec<FrameNode<T::Part>>,
-        around: &Surroundings<'a, T>,
+        common: &Common<'a, T>,
     ) -> Self {
         Self {
             run,
             plan,
-            wiring,
+            graph,
             source,
             nodes,
-            tap: around.tap,
-            budget: around.budget,
-            observer: around.observer,
-            interrupt: around.interrupt,
-            warnings: around.warnings,
-            window: around.window,
-            keep_going: around.keep_going,
-            queues: Queues::new(around.window),
+            tap: common.tap,
+            budget: common.budget,
+            observer: common.observer,
+            interrupt: common.interrupt,
+            warnings: common.warnings,
+            window: common.window,
+            keep_going: common.keep_going,
+            queues: Queues::new(common.window),
             last: AtomicUsize::new(usize::MAX),
             ended: AtomicBool::new(false),
         }
@@ -140,7 +140,7 @@ impl<'a, T: Tap> Stage<'a, T> {
 
     /// Lets a frame in.
     pub(crate) fn admit(&self, position: usize) {
-        self.queues.push(position, Task { frame: Arc::new(InFlight::new(position, &self.wiring)), step: 0 });
+        self.queues.push(position, Task { frame: Arc::new(InFlight::new(position, &self.graph)), step: 0 });
         self.budget.wake(1);
     }
 
@@ -157,7 +157,7 @@ impl<'a, T: Tap> Stage<'a, T> {
     /// Whether what failed at a step ends the stage.
     pub(crate) fn is_fatal(&self, step: usize) -> bool {
         !self.keep_going
-            || matches!(self.wiring.step(step), Step::Node(n) if matches!(self.nodes[n], FrameNode::Ordered(_)))
+            || matches!(self.graph.step(step), Step::Node(n) if matches!(self.nodes[n], FrameNode::Ordered(_)))
     }
 
     /// Sends the workers home.
@@ -171,24 +171,24 @@ impl<'a, T: Tap> Stage<'a, T> {
     }
 
     /// Works until the stage is over. Frames whose last step is done go to `done`, which never is full.
-    pub(crate) fn work(&self, done: &Sender<Flying<T>>) {
+    pub(crate) fn work(&self, done: &Sender<FrameInFlight<T>>) {
         // Whatever ends one worker ends all: nobody waits for who is gone.
         let _end_all = EndAll(self);
-        let mut desk = Desk::default();
-        let mut hand = None;
+        let mut worker = WorkerState::default();
+        let mut own = None;
         while let Some(permit) = self.budget.permit_for(|| !self.queues.is_empty(), || self.is_over()) {
             while !self.is_over() {
-                let Some(task) = self.next(hand.take()) else { break };
-                hand = self.perform(task, &mut desk, done);
+                let Some(task) = self.next(own.take()) else { break };
+                own = self.perform(task, &mut worker, done);
             }
-            desk.since = None;
+            worker.since = None;
             permit.rest();
         }
     }
 
-    /// The task to do next: the one in hand, unless an older frame has one.
-    fn next(&self, hand: Option<Task<T::Part>>) -> Option<Task<T::Part>> {
-        let Some(mine) = hand else { return self.queues.pop() };
+    /// The task to do next: the worker's own, unless an older frame has one.
+    fn next(&self, own: Option<Task<T::Part>>) -> Option<Task<T::Part>> {
+        let Some(mine) = own else { return self.queues.pop() };
         let Some(older) = self.queues.pop_older_than(mine.frame.position) else { return Some(mine) };
         self.queues.push(mine.frame.position, mine);
         self.budget.wake(1);
@@ -196,32 +196,37 @@ impl<'a, T: Tap> Stage<'a, T> {
     }
 
     /// Does a task; gives back one that it made ready, if any, and queues the others.
-    fn perform(&self, task: Task<T::Part>, desk: &mut Desk, done: &Sender<Flying<T>>) -> Option<Task<T::Part>> {
+    fn perform(
+        &self,
+        task: Task<T::Part>,
+        worker: &mut WorkerState,
+        done: &Sender<FrameInFlight<T>>,
+    ) -> Option<Task<T::Part>> {
         let Task { frame, step } = task;
         if self.is_past_the_last(frame.position) {
             return None;
         }
-        let kind = self.wiring.step(step);
+        let kind = self.graph.step(step);
         let settled = match kind {
-            Step::Source => self.read(&frame, desk),
-            Step::Node(node) => self.fire(&frame, node, desk),
-            Step::Encode(part) => self.encode(&frame, part, desk),
+            Step::Source => self.read(&frame, worker),
+            Step::Node(node) => self.fire(&frame, node, worker),
+            Step::Encode(part) => self.encode(&frame, part, worker),
         };
-        let (mut hand, mut queued) = (None, 0);
-        let mut offer = |frame: Flying<T>, step| {
+        let (mut next, mut queued) = (None, 0);
+        let mut offer = |frame: FrameInFlight<T>, step| {
             let task = Task { frame, step };
-            if hand.is_none() {
-                hand = Some(task);
+            if next.is_none() {
+                next = Some(task);
             } else {
                 self.queues.push(task.frame.position, task);
                 queued += 1;
             }
         };
-        let is_complete = frame.settle(step, settled, &self.wiring, |then| {
-            let may_run = match self.wiring.step(then) {
+        let is_complete = frame.settle(step, settled, &self.graph, |then| {
+            let may_run = match self.graph.step(then) {
                 Step::Node(node) => match &self.nodes[node] {
                     FrameNode::Ordered(ordered) => ordered.arrive(&frame),
-                    FrameNode::Pure(_) | FrameNode::Aside => true,
+                    FrameNode::Pure(_) | FrameNode::Once => true,
                 },
                 Step::Source | Step::Encode(_) => true,
             };
@@ -240,7 +245,7 @@ impl<'a, T: Tap> Stage<'a, T> {
             // Fails only if the writer is gone, and then the stage is over.
             let _ = done.send(frame);
         }
-        hand
+        next
     }
 
     fn host(&self, node: Option<usize>) -> TaskHost<'a> {
@@ -257,36 +262,45 @@ impl<'a, T: Tap> Stage<'a, T> {
         }
     }
 
-    fn read(&self, frame: &InFlight<T::Part>, desk: &mut Desk) -> Settled {
-        let (watch, host) = (desk.start(), self.host(None));
-        let mut ctx = Context::new(&host, &mut desk.scratch);
-        let read = caught(|| self.source.read(frame.position, &mut ctx)).unwrap_or_else(|panic| Err(panic.into()));
-        let read = read.and_then(|read| Ok((read.outputs.in_order_of(&self.wiring.producers[0].outputs)?, read.key)));
-        let spent = desk.stop(watch, &host);
+    fn read(&self, frame: &InFlight<T::Part>, worker: &mut WorkerState) -> Settled {
+        let (watch, host) = (worker.start(), self.host(None));
+        let mut ctx = Context::new(&host, &mut worker.scratch);
+        let read = || {
+            // Asked for first, as by whoever looks up whether the frame has to be read at all; and what was read must be what it names.
+            let key = self.source.key(frame.position)?;
+            let read = self.source.read(frame.position, &mut ctx)?;
+            if read.key != key {
+                return Err(Fault::new("the frame's files changed while they were read").remedy("run again"));
+            }
+            Ok(read)
+        };
+        let read = caught(read).unwrap_or_else(|panic| Err(panic.into()));
+        let read = read.and_then(|read| Ok((read.outputs.in_order_of(&self.graph.producers[0].outputs)?, read.key)));
+        let spent = worker.stop(watch, &host);
         self.close(frame, 0, read, spent)
     }
 
-    fn fire(&self, frame: &InFlight<T::Part>, node: usize, desk: &mut Desk) -> Settled {
+    fn fire(&self, frame: &InFlight<T::Part>, node: usize, worker: &mut WorkerState) -> Settled {
         let step = 1 + node;
-        let outcome = match self.gather(frame, step, desk) {
+        let outcome = match self.gather(frame, step, worker) {
             Gathered::Complete => None,
             Gathered::Absent => Some(Outcome::Absent),
-            Gathered::Without(failed) => Some(Outcome::Forgone(failed)),
+            Gathered::Without(failed) => Some(Outcome::Skipped(failed)),
         };
         if let Some(outcome) = outcome {
-            desk.inputs.clear();
+            worker.inputs.clear();
             return Settled { outcome, spent: Spent::default() };
         }
-        let producer = &self.wiring.producers[step];
+        let producer = &self.graph.producers[step];
         let recipe = &self.plan.nodes[node].recipe;
-        let (watch, host) = (desk.start(), self.host(Some(node)));
-        let inputs = Inputs::new(&producer.inputs, &desk.inputs);
-        let mut ctx = Context::new(&host, &mut desk.scratch);
+        let (watch, host) = (worker.start(), self.host(Some(node)));
+        let inputs = Inputs::new(&producer.inputs, &worker.inputs);
+        let mut ctx = Context::new(&host, &mut worker.scratch);
         let in_order = |given: Outputs| given.in_order_of(&producer.outputs);
         let fired = match &self.nodes[node] {
             FrameNode::Pure(pure) => {
                 let fired = caught(|| pure.process(&inputs, &mut ctx)).unwrap_or_else(|panic| Err(panic.into()));
-                fired.and_then(in_order).map(|values| (values, value_keys::pure(recipe, &desk.keys)))
+                fired.and_then(in_order).map(|values| (values, value_keys::pure(recipe, &worker.keys)))
             }
             FrameNode::Ordered(ordered) => {
                 let mut state = locked(&ordered.state);
@@ -300,29 +314,29 @@ impl<'a, T: Tap> Stage<'a, T> {
                     state.node = None;
                 }
                 fired.map(|values| {
-                    let key = value_keys::ordered(recipe, state.last_key.as_ref(), &desk.keys);
+                    let key = value_keys::ordered(recipe, state.last_key.as_ref(), &worker.keys);
                     state.last_key = Some(key);
                     (values, key)
                 })
             }
-            FrameNode::Aside => Err(Fault::new("a once-node does not see frames")),
+            FrameNode::Once => Err(Fault::new("a once-node does not see frames")),
         };
-        let spent = desk.stop(watch, &host);
-        desk.inputs.clear();
+        let spent = worker.stop(watch, &host);
+        worker.inputs.clear();
         self.close(frame, step, fired, spent)
     }
 
     /// Takes a node's inputs from where they lie, whether it is going to fire or not.
-    fn gather(&self, frame: &InFlight<T::Part>, step: usize, desk: &mut Desk) -> Gathered {
-        let producer = &self.wiring.producers[step];
-        desk.inputs.clear();
-        desk.keys.clear();
+    fn gather(&self, frame: &InFlight<T::Part>, step: usize, worker: &mut WorkerState) -> Gathered {
+        let producer = &self.graph.producers[step];
+        worker.inputs.clear();
+        worker.keys.clear();
         let (mut without, mut is_absent) = (None, false);
-        for (port, wire) in producer.inputs.iter().zip(&producer.wires) {
-            let (value, key) = match wire {
-                Wire::Unwired | Wire::Once(None) => (None, None),
-                Wire::Once(Some(once)) => (Some(once.value.clone()), Some(once.key)),
-                Wire::Place { place, step } => {
+        for (port, feed) in producer.inputs.iter().zip(&producer.feeds) {
+            let (value, key) = match feed {
+                Feed::Unwired | Feed::Once(None) => (None, None),
+                Feed::Once(Some(once)) => (Some(once.value.clone()), Some(once.key)),
+                Feed::Place { place, step } => {
                     if without.is_none() && frame.is_without_values(*step) {
                         without = Some(*step);
                     }
@@ -330,8 +344,8 @@ impl<'a, T: Tap> Stage<'a, T> {
                 }
             };
             is_absent |= value.is_none() && !port.optional;
-            desk.inputs.push(value);
-            desk.keys.push(key);
+            worker.inputs.push(value);
+            worker.keys.push(key);
         }
         match without {
             Some(step) => Gathered::Without(step),
@@ -350,11 +364,11 @@ impl<'a, T: Tap> Stage<'a, T> {
     ) -> Settled {
         let outcome = match result {
             Ok((values, key)) => {
-                let producer = &self.wiring.producers[step];
+                let producer = &self.graph.producers[step];
                 for (i, (value, port)) in values.into_iter().zip(&producer.outputs).enumerate() {
                     let place = producer.first_place + i;
                     let Some(value) = value else { continue };
-                    let is_keyed = self.wiring.places[place].keyed;
+                    let is_keyed = self.graph.places[place].keyed;
                     frame.put(place, value, is_keyed.then(|| value_keys::port(&key, port.name)));
                 }
                 Outcome::Fired(Some(key))
@@ -370,21 +384,21 @@ impl<'a, T: Tap> Stage<'a, T> {
         Settled { outcome, spent }
     }
 
-    fn encode(&self, frame: &InFlight<T::Part>, part: usize, desk: &mut Desk) -> Settled {
-        desk.taken.clear();
-        let slots = self.wiring.parts[part].iter();
-        desk.taken.extend(slots.filter_map(|&(slot, place)| frame.take(place).map(|(value, _)| (slot, value))));
+    fn encode(&self, frame: &InFlight<T::Part>, part: usize, worker: &mut WorkerState) -> Settled {
+        worker.taken.clear();
+        let slots = self.graph.parts[part].iter();
+        worker.taken.extend(slots.filter_map(|&(slot, place)| frame.take(place).map(|(value, _)| (slot, value))));
         // A frame that ends the stage is not written.
         if self.is_past_the_last(frame.position.saturating_add(1)) && frame.has_failed() {
-            desk.taken.clear();
+            worker.taken.clear();
             return Settled { outcome: Outcome::Absent, spent: Spent::default() };
         }
-        let (watch, host) = (desk.start(), self.host(None));
+        let (watch, host) = (worker.start(), self.host(None));
         let instant = &self.source.frames()[frame.position];
-        let encoded = caught(|| self.tap.encode(self.run, (frame.position, instant), part, &desk.taken))
+        let encoded = caught(|| self.tap.encode(self.run, (frame.position, instant), part, &worker.taken))
             .unwrap_or_else(|panic| Err(TapError::new(format!("panicked {}", panic.0))));
-        let spent = desk.stop(watch, &host);
-        desk.taken.clear();
+        let spent = worker.stop(watch, &host);
+        worker.taken.clear();
         match encoded {
             Ok(encoded) => frame.put_part(part, encoded),
             Err(error) => {

@@ -6,7 +6,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::error::Error;
 
 use depthloom_graphs::contracts::{Commit, Contract, Failure, InlineHost, Slot, SlotKey};
-use depthloom_graphs::plan::{From, PlannedNode};
+use depthloom_graphs::plan::{Origin, PlannedNode};
 use depthloom_graphs::{Context, Fault, Inputs, Instance, Key, Outputs, Port, Rate, Scratch, Value, value_keys};
 use depthloom_runner::{Interrupt, Options, RunError, Unwatched, run};
 use proptest::collection::{btree_set, vec};
@@ -75,7 +75,7 @@ fn any_graph() -> impl Strategy<Value = AnyGraph> {
 
 fn bench(graph: &AnyGraph) -> Bench {
     let mut bench = Bench::new(&["one"]);
-    let mut once_values: Vec<From> = Vec::new();
+    let mut once_values: Vec<Origin> = Vec::new();
     for (run, nodes) in graph.stages.iter().enumerate() {
         let mut source = Numbers::new(graph.frames);
         (source.toy.fails_at, source.toy.absent_at) = (graph.source_fails_at.clone(), graph.source_absent_at.clone());
@@ -89,7 +89,7 @@ fn bench(graph: &AnyGraph) -> Bench {
                 1 if !once_values.is_empty() => Contract::Once,
                 _ => Contract::Pure,
             };
-            let slot = |i: usize| Some(From::Here(slots[i % slots.len()]));
+            let slot = |i: usize| Some(Origin::Here(slots[i % slots.len()]));
             let pick = |i: usize, of: usize| (of > 0).then(|| once_values[i % of].clone());
             let from = match contract {
                 Contract::Once => {
@@ -113,8 +113,8 @@ fn bench(graph: &AnyGraph) -> Bench {
                 slots.extend([0, 1].map(|port| Slot::Node { node: index, port }));
             }
             match contract {
-                Contract::Ordered => once_values.push(From::Once { run, node: index, port: 2 }),
-                Contract::Once => once_values.push(From::Once { run, node: index, port: 0 }),
+                Contract::Ordered => once_values.push(Origin::Once { run, node: index, port: 2 }),
+                Contract::Once => once_values.push(Origin::Once { run, node: index, port: 0 }),
                 Contract::Pure => {}
             }
         }
@@ -178,13 +178,13 @@ fn reference(graph: &AnyGraph) -> (Vec<String>, Option<String>) {
                 Err(fault) => Gave::Failed(fault),
             }];
             for (index, (node, instance)) in planned.nodes.iter().zip(&mut ready.nodes).enumerate() {
-                let at = |from: &From| match from {
-                    From::Here(Slot::Source { port }) => (0, *port),
-                    From::Here(Slot::Node { node, port }) => (1 + node, *port),
+                let at = |from: &Origin| match from {
+                    Origin::Here(Slot::Source { port }) => (0, *port),
+                    Origin::Here(Slot::Node { node, port }) => (1 + node, *port),
                     _ => unreachable!("asked of per-frame inputs only"),
                 };
                 let before = node.inputs.iter().filter_map(|i| i.from.as_ref());
-                let before = before.filter(|from| matches!(from, From::Here(_)));
+                let before = before.filter(|from| matches!(from, Origin::Here(_)));
                 let failed = before.map(|from| at(from).0).find_map(|step| match &gave[step] {
                     Gave::Failed(_) if step == 0 => Some("not run: source `numbers` failed".to_owned()),
                     Gave::Failed(_) => Some(format!("not run: `{}` failed", planned.nodes[step - 1].name)),
@@ -195,7 +195,7 @@ fn reference(graph: &AnyGraph) -> (Vec<String>, Option<String>) {
                     .inputs
                     .iter()
                     .map(|input| match input.from.as_ref()? {
-                        From::Once { run, node, port } => once.get(&(*run, *node, *port)).cloned(),
+                        Origin::Once { run, node, port } => once.get(&(*run, *node, *port)).cloned(),
                         here => match &gave[at(here).0] {
                             Gave::Values(_, values) => values[at(here).1].clone(),
                             Gave::Nothing | Gave::Failed(_) | Gave::NotRun(_) => None,
@@ -298,7 +298,7 @@ fn finish(
             }
             Instance::Once(instance) => {
                 let found = node.inputs.iter().map(|input| match input.from.as_ref()? {
-                    From::Once { run, node, port } => once.get(&(*run, *node, *port)).cloned(),
+                    Origin::Once { run, node, port } => once.get(&(*run, *node, *port)).cloned(),
                     _ => None,
                 });
                 let (values, keys): (Vec<_>, Vec<_>) =

@@ -199,6 +199,68 @@ fn a_learning_curve_is_a_once_value_beside_the_model() {
     assert_eq!(lines[4..], [format!("0 Node {{ node: 1, port: 0 }} {key} 3")]);
 }
 
+/// One node of a recipe, wherever it stands.
+#[test]
+fn equal_once_nodes_fire_once_in_whichever_stages_they_stand() {
+    for workers in [1, 4] {
+        let mut bench = Bench::new(&[""]);
+        let (toy, other) = (Toy::salted(5), Toy::salted(6));
+        let (calls, other_calls) = (Arc::clone(&toy.calls), Arc::clone(&other.calls));
+        let teacher = |bench: &mut Bench, name: &str, toy: &Toy| {
+            let toy = Toy { calls: Arc::clone(&toy.calls), ..Toy::salted(toy.salt) };
+            bench.toy(name, Contract::Once, [once(0, 0, 2), None, None], toy);
+        };
+        bench.stage("learn", Numbers::new(2));
+        bench.toy("sum", Contract::Ordered, [source(0), None, None], Toy::salted(1));
+        teacher(&mut bench, "teacher", &toy);
+        teacher(&mut bench, "teacher", &toy);
+        bench.stage("compare", Numbers::new(2));
+        teacher(&mut bench, "teacher", &toy);
+        teacher(&mut bench, "another", &other);
+        bench.toy("pupil", Contract::Pure, [source(0), None, once(0, 2, 0)], Toy::salted(3));
+        let notebook = Notebook::with_parts(1);
+        let report = run(bench.ready(), &notebook, &options(workers), &Unwatched, &Interrupt::default()).unwrap();
+        assert_eq!((calls.load(Ordering::Relaxed), other_calls.load(Ordering::Relaxed)), (1, 1));
+        let firings: Vec<_> = report.stages.iter().map(|stage| stage.firings.clone()).collect();
+        assert_eq!(firings, [vec![2, 1, 0], vec![0, 1, 2]]);
+        let lines = notebook.lines();
+        let given = |node: usize, run: usize| {
+            let start = format!("{run} {:?} ", Slot::Node { node, port: 0 });
+            lines.iter().find_map(|line| line.strip_prefix(&start)).expect("it is handed over").to_owned()
+        };
+        assert!(given(1, 0) == given(2, 0) && given(1, 0) == given(0, 1), "each has the value under the key of all");
+        assert_ne!(given(1, 0), given(1, 1));
+    }
+}
+
+/// A source whose files are others when they are read than when they were named.
+struct Changing(Numbers);
+
+impl Source for Changing {
+    fn frames(&self) -> &[Frame] {
+        self.0.frames()
+    }
+
+    fn key(&self, position: usize) -> Result<Key, Fault> {
+        if position == 1 { Ok(Key::of_content(b"before")) } else { self.0.key(position) }
+    }
+
+    fn read(&self, position: usize, ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
+        self.0.read(position, ctx)
+    }
+}
+
+#[test]
+fn a_frame_that_is_not_the_one_its_key_names_fails() {
+    let mut bench = Bench::new(&[""]);
+    bench.stage("compare", Changing(Numbers::new(3)));
+    let notebook = Notebook::with_parts(1);
+    let error = run(bench.ready(), &notebook, &options(2), &Unwatched, &Interrupt::default()).unwrap_err();
+    let RunError::SourceFailed { frame, fault, .. } = error else { panic!("{error}") };
+    assert_eq!((frame.as_str(), fault.to_string().as_str()), ("f2", "the frame's files changed while they were read"));
+    assert_eq!(frames(&notebook.lines()), ["f1"]);
+}
+
 #[test]
 fn a_failing_once_node_is_named() {
     let mut bench = Bench::new(&[""]);
@@ -424,9 +486,13 @@ impl Source for Cradle {
         &self.1
     }
 
+    fn key(&self, position: usize) -> Result<Key, Fault> {
+        Ok(Key::of_content(&position.to_le_bytes()))
+    }
+
     fn read(&self, position: usize, _: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
-        let key = Key::of_content(&position.to_le_bytes());
-        Ok(SourceOutputs { outputs: Outputs::one("m", self.0.bear(u8::try_from(position).expect("few frames"))), key })
+        let outputs = Outputs::one("m", self.0.bear(u8::try_from(position).expect("few frames")));
+        Ok(SourceOutputs { outputs, key: self.key(position)? })
     }
 }
 

@@ -62,6 +62,11 @@ impl Source for Plane {
         &self.frames
     }
 
+    fn key(&self, position: usize) -> Result<Key, Fault> {
+        // What decides the frame, so that results can be known again: a data set hashes the files it reads.
+        Ok(Key::build("example/plane").number(u64::from(self.disparities[position])).finish())
+    }
+
     fn read(&self, position: usize, _ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
         let disparity = self.disparities[position];
         let texture = |x: u32, y: u32| {
@@ -83,8 +88,6 @@ impl Source for Plane {
             .with("right", Image::new(Pixels::Grey(right)))
             .with("calibration", calibration)
             .with("depth", Depth { metres });
-        // What decides the frame, so that results can be known again: a data set hashes the files it reads.
-        let key = Key::build("example/plane").number(u64::from(disparity)).finish();
-        Ok(SourceOutputs { outputs, key })
+        Ok(SourceOutputs { outputs, key: self.key(position)? })
     }
 }

@@ -67,7 +67,7 @@ impl Port {
     /// Whether a file can be the value of this input.
     #[must_use]
     pub fn takes_file(&self) -> bool {
-        self.rate == Rate::Once && matches!(self.value_type, ValueType::Model | ValueType::Samples)
+        self.rate == Rate::Once && self.value_type.is_artifact()
     }
 
     /// The same port, optional.

@@ -13,7 +13,7 @@ pub struct SourceOutputs {
     /// The values by output port; optional ones may be absent.
     pub outputs: Outputs,
     /// The content hash of the files read for this frame (calibration included), or of the recipe and index of a made one:
-    /// never of the root folder, the range or the window.
+    /// never of the root folder, the range or the window. Of what was read: if [`Source::key`] named another, the files changed meanwhile.
     pub key: Key,
 }
 
@@ -27,6 +27,13 @@ pub trait Source: Send + Sync {
     fn warnings(&self) -> &[String] {
         &[]
     }
+
+    /// The key of `frames()[position]`: what [`Source::read`] gives with the values, come by without decoding anything, so that
+    /// what was made from a frame can be looked up before the frame is read.
+    ///
+    /// # Errors
+    /// The file at fault, the place and the remedy. What is no image may still have a key.
+    fn key(&self, position: usize) -> Result<Key, Fault>;
 
     /// Reads `frames()[position]`.
     ///

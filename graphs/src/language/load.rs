@@ -11,6 +11,7 @@ use super::change::variant::Variant;
 use super::change::variants;
 use super::check::params::Resolver;
 use super::check::spec::{self, Spec};
+use super::plan::assemble;
 use super::plan::link;
 use super::plan::linked::Linked;
 use super::plan::live;
@@ -160,8 +161,9 @@ fn planned(
         return None;
     }
     let names: Vec<String> = variants.iter().map(|variant| variant.name.clone()).collect();
-    let shared = share::share(&names, &linked, &live, &recording);
-    upstream::check(&shared, &names, registry, report);
+    let shared = share::share(&linked, &live);
+    let runs = assemble::stage_runs(&shared, &names, &linked, &recording);
+    upstream::check(&runs, &shared.runs, &names, registry, report);
     equal_variants(&variants, &shared, report);
     overruled(&names, &shared, report);
     let kept = kept::files(files, &root, set, &resolver.anywhere);
@@ -169,7 +171,7 @@ fn planned(
         experiment,
         about,
         variants: names,
-        runs: shared.runs,
+        runs,
         record: recording.record,
         written: files.written(),
         resolved: resolved::yaml(&root, None),
@@ -214,7 +216,7 @@ fn unused_sources(root: &Node, linked: &[Linked<'_>], report: &mut Report) {
     }
 }
 
-fn equal_variants(variants: &[Variant], shared: &Shared, report: &mut Report) {
+fn equal_variants(variants: &[Variant], shared: &Shared<'_>, report: &mut Report) {
     let mut seen: HashMap<&Vec<share::PlacedStage>, &Variant> = HashMap::new();
     for (variant, placed) in variants.iter().zip(&shared.placed) {
         match seen.get(placed) {
@@ -231,7 +233,7 @@ fn equal_variants(variants: &[Variant], shared: &Shared, report: &mut Report) {
 }
 
 /// Operational parameters decide nothing: two values of one are no reason to compute twice, and one of them is not used.
-fn overruled(names: &[String], shared: &Shared, report: &mut Report) {
+fn overruled(names: &[String], shared: &Shared<'_>, report: &mut Report) {
     for overruled in &shared.overruled {
         let Overruled { node, place, variant, first } = overruled;
         let what = format!("node `{node}` differs from `{first}` in parameters alone that decide no result");

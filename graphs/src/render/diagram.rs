@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use crate::contracts::{Contract, Slot};
-use crate::plan::{From, Plan, StageRun};
+use crate::plan::{Origin, Plan, StageRun};
 
 /// What a box stands for.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -66,17 +66,17 @@ pub(super) fn of(plan: &Plan) -> Diagram {
             for input in &node.inputs {
                 let Some(from) = &input.from else { continue };
                 let (from, port, once) = match from {
-                    From::Here(Slot::Source { port }) => {
+                    Origin::Here(Slot::Source { port }) => {
                         (format!("r{r}s"), run.source.outputs[*port].port.name.to_owned(), false)
                     }
-                    From::Here(Slot::Node { node, port }) => {
+                    Origin::Here(Slot::Node { node, port }) => {
                         (format!("r{r}n{node}"), run.nodes[*node].outputs[*port].port.name.to_owned(), false)
                     }
-                    From::Once { run, node, port } => {
+                    Origin::Once { run, node, port } => {
                         let output = &plan.runs[*run].nodes[*node].outputs[*port];
                         (format!("r{run}n{node}"), output.port.name.to_owned(), true)
                     }
-                    From::File(path) => {
+                    Origin::File(path) => {
                         let next = format!("f{}", files.len());
                         let id = files.entry(path.display().to_string()).or_insert(next).clone();
                         (id, input.port.name.to_owned(), true)

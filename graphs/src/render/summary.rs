@@ -6,7 +6,7 @@ use serde_json::{Value as Json, json};
 
 use super::diagram::variants;
 use crate::contracts::{Rate, Slot};
-use crate::plan::{From, Plan, PlannedNode, PlannedOutput, StageRun};
+use crate::plan::{Origin, Plan, PlannedNode, PlannedOutput, StageRun};
 
 impl Plan {
     /// The plan as text: a table of nodes for each stage run, then what is scored.
@@ -79,22 +79,22 @@ impl Plan {
     }
 
     fn slot_text(&self, run: &StageRun, slot: Slot) -> String {
-        self.wire_text(run, &From::Here(slot))
+        self.wire_text(run, &Origin::Here(slot))
     }
 
-    fn wire_text(&self, run: &StageRun, from: &From) -> String {
+    fn wire_text(&self, run: &StageRun, from: &Origin) -> String {
         match from {
-            From::Here(Slot::Source { port }) => format!("source/{}", run.source.outputs[*port].port.name),
-            From::Here(Slot::Node { node, port }) => {
+            Origin::Here(Slot::Source { port }) => format!("source/{}", run.source.outputs[*port].port.name),
+            Origin::Here(Slot::Node { node, port }) => {
                 let node = &run.nodes[*node];
                 format!("{}/{}", node.name, node.outputs[*port].port.name)
             }
-            From::Once { run, node, port } => {
+            Origin::Once { run, node, port } => {
                 let run = &self.runs[*run];
                 let node = &run.nodes[*node];
                 format!("{}.{}/{}", run.stage, node.name, node.outputs[*port].port.name)
             }
-            From::File(path) => path.display().to_string(),
+            Origin::File(path) => path.display().to_string(),
         }
     }
 

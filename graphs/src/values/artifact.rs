@@ -7,7 +7,7 @@ use crate::Key;
 /// Bytes with a media type and their content hash.
 #[derive(Clone, Debug)]
 pub struct Artifact {
-    /// What the bytes are, e.g. `model/onnx`.
+    /// What the bytes are, e.g. `application/onnx`.
     pub media_type: String,
     /// The bytes themselves.
     pub bytes: Arc<[u8]>,
@@ -16,6 +16,23 @@ pub struct Artifact {
 }
 
 impl Artifact {
+    /// The media type of [`Artifact::model`].
+    pub const MODEL: &str = "application/onnx";
+    /// The media type of [`Artifact::samples`].
+    pub const SAMPLES: &str = "samples/depthloom";
+
+    /// A network in an ONNX file.
+    #[must_use]
+    pub fn model(file: impl Into<Arc<[u8]>>) -> Self {
+        Self::new(Self::MODEL, file)
+    }
+
+    /// Training samples as `learn/samples` collects them.
+    #[must_use]
+    pub fn samples(bytes: impl Into<Arc<[u8]>>) -> Self {
+        Self::new(Self::SAMPLES, bytes)
+    }
+
     /// Wraps bytes and hashes them.
     #[must_use]
     pub fn new(media_type: impl Into<String>, bytes: impl Into<Arc<[u8]>>) -> Self {

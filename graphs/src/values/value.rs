@@ -33,6 +33,32 @@ pub enum ValueType {
 }
 
 impl ValueType {
+    /// All types.
+    pub const ALL: [Self; 10] = [
+        Self::Image,
+        Self::Disparity,
+        Self::Depth,
+        Self::Weight,
+        Self::Mask,
+        Self::Calibration,
+        Self::Scores,
+        Self::Samples,
+        Self::Model,
+        Self::Curve,
+    ];
+
+    /// Whether its values are [`Artifact`]s: bytes that can be read from a file, kept as one, and are known by their content.
+    #[must_use]
+    pub const fn is_artifact(self) -> bool {
+        matches!(self, Self::Samples | Self::Model)
+    }
+
+    /// The type of that name.
+    #[must_use]
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|value_type| value_type.name() == name)
+    }
+
     /// The name used in documentation, plans and diagnostics.
     #[must_use]
     pub const fn name(self) -> &'static str {
@@ -83,6 +109,22 @@ pub enum Value {
 }
 
 impl Value {
+    /// The artefact, if it is one.
+    #[must_use]
+    pub const fn artifact(&self) -> Option<&Arc<Artifact>> {
+        match self {
+            Self::Samples(artifact) | Self::Model(artifact) => Some(artifact),
+            Self::Image(_)
+            | Self::Disparity(_)
+            | Self::Depth(_)
+            | Self::Weight(_)
+            | Self::Mask(_)
+            | Self::Calibration(_)
+            | Self::Scores(_)
+            | Self::Curve(_) => None,
+        }
+    }
+
     /// The type of this value.
     #[must_use]
     pub const fn value_type(&self) -> ValueType {

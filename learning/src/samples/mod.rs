@@ -9,6 +9,6 @@ mod view;
 
 pub use format::DecodeError;
 pub use node::{CollectSamples, SamplesParams};
-pub use set::{MEDIA_TYPE, Sample, Samples};
+pub use set::{Sample, Samples};
 pub(crate) use view::size_and_right;
 pub use view::{SampleView, SamplesView};

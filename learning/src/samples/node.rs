@@ -9,7 +9,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::format::Form;
-use super::set::{MEDIA_TYPE, Sample};
+use super::set::Sample;
 use super::spool::Spool;
 use super::target::{Maps, Rule};
 
@@ -180,7 +180,7 @@ impl OrderedNode for CollectSamples {
     }
 
     fn finish(mut self: Box<Self>, _ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
-        let samples = Artifact::new(MEDIA_TYPE, self.bytes().map_err(unwritten)?);
+        let samples = Artifact::samples(self.bytes().map_err(unwritten)?);
         Ok(Outputs::one("samples", Value::Samples(samples.into())))
     }
 }

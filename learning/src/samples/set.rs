@@ -2,9 +2,6 @@
 
 use half::f16;
 
-/// The media type of encoded samples.
-pub const MEDIA_TYPE: &str = "samples/depthloom";
-
 /// Training samples of one size.
 ///
 /// Equality is that of the encoded bytes, so that pixels without target (NaN) are equal to each other.

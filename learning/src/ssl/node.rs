@@ -108,7 +108,7 @@ impl OnceNode for Ssl {
         let (values, curve) = learned?;
         let key = ctx.host.key().map_or_else(String::new, |key| key.to_string());
         let file = export(self.params.network, form.size, &values, &key);
-        Ok(Outputs::one("model", Value::Model(Arc::new(Artifact::new("application/onnx", file)))).with("curve", curve))
+        Ok(Outputs::one("model", Value::Model(Arc::new(Artifact::model(file)))).with("curve", curve))
     }
 }
 

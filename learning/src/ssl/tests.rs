@@ -10,7 +10,7 @@ use half::f16;
 use serde_json::json;
 
 use super::Ssl;
-use crate::samples::{MEDIA_TYPE, Sample, Samples};
+use crate::samples::{Sample, Samples};
 
 /// Bright is near: something a network can learn.
 fn samples(count: usize, seed: usize, right: bool) -> Samples {
@@ -107,7 +107,7 @@ fn learn(
         panic!("learn/ssl fires once")
     };
     let declaration = Ssl::declaration();
-    let value = |samples: &Samples| Value::Samples(Artifact::new(MEDIA_TYPE, samples.encode()).into());
+    let value = |samples: &Samples| Value::Samples(Artifact::samples(samples.encode()).into());
     let values = [Some(value(samples)), validation.map(value)];
     let outputs =
         node.run(&Inputs::new(&declaration.inputs, &values), &mut Context::new(host, &mut Scratch::default()))?;

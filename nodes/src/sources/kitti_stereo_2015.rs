@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use depthloom_graphs::contracts::{DataPath, Frame, FrameSelection, SourceDeclaration};
 use depthloom_graphs::values::{Calibration, Depth};
@@ -211,6 +212,39 @@ impl KittiStereo2015 {
     }
 }
 
+/// The files of a frame, whole and not decoded.
+struct FrameFiles {
+    left: (PathBuf, Arc<[u8]>),
+    right: (PathBuf, Arc<[u8]>),
+    calibration: Option<(PathBuf, Arc<[u8]>)>,
+    truth: Option<(PathBuf, Arc<[u8]>)>,
+}
+
+impl FrameFiles {
+    fn key(&self) -> Key {
+        let mut key = Key::build(KIND).number(VERSION.into()).bytes(&self.left.1).bytes(&self.right.1);
+        for (name, file) in [("calibration", &self.calibration), ("truth", &self.truth)] {
+            if let Some((_, bytes)) = file {
+                key = key.text(name).bytes(bytes);
+            }
+        }
+        key.finish()
+    }
+}
+
+impl KittiStereo2015 {
+    fn files(&self, position: usize) -> Result<FrameFiles, Fault> {
+        let frame = &self.frames[position];
+        let read = |path: PathBuf| png::read(&path).map(|bytes| (path, bytes));
+        Ok(FrameFiles {
+            left: read(self.image_path("image_2", frame))?,
+            right: read(self.image_path("image_3", frame))?,
+            calibration: self.has_calibration.then(|| read(self.calibration_path(frame))).transpose()?,
+            truth: self.truth.map(|folder| read(self.image_path(folder, frame))).transpose()?,
+        })
+    }
+}
+
 impl Source for KittiStereo2015 {
     fn frames(&self) -> &[Frame] {
         &self.frames
@@ -220,35 +254,32 @@ impl Source for KittiStereo2015 {
         &self.warnings
     }
 
-    fn read(&self, position: usize, ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
-        let frame = &self.frames[position];
-        let (left_path, right_path) = (self.image_path("image_2", frame), self.image_path("image_3", frame));
-        let (left_bytes, right_bytes) = (png::read(&left_path)?, png::read(&right_path)?);
-        let mut key = Key::build(KIND).number(VERSION.into()).bytes(&left_bytes).bytes(&right_bytes);
+    fn key(&self, position: usize) -> Result<Key, Fault> {
+        Ok(self.files(position)?.key())
+    }
 
-        let left = png::image(&left_path, left_bytes)?;
-        let right = png::image(&right_path, right_bytes)?;
+    fn read(&self, position: usize, ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
+        let files = self.files(position)?;
+        let key = files.key();
+        let ((left_path, left), (right_path, right)) = (files.left, files.right);
+        let left = png::image(&left_path, left)?;
+        let right = png::image(&right_path, right)?;
         let size = left.dimensions();
         same_size_as_left((&left_path, size), (&right_path, right.dimensions()))?;
 
-        let calibration = if self.has_calibration {
-            let path = self.calibration_path(frame);
-            let bytes = png::read(&path)?;
-            key = key.text("calibration").bytes(&bytes);
-            kitti_calibration::from_text(&path, &String::from_utf8_lossy(&bytes), size)?
-        } else {
-            let assumed = kitti_calibration::by_width(size).map_err(|fault| at_file(&left_path, fault))?;
-            ctx.host.warn(&kitti_calibration::assumption(&self.folder, &assumed));
-            assumed
+        let calibration = match files.calibration {
+            Some((path, bytes)) => kitti_calibration::from_text(&path, &String::from_utf8_lossy(&bytes), size)?,
+            None => {
+                let assumed = kitti_calibration::by_width(size).map_err(|fault| at_file(&left_path, fault))?;
+                ctx.host.warn(&kitti_calibration::assumption(&self.folder, &assumed));
+                assumed
+            }
         };
         let mut outputs = Outputs::one("left", left).with("right", right);
-        if let Some(folder) = self.truth {
-            let path = self.image_path(folder, frame);
-            let bytes = png::read(&path)?;
-            key = key.text("truth").bytes(&bytes);
+        if let Some((path, bytes)) = files.truth {
             outputs = outputs.with("depth", true_depth(&path, &bytes, (&left_path, size), &calibration)?);
         }
-        Ok(SourceOutputs { outputs: outputs.with("calibration", calibration), key: key.finish() })
+        Ok(SourceOutputs { outputs: outputs.with("calibration", calibration), key })
     }
 }
 

@@ -201,12 +201,21 @@ impl Source for SyntheticRoad {
         &self.frames
     }
 
+    fn key(&self, position: usize) -> Result<Key, Fault> {
+        let truth = match self.truth {
+            SyntheticTruth::Noc => "noc",
+            SyntheticTruth::Occ => "occ",
+        };
+        let index = self.frames[position].index;
+        Ok(Key::build("synthetic/road frame").key(&self.road.recipe).number(index).text(truth).finish())
+    }
+
     fn read(&self, position: usize, ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
         let index = self.frames[position].index;
         let frame = self.road.frame(index, ctx.host);
-        let (truth, truth_name) = match self.truth {
-            SyntheticTruth::Noc => (frame.sparse_visible, "noc"),
-            SyntheticTruth::Occ => (frame.sparse, "occ"),
+        let truth = match self.truth {
+            SyntheticTruth::Noc => frame.sparse_visible,
+            SyntheticTruth::Occ => frame.sparse,
         };
         let outputs = Outputs::one("left", frame.left)
             .with("right", frame.right)
@@ -214,7 +223,6 @@ impl Source for SyntheticRoad {
             .with("depth", truth)
             .with("dense", frame.dense)
             .with("occluded", frame.occluded);
-        let key = Key::build("synthetic/road frame").key(&self.road.recipe).number(index).text(truth_name).finish();
-        Ok(SourceOutputs { outputs, key })
+        Ok(SourceOutputs { outputs, key: self.key(position)? })
     }
 }

@@ -68,6 +68,7 @@ impl Opened {
         let read = self.source.read(position, &mut Context::new(host, &mut scratch))?;
         let outputs = read.outputs.in_order_of(&self.declaration.outputs)?;
         let named = self.declaration.outputs.iter().zip(outputs);
+        assert_eq!(self.source.key(position)?, read.key, "a key is known before the frame is read");
         Ok((named.filter_map(|(port, value)| Some((port.name, value?))).collect(), read.key))
     }
 }
@@ -87,5 +88,5 @@ pub fn png_u16(path: &Path) -> Raster<u16> {
 
 /// An ONNX model as a once-value.
 pub fn model(bytes: Vec<u8>) -> Value {
-    Value::Model(Arc::new(depthloom_graphs::values::Artifact::new("model/onnx", bytes)))
+    Value::Model(Arc::new(depthloom_graphs::values::Artifact::model(bytes)))
 }

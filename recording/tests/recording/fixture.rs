@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use depthloom_graphs::contracts::{Commit, Contract, Failure, Slot, SlotKey, Tap};
 use depthloom_graphs::plan::{
-    Estimate, From as Wire, Plan, PlannedInput, PlannedNode, PlannedOutput, PlannedSource, Record, SourcePart, StageRun,
+    Estimate, Origin, Plan, PlannedInput, PlannedNode, PlannedOutput, PlannedSource, Record, SourcePart, StageRun,
 };
 use depthloom_graphs::values::{
     Artifact, Calibration, Curve, CurvePoint, Depth, Disparity, Encoded, Image, ImageFormat, Mask, Pixels, Raster,
@@ -117,7 +117,7 @@ fn stage_run(stage: &str) -> StageRun {
             .iter()
             .map(|(name, from)| PlannedInput {
                 port: Port::frame(name, port_type(*from), ""),
-                from: Some(Wire::Here(*from)),
+                from: Some(Origin::Here(*from)),
             })
             .collect(),
         outputs: spec.outputs.iter().map(|port| output(spec.name, port)).collect(),
@@ -293,7 +293,7 @@ pub const CURVE: &str = "/compare/teacher/curve";
 
 /// The model of the fixture.
 pub fn model() -> Value {
-    Value::Model(Arc::new(Artifact::new("model/onnx", vec![7_u8; 1000])))
+    Value::Model(Arc::new(Artifact::model(vec![7_u8; 1000])))
 }
 
 /// The learning curve of the fixture: of numbers that are easily lost.

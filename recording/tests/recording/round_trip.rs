@@ -1,7 +1,9 @@
 //! What is recorded is read back, bit for bit.
 
-use crate::fixture::{CURVE, curve, frame, key, plan, plan_of, record, record_frame, record_once_values, values};
-use depthloom_graphs::contracts::{Failure, Slot, Store, Tap};
+use crate::fixture::{
+    CURVE, curve, frame, key, model, plan, plan_of, record, record_frame, record_once_values, values,
+};
+use depthloom_graphs::contracts::{Failure, Slot, Store, Stored, Tap};
 use depthloom_graphs::values::{Curve, Pixels};
 use depthloom_graphs::{Key, Value};
 use depthloom_recording::{Condition, RecordedContent, Recorder, Recording, RecordingError};
@@ -138,16 +140,46 @@ fn values_are_found_by_key() {
     let frame = frame(1);
     let expected = values(&frame, 16, 16);
     let fused = expected.iter().find(|(slot, _)| *slot == Slot::Node { node: 3, port: 0 }).unwrap();
-    assert_same(&fused.1, &recording.get(&key(&frame, 3)).unwrap().unwrap());
-    let of_edges = recording.values_of(&key(&frame, 2)).unwrap().unwrap();
-    assert_eq!(of_edges.iter().map(|(port, _)| *port).collect::<Vec<_>>(), ["weight", "mask"]);
-    assert!(recording.get(&key(&frame, 2)).is_err(), "the key names two values");
-    let of_teacher = recording.values_of(&Key::of_content(b"teacher")).unwrap().unwrap();
-    let [("model", Value::Model(model)), ("curve", learned)] = &of_teacher[..] else { panic!("{of_teacher:?}") };
+    let stored = |key: &Key| recording.get(key).unwrap().unwrap();
+    let ports = |stored: &[Stored]| stored.iter().map(|of| of.port.clone()).collect::<Vec<_>>();
+    let [Stored { value: Some(found), .. }] = &stored(&key(&frame, 3))[..] else { panic!("one port") };
+    assert_same(&fused.1, found);
+    assert_eq!(ports(&stored(&key(&frame, 2))), ["weight", "mask"]);
+    let of_teacher = stored(&Key::of_content(b"teacher"));
+    assert_eq!(ports(&of_teacher), ["model", "curve"]);
+    let [Some(Value::Model(model)), Some(learned)] = [&of_teacher[0].value, &of_teacher[1].value] else { panic!() };
     assert_eq!(*model.bytes, [7; 1000]);
     assert_same(&curve().into(), learned);
-    assert!(recording.get(&Key::of_content(b"teacher")).is_err(), "the key names two values");
     assert!(recording.get(&Key::of_content(b"unknown")).unwrap().is_none());
+}
+
+#[test]
+fn a_store_tells_what_is_known_to_be_nothing_from_what_was_not_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("recording.mcap");
+    let mut plan = plan();
+    plan.record.every = 2;
+    let recorder = Recorder::create(&path, &plan).unwrap();
+    for index in 0..2 {
+        let absent = |slot: &Slot| *slot == Slot::Node { node: 2, port: 1 };
+        let values: Vec<_> = values(&frame(index), 16, 16).into_iter().filter(|(slot, _)| !absent(slot)).collect();
+        record_frame(&recorder, 0, &frame(index), &values, false);
+    }
+    recorder.once(0, Slot::Node { node: 5, port: 0 }, &Key::of_content(b"teacher"), &model()).unwrap();
+    let ports = |recording: &Recording, key: Key| -> Vec<(String, bool)> {
+        let stored = recording.get(&key).unwrap().unwrap();
+        stored.into_iter().map(|of| (of.port, of.value.is_some())).collect()
+    };
+    let unfinished = Recording::open(&path).unwrap();
+    assert_eq!(ports(&unfinished, Key::of_content(b"teacher")), [("model".to_owned(), true)], "the rest may come yet");
+    recorder.finish(&[]).unwrap();
+    let finished = Recording::open(&path).unwrap();
+    let (model, curve) = (("model".to_owned(), true), ("curve".to_owned(), false));
+    assert_eq!(ports(&finished, Key::of_content(b"teacher")), [model, curve]);
+    let (weight, mask) = (("weight".to_owned(), true), ("mask".to_owned(), false));
+    assert_eq!(ports(&finished, key(&frame(0), 2)), [weight, mask]);
+    assert_eq!(ports(&finished, key(&frame(1), 2)), Vec::new(), "of every second frame values are kept");
+    assert_eq!(ports(&finished, key(&frame(1), 4)), [("scores".to_owned(), true)], "scores of all");
 }
 
 #[test]

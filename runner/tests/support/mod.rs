@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
 use depthloom_graphs::contracts::{Commit, Contract, Slot, Tap, TapError};
-use depthloom_graphs::plan::{From, Plan, PlannedInput, PlannedNode, PlannedOutput, PlannedSource, Record, StageRun};
+use depthloom_graphs::plan::{Origin, Plan, PlannedInput, PlannedNode, PlannedOutput, PlannedSource, Record, StageRun};
 use depthloom_graphs::ready::{Ready, ReadyRun};
 use depthloom_graphs::values::{Artifact, Calibration};
 use depthloom_graphs::{
@@ -144,10 +144,14 @@ impl Source for Numbers {
         &self.frames
     }
 
+    fn key(&self, position: usize) -> Result<Key, Fault> {
+        Ok(Key::of_content(&self.frames[position].index.to_le_bytes()))
+    }
+
     fn read(&self, position: usize, ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
         let frame = self.frames[position].index;
         let outputs = self.toy.work(frame, &[Some(frame)], ctx)?;
-        Ok(SourceOutputs { outputs, key: Key::of_content(&frame.to_le_bytes()) })
+        Ok(SourceOutputs { outputs, key: self.key(position)? })
     }
 }
 
@@ -162,7 +166,7 @@ pub fn frame_outputs() -> Vec<PlannedOutput> {
 }
 
 /// A toy in a plan: wired, not built.
-pub fn planned(name: &str, contract: Contract, from: [Option<From>; 3]) -> PlannedNode {
+pub fn planned(name: &str, contract: Contract, from: [Option<Origin>; 3]) -> PlannedNode {
     let numbers = |name| Port::frame(name, ValueType::Calibration, "a number");
     let once = |name| Port::once(name, ValueType::Samples, "a number");
     let (ports, outputs) = match contract {
@@ -233,7 +237,7 @@ impl Bench {
         self.runs.last_mut().expect("a stage was added").nodes.push(instance);
     }
 
-    pub fn toy(&mut self, name: &str, contract: Contract, from: [Option<From>; 3], toy: Toy) {
+    pub fn toy(&mut self, name: &str, contract: Contract, from: [Option<Origin>; 3], toy: Toy) {
         self.node(planned(name, contract, from), build(contract, toy));
     }
 
@@ -242,16 +246,16 @@ impl Bench {
     }
 }
 
-pub fn source(port: usize) -> Option<From> {
-    Some(From::Here(Slot::Source { port }))
+pub fn source(port: usize) -> Option<Origin> {
+    Some(Origin::Here(Slot::Source { port }))
 }
 
-pub fn node(node: usize, port: usize) -> Option<From> {
-    Some(From::Here(Slot::Node { node, port }))
+pub fn node(node: usize, port: usize) -> Option<Origin> {
+    Some(Origin::Here(Slot::Node { node, port }))
 }
 
-pub fn once(run: usize, node: usize, port: usize) -> Option<From> {
-    Some(From::Once { run, node, port })
+pub fn once(run: usize, node: usize, port: usize) -> Option<Origin> {
+    Some(Origin::Once { run, node, port })
 }
 
 /// What a tap was given, in words.

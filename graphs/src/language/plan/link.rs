@@ -6,7 +6,7 @@ use std::sync::Arc;
 use super::linked::{Linked, LinkedEstimate, LinkedNode, LinkedSource, LinkedStage, Wire};
 use super::order;
 use super::stage_names::StageNames;
-use super::wire::Wiring;
+use super::wire::Reachable;
 use crate::contracts::Port;
 use crate::language::check::params::Resolver;
 use crate::language::check::score;
@@ -45,11 +45,11 @@ pub(crate) fn link<'r>(
         .collect();
     let mut linked = Vec::with_capacity(stages.len());
     for (index, (stage, nodes)) in spec.stages.iter().zip(&all).enumerate() {
-        let wiring = Wiring { stages: &stages, stage: index };
+        let reachable = Reachable { stages: &stages, stage: index };
         let nodes: Vec<LinkedNode<'r>> = nodes
             .iter()
             .zip(&stages[index].nodes)
-            .map(|(node, (_, kind))| link_node(node, *kind, &wiring, resolver, report))
+            .map(|(node, (_, kind))| link_node(node, *kind, &reachable, resolver, report))
             .collect();
         let order = order::of(index, &nodes, report);
         let estimates = stage.score.iter().flat_map(|score| &score.estimates);
@@ -192,7 +192,7 @@ fn joins(
 fn link_node<'r>(
     node: &NodeSpecRef<'_>,
     kind: Option<&'r NodeKind>,
-    wiring: &Wiring<'r, '_, '_>,
+    reachable: &Reachable<'r, '_, '_>,
     resolver: &mut Resolver,
     report: &mut Report,
 ) -> LinkedNode<'r> {
@@ -207,23 +207,23 @@ fn link_node<'r>(
             break;
         }
         if let Some(Wired::Reference(reference)) = &input.from {
-            reads.extend(wiring.read(reference).map(|(stage, node)| (stage, node, input.place.clone())));
+            reads.extend(reachable.read(reference).map(|(stage, node)| (stage, node, input.place.clone())));
         }
         let Some(kind) = kind else {
             // Without a kind there are no ports, but whether the reference names something can be said.
             if let Some(Wired::Reference(reference)) = &input.from {
-                wiring.output(reference, report);
+                reachable.output(reference, report);
             }
             continue;
         };
         let ports = &kind.declaration.inputs;
         match ports.iter().position(|port| port.name == input.port.text) {
-            Some(port) => wires[port] = wiring.wire(&spec.name.text, kind, &ports[port], input, resolver, report),
+            Some(port) => wires[port] = reachable.wire(&spec.name.text, kind, &ports[port], input, resolver, report),
             None => unknown_input(kind, input, report),
         }
     }
     if let Some(kind) = kind.filter(|_| !report.is_full()) {
-        missing_inputs(kind, spec, wiring, report);
+        missing_inputs(kind, spec, reachable, report);
     }
     let is_score = matches!(node, NodeSpecRef::Score(_));
     LinkedNode { name: spec.name.clone(), kind, parameters, wires, reads, is_score }
@@ -236,7 +236,7 @@ fn unknown_input(kind: &NodeKind, input: &InputSpec, report: &mut Report) {
     report.push(error.maybe_help(names::suggestion(&input.port.text, "inputs", &known)));
 }
 
-fn missing_inputs(kind: &NodeKind, spec: &NodeSpec, wiring: &Wiring<'_, '_, '_>, report: &mut Report) {
+fn missing_inputs(kind: &NodeKind, spec: &NodeSpec, reachable: &Reachable<'_, '_, '_>, report: &mut Report) {
     let unknown = spec.inputs.iter().map(|input| input.port.text.as_str());
     let unknown: Vec<&str> =
         unknown.filter(|name| !kind.declaration.inputs.iter().any(|port| port.name == *name)).collect();
@@ -256,7 +256,7 @@ fn missing_inputs(kind: &NodeKind, spec: &NodeSpec, wiring: &Wiring<'_, '_, '_>,
     let fits: Vec<String> = missing
         .iter()
         .filter_map(|port| {
-            let fitting = wiring.outputs_fitting(port, &spec.name.text).into_iter().next();
+            let fitting = reachable.outputs_fitting(port, &spec.name.text).into_iter().next();
             let file = || port.takes_file().then(|| "{ file: PATH }".to_owned());
             Some(format!("{}: {}", port.name, fitting.or_else(file)?))
         })

@@ -3,11 +3,11 @@
 use std::collections::HashSet;
 
 use super::linked::Linked;
-use super::record::Recording;
+use super::record::Recorded;
 use crate::language::text::diagnostics::{Diagnostic, Report};
 
 /// The useful nodes of one variant, as (stage, node).
-pub(crate) fn nodes(linked: &Linked<'_>, recording: &Recording) -> HashSet<(usize, usize)> {
+pub(crate) fn nodes(linked: &Linked<'_>, recording: &Recorded) -> HashSet<(usize, usize)> {
     let mut live = HashSet::new();
     let mut open = Vec::new();
     for (s, stage) in linked.stages.iter().enumerate() {

@@ -1,6 +1,7 @@
 //! All variants' specs linked against the kinds an engine knows, and shared: equal nodes are one, with one recipe.
 //! From specs to the stage runs of a [`Plan`](crate::plan::Plan).
 
+pub(crate) mod assemble;
 pub(crate) mod link;
 pub(crate) mod linked;
 pub(crate) mod live;

@@ -16,7 +16,7 @@ use crate::language::text::tree::{Entry, Node, Tree};
 use crate::plan::Record;
 
 /// What is recorded.
-pub(crate) struct Recording {
+pub(crate) struct Recorded {
     pub(crate) record: Record,
     /// `None`: everything.
     patterns: Option<Vec<Pattern>>,
@@ -32,7 +32,7 @@ struct Pattern {
     matched: Cell<bool>,
 }
 
-impl Recording {
+impl Recorded {
     /// Whether an output is recorded; the source of a stage is its node `source`.
     pub(crate) fn keeps(&self, stage: &str, node: &str, port: &str) -> bool {
         let Some(patterns) = &self.patterns else { return true };
@@ -92,8 +92,8 @@ impl Recording {
 }
 
 /// Reads `record:`.
-pub(crate) fn read(root: &Node, report: &mut Report) -> Recording {
-    let mut recording = Recording { record: Record { every: 1, view: false }, patterns: None };
+pub(crate) fn read(root: &Node, report: &mut Report) -> Recorded {
+    let mut recording = Recorded { record: Record { every: 1, view: false }, patterns: None };
     let Some(entry) = root.entry("record").filter(|entry| !entry.value.is_null()) else { return recording };
     match &entry.value.value {
         Tree::List(items) => recording.patterns = Some(items.iter().filter_map(|item| pattern(item, report)).collect()),
@@ -113,7 +113,7 @@ pub(crate) fn read(root: &Node, report: &mut Report) -> Recording {
     recording
 }
 
-fn setting(entry: &Entry, recording: &mut Recording, report: &mut Report) {
+fn setting(entry: &Entry, recording: &mut Recorded, report: &mut Report) {
     let node = &entry.value;
     let mut wrong = |wanted: &str| {
         let what = format!("`{}` wants {wanted}, not {}", entry.key, node.describe());

@@ -3,61 +3,95 @@
 use std::collections::HashMap;
 
 use super::linked::Linked;
-use super::record::Recording;
-use super::share::Shared;
+use super::record::Recorded;
+use super::share::{Shared, SharedRun};
+use crate::contracts::Port;
+use crate::plan::PlannedOutput;
 
-/// The names under which a planned node goes, with the variants that call it so.
-type Uses<'a> = HashMap<(usize, usize), Vec<(&'a str, Vec<usize>)>>;
+/// The names under which a shared node goes, with the variants that call it so.
+#[derive(Default)]
+struct Uses<'a> {
+    names: Vec<(&'a str, Vec<usize>)>,
+    /// Whether one of the nodes it stands for is of `score:`.
+    is_score: bool,
+}
 
-/// Names every output of every stage run and decides whether it is recorded.
-pub(crate) fn name(shared: &mut Shared, names: &[String], variants: &[Linked<'_>], recording: &Recording) {
-    let mut uses: Uses<'_> = HashMap::new();
-    let mut scores: Vec<(usize, usize)> = Vec::new();
-    for (v, linked) in variants.iter().enumerate() {
-        for (stage, placed) in linked.stages.iter().zip(&shared.placed[v]) {
-            for (node, planned) in stage.nodes.iter().zip(&placed.nodes) {
-                let Some(planned) = planned else { continue };
-                if node.is_score {
-                    scores.push((placed.run, *planned));
-                }
-                let names = uses.entry((placed.run, *planned)).or_default();
-                match names.iter_mut().find(|(name, _)| *name == node.name.text) {
-                    Some((_, variants)) => variants.push(v),
-                    None => names.push((&node.name.text, vec![v])),
+/// What gives every output of a plan its topics, and says whether it is recorded.
+pub(crate) struct Topics<'a> {
+    /// The variants' names.
+    variants: &'a [String],
+    recorded: &'a Recorded,
+    /// By stage run and node.
+    uses: HashMap<(usize, usize), Uses<'a>>,
+}
+
+impl<'a> Topics<'a> {
+    pub(crate) fn new(
+        shared: &Shared<'_>,
+        variants: &'a [String],
+        linked: &'a [Linked<'_>],
+        recorded: &'a Recorded,
+    ) -> Self {
+        let mut uses: HashMap<(usize, usize), Uses<'a>> = HashMap::new();
+        for (v, (linked, placed)) in linked.iter().zip(&shared.placed).enumerate() {
+            for (stage, placed) in linked.stages.iter().zip(placed) {
+                for (node, index) in stage.nodes.iter().zip(&placed.nodes) {
+                    let Some(index) = index else { continue };
+                    let uses = uses.entry((placed.run, *index)).or_default();
+                    uses.is_score |= node.is_score;
+                    match uses.names.iter_mut().find(|(name, _)| *name == node.name.text) {
+                        Some((_, variants)) => variants.push(v),
+                        None => uses.names.push((&node.name.text, vec![v])),
+                    }
                 }
             }
+        }
+        Self { variants, recorded, uses }
+    }
+
+    /// The prefix of a stage run's topics.
+    pub(crate) fn prefix(&self, run: &SharedRun<'_>) -> String {
+        match run.variants.first() {
+            Some(&first) if run.variants.len() < self.variants.len() => {
+                format!("/{}/{}", run.stage, self.variants[first])
+            }
+            _ => format!("/{}", run.stage),
         }
     }
-    for (r, run) in shared.runs.iter_mut().enumerate() {
-        let everywhere = run.variants.len() == names.len();
-        run.prefix = match run.variants.first() {
-            Some(&first) if !everywhere => format!("/{}/{}", run.stage, names[first]),
-            _ => format!("/{}", run.stage),
-        };
-        let topics = |node: &str, of: &[usize]| -> Vec<String> {
-            if of.len() == names.len() {
-                return vec![format!("/{}/{node}", run.stage)];
+
+    /// The outputs of a stage run's source.
+    pub(crate) fn of_source(&self, run: &SharedRun<'_>) -> Vec<PlannedOutput> {
+        let uses = [("source", run.variants.clone())];
+        run.source.outputs.iter().map(|port| self.output(run, &uses, port, false)).collect()
+    }
+
+    /// The outputs of a node, by index of its stage run and its own.
+    pub(crate) fn of_node(&self, shared: &Shared<'_>, run: usize, node: usize) -> Vec<PlannedOutput> {
+        let stage_run = &shared.runs[run];
+        let (names, is_score) = self.uses.get(&(run, node)).map_or((&[][..], false), |u| (&u.names, u.is_score));
+        let ports = &stage_run.nodes[node].kind.declaration.outputs;
+        ports.iter().map(|port| self.output(stage_run, names, port, is_score)).collect()
+    }
+
+    fn output(
+        &self,
+        run: &SharedRun<'_>,
+        uses: &[(&str, Vec<usize>)],
+        port: &Port,
+        always_recorded: bool,
+    ) -> PlannedOutput {
+        let stage = run.stage;
+        let mut topics = Vec::new();
+        for (node, variants) in uses {
+            if variants.len() == self.variants.len() {
+                topics.push(format!("/{stage}/{node}/{}", port.name));
+            } else {
+                topics.extend(variants.iter().map(|&v| format!("/{stage}/{}/{node}/{}", self.variants[v], port.name)));
             }
-            of.iter().map(|&v| format!("/{}/{}/{node}", run.stage, names[v])).collect()
-        };
-        let source = topics("source", &run.variants);
-        for output in &mut run.source.outputs {
-            let mut topics = source.iter().map(|topic| format!("{topic}/{}", output.port.name));
-            output.topic = topics.next().unwrap_or_default();
-            output.aliases = topics.collect();
-            output.recorded = recording.keeps(&run.stage, "source", output.port.name);
         }
-        for (n, node) in run.nodes.iter_mut().enumerate() {
-            let uses = uses.get(&(r, n)).map_or(&[][..], Vec::as_slice);
-            let topics: Vec<String> = uses.iter().flat_map(|(name, variants)| topics(name, variants)).collect();
-            let is_score = scores.contains(&(r, n));
-            for output in &mut node.outputs {
-                let mut topics = topics.iter().map(|topic| format!("{topic}/{}", output.port.name));
-                output.topic = topics.next().unwrap_or_default();
-                output.aliases = topics.collect();
-                let kept = |(name, _): &(&str, Vec<usize>)| recording.keeps(&run.stage, name, output.port.name);
-                output.recorded = is_score || uses.iter().any(kept);
-            }
-        }
+        let mut topics = topics.into_iter();
+        let topic = topics.next().unwrap_or_default();
+        let recorded = always_recorded || uses.iter().any(|(node, _)| self.recorded.keeps(stage, node, port.name));
+        PlannedOutput { port: port.clone(), topic, aliases: topics.collect(), recorded }
     }
 }

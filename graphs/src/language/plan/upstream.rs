@@ -1,18 +1,24 @@
 //! Whether what is given to each node's inputs can be of use to it, as far as kinds know before any frame.
 
-use super::share::Shared;
+use super::share::SharedRun;
 use crate::contracts::{Giver, GivingNode, Slot, Upstream};
 use crate::language::text::diagnostics::{Diagnostic, Report};
-use crate::plan::{From, PlannedNode, StageRun};
+use crate::plan::{Origin, PlannedNode, StageRun};
 use crate::registry::Registry;
 
 /// Reports what does not fit, node by node of a plan.
-pub(crate) fn check(shared: &Shared, variants: &[String], registry: &Registry, report: &mut Report) {
-    for (run, places) in shared.runs.iter().zip(&shared.places) {
-        for (node, place) in run.nodes.iter().zip(places) {
+pub(crate) fn check(
+    runs: &[StageRun],
+    shared: &[SharedRun<'_>],
+    variants: &[String],
+    registry: &Registry,
+    report: &mut Report,
+) {
+    for (run, shared) in runs.iter().zip(shared) {
+        for (node, shared) in run.nodes.iter().zip(&shared.nodes) {
             let Some(kind) = registry.node_kind(&node.kind) else { continue };
             let wired = node.inputs.iter().filter_map(|input| Some((&input.port, input.from.as_ref()?)));
-            let upstream = Upstream::new(wired.map(|(port, from)| (port, giver(&shared.runs, run, from))));
+            let upstream = Upstream::new(wired.map(|(port, from)| (port, giver(runs, run, from))));
             if let Err(fault) = kind.check_inputs(&node.params, &upstream) {
                 let of = match node.variants.first() {
                     Some(&first) if node.variants.len() < variants.len() => {
@@ -22,18 +28,20 @@ pub(crate) fn check(shared: &Shared, variants: &[String], registry: &Registry, r
                 };
                 let what = format!("node `{}`: {}{of}", node.name, fault.chain());
                 let help = fault.remedy_text().map(ToOwned::to_owned);
-                report.push(Diagnostic::error(place, what).label("cannot use its inputs").maybe_help(help));
+                report.push(
+                    Diagnostic::error(&shared.first.name.place, what).label("cannot use its inputs").maybe_help(help),
+                );
             }
         }
     }
 }
 
-fn giver<'a>(runs: &'a [StageRun], here: &'a StageRun, from: &'a From) -> Giver<'a> {
+fn giver<'a>(runs: &'a [StageRun], here: &'a StageRun, from: &'a Origin) -> Giver<'a> {
     match from {
-        From::Here(Slot::Source { .. }) => Giver::Source,
-        From::Here(Slot::Node { node, .. }) => Giver::Node(giving(&here.nodes[*node])),
-        From::Once { run, node, .. } => Giver::Node(giving(&runs[*run].nodes[*node])),
-        From::File(path) => Giver::File(path),
+        Origin::Here(Slot::Source { .. }) => Giver::Source,
+        Origin::Here(Slot::Node { node, .. }) => Giver::Node(giving(&here.nodes[*node])),
+        Origin::Once { run, node, .. } => Giver::Node(giving(&runs[*run].nodes[*node])),
+        Origin::File(path) => Giver::File(path),
     }
 }
 

@@ -14,7 +14,7 @@ use crate::registry::NodeKind;
 use crate::values::ValueType;
 
 /// What a stage's inputs can be wired to.
-pub(crate) struct Wiring<'r, 's, 'n> {
+pub(crate) struct Reachable<'r, 's, 'n> {
     pub(crate) stages: &'n [StageNames<'r, 's>],
     /// The stage whose inputs are wired.
     pub(crate) stage: usize,
@@ -27,7 +27,7 @@ struct Output<'n> {
     stage: usize,
 }
 
-impl<'r> Wiring<'r, '_, '_> {
+impl<'r> Reachable<'r, '_, '_> {
     /// The node a reference reads, if there is one of that name.
     pub(crate) fn read(&self, reference: &Reference) -> Option<(usize, usize)> {
         let stage = self.stage_of(reference)?;

@@ -1,8 +1,10 @@
 //! A stage run's frame graph, laid out by index: which step waits for which, and where values lie.
 
 use depthloom_graphs::contracts::{Contract, Slot, Tap};
-use depthloom_graphs::plan::{From, PlannedOutput, StageRun};
-use depthloom_graphs::{Instance, Key, Port, Rate, Value};
+use depthloom_graphs::plan::{Origin, PlannedOutput, StageRun};
+use depthloom_graphs::{Instance, Port, Rate};
+
+use crate::once::{OnceState, OnceValue};
 
 /// A step of a frame: the source, a node or a part to encode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -16,20 +18,13 @@ pub(crate) enum Step {
 }
 
 /// What feeds an input port.
-pub(crate) enum Wire {
+pub(crate) enum Feed {
     /// Nothing.
     Unwired,
     /// A per-frame value: the place it lies in, and the step that puts it there.
     Place { place: usize, step: usize },
     /// A once-value, which is there before the frames; `None` if its node did not give it.
     Once(Option<OnceValue>),
-}
-
-/// A once-value and the key by which it enters the keys of what is made from it.
-#[derive(Clone, Debug)]
-pub(crate) struct OnceValue {
-    pub(crate) value: Value,
-    pub(crate) key: Key,
 }
 
 /// A per-frame output.
@@ -45,7 +40,7 @@ pub(crate) struct Producer {
     /// The input ports.
     pub(crate) inputs: Vec<Port>,
     /// What feeds them.
-    pub(crate) wires: Vec<Wire>,
+    pub(crate) feeds: Vec<Feed>,
     /// The per-frame output ports.
     pub(crate) outputs: Vec<Port>,
     /// Where the first of their values lies; the others follow.
@@ -64,7 +59,7 @@ pub(crate) struct Order {
 /// A stage run's frame graph.
 ///
 /// Steps are numbered: the source, then the nodes, then the parts. A once-node has its number, but nothing leads to it.
-pub(crate) struct Wiring {
+pub(crate) struct FrameGraph {
     /// The source and the nodes, by step.
     pub(crate) producers: Vec<Producer>,
     /// Per-frame outputs: the source's ports, then the nodes' in plan order.
@@ -77,7 +72,7 @@ pub(crate) struct Wiring {
     pub(crate) steps_per_frame: u32,
 }
 
-impl Wiring {
+impl FrameGraph {
     /// Lays out a stage run. `once` finds the once-values that are there before the frames.
     ///
     /// # Errors
@@ -86,11 +81,11 @@ impl Wiring {
         run: usize,
         plan: &StageRun,
         tap: &T,
-        once: impl Fn(&From) -> Option<Option<OnceValue>>,
+        once: impl Fn(&Origin) -> OnceState,
     ) -> Result<Self, String> {
         let source = Producer {
             inputs: Vec::new(),
-            wires: Vec::new(),
+            feeds: Vec::new(),
             outputs: frame_ports(&plan.source.outputs),
             first_place: 0,
         };
@@ -101,9 +96,9 @@ impl Wiring {
             let inputs = node.inputs.iter().map(|i| i.port.clone()).collect();
             let first_place = places;
             places += outputs.len();
-            producers.push(Producer { inputs, wires: Vec::new(), outputs, first_place });
+            producers.push(Producer { inputs, feeds: Vec::new(), outputs, first_place });
         }
-        let mut wiring = Self {
+        let mut graph = Self {
             places: (0..places).map(|_| Place { uses: 0, keyed: false }).collect(),
             parts: vec![Vec::new(); tap.parts(run)],
             order: (0..=plan.nodes.len() + tap.parts(run)).map(|_| Order::default()).collect(),
@@ -111,35 +106,39 @@ impl Wiring {
             producers,
         };
         for (index, node) in plan.nodes.iter().enumerate().filter(|(_, n)| n.contract != Contract::Once) {
-            let mut wires = Vec::with_capacity(node.inputs.len());
+            let mut feeds = Vec::with_capacity(node.inputs.len());
             for input in &node.inputs {
-                let wire = match &input.from {
-                    None => Wire::Unwired,
-                    Some(From::Here(slot)) => wiring.place_of(plan, *slot).ok_or_else(|| {
+                let feed = match &input.from {
+                    None => Feed::Unwired,
+                    Some(Origin::Here(slot)) => graph.place_of(plan, *slot).ok_or_else(|| {
                         format!("input `{}` of node `{}` is wired to no per-frame output", input.port.name, node.name)
                     })?,
-                    Some(elsewhere) => Wire::Once(once(elsewhere).ok_or_else(|| {
-                        format!(
-                            "the once-value at input `{}` of node `{}` is not there before the stage's frames",
-                            input.port.name, node.name
-                        )
-                    })?),
+                    Some(elsewhere) => match once(elsewhere) {
+                        OnceState::There(value) => Feed::Once(Some(value)),
+                        OnceState::Absent => Feed::Once(None),
+                        OnceState::Pending => {
+                            return Err(format!(
+                                "the once-value at input `{}` of node `{}` is not there before the stage's frames",
+                                input.port.name, node.name
+                            ));
+                        }
+                    },
                 };
-                if let Wire::Place { place, step } = wire {
+                if let Feed::Place { place, step } = feed {
                     if step > index {
                         return Err(format!("node `{}` reads a node after it", node.name));
                     }
-                    wiring.places[place].uses += 1;
-                    wiring.places[place].keyed = true;
+                    graph.places[place].uses += 1;
+                    graph.places[place].keyed = true;
                 }
-                wires.push(wire);
+                feeds.push(feed);
             }
-            let steps = wires.iter().filter_map(|w| if let Wire::Place { step, .. } = w { Some(*step) } else { None });
-            wiring.wait(steps.collect(), 1 + index);
-            wiring.producers[1 + index].wires = wires;
+            let steps = feeds.iter().filter_map(|w| if let Feed::Place { step, .. } = w { Some(*step) } else { None });
+            graph.wait(steps.collect(), 1 + index);
+            graph.producers[1 + index].feeds = feeds;
         }
-        wiring.hand_over(run, plan, tap)?;
-        Ok(wiring)
+        graph.hand_over(run, plan, tap)?;
+        Ok(graph)
     }
 
     /// What step a number stands for.
@@ -151,7 +150,7 @@ impl Wiring {
         }
     }
 
-    fn place_of(&self, plan: &StageRun, slot: Slot) -> Option<Wire> {
+    fn place_of(&self, plan: &StageRun, slot: Slot) -> Option<Feed> {
         let (outputs, step, port) = match slot {
             Slot::Source { port } => (&plan.source.outputs, 0, port),
             Slot::Node { node, port } => (&plan.nodes.get(node)?.outputs, 1 + node, port),
@@ -160,7 +159,7 @@ impl Wiring {
             return None;
         }
         let before = outputs[..port].iter().filter(|o| o.port.rate == Rate::Frame).count();
-        Some(Wire::Place { place: self.producers[step].first_place + before, step })
+        Some(Feed::Place { place: self.producers[step].first_place + before, step })
     }
 
     /// Asks the tap which values it takes, and in which part.
@@ -170,7 +169,7 @@ impl Wiring {
         let of_nodes = plan.nodes.iter().enumerate();
         let of_nodes = of_nodes.flat_map(|(node, n)| (0..n.outputs.len()).map(move |port| Slot::Node { node, port }));
         for slot in of_source.chain(of_nodes) {
-            let Some(Wire::Place { place, step }) = self.place_of(plan, slot) else { continue };
+            let Some(Feed::Place { place, step }) = self.place_of(plan, slot) else { continue };
             let Some(part) = tap.part(run, slot) else { continue };
             let count = self.parts.len();
             let taken = self.parts.get_mut(part).ok_or_else(|| format!("the tap has {count} parts, none is {part}"))?;
