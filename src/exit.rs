@@ -2,6 +2,8 @@
 
 use std::fmt::Display;
 
+use depthloom_graphs::language::Diagnostic;
+
 /// The meaning of an exit code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Exit {
@@ -27,17 +29,33 @@ pub struct Stop {
     pub message: String,
     /// What the person can do about it.
     pub remedy: Option<String>,
+    /// What was found one by one, where the message only counts it.
+    pub problems: Vec<Problem>,
+}
+
+/// One of several things that are wrong.
+#[derive(Debug)]
+pub enum Problem {
+    /// At a place in the experiment.
+    Placed(Diagnostic),
+    /// On this machine: what it is, and what can be done about it.
+    Here(String, Option<String>),
 }
 
 impl Stop {
     /// Ends with this code and message.
     pub fn new(exit: Exit, message: impl Into<String>) -> Self {
-        Self { exit, message: message.into(), remedy: None }
+        Self { exit, message: message.into(), remedy: None, problems: Vec::new() }
     }
 
     /// Ends with this code, an intent ("failed to ...") and the error beneath.
     pub fn because(exit: Exit, intent: impl Display, error: &dyn std::error::Error) -> Self {
         Self::new(exit, format!("{intent}: {}", chain(error)))
+    }
+
+    /// Says what was found one by one.
+    pub fn problems(self, problems: impl IntoIterator<Item = Problem>) -> Self {
+        Self { problems: problems.into_iter().collect(), ..self }
     }
 
     /// Says what the person can do about it.

@@ -17,10 +17,13 @@
 pub use depthloom_graphs as graphs;
 
 mod args;
+mod command_line;
 mod commands;
+mod completion;
 mod diagnostics;
 mod environment;
 mod exit;
+mod help;
 mod memory;
 mod models;
 mod panics;
@@ -32,11 +35,11 @@ mod streams;
 use std::io;
 use std::process::ExitCode;
 
-use clap::Parser;
 use clap::error::ErrorKind;
 use depthloom_graphs::Registry;
+use serde_json::json;
 
-use crate::args::{Cli, Command};
+use crate::args::Command;
 use crate::exit::{Exit, Stop};
 
 /// The kinds that depthloom comes with.
@@ -51,15 +54,28 @@ pub fn registry() -> Registry {
 #[must_use]
 pub fn main(registry: Registry) -> ExitCode {
     signals::outlive_file_size_limit();
-    let exit = panics::watched(|| program(&registry)).unwrap_or_else(|Stop { exit, message, remedy }| {
-        diagnostics::print_stop(&message, remedy.as_deref());
-        exit
+    let as_json = command_line::asks_for_json(std::env::args_os());
+    let exit = panics::watched(as_json, || program(&registry, as_json)).unwrap_or_else(|stop| {
+        diagnostics::print_stop(&stop);
+        print_error_json(as_json, &stop);
+        stop.exit
     });
     ExitCode::from(exit as u8)
 }
 
-fn program(registry: &Registry) -> Result<Exit, Stop> {
-    let cli = match Cli::try_parse() {
+/// Errors are JSON where output is; to people they are told in any case.
+fn print_error_json(as_json: bool, stop: &Stop) {
+    if as_json {
+        // The exit code tells it where standard output cannot.
+        let _ = streams::print_json(&json!({ "error": diagnostics::error_json(stop) }));
+    }
+}
+
+fn program(registry: &Registry, as_json: bool) -> Result<Exit, Stop> {
+    if completion::answer(|| command_line::own_command(registry))? {
+        return Ok(Exit::Whole);
+    }
+    let cli = match command_line::parse(registry) {
         Ok(cli) => cli,
         Err(error) if matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion) => {
             return match error.print() {
@@ -72,6 +88,7 @@ fn program(registry: &Registry) -> Result<Exit, Stop> {
         Err(error) => {
             // The exit code tells it where standard error cannot.
             let _ = error.print();
+            print_error_json(as_json, &command_line::stop_of(&error));
             return Ok(Exit::Before);
         }
     };
@@ -88,7 +105,7 @@ fn program(registry: &Registry) -> Result<Exit, Stop> {
         Command::Doctor(args) => commands::doctor::doctor(args.json),
         Command::New(args) => commands::new::new(&args),
         Command::Schema => commands::nodes::schema(registry),
-        Command::Completions { shell } => commands::shell::completions(shell),
-        Command::Man => commands::shell::man(),
+        Command::Completions { shell } => commands::completions::completions(shell, registry),
+        Command::Man(args) => commands::man::man(&args, registry),
     }
 }

@@ -6,8 +6,10 @@ use depthloom_analysis::{AnalysisError, ReportOptions, Summary, Timing};
 use depthloom_graphs::plan::Plan;
 use depthloom_recording::{Condition, Recorder, Recording};
 use depthloom_runner::{Interrupt, Phase};
+use serde_json::{Value as Json, json};
 
 use crate::args::{ReportArgs, TimingsArgs};
+use crate::diagnostics::error_json;
 use crate::exit::{Exit, Stop};
 use crate::models;
 use crate::run_folder;
@@ -31,13 +33,18 @@ pub fn report(args: &ReportArgs) -> Result<Exit, Stop> {
     let recording = Recording::open(&path)
         .map_err(|error| Stop::because(Exit::Before, format_args!("failed to open {}", path.display()), &error))?;
     models::write(&recording, &out)?;
-    let report =
+    let mut report =
         analyse(&recording, &out, &ReportOptions { paper: args.paper, ..ReportOptions::default() }, &interrupt)?;
+    // An unfinished recording is what was asked for; a damaged one is not what was written.
+    let condition = recording.condition();
+    let damaged = matches!(condition, Condition::Damaged { .. })
+        .then(|| Stop::new(Exit::Frames, format!("the recording is {condition}")));
+    if let Some(stop) = &damaged {
+        report.json["error"] = error_json(stop);
+    }
     let printed = if args.json { print_json(&report.json) } else { print(summary(&report, &out)) };
     printed.map_err(|stop| stop.also(format!("tables and plots are whole in {}", out.display())))?;
-    // An unfinished recording is what was asked for; a damaged one is not what was written.
-    let is_damaged = matches!(recording.condition(), Condition::Damaged { .. });
-    Ok(if is_damaged { Exit::Frames } else { Exit::Whole })
+    Ok(damaged.map_or(Exit::Whole, |stop| stop.exit))
 }
 
 /// Analyses a recording until it is done or asked to stop.
@@ -116,10 +123,29 @@ pub fn summary(report: &Summary, folder: &Path) -> String {
 /// Prints core-milliseconds per frame by node, encoding, compression and writing.
 pub fn timings(args: &TimingsArgs) -> Result<Exit, Stop> {
     let path = args.run.join("timings.parquet");
-    let table = depthloom_analysis::timings_table(&path)
-        .map_err(|error| Stop::because(Exit::Before, format_args!("failed to read {}", path.display()), &error))?;
-    print(&table)?;
+    let failed = |error| {
+        Stop::because(Exit::Before, format_args!("failed to read {}", path.display()), &error as &AnalysisError)
+    };
+    if args.json {
+        let timings = depthloom_analysis::read_timings(&path).map_err(failed)?;
+        print_json(&json!({ "timings": timings.iter().map(timing_json).collect::<Vec<_>>() }))?;
+    } else {
+        print(depthloom_analysis::timings_table(&path).map_err(failed)?)?;
+    }
     Ok(Exit::Whole)
+}
+
+/// A timing under the names of the columns of `timings.parquet`.
+fn timing_json(timing: &Timing) -> Json {
+    json!({
+        "stage": timing.stage,
+        "node": timing.node,
+        "phase": timing.phase,
+        "frames": timing.frames,
+        "cpu_ns": timing.cpu_ns,
+        "wall_ns": timing.wall_ns,
+        "median_cpu_ns": timing.median_cpu_ns,
+    })
 }
 
 /// Writes a run's timings beside its recording.

@@ -18,7 +18,7 @@ use super::report::{RECORDING, analyse, summary, write_timings};
 use crate::args::RunArgs;
 use crate::diagnostics;
 use crate::environment;
-use crate::exit::{Exit, Stop, chain};
+use crate::exit::{Exit, Problem, Stop, chain};
 use crate::models;
 use crate::progress::Progress;
 use crate::run_folder::RunFolder;
@@ -27,13 +27,8 @@ use crate::streams::{print, print_json, print_path, say};
 
 /// Loads, plans, opens, runs, records, scores and prints.
 pub fn run(args: &RunArgs, registry: &Registry) -> Result<Exit, Stop> {
-    let Some(Loaded { plan, kept, .. }) = load(&args.experiment, registry, is_silent(args))? else {
-        return Ok(Exit::Before);
-    };
-    let ready = match Ready::new(plan, registry) {
-        Ok(ready) => ready,
-        Err(missing) => return Ok(print_missing(&missing)),
-    };
+    let Loaded { plan, kept, .. } = load(&args.experiment, registry, is_silent(args))?;
+    let ready = Ready::new(plan, registry).map_err(|missing| stop_of_missing(&missing))?;
     let plan = ready.plan.clone();
     let interrupt = signals::listen()?;
     let folder = make_folder(args, &plan, &kept)?;
@@ -54,19 +49,23 @@ pub fn run(args: &RunArgs, registry: &Registry) -> Result<Exit, Stop> {
     let out = folder.finish()?;
     checkpoints.remove();
 
-    let told = json!({
+    let incomplete = (failed > 0)
+        .then(|| Stop::new(Exit::Frames, format!("{failed} frames failed; what depended on them is left out")));
+    let mut told = json!({
         "experiment": plan.experiment,
         "run": out.to_string_lossy(),
         "failed_frames": failed,
         "warnings": warnings,
         "environment": environment,
     });
-    show(args, report, told, &out).map_err(|stop| stop.also(format!("the run is whole in {}", out.display())))?;
-    if failed > 0 {
-        say(format_args!("{failed} frames failed; what depended on them is left out"));
-        return Ok(Exit::Frames);
+    if let Some(stop) = &incomplete {
+        told["error"] = diagnostics::error_json(stop);
     }
-    Ok(Exit::Whole)
+    show(args, report, told, &out).map_err(|stop| stop.also(format!("the run is whole in {}", out.display())))?;
+    Ok(incomplete.map_or(Exit::Whole, |stop| {
+        say(&stop.message);
+        stop.exit
+    }))
 }
 
 fn is_silent(args: &RunArgs) -> bool {
@@ -256,9 +255,19 @@ fn show(args: &RunArgs, report: Summary, mut object: Json, out: &Path) -> Result
     print_path("run: ", out)
 }
 
-fn print_missing(missing: &[NotReady]) -> Exit {
-    for error in missing {
-        diagnostics::print_stop(&chain(error), error.fault().remedy_text());
+/// What this machine or this data lacks: itself where it is one thing, else these one by one.
+fn stop_of_missing(missing: &[NotReady]) -> Stop {
+    let told = |error: &NotReady| (chain(error), error.fault().remedy_text().map(ToOwned::to_owned));
+    match missing {
+        [only] => {
+            let (message, remedy) = told(only);
+            Stop { remedy, ..Stop::new(Exit::Before, message) }
+        }
+        several => Stop::new(Exit::Before, format!("{} things are missing", several.len())).problems(
+            several.iter().map(|error| {
+                let (message, remedy) = told(error);
+                Problem::Here(message, remedy)
+            }),
+        ),
     }
-    Exit::Before
 }

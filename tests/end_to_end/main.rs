@@ -4,6 +4,7 @@
 
 mod broken_data;
 mod broken_files;
+mod commands;
 mod determinism;
 mod experiments;
 mod faults;
