@@ -3,10 +3,13 @@
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use clap_complete::engine::ArgValueCompleter;
+
+use crate::completion::{experiments, folders, runs};
 
 /// Declare depth-estimation experiments in YAML, run them fast, keep every intermediate.
 #[derive(Debug, Parser)]
-#[command(name = "depthloom", version, propagate_version = true, after_help = AFTER_HELP)]
+#[command(name = "depthloom", version, propagate_version = true)]
 pub struct Cli {
     /// What to do.
     #[command(subcommand)]
@@ -16,10 +19,6 @@ pub struct Cli {
     #[arg(long, global = true, value_enum, default_value_t = Colour::Auto, value_name = "WHEN")]
     pub color: Colour,
 }
-
-const AFTER_HELP: &str = "\
-Exit codes: 0 whole; 1 engine, disk or learning failed; 2 found before any frame was admitted (file, arguments, data \
-missing); 3 frames failed or were dropped, or a recording is damaged; 130 interrupted.";
 
 /// When messages are coloured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -38,7 +37,7 @@ pub enum Command {
     /// Run an experiment: record every intermediate, score, and print the table.
     Run(RunArgs),
     /// Check an experiment file; runs nothing and opens no data.
-    Check(ExperimentArgs),
+    Check(CheckArgs),
     /// Show what would be run: every node, the variants that share it, and its recipe.
     Plan(PlanArgs),
     /// Draw the experiment's graph.
@@ -57,19 +56,20 @@ pub enum Command {
     New(NewArgs),
     /// Print the JSON Schema of experiment files, for editors.
     Schema,
-    /// Print a completion script for a shell.
+    /// Print a shell's script that completes commands, options, kinds and files by asking this program.
     Completions {
         /// The shell.
         shell: clap_complete::Shell,
     },
-    /// Print the manual page (roff).
-    Man,
+    /// Print the manual page (roff), or that of a command, or write them all.
+    Man(ManArgs),
 }
 
 /// An experiment file, and what of it is set otherwise.
 #[derive(Debug, Args)]
 pub struct ExperimentArgs {
     /// The experiment file (YAML).
+    #[arg(add = ArgValueCompleter::new(experiments()))]
     pub experiment: PathBuf,
 
     /// Set something in the experiment before its variants do: `compare.mono.with.cap=50`. Goes before the file and its defaults; a
@@ -80,6 +80,22 @@ pub struct ExperimentArgs {
     pub set: Vec<(String, String)>,
 }
 
+/// `check`.
+#[derive(Debug, Args)]
+pub struct CheckArgs {
+    /// The experiment.
+    #[command(flatten)]
+    pub experiment: ExperimentArgs,
+
+    /// Print one JSON object instead of text: what the experiment holds, and every diagnostic.
+    #[arg(long)]
+    pub json: bool,
+
+    /// Print the diagnostics as SARIF 2.1.0, which code review tools show at their lines.
+    #[arg(long, conflicts_with = "json")]
+    pub sarif: bool,
+}
+
 /// `run`.
 #[derive(Debug, Args)]
 pub struct RunArgs {
@@ -88,7 +104,7 @@ pub struct RunArgs {
     pub experiment: ExperimentArgs,
 
     /// The folder to write; by default `runs/<experiment>/<UTC time>`.
-    #[arg(long, short, value_name = "DIR")]
+    #[arg(long, short, value_name = "DIR", add = ArgValueCompleter::new(folders()))]
     pub out: Option<PathBuf>,
 
     /// Replace the output folder if it holds a run that is over.
@@ -151,16 +167,21 @@ pub struct GraphArgs {
     /// The language to draw it in.
     #[arg(long, value_enum, default_value_t = GraphFormat::Mermaid)]
     pub format: GraphFormat,
+
+    /// Print its nodes and edges as one JSON object instead of a drawing.
+    #[arg(long, conflicts_with = "format")]
+    pub json: bool,
 }
 
 /// `report`.
 #[derive(Debug, Args)]
 pub struct ReportArgs {
     /// A run's folder, or a recording.
+    #[arg(add = ArgValueCompleter::new(runs()))]
     pub run: PathBuf,
 
     /// The folder to write tables and plots to; by default the run's own.
-    #[arg(long, short, value_name = "DIR")]
+    #[arg(long, short, value_name = "DIR", add = ArgValueCompleter::new(folders()))]
     pub out: Option<PathBuf>,
 
     /// Print the paper's Table I beside the table.
@@ -176,7 +197,12 @@ pub struct ReportArgs {
 #[derive(Debug, Args)]
 pub struct TimingsArgs {
     /// A run's folder.
+    #[arg(add = ArgValueCompleter::new(folders()))]
     pub run: PathBuf,
+
+    /// Print one JSON object instead of text; times in nanoseconds, in all frames together.
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// `nodes`.
@@ -184,12 +210,28 @@ pub struct TimingsArgs {
 pub struct NodesArgs {
     /// The kind to explain, e.g. `stereo/sgbm`.
     pub kind: Option<String>,
+
+    /// Print one JSON object instead of text: the kinds, or one with its ports and the JSON Schema of its parameters.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `man`.
+#[derive(Debug, Args)]
+pub struct ManArgs {
+    /// The command to print the page of; without one, the program's own.
+    pub command: Option<String>,
+
+    /// Write the pages of the program and all its commands to a folder, e.g. `~/.local/share/man/man1`.
+    #[arg(long, short, value_name = "DIR", conflicts_with = "command", add = ArgValueCompleter::new(folders()))]
+    pub out: Option<PathBuf>,
 }
 
 /// `new`.
 #[derive(Debug, Args)]
 pub struct NewArgs {
-    /// The experiment file to write; it must not exist.
+    /// The experiment file to write (YAML); it must not exist.
+    #[arg(add = ArgValueCompleter::new(folders()))]
     pub file: PathBuf,
 }
 
@@ -197,6 +239,7 @@ pub struct NewArgs {
 #[derive(Debug, Args)]
 pub struct SynthArgs {
     /// The folder to write; it must not exist.
+    #[arg(add = ArgValueCompleter::new(folders()))]
     pub out: PathBuf,
 
     /// How many frames.

@@ -1,13 +1,19 @@
-//! How problems are shown: miette's underlined source for a file's errors, two lines for everything else.
+//! How problems are shown: miette's underlined source for a file's errors, two lines for everything else; to programs as JSON.
+
+mod json;
+mod sarif;
+
+pub use json::{error_json, list_json};
+pub use sarif::sarif;
 
 use std::io::IsTerminal;
 use std::sync::OnceLock;
 
-use depthloom_graphs::language::{Diagnostic, Diagnostics, Severity};
+use depthloom_graphs::language::{Diagnostic, Severity};
 use miette::{GraphicalReportHandler, GraphicalTheme, LabeledSpan, MietteDiagnostic, NamedSource};
 
 use crate::args::Colour;
-use crate::exit::remedy_of_the_system;
+use crate::exit::{Problem, Stop, remedy_of_the_system};
 use crate::streams::{say, tell};
 
 /// A line this long would bury the message.
@@ -37,15 +43,16 @@ fn handler() -> GraphicalReportHandler {
         .with_word_splitter(textwrap::WordSplitter::NoHyphenation)
 }
 
-/// Prints every diagnostic to standard error, and how many there were.
-pub fn print(diagnostics: &Diagnostics) {
-    for (index, diagnostic) in diagnostics.0.iter().enumerate() {
+/// Prints diagnostics to standard error, and how many errors there were.
+pub fn print<'a>(diagnostics: impl IntoIterator<Item = &'a Diagnostic>) {
+    let mut errors = 0;
+    for (index, diagnostic) in diagnostics.into_iter().enumerate() {
         if index > 0 {
             say("");
         }
         tell(render(diagnostic));
+        errors += usize::from(diagnostic.severity == Severity::Error);
     }
-    let errors = diagnostics.0.iter().filter(|d| d.severity == Severity::Error).count();
     if errors > 1 {
         say(format_args!("{errors} errors"));
     }
@@ -95,8 +102,23 @@ pub fn print_warning(message: &str) {
     say(format_args!("{yellow}warning{plain}: {message}"));
 }
 
-/// Prints an error and its remedy to standard error.
-pub fn print_stop(message: &str, remedy: Option<&str>) {
+/// Prints an error and its remedy to standard error; one that counts problems, as these.
+pub fn print_stop(stop: &Stop) {
+    if stop.problems.is_empty() {
+        return print_error(&stop.message, stop.remedy.as_deref());
+    }
+    print(stop.problems.iter().filter_map(|problem| match problem {
+        Problem::Placed(diagnostic) => Some(diagnostic),
+        Problem::Here(..) => None,
+    }));
+    for problem in &stop.problems {
+        if let Problem::Here(message, remedy) = problem {
+            print_error(message, remedy.as_deref());
+        }
+    }
+}
+
+fn print_error(message: &str, remedy: Option<&str>) {
     let (red, cyan, plain) =
         if *COLOUR.get_or_init(|| false) { ("\x1b[31m", "\x1b[36m", "\x1b[0m") } else { ("", "", "") };
     say(format_args!("{red}error{plain}: {message}"));

@@ -6,6 +6,8 @@ use std::io::{self, ErrorKind};
 use depthloom_analysis::AnalysisError;
 use depthloom_recording::RecordingError;
 
+use depthloom_graphs::language::Diagnostic;
+
 /// The meaning of an exit code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Exit {
@@ -31,12 +33,23 @@ pub struct Stop {
     pub message: String,
     /// What the person can do about it.
     pub remedy: Option<String>,
+    /// What was found one by one, where the message only counts it.
+    pub problems: Vec<Problem>,
+}
+
+/// One of several things that are wrong.
+#[derive(Debug)]
+pub enum Problem {
+    /// At a place in the experiment.
+    Placed(Diagnostic),
+    /// On this machine: what it is, and what can be done about it.
+    Here(String, Option<String>),
 }
 
 impl Stop {
     /// Ends with this code and message.
     pub fn new(exit: Exit, message: impl Into<String>) -> Self {
-        Self { exit, message: message.into(), remedy: None }
+        Self { exit, message: message.into(), remedy: None, problems: Vec::new() }
     }
 
     /// Ends with this code, an intent ("failed to ...") and the error beneath.
@@ -61,6 +74,11 @@ impl Stop {
             error => error.remedy(),
         };
         Self { remedy, ..Self::because(exit, intent, error) }
+    }
+
+    /// Says what was found one by one.
+    pub fn problems(self, problems: impl IntoIterator<Item = Problem>) -> Self {
+        Self { problems: problems.into_iter().collect(), ..self }
     }
 
     /// Says what the person can do about it.

@@ -17,11 +17,14 @@
 pub use depthloom_graphs as graphs;
 
 mod args;
+mod command_line;
 mod commands;
+mod completion;
 mod counted;
 mod diagnostics;
 mod environment;
 mod exit;
+mod help;
 mod memory;
 mod models;
 mod panics;
@@ -33,11 +36,11 @@ mod streams;
 use std::io;
 use std::process::ExitCode;
 
-use clap::Parser;
 use clap::error::ErrorKind;
 use depthloom_graphs::Registry;
+use serde_json::json;
 
-use crate::args::{Cli, Command};
+use crate::args::Command;
 use crate::exit::{Exit, Stop};
 
 /// The kinds that depthloom comes with.
@@ -54,18 +57,31 @@ pub fn registry() -> Registry {
 #[must_use]
 pub fn main(registry: Registry) -> ExitCode {
     signals::outlive_file_size_limit();
-    let exit = panics::watched(|| program(&registry)).unwrap_or_else(|Stop { exit, message, remedy }| {
-        diagnostics::print_stop(&message, remedy.as_deref());
-        exit
+    let as_json = command_line::asks_for_json(std::env::args_os());
+    let exit = panics::watched(as_json, || program(&registry, as_json)).unwrap_or_else(|stop| {
+        diagnostics::print_stop(&stop);
+        print_error_json(as_json, &stop);
+        stop.exit
     });
     ExitCode::from(exit as u8)
 }
 
-fn program(registry: &Registry) -> Result<Exit, Stop> {
+/// Errors are JSON where output is; to people they are told in any case.
+fn print_error_json(as_json: bool, stop: &Stop) {
+    if as_json {
+        // The exit code tells it where standard output cannot.
+        let _ = streams::print_json(&json!({ "error": diagnostics::error_json(stop) }));
+    }
+}
+
+fn program(registry: &Registry, as_json: bool) -> Result<Exit, Stop> {
     registry.check().map_err(|clash| {
         Stop::new(Exit::Before, clash.to_string()).remedy("register it once, or give one of the two another name")
     })?;
-    let cli = match Cli::try_parse() {
+    if completion::answer(|| command_line::own_command(registry))? {
+        return Ok(Exit::Whole);
+    }
+    let cli = match command_line::parse(registry) {
         Ok(cli) => cli,
         Err(error) if matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion) => {
             return match error.print() {
@@ -78,6 +94,7 @@ fn program(registry: &Registry) -> Result<Exit, Stop> {
         Err(error) => {
             // The exit code tells it where standard error cannot.
             let _ = error.print();
+            print_error_json(as_json, &command_line::stop_of(&error));
             return Ok(Exit::Before);
         }
     };
@@ -94,8 +111,8 @@ fn program(registry: &Registry) -> Result<Exit, Stop> {
         Command::Doctor(args) => commands::doctor::doctor(args.json),
         Command::New(args) => commands::new::new(&args),
         Command::Schema => commands::nodes::schema(registry),
-        Command::Completions { shell } => commands::shell::completions(shell),
-        Command::Man => commands::shell::man(),
+        Command::Completions { shell } => commands::completions::completions(shell, registry),
+        Command::Man(args) => commands::man::man(&args, registry),
     }
 }
 
@@ -105,7 +122,7 @@ mod tests {
 
     #[test]
     fn a_kind_registered_twice_is_refused_before_anything_else() {
-        let stop = program(&registry().merge(registry())).unwrap_err();
+        let stop = program(&registry().merge(registry()), false).unwrap_err();
         assert_eq!(stop.exit, Exit::Before);
         assert!(stop.message.starts_with("kind `confidence/edges` is registered twice: by "), "{}", stop.message);
     }

@@ -5,9 +5,9 @@
 
 use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
 
+use crate::diagnostics;
 use crate::exit::{Exit, Stop};
 use crate::signals;
-use crate::streams::say;
 
 /// Threads of these names have somebody who finds their panics.
 const WATCHED: [&str; 2] = ["main", "depthloom-"];
@@ -15,17 +15,22 @@ const WATCHED: [&str; 2] = ["main", "depthloom-"];
 const REMEDY: &str =
     "if the system refuses threads or files, raise its limits (`ulimit -u`, `ulimit -n`); else please report this";
 
-/// Runs the program; a panic that nobody else finds is an error of the engine.
-pub fn watched(program: impl FnOnce() -> Result<Exit, Stop>) -> Result<Exit, Stop> {
+/// Runs the program; a panic that nobody else finds is an error of the engine, told to programs as well where they asked for JSON.
+pub fn watched(as_json: bool, program: impl FnOnce() -> Result<Exit, Stop>) -> Result<Exit, Stop> {
     let tell = take_hook();
     set_hook(Box::new(move |panic| {
         tell(panic);
         let thread = std::thread::current();
         if !thread.name().is_some_and(|name| WATCHED.iter().any(|watched| name.starts_with(watched))) {
-            say(format_args!("error: the engine failed\n  help: {REMEDY}"));
+            let stop = stop();
+            diagnostics::print_stop(&stop);
+            crate::print_error_json(as_json, &stop);
             signals::leave(Exit::Engine);
         }
     }));
-    catch_unwind(AssertUnwindSafe(program))
-        .unwrap_or_else(|_| Err(Stop::new(Exit::Engine, "the engine failed").remedy(REMEDY)))
+    catch_unwind(AssertUnwindSafe(program)).unwrap_or_else(|_| Err(stop()))
+}
+
+fn stop() -> Stop {
+    Stop::new(Exit::Engine, "the engine failed").remedy(REMEDY)
 }

@@ -1,11 +1,12 @@
 //! The commands, one file each (two where they are two views of one thing).
 
 pub mod check;
+pub mod completions;
 pub mod doctor;
+pub mod man;
 pub mod new;
 pub mod nodes;
 pub mod plan;
 pub mod report;
 pub mod run;
-pub mod shell;
 pub mod synth;

@@ -1,6 +1,6 @@
 //! `depthloom nodes` and `depthloom schema`: what can stand in an experiment.
 
-use depthloom_graphs::Registry;
+use depthloom_graphs::{Registry, render};
 
 use crate::args::NodesArgs;
 use crate::exit::{Exit, Stop};
@@ -9,6 +9,10 @@ use crate::streams::{print, print_json};
 /// Lists all kinds, or explains one.
 pub fn nodes(args: &NodesArgs, registry: &Registry) -> Result<Exit, Stop> {
     let Some(kind) = &args.kind else {
+        if args.json {
+            print_json(&render::kinds_json(registry))?;
+            return Ok(Exit::Whole);
+        }
         let sources = registry.sources().map(|s| (s.declaration.kind, "source", s.declaration.summary));
         let nodes =
             registry.nodes().map(|n| (n.declaration.kind, n.declaration.contract.name(), n.declaration.summary));
@@ -19,7 +23,12 @@ pub fn nodes(args: &NodesArgs, registry: &Registry) -> Result<Exit, Stop> {
         print(&list)?;
         return Ok(Exit::Whole);
     };
-    let Some(reference) = depthloom_graphs::render::kind_reference(registry, kind) else {
+    let answer = if args.json {
+        render::kind_json(registry, kind).map(|json| format!("{json:#}\n"))
+    } else {
+        render::kind_reference(registry, kind)
+    };
+    let Some(answer) = answer else {
         let known = registry.nodes().map(|n| n.declaration.kind).chain(registry.sources().map(|s| s.declaration.kind));
         let stop = Stop::new(Exit::Before, format!("there is no kind `{kind}`"));
         return Err(match depthloom_graphs::language::nearest(kind, known) {
@@ -27,7 +36,7 @@ pub fn nodes(args: &NodesArgs, registry: &Registry) -> Result<Exit, Stop> {
             None => stop.remedy("`depthloom nodes` lists them all"),
         });
     };
-    print(&reference)?;
+    print(&answer)?;
     Ok(Exit::Whole)
 }
 

@@ -10,7 +10,7 @@ use crate::streams::{print, print_json};
 
 /// Prints every node of the plan, the variants that share it, and its recipe.
 pub fn plan(args: &PlanArgs, registry: &Registry) -> Result<Exit, Stop> {
-    let Some(Loaded { plan, .. }) = load(&args.experiment, registry, args.json)? else { return Ok(Exit::Before) };
+    let Loaded { plan, .. } = load(&args.experiment, registry, args.json)?;
     if args.json {
         print_json(&plan.summary_json())?;
     } else {
@@ -21,7 +21,11 @@ pub fn plan(args: &PlanArgs, registry: &Registry) -> Result<Exit, Stop> {
 
 /// Prints the plan as a drawing.
 pub fn graph(args: &GraphArgs, registry: &Registry) -> Result<Exit, Stop> {
-    let Some(Loaded { plan, .. }) = load(&args.experiment, registry, true)? else { return Ok(Exit::Before) };
+    let Loaded { plan, .. } = load(&args.experiment, registry, true)?;
+    if args.json {
+        print_json(&plan.graph_json())?;
+        return Ok(Exit::Whole);
+    }
     print(match args.format {
         GraphFormat::Mermaid => plan.mermaid(),
         GraphFormat::Dot => plan.dot(),

@@ -7,8 +7,10 @@ use depthloom_analysis::{AnalysisError, ReportOptions, Summary, Timing};
 use depthloom_graphs::plan::Plan;
 use depthloom_recording::{Recorder, Recording};
 use depthloom_runner::{Interrupt, Phase};
+use serde_json::{Value as Json, json};
 
 use crate::args::{ReportArgs, TimingsArgs};
+use crate::diagnostics::error_json;
 use crate::exit::{Exit, Stop};
 use crate::models;
 use crate::run_folder;
@@ -35,13 +37,17 @@ pub fn report(args: &ReportArgs) -> Result<Exit, Stop> {
     let recording = Recording::open(&path)
         .map_err(|error| Stop::of_recording(Exit::Before, "failed to read the recording", &error))?;
     let options = ReportOptions { paper: args.paper, check_every_byte: true, ..ReportOptions::default() };
-    let report = analyse(&recording, &out, &options, &interrupt)?;
+    let mut report = analyse(&recording, &out, &options, &interrupt)?;
     let but_whole = |stop: Stop| stop.also(format!("tables and plots are whole in {}", out.display()));
     models::write(&recording, &out).map_err(but_whole)?;
+    // An unfinished recording is what was asked for; a damaged one is not what was written.
+    let damaged = report.is_damaged.then(|| Stop::new(Exit::Frames, "the recording is damaged"));
+    if let Some(stop) = &damaged {
+        report.json["error"] = error_json(stop);
+    }
     let printed = if args.json { print_json(&report.json) } else { print(summary(&report, &out)) };
     printed.map_err(but_whole)?;
-    // An unfinished recording is what was asked for; a damaged one is not what was written.
-    Ok(if report.is_damaged { Exit::Frames } else { Exit::Whole })
+    Ok(damaged.map_or(Exit::Whole, |stop| stop.exit))
 }
 
 /// Analyses a recording until it is done or asked to stop.
@@ -150,15 +156,33 @@ pub fn summary(report: &Summary, folder: &Path) -> String {
 /// Prints core-milliseconds per frame by node, encoding, compression and writing.
 pub fn timings(args: &TimingsArgs) -> Result<Exit, Stop> {
     let path = args.run.join(TIMINGS);
-    let table = depthloom_analysis::timings_table(&path).map_err(|error| {
+    let failed = |error: AnalysisError| {
         let stop = Stop::because(Exit::Before, "failed to show the timings", &error);
         match unfinished(&args.run, TIMINGS).filter(|_| !args.run.exists()) {
             Some(partial) => stop.remedy(of_unfinished(&partial, "timings")),
             None => stop.remedy("name the folder of a run"),
         }
-    })?;
-    print(&table)?;
+    };
+    if args.json {
+        let timings = depthloom_analysis::read_timings(&path).map_err(failed)?;
+        print_json(&json!({ "timings": timings.iter().map(timing_json).collect::<Vec<_>>() }))?;
+    } else {
+        print(depthloom_analysis::timings_table(&path).map_err(failed)?)?;
+    }
     Ok(Exit::Whole)
+}
+
+/// A timing under the names of the columns of `timings.parquet`.
+fn timing_json(timing: &Timing) -> Json {
+    json!({
+        "stage": timing.stage,
+        "node": timing.node,
+        "phase": timing.phase,
+        "frames": timing.frames,
+        "cpu_ns": timing.cpu_ns,
+        "wall_ns": timing.wall_ns,
+        "median_cpu_ns": timing.median_cpu_ns,
+    })
 }
 
 /// Writes a run's timings beside its recording.

@@ -19,7 +19,7 @@ use crate::args::RunArgs;
 use crate::counted::counted;
 use crate::diagnostics;
 use crate::environment;
-use crate::exit::{Exit, Stop, chain};
+use crate::exit::{Exit, Problem, Stop, chain};
 use crate::models;
 use crate::progress::Progress;
 use crate::run_folder::RunFolder;
@@ -28,13 +28,8 @@ use crate::streams::{print, print_json, print_path, say};
 
 /// Loads, plans, opens, runs, records, scores and prints.
 pub fn run(args: &RunArgs, registry: &Registry) -> Result<Exit, Stop> {
-    let Some(Loaded { plan, kept, read, .. }) = load(&args.experiment, registry, is_silent(args))? else {
-        return Ok(Exit::Before);
-    };
-    let mut ready = match Ready::new(plan, registry) {
-        Ok(ready) => ready,
-        Err(missing) => return Ok(print_missing(&missing)),
-    };
+    let Loaded { plan, kept, read, .. } = load(&args.experiment, registry, is_silent(args))?;
+    let mut ready = Ready::new(plan, registry).map_err(|missing| stop_of_missing(&missing))?;
     let plan = ready.plan.clone();
     let of_sources = std::mem::take(&mut ready.warnings);
     tell(args, &of_sources);
@@ -58,20 +53,25 @@ pub fn run(args: &RunArgs, registry: &Registry) -> Result<Exit, Stop> {
     checkpoints.remove();
 
     let warnings = [of_sources, warnings].concat();
-    let told = json!({
+    let incomplete = (failed > 0).then(|| {
+        let frames = counted(failed, "frame");
+        Stop::new(Exit::Frames, format!("{frames} failed; what depended on them is left out"))
+    });
+    let mut told = json!({
         "experiment": plan.experiment,
         "run": out.to_string_lossy(),
         "failed_frames": failed,
         "warnings": warnings,
         "environment": environment,
     });
-    show(args, report, told, &out).map_err(|stop| stop.also(format!("the run is whole in {}", out.display())))?;
-    if failed > 0 {
-        let frames = counted(failed, "frame");
-        say(format_args!("{frames} failed; what depended on them is left out"));
-        return Ok(Exit::Frames);
+    if let Some(stop) = &incomplete {
+        told["error"] = diagnostics::error_json(stop);
     }
-    Ok(Exit::Whole)
+    show(args, report, told, &out).map_err(|stop| stop.also(format!("the run is whole in {}", out.display())))?;
+    Ok(incomplete.map_or(Exit::Whole, |stop| {
+        say(&stop.message);
+        stop.exit
+    }))
 }
 
 fn is_silent(args: &RunArgs) -> bool {
@@ -265,9 +265,19 @@ fn show(args: &RunArgs, report: Summary, mut object: Json, out: &Path) -> Result
     print_path("run: ", out)
 }
 
-fn print_missing(missing: &[NotReady]) -> Exit {
-    for error in missing {
-        diagnostics::print_stop(&chain(error), error.fault().remedy_text());
+/// What this machine or this data lacks: itself where it is one thing, else these one by one.
+fn stop_of_missing(missing: &[NotReady]) -> Stop {
+    let told = |error: &NotReady| (chain(error), error.fault().remedy_text().map(ToOwned::to_owned));
+    match missing {
+        [only] => {
+            let (message, remedy) = told(only);
+            Stop { remedy, ..Stop::new(Exit::Before, message) }
+        }
+        several => Stop::new(Exit::Before, format!("{} things are missing", several.len())).problems(
+            several.iter().map(|error| {
+                let (message, remedy) = told(error);
+                Problem::Here(message, remedy)
+            }),
+        ),
     }
-    Exit::Before
 }

@@ -5,6 +5,7 @@
 mod architecture;
 mod broken_data;
 mod broken_files;
+mod commands;
 mod determinism;
 mod experiments;
 mod faults;

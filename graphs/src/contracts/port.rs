@@ -11,6 +11,17 @@ pub enum Rate {
     Once,
 }
 
+impl Rate {
+    /// The name used in plans and in JSON.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Frame => "frame",
+            Self::Once => "once",
+        }
+    }
+}
+
 /// How a node is called.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Contract {

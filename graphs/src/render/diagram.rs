@@ -27,7 +27,19 @@ pub(super) struct Group {
     pub(super) boxes: Vec<Box>,
 }
 
-/// An arrow with the ports it carries.
+/// A value on its way, from port to port.
+pub(super) struct Edge {
+    pub(super) from: String,
+    /// The output port; a file has none.
+    pub(super) output: Option<&'static str>,
+    pub(super) to: String,
+    /// The input port.
+    pub(super) input: &'static str,
+    /// Whether it is a once-value.
+    pub(super) once: bool,
+}
+
+/// An arrow with the ports it carries: all edges between two boxes.
 pub(super) struct Arrow {
     pub(super) from: String,
     pub(super) to: String,
@@ -40,7 +52,29 @@ pub(super) struct Arrow {
 pub(super) struct Diagram {
     pub(super) groups: Vec<Group>,
     pub(super) files: Vec<Box>,
-    pub(super) arrows: Vec<Arrow>,
+    pub(super) edges: Vec<Edge>,
+}
+
+impl Diagram {
+    /// The edges as drawn: one arrow for all between two boxes, with the ports they come from.
+    pub(super) fn arrows(&self) -> Vec<Arrow> {
+        let mut arrows: Vec<Arrow> = Vec::new();
+        for edge in &self.edges {
+            let port = edge.output.unwrap_or(edge.input).to_owned();
+            // The edges to a box stand one after the other.
+            let mut into = arrows.iter_mut().rev().take_while(|arrow| arrow.to == edge.to);
+            match into.find(|arrow| arrow.from == edge.from) {
+                Some(arrow) => arrow.ports.push(port),
+                None => arrows.push(Arrow {
+                    from: edge.from.clone(),
+                    to: edge.to.clone(),
+                    ports: vec![port],
+                    once: edge.once,
+                }),
+            }
+        }
+        arrows
+    }
 }
 
 /// The variants something serves, in words; nothing if it serves all.
@@ -50,7 +84,7 @@ pub(super) fn variants(plan: &Plan, served: &[usize]) -> Option<String> {
 }
 
 pub(super) fn of(plan: &Plan) -> Diagram {
-    let mut diagram = Diagram { groups: Vec::new(), files: Vec::new(), arrows: Vec::new() };
+    let mut diagram = Diagram { groups: Vec::new(), files: Vec::new(), edges: Vec::new() };
     let mut files: BTreeMap<String, String> = BTreeMap::new();
     for (r, run) in plan.runs.iter().enumerate() {
         let mut group = Group { id: format!("r{r}"), title: title(plan, run), boxes: Vec::new() };
@@ -62,32 +96,27 @@ pub(super) fn of(plan: &Plan) -> Diagram {
             lines.extend(variants(plan, &node.variants));
             let id = format!("r{r}n{n}");
             group.boxes.push(Box { id: id.clone(), shape: Shape::Node(node.contract), lines });
-            let mut into: Vec<Arrow> = Vec::new();
             for input in &node.inputs {
                 let Some(from) = &input.from else { continue };
-                let (from, port, once) = match from {
+                let (from, output, once) = match from {
                     Origin::Here(Slot::Source { port }) => {
-                        (format!("r{r}s"), run.source.outputs[*port].port.name.to_owned(), false)
+                        (format!("r{r}s"), Some(run.source.outputs[*port].port.name), false)
                     }
                     Origin::Here(Slot::Node { node, port }) => {
-                        (format!("r{r}n{node}"), run.nodes[*node].outputs[*port].port.name.to_owned(), false)
+                        (format!("r{r}n{node}"), Some(run.nodes[*node].outputs[*port].port.name), false)
                     }
                     Origin::Once { run, node, port } => {
                         let output = &plan.runs[*run].nodes[*node].outputs[*port];
-                        (format!("r{run}n{node}"), output.port.name.to_owned(), true)
+                        (format!("r{run}n{node}"), Some(output.port.name), true)
                     }
                     Origin::File(path) => {
                         let next = format!("f{}", files.len());
                         let id = files.entry(path.display().to_string()).or_insert(next).clone();
-                        (id, input.port.name.to_owned(), true)
+                        (id, None, true)
                     }
                 };
-                match into.iter_mut().find(|arrow| arrow.from == from) {
-                    Some(arrow) => arrow.ports.push(port),
-                    None => into.push(Arrow { from, to: id.clone(), ports: vec![port], once }),
-                }
+                diagram.edges.push(Edge { from, output, to: id.clone(), input: input.port.name, once });
             }
-            diagram.arrows.append(&mut into);
         }
         diagram.groups.push(group);
     }

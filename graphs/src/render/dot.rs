@@ -22,7 +22,7 @@ impl Plan {
         for file in &diagram.files {
             let _ = writeln!(text, "  {}", shown(file));
         }
-        for arrow in &diagram.arrows {
+        for arrow in diagram.arrows() {
             let style = if arrow.once { ", style=dashed" } else { "" };
             let label = quoted(&arrow.ports.join(", "));
             let _ = writeln!(text, "  {} -> {} [label={label}{style}];", arrow.from, arrow.to);

@@ -22,7 +22,7 @@ impl Plan {
         for file in &diagram.files {
             let _ = writeln!(text, "  {}", shown(file));
         }
-        for arrow in &diagram.arrows {
+        for arrow in diagram.arrows() {
             let line = if arrow.once { "-.->" } else { "-->" };
             let _ = writeln!(text, "  {} {line}|{}| {}", arrow.from, arrow.ports.join(", "), arrow.to);
         }

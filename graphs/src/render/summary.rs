@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use serde_json::{Value as Json, json};
 
 use super::diagram::variants;
-use crate::contracts::{Rate, Slot};
+use crate::contracts::Slot;
 use crate::plan::{Origin, Plan, PlannedNode, PlannedOutput, StageRun};
 
 impl Plan {
@@ -161,13 +161,9 @@ impl Plan {
 
 fn outputs_json(outputs: &[PlannedOutput]) -> Json {
     let entries = outputs.iter().map(|output| {
-        let rate = match output.port.rate {
-            Rate::Frame => "frame",
-            Rate::Once => "once",
-        };
         let value = json!({
             "type": output.port.value_type.name(),
-            "rate": rate,
+            "rate": output.port.rate.name(),
             "topic": output.topic,
             "aliases": output.aliases,
             "recorded": output.recorded,

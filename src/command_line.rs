@@ -1,0 +1,60 @@
+//! The command line as a whole: the grammar, what stands at the end of each help text, and what completes from a registry.
+
+use std::ffi::OsString;
+use std::path::Path;
+
+use clap::{CommandFactory as _, FromArgMatches as _};
+use depthloom_graphs::Registry;
+
+use crate::args::Cli;
+use crate::completion;
+use crate::exit::{Exit, Stop};
+use crate::help::Ending;
+
+/// The grammar with everything that help, manual and completion need.
+pub fn command(registry: &Registry) -> clap::Command {
+    let mut command = Cli::command().after_help(Ending::of("").text());
+    let about = |sub: &clap::Command| sub.get_about().map(ToString::to_string).unwrap_or_default();
+    let subs: Vec<_> = command.get_subcommands().map(|sub| (sub.get_name().to_owned(), about(sub))).collect();
+    let pages = completion::words(subs.iter().map(|(name, about)| (name.as_str(), about.as_str())));
+    for (name, _) in subs {
+        command = command.mut_subcommand(&name, |sub| sub.after_help(Ending::of(&name).text()));
+    }
+    command
+        .mut_subcommand("nodes", |nodes| nodes.mut_arg("kind", |kind| kind.add(completion::kinds(registry))))
+        .mut_subcommand("man", |man| man.mut_arg("command", |command| command.add(pages)))
+}
+
+/// The same under the name that the program was called by: that of somebody's own, where it has kinds of its own.
+pub fn own_command(registry: &Registry) -> clap::Command {
+    command(registry).name(own_name())
+}
+
+/// The name that the program was called by.
+pub fn own_name() -> String {
+    let called = std::env::args_os().next().unwrap_or_default();
+    let stem = Path::new(&called).file_stem().and_then(|stem| stem.to_str());
+    stem.filter(|stem| !stem.is_empty()).unwrap_or("depthloom").to_owned()
+}
+
+/// Whether arguments ask for JSON; also of those that are wrong.
+pub fn asks_for_json(arguments: impl IntoIterator<Item = OsString>) -> bool {
+    arguments.into_iter().take_while(|argument| argument != "--").any(|argument| argument == "--json")
+}
+
+/// What the process's arguments ask for.
+pub fn parse(registry: &Registry) -> Result<Cli, clap::Error> {
+    let mut command = command(registry);
+    let mut matches = command.try_get_matches_from_mut(std::env::args_os())?;
+    Cli::from_arg_matches_mut(&mut matches).map_err(|error| error.format(&mut command))
+}
+
+/// An error of the arguments as any other: what is wrong, and what would be right.
+pub fn stop_of(error: &clap::Error) -> Stop {
+    let text = error.render().to_string();
+    let plain = |text: &str| text.split_whitespace().collect::<Vec<_>>().join(" ");
+    let (message, rest) = text.split_once("\n\n").unwrap_or((&text, ""));
+    let stop = Stop::new(Exit::Before, plain(message.trim_start_matches("error: ")));
+    let tips = rest.lines().filter_map(|line| line.trim().strip_prefix("tip: "));
+    tips.fold(stop, |stop, tip| stop.also(plain(tip)))
+}

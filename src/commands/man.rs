@@ -1,0 +1,114 @@
+//! `depthloom man`: manual pages, one for the program and one for each of its commands.
+
+use std::io;
+use std::path::Path;
+
+use clap_mangen::Man;
+use clap_mangen::roff::{Inline, Roff, bold, roman};
+use depthloom_graphs::Registry;
+use depthloom_graphs::language::nearest;
+
+use crate::args::ManArgs;
+use crate::command_line::own_command;
+use crate::exit::{Exit, Stop};
+use crate::help::Ending;
+use crate::streams::{print, print_path};
+
+/// When this version was released, as CHANGELOG.md has it: pages bear no date of the clock, so that equal versions print equal ones.
+const RELEASED: &str = "2026-11-21";
+
+/// Prints a page, or writes all.
+pub fn man(args: &ManArgs, registry: &Registry) -> Result<Exit, Stop> {
+    let mut program = own_command(registry).disable_help_subcommand(true);
+    program.build();
+    if let Some(out) = &args.out {
+        write_all(&program, out)?;
+        print_path("manual pages in ", out)?;
+        return Ok(Exit::Whole);
+    }
+    let wanted = match &args.command {
+        None => &program,
+        Some(name) => program.find_subcommand(name).ok_or_else(|| unknown(name, &program))?,
+    };
+    let page = page(wanted).map_err(|error| Stop::because(Exit::Engine, "failed to write the manual page", &error))?;
+    print(&page)?;
+    Ok(Exit::Whole)
+}
+
+fn unknown(name: &str, program: &clap::Command) -> Stop {
+    let stop = Stop::new(Exit::Before, format!("there is no command `{name}`"));
+    match nearest(name, program.get_subcommands().map(clap::Command::get_name)) {
+        Some(near) => stop.remedy(format!("did you mean `{near}`?")),
+        None => stop.remedy("`depthloom help` lists them all"),
+    }
+}
+
+fn write_all(program: &clap::Command, out: &Path) -> Result<(), Stop> {
+    let failed = |what: &Path, error: &io::Error| {
+        Stop::because(Exit::Engine, format_args!("failed to write {}", what.display()), error)
+    };
+    std::fs::create_dir_all(out).map_err(|error| failed(out, &error))?;
+    for command in std::iter::once(program).chain(program.get_subcommands()) {
+        let file = out.join(format!("{}.1", command.get_display_name().unwrap_or(command.get_name())));
+        let written = page(command).and_then(|page| depthloom_durable::write(&file, &page));
+        written.map_err(|error| failed(&file, &error))?;
+    }
+    Ok(())
+}
+
+/// A page in roff: clap's sections, then ours.
+fn page(command: &clap::Command) -> io::Result<Vec<u8>> {
+    // The program has its own name, whatever it is called, in no ending.
+    let is_program = command.has_subcommands();
+    let ending = Ending::of(if is_program { "" } else { command.get_name() });
+    let man = Man::new(command.clone()).date(RELEASED).source(source()).manual("depthloom manual");
+    let mut page = Vec::new();
+    man.render_title(&mut page)?;
+    man.render_name_section(&mut page)?;
+    man.render_synopsis_section(&mut page)?;
+    man.render_description_section(&mut page)?;
+    man.render_options_section(&mut page)?;
+    if is_program {
+        man.render_subcommands_section(&mut page)?;
+    }
+    endings(ending, command).to_writer(&mut page)?;
+    Ok(page)
+}
+
+/// The program whose commands these are.
+fn source() -> String {
+    format!("depthloom {}", env!("CARGO_PKG_VERSION"))
+}
+
+fn endings(ending: &Ending, command: &clap::Command) -> Roff {
+    let mut roff = Roff::new();
+    roff.control("SH", ["EXIT STATUS"]);
+    for (exit, about) in ending.exits {
+        roff.control("TP", []);
+        roff.text([bold((*exit as u8).to_string())]);
+        roff.text([roman(*about)]);
+    }
+    roff.control("SH", ["EXAMPLES"]);
+    for (arguments, about) in ending.examples {
+        roff.control("TP", []);
+        roff.text([bold(format!("depthloom {arguments}"))]);
+        roff.text([roman(*about)]);
+    }
+    roff.control("SH", ["SEE ALSO"]);
+    roff.text(see_also(command));
+    roff
+}
+
+/// From the program to its commands, and back.
+fn see_also(command: &clap::Command) -> Vec<Inline> {
+    let page = |name: &str| [bold(name), roman("(1)")];
+    let name = command.get_display_name().unwrap_or(command.get_name());
+    let Some(program) = name.strip_suffix(&format!("-{}", command.get_name())) else {
+        let pages: Vec<Vec<Inline>> = command
+            .get_subcommands()
+            .map(|sub| page(sub.get_display_name().unwrap_or(sub.get_name())).to_vec())
+            .collect();
+        return pages.join(&roman(", "));
+    };
+    page(program).to_vec()
+}

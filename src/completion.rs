@@ -1,0 +1,53 @@
+//! What a shell offers when somebody presses Tab: its script runs this program, which answers from the grammar, the kinds of its
+//! registry, and the files that are there.
+
+use std::path::Path;
+
+use clap_complete::CompleteEnv;
+use clap_complete::engine::{ArgValueCandidates, CompletionCandidate, PathCompleter};
+use depthloom_graphs::Registry;
+
+use crate::exit::{Exit, Stop};
+
+/// The environment variable by which a shell's script asks; not `COMPLETE`, which somebody may have set for something else.
+pub const VARIABLE: &str = "DEPTHLOOM_COMPLETE";
+
+/// Answers a shell's script, if it is one that asks.
+pub fn answer(command: impl Fn() -> clap::Command) -> Result<bool, Stop> {
+    let here = std::env::current_dir().ok();
+    let asked = CompleteEnv::with_factory(command).var(VARIABLE).try_complete(std::env::args_os(), here.as_deref());
+    asked.map_err(|error| Stop::because(Exit::Engine, "failed to complete", &error))
+}
+
+/// Experiment files, and folders on the way to them.
+pub fn experiments() -> PathCompleter {
+    PathCompleter::any().filter(|path| has_ending(path, &["yaml", "yml"]))
+}
+
+/// Runs are folders; their recordings serve as well.
+pub fn runs() -> PathCompleter {
+    PathCompleter::any().filter(|path| path.is_dir() || has_ending(path, &["mcap"]))
+}
+
+/// Folders alone.
+pub fn folders() -> PathCompleter {
+    PathCompleter::dir()
+}
+
+/// The kinds of a registry, with a sentence each.
+pub fn kinds(registry: &Registry) -> ArgValueCandidates {
+    let sources = registry.sources().map(|source| (source.declaration.kind, source.declaration.summary));
+    let nodes = registry.nodes().map(|node| (node.declaration.kind, node.declaration.summary));
+    words(sources.chain(nodes))
+}
+
+/// Words with a sentence each.
+pub fn words<'a>(words: impl Iterator<Item = (&'a str, &'a str)>) -> ArgValueCandidates {
+    let words: Vec<(String, String)> = words.map(|(word, about)| (word.to_owned(), about.to_owned())).collect();
+    let candidate = |(word, about): &(String, String)| CompletionCandidate::new(word).help(Some(about.into()));
+    ArgValueCandidates::new(move || words.iter().map(candidate).collect())
+}
+
+fn has_ending(path: &Path, endings: &[&str]) -> bool {
+    path.is_file() && path.extension().is_some_and(|ending| endings.iter().any(|wanted| ending == *wanted))
+}

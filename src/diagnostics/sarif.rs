@@ -1,0 +1,138 @@
+//! Diagnostics as SARIF 2.1.0 (<https://docs.oasis-open.org/sarif/sarif/v2.1.0/sarif-v2.1.0.html>), which code review tools show
+//! at their lines.
+
+use std::fmt::Write as _;
+use std::ops::Range;
+use std::path::{Component, Path};
+
+use depthloom_graphs::language::{Diagnostic, Severity, SourceFile};
+use serde_json::{Value as Json, json};
+
+use super::json::severity;
+
+const SCHEMA: &str = "https://docs.oasis-open.org/sarif/sarif/v2.1.0/errata01/os/schemas/sarif-schema-2.1.0.json";
+
+/// The rules: a diagnostic says itself what is wrong, so that there is one for each severity.
+const RULES: [(Severity, &str, &str); 2] = [
+    (Severity::Error, "experiment-error", "The experiment cannot be run."),
+    (Severity::Warning, "experiment-warning", "The experiment can be run, but probably does not say what was meant."),
+];
+
+/// A log of one run of `depthloom check` on `experiment`.
+///
+/// Files are named as they were asked for, relative to the working directory: run in the root of a repository, where code review
+/// tools look for them.
+pub fn sarif<'a>(experiment: &Path, diagnostics: impl IntoIterator<Item = &'a Diagnostic>) -> Json {
+    let rules = RULES.map(|(level, id, about)| {
+        json!({
+            "id": id,
+            "shortDescription": { "text": about },
+            "defaultConfiguration": { "level": severity(level) },
+        })
+    });
+    let results: Vec<Json> = diagnostics.into_iter().map(|diagnostic| result(experiment, diagnostic)).collect();
+    json!({
+        "$schema": SCHEMA,
+        "version": "2.1.0",
+        "runs": [{
+            "tool": { "driver": {
+                "name": "depthloom",
+                "version": env!("CARGO_PKG_VERSION"),
+                "informationUri": env!("CARGO_PKG_REPOSITORY"),
+                "rules": rules,
+            } },
+            "columnKind": "unicodeCodePoints",
+            "results": results,
+        }],
+    })
+}
+
+fn result(experiment: &Path, diagnostic: &Diagnostic) -> Json {
+    let index = RULES.iter().position(|(severity, ..)| *severity == diagnostic.severity).unwrap_or_default();
+    let mut text = diagnostic.message.clone();
+    let mut location = location(experiment, &diagnostic.file, &diagnostic.span);
+    if is_argument(&diagnostic.file) {
+        let _ = write!(text, " (`{} {}`)", diagnostic.file.name, diagnostic.file.text);
+    }
+    if let Some(help) = &diagnostic.help {
+        let _ = write!(text, "\nhelp: {help}");
+    }
+    if !diagnostic.key_path.is_empty() {
+        location["logicalLocations"] = json!([{ "fullyQualifiedName": diagnostic.key_path }]);
+    }
+    let mut result = json!({
+        "ruleId": RULES[index].1,
+        "ruleIndex": index,
+        "level": severity(diagnostic.severity),
+        "message": { "text": text },
+        "locations": [location],
+    });
+    if let Some(related) = &diagnostic.related {
+        let mut location = self::location(experiment, &related.file, &related.span);
+        location["message"] = json!({ "text": related.label });
+        result["relatedLocations"] = json!([location]);
+    }
+    result
+}
+
+/// Whether it is no file, but a piece of the command line (`--set`).
+fn is_argument(file: &SourceFile) -> bool {
+    file.name.starts_with("--")
+}
+
+/// A stretch of a file; what was said on the command line belongs to the experiment as a whole.
+fn location(experiment: &Path, file: &SourceFile, span: &Range<usize>) -> Json {
+    if is_argument(file) {
+        return json!({ "physicalLocation": { "artifactLocation": { "uri": uri(experiment) } } });
+    }
+    let (line, column) = file.line_column(span.start);
+    let (end_line, end_column) = file.line_column(span.end.max(span.start));
+    json!({ "physicalLocation": {
+        "artifactLocation": { "uri": uri(Path::new(&file.name)) },
+        "region": { "startLine": line, "startColumn": column, "endLine": end_line, "endColumn": end_column },
+    } })
+}
+
+/// A path as a URI: relative where it stays below the working directory, as SARIF asks (3.4.4), else absolute.
+fn uri(path: &Path) -> String {
+    let is_below = path.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
+    let absolute = if is_below { None } else { std::path::absolute(path).ok() };
+    let mut names: Vec<String> = Vec::new();
+    for part in absolute.as_deref().unwrap_or(path).components() {
+        match part {
+            Component::Normal(name) => names.push(escaped(name.as_encoded_bytes())),
+            Component::ParentDir => drop(names.pop()),
+            Component::Prefix(prefix) => names.push(escaped(prefix.as_os_str().as_encoded_bytes())),
+            Component::CurDir | Component::RootDir => {}
+        }
+    }
+    let names = names.join("/");
+    if absolute.is_some() { format!("file:///{names}") } else { names }
+}
+
+/// What is no unreserved character of RFC 3986 becomes `%` and its value.
+fn escaped(name: &[u8]) -> String {
+    name.iter().fold(String::new(), |mut text, byte| {
+        if byte.is_ascii_alphanumeric() || b"-._~".contains(byte) {
+            text.push(char::from(*byte));
+        } else {
+            let _ = write!(text, "%{byte:02X}");
+        }
+        text
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn paths_are_uris() {
+        assert_eq!(uri(Path::new("./experiments/a b#ü.yaml")), "experiments/a%20b%23%C3%BC.yaml");
+        if cfg!(unix) {
+            assert_eq!(uri(Path::new("/data/./runs/../a.yaml")), "file:///data/a.yaml");
+            let above = uri(Path::new("../a.yaml"));
+            assert!(above.starts_with("file:///") && above.ends_with("/a.yaml") && !above.contains(".."), "{above}");
+        }
+    }
+}

@@ -1,0 +1,199 @@
+//! What stands at the end of a command's help and of its manual page: examples, and what its exit codes mean.
+
+use std::fmt::Write as _;
+
+use crate::exit::Exit;
+
+/// The end of a help text.
+pub struct Ending {
+    /// The command; empty for the program.
+    command: &'static str,
+    /// Arguments, and what they do.
+    pub examples: &'static [(&'static str, &'static str)],
+    /// Exit codes, and what they mean here.
+    pub exits: &'static [(Exit, &'static str)],
+}
+
+const WHOLE: (Exit, &str) = (Exit::Whole, "whole");
+const PRINTED: (Exit, &str) = (Exit::Engine, "the output could not be written");
+const WRONG: (Exit, &str) = (Exit::Before, "the experiment or an argument is wrong");
+const ARGUMENT: (Exit, &str) = (Exit::Before, "an argument is wrong");
+const INTERRUPTED: (Exit, &str) = (Exit::Interrupted, "interrupted");
+
+const ENDINGS: &[Ending] = &[
+    Ending {
+        command: "",
+        examples: &[
+            ("new first.yaml", "write a commented experiment that runs anywhere"),
+            ("run first.yaml", "run it: a recording, a table, plots"),
+            ("nodes stereo/sgbm", "explain a kind of node"),
+            ("help run", "explain a command"),
+        ],
+        exits: &[
+            WHOLE,
+            (Exit::Engine, "the engine, the disk or learning failed"),
+            (Exit::Before, "found before any frame was admitted: file, arguments, missing data"),
+            (Exit::Frames, "frames failed or were dropped, or a recording is damaged"),
+            INTERRUPTED,
+        ],
+    },
+    Ending {
+        command: "run",
+        examples: &[
+            ("run experiments/table1.yaml", "into runs/table1/<UTC time>"),
+            ("run first.yaml --out look --overwrite", "into look, in place of the run there"),
+            ("run first.yaml --set sources.street.with.frames=0..2", "with something set otherwise"),
+            ("run first.yaml --json | jq .report.table", "for programs"),
+        ],
+        exits: &[
+            WHOLE,
+            (Exit::Engine, "the engine, the disk or learning failed; frames before that are readable"),
+            (Exit::Before, "found before any frame was admitted: file, arguments, missing data"),
+            (Exit::Frames, "a frame failed; with --keep-going: the run is whole but for what failed"),
+            (Exit::Interrupted, "interrupted; frames before that are readable"),
+        ],
+    },
+    Ending {
+        command: "check",
+        examples: &[
+            ("check first.yaml", "all of its mistakes, each where it stands"),
+            (
+                "check first.yaml --json | jq -r '.diagnostics[] | \"\\(.file):\\(.line): \\(.message)\"'",
+                "for programs",
+            ),
+            ("check first.yaml --sarif > check.sarif", "for code review; begin in the repository's root"),
+        ],
+        exits: &[(Exit::Whole, "right; there may be warnings"), PRINTED, WRONG],
+    },
+    Ending {
+        command: "plan",
+        examples: &[("plan experiments/table1.yaml", "stereo is run once for all variants")],
+        exits: &[WHOLE, PRINTED, WRONG],
+    },
+    Ending {
+        command: "graph",
+        examples: &[
+            ("graph first.yaml", "Mermaid, for a Markdown file on GitHub"),
+            ("graph first.yaml --format dot | dot -Tsvg > graph.svg", "Graphviz"),
+            ("graph first.yaml --json | jq '.edges[]'", "for programs"),
+        ],
+        exits: &[WHOLE, PRINTED, WRONG],
+    },
+    Ending {
+        command: "report",
+        examples: &[
+            ("report runs/first/2026-11-21T08-30-05Z", "its tables and plots again"),
+            ("report look.partial --out salvaged", "of a run that did not come to its end"),
+        ],
+        exits: &[
+            WHOLE,
+            (Exit::Engine, "the analysis or the disk failed"),
+            (Exit::Before, "there is no recording, or an argument is wrong"),
+            (Exit::Frames, "the recording is damaged; the report is of what can be read"),
+            INTERRUPTED,
+        ],
+    },
+    Ending {
+        command: "timings",
+        examples: &[("timings runs/first/2026-11-21T08-30-05Z", "what to make faster")],
+        exits: &[WHOLE, PRINTED, (Exit::Before, "there are no timings, or an argument is wrong")],
+    },
+    Ending {
+        command: "nodes",
+        examples: &[
+            ("nodes", "all kinds, with a sentence each"),
+            ("nodes stereo/sgbm", "one kind: ports and parameters"),
+            ("nodes learn/ssl --json | jq .parameters", "for programs"),
+        ],
+        exits: &[WHOLE, PRINTED, (Exit::Before, "there is no such kind, or an argument is wrong")],
+    },
+    Ending {
+        command: "synth",
+        examples: &[("synth street --frames 40 --seed 7", "40 frames, the ground truth with them")],
+        exits: &[
+            WHOLE,
+            (Exit::Engine, "the disk failed"),
+            (Exit::Before, "the folder exists, or an argument is wrong"),
+            INTERRUPTED,
+        ],
+    },
+    Ending {
+        command: "doctor",
+        examples: &[("doctor --json | jq .networks.engine", "for programs")],
+        exits: &[WHOLE, PRINTED, ARGUMENT],
+    },
+    Ending {
+        command: "new",
+        examples: &[("new first.yaml", "then: depthloom run first.yaml")],
+        exits: &[WHOLE, PRINTED, (Exit::Before, "the file exists or cannot be written, or an argument is wrong")],
+    },
+    Ending {
+        command: "schema",
+        examples: &[("schema > experiment.schema.json", "an experiment names it in its first line")],
+        exits: &[WHOLE, PRINTED, ARGUMENT],
+    },
+    Ending {
+        command: "completions",
+        examples: &[
+            ("completions bash", "bash, in ~/.bashrc: source <(depthloom completions bash)"),
+            ("completions zsh", "zsh, in ~/.zshrc behind compinit: source <(depthloom completions zsh)"),
+            ("completions fish", "fish, in ~/.config/fish/config.fish: depthloom completions fish | source"),
+        ],
+        exits: &[WHOLE, PRINTED, ARGUMENT],
+    },
+    Ending {
+        command: "man",
+        examples: &[
+            ("man run | man -l -", "read the page of a command"),
+            ("man --out ~/.local/share/man/man1", "install all: then `man depthloom-run` finds them"),
+        ],
+        exits: &[
+            WHOLE,
+            (Exit::Engine, "the pages could not be written"),
+            (Exit::Before, "there is no such command, or an argument is wrong"),
+        ],
+    },
+];
+
+impl Ending {
+    /// The end of a command's help; of one that has none, nothing.
+    pub fn of(command: &str) -> &'static Self {
+        const NONE: Ending = Ending { command: "", examples: &[], exits: &[] };
+        ENDINGS.iter().find(|ending| ending.command == command).unwrap_or(&NONE)
+    }
+
+    /// As text below the options.
+    pub fn text(&self) -> String {
+        let mut text = String::new();
+        if !self.examples.is_empty() {
+            text.push_str("Examples:\n");
+        }
+        for (arguments, about) in self.examples {
+            let _ = writeln!(text, "  depthloom {arguments}\n          {about}");
+        }
+        if !self.exits.is_empty() {
+            text.push_str("\nExit codes:\n");
+        }
+        for (exit, about) in self.exits {
+            let _ = writeln!(text, "  {:<4}  {about}", *exit as u8);
+        }
+        text.trim().to_owned()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::args::Cli;
+    use clap::CommandFactory as _;
+
+    #[test]
+    fn every_command_has_an_ending_and_every_ending_a_command() {
+        let command = Cli::command();
+        let mut commands: Vec<&str> = command.get_subcommands().map(clap::Command::get_name).chain([""]).collect();
+        let mut endings: Vec<&str> = ENDINGS.iter().map(|ending| ending.command).collect();
+        commands.sort_unstable();
+        endings.sort_unstable();
+        assert_eq!(endings, commands);
+    }
+}

@@ -1,0 +1,353 @@
+//! The commands as other programs use them: JSON, SARIF, completion, manual pages, and a binary on its own.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use serde_json::{Value as Json, json};
+
+use crate::support::{depthloom, skipped, succeed, workspace};
+
+const LOOK: &str = "experiments/first-look.yaml";
+const SMALL: [&str; 6] = [
+    "--set",
+    "sources.street.with.width=320",
+    "--set",
+    "sources.street.with.height=96",
+    "--set",
+    "sources.street.with.frames=0..2",
+];
+
+fn text(output: &Output) -> String {
+    String::from_utf8(output.stdout.clone()).expect("UTF-8")
+}
+
+/// Standard output is one JSON value and nothing else.
+fn json(output: &Output) -> Json {
+    serde_json::from_slice(&output.stdout).unwrap_or_else(|error| panic!("{error}: {}", text(output)))
+}
+
+/// Runs a command that must end with a code.
+fn ends(command: &mut Command, code: i32) -> Output {
+    let output = command.output().expect("the binary starts");
+    assert_eq!(output.status.code(), Some(code), "{command:?}: {}", String::from_utf8_lossy(&output.stderr));
+    output
+}
+
+/// An experiment with an error that a character of several bytes stands before, one whose cause is elsewhere, and a warning.
+fn broken(folder: &Path) -> PathBuf {
+    let file = folder.join("broken.yaml");
+    let broken = "experiment: broken
+about: Größe
+sources:
+  street: { kind: synthetic/road, with: { frames: 0..4 } }
+  unused: { kind: synthetic/road, with: { frames: 0..4 } }
+stages:
+  look:
+    source: street
+    nodes:
+      größe: { kind: stereo/sgmb, inputs: { left: source/left, right: source/right } }
+      depth: { kind: depth/from-disparity, inputs: { disparity: größe/disparity, calibration: source/calibration } }
+      depth: { kind: depth/from-disparity }
+    score: { truth: source/depth, estimates: { stereo: depth/depth } }
+";
+    std::fs::write(&file, broken).expect("written");
+    file
+}
+
+#[test]
+fn check_tells_programs_what_it_tells_people() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let right = json(&ends(depthloom().args(["check", LOOK, "--json"]), 0));
+    assert_eq!(right["diagnostics"], json!([]));
+    assert_eq!((&right["variants"], &right["stage_runs"], &right["nodes"]), (&json!(1), &json!(1), &json!(3)));
+
+    let file = folder.path().join("kind.yaml");
+    let look = std::fs::read_to_string(workspace().join(LOOK)).expect("the experiment");
+    std::fs::write(
+        &file,
+        look.replace("experiment: first-look", "experiment: größe").replace("stereo/sgbm", "stereo/sgmb"),
+    )
+    .expect("written");
+    let output = ends(depthloom().args(["check", "--json"]).arg(&file), 2);
+    assert!(output.stderr.is_empty(), "{}", String::from_utf8_lossy(&output.stderr));
+    let wrong = json(&output);
+    let [diagnostic] = &wrong["diagnostics"].as_array().expect("a list")[..] else { panic!("{wrong}") };
+    assert_eq!(diagnostic["severity"], "error");
+    assert_eq!(diagnostic["file"], file.to_str().expect("UTF-8"));
+    let (line, column) = place_of(&file, "stereo/sgmb");
+    assert_eq!((&diagnostic["line"], &diagnostic["column"]), (&json!(line), &json!(column)), "{diagnostic}");
+    assert_eq!(diagnostic["end"], json!({ "line": line, "column": column + "stereo/sgmb".len() }));
+    assert!(diagnostic["help"].as_str().is_some_and(|help| help.contains("stereo/sgbm")), "{diagnostic}");
+    assert_eq!(wrong["error"]["exit_code"], 2);
+    assert_eq!(wrong["error"]["diagnostics"], wrong["diagnostics"]);
+
+    // A second `depth`: where the first stands belongs to it.
+    let wrong = json(&ends(depthloom().args(["check", "--json"]).arg(broken(folder.path())), 2));
+    let related: Vec<_> = wrong["diagnostics"].as_array().expect("a list").iter().map(|d| &d["related"]).collect();
+    assert!(related.iter().any(|related| related[0]["line"] == 11 && related[0]["file"].is_string()), "{wrong}");
+}
+
+/// Line and column of the first place of some words, from 1, in characters.
+fn place_of(file: &Path, words: &str) -> (usize, usize) {
+    let text = std::fs::read_to_string(file).expect("a file");
+    let mut lines = (1..).zip(text.lines());
+    let (number, line) = lines.find(|(_, line)| line.contains(words)).expect("the words");
+    (number, line.split(words).next().map_or(0, |before| before.chars().count()) + 1)
+}
+
+#[test]
+fn code_review_tools_read_what_check_finds() {
+    let folder = tempfile::tempdir().expect("a folder");
+    broken(folder.path());
+    let mut check = depthloom();
+    check.current_dir(folder.path()).args(["check", "./broken.yaml", "--sarif", "--set", "look.nowhere.with.cap=1"]);
+    let log = json(&ends(&mut check, 2));
+    assert_eq!(log["version"], "2.1.0");
+    let run = &log["runs"][0];
+    let rules = run["tool"]["driver"]["rules"].as_array().expect("rules");
+    assert_eq!(run["tool"]["driver"]["name"], "depthloom");
+    assert_eq!(run["columnKind"], "unicodeCodePoints");
+    let results = run["results"].as_array().expect("results");
+    assert!(!results.is_empty());
+    for result in results {
+        let rule = &rules[usize::try_from(result["ruleIndex"].as_u64().expect("an index")).expect("small")];
+        assert_eq!(result["ruleId"], rule["id"]);
+        assert_eq!(result["level"], rule["defaultConfiguration"]["level"]);
+        assert!(result["message"]["text"].as_str().is_some_and(|text| !text.is_empty()));
+        let place = &result["locations"][0]["physicalLocation"];
+        assert_eq!(place["artifactLocation"]["uri"], "broken.yaml");
+        if let Some(region) = place.get("region") {
+            let number = |key: &str| region[key].as_u64().expect("a number");
+            assert!(number("startLine") >= 1 && number("startColumn") >= 1);
+            assert!((number("startLine"), number("startColumn")) <= (number("endLine"), number("endColumn")));
+        }
+    }
+    // What is right gives a log without results.
+    let log = json(&ends(depthloom().args(["check", LOOK, "--sarif"]), 0));
+    assert_eq!(log["runs"][0]["results"], json!([]));
+}
+
+#[test]
+fn errors_are_json_where_output_is() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let broken = broken(folder.path());
+    let broken = broken.to_str().expect("UTF-8");
+    let out = folder.path().join("out");
+    let (empty, out) = (folder.path().to_str().expect("UTF-8"), out.to_str().expect("UTF-8"));
+    let commands: [(&[&str], bool); 10] = [
+        (&["run", broken, "--out", out], true),
+        (&["check", broken], true),
+        (&["plan", broken], true),
+        (&["graph", broken], true),
+        // Found on this machine: there is no such data.
+        (
+            &["run", LOOK, "--out", out, "--set", "sources.street={ kind: kitti/stereo2015, with: { root: none } }"],
+            false,
+        ),
+        (&["report", empty], false),
+        (&["timings", empty], false),
+        (&["nodes", "stereo/sgmb"], false),
+        // Found in the arguments.
+        (&["doctor", "--jsno"], false),
+        (&["chekc"], false),
+    ];
+    for (arguments, has_diagnostics) in commands {
+        let output = ends(depthloom().args(arguments).arg("--json"), 2);
+        let told = json(&output);
+        let error = &told["error"];
+        assert!(error["message"].as_str().is_some_and(|message| !message.is_empty()), "{arguments:?}: {told}");
+        assert_eq!(error["exit_code"], 2, "{arguments:?}");
+        assert!(error.get("help").is_some(), "{arguments:?}");
+        let diagnostics = error["diagnostics"].as_array().expect("a list");
+        assert_eq!(!diagnostics.is_empty(), has_diagnostics, "{arguments:?}: {told}");
+        // Without it, what is wrong is told on standard error alone.
+        let output = ends(depthloom().args(arguments), 2);
+        assert!(output.stdout.is_empty() && !output.stderr.is_empty(), "{arguments:?}");
+    }
+    let unknown = json(&ends(depthloom().args(["nodes", "stereo/sgmb", "--json"]), 2));
+    assert!(unknown["error"]["help"].as_str().is_some_and(|help| help.contains("stereo/sgbm")), "{unknown}");
+    // Behind `--`, it is a name.
+    let output = ends(depthloom().args(["check", "--", "--json"]), 2);
+    assert!(output.stdout.is_empty());
+}
+
+#[test]
+fn kinds_are_told_to_programs() {
+    let list = json(&succeed(depthloom().args(["nodes", "--json"])));
+    let kinds = list["kinds"].as_array().expect("a list");
+    let names: Vec<&str> = kinds.iter().map(|kind| kind["kind"].as_str().expect("a name")).collect();
+    let told = text(&succeed(depthloom().arg("nodes")));
+    assert_eq!(names, told.lines().filter_map(|line| line.split_whitespace().next()).collect::<Vec<_>>());
+    for name in names {
+        let kind = json(&succeed(depthloom().args(["nodes", name, "--json"])));
+        assert_eq!(kind["kind"], name);
+        assert!(kind["outputs"].as_array().is_some_and(|ports| !ports.is_empty()), "{kind}");
+        assert!(kind["parameters"].is_object(), "{kind}");
+    }
+    let kind = json(&succeed(depthloom().args(["nodes", "stereo/sgbm", "--json"])));
+    let left = json!({ "port": "left", "type": "image", "rate": "frame", "optional": false });
+    let port = &kind["inputs"][0];
+    assert!(left.as_object().expect("a map").iter().all(|(key, value)| port[key] == *value), "{port}");
+    assert!(kind["parameters"]["properties"]["block"].is_object(), "{kind}");
+}
+
+#[test]
+fn graphs_are_told_to_programs() {
+    let graph = json(&succeed(depthloom().args(["graph", "experiments/table1.yaml", "--json"])));
+    let nodes = graph["nodes"].as_array().expect("nodes");
+    let node = |id: &Json| nodes.iter().find(|node| node["id"] == *id).unwrap_or_else(|| panic!("no node {id}"));
+    let edges = graph["edges"].as_array().expect("edges");
+    let described: Vec<String> = edges
+        .iter()
+        .map(|edge| {
+            let end = |end: &Json| format!("{}/{}", node(&end["id"])["name"], end["port"]).replace('"', "");
+            format!("{} -> {} ({})", end(&edge["from"]), end(&edge["to"]), edge["rate"].as_str().expect("a rate"))
+        })
+        .collect();
+    for wanted in ["stereo/disparity -> depth/disparity (frame)", "ssl/model -> mono/model (once)"] {
+        assert!(described.iter().any(|edge| edge == wanted), "{wanted}: {described:#?}");
+    }
+    // The same plan as a list has the same nodes.
+    let plan = json(&succeed(depthloom().args(["plan", "experiments/table1.yaml", "--json"])));
+    let planned: usize =
+        plan["runs"].as_array().expect("runs").iter().map(|run| run["nodes"].as_array().map_or(0, Vec::len)).sum();
+    assert_eq!(nodes.iter().filter(|node| node["type"] == "node").count(), planned);
+}
+
+#[test]
+fn a_run_and_its_timings_are_told_to_programs() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let out = folder.path().join("look");
+    let told = json(&succeed(depthloom().args(["run", LOOK, "--json", "--out"]).arg(&out).args(SMALL)));
+    assert!(told.get("error").is_none() && told["report"].is_object(), "{told}");
+    let timings = json(&succeed(depthloom().args(["timings", "--json"]).arg(&out)));
+    let rows = timings["timings"].as_array().expect("rows");
+    let stereo = rows.iter().find(|row| row["node"] == "stereo").expect("stereo");
+    assert_eq!((&stereo["stage"], &stereo["phase"], &stereo["frames"]), (&json!("look"), &json!("process"), &json!(2)));
+    assert!(stereo["cpu_ns"].as_u64().is_some_and(|ns| ns > 0));
+}
+
+/// What a shell offers for the last of these words.
+fn offered(words: &[&str], here: &Path) -> Vec<String> {
+    let mut ask = depthloom();
+    ask.current_dir(here).env("DEPTHLOOM_COMPLETE", "bash").env("_CLAP_IFS", "\n");
+    ask.env("_CLAP_COMPLETE_INDEX", words.len().to_string()).args(["--", "depthloom"]).args(words);
+    text(&succeed(&mut ask)).lines().map(str::to_owned).collect()
+}
+
+#[test]
+fn completion_offers_kinds_and_files_by_ending() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let here = folder.path();
+    for file in ["a.yaml", "b.yml", "c.txt", "d.mcap"] {
+        std::fs::write(here.join(file), "").expect("written");
+    }
+    std::fs::create_dir(here.join("runs")).expect("made");
+    assert_eq!(offered(&["nodes", "stereo/s"], here), ["stereo/sgbm"]);
+    assert!(offered(&["nodes", ""], here).contains(&"synthetic/road".to_owned()));
+    for command in ["run", "check", "plan", "graph"] {
+        assert_eq!(offered(&[command, ""], here), ["a.yaml", "b.yml", "runs/"], "{command}");
+    }
+    let recordings = offered(&["report", ""], here);
+    assert!(recordings.contains(&"d.mcap".to_owned()) && recordings.contains(&"runs/".to_owned()), "{recordings:?}");
+    assert!(!recordings.contains(&"a.yaml".to_owned()));
+    assert_eq!(offered(&["run", "a.yaml", "--out", "r"], here), ["runs/"]);
+    assert_eq!(offered(&["chec"], here), ["check"]);
+    assert_eq!(offered(&["man", "ti"], here), ["timings"]);
+}
+
+#[test]
+fn bash_takes_the_script_and_completes() {
+    const TEST: &str = "bash_takes_the_script_and_completes";
+    if Command::new("bash").arg("--version").output().is_err() {
+        return skipped(TEST, "there is no bash");
+    }
+    let script = text(&succeed(depthloom().args(["completions", "bash"])));
+    let ask = "COMP_WORDS=(depthloom nodes stereo/c) COMP_CWORD=2 COMP_TYPE=9
+_clap_complete_depthloom depthloom stereo/c nodes
+printf '%s\\n' \"${COMPREPLY[@]}\"";
+    let output = succeed(Command::new("bash").args(["--norc", "-c", &format!("{script}\n{ask}")]));
+    assert_eq!(text(&output), "stereo/census-sgm\n");
+    for shell in ["zsh", "fish", "elvish", "powershell"] {
+        assert!(text(&succeed(depthloom().args(["completions", shell]))).contains("DEPTHLOOM_COMPLETE"), "{shell}");
+    }
+}
+
+#[test]
+fn every_command_has_a_manual_page_that_mandoc_takes() {
+    const TEST: &str = "every_command_has_a_manual_page_that_mandoc_takes";
+    let folder = tempfile::tempdir().expect("a folder");
+    succeed(depthloom().args(["man", "--out"]).arg(folder.path()));
+    let help = text(&succeed(depthloom().arg("--help")));
+    let commands = help.lines().skip_while(|line| *line != "Commands:").skip(1).take_while(|line| !line.is_empty());
+    let mut pages = vec![folder.path().join("depthloom.1")];
+    for command in commands.filter_map(|line| line.strip_prefix("  ")?.split(' ').next()).filter(|name| *name != "help")
+    {
+        if command.is_empty() {
+            continue; // the rest of a sentence
+        }
+        let page = folder.path().join(format!("depthloom-{command}.1"));
+        let printed = text(&succeed(depthloom().args(["man", command])));
+        assert_eq!(std::fs::read_to_string(&page).expect("a page"), printed, "{command}");
+        for section in ["SYNOPSIS", "OPTIONS", "\"EXIT STATUS\"", "EXAMPLES"] {
+            assert!(printed.contains(&format!(".SH {section}\n")), "{command} lacks {section}: {printed}");
+        }
+        pages.push(page);
+    }
+    assert_eq!(std::fs::read_dir(folder.path()).expect("a folder").count(), pages.len());
+    // The date of the release that CHANGELOG.md names, never of a clock.
+    let changes = std::fs::read_to_string(workspace().join("CHANGELOG.md")).expect("the changelog");
+    let head = format!("## {} (", env!("CARGO_PKG_VERSION"));
+    let released = changes.lines().find_map(|line| line.strip_prefix(&head)?.strip_suffix(')')).expect("a date");
+    let page = std::fs::read_to_string(&pages[0]).expect("a page");
+    assert!(page.lines().any(|line| line.starts_with(".TH ") && line.contains(released)), "{page}");
+    if Command::new("mandoc").arg("-V").output().is_err() {
+        return skipped(TEST, "there is no mandoc");
+    }
+    let lint = Command::new("mandoc").arg("-Tlint").args(&pages).output().expect("mandoc starts");
+    assert!(lint.stdout.is_empty() && lint.status.success(), "{}", text(&lint));
+}
+
+#[test]
+fn help_names_exit_codes_and_the_nearest_command() {
+    let help = text(&succeed(depthloom().arg("--help")));
+    let commands = help.lines().skip_while(|line| *line != "Commands:").skip(1).take_while(|line| !line.is_empty());
+    for command in
+        commands.filter_map(|line| line.strip_prefix("  ")?.split(' ').next()).filter(|name| !name.is_empty())
+    {
+        let told = text(&succeed(depthloom().args(["help", command])));
+        assert!(command == "help" || told.contains("Exit codes:"), "{told}");
+    }
+    for (typo, near) in [("rnu", "run"), ("reprot", "report"), ("node", "nodes"), ("timing", "timings")] {
+        let output = ends(depthloom().arg(typo), 2);
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(said.contains(&format!("'{near}'")), "{said}");
+    }
+    let output = ends(depthloom().args(["man", "reprot"]), 2);
+    assert!(String::from_utf8_lossy(&output.stderr).contains("`report`"));
+}
+
+#[test]
+fn the_binary_needs_nothing_of_the_checkout() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let binary = folder.path().join("depthloom");
+    std::fs::copy(env!("CARGO_BIN_EXE_depthloom"), &binary).expect("copied");
+    let here = folder.path().join("empty");
+    std::fs::create_dir(&here).expect("made");
+    let alone = |arguments: &[&str]| {
+        let mut command = Command::new(&binary);
+        command.current_dir(&here).env_clear().args(arguments);
+        succeed(&mut command)
+    };
+    alone(&["new", "x.yaml"]);
+    alone(&[&["run", "x.yaml", "--quiet", "--out", "x"], &SMALL[..]].concat());
+    assert!(here.join("x/table.csv").is_file());
+}
+
+#[test]
+fn the_readme_quotes_the_first_look() {
+    let read = |path: &str| std::fs::read_to_string(workspace().join(path)).expect("a file");
+    let look = read(LOOK);
+    assert!(read("README.md").contains(&format!("```yaml\n{look}```")), "README.md quotes another {LOOK}");
+    assert!(look.starts_with("# yaml-language-server: $schema=experiment.schema.json\n"));
+}
