@@ -54,8 +54,7 @@ impl Which {
 /// file](Spill), from which as many metres as fit are read back at a time and [sorted](super::sorting); one metre of which more
 /// than `at_most` were taken is found [by counting](super::selection): exact, and with memory that depends on neither frames nor
 /// pixels. If all fit, [polars takes them](super::in_memory); they are sorted where the system gives polars no threads or
-/// files. All ways
-/// give the same bits.
+/// files. All ways give the same bits.
 pub(crate) struct Samples<'a> {
     output: Output<'a>,
     /// By estimator and metre of true distance.
