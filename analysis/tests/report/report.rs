@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use depthloom_analysis::{AnalysisError, ReportOptions, Summary, report};
 use depthloom_graphs::contracts::Slot;
-use depthloom_graphs::plan::{From as Wire, Plan, PlannedInput};
+use depthloom_graphs::plan::{Origin as Wire, Plan, PlannedInput};
 use depthloom_graphs::{Port, ValueType};
 use depthloom_recording::Recording;
 use depthloom_scores::PixelSet;
