@@ -72,7 +72,57 @@ fn page(command: &clap::Command) -> io::Result<Vec<u8>> {
         man.render_subcommands_section(&mut page)?;
     }
     endings(ending, command).to_writer(&mut page)?;
-    Ok(page)
+    Ok(tidied(&String::from_utf8_lossy(&page)).into_bytes())
+}
+
+/// The longest line of a page's source, bytes: what `mandoc -Tlint` asks for.
+const LINE_BYTES: usize = 78;
+
+/// A page as roff is usually written: what it sets up stands once, its title in capitals, no space is asked for twice, lines are short.
+fn tidied(page: &str) -> String {
+    let lines: Vec<&str> = page.lines().map(str::trim_end).collect();
+    let mut tidied = String::new();
+    for (number, line) in lines.iter().enumerate() {
+        let before = number.checked_sub(1).map_or("", |before| lines[before]);
+        let after = lines.get(number + 1).copied().unwrap_or_default();
+        let is_set_up = line.contains(".ds Aq ") && lines[..number].contains(line);
+        // An empty line is a space as well.
+        let is_spaced = *line == ".br" && (before.is_empty() || after.is_empty());
+        if is_set_up || is_spaced {
+            continue;
+        }
+        match line.strip_prefix(".TH ").and_then(|title| title.split_once(' ')) {
+            Some((name, rest)) => tidied.push_str(&format!(".TH {} {rest}", name.to_uppercase())),
+            None if line.is_empty() => tidied.push_str(".sp"),
+            // The line behind `.TP` is the paragraph's tag as a whole.
+            None if line.starts_with('.') || before == ".TP" => tidied.push_str(line),
+            None => tidied.push_str(&wrapped(line)),
+        }
+        tidied.push('\n');
+    }
+    tidied
+}
+
+/// A line of text as several, broken at its spaces.
+fn wrapped(line: &str) -> String {
+    let mut wrapped = String::new();
+    let mut bytes = 0;
+    for word in line.split(' ').filter(|word| !word.is_empty()) {
+        if bytes > 0 && bytes + 1 + word.len() > LINE_BYTES {
+            wrapped.push('\n');
+            bytes = 0;
+            // At a line's start these would be requests.
+            if word.starts_with(['.', '\'']) {
+                wrapped.push_str("\\&");
+            }
+        } else if bytes > 0 {
+            wrapped.push(' ');
+            bytes += 1;
+        }
+        wrapped.push_str(word);
+        bytes += word.len();
+    }
+    wrapped
 }
 
 /// The program whose commands these are.

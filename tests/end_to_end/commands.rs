@@ -204,7 +204,7 @@ fn graphs_are_told_to_programs() {
             format!("{} -> {} ({})", end(&edge["from"]), end(&edge["to"]), edge["rate"].as_str().expect("a rate"))
         })
         .collect();
-    for wanted in ["stereo/disparity -> depth/disparity (frame)", "ssl/model -> mono/model (once)"] {
+    for wanted in ["stereo/disparity -> depth/disparity (frame)", "teacher/model -> mono/model (once)"] {
         assert!(described.iter().any(|edge| edge == wanted), "{wanted}: {described:#?}");
     }
     // The same plan as a list has the same nodes.
@@ -246,7 +246,9 @@ fn completion_offers_kinds_and_files_by_ending() {
     assert_eq!(offered(&["nodes", "stereo/s"], here), ["stereo/sgbm"]);
     assert!(offered(&["nodes", ""], here).contains(&"synthetic/road".to_owned()));
     for command in ["run", "check", "plan", "graph"] {
-        assert_eq!(offered(&[command, ""], here), ["a.yaml", "b.yml", "runs/"], "{command}");
+        let offered = offered(&[command, ""], here);
+        let values: Vec<_> = offered.iter().filter(|value| !value.starts_with('-')).collect();
+        assert_eq!(values, ["a.yaml", "b.yml", "runs/"], "{command}");
     }
     let recordings = offered(&["report", ""], here);
     assert!(recordings.contains(&"d.mcap".to_owned()) && recordings.contains(&"runs/".to_owned()), "{recordings:?}");
@@ -318,7 +320,7 @@ fn help_names_exit_codes_and_the_nearest_command() {
         let told = text(&succeed(depthloom().args(["help", command])));
         assert!(command == "help" || told.contains("Exit codes:"), "{told}");
     }
-    for (typo, near) in [("rnu", "run"), ("reprot", "report"), ("node", "nodes"), ("timing", "timings")] {
+    for (typo, near) in [("runn", "run"), ("reprot", "report"), ("node", "nodes"), ("timing", "timings")] {
         let output = ends(depthloom().arg(typo), 2);
         let said = String::from_utf8_lossy(&output.stderr);
         assert!(said.contains(&format!("'{near}'")), "{said}");

@@ -107,7 +107,7 @@ fn fault_35_a_run_can_be_checked_and_run_again_from_its_own_folder() {
         project.run(&project.path("exps/main.yaml"), "first", &["--set", "look.stereo.with.disparities=48"]);
     assert_eq!(code, Some(0), "{said}");
     let written = fs::read_to_string(project.path("first/experiment.yaml")).expect("kept");
-    assert!(written.starts_with("# As written.\n"), "{written}");
+    assert_eq!(written.lines().nth(1), Some("# As written."), "behind a line on what the run set: {written}");
     // From elsewhere, with what it extended gone.
     fs::remove_dir_all(project.path("exps")).expect("removed");
     fs::remove_file(project.path("base.yaml")).expect("removed");
