@@ -55,6 +55,10 @@ pub fn registry() -> Registry {
 ///
 /// It takes the process's signals, its panic hook and its standard streams; a process calls it once, from its `main`.
 #[must_use]
+#[expect(
+    clippy::needless_pass_by_value,
+    reason = "a process has one program: who hands over its kinds is done with them"
+)]
 pub fn main(registry: Registry) -> ExitCode {
     signals::outlive_file_size_limit();
     let as_json = command_line::asks_for_json(std::env::args_os());

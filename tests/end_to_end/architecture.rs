@@ -17,15 +17,20 @@ struct Crate {
 fn crates() -> BTreeMap<String, Crate> {
     let mut cargo = Command::new(env!("CARGO"));
     cargo.args(["metadata", "--no-deps", "--offline", "--format-version", "1"]).current_dir(workspace());
-    let metadata: Json = serde_json::from_slice(&succeed(&mut cargo).stdout).unwrap();
-    let packages = metadata["packages"].as_array().unwrap();
-    let text = |json: &Json| json.as_str().unwrap().to_owned();
+    let metadata: Json = serde_json::from_slice(&succeed(&mut cargo).stdout).expect("JSON");
+    let packages = metadata["packages"].as_array().expect("a list");
+    let text = |json: &Json| json.as_str().expect("text").to_owned();
     let names: BTreeSet<String> = packages.iter().map(|package| text(&package["name"])).collect();
     let root = text(&metadata["workspace_root"]);
     let of = |package: &Json| {
         let manifest = text(&package["manifest_path"]);
-        let folder = manifest.strip_prefix(&root).unwrap().trim_matches('/').trim_end_matches("Cargo.toml").to_owned();
-        let dependencies = package["dependencies"].as_array().unwrap().iter();
+        let folder = manifest
+            .strip_prefix(&root)
+            .expect("it lies below the root")
+            .trim_matches('/')
+            .trim_end_matches("Cargo.toml")
+            .to_owned();
+        let dependencies = package["dependencies"].as_array().expect("a list").iter();
         let normal = dependencies.filter(|dependency| dependency["kind"].is_null());
         let uses = normal.map(|dependency| text(&dependency["name"])).filter(|name| names.contains(name)).collect();
         // The root package's own folder is `src/`.
@@ -36,7 +41,7 @@ fn crates() -> BTreeMap<String, Crate> {
 }
 
 fn architecture() -> String {
-    std::fs::read_to_string(workspace().join("ARCHITECTURE.md")).unwrap()
+    std::fs::read_to_string(workspace().join("ARCHITECTURE.md")).expect("it is there")
 }
 
 /// The rows of the table: folder and crate.

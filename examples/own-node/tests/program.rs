@@ -4,12 +4,12 @@ use std::path::Path;
 use std::process::{Command, Output};
 
 fn own_node(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_own-node")).args(arguments).output().unwrap()
+    Command::new(env!("CARGO_BIN_EXE_own-node")).args(arguments).output().expect("it starts")
 }
 
 fn text(output: &Output) -> String {
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    String::from_utf8(output.stdout.clone()).unwrap()
+    String::from_utf8(output.stdout.clone()).expect("text")
 }
 
 const EXPERIMENT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/plane.yaml");
@@ -34,10 +34,10 @@ fn own_kinds_run_and_stereo_finds_the_planes() {
 
 /// By frame: scored pixels and a1 of an estimator.
 fn column(run: &Path, estimator: &str) -> Vec<(f64, f64)> {
-    let text = std::fs::read_to_string(run.join("scores.csv")).unwrap();
+    let text = std::fs::read_to_string(run.join("scores.csv")).expect("scores");
     let mut lines = text.lines().map(|line| line.split(',').collect::<Vec<_>>());
-    let head = lines.next().unwrap();
-    let at = |name: &str| head.iter().position(|column| *column == name).unwrap();
+    let head = lines.next().expect("a head");
+    let at = |name: &str| head.iter().position(|column| *column == name).expect("a column");
     let number = |cell: &str| cell.parse().unwrap_or(f64::NAN);
     let of_estimator = lines.filter(|line| line[at("estimator")] == estimator);
     of_estimator.map(|line| (number(line[at("pixels")]), number(line[at("a1")]))).collect()

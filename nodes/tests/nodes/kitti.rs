@@ -250,7 +250,7 @@ fn broken_data_are_named_with_their_remedy() {
                 set.write(
                     "calib_cam_to_cam/000003.txt",
                     CALIBRATION.replace("P_rect_03: 5.0e+02", "P_rect_03: 4.5e+02"),
-                )
+                );
             },
             json!({}),
             false,
