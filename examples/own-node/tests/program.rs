@@ -55,3 +55,15 @@ fn own_kinds_are_in_reference_schema_and_diagnostics() {
     let said = String::from_utf8(wrong.stderr).unwrap();
     assert!(said.contains("far_m"), "{said}");
 }
+
+#[test]
+fn own_kinds_are_completed_under_the_own_name() {
+    let script = text(&own_node(&["completions", "bash"]));
+    assert!(script.contains("_clap_complete_own_node own-node\n"), "{script}");
+    let mut ask = Command::new(env!("CARGO_BIN_EXE_own-node"));
+    ask.env("DEPTHLOOM_COMPLETE", "bash").env("_CLAP_IFS", "\n").env("_CLAP_COMPLETE_INDEX", "2");
+    let offered = text(&ask.args(["--", "own-node", "nodes", "example/"]).output().unwrap());
+    let mut kinds: Vec<&str> = offered.lines().collect();
+    kinds.sort_unstable();
+    assert_eq!(kinds, ["example/nearer", "example/plane"]);
+}
