@@ -13,7 +13,7 @@ use depthloom_graphs::language::{Diagnostic, Severity};
 use miette::{GraphicalReportHandler, GraphicalTheme, LabeledSpan, MietteDiagnostic, NamedSource};
 
 use crate::args::Colour;
-use crate::exit::{Problem, Stop, remedy_of_the_system};
+use crate::exit::{Problem, Stop, help_of};
 use crate::streams::{say, tell};
 
 /// A line this long would bury the message.
@@ -122,10 +122,7 @@ fn print_error(message: &str, remedy: Option<&str>) {
     let (red, cyan, plain) =
         if *COLOUR.get_or_init(|| false) { ("\x1b[31m", "\x1b[36m", "\x1b[0m") } else { ("", "", "") };
     say(format_args!("{red}error{plain}: {message}"));
-    let of_the_system =
-        remedy_of_the_system(message).filter(|_| !remedy.is_some_and(|said| said.contains("`ulimit -n`")));
-    let remedies: Vec<&str> = of_the_system.into_iter().chain(remedy).collect();
-    if !remedies.is_empty() {
-        say(format_args!("  {cyan}help{plain}: {}", remedies.join("; ")));
+    if let Some(help) = help_of(message, remedy) {
+        say(format_args!("  {cyan}help{plain}: {help}"));
     }
 }

@@ -97,8 +97,16 @@ impl Stop {
     }
 }
 
-/// The remedy for what the system refuses anywhere, however deep beneath the message it was said.
-pub fn remedy_of_the_system(message: &str) -> Option<&'static str> {
+/// What helps against an error: what the system asks for, however deep beneath the message it was said, and the remedy that is known.
+pub fn help_of(message: &str, remedy: Option<&str>) -> Option<String> {
+    let of_the_system =
+        remedy_of_the_system(message).filter(|_| !remedy.is_some_and(|said| said.contains("`ulimit -n`")));
+    let remedies: Vec<&str> = of_the_system.into_iter().chain(remedy).collect();
+    (!remedies.is_empty()).then(|| remedies.join("; "))
+}
+
+/// The remedy for what the system refuses anywhere.
+fn remedy_of_the_system(message: &str) -> Option<&'static str> {
     let too_many = message.contains("Too many open files") && !message.contains("open files in system");
     too_many.then_some("raise the limit of open files (`ulimit -n`)")
 }

@@ -5,17 +5,19 @@ use std::ops::Range;
 use depthloom_graphs::language::{Diagnostic, Severity, SourceFile};
 use serde_json::{Value as Json, json};
 
-use crate::exit::{Problem, Stop};
+use crate::exit::{Problem, Stop, help_of};
 
 /// What a command prints that fails: `{ message, help, exit_code, diagnostics }`.
 pub fn error_json(stop: &Stop) -> Json {
     let problem = |problem: &Problem| match problem {
         Problem::Placed(diagnostic) => diagnostic_json(diagnostic),
-        Problem::Here(message, help) => json!({ "severity": "error", "message": message, "help": help }),
+        Problem::Here(message, help) => {
+            json!({ "severity": "error", "message": message, "help": help_of(message, help.as_deref()) })
+        }
     };
     json!({
         "message": stop.message,
-        "help": stop.remedy,
+        "help": help_of(&stop.message, stop.remedy.as_deref()),
         "exit_code": stop.exit as u8,
         "diagnostics": stop.problems.iter().map(problem).collect::<Vec<_>>(),
     })
