@@ -79,7 +79,7 @@
 //! };
 //! let frames = (0..3).map(|k| Frame::at_10_hz(format!("{k:06}_10"), k)).collect();
 //! let runs = vec![ReadyRun { source: Box::new(Empty(frames)), nodes: vec![] }];
-//! let ready = Ready { plan, runs, files: Default::default() };
+//! let ready = Ready { plan, runs, files: Default::default(), warnings: vec![] };
 //!
 //! let report = run(ready, &Printer, &Options::default(), &Unwatched, &Interrupt::default())?;
 //! assert_eq!(report.stages[0].retired, 3);

@@ -70,7 +70,7 @@ mod tests {
     fn what_is_no_library_at_all_is_refused_by_name() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("libonnxruntime.so");
-        std::fs::write(&path, "<html>404</html>").unwrap();
+        std::fs::write(&path, "<html>404</html>".repeat(100)).unwrap();
         let told = look_at(&path).unwrap_err();
         assert!(told.contains("libonnxruntime.so does not load"), "{told}");
         assert!(!cfg!(target_os = "linux") || told.contains("invalid ELF header"), "{told}");
