@@ -9,6 +9,8 @@ use std::time::{Duration, Instant};
 
 /// More than this of what a child says is not kept.
 const HEARD: u64 = 4 << 20;
+/// A child has at least this long to end once nothing more is done to it.
+const AT_THE_END: Duration = Duration::from_secs(60);
 /// How often is looked whether it has ended.
 const LOOK_EVERY: Duration = Duration::from_millis(1);
 
@@ -115,13 +117,17 @@ impl Running {
         }
     }
 
-    /// Waits until it ends; ends it where it takes too long.
+    /// Waits until it ends; ends it where it takes too long, and then tells what each of its threads was at.
     pub fn end(mut self) -> Ended {
-        while !self.is_over() && Instant::now() < self.deadline {
+        // What this process or a `kill` before was late is no fault of the child: it may have waited for them.
+        let deadline = self.deadline.max(Instant::now() + AT_THE_END);
+        while !self.is_over() && Instant::now() < deadline {
             std::thread::sleep(LOOK_EVERY);
         }
         let hung = !self.is_over();
+        let mut threads = String::new();
         if hung {
+            threads = threads_of(self.child.id());
             // The group: nothing it started may hold the pipes open.
             send("KILL", &format!("-{}", self.child.id()));
         }
@@ -131,8 +137,21 @@ impl Running {
             String::from_utf8_lossy(&bytes).into_owned()
         };
         let (stdout, stderr) = (heard(self.stdout.take()), heard(self.stderr.take()));
-        Ended { code: status.code(), signal: status.signal(), stdout, stderr, hung }
+        Ended { code: status.code(), signal: status.signal(), stdout, stderr: stderr + &threads, hung }
     }
+}
+
+/// Every thread of a process: its name, its state, and what it waits for in the system.
+fn threads_of(process: u32) -> String {
+    let mut told = String::from("== threads when its time was over\n");
+    for task in std::fs::read_dir(format!("/proc/{process}/task")).into_iter().flatten().flatten() {
+        let read = |name| std::fs::read_to_string(task.path().join(name)).unwrap_or_default();
+        let status = read("status");
+        let state = status.lines().find(|line| line.starts_with("State:")).unwrap_or("State: unknown");
+        let (name, at, call) = (read("comm"), read("wchan"), read("syscall"));
+        told.push_str(&format!("{}: {state}, in {at}, system call {}\n", name.trim_end(), call.trim_end()));
+    }
+    told
 }
 
 fn send(name: &str, to: &str) {

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use crate::arguments::Arguments;
 use crate::case::{Case, copy_folder};
@@ -73,6 +73,8 @@ const KINDS: [Kind; 42] = [
     kind("streams/names", 4, 50, streams::names),
 ];
 
+/// How often it is told how far the session is.
+const TELL_EVERY: Duration = Duration::from_secs(20);
 /// So many folders of cases that failed are kept: disks are finite.
 const KEPT_AT_MOST: usize = 40;
 static KEPT: AtomicUsize = AtomicUsize::new(0);
@@ -141,8 +143,12 @@ pub fn run(arguments: &Arguments) -> ExitCode {
     println!("chaos: {} cases with seed {} in {}", cases.len(), arguments.seed, root.display());
     let (next, found) = (AtomicUsize::new(0), Mutex::new(BTreeMap::<&str, Tally>::new()));
     let skips = Mutex::new(BTreeMap::<(&str, String), u64>::new());
+    let told = Mutex::new(began);
     let work = || {
-        while let Some((kind, name)) = cases.get(next.fetch_add(1, Ordering::Relaxed)) {
+        loop {
+            let begun = next.fetch_add(1, Ordering::Relaxed);
+            let Some((kind, name)) = cases.get(begun) else { break };
+            tell(&told, began, begun, cases.len(), name);
             let verdict = one(arguments, &ground, kind, name);
             found.lock().unwrap_or_else(PoisonError::into_inner).entry(kind.name).or_default().add(&verdict);
             if let Verdict::Skipped(why) = verdict {
@@ -165,6 +171,15 @@ pub fn run(arguments: &Arguments) -> ExitCode {
     let all = found.values().copied().fold(Tally::default(), Tally::sum);
     println!("{}\n{:.0} s", all.line("all"), began.elapsed().as_secs_f64());
     ExitCode::from(u8::from(all.faults() > 0))
+}
+
+/// Tells how far the session is, now and then.
+fn tell(told: &Mutex<Instant>, began: Instant, begun: usize, all: usize, name: &str) {
+    let mut told = told.lock().unwrap_or_else(PoisonError::into_inner);
+    if told.elapsed() >= TELL_EVERY {
+        *told = Instant::now();
+        eprintln!("chaos: {begun} of {all} cases begun in {:.0} s, now {name}", began.elapsed().as_secs_f64());
+    }
 }
 
 /// The cases asked for, kind by kind.
