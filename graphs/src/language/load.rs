@@ -4,9 +4,10 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use super::blame;
-use super::change::apply::{self, Change, Scope};
+use super::change::apply::{self, Change};
 use super::change::outlasted::Outlasted;
 use super::change::overrides;
+use super::change::path::Scope;
 use super::change::variant::Variant;
 use super::change::variants;
 use super::check::params::Resolver;

@@ -5,5 +5,6 @@ pub(crate) mod apply;
 pub(crate) mod matrix;
 pub(crate) mod outlasted;
 pub(crate) mod overrides;
+pub(crate) mod path;
 pub(crate) mod variant;
 pub(crate) mod variants;

@@ -2,7 +2,8 @@
 
 use std::sync::Arc;
 
-use super::apply::{self, Change};
+use super::apply::Change;
+use super::path;
 use super::variant::Variant;
 use crate::language::text::diagnostics::{Diagnostic, Report};
 use crate::language::text::names;
@@ -23,7 +24,7 @@ impl<'a> Outlasted<'a> {
     /// Of changes that have been made to `root`; those of variants and matrices themselves are no base.
     pub(crate) fn new(root: &Node, changes: &'a [Change]) -> Self {
         let of_base = |change: &'a Change| {
-            let keys = apply::keys(root, &change.path)?;
+            let keys = path::keys(root, &change.path)?;
             let is_base = matches!(keys.first().map(String::as_str), Some("stages" | "sources"));
             is_base.then(|| Set { change, keys, variants: Vec::new() })
         };
@@ -95,9 +96,9 @@ fn at<'n>(root: &'n Node, keys: &[String]) -> Option<&'n Arc<Node>> {
 
 /// The change of a variant that speaks of the same path, of all that holds it or of a part of it.
 fn cause<'v>(root: &Node, variant: &'v Variant, path: &str) -> Option<&'v Change> {
-    let keys = apply::keys(root, path)?;
+    let keys = path::keys(root, path)?;
     variant.changes.iter().find(|change| {
-        let own = apply::keys(root, &change.path).unwrap_or_default();
+        let own = path::keys(root, &change.path).unwrap_or_default();
         // A new kind drops the parameters of the old one.
         let own = own.strip_suffix(&["kind".to_owned()]).unwrap_or(&own);
         own.iter().zip(&keys).all(|(a, b)| a == b)

@@ -61,17 +61,18 @@ impl<'r> Reachable<'r, '_, '_> {
             Wired::File(file) => file_wire(port, file, resolver, report),
             Wired::Reference(reference) => {
                 let output = self.find(reference, report)?;
-                let error = self.misfit(node, kind, port, input, &output)?;
-                if let Err(error) = error {
-                    report.push(*error);
-                    return None;
+                match self.misfit(node, kind, port, input, &output) {
+                    None => Some(output.wire),
+                    Some(error) => {
+                        report.push(error);
+                        None
+                    }
                 }
-                Some(output.wire)
             }
         }
     }
 
-    /// Why an output does not fit an input. (`Some(Ok(()))`: it does.)
+    /// Why an output does not fit an input; `None` if it does.
     fn misfit(
         &self,
         node: &str,
@@ -79,10 +80,9 @@ impl<'r> Reachable<'r, '_, '_> {
         port: &Port,
         input: &InputSpec,
         output: &Output<'_>,
-    ) -> Option<Result<(), Box<Diagnostic>>> {
+    ) -> Option<Diagnostic> {
         let written = input.place.text();
         let error = |what: String| Diagnostic::error(&input.place, what);
-        let fail = |diagnostic: Diagnostic| Some(Err(Box::new(diagnostic)));
         let (wanted, given) = (port.value_type, output.port.value_type);
         let name = port.name;
         if output.stage != self.stage {
@@ -94,11 +94,11 @@ impl<'r> Reachable<'r, '_, '_> {
                 let help = format!(
                     "compute it in `{own}` too: equal nodes on equal sources cost nothing twice once values are reused"
                 );
-                return fail(error(what).label("a value a frame").help(help));
+                return Some(error(what).label("a value a frame").help(help));
             }
             if output.stage > self.stage {
                 let what = format!("`{written}` is known only after stage `{other}`, which comes after `{own}`");
-                return fail(error(what).label("not known yet").help(format!("move stage `{other}` above `{own}`")));
+                return Some(error(what).label("not known yet").help(format!("move stage `{other}` above `{own}`")));
             }
         }
         if wanted != given {
@@ -106,30 +106,30 @@ impl<'r> Reachable<'r, '_, '_> {
             let fitting = self.outputs_fitting(port, node);
             let fitting: Vec<&str> = fitting.iter().map(String::as_str).collect();
             let help = (!fitting.is_empty()).then(|| format!("outputs that fit: {}", names::listed(&fitting)));
-            return fail(error(what).label(format!("{given}, not {wanted}")).maybe_help(help));
+            return Some(error(what).label(format!("{given}, not {wanted}")).maybe_help(help));
         }
         match (port.rate, output.port.rate) {
             (Rate::Frame, Rate::Once) => {
                 let what = format!(
                     "input `{name}` wants a value for every frame, but `{written}` is one value for the whole stage"
                 );
-                fail(error(what).label("a once-value"))
+                Some(error(what).label("a once-value"))
             }
             (Rate::Once, Rate::Frame) => {
                 let what = format!(
                     "input `{name}` wants one value for the whole stage, but `{written}` has one for every frame"
                 );
                 let help = format!("an ordered node that collects {given} and finishes with one value goes between");
-                fail(error(what).label("a value a frame").help(help))
+                Some(error(what).label("a value a frame").help(help))
             }
             (Rate::Once, Rate::Once) if output.stage == self.stage && kind.declaration.contract != Contract::Once => {
                 let what = format!(
                     "`{written}` is known only after the last frame of stage `{}`, but `{}` works frame by frame",
                     self.stages[self.stage].name, kind.declaration.kind
                 );
-                fail(error(what).label("not known yet").help("move the node that reads it into a later stage"))
+                Some(error(what).label("not known yet").help("move the node that reads it into a later stage"))
             }
-            (Rate::Once, Rate::Once) | (Rate::Frame, Rate::Frame) => Some(Ok(())),
+            (Rate::Once, Rate::Once) | (Rate::Frame, Rate::Frame) => None,
         }
     }
 

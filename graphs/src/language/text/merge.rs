@@ -24,12 +24,19 @@ pub(crate) enum Level {
     Settings,
     /// `variants:`: `null` drops one of the base.
     Variants,
+    /// `score:` of a stage.
+    Score,
+    /// `estimates:` of a score.
+    Estimates,
+    /// An estimate.
+    Estimate,
     /// Anything else.
     Plain,
 }
 
 impl Level {
-    fn below(self, key: &str) -> Self {
+    /// What a key leads to from here.
+    pub(crate) fn below(self, key: &str) -> Self {
         match (self, key) {
             (Self::Experiment, "sources") => Self::Sources,
             (Self::Experiment, "stages") => Self::Stages,
@@ -37,6 +44,9 @@ impl Level {
             (Self::Experiment, "variants") => Self::Variants,
             (Self::Stages, _) => Self::Stage,
             (Self::Stage, "nodes") => Self::Nodes,
+            (Self::Stage, "score") => Self::Score,
+            (Self::Score, "estimates") => Self::Estimates,
+            (Self::Estimates, _) => Self::Estimate,
             (Self::Sources | Self::Nodes, _) => Self::Instance,
             _ => Self::Plain,
         }

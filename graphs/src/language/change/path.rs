@@ -1,0 +1,240 @@
+//! What a path of a change names in an experiment, and what is said of one that names nothing.
+
+use std::ops::Range;
+use std::sync::Arc;
+
+use crate::language::text::names;
+use crate::language::text::tree::{Entry, Node};
+
+/// How many keys a path may have: parameters are nested no deeper.
+const DEEPEST: usize = 32;
+
+/// Who asks for a change.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Scope {
+    /// A variant or a matrix: the science.
+    Variant,
+    /// `--set`: also what is recorded.
+    CommandLine,
+}
+
+impl Scope {
+    const fn describe(self) -> &'static str {
+        match self {
+            Self::Variant => "a variant",
+            Self::CommandLine => "`--set`",
+        }
+    }
+}
+
+/// A path that names nothing: which part of it, and what to do.
+pub(super) struct Unknown {
+    pub(super) range: Range<usize>,
+    pub(super) what: String,
+    pub(super) help: Option<String>,
+}
+
+/// A path, cut at its dots.
+struct Path<'p> {
+    text: &'p str,
+    keys: Vec<(&'p str, Range<usize>)>,
+}
+
+impl<'p> Path<'p> {
+    fn cut(text: &'p str) -> Self {
+        let mut start = 0;
+        let mut keys = Vec::new();
+        for key in text.split('.') {
+            keys.push((key, start..start + key.len()));
+            start += key.len() + 1;
+        }
+        Self { text, keys }
+    }
+
+    fn len(&self) -> usize {
+        self.keys.len()
+    }
+
+    /// The key at a place among the path's.
+    fn key(&self, at: usize) -> Option<&'p str> {
+        self.keys.get(at).map(|(key, _)| *key)
+    }
+
+    /// The keys from a place on.
+    fn from(&self, at: usize) -> impl Iterator<Item = String> {
+        self.keys.iter().skip(at).map(|(key, _)| (*key).to_owned())
+    }
+
+    /// The text from a key on.
+    fn text_from(&self, at: usize) -> Option<&'p str> {
+        self.keys.get(at).map(|(_, range)| &self.text[range.start..])
+    }
+
+    /// Says that the key at a place names nothing; the whole path, if there is no such key.
+    fn unknown(&self, at: usize, what: impl Into<String>, help: Option<String>) -> Unknown {
+        let range = self.keys.get(at).map_or(0..self.text.len(), |(_, range)| range.clone());
+        Unknown { range, what: what.into(), help }
+    }
+}
+
+/// The keys from the document's root that a path stands for, if it names something.
+pub(crate) fn keys(root: &Node, path: &str) -> Option<Vec<String>> {
+    located(root, path, Scope::CommandLine).ok()
+}
+
+/// The keys from the document's root that a path stands for.
+pub(super) fn located(root: &Node, path: &str, scope: Scope) -> Result<Vec<String>, Unknown> {
+    let path = Path::cut(path);
+    if path.len() > DEEPEST {
+        let what = format!("the path is deeper than {DEEPEST} keys, and no experiment is");
+        return Err(Unknown { range: 0..path.text.len(), what, help: None });
+    }
+    if let Some(empty) = path.keys.iter().position(|(key, _)| key.trim().is_empty()) {
+        let what = "a path is keys joined by dots, and one of these is empty";
+        return Err(path.unknown(empty, what, Some(format!("e.g. `{}`", example(root)))));
+    }
+    let first = path.keys[0].0;
+    let stage = root.get("stages").and_then(|stages| stages.get(first));
+    let is_command_line = scope == Scope::CommandLine;
+    match (first, stage) {
+        ("record", _) if is_command_line => Ok(path.from(0).collect()),
+        ("variants" | "matrix", None) if is_command_line && path.len() > 1 => in_variants(root, &path, first),
+        ("sources", _) => in_sources(root, &path, scope),
+        (_, Some(stage)) => in_stage(stage, &path, first),
+        (_, None) => Err(no_stage(root, &path, first, scope)),
+    }
+}
+
+/// `variants.NAME`, `variants.NAME.PATH`, `matrix.PATH`: what is changed is itself a path, one key with its dots.
+fn in_variants(root: &Node, path: &Path<'_>, section: &str) -> Result<Vec<String>, Unknown> {
+    let known = keys_of(root.get(section));
+    let (name, inner) = match section {
+        "variants" => (path.key(1), path.text_from(2)),
+        _ => (path.text_from(1), None),
+    };
+    let name = name.unwrap_or_default();
+    if !known.contains(&name) {
+        let what = format!("`{section}` has no `{name}`");
+        return Err(path.unknown(1, what, names::suggestion(name, &format!("`{section}` has"), &known)));
+    }
+    Ok([section, name].into_iter().chain(inner).map(ToOwned::to_owned).collect())
+}
+
+/// `sources.NAME...`
+fn in_sources(root: &Node, path: &Path<'_>, scope: Scope) -> Result<Vec<String>, Unknown> {
+    let known = keys_of(root.get("sources"));
+    let Some(name) = path.key(1) else {
+        let what = format!("{} changes one source at a time, not all `sources`", scope.describe());
+        let help = format!("e.g. `sources.{}.with.PARAMETER`", known.first().unwrap_or(&"NAME"));
+        return Err(path.unknown(0, what, Some(help)));
+    };
+    if !known.contains(&name) {
+        let what = format!("there is no source `{name}`");
+        return Err(path.unknown(1, what, names::suggestion(name, "sources", &known)));
+    }
+    match path.key(2) {
+        None | Some("kind" | "with" | "join") => Ok(path.from(0).collect()),
+        Some(other) => {
+            let help = format!("did you mean `sources.{name}.with.{other}`?");
+            Err(path.unknown(2, format!("a source has no `{other}`"), Some(help)))
+        }
+    }
+}
+
+/// `STAGE.NODE...`, `STAGE.source`, `STAGE.score...`
+fn in_stage(stage: &Node, path: &Path<'_>, stage_name: &str) -> Result<Vec<String>, Unknown> {
+    let nodes = keys_of(stage.get("nodes"));
+    let Some(name) = path.key(1) else {
+        let what = format!("`{stage_name}` is a whole stage: the path ends too early");
+        let node = nodes.first().unwrap_or(&"NODE");
+        return Err(path.unknown(0, what, Some(format!("e.g. `{stage_name}.{node}.with.PARAMETER`"))));
+    };
+    let below = |section: &[&str], from: usize| {
+        let start = ["stages", stage_name].into_iter().chain(section.iter().copied()).map(ToOwned::to_owned);
+        start.chain(path.from(from)).collect::<Vec<String>>()
+    };
+    let score = stage.get("score");
+    match (name, score) {
+        _ if nodes.contains(&name) => check_node(path, stage_name, name).map(|()| below(&["nodes"], 1)),
+        ("source", _) if path.len() == 2 => Ok(below(&[], 1)),
+        ("score", Some(score)) => check_score(score, path, stage_name).map(|()| below(&[], 1)),
+        _ => Err(no_node(&nodes, score.is_some(), path, stage_name, name)),
+    }
+}
+
+/// What of a node a path may go on to.
+fn check_node(path: &Path<'_>, stage: &str, node: &str) -> Result<(), Unknown> {
+    match path.key(2) {
+        None | Some("with") => Ok(()),
+        Some("kind") if path.len() == 3 => Ok(()),
+        Some("inputs") if path.len() <= 4 => Ok(()),
+        Some("kind" | "inputs") => Err(path.unknown(path.len() - 1, "the path goes too deep", None)),
+        Some(other) => {
+            let help = match names::nearest(other, ["kind", "inputs", "with"]) {
+                Some(near) => format!("did you mean `{stage}.{node}.{near}`?"),
+                None => format!("did you mean `{stage}.{node}.with.{other}`?"),
+            };
+            Err(path.unknown(2, format!("a node has no `{other}`"), Some(help)))
+        }
+    }
+}
+
+/// That an estimate which a path goes on to is there.
+fn check_score(score: &Node, path: &Path<'_>, stage: &str) -> Result<(), Unknown> {
+    let known = keys_of(score.get("estimates"));
+    match (path.key(2), path.key(3)) {
+        (Some("estimates"), Some(estimate)) if !known.contains(&estimate) => {
+            let help = names::suggestion(estimate, "estimates", &known);
+            Err(path.unknown(3, format!("stage `{stage}` has no estimate `{estimate}`"), help))
+        }
+        _ => Ok(()),
+    }
+}
+
+fn no_node(nodes: &[&str], has_score: bool, path: &Path<'_>, stage: &str, name: &str) -> Unknown {
+    let candidates: Vec<&str> = nodes.iter().copied().chain(["source"]).chain(has_score.then_some("score")).collect();
+    let help = match path.text_from(2) {
+        Some(rest) if name == "nodes" => Some(format!("leave out `nodes.`: `{stage}.{rest}`")),
+        _ => names::suggestion(name, "nodes of the stage", &candidates),
+    };
+    path.unknown(1, format!("stage `{stage}` has no node `{name}`"), help)
+}
+
+fn no_stage(root: &Node, path: &Path<'_>, first: &str, scope: Scope) -> Unknown {
+    if first == "stages" {
+        let Some(rest) = path.text_from(1) else {
+            let what = format!("{} changes one node at a time, not all `stages`", scope.describe());
+            return path.unknown(0, what, Some(format!("e.g. `{}`", example(root))));
+        };
+        let what = "a path begins with the name of a stage itself";
+        return path.unknown(0, what, Some(format!("leave out `stages.`: `{rest}`")));
+    }
+    if names::EXPERIMENT_KEYS.contains(&first) {
+        let what = format!("{} cannot change `{first}`", scope.describe());
+        let record = if scope == Scope::CommandLine { ", `sources` and `record`" } else { " and `sources`" };
+        let help = format!(
+            "it changes stages{record}, e.g. `{}`; another experiment that `extends` this one changes all",
+            example(root)
+        );
+        return path.unknown(0, what, Some(help));
+    }
+    let mut known = keys_of(root.get("stages"));
+    known.push("sources");
+    if scope == Scope::CommandLine {
+        known.push("record");
+    }
+    let help = names::suggestion(first, "a path begins with one of", &known);
+    path.unknown(0, format!("there is no stage `{first}`"), help)
+}
+
+/// A path that would name something in this experiment.
+fn example(root: &Node) -> String {
+    let stage = root.get("stages").and_then(|stages| stages.entries().first());
+    let node = stage.and_then(|stage| stage.value.get("nodes")?.entries().first());
+    let name = |entry: Option<&Entry>, other: &str| entry.map_or_else(|| other.to_owned(), |entry| entry.key.clone());
+    format!("{}.{}.with.PARAMETER", name(stage, "STAGE"), name(node, "NODE"))
+}
+
+fn keys_of(node: Option<&Arc<Node>>) -> Vec<&str> {
+    node.map(|node| node.entries().iter().map(|entry| entry.key.as_str()).collect()).unwrap_or_default()
+}
