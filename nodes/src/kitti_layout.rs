@@ -24,7 +24,7 @@ use crate::sources::{Road, SyntheticRoadParams};
 pub fn write(out: &Path, params: &SyntheticRoadParams, host: &dyn Host) -> Result<u64, Fault> {
     let road = Road::new(params);
     let frames = Road::frames(&params.frames)?;
-    let mut layout = Layout::create(out)?;
+    let mut layout = KittiFolders::create(out)?;
     let total = frames.len() as u64;
     for (done, frame) in (0..).zip(&frames) {
         if host.cancelled() {
@@ -58,12 +58,12 @@ fn is_unfinished(partial: &Path) -> bool {
 }
 
 /// A data set being written.
-struct Layout {
+struct KittiFolders {
     partial: PathBuf,
     out: PathBuf,
 }
 
-impl Layout {
+impl KittiFolders {
     fn create(out: &Path) -> Result<Self, Fault> {
         let occupied = match fs::read_dir(out) {
             Ok(mut entries) => entries.next().is_some(),

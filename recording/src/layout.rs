@@ -96,12 +96,12 @@ pub(crate) struct ChannelLayout {
 
 /// A plan's channels and parts. A channel's id is its index plus one.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Layout {
+pub(crate) struct FileLayout {
     pub(crate) runs: Vec<RunLayout>,
     pub(crate) channels: Vec<ChannelLayout>,
 }
 
-impl Layout {
+impl FileLayout {
     pub(crate) fn of(plan: &Plan) -> Result<Self, RecordingError> {
         let mut layout = Self::default();
         let mut topics = BTreeSet::new();

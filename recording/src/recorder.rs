@@ -14,7 +14,7 @@ use serde::Serialize;
 use crate::chunk::{Packing, Part, PartBuilder, Unkept, measured};
 use crate::curve::points_part;
 use crate::error::RecordingError;
-use crate::layout::{Class, Layout, PortLayout, RunLayout};
+use crate::layout::{Class, FileLayout, PortLayout, RunLayout};
 use crate::plan::RecordedPlan;
 use crate::pool::PartPools;
 use crate::unpack::LARGEST_CHUNK;
@@ -63,7 +63,7 @@ pub struct Compression {
 /// After every frame the file is readable up to it, whatever happens to the process.
 pub struct Recorder {
     path: PathBuf,
-    layout: Layout,
+    layout: FileLayout,
     every: u64,
     /// By stage run and part; the commit records' come last.
     pools: Vec<Vec<PartPools>>,
@@ -87,7 +87,7 @@ impl Recorder {
     /// If the plan cannot be recorded, or the file cannot be made.
     pub fn create(path: impl Into<PathBuf>, plan: &Plan) -> Result<Self, RecordingError> {
         let path = path.into();
-        let layout = Layout::of(plan)?;
+        let layout = FileLayout::of(plan)?;
         let recorded = RecordedPlan::of(plan);
         let mut writer = Writer::create(&path, layout.channels.clone())?;
         let metadata = BTreeMap::from([

@@ -39,14 +39,14 @@ impl Parameter {
 
 /// The parameters of a network in the order of its layers.
 #[derive(Clone, Debug)]
-pub struct Layout {
+pub struct ParameterLayout {
     /// The parameters.
     pub parameters: Vec<Parameter>,
     /// The size of its map.
     pub map: Size,
 }
 
-impl Layout {
+impl ParameterLayout {
     /// Values to begin with: Glorot's uniform distribution for weights, constants for biases (Glorot, Bengio 2010; what Keras does).
     #[must_use]
     pub fn start(&self, seed: u64) -> Vec<Vec<f32>> {
@@ -67,10 +67,10 @@ impl Layout {
 
 /// The parameters of `network` for images of `size`.
 #[must_use]
-pub fn layout(network: Network, size: Size) -> Layout {
+pub fn layout(network: Network, size: Size) -> ParameterLayout {
     let mut lister = Lister { size, parameters: Vec::new() };
     let map = network.build(&mut lister, &Shape { channels: 3, size });
-    Layout { parameters: lister.parameters, map: map.size }
+    ParameterLayout { parameters: lister.parameters, map: map.size }
 }
 
 #[derive(Clone, Copy)]

@@ -18,7 +18,7 @@ use crate::onnx;
 
 pub use export::export;
 pub use forward::forward;
-pub use layout::{Layout, Parameter, layout};
+pub use layout::{Parameter, ParameterLayout, layout};
 
 /// Columns and rows of an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -14,7 +14,7 @@ use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use serde::{Deserialize, Serialize};
 
 use super::train::{Best, State};
-use crate::networks::Layout;
+use crate::networks::ParameterLayout;
 
 /// Raised whenever files of before no longer fit.
 const VERSION: u32 = 2;
@@ -58,7 +58,7 @@ impl Checkpoint {
     }
 
     /// The state it holds; `None` if there is none.
-    pub(super) fn load(&self, layout: &Layout) -> Result<Option<State>, Unusable> {
+    pub(super) fn load(&self, layout: &ParameterLayout) -> Result<Option<State>, Unusable> {
         let bytes = match fs::read(&self.path) {
             Ok(bytes) => bytes,
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
@@ -73,7 +73,7 @@ impl Checkpoint {
     }
 
     /// Writes a state in place of the one before.
-    pub(super) fn save(&self, layout: &Layout, state: &State) -> Result<(), Fault> {
+    pub(super) fn save(&self, layout: &ParameterLayout, state: &State) -> Result<(), Fault> {
         let failed = |error: &dyn std::fmt::Display| {
             Fault::new(format!("failed to write the checkpoint {}: {error}", self.path.display()))
                 .remedy("make room there, or choose another --out")
@@ -120,7 +120,7 @@ impl Checkpoint {
 }
 
 /// The state in the bytes of a checkpoint; `None` if they are not of this version and layout.
-fn decoded(bytes: &[u8], layout: &Layout) -> Option<State> {
+fn decoded(bytes: &[u8], layout: &ParameterLayout) -> Option<State> {
     let (_, header) = SafeTensors::read_metadata(bytes).ok()?;
     let progress: Progress = serde_json::from_str(header.metadata().as_ref()?.get("progress")?).ok()?;
     if progress.version != VERSION {
@@ -168,9 +168,9 @@ mod tests {
     use depthloom_graphs::values::CurvePoint;
 
     use super::{Best, Checkpoint, State, Unusable};
-    use crate::networks::{Layout, Network, Size, layout};
+    use crate::networks::{Network, ParameterLayout, Size, layout};
 
-    fn state(layout: &Layout) -> State {
+    fn state(layout: &ParameterLayout) -> State {
         let (values, other) = (layout.start(1), layout.start(2));
         let points = vec![
             CurvePoint { step: 50, loss: 0.1 + 0.2, validation: Some(f64::MIN_POSITIVE), learning_rate: 1e-3 },

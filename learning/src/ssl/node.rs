@@ -14,7 +14,7 @@ use super::fits::Form;
 use super::params::SslParams;
 use super::train::{State, Training};
 use super::weights;
-use crate::networks::{Layout, Network, export, layout};
+use crate::networks::{Network, ParameterLayout, export, layout};
 use crate::onnx::weights::NamedTensor;
 use crate::samples::SamplesView;
 
@@ -126,7 +126,7 @@ fn read<'a>(port: &str, artifact: &'a Artifact) -> Result<SamplesView<'a>, Fault
 impl Ssl {
     fn learn(
         &self,
-        layout: &Layout,
+        layout: &ParameterLayout,
         samples: &SamplesView<'_>,
         validation: Option<&SamplesView<'_>>,
         host: &dyn Host,
@@ -187,7 +187,7 @@ impl Ssl {
     }
 
     /// The first values: random ones, and in their place what the file of weights has.
-    fn start(&self, layout: &Layout) -> Result<Vec<Vec<f32>>, Fault> {
+    fn start(&self, layout: &ParameterLayout) -> Result<Vec<Vec<f32>>, Fault> {
         let mut values = layout.start(self.params.seed);
         if let (Some(weights), Some(file)) = (&self.weights, &self.params.weights) {
             weights::fill(layout, weights, file.path(), &mut values)?;

@@ -8,7 +8,7 @@ use super::batch::Batch;
 use super::loss::MaskedError;
 use super::params::{Schedule, SslParams};
 use super::photometric::Photometric;
-use crate::networks::{Layout, Size, forward};
+use crate::networks::{ParameterLayout, Size, forward};
 use crate::samples::SamplesView;
 
 /// Everything that goes on from step to step: what a checkpoint holds.
@@ -39,7 +39,7 @@ pub(super) struct Best {
 /// A training under way.
 pub(super) struct Training<'a> {
     params: &'a SslParams,
-    layout: &'a Layout,
+    layout: &'a ParameterLayout,
     samples: &'a SamplesView<'a>,
     validation: Option<&'a SamplesView<'a>>,
     device: Device,
@@ -56,7 +56,7 @@ impl<'a> Training<'a> {
     /// Takes up a training where `state` is.
     pub(super) fn resume(
         params: &'a SslParams,
-        layout: &'a Layout,
+        layout: &'a ParameterLayout,
         samples: &'a SamplesView<'a>,
         validation: Option<&'a SamplesView<'a>>,
         mut state: State,

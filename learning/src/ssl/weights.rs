@@ -4,7 +4,7 @@ use std::path::Path;
 
 use depthloom_graphs::Fault;
 
-use crate::networks::Layout;
+use crate::networks::ParameterLayout;
 use crate::onnx::weights::{NamedTensor, decode_weights};
 
 /// The tensors of a `.safetensors` or ONNX file.
@@ -22,7 +22,12 @@ pub(super) fn read(path: &Path) -> Result<Vec<NamedTensor>, Fault> {
 }
 
 /// Puts what the file has in place of the first values.
-pub(super) fn fill(layout: &Layout, file: &[NamedTensor], path: &Path, values: &mut [Vec<f32>]) -> Result<(), Fault> {
+pub(super) fn fill(
+    layout: &ParameterLayout,
+    file: &[NamedTensor],
+    path: &Path,
+    values: &mut [Vec<f32>],
+) -> Result<(), Fault> {
     for (tensor, values) in matched(layout, file, path)?.into_iter().zip(values) {
         if let Some(tensor) = tensor {
             values.clone_from(&tensor.values);
@@ -33,7 +38,7 @@ pub(super) fn fill(layout: &Layout, file: &[NamedTensor], path: &Path, values: &
 
 /// The file's tensor of every parameter. Frozen parameters must be there; others may.
 pub(super) fn matched<'f>(
-    layout: &Layout,
+    layout: &ParameterLayout,
     file: &'f [NamedTensor],
     path: &Path,
 ) -> Result<Vec<Option<&'f NamedTensor>>, Fault> {

@@ -4,7 +4,7 @@ use depthloom_graphs::values::{Image, Pixels};
 use depthloom_kernels::memory::{TooMuch, zeros};
 use depthloom_kernels::resize::{area_rgb8, bilinear_f32};
 
-use super::params::{Channels, Layout, OnnxParams, Resize};
+use super::params::{Channels, OnnxParams, Resize, TensorLayout};
 
 /// The size of a network's input.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -45,8 +45,8 @@ pub fn tensor(image: &Image, size: InputSize, params: &OnnxParams) -> Result<Vec
         };
         for (pixel, sample) in rgb.iter().skip(colour).step_by(size.channels).enumerate() {
             let at = match params.layout {
-                Layout::Nchw => channel * pixels + pixel,
-                Layout::Nhwc => pixel * size.channels + channel,
+                TensorLayout::Nchw => channel * pixels + pixel,
+                TensorLayout::Nhwc => pixel * size.channels + channel,
             };
             tensor[at] = (sample / 255.0 - mean) / deviation;
         }
@@ -55,11 +55,11 @@ pub fn tensor(image: &Image, size: InputSize, params: &OnnxParams) -> Result<Vec
 }
 
 /// The tensor of the mirror image: every row from right to left.
-pub fn mirrored(tensor: &[f32], size: InputSize, layout: Layout) -> Vec<f32> {
+pub fn mirrored(tensor: &[f32], size: InputSize, layout: TensorLayout) -> Vec<f32> {
     // What moves together: a value, or all channels of a pixel.
     let together = match layout {
-        Layout::Nchw => 1,
-        Layout::Nhwc => size.channels,
+        TensorLayout::Nchw => 1,
+        TensorLayout::Nhwc => size.channels,
     };
     let rows = tensor.chunks_exact(size.width * together);
     rows.flat_map(|row| row.chunks_exact(together).rev().flatten()).copied().collect()
@@ -109,7 +109,7 @@ mod tests {
     use image::RgbImage;
 
     use super::{InputSize, mirrored, tensor};
-    use crate::onnx::params::{Channels, Layout, OnnxParams};
+    use crate::onnx::params::{Channels, OnnxParams, TensorLayout};
 
     fn image() -> Image {
         Image::new(Pixels::Rgb(RgbImage::from_raw(2, 1, vec![255, 0, 51, 102, 153, 204]).unwrap()))
@@ -122,9 +122,9 @@ mod tests {
         let of = |layout, channels| {
             tensor(&image(), SIZE, &OnnxParams { layout, channels, ..OnnxParams::default() }).unwrap()
         };
-        assert_eq!(of(Layout::Nchw, Channels::Rgb), [1.0, 0.4, 0.0, 0.6, 0.2, 0.8]);
-        assert_eq!(of(Layout::Nhwc, Channels::Rgb), [1.0, 0.0, 0.2, 0.4, 0.6, 0.8]);
-        assert_eq!(of(Layout::Nchw, Channels::Bgr), [0.2, 0.8, 0.0, 0.6, 1.0, 0.4]);
+        assert_eq!(of(TensorLayout::Nchw, Channels::Rgb), [1.0, 0.4, 0.0, 0.6, 0.2, 0.8]);
+        assert_eq!(of(TensorLayout::Nhwc, Channels::Rgb), [1.0, 0.0, 0.2, 0.4, 0.6, 0.8]);
+        assert_eq!(of(TensorLayout::Nchw, Channels::Bgr), [0.2, 0.8, 0.0, 0.6, 1.0, 0.4]);
     }
 
     #[test]
@@ -144,7 +144,7 @@ mod tests {
     #[test]
     fn the_mirror_image_keeps_its_colours_in_either_layout() {
         let turned = Image::new(Pixels::Rgb(RgbImage::from_raw(2, 1, vec![102, 153, 204, 255, 0, 51]).unwrap()));
-        for layout in [Layout::Nchw, Layout::Nhwc] {
+        for layout in [TensorLayout::Nchw, TensorLayout::Nhwc] {
             let params = OnnxParams { layout, ..OnnxParams::default() };
             let [plain, turned] = [image(), turned.clone()].map(|image| tensor(&image, SIZE, &params).unwrap());
             assert_eq!(mirrored(&plain, SIZE, layout), turned);

@@ -21,5 +21,5 @@ pub use engine::Engine;
 pub use flip::Flip;
 pub use input::{InputSize, mirrored, tensor};
 pub use network::{Maps, Network};
-pub use params::{Channels, Layout, OnnxParams, Output, Resize};
+pub use params::{Channels, OnnxParams, Output, Resize, TensorLayout};
 pub use provider::Provider;

@@ -11,7 +11,7 @@ use super::choice;
 use super::engine::Engine;
 use super::input::InputSize;
 use super::model::{Declared, Outlet, elements};
-use super::params::{Layout, OnnxParams, Output};
+use super::params::{OnnxParams, Output, TensorLayout};
 use super::provider::Provider;
 use super::session::{Binding, EngineSession};
 
@@ -71,8 +71,8 @@ impl Network {
         check_memory(&declared, size, params)?;
         let meaning = meaning(&declared, params)?;
         let shape = match params.layout {
-            Layout::Nchw => [batch, size.channels, size.height, size.width],
-            Layout::Nhwc => [batch, size.height, size.width, size.channels],
+            TensorLayout::Nchw => [batch, size.channels, size.height, size.width],
+            TensorLayout::Nhwc => [batch, size.height, size.width, size.channels],
         };
         let binding = Binding { input: input.name.clone(), shape, output: output.name.clone() };
         let (model, sessions) = (Arc::clone(&model.bytes), Mutex::default());
@@ -187,8 +187,8 @@ fn input_size(input: &Outlet, params: &OnnxParams) -> Result<InputSize, Fault> {
             .remedy("export the model with an input of f32 values"));
     }
     let order = match params.layout {
-        Layout::Nchw => "batch x channels x rows x columns (layout: nchw)",
-        Layout::Nhwc => "batch x rows x columns x channels (layout: nhwc)",
+        TensorLayout::Nchw => "batch x channels x rows x columns (layout: nchw)",
+        TensorLayout::Nhwc => "batch x rows x columns x channels (layout: nhwc)",
     };
     let wrong = || {
         Fault::new(format!("input `{name}` of the network has the shape {}, which is not {order}", shown(shape)))
@@ -196,8 +196,8 @@ fn input_size(input: &Outlet, params: &OnnxParams) -> Result<InputSize, Fault> {
     };
     let &[batch, a, b, c] = &shape[..] else { return Err(wrong()) };
     let (channels, height, width) = match params.layout {
-        Layout::Nchw => (a, b, c),
-        Layout::Nhwc => (c, a, b),
+        TensorLayout::Nchw => (a, b, c),
+        TensorLayout::Nhwc => (c, a, b),
     };
     // An open number of channels is taken to be three.
     let channels = if channels == -1 { 3 } else { channels };

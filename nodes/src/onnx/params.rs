@@ -9,7 +9,7 @@ use super::provider::Provider;
 /// The order of the input tensor's axes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
-pub enum Layout {
+pub enum TensorLayout {
     /// Batch, channels, rows, columns: PyTorch's.
     #[default]
     Nchw,
@@ -59,7 +59,7 @@ pub enum Output {
 #[serde(default, deny_unknown_fields)]
 pub struct OnnxParams {
     /// Order of the input tensor's axes: `nchw` or `nhwc`.
-    pub layout: Layout,
+    pub layout: TensorLayout,
     /// Order of the input's channels: `rgb` or `bgr`.
     pub channels: Channels,
     /// Subtracted from each channel of the image in [0, 1], in the network's order of channels.
@@ -100,7 +100,7 @@ pub struct OnnxParams {
 impl Default for OnnxParams {
     fn default() -> Self {
         Self {
-            layout: Layout::Nchw,
+            layout: TensorLayout::Nchw,
             channels: Channels::Rgb,
             mean: [0.0; 3],
             std: [1.0; 3],
