@@ -3,8 +3,7 @@
 use std::collections::HashSet;
 
 use depthloom_recording::RecordedPlan;
-use depthloom_scores::{Crop, PixelSet, Preset, ScaleInvariant, Settings, SquaredRelative};
-use serde::Deserialize;
+use depthloom_scores::{PixelSet, ScoreParams, Settings};
 
 use crate::error::AnalysisError;
 
@@ -85,63 +84,18 @@ pub(crate) fn estimators(plan: &RecordedPlan) -> Result<Vec<Estimator>, Analysis
     Ok(ordered.into_iter().map(|(_, estimator)| estimator).collect())
 }
 
-/// The parameters of `score/depth`, as recorded with every default filled in; what is null is the preset's.
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct ScoreParams {
-    preset: String,
-    sets: Vec<String>,
-    min_m: Option<f64>,
-    max_m: Option<f64>,
-    missing_m: Option<f64>,
-    crop: Option<String>,
-    median_scaling: Option<bool>,
-    sq_rel: Option<String>,
-    silog: Option<String>,
-}
-
+/// The pixel sets and settings of recorded parameters; what is null is the preset's.
 fn settings(params: &serde_json::Value) -> Result<(Vec<PixelSet>, Settings), String> {
-    let params = ScoreParams::deserialize(params).map_err(|error| error.to_string())?;
-    let unknown = |what: &str, name: &str| format!("{what} `{name}` is unknown to this version");
-    let preset = Preset::from_name(&params.preset).ok_or_else(|| unknown("preset", &params.preset))?.settings();
-    let set = |name: &String| match name.as_str() {
-        "all" => Ok(PixelSet::All),
-        "answered" => Ok(PixelSet::Answered),
-        name => Err(unknown("pixel set", name)),
-    };
-    let sets: Vec<PixelSet> = params.sets.iter().map(set).collect::<Result<_, _>>()?;
-    // As `score/depth` demands of an experiment file.
-    if sets.is_empty() || sets.iter().enumerate().any(|(i, set)| sets[..i].contains(set)) {
-        return Err("sets names none, or one twice".to_owned());
-    }
-    let settings = Settings {
-        min_m: params.min_m.unwrap_or(preset.min_m),
-        max_m: params.max_m.unwrap_or(preset.max_m),
-        missing_m: params.missing_m.unwrap_or(preset.missing_m),
-        crop: match params.crop {
-            Some(name) => Crop::from_name(&name).ok_or_else(|| unknown("crop", &name))?,
-            None => preset.crop,
-        },
-        median_scaling: params.median_scaling.unwrap_or(preset.median_scaling),
-        sq_rel: match params.sq_rel.as_deref() {
-            Some("by-truth") => SquaredRelative::ByTruth,
-            Some("by-truth-squared") => SquaredRelative::ByTruthSquared,
-            Some(name) => return Err(unknown("sq_rel", name)),
-            None => preset.sq_rel,
-        },
-        silog: match params.silog.as_deref() {
-            Some("half-variance") => ScaleInvariant::HalfVariance,
-            Some("hundred-deviation") => ScaleInvariant::HundredDeviation,
-            Some(name) => return Err(unknown("silog", name)),
-            None => preset.silog,
-        },
-    };
-    settings.check().map_err(|(name, what)| format!("{name} {what}"))?;
-    Ok((sets, settings))
+    let params: ScoreParams = serde_path_to_error::deserialize(params).map_err(|error| error.to_string())?;
+    params.check().map_err(|(_, what)| what)?;
+    let settings = params.settings();
+    Ok((params.sets, settings))
 }
 
 #[cfg(test)]
 mod tests {
+    use depthloom_scores::{Crop, Preset, ScaleInvariant};
+    use serde::Deserialize;
     use serde_json::json;
 
     use super::*;
@@ -197,7 +151,10 @@ mod tests {
         let mut params = json!({ "preset": "paper", "sets": ["all"] });
         assert_eq!(settings(&params), Ok((vec![PixelSet::All], Preset::Paper.settings())));
         params["crop"] = json!("benchmark");
-        assert_eq!(settings(&params), Err("crop `benchmark` is unknown to this version".to_owned()));
+        assert_eq!(
+            settings(&params),
+            Err("crop: unknown variant `benchmark`, expected one of `none`, `garg`, `eigen`".to_owned())
+        );
     }
 
     #[test]
@@ -208,8 +165,8 @@ mod tests {
             params[name] = value;
             settings(&params).unwrap_err()
         };
-        assert_eq!(with("sets", json!([])), "sets names none, or one twice");
-        assert_eq!(with("sets", json!(["all", "all"])), "sets names none, or one twice");
+        assert!(with("sets", json!([])).starts_with("sets is empty"));
+        assert_eq!(with("sets", json!(["all", "all"])), "sets names a pixel set twice");
         assert!(with("min_m", json!(90.0)).starts_with("max_m must be above min_m"));
         assert!(with("max_m", json!(-1.0)).starts_with("max_m"));
         assert!(with("missing_m", json!(0.0)).starts_with("missing_m"));

@@ -2,15 +2,23 @@
 
 use std::ops::Range;
 
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
 /// A crop, given as shares of the image's height and width; each bound is the product with the size in f64, truncated.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+///
+/// Garg: rows .40810811 to .99189189, columns .03594771 to .96405229; the usual one since monodepth. Eigen: rows .3324324 to .91351351,
+/// columns .0359477 to .96405229.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+#[schemars(description = "The part of the image that is scored.")]
 pub enum Crop {
     /// The whole image.
     #[default]
     None,
-    /// Garg et al. 2016: rows .40810811 to .99189189, columns .03594771 to .96405229; the usual one since monodepth.
+    /// Garg et al. 2016.
     Garg,
-    /// Eigen et al. 2014: rows .3324324 to .91351351, columns .0359477 to .96405229.
+    /// Eigen et al. 2014.
     Eigen,
 }
 
@@ -24,25 +32,6 @@ pub struct Window {
 }
 
 impl Crop {
-    /// All crops, in the order of documentation.
-    pub const ALL: [Self; 3] = [Self::None, Self::Garg, Self::Eigen];
-
-    /// The name used in YAML.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::None => "none",
-            Self::Garg => "garg",
-            Self::Eigen => "eigen",
-        }
-    }
-
-    /// The crop of that name.
-    #[must_use]
-    pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|crop| crop.name() == name)
-    }
-
     /// The pixels inside, of an image of that size.
     #[must_use]
     pub fn window(self, width: usize, height: usize) -> Window {
@@ -67,11 +56,5 @@ mod tests {
         assert_eq!(Crop::Garg.window(1242, 375), Window { rows: 153..371, columns: 44..1197 });
         assert_eq!(Crop::Eigen.window(1242, 375), Window { rows: 124..342, columns: 44..1197 });
         assert_eq!(Crop::None.window(1242, 375), Window { rows: 0..375, columns: 0..1242 });
-    }
-
-    #[test]
-    fn every_name_leads_back_to_its_crop() {
-        assert!(Crop::ALL.into_iter().all(|crop| Crop::from_name(crop.name()) == Some(crop)));
-        assert_eq!(Crop::from_name("gargh"), None);
     }
 }

@@ -16,6 +16,7 @@
 
 mod crop;
 mod ln;
+mod params;
 mod pixels;
 mod preset;
 mod row;
@@ -24,6 +25,7 @@ mod settings;
 mod sums;
 
 pub use crop::{Crop, Window};
+pub use params::ScoreParams;
 pub use pixels::ScoredPixels;
 pub use preset::Preset;
 pub use row::{PixelSet, SCORE_NAMES, ScoreRow};

@@ -1,5 +1,8 @@
 //! Named settings: what "the usual scores" are, for whom.
 
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
 use crate::{Crop, ScaleInvariant, Settings, SquaredRelative};
 
 /// A named set of [`Settings`].
@@ -15,41 +18,28 @@ use crate::{Crop, ScaleInvariant, Settings, SquaredRelative};
 /// | `silog` | `1/2N sum(e - mean e)^2` | as `paper` | `100 sqrt(1/N sum(e - mean e)^2)` |
 ///
 /// The other six scores are the same formulas everywhere. A data set's value is the unweighted mean over frames of each.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+///
+/// What Table I leaves open follows from its numbers: a missing answer counts as 1e-4 m, truth stops at 80 m, `silog` is half the
+/// variance of the log error. `monodepth2` is that project's `evaluate_depth.py`: median scaling is its default for networks taught by
+/// video; a network taught by stereo switches it off (`median_scaling: false`); it has dense estimates only and no `silog`: both
+/// are as in `paper`. The kit of `kitti-depth` (2017) fills holes of an estimate before scoring; here they stay holes and count as
+/// 1e-4 m in `all`: put a filling node before the score to have its numbers.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+#[schemars(description = "Named settings.")]
 pub enum Preset {
-    /// Martins, van Hecke, de Croon 2018, Table I. What the paper leaves open follows from its numbers: a missing answer counts
-    /// as 1e-4 m, truth stops at 80 m, `silog` is half the variance of the log error.
+    /// Table I of Martins et al. 2018: truth in 0.001 to 80 m, a missing answer counts as 0.0001 m, `silog` is half the variance.
     #[default]
     Paper,
-    /// `evaluate_depth.py` of monodepth2 with the Eigen split: Garg crop, median scaling (its default for networks taught by
-    /// video; a network taught by stereo switches it off: set `median_scaling: false`). It has dense estimates only and no
-    /// `silog`: both are as in `paper`.
+    /// monodepth2 on the Eigen split: Garg crop, median scaling.
     Monodepth2,
-    /// The depth development kit of KITTI (2017): no crop, no cap. Its `sq_rel` divides by the truth squared and its `silog` is
-    /// a deviation times 100. The kit fills holes of an estimate before scoring; here they stay holes and count as 1e-4 m in
-    /// `all`: put a filling node before the score to have its numbers.
+    /// The KITTI depth development kit: no cap below 256 m, `sq_rel` over the squared truth, `silog` a deviation times 100.
     KittiDepth,
 }
 
 impl Preset {
     /// All presets, in the order of documentation.
     pub const ALL: [Self; 3] = [Self::Paper, Self::Monodepth2, Self::KittiDepth];
-
-    /// The name used in YAML.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Paper => "paper",
-            Self::Monodepth2 => "monodepth2",
-            Self::KittiDepth => "kitti-depth",
-        }
-    }
-
-    /// The preset of that name.
-    #[must_use]
-    pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|preset| preset.name() == name)
-    }
 
     /// The settings it stands for.
     #[must_use]
@@ -88,9 +78,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_preset_can_be_found_by_name_and_scored_with() {
+    fn every_preset_can_be_scored_with() {
         for preset in Preset::ALL {
-            assert_eq!(Preset::from_name(preset.name()), Some(preset));
             assert_eq!(preset.settings().check(), Ok(()));
         }
     }

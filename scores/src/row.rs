@@ -2,12 +2,17 @@
 
 use std::fmt;
 
-/// Which pixels a score is taken over.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// Which pixels a score is taken over: in Table I, "Incl Occ" is `all` and "Non-occ only" is `answered`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+#[schemars(description = "Which pixels are scored.")]
 pub enum PixelSet {
-    /// Every pixel with a scorable truth; a missing answer counts as the preset's `missing_m` (Table I, "Incl Occ").
+    /// Every true pixel; a missing answer counts as `missing_m`.
     All,
-    /// Only those of them where the estimate gave an answer (Table I, "Non-occ only").
+    /// The true pixels where the estimate answered.
     Answered,
 }
 

@@ -1,5 +1,8 @@
 //! How scores are taken.
 
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
 use crate::Crop;
 
 /// How scores are taken: which pixels count, what happens to the estimate before, and which of two formulas of one name.
@@ -26,23 +29,29 @@ pub struct Settings {
     pub silog: ScaleInvariant,
 }
 
-/// The two formulas that go by "squared relative difference".
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+/// The two formulas that go by "squared relative difference": the first is Eigen's, monodepth's and nearly all papers'; the second the KITTI
+/// depth devkit's.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+#[schemars(description = "What `sq_rel` is.")]
 pub enum SquaredRelative {
-    /// `mean((y - t)^2 / t)`, metres: Eigen, monodepth and nearly all papers.
+    /// `mean((y - t)^2 / t)`, metres.
     #[default]
     ByTruth,
-    /// `mean((y - t)^2 / t^2)`, a share: the KITTI depth devkit.
+    /// `mean((y - t)^2 / t^2)`.
     ByTruthSquared,
 }
 
-/// The two formulas that go by "scale-invariant log error", with `e = ln y - ln t`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+/// The two formulas that go by "scale-invariant log error", with `e = ln y - ln t`: half the variance, as in Table I of Martins et al. 2018; and
+/// that of the KITTI depth leaderboard and BTS.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+#[schemars(description = "What `silog` is, with `e = ln y - ln t`.")]
 pub enum ScaleInvariant {
-    /// `1/2N sum (e - mean e)^2`: half the variance, as in Table I of Martins et al. 2018.
+    /// `1/2N sum (e - mean e)^2`.
     #[default]
     HalfVariance,
-    /// `100 sqrt(1/N sum (e - mean e)^2)`: the KITTI depth leaderboard and BTS.
+    /// `100 sqrt(1/N sum (e - mean e)^2)`.
     HundredDeviation,
 }
 

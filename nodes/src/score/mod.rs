@@ -2,4 +2,4 @@
 
 mod depth;
 
-pub use depth::{ScoreCrop, ScoreDepth, ScoreDepthParams, ScorePreset, ScoreSet, ScoreSilog, ScoreSqRel};
+pub use depth::ScoreDepth;
