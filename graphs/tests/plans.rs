@@ -638,6 +638,15 @@ fn fault_14_operational_parameters_enter_no_recipe_and_no_recording() {
 }
 
 #[test]
+fn operational_parameters_come_from_the_command_line_and_change_no_recipe() {
+    let written = Written::new(&[("main.yaml", &learning("checkpoint_every: 5", ""))]);
+    let teacher = |set: &[(&str, &str)]| nodes(&written.plan(set), 0, "teacher")[0].clone();
+    let (plain, set) = (teacher(&[]), teacher(&[("learn.teacher.with.checkpoint_every", "9")]));
+    assert_eq!((&plain.params["checkpoint_every"], &set.params["checkpoint_every"]), (&5.into(), &9.into()));
+    assert_eq!((plain.recipe, plain.portable), (set.recipe, set.portable));
+}
+
+#[test]
 fn fault_05_trainings_that_differ_in_operational_parameters_alone_are_one_node() {
     let variants =
         "variants: { a: {}, b: { learn.teacher.with.checkpoint_every: 7 }, c: { learn.teacher.with.steps: 9 } }";
