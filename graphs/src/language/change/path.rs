@@ -98,7 +98,7 @@ pub(super) fn located(root: &Node, path: &str, scope: Scope) -> Result<Vec<Strin
     let is_command_line = scope == Scope::CommandLine;
     match (first, stage) {
         ("record", _) if is_command_line => Ok(path.from(0).collect()),
-        ("variants" | "matrix", None) if is_command_line && path.len() > 1 => in_variants(root, &path, first),
+        ("variants" | "matrix", None) if is_command_line => in_variants(root, &path, first),
         ("sources", _) => in_sources(root, &path, scope),
         (_, Some(stage)) => in_stage(stage, &path, first),
         (_, None) => Err(no_stage(root, &path, first, scope)),
@@ -108,6 +108,21 @@ pub(super) fn located(root: &Node, path: &str, scope: Scope) -> Result<Vec<Strin
 /// `variants.NAME`, `variants.NAME.PATH`, `matrix.PATH`: what is changed is itself a path, one key with its dots.
 fn in_variants(root: &Node, path: &Path<'_>, section: &str) -> Result<Vec<String>, Unknown> {
     let known = keys_of(root.get(section));
+    let Some(one) = known.first() else {
+        let help = "another experiment that `extends` this one can add some";
+        return Err(path.unknown(
+            0,
+            format!("there is no `{section}` that `--set` could change"),
+            Some(help.to_owned()),
+        ));
+    };
+    if path.len() == 1 {
+        let help = match section {
+            "variants" => format!("e.g. `variants.{one}={{}}`, or `variants.{one}=null` to leave it out"),
+            _ => format!("e.g. `matrix.{one}=[...]`"),
+        };
+        return Err(path.unknown(0, format!("`--set` changes one entry of `{section}` at a time"), Some(help)));
+    }
     let (name, inner) = match section {
         "variants" => (path.key(1), path.text_from(2)),
         _ => (path.text_from(1), None),
@@ -211,9 +226,12 @@ fn no_stage(root: &Node, path: &Path<'_>, first: &str, scope: Scope) -> Unknown 
     }
     if names::EXPERIMENT_KEYS.contains(&first) {
         let what = format!("{} cannot change `{first}`", scope.describe());
-        let record = if scope == Scope::CommandLine { ", `sources` and `record`" } else { " and `sources`" };
+        let others = match scope {
+            Scope::CommandLine => ", `sources`, `record` and entries of `variants` and `matrix`",
+            Scope::Variant => " and `sources`",
+        };
         let help = format!(
-            "it changes stages{record}, e.g. `{}`; another experiment that `extends` this one changes all",
+            "it changes stages{others}, e.g. `{}`; another experiment that `extends` this one changes all",
             example(root)
         );
         return path.unknown(0, what, Some(help));
