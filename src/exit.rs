@@ -17,7 +17,7 @@ pub enum Exit {
     Engine = 1,
     /// Found before any frame was admitted: the file, the arguments, missing data.
     Before = 2,
-    /// Frames failed or were dropped, or a recording is damaged.
+    /// Frames failed or were dropped, not one pixel could be scored, or a recording is damaged.
     Frames = 3,
     /// Interrupted.
     Interrupted = 130,

@@ -33,7 +33,7 @@ const ENDINGS: &[Ending] = &[
             WHOLE,
             (Exit::Engine, "the engine, the disk or learning failed"),
             (Exit::Before, "found before any frame was admitted: file, arguments, missing data"),
-            (Exit::Frames, "frames failed or were dropped, or a recording is damaged"),
+            (Exit::Frames, "frames failed or were dropped, not one pixel could be scored, or a recording is damaged"),
             INTERRUPTED,
         ],
     },

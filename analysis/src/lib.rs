@@ -20,6 +20,7 @@ mod scores;
 mod sheet;
 mod table;
 mod timings;
+mod unscored;
 
 pub use distance::{DistanceBin, PERCENTILES, Spread};
 pub use error::AnalysisError;

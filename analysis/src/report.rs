@@ -16,6 +16,7 @@ use crate::maps::{not_recorded, sparsely_kept};
 use crate::reading;
 use crate::scores::table_of_scores;
 use crate::table::Table;
+use crate::unscored::Unscored;
 
 /// Columns of text of a terminal's table.
 const TERMINAL_WIDTH: usize = 110;
@@ -52,6 +53,8 @@ pub struct Summary {
     pub scored: bool,
     /// Whether there is a mean to show: whether there are `table.*`.
     pub table: bool,
+    /// Whether frames were scored, and not one pixel of them counted: the truth and the score's limits do not go together.
+    pub no_pixel_counted: bool,
     /// Whether maps were kept to compare: whether there are `error_vs_distance.*` and `true_distances.csv`.
     pub distances: bool,
     /// How many learning curves there are.
@@ -83,7 +86,7 @@ fn analyse(recording: &Recording, options: &ReportOptions, output: Output<'_>) -
     let plan = recording.plan();
     let estimators = estimators(plan)?;
     let mut written = Vec::new();
-    let (table, scored) = write_scores(recording, &estimators, options, output)?;
+    let Scored { table, scored, unscored } = write_scores(recording, &estimators, options, output)?;
     written.extend(scored.then_some("scores.csv"));
     written.extend(table.is_some().then_some("table.*"));
     let (distances, beyond) = write_distances(recording, &estimators, options, output)
@@ -99,8 +102,15 @@ fn analyse(recording: &Recording, options: &ReportOptions, output: Output<'_>) -
     match (estimators.is_empty(), scored, &table) {
         (true, ..) => notes.insert(0, "nothing was scored: no stage has a `score:`".to_owned()),
         (_, false, _) => notes.insert(0, "no table: no frame was scored".to_owned()),
+        (_, _, None) if unscored.everything => notes.insert(0, "no table: no pixel was scored".to_owned()),
         (_, _, None) => notes.insert(0, "no table: no frame has the scores of all estimators of its stage".to_owned()),
         _ => {}
+    }
+    notes.extend(unscored.note);
+    if options.paper && estimators.iter().any(|e| e.variant.is_none() && e.name != "stereo") {
+        notes.push(
+            "the paper's numbers beside estimates that no variant changes are those of its method `full`".to_owned(),
+        );
     }
     notes.extend(not_recorded(plan, &estimators));
     notes.extend(sparsely_kept(recording, &estimators, !distances));
@@ -125,33 +135,53 @@ fn analyse(recording: &Recording, options: &ReportOptions, output: Output<'_>) -
         "learning_curves": curves.iter().map(LearningCurve::end).collect::<Vec<Json>>(),
         "notes": notes,
     });
-    Ok(Summary { text, json, scored, table: table.is_some(), distances, learning_curves: curves.len(), is_damaged })
+    Ok(Summary {
+        text,
+        json,
+        scored,
+        table: table.is_some(),
+        no_pixel_counted: unscored.everything,
+        distances,
+        learning_curves: curves.len(),
+        is_damaged,
+    })
 }
 
-/// Writes the scores by frame, if there are any, and the table of their means; gives the table, if it has a mean, and whether there are
-/// scores.
+/// What came of the scores.
+#[derive(Default)]
+struct Scored {
+    /// The table of their means, if there is a mean.
+    table: Option<Table>,
+    /// Whether there are scores.
+    scored: bool,
+    /// The frames without one.
+    unscored: Unscored,
+}
+
+/// Writes the scores by frame, if there are any, and the table of their means.
 fn write_scores(
     recording: &Recording,
     estimators: &[Estimator],
     options: &ReportOptions,
     output: Output<'_>,
-) -> Result<(Option<Table>, bool), AnalysisError> {
+) -> Result<Scored, AnalysisError> {
     let plan = recording.plan();
     let scores = reading::scores(recording, estimators, output)?;
     if scores.is_empty() {
-        return Ok((None, false));
+        return Ok(Scored::default());
     }
+    let unscored = Unscored::of(recording, estimators, &scores)?;
     output.write_csv("scores.csv", &table_of_scores(&scores, estimators, &plan.runs))?;
     let source = |run: usize, position: usize| recording.frames(run).get(position).and_then(|f| f.source_key);
     let table = Table::new(&plan.experiment, &scores, estimators, options.paper, &source);
     if table.columns.iter().all(|column| column.frames == 0) {
-        return Ok((None, true));
+        return Ok(Scored { table: None, scored: true, unscored });
     }
     output.write_csv("table.csv", &table.long_form())?;
     output.write_parquet("table.parquet", table.long_form())?;
     output.write("table.md", table.markdown().as_bytes())?;
     output.write("table.tex", table.latex().as_bytes())?;
-    Ok((Some(table), true))
+    Ok(Scored { table: Some(table), scored: true, unscored })
 }
 
 /// Writes the error against distance, if there are maps to compare; gives whether there are, and by estimator how many samples were too

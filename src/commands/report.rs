@@ -41,13 +41,19 @@ pub fn report(args: &ReportArgs) -> Result<Exit, Stop> {
     let but_whole = |stop: Stop| stop.also(format!("tables and plots are whole in {}", out.display()));
     models::write(&recording, &out).map_err(but_whole)?;
     // An unfinished recording is what was asked for; a damaged one is not what was written.
-    let damaged = report.is_damaged.then(|| Stop::new(Exit::Frames, "the recording is damaged"));
-    if let Some(stop) = &damaged {
+    let faulty = report.is_damaged.then(|| Stop::new(Exit::Frames, "the recording is damaged"));
+    let faulty = faulty.or_else(|| no_pixel_counted(&report));
+    if let Some(stop) = &faulty {
         report.json["error"] = error_json(stop);
     }
     let printed = if args.json { print_json(&report.json) } else { print(summary(&report, &out)) };
     printed.map_err(but_whole)?;
-    Ok(damaged.map_or(Exit::Whole, |stop| stop.exit))
+    Ok(faulty.map_or(Exit::Whole, |stop| stop.exit))
+}
+
+/// What is to be said where frames were scored and not one pixel of them counted: such a run has no answer.
+pub fn no_pixel_counted(report: &Summary) -> Option<Stop> {
+    report.no_pixel_counted.then(|| Stop::new(Exit::Frames, "not one pixel was scored"))
 }
 
 /// Analyses a recording until it is done or asked to stop.

@@ -14,7 +14,7 @@ use depthloom_runner::{Checkpoints, Interrupt, Options, Report, RunError};
 use serde_json::{Value as Json, json};
 
 use super::check::load;
-use super::report::{RECORDING, TIMINGS, analyse, summary, write_timings};
+use super::report::{RECORDING, TIMINGS, analyse, no_pixel_counted, summary, write_timings};
 use crate::args::RunArgs;
 use crate::counted::counted;
 use crate::diagnostics;
@@ -57,6 +57,7 @@ pub fn run(args: &RunArgs, registry: &Registry) -> Result<Exit, Stop> {
         let frames = counted(failed, "frame");
         Stop::new(Exit::Frames, format!("{frames} failed; what depended on them is left out"))
     });
+    let incomplete = incomplete.or_else(|| no_pixel_counted(&report));
     let mut told = json!({
         "experiment": plan.experiment,
         "run": out.to_string_lossy(),

@@ -191,3 +191,42 @@ fn percentiles_are_numpys_in_memory_and_from_a_spill() {
         }
     }
 }
+
+#[test]
+fn truth_beyond_the_scores_limits_is_no_answer_and_the_exit_code_says_so() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let experiment = folder.path().join("experiment.yaml");
+    let look = workspace().join("experiments/first-look.yaml");
+    let source = street("0..2", 1);
+    let limits = "stages: { look: { score: { min_m: 9000, max_m: 9500 } } }";
+    let text = format!("extends: {}\nsources:\n  street: {source}\n{limits}\n", look.display());
+    std::fs::write(&experiment, text).expect("written");
+    let out = folder.path().join("run");
+    let run = depthloom().arg("run").arg(&experiment).arg("--out").arg(&out).output().expect("run");
+    let report = depthloom().arg("report").arg(&out).output().expect("report");
+    for output in [run, report] {
+        let said = String::from_utf8(output.stdout).expect("text");
+        assert_eq!(output.status.code(), Some(3), "{said}");
+        assert!(said.contains("note: not one pixel was scored: the truth `look/source/depth` lies between "), "{said}");
+        assert!(said.contains("outside of the score's min_m..max_m (9000..9500 m)"), "{said}");
+    }
+}
+
+#[test]
+fn a_frame_without_a_pixel_to_score_is_named() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let data = folder.path().join("data");
+    succeed(depthloom().args(["synth", "--frames", "3", "--width", "320", "--height", "96"]).arg(&data));
+    for truth in ["disp_occ_0", "disp_noc_0"] {
+        let file = data.join("training").join(truth).join("000001_10.png");
+        if file.exists() {
+            image::ImageBuffer::<image::Luma<u16>, Vec<u16>>::new(320, 96).save(&file).expect("written");
+        }
+    }
+    let kitti = format!("{{ kind: kitti/stereo2015, with: {{ root: {}, frames: 0..3 }} }}", data.display());
+    let (out, said) = first_look(folder.path(), &kitti, "{}");
+    let told = "note: 1 frame has no pixel to score and is in no mean: 000001_10; the truth `look/source/depth` knows no distance there";
+    assert!(said.contains(told), "{said}");
+    assert!(said.contains("mean over 2 frames"), "{said}");
+    assert!(report_again(&out).contains(told));
+}
