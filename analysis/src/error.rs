@@ -117,7 +117,7 @@ impl AnalysisError {
     }
 
     /// What a thread that panicked said.
-    pub(crate) fn panicked(payload: &(dyn Any + Send)) -> Self {
+    fn panicked(payload: &(dyn Any + Send)) -> Self {
         let text = payload.downcast_ref::<&str>().copied();
         let text = text.or_else(|| payload.downcast_ref::<String>().map(String::as_str));
         Self::Panicked { what: text.unwrap_or("no message").to_owned() }

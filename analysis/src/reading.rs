@@ -2,14 +2,14 @@
 
 use std::collections::BTreeMap;
 use std::num::NonZero;
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::thread;
 
 use depthloom_graphs::Value;
 use depthloom_graphs::values::Depth;
-use depthloom_recording::Recording;
+use depthloom_recording::{FrameReader, Recording};
 use depthloom_scores::ScoredPixels;
+use depthloom_threads::{Budget, Tiles as _};
 
 use crate::distance::{DistanceBin, FARTHEST_M, FrameSamples, Samples};
 use crate::error::{AnalysisError, caught};
@@ -70,17 +70,27 @@ pub(crate) fn distances(
     output: Output<'_>,
 ) -> Result<Distances, AnalysisError> {
     let samples = Mutex::new(Samples::new(estimators.len(), samples_in_memory, output));
-    let truth = Mutex::new(BTreeMap::new());
+    let mut truth = BTreeMap::new();
     for run in 0..recording.plan().runs.len() {
         let maps = Maps::new(run, estimators);
         if maps.estimators.is_empty() {
             continue;
         }
-        maps.read_all(recording, estimators, output, &samples, &truth)?;
+        maps.read_all(recording, estimators, output, &samples, &mut truth)?;
     }
     let samples = samples.into_inner().unwrap_or_else(PoisonError::into_inner);
-    let truth = truth.into_inner().unwrap_or_else(PoisonError::into_inner);
     Ok(Distances { beyond: samples.beyond().to_vec(), bins: samples.percentiles()?, truth })
+}
+
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// What one thread works with.
+struct Worker<'a> {
+    reader: FrameReader<'a>,
+    /// True pixels by metre, of the frames it has read.
+    truth: BTreeMap<u32, u64>,
 }
 
 /// The maps of a stage run that are compared: its topics, and where among them each estimator's are.
@@ -117,43 +127,47 @@ impl Maps {
         estimators: &[Estimator],
         output: Output<'_>,
         samples: &Mutex<Samples<'_>>,
-        truth: &Mutex<BTreeMap<u32, u64>>,
+        truth: &mut BTreeMap<u32, u64>,
     ) -> Result<(), AnalysisError> {
-        let frames = recording.frames(self.run).len();
-        let next = AtomicUsize::new(0);
-        let work = || -> Result<(), AnalysisError> {
-            let mut reader = recording.reader(self.run, &self.topics)?;
-            let mut counts = BTreeMap::new();
-            loop {
-                let position = next.fetch_add(1, Ordering::Relaxed);
-                if position >= frames {
-                    break;
-                }
-                output.go_on()?;
-                let frame = self.samples(estimators, &reader.read(position)?, &mut counts)?;
-                samples.lock().unwrap_or_else(PoisonError::into_inner).take(frame)?;
-            }
-            let mut truth = truth.lock().unwrap_or_else(PoisonError::into_inner);
-            for (metre, count) in counts {
-                *truth.entry(metre).or_default() += count;
-            }
+        // Workers that read no frame at the moment.
+        let idle: Mutex<Vec<Worker<'_>>> = Mutex::new(Vec::new());
+        let read = |position| -> Result<(), AnalysisError> {
+            output.go_on()?;
+            let worker = locked(&idle).pop();
+            let mut worker = match worker {
+                Some(worker) => worker,
+                None => Worker { reader: recording.reader(self.run, &self.topics)?, truth: BTreeMap::new() },
+            };
+            let frame = self.samples(estimators, &worker.reader.read(position)?, &mut worker.truth)?;
+            locked(samples).take(frame)?;
+            locked(&idle).push(worker);
             Ok(())
         };
-        // What the others would still read is of no use once one of them failed.
-        let work = || caught(work).inspect_err(|_| next.store(frames, Ordering::Relaxed));
-        let cores = thread::available_parallelism().map_or(1, NonZero::get).min(frames.max(1));
-        thread::scope(|scope| {
-            // Where the system gives fewer threads, fewer do the work. The program tells by the name whose panics are found.
-            let thread = || thread::Builder::new().name("depthloom-analysis".to_owned());
-            let others = (1..cores).map_while(|_| thread().spawn_scoped(scope, work).ok());
-            let others: Vec<_> = others.collect();
-            let mut result = work();
-            for other in others {
-                let theirs = other.join().unwrap_or_else(|panic| Err(AnalysisError::panicked(panic.as_ref())));
-                result = result.and(theirs);
+        // Of several frames that fail the first is told; what comes behind it is of no use then.
+        let failed: Mutex<Option<(usize, AnalysisError)>> = Mutex::new(None);
+        let goes_before = |failed: &Option<(usize, _)>, position| failed.as_ref().is_none_or(|(at, _)| position < *at);
+        let budget = Budget::new(thread::available_parallelism().map_or(1, NonZero::get));
+        let _own = budget.permit();
+        budget.run(recording.frames(self.run).len(), &|position| {
+            if !goes_before(&locked(&failed), position) {
+                return;
             }
-            result
-        })
+            if let Err(error) = caught(|| read(position)) {
+                let mut failed = locked(&failed);
+                if goes_before(&failed, position) {
+                    *failed = Some((position, error));
+                }
+            }
+        });
+        if let Some((_, error)) = failed.into_inner().unwrap_or_else(PoisonError::into_inner) {
+            return Err(error);
+        }
+        for worker in idle.into_inner().unwrap_or_else(PoisonError::into_inner) {
+            for (metre, count) in worker.truth {
+                *truth.entry(metre).or_default() += count;
+            }
+        }
+        Ok(())
     }
 
     fn samples(
