@@ -87,6 +87,7 @@ mod tests {
             experiment: "any".to_owned(),
             about: String::new(),
             variants: vec![String::new()],
+            factors: Vec::new(),
             runs: vec![
                 run(vec![node("network", source()), node("reader", here(0)), node("beside", source())]),
                 run(vec![node("later", once), node("alone", source())]),

@@ -4,6 +4,7 @@
 
 use std::path::PathBuf;
 
+use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
 
 use crate::contracts::{Contract, Port, Slot};
@@ -18,6 +19,8 @@ pub struct Plan {
     pub about: String,
     /// The variants' names, in the order of the file; one empty name if it declares none.
     pub variants: Vec<String>,
+    /// By variant, the values that the axes of `matrix` have in it; empty without a matrix.
+    pub factors: Vec<Vec<Factor>>,
     /// The stage runs, in the order they are executed.
     pub runs: Vec<StageRun>,
     /// What is recorded.
@@ -26,6 +29,22 @@ pub struct Plan {
     pub written: Vec<(String, String)>,
     /// The experiment as resolved: `extends`, graph files, environment and `--set` applied, in YAML.
     pub resolved: String,
+}
+
+/// An axis of `matrix`, and the value it has in a variant.
+///
+/// Where `variants` are multiplied by a matrix they are an axis too, `variant`.
+#[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Factor {
+    /// The axis: its name in the file, or the end of its path that tells it from others, as in the variant's name.
+    pub axis: String,
+    /// The value as written in the file, or its name there.
+    pub value: String,
+}
+
+impl Factor {
+    pub(crate) const VARIANT: &'static str = "variant";
 }
 
 /// What is recorded of every stage run.

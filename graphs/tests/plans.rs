@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use depthloom_graphs::contracts::Slot;
 use depthloom_graphs::language::{Diagnostics, Loaded, Options, load};
-use depthloom_graphs::plan::{Origin, Plan, PlannedNode};
+use depthloom_graphs::plan::{Factor, Origin, Plan, PlannedNode};
 
 fn environment(name: &str) -> Option<String> {
     match name {
@@ -82,6 +82,13 @@ stages:
 
 fn nodes<'p>(plan: &'p Plan, run: usize, name: &str) -> Vec<&'p PlannedNode> {
     plan.runs[run].nodes.iter().filter(|node| node.name == name).collect()
+}
+
+/// By variant, `axis: value`.
+fn factors(plan: &Plan) -> Vec<Vec<String>> {
+    let of =
+        |factors: &Vec<Factor>| factors.iter().map(|factor| format!("{}: {}", factor.axis, factor.value)).collect();
+    plan.factors.iter().map(of).collect()
 }
 
 fn labels(plan: &Plan) -> Vec<&str> {
@@ -436,6 +443,9 @@ fn a_matrix_is_every_combination() {
     assert_eq!(plan.variants, ["block=3+size=5", "block=5+size=1", "block=5+size=5", "mode=hh"]);
     assert_eq!(nodes(&plan, 0, "stereo").len(), 3);
     assert_eq!(nodes(&plan, 0, "fused").len(), 4);
+    assert_eq!(factors(&plan)[..2], [vec!["block: 3", "size: 5"], vec!["block: 5", "size: 1"]]);
+    assert_eq!(factors(&plan)[3], ["mode: hh"]);
+    assert!(plan_of(&stereo("variants: { full: {} }")).factors.is_empty(), "there is no axis");
 }
 
 #[test]
@@ -458,6 +468,7 @@ matrix: { compare.fused.with.size: [3, 5], sources.test.with.frames: [0..4, 'ids
             "hh+size=5+frames=ids-list.txt",
         ]
     );
+    assert_eq!(factors(&plan)[1], ["variant: full", "size: 3", "frames: ids/list.txt"]);
     assert_eq!(plan.runs.len(), 2, "one for each source");
     assert!(labels(&plan).contains(&"hh+size=5+frames=0..4/fused"));
 }

@@ -5,7 +5,7 @@ mod check;
 use std::collections::BTreeMap;
 
 use depthloom_graphs::contracts::Slot;
-use depthloom_graphs::plan::{Origin, Plan, PlannedInput, PlannedOutput, PlannedSource, StageRun};
+use depthloom_graphs::plan::{Factor, Origin, Plan, PlannedInput, PlannedOutput, PlannedSource, StageRun};
 use depthloom_graphs::{Key, Rate, ValueType};
 use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
@@ -20,6 +20,9 @@ pub struct RecordedPlan {
     pub about: String,
     /// The variants' names, in the order of the file; one empty name if it declared none.
     pub variants: Vec<String>,
+    /// By variant, the values that the axes of the experiment's `matrix` had in it, in the order of its name; empty without a matrix.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub factors: Vec<Vec<Factor>>,
     /// Of how many frames of a stage run the first has its values kept (in 0.1.0: those whose index is a multiple of it).
     pub every: u64,
     /// Whether depth was also kept for looking at.
@@ -153,10 +156,17 @@ impl RecordedPlan {
             experiment: plan.experiment.clone(),
             about: plan.about.clone(),
             variants: plan.variants.clone(),
+            factors: plan.factors.clone(),
             every: plan.record.every,
             view: plan.record.view,
             runs: plan.runs.iter().map(|run| recorded_run(plan, run)).collect(),
         }
+    }
+
+    /// The values that the axes of the matrix had in a variant; none without a matrix.
+    #[must_use]
+    pub fn factors_of(&self, variant: usize) -> &[Factor] {
+        self.factors.get(variant).map_or(&[], Vec::as_slice)
     }
 
     /// The topic that each alias stands for.

@@ -72,6 +72,7 @@
 //!     experiment: "empty".to_owned(),
 //!     about: String::new(),
 //!     variants: vec![String::new()],
+//!     factors: vec![],
 //!     runs: vec![stage],
 //!     record: Record { every: 1, view: false },
 //!     written: vec![],

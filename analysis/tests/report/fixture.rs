@@ -64,6 +64,7 @@ pub fn plan(every: u64, keep_b: bool) -> Plan {
         experiment: "fixture".to_owned(),
         about: String::new(),
         variants: vec!["a".to_owned(), "b".to_owned()],
+        factors: Vec::new(),
         runs: vec![StageRun {
             stage: "compare".to_owned(),
             prefix: "/compare".to_owned(),

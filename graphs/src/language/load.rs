@@ -26,7 +26,7 @@ use super::text::kept;
 use super::text::resolved;
 use super::text::source_file::Place;
 use super::text::tree::Node;
-use crate::plan::Plan;
+use crate::plan::{Factor, Plan};
 use crate::registry::Registry;
 
 /// The most values all variants of an experiment may hold together.
@@ -172,6 +172,7 @@ fn planned(
         experiment,
         about,
         variants: names,
+        factors: factors(&variants),
         runs,
         record: recording.record,
         written: files.written(),
@@ -179,6 +180,14 @@ fn planned(
     };
     let read = files.paths().chain(resolver.contents.named()).map(Path::to_owned).collect();
     Some(Loaded { plan, warnings: Diagnostics::default(), kept, read })
+}
+
+/// By variant; none where no variant has any.
+fn factors(variants: &[Variant]) -> Vec<Vec<Factor>> {
+    if variants.iter().all(|variant| variant.factors.is_empty()) {
+        return Vec::new();
+    }
+    variants.iter().map(|variant| variant.factors.clone()).collect()
 }
 
 /// Estimates are told apart by name alone, in all stages.

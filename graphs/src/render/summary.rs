@@ -6,7 +6,7 @@ use serde_json::{Value as Json, json};
 
 use super::diagram::variants;
 use crate::contracts::Slot;
-use crate::plan::{Origin, Plan, PlannedNode, PlannedOutput, StageRun};
+use crate::plan::{Factor, Origin, Plan, PlannedNode, PlannedOutput, StageRun};
 
 impl Plan {
     /// The plan as text: a table of nodes for each stage run, then what is scored.
@@ -105,6 +105,7 @@ impl Plan {
             "experiment": self.experiment,
             "about": self.about,
             "variants": self.variants,
+            "factors": self.factors.iter().map(|factors| factors_json(factors)).collect::<Vec<_>>(),
             "record": { "every": self.record.every, "view": self.record.view },
             "runs": self.runs.iter().map(|run| self.run_json(run)).collect::<Vec<_>>(),
         })
@@ -157,6 +158,10 @@ impl Plan {
     fn names(&self, served: &[usize]) -> Vec<&str> {
         served.iter().map(|&v| self.variants[v].as_str()).collect()
     }
+}
+
+fn factors_json(factors: &[Factor]) -> Json {
+    Json::Object(factors.iter().map(|factor| (factor.axis.clone(), factor.value.as_str().into())).collect())
 }
 
 fn outputs_json(outputs: &[PlannedOutput]) -> Json {

@@ -21,6 +21,15 @@ impl RecordedPlan {
         if self.every == 0 {
             return Err("values of every 0th frame are kept".to_owned());
         }
+        if !self.factors.is_empty() && self.factors.len() != self.variants.len() {
+            return Err(format!("{} variants have factors, of {}", self.factors.len(), self.variants.len()));
+        }
+        for (factors, variant) in self.factors.iter().zip(&self.variants) {
+            let mut axes = HashSet::new();
+            if let Some(twice) = factors.iter().find(|factor| !axes.insert(&factor.axis)) {
+                return Err(format!("variant `{variant}` has two values on the axis `{}`", twice.axis));
+            }
+        }
         let outputs = (0..self.runs.len()).flat_map(|run| self.outputs(run));
         let mut topics = HashSet::new();
         for (_, output) in outputs.filter(|(_, output)| output.recorded && !output.once) {
@@ -118,7 +127,13 @@ mod tests {
     #[test]
     fn fault_11_a_recorded_plan_names_nothing_that_is_not_there() {
         let read = |plan: &Json| RecordedPlan::from_json(&plan.to_string());
+        let factor = |value: &str| json!({ "axis": "block", "value": value });
         assert!(read(&plan()).is_ok());
+        let mut with = plan();
+        with["factors"] = json!([[factor("3")], []]);
+        let with = read(&with).unwrap();
+        assert_eq!(with.factors_of(0)[0].value, "3");
+        assert!(with.factors_of(1).is_empty() && with.factors_of(2).is_empty());
         let refused = [
             ("/runs/0/estimates/0/variant", json!(9), "variant 9 is one of 2"),
             ("/runs/0/variants/1", json!(2), "variant 2 is one of 2"),
@@ -131,12 +146,18 @@ mod tests {
             ("/runs/0/nodes/0/outputs/0/topic", json!("/truth"), "two outputs have the topic /truth"),
             ("/runs/0/nodes/0/recipe", json!("0123"), "its plan cannot be read"),
             ("/runs/0/source/parts", json!([{}]), "its plan cannot be read"),
+            ("/factors", json!([[]]), "1 variants have factors, of 2"),
+            ("/factors", json!([[], [{ "axis": "block", "value": 3 }]]), "its plan cannot be read"),
+            ("/factors", json!([[], [factor("3"), factor("5")]]), "variant `b` has two values on the axis `block`"),
             ("/every", json!(0), "every 0th frame"),
             ("/view", json!(1), "its plan cannot be read"),
         ];
         for (place, value, what) in refused {
             let mut changed = plan();
-            *changed.pointer_mut(place).unwrap() = value;
+            match place.rsplit_once('/') {
+                Some(("", key)) => changed[key] = value,
+                _ => *changed.pointer_mut(place).unwrap() = value,
+            }
             let error = read(&changed).unwrap_err();
             assert!(error.contains(what), "{place}: {error}");
         }

@@ -91,6 +91,7 @@ pub fn plan_of(stages: &[&str]) -> Plan {
         experiment: "fixture".to_owned(),
         about: "Every type of value.".to_owned(),
         variants: vec!["full".to_owned(), "plain".to_owned()],
+        factors: Vec::new(),
         runs: stages.iter().map(|stage| stage_run(stage)).collect(),
         record: Record { every: 1, view: false },
         written: vec![("/somewhere/fixture.yaml".to_owned(), "experiment: fixture\n".to_owned())],

@@ -211,6 +211,7 @@ impl Bench {
             experiment: "toys".to_owned(),
             about: String::new(),
             variants: variants.iter().map(|&v| v.to_owned()).collect(),
+            factors: Vec::new(),
             runs: Vec::new(),
             record: Record { every: 1, view: false },
             written: Vec::new(),

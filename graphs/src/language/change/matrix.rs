@@ -9,6 +9,7 @@ use crate::language::text::diagnostics::{Diagnostic, Report};
 use crate::language::text::resolved::as_written;
 use crate::language::text::source_file::Place;
 use crate::language::text::tree::{Entry, Node, Tree};
+use crate::plan::Factor;
 
 /// The most paths of a matrix, and the most entries of `exclude`.
 const MOST_PATHS: usize = 64;
@@ -132,15 +133,16 @@ fn named(combinations: Vec<Vec<Change>>, place: &Place) -> Vec<Variant> {
     let mut variants: Vec<Variant> = Vec::with_capacity(combinations.len());
     let mut taken = HashSet::new();
     for changes in combinations {
-        let part = |change: &Change| format!("{}={}", short(&change.path, &paths), value_name(&change.value));
-        let name = changes.iter().map(part).collect::<Vec<_>>().join("+");
+        let factor = |change: &Change| Factor { axis: short(&change.path, &paths), value: value_text(&change.value) };
+        let factors: Vec<Factor> = changes.iter().map(factor).collect();
+        let name = factors.iter().map(part_of_name).collect::<Vec<_>>().join("+");
         let mut unique = name.clone();
         let mut number = 2;
         while !taken.insert(unique.clone()) {
             unique = format!("{name}-{number}");
             number += 1;
         }
-        variants.push(Variant { name: unique, place: place.clone(), changes });
+        variants.push(Variant { name: unique, place: place.clone(), changes, factors });
     }
     variants
 }
@@ -161,13 +163,18 @@ fn short(path: &str, all: &[String]) -> String {
 /// The longest part of a name that a value gives, characters.
 const LONGEST_VALUE: usize = 60;
 
-/// A value as part of a name: no `/`, which separates variant and estimate, and no space. Of a variable its name, not what
-/// this machine has for it.
-fn value_name(value: &Node) -> String {
-    let text = match &value.written {
+/// A value as it is written. Of a variable its name, not what this machine has for it.
+fn value_text(value: &Node) -> String {
+    match &value.written {
         Some(written) => written.text.replace("${", "").replace(":-", "-").replace('}', ""),
         None => value.scalar_text().unwrap_or_else(|| as_written(value, None).to_string()),
-    };
-    let text = text.chars().take(LONGEST_VALUE);
-    text.map(|c| if c.is_alphanumeric() || matches!(c, '_' | '-' | '.' | '=') { c } else { '-' }).collect()
+    }
+}
+
+/// An axis with its value as part of a name: no `/`, which separates variant and estimate, and no space.
+fn part_of_name(factor: &Factor) -> String {
+    let text = factor.value.chars().take(LONGEST_VALUE);
+    let value: String =
+        text.map(|c| if c.is_alphanumeric() || matches!(c, '_' | '-' | '.' | '=') { c } else { '-' }).collect();
+    format!("{}={value}", factor.axis)
 }

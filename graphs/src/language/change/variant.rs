@@ -6,6 +6,7 @@ use super::apply::Change;
 use crate::language::text::diagnostics::{Diagnostic, Report};
 use crate::language::text::source_file::Place;
 use crate::language::text::tree::{Node, Tree};
+use crate::plan::Factor;
 
 /// The most variants an experiment may have.
 pub(crate) const MOST: usize = 10_000;
@@ -19,6 +20,8 @@ pub(crate) struct Variant {
     pub(crate) name: String,
     pub(crate) place: Place,
     pub(crate) changes: Vec<Change>,
+    /// What tells it from others of its matrix.
+    pub(crate) factors: Vec<Factor>,
 }
 
 /// What is to be said of more variants than [`MOST`].

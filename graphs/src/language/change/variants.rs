@@ -5,6 +5,7 @@ use super::variant::{MOST, Variant, changes, too_many};
 use crate::language::text::diagnostics::{Diagnostic, Report};
 use crate::language::text::names;
 use crate::language::text::tree::{Node, Tree};
+use crate::plan::Factor;
 
 /// The variants in the order of the file; one without a name if none is declared.
 pub(crate) fn read(root: &Node, report: &mut Report) -> Vec<Variant> {
@@ -14,7 +15,9 @@ pub(crate) fn read(root: &Node, report: &mut Report) -> Vec<Variant> {
         None => Vec::new(),
     };
     match (declared.is_empty(), combinations.is_empty()) {
-        (true, true) => vec![Variant { name: String::new(), place: root.place.clone(), changes: Vec::new() }],
+        (true, true) => {
+            vec![Variant { name: String::new(), place: root.place.clone(), changes: Vec::new(), factors: Vec::new() }]
+        }
         (false, true) => declared,
         (true, false) => combinations,
         (false, false) => {
@@ -28,7 +31,9 @@ pub(crate) fn read(root: &Node, report: &mut Report) -> Vec<Variant> {
                     let mut changes = variant.changes.clone();
                     changes.extend(combination.changes.iter().cloned());
                     let name = format!("{}+{}", variant.name, combination.name);
-                    product.push(Variant { name, place: variant.place.clone(), changes });
+                    let own = Factor { axis: Factor::VARIANT.to_owned(), value: variant.name.clone() };
+                    let factors = std::iter::once(own).chain(combination.factors.iter().cloned()).collect();
+                    product.push(Variant { name, place: variant.place.clone(), changes, factors });
                 }
             }
             product
@@ -58,7 +63,8 @@ fn declared(root: &Node, report: &mut Report) -> Vec<Variant> {
     for entry in entries {
         names::check(&entry.key, "a variant", &[], &entry.key_place, report);
         let Some(changes) = changes(&entry.value, &format!("variant `{}`", entry.key), report) else { continue };
-        variants.push(Variant { name: entry.key.clone(), place: entry.key_place.clone(), changes });
+        let (name, place) = (entry.key.clone(), entry.key_place.clone());
+        variants.push(Variant { name, place, changes, factors: Vec::new() });
     }
     variants
 }
