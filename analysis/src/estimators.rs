@@ -3,7 +3,7 @@
 use std::collections::HashSet;
 
 use depthloom_recording::RecordedPlan;
-use depthloom_scores::{PixelSet, ScoreParams, Settings};
+use depthloom_scores::{Family, Mean, Metric, PixelSet, ScoreParams, Settings};
 
 use crate::error::AnalysisError;
 
@@ -18,10 +18,16 @@ pub struct Estimator {
     pub variant: Option<String>,
     /// Index of the stage run in the recorded plan.
     pub run: usize,
+    /// What was scored.
+    pub family: Family,
     /// The pixel sets it was scored on.
     pub sets: Vec<PixelSet>,
-    /// How it was scored.
-    pub settings: Settings,
+    /// The scores that were taken, in the catalogue's order.
+    pub metrics: Vec<&'static Metric>,
+    /// What a data set's value is taken over.
+    pub mean: Mean,
+    /// How depths were scored; `None` of disparities, which know no bounds.
+    pub settings: Option<Settings>,
     /// The topic of its scores; `None` if they were not recorded.
     pub score_topic: Option<String>,
     /// The topic of the estimated depth; `None` if it was not recorded.
@@ -70,8 +76,11 @@ pub(crate) fn estimators(plan: &RecordedPlan) -> Result<Vec<Estimator>, Analysis
             name: estimate.name.clone(),
             variant,
             run,
+            family: Family::Depth,
             sets,
-            settings,
+            metrics: Family::Depth.defaults(),
+            mean: Mean::Frames,
+            settings: Some(settings),
             score_topic: estimate.score_topic.clone(),
             estimate_topic: estimate.estimate_topic.clone(),
             truth_topic: estimate.truth_topic.clone(),

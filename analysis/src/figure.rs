@@ -358,7 +358,7 @@ fn colour(names: &[&str], name: &str) -> &'static str {
 
 #[cfg(test)]
 mod tests {
-    use depthloom_scores::Settings;
+    use depthloom_scores::{Family, Mean, Settings};
 
     use super::*;
 
@@ -369,7 +369,10 @@ mod tests {
             variant: variant.map(str::to_owned),
             run: 0,
             sets: Vec::new(),
-            settings: Settings::default(),
+            family: Family::Depth,
+            metrics: Family::Depth.defaults(),
+            mean: Mean::Frames,
+            settings: Some(Settings::default()),
             score_topic: None,
             estimate_topic: None,
             truth_topic: None,

@@ -32,7 +32,7 @@ fn rows() -> impl Iterator<Item = ([&'static str; 3], [f64; 8])> {
 
 #[cfg(test)]
 mod tests {
-    use depthloom_scores::Settings;
+    use depthloom_scores::{Family, Mean, Settings};
 
     use super::*;
 
@@ -43,7 +43,10 @@ mod tests {
             variant: variant.map(str::to_owned),
             run: 0,
             sets: vec![PixelSet::All],
-            settings: Settings::default(),
+            family: Family::Depth,
+            metrics: Family::Depth.defaults(),
+            mean: Mean::Frames,
+            settings: Some(Settings::default()),
             score_topic: None,
             estimate_topic: None,
             truth_topic: None,

@@ -8,7 +8,7 @@ use std::thread;
 use depthloom_graphs::Value;
 use depthloom_graphs::values::Depth;
 use depthloom_recording::{FrameReader, Recording};
-use depthloom_scores::ScoredPixels;
+use depthloom_scores::{ScoreRow, ScoredPixels};
 use depthloom_threads::{Budget, Tiles as _};
 
 use crate::distance::{DistanceBin, FARTHEST_M, FrameSamples, Samples};
@@ -39,7 +39,8 @@ pub(crate) fn scores(
             let first = scores.len();
             for (&estimator, value) in indices.iter().zip(reader.read(position)?) {
                 if let Some(Value::Scores(rows)) = value {
-                    let score = |&row| FrameScore { frame: frame.id.clone(), position, estimator, row };
+                    let score =
+                        |row: &ScoreRow| FrameScore { frame: frame.id.clone(), position, estimator, row: row.clone() };
                     scores.extend(rows.iter().map(score));
                 }
             }
@@ -105,7 +106,8 @@ impl Maps {
     fn new(run: usize, estimators: &[Estimator]) -> Self {
         let mut maps = Self { run, topics: Vec::new(), estimators: Vec::new() };
         for (index, estimator) in estimators.iter().enumerate().filter(|(_, estimator)| estimator.run == run) {
-            if let (Some(truth), Some(estimate)) = (&estimator.truth_topic, &estimator.estimate_topic) {
+            let maps_of = (&estimator.truth_topic, &estimator.estimate_topic, &estimator.settings);
+            if let (Some(truth), Some(estimate), Some(_)) = maps_of {
                 let places = (index, maps.place(truth), maps.place(estimate));
                 maps.estimators.push(places);
             }
@@ -185,9 +187,11 @@ impl Maps {
         let mut counted = Vec::new();
         // Those with one truth and one way to be scored are compared: nearly always all of them.
         while let Some(&(first, truth_place, _)) = left.first() {
-            let settings = &estimators[first].settings;
+            let Some(settings) = &estimators[first].settings else { break };
             let compared: Vec<(usize, Option<&Depth>)> = left
-                .extract_if(.., |(index, truth, _)| *truth == truth_place && estimators[*index].settings == *settings)
+                .extract_if(.., |(index, truth, _)| {
+                    *truth == truth_place && estimators[*index].settings.as_ref() == Some(settings)
+                })
                 .map(|(index, _, estimate)| (index, map(estimate)))
                 .collect();
             let Some(truth) = map(truth_place) else { continue };

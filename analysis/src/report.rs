@@ -217,18 +217,20 @@ fn write_curves(curves: &[LearningCurve], output: Output<'_>) -> Result<(), Anal
 
 /// The table's columns as objects.
 fn rows(table: &Table) -> Vec<Json> {
-    let scores = |values: [Option<f64>; 8]| -> Map<String, Json> {
-        let named = depthloom_scores::SCORE_NAMES.into_iter().zip(values);
-        named.map(|(name, value)| (name.to_owned(), value.into())).collect()
+    let scores = |values: Vec<Option<f64>>| -> Map<String, Json> {
+        let named = table.metrics.iter().zip(values);
+        named.map(|(metric, value)| (metric.name.to_owned(), value.into())).collect()
     };
     let row = |column: &crate::TableColumn| {
         let mut row = Map::new();
         row.insert("estimator".to_owned(), column.estimator.clone().into());
         row.insert("scored_on".to_owned(), column.set.name().into());
         row.insert("frames".to_owned(), column.frames.into());
-        row.extend(scores(column.means));
-        if let Some(paper) = column.paper {
-            row.insert("paper".to_owned(), scores(paper.map(Some)).into());
+        row.extend(scores(column.means.clone()));
+        row.insert("density".to_owned(), column.density.into());
+        if column.paper.is_some() {
+            let paper = table.metrics.iter().map(|metric| column.paper_of(metric)).collect();
+            row.insert("paper".to_owned(), scores(paper).into());
         }
         Json::Object(row)
     };

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use depthloom_recording::RecordedRun;
-use depthloom_scores::{SCORE_NAMES, ScoreRow};
+use depthloom_scores::{Metric, ScoreRow};
 
 use crate::estimators::Estimator;
 use crate::sheet::{Cells, Sheet};
@@ -23,11 +23,25 @@ pub struct FrameScore {
 
 /// The rows of one frame in the order of `scores.csv`: pixel set by pixel set, in each estimator by estimator.
 pub(crate) fn order_frame(rows: &mut [FrameScore]) {
+    // Within an estimator the zones stay as they were recorded, the whole image first.
     rows.sort_by_key(|score| (score.row.set, score.estimator));
 }
 
-/// The table `scores.csv` holds: `stage, position, frame, estimator, scored_on, pixels`, then the eight scores; a score of no pixel is
-/// null. No two rows have the same stage, position, estimator and `scored_on`, whatever frames are called.
+/// The scores that any of the estimators has, in the catalogue's order: what tables have columns for.
+pub(crate) fn metrics_of(estimators: &[Estimator]) -> Vec<&'static Metric> {
+    let mut metrics: Vec<&'static Metric> = Vec::new();
+    for metric in estimators.iter().flat_map(|estimator| &estimator.metrics) {
+        if !metrics.contains(metric) {
+            metrics.push(metric);
+        }
+    }
+    metrics.sort_by_key(|metric| metric.place());
+    metrics
+}
+
+/// The table `scores.csv` holds: `stage, position, frame, estimator, scored_on, pixels`, the scores that were asked for, `density`, and
+/// `zone` if there is one; a score of no pixel is null. No two rows have the same stage, position, estimator, `scored_on` and zone,
+/// whatever frames are called.
 pub(crate) fn table_of_scores<'a>(
     rows: &'a [FrameScore],
     estimators: &'a [Estimator],
@@ -41,13 +55,12 @@ pub(crate) fn table_of_scores<'a>(
         .with("estimator", Cells::Text(labels.collect()))
         .with("scored_on", Cells::Text(rows.iter().map(|score| score.row.set.name()).collect()))
         .with("pixels", Cells::Count(rows.iter().map(|score| score.row.pixels).collect()));
-    for (i, name) in SCORE_NAMES.into_iter().enumerate() {
-        table = table.with(name, Cells::Number(rows.iter().map(|score| null_if_nan(score.row.scores()[i])).collect()));
+    for metric in metrics_of(estimators) {
+        table = table.with(metric.name, Cells::Number(rows.iter().map(|score| score.row.get(metric)).collect()));
+    }
+    table = table.with("density", Cells::Number(rows.iter().map(|score| score.row.density()).collect()));
+    if rows.iter().any(|score| !score.row.zone.is_empty()) {
+        table = table.with("zone", Cells::Text(rows.iter().map(|score| score.row.zone.as_str()).collect()));
     }
     table
-}
-
-/// NaN says "no pixel counted"; tables say null.
-pub(crate) fn null_if_nan(score: f64) -> Option<f64> {
-    (!score.is_nan()).then_some(score)
 }

@@ -7,11 +7,11 @@ mod terminal;
 use std::collections::{HashMap, HashSet};
 
 use depthloom_graphs::Key;
-use depthloom_scores::{PixelSet, SCORE_NAMES, Settings};
+use depthloom_scores::{Family, Mean, Metric, PixelSet, Settings};
 
 use crate::estimators::Estimator;
 use crate::paper::paper_scores;
-use crate::scores::FrameScore;
+use crate::scores::{FrameScore, metrics_of};
 use crate::sheet::{Cells, Sheet};
 
 /// The mean over frames, a column an estimator and pixel set.
@@ -22,6 +22,8 @@ use crate::sheet::{Cells, Sheet};
 pub struct Table {
     /// The experiment's name.
     pub experiment: String,
+    /// The scores, in the order they are shown.
+    pub metrics: Vec<&'static Metric>,
     /// The columns, in the order they are shown.
     pub columns: Vec<TableColumn>,
     /// Whether the paper's numbers stand beside ours.
@@ -41,34 +43,25 @@ pub struct TableColumn {
     pub set: PixelSet,
     /// How many frames the mean is over.
     pub frames: u64,
-    /// The means, in the order of [`SCORE_NAMES`]; `None` if no frame had a pixel to score.
-    pub means: [Option<f64>; 8],
+    /// The means, in the order of [`Table::metrics`]; `None` if it was not asked for, or no frame had a pixel to score.
+    pub means: Vec<Option<f64>>,
+    /// The mean share of true pixels that were answered; `None` if the recording does not say.
+    pub density: Option<f64>,
     /// Columns of one number may be compared: over all true pixels, as many of the same frames, held against the same truth,
     /// scored in the same way. `None`: over the pixels this estimator answered, which are its own.
     pub comparable: Option<usize>,
-    /// The paper's numbers, where it gives them.
+    /// The paper's numbers, where it gives them: of the eight scores that a `score/depth` takes by default.
     pub paper: Option<[f64; 8]>,
 }
 
-/// A score's row: how it is called where there is room, which way is better, and how many decimals are worth showing.
-pub(crate) struct Line {
-    pub(crate) plain: &'static str,
-    pub(crate) latex: &'static str,
-    pub(crate) more_is_better: bool,
-    pub(crate) decimals: usize,
+impl TableColumn {
+    /// The paper's number of a score, where it gives one.
+    #[must_use]
+    pub fn paper_of(&self, metric: &Metric) -> Option<f64> {
+        let place = Family::Depth.defaults().iter().position(|of| *of == metric)?;
+        self.paper.map(|paper| paper[place])
+    }
 }
-
-/// The rows, in the order of [`SCORE_NAMES`], called as in the paper.
-pub(crate) const LINES: [Line; 8] = [
-    Line { plain: "a1 (< 1.25)", latex: r"threshold $\delta < 1.25$", more_is_better: true, decimals: 3 },
-    Line { plain: "a2 (< 1.25^2)", latex: r"threshold $\delta < 1.25^2$", more_is_better: true, decimals: 3 },
-    Line { plain: "a3 (< 1.25^3)", latex: r"threshold $\delta < 1.25^3$", more_is_better: true, decimals: 3 },
-    Line { plain: "abs_rel", latex: "abs relative difference", more_is_better: false, decimals: 3 },
-    Line { plain: "sq_rel", latex: "sqr relative difference", more_is_better: false, decimals: 2 },
-    Line { plain: "rmse", latex: "RMSE (linear)", more_is_better: false, decimals: 2 },
-    Line { plain: "rmse_log", latex: "RMSE (log)", more_is_better: false, decimals: 3 },
-    Line { plain: "silog", latex: "RMSE (log, scale inv.)", more_is_better: false, decimals: 3 },
-];
 
 impl Table {
     /// Takes the means of the scores per frame; `source(run, position)` is the key of a frame's source values.
@@ -80,7 +73,8 @@ impl Table {
         source: &dyn Fn(usize, usize) -> Option<Key>,
     ) -> Self {
         let rows = common(scores, estimators);
-        let means = means(&rows);
+        let metrics = metrics_of(estimators);
+        let means = means(&rows, &metrics);
         let mut comparisons: Vec<Comparison<'_>> = Vec::new();
         let mut columns = Vec::new();
         for (index, estimator) in estimators.iter().enumerate() {
@@ -94,7 +88,8 @@ impl Table {
                     (Some(variant), true) => (variant.clone(), format!("{} {set}", estimator.name)),
                     (None, _) => (estimator.label.clone(), set.to_string()),
                 };
-                let (frames, means) = means.get(&(index, set)).copied().unwrap_or((0, [None; 8]));
+                let Means { frames, density, means } =
+                    means.get(&(index, set)).cloned().unwrap_or_else(|| Means::none(metrics.len()));
                 let paper = if with_paper { paper_scores(estimator, set) } else { None };
                 let comparable = (set == PixelSet::All).then(|| {
                     let comparison = Comparison::of(index, estimator, &rows, source);
@@ -110,12 +105,13 @@ impl Table {
                     set,
                     frames,
                     means,
+                    density,
                     comparable,
                     paper,
                 });
             }
         }
-        Self { experiment: experiment.to_owned(), columns, with_paper }
+        Self { experiment: experiment.to_owned(), metrics, columns, with_paper }
     }
 
     /// The table for a terminal: aligned text, the best of what is comparable marked by `*`, blocks of at most `width` columns of text.
@@ -136,23 +132,24 @@ impl Table {
         latex::render(self)
     }
 
-    /// The long form, a row an estimator and pixel set, sorted: `estimator, scored_on`, the eight scores, `frames`, and the
-    /// paper's eight as `paper_a1 ...` where asked for.
+    /// The long form, a row an estimator and pixel set, sorted: `estimator, scored_on`, the scores, `frames`, the paper's
+    /// as `paper_a1 ...` where asked for, `density`.
     pub(crate) fn long_form(&self) -> Sheet<'_> {
         let mut rows: Vec<&TableColumn> = self.columns.iter().collect();
         rows.sort_by(|a, b| (&a.estimator, a.set).cmp(&(&b.estimator, b.set)));
         let mut table = Sheet::new()
             .with("estimator", Cells::Text(rows.iter().map(|row| row.estimator.as_str()).collect()))
             .with("scored_on", Cells::Text(rows.iter().map(|row| row.set.name()).collect()));
-        for (i, name) in SCORE_NAMES.into_iter().enumerate() {
-            table = table.with(name, Cells::Number(rows.iter().map(|row| row.means[i]).collect()));
+        for (i, metric) in self.metrics.iter().enumerate() {
+            table = table.with(metric.name, Cells::Number(rows.iter().map(|row| row.means[i]).collect()));
         }
         table = table.with("frames", Cells::Count(rows.iter().map(|row| row.frames).collect()));
-        for (i, name) in SCORE_NAMES.into_iter().enumerate().filter(|_| self.with_paper) {
-            let paper = rows.iter().map(|row| row.paper.map(|paper| paper[i]));
-            table = table.with(format!("paper_{name}"), Cells::Number(paper.collect()));
+        let in_the_paper = Family::Depth.defaults();
+        for metric in self.metrics.iter().filter(|metric| self.with_paper && in_the_paper.contains(metric)) {
+            let paper = rows.iter().map(|row| row.paper_of(metric));
+            table = table.with(format!("paper_{}", metric.name), Cells::Number(paper.collect()));
         }
-        table
+        table.with("density", Cells::Number(rows.iter().map(|row| row.density).collect()))
     }
 
     /// Whether a column is the best of a row among two or more that are comparable.
@@ -160,20 +157,21 @@ impl Table {
     /// What was within a factor of 1.25^3 of the truth nowhere is never best: `silog` would prefer an estimate that never answered,
     /// for a missing answer counts as one constant, and a constant has the truth's spread and no error of its own.
     pub(crate) fn is_best(&self, line: usize, column: usize) -> bool {
-        const A3: usize = 2;
+        let a3 = self.metrics.iter().position(|metric| metric.name == "a3");
         let Some(comparable) = self.columns[column].comparable else { return false };
         let others = || self.columns.iter().enumerate().filter(|(_, other)| other.comparable == Some(comparable));
-        let answers = |column: &TableColumn| column.means[A3].is_some_and(|share| share > 0.0);
+        let answers = |column: &TableColumn| a3.is_none_or(|a3| column.means[a3].is_some_and(|share| share > 0.0));
         let scored = others().filter(|(_, other)| answers(other));
         let scored = scored.filter_map(|(i, other)| Some((i, other.means[line].filter(|mean| mean.is_finite())?)));
-        let better = |a: f64, b: f64| if LINES[line].more_is_better { a > b } else { a < b };
+        let better = |a: f64, b: f64| if self.metrics[line].more_is_better { a > b } else { a < b };
         let best = scored.reduce(|best, other| if better(other.1, best.1) { other } else { best });
         others().count() > 1 && best.is_some_and(|(i, _)| i == column)
     }
 
     /// What the marked cells are; `None` if there are none.
     pub(crate) fn best_of(&self) -> Option<&'static str> {
-        let mut marked = (0..LINES.len()).flat_map(|line| (0..self.columns.len()).map(move |column| (line, column)));
+        let mut marked =
+            (0..self.metrics.len()).flat_map(|line| (0..self.columns.len()).map(move |column| (line, column)));
         marked.find(|(line, column)| self.is_best(*line, *column))?;
         let numbers: HashSet<usize> = self.columns.iter().filter_map(|column| column.comparable).collect();
         Some(if numbers.len() == 1 { "best over all true pixels" } else { "best of those over the same true pixels" })
@@ -181,9 +179,10 @@ impl Table {
 
     /// The text of a cell: our number, and the paper's.
     pub(crate) fn cell(&self, line: usize, column: usize) -> (String, Option<String>) {
-        let (column, decimals) = (&self.columns[column], LINES[line].decimals);
+        let (column, metric) = (&self.columns[column], self.metrics[line]);
+        let decimals = metric.decimals;
         let ours = column.means[line].map_or_else(|| "-".to_owned(), |mean| format!("{mean:.decimals$}"));
-        (ours, column.paper.map(|paper| format!("({:.2})", paper[line])))
+        (ours, column.paper_of(metric).map(|paper| format!("({paper:.2})")))
     }
 
     /// The columns in groups, as ranges: neighbours under one heading.
@@ -216,7 +215,7 @@ impl Table {
 /// What makes columns comparable: the frames, by source, id and number of pixels, and how they were scored.
 #[derive(PartialEq)]
 struct Comparison<'a> {
-    settings: &'a Settings,
+    settings: (&'a Option<Settings>, Mean),
     truth: Option<&'a str>,
     frames: Vec<(Option<Key>, &'a str, u64)>,
 }
@@ -231,38 +230,62 @@ impl<'a> Comparison<'a> {
         let over_all = rows.iter().filter(|score| score.estimator == index && score.row.set == PixelSet::All);
         let frame = |score: &&'a FrameScore| (source(estimator.run, score.position), &*score.frame, score.row.pixels);
         let truth = estimator.truth.as_deref();
-        Self { settings: &estimator.settings, truth, frames: over_all.map(frame).collect() }
+        Self { settings: (&estimator.settings, estimator.mean), truth, frames: over_all.map(frame).collect() }
     }
 }
 
-/// The scores of the frames that have rows of all estimators of their stage run.
+/// The scores over the whole image of the frames that have rows of all estimators of their stage run.
 fn common<'a>(scores: &'a [FrameScore], estimators: &[Estimator]) -> Vec<&'a FrameScore> {
     let place = |score: &FrameScore| (estimators[score.estimator].run, score.position);
     let mut rows_of_frame: HashMap<(usize, usize), usize> = HashMap::new();
-    for score in scores {
+    let whole = || scores.iter().filter(|score| score.row.zone.is_empty());
+    for score in whole() {
         *rows_of_frame.entry(place(score)).or_default() += 1;
     }
     let mut rows_of_run: HashMap<usize, usize> = HashMap::new();
     for estimator in estimators {
         *rows_of_run.entry(estimator.run).or_default() += estimator.sets.len();
     }
-    scores.iter().filter(|score| rows_of_frame[&place(score)] == rows_of_run[&place(score).0]).collect()
+    whole().filter(|score| rows_of_frame[&place(score)] == rows_of_run[&place(score).0]).collect()
 }
 
-type Means = HashMap<(usize, PixelSet), (u64, [Option<f64>; 8])>;
+/// The means of an estimator on a pixel set.
+#[derive(Clone)]
+struct Means {
+    /// How many frames had a pixel to score.
+    frames: u64,
+    density: Option<f64>,
+    means: Vec<Option<f64>>,
+}
 
-/// The means, and over how many frames, by estimator and pixel set.
-fn means(rows: &[&FrameScore]) -> Means {
-    let mut sums: HashMap<(usize, PixelSet), [(u64, f64); 8]> = HashMap::new();
+impl Means {
+    fn none(metrics: usize) -> Self {
+        Self { frames: 0, density: None, means: vec![None; metrics] }
+    }
+}
+
+/// The means by estimator and pixel set.
+fn means(rows: &[&FrameScore], metrics: &[&'static Metric]) -> HashMap<(usize, PixelSet), Means> {
+    let mut sums: HashMap<(usize, PixelSet), (u64, Vec<(u64, f64)>)> = HashMap::new();
     for score in rows {
-        let sums = sums.entry((score.estimator, score.row.set)).or_default();
-        for ((count, sum), score) in sums.iter_mut().zip(score.row.scores()).filter(|(_, score)| !score.is_nan()) {
-            *count += 1;
-            *sum += score;
+        let empty = || (0, vec![(0, 0.0); metrics.len() + 1]);
+        let (frames, sums) = sums.entry((score.estimator, score.row.set)).or_insert_with(empty);
+        *frames += u64::from(score.row.pixels > 0);
+        let values = metrics.iter().map(|metric| score.row.get(metric)).chain([score.row.density()]);
+        for ((count, sum), value) in sums.iter_mut().zip(values) {
+            if let Some(value) = value {
+                *count += 1;
+                *sum += value;
+            }
         }
     }
     let mean = |(count, sum): (u64, f64)| (count > 0).then(|| sum / count as f64);
-    sums.into_iter().map(|(key, sums)| (key, (sums[0].0, sums.map(mean)))).collect()
+    let means = |(frames, sums): (u64, Vec<(u64, f64)>)| {
+        let mut means: Vec<Option<f64>> = sums.into_iter().map(mean).collect();
+        let density = means.pop().flatten();
+        Means { frames, density, means }
+    };
+    sums.into_iter().map(|(key, sums)| (key, means(sums))).collect()
 }
 
 #[cfg(test)]
@@ -280,7 +303,10 @@ mod tests {
             variant: variant.map(str::to_owned),
             run: 0,
             sets: sets.to_vec(),
-            settings: Settings::default(),
+            family: Family::Depth,
+            metrics: Family::Depth.defaults(),
+            mean: Mean::Frames,
+            settings: Some(Settings::default()),
             score_topic: None,
             estimate_topic: None,
             truth_topic: None,
@@ -301,9 +327,18 @@ mod tests {
 
     /// A score of frame `frame` for which all eight scores are `value`, but for rmse, which is ten times it.
     fn score(frame: &str, estimator: usize, set: PixelSet, value: f64) -> FrameScore {
-        let [a1, a2, a3, abs_rel, sq_rel, rmse_log, silog] = [value; 7];
-        let row = ScoreRow { set, pixels: 5, a1, a2, a3, abs_rel, sq_rel, rmse: 10.0 * value, rmse_log, silog };
+        let values = Family::Depth.defaults().into_iter();
+        let values = values.map(|metric| (metric, if metric.name == "rmse" { 10.0 * value } else { value }));
+        let row = ScoreRow { pixels: 5, truth: 8, answered: 5, ..ScoreRow::new(set, "") };
+        let row = values.fold(row, |row, (metric, value)| row.with(metric, value));
         FrameScore { frame: Arc::from(frame), position: frame.parse().unwrap(), estimator, row }
+    }
+
+    /// A row with some scores changed.
+    fn changed(row: &ScoreRow, to: impl Fn(&str) -> Option<f64>) -> ScoreRow {
+        let mut row = row.clone();
+        row.scores.iter_mut().for_each(|(metric, value)| *value = to(metric.name).unwrap_or(*value));
+        row
     }
 
     fn scores() -> Vec<FrameScore> {
@@ -348,7 +383,7 @@ mod tests {
     #[test]
     fn a_frame_without_pixels_adds_nothing_and_is_said() {
         let mut scores = scores();
-        scores[0].row = ScoreRow { pixels: 0, ..score("0", 0, PixelSet::Answered, f64::NAN).row };
+        scores[0].row = ScoreRow::new(PixelSet::Answered, "");
         let table = table_of(&scores, &estimators(), false);
         assert_eq!((table.columns[0].frames, table.columns[1].frames), (1, 2));
         assert!((table.columns[0].means[0].unwrap() - 0.9).abs() < 1e-12);
@@ -358,7 +393,7 @@ mod tests {
     #[test]
     fn no_scores_make_a_table_of_dashes() {
         let table = table_of(&[], &estimators(), false);
-        assert!(table.columns.iter().all(|column| column.frames == 0 && column.means == [None; 8]));
+        assert!(table.columns.iter().all(|column| column.frames == 0 && column.means == vec![None; 8]));
         assert_eq!(table.cell(0, 0), ("-".to_owned(), None));
         assert_eq!(marked(&table), [const { Vec::<usize>::new() }; 8]);
         assert_eq!(table.best_of(), None);
@@ -371,9 +406,11 @@ mod tests {
         let csv = String::from_utf8(csv).unwrap();
         let lines: Vec<Vec<&str>> = csv.lines().map(|line| line.split(',').collect()).collect();
         let mut expected = vec!["estimator".to_owned(), "scored_on".to_owned()];
-        expected.extend(SCORE_NAMES.map(str::to_owned));
+        let eight = || Family::Depth.defaults().into_iter().map(|metric| metric.name);
+        expected.extend(eight().map(str::to_owned));
         expected.push("frames".to_owned());
-        expected.extend(SCORE_NAMES.map(|name| format!("paper_{name}")));
+        expected.extend(eight().map(|name| format!("paper_{name}")));
+        expected.push("density".to_owned());
         assert_eq!(lines[0], expected);
         let labels: Vec<&str> = lines[1..].iter().map(|line| line[0]).collect();
         assert_eq!(labels, ["full/fused", "full/mono", "no_scaling/fused", "no_scaling/mono", "stereo", "stereo"]);
@@ -421,7 +458,8 @@ mod tests {
         );
         assert_eq!(marked(&two(&mono, &elsewhere, [&["0", "1"], &["0", "2"]])), none, "other frames");
         assert_eq!(marked(&two(&mono, &elsewhere, [&["0", "1"], &["0"]])), none, "fewer frames");
-        let capped = Estimator { settings: Settings { max_m: 50.0, ..fused.settings }, ..fused.clone() };
+        let capped = Settings { max_m: 50.0, ..Settings::default() };
+        let capped = Estimator { settings: Some(capped), ..fused.clone() };
         assert_eq!(marked(&two(&mono, &capped, [&["0"], &["0"]])), none, "scored in another way");
         let other_truth = Estimator { truth: Some("/s/lidar/depth".to_owned()), ..fused };
         assert_eq!(marked(&two(&mono, &other_truth, [&["0"], &["0"]])), none, "against another truth");
@@ -452,14 +490,22 @@ mod tests {
         let mut rows = vec![score("0", 0, PixelSet::All, 0.5), score("0", 1, PixelSet::All, 0.6)];
         // What a missing answer everywhere gives: no pixel is near, and the spread of the log error is the truth's own.
         rows.push(FrameScore {
-            row: ScoreRow { a1: 0.0, a2: 0.0, a3: 0.0, silog: 0.01, ..rows[0].row },
+            row: changed(&rows[0].row, |metric| match metric {
+                "a1" | "a2" | "a3" => Some(0.0),
+                "silog" => Some(0.01),
+                _ => None,
+            }),
             estimator: 2,
             ..rows[0].clone()
         });
         let estimators = ["mono", "fused", "absent"].map(|name| estimator(None, name, &[PixelSet::All]));
         assert_eq!(marked(&table_of(&rows, &estimators, false))[7], [0]);
         // And a mean that is no number is not best either, whichever way is better.
-        rows[2].row = ScoreRow { a1: f64::INFINITY, silog: f64::NEG_INFINITY, ..rows[0].row };
+        rows[2].row = changed(&rows[0].row, |metric| match metric {
+            "a1" => Some(f64::INFINITY),
+            "silog" => Some(f64::NEG_INFINITY),
+            _ => None,
+        });
         let marked = marked(&table_of(&rows, &estimators, false));
         assert_eq!((&marked[0][..], &marked[7][..]), ([1].as_slice(), [0].as_slice()));
     }

@@ -73,7 +73,9 @@ fn cause(
     everything: bool,
 ) -> Result<String, AnalysisError> {
     let first = &estimators[frames[0].0];
-    let settings = &first.settings;
+    let Some(settings) = &first.settings else {
+        return Ok("no pixel has both a true disparity and, where only answers are scored, an answer".to_owned());
+    };
     let wanted = format!("{}..{} m", settings.min_m, settings.max_m);
     let Some(topic) = &first.truth_topic else {
         return Ok(format!("only truth within {wanted} is scored (it was not recorded)"));

@@ -33,8 +33,7 @@ pub fn value(schema: Schema, value_type: ValueType, message: &[u8]) -> Result<Va
 /// # Errors
 /// What is wrong with the message, as a lower-case fragment.
 pub fn score(message: &[u8]) -> Result<ScoreRow, String> {
-    let score = ScoreMessage::decode(message).map_err(|error| format!("a message is no score: {error}"))?;
-    score.row().ok_or_else(|| format!("a score is of the unknown pixel set `{}`", score.set))
+    ScoreMessage::decode(message).map(|score| score.row)
 }
 
 fn compressed_image(message: &[u8]) -> Result<Image, String> {

@@ -3,73 +3,84 @@
 use depthloom_graphs::Key;
 use depthloom_graphs::contracts::{Commit, Failure, SlotKey};
 use depthloom_graphs::values::CurvePoint;
-use depthloom_scores::{PixelSet, ScoreRow};
+use depthloom_scores::{Metric, PixelSet, ScoreRow};
 
-/// `depthloom.Score`: one row of scores; a score that is NaN is absent.
-#[derive(Clone, PartialEq, prost::Message)]
+use crate::wire_format::{Content, Fields, put_bytes, put_number, put_varint};
+
+/// `depthloom.Score`: one row of scores.
+///
+/// Fields `frame` 1, `set` 2, `pixels` 3, `zone` 12 (empty: the whole image), `truth` 13, `answered` 14, `log_mean` 15, and the
+/// [catalogue](Metric)'s, as doubles whose absence can be told: a score that was not asked for, or of no pixel, is absent. Recordings of
+/// before hold the first eight scores and none of 12 to 15.
+#[derive(Clone, Debug, PartialEq)]
 pub struct ScoreMessage {
-    /// Field `frame`.
-    #[prost(string, tag = "1")]
+    /// The frame's id.
     pub frame: String,
-    /// Field `set`.
-    #[prost(string, tag = "2")]
-    pub set: String,
-    /// Field `pixels`.
-    #[prost(uint64, tag = "3")]
-    pub pixels: u64,
-    /// Field `a1`.
-    #[prost(double, optional, tag = "4")]
-    pub a1: Option<f64>,
-    /// Field `a2`.
-    #[prost(double, optional, tag = "5")]
-    pub a2: Option<f64>,
-    /// Field `a3`.
-    #[prost(double, optional, tag = "6")]
-    pub a3: Option<f64>,
-    /// Field `abs_rel`.
-    #[prost(double, optional, tag = "7")]
-    pub abs_rel: Option<f64>,
-    /// Field `sq_rel`.
-    #[prost(double, optional, tag = "8")]
-    pub sq_rel: Option<f64>,
-    /// Field `rmse`.
-    #[prost(double, optional, tag = "9")]
-    pub rmse: Option<f64>,
-    /// Field `rmse_log`.
-    #[prost(double, optional, tag = "10")]
-    pub rmse_log: Option<f64>,
-    /// Field `silog`.
-    #[prost(double, optional, tag = "11")]
-    pub silog: Option<f64>,
+    /// The row.
+    pub row: ScoreRow,
 }
+
+/// `zone` of a `depthloom.Score`.
+pub(crate) const ZONE: u32 = 12;
+/// `truth` of a `depthloom.Score`.
+pub(crate) const TRUTH: u32 = 13;
+/// `answered` of a `depthloom.Score`.
+pub(crate) const ANSWERED: u32 = 14;
+/// `log_mean` of a `depthloom.Score`.
+pub(crate) const LOG_MEAN: u32 = 15;
 
 impl ScoreMessage {
     /// The message of a frame's row.
     #[must_use]
-    pub fn new(frame: &str, row: &ScoreRow) -> Self {
-        let [a1, a2, a3, abs_rel, sq_rel, rmse, rmse_log, silog] =
-            row.scores().map(|score| (!score.is_nan()).then_some(score));
-        let (frame, set, pixels) = (frame.to_owned(), row.set.name().to_owned(), row.pixels);
-        Self { frame, set, pixels, a1, a2, a3, abs_rel, sq_rel, rmse, rmse_log, silog }
+    pub fn encoded(frame: &str, row: &ScoreRow) -> Vec<u8> {
+        let mut out = Vec::with_capacity(64 + 12 * row.scores.len());
+        put_bytes(&mut out, 1, frame.as_bytes());
+        put_bytes(&mut out, 2, row.set.name().as_bytes());
+        put_number(&mut out, 3, row.pixels);
+        put_bytes(&mut out, ZONE, row.zone.as_bytes());
+        put_number(&mut out, TRUTH, row.truth);
+        put_number(&mut out, ANSWERED, row.answered);
+        let scores = row.scores.iter().map(|(metric, value)| (metric.field, *value));
+        for (field, value) in row.log_mean.map(|mean| (LOG_MEAN, mean)).into_iter().chain(scores) {
+            // Zero is written too: what is left out would come back as absent.
+            put_varint(&mut out, u64::from(field) << 3 | 1);
+            out.extend_from_slice(&value.to_le_bytes());
+        }
+        out
     }
 
-    /// The row; `None` if the pixel set is unknown.
-    #[must_use]
-    pub fn row(&self) -> Option<ScoreRow> {
-        let set = [PixelSet::All, PixelSet::Answered].into_iter().find(|set| set.name() == self.set)?;
-        let or_nan = |score: Option<f64>| score.unwrap_or(f64::NAN);
-        Some(ScoreRow {
-            set,
-            pixels: self.pixels,
-            a1: or_nan(self.a1),
-            a2: or_nan(self.a2),
-            a3: or_nan(self.a3),
-            abs_rel: or_nan(self.abs_rel),
-            sq_rel: or_nan(self.sq_rel),
-            rmse: or_nan(self.rmse),
-            rmse_log: or_nan(self.rmse_log),
-            silog: or_nan(self.silog),
-        })
+    /// Reads a message.
+    ///
+    /// # Errors
+    /// What is wrong with it, as a lower-case fragment.
+    pub fn decode(message: &[u8]) -> Result<Self, String> {
+        let malformed = |what: &dyn std::fmt::Display| format!("a message is no score: {what}");
+        let text = |content: Content<'_>| {
+            std::str::from_utf8(content.bytes()).map(str::to_owned).map_err(|error| malformed(&error))
+        };
+        let (mut frame, mut set) = (String::new(), String::new());
+        let mut row = ScoreRow::new(PixelSet::All, "");
+        for field in Fields(message) {
+            match field.map_err(|error| malformed(&error))? {
+                (1, content) => frame = text(content)?,
+                (2, content) => set = text(content)?,
+                (3, Content::Varint(count)) => row.pixels = count,
+                (ZONE, content) => row.zone = text(content)?,
+                (TRUTH, Content::Varint(count)) => row.truth = count,
+                (ANSWERED, Content::Varint(count)) => row.answered = count,
+                (LOG_MEAN, Content::Fixed64(bits)) => row.log_mean = Some(f64::from_bits(bits)),
+                (field, Content::Fixed64(bits)) => {
+                    if let Some(metric) = Metric::of_field(field) {
+                        row = row.with(metric, f64::from_bits(bits));
+                    }
+                }
+                _ => {}
+            }
+        }
+        row.set = PixelSet::named(&set).ok_or_else(|| format!("a score is of the unknown pixel set `{set}`"))?;
+        row.scores.sort_by_key(|(metric, _)| metric.place());
+        row.scores.dedup_by_key(|(metric, _)| metric.name);
+        Ok(Self { frame, row })
     }
 }
 

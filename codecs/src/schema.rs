@@ -6,6 +6,7 @@
 
 use std::sync::OnceLock;
 
+use depthloom_scores::{DEPTH, DISPARITY, Metric};
 use foxglove::Encode;
 use foxglove::messages::{CameraCalibration, CompressedImage, RawImage};
 use prost::Message;
@@ -13,6 +14,8 @@ use prost_types::field_descriptor_proto::{Label, Type};
 use prost_types::{
     DescriptorProto, FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet, OneofDescriptorProto,
 };
+
+use crate::messages::{ANSWERED, LOG_MEAN, TRUTH, ZONE};
 
 /// `RawImage`: the smallest disparity searched, whole pixels; of disparity maps only, whose numbers count from a pixel below it.
 pub const MIN_DISPARITY_PX: u32 = 1001;
@@ -150,11 +153,19 @@ fn repeated(name: &str, number: u32, type_name: &str) -> FieldDescriptorProto {
 }
 
 fn score() -> DescriptorProto {
-    let mut fields =
-        vec![field("frame", 1, Type::String), field("set", 2, Type::String), field("pixels", 3, Type::Uint64)];
-    let scores = depthloom_scores::SCORE_NAMES;
-    fields.extend(scores.iter().zip(4..).map(|(name, number)| field(name, number, Type::Double)));
-    scores.into_iter().fold(message("Score", fields), optional)
+    let mut fields = vec![
+        field("frame", 1, Type::String),
+        field("set", 2, Type::String),
+        field("pixels", 3, Type::Uint64),
+        field("zone", ZONE, Type::String),
+        field("truth", TRUTH, Type::Uint64),
+        field("answered", ANSWERED, Type::Uint64),
+        field("log_mean", LOG_MEAN, Type::Double),
+    ];
+    let metrics = || DEPTH.iter().chain(&DISPARITY);
+    fields.extend(metrics().map(|metric| field(&metric.field_name(), metric.field, Type::Double)));
+    let absent = std::iter::once("log_mean".to_owned()).chain(metrics().map(Metric::field_name));
+    absent.fold(message("Score", fields), |message, field| optional(message, &field))
 }
 
 fn commit() -> DescriptorProto {

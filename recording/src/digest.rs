@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use crc32fast::Hasher;
+use depthloom_scores::{DEPTH, DISPARITY};
 use foxglove::messages::CameraCalibration;
 use prost::Message;
 use serde_json::{Map, Value as Json, json};
@@ -125,14 +126,19 @@ impl Topic {
     }
 
     fn take_score(&mut self, message: &[u8]) -> Result<(), String> {
-        let score = ScoreMessage::decode(message).map_err(|error| error.to_string())?;
-        self.crc.update(score.frame.as_bytes());
-        self.crc.update(score.set.as_bytes());
-        self.crc.update(&score.pixels.to_le_bytes());
-        let scores =
-            [score.a1, score.a2, score.a3, score.abs_rel, score.sq_rel, score.rmse, score.rmse_log, score.silog];
-        scores.iter().for_each(|score| self.crc.update(&score.unwrap_or_default().to_le_bytes()));
-        scores.iter().for_each(|score| self.crc.update(&[u8::from(score.is_some())]));
+        let ScoreMessage { frame, row } = ScoreMessage::decode(message)?;
+        self.crc.update(frame.as_bytes());
+        self.crc.update(row.set.name().as_bytes());
+        self.crc.update(row.zone.as_bytes());
+        for count in [row.pixels, row.truth, row.answered] {
+            self.crc.update(&count.to_le_bytes());
+        }
+        let metrics = DEPTH.iter().chain(&DISPARITY);
+        let numbers = std::iter::once(row.log_mean).chain(metrics.map(|metric| row.get(metric)));
+        for number in numbers {
+            self.crc.update(&number.unwrap_or_default().to_le_bytes());
+            self.crc.update(&[u8::from(number.is_some())]);
+        }
         Ok(())
     }
 

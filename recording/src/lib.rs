@@ -39,7 +39,7 @@
 //! | weight | `foxglove.RawImage` | `32FC1` |
 //! | mask | `foxglove.RawImage` | `mono8` |
 //! | calibration | `foxglove.CameraCalibration` | field 1001 is the pair's baseline |
-//! | scores | `depthloom.Score`, one a pixel set | a score that is NaN is absent |
+//! | scores | `depthloom.Score`, one a zone and pixel set | a score that was not asked for, or of no pixel, is absent |
 //! | learning curve | `depthloom.CurvePoint`, one a point | outside frames: `log_time` is that of the stage's first frame, a millisecond more a step |
 //!
 //! The source's first image port is the reference camera; its name is the `frame_id` of the calibration and of all maps.

@@ -156,7 +156,7 @@ impl Recorder {
         let stamp = Stamp { time_ns: frame.time_ns, frame_id: &port.frame_id };
         if let Value::Scores(rows) = value {
             for row in rows.iter() {
-                let message = ScoreMessage::new(&frame.id, row).encode_to_vec();
+                let message = ScoreMessage::encoded(&frame.id, row);
                 part.message(port.channel, Packing::Plain, message.len(), |out| out.extend_from_slice(&message));
             }
             return Ok(());

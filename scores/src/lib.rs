@@ -1,4 +1,4 @@
-//! The formulas of depth scores: slices in, a row out; no polars, no I/O.
+//! The formulas of scores: slices in, a row out; no polars, no I/O.
 //!
 //! They stand once, here, and serve the node `score/depth` and the analysis of recordings alike. All arithmetic is f64 with a
 //! fixed order of additions and [our own logarithm](ln), so that equal maps give equal bits on every machine.
@@ -11,11 +11,12 @@
 //! let sets = [PixelSet::All, PixelSet::Answered];
 //! let rows = score(&estimate_m, &truth_m, 4, 1, &sets, &Preset::Paper.settings());
 //! assert_eq!((rows[0].pixels, rows[1].pixels), (3, 2)); // the missing answer counts in `all` only
-//! assert_eq!(rows[1].a1, 0.5); // 11/10 is within 1.25, 26/20 is not
+//! assert_eq!(rows[1].score("a1"), Some(0.5)); // 11/10 is within 1.25, 26/20 is not
 //! ```
 
 mod crop;
 mod ln;
+mod metric;
 mod params;
 mod pixels;
 mod preset;
@@ -25,9 +26,10 @@ mod settings;
 mod sums;
 
 pub use crop::{Crop, Window};
+pub use metric::{DEPTH, DISPARITY, Family, Mean, Metric, Pooling};
 pub use params::ScoreParams;
 pub use pixels::ScoredPixels;
 pub use preset::Preset;
-pub use row::{PixelSet, SCORE_NAMES, ScoreRow};
+pub use row::{PixelSet, ScoreRow};
 pub use score::{score, score_pixels};
 pub use settings::{ScaleInvariant, Settings, SquaredRelative};

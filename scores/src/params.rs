@@ -76,6 +76,12 @@ impl ScoreParams {
         if self.sets.iter().enumerate().any(|(i, set)| self.sets[..i].contains(set)) {
             return Err(("sets", "sets names a pixel set twice".to_owned()));
         }
+        if self.sets.contains(&PixelSet::Filled) {
+            return Err((
+                "sets",
+                "sets names `filled`, which is for disparities: depths have `all` and `answered`".to_owned(),
+            ));
+        }
         self.settings().check().map_err(|(name, what)| (name, format!("{name} {what}")))
     }
 }

@@ -5,25 +5,39 @@ use std::fmt;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::Metric;
+
 /// Which pixels a score is taken over: in Table I, "Incl Occ" is `all` and "Non-occ only" is `answered`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 #[schemars(description = "Which pixels are scored.")]
 pub enum PixelSet {
-    /// Every true pixel; a missing answer counts as `missing_m`.
+    /// Every true pixel; a missing answer counts as `missing_m`, of disparities as wrong.
     All,
     /// The true pixels where the estimate answered.
     Answered,
+    /// Of disparities: every true pixel, after the benchmark's own filling of what was not answered.
+    Filled,
 }
 
 impl PixelSet {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::All, Self::Answered, Self::Filled];
+
     /// The name used in YAML, in `scores.csv` and in recordings.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
             Self::All => "all",
             Self::Answered => "answered",
+            Self::Filled => "filled",
         }
+    }
+
+    /// The set of that name.
+    #[must_use]
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|set| set.name() == name)
     }
 }
 
@@ -33,38 +47,56 @@ impl fmt::Display for PixelSet {
     }
 }
 
-/// The scores of one estimate on one frame and one pixel set; every score is NaN where no pixel counted.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// The scores of one estimate on one frame, in one zone of the image, on one pixel set.
+#[derive(Clone, Debug, PartialEq)]
 pub struct ScoreRow {
     /// The pixels scored over.
     pub set: PixelSet,
+    /// The part of the image; empty: the whole one.
+    pub zone: String,
     /// How many pixels counted.
     pub pixels: u64,
-    /// Share with `max(y/t, t/y) < 1.25`.
-    pub a1: f64,
-    /// Share with `max(y/t, t/y) < 1.25^2`.
-    pub a2: f64,
-    /// Share with `max(y/t, t/y) < 1.25^3`.
-    pub a3: f64,
-    /// Mean of `|y - t| / t`.
-    pub abs_rel: f64,
-    /// Mean of `(y - t)^2 / t`, metres (preset `kitti-depth` divides by `t^2`).
-    pub sq_rel: f64,
-    /// Root of the mean of `(y - t)^2`, metres.
-    pub rmse: f64,
-    /// Root of the mean of `(ln y - ln t)^2`.
-    pub rmse_log: f64,
-    /// Scale-invariant log error; the formula is the preset's.
-    pub silog: f64,
+    /// True pixels of the zone, after bounds and crop; 0 in a recording that does not say.
+    pub truth: u64,
+    /// Of these, how many the estimate answered; 0 in a recording that does not say.
+    pub answered: u64,
+    /// Mean of the log error: with it `silog` can be pooled over frames. `None` where no pixel counted or no logarithm was taken.
+    pub log_mean: Option<f64>,
+    /// Those asked for, in the catalogue's order; without those that are no number, for no pixel counted.
+    pub scores: Vec<(&'static Metric, f64)>,
 }
 
-/// The names of the eight scores, in the order of Table I and of `scores.csv`.
-pub const SCORE_NAMES: [&str; 8] = ["a1", "a2", "a3", "abs_rel", "sq_rel", "rmse", "rmse_log", "silog"];
-
 impl ScoreRow {
-    /// The eight scores in the order of [`SCORE_NAMES`].
+    /// A row of no pixels.
     #[must_use]
-    pub const fn scores(&self) -> [f64; 8] {
-        [self.a1, self.a2, self.a3, self.abs_rel, self.sq_rel, self.rmse, self.rmse_log, self.silog]
+    pub fn new(set: PixelSet, zone: &str) -> Self {
+        Self { set, zone: zone.to_owned(), pixels: 0, truth: 0, answered: 0, log_mean: None, scores: Vec::new() }
+    }
+
+    /// The row with one more score behind the others; one that is no number is left out.
+    #[must_use]
+    pub fn with(mut self, metric: &'static Metric, value: f64) -> Self {
+        if !value.is_nan() {
+            self.scores.push((metric, value));
+        }
+        self
+    }
+
+    /// A score, if it was asked for and a pixel counted.
+    #[must_use]
+    pub fn get(&self, metric: &Metric) -> Option<f64> {
+        self.scores.iter().find(|(of, _)| of.name == metric.name).map(|(_, value)| *value)
+    }
+
+    /// The score of that name, if it was asked for and a pixel counted.
+    #[must_use]
+    pub fn score(&self, name: &str) -> Option<f64> {
+        self.get(Metric::named(name)?)
+    }
+
+    /// The share of true pixels that were answered; `None` if there are none, or the recording does not say.
+    #[must_use]
+    pub fn density(&self) -> Option<f64> {
+        (self.truth > 0).then(|| self.answered as f64 / self.truth as f64)
     }
 }

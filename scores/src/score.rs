@@ -8,7 +8,8 @@ use crate::sums::Block;
 /// The scores of an estimate against the truth, one row a pixel set, in the order of `sets`.
 ///
 /// Both maps are row-major metres, `width * height` pixels. An estimate has no answer where it is NaN or infinite; the truth is
-/// unknown where it is NaN. Every score is NaN where no pixel counts. The formulas are those of [`ScoreRow`] and [`Settings`].
+/// unknown where it is NaN. A row in which no pixel counts has no scores. The formulas are those of the
+/// [catalogue](crate::DEPTH) and [`Settings`].
 ///
 /// # Panics
 /// If a map has another number of pixels.
@@ -50,9 +51,10 @@ pub fn score_pixels(
     let answered = answered.finish();
     let mut all = answered;
     all.merge(&missing.finish());
-    let row = |&set: &PixelSet| match set {
-        PixelSet::All => all.row(set, settings),
-        PixelSet::Answered => answered.row(set, settings),
+    let row = |&set: &PixelSet| {
+        let of_set = if set == PixelSet::Answered { &answered } else { &all };
+        let row = ScoreRow { truth: pixels.len() as u64, answered: answered.pixels(), ..ScoreRow::new(set, "") };
+        of_set.row(row, settings)
     };
     sets.iter().map(row).collect()
 }

@@ -1,8 +1,8 @@
 //! The sums a row of scores is made of, taken block by block.
 
 use crate::ln::ln;
-use crate::row::{PixelSet, ScoreRow};
-use crate::{ScaleInvariant, Settings, SquaredRelative};
+use crate::row::ScoreRow;
+use crate::{DEPTH, ScaleInvariant, Settings, SquaredRelative};
 
 /// Pixels of a block: short enough for the first cache, long enough that its end costs nothing.
 const BLOCK: usize = 256;
@@ -148,27 +148,29 @@ impl Sums {
         self.log_squared += other.log_squared;
     }
 
-    /// The row of scores; NaN where no pixel counted.
-    pub(crate) fn row(&self, set: PixelSet, settings: &Settings) -> ScoreRow {
-        let count = if self.pixels == 0 { f64::NAN } else { self.pixels as f64 };
-        let [a1, a2, a3] = self.within.map(|within| within as f64 / count);
-        ScoreRow {
-            set,
-            pixels: self.pixels,
-            a1,
-            a2,
-            a3,
-            abs_rel: self.relative / count,
-            sq_rel: match settings.sq_rel {
-                SquaredRelative::ByTruth => self.squared_by_truth,
-                SquaredRelative::ByTruthSquared => self.squared_by_truth_squared,
-            } / count,
-            rmse: (self.squared / count).sqrt(),
-            rmse_log: (self.log_squared / count).sqrt(),
-            silog: match settings.silog {
-                ScaleInvariant::HalfVariance => 0.5 * (self.log_spread / count),
-                ScaleInvariant::HundredDeviation => 100.0 * (self.log_spread / count).sqrt(),
-            },
+    /// How many pixels were added.
+    pub(crate) const fn pixels(&self) -> u64 {
+        self.pixels
+    }
+
+    /// The row with the scores of Table I; without any where no pixel counted.
+    pub(crate) fn row(&self, row: ScoreRow, settings: &Settings) -> ScoreRow {
+        if self.pixels == 0 {
+            return row;
         }
+        let count = self.pixels as f64;
+        let [a1, a2, a3] = self.within.map(|within| within as f64 / count);
+        let sq_rel = match settings.sq_rel {
+            SquaredRelative::ByTruth => self.squared_by_truth,
+            SquaredRelative::ByTruthSquared => self.squared_by_truth_squared,
+        };
+        let silog = match settings.silog {
+            ScaleInvariant::HalfVariance => 0.5 * (self.log_spread / count),
+            ScaleInvariant::HundredDeviation => 100.0 * (self.log_spread / count).sqrt(),
+        };
+        let (rmse, rmse_log) = ((self.squared / count).sqrt(), (self.log_squared / count).sqrt());
+        let scores = [a1, a2, a3, self.relative / count, sq_rel / count, rmse, rmse_log, silog];
+        let row = ScoreRow { pixels: self.pixels, log_mean: Some(self.log_mean), ..row };
+        DEPTH.iter().zip(scores).fold(row, |row, (metric, score)| row.with(metric, score))
     }
 }

@@ -25,7 +25,6 @@ from mcap.exceptions import McapError
 from mcap.reader import NonSeekingReader, SeekingReader, make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-SCORES = ("a1", "a2", "a3", "abs_rel", "sq_rel", "rmse", "rmse_log", "silog")
 CURVE_NUMBERS = ("loss", "validation", "learning_rate")
 
 
@@ -37,9 +36,11 @@ def content(schema, message):
         numbers = [*message.D, *message.K, *message.R, *message.P, message.baseline_m]
         return struct.pack(f"<II{len(numbers)}d", message.width, message.height, *numbers)
     if schema == "depthloom.Score":
-        scores = (getattr(message, score) if message.HasField(score) else 0.0 for score in SCORES)
-        present = (message.HasField(score) for score in SCORES)
-        return (message.frame + message.set).encode() + struct.pack("<Q8d8?", message.pixels, *scores, *present)
+        texts = (message.frame + message.set + message.zone).encode()
+        numbers = [field.name for field in message.DESCRIPTOR.fields if field.type == field.TYPE_DOUBLE]
+        told = [struct.pack("<3Q", message.pixels, message.truth, message.answered)]
+        told += [struct.pack("<d?", getattr(message, name), message.HasField(name)) for name in numbers]
+        return texts + b"".join(told)
     if schema == "depthloom.Commit":
         told = [struct.pack("<IQ", message.run, message.index), (message.frame + message.source_key).encode()]
         told += [struct.pack("<I", of.node) + of.key.encode() for of in message.keys]

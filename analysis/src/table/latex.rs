@@ -2,8 +2,8 @@
 
 use std::ops::Range;
 
+use super::Table;
 use super::markdown::capitalised;
-use super::{LINES, Table};
 
 /// What fits beside each other, in digits of `\footnotesize` (4.25 pt): the 345 pt of an article's page, and the 240 pt of a
 /// column of two.
@@ -72,7 +72,7 @@ fn parts(table: &Table, group: Range<usize>) -> Vec<Range<usize>> {
 /// How wide some columns under one heading are.
 fn width(table: &Table, columns: &Range<usize>) -> usize {
     let column = |column: usize| {
-        let cells = (0..LINES.len()).map(|line| {
+        let cells = (0..table.metrics.len()).map(|line| {
             let (ours, paper) = table.cell(line, column);
             ours.len() + paper.map_or(0, |paper| paper.len() + 1)
         });
@@ -108,7 +108,7 @@ fn push_block(table: &Table, block: &[Range<usize>], text: &mut String) {
         text.push_str(&format!(" & {}", escaped(&table.columns[column].name)));
     }
     text.push_str(" \\\\\n\\midrule\n");
-    for (line, row) in LINES.iter().enumerate() {
+    for (line, row) in table.metrics.iter().enumerate() {
         text.push_str(row.latex);
         for column in columns() {
             let (ours, paper) = table.cell(line, column);

@@ -1,6 +1,6 @@
 //! The table in Markdown.
 
-use super::{LINES, Table};
+use super::Table;
 
 pub(super) fn render(table: &Table) -> String {
     let mut text = String::from("| |");
@@ -10,7 +10,7 @@ pub(super) fn render(table: &Table) -> String {
     text.push_str("\n|---|");
     text.push_str(&"---:|".repeat(table.columns.len()));
     text.push('\n');
-    for (line, row) in LINES.iter().enumerate() {
+    for (line, row) in table.metrics.iter().enumerate() {
         text.push_str(&format!("| {} {} |", row.plain, if row.more_is_better { '↑' } else { '↓' }));
         for column in 0..table.columns.len() {
             let (ours, paper) = table.cell(line, column);

@@ -1,13 +1,13 @@
 //! The table as aligned text.
 
-use super::{LINES, Table};
+use super::Table;
 
 /// Blocks of whole groups, none wider than `width` unless a single group is.
 pub(super) fn render(table: &Table, width: usize) -> String {
-    let names = LINES.iter().map(|line| line.plain.len() + 2).max().unwrap_or(0);
+    let names = table.metrics.iter().map(|line| line.plain.len() + 2).max().unwrap_or(0);
     let widths: Vec<usize> = (0..table.columns.len())
         .map(|column| {
-            let cells = (0..LINES.len()).map(|line| cell(table, line, column).chars().count());
+            let cells = (0..table.metrics.len()).map(|line| cell(table, line, column).chars().count());
             cells.chain([table.columns[column].name.chars().count()]).max().unwrap_or(0) + 2
         })
         .collect();
@@ -51,7 +51,7 @@ fn render_block(
     push_line(text, "");
     push_line(text, &headings);
     push_line(text, &columns);
-    for (line, row) in LINES.iter().enumerate() {
+    for (line, row) in table.metrics.iter().enumerate() {
         let arrow = if row.more_is_better { '↑' } else { '↓' };
         let mut cells = format!("{:<1$}", format!("{} {arrow}", row.plain), names);
         for (group, wide) in block {

@@ -18,7 +18,7 @@ use crate::fixture::{self, ESTIMATORS, FRAMES};
 
 /// What tells rows apart, then the columns of `../shared/oracle/golden/ground_plane/scores.csv`.
 const SCORE_COLUMNS: &str =
-    "stage,position,frame,estimator,scored_on,pixels,a1,a2,a3,abs_rel,sq_rel,rmse,rmse_log,silog";
+    "stage,position,frame,estimator,scored_on,pixels,a1,a2,a3,abs_rel,sq_rel,rmse,rmse_log,silog,density";
 const FILES: [&str; 9] = [
     "error_vs_distance.csv",
     "error_vs_distance.parquet",
@@ -61,7 +61,7 @@ fn scores_are_those_that_were_recorded_in_the_oracles_order() {
         for (set, estimators) in [(PixelSet::All, [2, 0, 1].as_slice()), (PixelSet::Answered, &[2])] {
             for &i in estimators.iter().filter(|&&i| fixture::answered(index, i)) {
                 let row = rows[i].iter().find(|row| row.set == set).unwrap();
-                expected.push((index, ESTIMATORS[i].0, *row));
+                expected.push((index, ESTIMATORS[i].0, row.clone()));
             }
         }
     }
@@ -70,7 +70,8 @@ fn scores_are_those_that_were_recorded_in_the_oracles_order() {
         assert_eq!(cells[..3], ["compare".to_owned(), index.to_string(), format!("{index:06}_10")]);
         assert_eq!(cells[3..6], [label.to_owned(), row.set.to_string(), row.pixels.to_string()]);
         let scores: Vec<f64> = cells[6..].iter().map(|cell| number(cell)).collect();
-        assert_eq!(scores, row.scores());
+        let expected = row.scores.iter().map(|(_, score)| *score).chain(row.density());
+        assert_eq!(scores, expected.collect::<Vec<_>>());
     }
 }
 
@@ -82,9 +83,9 @@ fn the_table_is_the_mean_over_the_frames_of_all() {
     let common: Vec<u64> = (0..FRAMES - 2).collect();
     for cells in &table[1..] {
         let i = ESTIMATORS.iter().position(|(label, ..)| *label == cells[0]).unwrap();
-        let of = |index: &u64| *fixture::rows(*index)[i].iter().find(|row| row.set.name() == cells[1]).unwrap();
+        let of = |index: &u64| fixture::rows(*index)[i].iter().find(|row| row.set.name() == cells[1]).unwrap().clone();
         for score in 0..8 {
-            let mean = common.iter().map(|index| of(index).scores()[score]).sum::<f64>() / common.len() as f64;
+            let mean = common.iter().map(|index| of(index).scores[score].1).sum::<f64>() / common.len() as f64;
             assert!((number(&cells[2 + score]) - mean).abs() < 1e-12, "{cells:?}");
         }
         assert_eq!(cells[10], common.len().to_string());

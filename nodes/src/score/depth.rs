@@ -19,7 +19,7 @@ impl Node for ScoreDepth {
     fn declaration() -> NodeDeclaration {
         NodeDeclaration {
             kind: "score/depth",
-            version: 1,
+            version: 2,
             contract: Contract::Pure,
             summary: "The eight scores of Table I of an estimate against the truth, per frame.",
             doc: "\

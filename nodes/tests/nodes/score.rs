@@ -25,7 +25,8 @@ fn sets_come_in_the_order_asked_for() {
         rows.iter().map(|row| (row.set, row.pixels)).collect::<Vec<_>>(),
         [(PixelSet::Answered, 2), (PixelSet::All, 3)]
     );
-    assert_eq!(rows[0].abs_rel, 0.25);
+    assert_eq!(rows[0].score("abs_rel"), Some(0.25));
+    assert_eq!((rows[0].density(), rows[1].density()), (Some(2.0 / 3.0), Some(2.0 / 3.0)));
 }
 
 #[test]
@@ -34,17 +35,17 @@ fn single_settings_override_the_preset() {
     assert_eq!(far[0].pixels, 3);
     let kitti = rows(&json!({ "preset": "kitti-depth", "sets": ["answered"] }), &ESTIMATE, &TRUTH);
     assert_eq!(kitti[0].pixels, 3);
-    assert_eq!(kitti[0].sq_rel, 0.25 / 3.0);
+    assert_eq!(kitti[0].score("sq_rel"), Some(0.25 / 3.0));
     let by_truth = json!({ "preset": "kitti-depth", "sets": ["answered"], "sq_rel": "by-truth" });
-    assert_eq!(rows(&by_truth, &ESTIMATE, &TRUTH)[0].sq_rel, 10.0 / 3.0);
+    assert_eq!(rows(&by_truth, &ESTIMATE, &TRUTH)[0].score("sq_rel"), Some(10.0 / 3.0));
     let missing = json!({ "missing_m": 10.0 });
-    assert_eq!(rows(&missing, &ESTIMATE, &TRUTH)[0].a1, 2.0 / 3.0);
+    assert_eq!(rows(&missing, &ESTIMATE, &TRUTH)[0].score("a1"), Some(2.0 / 3.0));
 }
 
 #[test]
 fn median_scaling_forgives_a_wrong_scale() {
     let (estimate, truth) = ([1.0, 2.0, 3.0, 4.0], [10.0, 20.0, 30.0, 40.0]);
     let scaled = json!({ "median_scaling": true });
-    assert_eq!(rows(&scaled, &estimate, &truth)[0].abs_rel, 0.0);
-    assert_eq!(rows(&json!({}), &estimate, &truth)[0].a1, 0.0);
+    assert_eq!(rows(&scaled, &estimate, &truth)[0].score("abs_rel"), Some(0.0));
+    assert_eq!(rows(&json!({}), &estimate, &truth)[0].score("a1"), Some(0.0));
 }

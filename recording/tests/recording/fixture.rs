@@ -14,7 +14,7 @@ use depthloom_graphs::values::{
 };
 use depthloom_graphs::{Frame, Key, Port, Value, ValueType};
 use depthloom_recording::{Attachment, Recorder};
-use depthloom_scores::{PixelSet, ScoreRow};
+use depthloom_scores::{Family, Metric, PixelSet, ScoreRow};
 use image::{GrayImage, RgbImage};
 use serde_json::json;
 
@@ -206,17 +206,17 @@ pub fn values(frame: &Frame, width: u32, height: u32) -> Vec<(Slot, Value)> {
         cy_px: 172.854,
         baseline_m: 0.532_725_451_7,
     };
-    let row = |set, a1| ScoreRow {
-        set,
-        pixels: 7 * frame.index,
-        a1,
-        a2: 0.1 + 0.2,
-        a3: 1.0,
-        abs_rel: f64::NAN,
-        sq_rel: 0.0,
-        rmse: 1e-300,
-        rmse_log: -0.0,
-        silog: 0.25,
+    // One with all scores of a recording of before, one in a zone with others, and numbers that are easily lost.
+    let row = |set, a1| {
+        let scores = [a1, 0.1 + 0.2, 1.0, f64::NAN, 0.0, 1e-300, -0.0, 0.25];
+        let row = ScoreRow { pixels: 7 * frame.index, ..ScoreRow::new(set, "") };
+        Family::Depth.defaults().into_iter().zip(scores).fold(row, |row, (metric, score)| row.with(metric, score))
+    };
+    let zone = |epe: f64| {
+        let named = |name: &str| Metric::named(name).unwrap();
+        let counts = ScoreRow::new(PixelSet::Filled, "10..20");
+        let counts = ScoreRow { pixels: 5, truth: u64::MAX, answered: 3, log_mean: Some(-0.0), ..counts };
+        counts.with(named("irmse"), f64::INFINITY).with(named("epe"), epe).with(named("d1"), 0.0)
     };
     let node = |node, port| Slot::Node { node, port };
     let mut values: Vec<(Slot, Value)> = vec![
@@ -235,7 +235,7 @@ pub fn values(frame: &Frame, width: u32, height: u32) -> Vec<(Slot, Value)> {
         (node(3, 0), Depth { metres: fused }.into()),
     ]);
     if frame.index % 3 != 2 {
-        let rows = vec![row(PixelSet::Answered, 0.5), row(PixelSet::All, f64::NAN)];
+        let rows = vec![row(PixelSet::Answered, 0.5), row(PixelSet::All, f64::NAN), zone(-0.0)];
         values.push((node(4, 0), rows.into()));
     }
     values

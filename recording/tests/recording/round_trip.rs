@@ -7,6 +7,7 @@ use depthloom_graphs::contracts::{Failure, Slot, Store, Stored, Tap};
 use depthloom_graphs::values::{Curve, Pixels};
 use depthloom_graphs::{Key, Value};
 use depthloom_recording::{Condition, RecordedContent, Recorder, Recording, RecordingError};
+use depthloom_scores::ScoreRow;
 
 const WIDTH: u32 = 70;
 const HEIGHT: u32 = 40;
@@ -22,7 +23,7 @@ fn curve_bits(curve: &Curve) -> Vec<(u64, u64, Option<u64>, u64)> {
     curve.points.iter().map(bits).collect()
 }
 
-/// Equality of every bit but those of NaN scores, which are recorded as absent.
+/// Equality of every bit.
 fn assert_same(recorded: &Value, read: &Value) {
     match (recorded, read) {
         (Value::Image(a), Value::Image(b)) => {
@@ -40,9 +41,10 @@ fn assert_same(recorded: &Value, read: &Value) {
         (Value::Scores(a), Value::Scores(b)) => {
             assert_eq!(a.len(), b.len());
             for (a, b) in a.iter().zip(b.iter()) {
-                assert_eq!((a.set, a.pixels), (b.set, b.pixels));
-                let bits = |scores: [f64; 8]| scores.map(|s| if s.is_nan() { None } else { Some(s.to_bits()) });
-                assert_eq!(bits(a.scores()), bits(b.scores()));
+                let bits = |row: &ScoreRow| -> Vec<(&str, u64)> {
+                    row.scores.iter().map(|(metric, score)| (metric.name, score.to_bits())).collect()
+                };
+                assert_eq!((a, bits(a)), (b, bits(b)));
             }
         }
         (Value::Curve(a), Value::Curve(b)) => assert_eq!(curve_bits(a), curve_bits(b)),
