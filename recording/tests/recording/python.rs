@@ -82,11 +82,13 @@ fn python_sees_what_viewers_need() {
     assert_eq!(first("/compare/edges/mask")["encoding"], "mono8");
 
     let scores = topic("/compare/score_fused/scores");
-    assert_eq!(scores["count"], 4, "two pixel sets of two frames");
+    assert_eq!(scores["count"], 6, "two pixel sets and a zone of two frames");
     assert_eq!(scores["messages"][0]["frame"], "000000_10");
     assert_eq!(scores["messages"][0]["set"], "answered");
     assert_eq!(scores["messages"][0]["a2"], 0.1 + 0.2);
     assert!(scores["messages"][0].get("abs_rel").is_none(), "a NaN is absent");
+    assert_eq!(scores["messages"][2]["zone"], "10..20");
+    assert_eq!(scores["messages"][2]["truth"], u64::MAX.to_string(), "JSON writes 64-bit numbers as text");
     let commits = &topic("/compare/commit")["messages"];
     assert_eq!(commits[2]["failures"][0]["what"], "score: no truth");
     let curve = topic(CURVE);
