@@ -16,6 +16,7 @@ use crate::parse::{self, ChunkHead, RECORD_HEADER};
 use crate::unpack::{ChunkBuffers, LARGEST_CHUNK};
 use crate::window::Window;
 use depthloom_codecs::messages::CommitMessage;
+use depthloom_codecs::schema::Schema;
 
 /// The most bytes before a chunk's or an attachment's content that are looked at: names are short.
 const HEAD: u64 = 1 << 16;
@@ -180,7 +181,7 @@ impl Walk<'_> {
     fn schema(&mut self, here: Here) -> Result<(), End> {
         let body = self.window.at(here.body, here.length)?.ok_or(End::Cut)?;
         match parse::schema(body) {
-            Some((id, name)) if !self.index.schemas.contains_key(&id) => {
+            Some((id, name)) if !self.index.schemas.contains_key(&id) && is_consistent(id, &name) => {
                 self.index.schemas.insert(id, name);
                 self.kept.later_schemas.push(id);
                 Ok(())
@@ -378,6 +379,14 @@ impl Walk<'_> {
             from += BLOCK;
         }
         Ok(None)
+    }
+}
+
+/// Whether a schema has the id that its name always has, and no other's: one that is damaged would hide all commits behind it.
+fn is_consistent(id: u16, name: &str) -> bool {
+    match Schema::named(name) {
+        Some(schema) => schema.id() == id,
+        None => Schema::ALL.iter().all(|schema| schema.id() != id),
     }
 }
 

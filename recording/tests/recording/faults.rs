@@ -137,7 +137,10 @@ fn flip_bits(bytes: &[u8], reach: usize, seed: u64) {
                         let differs = told.bytes().zip(expected.bytes()).position(|(a, b)| a != b).unwrap_or_default();
                         let around = |text: &str| text.get(differs.saturating_sub(80)..differs + 80).map(str::to_owned);
                         let (is, was) = (around(&told), around(&expected));
-                        assert!(told == expected, "bit {bit} of byte {place} silently changes what is read: {is:?} was {was:?}");
+                        assert!(
+                            told == expected,
+                            "bit {bit} of byte {place} silently changes what is read: {is:?} was {was:?}"
+                        );
                         assert_eq!(*now, condition, "bit {bit} of byte {place}");
                         same += 1;
                     }
