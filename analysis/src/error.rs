@@ -1,11 +1,10 @@
 //! Why a recording could not be analysed.
 
-use std::any::Any;
 use std::io;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 
 use depthloom_recording::RecordingError;
+use depthloom_threads::Caught;
 use polars::error::PolarsError;
 
 /// Why a recording could not be analysed.
@@ -115,18 +114,11 @@ impl AnalysisError {
     pub(crate) fn content(what: impl Into<String>) -> Self {
         Self::Content { what: what.into() }
     }
-
-    /// What a thread that panicked said.
-    fn panicked(payload: &(dyn Any + Send)) -> Self {
-        let text = payload.downcast_ref::<&str>().copied();
-        let text = text.or_else(|| payload.downcast_ref::<String>().map(String::as_str));
-        Self::Panicked { what: text.unwrap_or("no message").to_owned() }
-    }
 }
 
 /// Runs `f`; a panic in it is an error as any other.
 pub(crate) fn caught<R>(f: impl FnOnce() -> Result<R, AnalysisError>) -> Result<R, AnalysisError> {
-    catch_unwind(AssertUnwindSafe(f)).unwrap_or_else(|payload| Err(AnalysisError::panicked(payload.as_ref())))
+    depthloom_threads::caught(f).unwrap_or_else(|Caught(what)| Err(AnalysisError::Panicked { what }))
 }
 
 #[cfg(test)]

@@ -5,14 +5,13 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 use depthloom_graphs::{Host, Key};
+use depthloom_threads::{Budget, Caught, caught, resume};
 
 use crate::checkpoints::{Checkpoints, Refused};
 use crate::interrupt::Interrupt;
 use crate::observer::Observer;
-use crate::panics::{Caught, caught, resume};
 use crate::timing::Stopwatch;
 use crate::warnings::Warnings;
-use depthloom_threads::Budget;
 
 /// The host of one task.
 pub(crate) struct TaskHost<'a> {
@@ -111,10 +110,9 @@ mod tests {
     use super::TaskHost;
     use crate::interrupt::Interrupt;
     use crate::observer::Unwatched;
-    use crate::panics::caught;
     use crate::warnings::Warnings;
     use depthloom_graphs::Host;
-    use depthloom_threads::Budget;
+    use depthloom_threads::{Budget, caught};
     use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 
     fn host<'a>(budget: &'a Budget, interrupt: &'a Interrupt, warnings: &'a Warnings) -> TaskHost<'a> {

@@ -10,11 +10,12 @@ use depthloom_graphs::plan::{Origin, Plan, PlannedNode};
 use depthloom_graphs::{
     Context, Fault, Host as _, Inputs, Key, OnceNode, OrderedNode, Port, Rate, Scratch, Value, value_keys,
 };
+use depthloom_threads::caught;
 
 use crate::error::RunError;
 use crate::host::TaskHost;
 use crate::in_flight::locked;
-use crate::panics::caught;
+use crate::panics::fault;
 use crate::retire::Completion;
 use crate::stage::Common;
 use crate::timing::{Phase, Spent, Stopwatch, Timing};
@@ -257,7 +258,7 @@ impl<T: Tap> OnceWork<'_, T> {
             Job::Finish(instance, _) => caught(|| instance.finish(&mut ctx)),
         };
         self.common.checkpoints.release(&key);
-        let made = made.unwrap_or_else(|panic| Err(panic.into())).and_then(|given| given.in_order_of(&ports));
+        let made = made.unwrap_or_else(|panic| Err(fault(panic))).and_then(|given| given.in_order_of(&ports));
         (made, watch.stop(host.helpers_cpu_ns.into_inner()))
     }
 }

@@ -1,82 +1,9 @@
 //! Panics in nodes, sources and taps, turned into faults.
 
-use std::any::Any;
-use std::cell::{Cell, RefCell};
-use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind, set_hook, take_hook};
-use std::sync::Once;
-
 use depthloom_graphs::Fault;
+use depthloom_threads::Caught;
 
-thread_local! {
-    static WATCHED: Cell<bool> = const { Cell::new(false) };
-    static PLACE: RefCell<Option<String>> = const { RefCell::new(None) };
-}
-
-/// A panic that has been caught: its message, place included.
-#[derive(Debug)]
-pub(crate) struct Caught(pub(crate) String);
-
-/// Runs `f`; a panic in it is caught, printed nowhere, and told in words.
-///
-/// The message would otherwise go to the standard error of a program that may be drawing progress bars there, and once more
-/// in the error. So the first call wraps the process's panic hook: panics inside `caught` are kept, all others go the old way.
-pub(crate) fn caught<R>(f: impl FnOnce() -> R) -> Result<R, Caught> {
-    static WRAPPED: Once = Once::new();
-    WRAPPED.call_once(|| {
-        let before = take_hook();
-        set_hook(Box::new(move |info| {
-            if WATCHED.with(Cell::get) {
-                PLACE.set(info.location().map(ToString::to_string));
-            } else {
-                before(info);
-            }
-        }));
-    });
-    let outer = WATCHED.replace(true);
-    // What a panic may leave half-done is dropped: scratch buffers taken are lost, and an ordered node is not called again.
-    let result = catch_unwind(AssertUnwindSafe(f));
-    WATCHED.set(outer);
-    result.map_err(|payload| Caught(message(payload.as_ref(), PLACE.take())))
-}
-
-/// Goes on panicking with a panic that was caught on another thread.
-pub(crate) fn resume(panic: Caught) -> ! {
-    resume_unwind(Box::new(panic))
-}
-
-impl From<Caught> for Fault {
-    fn from(panic: Caught) -> Self {
-        Self::new(format!("panicked {}", panic.0))
-            .remedy("this is an error in the engine or in a node: please report it")
-    }
-}
-
-fn message(payload: &(dyn Any + Send), place: Option<String>) -> String {
-    if let Some(Caught(told)) = payload.downcast_ref() {
-        return told.clone();
-    }
-    let text = payload.downcast_ref::<&str>().copied().or_else(|| payload.downcast_ref::<String>().map(String::as_str));
-    let place = place.unwrap_or_else(|| "an unknown place".to_owned());
-    format!("at {place}: {}", text.unwrap_or("no message"))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::{caught, resume};
-    use depthloom_graphs::Fault;
-
-    #[test]
-    fn a_panic_is_told_with_its_place() {
-        let fault = Fault::from(caught(|| panic!("{} is not {}", 2, 3)).expect_err("it panics"));
-        assert!(fault.to_string().starts_with("panicked at "), "{fault}");
-        assert!(fault.to_string().contains("panics.rs:") && fault.to_string().ends_with(": 2 is not 3"), "{fault}");
-    }
-
-    #[test]
-    fn a_panic_carried_over_from_another_thread_keeps_its_place() {
-        let there = std::thread::spawn(|| caught(|| panic!("there")).err()).join().expect("it is caught");
-        let told = there.as_ref().map(|c| c.0.clone()).expect("it panics");
-        let here = caught(|| resume(there.expect("it panics"))).expect_err("it goes on");
-        assert_eq!(here.0, told);
-    }
+/// A panic as the fault of whoever panicked.
+pub(crate) fn fault(Caught(told): Caught) -> Fault {
+    Fault::new(format!("panicked {told}")).remedy("this is an error in the engine or in a node: please report it")
 }

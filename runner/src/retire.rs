@@ -7,11 +7,11 @@ use crossbeam::channel::Receiver;
 use depthloom_graphs::Frame;
 use depthloom_graphs::contracts::{Commit, Failure, SlotKey, Tap, TapError};
 use depthloom_graphs::plan::Plan;
+use depthloom_threads::caught;
 
 use crate::error::RunError;
 use crate::frame_graph::Step;
 use crate::in_flight::{InFlight, Outcome};
-use crate::panics::caught;
 use crate::report::{FrameFailure, Report, StageReport};
 use crate::stage::Stage;
 use crate::timing::{Phase, Stopwatch, Timing};

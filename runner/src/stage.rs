@@ -15,11 +15,11 @@ use crate::in_flight::{InFlight, Outcome, Settled, locked};
 use crate::interrupt::Interrupt;
 use crate::observer::Observer;
 use crate::ordered::Ordered;
-use crate::panics::caught;
+use crate::panics::fault;
 use crate::queues::Queues;
 use crate::timing::{Spent, Stopwatch};
 use crate::warnings::Warnings;
-use depthloom_threads::Budget;
+use depthloom_threads::{Budget, caught};
 
 /// A node as the frames see it.
 pub(crate) enum FrameNode<P> {
@@ -274,7 +274,7 @@ impl<'a, T: Tap> Stage<'a, T> {
             }
             Ok(read)
         };
-        let read = caught(read).unwrap_or_else(|panic| Err(panic.into()));
+        let read = caught(read).unwrap_or_else(|panic| Err(fault(panic)));
         let read = read.and_then(|read| Ok((read.outputs.in_order_of(&self.graph.producers[0].outputs)?, read.key)));
         let spent = worker.stop(watch, &host);
         self.close(frame, 0, read, spent)
@@ -299,14 +299,14 @@ impl<'a, T: Tap> Stage<'a, T> {
         let in_order = |given: Outputs| given.in_order_of(&producer.outputs);
         let fired = match &self.nodes[node] {
             FrameNode::Pure(pure) => {
-                let fired = caught(|| pure.process(&inputs, &mut ctx)).unwrap_or_else(|panic| Err(panic.into()));
+                let fired = caught(|| pure.process(&inputs, &mut ctx)).unwrap_or_else(|panic| Err(fault(panic)));
                 fired.and_then(in_order).map(|values| (values, value_keys::pure(recipe, &worker.keys)))
             }
             FrameNode::Ordered(ordered) => {
                 let mut state = locked(&ordered.state);
                 let instant = &self.source.frames()[frame.position];
                 let fired = match state.node.as_mut() {
-                    Some(node) => caught(|| node.process(instant, &inputs, &mut ctx)).unwrap_or_else(|p| Err(p.into())),
+                    Some(node) => caught(|| node.process(instant, &inputs, &mut ctx)).unwrap_or_else(|p| Err(fault(p))),
                     None => Err(Fault::new("failed on an earlier frame")),
                 };
                 let fired = fired.and_then(in_order);

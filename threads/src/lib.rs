@@ -1,4 +1,4 @@
-//! One budget of threads for all who work at once, and tiles spread over it.
+//! One budget of threads for all who work at once, tiles spread over it, and panics that are caught on the way.
 //!
 //! ```
 //! use std::sync::atomic::{AtomicUsize, Ordering};
@@ -16,7 +16,9 @@
 
 mod budget;
 mod helpers;
+mod panics;
 mod tiles;
 
 pub use budget::{Budget, Permit};
+pub use panics::{Caught, caught, resume};
 pub use tiles::{Serial, Tiles, rounds_in_one_run};

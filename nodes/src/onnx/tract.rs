@@ -3,10 +3,10 @@
 //! Called directly, not through ONNX Runtime's interface (the crate `ort-tract`): on some broken models tract panics, and a panic cannot
 //! pass that interface of C, but ends the process. Here it is an error as any other.
 
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 
 use depthloom_kernels::memory::{TooMuch, bytes_of};
+use depthloom_threads::Caught;
 use tract_onnx::pb::ModelProto;
 use tract_onnx::prelude::{
     Datum, Framework, InferenceFact, InferenceModelExt, IntoRunnable, Tensor, TractError, TractResult,
@@ -73,13 +73,9 @@ impl TractSession {
 /// What tract said, its panics included.
 fn caught<T>(work: impl FnOnce() -> TractResult<T>) -> Result<T, String> {
     // What a panic may leave half-done is a plan or a run of its own, and dropped.
-    match catch_unwind(AssertUnwindSafe(work)) {
+    match depthloom_threads::caught(work) {
         Ok(result) => result.map_err(|error| format!("{error:#}")),
-        Err(panic) => {
-            let text = panic.downcast_ref::<&str>().copied();
-            let text = text.or_else(|| panic.downcast_ref::<String>().map(String::as_str));
-            Err(format!("tract failed within: {}", text.unwrap_or("it says not why")))
-        }
+        Err(Caught(told)) => Err(format!("tract failed within, {told}")),
     }
 }
 

@@ -305,3 +305,15 @@ fn fault_42_pixels_of_a_network_that_are_no_numbers_are_counted_and_cost_stereo_
         }
     }
 }
+
+#[test]
+fn a_panic_of_tract_over_a_model_is_an_error_and_printed_nowhere_else() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let image = Tensor("image", F32, &[1, 3, 64, 192]);
+    let model = onnx_file::model("ReduceMean", Some(9), &[image], &Tensor("share", F32, &[1, 1, 64, 192]));
+    let experiment = experiment(folder.path(), &model, "{ output: disparity-share }");
+    let output = bare().arg("run").arg(&experiment).arg("--out").arg(folder.path().join("run")).output().expect("run");
+    let told = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{told}");
+    assert!(told.contains("rank and axis: 4 and 9") && !told.contains("panicked"), "{told}");
+}
