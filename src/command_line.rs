@@ -3,8 +3,10 @@
 use std::ffi::OsString;
 use std::path::Path;
 
+use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{CommandFactory as _, FromArgMatches as _};
 use depthloom_graphs::Registry;
+use depthloom_graphs::language::nearest;
 
 use crate::args::Cli;
 use crate::completion;
@@ -45,8 +47,22 @@ pub fn asks_for_json(arguments: impl IntoIterator<Item = OsString>) -> bool {
 /// What the process's arguments ask for.
 pub fn parse(registry: &Registry) -> Result<Cli, clap::Error> {
     let mut command = command(registry);
-    let mut matches = command.try_get_matches_from_mut(std::env::args_os())?;
+    let matches = command.try_get_matches_from_mut(std::env::args_os());
+    let mut matches = matches.map_err(|error| with_nearest_command(error, &command))?;
     Cli::from_arg_matches_mut(&mut matches).map_err(|error| error.format(&mut command))
+}
+
+/// Suggests a command where clap has none: it goes by how many letters stand about where they should, which of `rnu` is one.
+fn with_nearest_command(mut error: clap::Error, command: &clap::Command) -> clap::Error {
+    if error.kind() == ErrorKind::InvalidSubcommand
+        && error.get(ContextKind::SuggestedSubcommand).is_none()
+        && let Some(ContextValue::String(written)) = error.get(ContextKind::InvalidSubcommand)
+        && let Some(near) = nearest(written, command.get_subcommands().map(clap::Command::get_name))
+    {
+        let near = ContextValue::String(near.to_owned());
+        error.insert(ContextKind::SuggestedSubcommand, near);
+    }
+    error
 }
 
 /// An error of the arguments as any other: what is wrong, and what would be right.

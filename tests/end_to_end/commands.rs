@@ -320,11 +320,17 @@ fn help_names_exit_codes_and_the_nearest_command() {
         let told = text(&succeed(depthloom().args(["help", command])));
         assert!(command == "help" || told.contains("Exit codes:"), "{told}");
     }
-    for (typo, near) in [("runn", "run"), ("reprot", "report"), ("node", "nodes"), ("timing", "timings")] {
-        let output = ends(depthloom().arg(typo), 2);
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert!(said.contains(&format!("'{near}'")), "{said}");
+    for (typo, near) in
+        [("runn", "run"), ("rnu", "run"), ("reprot", "report"), ("node", "nodes"), ("timing", "timings")]
+    {
+        for before in [&[][..], &["help"]] {
+            let output = ends(depthloom().args(before).arg(typo), 2);
+            let said = String::from_utf8_lossy(&output.stderr);
+            assert!(said.contains(&format!("'{near}'")), "{said}");
+        }
     }
+    let told = json(&ends(depthloom().args(["rnu", "--json"]), 2));
+    assert_eq!(told["error"]["help"], "a similar subcommand exists: 'run'");
     let output = ends(depthloom().args(["man", "reprot"]), 2);
     assert!(String::from_utf8_lossy(&output.stderr).contains("`report`"));
 }
