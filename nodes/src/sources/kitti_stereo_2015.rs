@@ -12,6 +12,7 @@ use depthloom_kernels::depth::truth_from_disparity_png;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::asked::Asked;
 use super::{kitti_calibration, png};
 use crate::shape::filled;
 
@@ -91,6 +92,8 @@ pub struct KittiStereo2015 {
     has_calibration: bool,
     frames: Vec<Frame>,
     warnings: Vec<String>,
+    /// A run asks for a frame's key and reads it at once: its files are read and hashed once.
+    asked: Asked<(FrameFiles, Key)>,
 }
 
 impl SourceKind for KittiStereo2015 {
@@ -156,7 +159,8 @@ baseline `B` in metres). Truth is optional: 16-bit grey PNG of disparity * 256, 
             Split::Testing => None,
         };
         let has_calibration = folder.join(CALIBRATION).is_dir();
-        let mut source = Self { truth, has_calibration, frames, folder, warnings: Vec::new() };
+        let (warnings, asked) = (Vec::new(), Asked::default());
+        let mut source = Self { truth, has_calibration, frames, folder, warnings, asked };
         let unread = source.check_companions(&listed)?;
         source.warnings.extend(unread_files(&unread));
         Ok(Box::new(source))
@@ -233,15 +237,18 @@ impl FrameFiles {
 }
 
 impl KittiStereo2015 {
-    fn files(&self, position: usize) -> Result<FrameFiles, Fault> {
+    /// The files of a frame, and their key.
+    fn files(&self, position: usize) -> Result<(FrameFiles, Key), Fault> {
         let frame = &self.frames[position];
         let read = |path: PathBuf| png::read(&path).map(|bytes| (path, bytes));
-        Ok(FrameFiles {
+        let files = FrameFiles {
             left: read(self.image_path("image_2", frame))?,
             right: read(self.image_path("image_3", frame))?,
             calibration: self.has_calibration.then(|| read(self.calibration_path(frame))).transpose()?,
             truth: self.truth.map(|folder| read(self.image_path(folder, frame))).transpose()?,
-        })
+        };
+        let key = files.key();
+        Ok((files, key))
     }
 }
 
@@ -255,12 +262,13 @@ impl Source for KittiStereo2015 {
     }
 
     fn key(&self, position: usize) -> Result<Key, Fault> {
-        Ok(self.files(position)?.key())
+        let (files, key) = self.files(position)?;
+        self.asked.keep(position, (files, key));
+        Ok(key)
     }
 
     fn read(&self, position: usize, ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
-        let files = self.files(position)?;
-        let key = files.key();
+        let (files, key) = self.asked.take(position).map_or_else(|| self.files(position), Ok)?;
         let ((left_path, left), (right_path, right)) = (files.left, files.right);
         let left = png::image(&left_path, left)?;
         let right = png::image(&right_path, right)?;

@@ -1,5 +1,6 @@
 //! Where frames come from: data sets and renderers.
 
+mod asked;
 mod kitti_calibration;
 mod kitti_stereo_2015;
 mod png;

@@ -65,10 +65,11 @@ impl Opened {
     /// As [`Opened::read`], on a host of the test's own.
     pub fn read_on(&self, host: &dyn Host, position: usize) -> Result<(Values, Key), Fault> {
         let mut scratch = Scratch::default();
+        let key = self.source.key(position)?;
         let read = self.source.read(position, &mut Context::new(host, &mut scratch))?;
         let outputs = read.outputs.in_order_of(&self.declaration.outputs)?;
         let named = self.declaration.outputs.iter().zip(outputs);
-        assert_eq!(self.source.key(position)?, read.key, "a key is known before the frame is read");
+        assert_eq!(key, read.key, "a key is known before the frame is read");
         Ok((named.filter_map(|(port, value)| Some((port.name, value?))).collect(), read.key))
     }
 }

@@ -4,7 +4,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
-use depthloom_graphs::{Fault, Host, Value};
+use depthloom_graphs::contracts::InlineHost;
+use depthloom_graphs::{Context, Fault, Host, Scratch, Value};
 use image::{DynamicImage, GrayImage, ImageBuffer, Luma, Rgb, RgbImage};
 use serde_json::{Value as Json, json};
 use tempfile::TempDir;
@@ -103,6 +104,19 @@ fn a_frame_has_its_images_with_their_bytes_its_calibration_and_its_truth() {
     let depth = metres(&values["depth"]);
     assert!(depth[0].is_nan());
     assert_eq!(depth[5], 50.0);
+}
+
+#[test]
+fn what_a_key_was_made_of_is_what_is_read_next() {
+    let set = DataSet::new();
+    let source = open("kitti/stereo2015", &set.params(&json!({}))).unwrap().source;
+    let read = || source.read(0, &mut Context::new(&InlineHost, &mut Scratch::default())).unwrap().key;
+    let before = source.key(0).unwrap();
+    set.save("image_2/000003_10.png", &colour(64, 32).rotate180());
+    assert_eq!(read(), before, "the files were read for the key");
+    let after = read();
+    assert_ne!(after, before);
+    assert_eq!(source.key(0).unwrap(), after);
 }
 
 #[test]

@@ -1,0 +1,50 @@
+//! What was read for a frame's key, kept for whoever reads the frame next.
+
+use std::collections::VecDeque;
+use std::sync::{Mutex, PoisonError};
+
+/// The most frames that are kept: some more than there are workers that have asked for a key and not yet read, and at worst some
+/// 50 MB of KITTI's files where only keys are asked for.
+const MOST: usize = 24;
+
+/// What was read for frames' keys, by position; the latest, and each until it is taken.
+pub struct Asked<T>(Mutex<VecDeque<(usize, T)>>);
+
+impl<T> Default for Asked<T> {
+    fn default() -> Self {
+        Self(Mutex::default())
+    }
+}
+
+impl<T> Asked<T> {
+    /// Keeps what was read for a frame's key, in place of what was kept of the frame before.
+    pub fn keep(&self, position: usize, read: T) {
+        let mut kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        kept.retain(|(other, _)| *other != position);
+        if kept.len() == MOST {
+            kept.pop_front();
+        }
+        kept.push_back((position, read));
+    }
+
+    /// What was read for a frame's key, if it is still kept.
+    pub fn take(&self, position: usize) -> Option<T> {
+        let mut kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let at = kept.iter().position(|(other, _)| *other == position)?;
+        kept.remove(at).map(|(_, read)| read)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Asked, MOST};
+
+    #[test]
+    fn the_latest_are_kept_each_until_it_is_taken() {
+        let asked = Asked::default();
+        (0..=MOST).for_each(|position| asked.keep(position, "first"));
+        assert_eq!((asked.take(0), asked.take(1), asked.take(1)), (None, Some("first"), None));
+        asked.keep(2, "second");
+        assert_eq!((asked.take(2), asked.take(2)), (Some("second"), None));
+    }
+}
