@@ -45,6 +45,7 @@ pub mod grey;
 pub mod left_right;
 pub mod median;
 pub mod memory;
+pub mod params;
 mod raster;
 pub mod resize;
 pub mod scale;

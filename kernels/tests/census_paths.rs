@@ -1,8 +1,6 @@
 //! Every implementation gives the bits of the plain twin, on any image, with any parameters and any number of threads.
 
-use depthloom_kernels::census::{
-    Census, CensusScratch, Error, Pair, ParamError, Params, Path, Paths, compute, compute_on,
-};
+use depthloom_kernels::census::{Census, CensusScratch, Error, Pair, Params, Path, Paths, compute, compute_on};
 use depthloom_kernels::tiles::{Serial, Tiles};
 use depthloom_threads::Budget;
 use proptest::prelude::{ProptestConfig, any, proptest};
@@ -95,7 +93,7 @@ fn parameters_are_checked_before_anything_is_written() {
     let params = Params { p2: 250, ..Params::default() };
     let mut out = [3; 40];
     let error = compute(&pair, &params, &mut CensusScratch::default(), &Serial, &mut out).unwrap_err();
-    assert_eq!(error, Error::Param(ParamError::P2(250, Census::Symmetric)));
+    assert!(matches!(&error, Error::Param(refused) if refused.name == "p2"), "{error:?}");
     assert_eq!(error.to_string(), "p2 is 250, outside 0..=224: with features of 31 bits, costs must fit a byte");
     assert_eq!(out, [3; 40]);
 }

@@ -44,4 +44,4 @@ mod search;
 mod sums;
 
 pub use compute::{BmScratch, Error, compute};
-pub use params::{ParamError, Params, Prefilter};
+pub use params::{Params, Prefilter};

@@ -1,6 +1,6 @@
 //! What a caller chooses, and which choices OpenCV refuses.
 
-use std::fmt;
+use crate::params::{ParamError, check_disparities, check_not_negative, check_side, unanswered};
 
 /// What is matched instead of brightness.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -58,76 +58,34 @@ impl Default for Params {
     }
 }
 
-/// A parameter that OpenCV refuses, or whose disparities do not fit its 16 bits.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum ParamError {
-    /// `disparities` is not a positive multiple of 16.
-    Disparities(i32),
-    /// A window's side is not odd or not in 5..=255.
-    Side(&'static str, i32),
-    /// `prefilter_cap` is not in 1..=63.
-    Cap(i32),
-    /// A parameter that must not be negative is.
-    Negative(&'static str, i32),
-    /// Disparities of the range do not fit 16 bits of 1/16 px.
-    Range(i32, i32),
-}
-
-impl fmt::Display for ParamError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Disparities(n) => write!(f, "disparities is {n}, which is not a positive multiple of 16"),
-            Self::Side(name, n) => write!(f, "{name} is {n}, which is not odd and in 5..=255"),
-            Self::Cap(n) => write!(f, "prefilter_cap is {n}, which is not in 1..=63"),
-            Self::Negative(name, n) => write!(f, "{name} is {n}, which must not be negative"),
-            Self::Range(low, high) => {
-                write!(f, "disparities {low}..{high} do not fit 16 bits of 1/16 px: they must lie in -2047..=2047")
-            }
-        }
-    }
-}
-
-impl std::error::Error for ParamError {}
-
 impl Params {
     /// Whether OpenCV takes these parameters.
     ///
     /// # Errors
     /// The first parameter that it does not take.
     pub fn check(&self) -> Result<(), ParamError> {
-        if self.disparities <= 0 || self.disparities % 16 != 0 {
-            return Err(ParamError::Disparities(self.disparities));
-        }
-        let high = i64::from(self.min_disparity) + i64::from(self.disparities);
-        if self.min_disparity < -2047 || high > 2047 {
-            return Err(ParamError::Range(self.min_disparity, high.clamp(i32::MIN.into(), i32::MAX.into()) as i32));
-        }
+        check_disparities(self.min_disparity, self.disparities, None)?;
         for (name, side) in [("block", self.block), ("prefilter_size", self.prefilter_size)] {
-            if !(5..=255).contains(&side) || side % 2 == 0 {
-                return Err(ParamError::Side(name, side));
-            }
+            check_side(name, side, &(5..=255))?;
         }
         if !(1..=63).contains(&self.prefilter_cap) {
-            return Err(ParamError::Cap(self.prefilter_cap));
+            let what = format!("prefilter_cap is {}, which is not in 1..=63", self.prefilter_cap);
+            return Err(ParamError::new("prefilter_cap", what));
         }
-        for (name, value) in [("texture_threshold", self.texture_threshold), ("uniqueness", self.uniqueness)] {
-            if value < 0 {
-                return Err(ParamError::Negative(name, value));
-            }
-        }
-        Ok(())
+        check_not_negative("texture_threshold", self.texture_threshold)?;
+        check_not_negative("uniqueness", self.uniqueness)
     }
 
     /// What an unanswered pixel holds: one pixel below the smallest disparity, in 1/16 px.
     #[must_use]
-    pub fn invalid(&self) -> i16 {
-        ((self.min_disparity - 1) * 16) as i16
+    pub const fn invalid(&self) -> i16 {
+        unanswered(self.min_disparity)
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{ParamError, Params};
+    use super::Params;
 
     #[test]
     fn opencvs_own_settings_are_legal() {
@@ -138,20 +96,24 @@ mod tests {
     #[test]
     fn what_opencv_refuses_is_refused() {
         let base = Params::default();
-        for (params, error) in [
-            (Params { disparities: 0, ..base.clone() }, ParamError::Disparities(0)),
-            (Params { disparities: 24, ..base.clone() }, ParamError::Disparities(24)),
-            (Params { block: 3, ..base.clone() }, ParamError::Side("block", 3)),
-            (Params { block: 8, ..base.clone() }, ParamError::Side("block", 8)),
-            (Params { block: 257, ..base.clone() }, ParamError::Side("block", 257)),
-            (Params { prefilter_size: 6, ..base.clone() }, ParamError::Side("prefilter_size", 6)),
-            (Params { prefilter_cap: 0, ..base.clone() }, ParamError::Cap(0)),
-            (Params { prefilter_cap: 64, ..base.clone() }, ParamError::Cap(64)),
-            (Params { texture_threshold: -1, ..base.clone() }, ParamError::Negative("texture_threshold", -1)),
-            (Params { uniqueness: -1, ..base.clone() }, ParamError::Negative("uniqueness", -1)),
-            (Params { min_disparity: 2000, ..base }, ParamError::Range(2000, 2064)),
+        for (params, name, told) in [
+            (Params { disparities: 24, ..base.clone() }, "disparities", "which is not a positive multiple of 16"),
+            (Params { min_disparity: 2000, ..base.clone() }, "min_disparity", "2000..2064 do not fit 16 bits"),
+            (Params { block: 3, ..base.clone() }, "block", "block is 3, which is not odd and in 5..=255"),
+            (Params { block: 257, ..base.clone() }, "block", "block is 257, which is not odd and in 5..=255"),
+            (Params { prefilter_size: 6, ..base.clone() }, "prefilter_size", "prefilter_size is 6, which is not odd"),
+            (
+                Params { prefilter_cap: 0, ..base.clone() },
+                "prefilter_cap",
+                "prefilter_cap is 0, which is not in 1..=63",
+            ),
+            (Params { prefilter_cap: 64, ..base.clone() }, "prefilter_cap", "is 64, which is not in 1..=63"),
+            (Params { texture_threshold: -1, ..base.clone() }, "texture_threshold", "which must not be negative"),
+            (Params { uniqueness: -1, ..base }, "uniqueness", "uniqueness is -1, which must not be negative"),
         ] {
-            assert_eq!(params.check(), Err(error));
+            let error = params.check().unwrap_err();
+            assert_eq!(error.name, name);
+            assert!(error.to_string().contains(told), "{error}");
         }
     }
 }

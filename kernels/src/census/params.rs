@@ -1,9 +1,9 @@
 //! What a caller chooses.
 
 use std::fmt;
-use std::ops::RangeInclusive;
 
 use crate::memory::TooMuch;
+use crate::params::{ParamError, check_disparities, check_percentage, unanswered};
 
 /// Which comparisons in the 9x7 window around a pixel make its feature.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -80,21 +80,6 @@ impl Default for Params {
     }
 }
 
-/// A parameter outside of its range.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum ParamError {
-    /// `disparities` is no multiple of 16 in 16..=256.
-    Disparities(i32),
-    /// Disparities of the range do not fit 16 bits of 1/16 px.
-    Range(i32, i32),
-    /// `p2` is not in 0..=255 less the feature's bits.
-    P2(i32, Census),
-    /// `p1` is not in 0..=`p2`.
-    P1(i32, i32),
-    /// `uniqueness` is not in 0..=99.
-    Uniqueness(i32),
-}
-
 /// Why a pair was not matched.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Error {
@@ -127,80 +112,56 @@ impl From<TooMuch> for Error {
     }
 }
 
-impl fmt::Display for ParamError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Disparities(n) => write!(f, "disparities is {n}, which is not a multiple of 16 in 16..=256"),
-            Self::Range(low, high) => {
-                write!(f, "disparities {low}..{high} do not fit 16 bits of 1/16 px: they must lie in -2047..=2047")
-            }
-            Self::P2(p2, census) => {
-                let bits = census.bits();
-                write!(f, "p2 is {p2}, outside 0..={}: with features of {bits} bits, costs must fit a byte", 255 - bits)
-            }
-            Self::P1(p1, p2) => write!(f, "p1 is {p1}, outside 0..=p2, and p2 is {p2}"),
-            Self::Uniqueness(n) => write!(f, "uniqueness is {n}, which is not a percentage in 0..=99"),
-        }
-    }
-}
-
-impl std::error::Error for ParamError {}
-
 impl Params {
     /// Whether every parameter is in its range.
     ///
     /// # Errors
     /// The first that is not.
     pub fn check(&self) -> Result<(), ParamError> {
-        let within = |range: RangeInclusive<i32>, value| range.contains(&value);
-        if !within(16..=256, self.disparities) || self.disparities % 16 != 0 {
-            return Err(ParamError::Disparities(self.disparities));
+        check_disparities(self.min_disparity, self.disparities, Some(256))?;
+        let (p1, p2, bits) = (self.p1, self.p2, self.census.bits());
+        if !(0..=255 - bits).contains(&p2) {
+            let most = 255 - bits;
+            let what = format!("p2 is {p2}, outside 0..={most}: with features of {bits} bits, costs must fit a byte");
+            return Err(ParamError::new("p2", what));
         }
-        if !within(-2047..=2047 - self.disparities, self.min_disparity) {
-            return Err(ParamError::Range(self.min_disparity, self.min_disparity.saturating_add(self.disparities)));
+        if !(0..=p2).contains(&p1) {
+            return Err(ParamError::new("p1", format!("p1 is {p1}, outside 0..=p2, and p2 is {p2}")));
         }
-        if !within(0..=255 - self.census.bits(), self.p2) {
-            return Err(ParamError::P2(self.p2, self.census));
-        }
-        if !within(0..=self.p2, self.p1) {
-            return Err(ParamError::P1(self.p1, self.p2));
-        }
-        if !within(0..=99, self.uniqueness) {
-            return Err(ParamError::Uniqueness(self.uniqueness));
-        }
-        Ok(())
+        check_percentage("uniqueness", self.uniqueness)
     }
 
     /// What stands where there is no answer: one pixel below the smallest disparity, in 1/16 px.
     #[must_use]
     pub const fn invalid(&self) -> i16 {
-        ((self.min_disparity - 1) * 16) as i16
+        unanswered(self.min_disparity)
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{Census, ParamError, Params};
+    use super::{Census, Params};
 
     #[test]
     fn each_parameter_has_its_range() {
         let refused = |change: fn(&mut Params)| {
             let mut params = Params::default();
             change(&mut params);
-            params.check().err()
+            params.check().err().map(|error| (error.name, error.to_string()))
         };
+        let not = |name, what: &str| Some((name, what.to_owned()));
         assert_eq!(refused(|_| {}), None);
-        assert_eq!(refused(|p| p.disparities = 40), Some(ParamError::Disparities(40)));
-        assert_eq!(refused(|p| p.disparities = 272), Some(ParamError::Disparities(272)));
-        assert_eq!(refused(|p| p.disparities = 0), Some(ParamError::Disparities(0)));
-        assert_eq!(refused(|p| p.min_disparity = 1984), Some(ParamError::Range(1984, 2048)));
-        assert_eq!(refused(|p| p.min_disparity = i32::MIN), Some(ParamError::Range(i32::MIN, i32::MIN + 64)));
+        let what = "disparities is 272, which is not a multiple of 16 in 16..=256";
+        assert_eq!(refused(|p| p.disparities = 272), not("disparities", what));
+        assert_eq!(refused(|p| p.min_disparity = 1984).map(|(name, _)| name), Some("min_disparity"));
         assert_eq!(refused(|p| p.p2 = 224), None);
-        assert_eq!(refused(|p| p.p2 = 225), Some(ParamError::P2(225, Census::Symmetric)));
-        assert_eq!(refused(|p| (p.p2, p.census) = (194, Census::Full)), Some(ParamError::P2(194, Census::Full)));
+        let what = "p2 is 225, outside 0..=224: with features of 31 bits, costs must fit a byte";
+        assert_eq!(refused(|p| p.p2 = 225), not("p2", what));
+        let what = "p2 is 194, outside 0..=193: with features of 62 bits, costs must fit a byte";
+        assert_eq!(refused(|p| (p.p2, p.census) = (194, Census::Full)), not("p2", what));
         assert_eq!(refused(|p| (p.p2, p.census) = (207, Census::OffAxis)), None);
-        assert_eq!(refused(|p| p.p1 = 121), Some(ParamError::P1(121, 120)));
-        assert_eq!(refused(|p| p.p1 = -1), Some(ParamError::P1(-1, 120)));
-        assert_eq!(refused(|p| p.uniqueness = 100), Some(ParamError::Uniqueness(100)));
+        assert_eq!(refused(|p| p.p1 = 121), not("p1", "p1 is 121, outside 0..=p2, and p2 is 120"));
+        assert_eq!(refused(|p| p.p1 = -1), not("p1", "p1 is -1, outside 0..=p2, and p2 is 120"));
+        assert_eq!(refused(|p| p.uniqueness = 100).map(|(name, _)| name), Some("uniqueness"));
     }
 }

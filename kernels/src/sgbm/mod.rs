@@ -34,6 +34,6 @@ mod view;
 
 pub use crate::simd::Path;
 pub use compute::{SgbmScratch, compute, compute_on};
-pub use params::{Mode, ParamError, Params};
+pub use params::{Mode, Params};
 pub use speckle::{SpeckleScratch, filter as filter_speckles};
 pub use view::{Error, View};

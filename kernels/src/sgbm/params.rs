@@ -1,6 +1,6 @@
 //! What a caller chooses, and which choices OpenCV documents.
 
-use std::fmt;
+use crate::params::{ParamError, check_disparities, check_not_negative, check_percentage, check_side, unanswered};
 
 /// Which directions are summed, and how OpenCV names the choice.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -62,88 +62,36 @@ impl Default for Params {
     }
 }
 
-/// A parameter outside what OpenCV documents or what its 16-bit arithmetic can hold.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum ParamError {
-    /// `disparities` is not a positive multiple of 16.
-    Disparities(i32),
-    /// `block` is not odd and positive.
-    Block(i32),
-    /// A penalty is negative or above 32767.
-    Penalty(&'static str, i32),
-    /// `p2` is not greater than `p1`: both as OpenCV would use them.
-    PenaltyOrder(i32, i32),
-    /// `uniqueness` is not in 0..=99.
-    Uniqueness(i32),
-    /// A parameter that must not be negative is.
-    Negative(&'static str, i32),
-    /// Disparities of the range do not fit 16 bits of 1/16 px.
-    Range(i32, i32),
-}
-
-impl fmt::Display for ParamError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Disparities(n) => write!(f, "disparities is {n}, which is not a positive multiple of 16"),
-            Self::Block(n) => write!(f, "block is {n}, which is not odd and at least 1"),
-            Self::Penalty(name, n) => write!(f, "{name} is {n}, outside 0..=32767, OpenCV's 16-bit costs"),
-            Self::PenaltyOrder(p1, p2) => {
-                write!(f, "p2 must be greater than p1, yet p1 is {p1} and p2 is {p2} (0 stands for 2 and 5)")
-            }
-            Self::Uniqueness(n) => write!(f, "uniqueness is {n}, which is not a percentage in 0..=99"),
-            Self::Negative(name, n) => write!(f, "{name} is {n}, which must not be negative"),
-            Self::Range(low, high) => {
-                write!(f, "disparities {low}..{high} do not fit 16 bits of 1/16 px: they must lie in -2047..=2047")
-            }
-        }
-    }
-}
-
-impl std::error::Error for ParamError {}
-
 impl Params {
     /// Whether OpenCV documents these parameters as meaningful.
     ///
     /// # Errors
     /// The first parameter that is not, in the order of the fields.
     pub fn check(&self) -> Result<(), ParamError> {
-        if self.disparities <= 0 || self.disparities % 16 != 0 {
-            return Err(ParamError::Disparities(self.disparities));
-        }
-        let high = i64::from(self.min_disparity) + i64::from(self.disparities);
-        if self.min_disparity < -2047 || high > 2047 {
-            return Err(ParamError::Range(self.min_disparity, high.clamp(i32::MIN.into(), i32::MAX.into()) as i32));
-        }
-        if self.block < 1 || self.block % 2 == 0 {
-            return Err(ParamError::Block(self.block));
-        }
+        check_disparities(self.min_disparity, self.disparities, None)?;
+        check_side("block", self.block, &(1..=i32::MAX))?;
         for (name, value) in [("p1", self.p1), ("p2", self.p2)] {
             if !(0..=i32::from(i16::MAX)).contains(&value) {
-                return Err(ParamError::Penalty(name, value));
+                let what = format!("{name} is {value}, outside 0..=32767, OpenCV's 16-bit costs");
+                return Err(ParamError::new(name, what));
             }
         }
         // Both zero is what OpenCV's factory defaults to, and means 2 and 5.
         if self.p2_used() <= self.p1_used() {
-            return Err(ParamError::PenaltyOrder(self.p1, self.p2));
+            let (p1, p2) = (self.p1, self.p2);
+            let what = format!("p2 must be greater than p1, yet p1 is {p1} and p2 is {p2} (0 stands for 2 and 5)");
+            return Err(ParamError::new("p2", what));
         }
-        if self.prefilter_cap < 0 {
-            return Err(ParamError::Negative("prefilter_cap", self.prefilter_cap));
-        }
-        if !(0..=99).contains(&self.uniqueness) {
-            return Err(ParamError::Uniqueness(self.uniqueness));
-        }
-        for (name, value) in [("speckle_window", self.speckle_window), ("speckle_range", self.speckle_range)] {
-            if value < 0 {
-                return Err(ParamError::Negative(name, value));
-            }
-        }
-        Ok(())
+        check_not_negative("prefilter_cap", self.prefilter_cap)?;
+        check_percentage("uniqueness", self.uniqueness)?;
+        check_not_negative("speckle_window", self.speckle_window)?;
+        check_not_negative("speckle_range", self.speckle_range)
     }
 
     /// What an unanswered pixel holds: one pixel below the smallest disparity, in 1/16 px.
     #[must_use]
-    pub fn invalid(&self) -> i16 {
-        ((self.min_disparity - 1) * 16) as i16
+    pub const fn invalid(&self) -> i16 {
+        unanswered(self.min_disparity)
     }
 
     /// P1 as OpenCV uses it.
@@ -159,7 +107,7 @@ impl Params {
 
 #[cfg(test)]
 mod tests {
-    use super::{ParamError, Params};
+    use super::Params;
 
     #[test]
     fn defaults_and_opencv_factory_penalties_are_legal() {
@@ -171,30 +119,27 @@ mod tests {
     #[test]
     fn what_opencv_does_not_document_is_refused() {
         let base = Params::default();
-        for (params, error) in [
-            (Params { disparities: 0, ..base.clone() }, ParamError::Disparities(0)),
-            (Params { disparities: 40, ..base.clone() }, ParamError::Disparities(40)),
-            (Params { disparities: -16, ..base.clone() }, ParamError::Disparities(-16)),
-            (Params { block: 4, ..base.clone() }, ParamError::Block(4)),
-            (Params { block: 0, ..base.clone() }, ParamError::Block(0)),
-            (Params { p1: -1, ..base.clone() }, ParamError::Penalty("p1", -1)),
-            (Params { p2: 40_000, ..base.clone() }, ParamError::Penalty("p2", 40_000)),
-            (Params { p1: 800, ..base.clone() }, ParamError::PenaltyOrder(800, 800)),
-            (Params { p1: 5, p2: 0, ..base.clone() }, ParamError::PenaltyOrder(5, 0)),
-            (Params { uniqueness: 100, ..base.clone() }, ParamError::Uniqueness(100)),
-            (Params { uniqueness: -1, ..base.clone() }, ParamError::Uniqueness(-1)),
-            (Params { prefilter_cap: -3, ..base.clone() }, ParamError::Negative("prefilter_cap", -3)),
-            (Params { speckle_window: -1, ..base.clone() }, ParamError::Negative("speckle_window", -1)),
-            (Params { min_disparity: 2000, ..base.clone() }, ParamError::Range(2000, 2064)),
-            (Params { min_disparity: i32::MAX, ..base }, ParamError::Range(i32::MAX, i32::MAX)),
+        let order = "p2 must be greater than p1, yet p1 is";
+        for (params, name, told) in [
+            (
+                Params { disparities: 40, ..base.clone() },
+                "disparities",
+                "is 40, which is not a positive multiple of 16",
+            ),
+            (Params { min_disparity: 2000, ..base.clone() }, "min_disparity", "2000..2064 do not fit 16 bits"),
+            (Params { block: 4, ..base.clone() }, "block", "block is 4, which is not odd and at least 1"),
+            (Params { p1: -1, ..base.clone() }, "p1", "p1 is -1, outside 0..=32767, OpenCV's 16-bit costs"),
+            (Params { p2: 40_000, ..base.clone() }, "p2", "p2 is 40000, outside 0..=32767, OpenCV's 16-bit costs"),
+            (Params { p1: 800, ..base.clone() }, "p2", order),
+            (Params { p1: 5, p2: 0, ..base.clone() }, "p2", order),
+            (Params { uniqueness: 100, ..base.clone() }, "uniqueness", "is 100, which is not a percentage in 0..=99"),
+            (Params { prefilter_cap: -3, ..base.clone() }, "prefilter_cap", "is -3, which must not be negative"),
+            (Params { speckle_window: -1, ..base.clone() }, "speckle_window", "is -1, which must not be negative"),
+            (Params { speckle_range: -1, ..base }, "speckle_range", "is -1, which must not be negative"),
         ] {
-            assert_eq!(params.check(), Err(error));
+            let error = params.check().unwrap_err();
+            assert_eq!(error.name, name);
+            assert!(error.to_string().contains(told), "{error}");
         }
-    }
-
-    #[test]
-    fn errors_name_the_value_and_the_remedy() {
-        let error = Params { disparities: 40, ..Params::default() }.check().unwrap_err();
-        assert_eq!(error.to_string(), "disparities is 40, which is not a positive multiple of 16");
     }
 }

@@ -2,8 +2,8 @@
 
 use std::fmt;
 
-use super::ParamError;
 use crate::memory::TooMuch;
+use crate::params::ParamError;
 
 /// An 8-bit image, rows without gaps.
 #[derive(Clone, Copy, Debug)]

@@ -3,10 +3,11 @@
 use depthloom_graphs::contracts::{Contract, NodeDeclaration};
 use depthloom_graphs::values::{Disparity, Image};
 use depthloom_graphs::{Context, Fault, Inputs, Instance, Node, Outputs, Port, PureNode, ValueType};
-use depthloom_kernels::bm::{self, BmScratch, ParamError, Params, Prefilter};
+use depthloom_kernels::bm::{self, BmScratch, Params, Prefilter};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::refused;
 use crate::grey::grey;
 use crate::shape::{filled, same_size};
 use crate::tiles::HostTiles;
@@ -136,15 +137,7 @@ not lie inside the left image and, moved by the largest disparity, inside the ri
     }
 
     fn check(params: &BmParams) -> Result<(), (&'static str, String)> {
-        params.for_kernel().check().map_err(|error| {
-            let name = match &error {
-                ParamError::Disparities(_) => "disparities",
-                ParamError::Side(name, _) | ParamError::Negative(name, _) => name,
-                ParamError::Cap(_) => "prefilter_cap",
-                ParamError::Range(..) => "min_disparity",
-            };
-            (name, error.to_string())
-        })
+        params.for_kernel().check().map_err(refused)
     }
 
     fn build(params: BmParams) -> Result<Instance, Fault> {

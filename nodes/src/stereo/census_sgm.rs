@@ -3,10 +3,11 @@
 use depthloom_graphs::contracts::{Contract, NodeDeclaration};
 use depthloom_graphs::values::{Disparity, Image};
 use depthloom_graphs::{Context, Fault, Inputs, Instance, Node, Outputs, Port, PureNode, ValueType};
-use depthloom_kernels::census::{self, Census, CensusScratch, Pair, ParamError, Params, Paths};
+use depthloom_kernels::census::{self, Census, CensusScratch, Pair, Params, Paths};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::refused;
 use crate::grey::grey;
 use crate::shape::{filled, same_size, too_large};
 use crate::tiles::HostTiles;
@@ -122,16 +123,7 @@ columns and 3 rows of the border: what is answered there comes along the paths."
         if params.paths != 4 && params.paths != 8 {
             return Err(("paths", format!("paths is {}, which is neither 4 nor 8", params.paths)));
         }
-        params.for_kernel().check().map_err(|error| {
-            let name = match &error {
-                ParamError::Disparities(_) => "disparities",
-                ParamError::Range(..) => "min_disparity",
-                ParamError::P2(..) => "p2",
-                ParamError::P1(..) => "p1",
-                ParamError::Uniqueness(_) => "uniqueness",
-            };
-            (name, error.to_string())
-        })
+        params.for_kernel().check().map_err(refused)
     }
 
     fn build(params: CensusSgmParams) -> Result<Instance, Fault> {

@@ -7,3 +7,11 @@ mod sgbm;
 pub use bm::{Bm, BmParams, BmPrefilter};
 pub use census_sgm::{CensusKind, CensusSgm, CensusSgmParams};
 pub use sgbm::{Sgbm, SgbmMode, SgbmParams};
+
+use depthloom_kernels::params::ParamError;
+
+/// A parameter that a kernel refuses, as a kind's check tells it: kinds call their parameters as the kernels do.
+#[expect(clippy::needless_pass_by_value, reason = "for `map_err`")]
+fn refused(error: ParamError) -> (&'static str, String) {
+    (error.name, error.to_string())
+}

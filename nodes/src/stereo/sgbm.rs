@@ -3,10 +3,11 @@
 use depthloom_graphs::contracts::{Contract, NodeDeclaration};
 use depthloom_graphs::values::{Disparity, Image};
 use depthloom_graphs::{Context, Fault, Inputs, Instance, Node, Outputs, Port, PureNode, ValueType};
-use depthloom_kernels::sgbm::{self, Mode, ParamError, Params, SgbmScratch, View};
+use depthloom_kernels::sgbm::{self, Mode, Params, SgbmScratch, View};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::refused;
 use crate::grey::grey;
 use crate::shape::{filled, same_size, too_large};
 use crate::tiles::HostTiles;
@@ -141,17 +142,7 @@ answer: `max(min_disparity + disparities, 0)` columns at the left, `max(-min_dis
     }
 
     fn check(params: &SgbmParams) -> Result<(), (&'static str, String)> {
-        params.for_kernel().check().map_err(|error| {
-            let name = match &error {
-                ParamError::Disparities(_) => "disparities",
-                ParamError::Block(_) => "block",
-                ParamError::Penalty(name, _) | ParamError::Negative(name, _) => name,
-                ParamError::PenaltyOrder(..) => "p2",
-                ParamError::Uniqueness(_) => "uniqueness",
-                ParamError::Range(..) => "min_disparity",
-            };
-            (name, error.to_string())
-        })
+        params.for_kernel().check().map_err(refused)
     }
 
     fn build(params: SgbmParams) -> Result<Instance, Fault> {
