@@ -11,21 +11,21 @@
 //! assert_eq!(resolved["cap"], 60.0);
 //! ```
 
-pub mod confidence;
-pub mod depth;
-pub mod disparity;
-pub mod filter;
-pub mod fusion;
 pub mod kitti_layout;
-pub mod mono;
 pub mod onnx;
-pub mod score;
 pub mod sources;
-pub mod stereo;
 
+mod confidence;
+mod depth;
+mod disparity;
+mod filter;
+mod fusion;
 mod grey;
+mod mono;
 mod registry;
+mod score;
 mod shape;
+mod stereo;
 mod tiles;
 
 pub use registry::registry;

@@ -3,5 +3,5 @@
 mod edges;
 mod sobel;
 
-pub use edges::{Edges, EdgesParams};
-pub use sobel::{Sobel, SobelParams};
+pub(crate) use edges::Edges;
+pub(crate) use sobel::Sobel;

@@ -2,4 +2,4 @@
 
 mod from_disparity;
 
-pub use from_disparity::{FromDisparity, FromDisparityParams};
+pub(crate) use from_disparity::FromDisparity;

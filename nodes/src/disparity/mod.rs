@@ -8,10 +8,10 @@ mod weighted_least_squares;
 use depthloom_graphs::Fault;
 use depthloom_graphs::values::{Disparity, Raster};
 
-pub use fill::{Fill, FillParams};
-pub use left_right::{LeftRight, LeftRightParams};
-pub use speckle::{Speckle, SpeckleParams};
-pub use weighted_least_squares::{WeightedLeastSquares, WeightedLeastSquaresParams};
+pub(crate) use fill::Fill;
+pub(crate) use left_right::LeftRight;
+pub(crate) use speckle::Speckle;
+pub(crate) use weighted_least_squares::WeightedLeastSquares;
 
 /// What the map's unanswered pixels hold.
 ///

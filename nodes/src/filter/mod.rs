@@ -2,4 +2,4 @@
 
 mod median;
 
-pub use median::{Median, MedianParams};
+pub(crate) use median::Median;

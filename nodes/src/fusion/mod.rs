@@ -3,5 +3,5 @@
 mod confidence;
 mod scale;
 
-pub use confidence::{Confidence, ConfidenceParams, Weighting};
-pub use scale::{Scale, ScaleMethod, ScaleParams};
+pub(crate) use confidence::Confidence;
+pub(crate) use scale::Scale;

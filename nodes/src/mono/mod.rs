@@ -3,5 +3,5 @@
 mod ground_plane;
 mod onnx;
 
-pub use ground_plane::{GroundPlane, GroundPlaneParams};
-pub use onnx::Onnx;
+pub(crate) use ground_plane::GroundPlane;
+pub(crate) use onnx::Onnx;

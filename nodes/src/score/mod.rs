@@ -2,4 +2,4 @@
 
 mod depth;
 
-pub use depth::ScoreDepth;
+pub(crate) use depth::ScoreDepth;

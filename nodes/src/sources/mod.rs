@@ -6,7 +6,7 @@ mod kitti_stereo_2015;
 mod png;
 mod synthetic_road;
 
-pub use kitti_stereo_2015::{KittiStereo2015, KittiStereo2015Params, KittiTruth, Split};
-pub use synthetic_road::{SyntheticRoad, SyntheticRoadParams, SyntheticTruth};
+pub use synthetic_road::{SyntheticRoadParams, SyntheticTruth};
 
-pub(crate) use synthetic_road::Road;
+pub(crate) use kitti_stereo_2015::KittiStereo2015;
+pub(crate) use synthetic_road::{Road, SyntheticRoad};

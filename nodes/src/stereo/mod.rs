@@ -4,9 +4,9 @@ mod bm;
 mod census_sgm;
 mod sgbm;
 
-pub use bm::{Bm, BmParams, BmPrefilter};
-pub use census_sgm::{CensusKind, CensusSgm, CensusSgmParams};
-pub use sgbm::{Sgbm, SgbmMode, SgbmParams};
+pub(crate) use bm::Bm;
+pub(crate) use census_sgm::CensusSgm;
+pub(crate) use sgbm::Sgbm;
 
 use depthloom_kernels::params::ParamError;
 
