@@ -5,10 +5,12 @@
 use std::sync::Mutex;
 use std::time::Instant;
 
-use depthloom_graphs::values::Artifact;
-use depthloom_graphs::{Context, Host, Inputs, Instance, Node, Scratch, Value};
-use depthloom_learning::samples::{Sample, Samples};
-use depthloom_learning::ssl::{Ssl, SslParams};
+use depthloom_graphs::contracts::InlineHost;
+use depthloom_graphs::registry::NodeKind;
+use depthloom_graphs::values::{Calibration, Disparity, Image, Mask, Pixels, Raster};
+use depthloom_graphs::{Context, Frame, Host, Inputs, Instance, Registry, Scratch, Value};
+use image::RgbImage;
+use serde_json::json;
 
 /// Notes when each step was done.
 struct Clock {
@@ -40,27 +42,55 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         return Err("steps NETWORK STEPS BATCH THREADS".into());
     };
     let steps: u64 = steps.parse()?;
-    let (width, height) = (320, 96);
-    let item = |i: usize| Sample {
-        id: i.to_string(),
-        image: (0..3 * width * height).map(|p| (p * 31 + i * 17) as u8).collect(),
-        right: None,
-        share: (0..width * height).map(|p| half::f16::from_f32((p % 97 + 1) as f32 / 1000.0)).collect(),
-        depth_scale: Some(0.3),
+    let registry = depthloom_learning::register(Registry::default());
+    let kind = |name: &str| registry.node_kind(name).ok_or("it is not registered");
+    let samples = samples(kind("learn/samples")?)?;
+    let ssl = kind("learn/ssl")?;
+    let batch: u32 = batch.parse()?;
+    let params = json!({ "network": network, "steps": 2 * steps, "batch": batch });
+    let Instance::Once(node) = ssl.build(&ssl.resolve(&params).map_err(|error| error.what)?)? else {
+        return Err("learn/ssl fires once".into());
     };
-    let samples =
-        Samples { width: width as u32, height: height as u32, has_right: false, items: (0..16).map(item).collect() };
-    let text = serde_json::json!({ "network": network, "steps": 2 * steps, "batch": batch.parse::<u32>()? });
-    let params: SslParams = serde_json::from_value(text)?;
-    let ports = Ssl::declaration().inputs;
-    let values = [Some(Value::Samples(Artifact::samples(samples.encode()).into())), None];
-    let Instance::Once(node) = Ssl::build(params)? else { return Err("learn/ssl fires once".into()) };
+    let ports = &ssl.declaration.inputs;
+    let values: Vec<_> = ports.iter().map(|port| (port.name == "samples").then(|| samples.clone())).collect();
     let clock = Clock { threads: threads.parse()?, done: Mutex::default() };
-    node.run(&Inputs::new(&ports, &values), &mut Context::new(&clock, &mut Scratch::default()))?;
+    node.run(&Inputs::new(ports, &values), &mut Context::new(&clock, &mut Scratch::default()))?;
     let done = clock.done.into_inner()?;
     let mut each: Vec<f64> =
         done[steps as usize - 1..].windows(2).map(|pair| (pair[1] - pair[0]).as_secs_f64() * 1e3).collect();
     each.sort_by(f64::total_cmp);
     println!("{:.2}", each[each.len() / 2]);
     Ok(())
+}
+
+/// Sixteen samples of 320 x 96.
+fn samples(kind: &NodeKind) -> Result<Value, Box<dyn std::error::Error>> {
+    let (width, height) = (320, 96);
+    let resolved = kind.resolve(&json!({ "size": [width, height] })).map_err(|error| error.what)?;
+    let Instance::Ordered(mut node) = kind.build(&resolved)? else { return Err("learn/samples is ordered".into()) };
+    let mut scratch = Scratch::default();
+    let disparity = Raster::from_fn(width, height, |x, y| image::Luma([5 * ((y * width + x) % 97 + 2) as i16]));
+    let (focal_px, baseline_m) = (480.0, 0.2);
+    let (cx_px, cy_px) = (f64::from(width) / 2.0, f64::from(height) / 2.0);
+    for frame in 0..16 {
+        let pixels = (0..3 * width * height).map(|at| (at * 31 + frame * 17) as u8).collect();
+        let pixels = RgbImage::from_raw(width, height, pixels).ok_or("as many bytes as pixels")?;
+        let given: [(&str, Value); 4] = [
+            ("image", Value::Image(Image::new(Pixels::Rgb(pixels)).into())),
+            ("target", Value::Disparity(Disparity { sixteenths_px: disparity.clone(), min_disparity_px: 0 }.into())),
+            ("mask", Value::Mask(Mask { set: Raster::from_pixel(width, height, image::Luma([255])) }.into())),
+            (
+                "calibration",
+                Value::Calibration(Calibration { width, height, focal_px, cx_px, cy_px, baseline_m }.into()),
+            ),
+        ];
+        let ports = &kind.declaration.inputs;
+        let value = |name: &str| given.iter().find(|(given, _)| *given == name).map(|(_, value)| value.clone());
+        let values: Vec<_> = ports.iter().map(|port| value(port.name)).collect();
+        let frame = Frame::at_10_hz(frame.to_string(), frame.into());
+        node.process(&frame, &Inputs::new(ports, &values), &mut Context::new(&InlineHost, &mut scratch))?;
+    }
+    let outputs = node.finish(&mut Context::new(&InlineHost, &mut scratch))?;
+    let samples = outputs.in_order_of(&kind.declaration.outputs)?.into_iter().next().flatten();
+    Ok(samples.ok_or("there are samples")?)
 }

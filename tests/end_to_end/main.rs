@@ -23,4 +23,3 @@ mod readme;
 mod reports;
 mod samples;
 mod support;
-mod written_networks;

@@ -1,10 +1,10 @@
 //! A network written as ONNX.
 
 use super::{Act, Builder, Conv, Network, Size};
-use crate::onnx::{Batch, GraphBuilder, Metadata, Tensor, Weights};
+use crate::onnx::{GraphBuilder, Metadata, Tensor, Weights};
 
 /// Name of the written network's input.
-pub const INPUT: &str = "image";
+pub(crate) const INPUT: &str = "image";
 
 /// The ONNX file of `network` for images of `size` with the parameters `values`, in the order of [`layout`](super::layout()).
 ///
@@ -13,8 +13,8 @@ pub const INPUT: &str = "image";
 /// # Panics
 /// If `values` are not the network's parameters.
 #[must_use]
-pub fn export(network: Network, size: Size, values: &[Vec<f32>], training_key: &str) -> Vec<u8> {
-    let mut graph = GraphBuilder::new(network.name(), Batch::Open);
+pub(crate) fn export(network: Network, size: Size, values: &[Vec<f32>], training_key: &str) -> Vec<u8> {
+    let mut graph = GraphBuilder::new(network.name());
     let image = graph.input(INPUT, &[3, size.height, size.width]);
     let mut writer = Writer { size, graph, values: values.iter() };
     let map = network.build(&mut writer, &image);

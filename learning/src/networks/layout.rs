@@ -5,14 +5,14 @@ use depthloom_random::SplitMix64;
 
 /// One tensor of parameters.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Parameter {
+pub(crate) struct Parameter {
     /// `<layer>.weight` or `<layer>.bias`.
-    pub name: String,
+    pub(crate) name: String,
     /// Its shape: of a convolution outputs x inputs x rows x columns, of a transposed one inputs x outputs x rows x columns,
     /// of a dense layer outputs x inputs, of a bias its length.
-    pub shape: Vec<usize>,
+    pub(crate) shape: Vec<usize>,
     /// Whether it is learned or kept.
-    pub frozen: bool,
+    pub(crate) frozen: bool,
     start: Start,
 }
 
@@ -26,30 +26,24 @@ enum Start {
 impl Parameter {
     /// Number of values.
     #[must_use]
-    pub fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.shape.iter().product()
-    }
-
-    /// Whether it has no values.
-    #[must_use]
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
     }
 }
 
 /// The parameters of a network in the order of its layers.
 #[derive(Clone, Debug)]
-pub struct ParameterLayout {
+pub(crate) struct ParameterLayout {
     /// The parameters.
-    pub parameters: Vec<Parameter>,
+    pub(crate) parameters: Vec<Parameter>,
     /// The size of its map.
-    pub map: Size,
+    pub(crate) map: Size,
 }
 
 impl ParameterLayout {
     /// Values to begin with: Glorot's uniform distribution for weights, constants for biases (Glorot, Bengio 2010; what Keras does).
     #[must_use]
-    pub fn start(&self, seed: u64) -> Vec<Vec<f32>> {
+    pub(crate) fn start(&self, seed: u64) -> Vec<Vec<f32>> {
         let mut random = SplitMix64::new(seed);
         let values = |parameter: &Parameter| match parameter.start {
             Start::Constant(value) => vec![value; parameter.len()],
@@ -57,17 +51,11 @@ impl ParameterLayout {
         };
         self.parameters.iter().map(values).collect()
     }
-
-    /// Number of values in all parameters.
-    #[must_use]
-    pub fn count(&self) -> usize {
-        self.parameters.iter().map(Parameter::len).sum()
-    }
 }
 
 /// The parameters of `network` for images of `size`.
 #[must_use]
-pub fn layout(network: Network, size: Size) -> ParameterLayout {
+pub(crate) fn layout(network: Network, size: Size) -> ParameterLayout {
     let mut lister = Lister { size, parameters: Vec::new() };
     let map = network.build(&mut lister, &Shape { channels: 3, size });
     ParameterLayout { parameters: lister.parameters, map: map.size }
@@ -141,13 +129,14 @@ impl Builder for Lister {
 
 #[cfg(test)]
 mod tests {
-    use super::{Network, Size, layout};
+    use super::{Network, ParameterLayout, Size, layout};
 
     #[test]
     fn networks_have_the_sizes_they_are_known_for() {
         let size = Size { width: 320, height: 96 };
         // `../shared/models/ssl_unet.onnx` has as many.
-        assert_eq!(layout(Network::UnetLite, size).count(), 1_071_417);
+        let count = |layout: ParameterLayout| layout.parameters.iter().map(super::Parameter::len).sum::<usize>();
+        assert_eq!(count(layout(Network::UnetLite, size)), 1_071_417);
         assert_eq!(layout(Network::UnetLite, size).map, size);
         // VGG-16's convolutions have 14,714,688 parameters (torchvision: `vgg16().features`).
         let vgg = layout(Network::FcnVgg16, size);

@@ -16,23 +16,23 @@ use serde::{Deserialize, Serialize};
 
 use crate::onnx;
 
-pub use export::export;
-pub use forward::forward;
-pub use layout::{Parameter, ParameterLayout, layout};
+pub(crate) use export::export;
+pub(crate) use forward::forward;
+pub(crate) use layout::{ParameterLayout, layout};
 
 /// Columns and rows of an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Size {
+pub(crate) struct Size {
     /// Columns, px.
-    pub width: usize,
+    pub(crate) width: usize,
     /// Rows, px.
-    pub height: usize,
+    pub(crate) height: usize,
 }
 
 /// The networks.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
-pub enum Network {
+pub(crate) enum Network {
     /// Small U-Net with skips: 1.07 M parameters.
     #[default]
     UnetLite,
@@ -47,7 +47,7 @@ pub enum Network {
 impl Network {
     /// Its name in YAML.
     #[must_use]
-    pub const fn name(self) -> &'static str {
+    pub(crate) const fn name(self) -> &'static str {
         match self {
             Self::UnetLite => "unet-lite",
             Self::FcnLite => "fcn-lite",
@@ -58,7 +58,7 @@ impl Network {
 
     /// What its output means.
     #[must_use]
-    pub const fn meaning(self) -> Meaning {
+    pub(crate) const fn meaning(self) -> Meaning {
         match self {
             Self::UnetLite | Self::FcnLite | Self::FcnVgg16 => Meaning::DisparityShare { scale: 0.1 },
             Self::EigenCoarse => Meaning::Depth { farthest_m: 10.0 },
@@ -67,7 +67,7 @@ impl Network {
 
     /// Rows and columns of the image must be multiples of this.
     #[must_use]
-    pub const fn multiple(self) -> usize {
+    pub(crate) const fn multiple(self) -> usize {
         match self {
             Self::UnetLite | Self::FcnLite => 32,
             Self::FcnVgg16 => 16,
@@ -77,7 +77,7 @@ impl Network {
 
     /// A size of images that shows its parameters, where they are the same for every size; `None` of a network with dense layers.
     #[must_use]
-    pub const fn any_size(self) -> Option<Size> {
+    pub(crate) const fn any_size(self) -> Option<Size> {
         match self {
             Self::UnetLite | Self::FcnLite | Self::FcnVgg16 => Some(Size { width: 32, height: 32 }),
             Self::EigenCoarse => None,
@@ -97,7 +97,7 @@ impl Network {
 
 /// What the map of a network, in [0, 1], stands for.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Meaning {
+pub(crate) enum Meaning {
     /// `scale` times it is the disparity as a share of the image's width.
     DisparityShare {
         /// The share of the output 1.
@@ -130,7 +130,7 @@ impl Meaning {
 
 /// What follows a layer's sum.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Act {
+pub(crate) enum Act {
     /// Nothing.
     None,
     /// `max(x, 0)`.
@@ -139,21 +139,21 @@ pub enum Act {
 
 /// A convolution.
 #[derive(Clone, Copy, Debug)]
-pub struct Conv {
+pub(crate) struct Conv {
     /// Channels out.
-    pub outputs: usize,
+    pub(crate) outputs: usize,
     /// Rows and columns of the kernel.
-    pub kernel: usize,
+    pub(crate) kernel: usize,
     /// Step, px.
-    pub stride: usize,
+    pub(crate) stride: usize,
     /// Zeros around the image, px.
-    pub pad: usize,
+    pub(crate) pad: usize,
     /// What follows.
-    pub act: Act,
+    pub(crate) act: Act,
     /// Whether it keeps the weights it was given.
-    pub frozen: bool,
+    pub(crate) frozen: bool,
     /// What its bias begins with.
-    pub bias: f32,
+    pub(crate) bias: f32,
 }
 
 impl Conv {

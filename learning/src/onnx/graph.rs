@@ -1,17 +1,4 @@
 //! Networks as ONNX files, layer by layer.
-//!
-//! ```
-//! use depthloom_learning::onnx::{Batch, GraphBuilder, Meaning, Metadata, Weights};
-//!
-//! let mut graph = GraphBuilder::new("small", Batch::Open);
-//! let image = graph.input("image", &[3, 96, 320]);
-//! let weights = Weights { dims: [1, 3, 3, 3], values: &[0.1; 27] };
-//! let map = graph.conv2d("head", image, weights, &[-2.0], 1, 1);
-//! let share = graph.sigmoid(map);
-//! let metadata = Metadata { size: [320, 96], meaning: Meaning::DisparityShare, training_key: "none" };
-//! let bytes = graph.finish(share, &metadata);
-//! assert!(bytes.len() > 27 * 4);
-//! ```
 
 mod layers;
 
@@ -24,30 +11,21 @@ use super::proto::{
 };
 
 /// The version of ONNX's operators that is written.
-pub const OPSET: i64 = 13;
+pub(crate) const OPSET: i64 = 13;
 /// The version of the file format: that of ONNX 1.9 to 1.12, which every engine of today reads.
 const IR_VERSION: i64 = 8;
 
-/// How many images a network takes at once: the first side of all its tensors.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Batch {
-    /// Any number.
-    Open,
-    /// This many.
-    Of(usize),
-}
-
 /// A value in a graph under construction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Tensor(usize);
+pub(crate) struct Tensor(usize);
 
 /// The weights of a convolution: four sides, the last fastest.
 #[derive(Clone, Copy, Debug)]
-pub struct Weights<'a> {
+pub(crate) struct Weights<'a> {
     /// Sides; which channels come first depends on the layer.
-    pub dims: [usize; 4],
+    pub(crate) dims: [usize; 4],
     /// As many values as the sides say.
-    pub values: &'a [f32],
+    pub(crate) values: &'a [f32],
 }
 
 struct Known {
@@ -59,9 +37,8 @@ struct Known {
 /// A network in the making. The bytes depend on the calls alone.
 ///
 /// Layers check what they are given and panic where it does not fit: a network is written by code, not by a user.
-pub struct GraphBuilder {
+pub(crate) struct GraphBuilder {
     name: String,
-    batch: Batch,
     values: Vec<Known>,
     inputs: Vec<Tensor>,
     nodes: Vec<NodeProto>,
@@ -71,16 +48,16 @@ pub struct GraphBuilder {
 impl GraphBuilder {
     /// An empty graph.
     #[must_use]
-    pub fn new(name: &str, batch: Batch) -> Self {
+    pub(crate) fn new(name: &str) -> Self {
         let (values, inputs, nodes, initializers) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-        Self { name: name.to_owned(), batch, values, inputs, nodes, initializers }
+        Self { name: name.to_owned(), values, inputs, nodes, initializers }
     }
 
     /// An input of f32; `dims` are its sides after the batch's, e.g. `[3, 96, 320]`.
     ///
     /// # Panics
     /// If the name is taken.
-    pub fn input(&mut self, name: &str, dims: &[usize]) -> Tensor {
+    pub(crate) fn input(&mut self, name: &str, dims: &[usize]) -> Tensor {
         let input = self.value(name, dims.to_vec());
         self.inputs.push(input);
         input
@@ -88,7 +65,7 @@ impl GraphBuilder {
 
     /// The sides of a value after the batch's.
     #[must_use]
-    pub fn dims(&self, tensor: Tensor) -> &[usize] {
+    pub(crate) fn dims(&self, tensor: Tensor) -> &[usize] {
         &self.values[tensor.0].dims
     }
 
@@ -97,7 +74,7 @@ impl GraphBuilder {
     /// # Panics
     /// If an input is named like the output.
     #[must_use]
-    pub fn finish(mut self, output: Tensor, metadata: &Metadata<'_>) -> Vec<u8> {
+    pub(crate) fn finish(mut self, output: Tensor, metadata: &Metadata<'_>) -> Vec<u8> {
         let (before, after) = (self.name_of(output), metadata.meaning.name().replace('-', "_"));
         let taken = self.values.iter().any(|known| known.name == after && known.name != before);
         assert!(!taken, "no other value is called {after}");
@@ -196,10 +173,7 @@ impl GraphBuilder {
 
     fn value_info(&self, tensor: Tensor) -> ValueInfoProto {
         let known = &self.values[tensor.0];
-        let batch = match self.batch {
-            Batch::Open => Dimension::Param("N".to_owned()),
-            Batch::Of(batch) => Dimension::Value(batch as i64),
-        };
+        let batch = Dimension::Param("N".to_owned());
         let sides = known.dims.iter().map(|&side| Dimension::Value(side as i64));
         let dim = std::iter::once(batch).chain(sides).map(|side| DimensionProto { value: Some(side) }).collect();
         let shape = Some(TensorShapeProto { dim });

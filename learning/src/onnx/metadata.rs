@@ -2,11 +2,9 @@
 
 /// What a network's output means, named as `mono/onnx` names it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Meaning {
+pub(crate) enum Meaning {
     /// Disparity as a share of the image's width.
     DisparityShare,
-    /// 1 / depth, 1/m.
-    InverseDepth,
     /// Depth, metres.
     Depth,
 }
@@ -14,10 +12,9 @@ pub enum Meaning {
 impl Meaning {
     /// The name in files and parameters.
     #[must_use]
-    pub const fn name(self) -> &'static str {
+    pub(crate) const fn name(self) -> &'static str {
         match self {
             Self::DisparityShare => "disparity-share",
-            Self::InverseDepth => "inverse-depth",
             Self::Depth => "depth",
         }
     }
@@ -25,25 +22,25 @@ impl Meaning {
 
 /// What a file says of its network.
 #[derive(Clone, Copy, Debug)]
-pub struct Metadata<'a> {
+pub(crate) struct Metadata<'a> {
     /// Columns and rows of the image it takes, px.
-    pub size: [usize; 2],
+    pub(crate) size: [usize; 2],
     /// What it gives.
-    pub meaning: Meaning,
+    pub(crate) meaning: Meaning,
     /// The key of the training run that made it.
-    pub training_key: &'a str,
+    pub(crate) training_key: &'a str,
 }
 
 /// Names of a file's metadata.
-pub mod names {
+pub(crate) mod names {
     /// Columns and rows of the image, e.g. `320x96`.
-    pub const INPUT_SIZE: &str = "depthloom.input_size";
+    pub(crate) const INPUT_SIZE: &str = "depthloom.input_size";
     /// How the image is brought to the network.
-    pub const NORMALISATION: &str = "depthloom.normalisation";
+    pub(crate) const NORMALISATION: &str = "depthloom.normalisation";
     /// What the output means, as `mono/onnx` names it.
-    pub const OUTPUT: &str = "depthloom.output";
+    pub(crate) const OUTPUT: &str = "depthloom.output";
     /// The key of the training run.
-    pub const TRAINING_KEY: &str = "depthloom.training_key";
+    pub(crate) const TRAINING_KEY: &str = "depthloom.training_key";
 }
 
 /// What every network here is given: see `learn/samples`.

@@ -1,10 +1,10 @@
 //! Networks as ONNX files: writing them, and reading weights out of them and of `.safetensors` files.
 
-pub mod proto;
-pub mod weights;
+pub(crate) mod proto;
+pub(crate) mod weights;
 
 mod graph;
 mod metadata;
 
-pub use graph::{Batch, GraphBuilder, OPSET, Tensor, Weights};
-pub use metadata::{Meaning, Metadata, names};
+pub(crate) use graph::{GraphBuilder, Tensor, Weights};
+pub(crate) use metadata::{Meaning, Metadata};

@@ -14,26 +14,18 @@ use super::proto::{TensorProto, data_type};
 
 /// A tensor of a file.
 #[derive(Clone, Debug, PartialEq)]
-pub struct NamedTensor {
+pub(crate) struct NamedTensor {
     /// Its name.
-    pub name: String,
+    pub(crate) name: String,
     /// Its sides, the last fastest; none for a scalar.
-    pub dims: Vec<usize>,
+    pub(crate) dims: Vec<usize>,
     /// As many values as the sides say.
-    pub values: Vec<f32>,
+    pub(crate) values: Vec<f32>,
 }
 
 /// Why a file gives no weights.
 #[derive(Debug, thiserror::Error)]
-pub enum WeightsError {
-    /// The file cannot be read.
-    #[error("failed to read {}", path.display())]
-    Unread {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        source: std::io::Error,
-    },
+pub(crate) enum WeightsError {
     /// The name says nothing of its format.
     #[error("{} is neither a .safetensors nor an .onnx file, going by its name", .0.display())]
     Format(PathBuf),
@@ -67,7 +59,7 @@ pub enum WeightsError {
 
 /// Why a tensor cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum TensorError {
+pub(crate) enum TensorError {
     /// Another one has its name.
     #[error("the file has two of this name")]
     Twice,
@@ -92,20 +84,12 @@ pub enum TensorError {
     Elsewhere,
 }
 
-/// The tensors of a `.safetensors` file, in the order of their bytes, or the constants of an `.onnx` file, in the file's order.
+/// The tensors of a `.safetensors` file, in the order of their bytes, or the constants of an `.onnx` file, in the file's order; `path` tells
+/// the format.
 ///
 /// # Errors
-/// If the file cannot be read, is named otherwise, is damaged, or holds tensors that cannot be used.
-pub fn read_weights(path: &Path) -> Result<Vec<NamedTensor>, WeightsError> {
-    let bytes = std::fs::read(path).map_err(|source| WeightsError::Unread { path: path.to_owned(), source })?;
-    decode_weights(path, &bytes)
-}
-
-/// As [`read_weights`], of bytes already read; `path` tells the format.
-///
-/// # Errors
-/// As [`read_weights`].
-pub fn decode_weights(path: &Path, bytes: &[u8]) -> Result<Vec<NamedTensor>, WeightsError> {
+/// If the file is named otherwise, is damaged, or holds tensors that cannot be used.
+pub(crate) fn decode_weights(path: &Path, bytes: &[u8]) -> Result<Vec<NamedTensor>, WeightsError> {
     let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
     if extension == "safetensors" {
         of_safetensors(path, bytes)

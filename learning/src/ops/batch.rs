@@ -11,10 +11,10 @@ use rayon::prelude::*;
 /// What burn keeps of an operation for its backward pass.
 #[derive(Clone, Debug)]
 pub(super) struct Kept {
-    pub x: FlexTensor,
-    pub weight: FlexTensor,
-    pub out: FlexTensor,
-    pub relu: bool,
+    pub(crate) x: FlexTensor,
+    pub(crate) weight: FlexTensor,
+    pub(crate) out: FlexTensor,
+    pub(crate) relu: bool,
 }
 
 /// Batch, channels, rows, columns of a tensor.
@@ -64,9 +64,9 @@ pub(super) fn forward(
 /// Which gradients somebody waits for.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Wanted {
-    pub x: bool,
-    pub weight: bool,
-    pub bias: bool,
+    pub(crate) x: bool,
+    pub(crate) weight: bool,
+    pub(crate) bias: bool,
 }
 
 /// Every image backwards through `f(image, out, slope, gradients, scratch)`: the gradients of x, weight and bias.

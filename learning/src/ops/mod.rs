@@ -17,7 +17,7 @@ use depthloom_kernels::convolve::Activation;
 
 /// The operations added to the CPU back end. Tensors are f32, NCHW.
 #[backend_extension(Flex, Autodiff)]
-pub trait Convolutions: Backend {
+pub(crate) trait Convolutions: Backend {
     /// Convolution with an odd kernel, stride 1 and zero padding that keeps the size; `relu` follows.
     fn same(x: FloatTensor<Self>, weight: FloatTensor<Self>, bias: FloatTensor<Self>, relu: bool) -> FloatTensor<Self>;
     /// Transposed convolution with a 4x4 kernel, stride 2 and padding 1, which doubles the size; `relu` follows.
@@ -37,7 +37,7 @@ fn is_cpu(device: &Device) -> bool {
 
 /// Convolution with an odd kernel (outputs x inputs x k x k), stride 1, zero padding that keeps the size.
 #[must_use]
-pub fn same(x: Tensor<4>, weight: Tensor<4>, bias: Tensor<1>, activation: Activation) -> Tensor<4> {
+pub(crate) fn same(x: Tensor<4>, weight: Tensor<4>, bias: Tensor<1>, activation: Activation) -> Tensor<4> {
     let relu = activation == Activation::Relu;
     if is_cpu(&x.device()) {
         let out =
@@ -51,7 +51,7 @@ pub fn same(x: Tensor<4>, weight: Tensor<4>, bias: Tensor<1>, activation: Activa
 
 /// Transposed convolution (inputs x outputs x 4 x 4), stride 2, padding 1: twice the rows and columns.
 #[must_use]
-pub fn double(x: Tensor<4>, weight: Tensor<4>, bias: Tensor<1>, activation: Activation) -> Tensor<4> {
+pub(crate) fn double(x: Tensor<4>, weight: Tensor<4>, bias: Tensor<1>, activation: Activation) -> Tensor<4> {
     let relu = activation == Activation::Relu;
     if is_cpu(&x.device()) {
         let out =
@@ -65,7 +65,7 @@ pub fn double(x: Tensor<4>, weight: Tensor<4>, bias: Tensor<1>, activation: Acti
 
 /// The largest of every 2x2 samples: half the rows and columns, which are even.
 #[must_use]
-pub fn halve(x: Tensor<4>) -> Tensor<4> {
+pub(crate) fn halve(x: Tensor<4>) -> Tensor<4> {
     if is_cpu(&x.device()) {
         return Tensor::from_dispatch(<Dispatch as Convolutions>::halve(x.into_dispatch()));
     }

@@ -22,7 +22,7 @@
 
 use half::f16;
 
-use super::set::{Sample, Samples};
+use super::sample::Sample;
 
 pub(super) const MAGIC: [u8; 8] = *b"DLSAMPLE";
 pub(super) const VERSION: u32 = 1;
@@ -34,7 +34,7 @@ pub(super) const HEADER_LEN: usize = 32;
 
 /// Why bytes are no samples.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum DecodeError {
+pub(crate) enum DecodeError {
     /// The bytes begin otherwise.
     #[error("the bytes are no training samples: they do not begin with `DLSAMPLE`")]
     Magic,
@@ -130,25 +130,10 @@ impl Form {
     }
 }
 
-impl Samples {
-    /// The samples as bytes; equal samples give equal bytes.
-    ///
-    /// # Panics
-    /// If a sample is not of the set's size, or only some have a right image.
-    #[must_use]
-    pub fn encode(&self) -> Vec<u8> {
-        let form = Form { width: self.width, height: self.height, has_right: self.has_right };
-        let mut out = form.header(self.items.len() as u64).to_vec();
-        for sample in &self.items {
-            form.append(sample, &mut out);
-        }
-        out
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::samples::Samples;
     use proptest::collection::vec;
     use proptest::prelude::*;
 

@@ -2,13 +2,17 @@
 
 mod format;
 mod node;
+mod sample;
+#[cfg(test)]
 mod set;
 mod spool;
 mod target;
 mod view;
 
-pub use format::DecodeError;
-pub use node::{CollectSamples, SamplesParams};
-pub use set::{Sample, Samples};
+pub(crate) use node::{CollectSamples, SamplesParams};
+#[cfg(test)]
+pub(crate) use sample::Sample;
+#[cfg(test)]
+pub(crate) use set::Samples;
+pub(crate) use view::SamplesView;
 pub(crate) use view::size_and_right;
-pub use view::{SampleView, SamplesView};

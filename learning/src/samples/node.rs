@@ -9,26 +9,26 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::format::Form;
-use super::set::Sample;
+use super::sample::Sample;
 use super::spool::Spool;
 use super::target::{Maps, Rule};
 
 /// Parameters of `learn/samples`.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub struct SamplesParams {
+pub(crate) struct SamplesParams {
     /// Columns and rows of the network's image, px.
     #[schemars(inner(range(min = 1, max = 4096)))]
-    pub size: [u32; 2],
+    pub(crate) size: [u32; 2],
     /// Disparities above this are targets, px.
     #[schemars(range(min = 0, max = 2048))]
-    pub least_disparity: f64,
+    pub(crate) least_disparity: f64,
     /// Cells of the small image of which targets cover less than this share are left out.
     #[schemars(range(min = 0, max = 1))]
-    pub coverage: f64,
+    pub(crate) coverage: f64,
     /// Samples beyond this are kept in a temporary file until the last frame, MB (2^20 bytes); the result is the same.
     #[schemars(range(min = 0, max = 1_048_576), extend("operational" = true))]
-    pub memory_mb: u32,
+    pub(crate) memory_mb: u32,
 }
 
 impl Default for SamplesParams {
@@ -38,7 +38,7 @@ impl Default for SamplesParams {
 }
 
 /// The kind `learn/samples`.
-pub struct CollectSamples {
+pub(crate) struct CollectSamples {
     size: [u32; 2],
     rule: Rule,
     maps: Maps,

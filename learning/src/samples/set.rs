@@ -1,60 +1,61 @@
-//! Training samples in memory.
+//! Training samples in memory, as tests make them and look at them.
 
 use half::f16;
+
+use super::format::{DecodeError, Form};
+use super::sample::Sample;
+use super::view::{SampleView, SamplesView};
 
 /// Training samples of one size.
 ///
 /// Equality is that of the encoded bytes, so that pixels without target (NaN) are equal to each other.
 #[derive(Clone, Debug, Default)]
-pub struct Samples {
+pub(crate) struct Samples {
     /// Columns of the network's image, px.
-    pub width: u32,
+    pub(crate) width: u32,
     /// Rows of the network's image, px.
-    pub height: u32,
+    pub(crate) height: u32,
     /// Whether every sample has a right image; without, none has.
-    pub has_right: bool,
+    pub(crate) has_right: bool,
     /// The samples in the order of their frames.
-    pub items: Vec<Sample>,
-}
-
-/// A frame as a network is taught it.
-#[derive(Clone, Debug, Default)]
-pub struct Sample {
-    /// The frame's own name, e.g. `000150_10`; frames of joined sources may share one.
-    pub id: String,
-    /// The left image, 3 x height x width: the planes of red, green and blue, 0 to 255.
-    pub image: Vec<u8>,
-    /// The right image, likewise.
-    pub right: Option<Vec<u8>>,
-    /// The target, height x width: disparity as a share of the image's width, above 0; NaN = no target.
-    pub share: Vec<f16>,
-    /// `f * B / width`, metres: depth is this over the share. `None` without calibration.
-    pub depth_scale: Option<f64>,
+    pub(crate) items: Vec<Sample>,
 }
 
 impl Samples {
-    /// How many samples there are.
+    /// The samples as bytes; equal samples give equal bytes.
+    ///
+    /// # Panics
+    /// If a sample is not of the set's size, or only some have a right image.
     #[must_use]
-    pub const fn len(&self) -> usize {
-        self.items.len()
+    pub(crate) fn encode(&self) -> Vec<u8> {
+        let form = Form { width: self.width, height: self.height, has_right: self.has_right };
+        let mut out = form.header(self.items.len() as u64).to_vec();
+        for sample in &self.items {
+            form.append(sample, &mut out);
+        }
+        out
     }
 
-    /// Whether there is no sample.
-    #[must_use]
-    pub const fn is_empty(&self) -> bool {
-        self.items.is_empty()
+    /// Reads what [`Samples::encode`] wrote.
+    ///
+    /// # Errors
+    /// As [`SamplesView::read`].
+    pub(crate) fn decode(bytes: &[u8]) -> Result<Self, DecodeError> {
+        let SamplesView { form, items } = SamplesView::read(bytes)?;
+        let items = items.into_iter().map(SampleView::to_sample).collect();
+        Ok(Self { width: form.width, height: form.height, has_right: form.has_right, items })
     }
+}
 
-    /// Pixels of an image.
-    #[must_use]
-    pub const fn pixels(&self) -> usize {
-        self.width as usize * self.height as usize
-    }
-
-    /// Whether every sample can be taught as depth in metres.
-    #[must_use]
-    pub fn has_depth_scale(&self) -> bool {
-        self.items.iter().all(|sample| sample.depth_scale.is_some())
+impl SampleView<'_> {
+    fn to_sample(self) -> Sample {
+        Sample {
+            id: self.id.to_owned(),
+            image: self.image.to_vec(),
+            right: self.right.map(<[u8]>::to_vec),
+            share: self.shares().collect(),
+            depth_scale: self.depth_scale,
+        }
     }
 }
 

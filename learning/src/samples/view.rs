@@ -3,27 +3,27 @@
 use half::f16;
 
 use super::format::{DecodeError, FLAG_RIGHT, Form, HEADER_LEN, LARGEST_SIDE, MAGIC, VERSION};
-use super::set::{Sample, Samples};
 
 /// Encoded samples, checked and indexed.
 #[derive(Clone, Debug)]
-pub struct SamplesView<'a> {
-    form: Form,
+pub(crate) struct SamplesView<'a> {
+    pub(super) form: Form,
     /// The samples in the order of their frames.
-    pub items: Vec<SampleView<'a>>,
+    pub(crate) items: Vec<SampleView<'a>>,
 }
 
-/// A frame as a network is taught it; as [`Sample`], but among the encoded bytes.
+/// A frame as a network is taught it, among the encoded bytes.
 #[derive(Clone, Copy, Debug)]
-pub struct SampleView<'a> {
+pub(crate) struct SampleView<'a> {
     /// The frame's own name.
-    pub id: &'a str,
+    #[cfg_attr(not(test), expect(dead_code, reason = "reading checks it; only tests look at it again"))]
+    pub(crate) id: &'a str,
     /// The left image, 3 x height x width.
-    pub image: &'a [u8],
+    pub(crate) image: &'a [u8],
     /// The right image, likewise.
-    pub right: Option<&'a [u8]>,
+    pub(crate) right: Option<&'a [u8]>,
     /// `f * B / width`, metres; `None` without calibration.
-    pub depth_scale: Option<f64>,
+    pub(crate) depth_scale: Option<f64>,
     share: &'a [[u8; 2]],
 }
 
@@ -34,32 +34,22 @@ impl SampleView<'_> {
     /// If there is no such pixel.
     #[inline]
     #[must_use]
-    pub fn share(&self, pixel: usize) -> f16 {
+    pub(crate) fn share(&self, pixel: usize) -> f16 {
         f16::from_le_bytes(self.share[pixel])
     }
 
     /// The targets of all pixels.
-    pub fn shares(&self) -> impl Iterator<Item = f16> {
+    pub(crate) fn shares(&self) -> impl Iterator<Item = f16> {
         self.share.iter().map(|bytes| f16::from_le_bytes(*bytes))
-    }
-
-    fn to_sample(self) -> Sample {
-        Sample {
-            id: self.id.to_owned(),
-            image: self.image.to_vec(),
-            right: self.right.map(<[u8]>::to_vec),
-            share: self.shares().collect(),
-            depth_scale: self.depth_scale,
-        }
     }
 }
 
 impl<'a> SamplesView<'a> {
-    /// Reads what [`Samples::encode`] wrote, without a copy.
+    /// Reads what `learn/samples` gave, without a copy.
     ///
     /// # Errors
     /// If the bytes are of something else, of another version, or damaged.
-    pub fn read(bytes: &'a [u8]) -> Result<Self, DecodeError> {
+    pub(crate) fn read(bytes: &'a [u8]) -> Result<Self, DecodeError> {
         let (form, count, mut rest) = header(bytes)?;
         // Damaged counts announce more than the bytes can hold: no memory is taken before it is looked at.
         let most = rest.len() / form.sample_len() + 1;
@@ -77,56 +67,38 @@ impl<'a> SamplesView<'a> {
 
     /// Columns of the network's image, px.
     #[must_use]
-    pub const fn width(&self) -> usize {
+    pub(crate) const fn width(&self) -> usize {
         self.form.width as usize
     }
 
     /// Rows of the network's image, px.
     #[must_use]
-    pub const fn height(&self) -> usize {
+    pub(crate) const fn height(&self) -> usize {
         self.form.height as usize
     }
 
     /// Whether every sample has a right image; without, none has.
     #[must_use]
-    pub const fn has_right(&self) -> bool {
+    pub(crate) const fn has_right(&self) -> bool {
         self.form.has_right
     }
 
     /// How many samples there are.
     #[must_use]
-    pub const fn len(&self) -> usize {
+    pub(crate) const fn len(&self) -> usize {
         self.items.len()
-    }
-
-    /// Whether there is no sample.
-    #[must_use]
-    pub const fn is_empty(&self) -> bool {
-        self.items.is_empty()
     }
 
     /// Whether any sample has a target.
     #[must_use]
-    pub fn has_target(&self) -> bool {
+    pub(crate) fn has_target(&self) -> bool {
         self.items.iter().any(|sample| sample.shares().any(|share| !share.is_nan()))
     }
 
     /// Whether every sample can be taught as depth in metres.
     #[must_use]
-    pub fn has_depth_scale(&self) -> bool {
+    pub(crate) fn has_depth_scale(&self) -> bool {
         self.items.iter().all(|sample| sample.depth_scale.is_some())
-    }
-}
-
-impl Samples {
-    /// Reads what [`Samples::encode`] wrote.
-    ///
-    /// # Errors
-    /// As [`SamplesView::read`].
-    pub fn decode(bytes: &[u8]) -> Result<Self, DecodeError> {
-        let SamplesView { form, items } = SamplesView::read(bytes)?;
-        let items = items.into_iter().map(SampleView::to_sample).collect();
-        Ok(Self { width: form.width, height: form.height, has_right: form.has_right, items })
     }
 }
 
@@ -185,7 +157,8 @@ fn sample(form: Form, index: u64, count: u64, rest: &[u8]) -> Result<(SampleView
 
 #[cfg(test)]
 mod tests {
-    use super::{Sample, Samples, SamplesView, f16};
+    use super::{SamplesView, f16};
+    use crate::samples::{Sample, Samples};
 
     #[test]
     fn fault_22_samples_are_read_where_they_lie() {

@@ -9,17 +9,17 @@ use super::params::SslParams;
 #[derive(Debug, Default)]
 pub(super) struct Batch {
     /// Number of samples.
-    pub count: usize,
+    pub(crate) count: usize,
     /// Batch x 3 x height x width, in [0, 1].
-    pub images: Vec<f32>,
+    pub(crate) images: Vec<f32>,
     /// The right views, likewise; empty where nobody asks for them.
-    pub rights: Vec<f32>,
+    pub(crate) rights: Vec<f32>,
     /// Batch x height x width: disparity as a share of the width, NaN where there is none.
-    pub shares: Vec<f32>,
+    pub(crate) shares: Vec<f32>,
     /// Per sample: depth x share, metres.
-    pub depth_scales: Vec<f32>,
+    pub(crate) depth_scales: Vec<f32>,
     /// Per sample: whether it is mirrored, so that the right view lies to the left.
-    pub mirrored: Vec<bool>,
+    pub(crate) mirrored: Vec<bool>,
 }
 
 /// The sequence of random numbers that a step begins; other purposes have other parts of the seed.

@@ -13,10 +13,10 @@ use crate::samples::{CollectSamples, SamplesParams, SamplesView, size_and_right}
 /// What the samples at a port have in common.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Form {
-    pub size: Size,
-    pub has_right: bool,
+    pub(crate) size: Size,
+    pub(crate) has_right: bool,
     /// Whether depth in metres can be told.
-    pub has_depth: bool,
+    pub(crate) has_depth: bool,
 }
 
 impl Form {

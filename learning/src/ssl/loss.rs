@@ -11,7 +11,7 @@ use crate::networks::Meaning;
 /// In what the absolute error is measured.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
-pub enum Loss {
+pub(crate) enum Loss {
     /// Inverse depth, as the disparity's share of the image's width: near things count as much as stereo measures them well.
     #[default]
     InverseDepth,
@@ -34,10 +34,10 @@ fn ln(x: f32) -> f32 {
 /// A masked mean absolute error.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct MaskedError {
-    pub loss: Loss,
-    pub meaning: Meaning,
+    pub(crate) loss: Loss,
+    pub(crate) meaning: Meaning,
     /// Depths beyond are as far as this, metres; of [`Loss::Depth`].
-    pub cap_m: f32,
+    pub(crate) cap_m: f32,
 }
 
 /// A value and its derivative by the map's sample.

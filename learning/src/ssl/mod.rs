@@ -10,9 +10,7 @@ mod photometric;
 mod train;
 mod weights;
 
-pub use loss::Loss;
-pub use node::Ssl;
-pub use params::{Schedule, SslParams};
+pub(crate) use node::Ssl;
 
 #[cfg(test)]
 mod tests;

@@ -25,7 +25,7 @@ const VERSION: u32 = 2;
 const LIBRARY: &str = "burn 0.22.1";
 
 /// The kind `learn/ssl`.
-pub struct Ssl {
+pub(crate) struct Ssl {
     params: SslParams,
     weights: Option<Vec<NamedTensor>>,
 }

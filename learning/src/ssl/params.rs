@@ -10,7 +10,7 @@ use crate::networks::{Meaning, Network};
 /// How the learning rate goes on from its first value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
-pub enum Schedule {
+pub(crate) enum Schedule {
     /// Half a cosine down to zero at the last step.
     #[default]
     Cosine,
@@ -21,58 +21,58 @@ pub enum Schedule {
 /// Parameters of `learn/ssl`.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub struct SslParams {
+pub(crate) struct SslParams {
     /// The network: `unet-lite`, `fcn-lite`, `fcn-vgg16` or `eigen-coarse`.
-    pub network: Network,
+    pub(crate) network: Network,
     /// In what the absolute error is measured: `inverse-depth`, `depth` (the paper's) or `log-depth`.
-    pub loss: Loss,
+    pub(crate) loss: Loss,
     /// Depths beyond are as far as this, metres; of the loss `depth`.
     #[schemars(extend("exclusiveMinimum" = 0))]
-    pub cap: f64,
+    pub(crate) cap: f64,
     /// Weight of the photometric loss (Godard, Mac Aodha, Brostow 2017) beside the error; needs the right view at `learn/samples`.
     #[schemars(range(min = 0))]
-    pub photometric: f64,
+    pub(crate) photometric: f64,
     /// Steps of the optimiser.
     #[schemars(range(min = 1))]
-    pub steps: u64,
+    pub(crate) steps: u64,
     /// Samples a step.
     #[schemars(range(min = 1, max = 4096))]
-    pub batch: u32,
+    pub(crate) batch: u32,
     /// Samples loaded at a time, from which `draws` batches are drawn (the paper: 32 and 100); `null` draws every batch from all.
     #[schemars(inner(range(min = 1)))]
-    pub loaded: Option<u32>,
+    pub(crate) loaded: Option<u32>,
     /// Batches drawn from what is loaded.
     #[schemars(range(min = 1))]
-    pub draws: u32,
+    pub(crate) draws: u32,
     /// First learning rate of Adam.
     #[schemars(extend("exclusiveMinimum" = 0))]
-    pub learning_rate: f64,
+    pub(crate) learning_rate: f64,
     /// How the learning rate goes on: `cosine` or `constant`.
-    pub schedule: Schedule,
+    pub(crate) schedule: Schedule,
     /// Whether half of the samples are mirrored.
-    pub flip: bool,
+    pub(crate) flip: bool,
     /// Brightness varies by up to this share.
     #[schemars(range(min = 0, max = 1))]
-    pub brightness: f64,
+    pub(crate) brightness: f64,
     /// Each colour varies by up to this share.
     #[schemars(range(min = 0, max = 1))]
-    pub colour: f64,
+    pub(crate) colour: f64,
     /// Up to this share of the image's sides is cut off and the rest enlarged; its disparities are larger shares of the width then.
     #[schemars(range(min = 0, max = 0.9))]
-    pub crop: f64,
+    pub(crate) crop: f64,
     /// Where all randomness comes from.
-    pub seed: u64,
+    pub(crate) seed: u64,
     /// Weights to begin with, by the names of the network's parameters: a `.safetensors` or ONNX file. What it lacks begins at random.
-    pub weights: Option<DataPath>,
+    pub(crate) weights: Option<DataPath>,
     /// Steps from one point of the learning curve to the next.
     #[schemars(range(min = 1))]
-    pub curve_every: u64,
+    pub(crate) curve_every: u64,
     /// With validation samples: points of the curve without a new best before learning stops; `null` never stops. The best network is given.
     #[schemars(inner(range(min = 1)))]
-    pub patience: Option<u32>,
+    pub(crate) patience: Option<u32>,
     /// Steps from one checkpoint to the next.
     #[schemars(range(min = 1), extend("operational" = true))]
-    pub checkpoint_every: u64,
+    pub(crate) checkpoint_every: u64,
 }
 
 impl Default for SslParams {

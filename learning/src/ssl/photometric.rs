@@ -14,11 +14,11 @@ const C2: f32 = 9e-4;
 
 /// The loss of a batch.
 pub(super) struct Photometric {
-    pub meaning: Meaning,
+    pub(crate) meaning: Meaning,
     /// The size of the network's map.
-    pub map: Size,
+    pub(crate) map: Size,
     /// The size of its images.
-    pub image: Size,
+    pub(crate) image: Size,
 }
 
 impl Photometric {

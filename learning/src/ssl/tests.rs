@@ -1,6 +1,6 @@
 //! `learn/ssl` as the runner calls it, on small samples.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -140,7 +140,7 @@ fn it_learns_with_every_network_and_loss() {
 #[test]
 fn the_papers_network_keeps_its_first_eight_convolutions() {
     use crate::networks::{Network, Size, layout};
-    use crate::onnx::weights::read_weights;
+    use crate::onnx::weights::decode_weights;
     let folder = tempfile::tempdir().expect("a folder");
     let layout = layout(Network::FcnVgg16, Size { width: 64, height: 32 });
     let pretrained = layout.start(77);
@@ -155,9 +155,7 @@ fn the_papers_network_keeps_its_first_eight_convolutions() {
     std::fs::write(&file, safetensors::serialize(views, None).expect("a file")).expect("written");
     let params = json!({ "network": "fcn-vgg16", "weights": file, "loss": "depth", "steps": 2, "batch": 2 });
     let (model, _) = learn(params, &samples(2, 0, false), None, &Patience::endless(2)).expect("it learns");
-    let onnx = folder.path().join("vgg.onnx");
-    std::fs::write(&onnx, model).expect("written");
-    let learned = read_weights(&onnx).expect("an ONNX file");
+    let learned = decode_weights(Path::new("vgg.onnx"), &model).expect("an ONNX file");
     let first = layout.start(1);
     for ((parameter, kept), first) in layout.parameters.iter().zip(&pretrained).zip(&first) {
         let tensor = learned.iter().find(|tensor| tensor.name == parameter.name).expect("every parameter is written");

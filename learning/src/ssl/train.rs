@@ -15,25 +15,25 @@ use crate::samples::SamplesView;
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct State {
     /// Steps done.
-    pub step: u64,
+    pub(crate) step: u64,
     /// By parameter, flat.
-    pub values: Vec<Vec<f32>>,
+    pub(crate) values: Vec<Vec<f32>>,
     /// Adam's moments of the learned parameters, first and second; empty before the first step and for frozen parameters.
-    pub moments: Vec<[Vec<f32>; 2]>,
+    pub(crate) moments: Vec<[Vec<f32>; 2]>,
     /// Sum and number of errors since the last point of the curve.
-    pub since_point: (f64, u64),
+    pub(crate) since_point: (f64, u64),
     /// The learning curve so far.
-    pub points: Vec<CurvePoint>,
+    pub(crate) points: Vec<CurvePoint>,
     /// With validation: the best parameters, their error, and points since.
-    pub best: Option<Best>,
+    pub(crate) best: Option<Best>,
 }
 
 /// The best parameters so far.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Best {
-    pub step: u64,
-    pub error: f64,
-    pub values: Vec<Vec<f32>>,
+    pub(crate) step: u64,
+    pub(crate) error: f64,
+    pub(crate) values: Vec<Vec<f32>>,
 }
 
 /// A training under way.

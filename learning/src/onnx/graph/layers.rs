@@ -1,6 +1,6 @@
 //! The layers a graph is made of: what each computes, and the operator that says so.
 
-use super::{Batch, GraphBuilder, Tensor, Weights};
+use super::{GraphBuilder, Tensor, Weights};
 use crate::onnx::proto::{AttributeProto, attribute_type};
 
 impl GraphBuilder {
@@ -8,7 +8,7 @@ impl GraphBuilder {
     ///
     /// # Panics
     /// If weights, bias or image do not fit each other.
-    pub fn conv2d(
+    pub(crate) fn conv2d(
         &mut self,
         name: &str,
         input: Tensor,
@@ -32,7 +32,7 @@ impl GraphBuilder {
     ///
     /// # Panics
     /// If weights, bias or image do not fit each other.
-    pub fn conv_transpose2d(
+    pub(crate) fn conv_transpose2d(
         &mut self,
         name: &str,
         input: Tensor,
@@ -54,7 +54,7 @@ impl GraphBuilder {
     ///
     /// # Panics
     /// If weights, bias and input do not fit each other.
-    pub fn linear(&mut self, name: &str, input: Tensor, weights: &[f32], bias: &[f32]) -> Tensor {
+    pub(crate) fn linear(&mut self, name: &str, input: Tensor, weights: &[f32], bias: &[f32]) -> Tensor {
         let inputs: usize = self.dims(input).iter().product();
         let flat = if self.dims(input).len() == 1 {
             input
@@ -69,35 +69,25 @@ impl GraphBuilder {
     }
 
     /// `max(x, 0)`.
-    pub fn relu(&mut self, input: Tensor) -> Tensor {
+    pub(crate) fn relu(&mut self, input: Tensor) -> Tensor {
         self.unnamed("Relu", &[input], Vec::new(), self.dims(input).to_vec())
     }
 
     /// `1 / (1 + exp(-x))`.
-    pub fn sigmoid(&mut self, input: Tensor) -> Tensor {
+    pub(crate) fn sigmoid(&mut self, input: Tensor) -> Tensor {
         self.unnamed("Sigmoid", &[input], Vec::new(), self.dims(input).to_vec())
     }
 
-    /// `exp(x)`.
-    pub fn exp(&mut self, input: Tensor) -> Tensor {
-        self.unnamed("Exp", &[input], Vec::new(), self.dims(input).to_vec())
-    }
-
     /// `factor * x`.
-    pub fn scale(&mut self, input: Tensor, factor: f32) -> Tensor {
+    pub(crate) fn scale(&mut self, input: Tensor, factor: f32) -> Tensor {
         self.with_scalar("Mul", input, factor)
-    }
-
-    /// `x + term`.
-    pub fn shift(&mut self, input: Tensor, term: f32) -> Tensor {
-        self.with_scalar("Add", input, term)
     }
 
     /// The largest value of each window of `size x size`; the surroundings do not count.
     ///
     /// # Panics
     /// If the padding is not smaller than the window, or the image than it.
-    pub fn max_pool(&mut self, input: Tensor, size: usize, stride: usize, padding: usize) -> Tensor {
+    pub(crate) fn max_pool(&mut self, input: Tensor, size: usize, stride: usize, padding: usize) -> Tensor {
         assert!(padding < size, "every window holds a pixel");
         let [channels, height, width] = self.map_dims(input);
         let side =
@@ -114,7 +104,7 @@ impl GraphBuilder {
     ///
     /// # Panics
     /// If there are none, or their images differ in size.
-    pub fn concat(&mut self, inputs: &[Tensor]) -> Tensor {
+    pub(crate) fn concat(&mut self, inputs: &[Tensor]) -> Tensor {
         let dims: Vec<[usize; 3]> = inputs.iter().map(|&input| self.map_dims(input)).collect();
         let [_, height, width] = *dims.first().expect("something to concatenate");
         assert!(dims.iter().all(|&[_, h, w]| (h, w) == (height, width)), "{dims:?} have one size");
@@ -126,38 +116,13 @@ impl GraphBuilder {
     ///
     /// # Panics
     /// If that changes their number.
-    pub fn reshape(&mut self, input: Tensor, dims: &[usize]) -> Tensor {
+    pub(crate) fn reshape(&mut self, input: Tensor, dims: &[usize]) -> Tensor {
         let count: usize = self.dims(input).iter().product();
         assert_eq!(count, dims.iter().product::<usize>(), "reshaping keeps all values");
         // A side of 0 is that of the input: the batch.
         let sides: Vec<i64> = std::iter::once(0).chain(dims.iter().map(|&side| side as i64)).collect();
         let shape = self.integers(&sides);
         self.unnamed_of("Reshape", vec![self.name_of(input), shape], Vec::new(), dims.to_vec())
-    }
-
-    /// Bilinear interpolation to `height` rows and `width` columns, with half-pixel centres and repeated borders.
-    ///
-    /// # Panics
-    /// If the input is no image or a side is 0.
-    pub fn resize_bilinear(&mut self, input: Tensor, height: usize, width: usize) -> Tensor {
-        assert!(height > 0 && width > 0, "an image has pixels");
-        let [channels, from_height, from_width] = self.map_dims(input);
-        let attributes = vec![text("coordinate_transformation_mode", "half_pixel"), text("mode", "linear")];
-        let (image, left_out) = (self.name_of(input), String::new());
-        let inputs = match self.batch {
-            Batch::Of(batch) => {
-                let sizes = self.integers(&[batch as i64, channels as i64, height as i64, width as i64]);
-                vec![image, left_out.clone(), left_out, sizes]
-            }
-            // Sizes would have to name the batch's.
-            Batch::Open => {
-                let name = self.unused("scales");
-                let scales = [1.0, 1.0, factor(from_height, height), factor(from_width, width)];
-                let scales = self.constant(name, &[4], &scales);
-                vec![image, left_out, scales]
-            }
-        };
-        self.unnamed_of("Resize", inputs, attributes, vec![channels, height, width])
     }
 
     #[expect(clippy::too_many_arguments, reason = "what the two convolutions share")]
@@ -200,15 +165,6 @@ impl GraphBuilder {
     }
 }
 
-/// The factor by which engines, who round down, come from one side to the other, whether they multiply in f32 or in f64.
-fn factor(from: usize, to: usize) -> f32 {
-    let mut factor = to as f32 / from as f32;
-    while ((from as f64 * f64::from(factor)) as usize) < to {
-        factor = factor.next_up();
-    }
-    factor
-}
-
 /// The attributes of a window that moves over an image.
 fn window(kernel: [usize; 2], stride: usize, padding: usize) -> Vec<AttributeProto> {
     assert!(stride > 0, "a window moves");
@@ -223,23 +179,4 @@ fn int(name: &str, value: i64) -> AttributeProto {
 fn ints(name: &str, values: &[usize]) -> AttributeProto {
     let (name, ints) = (name.to_owned(), values.iter().map(|&value| value as i64).collect());
     AttributeProto { name, ints, r#type: attribute_type::INTS, ..AttributeProto::default() }
-}
-
-fn text(name: &str, value: &str) -> AttributeProto {
-    let (name, s) = (name.to_owned(), Some(value.as_bytes().to_vec()));
-    AttributeProto { name, s, r#type: attribute_type::STRING, ..AttributeProto::default() }
-}
-
-#[cfg(test)]
-mod tests {
-    use proptest::prelude::*;
-
-    proptest! {
-        #[test]
-        fn the_factor_leads_to_the_side_in_either_precision(from in 1_usize..5000, to in 1_usize..5000) {
-            let factor = super::factor(from, to);
-            prop_assert_eq!((from as f32 * factor).floor() as usize, to);
-            prop_assert_eq!((from as f64 * f64::from(factor)).floor() as usize, to);
-        }
-    }
 }

@@ -91,7 +91,7 @@ fn a_frame_becomes_a_sample_with_its_name_planes_and_scale() {
     let calibration = Calibration { width: 16, height: 8, focal_px: 32.0, cx_px: 8.0, cy_px: 4.0, baseline_m: 0.5 };
     let image = Image::new(Pixels::Rgb(halves));
     let found = samples(&[Wired { image, calibration: Some(calibration), ..wired(0) }]);
-    assert_eq!((found.width, found.height, found.has_right, found.len()), (4, 2, false, 1));
+    assert_eq!((found.width, found.height, found.has_right, found.items.len()), (4, 2, false, 1));
     let sample = &found.items[0];
     assert_eq!(sample.id, "frame 0");
     let plane = |left: u8, right: u8| [left, left, right, right].repeat(2);
@@ -123,7 +123,7 @@ fn bytes_are_equal_with_and_without_a_temporary_file() {
     // 0 MB: every sample goes into the file.
     let [kept, spilled] =
         [256, 0].map(|memory_mb| collect(SamplesParams { memory_mb, ..params() }, &frames).unwrap_or_default());
-    assert_eq!(Samples::decode(&kept).unwrap().len(), 9);
+    assert_eq!(Samples::decode(&kept).unwrap().items.len(), 9);
     assert!(kept == spilled, "bytes differ");
 }
 
@@ -133,8 +133,8 @@ fn frames_without_target_are_left_out() {
     let far = Wired { target: disparity(16, 8, 0), ..wired(2) };
     let found = samples(&[wired(0), nothing.clone(), far, wired(3)]);
     assert_eq!(found.items.iter().map(|sample| sample.id.as_str()).collect::<Vec<_>>(), ["frame 0", "frame 3"]);
-    assert!(samples(&[nothing]).is_empty());
-    assert!(samples(&[]).is_empty());
+    assert!(samples(&[nothing]).items.is_empty());
+    assert!(samples(&[]).items.is_empty());
 }
 
 #[test]

@@ -1,41 +1,41 @@
 //! Networks with an input, and the output that the training library gives.
 
-use burn::tensor::ops::{ConvOptions, ConvTransposeOptions, InterpolateMode, InterpolateOptions, MaxPoolOptions};
+use burn::tensor::ops::{ConvOptions, ConvTransposeOptions, MaxPoolOptions};
 use burn::tensor::{Device, Tensor, TensorData, activation, module};
-use depthloom_learning::networks::{Meaning, Network, Size, export, forward, layout};
-use depthloom_learning::onnx::{self, Batch, GraphBuilder, Metadata, Weights};
 use depthloom_random::SplitMix64;
+
+use crate::networks::{Meaning, Network, Size, export, forward, layout};
+use crate::onnx::{self, GraphBuilder, Metadata, Weights};
 
 const BATCH: usize = 2;
 
 /// Numbers with sides.
-pub struct Numbers {
-    pub shape: Vec<usize>,
-    pub values: Vec<f32>,
+pub(crate) struct Numbers {
+    pub(crate) shape: Vec<usize>,
+    pub(crate) values: Vec<f32>,
 }
 
 /// A network and what it makes of an input.
-pub struct Case {
-    pub name: &'static str,
-    pub file: Vec<u8>,
-    pub input: Numbers,
-    pub output: Numbers,
+pub(crate) struct Case {
+    pub(crate) name: &'static str,
+    pub(crate) file: Vec<u8>,
+    pub(crate) input: Numbers,
+    pub(crate) output: Numbers,
     /// The output's name in the file.
-    pub output_name: &'static str,
+    pub(crate) output_name: &'static str,
     /// How large the output can become.
-    pub range: f32,
+    pub(crate) range: f32,
 }
 
-/// The four networks, and a graph of every operator with any number of images and with a fixed one.
-pub fn cases() -> Vec<Case> {
+/// The four networks, and a graph of every operator.
+pub(crate) fn cases() -> Vec<Case> {
     let small = Size { width: 64, height: 32 };
     vec![
         of_network("unet-lite", Network::UnetLite, Size { width: 320, height: 96 }),
         of_network("fcn-lite", Network::FcnLite, Size { width: 320, height: 96 }),
         of_network("fcn-vgg16", Network::FcnVgg16, small),
         of_network("eigen-coarse", Network::EigenCoarse, small),
-        every_operator("every-operator", Batch::Open),
-        every_operator("every-operator-fixed", Batch::Of(BATCH)),
+        every_operator(),
     ]
 }
 
@@ -71,39 +71,34 @@ fn of_network(name: &'static str, network: Network, size: Size) -> Case {
     Case { name, file, input, output: numbers(map * range), output_name, range }
 }
 
-/// A convolution with stride and padding, the maximum of overlapping windows, a transposed convolution, both resizings, a join,
-/// the three functions, a dense layer and a map of its units.
-fn every_operator(name: &'static str, batch: Batch) -> Case {
-    let size = Size { width: 22, height: 13 };
+/// A convolution with stride and padding, the maximum of overlapping windows, a transposed convolution, a join, the functions, a dense
+/// layer and a map of its units.
+fn every_operator() -> Case {
+    let size = Size { width: 24, height: 13 };
     let input = image(size);
     let (conv, conv_bias) = (noise(11, 4 * 3 * 5 * 3, 0.3), noise(12, 4, 0.3));
     let (double, double_bias) = (noise(13, 4 * 2 * 4 * 4, 0.5), noise(14, 2, 0.3));
-    let (dense, dense_bias) = (noise(15, 30 * 6 * 12 * 20, 0.2), noise(16, 30, 0.3));
+    let (dense, dense_bias) = (noise(15, 30 * 6 * 6 * 12, 0.2), noise(16, 30, 0.3));
     let (last, last_bias) = (noise(17, 6 * 30, 0.4), noise(18, 6, 0.3));
 
-    let mut graph = GraphBuilder::new(name, batch);
+    let mut graph = GraphBuilder::new("every-operator");
     let x = graph.input("image", &[3, size.height, size.width]);
     let weights = Weights { dims: [4, 3, 5, 3], values: &conv };
     let x = graph.conv2d("conv", x, weights, &conv_bias, 2, 1);
-    assert_eq!(graph.dims(x), [4, 6, 11]);
+    assert_eq!(graph.dims(x), [4, 6, 12]);
     let relu = graph.relu(x);
     let pooled = graph.max_pool(relu, 3, 2, 1);
     let weights = Weights { dims: [4, 2, 4, 4], values: &double };
     let up = graph.conv_transpose2d("double", pooled, weights, &double_bias, 2, 1);
     assert_eq!(graph.dims(up), [2, 6, 12]);
-    let up = graph.resize_bilinear(up, 12, 20);
-    let beside = graph.resize_bilinear(relu, 12, 20);
-    let joined = graph.concat(&[up, beside]);
-    let joined = graph.shift(joined, -0.25);
+    let joined = graph.concat(&[up, relu]);
     let units = graph.linear("dense", joined, &dense, &dense_bias);
     let units = graph.sigmoid(units);
     // Again, of what is flat already.
     let units = graph.linear("last", units, &last, &last_bias);
     let map = graph.reshape(units, &[1, 2, 3]);
     let map = graph.scale(map, 0.5);
-    let map = graph.exp(map);
-    let metadata =
-        Metadata { size: [size.width, size.height], meaning: onnx::Meaning::InverseDepth, training_key: "none" };
+    let metadata = Metadata { size: [size.width, size.height], meaning: onnx::Meaning::Depth, training_key: "none" };
     let file = graph.finish(map, &metadata);
 
     let x = tensor(&input.values, [BATCH, 3, size.height, size.width]);
@@ -113,12 +108,7 @@ fn every_operator(name: &'static str, batch: Batch) -> Case {
     let pooled = module::max_pool2d(relu.clone(), MaxPoolOptions::new([3, 3]).with_stride([2, 2]).with_padding([1, 1]));
     let options = ConvTransposeOptions::new([2, 2], [1, 1], [0, 0], [1, 1], 1);
     let up = module::conv_transpose2d(pooled, tensor(&double, [4, 2, 4, 4]), Some(tensor(&double_bias, [2])), options);
-    let resized = |map: Tensor<4>| {
-        let options = InterpolateOptions::new(InterpolateMode::Bilinear).with_align_corners(false);
-        module::interpolate(map, options.with_output_size([12, 20]))
-    };
-    let joined = Tensor::cat(vec![resized(up), resized(relu)], 1) - 0.25;
-    let flat: Tensor<2> = joined.reshape([BATCH, 6 * 12 * 20]);
+    let flat: Tensor<2> = Tensor::cat(vec![up, relu], 1).reshape([BATCH, 6 * 6 * 12]);
     let linear = |x: Tensor<2>, weights: &[f32], bias: &[f32]| {
         let [_, inputs] = x.dims();
         let bias: Tensor<1> = tensor(bias, [bias.len()]);
@@ -126,7 +116,8 @@ fn every_operator(name: &'static str, batch: Batch) -> Case {
     };
     let units = linear(activation::sigmoid(linear(flat, &dense, &dense_bias)), &last, &last_bias);
     let map: Tensor<4> = units.reshape([BATCH, 1, 2, 3]);
-    Case { name, file, input, output: numbers((map * 0.5).exp()), output_name: "inverse_depth", range: 1.0 }
+    let output = numbers(map * 0.5);
+    Case { name: "every-operator", file, input, output, output_name: "depth", range: 1.0 }
 }
 
 fn tensor<const D: usize>(values: &[f32], shape: [usize; D]) -> Tensor<D> {

@@ -4,11 +4,11 @@ mod cases;
 
 use std::process::Command;
 
-use depthloom_learning::onnx::weights::read_weights;
+use depthloom_test_needs::{python, shared, workspace};
 use tract_onnx::prelude::{Framework, InferenceModelExt, IntoRunnable, TValue, Tensor, tvec};
 
 use self::cases::{Case, cases};
-use crate::support::{python, shared, succeed, workspace};
+use crate::onnx::weights::decode_weights;
 
 /// The largest difference that is allowed, as a share of the output's range.
 const TOLERANCE: f32 = 1e-4;
@@ -56,8 +56,7 @@ fn onnx_checks_and_onnx_runtime_computes_what_the_training_library_does() {
         write("json", about.to_string().as_bytes());
     }
     let script = workspace().join("tests/python/check_networks.py");
-    let output = succeed(Command::new(python).arg(script).arg(folder.path()));
-    let told = String::from_utf8(output.stdout).expect("UTF-8");
+    let told = printed(Command::new(python).arg(script).arg(folder.path()));
     let names: Vec<&str> = told.lines().filter_map(|line| line.split_whitespace().next()).collect();
     let mut expected: Vec<&str> = cases.iter().map(|case| case.name).collect();
     expected.sort_unstable();
@@ -73,9 +72,8 @@ fn weights_of_a_network_we_did_not_write_are_those_that_the_onnx_package_reads()
                 for of in onnx.load(sys.argv[1]).graph.initializer:\n    \
                     values = onnx.numpy_helper.to_array(of)\n    \
                     if values.dtype.kind == 'f': print(of.name, list(values.shape), zlib.crc32(values.astype('<f4').tobytes()))";
-    let theirs = succeed(Command::new(python).args(["-c", code]).arg(&path));
-    let theirs = String::from_utf8(theirs.stdout).expect("UTF-8");
-    let ours: String = read_weights(&path)
+    let theirs = printed(Command::new(python).args(["-c", code]).arg(&path));
+    let ours: String = decode_weights(&path, &std::fs::read(&path).expect("a file"))
         .expect("weights")
         .iter()
         .map(|tensor| {
@@ -85,6 +83,13 @@ fn weights_of_a_network_we_did_not_write_are_those_that_the_onnx_package_reads()
         .collect();
     assert!(theirs.lines().count() > 10, "{theirs}");
     assert_eq!(ours, theirs);
+}
+
+/// What a program prints that must succeed.
+fn printed(command: &mut Command) -> String {
+    let output = command.output().expect("it starts");
+    assert!(output.status.success(), "{command:?}: {}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).expect("UTF-8")
 }
 
 /// CRC-32 as zlib calculates it.
