@@ -10,42 +10,18 @@
 //! The percentiles are exact, and memory is bounded whatever the number of frames: [`Samples`] says how.
 
 mod in_memory;
+mod sample;
 mod samples;
 mod selection;
 mod sorting;
 mod spill;
+mod spread;
 
-pub(crate) use samples::{FrameSamples, Samples};
+pub(crate) use samples::{FARTHEST_M, FrameSamples, Samples};
+pub use spread::{DistanceBin, PERCENTILES, Spread};
 
 use crate::estimators::Estimator;
 use crate::sheet::{Cells, Sheet};
-
-/// The percentiles taken.
-pub const PERCENTILES: [u32; 5] = [5, 25, 50, 75, 95];
-/// True distances from here on are left out, metres: counting takes room for every metre up to the farthest.
-pub(crate) const FARTHEST_M: u32 = 4096;
-
-/// Absolute errors of an estimator in one metre of true distance.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct DistanceBin {
-    /// Index of the estimator.
-    pub estimator: usize,
-    /// The bin holds true distances from this many metres up to, not including, one metre more.
-    pub bin_m: u32,
-    /// Over all pixels that the estimator answered.
-    pub answered: Spread,
-    /// Over those of them that all it is compared with answered too; `None` if there is none.
-    pub shared: Option<Spread>,
-}
-
-/// How absolute errors spread.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Spread {
-    /// How many pixels; at least one.
-    pub count: u64,
-    /// The [`PERCENTILES`] of the absolute error, metres.
-    pub percentiles_m: [f64; 5],
-}
 
 /// `estimator, bin_m, count, p5, p25, p50, p75, p95`, then the same of the shared pixels, in the order given.
 pub(crate) fn table_of_bins<'a>(bins: &[DistanceBin], estimators: &'a [Estimator]) -> Sheet<'a> {
@@ -65,16 +41,4 @@ pub(crate) fn table_of_bins<'a>(bins: &[DistanceBin], estimators: &'a [Estimator
         table = table.with(format!("shared_p{percentile}"), Cells::Number(errors.collect()));
     }
     table
-}
-
-/// Where a percentile lies among `count` sorted samples: the rank below it, and how far it is from there to the next.
-fn position(percentile: u32, count: u64) -> (u64, f64) {
-    let exact = f64::from(percentile) / 100.0 * (count - 1) as f64;
-    (exact.floor() as u64, exact - exact.floor())
-}
-
-/// The percentile between its two neighbours among sorted samples.
-fn between(lower: f32, upper: f32, share: f64) -> f64 {
-    let (lower, upper) = (f64::from(lower), f64::from(upper));
-    lower + (upper - lower) * share
 }

@@ -7,8 +7,8 @@ use depthloom_graphs::values::Curve;
 use prost::Message;
 
 use crate::chunk::{Part, messages_outside_frames};
-use crate::damage::Held;
 use crate::error::RecordingError;
+use crate::held::Held;
 use crate::index::{ChunkEntry, Index};
 use crate::recording::Recording;
 use crate::unpack::ChunkBuffers;

@@ -3,10 +3,8 @@
 //! Reading checks what it reads. All the rest is checked here, and nothing is decompressed for it: commits, metadata records and the
 //! end of the data hold the CRC-32 of all bytes before them, so that each vouches for what stands between the one before and itself.
 
-use std::fmt;
-use std::sync::Arc;
-
 use crate::checksum::CrcBefore;
+use crate::held::Held;
 use crate::index::{ChunkEntry, DATA_END};
 use crate::recording::Recording;
 use crate::unpack::ChunkBuffers;
@@ -20,28 +18,6 @@ pub struct Damage {
     pub bytes: u64,
     /// What it held.
     pub held: Held,
-}
-
-/// What a stretch of a recording held.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Held {
-    /// Values of a frame.
-    Frame {
-        /// The stage run's name.
-        stage: String,
-        /// The frame's position among the stage run's.
-        position: usize,
-        /// Its id.
-        id: Arc<str>,
-        /// The topics of the values.
-        topics: Vec<String>,
-    },
-    /// The learning curve of that topic.
-    Curve(String),
-    /// The attachment of that name.
-    Attachment(String),
-    /// Nothing that a value is read from: what stands around values, or says where they are a second time.
-    NoValue,
 }
 
 impl Recording {
@@ -129,25 +105,5 @@ impl Recording {
         // An image's topic has two channels.
         topics.dedup();
         topics
-    }
-}
-
-impl fmt::Display for Held {
-    /// What it was, as a lower-case fragment; of many topics the first.
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        const SHOWN: usize = 4;
-        match self {
-            Self::Frame { stage, position, id, topics } => {
-                let shown = topics[..topics.len().min(SHOWN)].join(", ");
-                write!(f, "{shown}")?;
-                if topics.len() > SHOWN {
-                    write!(f, " and {} more", topics.len() - SHOWN)?;
-                }
-                write!(f, " of frame `{id}` (position {position} of stage `{stage}`)")
-            }
-            Self::Curve(topic) => write!(f, "the learning curve {topic}"),
-            Self::Attachment(name) => write!(f, "the attachment `{name}`"),
-            Self::NoValue => f.write_str("no value, but an index or a header"),
-        }
     }
 }

@@ -9,7 +9,7 @@ use prost::Message;
 use serde_json::{Map, Value as Json, json};
 
 use crate::error::RecordingError;
-use crate::index::ChannelEntry;
+use crate::parse::ChannelEntry;
 use crate::recording::Recording;
 use crate::unpack::ChunkBuffers;
 use depthloom_codecs::messages::{CommitMessage, CurvePointMessage, ScoreMessage};

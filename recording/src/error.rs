@@ -3,7 +3,7 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
-use crate::damage::Held;
+use crate::held::Held;
 
 /// Why a recording cannot be written or read.
 #[derive(Debug, thiserror::Error)]

@@ -9,7 +9,7 @@ use crate::attachment::AttachmentEntry;
 use crate::checksum::unseal;
 use crate::error::RecordingError;
 use crate::file::PositionedFile;
-use crate::parse::{self, RECORD_HEADER, Records};
+use crate::parse::{self, ChannelEntry, RECORD_HEADER, Records};
 use crate::{FORMAT, PLAN_METADATA};
 use depthloom_codecs::schema::Schema;
 
@@ -24,13 +24,6 @@ pub(crate) struct ChunkEntry {
     pub(crate) end: u64,
     /// Ascending; chunks of equal channels share the list.
     pub(crate) channels: Arc<[u16]>,
-}
-
-/// A channel.
-#[derive(Clone, Debug)]
-pub(crate) struct ChannelEntry {
-    pub(crate) schema: u16,
-    pub(crate) topic: String,
 }
 
 /// A metadata record, its checksum found right.

@@ -88,6 +88,7 @@ mod digest;
 mod early_sync;
 mod error;
 mod file;
+mod held;
 mod index;
 mod layout;
 mod parse;
@@ -106,9 +107,10 @@ mod writer;
 pub use attachment::AttachmentEntry;
 pub use chunk::Part;
 pub use condition::Condition;
-pub use damage::{Damage, Held};
+pub use damage::Damage;
 pub use digest::digest;
 pub use error::RecordingError;
+pub use held::Held;
 pub use plan::{
     RecordedEstimate, RecordedInput, RecordedNode, RecordedOutput, RecordedPlan, RecordedRun, RecordedSource,
     RecordedSourcePart,

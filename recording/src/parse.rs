@@ -4,8 +4,6 @@
 
 use std::collections::BTreeMap;
 
-use crate::index::ChannelEntry;
-
 /// Opcode and length of a record.
 pub(crate) const RECORD_HEADER: u64 = 9;
 
@@ -66,6 +64,13 @@ pub(crate) fn schema(body: &[u8]) -> Option<(u16, String)> {
     let mut body = Body(body);
     let (id, name, _encoding, _data) = (body.u16()?, body.text()?, body.text()?, body.bytes()?);
     body.end((id, name.to_owned()))
+}
+
+/// A channel.
+#[derive(Clone, Debug)]
+pub(crate) struct ChannelEntry {
+    pub(crate) schema: u16,
+    pub(crate) topic: String,
 }
 
 /// A channel and its id.

@@ -11,9 +11,9 @@ use prost::Message;
 
 use crate::attachment::AttachmentEntry;
 use crate::condition::Condition;
-use crate::damage::Held;
 use crate::error::RecordingError;
 use crate::file::PositionedFile;
+use crate::held::Held;
 use crate::index::{ChunkEntry, Index, MAGIC, MetadataEntry};
 use crate::plan::RecordedPlan;
 use crate::reader::FrameReader;

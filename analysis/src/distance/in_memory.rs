@@ -2,8 +2,8 @@
 
 use polars::prelude::{ChunkQuantile, Float64Chunked, PolarsResult, QuantileMethod};
 
-use super::samples::{Which, error_bits, error_from_bits};
-use super::{PERCENTILES, Spread};
+use super::sample::{Which, error_bits, error_from_bits};
+use super::spread::{PERCENTILES, Spread};
 
 /// By metre: how the errors spread.
 pub(super) fn spreads(which: Which, held: &[Vec<u32>]) -> PolarsResult<Vec<Option<Spread>>> {

@@ -5,8 +5,8 @@
 //! cells by the next 11 bits, the third by the last 10: what is left are single values. A pass holds counts only: 2048 in the
 //! first, and for at most 20 cells 2048 and 1024 in the others.
 
-use super::samples::{Which, error_bits, error_from_bits};
-use super::{PERCENTILES, Spread, between, position};
+use super::sample::{Which, error_bits, error_from_bits};
+use super::spread::{PERCENTILES, Spread, between, position};
 use crate::error::AnalysisError;
 
 /// How many bits of an error each pass looks at.

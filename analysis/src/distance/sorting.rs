@@ -1,7 +1,7 @@
 //! Percentiles of the samples of one metre that were read back from a spill: by sorting them.
 
-use super::samples::{Which, error_bits, error_from_bits};
-use super::{PERCENTILES, Spread, between, position};
+use super::sample::{Which, error_bits, error_from_bits};
+use super::spread::{PERCENTILES, Spread, between, position};
 
 /// How the samples of a metre spread: all that were answered, and those that are shared.
 pub(super) fn spreads(mut samples: Vec<u32>) -> [Option<Spread>; 2] {
@@ -27,7 +27,7 @@ fn spread(sorted: &[u32]) -> Option<Spread> {
 #[cfg(test)]
 mod tests {
     use super::super::in_memory;
-    use super::super::samples::sample;
+    use super::super::sample::sample;
     use super::*;
 
     #[test]
