@@ -28,6 +28,17 @@
 //! median::median5(&merged, width, height, &mut fused);
 //! ```
 //!
+//! # Vectors
+//! Most loops are plain Rust, compiled once for each instruction set ([`simd`]). Where vectors are named (`simd::Block`, `simd::Lanes`,
+//! `Lanes` of `sgbm`, `simd::grey`), one convention holds:
+//!
+//! - A vector is a type that is named only in code compiled for its instruction set, which only a level runs that was found on the
+//!   machine. So its arithmetic is safe to call, and each body's `unsafe` says no more than that.
+//! - Loading and storing take either an array by reference, as long as the vector, and are safe; or a pointer, and are `unsafe`: the
+//!   caller vouches for as many samples, and says in which check he saw them. Neither asks for alignment. Pointers are for loops
+//!   whose positions are checked once for all (`convolve`, `sgbm`).
+//! - Beside it stands a twin of plain Rust, and tests compare the bits.
+//!
 //! `unsafe` stands in the SIMD modules and where tiles are lent to threads. Under AddressSanitizer:
 //! `RUSTFLAGS=-Zsanitizer=address cargo +nightly test --release --target x86_64-unknown-linux-gnu -p depthloom-kernels --lib
 //! --test sgbm_paths --test census_paths` (four minutes on two cores).

@@ -16,18 +16,15 @@ use super::lanes::Lanes;
 pub(super) struct Avx2;
 
 /// One bit a lane of two comparison results.
-///
-/// # Safety
-/// AVX2 must be present.
 #[inline(always)]
-unsafe fn bits(a: __m256i, b: __m256i) -> u32 {
-    // SAFETY: the caller vouches for AVX2.
+fn bits(a: __m256i, b: __m256i) -> u32 {
+    // SAFETY: as the trait demands.
     unsafe { _mm256_movemask_epi8(_mm256_permute4x64_epi64::<0b11_01_10_00>(_mm256_packs_epi16(a, b))) as u32 }
 }
 
 // The bodies below do nothing but name one or two instructions.
-// SAFETY: the trait's callers vouch for AVX2 and for the pointers; loads and stores are the unaligned forms.
-unsafe impl Lanes for Avx2 {
+// `SAFETY: as the trait demands` there means: AVX2 was found, and pointers are vouched for; they need no alignment.
+impl Lanes for Avx2 {
     type V = __m256i;
     type B = __m256i;
     const LANES: usize = 16;
@@ -44,42 +41,42 @@ unsafe impl Lanes for Avx2 {
         unsafe { _mm256_storeu_si256(to.cast(), v) }
     }
     #[inline(always)]
-    unsafe fn splat(v: i16) -> __m256i {
+    fn splat(v: i16) -> __m256i {
         // SAFETY: as the trait demands.
         unsafe { _mm256_set1_epi16(v) }
     }
     #[inline(always)]
-    unsafe fn add(a: __m256i, b: __m256i) -> __m256i {
+    fn add(a: __m256i, b: __m256i) -> __m256i {
         // SAFETY: as the trait demands.
         unsafe { _mm256_add_epi16(a, b) }
     }
     #[inline(always)]
-    unsafe fn sub(a: __m256i, b: __m256i) -> __m256i {
+    fn sub(a: __m256i, b: __m256i) -> __m256i {
         // SAFETY: as the trait demands.
         unsafe { _mm256_sub_epi16(a, b) }
     }
     #[inline(always)]
-    unsafe fn add_saturating(a: __m256i, b: __m256i) -> __m256i {
+    fn add_saturating(a: __m256i, b: __m256i) -> __m256i {
         // SAFETY: as the trait demands.
         unsafe { _mm256_adds_epi16(a, b) }
     }
     #[inline(always)]
-    unsafe fn min(a: __m256i, b: __m256i) -> __m256i {
+    fn min(a: __m256i, b: __m256i) -> __m256i {
         // SAFETY: as the trait demands.
         unsafe { _mm256_min_epi16(a, b) }
     }
     #[inline(always)]
-    unsafe fn below(before: __m256i, v: __m256i) -> __m256i {
+    fn below(before: __m256i, v: __m256i) -> __m256i {
         // SAFETY: as the trait demands.
         unsafe { _mm256_alignr_epi8::<14>(v, _mm256_permute2x128_si256::<0x21>(before, v)) }
     }
     #[inline(always)]
-    unsafe fn above(v: __m256i, after: __m256i) -> __m256i {
+    fn above(v: __m256i, after: __m256i) -> __m256i {
         // SAFETY: as the trait demands.
         unsafe { _mm256_alignr_epi8::<2>(_mm256_permute2x128_si256::<0x21>(v, after), v) }
     }
     #[inline(always)]
-    unsafe fn minimum(v: __m256i) -> __m256i {
+    fn minimum(v: __m256i) -> __m256i {
         // SAFETY: as the trait demands.
         unsafe {
             let half = _mm_min_epu16(_mm256_castsi256_si128(v), _mm256_extracti128_si256::<1>(v));
@@ -87,7 +84,7 @@ unsafe impl Lanes for Avx2 {
         }
     }
     #[inline(always)]
-    unsafe fn first(v: __m256i) -> i16 {
+    fn first(v: __m256i) -> i16 {
         // SAFETY: as the trait demands.
         unsafe { _mm256_extract_epi16::<0>(v) as i16 }
     }
@@ -123,37 +120,37 @@ unsafe impl Lanes for Avx2 {
         unsafe { _mm256_storeu_si256(to.cast(), b) }
     }
     #[inline(always)]
-    unsafe fn splat_bytes(b: u8) -> __m256i {
+    fn splat_bytes(b: u8) -> __m256i {
         // SAFETY: as the trait demands.
         unsafe { _mm256_set1_epi8(b as i8) }
     }
     #[inline(always)]
-    unsafe fn add_bytes(a: __m256i, b: __m256i) -> __m256i {
+    fn add_bytes(a: __m256i, b: __m256i) -> __m256i {
         // SAFETY: as the trait demands.
         unsafe { _mm256_add_epi8(a, b) }
     }
     #[inline(always)]
-    unsafe fn sub_bytes(a: __m256i, b: __m256i) -> __m256i {
+    fn sub_bytes(a: __m256i, b: __m256i) -> __m256i {
         // SAFETY: as the trait demands.
         unsafe { _mm256_subs_epu8(a, b) }
     }
     #[inline(always)]
-    unsafe fn min_bytes(a: __m256i, b: __m256i) -> __m256i {
+    fn min_bytes(a: __m256i, b: __m256i) -> __m256i {
         // SAFETY: as the trait demands.
         unsafe { _mm256_min_epu8(a, b) }
     }
     #[inline(always)]
-    unsafe fn max_bytes(a: __m256i, b: __m256i) -> __m256i {
+    fn max_bytes(a: __m256i, b: __m256i) -> __m256i {
         // SAFETY: as the trait demands.
         unsafe { _mm256_max_epu8(a, b) }
     }
     #[inline(always)]
-    unsafe fn quarter_bytes(a: __m256i) -> __m256i {
+    fn quarter_bytes(a: __m256i) -> __m256i {
         // SAFETY: as the trait demands.
         unsafe { _mm256_and_si256(_mm256_srli_epi16::<2>(a), _mm256_set1_epi8(0x3f)) }
     }
     #[inline(always)]
-    unsafe fn widen(b: __m256i) -> [__m256i; 2] {
+    fn widen(b: __m256i) -> [__m256i; 2] {
         // SAFETY: as the trait demands.
         unsafe {
             [_mm256_cvtepu8_epi16(_mm256_castsi256_si128(b)), _mm256_cvtepu8_epi16(_mm256_extracti128_si256::<1>(b))]

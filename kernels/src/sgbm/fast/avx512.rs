@@ -38,8 +38,8 @@ const ABOVE: [i16; 32] = {
 };
 
 // The bodies below do nothing but name one or two instructions.
-// SAFETY: the trait's callers vouch for the instruction set and for the pointers; loads and stores are the unaligned forms.
-unsafe impl Lanes for Avx512 {
+// `SAFETY: as the trait demands` there means: the instruction set was found, and pointers are vouched for; they need no alignment.
+impl Lanes for Avx512 {
     type V = __m512i;
     type B = __m512i;
     const LANES: usize = 32;
@@ -56,42 +56,42 @@ unsafe impl Lanes for Avx512 {
         unsafe { _mm512_storeu_si512(to.cast(), v) }
     }
     #[inline(always)]
-    unsafe fn splat(v: i16) -> __m512i {
+    fn splat(v: i16) -> __m512i {
         // SAFETY: as the trait demands.
         unsafe { _mm512_set1_epi16(v) }
     }
     #[inline(always)]
-    unsafe fn add(a: __m512i, b: __m512i) -> __m512i {
+    fn add(a: __m512i, b: __m512i) -> __m512i {
         // SAFETY: as the trait demands.
         unsafe { _mm512_add_epi16(a, b) }
     }
     #[inline(always)]
-    unsafe fn sub(a: __m512i, b: __m512i) -> __m512i {
+    fn sub(a: __m512i, b: __m512i) -> __m512i {
         // SAFETY: as the trait demands.
         unsafe { _mm512_sub_epi16(a, b) }
     }
     #[inline(always)]
-    unsafe fn add_saturating(a: __m512i, b: __m512i) -> __m512i {
+    fn add_saturating(a: __m512i, b: __m512i) -> __m512i {
         // SAFETY: as the trait demands.
         unsafe { _mm512_adds_epi16(a, b) }
     }
     #[inline(always)]
-    unsafe fn min(a: __m512i, b: __m512i) -> __m512i {
+    fn min(a: __m512i, b: __m512i) -> __m512i {
         // SAFETY: as the trait demands.
         unsafe { _mm512_min_epi16(a, b) }
     }
     #[inline(always)]
-    unsafe fn below(before: __m512i, v: __m512i) -> __m512i {
+    fn below(before: __m512i, v: __m512i) -> __m512i {
         // SAFETY: as the trait demands.
         unsafe { _mm512_permutex2var_epi16(before, _mm512_loadu_si512(BELOW.as_ptr().cast()), v) }
     }
     #[inline(always)]
-    unsafe fn above(v: __m512i, after: __m512i) -> __m512i {
+    fn above(v: __m512i, after: __m512i) -> __m512i {
         // SAFETY: as the trait demands.
         unsafe { _mm512_permutex2var_epi16(v, _mm512_loadu_si512(ABOVE.as_ptr().cast()), after) }
     }
     #[inline(always)]
-    unsafe fn minimum(v: __m512i) -> __m512i {
+    fn minimum(v: __m512i) -> __m512i {
         // SAFETY: as the trait demands.
         unsafe {
             let half = _mm256_min_epu16(_mm512_castsi512_si256(v), _mm512_extracti64x4_epi64::<1>(v));
@@ -100,7 +100,7 @@ unsafe impl Lanes for Avx512 {
         }
     }
     #[inline(always)]
-    unsafe fn first(v: __m512i) -> i16 {
+    fn first(v: __m512i) -> i16 {
         // SAFETY: as the trait demands.
         unsafe { _mm_extract_epi16::<0>(_mm512_castsi512_si128(v)) as i16 }
     }
@@ -130,37 +130,37 @@ unsafe impl Lanes for Avx512 {
         unsafe { _mm512_storeu_si512(to.cast(), b) }
     }
     #[inline(always)]
-    unsafe fn splat_bytes(b: u8) -> __m512i {
+    fn splat_bytes(b: u8) -> __m512i {
         // SAFETY: as the trait demands.
         unsafe { _mm512_set1_epi8(b as i8) }
     }
     #[inline(always)]
-    unsafe fn add_bytes(a: __m512i, b: __m512i) -> __m512i {
+    fn add_bytes(a: __m512i, b: __m512i) -> __m512i {
         // SAFETY: as the trait demands.
         unsafe { _mm512_add_epi8(a, b) }
     }
     #[inline(always)]
-    unsafe fn sub_bytes(a: __m512i, b: __m512i) -> __m512i {
+    fn sub_bytes(a: __m512i, b: __m512i) -> __m512i {
         // SAFETY: as the trait demands.
         unsafe { _mm512_subs_epu8(a, b) }
     }
     #[inline(always)]
-    unsafe fn min_bytes(a: __m512i, b: __m512i) -> __m512i {
+    fn min_bytes(a: __m512i, b: __m512i) -> __m512i {
         // SAFETY: as the trait demands.
         unsafe { _mm512_min_epu8(a, b) }
     }
     #[inline(always)]
-    unsafe fn max_bytes(a: __m512i, b: __m512i) -> __m512i {
+    fn max_bytes(a: __m512i, b: __m512i) -> __m512i {
         // SAFETY: as the trait demands.
         unsafe { _mm512_max_epu8(a, b) }
     }
     #[inline(always)]
-    unsafe fn quarter_bytes(a: __m512i) -> __m512i {
+    fn quarter_bytes(a: __m512i) -> __m512i {
         // SAFETY: as the trait demands.
         unsafe { _mm512_and_si512(_mm512_srli_epi16::<2>(a), _mm512_set1_epi8(0x3f)) }
     }
     #[inline(always)]
-    unsafe fn widen(b: __m512i) -> [__m512i; 2] {
+    fn widen(b: __m512i) -> [__m512i; 2] {
         // SAFETY: as the trait demands.
         unsafe {
             [_mm512_cvtepu8_epi16(_mm512_castsi512_si256(b)), _mm512_cvtepu8_epi16(_mm512_extracti64x4_epi64::<1>(b))]

@@ -102,9 +102,8 @@ struct Fixed<'a, L: Lanes> {
 
 impl<'a, L: Lanes> Fixed<'a, L> {
     #[inline(always)]
-    unsafe fn new(search: &'a Search) -> Self {
-        // SAFETY: as the caller vouches.
-        unsafe { Self { search, p1: L::splat(search.p1), p2: L::splat(search.p2), border: L::splat(border(search)) } }
+    fn new(search: &'a Search) -> Self {
+        Self { search, p1: L::splat(search.p1), p2: L::splat(search.p2), border: L::splat(border(search)) }
     }
 }
 
@@ -122,7 +121,7 @@ struct Along<L: Lanes, P> {
 
 impl<L: Lanes, P: AsMut<[L::V]>> Along<L, P> {
     #[inline(always)]
-    unsafe fn new(row: &mut Decide<'_>, mut path: P) -> Self {
+    fn new(row: &mut Decide<'_>, mut path: P) -> Self {
         let d = path.as_mut().len() * L::LANES;
         assert!(row.search.disparities == d);
         assert!(row.cost.len() == row.search.columns * d && row.sum.len() == row.cost.len());
@@ -130,8 +129,7 @@ impl<L: Lanes, P: AsMut<[L::V]>> Along<L, P> {
         row.total.fill(i16::MAX);
         Self {
             path,
-            // SAFETY: as the caller vouches.
-            smallest: unsafe { L::splat(0) },
+            smallest: L::splat(0),
             cost: row.cost.as_ptr(),
             sum: row.sum.as_mut_ptr(),
             total: row.total.as_mut_ptr(),
@@ -140,12 +138,9 @@ impl<L: Lanes, P: AsMut<[L::V]>> Along<L, P> {
     }
 
     #[inline(always)]
-    unsafe fn restart(&mut self) {
-        // SAFETY: as the caller vouches.
-        unsafe {
-            self.path.as_mut().fill(L::splat(0));
-            self.smallest = L::splat(0);
-        }
+    fn restart(&mut self) {
+        self.path.as_mut().fill(L::splat(0));
+        self.smallest = L::splat(0);
     }
 
     /// One step to the right, to column `x`.

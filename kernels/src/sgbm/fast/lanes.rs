@@ -14,10 +14,9 @@ const BYTES: usize = 32;
 
 /// The operations of an instruction set.
 ///
-/// # Safety
-/// Every function may only be called where the instruction set is present; pointers must be valid for what the name
-/// says, at any alignment.
-pub(super) unsafe trait Lanes: Copy + 'static {
+/// An implementation is named only in functions that [`super::kernels`] compiled for the instruction set, and a level that was found
+/// picks these: so arithmetic is safe to call.
+pub(super) trait Lanes: Copy + 'static {
     /// `LANES` times `i16`.
     type V: Copy;
     /// `BYTES` times `u8`.
@@ -31,52 +30,73 @@ pub(super) unsafe trait Lanes: Copy + 'static {
     const SHIFTS: bool;
 
     /// Reads values.
+    ///
+    /// # Safety
+    /// `LANES` of them can be read from `from` on.
     unsafe fn load(from: *const i16) -> Self::V;
     /// Writes values.
+    ///
+    /// # Safety
+    /// `LANES` of them can be written from `to` on.
     unsafe fn store(to: *mut i16, v: Self::V);
     /// All lanes `v`.
-    unsafe fn splat(v: i16) -> Self::V;
+    fn splat(v: i16) -> Self::V;
     /// Wrapping sum.
-    unsafe fn add(a: Self::V, b: Self::V) -> Self::V;
+    fn add(a: Self::V, b: Self::V) -> Self::V;
     /// Wrapping difference.
-    unsafe fn sub(a: Self::V, b: Self::V) -> Self::V;
+    fn sub(a: Self::V, b: Self::V) -> Self::V;
     /// Saturating sum.
-    unsafe fn add_saturating(a: Self::V, b: Self::V) -> Self::V;
+    fn add_saturating(a: Self::V, b: Self::V) -> Self::V;
     /// Smaller lane.
-    unsafe fn min(a: Self::V, b: Self::V) -> Self::V;
+    fn min(a: Self::V, b: Self::V) -> Self::V;
     /// Each lane's predecessor in `(before, v)`.
-    unsafe fn below(before: Self::V, v: Self::V) -> Self::V;
+    fn below(before: Self::V, v: Self::V) -> Self::V;
     /// Each lane's successor in `(v, after)`.
-    unsafe fn above(v: Self::V, after: Self::V) -> Self::V;
+    fn above(v: Self::V, after: Self::V) -> Self::V;
     /// The smallest lane, in all lanes. No lane may be negative.
-    unsafe fn minimum(v: Self::V) -> Self::V;
+    fn minimum(v: Self::V) -> Self::V;
     /// Lane 0.
-    unsafe fn first(v: Self::V) -> i16;
+    fn first(v: Self::V) -> i16;
     /// Bit `i`: whether the `i`-th of 32 values equals the lanes of `v`, which are all the same.
+    ///
+    /// # Safety
+    /// 32 values can be read from `from` on.
     unsafe fn equal_bits(from: *const i16, v: Self::V) -> u32;
     /// Bit `i`: whether the `i`-th of 32 values is less.
+    ///
+    /// # Safety
+    /// 32 values can be read from `from` on.
     unsafe fn less_bits(from: *const i16, v: Self::V) -> u32;
     /// Reads bytes as values.
+    ///
+    /// # Safety
+    /// `LANES` bytes can be read from `from` on.
     unsafe fn load_widened(from: *const u8) -> Self::V;
 
     /// Reads bytes.
+    ///
+    /// # Safety
+    /// `BYTES` bytes can be read from `from` on.
     unsafe fn load_bytes(from: *const u8) -> Self::B;
     /// Writes bytes.
+    ///
+    /// # Safety
+    /// `BYTES` bytes can be written from `to` on.
     unsafe fn store_bytes(to: *mut u8, b: Self::B);
     /// All bytes `b`.
-    unsafe fn splat_bytes(b: u8) -> Self::B;
+    fn splat_bytes(b: u8) -> Self::B;
     /// Wrapping sum.
-    unsafe fn add_bytes(a: Self::B, b: Self::B) -> Self::B;
+    fn add_bytes(a: Self::B, b: Self::B) -> Self::B;
     /// Difference, not below 0.
-    unsafe fn sub_bytes(a: Self::B, b: Self::B) -> Self::B;
+    fn sub_bytes(a: Self::B, b: Self::B) -> Self::B;
     /// Smaller byte.
-    unsafe fn min_bytes(a: Self::B, b: Self::B) -> Self::B;
+    fn min_bytes(a: Self::B, b: Self::B) -> Self::B;
     /// Larger byte.
-    unsafe fn max_bytes(a: Self::B, b: Self::B) -> Self::B;
+    fn max_bytes(a: Self::B, b: Self::B) -> Self::B;
     /// A quarter, rounded down.
-    unsafe fn quarter_bytes(a: Self::B) -> Self::B;
+    fn quarter_bytes(a: Self::B) -> Self::B;
     /// The lower and the upper half as values.
-    unsafe fn widen(b: Self::B) -> [Self::V; 2];
+    fn widen(b: Self::B) -> [Self::V; 2];
 }
 
 /// No instruction set assumed.
@@ -95,8 +115,7 @@ unsafe fn bits(from: *const i16, test: impl Fn(i16) -> bool) -> u32 {
     (0..COMPARED).fold(0, |bits, i| bits | u32::from(test(values[i])) << i)
 }
 
-// SAFETY: plain Rust runs everywhere; pointers are read and written unaligned.
-unsafe impl Lanes for Portable {
+impl Lanes for Portable {
     type V = [i16; LANES];
     type B = [u8; BYTES];
     const LANES: usize = LANES;
@@ -113,39 +132,39 @@ unsafe impl Lanes for Portable {
         unsafe { to.cast::<Self::V>().write_unaligned(v) }
     }
     #[inline(always)]
-    unsafe fn splat(v: i16) -> Self::V {
+    fn splat(v: i16) -> Self::V {
         [v; LANES]
     }
     #[inline(always)]
-    unsafe fn add(a: Self::V, b: Self::V) -> Self::V {
+    fn add(a: Self::V, b: Self::V) -> Self::V {
         zip(a, b, i16::wrapping_add)
     }
     #[inline(always)]
-    unsafe fn sub(a: Self::V, b: Self::V) -> Self::V {
+    fn sub(a: Self::V, b: Self::V) -> Self::V {
         zip(a, b, i16::wrapping_sub)
     }
     #[inline(always)]
-    unsafe fn add_saturating(a: Self::V, b: Self::V) -> Self::V {
+    fn add_saturating(a: Self::V, b: Self::V) -> Self::V {
         zip(a, b, i16::saturating_add)
     }
     #[inline(always)]
-    unsafe fn min(a: Self::V, b: Self::V) -> Self::V {
+    fn min(a: Self::V, b: Self::V) -> Self::V {
         zip(a, b, i16::min)
     }
     #[inline(always)]
-    unsafe fn below(before: Self::V, v: Self::V) -> Self::V {
+    fn below(before: Self::V, v: Self::V) -> Self::V {
         std::array::from_fn(|i| if i == 0 { before[LANES - 1] } else { v[i - 1] })
     }
     #[inline(always)]
-    unsafe fn above(v: Self::V, after: Self::V) -> Self::V {
+    fn above(v: Self::V, after: Self::V) -> Self::V {
         std::array::from_fn(|i| if i == LANES - 1 { after[0] } else { v[i + 1] })
     }
     #[inline(always)]
-    unsafe fn minimum(v: Self::V) -> Self::V {
+    fn minimum(v: Self::V) -> Self::V {
         [v.into_iter().fold(i16::MAX, i16::min); LANES]
     }
     #[inline(always)]
-    unsafe fn first(v: Self::V) -> i16 {
+    fn first(v: Self::V) -> i16 {
         v[0]
     }
     #[inline(always)]
@@ -174,31 +193,31 @@ unsafe impl Lanes for Portable {
         unsafe { to.cast::<Self::B>().write_unaligned(b) }
     }
     #[inline(always)]
-    unsafe fn splat_bytes(b: u8) -> Self::B {
+    fn splat_bytes(b: u8) -> Self::B {
         [b; BYTES]
     }
     #[inline(always)]
-    unsafe fn add_bytes(a: Self::B, b: Self::B) -> Self::B {
+    fn add_bytes(a: Self::B, b: Self::B) -> Self::B {
         zip(a, b, u8::wrapping_add)
     }
     #[inline(always)]
-    unsafe fn sub_bytes(a: Self::B, b: Self::B) -> Self::B {
+    fn sub_bytes(a: Self::B, b: Self::B) -> Self::B {
         zip(a, b, u8::saturating_sub)
     }
     #[inline(always)]
-    unsafe fn min_bytes(a: Self::B, b: Self::B) -> Self::B {
+    fn min_bytes(a: Self::B, b: Self::B) -> Self::B {
         zip(a, b, u8::min)
     }
     #[inline(always)]
-    unsafe fn max_bytes(a: Self::B, b: Self::B) -> Self::B {
+    fn max_bytes(a: Self::B, b: Self::B) -> Self::B {
         zip(a, b, u8::max)
     }
     #[inline(always)]
-    unsafe fn quarter_bytes(a: Self::B) -> Self::B {
+    fn quarter_bytes(a: Self::B) -> Self::B {
         a.map(|b| b >> 2)
     }
     #[inline(always)]
-    unsafe fn widen(b: Self::B) -> [Self::V; 2] {
+    fn widen(b: Self::B) -> [Self::V; 2] {
         [std::array::from_fn(|i| i16::from(b[i])), std::array::from_fn(|i| i16::from(b[LANES + i]))]
     }
 }
