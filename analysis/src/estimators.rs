@@ -3,9 +3,12 @@
 use std::collections::HashSet;
 
 use depthloom_recording::RecordedPlan;
-use depthloom_scores::{Family, Mean, Metric, PixelSet, ScoreParams, Settings};
+use depthloom_scores::{DisparityScoreParams, Family, Mean, Metric, PixelSet, ScoreParams, Settings};
 
 use crate::error::AnalysisError;
+
+/// The kind that scores disparities; all others score depths.
+const DISPARITY: &str = "score/disparity";
 
 /// An estimate that was scored against the truth.
 #[derive(Clone, Debug, PartialEq)]
@@ -43,7 +46,7 @@ pub struct Estimator {
 /// The estimators of a recording: those that all variants share first, then variant by variant in the order of the file.
 ///
 /// # Errors
-/// If a score node's parameters are not those of a `score/depth` this version knows, or something in the plan points outside it.
+/// If a score node's parameters are not those of a kind `score/*` this version knows, or something in the plan points outside it.
 pub(crate) fn estimators(plan: &RecordedPlan) -> Result<Vec<Estimator>, AnalysisError> {
     let all = || {
         plan.runs.iter().enumerate().flat_map(|(r, run)| run.estimates.iter().map(move |estimate| (r, run, estimate)))
@@ -53,7 +56,8 @@ pub(crate) fn estimators(plan: &RecordedPlan) -> Result<Vec<Estimator>, Analysis
         all().map(|(.., e)| e.label.as_str()).filter(|label| !labels.insert(*label)).collect();
     let mut ordered = Vec::new();
     for (run, planned, estimate) in all() {
-        let (sets, settings) = settings(&estimate.score_params).map_err(|error| {
+        let kind = planned.nodes.get(estimate.score_node).map_or("", |node| node.kind.as_str());
+        let Asked { family, sets, metrics, mean, settings } = asked(kind, &estimate.score_params).map_err(|error| {
             AnalysisError::content(format!("parameters of the scores of `{}`: {error}", estimate.label))
         })?;
         // Two stages may score estimates of one name.
@@ -76,11 +80,11 @@ pub(crate) fn estimators(plan: &RecordedPlan) -> Result<Vec<Estimator>, Analysis
             name: estimate.name.clone(),
             variant,
             run,
-            family: Family::Depth,
+            family,
             sets,
-            metrics: Family::Depth.defaults(),
-            mean: Mean::Frames,
-            settings: Some(settings),
+            metrics,
+            mean,
+            settings,
             score_topic: estimate.score_topic.clone(),
             estimate_topic: estimate.estimate_topic.clone(),
             truth_topic: estimate.truth_topic.clone(),
@@ -93,12 +97,28 @@ pub(crate) fn estimators(plan: &RecordedPlan) -> Result<Vec<Estimator>, Analysis
     Ok(ordered.into_iter().map(|(_, estimator)| estimator).collect())
 }
 
-/// The pixel sets and settings of recorded parameters; what is null is the preset's.
-fn settings(params: &serde_json::Value) -> Result<(Vec<PixelSet>, Settings), String> {
+/// What recorded parameters ask for.
+struct Asked {
+    family: Family,
+    sets: Vec<PixelSet>,
+    metrics: Vec<&'static Metric>,
+    mean: Mean,
+    settings: Option<Settings>,
+}
+
+/// What a score node of that kind was asked for by its recorded parameters; what is null is the preset's.
+fn asked(kind: &str, params: &serde_json::Value) -> Result<Asked, String> {
+    if kind == DISPARITY {
+        let params: DisparityScoreParams =
+            serde_path_to_error::deserialize(params).map_err(|error| error.to_string())?;
+        params.check().map_err(|(_, what)| what)?;
+        let metrics = params.metrics().map_err(|(_, what)| what)?;
+        return Ok(Asked { family: Family::Disparity, sets: params.sets, metrics, mean: params.mean, settings: None });
+    }
     let params: ScoreParams = serde_path_to_error::deserialize(params).map_err(|error| error.to_string())?;
     params.check().map_err(|(_, what)| what)?;
-    let settings = params.settings();
-    Ok((params.sets, settings))
+    let (metrics, settings) = (params.metrics().map_err(|(_, what)| what)?, Some(params.settings()));
+    Ok(Asked { family: Family::Depth, sets: params.sets, metrics, mean: params.mean, settings })
 }
 
 #[cfg(test)]
@@ -108,6 +128,19 @@ mod tests {
     use serde_json::json;
 
     use super::*;
+
+    fn settings(params: &serde_json::Value) -> Result<(Vec<PixelSet>, Settings), String> {
+        asked("score/depth", params).map(|asked| (asked.sets, asked.settings.expect("depths have settings")))
+    }
+
+    #[test]
+    fn disparities_are_asked_for_their_own_scores() {
+        let params = json!({ "sets": ["filled"], "metrics": ["d1", "epe"], "mean": "pixels" });
+        let asked = asked(DISPARITY, &params).unwrap();
+        let names: Vec<&str> = asked.metrics.iter().map(|metric| metric.name).collect();
+        assert_eq!((names, asked.family, asked.mean), (vec!["epe", "d1"], Family::Disparity, Mean::Pixels));
+        assert!(settings(&params).is_err(), "a depth has neither");
+    }
 
     #[test]
     fn what_is_null_is_the_presets() {

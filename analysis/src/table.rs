@@ -7,7 +7,7 @@ mod terminal;
 use std::collections::{HashMap, HashSet};
 
 use depthloom_graphs::Key;
-use depthloom_scores::{Family, Mean, Metric, PixelSet, Settings};
+use depthloom_scores::{Family, Mean, Metric, PixelSet, ScoreRow, Settings};
 
 use crate::estimators::Estimator;
 use crate::paper::paper_scores;
@@ -16,7 +16,7 @@ use crate::sheet::{Cells, Sheet};
 
 /// The mean over frames, a column an estimator and pixel set.
 ///
-/// The mean is the unweighted one of the frames' scores (monodepth, the KITTI devkits), over the frames that have scores of all
+/// The mean is the unweighted one of the frames' scores (monodepth, the KITTI devkits), or of all pixels alike where that was asked for, over the frames that have scores of all
 /// estimators of their stage run. A frame on which a score has no pixel adds nothing to that score's mean.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Table {
@@ -43,6 +43,8 @@ pub struct TableColumn {
     pub set: PixelSet,
     /// How many frames the mean is over.
     pub frames: u64,
+    /// Whether it is the mean of the frames' scores, or over all their pixels.
+    pub mean: Mean,
     /// The means, in the order of [`Table::metrics`]; `None` if it was not asked for, or no frame had a pixel to score.
     pub means: Vec<Option<f64>>,
     /// The mean share of true pixels that were answered; `None` if the recording does not say.
@@ -74,7 +76,7 @@ impl Table {
     ) -> Self {
         let rows = common(scores, estimators);
         let metrics = metrics_of(estimators);
-        let means = means(&rows, &metrics);
+        let means = means(&rows, &metrics, estimators);
         let mut comparisons: Vec<Comparison<'_>> = Vec::new();
         let mut columns = Vec::new();
         for (index, estimator) in estimators.iter().enumerate() {
@@ -104,6 +106,7 @@ impl Table {
                     estimator: estimator.label.clone(),
                     set,
                     frames,
+                    mean: estimator.mean,
                     means,
                     density,
                     comparable,
@@ -201,7 +204,17 @@ impl Table {
     pub(crate) fn about(&self) -> String {
         let counts: HashSet<u64> = self.columns.iter().map(|column| column.frames).collect();
         let most = counts.iter().max().copied().unwrap_or(0);
-        let frames = format!("mean over {most} frame{}", if most == 1 { "" } else { "s" });
+        let s = if most == 1 { "" } else { "s" };
+        let pooled: Vec<&TableColumn> = self.columns.iter().filter(|column| column.mean == Mean::Pixels).collect();
+        let frames = match pooled.len() {
+            0 => format!("mean over {most} frame{s}"),
+            all if all == self.columns.len() => format!("over all pixels of {most} frame{s}"),
+            _ => {
+                let mut named: Vec<&str> = pooled.iter().map(|column| column.estimator.as_str()).collect();
+                named.dedup();
+                format!("mean over {most} frame{s}, over all their pixels alike for {}", named.join(", "))
+            }
+        };
         if counts.len() <= 1 {
             return frames;
         }
@@ -265,7 +278,29 @@ impl Means {
 }
 
 /// The means by estimator and pixel set.
-fn means(rows: &[&FrameScore], metrics: &[&'static Metric]) -> HashMap<(usize, PixelSet), Means> {
+fn means(
+    rows: &[&FrameScore],
+    metrics: &[&'static Metric],
+    estimators: &[Estimator],
+) -> HashMap<(usize, PixelSet), Means> {
+    let mut means = means_over_frames(rows, metrics);
+    for ((index, set), of) in &mut means {
+        let estimator = &estimators[*index];
+        if estimator.mean == Mean::Pixels {
+            let settings = estimator.settings.unwrap_or_default();
+            let own = || rows.iter().filter(|score| (score.estimator, score.row.set) == (*index, *set));
+            let pooled = |metric: &&'static Metric| metric.pooled(own().map(|score| &score.row), &settings);
+            of.means = metrics.iter().map(pooled).collect();
+            let counts = |count: fn(&ScoreRow) -> u64| own().map(|score| count(&score.row)).sum::<u64>();
+            let (answered, truth) = (counts(|row| row.answered), counts(|row| row.truth));
+            of.density = (truth > 0).then(|| answered as f64 / truth as f64);
+        }
+    }
+    means
+}
+
+/// The unweighted means of the frames' scores.
+fn means_over_frames(rows: &[&FrameScore], metrics: &[&'static Metric]) -> HashMap<(usize, PixelSet), Means> {
     let mut sums: HashMap<(usize, PixelSet), (u64, Vec<(u64, f64)>)> = HashMap::new();
     for score in rows {
         let empty = || (0, vec![(0, 0.0); metrics.len() + 1]);
@@ -291,8 +326,6 @@ fn means(rows: &[&FrameScore], metrics: &[&'static Metric]) -> HashMap<(usize, P
 #[cfg(test)]
 mod tests {
     use std::sync::Arc;
-
-    use depthloom_scores::ScoreRow;
 
     use super::*;
 
@@ -388,6 +421,25 @@ mod tests {
         assert_eq!((table.columns[0].frames, table.columns[1].frames), (1, 2));
         assert!((table.columns[0].means[0].unwrap() - 0.9).abs() < 1e-12);
         assert_eq!(table.about(), "mean over 2 frames (stereo on answered: 1)");
+    }
+
+    #[test]
+    fn pixels_of_all_frames_weigh_alike_where_that_is_asked_for_and_it_is_said() {
+        let of = |mean| Estimator { mean, ..estimator(None, "mono", &[PixelSet::All]) };
+        let mut rows = [score("0", 0, PixelSet::All, 0.5), score("1", 0, PixelSet::All, 0.8)];
+        // 5 pixels of 8, and 15 of 16.
+        (rows[1].row.pixels, rows[1].row.answered, rows[1].row.truth) = (15, 15, 16);
+        let table = |mean| table_of(&rows, &[of(mean)], false);
+        let (frames, pixels) = (table(Mean::Frames), table(Mean::Pixels));
+        let close = |ours: Option<f64>, expected: f64| assert!((ours.unwrap() - expected).abs() < 1e-12, "{ours:?}");
+        close(frames.columns[0].means[0], 0.65);
+        close(pixels.columns[0].means[0], (5.0 * 0.5 + 15.0 * 0.8) / 20.0);
+        close(pixels.columns[0].means[5], ((5.0 * 25.0 + 15.0 * 64.0_f64) / 20.0).sqrt());
+        close(pixels.columns[0].density, 20.0 / 24.0);
+        assert_eq!(
+            (frames.about(), pixels.about()),
+            ("mean over 2 frames".into(), "over all pixels of 2 frames".into())
+        );
     }
 
     #[test]

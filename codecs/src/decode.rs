@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use depthloom_graphs::values::{
-    Calibration, Depth, Disparity, Encoded, Image, ImageFormat, Mask, Pixels, Raster, Weight,
+    Calibration, Depth, Disparity, Encoded, Image, ImageFormat, Mask, Pixels, Raster, TrueDisparity, Weight,
 };
 use depthloom_graphs::{Value, ValueType};
 use depthloom_scores::ScoreRow;
@@ -123,6 +123,9 @@ impl RawImage<'_> {
                     .ok_or_else(|| format!("disparities from {min_disparity_px} px on do not fit into 16 bits"))?;
                 let sixteenths_px = self.raster(|sample| i16::from_le_bytes(sample).wrapping_add(nothing))?;
                 Ok(Disparity { sixteenths_px, min_disparity_px }.into())
+            }
+            (ValueType::TrueDisparity, b"16UC1") => {
+                Ok(TrueDisparity { px_256: self.raster(u16::from_le_bytes)? }.into())
             }
             (ValueType::Depth, b"32FC1") => Ok(Depth { metres: self.raster(f32::from_le_bytes)? }.into()),
             (ValueType::Weight, b"32FC1") => Ok(Weight { share: self.raster(f32::from_le_bytes)? }.into()),

@@ -109,6 +109,7 @@ pub fn put_value(out: &mut Vec<u8>, stamp: Stamp<'_>, value: &Value) {
                 Samples::Disparities(&disparity.sixteenths_px, disparity.invalid() as i16),
             )
         },
+        Value::TrueDisparity(truth) => raster(truth.px_256.dimensions(), "16UC1", 2, Samples::U16(&truth.px_256)),
         Value::Depth(depth) => raster(depth.metres.dimensions(), "32FC1", 4, Samples::F32(&depth.metres)),
         Value::Weight(weight) => raster(weight.share.dimensions(), "32FC1", 4, Samples::F32(&weight.share)),
         Value::Mask(mask) => raster(mask.set.dimensions(), "mono8", 1, Samples::U8(&mask.set)),

@@ -1,6 +1,6 @@
 //! Writing frames in the layout of KITTI stereo 2015, for any tool that reads that benchmark.
 //!
-//! `<out>/training` receives `image_2`, `image_3`, `disp_occ_0`, `disp_noc_0` and `calib_cam_to_cam`; the source `kitti/stereo2015`
+//! `<out>/training` receives `image_2`, `image_3`, `disp_occ_0`, `disp_noc_0`, `obj_map` and `calib_cam_to_cam`; the source `kitti/stereo2015`
 //! reads it back: the same images, and true disparities to half of 1/256 px.
 
 use std::fmt::Write as _;
@@ -9,9 +9,9 @@ use std::io::Cursor;
 use std::path::{Path, PathBuf};
 
 use depthloom_graphs::contracts::Frame;
-use depthloom_graphs::values::{Calibration, Depth, Image, Pixels, Raster};
+use depthloom_graphs::values::{Calibration, Image, Mask, Pixels, TrueDisparity};
 use depthloom_graphs::{Fault, Host};
-use image::{ImageFormat, Luma};
+use image::ImageFormat;
 
 use crate::sources::{Road, SyntheticRoadParams};
 
@@ -34,8 +34,9 @@ pub fn write(out: &Path, params: &SyntheticRoadParams, host: &dyn Host) -> Resul
         let view = road.frame(frame.index, host);
         layout.image("image_2", frame, &view.left)?;
         layout.image("image_3", frame, &view.right)?;
-        layout.disparity("disp_occ_0", frame, &view.sparse, &view.calibration)?;
-        layout.disparity("disp_noc_0", frame, &view.sparse_visible, &view.calibration)?;
+        layout.disparity("disp_occ_0", frame, &view.disparity(&view.sparse))?;
+        layout.disparity("disp_noc_0", frame, &view.disparity(&view.sparse_visible))?;
+        layout.objects("obj_map", frame, &view.cars)?;
         layout.calibration(frame, &view.calibration)?;
     }
     host.progress(total, total, "done");
@@ -44,7 +45,7 @@ pub fn write(out: &Path, params: &SyntheticRoadParams, host: &dyn Host) -> Resul
 }
 
 /// What a data set has under `training`.
-const FOLDERS: [&str; 5] = ["image_2", "image_3", "disp_occ_0", "disp_noc_0", "calib_cam_to_cam"];
+const FOLDERS: [&str; 6] = ["image_2", "image_3", "disp_occ_0", "disp_noc_0", "obj_map", "calib_cam_to_cam"];
 
 /// Whether a folder holds what an earlier try leaves, and nothing of anybody else.
 fn is_unfinished(partial: &Path) -> bool {
@@ -107,17 +108,17 @@ impl KittiFolders {
         fs::write(&path, bytes.into_inner()).map_err(|error| unwritable(&path, error))
     }
 
-    /// Depth as KITTI's disparity: 16 bit, 1/256 px, 0 = unknown.
-    fn disparity(&mut self, folder: &str, frame: &Frame, depth: &Depth, of: &Calibration) -> Result<(), Fault> {
+    /// KITTI's disparity: 16 bit, 1/256 px, 0 = unknown.
+    fn disparity(&mut self, folder: &str, frame: &Frame, truth: &TrueDisparity) -> Result<(), Fault> {
         let path = self.path(folder, format!("{}.png", frame.id));
-        let (width, height) = depth.metres.dimensions();
-        let raw: Raster<u16> = Raster::from_fn(width, height, |x, y| {
-            let metres = f64::from(depth.metres.get_pixel(x, y).0[0]);
-            Luma([disparity_u16(of.focal_baseline_px_m() / metres)])
-        });
         let mut bytes = Cursor::new(Vec::new());
-        raw.write_to(&mut bytes, ImageFormat::Png).map_err(|error| unwritable(&path, error))?;
+        truth.px_256.write_to(&mut bytes, ImageFormat::Png).map_err(|error| unwritable(&path, error))?;
         fs::write(&path, bytes.into_inner()).map_err(|error| unwritable(&path, error))
+    }
+
+    /// KITTI's object map: 8 bit, 0 = background. Objects have numbers there; here all have one, 255.
+    fn objects(&mut self, folder: &str, frame: &Frame, objects: &Mask) -> Result<(), Fault> {
+        self.image(folder, frame, &Image::new(Pixels::Grey(objects.set.clone())))
     }
 
     /// Both rectified cameras; numbers with all their digits, so that they read back equal.
@@ -145,36 +146,6 @@ impl KittiFolders {
     }
 }
 
-/// A disparity in 1/256 px: 0 where unknown (NaN, no disparity) or beyond 16 bits.
-fn disparity_u16(disparity_px: f64) -> u16 {
-    let fixed = (disparity_px * 256.0).round();
-    if fixed >= 1.0 && fixed <= f64::from(u16::MAX) { fixed as u16 } else { 0 }
-}
-
 fn unwritable(path: &Path, error: impl Into<Box<dyn std::error::Error + Send + Sync>>) -> Fault {
     Fault::new(format!("failed to write {}", path.display())).because(error)
-}
-
-#[cfg(test)]
-mod tests {
-    use proptest::prelude::*;
-
-    use super::disparity_u16;
-
-    proptest! {
-        #[test]
-        fn a_disparity_is_off_by_at_most_half_a_step(disparity_px in 0.002..255.99_f64) {
-            let written = f64::from(disparity_u16(disparity_px)) / 256.0;
-            prop_assert!((written - disparity_px).abs() <= 0.5 / 256.0);
-        }
-    }
-
-    #[test]
-    fn what_sixteen_bits_cannot_hold_is_unknown() {
-        assert_eq!(disparity_u16(10.0), 2560);
-        assert_eq!(disparity_u16(f64::NAN), 0);
-        assert_eq!(disparity_u16(0.0), 0);
-        assert_eq!(disparity_u16(300.0), 0);
-        assert_eq!(disparity_u16(1.0 / 512.0), 1);
-    }
 }

@@ -8,7 +8,7 @@ use crate::disparity::{Fill, LeftRight, Speckle, WeightedLeastSquares};
 use crate::filter::Median;
 use crate::fusion::{Confidence, Scale};
 use crate::mono::{GroundPlane, Onnx};
-use crate::score::ScoreDepth;
+use crate::score::{ScoreDepth, ScoreDisparity};
 use crate::sources::{KittiStereo2015, SyntheticRoad};
 use crate::stereo::{Bm, CensusSgm, Sgbm};
 
@@ -34,4 +34,5 @@ pub fn registry() -> Registry {
         .node::<Confidence>()
         .node::<Median>()
         .node::<ScoreDepth>()
+        .node::<ScoreDisparity>()
 }

@@ -156,9 +156,12 @@ impl FileLayout {
         let output = planned_output(run, slot);
         let value_type = output.port.value_type;
         let schema = match value_type {
-            ValueType::Image | ValueType::Disparity | ValueType::Depth | ValueType::Weight | ValueType::Mask => {
-                Schema::RawImage
-            }
+            ValueType::Image
+            | ValueType::Disparity
+            | ValueType::TrueDisparity
+            | ValueType::Depth
+            | ValueType::Weight
+            | ValueType::Mask => Schema::RawImage,
             ValueType::Calibration => Schema::CameraCalibration,
             ValueType::Scores => Schema::Score,
             ValueType::Samples | ValueType::Model | ValueType::Curve => {
@@ -234,7 +237,7 @@ fn class(run: &StageRun, slot: Slot) -> Option<Class> {
         (ValueType::Scores, _) => Class::Rows,
         (ValueType::Image | ValueType::Calibration, Slot::Source { .. }) => Class::Camera,
         (_, Slot::Source { .. }) => Class::Truth,
-        (ValueType::Disparity | ValueType::Mask, Slot::Node { .. }) => Class::FixedPoint,
+        (ValueType::Disparity | ValueType::TrueDisparity | ValueType::Mask, Slot::Node { .. }) => Class::FixedPoint,
         (ValueType::Depth, Slot::Node { node, .. }) if from_fixed_point(&run.nodes[node]) => Class::FixedPoint,
         _ => Class::Maps,
     })
@@ -269,6 +272,7 @@ fn metadata(run: &StageRun, slot: Slot, output: &PlannedOutput) -> BTreeMap<Stri
         ValueType::Disparity => {
             "0 = nothing found; else disparity in pixels = value / 16 + min_disparity_px - 1, min_disparity_px being a field of the message"
         }
+        ValueType::TrueDisparity => "disparity in pixels = value / 256, 0 = unknown",
         ValueType::Depth => "metres, NaN = no answer",
         ValueType::Weight => "share in [0, 1]",
         ValueType::Mask => "255 = set, 0 = not",

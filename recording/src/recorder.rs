@@ -168,6 +168,7 @@ impl Recorder {
         }
         let (packing, size) = match value {
             Value::Disparity(disparity) => (Packing::Compressed, 2 * disparity.sixteenths_px.len()),
+            Value::TrueDisparity(truth) => (Packing::Compressed, 2 * truth.px_256.len()),
             Value::Mask(mask) => (Packing::Compressed, mask.set.len()),
             Value::Depth(depth) if port.class == Class::FixedPoint => (Packing::Compressed, 4 * depth.metres.len()),
             Value::Depth(depth) => (measured(&depth.metres, put_floats)?, 4 * depth.metres.len()),

@@ -56,6 +56,8 @@ pub struct Frame {
     /// True where the surface of a left pixel is not seen by the right camera: hidden behind something nearer, or
     /// outside its image.
     pub occluded: Vec<bool>,
+    /// True where a left pixel shows a car, as KITTI's `obj_map` marks them.
+    pub cars: Vec<bool>,
     /// What a 64-beam laser scanner would have returned: a sparse subset of `depth`, NaN elsewhere. Occluded pixels
     /// are in it, as in KITTI's `disp_occ`; [`Frame::sparse_visible`] leaves them out.
     pub sparse: Vec<f32>,

@@ -104,6 +104,11 @@ pub(crate) enum Material {
 }
 
 impl Material {
+    /// Whether only cars are made of it.
+    pub(crate) const fn is_of_a_car(&self) -> bool {
+        matches!(self, Self::CarBody(_) | Self::CarCabin(_) | Self::Wheel(_))
+    }
+
     /// Whether the surface exists at this point.
     pub(crate) fn is_solid(&self, point: Vec3) -> bool {
         match self {

@@ -29,6 +29,7 @@ struct Band<'a> {
     right: &'a mut [u8],
     depth: &'a mut [f32],
     occluded: &'a mut [bool],
+    cars: &'a mut [bool],
     reflects: &'a mut [u8],
 }
 
@@ -54,6 +55,7 @@ pub(crate) fn render(
     let pixels = size.pixels();
     let (mut left, mut right) = (vec![0; 3 * pixels], vec![0; 3 * pixels]);
     let (mut depth, mut occluded, mut reflects) = (vec![f32::NAN; pixels], vec![false; pixels], vec![0; pixels]);
+    let mut cars = vec![false; pixels];
     {
         let chunk = BAND_ROWS * size.width;
         let bands: Vec<Mutex<Band<'_>>> = left
@@ -61,10 +63,11 @@ pub(crate) fn render(
             .zip(right.chunks_mut(3 * chunk))
             .zip(depth.chunks_mut(chunk))
             .zip(occluded.chunks_mut(chunk))
+            .zip(cars.chunks_mut(chunk))
             .zip(reflects.chunks_mut(chunk))
             .enumerate()
-            .map(|(band, ((((left, right), depth), occluded), reflects))| {
-                Mutex::new(Band { first_row: band * BAND_ROWS, left, right, depth, occluded, reflects })
+            .map(|(band, (((((left, right), depth), occluded), cars), reflects))| {
+                Mutex::new(Band { first_row: band * BAND_ROWS, left, right, depth, occluded, cars, reflects })
             })
             .collect();
         let sensors = [Sensor::new(seed, index, 0), Sensor::new(seed, index, 1)];
@@ -76,7 +79,7 @@ pub(crate) fn render(
         });
     }
     let sparse = scan(seed, index, size, calibration, &depth, &reflects);
-    Frame { size, left, right, depth, occluded, sparse, calibration: *calibration }
+    Frame { size, left, right, depth, occluded, cars, sparse, calibration: *calibration }
 }
 
 impl Band<'_> {
@@ -87,6 +90,7 @@ impl Band<'_> {
             let Some(hit) = look.hit else { continue };
             self.depth[pixel] = hit.depth;
             self.occluded[pixel] = is_hidden(scene, look.ray.at(hit.depth), size);
+            self.cars[pixel] = scene.is_car(hit.part);
             self.reflects[pixel] = scene.reflectivity(&hit);
         }
         expose(scene, &scene.left, &looks, &sensors[0], self.first_row, size, self.left);

@@ -106,6 +106,11 @@ impl Scene {
         matches!(part, Part::Object(index) if self.objects[index as usize].material.has_holes())
     }
 
+    /// Whether this is a part of a car.
+    pub(crate) fn is_car(&self, part: Part) -> bool {
+        matches!(part, Part::Object(index) if self.objects[index as usize].material.is_of_a_car())
+    }
+
     /// How much of a laser's light comes back from here, of 255: panes, black paint and leaves swallow or scatter it.
     pub(crate) fn reflectivity(&self, hit: &Hit) -> u8 {
         match hit.part {

@@ -35,6 +35,7 @@ fn bits(depth: &[f32]) -> Vec<u32> {
 
 fn assert_same(a: &Frame, b: &Frame) {
     assert!(a.left == b.left && a.right == b.right && a.occluded == b.occluded, "images and mask");
+    assert!(a.cars == b.cars, "cars");
     assert!(bits(&a.depth) == bits(&b.depth) && bits(&a.sparse) == bits(&b.sparse), "depths");
 }
 
@@ -53,6 +54,18 @@ fn bits_do_not_depend_on_who_renders_which_tile() {
     let frame = street.frame(3, &serial);
     assert_same(&frame, &street.frame(3, &threaded));
     assert_same(&frame, &Street::new(11, SMALL).frame(3, &serial));
+}
+
+#[test]
+fn cars_stand_on_the_street_and_are_neither_all_nor_nothing() {
+    let frames = (0..8).map(|index| Street::new(1, SMALL).frame(index, &serial));
+    let (mut cars, mut sky) = (0, 0);
+    for frame in frames {
+        cars += frame.cars.iter().filter(|car| **car).count();
+        sky += frame.cars.iter().zip(&frame.depth).filter(|(car, depth)| **car && depth.is_nan()).count();
+    }
+    let share = cars as f64 / (8 * SMALL.pixels()) as f64;
+    assert!((0.005..0.5).contains(&share) && sky == 0, "{share} of the pixels show cars, {sky} of them in the sky");
 }
 
 #[test]

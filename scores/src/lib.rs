@@ -15,6 +15,8 @@
 //! ```
 
 mod crop;
+mod disparity;
+mod extra;
 mod ln;
 mod metric;
 mod params;
@@ -24,12 +26,15 @@ mod row;
 mod score;
 mod settings;
 mod sums;
+mod zones;
 
 pub use crop::{Crop, Window};
+pub use disparity::{DisparityMaps, DisparityScores};
 pub use metric::{DEPTH, DISPARITY, Family, Mean, Metric, Pooling};
-pub use params::ScoreParams;
-pub use pixels::ScoredPixels;
+pub use params::{DisparityScoreParams, MetricNames, ScoreParams};
+pub use pixels::{Alignment, ScoredPixels};
 pub use preset::Preset;
 pub use row::{PixelSet, ScoreRow};
-pub use score::{score, score_pixels};
-pub use settings::{ScaleInvariant, Settings, SquaredRelative};
+pub use score::{DepthScores, score, score_pixels};
+pub use settings::{Align, ScaleInvariant, Settings, SquaredRelative};
+pub use zones::{Clues, ZoneParams};

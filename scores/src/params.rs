@@ -1,19 +1,29 @@
 //! How scores are asked for.
 
-use schemars::JsonSchema;
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Serialize};
 
-use crate::{Crop, PixelSet, Preset, ScaleInvariant, Settings, SquaredRelative};
+use crate::{
+    Align, Crop, DepthScores, DisparityScores, Family, Mean, Metric, PixelSet, Preset, ScaleInvariant, Settings,
+    SquaredRelative, ZoneParams,
+};
 
-/// How scores are asked for, in an experiment and in a recording's plan: a preset, and what differs from it. Parameters of `score/depth`.
+/// How depths are scored, in an experiment and in a recording's plan: a preset, and what differs from it. Parameters of `score/depth`.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct ScoreParams {
     /// Named settings: `paper`, `monodepth2` or `kitti-depth`.
     pub preset: Preset,
     /// The pixel sets, a row each: `all` and `answered`.
-    #[schemars(length(min = 1))]
+    #[schemars(length(min = 1), schema_with = "depth_sets")]
     pub sets: Vec<PixelSet>,
+    /// Which scores are taken: a list of names, or `all`; `null`: the eight of Table I.
+    #[schemars(schema_with = "depth_metrics")]
+    pub metrics: Option<MetricNames>,
+    /// What a data set's value is: the mean over `frames` of their values, or taken over all `pixels` of all frames.
+    pub mean: Mean,
+    /// Parts of the image that are scored on their own, beside the whole.
+    pub zones: ZoneParams,
     /// Truth above this is scored, and answers below (not missing ones) are raised to it, metres; `null`: the preset's.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub min_m: Option<f64>,
@@ -25,7 +35,9 @@ pub struct ScoreParams {
     pub missing_m: Option<f64>,
     /// The part of the image that is scored: `none`, `garg` or `eigen`; `null`: the preset's.
     pub crop: Option<Crop>,
-    /// Whether answers are multiplied by `median(truth) / median(estimate)` of the frame first; `null`: the preset's.
+    /// What is done to answers that know no scale, frame by frame: `none`, `median` or `scale-and-shift`; `null`: the preset's.
+    pub align: Option<Align>,
+    /// What `align` was called before: `true` is `align: median`, `false` is `align: none`.
     pub median_scaling: Option<bool>,
     /// What `sq_rel` is: `by-truth` or `by-truth-squared`; `null`: the preset's.
     pub sq_rel: Option<SquaredRelative>,
@@ -38,10 +50,14 @@ impl Default for ScoreParams {
         Self {
             preset: Preset::Paper,
             sets: vec![PixelSet::All],
+            metrics: None,
+            mean: Mean::Frames,
+            zones: ZoneParams::default(),
             min_m: None,
             max_m: None,
             missing_m: None,
             crop: None,
+            align: None,
             median_scaling: None,
             sq_rel: None,
             silog: None,
@@ -54,12 +70,13 @@ impl ScoreParams {
     #[must_use]
     pub fn settings(&self) -> Settings {
         let preset = self.preset.settings();
+        let median_scaling = |on| if on { Align::Median } else { Align::None };
         Settings {
             min_m: self.min_m.unwrap_or(preset.min_m),
             max_m: self.max_m.unwrap_or(preset.max_m),
             missing_m: self.missing_m.unwrap_or(preset.missing_m),
             crop: self.crop.unwrap_or(preset.crop),
-            median_scaling: self.median_scaling.unwrap_or(preset.median_scaling),
+            align: self.align.or(self.median_scaling.map(median_scaling)).unwrap_or(preset.align),
             sq_rel: self.sq_rel.unwrap_or(preset.sq_rel),
             silog: self.silog.unwrap_or(preset.silog),
         }
@@ -70,18 +87,214 @@ impl ScoreParams {
     /// # Errors
     /// The parameter at fault, by its name, and why.
     pub fn check(&self) -> Result<(), (&'static str, String)> {
-        if self.sets.is_empty() {
-            return Err(("sets", "sets is empty: name `all`, `answered` or both".to_owned()));
-        }
-        if self.sets.iter().enumerate().any(|(i, set)| self.sets[..i].contains(set)) {
-            return Err(("sets", "sets names a pixel set twice".to_owned()));
-        }
+        self.scores().map(drop)
+    }
+
+    /// What takes these scores.
+    ///
+    /// # Errors
+    /// The parameter at fault, by its name, and why.
+    pub fn scores(&self) -> Result<DepthScores, (&'static str, String)> {
+        check_sets(&self.sets)?;
         if self.sets.contains(&PixelSet::Filled) {
-            return Err((
-                "sets",
-                "sets names `filled`, which is for disparities: depths have `all` and `answered`".to_owned(),
-            ));
+            let what = "sets names `filled`, which is for disparities: depths have `all` and `answered`";
+            return Err(("sets", what.to_owned()));
         }
-        self.settings().check().map_err(|(name, what)| (name, format!("{name} {what}")))
+        if self.align.is_some() && self.median_scaling.is_some() {
+            return Err(("median_scaling", "median_scaling is what align says: leave it out".to_owned()));
+        }
+        self.zones.check().map_err(|what| ("zones", format!("zones: {what}")))?;
+        self.settings().check().map_err(|(name, what)| (name, format!("{name} {what}")))?;
+        let metrics = metrics_of(self.metrics.as_ref(), Family::Depth)?;
+        Ok(DepthScores { settings: self.settings(), sets: self.sets.clone(), metrics, zones: self.zones.clone() })
+    }
+
+    /// The scores that are taken, in the catalogue's order.
+    ///
+    /// # Errors
+    /// The parameter at fault, by its name, and why.
+    pub fn metrics(&self) -> Result<Vec<&'static Metric>, (&'static str, String)> {
+        metrics_of(self.metrics.as_ref(), Family::Depth)
+    }
+}
+
+/// How disparities are scored, in an experiment and in a recording's plan. Parameters of `score/disparity`.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct DisparityScoreParams {
+    /// The pixel sets, a row each: `all` (a missing answer is wrong), `answered`, and `filled` (every true pixel, after the KITTI devkit's
+    /// interpolation of what was not answered).
+    #[schemars(length(min = 1))]
+    pub sets: Vec<PixelSet>,
+    /// Which scores are taken: a list of names, or `all`; `null`: all.
+    #[schemars(schema_with = "disparity_metrics")]
+    pub metrics: Option<MetricNames>,
+    /// What a data set's value is: the mean over `frames` of their values, or taken over all `pixels` of all frames, as KITTI stereo 2015
+    /// does for D1.
+    pub mean: Mean,
+    /// Parts of the image that are scored on their own, beside the whole.
+    pub zones: ZoneParams,
+}
+
+impl Default for DisparityScoreParams {
+    fn default() -> Self {
+        Self { sets: vec![PixelSet::All], metrics: None, mean: Mean::Frames, zones: ZoneParams::default() }
+    }
+}
+
+impl DisparityScoreParams {
+    /// Whether these parameters can be scored with.
+    ///
+    /// # Errors
+    /// The parameter at fault, by its name, and why.
+    pub fn check(&self) -> Result<(), (&'static str, String)> {
+        self.scores().map(drop)
+    }
+
+    /// What takes these scores.
+    ///
+    /// # Errors
+    /// The parameter at fault, by its name, and why.
+    pub fn scores(&self) -> Result<DisparityScores, (&'static str, String)> {
+        check_sets(&self.sets)?;
+        self.zones.check().map_err(|what| ("zones", format!("zones: {what}")))?;
+        Ok(DisparityScores { sets: self.sets.clone(), metrics: self.metrics()?, zones: self.zones.clone() })
+    }
+
+    /// The scores that are taken, in the catalogue's order.
+    ///
+    /// # Errors
+    /// The parameter at fault, by its name, and why.
+    pub fn metrics(&self) -> Result<Vec<&'static Metric>, (&'static str, String)> {
+        metrics_of(self.metrics.as_ref(), Family::Disparity)
+    }
+}
+
+/// Names of scores: a list of them, or `all`.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum MetricNames {
+    /// `all`, and nothing else.
+    Word(String),
+    /// The names, in any order.
+    Listed(Vec<String>),
+}
+
+fn check_sets(sets: &[PixelSet]) -> Result<(), (&'static str, String)> {
+    if sets.is_empty() {
+        return Err(("sets", "sets is empty: name `all`, `answered` or both".to_owned()));
+    }
+    match sets.iter().enumerate().any(|(i, set)| sets[..i].contains(set)) {
+        true => Err(("sets", "sets names a pixel set twice".to_owned())),
+        false => Ok(()),
+    }
+}
+
+/// The scores of these names, in the catalogue's order.
+fn metrics_of(names: Option<&MetricNames>, family: Family) -> Result<Vec<&'static Metric>, (&'static str, String)> {
+    let all = || family.metrics().iter();
+    let (names, word) = match names {
+        None => return Ok(family.defaults()),
+        Some(MetricNames::Word(word)) if word == "all" => return Ok(all().collect()),
+        Some(MetricNames::Word(word)) => (std::slice::from_ref(word), true),
+        Some(MetricNames::Listed(names)) => (names.as_slice(), false),
+    };
+    let known = || all().map(|metric| metric.name).collect::<Vec<_>>().join(", ");
+    if let Some(name) = names.iter().find(|name| !all().any(|metric| metric.name == **name)) {
+        return Err(("metrics", format!("metrics names `{name}`, which is none of {}", known())));
+    }
+    if word || names.is_empty() {
+        return Err(("metrics", format!("metrics wants `all` or a list of {}", known())));
+    }
+    match names.iter().enumerate().find(|(i, name)| names[..*i].contains(name)) {
+        Some((_, name)) => Err(("metrics", format!("metrics names `{name}` twice"))),
+        None => Ok(all().filter(|metric| names.iter().any(|name| name == metric.name)).collect()),
+    }
+}
+
+fn depth_sets(_: &mut SchemaGenerator) -> Schema {
+    json_schema!({ "type": "array", "minItems": 1, "items": { "enum": ["all", "answered"] } })
+}
+
+fn depth_metrics(_: &mut SchemaGenerator) -> Schema {
+    schema_of(Family::Depth)
+}
+
+fn disparity_metrics(_: &mut SchemaGenerator) -> Schema {
+    schema_of(Family::Disparity)
+}
+
+fn schema_of(family: Family) -> Schema {
+    let names: Vec<&str> = family.metrics().iter().map(|metric| metric.name).collect();
+    json_schema!({ "anyOf": [
+        { "enum": ["all"] },
+        { "type": "array", "minItems": 1, "items": { "enum": names } },
+        { "type": "null" },
+    ] })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Clues, DEPTH};
+
+    fn asked(metrics: MetricNames) -> Result<Vec<&'static str>, String> {
+        let params = ScoreParams { metrics: Some(metrics), ..ScoreParams::default() };
+        let names = |metrics: Vec<&'static Metric>| metrics.into_iter().map(|metric| metric.name).collect();
+        params.metrics().map(names).map_err(|(_, what)| what)
+    }
+
+    fn listed(names: &[&str]) -> MetricNames {
+        MetricNames::Listed(names.iter().map(|name| (*name).to_owned()).collect())
+    }
+
+    #[test]
+    fn scores_come_in_the_catalogues_order_and_unknown_ones_are_refused() {
+        assert_eq!(asked(listed(&["mae", "a1"])), Ok(vec!["a1", "mae"]));
+        assert_eq!(asked(MetricNames::Word("all".to_owned())).unwrap().len(), DEPTH.len());
+        assert!(asked(listed(&["d1"])).unwrap_err().starts_with("metrics names `d1`, which is none of a1, a2"));
+        assert!(asked(listed(&[])).unwrap_err().starts_with("metrics wants `all` or a list of"));
+        assert!(asked(MetricNames::Word("a1".to_owned())).unwrap_err().starts_with("metrics wants"));
+        assert_eq!(asked(listed(&["a1", "a1"])), Err("metrics names `a1` twice".to_owned()));
+    }
+
+    #[test]
+    fn the_older_word_for_alignment_is_understood_and_not_beside_the_newer_one() {
+        let older = |on| ScoreParams { median_scaling: Some(on), preset: Preset::Monodepth2, ..ScoreParams::default() };
+        assert_eq!((older(true).settings().align, older(false).settings().align), (Align::Median, Align::None));
+        let both = ScoreParams { align: Some(Align::None), ..older(true) };
+        assert_eq!(both.check().unwrap_err().0, "median_scaling");
+    }
+
+    /// Against the formulas written out, on answers and on one that is missing: 1e-4 m.
+    #[test]
+    fn scores_beyond_table_1_are_their_formulas() {
+        let params = ScoreParams {
+            metrics: Some(MetricNames::Word("all".to_owned())),
+            sets: vec![PixelSet::Answered, PixelSet::All],
+            ..ScoreParams::default()
+        };
+        let (truth, estimate) = ([10.0, 20.0, 40.0, 5.0], [10.4, 21.5, 20.0, f32::NAN]);
+        let rows = params.scores().unwrap().rows(&estimate, &truth, (4, 1), &Clues::default());
+        let close = |row: usize, name: &str, expected: f64| {
+            let ours = rows[row].score(name).unwrap();
+            assert!((ours - expected).abs() <= 1e-6 * expected, "{name}: {ours}, not {expected}");
+        };
+        let (ln10, y) = (std::f64::consts::LN_10, [10.4_f64, 21.5, 20.0]);
+        let logs = [(y[0] / 10.0).ln(), (y[1] / 20.0).ln(), 2_f64.ln()];
+        close(0, "log10", logs.iter().sum::<f64>() / 3.0 / ln10);
+        close(0, "mae", (0.4 + 1.5 + 20.0) / 3.0);
+        close(0, "median_error", 1.5);
+        let inverse = [100.0 - 1000.0 / y[0], 50.0 - 1000.0 / y[1], 25.0];
+        close(0, "imae", inverse.iter().sum::<f64>() / 3.0);
+        close(0, "irmse", (inverse.iter().map(|e| e * e).sum::<f64>() / 3.0).sqrt());
+        close(0, "delta_1.05", 1.0 / 3.0);
+        close(0, "delta_1.10", 2.0 / 3.0);
+        close(1, "mae", (0.4 + 1.5 + 20.0 + 4.9999) / 4.0);
+        close(1, "median_error", f64::midpoint(1.5, 4.9999));
+        close(1, "imae", (inverse.iter().sum::<f64>() + 1e7 - 200.0) / 4.0);
+        close(1, "delta_1.10", 0.5);
+        let names: Vec<&str> = rows[0].scores.iter().map(|(metric, _)| metric.name).collect();
+        assert_eq!(names, DEPTH.each_ref().map(|metric| metric.name));
     }
 }

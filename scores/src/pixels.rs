@@ -1,6 +1,8 @@
 //! Which pixels of a frame are scored.
 
-use crate::Settings;
+use std::cmp::Ordering;
+
+use crate::{Align, Settings};
 
 /// The pixels of a frame whose truth is scored: found once, used for every estimate of the frame.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -89,24 +91,54 @@ impl ScoredPixels {
         &self.truth_m
     }
 
+    /// Those of them that are `kept(position, truth)`, in the same order.
+    #[must_use]
+    pub(crate) fn part(&self, kept: impl Fn(usize, f64) -> bool) -> Self {
+        let both = self.at.iter().zip(&self.truth_m);
+        let (at, truth_m) = both.filter(|&(&at, &t)| kept(at as usize, f64::from(t))).unzip();
+        Self { at, truth_m, of: self.of }
+    }
+
     /// Calls `f(t, y)` for every scored pixel with an answer, in order: the truth, and the estimate as it is scored
-    /// (median scaled if asked for, clamped), both in metres; and `missing(t)` for every one without.
+    /// (aligned, clamped), both in metres; and `missing(t)` for every one without.
     ///
     /// # Panics
     /// If the estimate is of another size than the truth.
     pub(crate) fn visit(
         &self,
         estimate_m: &[f32],
+        alignment: Alignment,
         settings: &Settings,
+        answered: impl FnMut(f64, f64),
+        missing: impl FnMut(f64),
+    ) {
+        let (min_m, max_m) = (settings.min_m, settings.max_m);
+        match alignment {
+            Alignment::Factor(factor) => {
+                self.each(estimate_m, |y| (f64::from(y) * factor).clamp(min_m, max_m), answered, missing);
+            }
+            Alignment::Inverse { scale, shift } => {
+                let aligned = |y: f32| {
+                    let inverse = scale * inverse(y, min_m) + shift;
+                    if inverse > 0.0 { (1.0 / inverse).clamp(min_m, max_m) } else { max_m }
+                };
+                self.each(estimate_m, aligned, answered, missing);
+            }
+        }
+    }
+
+    fn each(
+        &self,
+        estimate_m: &[f32],
+        scored: impl Fn(f32) -> f64,
         mut answered: impl FnMut(f64, f64),
         mut missing: impl FnMut(f64),
     ) {
         assert_eq!(estimate_m.len(), self.of, "the estimate has as many pixels as the truth");
-        let factor = if settings.median_scaling { self.median_factor(estimate_m) } else { 1.0 };
         for (&at, &t) in self.at.iter().zip(&self.truth_m) {
             let y = estimate_m[at as usize];
             if y.is_finite() {
-                answered(f64::from(t), (f64::from(y) * factor).clamp(settings.min_m, settings.max_m));
+                answered(f64::from(t), scored(y));
             } else {
                 missing(f64::from(t));
             }
@@ -114,34 +146,95 @@ impl ScoredPixels {
     }
 
     /// Calls `f(t, e)` for every scored pixel with an answer, in order: the truth and the absolute error
-    /// `e = |y - t|` of the estimate as it is scored (median scaled if asked for, clamped), metres.
+    /// `e = |y - t|` of the estimate as it is scored (aligned, clamped), metres.
     ///
     /// # Panics
     /// If the estimate is of another size than the truth.
     pub fn absolute_errors(&self, estimate_m: &[f32], settings: &Settings, mut f: impl FnMut(f32, f64)) {
-        self.visit(estimate_m, settings, |t, y| f(t as f32, (y - t).abs()), |_| {});
+        let alignment = self.alignment(estimate_m, settings);
+        self.visit(estimate_m, alignment, settings, |t, y| f(t as f32, (y - t).abs()), |_| {});
+    }
+
+    /// What the settings do to this estimate, fitted over the scored pixels with an answer.
+    ///
+    /// # Panics
+    /// If the estimate is of another size than the truth.
+    #[must_use]
+    pub fn alignment(&self, estimate_m: &[f32], settings: &Settings) -> Alignment {
+        assert_eq!(estimate_m.len(), self.of, "the estimate has as many pixels as the truth");
+        match settings.align {
+            Align::None => Alignment::Factor(1.0),
+            Align::Median => Alignment::Factor(self.median_factor(estimate_m)),
+            Align::ScaleAndShift => self.inverse_fit(estimate_m, settings.min_m),
+        }
+    }
+
+    /// Truth and estimate where there is an answer.
+    fn answers(&self, estimate_m: &[f32]) -> impl Iterator<Item = (f32, f32)> {
+        let answers = self.at.iter().zip(&self.truth_m).map(|(&at, &t)| (t, estimate_m[at as usize]));
+        answers.filter(|(_, y)| y.is_finite())
     }
 
     /// `median(truth) / median(estimate)` over the scored pixels with an answer; 1 where there is none, or the median is zero.
     fn median_factor(&self, estimate_m: &[f32]) -> f64 {
-        let answers = self.at.iter().zip(&self.truth_m).map(|(&at, &t)| (estimate_m[at as usize], t));
-        let (mut ys, mut ts): (Vec<f32>, Vec<f32>) = answers.filter(|(y, _)| y.is_finite()).unzip();
-        let (Some(t), Some(y)) = (median(&mut ts), median(&mut ys)) else { return 1.0 };
+        let (mut ts, mut ys): (Vec<f32>, Vec<f32>) = self.answers(estimate_m).unzip();
+        let (Some(t), Some(y)) = (median(&mut ts, f32::total_cmp), median(&mut ys, f32::total_cmp)) else { return 1.0 };
         if y > 0.0 { t / y } else { 1.0 }
+    }
+
+    /// Least squares of `s/y + b` against `1/t`; nothing is changed where all answers are alike, for any `s` would do.
+    fn inverse_fit(&self, estimate_m: &[f32], min_m: f64) -> Alignment {
+        let pairs = || self.answers(estimate_m).map(|(t, y)| (inverse(y, min_m), 1.0 / f64::from(t)));
+        let (mut count, mut x_sum, mut z_sum) = (0.0, 0.0, 0.0);
+        for (x, z) in pairs() {
+            count += 1.0;
+            x_sum += x;
+            z_sum += z;
+        }
+        let (x_mean, z_mean) = (x_sum / count, z_sum / count);
+        let (mut xx, mut xz) = (0.0, 0.0);
+        for (x, z) in pairs() {
+            xx += (x - x_mean) * (x - x_mean);
+            xz += (x - x_mean) * (z - z_mean);
+        }
+        let scale = xz / xx;
+        if scale.is_finite() {
+            Alignment::Inverse { scale, shift: z_mean - scale * x_mean }
+        } else {
+            Alignment::Factor(1.0)
+        }
     }
 }
 
+/// `1/y`; what is nearer than `min_m`, or behind the camera, counts as that near.
+fn inverse(y: f32, min_m: f64) -> f64 {
+    1.0 / f64::from(y).max(min_m)
+}
+
+/// What is done to an estimate before it is clamped: see [`Align`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Alignment {
+    /// It is multiplied.
+    Factor(f64),
+    /// Its inverse is scaled and shifted.
+    Inverse {
+        /// Without a unit.
+        scale: f64,
+        /// 1/m.
+        shift: f64,
+    },
+}
+
 /// The median, as numpy's: the mean of the middle two of an even number.
-fn median(values: &mut [f32]) -> Option<f64> {
+pub(crate) fn median<T: Copy + Into<f64>>(values: &mut [T], order: impl Fn(&T, &T) -> Ordering) -> Option<f64> {
     if values.is_empty() {
         return None;
     }
     let middle = values.len() / 2;
     let even = values.len().is_multiple_of(2);
-    let (below, &mut upper, _) = values.select_nth_unstable_by(middle, f32::total_cmp);
-    let upper = f64::from(upper);
-    let lower = below.iter().copied().max_by(f32::total_cmp).filter(|_| even);
-    Some(lower.map_or(upper, |lower| f64::midpoint(f64::from(lower), upper)))
+    let (below, &mut upper, _) = values.select_nth_unstable_by(middle, &order);
+    let lower = below.iter().copied().max_by(&order).filter(|_| even);
+    Some(lower.map_or(upper.into(), |lower| f64::midpoint(lower.into(), upper.into())))
 }
 
 #[cfg(test)]
@@ -176,6 +269,7 @@ mod tests {
 
     #[test]
     fn median_is_numpys() {
+        let median = |values: &mut [f32]| median(values, f32::total_cmp);
         assert_eq!(median(&mut []), None);
         assert_eq!(median(&mut [3.0]), Some(3.0));
         assert_eq!(median(&mut [4.0, 1.0, 2.0]), Some(2.0));
@@ -189,5 +283,28 @@ mod tests {
         let mut errors = Vec::new();
         ScoredPixels::new(&truth, 4, 1, &settings).absolute_errors(&estimate, &settings, |_, e| errors.push(e));
         assert_eq!(errors, [0.0, 0.0, 0.0]);
+    }
+
+    #[test]
+    fn estimates_of_unknown_scale_and_shift_are_brought_to_the_truth_in_inverse_depth() {
+        let settings = Settings { align: Align::ScaleAndShift, ..Settings::default() };
+        let truth = [2.0, 4.0, 8.0, 16.0, 5.0];
+        // 1/y = 3/t + 0.25, and a pixel without an answer.
+        let estimate = truth.map(|t: f32| if t == 5.0 { f32::NAN } else { 1.0 / (3.0 / t + 0.25) });
+        let pixels = ScoredPixels::new(&truth, 5, 1, &settings);
+        let Alignment::Inverse { scale, shift } = pixels.alignment(&estimate, &settings) else { panic!("fitted") };
+        assert!((scale - 1.0 / 3.0).abs() < 1e-6 && (shift + 0.25 / 3.0).abs() < 1e-6, "{scale} {shift}");
+        pixels.absolute_errors(&estimate, &settings, |t, e| assert!(e < 1e-4, "{t}: {e}"));
+        // The line through (1/2, 1/3), (1/4, 1/4), (1/5, 1/10) that is nearest along the second axis.
+        let (truth, estimate) = ([3.0, 4.0, 10.0], [2.0, 4.0, 5.0]);
+        let fitted = ScoredPixels::new(&truth, 3, 1, &settings).alignment(&estimate, &settings);
+        let Alignment::Inverse { scale, shift } = fitted else { panic!("fitted") };
+        assert!(
+            (scale - 0.6344086021505375).abs() < 1e-12 && (shift - 0.02688172043010753).abs() < 1e-12,
+            "{scale} {shift}"
+        );
+        // Alike everywhere: there is no scale to be found.
+        let flat = ScoredPixels::new(&truth, 3, 1, &settings).alignment(&[2.0; 3], &settings);
+        assert_eq!(flat, Alignment::Factor(1.0));
     }
 }

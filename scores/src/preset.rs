@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::{Crop, ScaleInvariant, Settings, SquaredRelative};
+use crate::{Align, Crop, ScaleInvariant, Settings, SquaredRelative};
 
 /// A named set of [`Settings`].
 ///
@@ -11,7 +11,7 @@ use crate::{Crop, ScaleInvariant, Settings, SquaredRelative};
 /// |---|---|---|---|
 /// | truth scored | 1e-3 < t < 80 m | 1e-3 < t < 80 m | all a KITTI depth PNG can hold: 1e-3 < t < 256 m |
 /// | crop | none | Garg | none |
-/// | median scaling | no | yes, frame by frame | no |
+/// | alignment | none | median, frame by frame | none |
 /// | clamp of answers | [1e-3, 80] m | [1e-3, 80] m | [1e-3, 256] m |
 /// | missing answer in `all` | 1e-4 m | 1e-4 m | 1e-4 m |
 /// | `sq_rel` | `mean((y-t)^2/t)`, m | `mean((y-t)^2/t)`, m | `mean((y-t)^2/t^2)` |
@@ -21,7 +21,7 @@ use crate::{Crop, ScaleInvariant, Settings, SquaredRelative};
 ///
 /// What Table I leaves open follows from its numbers: a missing answer counts as 1e-4 m, truth stops at 80 m, `silog` is half the
 /// variance of the log error. `monodepth2` is that project's `evaluate_depth.py`: median scaling is its default for networks taught by
-/// video; a network taught by stereo switches it off (`median_scaling: false`); it has dense estimates only and no `silog`: both
+/// video; a network taught by stereo switches it off (`align: none`); it has dense estimates only and no `silog`: both
 /// are as in `paper`. The kit of `kitti-depth` (2017) fills holes of an estimate before scoring; here they stay holes and count as
 /// 1e-4 m in `all`: put a filling node before the score to have its numbers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
@@ -49,13 +49,13 @@ impl Preset {
             max_m: 80.0,
             missing_m: 1e-4,
             crop: Crop::None,
-            median_scaling: false,
+            align: Align::None,
             sq_rel: SquaredRelative::ByTruth,
             silog: ScaleInvariant::HalfVariance,
         };
         match self {
             Self::Paper => paper,
-            Self::Monodepth2 => Settings { crop: Crop::Garg, median_scaling: true, ..paper },
+            Self::Monodepth2 => Settings { crop: Crop::Garg, align: Align::Median, ..paper },
             Self::KittiDepth => Settings {
                 max_m: 256.0,
                 sq_rel: SquaredRelative::ByTruthSquared,

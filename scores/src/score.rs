@@ -1,11 +1,102 @@
-//! Scores of one estimate on one frame.
+//! Scores of one estimated depth on one frame.
 
-use crate::pixels::ScoredPixels;
+use crate::extra::Extra;
+use crate::pixels::{Alignment, ScoredPixels};
 use crate::row::{PixelSet, ScoreRow};
 use crate::settings::Settings;
 use crate::sums::Block;
+use crate::zones::{Clues, ZoneParams};
+use crate::{Family, Metric};
 
-/// The scores of an estimate against the truth, one row a pixel set, in the order of `sets`.
+/// How depths are scored: found once, used for every frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DepthScores {
+    pub(crate) settings: Settings,
+    pub(crate) sets: Vec<PixelSet>,
+    pub(crate) metrics: Vec<&'static Metric>,
+    pub(crate) zones: ZoneParams,
+}
+
+impl DepthScores {
+    /// The scores of an estimate against the truth: of the whole image, then zone by zone, each a row a pixel set, in the order asked for.
+    ///
+    /// Maps as those of [`score`]. What aligns an estimate is fitted once, over the whole image.
+    ///
+    /// # Panics
+    /// If a map has another number of pixels.
+    #[must_use]
+    pub fn rows(
+        &self,
+        estimate_m: &[f32],
+        truth_m: &[f32],
+        (width, height): (usize, usize),
+        clues: &Clues<'_>,
+    ) -> Vec<ScoreRow> {
+        let pixels = ScoredPixels::new(truth_m, width, height, &self.settings);
+        let alignment = pixels.alignment(estimate_m, &self.settings);
+        let mut rows = self.rows_of("", estimate_m, &pixels, alignment);
+        for zone in self.zones.of_frame(width, height, clues) {
+            let part = pixels.part(|at, t| zone.has(at, t));
+            rows.extend(self.rows_of(&zone.name, estimate_m, &part, alignment));
+        }
+        rows
+    }
+
+    /// The rows of some pixels. One pass serves all pixel sets, a second one the scores beyond Table I's.
+    fn rows_of(&self, zone: &str, estimate_m: &[f32], pixels: &ScoredPixels, alignment: Alignment) -> Vec<ScoreRow> {
+        let settings = &self.settings;
+        let (mut answered, mut missing) = (Block::new(), Block::new());
+        let count_missing = self.sets.contains(&PixelSet::All);
+        pixels.visit(
+            estimate_m,
+            alignment,
+            settings,
+            |t, y| answered.push(t, y),
+            |t| {
+                if count_missing {
+                    missing.push(t, settings.missing_m);
+                }
+            },
+        );
+        let answered = answered.finish();
+        let mut all = answered;
+        all.merge(&missing.finish());
+        let mut extra = Extra::is_asked(&self.metrics).then(|| self.extra(estimate_m, pixels, alignment));
+        let row = |&set: &PixelSet| {
+            let (of_set, extra) = match (set, &mut extra) {
+                (PixelSet::Answered, extra) => (&answered, extra.as_mut().map(|[answered, _]| answered)),
+                (_, extra) => (&all, extra.as_mut().map(|[_, all]| all)),
+            };
+            let row = ScoreRow { truth: pixels.len() as u64, answered: answered.pixels(), ..ScoreRow::new(set, zone) };
+            self.asked(of_set.row(row, settings), extra)
+        };
+        self.sets.iter().map(row).collect()
+    }
+
+    /// The sums of the scores beyond Table I's: over the answers, and over all pixels.
+    fn extra(&self, estimate_m: &[f32], pixels: &ScoredPixels, alignment: Alignment) -> [Extra; 2] {
+        let (mut answered, mut missing) = (Extra::new(&self.metrics), Extra::new(&self.metrics));
+        let settings = &self.settings;
+        let with_missing = |t: f64| missing.push(t, settings.missing_m);
+        pixels.visit(estimate_m, alignment, settings, |t, y| answered.push(t, y), with_missing);
+        let mut all = answered.clone();
+        all.merge(&missing);
+        [answered, all]
+    }
+
+    /// The row with the scores that were asked for, in the catalogue's order, and no others.
+    fn asked(&self, row: ScoreRow, extra: Option<&mut Extra>) -> ScoreRow {
+        let (table_1, mut row) = (row.scores, ScoreRow { scores: Vec::with_capacity(self.metrics.len()), ..row });
+        row.scores.extend(table_1.into_iter().filter(|(metric, _)| self.metrics.contains(metric)));
+        let Some(extra) = extra else { return row };
+        self.metrics.iter().fold(row, |row, metric| match extra.score(metric) {
+            Some(value) => row.with(metric, value),
+            None => row,
+        })
+    }
+}
+
+/// The scores of Table I of an estimate against the truth, one row a pixel set, in the order of `sets`.
 ///
 /// Both maps are row-major metres, `width * height` pixels. An estimate has no answer where it is NaN or infinite; the truth is
 /// unknown where it is NaN. A row in which no pixel counts has no scores. The formulas are those of the
@@ -25,7 +116,7 @@ pub fn score(
     score_pixels(estimate_m, &ScoredPixels::new(truth_m, width, height, settings), sets, settings)
 }
 
-/// As [`score`], on pixels found before: for several estimates of one frame. One pass serves all pixel sets.
+/// As [`score`], on pixels found before: for several estimates of one frame.
 ///
 /// # Panics
 /// If the estimate has another number of pixels than the truth had.
@@ -36,25 +127,7 @@ pub fn score_pixels(
     sets: &[PixelSet],
     settings: &Settings,
 ) -> Vec<ScoreRow> {
-    let (mut answered, mut missing) = (Block::new(), Block::new());
-    let count_missing = sets.contains(&PixelSet::All);
-    pixels.visit(
-        estimate_m,
-        settings,
-        |t, y| answered.push(t, y),
-        |t| {
-            if count_missing {
-                missing.push(t, settings.missing_m);
-            }
-        },
-    );
-    let answered = answered.finish();
-    let mut all = answered;
-    all.merge(&missing.finish());
-    let row = |&set: &PixelSet| {
-        let of_set = if set == PixelSet::Answered { &answered } else { &all };
-        let row = ScoreRow { truth: pixels.len() as u64, answered: answered.pixels(), ..ScoreRow::new(set, "") };
-        of_set.row(row, settings)
-    };
-    sets.iter().map(row).collect()
+    let (sets, metrics, zones) = (sets.to_vec(), Family::Depth.defaults(), ZoneParams::default());
+    let scores = DepthScores { settings: *settings, sets, metrics, zones };
+    scores.rows_of("", estimate_m, pixels, pixels.alignment(estimate_m, settings))
 }

@@ -7,8 +7,8 @@ use crate::Crop;
 
 /// How scores are taken: which pixels count, what happens to the estimate before, and which of two formulas of one name.
 ///
-/// In this order: the truth is masked by `min_m < t < max_m`, both strict, and by the crop; the answered estimates are median
-/// scaled if asked for; they are clamped to `[min_m, max_m]` last. A pixel without an answer then counts as `missing_m`, as it
+/// In this order: the truth is masked by `min_m < t < max_m`, both strict, and by the crop; the answered estimates are
+/// aligned if asked for; they are clamped to `[min_m, max_m]` last. A pixel without an answer then counts as `missing_m`, as it
 /// is, in the set `all`, and not at all in the set `answered`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
@@ -20,13 +20,40 @@ pub struct Settings {
     pub missing_m: f64,
     /// The part of the image that is scored.
     pub crop: Crop,
-    /// Whether estimates are multiplied, frame by frame, by `median(truth) / median(estimate)` over the scored pixels with an
-    /// answer: for estimates that know no scale.
-    pub median_scaling: bool,
+    /// What is done to estimates that know no scale, frame by frame.
+    pub align: Align,
     /// Which formula `sq_rel` is.
     pub sq_rel: SquaredRelative,
     /// Which formula `silog` is.
     pub silog: ScaleInvariant,
+}
+
+/// What is done, frame by frame, to estimates that know no scale, before they are clamped: what follows is fitted over the scored pixels
+/// with an answer, of the whole image.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+#[schemars(description = "What is done to estimates that know no scale, frame by frame.")]
+pub enum Align {
+    /// Nothing: estimates are metres.
+    #[default]
+    None,
+    /// Multiplied by `median(truth) / median(estimate)` (Zhou et al. 2017, monodepth2).
+    Median,
+    /// `1/y` becomes `s/y + b`, with the `s` and `b` of least squares against `1/t`, as MiDaS does in inverse depth (Ranftl et al.
+    /// 2020). What comes out at infinity or beyond is as far as `max_m`.
+    ScaleAndShift,
+}
+
+impl Align {
+    /// The name used in YAML.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::None => "none",
+            Self::Median => "median",
+            Self::ScaleAndShift => "scale-and-shift",
+        }
+    }
 }
 
 /// The two formulas that go by "squared relative difference": the first is Eigen's, monodepth's and nearly all papers'; the second the KITTI
@@ -56,6 +83,25 @@ pub enum ScaleInvariant {
 }
 
 impl Settings {
+    /// What differs between tables that look alike, for a caption: bounds, crop, alignment.
+    #[must_use]
+    pub fn in_words(&self) -> String {
+        let mut text = format!("truth in {} to {} m", self.min_m, self.max_m);
+        match self.crop {
+            Crop::None => {}
+            Crop::Garg => text.push_str(", Garg crop"),
+            Crop::Eigen => text.push_str(", Eigen crop"),
+        }
+        match self.align {
+            Align::None => {}
+            Align::Median => text.push_str(", scaled to the median of the truth, frame by frame"),
+            Align::ScaleAndShift => {
+                text.push_str(", scale and shift of inverse depth fitted to the truth, frame by frame")
+            }
+        }
+        text
+    }
+
     /// Whether these settings can be scored with.
     ///
     /// # Errors
@@ -78,6 +124,16 @@ impl Settings {
 #[cfg(test)]
 mod tests {
     use crate::Preset;
+
+    #[test]
+    fn alignment_is_named_in_the_caption() {
+        let paper = Preset::Paper.settings();
+        assert_eq!(paper.in_words(), "truth in 0.001 to 80 m");
+        let words = crate::Settings { align: crate::Align::ScaleAndShift, ..paper }.in_words();
+        assert!(words.contains("scale and shift of inverse depth"), "{words}");
+        let words = Preset::Monodepth2.settings().in_words();
+        assert_eq!(words, "truth in 0.001 to 80 m, Garg crop, scaled to the median of the truth, frame by frame");
+    }
 
     #[test]
     fn settings_without_a_logarithm_are_refused_by_name() {

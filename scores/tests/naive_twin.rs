@@ -1,6 +1,8 @@
 //! The scores against a twin that follows the oracle line by line: whole vectors, divisions, the system's logarithm, two passes.
 
-use depthloom_scores::{Crop, Family, PixelSet, Preset, ScaleInvariant, ScoreRow, Settings, SquaredRelative, score};
+use depthloom_scores::{
+    Align, Crop, Family, PixelSet, Preset, ScaleInvariant, ScoreRow, Settings, SquaredRelative, score,
+};
 use proptest::prelude::*;
 
 fn mean(values: impl IntoIterator<Item = f64>) -> f64 {
@@ -24,7 +26,7 @@ fn naive(estimate: &[f32], truth: &[f32], width: usize, set: PixelSet, settings:
     let all: Vec<usize> = (0..truth.len()).filter(|&i| scored(i)).collect();
     let with_answer: Vec<usize> = all.iter().copied().filter(answered).collect();
     let mut factor = 1.0;
-    if settings.median_scaling && !with_answer.is_empty() {
+    if settings.align == Align::Median && !with_answer.is_empty() {
         let of = |map: &[f32]| median(with_answer.iter().map(|&i| f64::from(map[i])).collect());
         factor = of(truth) / of(estimate);
     }
@@ -86,9 +88,9 @@ fn settings() -> impl Strategy<Value = Settings> {
     (
         prop::sample::select(Preset::ALL.to_vec()),
         prop::sample::select(vec![Crop::None, Crop::Garg, Crop::Eigen]),
-        any::<bool>(),
+        prop::sample::select(vec![Align::None, Align::Median]),
     )
-        .prop_map(|(preset, crop, median_scaling)| Settings { crop, median_scaling, ..preset.settings() })
+        .prop_map(|(preset, crop, align)| Settings { crop, align, ..preset.settings() })
 }
 
 fn close(ours: f64, theirs: f64) -> bool {
@@ -112,7 +114,7 @@ proptest! {
     #[test]
     fn scores_are_those_of_the_naive_twin((width, estimate, truth) in frames(), settings in settings()) {
         // Median scaling by a median that is no positive number is left out in both; the twin does not model it.
-        let unscaled = Settings { median_scaling: false, ..settings };
+        let unscaled = Settings { align: Align::None, ..settings };
         let settings = if estimate.iter().any(|y| *y <= 0.0) { unscaled } else { settings };
         let sets = [PixelSet::Answered, PixelSet::All];
         let rows = score(&estimate, &truth, width, truth.len() / width, &sets, &settings);

@@ -7,6 +7,7 @@ mod broken_data;
 mod broken_files;
 mod commands;
 mod determinism;
+mod disparity_scores;
 mod experiments;
 mod faults;
 mod fixtures;

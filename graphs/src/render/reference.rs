@@ -202,8 +202,11 @@ fn enumeration(schema: &Json) -> Vec<(String, Option<&str>)> {
     let own = schema.get("enum").and_then(Json::as_array).into_iter().flatten();
     let own = own.filter(|value| !value.is_null()).map(|value| (plain(value), None));
     let constant = schema.get("const").map(|value| (plain(value), description(schema)));
-    let inner: Vec<_> = alternatives(schema).flat_map(enumeration).collect();
-    own.chain(constant).chain(inner).collect()
+    let of_each = alternatives(schema).filter(|other| other.get("type").and_then(Json::as_str) != Some("null"));
+    let of_each: Vec<Vec<_>> = of_each.map(enumeration).collect();
+    // Where something else may stand too, the values are not all there is.
+    let inner = if of_each.iter().any(Vec::is_empty) { Vec::new() } else { of_each };
+    own.chain(constant).chain(inner.into_iter().flatten()).collect()
 }
 
 fn description(schema: &Json) -> Option<&str> {

@@ -7,6 +7,7 @@ mod depth;
 mod disparity;
 mod image;
 mod mask;
+mod true_disparity;
 mod value;
 mod weight;
 
@@ -17,6 +18,7 @@ pub use self::depth::Depth;
 pub use self::disparity::Disparity;
 pub use self::image::{Encoded, Image, ImageFormat, Pixels};
 pub use self::mask::Mask;
+pub use self::true_disparity::TrueDisparity;
 pub use self::value::{Value, ValueKind, ValueType};
 pub use self::weight::Weight;
 

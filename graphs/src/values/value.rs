@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use depthloom_scores::ScoreRow;
 
-use super::{Artifact, Calibration, Curve, Depth, Disparity, Image, Mask, Weight};
+use super::{Artifact, Calibration, Curve, Depth, Disparity, Image, Mask, TrueDisparity, Weight};
 
 /// The type of a value, and so of a port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -14,6 +14,8 @@ pub enum ValueType {
     Image,
     /// Fixed-point disparity, 1/16 px.
     Disparity,
+    /// Measured disparity, 1/256 px, 0 = unknown.
+    TrueDisparity,
     /// Depth, f32 metres, NaN = no answer.
     Depth,
     /// Weight, f32 in [0, 1].
@@ -34,9 +36,10 @@ pub enum ValueType {
 
 impl ValueType {
     /// All types.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 11] = [
         Self::Image,
         Self::Disparity,
+        Self::TrueDisparity,
         Self::Depth,
         Self::Weight,
         Self::Mask,
@@ -65,6 +68,7 @@ impl ValueType {
         match self {
             Self::Image => "image",
             Self::Disparity => "disparity",
+            Self::TrueDisparity => "true-disparity",
             Self::Depth => "depth",
             Self::Weight => "weight",
             Self::Mask => "mask",
@@ -90,6 +94,8 @@ pub enum Value {
     Image(Arc<Image>),
     /// Fixed-point disparity.
     Disparity(Arc<Disparity>),
+    /// Measured disparity.
+    TrueDisparity(Arc<TrueDisparity>),
     /// Depth in metres.
     Depth(Arc<Depth>),
     /// Weight in [0, 1].
@@ -98,7 +104,7 @@ pub enum Value {
     Mask(Arc<Mask>),
     /// Calibration of a rectified pair.
     Calibration(Arc<Calibration>),
-    /// Rows of scores, one a pixel set.
+    /// Rows of scores, one a zone and pixel set.
     Scores(Arc<Vec<ScoreRow>>),
     /// Collected training samples.
     Samples(Arc<Artifact>),
@@ -116,6 +122,7 @@ impl Value {
             Self::Samples(artifact) | Self::Model(artifact) => Some(artifact),
             Self::Image(_)
             | Self::Disparity(_)
+            | Self::TrueDisparity(_)
             | Self::Depth(_)
             | Self::Weight(_)
             | Self::Mask(_)
@@ -131,6 +138,7 @@ impl Value {
         match self {
             Self::Image(_) => ValueType::Image,
             Self::Disparity(_) => ValueType::Disparity,
+            Self::TrueDisparity(_) => ValueType::TrueDisparity,
             Self::Depth(_) => ValueType::Depth,
             Self::Weight(_) => ValueType::Weight,
             Self::Mask(_) => ValueType::Mask,
@@ -169,6 +177,7 @@ macro_rules! value_kind {
 
 value_kind!(Image, Image);
 value_kind!(Disparity, Disparity);
+value_kind!(TrueDisparity, TrueDisparity);
 value_kind!(Depth, Depth);
 value_kind!(Weight, Weight);
 value_kind!(Mask, Mask);
@@ -189,6 +198,7 @@ macro_rules! into_value {
 
 into_value!(Image, Image);
 into_value!(Disparity, Disparity);
+into_value!(TrueDisparity, TrueDisparity);
 into_value!(Depth, Depth);
 into_value!(Weight, Weight);
 into_value!(Mask, Mask);

@@ -1,41 +1,52 @@
-//! `score/depth`: the eight scores of Table I.
+//! `score/depth`: depths against the truth, by the scores of Table I and others.
+
+use std::sync::LazyLock;
 
 use depthloom_graphs::contracts::{Contract, NodeDeclaration};
 use depthloom_graphs::values::Depth;
 use depthloom_graphs::{Context, Fault, Inputs, Instance, Node, Outputs, Port, PureNode, ValueType};
-use depthloom_scores::{PixelSet, ScoreParams, Settings, score};
+use depthloom_scores::{DepthScores, Family, ScoreParams};
 
+use super::{clues, doc};
 use crate::shape::same_size;
+
+const BEFORE: &str = "\
+The eight scores of Table I, or those of `metrics`, over the scored pixels, one row a zone and pixel set, in f64. In this order: the truth is masked by \
+`min_m < t < max_m` (both strict) and by the crop; answers are aligned if asked for; answers are clamped to `[min_m, max_m]` last. In the set \
+`all` a missing answer (NaN or infinity) counts as `missing_m`, exactly: it is neither aligned nor clamped, so that the paper's 0.0001 m stays below its \
+`min_m` of 0.001 m and `rmse_log`, `silog`, `imae` and `irmse` are taken of it. In `answered` it is left out.\n\n\
+With `y` the answer, `t` the truth and `e = ln y - ln t` (natural logarithm), metres, over the N pixels that count:";
+
+const BEHIND: &str = "\
+`align` is for estimates that know no scale, fitted frame by frame over the scored pixels of the whole image with an answer: `median` multiplies by `median(t) / median(y)` (Zhou et \
+al. 2017); `scale-and-shift` makes `s/y + b` of `1/y`, with the `s` and `b` of least squares against `1/t`: in inverse depth, as MiDaS does (Ranftl et al. 2020).\n\n\
+`score:` in a stage is sugar for nodes of this kind.";
+
+static DOC: LazyLock<String> =
+    LazyLock::new(|| doc::with_formulas(BEFORE, Family::Depth, &format!("{}{BEHIND}", doc::ZONES)));
 
 /// The kind `score/depth`.
 pub struct ScoreDepth {
-    settings: Settings,
-    sets: Vec<PixelSet>,
+    scores: DepthScores,
 }
 
 impl Node for ScoreDepth {
     type Params = ScoreParams;
 
     fn declaration() -> NodeDeclaration {
+        let mut inputs = vec![
+            Port::frame("estimate", ValueType::Depth, "Estimated depth, metres, NaN = no answer."),
+            Port::frame("truth", ValueType::Depth, "True depth, metres, NaN = unknown; of the same size."),
+        ];
+        inputs.extend(clues::ports());
         NodeDeclaration {
             kind: "score/depth",
             version: 2,
             contract: Contract::Pure,
-            summary: "The eight scores of Table I of an estimate against the truth, per frame.",
-            doc: "\
-`a1 a2 a3 abs_rel sq_rel rmse rmse_log silog` over the scored pixels, one row a pixel set, in f64. In this order: the truth is masked by \
-`min_m < t < max_m` (both strict) and by the crop; answers are median scaled if asked for; answers are clamped to `[min_m, max_m]` last. In the set \
-`all` a missing answer (NaN or infinity) counts as `missing_m`, exactly: it is neither scaled nor clamped, so that the paper's 0.0001 m stays below its \
-`min_m` of 0.001 m and `rmse_log` and `silog` are taken of it. In `answered` it is left out.\n\n\
-With `y` the answer, `t` the truth and `e = ln y - ln t` (natural logarithm), over N pixels: `a1`, `a2`, `a3` are the shares with \
-`max(y/t, t/y)` below 1.25, 1.25^2, 1.25^3; `abs_rel = mean(|y - t| / t)`; `rmse = sqrt(mean((y - t)^2))`; `rmse_log = sqrt(mean(e^2))`; `sq_rel` and \
-`silog` as the preset or the parameter says. A data set's value is the unweighted mean over its frames.\n\n\
-`score:` in a stage is sugar for nodes of this kind.",
-            inputs: vec![
-                Port::frame("estimate", ValueType::Depth, "Estimated depth, metres, NaN = no answer."),
-                Port::frame("truth", ValueType::Depth, "True depth, metres, NaN = unknown; of the same size."),
-            ],
-            outputs: vec![Port::frame("rows", ValueType::Scores, "One row a pixel set.")],
+            summary: "The scores of Table I, or others, of estimated depth against the truth, per frame.",
+            doc: &DOC,
+            inputs,
+            outputs: vec![Port::frame("rows", ValueType::Scores, "One row a zone and pixel set.")],
         }
     }
 
@@ -44,7 +55,8 @@ With `y` the answer, `t` the truth and `e = ln y - ln t` (natural logarithm), ov
     }
 
     fn build(params: ScoreParams) -> Result<Instance, Fault> {
-        Ok(Instance::Pure(Box::new(Self { settings: params.settings(), sets: params.sets })))
+        let scores = params.scores().map_err(|(_, what)| Fault::new(what))?;
+        Ok(Instance::Pure(Box::new(Self { scores })))
     }
 }
 
@@ -54,6 +66,7 @@ impl PureNode for ScoreDepth {
         let truth = &inputs.get::<Depth>("truth")?.metres;
         let (width, height) = truth.dimensions();
         same_size(("estimate", estimate.dimensions()), ("truth", (width, height)))?;
-        Ok(Outputs::one("rows", score(estimate, truth, width as usize, height as usize, &self.sets, &self.settings)))
+        let clues = clues::of(inputs, (width, height))?;
+        Ok(Outputs::one("rows", self.scores.rows(estimate, truth, (width as usize, height as usize), &clues)))
     }
 }

@@ -1,5 +1,9 @@
 //! Estimates against the truth: `score/*`.
 
+mod clues;
 mod depth;
+mod disparity;
+mod doc;
 
 pub(crate) use depth::ScoreDepth;
+pub(crate) use disparity::ScoreDisparity;

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use depthloom_graphs::contracts::{DataPath, Frame, FrameSelection, SourceDeclaration};
-use depthloom_graphs::values::{Calibration, Depth};
+use depthloom_graphs::values::{Calibration, Depth, Mask, Pixels, Raster, TrueDisparity};
 use depthloom_graphs::{Context, Fault, Key, Outputs, Port, Source, SourceKind, SourceOutputs, ValueType};
 use depthloom_kernels::depth::truth_from_disparity_png;
 use schemars::JsonSchema;
@@ -20,6 +20,14 @@ const KIND: &str = "kitti/stereo2015";
 const VERSION: u32 = 1;
 const LAYOUT: &str = "root holds `training` (with truth) or `testing` (without), each with image_2 (left) and image_3 (right) of 000000_10.png ...; \
     in training also disp_noc_0 or disp_occ_0, unless `truth: none`";
+
+/// True disparities that both cameras see, and all.
+const NOC: &str = "disp_noc_0";
+const OCC: &str = "disp_occ_0";
+/// The folder of object maps.
+const OBJECTS: &str = "obj_map";
+/// The folders of what `score/disparity` takes.
+const EVALUATION: [&str; 3] = [NOC, OCC, OBJECTS];
 
 /// The folder of calibration files.
 const CALIBRATION: &str = "calib_cam_to_cam";
@@ -63,8 +71,8 @@ pub enum KittiTruth {
 impl KittiTruth {
     const fn folder(self) -> Option<&'static str> {
         match self {
-            Self::Noc => Some("disp_noc_0"),
-            Self::Occ => Some("disp_occ_0"),
+            Self::Noc => Some(NOC),
+            Self::Occ => Some(OCC),
             Self::None => None,
         }
     }
@@ -80,6 +88,9 @@ pub struct KittiStereo2015Params {
     pub split: Split,
     /// Which true pixels: `noc` (seen by both cameras), `occ` (all) or `none`. Testing frames have none.
     pub truth: KittiTruth,
+    /// Whether the truth of training frames is given as disparities too (`disp_noc`, `disp_occ`, `occluded`), with the map of objects
+    /// (`obj_map`), as far as their folders are there: for `score/disparity`.
+    pub disparities: bool,
     /// Which frames, by KITTI's number: `1..=40`, `0..48`, `[3, 7]` or a file of ids, in the order asked for, each once. All of them
     /// must be there; `1..=40 available` takes those that are. By default (`available`) all there are.
     pub frames: FrameSelection,
@@ -89,6 +100,8 @@ pub struct KittiStereo2015Params {
 pub struct KittiStereo2015 {
     folder: PathBuf,
     truth: Option<&'static str>,
+    /// The folders of what `score/disparity` takes.
+    evaluation: Vec<&'static str>,
     has_calibration: bool,
     frames: Vec<Frame>,
     warnings: Vec<String>,
@@ -109,7 +122,8 @@ Layout (Menze and Geiger, *Object Scene Flow for Autonomous Vehicles*, 2015): `<
 (right), names `%06d_10.png`; `disp_noc_0` and `disp_occ_0` in `training`; optionally `calib_cam_to_cam/%06d.txt`. The second time step, `_11`, is not \
 read.\n\n\
 A frame's id is its file's stem (`000150_10`), its index the number (150). Images keep their own PNG bytes. Truth is depth: \
-`f * B / (v / 256)` of the 16-bit disparity `v`, NaN where `v` is 0.\n\n\
+`f * B / (v / 256)` of the 16-bit disparity `v`, NaN where `v` is 0; with `disparities: true` the disparities are given too, and where `obj_map` \
+is there, the objects.\n\n\
 With calibration files `f = P_rect_02[0,0]` and `B` is the distance of both projections' centres. Without them the focal length goes by the image's \
 width (1242: 721.5377 px, 1241: 718.856, 1238: 718.3351, 1226: 707.0912, 1224: 707.0493) and `B = 0.532725` m, and a run says so.\n\n\
 Pairs of one's own, rectified, take the same layout: frame 150 is `training/image_2/000150_10.png` and `training/image_3/000150_10.png`, 8-bit PNG, and \
@@ -125,6 +139,25 @@ baseline `B` in metres). Truth is optional: 16-bit grey PNG of disparity * 256, 
                     "Sparse true depth, metres, NaN = unknown; absent in `testing`.",
                 )
                 .optional(),
+                Port::frame(
+                    "disp_noc",
+                    ValueType::TrueDisparity,
+                    "True disparity where both cameras see it (`disp_noc_0`), 1/256 px, 0 = unknown; with `disparities: true`.",
+                )
+                .optional(),
+                Port::frame(
+                    "disp_occ",
+                    ValueType::TrueDisparity,
+                    "True disparity of all true pixels (`disp_occ_0`), likewise; with `disparities: true`.",
+                )
+                .optional(),
+                Port::frame(
+                    "occluded",
+                    ValueType::Mask,
+                    "255 where `disp_occ_0` knows a disparity and `disp_noc_0` does not; with `disparities: true`.",
+                )
+                .optional(),
+                Port::frame("obj_map", ValueType::Mask, "255 on objects (`obj_map`); with `disparities: true`.").optional(),
             ],
         }
     }
@@ -159,8 +192,10 @@ baseline `B` in metres). Truth is optional: 16-bit grey PNG of disparity * 256, 
             Split::Testing => None,
         };
         let has_calibration = folder.join(CALIBRATION).is_dir();
+        let given = params.disparities && params.split == Split::Training;
+        let evaluation = EVALUATION.into_iter().filter(|name| given && folder.join(name).is_dir()).collect();
         let (warnings, asked) = (Vec::new(), Asked::default());
-        let mut source = Self { truth, has_calibration, frames, folder, warnings, asked };
+        let mut source = Self { truth, evaluation, has_calibration, frames, folder, warnings, asked };
         let unread = source.check_companions(&listed)?;
         source.warnings.extend(unread_files(&unread));
         Ok(Box::new(source))
@@ -184,6 +219,12 @@ impl KittiStereo2015 {
             let truths = Stems::of(&self.folder, truth)?;
             self.check_stems(truth, &truths.stems, remedy)?;
             unread.extend(truths.without(lefts));
+        }
+        for name in self.evaluation.iter().copied().filter(|name| Some(*name) != self.truth) {
+            let remedy = "each frame needs its files, or the whole folder away: what is not there is not given";
+            let maps = Stems::of(&self.folder, name)?;
+            self.check_stems(name, &maps.stems, remedy)?;
+            unread.extend(maps.without(lefts));
         }
         if self.has_calibration
             && let Some(missing) =
@@ -222,6 +263,8 @@ struct FrameFiles {
     right: (PathBuf, Arc<[u8]>),
     calibration: Option<(PathBuf, Arc<[u8]>)>,
     truth: Option<(PathBuf, Arc<[u8]>)>,
+    /// What `score/disparity` takes, by folder; without the truth's own, which is there already.
+    evaluation: Vec<(&'static str, PathBuf, Arc<[u8]>)>,
 }
 
 impl FrameFiles {
@@ -231,6 +274,9 @@ impl FrameFiles {
             if let Some((_, bytes)) = file {
                 key = key.text(name).bytes(bytes);
             }
+        }
+        for (folder, _, bytes) in &self.evaluation {
+            key = key.text(folder).bytes(bytes);
         }
         key.finish()
     }
@@ -246,6 +292,12 @@ impl KittiStereo2015 {
             right: read(self.image_path("image_3", frame))?,
             calibration: self.has_calibration.then(|| read(self.calibration_path(frame))).transpose()?,
             truth: self.truth.map(|folder| read(self.image_path(folder, frame))).transpose()?,
+            evaluation: self
+                .evaluation
+                .iter()
+                .filter(|folder| Some(**folder) != self.truth)
+                .map(|folder| read(self.image_path(folder, frame)).map(|(path, bytes)| (*folder, path, bytes)))
+                .collect::<Result<_, _>>()?,
         };
         let key = files.key();
         Ok((files, key))
@@ -284,20 +336,80 @@ impl Source for KittiStereo2015 {
             }
         };
         let mut outputs = Outputs::one("left", left).with("right", right);
-        if let Some((path, bytes)) = files.truth {
-            outputs = outputs.with("depth", true_depth(&path, &bytes, (&left_path, size), &calibration)?);
+        let mut maps = Evaluation::default();
+        if let (Some((path, bytes)), Some(folder)) = (files.truth, self.truth) {
+            let raw = disparities(&path, &bytes, (&left_path, size))?;
+            outputs = outputs.with("depth", true_depth(&raw, &calibration));
+            if self.evaluation.contains(&folder) {
+                maps.take(folder, raw);
+            }
         }
+        for (folder, path, bytes) in files.evaluation {
+            match folder {
+                OBJECTS => maps.objects = Some(objects(&path, bytes, (&left_path, size))?),
+                _ => maps.take(folder, disparities(&path, &bytes, (&left_path, size))?),
+            }
+        }
+        outputs = maps.outputs(outputs);
         Ok(SourceOutputs { outputs: outputs.with("calibration", calibration), key })
     }
 }
 
-fn true_depth(path: &Path, bytes: &[u8], left: (&Path, (u32, u32)), calibration: &Calibration) -> Result<Depth, Fault> {
+fn disparities(path: &Path, bytes: &[u8], left: (&Path, (u32, u32))) -> Result<Raster<u16>, Fault> {
     let raw = png::map_u16(path, bytes)?;
     same_size_as_left(left, (path, raw.dimensions()))?;
+    Ok(raw)
+}
+
+fn true_depth(raw: &Raster<u16>, calibration: &Calibration) -> Depth {
     let metres = filled(raw.dimensions(), |out| {
-        truth_from_disparity_png(&raw, calibration.focal_px, calibration.baseline_m, out);
+        truth_from_disparity_png(raw, calibration.focal_px, calibration.baseline_m, out);
     });
-    Ok(Depth { metres })
+    Depth { metres }
+}
+
+/// Set where the map has an object, of whatever number.
+fn objects(path: &Path, bytes: Arc<[u8]>, left: (&Path, (u32, u32))) -> Result<Mask, Fault> {
+    let image = png::image(path, bytes)?;
+    same_size_as_left(left, (path, image.dimensions()))?;
+    let Pixels::Grey(numbers) = image.pixels() else {
+        let what = format!("{} is a colour image: KITTI's object maps have one channel", path.display());
+        return Err(Fault::new(what).remedy("write the objects' numbers as 8-bit grey, 0 = background"));
+    };
+    let mut set = numbers.clone();
+    set.iter_mut().for_each(|number| *number = if *number > 0 { 255 } else { 0 });
+    Ok(Mask { set })
+}
+
+/// What `score/disparity` takes of a frame, as far as it is there.
+#[derive(Default)]
+struct Evaluation {
+    noc: Option<Raster<u16>>,
+    occ: Option<Raster<u16>>,
+    objects: Option<Mask>,
+}
+
+impl Evaluation {
+    fn take(&mut self, folder: &str, raw: Raster<u16>) {
+        *if folder == NOC { &mut self.noc } else { &mut self.occ } = Some(raw);
+    }
+
+    fn outputs(self, mut outputs: Outputs) -> Outputs {
+        if let (Some(noc), Some(occ)) = (&self.noc, &self.occ) {
+            let hidden = occ.iter().zip(noc.iter()).map(|(&occ, &noc)| if occ > 0 && noc == 0 { 255 } else { 0 });
+            let set = Raster::from_raw(occ.width(), occ.height(), hidden.collect());
+            outputs = outputs.with("occluded", Mask { set: set.expect("both maps are of the left image's size") });
+        }
+        for (port, raw) in [("disp_noc", self.noc), ("disp_occ", self.occ)] {
+            if let Some(px_256) = raw {
+                outputs = outputs.with(port, TrueDisparity { px_256 });
+            }
+        }
+        match self.objects {
+            Some(objects) => outputs.with("obj_map", objects),
+            None => outputs,
+        }
+    }
 }
 
 fn same_size_as_left(left: (&Path, (u32, u32)), other: (&Path, (u32, u32))) -> Result<(), Fault> {

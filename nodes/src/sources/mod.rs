@@ -5,6 +5,7 @@ mod kitti_calibration;
 mod kitti_stereo_2015;
 mod png;
 mod synthetic_road;
+pub(crate) mod true_disparity;
 
 pub use synthetic_road::{SyntheticRoadParams, SyntheticTruth};
 

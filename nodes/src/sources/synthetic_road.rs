@@ -3,13 +3,15 @@
 use std::ops::Range;
 
 use depthloom_graphs::contracts::{Frame, FrameSelection, SourceDeclaration};
-use depthloom_graphs::values::{Calibration, Depth, Image, Mask, Pixels, Raster};
+use depthloom_graphs::values::{Calibration, Depth, Image, Mask, Pixels, Raster, TrueDisparity};
 use depthloom_graphs::{Context, Fault, Host, Key, Outputs, Port, Source, SourceKind, SourceOutputs, ValueType};
 use image::RgbImage;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use depthloom_road::{Size, Street};
+
+use super::true_disparity;
 
 const KIND: &str = "synthetic/road";
 const VERSION: u32 = 1;
@@ -43,6 +45,8 @@ pub struct SyntheticRoadParams {
     pub height: u32,
     /// Which true pixels are scored: `noc` (seen by both cameras) or `occ` (all the scanner hit).
     pub truth: SyntheticTruth,
+    /// Whether the truth is given as disparities too (`disp_noc`, `disp_occ`), with the map of cars (`obj_map`): for `score/disparity`.
+    pub disparities: bool,
 }
 
 impl Default for SyntheticRoadParams {
@@ -53,6 +57,7 @@ impl Default for SyntheticRoadParams {
             width: Size::KITTI.width as u32,
             height: Size::KITTI.height as u32,
             truth: SyntheticTruth::Noc,
+            disparities: false,
         }
     }
 }
@@ -75,6 +80,15 @@ pub(crate) struct RoadFrame {
     pub sparse: Depth,
     /// What the scanner hit and the right camera sees.
     pub sparse_visible: Depth,
+    /// Set where the left camera sees a car.
+    pub cars: Mask,
+}
+
+impl RoadFrame {
+    /// Depths of this frame as KITTI's disparities.
+    pub(crate) fn disparity(&self, of: &Depth) -> TrueDisparity {
+        true_disparity::from_depth(of, &self.calibration)
+    }
 }
 
 impl Road {
@@ -117,7 +131,10 @@ impl Road {
         };
         let depth =
             |metres: Vec<f32>| Depth { metres: Raster::from_raw(width, height, metres).expect("one depth a pixel") };
-        let hidden = frame.occluded.iter().map(|&hidden| if hidden { 255 } else { 0 }).collect();
+        let mask = |set: &[bool]| {
+            let set = set.iter().map(|&set| if set { 255 } else { 0 }).collect();
+            Mask { set: Raster::from_raw(width, height, set).expect("one byte a pixel") }
+        };
         let calibration = Calibration {
             width,
             height,
@@ -132,7 +149,8 @@ impl Road {
             right: image(frame.right),
             calibration,
             dense: depth(frame.depth),
-            occluded: Mask { set: Raster::from_raw(width, height, hidden).expect("one byte a pixel") },
+            occluded: mask(&frame.occluded),
+            cars: mask(&frame.cars),
             sparse: depth(frame.sparse),
         }
     }
@@ -142,6 +160,7 @@ impl Road {
 pub struct SyntheticRoad {
     road: Road,
     truth: SyntheticTruth,
+    disparities: bool,
     frames: Vec<Frame>,
 }
 
@@ -173,6 +192,19 @@ A frame is a function of seed, size and index: equal on every machine, whatever 
                     ValueType::Mask,
                     "255 where the right camera does not see the left pixel's surface.",
                 ),
+                Port::frame(
+                    "disp_noc",
+                    ValueType::TrueDisparity,
+                    "What the scanner hit and the right camera sees, as disparity, 1/256 px, 0 = unknown; with `disparities: true`.",
+                )
+                .optional(),
+                Port::frame(
+                    "disp_occ",
+                    ValueType::TrueDisparity,
+                    "All that the scanner hit, likewise; with `disparities: true`.",
+                )
+                .optional(),
+                Port::frame("obj_map", ValueType::Mask, "255 on cars; with `disparities: true`.").optional(),
             ],
         }
     }
@@ -192,7 +224,7 @@ A frame is a function of seed, size and index: equal on every machine, whatever 
 
     fn open(params: SyntheticRoadParams) -> Result<Box<dyn Source>, Fault> {
         let frames = Road::frames(&params.frames)?;
-        Ok(Box::new(Self { road: Road::new(&params), truth: params.truth, frames }))
+        Ok(Box::new(Self { road: Road::new(&params), truth: params.truth, disparities: params.disparities, frames }))
     }
 }
 
@@ -207,17 +239,25 @@ impl Source for SyntheticRoad {
             SyntheticTruth::Occ => "occ",
         };
         let index = self.frames[position].index;
-        Ok(Key::build("synthetic/road frame").key(&self.road.recipe).number(index).text(truth).finish())
+        let key = Key::build("synthetic/road frame").key(&self.road.recipe).number(index).text(truth);
+        Ok(if self.disparities { key.text("disparities") } else { key }.finish())
     }
 
     fn read(&self, position: usize, ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
         let index = self.frames[position].index;
         let frame = self.road.frame(index, ctx.host);
+        let mut outputs = Outputs::none();
+        if self.disparities {
+            outputs = Outputs::one("disp_noc", frame.disparity(&frame.sparse_visible))
+                .with("disp_occ", frame.disparity(&frame.sparse))
+                .with("obj_map", frame.cars);
+        }
         let truth = match self.truth {
             SyntheticTruth::Noc => frame.sparse_visible,
             SyntheticTruth::Occ => frame.sparse,
         };
-        let outputs = Outputs::one("left", frame.left)
+        let outputs = outputs
+            .with("left", frame.left)
             .with("right", frame.right)
             .with("calibration", frame.calibration)
             .with("depth", truth)

@@ -6,7 +6,7 @@ use depthloom_graphs::Port;
 use serde_json::{Value as Json, json};
 
 /// The kinds the language's documentation names, with their ports.
-const PORTS: [(&str, &[&str], &[&str]); 16] = [
+const PORTS: [(&str, &[&str], &[&str]); 17] = [
     ("confidence/edges", &["image"], &["mask"]),
     ("confidence/sobel", &["image"], &["weight"]),
     ("depth/from-disparity", &["disparity", "calibration"], &["depth"]),
@@ -19,7 +19,8 @@ const PORTS: [(&str, &[&str], &[&str]); 16] = [
     ("fusion/scale", &["mono", "stereo"], &["depth"]),
     ("mono/ground-plane", &["image", "calibration"], &["depth"]),
     ("mono/onnx", &["image", "calibration", "model"], &["depth"]),
-    ("score/depth", &["estimate", "truth"], &["rows"]),
+    ("score/depth", &["estimate", "truth", "image", "occluded", "obj_map"], &["rows"]),
+    ("score/disparity", &["estimate", "truth", "calibration", "image", "occluded", "obj_map"], &["rows"]),
     ("stereo/bm", &["left", "right"], &["disparity"]),
     ("stereo/census-sgm", &["left", "right"], &["disparity"]),
     ("stereo/sgbm", &["left", "right"], &["disparity"]),
@@ -40,8 +41,11 @@ fn kinds_and_ports_are_those_of_the_language() {
     }
     let sources: Vec<(&str, Vec<&str>)> =
         registry.sources().map(|source| (source.declaration.kind, names(&source.declaration.outputs))).collect();
-    assert_eq!(sources[0], ("kitti/stereo2015", vec!["left", "right", "calibration", "depth"]));
-    assert_eq!(sources[1], ("synthetic/road", vec!["left", "right", "calibration", "depth", "dense", "occluded"]));
+    let for_disparities = ["disp_noc", "disp_occ", "occluded", "obj_map"];
+    let kitti = [&["left", "right", "calibration", "depth"], &for_disparities[..]].concat();
+    assert_eq!(sources[0], ("kitti/stereo2015", kitti));
+    let road = vec!["left", "right", "calibration", "depth", "dense", "occluded", "disp_noc", "disp_occ", "obj_map"];
+    assert_eq!(sources[1], ("synthetic/road", road));
     assert_eq!(sources.len(), 2);
 }
 

@@ -10,7 +10,7 @@ use std::fs;
 use std::path::Path;
 
 use depthloom_graphs::key::KeyBuilder;
-use depthloom_graphs::values::{Depth, Disparity, Image, Pixels, Raster, Weight};
+use depthloom_graphs::values::{Depth, Disparity, Image, Pixels, Raster, TrueDisparity, Weight};
 use depthloom_graphs::{Key, Value};
 use image::{ImageBuffer, Luma, RgbImage};
 use serde_json::{Value as Json, json};
@@ -73,6 +73,13 @@ fn gappy() -> Value {
     let mut numbers = Numbers(12);
     let sixteenths_px = raster(|| (numbers.below(1024) as i16 - 340).max(-16));
     Disparity { sixteenths_px, min_disparity_px: 0 }.into()
+}
+
+/// True disparities at a third of the pixels.
+fn true_disparity() -> Value {
+    let mut numbers = Numbers(13);
+    let px_256 = raster(|| if numbers.below(3) == 0 { numbers.below(16384) as u16 } else { 0 });
+    TrueDisparity { px_256 }.into()
 }
 
 /// Calls that stand for a kind, together with others of its name: the name, sets of parameters, inputs.
@@ -144,6 +151,16 @@ fn calls() -> Vec<Calls> {
             vec![("estimate", depth(4, 6)), ("truth", depth(5, 3))],
         ),
         (
+            "score/disparity",
+            vec![json!({ "sets": ["all", "answered", "filled"], "zones": { "rows": 2, "distance_m": [0, 10, 80] } })],
+            vec![
+                ("estimate", gappy()),
+                ("truth", true_disparity()),
+                ("calibration", calibration(72.0, 0.5)),
+                ("image", image(0)),
+            ],
+        ),
+        (
             "stereo/bm",
             vec![
                 json!({ "disparities": 16, "block": 7, "disp12_max_diff": 1, "speckle_window": 20, "speckle_range": 16 }),
@@ -186,6 +203,9 @@ fn add(digest: KeyBuilder, value: &Value) -> KeyBuilder {
         },
         Value::Disparity(map) => {
             digest.bytes(&map.sixteenths_px.iter().flat_map(|fixed| fixed.to_le_bytes()).collect::<Vec<u8>>())
+        }
+        Value::TrueDisparity(map) => {
+            digest.bytes(&map.px_256.iter().flat_map(|fixed| fixed.to_le_bytes()).collect::<Vec<u8>>())
         }
         Value::Depth(depth) => digest.bytes(&floats(&depth.metres)),
         Value::Weight(weight) => digest.bytes(&floats(&weight.share)),

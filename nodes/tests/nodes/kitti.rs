@@ -302,3 +302,47 @@ fn a_root_left_out_says_which_folder_is_meant() {
     let unknown = open("kitti/stereo2015", &json!({ "root": Path::new("x"), "truth": "ooc" })).err().unwrap();
     assert!(unknown.to_string().contains("expected one of `noc`, `occ`, `none`"), "{unknown}");
 }
+
+#[test]
+fn truth_comes_as_disparities_too_where_it_is_asked_for_and_there() {
+    let set = DataSet::new();
+    let read = |params: Json| {
+        let mut params = params;
+        params["root"] = json!(set.root.path());
+        open("kitti/stereo2015", &params).unwrap().read(0).unwrap()
+    };
+    let (plain, plain_key) = read(json!({}));
+    assert!(["disp_noc", "disp_occ", "occluded", "obj_map"].iter().all(|port| !plain.contains_key(port)));
+    let known = |x, y| if (x + y) % 3 == 0 { 256 * 10 } else { 0 };
+    let noc = ImageBuffer::<Luma<u16>, _>::from_fn(64, 32, |x, y| Luma([if x > 20 { known(x, y) } else { 0 }]));
+    let occ = ImageBuffer::<Luma<u16>, _>::from_fn(64, 32, |x, y| Luma([known(x, y)]));
+    for number in ["000003", "000007"] {
+        set.save(&format!("disp_noc_0/{number}_10.png"), &DynamicImage::ImageLuma16(noc.clone()));
+        set.save(&format!("disp_occ_0/{number}_10.png"), &DynamicImage::ImageLuma16(occ.clone()));
+        let objects = GrayImage::from_fn(64, 32, |x, _| Luma([if x < 10 { 7 } else { 0 }]));
+        set.save(&format!("obj_map/{number}_10.png"), &DynamicImage::ImageLuma8(objects));
+    }
+    let (given, key) = read(json!({ "disparities": true }));
+    let disparities = |port: &str| match &given[port] {
+        Value::TrueDisparity(truth) => truth.px_256.as_raw().clone(),
+        other => panic!("{port} is {}", other.value_type()),
+    };
+    assert_eq!((disparities("disp_noc"), disparities("disp_occ")), (noc.clone().into_raw(), occ.clone().into_raw()));
+    let (Value::Mask(occluded), Value::Mask(objects)) = (&given["occluded"], &given["obj_map"]) else {
+        panic!("masks")
+    };
+    for (x, y, hidden) in occluded.set.enumerate_pixels() {
+        assert_eq!(hidden.0[0], if x <= 20 && known(x, y) > 0 { 255 } else { 0 });
+    }
+    assert!(objects.set.enumerate_pixels().all(|(x, _, set)| set.0[0] == if x < 10 { 255 } else { 0 }));
+    // The depth is what it is without; the key says what was read, and is the older one where nothing more is.
+    let (other, other_key) = read(json!({ "disparities": true, "truth": "occ" }));
+    let (unread, unread_key) = read(json!({ "disparities": false }));
+    assert_eq!(metres(&given["depth"]).len(), metres(&unread["depth"]).len());
+    assert!(other.contains_key("disp_noc") && key != other_key && key != unread_key && unread_key != plain_key);
+    set.remove("obj_map");
+    set.remove("disp_occ_0");
+    let (fewer, _) = read(json!({ "disparities": true }));
+    let there = ["disp_noc", "disp_occ", "occluded", "obj_map"].map(|port| fewer.contains_key(port));
+    assert_eq!(there, [true, false, false, false], "what is not there is not given");
+}

@@ -12,4 +12,5 @@ mod network;
 mod onnx_file;
 mod road;
 mod score;
+mod score_disparity;
 mod steps;

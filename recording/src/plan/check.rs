@@ -74,8 +74,12 @@ fn check_estimate(run: &RecordedRun, estimate: &RecordedEstimate) -> Result<(), 
         return Err("its scores have other parameters than their node".to_owned());
     }
     let anywhere = || run.source.outputs.iter().chain(run.nodes.iter().flat_map(|node| &node.outputs));
-    is_topic("estimate", estimate.estimate_topic.as_ref(), ValueType::Depth, anywhere())?;
-    is_topic("truth", estimate.truth_topic.as_ref(), ValueType::Depth, anywhere())?;
+    let (given, truth) = match score.kind.as_str() {
+        "score/disparity" => (ValueType::Disparity, ValueType::TrueDisparity),
+        _ => (ValueType::Depth, ValueType::Depth),
+    };
+    is_topic("estimate", estimate.estimate_topic.as_ref(), given, anywhere())?;
+    is_topic("truth", estimate.truth_topic.as_ref(), truth, anywhere())?;
     is_topic("scores", estimate.score_topic.as_ref(), ValueType::Scores, score.outputs.iter())
 }
 

@@ -31,6 +31,7 @@ fn assert_same(recorded: &Value, read: &Value) {
             assert_eq!(a.encoded(), b.encoded());
         }
         (Value::Disparity(a), Value::Disparity(b)) => assert_eq!(a, b),
+        (Value::TrueDisparity(a), Value::TrueDisparity(b)) => assert_eq!(a, b),
         (Value::Depth(a), Value::Depth(b)) => {
             assert_eq!(a.metres.dimensions(), b.metres.dimensions());
             assert_eq!(bits(&a.metres), bits(&b.metres));

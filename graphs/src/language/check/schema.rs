@@ -7,7 +7,7 @@ use serde_json::{Map, Value as Json, json};
 
 use super::score;
 use crate::contracts::{Port, Rate};
-use crate::registry::Registry;
+use crate::registry::{NodeKind, Registry};
 
 /// `node/output`, `source/output`, `stage.node/output`.
 const REFERENCE: &str = r"^([^./\s]+\.)?[^./\s]+/[^./\s]+$";
@@ -216,14 +216,52 @@ fn or_variable(schema: Json) -> Json {
     Json::Object(outer)
 }
 
+/// What `truth` of a score is.
+const TRUTH: &str = "The true depth, or of disparities the true disparity.";
+
+/// The kinds that `score:` stands for, as far as they are registered.
+fn score_kinds(registry: &Registry) -> impl Iterator<Item = &NodeKind> {
+    [score::DEPTH, score::DISPARITY].into_iter().filter_map(|kind| registry.node_kind(kind))
+}
+
+/// The parameters of all scores; one that two kinds have in two forms may have either.
+fn score_parameters(registry: &Registry) -> Map<String, Json> {
+    let mut all: Map<String, Json> = Map::new();
+    for kind in score_kinds(registry) {
+        let schema = parameters(&kind.schema);
+        let own = schema.get("properties").and_then(Json::as_object).into_iter().flatten();
+        for (name, form) in own {
+            let known = all.get(name).filter(|known| *known != form).cloned();
+            let form = match known {
+                Some(known) => json!({ "anyOf": [known, form], "description": known.get("description") }),
+                None => form.clone(),
+            };
+            all.insert(name.clone(), form);
+        }
+    }
+    all
+}
+
+/// The optional inputs of scores, each once.
+fn score_inputs(registry: &Registry) -> Vec<&Port> {
+    let mut inputs: Vec<&Port> = Vec::new();
+    for input in score_kinds(registry).flat_map(|kind| &kind.declaration.inputs).filter(|input| input.optional) {
+        if score::CLUES.contains(&input.name) && !inputs.iter().any(|known| known.name == input.name) {
+            inputs.push(input);
+        }
+    }
+    inputs
+}
+
 fn stage(registry: &Registry) -> Json {
-    let own = registry.node_kind(score::KIND).map(|kind| parameters(&kind.schema));
-    let own =
-        own.as_ref().and_then(|schema| schema.get("properties")).and_then(Json::as_object).cloned().unwrap_or_default();
-    let mut estimate = own.clone();
+    let mut score = score_parameters(registry);
+    for input in score_inputs(registry) {
+        let clue = json!({ "anyOf": [{ "$ref": "#/$defs/reference" }, { "type": "null" }], "description": input.doc });
+        score.insert(input.name.to_owned(), clue);
+    }
+    score.insert("truth".to_owned(), json!({ "$ref": "#/$defs/reference", "description": TRUTH }));
+    let mut estimate = score.clone();
     estimate.insert("from".to_owned(), json!({ "$ref": "#/$defs/reference" }));
-    let mut score = own;
-    score.insert("truth".to_owned(), json!({ "$ref": "#/$defs/reference", "description": "The true depth." }));
     score.insert(
         "estimates".to_owned(),
         json!({

@@ -1,49 +1,91 @@
-//! `score:` is sugar: each estimate becomes a pure node `score/depth`.
+//! `score:` is sugar: each estimate becomes a pure node, `score/depth` or `score/disparity` by what it is.
 
 use std::sync::Arc;
 
-use super::spec::{InputSpec, Instance, NodeSpec, ScoreSpec};
+use super::reference::Reference;
+use super::spec::{InputSpec, Instance, NodeSpec, ScoreSpec, Wired};
 use crate::language::text::source_file::Place;
 use crate::language::text::tree::{Entry, Node, Tree};
 use crate::language::text::word::Word;
+use crate::registry::{NodeKind, Registry};
+use crate::values::ValueType;
 
-/// The kind that scores are computed by.
-pub(crate) const KIND: &str = "score/depth";
+/// The kind that scores of depths are computed by.
+pub(crate) const DEPTH: &str = "score/depth";
+/// The kind that scores of disparities are computed by.
+pub(crate) const DISPARITY: &str = "score/disparity";
+/// Keys of `score:` and of an estimate that are optional inputs of the kinds, not parameters: they say which zone a pixel is in.
+pub(crate) const CLUES: [&str; 4] = ["image", "occluded", "obj_map", "calibration"];
 
 /// The name of an estimate's node; no node of a file can have it.
 pub(crate) fn node_name(estimate: &str) -> String {
     format!("score.{estimate}")
 }
 
-/// The nodes that compute a stage's scores, one an estimate.
+/// Whether nodes of this kind are what `score:` stands for.
+pub(crate) fn is_kind(kind: &str) -> bool {
+    [DEPTH, DISPARITY].contains(&kind)
+}
+
+/// The nodes that compute a stage's scores, one an estimate; `type_of` is the type of what a reference names, if it names something.
 ///
-/// Keys of `score:` other than `truth` and `estimates` are parameters of every one of them; keys of an estimate other than
-/// `from` are its own. Without `sets`, all true pixels are scored.
-pub(crate) fn expanded(score: &ScoreSpec) -> Vec<NodeSpec> {
-    score
-        .estimates
-        .iter()
-        .map(|estimate| {
-            let mut parameters = score.parameters.clone();
-            parameters.retain(|entry| !estimate.parameters.iter().any(|own| own.key == entry.key));
-            parameters.extend(estimate.parameters.iter().cloned());
-            if !parameters.iter().any(|entry| entry.key == "sets") {
-                parameters.push(all_pixels(&estimate.name.place));
-            }
-            let wired = |port: &str, from: &Option<InputSpec>| {
-                from.clone().map(|from| InputSpec { port: Word { text: port.to_owned(), ..from.port }, ..from })
-            };
-            let inputs = [wired("estimate", &estimate.from), wired("truth", &score.truth)];
-            NodeSpec {
-                name: Word { text: node_name(&estimate.name.text), place: estimate.name.place.clone() },
-                instance: Some(Instance {
-                    kind: Word { text: KIND.to_owned(), place: score.place.clone() },
-                    with: Some(Arc::new(Node::new(Tree::Map(parameters), score.place.clone()))),
-                }),
-                inputs: inputs.into_iter().flatten().collect(),
-            }
-        })
-        .collect()
+/// Keys of `score:` other than `truth`, `estimates` and the [clues](CLUES) are parameters of every one of them; keys of an estimate other than
+/// `from`, `truth` and the clues are its own, which come before. Where both depths and disparities are scored, each kind takes of the keys
+/// of `score:` those it knows. Without `sets`, all true pixels are scored.
+pub(crate) fn expanded(
+    score: &ScoreSpec,
+    registry: &Registry,
+    type_of: &dyn Fn(&Reference) -> Option<ValueType>,
+) -> Vec<NodeSpec> {
+    let kind_of = |from: &Option<InputSpec>| {
+        let reference = from.as_ref().and_then(|from| match from.from.as_ref()? {
+            Wired::Reference(reference) => Some(reference),
+            Wired::File(_) | Wired::Nothing => None,
+        });
+        let is_disparity = reference.and_then(type_of) == Some(ValueType::Disparity);
+        if is_disparity && registry.node_kind(DISPARITY).is_some() { DISPARITY } else { DEPTH }
+    };
+    let kinds: Vec<&str> = score.estimates.iter().map(|estimate| kind_of(&estimate.from)).collect();
+    let scored = score.estimates.iter().zip(&kinds);
+    let node = |(estimate, kind): (&super::spec::EstimateSpec, &&str)| {
+        let other = kinds.iter().find(|other| *other != kind).and_then(|other| registry.node_kind(other));
+        let own = registry.node_kind(kind);
+        let is_others =
+            |key: &str| other.is_some_and(|other| knows(other, key)) && !own.is_some_and(|own| knows(own, key));
+        let mut parameters = score.parameters.clone();
+        parameters.retain(|entry| !is_others(&entry.key));
+        parameters.retain(|entry| !estimate.parameters.iter().any(|own| own.key == entry.key));
+        parameters.extend(estimate.parameters.iter().cloned());
+        if !parameters.iter().any(|entry| entry.key == "sets") {
+            parameters.push(all_pixels(&estimate.name.place));
+        }
+        let wired = |port: &str, from: &Option<InputSpec>| {
+            from.clone().map(|from| InputSpec { port: Word { text: port.to_owned(), ..from.port }, ..from })
+        };
+        let truth = estimate.truth.as_ref().or(score.truth.as_ref()).cloned();
+        let mut inputs: Vec<InputSpec> =
+            [wired("estimate", &estimate.from), wired("truth", &truth)].into_iter().flatten().collect();
+        inputs.extend(estimate.clues.iter().cloned());
+        // What is said for all estimates goes to those whose kind has such an input.
+        let takes = |port: &str| own.is_some_and(|own| own.declaration.inputs.iter().any(|input| input.name == port));
+        let overridden = |port: &str| estimate.clues.iter().any(|own| own.port.text == port);
+        inputs
+            .extend(score.clues.iter().filter(|clue| takes(&clue.port.text) && !overridden(&clue.port.text)).cloned());
+        NodeSpec {
+            name: Word { text: node_name(&estimate.name.text), place: estimate.name.place.clone() },
+            instance: Some(Instance {
+                kind: Word { text: (*kind).to_owned(), place: score.place.clone() },
+                with: Some(Arc::new(Node::new(Tree::Map(parameters), score.place.clone()))),
+            }),
+            inputs,
+        }
+    };
+    scored.map(node).collect()
+}
+
+/// Whether a kind has a parameter of that name.
+fn knows(kind: &NodeKind, parameter: &str) -> bool {
+    kind.schema.get("properties").is_some_and(|properties| properties.get(parameter).is_some())
 }
 
 fn all_pixels(place: &Place) -> Entry {

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use super::reference::Reference;
+use super::score::CLUES;
 use crate::language::text::diagnostics::{Diagnostic, Report};
 use crate::language::text::names::{self, EXPERIMENT_KEYS};
 use crate::language::text::source_file::Place;
@@ -79,7 +80,10 @@ pub(crate) enum Wired {
 #[derive(Debug)]
 pub(crate) struct ScoreSpec {
     pub(crate) place: Place,
+    /// What estimates are held against that name no truth of their own.
     pub(crate) truth: Option<InputSpec>,
+    /// Optional inputs of the scores.
+    pub(crate) clues: Vec<InputSpec>,
     pub(crate) parameters: Vec<Entry>,
     pub(crate) estimates: Vec<EstimateSpec>,
 }
@@ -89,6 +93,9 @@ pub(crate) struct ScoreSpec {
 pub(crate) struct EstimateSpec {
     pub(crate) name: Word,
     pub(crate) from: Option<InputSpec>,
+    /// Its own truth; `None`: that of all.
+    pub(crate) truth: Option<InputSpec>,
+    pub(crate) clues: Vec<InputSpec>,
     pub(crate) parameters: Vec<Entry>,
 }
 
@@ -344,16 +351,21 @@ fn misspelt_own_key(parameters: &mut Vec<Entry>, key: &str, what: &str, report: 
 }
 
 fn score_spec(entry: &Entry, report: &mut Report) -> ScoreSpec {
-    let own = |key: &str| matches!(key, "truth" | "estimates");
+    let own = |key: &str| matches!(key, "truth" | "estimates") || CLUES.contains(&key);
     let mut parameters: Vec<Entry> = entry.value.entries().iter().filter(|e| !own(&e.key)).cloned().collect();
     let missing = |key: &str| entry.value.entry(key).is_none();
     let no_estimates = missing("estimates") && !misspelt_own_key(&mut parameters, "estimates", "`score`", report);
     let truth = entry.value.entry("truth").map(|truth| input(truth, report));
-    if truth.is_none() && !misspelt_own_key(&mut parameters, "truth", "`score`", report) {
+    // Each estimate may have a truth of its own.
+    let has_own = |estimate: &Entry| estimate.value.is_null() || estimate.value.entry("truth").is_some();
+    let estimates = entry.value.get("estimates").map_or(&[][..], |estimates| estimates.entries());
+    let wanted = estimates.is_empty() || !estimates.iter().all(has_own);
+    if truth.is_none() && wanted && !misspelt_own_key(&mut parameters, "truth", "`score`", report) {
         let error = Diagnostic::error(&entry.key_place, "`score` has no `truth`");
         report.push(error.help("name the true depth, e.g. `truth: source/depth`"));
     }
-    let mut score = ScoreSpec { place: entry.key_place.clone(), truth, parameters, estimates: Vec::new() };
+    let clues = clues(&entry.value, report);
+    let mut score = ScoreSpec { place: entry.key_place.clone(), truth, clues, parameters, estimates: Vec::new() };
     match entry.value.entry("estimates") {
         Some(estimates) if matches!(&estimates.value.value, Tree::Map(list) if !list.is_empty()) => {
             // One that is nothing is not scored: so a variant, or an experiment that extends another, leaves one out.
@@ -382,13 +394,22 @@ fn score_spec(entry: &Entry, report: &mut Report) -> ScoreSpec {
 fn estimate(entry: &Entry, report: &mut Report) -> EstimateSpec {
     let name = Word { text: entry.key.clone(), place: entry.key_place.clone() };
     if !entry.value.is_map() {
-        return EstimateSpec { name, from: Some(input(entry, report)), parameters: Vec::new() };
+        let from = Some(input(entry, report));
+        return EstimateSpec { name, from, truth: None, clues: Vec::new(), parameters: Vec::new() };
     }
     let from = entry.value.entry("from");
-    let mut parameters: Vec<Entry> = entry.value.entries().iter().filter(|e| e.key != "from").cloned().collect();
+    let own = |key: &str| matches!(key, "from" | "truth") || CLUES.contains(&key);
+    let mut parameters: Vec<Entry> = entry.value.entries().iter().filter(|e| !own(&e.key)).cloned().collect();
     if from.is_none() && !misspelt_own_key(&mut parameters, "from", "an estimate", report) {
         let error = Diagnostic::error(&entry.key_place, format!("estimate `{}` has no `from`", entry.key));
         report.push(error.help("`from: node/output` says which depth is scored"));
     }
-    EstimateSpec { name, from: from.map(|from| input(from, report)), parameters }
+    let from = from.map(|from| input(from, report));
+    let truth = entry.value.entry("truth").map(|truth| input(truth, report));
+    EstimateSpec { name, from, truth, clues: clues(&entry.value, report), parameters }
+}
+
+/// The optional inputs of scores that are written here.
+fn clues(node: &Node, report: &mut Report) -> Vec<InputSpec> {
+    CLUES.iter().filter_map(|key| Some(input(node.entry(key)?, report))).collect()
 }

@@ -9,12 +9,14 @@ use super::stage_names::StageNames;
 use super::wire::Reachable;
 use crate::contracts::Port;
 use crate::language::check::params::Resolver;
+use crate::language::check::reference::Reference;
 use crate::language::check::score;
 use crate::language::check::spec::{InputSpec, NodeSpec, SourceSpec, Spec, StageSpec, Wired};
 use crate::language::text::diagnostics::{Diagnostic, Report};
 use crate::language::text::names;
 use crate::plan::SourcePart;
 use crate::registry::{NodeKind, Registry};
+use crate::values::ValueType;
 
 /// Links a variant. What is wrong is reported and left out of the result.
 pub(crate) fn link<'r>(
@@ -28,7 +30,7 @@ pub(crate) fn link<'r>(
         .iter()
         .map(|spec| (spec.name.text.as_str(), source(spec, registry, resolver, report).map(Arc::new)))
         .collect();
-    let all: Vec<Vec<NodeSpecRef<'_>>> = spec.stages.iter().map(nodes_of).collect();
+    let all: Vec<Vec<NodeSpecRef<'_>>> = spec.stages.iter().map(|stage| nodes_of(stage, &sources, registry)).collect();
     let stages: Vec<StageNames<'r, '_>> = spec
         .stages
         .iter()
@@ -80,9 +82,34 @@ impl NodeSpecRef<'_> {
     }
 }
 
-fn nodes_of(stage: &StageSpec) -> Vec<NodeSpecRef<'_>> {
-    let scores = stage.score.iter().flat_map(score::expanded).map(NodeSpecRef::Score);
+fn nodes_of<'s>(
+    stage: &'s StageSpec,
+    sources: &HashMap<&str, Option<Arc<LinkedSource>>>,
+    registry: &Registry,
+) -> Vec<NodeSpecRef<'s>> {
+    let type_of = |reference: &Reference| type_of(reference, stage, sources, registry);
+    let scores = stage.score.iter().flat_map(|score| score::expanded(score, registry, &type_of));
+    let scores = scores.map(NodeSpecRef::Score);
     stage.nodes.iter().map(NodeSpecRef::Written).chain(scores).collect()
+}
+
+/// The type of what a reference names in its own stage, if it names something.
+fn type_of(
+    reference: &Reference,
+    stage: &StageSpec,
+    sources: &HashMap<&str, Option<Arc<LinkedSource>>>,
+    registry: &Registry,
+) -> Option<ValueType> {
+    if reference.stage.as_ref().is_some_and(|named| named.text != stage.name.text) {
+        return None;
+    }
+    let ports: &[Port] = if reference.node.text == "source" {
+        &sources.get(stage.source.as_ref()?.text.as_str())?.as_ref()?.outputs
+    } else {
+        let node = stage.nodes.iter().find(|node| node.name.text == reference.node.text)?;
+        &registry.node_kind(&node.instance.as_ref()?.kind.text)?.declaration.outputs
+    };
+    ports.iter().find(|port| port.name == reference.output.text).map(|port| port.value_type)
 }
 
 fn stage_source(
@@ -247,7 +274,7 @@ fn missing_inputs(kind: &NodeKind, spec: &NodeSpec, reachable: &Reachable<'_, '_
         |port: &Port| spec.inputs.iter().any(|input| input.port.text == port.name && written(input)) || meant(port);
     let missing: Vec<&Port> = kind.declaration.inputs.iter().filter(|port| !port.optional && !wired(port)).collect();
     // A score without truth or estimate has been spoken of where it is written.
-    if missing.is_empty() || kind.declaration.kind == score::KIND && spec.name.text.starts_with("score.") {
+    if missing.is_empty() || score::is_kind(kind.declaration.kind) && spec.name.text.starts_with("score.") {
         return;
     }
     let list: Vec<String> = missing.iter().map(|port| format!("`{}` ({})", port.name, port.value_type)).collect();

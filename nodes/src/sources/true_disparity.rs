@@ -1,0 +1,44 @@
+//! True disparities in the fixed point of KITTI's files: 16 bit, 1/256 px, 0 = unknown.
+
+use depthloom_graphs::values::{Calibration, Depth, Raster, TrueDisparity};
+use image::Luma;
+
+/// The disparities of a depth map; unknown is also what 16 bits do not hold.
+pub fn from_depth(depth: &Depth, of: &Calibration) -> TrueDisparity {
+    let (width, height) = depth.metres.dimensions();
+    let px_256 = Raster::from_fn(width, height, |x, y| {
+        let metres = f64::from(depth.metres.get_pixel(x, y).0[0]);
+        Luma([fixed_point(of.focal_baseline_px_m() / metres)])
+    });
+    TrueDisparity { px_256 }
+}
+
+/// A disparity in 1/256 px: 0 where unknown (NaN, no disparity) or beyond 16 bits.
+fn fixed_point(disparity_px: f64) -> u16 {
+    let fixed = (disparity_px * 256.0).round();
+    if fixed >= 1.0 && fixed <= f64::from(u16::MAX) { fixed as u16 } else { 0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::fixed_point;
+
+    proptest! {
+        #[test]
+        fn a_disparity_is_off_by_at_most_half_a_step(disparity_px in 0.002..255.99_f64) {
+            let written = f64::from(fixed_point(disparity_px)) / 256.0;
+            prop_assert!((written - disparity_px).abs() <= 0.5 / 256.0);
+        }
+    }
+
+    #[test]
+    fn what_sixteen_bits_cannot_hold_is_unknown() {
+        assert_eq!(fixed_point(10.0), 2560);
+        assert_eq!(fixed_point(f64::NAN), 0);
+        assert_eq!(fixed_point(0.0), 0);
+        assert_eq!(fixed_point(300.0), 0);
+        assert_eq!(fixed_point(1.0 / 512.0), 1);
+    }
+}

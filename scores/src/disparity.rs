@@ -1,0 +1,207 @@
+//! Scores of one estimated disparity on one frame: those of the KITTI and Middlebury stereo benchmarks.
+//!
+//! Estimates are 1/16 px, truth is 1/256 px: all errors are whole numbers of 1/256 px, thresholds are compared exactly and sums are
+//! exact, so that results depend on no order.
+
+use crate::zones::{Clues, ZoneParams};
+use crate::{DISPARITY, Metric, PixelSet, ScoreRow};
+
+/// The thresholds of bad-x, 1/256 px, in the order of the catalogue.
+const BAD: [u64; 5] = [128, 256, 512, 768, 1024];
+/// An outlier of KITTI stereo 2015 is off by more than this, 1/256 px, and by more than a twentieth of the truth.
+const D1: u64 = 3 * 256;
+
+/// How disparities are scored: found once, used for every frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DisparityScores {
+    pub(crate) sets: Vec<PixelSet>,
+    pub(crate) metrics: Vec<&'static Metric>,
+    pub(crate) zones: ZoneParams,
+}
+
+/// The maps of a frame, row-major and of one size.
+#[derive(Clone, Copy, Debug)]
+pub struct DisparityMaps<'a> {
+    /// Columns and rows.
+    pub size: (usize, usize),
+    /// The estimate, 1/16 px; 0 and below: no answer.
+    pub estimate: &'a [i16],
+    /// The same with its gaps filled as the benchmark does; asked for by the set `filled`.
+    pub filled: Option<&'a [i16]>,
+    /// The truth, 1/256 px; 0: unknown.
+    pub truth: &'a [u16],
+    /// Focal length times baseline, px m: distance is this over the disparity. Asked for by bands of distance.
+    pub focal_baseline_px_m: Option<f64>,
+}
+
+/// Answers, their errors, and how many pixels were wrong.
+#[derive(Clone, Copy, Debug, Default)]
+struct Counts {
+    answers: u64,
+    /// 1/256 px.
+    errors: u64,
+    /// By threshold of bad-x; then D1.
+    wrong: [u64; 6],
+}
+
+impl Counts {
+    fn add(&mut self, estimate: i16, truth: u16) {
+        // Both in 1/256 px. What even filling left without an answer has no error, and is compared as -1 px, as in KITTI's devkit.
+        let answers = estimate > 0;
+        let (d, t) = (if answers { 16 * i64::from(estimate) } else { -256 }, i64::from(truth));
+        let error = d.abs_diff(t);
+        if answers {
+            self.answers += 1;
+            self.errors += error;
+        }
+        for (wrong, threshold) in self.wrong.iter_mut().zip(BAD) {
+            *wrong += u64::from(error > threshold);
+        }
+        self.wrong[5] += u64::from(error > D1 && 20 * error > u64::from(truth));
+    }
+}
+
+impl DisparityScores {
+    /// Whether the pixels filled are asked for.
+    #[must_use]
+    pub fn asks_for_filled(&self) -> bool {
+        self.sets.contains(&PixelSet::Filled)
+    }
+
+    /// The scores of an estimate against the truth: of the whole image, then zone by zone, each a row a pixel set, in the order asked for.
+    ///
+    /// # Panics
+    /// If a map is of another size than it says, or one that is asked for is absent.
+    #[must_use]
+    pub fn rows(&self, maps: &DisparityMaps<'_>, clues: &Clues<'_>) -> Vec<ScoreRow> {
+        let (width, height) = maps.size;
+        let sizes = [maps.estimate.len(), maps.truth.len(), maps.filled.map_or(width * height, <[i16]>::len)];
+        assert_eq!(sizes, [width * height; 3], "all maps are of one size");
+        assert!(maps.filled.is_some() || !self.asks_for_filled(), "the set `filled` has its map");
+        let zones = self.zones.of_frame(width, height, clues);
+        let metres = maps.focal_baseline_px_m.unwrap_or(f64::NAN);
+        let true_pixels = || (0..maps.truth.len()).filter(|at| maps.truth[*at] > 0);
+        let mut rows = self.rows_of("", maps, true_pixels());
+        for zone in zones {
+            let inside = |at: &usize| zone.has(*at, metres * 256.0 / f64::from(maps.truth[*at]));
+            rows.extend(self.rows_of(&zone.name, maps, true_pixels().filter(inside)));
+        }
+        rows
+    }
+
+    fn rows_of(&self, zone: &str, maps: &DisparityMaps<'_>, pixels: impl Iterator<Item = usize>) -> Vec<ScoreRow> {
+        let (mut truth, mut answered, mut filled) = (0, Counts::default(), Counts::default());
+        for at in pixels {
+            truth += 1;
+            if maps.estimate[at] > 0 {
+                answered.add(maps.estimate[at], maps.truth[at]);
+            }
+            if let Some(map) = maps.filled {
+                filled.add(map[at], maps.truth[at]);
+            }
+        }
+        let missing = truth - answered.answers;
+        let row = |&set: &PixelSet| {
+            let (pixels, of, also_wrong) = match set {
+                PixelSet::Answered => (answered.answers, answered, 0),
+                PixelSet::All => (truth, answered, missing),
+                PixelSet::Filled => (truth, filled, 0),
+            };
+            let row = ScoreRow { pixels, truth, answered: answered.answers, ..ScoreRow::new(set, zone) };
+            let epe = of.errors as f64 / 256.0 / of.answers as f64;
+            let share = |wrong: u64| (wrong + also_wrong) as f64 / pixels as f64;
+            let scores = std::iter::once(epe).chain(of.wrong.map(share));
+            let asked = DISPARITY.iter().zip(scores).filter(|(metric, _)| self.metrics.contains(metric));
+            asked.fold(row, |row, (metric, score)| row.with(metric, score))
+        };
+        self.sets.iter().map(row).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::DisparityScoreParams;
+
+    const SETS: [PixelSet; 3] = [PixelSet::Answered, PixelSet::Filled, PixelSet::All];
+
+    fn scores(zones: ZoneParams) -> DisparityScores {
+        DisparityScoreParams { sets: SETS.to_vec(), zones, ..DisparityScoreParams::default() }.scores().unwrap()
+    }
+
+    fn of(row: &ScoreRow, names: &[&str]) -> Vec<f64> {
+        names.iter().map(|name| row.score(name).unwrap()).collect()
+    }
+
+    /// Truth 10, 80, 100, 20 px and one unknown; answers 10.5, 84, 95, none: errors 0.5, 4, 5 px.
+    #[test]
+    fn five_pixels_by_hand() {
+        let maps = DisparityMaps {
+            size: (5, 1),
+            estimate: &[168, 1344, 1520, -16, 160],
+            filled: Some(&[168, 1344, 1520, 160, 160]),
+            truth: &[2560, 20480, 25600, 5120, 0],
+            focal_baseline_px_m: None,
+        };
+        let rows = scores(ZoneParams::default()).rows(&maps, &Clues::default());
+        let all = ["epe", "bad_0.5", "bad_1", "bad_2", "bad_3", "bad_4", "d1"];
+        // 0.5 px is not above 0.5, 4 px not above 4; 4 px are exactly 5 % of 80, and 5 px exactly 5 % of 100: no outliers.
+        assert_eq!(of(&rows[0], &all), [9.5 / 3.0, 2.0 / 3.0, 2.0 / 3.0, 2.0 / 3.0, 2.0 / 3.0, 1.0 / 3.0, 0.0]);
+        // Filled, the fourth is 10 px, of 20: off by half.
+        assert_eq!(of(&rows[1], &all), [19.5 / 4.0, 0.75, 0.75, 0.75, 0.75, 0.5, 0.25]);
+        // Without an answer it is wrong, and has no end-point error.
+        assert_eq!(of(&rows[2], &all), [9.5 / 3.0, 0.75, 0.75, 0.75, 0.75, 0.5, 0.25]);
+        assert!(rows.iter().all(|row| row.density() == Some(0.75)));
+        assert_eq!(rows.iter().map(|row| row.pixels).collect::<Vec<_>>(), [3, 4, 4]);
+    }
+
+    #[test]
+    fn an_outlier_is_off_by_more_than_three_pixels_and_by_more_than_five_per_cent() {
+        // 3 px of 20 (not above 3), 3 1/16 px of 20, 3 1/16 px of 61.25 (exactly 5 %), 3 1/16 px of 61.
+        let maps = DisparityMaps {
+            size: (4, 1),
+            estimate: &[368, 369, 1029, 1025],
+            filled: None,
+            truth: &[20 * 256, 20 * 256, 15680, 61 * 256],
+            focal_baseline_px_m: None,
+        };
+        let params = DisparityScoreParams { sets: vec![PixelSet::All], ..DisparityScoreParams::default() };
+        let rows = params.scores().unwrap().rows(&maps, &Clues::default());
+        assert_eq!(of(&rows[0], &["bad_3", "d1"]), [0.75, 0.5]);
+    }
+
+    #[test]
+    fn what_never_answered_is_all_wrong_and_has_no_error() {
+        let maps = DisparityMaps {
+            size: (2, 1),
+            estimate: &[-16, 0],
+            filled: Some(&[0, 0]),
+            truth: &[256, 512],
+            focal_baseline_px_m: None,
+        };
+        let rows = scores(ZoneParams::default()).rows(&maps, &Clues::default());
+        assert_eq!((rows[0].pixels, rows[0].scores.len()), (0, 0));
+        assert_eq!((rows[2].score("epe"), rows[2].score("d1"), rows[2].density()), (None, Some(1.0), Some(0.0)));
+    }
+
+    #[test]
+    fn objects_make_foreground_and_background_and_distance_comes_of_the_disparity() {
+        let maps = DisparityMaps {
+            size: (3, 1),
+            estimate: &[16 * 40, 16 * 10, 16 * 5],
+            filled: Some(&[16 * 40, 16 * 10, 16 * 5]),
+            truth: &[40 * 256, 20 * 256, 5 * 256],
+            focal_baseline_px_m: Some(400.0),
+        };
+        let zones = ZoneParams { distance_m: vec![0.0, 20.0, 80.0], ..ZoneParams::default() };
+        let clues = Clues { objects: Some(&[7, 7, 0]), ..Clues::default() };
+        let rows = scores(zones).rows(&maps, &clues);
+        let d1 = |zone: &str| {
+            let row = rows.iter().find(|row| row.zone == zone && row.set == PixelSet::All).unwrap();
+            (row.pixels, row.score("d1").unwrap())
+        };
+        assert_eq!((d1(""), d1("background"), d1("foreground")), ((3, 1.0 / 3.0), (1, 0.0), (2, 0.5)));
+        // 10 and 20 m, 80 m: the upper bound is outside.
+        assert_eq!((d1("0..20"), d1("20..80")), ((1, 0.0), (1, 1.0)));
+    }
+}

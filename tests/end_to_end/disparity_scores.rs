@@ -1,0 +1,62 @@
+//! Disparities and depths scored side by side, by zone: `experiments/stereo-scores.yaml`, small.
+
+use std::collections::BTreeSet;
+
+use crate::support::{Row, depthloom, number, read_csv, succeed};
+
+#[test]
+fn each_kind_of_estimate_has_its_scores_and_both_have_zones() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let run = folder.path().join("run");
+    let small = ["frames=0..3", "width=320", "height=96"].map(|set| format!("sources.street.with.{set}"));
+    let mut command = depthloom();
+    command.args(["run", "experiments/stereo-scores.yaml", "--out"]).arg(&run);
+    for set in &small {
+        command.args(["--set", set]);
+    }
+    let output = succeed(&mut command);
+    let text = String::from_utf8_lossy(&output.stdout);
+    assert!(text.contains("over all their pixels alike for disparity"), "{text}");
+
+    let rows = read_csv(&run.join("scores.csv"));
+    let of = |estimator: &str, set: &str, zone: &str| -> Vec<&Row> {
+        let wanted = |row: &&Row| {
+            row["estimator"] == estimator && row["scored_on"] == set && row["zone"].trim_matches('"') == zone
+        };
+        rows.iter().filter(wanted).collect()
+    };
+    let zones: BTreeSet<&str> = rows.iter().map(|row| row["zone"].trim_matches('"')).collect();
+    for zone in
+        ["", "0..10", "50..80", "row_3_of_3", "edges", "textureless", "visible", "occluded", "background", "foreground"]
+    {
+        assert!(zones.contains(zone), "no zone `{zone}` among {zones:?}");
+    }
+    for (estimator, own, others) in [("depth", "abs_rel", "d1"), ("disparity", "d1", "abs_rel")] {
+        let whole = of(estimator, "answered", "");
+        assert_eq!(whole.len(), 3);
+        assert!(whole.iter().all(|row| row[others].is_empty() && number(row, own) < 1.0), "{whole:?}");
+        // Bands of distance cut the whole image.
+        for (frame, row) in whole.iter().enumerate() {
+            let bands = ["0..10", "10..20", "20..30", "30..50", "50..80"];
+            let pixels: f64 = bands.iter().map(|band| number(of(estimator, "answered", band)[frame], "pixels")).sum();
+            let far = if estimator == "depth" { 0.0 } else { number(row, "pixels") - pixels };
+            assert!(far >= 0.0 && (pixels + far - number(row, "pixels")).abs() < 0.5, "{estimator} {frame}");
+        }
+    }
+    // What is not answered is wrong, and filling mends some of it.
+    for ((answered, filled), all) in
+        of("disparity", "answered", "").iter().zip(of("disparity", "filled", "")).zip(of("disparity", "all", ""))
+    {
+        let d1 = |row: &Row| number(row, "d1");
+        assert!(d1(answered) <= d1(filled) && d1(filled) <= d1(all), "{answered:?} {filled:?} {all:?}");
+        let wrong = d1(answered) * number(answered, "pixels") + number(all, "pixels") - number(answered, "pixels");
+        assert!((d1(all) * number(all, "pixels") - wrong).abs() < 1e-6);
+    }
+    // The table's disparities are over all pixels, whose number differs by frame.
+    let table = read_csv(&run.join("table.csv"));
+    let pooled = table.iter().find(|row| row["estimator"] == "disparity" && row["scored_on"] == "all").expect("a row");
+    let frames = of("disparity", "all", "");
+    let sum = |weight: &dyn Fn(&Row) -> f64| frames.iter().map(|row| weight(row)).sum::<f64>();
+    let expected = sum(&|row| number(row, "d1") * number(row, "pixels")) / sum(&|row| number(row, "pixels"));
+    assert!((number(pooled, "d1") - expected).abs() < 1e-12, "{pooled:?}");
+}
