@@ -34,6 +34,7 @@
 //! |---|---|---|
 //! | image with its file's bytes | `foxglove.CompressedImage` | the file, unchanged |
 //! | image | `foxglove.RawImage` | `rgb8` or `mono8` |
+//! | true disparity | `foxglove.RawImage` | `16UC1`: `value / 256` pixels, 0 = unknown, as in KITTI's files |
 //! | disparity | `foxglove.RawImage` | `16UC1`: 0 = nothing found, else `value / 16 + min_disparity_px - 1` pixels; `min_disparity_px`, the smallest disparity searched, is field 1001 |
 //! | depth | `foxglove.RawImage` | `32FC1`: metres, NaN = no answer; with `view`, also `<topic>_view`, `16UC1` millimetres |
 //! | weight | `foxglove.RawImage` | `32FC1` |

@@ -265,6 +265,8 @@ struct FrameFiles {
     truth: Option<(PathBuf, Arc<[u8]>)>,
     /// What `score/disparity` takes, by folder; without the truth's own, which is there already.
     evaluation: Vec<(&'static str, PathBuf, Arc<[u8]>)>,
+    /// Whether disparities are given: a frame that gives more is another, though the same files were read.
+    gives_disparities: bool,
 }
 
 impl FrameFiles {
@@ -274,6 +276,9 @@ impl FrameFiles {
             if let Some((_, bytes)) = file {
                 key = key.text(name).bytes(bytes);
             }
+        }
+        if self.gives_disparities {
+            key = key.text("disparities");
         }
         for (folder, _, bytes) in &self.evaluation {
             key = key.text(folder).bytes(bytes);
@@ -298,6 +303,7 @@ impl KittiStereo2015 {
                 .filter(|folder| Some(**folder) != self.truth)
                 .map(|folder| read(self.image_path(folder, frame)).map(|(path, bytes)| (*folder, path, bytes)))
                 .collect::<Result<_, _>>()?,
+            gives_disparities: !self.evaluation.is_empty(),
         };
         let key = files.key();
         Ok((files, key))

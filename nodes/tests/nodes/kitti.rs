@@ -342,6 +342,7 @@ fn truth_comes_as_disparities_too_where_it_is_asked_for_and_there() {
     assert!(other.contains_key("disp_noc") && key != other_key && key != unread_key && unread_key != plain_key);
     set.remove("obj_map");
     set.remove("disp_occ_0");
+    assert_ne!(read(json!({ "disparities": true })).1, unread_key, "the same files, but more is given");
     let (fewer, _) = read(json!({ "disparities": true }));
     let there = ["disp_noc", "disp_occ", "occluded", "obj_map"].map(|port| fewer.contains_key(port));
     assert_eq!(there, [true, false, false, false], "what is not there is not given");
