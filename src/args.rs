@@ -73,11 +73,21 @@ pub struct ExperimentArgs {
     pub experiment: PathBuf,
 
     /// Set something in the experiment before its variants do: `compare.mono.with.cap=50`. Goes before the file and its defaults; a
-    /// variant that sets the same keeps its own value, which is said, and where all do, it is an error. `variants.NAME.` or `matrix.` in
-    /// front sets it there: `variants.full.compare.mono.with.cap=50`, `matrix.compare.mono.with.cap=[50, 80]`; `variants.NAME=null` leaves
-    /// a variant out. May be repeated; is recorded.
+    /// variant that sets the same keeps its own value, which is said, and where all do, it is an error. `variants.NAME.` in front sets it
+    /// there: `variants.full.compare.mono.with.cap=50`; `null` takes away a stage, node, source or variant: `variants.NAME=null`. May be
+    /// repeated; is recorded.
     #[arg(long = "set", value_name = "PATH=VALUE", value_parser = parse_set)]
     pub set: Vec<(String, String)>,
+
+    /// Run one variant of each value: `--matrix compare.stereo.with.block=[3,5,9]`. Several are every combination. An axis that the
+    /// experiment's `matrix` has takes these values instead. May be repeated; is recorded.
+    #[arg(long, value_name = "PATH=[VALUES]", value_parser = parse_matrix)]
+    pub matrix: Vec<(String, String)>,
+
+    /// Of the variants take those that are so called; `*` stands for any run of characters: `--variant full --variant 'no_*'`. May be
+    /// repeated; is recorded.
+    #[arg(long = "variant", value_name = "NAME")]
+    pub variants: Vec<String>,
 }
 
 /// `check`.
@@ -275,5 +285,13 @@ fn parse_set(text: &str) -> Result<(String, String), String> {
     match text.split_once('=') {
         Some((path, value)) if !path.is_empty() => Ok((path.to_owned(), value.to_owned())),
         _ => Err("expected PATH=VALUE, e.g. compare.mono.with.cap=50".to_owned()),
+    }
+}
+
+/// As `--set` of an axis.
+fn parse_matrix(text: &str) -> Result<(String, String), String> {
+    match text.split_once('=') {
+        Some((path, values)) if !path.is_empty() => Ok((format!("matrix.{path}"), values.to_owned())),
+        _ => Err("expected PATH=[VALUES], e.g. compare.stereo.with.block=[3,5,9]".to_owned()),
     }
 }

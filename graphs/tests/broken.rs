@@ -10,7 +10,8 @@ fn said(path: &Path) -> String {
     let text = std::fs::read_to_string(path).expect("the file is there");
     let set = text.lines().filter_map(|line| line.strip_prefix("# --set ")?.split_once('='));
     let set = set.map(|(path, value)| (path.to_owned(), value.to_owned())).collect();
-    let options = Options { set, env: Box::new(|name| (name == "KITTI").then(|| "/data/kitti".to_owned())) };
+    let only = text.lines().filter_map(|line| line.strip_prefix("# --variant ")).map(str::to_owned).collect();
+    let options = Options { set, only, env: Box::new(|name| (name == "KITTI").then(|| "/data/kitti".to_owned())) };
     match load(path, &toys::registry(), &options) {
         Ok(loaded) => panic!("{} is not broken: {}", path.display(), loaded.warnings),
         Err(diagnostics) => {

@@ -27,7 +27,7 @@ fn loaded(text: &str, set: &[&str]) -> Result<Loaded, String> {
 fn in_folder(folder: &Path, set: &[&str]) -> Result<Loaded, String> {
     let set = set.iter().filter_map(|argument| argument.split_once('='));
     let set = set.map(|(path, value)| (path.to_owned(), value.to_owned())).collect();
-    let options = Options { set, env: Box::new(|_| None) };
+    let options = Options { set, env: Box::new(|_| None), ..Options::default() };
     load(&folder.join("main.yaml"), &toys::registry(), &options).map_err(|found| found.to_string())
 }
 
@@ -85,7 +85,7 @@ fn what_a_matrix_sets_is_set_in_the_matrix() {
     let text = format!("{BASE}matrix: {{ compare.stereo.with.block: [3, 9] }}\n");
     let said = loaded(&text, &["compare.stereo.with.block=7"]).unwrap_err();
     assert!(said.contains("error: `--set compare.stereo.with.block=7` has no effect: the matrix sets it"), "{said}");
-    assert!(said.contains("`--set 'matrix.compare.stereo.with.block=[7]'` sets the values"), "{said}");
+    assert!(said.contains("`--matrix 'compare.stereo.with.block=[7]'` sets the values"), "{said}");
     let loaded = loaded(&text, &["matrix.compare.stereo.with.block=[7]"]).unwrap();
     assert_eq!(loaded.plan.variants, ["block=7"]);
     assert_eq!(block(&loaded, "block=7"), 7);
@@ -140,4 +140,55 @@ fn the_kept_experiment_says_what_it_does_not_have() {
     assert_eq!(rest, text);
     std::fs::write(folder.path().join("main.yaml"), with).unwrap();
     assert_eq!(in_folder(folder.path(), &[]).unwrap().plan.variants.len(), 3, "it can be run");
+}
+
+const TWO_STAGES: &str = "experiment: base
+sources: { test: { kind: synthetic/road }, other: { kind: synthetic/road, with: { seed: 2 } } }
+stages:
+  learn:
+    source: other
+    nodes:
+      stereo: { kind: stereo/sgbm, inputs: { left: source/left, right: source/right } }
+      edges: { kind: confidence/edges, inputs: { image: source/left } }
+      samples: { kind: learn/samples, inputs: { image: source/left, target: stereo/disparity, mask: edges/mask } }
+      teacher: { kind: learn/ssl, inputs: { samples: samples/samples } }
+  compare:
+    source: test
+    nodes:
+      stereo: { kind: stereo/sgbm, inputs: { left: source/left, right: source/right } }
+      depth: { kind: depth/from-disparity, inputs: { disparity: stereo/disparity, calibration: source/calibration } }
+      median: { kind: filter/median, inputs: { depth: depth/depth } }
+    score: { truth: source/depth, estimates: { stereo: depth/depth } }
+matrix: { compare.stereo.with.block: [3, 9] }
+";
+
+#[test]
+fn null_takes_away_what_is_inherited_and_what_is_there() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("base.yaml"), TWO_STAGES).unwrap();
+    let load = |text: &str, set: &[&str]| {
+        std::fs::write(folder.path().join("main.yaml"), text).unwrap();
+        in_folder(folder.path(), set)
+    };
+    let held = |loaded: Loaded| {
+        let runs = loaded.plan.runs.iter().map(|run| format!("{}:{}", run.stage, run.nodes.len()));
+        (runs.collect::<Vec<_>>(), loaded.plan.variants.len())
+    };
+    let all = "sources: { other: null }\nstages: { learn: null, compare: { nodes: { median: ~ } } }\nmatrix: { compare.stereo.with.block: null }\n";
+    let in_the_file = load(&format!("extends: base.yaml\n{all}"), &[]).unwrap_or_else(|said| panic!("{said}"));
+    assert!(in_the_file.warnings.is_empty(), "{}", in_the_file.warnings);
+    let expected = (vec!["compare:3".to_owned()], 1);
+    assert_eq!(held(in_the_file), expected);
+    let set = ["sources.other=null", "learn=null", "compare.median=null", "matrix.compare.stereo.with.block=null"];
+    assert_eq!(held(load(TWO_STAGES, &set).unwrap_or_else(|said| panic!("{said}"))), expected);
+    let matrix = load("extends: base.yaml\nmatrix: null\n", &[]).unwrap_or_else(|said| panic!("{said}"));
+    assert_eq!(matrix.plan.variants, [""]);
+    // What others read cannot go, and what was never there neither.
+    let said = load("extends: base.yaml\nstages: { compare: { nodes: { depth: null } } }\n", &[]).unwrap_err();
+    assert!(said.contains("there is no node `depth`") || said.contains("no node `depth`"), "{said}");
+    let said = load("extends: base.yaml\nstages: { lern: null }\n", &[]).unwrap_err();
+    assert!(said.contains("`lern` is empty") && said.contains("nothing of that name is inherited"), "{said}");
+    // A variant changes, and takes nothing away.
+    let said = load("extends: base.yaml\nvariants: { plain: { compare.median: null } }\n", &[]).unwrap_err();
+    assert!(said.contains("`median` is empty: a node wants a map"), "{said}");
 }

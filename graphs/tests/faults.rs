@@ -21,7 +21,8 @@ fn folder(files: &[(&str, &str)]) -> tempfile::TempDir {
 fn loaded(path: &Path, set: &[(&str, &str)], data: &str) -> Result<Loaded, String> {
     let set = set.iter().map(|(path, value)| ((*path).to_owned(), (*value).to_owned())).collect();
     let env = Box::new(|name: &str| (name == "DATA").then(|| data.to_owned()));
-    load(path, &toys::registry(), &Options { set, env }).map_err(|diagnostics| diagnostics.to_string())
+    load(path, &toys::registry(), &Options { set, env, ..Options::default() })
+        .map_err(|diagnostics| diagnostics.to_string())
 }
 
 fn plan_of(text: &str, set: &[(&str, &str)]) -> Result<Plan, String> {

@@ -95,7 +95,8 @@ fn check(text: &str, set: &[(String, String)]) -> Result<(), proptest::test_runn
     let folder = tempfile::tempdir().expect("a folder can be made");
     let path = folder.path().join("main.yaml");
     std::fs::write(&path, text).expect("a file can be written");
-    let options = Options { set: set.to_vec(), env: Box::new(|name| (name == "HOME").then(|| "/root".to_owned())) };
+    let env = Box::new(|name: &str| (name == "HOME").then(|| "/root".to_owned()));
+    let options = Options { set: set.to_vec(), env, ..Options::default() };
     if let Err(diagnostics) = load(&path, &toys::registry(), &options) {
         prop_assert!(diagnostics.has_errors());
         for diagnostic in &diagnostics {

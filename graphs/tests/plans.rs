@@ -20,7 +20,7 @@ fn environment(name: &str) -> Option<String> {
 
 fn try_load(path: &Path, set: &[(&str, &str)]) -> Result<Loaded, Diagnostics> {
     let set = set.iter().map(|(path, value)| ((*path).to_owned(), (*value).to_owned())).collect();
-    load(path, &toys::registry(), &Options { set, env: Box::new(environment) })
+    load(path, &toys::registry(), &Options { set, env: Box::new(environment), ..Options::default() })
 }
 
 fn loaded_with(path: &Path, set: &[(&str, &str)]) -> Loaded {

@@ -7,6 +7,7 @@ use super::blame;
 use super::change::apply::{self, Change};
 use super::change::outlasted::Outlasted;
 use super::change::overrides;
+use super::change::parameter::Parameters;
 use super::change::path::Scope;
 use super::change::variant::Variant;
 use super::change::variants;
@@ -39,6 +40,8 @@ const ENOUGH_VARIANTS: usize = 200;
 pub struct Options<'a> {
     /// `--set path=value`, in order: path and value.
     pub set: Vec<(String, String)>,
+    /// `--variant`: of the variants those whose names are of one of these forms, with `*` for any run of characters; all, if empty.
+    pub only: Vec<String>,
     /// Looks up an environment variable.
     pub env: Environment<'a>,
 }
@@ -51,7 +54,7 @@ impl Default for Options<'_> {
     fn default() -> Self {
         // What is no UTF-8 keeps a sign of it, and is refused where it is used.
         let env = |name: &str| std::env::var_os(name).map(|value| value.to_string_lossy().into_owned());
-        Self { set: Vec::new(), env: Box::new(env) }
+        Self { set: Vec::new(), only: Vec::new(), env: Box::new(env) }
     }
 }
 
@@ -77,7 +80,7 @@ pub struct Loaded {
 /// # Errors
 /// Everything that is wrong with it, in one pass; what is no YAML at all, or names a file that cannot be read, stops there.
 pub fn load(path: &Path, registry: &Registry, options: &Options<'_>) -> Result<Loaded, Diagnostics> {
-    let looked_at = |set: &[(String, String)]| look_at(path, registry, &*options.env, set);
+    let looked_at = |set: &[(String, String)]| look_at(path, registry, &*options.env, set, &options.only);
     looked_at(&options.set).map_err(|found| {
         blame::pointed(found, &options.set, |argument| {
             let rest = [&options.set[..argument], &options.set[argument + 1..]].concat();
@@ -86,19 +89,31 @@ pub fn load(path: &Path, registry: &Registry, options: &Options<'_>) -> Result<L
     })
 }
 
+/// What the command line says of an experiment.
+struct Arguments<'a> {
+    /// `--set`, as typed and as read.
+    set: &'a [(String, String)],
+    changes: &'a [Change],
+    /// The names given to `--variant`.
+    only: Option<Node>,
+}
+
 /// As [`load`], with these arguments of `--set`; what is wrong points at where it shows.
 fn look_at(
     path: &Path,
     registry: &Registry,
     env: &environment::Lookup<'_>,
     set: &[(String, String)],
+    only: &[String],
 ) -> Result<Loaded, Diagnostics> {
     let mut report = Report::default();
     let mut files = Files::new(env);
     let (changes, set_files) = overrides::changes(set, &mut report);
-    let planned = planned(path, registry, env, (set, &changes), &mut files, &mut report);
+    let (only, only_files) = overrides::only(only);
+    let arguments = Arguments { set, changes: &changes, only };
+    let planned = planned(path, registry, env, arguments, &mut files, &mut report);
     let mut order = files.sources();
-    order.extend(set_files);
+    order.extend(set_files.into_iter().chain(only_files));
     let mut diagnostics = report.finish(&order);
     for diagnostic in &mut diagnostics.0 {
         let place = Place { file: std::sync::Arc::clone(&diagnostic.file), span: diagnostic.span.clone() };
@@ -116,7 +131,7 @@ fn planned(
     path: &Path,
     registry: &Registry,
     env: &environment::Lookup<'_>,
-    (set, changes): (&[(String, String)], &[Change]),
+    Arguments { set, changes, only }: Arguments<'_>,
     files: &mut Files<'_>,
     report: &mut Report,
 ) -> Option<Loaded> {
@@ -124,11 +139,14 @@ fn planned(
     if files.is_broken() {
         return None;
     }
-    let root = apply::apply(&root, changes, Scope::CommandLine, report);
+    let mut root = apply::apply(&root, changes, Scope::CommandLine, report);
+    if let Some(only) = &only {
+        overrides::choose(&mut root, only);
+    }
     let root = environment::substitute(&root, env, report);
     let (experiment, about) = spec::title(&root, report);
     let recording = record::read(&root, report);
-    let variants = variants::read(&root, report);
+    let variants = variants::read(&Parameters { root: &root, registry }, report);
     if root.size().saturating_mul(variants.len()) > MOST_VALUES {
         let what = format!("{} variants of an experiment this large are too many", variants.len());
         report.push(Diagnostic::error(&variants[0].place, what));
@@ -167,7 +185,7 @@ fn planned(
     upstream::check(&runs, &shared.runs, &names, registry, report);
     equal_variants(&variants, &shared, report);
     overruled(&names, &shared, report);
-    let kept = kept::files(files, &root, set, &resolver.anywhere);
+    let kept = kept::files(files, &root, &overrides::typed(set, only.as_ref()), &resolver.anywhere);
     let plan = Plan {
         experiment,
         about,

@@ -1,12 +1,14 @@
 //! A change to an experiment: a path and a value, as variants, matrices and `--set` write them.
 //!
 //! `stage.node.with.x`, `stage.node.kind`, `stage.node.inputs.port`, `stage.source`, `stage.score.x`, `sources.name.with.x`; of the
-//! command line alone also `record`, and `variants.name.` and `matrix.` before one of these.
+//! command line alone also `record`, `only`, and `variants.name.` and `matrix.` before one of these.
 //! A map as value is merged by key; anything else, `null` too, stands there as if it had been written there: no cap, an
-//! optional input not wired. A new `kind` drops the old `with`.
+//! optional input not wired. On the command line `null` takes away a stage, node, source, variant or axis, as it does in a file that
+//! extends another. A new `kind` drops the old `with`.
 
 use std::sync::Arc;
 
+use super::parameter::at;
 use super::path::{self, Scope};
 use crate::language::text::diagnostics::{Diagnostic, Report};
 use crate::language::text::merge::{Level, merged};
@@ -26,6 +28,11 @@ pub(crate) fn apply(root: &Arc<Node>, changes: &[Change], scope: Scope, report: 
     let mut new = Arc::clone(root);
     let mut located = Vec::with_capacity(changes.len());
     for change in changes {
+        let takes_away = scope == Scope::CommandLine && change.value.is_null();
+        if takes_away && root.get("stages").is_some_and(|stages| stages.get(&change.path).is_some()) {
+            located.push((vec!["stages".to_owned(), change.path.clone()], change));
+            continue;
+        }
         match path::located(root, &change.path, scope) {
             Ok(keys) => located.push((keys, change)),
             Err(unknown) => {
@@ -40,10 +47,11 @@ pub(crate) fn apply(root: &Arc<Node>, changes: &[Change], scope: Scope, report: 
         if let Some(instance) = instance_of_kind(&keys) {
             drop_parameters_of_another_kind(&mut new, instance, &change.value);
         }
-        if matches!(keys.as_slice(), [section, _] if section == "variants") && change.value.is_null() {
-            drop_variant(&mut new, &keys[1]);
+        if scope == Scope::CommandLine && change.value.is_null() && can_be_taken_away(&keys) {
+            take_away(&mut new, &keys);
             continue;
         }
+        let keys = values_of_axis(&new, keys, &change.value);
         if let Err(what) = set(&mut new, &keys, Level::Experiment, change) {
             report.push(Diagnostic::error(&change.place, what).label("names nothing"));
         }
@@ -51,13 +59,43 @@ pub(crate) fn apply(root: &Arc<Node>, changes: &[Change], scope: Scope, report: 
     new
 }
 
+/// Whether `null` takes away what the keys lead to.
+fn can_be_taken_away(keys: &[String]) -> bool {
+    let Some((_, above)) = keys.split_last() else { return false };
+    level_of(above).can_lose_entries() || matches!(above, [matrix, _] if matrix == "matrix")
+}
+
 /// As `null` in a file that extends another does.
-fn drop_variant(root: &mut Arc<Node>, name: &str) {
-    if let Some(variants) = entry_mut(root, "variants")
-        && let Tree::Map(entries) = &mut Arc::make_mut(variants).value
-    {
-        entries.retain(|entry| entry.key != name);
+fn take_away(root: &mut Arc<Node>, keys: &[String]) {
+    let Some((last, above)) = keys.split_last() else { return };
+    let mut node = root;
+    for key in above {
+        node = match &mut Arc::make_mut(node).value {
+            Tree::Map(entries) => match entries.iter_mut().find(|entry| entry.key == *key) {
+                Some(entry) => &mut entry.value,
+                None => return,
+            },
+            Tree::List(items) => match key.parse::<usize>().ok().and_then(|index| items.get_mut(index)) {
+                Some(item) => item,
+                None => return,
+            },
+            Tree::Null | Tree::Bool(_) | Tree::Number(_) | Tree::Text(_) => return,
+        };
     }
+    if let Tree::Map(entries) = &mut Arc::make_mut(node).value {
+        entries.retain(|entry| entry.key != *last);
+    }
+}
+
+/// Of an axis written as a map, new values go where its values are: it keeps what it sets, and when it is there.
+fn values_of_axis(root: &Node, mut keys: Vec<String>, value: &Node) -> Vec<String> {
+    let is_axis = keys.first().is_some_and(|section| section == "matrix");
+    let axis = if is_axis { at(root, &keys) } else { None };
+    let has = |node: &Node| ["set", "values", "when"].iter().any(|key| node.get(key).is_some());
+    if axis.is_some_and(|axis| has(axis)) && !has(value) {
+        keys.push("values".to_owned());
+    }
+    keys
 }
 
 fn drop_parameters_of_another_kind(root: &mut Arc<Node>, instance: &[String], kind: &Node) {

@@ -1,167 +1,429 @@
-//! `matrix:`: every combination of some values, with `include` and `exclude`.
+//! `matrix:`: every combination of the values of some axes, or some of them drawn, with `include` and `exclude`.
+//!
+//! A map is a matrix; a list of maps is several, one after the other.
+
+mod axis;
+mod naming;
+mod range;
+mod sample;
 
 use std::collections::HashSet;
 use std::sync::Arc;
 
-use super::apply::Change;
-use super::variant::{MOST, Variant, changes, too_many};
+use axis::{Axis, Condition, Level, Values};
+use sample::{Method, Sample};
+
+use super::apply::{self, Change};
+use super::parameter::Parameters;
+use super::path::{self, Scope};
+use super::variant::{MOST, changes, too_many};
 use crate::language::text::diagnostics::{Diagnostic, Report};
+use crate::language::text::names;
 use crate::language::text::resolved::as_written;
 use crate::language::text::source_file::Place;
 use crate::language::text::tree::{Entry, Node, Tree};
 use crate::plan::Factor;
 
-/// The most paths of a matrix, and the most entries of `exclude`.
-const MOST_PATHS: usize = 64;
+/// The most axes of a matrix, and the most entries of `exclude`.
+const MOST_AXES: usize = 64;
 const MOST_EXCLUDED: usize = 1000;
 
-/// One path and the values it takes.
-struct Axis<'a> {
-    entry: &'a Entry,
-    values: &'a [Arc<Node>],
+/// The keys of a matrix that are no axes.
+const OWN_KEYS: &[&str] = &["include", "exclude", "sample"];
+
+/// Combinations of values, as written.
+pub(crate) struct Matrix {
+    axes: Vec<Axis>,
+    sample: Option<Sample>,
+    excluded: Vec<Listed>,
+    included: Vec<Listed>,
+    place: Place,
+    /// Whether nothing is wrong with its axes and its sample.
+    is_whole: bool,
 }
 
-/// The combinations as variants named `last-path-segment=value`, joined by `+`.
-pub(crate) fn read(matrix: &Entry, report: &mut Report) -> Vec<Variant> {
-    let Tree::Map(entries) = &matrix.value.value else {
-        let what = format!("`matrix` wants a map from paths to lists, not {}", matrix.value.describe());
-        report
-            .push(Diagnostic::error(&matrix.value.place, what).help("e.g. `matrix: { STAGE.NODE.with.X: [1, 2, 3] }`"));
-        return Vec::new();
+/// A value of an axis in a combination.
+type Part = Arc<Level>;
+
+/// A value for each axis that is there.
+type Combination = Vec<Part>;
+
+/// An entry of `include` or `exclude`.
+struct Listed {
+    parts: Combination,
+    place: Place,
+}
+
+/// What a matrix makes of a variant.
+pub(crate) struct Made {
+    pub(crate) name: String,
+    pub(crate) factors: Vec<Factor>,
+    pub(crate) changes: Vec<Change>,
+}
+
+/// The matrices of an experiment; none, if it has no `matrix`.
+pub(crate) fn read(parameters: &Parameters<'_>, report: &mut Report) -> Vec<Matrix> {
+    let Some(entry) = parameters.root.entry("matrix") else { return Vec::new() };
+    let wrong = |node: &Node, report: &mut Report| {
+        let what = format!("`matrix` wants a map from paths to lists, not {}", node.describe());
+        report.push(Diagnostic::error(&node.place, what).help("e.g. `matrix: { STAGE.NODE.with.X: [1, 2, 3] }`"));
     };
-    let axes = axes(entries, report);
-    if axes.len() > MOST_PATHS {
-        let what = format!("a matrix of {} paths: more than {MOST_PATHS}", axes.len());
-        report.push(Diagnostic::error(&matrix.key_place, what).help("what has one value belongs where it is defined"));
-        return Vec::new();
-    }
-    let count = axes.iter().fold(1_usize, |count, axis| count.saturating_mul(axis.values.len()));
-    if count > MOST {
-        report.push(too_many(&matrix.key_place, count));
-        return Vec::new();
-    }
-    let mut combinations: Vec<Vec<Change>> = if axes.is_empty() { Vec::new() } else { vec![Vec::new()] };
-    for axis in &axes {
-        let mut longer = Vec::with_capacity(combinations.len() * axis.values.len());
-        for combination in &combinations {
-            for value in axis.values {
-                let mut next = combination.clone();
-                let place = axis.entry.key_place.clone();
-                next.push(Change { path: axis.entry.key.clone(), place, value: Arc::clone(value) });
-                longer.push(next);
+    let mut matrices = Vec::new();
+    match &entry.value.value {
+        Tree::Null => {}
+        Tree::Map(entries) if entries.is_empty() => {}
+        Tree::Map(entries) => matrices.extend(matrix(entries, &entry.key_place, parameters, report)),
+        Tree::List(items) => {
+            for item in items {
+                match &item.value {
+                    Tree::Map(entries) => matrices.extend(matrix(entries, &item.place, parameters, report)),
+                    _ => wrong(item, report),
+                }
             }
         }
-        combinations = longer;
+        Tree::Bool(_) | Tree::Number(_) | Tree::Text(_) => wrong(&entry.value, report),
     }
-    for (excluded, place) in listed(entries, "exclude", report) {
-        let before = combinations.len();
-        combinations.retain(|combination| !excluded.iter().all(|change| holds(combination, change)));
-        if combinations.len() == before && !axes.is_empty() {
-            let known = excluded.iter().find(|change| !axes.iter().any(|axis| axis.entry.key == change.path));
-            let place = known.map_or(&place, |change| &change.place);
-            report.push(
-                Diagnostic::error(place, "this excludes no combination")
-                    .help("an `exclude` names paths of the matrix with values that their lists hold"),
-            );
+    matrices
+}
+
+/// For each of the variants declared, by its changes, what the matrices make of it. No axis is called by a `reserved` word.
+pub(crate) fn made_of(
+    declared: &[&[Change]],
+    reserved: &[&str],
+    matrices: &[Matrix],
+    parameters: &Parameters<'_>,
+    report: &mut Report,
+) -> Vec<Vec<Made>> {
+    let mut combinations: Vec<Vec<Combination>> = vec![Vec::new(); declared.len()];
+    let count = |combinations: &[Vec<Combination>]| combinations.iter().map(Vec::len).sum::<usize>();
+    for matrix in matrices {
+        let before = count(&combinations);
+        let mut found = vec![false; matrix.excluded.len()];
+        for (changes, combinations) in declared.iter().zip(&mut combinations) {
+            combinations.extend(matrix.combinations(changes, &mut found, parameters, report));
+            if combinations.len() > MOST {
+                return Vec::new();
+            }
         }
-    }
-    for (included, place) in listed(entries, "include", report) {
-        if combinations.len() >= MOST {
-            report.push(too_many(&place, combinations.len() + 1));
-            break;
-        }
-        if included.is_empty() {
-            report.push(
-                Diagnostic::error(&place, "this includes no change")
-                    .help("name the paths and values of this combination: they are its name, too"),
-            );
+        if !matrix.is_whole {
             continue;
         }
-        combinations.push(included);
-    }
-    if combinations.is_empty() && !report.has_errors() {
-        report.push(Diagnostic::error(&matrix.key_place, "the matrix has no combination left"));
-    }
-    named(combinations, &matrix.key_place)
-}
-
-fn axes<'a>(entries: &'a [Entry], report: &mut Report) -> Vec<Axis<'a>> {
-    let mut axes = Vec::new();
-    for entry in entries.iter().filter(|entry| !matches!(entry.key.as_str(), "include" | "exclude")) {
-        match &entry.value.value {
-            Tree::List(values) if !values.is_empty() => axes.push(Axis { entry, values }),
-            Tree::List(_) => report.push(
-                Diagnostic::error(&entry.value.place, format!("`{}` has no values to take", entry.key))
-                    .help("list at least one value, or remove the path from the matrix"),
-            ),
-            _ => report.push(
-                Diagnostic::error(
-                    &entry.value.place,
-                    format!("`{}` wants a list of values, not {}", entry.key, entry.value.describe()),
-                )
-                .help("write the values in brackets: `[none, minmax]`"),
-            ),
+        for (listed, _) in matrix.excluded.iter().zip(found).filter(|(_, found)| !found && !matrix.axes.is_empty()) {
+            matrix.excludes_nothing(listed, report);
+        }
+        if count(&combinations) == before && !report.has_errors() {
+            report.push(Diagnostic::error(&matrix.place, "the matrix has no combination left"));
         }
     }
-    axes
+    let mut all: Vec<String> = combinations.iter().flatten().flatten().map(|level| level.axis.clone()).collect();
+    all.extend(reserved.iter().map(|&word| word.to_owned()));
+    all.sort_unstable();
+    all.dedup();
+    let made = |combinations: &Vec<Combination>| {
+        let named = naming::named(combinations, &all).into_iter().zip(combinations);
+        let changes = |parts: &Combination| parts.iter().flat_map(|part| part.changes.iter().cloned()).collect();
+        named.map(|((name, factors), parts)| Made { name, factors, changes: changes(parts) }).collect()
+    };
+    combinations.iter().map(made).collect()
 }
 
-fn listed(entries: &[Entry], key: &str, report: &mut Report) -> Vec<(Vec<Change>, Place)> {
-    let Some(entry) = entries.iter().find(|entry| entry.key == key) else { return Vec::new() };
-    let Tree::List(items) = &entry.value.value else {
-        let what = format!("`{key}` wants a list of maps from paths to values, not {}", entry.value.describe());
-        report.push(Diagnostic::error(&entry.value.place, what).help("e.g. `- { STAGE.NODE.with.X: 3 }`"));
-        return Vec::new();
+/// The key of the axis that sets what a path names, if one does; of a path's own axis the path.
+pub(crate) fn axis_of<'n>(root: &'n Node, path: &str) -> Option<&'n str> {
+    let matrix = root.get("matrix")?;
+    let matrices: Vec<&Node> = match &matrix.value {
+        Tree::List(items) => items.iter().map(AsRef::as_ref).collect(),
+        _ => vec![matrix],
     };
-    if key == "exclude" && items.len() > MOST_EXCLUDED {
-        let what = format!("`exclude` of {} entries: more than {MOST_EXCLUDED}", items.len());
+    let sets = |entry: &&Entry| {
+        let set = entry.value.get("set").map(|set| &set.value);
+        entry.key == path
+            || match set {
+                Some(Tree::List(paths)) => paths.iter().any(|own| own.text() == Some(path)),
+                Some(Tree::Text(own)) => own == path,
+                _ => false,
+            }
+    };
+    matrices.iter().flat_map(|matrix| matrix.entries()).find(sets).map(|entry| entry.key.as_str())
+}
+
+fn matrix(entries: &[Entry], place: &Place, parameters: &Parameters<'_>, report: &mut Report) -> Option<Matrix> {
+    let own = |key: &str| entries.iter().find(|entry| entry.key == key);
+    let of_axes = entries.iter().filter(|entry| !OWN_KEYS.contains(&entry.key.as_str()));
+    let count = of_axes.clone().count();
+    if count > MOST_AXES {
+        let what = format!("a matrix of {count} paths: more than {MOST_AXES}");
+        report.push(Diagnostic::error(place, what).help("what has one value belongs where it is defined"));
+        return None;
+    }
+    let sample = own("sample").and_then(|entry| sample::read(entry, MOST, report));
+    let is_sampled = own("sample").is_some();
+    let axes: Vec<Axis> = of_axes.filter_map(|entry| Axis::read(entry, parameters, is_sampled, report)).collect();
+    let is_whole = axes.len() == count && sample.is_some() == is_sampled;
+    let mut matrix =
+        Matrix { axes, sample, excluded: Vec::new(), included: Vec::new(), place: place.clone(), is_whole };
+    matrix.excluded = own("exclude").map_or_else(Vec::new, |entry| matrix.listed(entry, report));
+    if let Some(entry) = own("exclude").filter(|_| matrix.excluded.len() > MOST_EXCLUDED) {
+        let what = format!("`exclude` of {} entries: more than {MOST_EXCLUDED}", matrix.excluded.len());
         report.push(Diagnostic::error(&entry.key_place, what).help("`include` names combinations one by one"));
-        return Vec::new();
+        return None;
     }
-    items.iter().filter_map(|item| Some((changes(item, &format!("`{key}`"), report)?, item.place.clone()))).collect()
+    matrix.included = own("include").map_or_else(Vec::new, |entry| matrix.listed(entry, report));
+    matrix.check_conditions(parameters, report);
+    Some(matrix)
 }
 
-fn holds(combination: &[Change], change: &Change) -> bool {
-    combination.iter().any(|c| c.path == change.path && c.value.to_json() == change.value.to_json())
-}
-
-/// Names each combination by the shortest ends of its paths that tell them apart.
-fn named(combinations: Vec<Vec<Change>>, place: &Place) -> Vec<Variant> {
-    let mut paths: Vec<String> = combinations.iter().flatten().map(|change| change.path.clone()).collect();
-    paths.sort_unstable();
-    paths.dedup();
-    let mut variants: Vec<Variant> = Vec::with_capacity(combinations.len());
-    let mut taken = HashSet::new();
-    for changes in combinations {
-        let factor = |change: &Change| Factor { axis: short(&change.path, &paths), value: value_text(&change.value) };
-        let factors: Vec<Factor> = changes.iter().map(factor).collect();
-        let name = factors.iter().map(part_of_name).collect::<Vec<_>>().join("+");
-        let mut unique = name.clone();
-        let mut number = 2;
-        while !taken.insert(unique.clone()) {
-            unique = format!("{name}-{number}");
-            number += 1;
+impl Matrix {
+    /// `include` and `exclude`: maps from paths and axes to values.
+    fn listed(&self, entry: &Entry, report: &mut Report) -> Vec<Listed> {
+        let key = &entry.key;
+        let Tree::List(items) = &entry.value.value else {
+            let what = format!("`{key}` wants a list of maps from paths to values, not {}", entry.value.describe());
+            report.push(Diagnostic::error(&entry.value.place, what).help("e.g. `- { STAGE.NODE.with.X: 3 }`"));
+            return Vec::new();
+        };
+        let mut listed = Vec::with_capacity(items.len());
+        for item in items {
+            let Some(asked) = changes(item, &format!("`{key}`"), report) else { continue };
+            let parts: Option<Combination> = asked.iter().map(|change| self.part(change, report)).collect();
+            listed.extend(parts.map(|parts| Listed { parts, place: item.place.clone() }));
         }
-        variants.push(Variant { name: unique, place: place.clone(), changes, factors });
+        listed
     }
-    variants
+
+    /// What `include` and `exclude` say of an axis or a path.
+    fn part(&self, asked: &Change, report: &mut Report) -> Option<Part> {
+        let (key, text) = (&asked.path, value_text(&asked.value));
+        let named = self.axes.iter().find(|axis| axis.key == *key).filter(|_| !key.contains('.'));
+        let Some(axis) = named else {
+            return Some(Arc::new(Level { axis: key.clone(), text, changes: vec![asked.clone()] }));
+        };
+        if let Some(level) = axis.named(&text) {
+            return Some(Arc::clone(level));
+        }
+        if axis.paths.is_empty() {
+            let known: Vec<&str> = axis.names();
+            let error = Diagnostic::error(&asked.value.place, format!("the axis `{key}` has no value `{text}`"));
+            report.push(error.label("no such value").maybe_help(names::suggestion(&text, "its values", &known)));
+            return None;
+        }
+        Some(Arc::new(axis.level(text, &asked.value)))
+    }
+
+    /// The combinations of a variant; `found` says which entries of `exclude` left one out.
+    fn combinations(
+        &self,
+        of_variant: &[Change],
+        found: &mut [bool],
+        parameters: &Parameters<'_>,
+        report: &mut Report,
+    ) -> Vec<Combination> {
+        let mut combinations = match &self.sample {
+            Some(sample) => self.drawn(sample, of_variant, parameters, report),
+            None => self.product(of_variant, parameters, report),
+        };
+        for (excluded, found) in self.excluded.iter().zip(found) {
+            let before = combinations.len();
+            combinations.retain(|combination| !excluded.parts.iter().all(|part| holds(combination, part)));
+            *found |= combinations.len() < before;
+        }
+        for Listed { parts, place } in &self.included {
+            if combinations.len() >= MOST {
+                report.push(too_many(place, combinations.len() + 1));
+                break;
+            }
+            if parts.is_empty() {
+                report.push(
+                    Diagnostic::error(place, "this includes no change")
+                        .help("name the paths and values of this combination: they are its name, too"),
+                );
+                continue;
+            }
+            combinations.push(parts.clone());
+        }
+        combinations
+    }
+
+    /// All combinations.
+    fn product(&self, of_variant: &[Change], parameters: &Parameters<'_>, report: &mut Report) -> Vec<Combination> {
+        let mut combinations: Vec<Combination> = if self.axes.is_empty() { Vec::new() } else { vec![Vec::new()] };
+        for axis in &self.axes {
+            let Values::Listed(levels) = &axis.values else { continue };
+            let mut longer = Vec::with_capacity(combinations.len());
+            for combination in combinations {
+                if !self.is_there(axis, &combination, of_variant, parameters, report) {
+                    longer.push(combination);
+                    continue;
+                }
+                longer.extend(levels.iter().map(|level| [&combination[..], &[Arc::clone(level)]].concat()));
+                if longer.len() > MOST {
+                    let count = self.axes.iter().fold(1_usize, |count, axis| count.saturating_mul(axis.len()));
+                    report.push(too_many(&self.place, count));
+                    return Vec::new();
+                }
+            }
+            combinations = longer;
+        }
+        combinations
+    }
+
+    /// Some combinations, each once.
+    fn drawn(
+        &self,
+        sample: &Sample,
+        of_variant: &[Change],
+        parameters: &Parameters<'_>,
+        report: &mut Report,
+    ) -> Vec<Combination> {
+        // Of few combinations the same are drawn again and again.
+        let draws = match sample.method {
+            Method::LatinHypercube => sample.count,
+            Method::Random => sample.count.saturating_mul(100),
+        };
+        let mut shares: Vec<_> = (0..self.axes.len()).map(|axis| sample.shares(axis)).collect();
+        let mut seen = HashSet::new();
+        let mut combinations = Vec::with_capacity(sample.count);
+        for _ in 0..draws {
+            let mut combination = Combination::new();
+            for (axis, shares) in self.axes.iter().zip(&mut shares) {
+                // Drawn whether it is there or not: so what is drawn for other axes does not hang on it.
+                let share = shares.next();
+                if !self.is_there(axis, &combination, of_variant, parameters, report) {
+                    continue;
+                }
+                combination.push(match &axis.values {
+                    Values::Listed(levels) => Arc::clone(&levels[(share * levels.len() as f64) as usize]),
+                    Values::Between(range) => {
+                        let value = range.draw(share, sample.count);
+                        Arc::new(axis.level(value_text(&value), &value))
+                    }
+                });
+            }
+            let key: Vec<(String, String)> =
+                combination.iter().map(|level| (level.axis.clone(), level.text.clone())).collect();
+            if seen.insert(key) {
+                combinations.push(combination);
+            }
+            if combinations.len() == sample.count {
+                break;
+            }
+        }
+        if combinations.len() < sample.count && !self.axes.is_empty() {
+            let what = format!("the sample of {} holds {} different combinations", sample.count, combinations.len());
+            report.push(Diagnostic::warning(&sample.place, what).label("fewer than asked for").help(
+                "its axes have few values: a smaller `count` says so, and without `sample` all combinations are taken",
+            ));
+        }
+        combinations
+    }
+
+    /// Whether an axis is there, in a combination of those above it.
+    fn is_there(
+        &self,
+        axis: &Axis,
+        combination: &Combination,
+        of_variant: &[Change],
+        parameters: &Parameters<'_>,
+        report: &mut Report,
+    ) -> bool {
+        axis.when.iter().all(|condition| self.is_met(condition, combination, of_variant, parameters, report))
+    }
+
+    fn is_met(
+        &self,
+        condition: &Condition,
+        combination: &Combination,
+        of_variant: &[Change],
+        parameters: &Parameters<'_>,
+        report: &mut Report,
+    ) -> bool {
+        let of = &condition.of;
+        if self.axes.iter().any(|axis| axis.key == *of && !of.contains('.')) {
+            let is_among = |level: &Part| condition.among.iter().any(|wanted| value_text(wanted) == level.text);
+            return combination.iter().any(|level| level.axis == *of && is_among(level));
+        }
+        let is_among = |value: &serde_json::Value| condition.among.iter().any(|wanted| wanted.to_json() == *value);
+        let changes = || of_variant.iter().chain(combination.iter().flat_map(|level| &level.changes));
+        if let Some(change) = changes().filter(|change| change.path == *of).last() {
+            return is_among(&change.value.to_json());
+        }
+        let touches = |change: &Change| {
+            let within = |outer: &str, inner: &str| inner.strip_prefix(outer).is_some_and(|rest| rest.starts_with('.'));
+            let instance = change.path.strip_suffix(".kind");
+            within(&change.path, of) || within(of, &change.path) || instance.is_some_and(|outer| within(outer, of))
+        };
+        let document = if changes().any(touches) {
+            let changes: Vec<Change> = changes().cloned().collect();
+            // What is wrong with the changes is said where they are made.
+            apply::apply(parameters.root, &changes, Scope::Variant, &mut Report::default())
+        } else {
+            Arc::clone(parameters.root)
+        };
+        let Some(value) = parameters.value(of, &document) else {
+            let what = format!("nothing says what `{of}` is: no axis above, no variant, not the experiment itself");
+            report.push(
+                Diagnostic::error(&condition.place, what).label("has no value").help("write it where it is defined"),
+            );
+            return false;
+        };
+        is_among(&value)
+    }
+
+    /// Reports conditions on what is no axis above and no path.
+    fn check_conditions(&self, parameters: &Parameters<'_>, report: &mut Report) {
+        for (index, axis) in self.axes.iter().enumerate() {
+            let (above, below) = self.axes.split_at(index);
+            for condition in &axis.when {
+                let of = &condition.of;
+                let sets = |axes: &[Axis]| axes.iter().any(|axis| axis.key == *of || axis.sets(of));
+                if sets(above) {
+                    continue;
+                }
+                let error = if sets(below) {
+                    let what = format!("`when` of the axis `{}` looks at `{of}`, which is not above it", axis.key);
+                    Diagnostic::error(&condition.place, what).label("comes later").help("move that axis above this one")
+                } else if of.contains('.') {
+                    match path::located(parameters.root, of, Scope::Variant) {
+                        Ok(_) => continue,
+                        Err(unknown) => {
+                            let place = condition.place.part(of, unknown.range);
+                            Diagnostic::error(&place, unknown.what).label("names nothing").maybe_help(unknown.help)
+                        }
+                    }
+                } else {
+                    let known: Vec<&str> = above.iter().map(|axis| axis.key.as_str()).collect();
+                    Diagnostic::error(&condition.place, format!("there is no axis `{of}` above"))
+                        .label("names nothing")
+                        .maybe_help(names::suggestion(of, "axes above", &known))
+                };
+                report.push(error);
+            }
+        }
+    }
+
+    fn excludes_nothing(&self, listed: &Listed, report: &mut Report) {
+        let unknown = |part: &&Part| {
+            let known = |axis: &Axis| axis.key == part.axis || axis.sets(&part.axis);
+            !self.axes.iter().any(known)
+        };
+        let place = listed.parts.iter().find(unknown).and_then(|part| part.changes.first());
+        report.push(
+            Diagnostic::error(place.map_or(&listed.place, |change| &change.place), "this excludes no combination")
+                .help("an `exclude` names paths of the matrix with values that their lists hold"),
+        );
+    }
 }
 
-/// The shortest end of a path that no other path has. `with` and `inputs` tell nothing: `blur.with.size` is `blur.size`.
-fn short(path: &str, all: &[String]) -> String {
-    let telling = |path: &str| {
-        let parts: Vec<&str> = path.split('.').filter(|part| !matches!(*part, "with" | "inputs")).collect();
-        parts.join(".")
+/// Whether a combination has what an entry of `exclude` names.
+fn holds(combination: &Combination, part: &Part) -> bool {
+    if !part.axis.contains('.') {
+        return combination.iter().any(|level| level.axis == part.axis && level.text == part.text);
+    }
+    let among = |change: &Change| {
+        let mut all = combination.iter().flat_map(|level| &level.changes);
+        all.any(|own| own.path == change.path && own.value.to_json() == change.value.to_json())
     };
-    let own = telling(path);
-    let others: Vec<String> = all.iter().filter(|other| *other != path).map(|other| telling(other)).collect();
-    let starts = own.rmatch_indices('.').map(|(at, _)| at + 1).chain([0]);
-    let unique = |end: &&str| !others.iter().any(|other| other == *end || other.ends_with(&format!(".{end}")));
-    starts.map(|start| &own[start..]).find(unique).unwrap_or(path).to_owned()
+    part.changes.iter().all(among)
 }
-
-/// The longest part of a name that a value gives, characters.
-const LONGEST_VALUE: usize = 60;
 
 /// A value as it is written. Of a variable its name, not what this machine has for it.
 fn value_text(value: &Node) -> String {
@@ -169,12 +431,4 @@ fn value_text(value: &Node) -> String {
         Some(written) => written.text.replace("${", "").replace(":-", "-").replace('}', ""),
         None => value.scalar_text().unwrap_or_else(|| as_written(value, None).to_string()),
     }
-}
-
-/// An axis with its value as part of a name: no `/`, which separates variant and estimate, and no space.
-fn part_of_name(factor: &Factor) -> String {
-    let text = factor.value.chars().take(LONGEST_VALUE);
-    let value: String =
-        text.map(|c| if c.is_alphanumeric() || matches!(c, '_' | '-' | '.' | '=') { c } else { '-' }).collect();
-    format!("{}={value}", factor.axis)
 }

@@ -3,6 +3,8 @@
 use std::sync::Arc;
 
 use super::apply::Change;
+use super::matrix;
+use super::parameter::at;
 use super::path;
 use super::variant::Variant;
 use crate::language::text::diagnostics::{Diagnostic, Report};
@@ -47,9 +49,9 @@ impl<'a> Outlasted<'a> {
             let value = change.value.place.text();
             let names: Vec<&str> = own.iter().map(|&index| variants[index].name.as_str()).collect();
             let by = cause(root, &variants[own[0]], path);
-            let of_matrix = root.get("matrix").and_then(|matrix| matrix.entry(by.map_or(path, |by| &by.path)));
+            let of_matrix = matrix::axis_of(root, by.map_or(path, |by| &by.path));
             let remedy = match of_matrix {
-                Some(axis) => format!("`--set 'matrix.{}=[{value}]'` sets the values that the matrix takes", axis.key),
+                Some(axis) => format!("`--matrix '{axis}=[{value}]'` sets the values that the matrix takes"),
                 None => {
                     let name = declared(root, names[0]);
                     format!("`--set 'variants.{name}.{path}={value}'` sets it in a variant")
@@ -83,15 +85,6 @@ fn stays(set: &Node, before: Option<&Arc<Node>>, now: Option<&Arc<Node>>) -> boo
         (_, Some(before), Some(now)) => before.to_json() == now.to_json(),
         (_, before, now) => before.is_none() && now.is_none(),
     }
-}
-
-/// What stands at the end of keys and indices.
-fn at<'n>(root: &'n Node, keys: &[String]) -> Option<&'n Arc<Node>> {
-    let (first, rest) = keys.split_first()?;
-    rest.iter().try_fold(root.get(first)?, |node, key| match &node.value {
-        Tree::List(items) => items.get(key.parse::<usize>().ok()?),
-        _ => node.get(key),
-    })
 }
 
 /// The change of a variant that speaks of the same path, of all that holds it or of a part of it.

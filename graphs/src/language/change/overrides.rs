@@ -1,4 +1,4 @@
-//! `--set path=value` on the command line.
+//! `--set path=value` and `--variant name` on the command line.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -7,10 +7,11 @@ use super::apply::Change;
 use crate::language::text::diagnostics::Report;
 use crate::language::text::parse;
 use crate::language::text::source_file::{Place, SourceFile};
-use crate::language::text::tree::{Node, Tree};
+use crate::language::text::tree::{Entry, Node, Tree};
 
 /// The name that arguments have among files.
 pub(crate) const NAME: &str = "--set";
+const ONLY: &str = "--variant";
 
 /// An argument as a file that holds all of it.
 pub(crate) fn argument(path: &str, value: &str) -> SourceFile {
@@ -69,4 +70,31 @@ fn moved(node: Node, file: &Arc<SourceFile>) -> Node {
         scalar => scalar,
     };
     Node { value, place, written: node.written }
+}
+
+/// What `only` is to be, of the names given to `--variant`; nothing where there are none.
+pub(crate) fn only(names: &[String]) -> (Option<Node>, Vec<Arc<SourceFile>>) {
+    let file = |name: &String| Arc::new(SourceFile::new(ONLY, name.clone(), Path::new("")));
+    let files: Vec<Arc<SourceFile>> = names.iter().map(file).collect();
+    let item = |file: &Arc<SourceFile>| Arc::new(Node::new(Tree::Text(file.text.clone()), Place::whole(file)));
+    let only = files.first().map(|first| Node::new(Tree::List(files.iter().map(item).collect()), Place::whole(first)));
+    (only, files)
+}
+
+/// Puts `only` into an experiment, in the place of its own.
+pub(crate) fn choose(root: &mut Arc<Node>, only: &Node) {
+    let value = Arc::new(only.clone());
+    let Tree::Map(entries) = &mut Arc::make_mut(root).value else { return };
+    entries.retain(|entry| entry.key != "only");
+    entries.push(Entry { key: "only".to_owned(), key_place: only.place.clone(), value });
+}
+
+/// The arguments as they were typed, with their options.
+pub(crate) fn typed(set: &[(String, String)], only: Option<&Node>) -> Vec<(&'static str, String)> {
+    let set = set.iter().map(|(path, value)| (NAME, format!("{path}={value}")));
+    let only = match only.map(|only| &only.value) {
+        Some(Tree::List(names)) => names.as_slice(),
+        _ => &[],
+    };
+    set.chain(only.iter().filter_map(|name| Some((ONLY, name.text()?.to_owned())))).collect()
 }

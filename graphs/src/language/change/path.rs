@@ -4,7 +4,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use crate::language::text::names;
-use crate::language::text::tree::{Entry, Node};
+use crate::language::text::tree::{Entry, Node, Tree};
 
 /// How many keys a path may have: parameters are nested no deeper.
 const DEEPEST: usize = 32;
@@ -97,42 +97,67 @@ pub(super) fn located(root: &Node, path: &str, scope: Scope) -> Result<Vec<Strin
     let stage = root.get("stages").and_then(|stages| stages.get(first));
     let is_command_line = scope == Scope::CommandLine;
     match (first, stage) {
-        ("record", _) if is_command_line => Ok(path.from(0).collect()),
-        ("variants" | "matrix", None) if is_command_line => in_variants(root, &path, first),
+        ("record", _) | ("only", None) if is_command_line => Ok(path.from(0).collect()),
+        ("variants", None) if is_command_line => in_variants(root, &path),
+        ("matrix", None) if is_command_line => in_matrix(root, &path),
         ("sources", _) => in_sources(root, &path, scope),
         (_, Some(stage)) => in_stage(stage, &path, first),
         (_, None) => Err(no_stage(root, &path, first, scope)),
     }
 }
 
-/// `variants.NAME`, `variants.NAME.PATH`, `matrix.PATH`: what is changed is itself a path, one key with its dots.
-fn in_variants(root: &Node, path: &Path<'_>, section: &str) -> Result<Vec<String>, Unknown> {
-    let known = keys_of(root.get(section));
+/// `variants.NAME`, `variants.NAME.PATH`: what is changed is itself a path, one key with its dots.
+fn in_variants(root: &Node, path: &Path<'_>) -> Result<Vec<String>, Unknown> {
+    let known = keys_of(root.get("variants"));
     let Some(one) = known.first() else {
-        let help = "another experiment that `extends` this one can add some";
-        return Err(path.unknown(
-            0,
-            format!("there is no `{section}` that `--set` could change"),
-            Some(help.to_owned()),
-        ));
+        let help =
+            "another experiment that `extends` this one can add some, and `--matrix PATH=[...]` makes some of values";
+        return Err(path.unknown(0, "there are no `variants` that `--set` could change", Some(help.to_owned())));
     };
-    if path.len() == 1 {
-        let help = match section {
-            "variants" => format!("e.g. `variants.{one}={{}}`, or `variants.{one}=null` to leave it out"),
-            _ => format!("e.g. `matrix.{one}=[...]`"),
-        };
-        return Err(path.unknown(0, format!("`--set` changes one entry of `{section}` at a time"), Some(help)));
-    }
-    let (name, inner) = match section {
-        "variants" => (path.key(1), path.text_from(2)),
-        _ => (path.text_from(1), None),
+    let Some(name) = path.key(1) else {
+        let help = format!("e.g. `variants.{one}={{}}`, or `variants.{one}=null` to leave it out");
+        return Err(path.unknown(0, "`--set` changes one entry of `variants` at a time", Some(help)));
     };
-    let name = name.unwrap_or_default();
     if !known.contains(&name) {
-        let what = format!("`{section}` has no `{name}`");
-        return Err(path.unknown(1, what, names::suggestion(name, &format!("`{section}` has"), &known)));
+        let what = format!("`variants` has no `{name}`");
+        return Err(path.unknown(1, what, names::suggestion(name, "`variants` has", &known)));
     }
-    Ok([section, name].into_iter().chain(inner).map(ToOwned::to_owned).collect())
+    Ok(["variants", name].into_iter().chain(path.text_from(2)).map(ToOwned::to_owned).collect())
+}
+
+/// `matrix.PATH`, `matrix.AXIS`; of several matrices the one that has it, or `matrix.0.PATH`. A path that is no axis becomes one.
+fn in_matrix(root: &Node, path: &Path<'_>) -> Result<Vec<String>, Unknown> {
+    let matrix = root.get("matrix");
+    let Some(name) = path.text_from(1) else {
+        let one = keys_of(matrix).first().map_or_else(|| example(root), |one| (*one).to_owned());
+        let what = "`--set` changes one axis of `matrix` at a time";
+        return Err(path.unknown(0, what, Some(format!("e.g. `--matrix '{one}=[...]'`"))));
+    };
+    let owned = |keys: &[&str]| keys.iter().map(|&key| key.to_owned()).collect();
+    if let Some(Tree::List(matrices)) = matrix.map(|matrix| &matrix.value) {
+        let index = path.key(1).filter(|index| index.parse().is_ok_and(|index: usize| index < matrices.len()));
+        if let (Some(index), Some(name)) = (index, path.text_from(2)) {
+            return Ok(owned(&["matrix", index, name]));
+        }
+        let with: Vec<usize> = (0..matrices.len()).filter(|&index| matrices[index].get(name).is_some()).collect();
+        return match with.as_slice() {
+            [one] => Ok(owned(&["matrix", &one.to_string(), name])),
+            several => {
+                let has = if several.is_empty() { "none has" } else { "several have" };
+                let what = format!("of {} matrices {has} `{name}`", matrices.len());
+                Err(path.unknown(1, what, Some(format!("say which is meant: `matrix.0.{name}`"))))
+            }
+        };
+    }
+    let known = keys_of(matrix);
+    if !name.contains('.') && !known.contains(&name) && !["include", "exclude", "sample"].contains(&name) {
+        let help = match known.is_empty() {
+            true => Some(format!("an axis is the path that takes its values, e.g. `{}`", example(root))),
+            false => names::suggestion(name, "its axes", &known),
+        };
+        return Err(path.unknown(1, format!("`matrix` has no axis `{name}`"), help));
+    }
+    Ok(owned(&["matrix", name]))
 }
 
 /// `sources.NAME...`
@@ -227,7 +252,7 @@ fn no_stage(root: &Node, path: &Path<'_>, first: &str, scope: Scope) -> Unknown 
     if names::EXPERIMENT_KEYS.contains(&first) {
         let what = format!("{} cannot change `{first}`", scope.describe());
         let others = match scope {
-            Scope::CommandLine => ", `sources`, `record` and entries of `variants` and `matrix`",
+            Scope::CommandLine => ", `sources`, `record`, `only`, entries of `variants` and axes of `matrix`",
             Scope::Variant => " and `sources`",
         };
         let help = format!(
@@ -239,7 +264,7 @@ fn no_stage(root: &Node, path: &Path<'_>, first: &str, scope: Scope) -> Unknown 
     let mut known = keys_of(root.get("stages"));
     known.push("sources");
     if scope == Scope::CommandLine {
-        known.push("record");
+        known.extend(["record", "only", "variants", "matrix"]);
     }
     let help = names::suggestion(first, "a path begins with one of", &known);
     path.unknown(0, format!("there is no stage `{first}`"), help)

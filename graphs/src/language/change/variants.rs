@@ -1,44 +1,115 @@
-//! `variants:` and `matrix:`: the same experiment with something changed.
+//! `variants:` and `matrix:`: the same experiment with something changed; and `only:`, which of them.
 
+use super::apply::Change;
 use super::matrix;
+use super::parameter::Parameters;
 use super::variant::{MOST, Variant, changes, too_many};
 use crate::language::text::diagnostics::{Diagnostic, Report};
+use crate::language::text::glob::glob;
 use crate::language::text::names;
-use crate::language::text::tree::{Node, Tree};
+use crate::language::text::tree::{Entry, Node, Tree};
 use crate::plan::Factor;
 
-/// The variants in the order of the file; one without a name if none is declared.
-pub(crate) fn read(root: &Node, report: &mut Report) -> Vec<Variant> {
-    let declared = declared(root, report);
-    let combinations = match root.entry("matrix") {
-        Some(entry) => matrix::read(entry, report),
-        None => Vec::new(),
+/// The variants in the order of the file, those that `only` names; one without a name if none is declared.
+pub(crate) fn read(parameters: &Parameters<'_>, report: &mut Report) -> Vec<Variant> {
+    let before = report.len();
+    let all = all(parameters, report);
+    match parameters.root.entry("only").filter(|only| !only.value.is_null()) {
+        // What is wrong with variants may be why one is not found.
+        Some(only) if report.len() == before => chosen(all, only, report),
+        _ => all,
+    }
+}
+
+/// Those whose names are of the form of a pattern.
+fn chosen(mut all: Vec<Variant>, only: &Entry, report: &mut Report) -> Vec<Variant> {
+    let before = report.len();
+    let items = match &only.value.value {
+        Tree::List(items) => items.as_slice(),
+        _ => std::slice::from_ref(&only.value),
     };
-    match (declared.is_empty(), combinations.is_empty()) {
-        (true, true) => {
-            vec![Variant { name: String::new(), place: root.place.clone(), changes: Vec::new(), factors: Vec::new() }]
+    if items.is_empty() {
+        report
+            .push(Diagnostic::error(&only.value.place, "`only` names no variant").help("without `only` all are taken"));
+    }
+    let mut kept = vec![false; all.len()];
+    for item in items {
+        let Some(pattern) = item.scalar_text() else {
+            let what = format!("`only` wants names of variants, not {}", item.describe());
+            report.push(Diagnostic::error(&item.place, what).help("e.g. `only: [full, \"no_*\"]`"));
+            continue;
+        };
+        let mut found = false;
+        for (variant, kept) in all.iter().zip(&mut kept).filter(|(variant, _)| glob(&pattern, &variant.name)) {
+            found |= !variant.name.is_empty();
+            *kept |= found;
         }
-        (false, true) => declared,
-        (true, false) => combinations,
-        (false, false) => {
-            if declared.len().saturating_mul(combinations.len()) > MOST {
-                report.push(too_many(&combinations[0].place, declared.len().saturating_mul(combinations.len())));
-                return declared;
-            }
-            let mut product = Vec::with_capacity(declared.len() * combinations.len());
-            for variant in &declared {
-                for combination in &combinations {
-                    let mut changes = variant.changes.clone();
-                    changes.extend(combination.changes.iter().cloned());
-                    let name = format!("{}+{}", variant.name, combination.name);
-                    let own = Factor { axis: Factor::VARIANT.to_owned(), value: variant.name.clone() };
-                    let factors = std::iter::once(own).chain(combination.factors.iter().cloned()).collect();
-                    product.push(Variant { name, place: variant.place.clone(), changes, factors });
-                }
-            }
-            product
+        if !found {
+            let names: Vec<&str> =
+                all.iter().map(|variant| variant.name.as_str()).filter(|name| !name.is_empty()).collect();
+            let what = match names.is_empty() {
+                true => "the experiment has no variants to choose from".to_owned(),
+                false => format!("no variant is called `{pattern}`"),
+            };
+            let help = if names.is_empty() { None } else { names::suggestion(&pattern, "variants", &names) };
+            report.push(Diagnostic::error(&item.place, what).label("matches nothing").maybe_help(help));
         }
     }
+    if report.len() == before {
+        let mut kept = kept.into_iter();
+        all.retain(|_| kept.next() == Some(true));
+    }
+    all
+}
+
+fn all(parameters: &Parameters<'_>, report: &mut Report) -> Vec<Variant> {
+    let root = parameters.root;
+    let declared = declared(root, report);
+    let matrices = matrix::read(parameters, report);
+    let bases: Vec<&[Change]> = match declared.as_slice() {
+        [] => vec![&[]],
+        declared => declared.iter().map(|variant| variant.changes.as_slice()).collect(),
+    };
+    let reserved: &[&str] = if declared.is_empty() { &[] } else { &[Factor::VARIANT] };
+    let made = matrix::made_of(&bases, reserved, &matrices, parameters, report);
+    let count = made.iter().map(Vec::len).sum::<usize>();
+    let place = root.entry("matrix").map_or(&root.place, |entry| &entry.key_place);
+    if count > MOST {
+        report.push(too_many(place, count));
+    }
+    if count == 0 || count > MOST {
+        return match declared.is_empty() {
+            true => vec![Variant {
+                name: String::new(),
+                place: root.place.clone(),
+                changes: Vec::new(),
+                factors: Vec::new(),
+            }],
+            false => declared,
+        };
+    }
+    let mut variants = Vec::with_capacity(count);
+    if declared.is_empty() {
+        for made in made.into_iter().flatten() {
+            let matrix::Made { name, factors, changes } = made;
+            variants.push(Variant { name, place: place.clone(), changes, factors });
+        }
+        return variants;
+    }
+    for (variant, made) in declared.iter().zip(made) {
+        for matrix::Made { name, factors, changes } in made {
+            let parts = [variant.name.as_str(), &name];
+            let name = parts.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join("+");
+            let own = Factor { axis: Factor::VARIANT.to_owned(), value: variant.name.clone() };
+            variants.push(Variant {
+                name,
+                place: variant.place.clone(),
+                changes: variant.changes.iter().cloned().chain(changes).collect(),
+                factors: std::iter::once(own).chain(factors).collect(),
+            });
+        }
+    }
+    variants
 }
 
 fn declared(root: &Node, report: &mut Report) -> Vec<Variant> {

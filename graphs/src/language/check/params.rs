@@ -11,6 +11,7 @@ use super::spec::Instance;
 use super::with_schema;
 use crate::contracts::Port;
 use crate::key::Key;
+use crate::language::change::overrides;
 use crate::language::text::diagnostics::{Diagnostic, Report};
 use crate::language::text::paths::Anywhere;
 use crate::language::text::source_file::Place;
@@ -170,7 +171,7 @@ fn checked(
     for violation in violations(&json.clone(), kind.schema) {
         sound = false;
         let place = place_of(with, &violation.path, violation.at_key).unwrap_or_else(|| at.clone());
-        let help = as_input(kind, &violation, &json).or(violation.help);
+        let help = as_input(kind, &violation, &json).or_else(|| as_axis(&violation, &json, &place)).or(violation.help);
         report.push(
             Diagnostic::error(&place, format!("{} (of `{}`)", violation.what, kind.name))
                 .label(violation.label)
@@ -207,6 +208,21 @@ fn checked(
             }
         }
     }
+}
+
+/// A list where one value is wanted: how all of them are run.
+fn as_axis(violation: &Violation, json: &Json, place: &Place) -> Option<String> {
+    let pointer: String = violation.path.iter().map(|key| format!("/{key}")).collect();
+    let is_list = json.pointer(&pointer)?.as_array().is_some_and(|items| !items.is_empty());
+    if !is_list || violation.at_key {
+        return None;
+    }
+    let name = violation.path.join(".");
+    Some(if place.file.name == overrides::NAME {
+        format!("it takes one value; `--matrix '{}'` runs a variant of each", place.file.text)
+    } else {
+        format!("it takes one value; `matrix: {{ STAGE.NODE.with.{name}: {} }}` runs a variant of each", place.text())
+    })
 }
 
 /// What is no parameter but an input of that name: how it is written.

@@ -59,13 +59,12 @@ pub fn schema(registry: &Registry) -> Json {
                 "additionalProperties": { "$ref": "#/$defs/changes" },
             },
             "matrix": {
-                "type": "object",
-                "description": "Every combination of these values, as variants.",
-                "properties": {
-                    "include": { "type": "array", "items": { "$ref": "#/$defs/changes" }, "description": "Further combinations." },
-                    "exclude": { "type": "array", "items": { "$ref": "#/$defs/changes" }, "description": "Combinations left out." },
-                },
-                "additionalProperties": { "type": "array", "minItems": 1 },
+                "description": "Every combination of these values, as variants; a list of matrices is one after the other.",
+                "anyOf": [{ "$ref": "#/$defs/matrix" }, { "type": "array", "items": { "$ref": "#/$defs/matrix" } }, { "type": "null" }],
+            },
+            "only": {
+                "description": "Of the variants those that are so called, `*` for any run of characters; what `--variant` says.",
+                "anyOf": [{ "type": "string" }, { "type": "array", "items": { "type": "string" }, "minItems": 1 }, { "type": "null" }],
             },
             "record": {
                 "description": "What is kept; everything if left out.",
@@ -92,12 +91,87 @@ pub fn schema(registry: &Registry) -> Json {
                 "description": "Paths and values: `stage.node.with.x`, `stage.node.kind`, `stage.node.inputs.port`, `sources.name.with.x`.",
                 "propertyNames": { "pattern": PATH },
             },
+            "matrix": matrix(),
+            "range": {
+                "type": "object",
+                "additionalProperties": false,
+                "required": ["from", "to"],
+                "properties": range(),
+                "description": "Numbers between two ends, both among them; whole ones where the parameter is one.",
+            },
+            "choice": {
+                "type": "object",
+                "description": "Paths and axes of the matrix, each with a value.",
+            },
             "patterns": {
                 "type": "array",
                 "items": { "type": "string" },
                 "description": "`stage.node/port`, `node`, `/stage/node/port`; `*` for anything, `!` in front to leave out.",
             },
             "reference": { "type": "string", "pattern": REFERENCE, "description": "`node/output`, `source/output` or `stage.node/output`." },
+        },
+    })
+}
+
+/// `from`, `to`, `steps`, `log`.
+fn range() -> Json {
+    json!({
+        "from": { "type": "number", "description": "The least." },
+        "to": { "type": "number", "description": "The greatest." },
+        "steps": { "type": "integer", "minimum": 2, "description": "How many; with a `sample` it may be left out: any between the ends." },
+        "log": { "type": "boolean", "description": "Equal ratios instead of equal distances: 2, 4, 8, 16." },
+    })
+}
+
+fn matrix() -> Json {
+    let values = json!({ "type": "array", "minItems": 1 });
+    let mut axis = range();
+    if let Some(properties) = axis.as_object_mut() {
+        let path = json!({ "type": "string", "pattern": PATH });
+        properties.insert(
+            "set".to_owned(),
+            json!({
+                "description": "The paths that take the value, all of them the same.",
+                "anyOf": [path, { "type": "array", "minItems": 1, "items": path }],
+            }),
+        );
+        properties.insert(
+            "values".to_owned(),
+            json!({
+                "description": "A list, a range, or a map from names to changes (with `set`, to values).",
+                "anyOf": [values, { "$ref": "#/$defs/range" }, { "type": "object", "minProperties": 1 }],
+            }),
+        );
+        properties.insert("when".to_owned(), json!({
+            "type": "object",
+            "minProperties": 1,
+            "description": "Where the axis is there: paths or axes above it, each with its value or a list of such.",
+        }));
+    }
+    json!({
+        "type": "object",
+        "properties": {
+            "include": { "type": "array", "items": { "$ref": "#/$defs/choice" }, "description": "Further combinations." },
+            "exclude": { "type": "array", "items": { "$ref": "#/$defs/choice" }, "description": "Combinations left out." },
+            "sample": {
+                "type": "object",
+                "additionalProperties": false,
+                "required": ["count"],
+                "description": "Some of all combinations, drawn.",
+                "properties": {
+                    "method": { "enum": ["latin-hypercube", "random"], "default": "latin-hypercube" },
+                    "count": { "type": "integer", "minimum": 1, "description": "How many." },
+                    "seed": { "type": "integer", "minimum": 0, "default": 1, "description": "Another seed draws others." },
+                },
+            },
+        },
+        "additionalProperties": {
+            "description": "An axis: a path, or a name with `set` or `values` that say what it changes.",
+            "anyOf": [
+                values,
+                { "type": "object", "additionalProperties": false, "properties": axis },
+                { "type": "null" },
+            ],
         },
     })
 }

@@ -224,7 +224,12 @@ fn source(entry: &Entry, report: &mut Report) -> SourceSpec {
 fn map_of(entry: &Entry, what: &str, example: &str, report: &mut Report) -> bool {
     if entry.value.is_null() {
         let error = Diagnostic::error(&entry.key_place, format!("`{}` is empty: {what} wants a map", entry.key));
-        report.push(error.help(format!("e.g. `{example}`")));
+        let removal = "`null` takes away what this file inherits by `extends`, and nothing of that name is inherited";
+        let help = match matches!(entry.value.place.text(), "null" | "~" | "Null" | "NULL") {
+            true => format!("{removal}; e.g. `{example}`"),
+            false => format!("e.g. `{example}`"),
+        };
+        report.push(error.help(help));
         return false;
     }
     is_map(&entry.value, what, example, report)
@@ -305,11 +310,23 @@ fn node_spec(entry: &Entry, report: &mut Report) -> NodeSpec {
             place: entry.key_place.clone(),
             from: Some(Wired::Nothing),
         };
-        let entries = inputs.value.entries().iter();
+        for entry in inputs.value.entries().iter().filter(|entry| is_of_node(entry)) {
+            let key = &entry.key;
+            let error =
+                Diagnostic::error(&entry.key_place, format!("`{key}` stands inside `inputs`, as if it were an input"));
+            let form = "NAME: { kind: KIND, inputs: { PORT: NODE/OUTPUT }, with: { PARAMETER: VALUE } }";
+            report.push(error.label("belongs beside `inputs`").help(format!("move it out, one level up: `{form}`")));
+        }
+        let entries = inputs.value.entries().iter().filter(|entry| !is_of_node(entry));
         spec.inputs =
             entries.map(|entry| if entry.value.is_null() { unwired(entry) } else { input(entry, report) }).collect();
     }
     spec
+}
+
+/// Whether an entry of `inputs` is meant for the node: parameters, or its kind.
+fn is_of_node(entry: &Entry) -> bool {
+    NODE_KEYS.contains(&entry.key.as_str()) && (entry.key == "with" || entry.value.is_map())
 }
 
 /// An entry of `inputs:`, or another that is wired like one.

@@ -113,7 +113,8 @@ fn part<'s>(schema: &'s Json, find: &dyn Fn(&'s Json) -> Option<&'s Json>) -> Op
     })
 }
 
-fn property<'s>(schema: &'s Json, key: &str) -> Option<&'s Json> {
+/// The schema of a key of a map.
+pub(crate) fn property<'s>(schema: &'s Json, key: &str) -> Option<&'s Json> {
     part(schema, &|s| s.get("properties")?.get(key)).or_else(|| part(schema, &|s| s.get("additionalProperties")))
 }
 

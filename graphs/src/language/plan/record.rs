@@ -10,6 +10,7 @@ use super::linked::Linked;
 use crate::language::check::schema_check::is_yaml_1_1_bool;
 use crate::language::check::spec::known_keys;
 use crate::language::text::diagnostics::{Diagnostic, Report};
+use crate::language::text::glob::glob;
 use crate::language::text::names;
 use crate::language::text::source_file::Place;
 use crate::language::text::tree::{Entry, Node, Tree};
@@ -50,6 +51,7 @@ impl Recorded {
     pub(crate) fn check(&self, variants: &[Linked<'_>], report: &mut Report) {
         let Some(patterns) = &self.patterns else { return };
         let mut topics: Vec<String> = Vec::new();
+        let mut outputs: Vec<&str> = Vec::new();
         let mut whole = true;
         for stage in variants.iter().flat_map(|linked| &linked.stages) {
             let source = stage.source.as_ref().map(|source| ("source", source.outputs.as_slice()));
@@ -61,6 +63,7 @@ impl Recorded {
                 for port in ports {
                     self.keeps(&stage.name.text, node, port.name);
                     topics.push(format!("{}.{node}/{}", stage.name.text, port.name));
+                    outputs.push(port.name);
                 }
             }
         }
@@ -78,8 +81,13 @@ impl Recorded {
             };
             let nodes = topics.iter().filter_map(|topic| Some(topic.split_once('.')?.1));
             let near = names::nearest(&written, topics.iter().map(String::as_str).chain(nodes));
-            let help = near.map_or_else(
+            let of_outputs = !pattern.text.contains('/') && outputs.iter().any(|output| glob(&pattern.node, output));
+            let help = near.filter(|_| !of_outputs).map_or_else(
                 || {
+                    if of_outputs {
+                        let written = &pattern.node;
+                        return format!("without `/` a pattern names nodes; outputs of any node are `*/{written}`");
+                    }
                     "patterns are written `stage.node/port`, `node`, `/stage/node/port`, with `*` for anything"
                         .to_owned()
                 },
@@ -165,35 +173,4 @@ fn pattern(item: &Node, report: &mut Report) -> Option<Pattern> {
     };
     let place = item.place.clone();
     Some(Pattern { text: text.to_owned(), place, leaves_out, stage, node, port, matched: Cell::new(false) })
-}
-
-/// Whether a text is of a pattern's form; `*` stands for any run of characters.
-fn glob(pattern: &str, text: &str) -> bool {
-    let Some((first, rest)) = pattern.split_once('*') else { return pattern == text };
-    let Some(mut text) = text.strip_prefix(first) else { return false };
-    let mut parts: Vec<&str> = rest.split('*').collect();
-    let last = parts.pop().unwrap_or_default();
-    for part in parts {
-        // The earliest place leaves the most for what follows.
-        let Some(at) = text.find(part) else { return false };
-        text = &text[at + part.len()..];
-    }
-    text.ends_with(last)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::glob;
-
-    #[test]
-    fn stars_stand_for_any_run_of_characters() {
-        for (pattern, text) in
-            [("*", "depth"), ("de*", "depth"), ("*th", "depth"), ("d*p*h", "depth"), ("depth", "depth"), ("**", "")]
-        {
-            assert!(glob(pattern, text), "{pattern} {text}");
-        }
-        for (pattern, text) in [("d", "depth"), ("*x", "depth"), ("dep*pth", "depth"), ("", "depth")] {
-            assert!(!glob(pattern, text), "{pattern} {text}");
-        }
-    }
 }

@@ -23,7 +23,7 @@ const FOLDER: &str = "experiment";
 pub(crate) fn files(
     files: &Files<'_>,
     root: &Node,
-    set: &[(String, String)],
+    typed: &[(&str, String)],
     anywhere: &Anywhere,
 ) -> Vec<(String, String)> {
     let sources = files.sources();
@@ -46,9 +46,9 @@ pub(crate) fn files(
         for (range, with) in edits {
             text.replace_range(range, &with);
         }
-        if index == 0 && !set.is_empty() {
+        if index == 0 && !typed.is_empty() {
             let start = if text.starts_with('\u{feff}') { '\u{feff}'.len_utf8() } else { 0 };
-            text.insert_str(start, &without(set));
+            text.insert_str(start, &without(typed));
         }
         let name = if index == 0 { MAIN.to_owned() } else { format!("{FOLDER}/{}", names[index]) };
         kept.push((name, text));
@@ -60,14 +60,13 @@ pub(crate) fn files(
 /// The longest stem of a kept file's name, bytes: with number, ending and `.partial` behind it every file system takes it.
 const LONGEST_STEM: usize = 180;
 
-/// A comment that says what the file as it was written does not have.
-fn without(set: &[(String, String)]) -> String {
+/// A comment that says what the file as it was written does not have: options of the command line and what was typed after them.
+fn without(typed: &[(&str, String)]) -> String {
     let one_line = |text: &str| text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect::<String>();
-    let set: Vec<String> =
-        set.iter().map(|(path, value)| format!("--set '{}={}'", one_line(path), one_line(value))).collect();
+    let typed: Vec<String> = typed.iter().map(|(option, text)| format!("{option} '{}'", one_line(text))).collect();
     format!(
         "# As it was written, without what the run set: {}. {RESOLVED} has it all, and repeats the run.\n",
-        set.join(" ")
+        typed.join(" ")
     )
 }
 

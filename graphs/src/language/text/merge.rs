@@ -1,4 +1,4 @@
-//! One document over another: maps merge by key, everything else is replaced.
+//! One document over another: maps merge by key, everything else is replaced; `null` takes away a source, stage, node, variant or axis.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -22,7 +22,7 @@ pub(crate) enum Level {
     Instance,
     /// `matrix:`: its values are settings that replace each other whole.
     Settings,
-    /// `variants:`: `null` drops one of the base.
+    /// `variants:`.
     Variants,
     /// `score:` of a stage.
     Score,
@@ -51,6 +51,11 @@ impl Level {
             _ => Self::Plain,
         }
     }
+
+    /// Whether `null` takes away an entry: what is so named can be there or not, and is never nothing.
+    pub(crate) const fn can_lose_entries(self) -> bool {
+        matches!(self, Self::Sources | Self::Stages | Self::Nodes | Self::Settings | Self::Variants)
+    }
 }
 
 /// `over` on top of `base`.
@@ -74,7 +79,7 @@ pub(crate) fn merged(base: &Arc<Node>, over: &Arc<Node>, level: Level) -> Arc<No
             None => entries.push(entry.clone()),
         }
     }
-    if level == Level::Variants {
+    if level.can_lose_entries() {
         let dropped = |key: &str| new.iter().any(|entry| entry.key == key && entry.value.is_null());
         entries.retain(|entry| !(index.contains_key(entry.key.as_str()) && dropped(&entry.key)));
     }

@@ -4,6 +4,7 @@
 pub(crate) mod diagnostics;
 pub(crate) mod environment;
 pub(crate) mod files;
+pub(crate) mod glob;
 pub(crate) mod kept;
 pub(crate) mod merge;
 pub(crate) mod names;

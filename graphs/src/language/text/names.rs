@@ -5,7 +5,7 @@ use super::source_file::Place;
 
 /// The keys of an experiment.
 pub(crate) const EXPERIMENT_KEYS: &[&str] =
-    &["experiment", "about", "extends", "sources", "stages", "variants", "matrix", "record"];
+    &["experiment", "about", "extends", "sources", "stages", "variants", "matrix", "only", "record"];
 
 /// The longest name, characters: names become topics, labels and parts of paths.
 const LONGEST: usize = 100;

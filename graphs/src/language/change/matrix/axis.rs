@@ -1,0 +1,274 @@
+//! An axis of a matrix: what it is called, what it sets, the values it takes, and when it is there.
+
+use std::sync::Arc;
+
+use super::range::{self, Numbers, Range};
+use super::value_text;
+use crate::language::change::apply::Change;
+use crate::language::change::parameter::Parameters;
+use crate::language::change::variant;
+use crate::language::check::spec::known_keys;
+use crate::language::text::diagnostics::{Diagnostic, Report};
+use crate::language::text::names;
+use crate::language::text::source_file::Place;
+use crate::language::text::tree::{Entry, Node, Tree};
+use crate::plan::Factor;
+
+const KEYS: &[&str] = &["set", "values", "when", "from", "to", "steps", "log"];
+const FORM: &str =
+    "an axis is a list of values, a range `{ from: 2, to: 64, steps: 6 }`, or a map of `set`, `values` and `when`";
+
+/// An axis.
+pub(super) struct Axis {
+    /// Its name, or the path it sets.
+    pub(super) key: String,
+    /// Where that stands.
+    pub(super) place: Place,
+    /// What a plain value is set at; none where every value is a map of changes.
+    pub(super) paths: Vec<(String, Place)>,
+    pub(super) values: Values,
+    /// Where it is there; everywhere, if this is empty.
+    pub(super) when: Vec<Condition>,
+}
+
+/// The values of an axis.
+pub(super) enum Values {
+    Listed(Vec<Arc<Level>>),
+    /// All numbers between two ends: a sample draws some.
+    Between(Range),
+}
+
+/// A value of an axis.
+#[derive(Clone)]
+pub(super) struct Level {
+    /// The axis it is of: its name, or a path.
+    pub(super) axis: String,
+    /// As written, or its name.
+    pub(super) text: String,
+    /// What it changes.
+    pub(super) changes: Vec<Change>,
+}
+
+/// That an axis or a path has one of some values.
+pub(super) struct Condition {
+    pub(super) of: String,
+    pub(super) place: Place,
+    pub(super) among: Vec<Arc<Node>>,
+}
+
+impl Axis {
+    /// The axis of an entry of `matrix`; `is_sampled`: some of its combinations are drawn.
+    pub(super) fn read(
+        entry: &Entry,
+        parameters: &Parameters<'_>,
+        is_sampled: bool,
+        report: &mut Report,
+    ) -> Option<Self> {
+        let (key, place, node) = (&entry.key, &entry.key_place, &entry.value);
+        let is_path = key.contains('.');
+        let mut axis = Self {
+            key: key.clone(),
+            place: place.clone(),
+            paths: Vec::new(),
+            values: Values::Listed(Vec::new()),
+            when: Vec::new(),
+        };
+        // A list stands for what it is set at, whatever the key looks like.
+        if is_path || matches!(node.value, Tree::List(_)) {
+            axis.paths.push((key.clone(), place.clone()));
+        }
+        let values = match &node.value {
+            Tree::List(_) => node,
+            Tree::Map(entries) if !entries.is_empty() => {
+                known_keys(node, &format!("the axis `{key}`"), KEYS, report);
+                if !is_path {
+                    names::check(key, "an axis", &[Factor::VARIANT], place, report);
+                }
+                if let Some(set) = node.entry("set") {
+                    axis.paths = paths(set, report)?;
+                }
+                axis.when = node.entry("when").map_or_else(Vec::new, |when| conditions(when, report));
+                match node.get("values") {
+                    Some(values) => values,
+                    None if node.get("from").is_some() || node.get("to").is_some() => node,
+                    None => {
+                        report.push(
+                            Diagnostic::error(place, format!("the axis `{key}` has no `values`"))
+                                .label("takes no values")
+                                .help(FORM),
+                        );
+                        return None;
+                    }
+                }
+            }
+            _ => {
+                let what = format!("`{key}` wants a list of values, not {}", node.describe());
+                let help = "write the values in brackets: `[none, minmax]`";
+                report.push(Diagnostic::error(&node.place, what).help(help));
+                return None;
+            }
+        };
+        axis.values = axis.read_values(values, parameters, is_sampled, report)?;
+        Some(axis)
+    }
+
+    fn read_values(
+        &self,
+        node: &Arc<Node>,
+        parameters: &Parameters<'_>,
+        is_sampled: bool,
+        report: &mut Report,
+    ) -> Option<Values> {
+        let key = &self.key;
+        let is_range = node.get("from").is_some() || node.get("to").is_some();
+        let needs_paths = is_range || !node.is_map();
+        if needs_paths && self.paths.is_empty() {
+            let what = format!("the axis `{key}` does not say what its values are set at");
+            report.push(
+                Diagnostic::error(&self.place, what)
+                    .help("name the paths: `set: [STAGE.NODE.with.X, STAGE.OTHER.with.X]`"),
+            );
+            return None;
+        }
+        match &node.value {
+            Tree::List(values) if !values.is_empty() => Some(self.listed(values)),
+            Tree::Map(_) if is_range => {
+                // The axis itself may be the range.
+                let bare: Vec<Entry> =
+                    node.entries().iter().filter(|e| !matches!(e.key.as_str(), "set" | "when")).cloned().collect();
+                let bare = Arc::new(Node::new(Tree::Map(bare), node.place.clone()));
+                let schema = self.paths.iter().find_map(|(path, _)| parameters.schema(path));
+                match range::read(&bare, &format!("`{key}`"), schema, report)? {
+                    Numbers::Steps(values) => Some(self.listed(&values)),
+                    Numbers::Between(range) if is_sampled => Some(Values::Between(range)),
+                    Numbers::Between(_) => {
+                        let what = format!("the range of `{key}` does not say how many values it stands for");
+                        report.push(
+                            Diagnostic::error(&node.place, what).label("needs `steps`").help(
+                                "`steps: 6` takes six, its ends among them; a `sample` beside the axes draws any",
+                            ),
+                        );
+                        None
+                    }
+                }
+            }
+            Tree::Map(entries) if !entries.is_empty() => {
+                let mut levels = Vec::with_capacity(entries.len());
+                for entry in entries {
+                    names::check(&entry.key, "a value of an axis", &[], &entry.key_place, report);
+                    if !self.paths.is_empty() {
+                        levels.push(Arc::new(self.level(entry.key.clone(), &entry.value)));
+                        continue;
+                    }
+                    let what = format!("the value `{}` of the axis `{key}`", entry.key);
+                    let changes = variant::changes(&entry.value, &what, report)?;
+                    levels.push(Arc::new(Level { axis: key.clone(), text: entry.key.clone(), changes }));
+                }
+                Some(Values::Listed(levels))
+            }
+            Tree::List(_) | Tree::Map(_) | Tree::Null => {
+                let place = if node.is_null() { &self.place } else { &node.place };
+                report.push(
+                    Diagnostic::error(place, format!("`{key}` has no values to take"))
+                        .help("list at least one value, or remove it from the matrix"),
+                );
+                None
+            }
+            Tree::Bool(_) | Tree::Number(_) | Tree::Text(_) => {
+                let what = format!("`{key}` wants a list of values, not {}", node.describe());
+                report.push(Diagnostic::error(&node.place, what).help(FORM));
+                None
+            }
+        }
+    }
+
+    fn listed(&self, values: &[Arc<Node>]) -> Values {
+        Values::Listed(values.iter().map(|value| Arc::new(self.level(value_text(value), value))).collect())
+    }
+
+    /// A value, set wherever the axis sets one.
+    pub(super) fn level(&self, text: String, value: &Arc<Node>) -> Level {
+        let change = |(path, place): &(String, Place)| Change {
+            path: path.clone(),
+            place: place.clone(),
+            value: Arc::clone(value),
+        };
+        Level { axis: self.key.clone(), text, changes: self.paths.iter().map(change).collect() }
+    }
+
+    /// The number of its values, for counting combinations.
+    pub(super) fn len(&self) -> usize {
+        match &self.values {
+            Values::Listed(levels) => levels.len(),
+            Values::Between(_) => usize::MAX,
+        }
+    }
+
+    /// The value of that name.
+    pub(super) fn named(&self, text: &str) -> Option<&Arc<Level>> {
+        self.levels().iter().find(|level| level.text == text)
+    }
+
+    /// What its values are called.
+    pub(super) fn names(&self) -> Vec<&str> {
+        self.levels().iter().map(|level| level.text.as_str()).collect()
+    }
+
+    fn levels(&self) -> &[Arc<Level>] {
+        match &self.values {
+            Values::Listed(levels) => levels,
+            Values::Between(_) => &[],
+        }
+    }
+
+    /// Whether one of its values changes what a path names.
+    pub(super) fn sets(&self, path: &str) -> bool {
+        let among = |changes: &[Change]| changes.iter().any(|change| change.path == path);
+        self.paths.iter().any(|(own, _)| own == path) || self.levels().iter().any(|level| among(&level.changes))
+    }
+}
+
+/// `set: PATH` or `set: [PATH, PATH]`.
+fn paths(entry: &Entry, report: &mut Report) -> Option<Vec<(String, Place)>> {
+    let node = &entry.value;
+    let items: Vec<&Arc<Node>> = match &node.value {
+        Tree::List(items) if !items.is_empty() => items.iter().collect(),
+        Tree::Text(_) => vec![node],
+        _ => Vec::new(),
+    };
+    let paths: Option<Vec<(String, Place)>> =
+        items.iter().map(|item| Some((item.text()?.to_owned(), item.place.clone()))).collect();
+    let paths = paths.filter(|paths| !paths.is_empty());
+    if paths.is_none() {
+        let place = if node.is_null() { &entry.key_place } else { &node.place };
+        report.push(
+            Diagnostic::error(place, "`set` wants the paths that take the axis's value")
+                .help("e.g. `set: [STAGE.LEFT.with.X, STAGE.RIGHT.with.X]`"),
+        );
+    }
+    paths
+}
+
+/// `when: { PATH: VALUE, AXIS: [VALUE, VALUE] }`.
+fn conditions(entry: &Entry, report: &mut Report) -> Vec<Condition> {
+    if !entry.value.is_map() || entry.value.entries().is_empty() {
+        let place = if entry.value.is_null() { &entry.key_place } else { &entry.value.place };
+        report.push(
+            Diagnostic::error(
+                place,
+                format!("`when` wants a map from paths or axes to values, not {}", entry.value.describe()),
+            )
+            .help("e.g. `when: { STAGE.NODE.with.mode: hh }`; of several values, `[sgbm, hh]`"),
+        );
+        return Vec::new();
+    }
+    let condition = |entry: &Entry| Condition {
+        of: entry.key.clone(),
+        place: entry.key_place.clone(),
+        among: match &entry.value.value {
+            Tree::List(values) => values.clone(),
+            _ => vec![Arc::clone(&entry.value)],
+        },
+    };
+    entry.value.entries().iter().map(condition).collect()
+}

@@ -1,0 +1,55 @@
+//! What combinations are called: by the file's text alone, so that a variant has one name on every machine.
+
+use std::collections::{HashMap, HashSet};
+
+use super::Combination;
+use crate::plan::Factor;
+
+/// The longest part of a name that a value gives, characters.
+const LONGEST_VALUE: usize = 60;
+
+/// What a combination is called that changes nothing, among others that do.
+const UNCHANGED: &str = "base";
+
+/// The name and factors of each combination; `all` are the axes of all of them, and other words that would be mistaken for one.
+pub(super) fn named(combinations: &[Combination], all: &[String]) -> Vec<(String, Vec<Factor>)> {
+    let shorts: HashMap<&str, String> = all.iter().map(|axis| (axis.as_str(), short(axis, all))).collect();
+    let mut taken = HashSet::new();
+    let name = |combination: &Combination| {
+        let factor =
+            |level: &super::Part| Factor { axis: shorts[level.axis.as_str()].clone(), value: level.text.clone() };
+        let factors: Vec<Factor> = combination.iter().map(factor).collect();
+        let name = factors.iter().map(part_of_name).collect::<Vec<_>>().join("+");
+        let name = if name.is_empty() && combinations.len() > 1 { UNCHANGED.to_owned() } else { name };
+        let mut unique = name.clone();
+        let mut number = 2;
+        while !taken.insert(unique.clone()) {
+            unique = format!("{name}-{number}");
+            number += 1;
+        }
+        (unique, factors)
+    };
+    combinations.iter().map(name).collect()
+}
+
+/// The shortest end of a path that no other path has. `with` and `inputs` tell nothing: `blur.with.size` is `blur.size`. The name of an
+/// axis is short already.
+fn short(axis: &str, all: &[String]) -> String {
+    let telling = |path: &str| {
+        let parts: Vec<&str> = path.split('.').filter(|part| !matches!(*part, "with" | "inputs")).collect();
+        parts.join(".")
+    };
+    let own = telling(axis);
+    let others: Vec<String> = all.iter().filter(|other| *other != axis).map(|other| telling(other)).collect();
+    let starts = own.rmatch_indices('.').map(|(at, _)| at + 1).chain([0]);
+    let unique = |end: &&str| !others.iter().any(|other| other == *end || other.ends_with(&format!(".{end}")));
+    starts.map(|start| &own[start..]).find(unique).unwrap_or(axis).to_owned()
+}
+
+/// An axis with its value as part of a name: no `/`, which separates variant and estimate, and no space.
+fn part_of_name(factor: &Factor) -> String {
+    let text = factor.value.chars().take(LONGEST_VALUE);
+    let value: String =
+        text.map(|c| if c.is_alphanumeric() || matches!(c, '_' | '-' | '.' | '=') { c } else { '-' }).collect();
+    format!("{}={value}", factor.axis)
+}

@@ -1,0 +1,183 @@
+//! `{ from: 2, to: 64, steps: 6, log: true }`: numbers between two ends.
+//!
+//! Numbers are printed as short as their distance allows, and are what is printed: a variant's name says the whole value.
+
+use std::sync::Arc;
+
+use serde_json::{Number, Value as Json};
+
+use crate::language::check::spec::known_keys;
+use crate::language::text::diagnostics::{Diagnostic, Report};
+use crate::language::text::tree::{Node, Tree};
+
+/// The keys of a range.
+pub(super) const KEYS: &[&str] = &["from", "to", "steps", "log"];
+
+/// Numbers between two ends.
+#[derive(Clone)]
+pub(super) struct Range {
+    from: f64,
+    to: f64,
+    log: bool,
+    /// Of a parameter that takes whole numbers, what they are multiples of.
+    multiple_of: Option<f64>,
+    /// The range as written.
+    node: Arc<Node>,
+}
+
+/// A range as written: with `steps` the values it stands for, without them all between its ends.
+pub(super) enum Numbers {
+    Steps(Vec<Arc<Node>>),
+    Between(Range),
+}
+
+/// Reads a range; `schema` is that of the parameter which takes its numbers, if it is known.
+pub(super) fn read(node: &Arc<Node>, what: &str, schema: Option<&Json>, report: &mut Report) -> Option<Numbers> {
+    known_keys(node, &format!("the range of {what}"), KEYS, report);
+    let mut wrong = |at: &Node, what: String, help: &str| {
+        report.push(Diagnostic::error(&at.place, what).help(help));
+        None::<f64>
+    };
+    let mut end = |key: &str| match node.get(key).map(|end| (end, &end.value)) {
+        Some((_, Tree::Number(number))) => number.as_f64(),
+        Some((end, _)) => wrong(end, format!("`{key}` wants a number, not {}", end.describe()), FORM),
+        None => wrong(node, format!("the range of {what} has no `{key}`"), FORM),
+    };
+    let (from, to) = (end("from"), end("to"));
+    let (from, to) = (from?, to?);
+    if from >= to {
+        wrong(node, format!("the range from {from} to {to} holds no numbers"), "`from` is the smaller one");
+        return None;
+    }
+    let log = match node.get("log").map(|log| (log, &log.value)) {
+        None => false,
+        Some((_, Tree::Bool(log))) => *log,
+        Some((log, _)) => {
+            wrong(log, format!("`log` wants `true` or `false`, not {}", log.describe()), FORM);
+            return None;
+        }
+    };
+    if log && from <= 0.0 {
+        wrong(node, "a range with `log` begins above 0".to_owned(), "its values have equal ratios: 2, 4, 8, 16");
+        return None;
+    }
+    let multiple_of = schema.filter(|schema| takes_whole_numbers(schema)).map(|schema| {
+        let of = schema.get("multipleOf").and_then(Json::as_f64);
+        of.filter(|of| *of >= 1.0).unwrap_or(1.0)
+    });
+    let range = Range { from, to, log, multiple_of, node: Arc::clone(node) };
+    match node.get("steps").map(|steps| (steps, &steps.value)) {
+        None => Some(Numbers::Between(range)),
+        Some((_, Tree::Number(steps))) if steps.as_u64().is_some_and(|steps| (2..=MOST_STEPS).contains(&steps)) => {
+            let steps = steps.as_u64().unwrap_or(2);
+            let parts = (steps - 1) as f64;
+            let mut values: Vec<Arc<Node>> = Vec::new();
+            for step in 0..steps {
+                let value = range.at(step as f64 / parts, parts);
+                // Rounded to whole numbers, neighbours may be equal.
+                if values.last().is_none_or(|last| last.to_json() != value.to_json()) {
+                    values.push(value);
+                }
+            }
+            Some(Numbers::Steps(values))
+        }
+        Some((steps, _)) => {
+            wrong(steps, format!("`steps` wants a whole number of 2 to {MOST_STEPS}"), FORM);
+            None
+        }
+    }
+}
+
+const FORM: &str = "a range is `{ from: 2, to: 64, steps: 6 }`, with `log: true` for equal ratios";
+const MOST_STEPS: u64 = 10_000;
+
+impl Range {
+    /// The number at a share of the way, 0 to 1, when `parts` of the way are told apart.
+    pub(super) fn at(&self, share: f64, parts: f64) -> Arc<Node> {
+        let (from, to) = (self.from, self.to);
+        // `libm`, since the system's functions differ in last bits between machines.
+        let ratio = if self.log { libm::log(to / from) } else { 0.0 };
+        let value = match share {
+            share if share <= 0.0 => from,
+            share if share >= 1.0 => to,
+            share if self.log => from * libm::exp(share * ratio),
+            share => from + share * (to - from),
+        };
+        let value = match self.multiple_of {
+            Some(of) => {
+                let (least, most) = ((from / of).ceil(), (to / of).floor());
+                let whole = (value / of).round();
+                of * if least <= most { whole.clamp(least, most) } else { whole }
+            }
+            None if share <= 0.0 || share >= 1.0 => value,
+            None => {
+                let apart = if self.log { value * libm::expm1(ratio / parts) } else { (to - from) / parts };
+                short(value, apart)
+            }
+        };
+        let number = if value.fract() == 0.0 && value.abs() < 1e15 {
+            Number::from(value as i64)
+        } else {
+            Number::from_f64(value).unwrap_or_else(|| 0.into())
+        };
+        Arc::new(Node::new(Tree::Number(number), self.node.place.clone()))
+    }
+}
+
+impl Range {
+    /// The number drawn with a share of [0, 1); of whole numbers each equally likely, unless their ratios are to be.
+    pub(super) fn draw(&self, share: f64, count: usize) -> Arc<Node> {
+        let parts = (count as f64 / 10.0).max(10.0);
+        let Some(of) = self.multiple_of.filter(|_| !self.log) else { return self.at(share, parts) };
+        let (least, most) = ((self.from / of).ceil(), (self.to / of).floor());
+        let value = of * (least + (share * (most - least + 1.0)).floor());
+        self.at(((value - self.from) / (self.to - self.from)).clamp(0.0, 1.0), parts)
+    }
+}
+
+/// A number with so many decimals that two which are `apart` differ by about a hundred units of the last.
+fn short(value: f64, apart: f64) -> f64 {
+    let mut decimals = 0;
+    let mut unit = 1.0;
+    while unit * 100.0 > apart && decimals < 15 {
+        unit /= 10.0;
+        decimals += 1;
+    }
+    format!("{value:.decimals$}").parse().unwrap_or(value)
+}
+
+/// Whether a parameter takes whole numbers alone.
+fn takes_whole_numbers(schema: &Json) -> bool {
+    fn types<'s>(schema: &'s Json, found: &mut Vec<&'s str>) {
+        match schema.get("type") {
+            Some(Json::String(one)) => found.push(one),
+            Some(Json::Array(several)) => found.extend(several.iter().filter_map(Json::as_str)),
+            _ => {}
+        }
+        for alternatives in ["anyOf", "oneOf"].iter().filter_map(|key| schema.get(key)?.as_array()) {
+            alternatives.iter().for_each(|alternative| types(alternative, found));
+        }
+    }
+    let mut found = Vec::new();
+    types(schema, &mut found);
+    found.contains(&"integer") && !found.contains(&"number")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::short;
+
+    #[test]
+    fn numbers_are_as_short_as_their_distance_allows() {
+        for (value, apart, expected) in [
+            (1.0 / 3.0, 1.0 / 3.0, 0.333),
+            (14.4, 12.4, 14.4),
+            (26.799_999_999_999_997, 12.4, 26.8),
+            (25_749.6, 24_750.0, 25_750.0),
+            (10_000.5, 0.5, 10_000.5),
+            (0.000_123_456, 0.000_15, 0.000_123),
+        ] {
+            assert_eq!(short(value, apart), expected);
+        }
+    }
+}

@@ -1,0 +1,59 @@
+//! What an experiment says of a parameter before any variant is looked at: its schema, and the value it has there.
+
+use std::sync::Arc;
+
+use serde_json::Value as Json;
+
+use super::path;
+use crate::language::check::score;
+use crate::language::check::with_schema;
+use crate::language::text::tree::{Node, Tree};
+use crate::registry::Registry;
+
+/// An experiment, asked for parameters by the paths that changes have.
+pub(crate) struct Parameters<'a> {
+    pub(crate) root: &'a Arc<Node>,
+    pub(crate) registry: &'a Registry,
+}
+
+impl<'a> Parameters<'a> {
+    /// The schema of what a path names, if it is a parameter.
+    pub(crate) fn schema(&self, path: &str) -> Option<&'a Json> {
+        let keys = path::keys(self.root, path)?;
+        let keys: Vec<&str> = keys.iter().map(String::as_str).collect();
+        let (kind, parameter) = match keys.as_slice() {
+            ["stages", stage, "nodes", node, "with", parameter @ ..] => {
+                let node = self.root.get("stages")?.get(stage)?.get("nodes")?.get(node)?;
+                (&self.registry.node_kind(node.get("kind")?.text()?)?.schema, parameter)
+            }
+            ["sources", source, "with", parameter @ ..] => {
+                let source = self.root.get("sources")?.get(source)?;
+                (&self.registry.source_kind(source.get("kind")?.text()?)?.schema, parameter)
+            }
+            ["stages", _, "score", parameter @ ..] => (&self.registry.node_kind(score::KIND)?.schema, parameter),
+            _ => return None,
+        };
+        if parameter.is_empty() {
+            return None;
+        }
+        parameter.iter().try_fold(kind, |schema, key| with_schema::property(schema, key))
+    }
+
+    /// What a path has in a document made of the experiment: what is written there, or the parameter's default.
+    pub(crate) fn value(&self, path: &str, document: &Node) -> Option<Json> {
+        let keys = path::keys(self.root, path)?;
+        match at(document, &keys) {
+            Some(node) => Some(node.to_json()),
+            None => self.schema(path)?.get("default").cloned(),
+        }
+    }
+}
+
+/// What stands at the end of keys and indices.
+pub(crate) fn at<'n>(root: &'n Node, keys: &[String]) -> Option<&'n Arc<Node>> {
+    let (first, rest) = keys.split_first()?;
+    rest.iter().try_fold(root.get(first)?, |node, key| match &node.value {
+        Tree::List(items) => items.get(key.parse::<usize>().ok()?),
+        _ => node.get(key),
+    })
+}

@@ -1,0 +1,260 @@
+//! Axes of `matrix`: linked, named, conditional; ranges and samples; several matrices; which variants are taken.
+
+mod toys;
+
+use depthloom_graphs::language::{Loaded, Options, load};
+use depthloom_graphs::plan::{Plan, PlannedNode};
+
+const BASE: &str = "experiment: base
+sources: { test: { kind: synthetic/road } }
+stages:
+  compare:
+    source: test
+    nodes:
+      left: { kind: stereo/sgbm, inputs: { left: source/left, right: source/right } }
+      right: { kind: stereo/sgbm, inputs: { left: source/right, right: source/left } }
+      depth: { kind: depth/from-disparity, inputs: { disparity: left/disparity, calibration: source/calibration } }
+      merged: { kind: depth/from-disparity, inputs: { disparity: right/disparity, calibration: source/calibration } }
+    score: { truth: source/depth, estimates: { stereo: depth/depth, other: merged/depth } }
+";
+
+fn try_load(more: &str, set: &[&str], only: &[&str]) -> Result<Loaded, String> {
+    let folder = tempfile::tempdir().expect("a folder can be made");
+    let path = folder.path().join("main.yaml");
+    std::fs::write(&path, format!("{BASE}{more}")).expect("a file can be written");
+    let set = set.iter().filter_map(|argument| argument.split_once('='));
+    let options = Options {
+        set: set.map(|(path, value)| (path.to_owned(), value.to_owned())).collect(),
+        only: only.iter().map(|&name| name.to_owned()).collect(),
+        env: Box::new(|_| None),
+    };
+    load(&path, &toys::registry(), &options).map_err(|found| found.to_string())
+}
+
+fn plan(more: &str) -> Plan {
+    try_load(more, &[], &[]).unwrap_or_else(|said| panic!("{said}")).plan
+}
+
+fn refused(more: &str) -> String {
+    try_load(more, &[], &[]).map(|loaded| loaded.plan.variants).expect_err("it is wrong")
+}
+
+fn node<'p>(plan: &'p Plan, variant: &str, name: &str) -> &'p PlannedNode {
+    let index = plan.variants.iter().position(|own| own == variant).expect("there is such a variant");
+    let mut nodes = plan.runs.iter().flat_map(|run| &run.nodes);
+    nodes.find(|node| node.name == name && node.variants.contains(&index)).expect("it has the node")
+}
+
+/// A parameter of `left` and of `right`.
+fn both(plan: &Plan, variant: &str, parameter: &str) -> [i64; 2] {
+    ["left", "right"].map(|name| node(plan, variant, name).params[parameter].as_i64().expect("a number"))
+}
+
+/// The factors of a variant, `axis=value`.
+fn factors(plan: &Plan, variant: usize) -> Vec<String> {
+    plan.factors[variant].iter().map(|factor| format!("{}={}", factor.axis, factor.value)).collect()
+}
+
+#[test]
+fn linked_paths_take_one_value() {
+    let plan = plan(
+        "matrix:
+  block: { set: [compare.left.with.block, compare.right.with.block], values: [3, 9] }
+  compare.left.with.disparities: [32, 64]
+",
+    );
+    assert_eq!(
+        plan.variants,
+        ["block=3+disparities=32", "block=3+disparities=64", "block=9+disparities=32", "block=9+disparities=64"]
+    );
+    assert_eq!(both(&plan, "block=9+disparities=32", "block"), [9, 9]);
+    assert_eq!(factors(&plan, 3), ["block=9", "disparities=64"]);
+}
+
+#[test]
+fn named_values_are_maps_of_changes() {
+    let plan = plan(
+        "matrix:
+  penalties:
+    values:
+      weak: { compare.left.with.p1: 100, compare.right.with.p1: 50 }
+      strong: { compare.left.with.p1: 400 }
+  where: { set: compare.left.with.block, values: { narrow: 3, wide: 9 } }
+  exclude: [ { penalties: weak, where: wide } ]
+  include: [ { penalties: strong, compare.left.with.block: 7 } ]
+",
+    );
+    assert_eq!(
+        plan.variants,
+        [
+            "penalties=weak+where=narrow",
+            "penalties=strong+where=narrow",
+            "penalties=strong+where=wide",
+            "penalties=strong+block=7"
+        ]
+    );
+    assert_eq!(both(&plan, "penalties=weak+where=narrow", "p1"), [100, 50]);
+    assert_eq!(both(&plan, "penalties=strong+block=7", "block"), [7, 5]);
+}
+
+#[test]
+fn an_axis_with_a_condition_is_elsewhere_not_there() {
+    let matrix = "matrix:
+  mode: { set: [compare.left.with.mode, compare.right.with.mode], values: [sgbm, hh] }
+  compare.left.with.p1: { values: [100, 400], when: { mode: hh } }
+  compare.left.with.p2: { values: [900, 1600], when: { compare.left.with.p1: [400, 500] } }
+";
+    let expected = ["mode=sgbm", "mode=hh+p1=100", "mode=hh+p1=400+p2=900", "mode=hh+p1=400+p2=1600"];
+    let loaded = try_load(matrix, &[], &[]).unwrap_or_else(|said| panic!("{said}"));
+    assert_eq!(loaded.plan.variants, expected);
+    assert!(loaded.warnings.is_empty(), "no two are the same: {}", loaded.warnings);
+    assert_eq!(factors(&loaded.plan, 0), ["mode=sgbm"]);
+    // By what is written, by what a variant says, and by a default.
+    let on_variants = "variants: { plain: {}, hh: { compare.left.with.mode: hh } }
+matrix: { compare.left.with.p1: { values: [100, 400], when: { compare.left.with.mode: hh } } }
+";
+    let names = ["plain", "hh+p1=100", "hh+p1=400"];
+    assert_eq!(plan(on_variants).variants, names);
+    let on_kinds = "variants: { sgbm: {}, other: { compare.left.kind: toy/constant, compare.left.inputs: { left: source/left, right: null } } }
+matrix: { compare.left.with.p1: { values: [100, 400], when: { compare.left.kind: stereo/sgbm } } }
+";
+    let said = try_load(on_kinds, &[], &[]).map(|loaded| loaded.plan.variants).unwrap_or_else(|said| vec![said]);
+    assert!(said[0].contains("there is no node kind `toy/constant`") && !said[0].contains("p1"), "{said:?}");
+}
+
+#[test]
+fn a_condition_looks_at_what_is_above_it_or_written() {
+    let below = "matrix:
+  compare.left.with.p1: { values: [100, 400], when: { mode: hh } }
+  mode: { set: compare.left.with.mode, values: [sgbm, hh] }
+";
+    assert!(refused(below).contains("move that axis above this one"), "{}", refused(below));
+    let misspelt = "matrix:
+  mode: { set: compare.left.with.mode, values: [sgbm, hh] }
+  compare.left.with.p1: { values: [100, 400], when: { mod: hh } }
+";
+    assert!(refused(misspelt).contains("did you mean `mode`?"), "{}", refused(misspelt));
+    let nowhere = "matrix: { compare.left.with.p1: { values: [100, 400], when: { compare.left.with.colour: red } } }\n";
+    assert!(refused(nowhere).contains("nothing says what `compare.left.with.colour` is"), "{}", refused(nowhere));
+}
+
+#[test]
+fn a_range_is_numbers_that_fit_their_parameter() {
+    let names = |axis: &str| plan(&format!("matrix: {{ {axis} }}\n")).variants;
+    let log = "compare.left.with.p1: { from: 2, to: 64, steps: 6, log: true }";
+    assert_eq!(names(log), ["p1=2", "p1=4", "p1=8", "p1=16", "p1=32", "p1=64"]);
+    let rounded = "compare.left.with.p1: { from: 1, to: 3, steps: 9 }";
+    assert_eq!(names(rounded), ["p1=1", "p1=2", "p1=3"], "whole, each once");
+    let multiples = "compare.left.with.disparities: { from: 16, to: 100, steps: 4 }";
+    assert_eq!(names(multiples), ["disparities=16", "disparities=48", "disparities=80", "disparities=96"]);
+    let metres = "compare.depth.with.cap: { values: { from: 20, to: 80, steps: 4, log: true } }";
+    assert_eq!(names(metres), ["cap=20", "cap=31.7", "cap=50.4", "cap=80"]);
+    assert_eq!(
+        names("compare.depth.with.cap: { from: 0.5, to: 1, steps: 4 }"),
+        ["cap=0.5", "cap=0.667", "cap=0.833", "cap=1"]
+    );
+    let of = |axis: &str| refused(&format!("matrix: {{ {axis} }}\n"));
+    assert!(of("compare.left.with.p1: { from: 2, to: 64 }").contains("needs `steps`"));
+    assert!(of("compare.left.with.p1: { from: 64, to: 2, steps: 3 }").contains("holds no numbers"));
+    assert!(of("compare.left.with.p1: { from: 0, to: 2, steps: 3, log: true }").contains("begins above 0"));
+    assert!(of("compare.left.with.p1: { from: 0, to: 2, step: 3 }").contains("did you mean `steps`?"));
+}
+
+#[test]
+fn a_sample_draws_some_of_all_combinations_always_alike() {
+    let matrix = |sample: &str| {
+        format!(
+            "matrix:
+  compare.depth.with.cap: {{ from: 20, to: 80 }}
+  compare.left.with.p1: {{ from: 10, to: 700 }}
+  mode: {{ set: compare.left.with.mode, values: [sgbm, hh] }}
+  sample: {sample}
+"
+        )
+    };
+    let hypercube = plan(&matrix("{ method: latin-hypercube, count: 20, seed: 7 }"));
+    assert_eq!(hypercube.variants.len(), 20);
+    assert_eq!(hypercube.variants, plan(&matrix("{ count: 20, seed: 7 }")).variants);
+    assert_ne!(hypercube.variants, plan(&matrix("{ count: 20, seed: 8 }")).variants);
+    // One of each twentieth of the caps, half of the modes each.
+    let mut parts: Vec<usize> = (0..20)
+        .map(|variant| ((hypercube.factors[variant][0].value.parse::<f64>().unwrap() - 20.0) / 3.0) as usize)
+        .collect();
+    parts.sort_unstable();
+    assert_eq!(parts, (0..20).collect::<Vec<_>>());
+    assert_eq!(hypercube.factors.iter().filter(|factors| factors[2].value == "hh").count(), 10);
+    assert!(hypercube.factors.iter().all(|factors| factors[1].value.parse::<i64>().is_ok()), "whole numbers");
+    // The file's text alone names them: these names are for ever.
+    assert_eq!(hypercube.variants[0], "cap=76.9+p1=81+mode=hh");
+    let random = plan(&matrix("{ method: random, count: 20, seed: 7 }"));
+    assert_eq!(random.variants.len(), 20);
+    assert_ne!(random.variants, hypercube.variants);
+}
+
+#[test]
+fn a_sample_larger_than_all_there_is_takes_all_and_says_so() {
+    let text = "matrix: { compare.left.with.block: [3, 5, 7], compare.left.with.mode: [sgbm, hh], sample: { method: random, count: 40 } }\n";
+    let loaded = try_load(text, &[], &[]).unwrap_or_else(|said| panic!("{said}"));
+    assert_eq!(loaded.plan.variants.len(), 6);
+    assert!(loaded.warnings.to_string().contains("the sample of 40 holds 6 different combinations"));
+}
+
+#[test]
+fn several_matrices_follow_each_other() {
+    let text = "matrix:
+  - { compare.left.with.block: [3, 9] }
+  - { compare.left.with.mode: [hh], compare.depth.with.cap: [50, 80] }
+";
+    let names = ["block=3", "block=9", "mode=hh+cap=50", "mode=hh+cap=80"];
+    assert_eq!(plan(text).variants, names);
+    let with_variants = plan(&format!("variants: {{ a: {{}}, b: {{ compare.right.with.block: 7 }} }}\n{text}"));
+    assert_eq!(with_variants.variants.len(), 8);
+    assert_eq!(with_variants.variants[4], "b+block=3");
+    let set = |argument: &str| try_load(text, &[argument], &[]).map(|loaded| loaded.plan.variants);
+    assert_eq!(set("matrix.compare.left.with.block=[7]").unwrap()[0], "block=7");
+    assert_eq!(set("matrix.1.compare.right.with.block=[7]").unwrap()[2], "mode=hh+cap=50+right.block=7");
+    assert!(set("matrix.compare.right.with.block=[7]").unwrap_err().contains("of 2 matrices none has"));
+}
+
+#[test]
+fn the_command_line_adds_and_replaces_axes() {
+    let set = |more: &str, set: &[&str]| try_load(more, set, &[]).map(|loaded| loaded.plan.variants);
+    assert_eq!(set("", &["matrix.compare.left.with.block=[3, 9]"]).unwrap(), ["block=3", "block=9"]);
+    let both = ["matrix.compare.left.with.block=[3]", "matrix.compare.depth.with.cap={ from: 50, to: 80, steps: 2 }"];
+    assert_eq!(set("", &both).unwrap(), ["block=3+cap=50", "block=3+cap=80"]);
+    let named = "matrix: { block: { set: [compare.left.with.block, compare.right.with.block], values: [3, 9] } }\n";
+    assert_eq!(set(named, &["matrix.block=[7]"]).unwrap(), ["block=7"], "it keeps what it sets");
+    assert_eq!(set(named, &["matrix.block=null"]).unwrap(), [""]);
+    assert!(set(named, &["matrix.blok=[7]"]).unwrap_err().contains("did you mean `block`?"));
+    assert!(set("", &["matrix.compare.left.with.blok=[7]"]).unwrap_err().contains("did you mean `block`?"));
+    let said = set(named, &["compare.right.with.block=7"]).unwrap_err();
+    assert!(said.contains("`--matrix 'block=[7]'` sets the values"), "{said}");
+    assert!(set("", &["record=[compare.depth/depth]"]).is_ok());
+}
+
+#[test]
+fn only_some_variants_are_taken_in_their_order() {
+    let variants =
+        "variants: { full: {}, no_hh: { compare.left.with.block: 3 }, no_p: { compare.left.with.block: 9 } }\n";
+    let take = |only: &[&str]| try_load(variants, &[], only).map(|loaded| loaded.plan.variants);
+    assert_eq!(take(&["no_*", "full"]).unwrap(), ["full", "no_hh", "no_p"]);
+    assert_eq!(take(&["no_p"]).unwrap(), ["no_p"]);
+    let said = take(&["ful"]).unwrap_err();
+    assert!(said.contains("no variant is called `ful`") && said.contains("did you mean `full`?"), "{said}");
+    assert!(try_load("", &[], &["full"]).unwrap_err().contains("no variants to choose from"));
+    // The file can say the same, and what is kept does.
+    assert_eq!(plan(&format!("{variants}only: no_*\n")).variants, ["no_hh", "no_p"]);
+    let loaded = try_load(variants, &[], &["no_p"]).unwrap();
+    let resolved = &loaded.kept.last().expect("it is kept").1;
+    let again = try_load("", &[], &[]).map(|_| resolved.contains("only:"));
+    assert_eq!(again, Ok(true), "{resolved}");
+    assert!(loaded.kept[0].1.starts_with("# As it was written, without what the run set: --variant 'no_p'."));
+    assert!(loaded.plan.resolved.contains("only:"));
+}
+
+#[test]
+fn one_that_is_taken_alone_is_named_as_among_all() {
+    let loaded = try_load("matrix: { compare.left.with.block: [3, 9] }\n", &[], &["*=9"]).unwrap();
+    assert_eq!((loaded.plan.variants.len(), loaded.plan.variants[0].as_str()), (1, "block=9"));
+    assert_eq!(factors(&loaded.plan, 0), ["block=9"]);
+}
