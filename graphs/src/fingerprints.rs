@@ -65,6 +65,7 @@ mod tests {
             contract: Contract::Pure,
             params: Json::Null,
             portable: Json::Null,
+            auto: Vec::new(),
             inputs: vec![PlannedInput { port: Port::frame("depth", ValueType::Depth, "Any."), from }],
             outputs: Vec::new(),
             recipe: Key::of_content(name.as_bytes()),

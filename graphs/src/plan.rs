@@ -113,6 +113,8 @@ pub struct PlannedNode {
     pub params: Json,
     /// The same as far as they are equal on every machine; see [`SourcePart::portable`].
     pub portable: Json,
+    /// Those of its parameters that follow others ([`Auto`](crate::contracts::Auto)), as the first of the nodes it stands for has them.
+    pub auto: Vec<String>,
     /// Its input ports, in the order of the declaration, and what is wired to them.
     pub inputs: Vec<PlannedInput>,
     /// Its output ports, in the order of the declaration.

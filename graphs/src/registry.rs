@@ -121,7 +121,7 @@ impl Registry {
         let declaration = N::declaration();
         let entry = NodeKind {
             schema: schema_of::<N::Params>(),
-            resolve: |json| resolve::<N::Params>(json, N::check),
+            resolve: |json| resolve::<N::Params>(json, N::resolve, N::check),
             check_inputs: |json, upstream| N::check_inputs(&parse::<N::Params>(json)?, upstream),
             fingerprint: |json| N::fingerprint(&parse::<N::Params>(json)?),
             build: |json| N::build(parse::<N::Params>(json)?),
@@ -139,7 +139,7 @@ impl Registry {
         let entry = SourceEntry {
             declaration: S::declaration(),
             schema: schema_of::<S::Params>(),
-            resolve: |json| resolve::<S::Params>(json, S::check),
+            resolve: |json| resolve::<S::Params>(json, |_| {}, S::check),
             open: |json| S::open(parse::<S::Params>(json)?),
         };
         if self.claim(entry.declaration.kind, type_name::<S>()) {
@@ -216,12 +216,14 @@ fn parse<P: serde::de::DeserializeOwned>(resolved: &Json) -> Result<P, Fault> {
 
 fn resolve<P: serde::Serialize + serde::de::DeserializeOwned>(
     json: &Json,
+    follow: fn(&mut P),
     check: fn(&P) -> Result<(), (&'static str, String)>,
 ) -> Result<Json, ParamError> {
-    let params: P = serde_path_to_error::deserialize(json).map_err(|error| ParamError {
+    let mut params: P = serde_path_to_error::deserialize(json).map_err(|error| ParamError {
         path: error.path().iter().map(ToString::to_string).filter(|segment| segment != "?").collect(),
         what: error.inner().to_string(),
     })?;
+    follow(&mut params);
     check(&params).map_err(|(name, what)| ParamError { path: vec![name.to_owned()], what })?;
     serde_json::to_value(&params).map_err(|error| ParamError { path: Vec::new(), what: error.to_string() })
 }

@@ -78,7 +78,7 @@ fn named_values_are_maps_of_changes() {
   penalties:
     values:
       weak: { compare.left.with.p1: 100, compare.right.with.p1: 50 }
-      strong: { compare.left.with.p1: 400 }
+      strong: { compare.left.with.p1: 250 }
   where: { set: compare.left.with.block, values: { narrow: 3, wide: 9 } }
   exclude: [ { penalties: weak, where: wide } ]
   include: [ { penalties: strong, compare.left.with.block: 7 } ]
@@ -257,4 +257,83 @@ fn one_that_is_taken_alone_is_named_as_among_all() {
     let loaded = try_load("matrix: { compare.left.with.block: [3, 9] }\n", &[], &["*=9"]).unwrap();
     assert_eq!((loaded.plan.variants.len(), loaded.plan.variants[0].as_str()), (1, "block=9"));
     assert_eq!(factors(&loaded.plan, 0), ["block=9"]);
+}
+
+/// What is said of an experiment, messages and help.
+fn warned(more: &str) -> Vec<(String, String)> {
+    let loaded = try_load(more, &[], &[]).unwrap_or_else(|said| panic!("{said}"));
+    loaded.warnings.iter().map(|warning| (warning.message.clone(), warning.help.clone().unwrap_or_default())).collect()
+}
+
+#[test]
+fn a_parameter_that_follows_others_becomes_its_number_before_all_else() {
+    let swept = plan("matrix: { compare.left.with.block: [3, 5, 9] }\n");
+    for (variant, p1, p2) in [("block=3", 72, 288), ("block=5", 200, 800), ("block=9", 648, 2592)] {
+        let node = node(&swept, variant, "left");
+        assert_eq!((&node.params["p1"], &node.params["p2"]), (&p1.into(), &p2.into()));
+        assert_eq!(node.auto, ["p1", "p2"]);
+    }
+    assert!(swept.summary_text().contains("  auto: p1 = 72, p2 = 288 of left\n"), "{}", swept.summary_text());
+    assert_eq!(swept.summary_json()["runs"][0]["nodes"][0]["auto"], serde_json::json!(["p1", "p2"]));
+    // However it is come by, an equal number is an equal node.
+    let alike = plan(
+        "variants: { plain: {}, auto: { compare.left.with.p1: auto }, same: { compare.left.with: { p1: 200, p2: 800 } } }\n",
+    );
+    let lefts = alike.runs[0].nodes.iter().filter(|node| node.name == "left");
+    assert_eq!(lefts.map(|node| node.variants.clone()).collect::<Vec<_>>(), [[0, 1, 2]]);
+    let said = refused("variants: { wrong: { compare.left.with.p1: atuo }, half: { compare.left.with.p1: 2.5 } }\n");
+    assert!(said.contains("did you mean `auto`?") && said.contains("`p1` wants a whole number, not `2.5`"), "{said}");
+}
+
+#[test]
+fn who_holds_what_could_follow_a_sweep_is_told() {
+    let base = |held: &str| format!("variants: {{ all: {{ compare.left.with.p1: {held} }} }}\n");
+    let swept = "matrix: { compare.left.with.block: [3, 5, 9] }\n";
+    assert_eq!(
+        warned(&format!("{}{swept}", base("200"))),
+        [(
+            "`p1` of node `left` stays 200 while `block`, which it would follow, is 3, 5, 9".to_owned(),
+            "`p1: auto`, its default, would be 72, 200, 648".to_owned()
+        )]
+    );
+    for fine in [
+        format!("{}{swept}", base("auto")),
+        swept.to_owned(),
+        // Both swept: it is meant so.
+        format!("{}{swept}", base("200").replace("} }\n", "}, more: { compare.left.with.p1: 250 } }\n")),
+        // Another node's block.
+        format!("{}matrix: {{ compare.right.with.block: [3, 5, 9] }}\n", base("200")),
+    ] {
+        assert_eq!(warned(&fine), [], "{fine}");
+    }
+    let in_variants = "variants: { small: { compare.left.with: { block: 3, p2: 900 } }, large: { compare.left.with: { block: 9, p2: 900 } } }\n";
+    assert!(warned(in_variants)[0].0.starts_with("`p2` of node `left` stays 900"), "{:?}", warned(in_variants));
+}
+
+#[test]
+fn a_stage_that_learns_for_nobody_is_told_of() {
+    let learn = "  learn:
+    source: test
+    nodes:
+      stereo: { kind: stereo/sgbm, inputs: { left: source/left, right: source/right } }
+      edges: { kind: confidence/edges, inputs: { image: source/left } }
+      samples: { kind: learn/samples, inputs: { image: source/left, target: stereo/disparity, mask: edges/mask } }
+      teacher: { kind: learn/ssl, inputs: { samples: samples/samples } }
+";
+    let folder = tempfile::tempdir().unwrap();
+    let warned = |text: &str| {
+        let path = folder.path().join("main.yaml");
+        std::fs::write(&path, text).unwrap();
+        let loaded = load(&path, &toys::registry(), &Options::default()).unwrap_or_else(|said| panic!("{said}"));
+        loaded.warnings.iter().map(|warning| warning.message.clone()).collect::<Vec<_>>()
+    };
+    let first = BASE.replace("stages:\n", &format!("stages:\n{learn}"));
+    assert_eq!(warned(&first), ["nothing uses what stage `learn` learns"]);
+    let wired = first.replace(
+        "    score: {",
+        "      mono: { kind: mono/onnx, inputs: { image: source/left, calibration: source/calibration, model: learn.teacher/model } }\n    score: {",
+    );
+    assert_eq!(warned(&wired), [""; 0]);
+    assert_eq!(warned(&format!("{first}record: [learn.teacher/model, '*/depth']\n")), [""; 0], "it is asked for");
+    assert_eq!(warned(&format!("{BASE}{learn}")), [""; 0], "what is learned last is what it is for");
 }

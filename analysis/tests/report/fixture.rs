@@ -36,6 +36,7 @@ pub fn plan(every: u64, keep_b: bool) -> Plan {
         contract: Contract::Pure,
         portable: params.clone(),
         params,
+        auto: Vec::new(),
         inputs: Vec::new(),
         outputs: vec![output(&name.replace('/', "_"), port, recorded)],
         recipe: Key::of_content(name.as_bytes()),

@@ -64,6 +64,23 @@ impl FrameSelection {
         }
     }
 
+    /// What `1..=40 available` asks for and there is not, in words; `ids` as for [`FrameSelection::select`].
+    #[must_use]
+    pub fn left_out(&self, ids: &[(u64, &str)]) -> Option<String> {
+        let Self::Available(range) = self else { return None };
+        let there: Vec<u64> = ids.iter().map(|(index, _)| *index).filter(|index| range.contains(index)).collect();
+        let asked = range.end - range.start;
+        let missing = asked - there.len() as u64;
+        let (first, last) = (there.first()?, there.last()?);
+        (missing > 0).then(|| {
+            let (from, to) = (range.start, range.end - 1);
+            let count = there.len();
+            format!(
+                "of the frames {from} to {to}, {missing} of {asked} are not there: {count} are taken, {first} to {last}"
+            )
+        })
+    }
+
     /// The indices selected among `ids.len()` frames numbered by `index`, as positions into `ids`.
     ///
     /// `ids` are (index, id) of all frames there are, ascending by index.
@@ -281,6 +298,10 @@ mod tests {
         assert_eq!(FrameSelection::Available(4..161).select(&IDS).expect("some are there"), vec![1, 2, 3]);
         assert_eq!(fault(&FrameSelection::Available(100..161)), "no frame is selected (there are 4 frames, 3 to 8)");
         assert_eq!(FrameSelection::parse("available"), Ok(FrameSelection::All));
+        let left_out = FrameSelection::Available(4..161).left_out(&IDS).expect("it is said");
+        assert_eq!(left_out, "of the frames 4 to 160, 154 of 157 are not there: 3 are taken, 4 to 8");
+        assert_eq!(FrameSelection::Available(7..9).left_out(&IDS), None);
+        assert_eq!(FrameSelection::All.left_out(&IDS), None);
     }
 
     #[test]

@@ -17,7 +17,7 @@ pub use fault::Fault;
 pub use frame::Frame;
 pub use frame_selection::FrameSelection;
 pub use node::{Inputs, Instance, Node, NodeDeclaration, OnceNode, OrderedNode, Outputs, PureNode};
-pub use params::DataPath;
+pub use params::{Auto, DataPath};
 pub use port::{Contract, Port, Rate};
 pub use source::{Source, SourceDeclaration, SourceKind, SourceOutputs};
 pub use store::{Store, Stored};

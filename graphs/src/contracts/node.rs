@@ -203,6 +203,10 @@ pub trait Node: 'static {
     /// Its name, version and ports.
     fn declaration() -> NodeDeclaration;
 
+    /// What parameters that follow others become: [`Auto::Auto`](super::Auto) its value. Done once, before all else: equal values are equal
+    /// nodes, however they were come by. Of what is resolved it changes nothing.
+    fn resolve(_params: &mut Self::Params) {}
+
     /// What no schema can say, e.g. `p2` must exceed `p1`: the parameter's name and a lower-case fragment.
     ///
     /// # Errors

@@ -31,3 +31,73 @@ impl JsonSchema for DataPath {
         json_schema!({ "type": "string", "format": "path" })
     }
 }
+
+/// A parameter that follows others unless it is given a value of its own: `auto`, or the value.
+///
+/// [`Node::resolve`](super::Node::resolve) puts the value in the place of `auto`, so that keys, recordings and the node itself know
+/// numbers alone. The parameter names those it follows: `#[schemars(extend("follows" = ["block"]))]`; of a range it is told
+/// likewise: `extend("minimum" = 0)`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Auto<T> {
+    /// As the others have it.
+    #[default]
+    Auto,
+    /// A value of its own.
+    Value(T),
+}
+
+impl<T: Copy> Auto<T> {
+    /// Its own value, or what the others make it.
+    pub fn or_else(self, follow: impl FnOnce() -> T) -> T {
+        match self {
+            Self::Auto => follow(),
+            Self::Value(value) => value,
+        }
+    }
+}
+
+/// How it is written that a parameter follows others.
+const AUTO: &str = "auto";
+
+impl<T: Serialize> Serialize for Auto<T> {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match self {
+            Self::Auto => serializer.serialize_str(AUTO),
+            Self::Value(value) => value.serialize(serializer),
+        }
+    }
+}
+
+impl<'de, T: Deserialize<'de>> Deserialize<'de> for Auto<T> {
+    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        #[derive(Deserialize)]
+        enum Word {
+            #[serde(rename = "auto")]
+            Auto,
+        }
+        #[derive(Deserialize)]
+        #[serde(untagged, expecting = "neither `auto` nor a value of its own")]
+        enum Written<T> {
+            Word(Word),
+            Value(T),
+        }
+        Ok(match Written::deserialize(deserializer)? {
+            Written::Word(Word::Auto) => Self::Auto,
+            Written::Value(value) => Self::Value(value),
+        })
+    }
+}
+
+impl<T: JsonSchema> JsonSchema for Auto<T> {
+    fn schema_name() -> std::borrow::Cow<'static, str> {
+        format!("Auto_{}", T::schema_name()).into()
+    }
+
+    fn inline_schema() -> bool {
+        true
+    }
+
+    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
+        json_schema!({ "anyOf": [generator.subschema_for::<T>(), { "const": AUTO }] })
+    }
+}

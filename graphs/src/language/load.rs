@@ -11,6 +11,7 @@ use super::change::parameter::Parameters;
 use super::change::path::Scope;
 use super::change::variant::Variant;
 use super::change::variants;
+use super::check::following::Sweeps;
 use super::check::params::Resolver;
 use super::check::spec::{self, Spec};
 use super::plan::assemble;
@@ -153,6 +154,7 @@ fn planned(
         return None;
     }
     let mut outlasted = Outlasted::new(&root, changes);
+    let mut sweeps = Sweeps::default();
     let mut resolver = Resolver::default();
     let mut linked: Vec<Linked<'_>> = Vec::with_capacity(variants.len());
     for (index, variant) in variants.iter().enumerate() {
@@ -162,7 +164,9 @@ fn planned(
         resolver.changed = variant.changes.iter().map(|change| change.value.place.clone()).collect();
         let spec = spec::read(&changed, report);
         check_names(&spec, report);
-        linked.push(link::link(&spec, registry, &mut resolver, report));
+        let link = link::link(&spec, registry, &mut resolver, report);
+        sweeps.look(&spec, |stage, node| link.stages[stage].nodes[node].parameters.as_deref());
+        linked.push(link);
         if index > 0 {
             report.in_variant(before, variant);
         }
@@ -179,6 +183,8 @@ fn planned(
     if report.has_errors() {
         return None;
     }
+    live::check_stages(&linked, &recording, report);
+    sweeps.report(report);
     let names: Vec<String> = variants.iter().map(|variant| variant.name.clone()).collect();
     let shared = share::share(&linked, &live);
     let runs = assemble::stage_runs(&shared, &names, &linked, &recording);

@@ -155,7 +155,9 @@ fn plain(value: &Json) -> String {
 /// The type of a parameter in words; the values of an enumeration.
 fn type_text(schema: &Json) -> String {
     let values = enumeration(schema);
-    if !values.is_empty() {
+    let is_null = |schema: &Json| schema.get("type").and_then(Json::as_str) == Some("null");
+    let words_alone = alternatives(schema).all(|one| is_null(one) || !enumeration(one).is_empty());
+    if !values.is_empty() && words_alone {
         return values.iter().map(|(value, _)| format!("`{value}`")).collect::<Vec<_>>().join(", ");
     }
     let format = |name: &str| schema.get("format").and_then(Json::as_str) == Some(name);

@@ -28,6 +28,7 @@ impl Plan {
             }
             text.push('\n');
             text.push_str(&self.node_table(run));
+            text.push_str(&followed(run));
             for estimate in &run.estimates {
                 let what = self.slot_text(run, estimate.estimate);
                 let truth = self.slot_text(run, estimate.truth);
@@ -131,6 +132,7 @@ impl Plan {
                 "variants": self.names(&node.variants),
                 "recipe": node.recipe.to_string(),
                 "with": node.params,
+                "auto": node.auto,
                 "inputs": inputs,
                 "outputs": outputs_json(&node.outputs),
             })
@@ -158,6 +160,21 @@ impl Plan {
     fn names(&self, served: &[usize]) -> Vec<&str> {
         served.iter().map(|&v| self.variants[v].as_str()).collect()
     }
+}
+
+/// Parameters that follow others, with the numbers they became: `auto: p1 = 72, p2 = 288 of stereo`.
+fn followed(run: &StageRun) -> String {
+    let mut lines: Vec<(String, Vec<&str>)> = Vec::new();
+    for node in run.nodes.iter().filter(|node| !node.auto.is_empty()) {
+        let values = node.auto.iter().map(|name| format!("{name} = {}", node.params[name.as_str()]));
+        let values = values.collect::<Vec<_>>().join(", ");
+        match lines.iter_mut().find(|(known, _)| *known == values) {
+            Some((_, nodes)) if nodes.contains(&node.name.as_str()) => {}
+            Some((_, nodes)) => nodes.push(&node.name),
+            None => lines.push((values, vec![&node.name])),
+        }
+    }
+    lines.iter().map(|(values, nodes)| format!("  auto: {values} of {}\n", nodes.join(", "))).collect()
 }
 
 fn factors_json(factors: &[Factor]) -> Json {

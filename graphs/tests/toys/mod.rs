@@ -1,7 +1,7 @@
 //! Kinds without pixels: the ports and parameters of real ones, so that the language can be tested alone.
 
 use depthloom_graphs::contracts::{
-    Contract, DataPath, FrameSelection, Giver, NodeDeclaration, SourceDeclaration, Upstream,
+    Auto, Contract, DataPath, FrameSelection, Giver, NodeDeclaration, SourceDeclaration, Upstream,
 };
 use depthloom_graphs::{Fault, Instance, Key, Node, Port, Registry, Source, SourceKind, ValueType};
 use schemars::JsonSchema;
@@ -152,22 +152,35 @@ pub struct SgbmParams {
     /// The side of a block, pixels.
     #[schemars(range(min = 1, max = 11))]
     block: u32,
-    /// The penalty of a small jump.
-    p1: u32,
-    /// The penalty of a large jump.
-    p2: u32,
+    /// The penalty of a small jump: `auto` is `8 block^2`.
+    #[schemars(extend("follows" = ["block"]))]
+    p1: Auto<u32>,
+    /// The penalty of a large jump: `auto` is `32 block^2`.
+    #[schemars(extend("follows" = ["block"]))]
+    p2: Auto<u32>,
     /// Which paths are summed.
     mode: Mode,
 }
 impl Default for SgbmParams {
     fn default() -> Self {
-        Self { disparities: 64, block: 5, p1: 200, p2: 800, mode: Mode::Sgbm }
+        Self { disparities: 64, block: 5, p1: Auto::Auto, p2: Auto::Auto, mode: Mode::Sgbm }
+    }
+}
+impl SgbmParams {
+    fn penalties(&self) -> (u32, u32) {
+        let area = self.block * self.block;
+        (self.p1.or_else(|| 8 * area), self.p2.or_else(|| 32 * area))
     }
 }
 node!(Sgbm, "stereo/sgbm", Pure, SgbmParams,
     [port("left", ValueType::Image), port("right", ValueType::Image)] => [port("disparity", ValueType::Disparity)]
     fn check(params: &SgbmParams) -> Result<(), (&'static str, String)> {
-        if params.p2 > params.p1 { Ok(()) } else { Err(("p2", format!("must exceed p1 ({})", params.p1))) }
+        let (p1, p2) = params.penalties();
+        if p2 > p1 { Ok(()) } else { Err(("p2", format!("must exceed p1 ({p1})"))) }
+    }
+    fn resolve(params: &mut SgbmParams) {
+        let (p1, p2) = params.penalties();
+        (params.p1, params.p2) = (Auto::Value(p1), Auto::Value(p2));
     }
 );
 

@@ -194,7 +194,8 @@ baseline `B` in metres). Truth is optional: 16-bit grey PNG of disparity * 256, 
         let has_calibration = folder.join(CALIBRATION).is_dir();
         let given = params.disparities && params.split == Split::Training;
         let evaluation = EVALUATION.into_iter().filter(|name| given && folder.join(name).is_dir()).collect();
-        let (warnings, asked) = (Vec::new(), Asked::default());
+        let warnings = params.frames.left_out(&known).into_iter().collect();
+        let asked = Asked::default();
         let mut source = Self { truth, evaluation, has_calibration, frames, folder, warnings, asked };
         let unread = source.check_companions(&listed)?;
         source.warnings.extend(unread_files(&unread));

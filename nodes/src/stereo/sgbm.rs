@@ -1,6 +1,6 @@
 //! `stereo/sgbm`: OpenCV's semi-global block matching.
 
-use depthloom_graphs::contracts::{Contract, NodeDeclaration};
+use depthloom_graphs::contracts::{Auto, Contract, NodeDeclaration};
 use depthloom_graphs::values::{Disparity, Image};
 use depthloom_graphs::{Context, Fault, Inputs, Instance, Node, Outputs, Port, PureNode, ValueType};
 use depthloom_kernels::sgbm::{self, Mode, Params, SgbmScratch, View};
@@ -41,12 +41,13 @@ pub struct SgbmParams {
     /// Side of the matched block, px (`blockSize`): odd.
     #[schemars(range(min = 1, max = 255))]
     pub block: i32,
-    /// Penalty for a disparity change of one pixel between neighbours (`P1`); OpenCV's advice is `8 * block^2` for grey. 0 stands for 2.
-    #[schemars(range(min = 0, max = 32767))]
-    pub p1: i32,
-    /// Penalty for any larger change (`P2`), greater than `p1`; OpenCV's advice is `32 * block^2` for grey. 0 stands for 5.
-    #[schemars(range(min = 0, max = 32767))]
-    pub p2: i32,
+    /// Penalty for a disparity change of one pixel between neighbours (`P1`). `auto` is `8 c block^2` as OpenCV's documentation has it, of
+    /// `c` channels matched: here 1, grey; at most 8191. 0 stands for 2.
+    #[schemars(extend("follows" = ["block"], "minimum" = 0, "maximum" = 32767))]
+    pub p1: Auto<i32>,
+    /// Penalty for any larger change (`P2`), greater than `p1`. `auto` is `32 c block^2`, at most 32767. 0 stands for 5.
+    #[schemars(extend("follows" = ["block"], "minimum" = 0, "maximum" = 32767))]
+    pub p2: Auto<i32>,
     /// Largest difference allowed by the left-right check, px (`disp12MaxDiff`). OpenCV takes 0 and below as 1; only a huge value switches it off.
     pub disp12_max_diff: i32,
     /// Clip of the horizontal Sobel prefilter (`preFilterCap`); OpenCV uses `max(cap, 15) | 1`.
@@ -67,15 +68,15 @@ pub struct SgbmParams {
 
 impl Default for SgbmParams {
     fn default() -> Self {
-        let Params { min_disparity, disparities, block, p1, p2, disp12_max_diff, .. } = Params::default();
+        let Params { min_disparity, disparities, block, disp12_max_diff, .. } = Params::default();
         let Params { prefilter_cap, uniqueness, speckle_window, speckle_range, .. } = Params::default();
         let mode = SgbmMode::Sgbm;
         Self {
             disparities,
             min_disparity,
             block,
-            p1,
-            p2,
+            p1: Auto::Auto,
+            p2: Auto::Auto,
             disp12_max_diff,
             prefilter_cap,
             uniqueness,
@@ -86,14 +87,23 @@ impl Default for SgbmParams {
     }
 }
 
+/// The largest penalties that follow the block: a quarter apart, as the advice has them, and such as costs of 16 bits take.
+const P1_MOST: i32 = P2_MOST / 4;
+const P2_MOST: i32 = i16::MAX as i32;
+
 impl SgbmParams {
+    /// A penalty for each pixel of the block.
+    fn penalty(&self, each: i32, most: i32) -> i32 {
+        each.saturating_mul(self.block.saturating_mul(self.block)).min(most)
+    }
+
     fn for_kernel(&self) -> Params {
         Params {
             min_disparity: self.min_disparity,
             disparities: self.disparities,
             block: self.block,
-            p1: self.p1,
-            p2: self.p2,
+            p1: self.p1.or_else(|| self.penalty(8, P1_MOST)),
+            p2: self.p2.or_else(|| self.penalty(32, P2_MOST)),
             disp12_max_diff: self.disp12_max_diff,
             prefilter_cap: self.prefilter_cap,
             uniqueness: self.uniqueness,
@@ -139,6 +149,11 @@ answer: `max(min_disparity + disparities, 0)` columns at the left, `max(-min_dis
                 "Disparity of the left image's pixels, 1/16 px fixed point.",
             )],
         }
+    }
+
+    fn resolve(params: &mut SgbmParams) {
+        let Params { p1, p2, .. } = params.for_kernel();
+        (params.p1, params.p2) = (Auto::Value(p1), Auto::Value(p2));
     }
 
     fn check(params: &SgbmParams) -> Result<(), (&'static str, String)> {

@@ -113,6 +113,7 @@ fn stage_run(stage: &str) -> StageRun {
         contract: if spec.name == "teacher" { Contract::Once } else { Contract::Pure },
         params: json!({ "sets": ["answered", "all"], "preset": "paper" }),
         portable: json!({ "sets": ["answered", "all"], "preset": "paper" }),
+        auto: Vec::new(),
         inputs: spec
             .inputs
             .iter()

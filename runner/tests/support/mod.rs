@@ -184,6 +184,7 @@ pub fn planned(name: &str, contract: Contract, from: [Option<Origin>; 3]) -> Pla
         contract,
         params: serde_json::Value::Null,
         portable: serde_json::Value::Null,
+        auto: Vec::new(),
         inputs: ports.into_iter().zip(from).map(|(port, from)| PlannedInput { port, from }).collect(),
         outputs,
         recipe: Key::of_content(name.as_bytes()),

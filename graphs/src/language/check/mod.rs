@@ -1,6 +1,7 @@
 //! One variant's document read into types, and its parameters held against their kinds' schemas.
 //! From the document to a spec.
 
+pub(crate) mod following;
 pub(crate) mod params;
 pub(crate) mod reference;
 pub(crate) mod schema;

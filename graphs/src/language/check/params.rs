@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use serde_json::Value as Json;
 
+use super::following::{self, Following};
 use super::schema_check::{Violation, violations};
 use super::spec::Instance;
 use super::with_schema;
@@ -29,6 +30,8 @@ pub(crate) struct Parameters {
     pub(crate) identity: String,
     /// Those that are operational: they decide no output.
     pub(crate) operational: Json,
+    /// Those that follow others.
+    pub(crate) following: Vec<Following>,
 }
 
 /// The contents of files named by parameters and inputs, hashed once.
@@ -127,12 +130,14 @@ impl Resolver {
         if let Some(known) = self.known.get(&known) {
             return Some(Arc::clone(known));
         }
+        let given = json.clone();
         let resolved = checked(kind, json, with, &instance.kind.place, &self.changed, report)?;
         let decisive = with_schema::decisive(&resolved, kind.schema);
         let portable = with_schema::with_paths(&decisive, kind.schema, &mut |path| self.portable_path(path));
         let identity = canonical(&with_schema::with_paths(&decisive, kind.schema, &mut |path| self.identity_of(path)));
         let operational = with_schema::operational(&resolved, kind.schema);
-        let parameters = Arc::new(Parameters { resolved, portable, identity, operational });
+        let following = following::of(kind.schema, &given, &resolved, kind.resolve);
+        let parameters = Arc::new(Parameters { resolved, portable, identity, operational, following });
         self.known.insert(known, Arc::clone(&parameters));
         Some(parameters)
     }
@@ -199,7 +204,8 @@ fn checked(
                     }
                     _ => format!("{} (of `{}`)", error.what, kind.name),
                 };
-                report.push(Diagnostic::error(&place, what));
+                let help = following::cause(kind.schema, &json, &error.path);
+                report.push(Diagnostic::error(&place, what).maybe_help(help));
                 sound = false;
                 if !remove(&mut json, &error.path) {
                     return None;

@@ -195,9 +195,13 @@ fn alternatives_of(value: &Json, alternatives: &[Json], path: &mut Vec<String>, 
         tried.push((alternative, own));
     }
     tried.retain(|(alternative, _)| alternative.get("type").and_then(Json::as_str) != Some("null"));
-    // Names of an enumeration, each with its own docs.
+    // Names of an enumeration, each with its own docs; or words beside other values, of which a text means one.
     let constants: Vec<Json> = tried.iter().flat_map(|(alternative, _)| constants(alternative)).collect();
-    if !constants.is_empty() && !value.is_object() {
+    let words_alone = tried.iter().all(|(alternative, _)| !self::constants(alternative).is_empty());
+    let is_word = |text: &str| names::nearest(text, constants.iter().filter_map(Json::as_str)).is_some();
+    if !words_alone && !constants.is_empty() && !value.as_str().is_some_and(is_word) {
+        tried.retain(|(alternative, _)| self::constants(alternative).is_empty());
+    } else if !constants.is_empty() && !value.is_object() {
         found.push(not_among(value, &constants, path));
         return;
     }

@@ -36,6 +36,7 @@ fn stage_run(shared: &Shared<'_>, r: usize, run: &SharedRun<'_>, topics: &Topics
             contract: declaration.contract,
             params: node.parameters.resolved.clone(),
             portable: node.parameters.portable.clone(),
+            auto: node.parameters.following.iter().filter(|one| one.is_auto).map(|one| one.name.clone()).collect(),
             inputs: ports.map(|(port, from)| PlannedInput { port, from }).collect(),
             outputs: topics.of_node(shared, r, n),
             recipe: node.recipe,

@@ -47,6 +47,12 @@ impl Recorded {
         kept
     }
 
+    /// Whether a pattern names a stage, or a node in it: not only everything there is.
+    pub(crate) fn asks_for(&self, stage: &str) -> bool {
+        let names = |pattern: &Pattern| (pattern.stage != "*" || pattern.node != "*") && !pattern.leaves_out;
+        self.patterns.iter().flatten().any(|pattern| names(pattern) && glob(&pattern.stage, stage))
+    }
+
     /// Reports patterns that match no output of any variant.
     pub(crate) fn check(&self, variants: &[Linked<'_>], report: &mut Report) {
         let Some(patterns) = &self.patterns else { return };
