@@ -199,7 +199,9 @@ fn alternatives_of(value: &Json, alternatives: &[Json], path: &mut Vec<String>, 
     let constants: Vec<Json> = tried.iter().flat_map(|(alternative, _)| constants(alternative)).collect();
     let words_alone = tried.iter().all(|(alternative, _)| !self::constants(alternative).is_empty());
     let is_word = |text: &str| names::nearest(text, constants.iter().filter_map(Json::as_str)).is_some();
-    if !words_alone && !constants.is_empty() && !value.as_str().is_some_and(is_word) {
+    let is_number = |alternative: &Json| alternative.get("type").is_some_and(|of| of == "integer" || of == "number");
+    let beside_numbers = !words_alone && tried.iter().any(|(alternative, _)| is_number(alternative));
+    if beside_numbers && !value.as_str().is_some_and(is_word) {
         tried.retain(|(alternative, _)| self::constants(alternative).is_empty());
     } else if !constants.is_empty() && !value.is_object() {
         found.push(not_among(value, &constants, path));
