@@ -343,7 +343,7 @@ impl Matrix {
         }
         let is_among = |value: &serde_json::Value| condition.among.iter().any(|wanted| wanted.to_json() == *value);
         let changes = || of_variant.iter().chain(combination.iter().flat_map(|level| &level.changes));
-        if let Some(change) = changes().filter(|change| change.path == *of).last() {
+        if let Some(change) = changes().rfind(|change| change.path == *of) {
             return is_among(&change.value.to_json());
         }
         let touches = |change: &Change| {

@@ -53,11 +53,11 @@ pub(crate) fn check_stages(variants: &[Linked<'_>], recording: &Recorded, report
     let Some(first) = variants.first() else { return };
     let scores = |s: usize| variants.iter().any(|linked| !linked.stages[s].estimates.is_empty());
     for (s, stage) in first.stages.iter().enumerate() {
-        let learns = stage.nodes.iter().filter_map(|node| {
+        let mut learns = stage.nodes.iter().filter_map(|node| {
             let outputs = &node.kind?.declaration.outputs;
             outputs.iter().find(|port| port.rate == Rate::Once).map(|port| (node, port))
         });
-        let Some((node, port)) = learns.last() else { continue };
+        let Some((node, port)) = learns.next_back() else { continue };
         let reads = |linked: &Linked<'_>| {
             let others = linked.stages.iter().enumerate().filter(|(other, _)| *other != s);
             others.flat_map(|(_, other)| &other.nodes).flat_map(|node| &node.reads).any(|(of, ..)| *of == s)
