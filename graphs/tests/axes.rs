@@ -339,3 +339,16 @@ fn a_stage_that_learns_for_nobody_is_told_of() {
     assert_eq!(warned(&format!("{first}record: [learn.teacher/model, '*/depth']\n")), [""; 0], "it is asked for");
     assert_eq!(warned(&format!("{BASE}{learn}")), [""; 0], "what is learned last is what it is for");
 }
+
+#[test]
+fn a_thousand_variants_share_what_they_leave_alone() {
+    let plan = plan(
+        "matrix:
+  compare.depth.with.cap: { from: 20, to: 120, steps: 100 }
+  compare.score.cap: { from: 30, to: 80, steps: 10 }
+",
+    );
+    assert_eq!((plan.variants.len(), plan.factors.len()), (1000, 1000));
+    let count = |name: &str| plan.runs[0].nodes.iter().filter(|node| node.name == name).count();
+    assert_eq!((count("left"), count("depth"), count("score.stereo")), (1, 100, 1000));
+}

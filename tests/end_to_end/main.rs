@@ -3,6 +3,7 @@
 //! Tests that need `../shared` (real frames, golden results) or a Python environment print `SKIPPED <test>: why` where it is absent.
 
 mod architecture;
+mod axes;
 mod broken_data;
 mod broken_files;
 mod commands;
