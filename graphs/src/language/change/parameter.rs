@@ -30,7 +30,14 @@ impl<'a> Parameters<'a> {
                 let source = self.root.get("sources")?.get(source)?;
                 (&self.registry.source_kind(source.get("kind")?.text()?)?.schema, parameter)
             }
-            ["stages", _, "score", parameter @ ..] => (&self.registry.node_kind(score::KIND)?.schema, parameter),
+            ["stages", _, "score", "estimates", _, parameter @ ..] | ["stages", _, "score", parameter @ ..] => {
+                // Of a key that both kinds of score have, both have the same.
+                let kinds =
+                    [score::DEPTH, score::DISPARITY].into_iter().filter_map(|kind| self.registry.node_kind(kind));
+                let mut schemas = kinds.map(|kind| &kind.schema);
+                let has = |schema: &&Json| with_schema::property(schema, parameter.first()?).is_some().then_some(());
+                (schemas.find(|schema| has(schema).is_some())?, parameter)
+            }
             _ => return None,
         };
         if parameter.is_empty() {
