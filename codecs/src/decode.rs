@@ -196,3 +196,42 @@ impl Gathered {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use depthloom_graphs::values::{Raster, TrueDisparity};
+    use depthloom_graphs::{Value, ValueType};
+    use depthloom_scores::{Metric, PixelSet, ScoreRow};
+
+    use super::{score, value};
+    use crate::encode::{Stamp, put};
+    use crate::messages::ScoreMessage;
+
+    #[test]
+    fn true_disparities_come_back_as_they_were() {
+        let px_256 = Raster::from_raw(3, 1, vec![0, 1, u16::MAX]).unwrap();
+        let truth = Value::from(TrueDisparity { px_256: px_256.clone() });
+        let mut message = Vec::new();
+        let schema = put(&mut message, Stamp { time_ns: 0, frame_id: "left" }, &truth).unwrap();
+        let Ok(Value::TrueDisparity(read)) = value(schema, ValueType::TrueDisparity, &message) else { panic!("read") };
+        assert_eq!(read.px_256, px_256);
+        assert!(value(schema, ValueType::Depth, &message).is_err());
+    }
+
+    /// The bytes of a row as recordings of before have them, written by prost: frame, set, pixels, then doubles 4 to 11.
+    #[test]
+    fn rows_of_before_are_read() {
+        let mut message = b"\x0a\x01f\x12\x03all\x18\x07".to_vec();
+        for (field, value) in [(4_u8, 0.5_f64), (9, 2.5)] {
+            message.push(field << 3 | 1);
+            message.extend(value.to_le_bytes());
+        }
+        let row = score(&message).unwrap();
+        let named = |name: &str| Metric::named(name).unwrap();
+        let expected = ScoreRow { pixels: 7, ..ScoreRow::new(PixelSet::All, "") };
+        assert_eq!(row, expected.with(named("a1"), 0.5).with(named("rmse"), 2.5));
+        assert_eq!(row.density(), None, "it does not say");
+        assert_eq!(ScoreMessage::encoded("f", &row), message, "what is unknown takes no byte");
+        assert!(score(b"\x12\x03odd").unwrap_err().contains("unknown pixel set `odd`"));
+    }
+}

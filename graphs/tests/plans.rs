@@ -514,6 +514,17 @@ fn scores_take_their_parameters_from_score_and_from_the_estimate() {
 }
 
 #[test]
+fn an_estimate_may_have_a_truth_of_its_own_and_then_no_other_is_wanted() {
+    let own = "estimates: { stereo: { from: depth/depth, truth: fused/depth },";
+    let text = stereo("").replace("estimates: { stereo: depth/depth,", own);
+    let truths = |text: &str| plan_of(text).runs[0].estimates.iter().map(|of| of.truth).collect::<Vec<_>>();
+    assert!(matches!(truths(&text)[..], [Slot::Node { .. }, Slot::Source { port: 3 }]), "{:?}", truths(&text));
+    let alone = stereo("").replace("estimates: { stereo: depth/depth,", &format!("{own} fused_too: null,"));
+    let alone = alone.replace("      truth: source/depth\n", "").replace("fused: fused/depth }", "fused: null }");
+    assert!(matches!(truths(&alone)[..], [Slot::Node { .. }]), "{alone}");
+}
+
+#[test]
 fn variants_and_the_command_line_change_scores_and_sources_too() {
     let plan = plan_of(&stereo(
         "variants: { full: {}, capped: { compare.score.cap: 20, compare.score.estimates.fused.sets: [answered] } }",

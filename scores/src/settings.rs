@@ -96,7 +96,7 @@ impl Settings {
             Align::None => {}
             Align::Median => text.push_str(", scaled to the median of the truth, frame by frame"),
             Align::ScaleAndShift => {
-                text.push_str(", scale and shift of inverse depth fitted to the truth, frame by frame")
+                text.push_str(", scale and shift of inverse depth fitted to the truth, frame by frame");
             }
         }
         text

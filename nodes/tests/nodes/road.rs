@@ -67,6 +67,34 @@ fn a_written_data_set_reads_back_as_it_was_rendered() {
 }
 
 #[test]
+fn a_written_data_set_gives_the_disparities_and_cars_that_were_rendered() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("road");
+    write(&out, &params()).unwrap();
+    let mut rendering = params();
+    rendering["disparities"] = json!(true);
+    let rendered = open("synthetic/road", &rendering).unwrap();
+    let written = open("kitti/stereo2015", &json!({ "root": out, "disparities": true })).unwrap();
+    for position in 0..2 {
+        let ((ours, _), (read, _)) = (rendered.read(position).unwrap(), written.read(position).unwrap());
+        for port in ["disp_noc", "disp_occ"] {
+            let (Value::TrueDisparity(ours), Value::TrueDisparity(read)) = (&ours[port], &read[port]) else { panic!() };
+            assert!(ours == read, "{port} differs");
+        }
+        let mask = |values: &Values, port: &str| match &values[port] {
+            Value::Mask(mask) => mask.set.as_raw().clone(),
+            other => panic!("{port} is {}", other.value_type()),
+        };
+        assert!(mask(&ours, "obj_map") == mask(&read, "obj_map"), "cars differ");
+        // Of files, what is occluded is known where there is a truth.
+        let Value::TrueDisparity(occ) = &ours["disp_occ"] else { panic!() };
+        let hidden = mask(&ours, "occluded");
+        let known = hidden.iter().zip(occ.px_256.iter()).map(|(&set, &v)| if v > 0 { set } else { 0 });
+        assert!(mask(&read, "occluded") == known.collect::<Vec<u8>>(), "what is occluded differs");
+    }
+}
+
+#[test]
 fn an_existing_folder_is_not_written_over_and_an_unfinished_one_is() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("road");
