@@ -15,5 +15,6 @@ pub(crate) use check::schema_check::range_text;
 pub(crate) use check::with_schema::is_operational;
 pub use load::{Environment, Loaded, Options, load};
 pub use text::diagnostics::{Diagnostic, Diagnostics, Related, Severity};
+pub use text::glob::glob;
 pub use text::names::nearest;
 pub use text::source_file::{Place, SourceFile};
