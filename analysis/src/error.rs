@@ -27,6 +27,14 @@ pub enum AnalysisError {
         /// What, and where.
         what: String,
     },
+    /// What was asked for is not there.
+    #[error("{what}")]
+    Asked {
+        /// What.
+        what: String,
+        /// What there is, or how to have it.
+        help: String,
+    },
     /// A file cannot be written.
     #[error("failed to write {}", path.display())]
     Write {
@@ -72,7 +80,11 @@ impl AnalysisError {
     /// What the person can do about it, and what there is all the same.
     #[must_use]
     pub fn remedy(&self) -> Option<String> {
-        let Self::Recording { source, whole } = self else { return None };
+        let (source, whole) = match self {
+            Self::Recording { source, whole } => (source, whole),
+            Self::Asked { help, .. } => return Some(help.clone()),
+            _ => return None,
+        };
         let whole = whole.as_ref().map(|whole| format!("what is whole all the same: {whole}"));
         let remedies: Vec<String> = source.remedy().into_iter().chain(whole).collect();
         (!remedies.is_empty()).then(|| remedies.join("; "))
@@ -113,6 +125,11 @@ impl AnalysisError {
     /// Something in a recording that an analysis cannot use.
     pub(crate) fn content(what: impl Into<String>) -> Self {
         Self::Content { what: what.into() }
+    }
+
+    /// What was asked for is not there, and what there is.
+    pub(crate) const fn asked(what: String, help: String) -> Self {
+        Self::Asked { what, help }
     }
 }
 

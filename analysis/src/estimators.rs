@@ -31,6 +31,8 @@ pub struct Estimator {
     pub mean: Mean,
     /// How depths were scored; `None` of disparities, which know no bounds.
     pub settings: Option<Settings>,
+    /// How it was scored, in words: the preset, and what differs from it.
+    pub preset: String,
     /// The topic of its scores; `None` if they were not recorded.
     pub score_topic: Option<String>,
     /// The topic of the estimated depth; `None` if it was not recorded.
@@ -85,6 +87,7 @@ pub(crate) fn estimators(plan: &RecordedPlan) -> Result<Vec<Estimator>, Analysis
             metrics,
             mean,
             settings,
+            preset: preset(&estimate.score_params),
             score_topic: estimate.score_topic.clone(),
             estimate_topic: estimate.estimate_topic.clone(),
             truth_topic: estimate.truth_topic.clone(),
@@ -95,6 +98,24 @@ pub(crate) fn estimators(plan: &RecordedPlan) -> Result<Vec<Estimator>, Analysis
     }
     ordered.sort_by_key(|(place, _)| *place);
     Ok(ordered.into_iter().map(|(_, estimator)| estimator).collect())
+}
+
+/// `preset paper`, `preset paper with max_m 50 and crop garg`: what is set beside the preset, but for what says which rows there are.
+fn preset(params: &serde_json::Value) -> String {
+    const ROWS: [&str; 5] = ["preset", "sets", "metrics", "zones", "mean"];
+    let set = params.as_object().into_iter().flatten();
+    let set = set.filter(|(name, value)| !value.is_null() && !ROWS.contains(&name.as_str()));
+    let set = set.map(|(name, value)| match value.as_str() {
+        Some(text) => format!("{name} {text}"),
+        None => format!("{name} {value}"),
+    });
+    let set: Vec<String> = set.collect();
+    let with = if set.is_empty() { String::new() } else { format!(" with {}", set.join(" and ")) };
+    match params["preset"].as_str() {
+        Some(preset) => format!("preset {preset}{with}"),
+        None if set.is_empty() => "disparities".to_owned(),
+        None => set.join(" and "),
+    }
 }
 
 /// What recorded parameters ask for.

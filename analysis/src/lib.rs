@@ -5,13 +5,16 @@
 //! mean over frames, the [table](Table); their recorded maps make the [error against distance](DistanceBin) and its figure. The learning curves of what was trained
 //! have a figure and a table of their own.
 
+mod ablation;
 mod condition;
 mod curves;
 mod distance;
 mod error;
 mod estimators;
+mod explain;
 mod figure;
 mod files;
+mod grid;
 mod maps;
 mod paper;
 mod reading;
@@ -22,11 +25,20 @@ mod table;
 mod timings;
 mod unscored;
 
+pub use ablation::{Answer, Costs, Question, Ranking, Selection, answer};
+pub use depthloom_scores::{Mean, Metric, PixelSet};
 pub use distance::{DistanceBin, PERCENTILES, Spread};
 pub use error::AnalysisError;
 pub use estimators::Estimator;
+pub use explain::{Explanation, explain};
+pub use grid::Grid;
 pub use paper::paper_scores;
 pub use report::{ReportOptions, Summary, report};
 pub use scores::FrameScore;
 pub use table::{Table, TableColumn};
 pub use timings::{Timing, read_timings, timings_table, write_timings};
+
+/// All scores there are, of any family, in the order of every table.
+pub fn metrics() -> impl Iterator<Item = &'static Metric> {
+    depthloom_scores::DEPTH.iter().chain(&depthloom_scores::DISPARITY)
+}

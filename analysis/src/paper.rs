@@ -47,6 +47,7 @@ mod tests {
             metrics: Family::Depth.defaults(),
             mean: Mean::Frames,
             settings: Some(Settings::default()),
+            preset: "preset paper".to_owned(),
             score_topic: None,
             estimate_topic: None,
             truth_topic: None,

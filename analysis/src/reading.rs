@@ -22,7 +22,7 @@ use crate::sheet::{Cells, Sheet};
 pub(crate) fn scores(
     recording: &Recording,
     estimators: &[Estimator],
-    output: Output<'_>,
+    stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<Vec<FrameScore>, AnalysisError> {
     let mut scores = Vec::new();
     for run in 0..recording.plan().runs.len() {
@@ -35,7 +35,9 @@ pub(crate) fn scores(
         }
         let mut reader = recording.reader(run, &topics)?;
         for (position, frame) in recording.frames(run).iter().enumerate() {
-            output.go_on()?;
+            if stop() {
+                return Err(AnalysisError::Stopped);
+            }
             let first = scores.len();
             for (&estimator, value) in indices.iter().zip(reader.read(position)?) {
                 if let Some(Value::Scores(rows)) = value {

@@ -5,6 +5,7 @@ use std::path::Path;
 use depthloom_recording::Recording;
 use serde_json::{Map, Value as Json, json};
 
+use crate::ablation::{Ablation, Ranking, Selection, source_of};
 use crate::condition::{self, Told};
 use crate::curves::{LearningCurve, learning_curves, table_of_points};
 use crate::distance::{FARTHEST_M, table_of_bins};
@@ -14,12 +15,17 @@ use crate::figure::{Figure, render};
 use crate::files::Output;
 use crate::maps::{not_recorded, sparsely_kept};
 use crate::reading;
-use crate::scores::table_of_scores;
+use crate::scores::{FrameScore, table_of_scores};
 use crate::table::Table;
 use crate::unscored::Unscored;
 
 /// Columns of text of a terminal's table.
 const TERMINAL_WIDTH: usize = 110;
+
+/// So many variants stand in columns, as in Table I; of more, each is a row.
+const MOST_IN_COLUMNS: usize = 12;
+/// So many rows are printed then, and in LaTeX.
+const PRINTED: usize = 20;
 
 /// What a report shows, and what it may take.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -124,14 +130,14 @@ fn analyse(recording: &Recording, options: &ReportOptions, output: Output<'_>) -
         let frames = if failed == 1 { "frame" } else { "frames" };
         notes.push(format!("{failed} {frames} failed somewhere; means are over the frames all estimators have"));
     }
-    let mut text = table.as_ref().map_or_else(String::new, |table| table.terminal(TERMINAL_WIDTH));
+    let mut text = table.as_ref().map_or_else(String::new, |(_, text)| text.clone());
     for note in &notes {
         text.push_str(&format!("note: {note}\n"));
     }
     let json = json!({
         "experiment": plan.experiment,
         "recording": condition,
-        "table": table.as_ref().map_or_else(Vec::new, rows),
+        "table": table.as_ref().map_or_else(Vec::new, |(table, _)| rows(table)),
         "learning_curves": curves.iter().map(LearningCurve::end).collect::<Vec<Json>>(),
         "notes": notes,
     });
@@ -150,8 +156,8 @@ fn analyse(recording: &Recording, options: &ReportOptions, output: Output<'_>) -
 /// What came of the scores.
 #[derive(Default)]
 struct Scored {
-    /// The table of their means, if there is a mean.
-    table: Option<Table>,
+    /// The table of their means, and as text, if there is a mean.
+    table: Option<(Table, String)>,
     /// Whether there are scores.
     scored: bool,
     /// The frames without one.
@@ -166,22 +172,44 @@ fn write_scores(
     output: Output<'_>,
 ) -> Result<Scored, AnalysisError> {
     let plan = recording.plan();
-    let scores = reading::scores(recording, estimators, output)?;
+    let scores = reading::scores(recording, estimators, output.stop)?;
     if scores.is_empty() {
         return Ok(Scored::default());
     }
     let unscored = Unscored::of(recording, estimators, &scores)?;
     output.write_csv("scores.csv", &table_of_scores(&scores, estimators, &plan.runs))?;
-    let source = |run: usize, position: usize| recording.frames(run).get(position).and_then(|f| f.source_key);
-    let table = Table::new(&plan.experiment, &scores, estimators, options.paper, &source);
+    let table = Table::new(&plan.experiment, &scores, estimators, options.paper, &source_of(recording));
     if table.columns.iter().all(|column| column.frames == 0) {
         return Ok(Scored { table: None, scored: true, unscored });
     }
     output.write_csv("table.csv", &table.long_form())?;
     output.write_parquet("table.parquet", table.long_form())?;
-    output.write("table.md", table.markdown().as_bytes())?;
-    output.write("table.tex", table.latex().as_bytes())?;
-    Ok(Scored { table: Some(table), scored: true, unscored })
+    let text = if plan.variants.len() > MOST_IN_COLUMNS && !options.paper {
+        write_ranking(recording, estimators, &scores, output)?
+    } else {
+        output.write("table.md", table.markdown().as_bytes())?;
+        output.write("table.tex", table.latex().as_bytes())?;
+        table.terminal(TERMINAL_WIDTH)
+    };
+    Ok(Scored { table: Some((table, text)), scored: true, unscored })
+}
+
+/// Writes the tables for people with variants in rows; gives the best of them as text.
+fn write_ranking(
+    recording: &Recording,
+    estimators: &[Estimator],
+    scores: &[FrameScore],
+    output: Output<'_>,
+) -> Result<String, AnalysisError> {
+    let source = source_of(recording);
+    let ablation = Ablation::new(recording.plan(), estimators, scores, &source, None);
+    let rows = |top: Option<usize>| Ranking { top, ..Ranking::default() }.grid(&ablation, &Selection::default());
+    output.write("table.md", rows(None)?.markdown().as_bytes())?;
+    output.write("table.tex", rows(Some(PRINTED))?.latex().as_bytes())?;
+    Ok(format!(
+        "{}\nmore: `depthloom table RUN` has all rows; `--effects SCORE` says what each axis did, `--best-per-zone SCORE` which is best where\n",
+        rows(Some(PRINTED))?.terminal(TERMINAL_WIDTH)
+    ))
 }
 
 /// Writes the error against distance, if there are maps to compare; gives whether there are, and by estimator how many samples were too
@@ -216,7 +244,7 @@ fn write_curves(curves: &[LearningCurve], output: Output<'_>) -> Result<(), Anal
 }
 
 /// The table's columns as objects.
-fn rows(table: &Table) -> Vec<Json> {
+pub(crate) fn rows(table: &Table) -> Vec<Json> {
     let scores = |values: Vec<Option<f64>>| -> Map<String, Json> {
         let named = table.metrics.iter().zip(values);
         named.map(|(metric, value)| (metric.name.to_owned(), value.into())).collect()

@@ -56,6 +56,13 @@ impl<'a> Sheet<'a> {
         Ok(())
     }
 
+    /// The bytes of a CSV file.
+    pub(crate) fn csv(&self) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        self.write_csv(&mut bytes).expect("memory takes what is written");
+        bytes
+    }
+
     /// The bytes of a Parquet file.
     pub(crate) fn parquet(self) -> PolarsResult<Vec<u8>> {
         let height = self.height();

@@ -1,7 +1,7 @@
 //! Table I: the mean over frames of every score, by variant and estimator.
 
-mod latex;
-mod markdown;
+pub(crate) mod latex;
+pub(crate) mod markdown;
 mod terminal;
 
 use std::collections::{HashMap, HashSet};
@@ -74,7 +74,7 @@ impl Table {
         with_paper: bool,
         source: &dyn Fn(usize, usize) -> Option<Key>,
     ) -> Self {
-        let rows = common(scores, estimators);
+        let rows = whole_images(scores, estimators);
         let metrics = metrics_of(estimators);
         let means = means(&rows, &metrics, estimators);
         let mut comparisons: Vec<Comparison<'_>> = Vec::new();
@@ -248,18 +248,23 @@ impl<'a> Comparison<'a> {
 }
 
 /// The scores over the whole image of the frames that have rows of all estimators of their stage run.
-fn common<'a>(scores: &'a [FrameScore], estimators: &[Estimator]) -> Vec<&'a FrameScore> {
+fn whole_images<'a>(scores: &'a [FrameScore], estimators: &[Estimator]) -> Vec<&'a FrameScore> {
+    common(scores, estimators).into_iter().filter(|score| score.row.zone.is_empty()).collect()
+}
+
+/// The scores, of zones too, of the frames that have rows of all estimators of their stage run.
+pub(crate) fn common<'a>(scores: &'a [FrameScore], estimators: &[Estimator]) -> Vec<&'a FrameScore> {
     let place = |score: &FrameScore| (estimators[score.estimator].run, score.position);
     let mut rows_of_frame: HashMap<(usize, usize), usize> = HashMap::new();
-    let whole = || scores.iter().filter(|score| score.row.zone.is_empty());
-    for score in whole() {
+    for score in scores.iter().filter(|score| score.row.zone.is_empty()) {
         *rows_of_frame.entry(place(score)).or_default() += 1;
     }
     let mut rows_of_run: HashMap<usize, usize> = HashMap::new();
     for estimator in estimators {
         *rows_of_run.entry(estimator.run).or_default() += estimator.sets.len();
     }
-    whole().filter(|score| rows_of_frame[&place(score)] == rows_of_run[&place(score).0]).collect()
+    let is_whole = |score: &&FrameScore| rows_of_frame.get(&place(score)) == rows_of_run.get(&place(score).0);
+    scores.iter().filter(is_whole).collect()
 }
 
 /// The means of an estimator on a pixel set.
@@ -284,11 +289,14 @@ fn means(
     estimators: &[Estimator],
 ) -> HashMap<(usize, PixelSet), Means> {
     let mut means = means_over_frames(rows, metrics);
-    for ((index, set), of) in &mut means {
-        let estimator = &estimators[*index];
-        if estimator.mean == Mean::Pixels {
-            let settings = estimator.settings.unwrap_or_default();
-            let own = || rows.iter().filter(|score| (score.estimator, score.row.set) == (*index, *set));
+    let mut pooled: HashMap<(usize, PixelSet), Vec<&FrameScore>> = HashMap::new();
+    for score in rows.iter().filter(|score| estimators[score.estimator].mean == Mean::Pixels) {
+        pooled.entry((score.estimator, score.row.set)).or_default().push(score);
+    }
+    for (key, of) in &mut means {
+        if let Some(own) = pooled.get(key) {
+            let settings = estimators[key.0].settings.unwrap_or_default();
+            let own = || own.iter();
             let pooled = |metric: &&'static Metric| metric.pooled(own().map(|score| &score.row), &settings);
             of.means = metrics.iter().map(pooled).collect();
             let counts = |count: fn(&ScoreRow) -> u64| own().map(|score| count(&score.row)).sum::<u64>();
@@ -301,7 +309,9 @@ fn means(
 
 /// The unweighted means of the frames' scores.
 fn means_over_frames(rows: &[&FrameScore], metrics: &[&'static Metric]) -> HashMap<(usize, PixelSet), Means> {
-    let mut sums: HashMap<(usize, PixelSet), (u64, Vec<(u64, f64)>)> = HashMap::new();
+    /// How many frames had a pixel, and by metric how many had a value, and their sum.
+    type Sums = (u64, Vec<(u64, f64)>);
+    let mut sums: HashMap<(usize, PixelSet), Sums> = HashMap::new();
     for score in rows {
         let empty = || (0, vec![(0, 0.0); metrics.len() + 1]);
         let (frames, sums) = sums.entry((score.estimator, score.row.set)).or_insert_with(empty);
@@ -315,7 +325,7 @@ fn means_over_frames(rows: &[&FrameScore], metrics: &[&'static Metric]) -> HashM
         }
     }
     let mean = |(count, sum): (u64, f64)| (count > 0).then(|| sum / count as f64);
-    let means = |(frames, sums): (u64, Vec<(u64, f64)>)| {
+    let means = |(frames, sums): Sums| {
         let mut means: Vec<Option<f64>> = sums.into_iter().map(mean).collect();
         let density = means.pop().flatten();
         Means { frames, density, means }
@@ -340,6 +350,7 @@ mod tests {
             metrics: Family::Depth.defaults(),
             mean: Mean::Frames,
             settings: Some(Settings::default()),
+            preset: "preset paper".to_owned(),
             score_topic: None,
             estimate_topic: None,
             truth_topic: None,

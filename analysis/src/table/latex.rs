@@ -7,11 +7,11 @@ use super::markdown::capitalised;
 
 /// What fits beside each other, in digits of `\footnotesize` (4.25 pt): the 345 pt of an article's page, and the 240 pt of a
 /// column of two.
-const PAGE: usize = 81;
-const COLUMN: usize = 56;
+pub(crate) const PAGE: usize = 81;
+pub(crate) const COLUMN: usize = 56;
 /// The longest name of a score, and the room between two columns (twice `\tabcolsep`, 4 pt).
 const NAMES: usize = 23;
-const GAP: usize = 2;
+pub(crate) const GAP: usize = 2;
 
 pub(super) fn render(table: &Table) -> String {
     let blocks = blocks(table);
@@ -122,12 +122,12 @@ fn push_block(table: &Table, block: &[Range<usize>], text: &mut String) {
 }
 
 /// A name that `\ref` takes.
-fn label(experiment: &str) -> String {
+pub(crate) fn label(experiment: &str) -> String {
     experiment.chars().map(|letter| if letter.is_ascii_alphanumeric() { letter } else { '-' }).collect()
 }
 
 /// What LaTeX reads as commands, taken literally.
-fn escaped(name: &str) -> String {
+pub(crate) fn escaped(name: &str) -> String {
     let mut text = String::new();
     for letter in name.chars() {
         match letter {

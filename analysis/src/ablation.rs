@@ -1,0 +1,397 @@
+//! Variants side by side: a row an estimator, its factors in columns, so that many can be sorted, ranked and asked what did it.
+
+mod answer;
+mod best;
+mod cost;
+mod effects;
+mod front;
+mod ranking;
+mod variance;
+mod zones;
+
+use std::collections::HashMap;
+
+use depthloom_graphs::Key;
+use depthloom_graphs::language::nearest;
+use depthloom_recording::RecordedPlan;
+use depthloom_scores::{Family, Mean, Metric, PixelSet, ScoreRow, Settings};
+
+pub use answer::{Answer, Question, answer};
+pub(crate) use answer::{scored, source_of};
+pub use cost::Costs;
+pub use ranking::Ranking;
+
+use crate::error::AnalysisError;
+use crate::estimators::Estimator;
+use crate::scores::FrameScore;
+
+/// What of a recording's scores a table is of.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Selection {
+    /// The pixel set; `None`: every true pixel, or where nothing was scored on those, the answered.
+    pub set: Option<PixelSet>,
+    /// The zone; `None`: the whole image.
+    pub zone: Option<String>,
+    /// What a data set's value is taken over; `None`: what the experiment says.
+    pub mean: Option<Mean>,
+    /// A pattern of estimators' labels or names, in which `*` stands for any run of characters; `None`: all.
+    pub estimators: Option<String>,
+}
+
+/// An axis of the experiment, and its levels in the file's order.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Axis {
+    pub(crate) name: String,
+    pub(crate) levels: Vec<String>,
+}
+
+/// A recording's scores by estimator.
+pub(crate) struct Ablation<'a> {
+    pub(crate) experiment: &'a str,
+    estimators: &'a [Estimator],
+    pub(crate) axes: Vec<Axis>,
+    /// By estimator, by axis: the level; `None` where it has none.
+    levels: Vec<Vec<Option<usize>>>,
+    /// The scores that were taken anywhere, in the catalogue's order.
+    pub(crate) metrics: Vec<&'static Metric>,
+    scores: HashMap<(usize, PixelSet, &'a str), Vec<&'a FrameScore>>,
+    /// The zones, in the order of the recording, the whole image first.
+    zones: Vec<&'a str>,
+    core_ms: Vec<Option<f64>>,
+    source: &'a dyn Fn(usize, usize) -> Option<Key>,
+}
+
+/// An estimator's scores on the selected pixels.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Row {
+    pub(crate) estimator: usize,
+    /// How many frames had a pixel to score.
+    pub(crate) frames: u64,
+    /// How many pixels counted in all.
+    pub(crate) pixels: u64,
+    /// The share of true pixels that were answered, as the scores are taken: mean over frames or over pixels.
+    pub(crate) density: Option<f64>,
+    /// By metric of the ablation.
+    pub(crate) values: Vec<Option<f64>>,
+    pub(crate) core_ms: Option<f64>,
+    /// Rows of one number may be compared: they are over the same pixels of the same frames, scored in the same way.
+    pub(crate) comparable: Option<usize>,
+}
+
+impl<'a> Ablation<'a> {
+    /// What was scored on the frames that all estimators of their stage have; `source(run, position)` is the key of a frame's source values.
+    pub(crate) fn new(
+        plan: &'a RecordedPlan,
+        estimators: &'a [Estimator],
+        scores: &'a [FrameScore],
+        source: &'a dyn Fn(usize, usize) -> Option<Key>,
+        costs: Option<&Costs>,
+    ) -> Self {
+        let (axes, levels) = axes(plan, estimators);
+        let mut by_row: HashMap<(usize, PixelSet, &str), Vec<&FrameScore>> = HashMap::new();
+        let mut zones = vec![""];
+        let mut metrics: Vec<&'static Metric> = Vec::new();
+        for score in crate::table::common(scores, estimators) {
+            let zone = score.row.zone.as_str();
+            if !zones.contains(&zone) {
+                zones.push(zone);
+            }
+            for (metric, _) in &score.row.scores {
+                if !metrics.iter().any(|known| known.name == metric.name) {
+                    metrics.push(metric);
+                }
+            }
+            by_row.entry((score.estimator, score.row.set, zone)).or_default().push(score);
+        }
+        metrics.sort_by_key(|metric| metric.place());
+        Self {
+            experiment: &plan.experiment,
+            estimators,
+            axes,
+            levels,
+            metrics,
+            scores: by_row,
+            zones,
+            core_ms: costs.map_or_else(|| vec![None; estimators.len()], |costs| costs.core_ms(plan, estimators)),
+            source,
+        }
+    }
+
+    /// The selected rows, in the order of estimators.
+    ///
+    /// # Errors
+    /// If nothing is selected: what was asked for, and what there is.
+    pub(crate) fn rows(&self, selection: &Selection) -> Result<Vec<Row>, AnalysisError> {
+        let zone = self.zone(selection)?;
+        let set = self.set(selection)?;
+        let mut classes: Vec<Comparison<'_>> = Vec::new();
+        let mut rows = Vec::new();
+        for (index, estimator) in self.estimators.iter().enumerate() {
+            let wanted = selection.estimators.as_deref().is_none_or(|pattern| is_of(estimator, pattern));
+            let Some(scores) = self.scores.get(&(index, set, zone)).filter(|_| wanted) else { continue };
+            // Over the pixels that each answered there is nothing to compare: they are its own.
+            let comparable = (set != PixelSet::Answered).then(|| {
+                let class = self.comparison(estimator, scores, selection);
+                classes.iter().position(|known| *known == class).unwrap_or_else(|| {
+                    classes.push(class);
+                    classes.len() - 1
+                })
+            });
+            rows.push(self.row(index, scores, selection.mean.unwrap_or(estimator.mean), comparable));
+        }
+        if rows.is_empty() {
+            return Err(self.nothing_selected(selection, set, zone));
+        }
+        Ok(rows)
+    }
+
+    fn row(&self, index: usize, scores: &[&FrameScore], mean: Mean, comparable: Option<usize>) -> Row {
+        let settings = self.estimators[index].settings.unwrap_or_default();
+        let rows = || scores.iter().map(|score| &score.row);
+        let value = |metric: &&'static Metric| match mean {
+            Mean::Frames => average(rows().filter_map(|row| row.get(metric))),
+            Mean::Pixels => metric.pooled(rows(), &settings),
+        };
+        let (answered, truth) = (rows().map(|row| row.answered).sum::<u64>(), rows().map(|row| row.truth).sum::<u64>());
+        Row {
+            estimator: index,
+            frames: rows().filter(|row| row.pixels > 0).count() as u64,
+            pixels: rows().map(|row| row.pixels).sum(),
+            density: match mean {
+                Mean::Frames => average(rows().filter_map(ScoreRow::density)),
+                Mean::Pixels => (truth > 0).then(|| answered as f64 / truth as f64),
+            },
+            values: self.metrics.iter().map(value).collect(),
+            core_ms: self.core_ms[index],
+            comparable,
+        }
+    }
+
+    pub(crate) fn estimator(&self, row: &Row) -> &Estimator {
+        &self.estimators[row.estimator]
+    }
+
+    /// The level of a row on an axis.
+    pub(crate) fn level(&self, row: &Row, axis: usize) -> Option<usize> {
+        self.levels[row.estimator][axis]
+    }
+
+    /// A level's name.
+    pub(crate) fn level_name(&self, row: &Row, axis: usize) -> Option<&str> {
+        self.level(row, axis).map(|level| self.axes[axis].levels[level].as_str())
+    }
+
+    /// The frames' scores of a row.
+    pub(crate) fn frames(&self, estimator: usize, set: PixelSet, zone: &'a str) -> &[&'a FrameScore] {
+        self.scores.get(&(estimator, set, zone)).map_or(&[], Vec::as_slice)
+    }
+
+    /// The zones that were scored, the whole image first, as an empty name.
+    pub(crate) fn zones(&self) -> &[&'a str] {
+        &self.zones
+    }
+
+    /// The zone that is asked for.
+    pub(crate) fn zone(&self, selection: &Selection) -> Result<&'a str, AnalysisError> {
+        let Some(wanted) = &selection.zone else { return Ok("") };
+        let known = &self.zones[1..];
+        known.iter().find(|zone| **zone == wanted).copied().ok_or_else(|| {
+            if known.is_empty() {
+                return AnalysisError::asked(
+                    format!("there is no zone `{wanted}`: this recording has scores of the whole image alone"),
+                    "declare `zones` where the experiment scores, and run it again".to_owned(),
+                );
+            }
+            unknown("zone", wanted, known.iter().copied())
+        })
+    }
+
+    /// The pixel set that is asked for, or the one that was scored.
+    pub(crate) fn set(&self, selection: &Selection) -> Result<PixelSet, AnalysisError> {
+        let mut scored: Vec<PixelSet> = self.estimators.iter().flat_map(|estimator| estimator.sets.clone()).collect();
+        scored.sort_unstable();
+        scored.dedup();
+        match selection.set {
+            None => Ok(scored.first().copied().unwrap_or(PixelSet::All)),
+            Some(set) if scored.contains(&set) => Ok(set),
+            Some(set) => {
+                let scored: Vec<String> = scored.iter().map(|set| format!("`{set}`")).collect();
+                Err(AnalysisError::asked(
+                    format!("nothing was scored on `{set}`"),
+                    format!("what was scored is {}: name `{set}` in `sets` and run again", scored.join(" and ")),
+                ))
+            }
+        }
+    }
+
+    /// The place of a metric by name.
+    pub(crate) fn metric(&self, name: &str) -> Result<usize, AnalysisError> {
+        self.metrics.iter().position(|metric| metric.name == name).ok_or_else(|| {
+            let scored = listed(self.metric_names());
+            let is_of = |family: Family| family.metrics().iter().any(|metric| metric.name == name);
+            let help = match (is_of(Family::Depth), is_of(Family::Disparity)) {
+                (true, _) => format!("name it in `metrics` of a score of depths, and run again; scored were {scored}"),
+                (_, true) => format!("it is a score of disparities: `score/disparity` takes it; scored were {scored}"),
+                _ => return unknown("score", name, self.metric_names()),
+            };
+            AnalysisError::asked(format!("`{name}` was not scored"), help)
+        })
+    }
+
+    pub(crate) fn metric_names(&self) -> impl Iterator<Item = &'static str> + Clone {
+        self.metrics.iter().map(|metric| metric.name)
+    }
+
+    /// What the numbers of rows are: pixels, preset, frames.
+    pub(crate) fn about(&self, rows: &[Row], selection: &Selection) -> Result<String, AnalysisError> {
+        let zone = self.zone(selection)?;
+        let pixels = match (self.set(selection)?, zone) {
+            (set, "") => pixels_of(set).to_owned(),
+            (set, zone) => format!("{} of zone {zone}", pixels_of(set)),
+        };
+        let mut presets: Vec<String> = Vec::new();
+        for preset in rows.iter().map(|row| self.estimator(row).preset.clone()) {
+            if !presets.contains(&preset) {
+                presets.push(preset);
+            }
+        }
+        let most = rows.iter().map(|row| row.frames).max().unwrap_or(0);
+        let least = rows.iter().map(|row| row.frames).min().unwrap_or(0);
+        let frames = if least == most { most.to_string() } else { format!("{least} to {most}") };
+        let s = if most == 1 { "" } else { "s" };
+        let over = |mean| rows.iter().all(|row| self.mean(row, selection) == mean);
+        let mean = match (over(Mean::Frames), over(Mean::Pixels)) {
+            (true, _) => format!("mean over {frames} frame{s}"),
+            (_, true) => format!("over the pixels of {frames} frame{s} together"),
+            _ => format!("over {frames} frame{s}, of some the mean, of others the pixels together"),
+        };
+        Ok(format!("{pixels}, {}, {mean}", presets.join(" and ")))
+    }
+
+    /// What a row's values are taken over.
+    fn mean(&self, row: &Row, selection: &Selection) -> Mean {
+        selection.mean.unwrap_or(self.estimator(row).mean)
+    }
+
+    fn comparison(&self, estimator: &'a Estimator, scores: &[&'a FrameScore], selection: &Selection) -> Comparison<'a> {
+        let frame =
+            |score: &&'a FrameScore| ((self.source)(estimator.run, score.position), &*score.frame, score.row.pixels);
+        let truth = estimator.truth.as_deref();
+        let settings = (&estimator.settings, selection.mean.unwrap_or(estimator.mean));
+        Comparison { settings, truth, frames: scores.iter().map(frame).collect() }
+    }
+
+    /// Why no row was selected.
+    fn nothing_selected(&self, selection: &Selection, set: PixelSet, zone: &str) -> AnalysisError {
+        let Some(pattern) = &selection.estimators else {
+            let place = if zone.is_empty() { String::new() } else { format!(" in zone `{zone}`") };
+            return AnalysisError::asked(
+                format!("no frame has a score on `{set}`{place} of all estimators of its stage"),
+                "`depthloom report` says which frames failed".to_owned(),
+            );
+        };
+        let names = || self.estimators.iter().flat_map(|of| [of.label.as_str(), of.name.as_str()]);
+        if names().any(|name| is_pattern_of(pattern, name)) {
+            return AnalysisError::asked(
+                format!("no estimator that `{pattern}` names was scored on `{set}`"),
+                "choose another --set".to_owned(),
+            );
+        }
+        unknown("estimator", pattern, names())
+    }
+}
+
+/// What makes rows comparable: the frames, by source, id and number of pixels, and how they were scored.
+#[derive(PartialEq)]
+struct Comparison<'a> {
+    settings: (&'a Option<Settings>, Mean),
+    truth: Option<&'a str>,
+    frames: Vec<(Option<Key>, &'a str, u64)>,
+}
+
+/// The axes of an experiment, and by estimator its levels. Where variants have no factors, they are one axis themselves.
+fn axes(plan: &RecordedPlan, estimators: &[Estimator]) -> (Vec<Axis>, Vec<Vec<Option<usize>>>) {
+    let mut axes: Vec<Axis> = Vec::new();
+    let mut level = |axis: &str, value: &str| {
+        let place = axes.iter().position(|known| known.name == axis).unwrap_or_else(|| {
+            axes.push(Axis { name: axis.to_owned(), levels: Vec::new() });
+            axes.len() - 1
+        });
+        let levels = &mut axes[place].levels;
+        let level = levels.iter().position(|known| known == value).unwrap_or_else(|| {
+            levels.push(value.to_owned());
+            levels.len() - 1
+        });
+        (place, level)
+    };
+    let by_variant: Vec<Vec<(usize, usize)>> = (0..plan.variants.len())
+        .map(|variant| match (plan.factors_of(variant), plan.variants[variant].as_str()) {
+            ([], "") => Vec::new(),
+            ([], name) => vec![level("variant", name)],
+            (factors, _) => factors.iter().map(|factor| level(&factor.axis, &factor.value)).collect(),
+        })
+        .collect();
+    let place: HashMap<&str, usize> = plan.variants.iter().enumerate().map(|(i, name)| (name.as_str(), i)).collect();
+    let of = |estimator: &Estimator| {
+        let mut levels = vec![None; axes.len()];
+        let variant = estimator.variant.as_deref().and_then(|name| place.get(name));
+        for &(axis, level) in variant.map_or(&[][..], |&variant| &by_variant[variant]) {
+            levels[axis] = Some(level);
+        }
+        levels
+    };
+    let levels = estimators.iter().map(of).collect();
+    (axes, levels)
+}
+
+/// Whether a pattern names an estimator, by its label or its name.
+fn is_of(estimator: &Estimator, pattern: &str) -> bool {
+    is_pattern_of(pattern, &estimator.label) || is_pattern_of(pattern, &estimator.name)
+}
+
+fn is_pattern_of(pattern: &str, name: &str) -> bool {
+    depthloom_graphs::language::glob(pattern, name)
+}
+
+/// That something is not there, with the nearest that is.
+pub(crate) fn unknown<'a>(
+    what: &str,
+    wanted: &str,
+    known: impl IntoIterator<Item = &'a str, IntoIter: Clone>,
+) -> AnalysisError {
+    let known = known.into_iter();
+    let help = match nearest(wanted, known.clone()) {
+        Some(near) => format!("did you mean `{near}`?"),
+        None => format!("there are {}", listed(known)),
+    };
+    AnalysisError::asked(format!("there is no {what} `{wanted}`"), help)
+}
+
+/// Names in a row, the first few of many.
+pub(crate) fn listed<'a>(names: impl IntoIterator<Item = &'a str>) -> String {
+    const SHOWN: usize = 12;
+    let names: Vec<String> = names.into_iter().map(|name| format!("`{name}`")).collect();
+    match names.len() {
+        0 => "none".to_owned(),
+        1..=SHOWN => names.join(", "),
+        all => format!("{} and {} more", names[..SHOWN].join(", "), all - SHOWN),
+    }
+}
+
+/// The pixels of a set, in words.
+pub(crate) const fn pixels_of(set: PixelSet) -> &'static str {
+    match set {
+        PixelSet::All => "all true pixels",
+        PixelSet::Answered => "the true pixels that each answered",
+        PixelSet::Filled => "all true pixels, what was not answered filled as the devkit does",
+    }
+}
+
+/// The unweighted mean; `None` of nothing.
+pub(crate) fn average(values: impl Iterator<Item = f64>) -> Option<f64> {
+    let (count, sum) = values.fold((0_u64, 0.0), |(count, sum), value| (count + 1, sum + value));
+    (count > 0).then(|| sum / count as f64)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,182 @@
+//! What is asked of a run's scores, and the answer in any format.
+
+use depthloom_graphs::Key;
+use depthloom_recording::Recording;
+use depthloom_scores::Mean;
+use serde_json::Value as Json;
+
+use super::{Ablation, Costs, Ranking, Selection, effects, zones};
+use crate::condition;
+use crate::error::{AnalysisError, caught};
+use crate::estimators::{Estimator, estimators};
+use crate::grid::Grid;
+use crate::reading;
+use crate::scores::FrameScore;
+use crate::sheet::Sheet;
+use crate::table::{Table, common};
+
+/// What is asked of a run's scores.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Question {
+    /// A row an estimator, its variant's axes and its scores in columns.
+    Ranking(Ranking),
+    /// What each axis did to this score.
+    Effects(String),
+    /// Which row is best by this score, in each zone.
+    BestPerZone(String),
+    /// A score a row, estimators in columns, as in Table I.
+    Scores,
+}
+
+/// The answer to a [`Question`].
+#[derive(Clone, Debug, PartialEq)]
+pub enum Answer {
+    /// In any other form.
+    Grid(Grid),
+    /// As Table I.
+    Scores(Table),
+}
+
+/// Answers a question from a recording's scores alone: no map is read. `costs` are those of its run, where they are known.
+///
+/// # Errors
+/// If the recording cannot be read or is damaged where scores are; [`AnalysisError::Asked`] if the question names what is not there;
+/// [`AnalysisError::Stopped`] once `stop` says so.
+pub fn answer(
+    recording: &Recording,
+    costs: Option<&Costs>,
+    selection: &Selection,
+    question: &Question,
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Result<Answer, AnalysisError> {
+    caught(|| {
+        let estimators = estimators(recording.plan())?;
+        let scores = scored(recording, &estimators, stop)?;
+        let source = source_of(recording);
+        let ablation = Ablation::new(recording.plan(), &estimators, &scores, &source, costs);
+        let mut grid = match question {
+            Question::Ranking(ranking) => ranking.grid(&ablation, selection)?,
+            Question::Effects(metric) => effects::grid(&ablation, selection, metric)?,
+            Question::BestPerZone(metric) => zones::grid(&ablation, selection, metric)?,
+            Question::Scores => return as_table(recording, &estimators, &scores, selection, &ablation),
+        };
+        grid.notes.extend(condition::told(recording, &[], true).notes);
+        Ok(Answer::Grid(grid))
+    })
+}
+
+impl Answer {
+    /// As aligned text, the best marked by `*`; where it is wider than `width` columns of text, in blocks below each other.
+    #[must_use]
+    pub fn terminal(&self, width: usize) -> String {
+        match self {
+            Self::Grid(grid) => grid.terminal(width),
+            Self::Scores(table) => table.terminal(width),
+        }
+    }
+
+    /// In Markdown (GitHub's), the best in bold.
+    #[must_use]
+    pub fn markdown(&self) -> String {
+        match self {
+            Self::Grid(grid) => grid.markdown(),
+            Self::Scores(table) => table.markdown(),
+        }
+    }
+
+    /// In LaTeX, for the package `booktabs`, in the type's own size, with caption and label; the best in bold.
+    #[must_use]
+    pub fn latex(&self) -> String {
+        match self {
+            Self::Grid(grid) => grid.latex(),
+            Self::Scores(table) => table.latex(),
+        }
+    }
+
+    /// As CSV: all digits, an empty field where there is no value.
+    #[must_use]
+    pub fn csv(&self) -> Vec<u8> {
+        self.sheet().csv()
+    }
+
+    /// The bytes of a Parquet file with the columns of [`Answer::csv`].
+    ///
+    /// # Errors
+    /// If polars makes none of them.
+    pub fn parquet(&self) -> Result<Vec<u8>, AnalysisError> {
+        caught(|| self.sheet().parquet().map_err(AnalysisError::compute("the table")))
+    }
+
+    /// For programs: `about`, `rows` with the columns of [`Answer::csv`], `notes`.
+    #[must_use]
+    pub fn json(&self) -> Json {
+        match self {
+            Self::Grid(grid) => grid.json(),
+            Self::Scores(table) => {
+                serde_json::json!({ "about": table.about(), "rows": crate::report::rows(table), "notes": [] })
+            }
+        }
+    }
+
+    fn sheet(&self) -> Sheet<'_> {
+        match self {
+            Self::Grid(grid) => grid.sheet(),
+            Self::Scores(table) => table.long_form(),
+        }
+    }
+}
+
+/// The key of a frame's source values, by stage run and position.
+pub(crate) fn source_of(recording: &Recording) -> impl Fn(usize, usize) -> Option<Key> {
+    |run, position| recording.frames(run).get(position).and_then(|frame| frame.source_key)
+}
+
+/// The scores that a recording holds.
+pub(crate) fn scored(
+    recording: &Recording,
+    estimators: &[Estimator],
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Result<Vec<FrameScore>, AnalysisError> {
+    let nothing = |what: &str, help: &str| Err(AnalysisError::asked(what.to_owned(), help.to_owned()));
+    if estimators.is_empty() {
+        return nothing("nothing was scored: no stage has a `score:`", "give a stage one, and run again");
+    }
+    let scores = reading::scores(recording, estimators, stop)?;
+    if scores.is_empty() {
+        return nothing("no frame was scored", "`depthloom report` says which stages have no frames");
+    }
+    Ok(scores)
+}
+
+/// As Table I: of the selected estimators, in one zone.
+fn as_table(
+    recording: &Recording,
+    estimators: &[Estimator],
+    scores: &[FrameScore],
+    selection: &Selection,
+    ablation: &Ablation<'_>,
+) -> Result<Answer, AnalysisError> {
+    if selection.mean == Some(Mean::Pixels) {
+        return Err(AnalysisError::asked(
+            "the table with scores in rows has means over frames".to_owned(),
+            "take `--rows variant` for those over pixels".to_owned(),
+        ));
+    }
+    let zone = ablation.zone(selection)?;
+    let rows = ablation.rows(selection)?;
+    let mut place = vec![None; estimators.len()];
+    let mut selected: Vec<Estimator> = Vec::new();
+    for row in rows {
+        let estimator = &estimators[row.estimator];
+        let sets = estimator.sets.iter().copied().filter(|set| selection.set.is_none_or(|wanted| wanted == *set));
+        place[row.estimator] = Some(selected.len());
+        selected.push(Estimator { sets: sets.collect(), ..estimator.clone() });
+    }
+    let of = |score: &&FrameScore| {
+        let estimator = place[score.estimator]?;
+        let is_wanted = score.row.zone == zone && selected[estimator].sets.contains(&score.row.set);
+        is_wanted.then(|| FrameScore { estimator, ..(*score).clone() })
+    };
+    let kept: Vec<FrameScore> = common(scores, estimators).iter().filter_map(of).collect();
+    Ok(Answer::Scores(Table::new(&recording.plan().experiment, &kept, &selected, false, &source_of(recording))))
+}

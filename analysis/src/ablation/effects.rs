@@ -1,0 +1,244 @@
+//! The effect of each axis as a table: marginal means by level, and shares of the variance.
+
+use super::variance::{Effects, Factor, effects};
+use super::{Ablation, Row, Selection};
+use crate::error::AnalysisError;
+use crate::grid::{Grid, GridCells, GridColumn};
+
+/// Levels that are numbers are taken together in so many ranges where nearly every row has one of its own.
+const RANGES: usize = 4;
+/// So many interactions of two axes are named, if they explain at least this share.
+const PAIRS: usize = 3;
+const LEAST_PAIR: f64 = 0.005;
+
+/// An axis as it is looked at: the names of its levels, and the level of each row.
+struct Looked {
+    name: String,
+    levels: Vec<String>,
+    of_row: Vec<usize>,
+    in_ranges: bool,
+}
+
+/// A line of the table.
+#[derive(Default)]
+struct Line {
+    axis: String,
+    level: Option<String>,
+    rows: Option<u64>,
+    mean: Option<f64>,
+    share: Option<f64>,
+    is_best: bool,
+    is_start: bool,
+    has_gap: bool,
+}
+
+/// What each axis did to a metric: of each level how many rows, their mean and how far that is from the mean of all; of each axis its share
+/// of the variance, the largest first.
+pub(crate) fn grid(ablation: &Ablation<'_>, selection: &Selection, metric: &str) -> Result<Grid, AnalysisError> {
+    let metric = ablation.metric(metric)?;
+    let all = ablation.rows(selection)?;
+    let has_axis = |row: &&Row| (0..ablation.axes.len()).any(|axis| ablation.level(row, axis).is_some());
+    let value = |row: &Row| row.values[metric].filter(|value| value.is_finite());
+    let rows: Vec<&Row> = all.iter().filter(has_axis).filter(|row| value(row).is_some()).collect();
+    let looked = looked_at(ablation, &rows);
+    if looked.is_empty() {
+        return Err(AnalysisError::asked(
+            "there is no axis to see the effect of: the selected estimates do not differ on any".to_owned(),
+            "`matrix` and `variants` make axes; `--estimators` may have left one value of each".to_owned(),
+        ));
+    }
+    let values: Vec<f64> = rows.iter().filter_map(|row| value(row)).collect();
+    let factors: Vec<Factor> =
+        looked.iter().map(|axis| Factor { levels: axis.levels.len(), of_row: axis.of_row.clone() }).collect();
+    let found = effects(&values, &factors);
+
+    let named = ablation.metrics[metric];
+    let is_comparable = rows.iter().all(|row| row.comparable.is_some() && row.comparable == rows[0].comparable);
+    let lines = lines(&looked, &found, named.more_is_better, is_comparable);
+    let decimals = named.decimals + 1;
+    let number = |values: Vec<Option<f64>>| {
+        let best = vec![false; values.len()];
+        GridCells::Number { decimals, values, best }
+    };
+    let means = GridCells::Number {
+        decimals,
+        values: lines.iter().map(|line| line.mean).collect(),
+        best: lines.iter().map(|line| line.is_best).collect(),
+    };
+    let apart = lines.iter().map(|line| line.mean.map(|mean| mean - found.mean)).collect();
+    let once = |column: GridColumn| GridColumn { once: true, ..column };
+    let places = |of: fn(&Line) -> bool| (0..lines.len()).filter(|&line| of(&lines[line])).collect();
+    Ok(Grid {
+        about: format!(
+            "effect of each axis on {} over {}; {} rows, mean {:.decimals$}, standard deviation {:.decimals$}; share: of the variance between \
+             rows (eta squared)",
+            named.name,
+            ablation.about(&all, selection)?,
+            rows.len(),
+            found.mean,
+            found.deviation,
+        ),
+        label: format!("{}-effects", ablation.experiment),
+        columns: vec![
+            once(GridColumn::key("axis", lines.iter().map(|line| Some(line.axis.clone())).collect())),
+            GridColumn::key("level", lines.iter().map(|line| line.level.clone()).collect()),
+            GridColumn::of("rows", GridCells::Count(lines.iter().map(|line| line.rows).collect())),
+            GridColumn { more_is_better: Some(named.more_is_better), ..GridColumn::of(named.name, means) },
+            GridColumn::of("difference", number(apart)),
+            once(GridColumn::of("share", GridCells::Share(lines.iter().map(|line| line.share).collect()))),
+        ],
+        gaps: places(|line| line.has_gap),
+        starts: places(|line| line.is_start),
+        notes: notes(ablation, &all, &rows, &looked, &found, is_comparable),
+    })
+}
+
+/// The axes on which rows differ, the estimator's name among them where there are several.
+fn looked_at(ablation: &Ablation<'_>, rows: &[&Row]) -> Vec<Looked> {
+    let mut looked = Vec::new();
+    for (axis, named) in ablation.axes.iter().enumerate() {
+        let of_row = rows.iter().map(|row| ablation.level(row, axis));
+        looked.extend(differing(&named.name, of_row, |level| named.levels[level].clone()));
+    }
+    let mut names: Vec<&str> = Vec::new();
+    let of_row: Vec<usize> = rows
+        .iter()
+        .map(|row| {
+            let name = ablation.estimator(row).name.as_str();
+            names.iter().position(|known| *known == name).unwrap_or_else(|| {
+                names.push(name);
+                names.len() - 1
+            })
+        })
+        .collect();
+    looked.extend(differing("estimate", of_row.into_iter().map(Some), |level| names[level].to_owned()));
+    looked
+}
+
+/// An axis, if rows differ on it: with the levels that rows have, and one for rows that are not on it.
+fn differing(
+    name: &str,
+    of_row: impl Iterator<Item = Option<usize>>,
+    level_name: impl Fn(usize) -> String,
+) -> Option<Looked> {
+    let of_row: Vec<Option<usize>> = of_row.collect();
+    let mut present = of_row.clone();
+    // Rows without the axis come last.
+    present.sort_unstable_by_key(|level| level.map_or(usize::MAX, |level| level));
+    present.dedup();
+    if present.len() < 2 {
+        return None;
+    }
+    let name_of = |level: &Option<usize>| level.map_or_else(|| "(none)".to_owned(), &level_name);
+    let levels: Vec<String> = present.iter().map(name_of).collect();
+    let place = |level: &Option<usize>| present.iter().position(|of| of == level).unwrap_or(0);
+    let of_row: Vec<usize> = of_row.iter().map(place).collect();
+    let looked = Looked { name: name.to_owned(), levels, of_row, in_ranges: false };
+    Some(in_ranges(&looked).unwrap_or(looked))
+}
+
+/// An axis of numbers of which nearly every row has one of its own, in ranges of as many rows; `None` of others.
+fn in_ranges(axis: &Looked) -> Option<Looked> {
+    if axis.levels.len() < 2 * RANGES || axis.of_row.len() >= 2 * axis.levels.len() {
+        return None;
+    }
+    let numbers: Vec<f64> = axis.levels.iter().map(|level| level.parse().ok()).collect::<Option<_>>()?;
+    let mut sorted: Vec<f64> = axis.of_row.iter().map(|&level| numbers[level]).collect();
+    sorted.sort_unstable_by(f64::total_cmp);
+    // Equal numbers stay in one range.
+    let mut firsts: Vec<f64> = (0..RANGES).map(|range| sorted[range * sorted.len() / RANGES]).collect();
+    firsts.dedup();
+    let range = |number: f64| firsts.iter().rposition(|first| *first <= number).unwrap_or(0);
+    let name = |of: usize| {
+        let inside = || sorted.iter().copied().filter(|number| range(*number) == of);
+        format!("{} to {}", inside().fold(f64::INFINITY, f64::min), inside().fold(f64::NEG_INFINITY, f64::max))
+    };
+    Some(Looked {
+        name: axis.name.clone(),
+        levels: (0..firsts.len()).map(name).collect(),
+        of_row: axis.of_row.iter().map(|&level| range(numbers[level])).collect(),
+        in_ranges: true,
+    })
+}
+
+fn lines(looked: &[Looked], found: &Effects, more_is_better: bool, is_comparable: bool) -> Vec<Line> {
+    let mut order: Vec<usize> = (0..looked.len()).collect();
+    let share = |axis: usize| found.factors[axis].share.unwrap_or(-1.0);
+    order.sort_by(|&a, &b| share(b).total_cmp(&share(a)));
+    let mut lines = Vec::new();
+    for axis in order {
+        let effect = &found.factors[axis];
+        let means = effect.levels.iter().filter_map(|(_, mean)| *mean);
+        let best = if more_is_better { means.reduce(f64::max) } else { means.reduce(f64::min) };
+        lines.extend(effect.levels.iter().enumerate().map(|(level, (rows, mean))| Line {
+            axis: looked[axis].name.clone(),
+            level: Some(looked[axis].levels[level].clone()),
+            rows: Some(*rows as u64),
+            mean: *mean,
+            share: effect.share,
+            is_best: is_comparable && *mean == best,
+            is_start: level == 0,
+            has_gap: level == 0,
+        }));
+    }
+    let others = |axis: String, share: f64, has_gap: bool| Line {
+        axis,
+        share: Some(share),
+        is_start: true,
+        has_gap,
+        ..Line::default()
+    };
+    if let Some(left) = found.left.filter(|_| looked.len() > 1) {
+        lines.push(others("interactions".to_owned(), left, true));
+        let told = found.pairs.iter().take(PAIRS).filter(|(.., share)| *share >= LEAST_PAIR);
+        lines.extend(
+            told.map(|(a, b, share)| others(format!("{} x {}", looked[*a].name, looked[*b].name), *share, false)),
+        );
+    }
+    lines
+}
+
+fn notes(
+    ablation: &Ablation<'_>,
+    all: &[Row],
+    rows: &[&Row],
+    looked: &[Looked],
+    found: &Effects,
+    is_comparable: bool,
+) -> Vec<String> {
+    let mut notes = Vec::new();
+    let shared = all.iter().filter(|row| (0..ablation.axes.len()).all(|axis| ablation.level(row, axis).is_none()));
+    let mut shared: Vec<&str> = shared.map(|row| ablation.estimator(row).label.as_str()).collect();
+    shared.dedup();
+    if !shared.is_empty() {
+        notes.push(format!("left out, for no axis changes it: {}", shared.join(", ")));
+    }
+    let without = all.len() - shared.len() - rows.len();
+    if without > 0 {
+        notes.push(format!("{without} rows without a value are left out"));
+    }
+    if !is_comparable {
+        notes.push(
+            "rows are not over the same pixels scored in the same way: differences are not the axes' alone".to_owned(),
+        );
+    }
+    let ranges: Vec<&str> = looked.iter().filter(|axis| axis.in_ranges).map(|axis| axis.name.as_str()).collect();
+    if !ranges.is_empty() {
+        notes.push(format!(
+            "nearly every row has a value of its own of {}: taken together in ranges",
+            ranges.join(", ")
+        ));
+    }
+    let single =
+        looked.iter().zip(&found.factors).filter(|(_, effect)| effect.levels.iter().all(|(rows, _)| *rows <= 1));
+    for (axis, _) in single {
+        notes
+            .push(format!("no share of {}: every row has a level of its own, which would explain anything", axis.name));
+    }
+    if !found.is_orthogonal {
+        notes.push(
+            "not every level of an axis meets those of the others in the same proportions: shares overlap, and do not add up".to_owned(),
+        );
+    }
+    notes
+}

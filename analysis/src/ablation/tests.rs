@@ -1,0 +1,313 @@
+//! Ablations of a recorded plan with two axes, and scores that are easy to reckon with.
+
+use std::sync::Arc;
+
+use serde::Deserialize as _;
+use serde_json::{Value as Json, json};
+
+use super::*;
+use crate::estimators::estimators;
+use crate::timings::Timing;
+
+/// Variants of `block` (3, 9) and `mode` (hh, sgbm) with an estimate each, and one that all share; the source's depth is the truth.
+fn plan() -> RecordedPlan {
+    let output = |port: &str, kind: &str, topic: &str| json!({ "port": port, "type": kind, "once": false, "topic": topic, "aliases": [], "recorded": true });
+    let recipe = "0123456789abcdef0123456789abcdef";
+    let params = json!({ "preset": "paper", "sets": ["answered", "all"], "max_m": null });
+    let node = |name: &str, inputs: Json, outputs: Json, variants: Json| {
+        json!({
+            "name": name, "kind": "test/node", "version": 1, "contract": "pure", "params": params, "inputs": inputs, "outputs": outputs,
+            "recipe": recipe, "variants": variants,
+        })
+    };
+    let from = |port: &str, topic: &str| json!({ "port": port, "from": topic });
+    let all = json!([0, 1, 2, 3]);
+    let mut nodes = vec![
+        node(
+            "stereo",
+            json!([from("left", "/s/source/left")]),
+            json!([output("depth", "depth", "/s/stereo")]),
+            all.clone(),
+        ),
+        node(
+            "score.stereo",
+            json!([from("estimate", "/s/stereo"), from("truth", "/s/source/depth")]),
+            json!([output("rows", "scores", "/s/score")]),
+            all,
+        ),
+    ];
+    let mut estimates = vec![estimate("stereo", &Json::Null, "/s/stereo", "/s/score", 1, &params)];
+    let mut factors = Vec::new();
+    let mut names = Vec::new();
+    for (variant, (block, mode)) in [("3", "hh"), ("3", "sgbm"), ("9", "hh"), ("9", "sgbm")].into_iter().enumerate() {
+        let (depth, scores) = (format!("/s/v{variant}/depth"), format!("/s/v{variant}/score"));
+        let inputs = json!([from("depth", "/s/stereo")]);
+        nodes.push(node("smooth", inputs, json!([output("depth", "depth", &depth)]), json!([variant])));
+        let inputs = json!([from("estimate", &depth), from("truth", "/s/source/depth")]);
+        nodes.push(node("score.smooth", inputs, json!([output("rows", "scores", &scores)]), json!([variant])));
+        let (name, score_node) = (format!("block={block}+mode={mode}"), nodes.len() - 1);
+        estimates.push(estimate("smooth", &json!([variant, name]), &depth, &scores, score_node, &params));
+        factors.push(json!([{ "axis": "block", "value": block }, { "axis": "mode", "value": mode }]));
+        names.push(name);
+    }
+    let plan = json!({
+        "experiment": "test", "about": "", "variants": names, "factors": factors, "every": 1, "view": false,
+        "runs": [{
+            "stage": "s", "prefix": "/s", "variants": [0, 1, 2, 3],
+            "source": {
+                "name": "street", "parts": [],
+                "outputs": [output("left", "image", "/s/source/left"), output("depth", "depth", "/s/source/depth")],
+            },
+            "nodes": nodes, "estimates": estimates,
+        }],
+    });
+    RecordedPlan::deserialize(plan).unwrap()
+}
+
+fn estimate(name: &str, variant: &Json, depth: &str, scores: &str, node: usize, params: &Json) -> Json {
+    let label = variant[1].as_str().map_or_else(|| name.to_owned(), |variant| format!("{variant}/{name}"));
+    json!({
+        "label": label, "name": name, "variant": variant[0], "estimate_topic": depth, "truth_topic": "/s/source/depth",
+        "score_topic": scores, "score_node": node, "score_params": params,
+    })
+}
+
+fn score(position: usize, estimator: usize, zone: &str, pixels: u64, abs_rel: f64) -> [FrameScore; 2] {
+    [PixelSet::All, PixelSet::Answered].map(|set| {
+        let answered = pixels / 2;
+        let counted = if set == PixelSet::All { pixels } else { answered };
+        let row = ScoreRow { pixels: counted, truth: pixels, answered, ..ScoreRow::new(set, zone) };
+        let metric = |name: &str| Metric::named(name).unwrap();
+        let row = row.with(metric("a1"), 1.0 - abs_rel).with(metric("a3"), 1.0).with(metric("abs_rel"), abs_rel);
+        FrameScore { frame: Arc::from(format!("f{position}")), position, estimator, row }
+    })
+}
+
+/// Of two frames, the second with three times as many pixels: by estimator (`stereo`, then the variants) the error of the first; that of
+/// the second is 0.1 more. Near, the order of variants is the other way round.
+fn scores() -> Vec<FrameScore> {
+    let mut scores = Vec::new();
+    for (position, (pixels, more)) in [(100, 0.0), (300, 0.1)].into_iter().enumerate() {
+        for (estimator, error) in [0.5, 0.1, 0.2, 0.3, 0.6].into_iter().enumerate() {
+            scores.extend(score(position, estimator, "", pixels, error + more));
+            scores.extend(score(position, estimator, "near", pixels / 10, 1.0 - error - more));
+        }
+    }
+    scores
+}
+
+fn costs() -> Costs {
+    let timing = |node: &str, phase: &str, cpu_ns: u64| Timing {
+        stage: "s".to_owned(),
+        node: node.to_owned(),
+        phase: phase.to_owned(),
+        frames: 2,
+        cpu_ns,
+        wall_ns: 0,
+        median_cpu_ns: None,
+    };
+    Costs::new(&[
+        timing("street", "read", 900_000_000),
+        timing("stereo", "process", 20_000_000),
+        timing("block=3+mode=hh/smooth", "process", 2_000_000),
+        timing("block=3+mode=sgbm/smooth", "process", 4_000_000),
+        timing("block=9+mode=hh/smooth", "process", 6_000_000),
+        timing("score.stereo", "process", 70_000_000),
+    ])
+}
+
+/// Asks of an ablation of these scores.
+fn ask<R>(of: impl FnOnce(&Ablation<'_>) -> R) -> R {
+    ask_of(&estimators(&plan()).unwrap(), &scores(), of)
+}
+
+fn ask_of<R>(estimators: &[Estimator], scores: &[FrameScore], of: impl FnOnce(&Ablation<'_>) -> R) -> R {
+    of(&Ablation::new(&plan(), estimators, scores, &|_, _| None, Some(&costs())))
+}
+
+fn ranking(ranking: &Ranking, selection: &Selection) -> Result<crate::grid::Grid, AnalysisError> {
+    ask(|ablation| ranking.grid(ablation, selection))
+}
+
+fn csv(grid: &crate::grid::Grid) -> String {
+    String::from_utf8(grid.sheet().csv()).unwrap()
+}
+
+fn owned(names: &[&str]) -> Vec<String> {
+    names.iter().map(|name| (*name).to_owned()).collect()
+}
+
+/// What an error says, and what helps.
+fn refused<R: std::fmt::Debug>(result: Result<R, AnalysisError>) -> String {
+    let error = result.unwrap_err();
+    format!("{error}; {}", error.remedy().unwrap())
+}
+
+#[test]
+fn axes_are_columns_and_rows_are_sorted_best_first() {
+    let columns = owned(&["abs_rel", "density", "ms"]);
+    let grid = ranking(&Ranking { columns, ..Ranking::default() }, &Selection::default()).unwrap();
+    let expected = "\
+all true pixels, preset paper, mean over 2 frames; 5 rows by abs_rel; * best
+
+block  mode  estimate  abs_rel ↓   density ↑   ms ↓
+3      hh    smooth       0.1500*     50.0 %  11.00
+3      sgbm  smooth       0.2500      50.0 %  12.00
+9      hh    smooth       0.3500      50.0 %  13.00
+-      -     stereo       0.5500      50.0 %  10.00
+9      sgbm  smooth       0.6500      50.0 %      -
+note: ms: processor time of all nodes that an estimate is computed from, core-milliseconds a frame
+";
+    assert_eq!(grid.terminal(110), expected);
+    let last = csv(&grid).lines().last().unwrap().to_owned();
+    assert_eq!(last, "block=9+mode=sgbm/smooth,9,sgbm,smooth,0.6499999999999999,0.5,");
+}
+
+#[test]
+fn what_one_pays_for_is_all_that_an_estimate_comes_from_and_shared_nodes_count_for_each() {
+    let estimators = estimators(&plan()).unwrap();
+    // `stereo` 10 ms a frame, `smooth` 1, 2 and 3 ms on top; the time of the last variant's node is not known.
+    let ms = costs().core_ms(&plan(), &estimators);
+    assert_eq!(ms, [Some(10.0), Some(11.0), Some(12.0), Some(13.0), None]);
+}
+
+#[test]
+fn rows_are_cut_filtered_and_on_the_front() {
+    let labels = |of: &Ranking, selection: &Selection| -> Vec<String> {
+        let csv = csv(&ranking(of, selection).unwrap());
+        csv.lines().skip(1).map(|line| line.split(',').next().unwrap().to_owned()).collect()
+    };
+    let top = Ranking { top: Some(2), sort: Some("ms".to_owned()), ..Ranking::default() };
+    assert_eq!(labels(&top, &Selection::default()), ["stereo", "block=3+mode=hh/smooth"]);
+    let of_block_9 = Selection { estimators: Some("block=9*".to_owned()), ..Selection::default() };
+    let by_mode = Ranking { sort: Some("mode".to_owned()), ..Ranking::default() };
+    assert_eq!(labels(&by_mode, &of_block_9), ["block=9+mode=hh/smooth", "block=9+mode=sgbm/smooth"]);
+    // 11 ms for 0.15 beats 12 and 13 ms for more; what has no time is not on it.
+    let front = Ranking { pareto: owned(&["abs_rel", "ms"]), ..Ranking::default() };
+    assert_eq!(labels(&front, &Selection::default()), ["block=3+mode=hh/smooth", "stereo"]);
+}
+
+#[test]
+fn best_is_marked_only_between_what_is_comparable() {
+    let selection = Selection { set: Some(PixelSet::Answered), ..Selection::default() };
+    let grid = ranking(&Ranking::default(), &selection).unwrap();
+    assert!(!grid.terminal(110).contains('*'), "each is over its own pixels");
+    assert!(grid.notes.iter().any(|note| note.contains("over the pixels that it answered itself")), "{:?}", grid.notes);
+    // Three of one truth, two of another: a best of each.
+    let mut estimators = estimators(&plan()).unwrap();
+    for estimator in &mut estimators[3..] {
+        estimator.truth = Some("/s/lidar/depth".to_owned());
+    }
+    let of = Ranking { columns: owned(&["abs_rel"]), ..Ranking::default() };
+    let grid = ask_of(&estimators, &scores(), |ablation| of.grid(ablation, &Selection::default())).unwrap();
+    let marked = grid.terminal(110).lines().filter(|line| line.ends_with('*')).map(str::to_owned).collect::<Vec<_>>();
+    assert_eq!(marked, ["3      hh    smooth       0.1500*", "9      hh    smooth       0.3500*"]);
+    assert!(grid.notes[0].starts_with("rows are of 2 kinds that cannot be compared"), "{:?}", grid.notes);
+}
+
+#[test]
+fn pixels_of_all_frames_weigh_alike_where_that_is_asked_for() {
+    // (100 * 0.1 + 300 * 0.2) / 400 = 0.175, not 0.15.
+    let value = |mean| {
+        let selection = Selection { mean, estimators: Some("block=3+mode=hh/*".to_owned()), ..Selection::default() };
+        ask(|ablation| ablation.rows(&selection).unwrap()[0].values[2].unwrap())
+    };
+    assert!((value(None) - 0.15).abs() < 1e-12);
+    assert!((value(Some(Mean::Pixels)) - 0.175).abs() < 1e-12);
+}
+
+/// By hand: the variants' means are 0.15, 0.25, 0.35, 0.65, of them the mean is 0.35; squares (4 + 1 + 0 + 9) / 100. `block` has means 0.2
+/// and 0.5, its share 4 * 0.15^2 / 0.14 = 9 / 14; `mode` 0.25 and 0.45, 4 / 14; what is left 1 / 14.
+#[test]
+fn the_effect_of_each_axis_is_told_with_what_is_left() {
+    let grid = ask(|ablation| effects::grid(ablation, &Selection::default(), "abs_rel")).unwrap();
+    let expected = "\
+effect of each axis on abs_rel over all true pixels, preset paper, mean over 2 frames; 4 rows, mean 0.3500, standard
+deviation 0.1871; share: of the variance between rows (eta squared); * best
+
+axis          level  rows  abs_rel ↓   difference   share
+block         3         2     0.2000*     -0.1500  64.3 %
+              9         2     0.5000       0.1500
+
+mode          hh        2     0.2500*     -0.1000  28.6 %
+              sgbm      2     0.4500       0.1000
+
+interactions  -         -          -            -   7.1 %
+block x mode  -         -          -            -   7.1 %
+note: left out, for no axis changes it: stereo
+";
+    assert_eq!(grid.terminal(118), expected);
+    let more = ask(|ablation| effects::grid(ablation, &Selection::default(), "a1")).unwrap();
+    assert!(more.terminal(118).contains("3         2  0.8000*"), "more of it is better: {}", more.terminal(118));
+}
+
+#[test]
+fn where_combinations_are_missing_shares_are_said_to_overlap() {
+    let selection = Selection { estimators: Some("*/smooth".to_owned()), ..Selection::default() };
+    let grid = ask_of(
+        &estimators(&plan()).unwrap()[..4],
+        &scores().into_iter().filter(|of| of.estimator < 4).collect::<Vec<_>>(),
+        |ablation| effects::grid(ablation, &selection, "abs_rel"),
+    )
+    .unwrap();
+    assert!(grid.notes.iter().any(|note| note.contains("shares overlap")), "{:?}", grid.notes);
+    assert!(!csv(&grid).contains("interactions"));
+}
+
+#[test]
+fn each_zone_has_its_best_beside_what_the_best_overall_has_there() {
+    let grid = ask(|ablation| zones::grid(ablation, &Selection::default(), "abs_rel")).unwrap();
+    let expected = "\
+zone,estimator,block,mode,estimate,abs_rel,best_overall,rows,pixels
+whole image,block=3+mode=hh/smooth,3,hh,smooth,0.15000000000000002,0.15000000000000002,5,400
+near,block=9+mode=sgbm/smooth,9,sgbm,smooth,0.35000000000000003,0.8500000000000001,5,40
+";
+    assert_eq!(csv(&grid), expected);
+    let near = Selection { zone: Some("near".to_owned()), ..Selection::default() };
+    let row = ranking(&Ranking { top: Some(1), ..Ranking::default() }, &near).unwrap();
+    assert!(row.about.starts_with("all true pixels of zone near, "), "{}", row.about);
+}
+
+#[test]
+fn what_is_not_there_is_told_with_what_is() {
+    let sorted = |by: &str| {
+        refused(ranking(&Ranking { sort: Some(by.to_owned()), ..Ranking::default() }, &Selection::default()))
+    };
+    assert_eq!(sorted("absrel"), "there is no column `absrel`; did you mean `abs_rel`?");
+    assert_eq!(sorted("blok"), "there is no column `blok`; did you mean `block`?");
+    assert!(sorted("rmse").starts_with("`rmse` was not scored; name it in `metrics`"), "{}", sorted("rmse"));
+    assert!(sorted("epe").contains("`score/disparity` takes it"), "{}", sorted("epe"));
+    let selected = |selection: Selection| refused(ask(|ablation| ablation.rows(&selection)));
+    let zone = Selection { zone: Some("naer".to_owned()), ..Selection::default() };
+    assert_eq!(selected(zone), "there is no zone `naer`; did you mean `near`?");
+    let pattern = Selection { estimators: Some("smoth".to_owned()), ..Selection::default() };
+    assert_eq!(selected(pattern), "there is no estimator `smoth`; did you mean `smooth`?");
+    let set = Selection { set: Some(PixelSet::Filled), ..Selection::default() };
+    assert!(selected(set).starts_with("nothing was scored on `filled`; what was scored is `all` and `answered`"));
+    let front =
+        |of: &[&str]| refused(ranking(&Ranking { pareto: owned(of), ..Ranking::default() }, &Selection::default()));
+    assert!(front(&["abs_rel"]).contains("name two columns"));
+    assert!(front(&["abs_rel", "block"]).starts_with("`block` is an axis"));
+    let effects = refused(ask(|ablation| {
+        effects::grid(ablation, &Selection { estimators: Some("stereo".to_owned()), ..Selection::default() }, "abs_rel")
+    }));
+    assert!(effects.starts_with("there is no axis to see the effect of"), "{effects}");
+    let estimators = estimators(&plan()).unwrap();
+    let of = Ranking { sort: Some("ms".to_owned()), ..Ranking::default() };
+    let (plan, scores) = (plan(), scores());
+    let without = Ablation::new(&plan, &estimators, &scores, &|_, _| None, None);
+    assert!(refused(of.grid(&without, &Selection::default())).contains("timings.parquet"));
+}
+
+#[test]
+fn variants_that_no_matrix_made_are_an_axis_themselves() {
+    let mut plan = plan();
+    plan.factors = Vec::new();
+    let estimators = estimators(&plan).unwrap();
+    let scores = scores();
+    let ablation = Ablation::new(&plan, &estimators, &scores, &|_, _| None, None);
+    let axis = Axis { name: "variant".to_owned(), levels: plan.variants.clone() };
+    assert_eq!(ablation.axes, [axis]);
+    let grid = effects::grid(&ablation, &Selection::default(), "abs_rel").unwrap();
+    assert!(grid.notes.iter().any(|note| note.starts_with("no share of variant")), "{:?}", grid.notes);
+}

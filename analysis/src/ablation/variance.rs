@@ -1,0 +1,222 @@
+//! What each axis did to a metric: marginal means, and shares of the variance.
+//!
+//! The rows of an ablation are a factorial design without repetition: a number a combination of levels. A level's *marginal mean* is
+//! the mean of all rows that have it. An axis' *share* is eta squared of its main effect,
+//! `sum over levels of n (mean of the level - mean)^2 / sum over rows of (value - mean)^2`
+//! (Fisher 1925; Cohen 1973): how much of the rows' spread is explained by knowing that one axis. Where every two axes are
+//! orthogonal, shares add up and what they leave is the interactions'; where they are not, shares overlap.
+
+/// An axis as rows have it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Factor {
+    /// How many levels it has.
+    pub(crate) levels: usize,
+    /// The level of each row, below `levels`.
+    pub(crate) of_row: Vec<usize>,
+}
+
+/// The main effects on a value.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Effects {
+    /// The mean over all rows.
+    pub(crate) mean: f64,
+    /// The rows' standard deviation (of a population: over their number).
+    pub(crate) deviation: f64,
+    /// A factor each, in their order.
+    pub(crate) factors: Vec<MainEffect>,
+    /// Whether every two axes are orthogonal: each level of one meets the levels of the other in the same proportions.
+    pub(crate) is_orthogonal: bool,
+    /// The share that no main effect explains: the interactions'; `None` where shares overlap, or rows do not differ.
+    pub(crate) left: Option<f64>,
+    /// By two factors, the share that is their interaction's alone, largest first; empty unless every combination of all levels is there
+    /// as often as every other.
+    pub(crate) pairs: Vec<(usize, usize, f64)>,
+}
+
+/// What one axis explains.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct MainEffect {
+    /// By level: how many rows, and their mean; `None` where there are none.
+    pub(crate) levels: Vec<(usize, Option<f64>)>,
+    /// Eta squared; `None` where rows do not differ, or each has a level of its own, which would explain anything.
+    pub(crate) share: Option<f64>,
+}
+
+/// The effects of factors on the values of rows; `values` are finite, at least one, and each factor has a level for each.
+pub(crate) fn effects(values: &[f64], factors: &[Factor]) -> Effects {
+    let count = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / count;
+    let spread = values.iter().map(|value| (value - mean) * (value - mean)).sum::<f64>();
+    // Values that differ by rounding alone do not differ.
+    let largest = values.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
+    let differ = spread > count * (1e-12 * largest) * (1e-12 * largest);
+    let share = |levels: &[usize], of: usize| {
+        let between = group(values, levels, of).into_iter().map(|(rows, sum)| {
+            let apart = if rows == 0 { 0.0 } else { sum / rows as f64 - mean };
+            rows as f64 * apart * apart
+        });
+        (between.sum::<f64>() / spread).clamp(0.0, 1.0)
+    };
+    let main = factors.iter().map(|factor| {
+        let groups = group(values, &factor.of_row, factor.levels);
+        let single = groups.iter().all(|(rows, _)| *rows <= 1);
+        let means = groups.into_iter().map(|(rows, sum)| (rows, (rows > 0).then(|| sum / rows as f64)));
+        let share = (differ && !single).then(|| share(&factor.of_row, factor.levels));
+        MainEffect { levels: means.collect(), share }
+    });
+    let main: Vec<MainEffect> = main.collect();
+    let is_orthogonal =
+        (0..factors.len()).all(|a| (0..a).all(|b| are_orthogonal(&factors[a], &factors[b], values.len())));
+    let shares: Option<f64> = main.iter().map(|effect| effect.share).sum();
+    let left = shares.filter(|_| is_orthogonal).map(|shares| (1.0 - shares).max(0.0));
+    let mut pairs = Vec::new();
+    if differ && is_full(factors, values.len()) {
+        for (a, first) in factors.iter().enumerate() {
+            for (b, second) in factors.iter().enumerate().skip(a + 1) {
+                let cell = |row: usize| first.of_row[row] * second.levels + second.of_row[row];
+                let cells: Vec<usize> = (0..values.len()).map(cell).collect();
+                let both = share(&cells, first.levels * second.levels);
+                let alone = main[a].share.unwrap_or(0.0) + main[b].share.unwrap_or(0.0);
+                pairs.push((a, b, (both - alone).max(0.0)));
+            }
+        }
+    }
+    pairs.sort_by(|a, b| b.2.total_cmp(&a.2));
+    Effects { mean, deviation: (spread / count).sqrt(), factors: main, is_orthogonal, left, pairs }
+}
+
+/// By group: how many values, and their sum.
+fn group(values: &[f64], of_row: &[usize], groups: usize) -> Vec<(usize, f64)> {
+    let mut sums = vec![(0, 0.0); groups];
+    for (value, &group) in values.iter().zip(of_row) {
+        sums[group].0 += 1;
+        sums[group].1 += value;
+    }
+    sums
+}
+
+/// Whether each level of one meets the levels of the other in the same proportions.
+fn are_orthogonal(a: &Factor, b: &Factor, rows: usize) -> bool {
+    let (mut of_a, mut of_b) = (vec![0; a.levels], vec![0; b.levels]);
+    let mut both = vec![0; a.levels * b.levels];
+    for (&a_level, &b_level) in a.of_row.iter().zip(&b.of_row) {
+        of_a[a_level] += 1;
+        of_b[b_level] += 1;
+        both[a_level * b.levels + b_level] += 1;
+    }
+    (0..both.len()).all(|cell| both[cell] * rows == of_a[cell / b.levels] * of_b[cell % b.levels])
+}
+
+/// Whether every combination of the factors' levels is there as often as every other.
+fn is_full(factors: &[Factor], rows: usize) -> bool {
+    let combinations = factors.iter().try_fold(1_usize, |all, factor| all.checked_mul(factor.levels));
+    let Some(combinations) = combinations.filter(|&all| all > 0 && all <= rows && rows.is_multiple_of(all)) else {
+        return false;
+    };
+    let mut times = vec![0; combinations];
+    for row in 0..rows {
+        times[factors.iter().fold(0, |cell, factor| cell * factor.levels + factor.of_row[row])] += 1;
+    }
+    times.iter().all(|&times| times == rows / combinations)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn factor(of_row: &[usize]) -> Factor {
+        Factor { levels: of_row.iter().max().map_or(0, |last| last + 1), of_row: of_row.to_vec() }
+    }
+
+    fn near(a: f64, b: f64) {
+        assert!((a - b).abs() < 1e-12, "{a} {b}");
+    }
+
+    fn share(effects: &Effects, factor: usize) -> f64 {
+        effects.factors[factor].share.unwrap()
+    }
+
+    /// By hand: values 1, 2, 3, 6 have mean 3 and squares 4 + 1 + 0 + 9 = 14. The first axis' means are 1.5 and 4.5, its sum of squares
+    /// 2 (1.5^2 + 1.5^2) = 9; the second's 2 and 4, 2 (1 + 1) = 4; the interaction has what is left, 1.
+    #[test]
+    fn two_by_two_is_as_by_hand() {
+        let effects = effects(&[1.0, 2.0, 3.0, 6.0], &[factor(&[0, 0, 1, 1]), factor(&[0, 1, 0, 1])]);
+        assert_eq!(effects.mean, 3.0);
+        near(effects.deviation, 3.5_f64.sqrt());
+        assert_eq!(effects.factors[0].levels, [(2, Some(1.5)), (2, Some(4.5))]);
+        assert_eq!(effects.factors[1].levels, [(2, Some(2.0)), (2, Some(4.0))]);
+        near(share(&effects, 0), 9.0 / 14.0);
+        near(share(&effects, 1), 4.0 / 14.0);
+        near(effects.left.unwrap(), 1.0 / 14.0);
+        let [(0, 1, interaction)] = effects.pairs[..] else { panic!("{:?}", effects.pairs) };
+        near(interaction, 1.0 / 14.0);
+    }
+
+    /// NumPy 2.4:
+    /// ```python
+    /// v = np.array([.213, .198, .305, .251, .187, .190, .402, .333, .220, .214, .316, .299]).reshape(3, 2, 2)
+    /// ss = lambda m: ((m - v.mean()) ** 2 * np.ones_like(v)).sum() / ((v - v.mean()) ** 2).sum()
+    /// a, b, c = [v.mean(axis=tuple(set(range(3)) - {i}), keepdims=True) for i in range(3)]
+    /// ab, ac, bc = [v.mean(axis=i, keepdims=True) for i in (2, 1, 0)]
+    /// ss(a), ss(b), ss(c), ss(ab) - ss(a) - ss(b), ss(ac) - ss(a) - ss(c), ss(bc) - ss(b) - ss(c)
+    /// ```
+    #[test]
+    fn a_full_design_is_as_numpy_has_it() {
+        let values = [0.213, 0.198, 0.305, 0.251, 0.187, 0.190, 0.402, 0.333, 0.220, 0.214, 0.316, 0.299];
+        let a = factor(&[0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2]);
+        let b = factor(&[0, 0, 1, 1, 0, 0, 1, 1, 0, 0, 1, 1]);
+        let c = factor(&[0, 1, 0, 1, 0, 1, 0, 1, 0, 1, 0, 1]);
+        let effects = effects(&values, &[a, b, c]);
+        near(effects.mean, 0.260_666_666_666_666_66);
+        let shares = [0.050_588_212_777_359_615, 0.746_200_859_990_048_3, 0.039_816_008_064_001_84];
+        for (factor, expected) in shares.into_iter().enumerate() {
+            near(share(&effects, factor), expected);
+        }
+        near(effects.left.unwrap(), 1.0 - shares.iter().sum::<f64>());
+        assert_eq!(effects.pairs.len(), 3);
+        let pairs =
+            [(0, 1, 0.124_395_518_864_914_84), (1, 2, 0.023_739_042_782_590_238), (0, 2, 0.006_338_279_764_714_592_5)];
+        for (&(a, b, share), (numpy_a, numpy_b, numpy)) in effects.pairs.iter().zip(pairs) {
+            assert_eq!((a, b), (numpy_a, numpy_b));
+            near(share, numpy);
+        }
+    }
+
+    /// By hand: of rows (0, 0): 1, (0, 1): 2, (1, 1): 6 the mean is 3, and the squares are 4 + 1 + 9 = 14. The first axis' means are
+    /// 1.5 and 6: 2 * 1.5^2 + 3^2 = 13.5; the second's 1 and 4: 2^2 + 2 * 1^2 = 6. They overlap: 19.5 of 14.
+    #[test]
+    fn shares_of_a_design_with_a_hole_overlap_and_nothing_is_left_to_say() {
+        let effects = effects(&[1.0, 2.0, 6.0], &[factor(&[0, 0, 1]), factor(&[0, 1, 1])]);
+        assert!(!effects.is_orthogonal);
+        near(share(&effects, 0), 13.5 / 14.0);
+        near(share(&effects, 1), 6.0 / 14.0);
+        assert_eq!((effects.left, effects.pairs.len()), (None, 0));
+    }
+
+    /// Half of a 2^3 design, in which the third axis is the interaction of the other two: orthogonal, but no interaction can be told.
+    #[test]
+    fn half_a_design_tells_no_interactions() {
+        let axes = [factor(&[0, 0, 1, 1]), factor(&[0, 1, 0, 1]), factor(&[0, 1, 1, 0])];
+        let effects = effects(&[1.0, 2.0, 3.0, 6.0], &axes);
+        assert!(effects.is_orthogonal);
+        near(share(&effects, 2), 1.0 / 14.0);
+        near(effects.left.unwrap(), 0.0);
+        assert!(effects.pairs.is_empty());
+    }
+
+    #[test]
+    fn a_level_of_its_own_for_every_row_explains_nothing() {
+        let effects = effects(&[1.0, 2.0, 6.0], &[factor(&[0, 1, 2]), factor(&[0, 0, 1])]);
+        assert_eq!(effects.factors[0].share, None);
+        assert_eq!(effects.factors[0].levels, [(1, Some(1.0)), (1, Some(2.0)), (1, Some(6.0))]);
+        near(share(&effects, 1), 13.5 / 14.0);
+        assert_eq!(effects.left, None);
+    }
+
+    #[test]
+    fn rows_that_do_not_differ_have_no_shares() {
+        let effects = effects(&[0.1 + 0.2, 0.3, 0.3, 0.3], &[factor(&[0, 0, 1, 1]), factor(&[0, 1, 0, 1])]);
+        assert!(effects.factors.iter().all(|effect| effect.share.is_none()));
+        assert_eq!((effects.left, effects.pairs.len()), (None, 0));
+    }
+}

@@ -1,0 +1,76 @@
+//! The best estimate in each zone.
+
+use super::best::Best;
+use super::ranking::keys;
+use super::{Ablation, Selection};
+use crate::error::AnalysisError;
+use crate::grid::{Grid, GridCells, GridColumn};
+
+/// Of the whole image and of each zone, which row is best, and what the row that is best over the whole image has there.
+pub(crate) fn grid(ablation: &Ablation<'_>, selection: &Selection, metric: &str) -> Result<Grid, AnalysisError> {
+    let metric = ablation.metric(metric)?;
+    if ablation.zones().len() < 2 {
+        return Err(AnalysisError::asked(
+            "there are no zones: this recording has scores of the whole image alone".to_owned(),
+            "declare `zones` where the experiment scores, and run it again".to_owned(),
+        ));
+    }
+    let named = ablation.metrics[metric];
+    let mut zones = Vec::new();
+    let mut winners = Vec::new();
+    let (mut counts, mut values, mut of_overall, mut pixels) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    let mut overall: Option<usize> = None;
+    let mut notes = Vec::new();
+    let mut about = String::new();
+    for &zone in ablation.zones() {
+        let here = Selection { zone: (!zone.is_empty()).then(|| zone.to_owned()), ..selection.clone() };
+        let Ok(rows) = ablation.rows(&here) else {
+            notes.push(format!("nothing that is selected was scored in zone {zone}"));
+            continue;
+        };
+        let best = Best::of(ablation, &rows);
+        let marked = (0..rows.len()).find(|&row| best.is_best(metric, row));
+        let Some(winner) = marked else {
+            notes.push(format!("no best in {}: fewer than two rows can be compared there", name(zone)));
+            continue;
+        };
+        let estimator = rows[winner].estimator;
+        if zone.is_empty() {
+            overall = Some(estimator);
+            about = ablation.about(&rows, &here)?;
+        }
+        let there = overall.and_then(|overall| rows.iter().find(|row| row.estimator == overall));
+        zones.push(Some(name(zone)));
+        counts.push(Some(rows.iter().filter(|row| row.comparable == rows[winner].comparable).count() as u64));
+        pixels.push(Some(rows[winner].pixels));
+        values.push(rows[winner].values[metric]);
+        of_overall.push(there.and_then(|row| row.values[metric]));
+        winners.push(rows[winner].clone());
+    }
+    if winners.is_empty() {
+        return Err(AnalysisError::asked(
+            "there is no best in any zone: no two of the selected rows can be compared".to_owned(),
+            "rows over the pixels that each answered are not comparable: take `--set all`".to_owned(),
+        ));
+    }
+    let decimals = named.decimals + 1;
+    let number = |values: Vec<Option<f64>>| {
+        let best = vec![false; values.len()];
+        GridCells::Number { decimals, values, best }
+    };
+    let mut columns = vec![GridColumn::key("zone", zones)];
+    let all = ablation.rows(&Selection { zone: None, ..selection.clone() })?;
+    columns.extend(keys(ablation, &all, &winners.iter().collect::<Vec<_>>()));
+    columns
+        .push(GridColumn { more_is_better: Some(named.more_is_better), ..GridColumn::of(named.name, number(values)) });
+    columns.push(GridColumn::of("best_overall", number(of_overall)));
+    columns.push(GridColumn::of("rows", GridCells::Count(counts)));
+    columns.push(GridColumn::of("pixels", GridCells::Count(pixels)));
+    let label = format!("{}-zones", ablation.experiment);
+    let about = format!("best {} in each zone over {about}", named.name);
+    Ok(Grid { about, label, columns, notes, ..Grid::default() })
+}
+
+fn name(zone: &str) -> String {
+    if zone.is_empty() { "whole image".to_owned() } else { zone.to_owned() }
+}

@@ -1,0 +1,349 @@
+//! Where a number of a table comes from.
+
+use depthloom_recording::{RecordedPlan, RecordedRun, Recording};
+use depthloom_scores::{Align, Family, Mean, Metric, PixelSet, Preset, Settings};
+use serde_json::{Value as Json, json};
+
+use crate::ablation::{Ablation, Selection, average, pixels_of, scored, source_of, unknown};
+use crate::condition;
+use crate::error::{AnalysisError, caught};
+use crate::estimators::{Estimator, estimators};
+use crate::paper::paper_scores;
+use crate::scores::FrameScore;
+
+/// How many frames are told that moved a number most.
+const WORST: usize = 3;
+/// Of so many frames it is tried what the number were without them.
+const TRIED: usize = 64;
+/// What a line of the explanation is called: columns of text.
+const NAMES: usize = 13;
+
+/// Where a number comes from.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Explanation {
+    metric: &'static Metric,
+    estimator: String,
+    set: PixelSet,
+    zone: String,
+    mean: Mean,
+    value: Option<f64>,
+    facts: Vec<Fact>,
+    frames: Vec<Frame>,
+    worst: Vec<Worst>,
+    notes: Vec<String>,
+}
+
+/// One thing that made the number what it is.
+#[derive(Clone, Debug, PartialEq)]
+struct Fact {
+    what: &'static str,
+    here: String,
+    /// What the paper has in its place, if that is known.
+    paper: Option<String>,
+}
+
+/// What a frame has.
+#[derive(Clone, Debug, PartialEq)]
+struct Frame {
+    id: String,
+    position: usize,
+    key: Option<String>,
+    pixels: u64,
+    value: Option<f64>,
+}
+
+/// A frame that made the number worse: its place among the frames, and what the number were without it.
+#[derive(Clone, Debug, PartialEq)]
+struct Worst {
+    frame: usize,
+    without: Option<f64>,
+}
+
+/// Explains a score of an estimator, from a recording's scores alone: no map is read.
+///
+/// # Errors
+/// If the recording cannot be read or is damaged where scores are; [`AnalysisError::Asked`] if there is no such score, estimator or zone;
+/// [`AnalysisError::Stopped`] once `stop` says so.
+pub fn explain(
+    recording: &Recording,
+    metric: &str,
+    estimator: &str,
+    selection: &Selection,
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Result<Explanation, AnalysisError> {
+    caught(|| {
+        let estimators = estimators(recording.plan())?;
+        let index = estimators.iter().position(|known| known.label == estimator);
+        let index = index
+            .ok_or_else(|| unknown("estimator", estimator, estimators.iter().map(|known| known.label.as_str())))?;
+        let scores = scored(recording, &estimators, stop)?;
+        let source = source_of(recording);
+        let ablation = Ablation::new(recording.plan(), &estimators, &scores, &source, None);
+        explained(recording, &ablation, &estimators[index], index, metric, selection)
+    })
+}
+
+fn explained(
+    recording: &Recording,
+    ablation: &Ablation<'_>,
+    estimator: &Estimator,
+    index: usize,
+    metric: &str,
+    selection: &Selection,
+) -> Result<Explanation, AnalysisError> {
+    let metric = ablation.metrics[ablation.metric(metric)?];
+    let zone = ablation.zone(selection)?;
+    let set = selection.set.unwrap_or_else(|| estimator.sets.iter().copied().min().unwrap_or(PixelSet::All));
+    if !estimator.sets.contains(&set) {
+        let sets: Vec<String> = estimator.sets.iter().map(|set| format!("`--set {set}`")).collect();
+        return Err(AnalysisError::asked(
+            format!("`{}` was not scored on `{set}`", estimator.label),
+            format!("take {}", sets.join(" or ")),
+        ));
+    }
+    let scores = ablation.frames(index, set, zone);
+    let settings = estimator.settings.unwrap_or_default();
+    let mean = selection.mean.unwrap_or(estimator.mean);
+    let value = |scores: &mut dyn Iterator<Item = &FrameScore>| match mean {
+        Mean::Frames => average(scores.filter_map(|score| score.row.get(metric))),
+        Mean::Pixels => metric.pooled(scores.map(|score| &score.row), &settings),
+    };
+    let whole = value(&mut scores.iter().copied());
+    let recorded = recording.frames(estimator.run);
+    let frames: Vec<Frame> = scores
+        .iter()
+        .map(|score| Frame {
+            id: score.frame.to_string(),
+            position: score.position,
+            key: recorded.get(score.position).and_then(|frame| frame.source_key).map(|key| key.to_string()),
+            pixels: score.row.pixels,
+            value: score.row.get(metric),
+        })
+        .collect();
+    let without = |frame: usize| {
+        value(&mut scores.iter().enumerate().filter(|(other, _)| *other != frame).map(|(_, score)| *score))
+    };
+    let plan = recording.plan();
+    let facts = facts(plan, estimator, metric, set, zone, mean, &frames, recorded.len(), scores);
+    Ok(Explanation {
+        metric,
+        estimator: estimator.label.clone(),
+        set,
+        zone: zone.to_owned(),
+        mean,
+        value: whole,
+        facts,
+        worst: worst(metric, &frames, whole, mean, without),
+        frames,
+        notes: condition::told(recording, &[], true).notes,
+    })
+}
+
+/// The frames that made a number worse, the one that did it most first.
+fn worst(
+    metric: &Metric,
+    frames: &[Frame],
+    whole: Option<f64>,
+    mean: Mean,
+    without: impl Fn(usize) -> Option<f64>,
+) -> Vec<Worst> {
+    let Some(whole) = whole else { return Vec::new() };
+    let sign = if metric.more_is_better { -1.0 } else { 1.0 };
+    let weight = |frame: &Frame| if mean == Mean::Frames { 1.0 } else { frame.pixels as f64 };
+    let mut worst: Vec<(f64, usize)> = frames
+        .iter()
+        .enumerate()
+        .filter_map(|(place, frame)| Some((sign * (frame.value? - whole) * weight(frame), place)))
+        .collect();
+    worst.sort_by(|a, b| b.0.total_cmp(&a.0));
+    worst.truncate(TRIED);
+    let mut worst: Vec<Worst> = worst.into_iter().map(|(_, frame)| Worst { frame, without: without(frame) }).collect();
+    let moved = |of: &Worst| of.without.map_or(0.0, |without| sign * (whole - without));
+    worst.sort_by(|a, b| moved(b).total_cmp(&moved(a)));
+    worst.retain(|of| frames.len() > 1 && moved(of) > 0.0);
+    worst.truncate(WORST);
+    worst
+}
+
+#[expect(clippy::too_many_arguments, reason = "a fact is of each of them")]
+fn facts(
+    plan: &RecordedPlan,
+    estimator: &Estimator,
+    metric: &Metric,
+    set: PixelSet,
+    zone: &str,
+    mean: Mean,
+    frames: &[Frame],
+    of_frames: usize,
+    scores: &[&FrameScore],
+) -> Vec<Fact> {
+    let run = &plan.runs[estimator.run];
+    let mut facts = Vec::new();
+    let mut fact = |what, here: String, paper: Option<String>| facts.push(Fact { what, here, paper });
+    let place = Family::Depth.defaults().iter().position(|of| of.name == metric.name);
+    let of_paper = |text: String| place.map(|_| text);
+
+    if let Some(number) = place.and_then(|place| Some(paper_scores(estimator, set)?[place])).filter(|_| zone.is_empty())
+    {
+        fact("the paper", format!("{number:.2} in Table I of Martins et al. 2018"), None);
+    }
+    let paper = Preset::Paper.settings();
+    let formula = |of: &Settings| metric.formula_with(of).to_owned();
+    fact("formula", formula(&estimator.settings.unwrap_or_default()), of_paper(formula(&paper)));
+    fact("after", metric.source.to_owned(), None);
+    fact("scored with", estimator.preset.clone(), of_paper("preset paper".to_owned()));
+    let pixels = match zone {
+        "" => pixels_of(set).to_owned(),
+        zone => format!("{} of zone {zone}", pixels_of(set)),
+    };
+    fact("pixels", format!("{} (set `{set}`)", pixels.replace("each", "it")), None);
+    if let Some(settings) = &estimator.settings {
+        let bounds = |of: &Settings| format!("{} m < truth < {} m, answers clamped to that", of.min_m, of.max_m);
+        fact("caps", bounds(settings), of_paper(bounds(&paper)));
+        if set == PixelSet::All {
+            let missing = |of: &Settings| format!("counts as {} m", of.missing_m);
+            fact("no answer", missing(settings), of_paper(missing(&paper)));
+        }
+        let crop = |of: &Settings| format!("{:?}", of.crop).to_lowercase();
+        fact("crop", crop(settings), of_paper(crop(&paper)));
+        let align = |of: &Settings| match of.align {
+            Align::None => "none".to_owned(),
+            align => format!("{}, frame by frame over the scored pixels with an answer", align.name()),
+        };
+        fact("alignment", align(settings), of_paper(align(&paper)));
+    }
+    let means = |mean| match mean {
+        Mean::Frames => "of the frames' scores, each weighing the same".to_owned(),
+        Mean::Pixels => "over the pixels of all frames".to_owned(),
+    };
+    fact("mean", means(mean), of_paper(means(Mean::Frames)));
+    fact("frames", frames_text(frames, of_frames), None);
+    let (answered, truth) = (
+        scores.iter().map(|score| score.row.answered).sum::<u64>(),
+        scores.iter().map(|score| score.row.truth).sum::<u64>(),
+    );
+    if truth > 0 {
+        let share = 100.0 * answered as f64 / truth as f64;
+        fact("answered", format!("{answered} of {truth} true pixels ({share:.2} %)"), None);
+    }
+    for part in &run.source.parts {
+        let text = format!("{}: {} version {} {}", run.source.name, part.kind, part.version, part.params);
+        fact("source", text, None);
+    }
+    if let Some(key) = frames.first().and_then(|frame| frame.key.as_ref()) {
+        fact("key", format!("{key}, of the source's values on frame {}", frames[0].id), None);
+    }
+    let topic = |what: &str, of: Option<&String>, recorded: Option<&String>| match (of, recorded) {
+        (_, Some(topic)) => format!("{what} {topic}"),
+        (Some(topic), None) => format!("{what} {topic}, not recorded"),
+        (None, None) => format!("{what} was not recorded"),
+    };
+    fact("scores", topic("topic", None, estimator.score_topic.as_ref()), None);
+    let label = &estimator.label;
+    fact(
+        "files",
+        format!("scores.csv (by frame) and table.csv, where `estimator` is {label} and `scored_on` {set}"),
+        None,
+    );
+    let estimate = topic("topic", estimator.estimate.as_ref(), estimator.estimate_topic.as_ref());
+    fact("estimate", format!("{estimate}{}", made_by(run, estimator.estimate.as_deref())), None);
+    let truth = topic("topic", estimator.truth.as_ref(), estimator.truth_topic.as_ref());
+    fact("truth", format!("{truth}{}", made_by(run, estimator.truth.as_deref())), None);
+    facts
+}
+
+/// What node gives a topic, and its recipe.
+fn made_by(run: &RecordedRun, topic: Option<&str>) -> String {
+    let gives = |node: &&depthloom_recording::RecordedNode| {
+        node.outputs.iter().any(|output| Some(output.topic.as_str()) == topic)
+    };
+    run.nodes.iter().find(gives).map_or_else(String::new, |node| {
+        format!(", from {}.{} ({} version {}, recipe {})", run.stage, node.name, node.kind, node.version, node.recipe)
+    })
+}
+
+fn frames_text(frames: &[Frame], of: usize) -> String {
+    const NAMED: usize = 6;
+    let counted: Vec<&Frame> = frames.iter().filter(|frame| frame.pixels > 0).collect();
+    let pixels: u64 = counted.iter().map(|frame| frame.pixels).sum();
+    let names: Vec<&str> = counted.iter().map(|frame| frame.id.as_str()).collect();
+    let names = match names.as_slice() {
+        [] => "none".to_owned(),
+        [names @ .., last] if names.len() >= NAMED => format!("{}, ... {last}", names[..NAMED - 1].join(", ")),
+        names => names.join(", "),
+    };
+    format!("{} of {of} ({names}); {pixels} pixels", counted.len())
+}
+
+impl Explanation {
+    /// As text.
+    #[must_use]
+    pub fn text(&self) -> String {
+        let decimals = self.metric.decimals + 2;
+        let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.decimals$}"));
+        let unit = if self.metric.unit.is_empty() { String::new() } else { format!(" {}", self.metric.unit) };
+        let better = if self.metric.more_is_better { "more" } else { "less" };
+        let mut text = format!(
+            "{} of {}: {}{unit} ({better} is better)\n\n",
+            self.metric.name,
+            self.estimator,
+            number(self.value)
+        );
+        for Fact { what, here, paper } in &self.facts {
+            let (same, other) = match paper {
+                Some(paper) if paper == here => (" (as in Martins et al. 2018)", None),
+                Some(paper) => ("", Some(paper)),
+                None => ("", None),
+            };
+            text.push_str(&format!("  {what:<NAMES$}{here}{same}\n"));
+            if let Some(paper) = other {
+                text.push_str(&format!("  {:<NAMES$}in Martins et al. 2018: {paper}\n", ""));
+            }
+        }
+        if !self.worst.is_empty() {
+            text.push_str("\nframes that made it worse most\n");
+            let wide = self.worst.iter().map(|of| self.frames[of.frame].id.chars().count()).max().unwrap_or(0);
+            for Worst { frame, without } in &self.worst {
+                let Frame { id, position, pixels, value, .. } = &self.frames[*frame];
+                text.push_str(&format!(
+                    "  {id:<wide$}  position {position}, {pixels} pixels: {}; without it {}\n",
+                    number(*value),
+                    number(*without)
+                ));
+            }
+        }
+        for note in &self.notes {
+            text.push_str(&format!("note: {note}\n"));
+        }
+        text
+    }
+
+    /// For programs.
+    #[must_use]
+    pub fn json(&self) -> Json {
+        let frame = |frame: &Frame| {
+            json!({
+                "frame": frame.id, "position": frame.position, "source_key": frame.key, "pixels": frame.pixels, "value": frame.value,
+            })
+        };
+        let worst = self.worst.iter().map(|of| {
+            let mut json = frame(&self.frames[of.frame]);
+            json["without"] = of.without.into();
+            json
+        });
+        json!({
+            "score": self.metric.name,
+            "estimator": self.estimator,
+            "value": self.value,
+            "unit": self.metric.unit,
+            "more_is_better": self.metric.more_is_better,
+            "set": self.set.name(),
+            "zone": self.zone,
+            "mean": if self.mean == Mean::Frames { "frames" } else { "pixels" },
+            "facts": self.facts.iter().map(|fact| json!({ "what": fact.what, "here": fact.here, "paper": fact.paper })).collect::<Vec<_>>(),
+            "frames": self.frames.iter().map(frame).collect::<Vec<_>>(),
+            "worst": worst.collect::<Vec<_>>(),
+            "notes": self.notes,
+        })
+    }
+}

@@ -1,0 +1,208 @@
+//! A table as it is shown, in any format: columns of text and numbers, what they are, and which of their cells are best.
+
+mod latex;
+mod markdown;
+mod terminal;
+
+use serde_json::{Map, Value as Json, json};
+
+use crate::sheet::{Cells, Sheet};
+
+/// A table that can be printed in any format.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Grid {
+    /// What the numbers are: a caption, without a full stop.
+    pub(crate) about: String,
+    /// What tells its LaTeX label from others'.
+    pub(crate) label: String,
+    pub(crate) columns: Vec<GridColumn>,
+    /// The rows before which text leaves a gap.
+    pub(crate) gaps: Vec<usize>,
+    /// The rows at which text shows columns that say one thing of several rows.
+    pub(crate) starts: Vec<usize>,
+    /// What is to be said of the numbers.
+    pub(crate) notes: Vec<String>,
+}
+
+/// A column of a [`Grid`].
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct GridColumn {
+    /// Its name, as programs read it.
+    pub(crate) name: String,
+    /// Whether more or less of it is better, where that is so.
+    pub(crate) more_is_better: Option<bool>,
+    pub(crate) cells: GridCells,
+    /// Whether it says what a row is: then it stands in each block of a table that is too wide.
+    pub(crate) is_key: bool,
+    /// Whether text shows it at the [starts](Grid::starts) alone.
+    pub(crate) once: bool,
+    /// Whether only files have it: what a person sees has it elsewhere.
+    pub(crate) only_in_files: bool,
+}
+
+/// The cells of a column, top to bottom.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum GridCells {
+    /// `None`: there is nothing to say, as of an axis that a variant does not have.
+    Text(Vec<Option<String>>),
+    Count(Vec<Option<u64>>),
+    /// Text shows so many decimals, and marks the best; files have all digits.
+    Number {
+        decimals: usize,
+        values: Vec<Option<f64>>,
+        best: Vec<bool>,
+    },
+    /// From 0 to 1; text shows per cent.
+    Share(Vec<Option<f64>>),
+}
+
+impl GridColumn {
+    /// A column that says what a row is.
+    pub(crate) fn key(name: impl Into<String>, cells: Vec<Option<String>>) -> Self {
+        Self { is_key: true, ..Self::of(name, GridCells::Text(cells)) }
+    }
+
+    /// Any other column.
+    pub(crate) fn of(name: impl Into<String>, cells: GridCells) -> Self {
+        Self { name: name.into(), more_is_better: None, cells, is_key: false, once: false, only_in_files: false }
+    }
+
+    /// What text puts above it.
+    fn heading(&self, up: &str, down: &str) -> String {
+        match self.more_is_better {
+            None => self.name.clone(),
+            Some(more) => format!("{} {}", self.name, if more { up } else { down }),
+        }
+    }
+
+    fn is_text(&self) -> bool {
+        matches!(self.cells, GridCells::Text(_))
+    }
+}
+
+impl GridCells {
+    fn len(&self) -> usize {
+        match self {
+            Self::Text(cells) => cells.len(),
+            Self::Count(cells) => cells.len(),
+            Self::Number { values, .. } => values.len(),
+            Self::Share(cells) => cells.len(),
+        }
+    }
+
+    /// A cell as text shows it.
+    fn text(&self, row: usize) -> String {
+        let shown = match self {
+            Self::Text(cells) => cells[row].clone(),
+            Self::Count(cells) => cells[row].map(|count| count.to_string()),
+            Self::Number { decimals, values, .. } => values[row].map(|value| format!("{value:.decimals$}")),
+            Self::Share(cells) => cells[row].map(|share| format!("{:.1} %", 100.0 * share)),
+        };
+        shown.unwrap_or_else(|| "-".to_owned())
+    }
+
+    fn is_best(&self, row: usize) -> bool {
+        matches!(self, Self::Number { best, .. } if best[row])
+    }
+
+    fn json(&self, row: usize) -> Json {
+        match self {
+            Self::Text(cells) => cells[row].clone().into(),
+            Self::Count(cells) => cells[row].into(),
+            Self::Number { values, .. } => values[row].into(),
+            Self::Share(cells) => cells[row].into(),
+        }
+    }
+}
+
+impl Grid {
+    /// How many rows it has.
+    #[must_use]
+    pub fn height(&self) -> usize {
+        self.columns.first().map_or(0, |column| column.cells.len())
+    }
+
+    /// As aligned text, the best marked by `*`; where it is wider than `width` columns of text, in blocks below each other.
+    #[must_use]
+    pub fn terminal(&self, width: usize) -> String {
+        terminal::render(self, width)
+    }
+
+    /// In Markdown (GitHub's), the best in bold.
+    #[must_use]
+    pub fn markdown(&self) -> String {
+        markdown::render(self)
+    }
+
+    /// In LaTeX, for the package `booktabs`, in the type's own size, with caption and label; the best in bold.
+    #[must_use]
+    pub fn latex(&self) -> String {
+        latex::render(self)
+    }
+
+    /// For programs: `about`, `rows` with the columns of its CSV form, `notes`.
+    #[must_use]
+    pub fn json(&self) -> Json {
+        let row = |row: usize| {
+            let cells = self.columns.iter().map(|column| (column.name.clone(), column.cells.json(row)));
+            Json::Object(cells.collect::<Map<String, Json>>())
+        };
+        json!({ "about": self.about, "rows": (0..self.height()).map(row).collect::<Vec<_>>(), "notes": self.notes })
+    }
+
+    /// As programs read it: all columns.
+    pub(crate) fn sheet(&self) -> Sheet<'_> {
+        let mut sheet = Sheet::new();
+        for column in &self.columns {
+            let cells = match &column.cells {
+                GridCells::Text(cells) => {
+                    Cells::Text(cells.iter().map(|cell| cell.as_deref().unwrap_or_default()).collect())
+                }
+                GridCells::Count(cells) => Cells::CountIfAny(cells.clone()),
+                GridCells::Number { values, .. } => Cells::Number(values.clone()),
+                GridCells::Share(cells) => Cells::Number(cells.clone()),
+            };
+            sheet = sheet.with(column.name.clone(), cells);
+        }
+        sheet
+    }
+
+    /// The columns that text shows.
+    fn shown(&self) -> Vec<usize> {
+        (0..self.columns.len()).filter(|&column| !self.columns[column].only_in_files).collect()
+    }
+
+    /// A cell as text shows it.
+    fn text(&self, row: usize, column: usize) -> String {
+        let column = &self.columns[column];
+        if column.once && !self.starts.contains(&row) { String::new() } else { column.cells.text(row) }
+    }
+
+    /// Whether a cell is marked.
+    fn is_marked(&self) -> bool {
+        self.columns.iter().any(|column| (0..column.cells.len()).any(|row| column.cells.is_best(row)))
+    }
+
+    /// The columns that text shows, in blocks no wider than `width`: the keys in each, and as many of the others as fit; `wide(column)`
+    /// says how wide one is.
+    fn blocks(&self, width: usize, wide: impl Fn(usize) -> usize) -> Vec<Vec<usize>> {
+        let (keys, others): (Vec<usize>, Vec<usize>) =
+            self.shown().into_iter().partition(|&column| self.columns[column].is_key);
+        let of_keys: usize = keys.iter().map(|&column| wide(column)).sum();
+        let mut blocks = vec![keys.clone()];
+        let mut used = of_keys;
+        for column in others {
+            let last = blocks.last_mut().expect("there is one");
+            if used + wide(column) > width && last.len() > keys.len() {
+                blocks.push(keys.clone());
+                used = of_keys;
+            }
+            used += wide(column);
+            blocks.last_mut().expect("there is one").push(column);
+        }
+        blocks
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,67 @@
+//! A table in LaTeX: in the type's own size, in as many blocks below each other as its width needs.
+
+use super::Grid;
+use crate::table::latex::{COLUMN, GAP, PAGE, escaped, label};
+use crate::table::markdown::capitalised;
+
+/// How many rows of `\footnotesize` a page of an article holds, with a caption.
+const ROWS: usize = 55;
+
+pub(super) fn render(grid: &Grid) -> String {
+    let wide = |column: usize| wide(grid, column);
+    let blocks = grid.blocks(PAGE, wide);
+    let widest = blocks.iter().map(|block| block.iter().map(|&column| wide(column)).sum::<usize>()).max();
+    let float = if widest.unwrap_or(0) <= COLUMN { "table" } else { "table*" };
+    let mut text = String::from("% \\usepackage{booktabs}\n");
+    if grid.height() * blocks.len() > ROWS {
+        text.push_str(&format!("% longer than a page: --top {} makes it shorter\n", ROWS / blocks.len()));
+    }
+    text.push_str(&format!("\\begin{{{float}}}[t]\n\\centering\n\\caption{{{}.", capitalised(&escaped(&grid.about))));
+    if grid.is_marked() {
+        text.push_str(" Best in bold.");
+    }
+    for note in &grid.notes {
+        text.push_str(&format!(" {}.", capitalised(&escaped(note))));
+    }
+    text.push_str(&format!("}}\n\\label{{tab:{}}}\n", label(&grid.label)));
+    text.push_str("\\footnotesize\n\\setlength{\\tabcolsep}{4pt}\n");
+    for (place, block) in blocks.iter().enumerate() {
+        if place > 0 {
+            text.push_str("\n\\medskip\n");
+        }
+        push_block(grid, block, &mut text);
+    }
+    text.push_str(&format!("\\end{{{float}}}\n"));
+    text
+}
+
+fn push_block(grid: &Grid, block: &[usize], text: &mut String) {
+    let columns = || block.iter().map(|&column| &grid.columns[column]);
+    let sides: String = columns().map(|column| if column.is_text() { 'l' } else { 'r' }).collect();
+    let heads: Vec<String> = columns().map(|column| heading(&column.heading("@up", "@down"))).collect();
+    text.push_str(&format!(
+        "\\begin{{tabular}}{{@{{}}{sides}@{{}}}}\n\\toprule\n{} \\\\\n\\midrule\n",
+        heads.join(" & ")
+    ));
+    for row in 0..grid.height() {
+        if row > 0 && grid.gaps.contains(&row) {
+            text.push_str("\\addlinespace\n");
+        }
+        let cells = block.iter().map(|&column| {
+            let cell = escaped(&grid.text(row, column));
+            if grid.columns[column].cells.is_best(row) { format!("\\textbf{{{cell}}}") } else { cell }
+        });
+        text.push_str(&format!("{} \\\\\n", cells.collect::<Vec<_>>().join(" & ")));
+    }
+    text.push_str("\\bottomrule\n\\end{tabular}\n");
+}
+
+fn heading(heading: &str) -> String {
+    escaped(heading).replace("@up", "$\\uparrow$").replace("@down", "$\\downarrow$")
+}
+
+/// How wide a column is, in digits, with the gap behind it.
+fn wide(grid: &Grid, column: usize) -> usize {
+    let cells = (0..grid.height()).map(|row| grid.text(row, column).chars().count());
+    cells.chain([grid.columns[column].heading("x", "x").chars().count()]).max().unwrap_or(0) + GAP
+}
