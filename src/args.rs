@@ -3,9 +3,9 @@
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
-use clap_complete::engine::ArgValueCompleter;
+use clap_complete::engine::{ArgValueCandidates, ArgValueCompleter};
 
-use crate::completion::{experiments, folders, runs};
+use crate::completion::{columns, experiments, folders, metrics, runs};
 
 /// Declare depth-estimation experiments in YAML, run them fast, keep every intermediate.
 #[derive(Debug, Parser)]
@@ -44,6 +44,10 @@ pub enum Command {
     Graph(GraphArgs),
     /// Make the tables and plots of a run again, from its recording alone, of which every byte is checked.
     Report(ReportArgs),
+    /// Ask a run's scores: variants sorted, the effect of each axis, the best in each zone, error against time.
+    Table(TableArgs),
+    /// Say where a number of a table comes from: formula, pixels, frames, source, and the paper's convention beside it.
+    Explain(ExplainArgs),
     /// Show where a run's time went: core-milliseconds per frame by node, encoding, compression and writing.
     Timings(TimingsArgs),
     /// List the kinds of nodes and sources, or explain one.
@@ -197,6 +201,151 @@ pub struct ReportArgs {
     /// Print the paper's Table I beside the table.
     #[arg(long)]
     pub paper: bool,
+
+    /// Print one JSON object instead of text.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Which pixels scores are over.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum SetOption {
+    /// Every true pixel.
+    All,
+    /// The true pixels that an estimate answered, which are its own.
+    Answered,
+    /// Of disparities: every true pixel, after the benchmark's filling of what was not answered.
+    Filled,
+}
+
+/// How frames' scores become one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum MeanOption {
+    /// The unweighted mean of the frames' scores.
+    Frames,
+    /// As if all frames were one image.
+    Pixels,
+}
+
+/// What a table is written as.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum TableFormat {
+    /// Aligned text, the best marked by `*`.
+    Terminal,
+    /// Markdown, as GitHub shows it.
+    Md,
+    /// Comma-separated values: all digits, no marks.
+    Csv,
+    /// Parquet, with the columns of csv; needs --out.
+    Parquet,
+    /// A LaTeX float for the package booktabs, in the type's own size.
+    Latex,
+    /// One JSON object.
+    Json,
+}
+
+/// Which scores of a run, of what.
+#[derive(Debug, Args)]
+pub struct ScoresArgs {
+    /// The pixels that scores are over; by default every true pixel, where those were scored.
+    #[arg(long, value_enum)]
+    pub set: Option<SetOption>,
+
+    /// A zone that the experiment scored, e.g. `10..20`; by default the whole image.
+    #[arg(long, value_name = "ZONE")]
+    pub zone: Option<String>,
+
+    /// What a score of all frames is taken over; by default what the experiment says, which is frames where it says nothing.
+    #[arg(long, value_enum)]
+    pub mean: Option<MeanOption>,
+}
+
+/// `table`.
+#[derive(Debug, Args)]
+pub struct TableArgs {
+    /// A run's folder, or a recording.
+    #[arg(add = ArgValueCompleter::new(runs()))]
+    pub run: PathBuf,
+
+    /// Which scores.
+    #[command(flatten)]
+    pub scores: ScoresArgs,
+
+    /// Only estimators whose label or name this is; `*` stands for any run of characters: `fused`, `no_*/mono`.
+    #[arg(long, value_name = "GLOB")]
+    pub estimators: Option<String>,
+
+    /// Sort by a score, `ms`, `density`, `frames` or `pixels`, best first, or by an axis, in the file's order; by default `abs_rel`, or
+    /// the first error that was scored.
+    #[arg(long, value_name = "COLUMN", add = ArgValueCandidates::new(columns))]
+    pub sort: Option<String>,
+
+    /// Show so many rows at most.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub top: Option<u32>,
+
+    /// What is in rows: variants, their axes in columns; or scores, as in the paper's Table I.
+    #[arg(long, value_enum, default_value = "variant")]
+    pub rows: RowsOption,
+
+    /// The columns behind the axes, with commas between: scores, `density` (the share of true pixels that were answered), `ms`
+    /// (core-milliseconds a frame: the processor time of all nodes that the estimate is computed from, as if it had been run alone; a
+    /// node that several share counts for each; without reading, scoring, recording and learning), `frames`, `pixels`.
+    #[arg(long, value_name = "COLUMN,...", value_delimiter = ',', add = ArgValueCandidates::new(columns))]
+    pub columns: Vec<String>,
+
+    /// Show only what no other row beats in all of these, e.g. `abs_rel,ms`.
+    #[arg(long, value_name = "COLUMN,...", value_delimiter = ',', add = ArgValueCandidates::new(columns))]
+    pub pareto: Vec<String>,
+
+    /// Show what each axis did to a score: the mean of all rows with a level, and the share of the variance between rows that the axis
+    /// explains alone (eta squared); what is left are interactions of axes.
+    #[arg(long, value_name = "SCORE", add = ArgValueCandidates::new(columns), conflicts_with_all = ["best_per_zone", "sort", "top", "columns", "pareto", "rows"])]
+    pub effects: Option<String>,
+
+    /// Show which row is best in each zone that the experiment scored.
+    #[arg(long, value_name = "SCORE", add = ArgValueCandidates::new(columns), conflicts_with_all = ["zone", "sort", "top", "columns", "pareto", "rows"])]
+    pub best_per_zone: Option<String>,
+
+    /// What it is written as; by default as text for a terminal.
+    #[arg(long, value_enum, value_name = "FORMAT")]
+    pub format: Option<TableFormat>,
+
+    /// The file to write, in place of standard output.
+    #[arg(long, short, value_name = "FILE", add = ArgValueCompleter::new(folders()))]
+    pub out: Option<PathBuf>,
+
+    /// Print one JSON object instead of text: the same as `--format json`.
+    #[arg(long, conflicts_with = "format")]
+    pub json: bool,
+}
+
+/// What a table has in rows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum RowsOption {
+    /// An estimate of a variant a row, its axes and scores in columns.
+    Variant,
+    /// A score a row, estimates in columns.
+    Score,
+}
+
+/// `explain`.
+#[derive(Debug, Args)]
+pub struct ExplainArgs {
+    /// A run's folder, or a recording.
+    #[arg(add = ArgValueCompleter::new(runs()))]
+    pub run: PathBuf,
+
+    /// The score, e.g. `abs_rel`.
+    #[arg(add = ArgValueCandidates::new(metrics))]
+    pub score: String,
+
+    /// The estimator as tables name it: `fused`, `full/fused`.
+    pub estimator: String,
+
+    /// Which scores.
+    #[command(flatten)]
+    pub scores: ScoresArgs,
 
     /// Print one JSON object instead of text.
     #[arg(long)]

@@ -41,6 +41,19 @@ pub fn kinds(registry: &Registry) -> ArgValueCandidates {
     words(sources.chain(nodes))
 }
 
+/// All scores, with their formulas.
+pub fn metrics() -> Vec<CompletionCandidate> {
+    let metrics = depthloom_analysis::metrics();
+    metrics.map(|metric| CompletionCandidate::new(metric.name).help(Some(metric.formula.into()))).collect()
+}
+
+/// The columns that any table of variants may have.
+pub fn columns() -> Vec<CompletionCandidate> {
+    let others = [("ms", "core-milliseconds a frame"), ("density", "share of true pixels that were answered")];
+    let others = others.map(|(name, about)| CompletionCandidate::new(name).help(Some(about.into())));
+    metrics().into_iter().chain(others).collect()
+}
+
 /// Words with a sentence each.
 pub fn words<'a>(words: impl Iterator<Item = (&'a str, &'a str)>) -> ArgValueCandidates {
     let words: Vec<(String, String)> = words.map(|(word, about)| (word.to_owned(), about.to_owned())).collect();

@@ -94,6 +94,37 @@ const ENDINGS: &[Ending] = &[
         ],
     },
     Ending {
+        command: "table",
+        examples: &[
+            ("table RUN --sort d1 --top 10 --columns d1,epe,density,ms", "the ten best settings"),
+            ("table RUN --effects abs_rel", "what each axis did, and how much of it"),
+            ("table RUN --best-per-zone abs_rel", "which setting is best where"),
+            ("table RUN --pareto abs_rel,ms", "what is worth its time"),
+            ("table RUN --top 8 --format latex --out variants.tex", "for a paper"),
+        ],
+        exits: &[
+            WHOLE,
+            (Exit::Engine, "the analysis failed, or the output could not be written"),
+            (Exit::Before, "there is no recording, or an argument is wrong"),
+            (Exit::Frames, "the recording is damaged where a number would come from"),
+            INTERRUPTED,
+        ],
+    },
+    Ending {
+        command: "explain",
+        examples: &[
+            ("explain RUN abs_rel full/fused", "formula, pixels, frames, source, the paper's convention"),
+            ("explain RUN rmse fused --set answered --json", "for programs"),
+        ],
+        exits: &[
+            WHOLE,
+            (Exit::Engine, "the analysis failed, or the output could not be written"),
+            (Exit::Before, "there is no recording, or an argument is wrong"),
+            (Exit::Frames, "the recording is damaged where a number would come from"),
+            INTERRUPTED,
+        ],
+    },
+    Ending {
         command: "timings",
         examples: &[("timings runs/first/2026-11-21T08-30-05Z", "what to make faster")],
         exits: &[WHOLE, PRINTED, (Exit::Before, "there are no timings, or an argument is wrong")],

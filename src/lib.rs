@@ -109,6 +109,8 @@ fn program(registry: &Registry, as_json: bool) -> Result<Exit, Stop> {
         Command::Plan(args) => commands::plan::plan(&args, registry),
         Command::Graph(args) => commands::plan::graph(&args, registry),
         Command::Report(args) => commands::report::report(&args),
+        Command::Table(args) => commands::table::table(&args),
+        Command::Explain(args) => commands::explain::explain(&args),
         Command::Timings(args) => commands::report::timings(&args),
         Command::Nodes(args) => commands::nodes::nodes(&args, registry),
         Command::Synth(args) => commands::synth::synth(&args),

@@ -3,6 +3,7 @@
 pub mod check;
 pub mod completions;
 pub mod doctor;
+pub mod explain;
 pub mod man;
 pub mod new;
 pub mod nodes;
@@ -10,3 +11,4 @@ pub mod plan;
 pub mod report;
 pub mod run;
 pub mod synth;
+pub mod table;

@@ -25,7 +25,7 @@ pub const TIMINGS: &str = "timings.parquet";
 
 /// Makes tables, plots and models again, from the recording alone.
 pub fn report(args: &ReportArgs) -> Result<Exit, Stop> {
-    let path = recording_of(&args.run)?;
+    let path = recording_of(&args.run, "report")?;
     let out = match &args.out {
         Some(out) => out.clone(),
         None => path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new(".")).to_owned(),
@@ -77,15 +77,15 @@ pub fn analyse(
     })
 }
 
-/// The recording of a run's folder, or the recording itself.
-fn recording_of(run: &Path) -> Result<PathBuf, Stop> {
+/// The recording of a run's folder, or the recording itself; `command` is what to do with it.
+pub(super) fn recording_of(run: &Path, command: &str) -> Result<PathBuf, Stop> {
     let failed = |what: String| Stop::new(Exit::Before, format!("failed to open {}: {what}", run.display()));
     let kind = match std::fs::metadata(run) {
         Ok(metadata) => metadata.file_type(),
         Err(error) => {
             let stop = failed(error.to_string());
             return Err(match unfinished(run, RECORDING) {
-                Some(partial) => stop.remedy(of_unfinished(&partial, "report")),
+                Some(partial) => stop.remedy(of_unfinished(&partial, command)),
                 None => stop.remedy("name a run's folder or a recording"),
             });
         }
@@ -106,9 +106,9 @@ fn recording_of(run: &Path) -> Result<PathBuf, Stop> {
     let stop = failed(format!("it has no {RECORDING}"));
     Err(match runs.as_slice() {
         [] => stop.remedy("name a run's folder or a recording"),
-        [one] => stop.remedy(format!("it holds a run: `depthloom report {}`", one.display())),
+        [one] => stop.remedy(format!("it holds a run: `depthloom {command} {}`", one.display())),
         [.., newest] => stop.remedy(format!(
-            "it holds {} runs, one of which is `depthloom report {}`",
+            "it holds {} runs, one of which is `depthloom {command} {}`",
             runs.len(),
             newest.display()
         )),

@@ -25,3 +25,4 @@ mod readme;
 mod reports;
 mod samples;
 mod support;
+mod tables;

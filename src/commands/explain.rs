@@ -1,0 +1,25 @@
+//! `depthloom explain`: where a number comes from.
+
+use super::report::recording_of;
+use super::table::{failed, open, selection};
+use crate::args::ExplainArgs;
+use crate::exit::{Exit, Stop};
+use crate::signals;
+use crate::streams::{print, print_json};
+
+/// Says where a score of an estimator comes from.
+pub fn explain(args: &ExplainArgs) -> Result<Exit, Stop> {
+    let path = recording_of(&args.run, "explain")?;
+    let interrupt = signals::listen()?;
+    let recording = open(&path)?;
+    let selection = selection(&args.scores);
+    let stop = || interrupt.stops_admission();
+    let explanation = depthloom_analysis::explain(&recording, &args.score, &args.estimator, &selection, &stop);
+    let explanation = explanation.map_err(|error| failed(&error))?;
+    if args.json {
+        print_json(&explanation.json())?;
+    } else {
+        print(explanation.text())?;
+    }
+    Ok(Exit::Whole)
+}

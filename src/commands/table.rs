@@ -1,0 +1,110 @@
+//! `depthloom table`: the scores of a run, asked.
+
+use std::io::IsTerminal as _;
+use std::path::Path;
+
+use depthloom_analysis::{AnalysisError, Costs, Mean, PixelSet, Question, Ranking, Selection};
+use depthloom_recording::Recording;
+
+use super::report::{TIMINGS, recording_of};
+use crate::args::{MeanOption, RowsOption, ScoresArgs, SetOption, TableArgs, TableFormat};
+use crate::exit::{Exit, Stop, remedy_of_writing};
+use crate::signals;
+use crate::streams::print;
+
+/// Columns of text of a terminal's table.
+const TERMINAL_WIDTH: usize = 110;
+
+/// Prints a table of a run's scores, or writes it to a file.
+pub fn table(args: &TableArgs) -> Result<Exit, Stop> {
+    let format = match args.format {
+        Some(format) => format,
+        None if args.json => TableFormat::Json,
+        None => TableFormat::Terminal,
+    };
+    if format == TableFormat::Parquet && args.out.is_none() && std::io::stdout().is_terminal() {
+        return Err(Stop::new(Exit::Before, "Parquet is no text").remedy("name a file with --out"));
+    }
+    let path = recording_of(&args.run, "table")?;
+    let interrupt = signals::listen()?;
+    let recording = open(&path)?;
+    let costs = costs(&path)?;
+    let selection = Selection { estimators: args.estimators.clone(), ..selection(&args.scores) };
+    let question = match (&args.effects, &args.best_per_zone, args.rows) {
+        (Some(score), ..) => Question::Effects(score.clone()),
+        (None, Some(score), _) => Question::BestPerZone(score.clone()),
+        (None, None, RowsOption::Score) => Question::Scores,
+        (None, None, RowsOption::Variant) => Question::Ranking(Ranking {
+            sort: args.sort.clone(),
+            top: args.top.map(|top| top as usize),
+            columns: args.columns.clone(),
+            pareto: args.pareto.clone(),
+        }),
+    };
+    let answer =
+        depthloom_analysis::answer(&recording, costs.as_ref(), &selection, &question, &|| interrupt.stops_admission());
+    let answer = answer.map_err(|error| failed(&error))?;
+    let bytes = match format {
+        TableFormat::Terminal => answer.terminal(TERMINAL_WIDTH).into_bytes(),
+        TableFormat::Md => answer.markdown().into_bytes(),
+        TableFormat::Csv => answer.csv(),
+        TableFormat::Parquet => answer.parquet().map_err(|error| failed(&error))?,
+        TableFormat::Latex => answer.latex().into_bytes(),
+        TableFormat::Json => format!("{:#}\n", answer.json()).into_bytes(),
+    };
+    match &args.out {
+        None => print(bytes)?,
+        Some(out) => depthloom_durable::write(out, &bytes).map_err(|error| {
+            let stop = Stop::because(Exit::Engine, format_args!("failed to write {}", out.display()), &error);
+            match remedy_of_writing(&error) {
+                Some(remedy) => stop.remedy(remedy),
+                None => stop,
+            }
+        })?,
+    }
+    Ok(Exit::Whole)
+}
+
+/// Opens a recording to ask it something.
+pub(super) fn open(path: &Path) -> Result<Recording, Stop> {
+    Recording::open(path).map_err(|error| Stop::of_recording(Exit::Before, "failed to read the recording", &error))
+}
+
+/// What the run's nodes cost, if its timings lie beside the recording.
+fn costs(recording: &Path) -> Result<Option<Costs>, Stop> {
+    let timings = recording.with_file_name(TIMINGS);
+    if !timings.is_file() {
+        return Ok(None);
+    }
+    let timings = depthloom_analysis::read_timings(&timings)
+        .map_err(|error| Stop::because(Exit::Before, "failed to read the timings", &error))?;
+    Ok(Some(Costs::new(&timings)))
+}
+
+/// The scores that arguments select.
+pub(super) fn selection(args: &ScoresArgs) -> Selection {
+    let set = args.set.map(|set| match set {
+        SetOption::All => PixelSet::All,
+        SetOption::Answered => PixelSet::Answered,
+        SetOption::Filled => PixelSet::Filled,
+    });
+    let mean = args.mean.map(|mean| match mean {
+        MeanOption::Frames => Mean::Frames,
+        MeanOption::Pixels => Mean::Pixels,
+    });
+    Selection { set, zone: args.zone.clone(), mean, estimators: None }
+}
+
+/// Why a question has no answer: it was wrong, or the recording is, or the analysis.
+pub(super) fn failed(error: &AnalysisError) -> Stop {
+    let exit = match error {
+        AnalysisError::Stopped => return Stop::new(Exit::Interrupted, "interrupted while analysing"),
+        AnalysisError::Asked { .. } => Exit::Before,
+        error if error.is_damage() => Exit::Frames,
+        _ => Exit::Engine,
+    };
+    match error {
+        AnalysisError::Asked { what, help } => Stop::new(exit, what.as_str()).remedy(help.as_str()),
+        error => Stop::of_analysis(exit, "failed to analyse the recording", error),
+    }
+}

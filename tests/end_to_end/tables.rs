@@ -1,0 +1,224 @@
+//! `table` and `explain`: a run's scores asked, against what the run wrote itself and against arithmetic done here.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use serde_json::Value as Json;
+
+use crate::support::{Row, depthloom, number, read_csv, skipped, succeed};
+
+/// Stereo with 2 x 2 x 2 settings on two small frames, scored as it is and filtered.
+const SWEEP: &str = "experiment: sweep
+sources:
+  street: { kind: synthetic/road, with: { frames: 0..2, seed: 3, width: 320, height: 96 } }
+stages:
+  look:
+    source: street
+    nodes:
+      stereo: { kind: stereo/sgbm, inputs: { left: source/left, right: source/right } }
+      depth: { kind: depth/from-disparity, inputs: { disparity: stereo/disparity, calibration: source/calibration } }
+      smooth: { kind: filter/median, inputs: { depth: depth/depth } }
+    score:
+      truth: source/depth
+      estimates:
+        raw: { from: depth/depth, sets: [answered, all] }
+        smooth: { from: smooth/depth, sets: [answered, all] }
+matrix:
+  look.stereo.with.block: [3, 9]
+  look.stereo.with.uniqueness: [0, 10]
+  look.stereo.with.mode: [hh, sgbm]
+record: []
+";
+
+/// Runs an experiment into a folder.
+fn run(folder: &Path, experiment: &str) -> (PathBuf, String) {
+    let (file, out) = (folder.join("sweep.yaml"), folder.join("run"));
+    std::fs::write(&file, experiment).expect("written");
+    let output = succeed(depthloom().arg("run").arg(&file).arg("--out").arg(&out));
+    (out, String::from_utf8(output.stdout).expect("UTF-8"))
+}
+
+fn ask(run: &Path, arguments: &[&str]) -> Output {
+    succeed(depthloom().arg("table").arg(run).args(arguments))
+}
+
+fn text(output: &Output) -> String {
+    String::from_utf8(output.stdout.clone()).expect("UTF-8")
+}
+
+fn near(a: f64, b: f64, what: &str) {
+    assert!((a - b).abs() <= 1e-12 * (1.0 + b.abs()), "{what}: {a} is not {b}");
+}
+
+#[test]
+fn a_tables_numbers_are_those_that_the_run_wrote_and_its_effects_are_as_reckoned_by_hand() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (run, _) = run(folder.path(), SWEEP);
+    let csv = folder.path().join("rows.csv");
+    ask(&run, &["--format", "csv", "--out", csv.to_str().expect("UTF-8")]);
+    let rows = read_csv(&csv);
+    let written: BTreeMap<String, Row> = read_csv(&run.join("table.csv"))
+        .into_iter()
+        .filter(|row| row["scored_on"] == "all")
+        .map(|row| (row["estimator"].clone(), row))
+        .collect();
+    assert_eq!((rows.len(), written.len()), (16, 16));
+    for row in &rows {
+        let name = &row["estimator"];
+        assert_eq!(
+            *name,
+            format!("block={}+uniqueness={}+mode={}/{}", row["block"], row["uniqueness"], row["mode"], row["estimate"])
+        );
+        for score in ["a1", "a2", "a3", "abs_rel", "sq_rel", "rmse", "rmse_log", "silog"] {
+            near(number(row, score), number(&written[name], score), name);
+        }
+        assert!(number(row, "ms") > 0.0);
+    }
+    assert!(rows.is_sorted_by(|a, b| number(a, "abs_rel") <= number(b, "abs_rel")));
+
+    // Filtering costs on top of what it filters, of the same variant.
+    let of = |name: &str| rows.iter().find(|row| row["estimator"] == name).expect("a row");
+    for row in rows.iter().filter(|row| row["estimate"] == "smooth") {
+        assert!(number(row, "ms") > number(of(&row["estimator"].replace("/smooth", "/raw")), "ms"));
+    }
+
+    // Nothing on the front is beaten, and everything else is by something on it.
+    let front = text(&ask(&run, &["--pareto", "abs_rel,ms", "--format", "csv"]));
+    let front: Vec<&str> = front.lines().skip(1).filter_map(|line| line.split(',').next()).collect();
+    for row in &rows {
+        let beats = |other: &&str| {
+            let other = of(other);
+            let (error, ms) =
+                (number(row, "abs_rel") - number(other, "abs_rel"), number(row, "ms") - number(other, "ms"));
+            error >= 0.0 && ms >= 0.0 && error + ms > 0.0
+        };
+        let on_it = front.contains(&row["estimator"].as_str());
+        assert_eq!(front.iter().any(beats), !on_it, "{}", row["estimator"]);
+    }
+
+    // Marginal means and eta squared, from the rows.
+    let effects: Json = serde_json::from_slice(&ask(&run, &["--effects", "abs_rel", "--json"]).stdout).expect("JSON");
+    let mean = |rows: &mut dyn Iterator<Item = &Row>| {
+        let values: Vec<f64> = rows.map(|row| number(row, "abs_rel")).collect();
+        (values.len() as f64, values.iter().sum::<f64>() / values.len() as f64)
+    };
+    let (_, all) = mean(&mut rows.iter());
+    let spread: f64 = rows.iter().map(|row| (number(row, "abs_rel") - all).powi(2)).sum();
+    let mut left = 1.0;
+    for axis in ["block", "uniqueness", "mode", "estimate"] {
+        let levels: Vec<&Json> =
+            effects["rows"].as_array().expect("rows").iter().filter(|row| row["axis"] == axis).collect();
+        assert_eq!(levels.len(), 2, "{axis}");
+        let mut between = 0.0;
+        for level in &levels {
+            let (count, expected) = mean(&mut rows.iter().filter(|row| level["level"] == row[axis].as_str()));
+            assert_eq!(level["rows"].as_f64(), Some(count));
+            near(level["abs_rel"].as_f64().expect("a mean"), expected, axis);
+            between += count * (expected - all).powi(2);
+        }
+        near(levels[0]["share"].as_f64().expect("a share"), between / spread, axis);
+        left -= between / spread;
+    }
+    let interactions = effects["rows"].as_array().expect("rows").iter().find(|row| row["axis"] == "interactions");
+    assert!((interactions.expect("what is left")["share"].as_f64().expect("a share") - left).abs() < 1e-9);
+}
+
+#[test]
+fn explain_says_what_made_a_number() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (run, _) = run(folder.path(), SWEEP);
+    let estimator = "block=3+uniqueness=0+mode=hh/smooth";
+    let explain = |arguments: &[&str]| succeed(depthloom().arg("explain").arg(&run).args(arguments));
+    let told = text(&explain(&["abs_rel", estimator]));
+    for part in [
+        "mean(|y - t| / t) (as in Martins et al. 2018)",
+        "preset paper",
+        "all true pixels (set `all`)",
+        "0.001 m < truth < 80 m",
+        "2 of 2 (000000_10, 000001_10)",
+        "synthetic/road",
+        "/look/block=3+uniqueness=0+mode=hh/smooth/depth",
+        "(filter/median version",
+        "frames that made it worse most",
+    ] {
+        assert!(told.contains(part), "{part}: {told}");
+    }
+    let json: Json = serde_json::from_slice(&explain(&["abs_rel", estimator, "--json"]).stdout).expect("JSON");
+    let frames: Vec<Row> = read_csv(&run.join("scores.csv"))
+        .into_iter()
+        .filter(|row| row["estimator"] == estimator && row["scored_on"] == "all")
+        .collect();
+    let values: Vec<f64> = frames.iter().map(|row| number(row, "abs_rel")).collect();
+    near(json["value"].as_f64().expect("a value"), (values[0] + values[1]) / 2.0, "mean");
+    for (frame, row) in json["frames"].as_array().expect("frames").iter().zip(&frames) {
+        assert_eq!(frame["frame"], row["frame"].as_str());
+        assert_eq!(frame["pixels"].as_f64(), Some(number(row, "pixels")));
+        near(frame["value"].as_f64().expect("a value"), number(row, "abs_rel"), "a frame");
+    }
+    // Of two frames the worse one made it worse; without it there is the other's.
+    let worst = usize::from(values[1] > values[0]);
+    let told = json["worst"].as_array().expect("frames");
+    assert_eq!((told.len(), &told[0]["frame"]), (1, &Json::from(frames[worst]["frame"].as_str())));
+    near(told[0]["without"].as_f64().expect("a value"), values[1 - worst], "without it");
+
+    let wrong = depthloom().arg("explain").arg(&run).args(["abs_rel", "block=3+uniqueness=0+mode=hh/smoth"]).output();
+    let wrong = wrong.expect("the binary starts");
+    assert_eq!(wrong.status.code(), Some(2));
+    let wrong = String::from_utf8_lossy(&wrong.stderr).into_owned();
+    assert!(wrong.contains(&format!("did you mean `{estimator}`?")), "{wrong}");
+}
+
+#[test]
+fn of_many_variants_a_run_prints_the_best_in_rows() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let sweep = SWEEP.replace("[3, 9]", "[3, 5, 7, 9]");
+    let (run, printed) = run(folder.path(), &sweep);
+    let head = "all true pixels, preset paper, mean over 2 frames; the first 20 of 32 rows by abs_rel; * best";
+    assert!(printed.starts_with(head), "{printed}");
+    assert!(printed.contains("depthloom table RUN"), "{printed}");
+    let markdown = std::fs::read_to_string(run.join("table.md")).expect("the table");
+    assert_eq!(markdown.lines().filter(|line| line.starts_with('|')).count(), 2 + 32);
+    let latex = std::fs::read_to_string(run.join("table.tex")).expect("the table");
+    assert!(latex.contains("the first 20 of 32 rows by abs\\_rel") && !latex.contains("resizebox"), "{latex}");
+    // The table with scores in rows is there for who asks.
+    let few = text(&ask(&run, &["--rows", "score", "--estimators", "block=3*/smooth", "--set", "all"]));
+    assert!(few.lines().any(|line| line.starts_with("abs_rel ↓")), "{few}");
+}
+
+#[test]
+fn every_format_is_what_it_says_and_latex_compiles() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (run, _) = run(folder.path(), SWEEP);
+    let parquet = folder.path().join("rows.parquet");
+    ask(&run, &["--format", "parquet", "--out", parquet.to_str().expect("UTF-8")]);
+    let bytes = std::fs::read(&parquet).expect("a file");
+    assert!(bytes.starts_with(b"PAR1") && bytes.ends_with(b"PAR1"));
+    assert!(
+        text(&ask(&run, &["--format", "md", "--top", "2"])).lines().filter(|line| line.starts_with('|')).count() == 4
+    );
+
+    let tables = [&["--top", "5"][..], &["--effects", "abs_rel"], &["--rows", "score", "--estimators", "*hh/raw"]];
+    let mut document = "\\documentclass{article}\n\\usepackage{booktabs}\n\\begin{document}\n".to_owned();
+    for arguments in tables {
+        let latex = text(&ask(&run, &[arguments, &["--format", "latex"]].concat()));
+        assert!(latex.contains("\\caption{") && latex.contains("\\label{tab:sweep") && !latex.contains("resizebox"));
+        document.push_str(&latex);
+    }
+    document.push_str("\\end{document}\n");
+    std::fs::write(folder.path().join("tables.tex"), document).expect("written");
+    let compiled = ["tectonic", "pdflatex"].into_iter().find_map(|program| {
+        let mut command = Command::new(program);
+        if program == "pdflatex" {
+            command.args(["-halt-on-error", "-interaction=nonstopmode"]);
+        }
+        command.arg("tables.tex").current_dir(folder.path()).output().ok()
+    });
+    match compiled {
+        None => skipped("every_format_is_what_it_says_and_latex_compiles", "there is no TeX (tectonic, pdflatex)"),
+        Some(output) => {
+            assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stdout));
+            assert!(folder.path().join("tables.pdf").is_file());
+        }
+    }
+}
