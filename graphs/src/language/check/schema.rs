@@ -232,7 +232,8 @@ fn instance(kinds: Vec<Kind<'_>>, what: &str) -> Json {
             })
         })
         .collect();
-    json!({ "type": "object", "additionalProperties": false, "properties": properties, "allOf": conditions })
+    // `null` takes away one that is inherited.
+    json!({ "type": ["object", "null"], "additionalProperties": false, "properties": properties, "allOf": conditions })
 }
 
 fn inputs_of(ports: &[Port]) -> Json {
@@ -350,7 +351,7 @@ fn stage(registry: &Registry) -> Json {
         }),
     );
     json!({
-        "type": "object",
+        "type": ["object", "null"],
         "additionalProperties": false,
         "properties": {
             "source": { "type": "string", "description": "Which of `sources` the frames come from." },
