@@ -216,6 +216,8 @@ pub enum SetOption {
     Answered,
     /// Of disparities: every true pixel, after the benchmark's filling of what was not answered.
     Filled,
+    /// Of depths, taken again from recorded maps: the true pixels that all selected estimates answered.
+    Common,
 }
 
 /// How frames' scores become one.

@@ -6,6 +6,7 @@ mod cost;
 mod effects;
 mod front;
 mod ranking;
+mod shared;
 mod variance;
 mod zones;
 
@@ -28,6 +29,8 @@ use crate::scores::FrameScore;
 /// What of a recording's scores a table is of.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Selection {
+    /// Whether scores are taken again from recorded maps, of those true pixels alone that all selected estimates answered.
+    pub common: bool,
     /// The pixel set; `None`: every true pixel, or where nothing was scored on those, the answered.
     pub set: Option<PixelSet>,
     /// The zone; `None`: the whole image.
@@ -246,6 +249,7 @@ impl<'a> Ablation<'a> {
     pub(crate) fn about(&self, rows: &[Row], selection: &Selection) -> Result<String, AnalysisError> {
         let zone = self.zone(selection)?;
         let pixels = match (self.set(selection)?, zone) {
+            _ if selection.common => "the true pixels that all rows answered".to_owned(),
             (set, "") => pixels_of(set).to_owned(),
             (set, zone) => format!("{} of zone {zone}", pixels_of(set)),
         };

@@ -6,7 +6,8 @@ use depthloom_recording::{RecordedPlan, Recording};
 use crate::estimators::Estimator;
 
 /// Which estimators lack their maps or the truth, if any, and what `record:` would have to name.
-pub(crate) fn not_recorded(plan: &RecordedPlan, estimators: &[Estimator]) -> Option<String> {
+/// `what` there is not for it.
+pub(crate) fn not_recorded(plan: &RecordedPlan, estimators: &[Estimator], what: &str) -> Option<String> {
     let (mut truths, mut estimates, mut labels) = (Vec::new(), Vec::new(), Vec::new());
     for estimator in estimators {
         let name = |from: &Option<String>| from.as_deref().map(|topic| reference(plan, estimator.run, topic));
@@ -28,7 +29,7 @@ pub(crate) fn not_recorded(plan: &RecordedPlan, estimators: &[Estimator]) -> Opt
     let whose = if labels.len() == estimators.len() { String::new() } else { format!(" of {}", some(&labels)) };
     let (were, them) = if several { ("were", "them") } else { ("was", "it") };
     let missing = missing.join(" and ");
-    Some(format!("no error against distance{whose}: {missing} {were} not recorded: add {them} to `record:`"))
+    Some(format!("{what}{whose}: {missing} {were} not recorded: add {them} to `record:`"))
 }
 
 /// An output as `record:` takes it: `stage.node/port`.

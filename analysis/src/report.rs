@@ -118,7 +118,7 @@ fn analyse(recording: &Recording, options: &ReportOptions, output: Output<'_>) -
             "the paper's numbers beside estimates that no variant changes are those of its method `full`".to_owned(),
         );
     }
-    notes.extend(not_recorded(plan, &estimators));
+    notes.extend(not_recorded(plan, &estimators, "no error against distance"));
     notes.extend(sparsely_kept(recording, &estimators, !distances));
     for (estimator, beyond) in estimators.iter().zip(&beyond).filter(|(_, beyond)| **beyond > 0) {
         let label = &estimator.label;

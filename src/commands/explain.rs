@@ -2,13 +2,17 @@
 
 use super::report::recording_of;
 use super::table::{failed, open, selection};
-use crate::args::ExplainArgs;
+use crate::args::{ExplainArgs, SetOption};
 use crate::exit::{Exit, Stop};
 use crate::signals;
 use crate::streams::{print, print_json};
 
 /// Says where a score of an estimator comes from.
 pub fn explain(args: &ExplainArgs) -> Result<Exit, Stop> {
+    if args.scores.set == Some(SetOption::Common) {
+        return Err(Stop::new(Exit::Before, "what all answered depends on which estimates are compared")
+            .remedy("`depthloom table RUN --set common` compares; explain one of another --set"));
+    }
     let path = recording_of(&args.run, "explain")?;
     let interrupt = signals::listen()?;
     let recording = open(&path)?;

@@ -83,16 +83,18 @@ fn costs(recording: &Path) -> Result<Option<Costs>, Stop> {
 
 /// The scores that arguments select.
 pub(super) fn selection(args: &ScoresArgs) -> Selection {
-    let set = args.set.map(|set| match set {
-        SetOption::All => PixelSet::All,
-        SetOption::Answered => PixelSet::Answered,
-        SetOption::Filled => PixelSet::Filled,
-    });
+    let set = match args.set {
+        Some(SetOption::All) => Some(PixelSet::All),
+        Some(SetOption::Answered) => Some(PixelSet::Answered),
+        Some(SetOption::Filled) => Some(PixelSet::Filled),
+        Some(SetOption::Common) | None => None,
+    };
+    let common = args.set == Some(SetOption::Common);
     let mean = args.mean.map(|mean| match mean {
         MeanOption::Frames => Mean::Frames,
         MeanOption::Pixels => Mean::Pixels,
     });
-    Selection { set, zone: args.zone.clone(), mean, estimators: None }
+    Selection { common, set, zone: args.zone.clone(), mean, estimators: None }
 }
 
 /// Why a question has no answer: it was wrong, or the recording is, or the analysis.

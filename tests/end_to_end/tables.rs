@@ -222,3 +222,47 @@ fn every_format_is_what_it_says_and_latex_compiles() {
         }
     }
 }
+
+/// Where one estimate is dense, what both answered is what the other answered: its scores are those over its own pixels.
+#[test]
+fn what_all_answered_is_scored_from_recorded_maps() {
+    let experiment = "experiment: common
+sources:
+  street: { kind: synthetic/road, with: { frames: 0..2, seed: 3, width: 320, height: 96 } }
+stages:
+  look:
+    source: street
+    nodes:
+      stereo: { kind: stereo/sgbm, inputs: { left: source/left, right: source/right } }
+      depth: { kind: depth/from-disparity, inputs: { disparity: stereo/disparity, calibration: source/calibration } }
+      dense: { kind: disparity/fill, inputs: { disparity: stereo/disparity } }
+      filled: { kind: depth/from-disparity, inputs: { disparity: dense/disparity, calibration: source/calibration } }
+      smooth: { kind: filter/median, inputs: { depth: filled/depth } }
+    score:
+      truth: source/depth
+      sets: [answered, all]
+      estimates: { sparse: depth/depth, dense: smooth/depth }
+";
+    let folder = tempfile::tempdir().expect("a folder");
+    let (kept, _) = run(folder.path(), experiment);
+    let rows: Json = serde_json::from_slice(&ask(&kept, &["--set", "common", "--json"]).stdout).expect("JSON");
+    let rows = rows["rows"].as_array().expect("rows");
+    let row = |name: &str| rows.iter().find(|row| row["estimator"] == name).expect("a row");
+    let written = read_csv(&kept.join("table.csv"));
+    let own = written.iter().find(|row| row["estimator"] == "sparse" && row["scored_on"] == "answered");
+    let own = own.expect("a row");
+    for score in ["a1", "abs_rel", "rmse", "silog"] {
+        near(row("sparse")[score].as_f64().expect("a score"), number(own, score), score);
+    }
+    assert!(row("dense")["abs_rel"].as_f64() != row("sparse")["abs_rel"].as_f64());
+    assert_eq!(row("dense")["density"], row("sparse")["density"]);
+    near(row("dense")["density"].as_f64().expect("a share"), number(own, "density"), "density");
+
+    // Without maps it says which to record.
+    let other = tempfile::tempdir().expect("a folder");
+    let (bare, _) = run(other.path(), &format!("{experiment}record: []\n"));
+    let refused = depthloom().arg("table").arg(&bare).args(["--set", "common"]).output().expect("the binary starts");
+    assert_eq!(refused.status.code(), Some(2));
+    let refused = String::from_utf8_lossy(&refused.stderr).into_owned();
+    assert!(refused.contains("`look.smooth/depth`") && refused.contains("`record:`"), "{refused}");
+}

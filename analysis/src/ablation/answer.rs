@@ -5,6 +5,7 @@ use depthloom_recording::Recording;
 use depthloom_scores::Mean;
 use serde_json::Value as Json;
 
+use super::shared::shared_scores;
 use super::{Ablation, Costs, Ranking, Selection, effects, zones};
 use crate::condition;
 use crate::error::{AnalysisError, caught};
@@ -51,7 +52,12 @@ pub fn answer(
 ) -> Result<Answer, AnalysisError> {
     caught(|| {
         let estimators = estimators(recording.plan())?;
-        let scores = scored(recording, &estimators, stop)?;
+        let (estimators, scores) = if selection.common {
+            shared_scores(recording, &estimators, selection, stop)?
+        } else {
+            let scores = scored(recording, &estimators, stop)?;
+            (estimators, scores)
+        };
         let source = source_of(recording);
         let ablation = Ablation::new(recording.plan(), &estimators, &scores, &source, costs);
         let mut grid = match question {

@@ -50,7 +50,7 @@ pub(crate) fn grid(ablation: &Ablation<'_>, selection: &Selection, metric: &str)
     if winners.is_empty() {
         return Err(AnalysisError::asked(
             "there is no best in any zone: no two of the selected rows can be compared".to_owned(),
-            "rows over the pixels that each answered are not comparable: take `--set all`".to_owned(),
+            "two or more estimates over the same pixels are needed: over `--set answered` each has its own".to_owned(),
         ));
     }
     let decimals = named.decimals + 1;

@@ -1,0 +1,121 @@
+//! Scores on the pixels that all compared estimates answered, taken again from recorded maps.
+
+use depthloom_graphs::Value;
+use depthloom_recording::Recording;
+use depthloom_scores::{PixelSet, ScoreRow, ScoredPixels, Settings, score_pixels};
+
+use super::{Selection, is_of, unknown};
+use crate::error::AnalysisError;
+use crate::estimators::Estimator;
+use crate::maps::not_recorded;
+use crate::scores::FrameScore;
+
+/// Maps of one frame that are held at once.
+const AT_ONCE: usize = 16;
+
+/// The selected estimators of depth, and their scores on the frames whose maps were recorded: Table I's eight, of those true pixels that
+/// all estimators of the same truth and settings answered. What aligns an estimate is fitted on these pixels.
+///
+/// Of a row, `truth` counts all true pixels and `answered` those that all answered.
+pub(crate) fn shared_scores(
+    recording: &Recording,
+    estimators: &[Estimator],
+    selection: &Selection,
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Result<(Vec<Estimator>, Vec<FrameScore>), AnalysisError> {
+    if selection.zone.is_some() {
+        return Err(AnalysisError::asked(
+            "scores on the pixels that all answered are of the whole image alone".to_owned(),
+            "leave out --zone, or take another --set".to_owned(),
+        ));
+    }
+    let wanted = |of: &&Estimator| selection.estimators.as_deref().is_none_or(|pattern| is_of(of, pattern));
+    let named: Vec<&Estimator> = estimators.iter().filter(wanted).collect();
+    if let (Some(pattern), true) = (&selection.estimators, named.is_empty()) {
+        return Err(unknown(
+            "estimator",
+            pattern,
+            estimators.iter().flat_map(|of| [of.label.as_str(), of.name.as_str()]),
+        ));
+    }
+    let of_depth = named.into_iter().filter(|of| of.settings.is_some());
+    let selected: Vec<Estimator> = of_depth.map(|of| Estimator { sets: vec![PixelSet::All], ..of.clone() }).collect();
+    if selected.is_empty() {
+        return Err(AnalysisError::asked(
+            "pixels that all answered are known of depths alone".to_owned(),
+            "take another --set".to_owned(),
+        ));
+    }
+    if let Some(missing) = not_recorded(recording.plan(), &selected, "no scores on the pixels that all answered") {
+        return Err(AnalysisError::asked(missing, "and run it again".to_owned()));
+    }
+    let mut scores = Vec::new();
+    let mut left: Vec<usize> = (0..selected.len()).collect();
+    while let Some(&first) = left.first() {
+        let of = |index: usize| (selected[index].run, &selected[index].truth_topic, selected[index].settings);
+        let compared: Vec<usize> = left.extract_if(.., |index| of(*index) == of(first)).collect();
+        score_together(recording, &selected, &compared, stop, &mut scores)?;
+    }
+    if scores.is_empty() {
+        return Err(AnalysisError::asked(
+            "no frame has the maps of all selected estimates".to_owned(),
+            "`record: { every: 1 }` keeps those of every frame".to_owned(),
+        ));
+    }
+    Ok((selected, scores))
+}
+
+/// Scores estimators of one truth and one way to be scored.
+fn score_together(
+    recording: &Recording,
+    estimators: &[Estimator],
+    compared: &[usize],
+    stop: &(dyn Fn() -> bool + Sync),
+    scores: &mut Vec<FrameScore>,
+) -> Result<(), AnalysisError> {
+    let Estimator { run, settings, .. } = &estimators[compared[0]];
+    let settings = settings.unwrap_or_default();
+    let mut truth_reader = recording.reader(*run, estimators[compared[0]].truth_topic.as_slice())?;
+    let mut readers = Vec::new();
+    for some in compared.chunks(AT_ONCE) {
+        let topics: Vec<&str> = some.iter().filter_map(|&index| estimators[index].estimate_topic.as_deref()).collect();
+        readers.push((some, recording.reader(*run, &topics)?));
+    }
+    for (position, frame) in recording.frames(*run).iter().enumerate() {
+        if stop() {
+            return Err(AnalysisError::Stopped);
+        }
+        let Some(Some(Value::Depth(truth))) = truth_reader.read(position)?.pop() else { continue };
+        let (width, height) = truth.metres.dimensions();
+        let pixels =
+            |metres: &[f32], settings: &Settings| ScoredPixels::new(metres, width as usize, height as usize, settings);
+        // The truth where all answered.
+        let mut shared: Vec<f32> = truth.metres.as_raw().clone();
+        let mut has_all = true;
+        for (_, reader) in &mut readers {
+            for value in reader.read(position)? {
+                match value {
+                    Some(Value::Depth(estimate)) if estimate.metres.dimensions() == (width, height) => {
+                        let answers = estimate.metres.as_raw().iter();
+                        shared.iter_mut().zip(answers).filter(|(_, y)| !y.is_finite()).for_each(|(t, _)| *t = f32::NAN);
+                    }
+                    _ => has_all = false,
+                }
+            }
+        }
+        if !has_all {
+            continue;
+        }
+        let (all, shared) = (pixels(truth.metres.as_raw(), &settings).len() as u64, pixels(&shared, &settings));
+        for (some, reader) in &mut readers {
+            for (&estimator, value) in some.iter().zip(reader.read(position)?) {
+                let Some(Value::Depth(estimate)) = value else { continue };
+                for row in score_pixels(estimate.metres.as_raw(), &shared, &[PixelSet::All], &settings) {
+                    let row = ScoreRow { truth: all, answered: shared.len() as u64, ..row };
+                    scores.push(FrameScore { frame: frame.id.clone(), position, estimator, row });
+                }
+            }
+        }
+    }
+    Ok(())
+}
