@@ -77,8 +77,18 @@ pub(crate) struct Row {
     /// By metric of the ablation.
     pub(crate) values: Vec<Option<f64>>,
     pub(crate) core_ms: Option<f64>,
-    /// Rows of one number may be compared: they are over the same pixels of the same frames, scored in the same way.
+    /// Rows of one number may be compared: they are over the same pixels of the same frames, scored in the same way. But for scores
+    /// that are [`over answers alone`](Self::over_answers).
     pub(crate) comparable: Option<usize>,
+    /// By metric of the ablation: whether it leaves out pixels of the row that were not answered.
+    pub(crate) over_answers: Vec<bool>,
+}
+
+impl Row {
+    /// Rows of one number may be compared by this metric.
+    pub(crate) fn comparable_by(&self, metric: usize) -> Option<usize> {
+        self.comparable.filter(|_| !self.over_answers[metric])
+    }
 }
 
 impl<'a> Ablation<'a> {
@@ -125,6 +135,7 @@ impl<'a> Ablation<'a> {
     /// # Errors
     /// If nothing is selected: what was asked for, and what there is.
     pub(crate) fn rows(&self, selection: &Selection) -> Result<Vec<Row>, AnalysisError> {
+        self.any_score()?;
         let zone = self.zone(selection)?;
         let set = self.set(selection)?;
         let mut classes: Vec<Comparison<'_>> = Vec::new();
@@ -165,6 +176,7 @@ impl<'a> Ablation<'a> {
                 Mean::Pixels => (truth > 0).then(|| answered as f64 / truth as f64),
             },
             values: self.metrics.iter().map(value).collect(),
+            over_answers: self.metrics.iter().map(|metric| rows().any(|row| metric.pixels(row) < row.pixels)).collect(),
             core_ms: self.core_ms[index],
             comparable,
         }
@@ -227,8 +239,18 @@ impl<'a> Ablation<'a> {
         }
     }
 
+    /// That there is a score at all: a frame without one pixel to score has none.
+    fn any_score(&self) -> Result<(), AnalysisError> {
+        if self.metrics.is_empty() {
+            let help = "`depthloom report` says why";
+            return Err(AnalysisError::asked("not one pixel was scored".to_owned(), help.to_owned()));
+        }
+        Ok(())
+    }
+
     /// The place of a metric by name.
     pub(crate) fn metric(&self, name: &str) -> Result<usize, AnalysisError> {
+        self.any_score()?;
         self.metrics.iter().position(|metric| metric.name == name).ok_or_else(|| {
             let scored = listed(self.metric_names());
             let is_of = |family: Family| family.metrics().iter().any(|metric| metric.name == name);

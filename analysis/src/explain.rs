@@ -102,6 +102,12 @@ fn explained(
         ));
     }
     let scores = ablation.frames(index, set, zone);
+    if scores.iter().all(|score| !score.row.scores.iter().any(|(of, _)| of.name == metric.name)) {
+        return Err(AnalysisError::asked(
+            format!("`{}` was not taken of `{}`", metric.name, estimator.label),
+            "name it in `metrics` of its score and run again, or name another estimator".to_owned(),
+        ));
+    }
     let settings = estimator.settings.unwrap_or_default();
     let mean = selection.mean.unwrap_or(estimator.mean);
     let value = |scores: &mut dyn Iterator<Item = &FrameScore>| match mean {
@@ -116,7 +122,7 @@ fn explained(
             id: score.frame.to_string(),
             position: score.position,
             key: recorded.get(score.position).and_then(|frame| frame.source_key).map(|key| key.to_string()),
-            pixels: score.row.pixels,
+            pixels: metric.pixels(&score.row),
             value: score.row.get(metric),
         })
         .collect();

@@ -163,7 +163,13 @@ impl Table {
         let a3 = self.metrics.iter().position(|metric| metric.name == "a3");
         let Some(comparable) = self.columns[column].comparable else { return false };
         let others = || self.columns.iter().enumerate().filter(|(_, other)| other.comparable == Some(comparable));
-        let answers = |column: &TableColumn| a3.is_none_or(|a3| column.means[a3].is_some_and(|share| share > 0.0));
+        // A score of answers alone is of other pixels in every column that left some unanswered.
+        let of_answers = self.metrics[line].pooling == depthloom_scores::Pooling::MeanOfAnswers;
+        let is_whole =
+            |column: &TableColumn| !of_answers || column.set == PixelSet::Filled || column.density == Some(1.0);
+        let answers = |column: &TableColumn| {
+            is_whole(column) && a3.is_none_or(|a3| column.means[a3].is_some_and(|share| share > 0.0))
+        };
         let scored = others().filter(|(_, other)| answers(other));
         let scored = scored.filter_map(|(i, other)| Some((i, other.means[line].filter(|mean| mean.is_finite())?)));
         let better = |a: f64, b: f64| if self.metrics[line].more_is_better { a > b } else { a < b };

@@ -134,17 +134,25 @@ impl Metric {
         }
     }
 
+    /// How many pixels of a row it is over: where a missing answer has no error that could be added, those that were answered.
+    #[must_use]
+    pub fn pixels(&self, row: &ScoreRow) -> u64 {
+        match (self.pooling, row.set) {
+            (Pooling::MeanOfAnswers, PixelSet::All) => row.answered,
+            _ => row.pixels,
+        }
+    }
+
     /// A data set's value over the pixels of all frames: `None` if no pixel counted, or if it does not follow from the frames' values.
     #[must_use]
     pub fn pooled<'a>(&self, rows: impl IntoIterator<Item = &'a ScoreRow>, settings: &Settings) -> Option<f64> {
         let (mut count, mut sum, mut log_mean, mut spread) = (0.0, 0.0, 0.0, 0.0);
         for row in rows {
             let Some(value) = row.get(self) else { continue };
-            let n = match (self.pooling, row.set) {
-                (Pooling::None, _) => return None,
-                (Pooling::MeanOfAnswers, PixelSet::All) => row.answered,
-                _ => row.pixels,
-            } as f64;
+            if self.pooling == Pooling::None {
+                return None;
+            }
+            let n = self.pixels(row) as f64;
             match self.pooling {
                 Pooling::LogVariance => {
                     let variance = match settings.silog {

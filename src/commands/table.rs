@@ -1,6 +1,7 @@
 //! `depthloom table`: the scores of a run, asked.
 
-use std::io::IsTerminal as _;
+use std::fs;
+use std::io::{self, IsTerminal as _};
 use std::path::Path;
 
 use depthloom_analysis::{AnalysisError, Costs, Mean, PixelSet, Question, Ranking, Selection};
@@ -22,7 +23,7 @@ pub fn table(args: &TableArgs) -> Result<Exit, Stop> {
         None if args.json => TableFormat::Json,
         None => TableFormat::Terminal,
     };
-    if format == TableFormat::Parquet && args.out.is_none() && std::io::stdout().is_terminal() {
+    if format == TableFormat::Parquet && args.out.is_none() && io::stdout().is_terminal() {
         return Err(Stop::new(Exit::Before, "Parquet is no text").remedy("name a file with --out"));
     }
     let path = recording_of(&args.run, "table")?;
@@ -54,7 +55,11 @@ pub fn table(args: &TableArgs) -> Result<Exit, Stop> {
     };
     match &args.out {
         None => print(bytes)?,
-        Some(out) => depthloom_durable::write(out, &bytes).map_err(|error| {
+        Some(out) if is_of_the_run(out, &path) => {
+            let what = format!("{} is the run's own", out.display());
+            return Err(Stop::new(Exit::Before, what).remedy("choose another --out"));
+        }
+        Some(out) => write(out, &bytes).map_err(|error| {
             let stop = Stop::because(Exit::Engine, format_args!("failed to write {}", out.display()), &error);
             match remedy_of_writing(&error) {
                 Some(remedy) => stop.remedy(remedy),
@@ -63,6 +68,20 @@ pub fn table(args: &TableArgs) -> Result<Exit, Stop> {
         })?,
     }
     Ok(Exit::Whole)
+}
+
+/// Writes a file that a person named. Into a link, a device or a pipe (`/dev/stdout`) it is written as it comes: no file takes its place.
+fn write(out: &Path, bytes: &[u8]) -> io::Result<()> {
+    match fs::symlink_metadata(out) {
+        Ok(there) if !there.is_file() && !there.is_dir() => fs::write(out, bytes),
+        _ => depthloom_durable::write(out, bytes),
+    }
+}
+
+/// Whether a file is there already beside the recording, or is the recording.
+fn is_of_the_run(out: &Path, recording: &Path) -> bool {
+    let folder = |path: &Path| path.canonicalize().ok()?.parent().map(Path::to_owned);
+    out.exists() && folder(out).is_some_and(|of_out| Some(of_out) == folder(recording))
 }
 
 /// Opens a recording to ask it something.

@@ -16,7 +16,13 @@ pub fn depthloom() -> Command {
 
 /// Runs a command that must succeed.
 pub fn succeed(command: &mut Command) -> Output {
-    let output = command.output().expect("the binary starts");
+    let output = loop {
+        match command.output() {
+            // A binary that was just copied: another test's child, begun meanwhile, holds it open for writing until it is itself.
+            Err(error) if error.kind() == std::io::ErrorKind::ExecutableFileBusy => std::thread::yield_now(),
+            output => break output.expect("the binary starts"),
+        }
+    };
     assert!(
         output.status.success(),
         "{command:?} ended with {}\n{}\n{}",

@@ -266,3 +266,34 @@ stages:
     let refused = String::from_utf8_lossy(&refused.stderr).into_owned();
     assert!(refused.contains("`look.smooth/depth`") && refused.contains("`record:`"), "{refused}");
 }
+
+#[test]
+fn a_table_takes_the_place_of_nothing_that_is_no_table() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (run, _) = run(folder.path(), SWEEP);
+    let recording = run.join("recording.mcap");
+    let before = std::fs::read(&recording).expect("read");
+    let csv = |out: &Path| {
+        depthloom()
+            .arg("table")
+            .arg(&run)
+            .args(["--format", "csv", "--out"])
+            .arg(out)
+            .output()
+            .expect("the binary starts")
+    };
+    for own in [recording.clone(), run.join("../run/recording.mcap"), run.join("scores.csv")] {
+        let output = csv(&own);
+        assert_eq!(output.status.code(), Some(2));
+        assert!(String::from_utf8_lossy(&output.stderr).contains("is the run's own"));
+    }
+    assert!(std::fs::read(&recording).expect("read") == before);
+    // What a link leads to is written; the link stays.
+    #[cfg(unix)]
+    {
+        let (link, file) = (folder.path().join("link.csv"), folder.path().join("file.csv"));
+        std::os::unix::fs::symlink(&file, &link).expect("linked");
+        assert!(csv(&link).status.success());
+        assert!(link.is_symlink() && std::fs::read_to_string(&file).expect("read").starts_with("estimator,"));
+    }
+}

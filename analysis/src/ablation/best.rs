@@ -30,17 +30,22 @@ impl Best {
         for class in rows.iter().filter_map(|row| row.comparable) {
             *sizes.entry(class).or_default() += 1;
         }
+        let comparable = |row: &Row| -> Vec<Option<f64>> {
+            (0..row.values.len())
+                .map(|metric| row.values[metric].filter(|_| row.comparable_by(metric).is_some()))
+                .collect()
+        };
+        let values: Vec<Vec<Option<f64>>> = rows.iter().map(comparable).collect();
         let mut best: HashMap<(usize, usize), f64> = HashMap::new();
-        for (row, (class, answers)) in rows.iter().zip(&places) {
+        for (values, (class, answers)) in values.iter().zip(&places) {
             let Some(class) = class.filter(|class| *answers && sizes[class] > 1) else { continue };
-            for (metric, value) in row.values.iter().enumerate() {
+            for (metric, value) in values.iter().enumerate() {
                 let Some(value) = value.filter(|value| value.is_finite()) else { continue };
                 let more = ablation.metrics[metric].more_is_better;
                 let known = best.entry((metric, class)).or_insert(value);
                 *known = if more { known.max(value) } else { known.min(value) };
             }
         }
-        let values = rows.iter().map(|row| row.values.clone()).collect();
         Self { rows: places, values, best, classes: sizes.len() }
     }
 

@@ -53,7 +53,8 @@ pub(crate) fn grid(ablation: &Ablation<'_>, selection: &Selection, metric: &str)
     let found = effects(&values, &factors);
 
     let named = ablation.metrics[metric];
-    let is_comparable = rows.iter().all(|row| row.comparable.is_some() && row.comparable == rows[0].comparable);
+    let comparable = |row: &Row| row.comparable_by(metric);
+    let is_comparable = rows.iter().all(|row| comparable(row).is_some() && comparable(row) == comparable(rows[0]));
     let lines = lines(&looked, &found, named.more_is_better, is_comparable);
     let decimals = named.decimals + 1;
     let number = |values: Vec<Option<f64>>| {

@@ -17,7 +17,7 @@ const OTHERS: [&str; 4] = ["density", MS, "frames", "pixels"];
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Ranking {
     /// What to sort by: a score or a column of numbers, best first; or an axis, in the file's order. `None`: by the first error that was
-    /// scored, `abs_rel` before others.
+    /// shown and that a row has, `abs_rel` before others.
     pub sort: Option<String>,
     /// How many rows are shown at most.
     pub top: Option<usize>,
@@ -46,7 +46,7 @@ impl Ranking {
         let all = rows.len();
         let sort = match (&self.sort, self.pareto.first()) {
             (Some(name), _) | (None, Some(name)) => ablation.column(name)?,
-            (None, None) => Column::Metric(ablation.first_error()),
+            (None, None) => self.sort_of_itself(ablation, &rows)?,
         };
         let mut order: Vec<usize> = (0..rows.len()).collect();
         if !self.pareto.is_empty() {
@@ -74,8 +74,8 @@ impl Ranking {
                     .to_owned(),
             );
         }
-        for column in columns {
-            grid.columns.push(ablation.cells(&rows, &order, column, &best));
+        for column in &columns {
+            grid.columns.push(ablation.cells(&rows, &order, *column, &best));
         }
         if ablation.set(selection)? == depthloom_scores::PixelSet::Answered && rows.len() > 1 {
             grid.notes.push(
@@ -83,8 +83,23 @@ impl Ranking {
                     .to_owned(),
             );
         }
+        let is_partial = |metric: usize| rows.iter().any(|row| row.comparable.is_some() && row.over_answers[metric]);
+        for metric in columns.iter().filter_map(|column| column.metric()).filter(|metric| is_partial(*metric)) {
+            let name = ablation.metrics[metric].name;
+            grid.notes.push(format!(
+                "{name} leaves out what was not answered, also over all true pixels, so none is marked as best: look at density, or take `--set filled`"
+            ));
+        }
         grid.notes.extend(best.note());
         Ok(grid)
+    }
+
+    /// What rows are sorted by where nobody says: the first score that is shown and that a row has, `abs_rel` before others where all are shown.
+    fn sort_of_itself(&self, ablation: &Ablation<'_>, rows: &[Row]) -> Result<Column, AnalysisError> {
+        let asked = self.columns.iter().map(|name| ablation.column(name)).collect::<Result<Vec<_>, _>>()?;
+        let has_value = |column: &Column| rows.iter().any(|row| ablation.number(row, *column).is_some());
+        let first = asked.into_iter().filter(|column| !column.is_axis()).find(has_value);
+        Ok(first.unwrap_or_else(|| Column::Metric(ablation.first_error(rows))))
     }
 
     fn columns(&self, ablation: &Ablation<'_>, rows: &[Row]) -> Result<Vec<Column>, AnalysisError> {
@@ -94,7 +109,13 @@ impl Ranking {
                 ablation.require(rows, column).map(|()| column)
             });
             // Axes are there already.
-            return Ok(columns.collect::<Result<Vec<_>, _>>()?.into_iter().filter(|of| !of.is_axis()).collect());
+            let mut once: Vec<Column> = Vec::new();
+            for column in columns.collect::<Result<Vec<_>, _>>()?.into_iter().filter(|of| !of.is_axis()) {
+                if !once.contains(&column) {
+                    once.push(column);
+                }
+            }
+            return Ok(once);
         }
         let mut columns: Vec<Column> = (0..ablation.metrics.len()).map(Column::Metric).collect();
         if rows.iter().any(|row| row.density.is_some_and(|density| density < 1.0)) {
@@ -113,6 +134,13 @@ impl Ranking {
 impl Column {
     const fn is_axis(self) -> bool {
         matches!(self, Self::Axis(_))
+    }
+
+    const fn metric(self) -> Option<usize> {
+        match self {
+            Self::Metric(metric) => Some(metric),
+            _ => None,
+        }
     }
 }
 
@@ -143,9 +171,11 @@ pub(super) fn keys(ablation: &Ablation<'_>, rows: &[Row], shown: &[&Row]) -> Vec
 
 impl Ablation<'_> {
     /// The place of the metric that rows are sorted by where nobody says: the first error, `abs_rel` before others.
-    pub(super) fn first_error(&self) -> usize {
-        let named = ["abs_rel", "d1", "epe"].into_iter().find_map(|name| self.metric(name).ok());
-        named.or_else(|| self.metrics.iter().position(|metric| !metric.more_is_better)).unwrap_or(0)
+    fn first_error(&self, rows: &[Row]) -> usize {
+        let has_value = |metric: &usize| rows.iter().any(|row| row.values[*metric].is_some());
+        let named = ["abs_rel", "d1", "epe"].into_iter().filter_map(|name| self.metric(name).ok()).find(has_value);
+        let any = || (0..self.metrics.len()).filter(has_value).find(|metric| !self.metrics[*metric].more_is_better);
+        named.or_else(any).or_else(|| (0..self.metrics.len()).find(has_value)).unwrap_or(0)
     }
 
     /// The column of that name.
@@ -225,7 +255,10 @@ impl Ablation<'_> {
                     "take `--mean frames`",
                 )
             }
-            _ => (format!("no row has a value of `{}`", self.column_name(column)), "no frame had a pixel to score"),
+            _ => (
+                format!("no row has a value of `{}`", self.column_name(column)),
+                "it was not taken of these estimates, or no frame had a pixel to score",
+            ),
         };
         Err(AnalysisError::asked(what, help.to_owned()))
     }
@@ -259,6 +292,12 @@ impl Ablation<'_> {
             return Err(AnalysisError::asked(
                 format!("a front of `{}` alone is its best row", names.join(",")),
                 "name two columns, e.g. `--pareto abs_rel,ms`".to_owned(),
+            ));
+        }
+        if !rows.iter().any(|row| columns.iter().all(|column| self.number(row, *column).is_some())) {
+            return Err(AnalysisError::asked(
+                format!("no row has all of {}", listed(names.iter().map(String::as_str))),
+                "a row is one estimate: scores of depths and of disparities stand in rows of their own".to_owned(),
             ));
         }
         let better: Vec<Better> = columns.iter().map(|column| self.better(*column)).collect();

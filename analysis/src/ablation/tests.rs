@@ -311,3 +311,49 @@ fn variants_that_no_matrix_made_are_an_axis_themselves() {
     let grid = effects::grid(&ablation, &Selection::default(), "abs_rel").unwrap();
     assert!(grid.notes.iter().any(|note| note.starts_with("no share of variant")), "{:?}", grid.notes);
 }
+
+/// The scores with an end-point error besides, which leaves out what was not answered.
+fn with_end_point_errors() -> Vec<FrameScore> {
+    let mut scores = scores();
+    for score in &mut scores {
+        let value = score.row.get(Metric::named("abs_rel").unwrap()).unwrap();
+        score.row = score.row.clone().with(Metric::named("epe").unwrap(), value);
+    }
+    scores
+}
+
+#[test]
+fn a_score_of_answers_alone_is_never_compared_over_pixels_that_were_not_answered() {
+    let ask = |ranking: &Ranking| {
+        ask_of(&estimators(&plan()).unwrap(), &with_end_point_errors(), |of| ranking.grid(of, &Selection::default()))
+            .unwrap()
+    };
+    let text = |metric: &str| ask(&Ranking { columns: owned(&[metric]), ..Ranking::default() }).terminal(200);
+    assert!(text("abs_rel").contains('*'), "{}", text("abs_rel"));
+    assert!(
+        !text("epe").contains('*') && text("epe").contains("note: epe leaves out what was not answered"),
+        "{}",
+        text("epe")
+    );
+}
+
+#[test]
+fn what_is_asked_for_decides_the_order_and_stands_once() {
+    let grid =
+        ranking(&Ranking { columns: owned(&["a1", "abs_rel", "a1"]), ..Ranking::default() }, &Selection::default());
+    let grid = grid.unwrap();
+    assert!(grid.about.ends_with(" rows by a1"), "{}", grid.about);
+    assert_eq!(grid.columns.iter().filter(|column| column.name == "a1").count(), 1);
+}
+
+#[test]
+fn where_no_pixel_was_scored_that_is_the_answer() {
+    let none = |score: &FrameScore| {
+        let row = ScoreRow { pixels: 0, answered: 0, truth: 0, ..ScoreRow::new(score.row.set, &score.row.zone) };
+        FrameScore { row, ..score.clone() }
+    };
+    let scores: Vec<FrameScore> = scores().iter().map(none).collect();
+    let refusal =
+        ask_of(&estimators(&plan()).unwrap(), &scores, |of| Ranking::default().grid(of, &Selection::default()));
+    assert!(refused(refusal).starts_with("not one pixel was scored"));
+}

@@ -1,5 +1,7 @@
 //! The best estimate in each zone.
 
+use depthloom_scores::Pooling;
+
 use super::best::Best;
 use super::ranking::keys;
 use super::{Ablation, Selection};
@@ -29,19 +31,30 @@ pub(crate) fn grid(ablation: &Ablation<'_>, selection: &Selection, metric: &str)
             continue;
         };
         let best = Best::of(ablation, &rows);
-        let marked = (0..rows.len()).find(|&row| best.is_best(metric, row));
-        let Some(winner) = marked else {
-            notes.push(format!("no best in {}: fewer than two rows can be compared there", name(zone)));
+        if zone.is_empty() {
+            about = ablation.about(&rows, &here)?;
+        }
+        let marked: Vec<usize> = (0..rows.len()).filter(|&row| best.is_best(metric, row)).collect();
+        if marked.len() > 1 {
+            notes.push(format!("in {} {} rows are equally good: the first is named", name(zone), marked.len()));
+        }
+        let Some(&winner) = marked.first() else {
+            notes.push(format!(
+                "no best in {}: fewer than two rows can be compared there by {}",
+                name(zone),
+                named.name
+            ));
             continue;
         };
         let estimator = rows[winner].estimator;
         if zone.is_empty() {
             overall = Some(estimator);
-            about = ablation.about(&rows, &here)?;
         }
         let there = overall.and_then(|overall| rows.iter().find(|row| row.estimator == overall));
         zones.push(Some(name(zone)));
-        counts.push(Some(rows.iter().filter(|row| row.comparable == rows[winner].comparable).count() as u64));
+        counts.push(Some(
+            rows.iter().filter(|row| row.comparable_by(metric) == rows[winner].comparable_by(metric)).count() as u64,
+        ));
         pixels.push(Some(rows[winner].pixels));
         values.push(rows[winner].values[metric]);
         of_overall.push(there.and_then(|row| row.values[metric]));
@@ -50,7 +63,13 @@ pub(crate) fn grid(ablation: &Ablation<'_>, selection: &Selection, metric: &str)
     if winners.is_empty() {
         return Err(AnalysisError::asked(
             "there is no best in any zone: no two of the selected rows can be compared".to_owned(),
-            "two or more estimates over the same pixels are needed: over `--set answered` each has its own".to_owned(),
+            format!(
+                "two or more estimates over the same pixels are needed: over `--set answered` each has its own{}",
+                match named.pooling {
+                    Pooling::MeanOfAnswers => format!(", and so has `{}` but over `--set filled`", named.name),
+                    _ => String::new(),
+                }
+            ),
         ));
     }
     let decimals = named.decimals + 1;

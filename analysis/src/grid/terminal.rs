@@ -1,6 +1,6 @@
 //! A table as aligned text.
 
-use super::{Grid, GridColumn};
+use super::Grid;
 
 /// The longest text of a cell; of what is longer, the middle is left out.
 const LONGEST: usize = 40;
@@ -9,22 +9,55 @@ pub(super) fn render(grid: &Grid, width: usize) -> String {
     let best = if grid.is_marked() { "; * best" } else { "" };
     let mut text = String::new();
     push_words(&format!("{}{best}", grid.about), width, &mut text);
-    let wide = |column: usize| wide(grid, column) + 2;
-    for block in grid.blocks(width + 2, wide) {
+    let columns: Vec<Column> = (0..grid.columns.len()).map(|column| Column::of(grid, column)).collect();
+    for block in grid.blocks(width + 2, |column| columns[column].wide + 2) {
+        let block: Vec<&Column> = block.iter().map(|&column| &columns[column]).collect();
         text.push('\n');
-        let heads = block.iter().map(|&column| heading(&grid.columns[column]));
-        push_line(grid, &block, heads.collect(), &mut text);
+        push_line(block.iter().map(|column| column.padded(&column.heading)), &mut text);
         for row in 0..grid.height() {
             if row > 0 && grid.gaps.contains(&row) {
                 text.push('\n');
             }
-            push_line(grid, &block, block.iter().map(|&column| cell(grid, row, column)).collect(), &mut text);
+            push_line(block.iter().map(|column| column.padded(&column.cells[row])), &mut text);
         }
     }
     for note in &grid.notes {
         push_words(&format!("note: {note}"), width, &mut text);
     }
     text
+}
+
+/// A column's texts.
+struct Column {
+    heading: String,
+    cells: Vec<String>,
+    /// The widest of them, characters.
+    wide: usize,
+    is_text: bool,
+}
+
+impl Column {
+    fn of(grid: &Grid, column: usize) -> Self {
+        let of = &grid.columns[column];
+        let has_marks = (0..of.cells.len()).any(|row| of.cells.is_best(row));
+        // Behind a heading over numbers one place is left, for the mark of the best.
+        let heading = format!("{}{}", of.heading("↑", "↓"), if has_marks { " " } else { "" });
+        let mark = |row: usize| match (has_marks, of.cells.is_best(row)) {
+            (true, true) => "*",
+            (true, false) => " ",
+            (false, _) => "",
+        };
+        let cells: Vec<String> =
+            (0..grid.height()).map(|row| format!("{}{}", shortened(grid.text(row, column)), mark(row))).collect();
+        let wide = cells.iter().chain([&heading]).map(|text| text.chars().count()).max().unwrap_or(0);
+        Self { heading, cells, wide, is_text: of.is_text() }
+    }
+
+    /// Text to the left, numbers to the right.
+    fn padded(&self, text: &str) -> String {
+        let wide = self.wide;
+        if self.is_text { format!("{text:<wide$}") } else { format!("{text:>wide$}") }
+    }
 }
 
 /// A sentence, broken between words.
@@ -45,39 +78,9 @@ fn push_words(sentence: &str, width: usize, text: &mut String) {
     text.push('\n');
 }
 
-/// A line: text to the left, numbers to the right.
-fn push_line(grid: &Grid, block: &[usize], cells: Vec<String>, text: &mut String) {
-    let cells = block.iter().zip(cells).map(|(&column, cell)| {
-        let wide = wide(grid, column);
-        if grid.columns[column].is_text() { format!("{cell:<wide$}") } else { format!("{cell:>wide$}") }
-    });
+fn push_line(cells: impl Iterator<Item = String>, text: &mut String) {
     text.push_str(cells.collect::<Vec<_>>().join("  ").trim_end());
     text.push('\n');
-}
-
-fn wide(grid: &Grid, column: usize) -> usize {
-    let cells = (0..grid.height()).map(|row| cell(grid, row, column).chars().count());
-    cells.chain([heading(&grid.columns[column]).chars().count()]).max().unwrap_or(0)
-}
-
-/// Behind a heading over numbers one place is left, for the mark of the best.
-fn heading(column: &GridColumn) -> String {
-    let heading = column.heading("↑", "↓");
-    if has_marks(column) { format!("{heading} ") } else { heading }
-}
-
-fn has_marks(column: &GridColumn) -> bool {
-    (0..column.cells.len()).any(|row| column.cells.is_best(row))
-}
-
-fn cell(grid: &Grid, row: usize, column: usize) -> String {
-    let text = shortened(grid.text(row, column));
-    let column = &grid.columns[column];
-    match (has_marks(column), column.cells.is_best(row)) {
-        (true, true) => format!("{text}*"),
-        (true, false) => format!("{text} "),
-        (false, _) => text,
-    }
 }
 
 fn shortened(text: String) -> String {
