@@ -201,8 +201,12 @@ fn alternatives_of(value: &Json, alternatives: &[Json], path: &mut Vec<String>, 
     let is_word = |text: &str| names::nearest(text, constants.iter().filter_map(Json::as_str)).is_some();
     let is_number = |alternative: &Json| alternative.get("type").is_some_and(|of| of == "integer" || of == "number");
     let beside_numbers = !words_alone && tried.iter().any(|(alternative, _)| is_number(alternative));
+    let is_list = |alternative: &Json| alternative.get("type").is_some_and(|of| of == "array");
+    let beside_lists = value.is_array() && tried.iter().any(|(alternative, _)| is_list(alternative));
     if beside_numbers && !value.as_str().is_some_and(is_word) {
         tried.retain(|(alternative, _)| self::constants(alternative).is_empty());
+    } else if beside_lists {
+        tried.retain(|(alternative, _)| is_list(alternative));
     } else if !constants.is_empty() && !value.is_object() {
         found.push(not_among(value, &constants, path));
         return;
@@ -373,6 +377,22 @@ mod tests {
         assert!(whats(&json!(null), &schema).is_empty());
         assert_eq!(whats(&json!("x"), &schema), ["the value wants a whole number, not the text `x`"]);
         assert_eq!(whats(&json!(-1), &schema), ["the value must be at least 0, not -1"]);
+    }
+
+    #[test]
+    fn a_list_beside_a_word_is_looked_into() {
+        let names = json!({ "type": "array", "minItems": 1, "items": { "enum": ["a1", "abs_rel"] } });
+        let schema =
+            json!({ "properties": { "metrics": { "anyOf": [{ "enum": ["all"] }, names, { "type": "null" }] } } });
+        let found = |value: serde_json::Value| violations(&json!({ "metrics": value }), &schema);
+        assert!(found(json!(["a1", "abs_rel"])).is_empty() && found(json!("all")).is_empty());
+        let misspelt = found(json!(["a1", "abs_rle"]));
+        assert_eq!(misspelt.len(), 1, "{misspelt:?}");
+        assert_eq!(misspelt[0].what, "each of `metrics` cannot be the text `abs_rle`");
+        assert_eq!(misspelt[0].path, ["metrics", "1"]);
+        assert_eq!(misspelt[0].help.as_deref(), Some("did you mean `abs_rel`?"));
+        assert_eq!(found(json!([]))[0].what, "`metrics` wants at least 1 items, not 0");
+        assert_eq!(found(json!("al"))[0].help.as_deref(), Some("did you mean `all`?"));
     }
 
     #[test]
