@@ -19,9 +19,13 @@ stages:
 ";
 
 fn try_load(more: &str, set: &[&str], only: &[&str]) -> Result<Loaded, String> {
+    taken(&format!("{BASE}{more}"), set, only)
+}
+
+fn taken(text: &str, set: &[&str], only: &[&str]) -> Result<Loaded, String> {
     let folder = tempfile::tempdir().expect("a folder can be made");
     let path = folder.path().join("main.yaml");
-    std::fs::write(&path, format!("{BASE}{more}")).expect("a file can be written");
+    std::fs::write(&path, text).expect("a file can be written");
     let set = set.iter().filter_map(|argument| argument.split_once('='));
     let options = Options {
         set: set.map(|(path, value)| (path.to_owned(), value.to_owned())).collect(),
@@ -230,6 +234,85 @@ fn the_command_line_adds_and_replaces_axes() {
     let said = set(named, &["compare.right.with.block=7"]).unwrap_err();
     assert!(said.contains("`--matrix 'block=[7]'` sets the values"), "{said}");
     assert!(set("", &["record=[compare.depth/depth]"]).is_ok());
+}
+
+#[test]
+fn the_command_line_changes_what_an_axis_and_a_sample_say() {
+    let set = |more: &str, set: &[&str]| try_load(more, set, &[]).map(|loaded| loaded.plan.variants);
+    let linked = "matrix: { block: { set: [compare.left.with.block, compare.right.with.block], values: [3, 9] } }\n";
+    assert_eq!(set(linked, &["matrix.block.values=[5,7]"]).unwrap(), ["block=5", "block=7"]);
+    let of_paths = "matrix: { compare.left.with.block: { values: [3, 9] }, compare.left.with.mode: [sgbm, hh] }\n";
+    let both = ["matrix.compare.left.with.block.values=[7]", "matrix.compare.left.with.mode.values=[hh]"];
+    assert_eq!(set(of_paths, &both).unwrap(), ["block=7+mode=hh"]);
+    let range = "matrix: { compare.left.with.block: { from: 1, to: 9, steps: 2 } }\n";
+    assert_eq!(set(range, &["matrix.compare.left.with.block.to=5"]).unwrap(), ["block=1", "block=5"]);
+    let sampled = "matrix: { compare.left.with.block: [3, 5, 7, 9], sample: { method: random, count: 2 } }\n";
+    assert_eq!(set(sampled, &["matrix.sample.count=3", "matrix.sample.seed=5"]).unwrap().len(), 3);
+    let several = "matrix: [{ compare.left.with.block: [3, 5, 7, 9], sample: { method: random, count: 2 } }, { compare.right.with.block: [3] }]\n";
+    for path in ["matrix.sample.count=3", "matrix.0.sample.count=3"] {
+        assert_eq!(set(several, &[path]).unwrap().len(), 4, "{path}");
+    }
+    let unsampled = "matrix: { compare.left.with.block: [3, 5, 7, 9] }\n";
+    assert_eq!(set(unsampled, &["matrix.sample.count=2"]).unwrap().len(), 2);
+    for (argument, near) in
+        [("matrix.block.valeus=[3]", "`values`"), ("matrix.blok.values=[3]", "`block`"), ("matrix.blok=[3]", "`block`")]
+    {
+        let said = set(linked, &[argument]).unwrap_err();
+        assert!(said.contains(&format!("did you mean {near}?")), "{said}");
+    }
+    assert!(set(sampled, &["matrix.sample.cuont=3"]).unwrap_err().contains("did you mean `count`?"));
+}
+
+/// A node, a source and a pattern of `record` that only the variant `lr` has a use for.
+const LR: &str = "experiment: base
+sources: { test: { kind: synthetic/road }, other: { kind: synthetic/road, with: { seed: 9 } } }
+stages:
+  compare:
+    source: test
+    nodes:
+      left: { kind: stereo/sgbm, inputs: { left: source/left, right: source/right } }
+      right: { kind: stereo/sgbm, inputs: { left: source/right, right: source/left } }
+      depth: { kind: depth/from-disparity, inputs: { disparity: left/disparity, calibration: source/calibration } }
+      marked: { kind: confidence/edges, inputs: { image: source/left } }
+    score: { truth: source/depth, estimates: { stereo: depth/depth } }
+record: [compare.marked, \"*/weight\"]
+variants:
+  lr: { compare.depth.inputs.disparity: right/disparity, compare.source: other, compare.marked.kind: confidence/sobel }
+  nolr: {}
+  both: { compare.left.with.block: 3 }
+";
+
+#[test]
+fn what_only_variants_use_that_are_left_out_is_not_run_and_nothing_to_tell() {
+    let names = |loaded: &Loaded| -> Vec<String> {
+        loaded.plan.runs.iter().flat_map(|run| &run.nodes).map(|node| node.name.clone()).collect()
+    };
+    let in_file = format!("{LR}only: [\"nolr\"]\n");
+    for loaded in [taken(LR, &[], &["nolr"]), taken(&in_file, &[], &[]), taken(LR, &[], &["nolr", "both"])] {
+        let loaded = loaded.unwrap_or_else(|said| panic!("{said}"));
+        assert!(loaded.warnings.is_empty(), "{}", loaded.warnings);
+        assert!(!names(&loaded).contains(&"right".to_owned()), "{:?}", names(&loaded));
+    }
+    // What no variant uses is wrong whichever are taken.
+    for only in [&[][..], &["nolr"]] {
+        let said = taken(LR, &["variants.lr=null"], only).map(|_| ()).unwrap_err();
+        assert!(said.contains("nothing reads or records node `right`"), "{said}");
+        assert!(said.contains("no stage uses the source `other`"), "{said}");
+        assert!(said.contains("`*/weight` matches nothing that could be recorded"), "{said}");
+    }
+}
+
+#[test]
+fn a_name_without_its_combinations_is_told_the_pattern() {
+    let text = "variants: { lr: {}, nolr: { compare.left.with.p1: 50 } }
+matrix: { compare.left.with.block: [3, 9] }
+";
+    let said = |more: &str, only: &[&str]| try_load(&format!("{text}{more}"), &[], only).map(|_| ()).unwrap_err();
+    let alone = said("", &["nolr"]);
+    assert!(alone.contains("help: `--variant 'nolr+*'` takes the 2 variants of that form"), "{alone}");
+    assert!(said("", &["block=3"]).contains("help: `--variant '*+block=3'` takes the 2 variants"));
+    assert!(said("only: nolr\n", &[]).contains("help: `\"nolr+*\"` takes the 2 variants"));
+    assert!(said("", &["nolr+blok=3"]).contains("did you mean `nolr+block=3`?"));
 }
 
 #[test]

@@ -17,7 +17,6 @@ use super::check::spec::{self, Spec};
 use super::plan::assemble;
 use super::plan::link;
 use super::plan::linked::Linked;
-use super::plan::live;
 use super::plan::record;
 use super::plan::share::{self, Overruled, Shared};
 use super::plan::upstream;
@@ -28,11 +27,12 @@ use super::text::kept;
 use super::text::resolved;
 use super::text::source_file::Place;
 use super::text::tree::Node;
+use super::unused::Declared;
 use crate::plan::{Factor, Plan};
 use crate::registry::Registry;
 
 /// The most values all variants of an experiment may hold together.
-const MOST_VALUES: usize = 20_000_000;
+pub(super) const MOST_VALUES: usize = 20_000_000;
 
 /// How many variants are looked at once there are errors.
 const ENOUGH_VARIANTS: usize = 200;
@@ -147,7 +147,7 @@ fn planned(
     let root = environment::substitute(&root, env, report);
     let (experiment, about) = spec::title(&root, report);
     let recording = record::read(&root, report);
-    let variants = variants::read(&Parameters { root: &root, registry }, report);
+    let (variants, left_out) = variants::read(&Parameters { root: &root, registry }, report);
     if root.size().saturating_mul(variants.len()) > MOST_VALUES {
         let what = format!("{} variants of an experiment this large are too many", variants.len());
         report.push(Diagnostic::error(&variants[0].place, what));
@@ -176,14 +176,11 @@ fn planned(
         }
     }
     outlasted.report(&root, &variants, report);
-    recording.check(&linked, report);
-    let live: Vec<_> = linked.iter().map(|linked| live::nodes(linked, &recording)).collect();
-    live::check(&linked, &live, report);
-    unused_sources(&root, &linked, report);
+    let declared = Declared { root: &root, left_out: &left_out, recording: &recording, registry };
+    let live = declared.report(&mut linked, report);
     if report.has_errors() {
         return None;
     }
-    live::check_stages(&linked, &recording, report);
     sweeps.report(report);
     let names: Vec<String> = variants.iter().map(|variant| variant.name.clone()).collect();
     let shared = share::share(&linked, &live);
@@ -232,21 +229,6 @@ fn check_names(spec: &Spec, report: &mut Report) {
                 seen.insert(&name.text, (&stage.name.text, &name.place));
             }
         }
-    }
-}
-
-fn unused_sources(root: &Node, linked: &[Linked<'_>], report: &mut Report) {
-    if linked.iter().all(|linked| linked.stages.is_empty()) {
-        return;
-    }
-    let used = |name: &str| {
-        let stages = linked.iter().flat_map(|linked| &linked.stages);
-        // A stage whose source is broken may have meant any.
-        stages.into_iter().any(|stage| stage.source.as_ref().is_none_or(|source| source.name == name))
-    };
-    for entry in root.get("sources").iter().flat_map(|sources| sources.entries()).filter(|entry| !used(&entry.key)) {
-        let warning = Diagnostic::warning(&entry.key_place, format!("no stage uses the source `{}`", entry.key));
-        report.push(warning.label("not used"));
     }
 }
 

@@ -9,6 +9,7 @@ mod check;
 mod load;
 mod plan;
 mod text;
+mod unused;
 
 pub use check::schema::schema;
 pub(crate) use check::schema_check::range_text;

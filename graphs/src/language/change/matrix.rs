@@ -10,7 +10,9 @@ mod sample;
 use std::collections::HashSet;
 use std::sync::Arc;
 
+pub(super) use axis::KEYS as AXIS_KEYS;
 use axis::{Axis, Condition, Level, Values};
+pub(super) use sample::KEYS as SAMPLE_KEYS;
 use sample::{Method, Sample};
 
 use super::apply::{self, Change};
@@ -29,7 +31,7 @@ const MOST_AXES: usize = 64;
 const MOST_EXCLUDED: usize = 1000;
 
 /// The keys of a matrix that are no axes.
-const OWN_KEYS: &[&str] = &["include", "exclude", "sample"];
+pub(super) const OWN_KEYS: &[&str] = &["include", "exclude", "sample"];
 
 /// Combinations of values, as written.
 pub(crate) struct Matrix {

@@ -11,7 +11,8 @@ use crate::language::text::tree::{Entry, Node, Tree};
 
 /// The name that arguments have among files.
 pub(crate) const NAME: &str = "--set";
-const ONLY: &str = "--variant";
+/// The name that the names of variants have there.
+pub(crate) const ONLY: &str = "--variant";
 
 /// An argument as a file that holds all of it.
 pub(crate) fn argument(path: &str, value: &str) -> SourceFile {

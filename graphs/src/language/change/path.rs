@@ -3,6 +3,7 @@
 use std::ops::Range;
 use std::sync::Arc;
 
+use super::matrix::{AXIS_KEYS, OWN_KEYS as MATRIX_KEYS, SAMPLE_KEYS};
 use crate::language::text::names;
 use crate::language::text::tree::{Entry, Node, Tree};
 
@@ -125,7 +126,8 @@ fn in_variants(root: &Node, path: &Path<'_>) -> Result<Vec<String>, Unknown> {
     Ok(["variants", name].into_iter().chain(path.text_from(2)).map(ToOwned::to_owned).collect())
 }
 
-/// `matrix.PATH`, `matrix.AXIS`; of several matrices the one that has it, or `matrix.0.PATH`. A path that is no axis becomes one.
+/// `matrix.PATH`, `matrix.AXIS`, `matrix.AXIS.values`, `matrix.sample.count`; of several matrices the one that has it, or
+/// `matrix.0.PATH`. A path that is no axis becomes one.
 fn in_matrix(root: &Node, path: &Path<'_>) -> Result<Vec<String>, Unknown> {
     let matrix = root.get("matrix");
     let Some(name) = path.text_from(1) else {
@@ -133,15 +135,23 @@ fn in_matrix(root: &Node, path: &Path<'_>) -> Result<Vec<String>, Unknown> {
         let what = "`--set` changes one axis of `matrix` at a time";
         return Err(path.unknown(0, what, Some(format!("e.g. `--matrix '{one}=[...]'`"))));
     };
-    let owned = |keys: &[&str]| keys.iter().map(|&key| key.to_owned()).collect();
+    let below = |above: &[&str], matrix: Option<&Arc<Node>>, name: &str| -> Vec<String> {
+        let own = within_matrix(matrix, name).unwrap_or_else(|| match name.split_once('.') {
+            Some((sample @ "sample", key)) if SAMPLE_KEYS.contains(&key) => vec![sample, key],
+            _ => vec![name],
+        });
+        above.iter().copied().chain(own).map(ToOwned::to_owned).collect()
+    };
     if let Some(Tree::List(matrices)) = matrix.map(|matrix| &matrix.value) {
         let index = path.key(1).filter(|index| index.parse().is_ok_and(|index: usize| index < matrices.len()));
+        let of = |index: &str| matrices.get(index.parse::<usize>().ok()?);
         if let (Some(index), Some(name)) = (index, path.text_from(2)) {
-            return Ok(owned(&["matrix", index, name]));
+            return Ok(below(&["matrix", index], of(index), name));
         }
-        let with: Vec<usize> = (0..matrices.len()).filter(|&index| matrices[index].get(name).is_some()).collect();
+        let with: Vec<usize> =
+            (0..matrices.len()).filter(|&index| within_matrix(Some(&matrices[index]), name).is_some()).collect();
         return match with.as_slice() {
-            [one] => Ok(owned(&["matrix", &one.to_string(), name])),
+            [one] => Ok(below(&["matrix", &one.to_string()], matrices.get(*one), name)),
             several => {
                 let has = if several.is_empty() { "none has" } else { "several have" };
                 let what = format!("of {} matrices {has} `{name}`", matrices.len());
@@ -150,14 +160,54 @@ fn in_matrix(root: &Node, path: &Path<'_>) -> Result<Vec<String>, Unknown> {
         };
     }
     let known = keys_of(matrix);
-    if !name.contains('.') && !known.contains(&name) && !["include", "exclude", "sample"].contains(&name) {
+    if !name.contains('.') && !known.contains(&name) && !MATRIX_KEYS.contains(&name) {
         let help = match known.is_empty() {
             true => Some(format!("an axis is the path that takes its values, e.g. `{}`", example(root))),
             false => names::suggestion(name, "its axes", &known),
         };
         return Err(path.unknown(1, format!("`matrix` has no axis `{name}`"), help));
     }
-    Ok(owned(&["matrix", name]))
+    let is_path =
+        |first: &str| first == "sources" || root.get("stages").is_some_and(|stages| stages.get(first).is_some());
+    if let (Some(axis), Some(key)) = (path.key(1), path.key(2))
+        && !is_path(axis)
+        && !MATRIX_KEYS.contains(&axis)
+        && within_matrix(matrix, name).is_none()
+    {
+        if known.contains(&axis) {
+            let what = format!("the axis `{axis}` has no `{key}`");
+            return Err(path.unknown(2, what, names::suggestion(key, "it takes", AXIS_KEYS)));
+        }
+        if path.len() == 3 && AXIS_KEYS.contains(&key) {
+            let what = format!("`matrix` has no axis `{axis}`");
+            return Err(path.unknown(1, what, names::suggestion(axis, "its axes", &known)));
+        }
+    }
+    Ok(below(&["matrix"], matrix, name))
+}
+
+/// The keys of a matrix that a name stands for: an axis, or what an axis or `sample` says; none where the matrix has no such thing.
+fn within_matrix<'p>(matrix: Option<&Arc<Node>>, name: &'p str) -> Option<Vec<&'p str>> {
+    let axis_of = |key: &str| matrix?.get(key);
+    if axis_of(name).is_some() {
+        return Some(vec![name]);
+    }
+    // Of a named axis what follows its name, of a path's what follows the path.
+    let (axis, rest) = match name.split_once('.') {
+        Some((first, rest)) if first == "sample" || axis_of(first).is_some() => (first, rest),
+        _ => name.rsplit_once('.')?,
+    };
+    let node = axis_of(axis);
+    if axis == "sample" {
+        return (node.is_some() && !rest.contains('.')).then(|| vec![axis, rest]);
+    }
+    let (key, deeper) = rest.split_once('.').map_or((rest, None), |(key, deeper)| (key, Some(deeper)));
+    match &node?.value {
+        Tree::Map(_) if AXIS_KEYS.contains(&key) => Some([axis, key].into_iter().chain(deeper).collect()),
+        // An axis that is a list is its values.
+        Tree::List(_) if rest == "values" => Some(vec![axis]),
+        _ => None,
+    }
 }
 
 /// `sources.NAME...`

@@ -2,27 +2,29 @@
 
 use super::apply::Change;
 use super::matrix;
+use super::overrides;
 use super::parameter::Parameters;
 use super::variant::{MOST, Variant, changes, too_many};
 use crate::language::text::diagnostics::{Diagnostic, Report};
 use crate::language::text::glob::glob;
 use crate::language::text::names;
+use crate::language::text::source_file::Place;
 use crate::language::text::tree::{Entry, Node, Tree};
 use crate::plan::Factor;
 
-/// The variants in the order of the file, those that `only` names; one without a name if none is declared.
-pub(crate) fn read(parameters: &Parameters<'_>, report: &mut Report) -> Vec<Variant> {
+/// The variants in the order of the file, those that `only` names, one without a name if none is declared; and those that it leaves out.
+pub(crate) fn read(parameters: &Parameters<'_>, report: &mut Report) -> (Vec<Variant>, Vec<Variant>) {
     let before = report.len();
     let all = all(parameters, report);
     match parameters.root.entry("only").filter(|only| !only.value.is_null()) {
         // What is wrong with variants may be why one is not found.
         Some(only) if report.len() == before => chosen(all, only, report),
-        _ => all,
+        _ => (all, Vec::new()),
     }
 }
 
-/// Those whose names are of the form of a pattern.
-fn chosen(mut all: Vec<Variant>, only: &Entry, report: &mut Report) -> Vec<Variant> {
+/// Those whose names are of the form of a pattern, and the others.
+fn chosen(all: Vec<Variant>, only: &Entry, report: &mut Report) -> (Vec<Variant>, Vec<Variant>) {
     let before = report.len();
     let items = match &only.value.value {
         Tree::List(items) => items.as_slice(),
@@ -51,15 +53,32 @@ fn chosen(mut all: Vec<Variant>, only: &Entry, report: &mut Report) -> Vec<Varia
                 true => "the experiment has no variants to choose from".to_owned(),
                 false => format!("no variant is called `{pattern}`"),
             };
-            let help = if names.is_empty() { None } else { names::suggestion(&pattern, "variants", &names) };
+            let help = match names.is_empty() {
+                true => None,
+                false => of_combinations(&pattern, &names, &item.place)
+                    .or_else(|| names::suggestion(&pattern, "variants", &names)),
+            };
             report.push(Diagnostic::error(&item.place, what).label("matches nothing").maybe_help(help));
         }
     }
-    if report.len() == before {
-        let mut kept = kept.into_iter();
-        all.retain(|_| kept.next() == Some(true));
+    if report.len() > before {
+        return (all, Vec::new());
     }
-    all
+    let mut kept = kept.into_iter();
+    all.into_iter().partition(|_| kept.next() == Some(true))
+}
+
+/// A pattern for the combinations of what a name means alone: a variant that a matrix multiplies, or a value of an axis.
+fn of_combinations(written: &str, names: &[&str], place: &Place) -> Option<String> {
+    let forms = [format!("{written}+*"), format!("*+{written}"), format!("*+{written}+*")];
+    let count = |form: &String| names.iter().filter(|name| glob(form, name)).count();
+    let pattern = forms.iter().max_by_key(|form| count(form)).filter(|form| count(form) > 0)?;
+    let count = count(pattern);
+    let several = if count == 1 { "the variant".to_owned() } else { format!("the {count} variants") };
+    Some(match place.file.name == overrides::ONLY {
+        true => format!("`{} '{pattern}'` takes {several} of that form", overrides::ONLY),
+        false => format!("`\"{pattern}\"` takes {several} of that form"),
+    })
 }
 
 fn all(parameters: &Parameters<'_>, report: &mut Report) -> Vec<Variant> {

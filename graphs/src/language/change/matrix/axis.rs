@@ -14,7 +14,8 @@ use crate::language::text::source_file::Place;
 use crate::language::text::tree::{Entry, Node, Tree};
 use crate::plan::Factor;
 
-const KEYS: &[&str] = &["set", "values", "when", "from", "to", "steps", "log"];
+/// What an axis that is a map may say.
+pub(crate) const KEYS: &[&str] = &["set", "values", "when", "from", "to", "steps", "log"];
 const FORM: &str =
     "an axis is a list of values, a range `{ from: 2, to: 64, steps: 6 }`, or a map of `set`, `values` and `when`";
 
