@@ -208,7 +208,15 @@ fn alternatives_of(value: &Json, alternatives: &[Json], path: &mut Vec<String>, 
     } else if beside_lists {
         tried.retain(|(alternative, _)| is_list(alternative));
     } else if !constants.is_empty() && !value.is_object() {
-        found.push(not_among(value, &constants, path));
+        let mut wrong = not_among(value, &constants, path);
+        let lists = tried.iter().filter(|(alternative, _)| is_list(alternative));
+        let items: Vec<Json> = lists.filter_map(|(list, _)| list.get("items")).flat_map(self::constants).collect();
+        if let Some(text) = value.as_str().filter(|text| !is_word(text))
+            && let Some(item) = names::nearest(text, items.iter().filter_map(Json::as_str))
+        {
+            wrong.help = Some(format!("did you mean the list `[{item}]`?"));
+        }
+        found.push(wrong);
         return;
     }
     // The alternative that comes nearest is the one that was meant: the one that goes wrong deepest.
@@ -392,6 +400,7 @@ mod tests {
         assert_eq!(misspelt[0].path, ["metrics", "1"]);
         assert_eq!(misspelt[0].help.as_deref(), Some("did you mean `abs_rel`?"));
         assert_eq!(found(json!([]))[0].what, "`metrics` wants at least 1 items, not 0");
+        assert_eq!(found(json!("abs_rel"))[0].help.as_deref(), Some("did you mean the list `[abs_rel]`?"));
         assert_eq!(found(json!("al"))[0].help.as_deref(), Some("did you mean `all`?"));
     }
 
