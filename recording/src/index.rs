@@ -99,7 +99,8 @@ impl Index {
                     self.schemas.insert(header.id, header.name);
                 }
                 Record::Channel(channel) => {
-                    let entry = ChannelEntry { schema: channel.schema_id, topic: channel.topic };
+                    let is_of_a_stage = channel.metadata.len() == 1 && channel.metadata.contains_key("stage");
+                    let entry = ChannelEntry { schema: channel.schema_id, topic: channel.topic, is_of_a_stage };
                     self.channels.insert(channel.id, entry);
                 }
                 Record::ChunkIndex(chunk) => {

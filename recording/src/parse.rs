@@ -71,14 +71,17 @@ pub(crate) fn schema(body: &[u8]) -> Option<(u16, String)> {
 pub(crate) struct ChannelEntry {
     pub(crate) schema: u16,
     pub(crate) topic: String,
+    /// Whether all it says of itself is its stage: a commit's channel, and no other.
+    pub(crate) is_of_a_stage: bool,
 }
 
 /// A channel and its id.
 pub(crate) fn channel(body: &[u8]) -> Option<(u16, ChannelEntry)> {
     let mut body = Body(body);
     let (id, schema, topic) = (body.u16()?, body.u16()?, body.text()?);
-    let (_encoding, _metadata) = (body.text()?, body.text_map()?);
-    body.end((id, ChannelEntry { schema, topic: topic.to_owned() }))
+    let (_encoding, metadata) = (body.text()?, body.text_map()?);
+    let is_of_a_stage = metadata.len() == 1 && metadata.contains_key("stage");
+    body.end((id, ChannelEntry { schema, topic: topic.to_owned(), is_of_a_stage }))
 }
 
 /// Name and content of a metadata record.

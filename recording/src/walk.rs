@@ -12,7 +12,7 @@ use crate::condition::Condition;
 use crate::error::RecordingError;
 use crate::file::PositionedFile;
 use crate::index::{ChunkEntry, Index, MAGIC, metadata_entry};
-use crate::parse::{self, ChunkHead, RECORD_HEADER};
+use crate::parse::{self, ChannelEntry, ChunkHead, RECORD_HEADER};
 use crate::unpack::{ChunkBuffers, LARGEST_CHUNK};
 use crate::window::Window;
 use depthloom_codecs::messages::CommitMessage;
@@ -193,13 +193,19 @@ impl Walk<'_> {
     fn channel(&mut self, here: Here) -> Result<(), End> {
         let body = self.window.at(here.body, here.length)?.ok_or(End::Cut)?;
         match parse::channel(body) {
-            Some((id, channel)) if !self.index.channels.contains_key(&id) => {
+            Some((id, channel)) if !self.index.channels.contains_key(&id) && self.is_consistent(&channel) => {
                 self.index.channels.insert(id, channel);
                 self.kept.later_channels.push(id);
                 Ok(())
             }
             _ => Err(self.damaged(here.at, "a channel is not what was written")),
         }
+    }
+
+    /// Whether a channel's schema is there, and is that of commits where the channel is: otherwise all commits would be hidden.
+    fn is_consistent(&self, channel: &ChannelEntry) -> bool {
+        let schema = self.index.schemas.get(&channel.schema);
+        schema.is_some_and(|name| (name == Schema::Commit.name()) == channel.is_of_a_stage)
     }
 
     fn chunk(&mut self, here: Here) -> Result<(), End> {
@@ -214,6 +220,9 @@ impl Walk<'_> {
             _ => return Err(self.damaged(here.at, "the sizes of a chunk contradict each other")),
         };
         here.whole()?;
+        if first.is_some_and(|channel| !self.index.channels.contains_key(&channel)) {
+            return Err(self.damaged(here.at, "a message is of no channel"));
+        }
         match first.filter(|channel| self.index.is_of_commits(*channel)) {
             Some(channel) => self.commit(here.at, here.end, channel)?,
             None => self.chunk = Some((here.at, here.end - here.at, Vec::new())),
@@ -227,6 +236,9 @@ impl Walk<'_> {
             return Err(self.damaged(here.at, "a message index is not what was written"));
         };
         here.whole()?;
+        if !self.index.channels.contains_key(&channel) {
+            return Err(self.damaged(here.at, "a message index is of no channel"));
+        }
         let is_of_commit = self.sound_to == here.at && self.index.is_of_commits(channel);
         match (&mut self.chunk, self.index.chunks.last_mut()) {
             (Some((_, _, channels)), _) => channels.push(channel),
