@@ -297,3 +297,29 @@ fn a_table_takes_the_place_of_nothing_that_is_no_table() {
         assert!(link.is_symlink() && std::fs::read_to_string(&file).expect("read").starts_with("estimator,"));
     }
 }
+
+#[test]
+fn the_model_ablation_is_answered_by_three_commands() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let out = folder.path().join("run");
+    let small = ["frames=0..2", "width=320", "height=96"].map(|set| format!("sources.frames.with.{set}"));
+    let mut run = depthloom();
+    run.args(["run", "experiments/sgbm-ablation.yaml", "--quiet", "--out"]).arg(&out);
+    succeed(small.iter().fold(&mut run, |run, set| run.args(["--set", set.as_str()])));
+    let first = text(&ask(&out, &["--sort", "abs_rel", "--top", "3", "--estimators", "*/depth"]));
+    let heads = ["block", "uniqueness", "mode", "holes"];
+    assert!(
+        heads.iter().all(|head| first.contains(head)) && first.contains("the first 3 of 32 rows by abs_rel"),
+        "{first}"
+    );
+    let zones = text(&ask(&out, &["--best-per-zone", "abs_rel"]));
+    assert!(zones.contains("whole image") && zones.contains("10..20"), "{zones}");
+    let effects = text(&ask(&out, &["--effects", "abs_rel"]));
+    assert!(heads.iter().all(|head| effects.contains(head)) && effects.contains("interactions"), "{effects}");
+    // A matcher runs once for kept holes and for filled ones.
+    let plan = succeed(depthloom().args(["plan", "experiments/sgbm-ablation.yaml", "--json"]));
+    let plan: Json = serde_json::from_slice(&plan.stdout).expect("JSON");
+    let is_matcher = |node: &&Json| node["kind"] == "stereo/sgbm";
+    let nodes = plan["stages"][0]["nodes"].as_array().or_else(|| plan["runs"][0]["nodes"].as_array()).expect("nodes");
+    assert_eq!(nodes.iter().filter(is_matcher).count(), 32);
+}

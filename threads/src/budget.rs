@@ -50,7 +50,8 @@ impl Budget {
         if self.free.load(Ordering::Relaxed) == 0 {
             return None;
         }
-        self.free.fetch_update(Ordering::AcqRel, Ordering::Relaxed, take).is_ok().then_some(Permit(self))
+        // Made only where one was taken: a permit that is dropped gives one back, and wakes.
+        self.free.fetch_update(Ordering::AcqRel, Ordering::Relaxed, take).is_ok().then(|| Permit(self))
     }
 
     /// A permit as soon as there is both work and a permit; `None` once the work is over.
@@ -129,6 +130,26 @@ mod tests {
         assert!(first.is_some() && second.is_some() && budget.permit().is_none());
         drop(first);
         assert!(budget.permit().is_some());
+    }
+
+    #[test]
+    fn who_comes_too_late_for_a_permit_neither_makes_one_nor_waits_for_ever() {
+        let budget = Budget::new(2);
+        let (now, peak) = (AtomicUsize::new(0), AtomicUsize::new(0));
+        std::thread::scope(|scope| {
+            for _ in 0..8 {
+                scope.spawn(|| {
+                    for _ in 0..20_000 {
+                        let permit = budget.permit_for(|| true, || false);
+                        peak.fetch_max(now.fetch_add(1, Ordering::SeqCst) + 1, Ordering::SeqCst);
+                        now.fetch_sub(1, Ordering::SeqCst);
+                        drop(permit);
+                    }
+                });
+            }
+        });
+        assert!(peak.into_inner() <= 2);
+        assert_eq!(std::iter::from_fn(|| budget.permit().map(std::mem::forget)).count(), 2);
     }
 
     #[test]

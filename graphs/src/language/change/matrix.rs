@@ -121,12 +121,42 @@ pub(crate) fn made_of(
     all.extend(reserved.iter().map(|&word| word.to_owned()));
     all.sort_unstable();
     all.dedup();
+    overridden(combinations.iter().flatten(), report);
     let made = |combinations: &Vec<Combination>| {
         let named = naming::named(combinations, &all).into_iter().zip(combinations);
         let changes = |parts: &Combination| parts.iter().flat_map(|part| part.changes.iter().cloned()).collect();
         named.map(|((name, factors), parts)| Made { name, factors, changes: changes(parts) }).collect()
     };
     combinations.iter().map(made).collect()
+}
+
+/// Refuses axes that set the same: the later one would take away what the earlier one's value, and the variant's name, say.
+fn overridden<'c>(combinations: impl Iterator<Item = &'c Combination>, report: &mut Report) {
+    let overlap = |a: &str, b: &str| {
+        let within = |inner: &str, outer: &str| inner.strip_prefix(outer).is_some_and(|rest| rest.starts_with('.'));
+        a == b || within(a, b) || within(b, a)
+    };
+    let mut told: HashSet<(&str, &str)> = HashSet::new();
+    for parts in combinations {
+        for (place, later) in parts.iter().enumerate() {
+            for earlier in parts[..place].iter().filter(|earlier| earlier.axis != later.axis) {
+                let both = later.changes.iter().find_map(|change| {
+                    let same = earlier.changes.iter().find(|other| overlap(&other.path, &change.path))?;
+                    Some((change, same))
+                });
+                let Some((change, same)) = both.filter(|_| told.insert((&earlier.axis, &later.axis))) else { continue };
+                let what = format!(
+                    "axis `{}` sets `{}`, and so does axis `{}` before it",
+                    later.axis, change.path, earlier.axis
+                );
+                report.push(
+                    Diagnostic::error(&change.place, what)
+                        .related(&same.place, "set here too")
+                        .help("one axis sets a path: leave one of them out, or let `when` say where each is there"),
+                );
+            }
+        }
+    }
 }
 
 /// The key of the axis that sets what a path names, if one does; of a path's own axis the path.
