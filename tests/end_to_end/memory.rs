@@ -18,8 +18,10 @@ fn peak(experiment: &Path, source: &str, frames: u32) -> f64 {
     environment["peak_resident_bytes"].as_f64().expect("a size")
 }
 
+/// Compared with 500 frames, not with fewer: which values of the window are held at one time is chance, so that the peak of 100 frames
+/// was seen between 89 and 107 MB and that of longer runs lies at its upper end. One byte a pixel kept of every frame would be 46 MB.
 #[test]
-fn two_thousand_frames_take_no_more_memory_than_a_hundred() {
+fn two_thousand_frames_take_no_more_memory_than_five_hundred() {
     let folder = tempfile::tempdir().expect("a folder");
     let experiment = folder.path().join("small.yaml");
     let table1 = workspace().join("experiments/table1.yaml");
@@ -29,8 +31,8 @@ fn two_thousand_frames_take_no_more_memory_than_a_hundred() {
         table1.display()
     );
     std::fs::write(&experiment, text).expect("written");
-    let (few, many) = (peak(&experiment, "test", 100), peak(&experiment, "test", 2000));
-    assert!(many <= 1.1 * few, "100 frames took {:.1} MB, 2,000 took {:.1} MB", few / 1e6, many / 1e6);
+    let (few, many) = (peak(&experiment, "test", 500), peak(&experiment, "test", 2000));
+    assert!(many <= 1.1 * few, "500 frames took {:.1} MB, 2,000 took {:.1} MB", few / 1e6, many / 1e6);
 }
 
 #[test]
