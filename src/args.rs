@@ -50,6 +50,8 @@ pub enum Command {
     Explain(ExplainArgs),
     /// Show where a run's time went: core-milliseconds per frame by node, encoding, compression and writing.
     Timings(TimingsArgs),
+    /// List the runs in a folder, newest first: time, frames, size, whether each is whole, and its best score.
+    Runs(RunsArgs),
     /// List the kinds of nodes and sources, or explain one.
     Nodes(NodesArgs),
     /// Write synthetic street frames as a data set in KITTI stereo 2015 layout.
@@ -190,8 +192,8 @@ pub struct GraphArgs {
 /// `report`.
 #[derive(Debug, Args)]
 pub struct ReportArgs {
-    /// A run's folder, or a recording.
-    #[arg(add = ArgValueCompleter::new(runs()))]
+    /// A run: its folder, its recording, the beginning of its name in `runs`, or `@latest`.
+    #[arg(add = ArgValueCompleter::new(runs))]
     pub run: PathBuf,
 
     /// The folder to write tables and plots to; by default the run's own.
@@ -265,8 +267,8 @@ pub struct ScoresArgs {
 /// `table`.
 #[derive(Debug, Args)]
 pub struct TableArgs {
-    /// A run's folder, or a recording.
-    #[arg(add = ArgValueCompleter::new(runs()))]
+    /// A run: its folder, its recording, the beginning of its name in `runs`, or `@latest`.
+    #[arg(add = ArgValueCompleter::new(runs))]
     pub run: PathBuf,
 
     /// Which scores.
@@ -334,8 +336,8 @@ pub enum RowsOption {
 /// `explain`.
 #[derive(Debug, Args)]
 pub struct ExplainArgs {
-    /// A run's folder, or a recording.
-    #[arg(add = ArgValueCompleter::new(runs()))]
+    /// A run: its folder, its recording, the beginning of its name in `runs`, or `@latest`.
+    #[arg(add = ArgValueCompleter::new(runs))]
     pub run: PathBuf,
 
     /// The score, e.g. `abs_rel`.
@@ -357,13 +359,37 @@ pub struct ExplainArgs {
 /// `timings`.
 #[derive(Debug, Args)]
 pub struct TimingsArgs {
-    /// A run's folder.
-    #[arg(add = ArgValueCompleter::new(folders()))]
+    /// A run: its folder, the beginning of its name in `runs`, or `@latest`.
+    #[arg(add = ArgValueCompleter::new(runs))]
     pub run: PathBuf,
 
     /// Print one JSON object instead of text; times in nanoseconds, in all frames together.
     #[arg(long)]
     pub json: bool,
+}
+
+/// `runs`.
+#[derive(Debug, Args)]
+#[command(disable_help_subcommand = true)]
+pub struct RunsArgs {
+    /// What to do; without one, list them.
+    #[command(subcommand)]
+    pub command: Option<RunsCommand>,
+
+    /// The folder of runs.
+    #[arg(long = "in", global = true, value_name = "DIR", default_value = crate::runs::FOLDER, add = ArgValueCompleter::new(folders()))]
+    pub folder: PathBuf,
+
+    /// Print one JSON object instead of text.
+    #[arg(long, global = true)]
+    pub json: bool,
+}
+
+/// What to do with runs.
+#[derive(Debug, Subcommand)]
+pub enum RunsCommand {
+    /// List the runs in a folder, newest first; what `runs` does without a command.
+    List,
 }
 
 /// `nodes`.

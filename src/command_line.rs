@@ -15,16 +15,22 @@ use crate::help::Ending;
 
 /// The grammar with everything that help, manual and completion need.
 pub fn command(registry: &Registry) -> clap::Command {
-    let mut command = Cli::command().after_help(Ending::of("").text());
+    let command = Cli::command();
     let about = |sub: &clap::Command| sub.get_about().map(ToString::to_string).unwrap_or_default();
     let subs: Vec<_> = command.get_subcommands().map(|sub| (sub.get_name().to_owned(), about(sub))).collect();
     let pages = completion::words(subs.iter().map(|(name, about)| (name.as_str(), about.as_str())));
-    for (name, _) in subs {
-        command = command.mut_subcommand(&name, |sub| sub.after_help(Ending::of(&name).text()));
-    }
-    command
+    with_endings(command, "")
         .mut_subcommand("nodes", |nodes| nodes.mut_arg("kind", |kind| kind.add(completion::kinds(registry))))
         .mut_subcommand("man", |man| man.mut_arg("command", |command| command.add(pages)))
+}
+
+/// Puts examples and exit codes below the help of a command and of its own; `name` is empty for the program.
+fn with_endings(command: clap::Command, name: &str) -> clap::Command {
+    let subs: Vec<String> = command.get_subcommands().map(|sub| sub.get_name().to_owned()).collect();
+    subs.iter().fold(command.after_help(Ending::of(name).text()), |command, sub| {
+        let name = format!("{name} {sub}");
+        command.mut_subcommand(sub, |command| with_endings(command, name.trim_start()))
+    })
 }
 
 /// The same under the name that the program was called by: that of somebody's own, where it has kinds of its own.
@@ -52,10 +58,9 @@ pub fn parse(registry: &Registry) -> Result<Cli, clap::Error> {
     Cli::from_arg_matches_mut(&mut matches).map_err(|error| error.format(&mut command))
 }
 
-/// Suggests a command where clap has none: it goes by how many letters stand about where they should, which of `rnu` is one.
+/// Suggests the nearest command, if one is near: clap goes by how many letters stand about where they should, and takes `rnu` for `runs`.
 fn with_nearest_command(mut error: clap::Error, command: &clap::Command) -> clap::Error {
     if error.kind() == ErrorKind::InvalidSubcommand
-        && error.get(ContextKind::SuggestedSubcommand).is_none()
         && let Some(ContextValue::String(written)) = error.get(ContextKind::InvalidSubcommand)
         && let Some(near) = nearest(written, command.get_subcommands().map(clap::Command::get_name))
     {

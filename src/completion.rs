@@ -1,10 +1,11 @@
 //! What a shell offers when somebody presses Tab: its script runs this program, which answers from the grammar, the kinds of its
 //! registry, and the files that are there.
 
+use std::ffi::OsStr;
 use std::path::Path;
 
 use clap_complete::CompleteEnv;
-use clap_complete::engine::{ArgValueCandidates, CompletionCandidate, PathCompleter};
+use clap_complete::engine::{ArgValueCandidates, CompletionCandidate, PathCompleter, ValueCompleter as _};
 use depthloom_graphs::Registry;
 
 use crate::exit::{Exit, Stop};
@@ -24,9 +25,13 @@ pub fn experiments() -> PathCompleter {
     PathCompleter::any().filter(|path| has_ending(path, &["yaml", "yml"]))
 }
 
-/// Runs are folders; their recordings serve as well.
-pub fn runs() -> PathCompleter {
-    PathCompleter::any().filter(|path| path.is_dir() || has_ending(path, &["mcap"]))
+/// Runs, by name where they lie in the folder of runs; folders, on the way to others; recordings.
+pub fn runs(begun: &OsStr) -> Vec<CompletionCandidate> {
+    let paths = PathCompleter::any().filter(|path| path.is_dir() || has_ending(path, &["mcap"])).complete(begun);
+    let named = crate::runs::all(Path::new(crate::runs::FOLDER)).unwrap_or_default();
+    let names = named.into_iter().rev().map(|run| run.name).chain(["@latest".to_owned()]);
+    let begins = |name: &String| begun.to_str().is_some_and(|begun| name.starts_with(begun));
+    names.filter(begins).map(CompletionCandidate::new).chain(paths).collect()
 }
 
 /// Folders alone.

@@ -5,6 +5,12 @@ use depthloom_nodes::onnx::Provider;
 use depthloom_nodes::onnx::{self, Engine};
 use serde_json::{Value as Json, json};
 
+/// The name of the file that says where and when a run was made.
+pub const ENVIRONMENT: &str = "environment.json";
+
+/// How it writes a time, for `chrono`: see [`utc_stamp`].
+pub const STAMP: &str = "%Y-%m-%dT%H-%M-%SZ";
+
 /// The engine's version, the machine, the run's size and time, as `environment.json` holds them.
 pub fn describe(workers: usize, window: Option<usize>, wall_seconds: f64) -> Json {
     // JSON holds text: of an argument that is none, what can be read of it.
@@ -69,5 +75,5 @@ fn peak_resident_bytes() -> Option<u64> {
 
 /// The time now as `2026-11-21T08-30-05Z`: UTC, sortable, and a file name everywhere.
 pub fn utc_stamp() -> String {
-    chrono::Utc::now().format("%Y-%m-%dT%H-%M-%SZ").to_string()
+    chrono::Utc::now().format(STAMP).to_string()
 }

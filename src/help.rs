@@ -6,7 +6,7 @@ use crate::exit::Exit;
 
 /// The end of a help text.
 pub struct Ending {
-    /// The command; empty for the program.
+    /// The command, as in `runs rm`; empty for the program.
     command: &'static str,
     /// Arguments, and what they do.
     pub examples: &'static [(&'static str, &'static str)],
@@ -19,6 +19,9 @@ const PRINTED: (Exit, &str) = (Exit::Engine, "the output could not be written");
 const WRONG: (Exit, &str) = (Exit::Before, "the experiment or an argument is wrong");
 const ARGUMENT: (Exit, &str) = (Exit::Before, "an argument is wrong");
 const INTERRUPTED: (Exit, &str) = (Exit::Interrupted, "interrupted");
+
+const RUNS_READ: &[(Exit, &str)] =
+    &[WHOLE, PRINTED, (Exit::Before, "there is no such folder, or an argument is wrong")];
 
 const ENDINGS: &[Ending] = &[
     Ending {
@@ -130,6 +133,24 @@ const ENDINGS: &[Ending] = &[
         exits: &[WHOLE, PRINTED, (Exit::Before, "there are no timings, or an argument is wrong")],
     },
     Ending {
+        command: "runs",
+        examples: &[
+            ("runs", "all runs below `runs`"),
+            (
+                "report @latest",
+                "the newest that is over, wherever a run is wanted; `table1/@latest`: of those in runs/table1",
+            ),
+            ("table table1/2026-11-21", "or the beginning of its name, if no other's begins so"),
+            ("runs --in /data/runs --json | jq -r '.runs[] | select(.state != \"whole\").path'", "for programs"),
+        ],
+        exits: RUNS_READ,
+    },
+    Ending {
+        command: "runs list",
+        examples: &[("runs list --in /data/runs", "the runs below another folder")],
+        exits: RUNS_READ,
+    },
+    Ending {
         command: "nodes",
         examples: &[
             ("nodes", "all kinds, with a sentence each"),
@@ -220,8 +241,12 @@ mod tests {
 
     #[test]
     fn every_command_has_an_ending_and_every_ending_a_command() {
-        let command = Cli::command();
-        let mut commands: Vec<&str> = command.get_subcommands().map(clap::Command::get_name).chain([""]).collect();
+        fn names(command: &clap::Command, name: &str) -> Vec<String> {
+            let below = command.get_subcommands();
+            let below = below.flat_map(|sub| names(sub, format!("{name} {}", sub.get_name()).trim_start()));
+            std::iter::once(name.to_owned()).chain(below).collect()
+        }
+        let mut commands = names(&Cli::command(), "");
         let mut endings: Vec<&str> = ENDINGS.iter().map(|ending| ending.command).collect();
         commands.sort_unstable();
         endings.sort_unstable();

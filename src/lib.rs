@@ -17,6 +17,7 @@
 pub use depthloom_graphs as graphs;
 
 mod args;
+mod columns;
 mod command_line;
 mod commands;
 mod completion;
@@ -30,7 +31,9 @@ mod models;
 mod panics;
 mod progress;
 mod run_folder;
+mod runs;
 mod signals;
+mod sizes;
 mod streams;
 
 use std::io;
@@ -112,6 +115,7 @@ fn program(registry: &Registry, as_json: bool) -> Result<Exit, Stop> {
         Command::Table(args) => commands::table::table(&args),
         Command::Explain(args) => commands::explain::explain(&args),
         Command::Timings(args) => commands::report::timings(&args),
+        Command::Runs(args) => commands::runs::runs(&args),
         Command::Nodes(args) => commands::nodes::nodes(&args, registry),
         Command::Synth(args) => commands::synth::synth(&args),
         Command::Doctor(args) => commands::doctor::doctor(args.json),

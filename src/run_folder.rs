@@ -13,8 +13,8 @@ use std::fs;
 use std::io;
 use std::path::{Component, Path, PathBuf};
 
-pub use lock::{Lock, Refused};
-use marker::Found;
+pub use lock::{Lock, Refused, is_held};
+pub use marker::{Found, MARKER};
 
 use crate::exit::{Exit, Stop, remedy_of_writing};
 use crate::streams::say;

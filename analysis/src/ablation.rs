@@ -5,6 +5,7 @@ mod best;
 mod cost;
 mod effects;
 mod front;
+mod leader;
 mod ranking;
 mod shared;
 mod variance;
@@ -20,6 +21,7 @@ use depthloom_scores::{Family, Mean, Metric, PixelSet, ScoreRow, Settings};
 pub use answer::{Answer, Question, answer};
 pub(crate) use answer::{scored, source_of};
 pub use cost::Costs;
+pub use leader::{Leader, leader};
 pub use ranking::Ranking;
 
 use crate::error::AnalysisError;

@@ -25,7 +25,7 @@ mod table;
 mod timings;
 mod unscored;
 
-pub use ablation::{Answer, Costs, Question, Ranking, Selection, answer};
+pub use ablation::{Answer, Costs, Leader, Question, Ranking, Selection, answer, leader};
 pub use depthloom_scores::{Mean, Metric, PixelSet};
 pub use distance::{DistanceBin, PERCENTILES, Spread};
 pub use error::AnalysisError;

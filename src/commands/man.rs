@@ -9,7 +9,7 @@ use depthloom_graphs::Registry;
 use depthloom_graphs::language::nearest;
 
 use crate::args::ManArgs;
-use crate::command_line::own_command;
+use crate::command_line::{own_command, own_name};
 use crate::exit::{Exit, Stop};
 use crate::help::Ending;
 use crate::streams::{print, print_path};
@@ -28,7 +28,10 @@ pub fn man(args: &ManArgs, registry: &Registry) -> Result<Exit, Stop> {
     }
     let wanted = match &args.command {
         None => &program,
-        Some(name) => program.find_subcommand(name).ok_or_else(|| unknown(name, &program))?,
+        Some(name) => {
+            let found = name.split([' ', '-']).try_fold(&program, |command, name| command.find_subcommand(name));
+            found.ok_or_else(|| unknown(name, &program))?
+        }
     };
     let page = page(wanted).map_err(|error| Stop::because(Exit::Engine, "failed to write the manual page", &error))?;
     print(&page)?;
@@ -48,19 +51,29 @@ fn write_all(program: &clap::Command, out: &Path) -> Result<(), Stop> {
         Stop::because(Exit::Engine, format_args!("failed to write {}", what.display()), error)
     };
     std::fs::create_dir_all(out).map_err(|error| failed(out, &error))?;
-    for command in std::iter::once(program).chain(program.get_subcommands()) {
-        let file = out.join(format!("{}.1", command.get_display_name().unwrap_or(command.get_name())));
+    for command in and_below(program) {
+        let file = out.join(format!("{}.1", display_name(command)));
         let written = page(command).and_then(|page| depthloom_durable::write(&file, &page));
         written.map_err(|error| failed(&file, &error))?;
     }
     Ok(())
 }
 
+/// A command, its commands, and theirs.
+fn and_below(command: &clap::Command) -> Vec<&clap::Command> {
+    std::iter::once(command).chain(command.get_subcommands().flat_map(and_below)).collect()
+}
+
+/// `depthloom`, `depthloom-runs`, `depthloom-runs-rm`.
+fn display_name(command: &clap::Command) -> &str {
+    command.get_display_name().unwrap_or(command.get_name())
+}
+
 /// A page in roff: clap's sections, then ours.
 fn page(command: &clap::Command) -> io::Result<Vec<u8>> {
-    // The program has its own name, whatever it is called, in no ending.
-    let is_program = command.has_subcommands();
-    let ending = Ending::of(if is_program { "" } else { command.get_name() });
+    // The program has its own name, whatever it is called, in no ending. No command has a hyphen in its name.
+    let (_, below) = display_name(command).split_at(own_name().len());
+    let ending = Ending::of(below.replace('-', " ").trim_start());
     let man = Man::new(command.clone()).date(RELEASED).source(source()).manual("depthloom manual");
     let mut page = Vec::new();
     man.render_title(&mut page)?;
@@ -68,7 +81,7 @@ fn page(command: &clap::Command) -> io::Result<Vec<u8>> {
     man.render_synopsis_section(&mut page)?;
     man.render_description_section(&mut page)?;
     man.render_options_section(&mut page)?;
-    if is_program {
+    if command.has_subcommands() {
         man.render_subcommands_section(&mut page)?;
     }
     endings(ending, command).to_writer(&mut page)?;
@@ -149,16 +162,11 @@ fn endings(ending: &Ending, command: &clap::Command) -> Roff {
     roff
 }
 
-/// From the program to its commands, and back.
+/// From a command to its own, and back.
 fn see_also(command: &clap::Command) -> Vec<Inline> {
-    let page = |name: &str| [bold(name), roman("(1)")];
-    let name = command.get_display_name().unwrap_or(command.get_name());
-    let Some(program) = name.strip_suffix(&format!("-{}", command.get_name())) else {
-        let pages: Vec<Vec<Inline>> = command
-            .get_subcommands()
-            .map(|sub| page(sub.get_display_name().unwrap_or(sub.get_name())).to_vec())
-            .collect();
-        return pages.join(&roman(", "));
-    };
-    page(program).to_vec()
+    let page = |name: &str| [bold(name), roman("(1)")].to_vec();
+    let above = display_name(command).strip_suffix(&format!("-{}", command.get_name()));
+    let pages: Vec<Vec<Inline>> =
+        above.into_iter().chain(command.get_subcommands().map(display_name)).map(page).collect();
+    pages.join(&roman(", "))
 }

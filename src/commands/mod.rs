@@ -10,5 +10,6 @@ pub mod nodes;
 pub mod plan;
 pub mod report;
 pub mod run;
+pub mod runs;
 pub mod synth;
 pub mod table;

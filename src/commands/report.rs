@@ -14,6 +14,7 @@ use crate::diagnostics::error_json;
 use crate::exit::{Exit, Stop};
 use crate::models;
 use crate::run_folder;
+use crate::runs::{FOLDER, named};
 use crate::signals;
 use crate::streams::{print, print_json};
 
@@ -22,6 +23,9 @@ pub const RECORDING: &str = "recording.mcap";
 
 /// The name of its timings.
 pub const TIMINGS: &str = "timings.parquet";
+
+/// What helps where no run was found.
+const NAME_A_RUN: &str = "name a run's folder, a recording, or a run that `depthloom runs` lists";
 
 /// Makes tables, plots and models again, from the recording alone.
 pub fn report(args: &ReportArgs) -> Result<Exit, Stop> {
@@ -77,8 +81,9 @@ pub fn analyse(
     })
 }
 
-/// The recording of a run's folder, or the recording itself; `command` is what to do with it.
+/// The recording of a run that is [named](named()), or the recording itself; `command` is what to do with it.
 pub(super) fn recording_of(run: &Path, command: &str) -> Result<PathBuf, Stop> {
+    let run = &named(run, Path::new(FOLDER))?;
     let failed = |what: String| Stop::new(Exit::Before, format!("failed to open {}: {what}", run.display()));
     let kind = match std::fs::metadata(run) {
         Ok(metadata) => metadata.file_type(),
@@ -86,7 +91,7 @@ pub(super) fn recording_of(run: &Path, command: &str) -> Result<PathBuf, Stop> {
             let stop = failed(error.to_string());
             return Err(match unfinished(run, RECORDING) {
                 Some(partial) => stop.remedy(of_unfinished(&partial, command)),
-                None => stop.remedy("name a run's folder or a recording"),
+                None => stop.remedy(NAME_A_RUN),
             });
         }
     };
@@ -94,7 +99,7 @@ pub(super) fn recording_of(run: &Path, command: &str) -> Result<PathBuf, Stop> {
         return Ok(run.to_owned());
     }
     if !kind.is_dir() {
-        return Err(failed("it is neither a file nor a folder".to_owned()).remedy("name a run's folder or a recording"));
+        return Err(failed("it is neither a file nor a folder".to_owned()).remedy(NAME_A_RUN));
     }
     let recording = run.join(RECORDING);
     match std::fs::metadata(&recording) {
@@ -105,7 +110,7 @@ pub(super) fn recording_of(run: &Path, command: &str) -> Result<PathBuf, Stop> {
     let runs = runs_below(run, 2);
     let stop = failed(format!("it has no {RECORDING}"));
     Err(match runs.as_slice() {
-        [] => stop.remedy("name a run's folder or a recording"),
+        [] => stop.remedy(NAME_A_RUN),
         [one] => stop.remedy(format!("it holds a run: `depthloom {command} {}`", one.display())),
         [.., newest] => stop.remedy(format!(
             "it holds {} runs, one of which is `depthloom {command} {}`",
@@ -161,10 +166,11 @@ pub fn summary(report: &Summary, folder: &Path) -> String {
 
 /// Prints core-milliseconds per frame by node, encoding, compression and writing.
 pub fn timings(args: &TimingsArgs) -> Result<Exit, Stop> {
-    let path = args.run.join(TIMINGS);
+    let run = named(&args.run, Path::new(FOLDER))?;
+    let path = run.join(TIMINGS);
     let failed = |error: AnalysisError| {
         let stop = Stop::because(Exit::Before, "failed to show the timings", &error);
-        match unfinished(&args.run, TIMINGS).filter(|_| !args.run.exists()) {
+        match unfinished(&run, TIMINGS).filter(|_| !run.exists()) {
             Some(partial) => stop.remedy(of_unfinished(&partial, "timings")),
             None => stop.remedy("name the folder of a run"),
         }

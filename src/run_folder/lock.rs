@@ -78,6 +78,14 @@ impl Lock {
     }
 }
 
+/// Whether a process is writing in a run's folder at this moment.
+///
+/// Who asks shares a lock for that moment with others who ask, and writes nothing.
+pub fn is_held(folder: &Path) -> bool {
+    let asked = File::open(folder.join(MARKER)).map(|marker| marker.try_lock_shared());
+    matches!(asked, Ok(Err(TryLockError::WouldBlock)))
+}
+
 fn content() -> serde_json::Value {
     serde_json::json!({ "format": "depthloom run 1", "depthloom": env!("CARGO_PKG_VERSION") })
 }
@@ -98,7 +106,7 @@ fn identity(file: &File) -> io::Result<std::time::SystemTime> {
 
 #[cfg(test)]
 mod tests {
-    use super::{Lock, Refused};
+    use super::{Lock, Refused, is_held};
     use crate::run_folder::marker::MARKER;
     use std::fs;
 
@@ -106,8 +114,9 @@ mod tests {
     fn a_folder_has_one_writer_and_a_writer_that_is_gone_leaves_no_lock() {
         let folder = tempfile::tempdir().unwrap();
         let first = Lock::mark(folder.path()).unwrap();
-        assert!(matches!(Lock::take(folder.path()), Err(Refused::Busy)));
+        assert!(matches!(Lock::take(folder.path()), Err(Refused::Busy)) && is_held(folder.path()));
         drop(first);
+        assert!(!is_held(folder.path()));
         let second = Lock::take(folder.path()).unwrap();
         assert!(second.is_of(folder.path()));
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);

@@ -275,21 +275,25 @@ printf '%s\\n' \"${COMPREPLY[@]}\"";
     }
 }
 
+/// The commands that a help text lists.
+fn commands_of(command: &[&str]) -> Vec<String> {
+    let help = text(&succeed(depthloom().args(command).arg("--help")));
+    let lines = help.lines().skip_while(|line| *line != "Commands:").skip(1).take_while(|line| !line.is_empty());
+    let names = lines.filter_map(|line| line.strip_prefix("  ")?.split(' ').next());
+    // A line without a name is the rest of a sentence.
+    names.filter(|name| !name.is_empty()).map(str::to_owned).collect()
+}
+
 #[test]
 fn every_command_has_a_manual_page_that_mandoc_takes() {
     const TEST: &str = "every_command_has_a_manual_page_that_mandoc_takes";
     let folder = tempfile::tempdir().expect("a folder");
     succeed(depthloom().args(["man", "--out"]).arg(folder.path()));
-    let help = text(&succeed(depthloom().arg("--help")));
-    let commands = help.lines().skip_while(|line| *line != "Commands:").skip(1).take_while(|line| !line.is_empty());
     let mut pages = vec![folder.path().join("depthloom.1")];
-    for command in commands.filter_map(|line| line.strip_prefix("  ")?.split(' ').next()).filter(|name| *name != "help")
-    {
-        if command.is_empty() {
-            continue; // the rest of a sentence
-        }
-        let page = folder.path().join(format!("depthloom-{command}.1"));
-        let printed = text(&succeed(depthloom().args(["man", command])));
+    let below_runs = commands_of(&["runs"]).into_iter().map(|command| format!("runs {command}"));
+    for command in commands_of(&[]).into_iter().chain(below_runs).filter(|name| *name != "help") {
+        let page = folder.path().join(format!("depthloom-{}.1", command.replace(' ', "-")));
+        let printed = text(&succeed(depthloom().args(["man", &command])));
         assert_eq!(std::fs::read_to_string(&page).expect("a page"), printed, "{command}");
         for section in ["SYNOPSIS", "OPTIONS", "\"EXIT STATUS\"", "EXAMPLES"] {
             assert!(printed.contains(&format!(".SH {section}\n")), "{command} lacks {section}: {printed}");
@@ -312,12 +316,8 @@ fn every_command_has_a_manual_page_that_mandoc_takes() {
 
 #[test]
 fn help_names_exit_codes_and_the_nearest_command() {
-    let help = text(&succeed(depthloom().arg("--help")));
-    let commands = help.lines().skip_while(|line| *line != "Commands:").skip(1).take_while(|line| !line.is_empty());
-    for command in
-        commands.filter_map(|line| line.strip_prefix("  ")?.split(' ').next()).filter(|name| !name.is_empty())
-    {
-        let told = text(&succeed(depthloom().args(["help", command])));
+    for command in commands_of(&[]) {
+        let told = text(&succeed(depthloom().args(["help", &command])));
         assert!(command == "help" || told.contains("Exit codes:"), "{told}");
     }
     for (typo, near) in

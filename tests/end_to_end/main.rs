@@ -23,6 +23,7 @@ mod python_reads;
 mod readme;
 #[cfg(target_os = "linux")]
 mod reports;
+mod runs;
 mod samples;
 mod support;
 mod tables;

@@ -171,7 +171,7 @@ pub(super) fn keys(ablation: &Ablation<'_>, rows: &[Row], shown: &[&Row]) -> Vec
 
 impl Ablation<'_> {
     /// The place of the metric that rows are sorted by where nobody says: the first error, `abs_rel` before others.
-    fn first_error(&self, rows: &[Row]) -> usize {
+    pub(crate) fn first_error(&self, rows: &[Row]) -> usize {
         let has_value = |metric: &usize| rows.iter().any(|row| row.values[*metric].is_some());
         let named = ["abs_rel", "d1", "epe"].into_iter().filter_map(|name| self.metric(name).ok()).find(has_value);
         let any = || (0..self.metrics.len()).filter(has_value).find(|metric| !self.metrics[*metric].more_is_better);

@@ -1,0 +1,42 @@
+//! The one number of a run that a list of runs has room for.
+
+use depthloom_recording::Recording;
+
+use super::answer::{scored, source_of};
+use super::best::Best;
+use super::{Ablation, Selection};
+use crate::error::{AnalysisError, caught};
+use crate::estimators::estimators;
+
+/// Whose error is least.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Leader {
+    /// The score: `abs_rel`, or where that was not taken, what `table` sorts by.
+    pub metric: &'static str,
+    /// Its value.
+    pub value: f64,
+    /// The estimator, as tables name it.
+    pub estimator: String,
+}
+
+/// The best of a recording's estimators over all true pixels, or the only one; `None` where none can be compared with another.
+///
+/// # Errors
+/// As [`answer`](super::answer()); nothing to be scored is one.
+pub fn leader(recording: &Recording, stop: &(dyn Fn() -> bool + Sync)) -> Result<Option<Leader>, AnalysisError> {
+    caught(|| {
+        let estimators = estimators(recording.plan())?;
+        let scores = scored(recording, &estimators, stop)?;
+        let source = source_of(recording);
+        let ablation = Ablation::new(recording.plan(), &estimators, &scores, &source, None);
+        let rows = ablation.rows(&Selection::default())?;
+        let metric = ablation.first_error(&rows);
+        let best = Best::of(&ablation, &rows);
+        let of = |row: usize| {
+            let value = rows[row].values[metric]?;
+            let estimator = ablation.estimator(&rows[row]).label.clone();
+            Some(Leader { metric: ablation.metrics[metric].name, value, estimator })
+        };
+        Ok((0..rows.len()).find(|&row| rows.len() == 1 || best.is_best(metric, row)).and_then(of))
+    })
+}

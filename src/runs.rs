@@ -1,0 +1,12 @@
+//! The folder of runs: which lie there, how each is called, and what can be said of one at a glance.
+//!
+//! Nothing is kept of it: a run is opened by its recording's summary, in milliseconds, so that a list of hundreds needs no index that
+//! could be out of date.
+
+mod found;
+mod glance;
+mod named;
+
+pub use found::{FOLDER, FoundRun, all};
+pub use glance::Glance;
+pub use named::named;
