@@ -18,10 +18,20 @@ const WHOLE: (Exit, &str) = (Exit::Whole, "whole");
 const PRINTED: (Exit, &str) = (Exit::Engine, "the output could not be written");
 const WRONG: (Exit, &str) = (Exit::Before, "the experiment or an argument is wrong");
 const ARGUMENT: (Exit, &str) = (Exit::Before, "an argument is wrong");
+const BEFORE: (Exit, &str) = (Exit::Before, "found before any frame was admitted: file, arguments, missing data");
 const INTERRUPTED: (Exit, &str) = (Exit::Interrupted, "interrupted");
 
 const RUNS_READ: &[(Exit, &str)] =
     &[WHOLE, PRINTED, (Exit::Before, "there is no such folder, or an argument is wrong")];
+
+/// Of what asks a recording for scores.
+const ASKED: &[(Exit, &str)] = &[
+    WHOLE,
+    (Exit::Engine, "the analysis failed, or the output could not be written"),
+    (Exit::Before, "there is no recording, or an argument is wrong"),
+    (Exit::Frames, "the recording is damaged where a number would come from"),
+    INTERRUPTED,
+];
 
 const ENDINGS: &[Ending] = &[
     Ending {
@@ -35,7 +45,7 @@ const ENDINGS: &[Ending] = &[
         exits: &[
             WHOLE,
             (Exit::Engine, "the engine, the disk or learning failed"),
-            (Exit::Before, "found before any frame was admitted: file, arguments, missing data"),
+            BEFORE,
             (Exit::Frames, "frames failed or were dropped, not one pixel could be scored, or a recording is damaged"),
             INTERRUPTED,
         ],
@@ -51,7 +61,7 @@ const ENDINGS: &[Ending] = &[
         exits: &[
             WHOLE,
             (Exit::Engine, "the engine, the disk or learning failed; frames before that are readable"),
-            (Exit::Before, "found before any frame was admitted: file, arguments, missing data"),
+            BEFORE,
             (Exit::Frames, "a frame failed; with --keep-going: the run is whole but for what failed"),
             (Exit::Interrupted, "interrupted; frames before that are readable"),
         ],
@@ -102,16 +112,11 @@ const ENDINGS: &[Ending] = &[
             ("table RUN --sort d1 --top 10 --columns d1,epe,density,ms", "the ten best settings"),
             ("table RUN --effects abs_rel", "what each axis did, and how much of it"),
             ("table RUN --best-per-zone abs_rel", "which setting is best where"),
+            ("table RUN --effects ms", "what each axis costs"),
             ("table RUN --pareto abs_rel,ms", "what is worth its time"),
             ("table RUN --top 8 --format latex --out variants.tex", "for a paper"),
         ],
-        exits: &[
-            WHOLE,
-            (Exit::Engine, "the analysis failed, or the output could not be written"),
-            (Exit::Before, "there is no recording, or an argument is wrong"),
-            (Exit::Frames, "the recording is damaged where a number would come from"),
-            INTERRUPTED,
-        ],
+        exits: ASKED,
     },
     Ending {
         command: "explain",
@@ -119,13 +124,7 @@ const ENDINGS: &[Ending] = &[
             ("explain RUN abs_rel full/fused", "formula, pixels, frames, source, the paper's convention"),
             ("explain RUN rmse fused --set answered --json", "for programs"),
         ],
-        exits: &[
-            WHOLE,
-            (Exit::Engine, "the analysis failed, or the output could not be written"),
-            (Exit::Before, "there is no recording, or an argument is wrong"),
-            (Exit::Frames, "the recording is damaged where a number would come from"),
-            INTERRUPTED,
-        ],
+        exits: ASKED,
     },
     Ending {
         command: "timings",

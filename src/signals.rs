@@ -9,10 +9,10 @@ use depthloom_runner::Interrupt;
 use crate::exit::{Exit, Stop};
 use crate::streams::say;
 
-/// Listens for signals from now on; before, they end the process.
-pub fn listen() -> Result<Interrupt, Stop> {
+/// Listens for signals from now on; before, they end the process. `stopping` is what is said of the first.
+pub fn listen(stopping: &'static str) -> Result<Interrupt, Stop> {
     let interrupt = Interrupt::default();
-    system::listen(interrupt.clone()).map_err(|error| {
+    system::listen(interrupt.clone(), stopping).map_err(|error| {
         Stop::because(Exit::Engine, "failed to listen for signals", &error)
             .remedy("raise the limits of threads and open files (`ulimit -u`, `ulimit -n`)")
     })?;
@@ -29,12 +29,12 @@ pub fn leave(exit: Exit) -> ! {
     system::leave(exit as i32)
 }
 
-fn raise(interrupt: &Interrupt) {
+fn raise(interrupt: &Interrupt, stopping: &str) {
     if interrupt.aborts() {
         leave(Exit::Interrupted);
     }
     match interrupt.raise() {
-        1 => say("stopping: frames in flight are finished, learning is put down; again to abort"),
+        1 => say(format_args!("{stopping}; again to abort")),
         _ => say("aborting"),
     }
 }
@@ -49,14 +49,14 @@ mod system {
     use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGXFSZ};
     use signal_hook::iterator::Signals;
 
-    pub fn listen(interrupt: Interrupt) -> io::Result<()> {
+    pub fn listen(interrupt: Interrupt, stopping: &'static str) -> io::Result<()> {
         let heard: Vec<c_int> = [SIGINT, SIGTERM, SIGHUP].into_iter().filter(|signal| !is_ignored(*signal)).collect();
         let mut signals = Signals::new(heard)?;
         let hear = move || {
             for signal in signals.forever() {
                 // A terminal that closes sends several, and nobody is there to mean more by the second.
                 if signal != SIGHUP || !interrupt.stops_admission() {
-                    super::raise(&interrupt);
+                    super::raise(&interrupt, stopping);
                 }
             }
         };
@@ -90,8 +90,8 @@ mod system {
 
     use depthloom_runner::Interrupt;
 
-    pub fn listen(interrupt: Interrupt) -> io::Result<()> {
-        ctrlc::set_handler(move || super::raise(&interrupt)).map_err(io::Error::other)
+    pub fn listen(interrupt: Interrupt, stopping: &'static str) -> io::Result<()> {
+        ctrlc::set_handler(move || super::raise(&interrupt, stopping)).map_err(io::Error::other)
     }
 
     pub fn outlive_file_size_limit() {}

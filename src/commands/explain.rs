@@ -14,7 +14,7 @@ pub fn explain(args: &ExplainArgs) -> Result<Exit, Stop> {
             .remedy("`depthloom table RUN --set common` compares; explain one of another --set"));
     }
     let path = recording_of(&args.run, "explain")?;
-    let interrupt = signals::listen()?;
+    let interrupt = signals::listen("stopping")?;
     let recording = open(&path)?;
     let selection = selection(&args.scores);
     let stop = || interrupt.stops_admission();

@@ -34,7 +34,7 @@ pub fn report(args: &ReportArgs) -> Result<Exit, Stop> {
         Some(out) => out.clone(),
         None => path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new(".")).to_owned(),
     };
-    let interrupt = signals::listen()?;
+    let interrupt = signals::listen("stopping: what is not written yet stays as it was")?;
     std::fs::create_dir_all(&out)
         .map_err(|error| Stop::of_writing(Exit::Before, format_args!("failed to create {}", out.display()), &error))?;
     let _lock = run_folder::lock_if_run(&out)?;

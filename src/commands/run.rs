@@ -33,7 +33,7 @@ pub fn run(args: &RunArgs, registry: &Registry) -> Result<Exit, Stop> {
     let plan = ready.plan.clone();
     let of_sources = std::mem::take(&mut ready.warnings);
     tell(args, &of_sources);
-    let interrupt = signals::listen()?;
+    let interrupt = signals::listen("stopping: frames in flight are finished, learning is put down")?;
     let folder = make_folder(args, &plan.experiment, &kept, &read)?;
     let started = Instant::now();
     let options = options(args, &folder);

@@ -30,7 +30,8 @@ pub fn synth(args: &SynthArgs) -> Result<Exit, Stop> {
     if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos}/{len} frames  {eta} left") {
         bar.set_style(style);
     }
-    let (budget, interrupt) = (Budget::new(environment::cores()), signals::listen()?);
+    let (budget, interrupt) =
+        (Budget::new(environment::cores()), signals::listen("stopping: frames begun are finished")?);
     let _own = budget.permit();
     let renderer = Renderer { bar: &bar, interrupt, budget: &budget, has_begun: AtomicBool::new(false) };
     let frames = kitti_layout::write(&args.out, &params, &renderer).map_err(|fault| {
