@@ -240,7 +240,7 @@ pub enum TableFormat {
     Md,
     /// Comma-separated values: all digits, no marks.
     Csv,
-    /// Parquet, with the columns of csv; needs --out.
+    /// Parquet, with the columns of csv; a terminal takes none: with --out, or into a pipe.
     Parquet,
     /// A LaTeX float for the package booktabs, in the type's own size.
     Latex,
@@ -279,8 +279,8 @@ pub struct TableArgs {
     #[arg(long, value_name = "GLOB")]
     pub estimators: Option<String>,
 
-    /// Sort by a score, `ms`, `density`, `frames` or `pixels`, best first, or by an axis, in the file's order; by default `abs_rel`, or
-    /// the first error that was scored.
+    /// Sort by a score, `ms`, `density`, `frames` or `pixels`, best first, or by an axis, numbers by size and words in the
+    /// file's order; by default `abs_rel`, or the first error that was scored.
     #[arg(long, value_name = "COLUMN", add = ArgValueCandidates::new(columns))]
     pub sort: Option<String>,
 
@@ -294,17 +294,19 @@ pub struct TableArgs {
 
     /// The columns behind the axes, with commas between: scores, `density` (the share of true pixels that were answered), `ms`
     /// (core-milliseconds a frame: the processor time of all nodes that the estimate is computed from, as if it had been run alone; a
-    /// node that several share counts for each; without reading, scoring, recording and learning), `frames`, `pixels`.
+    /// node that several share counts for each; without reading, scoring, recording and learning), `frames`, `pixels`. Scores of depths and of
+    /// disparities stand in one row where the depth is made of the disparity by `depth/from-disparity`; `disparity_density`, `disparity_frames` and
+    /// `disparity_pixels` are then the disparity's.
     #[arg(long, value_name = "COLUMN,...", value_delimiter = ',', add = ArgValueCandidates::new(columns))]
     pub columns: Vec<String>,
 
-    /// Show only what no other row beats in all of these, e.g. `abs_rel,ms`.
+    /// Show only what no other row that it can be compared with beats in all of these, e.g. `abs_rel,ms`.
     #[arg(long, value_name = "COLUMN,...", value_delimiter = ',', add = ArgValueCandidates::new(columns))]
     pub pareto: Vec<String>,
 
-    /// Show what each axis did to a score: the mean of all rows with a level, and the share of the variance between rows that the axis
+    /// Show what each axis did to a score or to `ms`: the mean of all rows with a level, and the share of the variance between rows that the axis
     /// explains alone (eta squared); what is left are interactions of axes.
-    #[arg(long, value_name = "SCORE", add = ArgValueCandidates::new(columns), conflicts_with_all = ["best_per_zone", "sort", "top", "columns", "pareto", "rows"])]
+    #[arg(long, value_name = "COLUMN", add = ArgValueCandidates::new(columns), conflicts_with_all = ["best_per_zone", "sort", "top", "columns", "pareto", "rows"])]
     pub effects: Option<String>,
 
     /// Show which row is best in each zone that the experiment scored.
@@ -327,7 +329,7 @@ pub struct TableArgs {
 /// What a table has in rows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum RowsOption {
-    /// An estimate of a variant a row, its axes and scores in columns.
+    /// An estimate of a variant a row, or a depth and the disparity it is made of; its axes and scores in columns.
     Variant,
     /// A score a row, estimates in columns.
     Score,

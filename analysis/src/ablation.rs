@@ -2,28 +2,32 @@
 
 mod answer;
 mod best;
+mod column;
 mod cost;
 mod effects;
 mod front;
+mod joined;
 mod leader;
 mod ranking;
 mod shared;
 mod variance;
 mod zones;
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 use depthloom_graphs::Key;
 use depthloom_graphs::language::nearest;
 use depthloom_recording::RecordedPlan;
-use depthloom_scores::{Family, Mean, Metric, PixelSet, ScoreRow, Settings};
+use depthloom_scores::{Family, Mean, Metric, PixelSet, ScoreRow};
 
 pub use answer::{Answer, Question, answer};
 pub(crate) use answer::{scored, source_of};
 pub use cost::Costs;
+pub(crate) use joined::of_label;
 pub use leader::{Leader, leader};
 pub use ranking::Ranking;
 
+use crate::comparison::Comparison;
 use crate::error::AnalysisError;
 use crate::estimators::Estimator;
 use crate::scores::FrameScore;
@@ -43,11 +47,13 @@ pub struct Selection {
     pub estimators: Option<String>,
 }
 
-/// An axis of the experiment, and its levels in the file's order.
+/// An axis of the experiment, and its levels: numbers by size, others in the file's order.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Axis {
     pub(crate) name: String,
     pub(crate) levels: Vec<String>,
+    /// Whether all levels are numbers.
+    pub(crate) is_numeric: bool,
 }
 
 /// A recording's scores by estimator.
@@ -63,6 +69,8 @@ pub(crate) struct Ablation<'a> {
     /// The zones, in the order of the recording, the whole image first.
     zones: Vec<&'a str>,
     core_ms: Vec<Option<f64>>,
+    /// By estimator: the topic of the disparity that it is, or that it was computed from.
+    disparities: Vec<Option<&'a str>>,
     source: &'a dyn Fn(usize, usize) -> Option<Key>,
 }
 
@@ -84,12 +92,31 @@ pub(crate) struct Row {
     pub(crate) comparable: Option<usize>,
     /// By metric of the ablation: whether it leaves out pixels of the row that were not answered.
     pub(crate) over_answers: Vec<bool>,
+    /// What its values are taken over.
+    pub(crate) mean: Mean,
+    /// Of a depth: the scores of the disparity that it was computed from, where they stand in one row.
+    pub(crate) joined: Option<Box<Row>>,
 }
 
 impl Row {
+    /// The row, and the one that is joined to it.
+    pub(crate) fn parts(&self) -> impl Iterator<Item = &Self> {
+        std::iter::once(self).chain(self.joined.as_deref())
+    }
+
+    /// That of the two which has a value of a metric.
+    pub(crate) fn of(&self, metric: usize) -> &Self {
+        self.joined.as_deref().filter(|joined| joined.values[metric].is_some()).unwrap_or(self)
+    }
+
+    pub(crate) fn value(&self, metric: usize) -> Option<f64> {
+        self.of(metric).values[metric]
+    }
+
     /// Rows of one number may be compared by this metric.
     pub(crate) fn comparable_by(&self, metric: usize) -> Option<usize> {
-        self.comparable.filter(|_| !self.over_answers[metric])
+        let part = self.of(metric);
+        part.comparable.filter(|_| !part.over_answers[metric])
     }
 }
 
@@ -128,6 +155,7 @@ impl<'a> Ablation<'a> {
             scores: by_row,
             zones,
             core_ms: costs.map_or_else(|| vec![None; estimators.len()], |costs| costs.core_ms(plan, estimators)),
+            disparities: joined::disparities(plan, estimators),
             source,
         }
     }
@@ -146,14 +174,15 @@ impl<'a> Ablation<'a> {
             let wanted = selection.estimators.as_deref().is_none_or(|pattern| is_of(estimator, pattern));
             let Some(scores) = self.scores.get(&(index, set, zone)).filter(|_| wanted) else { continue };
             // Over the pixels that each answered there is nothing to compare: they are its own.
+            let mean = selection.mean.unwrap_or(estimator.mean);
             let comparable = (set != PixelSet::Answered).then(|| {
-                let class = self.comparison(estimator, scores, selection);
+                let class = Comparison::of(estimator, mean, scores.iter().copied(), self.source);
                 classes.iter().position(|known| *known == class).unwrap_or_else(|| {
                     classes.push(class);
                     classes.len() - 1
                 })
             });
-            rows.push(self.row(index, scores, selection.mean.unwrap_or(estimator.mean), comparable));
+            rows.push(self.row(index, scores, mean, comparable));
         }
         if rows.is_empty() {
             return Err(self.nothing_selected(selection, set, zone));
@@ -181,11 +210,28 @@ impl<'a> Ablation<'a> {
             over_answers: self.metrics.iter().map(|metric| rows().any(|row| metric.pixels(row) < row.pixels)).collect(),
             core_ms: self.core_ms[index],
             comparable,
+            mean,
+            joined: None,
         }
     }
 
     pub(crate) fn estimator(&self, row: &Row) -> &Estimator {
         &self.estimators[row.estimator]
+    }
+
+    /// What a row's estimators are called under `estimates:`.
+    pub(crate) fn name(&self, row: &Row) -> String {
+        let names: Vec<&str> = row.parts().map(|part| self.estimator(part).name.as_str()).collect();
+        names.join("+")
+    }
+
+    /// What tells a row from all others.
+    pub(crate) fn label(&self, row: &Row) -> String {
+        let estimator = self.estimator(row);
+        match &row.joined {
+            Some(disparity) => joined::label(estimator, self.estimator(disparity)),
+            None => estimator.label.clone(),
+        }
     }
 
     /// The level of a row on an axis.
@@ -277,36 +323,24 @@ impl<'a> Ablation<'a> {
             (set, "") => pixels_of(set).to_owned(),
             (set, zone) => format!("{} of zone {zone}", pixels_of(set)),
         };
+        let parts = || rows.iter().flat_map(Row::parts);
         let mut presets: Vec<String> = Vec::new();
-        for preset in rows.iter().map(|row| self.estimator(row).preset.clone()) {
+        for preset in parts().map(|row| self.estimator(row).preset.clone()) {
             if !presets.contains(&preset) {
                 presets.push(preset);
             }
         }
-        let most = rows.iter().map(|row| row.frames).max().unwrap_or(0);
-        let least = rows.iter().map(|row| row.frames).min().unwrap_or(0);
+        let most = parts().map(|row| row.frames).max().unwrap_or(0);
+        let least = parts().map(|row| row.frames).min().unwrap_or(0);
         let frames = if least == most { most.to_string() } else { format!("{least} to {most}") };
         let s = if most == 1 { "" } else { "s" };
-        let over = |mean| rows.iter().all(|row| self.mean(row, selection) == mean);
+        let over = |mean| parts().all(|row| row.mean == mean);
         let mean = match (over(Mean::Frames), over(Mean::Pixels)) {
             (true, _) => format!("mean over {frames} frame{s}"),
             (_, true) => format!("over the pixels of {frames} frame{s} together"),
             _ => format!("over {frames} frame{s}, of some the mean, of others the pixels together"),
         };
         Ok(format!("{pixels}, {}, {mean}", presets.join(" and ")))
-    }
-
-    /// What a row's values are taken over.
-    fn mean(&self, row: &Row, selection: &Selection) -> Mean {
-        selection.mean.unwrap_or(self.estimator(row).mean)
-    }
-
-    fn comparison(&self, estimator: &'a Estimator, scores: &[&'a FrameScore], selection: &Selection) -> Comparison<'a> {
-        let frame =
-            |score: &&'a FrameScore| ((self.source)(estimator.run, score.position), &*score.frame, score.row.pixels);
-        let truth = estimator.truth.as_deref();
-        let settings = (&estimator.settings, selection.mean.unwrap_or(estimator.mean));
-        Comparison { settings, truth, frames: scores.iter().map(frame).collect() }
     }
 
     /// Why no row was selected.
@@ -318,7 +352,7 @@ impl<'a> Ablation<'a> {
                 "`depthloom report` says which frames failed".to_owned(),
             );
         };
-        let names = || self.estimators.iter().flat_map(|of| [of.label.as_str(), of.name.as_str()]);
+        let names = || names_of(self.estimators).into_iter();
         if names().any(|name| is_pattern_of(pattern, name)) {
             return AnalysisError::asked(
                 format!("no estimator that `{pattern}` names was scored on `{set}`"),
@@ -329,20 +363,12 @@ impl<'a> Ablation<'a> {
     }
 }
 
-/// What makes rows comparable: the frames, by source, id and number of pixels, and how they were scored.
-#[derive(PartialEq)]
-struct Comparison<'a> {
-    settings: (&'a Option<Settings>, Mean),
-    truth: Option<&'a str>,
-    frames: Vec<(Option<Key>, &'a str, u64)>,
-}
-
 /// The axes of an experiment, and by estimator its levels. Where variants have no factors, they are one axis themselves.
 fn axes(plan: &RecordedPlan, estimators: &[Estimator]) -> (Vec<Axis>, Vec<Vec<Option<usize>>>) {
     let mut axes: Vec<Axis> = Vec::new();
     let mut level = |axis: &str, value: &str| {
         let place = axes.iter().position(|known| known.name == axis).unwrap_or_else(|| {
-            axes.push(Axis { name: axis.to_owned(), levels: Vec::new() });
+            axes.push(Axis { name: axis.to_owned(), levels: Vec::new(), is_numeric: false });
             axes.len() - 1
         });
         let levels = &mut axes[place].levels;
@@ -359,17 +385,41 @@ fn axes(plan: &RecordedPlan, estimators: &[Estimator]) -> (Vec<Axis>, Vec<Vec<Op
             (factors, _) => factors.iter().map(|factor| level(&factor.axis, &factor.value)).collect(),
         })
         .collect();
+    // By axis: the place of each level once numbers stand by size.
+    let places: Vec<Vec<usize>> = axes.iter_mut().map(in_order).collect();
     let place: HashMap<&str, usize> = plan.variants.iter().enumerate().map(|(i, name)| (name.as_str(), i)).collect();
     let of = |estimator: &Estimator| {
         let mut levels = vec![None; axes.len()];
         let variant = estimator.variant.as_deref().and_then(|name| place.get(name));
         for &(axis, level) in variant.map_or(&[][..], |&variant| &by_variant[variant]) {
-            levels[axis] = Some(level);
+            levels[axis] = Some(places[axis][level]);
         }
         levels
     };
     let levels = estimators.iter().map(of).collect();
     (axes, levels)
+}
+
+/// Puts the levels of an axis of numbers in order; gives the new place of each.
+fn in_order(axis: &mut Axis) -> Vec<usize> {
+    let number = |level: &String| level.parse().ok().filter(|number: &f64| number.is_finite());
+    let Some(numbers) = axis.levels.iter().map(number).collect::<Option<Vec<f64>>>() else {
+        return (0..axis.levels.len()).collect();
+    };
+    axis.is_numeric = true;
+    let mut order: Vec<usize> = (0..numbers.len()).collect();
+    order.sort_by(|&a, &b| numbers[a].total_cmp(&numbers[b]));
+    let mut places = vec![0; order.len()];
+    order.iter().enumerate().for_each(|(place, &level)| places[level] = place);
+    axis.levels = order.into_iter().map(|level| std::mem::take(&mut axis.levels[level])).collect();
+    places
+}
+
+/// The names that estimators go by, each once: those under `estimates:`, then labels.
+fn names_of(estimators: &[Estimator]) -> Vec<&str> {
+    let names = estimators.iter().map(|of| of.name.as_str());
+    let mut seen = HashSet::new();
+    names.chain(estimators.iter().map(|of| of.label.as_str())).filter(|name| seen.insert(*name)).collect()
 }
 
 /// Whether a pattern names an estimator, by its label or its name.
@@ -388,11 +438,13 @@ pub(crate) fn unknown<'a>(
     known: impl IntoIterator<Item = &'a str, IntoIter: Clone>,
 ) -> AnalysisError {
     let known = known.into_iter();
-    let help = match nearest(wanted, known.clone()) {
-        Some(near) => format!("did you mean `{near}`?"),
-        None => format!("there are {}", listed(known)),
-    };
+    let help = nearest_of(wanted, known.clone()).unwrap_or_else(|| format!("there are {}", listed(known)));
     AnalysisError::asked(format!("there is no {what} `{wanted}`"), help)
+}
+
+/// The nearest of what there is, as a question.
+fn nearest_of<'a>(wanted: &str, known: impl IntoIterator<Item = &'a str>) -> Option<String> {
+    nearest(wanted, known).map(|near| format!("did you mean `{near}`?"))
 }
 
 /// Names in a row, the first few of many.

@@ -4,7 +4,7 @@ use depthloom_recording::{RecordedPlan, RecordedRun, Recording};
 use depthloom_scores::{Align, Family, Mean, Metric, PixelSet, Preset, Settings};
 use serde_json::{Value as Json, json};
 
-use crate::ablation::{Ablation, Selection, average, pixels_of, scored, source_of, unknown};
+use crate::ablation::{Ablation, Selection, average, of_label, pixels_of, scored, source_of, unknown};
 use crate::condition;
 use crate::error::{AnalysisError, caught};
 use crate::estimators::{Estimator, estimators};
@@ -75,6 +75,7 @@ pub fn explain(
         let estimators = estimators(recording.plan())?;
         let index = estimators.iter().position(|known| known.label == estimator);
         let index = index
+            .or_else(|| of_label(&estimators, estimator, metric))
             .ok_or_else(|| unknown("estimator", estimator, estimators.iter().map(|known| known.label.as_str())))?;
         let scores = scored(recording, &estimators, stop)?;
         let source = source_of(recording);

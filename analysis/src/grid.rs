@@ -4,6 +4,7 @@ mod latex;
 mod markdown;
 mod terminal;
 
+use depthloom_scores::Metric;
 use serde_json::{Map, Value as Json, json};
 
 use crate::sheet::{Cells, Sheet};
@@ -29,6 +30,8 @@ pub struct Grid {
 pub(crate) struct GridColumn {
     /// Its name, as programs read it.
     pub(crate) name: String,
+    /// What papers call it, for LaTeX.
+    pub(crate) latex: Option<&'static str>,
     /// Whether more or less of it is better, where that is so.
     pub(crate) more_is_better: Option<bool>,
     pub(crate) cells: GridCells,
@@ -45,6 +48,8 @@ pub(crate) struct GridColumn {
 pub(crate) enum GridCells {
     /// `None`: there is nothing to say, as of an axis that a variant does not have.
     Text(Vec<Option<String>>),
+    /// The same where some are numbers, told as the experiment wrote them: programs read numbers.
+    Levels(Vec<Option<Level>>),
     Count(Vec<Option<u64>>),
     /// Text shows so many decimals, and marks the best; files have all digits.
     Number {
@@ -56,7 +61,35 @@ pub(crate) enum GridCells {
     Share(Vec<Option<f64>>),
 }
 
+/// A value of an axis.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Level {
+    text: String,
+    is_number: bool,
+}
+
+impl Level {
+    fn json(&self) -> Json {
+        let number = || match self.text.parse::<i64>() {
+            Ok(whole) => Some(Json::from(whole)),
+            Err(_) => self.text.parse::<f64>().ok().map(Json::from),
+        };
+        self.is_number.then(number).flatten().unwrap_or_else(|| self.text.clone().into())
+    }
+}
+
 impl GridColumn {
+    /// A column that says what a row is by values of axes; `is_number(row)` says whether all values of the row's axis are numbers.
+    pub(crate) fn levels(
+        name: impl Into<String>,
+        cells: Vec<Option<String>>,
+        is_number: impl Fn(usize) -> bool,
+    ) -> Self {
+        let cells = cells.into_iter().enumerate();
+        let levels = cells.map(|(row, text)| text.map(|text| Level { text, is_number: is_number(row) }));
+        Self { is_key: true, ..Self::of(name, GridCells::Levels(levels.collect())) }
+    }
+
     /// A column that says what a row is.
     pub(crate) fn key(name: impl Into<String>, cells: Vec<Option<String>>) -> Self {
         Self { is_key: true, ..Self::of(name, GridCells::Text(cells)) }
@@ -64,7 +97,24 @@ impl GridColumn {
 
     /// Any other column.
     pub(crate) fn of(name: impl Into<String>, cells: GridCells) -> Self {
-        Self { name: name.into(), more_is_better: None, cells, is_key: false, once: false, only_in_files: false }
+        Self {
+            name: name.into(),
+            latex: None,
+            more_is_better: None,
+            cells,
+            is_key: false,
+            once: false,
+            only_in_files: false,
+        }
+    }
+
+    /// A column of a score.
+    pub(crate) fn score(metric: &Metric, cells: GridCells) -> Self {
+        Self {
+            latex: Some(metric.heading),
+            more_is_better: Some(metric.more_is_better),
+            ..Self::of(metric.name, cells)
+        }
     }
 
     /// What text puts above it.
@@ -76,7 +126,7 @@ impl GridColumn {
     }
 
     fn is_text(&self) -> bool {
-        matches!(self.cells, GridCells::Text(_))
+        matches!(self.cells, GridCells::Text(_) | GridCells::Levels(_))
     }
 }
 
@@ -84,6 +134,7 @@ impl GridCells {
     fn len(&self) -> usize {
         match self {
             Self::Text(cells) => cells.len(),
+            Self::Levels(cells) => cells.len(),
             Self::Count(cells) => cells.len(),
             Self::Number { values, .. } => values.len(),
             Self::Share(cells) => cells.len(),
@@ -94,6 +145,7 @@ impl GridCells {
     fn text(&self, row: usize) -> String {
         let shown = match self {
             Self::Text(cells) => cells[row].clone(),
+            Self::Levels(cells) => cells[row].as_ref().map(|level| level.text.clone()),
             Self::Count(cells) => cells[row].map(|count| count.to_string()),
             Self::Number { decimals, values, .. } => values[row].map(|value| format!("{value:.decimals$}")),
             Self::Share(cells) => cells[row].map(|share| format!("{:.1} %", 100.0 * share)),
@@ -108,6 +160,7 @@ impl GridCells {
     fn json(&self, row: usize) -> Json {
         match self {
             Self::Text(cells) => cells[row].clone().into(),
+            Self::Levels(cells) => cells[row].as_ref().map_or(Json::Null, Level::json),
             Self::Count(cells) => cells[row].into(),
             Self::Number { values, .. } => values[row].into(),
             Self::Share(cells) => cells[row].into(),
@@ -157,6 +210,12 @@ impl Grid {
             let cells = match &column.cells {
                 GridCells::Text(cells) => {
                     Cells::Text(cells.iter().map(|cell| cell.as_deref().unwrap_or_default()).collect())
+                }
+                GridCells::Levels(cells) if cells.iter().flatten().all(|level| level.is_number) => {
+                    Cells::Numeral(cells.iter().map(|cell| cell.as_ref().map(|level| level.text.as_str())).collect())
+                }
+                GridCells::Levels(cells) => {
+                    Cells::Text(cells.iter().map(|cell| cell.as_ref().map_or("", |level| &level.text)).collect())
                 }
                 GridCells::Count(cells) => Cells::CountIfAny(cells.clone()),
                 GridCells::Number { values, .. } => Cells::Number(values.clone()),

@@ -6,6 +6,7 @@
 //! have a figure and a table of their own.
 
 mod ablation;
+mod comparison;
 mod condition;
 mod curves;
 mod distance;

@@ -6,7 +6,7 @@
 use std::io::{self, Write};
 
 use polars::frame::DataFrame;
-use polars::prelude::{Column, NamedFrom, ParquetWriter, PolarsResult, Series};
+use polars::prelude::{Column, NamedFrom, ParquetWriter, PlSmallStr, PolarsResult, Series};
 
 /// A table: columns of one length, each with its name.
 pub(crate) struct Sheet<'a> {
@@ -19,6 +19,8 @@ pub(crate) enum Cells<'a> {
     Metres(Vec<u32>),
     Count(Vec<u64>),
     CountIfAny(Vec<Option<u64>>),
+    /// Numbers as they were written: CSV has the same text.
+    Numeral(Vec<Option<&'a str>>),
     /// `None` is an empty cell.
     Number(Vec<Option<f64>>),
 }
@@ -73,6 +75,7 @@ impl<'a> Sheet<'a> {
                 Cells::Metres(cells) => Series::new(name, cells),
                 Cells::Count(cells) => Series::new(name, cells),
                 Cells::CountIfAny(cells) => Series::new(name, cells),
+                Cells::Numeral(cells) => numerals(name, &cells),
                 Cells::Number(cells) => Series::new(name, cells),
             })
         };
@@ -86,6 +89,17 @@ impl<'a> Sheet<'a> {
     }
 }
 
+/// Whole numbers where all are.
+fn numerals(name: PlSmallStr, cells: &[Option<&str>]) -> Series {
+    let whole: Result<Vec<Option<i64>>, _> = cells.iter().map(|cell| cell.map(str::parse::<i64>).transpose()).collect();
+    match whole {
+        Ok(whole) => Series::new(name, whole),
+        Err(_) => {
+            Series::new(name, cells.iter().map(|cell| cell.and_then(|of| of.parse::<f64>().ok())).collect::<Vec<_>>())
+        }
+    }
+}
+
 impl Cells<'_> {
     fn len(&self) -> usize {
         match self {
@@ -93,6 +107,7 @@ impl Cells<'_> {
             Self::Metres(cells) => cells.len(),
             Self::Count(cells) => cells.len(),
             Self::CountIfAny(cells) => cells.len(),
+            Self::Numeral(cells) => cells.len(),
             Self::Number(cells) => cells.len(),
         }
     }
@@ -103,6 +118,7 @@ impl Cells<'_> {
             Self::Metres(cells) => write!(out, "{}", cells[row]),
             Self::Count(cells) => write!(out, "{}", cells[row]),
             Self::CountIfAny(cells) => cells[row].map_or(Ok(()), |count| write!(out, "{count}")),
+            Self::Numeral(cells) => cells[row].map_or(Ok(()), |numeral| out.write_all(numeral.as_bytes())),
             Self::Number(cells) => match cells[row] {
                 None => Ok(()),
                 Some(number) if number.is_finite() => Ok(serde_json::to_writer(out, &number)?),

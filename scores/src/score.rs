@@ -113,10 +113,11 @@ pub fn score(
     sets: &[PixelSet],
     settings: &Settings,
 ) -> Vec<ScoreRow> {
-    score_pixels(estimate_m, &ScoredPixels::new(truth_m, width, height, settings), sets, settings)
+    let pixels = ScoredPixels::new(truth_m, width, height, settings);
+    score_pixels(estimate_m, &pixels, sets, &Family::Depth.defaults(), settings)
 }
 
-/// As [`score`], on pixels found before: for several estimates of one frame.
+/// These scores on pixels found before: for several estimates of one frame. Otherwise as [`score`].
 ///
 /// # Panics
 /// If the estimate has another number of pixels than the truth had.
@@ -125,9 +126,10 @@ pub fn score_pixels(
     estimate_m: &[f32],
     pixels: &ScoredPixels,
     sets: &[PixelSet],
+    metrics: &[&'static Metric],
     settings: &Settings,
 ) -> Vec<ScoreRow> {
-    let (sets, metrics, zones) = (sets.to_vec(), Family::Depth.defaults(), ZoneParams::default());
+    let (sets, metrics, zones) = (sets.to_vec(), metrics.to_vec(), ZoneParams::default());
     let scores = DepthScores { settings: *settings, sets, metrics, zones };
     scores.rows_of("", estimate_m, pixels, pixels.alignment(estimate_m, settings))
 }

@@ -24,10 +24,13 @@ pub fn table(args: &TableArgs) -> Result<Exit, Stop> {
         None => TableFormat::Terminal,
     };
     if format == TableFormat::Parquet && args.out.is_none() && io::stdout().is_terminal() {
-        return Err(Stop::new(Exit::Before, "Parquet is no text").remedy("name a file with --out"));
+        return Err(Stop::new(Exit::Before, "Parquet is no text").remedy("name a file with --out, or pipe it on"));
+    }
+    if let Some(out) = &args.out {
+        can_be_written(out)?;
     }
     let path = recording_of(&args.run, "table")?;
-    let interrupt = signals::listen()?;
+    let interrupt = signals::listen("stopping")?;
     let recording = open(&path)?;
     let costs = costs(&path)?;
     let selection = Selection { estimators: args.estimators.clone(), ..selection(&args.scores) };
@@ -68,6 +71,22 @@ pub fn table(args: &TableArgs) -> Result<Exit, Stop> {
         })?,
     }
     Ok(Exit::Whole)
+}
+
+/// That a file may stand there: in a folder, and no folder itself.
+fn can_be_written(out: &Path) -> Result<(), Stop> {
+    let cannot = |what: String| Stop::new(Exit::Before, format!("cannot write {}: {what}", out.display()));
+    if out.is_dir() {
+        let file = out.join("table.csv");
+        return Err(cannot("it is a folder".to_owned()).remedy(format!("name a file in it, e.g. {}", file.display())));
+    }
+    match out.parent().filter(|folder| !folder.as_os_str().is_empty() && !folder.is_dir()) {
+        None => Ok(()),
+        Some(folder) => {
+            let stop = cannot(format!("there is no folder {}", folder.display()));
+            Err(stop.remedy(format!("make it (`mkdir -p {}`), or choose another --out", folder.display())))
+        }
+    }
 }
 
 /// Writes a file that a person named. Into a link, a device or a pipe (`/dev/stdout`) it is written as it comes: no file takes its place.

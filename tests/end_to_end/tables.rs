@@ -43,6 +43,13 @@ fn ask(run: &Path, arguments: &[&str]) -> Output {
     succeed(depthloom().arg("table").arg(run).args(arguments))
 }
 
+/// What is said of a question that is refused.
+fn refused(run: &Path, arguments: &[&str]) -> String {
+    let output = depthloom().arg("table").arg(run).args(arguments).output().expect("the binary starts");
+    assert_eq!(output.status.code(), Some(2), "{arguments:?}");
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
 fn text(output: &Output) -> String {
     String::from_utf8(output.stdout.clone()).expect("UTF-8")
 }
@@ -112,7 +119,10 @@ fn a_tables_numbers_are_those_that_the_run_wrote_and_its_effects_are_as_reckoned
         assert_eq!(levels.len(), 2, "{axis}");
         let mut between = 0.0;
         for level in &levels {
-            let (count, expected) = mean(&mut rows.iter().filter(|row| level["level"] == row[axis].as_str()));
+            // Numbers of an axis are numbers in JSON.
+            let name = level["level"].as_str().map_or_else(|| level["level"].to_string(), str::to_owned);
+            assert_eq!(level["level"].is_number(), ["block", "uniqueness"].contains(&axis), "{level}");
+            let (count, expected) = mean(&mut rows.iter().filter(|row| name == row[axis]));
             assert_eq!(level["rows"].as_f64(), Some(count));
             near(level["abs_rel"].as_f64().expect("a mean"), expected, axis);
             between += count * (expected - all).powi(2);
@@ -241,6 +251,7 @@ stages:
     score:
       truth: source/depth
       sets: [answered, all]
+      metrics: [a1, abs_rel, rmse, silog, mae, median_error]
       estimates: { sparse: depth/depth, dense: smooth/depth }
 ";
     let folder = tempfile::tempdir().expect("a folder");
@@ -251,9 +262,10 @@ stages:
     let written = read_csv(&kept.join("table.csv"));
     let own = written.iter().find(|row| row["estimator"] == "sparse" && row["scored_on"] == "answered");
     let own = own.expect("a row");
-    for score in ["a1", "abs_rel", "rmse", "silog"] {
+    for score in ["a1", "abs_rel", "rmse", "silog", "mae", "median_error"] {
         near(row("sparse")[score].as_f64().expect("a score"), number(own, score), score);
     }
+    assert!(row("sparse").get("sq_rel").is_none(), "it was not taken");
     assert!(row("dense")["abs_rel"].as_f64() != row("sparse")["abs_rel"].as_f64());
     assert_eq!(row("dense")["density"], row("sparse")["density"]);
     near(row("dense")["density"].as_f64().expect("a share"), number(own, "density"), "density");
@@ -261,9 +273,7 @@ stages:
     // Without maps it says which to record.
     let other = tempfile::tempdir().expect("a folder");
     let (bare, _) = run(other.path(), &format!("{experiment}record: []\n"));
-    let refused = depthloom().arg("table").arg(&bare).args(["--set", "common"]).output().expect("the binary starts");
-    assert_eq!(refused.status.code(), Some(2));
-    let refused = String::from_utf8_lossy(&refused.stderr).into_owned();
+    let refused = refused(&bare, &["--set", "common"]);
     assert!(refused.contains("`look.smooth/depth`") && refused.contains("`record:`"), "{refused}");
 }
 
@@ -273,27 +283,22 @@ fn a_table_takes_the_place_of_nothing_that_is_no_table() {
     let (run, _) = run(folder.path(), SWEEP);
     let recording = run.join("recording.mcap");
     let before = std::fs::read(&recording).expect("read");
-    let csv = |out: &Path| {
-        depthloom()
-            .arg("table")
-            .arg(&run)
-            .args(["--format", "csv", "--out"])
-            .arg(out)
-            .output()
-            .expect("the binary starts")
-    };
+    let csv = |out: &Path| ["--format", "csv", "--out", out.to_str().expect("UTF-8")].map(str::to_owned);
+    let refusal = |out: &Path| refused(&run, &csv(out).each_ref().map(String::as_str));
     for own in [recording.clone(), run.join("../run/recording.mcap"), run.join("scores.csv")] {
-        let output = csv(&own);
-        assert_eq!(output.status.code(), Some(2));
-        assert!(String::from_utf8_lossy(&output.stderr).contains("is the run's own"));
+        assert!(refusal(&own).contains("is the run's own"));
     }
+    let in_folder = refusal(folder.path());
+    assert!(in_folder.contains("it is a folder") && in_folder.contains("table.csv"), "{in_folder}");
+    let nowhere = refusal(&folder.path().join("not/there.csv"));
+    assert!(nowhere.contains("there is no folder") && nowhere.contains("mkdir -p"), "{nowhere}");
     assert!(std::fs::read(&recording).expect("read") == before);
     // What a link leads to is written; the link stays.
     #[cfg(unix)]
     {
         let (link, file) = (folder.path().join("link.csv"), folder.path().join("file.csv"));
         std::os::unix::fs::symlink(&file, &link).expect("linked");
-        assert!(csv(&link).status.success());
+        ask(&run, &csv(&link).each_ref().map(String::as_str));
         assert!(link.is_symlink() && std::fs::read_to_string(&file).expect("read").starts_with("estimator,"));
     }
 }
@@ -312,6 +317,17 @@ fn the_model_ablation_is_answered_by_three_commands() {
         heads.iter().all(|head| first.contains(head)) && first.contains("the first 3 of 32 rows by abs_rel"),
         "{first}"
     );
+    // A depth and the disparity that it is made of are one row, holes kept or filled.
+    let both: Json = serde_json::from_slice(&ask(&out, &["--json"]).stdout).expect("JSON");
+    let both = both["rows"].as_array().expect("rows");
+    assert_eq!(both.len(), 32);
+    assert!(both.iter().all(|row| row["abs_rel"].is_number() && row["d1"].is_number()), "{:?}", both[0]);
+    let front: Json = serde_json::from_slice(&ask(&out, &["--pareto", "abs_rel,d1", "--json"]).stdout).expect("JSON");
+    assert!(front["about"].to_string().contains("on the Pareto front of abs_rel and d1"), "{front}");
+    let label = both[0]["estimator"].as_str().expect("a label");
+    let told = succeed(depthloom().arg("explain").arg(&out).args(["d1", label, "--json"]));
+    let told: Json = serde_json::from_slice(&told.stdout).expect("JSON");
+    assert_eq!(told["value"], both[0]["d1"]);
     let zones = text(&ask(&out, &["--best-per-zone", "abs_rel"]));
     assert!(zones.contains("whole image") && zones.contains("10..20"), "{zones}");
     let effects = text(&ask(&out, &["--effects", "abs_rel"]));

@@ -21,7 +21,7 @@ use crate::table::{Table, common};
 pub enum Question {
     /// A row an estimator, its variant's axes and its scores in columns.
     Ranking(Ranking),
-    /// What each axis did to this score.
+    /// What each axis did to this score, `ms` or count of pixels.
     Effects(String),
     /// Which row is best by this score, in each zone.
     BestPerZone(String),

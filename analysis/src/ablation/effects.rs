@@ -1,5 +1,7 @@
-//! The effect of each axis as a table: marginal means by level, and shares of the variance.
+//! The effect of each axis on a score or a cost as a table: marginal means by level, and shares of the variance.
 
+use super::column::Column;
+use super::front::Better;
 use super::variance::{Effects, Factor, effects};
 use super::{Ablation, Row, Selection};
 use crate::error::AnalysisError;
@@ -15,7 +17,9 @@ const LEAST_PAIR: f64 = 0.005;
 struct Looked {
     name: String,
     levels: Vec<String>,
-    of_row: Vec<usize>,
+    /// `None`: the row is not on this axis.
+    of_row: Vec<Option<usize>>,
+    is_numeric: bool,
     in_ranges: bool,
 }
 
@@ -24,21 +28,32 @@ struct Looked {
 struct Line {
     axis: String,
     level: Option<String>,
+    level_is_number: bool,
     rows: Option<u64>,
     mean: Option<f64>,
+    difference: Option<f64>,
     share: Option<f64>,
     is_best: bool,
     is_start: bool,
     has_gap: bool,
 }
 
-/// What each axis did to a metric: of each level how many rows, their mean and how far that is from the mean of all; of each axis its share
-/// of the variance, the largest first.
-pub(crate) fn grid(ablation: &Ablation<'_>, selection: &Selection, metric: &str) -> Result<Grid, AnalysisError> {
-    let metric = ablation.metric(metric)?;
+/// What each axis did to a score or a cost: of each level how many rows, their mean and how far that is from the mean of all rows with the
+/// axis; of each axis its share of the variance, the largest first.
+pub(crate) fn grid(ablation: &Ablation<'_>, selection: &Selection, of: &str) -> Result<Grid, AnalysisError> {
+    let column = ablation.measure(of, "effects are")?;
     let all = ablation.rows(selection)?;
+    ablation.require(&all, column)?;
+    // Of a score, the rows of which it was taken.
+    let was_taken = |row: &Row| match column.metric() {
+        Some(metric) => {
+            row.values[metric].is_some() || ablation.estimator(row).metrics.contains(&ablation.metrics[metric])
+        }
+        None => true,
+    };
+    let all: Vec<Row> = all.into_iter().filter(was_taken).collect();
     let has_axis = |row: &&Row| (0..ablation.axes.len()).any(|axis| ablation.level(row, axis).is_some());
-    let value = |row: &Row| row.values[metric].filter(|value| value.is_finite());
+    let value = |row: &Row| ablation.number(row, column).filter(|value| value.is_finite());
     let rows: Vec<&Row> = all.iter().filter(has_axis).filter(|row| value(row).is_some()).collect();
     let looked = looked_at(ablation, &rows);
     if looked.is_empty() {
@@ -52,11 +67,16 @@ pub(crate) fn grid(ablation: &Ablation<'_>, selection: &Selection, metric: &str)
         looked.iter().map(|axis| Factor { levels: axis.levels.len(), of_row: axis.of_row.clone() }).collect();
     let found = effects(&values, &factors);
 
-    let named = ablation.metrics[metric];
-    let comparable = |row: &Row| row.comparable_by(metric);
+    let (named, more_is_better) = (ablation.column_name(column), ablation.better(column) == Better::More);
+    // Time is time, whatever was scored.
+    let comparable = |row: &Row| match column {
+        Column::Ms => Some(0),
+        Column::Metric(metric) => row.comparable_by(metric),
+        _ => row.comparable,
+    };
     let is_comparable = rows.iter().all(|row| comparable(row).is_some() && comparable(row) == comparable(rows[0]));
-    let lines = lines(&looked, &found, named.more_is_better, is_comparable);
-    let decimals = named.decimals + 1;
+    let lines = lines(&looked, &found, more_is_better, is_comparable);
+    let decimals = ablation.decimals(column);
     let number = |values: Vec<Option<f64>>| {
         let best = vec![false; values.len()];
         GridCells::Number { decimals, values, best }
@@ -66,15 +86,17 @@ pub(crate) fn grid(ablation: &Ablation<'_>, selection: &Selection, metric: &str)
         values: lines.iter().map(|line| line.mean).collect(),
         best: lines.iter().map(|line| line.is_best).collect(),
     };
-    let apart = lines.iter().map(|line| line.mean.map(|mean| mean - found.mean)).collect();
+    let apart = lines.iter().map(|line| line.difference).collect();
     let once = |column: GridColumn| GridColumn { once: true, ..column };
     let places = |of: fn(&Line) -> bool| (0..lines.len()).filter(|&line| of(&lines[line])).collect();
     Ok(Grid {
         about: format!(
-            "effect of each axis on {} over {}; {} rows, mean {:.decimals$}, standard deviation {:.decimals$}; share: of the variance between \
+            "effect of each axis on {named}{}; {} rows, mean {:.decimals$}, standard deviation {:.decimals$}; share: of the variance between \
              rows (eta squared)",
-            named.name,
-            ablation.about(&all, selection)?,
+            match column {
+                Column::Ms => ", core-milliseconds a frame".to_owned(),
+                _ => format!(" over {}", ablation.about(&all, selection)?),
+            },
             rows.len(),
             found.mean,
             found.deviation,
@@ -82,9 +104,14 @@ pub(crate) fn grid(ablation: &Ablation<'_>, selection: &Selection, metric: &str)
         label: format!("{}-effects", ablation.experiment),
         columns: vec![
             once(GridColumn::key("axis", lines.iter().map(|line| Some(line.axis.clone())).collect())),
-            GridColumn::key("level", lines.iter().map(|line| line.level.clone()).collect()),
+            GridColumn::levels("level", lines.iter().map(|line| line.level.clone()).collect(), |line| {
+                lines[line].level_is_number
+            }),
             GridColumn::of("rows", GridCells::Count(lines.iter().map(|line| line.rows).collect())),
-            GridColumn { more_is_better: Some(named.more_is_better), ..GridColumn::of(named.name, means) },
+            match column.metric() {
+                Some(metric) => GridColumn::score(ablation.metrics[metric], means),
+                None => GridColumn { more_is_better: Some(more_is_better), ..GridColumn::of(named, means) },
+            },
             GridColumn::of("difference", number(apart)),
             once(GridColumn::of("share", GridCells::Share(lines.iter().map(|line| line.share).collect()))),
         ],
@@ -99,7 +126,7 @@ fn looked_at(ablation: &Ablation<'_>, rows: &[&Row]) -> Vec<Looked> {
     let mut looked = Vec::new();
     for (axis, named) in ablation.axes.iter().enumerate() {
         let of_row = rows.iter().map(|row| ablation.level(row, axis));
-        looked.extend(differing(&named.name, of_row, |level| named.levels[level].clone()));
+        looked.extend(differing(&named.name, of_row, named.is_numeric, |level| named.levels[level].clone()));
     }
     let mut names: Vec<&str> = Vec::new();
     let of_row: Vec<usize> = rows
@@ -112,39 +139,39 @@ fn looked_at(ablation: &Ablation<'_>, rows: &[&Row]) -> Vec<Looked> {
             })
         })
         .collect();
-    looked.extend(differing("estimate", of_row.into_iter().map(Some), |level| names[level].to_owned()));
+    looked.extend(differing("estimate", of_row.into_iter().map(Some), false, |level| names[level].to_owned()));
     looked
 }
 
-/// An axis, if rows differ on it: with the levels that rows have, and one for rows that are not on it.
+/// An axis, if the rows that have it differ on it: with the levels that they have.
 fn differing(
     name: &str,
     of_row: impl Iterator<Item = Option<usize>>,
+    is_numeric: bool,
     level_name: impl Fn(usize) -> String,
 ) -> Option<Looked> {
     let of_row: Vec<Option<usize>> = of_row.collect();
-    let mut present = of_row.clone();
-    // Rows without the axis come last.
-    present.sort_unstable_by_key(|level| level.map_or(usize::MAX, |level| level));
+    let mut present: Vec<usize> = of_row.iter().copied().flatten().collect();
+    present.sort_unstable();
     present.dedup();
     if present.len() < 2 {
         return None;
     }
-    let name_of = |level: &Option<usize>| level.map_or_else(|| "(none)".to_owned(), &level_name);
-    let levels: Vec<String> = present.iter().map(name_of).collect();
-    let place = |level: &Option<usize>| present.iter().position(|of| of == level).unwrap_or(0);
-    let of_row: Vec<usize> = of_row.iter().map(place).collect();
-    let looked = Looked { name: name.to_owned(), levels, of_row, in_ranges: false };
+    let levels: Vec<String> = present.iter().copied().map(level_name).collect();
+    let place = |level: usize| present.binary_search(&level).ok();
+    let of_row = of_row.into_iter().map(|level| level.and_then(place)).collect();
+    let looked = Looked { name: name.to_owned(), levels, of_row, is_numeric, in_ranges: false };
     Some(in_ranges(&looked).unwrap_or(looked))
 }
 
 /// An axis of numbers of which nearly every row has one of its own, in ranges of as many rows; `None` of others.
 fn in_ranges(axis: &Looked) -> Option<Looked> {
-    if axis.levels.len() < 2 * RANGES || axis.of_row.len() >= 2 * axis.levels.len() {
+    let rows = axis.of_row.iter().flatten().count();
+    if !axis.is_numeric || axis.levels.len() < 2 * RANGES || rows >= 2 * axis.levels.len() {
         return None;
     }
     let numbers: Vec<f64> = axis.levels.iter().map(|level| level.parse().ok()).collect::<Option<_>>()?;
-    let mut sorted: Vec<f64> = axis.of_row.iter().map(|&level| numbers[level]).collect();
+    let mut sorted: Vec<f64> = axis.of_row.iter().flatten().map(|&level| numbers[level]).collect();
     sorted.sort_unstable_by(f64::total_cmp);
     // Equal numbers stay in one range.
     let mut firsts: Vec<f64> = (0..RANGES).map(|range| sorted[range * sorted.len() / RANGES]).collect();
@@ -157,7 +184,8 @@ fn in_ranges(axis: &Looked) -> Option<Looked> {
     Some(Looked {
         name: axis.name.clone(),
         levels: (0..firsts.len()).map(name).collect(),
-        of_row: axis.of_row.iter().map(|&level| range(numbers[level])).collect(),
+        of_row: axis.of_row.iter().map(|level| level.map(|level| range(numbers[level]))).collect(),
+        is_numeric: false,
         in_ranges: true,
     })
 }
@@ -174,8 +202,10 @@ fn lines(looked: &[Looked], found: &Effects, more_is_better: bool, is_comparable
         lines.extend(effect.levels.iter().enumerate().map(|(level, (rows, mean))| Line {
             axis: looked[axis].name.clone(),
             level: Some(looked[axis].levels[level].clone()),
+            level_is_number: looked[axis].is_numeric,
             rows: Some(*rows as u64),
             mean: *mean,
+            difference: mean.map(|mean| mean - effect.mean),
             share: effect.share,
             is_best: is_comparable && *mean == best,
             is_start: level == 0,
@@ -216,12 +246,23 @@ fn notes(
     }
     let without = all.len() - shared.len() - rows.len();
     if without > 0 {
-        notes.push(format!("{without} rows without a value are left out"));
+        let rows = if without == 1 { "row" } else { "rows" };
+        notes.push(format!("left out: {without} {rows} without a value"));
     }
     if !is_comparable {
         notes.push(
             "rows are not over the same pixels scored in the same way: differences are not the axes' alone".to_owned(),
         );
+    }
+    for axis in looked {
+        let have = axis.of_row.iter().flatten().count();
+        if have < rows.len() {
+            notes.push(format!(
+                "{} is there in {have} of {} rows: its means and differences are over those, its share of the variance between all",
+                axis.name,
+                rows.len()
+            ));
+        }
     }
     let ranges: Vec<&str> = looked.iter().filter(|axis| axis.in_ranges).map(|axis| axis.name.as_str()).collect();
     if !ranges.is_empty() {

@@ -4,7 +4,7 @@ use depthloom_graphs::Value;
 use depthloom_recording::Recording;
 use depthloom_scores::{PixelSet, ScoreRow, ScoredPixels, Settings, score_pixels};
 
-use super::{Selection, is_of, unknown};
+use super::{Selection, is_of, names_of, unknown};
 use crate::error::AnalysisError;
 use crate::estimators::Estimator;
 use crate::maps::not_recorded;
@@ -13,7 +13,7 @@ use crate::scores::FrameScore;
 /// Maps of one frame that are held at once.
 const AT_ONCE: usize = 16;
 
-/// The selected estimators of depth, and their scores on the frames whose maps were recorded: Table I's eight, of those true pixels that
+/// The selected estimators of depth, and their scores on the frames whose maps were recorded: those that were taken of them, of the true pixels that
 /// all estimators of the same truth and settings answered. What aligns an estimate is fitted on these pixels.
 ///
 /// Of a row, `truth` counts all true pixels and `answered` those that all answered.
@@ -32,11 +32,7 @@ pub(crate) fn shared_scores(
     let wanted = |of: &&Estimator| selection.estimators.as_deref().is_none_or(|pattern| is_of(of, pattern));
     let named: Vec<&Estimator> = estimators.iter().filter(wanted).collect();
     if let (Some(pattern), true) = (&selection.estimators, named.is_empty()) {
-        return Err(unknown(
-            "estimator",
-            pattern,
-            estimators.iter().flat_map(|of| [of.label.as_str(), of.name.as_str()]),
-        ));
+        return Err(unknown("estimator", pattern, names_of(estimators)));
     }
     let of_depth = named.into_iter().filter(|of| of.settings.is_some());
     let selected: Vec<Estimator> = of_depth.map(|of| Estimator { sets: vec![PixelSet::All], ..of.clone() }).collect();
@@ -110,7 +106,8 @@ fn score_together(
         for (some, reader) in &mut readers {
             for (&estimator, value) in some.iter().zip(reader.read(position)?) {
                 let Some(Value::Depth(estimate)) = value else { continue };
-                for row in score_pixels(estimate.metres.as_raw(), &shared, &[PixelSet::All], &settings) {
+                let metrics = &estimators[estimator].metrics;
+                for row in score_pixels(estimate.metres.as_raw(), &shared, &[PixelSet::All], metrics, &settings) {
                     let row = ScoreRow { truth: all, answered: shared.len() as u64, ..row };
                     scores.push(FrameScore { frame: frame.id.clone(), position, estimator, row });
                 }

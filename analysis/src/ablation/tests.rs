@@ -9,31 +9,34 @@ use super::*;
 use crate::estimators::estimators;
 use crate::timings::Timing;
 
+/// A recorded output that is there for every frame.
+pub(super) fn output(port: &str, kind: &str, topic: &str) -> Json {
+    json!({ "port": port, "type": kind, "once": false, "topic": topic, "aliases": [], "recorded": true })
+}
+
+/// A pure node of some variants.
+pub(super) fn node(kind: &str, name: &str, inputs: &[(&str, &str)], output: &Json, variants: &Json) -> Json {
+    let inputs: Vec<Json> = inputs.iter().map(|(port, from)| json!({ "port": port, "from": from })).collect();
+    json!({
+        "name": name, "kind": kind, "version": 1, "contract": "pure", "params": {}, "inputs": inputs, "outputs": [output],
+        "recipe": "0123456789abcdef0123456789abcdef", "variants": variants,
+    })
+}
+
 /// Variants of `block` (3, 9) and `mode` (hh, sgbm) with an estimate each, and one that all share; the source's depth is the truth.
 fn plan() -> RecordedPlan {
-    let output = |port: &str, kind: &str, topic: &str| json!({ "port": port, "type": kind, "once": false, "topic": topic, "aliases": [], "recorded": true });
-    let recipe = "0123456789abcdef0123456789abcdef";
     let params = json!({ "preset": "paper", "sets": ["answered", "all"], "max_m": null });
-    let node = |name: &str, inputs: Json, outputs: Json, variants: Json| {
-        json!({
-            "name": name, "kind": "test/node", "version": 1, "contract": "pure", "params": params, "inputs": inputs, "outputs": outputs,
-            "recipe": recipe, "variants": variants,
-        })
+    let node = |name: &str, inputs: &[(&str, &str)], output: &Json, variants: &Json| {
+        node("test/node", name, inputs, output, variants)
     };
-    let from = |port: &str, topic: &str| json!({ "port": port, "from": topic });
     let all = json!([0, 1, 2, 3]);
     let mut nodes = vec![
-        node(
-            "stereo",
-            json!([from("left", "/s/source/left")]),
-            json!([output("depth", "depth", "/s/stereo")]),
-            all.clone(),
-        ),
+        node("stereo", &[("left", "/s/source/left")], &output("depth", "depth", "/s/stereo"), &all),
         node(
             "score.stereo",
-            json!([from("estimate", "/s/stereo"), from("truth", "/s/source/depth")]),
-            json!([output("rows", "scores", "/s/score")]),
-            all,
+            &[("estimate", "/s/stereo"), ("truth", "/s/source/depth")],
+            &output("rows", "scores", "/s/score"),
+            &all,
         ),
     ];
     let mut estimates = vec![estimate("stereo", &Json::Null, "/s/stereo", "/s/score", 1, &params)];
@@ -41,10 +44,10 @@ fn plan() -> RecordedPlan {
     let mut names = Vec::new();
     for (variant, (block, mode)) in [("3", "hh"), ("3", "sgbm"), ("9", "hh"), ("9", "sgbm")].into_iter().enumerate() {
         let (depth, scores) = (format!("/s/v{variant}/depth"), format!("/s/v{variant}/score"));
-        let inputs = json!([from("depth", "/s/stereo")]);
-        nodes.push(node("smooth", inputs, json!([output("depth", "depth", &depth)]), json!([variant])));
-        let inputs = json!([from("estimate", &depth), from("truth", "/s/source/depth")]);
-        nodes.push(node("score.smooth", inputs, json!([output("rows", "scores", &scores)]), json!([variant])));
+        let of = json!([variant]);
+        nodes.push(node("smooth", &[("depth", "/s/stereo")], &output("depth", "depth", &depth), &of));
+        let inputs = [("estimate", depth.as_str()), ("truth", "/s/source/depth")];
+        nodes.push(node("score.smooth", &inputs, &output("rows", "scores", &scores), &of));
         let (name, score_node) = (format!("block={block}+mode={mode}"), nodes.len() - 1);
         estimates.push(estimate("smooth", &json!([variant, name]), &depth, &scores, score_node, &params));
         factors.push(json!([{ "axis": "block", "value": block }, { "axis": "mode", "value": mode }]));
@@ -64,7 +67,7 @@ fn plan() -> RecordedPlan {
     RecordedPlan::deserialize(plan).unwrap()
 }
 
-fn estimate(name: &str, variant: &Json, depth: &str, scores: &str, node: usize, params: &Json) -> Json {
+pub(super) fn estimate(name: &str, variant: &Json, depth: &str, scores: &str, node: usize, params: &Json) -> Json {
     let label = variant[1].as_str().map_or_else(|| name.to_owned(), |variant| format!("{variant}/{name}"));
     json!({
         "label": label, "name": name, "variant": variant[0], "estimate_topic": depth, "truth_topic": "/s/source/depth",
@@ -129,16 +132,16 @@ fn ranking(ranking: &Ranking, selection: &Selection) -> Result<crate::grid::Grid
     ask(|ablation| ranking.grid(ablation, selection))
 }
 
-fn csv(grid: &crate::grid::Grid) -> String {
+pub(super) fn csv(grid: &crate::grid::Grid) -> String {
     String::from_utf8(grid.sheet().csv()).unwrap()
 }
 
-fn owned(names: &[&str]) -> Vec<String> {
+pub(super) fn owned(names: &[&str]) -> Vec<String> {
     names.iter().map(|name| (*name).to_owned()).collect()
 }
 
 /// What an error says, and what helps.
-fn refused<R: std::fmt::Debug>(result: Result<R, AnalysisError>) -> String {
+pub(super) fn refused<R: std::fmt::Debug>(result: Result<R, AnalysisError>) -> String {
     let error = result.unwrap_err();
     format!("{error}; {}", error.remedy().unwrap())
 }
@@ -242,6 +245,89 @@ note: left out, for no axis changes it: stereo
 }
 
 #[test]
+fn time_has_effects_too_and_what_has_none_is_told_why() {
+    let effects = |of: &str| ask(|ablation| effects::grid(ablation, &Selection::default(), of));
+    let text = effects("ms").unwrap().terminal(118);
+    // 11 and 12 of block 3, 13 and nothing of block 9.
+    assert!(
+        text.contains("block  3         2  11.50*")
+            && text.starts_with("effect of each axis on ms, core-milliseconds a frame; 3 rows"),
+        "{text}"
+    );
+    assert!(text.contains("note: left out: 1 row without a value"), "{text}");
+    assert!(refused(effects("mode")).starts_with("`mode` is an axis: neither way of it is better"));
+    let best = |of: &str| refused(ask(|ablation| zones::grid(ablation, &Selection::default(), of)));
+    assert!(best("mode").starts_with("`mode` is an axis"), "{}", best("mode"));
+    assert!(best("ms").starts_with("`ms` is no score: zones have a best of scores alone"), "{}", best("ms"));
+}
+
+/// A median of all pixels does not follow from those of the frames; where a zone has no pixel that is not the reason.
+#[test]
+fn a_median_over_pixels_is_refused_with_its_reason_wherever_it_is_asked_for() {
+    let median = Metric::named("median_error").unwrap();
+    let mut estimators = estimators(&plan()).unwrap();
+    estimators.iter_mut().for_each(|estimator| estimator.metrics.push(median));
+    let mut scores = scores();
+    for score in scores.iter_mut().filter(|score| score.row.zone.is_empty()) {
+        score.row = score.row.clone().with(median, 1.0);
+    }
+    let ask = |of: &dyn Fn(&Ablation<'_>) -> Result<crate::grid::Grid, AnalysisError>| {
+        refused(ask_of(&estimators, &scores, of))
+    };
+    let pixels = Selection { mean: Some(Mean::Pixels), ..Selection::default() };
+    let reason =
+        "`median_error` over the pixels of all frames does not follow from the frames' scores; take `--mean frames`";
+    assert_eq!(ask(&|of| effects::grid(of, &pixels, "median_error")), reason);
+    assert_eq!(ask(&|of| zones::grid(of, &pixels, "median_error")), reason);
+    let near = Selection { zone: Some("near".to_owned()), ..Selection::default() };
+    let of_near = ask(&|of| effects::grid(of, &near, "median_error"));
+    assert!(of_near.starts_with("no row has a value of `median_error`; no frame had a pixel"), "{of_near}");
+}
+
+/// `block` is there where `mode` is sgbm alone, drawn as 9 and then 3.
+#[test]
+fn an_axis_that_some_variants_have_is_told_among_those_and_numbers_stand_by_size() {
+    let mut plan = plan();
+    let factor =
+        |axis: &str, value: &str| depthloom_graphs::plan::Factor { axis: axis.to_owned(), value: value.to_owned() };
+    plan.factors = vec![
+        vec![factor("mode", "hh")],
+        vec![factor("mode", "sgbm"), factor("block", "9")],
+        vec![factor("mode", "hh")],
+        vec![factor("mode", "sgbm"), factor("block", "3")],
+    ];
+    let estimators = estimators(&plan).unwrap();
+    let scores = scores();
+    let ablation = Ablation::new(&plan, &estimators, &scores, &|_, _| None, None);
+    let text = effects::grid(&ablation, &Selection::default(), "abs_rel").unwrap().terminal(118);
+    // Of 0.25 and 0.65 the mean is 0.45; 0.35 is that of all four.
+    for line in ["block  3         1     0.6500       0.2000", "       9         1     0.2500*     -0.2000"] {
+        assert!(text.contains(line), "{text}");
+    }
+    assert!(text.contains("note: block is there in 2 of 4 rows: its means and differences are over those"), "{text}");
+    assert!(!text.contains("(none)"), "{text}");
+    let by_block = Ranking { sort: Some("block".to_owned()), ..Ranking::default() };
+    let json = by_block.grid(&ablation, &Selection::default()).unwrap().json();
+    let blocks: Vec<&Json> = json["rows"].as_array().unwrap().iter().map(|row| &row["block"]).collect();
+    assert_eq!(blocks, [&json!(3), &json!(9), &Json::Null, &Json::Null, &Json::Null]);
+}
+
+#[test]
+fn what_cannot_be_compared_beats_nothing_on_a_front() {
+    let mut estimators = estimators(&plan()).unwrap();
+    for estimator in &mut estimators[3..] {
+        estimator.truth = Some("/s/lidar/depth".to_owned());
+    }
+    let front = Ranking { pareto: owned(&["abs_rel", "ms"]), ..Ranking::default() };
+    let grid = ask_of(&estimators, &scores(), |ablation| front.grid(ablation, &Selection::default())).unwrap();
+    let labels: Vec<String> =
+        csv(&grid).lines().skip(1).map(|line| line.split(',').next().unwrap().to_owned()).collect();
+    // 13 ms for 0.35 are beaten by 11 ms for 0.15, but those are of another truth.
+    assert_eq!(labels, ["block=3+mode=hh/smooth", "block=9+mode=hh/smooth", "stereo"]);
+    assert!(grid.notes.iter().any(|note| note.starts_with("rows are of 2 kinds")), "{:?}", grid.notes);
+}
+
+#[test]
 fn where_combinations_are_missing_shares_are_said_to_overlap() {
     let selection = Selection { estimators: Some("*/smooth".to_owned()), ..Selection::default() };
     let grid = ask_of(
@@ -284,6 +370,9 @@ fn what_is_not_there_is_told_with_what_is() {
     assert_eq!(selected(pattern), "there is no estimator `smoth`; did you mean `smooth`?");
     let set = Selection { set: Some(PixelSet::Filled), ..Selection::default() };
     assert!(selected(set).starts_with("nothing was scored on `filled`; what was scored is `all` and `answered`"));
+    assert!(sorted("nothing").contains("axes `block`, `mode`, scores `a1`"), "{}", sorted("nothing"));
+    let pattern = Selection { estimators: Some("qqqqqqqqq".to_owned()), ..Selection::default() };
+    assert!(selected(pattern).contains("there are `stereo`, `smooth`, `block=3+mode=hh/smooth`, `block=3"));
     let front =
         |of: &[&str]| refused(ranking(&Ranking { pareto: owned(of), ..Ranking::default() }, &Selection::default()));
     assert!(front(&["abs_rel"]).contains("name two columns"));
@@ -306,7 +395,7 @@ fn variants_that_no_matrix_made_are_an_axis_themselves() {
     let estimators = estimators(&plan).unwrap();
     let scores = scores();
     let ablation = Ablation::new(&plan, &estimators, &scores, &|_, _| None, None);
-    let axis = Axis { name: "variant".to_owned(), levels: plan.variants.clone() };
+    let axis = Axis { name: "variant".to_owned(), levels: plan.variants.clone(), is_numeric: false };
     assert_eq!(ablation.axes, [axis]);
     let grid = effects::grid(&ablation, &Selection::default(), "abs_rel").unwrap();
     assert!(grid.notes.iter().any(|note| note.starts_with("no share of variant")), "{:?}", grid.notes);

@@ -5,14 +5,17 @@
 //! `sum over levels of n (mean of the level - mean)^2 / sum over rows of (value - mean)^2`
 //! (Fisher 1925; Cohen 1973): how much of the rows' spread is explained by knowing that one axis. Where every two axes are
 //! orthogonal, shares add up and what they leave is the interactions'; where they are not, shares overlap.
+//!
+//! An axis that only some rows have is nested in others: its effect is taken among those rows, from their own mean, so that what made it be
+//! there is not counted as its own; its share is of the variance between all rows like every other.
 
 /// An axis as rows have it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Factor {
     /// How many levels it has.
     pub(crate) levels: usize,
-    /// The level of each row, below `levels`.
-    pub(crate) of_row: Vec<usize>,
+    /// The level of each row, below `levels`; `None` where it is not on the axis.
+    pub(crate) of_row: Vec<Option<usize>>,
 }
 
 /// The main effects on a value.
@@ -38,11 +41,13 @@ pub(crate) struct Effects {
 pub(crate) struct MainEffect {
     /// By level: how many rows, and their mean; `None` where there are none.
     pub(crate) levels: Vec<(usize, Option<f64>)>,
+    /// The mean over the rows that have the axis.
+    pub(crate) mean: f64,
     /// Eta squared; `None` where rows do not differ, or each has a level of its own, which would explain anything.
     pub(crate) share: Option<f64>,
 }
 
-/// The effects of factors on the values of rows; `values` are finite, at least one, and each factor has a level for each.
+/// The effects of factors on the values of rows; `values` are finite, at least one, and each factor has a level for one of them or more.
 pub(crate) fn effects(values: &[f64], factors: &[Factor]) -> Effects {
     let count = values.len() as f64;
     let mean = values.iter().sum::<f64>() / count;
@@ -50,8 +55,10 @@ pub(crate) fn effects(values: &[f64], factors: &[Factor]) -> Effects {
     // Values that differ by rounding alone do not differ.
     let largest = values.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
     let differ = spread > count * (1e-12 * largest) * (1e-12 * largest);
-    let share = |levels: &[usize], of: usize| {
-        let between = group(values, levels, of).into_iter().map(|(rows, sum)| {
+    let share = |levels: &[Option<usize>], of: usize| {
+        let groups = group(values, levels, of);
+        let mean = mean_of(&groups);
+        let between = groups.into_iter().map(|(rows, sum)| {
             let apart = if rows == 0 { 0.0 } else { sum / rows as f64 - mean };
             rows as f64 * apart * apart
         });
@@ -60,21 +67,21 @@ pub(crate) fn effects(values: &[f64], factors: &[Factor]) -> Effects {
     let main = factors.iter().map(|factor| {
         let groups = group(values, &factor.of_row, factor.levels);
         let single = groups.iter().all(|(rows, _)| *rows <= 1);
+        let mean = mean_of(&groups);
         let means = groups.into_iter().map(|(rows, sum)| (rows, (rows > 0).then(|| sum / rows as f64)));
         let share = (differ && !single).then(|| share(&factor.of_row, factor.levels));
-        MainEffect { levels: means.collect(), share }
+        MainEffect { levels: means.collect(), mean, share }
     });
     let main: Vec<MainEffect> = main.collect();
-    let is_orthogonal =
-        (0..factors.len()).all(|a| (0..a).all(|b| are_orthogonal(&factors[a], &factors[b], values.len())));
+    let is_orthogonal = (0..factors.len()).all(|a| (0..a).all(|b| are_orthogonal(&factors[a], &factors[b])));
     let shares: Option<f64> = main.iter().map(|effect| effect.share).sum();
     let left = shares.filter(|_| is_orthogonal).map(|shares| (1.0 - shares).max(0.0));
     let mut pairs = Vec::new();
     if differ && is_full(factors, values.len()) {
         for (a, first) in factors.iter().enumerate() {
             for (b, second) in factors.iter().enumerate().skip(a + 1) {
-                let cell = |row: usize| first.of_row[row] * second.levels + second.of_row[row];
-                let cells: Vec<usize> = (0..values.len()).map(cell).collect();
+                let cell = |(a, b): (&Option<usize>, &Option<usize>)| Some((*a)? * second.levels + (*b)?);
+                let cells: Vec<Option<usize>> = first.of_row.iter().zip(&second.of_row).map(cell).collect();
                 let both = share(&cells, first.levels * second.levels);
                 let alone = main[a].share.unwrap_or(0.0) + main[b].share.unwrap_or(0.0);
                 pairs.push((a, b, (both - alone).max(0.0)));
@@ -86,25 +93,49 @@ pub(crate) fn effects(values: &[f64], factors: &[Factor]) -> Effects {
 }
 
 /// By group: how many values, and their sum.
-fn group(values: &[f64], of_row: &[usize], groups: usize) -> Vec<(usize, f64)> {
+fn group(values: &[f64], of_row: &[Option<usize>], groups: usize) -> Vec<(usize, f64)> {
     let mut sums = vec![(0, 0.0); groups];
-    for (value, &group) in values.iter().zip(of_row) {
-        sums[group].0 += 1;
-        sums[group].1 += value;
+    for (value, group) in values.iter().zip(of_row) {
+        if let Some(group) = *group {
+            sums[group].0 += 1;
+            sums[group].1 += value;
+        }
     }
     sums
 }
 
-/// Whether each level of one meets the levels of the other in the same proportions.
-fn are_orthogonal(a: &Factor, b: &Factor, rows: usize) -> bool {
+/// The mean of all values in groups.
+fn mean_of(groups: &[(usize, f64)]) -> f64 {
+    let (count, sum) = groups.iter().fold((0, 0.0), |(count, sum), (rows, of)| (count + rows, sum + of));
+    sum / count as f64
+}
+
+/// Whether each level of one meets the levels of the other in the same proportions, in the rows that have both; and where either has
+/// rows that the other has not, whether one of them has its levels there in the proportions that it has over all.
+fn are_orthogonal(a: &Factor, b: &Factor) -> bool {
     let (mut of_a, mut of_b) = (vec![0; a.levels], vec![0; b.levels]);
+    let (mut all_a, mut all_b) = (vec![0; a.levels], vec![0; b.levels]);
     let mut both = vec![0; a.levels * b.levels];
     for (&a_level, &b_level) in a.of_row.iter().zip(&b.of_row) {
-        of_a[a_level] += 1;
-        of_b[b_level] += 1;
-        both[a_level * b.levels + b_level] += 1;
+        if let Some(level) = a_level {
+            all_a[level] += 1;
+        }
+        if let Some(level) = b_level {
+            all_b[level] += 1;
+        }
+        if let (Some(a_level), Some(b_level)) = (a_level, b_level) {
+            of_a[a_level] += 1;
+            of_b[b_level] += 1;
+            both[a_level * b.levels + b_level] += 1;
+        }
     }
+    let rows: usize = both.iter().sum();
+    let in_proportion = |here: &[usize], all: &[usize]| {
+        let everywhere: usize = all.iter().sum();
+        here.iter().zip(all).all(|(here, all)| here * everywhere == all * rows)
+    };
     (0..both.len()).all(|cell| both[cell] * rows == of_a[cell / b.levels] * of_b[cell % b.levels])
+        && (in_proportion(&of_a, &all_a) || in_proportion(&of_b, &all_b))
 }
 
 /// Whether every combination of the factors' levels is there as often as every other.
@@ -115,7 +146,9 @@ fn is_full(factors: &[Factor], rows: usize) -> bool {
     };
     let mut times = vec![0; combinations];
     for row in 0..rows {
-        times[factors.iter().fold(0, |cell, factor| cell * factor.levels + factor.of_row[row])] += 1;
+        let cell = factors.iter().try_fold(0, |cell, factor| Some(cell * factor.levels + factor.of_row[row]?));
+        let Some(cell) = cell else { return false };
+        times[cell] += 1;
     }
     times.iter().all(|&times| times == rows / combinations)
 }
@@ -125,7 +158,12 @@ mod tests {
     use super::*;
 
     fn factor(of_row: &[usize]) -> Factor {
-        Factor { levels: of_row.iter().max().map_or(0, |last| last + 1), of_row: of_row.to_vec() }
+        nested(&of_row.iter().map(|level| Some(*level)).collect::<Vec<_>>())
+    }
+
+    /// A factor that only some rows have.
+    fn nested(of_row: &[Option<usize>]) -> Factor {
+        Factor { levels: of_row.iter().flatten().max().map_or(0, |last| last + 1), of_row: of_row.to_vec() }
     }
 
     fn near(a: f64, b: f64) {
@@ -191,6 +229,26 @@ mod tests {
         near(share(&effects, 0), 13.5 / 14.0);
         near(share(&effects, 1), 6.0 / 14.0);
         assert_eq!((effects.left, effects.pairs.len()), (None, 0));
+    }
+
+    /// By hand: `a` has means 2 (of 1, 3) and 6 (of 5, 7), a sum of squares of 4 * 2^2 = 16 of 20. `b` is there where `a` is 1: among 5 and 7
+    /// it explains 1 + 1 = 2 of 20, from their own mean 6. What is left, 2, is between the rows of the first level.
+    #[test]
+    fn an_axis_that_some_rows_have_is_told_among_those_and_takes_nothing_from_the_axis_it_hangs_on() {
+        let effects = effects(&[1.0, 3.0, 5.0, 7.0], &[factor(&[0, 0, 1, 1]), nested(&[None, None, Some(0), Some(1)])]);
+        assert!(effects.is_orthogonal);
+        near(share(&effects, 0), 16.0 / 20.0);
+        assert_eq!(
+            (effects.factors[1].mean, effects.factors[1].levels.clone()),
+            (6.0, vec![(1, Some(5.0)), (1, Some(7.0))])
+        );
+        assert_eq!(effects.factors[1].share, None, "every row that has it has a level of its own");
+        let twice: Vec<f64> = [1.0, 3.0, 5.0, 7.0].repeat(2);
+        let b = nested(&[None, None, Some(0), Some(1)].repeat(2));
+        let effects = super::effects(&twice, &[factor(&[0, 0, 1, 1, 0, 0, 1, 1]), b]);
+        near(share(&effects, 1), 2.0 / 20.0);
+        near(effects.left.unwrap(), 2.0 / 20.0);
+        assert!(effects.pairs.is_empty());
     }
 
     /// Half of a 2^3 design, in which the third axis is the interaction of the other two: orthogonal, but no interaction can be told.

@@ -4,13 +4,19 @@ use depthloom_scores::Pooling;
 
 use super::best::Best;
 use super::ranking::keys;
-use super::{Ablation, Selection};
+use super::{Ablation, Selection, listed};
 use crate::error::AnalysisError;
 use crate::grid::{Grid, GridCells, GridColumn};
 
 /// Of the whole image and of each zone, which row is best, and what the row that is best over the whole image has there.
 pub(crate) fn grid(ablation: &Ablation<'_>, selection: &Selection, metric: &str) -> Result<Grid, AnalysisError> {
-    let metric = ablation.metric(metric)?;
+    let column = ablation.measure(metric, "zones have a best")?;
+    let Some(metric) = column.metric() else {
+        return Err(AnalysisError::asked(
+            format!("`{metric}` is no score: zones have a best of scores alone"),
+            format!("there are {}", listed(ablation.metric_names())),
+        ));
+    };
     if ablation.zones().len() < 2 {
         return Err(AnalysisError::asked(
             "there are no zones: this recording has scores of the whole image alone".to_owned(),
@@ -18,6 +24,10 @@ pub(crate) fn grid(ablation: &Ablation<'_>, selection: &Selection, metric: &str)
         ));
     }
     let named = ablation.metrics[metric];
+    // Only rows of which the score was taken are told apart.
+    let mut all = ablation.rows(&Selection { zone: None, ..selection.clone() })?;
+    ablation.require(&all, column)?;
+    all.retain(|row| row.values[metric].is_some());
     let mut zones = Vec::new();
     let mut winners = Vec::new();
     let (mut counts, mut values, mut of_overall, mut pixels) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
@@ -26,10 +36,11 @@ pub(crate) fn grid(ablation: &Ablation<'_>, selection: &Selection, metric: &str)
     let mut about = String::new();
     for &zone in ablation.zones() {
         let here = Selection { zone: (!zone.is_empty()).then(|| zone.to_owned()), ..selection.clone() };
-        let Ok(rows) = ablation.rows(&here) else {
+        let Ok(mut rows) = ablation.rows(&here) else {
             notes.push(format!("nothing that is selected was scored in zone {zone}"));
             continue;
         };
+        rows.retain(|row| row.values[metric].is_some() || ablation.estimator(row).metrics.contains(&named));
         let best = Best::of(ablation, &rows);
         if zone.is_empty() {
             about = ablation.about(&rows, &here)?;
@@ -78,10 +89,8 @@ pub(crate) fn grid(ablation: &Ablation<'_>, selection: &Selection, metric: &str)
         GridCells::Number { decimals, values, best }
     };
     let mut columns = vec![GridColumn::key("zone", zones)];
-    let all = ablation.rows(&Selection { zone: None, ..selection.clone() })?;
     columns.extend(keys(ablation, &all, &winners.iter().collect::<Vec<_>>()));
-    columns
-        .push(GridColumn { more_is_better: Some(named.more_is_better), ..GridColumn::of(named.name, number(values)) });
+    columns.push(GridColumn::score(named, number(values)));
     columns.push(GridColumn::of("best_overall", number(of_overall)));
     columns.push(GridColumn::of("rows", GridCells::Count(counts)));
     columns.push(GridColumn::of("pixels", GridCells::Count(pixels)));

@@ -1,7 +1,7 @@
 //! A table in LaTeX: in the type's own size, in as many blocks below each other as its width needs.
 
-use super::Grid;
-use crate::table::latex::{COLUMN, GAP, PAGE, escaped, label};
+use super::{Grid, GridColumn};
+use crate::table::latex::{COLUMN, GAP, PAGE, escaped, label, number};
 use crate::table::markdown::capitalised;
 
 /// How many rows of `\footnotesize` a page of an article holds, with a caption.
@@ -38,7 +38,7 @@ pub(super) fn render(grid: &Grid) -> String {
 fn push_block(grid: &Grid, block: &[usize], text: &mut String) {
     let columns = || block.iter().map(|&column| &grid.columns[column]);
     let sides: String = columns().map(|column| if column.is_text() { 'l' } else { 'r' }).collect();
-    let heads: Vec<String> = columns().map(|column| heading(&column.heading("@up", "@down"))).collect();
+    let heads: Vec<String> = columns().map(heading).collect();
     text.push_str(&format!(
         "\\begin{{tabular}}{{@{{}}{sides}@{{}}}}\n\\toprule\n{} \\\\\n\\midrule\n",
         heads.join(" & ")
@@ -48,7 +48,9 @@ fn push_block(grid: &Grid, block: &[usize], text: &mut String) {
             text.push_str("\\addlinespace\n");
         }
         let cells = block.iter().map(|&column| {
-            let cell = escaped(&grid.text(row, column));
+            let cell = grid.text(row, column);
+            let is_number = !grid.columns[column].is_text() || cell == "-" || cell.parse::<f64>().is_ok();
+            let cell = if is_number { number(&cell) } else { escaped(&cell) };
             if grid.columns[column].cells.is_best(row) { format!("\\textbf{{{cell}}}") } else { cell }
         });
         text.push_str(&format!("{} \\\\\n", cells.collect::<Vec<_>>().join(" & ")));
@@ -56,8 +58,13 @@ fn push_block(grid: &Grid, block: &[usize], text: &mut String) {
     text.push_str("\\bottomrule\n\\end{tabular}\n");
 }
 
-fn heading(heading: &str) -> String {
-    escaped(heading).replace("@up", "$\\uparrow$").replace("@down", "$\\downarrow$")
+fn heading(column: &GridColumn) -> String {
+    let name = column.latex.map_or_else(|| escaped(&column.name), str::to_owned);
+    match column.more_is_better {
+        None => name,
+        Some(true) => format!("{name} $\\uparrow$"),
+        Some(false) => format!("{name} $\\downarrow$"),
+    }
 }
 
 /// How wide a column is, in digits, with the gap behind it.

@@ -10,7 +10,7 @@ fn grid() -> Grid {
         label: "street_1-variants".to_owned(),
         columns: vec![
             GridColumn { only_in_files: true, ..GridColumn::key("estimator", text(["a/x", "b/x", "c/x"])) },
-            GridColumn { once: true, ..GridColumn::key("block", text(["3", "3", "9"])) },
+            GridColumn { once: true, ..GridColumn::levels("block", text(["3", "3", "9"]), |_| true) },
             GridColumn::key("mode", text(["hh", "sgbm & more", ""])),
             GridColumn { more_is_better: Some(false), ..GridColumn::of("abs_rel", score) },
             GridColumn {
@@ -82,7 +82,7 @@ block & mode & abs\\_rel $\\downarrow$ & density $\\uparrow$ & frames \\\\
 3 & hh & 0.125 & 50.0 \\% & 6 \\\\
  & sgbm \\& more & \\textbf{0.100} & 100.0 \\% & 6 \\\\
 \\addlinespace
-9 & - & - & - & 5 \\\\
+9 & -- & -- & -- & 5 \\\\
 \\bottomrule
 \\end{tabular}
 \\end{table}
@@ -93,6 +93,30 @@ block & mode & abs\\_rel $\\downarrow$ & density $\\uparrow$ & frames \\\\
 }
 
 #[test]
+fn in_latex_a_score_is_called_as_published_and_a_minus_is_no_hyphen() {
+    let d1 = Metric::named("d1").unwrap();
+    let values = |values: [f64; 2]| GridCells::Number {
+        decimals: 2,
+        values: values.map(Some).to_vec(),
+        best: vec![true, false],
+    };
+    let levels = ["-63", "a-b"].map(|level| Some(level.to_owned())).to_vec();
+    let columns = vec![
+        GridColumn::levels("min", levels, |row| row == 0),
+        GridColumn::score(d1, values([0.5, 0.25])),
+        GridColumn::of("difference", values([-0.125, 0.125])),
+    ];
+    let latex = Grid { columns, ..Grid::default() }.latex();
+    for part in [
+        "min & D1 $\\downarrow$ & difference \\\\",
+        "$-$63 & \\textbf{0.50} & \\textbf{$-$0.12} \\\\",
+        "a-b & 0.25 & 0.12",
+    ] {
+        assert!(latex.contains(part), "{part}: {latex}");
+    }
+}
+
+#[test]
 fn files_have_all_columns_and_all_digits() {
     let csv = String::from_utf8(grid().sheet().csv()).unwrap();
     let expected = "estimator,block,mode,abs_rel,density,frames\na/x,3,hh,0.125,0.5,6\nb/x,3,sgbm & more,0.1,1.0,6\nc/x,9,\"\",,,5\n";
@@ -100,7 +124,12 @@ fn files_have_all_columns_and_all_digits() {
     let json = grid().json();
     assert_eq!(json["rows"][1]["abs_rel"], 0.1);
     assert_eq!(json["rows"][2]["mode"], Json::Null);
-    assert_eq!(json["rows"][0]["block"], "3");
+    assert_eq!(json["rows"][0]["block"], 3);
+    let mixed =
+        GridColumn::levels("level", vec![Some("0.50".to_owned()), Some("1.5x".to_owned()), None], |row| row == 0);
+    let mixed = Grid { columns: vec![mixed], ..Grid::default() };
+    assert_eq!(mixed.json()["rows"], json!([{ "level": 0.5 }, { "level": "1.5x" }, { "level": null }]));
+    assert_eq!(String::from_utf8(mixed.sheet().csv()).unwrap(), "level\n0.50\n1.5x\n\"\"\n");
 }
 
 #[test]

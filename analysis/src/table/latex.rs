@@ -112,6 +112,7 @@ fn push_block(table: &Table, block: &[Range<usize>], text: &mut String) {
         text.push_str(row.latex);
         for column in columns() {
             let (ours, paper) = table.cell(line, column);
+            let ours = number(&ours);
             let ours = if table.is_best(line, column) { format!("\\textbf{{{ours}}}") } else { ours };
             text.push_str(&format!(" & {ours}"));
             text.push_str(&paper.map_or_else(String::new, |paper| format!(" {paper}")));
@@ -139,4 +140,13 @@ pub(crate) fn escaped(name: &str) -> String {
         }
     }
     text
+}
+
+/// A number as it is typeset: with a minus, not a hyphen; and a dash where there is none.
+pub(crate) fn number(text: &str) -> String {
+    match text.strip_prefix('-') {
+        Some("") => "--".to_owned(),
+        Some(positive) => format!("$-${}", escaped(positive)),
+        None => escaped(text),
+    }
 }

@@ -1,0 +1,206 @@
+//! One row of a depth and of the disparity it was computed from, which are scored each for itself.
+
+use std::collections::HashMap;
+
+use depthloom_recording::RecordedPlan;
+use depthloom_scores::{Family, Metric};
+
+use super::{Ablation, Row};
+use crate::estimators::Estimator;
+
+/// The kind that makes a depth of a disparity, pixel by pixel: both are one estimate.
+const DEPTH_FROM_DISPARITY: &str = "depth/from-disparity";
+
+/// By estimator: the topic of the disparity that it is, or that it was computed from.
+pub(super) fn disparities<'a>(plan: &'a RecordedPlan, estimators: &'a [Estimator]) -> Vec<Option<&'a str>> {
+    let of_depth: HashMap<(usize, &str), &str> = (plan.runs.iter().enumerate())
+        .flat_map(|(run, planned)| planned.nodes.iter().map(move |node| (run, node)))
+        .filter(|(_, node)| node.kind == DEPTH_FROM_DISPARITY)
+        .filter_map(|(run, node)| {
+            let disparity = node.inputs.iter().find(|input| input.port == "disparity")?.from.as_deref()?;
+            Some(((run, node.outputs.first()?.topic.as_str()), disparity))
+        })
+        .collect();
+    let of = |estimator: &'a Estimator| match (estimator.family, estimator.estimate.as_deref()) {
+        (Family::Disparity, topic) => topic,
+        (Family::Depth, topic) => of_depth.get(&(estimator.run, topic?)).copied(),
+    };
+    estimators.iter().map(of).collect()
+}
+
+/// The rows, of which one of a depth and one of its disparity, of the same variant and stage, become one where the depth stands. Where there are
+/// several of either it is not known which go together: they stay rows of their own.
+pub(super) fn joined(ablation: &Ablation<'_>, rows: Vec<Row>) -> Vec<Row> {
+    /// Rows of depths, and of disparities.
+    type Both = [Vec<usize>; 2];
+    let mut by_disparity: HashMap<(usize, Option<&str>, &str), Both> = HashMap::new();
+    for (place, row) in rows.iter().enumerate() {
+        if let Some(disparity) = ablation.disparities[row.estimator] {
+            let estimator = ablation.estimator(row);
+            let both = by_disparity.entry((estimator.run, estimator.variant.as_deref(), disparity)).or_default();
+            both[usize::from(estimator.family == Family::Disparity)].push(place);
+        }
+    }
+    let mut disparity_of: HashMap<usize, usize> = HashMap::new();
+    for [depths, disparities] in by_disparity.into_values() {
+        if let (&[depth], &[disparity]) = (&depths[..], &disparities[..]) {
+            disparity_of.insert(depth, disparity);
+        }
+    }
+    let mut rows: Vec<Option<Row>> = rows.into_iter().map(Some).collect();
+    for (depth, disparity) in disparity_of {
+        let disparity = rows[disparity].take();
+        if let Some(row) = &mut rows[depth] {
+            row.joined = disparity.map(Box::new);
+        }
+    }
+    rows.into_iter().flatten().collect()
+}
+
+/// The label of a row of two estimators: `full/depth+disparity`.
+pub(super) fn label(depth: &Estimator, disparity: &Estimator) -> String {
+    format!("{}+{}", depth.label, disparity.name)
+}
+
+/// Of the two estimators that a row's label names, that which has a score.
+pub(crate) fn of_label(estimators: &[Estimator], wanted: &str, metric: &str) -> Option<usize> {
+    let family = Family::Disparity.metrics().iter().any(|of: &Metric| of.name == metric);
+    estimators.iter().enumerate().filter(|(_, depth)| depth.family == Family::Depth).find_map(|(place, depth)| {
+        let name = wanted.strip_prefix(depth.label.as_str())?.strip_prefix('+')?;
+        let is_its = |of: &Estimator| {
+            of.family == Family::Disparity && of.name == name && (of.run, &of.variant) == (depth.run, &depth.variant)
+        };
+        let disparity = estimators.iter().position(is_its)?;
+        Some(if family { disparity } else { place })
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use depthloom_scores::{PixelSet, ScoreRow};
+    use serde::Deserialize as _;
+    use serde_json::json;
+
+    use super::super::tests::{csv, estimate, node, output, owned, refused};
+    use super::super::{Ranking, Selection};
+    use super::*;
+    use crate::error::AnalysisError;
+    use crate::estimators::estimators;
+    use crate::grid::Grid;
+    use crate::scores::FrameScore;
+
+    /// Two variants with a disparity, the depth that it becomes, and that depth smoothed: all three scored.
+    fn plan() -> RecordedPlan {
+        let (mut nodes, mut estimates) = (Vec::new(), Vec::new());
+        let depths = json!({ "preset": "paper", "sets": ["all"], "metrics": ["abs_rel"] });
+        let disparities = json!({ "sets": ["all"], "metrics": ["d1"], "mean": "pixels" });
+        for (variant, name) in ["block=3", "block=9"].into_iter().enumerate() {
+            let of = json!([variant]);
+            let topic = |name: &str| format!("/s/v{variant}/{name}");
+            let [disparity, depth, smooth] = ["disparity", "depth", "smooth"].map(topic);
+            nodes.push(node("stereo/sgbm", "match", &[], &output("disparity", "disparity", &disparity), &of));
+            let inputs = [("disparity", disparity.as_str())];
+            nodes.push(node("depth/from-disparity", "depth", &inputs, &output("depth", "depth", &depth), &of));
+            let inputs = [("depth", depth.as_str())];
+            nodes.push(node("filter/median", "smooth", &inputs, &output("depth", "depth", &smooth), &of));
+            for (kind, params, scored, topic) in [
+                ("score/depth", &depths, "depth", &depth),
+                ("score/depth", &depths, "smooth", &smooth),
+                ("score/disparity", &disparities, "disparity", &disparity),
+            ] {
+                let rows = format!("{topic}/rows");
+                let inputs = [("estimate", topic.as_str()), ("truth", "/s/source/truth")];
+                nodes.push(node(kind, &format!("score.{scored}"), &inputs, &output("rows", "scores", &rows), &of));
+                estimates.push(estimate(scored, &json!([variant, name]), topic, &rows, nodes.len() - 1, params));
+            }
+        }
+        let factors = ["3", "9"].map(|block| json!([{ "axis": "block", "value": block }]));
+        let plan = json!({
+            "experiment": "test", "about": "", "variants": ["block=3", "block=9"], "factors": factors, "every": 1, "view": false,
+            "runs": [{
+                "stage": "s", "prefix": "/s", "variants": [0, 1], "nodes": nodes, "estimates": estimates,
+                "source": { "name": "street", "parts": [], "outputs": [output("truth", "depth", "/s/source/truth")] },
+            }],
+        });
+        RecordedPlan::deserialize(plan).unwrap()
+    }
+
+    /// `depth`, `smooth` and `disparity` of the first variant, then of the second; disparities have fewer true pixels.
+    fn ask(ranking: &Ranking, selection: &Selection) -> Result<Grid, AnalysisError> {
+        let plan = plan();
+        let estimators = estimators(&plan).unwrap();
+        let values = [0.1, 0.2, 0.03, 0.4, 0.3, 0.01];
+        let score = |(estimator, value): (usize, f64)| {
+            let metric = Metric::named(if estimator % 3 == 2 { "d1" } else { "abs_rel" }).unwrap();
+            let truth = if estimator % 3 == 2 { 50 } else { 80 };
+            let row = ScoreRow { pixels: truth, truth, answered: 40, ..ScoreRow::new(PixelSet::All, "") };
+            FrameScore { frame: Arc::from("0"), position: 0, estimator, row: row.with(metric, value) }
+        };
+        let scores: Vec<FrameScore> = values.into_iter().enumerate().map(score).collect();
+        let ablation = Ablation::new(&plan, &estimators, &scores, &|_, _| None, None);
+        ranking.grid(&ablation, selection)
+    }
+
+    #[test]
+    fn a_depth_and_the_disparity_it_is_made_of_are_one_row() {
+        let grid = ask(&Ranking::default(), &Selection::default()).unwrap();
+        let expected = "\
+estimator,block,estimate,abs_rel,d1,density,disparity_density
+block=3/depth+disparity,3,depth+disparity,0.1,0.03,0.5,0.8
+block=3/smooth,3,smooth,0.2,,0.5,
+block=9/smooth,9,smooth,0.3,,0.5,
+block=9/depth+disparity,9,depth+disparity,0.4,0.01,0.5,0.8
+";
+        assert_eq!(csv(&grid), expected);
+        let text = grid.terminal(110);
+        assert!(text.contains("0.1000*  0.03000") && text.contains("0.4000   0.01000*"), "{text}");
+        assert!(!text.contains("kinds that cannot be compared"), "{text}");
+        assert!(text.contains("density is the depth's"), "{text}");
+        assert!(
+            grid.about.ends_with("over 1 frame, of some the mean, of others the pixels together; 4 rows by abs_rel")
+        );
+    }
+
+    #[test]
+    fn a_front_of_both_kinds_is_of_rows_that_have_both() {
+        let both = Ranking { pareto: owned(&["abs_rel", "d1"]), ..Ranking::default() };
+        let labels = |grid: &Grid| -> Vec<String> {
+            csv(grid).lines().skip(1).map(|line| line.split(',').next().unwrap().to_owned()).collect()
+        };
+        let on_it = labels(&ask(&both, &Selection::default()).unwrap());
+        assert_eq!(on_it, ["block=3/depth+disparity", "block=9/depth+disparity"]);
+        // No disparity was made of what is smoothed: nothing has both.
+        let apart = Selection { estimators: Some("smooth".to_owned()), ..Selection::default() };
+        assert!(refused(ask(&both, &apart)).starts_with("`d1` was not taken of the selected estimates"));
+    }
+
+    #[test]
+    fn where_scores_of_one_kind_are_asked_for_only_their_rows_are_there() {
+        let of = Ranking { columns: owned(&["d1", "density"]), ..Ranking::default() };
+        let grid = ask(&of, &Selection::default()).unwrap();
+        let expected = "estimator,block,d1,density\nblock=9/disparity,9,0.01,0.8\nblock=3/disparity,3,0.03,0.8\n";
+        assert_eq!(csv(&grid), expected);
+        assert!(grid.notes.contains(&"left out: 4 rows of which none of these scores was taken".to_owned()));
+    }
+
+    #[test]
+    fn rows_without_what_is_sorted_by_are_said_to_come_last_where_they_are_cut() {
+        let of = Ranking { sort: Some("d1".to_owned()), top: Some(2), ..Ranking::default() };
+        let grid = ask(&of, &Selection::default()).unwrap();
+        assert!(grid.about.ends_with("the first 2 of 4 rows by d1"), "{}", grid.about);
+        assert!(grid.notes.contains(&"2 of the rows that are not shown have no d1: they come last".to_owned()));
+    }
+
+    #[test]
+    fn the_label_of_both_names_the_one_that_has_the_score() {
+        let plan = plan();
+        let estimators = estimators(&plan).unwrap();
+        let named = |metric: &str| {
+            of_label(&estimators, "block=9/depth+disparity", metric).map(|place| estimators[place].label.as_str())
+        };
+        assert_eq!((named("abs_rel"), named("d1")), (Some("block=9/depth"), Some("block=9/disparity")));
+        assert_eq!(of_label(&estimators, "block=9/smoth+disparity", "d1"), None);
+    }
+}

@@ -1,0 +1,279 @@
+use std::sync::Arc;
+
+use depthloom_scores::{ScoreRow, Settings};
+
+use super::*;
+
+fn estimator(variant: Option<&str>, name: &str, sets: &[PixelSet]) -> Estimator {
+    Estimator {
+        label: variant.map_or_else(|| name.to_owned(), |variant| format!("{variant}/{name}")),
+        name: name.to_owned(),
+        variant: variant.map(str::to_owned),
+        run: 0,
+        sets: sets.to_vec(),
+        family: Family::Depth,
+        metrics: Family::Depth.defaults(),
+        mean: Mean::Frames,
+        settings: Some(Settings::default()),
+        preset: "preset paper".to_owned(),
+        score_topic: None,
+        estimate_topic: None,
+        truth_topic: None,
+        estimate: None,
+        truth: None,
+    }
+}
+
+fn estimators() -> Vec<Estimator> {
+    vec![
+        estimator(None, "stereo", &[PixelSet::Answered, PixelSet::All]),
+        estimator(Some("full"), "mono", &[PixelSet::All]),
+        estimator(Some("full"), "fused", &[PixelSet::All]),
+        estimator(Some("no_scaling"), "mono", &[PixelSet::All]),
+        estimator(Some("no_scaling"), "fused", &[PixelSet::All]),
+    ]
+}
+
+/// A score of frame `frame` for which all eight scores are `value`, but for rmse, which is ten times it.
+fn score(frame: &str, estimator: usize, set: PixelSet, value: f64) -> FrameScore {
+    let values = Family::Depth.defaults().into_iter();
+    let values = values.map(|metric| (metric, if metric.name == "rmse" { 10.0 * value } else { value }));
+    let row = ScoreRow { pixels: 5, truth: 8, answered: 5, ..ScoreRow::new(set, "") };
+    let row = values.fold(row, |row, (metric, value)| row.with(metric, value));
+    FrameScore { frame: Arc::from(frame), position: frame.parse().unwrap(), estimator, row }
+}
+
+/// A row with some scores changed.
+fn changed(row: &ScoreRow, to: impl Fn(&str) -> Option<f64>) -> ScoreRow {
+    let mut row = row.clone();
+    row.scores.iter_mut().for_each(|(metric, value)| *value = to(metric.name).unwrap_or(*value));
+    row
+}
+
+fn scores() -> Vec<FrameScore> {
+    let mut scores = Vec::new();
+    for (frame, shift) in [("0", 0.0), ("1", 0.2)] {
+        scores.push(score(frame, 0, PixelSet::Answered, 0.7 + shift));
+        for (estimator, value) in [0.3, 0.4, 0.5, 0.6, 0.7].into_iter().enumerate() {
+            scores.push(score(frame, estimator, PixelSet::All, value + shift));
+        }
+    }
+    scores
+}
+
+fn table(with_paper: bool) -> Table {
+    table_of(&scores(), &estimators(), with_paper)
+}
+
+fn table_of(scores: &[FrameScore], estimators: &[Estimator], with_paper: bool) -> Table {
+    Table::new("street_1", scores, estimators, with_paper, &|_, _| None)
+}
+
+/// By line: the marked columns.
+fn marked(table: &Table) -> [Vec<usize>; 8] {
+    std::array::from_fn(|line| (0..table.columns.len()).filter(|column| table.is_best(line, *column)).collect())
+}
+
+#[test]
+fn means_are_over_the_frames_that_all_estimators_have() {
+    let mut scores = scores();
+    // On frame 2 an estimator failed: it counts for nobody.
+    scores.extend((0..4).map(|estimator| score("2", estimator, PixelSet::All, 0.0)));
+    let table = table_of(&scores, &estimators(), false);
+    assert_eq!(table.columns.len(), 6);
+    for (column, mean) in table.columns.iter().zip([0.8, 0.4, 0.5, 0.6, 0.7, 0.8]) {
+        assert_eq!(column.frames, 2);
+        assert!((column.means[0].unwrap() - mean).abs() < 1e-12, "{column:?}");
+        assert!((column.means[5].unwrap() - 10.0 * mean).abs() < 1e-12, "{column:?}");
+    }
+    assert_eq!(table.about(), "mean over 2 frames");
+}
+
+#[test]
+fn a_frame_without_pixels_adds_nothing_and_is_said() {
+    let mut scores = scores();
+    scores[0].row = ScoreRow::new(PixelSet::Answered, "");
+    let table = table_of(&scores, &estimators(), false);
+    assert_eq!((table.columns[0].frames, table.columns[1].frames), (1, 2));
+    assert!((table.columns[0].means[0].unwrap() - 0.9).abs() < 1e-12);
+    assert_eq!(table.about(), "mean over 2 frames (stereo on answered: 1)");
+}
+
+#[test]
+fn pixels_of_all_frames_weigh_alike_where_that_is_asked_for_and_it_is_said() {
+    let of = |mean| Estimator { mean, ..estimator(None, "mono", &[PixelSet::All]) };
+    let mut rows = [score("0", 0, PixelSet::All, 0.5), score("1", 0, PixelSet::All, 0.8)];
+    // 5 pixels of 8, and 15 of 16.
+    (rows[1].row.pixels, rows[1].row.answered, rows[1].row.truth) = (15, 15, 16);
+    let table = |mean| table_of(&rows, &[of(mean)], false);
+    let (frames, pixels) = (table(Mean::Frames), table(Mean::Pixels));
+    let close = |ours: Option<f64>, expected: f64| assert!((ours.unwrap() - expected).abs() < 1e-12, "{ours:?}");
+    close(frames.columns[0].means[0], 0.65);
+    close(pixels.columns[0].means[0], (5.0 * 0.5 + 15.0 * 0.8) / 20.0);
+    close(pixels.columns[0].means[5], ((5.0 * 25.0 + 15.0 * 64.0_f64) / 20.0).sqrt());
+    close(pixels.columns[0].density, 20.0 / 24.0);
+    assert_eq!((frames.about(), pixels.about()), ("mean over 2 frames".into(), "over all pixels of 2 frames".into()));
+}
+
+#[test]
+fn no_scores_make_a_table_of_dashes() {
+    let table = table_of(&[], &estimators(), false);
+    assert!(table.columns.iter().all(|column| column.frames == 0 && column.means == vec![None; 8]));
+    assert_eq!(table.cell(0, 0), ("-".to_owned(), None));
+    assert_eq!(marked(&table), [const { Vec::<usize>::new() }; 8]);
+    assert_eq!(table.best_of(), None);
+}
+
+#[test]
+fn the_long_form_is_sorted_as_the_oracles() {
+    let mut csv = Vec::new();
+    table(true).long_form().write_csv(&mut csv).unwrap();
+    let csv = String::from_utf8(csv).unwrap();
+    let lines: Vec<Vec<&str>> = csv.lines().map(|line| line.split(',').collect()).collect();
+    let mut expected = vec!["estimator".to_owned(), "scored_on".to_owned()];
+    let eight = || Family::Depth.defaults().into_iter().map(|metric| metric.name);
+    expected.extend(eight().map(str::to_owned));
+    expected.push("frames".to_owned());
+    expected.extend(eight().map(|name| format!("paper_{name}")));
+    expected.push("density".to_owned());
+    assert_eq!(lines[0], expected);
+    let labels: Vec<&str> = lines[1..].iter().map(|line| line[0]).collect();
+    assert_eq!(labels, ["full/fused", "full/mono", "no_scaling/fused", "no_scaling/mono", "stereo", "stereo"]);
+    assert_eq!(lines[3][11], "0.85");
+}
+
+#[test]
+fn best_is_among_those_over_all_pixels() {
+    let marked = marked(&table(false));
+    assert_eq!((&marked[0][..], &marked[5][..]), ([5].as_slice(), [1].as_slice()));
+    assert_eq!(table(false).best_of(), Some("best over all true pixels"));
+}
+
+#[test]
+fn fault_02_frames_are_told_apart_by_their_place_and_not_by_their_id() {
+    // The same frame asked for twice, and one of another street that happens to have its id.
+    let mut scores = Vec::new();
+    for (position, shift) in [(0, 0.0), (1, 0.0), (2, 0.3)] {
+        let rows = [(0, PixelSet::Answered), (0, PixelSet::All), (1, PixelSet::All)];
+        let row = |(estimator, set)| FrameScore { position, ..score("7", estimator, set, 0.3 + shift) };
+        scores.extend(rows.map(row));
+    }
+    let table = table_of(&scores, &estimators()[..2], false);
+    assert_eq!(table.about(), "mean over 3 frames");
+    assert!(table.columns.iter().all(|column| (column.means[0].unwrap() - 0.4).abs() < 1e-12), "{table:?}");
+}
+
+#[test]
+fn fault_20_only_what_is_comparable_is_marked() {
+    let none = [const { Vec::<usize>::new() }; 8];
+    let two = |first: &Estimator, second: &Estimator, frames: [&[&str]; 2]| {
+        let rows = |i: usize| frames[i].iter().map(move |frame| score(frame, i, PixelSet::All, 0.5 + 0.1 * i as f64));
+        table_of(&rows(0).chain(rows(1)).collect::<Vec<_>>(), &[first.clone(), second.clone()], false)
+    };
+    let (mono, fused) =
+        (estimator(Some("a"), "mono", &[PixelSet::All]), estimator(Some("a"), "fused", &[PixelSet::All]));
+    let same = two(&mono, &fused, [&["0", "1"], &["0", "1"]]);
+    assert_eq!((&marked(&same)[0][..], &marked(&same)[3][..]), ([1].as_slice(), [0].as_slice()));
+    let elsewhere = Estimator { run: 1, ..fused.clone() };
+    assert_eq!(
+        marked(&two(&mono, &elsewhere, [&["0", "1"], &["0", "1"]])),
+        marked(&same),
+        "another run on the same frames"
+    );
+    assert_eq!(marked(&two(&mono, &elsewhere, [&["0", "1"], &["0", "2"]])), none, "other frames");
+    assert_eq!(marked(&two(&mono, &elsewhere, [&["0", "1"], &["0"]])), none, "fewer frames");
+    let capped = Settings { max_m: 50.0, ..Settings::default() };
+    let capped = Estimator { settings: Some(capped), ..fused.clone() };
+    assert_eq!(marked(&two(&mono, &capped, [&["0"], &["0"]])), none, "scored in another way");
+    let other_truth = Estimator { truth: Some("/s/lidar/depth".to_owned()), ..fused };
+    assert_eq!(marked(&two(&mono, &other_truth, [&["0"], &["0"]])), none, "against another truth");
+    assert_eq!(
+        marked(&table_of(&[score("0", 0, PixelSet::All, 0.5)], std::slice::from_ref(&mono), false)),
+        none,
+        "alone"
+    );
+    let answered = [mono.clone(), mono].map(|mono| Estimator { sets: vec![PixelSet::Answered], ..mono });
+    let rows = [0, 1].map(|i| score("0", i, PixelSet::Answered, 0.5));
+    assert_eq!(marked(&table_of(&rows, &answered, false)), none, "on the pixels each answered");
+}
+
+#[test]
+fn fault_20_sources_with_equal_ids_are_not_the_same_frames() {
+    let estimators = [estimator(Some("a"), "mono", &[PixelSet::All]), estimator(Some("b"), "mono", &[PixelSet::All])];
+    let estimators = [estimators[0].clone(), Estimator { run: 1, ..estimators[1].clone() }];
+    let rows = [score("0", 0, PixelSet::All, 0.5), score("0", 1, PixelSet::All, 0.6)];
+    let key = |run: usize, _: usize| Some(Key::of_content(&[run as u8]));
+    let table = Table::new("x", &rows, &estimators, false, &key);
+    assert_eq!(table.best_of(), None);
+    assert!(table_of(&rows, &estimators, false).best_of().is_some(), "of one source they would be");
+}
+
+#[test]
+fn fault_42_an_estimate_that_never_answered_is_never_best() {
+    let mut rows = vec![score("0", 0, PixelSet::All, 0.5), score("0", 1, PixelSet::All, 0.6)];
+    // What a missing answer everywhere gives: no pixel is near, and the spread of the log error is the truth's own.
+    rows.push(FrameScore {
+        row: changed(&rows[0].row, |metric| match metric {
+            "a1" | "a2" | "a3" => Some(0.0),
+            "silog" => Some(0.01),
+            _ => None,
+        }),
+        estimator: 2,
+        ..rows[0].clone()
+    });
+    let estimators = ["mono", "fused", "absent"].map(|name| estimator(None, name, &[PixelSet::All]));
+    assert_eq!(marked(&table_of(&rows, &estimators, false))[7], [0]);
+    // And a mean that is no number is not best either, whichever way is better.
+    rows[2].row = changed(&rows[0].row, |metric| match metric {
+        "a1" => Some(f64::INFINITY),
+        "silog" => Some(f64::NEG_INFINITY),
+        _ => None,
+    });
+    let marked = marked(&table_of(&rows, &estimators, false));
+    assert_eq!((&marked[0][..], &marked[7][..]), ([1].as_slice(), [0].as_slice()));
+}
+
+#[test]
+fn terminal_text() {
+    insta::assert_snapshot!("terminal", table(false).terminal(200));
+    insta::assert_snapshot!("terminal_narrow_with_paper", table(true).terminal(70));
+}
+
+#[test]
+fn markdown_text() {
+    insta::assert_snapshot!("markdown", table(true).markdown());
+}
+
+#[test]
+fn fault_38_latex_is_neither_a_poster_nor_a_hairline() {
+    let names: Vec<String> = (0..48).map(|i| format!("variant_{i}")).collect();
+    let of_variant =
+        |name: &String| ["mono", "fused"].map(|estimate| estimator(Some(name), estimate, &[PixelSet::All]));
+    let many: Vec<Estimator> = names.iter().flat_map(of_variant).collect();
+    let rows: Vec<FrameScore> = (0..many.len()).map(|i| score("0", i, PixelSet::All, 0.5)).collect();
+    let latex = table_of(&rows, &many, false).latex();
+    assert!(!latex.contains("resizebox"));
+    let blocks: Vec<usize> = latex
+        .lines()
+        .filter_map(|line| line.strip_prefix("\\begin{tabular}"))
+        .map(|columns| columns.matches('r').count())
+        .collect();
+    assert_eq!(blocks.iter().sum::<usize>(), 96);
+    assert!(blocks.iter().all(|columns| (2..=8).contains(columns)), "{blocks:?}");
+
+    let lone = table_of(&rows[..1], &many[..1], true).latex();
+    assert!(lone.contains("\\begin{table}[t]") && lone.contains("\\label{tab:street-1}"), "{lone}");
+    assert!(!lone.contains("\\textbf{0") && !lone.contains("in bold"), "a lone column is the best of nothing: {lone}");
+    let with_paper = table(true);
+    for text in [with_paper.latex(), with_paper.markdown()] {
+        assert!(
+            text.contains("{0.800} (0.85)") || text.contains("**0.800** (0.85)"),
+            "the paper's is not bold: {text}"
+        );
+    }
+}
+
+#[test]
+fn latex_text() {
+    insta::assert_snapshot!("latex", table(true).latex());
+}
