@@ -72,7 +72,7 @@ pub enum Command {
 }
 
 /// An experiment file, and what of it is set otherwise.
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 pub struct ExperimentArgs {
     /// The experiment file (YAML).
     #[arg(add = ArgValueCompleter::new(experiments()))]
@@ -80,13 +80,15 @@ pub struct ExperimentArgs {
 
     /// Set something in the experiment before its variants do: `compare.mono.with.cap=50`. Goes before the file and its defaults; a
     /// variant that sets the same keeps its own value, which is said, and where all do, it is an error. `variants.NAME.` in front sets it
-    /// there: `variants.full.compare.mono.with.cap=50`; `null` takes away a stage, node, source or variant: `variants.NAME=null`. May be
-    /// repeated; is recorded.
+    /// there: `variants.full.compare.mono.with.cap=50`, `matrix.` an axis or sample: `matrix.AXIS.values=[3,5]`, `matrix.AXIS.to=20`,
+    /// `matrix.sample.count=100`. `null` takes away a stage, node, source, variant or axis: `variants.NAME=null`. May be repeated; is
+    /// recorded.
     #[arg(long = "set", value_name = "PATH=VALUE", value_parser = parse_set)]
     pub set: Vec<(String, String)>,
 
-    /// Run one variant of each value: `--matrix compare.stereo.with.block=[3,5,9]`. Several are every combination. An axis that the
-    /// experiment's `matrix` has takes these values instead. May be repeated; is recorded.
+    /// Run one variant of each value: `--matrix compare.stereo.with.block=[3,5,9]`, or of a range: `{from: 0, to: 20, steps: 3}`. Several
+    /// are every combination. An axis that the experiment's `matrix` has takes these values instead. May be repeated, of each path once;
+    /// is recorded.
     #[arg(long, value_name = "PATH=[VALUES]", value_parser = parse_matrix)]
     pub matrix: Vec<(String, String)>,
 
@@ -467,10 +469,9 @@ fn parse_set(text: &str) -> Result<(String, String), String> {
     }
 }
 
-/// As `--set` of an axis.
 fn parse_matrix(text: &str) -> Result<(String, String), String> {
     match text.split_once('=') {
-        Some((path, values)) if !path.is_empty() => Ok((format!("matrix.{path}"), values.to_owned())),
+        Some((path, values)) if !path.is_empty() => Ok((path.to_owned(), values.to_owned())),
         _ => Err("expected PATH=[VALUES], e.g. compare.stereo.with.block=[3,5,9]".to_owned()),
     }
 }

@@ -29,9 +29,21 @@ fn taken(text: &str, set: &[&str], only: &[&str]) -> Result<Loaded, String> {
     let set = set.iter().filter_map(|argument| argument.split_once('='));
     let options = Options {
         set: set.map(|(path, value)| (path.to_owned(), value.to_owned())).collect(),
+        matrix: Vec::new(),
         only: only.iter().map(|&name| name.to_owned()).collect(),
         env: Box::new(|_| None),
     };
+    load(&path, &toys::registry(), &options).map_err(|found| found.to_string())
+}
+
+/// With these arguments of `--matrix`.
+fn with_matrix(text: &str, matrix: &[&str]) -> Result<Loaded, String> {
+    let folder = tempfile::tempdir().expect("a folder can be made");
+    let path = folder.path().join("main.yaml");
+    std::fs::write(&path, text).expect("a file can be written");
+    let pair = |argument: &&str| argument.split_once('=').map(|(path, value)| (path.to_owned(), value.to_owned()));
+    let options =
+        Options { matrix: matrix.iter().filter_map(pair).collect(), env: Box::new(|_| None), ..Options::default() };
     load(&path, &toys::registry(), &options).map_err(|found| found.to_string())
 }
 
@@ -127,6 +139,31 @@ matrix: { sources.test.with.seed: { values: [3, 4], when: { sources.test.kind: s
 }
 
 #[test]
+fn an_axis_that_is_nowhere_there_is_told_of() {
+    let said = |more: &str, matrix: &[&str]| {
+        let loaded = with_matrix(&format!("{BASE}{more}"), matrix).unwrap_or_else(|said| panic!("{said}"));
+        (loaded.plan.variants.len(), loaded.warnings.to_string())
+    };
+    let of_path = "matrix: { compare.left.with.p1: { values: [100, 400], when: { compare.left.with.mode: hh } } }\n";
+    let never = "warning: the axis `compare.left.with.p1` is in no combination: its `when` never holds";
+    assert!(said(of_path, &[]).1.contains(never), "{}", said(of_path, &[]).1);
+    let beside_others = format!("variants: {{ hh: {{ compare.left.with.mode: hh }}, plain: {{}} }}\n{of_path}");
+    assert_eq!(said(&beside_others, &[]), (3, String::new()));
+    // The command line may leave out the value that a condition speaks of; the file may not.
+    let of_axis = "matrix:
+  mode: { set: compare.left.with.mode, values: [sgbm, hh] }
+  compare.left.with.p1: { values: [100, 400], when: { mode: hh } }
+";
+    let (count, warnings) = said(of_axis, &["mode=[sgbm]"]);
+    assert!(count == 1 && warnings.contains(never), "{count} {warnings}");
+    // Of another kind the parameter is another one.
+    let of_kind = "variants: { road: {}, kitti: { sources.test.kind: kitti/stereo2015, sources.test.with: { root: data, truth: occ } } }
+matrix: { compare.left.with.block: { values: [3, 7], when: { sources.test.with.truth: occ } } }
+";
+    assert!(refused(of_kind).contains("nothing says what `sources.test.with.truth` is"), "{}", refused(of_kind));
+}
+
+#[test]
 fn a_condition_looks_at_what_is_above_it_or_written() {
     let below = "matrix:
   compare.left.with.p1: { values: [100, 400], when: { mode: hh } }
@@ -157,11 +194,35 @@ fn a_range_is_numbers_that_fit_their_parameter() {
         names("compare.depth.with.cap: { from: 0.5, to: 1, steps: 4 }"),
         ["cap=0.5", "cap=0.667", "cap=0.833", "cap=1"]
     );
+    assert_eq!(names("compare.score.cap: { from: 1e-300, to: 1e300, steps: 4, log: true }").len(), 4, "none is 0");
+    assert_eq!(names("compare.score.cap: { from: 1e-8, to: 1e8, steps: 3, log: true }")[1], "cap=1");
+    assert_eq!(names("compare.score.cap: { from: 1e-12, to: 1, steps: 3, log: true }")[1], "cap=1e-6");
     let of = |axis: &str| refused(&format!("matrix: {{ {axis} }}\n"));
     assert!(of("compare.left.with.p1: { from: 2, to: 64 }").contains("needs `steps`"));
     assert!(of("compare.left.with.p1: { from: 64, to: 2, steps: 3 }").contains("holds no numbers"));
     assert!(of("compare.left.with.p1: { from: 0, to: 2, steps: 3, log: true }").contains("begins above 0"));
     assert!(of("compare.left.with.p1: { from: 0, to: 2, step: 3 }").contains("did you mean `steps`?"));
+}
+
+#[test]
+fn a_range_with_fewer_numbers_than_steps_says_which_it_takes() {
+    let odd = BASE.replace(
+        "      merged:",
+        "      blurred: { kind: filter/median, inputs: { depth: depth/depth } }\n      merged:",
+    );
+    let odd = odd.replace("stereo: depth/depth", "stereo: blurred/depth");
+    let load =
+        |axis: &str| taken(&format!("{odd}matrix: {{ {axis} }}\n"), &[], &[]).unwrap_or_else(|said| panic!("{said}"));
+    let all = load("compare.blurred.with.size: { from: 2, to: 8, steps: 9 }");
+    assert_eq!(all.plan.variants, ["size=3", "size=5", "size=7"], "odd, as the parameter wants them");
+    let said = all.warnings.to_string();
+    assert!(said.contains("the range of `compare.blurred.with.size` holds 3 odd numbers, not 9"), "{said}");
+    assert!(said.contains("it takes `3`, `5`, `7`, each once"), "{said}");
+    let enough = load("compare.blurred.with.size: { from: 1, to: 9, steps: 3 }");
+    assert_eq!(enough.plan.variants, ["size=1", "size=5", "size=9"]);
+    assert!(enough.warnings.is_empty(), "{}", enough.warnings);
+    let drawn = load("compare.blurred.with.size: { from: 2, to: 8 }, sample: { method: random, count: 30 }");
+    assert_eq!(drawn.plan.variants.len(), 3, "{:?}", drawn.plan.variants);
 }
 
 #[test]
@@ -391,6 +452,10 @@ fn who_holds_what_could_follow_a_sweep_is_told() {
     ] {
         assert_eq!(warned(&fine), [], "{fine}");
     }
+    // Against those that follow.
+    let beside_auto = "matrix: { compare.left.with.p1: [auto, 200], compare.left.with.block: [3, 5, 9] }\n";
+    let loaded = try_load(beside_auto, &[], &[]).unwrap_or_else(|said| panic!("{said}"));
+    assert!(loaded.warnings.to_string().contains("the same in all variants that set it"), "{}", loaded.warnings);
     let in_variants = "variants: { small: { compare.left.with: { block: 3, p2: 900 } }, large: { compare.left.with: { block: 9, p2: 900 } } }\n";
     assert!(warned(in_variants)[0].0.starts_with("`p2` of node `left` stays 900"), "{:?}", warned(in_variants));
 }

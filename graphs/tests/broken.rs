@@ -8,10 +8,20 @@ use depthloom_graphs::language::{Options, load};
 
 fn said(path: &Path) -> String {
     let text = std::fs::read_to_string(path).expect("the file is there");
-    let set = text.lines().filter_map(|line| line.strip_prefix("# --set ")?.split_once('='));
-    let set = set.map(|(path, value)| (path.to_owned(), value.to_owned())).collect();
-    let only = text.lines().filter_map(|line| line.strip_prefix("# --variant ")).map(str::to_owned).collect();
-    let options = Options { set, only, env: Box::new(|name| (name == "KITTI").then(|| "/data/kitti".to_owned())) };
+    let given = |option: &str| -> Vec<String> {
+        text.lines().filter_map(|line| Some(line.strip_prefix(option)?.to_owned())).collect()
+    };
+    let pairs = |option: &str| -> Vec<(String, String)> {
+        let pair =
+            |argument: &String| argument.split_once('=').map(|(path, value)| (path.to_owned(), value.to_owned()));
+        given(option).iter().filter_map(pair).collect()
+    };
+    let options = Options {
+        set: pairs("# --set "),
+        matrix: pairs("# --matrix "),
+        only: given("# --variant "),
+        env: Box::new(|name| (name == "KITTI").then(|| "/data/kitti".to_owned())),
+    };
     match load(path, &toys::registry(), &options) {
         Ok(loaded) => panic!("{} is not broken: {}", path.display(), loaded.warnings),
         Err(diagnostics) => {

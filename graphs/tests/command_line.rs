@@ -138,6 +138,11 @@ fn the_kept_experiment_says_what_it_does_not_have() {
          experiment.resolved.yaml has it all, and repeats the run."
     );
     assert_eq!(rest, text);
+    let matrix = vec![("compare.stereo.with.mode".to_owned(), "[sgbm, hh]".to_owned())];
+    let options = Options { matrix, env: Box::new(|_| None), ..Options::default() };
+    let swept = load(&folder.path().join("main.yaml"), &toys::registry(), &options).unwrap();
+    assert_eq!(swept.plan.variants.len(), 6);
+    assert!(swept.kept[0].1.contains(": --matrix 'compare.stereo.with.mode=[sgbm, hh]'. "), "{}", swept.kept[0].1);
     std::fs::write(folder.path().join("main.yaml"), with).unwrap();
     assert_eq!(in_folder(folder.path(), &[]).unwrap().plan.variants.len(), 3, "it can be run");
 }

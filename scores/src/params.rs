@@ -4,8 +4,8 @@ use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    Align, Crop, DepthScores, DisparityScores, Family, Mean, Metric, PixelSet, Preset, ScaleInvariant, Settings,
-    SquaredRelative, ZoneParams,
+    Align, Crop, DepthScores, DisparityScores, Family, Mean, Metric, PixelSet, Pooling, Preset, ScaleInvariant,
+    Settings, SquaredRelative, ZoneParams,
 };
 
 /// How depths are scored, in an experiment and in a recording's plan: a preset, and what differs from it. Parameters of `score/depth`.
@@ -88,6 +88,28 @@ impl ScoreParams {
     /// The parameter at fault, by its name, and why.
     pub fn check(&self) -> Result<(), (&'static str, String)> {
         self.scores().map(drop)
+    }
+
+    /// Whether all that is asked for can have a value. An experiment that asks for more is refused; a recording of one can be read.
+    ///
+    /// # Errors
+    /// The parameter at fault, by its name, and why.
+    pub fn check_values(&self) -> Result<(), (&'static str, String)> {
+        if let (Mean::Pixels, Some(MetricNames::Listed(_))) = (self.mean, &self.metrics)
+            && let Some(metric) = self.metrics()?.into_iter().find(|metric| metric.pooling == Pooling::None)
+        {
+            let what = format!("metrics names {}, which has no value over all pixels of all frames", metric.name);
+            return Err(("metrics", format!("{what}: leave it out, or take `mean: frames`")));
+        }
+        let Settings { min_m, max_m, .. } = self.settings();
+        match self.zones.distance_m.windows(2).find(|band| band[0] >= max_m || band[1] <= min_m) {
+            None => Ok(()),
+            Some(band) => {
+                let what = format!("zones: the band {}..{} holds nothing", band[0], band[1]);
+                let what = format!("{what}, for truth is scored from {min_m} to {max_m} m (min_m, max_m)");
+                Err(("zones", format!("{what}: leave it out, or let them reach farther")))
+            }
+        }
     }
 
     /// What takes these scores.
@@ -264,6 +286,22 @@ mod tests {
         assert_eq!((older(true).settings().align, older(false).settings().align), (Align::Median, Align::None));
         let both = ScoreParams { align: Some(Align::None), ..older(true) };
         assert_eq!(both.check().unwrap_err().0, "median_scaling");
+    }
+
+    #[test]
+    fn what_can_have_no_value_is_refused() {
+        let pixels = |metrics| ScoreParams { mean: Mean::Pixels, metrics: Some(metrics), ..ScoreParams::default() };
+        let (name, what) = pixels(listed(&["mae", "median_error"])).check_values().unwrap_err();
+        assert!(name == "metrics" && what.contains("median_error, which has no value over all pixels"), "{what}");
+        assert_eq!(pixels(listed(&["mae"])).check_values(), Ok(()));
+        assert_eq!(pixels(MetricNames::Word("all".to_owned())).check_values(), Ok(()), "all that there are");
+        let bands = |distance_m: &[f64], max_m| {
+            let zones = ZoneParams { distance_m: distance_m.to_vec(), ..ZoneParams::default() };
+            ScoreParams { zones, max_m, ..ScoreParams::default() }.check_values()
+        };
+        let (name, what) = bands(&[0.0, 50.0, 80.0, 120.0], None).unwrap_err();
+        assert!(name == "zones" && what.starts_with("zones: the band 80..120 holds nothing"), "{what}");
+        assert_eq!((bands(&[0.0, 50.0, 120.0], None), bands(&[80.0, 120.0], Some(120.0))), (Ok(()), Ok(())));
     }
 
     /// Against the formulas written out, on answers and on one that is missing: 1e-4 m.

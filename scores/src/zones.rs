@@ -86,12 +86,14 @@ impl ZoneParams {
     /// # Errors
     /// What is wrong, and the remedy.
     pub fn check(&self) -> Result<(), String> {
-        let ascending = self.distance_m.windows(2).all(|pair| pair[0] < pair[1]);
-        let finite = self.distance_m.iter().all(|bound| bound.is_finite() && *bound >= 0.0);
-        if self.distance_m.len() == 1 || !ascending || !finite {
-            return Err("distance_m wants two or more bounds in metres, each above the one before it: \
-                        [0, 10, 20, 30, 50, 80]"
-                .to_owned());
+        if let Some(bound) = self.distance_m.iter().find(|bound| !(bound.is_finite() && **bound >= 0.0)) {
+            return Err(format!("distance_m has {bound}: a bound is a distance in metres, 0 or more"));
+        }
+        if let [bound] = self.distance_m[..] {
+            return Err(format!("distance_m has {bound} alone: a band has two bounds"));
+        }
+        if let Some(pair) = self.distance_m.windows(2).find(|pair| pair[0] >= pair[1]) {
+            return Err(format!("distance_m has {} after {}: each bound is above the one before it", pair[1], pair[0]));
         }
         for (name, bands) in [("rows", self.rows), ("columns", self.columns)] {
             if bands > 64 {
@@ -245,8 +247,14 @@ mod tests {
     fn bands_that_cannot_be_cut_are_refused() {
         let of = |distance_m: &[f64]| ZoneParams { distance_m: distance_m.to_vec(), ..ZoneParams::default() }.check();
         assert!(of(&[]).is_ok() && of(&[0.0, 80.0]).is_ok());
-        for wrong in [&[10.0][..], &[0.0, 0.0], &[20.0, 10.0], &[0.0, f64::INFINITY], &[-1.0, 3.0]] {
-            assert!(of(wrong).unwrap_err().starts_with("distance_m wants"), "{wrong:?}");
+        for (wrong, what) in [
+            (&[10.0][..], "distance_m has 10 alone: a band has two bounds"),
+            (&[0.0, 0.0], "distance_m has 0 after 0: each bound is above the one before it"),
+            (&[20.0, 10.0], "distance_m has 10 after 20: each bound is above the one before it"),
+            (&[0.0, f64::INFINITY], "distance_m has inf: a bound is a distance in metres, 0 or more"),
+            (&[-1.0, 3.0], "distance_m has -1: a bound is a distance in metres, 0 or more"),
+        ] {
+            assert_eq!(of(wrong).unwrap_err(), what);
         }
     }
 }

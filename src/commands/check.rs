@@ -70,8 +70,8 @@ fn found(stop: &Stop) -> impl Iterator<Item = &Diagnostic> {
 
 /// Loads an experiment; prints what it warns of unless `quiet`.
 pub fn load(args: &ExperimentArgs, registry: &Registry, quiet: bool) -> Result<Loaded, Stop> {
-    let set = args.set.iter().chain(&args.matrix).cloned().collect();
-    let options = depthloom_graphs::language::Options { set, only: args.variants.clone(), ..Default::default() };
+    let ExperimentArgs { set, matrix, variants, .. } = args.clone();
+    let options = depthloom_graphs::language::Options { set, matrix, only: variants, ..Default::default() };
     match depthloom_graphs::language::load(&args.experiment, registry, &options) {
         Ok(loaded) => {
             if !quiet {

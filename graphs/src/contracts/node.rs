@@ -193,7 +193,8 @@ pub struct NodeDeclaration {
 /// A node kind: everything about it declared in one place.
 pub trait Node: 'static {
     /// Its parameters; their docs, defaults and ranges give the schema, the reference page and the checks.
-    /// Range attributes of schemars (`#[schemars(range(min = 1))]`, `extend("multipleOf" = 16)`) are checked by the language.
+    /// Range attributes of schemars (`#[schemars(range(min = 1))]`, `extend("multipleOf" = 16)`,
+    /// `extend("not" = { "multipleOf": 2 })` for odd numbers) are checked by the language.
     ///
     /// A parameter that decides no output, only how it is come by (memory, threads, how often a checkpoint is written), is declared
     /// so: `#[schemars(extend("operational" = true))]`. It enters no key and no recording, and nodes that differ in such parameters

@@ -1,4 +1,4 @@
-//! Errors that an argument of `--set` leads to and that show elsewhere: they point at the argument.
+//! Errors that an argument of `--set` or `--matrix` leads to and that show elsewhere: they point at the argument.
 //!
 //! A new kind, source or size is right where it is written, and wrong with what the file says of other nodes. What is at fault shows
 //! in what is left without it: the experiment is looked at again, each time with one argument less.
@@ -6,7 +6,7 @@
 use std::collections::HashSet;
 use std::sync::Arc;
 
-use super::change::overrides;
+use super::change::overrides::{Argument, is_argument};
 use super::text::diagnostics::{Diagnostic, Diagnostics, Identity, Severity};
 use super::text::source_file::Place;
 
@@ -17,14 +17,14 @@ const MOST: usize = 32;
 /// argument of that position.
 pub(crate) fn pointed(
     mut found: Diagnostics,
-    set: &[(String, String)],
+    arguments: &[Argument],
     without: impl Fn(usize) -> Diagnostics,
 ) -> Diagnostics {
-    if set.len() > MOST {
+    if arguments.len() > MOST {
         return found;
     }
     let before = errors(&found);
-    for (index, (path, value)) in set.iter().enumerate().rev() {
+    for (index, argument) in arguments.iter().enumerate().rev() {
         if !found.iter().any(shows_elsewhere) {
             break;
         }
@@ -33,7 +33,7 @@ pub(crate) fn pointed(
         if !rest.is_subset(&before) {
             continue;
         }
-        let argument = Place::whole(&Arc::new(overrides::argument(path, value)));
+        let argument = Place::whole(&Arc::new(argument.file()));
         for diagnostic in found.0.iter_mut().filter(|d| shows_elsewhere(d) && !rest.contains(&d.identity())) {
             let shown = Place { file: Arc::clone(&diagnostic.file), span: diagnostic.span.clone() };
             let label = match std::mem::replace(&mut diagnostic.label, "leads to this".to_owned()) {
@@ -52,5 +52,5 @@ fn errors(diagnostics: &Diagnostics) -> HashSet<Identity> {
 }
 
 fn shows_elsewhere(diagnostic: &Diagnostic) -> bool {
-    diagnostic.severity == Severity::Error && diagnostic.file.name != overrides::NAME
+    diagnostic.severity == Severity::Error && !is_argument(&diagnostic.file)
 }

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use super::blame;
 use super::change::apply::{self, Change};
 use super::change::outlasted::Outlasted;
-use super::change::overrides;
+use super::change::overrides::{self, Argument};
 use super::change::parameter::Parameters;
 use super::change::path::Scope;
 use super::change::variant::Variant;
@@ -41,6 +41,8 @@ const ENOUGH_VARIANTS: usize = 200;
 pub struct Options<'a> {
     /// `--set path=value`, in order: path and value.
     pub set: Vec<(String, String)>,
+    /// `--matrix path=[values]`, in order, after `--set`: an axis by its name or path, and its values.
+    pub matrix: Vec<(String, String)>,
     /// `--variant`: of the variants those whose names are of one of these forms, with `*` for any run of characters; all, if empty.
     pub only: Vec<String>,
     /// Looks up an environment variable.
@@ -55,7 +57,7 @@ impl Default for Options<'_> {
     fn default() -> Self {
         // What is no UTF-8 keeps a sign of it, and is refused where it is used.
         let env = |name: &str| std::env::var_os(name).map(|value| value.to_string_lossy().into_owned());
-        Self { set: Vec::new(), only: Vec::new(), env: Box::new(env) }
+        Self { set: Vec::new(), matrix: Vec::new(), only: Vec::new(), env: Box::new(env) }
     }
 }
 
@@ -81,10 +83,11 @@ pub struct Loaded {
 /// # Errors
 /// Everything that is wrong with it, in one pass; what is no YAML at all, or names a file that cannot be read, stops there.
 pub fn load(path: &Path, registry: &Registry, options: &Options<'_>) -> Result<Loaded, Diagnostics> {
-    let looked_at = |set: &[(String, String)]| look_at(path, registry, &*options.env, set, &options.only);
-    looked_at(&options.set).map_err(|found| {
-        blame::pointed(found, &options.set, |argument| {
-            let rest = [&options.set[..argument], &options.set[argument + 1..]].concat();
+    let arguments = Argument::all(&options.set, &options.matrix);
+    let looked_at = |arguments: &[Argument]| look_at(path, registry, &*options.env, arguments, &options.only);
+    looked_at(&arguments).map_err(|found| {
+        blame::pointed(found, &arguments, |argument| {
+            let rest = [&arguments[..argument], &arguments[argument + 1..]].concat();
             looked_at(&rest).map_or_else(|wrong| wrong, |loaded| loaded.warnings)
         })
     })
@@ -92,26 +95,26 @@ pub fn load(path: &Path, registry: &Registry, options: &Options<'_>) -> Result<L
 
 /// What the command line says of an experiment.
 struct Arguments<'a> {
-    /// `--set`, as typed and as read.
-    set: &'a [(String, String)],
+    /// `--set` and `--matrix`, as typed and as read.
+    typed: &'a [Argument],
     changes: &'a [Change],
     /// The names given to `--variant`.
     only: Option<Node>,
 }
 
-/// As [`load`], with these arguments of `--set`; what is wrong points at where it shows.
+/// As [`load`], with these arguments of `--set` and `--matrix`; what is wrong points at where it shows.
 fn look_at(
     path: &Path,
     registry: &Registry,
     env: &environment::Lookup<'_>,
-    set: &[(String, String)],
+    typed: &[Argument],
     only: &[String],
 ) -> Result<Loaded, Diagnostics> {
     let mut report = Report::default();
     let mut files = Files::new(env);
-    let (changes, set_files) = overrides::changes(set, &mut report);
+    let (changes, set_files) = overrides::changes(typed, &mut report);
     let (only, only_files) = overrides::only(only);
-    let arguments = Arguments { set, changes: &changes, only };
+    let arguments = Arguments { typed, changes: &changes, only };
     let planned = planned(path, registry, env, arguments, &mut files, &mut report);
     let mut order = files.sources();
     order.extend(set_files.into_iter().chain(only_files));
@@ -132,7 +135,7 @@ fn planned(
     path: &Path,
     registry: &Registry,
     env: &environment::Lookup<'_>,
-    Arguments { set, changes, only }: Arguments<'_>,
+    Arguments { typed, changes, only }: Arguments<'_>,
     files: &mut Files<'_>,
     report: &mut Report,
 ) -> Option<Loaded> {
@@ -188,7 +191,7 @@ fn planned(
     upstream::check(&runs, &shared.runs, &names, registry, report);
     equal_variants(&variants, &shared, report);
     overruled(&names, &shared, report);
-    let kept = kept::files(files, &root, &overrides::typed(set, only.as_ref()), &resolver.anywhere);
+    let kept = kept::files(files, &root, &overrides::typed(typed, only.as_ref()), &resolver.anywhere);
     let plan = Plan {
         experiment,
         about,

@@ -298,7 +298,7 @@ node!(Merge, "fusion/confidence", Pure, MergeParams,
 #[serde(default, deny_unknown_fields)]
 pub struct MedianParams {
     /// The side of the window, pixels.
-    #[schemars(range(min = 1, max = 9))]
+    #[schemars(range(min = 1, max = 9), extend("not" = { "multipleOf": 2 }))]
     size: u32,
     /// Windows tried in turn.
     sizes: Vec<u32>,

@@ -51,7 +51,8 @@ impl Node for ScoreDepth {
     }
 
     fn check(params: &ScoreParams) -> Result<(), (&'static str, String)> {
-        params.check()
+        params.check()?;
+        params.check_values()
     }
 
     fn build(params: ScoreParams) -> Result<Instance, Fault> {

@@ -23,4 +23,4 @@ Every row says its zone, how many pixels counted, how many true pixels the zone 
 always comes first, as the zone without a name. `zones:` adds bands of true distance, of rows and of columns; each optional input that is wired adds two more: `image` \
 the zones `edges` and `textureless`, `occluded` the zones `visible` and `occluded` (KITTI: `noc` against `occ` truth), `obj_map` the zones `background` and \
 `foreground` (KITTI 2015: D1-bg and D1-fg are `d1` there). Zones may overlap.\n\n\
-A data set's value is the unweighted mean over its frames, or with `mean: pixels` the value over all pixels of all frames; `median_error` has none.\n\n";
+A data set's value is the unweighted mean over its frames, or with `mean: pixels` the value over all pixels of all frames; `median_error` has none, and is refused there.\n\n";

@@ -34,12 +34,12 @@ pub struct BmParams {
     #[schemars(range(min = -2047, max = 2031))]
     pub min_disparity: i32,
     /// Side of the matched block, px (`blockSize`): odd, less than the image's width and height.
-    #[schemars(range(min = 5, max = 255))]
+    #[schemars(range(min = 5, max = 255), extend("not" = { "multipleOf": 2 }))]
     pub block: i32,
     /// What is matched (`preFilterType`): `xsobel` or `normalized-response`.
     pub prefilter: BmPrefilter,
     /// Side of the window of `normalized-response`, px (`preFilterSize`): odd.
-    #[schemars(range(min = 5, max = 255))]
+    #[schemars(range(min = 5, max = 255), extend("not" = { "multipleOf": 2 }))]
     pub prefilter_size: i32,
     /// Clip of the prefilter (`preFilterCap`).
     #[schemars(range(min = 1, max = 63))]

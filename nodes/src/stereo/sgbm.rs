@@ -39,7 +39,7 @@ pub struct SgbmParams {
     #[schemars(range(min = -2047, max = 2031))]
     pub min_disparity: i32,
     /// Side of the matched block, px (`blockSize`): odd.
-    #[schemars(range(min = 1, max = 255))]
+    #[schemars(range(min = 1, max = 255), extend("not" = { "multipleOf": 2 }))]
     pub block: i32,
     /// Penalty for a disparity change of one pixel between neighbours (`P1`). `auto` is `8 c block^2` as OpenCV's documentation has it, of
     /// `c` channels matched: here 1, grey; at most 8191. 0 stands for 2.

@@ -10,6 +10,8 @@ mod sample;
 use std::collections::HashSet;
 use std::sync::Arc;
 
+use serde_json::json;
+
 pub(super) use axis::KEYS as AXIS_KEYS;
 use axis::{Axis, Condition, Level, Values};
 pub(super) use sample::KEYS as SAMPLE_KEYS;
@@ -19,6 +21,7 @@ use super::apply::{self, Change};
 use super::parameter::Parameters;
 use super::path::{self, Scope};
 use super::variant::{MOST, changes, too_many};
+use crate::language::check::schema_check::violations;
 use crate::language::text::diagnostics::{Diagnostic, Report};
 use crate::language::text::names;
 use crate::language::text::resolved::as_written;
@@ -101,8 +104,11 @@ pub(crate) fn made_of(
     for matrix in matrices {
         let before = count(&combinations);
         let mut found = vec![false; matrix.excluded.len()];
+        let mut nowhere: Vec<&Axis> = matrix.axes.iter().filter(|axis| !axis.when.is_empty()).collect();
         for (changes, combinations) in declared.iter().zip(&mut combinations) {
-            combinations.extend(matrix.combinations(changes, &mut found, parameters, report));
+            let own = matrix.combinations(changes, &mut found, parameters, report);
+            nowhere.retain(|axis| !own.iter().flatten().any(|level| level.axis == axis.key));
+            combinations.extend(own);
             if combinations.len() > MOST {
                 return Vec::new();
             }
@@ -115,6 +121,13 @@ pub(crate) fn made_of(
         }
         if count(&combinations) == before && !report.has_errors() {
             report.push(Diagnostic::error(&matrix.place, "the matrix has no combination left"));
+        }
+        for axis in nowhere.into_iter().filter(|_| !report.has_errors()).collect::<Vec<_>>() {
+            let what = format!("the axis `{}` is in no combination: its `when` never holds", axis.key);
+            let warning = Diagnostic::warning(&axis.when[0].place, what).label("has another value everywhere");
+            report.push(
+                warning.help("let an axis above or a variant set it to one of these values, or leave the axis out"),
+            );
         }
     }
     let mut all: Vec<String> = combinations.iter().flatten().flatten().map(|level| level.axis.clone()).collect();
@@ -189,6 +202,10 @@ fn matrix(entries: &[Entry], place: &Place, parameters: &Parameters<'_>, report:
     }
     let sample = own("sample").and_then(|entry| sample::read(entry, MOST, report));
     let is_sampled = own("sample").is_some();
+    if let Some(entry) = own("sample").filter(|_| count == 0) {
+        let error = Diagnostic::error(&entry.key_place, "`sample` has no axes to draw from").label("draws nothing");
+        report.push(error.help("write an axis beside it, e.g. `STAGE.NODE.with.X: { from: 2, to: 64 }`"));
+    }
     let axes: Vec<Axis> = of_axes.filter_map(|entry| Axis::read(entry, parameters, is_sampled, report)).collect();
     let is_whole = axes.len() == count && sample.is_some() == is_sampled;
     let mut matrix =
@@ -225,17 +242,19 @@ impl Matrix {
     /// What `include` and `exclude` say of an axis or a path.
     fn part(&self, asked: &Change, report: &mut Report) -> Option<Part> {
         let (key, text) = (&asked.path, value_text(&asked.value));
-        let named = self.axes.iter().find(|axis| axis.key == *key).filter(|_| !key.contains('.'));
-        let Some(axis) = named else {
+        if key.contains('.') {
             return Some(Arc::new(Level { axis: key.clone(), text, changes: vec![asked.clone()] }));
+        }
+        let Some(axis) = self.axes.iter().find(|axis| axis.key == *key) else {
+            let error = Diagnostic::error(&asked.place, format!("there is no axis `{key}`")).label("names nothing");
+            report.push(error.maybe_help(names::suggestion(key, "its axes", &self.keys())));
+            return None;
         };
         if let Some(level) = axis.named(&text) {
             return Some(Arc::clone(level));
         }
         if axis.paths.is_empty() {
-            let known: Vec<&str> = axis.names();
-            let error = Diagnostic::error(&asked.value.place, format!("the axis `{key}` has no value `{text}`"));
-            report.push(error.label("no such value").maybe_help(names::suggestion(&text, "its values", &known)));
+            report.push(axis.no_value(&text, &asked.value.place));
             return None;
         }
         Some(Arc::new(axis.level(text, &asked.value)))
@@ -251,7 +270,7 @@ impl Matrix {
     ) -> Vec<Combination> {
         let mut combinations = match &self.sample {
             Some(sample) => self.drawn(sample, of_variant, parameters, report),
-            None => self.product(of_variant, parameters, report),
+            None => self.product(&self.axes, of_variant, parameters, report),
         };
         for (excluded, found) in self.excluded.iter().zip(found) {
             let before = combinations.len();
@@ -275,10 +294,16 @@ impl Matrix {
         combinations
     }
 
-    /// All combinations.
-    fn product(&self, of_variant: &[Change], parameters: &Parameters<'_>, report: &mut Report) -> Vec<Combination> {
-        let mut combinations: Vec<Combination> = if self.axes.is_empty() { Vec::new() } else { vec![Vec::new()] };
-        for axis in &self.axes {
+    /// All combinations of axes, which are the matrix's own or what they stand for.
+    fn product(
+        &self,
+        axes: &[Axis],
+        of_variant: &[Change],
+        parameters: &Parameters<'_>,
+        report: &mut Report,
+    ) -> Vec<Combination> {
+        let mut combinations: Vec<Combination> = if axes.is_empty() { Vec::new() } else { vec![Vec::new()] };
+        for axis in axes {
             let Values::Listed(levels) = &axis.values else { continue };
             let mut longer = Vec::with_capacity(combinations.len());
             for combination in combinations {
@@ -288,7 +313,7 @@ impl Matrix {
                 }
                 longer.extend(levels.iter().map(|level| [&combination[..], &[Arc::clone(level)]].concat()));
                 if longer.len() > MOST {
-                    let count = self.axes.iter().fold(1_usize, |count, axis| count.saturating_mul(axis.len()));
+                    let count = axes.iter().fold(1_usize, |count, axis| count.saturating_mul(axis.len()));
                     report.push(too_many(&self.place, count));
                     return Vec::new();
                 }
@@ -296,6 +321,13 @@ impl Matrix {
             combinations = longer;
         }
         combinations
+    }
+
+    /// How many combinations there are to draw from, where they can be counted.
+    fn different(&self, of_variant: &[Change], parameters: &Parameters<'_>, report: &mut Report) -> Option<usize> {
+        let listed: Vec<Axis> = self.axes.iter().map(Axis::listed).collect::<Option<_>>()?;
+        let count = listed.iter().fold(1_usize, |count, axis| count.saturating_mul(axis.len()));
+        (count <= MOST).then(|| self.product(&listed, of_variant, parameters, report).len())
     }
 
     /// Some combinations, each once.
@@ -312,6 +344,7 @@ impl Matrix {
             Method::Random => sample.count.saturating_mul(100),
         };
         let mut shares: Vec<_> = (0..self.axes.len()).map(|axis| sample.shares(axis)).collect();
+        let most = self.different(of_variant, parameters, report).map_or(sample.count, |all| all.min(sample.count));
         let mut seen = HashSet::new();
         let mut combinations = Vec::with_capacity(sample.count);
         for _ in 0..draws {
@@ -335,7 +368,7 @@ impl Matrix {
             if seen.insert(key) {
                 combinations.push(combination);
             }
-            if combinations.len() == sample.count {
+            if combinations.len() == most {
                 break;
             }
         }
@@ -400,48 +433,91 @@ impl Matrix {
         is_among(&value)
     }
 
-    /// Reports conditions on what is no axis above and no path.
-    fn check_conditions(&self, parameters: &Parameters<'_>, report: &mut Report) {
-        for (index, axis) in self.axes.iter().enumerate() {
-            let (above, below) = self.axes.split_at(index);
-            for condition in &axis.when {
-                let of = &condition.of;
-                let sets = |axes: &[Axis]| axes.iter().any(|axis| axis.key == *of || axis.sets(of));
-                if sets(above) {
-                    continue;
-                }
-                let error = if sets(below) {
-                    let what = format!("`when` of the axis `{}` looks at `{of}`, which is not above it", axis.key);
-                    Diagnostic::error(&condition.place, what).label("comes later").help("move that axis above this one")
-                } else if of.contains('.') {
-                    match path::located(parameters.root, of, Scope::Variant) {
-                        Ok(_) => continue,
-                        Err(unknown) => {
-                            let place = condition.place.part(of, unknown.range);
-                            Diagnostic::error(&place, unknown.what).label("names nothing").maybe_help(unknown.help)
-                        }
-                    }
-                } else {
-                    let known: Vec<&str> = above.iter().map(|axis| axis.key.as_str()).collect();
-                    Diagnostic::error(&condition.place, format!("there is no axis `{of}` above"))
-                        .label("names nothing")
-                        .maybe_help(names::suggestion(of, "axes above", &known))
-                };
-                report.push(error);
-            }
+    /// Reports conditions that cannot hold; they are left out, so that nothing more is said of them.
+    fn check_conditions(&mut self, parameters: &Parameters<'_>, report: &mut Report) {
+        for index in 0..self.axes.len() {
+            let mut conditions = std::mem::take(&mut self.axes[index].when);
+            conditions.retain(|condition| {
+                let wrong = self.wrong_with(condition, index, parameters);
+                let is_sound = wrong.is_none();
+                wrong.into_iter().for_each(|error| report.push(error));
+                is_sound
+            });
+            self.axes[index].when = conditions;
         }
     }
 
+    /// What is wrong with a condition of the axis at `index`.
+    fn wrong_with(&self, condition: &Condition, index: usize, parameters: &Parameters<'_>) -> Option<Diagnostic> {
+        let of = &condition.of;
+        let (above, below) = self.axes.split_at(index);
+        let sets = |axes: &[Axis]| axes.iter().any(|axis| axis.key == *of || axis.sets(of));
+        if sets(below) && !sets(above) {
+            let what = format!("`when` of the axis `{}` looks at `{of}`, which is not above it", self.axes[index].key);
+            let error = Diagnostic::error(&condition.place, what).label("comes later");
+            return Some(error.help("move that axis above this one"));
+        }
+        let axis = above.iter().find(|axis| axis.key == *of && !of.contains('.'));
+        if axis.is_none() && !of.contains('.') {
+            let known: Vec<&str> = above.iter().map(|axis| axis.key.as_str()).collect();
+            let error = Diagnostic::error(&condition.place, format!("there is no axis `{of}` above"));
+            return Some(error.label("names nothing").maybe_help(names::suggestion(of, "axes above", &known)));
+        }
+        if axis.is_none()
+            && let Err(unknown) = path::located(parameters.root, of, Scope::Variant)
+        {
+            let place = condition.place.part(of, unknown.range);
+            return Some(Diagnostic::error(&place, unknown.what).label("names nothing").maybe_help(unknown.help));
+        }
+        if condition.among.is_empty() {
+            let error = Diagnostic::error(&condition.place, format!("`when` names no value of `{of}`"));
+            return Some(error.label("never holds").help("name one, or several: `[sgbm, hh]`"));
+        }
+        condition.among.iter().find_map(|wanted| match axis {
+            Some(axis) => axis.never_has(wanted),
+            None => self.never_has(of, wanted, parameters),
+        })
+    }
+
+    /// What is wrong with a value that what a path names is to have, if it can have no such value.
+    fn never_has(&self, path: &str, wanted: &Node, parameters: &Parameters<'_>) -> Option<Diagnostic> {
+        let (instance, name) = path.rsplit_once('.')?;
+        let (instance, _) = instance.split_once(".with").unwrap_or((instance, ""));
+        // Of another kind it may be another parameter.
+        let kind = format!("{instance}.kind");
+        let variants = parameters.root.get("variants").map_or(&[][..], |variants| variants.entries());
+        let mut changed = variants.iter().flat_map(|variant| variant.value.entries()).map(|entry| &entry.key);
+        let is_other = |path: &str| path == kind || path == instance;
+        if changed.any(|path| is_other(path)) || self.axes.iter().any(|axis| axis.sets(&kind) || axis.sets(instance)) {
+            return None;
+        }
+        let (value, schema) =
+            (json!({ name: wanted.to_json() }), json!({ "properties": { name: parameters.schema(path)? } }));
+        let violation = violations(&value, &schema).into_iter().next()?;
+        Some(Diagnostic::error(&wanted.place, violation.what).label(violation.label).maybe_help(violation.help))
+    }
+
+    fn keys(&self) -> Vec<&str> {
+        self.axes.iter().map(|axis| axis.key.as_str()).collect()
+    }
+
     fn excludes_nothing(&self, listed: &Listed, report: &mut Report) {
-        let unknown = |part: &&Part| {
-            let known = |axis: &Axis| axis.key == part.axis || axis.sets(&part.axis);
-            !self.axes.iter().any(known)
-        };
-        let place = listed.parts.iter().find(unknown).and_then(|part| part.changes.first());
-        report.push(
-            Diagnostic::error(place.map_or(&listed.place, |change| &change.place), "this excludes no combination")
-                .help("an `exclude` names paths of the matrix with values that their lists hold"),
-        );
+        let wrong = listed.parts.iter().find_map(|part| {
+            let change = part.changes.first()?;
+            match self.axes.iter().find(|axis| axis.key == part.axis || axis.sets(&part.axis)) {
+                Some(axis) if axis.key == part.axis => axis.never_has(&change.value),
+                Some(_) => None,
+                None => {
+                    let error = Diagnostic::error(&change.place, format!("no axis sets `{}`", part.axis));
+                    let help = names::suggestion(&part.axis, "its axes", &self.keys());
+                    Some(error.label("excludes nothing").maybe_help(help))
+                }
+            }
+        });
+        report.push(wrong.unwrap_or_else(|| {
+            Diagnostic::error(&listed.place, "this excludes no combination")
+                .help("an `exclude` names paths of the matrix with values that their lists hold")
+        }));
     }
 }
 

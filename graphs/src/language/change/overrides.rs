@@ -1,36 +1,90 @@
-//! `--set path=value` and `--variant name` on the command line.
+//! `--set path=value`, `--matrix path=[values]` and `--variant name` on the command line.
 
+use std::collections::HashMap;
 use std::path::Path;
 use std::sync::Arc;
 
 use super::apply::Change;
-use crate::language::text::diagnostics::Report;
+use crate::language::text::diagnostics::{Diagnostic, Report};
 use crate::language::text::parse;
 use crate::language::text::source_file::{Place, SourceFile};
 use crate::language::text::tree::{Entry, Node, Tree};
 
-/// The name that arguments have among files.
-pub(crate) const NAME: &str = "--set";
+/// The name that arguments of `--set` have among files.
+pub(crate) const SET: &str = "--set";
+/// The name that those of `--matrix` have there.
+const MATRIX: &str = "--matrix";
 /// The name that the names of variants have there.
 pub(crate) const ONLY: &str = "--variant";
 
-/// An argument as a file that holds all of it.
-pub(crate) fn argument(path: &str, value: &str) -> SourceFile {
-    SourceFile::new(NAME, format!("{path}={value}"), Path::new(""))
+/// An argument that changes the experiment, as typed.
+#[derive(Clone, Debug)]
+pub(crate) struct Argument {
+    option: &'static str,
+    path: String,
+    value: String,
+}
+
+impl Argument {
+    /// Those of `--set`, then those of `--matrix`.
+    pub(crate) fn all(set: &[(String, String)], matrix: &[(String, String)]) -> Vec<Self> {
+        let of = |option: &'static str| {
+            move |(path, value): &(String, String)| Self { option, path: path.clone(), value: value.clone() }
+        };
+        set.iter().map(of(SET)).chain(matrix.iter().map(of(MATRIX))).collect()
+    }
+
+    /// As a file that holds all of it.
+    pub(crate) fn file(&self) -> SourceFile {
+        SourceFile::new(self.option, format!("{}={}", self.path, self.value), Path::new(""))
+    }
+
+    /// What it changes, from the document's root.
+    fn changed(&self) -> String {
+        if self.option == MATRIX { format!("matrix.{}", self.path) } else { self.path.clone() }
+    }
+}
+
+/// Whether a file is an argument that changes the experiment.
+pub(crate) fn is_argument(file: &SourceFile) -> bool {
+    [SET, MATRIX].contains(&file.name.as_str())
 }
 
 /// The changes asked for; values are YAML, so that `frames=[3, 7]` is a list and `view=true` a truth value.
 ///
 /// Relative paths in them start at the working directory: that is where they were typed.
-pub(crate) fn changes(set: &[(String, String)], report: &mut Report) -> (Vec<Change>, Vec<Arc<SourceFile>>) {
+pub(crate) fn changes(arguments: &[Argument], report: &mut Report) -> (Vec<Change>, Vec<Arc<SourceFile>>) {
     let (mut changes, mut files) = (Vec::new(), Vec::new());
-    for (path, value) in set {
+    let mut axes: HashMap<String, (&str, Place)> = HashMap::new();
+    for argument in arguments {
+        let Argument { option, path, value } = argument;
         // One file holds the whole argument, and one padded alike the value alone: equal offsets.
-        let file = Arc::new(argument(path, value));
+        let file = Arc::new(argument.file());
         let start = path.len() + 1;
         let place = Place::new(&file, &(0..path.len()));
-        let padded = Arc::new(SourceFile::new(NAME, format!("{}{value}", " ".repeat(start)), Path::new("")));
+        let padded = Arc::new(SourceFile::new(*option, format!("{}{value}", " ".repeat(start)), Path::new("")));
         let whole = Place::new(&file, &(start..start + value.len()));
+        if *option == MATRIX && value.trim().is_empty() {
+            report.push(
+                Diagnostic::error(&place, format!("`--matrix {path}=` has no values"))
+                    .label("takes nothing")
+                    .help(format!("write them in brackets: `--matrix '{path}=[3, 5]'`")),
+            );
+            files.push(file);
+            continue;
+        }
+        let changed = argument.changed();
+        if changed.starts_with("matrix.")
+            && let Some((other, first)) = axes.insert(changed.clone(), (option, place.clone()))
+            && [*option, other].contains(&MATRIX)
+        {
+            report.push(
+                Diagnostic::error(&place, format!("the values of `{path}` are given twice"))
+                    .label("given again")
+                    .help("give all values at once, e.g. `[3, 5, 9]`")
+                    .related(&first, "first here"),
+            );
+        }
         let value = if value.contains('\n') {
             Some(Node::new(Tree::Text(value.clone()), whole))
         } else if value.trim().is_empty() {
@@ -48,7 +102,7 @@ pub(crate) fn changes(set: &[(String, String)], report: &mut Report) -> (Vec<Cha
         };
         files.push(file);
         if let Some(value) = value {
-            changes.push(Change { path: path.clone(), place, value: Arc::new(value) });
+            changes.push(Change { path: changed, place, value: Arc::new(value) });
         }
     }
     (changes, files)
@@ -91,8 +145,8 @@ pub(crate) fn choose(root: &mut Arc<Node>, only: &Node) {
 }
 
 /// The arguments as they were typed, with their options.
-pub(crate) fn typed(set: &[(String, String)], only: Option<&Node>) -> Vec<(&'static str, String)> {
-    let set = set.iter().map(|(path, value)| (NAME, format!("{path}={value}")));
+pub(crate) fn typed(arguments: &[Argument], only: Option<&Node>) -> Vec<(&'static str, String)> {
+    let set = arguments.iter().map(|argument| (argument.option, argument.file().text));
     let only = match only.map(|only| &only.value) {
         Some(Tree::List(names)) => names.as_slice(),
         _ => &[],

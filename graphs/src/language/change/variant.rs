@@ -26,8 +26,9 @@ pub(crate) struct Variant {
 
 /// What is to be said of more variants than [`MOST`].
 pub(crate) fn too_many(place: &Place, count: usize) -> Diagnostic {
-    Diagnostic::error(place, format!("{count} variants: more than {MOST}"))
-        .help("split the experiment, or `exclude` combinations")
+    Diagnostic::error(place, format!("{count} variants: more than {MOST}")).help(
+        "`sample: { count: 1000 }` in `matrix` draws some of them; or split the experiment, or `exclude` combinations",
+    )
 }
 
 /// A map from paths to values.

@@ -3,7 +3,7 @@
 //! A node's penalties follow its block. Who sweeps the block and holds the penalties compares blocks at penalties that fit one of them
 //! alone, which the numbers do not show: it is said.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 
 use serde_json::Value as Json;
 
@@ -72,6 +72,35 @@ pub(super) fn cause(schema: &Json, given: &Json, path: &[String]) -> Option<Stri
     })
 }
 
+/// What is to be said where a parameter that was given does not go with others which are `auto`: what those are without it.
+pub(super) fn others(
+    schema: &Json,
+    given: &Json,
+    path: &[String],
+    what: &str,
+    resolve: &dyn Fn(&Json) -> Result<Json, ParamError>,
+) -> Option<String> {
+    let [name] = path else { return None };
+    let mut rest = given.clone();
+    rest.as_object_mut()?.shift_remove(name)?;
+    let rest = resolve(&rest).ok()?;
+    let properties = schema.get("properties")?.as_object()?;
+    let is_named = |other: &str| what.split(|c: char| !c.is_alphanumeric() && c != '_').any(|word| word == other);
+    let others = properties.iter().filter_map(|(other, schema)| {
+        let follows = schema.get(FOLLOWS)?.as_array()?;
+        let is_auto = other != name && given.get(other).is_none_or(|given| given == AUTO);
+        (is_auto && is_named(other)).then_some(())?;
+        let follows = follows.iter().filter_map(Json::as_str).map(|name| match rest.get(name) {
+            Some(value) => format!("`{name}` {value}"),
+            None => format!("`{name}`"),
+        });
+        let follows: Vec<String> = follows.collect();
+        Some(format!("`{other}` is `auto`, {} at {}", rest.get(other)?, follows.join(", ")))
+    });
+    let others: Vec<String> = others.collect();
+    (!others.is_empty()).then(|| format!("{}; give it a value of its own, too", others.join(", ")))
+}
+
 /// A parameter of a node with a value of its own, in all variants.
 struct Held {
     node: String,
@@ -86,7 +115,11 @@ struct Held {
 
 /// What is held while what it could follow is swept, by stage, node and name.
 #[derive(Default)]
-pub(crate) struct Sweeps(BTreeMap<(usize, usize, String), Held>);
+pub(crate) struct Sweeps {
+    held: BTreeMap<(usize, usize, String), Held>,
+    /// What follows in one variant or another.
+    followed: HashSet<(usize, usize, String)>,
+}
 
 impl Sweeps {
     /// Looks at a variant; `parameters` gives those of a node by stage and position.
@@ -95,10 +128,14 @@ impl Sweeps {
             for (n, node) in stage.nodes.iter().enumerate() {
                 let Some(parameters) = parameters(s, n) else { continue };
                 let with = node.instance.as_ref().and_then(|instance| instance.with.as_ref());
-                for following in parameters.following.iter().filter(|following| !following.is_auto) {
+                for following in &parameters.following {
                     let name = &following.name;
+                    if following.is_auto {
+                        self.followed.insert((s, n, name.clone()));
+                        continue;
+                    }
                     let Some(written) = with.and_then(|with| with.entry(name)) else { continue };
-                    let held = self.0.entry((s, n, name.clone())).or_insert_with(|| Held {
+                    let held = self.held.entry((s, n, name.clone())).or_insert_with(|| Held {
                         node: node.name.text.clone(),
                         place: written.key_place.clone(),
                         own: Vec::new(),
@@ -117,13 +154,19 @@ impl Sweeps {
 
     /// Says what is held. What takes several values of its own is swept too, and meant so.
     pub(crate) fn report(self, report: &mut Report) {
-        for ((_, _, name), held) in self.0.into_iter().filter(|(_, held)| held.own.len() == 1 && held.auto.len() > 1) {
+        let Self { held, followed } = self;
+        for (key, held) in held.into_iter().filter(|(_, held)| held.own.len() == 1 && held.auto.len() > 1) {
+            let label = match followed.contains(&key) {
+                true => "the same in all variants that set it",
+                false => "the same in all variants",
+            };
+            let (_, _, name) = key;
             let swept = held.follows.iter().filter(|(_, values)| values.len() > 1);
             let swept: Vec<String> =
                 swept.map(|(name, values)| format!("`{name}`, which it would follow, is {}", listed(values))).collect();
             let what = format!("`{name}` of node `{}` stays {} while {}", held.node, held.own[0], swept.join(" and "));
             let help = format!("`{name}: auto`, its default, would be {}", listed(&held.auto));
-            report.push(Diagnostic::warning(&held.place, what).label("the same in all variants").help(help));
+            report.push(Diagnostic::warning(&held.place, what).label(label).help(help));
         }
     }
 }

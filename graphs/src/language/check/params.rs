@@ -204,7 +204,8 @@ fn checked(
                     }
                     _ => format!("{} (of `{}`)", error.what, kind.name),
                 };
-                let help = following::cause(kind.schema, &json, &error.path);
+                let help = following::cause(kind.schema, &json, &error.path)
+                    .or_else(|| following::others(kind.schema, &json, &error.path, &error.what, kind.resolve));
                 report.push(Diagnostic::error(&place, what).maybe_help(help));
                 sound = false;
                 if !remove(&mut json, &error.path) {
@@ -224,7 +225,7 @@ fn as_axis(violation: &Violation, json: &Json, place: &Place) -> Option<String> 
         return None;
     }
     let name = violation.path.join(".");
-    Some(if place.file.name == overrides::NAME {
+    Some(if place.file.name == overrides::SET {
         format!("it takes one value; `--matrix '{}'` runs a variant of each", place.file.text)
     } else {
         format!("it takes one value; `matrix: {{ STAGE.NODE.with.{name}: {} }}` runs a variant of each", place.text())

@@ -128,7 +128,7 @@ fn describe(value: &Json) -> String {
 }
 
 /// How YAML writes what no parameter can be.
-fn is_infinite(text: &str) -> bool {
+pub(crate) fn is_infinite(text: &str) -> bool {
     matches!(text.trim_start_matches(['+', '-']).to_ascii_lowercase().as_str(), ".inf" | ".nan")
 }
 
@@ -273,7 +273,26 @@ fn number(value: &Json, schema: &Map<String, Json>, path: &[String], found: &mut
             let what = format!("{} must be a multiple of {}, not {value}", subject(path), bound("multipleOf"));
             found.push(violation(path, what, "no multiple", help));
         }
+    } else if schema.get("not").is_some_and(is_even)
+        && let Some(number) = value.as_i64().filter(|number| number % 2 == 0)
+    {
+        let fits = |n: &i64| {
+            limit("minimum").is_none_or(|least| *n as f64 >= least)
+                && limit("maximum").is_none_or(|most| *n as f64 <= most)
+        };
+        let near: Vec<String> = [number - 1, number + 1].iter().filter(|n| fits(n)).map(|n| format!("`{n}`")).collect();
+        let what = format!("{} must be odd, not {value}", subject(path));
+        found.push(violation(path, what, "even", Some(format!("the nearest: {}", near.join(" and ")))));
     }
+}
+
+/// Whether a schema takes odd numbers alone, `"not": { "multipleOf": 2 }`.
+pub(crate) fn is_odd(schema: &Json) -> bool {
+    schema.get("not").is_some_and(is_even)
+}
+
+fn is_even(schema: &Json) -> bool {
+    schema.get("multipleOf").and_then(Json::as_u64) == Some(2)
 }
 
 /// A schema's range in words: `1 to 80`, `above 0`.
@@ -293,6 +312,7 @@ pub(crate) fn range_text(schema: &Map<String, Json>) -> Option<String> {
         (None, None) => None,
     };
     match (range, text("multipleOf")) {
+        (Some(range), None) if schema.get("not").is_some_and(is_even) => Some(format!("{range}, odd")),
         (range, None) => range,
         (Some(range), Some(step)) => Some(format!("{range}, multiples of {step}")),
         (None, Some(step)) => Some(format!("multiples of {step}")),

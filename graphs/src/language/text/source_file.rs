@@ -80,11 +80,17 @@ impl Place {
         self.file.text.get(self.span.clone()).unwrap_or_default()
     }
 
-    /// A part of the words meant, if they are `whole`; else all of them (a quoted or aliased scalar, say).
+    /// A part of the words meant, if they are `whole` or its end (what `--matrix` sets begins with `matrix.`); else all of them (a quoted
+    /// or aliased scalar, say).
     #[must_use]
     pub fn part(&self, whole: &str, part: Range<usize>) -> Self {
         let inner = match self.text() {
             text if text == whole => self.span.start,
+            text if !text.is_empty() && whole.ends_with(text) => {
+                let ahead = whole.len() - text.len();
+                let inner = part.start.saturating_sub(ahead)..part.end.saturating_sub(ahead);
+                return if inner.is_empty() { self.clone() } else { self.part(text, inner) };
+            }
             // Quoted without escapes: the same words one byte further on.
             text if text.len() == whole.len() + 2 && text.get(1..=whole.len()) == Some(whole) => self.span.start + 1,
             _ => return self.clone(),

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use super::range::{self, Numbers, Range};
 use super::value_text;
 use crate::language::change::apply::Change;
+use crate::language::change::overrides::is_argument;
 use crate::language::change::parameter::Parameters;
 use crate::language::change::variant;
 use crate::language::check::spec::known_keys;
@@ -20,6 +21,7 @@ const FORM: &str =
     "an axis is a list of values, a range `{ from: 2, to: 64, steps: 6 }`, or a map of `set`, `values` and `when`";
 
 /// An axis.
+#[derive(Clone)]
 pub(super) struct Axis {
     /// Its name, or the path it sets.
     pub(super) key: String,
@@ -33,6 +35,7 @@ pub(super) struct Axis {
 }
 
 /// The values of an axis.
+#[derive(Clone)]
 pub(super) enum Values {
     Listed(Vec<Arc<Level>>),
     /// All numbers between two ends: a sample draws some.
@@ -51,6 +54,7 @@ pub(super) struct Level {
 }
 
 /// That an axis or a path has one of some values.
+#[derive(Clone)]
 pub(super) struct Condition {
     pub(super) of: String,
     pub(super) place: Place,
@@ -132,7 +136,7 @@ impl Axis {
             return None;
         }
         match &node.value {
-            Tree::List(values) if !values.is_empty() => Some(self.listed(values)),
+            Tree::List(values) if !values.is_empty() => Some(self.values_of(values)),
             Tree::Map(_) if is_range => {
                 // The axis itself may be the range.
                 let bare: Vec<Entry> =
@@ -140,7 +144,7 @@ impl Axis {
                 let bare = Arc::new(Node::new(Tree::Map(bare), node.place.clone()));
                 let schema = self.paths.iter().find_map(|(path, _)| parameters.schema(path));
                 match range::read(&bare, &format!("`{key}`"), schema, report)? {
-                    Numbers::Steps(values) => Some(self.listed(&values)),
+                    Numbers::Steps(values) => Some(self.values_of(&values)),
                     Numbers::Between(range) if is_sampled => Some(Values::Between(range)),
                     Numbers::Between(_) => {
                         let what = format!("the range of `{key}` does not say how many values it stands for");
@@ -183,7 +187,16 @@ impl Axis {
         }
     }
 
-    fn listed(&self, values: &[Arc<Node>]) -> Values {
+    /// The same axis with a list of all its values, if it has not too many.
+    pub(super) fn listed(&self) -> Option<Self> {
+        let values = match &self.values {
+            Values::Listed(levels) => Values::Listed(levels.clone()),
+            Values::Between(range) => self.values_of(&range.whole_numbers(variant::MOST)?),
+        };
+        Some(Self { values, ..self.clone() })
+    }
+
+    fn values_of(&self, values: &[Arc<Node>]) -> Values {
         Values::Listed(values.iter().map(|value| Arc::new(self.level(value_text(value), value))).collect())
     }
 
@@ -210,9 +223,24 @@ impl Axis {
         self.levels().iter().find(|level| level.text == text)
     }
 
-    /// What its values are called.
-    pub(super) fn names(&self) -> Vec<&str> {
-        self.levels().iter().map(|level| level.text.as_str()).collect()
+    /// That none of its values is called so.
+    pub(super) fn no_value(&self, text: &str, place: &Place) -> Diagnostic {
+        let known: Vec<&str> = self.levels().iter().map(|level| level.text.as_str()).collect();
+        let error = Diagnostic::error(place, format!("the axis `{}` has no value `{text}`", self.key));
+        let help = match text.parse::<f64>() {
+            Ok(_) => Some(format!("its values: {}", names::listed(&known))),
+            Err(_) => names::suggestion(text, "its values", &known),
+        };
+        error.label("no such value").maybe_help(help)
+    }
+
+    /// What is wrong with a value that the axis is to have, if none of its values is that one. Values given on the command line may leave
+    /// some out that the file speaks of.
+    pub(super) fn never_has(&self, wanted: &Node) -> Option<Diagnostic> {
+        let text = value_text(wanted);
+        let mut changes = self.levels().iter().flat_map(|level| &level.changes);
+        let is_open = self.levels().is_empty() || changes.any(|change| is_argument(&change.value.place.file));
+        (!is_open && self.named(&text).is_none()).then(|| self.no_value(&text, &wanted.place))
     }
 
     fn levels(&self) -> &[Arc<Level>] {
@@ -254,12 +282,13 @@ fn paths(entry: &Entry, report: &mut Report) -> Option<Vec<(String, Place)>> {
 fn conditions(entry: &Entry, report: &mut Report) -> Vec<Condition> {
     if !entry.value.is_map() || entry.value.entries().is_empty() {
         let place = if entry.value.is_null() { &entry.key_place } else { &entry.value.place };
+        let what = match entry.value.is_map() {
+            true => "`when` names no condition".to_owned(),
+            false => format!("`when` wants a map from paths or axes to values, not {}", entry.value.describe()),
+        };
         report.push(
-            Diagnostic::error(
-                place,
-                format!("`when` wants a map from paths or axes to values, not {}", entry.value.describe()),
-            )
-            .help("e.g. `when: { STAGE.NODE.with.mode: hh }`; of several values, `[sgbm, hh]`"),
+            Diagnostic::error(place, what)
+                .help("e.g. `when: { STAGE.NODE.with.mode: hh }`; of several values, `[sgbm, hh]`"),
         );
         return Vec::new();
     }

@@ -46,10 +46,33 @@ fn short(axis: &str, all: &[String]) -> String {
     starts.map(|start| &own[start..]).find(unique).unwrap_or(axis).to_owned()
 }
 
-/// An axis with its value as part of a name: no `/`, which separates variant and estimate, and no space.
+/// An axis with its value as part of a name: no `/`, which separates variant and estimate, and no space. Of a list or map its words.
 fn part_of_name(factor: &Factor) -> String {
-    let text = factor.value.chars().take(LONGEST_VALUE);
-    let value: String =
-        text.map(|c| if c.is_alphanumeric() || matches!(c, '_' | '-' | '.' | '=') { c } else { '-' }).collect();
+    let can_stand = |c: char| c.is_alphanumeric() || matches!(c, '_' | '-' | '.' | '=');
+    let value: String = if factor.value.starts_with(['[', '{']) {
+        let words: Vec<&str> = factor.value.split(|c| !can_stand(c)).filter(|word| !word.is_empty()).collect();
+        words.join("-").chars().take(LONGEST_VALUE).collect()
+    } else {
+        factor.value.chars().take(LONGEST_VALUE).map(|c| if can_stand(c) { c } else { '-' }).collect()
+    };
     format!("{}={value}", factor.axis)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Factor, part_of_name};
+
+    #[test]
+    fn lists_and_maps_are_named_by_their_words() {
+        for (value, expected) in [
+            ("-63", "left=-63"),
+            ("ids/a b.txt", "left=ids-a-b.txt"),
+            ("[320,96]", "left=320-96"),
+            ("[-8,16]", "left=-8-16"),
+            ("[\"all\"]", "left=all"),
+            ("{\"with\":{\"uniqueness\":5,\"mode\":\"hh\"}}", "left=with-uniqueness-5-mode-hh"),
+        ] {
+            assert_eq!(part_of_name(&Factor { axis: "left".to_owned(), value: value.to_owned() }), expected);
+        }
+    }
 }

@@ -6,8 +6,10 @@ use std::sync::Arc;
 
 use serde_json::{Number, Value as Json};
 
+use crate::language::check::schema_check::{is_infinite, is_odd};
 use crate::language::check::spec::known_keys;
 use crate::language::text::diagnostics::{Diagnostic, Report};
+use crate::language::text::names;
 use crate::language::text::tree::{Node, Tree};
 
 /// The keys of a range.
@@ -19,10 +21,48 @@ pub(super) struct Range {
     from: f64,
     to: f64,
     log: bool,
-    /// Of a parameter that takes whole numbers, what they are multiples of.
-    multiple_of: Option<f64>,
+    /// Of a parameter that takes whole numbers, which.
+    whole: Option<Whole>,
     /// The range as written.
     node: Arc<Node>,
+}
+
+/// Whole numbers: `of` times one, and `more`.
+#[derive(Clone, Copy)]
+struct Whole {
+    of: f64,
+    more: f64,
+}
+
+impl Whole {
+    /// Those that a parameter takes, if it takes no others.
+    fn of_parameter(schema: &Json) -> Option<Self> {
+        if !takes_whole_numbers(schema) {
+            return None;
+        }
+        if is_odd(schema) {
+            return Some(Self { of: 2.0, more: 1.0 });
+        }
+        let of = schema.get("multipleOf").and_then(Json::as_f64);
+        Some(Self { of: of.filter(|of| *of >= 1.0).unwrap_or(1.0), more: 0.0 })
+    }
+
+    /// How many times `of` the least and the greatest of them between two ends are.
+    fn between(self, from: f64, to: f64) -> (f64, f64) {
+        (((from - self.more) / self.of).ceil(), ((to - self.more) / self.of).floor())
+    }
+
+    fn at(self, times: f64) -> f64 {
+        self.of * times + self.more
+    }
+
+    fn describe(self) -> String {
+        match self {
+            Self { more, .. } if more > 0.0 => "odd numbers".to_owned(),
+            Self { of, .. } if of > 1.0 => format!("multiples of {of}"),
+            Self { .. } => "whole numbers".to_owned(),
+        }
+    }
 }
 
 /// A range as written: with `steps` the values it stands for, without them all between its ends.
@@ -40,6 +80,10 @@ pub(super) fn read(node: &Arc<Node>, what: &str, schema: Option<&Json>, report: 
     };
     let mut end = |key: &str| match node.get(key).map(|end| (end, &end.value)) {
         Some((_, Tree::Number(number))) => number.as_f64(),
+        Some((end, Tree::Text(text))) => {
+            let help = if is_infinite(text) { "numbers are finite" } else { FORM };
+            wrong(end, format!("`{key}` wants a number, not `{text}`"), help)
+        }
         Some((end, _)) => wrong(end, format!("`{key}` wants a number, not {}", end.describe()), FORM),
         None => wrong(node, format!("the range of {what} has no `{key}`"), FORM),
     };
@@ -61,14 +105,21 @@ pub(super) fn read(node: &Arc<Node>, what: &str, schema: Option<&Json>, report: 
         wrong(node, "a range with `log` begins above 0".to_owned(), "its values have equal ratios: 2, 4, 8, 16");
         return None;
     }
-    let multiple_of = schema.filter(|schema| takes_whole_numbers(schema)).map(|schema| {
-        let of = schema.get("multipleOf").and_then(Json::as_f64);
-        of.filter(|of| *of >= 1.0).unwrap_or(1.0)
-    });
-    let range = Range { from, to, log, multiple_of, node: Arc::clone(node) };
+    let whole = schema.and_then(Whole::of_parameter);
+    if let Some(whole) = whole {
+        let (least, most) = whole.between(from, to);
+        if least > most {
+            let what = format!("the range from {from} to {to} holds no {}", whole.describe());
+            wrong(node, what, "its values are rounded to what the parameter takes: let it reach farther");
+            return None;
+        }
+    }
+    let range = Range { from, to, log, whole, node: Arc::clone(node) };
     match node.get("steps").map(|steps| (steps, &steps.value)) {
         None => Some(Numbers::Between(range)),
-        Some((_, Tree::Number(steps))) if steps.as_u64().is_some_and(|steps| (2..=MOST_STEPS).contains(&steps)) => {
+        Some((written, Tree::Number(steps)))
+            if steps.as_u64().is_some_and(|steps| (2..=MOST_STEPS).contains(&steps)) =>
+        {
             let steps = steps.as_u64().unwrap_or(2);
             let parts = (steps - 1) as f64;
             let mut values: Vec<Arc<Node>> = Vec::new();
@@ -78,6 +129,13 @@ pub(super) fn read(node: &Arc<Node>, what: &str, schema: Option<&Json>, report: 
                 if values.last().is_none_or(|last| last.to_json() != value.to_json()) {
                     values.push(value);
                 }
+            }
+            if let Some(whole) = whole.filter(|_| (values.len() as u64) < steps) {
+                let all: Vec<String> = values.iter().filter_map(|value| value.scalar_text()).collect();
+                let all: Vec<&str> = all.iter().map(String::as_str).collect();
+                let what = format!("the range of {what} holds {} {}, not {steps}", all.len(), whole.describe());
+                let warning = Diagnostic::warning(&written.place, what).label("fewer than asked for");
+                report.push(warning.help(format!("it takes {}, each once", names::listed(&all))));
             }
             Some(Numbers::Steps(values))
         }
@@ -96,25 +154,35 @@ impl Range {
     pub(super) fn at(&self, share: f64, parts: f64) -> Arc<Node> {
         let (from, to) = (self.from, self.to);
         // `libm`, since the system's functions differ in last bits between machines.
-        let ratio = if self.log { libm::log(to / from) } else { 0.0 };
+        let ratio = match to / from {
+            _ if !self.log => 0.0,
+            ratio if ratio.is_finite() => libm::log(ratio),
+            _ => libm::log(to) - libm::log(from),
+        };
         let value = match share {
             share if share <= 0.0 => from,
             share if share >= 1.0 => to,
-            share if self.log => from * libm::exp(share * ratio),
-            share => from + share * (to - from),
+            share if self.log && (to / from).is_finite() => from * libm::exp(share * ratio),
+            share if self.log => libm::exp(libm::log(from) + share * ratio),
+            share if (to - from).is_finite() => from + share * (to - from),
+            share => from * (1.0 - share) + to * share,
         };
-        let value = match self.multiple_of {
-            Some(of) => {
-                let (least, most) = ((from / of).ceil(), (to / of).floor());
-                let whole = (value / of).round();
-                of * if least <= most { whole.clamp(least, most) } else { whole }
+        let value = match self.whole {
+            Some(whole) => {
+                let (least, most) = whole.between(from, to);
+                whole.at(((value - whole.more) / whole.of).round().clamp(least, most))
             }
             None if share <= 0.0 || share >= 1.0 => value,
             None => {
-                let apart = if self.log { value * libm::expm1(ratio / parts) } else { (to - from) / parts };
+                // Of very unequal neighbours the smaller one keeps a digit, too.
+                let apart = if self.log { value * libm::expm1(ratio / parts).min(100.0) } else { (to - from) / parts };
                 short(value, apart)
             }
         };
+        self.number(value)
+    }
+
+    fn number(&self, value: f64) -> Arc<Node> {
         let number = if value.fract() == 0.0 && value.abs() < 1e15 {
             Number::from(value as i64)
         } else {
@@ -125,13 +193,21 @@ impl Range {
 }
 
 impl Range {
+    /// All that can be drawn, if it is whole numbers and at most so many.
+    pub(super) fn whole_numbers(&self, most: usize) -> Option<Vec<Arc<Node>>> {
+        let whole = self.whole?;
+        let (first, last) = whole.between(self.from, self.to);
+        let count = last - first + 1.0;
+        let number = |index: usize| self.number(whole.at(first + index as f64));
+        (count <= most as f64).then(|| (0..count as usize).map(number).collect())
+    }
+
     /// The number drawn with a share of [0, 1); of whole numbers each equally likely, unless their ratios are to be.
     pub(super) fn draw(&self, share: f64, count: usize) -> Arc<Node> {
         let parts = (count as f64 / 10.0).max(10.0);
-        let Some(of) = self.multiple_of.filter(|_| !self.log) else { return self.at(share, parts) };
-        let (least, most) = ((self.from / of).ceil(), (self.to / of).floor());
-        let value = of * (least + (share * (most - least + 1.0)).floor());
-        self.at(((value - self.from) / (self.to - self.from)).clamp(0.0, 1.0), parts)
+        let Some(whole) = self.whole.filter(|_| !self.log) else { return self.at(share, parts) };
+        let (least, most) = whole.between(self.from, self.to);
+        self.number(whole.at((least + (share * (most - least + 1.0)).floor()).min(most)))
     }
 }
 
@@ -142,6 +218,11 @@ fn short(value: f64, apart: f64) -> f64 {
     while unit * 100.0 > apart && decimals < 15 {
         unit /= 10.0;
         decimals += 1;
+    }
+    if unit * 100.0 > apart {
+        // So far below 1 it is digits that are counted, not decimals.
+        let digits = 2 + (0..15).take_while(|&power| value.abs() > apart * 10_f64.powi(power)).count();
+        return format!("{value:.digits$e}").parse().unwrap_or(value);
     }
     format!("{value:.decimals$}").parse().unwrap_or(value)
 }
@@ -176,6 +257,7 @@ mod tests {
             (25_749.6, 24_750.0, 25_750.0),
             (10_000.5, 0.5, 10_000.5),
             (0.000_123_456, 0.000_15, 0.000_123),
+            (1.234_567e-30, 1e-30, 1.235e-30),
         ] {
             assert_eq!(short(value, apart), expected);
         }
