@@ -175,21 +175,15 @@ impl Grid {
         self.columns.first().map_or(0, |column| column.cells.len())
     }
 
-    /// As aligned text, the best marked by `*`; where it is wider than `width` columns of text, in blocks below each other.
-    #[must_use]
-    pub fn terminal(&self, width: usize) -> String {
+    pub(crate) fn terminal(&self, width: usize) -> String {
         terminal::render(self, width)
     }
 
-    /// In Markdown (GitHub's), the best in bold.
-    #[must_use]
-    pub fn markdown(&self) -> String {
+    pub(crate) fn markdown(&self) -> String {
         markdown::render(self)
     }
 
-    /// In LaTeX, for the package `booktabs`, in the type's own size, with caption and label; the best in bold.
-    #[must_use]
-    pub fn latex(&self) -> String {
+    pub(crate) fn latex(&self) -> String {
         latex::render(self)
     }
 

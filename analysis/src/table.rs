@@ -122,21 +122,15 @@ impl Table {
         Self { experiment: experiment.to_owned(), metrics, columns, with_paper }
     }
 
-    /// The table for a terminal: aligned text, the best of what is comparable marked by `*`, blocks of at most `width` columns of text.
-    #[must_use]
-    pub fn terminal(&self, width: usize) -> String {
+    pub(crate) fn terminal(&self, width: usize) -> String {
         terminal::render(self, width)
     }
 
-    /// The table in Markdown (GitHub's), the best of what is comparable in bold.
-    #[must_use]
-    pub fn markdown(&self) -> String {
+    pub(crate) fn markdown(&self) -> String {
         markdown::render(self)
     }
 
-    /// The table in LaTeX, for the package `booktabs`, in the type's own size; the best of what is comparable in bold.
-    #[must_use]
-    pub fn latex(&self) -> String {
+    pub(crate) fn latex(&self) -> String {
         latex::render(self)
     }
 

@@ -1,6 +1,6 @@
 //! The rows of an ablation, sorted, cut and in columns.
 
-use std::collections::HashSet;
+use std::collections::HashMap;
 
 use depthloom_scores::Family;
 
@@ -186,9 +186,12 @@ pub(super) fn keys(ablation: &Ablation<'_>, rows: &[Row], shown: &[&Row]) -> Vec
     if differ(&name) || columns.is_empty() {
         columns.push(("estimate", false, shown.iter().map(|row| name(row)).collect()));
     }
-    let mut seen = HashSet::new();
-    let are_told_apart =
-        (0..shown.len()).all(|row| seen.insert(columns.iter().map(|(.., cells)| &cells[row]).collect::<Vec<_>>()));
+    let mut seen: HashMap<Vec<&Option<String>>, usize> = HashMap::new();
+    // One estimator may be shown several times, as the best of several zones.
+    let are_told_apart = (0..shown.len()).all(|row| {
+        let estimator = shown[row].estimator;
+        *seen.entry(columns.iter().map(|(.., cells)| &cells[row]).collect()).or_insert(estimator) == estimator
+    });
     let mut label = GridColumn::key("estimator", shown.iter().map(|row| Some(ablation.label(row))).collect());
     label.only_in_files = are_told_apart;
     let columns = columns.into_iter().map(|(name, is_numeric, cells)| GridColumn::levels(name, cells, |_| is_numeric));

@@ -257,7 +257,7 @@ fn time_has_effects_too_and_what_has_none_is_told_why() {
     assert!(text.contains("note: left out: 1 row without a value"), "{text}");
     assert!(refused(effects("mode")).starts_with("`mode` is an axis: neither way of it is better"));
     let best = |of: &str| refused(ask(|ablation| zones::grid(ablation, &Selection::default(), of)));
-    assert!(best("mode").starts_with("`mode` is an axis"), "{}", best("mode"));
+    assert!(best("mode").starts_with("`mode` is no score: zones have a best of scores alone"), "{}", best("mode"));
     assert!(best("ms").starts_with("`ms` is no score: zones have a best of scores alone"), "{}", best("ms"));
 }
 
@@ -352,6 +352,18 @@ near,block=9+mode=sgbm/smooth,9,sgbm,smooth,0.35000000000000003,0.85000000000000
     let near = Selection { zone: Some("near".to_owned()), ..Selection::default() };
     let row = ranking(&Ranking { top: Some(1), ..Ranking::default() }, &near).unwrap();
     assert!(row.about.starts_with("all true pixels of zone near, "), "{}", row.about);
+}
+
+#[test]
+fn who_is_best_in_several_zones_is_told_by_its_axes() {
+    let everywhere = scores().into_iter().filter(|score| score.row.zone.is_empty()).flat_map(|score| {
+        let near = ScoreRow { zone: "near".to_owned(), ..score.row.clone() };
+        [FrameScore { row: near, ..score.clone() }, score]
+    });
+    let scores: Vec<FrameScore> = everywhere.collect();
+    let of = |ablation: &Ablation<'_>| zones::grid(ablation, &Selection::default(), "abs_rel");
+    let text = ask_of(&estimators(&plan()).unwrap(), &scores, of).unwrap().terminal(110);
+    assert!(text.contains("\nzone         block  mode  estimate  abs_rel"), "{text}");
 }
 
 #[test]

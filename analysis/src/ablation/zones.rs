@@ -10,7 +10,7 @@ use crate::grid::{Grid, GridCells, GridColumn};
 
 /// Of the whole image and of each zone, which row is best, and what the row that is best over the whole image has there.
 pub(crate) fn grid(ablation: &Ablation<'_>, selection: &Selection, metric: &str) -> Result<Grid, AnalysisError> {
-    let column = ablation.measure(metric, "zones have a best")?;
+    let column = ablation.column(metric)?;
     let Some(metric) = column.metric() else {
         return Err(AnalysisError::asked(
             format!("`{metric}` is no score: zones have a best of scores alone"),
