@@ -1,50 +1,50 @@
 //! Axes of `matrix`: linked, named, conditional; ranges and samples; several matrices; which variants are taken.
 
+#[macro_use]
+mod support;
 mod toys;
 
 use depthloom_graphs::language::{Loaded, Options, load};
 use depthloom_graphs::plan::{Plan, PlannedNode};
 
-const BASE: &str = "experiment: base
-sources: { test: { kind: synthetic/road } }
-stages:
-  compare:
-    source: test
-    nodes:
-      left: { kind: stereo/sgbm, inputs: { left: source/left, right: source/right } }
+const BASE: &str = concat!(
+    compare!(),
+    "      left: { kind: stereo/sgbm, inputs: { left: source/left, right: source/right } }
       right: { kind: stereo/sgbm, inputs: { left: source/right, right: source/left } }
       depth: { kind: depth/from-disparity, inputs: { disparity: left/disparity, calibration: source/calibration } }
       merged: { kind: depth/from-disparity, inputs: { disparity: right/disparity, calibration: source/calibration } }
     score: { truth: source/depth, estimates: { stereo: depth/depth, other: merged/depth } }
-";
+"
+);
 
 fn try_load(more: &str, set: &[&str], only: &[&str]) -> Result<Loaded, String> {
     taken(&format!("{BASE}{more}"), set, only)
 }
 
 fn taken(text: &str, set: &[&str], only: &[&str]) -> Result<Loaded, String> {
-    let folder = tempfile::tempdir().expect("a folder can be made");
-    let path = folder.path().join("main.yaml");
-    std::fs::write(&path, text).expect("a file can be written");
-    let set = set.iter().filter_map(|argument| argument.split_once('='));
-    let options = Options {
-        set: set.map(|(path, value)| (path.to_owned(), value.to_owned())).collect(),
-        matrix: Vec::new(),
-        only: only.iter().map(|&name| name.to_owned()).collect(),
-        env: Box::new(|_| None),
-    };
-    load(&path, &toys::registry(), &options).map_err(|found| found.to_string())
+    given(text, &Options { set: pairs(set), only: only.iter().map(|&name| name.to_owned()).collect(), ..bare() })
 }
 
 /// With these arguments of `--matrix`.
 fn with_matrix(text: &str, matrix: &[&str]) -> Result<Loaded, String> {
+    given(text, &Options { matrix: pairs(matrix), ..bare() })
+}
+
+fn given(text: &str, options: &Options<'_>) -> Result<Loaded, String> {
     let folder = tempfile::tempdir().expect("a folder can be made");
     let path = folder.path().join("main.yaml");
     std::fs::write(&path, text).expect("a file can be written");
-    let pair = |argument: &&str| argument.split_once('=').map(|(path, value)| (path.to_owned(), value.to_owned()));
-    let options =
-        Options { matrix: matrix.iter().filter_map(pair).collect(), env: Box::new(|_| None), ..Options::default() };
-    load(&path, &toys::registry(), &options).map_err(|found| found.to_string())
+    load(&path, &toys::registry(), options).map_err(|found| found.to_string())
+}
+
+/// Nothing given, and an environment without variables.
+fn bare() -> Options<'static> {
+    Options { env: Box::new(|_| None), ..Options::default() }
+}
+
+fn pairs(arguments: &[&str]) -> Vec<(String, String)> {
+    let pairs = arguments.iter().filter_map(|argument| argument.split_once('='));
+    pairs.map(|(path, value)| (path.to_owned(), value.to_owned())).collect()
 }
 
 fn plan(more: &str) -> Plan {
@@ -462,14 +462,12 @@ fn who_holds_what_could_follow_a_sweep_is_told() {
 
 #[test]
 fn a_stage_that_learns_for_nobody_is_told_of() {
-    let learn = "  learn:
+    let learn = concat!(
+        "  learn:
     source: test
-    nodes:
-      stereo: { kind: stereo/sgbm, inputs: { left: source/left, right: source/right } }
-      edges: { kind: confidence/edges, inputs: { image: source/left } }
-      samples: { kind: learn/samples, inputs: { image: source/left, target: stereo/disparity, mask: edges/mask } }
-      teacher: { kind: learn/ssl, inputs: { samples: samples/samples } }
-";
+",
+        lesson!()
+    );
     let folder = tempfile::tempdir().unwrap();
     let warned = |text: &str| {
         let path = folder.path().join("main.yaml");

@@ -1,21 +1,20 @@
 //! `--set` beside variants and matrices that set the same, and variants that a file inherits.
 
+#[macro_use]
+mod support;
 mod toys;
 
 use std::path::Path;
 
 use depthloom_graphs::language::{Loaded, Options, load};
 
-const BASE: &str = "experiment: base
-sources: { test: { kind: synthetic/road } }
-stages:
-  compare:
-    source: test
-    nodes:
-      stereo: { kind: stereo/sgbm, inputs: { left: source/left, right: source/right } }
+const BASE: &str = concat!(
+    compare!(),
+    "      stereo: { kind: stereo/sgbm, inputs: { left: source/left, right: source/right } }
       depth: { kind: depth/from-disparity, inputs: { disparity: stereo/disparity, calibration: source/calibration } }
     score: { truth: source/depth, estimates: { stereo: depth/depth } }
-";
+"
+);
 
 fn loaded(text: &str, set: &[&str]) -> Result<Loaded, String> {
     let folder = tempfile::tempdir().expect("a folder can be made");
@@ -147,17 +146,15 @@ fn the_kept_experiment_says_what_it_does_not_have() {
     assert_eq!(in_folder(folder.path(), &[]).unwrap().plan.variants.len(), 3, "it can be run");
 }
 
-const TWO_STAGES: &str = "experiment: base
+const TWO_STAGES: &str = concat!(
+    "experiment: base
 sources: { test: { kind: synthetic/road }, other: { kind: synthetic/road, with: { seed: 2 } } }
 stages:
   learn:
     source: other
-    nodes:
-      stereo: { kind: stereo/sgbm, inputs: { left: source/left, right: source/right } }
-      edges: { kind: confidence/edges, inputs: { image: source/left } }
-      samples: { kind: learn/samples, inputs: { image: source/left, target: stereo/disparity, mask: edges/mask } }
-      teacher: { kind: learn/ssl, inputs: { samples: samples/samples } }
-  compare:
+",
+    lesson!(),
+    "  compare:
     source: test
     nodes:
       stereo: { kind: stereo/sgbm, inputs: { left: source/left, right: source/right } }
@@ -165,7 +162,8 @@ stages:
       median: { kind: filter/median, inputs: { depth: depth/depth } }
     score: { truth: source/depth, estimates: { stereo: depth/depth } }
 matrix: { compare.stereo.with.block: [3, 9] }
-";
+"
+);
 
 #[test]
 fn null_takes_away_what_is_inherited_and_what_is_there() {

@@ -1,0 +1,13 @@
+//! A stage that learns.
+
+/// The nodes of a stage in which stereo teaches a network.
+macro_rules! lesson {
+    () => {
+        "    nodes:
+      stereo: { kind: stereo/sgbm, inputs: { left: source/left, right: source/right } }
+      edges: { kind: confidence/edges, inputs: { image: source/left } }
+      samples: { kind: learn/samples, inputs: { image: source/left, target: stereo/disparity, mask: edges/mask } }
+      teacher: { kind: learn/ssl, inputs: { samples: samples/samples } }
+"
+    };
+}
