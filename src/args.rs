@@ -1,11 +1,13 @@
 //! The command line's grammar: one definition of every option yields its help, its completion and its manual page.
 
 use std::path::PathBuf;
+use std::time::Duration;
 
-use clap::{Args, Parser, Subcommand, ValueEnum};
+use clap::{ArgGroup, Args, Parser, Subcommand, ValueEnum};
 use clap_complete::engine::{ArgValueCandidates, ArgValueCompleter};
 
 use crate::completion::{columns, experiments, folders, metrics, runs};
+use crate::sizes::{parse_age, parse_size};
 
 /// Declare depth-estimation experiments in YAML, run them fast, keep every intermediate.
 #[derive(Debug, Parser)]
@@ -50,7 +52,9 @@ pub enum Command {
     Explain(ExplainArgs),
     /// Show where a run's time went: core-milliseconds per frame by node, encoding, compression and writing.
     Timings(TimingsArgs),
-    /// List the runs in a folder, newest first: time, frames, size, whether each is whole, and its best score.
+    /// Show what a recording holds: topics, messages, bytes raw and stored, keys, attachments, and whether it is whole.
+    Info(InfoArgs),
+    /// List the runs in a folder, newest first, with size, state and best score; show one, say why two differ, remove some.
     Runs(RunsArgs),
     /// List the kinds of nodes and sources, or explain one.
     Nodes(NodesArgs),
@@ -394,6 +398,91 @@ pub struct RunsArgs {
 pub enum RunsCommand {
     /// List the runs in a folder, newest first; what `runs` does without a command.
     List,
+    /// Show a run: what it is of, what became of it, how it was made, and its files.
+    Show(ShowArgs),
+    /// Say why two runs differ: what was set otherwise, and by parameter, version, input or file which nodes are others.
+    Why(WhyArgs),
+    /// Remove runs that are over. Asks nothing: of several all are removed, or none if one may not be.
+    Rm(RmArgs),
+    /// Remove runs by age, size or number. A run that goes on, holds anything else, or is read by one that stays, is kept.
+    Prune(PruneArgs),
+}
+
+/// `runs rm`.
+#[derive(Debug, Args)]
+pub struct RmArgs {
+    /// The runs: folders, beginnings of names, or `@latest`.
+    #[arg(required = true, add = ArgValueCompleter::new(runs))]
+    pub runs: Vec<PathBuf>,
+}
+
+/// `runs prune`.
+#[derive(Debug, Args)]
+#[command(group = ArgGroup::new("rules").required(true).multiple(true).args(["keep", "older_than", "max_size", "unfinished"]))]
+pub struct PruneArgs {
+    /// Keep the newest N whole runs of each experiment, whatever else is said; alone, remove all other whole runs.
+    #[arg(long, value_name = "N")]
+    pub keep: Option<usize>,
+
+    /// Remove runs that are older: `30d`; `min`, `h`, `d` and `w` are known.
+    #[arg(long, value_name = "AGE", value_parser = parse_age)]
+    pub older_than: Option<Duration>,
+
+    /// Remove the oldest runs until all that stay take no more room: `50GB`; `kB`, `MB`, `GB` and `TB` are known.
+    #[arg(long, value_name = "SIZE", value_parser = parse_size)]
+    pub max_size: Option<u64>,
+
+    /// Remove runs that ended before they were whole, too; nothing can go on from them then.
+    #[arg(long)]
+    pub unfinished: bool,
+
+    /// Look at the runs of this experiment alone.
+    #[arg(long, value_name = "NAME")]
+    pub experiment: Option<String>,
+
+    /// Say what would be removed, and remove nothing.
+    #[arg(long, short = 'n')]
+    pub dry_run: bool,
+}
+
+/// `runs show`.
+#[derive(Debug, Args)]
+pub struct ShowArgs {
+    /// A run: its folder, the beginning of its name, or `@latest`.
+    #[arg(add = ArgValueCompleter::new(runs))]
+    pub run: PathBuf,
+}
+
+/// `runs why`.
+#[derive(Debug, Args)]
+pub struct WhyArgs {
+    /// The earlier run: its folder, its recording, the beginning of its name, or `@latest`.
+    #[arg(add = ArgValueCompleter::new(runs))]
+    pub before: PathBuf,
+
+    /// The later run.
+    #[arg(add = ArgValueCompleter::new(runs))]
+    pub after: PathBuf,
+}
+
+/// `info`.
+#[derive(Debug, Args)]
+pub struct InfoArgs {
+    /// A recording, or its run: the folder, the beginning of its name in `runs`, or `@latest`.
+    #[arg(add = ArgValueCompleter::new(runs))]
+    pub file: PathBuf,
+
+    /// Check every byte; without it a finished recording is taken at its summary's word.
+    #[arg(long)]
+    pub check: bool,
+
+    /// List the keys of all values, by frame and node: equal keys are equal values, in whichever recordings.
+    #[arg(long)]
+    pub keys: bool,
+
+    /// Print one JSON object instead of text.
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// `nodes`.

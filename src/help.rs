@@ -21,6 +21,19 @@ const ARGUMENT: (Exit, &str) = (Exit::Before, "an argument is wrong");
 const BEFORE: (Exit, &str) = (Exit::Before, "found before any frame was admitted: file, arguments, missing data");
 const INTERRUPTED: (Exit, &str) = (Exit::Interrupted, "interrupted");
 
+const RUN_READ: &[(Exit, &str)] = &[
+    WHOLE,
+    PRINTED,
+    (Exit::Before, "there is no such run, it cannot be read, or an argument is wrong"),
+    (Exit::Frames, "a recording is damaged where it was read"),
+];
+
+const RUNS_REMOVED: &[(Exit, &str)] = &[
+    WHOLE,
+    (Exit::Engine, "the disk failed, or the output could not be written"),
+    (Exit::Before, "nothing was removed: there is no such run, it goes on, or an argument is wrong"),
+];
+
 const RUNS_READ: &[(Exit, &str)] =
     &[WHOLE, PRINTED, (Exit::Before, "there is no such folder, or an argument is wrong")];
 
@@ -132,6 +145,21 @@ const ENDINGS: &[Ending] = &[
         exits: &[WHOLE, PRINTED, (Exit::Before, "there are no timings, or an argument is wrong")],
     },
     Ending {
+        command: "info",
+        examples: &[
+            ("info @latest", "topics with their sizes and recipes"),
+            ("info copied.mcap --check", "is every byte what was written?"),
+            ("info RUN --keys --json | jq -r '.keys[].key' | sort -u", "for programs"),
+        ],
+        exits: &[
+            WHOLE,
+            (Exit::Engine, "the disk failed, or the output could not be written"),
+            (Exit::Before, "there is no recording, or an argument is wrong"),
+            (Exit::Frames, "the recording is damaged"),
+            INTERRUPTED,
+        ],
+    },
+    Ending {
         command: "runs",
         examples: &[
             ("runs", "all runs below `runs`"),
@@ -140,9 +168,47 @@ const ENDINGS: &[Ending] = &[
                 "the newest that is over, wherever a run is wanted; `table1/@latest`: of those in runs/table1",
             ),
             ("table table1/2026-11-21", "or the beginning of its name, if no other's begins so"),
+            ("runs why table1/2026-11-20 @latest", "which node is another since, and why"),
+            ("runs prune --keep 3 --dry-run", "what would go if three of each experiment stayed"),
             ("runs --in /data/runs --json | jq -r '.runs[] | select(.state != \"whole\").path'", "for programs"),
         ],
         exits: RUNS_READ,
+    },
+    Ending {
+        command: "runs show",
+        examples: &[
+            ("runs show @latest", "the newest that is over"),
+            ("runs show look.partial --json | jq .stages", "for programs"),
+        ],
+        exits: RUN_READ,
+    },
+    Ending {
+        command: "runs why",
+        examples: &[
+            ("runs why table1/2026-11-20 table1/@latest", "what is another since that day, and why"),
+            (
+                "runs why A B --json | jq -r '.nodes[] | select(.same | not) | .node'",
+                "for programs: the nodes whose values differ",
+            ),
+        ],
+        exits: RUN_READ,
+    },
+    Ending {
+        command: "runs rm",
+        examples: &[
+            ("runs rm look.partial", "what a run left that ended before it was whole"),
+            ("runs rm table1/2026-11-20 table1/2026-11-21", "several"),
+        ],
+        exits: RUNS_REMOVED,
+    },
+    Ending {
+        command: "runs prune",
+        examples: &[
+            ("runs prune --keep 3 --dry-run", "all but the newest three of each experiment: what would go"),
+            ("runs prune --older-than 30d --keep 1", "what is older than 30 days, but never an experiment's last"),
+            ("runs prune --max-size 100GB --unfinished", "the unfinished, then the oldest until the rest fits"),
+        ],
+        exits: RUNS_REMOVED,
     },
     Ending {
         command: "runs list",

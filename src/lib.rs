@@ -115,6 +115,7 @@ fn program(registry: &Registry, as_json: bool) -> Result<Exit, Stop> {
         Command::Table(args) => commands::table::table(&args),
         Command::Explain(args) => commands::explain::explain(&args),
         Command::Timings(args) => commands::report::timings(&args),
+        Command::Info(args) => commands::info::info(&args),
         Command::Runs(args) => commands::runs::runs(&args),
         Command::Nodes(args) => commands::nodes::nodes(&args, registry),
         Command::Synth(args) => commands::synth::synth(&args),

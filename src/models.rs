@@ -17,21 +17,32 @@ pub fn write(recording: &Recording, folder: &Path) -> Result<(), Stop> {
     let folder = folder.join(FOLDER);
     let failed =
         |error: &io::Error| Stop::of_writing(Exit::Engine, format_args!("failed to write {}", folder.display()), error);
-    let mut taken = BTreeSet::new();
-    for value in recording.once_values().iter().filter(|value| value.value_type == "model") {
+    for (value, name) in names(recording) {
         let RecordedContent::Attachment { name: attachment, .. } = &value.content else { continue };
         let bytes = recording.attachment(attachment).map_err(|error| {
             let exit = if error.is_damage() { Exit::Frames } else { Exit::Engine };
             Stop::of_recording(exit, "failed to read a learnt model", &error)
         })?;
         fs::create_dir_all(&folder).map_err(|error| failed(&error))?;
+        depthloom_durable::write(&folder.join(&name), &bytes).map_err(|error| failed(&error))?;
+    }
+    Ok(())
+}
+
+/// The models that a recording holds, and the names of their files.
+pub fn names(recording: &Recording) -> Vec<(&RecordedOnce, String)> {
+    let mut taken = BTreeSet::new();
+    let is_model = |value: &&RecordedOnce| {
+        value.value_type == "model" && matches!(value.content, RecordedContent::Attachment { .. })
+    };
+    let named = |value| {
         let stem = stem(recording.plan(), value);
         let names = (1..).map(|n| if n == 1 { format!("{stem}.onnx") } else { format!("{stem}-{n}.onnx") });
         let name = names.into_iter().find(|name| !taken.contains(name)).unwrap_or_default();
-        depthloom_durable::write(&folder.join(&name), &bytes).map_err(|error| failed(&error))?;
-        taken.insert(name);
-    }
-    Ok(())
+        taken.insert(name.clone());
+        (value, name)
+    };
+    recording.once_values().iter().filter(is_model).map(named).collect()
 }
 
 /// The longest name of a model without its ending, bytes: every file system takes it, with what stands behind it until it is whole.

@@ -6,6 +6,7 @@
 mod contents;
 mod lock;
 mod marker;
+mod remove;
 
 use std::ffi::OsString;
 use std::fmt::Display;
@@ -15,6 +16,7 @@ use std::path::{Component, Path, PathBuf};
 
 pub use lock::{Lock, Refused, is_held};
 pub use marker::{Found, MARKER};
+pub use remove::Removal;
 
 use crate::exit::{Exit, Stop, remedy_of_writing};
 use crate::streams::say;
@@ -235,20 +237,26 @@ fn without_turns(out: &Path) -> Result<PathBuf, Stop> {
 
 /// Refuses to replace what the person stands in, the run was made from, or somebody put there.
 fn keep_from_harm(path: &Path, read: &[PathBuf]) -> Result<(), Stop> {
+    match harm(path, read)? {
+        None => Ok(()),
+        Some(why) => {
+            let what = format!("{} is not replaced: {why}", path.display());
+            Err(Stop::new(Exit::Before, what).remedy("choose another --out"))
+        }
+    }
+}
+
+/// What speaks against removing a run's folder: it is what the person stands in, what is `read`, or holds what somebody put there.
+fn harm(path: &Path, read: &[PathBuf]) -> Result<Option<String>, Stop> {
     let real = fs::canonicalize(path).map_err(|error| failed("look at", path, &error))?;
-    let refuse = |why: String| {
-        Stop::new(Exit::Before, format!("{} is not replaced: {why}", path.display())).remedy("choose another --out")
-    };
     if std::env::current_dir().is_ok_and(|here| here.starts_with(&real)) {
-        return Err(refuse("it is the current folder, or holds it".to_owned()));
+        return Ok(Some("it is the current folder, or holds it".to_owned()));
     }
-    match read.iter().find(|file| fs::canonicalize(file).is_ok_and(|file| file.starts_with(&real))) {
-        Some(file) => Err(refuse(format!("it holds {}, which this run reads", file.display()))),
-        None => match contents::foreign(path).map_err(|error| failed("look into", path, &error))? {
-            Some(name) => Err(refuse(format!("it holds {}, which no run wrote", Path::new(&name).display()))),
-            None => Ok(()),
-        },
+    if let Some(file) = read.iter().find(|file| fs::canonicalize(file).is_ok_and(|file| file.starts_with(&real))) {
+        return Ok(Some(format!("it holds {}, which this run reads", file.display())));
     }
+    let foreign = contents::foreign(path).map_err(|error| failed("look into", path, &error))?;
+    Ok(foreign.map(|name| format!("it holds {}, which no run wrote", Path::new(&name).display())))
 }
 
 fn failed(to: &str, path: &Path, error: &io::Error) -> Stop {

@@ -8,5 +8,5 @@ mod glance;
 mod named;
 
 pub use found::{FOLDER, FoundRun, all};
-pub use glance::Glance;
+pub use glance::{Glance, State, bytes_in};
 pub use named::named;

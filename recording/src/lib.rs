@@ -85,12 +85,14 @@ mod compression;
 mod condition;
 mod curve;
 mod damage;
+mod difference;
 mod digest;
 mod early_sync;
 mod error;
 mod file;
 mod held;
 mod index;
+mod inventory;
 mod layout;
 mod parse;
 mod plan;
@@ -109,9 +111,11 @@ pub use attachment::AttachmentEntry;
 pub use chunk::Part;
 pub use condition::Condition;
 pub use damage::Damage;
+pub use difference::{Difference, NodePair, json_differences, node_pairs, source_differences};
 pub use digest::digest;
 pub use error::RecordingError;
 pub use held::Held;
+pub use inventory::TopicSize;
 pub use plan::{
     RecordedEstimate, RecordedInput, RecordedNode, RecordedOutput, RecordedPlan, RecordedRun, RecordedSource,
     RecordedSourcePart,

@@ -105,6 +105,15 @@ pub(crate) fn message_index_channel(head: &[u8], length: u64) -> Option<u16> {
     (entries % 16 == 0 && length == 6 + u64::from(entries)).then_some(channel)
 }
 
+/// The channel of a message index, and where in its chunk each of the messages starts.
+pub(crate) fn message_index(body: &[u8]) -> Option<(u16, impl Iterator<Item = u64> + '_)> {
+    let mut body = Body(body);
+    let (channel, entries) = (body.u16()?, body.bytes()?);
+    let entries = entries.as_chunks::<16>();
+    let offsets = entries.0.iter().map(|[_, _, _, _, _, _, _, _, offset @ ..]| u64::from_le_bytes(*offset));
+    body.end(()).filter(|()| entries.1.is_empty()).map(|()| (channel, offsets))
+}
+
 /// What stands before a chunk's records.
 pub(crate) struct ChunkHead<'a> {
     pub(crate) uncompressed_size: u64,

@@ -81,9 +81,14 @@ pub fn analyse(
     })
 }
 
-/// The recording of a run that is [named](named()), or the recording itself; `command` is what to do with it.
+/// The recording of a run that is [named](named()) in the folder of runs, or the recording itself; `command` is what to do with it.
 pub(super) fn recording_of(run: &Path, command: &str) -> Result<PathBuf, Stop> {
-    let run = &named(run, Path::new(FOLDER))?;
+    recording_in(Path::new(FOLDER), run, command)
+}
+
+/// The same of another folder of runs.
+pub(super) fn recording_in(folder: &Path, run: &Path, command: &str) -> Result<PathBuf, Stop> {
+    let run = &named(run, folder)?;
     let failed = |what: String| Stop::new(Exit::Before, format!("failed to open {}: {what}", run.display()));
     let kind = match std::fs::metadata(run) {
         Ok(metadata) => metadata.file_type(),

@@ -1,6 +1,10 @@
 //! `depthloom runs`: the folder of runs.
 
 mod list;
+mod prune;
+mod rm;
+mod show;
+mod why;
 
 use crate::args::{RunsArgs, RunsCommand};
 use crate::exit::{Exit, Stop};
@@ -9,5 +13,9 @@ use crate::exit::{Exit, Stop};
 pub fn runs(args: &RunsArgs) -> Result<Exit, Stop> {
     match &args.command {
         None | Some(RunsCommand::List) => list::list(args),
+        Some(RunsCommand::Show(asked)) => show::show(args, asked),
+        Some(RunsCommand::Why(asked)) => why::why(args, asked),
+        Some(RunsCommand::Rm(asked)) => rm::rm(args, asked),
+        Some(RunsCommand::Prune(rules)) => prune::prune(args, rules),
     }
 }

@@ -10,6 +10,7 @@ use serde_json::Value as Json;
 
 use crate::commands::report::RECORDING;
 use crate::environment::{ENVIRONMENT, STAMP};
+use crate::exit::{Exit, Stop};
 use crate::run_folder::{Found, MARKER};
 use crate::streams::say;
 
@@ -31,6 +32,24 @@ pub struct FoundRun {
 }
 
 impl FoundRun {
+    /// The run of a folder, named as it is in the folder of runs, or by its path if it lies elsewhere.
+    pub fn at(path: &Path, folder: &Path) -> Result<Self, Stop> {
+        let found = Found::at(path).map_err(|error| {
+            Stop::because(Exit::Before, format_args!("failed to look at {}", path.display()), &error)
+        })?;
+        if found != Found::Run {
+            let what = match found {
+                Found::Other(what) => what,
+                Found::Empty => "an empty folder",
+                Found::Nothing | Found::Run => "nothing",
+            };
+            let stop = Stop::new(Exit::Before, format!("under {} is no run, but {what}", path.display()));
+            return Err(stop.remedy("`depthloom runs` lists those there are; elsewhere a run is named by its folder"));
+        }
+        let name = path.strip_prefix(folder).unwrap_or(path).to_string_lossy().into_owned();
+        Ok(Self { name, time: time(path), path: path.to_owned() })
+    }
+
     /// Whether it has its final name: it is over.
     pub fn is_over(&self) -> bool {
         self.path.extension().is_none_or(|ending| ending != depthloom_durable::PARTIAL)

@@ -127,3 +127,185 @@ fn a_run_is_named_by_the_beginning_of_its_name_wherever_one_is_wanted() {
     let offered = text(&succeed(&mut ask));
     assert_eq!(offered.lines().collect::<Vec<_>>(), ["look/2026-11-21", "look/2026-11-20"]);
 }
+
+#[test]
+fn why_two_runs_differ_is_said_by_parameter_source_and_what_follows() {
+    let here = Here::new();
+    let first = here.run("runs/first", &[]);
+    here.run("runs/again", &[]);
+    here.run("runs/block", &["--set", "look.stereo.with.block=9"]);
+    here.run("runs/street", &["--set", "sources.street.with.frames=1..3", "--set", "sources.street.with.seed=7"]);
+
+    let same = here.json(&["runs", "why", "first", "again"]);
+    assert_eq!((&same["experiment"], &same["made_by"]), (&json!([]), &json!([])));
+    assert!(same["nodes"].as_array().expect("nodes").iter().all(|node| node["same"] == true), "{same}");
+    let told = text(&succeed(&mut here.command(&["runs", "why", "first", "again"])));
+    assert!(told.ends_with("\nall nodes are the same, and so are their values on all frames in both\n"), "{told}");
+
+    // Penalties follow the block: they are other numbers though nobody set them.
+    let block = here.json(&["runs", "why", "first", "block"]);
+    let set = json!([{ "what": "parameter", "path": "stages.look.nodes.stereo.with", "before": null, "after": { "block": 9 } }]);
+    assert_eq!(block["experiment"], set);
+    let of = |of: &Json, name: &str| -> Json {
+        let nodes = of["nodes"].as_array().expect("nodes");
+        nodes.iter().find(|node| node["node"] == name).unwrap_or_else(|| panic!("{name} in {of}")).clone()
+    };
+    let changed: Vec<String> = of(&block, "stereo")["differences"]
+        .as_array()
+        .expect("a list")
+        .iter()
+        .map(|difference| format!("{} {} {}", difference["path"], difference["before"], difference["after"]))
+        .collect();
+    assert_eq!(changed, ["\"block\" 5 9", "\"p1\" 200 648", "\"p2\" 800 2592"]);
+    assert_eq!(
+        of(&block, "depth")["differences"],
+        json!([{ "what": "upstream", "port": "disparity", "from": "stereo/disparity" }])
+    );
+    assert_eq!(
+        block["frames"],
+        json!([{ "stage": "look", "source": [], "both": 2, "same": 2, "only_before": 0, "only_after": 0 }])
+    );
+
+    // Other frames: every node is the same, and its values are not.
+    let street = here.json(&["runs", "why", "first", "street"]);
+    let frames = &street["frames"][0];
+    assert_eq!((&frames["both"], &frames["same"], &frames["only_before"]), (&json!(1), &json!(0), &json!(1)));
+    let stereo = of(&street, "stereo");
+    assert_eq!((&stereo["differences"], &stereo["same"]), (&json!([]), &json!(false)));
+    let told = text(&succeed(&mut here.command(&["runs", "why", "first", "street"])));
+    assert!(told.contains("source of look: seed: 1 -> 7"), "{told}");
+    assert!(told.contains("is the same, but what it reads is not: 0 of 1 value equal"), "{told}");
+
+    // By recordings too, wherever they lie.
+    let elsewhere = here.path().join("copy.mcap");
+    std::fs::copy(first.join("recording.mcap"), elsewhere).expect("copied");
+    assert_eq!(here.json(&["runs", "why", "copy.mcap", "block"])["nodes"], block["nodes"]);
+    assert!(here.fails(&["runs", "why", "first", "none"], 2).contains("none"));
+}
+
+#[test]
+fn a_run_is_shown_with_how_it_was_made_and_what_lies_there() {
+    let here = Here::new();
+    let run = here.run("runs/first", &["-j", "1"]);
+    let shown = here.json(&["runs", "show", "first"]);
+    assert_eq!(
+        (&shown["name"], &shown["state"], &shown["experiment"]),
+        (&json!("first"), &json!("whole"), &json!("look"))
+    );
+    let stage = json!({ "stage": "look", "frames": 2, "source": "street", "source_kinds": ["synthetic/road"], "nodes": 3, "models": [] });
+    assert_eq!(shown["stages"], json!([stage]));
+    assert_eq!(shown["environment"]["workers"], 1);
+    let files = shown["files"].as_array().expect("files");
+    let size = std::fs::metadata(run.join("recording.mcap")).expect("a recording").len();
+    assert!(files.contains(&json!({ "name": "recording.mcap", "bytes": size })), "{files:?}");
+    assert_eq!(files.len(), std::fs::read_dir(&run).expect("a folder").count());
+    let told = text(&succeed(&mut here.command(&["runs", "show", "@latest"])));
+    assert!(told.contains("-j 1") && told.contains("look: 2 frames of street (synthetic/road), 3 nodes"), "{told}");
+    let said = here.fails(&["runs", "show", "look.yaml"], 2);
+    assert!(said.contains("under look.yaml is no run, but a file"), "{said}");
+}
+
+#[test]
+fn info_tells_topics_sizes_and_keys_and_what_is_damaged() {
+    let here = Here::new();
+    let run = here.run("runs/first", &[]);
+    let recording = run.join("recording.mcap");
+    let told = here.json(&["info", "first", "--keys", "--check"]);
+    assert_eq!((&told["condition"], &told["checked"], &told["damage"]), (&json!("whole"), &json!(true), &json!([])));
+    let topics = told["topics"].as_array().expect("topics");
+    let of = |name: &str| topics.iter().find(|topic| topic["topic"] == name).unwrap_or_else(|| panic!("{name}"));
+    let depth = of("/look/depth/depth");
+    assert_eq!((&depth["type"], &depth["messages"], &depth["keys"]), (&json!("depth"), &json!(2), &json!(2)));
+    let raw = depth["raw_bytes"].as_u64().expect("a size");
+    assert!((2 * 320 * 96 * 4..2 * 320 * 96 * 4 + 400).contains(&raw), "{raw}");
+    // The recipe is the plan's, and keys are told by frame and node.
+    let plan = here.json(&["plan", "look.yaml"]);
+    let planned = plan["runs"][0]["nodes"].as_array().expect("nodes").iter().find(|node| node["name"] == "depth");
+    assert_eq!(depth["recipe"], planned.expect("depth")["recipe"]);
+    let keys = told["keys"].as_array().expect("keys");
+    assert_eq!(keys.len(), 2 * 4, "a source and three nodes on two frames");
+    // What topics, attachments and the rest take is the file.
+    let stored: u64 = topics.iter().map(|topic| topic["stored_bytes"].as_u64().expect("a size")).sum();
+    let size = std::fs::metadata(&recording).expect("a recording").len();
+    assert!(told["bytes"] == size && stored < size && stored > size / 2, "{stored} of {size}");
+    let text = text(&succeed(&mut here.command(&["info", "first"])));
+    assert!(text.contains("recording.mcap: whole by its summary; --check reads every byte\n"), "{text}");
+
+    // A bit flipped in the middle of a chunk is found by reading every byte alone.
+    let mut bytes = std::fs::read(&recording).expect("a recording");
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    std::fs::write(&recording, &bytes).expect("written");
+    succeed(&mut here.command(&["info", "first"]));
+    let output = here.command(&["info", "first", "--check", "--json"]).output().expect("the binary starts");
+    assert_eq!(output.status.code(), Some(3));
+    let told = json_of(&output);
+    assert_eq!((&told["condition"], &told["error"]["exit_code"]), (&json!("damaged"), &json!(3)));
+    let damage = &told["damage"][0];
+    let from = damage["offset"].as_u64().expect("a place") as usize;
+    assert!((from..from + damage["bytes"].as_u64().expect("a size") as usize).contains(&middle), "{damage}");
+}
+
+#[test]
+fn runs_are_removed_by_name_all_or_none() {
+    let here = Here::new();
+    let (first, second) = (here.run("runs/first", &[]), here.run("runs/second", &[]));
+    let third = here.run("runs/third", &[]);
+    std::fs::write(second.join("notes.txt"), "years").expect("written");
+    let said = here.fails(&["runs", "rm", "first", "second"], 2);
+    assert!(said.contains("it holds notes.txt, which no run wrote"), "{said}");
+    assert!(first.exists() && second.exists(), "none is removed where one may not be");
+    let removed = text(&succeed(&mut here.command(&["runs", "rm", "first", "runs/third", "fir"])));
+    let lines: Vec<&str> = removed.lines().collect();
+    assert!(
+        lines.len() == 2
+            && lines[0].starts_with("removed runs/first (")
+            && lines[1].starts_with("removed runs/third (")
+    );
+    assert!(!first.exists() && !third.exists());
+    assert_eq!(std::fs::read_to_string(second.join("notes.txt")).expect("a file"), "years");
+    let wrong =
+        [("first", "there is nothing"), ("look.yaml", "it is a file"), ("runs", "it is a folder, but not of a run")];
+    for (wrong, why) in wrong {
+        let said = here.fails(&["runs", "rm", wrong], 2);
+        assert!(said.contains(&format!("{wrong} is not removed: {why}")), "{said}");
+    }
+    std::fs::remove_file(second.join("notes.txt")).expect("removed");
+    let removed = here.json(&["runs", "rm", "@latest"]);
+    assert!(removed["removed"][0]["path"] == "runs/second" && removed["bytes"].as_u64().is_some_and(|bytes| bytes > 0));
+    assert_eq!(std::fs::read_dir(here.path().join("runs")).expect("a folder").count(), 0);
+}
+
+#[test]
+fn pruning_keeps_what_rules_keep_and_what_others_read() {
+    let here = Here::new();
+    let runs: Vec<PathBuf> = (1..=4).map(|day| format!("runs/look/{day}")).map(|out| here.run(&out, &[])).collect();
+    for (day, run) in (1..).zip(&runs) {
+        done_at(run, &format!("2020-11-0{day}T10-00-00Z"));
+    }
+    // The newest is made of the oldest.
+    let resolved = runs[3].join("experiment.resolved.yaml");
+    let mut text_of = std::fs::read_to_string(&resolved).expect("a file");
+    let oldest = runs[0].canonicalize().expect("a folder");
+    text_of.push_str(&format!("# model: {}/models/learn.teacher.onnx\n", oldest.display()));
+    std::fs::write(&resolved, text_of).expect("written");
+
+    assert!(here.fails(&["runs", "prune"], 2).contains("--keep"), "a rule is wanted");
+    let would = here.json(&["runs", "prune", "--keep", "1", "--dry-run"]);
+    let paths = |told: &Json| -> Vec<Json> {
+        told["removed"].as_array().expect("a list").iter().map(|run| run["path"].clone()).collect()
+    };
+    assert_eq!(paths(&would), ["runs/look/2", "runs/look/3"]);
+    assert_eq!(would["kept"], json!([{ "path": "runs/look/1", "why": "look/4 reads it" }]));
+    assert!(runs.iter().all(|run| run.exists()), "nothing is removed");
+
+    let told = text(&succeed(&mut here.command(&["runs", "prune", "--older-than", "3d", "--keep", "2"])));
+    let lines: Vec<&str> = told.lines().collect();
+    assert!(lines[0].starts_with("removed runs/look/2 (") && lines[1] == "kept runs/look/1: look/4 reads it", "{told}");
+    assert!(lines[2].starts_with("removed 1 of 4 runs, "), "{told}");
+    assert_eq!(runs.iter().map(|run| run.exists()).collect::<Vec<_>>(), [true, false, true, true]);
+    // Of another experiment there are none, and all that is left is removed once nothing stays that reads it.
+    assert_eq!(paths(&here.json(&["runs", "prune", "--keep", "0", "--experiment", "other"])), [""; 0]);
+    assert_eq!(paths(&here.json(&["runs", "prune", "--max-size", "0"])).len(), 3);
+    assert_eq!(here.json(&["runs"])["runs"], json!([]));
+}

@@ -46,6 +46,41 @@ fn every_checksum_holds() {
 }
 
 #[test]
+fn what_topics_are_said_to_hold_is_what_a_stream_of_them_has() {
+    /// A message's record: opcode, length, and what stands before the data.
+    const HEAD: u64 = 1 + 8 + 2 + 4 + 8 + 8;
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("recording.mcap");
+    record(&path, &plan(), 0..4, 70, 40);
+    let bytes = std::fs::read(&path).expect("a recording");
+    let told_of = |path: &std::path::Path| {
+        let recording = depthloom_recording::Recording::open(path).expect("a recording");
+        let sizes = recording.topic_sizes(&|| false).expect("sizes");
+        let stored: u64 = sizes.iter().map(|of| of.stored_bytes).sum();
+        let of = |of: depthloom_recording::TopicSize| (of.topic, (of.messages, of.raw_bytes));
+        (sizes.into_iter().map(of).collect::<BTreeMap<_, _>>(), stored)
+    };
+    let mut held: BTreeMap<String, (u64, u64)> = BTreeMap::new();
+    for message in MessageStream::new(&bytes).unwrap() {
+        let message = message.unwrap();
+        let (count, size) = held.entry(message.channel.topic.clone()).or_default();
+        *count += 1;
+        *size += HEAD + message.data.len() as u64;
+    }
+    let (told, stored) = told_of(&path);
+    assert_eq!(told, held);
+    let chunks = Summary::read(&bytes).unwrap().expect("a summary").chunk_indexes;
+    assert_eq!(stored, chunks.iter().map(|chunk| chunk.compressed_size).sum::<u64>());
+    // Of a file without an end, the same of its whole frames.
+    let cut = folder.path().join("cut.mcap");
+    let last = chunks.iter().map(|chunk| chunk.chunk_start_offset + chunk.chunk_length).max().expect("chunks");
+    std::fs::write(&cut, &bytes[..last as usize]).expect("written");
+    let (told, _) = told_of(&cut);
+    assert!(told.iter().all(|(topic, of)| held[topic] == *of), "{told:?} {held:?}");
+    assert!(told.len() > 5);
+}
+
+#[test]
 fn the_summary_tells_what_the_stream_holds() {
     let bytes = recorded(0..4);
     let mut counted: BTreeMap<String, u64> = BTreeMap::new();

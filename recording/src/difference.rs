@@ -1,0 +1,448 @@
+//! What differs between two plans, and so why their values do: which parameter, version, input or file of which node.
+//!
+//! Nodes that have one recipe compute the same from equal inputs, whatever they are called and wherever they stand. Of the others it is said
+//! what a person would change to make them equal.
+
+use std::fmt;
+
+use depthloom_graphs::Key;
+use depthloom_graphs::contracts::Slot;
+use serde_json::{Value as Json, json};
+
+use crate::plan::{RecordedInput, RecordedNode, RecordedPlan, RecordedRun, RecordedSource, RecordedSourcePart};
+
+/// Stage run and node.
+type Place = (usize, usize);
+
+/// A node of two plans, or of one of them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NodePair {
+    /// Its stage.
+    pub stage: String,
+    /// Its name in the experiment.
+    pub name: String,
+    /// The variants of the later plan that it is of, of a node that is gone those of the earlier; none where there are no variants.
+    pub variants: Vec<String>,
+    /// Stage run and node in the earlier plan; `None` if it has no such node.
+    pub before: Option<(usize, usize)>,
+    /// Stage run and node in the later plan; `None` if it has no such node.
+    pub after: Option<(usize, usize)>,
+    /// What differs; nothing if the recipes are equal, or one of the plans lacks it.
+    pub differences: Vec<Difference>,
+}
+
+/// Something in which two nodes or sources differ.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Difference {
+    /// They are of other kinds.
+    Kind {
+        /// The earlier one's.
+        before: String,
+        /// The later one's.
+        after: String,
+    },
+    /// Outputs of the kind have changed since.
+    Version {
+        /// The earlier one's.
+        before: u32,
+        /// The later one's.
+        after: u32,
+    },
+    /// A parameter; a file by the hash of its content.
+    Parameter {
+        /// Its name, with dots where it lies in others.
+        path: String,
+        /// The earlier value; `None` where there was no such parameter.
+        before: Option<Json>,
+        /// The later value.
+        after: Option<Json>,
+    },
+    /// An input is wired to something else.
+    Input {
+        /// The port.
+        port: String,
+        /// What the earlier one was wired to; `None`: to nothing.
+        before: Option<String>,
+        /// What the later one is wired to.
+        after: Option<String>,
+    },
+    /// An input is wired alike, but the node that it reads is another one.
+    Upstream {
+        /// The port.
+        port: String,
+        /// The node, and its output.
+        from: String,
+    },
+    /// Nothing that a plan says differs: it is the content of these input files, or, where there are none, the engine that computes the node.
+    Unseen {
+        /// The names of the files.
+        files: Vec<String>,
+    },
+}
+
+/// The nodes of two plans side by side: those of the later in their order, then those that only the earlier has.
+///
+/// A node's counterpart is that of its name in its stage and variant; where no variant has the same name, one of the same recipe, or the
+/// first of the name.
+#[must_use]
+pub fn node_pairs(before: &RecordedPlan, after: &RecordedPlan) -> Vec<NodePair> {
+    let mut pairs: Vec<NodePair> = Vec::new();
+    for place in places(after) {
+        for variant in names(after, node(after, place)) {
+            let found = counterpart(before, after, place, variant);
+            add(&mut pairs, after, (found, Some(place)), (place, variant));
+        }
+    }
+    for place in
+        places(before).filter(|place| !pairs.iter().any(|pair| pair.before == Some(*place))).collect::<Vec<_>>()
+    {
+        for variant in names(before, node(before, place)) {
+            add(&mut pairs, before, (Some(place), None), (place, variant));
+        }
+    }
+    for pair in &mut pairs {
+        if let (Some(one), Some(other)) = (pair.before, pair.after) {
+            pair.differences = differences(before, one, after, other);
+        }
+    }
+    pairs
+}
+
+/// What differs between the sources of two stage runs.
+#[must_use]
+pub fn source_differences(before: &RecordedSource, after: &RecordedSource) -> Vec<Difference> {
+    if before.parts.len() != after.parts.len() {
+        let kinds = |parts: &[RecordedSourcePart]| {
+            parts.iter().map(|part| part.kind.as_str()).collect::<Vec<_>>().join(", then ")
+        };
+        return vec![Difference::Kind { before: kinds(&before.parts), after: kinds(&after.parts) }];
+    }
+    let mut found = Vec::new();
+    for (one, other) in before.parts.iter().zip(&after.parts) {
+        of_kind((&one.kind, one.version, &one.params), (&other.kind, other.version, &other.params), &mut found);
+    }
+    found
+}
+
+/// Stage run and node of all nodes of a plan.
+fn places(plan: &RecordedPlan) -> impl Iterator<Item = Place> {
+    plan.runs.iter().enumerate().flat_map(|(run, of)| (0..of.nodes.len()).map(move |node| (run, node)))
+}
+
+fn node(plan: &RecordedPlan, (run, node): Place) -> &RecordedNode {
+    &plan.runs[run].nodes[node]
+}
+
+/// The names of a node's variants.
+fn names<'a>(plan: &'a RecordedPlan, node: &'a RecordedNode) -> impl Iterator<Item = &'a str> {
+    node.variants.iter().filter_map(|&variant| plan.variants.get(variant)).map(String::as_str)
+}
+
+/// Adds a variant to the pair of these nodes, or makes it.
+fn add(
+    pairs: &mut Vec<NodePair>,
+    plan: &RecordedPlan,
+    (before, after): (Option<Place>, Option<Place>),
+    (place, variant): (Place, &str),
+) {
+    let known = pairs.iter().position(|pair| (pair.before, pair.after) == (before, after));
+    let known = known.unwrap_or_else(|| {
+        let (stage, name) = (plan.runs[place.0].stage.clone(), node(plan, place).name.clone());
+        pairs.push(NodePair { stage, name, variants: Vec::new(), before, after, differences: Vec::new() });
+        pairs.len() - 1
+    });
+    if !variant.is_empty() {
+        pairs[known].variants.push(variant.to_owned());
+    }
+}
+
+fn counterpart(before: &RecordedPlan, after: &RecordedPlan, place: Place, variant: &str) -> Option<Place> {
+    let (stage, of) = (&after.runs[place.0].stage, node(after, place));
+    let of_stage = || places(before).filter(|&(run, _)| before.runs[run].stage == *stage);
+    let named = || of_stage().filter(|&place| node(before, place).name == of.name);
+    let of_variant = named().find(|&place| names(before, node(before, place)).any(|name| name == variant));
+    let same = || of_stage().find(|&place| node(before, place).recipe == of.recipe);
+    of_variant.or_else(same).or_else(|| named().next())
+}
+
+/// What differs between two nodes; nothing if they have one recipe.
+fn differences(before: &RecordedPlan, one: Place, after: &RecordedPlan, other: Place) -> Vec<Difference> {
+    let (earlier, later) = (node(before, one), node(after, other));
+    if earlier.recipe == later.recipe {
+        return Vec::new();
+    }
+    let mut found = Vec::new();
+    let of = |node: &RecordedNode| (node.kind.clone(), node.version, node.params.clone());
+    let ((one_kind, one_version, one_params), (kind, version, params)) = (of(earlier), of(later));
+    of_kind((&one_kind, one_version, &one_params), (&kind, version, &params), &mut found);
+    let mut files = Vec::new();
+    for input in &later.inputs {
+        let wire = wire(after, other, input);
+        let counterpart = earlier.inputs.iter().find(|of| of.port == input.port);
+        let was = counterpart.map_or(Wire::Nothing, |input| self::wire(before, one, input));
+        let port = input.port.clone();
+        match (&was, &wire) {
+            (Wire::File(was), Wire::File(is)) if was == is => files.push(is.clone()),
+            (Wire::Node(_, was), Wire::Node(_, is)) if was == is => {}
+            (Wire::Node(was, _), Wire::Node(from, _)) if was == from => {
+                found.push(Difference::Upstream { port, from: from.clone() });
+            }
+            (was, is) if was == is => {}
+            (was, is) => found.push(Difference::Input { port, before: was.text(), after: is.text() }),
+        }
+    }
+    for input in earlier.inputs.iter().filter(|input| !later.inputs.iter().any(|of| of.port == input.port)) {
+        let was = wire(before, one, input);
+        if was != Wire::Nothing {
+            found.push(Difference::Input { port: input.port.clone(), before: was.text(), after: None });
+        }
+    }
+    if found.is_empty() {
+        found.push(Difference::Unseen { files });
+    }
+    found
+}
+
+fn of_kind(before: (&str, u32, &Json), after: (&str, u32, &Json), found: &mut Vec<Difference>) {
+    if before.0 != after.0 {
+        // The parameters of another kind are other parameters.
+        return found.push(Difference::Kind { before: before.0.to_owned(), after: after.0.to_owned() });
+    }
+    if before.1 != after.1 {
+        found.push(Difference::Version { before: before.1, after: after.1 });
+    }
+    found.extend(json_differences(before.2, after.2));
+}
+
+/// The places at which two values differ, each a [`Difference::Parameter`]. Lists are compared as a whole.
+#[must_use]
+pub fn json_differences(before: &Json, after: &Json) -> Vec<Difference> {
+    fn add(path: &str, before: Option<&Json>, after: Option<&Json>, found: &mut Vec<Difference>) {
+        let (one, other) = match (before, after) {
+            (before, after) if before == after => return,
+            (Some(Json::Object(one)), Some(Json::Object(other))) => (one, other),
+            (before, after) => {
+                let (path, before, after) = (path.to_owned(), before.cloned(), after.cloned());
+                return found.push(Difference::Parameter { path, before, after });
+            }
+        };
+        let gone = one.keys().filter(|key| !other.contains_key(*key));
+        for key in other.keys().chain(gone) {
+            let inner = if path.is_empty() { key.clone() } else { format!("{path}.{key}") };
+            add(&inner, one.get(key), other.get(key), found);
+        }
+    }
+    let mut found = Vec::new();
+    add("", Some(before), Some(after), &mut found);
+    found
+}
+
+/// What an input is wired to.
+#[derive(Debug, PartialEq)]
+enum Wire {
+    Nothing,
+    /// An output of the source.
+    Source(String),
+    /// The output of a node, and the node's recipe.
+    Node(String, Key),
+    /// A file, by name.
+    File(String),
+}
+
+impl Wire {
+    fn text(&self) -> Option<String> {
+        match self {
+            Self::Nothing => None,
+            Self::Source(text) | Self::Node(text, _) => Some(text.clone()),
+            Self::File(name) => Some(format!("file {name}")),
+        }
+    }
+}
+
+fn wire(plan: &RecordedPlan, place: Place, input: &RecordedInput) -> Wire {
+    let Some(from) = &input.from else { return Wire::Nothing };
+    if let Some(name) = from.strip_prefix("file") {
+        return Wire::File(name.trim_start().to_owned());
+    }
+    if let Some(once) = from.strip_prefix("once ") {
+        let is_read = |of: &&RecordedNode| of.variants.iter().any(|of| node(plan, place).variants.contains(of));
+        let gives = |run: &RecordedRun, of: &RecordedNode| {
+            of.outputs.iter().any(|output| format!("{}.{}/{}", run.stage, of.name, output.port) == once)
+        };
+        let mut found = plan.runs.iter().flat_map(|run| run.nodes.iter().filter(|of| gives(run, of)).filter(is_read));
+        return found.next().map_or_else(|| Wire::Source(once.to_owned()), |of| Wire::Node(once.to_owned(), of.recipe));
+    }
+    match plan.find(place.0, from) {
+        Some((Slot::Source { .. }, output)) => Wire::Source(format!("source/{}", output.port)),
+        Some((Slot::Node { node, .. }, output)) => {
+            let of = &plan.runs[place.0].nodes[node];
+            Wire::Node(format!("{}/{}", of.name, output.port), of.recipe)
+        }
+        None => Wire::Source(from.clone()),
+    }
+}
+
+impl Difference {
+    /// For programs: what it is, where, and both sides.
+    #[must_use]
+    pub fn json(&self) -> Json {
+        match self {
+            Self::Kind { before, after } => json!({ "what": "kind", "before": before, "after": after }),
+            Self::Version { before, after } => json!({ "what": "version", "before": before, "after": after }),
+            Self::Parameter { path, before, after } => {
+                json!({ "what": "parameter", "path": path, "before": before, "after": after })
+            }
+            Self::Input { port, before, after } => {
+                json!({ "what": "input", "port": port, "before": before, "after": after })
+            }
+            Self::Upstream { port, from } => json!({ "what": "upstream", "port": port, "from": from }),
+            Self::Unseen { files } => json!({ "what": "unseen", "files": files }),
+        }
+    }
+}
+
+impl fmt::Display for Difference {
+    /// As a lower-case fragment, the earlier before the later.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let wired = |to: &Option<String>| to.clone().unwrap_or_else(|| "nothing".to_owned());
+        match self {
+            Self::Kind { before, after } => write!(f, "kind: {before} -> {after}"),
+            Self::Version { before, after } => write!(f, "version of the kind: {before} -> {after}"),
+            Self::Parameter { path, before, after } => {
+                write!(f, "{path}: {} -> {}", told(before.as_ref()), told(after.as_ref()))
+            }
+            Self::Input { port, before, after } => write!(f, "input {port}: {} -> {}", wired(before), wired(after)),
+            Self::Upstream { port, from } => write!(f, "input {port}: {from} differs"),
+            Self::Unseen { files } if files.is_empty() => {
+                f.write_str("the engine that computes it: its version, build or provider")
+            }
+            Self::Unseen { files } => write!(f, "what is in {}", files.join(" or ")),
+        }
+    }
+}
+
+/// A value on one line; of a file's content the beginning of its hash.
+fn told(value: Option<&Json>) -> String {
+    /// Of a longer text the beginning.
+    const SHOWN: usize = 60;
+    let text = match value {
+        None => return "(none)".to_owned(),
+        Some(Json::String(text)) => text.clone(),
+        Some(Json::Object(map)) if map.len() == 1 && map.contains_key("content") => {
+            let hash = map["content"].as_str().unwrap_or_default();
+            return format!("a file of content {}", hash.get(..12).unwrap_or(hash));
+        }
+        Some(value) => value.to_string(),
+    };
+    let mut line: String = text.split_whitespace().collect::<Vec<_>>().join(" ");
+    if let Some((end, _)) = line.char_indices().nth(SHOWN) {
+        line.truncate(end);
+        line.push_str("...");
+    }
+    line
+}
+
+#[cfg(test)]
+mod tests {
+    use depthloom_graphs::Key;
+    use serde::Deserialize;
+    use serde_json::{Value as Json, json};
+
+    use super::{RecordedPlan, node_pairs, source_differences};
+
+    fn recipe(text: &str) -> Json {
+        json!(Key::of_content(text.as_bytes()).to_string())
+    }
+
+    fn node(name: &str, params: &Json, inputs: &Json, recipe: &Json, variants: &[usize]) -> Json {
+        let outputs = json!([{
+            "port": "out", "type": "depth", "once": false, "topic": format!("/s/{name}{variants:?}/out"), "aliases": [],
+            "recorded": true,
+        }]);
+        json!({
+            "name": name, "kind": "k", "version": 1, "contract": "pure", "params": params, "inputs": inputs,
+            "outputs": outputs, "recipe": recipe, "variants": variants,
+        })
+    }
+
+    fn plan(variants: &[&str], nodes: &[Json]) -> RecordedPlan {
+        let all: Vec<usize> = (0..variants.len()).collect();
+        let part = json!({ "kind": "made", "version": 1, "params": { "seed": nodes.len() } });
+        let plan = json!({
+            "experiment": "x", "about": "", "variants": variants, "every": 1, "view": false,
+            "runs": [{
+                "stage": "s", "prefix": "/s", "variants": all, "nodes": nodes, "estimates": [],
+                "source": { "name": "street", "parts": [part], "outputs": [] },
+            }],
+        });
+        RecordedPlan::deserialize(&plan).unwrap()
+    }
+
+    fn told(before: &RecordedPlan, after: &RecordedPlan) -> Vec<String> {
+        let line = |pair: &super::NodePair| {
+            let there = match (pair.before, pair.after) {
+                (Some(_), Some(_)) => "",
+                (None, _) => " new",
+                (_, None) => " gone",
+            };
+            let what: Vec<String> = pair.differences.iter().map(ToString::to_string).collect();
+            format!("{}{:?}{there} {}", pair.name, pair.variants, what.join("; "))
+        };
+        node_pairs(before, after).iter().map(line).collect()
+    }
+
+    #[test]
+    fn what_differs_is_said_where_it_differs_and_of_what_follows_what_it_follows() {
+        let reads = |topic: &str| json!([{ "port": "in", "from": topic }]);
+        let none = json!({});
+        let before = plan(
+            &[""],
+            &[
+                node("a", &json!({ "block": 5, "deep": { "p": 1 } }), &json!([]), &recipe("a"), &[0]),
+                node("b", &none, &reads("/s/a[0]/out"), &recipe("b"), &[0]),
+                node("c", &none, &json!([{ "port": "model", "from": "file net.onnx" }]), &recipe("c"), &[0]),
+                node("d", &none, &reads("/s/a[0]/out"), &recipe("d"), &[0]),
+                node("e", &none, &json!([]), &recipe("e"), &[0]),
+                node("old", &none, &json!([]), &recipe("old"), &[0]),
+            ],
+        );
+        let after = plan(
+            &[""],
+            &[
+                node("a", &json!({ "block": 9, "deep": { "p": 1, "q": [1, 2] } }), &json!([]), &recipe("a2"), &[0]),
+                node("b", &none, &reads("/s/a[0]/out"), &recipe("b2"), &[0]),
+                node("c", &none, &json!([{ "port": "model", "from": "file net.onnx" }]), &recipe("c2"), &[0]),
+                node("d", &none, &reads("/s/b[0]/out"), &recipe("d2"), &[0]),
+                node("e", &none, &json!([]), &recipe("e2"), &[0]),
+                node("renamed", &none, &json!([]), &recipe("old"), &[0]),
+                node("new", &none, &json!([]), &recipe("new"), &[0]),
+            ],
+        );
+        assert_eq!(
+            told(&before, &after),
+            [
+                "a[] block: 5 -> 9; deep.q: (none) -> [1,2]",
+                "b[] input in: a/out differs",
+                "c[] what is in net.onnx",
+                "d[] input in: a/out -> b/out",
+                "e[] the engine that computes it: its version, build or provider",
+                "renamed[] ",
+                "new[] new ",
+            ]
+        );
+        assert!(told(&after, &before).contains(&"new[] gone ".to_owned()));
+        let seed = source_differences(&before.runs[0].source, &after.runs[0].source);
+        assert_eq!(seed.iter().map(ToString::to_string).collect::<Vec<_>>(), ["seed: 6 -> 7"]);
+    }
+
+    #[test]
+    fn variants_are_compared_by_name() {
+        let of = |cap: u32, variants: &[usize]| {
+            node("a", &json!({ "cap": cap }), &json!([]), &recipe(&cap.to_string()), variants)
+        };
+        let before = plan(&["x", "y"], &[of(1, &[0]), of(2, &[1])]);
+        let after = plan(&["y", "x", "z"], &[of(2, &[0]), of(3, &[1, 2])]);
+        // `z` is new: of the nodes of that name it is held against the first.
+        assert_eq!(told(&before, &after), ["a[\"y\"] ", "a[\"x\", \"z\"] cap: 1 -> 3"]);
+    }
+}

@@ -1,0 +1,109 @@
+//! What a recording's topics hold and take, without decompressing a value: by the message indexes that stand behind every chunk.
+
+use std::collections::BTreeMap;
+
+use mcap::records::op;
+
+use crate::error::RecordingError;
+use crate::index::ChunkEntry;
+use crate::parse::{ChunkHead, RECORD_HEADER, Records, chunk_head, message_index};
+use crate::recording::Recording;
+
+/// A topic of a recording.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct TopicSize {
+    /// Its name.
+    pub topic: String,
+    /// What its messages are, by the schema's name; of images that come in two forms, that of those which are there.
+    pub schema: String,
+    /// How many messages it has.
+    pub messages: u64,
+    /// What they take without compression, bytes.
+    pub raw_bytes: u64,
+    /// What they take in the file. A chunk that several topics share is divided among them as their raw bytes are.
+    pub stored_bytes: u64,
+}
+
+impl Recording {
+    /// How large the file is, bytes.
+    #[must_use]
+    pub const fn file_bytes(&self) -> u64 {
+        self.file.size
+    }
+
+    /// The topics that have messages, by name. What the file holds besides (attachments, indexes, schemas) is in none of them.
+    ///
+    /// Ends early once `stop` says so, which is asked once a chunk.
+    ///
+    /// # Errors
+    /// If the file cannot be read, or an index of messages is damaged.
+    pub fn topic_sizes(&self, stop: &dyn Fn() -> bool) -> Result<Vec<TopicSize>, RecordingError> {
+        let mut by_channel: BTreeMap<u16, Taken> = BTreeMap::new();
+        let mut bytes = Vec::new();
+        for chunk in self.index.chunks.iter().take_while(|_| !stop()) {
+            self.add_chunk(chunk, &mut bytes, &mut by_channel)?;
+        }
+        let mut topics: BTreeMap<&str, TopicSize> = BTreeMap::new();
+        for (channel, taken) in by_channel {
+            let Some(entry) = self.index.channels.get(&channel) else { continue };
+            let topic = topics.entry(&entry.topic).or_insert_with(|| TopicSize {
+                topic: entry.topic.clone(),
+                schema: self.index.schema_of(entry).unwrap_or_default().to_owned(),
+                messages: 0,
+                raw_bytes: 0,
+                stored_bytes: 0,
+            });
+            topic.messages += taken.messages;
+            topic.raw_bytes += taken.raw;
+            topic.stored_bytes += taken.stored;
+        }
+        Ok(topics.into_values().collect())
+    }
+
+    fn add_chunk(
+        &self,
+        chunk: &ChunkEntry,
+        bytes: &mut Vec<u8>,
+        by_channel: &mut BTreeMap<u16, Taken>,
+    ) -> Result<(), RecordingError> {
+        let damaged = || self.file.damaged(chunk.start, "a chunk and its message indexes contradict each other");
+        let head_bytes = chunk.length.min(RECORD_HEADER + ChunkHead::LONGEST);
+        self.file.read_range(bytes, chunk.start, head_bytes)?;
+        let head = bytes.get(RECORD_HEADER as usize..).and_then(chunk_head).ok_or_else(damaged)?;
+        let raw = head.uncompressed_size;
+        let stored = chunk.length.checked_sub(RECORD_HEADER + head.length as u64).ok_or_else(damaged)?;
+        let indexes = chunk.start + chunk.length;
+        self.file.read_range(bytes, indexes, chunk.end.saturating_sub(indexes))?;
+        let mut messages: Vec<(u64, u16)> = Vec::new();
+        for record in Records::new(bytes) {
+            let Ok((_, op::MESSAGE_INDEX, body)) = record else { return Err(damaged()) };
+            let (channel, offsets) = message_index(body).ok_or_else(damaged)?;
+            messages.extend(offsets.map(|offset| (offset, channel)));
+        }
+        if let ([], [channel]) = (messages.as_slice(), &*chunk.channels) {
+            // A commit that is whole without its index, where a file was cut behind it.
+            messages.push((0, *channel));
+        }
+        messages.sort_unstable();
+        let ends = messages.iter().skip(1).map(|(offset, _)| *offset).chain([raw]);
+        let share = |to: u64| (u128::from(stored) * u128::from(to) / u128::from(raw.max(1))) as u64;
+        for (&(from, channel), to) in messages.iter().zip(ends) {
+            if from > to || to > raw {
+                return Err(damaged());
+            }
+            let taken = by_channel.entry(channel).or_default();
+            taken.messages += 1;
+            taken.raw += to - from;
+            taken.stored += share(to) - share(from);
+        }
+        Ok(())
+    }
+}
+
+/// What the messages of a channel take.
+#[derive(Default)]
+struct Taken {
+    messages: u64,
+    raw: u64,
+    stored: u64,
+}

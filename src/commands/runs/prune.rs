@@ -1,0 +1,208 @@
+//! `depthloom runs prune`: removes runs by age, by the room they take, and by how many there are.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+use std::time::Duration;
+
+use chrono::{DateTime, Utc};
+use serde_json::{Value as Json, json};
+
+use super::list::all_in;
+use super::rm::Removed;
+use crate::args::{PruneArgs, RunsArgs};
+use crate::counted::counted;
+use crate::exit::{Exit, Stop};
+use crate::run_folder::Removal;
+use crate::runs::{FoundRun, Glance, State};
+use crate::sizes::size;
+use crate::streams::print;
+
+/// Removes what the rules choose, and says what was kept though they chose it.
+pub fn prune(args: &RunsArgs, rules: &PruneArgs) -> Result<Exit, Stop> {
+    let runs: Vec<Run> = all_in(args)?.into_iter().map(Run::of).filter(|run| run.is_of(rules)).collect();
+    let chosen = chosen(&runs, rules, Utc::now());
+    let (chosen, mut kept) = without_those_that_are_read(&runs, &chosen);
+    let mut removed = Removed::default();
+    for run in chosen.iter().map(|&run| &runs[run]) {
+        match Removal::of(&run.found.path) {
+            Ok(removal) if rules.dry_run => removed.add("would remove", removal.folder(), run.bytes, args.json)?,
+            Ok(removal) => removed.remove(removal, args.json)?,
+            // Begun in the meantime, or not ours to remove.
+            Err(stop) => kept.push((run, stop.message)),
+        }
+    }
+    if !args.json {
+        for (run, why) in &kept {
+            print(format!("kept {}: {why}\n", run.found.path.display()))?;
+        }
+        let all = runs.iter().map(|run| run.bytes).sum();
+        let verb = if rules.dry_run { "would remove" } else { "removed" };
+        let (gone, bytes) = removed.sum();
+        let of = counted(runs.len() as u64, "run");
+        print(format!("{verb} {gone} of {of}, {} of {}\n", size(bytes), size(all)))?;
+    }
+    let kept: Vec<Json> =
+        kept.iter().map(|(run, why)| json!({ "path": run.found.path.to_string_lossy(), "why": why })).collect();
+    removed.tell(args, json!({ "dry_run": rules.dry_run, "runs": runs.len(), "kept": kept }))
+}
+
+/// A run, and what rules ask of it.
+#[derive(Debug)]
+struct Run {
+    found: FoundRun,
+    state: State,
+    experiment: Option<String>,
+    bytes: u64,
+}
+
+impl Run {
+    fn of(found: FoundRun) -> Self {
+        let Glance { state, experiment, bytes, .. } = Glance::at(&found);
+        Self { found, state, experiment, bytes }
+    }
+
+    fn is_of(&self, rules: &PruneArgs) -> bool {
+        rules.experiment.is_none() || self.experiment == rules.experiment
+    }
+}
+
+/// The runs that rules choose, by place, of runs that are sorted oldest first.
+fn chosen(runs: &[Run], rules: &PruneArgs, now: DateTime<Utc>) -> Vec<usize> {
+    let mut left: BTreeMap<&Option<String>, usize> = BTreeMap::new();
+    let mut is_kept = vec![false; runs.len()];
+    for (place, run) in runs.iter().enumerate().rev().filter(|(_, run)| run.state == State::Whole) {
+        let left = left.entry(&run.experiment).or_insert(rules.keep.unwrap_or(0));
+        is_kept[place] = *left > 0;
+        *left = left.saturating_sub(1);
+    }
+    let age = |run: &Run| (now - run.found.time).to_std().unwrap_or(Duration::ZERO);
+    let by_number_alone = rules.keep.is_some() && rules.older_than.is_none() && rules.max_size.is_none();
+    let is_chosen = |run: &Run| {
+        rules.older_than.is_some_and(|limit| age(run) > limit)
+            || (rules.unfinished && run.state == State::Unfinished)
+            || (by_number_alone && run.state == State::Whole)
+    };
+    let may_go = |place: usize| !is_kept[place] && runs[place].state != State::Running;
+    let mut chosen: Vec<bool> = (0..runs.len()).map(|place| may_go(place) && is_chosen(&runs[place])).collect();
+    if let Some(most) = rules.max_size {
+        let stays = |chosen: &[bool]| -> u64 {
+            runs.iter().zip(chosen).filter(|(_, goes)| !**goes).map(|(run, _)| run.bytes).sum()
+        };
+        for place in 0..runs.len() {
+            if stays(&chosen) <= most {
+                break;
+            }
+            chosen[place] |= may_go(place);
+        }
+    }
+    (0..runs.len()).filter(|&place| chosen[place]).collect()
+}
+
+/// Leaves out what a run that stays reads: a model of it, its recording, its experiment. And why.
+fn without_those_that_are_read<'a>(runs: &'a [Run], chosen: &[usize]) -> (Vec<usize>, Vec<(&'a Run, String)>) {
+    let (mut chosen, mut kept) = (chosen.to_vec(), Vec::new());
+    let reads: Vec<String> = runs.iter().map(|run| resolved(&run.found.path)).collect();
+    loop {
+        let stay: Vec<usize> = (0..runs.len()).filter(|place| !chosen.contains(place)).collect();
+        let reader = |place: usize| stay.iter().find(|&&stays| names(&reads[stays], &runs[place].found.path));
+        let Some((at, reader)) = chosen.iter().enumerate().find_map(|(at, &place)| Some((at, *reader(place)?))) else {
+            return (chosen, kept);
+        };
+        kept.push((&runs[chosen.remove(at)], format!("{} reads it", runs[reader].found.name)));
+    }
+}
+
+/// The experiment as it lies beside a recording, in which every path leads to its file from anywhere.
+fn resolved(run: &Path) -> String {
+    fs::read_to_string(run.join("experiment.resolved.yaml")).unwrap_or_default()
+}
+
+/// Whether a text names a folder, or something in it.
+fn names(text: &str, folder: &Path) -> bool {
+    let Ok(folder) = folder.canonicalize() else { return false };
+    let Some(folder) = folder.to_str() else { return false };
+    let ends = |rest: &str| rest.chars().next().is_none_or(|next| "/\\\"'\n\r ,]}".contains(next));
+    text.match_indices(folder).any(|(at, found)| ends(&text[at + found.len()..]))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::{Path, PathBuf};
+    use std::time::Duration;
+
+    use chrono::{DateTime, TimeDelta, Utc};
+
+    use super::{FoundRun, PruneArgs, Run, State, chosen, names};
+
+    const DAY: Duration = Duration::from_secs(86_400);
+
+    /// A run of so many days ago, of so many bytes.
+    fn run(experiment: &str, days: i64, bytes: u64, state: State) -> Run {
+        let time = DateTime::<Utc>::UNIX_EPOCH - TimeDelta::days(days);
+        let found = FoundRun { name: format!("{experiment}/{days}"), path: PathBuf::new(), time };
+        Run { found, state, experiment: Some(experiment.to_owned()), bytes }
+    }
+
+    fn rules() -> PruneArgs {
+        PruneArgs { keep: None, older_than: None, max_size: None, unfinished: false, experiment: None, dry_run: false }
+    }
+
+    fn names_of(runs: &[Run], rules: &PruneArgs) -> Vec<String> {
+        let chosen = chosen(runs, rules, DateTime::<Utc>::UNIX_EPOCH);
+        chosen.into_iter().map(|place| runs[place].found.name.clone()).collect()
+    }
+
+    fn some() -> Vec<Run> {
+        vec![
+            run("a", 9, 10, State::Whole),
+            run("b", 8, 10, State::Whole),
+            run("a", 7, 10, State::Unfinished),
+            run("a", 6, 10, State::Running),
+            run("a", 5, 10, State::Whole),
+            run("a", 4, 10, State::Whole),
+            run("a", 3, 10, State::Unfinished),
+        ]
+    }
+
+    #[test]
+    fn the_newest_whole_runs_of_each_experiment_stay() {
+        let runs = some();
+        assert_eq!(names_of(&runs, &PruneArgs { keep: Some(2), ..rules() }), ["a/9"]);
+        assert_eq!(names_of(&runs, &PruneArgs { keep: Some(0), ..rules() }), ["a/9", "b/8", "a/5", "a/4"]);
+        let unfinished = PruneArgs { keep: Some(1), unfinished: true, ..rules() };
+        assert_eq!(names_of(&runs, &unfinished), ["a/9", "a/7", "a/5", "a/3"]);
+        assert_eq!(names_of(&runs, &PruneArgs { unfinished: true, ..rules() }), ["a/7", "a/3"]);
+    }
+
+    #[test]
+    fn what_is_older_goes_and_what_runs_stays() {
+        let runs = some();
+        let older = PruneArgs { older_than: Some(4 * DAY), ..rules() };
+        assert_eq!(names_of(&runs, &older), ["a/9", "b/8", "a/7", "a/5"]);
+        let and_kept = PruneArgs { keep: Some(2), ..older };
+        assert_eq!(names_of(&runs, &and_kept), ["a/9", "a/7"]);
+    }
+
+    #[test]
+    fn the_oldest_go_until_the_rest_fits() {
+        let runs = some();
+        let of = |most: u64| PruneArgs { max_size: Some(most), ..rules() };
+        assert_eq!(names_of(&runs, &of(70)), [""; 0]);
+        assert_eq!(names_of(&runs, &of(69)), ["a/9"]);
+        assert_eq!(names_of(&runs, &of(45)), ["a/9", "b/8", "a/7"]);
+        assert_eq!(names_of(&runs, &PruneArgs { keep: Some(1), ..of(45) }), ["a/9", "a/7", "a/5"]);
+        assert_eq!(names_of(&runs, &of(0)).len(), 6, "one runs");
+    }
+
+    #[test]
+    fn a_folder_is_named_as_a_whole() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = folder.path().canonicalize().unwrap().join("one");
+        std::fs::create_dir(&run).unwrap();
+        let is_named = |text: String| names(&text, Path::new(&run));
+        let path = run.display();
+        assert!(is_named(format!("model: {path}/models/net.onnx\n")) && is_named(format!("root: \"{path}\"")));
+        assert!(!is_named(format!("model: {path}-2/models/net.onnx")) && !is_named(String::new()));
+    }
+}

@@ -1,0 +1,299 @@
+//! `depthloom runs why`: why the values of two runs differ, by what their recordings say of experiment, plan, frames and keys.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::path::{Path, PathBuf};
+
+use depthloom_graphs::Key;
+use depthloom_recording::{
+    Difference, NodePair, RecordedFrame, RecordedPlan, Recording, json_differences, node_pairs, source_differences,
+};
+use serde_json::{Value as Json, json};
+
+use super::show::environment_of;
+use crate::args::{RunsArgs, WhyArgs};
+use crate::commands::report::{RECORDING, recording_in};
+use crate::commands::table::open;
+use crate::counted::counted;
+use crate::exit::{Exit, Stop};
+use crate::streams::{print, print_json};
+
+/// The experiment as resolved, in a recording.
+const RESOLVED: &str = "experiment.resolved.yaml";
+
+/// How many variants of a node are named.
+const NAMED: usize = 4;
+
+/// Prints what differs between two runs, the first of which counts as the earlier.
+pub fn why(args: &RunsArgs, asked: &WhyArgs) -> Result<Exit, Stop> {
+    let recording = |run: &Path| open(&recording_in(&args.folder, run, "runs show")?);
+    let compared = Compared::of(recording(&asked.before)?, recording(&asked.after)?)?;
+    if args.json {
+        print_json(&compared.json())?;
+    } else {
+        print(compared.text())?;
+    }
+    Ok(Exit::Whole)
+}
+
+/// Two recordings side by side.
+struct Compared {
+    before: Recording,
+    after: Recording,
+    experiment: Vec<Difference>,
+    made_by: Vec<Difference>,
+    frames: Vec<Frames>,
+    nodes: Vec<Node>,
+}
+
+/// The frames of a stage run of the later recording, and of its counterpart.
+struct Frames {
+    stage: String,
+    /// What differs between the sources.
+    source: Vec<Difference>,
+    /// Of the frames in both, the positions, and whether the source's values are the same.
+    both: Vec<(usize, usize, bool)>,
+    /// Stage runs in the earlier and later recording; one of them may have none.
+    runs: (Option<usize>, Option<usize>),
+    only_before: usize,
+    only_after: usize,
+}
+
+/// A node of both, or of one.
+struct Node {
+    pair: NodePair,
+    /// Of how many frames in both it has the same values, and of how many it has any in both.
+    same: usize,
+    both: usize,
+}
+
+impl Compared {
+    fn of(before: Recording, after: Recording) -> Result<Self, Stop> {
+        let experiment = json_differences(&resolved(&before)?, &resolved(&after)?);
+        let made_by = json_differences(&engine(&before), &engine(&after));
+        let frames = frames(&before, &after);
+        let nodes = node_pairs(before.plan(), after.plan()).into_iter();
+        let nodes = nodes.map(|pair| Node::of(pair, &before, &after, &frames)).collect();
+        Ok(Self { before, after, experiment, made_by, frames, nodes })
+    }
+
+    fn text(&self) -> String {
+        let mut text = format!("from {}\nto   {}\n", name(&self.before), name(&self.after));
+        let mut section = |title: &str, lines: Vec<String>| {
+            if !lines.is_empty() {
+                text.push_str(&format!("\n{title}\n"));
+                lines.iter().for_each(|line| text.push_str(&format!("  {line}\n")));
+            }
+        };
+        section("made by", self.made_by.iter().map(ToString::to_string).collect());
+        section("experiment", self.experiment.iter().map(ToString::to_string).collect());
+        section("frames", self.frames.iter().flat_map(Frames::lines).collect());
+        let differing: Vec<&Node> = self.nodes.iter().filter(|node| !node.is_same()).collect();
+        let widest = differing.iter().map(|node| node.label(self.plans()).chars().count()).max().unwrap_or(0);
+        let line = |node: &&Node| format!("{:widest$}  {}", node.label(self.plans()), node.text());
+        section("nodes", differing.iter().map(line).collect());
+        let same = self.nodes.len() - differing.len();
+        text.push_str(&match (differing.len(), same) {
+            (0, 0) => "\nthere are no nodes\n".to_owned(),
+            (0, _) => "\nall nodes are the same, and so are their values on all frames in both\n".to_owned(),
+            (_, 0) => "\nno node is the same\n".to_owned(),
+            (_, 1) => "\n1 more node is the same, and so are its values on all frames in both\n".to_owned(),
+            (_, same) => format!("\n{same} more nodes are the same, and so are their values on all frames in both\n"),
+        });
+        text
+    }
+
+    fn json(&self) -> Json {
+        let list = |differences: &[Difference]| differences.iter().map(Difference::json).collect::<Vec<_>>();
+        json!({
+            "before": name(&self.before),
+            "after": name(&self.after),
+            "made_by": list(&self.made_by),
+            "experiment": list(&self.experiment),
+            "frames": self.frames.iter().map(|frames| json!({
+                "stage": frames.stage,
+                "source": list(&frames.source),
+                "both": frames.both.len(),
+                "same": frames.same(),
+                "only_before": frames.only_before,
+                "only_after": frames.only_after,
+            })).collect::<Vec<_>>(),
+            "nodes": self.nodes.iter().map(|node| json!({
+                "stage": node.pair.stage,
+                "node": node.pair.name,
+                "variants": node.pair.variants,
+                "same": node.is_same(),
+                "in": match (node.pair.before, node.pair.after) {
+                    (Some(_), Some(_)) => "both",
+                    (Some(_), None) => "before",
+                    (None, _) => "after",
+                },
+                "differences": list(&node.pair.differences),
+                "frames_in_both": node.both,
+                "frames_of_equal_values": node.same,
+            })).collect::<Vec<_>>(),
+        })
+    }
+
+    fn plans(&self) -> (&RecordedPlan, &RecordedPlan) {
+        (self.before.plan(), self.after.plan())
+    }
+}
+
+/// How a recording is called: its run's folder, or the file if it is called otherwise.
+fn name(recording: &Recording) -> String {
+    folder(recording).unwrap_or_else(|| recording.path().to_owned()).display().to_string()
+}
+
+fn folder(recording: &Recording) -> Option<PathBuf> {
+    let path = recording.path();
+    path.parent().filter(|_| path.file_name().is_some_and(|name| name == RECORDING)).map(Path::to_owned)
+}
+
+fn resolved(recording: &Recording) -> Result<Json, Stop> {
+    let bytes = recording.attachment(RESOLVED).map_err(|error| {
+        let exit = if error.is_damage() { Exit::Frames } else { Exit::Before };
+        Stop::of_recording(exit, "failed to read the experiment", &error)
+    })?;
+    serde_saphyr::from_slice(&bytes).map_err(|error| {
+        let what = format!("the experiment that {} holds is no YAML: {error}", recording.path().display());
+        Stop::new(Exit::Before, what).remedy("run the experiment again")
+    })
+}
+
+/// What computed a run, if it lies beside its recording: version, system and engine, not how long it took.
+fn engine(recording: &Recording) -> Json {
+    let environment = folder(recording).map(|folder| environment_of(&folder)).unwrap_or_default();
+    let Json::Object(mut environment) = environment else { return json!({}) };
+    environment.retain(|key, _| ["depthloom", "os", "architecture", "networks"].contains(&key.as_str()));
+    if let Some(Json::Object(networks)) = environment.get_mut("networks") {
+        networks.retain(|key, _| ["engine", "version", "build", "ran_on"].contains(&key.as_str()));
+    }
+    Json::Object(environment)
+}
+
+/// The stage runs side by side: by stage, and where a stage has several, by the names of their variants.
+fn frames(before: &Recording, after: &Recording) -> Vec<Frames> {
+    let (one, other) = (before.plan(), after.plan());
+    let names = |plan: &RecordedPlan, run: usize| -> Vec<String> {
+        plan.runs[run].variants.iter().filter_map(|&variant| plan.variants.get(variant).cloned()).collect()
+    };
+    let mut taken = Vec::new();
+    let mut found: Vec<Frames> = Vec::new();
+    for run in 0..other.runs.len() {
+        let of_stage: Vec<usize> =
+            (0..one.runs.len()).filter(|&was| one.runs[was].stage == other.runs[run].stage).collect();
+        let mine = names(other, run);
+        let shares = |&&was: &&usize| names(one, was).iter().any(|name| mine.contains(name));
+        let was = of_stage.iter().find(shares).or(of_stage.first()).copied();
+        taken.extend(was);
+        found.push(Frames::of(before, was, after, Some(run)));
+    }
+    let gone = (0..one.runs.len()).filter(|run| !taken.contains(run));
+    found.extend(gone.map(|run| Frames::of(before, Some(run), after, None)));
+    found
+}
+
+impl Frames {
+    fn of(before: &Recording, was: Option<usize>, after: &Recording, is: Option<usize>) -> Self {
+        let earlier = was.map_or(&[][..], |run| before.frames(run));
+        let later = is.map_or(&[][..], |run| after.frames(run));
+        // Sources that are joined may repeat an id: then the first is held against the first.
+        let mut places: BTreeMap<(&str, u64), VecDeque<usize>> = BTreeMap::new();
+        for (position, frame) in earlier.iter().enumerate() {
+            places.entry((&*frame.id, frame.index)).or_default().push_back(position);
+        }
+        let mut both = Vec::new();
+        for (position, frame) in later.iter().enumerate() {
+            let Some(was) = places.get_mut(&(&*frame.id, frame.index)).and_then(VecDeque::pop_front) else { continue };
+            both.push((was, position, earlier[was].source_key == frame.source_key));
+        }
+        let (one, other) = (was.map(|run| &before.plan().runs[run]), is.map(|run| &after.plan().runs[run]));
+        let source = match (one, other) {
+            (Some(one), Some(other)) => source_differences(&one.source, &other.source),
+            _ => Vec::new(),
+        };
+        let stage = other.or(one).map(|run| run.name().to_owned()).unwrap_or_default();
+        let (only_before, only_after) = (earlier.len() - both.len(), later.len() - both.len());
+        Self { stage, source, both, runs: (was, is), only_before, only_after }
+    }
+
+    fn same(&self) -> usize {
+        self.both.iter().filter(|(_, _, same)| *same).count()
+    }
+
+    fn lines(&self) -> Vec<String> {
+        let mut lines: Vec<String> =
+            self.source.iter().map(|difference| format!("source of {}: {difference}", self.stage)).collect();
+        let both = self.both.len();
+        let same = match self.same() {
+            _ if both == 0 => String::new(),
+            same if same == both => ", all of equal source values".to_owned(),
+            same => format!(", {same} of equal source values"),
+        };
+        let only = |count: usize, which: &str| match count {
+            0 => String::new(),
+            count => format!(", {count} {which}"),
+        };
+        let (before, after) = (only(self.only_before, "only before"), only(self.only_after, "only after"));
+        lines.push(match self.runs {
+            (Some(_), Some(_)) => format!("{}: {both} in both{same}{before}{after}", self.stage),
+            (Some(_), None) => format!("{}: a stage that is gone", self.stage),
+            (None, _) => format!("{}: a new stage", self.stage),
+        });
+        lines
+    }
+}
+
+impl Node {
+    fn of(pair: NodePair, before: &Recording, after: &Recording, frames: &[Frames]) -> Self {
+        let (Some(one), Some(other)) = (pair.before, pair.after) else { return Self { pair, same: 0, both: 0 } };
+        let key = |frame: &RecordedFrame, node: usize| frame.keys.iter().find(|of| of.node == node).map(|of| of.key);
+        let (mut same, mut both) = (0, 0);
+        let mut add = |was: Option<Key>, is: Option<Key>| {
+            if let (Some(was), Some(is)) = (was, is) {
+                both += 1;
+                same += usize::from(was == is);
+            }
+        };
+        for frames in frames.iter().filter(|frames| frames.runs == (Some(one.0), Some(other.0))) {
+            for &(was, is, _) in &frames.both {
+                add(key(&before.frames(one.0)[was], one.1), key(&after.frames(other.0)[is], other.1));
+            }
+        }
+        let once = |recording: &Recording, (run, node): (usize, usize)| {
+            recording.once_values().iter().find(|once| (once.run, once.node) == (run, node)).map(|once| once.key)
+        };
+        add(once(before, one), once(after, other));
+        Self { pair, same, both }
+    }
+
+    /// Whether its values are the same wherever both have any.
+    fn is_same(&self) -> bool {
+        let is_in_both = self.pair.before.is_some() && self.pair.after.is_some();
+        is_in_both && self.pair.differences.is_empty() && self.same == self.both
+    }
+
+    /// `stage.node`, with its variants where it does not serve them all.
+    fn label(&self, (before, after): (&RecordedPlan, &RecordedPlan)) -> String {
+        let NodePair { stage, name, variants, .. } = &self.pair;
+        let all = if self.pair.after.is_some() { &after.variants } else { &before.variants };
+        if variants.is_empty() || variants.len() == all.len() {
+            return format!("{stage}.{name}");
+        }
+        let more = if variants.len() > NAMED { ", ..." } else { "" };
+        format!("{stage}.{name} of {}{more}", variants[..variants.len().min(NAMED)].join(", "))
+    }
+
+    fn text(&self) -> String {
+        match (self.pair.before, self.pair.after) {
+            (None, _) => return "is new".to_owned(),
+            (_, None) => return "is gone".to_owned(),
+            _ => {}
+        }
+        if self.pair.differences.is_empty() {
+            let of = counted(self.both as u64, "value");
+            return format!("is the same, but what it reads is not: {} of {of} equal", self.same);
+        }
+        self.pair.differences.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
+    }
+}
