@@ -404,7 +404,7 @@ pub enum RunsCommand {
     Why(WhyArgs),
     /// Remove runs that are over. Asks nothing: of several all are removed, or none if one may not be.
     Rm(RmArgs),
-    /// Remove runs by age, size or number. A run that goes on, holds anything else, or is read by one that stays, is kept.
+    /// Remove runs by age, size or number. A run that goes on, holds anything else, or is named by the experiment of one that stays, is kept.
     Prune(PruneArgs),
 }
 

@@ -166,6 +166,10 @@ fn why_two_runs_differ_is_said_by_parameter_source_and_what_follows() {
         json!([{ "stage": "look", "source": [], "both": 2, "same": 2, "only_before": 0, "only_after": 0 }])
     );
 
+    let told = text(&succeed(&mut here.command(&["runs", "why", "first", "block"])));
+    assert!(told.contains("\nnodes\n  look.stereo  block: 5 -> 9; p1: 200 -> 648; p2: 800 -> 2592\n"), "{told}");
+    assert!(told.contains("\nnodes that follow, for they read those\n  look.depth, look.score.stereo\n"), "{told}");
+
     // Other frames: every node is the same, and its values are not.
     let street = here.json(&["runs", "why", "first", "street"]);
     let frames = &street["frames"][0];
@@ -174,7 +178,7 @@ fn why_two_runs_differ_is_said_by_parameter_source_and_what_follows() {
     assert_eq!((&stereo["differences"], &stereo["same"]), (&json!([]), &json!(false)));
     let told = text(&succeed(&mut here.command(&["runs", "why", "first", "street"])));
     assert!(told.contains("source of look: seed: 1 -> 7"), "{told}");
-    assert!(told.contains("is the same, but what it reads is not: 0 of 1 value equal"), "{told}");
+    assert!(told.contains("read other values\n  look.stereo (0 of 1 equal), look.depth (0 of 1 equal)"), "{told}");
 
     // By recordings too, wherever they lie.
     let elsewhere = here.path().join("copy.mcap");
@@ -283,29 +287,31 @@ fn pruning_keeps_what_rules_keep_and_what_others_read() {
     for (day, run) in (1..).zip(&runs) {
         done_at(run, &format!("2020-11-0{day}T10-00-00Z"));
     }
-    // The newest is made of the oldest.
-    let resolved = runs[3].join("experiment.resolved.yaml");
+    // Another experiment is made of the oldest.
+    std::fs::write(here.path().join("other.yaml"), "extends: look.yaml\nexperiment: other\n").expect("written");
+    succeed(&mut here.command(&["run", "other.yaml", "--quiet", "--out", "runs/other"]));
+    let resolved = here.path().join("runs/other/experiment.resolved.yaml");
     let mut text_of = std::fs::read_to_string(&resolved).expect("a file");
     let oldest = runs[0].canonicalize().expect("a folder");
     text_of.push_str(&format!("# model: {}/models/learn.teacher.onnx\n", oldest.display()));
     std::fs::write(&resolved, text_of).expect("written");
 
     assert!(here.fails(&["runs", "prune"], 2).contains("--keep"), "a rule is wanted");
-    let would = here.json(&["runs", "prune", "--keep", "1", "--dry-run"]);
+    let would = here.json(&["runs", "prune", "--keep", "1", "--experiment", "look", "--dry-run"]);
     let paths = |told: &Json| -> Vec<Json> {
         told["removed"].as_array().expect("a list").iter().map(|run| run["path"].clone()).collect()
     };
     assert_eq!(paths(&would), ["runs/look/2", "runs/look/3"]);
-    assert_eq!(would["kept"], json!([{ "path": "runs/look/1", "why": "look/4 reads it" }]));
+    assert_eq!(would["kept"], json!([{ "path": "runs/look/1", "why": "other reads it" }]));
     assert!(runs.iter().all(|run| run.exists()), "nothing is removed");
 
     let told = text(&succeed(&mut here.command(&["runs", "prune", "--older-than", "3d", "--keep", "2"])));
     let lines: Vec<&str> = told.lines().collect();
-    assert!(lines[0].starts_with("removed runs/look/2 (") && lines[1] == "kept runs/look/1: look/4 reads it", "{told}");
-    assert!(lines[2].starts_with("removed 1 of 4 runs, "), "{told}");
+    assert!(lines[0].starts_with("removed runs/look/2 (") && lines[1] == "kept runs/look/1: other reads it", "{told}");
+    assert!(lines[2].starts_with("removed 1 of 5 runs, "), "{told}");
     assert_eq!(runs.iter().map(|run| run.exists()).collect::<Vec<_>>(), [true, false, true, true]);
-    // Of another experiment there are none, and all that is left is removed once nothing stays that reads it.
-    assert_eq!(paths(&here.json(&["runs", "prune", "--keep", "0", "--experiment", "other"])), [""; 0]);
-    assert_eq!(paths(&here.json(&["runs", "prune", "--max-size", "0"])).len(), 3);
+    // Of an unknown experiment there are none, and all that is left is removed once nothing stays that reads it.
+    assert_eq!(paths(&here.json(&["runs", "prune", "--keep", "0", "--experiment", "none"])), [""; 0]);
+    assert_eq!(paths(&here.json(&["runs", "prune", "--max-size", "0"])).len(), 4);
     assert_eq!(here.json(&["runs"])["runs"], json!([]));
 }

@@ -20,9 +20,10 @@ use crate::streams::print;
 
 /// Removes what the rules choose, and says what was kept though they chose it.
 pub fn prune(args: &RunsArgs, rules: &PruneArgs) -> Result<Exit, Stop> {
-    let runs: Vec<Run> = all_in(args)?.into_iter().map(Run::of).filter(|run| run.is_of(rules)).collect();
+    let runs: Vec<Run> = all_in(args)?.into_iter().map(Run::of).collect();
     let chosen = chosen(&runs, rules, Utc::now());
     let (chosen, mut kept) = without_those_that_are_read(&runs, &chosen);
+    let asked = || runs.iter().filter(|run| run.is_of(rules));
     let mut removed = Removed::default();
     for run in chosen.iter().map(|&run| &runs[run]) {
         match Removal::of(&run.found.path) {
@@ -36,15 +37,15 @@ pub fn prune(args: &RunsArgs, rules: &PruneArgs) -> Result<Exit, Stop> {
         for (run, why) in &kept {
             print(format!("kept {}: {why}\n", run.found.path.display()))?;
         }
-        let all = runs.iter().map(|run| run.bytes).sum();
+        let all = asked().map(|run| run.bytes).sum();
         let verb = if rules.dry_run { "would remove" } else { "removed" };
         let (gone, bytes) = removed.sum();
-        let of = counted(runs.len() as u64, "run");
+        let of = counted(asked().count() as u64, "run");
         print(format!("{verb} {gone} of {of}, {} of {}\n", size(bytes), size(all)))?;
     }
     let kept: Vec<Json> =
         kept.iter().map(|(run, why)| json!({ "path": run.found.path.to_string_lossy(), "why": why })).collect();
-    removed.tell(args, json!({ "dry_run": rules.dry_run, "runs": runs.len(), "kept": kept }))
+    removed.tell(args, json!({ "dry_run": rules.dry_run, "runs": asked().count(), "kept": kept }))
 }
 
 /// A run, and what rules ask of it.
@@ -71,6 +72,8 @@ impl Run {
 fn chosen(runs: &[Run], rules: &PruneArgs, now: DateTime<Utc>) -> Vec<usize> {
     let mut left: BTreeMap<&Option<String>, usize> = BTreeMap::new();
     let mut is_kept = vec![false; runs.len()];
+    // Of other experiments all stay.
+    let is_asked = |run: &Run| run.is_of(rules);
     for (place, run) in runs.iter().enumerate().rev().filter(|(_, run)| run.state == State::Whole) {
         let left = left.entry(&run.experiment).or_insert(rules.keep.unwrap_or(0));
         is_kept[place] = *left > 0;
@@ -83,11 +86,12 @@ fn chosen(runs: &[Run], rules: &PruneArgs, now: DateTime<Utc>) -> Vec<usize> {
             || (rules.unfinished && run.state == State::Unfinished)
             || (by_number_alone && run.state == State::Whole)
     };
-    let may_go = |place: usize| !is_kept[place] && runs[place].state != State::Running;
+    let may_go = |place: usize| !is_kept[place] && runs[place].state != State::Running && is_asked(&runs[place]);
     let mut chosen: Vec<bool> = (0..runs.len()).map(|place| may_go(place) && is_chosen(&runs[place])).collect();
     if let Some(most) = rules.max_size {
         let stays = |chosen: &[bool]| -> u64 {
-            runs.iter().zip(chosen).filter(|(_, goes)| !**goes).map(|(run, _)| run.bytes).sum()
+            let stay = runs.iter().zip(chosen).filter(|(run, goes)| !**goes && is_asked(run));
+            stay.map(|(run, _)| run.bytes).sum()
         };
         for place in 0..runs.len() {
             if stays(&chosen) <= most {
@@ -99,7 +103,8 @@ fn chosen(runs: &[Run], rules: &PruneArgs, now: DateTime<Utc>) -> Vec<usize> {
     (0..runs.len()).filter(|&place| chosen[place]).collect()
 }
 
-/// Leaves out what a run that stays reads: a model of it, its recording, its experiment. And why.
+/// Leaves out what a run that stays reads: a model of it, its recording, its experiment. And why. A path in a variable of the environment
+/// is nobody's.
 fn without_those_that_are_read<'a>(runs: &'a [Run], chosen: &[usize]) -> (Vec<usize>, Vec<(&'a Run, String)>) {
     let (mut chosen, mut kept) = (chosen.to_vec(), Vec::new());
     let reads: Vec<String> = runs.iter().map(|run| resolved(&run.found.path)).collect();
@@ -193,6 +198,10 @@ mod tests {
         assert_eq!(names_of(&runs, &of(45)), ["a/9", "b/8", "a/7"]);
         assert_eq!(names_of(&runs, &PruneArgs { keep: Some(1), ..of(45) }), ["a/9", "a/7", "a/5"]);
         assert_eq!(names_of(&runs, &of(0)).len(), 6, "one runs");
+        // Of one experiment alone, no other counts.
+        let of_b = |most: u64| PruneArgs { experiment: Some("b".to_owned()), ..of(most) };
+        assert_eq!(names_of(&runs, &of_b(10)), [""; 0]);
+        assert_eq!(names_of(&runs, &of_b(9)), ["b/8"]);
     }
 
     #[test]

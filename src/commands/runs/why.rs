@@ -13,7 +13,6 @@ use super::show::environment_of;
 use crate::args::{RunsArgs, WhyArgs};
 use crate::commands::report::{RECORDING, recording_in};
 use crate::commands::table::open;
-use crate::counted::counted;
 use crate::exit::{Exit, Stop};
 use crate::streams::{print, print_json};
 
@@ -69,7 +68,7 @@ struct Node {
 impl Compared {
     fn of(before: Recording, after: Recording) -> Result<Self, Stop> {
         let experiment = json_differences(&resolved(&before)?, &resolved(&after)?);
-        let made_by = json_differences(&engine(&before), &engine(&after));
+        let made_by = json_differences(&engine(&before), &engine(&after)).into_iter().filter(is_of_both).collect();
         let frames = frames(&before, &after);
         let nodes = node_pairs(before.plan(), after.plan()).into_iter();
         let nodes = nodes.map(|pair| Node::of(pair, &before, &after, &frames)).collect();
@@ -87,19 +86,51 @@ impl Compared {
         section("made by", self.made_by.iter().map(ToString::to_string).collect());
         section("experiment", self.experiment.iter().map(ToString::to_string).collect());
         section("frames", self.frames.iter().flat_map(Frames::lines).collect());
-        let differing: Vec<&Node> = self.nodes.iter().filter(|node| !node.is_same()).collect();
-        let widest = differing.iter().map(|node| node.label(self.plans()).chars().count()).max().unwrap_or(0);
-        let line = |node: &&Node| format!("{:widest$}  {}", node.label(self.plans()), node.text());
-        section("nodes", differing.iter().map(line).collect());
-        let same = self.nodes.len() - differing.len();
-        text.push_str(&match (differing.len(), same) {
-            (0, 0) => "\nthere are no nodes\n".to_owned(),
-            (0, _) => "\nall nodes are the same, and so are their values on all frames in both\n".to_owned(),
+        section("variants", self.variants());
+        let label = |node: &Node| node.label(self.plans());
+        let told: Vec<&Node> = self.nodes.iter().filter(|node| self.is_told(node)).collect();
+        let of = |verdict: Verdict| told.iter().copied().filter(move |node| node.verdict() == verdict);
+        let widest = of(Verdict::Differs).map(|node| label(node).chars().count()).max().unwrap_or(0);
+        section(
+            "nodes",
+            of(Verdict::Differs).map(|node| format!("{:widest$}  {}", label(node), node.text())).collect(),
+        );
+        section("nodes that follow, for they read those", listed(of(Verdict::Follows).map(label)));
+        let fed = |node: &Node| format!("{} ({} of {} equal)", label(node), node.same, node.both);
+        section("nodes that are the same, but read other values", listed(of(Verdict::Fed).map(fed)));
+        let same = of(Verdict::Same).count();
+        text.push_str(&match (told.len(), same) {
+            (0, _) => "\nno node is of both\n".to_owned(),
+            (all, same) if all == same => {
+                "\nall nodes are the same, and so are their values on all frames in both\n".to_owned()
+            }
             (_, 0) => "\nno node is the same\n".to_owned(),
-            (_, 1) => "\n1 more node is the same, and so are its values on all frames in both\n".to_owned(),
-            (_, same) => format!("\n{same} more nodes are the same, and so are their values on all frames in both\n"),
+            (_, 1) => "\n1 node is the same, and so are its values on all frames in both\n".to_owned(),
+            (_, same) => format!("\n{same} nodes are the same, and so are their values on all frames in both\n"),
         });
         text
+    }
+
+    /// The variants that one of them alone has, where they have others in common.
+    fn variants(&self) -> Vec<String> {
+        let (before, after) = self.plans();
+        let only = |of: &RecordedPlan, other: &RecordedPlan, which: &str| {
+            let names: Vec<&str> =
+                of.variants.iter().filter(|name| !other.variants.contains(name)).map(String::as_str).collect();
+            (!names.is_empty() && names.len() < of.variants.len())
+                .then(|| format!("only {which}: {}", names.join(", ")))
+        };
+        only(before, after, "before").into_iter().chain(only(after, before, "after")).collect()
+    }
+
+    /// Whether people are told of a node: not of those that are of a stage or variant which one of the runs lacks, for that is said already.
+    fn is_told(&self, node: &Node) -> bool {
+        let (before, after) = self.plans();
+        let has_stage = |plan: &RecordedPlan| plan.runs.iter().any(|run| run.stage == node.pair.stage);
+        let has_some = before.variants.iter().any(|name| after.variants.contains(name));
+        let is_in_both = |name: &String| before.variants.contains(name) && after.variants.contains(name);
+        let variants = &node.pair.variants;
+        has_stage(before) && has_stage(after) && (!has_some || variants.is_empty() || variants.iter().any(is_in_both))
     }
 
     fn json(&self) -> Json {
@@ -139,6 +170,42 @@ impl Compared {
     }
 }
 
+/// How two nodes compare.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Verdict {
+    /// The same, and so are its values.
+    Same,
+    /// The same, but its values are not: it was given others.
+    Fed,
+    /// Another only for what it reads is.
+    Follows,
+    /// Another by itself.
+    Differs,
+}
+
+/// A list on lines of a readable length, of which no more are shown than a screen takes.
+fn listed(names: impl Iterator<Item = String>) -> Vec<String> {
+    const SHOWN: usize = 24;
+    const WIDE: usize = 100;
+    let mut names: Vec<String> = names.collect();
+    if names.len() > SHOWN {
+        let more = names.len() - SHOWN;
+        names.truncate(SHOWN);
+        names.push(format!("and {more} more, which --json lists"));
+    }
+    let mut lines: Vec<String> = Vec::new();
+    for name in names {
+        match lines.last_mut() {
+            Some(line) if line.chars().count() + 2 + name.chars().count() <= WIDE => {
+                line.push_str(", ");
+                line.push_str(&name);
+            }
+            _ => lines.push(name),
+        }
+    }
+    lines
+}
+
 /// How a recording is called: its run's folder, or the file if it is called otherwise.
 fn name(recording: &Recording) -> String {
     folder(recording).unwrap_or_else(|| recording.path().to_owned()).display().to_string()
@@ -169,6 +236,12 @@ fn engine(recording: &Recording) -> Json {
         networks.retain(|key, _| ["engine", "version", "build", "ran_on"].contains(&key.as_str()));
     }
     Json::Object(environment)
+}
+
+/// A run that computed no network names no engine of networks.
+fn is_of_both(difference: &Difference) -> bool {
+    let is_something = |side: &Option<Json>| side.as_ref().is_some_and(|side| !side.is_null());
+    !matches!(difference, Difference::Parameter { before, after, .. } if !(is_something(before) && is_something(after)))
 }
 
 /// The stage runs side by side: by stage, and where a stage has several, by the names of their variants.
@@ -227,6 +300,7 @@ impl Frames {
         let both = self.both.len();
         let same = match self.same() {
             _ if both == 0 => String::new(),
+            0 => ", none of equal source values".to_owned(),
             same if same == both => ", all of equal source values".to_owned(),
             same => format!(", {same} of equal source values"),
         };
@@ -267,10 +341,21 @@ impl Node {
         Self { pair, same, both }
     }
 
-    /// Whether its values are the same wherever both have any.
+    /// Whether it is the same, and so are its values wherever both have any.
     fn is_same(&self) -> bool {
+        self.verdict() == Verdict::Same
+    }
+
+    fn verdict(&self) -> Verdict {
         let is_in_both = self.pair.before.is_some() && self.pair.after.is_some();
-        is_in_both && self.pair.differences.is_empty() && self.same == self.both
+        let follows = |difference: &Difference| matches!(difference, Difference::Upstream { .. });
+        match self.pair.differences.as_slice() {
+            [] if is_in_both && self.same == self.both => Verdict::Same,
+            [] if is_in_both => Verdict::Fed,
+            [] => Verdict::Differs,
+            all if all.iter().all(follows) => Verdict::Follows,
+            _ => Verdict::Differs,
+        }
     }
 
     /// `stage.node`, with its variants where it does not serve them all.
@@ -286,14 +371,9 @@ impl Node {
 
     fn text(&self) -> String {
         match (self.pair.before, self.pair.after) {
-            (None, _) => return "is new".to_owned(),
-            (_, None) => return "is gone".to_owned(),
-            _ => {}
+            (None, _) => "is new".to_owned(),
+            (_, None) => "is gone".to_owned(),
+            _ => self.pair.differences.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "),
         }
-        if self.pair.differences.is_empty() {
-            let of = counted(self.both as u64, "value");
-            return format!("is the same, but what it reads is not: {} of {of} equal", self.same);
-        }
-        self.pair.differences.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
     }
 }
