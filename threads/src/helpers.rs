@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread::{Builder, scope};
 
-use crate::{Budget, Tiles, rounds_in_one_run};
+use crate::{Budget, Tiles, look_for_room, rounds_in_one_run};
 
 impl Tiles for Budget {
     fn run(&self, n: usize, f: &(dyn Fn(usize) + Sync)) {
@@ -50,7 +50,9 @@ impl Budget {
                         helping(&|| while draw() {});
                         drop(permit);
                     };
-                    if Builder::new().name("depthloom-tiles".to_owned()).spawn_scoped(scope, helper).is_err() {
+                    let started = look_for_room()
+                        .and_then(|()| Builder::new().name("depthloom-tiles".to_owned()).spawn_scoped(scope, helper));
+                    if started.is_err() {
                         // No thread to be had: the caller works alone.
                         break;
                     }

@@ -17,8 +17,10 @@
 mod budget;
 mod helpers;
 mod panics;
+mod room;
 mod tiles;
 
 pub use budget::{Budget, Permit};
 pub use panics::{Caught, caught, resume};
+pub use room::look_for_room;
 pub use tiles::{Serial, Tiles, rounds_in_one_run};
