@@ -22,7 +22,7 @@ cargo build --release --quiet
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 for round in $(seq "$rounds"); do
-  "$target/release/depthloom" run experiments/sgbm-ablation-kitti.yaml --quiet --overwrite --workers 2 --out "$work/ours" >/dev/null
+  "$target/release/depthloom" run experiments/sgbm-ablation-kitti.yaml --quiet --fresh --overwrite --workers 2 --out "$work/ours" >/dev/null
   cp "$work/ours/environment.json" "$work/ours.$round.json"
   "$venv/bin/python" bench/ablation.py "$KITTI_STEREO_2015/training" --threads 2 >"$work/theirs.$round.json"
 done

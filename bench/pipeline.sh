@@ -38,7 +38,7 @@ if [ -n "$model" ]; then
 fi
 for round in $(seq "$rounds"); do
   # Four variants, as the peer runs them; the golden experiment has a fifth.
-  "$target/release/depthloom" run "$experiment" --quiet --overwrite --workers 2 --out "$work/ours" >/dev/null
+  "$target/release/depthloom" run "$experiment" --quiet --fresh --overwrite --workers 2 --out "$work/ours" >/dev/null
   cp "$work/ours/environment.json" "$work/ours.$round.json"
   mkdir -p "$work/theirs"
   "$venv/bin/python" "$shared/oracle/peer_pipeline.py" "$KITTI_STEREO_2015/training" "$work/theirs" \

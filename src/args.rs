@@ -133,6 +133,11 @@ pub struct RunArgs {
     #[arg(long)]
     pub overwrite: bool,
 
+    /// Make everything anew: take nothing from earlier runs, and do not go on with one that did not come to its end. So does
+    /// DEPTHLOOM_FRESH=1 in the environment.
+    #[arg(long)]
+    pub fresh: bool,
+
     /// Worker threads; by default one a core. Never changes a result.
     #[arg(long, short = 'j', value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub workers: Option<u16>,
@@ -156,6 +161,13 @@ pub struct RunArgs {
     /// Print one JSON object instead of text.
     #[arg(long)]
     pub json: bool,
+}
+
+impl RunArgs {
+    /// Whether nothing is taken from earlier runs.
+    pub fn is_fresh(&self) -> bool {
+        self.fresh || std::env::var_os("DEPTHLOOM_FRESH").is_some_and(|told| !told.is_empty() && told != "0")
+    }
 }
 
 /// `plan`.

@@ -23,6 +23,7 @@ mod commands;
 mod completion;
 mod counted;
 mod diagnostics;
+mod earlier;
 mod environment;
 mod exit;
 mod help;

@@ -40,7 +40,6 @@ struct Now {
     bar: ProgressBar,
     frames: u64,
     done: u64,
-    written: u64,
     failed: u64,
     started: Instant,
     said: Instant,
@@ -59,13 +58,8 @@ impl Progress {
             nodes: run.nodes.iter().map(|node| node.name.clone()).collect(),
         };
         let (started, said) = (Instant::now(), Instant::now());
-        let now = Now { bar: ProgressBar::hidden(), frames: 0, done: 0, written: 0, failed: 0, started, said };
+        let now = Now { bar: ProgressBar::hidden(), frames: 0, done: 0, failed: 0, started, said };
         Self { how, stages: plan.runs.iter().map(stage).collect(), now: Mutex::new(now) }
-    }
-
-    /// How many frames have been written, over all stages.
-    pub fn written(&self) -> u64 {
-        self.with_now(|now| now.written)
     }
 
     fn with_now<R>(&self, f: impl FnOnce(&mut Now) -> R) -> R {
@@ -99,7 +93,6 @@ impl Observer for Progress {
     fn frame_retired(&self, run: usize, frame: &Frame, failures: &[Failure]) {
         self.with_now(|now| {
             now.done += 1;
-            now.written += 1;
             now.failed += u64::from(!failures.is_empty());
             match self.how {
                 How::Bar => {

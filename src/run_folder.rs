@@ -34,14 +34,33 @@ pub struct RunFolder {
     lock: Lock,
     /// The run that had the final name when this one began, over and kept so, if it is to be replaced.
     replaced: Option<Lock>,
+    /// Whether an earlier process began it, and what it wrote stays.
+    pub goes_on: bool,
+}
+
+/// What a partial folder holds for a run that would write there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Begun {
+    /// What an earlier process made of this very run.
+    This,
+    /// Nothing that anybody could want.
+    Nothing,
+    /// Another run's frames, or what is not known.
+    Other,
 }
 
 impl RunFolder {
     /// Makes `<out>.partial`.
     ///
     /// What stands under either name is somebody's results: it is replaced only when asked for, and only a run that is over and
-    /// holds none of the files and folders `read`. A partial folder with nothing in it is what a run left that ended as it began.
-    pub fn create(out: &Path, overwrite: bool, read: &[PathBuf]) -> Result<Self, Stop> {
+    /// holds none of the files and folders `read`. A partial folder with nothing in it is what a run left that ended as it began; of
+    /// one with something in it `begun` says what this run makes of it.
+    pub fn create(
+        out: &Path,
+        overwrite: bool,
+        read: &[PathBuf],
+        begun: impl FnOnce(&Path) -> Begun,
+    ) -> Result<Self, Stop> {
         let out = &without_turns(out)?;
         let partial = partial_name(out)?;
         make_parent(out)?;
@@ -55,13 +74,21 @@ impl RunFolder {
                 }
                 Found::Empty => return Err(no_run(path, "a folder, but not of a run")),
                 Found::Other(what) => return Err(no_run(path, what)),
+                // It may be this very run, begun.
+                Found::Run if path == &partial => {}
                 Found::Run if overwrite => keep_from_harm(path, read)?,
                 Found::Run => return Err(exists(path)),
             }
         }
         let replaced = (found(out)? == Found::Run).then(|| lock(out)).transpose()?;
         if found(&partial)? == Found::Run {
-            let _old = lock(&partial)?;
+            let old = lock(&partial)?;
+            match begun(&partial) {
+                Begun::This => return Ok(Self { partial, out: out.clone(), lock: old, replaced, goes_on: true }),
+                Begun::Other if !overwrite => return Err(exists(&partial)),
+                Begun::Nothing | Begun::Other => {}
+            }
+            keep_from_harm(&partial, read)?;
             let aside = aside(&partial);
             fs::rename(&partial, &aside).map_err(|error| failed("move aside", &partial, &error))?;
             fs::remove_dir_all(&aside).map_err(|error| failed("remove", &aside, &error))?;
@@ -98,7 +125,7 @@ impl RunFolder {
 
     fn marked(partial: PathBuf, out: &Path, replaced: Option<Lock>) -> Result<Self, Stop> {
         match Lock::mark(&partial) {
-            Ok(lock) => Ok(Self { partial, out: out.to_owned(), lock, replaced }),
+            Ok(lock) => Ok(Self { partial, out: out.to_owned(), lock, replaced, goes_on: false }),
             Err(error) => {
                 // Not with all it holds: that takes a descriptor, which there may not be, and what is in it now is not ours.
                 let _ = fs::remove_dir(&partial);
@@ -137,7 +164,7 @@ impl RunFolder {
 
     /// Gives the folder its final name, once all it holds is on the disk.
     pub fn finish(self) -> Result<PathBuf, Stop> {
-        let Self { partial, out, lock, replaced } = self;
+        let Self { partial, out, lock, replaced, .. } = self;
         let unnamed = |what: String| {
             Stop::new(Exit::Engine, what).remedy(format!("the run is whole in {}: rename it", partial.display()))
         };

@@ -17,8 +17,8 @@ pub mod value_keys;
 pub mod values;
 
 pub use contracts::{
-    Context, Fault, Frame, Host, Inputs, Instance, Node, OnceNode, OrderedNode, Outputs, Port, PureNode, Rate, Scratch,
-    Source, SourceKind, SourceOutputs, Store, Stored,
+    Context, Fault, Frame, Held, Host, Inputs, Instance, Node, OnceNode, OrderedNode, Outputs, Port, PureNode, Rate,
+    Scratch, Source, SourceKind, SourceOutputs, Store, Stored,
 };
 pub use key::Key;
 pub use registry::Registry;

@@ -31,8 +31,9 @@ pub(crate) struct ChunkEntry {
 pub(crate) struct MetadataEntry {
     pub(crate) name: String,
     pub(crate) values: BTreeMap<String, String>,
-    /// Where it starts.
+    /// Where it starts and ends.
     pub(crate) offset: u64,
+    pub(crate) end: u64,
     /// The CRC-32 that all bytes before it had when it was written.
     pub(crate) crc_before: u32,
 }
@@ -153,7 +154,8 @@ pub(crate) fn metadata_entry(file: &PositionedFile, offset: u64, body: &[u8]) ->
         }
     }
     let crc_before = unseal(&name, &values).ok_or_else(damaged)?;
-    Ok(MetadataEntry { name, values, offset, crc_before })
+    let end = offset + RECORD_HEADER + body.len() as u64;
+    Ok(MetadataEntry { name, values, offset, end, crc_before })
 }
 
 /// Where the summary starts, which ends with the file; `None` if the file's writer did not finish it.

@@ -65,6 +65,8 @@ pub(crate) struct RunLayout {
     pub(crate) parts: usize,
     /// The class of each part.
     pub(crate) classes: Vec<Class>,
+    /// The source's output ports, by which cameras are named.
+    pub(crate) source_ports: Vec<(String, ValueType)>,
     source: Vec<Option<PortLayout>>,
     nodes: Vec<Vec<Option<PortLayout>>>,
     /// The channels of the learning curves.
@@ -141,7 +143,9 @@ impl FileLayout {
         };
         let commit_channel = self.channel(commit, topics)?;
         let classes: Vec<Class> = Class::ALL.into_iter().filter(|class| used.contains(class)).collect();
-        Ok(RunLayout { parts: classes.len(), classes, source, nodes, curves, commit_channel })
+        let source_ports = run.source.outputs.iter().map(|output| &output.port);
+        let source_ports = source_ports.map(|port| (port.name.to_owned(), port.value_type)).collect();
+        Ok(RunLayout { parts: classes.len(), classes, source_ports, source, nodes, curves, commit_channel })
     }
 
     fn port(

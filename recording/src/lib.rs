@@ -73,6 +73,11 @@
 //! A run that was interrupted, or failed, closes its file with a summary and with a metadata record `depthloom.ended` before it: any
 //! reader finds its way, and [`Recording::condition`] is unfinished.
 //!
+//! # Taken from, and taken up
+//! [`EarlierRuns`] makes a store of recordings: a [`Recorder`] that has one is handed keys instead of values ([`Recorder::with_earlier`]), and copies chunks. The bytes
+//! of a frame are compared with `crc32_before` of its commit before anything of it is taken. [`Recorder::resume`] goes on with a file
+//! that was not finished, behind its last commit; the file ends with the bytes of one that was written at once.
+//!
 //! # A file that was not finished, read by others
 //! A run that was killed leaves no summary. Python's `mcap` then finds nothing by default, since `make_reader` looks for the
 //! summary first. `mcap.reader.NonSeekingReader(file).iter_messages(log_time_order=False)` reads from the start, and gives all
@@ -83,10 +88,12 @@ mod checksum;
 mod chunk;
 mod compression;
 mod condition;
+mod copy;
 mod curve;
 mod damage;
 mod difference;
 mod digest;
+mod earlier;
 mod early_sync;
 mod error;
 mod file;
@@ -101,6 +108,7 @@ mod reader;
 mod record;
 mod recorder;
 mod recording;
+mod resume;
 mod store;
 mod unpack;
 mod walk;
@@ -113,6 +121,7 @@ pub use condition::Condition;
 pub use damage::Damage;
 pub use difference::{Difference, NodePair, json_differences, node_pairs, source_differences};
 pub use digest::digest;
+pub use earlier::EarlierRuns;
 pub use error::RecordingError;
 pub use held::Held;
 pub use inventory::TopicSize;

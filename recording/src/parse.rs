@@ -116,9 +116,13 @@ pub(crate) fn message_index(body: &[u8]) -> Option<(u16, impl Iterator<Item = u6
 
 /// What stands before a chunk's records.
 pub(crate) struct ChunkHead<'a> {
+    /// The first and last time of its messages, nanoseconds.
+    pub(crate) times_ns: (u64, u64),
     pub(crate) uncompressed_size: u64,
     pub(crate) crc: u32,
     pub(crate) compression: &'a str,
+    /// How many bytes its records have as they lie.
+    pub(crate) stored: u64,
     /// How many bytes of the body come before the records.
     pub(crate) length: usize,
     /// How many bytes the body has by what the head says.
@@ -133,11 +137,11 @@ impl ChunkHead<'_> {
 /// The head of a chunk; `head` holds at least its beginning.
 pub(crate) fn chunk_head(head: &[u8]) -> Option<ChunkHead<'_>> {
     let mut body = Body(head);
-    let (_first_ns, _last_ns) = (body.u64()?, body.u64()?);
+    let times_ns = (body.u64()?, body.u64()?);
     let (uncompressed_size, crc, compression, stored) = (body.u64()?, body.u32()?, body.text()?, body.u64()?);
     let length = head.len() - body.0.len();
     let body_length = stored.checked_add(length as u64);
-    Some(ChunkHead { uncompressed_size, crc, compression, length, body_length })
+    Some(ChunkHead { times_ns, uncompressed_size, crc, compression, stored, length, body_length })
 }
 
 /// What stands before an attachment's content.

@@ -2,9 +2,9 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use depthloom_graphs::contracts::{Commit, Slot, Tap, TapError};
+use depthloom_graphs::contracts::{Commit, Slot, Store, Tap, TapError};
 use depthloom_graphs::plan::Plan;
 use depthloom_graphs::values::{Artifact, Curve, Pixels};
 use depthloom_graphs::{Frame, Key, Value};
@@ -12,11 +12,15 @@ use prost::Message;
 use serde::Serialize;
 
 use crate::chunk::{Packing, Part, PartBuilder, Unkept, measured};
+use crate::copy::Wanted;
 use crate::curve::points_part;
+use crate::earlier::EarlierRuns;
 use crate::error::RecordingError;
 use crate::layout::{Class, FileLayout, PortLayout, RunLayout};
 use crate::plan::RecordedPlan;
 use crate::pool::PartPools;
+use crate::recording::Recording;
+use crate::resume::{Resumed, resume};
 use crate::unpack::LARGEST_CHUNK;
 use crate::writer::Writer;
 use crate::{ENDED_METADATA, FORMAT, ONCE_METADATA, PLAN_METADATA};
@@ -68,6 +72,11 @@ pub struct Recorder {
     /// By stage run and part; the commit records' come last.
     pools: Vec<Vec<PartPools>>,
     state: Mutex<State>,
+    /// What need not be made again.
+    earlier: Option<Arc<EarlierRuns>>,
+    /// What an earlier process wrote: frames by stage run, and once-values.
+    written: Vec<usize>,
+    once: BTreeSet<(usize, usize, usize)>,
 }
 
 struct State {
@@ -99,12 +108,47 @@ impl Recorder {
         for (name, text) in experiment_files(plan) {
             writer.attachment(&name, "application/yaml", text.as_bytes())?;
         }
+        let runs = layout.runs.len();
+        let (frames, first_ns) = (vec![0; runs], vec![None; runs]);
+        let nothing = Resumed { writer, frames, once: BTreeSet::new(), artifacts: BTreeSet::new(), first_ns };
+        Ok(Self::of(path, plan, layout, nothing))
+    }
+
+    /// Goes on with the recording of a run that did not come to its end, of which [`Recording::is_begun`] says that it is this plan's:
+    /// behind its last commit, as if it had never stopped. What it holds of the frames that are to come again is taken from
+    /// `earlier`, which must have the recording.
+    ///
+    /// # Errors
+    /// If the file cannot be read or written, or is not what was written.
+    pub fn resume(recording: &Recording, plan: &Plan) -> Result<Self, RecordingError> {
+        let layout = FileLayout::of(plan)?;
+        match resume(recording, layout.channels.clone())? {
+            Some(resumed) => Ok(Self::of(recording.path().to_owned(), plan, layout, resumed)),
+            None => Self::create(recording.path(), plan),
+        }
+    }
+
+    fn of(path: PathBuf, plan: &Plan, layout: FileLayout, resumed: Resumed) -> Self {
         let pools_of = |run: &RunLayout| (0..=run.parts).map(|_| PartPools::default()).collect();
         let pools = layout.runs.iter().map(pools_of).collect();
         let compress_ns = layout.runs.iter().map(|run| vec![0; run.parts]).collect();
-        let first_ns = vec![None; layout.runs.len()];
-        let state = State { writer, frames: 0, artifacts: BTreeSet::new(), first_ns, compress_ns };
-        Ok(Self { path, layout, every: plan.record.every.max(1), pools, state: Mutex::new(state) })
+        let Resumed { writer, frames: written, once, artifacts, first_ns } = resumed;
+        let frames = written.iter().sum::<usize>() as u64;
+        let state = Mutex::new(State { writer, frames, artifacts, first_ns, compress_ns });
+        let every = plan.record.every.max(1);
+        Self { path, layout, every, pools, state, earlier: None, written, once }
+    }
+
+    /// How many frames the recording holds so far, over all stage runs.
+    #[must_use]
+    pub fn frames(&self) -> u64 {
+        self.state().frames
+    }
+
+    /// Takes from earlier runs what they made and this one needs.
+    #[must_use]
+    pub fn with_earlier(self, earlier: Arc<EarlierRuns>) -> Self {
+        Self { earlier: Some(earlier).filter(|earlier| !earlier.is_empty()), ..self }
     }
 
     /// The file being written.
@@ -210,7 +254,6 @@ impl Tap for Recorder {
         part: usize,
         values: &[(Slot, Value)],
     ) -> Result<Part, TapError> {
-        let kept = (position as u64).is_multiple_of(self.every);
         let unkept = |why| match why {
             Unkept::TooLarge { channel, bytes } => {
                 let topic = self.layout.channels[usize::from(channel) - 1].topic.clone();
@@ -237,11 +280,47 @@ impl Tap for Recorder {
                 let (frame, topic) = (frame.id.to_string(), port.topic.to_string());
                 return Err(tap_error(RecordingError::Value { frame, topic, what }));
             }
-            if kept || port.class == Class::Rows {
+            if self.keeps(run, *slot, position) {
                 self.put(&mut builder, frame, port, value).map_err(unkept)?;
             }
         }
         builder.finish().map_err(unkept)
+    }
+
+    fn keeps(&self, run: usize, slot: Slot, position: usize) -> bool {
+        let port = self.layout.runs[run].port(slot);
+        port.is_some_and(|port| (position as u64).is_multiple_of(self.every) || port.class == Class::Rows)
+    }
+
+    fn written(&self, run: usize) -> usize {
+        self.written[run]
+    }
+
+    fn has_once(&self, run: usize, slot: Slot) -> bool {
+        matches!(slot, Slot::Node { node, port } if self.once.contains(&(run, node, port)))
+    }
+
+    fn store(&self) -> Option<&dyn Store> {
+        self.earlier.as_deref().map(|earlier| earlier as &dyn Store)
+    }
+
+    fn copy(
+        &self,
+        run: usize,
+        (position, frame): (usize, &Frame),
+        part: usize,
+        values: &[(Slot, Key)],
+    ) -> Result<Option<Part>, TapError> {
+        let Some(earlier) = &self.earlier else { return Ok(None) };
+        let values = values.iter().filter(|(slot, _)| self.keeps(run, *slot, position)).copied().collect();
+        let wanted = Wanted { layout: &self.layout.runs[run], channels: &self.layout.channels, frame, values };
+        let pool = &self.pools[run][part].bytes;
+        let mut bytes = pool.take();
+        let copied = earlier.copied(&wanted, &mut bytes).map_err(tap_error)?;
+        if copied.is_none() {
+            pool.put(bytes);
+        }
+        Ok(copied)
     }
 
     fn write(&self, commit: &Commit<'_>, parts: Vec<Part>) -> Result<(), TapError> {
@@ -338,7 +417,7 @@ fn too_large(bytes: u64) -> String {
     format!("{bytes} bytes are more than a recording keeps in one piece, which is {LARGEST_CHUNK}")
 }
 
-fn json(value: &impl Serialize) -> String {
+pub(crate) fn json(value: &impl Serialize) -> String {
     serde_json::to_string(value).expect("plans hold nothing that JSON cannot")
 }
 
@@ -349,7 +428,7 @@ fn artifact_name(artifact: &Artifact) -> String {
 
 /// The experiment's files, as written and as resolved, by the names they have as attachments: without folders, which differ
 /// between machines.
-fn experiment_files(plan: &Plan) -> Vec<(String, &str)> {
+pub(crate) fn experiment_files(plan: &Plan) -> Vec<(String, &str)> {
     let mut files: Vec<(String, &str)> = Vec::new();
     for (path, text) in &plan.written {
         let name = Path::new(path).file_name().map_or_else(|| path.clone(), |name| name.to_string_lossy().into_owned());

@@ -39,6 +39,8 @@ pub struct RecordedFrame {
     /// What failed on it.
     pub failures: Vec<Failure>,
     pub(crate) chunks: Range<usize>,
+    /// Which of the recording's commits it is.
+    pub(crate) commit: usize,
 }
 
 /// A once-value, and where its content is.
@@ -251,7 +253,7 @@ impl Found {
             let mut found = None;
             let chunks = first..position;
             buffers.each_message(file, chunk, |message| {
-                found = Some(committed(message.time_ns, message.data, chunks.clone())?);
+                found = Some(committed(message.time_ns, message.data, chunks.clone(), self.sealed.len())?);
                 Ok(())
             })?;
             let (run, frame, crc_before) = found.ok_or_else(|| file.damaged(chunk.start, "a commit chunk is empty"))?;
@@ -272,18 +274,24 @@ impl Found {
 }
 
 /// The stage run of a frame, the frame, and the CRC-32 that all bytes before its commit had.
-fn committed(time_ns: u64, message: &[u8], chunks: Range<usize>) -> Result<(usize, RecordedFrame, u32), String> {
-    let commit = CommitMessage::decode(message).map_err(|error| format!("a commit record is none: {error}"))?;
+fn committed(
+    time_ns: u64,
+    message: &[u8],
+    chunks: Range<usize>,
+    commit: usize,
+) -> Result<(usize, RecordedFrame, u32), String> {
+    let told = CommitMessage::decode(message).map_err(|error| format!("a commit record is none: {error}"))?;
     let frame = RecordedFrame {
-        id: commit.frame.as_str().into(),
-        index: commit.index,
+        id: told.frame.as_str().into(),
+        index: told.index,
         time_ns,
-        source_key: commit.source_key().ok_or("a commit record holds a key that is none")?,
-        keys: commit.keys().ok_or("a commit record holds a key that is none")?.into_boxed_slice(),
-        failures: commit.failures(),
+        source_key: told.source_key().ok_or("a commit record holds a key that is none")?,
+        keys: told.keys().ok_or("a commit record holds a key that is none")?.into_boxed_slice(),
+        failures: told.failures(),
         chunks,
+        commit,
     };
-    Ok((commit.run as usize, frame, commit.crc32_before))
+    Ok((told.run as usize, frame, told.crc32_before))
 }
 
 fn read_plan(file: &PositionedFile, index: &Index) -> Result<RecordedPlan, RecordingError> {

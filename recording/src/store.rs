@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use depthloom_graphs::contracts::{Fault, Store, Stored};
+use depthloom_graphs::contracts::{Fault, Held, Store};
 use depthloom_graphs::values::Artifact;
 use depthloom_graphs::{Key, Value, ValueType};
 
@@ -22,44 +22,76 @@ pub(crate) enum KeyedPlace {
 }
 
 impl Recording {
-    /// What the recording has of the values that a key names, by output port: all ports of a node share its key. `None` if it does not
-    /// know the key. See [`Store::get`].
-    ///
-    /// # Errors
-    /// If the recording cannot be read.
-    pub fn values_of(&self, key: &Key) -> Result<Option<Vec<Stored>>, RecordingError> {
-        let places = self.by_key.get_or_init(|| self.keyed_places());
-        match places.get(key) {
-            None => Ok(None),
-            Some(KeyedPlace::Once { run, node }) => self.once_values_of(*run, *node).map(Some),
-            Some(KeyedPlace::Frame { run, position, node }) => self.frame_values_of(*run, *position, *node).map(Some),
-        }
+    /// Where what a key names lies.
+    pub(crate) fn place_of(&self, key: &Key) -> Option<KeyedPlace> {
+        self.by_key.get_or_init(|| self.keyed_places()).get(key).copied()
     }
 
-    fn frame_values_of(&self, run: usize, position: usize, node: Option<usize>) -> Result<Vec<Stored>, RecordingError> {
-        // Of the frames between, only scores are kept.
-        let is_whole = (position as u64).is_multiple_of(self.plan().every.max(1));
-        let is_kept = |output: &&RecordedOutput| is_whole || output.value_type() == Some(ValueType::Scores);
-        let outputs = self.outputs_of(run, node).filter(|output| output.recorded && !output.once).filter(is_kept);
-        let outputs: Vec<&RecordedOutput> = outputs.collect();
-        let topics: Vec<&str> = outputs.iter().map(|output| output.topic.as_str()).collect();
-        let values = self.reader(run, &topics)?.read(position)?;
-        let stored = |(output, value): (&&RecordedOutput, _)| Stored { port: output.port.clone(), value };
-        Ok(outputs.iter().zip(values).map(stored).collect())
-    }
-
-    fn once_values_of(&self, run: usize, node: usize) -> Result<Vec<Stored>, RecordingError> {
-        let mut stored = Vec::new();
-        for (port, output) in self.outputs_of(run, Some(node)).enumerate() {
-            let once = self.once_values().iter().find(|once| (once.run, once.node, once.port) == (run, node, port));
-            let value = once.map(|once| self.once_value(once)).transpose()?;
-            // Of a node's once-values each has a record of its own: one that is not there may have been cut off.
-            let is_known = value.is_some() || *self.condition() == Condition::Whole;
-            if output.recorded && output.once && is_known {
-                stored.push(Stored { port: output.port.clone(), value });
+    /// What the recording has of a place, by output port: all ports of a node share its key. See [`Store::find`].
+    pub(crate) fn held_at(&self, place: KeyedPlace) -> Vec<Held> {
+        match place {
+            KeyedPlace::Once { run, node } => self.held_once(run, node),
+            KeyedPlace::Frame { run, position, node } => {
+                let chunks = self.frames(run)[position].chunks(&self.index);
+                let is_there = |output: &RecordedOutput| {
+                    let mut of_topic = self.channels_of(&output.topic);
+                    of_topic.any(|channel| chunks.iter().any(|chunk| chunk.channels.binary_search(&channel).is_ok()))
+                };
+                let kept = self.outputs_of(run, node).filter(|output| self.keeps(output, position));
+                kept.map(|output| Held { port: output.port.clone(), is_there: is_there(output) }).collect()
             }
         }
-        Ok(stored)
+    }
+
+    /// Whether an output's values were kept of the frame at a position.
+    fn keeps(&self, output: &RecordedOutput, position: usize) -> bool {
+        // Of the frames between, only scores are kept.
+        let is_whole = (position as u64).is_multiple_of(self.plan().every.max(1));
+        let is_kept = is_whole || output.value_type() == Some(ValueType::Scores);
+        output.recorded && !output.once && is_kept
+    }
+
+    /// The channels of a topic: images have one for those with a file's own bytes, too.
+    pub(crate) fn channels_of(&self, topic: &str) -> impl Iterator<Item = u16> {
+        self.index.channels.iter().filter(move |(_, channel)| channel.topic == topic).map(|(id, _)| *id)
+    }
+
+    /// The value of a port at a place; `None` if the port gave none.
+    pub(crate) fn value_at(&self, place: KeyedPlace, port: &str) -> Result<Option<Value>, RecordingError> {
+        let missing =
+            || RecordingError::Missing { path: self.path().to_owned(), what: format!("a value of port `{port}`") };
+        match place {
+            KeyedPlace::Frame { run, position, node } => {
+                let mut outputs = self.outputs_of(run, node);
+                let output = outputs.find(|output| output.port == port && self.keeps(output, position));
+                let output = output.ok_or_else(missing)?;
+                Ok(self.reader(run, &[&output.topic])?.read(position)?.pop().flatten())
+            }
+            KeyedPlace::Once { run, node } => {
+                let held = self.held_once(run, node).into_iter().find(|held| held.port == port).ok_or_else(missing)?;
+                if !held.is_there {
+                    return Ok(None);
+                }
+                let of_port = |once: &&RecordedOnce| {
+                    let output = self.plan().runs[run].nodes[node].outputs.get(once.port);
+                    (once.run, once.node) == (run, node) && output.is_some_and(|output| output.port == port)
+                };
+                let once = self.once_values().iter().find(of_port).ok_or_else(missing)?;
+                self.once_value(once).map(Some)
+            }
+        }
+    }
+
+    fn held_once(&self, run: usize, node: usize) -> Vec<Held> {
+        let mut held = Vec::new();
+        for (port, output) in self.outputs_of(run, Some(node)).enumerate() {
+            let is_there = self.once_values().iter().any(|once| (once.run, once.node, once.port) == (run, node, port));
+            // Of a node's once-values each has a record of its own: one that is not there may have been cut off.
+            if output.recorded && output.once && (is_there || *self.condition() == Condition::Whole) {
+                held.push(Held { port: output.port.clone(), is_there });
+            }
+        }
+        held
     }
 
     /// The planned outputs of a source (`None`) or node.
@@ -111,13 +143,24 @@ impl Recording {
 }
 
 impl Store for Recording {
-    fn get(&self, key: &Key) -> Result<Option<Vec<Stored>>, Fault> {
-        self.values_of(key).map_err(|error| {
-            let fault = Fault::new(error.to_string());
-            match error.remedy() {
-                Some(remedy) => fault.remedy(remedy).because(error),
-                None => fault.because(error),
-            }
-        })
+    fn find(&self, key: &Key) -> Option<Vec<Held>> {
+        self.place_of(key).map(|place| self.held_at(place))
+    }
+
+    fn value(&self, key: &Key, port: &str) -> Result<Option<Value>, Fault> {
+        let place = self.place_of(key).ok_or_else(|| unknown(key))?;
+        self.value_at(place, port).map_err(fault)
+    }
+}
+
+pub(crate) fn unknown(key: &Key) -> Fault {
+    Fault::new(format!("the store knows no key {key}"))
+}
+
+pub(crate) fn fault(error: RecordingError) -> Fault {
+    let fault = Fault::new(error.to_string());
+    match error.remedy() {
+        Some(remedy) => fault.remedy(remedy).because(error),
+        None => fault.because(error),
     }
 }

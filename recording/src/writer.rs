@@ -15,8 +15,8 @@ use crate::early_sync::EarlySync;
 use crate::error::RecordingError;
 use crate::layout::ChannelLayout;
 use crate::record::{
-    Counts, put_attachment, put_attachment_index, put_channel, put_chunk_index, put_data_end, put_footer, put_header,
-    put_metadata, put_metadata_index, put_schema, put_statistics, put_summary_offset,
+    ChunkPlace, Counts, put_attachment, put_attachment_index, put_channel, put_chunk_index, put_data_end, put_footer,
+    put_header, put_metadata, put_metadata_index, put_schema, put_statistics, put_summary_offset,
 };
 use depthloom_codecs::schema::Schema;
 
@@ -31,24 +31,32 @@ pub(crate) struct Writer {
     path: PathBuf,
     file: Arc<File>,
     early_sync: EarlySync,
-    position: u64,
-    crc: Hasher,
+    pub(crate) position: u64,
+    pub(crate) crc: Hasher,
     channels: Vec<ChannelLayout>,
-    schemas_written: Vec<Schema>,
-    channels_written: Vec<u16>,
-    counts: Counts,
+    pub(crate) schemas_written: Vec<Schema>,
+    pub(crate) channels_written: Vec<u16>,
+    pub(crate) counts: Counts,
     /// The records of the summary, in the bytes in which they will be written: the least memory.
     chunk_indexes: Vec<u8>,
-    attachment_indexes: Vec<u8>,
-    metadata_indexes: Vec<u8>,
+    pub(crate) attachment_indexes: Vec<u8>,
+    pub(crate) metadata_indexes: Vec<u8>,
     closed: Option<&'static str>,
 }
 
 impl Writer {
     pub(crate) fn create(path: &Path, channels: Vec<ChannelLayout>) -> Result<Self, RecordingError> {
         let file = File::create(path).map_err(|source| RecordingError::Create { path: path.to_owned(), source })?;
-        let file = Arc::new(file);
-        let mut writer = Self {
+        let mut writer = Self::of(path, Arc::new(file), channels);
+        let mut start = mcap::MAGIC.to_vec();
+        put_header(&mut start, LIBRARY);
+        writer.append(&start)?;
+        Ok(writer)
+    }
+
+    /// Of a file that holds nothing.
+    pub(crate) fn of(path: &Path, file: Arc<File>, channels: Vec<ChannelLayout>) -> Self {
+        Self {
             path: path.to_owned(),
             early_sync: EarlySync::new(Arc::clone(&file)),
             file,
@@ -62,11 +70,7 @@ impl Writer {
             attachment_indexes: Vec::new(),
             metadata_indexes: Vec::new(),
             closed: None,
-        };
-        let mut start = mcap::MAGIC.to_vec();
-        put_header(&mut start, LIBRARY);
-        writer.append(&start)?;
-        Ok(writer)
+        }
     }
 
     /// Appends the chunks of a part.
@@ -80,13 +84,16 @@ impl Writer {
         }
         let base = self.position;
         self.append_checked(&part.bytes, &part.crc)?;
-        for chunk in &part.chunks {
-            put_chunk_index(&mut self.chunk_indexes, base, chunk);
-            self.counts.chunks += 1;
-            let (first, last) = self.counts.times_ns.unwrap_or(chunk.times_ns);
-            self.counts.times_ns = Some((first.min(chunk.times_ns.0), last.max(chunk.times_ns.1)));
-        }
+        part.chunks.iter().for_each(|chunk| self.index_chunk(base, chunk));
         Ok(())
+    }
+
+    /// Notes where a chunk lies that is `base` bytes farther than it says.
+    pub(crate) fn index_chunk(&mut self, base: u64, chunk: &ChunkPlace) {
+        put_chunk_index(&mut self.chunk_indexes, base, chunk);
+        self.counts.chunks += 1;
+        let (first, last) = self.counts.times_ns.unwrap_or(chunk.times_ns);
+        self.counts.times_ns = Some((first.min(chunk.times_ns.0), last.max(chunk.times_ns.1)));
     }
 
     /// Appends the part that `make` makes of the CRC-32 of all bytes before it; its messages are of one channel.

@@ -7,6 +7,7 @@ use depthloom_graphs::contracts::TapError;
 use depthloom_graphs::{Fault, Key, Value};
 
 use crate::frame_graph::{FrameGraph, Place};
+use crate::reuse::{Do, FramePlan};
 use crate::timing::Spent;
 
 /// How a step ended on a frame.
@@ -14,6 +15,8 @@ use crate::timing::Spent;
 pub(crate) enum Outcome {
     /// It fired; of the source and of nodes, the key of its values.
     Fired(Option<Key>),
+    /// It need not fire: its values, of this key, are in the store.
+    Taken(Key),
     /// A required input was absent: so are its outputs. That is no failure.
     Absent,
     /// It failed.
@@ -44,6 +47,8 @@ struct Cell {
 pub(crate) struct InFlight<P> {
     /// Its position among the source's frames.
     pub(crate) position: usize,
+    /// What need not be made again; set by the source's step, if there is a store.
+    pub(crate) plan: OnceLock<FramePlan>,
     steps: Box<[Progress]>,
     cells: Box<[Mutex<Cell>]>,
     parts: Box<[Mutex<Option<P>>]>,
@@ -59,6 +64,7 @@ impl<P> InFlight<P> {
         let cell = |place: &Place| Mutex::new(Cell { value: None, key: None, uses: place.uses });
         Self {
             position,
+            plan: OnceLock::new(),
             steps: graph.order.iter().map(|o| progress(o.waits_for)).collect(),
             cells: graph.places.iter().map(cell).collect(),
             parts: graph.parts.iter().map(|_| Mutex::new(None)).collect(),
@@ -82,6 +88,11 @@ impl<P> InFlight<P> {
         cell.uses -= 1;
         let value = if cell.uses == 0 { cell.value.take() } else { cell.value.clone() };
         value.map(|value| (value, cell.key))
+    }
+
+    /// What a step does.
+    pub(crate) fn to_do(&self, step: usize) -> &Do {
+        self.plan.get().map_or(&Do::Fire, |plan| &plan.steps[step])
     }
 
     /// How a step ended; `None` while it has not.

@@ -101,6 +101,7 @@ mod panics;
 mod queues;
 mod report;
 mod retire;
+mod reuse;
 mod run;
 mod stage;
 mod timing;

@@ -8,15 +8,17 @@ use std::sync::atomic::AtomicU64;
 use depthloom_graphs::contracts::{Contract, Slot, Tap, TapError};
 use depthloom_graphs::plan::{Origin, Plan, PlannedNode};
 use depthloom_graphs::{
-    Context, Fault, Host as _, Inputs, Key, OnceNode, OrderedNode, Port, Rate, Scratch, Value, value_keys,
+    Context, Fault, Host as _, Inputs, Key, OnceNode, OrderedNode, Port, Rate, Scratch, Source, Value, value_keys,
 };
 use depthloom_threads::caught;
 
 use crate::error::RunError;
+use crate::frame_graph::FrameGraph;
 use crate::host::TaskHost;
 use crate::in_flight::locked;
 use crate::panics::fault;
 use crate::retire::Completion;
+use crate::reuse::{Finished, Reuse, once_values};
 use crate::stage::Common;
 use crate::timing::{Phase, Spent, Stopwatch, Timing};
 
@@ -77,6 +79,8 @@ pub(crate) enum Job {
     Fire(Box<dyn OnceNode>, Option<Vec<Option<OnceValue>>>),
     /// An ordered node after its last frame, and its key there.
     Finish(Box<dyn OrderedNode>, Option<Key>),
+    /// Nothing: these values are known.
+    Known(Finished),
 }
 
 impl Job {
@@ -88,6 +92,7 @@ impl Job {
                 Some(value_keys::once(&planned.recipe, &keys))
             }
             Self::Finish(_, last) => Some(value_keys::finished(&planned.recipe, last.as_ref())),
+            Self::Known(known) => Some(known.key),
         }
     }
 }
@@ -103,6 +108,8 @@ pub(crate) struct OnceWork<'a, T> {
     pub(crate) keys: BTreeMap<usize, Key>,
     /// The once-nodes that fired: not those whose values an equal one gave.
     pub(crate) fired: BTreeSet<usize>,
+    /// The nodes whose once-values the tap's store had.
+    pub(crate) reused: BTreeSet<usize>,
     pub(crate) timings: Vec<Timing>,
 }
 
@@ -142,10 +149,11 @@ impl<T: Tap> OnceWork<'_, T> {
             .into_iter()
             .map(|(node, job)| {
                 let key = job.key(&nodes[node]);
+                let job = self.known(node, key, job, values);
                 let is_first = |key: &Key| !values.given.contains_key(key) && fires.insert(*key);
                 let runs = match job {
                     Job::Fire(..) => key.as_ref().is_some_and(is_first),
-                    Job::Finish(..) => true,
+                    Job::Finish(..) | Job::Known(_) => true,
                 };
                 (node, key, Mutex::new(runs.then_some(job)), Mutex::new(None))
             })
@@ -165,6 +173,13 @@ impl<T: Tap> OnceWork<'_, T> {
         for (node, key, _, done) in jobs {
             let planned = &nodes[node];
             let outputs = match locked(&done).take() {
+                Some((Ok(outputs), None)) => {
+                    self.reused.insert(node);
+                    if let (Contract::Once, Some(key)) = (planned.contract, key) {
+                        values.given.insert(key, outputs.clone());
+                    }
+                    outputs
+                }
                 Some((Err(Fault::Cancelled), _)) if self.common.interrupt.stops_admission() => {
                     // It was asked to, and put down where it is.
                     completion = Completion::Interrupted;
@@ -178,7 +193,7 @@ impl<T: Tap> OnceWork<'_, T> {
                         fault: Box::new(fault),
                     });
                 }
-                Some((Ok(outputs), spent)) => {
+                Some((Ok(outputs), Some(spent))) => {
                     let mut timing = Timing::new(self.run, planned.name.clone(), Phase::Once(node));
                     timing.add(0, spent);
                     self.timings.push(timing);
@@ -213,12 +228,36 @@ impl<T: Tap> OnceWork<'_, T> {
         Ok(completion)
     }
 
+    /// What of the stage's frames need not be made again.
+    pub(crate) fn reuse(&self, graph: &FrameGraph, source: &dyn Source) -> Option<Reuse<'_>> {
+        let permit = self.common.budget.permit();
+        let reuse =
+            Reuse::new(self.run, &self.plan.runs[self.run], graph, source, self.common.tap, &self.host(None, None));
+        drop(permit);
+        reuse
+    }
+
+    /// A job, or its outcome where the tap's store has it.
+    fn known(&self, node: usize, key: Option<Key>, job: Job, values: &OnceValues) -> Job {
+        let (Job::Fire(..), Some(key), Some(store)) = (&job, key, self.common.tap.store()) else { return job };
+        if values.given.contains_key(&key) {
+            return job;
+        }
+        match once_values(store, &self.plan.runs[self.run], node, &key) {
+            Some(values) => Job::Known(Finished { key, values }),
+            None => job,
+        }
+    }
+
     /// Hands the once-values that are recorded to the tap, in plan order.
     pub(crate) fn hand_over(&self, values: &OnceValues) -> Result<(), RunError> {
         let run = &self.plan.runs[self.run];
         for (&node, key) in &self.keys {
             for (port, output) in run.nodes[node].outputs.iter().enumerate().filter(|(_, o)| o.recorded) {
                 let Some(Some(once)) = values.made.get(&(self.run, node, port)) else { continue };
+                if self.common.tap.has_once(self.run, Slot::Node { node, port }) {
+                    continue;
+                }
                 caught(|| self.common.tap.once(self.run, Slot::Node { node, port }, key, &once.value))
                     .unwrap_or_else(|panic| Err(TapError::new(format!("panicked {}", panic.0))))
                     .map_err(|error| {
@@ -237,14 +276,14 @@ impl<T: Tap> OnceWork<'_, T> {
         TaskHost { budget, interrupt, observer, warnings, run, node, once, helpers_cpu_ns }
     }
 
-    /// The once-values by port.
+    /// The once-values by port, and what making them took; `None` where they were known.
     fn perform(
         &self,
         node: usize,
         planned: &PlannedNode,
         key: Key,
         job: Job,
-    ) -> (Result<Vec<Option<Value>>, Fault>, Spent) {
+    ) -> (Result<Vec<Option<Value>>, Fault>, Option<Spent>) {
         let (watch, host, mut scratch) = (Stopwatch::start(), self.host(Some(node), Some(key)), Scratch::default());
         let mut ctx = Context::new(&host, &mut scratch);
         let ports: Vec<Port> =
@@ -256,15 +295,16 @@ impl<T: Tap> OnceWork<'_, T> {
                 caught(|| instance.run(&Inputs::new(&in_ports, &values), &mut ctx))
             }
             Job::Finish(instance, _) => caught(|| instance.finish(&mut ctx)),
+            Job::Known(Finished { values, .. }) => return (Ok(values), None),
         };
         self.common.checkpoints.release(&key);
         let made = made.unwrap_or_else(|panic| Err(fault(panic))).and_then(|given| given.in_order_of(&ports));
-        (made, watch.stop(host.helpers_cpu_ns.into_inner()))
+        (made, Some(watch.stop(host.helpers_cpu_ns.into_inner())))
     }
 }
 
 /// Whether a node's output is a once-value.
-fn is_once(node: &PlannedNode, port: &Port) -> bool {
+pub(crate) fn is_once(node: &PlannedNode, port: &Port) -> bool {
     node.contract == Contract::Once || port.rate == Rate::Once
 }
 

@@ -34,6 +34,11 @@ impl<P> Ordered<P> {
         Self { line: Mutex::new(line), state: Mutex::new(State { node: Some(node), last_key: None }) }
     }
 
+    /// Says which frame is the first.
+    pub(crate) fn start_at(&self, position: usize) {
+        locked(&self.line).next = position;
+    }
+
     /// A frame's inputs are there: gives it back if it is its turn.
     pub(crate) fn arrive(&self, frame: &Arc<InFlight<P>>) -> bool {
         let mut line = locked(&self.line);

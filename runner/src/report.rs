@@ -43,6 +43,10 @@ pub struct StageReport {
     pub peak_in_flight: usize,
     /// On how many of the frames written each node fired (of a once-node: whether it did).
     pub firings: Vec<u64>,
+    /// On how many of them each node need not fire, for its values were in the tap's store (of a once-node: whether they were).
+    pub reused: Vec<u64>,
+    /// How many frames an earlier process had written.
+    pub resumed: u64,
 }
 
 /// A failure kept as a tombstone.

@@ -13,6 +13,7 @@ use crate::error::RunError;
 use crate::frame_graph::Step;
 use crate::in_flight::{InFlight, Outcome};
 use crate::report::{FrameFailure, Report, StageReport};
+use crate::reuse::Reuse;
 use crate::stage::Stage;
 use crate::timing::{Phase, Stopwatch, Timing};
 
@@ -33,7 +34,12 @@ impl<'a> Ledger<'a> {
         timings.extend(nodes.iter().enumerate().map(|(i, n)| Timing::new(run, n.name.clone(), Phase::Node(i))));
         timings.extend((0..parts).map(|part| Timing::new(run, "encode".to_owned(), Phase::Encode(part))));
         timings.push(Timing::new(run, "write".to_owned(), Phase::Write));
-        let stage = StageReport { frames: frames as u64, firings: vec![0; nodes.len()], ..StageReport::default() };
+        let stage = StageReport {
+            frames: frames as u64,
+            firings: vec![0; nodes.len()],
+            reused: vec![0; nodes.len()],
+            ..StageReport::default()
+        };
         Self { plan, run, stage, failures: Vec::new(), timings }
     }
 
@@ -60,7 +66,14 @@ pub(crate) fn retire_all<T: Tap>(
     ledger: &mut Ledger<'_>,
 ) -> Result<Completion, RunError> {
     let frames = stage.source.frames();
-    let (mut admitted, mut retired) = (0, 0);
+    let first = stage.reuse.as_ref().map_or(0, Reuse::first).min(frames.len());
+    for frame in &frames[..first] {
+        stage.observer.frame_retired(stage.run, frame, &[]);
+    }
+    stage.start_at(first);
+    ledger.stage.resumed = stage.written() as u64;
+    ledger.stage.retired = first as u64;
+    let (mut admitted, mut retired) = (first, first);
     let mut complete = BTreeMap::new();
     loop {
         while admitted < frames.len()
@@ -136,6 +149,17 @@ fn write<T: Tap>(
                 }
                 (Step::Node(_) | Step::Encode(_), _) => {}
             },
+            Outcome::Taken(key) => {
+                match stage.graph.step(step) {
+                    Step::Source => source_key = Some(key),
+                    Step::Node(node) => {
+                        keys.push(SlotKey { node, key });
+                        ledger.stage.reused[node] += 1;
+                    }
+                    Step::Encode(_) => {}
+                }
+                continue;
+            }
             Outcome::Failed => {
                 let fault = faults.iter().find(|(failed, _)| *failed == step).map(|(_, fault)| fault);
                 failures.push(Failure { node, what: fault.map(depthloom_graphs::Fault::chain).unwrap_or_default() });
@@ -148,13 +172,15 @@ fn write<T: Tap>(
         timing.add(frame.index, settled.spent);
     }
 
-    let watch = Stopwatch::start();
-    let commit = Commit { run: stage.run, frame, source_key, keys: &keys, failures: &failures };
-    caught(|| stage.tap.write(&commit, in_flight.take_parts()))
-        .unwrap_or_else(|panic| Err(TapError::new(format!("panicked {}", panic.0))))
-        .map_err(tap_failed)?;
-    if let Some(timing) = ledger.timings.last_mut() {
-        timing.add(frame.index, watch.stop(0));
+    if in_flight.position >= stage.written() {
+        let watch = Stopwatch::start();
+        let commit = Commit { run: stage.run, frame, source_key, keys: &keys, failures: &failures };
+        caught(|| stage.tap.write(&commit, in_flight.take_parts()))
+            .unwrap_or_else(|panic| Err(TapError::new(format!("panicked {}", panic.0))))
+            .map_err(tap_failed)?;
+        if let Some(timing) = ledger.timings.last_mut() {
+            timing.add(frame.index, watch.stop(0));
+        }
     }
 
     ledger.stage.retired += 1;

@@ -21,7 +21,7 @@ use crate::report::Report;
 use crate::retire::{Completion, Ledger, retire_all};
 use crate::stage::{Common, EndAll, FrameNode, Stage};
 use crate::warnings::Warnings;
-use depthloom_threads::Budget;
+use depthloom_threads::{Budget, look_for_room};
 
 /// Runs a plan: every frame of every stage run, and its once-values, into the tap.
 ///
@@ -105,12 +105,23 @@ fn run_stage<T: Tap>(
         });
     }
 
-    let mut once =
-        OnceWork { run, plan, common, waiting, keys: BTreeMap::new(), fired: BTreeSet::new(), timings: Vec::new() };
+    let mut once = OnceWork {
+        run,
+        plan,
+        common,
+        waiting,
+        keys: BTreeMap::new(),
+        fired: BTreeSet::new(),
+        reused: BTreeSet::new(),
+        timings: Vec::new(),
+    };
     let mut ledger = Ledger::new(plan, run, source.frames().len(), common.tap.parts(run));
     let completion = pass(&mut once, source.as_ref(), of_frames, &mut ledger, values);
     for &node in &once.fired {
         ledger.stage.firings[node] = 1;
+    }
+    for &node in &once.reused {
+        ledger.stage.reused[node] = ledger.stage.reused[node].max(1);
     }
     ledger.close(report);
     report.timings.append(&mut once.timings);
@@ -132,15 +143,18 @@ fn pass<T: Tap>(
         return Ok(Completion::Interrupted);
     }
     let graph = FrameGraph::new(run, plan, once.common.tap, |from| values.find(from)).map_err(unrunnable)?;
-    let stage = Stage::new(run, plan, graph, source, nodes, once.common);
+    let reuse = once.reuse(&graph, source);
+    let mut stage = Stage::new(run, plan, graph, source, nodes, reuse, once.common);
     if run_frames(&stage, ledger)? == Completion::Interrupted {
         return Ok(Completion::Interrupted);
     }
     let mut jobs = Vec::new();
+    let mut reuse = stage.reuse.take();
     for (index, node) in stage.nodes.into_iter().enumerate() {
-        if let FrameNode::Ordered(ordered) = node
-            && let (Some(node), last_key) = ordered.into_state()
-        {
+        let FrameNode::Ordered(ordered) = node else { continue };
+        if let Some(finished) = reuse.as_mut().and_then(|reuse| reuse.finished[index].take()) {
+            jobs.push((index, Job::Known(finished)));
+        } else if let (Some(node), last_key) = ordered.into_state() {
             jobs.push((index, Job::Finish(node, last_key)));
         }
     }
@@ -167,7 +181,8 @@ fn run_frames<T: Tap>(stage: &Stage<'_, T>, ledger: &mut Ledger<'_>) -> Result<C
         for worker in 0..stage.budget.width() {
             let send = send.clone();
             let builder = Builder::new().name(format!("depthloom-{worker}"));
-            builder.spawn_scoped(scope, move || stage.work(&send)).map_err(RunError::NoThread)?;
+            let started = look_for_room().and_then(|()| builder.spawn_scoped(scope, move || stage.work(&send)));
+            started.map_err(RunError::NoThread)?;
         }
         drop(send);
         retire_all(stage, &done, ledger)

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use crossbeam::channel::Sender;
 use depthloom_graphs::contracts::{Slot, Tap, TapError};
 use depthloom_graphs::plan::StageRun;
-use depthloom_graphs::{Context, Fault, Inputs, Key, Outputs, PureNode, Scratch, Source, Value, value_keys};
+use depthloom_graphs::{Context, Fault, Inputs, Key, Outputs, Port, PureNode, Scratch, Source, Value, value_keys};
 
 use crate::checkpoints::Checkpoints;
 use crate::frame_graph::{Feed, FrameGraph, Step};
@@ -17,6 +17,7 @@ use crate::observer::Observer;
 use crate::ordered::Ordered;
 use crate::panics::fault;
 use crate::queues::Queues;
+use crate::reuse::{Do, Reuse};
 use crate::timing::{Spent, Stopwatch};
 use crate::warnings::Warnings;
 use depthloom_threads::{Budget, caught};
@@ -50,6 +51,8 @@ pub(crate) struct Stage<'a, T: Tap> {
     pub(crate) observer: &'a dyn Observer,
     pub(crate) interrupt: &'a Interrupt,
     warnings: &'a Warnings,
+    /// What need not be made again.
+    pub(crate) reuse: Option<Reuse<'a>>,
     pub(crate) window: usize,
     pub(crate) keep_going: bool,
     queues: Queues<Task<T::Part>>,
@@ -117,6 +120,7 @@ impl<'a, T: Tap> Stage<'a, T> {
         graph: FrameGraph,
         source: &'a dyn Source,
         nodes: Vec<FrameNode<T::Part>>,
+        reuse: Option<Reuse<'a>>,
         common: &Common<'a, T>,
     ) -> Self {
         Self {
@@ -130,6 +134,7 @@ impl<'a, T: Tap> Stage<'a, T> {
             observer: common.observer,
             interrupt: common.interrupt,
             warnings: common.warnings,
+            reuse,
             window: common.window,
             keep_going: common.keep_going,
             queues: Queues::new(common.window),
@@ -142,6 +147,21 @@ impl<'a, T: Tap> Stage<'a, T> {
     pub(crate) fn admit(&self, position: usize) {
         self.queues.push(position, Task { frame: Arc::new(InFlight::new(position, &self.graph)), step: 0 });
         self.budget.wake(1);
+    }
+
+    /// Says which frame is let in first.
+    pub(crate) fn start_at(&self, position: usize) {
+        self.queues.set_oldest(position);
+        for node in &self.nodes {
+            if let FrameNode::Ordered(ordered) = node {
+                ordered.start_at(position);
+            }
+        }
+    }
+
+    /// How many frames an earlier process has written.
+    pub(crate) fn written(&self) -> usize {
+        self.reuse.as_ref().map_or(0, |reuse| reuse.written)
     }
 
     /// Says which frame is the oldest in flight.
@@ -268,20 +288,63 @@ impl<'a, T: Tap> Stage<'a, T> {
         let read = || {
             // Asked for first, as by whoever looks up whether the frame has to be read at all; and what was read must be what it names.
             let key = self.source.key(frame.position)?;
+            if let Some(reuse) = &self.reuse {
+                let plan = reuse.plan(&self.graph, self.tap, frame.position, key);
+                if frame.plan.get_or_init(|| plan).steps[0] != Do::Fire {
+                    return Ok(None);
+                }
+            }
             let read = self.source.read(frame.position, &mut ctx)?;
             if read.key != key {
                 return Err(Fault::new("the frame's files changed while they were read").remedy("run again"));
             }
-            Ok(read)
+            Ok(Some(read))
         };
-        let read = caught(read).unwrap_or_else(|panic| Err(fault(panic)));
+        let read = match caught(read).unwrap_or_else(|panic| Err(fault(panic))) {
+            Ok(None) => return self.take(frame, 0),
+            Ok(Some(read)) => Ok(read),
+            Err(fault) => Err(fault),
+        };
         let read = read.and_then(|read| Ok((read.outputs.in_order_of(&self.graph.producers[0].outputs)?, read.key)));
         let spent = worker.stop(watch, &host);
         self.close(frame, 0, read, spent)
     }
 
+    /// Ends a step that does not fire: what nodes need of its values comes from the store.
+    fn take(&self, frame: &InFlight<T::Part>, step: usize) -> Settled {
+        let (Do::Take(key, load), Some(reuse)) = (frame.to_do(step), &self.reuse) else {
+            return Settled { outcome: Outcome::Absent, spent: Spent::default() };
+        };
+        let producer = &self.graph.producers[step];
+        let mut values = vec![None; producer.outputs.len()];
+        for &output in load {
+            match reuse.value(key, producer.outputs[output].name) {
+                Ok(value) => values[output] = value,
+                Err(fault) => {
+                    let fault = fault.remedy("run with --fresh, which takes nothing from earlier runs");
+                    return self.close(frame, step, Err(fault), Spent::default());
+                }
+            }
+        }
+        self.close(frame, step, Ok((values, *key)), Spent::default());
+        Settled { outcome: Outcome::Taken(*key), spent: Spent::default() }
+    }
+
+    /// Takes a node's inputs out of the way of a node that does not fire.
+    fn pass_by(&self, frame: &InFlight<T::Part>, step: usize) {
+        for feed in &self.graph.producers[step].feeds {
+            if let Feed::Place { place, .. } = feed {
+                drop(frame.take(*place));
+            }
+        }
+    }
+
     fn fire(&self, frame: &InFlight<T::Part>, node: usize, worker: &mut WorkerState) -> Settled {
         let step = 1 + node;
+        if *frame.to_do(step) != Do::Fire {
+            self.pass_by(frame, step);
+            return self.take(frame, step);
+        }
         let outcome = match self.gather(frame, step, worker) {
             Gathered::Complete => None,
             Gathered::Absent => Some(Outcome::Absent),
@@ -386,17 +449,34 @@ impl<'a, T: Tap> Stage<'a, T> {
 
     fn encode(&self, frame: &InFlight<T::Part>, part: usize, worker: &mut WorkerState) -> Settled {
         worker.taken.clear();
-        let slots = self.graph.parts[part].iter();
-        worker.taken.extend(slots.filter_map(|&(slot, place)| frame.take(place).map(|(value, _)| (slot, value))));
-        // A frame that ends the stage is not written.
-        if self.is_past_the_last(frame.position.saturating_add(1)) && frame.has_failed() {
+        let mut stored = Vec::new();
+        for &(slot, place) in &self.graph.parts[part] {
+            let value = frame.take(place).map(|(value, _)| value);
+            let key = frame.plan.get().and_then(|plan| {
+                let step = step_of(slot);
+                plan.stored(step, place - self.graph.producers[step].first_place)
+            });
+            match (key, value) {
+                (Some(key), value) => stored.push((slot, key, value)),
+                (None, Some(value)) => worker.taken.push((slot, value)),
+                (None, None) => {}
+            }
+        }
+        // A frame that ends the stage is not written, nor one that is written already.
+        let ends = self.is_past_the_last(frame.position.saturating_add(1)) && frame.has_failed();
+        if ends || frame.position < self.written() {
             worker.taken.clear();
             return Settled { outcome: Outcome::Absent, spent: Spent::default() };
         }
         let (watch, host) = (worker.start(), self.host(None));
         let instant = &self.source.frames()[frame.position];
-        let encoded = caught(|| self.tap.encode(self.run, (frame.position, instant), part, &worker.taken))
-            .unwrap_or_else(|panic| Err(TapError::new(format!("panicked {}", panic.0))));
+        let encoded = || {
+            if let Some(copied) = self.copy(frame, part, &mut worker.taken, stored)? {
+                return Ok(copied);
+            }
+            self.tap.encode(self.run, (frame.position, instant), part, &worker.taken)
+        };
+        let encoded = caught(encoded).unwrap_or_else(|panic| Err(TapError::new(format!("panicked {}", panic.0))));
         let spent = worker.stop(watch, &host);
         worker.taken.clear();
         match encoded {
@@ -407,5 +487,57 @@ impl<'a, T: Tap> Stage<'a, T> {
             }
         }
         Settled { outcome: Outcome::Fired(None), spent }
+    }
+
+    /// A part as it lies in the store; `None` where it must be encoded: then all its values are among `values`.
+    fn copy(
+        &self,
+        frame: &InFlight<T::Part>,
+        part: usize,
+        values: &mut Vec<(Slot, Value)>,
+        stored: Vec<StoredSlot>,
+    ) -> Result<Option<T::Part>, TapError> {
+        let Some(reuse) = self.reuse.as_ref().filter(|_| !stored.is_empty()) else { return Ok(None) };
+        if values.is_empty() {
+            let keys: Vec<(Slot, Key)> = stored.iter().map(|(slot, key, _)| (*slot, *key)).collect();
+            let instant = &self.source.frames()[frame.position];
+            if let Some(copied) = self.tap.copy(self.run, (frame.position, instant), part, &keys)? {
+                return Ok(Some(copied));
+            }
+        }
+        for (slot, key, value) in stored {
+            if !self.tap.keeps(self.run, slot, frame.position) {
+                continue;
+            }
+            let value = match value {
+                Some(value) => Some(value),
+                None => reuse.value(&key, self.port_of(slot).name).map_err(|fault| TapError {
+                    remedy: Some("run with --fresh, which takes nothing from earlier runs".to_owned()),
+                    ..TapError::new(fault.chain())
+                })?,
+            };
+            values.extend(value.map(|value| (slot, value)));
+        }
+        // In plan order, which is the order of slots.
+        values.sort_by_key(|(slot, _)| *slot);
+        Ok(None)
+    }
+
+    fn port_of(&self, slot: Slot) -> &Port {
+        match slot {
+            Slot::Source { port } => &self.plan.source.outputs[port].port,
+            Slot::Node { node, port } => &self.plan.nodes[node].outputs[port].port,
+        }
+    }
+}
+
+/// A slot of a part whose value the store has, under that key; and the value, if a node needed it.
+type StoredSlot = (Slot, Key, Option<Value>);
+
+/// The step that gives a slot its value.
+const fn step_of(slot: Slot) -> usize {
+    match slot {
+        Slot::Source { .. } => 0,
+        Slot::Node { node, .. } => 1 + node,
     }
 }

@@ -1,6 +1,7 @@
 //! `depthloom run`: from an experiment file to a recording, a table and plots.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Instant;
 
 use depthloom_analysis::{ReportOptions, Summary};
@@ -9,7 +10,7 @@ use depthloom_graphs::language::Loaded;
 use depthloom_graphs::plan::Plan;
 use depthloom_graphs::ready::{NotReady, Ready};
 use depthloom_nodes::onnx;
-use depthloom_recording::{Recorder, Recording};
+use depthloom_recording::{EarlierRuns, Recorder, Recording, RecordingError};
 use depthloom_runner::{Checkpoints, Interrupt, Options, Report, RunError};
 use serde_json::{Value as Json, json};
 
@@ -18,11 +19,12 @@ use super::report::{RECORDING, TIMINGS, analyse, no_pixel_counted, summary, writ
 use crate::args::RunArgs;
 use crate::counted::counted;
 use crate::diagnostics;
+use crate::earlier;
 use crate::environment;
 use crate::exit::{Exit, Problem, Stop, chain};
 use crate::models;
 use crate::progress::Progress;
-use crate::run_folder::RunFolder;
+use crate::run_folder::{Begun, RunFolder};
 use crate::signals;
 use crate::streams::{print, print_json, print_path, say};
 
@@ -34,11 +36,14 @@ pub fn run(args: &RunArgs, registry: &Registry) -> Result<Exit, Stop> {
     let of_sources = std::mem::take(&mut ready.warnings);
     tell(args, &of_sources);
     let interrupt = signals::listen("stopping: frames in flight are finished, learning is put down")?;
-    let folder = make_folder(args, &plan.experiment, &kept, &read)?;
+    let (folder, begun) = make_folder(args, &plan, &kept, &read)?;
+    let earlier = earlier::runs(args, &folder, &plan, begun.as_deref());
     let started = Instant::now();
     let options = options(args, &folder);
 
-    let Recorded { failed, warnings, checkpoints } = match record(ready, &plan, args, &options, &folder, &interrupt) {
+    let begun = Earlier { begun, earlier };
+    let recorded = record(ready, &plan, args, &options, &folder, begun, &interrupt);
+    let Recorded { failed, warnings, checkpoints, reused } = match recorded {
         Ok(recorded) => recorded,
         Err(ended) => return Err(ended.stop(folder)),
     };
@@ -62,6 +67,7 @@ pub fn run(args: &RunArgs, registry: &Registry) -> Result<Exit, Stop> {
         "experiment": plan.experiment,
         "run": out.to_string_lossy(),
         "failed_frames": failed,
+        "reused": reused,
         "warnings": warnings,
         "environment": environment,
     });
@@ -79,23 +85,39 @@ fn is_silent(args: &RunArgs) -> bool {
     args.quiet || args.json
 }
 
-/// The folder to write: the one asked for, or a new one of this moment.
+/// The folder to write: the one asked for, or a new one of this moment; and of one that an earlier process began, its recording.
 fn make_folder(
     args: &RunArgs,
-    experiment: &str,
+    plan: &Plan,
     kept: &[(String, String)],
     read: &[PathBuf],
-) -> Result<RunFolder, Stop> {
+) -> Result<(RunFolder, Option<Arc<Recording>>), Stop> {
+    let mut recording = None;
+    let begun = |partial: &Path| {
+        let path = partial.join(RECORDING);
+        match Recording::open(&path) {
+            Ok(found) if found.is_empty() => Begun::Nothing,
+            Ok(found) if !args.is_fresh() && found.is_begun(plan) => {
+                recording = Some(Arc::new(found));
+                Begun::This
+            }
+            // It ended before the head of the recording was written, or the file was made.
+            Err(RecordingError::NotARecording { .. }) => Begun::Nothing,
+            Err(_) if std::fs::metadata(&path).map_or(true, |file| file.len() == 0) => Begun::Nothing,
+            Ok(_) | Err(_) => Begun::Other,
+        }
+    };
     let folder = match &args.out {
         Some(out) if args.json && out.to_str().is_none() => {
             let what = format!("the output folder `{}` is no UTF-8, which --json prints", out.display());
             return Err(Stop::new(Exit::Before, what).remedy("choose another --out, or leave --json out"));
         }
-        Some(out) => RunFolder::create(out, args.overwrite, read)?,
-        None => RunFolder::create_new(&Path::new("runs").join(experiment), &environment::utc_stamp())?,
+        Some(out) => RunFolder::create(out, args.overwrite, read, begun)?,
+        None => RunFolder::create_new(&Path::new("runs").join(&plan.experiment), &environment::utc_stamp())?,
     };
     match write_experiment(&folder, kept) {
-        Ok(()) => Ok(folder),
+        Ok(()) => Ok((folder, recording)),
+        Err(stop) if folder.goes_on => Err(stop),
         Err(stop) => {
             folder.discard();
             Err(stop)
@@ -144,23 +166,35 @@ impl Ended {
             folder.discard();
             stop = stop.also("no frame was recorded");
         } else {
-            let frames = counted(frames, "frame");
+            let told = counted(frames, "frame");
             let (at, report) = (partial.display(), partial.display());
-            stop = stop.also(format!("{frames} can be read from {at}: `depthloom report {report}`"));
+            stop = stop.also(format!("{told} can be read from {at}: `depthloom report {report}`"));
         }
         let is_put_down = std::fs::read_dir(&checkpoints).is_ok_and(|mut files| files.next().is_some());
+        let resumes = if frames == 0 { "" } else { "behind these frames, " };
         if stop.exit == Exit::Interrupted && is_put_down {
+            let checkpoints = checkpoints.display();
             stop = stop.also(format!(
-                "learning goes on from {} when the same runs again: with --overwrite, or with another --out beside this one",
-                checkpoints.display()
+                "run the same again, with the same --out, to go on: {resumes}learning from {checkpoints}"
             ));
+        } else if stop.exit != Exit::Before && frames > 0 {
+            stop = stop.also("run the same again, with the same --out, to go on behind these frames");
         }
         stop
     }
 }
 
+/// What need not be made.
+struct Earlier {
+    /// The recording of the same run, as far as an earlier process came.
+    begun: Option<Arc<Recording>>,
+    earlier: Arc<EarlierRuns>,
+}
+
 /// A recording that is whole.
 struct Recorded {
+    /// How many values were taken from earlier runs, and of which.
+    reused: Json,
     /// How many frames failed.
     failed: u64,
     /// What the run has to say that is no error.
@@ -176,12 +210,24 @@ fn record(
     args: &RunArgs,
     options: &Options,
     folder: &RunFolder,
+    begun: Earlier,
     interrupt: &Interrupt,
 ) -> Result<Recorded, Ended> {
-    let recorder = Recorder::create(folder.file(RECORDING), plan).map_err(|error| Ended {
+    let Earlier { begun, earlier } = begun;
+    let recorder = match &begun {
+        Some(begun) => Recorder::resume(begun, plan),
+        None => Recorder::create(folder.file(RECORDING), plan),
+    };
+    let recorder = recorder.map_err(|error| Ended {
         why: Stop::of_recording(Exit::Engine, "failed to start the recording", &error),
-        frames: 0,
+        // What an earlier process wrote stays.
+        frames: begun.as_ref().map_or(0, |begun| earlier::frames(begun)),
     })?;
+    let recorder = recorder.with_earlier(Arc::clone(&earlier));
+    if begun.is_some() && !is_silent(args) {
+        let (frames, partial) = (counted(recorder.frames(), "frame"), folder.partial.display());
+        say(format_args!("goes on behind the {frames} that {partial} holds"));
+    }
     let progress = Progress::new(plan, is_silent(args));
     let ran = depthloom_runner::run(ready, &recorder, options, &progress, interrupt);
     // Whatever happened, what was recorded is closed properly: a run that failed keeps the frames before the failure.
@@ -190,18 +236,22 @@ fn record(
         _ => recorder.finish_early(),
     };
     let finished = finished.map_err(|error| Stop::of_recording(Exit::Engine, "failed to close the recording", &error));
-    let ended = |why| Ended { why, frames: progress.written() };
+    let ended = |why| Ended { why, frames: recorder.frames() };
     // What failed first is told.
     let ran = ran.map_err(|error| ended(stop_of(&error)))?;
     finished.map_err(ended)?;
-    let warnings = warnings(&ran, plan);
+    let warnings = [warnings(&ran, plan), earlier::warnings(&earlier)].concat();
     tell(args, &warnings);
     write_timings(&ran.timings, plan, &recorder, &folder.file(TIMINGS)).map_err(ended)?;
     if ran.interrupted {
         return Err(ended(Stop::new(Exit::Interrupted, "interrupted")));
     }
     let failed = ran.stages.iter().map(|stage| stage.failed).sum();
-    Ok(Recorded { failed, warnings, checkpoints: ran.checkpoints })
+    let reused = earlier::told(&ran, plan, &earlier);
+    if let (Some(text), false) = (reused.text(), is_silent(args)) {
+        say(text);
+    }
+    Ok(Recorded { failed, warnings, checkpoints: ran.checkpoints, reused: reused.json() })
 }
 
 /// Libraries that were passed over, and what nodes told of.

@@ -23,6 +23,8 @@ mod python_reads;
 mod readme;
 #[cfg(target_os = "linux")]
 mod reports;
+mod resume;
+mod reuse;
 mod runs;
 mod samples;
 mod support;

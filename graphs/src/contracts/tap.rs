@@ -1,6 +1,6 @@
 //! The tap: where a run's values go besides to each other. A recording is one.
 
-use super::Frame;
+use super::{Frame, Store};
 use crate::{Key, Value};
 
 /// An output port of a stage run: of its source, or of one of its nodes.
@@ -113,4 +113,40 @@ pub trait Tap: Send + Sync {
     /// # Errors
     /// If the disk refuses.
     fn once(&self, run: usize, slot: Slot, key: &Key, value: &Value) -> Result<(), TapError>;
+
+    /// Whether a slot's values are kept of the frame at a position: else it makes no difference whether they are handed over.
+    fn keeps(&self, _run: usize, _slot: Slot, _position: usize) -> bool {
+        true
+    }
+
+    /// Values that were made before, and need not be made again.
+    fn store(&self) -> Option<&dyn Store> {
+        None
+    }
+
+    /// Encodes a part of a frame as it lies in the store, where that can be: as [`Tap::encode`] would of the values behind these keys.
+    /// `None`: read the values and encode them.
+    ///
+    /// # Errors
+    /// If the store cannot be read.
+    fn copy(
+        &self,
+        _run: usize,
+        _frame: (usize, &Frame),
+        _part: usize,
+        _values: &[(Slot, Key)],
+    ) -> Result<Option<Self::Part>, TapError> {
+        Ok(None)
+    }
+
+    /// How many frames of a stage run are written already, from the first on, by an earlier process whose work goes on. Their values
+    /// are in the store.
+    fn written(&self, _run: usize) -> usize {
+        0
+    }
+
+    /// Whether a once-value is written already, as [`Tap::written`] frames are.
+    fn has_once(&self, _run: usize, _slot: Slot) -> bool {
+        false
+    }
 }

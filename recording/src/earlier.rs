@@ -1,0 +1,135 @@
+//! Recordings of earlier runs as one store: what a run need not make again.
+
+use std::collections::HashSet;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, OnceLock, PoisonError};
+
+use depthloom_graphs::contracts::{Fault, Held, Store};
+use depthloom_graphs::plan::Plan;
+use depthloom_graphs::{Key, Value};
+
+use crate::checksum::CrcBefore;
+use crate::error::RecordingError;
+use crate::recording::Recording;
+use crate::store::{KeyedPlace, fault, unknown};
+
+/// Recordings of earlier runs as one store: what they made and a run needs need not be made again.
+///
+/// What a key names is taken from the first recording that has it sound: every byte of a frame is checked before anything of it is
+/// taken, and a frame that is not what was written is left to the next recording, or to be made afresh.
+pub struct EarlierRuns {
+    runs: Vec<EarlierRun>,
+    damage: Mutex<Vec<(PathBuf, String)>>,
+}
+
+/// A recording that is taken from.
+pub(crate) struct EarlierRun {
+    pub(crate) recording: Recording,
+    /// Whether a frame's bytes are what was written, by commit; looked at when it is first asked for.
+    sound: Vec<OnceLock<bool>>,
+    /// Whether anything was taken.
+    taken: AtomicBool,
+}
+
+impl EarlierRuns {
+    /// A store of recordings, the one to be asked first in front; those that have nothing of a plan's nodes are left out.
+    #[must_use]
+    pub fn new(recordings: impl IntoIterator<Item = Recording>, plan: &Plan) -> Self {
+        let wanted: HashSet<Key> = plan.runs.iter().flat_map(|run| &run.nodes).map(|node| node.recipe).collect();
+        let is_of_use = |recording: &Recording| {
+            let mut nodes = recording.plan().runs.iter().flat_map(|run| &run.nodes);
+            nodes.any(|node| wanted.contains(&node.recipe))
+        };
+        let of = |recording: Recording| {
+            let sound = std::iter::repeat_with(OnceLock::new).take(recording.sealed.len()).collect();
+            EarlierRun { recording, sound, taken: AtomicBool::new(false) }
+        };
+        Self { runs: recordings.into_iter().filter(is_of_use).map(of).collect(), damage: Mutex::default() }
+    }
+
+    /// Whether there is nothing to take.
+    #[must_use]
+    pub const fn is_empty(&self) -> bool {
+        self.runs.is_empty()
+    }
+
+    /// The recordings that something was taken of.
+    pub fn taken(&self) -> impl Iterator<Item = &Path> {
+        self.runs.iter().filter(|run| run.taken.load(Ordering::Relaxed)).map(|run| run.recording.path())
+    }
+
+    /// What was found damaged and was not taken: the recording, and what is wrong.
+    #[must_use]
+    pub fn damage(&self) -> Vec<(PathBuf, String)> {
+        let mut damage = self.damage.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        damage.sort();
+        damage
+    }
+
+    /// The first recording that has what a key names, sound, and where in it.
+    pub(crate) fn locate(&self, key: &Key) -> Option<(&EarlierRun, KeyedPlace)> {
+        self.runs.iter().find_map(|run| {
+            let place = run.recording.place_of(key)?;
+            let is_sound = match place {
+                KeyedPlace::Frame { run: stage, position, .. } => self.is_sound(run, stage, position),
+                // An attachment has a checksum of its own, and is checked against the hash in its name.
+                KeyedPlace::Once { .. } => true,
+            };
+            is_sound.then_some((run, place))
+        })
+    }
+
+    fn is_sound(&self, run: &EarlierRun, stage: usize, position: usize) -> bool {
+        let frame = &run.recording.frames(stage)[position];
+        *run.sound[frame.commit].get_or_init(|| match run.recording.check_frame(frame.commit) {
+            Ok(()) => true,
+            Err(error) => {
+                let what = format!("frame `{}`: {error}", frame.id);
+                let mut damage = self.damage.lock().unwrap_or_else(PoisonError::into_inner);
+                damage.push((run.recording.path().to_owned(), what));
+                false
+            }
+        })
+    }
+}
+
+impl EarlierRun {
+    /// Notes that something was taken.
+    pub(crate) fn take(&self) {
+        self.taken.store(true, Ordering::Relaxed);
+    }
+}
+
+impl Recording {
+    /// Whether the bytes from one commit to the next are what was written: those of a frame, compressed as they lie.
+    fn check_frame(&self, commit: usize) -> Result<(), RecordingError> {
+        let mut crc = CrcBefore::new(&self.file);
+        if let Some((start, before)) = commit.checked_sub(1).map(|earlier| self.sealed[earlier]) {
+            crc.take_as_known(start, before);
+        }
+        let (start, told) = self.sealed[commit];
+        if crc.place(start)? == told {
+            return Ok(());
+        }
+        Err(self.file.damaged(start, "the bytes before are not what was written"))
+    }
+}
+
+impl Store for EarlierRuns {
+    fn find(&self, key: &Key) -> Option<Vec<Held>> {
+        self.locate(key).map(|(run, place)| run.recording.held_at(place))
+    }
+
+    fn value(&self, key: &Key, port: &str) -> Result<Option<Value>, Fault> {
+        let (run, place) = self.locate(key).ok_or_else(|| unknown(key))?;
+        run.take();
+        run.recording.value_at(place, port).map_err(|error| {
+            if matches!(place, KeyedPlace::Once { .. }) {
+                let mut damage = self.damage.lock().unwrap_or_else(PoisonError::into_inner);
+                damage.push((run.recording.path().to_owned(), error.to_string()));
+            }
+            fault(error)
+        })
+    }
+}

@@ -1,0 +1,197 @@
+//! A recording that its run did not finish, taken up again: what was committed stays, byte for byte, and the rest is written behind it.
+
+use std::collections::BTreeSet;
+use std::fs::OpenOptions;
+use std::io::{Seek as _, SeekFrom, Write as _};
+use std::sync::Arc;
+
+use crc32fast::Hasher;
+use depthloom_codecs::schema::Schema;
+use depthloom_graphs::plan::Plan;
+use mcap::records::op;
+
+use crate::attachment::AttachmentEntry;
+use crate::checksum::CrcBefore;
+use crate::copy::placed;
+use crate::error::RecordingError;
+use crate::file::PositionedFile;
+use crate::index::{ChunkEntry, MAGIC};
+use crate::layout::ChannelLayout;
+use crate::parse::{self, RECORD_HEADER};
+use crate::plan::RecordedPlan;
+use crate::record::{put_attachment_index, put_message_index, put_metadata_index};
+use crate::recorder::{experiment_files, json};
+use crate::recording::{RecordedContent, Recording};
+use crate::window::Window;
+use crate::writer::Writer;
+use crate::{ONCE_METADATA, PLAN_METADATA};
+
+impl Recording {
+    /// Whether a run of this plan would write what this recording holds, and perhaps more: it is of the same plan and the same
+    /// experiment files.
+    #[must_use]
+    pub fn is_begun(&self, plan: &Plan) -> bool {
+        // As it was written: numbers need not read back to the last bit.
+        let plan_of = self.index.metadata.iter().find(|metadata| metadata.name == PLAN_METADATA);
+        let has_same_plan = plan_of.and_then(|of| of.values.get("plan")) == Some(&json(&RecordedPlan::of(plan)));
+        let files = experiment_files(plan);
+        let mut kept = self.attachments().iter().filter(|kept| !kept.name.starts_with("artifacts/"));
+        let has_same_files = files.iter().all(|(name, text)| {
+            kept.next().is_some_and(|kept| kept.name == *name)
+                && self.attachment(name).is_ok_and(|bytes| bytes == text.as_bytes())
+        });
+        has_same_plan && has_same_files && kept.next().is_none()
+    }
+
+    /// Whether nothing was committed.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.end().is_none()
+    }
+
+    /// Where the last of what was committed ends; `None` if nothing was.
+    fn end(&self) -> Option<u64> {
+        let once = self.index.metadata.iter().rfind(|metadata| metadata.name == ONCE_METADATA);
+        let once = once.map(|once| once.end);
+        once.into_iter().chain((self.committed_bytes() > 0).then(|| self.committed_bytes())).max()
+    }
+
+    /// The message index of the last commit, if the file was cut before it.
+    fn missing_index(&self, end: u64) -> Vec<u8> {
+        let mut index = Vec::new();
+        let chunk = self.index.chunks.iter().find(|chunk| chunk.end == end && chunk.start + chunk.length == end);
+        let frames = (0..self.plan().runs.len()).flat_map(|run| self.frames(run));
+        let frame = frames.max_by_key(|frame| frame.commit);
+        if let (Some(ChunkEntry { channels, .. }), Some(frame)) = (chunk, frame) {
+            channels.iter().for_each(|channel| put_message_index(&mut index, *channel, &[(frame.time_ns, 0)]));
+        }
+        index
+    }
+}
+
+/// A file that is taken up, and what stays of it.
+pub(crate) struct Resumed {
+    pub(crate) writer: Writer,
+    /// By stage run, how many frames it holds.
+    pub(crate) frames: Vec<usize>,
+    /// The once-values it holds: stage run, node, port.
+    pub(crate) once: BTreeSet<(usize, usize, usize)>,
+    /// The artefacts it holds.
+    pub(crate) artifacts: BTreeSet<depthloom_graphs::Key>,
+    /// The time of each stage run's first frame.
+    pub(crate) first_ns: Vec<Option<u64>>,
+}
+
+/// Cuts off what was not committed, and goes on behind it. `None` if nothing was committed.
+pub(crate) fn resume(recording: &Recording, channels: Vec<ChannelLayout>) -> Result<Option<Resumed>, RecordingError> {
+    let Some(end) = recording.end() else { return Ok(None) };
+    let writer = Writer::resume(recording, channels, end)?;
+    let runs = 0..recording.plan().runs.len();
+    let once = recording.once_values();
+    let artifact = |content: &RecordedContent| match content {
+        RecordedContent::Attachment { hash, .. } => Some(*hash),
+        RecordedContent::Messages { .. } => None,
+    };
+    Ok(Some(Resumed {
+        writer,
+        frames: runs.clone().map(|run| recording.frames(run).len()).collect(),
+        once: once.iter().map(|once| (once.run, once.node, once.port)).collect(),
+        artifacts: once.iter().filter_map(|once| artifact(&once.content)).collect(),
+        first_ns: runs.map(|run| recording.frames(run).first().map(|frame| frame.time_ns)).collect(),
+    }))
+}
+
+impl Writer {
+    /// Opens a file whose first `end` bytes stay.
+    fn resume(recording: &Recording, channels: Vec<ChannelLayout>, end: u64) -> Result<Self, RecordingError> {
+        let path = recording.path();
+        let failed = |source| RecordingError::Create { path: path.to_owned(), source };
+        check(recording)?;
+        let mut file = OpenOptions::new().write(true).open(path).map_err(failed)?;
+        file.set_len(end).map_err(failed)?;
+        file.seek(SeekFrom::Start(end)).map_err(failed)?;
+        let rest = recording.missing_index(end);
+        file.write_all(&rest).map_err(failed)?;
+        let (end, file) = (end + rest.len() as u64, Arc::new(file));
+        let read = PositionedFile::open(path)?;
+        let crc = CrcBefore::new(&read).place(end)?;
+        let mut writer = Self::of(path, file, channels);
+        (writer.crc, writer.position) = (Hasher::new_with_initial_len(crc, end), end);
+        writer.take_up(&read, &recording.index.attachments, end)?;
+        Ok(writer)
+    }
+
+    /// Notes what the summary must say of the records that stay.
+    fn take_up(
+        &mut self,
+        file: &PositionedFile,
+        attachments: &[AttachmentEntry],
+        end: u64,
+    ) -> Result<(), RecordingError> {
+        let (mut window, mut at, mut stored) = (Window::new(file), MAGIC, Vec::new());
+        // A chunk, and the message indexes behind it so far.
+        let mut chunk: Option<(u64, u64)> = None;
+        loop {
+            let header = if at < end { window.at(at, RECORD_HEADER)? } else { None };
+            let header = header.and_then(|header| header.first_chunk::<{ RECORD_HEADER as usize }>()).copied();
+            let opcode = header.map(|header| header[0]);
+            if opcode != Some(op::MESSAGE_INDEX)
+                && let Some((start, end)) = chunk.take()
+            {
+                file.read_range(&mut stored, start, end - start)?;
+                self.take_up_chunk(&stored, start)
+                    .ok_or_else(|| file.damaged(start, "a chunk is not what was written"))?;
+            }
+            let Some([opcode, length @ ..]) = header else { return Ok(()) };
+            let (body, length) = (at + RECORD_HEADER, u64::from_le_bytes(length));
+            let next = body + length;
+            let damaged = || file.damaged(at, "a record is not what was written");
+            match opcode {
+                op::CHUNK => chunk = Some((at, next)),
+                op::MESSAGE_INDEX => chunk = chunk.map(|(start, _)| (start, next)),
+                op::SCHEMA => {
+                    let body = window.at(body, length)?.and_then(parse::schema).ok_or_else(damaged)?;
+                    self.schemas_written.push(Schema::named(&body.1).ok_or_else(damaged)?);
+                    self.counts.schemas += 1;
+                }
+                op::CHANNEL => {
+                    let body = window.at(body, length)?.and_then(parse::channel).ok_or_else(damaged)?;
+                    self.channels_written.push(body.0);
+                    self.counts.channels += 1;
+                }
+                op::METADATA => {
+                    let body = window.at(body, length)?.and_then(parse::metadata).ok_or_else(damaged)?;
+                    put_metadata_index(&mut self.metadata_indexes, at, next - at, &body.0);
+                    self.counts.metadata += 1;
+                }
+                op::ATTACHMENT => {
+                    let entry = attachments.iter().find(|entry| entry.offset == at).ok_or_else(damaged)?;
+                    let AttachmentEntry { name, media_type, size, offset, length } = entry;
+                    put_attachment_index(&mut self.attachment_indexes, *offset, *length, *size, name, media_type);
+                    self.counts.attachments += 1;
+                }
+                _ => {}
+            }
+            at = next;
+        }
+    }
+
+    fn take_up_chunk(&mut self, stored: &[u8], start: u64) -> Option<()> {
+        let (place, messages) = placed(stored, 0)?;
+        for (channel, count) in messages {
+            *self.counts.messages.entry(channel).or_default() += count;
+        }
+        self.index_chunk(start, &place);
+        Some(())
+    }
+}
+
+/// Compares the bytes that stay with what the last commit among them says of those before it.
+fn check(recording: &Recording) -> Result<(), RecordingError> {
+    match recording.sealed.last() {
+        Some((start, told)) if CrcBefore::new(&recording.file).place(*start)? != *told => {
+            Err(recording.file.damaged(*start, "the bytes before are not what was written"))
+        }
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,347 @@
+//! What need not be made again: found by the keys of values before any of them is computed.
+//!
+//! A frame's keys follow from the key of its source, which is known before the frame is read, and from what each node is known to have
+//! given on it. So before a stage's frames run its keys are walked once, without a value: an ordered node whose every frame and whose
+//! once-values are in the store does not fire at all. When a frame is let in, its own keys are walked again; what then is neither in
+//! the store nor needed by what is not does not fire.
+
+use std::sync::OnceLock;
+
+use depthloom_graphs::contracts::{Contract, Slot, Store, Tap};
+use depthloom_graphs::plan::StageRun;
+use depthloom_graphs::{Fault, Host, Key, Source, Value, value_keys};
+
+use crate::frame_graph::{Feed, FrameGraph};
+use crate::once::is_once;
+use depthloom_threads::caught;
+
+/// What a step does on a frame.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum Do {
+    /// It fires, as it would without a store.
+    Fire,
+    /// It does not fire: a required input is absent.
+    Absent,
+    /// It need not fire: this is its key, and these of its per-frame outputs are read from the store for nodes that fire.
+    Take(Key, Vec<usize>),
+}
+
+/// What is done on a frame.
+pub(crate) struct FramePlan {
+    /// By step: the source, then the nodes.
+    pub(crate) steps: Vec<Do>,
+    /// By step, the key under which the store has its values; and by per-frame output, whether it has that one.
+    stored: Vec<Option<(Key, Vec<bool>)>>,
+}
+
+impl FramePlan {
+    /// The key under which the store has a value, if it has.
+    pub(crate) fn stored(&self, step: usize, output: usize) -> Option<Key> {
+        let (key, is_there) = self.stored[step].as_ref()?;
+        is_there[output].then_some(*key)
+    }
+}
+
+/// What is known of a step on a frame before it runs.
+#[derive(Clone, Debug)]
+enum Known {
+    /// Nothing: it fires.
+    Fresh,
+    /// A required input is absent.
+    Absent,
+    /// It gave these values before, by per-frame output.
+    There(Key, Vec<Output>),
+}
+
+/// What is known of an output.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Output {
+    /// The store has its value.
+    Held,
+    /// It gave none.
+    None,
+    /// It gave a value, which the store does not have.
+    NotHeld,
+    /// The store does not say.
+    Unknown,
+}
+
+/// An ordered node over a stage's frames.
+#[derive(Default)]
+struct Chain {
+    /// By frame, the node's key before it; up to the first frame where it is not known.
+    before: Vec<Option<Key>>,
+    /// Its key after the last frame; `None` if not known.
+    last: Option<Option<Key>>,
+    /// Whether it fires.
+    fires: bool,
+}
+
+/// The once-values of an ordered node that does not fire.
+pub(crate) struct Finished {
+    pub(crate) key: Key,
+    /// By once-output.
+    pub(crate) values: Vec<Option<Value>>,
+}
+
+/// What a stage run need not make again.
+pub(crate) struct Reuse<'a> {
+    store: &'a dyn Store,
+    plan: &'a StageRun,
+    run: usize,
+    /// By node; of ordered nodes alone.
+    chains: Vec<Option<Chain>>,
+    /// By node, the once-values of ordered nodes that do not fire.
+    pub(crate) finished: Vec<Option<Finished>>,
+    /// How many frames are written already.
+    pub(crate) written: usize,
+}
+
+impl<'a> Reuse<'a> {
+    /// Walks the keys of a stage's frames. `None` if there is no store.
+    ///
+    pub(crate) fn new<T: Tap>(
+        run: usize,
+        plan: &'a StageRun,
+        graph: &FrameGraph,
+        source: &dyn Source,
+        tap: &'a T,
+        host: &dyn Host,
+    ) -> Option<Self> {
+        let store = tap.store()?;
+        let chains = plan.nodes.iter().map(|node| (node.contract == Contract::Ordered).then(Chain::default)).collect();
+        let finished = plan.nodes.iter().map(|_| None).collect();
+        let mut reuse = Self { store, plan, run, chains, finished, written: tap.written(run) };
+        if reuse.chains.iter().any(Option::is_some) {
+            for (position, key) in source_keys(source, store, host).into_iter().enumerate() {
+                reuse.follow(graph, tap, position, key);
+            }
+            reuse.finish();
+        }
+        Some(reuse)
+    }
+
+    /// Takes a frame into the chains of keys.
+    fn follow<T: Tap>(&mut self, graph: &FrameGraph, tap: &T, position: usize, source: Option<Key>) {
+        for chain in self.chains.iter_mut().flatten() {
+            if let (Some(last), true) = (chain.last, chain.before.len() == position) {
+                chain.before.push(last);
+            } else if position == 0 {
+                chain.before.push(None);
+            }
+        }
+        let known = self.known(graph, position, source);
+        for (node, chain) in self.chains.iter_mut().enumerate() {
+            let Some(chain) = chain else { continue };
+            let step = 1 + node;
+            match &known[step] {
+                Known::Fresh => (chain.last, chain.fires) = (None, true),
+                Known::Absent => chain.last = chain.before.get(position).copied(),
+                Known::There(key, outputs) => {
+                    chain.last = Some(Some(*key));
+                    let lacks = (0..outputs.len()).any(|output| {
+                        outputs[output] == Output::NotHeld
+                            && slot_of(self.plan, step, output).is_some_and(|slot| {
+                                tap.part(self.run, slot).is_some() && tap.keeps(self.run, slot, position)
+                            })
+                    });
+                    chain.fires |= lacks;
+                }
+            }
+        }
+    }
+
+    /// Finds the once-values of the ordered nodes whose every frame is known; the others fire.
+    fn finish(&mut self) {
+        for (node, chain) in self.chains.iter_mut().enumerate() {
+            let Some(chain) = chain.as_mut().filter(|chain| !chain.fires) else { continue };
+            let last = chain.last.unwrap_or_default();
+            let key = value_keys::finished(&self.plan.nodes[node].recipe, last.as_ref());
+            self.finished[node] = once_values(self.store, self.plan, node, &key).map(|values| Finished { key, values });
+            chain.fires = self.finished[node].is_none();
+        }
+    }
+
+    /// The first frame that has to be let in.
+    pub(crate) fn first(&self) -> usize {
+        let replays = self.chains.iter().flatten().any(|chain| chain.fires);
+        if replays { 0 } else { self.written }
+    }
+
+    /// What is known of every step on a frame.
+    fn known(&self, graph: &FrameGraph, position: usize, source: Option<Key>) -> Vec<Known> {
+        let mut known = Vec::with_capacity(graph.producers.len());
+        known.push(source.map_or(Known::Fresh, |key| self.find(graph, 0, key)));
+        for (node, planned) in self.plan.nodes.iter().enumerate() {
+            let step = 1 + node;
+            known.push(if planned.contract == Contract::Once {
+                Known::Absent
+            } else {
+                match self.key(graph, position, node, &known) {
+                    Ok(Some(key)) => self.find(graph, step, key),
+                    Ok(None) => Known::Absent,
+                    Err(Unknown) => Known::Fresh,
+                }
+            });
+        }
+        known
+    }
+
+    /// The key of a node's values on a frame; `None` if it does not fire.
+    fn key(&self, graph: &FrameGraph, position: usize, node: usize, known: &[Known]) -> Result<Option<Key>, Unknown> {
+        let producer = &graph.producers[1 + node];
+        let mut keys = Vec::with_capacity(producer.inputs.len());
+        for (port, feed) in producer.inputs.iter().zip(&producer.feeds) {
+            let key = match feed {
+                Feed::Unwired | Feed::Once(None) => None,
+                Feed::Once(Some(once)) => Some(once.key),
+                Feed::Place { place, step } => match &known[*step] {
+                    Known::Fresh => return Err(Unknown),
+                    Known::Absent => None,
+                    Known::There(key, outputs) => {
+                        let output = place - graph.producers[*step].first_place;
+                        match outputs[output] {
+                            Output::Unknown => return Err(Unknown),
+                            Output::None => None,
+                            Output::Held | Output::NotHeld => {
+                                Some(value_keys::port(key, graph.producers[*step].outputs[output].name))
+                            }
+                        }
+                    }
+                },
+            };
+            if key.is_none() && !port.optional {
+                return Ok(None);
+            }
+            keys.push(key);
+        }
+        let recipe = &self.plan.nodes[node].recipe;
+        match &self.chains[node] {
+            None => Ok(Some(value_keys::pure(recipe, &keys))),
+            Some(chain) => {
+                let before = chain.before.get(position).ok_or(Unknown)?;
+                Ok(Some(value_keys::ordered(recipe, before.as_ref(), &keys)))
+            }
+        }
+    }
+
+    /// What the store has under a key.
+    fn find(&self, graph: &FrameGraph, step: usize, key: Key) -> Known {
+        let Some(held) = self.store.find(&key) else { return Known::Fresh };
+        let output = |port: &depthloom_graphs::Port| match held.iter().find(|held| held.port == port.name) {
+            Some(held) if held.is_there => Output::Held,
+            Some(_) if port.optional => Output::None,
+            // It fired, so it gave what it must.
+            _ if !port.optional => Output::NotHeld,
+            _ => Output::Unknown,
+        };
+        Known::There(key, graph.producers[step].outputs.iter().map(output).collect())
+    }
+
+    /// What is done on a frame, by its source's key.
+    pub(crate) fn plan<T: Tap>(&self, graph: &FrameGraph, tap: &T, position: usize, source: Key) -> FramePlan {
+        let known = self.known(graph, position, Some(source));
+        let is_written = position < self.written;
+        let steps = graph.producers.len();
+        let mut fires = vec![false; steps];
+        let mut load: Vec<Vec<usize>> = vec![Vec::new(); steps];
+        for step in (0..steps).rev() {
+            let of_chain = step.checked_sub(1).and_then(|node| self.chains[node].as_ref());
+            fires[step] |= match &known[step] {
+                Known::Absent => false,
+                Known::Fresh => !is_written || of_chain.is_some(),
+                Known::There(_, outputs) => {
+                    let taken = |output: usize| {
+                        let slot = slot_of(self.plan, step, output);
+                        slot.is_some_and(|slot| {
+                            tap.part(self.run, slot).is_some() && tap.keeps(self.run, slot, position)
+                        })
+                    };
+                    let lacks = (0..outputs.len())
+                        .any(|output| matches!(outputs[output], Output::NotHeld | Output::Unknown) && taken(output));
+                    of_chain.is_some_and(|chain| chain.fires) || (lacks && !is_written)
+                }
+            };
+            if !fires[step] {
+                continue;
+            }
+            for feed in &graph.producers[step].feeds {
+                let Feed::Place { place, step: from } = feed else { continue };
+                let output = place - graph.producers[*from].first_place;
+                match &known[*from] {
+                    Known::Fresh => fires[*from] = true,
+                    Known::There(_, outputs) if matches!(outputs[output], Output::NotHeld | Output::Unknown) => {
+                        fires[*from] = true;
+                    }
+                    Known::There(_, outputs) if outputs[output] == Output::Held => load[*from].push(output),
+                    Known::There(..) | Known::Absent => {}
+                }
+            }
+        }
+        let stored = known.iter().map(|known| match known {
+            Known::There(key, outputs) => Some((*key, outputs.iter().map(|output| *output == Output::Held).collect())),
+            Known::Fresh | Known::Absent => None,
+        });
+        let stored = stored.collect();
+        let act = |(step, known): (usize, Known)| match known {
+            _ if fires[step] => Do::Fire,
+            Known::There(key, _) => {
+                let mut load = std::mem::take(&mut load[step]);
+                load.sort_unstable();
+                load.dedup();
+                Do::Take(key, load)
+            }
+            Known::Absent | Known::Fresh => Do::Absent,
+        };
+        FramePlan { steps: known.into_iter().enumerate().map(act).collect(), stored }
+    }
+
+    /// A value from the store.
+    pub(crate) fn value(&self, key: &Key, port: &str) -> Result<Option<Value>, Fault> {
+        self.store.value(key, port)
+    }
+}
+
+/// What cannot be known before a node has fired.
+struct Unknown;
+
+/// The once-values of a node, in the order of its once-outputs, if the store has all that are recorded or read.
+pub(crate) fn once_values(store: &dyn Store, plan: &StageRun, node: usize, key: &Key) -> Option<Vec<Option<Value>>> {
+    let held = store.find(key)?;
+    let planned = &plan.nodes[node];
+    let outputs = planned.outputs.iter().filter(|output| is_once(planned, &output.port));
+    let value = |port: &str| {
+        let held = held.iter().find(|held| held.port == port)?;
+        // What turns out to be damaged is made afresh.
+        if held.is_there { store.value(key, port).ok() } else { Some(None) }
+    };
+    outputs.map(|output| value(output.port.name)).collect()
+}
+
+/// The keys of all frames of a source, as many at once as there are workers; what the store has of them is checked on the way.
+///
+/// A frame whose key cannot be found out is not known; why is told when it is read.
+fn source_keys(source: &dyn Source, store: &dyn Store, host: &dyn Host) -> Vec<Option<Key>> {
+    let keys: Vec<OnceLock<Key>> = source.frames().iter().map(|_| OnceLock::new()).collect();
+    host.tiles(keys.len(), &|position| {
+        if let Ok(Ok(key)) = caught(|| source.key(position)) {
+            let _ = store.find(&key);
+            let _ = keys[position].set(key);
+        }
+    });
+    keys.into_iter().map(OnceLock::into_inner).collect()
+}
+
+/// The slot of a step's per-frame output.
+fn slot_of(plan: &StageRun, step: usize, output: usize) -> Option<Slot> {
+    let outputs = match step.checked_sub(1) {
+        None => &plan.source.outputs,
+        Some(node) => &plan.nodes[node].outputs,
+    };
+    let mut of_frames = outputs.iter().enumerate().filter(|(_, o)| o.port.rate == depthloom_graphs::Rate::Frame);
+    let (port, _) = of_frames.nth(output)?;
+    Some(match step.checked_sub(1) {
+        None => Slot::Source { port },
+        Some(node) => Slot::Node { node, port },
+    })
+}

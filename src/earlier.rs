@@ -1,0 +1,111 @@
+//! What a run takes from earlier ones: those beside it, and those under `runs/`.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::SystemTime;
+
+use depthloom_graphs::plan::Plan;
+use depthloom_recording::{EarlierRuns, Recording};
+use depthloom_runner::Report;
+use serde_json::{Value as Json, json};
+
+use crate::args::RunArgs;
+use crate::commands::report::RECORDING;
+use crate::counted::counted;
+use crate::run_folder::RunFolder;
+
+/// The folder of runs that have no other.
+const RUNS: &str = "runs";
+
+/// The recordings that a run may take from, the newest first: of the same run as far as an earlier process came, of the runs in the same
+/// folder, and of those under `runs/`. None with `--fresh`.
+pub fn runs(args: &RunArgs, folder: &RunFolder, plan: &Plan, begun: Option<&Recording>) -> Arc<EarlierRuns> {
+    let mut recordings = Vec::new();
+    if !args.is_fresh() {
+        recordings.extend(begun.and_then(|begun| Recording::open(begun.path()).ok()));
+        let own = folder.file(RECORDING);
+        let found = found(folder.out.parent().unwrap_or(Path::new("")));
+        recordings.extend(found.into_iter().filter(|path| *path != own).filter_map(|path| Recording::open(path).ok()));
+    }
+    Arc::new(EarlierRuns::new(recordings, plan))
+}
+
+/// The recordings in a folder's folders, and two storeys under `runs/`.
+fn found(beside: &Path) -> Vec<PathBuf> {
+    let folders = |folder: &Path| {
+        let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+        let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+        entries.map(|entry| entry.path()).filter(|path| path.is_dir()).collect::<Vec<PathBuf>>()
+    };
+    let of_experiments = folders(Path::new(RUNS)).into_iter().flat_map(|experiment| folders(&experiment));
+    let all = folders(beside).into_iter().chain(of_experiments);
+    let (mut seen, mut recordings) = (BTreeSet::new(), Vec::new());
+    for path in all.map(|folder| folder.join(RECORDING)) {
+        let Ok(metadata) = std::fs::metadata(&path) else { continue };
+        let Ok(real) = std::fs::canonicalize(&path) else { continue };
+        if metadata.is_file() && seen.insert(real) {
+            recordings.push((metadata.modified().unwrap_or(SystemTime::UNIX_EPOCH), path));
+        }
+    }
+    recordings.sort();
+    recordings.into_iter().rev().map(|(_, path)| path).collect()
+}
+
+/// How many frames a recording holds, over all stage runs.
+pub fn frames(recording: &Recording) -> u64 {
+    (0..recording.plan().runs.len()).map(|run| recording.frames(run).len() as u64).sum()
+}
+
+/// What was damaged and made afresh.
+pub fn warnings(earlier: &EarlierRuns) -> Vec<String> {
+    let damage = earlier.damage().into_iter();
+    damage.map(|(path, what)| format!("made afresh what {} should have had: {what}", path.display())).collect()
+}
+
+/// What a run took from earlier ones.
+pub struct Reused {
+    /// By stage run and node: how often it was taken, of how many times.
+    nodes: Vec<(String, String, u64, u64)>,
+    from: Vec<PathBuf>,
+}
+
+/// What a run took from earlier ones.
+pub fn told(report: &Report, plan: &Plan, earlier: &EarlierRuns) -> Reused {
+    let mut nodes = Vec::new();
+    for (run, stage) in plan.runs.iter().zip(&report.stages) {
+        for (node, (reused, fired)) in run.nodes.iter().zip(stage.reused.iter().zip(&stage.firings)) {
+            nodes.push((run.stage.clone(), node.name.clone(), *reused, reused + fired));
+        }
+    }
+    Reused { nodes, from: earlier.taken().map(Path::to_owned).collect() }
+}
+
+impl Reused {
+    /// A line, if anything was taken.
+    pub fn text(&self) -> Option<String> {
+        let (whole, part): (Vec<_>, Vec<_>) =
+            self.nodes.iter().filter(|(.., reused, _)| *reused > 0).partition(|(.., reused, all)| reused == all);
+        if whole.is_empty() && part.is_empty() {
+            return None;
+        }
+        let all = self.nodes.len() as u64;
+        let mut text = format!("taken from earlier runs: {} of {all} nodes", whole.len());
+        if !part.is_empty() {
+            text.push_str(&format!(", and part of the frames of {}", counted(part.len() as u64, "node")));
+        }
+        let from: Vec<String> =
+            self.from.iter().map(|path| path.parent().unwrap_or(path).display().to_string()).collect();
+        if !from.is_empty() {
+            text.push_str(&format!(" (from {}; --fresh makes all anew)", from.join(", ")));
+        }
+        Some(text)
+    }
+
+    /// The same for programs.
+    pub fn json(&self) -> Json {
+        let nodes = self.nodes.iter().filter(|(.., reused, _)| *reused > 0);
+        let node = |(stage, node, reused, all): &(String, String, u64, u64)| json!({ "stage": stage, "node": node, "reused": reused, "of": all });
+        json!({ "nodes": nodes.map(node).collect::<Vec<_>>(), "from": self.from })
+    }
+}
