@@ -1,7 +1,7 @@
 //! The messages that are depthloom's own: a row of scores, a point of a learning curve, and the record that commits a frame.
 
 use depthloom_graphs::Key;
-use depthloom_graphs::contracts::{Commit, Failure, SlotKey};
+use depthloom_graphs::contracts::{Commit, Failure, SlotKey, Warned};
 use depthloom_graphs::values::CurvePoint;
 use depthloom_scores::{Metric, PixelSet, ScoreRow};
 
@@ -147,6 +147,23 @@ pub struct CommitMessage {
     /// Field `crc32_before`.
     #[prost(fixed32, tag = "7")]
     pub crc32_before: u32,
+    /// Field `warnings`.
+    #[prost(message, repeated, tag = "8")]
+    pub warnings: Vec<WarningMessage>,
+}
+
+/// `depthloom.Warning`: what a node told of on a frame without failing; without `node`, the source.
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct WarningMessage {
+    /// Field `node`.
+    #[prost(uint32, optional, tag = "1")]
+    pub node: Option<u32>,
+    /// Field `what`.
+    #[prost(string, tag = "2")]
+    pub what: String,
+    /// Field `count`: how many of the thing there were; 0 if it is none to be counted.
+    #[prost(uint64, tag = "3")]
+    pub count: u64,
 }
 
 /// `depthloom.NodeKey`: the key that all values of a node share on a frame.
@@ -190,7 +207,25 @@ impl CommitMessage {
                 })
                 .collect(),
             crc32_before,
+            warnings: commit
+                .warnings
+                .iter()
+                .map(|of| WarningMessage {
+                    node: of.node.map(|node| node as u32),
+                    what: of.what.clone(),
+                    count: of.count,
+                })
+                .collect(),
         }
+    }
+
+    /// What was told of.
+    #[must_use]
+    pub fn warnings(&self) -> Vec<Warned> {
+        let warnings = self.warnings.iter();
+        warnings
+            .map(|of| Warned { node: of.node.map(|node| node as usize), what: of.what.clone(), count: of.count })
+            .collect()
     }
 
     /// The key of the source's values, if it gave any; `None` if what stands there is no key.

@@ -89,7 +89,7 @@ impl Schema {
                 extended(foxglove_set::<CameraCalibration>(), "CameraCalibration", field)
             }
             Self::Score => own_set("depthloom/Score.proto", vec![score()]),
-            Self::Commit => own_set("depthloom/Commit.proto", vec![commit(), node_key(), failure()]),
+            Self::Commit => own_set("depthloom/Commit.proto", vec![commit(), node_key(), failure(), warning()]),
             Self::CurvePoint => own_set("depthloom/CurvePoint.proto", vec![curve_point()]),
         }
     }
@@ -177,6 +177,7 @@ fn commit() -> DescriptorProto {
         repeated("keys", 5, "NodeKey"),
         repeated("failures", 6, "Failure"),
         field("crc32_before", 7, Type::Fixed32),
+        repeated("warnings", 8, "Warning"),
     ];
     message("Commit", fields)
 }
@@ -188,6 +189,11 @@ fn node_key() -> DescriptorProto {
 fn failure() -> DescriptorProto {
     let failure = message("Failure", vec![field("node", 1, Type::Uint32), field("what", 2, Type::String)]);
     optional(failure, "node")
+}
+
+fn warning() -> DescriptorProto {
+    let fields = vec![field("node", 1, Type::Uint32), field("what", 2, Type::String), field("count", 3, Type::Uint64)];
+    optional(message("Warning", fields), "node")
 }
 
 fn curve_point() -> DescriptorProto {

@@ -121,6 +121,10 @@ impl Store for EarlierRuns {
         self.locate(key).map(|(run, place)| run.recording.held_at(place))
     }
 
+    fn warnings(&self, key: &Key) -> Vec<(String, u64)> {
+        self.locate(key).map(|(run, place)| run.recording.warnings_at(place)).unwrap_or_default()
+    }
+
     fn value(&self, key: &Key, port: &str) -> Result<Option<Value>, Fault> {
         let (run, place) = self.locate(key).ok_or_else(|| unknown(key))?;
         run.take();

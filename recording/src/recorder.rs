@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use depthloom_graphs::contracts::{Commit, Slot, Store, Tap, TapError};
+use depthloom_graphs::contracts::{Commit, Slot, Store, Tap, TapError, Warned};
 use depthloom_graphs::plan::Plan;
 use depthloom_graphs::values::{Artifact, Curve, Pixels};
 use depthloom_graphs::{Frame, Key, Value};
@@ -77,6 +77,8 @@ pub struct Recorder {
     /// What an earlier process wrote: frames by stage run, and once-values.
     written: Vec<usize>,
     once: BTreeSet<(usize, usize, usize)>,
+    /// And what it told of, by stage run and frame.
+    told: Vec<Vec<Vec<Warned>>>,
 }
 
 struct State {
@@ -109,8 +111,8 @@ impl Recorder {
             writer.attachment(&name, "application/yaml", text.as_bytes())?;
         }
         let runs = layout.runs.len();
-        let (frames, first_ns) = (vec![0; runs], vec![None; runs]);
-        let nothing = Resumed { writer, frames, once: BTreeSet::new(), artifacts: BTreeSet::new(), first_ns };
+        let (frames, first_ns, told) = (vec![0; runs], vec![None; runs], Vec::new());
+        let nothing = Resumed { writer, frames, once: BTreeSet::new(), artifacts: BTreeSet::new(), first_ns, told };
         Ok(Self::of(path, plan, layout, nothing))
     }
 
@@ -132,11 +134,11 @@ impl Recorder {
         let pools_of = |run: &RunLayout| (0..=run.parts).map(|_| PartPools::default()).collect();
         let pools = layout.runs.iter().map(pools_of).collect();
         let compress_ns = layout.runs.iter().map(|run| vec![0; run.parts]).collect();
-        let Resumed { writer, frames: written, once, artifacts, first_ns } = resumed;
+        let Resumed { writer, frames: written, once, artifacts, first_ns, told } = resumed;
         let frames = written.iter().sum::<usize>() as u64;
         let state = Mutex::new(State { writer, frames, artifacts, first_ns, compress_ns });
         let every = plan.record.every.max(1);
-        Self { path, layout, every, pools, state, earlier: None, written, once }
+        Self { path, layout, every, pools, state, earlier: None, written, once, told }
     }
 
     /// How many frames the recording holds so far, over all stage runs.
@@ -296,6 +298,10 @@ impl Tap for Recorder {
         self.written[run]
     }
 
+    fn told(&self, run: usize) -> Vec<Vec<Warned>> {
+        self.told.get(run).cloned().unwrap_or_default()
+    }
+
     fn has_once(&self, run: usize, slot: Slot) -> bool {
         matches!(slot, Slot::Node { node, port } if self.once.contains(&(run, node, port)))
     }
@@ -349,7 +355,7 @@ impl Tap for Recorder {
         Ok(())
     }
 
-    fn once(&self, run: usize, slot: Slot, key: &Key, value: &Value) -> Result<(), TapError> {
+    fn once(&self, run: usize, slot: Slot, key: &Key, value: &Value, warnings: &[Warned]) -> Result<(), TapError> {
         let Slot::Node { node, port } = slot else {
             return Err(TapError::new("a source has no once-values"));
         };
@@ -375,7 +381,9 @@ impl Tap for Recorder {
             ("key", key.to_string()),
         ];
         let kept = kept.map_err(tap_error)?;
-        let metadata = of.into_iter().chain(kept).map(|(name, text)| (name.to_owned(), text)).collect();
+        let told: Vec<(&str, u64)> = warnings.iter().map(|of| (of.what.as_str(), of.count)).collect();
+        let told = (!told.is_empty()).then(|| ("warnings", json(&told)));
+        let metadata = of.into_iter().chain(kept).chain(told).map(|(name, text)| (name.to_owned(), text)).collect();
         // What stands before this record and is not named by one is no once-value: this commits it. Hours may have gone into it.
         state.writer.metadata(ONCE_METADATA, metadata).and_then(|()| state.writer.sync()).map_err(tap_error)
     }

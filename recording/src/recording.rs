@@ -6,7 +6,7 @@ use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
 use depthloom_graphs::Key;
-use depthloom_graphs::contracts::{Failure, SlotKey};
+use depthloom_graphs::contracts::{Failure, SlotKey, Warned};
 use prost::Message;
 
 use crate::attachment::AttachmentEntry;
@@ -38,6 +38,8 @@ pub struct RecordedFrame {
     pub keys: Box<[SlotKey]>,
     /// What failed on it.
     pub failures: Vec<Failure>,
+    /// What was told of on it without failing.
+    pub warnings: Vec<Warned>,
     pub(crate) chunks: Range<usize>,
     /// Which of the recording's commits it is.
     pub(crate) commit: usize,
@@ -56,6 +58,8 @@ pub struct RecordedOnce {
     pub value_type: String,
     /// Its key; all once-values of a node share it.
     pub key: Key,
+    /// What its node told of without failing: what, and how many of it.
+    pub warnings: Vec<(String, u64)>,
     /// Where its content is.
     pub content: RecordedContent,
 }
@@ -288,6 +292,7 @@ fn committed(
         source_key: told.source_key().ok_or("a commit record holds a key that is none")?,
         keys: told.keys().ok_or("a commit record holds a key that is none")?.into_boxed_slice(),
         failures: told.failures(),
+        warnings: told.warnings(),
         chunks,
         commit,
     };
@@ -315,6 +320,7 @@ fn read_once(file: &PositionedFile, index: &Index, plan: &RecordedPlan) -> Resul
             port,
             value_type: text("type").filter(|name| output.once && *name == output.value_type)?,
             key: Key::parse(&text("key")?)?,
+            warnings: text("warnings").map_or(Some(Vec::new()), |told| serde_json::from_str(&told).ok())?,
             content: match text("attachment") {
                 Some(name) => RecordedContent::Attachment {
                     hash: Key::parse(&text("hash")?)?,

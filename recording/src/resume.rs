@@ -7,6 +7,7 @@ use std::sync::Arc;
 
 use crc32fast::Hasher;
 use depthloom_codecs::schema::Schema;
+use depthloom_graphs::contracts::Warned;
 use depthloom_graphs::plan::Plan;
 use mcap::records::op;
 
@@ -80,6 +81,8 @@ pub(crate) struct Resumed {
     pub(crate) artifacts: BTreeSet<depthloom_graphs::Key>,
     /// The time of each stage run's first frame.
     pub(crate) first_ns: Vec<Option<u64>>,
+    /// What was told of on the frames it holds, by stage run and frame.
+    pub(crate) told: Vec<Vec<Vec<Warned>>>,
 }
 
 /// Cuts off what was not committed, and goes on behind it. `None` if nothing was committed.
@@ -97,6 +100,10 @@ pub(crate) fn resume(recording: &Recording, channels: Vec<ChannelLayout>) -> Res
         frames: runs.clone().map(|run| recording.frames(run).len()).collect(),
         once: once.iter().map(|once| (once.run, once.node, once.port)).collect(),
         artifacts: once.iter().filter_map(|once| artifact(&once.content)).collect(),
+        told: runs
+            .clone()
+            .map(|run| recording.frames(run).iter().map(|frame| frame.warnings.clone()).collect())
+            .collect(),
         first_ns: runs.map(|run| recording.frames(run).first().map(|frame| frame.time_ns)).collect(),
     }))
 }

@@ -82,6 +82,20 @@ impl Recording {
         }
     }
 
+    /// What was told of when the values at a place were made.
+    pub(crate) fn warnings_at(&self, place: KeyedPlace) -> Vec<(String, u64)> {
+        match place {
+            KeyedPlace::Frame { run, position, node } => {
+                let told = self.frames(run)[position].warnings.iter().filter(|told| told.node == node);
+                told.map(|told| (told.what.clone(), told.count)).collect()
+            }
+            KeyedPlace::Once { run, node } => {
+                let once = self.once_values().iter().find(|once| (once.run, once.node) == (run, node));
+                once.map(|once| once.warnings.clone()).unwrap_or_default()
+            }
+        }
+    }
+
     fn held_once(&self, run: usize, node: usize) -> Vec<Held> {
         let mut held = Vec::new();
         for (port, output) in self.outputs_of(run, Some(node)).enumerate() {
@@ -150,6 +164,10 @@ impl Store for Recording {
     fn value(&self, key: &Key, port: &str) -> Result<Option<Value>, Fault> {
         let place = self.place_of(key).ok_or_else(|| unknown(key))?;
         self.value_at(place, port).map_err(fault)
+    }
+
+    fn warnings(&self, key: &Key) -> Vec<(String, u64)> {
+        self.place_of(key).map(|place| self.warnings_at(place)).unwrap_or_default()
     }
 }
 

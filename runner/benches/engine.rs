@@ -13,7 +13,7 @@ use std::time::Duration;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use crossbeam::channel::{bounded, unbounded};
-use depthloom_graphs::contracts::{Commit, Contract, Slot, Tap, TapError};
+use depthloom_graphs::contracts::{Commit, Contract, Slot, Tap, TapError, Warned};
 use depthloom_graphs::values::Calibration;
 use depthloom_graphs::{Context, Fault, Frame, Inputs, Instance, Key, Outputs, PureNode, Source, SourceOutputs, Value};
 use depthloom_runner::{Interrupt, Options, Unwatched, run};
@@ -70,7 +70,7 @@ impl Tap for NoTap {
         Ok(())
     }
 
-    fn once(&self, _: usize, _: Slot, _: &Key, _: &Value) -> Result<(), TapError> {
+    fn once(&self, _: usize, _: Slot, _: &Key, _: &Value, _: &[Warned]) -> Result<(), TapError> {
         Ok(())
     }
 }

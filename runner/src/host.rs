@@ -1,9 +1,11 @@
 //! What the runner offers a node while it works.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 
+use depthloom_graphs::contracts::Warned;
 use depthloom_graphs::{Host, Key};
 use depthloom_threads::{Budget, Caught, caught, resume};
 
@@ -26,6 +28,18 @@ pub(crate) struct TaskHost<'a> {
     pub(crate) once: Option<(Key, &'a Checkpoints)>,
     /// Processor time of helpers.
     pub(crate) helpers_cpu_ns: AtomicU64,
+    /// What was told of in this task, and how many of it.
+    pub(crate) told: Mutex<BTreeMap<String, u64>>,
+    /// Whether it was told before, when what is done here was done for the first time.
+    pub(crate) is_repeated: bool,
+}
+
+impl TaskHost<'_> {
+    /// What was told of in this task, as a commit says it.
+    pub(crate) fn into_told(self) -> impl Iterator<Item = Warned> {
+        let told = self.told.into_inner().unwrap_or_else(PoisonError::into_inner);
+        told.into_iter().map(move |(what, count)| Warned { node: self.node, what, count })
+    }
 }
 
 impl Host for TaskHost<'_> {
@@ -38,7 +52,17 @@ impl Host for TaskHost<'_> {
     }
 
     fn warn_of(&self, count: u64, what: &str) {
-        if self.warnings.add(self.run, self.node, what, count) {
+        let mut told = self.told.lock().unwrap_or_else(PoisonError::into_inner);
+        let first = !told.contains_key(what);
+        *told.entry(what.to_owned()).or_default() += count;
+        drop(told);
+        if !self.is_repeated && self.warnings.add(self.run, self.node, what, count, first) {
+            self.observer.warned(self.run, self.node, what);
+        }
+    }
+
+    fn notice(&self, what: &str) {
+        if self.warnings.add(self.run, self.node, what, 0, true) {
             self.observer.warned(self.run, self.node, what);
         }
     }
@@ -94,11 +118,11 @@ impl Host for TaskHost<'_> {
         match checkpoints.take(&key) {
             Ok(path) => path,
             Err(Refused::InUse) => {
-                self.warn("another process is at the same work: nothing is kept of this one's until it is done");
+                self.notice("another process is at the same work: nothing is kept of this one's until it is done");
                 None
             }
             Err(Refused::Io(error)) => {
-                self.warn(&format!("no checkpoint can be kept: {error}"));
+                self.notice(&format!("no checkpoint can be kept: {error}"));
                 None
             }
         }
@@ -113,6 +137,7 @@ mod tests {
     use crate::warnings::Warnings;
     use depthloom_graphs::Host;
     use depthloom_threads::{Budget, caught};
+    use std::sync::Mutex;
     use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 
     fn host<'a>(budget: &'a Budget, interrupt: &'a Interrupt, warnings: &'a Warnings) -> TaskHost<'a> {
@@ -125,6 +150,8 @@ mod tests {
             node: None,
             once: None,
             helpers_cpu_ns: AtomicU64::new(0),
+            told: Mutex::default(),
+            is_repeated: false,
         }
     }
 

@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 
-use depthloom_graphs::contracts::TapError;
+use depthloom_graphs::contracts::{TapError, Warned};
 use depthloom_graphs::{Fault, Key, Value};
 
 use crate::frame_graph::{FrameGraph, Place};
@@ -56,6 +56,8 @@ pub(crate) struct InFlight<P> {
     /// What failed, by step, in no order.
     faults: Mutex<Vec<(usize, Fault)>>,
     tap_errors: Mutex<Vec<(usize, TapError)>>,
+    /// What was told of without failing, in no order.
+    warnings: Mutex<Vec<Warned>>,
 }
 
 impl<P> InFlight<P> {
@@ -71,6 +73,7 @@ impl<P> InFlight<P> {
             remaining: AtomicU32::new(graph.steps_per_frame),
             faults: Mutex::default(),
             tap_errors: Mutex::default(),
+            warnings: Mutex::default(),
         }
     }
 
@@ -134,6 +137,17 @@ impl<P> InFlight<P> {
 
     pub(crate) fn add_fault(&self, step: usize, fault: Fault) {
         locked(&self.faults).push((step, fault));
+    }
+
+    pub(crate) fn add_warnings(&self, told: impl Iterator<Item = Warned>) {
+        locked(&self.warnings).extend(told);
+    }
+
+    /// What was told of without failing, in the order of the nodes.
+    pub(crate) fn take_warnings(&self) -> Vec<Warned> {
+        let mut warnings = std::mem::take(&mut *locked(&self.warnings));
+        warnings.sort();
+        warnings
     }
 
     pub(crate) fn add_tap_error(&self, part: usize, error: TapError) {

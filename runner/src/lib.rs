@@ -18,7 +18,7 @@
 //! A tap that prints, and a run of no nodes at all:
 //!
 //! ```
-//! use depthloom_graphs::contracts::{Commit, Slot, Tap, TapError};
+//! use depthloom_graphs::contracts::{Commit, Slot, Tap, TapError, Warned};
 //! use depthloom_graphs::plan::{Plan, PlannedSource, Record, StageRun};
 //! use depthloom_graphs::ready::{Ready, ReadyRun};
 //! use depthloom_graphs::{Context, Fault, Frame, Key, Outputs, Source, SourceOutputs, Value};
@@ -55,7 +55,7 @@
 //!         println!("frame {}", commit.frame.id);
 //!         Ok(())
 //!     }
-//!     fn once(&self, _: usize, _: Slot, _: &Key, _: &Value) -> Result<(), TapError> {
+//!     fn once(&self, _: usize, _: Slot, _: &Key, _: &Value, _: &[Warned]) -> Result<(), TapError> {
 //!         Ok(())
 //!     }
 //! }

@@ -3,9 +3,9 @@
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 use std::path::PathBuf;
 use std::sync::Mutex;
-use std::sync::atomic::AtomicU64;
+use std::sync::atomic::{AtomicU64, Ordering};
 
-use depthloom_graphs::contracts::{Contract, Slot, Tap, TapError};
+use depthloom_graphs::contracts::{Contract, Slot, Tap, TapError, Warned};
 use depthloom_graphs::plan::{Origin, Plan, PlannedNode};
 use depthloom_graphs::{
     Context, Fault, Host as _, Inputs, Key, OnceNode, OrderedNode, Port, Rate, Scratch, Source, Value, value_keys,
@@ -97,6 +97,9 @@ impl Job {
     }
 }
 
+/// What a job came to: the once-values by port, what making them took (`None` where they were known), and what was told of.
+type Done = (Result<Vec<Option<Value>>, Fault>, Option<Spent>, Vec<Warned>);
+
 /// A stage run's work outside frames.
 pub(crate) struct OnceWork<'a, T> {
     pub(crate) run: usize,
@@ -106,6 +109,8 @@ pub(crate) struct OnceWork<'a, T> {
     pub(crate) waiting: BTreeMap<usize, Box<dyn OnceNode>>,
     /// The key of each node that gave once-values, by index.
     pub(crate) keys: BTreeMap<usize, Key>,
+    /// What they told of, by index.
+    pub(crate) told: BTreeMap<usize, Vec<Warned>>,
     /// The once-nodes that fired: not those whose values an equal one gave.
     pub(crate) fired: BTreeSet<usize>,
     /// The nodes whose once-values the tap's store had.
@@ -151,9 +156,9 @@ impl<T: Tap> OnceWork<'_, T> {
                 let key = job.key(&nodes[node]);
                 let job = self.known(node, key, job, values);
                 let is_first = |key: &Key| !values.given.contains_key(key) && fires.insert(*key);
-                let runs = match job {
-                    Job::Fire(..) => key.as_ref().is_some_and(is_first),
-                    Job::Finish(..) | Job::Known(_) => true,
+                let runs = match nodes[node].contract {
+                    Contract::Once => key.as_ref().is_some_and(is_first),
+                    Contract::Ordered | Contract::Pure => true,
                 };
                 (node, key, Mutex::new(runs.then_some(job)), Mutex::new(None))
             })
@@ -173,19 +178,20 @@ impl<T: Tap> OnceWork<'_, T> {
         for (node, key, _, done) in jobs {
             let planned = &nodes[node];
             let outputs = match locked(&done).take() {
-                Some((Ok(outputs), None)) => {
+                Some((Ok(outputs), None, told)) => {
+                    self.told.insert(node, told);
                     self.reused.insert(node);
                     if let (Contract::Once, Some(key)) = (planned.contract, key) {
                         values.given.insert(key, outputs.clone());
                     }
                     outputs
                 }
-                Some((Err(Fault::Cancelled), _)) if self.common.interrupt.stops_admission() => {
+                Some((Err(Fault::Cancelled), ..)) if self.common.interrupt.stops_admission() => {
                     // It was asked to, and put down where it is.
                     completion = Completion::Interrupted;
                     continue;
                 }
-                Some((Err(fault), _)) => {
+                Some((Err(fault), ..)) => {
                     return Err(RunError::OnceFailed {
                         stage: self.plan.runs[self.run].stage.clone(),
                         node: planned.name.clone(),
@@ -193,7 +199,8 @@ impl<T: Tap> OnceWork<'_, T> {
                         fault: Box::new(fault),
                     });
                 }
-                Some((Ok(outputs), Some(spent))) => {
+                Some((Ok(outputs), Some(spent), told)) => {
+                    self.told.insert(node, told);
                     let mut timing = Timing::new(self.run, planned.name.clone(), Phase::Once(node));
                     timing.add(0, spent);
                     self.timings.push(timing);
@@ -253,12 +260,13 @@ impl<T: Tap> OnceWork<'_, T> {
     pub(crate) fn hand_over(&self, values: &OnceValues) -> Result<(), RunError> {
         let run = &self.plan.runs[self.run];
         for (&node, key) in &self.keys {
+            let told = self.told.get(&node).map_or(&[][..], Vec::as_slice);
             for (port, output) in run.nodes[node].outputs.iter().enumerate().filter(|(_, o)| o.recorded) {
                 let Some(Some(once)) = values.made.get(&(self.run, node, port)) else { continue };
                 if self.common.tap.has_once(self.run, Slot::Node { node, port }) {
                     continue;
                 }
-                caught(|| self.common.tap.once(self.run, Slot::Node { node, port }, key, &once.value))
+                caught(|| self.common.tap.once(self.run, Slot::Node { node, port }, key, &once.value, told))
                     .unwrap_or_else(|panic| Err(TapError::new(format!("panicked {}", panic.0))))
                     .map_err(|error| {
                         let what = format!("the once-value `{}/{}`", run.nodes[node].name, output.port.name);
@@ -273,17 +281,12 @@ impl<T: Tap> OnceWork<'_, T> {
         let Common { budget, interrupt, observer, warnings, checkpoints, .. } = *self.common;
         let (run, helpers_cpu_ns) = (self.run, AtomicU64::new(0));
         let once = key.map(|key| (key, checkpoints));
-        TaskHost { budget, interrupt, observer, warnings, run, node, once, helpers_cpu_ns }
+        let (told, is_repeated) = (Mutex::default(), false);
+        TaskHost { budget, interrupt, observer, warnings, run, node, once, helpers_cpu_ns, told, is_repeated }
     }
 
-    /// The once-values by port, and what making them took; `None` where they were known.
-    fn perform(
-        &self,
-        node: usize,
-        planned: &PlannedNode,
-        key: Key,
-        job: Job,
-    ) -> (Result<Vec<Option<Value>>, Fault>, Option<Spent>) {
+    /// Does a job.
+    fn perform(&self, node: usize, planned: &PlannedNode, key: Key, job: Job) -> Done {
         let (watch, host, mut scratch) = (Stopwatch::start(), self.host(Some(node), Some(key)), Scratch::default());
         let mut ctx = Context::new(&host, &mut scratch);
         let ports: Vec<Port> =
@@ -295,11 +298,17 @@ impl<T: Tap> OnceWork<'_, T> {
                 caught(|| instance.run(&Inputs::new(&in_ports, &values), &mut ctx))
             }
             Job::Finish(instance, _) => caught(|| instance.finish(&mut ctx)),
-            Job::Known(Finished { values, .. }) => return (Ok(values), None),
+            Job::Known(Finished { values, .. }) => {
+                for (what, count) in self.common.tap.store().map(|store| store.warnings(&key)).unwrap_or_default() {
+                    host.warn_of(count, &what);
+                }
+                return (Ok(values), None, host.into_told().collect());
+            }
         };
         self.common.checkpoints.release(&key);
         let made = made.unwrap_or_else(|panic| Err(fault(panic))).and_then(|given| given.in_order_of(&ports));
-        (made, Some(watch.stop(host.helpers_cpu_ns.into_inner())))
+        let spent = watch.stop(host.helpers_cpu_ns.load(Ordering::Relaxed));
+        (made, Some(spent), host.into_told().collect())
     }
 }
 

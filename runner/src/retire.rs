@@ -71,6 +71,7 @@ pub(crate) fn retire_all<T: Tap>(
         stage.observer.frame_retired(stage.run, frame, &[]);
     }
     stage.start_at(first);
+    stage.tell_again();
     ledger.stage.resumed = stage.written() as u64;
     ledger.stage.retired = first as u64;
     let (mut admitted, mut retired) = (first, first);
@@ -174,7 +175,9 @@ fn write<T: Tap>(
 
     if in_flight.position >= stage.written() {
         let watch = Stopwatch::start();
-        let commit = Commit { run: stage.run, frame, source_key, keys: &keys, failures: &failures };
+        let warnings = in_flight.take_warnings();
+        let commit =
+            Commit { run: stage.run, frame, source_key, keys: &keys, failures: &failures, warnings: &warnings };
         caught(|| stage.tap.write(&commit, in_flight.take_parts()))
             .unwrap_or_else(|panic| Err(TapError::new(format!("panicked {}", panic.0))))
             .map_err(tap_failed)?;

@@ -296,6 +296,11 @@ impl<'a> Reuse<'a> {
         FramePlan { steps: known.into_iter().enumerate().map(act).collect(), stored }
     }
 
+    /// What was told of when the values of a key were made.
+    pub(crate) fn warnings(&self, key: &Key) -> Vec<(String, u64)> {
+        self.store.warnings(key)
+    }
+
     /// A value from the store.
     pub(crate) fn value(&self, key: &Key, port: &str) -> Result<Option<Value>, Fault> {
         self.store.value(key, port)

@@ -1,12 +1,14 @@
 //! The frames of a stage run on the workers.
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
 
 use crossbeam::channel::Sender;
-use depthloom_graphs::contracts::{Slot, Tap, TapError};
+use depthloom_graphs::contracts::{Slot, Tap, TapError, Warned};
 use depthloom_graphs::plan::StageRun;
-use depthloom_graphs::{Context, Fault, Inputs, Key, Outputs, Port, PureNode, Scratch, Source, Value, value_keys};
+use depthloom_graphs::{
+    Context, Fault, Host as _, Inputs, Key, Outputs, Port, PureNode, Scratch, Source, Value, value_keys,
+};
 
 use crate::checkpoints::Checkpoints;
 use crate::frame_graph::{Feed, FrameGraph, Step};
@@ -159,6 +161,15 @@ impl<'a, T: Tap> Stage<'a, T> {
         }
     }
 
+    /// Tells of what was told of on the frames that are written.
+    pub(crate) fn tell_again(&self) {
+        for Warned { node, what, count } in self.tap.told(self.run).into_iter().flatten() {
+            if self.warnings.add(self.run, node, &what, count, true) {
+                self.observer.warned(self.run, node, &what);
+            }
+        }
+    }
+
     /// How many frames an earlier process has written.
     pub(crate) fn written(&self) -> usize {
         self.reuse.as_ref().map_or(0, |reuse| reuse.written)
@@ -268,7 +279,7 @@ impl<'a, T: Tap> Stage<'a, T> {
         next
     }
 
-    fn host(&self, node: Option<usize>) -> TaskHost<'a> {
+    fn host(&self, node: Option<usize>, position: usize) -> TaskHost<'a> {
         let (budget, interrupt, observer) = (self.budget, self.interrupt, self.observer);
         TaskHost {
             budget,
@@ -279,11 +290,13 @@ impl<'a, T: Tap> Stage<'a, T> {
             node,
             once: None,
             helpers_cpu_ns: AtomicU64::new(0),
+            told: Mutex::default(),
+            is_repeated: position < self.written(),
         }
     }
 
     fn read(&self, frame: &InFlight<T::Part>, worker: &mut WorkerState) -> Settled {
-        let (watch, host) = (worker.start(), self.host(None));
+        let (watch, host) = (worker.start(), self.host(None, frame.position));
         let mut ctx = Context::new(&host, &mut worker.scratch);
         let read = || {
             // Asked for first, as by whoever looks up whether the frame has to be read at all; and what was read must be what it names.
@@ -307,6 +320,7 @@ impl<'a, T: Tap> Stage<'a, T> {
         };
         let read = read.and_then(|read| Ok((read.outputs.in_order_of(&self.graph.producers[0].outputs)?, read.key)));
         let spent = worker.stop(watch, &host);
+        frame.add_warnings(host.into_told());
         self.close(frame, 0, read, spent)
     }
 
@@ -315,6 +329,11 @@ impl<'a, T: Tap> Stage<'a, T> {
         let (Do::Take(key, load), Some(reuse)) = (frame.to_do(step), &self.reuse) else {
             return Settled { outcome: Outcome::Absent, spent: Spent::default() };
         };
+        let host = self.host(step.checked_sub(1), frame.position);
+        for (what, count) in reuse.warnings(key) {
+            host.warn_of(count, &what);
+        }
+        frame.add_warnings(host.into_told());
         let producer = &self.graph.producers[step];
         let mut values = vec![None; producer.outputs.len()];
         for &output in load {
@@ -356,7 +375,7 @@ impl<'a, T: Tap> Stage<'a, T> {
         }
         let producer = &self.graph.producers[step];
         let recipe = &self.plan.nodes[node].recipe;
-        let (watch, host) = (worker.start(), self.host(Some(node)));
+        let (watch, host) = (worker.start(), self.host(Some(node), frame.position));
         let inputs = Inputs::new(&producer.inputs, &worker.inputs);
         let mut ctx = Context::new(&host, &mut worker.scratch);
         let in_order = |given: Outputs| given.in_order_of(&producer.outputs);
@@ -385,6 +404,7 @@ impl<'a, T: Tap> Stage<'a, T> {
             FrameNode::Once => Err(Fault::new("a once-node does not see frames")),
         };
         let spent = worker.stop(watch, &host);
+        frame.add_warnings(host.into_told());
         worker.inputs.clear();
         self.close(frame, step, fired, spent)
     }
@@ -468,7 +488,7 @@ impl<'a, T: Tap> Stage<'a, T> {
             worker.taken.clear();
             return Settled { outcome: Outcome::Absent, spent: Spent::default() };
         }
-        let (watch, host) = (worker.start(), self.host(None));
+        let (watch, host) = (worker.start(), self.host(None, frame.position));
         let instant = &self.source.frames()[frame.position];
         let encoded = || {
             if let Some(copied) = self.copy(frame, part, &mut worker.taken, stored)? {

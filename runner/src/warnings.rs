@@ -53,13 +53,13 @@ type Told = (usize, Option<usize>, String);
 pub(crate) struct Warnings(Mutex<BTreeMap<Told, (u64, u64)>>);
 
 impl Warnings {
-    /// Adds a telling; says whether it is the first of its kind.
-    pub(crate) fn add(&self, run: usize, node: Option<usize>, what: &str, count: u64) -> bool {
+    /// Adds a telling, on a new frame or on one that told it before; says whether it is the first of its kind.
+    pub(crate) fn add(&self, run: usize, node: Option<usize>, what: &str, count: u64, is_new: bool) -> bool {
         let mut told = locked(&self.0);
         let (counted, times) = told.entry((run, node, what.to_owned())).or_default();
         *counted += count;
-        *times += 1;
-        *times == 1
+        *times += u64::from(is_new);
+        *times == 1 && is_new
     }
 
     /// All of them, in plan order.

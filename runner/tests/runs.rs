@@ -6,7 +6,7 @@ use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, Weak};
 
-use depthloom_graphs::contracts::{Commit, Contract, Failure, Slot, Tap, TapError};
+use depthloom_graphs::contracts::{Commit, Contract, Failure, Slot, Tap, TapError, Warned};
 use depthloom_graphs::values::{Curve, CurvePoint, Mask, Raster};
 use depthloom_graphs::{
     Context, Fault, Frame, Inputs, Instance, Key, OnceNode, Outputs, Port, PureNode, Source, SourceOutputs, Value,
@@ -541,7 +541,7 @@ impl Tap for Last {
         Ok(())
     }
 
-    fn once(&self, _: usize, _: Slot, _: &Key, _: &Value) -> Result<(), TapError> {
+    fn once(&self, _: usize, _: Slot, _: &Key, _: &Value, _: &[Warned]) -> Result<(), TapError> {
         Ok(())
     }
 }

@@ -174,7 +174,7 @@ pub fn record(path: &Path, plan: &Plan) {
         record_frame(&recorder, 0, index);
     }
     for (node, _) in plan.runs[0].nodes.iter().enumerate().filter(|(_, node)| node.contract == Contract::Once) {
-        recorder.once(0, Slot::Node { node, port: 0 }, &Key::of_content(b"teacher"), &curve().into()).unwrap();
+        recorder.once(0, Slot::Node { node, port: 0 }, &Key::of_content(b"teacher"), &curve().into(), &[]).unwrap();
     }
     recorder.finish(&[]).unwrap();
 }
@@ -203,5 +203,7 @@ fn record_frame(recorder: &Recorder, run: usize, index: u64) {
     let failed = (0..ESTIMATORS.len()).filter(|&i| !answered(index, i));
     let failures: Vec<Failure> = failed.map(|node| Failure { node: Some(node), what: "failed".to_owned() }).collect();
     let source_key = Some(Key::build("source").number(index).finish());
-    recorder.write(&Commit { run, frame: &frame, source_key, keys: &[], failures: &failures }, parts).unwrap();
+    recorder
+        .write(&Commit { run, frame: &frame, source_key, keys: &[], failures: &failures, warnings: &[] }, parts)
+        .unwrap();
 }

@@ -18,13 +18,19 @@ pub trait Host: Sync {
     }
 
     /// Tells the person something about this call that is no failure and spoils what follows from it, as a lower-case fragment
-    /// without the frame's name (`3 pixels are no numbers`); equal tellings of a node are counted, not repeated.
+    /// without the frame's name (`3 pixels are no numbers`); equal tellings of a node are counted, not repeated. It is recorded with
+    /// the values, and told again of who takes them from there: it must be equal on every machine. See [`Host::notice`].
     fn warn(&self, what: &str) {
         self.warn_of(0, what);
     }
 
     /// As [`Host::warn`], of so many things named in the plural (`pixels that are no numbers`): their numbers are added up.
     fn warn_of(&self, _count: u64, _what: &str) {}
+
+    /// As [`Host::warn`], of this run alone, and not of the values that it gives (`no checkpoint can be kept`).
+    fn notice(&self, what: &str) {
+        self.warn(what);
+    }
 
     /// Tells the person at once of something that is no trouble, as a lower-case fragment (`goes on at step 60 of 120`).
     fn tell(&self, _what: &str) {}

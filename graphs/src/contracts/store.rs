@@ -15,6 +15,11 @@ pub trait Store: Send + Sync {
     /// If the store has nothing of the port, cannot be read, or what it holds is damaged.
     fn value(&self, key: &Key, port: &str) -> Result<Option<Value>, Fault>;
 
+    /// What was told of when the values of a key were made, without failing: what, and how many of it.
+    fn warnings(&self, _key: &Key) -> Vec<(String, u64)> {
+        Vec::new()
+    }
+
     /// All values of a key, by port; `None` if the store does not know the key.
     ///
     /// # Errors

@@ -38,6 +38,17 @@ pub struct Failure {
     pub what: String,
 }
 
+/// What a node told of without failing; see [`Host::warn_of`](super::Host::warn_of).
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Warned {
+    /// Which node of the stage run; `None` for its source.
+    pub node: Option<usize>,
+    /// What it told.
+    pub what: String,
+    /// How many of the thing there were; 0 if it is none to be counted.
+    pub count: u64,
+}
+
 /// All there is to say of a finished frame besides its values.
 #[derive(Clone, Debug)]
 pub struct Commit<'a> {
@@ -51,6 +62,8 @@ pub struct Commit<'a> {
     pub keys: &'a [SlotKey],
     /// The failures on this frame, by node index.
     pub failures: &'a [Failure],
+    /// What was told of without failing, by node index: whoever takes the values is to be told, too.
+    pub warnings: &'a [Warned],
 }
 
 /// Why a tap could not take a value.
@@ -108,11 +121,11 @@ pub trait Tap: Send + Sync {
     /// If the disk refuses.
     fn write(&self, commit: &Commit<'_>, parts: Vec<Self::Part>) -> Result<(), TapError>;
 
-    /// Takes a once-value, after the frames of its stage run.
+    /// Takes a once-value, after the frames of its stage run, with what its node told of.
     ///
     /// # Errors
     /// If the disk refuses.
-    fn once(&self, run: usize, slot: Slot, key: &Key, value: &Value) -> Result<(), TapError>;
+    fn once(&self, run: usize, slot: Slot, key: &Key, value: &Value, warnings: &[Warned]) -> Result<(), TapError>;
 
     /// Whether a slot's values are kept of the frame at a position: else it makes no difference whether they are handed over.
     fn keeps(&self, _run: usize, _slot: Slot, _position: usize) -> bool {
@@ -143,6 +156,11 @@ pub trait Tap: Send + Sync {
     /// are in the store.
     fn written(&self, _run: usize) -> usize {
         0
+    }
+
+    /// What was told of on the frames that are written already, one list a frame.
+    fn told(&self, _run: usize) -> Vec<Vec<Warned>> {
+        Vec::new()
     }
 
     /// Whether a once-value is written already, as [`Tap::written`] frames are.

@@ -134,7 +134,7 @@ impl Ssl {
         let checkpoint = host.checkpoint().map(Checkpoint::at);
         let taken_up = checkpoint.as_ref().and_then(|checkpoint| {
             checkpoint.load(layout).unwrap_or_else(|unusable| {
-                host.warn(&format!("{unusable}: learning begins again"));
+                host.notice(&format!("{unusable}: learning begins again"));
                 None
             })
         });
@@ -181,7 +181,7 @@ impl Ssl {
         if training.step() > first
             && let Err(fault) = save(&training)
         {
-            host.warn(&fault.chain());
+            host.notice(&fault.chain());
         }
         Ok((learned, Curve { points: training.points().to_vec() }))
     }

@@ -32,11 +32,11 @@ const BY_WIDTH: [(u32, f64, f64, f64); 5] = [
     (1224, 707.0493, 604.0814, 180.5066),
 ];
 
-/// What is to be said of a calibration that no file tells.
+/// What is to be said of a calibration that no file tells; of the folder the last name, since it is recorded.
 pub fn assumption(folder: &Path, assumed: &Calibration) -> String {
     format!(
         "no calibration files in {}: focal length {:.2} px and baseline {:.4} m assumed, those of KITTI's cameras of this width",
-        folder.display(),
+        folder.file_name().unwrap_or(folder.as_os_str()).display(),
         assumed.focal_px,
         assumed.baseline_m
     )

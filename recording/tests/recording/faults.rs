@@ -377,8 +377,14 @@ fn nothing_is_written_after_the_end() {
     let recorder = Recorder::create(&path, &plan()).unwrap();
     recorder.finish(&[]).unwrap();
     let size = std::fs::metadata(&path).unwrap().len();
-    let commit =
-        depthloom_graphs::contracts::Commit { run: 0, frame: &frame(0), source_key: None, keys: &[], failures: &[] };
+    let commit = depthloom_graphs::contracts::Commit {
+        run: 0,
+        frame: &frame(0),
+        source_key: None,
+        keys: &[],
+        failures: &[],
+        warnings: &[],
+    };
     let error = recorder.write(&commit, Vec::new()).unwrap_err();
     assert!(error.to_string().ends_with("takes no more values: it is finished"), "{error}");
     assert!(recorder.finish(&[]).is_err());

@@ -286,7 +286,7 @@ pub fn record_frame_at(
         _ => Vec::new(),
     };
     let source_key = Some(Key::build("source").number(frame.index).finish());
-    let commit = Commit { run, frame, source_key, keys: &keys, failures: &failures };
+    let commit = Commit { run, frame, source_key, keys: &keys, failures: &failures, warnings: &[] };
     recorder.write(&commit, encoded.into_iter().map(Option::unwrap).collect()).unwrap();
 }
 
@@ -314,8 +314,8 @@ pub fn curve() -> Curve {
 /// Records the once-values of a stage run.
 pub fn record_once_values(recorder: &Recorder, run: usize) {
     let key = Key::of_content(b"teacher");
-    recorder.once(run, Slot::Node { node: 5, port: 0 }, &key, &model()).unwrap();
-    recorder.once(run, Slot::Node { node: 5, port: 1 }, &key, &curve().into()).unwrap();
+    recorder.once(run, Slot::Node { node: 5, port: 0 }, &key, &model(), &[]).unwrap();
+    recorder.once(run, Slot::Node { node: 5, port: 1 }, &key, &curve().into(), &[]).unwrap();
 }
 
 /// Records frames of that size and finishes the file.

@@ -168,7 +168,7 @@ fn a_store_tells_what_is_known_to_be_nothing_from_what_was_not_kept() {
         let values: Vec<_> = values(&frame(index), 16, 16).into_iter().filter(|(slot, _)| !absent(slot)).collect();
         record_frame(&recorder, 0, &frame(index), &values, false);
     }
-    recorder.once(0, Slot::Node { node: 5, port: 0 }, &Key::of_content(b"teacher"), &model()).unwrap();
+    recorder.once(0, Slot::Node { node: 5, port: 0 }, &Key::of_content(b"teacher"), &model(), &[]).unwrap();
     let ports = |recording: &Recording, key: Key| -> Vec<(String, bool)> {
         let stored = recording.get(&key).unwrap().unwrap();
         stored.into_iter().map(|of| (of.port, of.value.is_some())).collect()
@@ -223,8 +223,8 @@ fn a_curve_without_points_and_one_without_frames_come_back() {
     let path = folder.path().join("recording.mcap");
     let recorder = Recorder::create(&path, &plan_of(&["learn", "compare"])).unwrap();
     let (slot, key) = (Slot::Node { node: 5, port: 1 }, Key::of_content(b"teacher"));
-    recorder.once(0, slot, &key, &Curve::default().into()).unwrap();
-    recorder.once(1, slot, &key, &curve().into()).unwrap();
+    recorder.once(0, slot, &key, &Curve::default().into(), &[]).unwrap();
+    recorder.once(1, slot, &key, &curve().into(), &[]).unwrap();
     recorder.finish(&[]).unwrap();
     let recording = Recording::open(&path).unwrap();
     let read = |place: usize| recording.once_value(&recording.once_values()[place]).unwrap();

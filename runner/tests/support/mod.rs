@@ -6,7 +6,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
-use depthloom_graphs::contracts::{Commit, Contract, Slot, Tap, TapError};
+use depthloom_graphs::contracts::{Commit, Contract, Slot, Tap, TapError, Warned};
 use depthloom_graphs::plan::{Origin, Plan, PlannedInput, PlannedNode, PlannedOutput, PlannedSource, Record, StageRun};
 use depthloom_graphs::ready::{Ready, ReadyRun};
 use depthloom_graphs::values::{Artifact, Calibration};
@@ -347,7 +347,7 @@ impl Tap for Notebook {
         Ok(())
     }
 
-    fn once(&self, run: usize, slot: Slot, key: &Key, value: &Value) -> Result<(), TapError> {
+    fn once(&self, run: usize, slot: Slot, key: &Key, value: &Value, _: &[Warned]) -> Result<(), TapError> {
         self.lines
             .lock()
             .expect("nobody panics with the lock")

@@ -55,7 +55,7 @@ fn mean(width: i64, height: i64) -> Vec<u8> {
 /// The binary on a machine with nothing, in tract unless told otherwise.
 fn bare() -> Command {
     let mut command = depthloom();
-    command.current_dir("/").env_clear().env("PATH", "").env("NO_COLOR", "1");
+    command.current_dir("/").env_clear().env("PATH", "").env("NO_COLOR", "1").env("DEPTHLOOM_FRESH", "1");
     command
 }
 
@@ -285,6 +285,16 @@ fn fault_42_pixels_of_a_network_that_are_no_numbers_are_counted_and_cost_stereo_
         let again = folder.path().join("again");
         let json: Json = serde_json::from_slice(&run(&again, &["--workers", "8", "--json"]).stdout).expect("JSON");
         assert_eq!(json["warnings"], serde_json::json!([warning.trim_start_matches("warning: ")]));
+        // Who takes the pixels from an earlier run is told, too.
+        let taken = folder.path().join("taken");
+        let mut command = bare();
+        command.envs(engine.iter().map(|(name, value)| (name, value.as_os_str()))).env_remove("DEPTHLOOM_FRESH");
+        let told = succeed(command.args(["run", "--json", "--out"]).arg(&taken).arg(&path));
+        let told: Json = serde_json::from_slice(&told.stdout).expect("JSON");
+        assert_eq!((&told["warnings"], told["reused"]["nodes"].is_array()), (&json["warnings"], true));
+        assert!(told["reused"]["nodes"].as_array().expect("nodes").iter().any(|node| node["node"] == "mono"), "{told}");
+        let bytes = |run: &Path| std::fs::read(run.join("recording.mcap")).expect("a recording");
+        assert!(bytes(&taken) == bytes(&out));
 
         let rows = read_csv(&out.join("scores.csv"));
         let answered = |frame: &str, estimator: &str| {
