@@ -23,10 +23,10 @@ const RUNS: &str = "runs";
 pub fn runs(args: &RunArgs, folder: &RunFolder, plan: &Plan, begun: Option<&Recording>) -> Arc<EarlierRuns> {
     let mut recordings = Vec::new();
     if !args.is_fresh() {
-        recordings.extend(begun.and_then(|begun| Recording::open(begun.path()).ok()));
+        recordings.extend(begun.map(|begun| begun.path().to_owned()));
         let own = folder.file(RECORDING);
         let found = found(folder.out.parent().unwrap_or(Path::new("")));
-        recordings.extend(found.into_iter().filter(|path| *path != own).filter_map(|path| Recording::open(path).ok()));
+        recordings.extend(found.into_iter().filter(|path| *path != own));
     }
     Arc::new(EarlierRuns::new(recordings, plan))
 }

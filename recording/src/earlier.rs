@@ -8,11 +8,17 @@ use std::sync::{Mutex, OnceLock, PoisonError};
 use depthloom_graphs::contracts::{Fault, Held, Store};
 use depthloom_graphs::plan::Plan;
 use depthloom_graphs::{Key, Value};
+use mcap::records::op;
 
 use crate::checksum::CrcBefore;
 use crate::error::RecordingError;
+use crate::file::PositionedFile;
+use crate::index::{MAGIC, metadata_entry};
+use crate::parse::RECORD_HEADER;
+use crate::plan::RecordedPlan;
 use crate::recording::Recording;
 use crate::store::{KeyedPlace, fault, unknown};
+use crate::window::Window;
 
 /// Recordings of earlier runs as one store: what they made and a run needs need not be made again.
 ///
@@ -33,19 +39,22 @@ pub(crate) struct EarlierRun {
 }
 
 impl EarlierRuns {
-    /// A store of recordings, the one to be asked first in front; those that have nothing of a plan's nodes are left out.
-    #[must_use]
-    pub fn new(recordings: impl IntoIterator<Item = Recording>, plan: &Plan) -> Self {
+    /// A store of recordings, the one to be asked first in front. Of those that cannot be read, or have nothing of a plan's nodes, no more than
+    /// the plan is read.
+    pub fn new(recordings: impl IntoIterator<Item = impl AsRef<Path>>, plan: &Plan) -> Self {
         let wanted: HashSet<Key> = plan.runs.iter().flat_map(|run| &run.nodes).map(|node| node.recipe).collect();
-        let is_of_use = |recording: &Recording| {
-            let mut nodes = recording.plan().runs.iter().flat_map(|run| &run.nodes);
+        let is_of_use = |recorded: &RecordedPlan| {
+            let mut nodes = recorded.runs.iter().flat_map(|run| &run.nodes);
             nodes.any(|node| wanted.contains(&node.recipe))
         };
-        let of = |recording: Recording| {
+        let open = |path: &Path| {
+            recorded_plan(path).filter(is_of_use)?;
+            let recording = Recording::open(path).ok()?;
             let sound = std::iter::repeat_with(OnceLock::new).take(recording.sealed.len()).collect();
-            EarlierRun { recording, sound, taken: AtomicBool::new(false) }
+            Some(EarlierRun { recording, sound, taken: AtomicBool::new(false) })
         };
-        Self { runs: recordings.into_iter().filter(is_of_use).map(of).collect(), damage: Mutex::default() }
+        let runs = recordings.into_iter().filter_map(|path| open(path.as_ref())).collect();
+        Self { runs, damage: Mutex::default() }
     }
 
     /// Whether there is nothing to take.
@@ -92,6 +101,22 @@ impl EarlierRuns {
             }
         })
     }
+}
+
+/// The plan of a recording, read from its head alone: of a file without an end all of it would have to be read.
+fn recorded_plan(path: &Path) -> Option<RecordedPlan> {
+    let file = PositionedFile::open(path).ok()?;
+    let (mut window, mut at) = (Window::new(&file), MAGIC);
+    for _ in 0..2 {
+        let [opcode, length @ ..] = *window.at(at, RECORD_HEADER).ok()??.first_chunk::<{ RECORD_HEADER as usize }>()?;
+        let (body, length) = (at + RECORD_HEADER, u64::from_le_bytes(length));
+        if opcode == op::METADATA {
+            let metadata = metadata_entry(&file, at, window.at(body, length).ok()??).ok()?;
+            return RecordedPlan::from_json(metadata.values.get("plan")?).ok();
+        }
+        at = body.checked_add(length)?;
+    }
+    None
 }
 
 impl EarlierRun {

@@ -329,6 +329,9 @@ pub(crate) fn once_values(store: &dyn Store, plan: &StageRun, node: usize, key: 
 fn source_keys(source: &dyn Source, store: &dyn Store, host: &dyn Host) -> Vec<Option<Key>> {
     let keys: Vec<OnceLock<Key>> = source.frames().iter().map(|_| OnceLock::new()).collect();
     host.tiles(keys.len(), &|position| {
+        if host.cancelled() {
+            return;
+        }
         if let Ok(Ok(key)) = caught(|| source.key(position)) {
             let _ = store.find(&key);
             let _ = keys[position].set(key);

@@ -82,12 +82,13 @@ mod tests {
     use std::fs;
     use std::path::Path;
 
+    use super::super::Begun;
     use super::{MARKER, Removal};
     use crate::exit::Exit;
     use crate::run_folder::RunFolder;
 
     fn run(out: &Path) {
-        let folder = RunFolder::create(out, false, &[]).unwrap();
+        let folder = RunFolder::create(out, false, &[], |_| Begun::Other).unwrap();
         folder.write("scores.csv", "numbers").unwrap();
         folder.finish().unwrap();
     }
@@ -143,7 +144,7 @@ mod tests {
         }
         assert!(refused(&out).contains("version 0.1.0 made it"));
         fs::write(out.join(MARKER), marker).unwrap();
-        let live = RunFolder::create(&folder.path().join("live"), false, &[]).unwrap();
+        let live = RunFolder::create(&folder.path().join("live"), false, &[], |_| Begun::Other).unwrap();
         assert!(refused(&live.partial).contains("another process is writing to it"));
         Removal::of(&out).unwrap();
     }
