@@ -7,6 +7,7 @@ use clap::{ArgGroup, Args, Parser, Subcommand, ValueEnum};
 use clap_complete::engine::{ArgValueCandidates, ArgValueCompleter};
 
 use crate::completion::{columns, experiments, folders, metrics, runs};
+use crate::replay::Tolerance;
 use crate::sizes::{parse_age, parse_size};
 
 /// Declare depth-estimation experiments in YAML, run them fast, keep every intermediate.
@@ -54,6 +55,8 @@ pub enum Command {
     Timings(TimingsArgs),
     /// Show what a recording holds: topics, messages, bytes raw and stored, keys, attachments, and whether it is whole.
     Info(InfoArgs),
+    /// Make nodes again from their recorded inputs and compare the values with those recorded.
+    Replay(ReplayArgs),
     /// List the runs in a folder, newest first, with size, state and best score; show one, say why two differ, remove some.
     Runs(RunsArgs),
     /// List the kinds of nodes and sources, or explain one.
@@ -384,6 +387,38 @@ pub struct TimingsArgs {
     pub run: PathBuf,
 
     /// Print one JSON object instead of text; times in nanoseconds, in all frames together.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `replay`.
+#[derive(Debug, Args)]
+pub struct ReplayArgs {
+    /// A run: its folder, its recording, the beginning of its name in `runs`, or `@latest`.
+    #[arg(add = ArgValueCompleter::new(runs))]
+    pub run: PathBuf,
+
+    /// Compare the values of every node with those recorded: where they differ, tell the first and the worst difference. Every node gets its
+    /// recorded inputs, so that it is the node that changed which differs, and none behind it.
+    #[arg(long, required = true)]
+    pub check: bool,
+
+    /// Only these nodes, by name or with their stage; `*` stands for any run of characters: `fused`, `compare.stereo`, `learn.*`. A node that
+    /// is named and cannot be made again is an error.
+    #[arg(value_name = "NODE")]
+    pub nodes: Vec<String>,
+
+    /// How far numbers may be apart and still count as equal, in the unit of their values; by default not by one bit. Of one type of values:
+    /// `depth=0.001` (metres), `disparity=0.0625` (pixels), `weight`, `image`, `scores`, ...; or of all: `1e-6`. An answer and none are never equal.
+    /// May be repeated.
+    #[arg(long, value_name = "[TYPE=]MOST", value_parser = Tolerance::parse)]
+    pub tolerance: Vec<Tolerance>,
+
+    /// Worker threads; by default one a core.
+    #[arg(long, short = 'j', value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub workers: Option<u16>,
+
+    /// Print one JSON object instead of text.
     #[arg(long)]
     pub json: bool,
 }

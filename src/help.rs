@@ -160,6 +160,21 @@ const ENDINGS: &[Ending] = &[
         ],
     },
     Ending {
+        command: "replay",
+        examples: &[
+            ("replay RUN --check", "every node whose values and inputs are recorded"),
+            ("replay RUN --check compare.fused --tolerance depth=0.001", "one node, to a millimetre"),
+            ("replay RUN --check --json | jq '.nodes[] | select(.different > 0)'", "for programs"),
+        ],
+        exits: &[
+            (Exit::Whole, "all that could be compared is equal"),
+            (Exit::Engine, "learning or the engine failed, or the output could not be written"),
+            (Exit::Before, "nothing can be compared, a named node cannot be made again, or an argument is wrong"),
+            (Exit::Frames, "values differ, or the recording is damaged where they would be read"),
+            INTERRUPTED,
+        ],
+    },
+    Ending {
         command: "runs",
         examples: &[
             ("runs", "all runs below `runs`"),

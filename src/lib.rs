@@ -31,6 +31,7 @@ mod memory;
 mod models;
 mod panics;
 mod progress;
+mod replay;
 mod run_folder;
 mod runs;
 mod signals;
@@ -117,6 +118,7 @@ fn program(registry: &Registry, as_json: bool) -> Result<Exit, Stop> {
         Command::Explain(args) => commands::explain::explain(&args),
         Command::Timings(args) => commands::report::timings(&args),
         Command::Info(args) => commands::info::info(&args),
+        Command::Replay(args) => commands::replay::replay(&args, registry),
         Command::Runs(args) => commands::runs::runs(&args),
         Command::Nodes(args) => commands::nodes::nodes(&args, registry),
         Command::Synth(args) => commands::synth::synth(&args),

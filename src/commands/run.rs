@@ -270,7 +270,7 @@ fn tell(args: &RunArgs, warnings: &[String]) {
     }
 }
 
-fn stop_of(error: &RunError) -> Stop {
+pub(super) fn stop_of(error: &RunError) -> Stop {
     let exit = match error {
         RunError::Aborted => Exit::Interrupted,
         error if error.is_of_a_frame() => Exit::Frames,

@@ -21,6 +21,7 @@ mod networks;
 mod onnx_file;
 mod python_reads;
 mod readme;
+mod replay;
 #[cfg(target_os = "linux")]
 mod reports;
 mod resume;

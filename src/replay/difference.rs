@@ -1,0 +1,354 @@
+//! Two values of a port, one recorded and one made again: in what they differ.
+
+use std::fmt;
+
+use depthloom_graphs::values::{Calibration, Curve, Image, Pixels, Raster};
+use depthloom_graphs::{Value, ValueType};
+
+/// In how many numbers two values differ, and in which.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Difference {
+    /// How many numbers were compared.
+    pub numbers: u64,
+    /// How many of them differ by more than the tolerance; 1 where the values differ as a whole.
+    pub different: u64,
+    /// The first of these.
+    pub first: Option<Differs>,
+    /// The one that differs most: above all one that is an answer in one value and none in the other.
+    pub worst: Option<Differs>,
+}
+
+/// One thing in which two values differ.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Differs {
+    /// As a whole: of another size, or not there.
+    Whole {
+        /// What was recorded.
+        recorded: String,
+        /// What is made now.
+        now: String,
+    },
+    /// In a number.
+    Number {
+        /// Where it stands.
+        place: Place,
+        /// As recorded; `None`: no answer.
+        recorded: Option<f64>,
+        /// As made now.
+        now: Option<f64>,
+    },
+}
+
+/// Where a number stands in a value.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Place {
+    /// In a pixel, by column and row.
+    Pixel(u32, u32),
+    /// In a channel of a pixel: column, row, channel.
+    Channel(u32, u32, u8),
+    /// In a file, by its bytes from 0.
+    Byte(u64),
+    /// By name: a score, a coefficient of a calibration, a point of a curve.
+    Named(String),
+}
+
+impl Difference {
+    /// Between values of one port.
+    pub fn between(recorded: &Value, now: &Value, tolerance: f64) -> Self {
+        match (recorded, now) {
+            (Value::Image(a), Value::Image(b)) => images(a, b, tolerance),
+            (Value::Disparity(a), Value::Disparity(b)) if a.min_disparity_px == b.min_disparity_px => {
+                let of = |value: &i16| (i32::from(*value) != a.invalid()).then(|| f64::from(*value) / 16.0);
+                pixels(sized(&a.sixteenths_px), sized(&b.sixteenths_px), tolerance, of)
+            }
+            (Value::Disparity(a), Value::Disparity(b)) => {
+                let searched = |least: i32| format!("disparities searched from {least} px on");
+                Self::whole(searched(a.min_disparity_px), searched(b.min_disparity_px))
+            }
+            (Value::TrueDisparity(a), Value::TrueDisparity(b)) => {
+                let of = |value: &u16| (*value != 0).then(|| f64::from(*value) / 256.0);
+                pixels(sized(&a.px_256), sized(&b.px_256), tolerance, of)
+            }
+            (Value::Depth(a), Value::Depth(b)) => pixels(sized(&a.metres), sized(&b.metres), tolerance, float),
+            (Value::Weight(a), Value::Weight(b)) => pixels(sized(&a.share), sized(&b.share), tolerance, float),
+            (Value::Mask(a), Value::Mask(b)) => {
+                pixels(sized(&a.set), sized(&b.set), 0.0, |value| Some(f64::from(*value)))
+            }
+            (Value::Calibration(a), Value::Calibration(b)) => named(coefficients(a), coefficients(b), tolerance),
+            (Value::Scores(_), Value::Scores(_)) => named(scores(recorded), scores(now), tolerance),
+            (Value::Curve(a), Value::Curve(b)) => named(points(a), points(b), tolerance),
+            (Value::Samples(a), Value::Samples(b)) | (Value::Model(a), Value::Model(b)) => bytes(&a.bytes, &b.bytes),
+            (a, b) => Self::whole(a.value_type().to_string(), b.value_type().to_string()),
+        }
+    }
+
+    /// As a whole.
+    pub fn whole(recorded: impl Into<String>, now: impl Into<String>) -> Self {
+        let differs = Differs::Whole { recorded: recorded.into(), now: now.into() };
+        Self { numbers: 1, different: 1, first: Some(differs.clone()), worst: Some(differs) }
+    }
+
+    fn take(&mut self, recorded: Option<f64>, now: Option<f64>, tolerance: f64, place: impl FnOnce() -> Place) {
+        self.numbers += 1;
+        let is_equal = match (recorded, now) {
+            // Without a tolerance by their bits: 0 is not -0.
+            (Some(a), Some(b)) => a.to_bits() == b.to_bits() || tolerance > 0.0 && (a - b).abs() <= tolerance,
+            (None, None) => true,
+            _ => false,
+        };
+        if is_equal {
+            return;
+        }
+        self.different += 1;
+        let is_worse = self.worst.as_ref().is_none_or(|worst| by(recorded, now) > worst.by());
+        if is_worse || self.first.is_none() {
+            let differs = Differs::Number { place: place(), recorded, now };
+            if self.first.is_none() {
+                self.first = Some(differs.clone());
+            }
+            if is_worse {
+                self.worst = Some(differs);
+            }
+        }
+    }
+}
+
+impl Differs {
+    /// By how much, in the value's own unit; infinite where it is not a matter of more or less.
+    pub fn by(&self) -> f64 {
+        match self {
+            Self::Whole { .. } => f64::INFINITY,
+            Self::Number { recorded, now, .. } => by(*recorded, *now),
+        }
+    }
+
+    /// What it is, in words; the numbers with their unit.
+    pub fn text(&self, value_type: ValueType) -> String {
+        match self {
+            Self::Whole { recorded, now } => format!("recorded {recorded}, now {now}"),
+            Self::Number { place, recorded, now } => {
+                let unit = unit(value_type);
+                let text = |value: Option<f64>| value.map_or_else(|| "no answer".to_owned(), number);
+                let by = self.by();
+                let by = if by.is_finite() { format!(" (by {}{unit})", number(by)) } else { String::new() };
+                format!("{place}: recorded {}{unit}, now {}{unit}{by}", text(*recorded), text(*now))
+            }
+        }
+    }
+}
+
+impl fmt::Display for Place {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Pixel(x, y) => write!(f, "pixel ({x}, {y})"),
+            Self::Channel(x, y, channel) => write!(f, "pixel ({x}, {y}), channel {channel}"),
+            Self::Byte(at) => write!(f, "byte {at}"),
+            Self::Named(name) => f.write_str(name),
+        }
+    }
+}
+
+/// A number in the fewest digits that tell it from its neighbours, of singles as such.
+pub fn number(value: f64) -> String {
+    let single = value as f32;
+    if f64::from(single).to_bits() == value.to_bits() { single.to_string() } else { value.to_string() }
+}
+
+const fn unit(value_type: ValueType) -> &'static str {
+    match value_type {
+        ValueType::Depth => " m",
+        ValueType::Disparity | ValueType::TrueDisparity => " px",
+        ValueType::Image
+        | ValueType::Weight
+        | ValueType::Mask
+        | ValueType::Calibration
+        | ValueType::Scores
+        | ValueType::Samples
+        | ValueType::Model
+        | ValueType::Curve => "",
+    }
+}
+
+fn by(recorded: Option<f64>, now: Option<f64>) -> f64 {
+    match (recorded, now) {
+        (Some(a), Some(b)) => (a - b).abs(),
+        _ => f64::INFINITY,
+    }
+}
+
+/// A raster's samples, and its columns and rows.
+type Sized<'a, T> = (&'a [T], (u32, u32));
+
+fn sized<T>(raster: &Raster<T>) -> Sized<'_, T>
+where
+    image::Luma<T>: image::Pixel<Subpixel = T>,
+{
+    (raster.as_raw(), raster.dimensions())
+}
+
+/// NaN is no answer.
+fn float(value: &f32) -> Option<f64> {
+    (!value.is_nan()).then(|| f64::from(*value))
+}
+
+fn pixels<T>(recorded: Sized<'_, T>, now: Sized<'_, T>, tolerance: f64, of: impl Fn(&T) -> Option<f64>) -> Difference {
+    let (width, _) = recorded.1;
+    samples(recorded, now, tolerance, of, |at| {
+        let (x, y) = (at % u64::from(width), at / u64::from(width));
+        Place::Pixel(x as u32, y as u32)
+    })
+}
+
+fn samples<T>(
+    (recorded, was): Sized<'_, T>,
+    (now, is): Sized<'_, T>,
+    tolerance: f64,
+    of: impl Fn(&T) -> Option<f64>,
+    place: impl Fn(u64) -> Place,
+) -> Difference {
+    if was != is || recorded.len() != now.len() {
+        let size = |(width, height): (u32, u32)| format!("{width}x{height} pixels");
+        return Difference::whole(size(was), size(is));
+    }
+    let mut difference = Difference::default();
+    for (at, (a, b)) in recorded.iter().zip(now).enumerate() {
+        difference.take(of(a), of(b), tolerance, || place(at as u64));
+    }
+    difference
+}
+
+/// The pixels alone: the file that an image came in is not made again.
+fn images(recorded: &Image, now: &Image, tolerance: f64) -> Difference {
+    let (was, is) = (recorded.dimensions(), now.dimensions());
+    let of = |value: &u8| Some(f64::from(*value));
+    match (recorded.pixels(), now.pixels()) {
+        (Pixels::Grey(a), Pixels::Grey(b)) => pixels((a.as_raw(), was), (b.as_raw(), is), tolerance, of),
+        (Pixels::Rgb(a), Pixels::Rgb(b)) => samples((a.as_raw(), was), (b.as_raw(), is), tolerance, of, |at| {
+            let (pixel, width) = (at / 3, u64::from(was.0));
+            Place::Channel((pixel % width) as u32, (pixel / width) as u32, (at % 3) as u8)
+        }),
+        (Pixels::Grey(_), Pixels::Rgb(_)) => Difference::whole("a grey image", "a coloured one"),
+        (Pixels::Rgb(_), Pixels::Grey(_)) => Difference::whole("a coloured image", "a grey one"),
+    }
+}
+
+/// Numbers by name, in order.
+type Named = Vec<(String, Option<f64>)>;
+
+fn named(recorded: Named, now: Named, tolerance: f64) -> Difference {
+    let names = |of: &Named| of.iter().map(|(name, _)| name.clone()).collect::<Vec<_>>();
+    let (was, is) = (names(&recorded), names(&now));
+    if was != is {
+        // The first name that only one of them has says it.
+        let only = |of: &[String], others: &[String]| of.iter().find(|name| !others.contains(name)).cloned();
+        let told = |only: Option<String>, of: &[String]| match only {
+            Some(name) => format!("{name} among {} numbers", of.len()),
+            None => format!("{} numbers", of.len()),
+        };
+        return Difference::whole(told(only(&was, &is), &was), told(only(&is, &was), &is));
+    }
+    let mut difference = Difference::default();
+    for ((name, a), (_, b)) in recorded.into_iter().zip(now) {
+        difference.take(a, b, tolerance, || Place::Named(name));
+    }
+    difference
+}
+
+fn coefficients(of: &Calibration) -> Named {
+    let Calibration { width, height, focal_px, cx_px, cy_px, baseline_m } = of;
+    let numbers = [
+        ("width", f64::from(*width)),
+        ("height", f64::from(*height)),
+        ("focal_px", *focal_px),
+        ("cx_px", *cx_px),
+        ("cy_px", *cy_px),
+        ("baseline_m", *baseline_m),
+    ];
+    numbers.map(|(name, number)| (name.to_owned(), Some(number))).into()
+}
+
+/// The numbers of rows of scores; none of another value.
+fn scores(of: &Value) -> Named {
+    let Value::Scores(rows) = of else { return Named::new() };
+    let numbers = rows.iter().flat_map(|row| {
+        let of = if row.zone.is_empty() { row.set.to_string() } else { format!("{} {}", row.zone, row.set) };
+        let counts = [("pixels", row.pixels), ("truth", row.truth), ("answered", row.answered)];
+        let counts = counts.map(|(name, count)| (name, Some(count as f64)));
+        let scores = row.scores.iter().map(|(metric, score)| (metric.name, Some(*score)));
+        let all = counts.into_iter().chain([("log_mean", row.log_mean)]).chain(scores);
+        all.map(move |(name, number)| (format!("{name} ({of})"), number))
+    });
+    numbers.collect()
+}
+
+fn points(of: &Curve) -> Named {
+    let number = |number: f64| (!number.is_nan()).then_some(number);
+    let numbers = of.points.iter().flat_map(|point| {
+        let numbers = [
+            ("loss", number(point.loss)),
+            ("validation", point.validation.and_then(number)),
+            ("learning_rate", Some(point.learning_rate)),
+        ];
+        numbers.map(|(name, number)| (format!("{name} at step {}", point.step), number))
+    });
+    numbers.collect()
+}
+
+fn bytes(recorded: &[u8], now: &[u8]) -> Difference {
+    if recorded.len() != now.len() {
+        return Difference::whole(format!("{} bytes", recorded.len()), format!("{} bytes", now.len()));
+    }
+    let mut difference = Difference::default();
+    for (at, (a, b)) in recorded.iter().zip(now).enumerate() {
+        difference.take(Some(f64::from(*a)), Some(f64::from(*b)), 0.0, || Place::Byte(at as u64));
+    }
+    difference
+}
+
+#[cfg(test)]
+mod tests {
+    use depthloom_graphs::Value;
+    use depthloom_graphs::values::{Artifact, Depth, Disparity, Raster};
+
+    use super::{Difference, Differs, Place};
+
+    fn depth(metres: [f32; 4]) -> Value {
+        Depth { metres: Raster::from_raw(2, 2, metres.to_vec()).unwrap() }.into()
+    }
+
+    #[test]
+    fn the_first_and_the_worst_pixel_are_found_and_an_answer_lost_is_worse_than_any_number() {
+        let recorded = depth([1.0, 2.0, f32::NAN, 4.5]);
+        let of = |now: [f32; 4], tolerance: f64| Difference::between(&recorded, &depth(now), tolerance);
+        assert_eq!(of([1.0, 2.0, f32::NAN, 4.5], 0.0), Difference { numbers: 4, ..Difference::default() });
+        let found = of([1.25, 2.0, f32::NAN, 5.5], 0.0);
+        assert_eq!((found.numbers, found.different), (4, 2));
+        let at = |x, y, recorded, now| Some(Differs::Number { place: Place::Pixel(x, y), recorded, now });
+        assert_eq!(found.first, at(0, 0, Some(1.0), Some(1.25)));
+        assert_eq!(found.worst, at(1, 1, Some(4.5), Some(5.5)));
+        // Within a tolerance numbers are equal; an answer and none never are.
+        assert_eq!(of([1.25, 2.0, f32::NAN, 5.5], 0.25).different, 1);
+        assert_eq!(of([1.0, f32::NAN, 9.0, 4.5], 100.0).different, 2);
+        assert_eq!(of([9.0, f32::NAN, f32::NAN, 4.5], 0.0).worst, at(1, 0, Some(2.0), None));
+        // By their bits.
+        let (zero, other) = (depth([0.0; 4]), depth([-0.0, 0.0, 0.0, 0.0]));
+        assert_eq!(Difference::between(&zero, &other, 0.0).different, 1);
+        assert_eq!(Difference::between(&zero, &other, 1e-9).different, 0);
+    }
+
+    #[test]
+    fn values_of_other_sizes_and_ranges_differ_as_a_whole() {
+        let wide = Depth { metres: Raster::from_raw(4, 1, vec![1.0; 4]).unwrap() }.into();
+        let found = Difference::between(&depth([1.0; 4]), &wide, 9.0);
+        let whole = |recorded: &str, now: &str| Difference::whole(recorded, now);
+        assert_eq!(found, whole("2x2 pixels", "4x1 pixels"));
+        let searched = |min_disparity_px| {
+            Value::from(Disparity { sixteenths_px: Raster::from_raw(1, 1, vec![32]).unwrap(), min_disparity_px })
+        };
+        assert_eq!(Difference::between(&searched(0), &searched(1), 9.0).different, 1);
+        let model = |bytes: &[u8]| Value::Model(Artifact::model(bytes.to_vec()).into());
+        assert_eq!(Difference::between(&model(b"abc"), &model(b"abcd"), 9.0), whole("3 bytes", "4 bytes"));
+        let first = Difference::between(&model(b"abc"), &model(b"abd"), 0.0).first;
+        assert_eq!(first, Some(Differs::Number { place: Place::Byte(2), recorded: Some(99.0), now: Some(100.0) }));
+    }
+}
