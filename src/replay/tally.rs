@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use depthloom_graphs::contracts::{Commit, Failure, Slot, Tap, TapError};
+use depthloom_graphs::contracts::{Commit, Failure, Slot, Tap, TapError, Warned};
 use depthloom_graphs::plan::Plan;
 use depthloom_graphs::{Frame, Key, Value, ValueType};
 use depthloom_recording::Recording;
@@ -223,7 +223,7 @@ impl Tap for Checker {
         Ok(())
     }
 
-    fn once(&self, run: usize, slot: Slot, _: &Key, value: &Value) -> Result<(), TapError> {
+    fn once(&self, run: usize, slot: Slot, _: &Key, value: &Value, _: &[Warned]) -> Result<(), TapError> {
         let Slot::Node { node, port } = slot else { return Ok(()) };
         let Some(Expected::Once { value: recorded }) = &self.nodes[run][node].expected[port] else { return Ok(()) };
         let output = &self.plan.runs[run].nodes[node].outputs[port];
