@@ -57,6 +57,8 @@ pub enum Command {
     Info(InfoArgs),
     /// Make nodes again from their recorded inputs and compare the values with those recorded.
     Replay(ReplayArgs),
+    /// Make a finished recording of one that was not finished, for readers that need one; `run` goes on by itself.
+    Recover(RecoverArgs),
     /// List the runs in a folder, newest first, with size, state and best score; show one, say why two differ, remove some.
     Runs(RunsArgs),
     /// List the kinds of nodes and sources, or explain one.
@@ -141,6 +143,10 @@ pub struct RunArgs {
     #[arg(long)]
     pub fresh: bool,
 
+    /// Wait for the disk after every frame, so that a power cut costs no frame that was written either.
+    #[arg(long)]
+    pub durable: bool,
+
     /// Worker threads; by default one a core. Never changes a result.
     #[arg(long, short = 'j', value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub workers: Option<u16>,
@@ -179,6 +185,15 @@ pub struct PlanArgs {
     /// The experiment.
     #[command(flatten)]
     pub experiment: ExperimentArgs,
+
+    /// Say of every node on how many frames it would run and on how many its values would be taken from earlier runs, and why not from
+    /// all. Opens sources and engines, as `run` does.
+    #[arg(long)]
+    pub reuse: bool,
+
+    /// The folder that the run would write, with `--reuse`: what lies beside it is taken from, too.
+    #[arg(long, short, value_name = "DIR", requires = "reuse", add = ArgValueCompleter::new(folders()))]
+    pub out: Option<PathBuf>,
 
     /// Print one JSON object instead of text.
     #[arg(long)]
@@ -526,6 +541,22 @@ pub struct InfoArgs {
     /// List the keys of all values, by frame and node: equal keys are equal values, in whichever recordings.
     #[arg(long)]
     pub keys: bool,
+
+    /// Print one JSON object instead of text.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `recover`.
+#[derive(Debug, Args)]
+pub struct RecoverArgs {
+    /// The recording, or its run: the folder, the beginning of its name in `runs`, or `@latest`.
+    #[arg(add = ArgValueCompleter::new(runs))]
+    pub file: PathBuf,
+
+    /// The file to write, where none is; by default `<name>.recovered.mcap` in the current folder.
+    #[arg(long, short, value_name = "FILE")]
+    pub out: Option<PathBuf>,
 
     /// Print one JSON object instead of text.
     #[arg(long)]

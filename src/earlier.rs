@@ -52,6 +52,11 @@ fn found(beside: &Path) -> Vec<PathBuf> {
     recordings.into_iter().rev().map(|(_, path)| path).collect()
 }
 
+/// The recordings that a run beside `out` may take from.
+pub fn beside(out: Option<&Path>, plan: &Plan) -> EarlierRuns {
+    EarlierRuns::new(found(out.and_then(Path::parent).unwrap_or(Path::new(""))), plan)
+}
+
 /// How many frames a recording holds, over all stage runs.
 pub fn frames(recording: &Recording) -> u64 {
     (0..recording.plan().runs.len()).map(|run| recording.frames(run).len() as u64).sum()

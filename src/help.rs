@@ -93,7 +93,10 @@ const ENDINGS: &[Ending] = &[
     },
     Ending {
         command: "plan",
-        examples: &[("plan experiments/table1.yaml", "stereo is run once for all variants")],
+        examples: &[
+            ("plan experiments/table1.yaml", "stereo is run once for all variants"),
+            ("plan first.yaml --reuse --set look.stereo.with.block=7", "what a run would take from earlier ones"),
+        ],
         exits: &[WHOLE, PRINTED, WRONG],
     },
     Ending {
@@ -172,6 +175,15 @@ const ENDINGS: &[Ending] = &[
             (Exit::Before, "nothing can be compared, a named node cannot be made again, or an argument is wrong"),
             (Exit::Frames, "values differ, or the recording is damaged where they would be read"),
             INTERRUPTED,
+        ],
+    },
+    Ending {
+        command: "recover",
+        examples: &[("recover runs/first/2026-11-21T08-30-05Z.partial", "what a killed run left, for any MCAP reader")],
+        exits: &[
+            WHOLE,
+            (Exit::Engine, "the disk failed"),
+            (Exit::Before, "nothing was committed, the output exists, or an argument is wrong"),
         ],
     },
     Ending {

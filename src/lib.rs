@@ -119,6 +119,7 @@ fn program(registry: &Registry, as_json: bool) -> Result<Exit, Stop> {
         Command::Timings(args) => commands::report::timings(&args),
         Command::Info(args) => commands::info::info(&args),
         Command::Replay(args) => commands::replay::replay(&args, registry),
+        Command::Recover(args) => commands::recover::recover(&args),
         Command::Runs(args) => commands::runs::runs(&args),
         Command::Nodes(args) => commands::nodes::nodes(&args, registry),
         Command::Synth(args) => commands::synth::synth(&args),

@@ -63,6 +63,19 @@ impl EarlierRuns {
         self.runs.is_empty()
     }
 
+    /// The recording that was made by most of a plan's nodes, and its plan.
+    #[must_use]
+    pub fn nearest(&self, plan: &Plan) -> Option<(&Path, &RecordedPlan)> {
+        let wanted: HashSet<Key> = plan.runs.iter().flat_map(|run| &run.nodes).map(|node| node.recipe).collect();
+        let shared = |run: &&EarlierRun| {
+            let nodes = run.recording.plan().runs.iter().flat_map(|run| &run.nodes);
+            nodes.filter(|node| wanted.contains(&node.recipe)).count()
+        };
+        // Of equals the first: the last maximum of the reversed.
+        let nearest = self.runs.iter().rev().max_by_key(shared)?;
+        Some((nearest.recording.path(), nearest.recording.plan()))
+    }
+
     /// The recordings that something was taken of.
     pub fn taken(&self) -> impl Iterator<Item = &Path> {
         self.runs.iter().filter(|run| run.taken.load(Ordering::Relaxed)).map(|run| run.recording.path())

@@ -132,6 +132,7 @@ pub use plan::{
 pub use reader::FrameReader;
 pub use recorder::{Attachment, Compression, Recorder, Written};
 pub use recording::{RecordedContent, RecordedFrame, RecordedOnce, Recording};
+pub use resume::recover;
 
 /// The version of what a recording holds beside the values.
 pub(crate) const FORMAT: &str = "2";

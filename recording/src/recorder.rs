@@ -74,6 +74,8 @@ pub struct Recorder {
     state: Mutex<State>,
     /// What need not be made again.
     earlier: Option<Arc<EarlierRuns>>,
+    /// Whether the disk is waited for after every frame.
+    durable: bool,
     /// What an earlier process wrote: frames by stage run, and once-values.
     written: Vec<usize>,
     once: BTreeSet<(usize, usize, usize)>,
@@ -138,7 +140,13 @@ impl Recorder {
         let frames = written.iter().sum::<usize>() as u64;
         let state = Mutex::new(State { writer, frames, artifacts, first_ns, compress_ns });
         let every = plan.record.every.max(1);
-        Self { path, layout, every, pools, state, earlier: None, written, once, told }
+        Self { path, layout, every, pools, state, earlier: None, durable: false, written, once, told }
+    }
+
+    /// Waits for the disk after every frame.
+    #[must_use]
+    pub fn durable(self, durable: bool) -> Self {
+        Self { durable, ..self }
     }
 
     /// How many frames the recording holds so far, over all stage runs.
@@ -350,6 +358,9 @@ impl Tap for Recorder {
         };
         let closing = state.writer.closing_part(layout.commit_channel, closing).map_err(tap_error)?;
         pools.bytes.put(closing.bytes);
+        if self.durable {
+            state.writer.sync().map_err(tap_error)?;
+        }
         state.frames += 1;
         state.first_ns[commit.run].get_or_insert(commit.frame.time_ns);
         Ok(())

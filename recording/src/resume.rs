@@ -1,8 +1,9 @@
 //! A recording that its run did not finish, taken up again: what was committed stays, byte for byte, and the rest is written behind it.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::OpenOptions;
 use std::io::{Seek as _, SeekFrom, Write as _};
+use std::path::Path;
 use std::sync::Arc;
 
 use crc32fast::Hasher;
@@ -13,6 +14,7 @@ use mcap::records::op;
 
 use crate::attachment::AttachmentEntry;
 use crate::checksum::CrcBefore;
+use crate::condition::Condition;
 use crate::copy::placed;
 use crate::error::RecordingError;
 use crate::file::PositionedFile;
@@ -25,7 +27,7 @@ use crate::recorder::{experiment_files, json};
 use crate::recording::{RecordedContent, Recording};
 use crate::window::Window;
 use crate::writer::Writer;
-use crate::{ONCE_METADATA, PLAN_METADATA};
+use crate::{ENDED_METADATA, ONCE_METADATA, PLAN_METADATA};
 
 impl Recording {
     /// Whether a run of this plan would write what this recording holds, and perhaps more: it is of the same plan and the same
@@ -68,6 +70,34 @@ impl Recording {
         }
         index
     }
+}
+
+/// Makes a finished file of what was committed in one that was not finished: `to` holds its frames and once-values, byte for byte, and a
+/// summary by which any reader finds its way. Who reads it is told that the run ended before its end. Gives how many frames it has.
+///
+/// # Errors
+/// If nothing was committed, `from` cannot be read or `to` cannot be written; then `to` is not whole, and the caller's to remove.
+pub fn recover(from: &Recording, to: &Path) -> Result<u64, RecordingError> {
+    let what = || "a whole frame, or anything learnt".to_owned();
+    let end = from.end().ok_or_else(|| RecordingError::Missing { path: from.path().to_owned(), what: what() })?;
+    let failed = |source| RecordingError::Create { path: to.to_owned(), source };
+    let mut copy = std::fs::File::create(to).map_err(failed)?;
+    let (mut block, mut at) = (Vec::new(), 0);
+    while at < end {
+        let length = (1 << 20).min(end - at);
+        from.file.read_range(&mut block, at, length)?;
+        copy.write_all(&block).map_err(failed)?;
+        at += length;
+    }
+    drop(copy);
+    let copy = Recording::open(to)?;
+    let mut writer = Writer::resume(&copy, Vec::new(), end)?;
+    let frames: usize = (0..copy.plan().runs.len()).map(|run| copy.frames(run).len()).sum();
+    if !matches!(from.condition(), Condition::Whole) {
+        writer.metadata(ENDED_METADATA, BTreeMap::from([("frames".to_owned(), frames.to_string())]))?;
+    }
+    writer.finish()?;
+    Ok(frames as u64)
 }
 
 /// A file that is taken up, and what stays of it.
@@ -160,11 +190,13 @@ impl Writer {
                     let body = window.at(body, length)?.and_then(parse::schema).ok_or_else(damaged)?;
                     self.schemas_written.push(Schema::named(&body.1).ok_or_else(damaged)?);
                     self.counts.schemas += 1;
+                    self.schema_records.extend_from_slice(window.at(at, next - at)?.unwrap_or_default());
                 }
                 op::CHANNEL => {
                     let body = window.at(body, length)?.and_then(parse::channel).ok_or_else(damaged)?;
                     self.channels_written.push(body.0);
                     self.counts.channels += 1;
+                    self.channel_records.extend_from_slice(window.at(at, next - at)?.unwrap_or_default());
                 }
                 op::METADATA => {
                     let body = window.at(body, length)?.and_then(parse::metadata).ok_or_else(damaged)?;

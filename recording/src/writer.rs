@@ -38,6 +38,8 @@ pub(crate) struct Writer {
     pub(crate) channels_written: Vec<u16>,
     pub(crate) counts: Counts,
     /// The records of the summary, in the bytes in which they will be written: the least memory.
+    pub(crate) schema_records: Vec<u8>,
+    pub(crate) channel_records: Vec<u8>,
     chunk_indexes: Vec<u8>,
     pub(crate) attachment_indexes: Vec<u8>,
     pub(crate) metadata_indexes: Vec<u8>,
@@ -66,6 +68,8 @@ impl Writer {
             schemas_written: Vec::new(),
             channels_written: Vec::new(),
             counts: Counts::default(),
+            schema_records: Vec::new(),
+            channel_records: Vec::new(),
             chunk_indexes: Vec::new(),
             attachment_indexes: Vec::new(),
             metadata_indexes: Vec::new(),
@@ -143,10 +147,9 @@ impl Writer {
         put_data_end(&mut end, self.crc.clone().finalize());
         self.append(&end)?;
         let start = self.position;
-        let mut summary = Vec::new();
-        self.schemas_written.iter().for_each(|schema| put_declared_schema(&mut summary, *schema));
+        let mut summary = std::mem::take(&mut self.schema_records);
         let schemas_end = summary.len();
-        self.channels_written.iter().for_each(|id| put_declared_channel(&mut summary, &self.channels, *id));
+        summary.append(&mut self.channel_records);
         let channels_end = summary.len();
         put_statistics(&mut summary, &self.counts);
         let statistics_end = summary.len();
@@ -187,18 +190,23 @@ impl Writer {
     /// Appends the channels, and their schemas, that are not there already.
     fn declare(&mut self, channels: &[u16]) -> Result<(), RecordingError> {
         let mut out = Vec::new();
-        for &channel in channels {
-            if self.channels_written.contains(&channel) {
+        for &id in channels {
+            if self.channels_written.contains(&id) {
                 continue;
             }
-            let schema = self.channels[usize::from(channel) - 1].schema;
+            let channel = &self.channels[usize::from(id) - 1];
+            let schema = channel.schema;
             if !self.schemas_written.contains(&schema) {
-                put_declared_schema(&mut out, schema);
+                let start = out.len();
+                put_schema(&mut out, schema.id(), schema.name(), schema.descriptor_set());
+                self.schema_records.extend_from_slice(&out[start..]);
                 self.schemas_written.push(schema);
                 self.counts.schemas += 1;
             }
-            put_declared_channel(&mut out, &self.channels, channel);
-            self.channels_written.push(channel);
+            let start = out.len();
+            put_channel(&mut out, id, schema.id(), &channel.topic, &channel.metadata);
+            self.channel_records.extend_from_slice(&out[start..]);
+            self.channels_written.push(id);
             self.counts.channels += 1;
         }
         if out.is_empty() { Ok(()) } else { self.append(&out) }
@@ -225,13 +233,4 @@ impl Writer {
         self.closed = Some("an earlier write failed");
         RecordingError::Write { path: self.path.clone(), offset: self.position, source }
     }
-}
-
-fn put_declared_schema(out: &mut Vec<u8>, schema: Schema) {
-    put_schema(out, schema.id(), schema.name(), schema.descriptor_set());
-}
-
-fn put_declared_channel(out: &mut Vec<u8>, channels: &[ChannelLayout], id: u16) {
-    let channel = &channels[usize::from(id) - 1];
-    put_channel(out, id, channel.schema.id(), &channel.topic, &channel.metadata);
 }

@@ -89,6 +89,7 @@
 
 mod checkpoints;
 mod error;
+mod foresee;
 mod frame_graph;
 mod host;
 mod in_flight;
@@ -109,6 +110,7 @@ mod warnings;
 
 pub use checkpoints::Checkpoints;
 pub use error::RunError;
+pub use foresee::{Foreseen, foresee};
 pub use interrupt::Interrupt;
 pub use observer::{Observer, Unwatched};
 pub use options::Options;

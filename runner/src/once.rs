@@ -53,6 +53,26 @@ impl OnceValues {
         Self { files, made: HashMap::new(), given: HashMap::new() }
     }
 
+    /// Puts down what a node gave, by once-output, under its key.
+    pub(crate) fn make(
+        &mut self,
+        (run, node): (usize, usize),
+        planned: &PlannedNode,
+        key: Option<Key>,
+        outputs: Vec<Option<Value>>,
+    ) {
+        let mut outputs = outputs.into_iter();
+        for (port, output) in planned.outputs.iter().enumerate().filter(|(_, o)| is_once(planned, &o.port)) {
+            let value = outputs.next().flatten();
+            let keyed = value.zip(key).map(|(value, key)| {
+                let content = value.artifact().map(|artifact| artifact.hash);
+                let key = content.unwrap_or_else(|| value_keys::port(&key, output.port.name));
+                OnceValue { value, key }
+            });
+            self.made.insert((run, node, port), keyed);
+        }
+    }
+
     /// What is wired to a once-input.
     pub(crate) fn find(&self, from: &Origin) -> OnceState {
         let there = |once: Option<OnceValue>| once.map_or(OnceState::Absent, OnceState::There);
@@ -220,16 +240,7 @@ impl<T: Tap> OnceWork<'_, T> {
                     },
                 },
             };
-            let mut outputs = outputs.into_iter();
-            for (port, output) in planned.outputs.iter().enumerate().filter(|(_, o)| is_once(planned, &o.port)) {
-                let value = outputs.next().flatten();
-                let keyed = value.zip(key).map(|(value, key)| {
-                    let content = value.artifact().map(|artifact| artifact.hash);
-                    let key = content.unwrap_or_else(|| value_keys::port(&key, output.port.name));
-                    OnceValue { value, key }
-                });
-                values.made.insert((self.run, node, port), keyed);
-            }
+            values.make((self.run, node), planned, key, outputs);
             self.keys.extend(key.map(|key| (node, key)));
         }
         Ok(completion)
@@ -318,7 +329,7 @@ pub(crate) fn is_once(node: &PlannedNode, port: &Port) -> bool {
 }
 
 /// What is at a once-node's inputs; `None` while one of them is not there yet.
-fn inputs_of(node: &PlannedNode, values: &OnceValues) -> Option<Vec<Option<OnceValue>>> {
+pub(crate) fn inputs_of(node: &PlannedNode, values: &OnceValues) -> Option<Vec<Option<OnceValue>>> {
     let found = node.inputs.iter().map(|input| input.from.as_ref().map_or(OnceState::Absent, |from| values.find(from)));
     found
         .map(|state| match state {

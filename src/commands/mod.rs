@@ -9,6 +9,7 @@ pub mod man;
 pub mod new;
 pub mod nodes;
 pub mod plan;
+pub mod recover;
 pub mod replay;
 pub mod report;
 pub mod run;

@@ -1,20 +1,85 @@
 //! `depthloom plan` and `depthloom graph`: what would be run, as a list and as a drawing.
 
+use std::fmt::Write as _;
+
 use depthloom_graphs::Registry;
+use depthloom_graphs::contracts::InlineHost;
 use depthloom_graphs::language::Loaded;
+use depthloom_graphs::plan::Plan;
+use depthloom_graphs::ready::Ready;
+use depthloom_recording::{RecordedPlan, node_pairs};
+use depthloom_runner::Foreseen;
+use serde_json::json;
 
 use super::check::load;
+use super::run::stop_of_missing;
 use crate::args::{GraphArgs, GraphFormat, PlanArgs};
+use crate::columns::aligned;
+use crate::earlier;
 use crate::exit::{Exit, Stop};
 use crate::streams::{print, print_json};
 
 /// Prints every node of the plan, the variants that share it, and its recipe.
 pub fn plan(args: &PlanArgs, registry: &Registry) -> Result<Exit, Stop> {
     let Loaded { plan, .. } = load(&args.experiment, registry, args.json)?;
+    if args.reuse {
+        return reuse(args, plan, registry);
+    }
     if args.json {
         print_json(&plan.summary_json())?;
     } else {
         print(plan.summary_text())?;
+    }
+    Ok(Exit::Whole)
+}
+
+/// Prints what of the plan would run and what would be taken from earlier runs, and why not all.
+fn reuse(args: &PlanArgs, plan: Plan, registry: &Registry) -> Result<Exit, Stop> {
+    let ready = Ready::new(plan, registry).map_err(|missing| stop_of_missing(&missing))?;
+    let plan = ready.plan.clone();
+    let earlier = earlier::beside(args.out.as_deref(), &plan);
+    let foreseen = depthloom_runner::foresee(ready, &earlier, &InlineHost)
+        .map_err(|what| Stop::new(Exit::Engine, format!("failed to look ahead: {what}")))?;
+    let nearest = earlier.nearest(&plan);
+    let pairs = nearest.map(|(_, before)| node_pairs(before, &RecordedPlan::of(&plan))).unwrap_or_default();
+    let why = |run: usize, node: usize| {
+        let pair = pairs.iter().find(|pair| pair.after == Some((run, node)))?;
+        match (pair.before, pair.differences.as_slice()) {
+            (None, _) => Some("is new".to_owned()),
+            (Some(_), []) => Some("other frames".to_owned()),
+            (Some(_), differences) => Some(differences.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")),
+        }
+    };
+    let (mut rows, mut stages) = (Vec::new(), String::new());
+    for (run, (planned, of_nodes)) in plan.runs.iter().zip(&foreseen).enumerate() {
+        let mut lines = Vec::new();
+        for (node, (planned, of_node)) in planned.nodes.iter().zip(of_nodes).enumerate() {
+            let Foreseen { fires, taken } = *of_node;
+            let does = match (fires, taken) {
+                (0, 0) => "not needed".to_owned(),
+                (0, _) => "taken".to_owned(),
+                (_, 0) => "runs".to_owned(),
+                _ => format!("taken {taken} of {} times", fires + taken),
+            };
+            let why = if fires > 0 { why(run, node) } else { None };
+            let variants = planned.variant_names(&plan);
+            rows.push(json!({
+                "stage": plan.runs[run].stage, "node": planned.name, "variants": variants, "runs": fires,
+                "taken": taken, "why": why,
+            }));
+            lines.push([planned.name.clone(), variants.join(", "), does, why.unwrap_or_default()]);
+        }
+        let _ = write!(stages, "\nstage {}\n{}", planned.prefix.trim_start_matches('/'), aligned(&lines, &[]));
+    }
+    let nearest = nearest.map(|(path, _)| path.parent().unwrap_or(path));
+    if args.json {
+        print_json(&json!({ "nearest": nearest, "nodes": rows }))?;
+    } else {
+        let head = nearest.map_or_else(
+            || "no earlier run has anything of this experiment".to_owned(),
+            |path| format!("against {}", path.display()),
+        );
+        print(format!("{head}\n{stages}"))?;
     }
     Ok(Exit::Whole)
 }

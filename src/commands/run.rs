@@ -223,7 +223,7 @@ fn record(
         // What an earlier process wrote stays.
         frames: begun.as_ref().map_or(0, |begun| earlier::frames(begun)),
     })?;
-    let recorder = recorder.with_earlier(Arc::clone(&earlier));
+    let recorder = recorder.with_earlier(Arc::clone(&earlier)).durable(args.durable);
     if begun.is_some() && !is_silent(args) {
         let (frames, partial) = (counted(recorder.frames(), "frame"), folder.partial.display());
         say(format_args!("goes on behind the {frames} that {partial} holds"));
@@ -317,7 +317,7 @@ fn show(args: &RunArgs, report: Summary, mut object: Json, out: &Path) -> Result
 }
 
 /// What this machine or this data lacks: itself where it is one thing, else these one by one.
-fn stop_of_missing(missing: &[NotReady]) -> Stop {
+pub(super) fn stop_of_missing(missing: &[NotReady]) -> Stop {
     let told = |error: &NotReady| (chain(error), error.fault().remedy_text().map(ToOwned::to_owned));
     match missing {
         [only] => {

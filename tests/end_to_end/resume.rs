@@ -135,3 +135,44 @@ fn a_run_of_another_experiment_does_not_go_on_with_it() {
     assert!(said.contains("exists already") && said.contains("--overwrite"), "{said}");
     whole.again(&out);
 }
+
+#[test]
+fn a_recovered_recording_holds_what_was_committed() {
+    let whole = Whole::new();
+    let at = |name: &str| whole.folder.path().join(name);
+    let (cut, recovered) = (at("cut.mcap"), at("recovered.mcap"));
+    for share in 1..8 {
+        fs::write(&cut, &whole.recording[..whole.recording.len() / 8 * share]).expect("written");
+        let open = |path: &Path| depthloom_recording::Recording::open(path).expect("a recording");
+        let mut recover = depthloom();
+        recover.args(["recover", "--out"]).arg(&recovered).arg(&cut);
+        if open(&cut).is_empty() {
+            assert_eq!(recover.output().expect("the binary starts").status.code(), Some(2));
+            assert!(!recovered.exists());
+            continue;
+        }
+        succeed(&mut recover);
+        let (before, after) = (open(&cut), open(&recovered));
+        for run in 0..2 {
+            assert_eq!(before.frames(run), after.frames(run));
+        }
+        assert_eq!(before.once_values(), after.once_values());
+        assert!(after.damage(&|| false).is_empty());
+        // Any reader finds its summary, and every message by it.
+        let bytes = fs::read(&recovered).expect("the file");
+        let summary = mcap::Summary::read(&bytes).expect("sound").expect("a summary");
+        let told = summary.stats.expect("statistics").message_count;
+        assert_eq!(mcap::MessageStream::new(&bytes).expect("sound").filter_map(Result::ok).count() as u64, told);
+        let refused = depthloom().args(["recover", "--out"]).arg(&recovered).arg(&cut).output().expect("it starts");
+        assert_eq!(refused.status.code(), Some(2), "what is there stays");
+        fs::remove_file(&recovered).expect("removed");
+    }
+}
+
+#[test]
+fn waiting_for_the_disk_changes_no_byte() {
+    let whole = Whole::new();
+    let out = whole.folder.path().join("durable/run");
+    succeed(depthloom().args(["run", "--quiet", "--durable", "--out"]).arg(&out).arg(&whole.experiment));
+    assert!(fs::read(out.join("recording.mcap")).expect("a recording") == whole.recording);
+}

@@ -31,6 +31,14 @@ fn run(experiment: &Path, out: &Path, fresh: bool, set: &[&str]) -> Json {
     serde_json::from_slice(&succeed(&mut command).stdout).expect("JSON")
 }
 
+/// What `plan` says that a run would take.
+fn foreseen(experiment: &Path, out: &Path, set: &[&str]) -> Json {
+    let mut command = depthloom();
+    command.current_dir(experiment.parent().expect("a folder")).args(["plan", "--reuse", "--json", "--out"]).arg(out);
+    command.arg(experiment).args(set.iter().flat_map(|set| ["--set", set]));
+    serde_json::from_slice(&succeed(&mut command).stdout).expect("JSON")
+}
+
 fn recording(out: &Path) -> Vec<u8> {
     std::fs::read(out.join("recording.mcap")).expect("a recording")
 }
@@ -61,6 +69,7 @@ fn a_run_that_takes_what_is_there_writes_the_bytes_of_a_fresh_one() {
         ("little-recorded", &["record=[source/depth, fused]"]),
     ];
     for (name, set) in changes {
+        let foreseen = foreseen(&experiment, &shelf.join(name), set);
         let told = run(&experiment, &shelf.join(name), false, set);
         run(&experiment, &apart.join(name), true, set);
         assert!(recording(&shelf.join(name)) == recording(&apart.join(name)), "{name}: {}", told["reused"]);
@@ -68,6 +77,11 @@ fn a_run_that_takes_what_is_there_writes_the_bytes_of_a_fresh_one() {
             let of = |out: &Path| std::fs::read(out.join(name).join(file)).expect("a table");
             assert!(of(&shelf) == of(&apart), "{name}: {file}");
         }
+        let seen = foreseen["nodes"].as_array().expect("nodes").iter().filter(|node| node["taken"] != 0);
+        let seen = seen.map(|node| (node["stage"].clone(), node["node"].clone(), node["taken"].clone()));
+        let taken_of = told["reused"]["nodes"].as_array().expect("nodes").iter();
+        let taken_of = taken_of.map(|node| (node["stage"].clone(), node["node"].clone(), node["reused"].clone()));
+        assert_eq!(seen.collect::<Vec<_>>(), taken_of.collect::<Vec<_>>(), "{name}: foreseen, and done");
         match name {
             "nothing" => {
                 let nodes = told["reused"]["nodes"].as_array().expect("nodes");

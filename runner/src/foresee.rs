@@ -1,0 +1,145 @@
+//! What a run would take from its tap's store, and what it would make, found by keys alone.
+
+use std::collections::HashMap;
+
+use depthloom_graphs::contracts::{Commit, Contract, Slot, Store, Tap, TapError, Warned};
+use depthloom_graphs::plan::{Origin, Plan};
+use depthloom_graphs::ready::{Ready, ReadyRun};
+use depthloom_graphs::{Frame, Host, Key, Rate, Value, ValueType, value_keys};
+
+use crate::frame_graph::FrameGraph;
+use crate::once::{OnceState, OnceValue, OnceValues, inputs_of};
+use crate::reuse::{Do, Reuse, once_values};
+
+/// What would be done of a node.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Foreseen {
+    /// Frames on which it would fire; of a once-node, whether it would.
+    pub fires: u64,
+    /// Frames on which its values are in the store, and it need not.
+    pub taken: u64,
+}
+
+/// A tap that takes what a plan records, and keeps nothing.
+struct Preview<'a> {
+    plan: &'a Plan,
+    store: &'a dyn Store,
+}
+
+impl Tap for Preview<'_> {
+    type Part = ();
+
+    fn parts(&self, _run: usize) -> usize {
+        1
+    }
+
+    fn part(&self, run: usize, slot: Slot) -> Option<usize> {
+        let run = &self.plan.runs[run];
+        let output = match slot {
+            Slot::Source { port } => &run.source.outputs[port],
+            Slot::Node { node, port } => &run.nodes[node].outputs[port],
+        };
+        (output.recorded && output.port.rate == Rate::Frame).then_some(0)
+    }
+
+    fn encode(&self, _: usize, _: (usize, &Frame), _: usize, _: &[(Slot, Value)]) -> Result<(), TapError> {
+        Ok(())
+    }
+
+    fn write(&self, _: &Commit<'_>, _: Vec<()>) -> Result<(), TapError> {
+        Ok(())
+    }
+
+    fn once(&self, _: usize, _: Slot, _: &Key, _: &Value, _: &[Warned]) -> Result<(), TapError> {
+        Ok(())
+    }
+
+    fn keeps(&self, run: usize, slot: Slot, position: usize) -> bool {
+        let run = &self.plan.runs[run];
+        let output = match slot {
+            Slot::Source { port } => &run.source.outputs[port],
+            Slot::Node { node, port } => &run.nodes[node].outputs[port],
+        };
+        (position as u64).is_multiple_of(self.plan.record.every.max(1)) || output.port.value_type == ValueType::Scores
+    }
+
+    fn store(&self) -> Option<&dyn Store> {
+        Some(self.store)
+    }
+}
+
+/// What a run would do of every node, by stage run and node; the files of frames are read for their keys, and nothing is decoded.
+///
+/// # Errors
+/// Where the plan contradicts itself or the nodes built, in words.
+pub fn foresee(ready: Ready, store: &dyn Store, host: &dyn Host) -> Result<Vec<Vec<Foreseen>>, String> {
+    let Ready { plan, runs, files, .. } = ready;
+    let tap = Preview { plan: &plan, store };
+    let mut values = OnceValues::new(files);
+    let mut foreseen = Vec::with_capacity(runs.len());
+    for (run, ReadyRun { source, .. }) in runs.into_iter().enumerate() {
+        let planned = &plan.runs[run];
+        let mut of_nodes = vec![Foreseen::default(); planned.nodes.len()];
+        once(&plan, run, store, &mut values, &mut of_nodes, &HashMap::new());
+        let graph = FrameGraph::new(run, planned, &tap, |from| match values.find(from) {
+            OnceState::Pending => OnceState::There(unmade(from)),
+            known => known,
+        })?;
+        let mut finished = HashMap::new();
+        if let Some(mut reuse) = Reuse::new(run, planned, &graph, source.as_ref(), &tap, host) {
+            for position in 0..source.frames().len() {
+                let Ok(key) = source.key(position) else { continue };
+                let steps = reuse.plan(&graph, &tap, position, key).steps;
+                for (of_node, step) in of_nodes.iter_mut().zip(&steps[1..]) {
+                    of_node.fires += u64::from(*step == Do::Fire);
+                    of_node.taken += u64::from(matches!(step, Do::Take(..)));
+                }
+            }
+            for (node, known) in reuse.finished.iter_mut().enumerate() {
+                finished.extend(known.take().map(|known| (node, (known.key, known.values))));
+            }
+        }
+        once(&plan, run, store, &mut values, &mut of_nodes, &finished);
+        foreseen.push(of_nodes);
+    }
+    Ok(foreseen)
+}
+
+/// Known once-values of ordered nodes: by node, key and values.
+type FinishedValues = HashMap<usize, (Key, Vec<Option<Value>>)>;
+
+/// Finds the once-values of a stage run that the store has; the nodes that would have to make theirs would fire.
+fn once(
+    plan: &Plan,
+    run: usize,
+    store: &dyn Store,
+    values: &mut OnceValues,
+    of_nodes: &mut [Foreseen],
+    finished: &FinishedValues,
+) {
+    let planned = &plan.runs[run];
+    for (node, of_node) in planned.nodes.iter().enumerate() {
+        let known = match of_node.contract {
+            Contract::Pure => continue,
+            Contract::Ordered => finished.get(&node).cloned(),
+            Contract::Once => inputs_of(of_node, values).and_then(|inputs| {
+                let keys: Vec<Option<Key>> = inputs.iter().map(|input| input.as_ref().map(|once| once.key)).collect();
+                let key = value_keys::once(&of_node.recipe, &keys);
+                once_values(store, planned, node, &key).map(|values| (key, values))
+            }),
+        };
+        if of_node.contract == Contract::Once {
+            of_nodes[node] = Foreseen { fires: u64::from(known.is_none()), taken: u64::from(known.is_some()) };
+        }
+        if let Some((key, given)) = known {
+            // A node after it may read them.
+            values.make((run, node), of_node, Some(key), given);
+        }
+    }
+}
+
+/// A once-value that is not made yet, and so is in no key that a store knows.
+fn unmade(from: &Origin) -> OnceValue {
+    let value = Value::from(depthloom_graphs::values::Curve::default());
+    OnceValue { value, key: Key::build("not made yet").text(&format!("{from:?}")).finish() }
+}

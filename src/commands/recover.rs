@@ -1,0 +1,51 @@
+//! `depthloom recover`: a finished recording of one that was not finished.
+
+use std::path::{Path, PathBuf};
+
+use depthloom_recording::RecordingError;
+use serde_json::json;
+
+use super::report::recording_of;
+use super::table::open;
+use crate::args::RecoverArgs;
+use crate::counted::counted;
+use crate::exit::{Exit, Stop};
+use crate::streams::{print_json, print_path, say};
+
+/// Copies what was committed, and closes it with a summary.
+pub fn recover(args: &RecoverArgs) -> Result<Exit, Stop> {
+    let path = recording_of(&args.file, "recover")?;
+    let out = args.out.clone().unwrap_or_else(|| named_after(&path));
+    if out.symlink_metadata().is_ok() {
+        return Err(Stop::new(Exit::Before, format!("{} exists already", out.display())).remedy("choose another --out"));
+    }
+    let recording = open(&path)?;
+    let partial = depthloom_durable::partial_name(&out);
+    if partial.symlink_metadata().is_ok() {
+        let what = format!("{} exists already: what an earlier attempt left, or one that goes on", partial.display());
+        return Err(Stop::new(Exit::Before, what).remedy("remove it, or choose another --out"));
+    }
+    let frames = depthloom_recording::recover(&recording, &partial).map_err(|error| {
+        let exit = if matches!(error, RecordingError::Missing { .. }) { Exit::Before } else { Exit::Engine };
+        let _ = std::fs::remove_file(&partial);
+        Stop::of_recording(exit, "failed to recover the recording", &error)
+    })?;
+    depthloom_durable::rename(&partial, &out)
+        .map_err(|error| Stop::of_writing(Exit::Engine, format_args!("failed to write {}", out.display()), &error))?;
+    if args.json {
+        print_json(&json!({ "recording": out, "frames": frames }))?;
+    } else {
+        say(format_args!("recovered {} of {}", counted(frames, "frame"), path.display()));
+        print_path("", &out)?;
+    }
+    Ok(Exit::Whole)
+}
+
+/// `<run>.recovered.mcap`, or `<file>.recovered.mcap`, in the current folder.
+fn named_after(path: &Path) -> PathBuf {
+    let of_run = path.parent().and_then(Path::file_name).filter(|_| path.ends_with(super::report::RECORDING));
+    let name = of_run.or_else(|| path.file_stem()).unwrap_or_default();
+    let name = name.to_string_lossy();
+    let name = name.strip_suffix(".partial").unwrap_or(&name);
+    PathBuf::from(format!("{name}.recovered.mcap"))
+}
