@@ -51,7 +51,7 @@ use crate::exit::{Exit, Stop};
 /// The kinds that depthloom comes with.
 #[must_use]
 pub fn registry() -> Registry {
-    depthloom_learning::register(depthloom_nodes::registry())
+    depthloom_learning::register(depthloom_nodes::registry()).source::<depthloom_recording::Mcap>()
 }
 
 /// The whole program: reads the process's arguments, does what they ask for with the kinds of `registry`, and tells how it ended.

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use schemars::generate::SchemaSettings;
 use serde_json::Value as Json;
 
-use crate::contracts::{Fault, Instance, Node, NodeDeclaration, Source, SourceDeclaration, SourceKind, Upstream};
+use crate::contracts::{Fault, Instance, Node, NodeDeclaration, Port, Source, SourceDeclaration, SourceKind, Upstream};
 use crate::key::Key;
 
 /// Why parameters do not fit a kind.
@@ -71,6 +71,7 @@ pub struct SourceEntry {
     /// The JSON schema of its parameters.
     pub schema: Json,
     resolve: fn(&Json) -> Result<Json, ParamError>,
+    outputs: fn(&Json) -> Result<Vec<Port>, Fault>,
     open: fn(&Json) -> Result<Box<dyn Source>, Fault>,
 }
 
@@ -81,6 +82,14 @@ impl SourceEntry {
     /// The first parameter that does not fit.
     pub fn resolve(&self, params: &Json) -> Result<Json, ParamError> {
         (self.resolve)(params)
+    }
+
+    /// See [`SourceKind::outputs`].
+    ///
+    /// # Errors
+    /// As there.
+    pub fn outputs(&self, resolved: &Json) -> Result<Vec<Port>, Fault> {
+        (self.outputs)(resolved)
     }
 
     /// The source, opened, from resolved parameters.
@@ -140,6 +149,7 @@ impl Registry {
             declaration: S::declaration(),
             schema: schema_of::<S::Params>(),
             resolve: |json| resolve::<S::Params>(json, |_| {}, S::check),
+            outputs: |json| S::outputs(&parse::<S::Params>(json)?),
             open: |json| S::open(parse::<S::Params>(json)?),
         };
         if self.claim(entry.declaration.kind, type_name::<S>()) {

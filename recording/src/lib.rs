@@ -109,6 +109,7 @@ mod record;
 mod recorder;
 mod recording;
 mod resume;
+mod source;
 mod store;
 mod unpack;
 mod walk;
@@ -133,6 +134,7 @@ pub use reader::FrameReader;
 pub use recorder::{Attachment, Compression, Recorder, Written};
 pub use recording::{RecordedContent, RecordedFrame, RecordedOnce, Recording};
 pub use resume::recover;
+pub use source::{Mcap, McapParams};
 
 /// The version of what a recording holds beside the values.
 pub(crate) const FORMAT: &str = "2";

@@ -399,8 +399,7 @@ impl MadeRun {
     fn topic(&mut self, topic: &str) -> usize {
         let known = self.topics.iter().position(|known| *known == topic);
         known.unwrap_or_else(|| {
-            // A port's name lasts as long as the program, which replays one recording.
-            self.topics.push(Box::leak(topic.to_owned().into_boxed_str()));
+            self.topics.push(Port::lasting(topic));
             self.topics.len() - 1
         })
     }

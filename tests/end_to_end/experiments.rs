@@ -9,13 +9,18 @@ fn stdout(output: &std::process::Output) -> String {
 #[test]
 fn every_shipped_experiment_is_right() {
     let model = tempfile::NamedTempFile::new().expect("a file");
+    // What a recording gives is declared by the recording.
+    let folder = tempfile::tempdir().expect("a folder");
+    let first = folder.path().join("first");
+    let small = ["--set", "sources.street.with={ frames: 0..1, width: 320, height: 96 }", "--quiet", "--out"];
+    succeed(depthloom().args(["run", "experiments/first-look.yaml"]).args(small).arg(&first));
     for folder in ["experiments", "tests/experiments"] {
         for entry in std::fs::read_dir(workspace().join(folder)).expect("the folder") {
             let path = entry.expect("an entry").path();
             if path.extension().is_some_and(|e| e == "yaml") {
                 // Checking opens no data: neither a data set nor ONNX Runtime need be there.
                 let mut check = depthloom();
-                check.env("KITTI_STEREO_2015", "/nowhere").env("MONO_MODEL", model.path());
+                check.env("KITTI_STEREO_2015", "/nowhere").env("MONO_MODEL", model.path()).env("FROM_RUN", &first);
                 check.env("VGG16_WEIGHTS", model.path());
                 succeed(check.env("ORT_DYLIB_PATH", "/nowhere/libonnxruntime.so").arg("check").arg(&path));
             }

@@ -12,6 +12,7 @@ mod disparity_scores;
 mod experiments;
 mod faults;
 mod fixtures;
+mod from_recording;
 mod golden;
 mod killed;
 mod learning;

@@ -1,5 +1,8 @@
 //! Typed ports.
 
+use std::collections::BTreeSet;
+use std::sync::{Mutex, PoisonError};
+
 use crate::ValueType;
 
 /// How often a port carries a value.
@@ -73,6 +76,19 @@ impl Port {
     #[must_use]
     pub const fn once(name: &'static str, value_type: ValueType, doc: &'static str) -> Self {
         Self { name, value_type, rate: Rate::Once, optional: false, doc }
+    }
+
+    /// A text that lasts as long as the program, as names and docs of ports do: for ports that a file declares. Equal texts are kept once.
+    #[must_use]
+    pub fn lasting(text: &str) -> &'static str {
+        static KEPT: Mutex<BTreeSet<&str>> = Mutex::new(BTreeSet::new());
+        let mut kept = KEPT.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(known) = kept.get(text) {
+            return known;
+        }
+        let lasting: &'static str = Box::leak(text.to_owned().into_boxed_str());
+        kept.insert(lasting);
+        lasting
     }
 
     /// Whether a file can be the value of this input.

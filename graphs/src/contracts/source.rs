@@ -53,7 +53,7 @@ pub struct SourceDeclaration {
     pub summary: &'static str,
     /// Markdown: layout, shapes, units, source.
     pub doc: &'static str,
-    /// Output ports, all per frame.
+    /// Output ports, all per frame; none if they follow from the parameters alone ([`SourceKind::outputs`]).
     pub outputs: Vec<Port>,
 }
 
@@ -71,6 +71,15 @@ pub trait SourceKind: 'static {
     /// The parameter at fault, and why.
     fn check(_params: &Self::Params) -> Result<(), (&'static str, String)> {
         Ok(())
+    }
+
+    /// The output ports that a source with these parameters has, where a file declares them; asked for when an experiment is checked, so that
+    /// no frame is read for it. By default those of the declaration.
+    ///
+    /// # Errors
+    /// What is missing, with its remedy.
+    fn outputs(_params: &Self::Params) -> Result<Vec<Port>, Fault> {
+        Ok(Self::declaration().outputs)
     }
 
     /// Opens the source and lists its frames.

@@ -10,7 +10,7 @@ use super::following::{self, Following};
 use super::schema_check::{Violation, violations};
 use super::spec::Instance;
 use super::with_schema;
-use crate::contracts::Port;
+use crate::contracts::{Fault, Port};
 use crate::key::Key;
 use crate::language::change::overrides;
 use crate::language::text::diagnostics::{Diagnostic, Report};
@@ -62,10 +62,15 @@ fn hash(path: &Path) -> Option<Key> {
     Key::of_reader(std::fs::File::open(path).ok()?).ok()
 }
 
+/// What a source gives, or why that is not known.
+type Outputs = Result<Vec<Port>, Fault>;
+
 /// Resolves parameters, each distinct set once.
 #[derive(Default)]
 pub(crate) struct Resolver {
     known: HashMap<(bool, String, String), Arc<Parameters>>,
+    /// The outputs of sources, by kind and parameters.
+    outputs: HashMap<(&'static str, String), Outputs>,
     pub(crate) contents: Contents,
     /// The paths in parameters and inputs.
     pub(crate) anywhere: Anywhere,
@@ -112,6 +117,28 @@ impl Resolver {
             resolve: &|json| kind.resolve(json),
         };
         self.resolve(&kind, true, instance, report)
+    }
+
+    /// The output ports of a source with these parameters.
+    pub(crate) fn outputs(
+        &mut self,
+        kind: &SourceEntry,
+        parameters: &Parameters,
+        instance: &Instance,
+        report: &mut Report,
+    ) -> Option<Vec<Port>> {
+        let known = (kind.declaration.kind, parameters.resolved.to_string());
+        let outputs = self.outputs.entry(known);
+        let outputs = outputs.or_insert_with(|| kind.outputs(&parameters.resolved));
+        match outputs {
+            Ok(outputs) => Some(outputs.clone()),
+            Err(fault) => {
+                let what = format!("the outputs of this `{}` are not known: {}", instance.kind.text, fault.chain());
+                let error = Diagnostic::error(&instance.kind.place, what).label("looked for here");
+                report.push(error.maybe_help(fault.remedy_text().map(str::to_owned)));
+                None
+            }
+        }
     }
 
     fn resolve(

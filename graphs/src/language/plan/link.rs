@@ -170,11 +170,19 @@ fn source(
             sound = false;
             continue;
         };
-        match &mut outputs {
-            None => outputs = Some(kind.declaration.outputs.clone()),
-            Some(outputs) => sound &= joins(outputs, &kind.declaration.outputs, part, report),
+        let parameters = resolver.source(kind, part, report);
+        // With wrong parameters the outputs are known all the same, unless they follow from these: references to them can be judged.
+        let declared = (!kind.declaration.outputs.is_empty()).then(|| kind.declaration.outputs.clone());
+        let given = match &parameters {
+            Some(parameters) => resolver.outputs(kind, parameters, part, report),
+            None => declared,
+        };
+        match (&mut outputs, given) {
+            (None, given) => outputs = given,
+            (Some(outputs), Some(given)) => sound &= joins(outputs, &given, part, report),
+            (Some(_), None) => sound = false,
         }
-        match resolver.source(kind, part, report) {
+        match parameters {
             Some(parameters) => parts.push(SourcePart {
                 kind: part.kind.text.clone(),
                 version: kind.declaration.version,
@@ -184,7 +192,6 @@ fn source(
             None => sound = false,
         }
     }
-    // With wrong parameters the outputs are known all the same: references to them can be judged.
     let outputs = outputs?;
     Some(LinkedSource { name: spec.name.text.clone(), parts: if sound { parts } else { Vec::new() }, outputs })
 }
