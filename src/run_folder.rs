@@ -85,7 +85,13 @@ impl RunFolder {
             let old = lock(&partial)?;
             match begun(&partial) {
                 Begun::This => return Ok(Self { partial, out: out.clone(), lock: old, replaced, goes_on: true }),
-                Begun::Other if !overwrite => return Err(exists(&partial)),
+                Begun::Other if !overwrite => {
+                    let what = format!("{} holds frames that this run does not go on with", partial.display());
+                    let why =
+                        "they are of another experiment, other parameters, files or engines, or --fresh was asked for";
+                    return Err(Stop::new(Exit::Before, format!("{what}: {why}"))
+                        .remedy("choose another --out, or replace it with --overwrite"));
+                }
                 Begun::Nothing | Begun::Other => {}
             }
             keep_from_harm(&partial, read)?;

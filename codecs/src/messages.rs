@@ -1,7 +1,7 @@
 //! The messages that are depthloom's own: a row of scores, a point of a learning curve, and the record that commits a frame.
 
 use depthloom_graphs::Key;
-use depthloom_graphs::contracts::{Commit, Failure, SlotKey, Warned};
+use depthloom_graphs::contracts::{Commit, Failure, Slot, SlotKey, Warned};
 use depthloom_graphs::values::CurvePoint;
 use depthloom_scores::{Metric, PixelSet, ScoreRow};
 
@@ -150,6 +150,28 @@ pub struct CommitMessage {
     /// Field `warnings`.
     #[prost(message, repeated, tag = "8")]
     pub warnings: Vec<WarningMessage>,
+    /// Field `absent`: missing in recordings that do not say it.
+    #[prost(message, optional, tag = "9")]
+    pub absent: Option<AbsentMessage>,
+}
+
+/// `depthloom.Absent`: the output ports that gave nothing although their node fired.
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct AbsentMessage {
+    /// Field `ports`.
+    #[prost(message, repeated, tag = "1")]
+    pub ports: Vec<AbsentPortMessage>,
+}
+
+/// `depthloom.AbsentPort`: an output port; without `node`, of the source.
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct AbsentPortMessage {
+    /// Field `node`.
+    #[prost(uint32, optional, tag = "1")]
+    pub node: Option<u32>,
+    /// Field `port`.
+    #[prost(uint32, tag = "2")]
+    pub port: u32,
 }
 
 /// `depthloom.Warning`: what a node told of on a frame without failing; without `node`, the source.
@@ -207,6 +229,16 @@ impl CommitMessage {
                 })
                 .collect(),
             crc32_before,
+            absent: Some(AbsentMessage {
+                ports: commit
+                    .absent
+                    .iter()
+                    .map(|slot| match *slot {
+                        Slot::Source { port } => AbsentPortMessage { node: None, port: port as u32 },
+                        Slot::Node { node, port } => AbsentPortMessage { node: Some(node as u32), port: port as u32 },
+                    })
+                    .collect(),
+            }),
             warnings: commit
                 .warnings
                 .iter()
@@ -217,6 +249,16 @@ impl CommitMessage {
                 })
                 .collect(),
         }
+    }
+
+    /// The outputs that gave nothing although their source or node fired; `None` if the recording does not say it.
+    #[must_use]
+    pub fn absent(&self) -> Option<Vec<Slot>> {
+        let slot = |of: &AbsentPortMessage| match of.node {
+            None => Slot::Source { port: of.port as usize },
+            Some(node) => Slot::Node { node: node as usize, port: of.port as usize },
+        };
+        Some(self.absent.as_ref()?.ports.iter().map(slot).collect())
     }
 
     /// What was told of.

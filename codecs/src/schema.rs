@@ -89,7 +89,10 @@ impl Schema {
                 extended(foxglove_set::<CameraCalibration>(), "CameraCalibration", field)
             }
             Self::Score => own_set("depthloom/Score.proto", vec![score()]),
-            Self::Commit => own_set("depthloom/Commit.proto", vec![commit(), node_key(), failure(), warning()]),
+            Self::Commit => own_set(
+                "depthloom/Commit.proto",
+                vec![commit(), node_key(), failure(), warning(), absent(), absent_port()],
+            ),
             Self::CurvePoint => own_set("depthloom/CurvePoint.proto", vec![curve_point()]),
         }
     }
@@ -144,6 +147,10 @@ fn optional(mut message: DescriptorProto, field: &str) -> DescriptorProto {
     message
 }
 
+fn nested(name: &str, number: u32, type_name: &str) -> FieldDescriptorProto {
+    FieldDescriptorProto { type_name: Some(format!(".depthloom.{type_name}")), ..field(name, number, Type::Message) }
+}
+
 fn repeated(name: &str, number: u32, type_name: &str) -> FieldDescriptorProto {
     FieldDescriptorProto {
         label: Some(Label::Repeated.into()),
@@ -178,6 +185,7 @@ fn commit() -> DescriptorProto {
         repeated("failures", 6, "Failure"),
         field("crc32_before", 7, Type::Fixed32),
         repeated("warnings", 8, "Warning"),
+        nested("absent", 9, "Absent"),
     ];
     message("Commit", fields)
 }
@@ -194,6 +202,14 @@ fn failure() -> DescriptorProto {
 fn warning() -> DescriptorProto {
     let fields = vec![field("node", 1, Type::Uint32), field("what", 2, Type::String), field("count", 3, Type::Uint64)];
     optional(message("Warning", fields), "node")
+}
+
+fn absent() -> DescriptorProto {
+    message("Absent", vec![repeated("ports", 1, "AbsentPort")])
+}
+
+fn absent_port() -> DescriptorProto {
+    optional(message("AbsentPort", vec![field("node", 1, Type::Uint32), field("port", 2, Type::Uint32)]), "node")
 }
 
 fn curve_point() -> DescriptorProto {

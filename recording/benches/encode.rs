@@ -115,7 +115,8 @@ fn recording_a_frame(criterion: &mut Criterion) {
         });
     }
     let parts: Vec<_> = (0..4).map(of_part).collect();
-    let commit = Commit { run: 0, frame: &frame, source_key: None, keys: &[], failures: &[], warnings: &[] };
+    let commit =
+        Commit { run: 0, frame: &frame, source_key: None, keys: &[], failures: &[], absent: &[], warnings: &[] };
     group.throughput(Throughput::Bytes(raw as u64));
     group.bench_function("write", |bencher| {
         bencher.iter_custom(|times| {

@@ -88,8 +88,10 @@ impl EarlierRuns {
     /// The one frame of one recording that has all the values, if there is one, and it is the same to viewers.
     fn frame_of(&self, wanted: &Wanted<'_>) -> Option<(&EarlierRun, &RecordedFrame)> {
         let mut of_all = None;
-        for (_, key) in &wanted.values {
-            let (run, place) = self.locate(key)?;
+        for (slot, key) in &wanted.values {
+            // A topic ends with the port's name.
+            let port = wanted.layout.port(*slot)?.topic.rsplit('/').next()?;
+            let (run, place) = self.locate(key, port)?;
             let KeyedPlace::Frame { run: stage, position, .. } = place else { return None };
             let (first, at) = *of_all.get_or_insert((run, (stage, position)));
             if !std::ptr::eq(first, run) || at != (stage, position) {

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, OnceLock, PoisonError};
 
-use depthloom_graphs::contracts::{Fault, Held, Store};
+use depthloom_graphs::contracts::{Fault, Held, Holding, Store};
 use depthloom_graphs::plan::Plan;
 use depthloom_graphs::{Key, Value};
 use mcap::records::op;
@@ -89,9 +89,9 @@ impl EarlierRuns {
         damage
     }
 
-    /// The first recording that has what a key names, sound, and where in it.
-    pub(crate) fn locate(&self, key: &Key) -> Option<(&EarlierRun, KeyedPlace)> {
-        self.runs.iter().find_map(|run| {
+    /// The recordings that know a key, sound, and where in them, in order.
+    fn located(&self, key: &Key) -> impl Iterator<Item = (&EarlierRun, KeyedPlace)> {
+        self.runs.iter().filter_map(|run| {
             let place = run.recording.place_of(key)?;
             let is_sound = match place {
                 KeyedPlace::Frame { run: stage, position, .. } => self.is_sound(run, stage, position),
@@ -100,6 +100,15 @@ impl EarlierRuns {
             };
             is_sound.then_some((run, place))
         })
+    }
+
+    /// The first recording that has the value of a port under a key, and where in it: the newest may have kept less than one before.
+    pub(crate) fn locate(&self, key: &Key, port: &str) -> Option<(&EarlierRun, KeyedPlace)> {
+        let has = |(run, place): &(&EarlierRun, KeyedPlace)| {
+            let held = run.recording.held_at(*place);
+            held.iter().any(|held| held.port == port && held.is == Holding::There)
+        };
+        self.located(key).find(has)
     }
 
     fn is_sound(&self, run: &EarlierRun, stage: usize, position: usize) -> bool {
@@ -156,15 +165,38 @@ impl Recording {
 
 impl Store for EarlierRuns {
     fn find(&self, key: &Key) -> Option<Vec<Held>> {
-        self.locate(key).map(|(run, place)| run.recording.held_at(place))
+        let mut located = self.located(key);
+        let (run, place) = located.next()?;
+        let mut held = run.recording.held_at(place);
+        let is_whole = |held: &[Held]| held.iter().all(|held| held.is != Holding::NotKept);
+        // What one did not keep another may have.
+        for (run, place) in located {
+            if is_whole(&held) {
+                break;
+            }
+            for other in run.recording.held_at(place) {
+                match held.iter_mut().find(|held| held.port == other.port) {
+                    Some(held) => held.is = held.is.max(other.is),
+                    None => held.push(other),
+                }
+            }
+        }
+        Some(held)
     }
 
     fn warnings(&self, key: &Key) -> Vec<(String, u64)> {
-        self.locate(key).map(|(run, place)| run.recording.warnings_at(place)).unwrap_or_default()
+        self.located(key).next().map(|(run, place)| run.recording.warnings_at(place)).unwrap_or_default()
     }
 
     fn value(&self, key: &Key, port: &str) -> Result<Option<Value>, Fault> {
-        let (run, place) = self.locate(key).ok_or_else(|| unknown(key))?;
+        let Some((run, place)) = self.locate(key, port) else {
+            // It is known to be nothing, or not known.
+            let held = self.find(key).and_then(|held| held.into_iter().find(|held| held.port == port));
+            return match held {
+                Some(Held { is: Holding::Nothing, .. }) => Ok(None),
+                _ => Err(unknown(key)),
+            };
+        };
         run.take();
         run.recording.value_at(place, port).map_err(|error| {
             if matches!(place, KeyedPlace::Once { .. }) {
@@ -173,5 +205,32 @@ impl Store for EarlierRuns {
             }
             fault(error)
         })
+    }
+
+    fn values(&self, wanted: &[(Key, &str)]) -> Result<Vec<Option<Value>>, Fault> {
+        let mut values = vec![None; wanted.len()];
+        // By recording and frame, which values are read there.
+        let mut frames: Vec<(&EarlierRun, (usize, usize), Vec<usize>)> = Vec::new();
+        let mut topics = vec![""; wanted.len()];
+        for (index, (key, port)) in wanted.iter().enumerate() {
+            match self.locate(key, port) {
+                Some((run, KeyedPlace::Frame { run: stage, position, node })) => {
+                    topics[index] = run.recording.topic_of(stage, node, port).ok_or_else(|| unknown(key))?;
+                    let at = (stage, position);
+                    match frames.iter_mut().find(|(of, place, _)| std::ptr::eq(*of, run) && *place == at) {
+                        Some((.., indexes)) => indexes.push(index),
+                        None => frames.push((run, at, vec![index])),
+                    }
+                }
+                _ => values[index] = self.value(key, port)?,
+            }
+        }
+        for (run, (stage, position), indexes) in frames {
+            run.take();
+            let of: Vec<&str> = indexes.iter().map(|index| topics[*index]).collect();
+            let read = run.recording.reader(stage, &of).and_then(|mut reader| reader.read(position)).map_err(fault)?;
+            indexes.into_iter().zip(read).for_each(|(index, value)| values[index] = value);
+        }
+        Ok(values)
     }
 }

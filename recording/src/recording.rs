@@ -6,7 +6,7 @@ use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
 use depthloom_graphs::Key;
-use depthloom_graphs::contracts::{Failure, SlotKey, Warned};
+use depthloom_graphs::contracts::{Failure, Slot, SlotKey, Warned};
 use prost::Message;
 
 use crate::attachment::AttachmentEntry;
@@ -40,6 +40,8 @@ pub struct RecordedFrame {
     pub failures: Vec<Failure>,
     /// What was told of on it without failing.
     pub warnings: Vec<Warned>,
+    /// The outputs that gave nothing although their source or node fired; `None` if the recording does not say it.
+    pub absent: Option<Vec<Slot>>,
     pub(crate) chunks: Range<usize>,
     /// Which of the recording's commits it is.
     pub(crate) commit: usize,
@@ -293,6 +295,7 @@ fn committed(
         keys: told.keys().ok_or("a commit record holds a key that is none")?.into_boxed_slice(),
         failures: told.failures(),
         warnings: told.warnings(),
+        absent: told.absent(),
         chunks,
         commit,
     };

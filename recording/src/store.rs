@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use depthloom_graphs::contracts::{Fault, Held, Store};
+use depthloom_graphs::contracts::{Fault, Held, Holding, Slot, Store};
 use depthloom_graphs::values::Artifact;
 use depthloom_graphs::{Key, Value, ValueType};
 
@@ -32,13 +32,25 @@ impl Recording {
         match place {
             KeyedPlace::Once { run, node } => self.held_once(run, node),
             KeyedPlace::Frame { run, position, node } => {
-                let chunks = self.frames(run)[position].chunks(&self.index);
+                let frame = &self.frames(run)[position];
+                let chunks = frame.chunks(&self.index);
                 let is_there = |output: &RecordedOutput| {
                     let mut of_topic = self.channels_of(&output.topic);
                     of_topic.any(|channel| chunks.iter().any(|chunk| chunk.channels.binary_search(&channel).is_ok()))
                 };
-                let kept = self.outputs_of(run, node).filter(|output| self.keeps(output, position));
-                kept.map(|output| Held { port: output.port.clone(), is_there: is_there(output) }).collect()
+                let slot = |port| node.map_or(Slot::Source { port }, |node| Slot::Node { node, port });
+                let gave = |port: usize| frame.absent.as_ref().map(|absent| !absent.contains(&slot(port)));
+                let of_frames = self.outputs_of(run, node).enumerate().filter(|(_, output)| !output.once);
+                let held = of_frames.filter_map(|(port, output)| {
+                    let is = match (self.keeps(output, position), gave(port)) {
+                        (true, _) if is_there(output) => Holding::There,
+                        (true, _) | (false, Some(false)) => Holding::Nothing,
+                        (false, Some(true)) => Holding::NotKept,
+                        (false, None) => return None,
+                    };
+                    Some(Held { port: output.port.clone(), is })
+                });
+                held.collect()
             }
         }
     }
@@ -69,7 +81,7 @@ impl Recording {
             }
             KeyedPlace::Once { run, node } => {
                 let held = self.held_once(run, node).into_iter().find(|held| held.port == port).ok_or_else(missing)?;
-                if !held.is_there {
+                if held.is == Holding::Nothing {
                     return Ok(None);
                 }
                 let of_port = |once: &&RecordedOnce| {
@@ -80,6 +92,12 @@ impl Recording {
                 self.once_value(once).map(Some)
             }
         }
+    }
+
+    /// The topic of a per-frame output of a source (`None`) or node.
+    pub(crate) fn topic_of(&self, run: usize, node: Option<usize>, port: &str) -> Option<&str> {
+        let mut outputs = self.outputs_of(run, node);
+        outputs.find(|output| output.port == port && !output.once).map(|output| output.topic.as_str())
     }
 
     /// What was told of when the values at a place were made.
@@ -102,7 +120,8 @@ impl Recording {
             let is_there = self.once_values().iter().any(|once| (once.run, once.node, once.port) == (run, node, port));
             // Of a node's once-values each has a record of its own: one that is not there may have been cut off.
             if output.recorded && output.once && (is_there || *self.condition() == Condition::Whole) {
-                held.push(Held { port: output.port.clone(), is_there });
+                let is = if is_there { Holding::There } else { Holding::Nothing };
+                held.push(Held { port: output.port.clone(), is });
             }
         }
         held

@@ -1,5 +1,6 @@
 //! One frame on its way through a stage: what has settled, the values still needed, the parts encoded.
 
+use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 
@@ -49,6 +50,10 @@ pub(crate) struct InFlight<P> {
     pub(crate) position: usize,
     /// What need not be made again; set by the source's step, if there is a store.
     pub(crate) plan: OnceLock<FramePlan>,
+    /// The values from the store that nodes need, by place, until their steps lay them there.
+    pub(crate) loaded: Mutex<BTreeMap<usize, Value>>,
+    /// The ports that gave nothing although their step fired, by step and per-frame output, in no order.
+    absent: Mutex<Vec<(usize, usize)>>,
     steps: Box<[Progress]>,
     cells: Box<[Mutex<Cell>]>,
     parts: Box<[Mutex<Option<P>>]>,
@@ -67,6 +72,8 @@ impl<P> InFlight<P> {
         Self {
             position,
             plan: OnceLock::new(),
+            loaded: Mutex::default(),
+            absent: Mutex::default(),
             steps: graph.order.iter().map(|o| progress(o.waits_for)).collect(),
             cells: graph.places.iter().map(cell).collect(),
             parts: graph.parts.iter().map(|_| Mutex::new(None)).collect(),
@@ -137,6 +144,18 @@ impl<P> InFlight<P> {
 
     pub(crate) fn add_fault(&self, step: usize, fault: Fault) {
         locked(&self.faults).push((step, fault));
+    }
+
+    /// Notes that an output gave nothing although its step fired.
+    pub(crate) fn add_absent(&self, step: usize, output: usize) {
+        locked(&self.absent).push((step, output));
+    }
+
+    /// The outputs that gave nothing although their step fired, in order.
+    pub(crate) fn take_absent(&self) -> Vec<(usize, usize)> {
+        let mut absent = std::mem::take(&mut *locked(&self.absent));
+        absent.sort_unstable();
+        absent
     }
 
     pub(crate) fn add_warnings(&self, told: impl Iterator<Item = Warned>) {

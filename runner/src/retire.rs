@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use crossbeam::channel::Receiver;
 use depthloom_graphs::Frame;
-use depthloom_graphs::contracts::{Commit, Failure, SlotKey, Tap, TapError};
+use depthloom_graphs::contracts::{Commit, Failure, Slot, SlotKey, Tap, TapError};
 use depthloom_graphs::plan::Plan;
 use depthloom_threads::caught;
 
@@ -13,7 +13,7 @@ use crate::error::RunError;
 use crate::frame_graph::Step;
 use crate::in_flight::{InFlight, Outcome};
 use crate::report::{FrameFailure, Report, StageReport};
-use crate::reuse::Reuse;
+use crate::reuse::{Reuse, slot_of};
 use crate::stage::Stage;
 use crate::timing::{Phase, Stopwatch, Timing};
 
@@ -176,8 +176,17 @@ fn write<T: Tap>(
     if in_flight.position >= stage.written() {
         let watch = Stopwatch::start();
         let warnings = in_flight.take_warnings();
-        let commit =
-            Commit { run: stage.run, frame, source_key, keys: &keys, failures: &failures, warnings: &warnings };
+        let absent = in_flight.take_absent().into_iter();
+        let absent: Vec<Slot> = absent.filter_map(|(step, output)| slot_of(stage.plan, step, output)).collect();
+        let commit = Commit {
+            run: stage.run,
+            frame,
+            source_key,
+            keys: &keys,
+            failures: &failures,
+            absent: &absent,
+            warnings: &warnings,
+        };
         caught(|| stage.tap.write(&commit, in_flight.take_parts()))
             .unwrap_or_else(|panic| Err(TapError::new(format!("panicked {}", panic.0))))
             .map_err(tap_failed)?;

@@ -7,7 +7,7 @@
 
 use std::sync::OnceLock;
 
-use depthloom_graphs::contracts::{Contract, Slot, Store, Tap};
+use depthloom_graphs::contracts::{Contract, Held, Holding, Slot, Store, Tap};
 use depthloom_graphs::plan::StageRun;
 use depthloom_graphs::{Fault, Host, Key, Source, Value, value_keys};
 
@@ -32,6 +32,8 @@ pub(crate) struct FramePlan {
     pub(crate) steps: Vec<Do>,
     /// By step, the key under which the store has its values; and by per-frame output, whether it has that one.
     stored: Vec<Option<(Key, Vec<bool>)>>,
+    /// By step and per-frame output, those that are known to give nothing.
+    pub(crate) nothing: Vec<(usize, usize)>,
 }
 
 impl FramePlan {
@@ -229,8 +231,9 @@ impl<'a> Reuse<'a> {
     fn find(&self, graph: &FrameGraph, step: usize, key: Key) -> Known {
         let Some(held) = self.store.find(&key) else { return Known::Fresh };
         let output = |port: &depthloom_graphs::Port| match held.iter().find(|held| held.port == port.name) {
-            Some(held) if held.is_there => Output::Held,
-            Some(_) if port.optional => Output::None,
+            Some(Held { is: Holding::There, .. }) => Output::Held,
+            Some(Held { is: Holding::Nothing, .. }) if port.optional => Output::None,
+            Some(Held { is: Holding::NotKept, .. }) => Output::NotHeld,
             // It fired, so it gave what it must.
             _ if !port.optional => Output::NotHeld,
             _ => Output::Unknown,
@@ -283,6 +286,14 @@ impl<'a> Reuse<'a> {
             Known::Fresh | Known::Absent => None,
         });
         let stored = stored.collect();
+        let outputs = |(step, known): (usize, &Known)| match known {
+            Known::There(_, outputs) if !fires[step] => {
+                let nothing = outputs.iter().enumerate().filter(|(_, output)| **output == Output::None);
+                nothing.map(|(output, _)| (step, output)).collect()
+            }
+            _ => Vec::new(),
+        };
+        let nothing = known.iter().enumerate().flat_map(outputs).collect();
         let act = |(step, known): (usize, Known)| match known {
             _ if fires[step] => Do::Fire,
             Known::There(key, _) => {
@@ -293,7 +304,7 @@ impl<'a> Reuse<'a> {
             }
             Known::Absent | Known::Fresh => Do::Absent,
         };
-        FramePlan { steps: known.into_iter().enumerate().map(act).collect(), stored }
+        FramePlan { steps: known.into_iter().enumerate().map(act).collect(), stored, nothing }
     }
 
     /// What was told of when the values of a key were made.
@@ -301,9 +312,9 @@ impl<'a> Reuse<'a> {
         self.store.warnings(key)
     }
 
-    /// A value from the store.
-    pub(crate) fn value(&self, key: &Key, port: &str) -> Result<Option<Value>, Fault> {
-        self.store.value(key, port)
+    /// Values from the store; what lies together is read once.
+    pub(crate) fn values(&self, wanted: &[(Key, &str)]) -> Result<Vec<Option<Value>>, Fault> {
+        self.store.values(wanted)
     }
 }
 
@@ -318,7 +329,11 @@ pub(crate) fn once_values(store: &dyn Store, plan: &StageRun, node: usize, key: 
     let value = |port: &str| {
         let held = held.iter().find(|held| held.port == port)?;
         // What turns out to be damaged is made afresh.
-        if held.is_there { store.value(key, port).ok() } else { Some(None) }
+        match held.is {
+            Holding::There => store.value(key, port).ok(),
+            Holding::Nothing => Some(None),
+            Holding::NotKept => None,
+        }
     };
     outputs.map(|output| value(output.port.name)).collect()
 }
@@ -341,12 +356,12 @@ fn source_keys(source: &dyn Source, store: &dyn Store, host: &dyn Host) -> Vec<O
 }
 
 /// The slot of a step's per-frame output.
-fn slot_of(plan: &StageRun, step: usize, output: usize) -> Option<Slot> {
+pub(crate) fn slot_of(plan: &StageRun, step: usize, output: usize) -> Option<Slot> {
     let outputs = match step.checked_sub(1) {
         None => &plan.source.outputs,
         Some(node) => &plan.nodes[node].outputs,
     };
-    let mut of_frames = outputs.iter().enumerate().filter(|(_, o)| o.port.rate == depthloom_graphs::Rate::Frame);
+    let mut of_frames = outputs.iter().enumerate().filter(|(_, of)| of.port.rate == depthloom_graphs::Rate::Frame);
     let (port, _) = of_frames.nth(output)?;
     Some(match step.checked_sub(1) {
         None => Slot::Source { port },

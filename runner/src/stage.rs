@@ -19,7 +19,7 @@ use crate::observer::Observer;
 use crate::ordered::Ordered;
 use crate::panics::fault;
 use crate::queues::Queues;
-use crate::reuse::{Do, Reuse};
+use crate::reuse::{Do, FramePlan, Reuse};
 use crate::timing::{Spent, Stopwatch};
 use crate::warnings::Warnings;
 use depthloom_threads::{Budget, caught};
@@ -303,7 +303,9 @@ impl<'a, T: Tap> Stage<'a, T> {
             let key = self.source.key(frame.position)?;
             if let Some(reuse) = &self.reuse {
                 let plan = reuse.plan(&self.graph, self.tap, frame.position, key);
-                if frame.plan.get_or_init(|| plan).steps[0] != Do::Fire {
+                let plan = frame.plan.get_or_init(|| plan);
+                self.load(frame, plan, reuse)?;
+                if plan.steps[0] != Do::Fire {
                     return Ok(None);
                 }
             }
@@ -314,7 +316,11 @@ impl<'a, T: Tap> Stage<'a, T> {
             Ok(Some(read))
         };
         let read = match caught(read).unwrap_or_else(|panic| Err(fault(panic))) {
-            Ok(None) => return self.take(frame, 0),
+            Ok(None) => {
+                // What looking and loading took is nobody's.
+                let _ = worker.stop(watch, &host);
+                return self.take(frame, 0);
+            }
             Ok(Some(read)) => Ok(read),
             Err(fault) => Err(fault),
         };
@@ -324,7 +330,26 @@ impl<'a, T: Tap> Stage<'a, T> {
         self.close(frame, 0, read, spent)
     }
 
-    /// Ends a step that does not fire: what nodes need of its values comes from the store.
+    /// Reads what nodes need of the values in the store: all of a frame at once, for what lies together is read once.
+    fn load(&self, frame: &InFlight<T::Part>, plan: &FramePlan, reuse: &Reuse<'_>) -> Result<(), Fault> {
+        let (mut wanted, mut places) = (Vec::new(), Vec::new());
+        for (producer, to_do) in self.graph.producers.iter().zip(&plan.steps) {
+            let Do::Take(key, load) = to_do else { continue };
+            for &output in load {
+                wanted.push((*key, producer.outputs[output].name));
+                places.push(producer.first_place + output);
+            }
+        }
+        let values = reuse.values(&wanted).map_err(|fault| fault.remedy(FRESH))?;
+        let loaded = places.into_iter().zip(values).filter_map(|(place, value)| Some((place, value?)));
+        locked(&frame.loaded).extend(loaded);
+        for &(step, output) in &plan.nothing {
+            frame.add_absent(step, output);
+        }
+        Ok(())
+    }
+
+    /// Ends a step that does not fire: what nodes need of its values was read from the store.
     fn take(&self, frame: &InFlight<T::Part>, step: usize) -> Settled {
         let (Do::Take(key, load), Some(reuse)) = (frame.to_do(step), &self.reuse) else {
             return Settled { outcome: Outcome::Absent, spent: Spent::default() };
@@ -335,17 +360,12 @@ impl<'a, T: Tap> Stage<'a, T> {
         }
         frame.add_warnings(host.into_told());
         let producer = &self.graph.producers[step];
-        let mut values = vec![None; producer.outputs.len()];
         for &output in load {
-            match reuse.value(key, producer.outputs[output].name) {
-                Ok(value) => values[output] = value,
-                Err(fault) => {
-                    let fault = fault.remedy("run with --fresh, which takes nothing from earlier runs");
-                    return self.close(frame, step, Err(fault), Spent::default());
-                }
+            let place = producer.first_place + output;
+            if let Some(value) = locked(&frame.loaded).remove(&place) {
+                frame.put(place, value, Some(value_keys::port(key, producer.outputs[output].name)));
             }
         }
-        self.close(frame, step, Ok((values, *key)), Spent::default());
         Settled { outcome: Outcome::Taken(*key), spent: Spent::default() }
     }
 
@@ -450,7 +470,10 @@ impl<'a, T: Tap> Stage<'a, T> {
                 let producer = &self.graph.producers[step];
                 for (i, (value, port)) in values.into_iter().zip(&producer.outputs).enumerate() {
                     let place = producer.first_place + i;
-                    let Some(value) = value else { continue };
+                    let Some(value) = value else {
+                        frame.add_absent(step, i);
+                        continue;
+                    };
                     let is_keyed = self.graph.places[place].keyed;
                     frame.put(place, value, is_keyed.then(|| value_keys::port(&key, port.name)));
                 }
@@ -525,19 +548,16 @@ impl<'a, T: Tap> Stage<'a, T> {
                 return Ok(Some(copied));
             }
         }
-        for (slot, key, value) in stored {
-            if !self.tap.keeps(self.run, slot, frame.position) {
-                continue;
-            }
-            let value = match value {
-                Some(value) => Some(value),
-                None => reuse.value(&key, self.port_of(slot).name).map_err(|fault| TapError {
-                    remedy: Some("run with --fresh, which takes nothing from earlier runs".to_owned()),
-                    ..TapError::new(fault.chain())
-                })?,
-            };
-            values.extend(value.map(|value| (slot, value)));
-        }
+        let kept = stored.into_iter().filter(|(slot, ..)| self.tap.keeps(self.run, *slot, frame.position));
+        let (there, missing): (Vec<_>, Vec<_>) = kept.partition(|(.., value)| value.is_some());
+        let wanted: Vec<(Key, &str)> = missing.iter().map(|(slot, key, _)| (*key, self.port_of(*slot).name)).collect();
+        let read = reuse
+            .values(&wanted)
+            .map_err(|fault| TapError { remedy: Some(FRESH.to_owned()), ..TapError::new(fault.chain()) })?;
+        let there = there.into_iter().filter_map(|(slot, _, value)| Some((slot, value?)));
+        values.extend(there);
+        let read = missing.into_iter().zip(read).filter_map(|((slot, ..), value)| Some((slot, value?)));
+        values.extend(read);
         // In plan order, which is the order of slots.
         values.sort_by_key(|(slot, _)| *slot);
         Ok(None)
@@ -550,6 +570,9 @@ impl<'a, T: Tap> Stage<'a, T> {
         }
     }
 }
+
+/// What helps where the store cannot be read.
+const FRESH: &str = "run with --fresh, which takes nothing from earlier runs";
 
 /// A slot of a part whose value the store has, under that key; and the value, if a node needed it.
 type StoredSlot = (Slot, Key, Option<Value>);

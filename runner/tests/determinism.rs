@@ -276,7 +276,7 @@ fn commit(run: usize, parts: usize, frame: &depthloom_graphs::Frame, gave: &[Gav
     }
     let source_key = if let Gave::Values(key, _) = &gave[0] { Some(*key) } else { None };
     let told: Vec<_> = taken.iter().enumerate().map(|(part, values)| told_part(part, values)).collect();
-    told_commit(&Commit { run, frame, source_key, keys: &keys, failures: &failures, warnings: &[] }, &told)
+    told_commit(&Commit { run, frame, source_key, keys: &keys, failures: &failures, absent: &[], warnings: &[] }, &told)
 }
 
 fn finish(

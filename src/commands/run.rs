@@ -10,7 +10,7 @@ use depthloom_graphs::language::Loaded;
 use depthloom_graphs::plan::Plan;
 use depthloom_graphs::ready::{NotReady, Ready};
 use depthloom_nodes::onnx;
-use depthloom_recording::{EarlierRuns, Recorder, Recording, RecordingError};
+use depthloom_recording::{Condition, EarlierRuns, Recorder, Recording, RecordingError};
 use depthloom_runner::{Checkpoints, Interrupt, Options, Report, RunError};
 use serde_json::{Value as Json, json};
 
@@ -227,6 +227,10 @@ fn record(
     if begun.is_some() && !is_silent(args) {
         let (frames, partial) = (counted(recorder.frames(), "frame"), folder.partial.display());
         say(format_args!("goes on behind the {frames} that {partial} holds"));
+    }
+    if let Some(Condition::Damaged { offset, what, .. }) = begun.as_ref().map(|begun| begun.condition()) {
+        let partial = folder.partial.display();
+        tell(args, &[format!("made afresh what {partial} held behind byte {offset}: {what}")]);
     }
     let progress = Progress::new(plan, is_silent(args));
     let ran = depthloom_runner::run(ready, &recorder, options, &progress, interrupt);

@@ -132,7 +132,7 @@ fn a_run_of_another_experiment_does_not_go_on_with_it() {
     let refused = run.arg(&whole.experiment).output().expect("the binary starts");
     let said = String::from_utf8_lossy(&refused.stderr);
     assert_eq!(refused.status.code(), Some(2), "{said}");
-    assert!(said.contains("exists already") && said.contains("--overwrite"), "{said}");
+    assert!(said.contains("of another experiment") && said.contains("--overwrite"), "{said}");
     whole.again(&out);
 }
 

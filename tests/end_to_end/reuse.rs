@@ -142,3 +142,28 @@ fn what_is_damaged_is_made_afresh_and_said() {
         std::fs::remove_dir_all(&out).expect("removed");
     }
 }
+
+#[test]
+fn of_a_run_that_recorded_scores_alone_the_scores_are_taken() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let experiment = experiment(folder.path());
+    let shelf = folder.path().join("shelf");
+    run(&experiment, &shelf.join("first"), false, &["record=[teacher/model]"]);
+    let told = run(&experiment, &shelf.join("again"), false, &["record=[teacher/model]"]);
+    assert_eq!(taken(&told, "compare", "score.fused"), Some((6, 6)), "{told}");
+    assert_eq!(taken(&told, "compare", "stereo"), Some((6, 6)), "{told}");
+    assert!(recording(&shelf.join("first")) == recording(&shelf.join("again")));
+}
+
+#[test]
+fn a_newer_run_that_kept_less_hides_no_richer_one() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let experiment = experiment(folder.path());
+    let shelf = folder.path().join("shelf");
+    run(&experiment, &shelf.join("rich"), false, &[]);
+    run(&experiment, &shelf.join("poor"), false, &["record=[teacher/model]"]);
+    let told = run(&experiment, &shelf.join("again"), false, &[]);
+    assert!(told["reused"]["nodes"].as_array().expect("nodes").iter().all(|node| node["reused"] == node["of"]));
+    assert_eq!(taken(&told, "compare", "stereo"), Some((6, 6)), "{told}");
+    assert!(recording(&shelf.join("rich")) == recording(&shelf.join("again")));
+}

@@ -204,6 +204,9 @@ fn record_frame(recorder: &Recorder, run: usize, index: u64) {
     let failures: Vec<Failure> = failed.map(|node| Failure { node: Some(node), what: "failed".to_owned() }).collect();
     let source_key = Some(Key::build("source").number(index).finish());
     recorder
-        .write(&Commit { run, frame: &frame, source_key, keys: &[], failures: &failures, warnings: &[] }, parts)
+        .write(
+            &Commit { run, frame: &frame, source_key, keys: &[], failures: &failures, absent: &[], warnings: &[] },
+            parts,
+        )
         .unwrap();
 }

@@ -20,6 +20,6 @@ pub use node::{Inputs, Instance, Node, NodeDeclaration, OnceNode, OrderedNode, O
 pub use params::{Auto, DataPath};
 pub use port::{Contract, Port, Rate};
 pub use source::{Source, SourceDeclaration, SourceKind, SourceOutputs};
-pub use store::{Held, Store, Stored};
+pub use store::{Held, Holding, Store, Stored};
 pub use tap::{Commit, Failure, Slot, SlotKey, Tap, TapError, Warned};
 pub use upstream::{Giver, GivingNode, Upstream};

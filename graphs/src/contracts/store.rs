@@ -27,23 +27,46 @@ pub trait Store: Send + Sync {
     fn get(&self, key: &Key) -> Result<Option<Vec<Stored>>, Fault> {
         let Some(held) = self.find(key) else { return Ok(None) };
         let read = |held: Held| {
-            let value = if held.is_there { self.value(key, &held.port)? } else { None };
-            Ok(Stored { port: held.port, value })
+            let value = match held.is {
+                Holding::There => self.value(key, &held.port)?,
+                Holding::Nothing => None,
+                Holding::NotKept => return Ok(None),
+            };
+            Ok(Some(Stored { port: held.port, value }))
         };
-        held.into_iter().map(read).collect::<Result<_, _>>().map(Some)
+        held.into_iter().filter_map(|held| read(held).transpose()).collect::<Result<_, _>>().map(Some)
+    }
+
+    /// Several values at once, as [`Store::value`] gives each: what lies together is read once.
+    ///
+    /// # Errors
+    /// As [`Store::value`].
+    fn values(&self, wanted: &[(Key, &str)]) -> Result<Vec<Option<Value>>, Fault> {
+        wanted.iter().map(|(key, port)| self.value(key, port)).collect()
     }
 }
 
-/// What a store has of an output port; a port that it has nothing of is not listed, and its value must be made again.
+/// What a store has of an output port; of a port that is not listed nothing is known, and its value must be made again.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Held {
     /// The output port.
     pub port: String,
-    /// Whether the port gave a value, which is there; else it is known that it gave none.
-    pub is_there: bool,
+    /// What of it.
+    pub is: Holding,
 }
 
-/// A value of a store.
+/// What a store has of a value.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Holding {
+    /// The port gave a value, which was not kept.
+    NotKept,
+    /// It is known that the port gave none.
+    Nothing,
+    /// The value.
+    There,
+}
+
+/// A value of a store; a port that it has nothing of is not listed.
 #[derive(Clone, Debug)]
 pub struct Stored {
     /// The output port.

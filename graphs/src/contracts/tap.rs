@@ -62,6 +62,8 @@ pub struct Commit<'a> {
     pub keys: &'a [SlotKey],
     /// The failures on this frame, by node index.
     pub failures: &'a [Failure],
+    /// The outputs that gave nothing although their source or node fired, in plan order.
+    pub absent: &'a [Slot],
     /// What was told of without failing, by node index: whoever takes the values is to be told, too.
     pub warnings: &'a [Warned],
 }

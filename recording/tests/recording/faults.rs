@@ -383,6 +383,7 @@ fn nothing_is_written_after_the_end() {
         source_key: None,
         keys: &[],
         failures: &[],
+        absent: &[],
         warnings: &[],
     };
     let error = recorder.write(&commit, Vec::new()).unwrap_err();

@@ -286,7 +286,7 @@ pub fn record_frame_at(
         _ => Vec::new(),
     };
     let source_key = Some(Key::build("source").number(frame.index).finish());
-    let commit = Commit { run, frame, source_key, keys: &keys, failures: &failures, warnings: &[] };
+    let commit = Commit { run, frame, source_key, keys: &keys, failures: &failures, absent: &[], warnings: &[] };
     recorder.write(&commit, encoded.into_iter().map(Option::unwrap).collect()).unwrap();
 }
 
