@@ -1,4 +1,4 @@
-//! Values as protobuf messages and back: bytes, no file.
+//! Values as protobuf messages and back, and as the [`files`] of other programs: bytes, no file.
 //!
 //! A recording is one consumer; whoever hands values to another program (a live view, a process, a bridge) encodes them here as they
 //! would stand in a recording: `foxglove.*` messages that any viewer of these reads, and depthloom's own for scores, learning curves and commits.
@@ -19,6 +19,7 @@
 
 pub mod decode;
 pub mod encode;
+pub mod files;
 pub mod messages;
 pub mod schema;
 pub mod wire_format;

@@ -1,0 +1,29 @@
+//! Maps as floats in their own unit.
+
+use depthloom_graphs::Value;
+use depthloom_graphs::values::Raster;
+
+/// The pixels of a map: pixels of a disparity, metres of a depth, the share of a weight; NaN = no answer. `None` if it is no such map.
+pub(super) fn floats(value: &Value) -> Option<Raster<f32>> {
+    let raster = |(width, height), pixels| Raster::from_raw(width, height, pixels);
+    match value {
+        Value::Disparity(disparity) => {
+            let invalid = disparity.invalid();
+            let px = |&fixed: &i16| if i32::from(fixed) == invalid { f32::NAN } else { f32::from(fixed) / 16.0 };
+            raster(disparity.sixteenths_px.dimensions(), disparity.sixteenths_px.iter().map(px).collect())
+        }
+        Value::TrueDisparity(truth) => {
+            let px = |&fixed: &u16| if fixed == 0 { f32::NAN } else { f32::from(fixed) / 256.0 };
+            raster(truth.px_256.dimensions(), truth.px_256.iter().map(px).collect())
+        }
+        Value::Depth(depth) => Some(depth.metres.clone()),
+        Value::Weight(weight) => Some(weight.share.clone()),
+        Value::Image(_)
+        | Value::Mask(_)
+        | Value::Calibration(_)
+        | Value::Scores(_)
+        | Value::Samples(_)
+        | Value::Model(_)
+        | Value::Curve(_) => None,
+    }
+}

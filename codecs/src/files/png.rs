@@ -1,0 +1,134 @@
+//! Images and maps as PNG, maps in KITTI's 16-bit convention.
+
+use std::io::Cursor;
+
+use depthloom_graphs::Value;
+use depthloom_graphs::values::{ImageFormat, Pixels, Raster};
+use image::{ImageBuffer, ImageError};
+
+/// An image file's bytes.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Png {
+    /// The file's content.
+    pub bytes: Vec<u8>,
+    /// What its name ends in: `jpg` where an image came from such a file, whose bytes are kept.
+    pub ending: &'static str,
+    /// How many pixels have an answer that 16 bits do not hold: what is too large is the largest there is, what is below zero is none.
+    pub clipped: u64,
+}
+
+/// An image as it is; a map as 16 bits: 256ths of a pixel or metre, rounded to the nearest, 0 = no answer, as in KITTI's files; a weight as 65535ths.
+///
+/// As the KITTI devkit has it, an answer that rounds to zero is 1, and a disparity below zero is none.
+///
+/// # Errors
+/// If the value is neither image nor map, or has no pixels; as a lower-case fragment.
+pub fn png(value: &Value) -> Result<Png, String> {
+    let mut clipped = 0;
+    let bytes = match value {
+        Value::Image(image) => {
+            if let Some(encoded) = image.encoded() {
+                let ending = match encoded.format {
+                    ImageFormat::Png => "png",
+                    ImageFormat::Jpeg => "jpg",
+                };
+                return Ok(Png { bytes: encoded.bytes.to_vec(), ending, clipped });
+            }
+            match image.pixels() {
+                Pixels::Grey(grey) => encoded(|out| grey.write_to(out, image::ImageFormat::Png)),
+                Pixels::Rgb(rgb) => encoded(|out| rgb.write_to(out, image::ImageFormat::Png)),
+            }
+        }
+        Value::Mask(mask) => encoded(|out| mask.set.write_to(out, image::ImageFormat::Png)),
+        Value::TrueDisparity(truth) => encoded(|out| truth.px_256.write_to(out, image::ImageFormat::Png)),
+        Value::Disparity(disparity) => {
+            let invalid = disparity.invalid();
+            let px = |fixed: i16| (i32::from(fixed) != invalid).then(|| f64::from(fixed) / 16.0);
+            sixteen_bits(&disparity.sixteenths_px, px, 256.0, &mut clipped)
+        }
+        Value::Depth(depth) => sixteen_bits(&depth.metres, answer, 256.0, &mut clipped),
+        Value::Weight(weight) => sixteen_bits(&weight.share, answer, 65535.0, &mut clipped),
+        Value::Calibration(_) | Value::Scores(_) | Value::Samples(_) | Value::Model(_) | Value::Curve(_) => {
+            return Err(format!("a value of type {} is no image", value.value_type()));
+        }
+    };
+    Ok(Png { bytes: bytes?, ending: "png", clipped })
+}
+
+fn answer(sample: f32) -> Option<f64> {
+    (!sample.is_nan()).then_some(f64::from(sample))
+}
+
+/// The PNG of `scale` times what `answer` gives, 0 where that is nothing; adds to `clipped` the answers that 16 bits do not hold.
+fn sixteen_bits<T: Copy>(
+    raster: &Raster<T>,
+    answer: impl Fn(T) -> Option<f64>,
+    scale: f64,
+    clipped: &mut u64,
+) -> Result<Vec<u8>, String>
+where
+    image::Luma<T>: image::Pixel<Subpixel = T>,
+{
+    let mut sixteen = |sample: &T| {
+        let Some(answer) = answer(*sample) else { return 0 };
+        let scaled = (answer * scale).round();
+        if answer < 0.0 || scaled > f64::from(u16::MAX) {
+            *clipped += 1;
+        }
+        if answer < 0.0 { 0 } else { scaled.clamp(1.0, f64::from(u16::MAX)) as u16 }
+    };
+    let (width, height) = raster.dimensions();
+    let samples = raster.as_raw().iter().map(&mut sixteen).collect();
+    let image: Raster<u16> = ImageBuffer::from_raw(width, height, samples).expect("as many samples as before");
+    encoded(|out| image.write_to(out, image::ImageFormat::Png))
+}
+
+/// The bytes that an encoder writes.
+pub(super) fn encoded(write: impl FnOnce(&mut Cursor<Vec<u8>>) -> Result<(), ImageError>) -> Result<Vec<u8>, String> {
+    let mut out = Cursor::new(Vec::new());
+    write(&mut out).map_err(|error| format!("an image cannot be written as PNG: {error}"))?;
+    Ok(out.into_inner())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use depthloom_graphs::Value;
+    use depthloom_graphs::values::{
+        Depth, Disparity, Encoded, Image, ImageFormat, Pixels, Raster, TrueDisparity, Weight,
+    };
+    use image::{DynamicImage, GrayImage};
+
+    use super::{Png, png};
+
+    fn sixteen_bits(value: impl Into<Value>) -> (Vec<u16>, u64) {
+        let Png { bytes, ending: "png", clipped } = png(&value.into()).unwrap() else { panic!("a PNG") };
+        let DynamicImage::ImageLuma16(image) = image::load_from_memory(&bytes).unwrap() else { panic!("16 bits") };
+        (image.into_raw(), clipped)
+    }
+
+    #[test]
+    fn maps_are_256ths_with_zero_for_no_answer() {
+        let metres = vec![f32::NAN, 0.0, 1.0, 10.001, 255.999, 300.0, f32::INFINITY, -1.0];
+        let depth = Depth { metres: Raster::from_raw(4, 2, metres).unwrap() };
+        assert_eq!(sixteen_bits(depth), (vec![0, 1, 256, 2560, 65535, 65535, 65535, 0], 4));
+        let sixteenths_px = Raster::from_raw(5, 1, vec![-80, -79, 0, 1, 4096]).unwrap();
+        let disparity = Disparity { sixteenths_px, min_disparity_px: -4 };
+        assert_eq!(sixteen_bits(disparity), (vec![0, 0, 1, 16, 65535], 2));
+        let px_256 = Raster::from_raw(3, 1, vec![0, 1, 65535]).unwrap();
+        assert_eq!(sixteen_bits(TrueDisparity { px_256 }), (vec![0, 1, 65535], 0));
+        let share = Raster::from_raw(3, 1, vec![1.0, 0.5, f32::NAN]).unwrap();
+        assert_eq!(sixteen_bits(Weight { share }), (vec![65535, 32768, 0], 0));
+    }
+
+    #[test]
+    fn an_image_that_came_from_a_file_is_that_file() {
+        let bytes: Arc<[u8]> = (*b"whatever stood in it").into();
+        let file = Encoded { format: ImageFormat::Jpeg, bytes: bytes.clone() };
+        let image = Image::with_encoded(Pixels::Grey(GrayImage::new(2, 1)), file);
+        let expected = Png { bytes: bytes.to_vec(), ending: "jpg", clipped: 0 };
+        assert_eq!(png(&image.into()), Ok(expected));
+        assert!(png(&Value::Scores(Arc::default())).is_err());
+    }
+}
