@@ -143,6 +143,26 @@ const ENDINGS: &[Ending] = &[
         exits: ASKED,
     },
     Ending {
+        command: "export",
+        examples: &[
+            ("export RUN depth --out depths", "each frame's depth as a 16-bit PNG, as KITTI has them"),
+            (
+                "export RUN depth/depth --format npy,pfm --frames 3,7 --out arrays",
+                "the floats themselves, of two frames",
+            ),
+            ("export RUN 'fused*' --colormap turbo --range 0..40 --out look", "in colours, for a figure"),
+            ("export RUN depth --format ply --range 0..60 --out clouds", "points up to 60 m, coloured by the image"),
+            ("export RUN --out all --json | jq '.topics[]'", "everything; for programs"),
+        ],
+        exits: &[
+            WHOLE,
+            (Exit::Engine, "the disk failed, or a value cannot be exported so; files that are there are whole"),
+            (Exit::Before, "there is no recording, a file is in the way, or an argument is wrong"),
+            (Exit::Frames, "the recording is damaged; what can be read was exported"),
+            (Exit::Interrupted, "interrupted; files that are there are whole"),
+        ],
+    },
+    Ending {
         command: "timings",
         examples: &[("timings runs/first/2026-11-21T08-30-05Z", "what to make faster")],
         exits: &[WHOLE, PRINTED, (Exit::Before, "there are no timings, or an argument is wrong")],

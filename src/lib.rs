@@ -26,10 +26,12 @@ mod diagnostics;
 mod earlier;
 mod environment;
 mod exit;
+mod export;
 mod help;
 mod memory;
 mod models;
 mod panics;
+mod plain;
 mod progress;
 mod replay;
 mod run_folder;
@@ -116,6 +118,7 @@ fn program(registry: &Registry, as_json: bool) -> Result<Exit, Stop> {
         Command::Report(args) => commands::report::report(&args),
         Command::Table(args) => commands::table::table(&args),
         Command::Explain(args) => commands::explain::explain(&args),
+        Command::Export(args) => commands::export::export(&args),
         Command::Timings(args) => commands::report::timings(&args),
         Command::Info(args) => commands::info::info(&args),
         Command::Replay(args) => commands::replay::replay(&args, registry),

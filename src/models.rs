@@ -8,6 +8,7 @@ use std::path::Path;
 use depthloom_recording::{RecordedContent, RecordedOnce, RecordedPlan, Recording};
 
 use crate::exit::{Exit, Stop};
+use crate::plain;
 
 /// The folder of models in a run's folder.
 pub const FOLDER: &str = "models";
@@ -45,9 +46,6 @@ pub fn names(recording: &Recording) -> Vec<(&RecordedOnce, String)> {
     recording.once_values().iter().filter(is_model).map(named).collect()
 }
 
-/// The longest name of a model without its ending, bytes: every file system takes it, with what stands behind it until it is whole.
-const LONGEST_STEM: usize = 200;
-
 /// `<stage>.<node>`, with the first of its variants where it does not serve them all, and its port unless that is `model`.
 fn stem(plan: &RecordedPlan, value: &RecordedOnce) -> String {
     let Some(run) = plan.runs.get(value.run) else { return "model".to_owned() };
@@ -56,8 +54,5 @@ fn stem(plan: &RecordedPlan, value: &RecordedOnce) -> String {
     let variant = variant.and_then(|&variant| plan.variants.get(variant)).map(String::as_str);
     let port = node.outputs.get(value.port).map(|output| output.port.as_str()).filter(|port| *port != "model");
     let parts: Vec<&str> = [run.stage.as_str(), node.name.as_str()].into_iter().chain(port).chain(variant).collect();
-    let is_plain = |c: char| c.is_alphanumeric() || "-_.=,+".contains(c);
-    let mut stem: String = parts.join(".").chars().map(|c| if is_plain(c) { c } else { '_' }).collect();
-    stem.truncate(stem.floor_char_boundary(LONGEST_STEM));
-    stem
+    plain::file_name(&parts.join("."))
 }

@@ -10,6 +10,7 @@ mod commands;
 mod determinism;
 mod disparity_scores;
 mod experiments;
+mod export;
 mod faults;
 mod fixtures;
 mod from_recording;

@@ -164,6 +164,6 @@ mod tests {
         let (head, points) = body(&pcd, "DATA binary\n");
         assert!(head.contains("\nFIELDS x y z rgb\nSIZE 4 4 4 4\nTYPE F F F F\nCOUNT 1 1 1 1\nWIDTH 3\n"), "{head}");
         assert_eq!(points.len(), 3 * 16);
-        assert_eq!(points[12..16], 0x00_0001_02_u32.to_le_bytes());
+        assert_eq!(points[12..16], 0x0000_0102_u32.to_le_bytes());
     }
 }

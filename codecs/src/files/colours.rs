@@ -3,7 +3,7 @@
 mod tables;
 
 use depthloom_graphs::Value;
-use image::RgbImage;
+use image::{Rgb, RgbImage};
 
 use super::floats::floats;
 use super::png::encoded;
@@ -44,11 +44,15 @@ impl Colours {
 pub fn coloured_png(value: &Value, colours: Colours, range: (f64, f64)) -> Result<Vec<u8>, String> {
     let map = floats(value).ok_or_else(|| format!("a value of type {} is no map of numbers", value.value_type()))?;
     let (from, to) = range;
-    let colour = |sample: &f32| {
-        if sample.is_nan() { [0; 3] } else { colours.of(((f64::from(*sample) - from) / (to - from)).clamp(0.0, 1.0)) }
+    let colour = |column, row| {
+        let sample = map[(column, row)].0[0];
+        if sample.is_nan() {
+            Rgb([0; 3])
+        } else {
+            Rgb(colours.of(((f64::from(sample) - from) / (to - from)).clamp(0.0, 1.0)))
+        }
     };
-    let image = RgbImage::from_raw(map.width(), map.height(), map.iter().flat_map(colour).collect());
-    let image = image.expect("three samples a pixel");
+    let image = RgbImage::from_fn(map.width(), map.height(), colour);
     encoded(|out| image.write_to(out, image::ImageFormat::Png))
 }
 

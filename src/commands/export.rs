@@ -1,0 +1,131 @@
+//! `depthloom export`: recorded values as files that other programs read.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+use depthloom_codecs::files::Colours;
+use depthloom_recording::{Condition, Recording};
+use indicatif::{ProgressBar, ProgressStyle};
+use serde_json::{Value as Json, json};
+
+use super::report::recording_of;
+use super::table::open;
+use crate::args::{ColoursOption, ExportArgs, ExportFormat};
+use crate::columns::aligned;
+use crate::counted::counted;
+use crate::diagnostics::error_json;
+use crate::environment;
+use crate::exit::{Exit, Stop, chain};
+use crate::export::{Chosen, Exported, Folder, Form, Maps, chosen, frames, write_model};
+use crate::signals;
+use crate::streams::{print, print_json, say};
+
+/// Writes what is asked for.
+pub fn export(args: &ExportArgs) -> Result<Exit, Stop> {
+    let folder = Folder::at(&args.out, args.overwrite)?;
+    let path = recording_of(&args.run, "export")?;
+    let interrupt = signals::listen("stopping: files begun are finished")?;
+    let recording = open(&path)?;
+    let chosen = chosen(recording.plan(), &args.topics, &args.format)?;
+    let colours = args.colormap.map(colours);
+    meant(args, &chosen, colours)?;
+    let runs: BTreeSet<usize> = chosen.iter().map(|chosen| chosen.run).collect();
+    let frames = frames(&recording, &runs, args.frames.as_ref())?;
+    let maps = Maps::new(&recording, &frames, &chosen, colours, args.range)?;
+    let once = || chosen.iter().filter(|chosen| chosen.formats.contains(&ExportFormat::Onnx));
+    folder.check(maps.files().chain(once().map(|chosen| chosen.path_with("onnx"))))?;
+    folder.create()?;
+
+    let bar = if args.quiet || args.json { ProgressBar::hidden() } else { ProgressBar::new(maps.work()) };
+    if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos}/{len}  {eta} left") {
+        bar.set_style(style);
+    }
+    let stop = || interrupt.stops_admission();
+    let damaged = maps.write(&folder, environment::cores(), &stop, &|| bar.inc(1))?;
+    bar.finish_and_clear();
+    let mut exported: Vec<Exported> = maps.exported().collect();
+    for chosen in once() {
+        if stop() {
+            break;
+        }
+        exported.push(write_model(&recording, chosen, &folder)?);
+    }
+    let files: u64 = exported.iter().map(|of| of.files).sum();
+    if stop() {
+        let whole = format!("{} in {}", counted(files, "file"), args.out.display());
+        return Err(Stop::new(Exit::Interrupted, "interrupted while exporting").remedy(format!("whole: {whole}")));
+    }
+    for error in &damaged {
+        say(format_args!("warning: left out: {}", chain(error)));
+    }
+    told(args, &recording, &exported);
+    let is_damaged = !damaged.is_empty() || matches!(recording.condition(), Condition::Damaged { .. });
+    let faulty = is_damaged.then(|| Stop::new(Exit::Frames, "the recording is damaged"));
+    if args.json {
+        print_json(&object(&exported, &args.out, recording.condition(), faulty.as_ref()))?;
+    } else if !args.quiet {
+        print(text(&exported, files, &args.out))?;
+    }
+    Ok(faulty.map_or(Exit::Whole, |stop| stop.exit))
+}
+
+const fn colours(option: ColoursOption) -> Colours {
+    match option {
+        ColoursOption::Turbo => Colours::Turbo,
+        ColoursOption::Viridis => Colours::Viridis,
+        ColoursOption::Magma => Colours::Magma,
+        ColoursOption::Grey => Colours::Grey,
+    }
+}
+
+/// That colours and a range are of use to something.
+fn meant(args: &ExportArgs, chosen: &[Chosen<'_>], colours: Option<Colours>) -> Result<(), Stop> {
+    let formats =
+        || chosen.iter().flat_map(|chosen| chosen.formats.iter().map(move |format| (*format, chosen.value_type)));
+    let forms: Vec<Form> = formats().filter_map(|(format, of)| Form::of(format, of, colours, args.range)).collect();
+    let has_colours = forms.iter().any(|form| matches!(form, Form::Coloured(..)));
+    let has_points = forms.iter().any(|form| form.is_cloud());
+    if args.colormap.is_some() && !has_colours {
+        return Err(Stop::new(
+            Exit::Before,
+            "--colormap colours nothing: it is of disparities, depths and weights as PNG",
+        )
+        .remedy("leave it out, or ask for one of these with `--format png`"));
+    }
+    if args.range.is_some() && !has_colours && !has_points {
+        return Err(Stop::new(Exit::Before, "--range bounds nothing: it is of colours and of point clouds")
+            .remedy("add --colormap turbo, or `--format ply`"));
+    }
+    Ok(())
+}
+
+/// What is to be said of the recording and the numbers.
+fn told(args: &ExportArgs, recording: &Recording, exported: &[Exported]) {
+    if *recording.condition() != Condition::Whole {
+        say(format_args!("warning: the recording is {}", recording.condition()));
+    }
+    for Exported { name, clipped, .. } in exported.iter().filter(|of| of.clipped > 0) {
+        let pixels = counted(*clipped, "pixel");
+        say(format_args!(
+            "warning: {pixels} of {name} are beyond what 16 bits hold and stand as the largest number, or as none below zero; `--format npy` has them"
+        ));
+    }
+    for Exported { name, .. } in exported.iter().filter(|of| of.files == 0 && !args.topics.is_empty()) {
+        say(format_args!("warning: {name} has no value on these frames"));
+    }
+}
+
+fn text(exported: &[Exported], files: u64, folder: &Path) -> String {
+    let row = |of: &Exported| [of.name.clone(), counted(of.files, "file"), of.path.to_string_lossy().into_owned()];
+    let rows: Vec<[String; 3]> = exported.iter().map(row).collect();
+    format!("{}{} in {}\n", aligned(&rows, &[1]), counted(files, "file"), folder.display())
+}
+
+fn object(exported: &[Exported], folder: &Path, condition: &Condition, faulty: Option<&Stop>) -> Json {
+    let topics: Vec<Json> = exported.iter().map(Exported::json).collect();
+    let mut object = json!({ "folder": folder.to_string_lossy(), "condition": condition.name(), "topics": topics });
+    if let Some(stop) = faulty {
+        object["error"] = error_json(stop);
+    }
+    object
+}

@@ -1,0 +1,190 @@
+//! `depthloom export`: what other programs read is what was recorded, and nothing of anybody's is in danger.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use serde_json::{Value as Json, json};
+
+use crate::support::{depthloom, python, succeed, workspace};
+
+/// A run over two small frames that has every kind of map.
+struct Look {
+    folder: tempfile::TempDir,
+}
+
+impl Look {
+    fn new() -> Self {
+        let look = Self { folder: tempfile::tempdir().expect("a folder") };
+        let text = "experiment: look
+sources: { street: { kind: synthetic/road, with: { frames: 3..5, width: 320, height: 96, disparities: true } } }
+stages:
+  look:
+    source: street
+    nodes:
+      stereo: { kind: stereo/sgbm, inputs: { left: source/left, right: source/right } }
+      depth: { kind: depth/from-disparity, inputs: { disparity: stereo/disparity, calibration: source/calibration }, with: { cap: 1000 } }
+      sobel: { kind: confidence/sobel, inputs: { image: source/left } }
+    score: { truth: source/depth, estimates: { stereo: depth/depth } }
+record: [source, stereo, depth, sobel]
+";
+        std::fs::write(look.path("look.yaml"), text).expect("written");
+        succeed(&mut look.command("run", &["look.yaml", "--quiet", "--out", "run"]));
+        look
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn command(&self, command: &str, arguments: &[&str]) -> Command {
+        let mut program = depthloom();
+        program.current_dir(self.folder.path()).arg(command).args(arguments);
+        program
+    }
+
+    fn export(&self, arguments: &[&str]) -> Output {
+        succeed(self.command("export", &["run"]).args(arguments))
+    }
+
+    /// Exports what must be refused; what is said.
+    fn refused(&self, arguments: &[&str]) -> String {
+        let output = self.command("export", &["run"]).args(arguments).output().expect("the binary starts");
+        let said = String::from_utf8(output.stderr).expect("UTF-8");
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {said}");
+        said
+    }
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8(bytes.to_vec()).expect("UTF-8")
+}
+
+/// The files below a folder, by their paths in it.
+fn files(folder: &Path) -> Vec<String> {
+    let mut found = Vec::new();
+    let mut folders = vec![folder.to_owned()];
+    while let Some(next) = folders.pop() {
+        for entry in std::fs::read_dir(next).expect("a folder") {
+            let path = entry.expect("an entry").path();
+            match path.is_dir() {
+                true => folders.push(path),
+                false => found.push(path.strip_prefix(folder).expect("below").to_string_lossy().into_owned()),
+            }
+        }
+    }
+    found.retain(|file| !file.starts_with('.'));
+    found.sort();
+    found
+}
+
+#[test]
+fn what_is_exported_is_what_was_recorded() {
+    let Some(python) = python("what_is_exported_is_what_was_recorded") else { return };
+    let look = Look::new();
+    look.export(&["--format", "png,npy,pfm", "--out", "all", "--quiet"]);
+    look.export(&["--format", "ply,pcd", "--range", "30..2", "--out", "all", "--quiet"]);
+    look.export(&["*/depth", "stereo", "--colormap", "turbo", "--range", "0..40", "--out", "all", "--quiet"]);
+    let mut check = Command::new(python);
+    check.arg(workspace().join("tests/python/check_export.py")).arg(look.path("run/recording.mcap"));
+    let counts: Json = serde_json::from_slice(&succeed(check.arg(look.path("all"))).stdout).expect("JSON");
+    // Two frames of: two images; three masks or maps of them; of numbers three depths, a weight, two true disparities and one of stereo.
+    let maps = 2 * (3 + 1 + 2 + 1);
+    let clouds = 2 * (3 + 2 + 1);
+    let images = counts["npy"].as_u64().expect("a count") - maps;
+    assert!(images >= 2 * 3, "{counts}");
+    assert_eq!(
+        counts,
+        json!({ "png": maps + images, "npy": maps + images, "pfm": maps, "ply": clouds, "pcd": clouds, "turbo": 6 })
+    );
+}
+
+#[test]
+fn topics_and_frames_are_named_as_people_name_them() {
+    let look = Look::new();
+    for (arguments, wanted) in [
+        (
+            &["depth/depth", "--frames", "3,4"][..],
+            &["look/depth/depth/000003_10.png", "look/depth/depth/000004_10.png"][..],
+        ),
+        (&["/look/stereo/*", "--frames", "3..4"], &["look/stereo/disparity/000003_10.png"]),
+        (&["sobel", "--frames", "4", "--format", "npy"], &["look/sobel/weight/000004_10.npy"]),
+    ] {
+        let out = look.path("out");
+        look.export(&[arguments, &["--out", "out", "--quiet"]].concat());
+        assert_eq!(files(&out), wanted, "{arguments:?}");
+        std::fs::remove_dir_all(out).expect("removed");
+    }
+    let told: Json = serde_json::from_slice(&look.export(&["stereo", "--out", "out", "--json"]).stdout).expect("JSON");
+    let topic = json!({
+        "topic": "/look/stereo/disparity", "type": "disparity", "format": "png", "path": "look/stereo/disparity/<frame>.png",
+        "files": 2, "clipped_pixels": told["topics"][0]["clipped_pixels"],
+    });
+    assert_eq!(told, json!({ "folder": "out", "condition": "whole", "topics": [topic] }));
+    for (arguments, said) in [
+        (&["detph"][..], "did you mean `depth`?"),
+        (&["source/calibration"], "--format ply"),
+        (&["source/left", "--format", "pfm"], "it can be png, npy"),
+        (&["--format", "onnx"], "nothing that was recorded can be exported as onnx"),
+        (&["--frames", "9"], "there is no frame 9"),
+        (&["--frames", "3-4"], "did you mean `3..=4`?"),
+        (&["--range", "0..40"], "add --colormap"),
+        (&["--range", "3..3", "--format", "ply"], "two different numbers"),
+        (&["source/left", "--colormap", "grey"], "--colormap colours nothing"),
+    ] {
+        let refused = look.refused(&[arguments, &["--out", "none"]].concat());
+        assert!(refused.contains(said), "{arguments:?}: {refused}");
+        assert!(!look.path("none").exists(), "{arguments:?}");
+    }
+}
+
+#[test]
+fn nothing_of_anybodys_is_replaced_unless_asked_for() {
+    let look = Look::new();
+    let file = look.path("mine/look/depth/depth/000003_10.png");
+    std::fs::create_dir_all(file.parent().expect("a folder")).expect("made");
+    std::fs::write(&file, "mine").expect("written");
+    let refused = look.refused(&["depth/depth", "--out", "mine"]);
+    assert!(refused.contains("000003_10.png exists already") && refused.contains("--overwrite"), "{refused}");
+    assert_eq!(files(&look.path("mine")).len(), 1);
+    assert_eq!(std::fs::read(&file).expect("a file"), b"mine");
+    look.export(&["depth/depth", "--out", "mine", "--overwrite"]);
+    assert_ne!(std::fs::read(&file).expect("a file"), b"mine");
+    // An export's own folder takes another.
+    look.export(&["depth/depth", "--out", "ours"]);
+    look.export(&["depth/depth", "--out", "ours"]);
+    assert!(look.refused(&["--out", "run"]).contains("is a run's folder"));
+    assert!(look.refused(&["--out", "run/exported", "--overwrite"]).contains("is a run's folder"));
+    assert!(look.refused(&["--out", "look.yaml", "--overwrite"]).contains("is no folder"));
+}
+
+#[test]
+fn of_a_damaged_recording_what_can_be_read_is_exported() {
+    let look = Look::new();
+    let recording = look.path("run/recording.mcap");
+    let mut bytes = std::fs::read(&recording).expect("a recording");
+    // Inside the first frame's values.
+    let at = bytes.len() / 4;
+    bytes[at] ^= 1;
+    std::fs::write(&recording, bytes).expect("written");
+    let output = look.command("export", &["run", "--out", "left"]).output().expect("the binary starts");
+    let said = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(3), "{said}");
+    assert!(said.contains("left out") && said.contains("000003_10"), "{said}");
+    assert!(files(&look.path("left")).iter().all(|file| !file.contains("000003_10")));
+    assert!(files(&look.path("left")).contains(&"look/depth/depth/000004_10.png".to_owned()));
+}
+
+#[test]
+fn without_a_calibration_there_are_no_points() {
+    let look = Look::new();
+    let yaml = std::fs::read_to_string(look.path("look.yaml")).expect("a file");
+    std::fs::write(look.path("bare.yaml"), yaml.replace("record: [source,", "record: [")).expect("written");
+    succeed(&mut look.command("run", &["bare.yaml", "--quiet", "--out", "bare"]));
+    let mut export = look.command("export", &["bare", "depth", "--format", "ply", "--out", "none"]);
+    let output = export.output().expect("the binary starts");
+    assert_eq!(output.status.code(), Some(2));
+    assert!(text(&output.stderr).contains("`source/calibration`"), "{}", text(&output.stderr));
+    let not_there =
+        look.command("export", &["bare", "source/left", "--out", "none"]).output().expect("the binary starts");
+    assert!(text(&not_there.stderr).contains("was not recorded"), "{}", text(&not_there.stderr));
+}
