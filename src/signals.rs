@@ -60,7 +60,8 @@ mod system {
                 }
             }
         };
-        std::thread::Builder::new().name("depthloom-signals".to_owned()).spawn(hear).map(drop)
+        let thread = std::thread::Builder::new().name("depthloom-signals".to_owned());
+        depthloom_threads::look_for_room().and_then(|()| thread.spawn(hear)).map(drop)
     }
 
     /// Whether a signal was ignored when the program began. Where the system does not tell (no `/proc`), a hangup is taken to be:
