@@ -25,21 +25,21 @@ pub fn runs(args: &RunArgs, folder: &RunFolder, plan: &Plan, begun: Option<&Reco
     if !args.is_fresh() {
         recordings.extend(begun.map(|begun| begun.path().to_owned()));
         let own = folder.file(RECORDING);
-        let found = found(folder.out.parent().unwrap_or(Path::new("")));
+        let found = found(folder.out.parent());
         recordings.extend(found.into_iter().filter(|path| *path != own));
     }
     Arc::new(EarlierRuns::new(recordings, plan))
 }
 
-/// The recordings in a folder's folders, and two storeys under `runs/`.
-fn found(beside: &Path) -> Vec<PathBuf> {
+/// The recordings in a folder's folders, if one is given, and two storeys under `runs/`.
+fn found(beside: Option<&Path>) -> Vec<PathBuf> {
     let folders = |folder: &Path| {
         let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
         let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
         entries.map(|entry| entry.path()).filter(|path| path.is_dir()).collect::<Vec<PathBuf>>()
     };
     let of_experiments = folders(Path::new(RUNS)).into_iter().flat_map(|experiment| folders(&experiment));
-    let all = folders(beside).into_iter().chain(of_experiments);
+    let all = beside.into_iter().flat_map(folders).chain(of_experiments);
     let (mut seen, mut recordings) = (BTreeSet::new(), Vec::new());
     for path in all.map(|folder| folder.join(RECORDING)) {
         let Ok(metadata) = std::fs::metadata(&path) else { continue };
@@ -54,7 +54,7 @@ fn found(beside: &Path) -> Vec<PathBuf> {
 
 /// The recordings that a run beside `out` may take from.
 pub fn beside(out: Option<&Path>, plan: &Plan) -> EarlierRuns {
-    EarlierRuns::new(found(out.and_then(Path::parent).unwrap_or(Path::new(""))), plan)
+    EarlierRuns::new(found(out.and_then(Path::parent)), plan)
 }
 
 /// How many frames a recording holds, over all stage runs.

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use depthloom_graphs::contracts::{Commit, Contract, Slot, Store, Tap, TapError, Warned};
-use depthloom_graphs::plan::{Origin, Plan};
+use depthloom_graphs::plan::{Origin, Plan, PlannedOutput};
 use depthloom_graphs::ready::{Ready, ReadyRun};
 use depthloom_graphs::{Frame, Host, Key, Rate, Value, ValueType, value_keys};
 
@@ -26,6 +26,16 @@ struct Preview<'a> {
     store: &'a dyn Store,
 }
 
+impl Preview<'_> {
+    fn output(&self, run: usize, slot: Slot) -> &PlannedOutput {
+        let run = &self.plan.runs[run];
+        match slot {
+            Slot::Source { port } => &run.source.outputs[port],
+            Slot::Node { node, port } => &run.nodes[node].outputs[port],
+        }
+    }
+}
+
 impl Tap for Preview<'_> {
     type Part = ();
 
@@ -34,11 +44,7 @@ impl Tap for Preview<'_> {
     }
 
     fn part(&self, run: usize, slot: Slot) -> Option<usize> {
-        let run = &self.plan.runs[run];
-        let output = match slot {
-            Slot::Source { port } => &run.source.outputs[port],
-            Slot::Node { node, port } => &run.nodes[node].outputs[port],
-        };
+        let output = self.output(run, slot);
         (output.recorded && output.port.rate == Rate::Frame).then_some(0)
     }
 
@@ -55,12 +61,8 @@ impl Tap for Preview<'_> {
     }
 
     fn keeps(&self, run: usize, slot: Slot, position: usize) -> bool {
-        let run = &self.plan.runs[run];
-        let output = match slot {
-            Slot::Source { port } => &run.source.outputs[port],
-            Slot::Node { node, port } => &run.nodes[node].outputs[port],
-        };
-        (position as u64).is_multiple_of(self.plan.record.every.max(1)) || output.port.value_type == ValueType::Scores
+        let is_of_scores = self.output(run, slot).port.value_type == ValueType::Scores;
+        (position as u64).is_multiple_of(self.plan.record.every.max(1)) || is_of_scores
     }
 
     fn store(&self) -> Option<&dyn Store> {

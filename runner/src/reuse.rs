@@ -101,7 +101,6 @@ pub(crate) struct Reuse<'a> {
 
 impl<'a> Reuse<'a> {
     /// Walks the keys of a stage's frames. `None` if there is no store.
-    ///
     pub(crate) fn new<T: Tap>(
         run: usize,
         plan: &'a StageRun,
@@ -115,10 +114,12 @@ impl<'a> Reuse<'a> {
         let finished = plan.nodes.iter().map(|_| None).collect();
         let mut reuse = Self { store, plan, run, chains, finished, written: tap.written(run) };
         if reuse.chains.iter().any(Option::is_some) {
-            for (position, key) in source_keys(source, store, host).into_iter().enumerate() {
-                reuse.follow(graph, tap, position, key);
+            let keys = source_keys(source, store, host);
+            for (position, key) in keys.iter().enumerate() {
+                reuse.follow(graph, tap, position, *key);
             }
             reuse.finish();
+            while reuse.fires_on_some_frame(graph, tap, &keys) {}
         }
         Some(reuse)
     }
@@ -162,6 +163,25 @@ impl<'a> Reuse<'a> {
             self.finished[node] = once_values(self.store, self.plan, node, &key).map(|values| Finished { key, values });
             chain.fires = self.finished[node].is_none();
         }
+    }
+
+    /// Whether an ordered node that was not to fire has to on some frame, for a value that was not kept: then it fires on all, for
+    /// what it remembers comes of those before.
+    fn fires_on_some_frame<T: Tap>(&mut self, graph: &FrameGraph, tap: &T, keys: &[Option<Key>]) -> bool {
+        let idle = self.chains.iter().enumerate().filter(|(_, chain)| chain.as_ref().is_some_and(|chain| !chain.fires));
+        let idle: Vec<usize> =
+            idle.map(|(node, _)| node).filter(|node| !graph.producers[1 + node].outputs.is_empty()).collect();
+        for (position, key) in keys.iter().enumerate().filter(|_| !idle.is_empty()) {
+            let Some(key) = *key else { continue };
+            let steps = self.plan(graph, tap, position, key).steps;
+            let fires = |node: &&usize| steps[1 + **node] == Do::Fire;
+            if let Some(&node) = idle.iter().find(fires) {
+                self.finished[node] = None;
+                self.chains[node].iter_mut().for_each(|chain| chain.fires = true);
+                return true;
+            }
+        }
+        false
     }
 
     /// The first frame that has to be let in.
