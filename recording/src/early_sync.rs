@@ -6,6 +6,8 @@ use std::sync::Arc;
 use std::sync::mpsc::{self, SyncSender};
 use std::thread::{self, JoinHandle};
 
+use depthloom_threads::look_for_room;
+
 /// After how many bytes the disk is asked again: what is left at the end is about as much.
 const STRIDE_BYTES: u64 = 16 << 20;
 
@@ -57,8 +59,8 @@ impl Worker {
     fn start(file: Arc<File>) -> io::Result<Self> {
         let (requests, asked) = mpsc::sync_channel(1);
         let synchronise = move || asked.into_iter().try_for_each(|()| file.sync_data());
-        let thread =
-            thread::Builder::new().name("depthloom-disk".to_owned()).stack_size(64 << 10).spawn(synchronise)?;
+        let thread = thread::Builder::new().name("depthloom-disk".to_owned()).stack_size(64 << 10);
+        let thread = look_for_room().and_then(|()| thread.spawn(synchronise))?;
         Ok(Self { requests, thread })
     }
 }

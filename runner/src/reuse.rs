@@ -212,6 +212,11 @@ impl<'a> Reuse<'a> {
     /// The key of a node's values on a frame; `None` if it does not fire.
     fn key(&self, graph: &FrameGraph, position: usize, node: usize, known: &[Known]) -> Result<Option<Key>, Unknown> {
         let producer = &graph.producers[1 + node];
+        // What may fail is waited for, whether or not another input is absent: a failure is told of behind it.
+        let is_fresh = |feed: &Feed| matches!(feed, Feed::Place { step, .. } if matches!(known[*step], Known::Fresh));
+        if producer.feeds.iter().any(is_fresh) {
+            return Err(Unknown);
+        }
         let mut keys = Vec::with_capacity(producer.inputs.len());
         for (port, feed) in producer.inputs.iter().zip(&producer.feeds) {
             let key = match feed {

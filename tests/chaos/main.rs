@@ -21,7 +21,7 @@
 //! - **said**: exit 0 with an answer of fewer frames, equal to that of a recording cut there, and a word that the recording is not whole;
 //! - **silently different**: exit 0, another answer, and no word; or a promise that was not kept: an error without a message, an exit code
 //!   that `--help` does not list, whole frames that cannot be read, a run that begun again ends otherwise;
-//! - **panic**: a panic's text, exit code 101 or 134, an end by SIGABRT, SIGSEGV or their like, an allocation that failed (glibc's own end for want of memory is an error);
+//! - **panic**: a panic's text, exit code 101 or 134, an end by SIGABRT, SIGSEGV or their like, an allocation that failed (an end for want of memory in a thread's start, before any code of ours, is an error);
 //! - **hang**: it took longer than `--seconds`.
 //!
 //! The heads of the areas' files say which answers are right there. What the answers are compared with is made at the beginning by the same

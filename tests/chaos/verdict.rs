@@ -32,16 +32,22 @@ const OWN_FAULT: [i32; 7] = [4, 5, 6, 7, 8, 11, 31];
 /// The exit codes that `depthloom --help` lists.
 const KNOWN: [i32; 5] = [0, 1, 2, 3, 130];
 
-/// What glibc says when it ends a program for want of memory.
-const BY_THE_C_LIBRARY: [&str; 2] = ["Fatal glibc error", "cannot allocate memory for thread-local data"];
+/// What is said when there is no memory for what a thread needs before a line of ours runs in it: by glibc, which ends the program, and
+/// by the panics of Rust's own start of a thread.
+const BY_A_THREADS_START: [&str; 4] = [
+    "Fatal glibc error",
+    "cannot allocate memory for thread-local data",
+    "failed to allocate an alternative stack",
+    "failed to set up alternative stack guard page",
+];
 
 /// What no area excuses: a hang, a panic, a code nobody knows, an error without a word.
 pub fn fault(ended: &Ended) -> Option<Verdict> {
     if ended.hung {
         return Some(Verdict::Hang(ended.told()));
     }
-    // Without room for a thread's bookkeeping the C library itself ends a program and says so: an error that nobody can catch.
-    if BY_THE_C_LIBRARY.iter().any(|text| ended.stderr.contains(text)) {
+    // An error that nobody can catch.
+    if BY_A_THREADS_START.iter().any(|text| ended.stderr.contains(text)) {
         return Some(Verdict::Error);
     }
     let own = ended.signal.is_some_and(|signal| OWN_FAULT.contains(&signal));

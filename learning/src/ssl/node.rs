@@ -6,6 +6,7 @@ use std::time::Instant;
 use depthloom_graphs::contracts::{Contract, NodeDeclaration, Upstream};
 use depthloom_graphs::values::{Artifact, Curve};
 use depthloom_graphs::{Context, Fault, Host, Inputs, Instance, Key, Node, OnceNode, Outputs, Port, Value, ValueType};
+use depthloom_threads::look_for_room;
 use rayon::ThreadPool;
 use rustix::time::{ClockId, clock_gettime};
 
@@ -226,9 +227,13 @@ fn diverged() -> Fault {
 /// The threads of one training. More than the batch has images would find nothing to do. Trainings at once have threads of their own,
 /// so that each one's processor time is known; the cores they share.
 fn pool(width: usize, batch: u32) -> Result<ThreadPool, Fault> {
-    let named = |index| format!("depthloom-learning-{index}");
+    let named = |index: usize| format!("depthloom-learning-{index}");
     let threads = width.min(batch as usize).max(1);
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).thread_name(named).build();
+    let start = |thread: rayon::ThreadBuilder| {
+        let builder = std::thread::Builder::new().name(named(thread.index()));
+        look_for_room().and_then(|()| builder.spawn(|| thread.run())).map(drop)
+    };
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).spawn_handler(start).build();
     pool.map_err(|error| Fault::new("failed to start the threads of learning").because(error))
 }
 

@@ -1,0 +1,292 @@
+//! A run that takes from a store what it has gives what a run without one gives, whatever the store has forgotten; and a run that is
+//! taken up writes what was still to be written.
+
+mod support;
+
+use std::collections::HashMap;
+use std::sync::Mutex;
+use std::sync::atomic::Ordering;
+
+use depthloom_graphs::contracts::{Commit, Contract, Held, Holding, Slot, Store, Tap, TapError, Warned};
+use depthloom_graphs::plan::{Plan, PlannedOutput};
+use depthloom_graphs::{Fault, Frame, Key, Value};
+use depthloom_runner::{Interrupt, Options, Unwatched, run};
+use proptest::prelude::*;
+use support::any_graph::{any_graph, bench};
+use support::{Bench, Notebook, Numbers, Toy, mix, node, source};
+
+/// What runs gave, by key and port; `None` where a port gave nothing.
+type Values = HashMap<Key, HashMap<&'static str, Option<Value>>>;
+
+/// Whether a value is in a store.
+type Holds = dyn Fn(&Key, &str) -> bool + Send + Sync;
+
+/// What a store has of what runs gave.
+struct Memory {
+    values: Values,
+    holds: Box<Holds>,
+    knows: Box<dyn Fn(&Key) -> bool + Send + Sync>,
+}
+
+impl Store for Memory {
+    fn find(&self, key: &Key) -> Option<Vec<Held>> {
+        let ports = self.values.get(key).filter(|_| (self.knows)(key))?;
+        let held = ports.iter().map(|(port, value)| Held {
+            port: (*port).to_owned(),
+            is: match value {
+                None => Holding::Nothing,
+                Some(_) if (self.holds)(key, port) => Holding::There,
+                Some(_) => Holding::NotKept,
+            },
+        });
+        Some(held.collect())
+    }
+
+    fn value(&self, key: &Key, port: &str) -> Result<Option<Value>, Fault> {
+        let value = self.values.get(key).and_then(|ports| ports.get(port));
+        value.cloned().ok_or_else(|| Fault::new("asked for what it has not"))
+    }
+}
+
+/// What was written down at once: a frame, or a once-value.
+struct Entry {
+    run: usize,
+    /// `None`: a frame.
+    once: Option<Slot>,
+    keys: Vec<Key>,
+    values: Vec<(Key, &'static str, Option<Value>)>,
+}
+
+fn values_of(entries: &[Entry]) -> Values {
+    let mut values = Values::new();
+    for entry in entries {
+        // Keys are known of what was not kept, too.
+        for key in &entry.keys {
+            values.entry(*key).or_default();
+        }
+        for (key, port, value) in &entry.values {
+            values.entry(*key).or_default().insert(port, value.clone());
+        }
+    }
+    values
+}
+
+/// Values by run and frame.
+type Encoded = HashMap<(usize, u64), Vec<(Slot, Value)>>;
+
+/// A notebook that remembers under which keys it was told what, and may have a store.
+struct Remembering {
+    notebook: Notebook,
+    /// A plan of the same graph, for the names of ports.
+    plan: Plan,
+    store: Option<Memory>,
+    /// Every how many frames values are kept.
+    every: usize,
+    /// What was encoded and waits for its keys.
+    encoded: Mutex<Encoded>,
+    entries: Mutex<Vec<Entry>>,
+    /// What an earlier process has written.
+    written: Vec<(usize, Option<Slot>)>,
+}
+
+impl Remembering {
+    fn new(parts: usize, every: usize, plan: Plan, store: Option<Memory>) -> Self {
+        let notebook = Notebook::with_parts(parts);
+        Self { notebook, plan, store, every, encoded: Mutex::default(), entries: Mutex::default(), written: Vec::new() }
+    }
+
+    fn output(&self, run: usize, slot: Slot) -> &PlannedOutput {
+        let run = &self.plan.runs[run];
+        match slot {
+            Slot::Source { port } => &run.source.outputs[port],
+            Slot::Node { node, port } => &run.nodes[node].outputs[port],
+        }
+    }
+
+    fn remember(&self, entry: Entry) {
+        self.entries.lock().expect("nobody panics with the lock").push(entry);
+    }
+
+    fn entries(self) -> Vec<Entry> {
+        self.entries.into_inner().expect("nobody panics with the lock")
+    }
+}
+
+impl Tap for Remembering {
+    type Part = String;
+
+    fn parts(&self, run: usize) -> usize {
+        self.notebook.parts(run)
+    }
+
+    fn part(&self, run: usize, slot: Slot) -> Option<usize> {
+        self.output(run, slot).recorded.then(|| self.notebook.part(run, slot))?
+    }
+
+    fn encode(
+        &self,
+        run: usize,
+        (position, frame): (usize, &Frame),
+        part: usize,
+        values: &[(Slot, Value)],
+    ) -> Result<String, TapError> {
+        let kept = values.iter().filter(|(slot, _)| self.keeps(run, *slot, position));
+        let kept: Vec<(Slot, Value)> = kept.cloned().collect();
+        let mut encoded = self.encoded.lock().expect("nobody panics with the lock");
+        encoded.entry((run, frame.index)).or_default().extend(kept.iter().cloned());
+        self.notebook.encode(run, (position, frame), part, &kept)
+    }
+
+    fn write(&self, commit: &Commit<'_>, parts: Vec<String>) -> Result<(), TapError> {
+        let values =
+            self.encoded.lock().expect("nobody panics with the lock").remove(&(commit.run, commit.frame.index));
+        let key = |slot: Slot| match slot {
+            Slot::Source { .. } => commit.source_key,
+            Slot::Node { node, .. } => commit.keys.iter().find(|of| of.node == node).map(|of| of.key),
+        };
+        let given = values.into_iter().flatten().map(|(slot, value)| (slot, Some(value)));
+        let given = given.chain(commit.absent.iter().map(|slot| (*slot, None)));
+        let port = |slot| self.output(commit.run, slot).port.name;
+        let values = given.map(|(slot, value)| (key(slot).expect("what gave a value has a key"), port(slot), value));
+        let keys = commit.source_key.into_iter().chain(commit.keys.iter().map(|of| of.key)).collect();
+        self.remember(Entry { run: commit.run, once: None, keys, values: values.collect() });
+        self.notebook.write(commit, parts)
+    }
+
+    fn once(&self, run: usize, slot: Slot, key: &Key, value: &Value, warned: &[Warned]) -> Result<(), TapError> {
+        let values = vec![(*key, self.output(run, slot).port.name, Some(value.clone()))];
+        self.remember(Entry { run, once: Some(slot), keys: vec![*key], values });
+        self.notebook.once(run, slot, key, value, warned)
+    }
+
+    fn written(&self, run: usize) -> usize {
+        self.written.iter().filter(|written| **written == (run, None)).count()
+    }
+
+    fn has_once(&self, run: usize, slot: Slot) -> bool {
+        self.written.contains(&(run, Some(slot)))
+    }
+
+    fn keeps(&self, _run: usize, _slot: Slot, position: usize) -> bool {
+        position.is_multiple_of(self.every)
+    }
+
+    fn store(&self) -> Option<&dyn Store> {
+        self.store.as_ref().map(|store| store as &dyn Store)
+    }
+}
+
+/// Runs a graph: what was written, and why it ended.
+fn told(bench: Bench, tap: &Remembering, workers: usize, keep_going: bool) -> (Vec<String>, Option<String>) {
+    let options = Options { workers, window: Some(4), keep_going, checkpoints: None };
+    let result = run(bench.ready(), tap, &options, &Unwatched, &Interrupt::default());
+    (tap.notebook.lines(), result.err().map(|error| error.to_string()))
+}
+
+/// Graphs tried; `DEPTHLOOM_CASES` asks for another number.
+fn cases() -> u32 {
+    std::env::var("DEPTHLOOM_CASES").ok().and_then(|n| n.parse().ok()).unwrap_or(128)
+}
+
+/// Leaves the outputs of some nodes unrecorded: by node, a bit each.
+fn unrecorded_by(mut bench: Bench, nodes: u64) -> Bench {
+    for (n, node) in bench.plan.runs.iter_mut().flat_map(|run| &mut run.nodes).enumerate() {
+        node.outputs.iter_mut().for_each(|output| output.recorded = nodes >> (n % 64) & 1 == 0);
+    }
+    bench
+}
+
+fn draw(seed: u64, key: &Key, port: &str) -> u64 {
+    key.to_string().bytes().chain(port.bytes()).fold(seed, |n, byte| mix(n, u64::from(byte)))
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: cases(), failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn whatever_a_store_has_forgotten_the_answer_is_the_same(
+        graph in any_graph(),
+        seed in any::<u64>(),
+        every in 1..3_usize,
+        // By node, a bit each.
+        unrecorded in any::<u64>(),
+        // Of eight: how many values are not kept, how many keys not known.
+        lost in (0..8_u64, 0..4_u64),
+    ) {
+        let bench = || unrecorded_by(bench(&graph), unrecorded);
+        let plan = || bench().plan;
+        let first = Remembering::new(graph.parts, every, plan(), None);
+        let expected = told(bench(), &first, 2, graph.keep_going);
+        let values = values_of(&first.entries());
+        for workers in [1, 3] {
+            let store = Memory {
+                values: values.clone(),
+                holds: Box::new(move |key, port| draw(seed, key, port) % 8 >= lost.0),
+                knows: Box::new(move |key| draw(seed, key, "") % 8 >= lost.1),
+            };
+            let tap = Remembering::new(graph.parts, every, plan(), Some(store));
+            let (lines, end) = told(bench(), &tap, workers, graph.keep_going);
+            let differs = lines.iter().zip(&expected.0).find(|(line, other)| line != other);
+            prop_assert_eq!(differs, None, "workers {}", workers);
+            prop_assert_eq!((lines.len(), &end), (expected.0.len(), &expected.1), "workers {}", workers);
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: cases(), failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn wherever_a_run_is_taken_up_it_writes_the_rest(
+        graph in any_graph(),
+        every in 1..3_usize,
+        // By node, a bit each.
+        unrecorded in any::<u64>(),
+        cut in any::<prop::sample::Index>(),
+    ) {
+        let bench = || unrecorded_by(bench(&graph), unrecorded);
+        let first = Remembering::new(graph.parts, every, bench().plan, None);
+        let (expected, end) = told(bench(), &first, 2, graph.keep_going);
+        let mut written = first.entries();
+        let cut = cut.index(written.len() + 1);
+        written.truncate(cut);
+        for workers in [1, 3] {
+            let store =
+                Memory { values: values_of(&written), holds: Box::new(|_, _| true), knows: Box::new(|_| true) };
+            let mut tap = Remembering::new(graph.parts, every, bench().plan, Some(store));
+            tap.written = written.iter().map(|entry| (entry.run, entry.once)).collect();
+            let (lines, ended) = told(bench(), &tap, workers, graph.keep_going);
+            let differs = lines.iter().zip(&expected[cut..]).find(|(line, other)| line != other);
+            prop_assert_eq!(differs, None, "workers {}", workers);
+            prop_assert_eq!((lines.len(), &ended), (expected.len() - cut, &end), "workers {}", workers);
+        }
+    }
+}
+
+/// An ordered node that is not recorded, and a node that reads it.
+fn chain() -> (Bench, [Toy; 2]) {
+    let toys = [Toy::salted(2), Toy::salted(3)];
+    let mut bench = Bench::new(&["one"]);
+    bench.stage("toys", Numbers::new(6));
+    bench.toy("sums", Contract::Ordered, [source(0), None, None], toys[0].clone());
+    bench.toy("mixes", Contract::Pure, [node(0, 0), None, None], toys[1].clone());
+    bench.plan.runs[0].nodes[0].outputs.iter_mut().take(2).for_each(|output| output.recorded = false);
+    (bench, toys)
+}
+
+#[test]
+fn an_ordered_node_that_one_late_frame_needs_fires_on_all_before_it() {
+    let first = Remembering::new(1, 1, chain().0.plan, None);
+    let expected = told(chain().0, &first, 1, false);
+    let values = values_of(&first.entries());
+
+    // The store does not know what `mixes` gave on the last frame.
+    let of_last = expected.0.iter().find(|line| line.starts_with("0 f6")).expect("the last frame is written");
+    let lost = values.keys().copied().find(|key| of_last.contains(&format!("1:{key}")));
+    let lost = lost.expect("the last frame has a key of `mixes`");
+    let store = Memory { values, holds: Box::new(|_, _| true), knows: Box::new(move |key| *key != lost) };
+    let tap = Remembering::new(1, 1, chain().0.plan, Some(store));
+    let (bench, toys) = chain();
+    assert_eq!(told(bench, &tap, 1, false), expected);
+    assert_eq!(toys.map(|toy| toy.calls.load(Ordering::Relaxed)), [6, 1], "how often each fired");
+}
