@@ -69,6 +69,15 @@ impl Schema {
         Self::ALL.into_iter().find(|schema| schema.name() == name)
     }
 
+    /// Whether its messages are a few hundred bytes.
+    #[must_use]
+    pub const fn is_small(self) -> bool {
+        match self {
+            Self::CompressedImage | Self::RawImage => false,
+            Self::CameraCalibration | Self::Score | Self::Commit | Self::CurvePoint => true,
+        }
+    }
+
     /// The serialized `FileDescriptorSet`.
     #[must_use]
     pub fn descriptor_set(self) -> &'static [u8] {

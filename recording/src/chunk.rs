@@ -1,8 +1,8 @@
 //! A part of a frame as chunks: framed, checked and compressed by the worker that has its values.
 //!
-//! A part of a frame has three chunks: messages that hardly shrink lie uncompressed in one, those that do in a second, and the
-//! depths for looking at in a third; more only where one would grow past what readers take. Whether a message shrinks is measured on a few of its own bytes, so that it depends on
-//! the message alone.
+//! A raster has a chunk of its own, so that who reads one value reads and decompresses no other, and a run that takes it from an earlier
+//! one copies its chunk as it lies. Small messages share an uncompressed chunk behind those. Whether a raster is compressed is measured
+//! on a few of its own bytes, so that its chunk depends on it alone.
 
 use std::io::Cursor;
 
@@ -12,6 +12,7 @@ use mcap::records::op;
 use rustix::time::{ClockId, clock_gettime};
 
 use crate::compression;
+use crate::copy::placed;
 use crate::pool::PartPools;
 use crate::record::{ChunkPlace, put_message, put_message_index};
 use crate::unpack::LARGEST_CHUNK;
@@ -29,15 +30,23 @@ const FIELDS: usize = 256;
 const WINDOWS: usize = 8;
 const WINDOW: usize = 4096;
 
-/// How a message is to be kept.
+/// How the chunk of a raster is to be kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Packing {
     /// As it is.
     Plain,
     /// Compressed.
     Compressed,
-    /// Compressed, and apart from the others.
-    View,
+}
+
+impl Packing {
+    /// Its name in MCAP.
+    const fn name(self) -> &'static str {
+        match self {
+            Self::Plain => "",
+            Self::Compressed => "zstd",
+        }
+    }
 }
 
 /// An encoded part of a frame, or messages outside frames: whole chunks and their message indexes, at offsets from its start.
@@ -74,27 +83,15 @@ struct Placed {
     offset: u64,
 }
 
-/// The records of a chunk being filled.
-#[derive(Default)]
-struct Lane {
-    records: Vec<u8>,
-    messages: Vec<Placed>,
-}
-
 /// Fills a part with messages.
 pub(crate) struct PartBuilder<'a> {
     frame: &'a Frame,
     pools: &'a PartPools,
-    /// The uncompressed chunk grows where it will stay, behind room for its header.
-    bytes: Vec<u8>,
-    plain: Vec<Placed>,
-    packed: Lane,
-    view: Lane,
-    /// What did not fit into these chunks, in more of them: that follow the first, and are all but never there.
-    more: Vec<(Packing, Lane)>,
-    messages: Vec<u16>,
+    part: Part,
+    /// The records of the messages that share a chunk.
+    shared: Vec<u8>,
+    placed: Vec<Placed>,
     largest: u64,
-    too_large: Option<Unkept>,
 }
 
 /// Opcode, length, times, uncompressed size, checksum, compression, compressed size.
@@ -106,113 +103,177 @@ const PLAIN_HEADER: usize = header_length("");
 
 impl<'a> PartBuilder<'a> {
     pub(crate) fn new(frame: &'a Frame, pools: &'a PartPools) -> Self {
-        let mut bytes = pools.bytes.take();
-        bytes.resize(PLAIN_HEADER, 0);
-        Self {
-            frame,
-            pools,
-            bytes,
-            plain: Vec::new(),
-            packed: Lane::default(),
-            view: Lane::default(),
-            more: Vec::new(),
-            messages: Vec::new(),
-            largest: LARGEST_CHUNK,
-            too_large: None,
-        }
+        let (bytes, crc) = (pools.bytes.take(), Hasher::new());
+        let part = Part { bytes, crc, chunks: Vec::new(), messages: Vec::new(), compress_ns: 0 };
+        Self { frame, pools, part, shared: Vec::new(), placed: Vec::new(), largest: LARGEST_CHUNK }
     }
 
-    /// Adds a message; `size` is about how many bytes `data` appends.
-    pub(crate) fn message(&mut self, channel: u16, packing: Packing, size: usize, data: impl FnOnce(&mut Vec<u8>)) {
-        let (sequence, time_ns) = (self.frame.index as u32, self.frame.time_ns);
-        self.messages.push(channel);
-        let (records, messages, header) = match packing {
-            Packing::Plain => (&mut self.bytes, &mut self.plain, PLAIN_HEADER),
-            Packing::Compressed => (&mut self.packed.records, &mut self.packed.messages, 0),
-            Packing::View => (&mut self.view.records, &mut self.view.messages, 0),
-        };
-        if records.capacity() == 0 {
-            *records = self.pools.records.take();
-        }
-        let start = records.len();
-        records.reserve(size + FIELDS);
-        put_message(records, channel, sequence, time_ns, data);
-        messages.push(Placed { channel, time_ns, offset: (start - header) as u64 });
-        if (records.len() - header) as u64 > self.largest {
-            let message = records.split_off(start);
-            messages.pop();
-            self.overflow(packing, Placed { channel, time_ns, offset: 0 }, message);
-        }
-    }
-
-    /// Keeps a message that its chunk has no room for in another.
-    fn overflow(&mut self, packing: Packing, message: Placed, record: Vec<u8>) {
-        let bytes = record.len() as u64;
-        if bytes > self.largest {
-            self.too_large.get_or_insert(Unkept::TooLarge { channel: message.channel, bytes });
-            return;
-        }
-        let last = self.more.iter_mut().rev().find(|(of, _)| *of == packing);
-        match last.filter(|(_, lane)| lane.records.len() as u64 + bytes <= self.largest) {
-            Some((_, lane)) => {
-                lane.messages.push(Placed { offset: lane.records.len() as u64, ..message });
-                lane.records.extend_from_slice(&record);
-            }
-            None => self.more.push((packing, Lane { records: record, messages: vec![message] })),
-        }
-    }
-
-    /// Compresses, checks and indexes the chunks.
+    /// Adds a small message, which shares a chunk with others.
     ///
     /// # Errors
-    /// If a message is larger than a chunk may be, or zstd fails.
-    pub(crate) fn finish(self) -> Result<Part, Unkept> {
-        let Self { pools, mut bytes, plain, packed, view, more, messages, too_large, .. } = self;
-        if let Some(too_large) = too_large {
-            return Err(too_large);
+    /// If it is larger than a chunk may be.
+    pub(crate) fn small(&mut self, channel: u16, data: &[u8]) -> Result<(), Unkept> {
+        let time_ns = self.frame.time_ns;
+        let start = self.shared.len();
+        put_message(&mut self.shared, channel, self.frame.index as u32, time_ns, |out| out.extend_from_slice(data));
+        let bytes = (self.shared.len() - start) as u64;
+        if bytes > self.largest {
+            return Err(Unkept::TooLarge { channel, bytes });
         }
-        let mut crc = Hasher::new();
-        let mut chunks = Vec::new();
-        let mut compress_ns = 0;
-        if plain.is_empty() {
-            bytes.clear();
-        } else {
-            chunks.push(plain_chunk(&mut bytes, &mut crc, &plain));
+        self.part.messages.push(channel);
+        let mut offset = start as u64;
+        if self.shared.len() as u64 > self.largest {
+            let message = self.shared.split_off(start);
+            self.close_shared();
+            self.shared = message;
+            offset = 0;
         }
-        for (packing, lane) in [(Packing::Compressed, packed), (Packing::View, view)].into_iter().chain(more) {
-            if lane.messages.is_empty() {
-                continue;
+        self.placed.push(Placed { channel, time_ns, offset });
+        Ok(())
+    }
+
+    /// Adds a message with a chunk of its own; `size` is about how many bytes `data` appends.
+    ///
+    /// # Errors
+    /// If it is larger than a chunk may be, or zstd fails.
+    pub(crate) fn alone(
+        &mut self,
+        channel: u16,
+        packing: Packing,
+        size: usize,
+        data: impl FnOnce(&mut Vec<u8>),
+    ) -> Result<(), Unkept> {
+        let (sequence, time_ns) = (self.frame.index as u32, self.frame.time_ns);
+        let (start, header) = (self.part.bytes.len(), header_length(packing.name()));
+        let records_start = start + header;
+        let (uncompressed_size, crc, plain) = match packing {
+            Packing::Plain => {
+                let bytes = &mut self.part.bytes;
+                bytes.reserve(header + size + FIELDS);
+                bytes.resize(records_start, 0);
+                put_message(bytes, channel, sequence, time_ns, data);
+                let mut crc = Hasher::new();
+                crc.update(&bytes[records_start..]);
+                ((bytes.len() - records_start) as u64, crc.clone().finalize(), Some(crc))
             }
-            let named = if packing == Packing::Plain { "" } else { "zstd" };
-            let start = bytes.len();
-            let records_start = start + header_length(named);
-            let bound = match packing {
-                Packing::Plain => lane.records.len(),
-                Packing::Compressed | Packing::View => compression::bound(lane.records.len()),
-            };
-            bytes.reserve(records_start - start + bound);
-            bytes.resize(records_start, 0);
-            if packing == Packing::Plain {
-                bytes.extend_from_slice(&lane.records);
-            } else {
-                let mut into = Cursor::new(bytes);
-                into.set_position(records_start as u64);
-                let began = thread_cpu_ns();
-                compression::compress(&lane.records, &mut into).map_err(Unkept::Compression)?;
-                compress_ns += thread_cpu_ns() - began;
-                bytes = into.into_inner();
+            Packing::Compressed => {
+                let mut records = self.pools.records.take();
+                records.reserve(size + FIELDS);
+                put_message(&mut records, channel, sequence, time_ns, data);
+                if records.len() as u64 <= self.largest {
+                    self.part.compress(header, &records)?;
+                }
+                let known = (records.len() as u64, crc32fast::hash(&records));
+                self.pools.records.put(records);
+                (known.0, known.1, None)
             }
-            let stored = (bytes.len() - records_start) as u64;
-            let size = lane.records.len() as u64;
-            let times_ns = times_ns(&lane.messages);
-            let header = chunk_header(times_ns, size, crc32fast::hash(&lane.records), named, stored);
-            bytes[start..records_start].copy_from_slice(&header);
-            crc.update(&bytes[start..]);
-            let place = place(times_ns, start, bytes.len() - start, named, stored, size);
-            chunks.push(indexed(&mut bytes, &mut crc, place, &lane.messages));
-            pools.records.put(lane.records);
+        };
+        if uncompressed_size > self.largest {
+            return Err(Unkept::TooLarge { channel, bytes: uncompressed_size });
         }
-        Ok(Part { bytes, crc, chunks, messages, compress_ns })
+        self.part.messages.push(channel);
+        let stored = (self.part.bytes.len() - records_start) as u64;
+        let header = chunk_header((time_ns, time_ns), uncompressed_size, crc, packing.name(), stored);
+        self.part.bytes[start..records_start].copy_from_slice(&header);
+        self.part.close(start, uncompressed_size, packing, plain.as_ref(), &[Placed { channel, time_ns, offset: 0 }]);
+        Ok(())
+    }
+
+    /// Adds a chunk with one message, and its index, as they lie in a recording: what [`PartBuilder::alone`] made there. `None` if what `read`
+    /// appends is no such chunk.
+    ///
+    /// # Errors
+    /// Those of `read`.
+    pub(crate) fn copied<E>(
+        &mut self,
+        channel: u16,
+        read: impl FnOnce(&mut Vec<u8>) -> Result<(), E>,
+    ) -> Result<Option<()>, E> {
+        let start = self.part.bytes.len();
+        read(&mut self.part.bytes)?;
+        let stored = &self.part.bytes[start..];
+        let place = placed(stored, start as u64).filter(|(_, messages)| *messages == [(channel, 1)]);
+        Ok(place.map(|(place, _)| {
+            self.part.crc.update(stored);
+            self.part.chunks.push(place);
+            self.part.messages.push(channel);
+        }))
+    }
+
+    /// The part.
+    pub(crate) fn finish(mut self) -> Part {
+        self.close_shared();
+        self.part
+    }
+
+    /// Closes the chunk of the messages that share one.
+    fn close_shared(&mut self) {
+        if self.placed.is_empty() {
+            return;
+        }
+        let start = self.part.bytes.len();
+        let size = self.shared.len() as u64;
+        let crc = crc32fast::hash(&self.shared);
+        self.part.bytes.extend_from_slice(&chunk_header(times_ns(&self.placed), size, crc, "", size));
+        self.part.bytes.append(&mut self.shared);
+        self.part.close(start, size, Packing::Plain, None, &std::mem::take(&mut self.placed));
+    }
+}
+
+impl Part {
+    /// Appends room for a chunk's header, and records, compressed.
+    fn compress(&mut self, header: usize, records: &[u8]) -> Result<(), Unkept> {
+        let records_start = self.bytes.len() + header;
+        self.bytes.reserve(header + compression::bound(records.len()));
+        self.bytes.resize(records_start, 0);
+        let mut into = Cursor::new(std::mem::take(&mut self.bytes));
+        into.set_position(records_start as u64);
+        let began = thread_cpu_ns();
+        compression::compress(records, &mut into).map_err(Unkept::Compression)?;
+        self.compress_ns += thread_cpu_ns() - began;
+        self.bytes = into.into_inner();
+        Ok(())
+    }
+
+    /// Appends the message indexes of the chunk that starts there and ends the bytes, and notes where it is; `records` is what its stored
+    /// records are known to give, so that megabytes are not summed twice.
+    fn close(
+        &mut self,
+        start: usize,
+        uncompressed_size: u64,
+        packing: Packing,
+        records: Option<&Hasher>,
+        messages: &[Placed],
+    ) {
+        let end = self.bytes.len();
+        let (length, compression) = ((end - start) as u64, packing.name());
+        let mut place = ChunkPlace {
+            start: start as u64,
+            length,
+            times_ns: times_ns(messages),
+            indexes: Vec::new(),
+            indexes_length: 0,
+            compression,
+            compressed_size: length - header_length(compression) as u64,
+            uncompressed_size,
+        };
+        let mut channels: Vec<u16> = messages.iter().map(|message| message.channel).collect();
+        channels.sort_unstable();
+        channels.dedup();
+        for channel in channels {
+            let of_channel = messages.iter().filter(|message| message.channel == channel);
+            let entries: Vec<(u64, u64)> = of_channel.map(|message| (message.time_ns, message.offset)).collect();
+            place.indexes.push((channel, self.bytes.len() as u64));
+            put_message_index(&mut self.bytes, channel, &entries);
+        }
+        place.indexes_length = (self.bytes.len() - end) as u64;
+        let summed = records.map_or(start, |records| {
+            self.crc.update(&self.bytes[start..start + header_length(compression)]);
+            self.crc.combine(records);
+            end
+        });
+        self.crc.update(&self.bytes[summed..]);
+        self.chunks.push(place);
     }
 }
 
@@ -224,23 +285,15 @@ pub(crate) fn messages_outside_frames(channel: u16, content: impl IntoIterator<I
         placed.push(Placed { channel, time_ns, offset: (bytes.len() - PLAIN_HEADER) as u64 });
         put_message(&mut bytes, channel, sequence, time_ns, |out| out.extend_from_slice(&data));
     }
-    let mut crc = Hasher::new();
-    let chunks = if placed.is_empty() { Vec::new() } else { vec![plain_chunk(&mut bytes, &mut crc, &placed)] };
-    Part { bytes, crc, chunks, messages: vec![channel; placed.len()], compress_ns: 0 }
-}
-
-/// Closes the uncompressed chunk that `bytes` holds behind the room for its header, and appends its message indexes.
-fn plain_chunk(bytes: &mut Vec<u8>, crc: &mut Hasher, messages: &[Placed]) -> ChunkPlace {
-    let mut records_crc = Hasher::new();
-    records_crc.update(&bytes[PLAIN_HEADER..]);
-    let size = (bytes.len() - PLAIN_HEADER) as u64;
-    let times_ns = times_ns(messages);
-    let header = chunk_header(times_ns, size, records_crc.clone().finalize(), "", size);
-    bytes[..PLAIN_HEADER].copy_from_slice(&header);
-    crc.update(&header);
-    crc.combine(&records_crc);
-    let place = place(times_ns, 0, bytes.len(), "", size, size);
-    indexed(bytes, crc, place, messages)
+    let messages = vec![channel; placed.len()];
+    let mut part = Part { bytes, crc: Hasher::new(), chunks: Vec::new(), messages, compress_ns: 0 };
+    if !placed.is_empty() {
+        let size = (part.bytes.len() - PLAIN_HEADER) as u64;
+        let crc = crc32fast::hash(&part.bytes[PLAIN_HEADER..]);
+        part.bytes[..PLAIN_HEADER].copy_from_slice(&chunk_header(times_ns(&placed), size, crc, "", size));
+        part.close(0, size, Packing::Plain, None, &placed);
+    }
+    part
 }
 
 /// The first and last time of messages; zero where there are none.
@@ -291,36 +344,6 @@ fn chunk_header(times_ns: (u64, u64), size: u64, crc: u32, compression: &str, co
     header
 }
 
-fn place(
-    times_ns: (u64, u64),
-    start: usize,
-    length: usize,
-    compression: &'static str,
-    compressed_size: u64,
-    uncompressed_size: u64,
-) -> ChunkPlace {
-    let (start, length) = (start as u64, length as u64);
-    let (indexes, indexes_length) = (Vec::new(), 0);
-    ChunkPlace { start, length, times_ns, indexes, indexes_length, compression, compressed_size, uncompressed_size }
-}
-
-/// Appends the message indexes of a chunk, and notes where they are.
-fn indexed(bytes: &mut Vec<u8>, crc: &mut Hasher, mut place: ChunkPlace, messages: &[Placed]) -> ChunkPlace {
-    let start = bytes.len();
-    let mut channels: Vec<u16> = messages.iter().map(|message| message.channel).collect();
-    channels.sort_unstable();
-    channels.dedup();
-    for channel in channels {
-        let of_channel = messages.iter().filter(|message| message.channel == channel);
-        let entries: Vec<(u64, u64)> = of_channel.map(|message| (message.time_ns, message.offset)).collect();
-        place.indexes.push((channel, bytes.len() as u64));
-        put_message_index(bytes, channel, &entries);
-    }
-    place.indexes_length = (bytes.len() - start) as u64;
-    crc.update(&bytes[start..]);
-    place
-}
-
 #[cfg(test)]
 mod tests {
     use std::collections::BTreeMap;
@@ -338,25 +361,28 @@ mod tests {
         const LARGEST: u64 = 5000;
         let (frame, pools) = (Frame::at_10_hz("000000_10", 0), PartPools::default());
         let mut part = PartBuilder { largest: LARGEST, ..PartBuilder::new(&frame, &pools) };
-        // In all eleven of each kind, of which two fit into a chunk, and one as large as a chunk can hold.
+        // Small ones, of which two fit into a chunk, one of them as large as a chunk can hold; and as many with chunks of their own.
         let room = LARGEST as usize - 31;
         let sizes = [2000, 2400, 2300, 100, room, 2000, 2000, 2000, 1, 0, 3000];
         let mut expected: BTreeMap<u16, Vec<u8>> = BTreeMap::new();
         for (number, size) in (0_u16..).zip(sizes) {
-            for (kind, packing) in (1_u16..).zip([Packing::Plain, Packing::Compressed, Packing::View]) {
+            for (kind, packing) in (1_u16..).zip([None, Some(Packing::Plain), Some(Packing::Compressed)]) {
                 let channel = kind * 100 + number;
                 let data = vec![channel as u8; size];
-                part.message(channel, packing, size, |out| out.extend_from_slice(&data));
+                match packing {
+                    None => part.small(channel, &data).unwrap(),
+                    Some(packing) => part.alone(channel, packing, size, |out| out.extend_from_slice(&data)).unwrap(),
+                }
                 expected.insert(channel, data);
             }
         }
-        let part = part.finish().unwrap();
+        let part = part.finish();
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("chunks");
         std::fs::write(&path, &part.bytes).unwrap();
         let file = PositionedFile::open(&path).unwrap();
         let mut read: BTreeMap<u16, Vec<u8>> = BTreeMap::new();
-        assert!(part.chunks.len() > 12);
+        assert!(part.chunks.len() > 2 * sizes.len() + 4);
         for chunk in &part.chunks {
             assert!(chunk.uncompressed_size <= LARGEST);
             let end = chunk.start + chunk.length + chunk.indexes_length;
@@ -372,6 +398,7 @@ mod tests {
             taken.unwrap();
             seen.sort_unstable();
             assert_eq!(seen, channels);
+            assert!(channels.iter().all(|channel| *channel < 200) || channels.len() == 1);
         }
         assert!(read == expected);
         assert_eq!(crc32fast::hash(&part.bytes), part.crc.finalize());
@@ -380,11 +407,12 @@ mod tests {
     #[test]
     fn fault_08_a_message_that_no_reader_takes_is_refused_with_its_size() {
         let (frame, pools) = (Frame::at_10_hz("000000_10", 0), PartPools::default());
-        for packing in [Packing::Plain, Packing::Compressed, Packing::View] {
+        for packing in [None, Some(Packing::Plain), Some(Packing::Compressed)] {
             let mut part = PartBuilder { largest: 5000, ..PartBuilder::new(&frame, &pools) };
-            part.message(1, packing, 100, |out| out.extend_from_slice(&[0; 100]));
-            part.message(2, packing, 4970, |out| out.extend_from_slice(&[0; 4970]));
-            let refused = part.finish();
+            let refused = match packing {
+                None => part.small(1, &[0; 100]).and_then(|()| part.small(2, &[0; 4970])),
+                Some(packing) => part.alone(2, packing, 4970, |out| out.extend_from_slice(&[0; 4970])),
+            };
             assert!(matches!(refused, Err(Unkept::TooLarge { channel: 2, bytes: 5001 })), "{refused:?}");
         }
     }

@@ -1,112 +1,102 @@
-//! Chunks taken over from another recording as the bytes they are.
+//! Values taken over from another recording as the bytes they are.
 
-use std::collections::BTreeMap;
-
-use crc32fast::Hasher;
-use depthloom_graphs::contracts::Slot;
-use depthloom_graphs::{Frame, Key};
+use depthloom_graphs::Frame;
+use depthloom_graphs::contracts::StoredValue;
 use mcap::records::op;
 
-use crate::chunk::Part;
+use crate::chunk::{PartBuilder, Unkept};
 use crate::earlier::{EarlierRun, EarlierRuns};
 use crate::error::RecordingError;
-use crate::layout::{ChannelLayout, PortLayout, RunLayout};
+use crate::index::ChunkEntry;
+use crate::layout::{ChannelLayout, RunLayout};
 use crate::parse::{self, RECORD_HEADER, Records};
 use crate::record::ChunkPlace;
-use crate::recording::{RecordedFrame, Recording};
+use crate::recording::Recording;
 use crate::store::KeyedPlace;
+use crate::unpack::ChunkBuffers;
 
-/// What a part of a frame is to be.
+/// What values are to be part of.
 pub(crate) struct Wanted<'a> {
     pub(crate) layout: &'a RunLayout,
     /// All channels of the recording that is written; a channel's id is its index plus one.
     pub(crate) channels: &'a [ChannelLayout],
     pub(crate) frame: &'a Frame,
-    /// The values, all there are, with the keys of what made them.
-    pub(crate) values: Vec<(Slot, Key)>,
+}
+
+/// A value as it lies in an earlier run.
+pub(crate) struct Lying<'a> {
+    run: &'a EarlierRun,
+    /// Its messages' channels, each with the chunk; in the order in which they are written.
+    chunks: Vec<(u16, &'a ChunkEntry)>,
+    /// Whether its messages share a chunk with others.
+    shares: bool,
 }
 
 impl EarlierRuns {
-    /// A part of a frame, if one recording has all its values of the same frame in chunks of their own, under the same channels: then
-    /// its bytes are those that encoding the values would give. `bytes` is where they are put.
-    pub(crate) fn copied(&self, wanted: &Wanted<'_>, bytes: &mut Vec<u8>) -> Result<Option<Part>, RecordingError> {
-        let Some((run, frame)) = self.frame_of(wanted) else { return Ok(None) };
-        let ports: Option<Vec<&PortLayout>> = wanted.values.iter().map(|(slot, _)| wanted.layout.port(*slot)).collect();
-        let Some(ports) = ports else { return Ok(None) };
+    /// A value, if a recording has it of the same frame, under the same channels: then the bytes there are those that encoding it would give.
+    pub(crate) fn lying(&self, wanted: &Wanted<'_>, stored: &StoredValue<'_>) -> Option<Lying<'_>> {
+        let port = wanted.layout.port(stored.slot)?;
+        let (run, place) = self.locate(&stored.key, stored.port)?;
+        let KeyedPlace::Frame { run: stage, position, .. } = place else { return None };
         let recording = &run.recording;
-        // What a port's messages may be, in the order in which they are written.
-        let of_port = |port: &PortLayout| [Some(port.channel), port.compressed_channel, port.view_channel];
-        let own: BTreeMap<u16, usize> = ports
-            .iter()
-            .enumerate()
-            .flat_map(|(index, port)| of_port(port).into_iter().flatten().map(move |channel| (channel, index)))
-            .collect();
-        let chunks = frame.chunks(&recording.index);
-        let chunks: Vec<_> =
-            chunks.iter().filter(|chunk| chunk.channels.iter().any(|channel| own.contains_key(channel))).collect();
-        let mut found: Vec<u16> = chunks.iter().flat_map(|chunk| chunk.channels.iter().copied()).collect();
-        found.sort_unstable();
-        let is_own = |channel: &u16| own.contains_key(channel) && is_same(recording, wanted.channels, *channel);
-        if !found.iter().all(is_own) || found.windows(2).any(|pair| pair[0] == pair[1]) {
-            return Ok(None);
-        }
-        let has = |channel: u16| found.binary_search(&channel).is_ok();
-        let mut messages = Vec::with_capacity(found.len());
-        for port in &ports {
-            let value = match (has(port.channel), port.compressed_channel.filter(|channel| has(*channel))) {
-                (true, None) => port.channel,
-                (false, Some(compressed)) => compressed,
-                _ => return Ok(None),
-            };
-            messages.push(value);
-            if let Some(view) = port.view_channel {
-                if !has(view) {
-                    return Ok(None);
-                }
-                messages.push(view);
-            }
-        }
-        bytes.clear();
-        let mut places = Vec::with_capacity(chunks.len());
-        let mut stored = Vec::new();
-        for chunk in chunks {
-            recording.file.read_range(&mut stored, chunk.start, chunk.end - chunk.start)?;
-            let contradicts = || recording.file.damaged(chunk.start, "a chunk and its indexes contradict each other");
-            let (place, counts) = placed(&stored, bytes.len() as u64).ok_or_else(contradicts)?;
-            if counts.iter().any(|(_, count)| *count != 1) {
-                return Ok(None);
-            }
-            places.push(place);
-            bytes.extend_from_slice(&stored);
-        }
-        let mut crc = Hasher::new();
-        crc.update(bytes);
-        run.take();
-        Ok(Some(Part { bytes: std::mem::take(bytes), crc, chunks: places, messages, compress_ns: 0 }))
-    }
-
-    /// The one frame of one recording that has all the values, if there is one, and it is the same to viewers.
-    fn frame_of(&self, wanted: &Wanted<'_>) -> Option<(&EarlierRun, &RecordedFrame)> {
-        let mut of_all = None;
-        for (slot, key) in &wanted.values {
-            // A topic ends with the port's name.
-            let port = wanted.layout.port(*slot)?.topic.rsplit('/').next()?;
-            let (run, place) = self.locate(key, port)?;
-            let KeyedPlace::Frame { run: stage, position, .. } = place else { return None };
-            let (first, at) = *of_all.get_or_insert((run, (stage, position)));
-            if !std::ptr::eq(first, run) || at != (stage, position) {
-                return None;
-            }
-        }
-        let (run, (stage, position)) = of_all?;
-        let outputs = &run.recording.plan().runs[stage].source.outputs;
-        let ports = outputs.iter().map(|output| (output.port.clone(), output.value_type()));
+        let outputs = &recording.plan().runs[stage].source.outputs;
+        let ports = outputs.iter().map(|output| (output.port.as_str(), output.value_type()));
         // The frame ids of messages follow from the source's ports.
-        let has_same_cameras = ports.eq(wanted.layout.source_ports.iter().map(|(name, of)| (name.clone(), Some(*of))));
-        let frame = &run.recording.frames(stage)[position];
+        let has_same_cameras = ports.eq(wanted.layout.source_ports.iter().map(|(name, of)| (name.as_str(), Some(*of))));
+        let frame = &recording.frames(stage)[position];
         let is_same_frame =
             (&frame.id, frame.index, frame.time_ns) == (&wanted.frame.id, wanted.frame.index, wanted.frame.time_ns);
-        (has_same_cameras && is_same_frame).then_some((run, frame))
+        if !recording.is_of_this_format() || !has_same_cameras || !is_same_frame {
+            return None;
+        }
+        // Whether an image comes with its file's bytes is seen by the channel that it used.
+        let has = |channel: &u16| find(recording, stage, position, *channel).is_some();
+        let value = [Some(port.channel), port.compressed_channel].into_iter().flatten().find(has)?;
+        let shares = wanted.channels[usize::from(value) - 1].schema.is_small();
+        let chunk = |channel: u16| {
+            let chunk = find(recording, stage, position, channel)?;
+            let is_apart = shares || *chunk.channels == [channel];
+            (is_apart && is_same(recording, wanted.channels, channel)).then_some((channel, chunk))
+        };
+        let chunks: Option<Vec<_>> = [Some(value), port.view_channel].into_iter().flatten().map(chunk).collect();
+        Some(Lying { run, chunks: chunks?, shares })
+    }
+}
+
+/// The chunk of a frame that has messages of a channel.
+fn find(recording: &Recording, stage: usize, position: usize, channel: u16) -> Option<&ChunkEntry> {
+    let chunks = recording.frames(stage)[position].chunks(&recording.index);
+    chunks.iter().find(|chunk| chunk.channels.binary_search(&channel).is_ok())
+}
+
+impl Lying<'_> {
+    /// Adds the value to a part: a chunk of its own as it lies, messages of a shared one to that of the part.
+    ///
+    /// # Errors
+    /// If the recording cannot be read, or what was there is too much for the part.
+    pub(crate) fn copy(&self, part: &mut PartBuilder<'_>) -> Result<Result<(), Unkept>, RecordingError> {
+        let file = &self.run.recording.file;
+        self.run.take();
+        for (channel, chunk) in &self.chunks {
+            if !self.shares {
+                let contradicts = || file.damaged(chunk.start, "a chunk and its indexes contradict each other");
+                let copied =
+                    part.copied(*channel, |bytes| file.append_range(bytes, chunk.start, chunk.end - chunk.start));
+                copied?.ok_or_else(contradicts)?;
+                continue;
+            }
+            let mut added = Ok(());
+            ChunkBuffers::default().each_message(file, chunk, |message| {
+                if message.channel == *channel && added.is_ok() {
+                    added = part.small(*channel, message.data);
+                }
+                Ok(())
+            })?;
+            if added.is_err() {
+                return Ok(added);
+            }
+        }
+        Ok(Ok(()))
     }
 }
 

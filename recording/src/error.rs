@@ -87,14 +87,14 @@ pub enum RecordingError {
         path: PathBuf,
     },
     /// A recording of another format version.
-    #[error("{} has recording format {found}; this engine reads format {known}", path.display())]
+    #[error("{} has recording format {found}; this engine reads formats {}", path.display(), known.join(" and "))]
     Format {
         /// The file.
         path: PathBuf,
         /// Its format.
         found: String,
-        /// The format known here.
-        known: &'static str,
+        /// The formats known here.
+        known: &'static [&'static str],
     },
     /// Bytes that are not what was written.
     #[error("{} is damaged at byte {offset}: {what}", path.display())]

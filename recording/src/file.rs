@@ -42,6 +42,14 @@ impl PositionedFile {
         self.read_exact(buffer, offset)
     }
 
+    /// Appends the bytes of a range, which is one of an index.
+    pub(crate) fn append_range(&self, buffer: &mut Vec<u8>, offset: u64, length: u64) -> Result<(), RecordingError> {
+        let start = buffer.len();
+        buffer.try_reserve(length as usize).map_err(|_| self.too_large(offset, length))?;
+        buffer.resize(start + length as usize, 0);
+        self.read_exact(&mut buffer[start..], offset)
+    }
+
     pub(crate) fn too_large(&self, offset: u64, bytes: u64) -> RecordingError {
         RecordingError::Memory { path: self.path.clone(), offset, bytes }
     }

@@ -10,7 +10,7 @@ use crate::checksum::unseal;
 use crate::error::RecordingError;
 use crate::file::PositionedFile;
 use crate::parse::{self, ChannelEntry, RECORD_HEADER, Records};
-use crate::{FORMAT, PLAN_METADATA};
+use crate::{KNOWN_FORMATS, PLAN_METADATA};
 use depthloom_codecs::schema::Schema;
 
 /// A chunk, and which channels it has messages of.
@@ -149,8 +149,8 @@ pub(crate) fn metadata_entry(file: &PositionedFile, offset: u64, body: &[u8]) ->
     let (name, values) = parse::metadata(body).ok_or_else(damaged)?;
     if name == PLAN_METADATA {
         let found = values.get("format").cloned().unwrap_or_default();
-        if found != FORMAT {
-            return Err(RecordingError::Format { path: file.path.clone(), found, known: FORMAT });
+        if !KNOWN_FORMATS.contains(&found.as_str()) {
+            return Err(RecordingError::Format { path: file.path.clone(), found, known: &KNOWN_FORMATS });
         }
     }
     let crc_before = unseal(&name, &values).ok_or_else(damaged)?;

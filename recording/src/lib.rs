@@ -49,10 +49,9 @@
 //! viewer that takes the numbers at their word shows what is nearer as larger, and a pixel without an answer as zero.
 //!
 //! A frame is some chunks of values and then one chunk with its `depthloom.Commit` on `/<stage>/commit`; what stands behind the
-//! last commit of an unfinished file belongs to no frame. Chunks never cross frames. Topics that are replayed together share
-//! chunks: the source's images and calibrations; its truth; what fixed-point disparities decide; the other maps; scores. Within
-//! these, messages that hardly shrink lie apart, uncompressed: that is measured on a sample of the message itself, so equal
-//! values are equal bytes whoever encodes them. With `every: n`, the first frame of a stage run and each nth after it keep
+//! last commit of an unfinished file belongs to no frame. Chunks never cross frames. Each raster has a chunk of its own, so that
+//! nothing is read or decompressed that was not asked for; calibrations share one, scores another. Whether a raster is compressed is
+//! measured on a sample of its own, so equal values are equal bytes whoever encodes them. With `every: n`, the first frame of a stage run and each nth after it keep
 //! their values, however the source numbers them; all keep scores and commits.
 //!
 //! The metadata record `depthloom` holds the format's version, the plan ([`RecordedPlan`] as JSON) and the aliases of topics;
@@ -74,7 +73,8 @@
 //! reader finds its way, and [`Recording::condition`] is unfinished.
 //!
 //! # Taken from, and taken up
-//! [`EarlierRuns`] makes a store of recordings: a [`Recorder`] that has one is handed keys instead of values ([`Recorder::with_earlier`]), and copies chunks. The bytes
+//! [`EarlierRuns`] makes a store of recordings: a [`Recorder`] that has one is handed keys instead of values ([`Recorder::with_earlier`]), and copies
+//! the chunks of what lies in a recording of its own format; the rest is decoded and encoded. The bytes
 //! of a frame are compared with `crc32_before` of its commit before anything of it is taken. [`Recorder::resume`] goes on with a file
 //! that was not finished, behind its last commit; the file ends with the bytes of one that was written at once.
 //!
@@ -136,8 +136,10 @@ pub use recording::{RecordedContent, RecordedFrame, RecordedOnce, Recording};
 pub use resume::recover;
 pub use source::{Mcap, McapParams};
 
-/// The version of what a recording holds beside the values.
-pub(crate) const FORMAT: &str = "2";
+/// The version of what a recording holds, and how it lies there.
+pub(crate) const FORMAT: &str = "3";
+/// The versions that are read: in the one before, values shared chunks.
+pub(crate) const KNOWN_FORMATS: [&str; 2] = ["2", FORMAT];
 /// The metadata record that holds format, plan and aliases.
 pub(crate) const PLAN_METADATA: &str = "depthloom";
 /// The metadata records that say which attachment holds which once-value.

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use depthloom_graphs::contracts::{Commit, Slot, Store, Tap, TapError, Warned};
+use depthloom_graphs::contracts::{Commit, Slot, Store, StoredValue, Tap, TapError, Warned, stored_values};
 use depthloom_graphs::plan::Plan;
 use depthloom_graphs::values::{Artifact, Curve, Pixels};
 use depthloom_graphs::{Frame, Key, Value};
@@ -12,7 +12,7 @@ use prost::Message;
 use serde::Serialize;
 
 use crate::chunk::{Packing, Part, PartBuilder, Unkept, measured};
-use crate::copy::Wanted;
+use crate::copy::{Lying, Wanted};
 use crate::curve::points_part;
 use crate::earlier::EarlierRuns;
 use crate::error::RecordingError;
@@ -208,17 +208,9 @@ impl Recorder {
 
     fn put(&self, part: &mut PartBuilder<'_>, frame: &Frame, port: &PortLayout, value: &Value) -> Result<(), Unkept> {
         let stamp = Stamp { time_ns: frame.time_ns, frame_id: &port.frame_id };
-        if let Value::Scores(rows) = value {
-            for row in rows.iter() {
-                let message = ScoreMessage::encoded(&frame.id, row);
-                part.message(port.channel, Packing::Plain, message.len(), |out| out.extend_from_slice(&message));
-            }
-            return Ok(());
-        }
         if let (Some(encoded), Some(channel)) = (encoded(value), port.compressed_channel) {
             let put = |out: &mut Vec<u8>| put_compressed_image(out, stamp, encoded);
-            part.message(channel, Packing::Plain, encoded.bytes.len(), put);
-            return Ok(());
+            return part.alone(channel, Packing::Plain, encoded.bytes.len(), put);
         }
         let (packing, size) = match value {
             Value::Disparity(disparity) => (Packing::Compressed, 2 * disparity.sixteenths_px.len()),
@@ -234,15 +226,63 @@ impl Recorder {
                 };
                 (measured(samples, Vec::extend_from_slice)?, samples.len())
             }
-            Value::Calibration(_) | Value::Scores(_) | Value::Samples(_) | Value::Model(_) | Value::Curve(_) => {
-                (Packing::Plain, 512)
+            Value::Scores(rows) => {
+                return rows
+                    .iter()
+                    .try_for_each(|row| part.small(port.channel, &ScoreMessage::encoded(&frame.id, row)));
+            }
+            Value::Calibration(_) | Value::Samples(_) | Value::Model(_) | Value::Curve(_) => {
+                let mut message = Vec::with_capacity(512);
+                put_value(&mut message, stamp, value);
+                return part.small(port.channel, &message);
             }
         };
-        part.message(port.channel, packing, size, |out| put_value(out, stamp, value));
+        part.alone(port.channel, packing, size, |out| put_value(out, stamp, value))?;
         if let (Value::Depth(depth), Some(channel)) = (value, port.view_channel) {
-            part.message(channel, Packing::View, 2 * depth.metres.len(), |out| put_view(out, stamp, depth));
+            part.alone(channel, Packing::Compressed, 2 * depth.metres.len(), |out| put_view(out, stamp, depth))?;
         }
         Ok(())
+    }
+
+    /// Adds a value to a part, if it is kept of the frame.
+    fn add(
+        &self,
+        part: &mut PartBuilder<'_>,
+        run: usize,
+        (position, frame): (usize, &Frame),
+        (slot, value): (Slot, &Value),
+    ) -> Result<(), TapError> {
+        let Some(port) = self.layout.runs[run].port(slot) else { return Ok(()) };
+        let refused = match value {
+            Value::Samples(_) | Value::Model(_) | Value::Curve(_) => {
+                Some(format!("a value of type {} came with a frame", value.value_type()))
+            }
+            Value::Disparity(disparity) if nothing_found(disparity.min_disparity_px).is_none() => {
+                Some(format!("disparities from {} px on do not fit into 16 bits", disparity.min_disparity_px))
+            }
+            _ => None,
+        };
+        if let Some(what) = refused {
+            let (frame, topic) = (frame.id.to_string(), port.topic.to_string());
+            return Err(tap_error(RecordingError::Value { frame, topic, what }));
+        }
+        if self.keeps(run, slot, position) {
+            self.put(part, frame, port, value).map_err(|why| self.unkept(frame, why))?;
+        }
+        Ok(())
+    }
+
+    fn unkept(&self, frame: &Frame, why: Unkept) -> TapError {
+        match why {
+            Unkept::TooLarge { channel, bytes } => {
+                let topic = self.layout.channels[usize::from(channel) - 1].topic.clone();
+                tap_error(RecordingError::Value { frame: frame.id.to_string(), topic, what: too_large(bytes) })
+            }
+            Unkept::Compression(error) => TapError {
+                source: Some(Box::new(error)),
+                ..TapError::new(format!("failed to compress frame {} for {}", frame.id, self.path.display()))
+            },
+        }
     }
 }
 
@@ -264,37 +304,45 @@ impl Tap for Recorder {
         part: usize,
         values: &[(Slot, Value)],
     ) -> Result<Part, TapError> {
-        let unkept = |why| match why {
-            Unkept::TooLarge { channel, bytes } => {
-                let topic = self.layout.channels[usize::from(channel) - 1].topic.clone();
-                tap_error(RecordingError::Value { frame: frame.id.to_string(), topic, what: too_large(bytes) })
-            }
-            Unkept::Compression(error) => TapError {
-                source: Some(Box::new(error)),
-                ..TapError::new(format!("failed to compress frame {} for {}", frame.id, self.path.display()))
-            },
-        };
         let mut builder = PartBuilder::new(frame, &self.pools[run][part]);
         for (slot, value) in values {
-            let Some(port) = self.layout.runs[run].port(*slot).filter(|port| port.part == part) else { continue };
-            let refused = match value {
-                Value::Samples(_) | Value::Model(_) | Value::Curve(_) => {
-                    Some(format!("a value of type {} came with a frame", value.value_type()))
+            self.add(&mut builder, run, (position, frame), (*slot, value))?;
+        }
+        Ok(builder.finish())
+    }
+
+    fn encode_stored(
+        &self,
+        run: usize,
+        (position, frame): (usize, &Frame),
+        part: usize,
+        values: &[(Slot, Value)],
+        stored: &[StoredValue<'_>],
+    ) -> Result<Part, TapError> {
+        let wanted = Wanted { layout: &self.layout.runs[run], channels: &self.layout.channels, frame };
+        let kept = stored.iter().filter(|stored| self.keeps(run, stored.slot, position));
+        let found =
+            kept.map(|stored| (stored, self.earlier.as_ref().and_then(|earlier| earlier.lying(&wanted, stored))));
+        let (lying, others): (Vec<_>, Vec<_>) = found.partition(|(_, lies)| lies.is_some());
+        let others = match &self.earlier {
+            Some(earlier) => stored_values(earlier.as_ref(), others.into_iter().map(|(stored, _)| stored))?,
+            None => Vec::new(),
+        };
+        // In plan order, which is the order of slots.
+        let mut all: Vec<(Slot, Given<'_>)> =
+            values.iter().chain(&others).map(|(slot, value)| (*slot, Given::Value(value))).collect();
+        all.extend(lying.into_iter().filter_map(|(stored, lies)| Some((stored.slot, Given::Lying(lies?)))));
+        all.sort_by_key(|(slot, _)| *slot);
+        let mut builder = PartBuilder::new(frame, &self.pools[run][part]);
+        for (slot, given) in all {
+            match given {
+                Given::Value(value) => self.add(&mut builder, run, (position, frame), (slot, value))?,
+                Given::Lying(lies) => {
+                    lies.copy(&mut builder).map_err(tap_error)?.map_err(|why| self.unkept(frame, why))?;
                 }
-                Value::Disparity(disparity) if nothing_found(disparity.min_disparity_px).is_none() => {
-                    Some(format!("disparities from {} px on do not fit into 16 bits", disparity.min_disparity_px))
-                }
-                _ => None,
-            };
-            if let Some(what) = refused {
-                let (frame, topic) = (frame.id.to_string(), port.topic.to_string());
-                return Err(tap_error(RecordingError::Value { frame, topic, what }));
-            }
-            if self.keeps(run, *slot, position) {
-                self.put(&mut builder, frame, port, value).map_err(unkept)?;
             }
         }
-        builder.finish().map_err(unkept)
+        Ok(builder.finish())
     }
 
     fn keeps(&self, run: usize, slot: Slot, position: usize) -> bool {
@@ -318,25 +366,6 @@ impl Tap for Recorder {
         self.earlier.as_deref().map(|earlier| earlier as &dyn Store)
     }
 
-    fn copy(
-        &self,
-        run: usize,
-        (position, frame): (usize, &Frame),
-        part: usize,
-        values: &[(Slot, Key)],
-    ) -> Result<Option<Part>, TapError> {
-        let Some(earlier) = &self.earlier else { return Ok(None) };
-        let values = values.iter().filter(|(slot, _)| self.keeps(run, *slot, position)).copied().collect();
-        let wanted = Wanted { layout: &self.layout.runs[run], channels: &self.layout.channels, frame, values };
-        let pool = &self.pools[run][part].bytes;
-        let mut bytes = pool.take();
-        let copied = earlier.copied(&wanted, &mut bytes).map_err(tap_error)?;
-        if copied.is_none() {
-            pool.put(bytes);
-        }
-        Ok(copied)
-    }
-
     fn write(&self, commit: &Commit<'_>, parts: Vec<Part>) -> Result<(), TapError> {
         let layout = &self.layout.runs[commit.run];
         let pools = &self.pools[commit.run];
@@ -352,9 +381,8 @@ impl Tap for Recorder {
         let closing = |crc32_before| {
             let message = CommitMessage::new(commit, crc32_before).encode_to_vec();
             let mut closing = PartBuilder::new(commit.frame, pools);
-            let channel = layout.commit_channel;
-            closing.message(channel, Packing::Plain, message.len(), |out| out.extend_from_slice(&message));
-            closing.finish().expect("a commit record is small, and not compressed")
+            closing.small(layout.commit_channel, &message).expect("a commit record is small");
+            closing.finish()
         };
         let closing = state.writer.closing_part(layout.commit_channel, closing).map_err(tap_error)?;
         pools.bytes.put(closing.bytes);
@@ -398,6 +426,12 @@ impl Tap for Recorder {
         // What stands before this record and is not named by one is no once-value: this commits it. Hours may have gone into it.
         state.writer.metadata(ONCE_METADATA, metadata).and_then(|()| state.writer.sync()).map_err(tap_error)
     }
+}
+
+/// A value of a part: at hand, or in an earlier run.
+enum Given<'a> {
+    Value(&'a Value),
+    Lying(Lying<'a>),
 }
 
 /// What the record of a once-value says of where its content is.

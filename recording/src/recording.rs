@@ -20,7 +20,7 @@ use crate::reader::FrameReader;
 use crate::store::KeyedPlace;
 use crate::unpack::ChunkBuffers;
 use crate::walk::{Walked, walk};
-use crate::{ENDED_METADATA, ONCE_METADATA, PLAN_METADATA};
+use crate::{ENDED_METADATA, FORMAT, ONCE_METADATA, PLAN_METADATA};
 use depthloom_codecs::messages::CommitMessage;
 
 /// A frame of a stage run, committed.
@@ -156,6 +156,12 @@ impl Recording {
     #[must_use]
     pub const fn plan(&self) -> &RecordedPlan {
         &self.plan
+    }
+
+    /// Whether it is of the format that is written now: then equal values are equal bytes.
+    pub(crate) fn is_of_this_format(&self) -> bool {
+        let mut of_plan = self.index.metadata.iter().filter(|metadata| metadata.name == PLAN_METADATA);
+        of_plan.any(|metadata| metadata.values.get("format").is_some_and(|format| format == FORMAT))
     }
 
     /// The committed frames of a stage run, in order; none if there is no such run.

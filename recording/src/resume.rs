@@ -30,7 +30,7 @@ use crate::writer::Writer;
 use crate::{ENDED_METADATA, ONCE_METADATA, PLAN_METADATA};
 
 impl Recording {
-    /// Whether a run of this plan would write what this recording holds, and perhaps more: it is of the same plan and the same
+    /// Whether a run of this plan would write what this recording holds, and perhaps more: it is of the same format, plan and
     /// experiment files.
     #[must_use]
     pub fn is_begun(&self, plan: &Plan) -> bool {
@@ -43,7 +43,7 @@ impl Recording {
             kept.next().is_some_and(|kept| kept.name == *name)
                 && self.attachment(name).is_ok_and(|bytes| bytes == text.as_bytes())
         });
-        has_same_plan && has_same_files && kept.next().is_none()
+        self.is_of_this_format() && has_same_plan && has_same_files && kept.next().is_none()
     }
 
     /// Whether nothing was committed.

@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 
 use crossbeam::channel::Sender;
-use depthloom_graphs::contracts::{Slot, Tap, TapError, Warned};
+use depthloom_graphs::contracts::{Slot, StoredValue, Tap, TapError, Warned};
 use depthloom_graphs::plan::StageRun;
 use depthloom_graphs::{
     Context, Fault, Host as _, Inputs, Key, Outputs, Port, PureNode, Scratch, Source, Value, value_keys,
@@ -500,7 +500,7 @@ impl<'a, T: Tap> Stage<'a, T> {
                 plan.stored(step, place - self.graph.producers[step].first_place)
             });
             match (key, value) {
-                (Some(key), value) => stored.push((slot, key, value)),
+                (Some(key), value) => stored.push(StoredValue { slot, key, port: self.port_of(slot).name, value }),
                 (None, Some(value)) => worker.taken.push((slot, value)),
                 (None, None) => {}
             }
@@ -514,10 +514,12 @@ impl<'a, T: Tap> Stage<'a, T> {
         let (watch, host) = (worker.start(), self.host(None, frame.position));
         let instant = &self.source.frames()[frame.position];
         let encoded = || {
-            if let Some(copied) = self.copy(frame, part, &mut worker.taken, stored)? {
-                return Ok(copied);
+            let (run, frame, values) = (self.run, (frame.position, instant), &worker.taken);
+            if stored.is_empty() {
+                return self.tap.encode(run, frame, part, values);
             }
-            self.tap.encode(self.run, (frame.position, instant), part, &worker.taken)
+            let encoded = self.tap.encode_stored(run, frame, part, values, &stored);
+            encoded.map_err(|error| TapError { remedy: error.remedy.or_else(|| Some(FRESH.to_owned())), ..error })
         };
         let encoded = caught(encoded).unwrap_or_else(|panic| Err(TapError::new(format!("panicked {}", panic.0))));
         let spent = worker.stop(watch, &host);
@@ -532,37 +534,6 @@ impl<'a, T: Tap> Stage<'a, T> {
         Settled { outcome: Outcome::Fired(None), spent }
     }
 
-    /// A part as it lies in the store; `None` where it must be encoded: then all its values are among `values`.
-    fn copy(
-        &self,
-        frame: &InFlight<T::Part>,
-        part: usize,
-        values: &mut Vec<(Slot, Value)>,
-        stored: Vec<StoredSlot>,
-    ) -> Result<Option<T::Part>, TapError> {
-        let Some(reuse) = self.reuse.as_ref().filter(|_| !stored.is_empty()) else { return Ok(None) };
-        if values.is_empty() {
-            let keys: Vec<(Slot, Key)> = stored.iter().map(|(slot, key, _)| (*slot, *key)).collect();
-            let instant = &self.source.frames()[frame.position];
-            if let Some(copied) = self.tap.copy(self.run, (frame.position, instant), part, &keys)? {
-                return Ok(Some(copied));
-            }
-        }
-        let kept = stored.into_iter().filter(|(slot, ..)| self.tap.keeps(self.run, *slot, frame.position));
-        let (there, missing): (Vec<_>, Vec<_>) = kept.partition(|(.., value)| value.is_some());
-        let wanted: Vec<(Key, &str)> = missing.iter().map(|(slot, key, _)| (*key, self.port_of(*slot).name)).collect();
-        let read = reuse
-            .values(&wanted)
-            .map_err(|fault| TapError { remedy: Some(FRESH.to_owned()), ..TapError::new(fault.chain()) })?;
-        let there = there.into_iter().filter_map(|(slot, _, value)| Some((slot, value?)));
-        values.extend(there);
-        let read = missing.into_iter().zip(read).filter_map(|((slot, ..), value)| Some((slot, value?)));
-        values.extend(read);
-        // In plan order, which is the order of slots.
-        values.sort_by_key(|(slot, _)| *slot);
-        Ok(None)
-    }
-
     fn port_of(&self, slot: Slot) -> &Port {
         match slot {
             Slot::Source { port } => &self.plan.source.outputs[port].port,
@@ -573,9 +544,6 @@ impl<'a, T: Tap> Stage<'a, T> {
 
 /// What helps where the store cannot be read.
 const FRESH: &str = "run with --fresh, which takes nothing from earlier runs";
-
-/// A slot of a part whose value the store has, under that key; and the value, if a node needed it.
-type StoredSlot = (Slot, Key, Option<Value>);
 
 /// The step that gives a slot its value.
 const fn step_of(slot: Slot) -> usize {

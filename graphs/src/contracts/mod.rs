@@ -21,5 +21,5 @@ pub use params::{Auto, DataPath};
 pub use port::{Contract, Port, Rate};
 pub use source::{Source, SourceDeclaration, SourceKind, SourceOutputs};
 pub use store::{Held, Holding, Store, Stored};
-pub use tap::{Commit, Failure, Slot, SlotKey, Tap, TapError, Warned};
+pub use tap::{Commit, Failure, Slot, SlotKey, StoredValue, Tap, TapError, Warned, stored_values};
 pub use upstream::{Giver, GivingNode, Upstream};

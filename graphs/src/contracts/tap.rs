@@ -89,6 +89,37 @@ impl TapError {
     }
 }
 
+/// A value of a part that lies in the tap's store.
+#[derive(Clone, Debug)]
+pub struct StoredValue<'a> {
+    /// Whose it is.
+    pub slot: Slot,
+    /// The key of what made it.
+    pub key: Key,
+    /// Its output port.
+    pub port: &'a str,
+    /// The value, where a node needed it.
+    pub value: Option<Value>,
+}
+
+/// The values of a store; what lies together is read once.
+///
+/// # Errors
+/// If the store cannot be read.
+pub fn stored_values<'a>(
+    store: &dyn Store,
+    stored: impl Iterator<Item = &'a StoredValue<'a>>,
+) -> Result<Vec<(Slot, Value)>, TapError> {
+    let (there, missing): (Vec<_>, Vec<_>) = stored.partition(|stored| stored.value.is_some());
+    let wanted: Vec<(Key, &str)> = missing.iter().map(|stored| (stored.key, stored.port)).collect();
+    let read = store
+        .values(&wanted)
+        .map_err(|fault| TapError { remedy: fault.remedy_text().map(str::to_owned), ..TapError::new(fault.chain()) })?;
+    let there = there.into_iter().filter_map(|stored| Some((stored.slot, stored.value.clone()?)));
+    let read = missing.into_iter().zip(read).filter_map(|(stored, value)| Some((stored.slot, value?)));
+    Ok(there.chain(read).collect())
+}
+
 /// Takes the values of a run, in the order (stage run, frame, plan position, port).
 ///
 /// The values of one frame are handed over in *parts*: the tap says which part a slot belongs to, workers encode the parts of
@@ -139,19 +170,26 @@ pub trait Tap: Send + Sync {
         None
     }
 
-    /// Encodes a part of a frame as it lies in the store, where that can be: as [`Tap::encode`] would of the values behind these keys.
-    /// `None`: read the values and encode them.
+    /// As [`Tap::encode`], of a part of which some values lie in the store: these may be taken over as they lie there, if that gives
+    /// the same bytes.
     ///
     /// # Errors
-    /// If the store cannot be read.
-    fn copy(
+    /// If a value cannot be encoded, or the store cannot be read.
+    fn encode_stored(
         &self,
-        _run: usize,
-        _frame: (usize, &Frame),
-        _part: usize,
-        _values: &[(Slot, Key)],
-    ) -> Result<Option<Self::Part>, TapError> {
-        Ok(None)
+        run: usize,
+        frame: (usize, &Frame),
+        part: usize,
+        values: &[(Slot, Value)],
+        stored: &[StoredValue<'_>],
+    ) -> Result<Self::Part, TapError> {
+        let mut all = values.to_vec();
+        if let Some(store) = self.store() {
+            all.extend(stored_values(store, stored.iter())?);
+        }
+        // In plan order, which is the order of slots.
+        all.sort_by_key(|(slot, _)| *slot);
+        self.encode(run, frame, part, &all)
     }
 
     /// How many frames of a stage run are written already, from the first on, by an earlier process whose work goes on. Their values

@@ -1,5 +1,6 @@
 //! Recordings as others see them: read back, read by other readers, cut off, made twice.
 
+mod copies;
 mod faults;
 mod fixture;
 mod other_readers;

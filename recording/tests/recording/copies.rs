@@ -1,0 +1,87 @@
+//! What an earlier run made is taken over as it lies there.
+
+use std::sync::Arc;
+
+use depthloom_graphs::contracts::{Commit, Slot, SlotKey, StoredValue, Tap};
+use depthloom_graphs::{Key, Value};
+use depthloom_recording::{EarlierRuns, Recorder};
+use mcap::Summary;
+
+use crate::fixture::{frame, key, plan, record_frame, values};
+
+const WIDTH: u32 = 70;
+const HEIGHT: u32 = 40;
+
+#[test]
+fn every_raster_has_a_chunk_of_its_own() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("recording.mcap");
+    let recorder = Recorder::create(&path, &plan()).unwrap();
+    let frame = frame(0);
+    record_frame(&recorder, 0, &frame, &values(&frame, WIDTH, HEIGHT), false);
+    recorder.finish(&[]).unwrap();
+    let bytes = std::fs::read(&path).unwrap();
+    let summary = Summary::read(&bytes).unwrap().expect("a summary");
+    let is_of_rasters =
+        |id: &u16| summary.channels[id].schema.as_ref().is_some_and(|schema| schema.name.ends_with("Image"));
+    let mut rasters = 0;
+    for chunk in &summary.chunk_indexes {
+        let channels: Vec<u16> = chunk.message_index_offsets.keys().copied().collect();
+        rasters += usize::from(channels.iter().any(is_of_rasters));
+        assert!(channels.len() == 1 || !channels.iter().any(is_of_rasters), "{channels:?}");
+    }
+    assert_eq!(rasters, 8);
+}
+
+#[test]
+fn values_of_an_earlier_run_and_made_ones_give_the_bytes_of_made_ones() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let (frame, plan) = (frame(0), plan());
+    let of_frame = values(&frame, WIDTH, HEIGHT);
+    let made = Recorder::create(path("made.mcap"), &plan).unwrap();
+    record_frame(&made, 0, &frame, &of_frame, false);
+    made.finish(&[]).unwrap();
+    let expected = std::fs::read(path("made.mcap")).unwrap();
+
+    let source_key = Key::build("source").number(frame.index).finish();
+    let key_of = |slot: Slot| match slot {
+        Slot::Source { .. } => source_key,
+        Slot::Node { node, .. } => key(&frame, node),
+    };
+    let port_of = |slot: Slot| match slot {
+        Slot::Source { port } => plan.runs[0].source.outputs[port].port.name,
+        Slot::Node { node, port } => plan.runs[0].nodes[node].outputs[port].port.name,
+    };
+    let slots: Vec<Slot> = of_frame.iter().map(|(slot, _)| *slot).collect();
+    // Which of the values are made again: one after the other, none, and all but one that was read for a node.
+    for again in 0..slots.len() + 2 {
+        let earlier = Arc::new(EarlierRuns::new([path("made.mcap")], &plan));
+        let recorder = Recorder::create(path("taken.mcap"), &plan).unwrap().with_earlier(earlier);
+        let mut of_parts: Vec<Vec<(Slot, Value)>> = vec![Vec::new(); recorder.parts(0)];
+        let mut stored_of_parts: Vec<Vec<StoredValue<'_>>> = vec![Vec::new(); recorder.parts(0)];
+        for (number, (slot, value)) in of_frame.iter().enumerate() {
+            let part = recorder.part(0, *slot).unwrap();
+            if number == again || (again == slots.len() + 1 && number != 6) {
+                of_parts[part].push((*slot, value.clone()));
+            } else {
+                let value = (again == slots.len() + 1).then(|| value.clone());
+                stored_of_parts[part].push(StoredValue {
+                    slot: *slot,
+                    key: key_of(*slot),
+                    port: port_of(*slot),
+                    value,
+                });
+            }
+        }
+        let parts = of_parts.iter().zip(&stored_of_parts).enumerate();
+        let parts =
+            parts.map(|(part, (made, stored))| recorder.encode_stored(0, (0, &frame), part, made, stored).unwrap());
+        let keys: Vec<SlotKey> = (0..5).map(|node| SlotKey { node, key: key(&frame, node) }).collect();
+        let (run, source_key) = (0, Some(source_key));
+        let commit = Commit { run, frame: &frame, source_key, keys: &keys, failures: &[], absent: &[], warnings: &[] };
+        recorder.write(&commit, parts.collect()).unwrap();
+        recorder.finish(&[]).unwrap();
+        assert!(std::fs::read(path("taken.mcap")).unwrap() == expected, "{again}");
+    }
+}
