@@ -11,6 +11,7 @@ use foxglove::messages::CameraCalibration;
 use image::{DynamicImage, GrayImage, ImageBuffer, Luma, RgbImage};
 use prost::Message;
 
+use crate::floats::unpacked;
 use crate::messages::ScoreMessage;
 use crate::schema::{BASELINE_M, MIN_DISPARITY_PX, Schema};
 use crate::wire_format::{Content, Fields};
@@ -24,6 +25,8 @@ pub fn value(schema: Schema, value_type: ValueType, message: &[u8]) -> Result<Va
         (Schema::CompressedImage, ValueType::Image) => compressed_image(message).map(Value::from),
         (Schema::CameraCalibration, ValueType::Calibration) => calibration(message).map(Value::from),
         (Schema::RawImage, _) => raw_image(message)?.value(value_type),
+        (Schema::FloatMap, ValueType::Depth) => Ok(Depth { metres: float_map(message)? }.into()),
+        (Schema::FloatMap, ValueType::Weight) => Ok(Weight { share: float_map(message)? }.into()),
         _ => Err(format!("a {} message holds no {value_type}", schema.name())),
     }
 }
@@ -78,6 +81,35 @@ fn calibration(message: &[u8]) -> Result<Calibration, String> {
 #[must_use]
 pub fn nothing_found(min_disparity_px: i32) -> Option<i16> {
     i16::try_from(min_disparity_px.checked_sub(1)?.checked_mul(16)?).ok()
+}
+
+/// Reads a `depthloom.FloatMap`.
+///
+/// # Errors
+/// What is wrong with the message, as a lower-case fragment.
+pub fn float_map(message: &[u8]) -> Result<Raster<f32>, String> {
+    let (mut width, mut height) = (0, 0);
+    let [mut data, mut codes, mut lows, mut highs]: [&[u8]; 4] = [&[]; 4];
+    for field in Fields(message) {
+        match field.map_err(|error| error.to_string())? {
+            (2, content) => width = content.fixed32(),
+            (3, content) => height = content.fixed32(),
+            (6, content) => data = content.bytes(),
+            (8, content) => codes = content.bytes(),
+            (9, content) => lows = content.bytes(),
+            (10, content) => highs = content.bytes(),
+            _ => {}
+        }
+    }
+    let count = usize::try_from(u64::from(width) * u64::from(height)).map_err(|error| error.to_string())?;
+    let samples = if codes.is_empty() {
+        data.as_chunks().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect()
+    } else {
+        unpacked(count, codes, lows, highs)?
+    };
+    let is_whole = samples.len() == count && (!codes.is_empty() || data.len() == 4 * count);
+    let raster = is_whole.then(|| Raster::from_raw(width, height, samples)).flatten();
+    raster.ok_or_else(|| "a map is of another size than it says".to_owned())
 }
 
 #[derive(Default)]

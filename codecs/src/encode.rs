@@ -3,11 +3,12 @@
 use std::fmt;
 
 use depthloom_graphs::Value;
-use depthloom_graphs::values::{Calibration, Depth, Encoded, Image, Pixels};
+use depthloom_graphs::values::{Calibration, Depth, Encoded, Image, Pixels, Raster};
 use foxglove::messages::{CameraCalibration, Timestamp};
 use prost::Message;
 
 use crate::decode::nothing_found;
+use crate::floats::PackedFloats;
 use crate::schema::{BASELINE_M, MIN_DISPARITY_PX, Schema};
 use crate::wire_format::{put_bytes, put_fixed32, put_length, put_number, put_signed, put_varint};
 
@@ -30,7 +31,6 @@ enum Samples<'a> {
     /// Fixed-point disparities, counted from the one that means that nothing was found: that is recorded as zero and all others
     /// above it, since no viewer knows 16 bits with a sign.
     Disparities(&'a [i16], i16),
-    F32(&'a [f32]),
 }
 
 struct RawImage<'a> {
@@ -56,7 +56,7 @@ impl fmt::Display for NoMessage {
 impl std::error::Error for NoMessage {}
 
 /// Appends the message of a raster or a calibration, and says of what schema it is: images with their file's bytes become a
-/// `foxglove.CompressedImage`, other rasters a `foxglove.RawImage`. [`decode::value`](crate::decode::value) reads it back.
+/// `foxglove.CompressedImage`, depths and weights a `depthloom.FloatMap`, other rasters a `foxglove.RawImage`. [`decode::value`](crate::decode::value) reads it back.
 ///
 /// # Errors
 /// If the value is none of these: scores and curves are a message a row ([`messages`](crate::messages)), samples and models none; or
@@ -79,7 +79,11 @@ pub fn put(out: &mut Vec<u8>, stamp: Stamp<'_>, value: &Value) -> Result<Schema,
         return Ok(Schema::CompressedImage);
     }
     put_value(out, stamp, value);
-    Ok(if matches!(value, Value::Calibration(_)) { Schema::CameraCalibration } else { Schema::RawImage })
+    Ok(match value {
+        Value::Calibration(_) => Schema::CameraCalibration,
+        Value::Depth(_) | Value::Weight(_) => Schema::FloatMap,
+        _ => Schema::RawImage,
+    })
 }
 
 /// Appends the message of a raster or a calibration; an image as its pixels.
@@ -110,8 +114,10 @@ pub fn put_value(out: &mut Vec<u8>, stamp: Stamp<'_>, value: &Value) {
             )
         },
         Value::TrueDisparity(truth) => raster(truth.px_256.dimensions(), "16UC1", 2, Samples::U16(&truth.px_256)),
-        Value::Depth(depth) => raster(depth.metres.dimensions(), "32FC1", 4, Samples::F32(&depth.metres)),
-        Value::Weight(weight) => raster(weight.share.dimensions(), "32FC1", 4, Samples::F32(&weight.share)),
+        Value::Depth(_) | Value::Weight(_) => {
+            let map = floats(value).expect("depths and weights are maps of floats");
+            return put_float_map(out, stamp, map.dimensions(), &Floats::Plain(map));
+        }
         Value::Mask(mask) => raster(mask.set.dimensions(), "mono8", 1, Samples::U8(&mask.set)),
         Value::Calibration(calibration) => return put_calibration(out, stamp, calibration),
         Value::Scores(_) | Value::Samples(_) | Value::Model(_) | Value::Curve(_) => {
@@ -119,6 +125,15 @@ pub fn put_value(out: &mut Vec<u8>, stamp: Stamp<'_>, value: &Value) {
         }
     };
     put_raw_image(out, stamp, &image);
+}
+
+/// The samples of a depth or a weight.
+pub fn floats(value: &Value) -> Option<&Raster<f32>> {
+    match value {
+        Value::Depth(depth) => Some(&depth.metres),
+        Value::Weight(weight) => Some(&weight.share),
+        _ => None,
+    }
 }
 
 /// The file's own bytes, where the value is an image that came from one.
@@ -180,9 +195,33 @@ fn put_raw_image(out: &mut Vec<u8>, stamp: Stamp<'_>, image: &RawImage<'_>) {
             // Wrapping, so that whatever a map holds comes back.
             put_samples(out, samples, |sample| sample.wrapping_sub(nothing).to_le_bytes());
         }
-        Samples::F32(samples) => {
+    }
+}
+
+/// The samples of a map of floats, as its message holds them.
+#[derive(Clone, Copy, Debug)]
+pub enum Floats<'a> {
+    /// As they are.
+    Plain(&'a [f32]),
+    /// As their differences.
+    Packed(&'a PackedFloats),
+}
+
+/// Appends a `depthloom.FloatMap`.
+pub fn put_float_map(out: &mut Vec<u8>, stamp: Stamp<'_>, (width, height): (u32, u32), floats: &Floats<'_>) {
+    put_timestamp(out, 1, stamp.time_ns);
+    put_bytes(out, 7, stamp.frame_id.as_bytes());
+    put_fixed32(out, 2, width);
+    put_fixed32(out, 3, height);
+    match floats {
+        Floats::Plain(samples) => {
             put_length(out, 6, 4 * samples.len());
             put_floats(out, samples);
+        }
+        Floats::Packed(PackedFloats { codes, lows, highs }) => {
+            put_bytes(out, 8, codes);
+            put_bytes(out, 9, lows);
+            put_bytes(out, 10, highs);
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Values as protobuf messages and back, and as the [`files`] of other programs: bytes, no file.
 //!
 //! A recording is one consumer; whoever hands values to another program (a live view, a process, a bridge) encodes them here as they
-//! would stand in a recording: `foxglove.*` messages that any viewer of these reads, and depthloom's own for scores, learning curves and commits.
+//! would stand in a recording: `foxglove.*` messages that any viewer of these reads, and depthloom's own for maps of floats, scores, learning curves and commits.
 //!
 //! ```
 //! use depthloom_codecs::{decode, encode};
@@ -12,14 +12,16 @@
 //! let mut message = Vec::new();
 //! let stamp = encode::Stamp { time_ns: 100_000_000, frame_id: "left" };
 //! let schema = encode::put(&mut message, stamp, &value).unwrap();
-//! assert_eq!(schema.name(), "foxglove.RawImage");
+//! assert_eq!(schema.name(), "depthloom.FloatMap");
 //! let Ok(Value::Depth(depth)) = decode::value(schema, ValueType::Depth, &message) else { panic!() };
 //! assert_eq!(depth.metres[(0, 0)].0, [3.5]);
 //! ```
 
+pub mod compression;
 pub mod decode;
 pub mod encode;
 pub mod files;
+pub mod floats;
 pub mod messages;
 pub mod schema;
 pub mod wire_format;

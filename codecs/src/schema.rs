@@ -37,12 +37,21 @@ pub enum Schema {
     Commit,
     /// A point of a learning curve.
     CurvePoint,
+    /// Depths or weights.
+    FloatMap,
 }
 
 impl Schema {
     /// All of them.
-    pub const ALL: [Self; 6] =
-        [Self::CompressedImage, Self::RawImage, Self::CameraCalibration, Self::Score, Self::Commit, Self::CurvePoint];
+    pub const ALL: [Self; 7] = [
+        Self::CompressedImage,
+        Self::RawImage,
+        Self::CameraCalibration,
+        Self::Score,
+        Self::Commit,
+        Self::CurvePoint,
+        Self::FloatMap,
+    ];
 
     /// Its id in every recording; zero is reserved by the format.
     #[must_use]
@@ -60,6 +69,7 @@ impl Schema {
             Self::Score => "depthloom.Score",
             Self::Commit => "depthloom.Commit",
             Self::CurvePoint => "depthloom.CurvePoint",
+            Self::FloatMap => "depthloom.FloatMap",
         }
     }
 
@@ -73,7 +83,7 @@ impl Schema {
     #[must_use]
     pub const fn is_small(self) -> bool {
         match self {
-            Self::CompressedImage | Self::RawImage => false,
+            Self::CompressedImage | Self::RawImage | Self::FloatMap => false,
             Self::CameraCalibration | Self::Score | Self::Commit | Self::CurvePoint => true,
         }
     }
@@ -81,7 +91,7 @@ impl Schema {
     /// The serialized `FileDescriptorSet`.
     #[must_use]
     pub fn descriptor_set(self) -> &'static [u8] {
-        static SETS: OnceLock<[Vec<u8>; 6]> = OnceLock::new();
+        static SETS: OnceLock<[Vec<u8>; Schema::ALL.len()]> = OnceLock::new();
         let sets = SETS.get_or_init(|| Self::ALL.map(|schema| schema.build().encode_to_vec()));
         &sets[self as usize]
     }
@@ -103,6 +113,7 @@ impl Schema {
                 vec![commit(), node_key(), failure(), warning(), absent(), absent_port()],
             ),
             Self::CurvePoint => own_set("depthloom/CurvePoint.proto", vec![curve_point()]),
+            Self::FloatMap => own_set("depthloom/FloatMap.proto", vec![float_map(), instant()]),
         }
     }
 }
@@ -226,6 +237,26 @@ fn curve_point() -> DescriptorProto {
     let mut fields = vec![field("step", 1, Type::Uint64)];
     fields.extend(numbers.iter().zip(2..).map(|(name, number)| field(name, number, Type::Double)));
     numbers.into_iter().fold(message("CurvePoint", fields), optional)
+}
+
+/// Fields as those of `foxglove.RawImage`, as far as that has them.
+fn float_map() -> DescriptorProto {
+    let fields = vec![
+        nested("timestamp", 1, "Instant"),
+        field("width", 2, Type::Fixed32),
+        field("height", 3, Type::Fixed32),
+        field("data", 6, Type::Bytes),
+        field("frame_id", 7, Type::String),
+        field("codes", 8, Type::Bytes),
+        field("lows", 9, Type::Bytes),
+        field("highs", 10, Type::Bytes),
+    ];
+    message("FloatMap", fields)
+}
+
+/// As `google.protobuf.Timestamp`.
+fn instant() -> DescriptorProto {
+    message("Instant", vec![field("seconds", 1, Type::Int64), field("nanos", 2, Type::Int32)])
 }
 
 #[cfg(test)]

@@ -11,17 +11,12 @@ use depthloom_graphs::Frame;
 use mcap::records::op;
 use rustix::time::{ClockId, clock_gettime};
 
-use crate::compression;
 use crate::copy::placed;
 use crate::pool::PartPools;
 use crate::record::{ChunkPlace, put_message, put_message_index};
 use crate::unpack::LARGEST_CHUNK;
+use depthloom_codecs::compression;
 
-/// A message is compressed if a sample of it shrinks to less than this share.
-///
-/// On KITTI frames zstd brings maps made of fixed-point disparities to 0.19-0.37 and a ground plane to 0.001, fused maps to
-/// 0.5-0.73, weights and a network's depths to 0.79-0.84: compressing the latter costs more time than writing them.
-const WORTH_COMPRESSING: f64 = 0.5;
 /// Messages below this many bytes are kept as they are.
 const SMALL: usize = 1024;
 /// Room for what surrounds a message's pixels: record header, times, names.
@@ -309,11 +304,12 @@ fn thread_cpu_ns() -> u64 {
     time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64
 }
 
-/// How samples of a raster are best kept, measured on a few of them; `put` appends the bytes of a stretch of samples.
+/// To which share of itself zstd brings a raster, measured on a few of its samples; `put` appends the bytes of a stretch of samples. Of what is too
+/// small to matter, one.
 ///
 /// # Errors
 /// If zstd fails: a guess would give other bytes than those of a run that measured.
-pub(crate) fn measured<T>(samples: &[T], put: impl Fn(&mut Vec<u8>, &[T])) -> Result<Packing, Unkept> {
+pub(crate) fn measured<T>(samples: &[T], put: impl Fn(&mut Vec<u8>, &[T])) -> Result<f64, Unkept> {
     let window = WINDOW / size_of::<T>();
     let mut sample = Vec::with_capacity(WINDOWS * WINDOW);
     if samples.len() <= WINDOWS * window {
@@ -326,8 +322,7 @@ pub(crate) fn measured<T>(samples: &[T], put: impl Fn(&mut Vec<u8>, &[T])) -> Re
     }
     let mut packed = Vec::with_capacity(compression::bound(sample.len()));
     let packed = compression::compress(&sample, &mut packed).map_err(Unkept::Compression)?;
-    let shrinks = (packed as f64) < WORTH_COMPRESSING * sample.len() as f64;
-    Ok(if shrinks && sample.len() >= SMALL { Packing::Compressed } else { Packing::Plain })
+    Ok(if sample.len() < SMALL { 1.0 } else { packed as f64 / sample.len() as f64 })
 }
 
 fn chunk_header(times_ns: (u64, u64), size: u64, crc: u32, compression: &str, compressed: u64) -> Vec<u8> {
@@ -418,7 +413,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_stays_as_it_is_and_repetition_is_compressed() {
+    fn noise_does_not_shrink_and_repetition_does() {
         let mut state = 1_u64;
         let noise: Vec<u8> = (0..200_000)
             .map(|_| {
@@ -426,9 +421,9 @@ mod tests {
                 (state >> 56) as u8
             })
             .collect();
-        let packing = |samples: &[u8]| measured(samples, Vec::extend_from_slice).unwrap();
-        assert_eq!(packing(&noise), Packing::Plain);
-        assert_eq!(packing(&noise.iter().map(|byte| byte % 2).collect::<Vec<u8>>()), Packing::Compressed);
-        assert_eq!(packing(&[0; 100]), Packing::Plain, "too small to matter");
+        let share = |samples: &[u8]| measured(samples, Vec::extend_from_slice).unwrap();
+        assert!(share(&noise) > 0.99);
+        assert!(share(&noise.iter().map(|byte| byte % 2).collect::<Vec<u8>>()) < 0.3);
+        assert_eq!(share(&[0; 100]), 1.0, "too small to matter");
     }
 }

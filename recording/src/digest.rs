@@ -12,6 +12,7 @@ use crate::error::RecordingError;
 use crate::parse::ChannelEntry;
 use crate::recording::Recording;
 use crate::unpack::ChunkBuffers;
+use depthloom_codecs::decode::float_map;
 use depthloom_codecs::messages::{CommitMessage, CurvePointMessage, ScoreMessage};
 use depthloom_codecs::schema::{BASELINE_M, Schema};
 use depthloom_codecs::wire_format::{Content, Fields};
@@ -79,6 +80,7 @@ impl Topic {
             Schema::Score => self.take_score(message),
             Schema::Commit => self.take_commit(message),
             Schema::CurvePoint => self.take_curve_point(message),
+            Schema::FloatMap => self.take_floats(message),
         }
     }
 
@@ -94,18 +96,29 @@ impl Topic {
         }
         self.crc.update(data);
         if self.schema == Schema::RawImage && encoding == b"32FC1" {
-            let numbers = self.numbers.get_or_insert_default();
-            for number in data.as_chunks().0.iter().map(|bytes| f32::from_le_bytes(*bytes)) {
-                if number.is_finite() {
-                    numbers.sum += f64::from(number);
-                } else if number.is_nan() {
-                    numbers.nan += 1;
-                } else {
-                    numbers.infinite += 1;
-                }
-            }
+            self.take_numbers(data.as_chunks().0.iter().map(|bytes| f32::from_le_bytes(*bytes)));
         }
         Ok(())
+    }
+
+    fn take_floats(&mut self, message: &[u8]) -> Result<(), String> {
+        let map = float_map(message)?;
+        map.iter().for_each(|number| self.crc.update(&number.to_le_bytes()));
+        self.take_numbers(map.iter().copied());
+        Ok(())
+    }
+
+    fn take_numbers(&mut self, samples: impl Iterator<Item = f32>) {
+        let numbers = self.numbers.get_or_insert_default();
+        for number in samples {
+            if number.is_finite() {
+                numbers.sum += f64::from(number);
+            } else if number.is_nan() {
+                numbers.nan += 1;
+            } else {
+                numbers.infinite += 1;
+            }
+        }
     }
 
     fn take_calibration(&mut self, message: &[u8]) -> Result<(), String> {

@@ -160,12 +160,8 @@ impl FileLayout {
         let output = planned_output(run, slot);
         let value_type = output.port.value_type;
         let schema = match value_type {
-            ValueType::Image
-            | ValueType::Disparity
-            | ValueType::TrueDisparity
-            | ValueType::Depth
-            | ValueType::Weight
-            | ValueType::Mask => Schema::RawImage,
+            ValueType::Image | ValueType::Disparity | ValueType::TrueDisparity | ValueType::Mask => Schema::RawImage,
+            ValueType::Depth | ValueType::Weight => Schema::FloatMap,
             ValueType::Calibration => Schema::CameraCalibration,
             ValueType::Scores => Schema::Score,
             ValueType::Samples | ValueType::Model | ValueType::Curve => {

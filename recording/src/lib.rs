@@ -36,12 +36,14 @@
 //! | image | `foxglove.RawImage` | `rgb8` or `mono8` |
 //! | true disparity | `foxglove.RawImage` | `16UC1`: `value / 256` pixels, 0 = unknown, as in KITTI's files |
 //! | disparity | `foxglove.RawImage` | `16UC1`: 0 = nothing found, else `value / 16 + min_disparity_px - 1` pixels; `min_disparity_px`, the smallest disparity searched, is field 1001 |
-//! | depth | `foxglove.RawImage` | `32FC1`: metres, NaN = no answer; with `view`, also `<topic>_view`, `16UC1` millimetres |
-//! | weight | `foxglove.RawImage` | `32FC1` |
+//! | depth | `depthloom.FloatMap` | metres, NaN = no answer; with `view`, also `<topic>_view`, `16UC1` millimetres |
+//! | weight | `depthloom.FloatMap` | |
 //! | mask | `foxglove.RawImage` | `mono8` |
 //! | calibration | `foxglove.CameraCalibration` | field 1001 is the pair's baseline |
 //! | scores | `depthloom.Score`, one a zone and pixel set | a score that was not asked for, or of no pixel, is absent |
 //! | learning curve | `depthloom.CurvePoint`, one a point | outside frames: `log_time` is that of the stage's first frame, a millisecond more a step |
+//!
+//! A `depthloom.FloatMap` has its samples as they are, or in fewer bytes: [`floats`](depthloom_codecs::floats) says how, and the README reads both in NumPy.
 //!
 //! The source's first image port is the reference camera; its name is the `frame_id` of the calibration and of all maps.
 //!
@@ -86,7 +88,6 @@
 mod attachment;
 mod checksum;
 mod chunk;
-mod compression;
 mod condition;
 mod copy;
 mod curve;
@@ -138,7 +139,7 @@ pub use source::{Mcap, McapParams};
 
 /// The version of what a recording holds, and how it lies there.
 pub(crate) const FORMAT: &str = "3";
-/// The versions that are read: in the one before, values shared chunks.
+/// The versions that are read: in the one before, values shared chunks, and maps of floats were images.
 pub(crate) const KNOWN_FORMATS: [&str; 2] = ["2", FORMAT];
 /// The metadata record that holds format, plan and aliases.
 pub(crate) const PLAN_METADATA: &str = "depthloom";

@@ -4,11 +4,11 @@ use std::io::ErrorKind;
 
 use mcap::records::op;
 
-use crate::compression::decompress;
 use crate::error::RecordingError;
 use crate::file::PositionedFile;
 use crate::index::ChunkEntry;
 use crate::parse::{ChunkMessage, Records, chunk_head, message};
+use depthloom_codecs::compression::decompress;
 
 /// The most a chunk may hold, uncompressed: protobuf messages end there, and no frame of a camera comes near. Writer and reader
 /// keep to the same number.

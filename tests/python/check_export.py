@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
+from read_recording import floats as samples
 
 if len(sys.argv) != 3:
     sys.exit(__doc__)
@@ -34,8 +35,8 @@ types = {out["topic"]: out["type"] for out in outputs}
 def floats(topic, message):
     """A map in its own unit, NaN = none; what it is times for 16 bits."""
     shape = message.height, message.width
-    if message.encoding == "32FC1":
-        return np.frombuffer(message.data, "<f4").reshape(shape), 65535 if types[topic] == "weight" else 256
+    if types[topic] in ("depth", "weight"):
+        return samples(message), 65535 if types[topic] == "weight" else 256
     fixed = np.frombuffer(message.data, "<u2").reshape(shape)
     known = fixed / 256 if types[topic] == "true-disparity" else fixed / 16 + message.min_disparity_px - 1
     return np.where(fixed > 0, known, np.nan).astype(np.float32), 256

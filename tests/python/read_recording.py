@@ -5,7 +5,7 @@
 
 Prints one JSON object: of each topic its schema, how many messages it has, its first and last time, and a CRC-32 of what
 the messages decode to, one after the other: of images and maps all pixels (or the compressed file), of the rest all texts
-and numbers, little-endian, in the order of the fields. Of 32FC1 also the sum of its finite numbers and how many are NaN and
+and numbers, little-endian, in the order of the fields. Of maps of floats also the sum of its finite numbers and how many are NaN and
 infinite. `depthloom_recording::digest` computes the same object; tests compare the two.
 `--messages` adds the messages themselves, pixels left out (of 16UC1 the smallest and largest number), and the names of attachments
 and metadata. `--unfinished` counts instead the messages that are read of a file that has no end: `by_default`, and `from_start`.
@@ -20,6 +20,9 @@ import struct
 import sys
 import zlib
 
+import numpy as np
+import zstandard
+
 from google.protobuf.json_format import MessageToDict
 from mcap.exceptions import McapError
 from mcap.reader import NonSeekingReader, SeekingReader, make_reader
@@ -28,10 +31,29 @@ from mcap_protobuf.decoder import DecoderFactory
 CURVE_NUMBERS = ("loss", "validation", "learning_rate")
 
 
+def floats(message):
+    """The samples of a depthloom.FloatMap, which has them as they are or as the differences of their bits."""
+    count = message.width * message.height
+    if message.data:
+        samples = np.frombuffer(message.data, "<f4")
+    else:
+        codes = np.frombuffer(zstandard.decompress(message.codes), np.uint8)
+        classes = (codes[: (count + 3) // 4, None] >> [0, 2, 4, 6] & 3).ravel()[:count]
+        middles = (codes[(count + 3) // 4 :, None] >> [0, 4] & 15).ravel()[: (classes == 2).sum()]
+        differences = np.zeros(count, np.uint32)
+        differences[classes > 0] = np.frombuffer(message.lows, "<u2")
+        differences[classes == 2] |= middles.astype(np.uint32) << 16
+        differences[classes == 3] |= np.frombuffer(message.highs, "<u2").astype(np.uint32) << 16
+        samples = np.cumsum(differences >> 1 ^ -(differences & 1), dtype=np.uint32).view(np.float32)
+    return samples.reshape(message.height, message.width)
+
+
 def content(schema, message):
     """What a decoded message holds, as bytes."""
     if schema in ("foxglove.RawImage", "foxglove.CompressedImage"):
         return message.data
+    if schema == "depthloom.FloatMap":
+        return floats(message).astype("<f4").tobytes()
     if schema == "foxglove.CameraCalibration":
         numbers = [*message.D, *message.K, *message.R, *message.P, message.baseline_m]
         return struct.pack(f"<II{len(numbers)}d", message.width, message.height, *numbers)
@@ -83,9 +105,12 @@ def read(reader, keep):
             assert len(message.data) == message.step * message.height, f"{channel.topic} has rows that are cut"
             if message.encoding == "32FC1":
                 add_numbers(topic, message.data)
+        if schema.name == "depthloom.FloatMap":
+            add_numbers(topic, content(schema.name, message))
         if keep:
             told = MessageToDict(message, preserving_proto_field_name=True)
-            told.pop("data", None)
+            for name in ("data", "codes", "lows", "highs"):
+                told.pop(name, None)
             if schema.name == "foxglove.RawImage" and message.encoding == "16UC1":
                 # As the encoding says: 16 bits without a sign.
                 numbers = struct.unpack(f"<{message.width * message.height}H", message.data)

@@ -22,8 +22,12 @@ fn every_raster_has_a_chunk_of_its_own() {
     recorder.finish(&[]).unwrap();
     let bytes = std::fs::read(&path).unwrap();
     let summary = Summary::read(&bytes).unwrap().expect("a summary");
-    let is_of_rasters =
-        |id: &u16| summary.channels[id].schema.as_ref().is_some_and(|schema| schema.name.ends_with("Image"));
+    let is_of_rasters = |id: &u16| {
+        summary.channels[id]
+            .schema
+            .as_ref()
+            .is_some_and(|schema| ["Image", "FloatMap"].iter().any(|of| schema.name.ends_with(of)))
+    };
     let mut rasters = 0;
     for chunk in &summary.chunk_indexes {
         let channels: Vec<u16> = chunk.message_index_offsets.keys().copied().collect();

@@ -165,15 +165,14 @@ fn foxglove_decodes_its_own_messages() {
     let mut seen = 0;
     for message in MessageStream::new(&bytes).unwrap().map(Result::unwrap) {
         match message.channel.topic.as_str() {
-            "/compare/fused/depth" => {
+            "/compare/edges/mask" => {
                 let image = RawImage::decode(&*message.data).unwrap();
                 let timestamp = image.timestamp.unwrap();
                 assert_eq!((timestamp.sec(), timestamp.nsec()), (0, 100_000_000));
-                assert_eq!((image.width, image.height, image.step), (70, 40, 280));
-                assert_eq!((image.encoding.as_str(), image.frame_id.as_str()), ("32FC1", "left"));
-                let depthloom_graphs::Value::Depth(depth) = of_slot(Slot::Node { node: 3, port: 0 }) else { panic!() };
-                let bytes: Vec<u8> = depth.metres.iter().flat_map(|metres| metres.to_le_bytes()).collect();
-                assert_eq!(image.data, bytes);
+                assert_eq!((image.width, image.height, image.step), (70, 40, 70));
+                assert_eq!((image.encoding.as_str(), image.frame_id.as_str()), ("mono8", "left"));
+                let depthloom_graphs::Value::Mask(mask) = of_slot(Slot::Node { node: 2, port: 1 }) else { panic!() };
+                assert_eq!(image.data, *mask.set.as_raw());
                 seen += 1;
             }
             "/compare/source/calibration" => {

@@ -77,7 +77,7 @@ fn python_sees_what_viewers_need() {
     assert_eq!(first("/compare/stereo/disparity")["min_disparity_px"], -3);
     // The smallest disparity of the fixture is -1 px, 3 px above the one that means that nothing was found.
     assert_eq!(first("/compare/stereo/disparity")["smallest"], 48);
-    assert_eq!(first("/compare/fused/depth")["encoding"], "32FC1");
+    assert_eq!(first("/compare/fused/depth")["frame_id"], "left");
     assert_eq!(first("/compare/fused/depth_view")["encoding"], "16UC1");
     assert_eq!(first("/compare/edges/mask")["encoding"], "mono8");
 

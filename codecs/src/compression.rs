@@ -8,19 +8,26 @@ use zstd::zstd_safe::{CCtx, CParameter, DCtx, WriteBuf, get_error_name};
 const LEVEL: i32 = 1;
 
 /// The most bytes that so many may come to.
-pub(crate) fn bound(bytes: usize) -> usize {
+#[must_use]
+pub fn bound(bytes: usize) -> usize {
     zstd::zstd_safe::compress_bound(bytes)
 }
 
 /// Compresses into the room there is.
-pub(crate) fn compress(from: &[u8], into: &mut (impl WriteBuf + ?Sized)) -> io::Result<usize> {
+///
+/// # Errors
+/// If there is no memory, or no room.
+pub fn compress(from: &[u8], into: &mut (impl WriteBuf + ?Sized)) -> io::Result<usize> {
     let mut context = CCtx::try_create().ok_or(io::ErrorKind::OutOfMemory)?;
     context.set_parameter(CParameter::CompressionLevel(LEVEL)).map_err(told)?;
     context.compress2(into, from).map_err(told)
 }
 
 /// Decompresses into the room there is.
-pub(crate) fn decompress(from: &[u8], into: &mut (impl WriteBuf + ?Sized)) -> io::Result<usize> {
+///
+/// # Errors
+/// If the bytes are no frame, there is no memory, or no room.
+pub fn decompress(from: &[u8], into: &mut (impl WriteBuf + ?Sized)) -> io::Result<usize> {
     DCtx::try_create().ok_or(io::ErrorKind::OutOfMemory)?.decompress(into, from).map_err(told)
 }
 
