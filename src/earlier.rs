@@ -6,21 +6,20 @@ use std::sync::Arc;
 use std::time::SystemTime;
 
 use depthloom_graphs::plan::Plan;
-use depthloom_recording::{EarlierRuns, Recording};
+use depthloom_recording::{EarlierRuns, Recording, RecordingError};
 use depthloom_runner::Report;
 use serde_json::{Value as Json, json};
 
 use crate::args::RunArgs;
 use crate::commands::report::RECORDING;
 use crate::counted::counted;
+use crate::exit::chain;
 use crate::run_folder::RunFolder;
-
-/// The folder of runs that have no other.
-const RUNS: &str = "runs";
+use crate::runs;
 
 /// The recordings that a run may take from, the newest first: of the same run as far as an earlier process came, of the runs in the same
 /// folder, and of those under `runs/`. None with `--fresh`.
-pub fn runs(args: &RunArgs, folder: &RunFolder, plan: &Plan, begun: Option<&Recording>) -> Arc<EarlierRuns> {
+pub fn of(args: &RunArgs, folder: &RunFolder, plan: &Plan, begun: Option<&Recording>) -> Arc<EarlierRuns> {
     let mut recordings = Vec::new();
     if !args.is_fresh() {
         recordings.extend(begun.map(|begun| begun.path().to_owned()));
@@ -31,20 +30,16 @@ pub fn runs(args: &RunArgs, folder: &RunFolder, plan: &Plan, begun: Option<&Reco
     Arc::new(EarlierRuns::new(recordings, plan))
 }
 
-/// The recordings in a folder's folders, if one is given, and two storeys under `runs/`.
+/// The recordings of the runs in a folder, if one is given, and of those that `depthloom runs` lists.
 fn found(beside: Option<&Path>) -> Vec<PathBuf> {
-    let folders = |folder: &Path| {
-        let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
-        let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
-        entries.map(|entry| entry.path()).filter(|path| path.is_dir()).collect::<Vec<PathBuf>>()
-    };
-    let of_experiments = folders(Path::new(RUNS)).into_iter().flat_map(|experiment| folders(&experiment));
-    let all = beside.into_iter().flat_map(folders).chain(of_experiments);
+    let folder = |beside: &Path| if beside.as_os_str().is_empty() { PathBuf::from(".") } else { beside.to_owned() };
+    let beside = beside.into_iter().flat_map(|beside| runs::in_folder(&folder(beside)));
+    let found = beside.chain(runs::all(Path::new(runs::FOLDER)).unwrap_or_default());
     let (mut seen, mut recordings) = (BTreeSet::new(), Vec::new());
-    for path in all.map(|folder| folder.join(RECORDING)) {
+    for path in found.map(|run| run.path.join(RECORDING)) {
         let Ok(metadata) = std::fs::metadata(&path) else { continue };
         let Ok(real) = std::fs::canonicalize(&path) else { continue };
-        if metadata.is_file() && seen.insert(real) {
+        if seen.insert(real) {
             recordings.push((metadata.modified().unwrap_or(SystemTime::UNIX_EPOCH), path));
         }
     }
@@ -60,6 +55,14 @@ pub fn beside(out: Option<&Path>, plan: &Plan) -> EarlierRuns {
 /// How many frames a recording holds, over all stage runs.
 pub fn frames(recording: &Recording) -> u64 {
     (0..recording.plan().runs.len()).map(|run| recording.frames(run).len() as u64).sum()
+}
+
+/// The earlier runs that cannot be read, of which nothing is taken.
+pub fn unreadable(earlier: &EarlierRuns) -> Vec<String> {
+    let told = |(path, error): &(PathBuf, RecordingError)| {
+        format!("nothing is taken from {}: {}", path.parent().unwrap_or(path).display(), chain(error))
+    };
+    earlier.unreadable().iter().map(told).collect()
 }
 
 /// What was damaged and made afresh.

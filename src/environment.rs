@@ -1,5 +1,8 @@
 //! What differs between machines and moments: kept beside the recording, never in it.
 
+use std::path::{Path, PathBuf};
+
+use depthloom_graphs::regular_file;
 use depthloom_kernels::simd::Level;
 use depthloom_nodes::onnx::Provider;
 use depthloom_nodes::onnx::{self, Engine};
@@ -11,8 +14,25 @@ pub const ENVIRONMENT: &str = "environment.json";
 /// How it writes a time, for `chrono`: see [`utc_stamp`].
 pub const STAMP: &str = "%Y-%m-%dT%H-%M-%SZ";
 
+/// How much of it is read, bytes.
+const LARGEST: u64 = 16 << 20;
+
+/// What a run's folder says of where and when it was made; nothing where it says nothing.
+pub fn of(run: &Path) -> Json {
+    let bytes = regular_file::read(&run.join(ENVIRONMENT), LARGEST).unwrap_or_default();
+    serde_json::from_slice(&bytes).unwrap_or_default()
+}
+
+/// The files and folders that a run reads, as `environment.json` holds them: where they lie, whatever variables and links led there.
+pub fn reads(read: &[PathBuf]) -> Json {
+    let mut lie: Vec<PathBuf> = read.iter().filter_map(|path| std::fs::canonicalize(path).ok()).collect();
+    lie.sort();
+    lie.dedup();
+    lie.iter().map(|path| path.to_string_lossy().into_owned()).collect()
+}
+
 /// The engine's version, the machine, the run's size and time, as `environment.json` holds them.
-pub fn describe(workers: usize, window: Option<usize>, wall_seconds: f64) -> Json {
+pub fn describe(workers: usize, window: Option<usize>, wall_seconds: f64, read: &[PathBuf]) -> Json {
     // JSON holds text: of an argument that is none, what can be read of it.
     let arguments: Vec<_> = std::env::args_os().map(|argument| argument.to_string_lossy().into_owned()).collect();
     json!({
@@ -23,6 +43,7 @@ pub fn describe(workers: usize, window: Option<usize>, wall_seconds: f64) -> Jso
         "cores": cores(),
         "simd": simd(),
         "networks": onnx::in_use().map(networks),
+        "reads": reads(read),
         "workers": workers,
         "window": window,
         "finished_utc": utc_stamp(),

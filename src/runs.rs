@@ -7,6 +7,6 @@ mod found;
 mod glance;
 mod named;
 
-pub use found::{FOLDER, FoundRun, all};
+pub use found::{FOLDER, FoundRun, all, in_folder};
 pub use glance::{Glance, State, bytes_in};
 pub use named::named;

@@ -1,16 +1,20 @@
 //! Reading what a stranger's experiment names: regular files only, up to a limit. A pipe would block, a device has no end.
 
-use std::fs::File;
+use std::fs::{File, Metadata};
 use std::io::{Error, ErrorKind, Read};
 use std::path::Path;
 
-/// The bytes of a regular file that holds at most `most` of them.
+/// Opens a regular file for reading.
 ///
 /// # Errors
-/// As lower-case fragments without the path: what the system says; [`ErrorKind::FileTooLarge`] with size and limit;
-/// [`ErrorKind::IsADirectory`]; [`ErrorKind::InvalidInput`] for pipes, sockets and devices.
-pub fn read(path: &Path, most: u64) -> Result<Vec<u8>, Error> {
-    // Looked at before it is opened: opening a pipe waits for whoever writes to it.
+/// As [`read`], but for any size.
+pub fn open(path: &Path) -> Result<File, Error> {
+    look(path)?;
+    File::open(path)
+}
+
+/// What a regular file is, looked at before it is opened: opening a pipe waits for whoever writes to it.
+fn look(path: &Path) -> Result<Metadata, Error> {
     let metadata = std::fs::metadata(path)?;
     if metadata.is_dir() {
         return Err(Error::new(ErrorKind::IsADirectory, "it is a folder"));
@@ -18,6 +22,16 @@ pub fn read(path: &Path, most: u64) -> Result<Vec<u8>, Error> {
     if !metadata.is_file() {
         return Err(Error::new(ErrorKind::InvalidInput, "it is no regular file"));
     }
+    Ok(metadata)
+}
+
+/// The bytes of a regular file that holds at most `most` of them.
+///
+/// # Errors
+/// As lower-case fragments without the path: what the system says; [`ErrorKind::FileTooLarge`] with size and limit;
+/// [`ErrorKind::IsADirectory`]; [`ErrorKind::InvalidInput`] for pipes, sockets and devices.
+pub fn read(path: &Path, most: u64) -> Result<Vec<u8>, Error> {
+    let metadata = look(path)?;
     let too_large = |bytes: u64| {
         let what = format!("it holds {} MiB, more than the {} MiB that are read", bytes.div_ceil(1 << 20), most >> 20);
         Err(Error::new(ErrorKind::FileTooLarge, what))

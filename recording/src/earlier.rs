@@ -1,6 +1,7 @@
 //! Recordings of earlier runs as one store: what a run need not make again.
 
 use std::collections::HashSet;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, OnceLock, PoisonError};
@@ -26,6 +27,7 @@ use crate::window::Window;
 /// taken, and a frame that is not what was written is left to the next recording, or to be made afresh.
 pub struct EarlierRuns {
     runs: Vec<EarlierRun>,
+    unreadable: Vec<(PathBuf, RecordingError)>,
     damage: Mutex<Vec<(PathBuf, String)>>,
 }
 
@@ -47,14 +49,29 @@ impl EarlierRuns {
             let mut nodes = recorded.runs.iter().flat_map(|run| &run.nodes);
             nodes.any(|node| wanted.contains(&node.recipe))
         };
-        let open = |path: &Path| {
-            recorded_plan(path).filter(is_of_use)?;
-            let recording = Recording::open(path).ok()?;
-            let sound = std::iter::repeat_with(OnceLock::new).take(recording.sealed.len()).collect();
-            Some(EarlierRun { recording, sound, taken: AtomicBool::new(false) })
-        };
-        let runs = recordings.into_iter().filter_map(|path| open(path.as_ref())).collect();
-        Self { runs, damage: Mutex::default() }
+        let (mut runs, mut unreadable) = (Vec::new(), Vec::new());
+        for path in recordings {
+            let path = path.as_ref();
+            if recorded_plan(path).is_some_and(|plan| !is_of_use(&plan)) {
+                continue;
+            }
+            match Recording::open(path) {
+                Ok(recording) if is_of_use(recording.plan()) => {
+                    let sound = std::iter::repeat_with(OnceLock::new).take(recording.sealed.len()).collect();
+                    runs.push(EarlierRun { recording, sound, taken: AtomicBool::new(false) });
+                }
+                Ok(_) => {}
+                Err(error) if is_only_begun(&error) => {}
+                Err(error) => unreadable.push((path.to_owned(), error)),
+            }
+        }
+        Self { runs, unreadable, damage: Mutex::default() }
+    }
+
+    /// The recordings that cannot be read, and why. One whose run has only begun, or that is gone, is none of them.
+    #[must_use]
+    pub fn unreadable(&self) -> &[(PathBuf, RecordingError)] {
+        &self.unreadable
     }
 
     /// Whether there is nothing to take.
@@ -122,6 +139,16 @@ impl EarlierRuns {
                 false
             }
         })
+    }
+}
+
+/// Whether a recording cannot be read because nothing has been written of it yet, or it was removed in the meantime.
+fn is_only_begun(error: &RecordingError) -> bool {
+    match error {
+        RecordingError::NotARecording { .. } => true,
+        RecordingError::NotMcap { path } => std::fs::metadata(path).is_ok_and(|file| file.len() < MAGIC),
+        RecordingError::Open { source, .. } => source.kind() == ErrorKind::NotFound,
+        _ => false,
     }
 }
 

@@ -4,6 +4,8 @@ use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use depthloom_graphs::regular_file;
+
 use crate::error::RecordingError;
 
 /// A file open for reading.
@@ -17,7 +19,7 @@ pub(crate) struct PositionedFile {
 impl PositionedFile {
     pub(crate) fn open(path: &Path) -> Result<Self, RecordingError> {
         let failed = |source| RecordingError::Open { path: path.to_owned(), source };
-        let file = File::open(path).map_err(failed)?;
+        let file = regular_file::open(path).map_err(failed)?;
         let size = file.metadata().map_err(failed)?.len();
         Ok(Self { path: path.to_owned(), file, size })
     }

@@ -102,12 +102,13 @@ fn keys_of(recording: &Recording, run: usize, slot: Slot) -> impl Iterator<Item 
 
 fn text(recording: &Recording, topics: &[Topic<'_>], damage: &[Damage], args: &InfoArgs) -> String {
     let plan = recording.plan();
-    let checked = match (recording.condition(), args.check) {
-        (Condition::Whole, false) => " by its summary; --check reads every byte",
-        (Condition::Whole, true) if damage.is_empty() => ", every byte of it",
-        _ => "",
+    let condition = match (recording.condition(), args.check) {
+        (Condition::Whole, false) => "whole by its summary; --check reads every byte".to_owned(),
+        (Condition::Whole, true) if damage.is_empty() => "whole, every byte of it".to_owned(),
+        (Condition::Whole, true) => format!("damaged in {}", counted(damage.len() as u64, "place")),
+        (condition, _) => condition.to_string(),
     };
-    let mut text = format!("{}: {}{checked}\n", recording.path().display(), recording.condition());
+    let mut text = format!("{}: {condition}\n", recording.path().display());
     for Damage { offset, bytes, held } in damage {
         text += &format!("damaged in the {bytes} bytes from byte {offset} on: it held {held}\n");
     }
@@ -128,6 +129,9 @@ fn text(recording: &Recording, topics: &[Topic<'_>], damage: &[Damage], args: &I
     let all = total(topics);
     rows.push(row(&counted(topics.len() as u64, "topic"), "", &all, String::new(), String::new()));
     text += &aligned(&rows, &[2, 3, 4, 5, 6]);
+    if topics.iter().any(|topic| topic.size.shared_bytes > 0) {
+        text += "~ in chunks with other topics: stored is the topic's share by raw bytes, and the ratio is the chunks', not its own\n";
+    }
 
     let attachments = recording.attachments();
     let attached: u64 = attachments.iter().map(|attachment| attachment.size).sum();
@@ -152,13 +156,14 @@ fn text(recording: &Recording, topics: &[Topic<'_>], damage: &[Damage], args: &I
 
 fn row(topic: &str, carries: &str, of: &TopicSize, keys: String, recipe: String) -> [String; 8] {
     let ratio = of.raw_bytes as f64 / of.stored_bytes.max(1) as f64;
+    let about = if of.shared_bytes > 0 { "~" } else { "" };
     [
         topic.to_owned(),
         carries.to_owned(),
         of.messages.to_string(),
         size(of.raw_bytes),
-        size(of.stored_bytes),
-        format!("{ratio:.2}"),
+        format!("{about}{}", size(of.stored_bytes)),
+        format!("{about}{ratio:.2}"),
         keys,
         recipe,
     ]
@@ -173,6 +178,8 @@ fn total(topics: &[Topic<'_>]) -> TopicSize {
         messages: sum(|of| of.messages),
         raw_bytes: sum(|of| of.raw_bytes),
         stored_bytes: sum(|of| of.stored_bytes),
+        // Of all topics together nothing is divided.
+        shared_bytes: 0,
     }
 }
 
@@ -214,6 +221,7 @@ fn json(recording: &Recording, topics: &[Topic<'_>], damage: &[Damage], args: &I
             "messages": topic.size.messages,
             "raw_bytes": topic.size.raw_bytes,
             "stored_bytes": topic.size.stored_bytes,
+            "shared_bytes": topic.size.shared_bytes,
             "keys": topic.keys,
             "recipe": topic.recipe.map(|recipe| recipe.to_string()),
         })

@@ -15,6 +15,7 @@ use super::check::load;
 use super::run::stop_of_missing;
 use crate::args::{GraphArgs, GraphFormat, PlanArgs};
 use crate::columns::aligned;
+use crate::diagnostics::print_warning;
 use crate::earlier;
 use crate::exit::{Exit, Stop};
 use crate::streams::{print, print_json};
@@ -38,6 +39,10 @@ fn reuse(args: &PlanArgs, plan: Plan, registry: &Registry) -> Result<Exit, Stop>
     let ready = Ready::new(plan, registry).map_err(|missing| stop_of_missing(&missing))?;
     let plan = ready.plan.clone();
     let earlier = earlier::beside(args.out.as_deref(), &plan);
+    let warnings = earlier::unreadable(&earlier);
+    if !args.json {
+        warnings.iter().for_each(|warning| print_warning(warning));
+    }
     let foreseen = depthloom_runner::foresee(ready, &earlier, &InlineHost)
         .map_err(|what| Stop::new(Exit::Engine, format!("failed to look ahead: {what}")))?;
     let nearest = earlier.nearest(&plan);
@@ -73,7 +78,7 @@ fn reuse(args: &PlanArgs, plan: Plan, registry: &Registry) -> Result<Exit, Stop>
     }
     let nearest = nearest.map(|(path, _)| path.parent().unwrap_or(path));
     if args.json {
-        print_json(&json!({ "nearest": nearest, "nodes": rows }))?;
+        print_json(&json!({ "nearest": nearest, "nodes": rows, "warnings": warnings }))?;
     } else {
         let head = nearest.map_or_else(
             || "no earlier run has anything of this experiment".to_owned(),

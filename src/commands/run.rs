@@ -20,7 +20,7 @@ use crate::args::RunArgs;
 use crate::counted::counted;
 use crate::diagnostics;
 use crate::earlier;
-use crate::environment;
+use crate::environment::{self, ENVIRONMENT};
 use crate::exit::{Exit, Problem, Stop, chain};
 use crate::models;
 use crate::progress::Progress;
@@ -37,7 +37,9 @@ pub fn run(args: &RunArgs, registry: &Registry) -> Result<Exit, Stop> {
     tell(args, &of_sources);
     let interrupt = signals::listen("stopping: frames in flight are finished, learning is put down")?;
     let (folder, begun) = make_folder(args, &plan, &kept, &read)?;
-    let earlier = earlier::runs(args, &folder, &plan, begun.as_deref());
+    let earlier = earlier::of(args, &folder, &plan, begun.as_deref());
+    let unreadable = earlier::unreadable(&earlier);
+    tell(args, &unreadable);
     let started = Instant::now();
     let options = options(args, &folder);
 
@@ -48,7 +50,7 @@ pub fn run(args: &RunArgs, registry: &Registry) -> Result<Exit, Stop> {
         Err(ended) => return Err(ended.stop(folder)),
     };
     let finished = finish(args, &folder, &interrupt, || {
-        environment::describe(options.workers, options.window, started.elapsed().as_secs_f64())
+        environment::describe(options.workers, options.window, started.elapsed().as_secs_f64(), &read)
     });
     let (report, environment) = finished.map_err(|stop| {
         let partial = folder.partial.display();
@@ -57,7 +59,7 @@ pub fn run(args: &RunArgs, registry: &Registry) -> Result<Exit, Stop> {
     let out = folder.finish()?;
     checkpoints.remove();
 
-    let warnings = [of_sources, warnings].concat();
+    let warnings = [of_sources, unreadable, warnings].concat();
     let incomplete = (failed > 0).then(|| {
         let frames = counted(failed, "frame");
         Stop::new(Exit::Frames, format!("{frames} failed; what depended on them is left out"))
@@ -115,7 +117,7 @@ fn make_folder(
         Some(out) => RunFolder::create(out, args.overwrite, read, begun)?,
         None => RunFolder::create_new(&Path::new("runs").join(&plan.experiment), &environment::utc_stamp())?,
     };
-    match write_experiment(&folder, kept) {
+    match write_experiment(&folder, kept, read) {
         Ok(()) => Ok((folder, recording)),
         Err(stop) if folder.goes_on => Err(stop),
         Err(stop) => {
@@ -125,8 +127,12 @@ fn make_folder(
     }
 }
 
-/// Keeps the experiment's files beside the recording, so that they can be checked and run from there.
-fn write_experiment(folder: &RunFolder, kept: &[(String, String)]) -> Result<(), Stop> {
+/// Keeps the experiment's files beside the recording, so that they can be checked and run from there, and says what the run reads.
+fn write_experiment(folder: &RunFolder, kept: &[(String, String)], read: &[PathBuf]) -> Result<(), Stop> {
+    let before = |stop| Stop { exit: Exit::Before, ..stop };
+    // Of a run that comes to its end it says more.
+    let reads = json!({ "reads": environment::reads(read) });
+    folder.write(ENVIRONMENT, &format!("{reads:#}\n")).map_err(before)?;
     for (name, text) in kept {
         if let Some(inner) = Path::new(name).parent().filter(|inner| !inner.as_os_str().is_empty()) {
             let inner = folder.partial.join(inner);
@@ -134,7 +140,7 @@ fn write_experiment(folder: &RunFolder, kept: &[(String, String)]) -> Result<(),
                 Stop::of_writing(Exit::Before, format_args!("failed to create {}", inner.display()), &error)
             })?;
         }
-        folder.write(name, text).map_err(|stop| Stop { exit: Exit::Before, ..stop })?;
+        folder.write(name, text).map_err(before)?;
     }
     Ok(())
 }
@@ -304,7 +310,7 @@ fn finish(
         interrupt,
     )?;
     let environment = environment();
-    folder.write("environment.json", &format!("{environment:#}\n"))?;
+    folder.write(ENVIRONMENT, &format!("{environment:#}\n"))?;
     Ok((report, environment))
 }
 

@@ -4,9 +4,9 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use super::lock::Lock;
+use super::lock::{Lock, Refused};
 use super::marker::{Found, MARKER};
-use super::{aside, failed, found, harm, lock, without_turns};
+use super::{aside, failed, found, harm, without_turns};
 use crate::exit::{Exit, Stop};
 
 /// A run that is about to be removed: nobody else writes in it, or can begin to.
@@ -22,19 +22,22 @@ impl Removal {
     /// # Errors
     /// If it is no run's folder, a link, of a run that goes on, where the person stands, or holds what no run wrote.
     pub fn of(folder: &Path) -> Result<Self, Stop> {
-        let folder = without_turns(folder)?;
+        let folder = without_turns(folder).map_err(may_not)?;
         let refuse = |why: &str, remedy: &str| {
             Err(Stop::new(Exit::Before, format!("{} is not removed: {why}", folder.display())).remedy(remedy))
         };
-        match found(&folder)? {
+        match found(&folder).map_err(may_not)? {
             Found::Run if folder.join(MARKER).exists() => {}
             Found::Run => return refuse("it has no marker, for version 0.1.0 made it", "remove it yourself"),
             Found::Other(what) => return refuse(&format!("it is {what}"), "only folders of runs are removed"),
             Found::Empty => return refuse("it is an empty folder", "only folders of runs are removed"),
             Found::Nothing => return refuse("there is nothing", "`depthloom runs` lists the runs there are"),
         }
-        let lock = lock(&folder).map_err(|stop| stop.remedy("wait until it is done"))?;
-        match harm(&folder, &[])? {
+        let lock = Lock::take(&folder).map_err(|refused| {
+            let stop = Stop::because(Exit::Before, format_args!("failed to lock {}", folder.display()), &refused);
+            stop.remedy(if matches!(refused, Refused::Busy) { "wait until it is done" } else { RIGHT })
+        })?;
+        match harm(&folder, &[]).map_err(may_not)? {
             None => Ok(Self { folder, lock }),
             Some(why) => refuse(&why, "move away what you want to keep, or remove the folder yourself"),
         }
@@ -55,13 +58,22 @@ impl Removal {
         // Where folders with open files cannot be renamed the lock goes now.
         let lock = cfg!(unix).then_some(lock);
         let aside = aside(&folder);
-        let failed = |error: &io::Error| Stop { exit: Exit::Engine, ..failed("remove", &folder, error) };
+        let failed = |error: &io::Error| may_not(Stop { exit: Exit::Engine, ..failed("remove", &folder, error) });
         depthloom_durable::rename(&folder, &aside).map_err(|error| failed(&error))?;
         remove_all(&aside)
             .map_err(|error| failed(&error).also(format!("what is left of it is {}", aside.display())))?;
         drop(lock);
         Ok(())
     }
+}
+
+/// What removing takes.
+const RIGHT: &str =
+    "removing a run takes the right to write in its folder and in the one around it, on a disk that takes writes";
+
+/// What the system refuses, with a remedy for who removes: another folder to write is none.
+fn may_not(stop: Stop) -> Stop {
+    stop.remedy(RIGHT)
 }
 
 /// Removes a run's folder, the marker last. Links are removed, and never followed.

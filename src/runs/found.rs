@@ -6,10 +6,9 @@ use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
 use chrono::{DateTime, NaiveDateTime, Utc};
-use serde_json::Value as Json;
 
 use crate::commands::report::RECORDING;
-use crate::environment::{ENVIRONMENT, STAMP};
+use crate::environment::{self, STAMP};
 use crate::exit::{Exit, Stop};
 use crate::run_folder::{Found, MARKER};
 use crate::streams::say;
@@ -56,7 +55,9 @@ impl FoundRun {
     }
 }
 
-/// All runs in a folder and in its folders, oldest first. Links are not followed, but for the folder itself.
+/// All runs in a folder and in its folders, oldest first.
+///
+/// A link to a run is no run, for removing one must not reach beyond the folder; the folder itself may be one.
 ///
 /// # Errors
 /// If the folder cannot be read. Of a folder in it that cannot, a warning is told.
@@ -65,6 +66,14 @@ pub fn all(folder: &Path) -> io::Result<Vec<FoundRun>> {
     look_into(folder, "", DEPTH, &mut runs)?;
     runs.sort_by(|a, b| (a.time, &a.name).cmp(&(b.time, &b.name)));
     Ok(runs)
+}
+
+/// The runs that lie directly in a folder.
+pub fn in_folder(folder: &Path) -> Vec<FoundRun> {
+    let mut runs = Vec::new();
+    // Of a folder that cannot be read nothing can be taken.
+    let _ = look_into(folder, "", 1, &mut runs);
+    runs
 }
 
 fn look_into(folder: &Path, prefix: &str, depth: u32, runs: &mut Vec<FoundRun>) -> io::Result<()> {
@@ -92,9 +101,8 @@ fn is_folder(path: &Path) -> bool {
 
 /// When a run was done: what it says itself, for a copy has other times.
 fn time(folder: &Path) -> DateTime<Utc> {
-    let environment = fs::read(folder.join(ENVIRONMENT)).ok();
-    let environment = environment.and_then(|bytes| serde_json::from_slice::<Json>(&bytes).ok());
-    let finished = environment.as_ref().and_then(|environment| environment["finished_utc"].as_str());
+    let environment = environment::of(folder);
+    let finished = environment["finished_utc"].as_str();
     let finished = finished.and_then(|stamp| NaiveDateTime::parse_from_str(stamp, STAMP).ok());
     let written = |name: &str| fs::metadata(folder.join(name)).and_then(|metadata| metadata.modified()).ok();
     let last = || written(RECORDING).or_else(|| written(MARKER)).unwrap_or(SystemTime::UNIX_EPOCH);

@@ -8,12 +8,12 @@ use serde_json::{Value as Json, json};
 use crate::support::{depthloom, succeed, workspace};
 
 /// A folder with an experiment on two small frames, to call the program in.
-struct Here {
+pub struct Here {
     folder: tempfile::TempDir,
 }
 
 impl Here {
-    fn new() -> Self {
+    pub fn new() -> Self {
         let here = Self { folder: tempfile::tempdir().expect("a folder") };
         let look = workspace().join("experiments/first-look.yaml");
         let small = "sources: { street: { with: { frames: 0..2, width: 320, height: 96 } } }";
@@ -22,28 +22,28 @@ impl Here {
         here
     }
 
-    fn path(&self) -> &Path {
+    pub fn path(&self) -> &Path {
         self.folder.path()
     }
 
-    fn command(&self, arguments: &[&str]) -> Command {
+    pub fn command(&self, arguments: &[&str]) -> Command {
         let mut command = depthloom();
         command.current_dir(self.path()).args(arguments);
         command
     }
 
     /// Runs the experiment into a folder below.
-    fn run(&self, out: &str, more: &[&str]) -> PathBuf {
+    pub fn run(&self, out: &str, more: &[&str]) -> PathBuf {
         succeed(self.command(&["run", "look.yaml", "--quiet", "--out", out]).args(more));
         self.path().join(out)
     }
 
-    fn json(&self, arguments: &[&str]) -> Json {
+    pub fn json(&self, arguments: &[&str]) -> Json {
         json_of(&succeed(self.command(arguments).arg("--json")))
     }
 
     /// Calls what must end with a code; what it said on standard error.
-    fn fails(&self, arguments: &[&str], code: i32) -> String {
+    pub fn fails(&self, arguments: &[&str], code: i32) -> String {
         let output = self.command(arguments).output().expect("the binary starts");
         let said = String::from_utf8(output.stderr).expect("UTF-8");
         assert_eq!(output.status.code(), Some(code), "{arguments:?}: {said}");
@@ -51,11 +51,11 @@ impl Here {
     }
 }
 
-fn json_of(output: &Output) -> Json {
+pub fn json_of(output: &Output) -> Json {
     serde_json::from_slice(&output.stdout).expect("JSON")
 }
 
-fn text(output: &Output) -> String {
+pub fn text(output: &Output) -> String {
     String::from_utf8(output.stdout.clone()).expect("UTF-8")
 }
 
@@ -235,12 +235,23 @@ fn info_tells_topics_sizes_and_keys_and_what_is_damaged() {
     let text = text(&succeed(&mut here.command(&["info", "first"])));
     assert!(text.contains("recording.mcap: whole by its summary; --check reads every byte\n"), "{text}");
 
+    // What several topics share has no ratio of a topic's own, and is told as such; what one has alone is exact.
+    let shared = |name: &str| of(name)["shared_bytes"].as_u64().expect("a size");
+    assert_eq!((shared("/look/source/left"), shared("/look/source/dense")), (0, 0), "{told}");
+    assert_eq!(Some(shared("/look/depth/depth")), depth["stored_bytes"].as_u64(), "{told}");
+    let (about, exact): (Vec<&str>, Vec<&str>) =
+        text.lines().filter(|line| line.starts_with('/')).partition(|line| line.contains('~'));
+    assert!(!about.is_empty() && !exact.is_empty() && text.contains("\n~ in chunks with other topics"), "{text}");
+
     // A bit flipped in the middle of a chunk is found by reading every byte alone.
     let mut bytes = std::fs::read(&recording).expect("a recording");
     let middle = bytes.len() / 2;
     bytes[middle] ^= 1;
     std::fs::write(&recording, &bytes).expect("written");
     succeed(&mut here.command(&["info", "first"]));
+    let said = here.command(&["info", "first", "--check"]).output().expect("the binary starts");
+    let said = String::from_utf8(said.stdout).expect("UTF-8");
+    assert!(said.lines().next().is_some_and(|line| line.ends_with("recording.mcap: damaged in 1 place")), "{said}");
     let output = here.command(&["info", "first", "--check", "--json"]).output().expect("the binary starts");
     assert_eq!(output.status.code(), Some(3));
     let told = json_of(&output);

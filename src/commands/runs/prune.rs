@@ -1,22 +1,26 @@
 //! `depthloom runs prune`: removes runs by age, by the room they take, and by how many there are.
 
 use std::collections::BTreeMap;
-use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use chrono::{DateTime, Utc};
+use depthloom_graphs::regular_file;
 use serde_json::{Value as Json, json};
 
 use super::list::all_in;
 use super::rm::Removed;
 use crate::args::{PruneArgs, RunsArgs};
 use crate::counted::counted;
+use crate::environment;
 use crate::exit::{Exit, Stop};
 use crate::run_folder::Removal;
 use crate::runs::{FoundRun, Glance, State};
 use crate::sizes::size;
 use crate::streams::print;
+
+/// How much of an experiment is read, bytes: none is larger.
+const LARGEST: u64 = 64 << 20;
 
 /// Removes what the rules choose, and says what was kept though they chose it.
 pub fn prune(args: &RunsArgs, rules: &PruneArgs) -> Result<Exit, Stop> {
@@ -103,14 +107,13 @@ fn chosen(runs: &[Run], rules: &PruneArgs, now: DateTime<Utc>) -> Vec<usize> {
     (0..runs.len()).filter(|&place| chosen[place]).collect()
 }
 
-/// Leaves out what a run that stays reads: a model of it, its recording, its experiment. And why. A path in a variable of the environment
-/// is nobody's.
+/// Leaves out what a run that stays reads: a model of it, its recording, its experiment. And why.
 fn without_those_that_are_read<'a>(runs: &'a [Run], chosen: &[usize]) -> (Vec<usize>, Vec<(&'a Run, String)>) {
     let (mut chosen, mut kept) = (chosen.to_vec(), Vec::new());
-    let reads: Vec<String> = runs.iter().map(|run| resolved(&run.found.path)).collect();
+    let reads: Vec<Reads> = runs.iter().map(|run| Reads::of(&run.found.path)).collect();
     loop {
         let stay: Vec<usize> = (0..runs.len()).filter(|place| !chosen.contains(place)).collect();
-        let reader = |place: usize| stay.iter().find(|&&stays| names(&reads[stays], &runs[place].found.path));
+        let reader = |place: usize| stay.iter().find(|&&stays| reads[stays].lies_in(&runs[place].found.path));
         let Some((at, reader)) = chosen.iter().enumerate().find_map(|(at, &place)| Some((at, *reader(place)?))) else {
             return (chosen, kept);
         };
@@ -118,14 +121,31 @@ fn without_those_that_are_read<'a>(runs: &'a [Run], chosen: &[usize]) -> (Vec<us
     }
 }
 
-/// The experiment as it lies beside a recording, in which every path leads to its file from anywhere.
-fn resolved(run: &Path) -> String {
-    fs::read_to_string(run.join("experiment.resolved.yaml")).unwrap_or_default()
+/// What a run reads.
+struct Reads {
+    /// Its experiment, in which every path leads to its file from anywhere; but what a variable stands for is not in it.
+    resolved: String,
+    /// Where the files lay, when it ran; one that an earlier version made does not say.
+    files: Vec<PathBuf>,
+}
+
+impl Reads {
+    fn of(run: &Path) -> Self {
+        let resolved = regular_file::read(&run.join("experiment.resolved.yaml"), LARGEST).unwrap_or_default();
+        let files = environment::of(run)["reads"].as_array().cloned().unwrap_or_default();
+        let files = files.iter().filter_map(|file| file.as_str()).map(PathBuf::from).collect();
+        Self { resolved: String::from_utf8_lossy(&resolved).into_owned(), files }
+    }
+
+    /// Whether anything of it lies in a folder.
+    fn lies_in(&self, folder: &Path) -> bool {
+        let Ok(folder) = folder.canonicalize() else { return false };
+        self.files.iter().any(|file| file.starts_with(&folder)) || names(&self.resolved, &folder)
+    }
 }
 
 /// Whether a text names a folder, or something in it.
 fn names(text: &str, folder: &Path) -> bool {
-    let Ok(folder) = folder.canonicalize() else { return false };
     let Some(folder) = folder.to_str() else { return false };
     let ends = |rest: &str| rest.chars().next().is_none_or(|next| "/\\\"'\n\r ,]}".contains(next));
     text.match_indices(folder).any(|(at, found)| ends(&text[at + found.len()..]))

@@ -10,7 +10,7 @@ use crate::args::{RunsArgs, ShowArgs};
 use crate::columns::aligned;
 use crate::commands::report::RECORDING;
 use crate::counted::counted;
-use crate::environment::ENVIRONMENT;
+use crate::environment;
 use crate::exit::{Exit, Stop};
 use crate::models;
 use crate::runs::{FoundRun, Glance, State, named};
@@ -27,7 +27,7 @@ pub fn show(args: &RunsArgs, asked: &ShowArgs) -> Result<Exit, Stop> {
     let glance = Glance::at(&run);
     // What another process writes at this moment is not read, and of what cannot be read the glance says why.
     let recording = (glance.state != State::Running).then(|| Recording::open(path.join(RECORDING)).ok()).flatten();
-    let environment = environment_of(&path);
+    let environment = environment::of(&path);
     let files = files(&path, "");
     if args.json {
         let mut told = glance.json(&run);
@@ -68,12 +68,6 @@ pub fn show(args: &RunsArgs, asked: &ShowArgs) -> Result<Exit, Stop> {
     text += &aligned(&files.collect::<Vec<_>>(), &[1]);
     print(text)?;
     Ok(Exit::Whole)
-}
-
-/// What a run says of where and when it was made; null where it says nothing.
-pub(super) fn environment_of(run: &Path) -> Json {
-    let bytes = fs::read(run.join(ENVIRONMENT)).unwrap_or_default();
-    serde_json::from_slice(&bytes).unwrap_or_default()
 }
 
 fn time(run: &FoundRun, environment: &Json) -> String {

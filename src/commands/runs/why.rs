@@ -9,10 +9,10 @@ use depthloom_recording::{
 };
 use serde_json::{Value as Json, json};
 
-use super::show::environment_of;
 use crate::args::{RunsArgs, WhyArgs};
 use crate::commands::report::{RECORDING, recording_in};
 use crate::commands::table::open;
+use crate::environment;
 use crate::exit::{Exit, Stop};
 use crate::streams::{print, print_json};
 
@@ -229,7 +229,7 @@ fn resolved(recording: &Recording) -> Result<Json, Stop> {
 
 /// What computed a run, if it lies beside its recording: version, system and engine, not how long it took.
 fn engine(recording: &Recording) -> Json {
-    let environment = folder(recording).map(|folder| environment_of(&folder)).unwrap_or_default();
+    let environment = folder(recording).map(|folder| environment::of(&folder)).unwrap_or_default();
     let Json::Object(mut environment) = environment else { return json!({}) };
     environment.retain(|key, _| ["depthloom", "os", "architecture", "networks"].contains(&key.as_str()));
     if let Some(Json::Object(networks)) = environment.get_mut("networks") {

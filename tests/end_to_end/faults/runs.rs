@@ -1,0 +1,139 @@
+//! Faults of the folder of runs.
+
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output};
+
+use super::small::{said, under};
+use crate::runs::{Here, json_of};
+use crate::support::succeed;
+
+/// The program in a folder, ended by a guard where it hangs.
+fn guarded(here: &Here, arguments: &[&str]) -> Output {
+    let mut command = under("timeout", &["300"]);
+    let output = command.current_dir(here.path()).env_remove("DEPTHLOOM_FRESH").args(arguments).output();
+    let output = output.expect("it starts");
+    assert_ne!(output.status.code(), Some(124), "{arguments:?} hangs");
+    output
+}
+
+/// A folder that says of itself that it is a run's.
+fn marked(folder: &Path) {
+    fs::create_dir_all(folder).expect("made");
+    fs::write(folder.join("depthloom-run.json"), "{}").expect("written");
+}
+
+#[test]
+fn fault_60_pipes_in_place_of_a_runs_files_hold_nobody_up() {
+    let here = Here::new();
+    here.run("runs/first", &[]);
+    let pipes = here.path().join("runs/pipes");
+    marked(&pipes);
+    for name in ["recording.mcap", "environment.json", "experiment.resolved.yaml"] {
+        succeed(Command::new("mkfifo").arg(pipes.join(name)));
+    }
+    let listed = json_of(&guarded(&here, &["runs", "--json"]));
+    let of = listed["runs"].as_array().expect("runs").iter().find(|run| run["name"] == "pipes").expect("it is listed");
+    assert_eq!(of["state"], "unreadable");
+    assert!(of["trouble"].as_str().is_some_and(|trouble| trouble.contains("it is no regular file")), "{of}");
+    for (arguments, code) in [
+        (&["runs", "show", "pipes"][..], 0),
+        (&["runs", "prune", "--keep", "1"], 0),
+        (&["runs", "why", "first", "pipes"], 2),
+        (&["info", "pipes"], 2),
+        (&["info", "runs/pipes/recording.mcap"], 2),
+        (&["recover", "runs/pipes/recording.mcap", "--out", "out.mcap"], 2),
+        (&["report", "pipes"], 2),
+        (&["plan", "look.yaml", "--reuse"], 0),
+        (&["run", "look.yaml", "--quiet", "--out", "runs/second"], 0),
+    ] {
+        let output = guarded(&here, arguments);
+        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {}", said(&output));
+    }
+}
+
+#[test]
+fn fault_61_a_run_of_which_nothing_can_be_taken_is_named_once_with_the_reason() {
+    let here = Here::new();
+    here.run("runs/first", &[]);
+    for (name, content) in [("text", "no recording at all"), ("begun.partial", "")] {
+        marked(&here.path().join("runs").join(name));
+        fs::write(here.path().join("runs").join(name).join("recording.mcap"), content).expect("written");
+    }
+    let output = guarded(&here, &["run", "look.yaml", "--out", "runs/second"]);
+    let told = said(&output);
+    assert_eq!(told.matches("nothing is taken from").count(), 1, "{told}");
+    assert!(told.contains("nothing is taken from runs/text: ") && told.contains("is not an MCAP file"), "{told}");
+    assert!(told.contains("(from runs/first;"), "{told}");
+    let planned = json_of(&guarded(&here, &["plan", "look.yaml", "--reuse", "--json"]));
+    assert_eq!(planned["warnings"].as_array().map(Vec::len), Some(1), "{planned}");
+    let run = json_of(&guarded(&here, &["run", "look.yaml", "--json", "--out", "runs/third"]));
+    assert!(run["warnings"][0].as_str().is_some_and(|warning| warning.contains("runs/text")), "{run}");
+}
+
+#[cfg(unix)]
+#[test]
+fn fault_62_a_link_to_a_run_is_neither_listed_nor_taken_from() {
+    let here = Here::new();
+    let elsewhere = here.run("elsewhere/first", &[]);
+    fs::create_dir(here.path().join("runs")).expect("made");
+    std::os::unix::fs::symlink(&elsewhere, here.path().join("runs/link")).expect("linked");
+    assert_eq!(here.json(&["runs"])["runs"], serde_json::json!([]));
+    let run = json_of(&guarded(&here, &["run", "look.yaml", "--json", "--out", "runs/second"]));
+    assert_eq!(run["reused"]["from"], serde_json::json!([]), "{run}");
+    // The folder of runs itself may be one, wherever it lies.
+    fs::rename(here.path().join("runs"), here.path().join("disk")).expect("moved");
+    std::os::unix::fs::symlink(here.path().join("disk"), here.path().join("runs")).expect("linked");
+    assert_eq!(here.json(&["runs"])["runs"].as_array().map(Vec::len), Some(1));
+    let run = json_of(&guarded(&here, &["run", "look.yaml", "--json", "--out", "apart/third"]));
+    assert_eq!(run["reused"]["from"], serde_json::json!(["runs/second/recording.mcap"]), "{run}");
+}
+
+#[test]
+fn fault_63_who_may_not_remove_a_run_is_told_what_it_takes() {
+    let here = Here::new();
+    let run = here.run("runs/first", &[]);
+    let open = |path: &Path| succeed(Command::new("chmod").arg("755").arg(path));
+    [here.path(), &here.path().join("runs"), &run].into_iter().for_each(|path| drop(open(path)));
+    let mut command = under("setpriv", &["--reuid=65534", "--clear-groups"]);
+    let version = command.arg("--version").output();
+    if !version.is_ok_and(|version| version.status.success()) {
+        return crate::support::skipped(
+            "fault_63_who_may_not_remove_a_run_is_told_what_it_takes",
+            "needs root and setpriv, and a binary that others may read",
+        );
+    }
+    let mut command = under("setpriv", &["--reuid=65534", "--clear-groups"]);
+    let refused = command.current_dir(here.path()).args(["runs", "rm", "first"]).output().expect("it starts");
+    let told = said(&refused).split_whitespace().collect::<Vec<_>>().join(" ");
+    assert_eq!(refused.status.code(), Some(2), "{told}");
+    assert!(told.contains("takes the right to write") && !told.contains("--out"), "{told}");
+    assert!(run.join("recording.mcap").exists());
+}
+
+#[test]
+fn fault_64_what_a_run_reads_through_a_variable_is_kept() {
+    let here = Here::new();
+    let first = here.run("runs/first", &[]);
+    let recording =
+        "extends: look.yaml\nexperiment: again\nsources: { street: { kind: mcap, with: { path: \"${FIRST}\" } } }\n";
+    fs::write(here.path().join("again.yaml"), recording).expect("written");
+    let again = |out: &str| {
+        let mut command = here.command(&["run", "again.yaml", "--quiet", "--out", out]);
+        succeed(command.env("FIRST", &first));
+    };
+    again("runs/second");
+    let kept = |prune: &[&str]| here.json(&[&["runs", "prune", "--dry-run"], prune].concat())["kept"].clone();
+    let wanted = |by: &str| serde_json::json!([{ "path": "runs/first", "why": format!("{by} reads it") }]);
+    let prune = ["--keep", "0", "--experiment", "look"];
+    assert_eq!(kept(&prune), wanted("second"));
+    // One that ended before its end reads it as well.
+    let bytes = fs::metadata(here.path().join("runs/second/recording.mcap")).expect("a recording").len();
+    succeed(&mut here.command(&["runs", "rm", "second"]));
+    assert_eq!(kept(&prune), serde_json::json!([]));
+    let mut limited = under("prlimit", &[&format!("--fsize={}", bytes * 2 / 3)]);
+    limited.current_dir(here.path()).args(["run", "again.yaml", "--quiet", "--out", "runs/third"]);
+    let ended = limited.env("FIRST", &first).output().expect("prlimit is there");
+    assert_eq!(ended.status.code(), Some(1), "{}", said(&ended));
+    assert_eq!(kept(&prune), wanted("third.partial"));
+}
