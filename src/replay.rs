@@ -5,6 +5,7 @@
 //! tap compares.
 
 mod difference;
+mod guard;
 mod plan;
 mod source;
 mod tally;
@@ -12,5 +13,5 @@ mod tolerance;
 
 pub use difference::{Differs, Place, number};
 pub use plan::{Replay, Replayed, Unchecked};
-pub use tally::{Checker, Placed, Tally};
+pub use tally::{Checker, Outcome, Placed, Tally};
 pub use tolerance::{Tolerance, Tolerances};

@@ -18,7 +18,7 @@ use crate::counted::counted;
 use crate::diagnostics::error_json;
 use crate::exit::{Exit, Stop};
 use crate::progress::Progress;
-use crate::replay::{Checker, Differs, Place, Placed, Replay, Replayed, Tally, Tolerances, Unchecked, number};
+use crate::replay::{Checker, Differs, Outcome, Place, Placed, Replay, Replayed, Tally, Tolerances, Unchecked, number};
 use crate::signals;
 use crate::streams::{print, print_json, say};
 
@@ -43,9 +43,10 @@ pub fn replay(args: &ReplayArgs, registry: &Registry) -> Result<Exit, Stop> {
         return Err(Stop::new(Exit::Interrupted, "interrupted: not all was compared"));
     }
 
-    let (checked, mut damage) = checker.finish();
+    let Outcome { checked, behind, failed, mut damage } = checker.finish();
     damage.extend(unchecked.iter().filter(|unchecked| unchecked.is_damage).map(|unchecked| unchecked.why.clone()));
-    let told = Told { recording: &recording, checked, unchecked };
+    let unchecked = unchecked.into_iter().chain(behind).collect();
+    let told = Told { recording: &recording, checked, unchecked, failed };
     let verdict = told.verdict(&damage);
     if args.json {
         let mut object = told.json(&args.nodes);
@@ -125,6 +126,8 @@ struct Told<'a> {
     recording: &'a Recording,
     checked: Vec<(usize, Replayed, Tally)>,
     unchecked: Vec<Unchecked>,
+    /// The nodes that failed where a run would have ended.
+    failed: Vec<Unchecked>,
 }
 
 impl Told<'_> {
@@ -132,14 +135,22 @@ impl Told<'_> {
         self.checked.iter().filter(|(.., tally)| tally.different > 0)
     }
 
+    fn is_equal(&self) -> bool {
+        self.different().next().is_none() && self.failed.is_empty()
+    }
+
     fn verdict(&self, damage: &[String]) -> Option<Stop> {
-        let different = self.different().count() as u64;
+        let has_failed =
+            |run: usize, node: &Replayed| self.failed.iter().any(|of| (of.run, of.node) == (run, node.recorded));
+        let different = self.different().filter(|(run, node, _)| !has_failed(*run, node)).count() as u64;
         let of = counted(self.checked.len() as u64, "node");
-        match (different, damage) {
-            (0, []) => None,
-            (0, _) => Some(Stop::new(Exit::Frames, "the recording is damaged")),
-            _ => Some(Stop::new(Exit::Frames, format!("{different} of {of} gave other values than recorded"))),
-        }
+        let differ = (different > 0).then(|| format!("{different} of {of} gave other values than recorded"));
+        let failed = self.failed.len() as u64;
+        let failed = (failed > 0).then(|| format!("{} failed", counted(failed, "node")));
+        let damaged = (!damage.is_empty()).then(|| "the recording is damaged".to_owned());
+        let what: Vec<String> = [differ, failed].into_iter().flatten().collect();
+        let what = if what.is_empty() { damaged } else { Some(what.join(", ")) };
+        what.map(|what| Stop::new(Exit::Frames, what))
     }
 
     fn text(&self) -> String {
@@ -161,11 +172,15 @@ impl Told<'_> {
             let name = name(self.recording, node.run, node.node);
             text.push_str(&format!("not compared: {name}: {}\n", node.why));
         }
+        for node in &self.failed {
+            let name = name(self.recording, node.run, node.node);
+            text.push_str(&format!("failed: {name}: {}\n", node.why));
+        }
         let plan = self.recording.plan();
         if plan.every > 1 {
             text.push_str(&format!("compared are the frames whose values are recorded: one in {}\n", plan.every));
         }
-        if self.different().next().is_none() {
+        if self.is_equal() {
             let values: u64 = self.checked.iter().map(|(.., tally)| tally.values).sum();
             text.push_str(&format!(
                 "equal: {} of {}\n",
@@ -208,17 +223,18 @@ impl Told<'_> {
             object.insert("remarks".to_owned(), json!(node.remarks));
             Json::Object(object)
         });
-        let unchecked = self.unchecked.iter().map(|node| {
+        let why = |node: &Unchecked| {
             let mut object = self.node_json(node.run, node.node);
             object.insert("why".to_owned(), json!(node.why));
             Json::Object(object)
-        });
+        };
         json!({
             "asked": asked,
-            "equal": self.different().next().is_none(),
+            "equal": self.is_equal(),
             "every": self.recording.plan().every,
             "nodes": checked.collect::<Vec<_>>(),
-            "not_compared": unchecked.collect::<Vec<_>>(),
+            "not_compared": self.unchecked.iter().map(why).collect::<Vec<_>>(),
+            "failed": self.failed.iter().map(why).collect::<Vec<_>>(),
         })
     }
 

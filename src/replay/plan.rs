@@ -14,6 +14,7 @@ use depthloom_recording::{
     Condition, RecordedContent, RecordedInput, RecordedNode, RecordedOnce, RecordedOutput, Recording,
 };
 
+use super::guard::Failures;
 use super::source::RecordedFrames;
 
 /// What is made again, and what of it is compared.
@@ -24,6 +25,8 @@ pub struct Replay {
     pub nodes: Vec<Vec<Replayed>>,
     /// The nodes that were asked for and cannot be made again.
     pub unchecked: Vec<Unchecked>,
+    /// What nodes fail of, as they are made.
+    pub failures: Failures,
 }
 
 /// A node that is made again.
@@ -100,6 +103,7 @@ struct Making<'a> {
     known: HashMap<(usize, usize), Option<String>>,
     runs: Vec<MadeRun>,
     files: BTreeMap<PathBuf, Value>,
+    failures: Failures,
 }
 
 /// A stage run in the making.
@@ -124,6 +128,7 @@ impl Replay {
             known: HashMap::new(),
             runs: recorded.runs.iter().map(|_| MadeRun::default()).collect(),
             files: BTreeMap::new(),
+            failures: Failures::default(),
         };
         let mut unchecked = Vec::new();
         for (run, node) in asked(recording, patterns)? {
@@ -131,7 +136,7 @@ impl Replay {
                 unchecked.push(Unchecked { run, node, why, is_damage });
             }
         }
-        let Making { runs, files, .. } = making;
+        let Making { runs, files, failures, .. } = making;
         let (mut planned, mut ready, mut nodes) = (Vec::new(), Vec::new(), Vec::new());
         for (run, made) in runs.into_iter().enumerate() {
             let of = &recorded.runs[run];
@@ -158,7 +163,7 @@ impl Replay {
             written: Vec::new(),
             resolved: String::new(),
         };
-        Ok(Self { ready: Ready { plan, runs: ready, files, warnings: Vec::new() }, nodes, unchecked })
+        Ok(Self { ready: Ready { plan, runs: ready, files, warnings: Vec::new() }, nodes, unchecked, failures })
     }
 }
 
@@ -338,14 +343,18 @@ impl<'a> Making<'a> {
         }
         let params = kind.resolve(&recorded.params).map_err(|error| misfit(recorded, &error))?;
         let built = kind.build(&params).map_err(|fault| Obstacle::from(fault.chain()))?;
+        let is_guarded = kind.declaration.contract != Contract::Pure;
         let output = |port: &Port| {
             let topic = recorded.outputs.iter().find(|output| output.port == port.name);
             let topic = topic.map(|output| output.topic.clone()).unwrap_or_default();
-            PlannedOutput { port: port.clone(), topic, aliases: Vec::new(), recorded: false }
+            // One that fails gives nothing.
+            let port = if is_guarded { port.clone().optional() } else { port.clone() };
+            PlannedOutput { port, topic, aliases: Vec::new(), recorded: false }
         };
         let outputs: Vec<PlannedOutput> = kind.declaration.outputs.iter().map(output).collect();
         let expected = outputs.iter().map(|_| None).collect();
         let made = &mut self.runs[run];
+        let built = self.failures.guard((run, made.built.len()), built, &kind.declaration.outputs);
         made.planned.push(PlannedNode {
             name: recorded.name.clone(),
             kind: recorded.kind.clone(),

@@ -1,14 +1,16 @@
 //! The tap that compares: values made again with those recorded, on the workers, and counted in the order of frames.
 
+use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use depthloom_graphs::contracts::{Commit, Failure, Slot, Tap, TapError, Warned};
-use depthloom_graphs::plan::Plan;
+use depthloom_graphs::plan::{Origin, Plan, PlannedInput};
 use depthloom_graphs::{Frame, Key, Value, ValueType};
 use depthloom_recording::Recording;
 
 use super::difference::{Difference, Differs};
-use super::plan::{Expected, Replay, Replayed};
+use super::guard::Failures;
+use super::plan::{Expected, Replay, Replayed, Unchecked};
 use super::tolerance::Tolerances;
 
 /// Compares what a replay makes with what was recorded.
@@ -17,6 +19,7 @@ pub struct Checker {
     nodes: Vec<Vec<Replayed>>,
     plan: Plan,
     tolerances: Tolerances,
+    failures: Failures,
     state: Mutex<State>,
 }
 
@@ -59,8 +62,25 @@ pub struct Placed {
     pub differs: Differs,
 }
 
+/// What a replay came to.
+pub struct Outcome {
+    /// Of each node that was compared, in plan order: its stage run, the node, and what came of it.
+    pub checked: Vec<(usize, Replayed, Tally)>,
+    /// The nodes that could not be compared, for they read what one that failed did not give.
+    pub behind: Vec<Unchecked>,
+    /// The nodes that failed where a run would have ended.
+    pub failed: Vec<Unchecked>,
+    /// What could not be read of the recording.
+    pub damage: Vec<String>,
+}
+
 const THERE: &str = "a value";
 const NONE: &str = "none";
+
+/// What a node gives that failed.
+fn failed(why: &str) -> String {
+    format!("none, for it failed: {why}")
+}
 
 impl Checker {
     /// Of a replay; its nodes are taken out of it.
@@ -68,21 +88,67 @@ impl Checker {
         let nodes = std::mem::take(&mut replay.nodes);
         let tallies = nodes.iter().map(|nodes| vec![Tally::default(); nodes.len()]).collect();
         let state = Mutex::new(State { tallies, damage: Vec::new() });
-        Self { recording, nodes, plan: replay.ready.plan.clone(), tolerances, state }
+        let (plan, failures) = (replay.ready.plan.clone(), replay.failures.clone());
+        Self { recording, nodes, plan, tolerances, failures, state }
     }
 
-    /// What there is to tell of each node that was compared, in plan order: its stage run, the node, and what came of it. With it what
-    /// could not be read of the recording.
-    pub fn finish(mut self) -> (Vec<(usize, Replayed, Tally)>, Vec<String>) {
+    /// What there is to tell.
+    pub fn finish(mut self) -> Outcome {
         self.take_missing();
+        let (failed, behind) = (self.failed(), self.behind_failed());
         let State { tallies, damage } = self.state.into_inner().unwrap_or_else(PoisonError::into_inner);
         let of_runs = self.nodes.into_iter().zip(tallies).enumerate();
         let all = of_runs.flat_map(|(run, (nodes, tallies))| {
             nodes.into_iter().zip(tallies).map(move |(node, tally)| (run, node, tally))
         });
-        let mut checked: Vec<_> = all.filter(|(_, node, _)| node.expected.iter().any(Option::is_some)).collect();
+        let is_behind = |run: usize, node: &Replayed| behind.iter().any(|of| (of.run, of.node) == (run, node.recorded));
+        let mut checked: Vec<_> =
+            all.filter(|(run, node, _)| node.expected.iter().any(Option::is_some) && !is_behind(*run, node)).collect();
         checked.sort_by_key(|(run, node, _)| (*run, node.recorded));
-        (checked, damage)
+        Outcome { checked, behind, failed, damage }
+    }
+
+    /// The nodes that failed where a run would have ended.
+    fn failed(&self) -> Vec<Unchecked> {
+        let all = self.nodes.iter().enumerate().flat_map(|(run, nodes)| (0..nodes.len()).map(move |node| (run, node)));
+        let failed = all.filter_map(|(run, node)| {
+            let why = self.failures.of(run, node)?;
+            Some(Unchecked { run, node: self.nodes[run][node].recorded, why, is_damage: false })
+        });
+        failed.collect()
+    }
+
+    /// The nodes that read, made again, what one that failed did not give.
+    fn behind_failed(&self) -> Vec<Unchecked> {
+        let mut without: BTreeMap<(usize, usize), String> = BTreeMap::new();
+        loop {
+            let before = without.len();
+            for (run, of) in self.plan.runs.iter().enumerate() {
+                for (node, planned) in of.nodes.iter().enumerate() {
+                    let giver = |input: &PlannedInput| match input.from.as_ref()? {
+                        Origin::Here(Slot::Node { node, .. }) => Some((run, *node)),
+                        Origin::Once { run, node, .. } => Some((*run, *node)),
+                        Origin::Here(Slot::Source { .. }) | Origin::File(_) => None,
+                    };
+                    let is_failed = |(run, node): &(usize, usize)| self.failures.of(*run, *node).is_some();
+                    let mut givers = planned.inputs.iter().filter_map(giver);
+                    let failed = givers.find(|giver| is_failed(giver) || without.contains_key(giver));
+                    if let (Some((of, giver)), false) = (failed, is_failed(&(run, node))) {
+                        let name = &self.plan.runs[of].nodes[giver].name;
+                        without.insert((run, node), format!("it reads `{name}` made again, which failed"));
+                    }
+                }
+            }
+            if without.len() == before {
+                break;
+            }
+        }
+        let told = |((run, node), why): ((usize, usize), String)| {
+            let replayed = &self.nodes[run][node];
+            let is_asked = replayed.expected.iter().any(Option::is_some);
+            is_asked.then_some(Unchecked { run, node: replayed.recorded, why, is_damage: false })
+        };
+        without.into_iter().filter_map(told).collect()
     }
 
     /// Counts the once-values that were recorded and did not come again.
@@ -97,7 +163,9 @@ impl Checker {
                         tally.values += 1;
                         tally.different += 1;
                         let value_type = output.port.value_type;
-                        tally.take(None, (&output.topic, value_type), Difference::whole(THERE, NONE));
+                        let why = self.failures.of(run, index).map(|why| failed(&why));
+                        let now = why.as_deref().unwrap_or(NONE);
+                        tally.take(None, (&output.topic, value_type), Difference::whole(THERE, now));
                     }
                 }
             }
@@ -122,8 +190,17 @@ impl Checker {
     }
 
     /// Says why a value is not there, where it is known: what failed on its frame before, and what now.
-    fn explain(&self, run: usize, differs: &mut Differs, before: Option<&Failure>, now: Option<&Failure>) {
+    fn explain(
+        &self,
+        (run, node): (usize, usize),
+        differs: &mut Differs,
+        before: Option<&Failure>,
+        now: Option<&Failure>,
+    ) {
         let Differs::Whole { recorded, now: made } = differs else { return };
+        if let Some(why) = self.failures.of(run, node).filter(|_| made == NONE) {
+            *made = failed(&why);
+        }
         if let Some(before) = before.filter(|_| recorded == NONE) {
             *recorded = format!("none, for it failed: {}", before.what);
         }
@@ -213,7 +290,7 @@ impl Tap for Checker {
                 tally.different += u64::from(differs);
                 for (port, mut difference) in part {
                     for differs in [&mut difference.first, &mut difference.worst].into_iter().flatten() {
-                        self.explain(run, differs, before, now);
+                        self.explain((run, node), differs, before, now);
                     }
                     let output = &self.plan.runs[run].nodes[node].outputs[port];
                     tally.take(Some(&frame.id), (&output.topic, output.port.value_type), difference);

@@ -32,9 +32,10 @@ fn run(experiment: &Path, out: &Path) {
 fn recorded_as(experiment: &Path, recording: &Path, change: impl Fn(&mut PlannedNode)) {
     let registry = depthloom::registry();
     let plan = load(experiment, &registry, &Options::default()).expect("it is right").plan;
-    let mut told: Plan = plan.clone();
-    told.runs.iter_mut().flat_map(|run| &mut run.nodes).for_each(change);
     let ready = Ready::new(plan, &registry).unwrap_or_else(|missing| panic!("{missing:?}"));
+    // With the recipes that the run has: what a kind's results depend on besides is known only now.
+    let mut told: Plan = ready.plan.clone();
+    told.runs.iter_mut().flat_map(|run| &mut run.nodes).for_each(change);
     let recorder = Recorder::create(recording, &told).expect("a recording");
     let options = depthloom_runner::Options::default();
     depthloom_runner::run(ready, &recorder, &options, &Unwatched, &Interrupt::default()).expect("it runs");
@@ -245,4 +246,57 @@ fn a_recording_that_was_cut_is_compared_as_far_as_it_is_whole_and_a_damaged_one_
     let (code, told) = check_json(&flipped, &[]);
     assert_eq!((code, told["damage"].as_array().map(Vec::len)), (Some(3), Some(1)), "{told:#}");
     assert_eq!(told["nodes"][0]["compared"], 2, "the frames beside it are compared");
+}
+
+#[test]
+fn a_node_that_fails_ends_no_comparison_of_others() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let text = |record: &str| {
+        let source = "train: { kind: synthetic/road, with: { frames: 0..3, width: 320, height: 96, seed: 4 } }";
+        format!("experiment: learnt\nsources: {{ {source} }}\n{record}stages:\n{}", learn(4, 100))
+    };
+    let experiment = folder.path().join("learnt.yaml");
+    let recording = folder.path().join("recording.mcap");
+    let recorded = |record: &str, name: &str, set: &[(&str, Json)]| {
+        std::fs::write(&experiment, text(record)).expect("written");
+        recorded_as(&experiment, &recording, |node| {
+            for (key, value) in set.iter().filter(|_| node.name == name) {
+                for params in [&mut node.params, &mut node.portable] {
+                    params[key] = value.clone();
+                }
+            }
+        });
+        check_json(&recording, &[])
+    };
+    let failed = |told: &Json| -> Vec<(String, String)> {
+        let failed = told["failed"].as_array().expect("a list").iter();
+        let text = |node: &Json, key: &str| node[key].as_str().expect("text").to_owned();
+        failed.map(|node| (text(node, "node"), text(node, "why"))).collect()
+    };
+    // A once-node.
+    let (code, told) = recorded("", "teacher", &[("learning_rate", json!(1e30))]);
+    assert_eq!(
+        (code, &told["equal"], different(&told)),
+        (Some(3), &json!(false), vec![("stereo", 0), ("edges", 0), ("samples", 0), ("teacher", 2),]),
+        "{told:#}"
+    );
+    assert_eq!(failed(&told).len(), 1);
+    assert!(failed(&told)[0].1.starts_with("learning diverged"), "{told:#}");
+    assert_eq!(told["error"]["message"], "1 node failed");
+    assert!(
+        told["nodes"][3]["first"]["now"].as_str().is_some_and(|now| now.starts_with("none, for it failed: learning"))
+    );
+
+    // An ordered node, on its first frame; what it did not give is recorded for who reads it.
+    let size = [("size", json!([640, 32]))];
+    let (code, told) = recorded("", "samples", &size);
+    assert_eq!((code, different(&told)[2..].to_vec()), (Some(3), vec![("samples", 1), ("teacher", 0)]), "{told:#}");
+    assert!(failed(&told)[0].1.starts_with("frame `000000_10`: `image` is 320x96, smaller"), "{told:#}");
+    // Or is not: then who reads it is not compared.
+    let (code, told) = recorded("record: [source, stereo, edges, teacher]\n", "samples", &size);
+    assert_eq!((code, different(&told)), (Some(3), vec![("stereo", 0), ("edges", 0)]), "{told:#}");
+    assert_eq!(told["not_compared"][0]["why"], "it reads `samples` made again, which failed");
+    let (code, printed, said) = check(&recording, &[]);
+    assert_eq!((code, said.as_str()), (Some(3), "1 node failed\n"));
+    assert!(printed.contains("\nfailed: learn.samples: frame `000000_10`: `image`"), "{printed}");
 }
