@@ -12,7 +12,7 @@ pub use folder::Folder;
 pub use form::Form;
 pub use frames::{Frames, frames};
 pub use maps::Maps;
-pub use once::write_model;
+pub use once::{write_model, write_rows};
 pub use topics::{Chosen, chosen};
 
 use std::path::PathBuf;

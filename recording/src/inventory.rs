@@ -22,8 +22,6 @@ pub struct TopicSize {
     pub raw_bytes: u64,
     /// What they take in the file. A chunk that several topics share is divided among them as their raw bytes are.
     pub stored_bytes: u64,
-    /// How much of that lies in such chunks, compressed: how well is the chunk's, not a topic's own.
-    pub shared_bytes: u64,
 }
 
 impl Recording {
@@ -54,12 +52,10 @@ impl Recording {
                 messages: 0,
                 raw_bytes: 0,
                 stored_bytes: 0,
-                shared_bytes: 0,
             });
             topic.messages += taken.messages;
             topic.raw_bytes += taken.raw;
             topic.stored_bytes += taken.stored;
-            topic.shared_bytes += taken.shared;
         }
         Ok(topics.into_values().collect())
     }
@@ -89,12 +85,6 @@ impl Recording {
             messages.push((0, *channel));
         }
         messages.sort_unstable();
-        let topic = |channel: u16| self.index.channels.get(&channel).map(|entry| &entry.topic);
-        // Bytes that are not compressed are each a message's own.
-        let is_shared = raw != stored
-            && messages.first().is_some_and(|(_, first)| {
-                messages.iter().any(|(_, channel)| channel != first && topic(*channel) != topic(*first))
-            });
         let ends = messages.iter().skip(1).map(|(offset, _)| *offset).chain([raw]);
         let share = |to: u64| (u128::from(stored) * u128::from(to) / u128::from(raw.max(1))) as u64;
         for (&(from, channel), to) in messages.iter().zip(ends) {
@@ -104,9 +94,7 @@ impl Recording {
             let taken = by_channel.entry(channel).or_default();
             taken.messages += 1;
             taken.raw += to - from;
-            let stored = share(to) - share(from);
-            taken.stored += stored;
-            taken.shared += if is_shared { stored } else { 0 };
+            taken.stored += share(to) - share(from);
         }
         Ok(())
     }
@@ -118,5 +106,4 @@ struct Taken {
     messages: u64,
     raw: u64,
     stored: u64,
-    shared: u64,
 }

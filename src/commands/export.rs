@@ -16,7 +16,7 @@ use crate::counted::counted;
 use crate::diagnostics::error_json;
 use crate::environment;
 use crate::exit::{Exit, Stop, chain};
-use crate::export::{Chosen, Exported, Folder, Form, Maps, chosen, frames, write_model};
+use crate::export::{Chosen, Exported, Folder, Form, Maps, chosen, frames, write_model, write_rows};
 use crate::signals;
 use crate::streams::{print, print_json, say};
 
@@ -32,8 +32,12 @@ pub fn export(args: &ExportArgs) -> Result<Exit, Stop> {
     let runs: BTreeSet<usize> = chosen.iter().map(|chosen| chosen.run).collect();
     let frames = frames(&recording, &runs, args.frames.as_ref())?;
     let maps = Maps::new(&recording, &frames, &chosen, colours, args.range)?;
-    let once = || chosen.iter().filter(|chosen| chosen.formats.contains(&ExportFormat::Onnx));
-    folder.check(maps.files().chain(once().map(|chosen| chosen.path_with("onnx"))))?;
+    let as_one = |format: ExportFormat| {
+        let of_format = chosen.iter().filter(move |chosen| chosen.formats.contains(&format));
+        of_format.map(move |chosen| (chosen, format))
+    };
+    let files = || as_one(ExportFormat::Onnx).chain(as_one(ExportFormat::Parquet));
+    folder.check(maps.files().chain(files().map(|(chosen, format)| chosen.path_with(format.name()))))?;
     folder.create()?;
 
     let bar = if args.quiet || args.json { ProgressBar::hidden() } else { ProgressBar::new(maps.work()) };
@@ -41,14 +45,16 @@ pub fn export(args: &ExportArgs) -> Result<Exit, Stop> {
         bar.set_style(style);
     }
     let stop = || interrupt.stops_admission();
-    let damaged = maps.write(&folder, environment::cores(), &stop, &|| bar.inc(1))?;
+    let mut damaged = maps.write(&folder, environment::cores(), &stop, &|| bar.inc(1))?;
     bar.finish_and_clear();
     let mut exported: Vec<Exported> = maps.exported().collect();
-    for chosen in once() {
-        if stop() {
-            break;
+    for (chosen, format) in files().take_while(|_| !stop()) {
+        if format == ExportFormat::Onnx {
+            exported.push(write_model(&recording, chosen, &folder)?);
+        } else if let Some((rows, left_out)) = write_rows(&recording, chosen, &frames[chosen.run], &folder, &stop)? {
+            exported.push(rows);
+            damaged.extend(left_out);
         }
-        exported.push(write_model(&recording, chosen, &folder)?);
     }
     let files: u64 = exported.iter().map(|of| of.files).sum();
     if stop() {

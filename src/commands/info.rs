@@ -129,9 +129,6 @@ fn text(recording: &Recording, topics: &[Topic<'_>], damage: &[Damage], args: &I
     let all = total(topics);
     rows.push(row(&counted(topics.len() as u64, "topic"), "", &all, String::new(), String::new()));
     text += &aligned(&rows, &[2, 3, 4, 5, 6]);
-    if topics.iter().any(|topic| topic.size.shared_bytes > 0) {
-        text += "~ in chunks with other topics: stored is the topic's share by raw bytes, and the ratio is the chunks', not its own\n";
-    }
 
     let attachments = recording.attachments();
     let attached: u64 = attachments.iter().map(|attachment| attachment.size).sum();
@@ -156,14 +153,13 @@ fn text(recording: &Recording, topics: &[Topic<'_>], damage: &[Damage], args: &I
 
 fn row(topic: &str, carries: &str, of: &TopicSize, keys: String, recipe: String) -> [String; 8] {
     let ratio = of.raw_bytes as f64 / of.stored_bytes.max(1) as f64;
-    let about = if of.shared_bytes > 0 { "~" } else { "" };
     [
         topic.to_owned(),
         carries.to_owned(),
         of.messages.to_string(),
         size(of.raw_bytes),
-        format!("{about}{}", size(of.stored_bytes)),
-        format!("{about}{ratio:.2}"),
+        size(of.stored_bytes),
+        format!("{ratio:.2}"),
         keys,
         recipe,
     ]
@@ -178,8 +174,6 @@ fn total(topics: &[Topic<'_>]) -> TopicSize {
         messages: sum(|of| of.messages),
         raw_bytes: sum(|of| of.raw_bytes),
         stored_bytes: sum(|of| of.stored_bytes),
-        // Of all topics together nothing is divided.
-        shared_bytes: 0,
     }
 }
 
@@ -221,7 +215,6 @@ fn json(recording: &Recording, topics: &[Topic<'_>], damage: &[Damage], args: &I
             "messages": topic.size.messages,
             "raw_bytes": topic.size.raw_bytes,
             "stored_bytes": topic.size.stored_bytes,
-            "shared_bytes": topic.size.shared_bytes,
             "keys": topic.keys,
             "recipe": topic.recipe.map(|recipe| recipe.to_string()),
         })

@@ -35,13 +35,14 @@ pub struct FileContent {
 
 /// The formats that a type has, the first of them where none is asked for; none for what is not exported.
 pub const fn formats_of(value_type: ValueType) -> &'static [ExportFormat] {
-    use ExportFormat::{Npy, Onnx, Pcd, Pfm, Ply, Png};
+    use ExportFormat::{Npy, Onnx, Parquet, Pcd, Pfm, Ply, Png};
     match value_type {
         ValueType::Image | ValueType::Mask => &[Png, Npy],
         ValueType::Weight => &[Png, Npy, Pfm],
         ValueType::Depth | ValueType::Disparity | ValueType::TrueDisparity => &[Png, Npy, Pfm, Ply, Pcd],
         ValueType::Model => &[Onnx],
-        ValueType::Scores | ValueType::Curve | ValueType::Calibration | ValueType::Samples => &[],
+        ValueType::Scores | ValueType::Curve | ValueType::Calibration => &[Parquet],
+        ValueType::Samples => &[],
     }
 }
 
@@ -61,7 +62,7 @@ impl Form {
             (ExportFormat::Pfm, ..) => Self::Pfm,
             (ExportFormat::Ply, ..) => Self::Ply(points),
             (ExportFormat::Pcd, ..) => Self::Pcd(points),
-            (ExportFormat::Onnx, ..) => return None,
+            (ExportFormat::Onnx | ExportFormat::Parquet, ..) => return None,
         })
     }
 

@@ -158,13 +158,9 @@ fn check(pattern: &str, outputs: &[Output<'_>], formats: &[ExportFormat]) -> Res
     }
     let carries = first.value_type.map_or("what this version does not know", ValueType::name);
     let of = format!("topic {} carries {carries}", first.names[0]);
-    Err(match (first.value_type, first.value_type.map_or(&[][..], formats_of)) {
-        (Some(ValueType::Calibration), _) => {
-            Stop::new(Exit::Before, format!("{of}, which goes into point clouds alone"))
-                .remedy("ask for a depth or disparity, with `--format ply` or `pcd`")
-        }
-        (_, []) => Stop::new(Exit::Before, format!("{of}, which is not exported")),
-        (_, has) => Stop::new(Exit::Before, format!("{of}, which is not exported as {}", named(formats)))
+    Err(match first.value_type.map_or(&[][..], formats_of) {
+        [] => Stop::new(Exit::Before, format!("{of}, which is not exported")),
+        has => Stop::new(Exit::Before, format!("{of}, which is not exported as {}", named(formats)))
             .remedy(format!("it can be {}", named(has))),
     })
 }

@@ -122,7 +122,7 @@ fn topics_and_frames_are_named_as_people_name_them() {
     assert_eq!(told, json!({ "folder": "out", "condition": "whole", "topics": [topic] }));
     for (arguments, said) in [
         (&["detph"][..], "did you mean `depth`?"),
-        (&["source/calibration"], "--format ply"),
+        (&["source/calibration", "--format", "png"], "it can be parquet"),
         (&["source/left", "--format", "pfm"], "it can be png, npy"),
         (&["--format", "onnx"], "nothing that was recorded can be exported as onnx"),
         (&["--frames", "9"], "there is no frame 9"),
@@ -187,4 +187,40 @@ fn without_a_calibration_there_are_no_points() {
     let not_there =
         look.command("export", &["bare", "source/left", "--out", "none"]).output().expect("the binary starts");
     assert!(text(&not_there.stderr).contains("was not recorded"), "{}", text(&not_there.stderr));
+}
+
+#[test]
+fn rows_are_exported_as_parquet_a_file_a_topic() {
+    let look = Look::new();
+    let rows = ["score.stereo", "source/calibration"];
+    let told = look.export(&[&rows[..], &["--out", "out", "--json"]].concat());
+    let told: Json = serde_json::from_slice(&told.stdout).expect("JSON");
+    let topics = told["topics"].as_array().expect("topics").iter();
+    let topics: Vec<_> = topics.map(|of| (of["type"].clone(), of["format"].clone(), of["files"].clone())).collect();
+    let of = |value_type: &str| (json!(value_type), json!("parquet"), json!(1));
+    assert_eq!(topics, [of("calibration"), of("scores")]);
+    let wanted = ["look/score.stereo/rows.parquet", "look/source/calibration.parquet"];
+    assert_eq!(files(&look.path("out")), wanted);
+    for file in wanted {
+        let bytes = std::fs::read(look.path("out").join(file)).expect("a file");
+        assert!(bytes.starts_with(b"PAR1") && bytes.ends_with(b"PAR1"), "{file}");
+    }
+}
+
+#[test]
+fn learnt_networks_and_curves_are_exported_as_they_lie_beside_the_run() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (experiment, out) = (crate::reuse::experiment(folder.path()), folder.path().join("run"));
+    succeed(depthloom().arg("run").arg(&experiment).args(["--quiet", "--out"]).arg(&out));
+    let export = folder.path().join("export");
+    succeed(depthloom().arg("export").arg(&out).args(["teacher", "--quiet", "--out"]).arg(&export));
+    assert_eq!(files(&export), ["learn/teacher/curve.parquet", "learn/teacher/model.onnx"]);
+    let model = std::fs::read(export.join("learn/teacher/model.onnx")).expect("a model");
+    assert_eq!(files(&out.join("models")), ["learn.teacher.onnx"]);
+    assert!(std::fs::read(out.join("models/learn.teacher.onnx")).expect("a model") == model);
+    assert!(std::fs::metadata(export.join("learn/teacher/curve.parquet")).expect("a curve").len() > 100);
+    // It is the network that the run's own stages read: another experiment takes it as a file.
+    let recording = depthloom_recording::Recording::open(out.join("recording.mcap")).expect("a recording");
+    let kept = recording.attachments().iter().filter(|of| of.name.starts_with("artifacts/"));
+    assert!(kept.clone().any(|of| recording.attachment(&of.name).expect("its bytes") == model));
 }

@@ -1,0 +1,111 @@
+//! An experiment, and what is asked of it before it runs.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+use clap_complete::engine::ArgValueCompleter;
+
+use crate::completion::{experiments, folders};
+
+/// An experiment file, and what of it is set otherwise.
+#[derive(Clone, Debug, Args)]
+pub struct ExperimentArgs {
+    /// The experiment file (YAML).
+    #[arg(add = ArgValueCompleter::new(experiments()))]
+    pub experiment: PathBuf,
+
+    /// Set something in the experiment before its variants do: `compare.mono.with.cap=50`. Goes before the file and its defaults; a
+    /// variant that sets the same keeps its own value, which is said, and where all do, it is an error. `variants.NAME.` in front sets it
+    /// there: `variants.full.compare.mono.with.cap=50`, `matrix.` an axis or sample: `matrix.AXIS.values=[3,5]`, `matrix.AXIS.to=20`,
+    /// `matrix.sample.count=100`. `null` takes away a stage, node, source, variant or axis: `variants.NAME=null`. May be repeated; is
+    /// recorded.
+    #[arg(long = "set", value_name = "PATH=VALUE", value_parser = parse_set)]
+    pub set: Vec<(String, String)>,
+
+    /// Run one variant of each value: `--matrix compare.stereo.with.block=[3,5,9]`, or of a range: `{from: 0, to: 20, steps: 3}`. Several
+    /// are every combination. An axis that the experiment's `matrix` has takes these values instead. May be repeated, of each path once;
+    /// is recorded.
+    #[arg(long, value_name = "PATH=[VALUES]", value_parser = parse_matrix)]
+    pub matrix: Vec<(String, String)>,
+
+    /// Of the variants take those that are so called; `*` stands for any run of characters: `--variant full --variant 'no_*'`. May be
+    /// repeated; is recorded.
+    #[arg(long = "variant", value_name = "NAME")]
+    pub variants: Vec<String>,
+}
+
+/// `check`.
+#[derive(Debug, Args)]
+pub struct CheckArgs {
+    /// The experiment.
+    #[command(flatten)]
+    pub experiment: ExperimentArgs,
+
+    /// Print one JSON object instead of text: what the experiment holds, and every diagnostic.
+    #[arg(long)]
+    pub json: bool,
+
+    /// Print the diagnostics as SARIF 2.1.0, which code review tools show at their lines.
+    #[arg(long, conflicts_with = "json")]
+    pub sarif: bool,
+}
+
+/// `plan`.
+#[derive(Debug, Args)]
+pub struct PlanArgs {
+    /// The experiment.
+    #[command(flatten)]
+    pub experiment: ExperimentArgs,
+
+    /// Say of every node on how many frames it would run and on how many its values would be taken from earlier runs, and why not from
+    /// all. Opens sources and engines, as `run` does.
+    #[arg(long)]
+    pub reuse: bool,
+
+    /// The folder that the run would write, with `--reuse`: what lies beside it is taken from, too.
+    #[arg(long, short, value_name = "DIR", requires = "reuse", add = ArgValueCompleter::new(folders()))]
+    pub out: Option<PathBuf>,
+
+    /// Print one JSON object instead of text.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// How a graph is drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum GraphFormat {
+    /// Mermaid, which GitHub and many editors draw.
+    Mermaid,
+    /// Graphviz.
+    Dot,
+}
+
+/// `graph`.
+#[derive(Debug, Args)]
+pub struct GraphArgs {
+    /// The experiment.
+    #[command(flatten)]
+    pub experiment: ExperimentArgs,
+
+    /// The language to draw it in.
+    #[arg(long, value_enum, default_value_t = GraphFormat::Mermaid)]
+    pub format: GraphFormat,
+
+    /// Print its nodes and edges as one JSON object instead of a drawing.
+    #[arg(long, conflicts_with = "format")]
+    pub json: bool,
+}
+
+fn parse_set(text: &str) -> Result<(String, String), String> {
+    match text.split_once('=') {
+        Some((path, value)) if !path.is_empty() => Ok((path.to_owned(), value.to_owned())),
+        _ => Err("expected PATH=VALUE, e.g. compare.mono.with.cap=50".to_owned()),
+    }
+}
+
+fn parse_matrix(text: &str) -> Result<(String, String), String> {
+    match text.split_once('=') {
+        Some((path, values)) if !path.is_empty() => Ok((path.to_owned(), values.to_owned())),
+        _ => Err("expected PATH=[VALUES], e.g. compare.stereo.with.block=[3,5,9]".to_owned()),
+    }
+}

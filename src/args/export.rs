@@ -1,0 +1,116 @@
+//! Values for other programs.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+use clap_complete::engine::ArgValueCompleter;
+use depthloom_graphs::contracts::FrameSelection;
+
+use crate::completion::{folders, runs};
+
+/// What values are exported as.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ExportFormat {
+    /// Images as they are; disparity and depth in 16 bits, 256ths of a pixel or metre, 0 = none, as KITTI has them; weights in 65535ths.
+    Png,
+    /// NumPy arrays: pixels of disparity, metres of depth as float32, NaN = none; images and masks as they are.
+    Npy,
+    /// Portable float maps, infinity = none, as Middlebury has them.
+    Pfm,
+    /// Point clouds of depths and disparities: metres, x to the right, y down, z forward, coloured by the source's first image.
+    Ply,
+    /// The same, as the Point Cloud Library has them.
+    Pcd,
+    /// Learnt networks.
+    Onnx,
+    /// Rows: scores and calibrations by frame, learning curves by step; a file a topic.
+    Parquet,
+}
+
+impl ExportFormat {
+    /// As it is written on the command line.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Png => "png",
+            Self::Npy => "npy",
+            Self::Pfm => "pfm",
+            Self::Ply => "ply",
+            Self::Pcd => "pcd",
+            Self::Onnx => "onnx",
+            Self::Parquet => "parquet",
+        }
+    }
+}
+
+/// The colours of a map.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ColoursOption {
+    /// Blue over green to red.
+    Turbo,
+    /// Violet over green to yellow.
+    Viridis,
+    /// Black over red to pale yellow.
+    Magma,
+    /// Black to white.
+    Grey,
+}
+
+/// `export`.
+#[derive(Debug, Args)]
+pub struct ExportArgs {
+    /// A run: its folder, its recording, the beginning of its name in `runs`, or `@latest`.
+    #[arg(add = ArgValueCompleter::new(runs))]
+    pub run: PathBuf,
+
+    /// What to export: topics as `info` lists them (`/look/depth/depth`), or by their end or node (`depth/depth`, `depth`); `*` stands for
+    /// any run of characters. Without one, all.
+    #[arg(value_name = "TOPIC")]
+    pub topics: Vec<String>,
+
+    /// The folder to write: `DIR/<topic>/<frame>.<format>`, and `DIR/<topic>.<format>` of what there is once. Each file is whole or not there.
+    #[arg(long, short, value_name = "DIR", add = ArgValueCompleter::new(folders()))]
+    pub out: PathBuf,
+
+    /// The formats, with commas between; each topic is written in those of them that it has. Without it: png, of networks onnx, of
+    /// rows parquet.
+    #[arg(long, value_enum, value_name = "FORMAT,...", value_delimiter = ',')]
+    pub format: Vec<ExportFormat>,
+
+    /// The frames: `3`, `3,7`, `0..4`, `1..=40`, or a text file with a frame id a line. Without it, all.
+    #[arg(long, value_name = "FRAMES", value_parser = parse_frames)]
+    pub frames: Option<FrameSelection>,
+
+    /// Write disparities, depths and weights as PNG in colours, no answer black, into `DIR/<topic>.<colours>/`.
+    #[arg(long, value_enum, value_name = "COLOURS")]
+    pub colormap: Option<ColoursOption>,
+
+    /// What the first and the last colour stand for, `80..0` the other way round; by default `0..80` m, `0..128` px, weights `0..1`. Of
+    /// point clouds the points in this range of depth are written, by default all.
+    #[arg(long, value_name = "FROM..TO", value_parser = parse_range, allow_hyphen_values = true)]
+    pub range: Option<(f64, f64)>,
+
+    /// Replace files also in a folder that no export made.
+    #[arg(long)]
+    pub overwrite: bool,
+
+    /// Print nothing but errors and warnings.
+    #[arg(long, short, conflicts_with = "json")]
+    pub quiet: bool,
+
+    /// Print one JSON object instead of text.
+    #[arg(long)]
+    pub json: bool,
+}
+
+fn parse_frames(text: &str) -> Result<FrameSelection, String> {
+    let list: Option<Vec<u64>> = text.split(',').map(|index| index.trim().parse().ok()).collect();
+    list.map_or_else(|| FrameSelection::parse(text), |list| Ok(FrameSelection::List(list)))
+}
+
+fn parse_range(text: &str) -> Result<(f64, f64), String> {
+    let number = |text: &str| text.trim().parse().ok().filter(|number: &f64| number.is_finite());
+    let range = text.split_once("..").and_then(|(from, to)| Some((number(from)?, number(to)?)));
+    range
+        .filter(|(from, to)| from != to)
+        .ok_or_else(|| "expected FROM..TO, two different numbers, e.g. 0..80".to_owned())
+}

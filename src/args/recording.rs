@@ -1,0 +1,77 @@
+//! A recording: looked at, made whole, made again.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use clap_complete::engine::ArgValueCompleter;
+
+use crate::completion::runs;
+use crate::replay::Tolerance;
+
+/// `info`.
+#[derive(Debug, Args)]
+pub struct InfoArgs {
+    /// A recording, or its run: the folder, the beginning of its name in `runs`, or `@latest`.
+    #[arg(add = ArgValueCompleter::new(runs))]
+    pub file: PathBuf,
+
+    /// Check every byte; without it a finished recording is taken at its summary's word.
+    #[arg(long)]
+    pub check: bool,
+
+    /// List the keys of all values, by frame and node: equal keys are equal values, in whichever recordings.
+    #[arg(long)]
+    pub keys: bool,
+
+    /// Print one JSON object instead of text.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `recover`.
+#[derive(Debug, Args)]
+pub struct RecoverArgs {
+    /// The recording, or its run: the folder, the beginning of its name in `runs`, or `@latest`.
+    #[arg(add = ArgValueCompleter::new(runs))]
+    pub file: PathBuf,
+
+    /// The file to write, where none is; by default `<name>.recovered.mcap` in the current folder.
+    #[arg(long, short, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+
+    /// Print one JSON object instead of text.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `replay`.
+#[derive(Debug, Args)]
+pub struct ReplayArgs {
+    /// A run: its folder, its recording, the beginning of its name in `runs`, or `@latest`.
+    #[arg(add = ArgValueCompleter::new(runs))]
+    pub run: PathBuf,
+
+    /// Compare the values of every node with those recorded: where they differ, tell the first and the worst difference. Every node gets its
+    /// recorded inputs, so that it is the node that changed which differs, and none behind it.
+    #[arg(long, required = true)]
+    pub check: bool,
+
+    /// Only these nodes, by name or with their stage; `*` stands for any run of characters: `fused`, `compare.stereo`, `learn.*`. A node that
+    /// is named and cannot be made again is an error.
+    #[arg(value_name = "NODE")]
+    pub nodes: Vec<String>,
+
+    /// How far numbers may be apart and still count as equal, in the unit of their values; by default not by one bit. Of one type of values:
+    /// `depth=0.001` (metres), `disparity=0.0625` (pixels), `weight`, `image`, `scores`, ...; or of all: `1e-6`. An answer and none are never equal.
+    /// May be repeated.
+    #[arg(long, value_name = "[TYPE=]MOST", value_parser = Tolerance::parse)]
+    pub tolerance: Vec<Tolerance>,
+
+    /// Worker threads; by default one a core.
+    #[arg(long, short = 'j', value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub workers: Option<u16>,
+
+    /// Print one JSON object instead of text.
+    #[arg(long)]
+    pub json: bool,
+}

@@ -1,0 +1,97 @@
+//! A run, and its reports.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use clap_complete::engine::ArgValueCompleter;
+
+use super::ExperimentArgs;
+use crate::completion::{folders, runs};
+
+/// `run`.
+#[derive(Debug, Args)]
+pub struct RunArgs {
+    /// The experiment.
+    #[command(flatten)]
+    pub experiment: ExperimentArgs,
+
+    /// The folder to write; by default `runs/<experiment>/<UTC time>`.
+    #[arg(long, short, value_name = "DIR", add = ArgValueCompleter::new(folders()))]
+    pub out: Option<PathBuf>,
+
+    /// Replace the output folder if it holds a run that is over.
+    #[arg(long)]
+    pub overwrite: bool,
+
+    /// Make everything anew: take nothing from earlier runs, and do not go on with one that did not come to its end. So does
+    /// DEPTHLOOM_FRESH=1 in the environment.
+    #[arg(long)]
+    pub fresh: bool,
+
+    /// Wait for the disk after every frame, so that a power cut costs no frame that was written either.
+    #[arg(long)]
+    pub durable: bool,
+
+    /// Worker threads; by default one a core. Never changes a result.
+    #[arg(long, short = 'j', value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub workers: Option<u16>,
+
+    /// Frames in flight at most; by default two more than workers. Bounds memory, never changes a result.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
+    pub window: Option<u16>,
+
+    /// Go on after a frame failed: what depended on it is left out, means are taken over the frames common to all.
+    #[arg(long)]
+    pub keep_going: bool,
+
+    /// Print the paper's Table I beside the table.
+    #[arg(long)]
+    pub paper: bool,
+
+    /// Print the run's folder and nothing else.
+    #[arg(long, short, conflicts_with = "json")]
+    pub quiet: bool,
+
+    /// Print one JSON object instead of text.
+    #[arg(long)]
+    pub json: bool,
+}
+
+impl RunArgs {
+    /// Whether nothing is taken from earlier runs.
+    pub fn is_fresh(&self) -> bool {
+        self.fresh || std::env::var_os("DEPTHLOOM_FRESH").is_some_and(|told| !told.is_empty() && told != "0")
+    }
+}
+
+/// `report`.
+#[derive(Debug, Args)]
+pub struct ReportArgs {
+    /// A run: its folder, its recording, the beginning of its name in `runs`, or `@latest`.
+    #[arg(add = ArgValueCompleter::new(runs))]
+    pub run: PathBuf,
+
+    /// The folder to write tables and plots to; by default the run's own.
+    #[arg(long, short, value_name = "DIR", add = ArgValueCompleter::new(folders()))]
+    pub out: Option<PathBuf>,
+
+    /// Print the paper's Table I beside the table.
+    #[arg(long)]
+    pub paper: bool,
+
+    /// Print one JSON object instead of text.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `timings`.
+#[derive(Debug, Args)]
+pub struct TimingsArgs {
+    /// A run: its folder, the beginning of its name in `runs`, or `@latest`.
+    #[arg(add = ArgValueCompleter::new(runs))]
+    pub run: PathBuf,
+
+    /// Print one JSON object instead of text; times in nanoseconds, in all frames together.
+    #[arg(long)]
+    pub json: bool,
+}

@@ -1,0 +1,99 @@
+//! The folder of runs.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::{ArgGroup, Args, Subcommand};
+use clap_complete::engine::ArgValueCompleter;
+
+use crate::completion::{folders, runs};
+use crate::sizes::{parse_age, parse_size};
+
+/// `runs`.
+#[derive(Debug, Args)]
+#[command(disable_help_subcommand = true)]
+pub struct RunsArgs {
+    /// What to do; without one, list them.
+    #[command(subcommand)]
+    pub command: Option<RunsCommand>,
+
+    /// The folder of runs.
+    #[arg(long = "in", global = true, value_name = "DIR", default_value = crate::runs::FOLDER, add = ArgValueCompleter::new(folders()))]
+    pub folder: PathBuf,
+
+    /// Print one JSON object instead of text.
+    #[arg(long, global = true)]
+    pub json: bool,
+}
+
+/// What to do with runs.
+#[derive(Debug, Subcommand)]
+pub enum RunsCommand {
+    /// List the runs in a folder, newest first; what `runs` does without a command.
+    List,
+    /// Show a run: what it is of, what became of it, how it was made, and its files.
+    Show(ShowArgs),
+    /// Say why two runs differ: what was set otherwise, and by parameter, version, input or file which nodes are others.
+    Why(WhyArgs),
+    /// Remove runs that are over. Asks nothing: of several all are removed, or none if one may not be.
+    Rm(RmArgs),
+    /// Remove runs by age, size or number. A run that goes on, holds anything else, or is named by the experiment of one that stays, is kept.
+    Prune(PruneArgs),
+}
+
+/// `runs rm`.
+#[derive(Debug, Args)]
+pub struct RmArgs {
+    /// The runs: folders, beginnings of names, or `@latest`.
+    #[arg(required = true, add = ArgValueCompleter::new(runs))]
+    pub runs: Vec<PathBuf>,
+}
+
+/// `runs prune`.
+#[derive(Debug, Args)]
+#[command(group = ArgGroup::new("rules").required(true).multiple(true).args(["keep", "older_than", "max_size", "unfinished"]))]
+pub struct PruneArgs {
+    /// Keep the newest N whole runs of each experiment, whatever else is said; alone, remove all other whole runs.
+    #[arg(long, value_name = "N")]
+    pub keep: Option<usize>,
+
+    /// Remove runs that are older: `30d`; `min`, `h`, `d` and `w` are known.
+    #[arg(long, value_name = "AGE", value_parser = parse_age)]
+    pub older_than: Option<Duration>,
+
+    /// Remove the oldest runs until all that stay take no more room: `50GB`; `kB`, `MB`, `GB` and `TB` are known.
+    #[arg(long, value_name = "SIZE", value_parser = parse_size)]
+    pub max_size: Option<u64>,
+
+    /// Remove runs that ended before they were whole, too; nothing can go on from them then.
+    #[arg(long)]
+    pub unfinished: bool,
+
+    /// Look at the runs of this experiment alone.
+    #[arg(long, value_name = "NAME")]
+    pub experiment: Option<String>,
+
+    /// Say what would be removed, and remove nothing.
+    #[arg(long, short = 'n')]
+    pub dry_run: bool,
+}
+
+/// `runs show`.
+#[derive(Debug, Args)]
+pub struct ShowArgs {
+    /// A run: its folder, the beginning of its name, or `@latest`.
+    #[arg(add = ArgValueCompleter::new(runs))]
+    pub run: PathBuf,
+}
+
+/// `runs why`.
+#[derive(Debug, Args)]
+pub struct WhyArgs {
+    /// The earlier run: its folder, its recording, the beginning of its name, or `@latest`.
+    #[arg(add = ArgValueCompleter::new(runs))]
+    pub before: PathBuf,
+
+    /// The later run.
+    #[arg(add = ArgValueCompleter::new(runs))]
+    pub after: PathBuf,
+}

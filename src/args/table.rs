@@ -1,0 +1,157 @@
+//! Scores asked for.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+use clap_complete::engine::{ArgValueCandidates, ArgValueCompleter};
+
+use crate::completion::{columns, folders, metrics, runs};
+
+/// Which pixels scores are over.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum SetOption {
+    /// Every true pixel.
+    All,
+    /// The true pixels that an estimate answered, which are its own.
+    Answered,
+    /// Of disparities: every true pixel, after the benchmark's filling of what was not answered.
+    Filled,
+    /// Of depths, taken again from recorded maps: the true pixels that all selected estimates answered.
+    Common,
+}
+
+/// How frames' scores become one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum MeanOption {
+    /// The unweighted mean of the frames' scores.
+    Frames,
+    /// As if all frames were one image.
+    Pixels,
+}
+
+/// What a table is written as.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum TableFormat {
+    /// Aligned text, the best marked by `*`.
+    Terminal,
+    /// Markdown, as GitHub shows it.
+    Md,
+    /// Comma-separated values: all digits, no marks.
+    Csv,
+    /// Parquet, with the columns of csv; a terminal takes none: with --out, or into a pipe.
+    Parquet,
+    /// A LaTeX float for the package booktabs, in the type's own size.
+    Latex,
+    /// One JSON object.
+    Json,
+}
+
+/// Which scores of a run, of what.
+#[derive(Debug, Args)]
+pub struct ScoresArgs {
+    /// The pixels that scores are over; by default every true pixel, where those were scored.
+    #[arg(long, value_enum)]
+    pub set: Option<SetOption>,
+
+    /// A zone that the experiment scored, e.g. `10..20`; by default the whole image.
+    #[arg(long, value_name = "ZONE")]
+    pub zone: Option<String>,
+
+    /// What a score of all frames is taken over; by default what the experiment says, which is frames where it says nothing.
+    #[arg(long, value_enum)]
+    pub mean: Option<MeanOption>,
+}
+
+/// `table`.
+#[derive(Debug, Args)]
+pub struct TableArgs {
+    /// A run: its folder, its recording, the beginning of its name in `runs`, or `@latest`.
+    #[arg(add = ArgValueCompleter::new(runs))]
+    pub run: PathBuf,
+
+    /// Which scores.
+    #[command(flatten)]
+    pub scores: ScoresArgs,
+
+    /// Only estimators whose label or name this is; `*` stands for any run of characters: `fused`, `no_*/mono`.
+    #[arg(long, value_name = "GLOB")]
+    pub estimators: Option<String>,
+
+    /// Sort by a score, `ms`, `density`, `frames` or `pixels`, best first, or by an axis, numbers by size and words in the
+    /// file's order; by default `abs_rel`, or the first error that was scored.
+    #[arg(long, value_name = "COLUMN", add = ArgValueCandidates::new(columns))]
+    pub sort: Option<String>,
+
+    /// Show so many rows at most.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub top: Option<u32>,
+
+    /// What is in rows: variants, their axes in columns; or scores, as in the paper's Table I.
+    #[arg(long, value_enum, default_value = "variant")]
+    pub rows: RowsOption,
+
+    /// The columns behind the axes, with commas between: scores, `density` (the share of true pixels that were answered), `ms`
+    /// (core-milliseconds a frame: the processor time of all nodes that the estimate is computed from, as if it had been run alone; a
+    /// node that several share counts for each; without reading, scoring, recording and learning), `frames`, `pixels`. Scores of depths and of
+    /// disparities stand in one row where the depth is made of the disparity by `depth/from-disparity`; `disparity_density`, `disparity_frames` and
+    /// `disparity_pixels` are then the disparity's.
+    #[arg(long, value_name = "COLUMN,...", value_delimiter = ',', add = ArgValueCandidates::new(columns))]
+    pub columns: Vec<String>,
+
+    /// Show only what no other row that it can be compared with beats in all of these, e.g. `abs_rel,ms`.
+    #[arg(long, value_name = "COLUMN,...", value_delimiter = ',', add = ArgValueCandidates::new(columns))]
+    pub pareto: Vec<String>,
+
+    /// Show what each axis did to a score or to `ms`: the mean of all rows with a level, and the share of the variance between rows that the axis
+    /// explains alone (eta squared); what is left are interactions of axes.
+    #[arg(long, value_name = "COLUMN", add = ArgValueCandidates::new(columns), conflicts_with_all = ["best_per_zone", "sort", "top", "columns", "pareto", "rows"])]
+    pub effects: Option<String>,
+
+    /// Show which row is best in each zone that the experiment scored.
+    #[arg(long, value_name = "SCORE", add = ArgValueCandidates::new(columns), conflicts_with_all = ["zone", "sort", "top", "columns", "pareto", "rows"])]
+    pub best_per_zone: Option<String>,
+
+    /// What it is written as; by default as text for a terminal.
+    #[arg(long, value_enum, value_name = "FORMAT")]
+    pub format: Option<TableFormat>,
+
+    /// The file to write, in place of standard output.
+    #[arg(long, short, value_name = "FILE", add = ArgValueCompleter::new(folders()))]
+    pub out: Option<PathBuf>,
+
+    /// Print one JSON object instead of text: the same as `--format json`.
+    #[arg(long, conflicts_with = "format")]
+    pub json: bool,
+}
+
+/// What a table has in rows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum RowsOption {
+    /// An estimate of a variant a row, or a depth and the disparity it is made of; its axes and scores in columns.
+    Variant,
+    /// A score a row, estimates in columns.
+    Score,
+}
+
+/// `explain`.
+#[derive(Debug, Args)]
+pub struct ExplainArgs {
+    /// A run: its folder, its recording, the beginning of its name in `runs`, or `@latest`.
+    #[arg(add = ArgValueCompleter::new(runs))]
+    pub run: PathBuf,
+
+    /// The score, e.g. `abs_rel`.
+    #[arg(add = ArgValueCandidates::new(metrics))]
+    pub score: String,
+
+    /// The estimator as tables name it: `fused`, `full/fused`.
+    pub estimator: String,
+
+    /// Which scores.
+    #[command(flatten)]
+    pub scores: ScoresArgs,
+
+    /// Print one JSON object instead of text.
+    #[arg(long)]
+    pub json: bool,
+}
