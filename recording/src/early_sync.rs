@@ -1,10 +1,11 @@
 //! Brings a recording to the disk while its run goes on, so that little is left to wait for at the end.
 
-use std::fs::File;
 use std::io;
 use std::sync::Arc;
 use std::sync::mpsc::{self, SyncSender};
 use std::thread::{self, JoinHandle};
+
+use crate::disk::Disk;
 
 use depthloom_threads::look_for_room;
 
@@ -13,7 +14,7 @@ const STRIDE_BYTES: u64 = 16 << 20;
 
 /// Synchronises a file's data beside its writer, which never waits for it.
 pub(crate) struct EarlySync {
-    file: Arc<File>,
+    file: Arc<dyn Disk>,
     /// Bytes written since the disk was last asked.
     waiting: u64,
     worker: Option<Worker>,
@@ -25,7 +26,7 @@ struct Worker {
 }
 
 impl EarlySync {
-    pub(crate) const fn new(file: Arc<File>) -> Self {
+    pub(crate) const fn new(file: Arc<dyn Disk>) -> Self {
         Self { file, waiting: 0, worker: None }
     }
 
@@ -56,7 +57,7 @@ impl EarlySync {
 }
 
 impl Worker {
-    fn start(file: Arc<File>) -> io::Result<Self> {
+    fn start(file: Arc<dyn Disk>) -> io::Result<Self> {
         let (requests, asked) = mpsc::sync_channel(1);
         let synchronise = move || asked.into_iter().try_for_each(|()| file.sync_data());
         let thread = thread::Builder::new().name("depthloom-disk".to_owned()).stack_size(64 << 10);
@@ -67,6 +68,8 @@ impl Worker {
 
 #[cfg(test)]
 mod tests {
+    use std::fs::File;
+
     use super::*;
 
     #[test]

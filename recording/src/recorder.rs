@@ -14,6 +14,7 @@ use serde::Serialize;
 use crate::chunk::{Packing, Part, PartBuilder, Unkept, measured};
 use crate::copy::{Lying, Wanted};
 use crate::curve::points_part;
+use crate::disk::{Through, itself};
 use crate::earlier::EarlierRuns;
 use crate::error::RecordingError;
 use crate::layout::{Class, FileLayout, PortLayout, RunLayout};
@@ -110,10 +111,18 @@ impl Recorder {
     /// # Errors
     /// If the plan cannot be recorded, or the file cannot be made.
     pub fn create(path: impl Into<PathBuf>, plan: &Plan) -> Result<Self, RecordingError> {
+        Self::create_through(path, plan, &itself)
+    }
+
+    /// As [`Recorder::create`], with something between it and the file: what tests let fail.
+    ///
+    /// # Errors
+    /// As [`Recorder::create`].
+    pub fn create_through(path: impl Into<PathBuf>, plan: &Plan, through: Through<'_>) -> Result<Self, RecordingError> {
         let path = path.into();
         let layout = FileLayout::of(plan)?;
         let recorded = RecordedPlan::of(plan);
-        let mut writer = Writer::create(&path, layout.channels.clone())?;
+        let mut writer = Writer::create(&path, layout.channels.clone(), through)?;
         let metadata = BTreeMap::from([
             ("format".to_owned(), FORMAT.to_owned()),
             ("plan".to_owned(), json(&recorded)),
@@ -136,10 +145,18 @@ impl Recorder {
     /// # Errors
     /// If the file cannot be read or written, or is not what was written.
     pub fn resume(recording: &Recording, plan: &Plan) -> Result<Self, RecordingError> {
+        Self::resume_through(recording, plan, &itself)
+    }
+
+    /// As [`Recorder::resume`], with something between it and the file: what tests let fail.
+    ///
+    /// # Errors
+    /// As [`Recorder::resume`].
+    pub fn resume_through(recording: &Recording, plan: &Plan, through: Through<'_>) -> Result<Self, RecordingError> {
         let layout = FileLayout::of(plan)?;
-        match resume(recording, layout.channels.clone())? {
+        match resume(recording, layout.channels.clone(), through)? {
             Some(resumed) => Ok(Self::of(recording.path().to_owned(), plan, layout, resumed)),
-            None => Self::create(recording.path(), plan),
+            None => Self::create_through(recording.path(), plan, through),
         }
     }
 

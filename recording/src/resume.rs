@@ -4,7 +4,6 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs::OpenOptions;
 use std::io::{Seek as _, SeekFrom, Write as _};
 use std::path::Path;
-use std::sync::Arc;
 
 use crc32fast::Hasher;
 use depthloom_codecs::schema::Schema;
@@ -16,6 +15,7 @@ use crate::attachment::AttachmentEntry;
 use crate::checksum::CrcBefore;
 use crate::condition::Condition;
 use crate::copy::placed;
+use crate::disk::{Through, itself, write_all};
 use crate::error::RecordingError;
 use crate::file::PositionedFile;
 use crate::index::{ChunkEntry, MAGIC};
@@ -91,7 +91,7 @@ pub fn recover(from: &Recording, to: &Path) -> Result<u64, RecordingError> {
     }
     drop(copy);
     let copy = Recording::open(to)?;
-    let mut writer = Writer::resume(&copy, Vec::new(), end)?;
+    let mut writer = Writer::resume(&copy, Vec::new(), end, &itself)?;
     let frames: usize = (0..copy.plan().runs.len()).map(|run| copy.frames(run).len()).sum();
     if !matches!(from.condition(), Condition::Whole) {
         writer.metadata(ENDED_METADATA, BTreeMap::from([("frames".to_owned(), frames.to_string())]))?;
@@ -116,9 +116,13 @@ pub(crate) struct Resumed {
 }
 
 /// Cuts off what was not committed, and goes on behind it. `None` if nothing was committed.
-pub(crate) fn resume(recording: &Recording, channels: Vec<ChannelLayout>) -> Result<Option<Resumed>, RecordingError> {
+pub(crate) fn resume(
+    recording: &Recording,
+    channels: Vec<ChannelLayout>,
+    through: Through<'_>,
+) -> Result<Option<Resumed>, RecordingError> {
     let Some(end) = recording.end() else { return Ok(None) };
-    let writer = Writer::resume(recording, channels, end)?;
+    let writer = Writer::resume(recording, channels, end, through)?;
     let runs = 0..recording.plan().runs.len();
     let once = recording.once_values();
     let artifact = |content: &RecordedContent| match content {
@@ -140,7 +144,12 @@ pub(crate) fn resume(recording: &Recording, channels: Vec<ChannelLayout>) -> Res
 
 impl Writer {
     /// Opens a file whose first `end` bytes stay.
-    fn resume(recording: &Recording, channels: Vec<ChannelLayout>, end: u64) -> Result<Self, RecordingError> {
+    fn resume(
+        recording: &Recording,
+        channels: Vec<ChannelLayout>,
+        end: u64,
+        through: Through<'_>,
+    ) -> Result<Self, RecordingError> {
         let path = recording.path();
         let failed = |source| RecordingError::Create { path: path.to_owned(), source };
         check(recording)?;
@@ -148,8 +157,9 @@ impl Writer {
         file.set_len(end).map_err(failed)?;
         file.seek(SeekFrom::Start(end)).map_err(failed)?;
         let rest = recording.missing_index(end);
-        file.write_all(&rest).map_err(failed)?;
-        let (end, file) = (end + rest.len() as u64, Arc::new(file));
+        let file = through(file);
+        write_all(&*file, &rest).map_err(failed)?;
+        let end = end + rest.len() as u64;
         let read = PositionedFile::open(path)?;
         let crc = CrcBefore::new(&read).place(end)?;
         let mut writer = Self::of(path, file, channels);

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{self, Write as _};
+use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -11,6 +11,7 @@ use mcap::records::op;
 
 use crate::checksum::seal;
 use crate::chunk::Part;
+use crate::disk::{Disk, Through, write_all};
 use crate::early_sync::EarlySync;
 use crate::error::RecordingError;
 use crate::layout::ChannelLayout;
@@ -29,7 +30,7 @@ const LIBRARY: &str = "depthloom";
 /// written when the first message needs them.
 pub(crate) struct Writer {
     path: PathBuf,
-    file: Arc<File>,
+    file: Arc<dyn Disk>,
     early_sync: EarlySync,
     pub(crate) position: u64,
     pub(crate) crc: Hasher,
@@ -47,9 +48,13 @@ pub(crate) struct Writer {
 }
 
 impl Writer {
-    pub(crate) fn create(path: &Path, channels: Vec<ChannelLayout>) -> Result<Self, RecordingError> {
+    pub(crate) fn create(
+        path: &Path,
+        channels: Vec<ChannelLayout>,
+        through: Through<'_>,
+    ) -> Result<Self, RecordingError> {
         let file = File::create(path).map_err(|source| RecordingError::Create { path: path.to_owned(), source })?;
-        let mut writer = Self::of(path, Arc::new(file), channels);
+        let mut writer = Self::of(path, through(file), channels);
         let mut start = mcap::MAGIC.to_vec();
         put_header(&mut start, LIBRARY);
         writer.append(&start)?;
@@ -57,7 +62,7 @@ impl Writer {
     }
 
     /// Of a file that holds nothing.
-    pub(crate) fn of(path: &Path, file: Arc<File>, channels: Vec<ChannelLayout>) -> Self {
+    pub(crate) fn of(path: &Path, file: Arc<dyn Disk>, channels: Vec<ChannelLayout>) -> Self {
         Self {
             path: path.to_owned(),
             early_sync: EarlySync::new(Arc::clone(&file)),
@@ -222,7 +227,7 @@ impl Writer {
         if let Some(why) = self.closed {
             return Err(RecordingError::Closed { path: self.path.clone(), why });
         }
-        (&*self.file).write_all(bytes).map_err(|source| self.refused(source))?;
+        write_all(&*self.file, bytes).map_err(|source| self.refused(source))?;
         self.position += bytes.len() as u64;
         self.early_sync.written(bytes.len() as u64);
         self.crc.combine(crc);

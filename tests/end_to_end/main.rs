@@ -11,6 +11,7 @@ mod determinism;
 mod disparity_scores;
 mod experiments;
 mod export;
+mod failing_disk;
 mod faults;
 mod fixtures;
 mod from_recording;

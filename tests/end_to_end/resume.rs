@@ -6,13 +6,13 @@ use std::path::{Path, PathBuf};
 use crate::reuse::experiment;
 use crate::support::{depthloom, succeed};
 
-/// At how many places a recording is cut, and how many runs are killed: `DEPTHLOOM_KILLS`, or few enough for every day.
-fn kills() -> u64 {
+/// At how many places a recording is cut, and how many runs are killed or fail: `DEPTHLOOM_KILLS`, or few enough for every day.
+pub fn kills() -> u64 {
     std::env::var("DEPTHLOOM_KILLS").map_or(20, |kills| kills.parse().expect("DEPTHLOOM_KILLS is a number"))
 }
 
 /// A number that the seed decides, below `end`.
-fn below(seed: u64, end: u64) -> u64 {
+pub fn below(seed: u64, end: u64) -> u64 {
     (seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 11) % end
 }
 

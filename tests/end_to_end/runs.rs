@@ -220,8 +220,8 @@ fn info_tells_topics_sizes_and_keys_and_what_is_damaged() {
     let of = |name: &str| topics.iter().find(|topic| topic["topic"] == name).unwrap_or_else(|| panic!("{name}"));
     let depth = of("/look/depth/depth");
     assert_eq!((&depth["type"], &depth["messages"], &depth["keys"]), (&json!("depth"), &json!(2), &json!(2)));
-    let raw = depth["raw_bytes"].as_u64().expect("a size");
-    assert!((2 * 320 * 96 * 4..2 * 320 * 96 * 4 + 400).contains(&raw), "{raw}");
+    let raw = of("/look/stereo/disparity")["raw_bytes"].as_u64().expect("a size");
+    assert!((2 * 320 * 96 * 2..2 * 320 * 96 * 2 + 400).contains(&raw), "{raw}");
     // The recipe is the plan's, and keys are told by frame and node.
     let plan = here.json(&["plan", "look.yaml"]);
     let planned = plan["runs"][0]["nodes"].as_array().expect("nodes").iter().find(|node| node["name"] == "depth");
