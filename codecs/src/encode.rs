@@ -3,8 +3,8 @@
 use std::fmt;
 
 use depthloom_graphs::Value;
-use depthloom_graphs::values::{Calibration, Depth, Encoded, Image, Pixels, Raster};
-use foxglove::messages::{CameraCalibration, Timestamp};
+use depthloom_graphs::values::{Calibration, Encoded, Image, Pixels, Raster};
+use foxglove::messages::{CameraCalibration, FrameTransform, Quaternion, Timestamp, Vector3};
 use prost::Message;
 
 use crate::decode::nothing_found;
@@ -119,7 +119,7 @@ pub fn put_value(out: &mut Vec<u8>, stamp: Stamp<'_>, value: &Value) {
             return put_float_map(out, stamp, map.dimensions(), &Floats::Plain(map));
         }
         Value::Mask(mask) => raster(mask.set.dimensions(), "mono8", 1, Samples::U8(&mask.set)),
-        Value::Calibration(calibration) => return put_calibration(out, stamp, calibration),
+        Value::Calibration(calibration) => return put_camera(out, stamp, calibration, false),
         Value::Scores(_) | Value::Samples(_) | Value::Model(_) | Value::Curve(_) => {
             unreachable!("a value of type {} is not one message", value.value_type())
         }
@@ -150,22 +150,6 @@ pub fn put_compressed_image(out: &mut Vec<u8>, stamp: Stamp<'_>, encoded: &Encod
     put_bytes(out, 4, stamp.frame_id.as_bytes());
     put_bytes(out, 3, encoded.format.name().as_bytes());
     put_bytes(out, 2, &encoded.bytes);
-}
-
-/// Appends a depth map as whole millimetres: 0 = no answer, 65535 = that far or farther.
-pub fn put_view(out: &mut Vec<u8>, stamp: Stamp<'_>, depth: &Depth) {
-    let millimetres = |metres: &f32| {
-        let rounded = (f64::from(*metres) * 1000.0).round();
-        if rounded >= 1.0 { rounded.min(65535.0) as u16 } else { 0 }
-    };
-    let millimetres: Vec<u16> = depth.metres.iter().map(millimetres).collect();
-    let (width, height) = depth.metres.dimensions();
-    let samples = Samples::U16(&millimetres);
-    put_raw_image(
-        out,
-        stamp,
-        &RawImage { width, height, encoding: "16UC1", bytes_per_pixel: 2, min_disparity_px: 0, samples },
-    );
 }
 
 fn put_timestamp(out: &mut Vec<u8>, field: u32, time_ns: u64) {
@@ -243,10 +227,14 @@ fn put_samples<T: Copy, const N: usize>(out: &mut Vec<u8>, samples: &[T], bytes:
     }
 }
 
-fn put_calibration(out: &mut Vec<u8>, stamp: Stamp<'_>, calibration: &Calibration) {
-    let time_ns = stamp.time_ns;
+/// Appends the calibration of a pair's reference camera, or of its right one: the same, a baseline to the right.
+pub fn put_camera(out: &mut Vec<u8>, stamp: Stamp<'_>, calibration: &Calibration, is_right: bool) {
+    let mut p = calibration.p();
+    if is_right {
+        p[3] = -calibration.focal_baseline_px_m();
+    }
     let message = CameraCalibration {
-        timestamp: Some(Timestamp::new((time_ns / NS_PER_S) as u32, (time_ns % NS_PER_S) as u32)),
+        timestamp: Some(timestamp(stamp.time_ns)),
         frame_id: stamp.frame_id.to_owned(),
         width: calibration.width,
         height: calibration.height,
@@ -255,9 +243,28 @@ fn put_calibration(out: &mut Vec<u8>, stamp: Stamp<'_>, calibration: &Calibratio
         d: vec![0.0; 5],
         k: calibration.k().to_vec(),
         r: vec![1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
-        p: calibration.p().to_vec(),
+        p: p.to_vec(),
     };
     out.extend_from_slice(&message.encode_to_vec());
     put_varint(out, u64::from(BASELINE_M) << 3 | 1);
     out.extend_from_slice(&calibration.baseline_m.to_le_bytes());
+}
+
+/// Appends where the stamp's frame stands in another: its origin there, metres, and its rotation, a quaternion (x, y, z, w).
+pub fn put_transform(out: &mut Vec<u8>, stamp: Stamp<'_>, parent: &str, origin_m: [f64; 3], rotation: [f64; 4]) {
+    let [x, y, z] = origin_m;
+    let translation = Some(Vector3 { x, y, z });
+    let [x, y, z, w] = rotation;
+    let message = FrameTransform {
+        timestamp: Some(timestamp(stamp.time_ns)),
+        parent_frame_id: parent.to_owned(),
+        child_frame_id: stamp.frame_id.to_owned(),
+        translation,
+        rotation: Some(Quaternion { x, y, z, w }),
+    };
+    out.extend_from_slice(&message.encode_to_vec());
+}
+
+fn timestamp(time_ns: u64) -> Timestamp {
+    Timestamp::new((time_ns / NS_PER_S) as u32, (time_ns % NS_PER_S) as u32)
 }

@@ -23,6 +23,7 @@ pub mod encode;
 pub mod files;
 pub mod floats;
 pub mod messages;
+pub mod picture;
 pub mod schema;
 pub mod wire_format;
 

@@ -8,7 +8,7 @@ use std::sync::OnceLock;
 
 use depthloom_scores::{DEPTH, DISPARITY, Metric};
 use foxglove::Encode;
-use foxglove::messages::{CameraCalibration, CompressedImage, RawImage};
+use foxglove::messages::{CameraCalibration, CompressedImage, FrameTransform, RawImage};
 use prost::Message;
 use prost_types::field_descriptor_proto::{Label, Type};
 use prost_types::{
@@ -39,11 +39,13 @@ pub enum Schema {
     CurvePoint,
     /// Depths or weights.
     FloatMap,
+    /// Where a camera stands.
+    FrameTransform,
 }
 
 impl Schema {
     /// All of them.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 8] = [
         Self::CompressedImage,
         Self::RawImage,
         Self::CameraCalibration,
@@ -51,6 +53,7 @@ impl Schema {
         Self::Commit,
         Self::CurvePoint,
         Self::FloatMap,
+        Self::FrameTransform,
     ];
 
     /// Its id in every recording; zero is reserved by the format.
@@ -70,6 +73,7 @@ impl Schema {
             Self::Commit => "depthloom.Commit",
             Self::CurvePoint => "depthloom.CurvePoint",
             Self::FloatMap => "depthloom.FloatMap",
+            Self::FrameTransform => "foxglove.FrameTransform",
         }
     }
 
@@ -84,7 +88,7 @@ impl Schema {
     pub const fn is_small(self) -> bool {
         match self {
             Self::CompressedImage | Self::RawImage | Self::FloatMap => false,
-            Self::CameraCalibration | Self::Score | Self::Commit | Self::CurvePoint => true,
+            Self::CameraCalibration | Self::Score | Self::Commit | Self::CurvePoint | Self::FrameTransform => true,
         }
     }
 
@@ -107,6 +111,7 @@ impl Schema {
                 let field = field("baseline_m", BASELINE_M, Type::Double);
                 extended(foxglove_set::<CameraCalibration>(), "CameraCalibration", field)
             }
+            Self::FrameTransform => foxglove_set::<FrameTransform>(),
             Self::Score => own_set("depthloom/Score.proto", vec![score()]),
             Self::Commit => own_set(
                 "depthloom/Commit.proto",

@@ -52,7 +52,7 @@ impl Factor {
 pub struct Record {
     /// Of how many frames of a stage run the first has its values kept (scores are kept of all).
     pub every: u64,
-    /// Whether depth is also kept for looking at, as `16UC1` millimetres.
+    /// Whether maps are also kept as pictures, for looking at.
     pub view: bool,
 }
 

@@ -58,7 +58,8 @@ impl EarlierRuns {
             let is_apart = shares || *chunk.channels == [channel];
             (is_apart && is_same(recording, wanted.channels, channel)).then_some((channel, chunk))
         };
-        let chunks: Option<Vec<_>> = [Some(value), port.view_channel].into_iter().flatten().map(chunk).collect();
+        let beside = port.beside.iter().map(|beside| beside.channel);
+        let chunks: Option<Vec<_>> = std::iter::once(value).chain(beside).map(chunk).collect();
         Some(Lying { run, chunks: chunks?, shares })
     }
 }
@@ -105,7 +106,7 @@ fn is_same(recording: &Recording, channels: &[ChannelLayout], id: u16) -> bool {
     let wanted = &channels[usize::from(id) - 1];
     let found = recording.index.channels.get(&id);
     found.is_some_and(|found| {
-        found.topic == wanted.topic && recording.index.schema_of(found) == Some(wanted.schema.name())
+        found.written_topic == wanted.topic && recording.index.schema_of(found) == Some(wanted.schema.name())
     })
 }
 

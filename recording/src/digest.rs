@@ -4,7 +4,7 @@ use std::path::Path;
 
 use crc32fast::Hasher;
 use depthloom_scores::{DEPTH, DISPARITY};
-use foxglove::messages::CameraCalibration;
+use foxglove::messages::{CameraCalibration, FrameTransform, Quaternion, Vector3};
 use prost::Message;
 use serde_json::{Map, Value as Json, json};
 
@@ -49,7 +49,7 @@ pub fn digest(path: impl AsRef<Path>) -> Result<Json, RecordingError> {
     for chunk in &recording.index.chunks {
         buffers.each_message(&recording.file, chunk, |message| {
             let channel = recording.index.channels.get(&message.channel);
-            let ChannelEntry { topic: name, .. } = channel.ok_or("a message is of an unknown channel")?;
+            let ChannelEntry { written_topic: name, .. } = channel.ok_or("a message is of an unknown channel")?;
             let schema = channel.and_then(|channel| recording.index.schema_of(channel)).and_then(Schema::named);
             let schema = schema.ok_or("a channel is of an unknown schema")?;
             let known = topics.iter().position(|(of, _)| of == name);
@@ -81,6 +81,7 @@ impl Topic {
             Schema::Commit => self.take_commit(message),
             Schema::CurvePoint => self.take_curve_point(message),
             Schema::FloatMap => self.take_floats(message),
+            Schema::FrameTransform => self.take_transform(message),
         }
     }
 
@@ -180,6 +181,16 @@ impl Topic {
         let numbers = [point.loss, point.validation, point.learning_rate];
         numbers.iter().for_each(|number| self.crc.update(&number.unwrap_or_default().to_le_bytes()));
         numbers.iter().for_each(|number| self.crc.update(&[u8::from(number.is_some())]));
+        Ok(())
+    }
+
+    fn take_transform(&mut self, message: &[u8]) -> Result<(), String> {
+        let transform = FrameTransform::decode(message).map_err(|error| error.to_string())?;
+        self.crc.update(transform.parent_frame_id.as_bytes());
+        self.crc.update(transform.child_frame_id.as_bytes());
+        let Vector3 { x, y, z } = transform.translation.unwrap_or_default();
+        let Quaternion { x: i, y: j, z: k, w } = transform.rotation.unwrap_or_default();
+        [x, y, z, i, j, k, w].iter().for_each(|number| self.crc.update(&number.to_le_bytes()));
         Ok(())
     }
 

@@ -10,7 +10,7 @@ use crate::checksum::unseal;
 use crate::error::RecordingError;
 use crate::file::PositionedFile;
 use crate::parse::{self, ChannelEntry, RECORD_HEADER, Records};
-use crate::{KNOWN_FORMATS, PLAN_METADATA};
+use crate::{KNOWN_FORMATS, ONCE_METADATA, PLAN_METADATA};
 use depthloom_codecs::schema::Schema;
 
 /// A chunk, and which channels it has messages of.
@@ -36,6 +36,13 @@ pub(crate) struct MetadataEntry {
     pub(crate) end: u64,
     /// The CRC-32 that all bytes before it had when it was written.
     pub(crate) crc_before: u32,
+}
+
+impl MetadataEntry {
+    /// Whether it says where the content of a once-value is.
+    pub(crate) fn is_of_once(&self) -> bool {
+        self.name.starts_with(ONCE_METADATA)
+    }
 }
 
 /// Where things lie in a file.
@@ -100,8 +107,7 @@ impl Index {
                     self.schemas.insert(header.id, header.name);
                 }
                 Record::Channel(channel) => {
-                    let is_of_a_stage = channel.metadata.len() == 1 && channel.metadata.contains_key("stage");
-                    let entry = ChannelEntry { schema: channel.schema_id, topic: channel.topic, is_of_a_stage };
+                    let entry = ChannelEntry::new(channel.schema_id, &channel.topic, &channel.metadata);
                     self.channels.insert(channel.id, entry);
                 }
                 Record::ChunkIndex(chunk) => {

@@ -8,11 +8,17 @@ use std::sync::Arc;
 
 use depthloom_graphs::contracts::Slot;
 use depthloom_graphs::plan::{Origin, Plan, PlannedNode, PlannedOutput, StageRun};
-use depthloom_graphs::{Rate, ValueType};
+use depthloom_graphs::{Frame, Rate, Value, ValueType};
 
+use crate::chunk::{PartBuilder, Unkept};
 use crate::error::RecordingError;
-use crate::plan::planned_output;
+use crate::looking::{Beside, Camera, Pose, picture_topic, topic_shown};
+use crate::plan::{RecordedPlan, planned_output};
+use depthloom_codecs::encode::Stamp;
 use depthloom_codecs::schema::Schema;
+
+/// What a channel calls the topic of the plan, where its own is another.
+pub(crate) const TOPIC_IN_PLAN: &str = "topic_in_plan";
 
 /// The topics that share chunks: what is replayed together lies together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -53,10 +59,27 @@ pub(crate) struct PortLayout {
     pub(crate) channel: u16,
     /// The channel of images that come with a file's own bytes.
     pub(crate) compressed_channel: Option<u16>,
-    /// The channel of the depth for looking at.
-    pub(crate) view_channel: Option<u16>,
+    /// The messages that viewers need beside the value's.
+    pub(crate) beside: Vec<BesideLayout>,
     /// The camera whose pixels these are.
     pub(crate) frame_id: Arc<str>,
+}
+
+/// A message beside a value's.
+#[derive(Clone, Debug)]
+pub(crate) struct BesideLayout {
+    pub(crate) what: Beside,
+    pub(crate) channel: u16,
+    /// The camera whose pixels these are.
+    pub(crate) frame_id: Arc<str>,
+}
+
+impl BesideLayout {
+    /// Adds the message of a value to a part.
+    pub(crate) fn put(&self, part: &mut PartBuilder<'_>, frame: &Frame, value: &Value) -> Result<(), Unkept> {
+        let stamp = Stamp { time_ns: frame.time_ns, frame_id: &self.frame_id };
+        self.what.put(part, (self.channel, stamp), value)
+    }
 }
 
 /// A stage run.
@@ -71,6 +94,8 @@ pub(crate) struct RunLayout {
     nodes: Vec<Vec<Option<PortLayout>>>,
     /// The channels of the learning curves.
     curves: BTreeMap<Slot, u16>,
+    /// The topics of the once-values.
+    once: BTreeMap<Slot, String>,
     pub(crate) commit_channel: u16,
 }
 
@@ -80,6 +105,11 @@ impl RunLayout {
             Slot::Source { port } => self.source.get(port)?.as_ref(),
             Slot::Node { node, port } => self.nodes.get(node)?.get(port)?.as_ref(),
         }
+    }
+
+    /// The topic of a once-value; empty of what is none.
+    pub(crate) fn once_topic(&self, slot: Slot) -> &str {
+        self.once.get(&slot).map_or("", String::as_str)
     }
 
     /// The channel of a learning curve that is recorded.
@@ -114,15 +144,29 @@ impl FileLayout {
         Ok(layout)
     }
 
+    /// The topics in the file that stand for others: for those of variants that share one, and where a channel has another than the plan's.
+    pub(crate) fn aliases(&self, plan: &RecordedPlan) -> BTreeMap<String, String> {
+        let of = |channel: &ChannelLayout| Some((channel.metadata.get(TOPIC_IN_PLAN)?.clone(), channel.topic.clone()));
+        let mut aliases: BTreeMap<String, String> = self.channels.iter().filter_map(of).collect();
+        for (alias, topic) in plan.aliases() {
+            let written = aliases.get(topic).cloned().unwrap_or_else(|| topic.to_owned());
+            aliases.insert(alias.to_owned(), written);
+        }
+        aliases
+    }
+
     fn run(&mut self, plan: &Plan, run: &StageRun, topics: &mut BTreeSet<String>) -> Result<RunLayout, RecordingError> {
         let slots = of_run(run);
         let used: BTreeSet<Class> = slots.iter().filter_map(|slot| class(run, *slot)).collect();
         let part_of = |class: Class| Class::ALL.iter().filter(|c| used.contains(c)).position(|c| *c == class);
         let mut source = vec![None; run.source.outputs.len()];
         let mut nodes: Vec<_> = run.nodes.iter().map(|node| vec![None; node.outputs.len()]).collect();
-        let mut curves = BTreeMap::new();
+        let (mut curves, mut once) = (BTreeMap::new(), BTreeMap::new());
         for slot in slots {
             let output = planned_output(run, slot);
+            if output.port.rate == Rate::Once {
+                once.insert(slot, output.topic.clone());
+            }
             if is_recorded_curve(output) {
                 let (topic, metadata) = (output.topic.clone(), metadata(run, slot, output));
                 let layout = ChannelLayout { schema: Schema::CurvePoint, topic, metadata };
@@ -145,7 +189,7 @@ impl FileLayout {
         let classes: Vec<Class> = Class::ALL.into_iter().filter(|class| used.contains(class)).collect();
         let source_ports = run.source.outputs.iter().map(|output| &output.port);
         let source_ports = source_ports.map(|port| (port.name.to_owned(), port.value_type)).collect();
-        Ok(RunLayout { parts: classes.len(), classes, source_ports, source, nodes, curves, commit_channel })
+        Ok(RunLayout { parts: classes.len(), classes, source_ports, source, nodes, curves, once, commit_channel })
     }
 
     fn port(
@@ -169,32 +213,82 @@ impl FileLayout {
                 return Err(RecordingError::Plan { topic: output.topic.clone(), what });
             }
         };
-        let metadata = metadata(run, slot, output);
-        let channel = ChannelLayout { schema, topic: output.topic.clone(), metadata: metadata.clone() };
+        let mut metadata = metadata(run, slot, output);
+        let mut topic = output.topic.clone();
+        if let Some(shown) = topic_shown(run, slot) {
+            metadata.insert(TOPIC_IN_PLAN.to_owned(), std::mem::replace(&mut topic, shown));
+        }
+        let channel = ChannelLayout { schema, topic: topic.clone(), metadata: metadata.clone() };
         let channel = self.channel(channel, topics)?;
         let mut compressed_channel = None;
         if value_type == ValueType::Image {
             // Whether images come with a file's bytes is known when the first one comes: a topic uses one of its two channels.
-            let layout = ChannelLayout { schema: Schema::CompressedImage, topic: output.topic.clone(), metadata };
+            let layout = ChannelLayout { schema: Schema::CompressedImage, topic, metadata };
             compressed_channel = Some(self.numbered(layout)?);
         }
-        let mut view_channel = None;
-        if plan.record.view && value_type == ValueType::Depth {
-            let unit =
-                "millimetres, 0 = no answer, 65535 = that far or farther; for looking at, see the topic without _view";
-            let metadata = BTreeMap::from([("unit".to_owned(), unit.to_owned())]);
-            let topic = format!("{}_view", output.topic);
-            view_channel = Some(self.channel(ChannelLayout { schema: Schema::RawImage, topic, metadata }, topics)?);
-        }
+        let beside = self.beside(plan, run, slot, topics)?;
         Ok(PortLayout {
             part,
             class,
             topic: output.topic.as_str().into(),
             channel,
             compressed_channel,
-            view_channel,
-            frame_id: camera(run, slot).into(),
+            beside,
+            frame_id: Camera::of(run, slot).frame_id(run).into(),
         })
+    }
+
+    /// The channels beside a port's.
+    fn beside(
+        &mut self,
+        plan: &Plan,
+        run: &StageRun,
+        slot: Slot,
+        topics: &mut BTreeSet<String>,
+    ) -> Result<Vec<BesideLayout>, RecordingError> {
+        let output = planned_output(run, slot);
+        let mut wanted: Vec<(Schema, String, String, Beside)> = Vec::new();
+        match output.port.value_type {
+            ValueType::Disparity | ValueType::TrueDisparity | ValueType::Depth | ValueType::Weight
+                if plan.record.view =>
+            {
+                let topic = picture_topic(run, &output.topic);
+                wanted.push((Schema::CompressedImage, topic, Camera::View.frame_id(run), Beside::Picture));
+            }
+            ValueType::Calibration if topic_shown(run, slot).is_some() => {
+                let reference = Camera::of(run, slot);
+                let stage = run.prefix.trim_start_matches('/').to_owned();
+                let mut add = |schema, name: &str, camera: Camera<'_>, what| {
+                    wanted.push((schema, format!("{}/{name}", camera.folder(run)), camera.frame_id(run), what));
+                };
+                let transform = |parent: &str, pose| Beside::Transform { parent: parent.to_owned(), pose };
+                add(Schema::FrameTransform, "transform", reference, transform(&stage, Pose::Level));
+                let reference = reference.frame_id(run);
+                if let Some(right) = Camera::right_of(run) {
+                    add(Schema::CameraCalibration, "calibration", right, Beside::RightCalibration);
+                    add(Schema::FrameTransform, "transform", right, transform(&reference, Pose::Right));
+                }
+                if plan.record.view {
+                    add(Schema::CameraCalibration, "calibration", Camera::View, Beside::ViewCalibration);
+                    add(Schema::FrameTransform, "transform", Camera::View, transform(&reference, Pose::Same));
+                }
+            }
+            _ => {}
+        }
+        let about = |of: &Beside| match of {
+            Beside::Picture => "a picture to look at, of half the pixels a row and column; black = no answer",
+            Beside::RightCalibration => "the calibration of the pair's right camera",
+            Beside::ViewCalibration => "the calibration of the pictures",
+            Beside::Transform { .. } => "where the camera stands",
+        };
+        let mut beside = Vec::new();
+        for (schema, topic, frame_id, what) in wanted {
+            let of = [("about", about(&what).to_owned()), ("beside", output.topic.clone())];
+            let metadata = of.into_iter().map(|(key, value)| (key.to_owned(), value)).collect();
+            let channel = self.channel(ChannelLayout { schema, topic, metadata }, topics)?;
+            beside.push(BesideLayout { what, channel, frame_id: frame_id.into() });
+        }
+        Ok(beside)
     }
 
     fn channel(&mut self, layout: ChannelLayout, topics: &mut BTreeSet<String>) -> Result<u16, RecordingError> {
@@ -250,21 +344,6 @@ fn from_fixed_point(node: &PlannedNode) -> bool {
         wired.any(|input| wanted.contains(&input.port.value_type))
     };
     reads(&[ValueType::Disparity]) && !reads(&[ValueType::Image, ValueType::Depth, ValueType::Weight])
-}
-
-/// The camera whose pixels a slot's values are, as viewers' `frame_id`.
-///
-/// The source's first image is of the reference camera, and all maps are made in its pixels; each further image of a source
-/// is of a camera of its own.
-fn camera(run: &StageRun, slot: Slot) -> String {
-    let outputs = &run.source.outputs;
-    let reference = outputs.iter().find(|output| output.port.value_type == ValueType::Image);
-    match slot {
-        Slot::Source { port } if outputs[port].port.value_type == ValueType::Image => {
-            outputs[port].port.name.to_owned()
-        }
-        _ => reference.map_or_else(|| run.source.name.clone(), |output| output.port.name.to_owned()),
-    }
 }
 
 fn metadata(run: &StageRun, slot: Slot, output: &PlannedOutput) -> BTreeMap<String, String> {

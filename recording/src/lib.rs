@@ -28,7 +28,8 @@
 //!
 //! # What a recording is
 //! An MCAP file of protobuf channels that any MCAP reader opens. `log_time` and `publish_time` are the frame's time, `sequence`
-//! its index.
+//! its index. Of a source that has no clock, but counts its frames from zero, the time is 2000-01-01T00:00:00Z and a tenth of a second
+//! for each frame of the stage before.
 //!
 //! | value | message | pixels |
 //! |---|---|---|
@@ -36,7 +37,7 @@
 //! | image | `foxglove.RawImage` | `rgb8` or `mono8` |
 //! | true disparity | `foxglove.RawImage` | `16UC1`: `value / 256` pixels, 0 = unknown, as in KITTI's files |
 //! | disparity | `foxglove.RawImage` | `16UC1`: 0 = nothing found, else `value / 16 + min_disparity_px - 1` pixels; `min_disparity_px`, the smallest disparity searched, is field 1001 |
-//! | depth | `depthloom.FloatMap` | metres, NaN = no answer; with `view`, also `<topic>_view`, `16UC1` millimetres |
+//! | depth | `depthloom.FloatMap` | metres, NaN = no answer |
 //! | weight | `depthloom.FloatMap` | |
 //! | mask | `foxglove.RawImage` | `mono8` |
 //! | calibration | `foxglove.CameraCalibration` | field 1001 is the pair's baseline |
@@ -45,7 +46,14 @@
 //!
 //! A `depthloom.FloatMap` has its samples as they are, or in fewer bytes: [`floats`](depthloom_codecs::floats) says how, and the README reads both in NumPy.
 //!
-//! The source's first image port is the reference camera; its name is the `frame_id` of the calibration and of all maps.
+//! # What viewers need beside
+//! The source's first image port is the reference camera, in whose pixels all maps are; the second is the right camera of the pair. A camera
+//! is a folder of topics and a coordinate frame: images and the calibration are not under their topics in the plan but under
+//! `/<stage>/source/<camera>/image` and `.../calibration`, and the channel says `topic_in_plan`; readers here take the plan's. Beside a
+//! calibration lie the right camera's (with `P[3] = -f B`), and where the cameras stand, as `foxglove.FrameTransform`. Beside a disparity,
+//! depth or weight lies, but with `view: false`, a picture of it, `/<stage>/view/<node>.<output>`: a `foxglove.CompressedImage` of half the pixels
+//! a row and column ([`depthloom_codecs::picture`]), whose camera is `/<stage>/view`. These messages are parts of their values: made of them
+//! alone, under the same commit, copied with them, and never read back.
 //!
 //! Disparities count from one pixel below the smallest searched, because `foxglove.RawImage` knows 16 bits without a sign only: a
 //! viewer that takes the numbers at their word shows what is nearer as larger, and a pixel without an answer as zero.
@@ -57,7 +65,7 @@
 //! their values, however the source numbers them; all keep scores and commits.
 //!
 //! The metadata record `depthloom` holds the format's version, the plan ([`RecordedPlan`] as JSON) and the aliases of topics;
-//! `depthloom.once` says which attachment `artifacts/<hash>` holds which once-value, and of a learning curve its topic and how many
+//! `depthloom.once/<stage>/<node>/<output>` says which attachment `artifacts/<hash>` holds which once-value, and of a learning curve its topic and how many
 //! messages it is. A curve is one chunk between two frames, with its `depthloom.once` behind it: without that record, in a file
 //! that was cut between the two, its messages belong to nothing. The experiment's files are attachments, as
 //! written (`experiment/`) and as resolved.
@@ -103,6 +111,7 @@ mod held;
 mod index;
 mod inventory;
 mod layout;
+mod looking;
 mod parse;
 mod plan;
 mod pool;
@@ -145,7 +154,7 @@ pub(crate) const FORMAT: &str = "3";
 pub(crate) const KNOWN_FORMATS: [&str; 2] = ["2", FORMAT];
 /// The metadata record that holds format, plan and aliases.
 pub(crate) const PLAN_METADATA: &str = "depthloom";
-/// The metadata records that say which attachment holds which once-value.
+/// The metadata records that say which attachment holds which once-value: the topic follows, for viewers know a record by its name.
 pub(crate) const ONCE_METADATA: &str = "depthloom.once";
 /// The metadata record of a run that ended before its end.
 pub(crate) const ENDED_METADATA: &str = "depthloom.ended";

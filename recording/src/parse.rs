@@ -4,6 +4,8 @@
 
 use std::collections::BTreeMap;
 
+use crate::layout::TOPIC_IN_PLAN;
+
 /// Opcode and length of a record.
 pub(crate) const RECORD_HEADER: u64 = 9;
 
@@ -70,9 +72,21 @@ pub(crate) fn schema(body: &[u8]) -> Option<(u16, String)> {
 #[derive(Clone, Debug)]
 pub(crate) struct ChannelEntry {
     pub(crate) schema: u16,
+    /// The topic of the plan.
     pub(crate) topic: String,
+    /// The topic in the file: another one where viewers would not find the camera of an image by the plan's.
+    pub(crate) written_topic: String,
     /// Whether all it says of itself is its stage: a commit's channel, and no other.
     pub(crate) is_of_a_stage: bool,
+}
+
+impl ChannelEntry {
+    /// The channel of a topic that says this of itself.
+    pub(crate) fn new(schema: u16, written_topic: &str, metadata: &BTreeMap<String, String>) -> Self {
+        let topic = metadata.get(TOPIC_IN_PLAN).map_or(written_topic, String::as_str).to_owned();
+        let is_of_a_stage = metadata.len() == 1 && metadata.contains_key("stage");
+        Self { schema, topic, written_topic: written_topic.to_owned(), is_of_a_stage }
+    }
 }
 
 /// A channel and its id.
@@ -80,8 +94,7 @@ pub(crate) fn channel(body: &[u8]) -> Option<(u16, ChannelEntry)> {
     let mut body = Body(body);
     let (id, schema, topic) = (body.u16()?, body.u16()?, body.text()?);
     let (_encoding, metadata) = (body.text()?, body.text_map()?);
-    let is_of_a_stage = metadata.len() == 1 && metadata.contains_key("stage");
-    body.end((id, ChannelEntry { schema, topic: topic.to_owned(), is_of_a_stage }))
+    body.end((id, ChannelEntry::new(schema, topic, &metadata)))
 }
 
 /// Name and content of a metadata record.

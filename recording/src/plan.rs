@@ -25,7 +25,7 @@ pub struct RecordedPlan {
     pub factors: Vec<Vec<Factor>>,
     /// Of how many frames of a stage run the first has its values kept (in 0.1.0: those whose index is a multiple of it).
     pub every: u64,
-    /// Whether depth was also kept for looking at.
+    /// Whether maps were also kept as pictures, for looking at.
     pub view: bool,
     /// The stage runs, in the order they were executed.
     pub runs: Vec<RecordedRun>,

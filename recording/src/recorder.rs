@@ -18,6 +18,7 @@ use crate::disk::{Through, itself};
 use crate::earlier::EarlierRuns;
 use crate::error::RecordingError;
 use crate::layout::{Class, FileLayout, PortLayout, RunLayout};
+use crate::looking::{BEGINNING_NS, at_the_time_shown};
 use crate::plan::RecordedPlan;
 use crate::pool::PartPools;
 use crate::recording::Recording;
@@ -27,7 +28,7 @@ use crate::writer::Writer;
 use crate::{ENDED_METADATA, FORMAT, ONCE_METADATA, PLAN_METADATA};
 use depthloom_codecs::decode::nothing_found;
 use depthloom_codecs::encode::{
-    Floats, Stamp, encoded, floats, put_compressed_image, put_float_map, put_floats, put_value, put_view,
+    Floats, Stamp, encoded, floats, put_compressed_image, put_float_map, put_floats, put_value,
 };
 use depthloom_codecs::floats::PackedFloats;
 use depthloom_codecs::messages::{CommitMessage, ScoreMessage};
@@ -99,7 +100,8 @@ struct State {
     writer: Writer,
     frames: u64,
     artifacts: BTreeSet<Key>,
-    /// The time of each stage run's first frame.
+    /// How many frames of each stage run were committed, and the time of the first.
+    committed: Vec<usize>,
     first_ns: Vec<Option<u64>>,
     /// By stage run and part.
     compress_ns: Vec<Vec<u64>>,
@@ -126,7 +128,7 @@ impl Recorder {
         let metadata = BTreeMap::from([
             ("format".to_owned(), FORMAT.to_owned()),
             ("plan".to_owned(), json(&recorded)),
-            ("aliases".to_owned(), json(&recorded.aliases())),
+            ("aliases".to_owned(), json(&layout.aliases(&recorded))),
         ]);
         writer.metadata(PLAN_METADATA, metadata)?;
         for (name, text) in experiment_files(plan) {
@@ -166,7 +168,7 @@ impl Recorder {
         let compress_ns = layout.runs.iter().map(|run| vec![0; run.parts]).collect();
         let Resumed { writer, frames: written, once, artifacts, first_ns, told } = resumed;
         let frames = written.iter().sum::<usize>() as u64;
-        let state = Mutex::new(State { writer, frames, artifacts, first_ns, compress_ns });
+        let state = Mutex::new(State { writer, frames, artifacts, committed: written.clone(), first_ns, compress_ns });
         let every = plan.record.every.max(1);
         Self { path, layout, every, pools, state, earlier: None, durable: false, written, once, told }
     }
@@ -252,8 +254,7 @@ impl Recorder {
                 } else {
                     let packed = PackedFloats::of(map).map_err(Unkept::Compression)?;
                     let put = |out: &mut Vec<u8>| put_float_map(out, stamp, map.dimensions(), &Floats::Packed(&packed));
-                    part.alone(port.channel, Packing::Plain, size / 2, put)?;
-                    return put_beside(part, stamp, port, value);
+                    return part.alone(port.channel, Packing::Plain, size / 2, put);
                 }
             }
             Value::Image(image) => {
@@ -275,8 +276,7 @@ impl Recorder {
                 return part.small(port.channel, &message);
             }
         };
-        part.alone(port.channel, packing, size, |out| put_value(out, stamp, value))?;
-        put_beside(part, stamp, port, value)
+        part.alone(port.channel, packing, size, |out| put_value(out, stamp, value))
     }
 
     /// Adds a value to a part, if it is kept of the frame.
@@ -302,7 +302,9 @@ impl Recorder {
             return Err(tap_error(RecordingError::Value { frame, topic, what }));
         }
         if self.keeps(run, slot, position) {
-            self.put(part, frame, port, value).map_err(|why| self.unkept(frame, why))?;
+            let put = self.put(part, frame, port, value);
+            let put = put.and_then(|()| port.beside.iter().try_for_each(|beside| beside.put(part, frame, value)));
+            put.map_err(|why| self.unkept(frame, why))?;
         }
         Ok(())
     }
@@ -339,6 +341,7 @@ impl Tap for Recorder {
         part: usize,
         values: &[(Slot, Value)],
     ) -> Result<Part, TapError> {
+        let frame = &at_the_time_shown(position, frame);
         let mut builder = PartBuilder::new(frame, &self.pools[run][part]);
         for (slot, value) in values {
             self.add(&mut builder, run, (position, frame), (*slot, value))?;
@@ -354,6 +357,7 @@ impl Tap for Recorder {
         values: &[(Slot, Value)],
         stored: &[StoredValue<'_>],
     ) -> Result<Part, TapError> {
+        let frame = &at_the_time_shown(position, frame);
         let wanted = Wanted { layout: &self.layout.runs[run], channels: &self.layout.channels, frame };
         let kept = stored.iter().filter(|stored| self.keeps(run, stored.slot, position));
         let found =
@@ -413,9 +417,11 @@ impl Tap for Recorder {
             pools.bytes.put(part.bytes);
         }
         let pools = &pools[layout.parts];
+        // All of a stage run's frames are committed, in order.
+        let frame = at_the_time_shown(state.committed[commit.run], commit.frame);
         let closing = |crc32_before| {
             let message = CommitMessage::new(commit, crc32_before).encode_to_vec();
-            let mut closing = PartBuilder::new(commit.frame, pools);
+            let mut closing = PartBuilder::new(&frame, pools);
             closing.small(layout.commit_channel, &message).expect("a commit record is small");
             closing.finish()
         };
@@ -425,7 +431,8 @@ impl Tap for Recorder {
             state.writer.sync().map_err(tap_error)?;
         }
         state.frames += 1;
-        state.first_ns[commit.run].get_or_insert(commit.frame.time_ns);
+        state.committed[commit.run] += 1;
+        state.first_ns[commit.run].get_or_insert(frame.time_ns);
         Ok(())
     }
 
@@ -459,17 +466,8 @@ impl Tap for Recorder {
         let told = (!told.is_empty()).then(|| ("warnings", json(&told)));
         let metadata = of.into_iter().chain(kept).chain(told).map(|(name, text)| (name.to_owned(), text)).collect();
         // What stands before this record and is not named by one is no once-value: this commits it. Hours may have gone into it.
-        state.writer.metadata(ONCE_METADATA, metadata).and_then(|()| state.writer.sync()).map_err(tap_error)
-    }
-}
-
-/// Adds the message to look at, if there is to be one.
-fn put_beside(part: &mut PartBuilder<'_>, stamp: Stamp<'_>, port: &PortLayout, value: &Value) -> Result<(), Unkept> {
-    match (value, port.view_channel) {
-        (Value::Depth(depth), Some(channel)) => {
-            part.alone(channel, Packing::Compressed, 2 * depth.metres.len(), |out| put_view(out, stamp, depth))
-        }
-        _ => Ok(()),
+        let name = format!("{ONCE_METADATA}{}", self.layout.runs[run].once_topic(slot));
+        state.writer.metadata(&name, metadata).and_then(|()| state.writer.sync()).map_err(tap_error)
     }
 }
 
@@ -501,7 +499,7 @@ impl State {
 
     /// Keeps a learning curve as messages of its topic.
     fn keep_curve(&mut self, run: usize, channel: u16, topic: &str, curve: &Curve) -> Result<Kept, RecordingError> {
-        let points = points_part(channel, self.first_ns[run].unwrap_or(0), curve);
+        let points = points_part(channel, self.first_ns[run].unwrap_or(BEGINNING_NS), curve);
         if let Some(chunk) = points.chunks.iter().find(|chunk| chunk.uncompressed_size > LARGEST_CHUNK) {
             let what = too_large(chunk.uncompressed_size);
             return Err(RecordingError::Plan { topic: topic.to_owned(), what });

@@ -20,7 +20,7 @@ use crate::reader::FrameReader;
 use crate::store::KeyedPlace;
 use crate::unpack::ChunkBuffers;
 use crate::walk::{Walked, walk};
-use crate::{ENDED_METADATA, FORMAT, ONCE_METADATA, PLAN_METADATA};
+use crate::{ENDED_METADATA, FORMAT, PLAN_METADATA};
 use depthloom_codecs::messages::CommitMessage;
 
 /// A frame of a stage run, committed.
@@ -317,7 +317,7 @@ fn read_plan(file: &PositionedFile, index: &Index) -> Result<RecordedPlan, Recor
 }
 
 fn read_once(file: &PositionedFile, index: &Index, plan: &RecordedPlan) -> Result<Vec<RecordedOnce>, RecordingError> {
-    let once = index.metadata.iter().filter(|metadata| metadata.name == ONCE_METADATA);
+    let once = index.metadata.iter().filter(|metadata| metadata.is_of_once());
     let read = |metadata: &MetadataEntry| {
         let text = |name: &str| metadata.values.get(name).cloned();
         let number = |name: &str| metadata.values.get(name)?.parse::<usize>().ok();

@@ -27,7 +27,7 @@ use crate::recorder::{experiment_files, json};
 use crate::recording::{RecordedContent, Recording};
 use crate::window::Window;
 use crate::writer::Writer;
-use crate::{ENDED_METADATA, ONCE_METADATA, PLAN_METADATA};
+use crate::{ENDED_METADATA, PLAN_METADATA};
 
 impl Recording {
     /// Whether a run of this plan would write what this recording holds, and perhaps more: it is of the same format, plan and
@@ -54,7 +54,7 @@ impl Recording {
 
     /// Where the last of what was committed ends; `None` if nothing was.
     fn end(&self) -> Option<u64> {
-        let once = self.index.metadata.iter().rfind(|metadata| metadata.name == ONCE_METADATA);
+        let once = self.index.metadata.iter().rfind(|metadata| metadata.is_of_once());
         let once = once.map(|once| once.end);
         once.into_iter().chain((self.committed_bytes() > 0).then(|| self.committed_bytes())).max()
     }

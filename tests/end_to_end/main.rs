@@ -18,6 +18,7 @@ mod from_recording;
 mod golden;
 mod killed;
 mod learning;
+mod looking;
 mod memory;
 mod networks;
 #[path = "../../nodes/tests/nodes/onnx_file.rs"]

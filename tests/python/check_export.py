@@ -24,7 +24,10 @@ recording, export = map(pathlib.Path, sys.argv[1:])
 
 with recording.open("rb") as file:
     reader = make_reader(file, decoder_factories=[DecoderFactory()])
-    messages = [(channel.topic, at.log_time, message) for _, channel, at, message in reader.iter_decoded_messages()]
+    decoded = reader.iter_decoded_messages()
+    # Images and calibrations lie where viewers look for them; their topic in the plan is told.
+    named = [(of.metadata.get("topic_in_plan", of.topic), at.log_time, message) for _, of, at, message in decoded]
+    messages = [of for of in named if "/view/" not in of[0]]
     [about] = [record.metadata for record in reader.iter_metadata() if record.name == "depthloom"]
 ids = {at: message.frame for topic, at, message in messages if topic.endswith("/commit")}
 # A disparity and a true disparity are both 16UC1: the plan says which is which.

@@ -57,6 +57,10 @@ def content(schema, message):
     if schema == "foxglove.CameraCalibration":
         numbers = [*message.D, *message.K, *message.R, *message.P, message.baseline_m]
         return struct.pack(f"<II{len(numbers)}d", message.width, message.height, *numbers)
+    if schema == "foxglove.FrameTransform":
+        at, turned = message.translation, message.rotation
+        numbers = struct.pack("<7d", at.x, at.y, at.z, turned.x, turned.y, turned.z, turned.w)
+        return (message.parent_frame_id + message.child_frame_id).encode() + numbers
     if schema == "depthloom.Score":
         texts = (message.frame + message.set + message.zone).encode()
         numbers = [field.name for field in message.DESCRIPTOR.fields if field.type == field.TYPE_DOUBLE]

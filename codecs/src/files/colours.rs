@@ -23,7 +23,7 @@ pub enum Colours {
 
 impl Colours {
     /// The colour of a share in [0, 1] of the range: red, green, blue.
-    fn of(self, share: f64) -> [u8; 3] {
+    pub(crate) fn of(self, share: f64) -> [u8; 3] {
         let step = (share * 255.0 + 0.5) as u8;
         let table = match self {
             Self::Turbo => &tables::TURBO,

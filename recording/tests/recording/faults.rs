@@ -299,7 +299,9 @@ fn every_damaged_byte_of_a_finished_file_is_found_without_reading_its_values() {
 fn damage_is_named_by_what_it_held() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("recording.mcap");
-    record(&path, &plan(), 0..4, 64, 48);
+    let mut plan = plan();
+    plan.record.view = false;
+    record(&path, &plan, 0..4, 64, 48);
     let mut bytes = std::fs::read(&path).unwrap();
     let place_of = |bytes: &[u8], text: &[u8]| bytes.windows(text.len()).position(|window| window == text).unwrap();
     // A PNG file of the second frame, the model, and the attached note; the first frame's PNG is whole.

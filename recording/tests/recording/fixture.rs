@@ -18,6 +18,9 @@ use depthloom_scores::{Family, Metric, PixelSet, ScoreRow};
 use image::{GrayImage, RgbImage};
 use serde_json::json;
 
+/// When stages begin whose frames have no clock: 2000-01-01T00:00:00Z.
+pub const BEGINNING_NS: u64 = 946_684_800_000_000_000;
+
 /// What a node of the fixture reads and gives.
 struct NodeSpec {
     name: &'static str,
@@ -93,7 +96,7 @@ pub fn plan_of(stages: &[&str]) -> Plan {
         variants: vec!["full".to_owned(), "plain".to_owned()],
         factors: Vec::new(),
         runs: stages.iter().map(|stage| stage_run(stage)).collect(),
-        record: Record { every: 1, view: false },
+        record: Record { every: 1, view: true },
         written: vec![("/somewhere/fixture.yaml".to_owned(), "experiment: fixture\n".to_owned())],
         resolved: "experiment: fixture\nvariants: {}\n".to_owned(),
     }

@@ -3,6 +3,7 @@
 mod copies;
 mod faults;
 mod fixture;
+mod looking;
 mod other_readers;
 mod python;
 mod round_trip;

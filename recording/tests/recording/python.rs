@@ -10,7 +10,7 @@ use depthloom_recording::{Recorder, Recording};
 use depthloom_test_needs::{python, workspace};
 use serde_json::Value as Json;
 
-use crate::fixture::{CURVE, frame, plan, record, record_frame, values};
+use crate::fixture::{BEGINNING_NS, CURVE, frame, plan, record, record_frame, values};
 
 const WIDTH: u32 = 64;
 const HEIGHT: u32 = 48;
@@ -28,8 +28,7 @@ fn read_with_python(test: &str, recording: &Path, arguments: &[&str]) -> Option<
 fn python_decodes_the_same_numbers() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("recording.mcap");
-    let mut plan = plan();
-    plan.record.view = true;
+    let plan = plan();
     record(&path, &plan, 0..3, WIDTH, HEIGHT);
     let Some(read) = read_with_python("python_decodes_the_same_numbers", &path, &[]) else { return };
     assert_eq!(read, depthloom_recording::digest(&path).unwrap());
@@ -57,28 +56,42 @@ fn python_decodes_the_same_numbers() {
 fn python_sees_what_viewers_need() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("recording.mcap");
-    let mut plan = plan();
-    plan.record.view = true;
+    let plan = plan();
     record(&path, &plan, 0..3, WIDTH, HEIGHT);
     let Some(read) = read_with_python("python_sees_what_viewers_need", &path, &["--messages"]) else { return };
     let topic = |name: &str| &read["topics"][name];
     let first = |name: &str| &read["topics"][name]["messages"][0];
 
-    assert_eq!(topic("/compare/source/left")["schema"], "foxglove.CompressedImage");
-    assert_eq!(first("/compare/source/left")["frame_id"], "left");
-    assert_eq!(topic("/compare/source/right")["schema"], "foxglove.RawImage");
-    assert_eq!(first("/compare/source/right")["frame_id"], "right");
+    assert_eq!(topic("/compare/source/left/image")["schema"], "foxglove.CompressedImage");
+    assert_eq!(first("/compare/source/left/image")["frame_id"], "compare/left");
+    assert_eq!(topic("/compare/source/right/image")["schema"], "foxglove.RawImage");
+    assert_eq!(first("/compare/source/right/image")["frame_id"], "compare/right");
     // A sibling topic of the image, of the same camera.
-    let calibration = &topic("/compare/source/calibration")["messages"][1];
-    assert_eq!(calibration["frame_id"], "left");
+    let calibration = &topic("/compare/source/left/calibration")["messages"][1];
+    assert_eq!(calibration["frame_id"], "compare/left");
+    assert_eq!(calibration["P"][3], 0.0);
+    let right = &topic("/compare/source/right/calibration")["messages"][1];
+    assert_eq!(right["frame_id"], "compare/right");
+    assert_eq!(right["P"][3], -(721.5377 + 1.0 / 3.0) * 0.532_725_451_7);
+    let view = &topic("/compare/view/calibration")["messages"][1];
+    assert_eq!((&view["frame_id"], &view["K"][0]), (&"compare/view".into(), &((721.5377 + 1.0 / 3.0) / 2.0).into()));
+    let stands = &topic("/compare/source/right/transform")["messages"][1];
+    assert_eq!(
+        (&stands["parent_frame_id"], &stands["child_frame_id"]),
+        (&"compare/left".into(), &"compare/right".into())
+    );
+    assert_eq!(stands["translation"]["x"], 0.532_725_451_7);
     assert_eq!(calibration["K"][0], 721.5377 + 1.0 / 3.0);
     assert_eq!(calibration["baseline_m"], 0.532_725_451_7);
     assert_eq!(first("/compare/stereo/disparity")["encoding"], "16UC1");
     assert_eq!(first("/compare/stereo/disparity")["min_disparity_px"], -3);
     // The smallest disparity of the fixture is -1 px, 3 px above the one that means that nothing was found.
     assert_eq!(first("/compare/stereo/disparity")["smallest"], 48);
-    assert_eq!(first("/compare/fused/depth")["frame_id"], "left");
-    assert_eq!(first("/compare/fused/depth_view")["encoding"], "16UC1");
+    assert_eq!(first("/compare/fused/depth")["frame_id"], "compare/left");
+    for map in ["fused.depth", "stereo.disparity", "edges.weight", "source.depth"] {
+        let picture = first(&format!("/compare/view/{map}"));
+        assert_eq!((&picture["format"], &picture["frame_id"]), (&"png".into(), &"compare/view".into()), "{map}");
+    }
     assert_eq!(first("/compare/edges/mask")["encoding"], "mono8");
 
     let scores = topic("/compare/score_fused/scores");
@@ -98,8 +111,15 @@ fn python_sees_what_viewers_need() {
     assert_eq!(curve["messages"][1]["step"], "100", "JSON writes 64-bit numbers as text");
     assert_eq!(curve["messages"][1]["validation"], "Infinity");
     assert_eq!(curve["messages"][3]["learning_rate"], 5e-4);
-    assert_eq!(curve["last_ns"], 250_000_000);
-    assert_eq!(read["metadata"], serde_json::json!(["depthloom", "depthloom.once", "depthloom.once"]));
+    assert_eq!(curve["last_ns"], BEGINNING_NS + 250_000_000);
+    assert_eq!(
+        read["metadata"],
+        serde_json::json!([
+            "depthloom",
+            "depthloom.once/compare/teacher/model",
+            "depthloom.once/compare/teacher/curve"
+        ])
+    );
     assert_eq!(read["attachments"]["note.txt"], 4);
 }
 

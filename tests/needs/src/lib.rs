@@ -5,12 +5,14 @@
 //! counts. Where `DEPTHLOOM_REQUIRE_SHARED` or `DEPTHLOOM_REQUIRE_PYTHON` is set (and not `0`), it fails instead.
 
 mod python;
+mod rerun;
 mod shared;
 #[cfg(unix)]
 pub mod signals;
 pub mod skips;
 
 pub use python::{onnx_runtime, python};
+pub use rerun::{Rerun, rerun};
 pub use shared::shared;
 pub use skips::skipped;
 

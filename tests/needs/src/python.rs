@@ -1,7 +1,7 @@
 //! Python with the packages of `tests/python/requirements.txt`, in an environment of the tests' own.
 
 use std::fs::{self, File};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::{Command, Output};
 use std::sync::OnceLock;
 
@@ -15,7 +15,7 @@ use crate::{miss, target, workspace};
 #[must_use]
 pub fn python(test: &str) -> Option<PathBuf> {
     static PYTHON: OnceLock<Result<PathBuf, String>> = OnceLock::new();
-    match PYTHON.get_or_init(|| environment(&target().join("python-tests"))) {
+    match PYTHON.get_or_init(|| environment("python-tests", "requirements.txt")) {
         Ok(python) => Some(python.clone()),
         Err(why) => {
             miss("DEPTHLOOM_REQUIRE_PYTHON", test, why);
@@ -35,8 +35,10 @@ pub fn onnx_runtime(test: &str) -> Option<PathBuf> {
     Some(PathBuf::from(String::from_utf8(output.stdout).expect("a path of UTF-8").trim()))
 }
 
-fn environment(venv: &Path) -> Result<PathBuf, String> {
-    let requirements = workspace().join("tests/python/requirements.txt");
+/// The Python of an environment under `target` with the packages that a file of `tests/python` names.
+pub(crate) fn environment(name: &str, requirements: &str) -> Result<PathBuf, String> {
+    let venv = &target().join(name);
+    let requirements = workspace().join("tests/python").join(requirements);
     let python = venv.join("bin/python");
     let done = venv.join("installed.txt");
     let wanted = fs::read_to_string(&requirements).map_err(|error| format!("{}: {error}", requirements.display()))?;
@@ -53,7 +55,7 @@ fn environment(venv: &Path) -> Result<PathBuf, String> {
 }
 
 /// Runs a command; what it said last, where it fails.
-fn told(command: &mut Command) -> Result<Output, String> {
+pub(crate) fn told(command: &mut Command) -> Result<Output, String> {
     let program = command.get_program().to_string_lossy().into_owned();
     let output = command.output().map_err(|error| format!("{program} cannot be run: {error}"))?;
     if output.status.success() {

@@ -76,7 +76,7 @@ pub fn schema(registry: &Registry) -> Json {
                         "properties": {
                             "topics": { "$ref": "#/$defs/patterns" },
                             "every": or_variable(json!({ "type": "integer", "minimum": 1, "description": "Keep the first frame that a stage runs and every Nth after it, counted in the order they run, whatever their numbers; scores are kept of all." })),
-                            "view": or_variable(json!({ "type": "boolean", "description": "Also keep depth as 16-bit millimetres, for looking at: what is farther than 65.535 m reads as 65.535 m." })),
+                            "view": or_variable(json!({ "type": "boolean", "description": "Also keep small pictures of disparities, depths and weights, which Foxglove and Rerun show at once (default: true)." })),
                         },
                     },
                 ],

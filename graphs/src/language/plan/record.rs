@@ -1,6 +1,6 @@
 //! `record:`: what is kept of a run.
 //!
-//! Everything by default. A list of patterns, or `{ topics: [...], every: N, view: true }`. A pattern is written like a reference,
+//! Everything by default. A list of patterns, or `{ topics: [...], every: N, view: false }`. A pattern is written like a reference,
 //! `[stage.]node[/port]`, or like a topic, `/stage[/node[/port]]`; `*` stands for any run of characters, a part left out for
 //! all there are, and `!` at the beginning leaves out what patterns before it took. Scores are always kept.
 
@@ -107,7 +107,7 @@ impl Recorded {
 
 /// Reads `record:`.
 pub(crate) fn read(root: &Node, report: &mut Report) -> Recorded {
-    let mut recording = Recorded { record: Record { every: 1, view: false }, patterns: None };
+    let mut recording = Recorded { record: Record { every: 1, view: true }, patterns: None };
     let Some(entry) = root.entry("record").filter(|entry| !entry.value.is_null()) else { return recording };
     match &entry.value.value {
         Tree::List(items) => recording.patterns = Some(items.iter().filter_map(|item| pattern(item, report)).collect()),

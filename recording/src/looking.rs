@@ -1,0 +1,174 @@
+//! What viewers need beside the values: a camera's calibration where they look for it, maps in colours, a time to begin at.
+//!
+//! Foxglove takes for an image the calibration whose topic begins like the image's, up to its last `/`; so each camera is a folder of topics.
+//! Rerun refuses a coordinate frame that two topics define; so each camera of each stage run has a frame of its own.
+
+use crate::chunk::{Packing, PartBuilder, Unkept};
+use depthloom_codecs::encode::{Stamp, put_camera, put_compressed_image, put_transform};
+use depthloom_codecs::picture::{picture, reduced};
+use depthloom_graphs::Frame;
+use depthloom_graphs::Value;
+use depthloom_graphs::ValueType;
+use depthloom_graphs::contracts::Slot;
+use depthloom_graphs::plan::StageRun;
+use depthloom_graphs::values::{Encoded, ImageFormat};
+
+/// A year, nanoseconds.
+const YEAR_NS: u64 = 365 * 24 * 3600 * 1_000_000_000;
+/// When stages begin whose frames have no clock, nanoseconds since 1970: 2000-01-01T00:00:00Z.
+pub(crate) const BEGINNING_NS: u64 = 946_684_800 * 1_000_000_000;
+/// From one frame without a clock to the next, nanoseconds.
+const FRAME_NS: u64 = 100_000_000;
+
+/// The frame with the time that viewers show it at: its own if its source has a clock. Of a source that counts from zero, a tenth of a second a
+/// frame from the beginning on, whatever the frames' numbers are: then all stages begin where a viewer opens, each with its first frame.
+///
+/// What was recorded so comes again the same from a recording as a source.
+pub(crate) fn at_the_time_shown(position: usize, frame: &Frame) -> Frame {
+    let has_clock = frame.time_ns >= YEAR_NS && !(BEGINNING_NS..BEGINNING_NS + YEAR_NS).contains(&frame.time_ns);
+    let time_ns = if has_clock { frame.time_ns } else { BEGINNING_NS + FRAME_NS * position as u64 };
+    Frame { time_ns, ..frame.clone() }
+}
+
+/// A camera of a stage run: a folder of topics, and a coordinate frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Camera<'a> {
+    /// The source's first image, in whose pixels all maps are; `None`: the source has no image.
+    Reference(Option<&'a str>),
+    /// The other camera of the pair: the source's second image.
+    Right(&'a str),
+    /// A further image of the source.
+    Other(&'a str),
+    /// The reference camera, of half its pixels a row and column: maps to look at.
+    View,
+}
+
+impl<'a> Camera<'a> {
+    /// The camera whose pixels a slot's values are.
+    pub(crate) fn of(run: &'a StageRun, slot: Slot) -> Self {
+        let outputs = &run.source.outputs;
+        // A recording as a source may also give what nodes had made: `node.output`.
+        let is_camera =
+            |port: usize| outputs[port].port.value_type == ValueType::Image && !outputs[port].port.name.contains('.');
+        let mut cameras = (0..outputs.len()).filter(|port| is_camera(*port));
+        let (reference, right) = (cameras.next(), cameras.next());
+        let name = |port: usize| outputs[port].port.name;
+        match slot {
+            Slot::Source { port } if Some(port) == right => Self::Right(name(port)),
+            Slot::Source { port } if is_camera(port) && Some(port) != reference => Self::Other(name(port)),
+            _ => Self::Reference(reference.map(name)),
+        }
+    }
+
+    /// The other camera of the pair, if the source has one.
+    pub(crate) fn right_of(run: &'a StageRun) -> Option<Self> {
+        let ports = 0..run.source.outputs.len();
+        ports.map(|port| Self::of(run, Slot::Source { port })).find(|camera| matches!(camera, Self::Right(_)))
+    }
+
+    /// The folder of its topics.
+    pub(crate) fn folder(self, run: &StageRun) -> String {
+        match self {
+            Self::Reference(None) => format!("{}/source", run.prefix),
+            Self::Reference(Some(name)) | Self::Right(name) | Self::Other(name) => {
+                format!("{}/source/{name}", run.prefix)
+            }
+            Self::View => format!("{}/view", run.prefix),
+        }
+    }
+
+    /// Its coordinate frame: x to the right, y down, z forward.
+    pub(crate) fn frame_id(self, run: &StageRun) -> String {
+        let stage = run.prefix.trim_start_matches('/');
+        match self {
+            Self::Reference(None) => format!("{stage}/{}", run.source.name),
+            Self::Reference(Some(name)) | Self::Right(name) | Self::Other(name) => format!("{stage}/{name}"),
+            Self::View => format!("{stage}/view"),
+        }
+    }
+}
+
+/// The topic under which viewers find a value with its camera; `None`: they do under its own.
+pub(crate) fn topic_shown(run: &StageRun, slot: Slot) -> Option<String> {
+    let Slot::Source { port } = slot else { return None };
+    let output = &run.source.outputs[port];
+    let of_type =
+        |value_type| move |other: &&depthloom_graphs::plan::PlannedOutput| other.port.value_type == value_type;
+    let folder = Camera::of(run, slot).folder(run);
+    match output.port.value_type {
+        ValueType::Image if !output.port.name.contains('.') => Some(format!("{folder}/image")),
+        ValueType::Calibration => {
+            let first = run.source.outputs.iter().find(of_type(ValueType::Calibration));
+            (first.map(|first| first.port.name) == Some(output.port.name)).then(|| format!("{folder}/calibration"))
+        }
+        _ => None,
+    }
+}
+
+/// The topic of a map's picture.
+pub(crate) fn picture_topic(run: &StageRun, topic: &str) -> String {
+    let within = topic.strip_prefix(&run.prefix).unwrap_or(topic).trim_start_matches('/');
+    format!("{}/{}", Camera::View.folder(run), within.replace('/', "."))
+}
+
+/// A message beside that of a value: made of the value alone, so that it lasts as long and comes again with it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum Beside {
+    /// Of a map: a picture of it.
+    Picture,
+    /// Of a calibration: that of the right camera of the pair.
+    RightCalibration,
+    /// Of a calibration: that of the pictures' camera.
+    ViewCalibration,
+    /// Of a calibration: where a camera stands, in another's frame.
+    Transform {
+        /// The other's frame.
+        parent: String,
+        /// How it stands there.
+        pose: Pose,
+    },
+}
+
+/// How a camera stands in a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Pose {
+    /// A camera that looks along x, in a frame whose z is up.
+    Level,
+    /// As the other camera.
+    Same,
+    /// A baseline to the right of the other.
+    Right,
+}
+
+impl Beside {
+    /// Adds the message of a value to a part; a map without a pixel has no picture.
+    pub(crate) fn put(
+        &self,
+        part: &mut PartBuilder<'_>,
+        (channel, stamp): (u16, Stamp<'_>),
+        value: &Value,
+    ) -> Result<(), Unkept> {
+        let mut message = Vec::new();
+        match (self, value) {
+            (Self::Picture, value) => {
+                let Some(bytes) = picture(value) else { return Ok(()) };
+                let encoded = Encoded { format: ImageFormat::Png, bytes: bytes.into() };
+                let put = |out: &mut Vec<u8>| put_compressed_image(out, stamp, &encoded);
+                return part.alone(channel, Packing::Plain, encoded.bytes.len(), put);
+            }
+            (Self::RightCalibration, Value::Calibration(of)) => put_camera(&mut message, stamp, of, true),
+            (Self::ViewCalibration, Value::Calibration(of)) => put_camera(&mut message, stamp, &reduced(of), false),
+            (Self::Transform { parent, pose }, Value::Calibration(of)) => {
+                let same = [0.0, 0.0, 0.0, 1.0];
+                let (x, rotation) = match pose {
+                    Pose::Level => (0.0, [-0.5, 0.5, -0.5, 0.5]),
+                    Pose::Same => (0.0, same),
+                    Pose::Right => (of.baseline_m, same),
+                };
+                put_transform(&mut message, stamp, parent, [x, 0.0, 0.0], rotation);
+            }
+            _ => return Ok(()),
+        }
+        part.small(channel, &message)
+    }
+}

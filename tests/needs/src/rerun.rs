@@ -1,0 +1,112 @@
+//! Rerun, in an environment of the tests' own, and a Vulkan without a graphics card for its viewer.
+
+use std::fs::{self, File};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::OnceLock;
+
+use crate::python::{environment, told};
+use crate::{miss, target};
+
+/// The folders where the system's Vulkan drivers say that they are there.
+const SYSTEM_DRIVERS: [&str; 2] = ["/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d"];
+
+/// Rerun's program.
+pub struct Rerun {
+    program: PathBuf,
+}
+
+/// Rerun as `tests/python/requirements-rerun.txt` names it, in `target/rerun-tests`, which the first test that asks makes; `None`, and the test is
+/// skipped, where there is no Python or no package index.
+///
+/// # Panics
+/// If it cannot be made and `DEPTHLOOM_REQUIRE_PYTHON` is set.
+#[must_use]
+pub fn rerun(test: &str) -> Option<Rerun> {
+    static PYTHON: OnceLock<Result<PathBuf, String>> = OnceLock::new();
+    match PYTHON.get_or_init(|| environment("rerun-tests", "requirements-rerun.txt")) {
+        Ok(python) => Some(Rerun { program: python.with_file_name("rerun") }),
+        Err(why) => {
+            miss("DEPTHLOOM_REQUIRE_PYTHON", test, why);
+            None
+        }
+    }
+}
+
+impl Rerun {
+    /// Its command line, in a folder; it tells nobody that it runs.
+    #[must_use]
+    pub fn command(&self, folder: &Path) -> Command {
+        let mut command = Command::new(&self.program);
+        command.current_dir(folder).env("CI", "1").env("NO_COLOR", "1").env_remove("RUST_LOG");
+        command
+    }
+
+    /// Its viewer without a window: on the system's Vulkan, or on Mesa's for machines without a card, which is fetched into
+    /// `target/vulkan-tests` with Debian's tools. `None`, and the test is skipped, where there is neither.
+    ///
+    /// # Panics
+    /// Never.
+    #[must_use]
+    pub fn viewer(&self, test: &str, folder: &Path) -> Option<Command> {
+        static VULKAN: OnceLock<Result<Option<PathBuf>, String>> = OnceLock::new();
+        let mut command = self.command(folder);
+        command.args(["--headless", "--window-size", "1600x900"]);
+        match VULKAN.get_or_init(vulkan) {
+            Ok(None) => {}
+            Ok(Some(root)) => {
+                let libraries = root.join("usr/lib").join(format!("{}-linux-gnu", std::env::consts::ARCH));
+                command.env("LD_LIBRARY_PATH", libraries).env("VK_DRIVER_FILES", root.join("lvp.json"));
+                command.env("VK_ICD_FILENAMES", root.join("lvp.json"));
+            }
+            Err(why) => {
+                crate::skipped(test, &format!("Rerun's viewer needs Vulkan: {why}"));
+                return None;
+            }
+        }
+        command.env("WGPU_BACKEND", "vulkan");
+        Some(command)
+    }
+}
+
+/// Where Mesa's driver lies that was fetched; `None`: the system has one.
+fn vulkan() -> Result<Option<PathBuf>, String> {
+    let has_driver = |folder: &&str| fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_some());
+    if SYSTEM_DRIVERS.iter().any(has_driver) {
+        return Ok(None);
+    }
+    let root = target().join("vulkan-tests");
+    let failed = |error: std::io::Error| format!("{}: {error}", root.display());
+    let lock = File::create(root.with_extension("lock")).map_err(failed)?;
+    lock.lock().map_err(failed)?;
+    let manifest = root.join("lvp.json");
+    if manifest.exists() {
+        return Ok(Some(root));
+    }
+    fs::create_dir_all(&root).map_err(failed)?;
+    let depends = told(Command::new("apt-cache").args(["depends", "mesa-vulkan-drivers"]))?;
+    let depends = String::from_utf8_lossy(&depends.stdout).into_owned();
+    // The driver compiles shaders with it.
+    let llvm = depends.split_whitespace().find(|of| of.starts_with("libllvm")).map(str::to_owned);
+    let packages = ["mesa-vulkan-drivers", "libvulkan1"].map(str::to_owned).into_iter().chain(llvm);
+    told(Command::new("apt-get").current_dir(&root).arg("download").args(packages))?;
+    for entry in fs::read_dir(&root).map_err(failed)?.flatten() {
+        if entry.path().extension().is_some_and(|ending| ending == "deb") {
+            told(Command::new("dpkg").current_dir(&root).arg("-x").arg(entry.path()).arg("."))?;
+        }
+    }
+    let of_system = root.join("usr/share/vulkan/icd.d").join(format!("lvp_icd.{}.json", std::env::consts::ARCH));
+    let text = fs::read_to_string(&of_system).map_err(failed)?;
+    // The library's name stands there, or its path in a system; here it lies elsewhere.
+    let library = root.join("usr/lib").join(format!("{}-linux-gnu", std::env::consts::ARCH)).join("libvulkan_lvp.so");
+    let line = |line: &str| match line.contains("\"library_path\"") {
+        true => format!(
+            "\"library_path\": \"{}\"{}\n",
+            library.display(),
+            if line.trim_end().ends_with(',') { "," } else { "" }
+        ),
+        false => format!("{line}\n"),
+    };
+    fs::write(&manifest, text.lines().map(line).collect::<String>()).map_err(failed)?;
+    Ok(Some(root))
+}
