@@ -157,7 +157,7 @@ fn runs_below(folder: &Path, depth: u32) -> Vec<PathBuf> {
 /// The table, and where the rest is.
 pub fn summary(report: &Summary, folder: &Path) -> String {
     let files = [
-        (folder.join(RECORDING).is_file(), "what was recorded", "recording.mcap (opens in Foxglove and Rerun)"),
+        (folder.join(RECORDING).is_file(), "what was recorded", "recording.mcap (for Rerun and Foxglove, too)"),
         (report.scored, "scores per frame", "scores.csv"),
         (report.table, "this table", "table.{csv,md,tex,parquet}"),
         (report.distances, "error against distance", "error_vs_distance.{csv,parquet,svg}"),

@@ -3,10 +3,10 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use depthloom_test_needs::{Rerun, rerun};
+use depthloom_test_needs::{Rerun, lichtblick, rerun};
 
 use crate::reuse::experiment;
-use crate::support::{depthloom, skipped, succeed};
+use crate::support::{depthloom, skipped, succeed, workspace};
 
 /// A recording of each kind: a complete run's, one that took from another, one taken up after its end was cut off, one recovered.
 fn recordings(folder: &Path) -> Vec<PathBuf> {
@@ -85,5 +85,48 @@ fn rerun_shows_recordings_without_a_complaint() {
     for recording in recordings(folder.path()) {
         let Some(complaints) = viewer(&rerun, &recording) else { return };
         assert_eq!(complaints, [""; 0], "{}", recording.display());
+    }
+}
+
+/// How Foxglove and Rerun show table 1.
+const FOXGLOVE: &str = "experiments/table1-foxglove.json";
+const RERUN: &str = "experiments/table1-rerun.py";
+
+#[test]
+fn lichtblick_finds_every_calibration_and_plots_every_path() {
+    let Some(mut check) = lichtblick("lichtblick_finds_every_calibration_and_plots_every_path") else { return };
+    let folder = tempfile::tempdir().expect("a folder");
+    let [complete, ..] = &recordings(folder.path())[..] else { panic!("recordings") };
+    let looked = succeed(check.arg(complete).arg(workspace().join(FOXGLOVE)));
+    let looked: serde_json::Value = serde_json::from_slice(&looked.stdout).expect("JSON");
+    assert_eq!((&looked["calibrations"], &looked["plots"]), (&6.into(), &6.into()), "{looked}");
+    assert!(looked["pictures"].as_u64().is_some_and(|pictures| pictures > 15), "{looked}");
+}
+
+/// Every topic that is written in a text, quoted or in a path of messages.
+fn topics_in(text: &str) -> Vec<&str> {
+    let starts = text.match_indices(['"', '\\']).map(|(place, _)| &text[place + 1..]);
+    let topics = starts.filter(|rest| rest.starts_with("/compare/") || rest.starts_with("/learn/"));
+    topics.map(|rest| &rest[..rest.find(['"', '\\']).expect("a text ends")]).collect()
+}
+
+#[test]
+fn what_is_laid_out_for_viewers_is_recorded() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let experiment = experiment(folder.path());
+    let out = folder.path().join("run");
+    succeed(depthloom().args(["run", "--quiet", "--out"]).arg(&out).arg(&experiment));
+    let bytes = std::fs::read(out.join("recording.mcap")).expect("a recording");
+    let summary = mcap::Summary::read(&bytes).expect("sound").expect("a summary");
+    let recorded: Vec<&str> = summary.channels.values().map(|channel| channel.topic.as_str()).collect();
+    for (file, count) in [(FOXGLOVE, 24), (RERUN, 9)] {
+        let text = std::fs::read_to_string(workspace().join(file)).expect("it is there");
+        let topics = topics_in(&text);
+        assert_eq!(topics.len(), count, "{file}: {topics:?}");
+        for topic in topics {
+            // A path names a field behind the topic, if the topic is not quoted.
+            let is_known = recorded.iter().any(|known| topic == *known || topic.starts_with(&format!("{known}.")));
+            assert!(is_known, "{file} shows {topic}, which is not recorded");
+        }
     }
 }

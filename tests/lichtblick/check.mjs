@@ -45,7 +45,7 @@ const built = await esbuild.build({
   format: "cjs",
   platform: "node",
   tsconfigRaw: {},
-  nodePaths: [path.join(process.cwd(), "node_modules")],
+  nodePaths: [path.join(import.meta.dirname, "node_modules")],
   plugins: [
     {
       name: "nearley",

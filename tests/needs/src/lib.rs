@@ -4,6 +4,7 @@
 //! passing test prints), and [leaves a record](skips) that `tests/skipped.rs`, the last program of `cargo test --workspace`,
 //! counts. Where `DEPTHLOOM_REQUIRE_SHARED` or `DEPTHLOOM_REQUIRE_PYTHON` is set (and not `0`), it fails instead.
 
+mod lichtblick;
 mod python;
 mod rerun;
 mod shared;
@@ -11,6 +12,7 @@ mod shared;
 pub mod signals;
 pub mod skips;
 
+pub use lichtblick::lichtblick;
 pub use python::{onnx_runtime, python};
 pub use rerun::{Rerun, rerun};
 pub use shared::shared;
