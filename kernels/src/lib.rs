@@ -63,4 +63,5 @@ pub mod scale;
 pub mod sgbm;
 pub mod simd;
 pub mod tiles;
+pub mod velodyne;
 pub mod weighted_least_squares;

@@ -9,7 +9,7 @@ use crate::filter::Median;
 use crate::fusion::{Confidence, Scale};
 use crate::mono::{GroundPlane, Onnx};
 use crate::score::{ScoreDepth, ScoreDisparity};
-use crate::sources::{KittiStereo2015, SyntheticRoad};
+use crate::sources::{KittiDepth, KittiOdometry, KittiRaw, KittiStereo2012, KittiStereo2015, SyntheticRoad};
 use crate::stereo::{Bm, CensusSgm, Sgbm};
 
 /// Every source and node kind of this crate, one line each.
@@ -17,6 +17,10 @@ use crate::stereo::{Bm, CensusSgm, Sgbm};
 pub fn registry() -> Registry {
     Registry::default()
         .source::<KittiStereo2015>()
+        .source::<KittiStereo2012>()
+        .source::<KittiRaw>()
+        .source::<KittiDepth>()
+        .source::<KittiOdometry>()
         .source::<SyntheticRoad>()
         .node::<Sgbm>()
         .node::<Bm>()

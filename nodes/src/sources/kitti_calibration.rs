@@ -59,42 +59,91 @@ pub fn by_width((width, height): (u32, u32)) -> Result<Calibration, Fault> {
     Ok(Calibration { width, height, focal_px, cx_px, cy_px, baseline_m: BASELINE_M })
 }
 
-/// Reads a `calib_cam_to_cam` text for an image of `size`.
+/// The two colour cameras of `calib_cam_to_cam`.
+pub const COLOUR: [&str; 2] = ["P_rect_02", "P_rect_03"];
+
+/// Reads a `calib_cam_to_cam` text for an image of `size`: its colour cameras.
 ///
-/// A line is split at its first `:`; its values are numbers if every token parses, else text (`calib_time`). Wanted are the
-/// rectified projections `P_rect_02` and `P_rect_03` (3x4, row-major): focal length `P[0,0]`, principal point `P[0,2]` and `P[1,2]`,
-/// baseline `P3[0,3] / -P3[0,0] - P2[0,3] / -P2[0,0]`.
+/// # Errors
+/// As [`pair`].
+pub fn from_text(path: &Path, text: &str, size: (u32, u32)) -> Result<Calibration, Fault> {
+    pair(&Lines::of(path, text)?, COLOUR, size)
+}
+
+/// The lines of a calibration text: a name, a `:`, and values.
+pub struct Lines<'a> {
+    path: &'a Path,
+    lines: Vec<(usize, &'a str, &'a str)>,
+}
+
+impl<'a> Lines<'a> {
+    /// Splits every line at its first `:`.
+    ///
+    /// # Errors
+    /// A line without one.
+    pub fn of(path: &'a Path, text: &'a str) -> Result<Self, Fault> {
+        let mut lines = Vec::new();
+        for (index, content) in text.lines().enumerate() {
+            let content = content.trim();
+            if content.is_empty() {
+                continue;
+            }
+            let Some((name, values)) = content.split_once(':') else {
+                let what = format!("`{}` has no `:` after a name", shortened(content));
+                return Err(Self { path, lines }.fault(Some(index + 1), what));
+            };
+            lines.push((index + 1, name.trim(), values));
+        }
+        Ok(Self { path, lines })
+    }
+
+    /// A failure in the file, or in one of its lines.
+    pub fn fault(&self, line: Option<usize>, what: impl std::fmt::Display) -> Fault {
+        let path = self.path.display();
+        let place = line.map_or_else(|| path.to_string(), |line| format!("{path}:{line}"));
+        Fault::new(format!("{place}: {what}")).remedy(WANTED)
+    }
+
+    /// The numbers of the last line of that name, with the line's number.
+    ///
+    /// # Errors
+    /// If there is none, or it does not hold as many numbers.
+    pub fn numbers<const N: usize>(&self, name: &str) -> Result<(usize, [f64; N]), Fault> {
+        let found = self.lines.iter().rev().find(|(_, other, _)| *other == name);
+        let (line, _, values) = found.ok_or_else(|| self.fault(None, format!("there is no line `{name}`")))?;
+        let fault = |what: String| self.fault(Some(*line), format!("{name} {what}"));
+        let mut numbers = Vec::with_capacity(N);
+        for token in values.split_whitespace() {
+            match token.parse::<f64>() {
+                Ok(number) if number.is_finite() => numbers.push(number),
+                _ => return Err(fault(format!("holds `{}`, which is no number", shortened(token)))),
+            }
+        }
+        let count = numbers.len();
+        let of = if N == 12 { "a 3x4 matrix has 12".to_owned() } else { format!("{N} are wanted") };
+        numbers
+            .try_into()
+            .map(|numbers| (*line, numbers))
+            .map_err(|_| fault(format!("holds {count} numbers where {of}")))
+    }
+}
+
+/// The calibration of a rectified pair from the projections (3x4, row-major) of its left and right camera: focal length `P[0,0]`,
+/// principal point `P[0,2]` and `P[1,2]`, baseline `Pr[0,3] / -Pr[0,0] - Pl[0,3] / -Pl[0,0]`.
 ///
 /// The two cameras must have one focal length and one principal point: what is matched along rows, and turned into depth by
 /// `f * B / d`, is a rectified pair.
 ///
 /// # Errors
 /// The line at fault, or the line that is missing.
-pub fn from_text(path: &Path, text: &str, (width, height): (u32, u32)) -> Result<Calibration, Fault> {
-    let fault = |line: Option<usize>, what: String| {
-        let place = line.map_or_else(|| path.display().to_string(), |line| format!("{}:{line}", path.display()));
-        Fault::new(format!("{place}: {what}")).remedy(WANTED)
-    };
-    let mut left = None;
-    let mut right = None;
-    for (line, content) in text.lines().enumerate().map(|(index, content)| (index + 1, content.trim())) {
-        if content.is_empty() {
-            continue;
-        }
-        let Some((name, values)) = content.split_once(':') else {
-            return Err(fault(Some(line), format!("`{}` has no `:` after a name", shortened(content))));
-        };
-        let slot = match name.trim() {
-            "P_rect_02" => &mut left,
-            "P_rect_03" => &mut right,
-            _ => continue,
-        };
-        let matrix = projection(values).map_err(|what| fault(Some(line), format!("{} {what}", name.trim())))?;
-        *slot = Some((line, matrix));
-    }
-    let missing = |name: &str| fault(None, format!("there is no line `{name}`"));
-    let (left_line, left) = left.ok_or_else(|| missing("P_rect_02"))?;
-    let (right_line, right) = right.ok_or_else(|| missing("P_rect_03"))?;
+pub fn pair(
+    lines: &Lines<'_>,
+    [left_name, right_name]: [&str; 2],
+    (width, height): (u32, u32),
+) -> Result<Calibration, Fault> {
+    let fault = |line: usize, what: String| lines.fault(Some(line), what);
+    let (left_line, left) = lines.numbers::<12>(left_name)?;
+    let (right_line, right) = lines.numbers::<12>(right_name)?;
     for (line, matrix) in [(left_line, &left), (right_line, &right)] {
         let bounds = [
             (0, "the focal length", FOCAL_PX),
@@ -106,38 +155,38 @@ pub fn from_text(path: &Path, text: &str, (width, height): (u32, u32)) -> Result
                 let (least, most) = (possible.start(), possible.end());
                 let what =
                     format!("{what} is {} px, and no camera's is beyond {least} to {most} px", short(matrix[at]));
-                return Err(fault(Some(line), what));
+                return Err(fault(line, what));
             }
         }
     }
     if (right[0] - left[0]).abs() > FOCAL_TOLERANCE * left[0] {
         let what = format!(
-            "P_rect_03 has a focal length of {} px and P_rect_02 one of {} px: rectified cameras have the same",
+            "{right_name} has a focal length of {} px and {left_name} one of {} px: rectified cameras have the same",
             short(right[0]),
             short(left[0])
         );
-        return Err(fault(Some(right_line), what));
+        return Err(fault(right_line, what));
     }
     for (at, what) in [(2, "column"), (6, "row")] {
         if (right[at] - left[at]).abs() > CENTRE_TOLERANCE_PX {
             let what = format!(
-                "P_rect_03 has its principal point's {what} at {} px and P_rect_02 at {} px: rectified cameras have the same, so that \
+                "{right_name} has its principal point's {what} at {} px and {left_name} at {} px: rectified cameras have the same, so that \
                  what is infinitely far has no disparity",
                 short(right[at]),
                 short(left[at])
             );
-            return Err(fault(Some(right_line), what));
+            return Err(fault(right_line, what));
         }
     }
     let baseline_m = right[3] / -right[0] - left[3] / -left[0];
     if baseline_m <= 0.0 {
         let what = format!("the right camera is {} m right of the left one", short(baseline_m));
-        return Err(fault(Some(right_line), what));
+        return Err(fault(right_line, what));
     }
     if !BASELINE_M_POSSIBLE.contains(&baseline_m) {
         let (least, most) = (BASELINE_M_POSSIBLE.start(), BASELINE_M_POSSIBLE.end());
         let what = format!("the baseline is {} m, and no camera's is beyond {least} to {most} m", short(baseline_m));
-        return Err(fault(Some(right_line), what));
+        return Err(fault(right_line, what));
     }
     Ok(Calibration { width, height, focal_px: left[0], cx_px: left[2], cy_px: left[6], baseline_m })
 }
@@ -145,18 +194,6 @@ pub fn from_text(path: &Path, text: &str, (width, height): (u32, u32)) -> Result
 /// A number as a person would write it: of 1e300 not all its zeros.
 fn short(number: f64) -> String {
     if number == 0.0 || (1e-3..1e7).contains(&number.abs()) { number.to_string() } else { format!("{number:e}") }
-}
-
-fn projection(values: &str) -> Result<[f64; 12], String> {
-    let mut numbers = Vec::with_capacity(12);
-    for token in values.split_whitespace() {
-        match token.parse::<f64>() {
-            Ok(number) if number.is_finite() => numbers.push(number),
-            _ => return Err(format!("holds `{}`, which is no number", shortened(token))),
-        }
-    }
-    let count = numbers.len();
-    numbers.try_into().map_err(|_| format!("holds {count} numbers where a 3x4 matrix has 12"))
 }
 
 fn shortened(text: &str) -> String {

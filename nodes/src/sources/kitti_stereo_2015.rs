@@ -13,7 +13,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::asked::Asked;
-use super::{kitti_calibration, png};
+use super::{image_file, kitti_calibration};
 use crate::shape::filled;
 
 const KIND: &str = "kitti/stereo2015";
@@ -47,7 +47,8 @@ pub enum Split {
 }
 
 impl Split {
-    const fn folder(self) -> &'static str {
+    /// Its folder.
+    pub const fn folder(self) -> &'static str {
         match self {
             Self::Training => "training",
             Self::Testing => "testing",
@@ -292,7 +293,7 @@ impl KittiStereo2015 {
     /// The files of a frame, and their key.
     fn files(&self, position: usize) -> Result<(FrameFiles, Key), Fault> {
         let frame = &self.frames[position];
-        let read = |path: PathBuf| png::read(&path).map(|bytes| (path, bytes));
+        let read = |path: PathBuf| image_file::read(&path).map(|bytes| (path, bytes));
         let files = FrameFiles {
             left: read(self.image_path("image_2", frame))?,
             right: read(self.image_path("image_3", frame))?,
@@ -329,8 +330,8 @@ impl Source for KittiStereo2015 {
     fn read(&self, position: usize, ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
         let (files, key) = self.asked.take(position).map_or_else(|| self.files(position), Ok)?;
         let ((left_path, left), (right_path, right)) = (files.left, files.right);
-        let left = png::image(&left_path, left)?;
-        let right = png::image(&right_path, right)?;
+        let left = image_file::image(&left_path, left)?;
+        let right = image_file::image(&right_path, right)?;
         let size = left.dimensions();
         same_size_as_left((&left_path, size), (&right_path, right.dimensions()))?;
 
@@ -363,7 +364,7 @@ impl Source for KittiStereo2015 {
 }
 
 fn disparities(path: &Path, bytes: &[u8], left: (&Path, (u32, u32))) -> Result<Raster<u16>, Fault> {
-    let raw = png::map_u16(path, bytes)?;
+    let raw = image_file::map_u16(path, bytes)?;
     same_size_as_left(left, (path, raw.dimensions()))?;
     Ok(raw)
 }
@@ -377,7 +378,7 @@ fn true_depth(raw: &Raster<u16>, calibration: &Calibration) -> Depth {
 
 /// Set where the map has an object, of whatever number.
 fn objects(path: &Path, bytes: Arc<[u8]>, left: (&Path, (u32, u32))) -> Result<Mask, Fault> {
-    let image = png::image(path, bytes)?;
+    let image = image_file::image(path, bytes)?;
     same_size_as_left(left, (path, image.dimensions()))?;
     let Pixels::Grey(numbers) = image.pixels() else {
         let what = format!("{} is a colour image: KITTI's object maps have one channel", path.display());

@@ -41,12 +41,17 @@ fn kinds_and_ports_are_those_of_the_language() {
     }
     let sources: Vec<(&str, Vec<&str>)> =
         registry.sources().map(|source| (source.declaration.kind, names(&source.declaration.outputs))).collect();
-    let for_disparities = ["disp_noc", "disp_occ", "occluded", "obj_map"];
-    let kitti = [&["left", "right", "calibration", "depth"], &for_disparities[..]].concat();
-    assert_eq!(sources[0], ("kitti/stereo2015", kitti));
-    let road = vec!["left", "right", "calibration", "depth", "dense", "occluded", "disp_noc", "disp_occ", "obj_map"];
-    assert_eq!(sources[1], ("synthetic/road", road));
-    assert_eq!(sources.len(), 2);
+    let pair = ["left", "right", "calibration"];
+    let with = |more: &[&'static str]| [&pair[..], more].concat();
+    let expected = [
+        ("kitti/depth", with(&["depth"])),
+        ("kitti/odometry", with(&[])),
+        ("kitti/raw", with(&["depth"])),
+        ("kitti/stereo2012", with(&["depth", "disp_noc", "disp_occ", "occluded"])),
+        ("kitti/stereo2015", with(&["depth", "disp_noc", "disp_occ", "occluded", "obj_map"])),
+        ("synthetic/road", with(&["depth", "dense", "occluded", "disp_noc", "disp_occ", "obj_map"])),
+    ];
+    assert_eq!(sources, expected);
 }
 
 #[test]

@@ -18,6 +18,7 @@ use serde_json::{Value as Json, json};
 use crate::call::{Values, call, model, open};
 use crate::onnx_file::{self, F32, Tensor};
 use crate::steps::calibration;
+use crate::{kitti_family, kitti_raw};
 
 const WIDTH: u32 = 90;
 const HEIGHT: u32 = 40;
@@ -246,7 +247,8 @@ fn digests() -> BTreeMap<String, Key> {
         let params = match kind {
             "synthetic/road" => json!({ "frames": [2], "width": 96, "height": 32 }),
             "kitti/stereo2015" => small_kitti(folder.path()),
-            _ => panic!("add a small {kind}"),
+            "kitti/raw" => kitti_raw::small(folder.path()),
+            _ => kitti_family::small(kind, folder.path()),
         };
         let (values, _) = open(kind, &params).unwrap().read(0).unwrap();
         let digest = add_values(Key::build(kind), &values).finish();

@@ -246,7 +246,16 @@ fn broken_data_are_named_with_their_remedy() {
         ),
         ("empty PNG", |set| set.write("image_3/000003_10.png", ""), json!({}), false),
         ("no PNG at all", |set| set.write("image_3/000003_10.png", "<html>404</html>"), json!({}), false),
-        ("16-bit image", |set| set.save("image_2/000003_10.png", &truth(64, 32)), json!({}), false),
+        (
+            "image of floats",
+            |set| {
+                let floats = DynamicImage::ImageRgb32F(colour(64, 32).into_rgb32f());
+                let path = set.path("image_2/000003_10.png");
+                floats.save_with_format(path, image::ImageFormat::Tiff).unwrap();
+            },
+            json!({}),
+            false,
+        ),
         ("pair of two sizes", |set| set.save("image_3/000003_10.png", &colour(60, 32)), json!({}), false),
         ("truth of another size", |set| set.save("disp_noc_0/000003_10.png", &truth(64, 30)), json!({}), false),
         ("8-bit truth", |set| set.save("disp_noc_0/000003_10.png", &GrayImage::new(64, 32).into()), json!({}), false),

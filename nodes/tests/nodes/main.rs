@@ -8,6 +8,8 @@ mod disparity;
 mod fixtures;
 mod golden;
 mod kitti;
+mod kitti_family;
+mod kitti_raw;
 mod network;
 mod onnx_file;
 mod road;

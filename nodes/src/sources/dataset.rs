@@ -1,0 +1,281 @@
+//! A data set on disk as a source: frames, each made of files that play a part. What the files say is the data set's own affair.
+
+use std::collections::BTreeMap;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use depthloom_graphs::contracts::Frame;
+use depthloom_graphs::values::{Image, Raster};
+use depthloom_graphs::{Context, Fault, Key, Outputs, Source, SourceOutputs};
+
+use super::asked::Asked;
+use super::image_file;
+
+/// The part a file plays in a frame: `left`, `calibration`. It enters the frame's key.
+pub type Part = &'static str;
+
+/// The left image, which gives the frame its size.
+pub const LEFT: Part = "left";
+/// The right image.
+pub const RIGHT: Part = "right";
+/// What tells focal length and baseline.
+pub const CALIBRATION: Part = "calibration";
+/// The truth.
+pub const TRUTH: Part = "truth";
+
+/// What the files of a data set mean.
+pub trait Layout: Send + Sync + 'static {
+    /// The kind's name and version.
+    const KIND: (&'static str, u32);
+
+    /// What else decides the values, the files being the same: parameters, as text.
+    fn meaning(&self) -> String {
+        String::new()
+    }
+
+    /// The values of a frame.
+    ///
+    /// # Errors
+    /// The file at fault, the place in it and the remedy.
+    fn values(&self, files: &Files, ctx: &mut Context<'_>) -> Result<Outputs, Fault>;
+}
+
+/// A frame with its files.
+#[derive(Clone, Debug)]
+pub struct Entry {
+    pub frame: Frame,
+    pub files: Vec<(Part, PathBuf)>,
+}
+
+/// What was found of a data set.
+#[derive(Debug, Default)]
+pub struct Listing {
+    /// The frames that were asked for and have all their files.
+    pub entries: Vec<Entry>,
+    /// What is wrong with the others.
+    pub faults: Vec<Fault>,
+    /// What is to be said, and is no failure.
+    pub warnings: Vec<String>,
+}
+
+impl Listing {
+    /// Takes a frame, or what it lacks.
+    pub fn push(&mut self, entry: Result<Entry, Fault>) {
+        match entry {
+            Ok(entry) => self.entries.push(entry),
+            Err(fault) => self.faults.push(fault),
+        }
+    }
+
+    /// The source, if nothing is wrong with any frame.
+    ///
+    /// # Errors
+    /// The first fault, with the number of the others.
+    pub fn open<L: Layout>(mut self, layout: L) -> Result<Box<dyn Source>, Fault> {
+        if self.faults.is_empty() {
+            return Ok(Box::new(Dataset::new(self, layout)));
+        }
+        let more = self.faults.len() - 1;
+        Err(match self.faults.swap_remove(0) {
+            Fault::Failed { what, remedy, source } if more > 0 => {
+                let others =
+                    if more == 1 { "1 more frame lacks files" } else { &format!("{more} more frames lack files") };
+                let what = format!("{what}; {others}");
+                Fault::Failed { what, remedy, source }
+            }
+            fault => fault,
+        })
+    }
+}
+
+/// A data set on disk.
+struct Dataset<L> {
+    layout: L,
+    frames: Vec<Frame>,
+    /// By frame.
+    files: Vec<Vec<(Part, PathBuf)>>,
+    warnings: Vec<String>,
+    /// A run asks for a frame's key and reads it at once: its files are read and hashed once.
+    asked: Asked<(Files, Key)>,
+}
+
+impl<L: Layout> Dataset<L> {
+    fn new(listing: Listing, layout: L) -> Self {
+        let (frames, files) = listing.entries.into_iter().map(|entry| (entry.frame, entry.files)).unzip();
+        Self { layout, frames, files, warnings: listing.warnings, asked: Asked::default() }
+    }
+
+    /// The files of a frame, whole and not decoded, and their key.
+    fn files(&self, position: usize) -> Result<(Files, Key), Fault> {
+        let read =
+            |(part, path): &(Part, PathBuf)| Ok(File { part, path: path.clone(), bytes: image_file::read(path)? });
+        let files = Files(self.files[position].iter().map(read).collect::<Result<_, Fault>>()?);
+        let (kind, version) = L::KIND;
+        let mut key = Key::build(kind).number(version.into()).text(&self.layout.meaning());
+        for file in &files.0 {
+            key = key.text(file.part).bytes(&file.bytes);
+        }
+        let key = key.finish();
+        Ok((files, key))
+    }
+}
+
+impl<L: Layout> Source for Dataset<L> {
+    fn frames(&self) -> &[Frame] {
+        &self.frames
+    }
+
+    fn warnings(&self) -> &[String] {
+        &self.warnings
+    }
+
+    fn key(&self, position: usize) -> Result<Key, Fault> {
+        let (files, key) = self.files(position)?;
+        self.asked.keep(position, (files, key));
+        Ok(key)
+    }
+
+    fn read(&self, position: usize, ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
+        let (files, key) = self.asked.take(position).map_or_else(|| self.files(position), Ok)?;
+        Ok(SourceOutputs { outputs: self.layout.values(&files, ctx)?, key })
+    }
+}
+
+/// A file of a frame, whole and not decoded.
+#[derive(Debug)]
+pub struct File {
+    part: Part,
+    pub path: PathBuf,
+    pub bytes: Arc<[u8]>,
+}
+
+impl File {
+    /// The file as text; what is no UTF-8 is shown as such.
+    pub fn text(&self) -> String {
+        String::from_utf8_lossy(&self.bytes).into_owned()
+    }
+
+    /// A failure in this file.
+    pub fn fault(&self, what: impl std::fmt::Display) -> Fault {
+        Fault::new(format!("{}: {what}", self.path.display()))
+    }
+}
+
+/// The files of a frame.
+#[derive(Debug)]
+pub struct Files(Vec<File>);
+
+impl Files {
+    /// The file of a part, if the frame has it.
+    pub fn get(&self, part: Part) -> Option<&File> {
+        self.0.iter().find(|file| file.part == part)
+    }
+
+    /// The file of a part that every frame of the data set has.
+    ///
+    /// # Errors
+    /// If it is not there, which is the layout's mistake.
+    pub fn the(&self, part: Part) -> Result<&File, Fault> {
+        self.get(part).ok_or_else(|| Fault::new(format!("the frame has no file of its part `{part}`")))
+    }
+
+    /// Left and right image, of one size.
+    ///
+    /// # Errors
+    /// If one is no image, or they differ in size.
+    pub fn pair(&self) -> Result<(Image, Image), Fault> {
+        let image = |file: &File| image_file::image(&file.path, Arc::clone(&file.bytes));
+        let left = image(self.the(LEFT)?)?;
+        let right = self.the(RIGHT)?;
+        let other = image(right)?;
+        self.same_size_as_left(left.dimensions(), right, other.dimensions())?;
+        Ok((left, other))
+    }
+
+    /// A 16-bit map of the left image's size, if the frame has the part.
+    ///
+    /// # Errors
+    /// If it is no such map.
+    pub fn map_u16(&self, part: Part, left: (u32, u32)) -> Result<Option<Raster<u16>>, Fault> {
+        let Some(file) = self.get(part) else { return Ok(None) };
+        let map = image_file::map_u16(&file.path, &file.bytes)?;
+        self.same_size_as_left(left, file, map.dimensions())?;
+        Ok(Some(map))
+    }
+
+    /// That a file's raster has the left image's size.
+    ///
+    /// # Errors
+    /// Naming both files and sizes.
+    pub fn same_size_as_left(&self, left: (u32, u32), file: &File, (w, h): (u32, u32)) -> Result<(), Fault> {
+        if left == (w, h) {
+            return Ok(());
+        }
+        let of_left = self.the(LEFT)?.path.display();
+        let what = format!(
+            "{} is {w}x{h}, and {of_left} is {}x{}: they must be of one size",
+            file.path.display(),
+            left.0,
+            left.1
+        );
+        Err(Fault::new(what).remedy("the files of a frame belong together: make or unpack the frame's again"))
+    }
+}
+
+/// The files of a folder whose names have one of these endings, by their stem, in order; where two have one stem, the first ending's.
+///
+/// # Errors
+/// If the folder cannot be listed; where it is not there, `layout` is the remedy.
+pub fn stems(folder: &Path, endings: &[&str], layout: &str) -> Result<BTreeMap<String, PathBuf>, Fault> {
+    let failed = |error| Fault::new(format!("failed to list {}", folder.display())).because(error);
+    let listing = std::fs::read_dir(folder).map_err(|error| match error.kind() {
+        ErrorKind::NotFound => no_folder(folder, layout),
+        _ => failed(error),
+    })?;
+    let mut found: BTreeMap<String, (usize, PathBuf)> = BTreeMap::new();
+    for entry in listing {
+        let path = entry.map_err(failed)?.path();
+        let Some(name) = path.file_name().and_then(|name| name.to_str()).filter(|name| !name.starts_with('.')) else {
+            continue;
+        };
+        let Some((stem, ending)) = name.rsplit_once('.') else { continue };
+        let Some(rank) = endings.iter().position(|known| ending.eq_ignore_ascii_case(known)) else { continue };
+        let is_better = found.get(stem).is_none_or(|(other, _)| rank < *other);
+        if is_better {
+            found.insert(stem.to_owned(), (rank, path.clone()));
+        }
+    }
+    Ok(found.into_iter().map(|(stem, (_, path))| (stem, path)).collect())
+}
+
+/// The folders in a folder, by name, in order.
+///
+/// # Errors
+/// As [`stems`].
+pub fn folders(folder: &Path, layout: &str) -> Result<Vec<String>, Fault> {
+    let failed = |error| Fault::new(format!("failed to list {}", folder.display())).because(error);
+    let listing = std::fs::read_dir(folder).map_err(|error| match error.kind() {
+        ErrorKind::NotFound => no_folder(folder, layout),
+        _ => failed(error),
+    })?;
+    let mut names = Vec::new();
+    for entry in listing {
+        let path = entry.map_err(failed)?.path();
+        if let (true, Some(name)) = (path.is_dir(), path.file_name().and_then(|name| name.to_str())) {
+            names.push(name.to_owned());
+        }
+    }
+    names.sort_unstable();
+    Ok(names)
+}
+
+/// That a folder is not there.
+pub fn no_folder(folder: &Path, remedy: &str) -> Fault {
+    Fault::new(format!("there is no folder {}", folder.display())).remedy(remedy)
+}
+
+/// That a file is not there.
+pub fn no_file(path: &Path, remedy: &str) -> Fault {
+    Fault::new(format!("there is no file {}", path.display())).remedy(remedy)
+}

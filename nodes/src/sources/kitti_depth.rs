@@ -1,0 +1,188 @@
+//! `kitti/depth`: KITTI's depth benchmark: annotated depth maps over the images of the raw data.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use depthloom_graphs::contracts::{DataPath, Frame, FrameSelection, SourceDeclaration};
+use depthloom_graphs::values::Depth;
+use depthloom_graphs::{Context, Fault, Outputs, Port, Source, SourceKind, ValueType};
+use depthloom_kernels::depth::truth_from_depth_png;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::dataset::{
+    CALIBRATION, Entry, Files, LEFT, Layout, Listing, RIGHT, TRUTH, folders, no_file, no_folder, stems,
+};
+use super::kitti_calibration::Lines;
+use super::kitti_raw::{self, IMAGES, KittiCameras};
+use crate::shape::filled;
+
+const KIND: &str = "kitti/depth";
+const VERSION: u32 = 1;
+const LAYOUT: &str = "root holds a folder a drive (2011_09_26_drive_0001_sync), in `train` and `val` or without them, with \
+    proj_depth/groundtruth/image_02 (KITTI depth, data_depth_annotated.zip)";
+const RAW: &str = "raw holds a folder a date (2011_09_26) with its calibration and its drives' image_02/data and image_03/data (KITTI raw)";
+
+/// Which depth maps are true.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum KittiDepthTruth {
+    /// `groundtruth`: eleven scans laid over each other, and checked against stereo.
+    #[default]
+    Groundtruth,
+    /// `velodyne_raw`: one projected scan.
+    VelodyneRaw,
+}
+
+impl KittiDepthTruth {
+    const fn folder(self) -> &'static str {
+        match self {
+            Self::Groundtruth => "groundtruth",
+            Self::VelodyneRaw => "velodyne_raw",
+        }
+    }
+}
+
+/// Parameters of `kitti/depth`.
+#[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct KittiDepthParams {
+    /// The folder that holds the drives with their `proj_depth`; or `train` and `val` with them.
+    pub root: DataPath,
+    /// The folder of KITTI's raw data, which has the images and the calibration.
+    pub raw: DataPath,
+    /// Which drives, in this order: `2011_09_26_drive_0001_sync`, with or without `_sync`. By default all that have truth.
+    pub drives: Vec<String>,
+    /// Which maps are true: `groundtruth` (annotated) or `velodyne_raw` (one scan).
+    pub truth: KittiDepthTruth,
+    /// Which frames: of one drive by KITTI's number, of several by their count over all drives, from 0. By default all that have truth.
+    pub frames: FrameSelection,
+}
+
+/// The kind `kitti/depth`.
+pub struct KittiDepth;
+
+impl SourceKind for KittiDepth {
+    type Params = KittiDepthParams;
+
+    fn declaration() -> SourceDeclaration {
+        SourceDeclaration {
+            kind: KIND,
+            version: VERSION,
+            summary: "KITTI depth: annotated depth maps over the raw data's rectified colour pairs.",
+            doc: "\
+Layout (Uhrig et al., *Sparsity Invariant CNNs*, 2017): `<root>/<drive>_sync/proj_depth/groundtruth/image_02/%010d.png`, in `train` and `val` as the archive has \
+them, or without; images and calibration from KITTI's raw data: `<raw>/<date>/<drive>_sync/image_02/data/%010d.png`, `image_03`, \
+`<raw>/<date>/calib_cam_to_cam.txt`.\n\n\
+A frame's id is drive and number (`2011_09_26_drive_0001_sync_0000000005`); the frames are those that have truth (the benchmark leaves out the first and last five \
+of a drive). Truth is metres * 256 in 16 bits, 0 = unknown.",
+            outputs: vec![
+                Port::frame("left", ValueType::Image, "Left colour image, 8 bit, with its file's bytes."),
+                Port::frame("right", ValueType::Image, "Right colour image, likewise."),
+                Port::frame("calibration", ValueType::Calibration, "Focal length, principal point, baseline."),
+                Port::frame("depth", ValueType::Depth, "True depth, metres, NaN = unknown."),
+            ],
+        }
+    }
+
+    fn check(params: &KittiDepthParams) -> Result<(), (&'static str, String)> {
+        for (name, path, layout) in [("root", &params.root, LAYOUT), ("raw", &params.raw, RAW)] {
+            if path.path().as_os_str().is_empty() {
+                return Err((name, format!("{name} is missing: {layout}")));
+            }
+        }
+        Ok(())
+    }
+
+    fn open(params: KittiDepthParams) -> Result<Box<dyn Source>, Fault> {
+        list(&params)?.open(Self)
+    }
+}
+
+/// The drives with truth, by name: the folder of their maps.
+fn drives(root: &Path, truth: KittiDepthTruth) -> Result<BTreeMap<String, PathBuf>, Fault> {
+    let mut found = BTreeMap::new();
+    let halves = [root.to_owned(), root.join("train"), root.join("val")];
+    if !root.is_dir() {
+        return Err(no_folder(root, LAYOUT));
+    }
+    for half in halves.iter().filter(|half| half.is_dir()) {
+        for name in folders(half, LAYOUT)?.into_iter().filter(|name| name.contains("_drive_")) {
+            let maps = half.join(&name).join("proj_depth").join(truth.folder()).join("image_02");
+            if maps.is_dir() {
+                found.insert(name, maps);
+            }
+        }
+    }
+    match found.is_empty() {
+        true => Err(Fault::new(format!("{} holds no drive with {}", root.display(), truth.folder())).remedy(LAYOUT)),
+        false => Ok(found),
+    }
+}
+
+fn list(params: &KittiDepthParams) -> Result<Listing, Fault> {
+    let all = drives(params.root.path(), params.truth)?;
+    let chosen: Vec<(&String, &PathBuf)> = match params.drives.is_empty() {
+        true => all.iter().collect(),
+        false => params.drives.iter().map(|name| kitti_raw::drive_named(&all, name)).collect::<Result<_, _>>()?,
+    };
+    let mut there: Vec<(&str, String, PathBuf)> = Vec::new();
+    for (drive, maps) in &chosen {
+        there.extend(stems(maps, &["png"], LAYOUT)?.into_iter().map(|(stem, map)| (drive.as_str(), stem, map)));
+    }
+    let number = |count: usize, stem: &str| match chosen.len() {
+        1 => stem.parse().unwrap_or(count as u64),
+        _ => count as u64,
+    };
+    let ids: Vec<(u64, String)> = there
+        .iter()
+        .enumerate()
+        .map(|(count, (drive, stem, _))| (number(count, stem), format!("{drive}_{stem}")))
+        .collect();
+    let known: Vec<(u64, &str)> = ids.iter().map(|(index, id)| (*index, id.as_str())).collect();
+    let mut listing = Listing::default();
+    for at in params.frames.select(&known)? {
+        let (drive, stem, map) = &there[at];
+        let (index, id) = known[at];
+        listing.push(entry(params.raw.path(), drive, stem, map, Frame::at_10_hz(id, index)));
+    }
+    listing.warnings.extend(params.frames.left_out(&known));
+    Ok(listing)
+}
+
+fn entry(raw: &Path, drive: &str, stem: &str, map: &Path, frame: Frame) -> Result<Entry, Fault> {
+    let of_date = |date: &Path| [date.join(drive), date.join("calib_cam_to_cam.txt")];
+    // The raw data, or a date's own folder.
+    let is_date = raw.join("calib_cam_to_cam.txt").is_file();
+    let date = if is_date { raw.to_owned() } else { raw.join(drive.get(..10).unwrap_or(drive)) };
+    let [folder, calibration] = of_date(&date);
+    let image = |camera: &str| {
+        let data = folder.join(camera).join("data");
+        let there = IMAGES.iter().map(|ending| data.join(format!("{stem}.{ending}"))).find(|path| path.is_file());
+        there.ok_or_else(|| no_file(&data.join(format!("{stem}.png")), RAW))
+    };
+    let [left, right] = KittiCameras::Color.folders();
+    if !calibration.is_file() {
+        return Err(no_file(&calibration, RAW));
+    }
+    let files = vec![(LEFT, image(left)?), (RIGHT, image(right)?), (CALIBRATION, calibration), (TRUTH, map.to_owned())];
+    Ok(Entry { frame, files })
+}
+
+impl Layout for KittiDepth {
+    const KIND: (&'static str, u32) = (KIND, VERSION);
+
+    fn values(&self, files: &Files, _ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        let (left, right) = files.pair()?;
+        let size = left.dimensions();
+        let camera = files.the(CALIBRATION)?;
+        let text = camera.text();
+        let calibration = kitti_raw::calibration(&Lines::of(&camera.path, &text)?, KittiCameras::Color, size)?;
+        let mut outputs = Outputs::one("left", left).with("right", right).with("calibration", calibration);
+        if let Some(raw) = files.map_u16(TRUTH, size)? {
+            let metres = filled(size, |out| truth_from_depth_png(&raw, out));
+            outputs = outputs.with("depth", Depth { metres });
+        }
+        Ok(outputs)
+    }
+}
