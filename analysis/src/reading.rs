@@ -1,6 +1,6 @@
 //! Scores and samples out of a recording.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::num::NonZero;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::thread;
@@ -66,20 +66,29 @@ pub(crate) struct Distances {
 ///
 /// At most `samples_in_memory` samples are held at a time, and the maps of one frame a core; what does not fit lies on the disk
 /// of the output's folder meanwhile.
+///
+/// Of what was taken while the recording was made the maps are not read.
 pub(crate) fn distances(
     recording: &Recording,
     estimators: &[Estimator],
     samples_in_memory: usize,
     output: Output<'_>,
+    taken: Option<Taken<'_>>,
 ) -> Result<Distances, AnalysisError> {
-    let samples = Mutex::new(Samples::new(estimators.len(), samples_in_memory, output));
-    let mut truth = BTreeMap::new();
+    let Taken { samples, mut truth, frames } = taken.unwrap_or_else(|| Taken {
+        samples: Samples::new(estimators.len(), samples_in_memory, output),
+        truth: BTreeMap::new(),
+        frames: BTreeSet::new(),
+    });
+    let samples = Mutex::new(samples);
     for run in 0..recording.plan().runs.len() {
         let maps = Maps::new(run, estimators);
         if maps.estimators.is_empty() {
             continue;
         }
-        maps.read_all(recording, estimators, output, &samples, &mut truth)?;
+        let left = 0..recording.frames(run).len();
+        let left: Vec<usize> = left.filter(|position| !frames.contains(&(run, *position))).collect();
+        maps.read_all(recording, estimators, output, &left, &samples, &mut truth)?;
     }
     let samples = samples.into_inner().unwrap_or_else(PoisonError::into_inner);
     Ok(Distances { beyond: samples.beyond().to_vec(), bins: samples.percentiles()?, truth })
@@ -87,6 +96,15 @@ pub(crate) fn distances(
 
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// The samples of frames whose maps were at hand.
+pub(crate) struct Taken<'a> {
+    pub(crate) samples: Samples<'a>,
+    /// True pixels by metre.
+    pub(crate) truth: BTreeMap<u32, u64>,
+    /// Which frames: stage run and position.
+    pub(crate) frames: BTreeSet<(usize, usize)>,
 }
 
 /// What one thread works with.
@@ -97,15 +115,15 @@ struct Worker<'a> {
 }
 
 /// The maps of a stage run that are compared: its topics, and where among them each estimator's are.
-struct Maps {
+pub(crate) struct Maps {
     run: usize,
-    topics: Vec<String>,
+    pub(crate) topics: Vec<String>,
     /// Estimator, place of its truth, place of its estimate.
     estimators: Vec<(usize, usize, usize)>,
 }
 
 impl Maps {
-    fn new(run: usize, estimators: &[Estimator]) -> Self {
+    pub(crate) fn new(run: usize, estimators: &[Estimator]) -> Self {
         let mut maps = Self { run, topics: Vec::new(), estimators: Vec::new() };
         for (index, estimator) in estimators.iter().enumerate().filter(|(_, estimator)| estimator.run == run) {
             let maps_of = (&estimator.truth_topic, &estimator.estimate_topic, &estimator.settings);
@@ -130,6 +148,7 @@ impl Maps {
         recording: &Recording,
         estimators: &[Estimator],
         output: Output<'_>,
+        positions: &[usize],
         samples: &Mutex<Samples<'_>>,
         truth: &mut BTreeMap<u32, u64>,
     ) -> Result<(), AnalysisError> {
@@ -152,7 +171,8 @@ impl Maps {
         let goes_before = |failed: &Option<(usize, _)>, position| failed.as_ref().is_none_or(|(at, _)| position < *at);
         let budget = Budget::new(thread::available_parallelism().map_or(1, NonZero::get));
         let _own = budget.permit();
-        budget.run(recording.frames(self.run).len(), &|position| {
+        budget.run(positions.len(), &|tile| {
+            let position = positions[tile];
             if !goes_before(&locked(&failed), position) {
                 return;
             }
@@ -174,7 +194,8 @@ impl Maps {
         Ok(())
     }
 
-    fn samples(
+    /// The samples of a frame, by the values of its topics; and its true pixels, added to those by metre.
+    pub(crate) fn samples(
         &self,
         estimators: &[Estimator],
         maps: &[Option<Value>],

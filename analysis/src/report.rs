@@ -14,7 +14,8 @@ use crate::estimators::{Estimator, estimators};
 use crate::figure::{Figure, render};
 use crate::files::Output;
 use crate::maps::{not_recorded, sparsely_kept};
-use crate::reading;
+use crate::reading::{self, Taken};
+use crate::sampling::Sampled;
 use crate::scores::{FrameScore, table_of_scores};
 use crate::table::Table;
 use crate::unscored::Unscored;
@@ -85,17 +86,36 @@ pub fn report(
     options: &ReportOptions,
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<Summary, AnalysisError> {
-    caught(|| analyse(recording, options, Output { folder, stop }))
+    report_with(recording, folder, options, None, stop)
 }
 
-fn analyse(recording: &Recording, options: &ReportOptions, output: Output<'_>) -> Result<Summary, AnalysisError> {
+/// As [`report`], and gives the same; of the frames whose [samples](Sampled) were taken while they were recorded the maps are not read.
+///
+/// # Errors
+/// As [`report`].
+pub fn report_with(
+    recording: &Recording,
+    folder: &Path,
+    options: &ReportOptions,
+    sampled: Option<Sampled<'_>>,
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Result<Summary, AnalysisError> {
+    caught(|| analyse(recording, options, Output { folder, stop }, sampled.map(|sampled| sampled.0)))
+}
+
+fn analyse(
+    recording: &Recording,
+    options: &ReportOptions,
+    output: Output<'_>,
+    taken: Option<Taken<'_>>,
+) -> Result<Summary, AnalysisError> {
     let plan = recording.plan();
     let estimators = estimators(plan)?;
     let mut written = Vec::new();
     let Scored { table, scored, unscored } = write_scores(recording, &estimators, options, output)?;
     written.extend(scored.then_some("scores.csv"));
     written.extend(table.is_some().then_some("table.*"));
-    let (distances, beyond) = write_distances(recording, &estimators, options, output)
+    let (distances, beyond) = write_distances(recording, &estimators, options, output, taken)
         .map_err(|error| error.but_whole(&written, output.folder))?;
     written.extend(distances.then_some("error_vs_distance.*"));
     let curves = learning_curves(recording).map_err(|error| error.but_whole(&written, output.folder))?;
@@ -219,8 +239,9 @@ fn write_distances(
     estimators: &[Estimator],
     options: &ReportOptions,
     output: Output<'_>,
+    taken: Option<Taken<'_>>,
 ) -> Result<(bool, Vec<u64>), AnalysisError> {
-    let distances = reading::distances(recording, estimators, options.samples_in_memory, output)?;
+    let distances = reading::distances(recording, estimators, options.samples_in_memory, output, taken)?;
     if distances.bins.is_empty() {
         return Ok((false, distances.beyond));
     }

@@ -10,6 +10,8 @@ use depthloom_graphs::{Key, Rate, ValueType};
 use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
 
+use crate::recorder::json;
+
 /// The plan of a recording, as kept in its metadata.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -161,6 +163,14 @@ impl RecordedPlan {
             view: plan.record.view,
             runs: plan.runs.iter().map(|run| recorded_run(plan, run)).collect(),
         }
+    }
+
+    /// The plan as a recording of it gives it back: numbers need not come back to the last bit.
+    ///
+    /// # Errors
+    /// If it would be none, in words.
+    pub fn read_back(plan: &Plan) -> Result<Self, String> {
+        Self::from_json(&json(&Self::of(plan)))
     }
 
     /// The values that the axes of the matrix had in a variant; none without a matrix.

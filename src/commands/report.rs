@@ -3,7 +3,7 @@
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-use depthloom_analysis::{AnalysisError, ReportOptions, Summary, Timing};
+use depthloom_analysis::{AnalysisError, ReportOptions, Sampled, Summary, Timing, report_with};
 use depthloom_graphs::plan::Plan;
 use depthloom_recording::{Recorder, Recording};
 use depthloom_runner::{Interrupt, Phase};
@@ -41,7 +41,7 @@ pub fn report(args: &ReportArgs) -> Result<Exit, Stop> {
     let recording = Recording::open(&path)
         .map_err(|error| Stop::of_recording(Exit::Before, "failed to read the recording", &error))?;
     let options = ReportOptions { paper: args.paper, check_every_byte: true, ..ReportOptions::default() };
-    let mut report = analyse(&recording, &out, &options, &interrupt)?;
+    let mut report = analyse(&recording, &out, &options, None, &interrupt)?;
     let but_whole = |stop: Stop| stop.also(format!("tables and plots are whole in {}", out.display()));
     models::write(&recording, &out).map_err(but_whole)?;
     // An unfinished recording is what was asked for; a damaged one is not what was written.
@@ -60,19 +60,20 @@ pub fn no_pixel_counted(report: &Summary) -> Option<Stop> {
     report.no_pixel_counted.then(|| Stop::new(Exit::Frames, "not one pixel was scored"))
 }
 
-/// Analyses a recording until it is done or asked to stop.
+/// Analyses a recording, but for what was sampled while it was made, until it is done or asked to stop.
 pub fn analyse(
     recording: &Recording,
     folder: &Path,
     options: &ReportOptions,
+    sampled: Option<Sampled<'_>>,
     interrupt: &Interrupt,
 ) -> Result<Summary, Stop> {
     let interrupted = || Stop::new(Exit::Interrupted, "interrupted while analysing");
     if interrupt.stops_admission() {
         return Err(interrupted());
     }
-    depthloom_analysis::report(recording, folder, options, &|| interrupt.stops_admission()).map_err(|error| match error
-    {
+    let report = report_with(recording, folder, options, sampled, &|| interrupt.stops_admission());
+    report.map_err(|error| match error {
         AnalysisError::Stopped => interrupted(),
         error => {
             let exit = if error.is_damage() { Exit::Frames } else { Exit::Engine };

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
-use depthloom_analysis::{ReportOptions, Summary};
+use depthloom_analysis::{ReportOptions, Sampled, SamplingTap, Summary};
 use depthloom_graphs::Registry;
 use depthloom_graphs::language::Loaded;
 use depthloom_graphs::plan::Plan;
@@ -44,12 +44,14 @@ pub fn run(args: &RunArgs, registry: &Registry) -> Result<Exit, Stop> {
     let options = options(args, &folder);
 
     let begun = Earlier { begun, earlier };
-    let recorded = record(ready, &plan, args, &options, &folder, begun, &interrupt);
-    let Recorded { failed, warnings, checkpoints, reused } = match recorded {
+    let stopped = || interrupt.stops_admission();
+    let partial = folder.partial.clone();
+    let recorded = record(ready, &plan, args, &options, (&folder, &partial), begun, &interrupt, &stopped);
+    let Recorded { failed, warnings, checkpoints, reused, sampled } = match recorded {
         Ok(recorded) => recorded,
         Err(ended) => return Err(ended.stop(folder)),
     };
-    let finished = finish(args, &folder, &interrupt, || {
+    let finished = finish(args, &folder, sampled, &interrupt, || {
         environment::describe(options.workers, options.window, started.elapsed().as_secs_f64(), &read)
     });
     let (report, environment) = finished.map_err(|stop| {
@@ -198,7 +200,7 @@ struct Earlier {
 }
 
 /// A recording that is whole.
-struct Recorded {
+struct Recorded<'a> {
     /// How many values were taken from earlier runs, and of which.
     reused: Json,
     /// How many frames failed.
@@ -207,18 +209,22 @@ struct Recorded {
     warnings: Vec<String>,
     /// What can go once all is safe.
     checkpoints: Checkpoints,
+    /// What the report need not read back.
+    sampled: Option<Sampled<'a>>,
 }
 
 /// Runs the frames, closes the recording, and says what there was to warn of.
-fn record(
+#[expect(clippy::too_many_arguments, reason = "each is another thing, and they meet here alone")]
+fn record<'a>(
     ready: Ready,
     plan: &Plan,
     args: &RunArgs,
     options: &Options,
-    folder: &RunFolder,
+    (folder, partial): (&RunFolder, &'a Path),
     begun: Earlier,
     interrupt: &Interrupt,
-) -> Result<Recorded, Ended> {
+    stopped: &'a (dyn Fn() -> bool + Sync),
+) -> Result<Recorded<'a>, Ended> {
     let Earlier { begun, earlier } = begun;
     let recorder = match &begun {
         Some(begun) => Recorder::resume(begun, plan),
@@ -239,7 +245,13 @@ fn record(
         tell(args, &[format!("made afresh what {partial} held behind byte {offset}: {what}")]);
     }
     let progress = Progress::new(plan, is_silent(args));
-    let ran = depthloom_runner::run(ready, &recorder, options, &progress, interrupt);
+    // What is wrong with the scores the report says when the frames are safe.
+    let sampling = SamplingTap::new(&recorder, plan, partial, &report_options(args), stopped).ok();
+    let ran = match &sampling {
+        Some(sampling) => depthloom_runner::run(ready, sampling, options, &progress, interrupt),
+        None => depthloom_runner::run(ready, &recorder, options, &progress, interrupt),
+    };
+    let sampled = sampling.and_then(SamplingTap::finish);
     // Whatever happened, what was recorded is closed properly: a run that failed keeps the frames before the failure.
     let finished = match &ran {
         Ok(ran) if !ran.interrupted => recorder.finish(&[]),
@@ -261,7 +273,11 @@ fn record(
     if let (Some(text), false) = (reused.text(), is_silent(args)) {
         say(text);
     }
-    Ok(Recorded { failed, warnings, checkpoints: ran.checkpoints, reused: reused.json() })
+    Ok(Recorded { failed, warnings, checkpoints: ran.checkpoints, reused: reused.json(), sampled })
+}
+
+fn report_options(args: &RunArgs) -> ReportOptions {
+    ReportOptions { paper: args.paper, ..ReportOptions::default() }
 }
 
 /// Libraries that were passed over, and what nodes told of.
@@ -297,18 +313,14 @@ pub(super) fn stop_of(error: &RunError) -> Stop {
 fn finish(
     args: &RunArgs,
     folder: &RunFolder,
+    sampled: Option<Sampled<'_>>,
     interrupt: &Interrupt,
     environment: impl FnOnce() -> Json,
 ) -> Result<(Summary, Json), Stop> {
     let recording = Recording::open(folder.file(RECORDING))
         .map_err(|error| Stop::of_recording(Exit::Engine, "failed to read the recording back", &error))?;
     models::write(&recording, &folder.partial)?;
-    let report = analyse(
-        &recording,
-        &folder.partial,
-        &ReportOptions { paper: args.paper, ..ReportOptions::default() },
-        interrupt,
-    )?;
+    let report = analyse(&recording, &folder.partial, &report_options(args), sampled, interrupt)?;
     let environment = environment();
     folder.write(ENVIRONMENT, &format!("{environment:#}\n"))?;
     Ok((report, environment))

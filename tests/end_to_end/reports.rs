@@ -56,6 +56,34 @@ fn assert_equal(ours: &BTreeMap<OsString, Vec<u8>>, theirs: &BTreeMap<OsString, 
     }
 }
 
+/// What a run samples while it records is what a report of its recording finds, though some frames or values were not at hand.
+#[test]
+fn a_run_and_a_report_of_its_recording_give_the_same_files() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let first = run(folder.path());
+    let experiment = folder.path().join("dense.yaml");
+    let again = |name: &str, set: &str| {
+        let out = folder.path().join(name);
+        let mut command = depthloom();
+        // Beside the first run, from which it takes.
+        command.env_remove("DEPTHLOOM_FRESH").current_dir(folder.path()).arg("run").arg(&experiment);
+        succeed(command.args(["--quiet", "--set", set, "--out"]).arg(&out));
+        out
+    };
+    let every = again("every", "record.every=3");
+    let some_taken = again("some", "look.scaled.with.method=average");
+    let more_frames = again("more", "sources.street.with.frames=0..18");
+    for run in [first, every, some_taken, more_frames] {
+        let out = folder.path().join("report");
+        succeed(&mut report(&run, &out));
+        let ours = files(&run);
+        for (file, bytes) in files(&out) {
+            assert!(ours[&file] == bytes, "{}: {} differs", run.display(), file.display());
+        }
+        std::fs::remove_dir_all(&out).expect("removed");
+    }
+}
+
 #[test]
 fn reports_on_one_core_and_on_all_are_equal_with_samples_beyond_memory() {
     const TEST: &str = "reports_on_one_core_and_on_all_are_equal_with_samples_beyond_memory";

@@ -1,6 +1,11 @@
 //! The samples, as they come in.
 
+use std::num::NonZero;
+use std::sync::{Mutex, PoisonError};
+use std::thread;
+
 use depthloom_scores::{ScoredPixels, Settings};
+use depthloom_threads::{Budget, Tiles as _};
 
 use super::sample::{Which, sample};
 use super::spill::Spill;
@@ -155,7 +160,7 @@ impl<'a> Samples<'a> {
                 Ok(())
             })?;
             self.output.go_on()?;
-            spreads.extend(held.into_iter().map(sorting::spreads));
+            spreads.extend(of_metres(held));
         }
         Ok(spreads)
     }
@@ -174,6 +179,18 @@ impl<'a> Samples<'a> {
         }
         Ok(())
     }
+}
+
+/// How the samples of some metres spread, found on all cores.
+fn of_metres(held: Vec<Vec<u32>>) -> Vec<[Option<Spread>; 2]> {
+    let metres: Vec<_> = held.into_iter().map(|samples| Mutex::new((samples, [None; 2]))).collect();
+    let budget = Budget::new(thread::available_parallelism().map_or(1, NonZero::get));
+    let _own = budget.permit();
+    budget.run(metres.len(), &|metre| {
+        let mut metre = metres[metre].lock().unwrap_or_else(PoisonError::into_inner);
+        metre.1 = sorting::spreads(std::mem::take(&mut metre.0));
+    });
+    metres.into_iter().map(|metre| metre.into_inner().unwrap_or_else(PoisonError::into_inner).1).collect()
 }
 
 /// How samples in memory spread, by metre.
