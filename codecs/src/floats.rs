@@ -131,30 +131,68 @@ pub fn unpacked(count: usize, codes: &[u8], lows: &[u8], highs: &[u8]) -> Result
     all.try_reserve_exact(most).map_err(|_| format!("there is no memory for a map of {count} samples"))?;
     compression::decompress(codes, &mut all).map_err(|error| format!("a map cannot be decompressed: {error}"))?;
     let (classes, middles) = all.split_at_checked(class_bytes).ok_or_else(malformed)?;
-    let (mut lows, mut highs) = (lows.as_chunks::<2>().0.iter(), highs.as_chunks::<2>().0.iter());
-    let mut middles = middles.iter().flat_map(|byte| [byte & 15, byte >> 4]);
-    let mut last = 0_u32;
     let mut samples = Vec::new();
-    samples.try_reserve_exact(count).map_err(|_| format!("there is no memory for a map of {count} samples"))?;
-    for (byte, classes) in classes.iter().enumerate() {
-        for place in 0..(count - 4 * byte).min(4) {
-            let class = classes >> (2 * place) & 3;
-            if class != 0 {
-                let low = u32::from(u16::from_le_bytes(*lows.next().ok_or_else(malformed)?));
-                let above = match class {
-                    1 => 0,
-                    2 => u32::from(middles.next().ok_or_else(malformed)?),
-                    _ => u32::from(u16::from_le_bytes(*highs.next().ok_or_else(malformed)?)),
-                };
-                let difference = above << 16 | low;
-                last = last.wrapping_add(difference >> 1 ^ (difference & 1).wrapping_neg());
+    // The last block may go beyond the end.
+    samples.try_reserve_exact(count + BLOCK).map_err(|_| format!("there is no memory for a map of {count} samples"))?;
+    let (low_count, middle_bytes, high_count) = (lows.len() / 2, middles.len(), highs.len() / 2);
+    let is_even = lows.len().is_multiple_of(2) && highs.len().is_multiple_of(2);
+    let (lows, middles, highs) = (padded(lows), halves(middles), padded(highs));
+    let (mut low_at, mut middle_at, mut high_at) = (0, 0, 0);
+    let mut last = 0;
+    for classes in classes.chunks(BLOCK / 4) {
+        let low = window(&lows, low_at).ok_or_else(malformed)?;
+        let middle = window(&middles, middle_at).ok_or_else(malformed)?;
+        let high = window(&highs, high_at).ok_or_else(malformed)?;
+        let (mut low_count, mut middle_count, mut high_count) = (0, 0, 0);
+        let mut bits = [0; BLOCK];
+        for (four, classes) in bits.as_chunks_mut::<4>().0.iter_mut().zip(classes) {
+            for (place, bits) in four.iter_mut().enumerate() {
+                // Without a branch, as they were packed.
+                let class = classes >> (2 * place) & 3;
+                let kept = |is_kept: bool, number: u32| number & u32::from(is_kept).wrapping_neg();
+                let low = kept(class != 0, u32::from(low[low_count % BLOCK]));
+                low_count += usize::from(class != 0);
+                let middle = kept(class == 2, u32::from(middle[middle_count % BLOCK]));
+                middle_count += usize::from(class == 2);
+                let high = kept(class == 3, u32::from(high[high_count % BLOCK]));
+                high_count += usize::from(class == 3);
+                *bits = (middle | high) << 16 | low;
             }
-            samples.push(f32::from_bits(last));
         }
+        for difference in &mut bits {
+            *difference = *difference >> 1 ^ (*difference & 1).wrapping_neg();
+        }
+        samples.extend(bits.map(|difference| {
+            last = difference.wrapping_add(last);
+            f32::from_bits(last)
+        }));
+        (low_at, middle_at, high_at) = (low_at + low_count, middle_at + middle_count, high_at + high_count);
     }
-    // Of an odd count of middle bits the last byte is half empty.
-    let is_whole = lows.next().is_none() && highs.next().is_none() && middles.count() < 2;
+    samples.truncate(count);
+    let is_whole = is_even && (low_at, middle_at.div_ceil(2), high_at) == (low_count, middle_bytes, high_count);
     is_whole.then_some(samples).ok_or_else(malformed)
+}
+
+/// Little-endian numbers, and a block's room behind them.
+fn padded(bytes: &[u8]) -> Vec<u16> {
+    let mut numbers = Vec::with_capacity(bytes.len() / 2 + BLOCK);
+    numbers.extend(bytes.as_chunks().0.iter().map(|pair| u16::from_le_bytes(*pair)));
+    numbers.resize(numbers.len() + BLOCK, 0);
+    numbers
+}
+
+/// The lower and the upper half of each byte, and a block's room behind them.
+fn halves(bytes: &[u8]) -> Vec<u8> {
+    let mut halves = vec![0; 2 * bytes.len() + BLOCK];
+    for (pair, byte) in halves.as_chunks_mut::<2>().0.iter_mut().zip(bytes) {
+        *pair = [byte & 15, byte >> 4];
+    }
+    halves
+}
+
+/// As many numbers as a block may take.
+fn window<T>(numbers: &[T], at: usize) -> Option<&[T; BLOCK]> {
+    numbers.get(at..)?.first_chunk()
 }
 
 #[cfg(test)]

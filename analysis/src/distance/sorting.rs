@@ -16,7 +16,9 @@ fn spread(samples: &mut [u32]) -> Option<Spread> {
     let last = samples.len().checked_sub(1)?;
     let count = samples.len() as u64;
     let below = PERCENTILES.map(|percentile| position(percentile, count).0 as usize);
-    let ranks: Vec<usize> = below.into_iter().flat_map(|below| [below, (below + 1).min(last)]).collect();
+    let mut ranks: Vec<usize> = below.into_iter().flat_map(|below| [below, (below + 1).min(last)]).collect();
+    // Of few samples the neighbours of one percentile are those of the next, too.
+    ranks.sort_unstable();
     place(samples, 0, &ranks);
     let percentiles_m = PERCENTILES.map(|percentile| {
         let (below, share) = position(percentile, count);
@@ -47,7 +49,8 @@ mod tests {
         let some: Vec<u32> = (0..40).map(|i| sample(f64::from(i * i % 17) * 0.3, i % 3 != 0)).collect();
         let alone = vec![sample(0.5, false)];
         let many = (0..10_007_u64).map(|i| sample((i * i % 7919) as f64 * 0.01, i % 5 != 0)).collect();
-        for samples in [some, alone, many, Vec::new()] {
+        let few = vec![sample(3.0, true), sample(1.0, false), sample(2.0, true)];
+        for samples in [some, alone, few, many, Vec::new()] {
             let held = [samples.clone()];
             let polars = [Which::Answered, Which::Shared].map(|which| in_memory::spreads(which, &held).unwrap()[0]);
             assert_eq!(spreads(samples), polars);
