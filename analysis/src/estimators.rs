@@ -143,6 +143,30 @@ fn asked(kind: &str, params: &serde_json::Value) -> Result<Asked, String> {
 }
 
 #[cfg(test)]
+impl Estimator {
+    /// One of depths, scored as the paper does.
+    pub(crate) fn of_depths(label: &str, variant: Option<&str>, name: &str, sets: &[PixelSet]) -> Self {
+        Self {
+            label: label.to_owned(),
+            name: name.to_owned(),
+            variant: variant.map(str::to_owned),
+            run: 0,
+            sets: sets.to_vec(),
+            family: Family::Depth,
+            metrics: Family::Depth.defaults(),
+            mean: Mean::Frames,
+            settings: Some(Settings::default()),
+            preset: "preset paper".to_owned(),
+            score_topic: None,
+            estimate_topic: None,
+            truth_topic: None,
+            estimate: None,
+            truth: None,
+        }
+    }
+}
+
+#[cfg(test)]
 mod tests {
     use depthloom_scores::{Crop, Preset, ScaleInvariant};
     use serde::Deserialize;

@@ -358,28 +358,10 @@ fn colour(names: &[&str], name: &str) -> &'static str {
 
 #[cfg(test)]
 mod tests {
-    use depthloom_scores::{Family, Mean, Settings};
-
     use super::*;
 
     fn estimator(variant: Option<&str>, name: &str) -> Estimator {
-        Estimator {
-            label: name.to_owned(),
-            name: name.to_owned(),
-            variant: variant.map(str::to_owned),
-            run: 0,
-            sets: Vec::new(),
-            family: Family::Depth,
-            metrics: Family::Depth.defaults(),
-            mean: Mean::Frames,
-            settings: Some(Settings::default()),
-            preset: "preset paper".to_owned(),
-            score_topic: None,
-            estimate_topic: None,
-            truth_topic: None,
-            estimate: None,
-            truth: None,
-        }
+        Estimator::of_depths(name, variant, name, &[])
     }
 
     fn bin(estimator: usize, bin_m: u32) -> DistanceBin {

@@ -32,28 +32,10 @@ fn rows() -> impl Iterator<Item = ([&'static str; 3], [f64; 8])> {
 
 #[cfg(test)]
 mod tests {
-    use depthloom_scores::{Family, Mean, Settings};
-
     use super::*;
 
     fn estimator(variant: Option<&str>, name: &str) -> Estimator {
-        Estimator {
-            label: name.to_owned(),
-            name: name.to_owned(),
-            variant: variant.map(str::to_owned),
-            run: 0,
-            sets: vec![PixelSet::All],
-            family: Family::Depth,
-            metrics: Family::Depth.defaults(),
-            mean: Mean::Frames,
-            settings: Some(Settings::default()),
-            preset: "preset paper".to_owned(),
-            score_topic: None,
-            estimate_topic: None,
-            truth_topic: None,
-            estimate: None,
-            truth: None,
-        }
+        Estimator::of_depths(name, variant, name, &[PixelSet::All])
     }
 
     #[test]

@@ -5,23 +5,8 @@ use depthloom_scores::{ScoreRow, Settings};
 use super::*;
 
 fn estimator(variant: Option<&str>, name: &str, sets: &[PixelSet]) -> Estimator {
-    Estimator {
-        label: variant.map_or_else(|| name.to_owned(), |variant| format!("{variant}/{name}")),
-        name: name.to_owned(),
-        variant: variant.map(str::to_owned),
-        run: 0,
-        sets: sets.to_vec(),
-        family: Family::Depth,
-        metrics: Family::Depth.defaults(),
-        mean: Mean::Frames,
-        settings: Some(Settings::default()),
-        preset: "preset paper".to_owned(),
-        score_topic: None,
-        estimate_topic: None,
-        truth_topic: None,
-        estimate: None,
-        truth: None,
-    }
+    let label = variant.map_or_else(|| name.to_owned(), |variant| format!("{variant}/{name}"));
+    Estimator::of_depths(&label, variant, name, sets)
 }
 
 fn estimators() -> Vec<Estimator> {

@@ -1,7 +1,6 @@
 //! `kitti/stereo2015`: the KITTI stereo 2015 benchmark, as unpacked.
 
 use std::collections::BTreeSet;
-use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -13,12 +12,13 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::asked::Asked;
+use super::kitti_stems::{Stems, number, unread_files};
 use super::{image_file, kitti_calibration};
 use crate::shape::filled;
 
 const KIND: &str = "kitti/stereo2015";
 const VERSION: u32 = 1;
-const LAYOUT: &str = "root holds `training` (with truth) or `testing` (without), each with image_2 (left) and image_3 (right) of 000000_10.png ...; \
+pub(super) const LAYOUT: &str = "root holds `training` (with truth) or `testing` (without), each with image_2 (left) and image_3 (right) of 000000_10.png ...; \
     in training also disp_noc_0 or disp_occ_0, unless `truth: none`";
 
 /// True disparities that both cameras see, and all.
@@ -31,9 +31,6 @@ const EVALUATION: [&str; 3] = [NOC, OCC, OBJECTS];
 
 /// The folder of calibration files.
 const CALIBRATION: &str = "calib_cam_to_cam";
-
-/// How many files that belong to no frame are named.
-const NAMED: usize = 3;
 
 /// Which half of the benchmark.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -440,72 +437,4 @@ fn at_file(path: &Path, fault: Fault) -> Fault {
         }
         Fault::Cancelled => Fault::Cancelled,
     }
-}
-
-/// What a folder of images holds.
-struct Stems {
-    folder: &'static str,
-    /// The stems of the first time step's images, in order.
-    stems: BTreeSet<String>,
-    /// Files that are no image of any time step, by folder and name, in order.
-    others: Vec<String>,
-}
-
-impl Stems {
-    fn of(split: &Path, folder: &'static str) -> Result<Self, Fault> {
-        let path = split.join(folder);
-        let failed = |error| Fault::new(format!("failed to list {}", path.display())).because(error);
-        let listing = std::fs::read_dir(&path).map_err(|error| match error.kind() {
-            ErrorKind::NotFound => Fault::new(format!("there is no folder {}", path.display())).remedy(LAYOUT),
-            _ => failed(error),
-        })?;
-        let (mut stems, mut others) = (BTreeSet::new(), Vec::new());
-        for entry in listing {
-            let name = entry.map_err(failed)?.file_name().to_string_lossy().into_owned();
-            let stem = name.strip_suffix(".png").unwrap_or_default();
-            match stem.split_once('_').filter(|(number, step)| is_number(number, 6) && is_number(step, 2)) {
-                Some((_, "10")) => {
-                    stems.insert(stem.to_owned());
-                }
-                // Another time step; or what a desktop left.
-                Some(_) => {}
-                None if name.starts_with('.') || matches!(name.as_str(), "Thumbs.db" | "desktop.ini") => {}
-                None => others.push(format!("{folder}/{name}")),
-            }
-        }
-        others.sort_unstable();
-        Ok(Self { folder, stems, others })
-    }
-
-    /// The files here that belong to none of the left images.
-    fn without(&self, lefts: &Self) -> Vec<String> {
-        let alone = self.stems.difference(&lefts.stems).map(|stem| format!("{}/{stem}.png", self.folder));
-        alone.chain(self.others.iter().cloned()).collect()
-    }
-}
-
-fn is_number(text: &str, digits: usize) -> bool {
-    text.len() == digits && text.bytes().all(|byte| byte.is_ascii_digit())
-}
-
-/// What is to be said of files that belong to no frame.
-fn unread_files(files: &[String]) -> Option<String> {
-    let named = files.iter().take(NAMED).cloned().collect::<Vec<_>>().join(", ");
-    let more = match files.len().saturating_sub(NAMED) {
-        0 => String::new(),
-        more => format!(" and {more} more"),
-    };
-    let are = match files.len() {
-        0 => return None,
-        1 => "1 file belongs to no frame and is".to_owned(),
-        many => format!("{many} files belong to no frame and are"),
-    };
-    Some(format!(
-        "{are} not read: {named}{more} (a frame is image_2/000150_10.png, six digits and `_10`, with files of that name in the other folders)"
-    ))
-}
-
-/// The number in `000150_10`.
-fn number(stem: &str) -> u64 {
-    stem[..6].parse().expect("stems() takes six digits only")
 }

@@ -7,6 +7,7 @@ mod kitti_calibration;
 mod kitti_depth;
 mod kitti_odometry;
 mod kitti_raw;
+mod kitti_stems;
 mod kitti_stereo_2012;
 mod kitti_stereo_2015;
 mod kitti_time;

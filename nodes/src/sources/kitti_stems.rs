@@ -1,0 +1,80 @@
+//! The files of the data set's folders: which are images of frames, and which belong to none.
+
+use std::collections::BTreeSet;
+use std::io::ErrorKind;
+use std::path::Path;
+
+use depthloom_graphs::Fault;
+
+use super::kitti_stereo_2015::LAYOUT;
+
+/// How many files that belong to no frame are named.
+const NAMED: usize = 3;
+
+/// What a folder of images holds.
+pub(super) struct Stems {
+    folder: &'static str,
+    /// The stems of the first time step's images, in order.
+    pub(super) stems: BTreeSet<String>,
+    /// Files that are no image of any time step, by folder and name, in order.
+    pub(super) others: Vec<String>,
+}
+
+impl Stems {
+    pub(super) fn of(split: &Path, folder: &'static str) -> Result<Self, Fault> {
+        let path = split.join(folder);
+        let failed = |error| Fault::new(format!("failed to list {}", path.display())).because(error);
+        let listing = std::fs::read_dir(&path).map_err(|error| match error.kind() {
+            ErrorKind::NotFound => Fault::new(format!("there is no folder {}", path.display())).remedy(LAYOUT),
+            _ => failed(error),
+        })?;
+        let (mut stems, mut others) = (BTreeSet::new(), Vec::new());
+        for entry in listing {
+            let name = entry.map_err(failed)?.file_name().to_string_lossy().into_owned();
+            let stem = name.strip_suffix(".png").unwrap_or_default();
+            match stem.split_once('_').filter(|(number, step)| is_number(number, 6) && is_number(step, 2)) {
+                Some((_, "10")) => {
+                    stems.insert(stem.to_owned());
+                }
+                // Another time step; or what a desktop left.
+                Some(_) => {}
+                None if name.starts_with('.') || matches!(name.as_str(), "Thumbs.db" | "desktop.ini") => {}
+                None => others.push(format!("{folder}/{name}")),
+            }
+        }
+        others.sort_unstable();
+        Ok(Self { folder, stems, others })
+    }
+
+    /// The files here that belong to none of the left images.
+    pub(super) fn without(&self, lefts: &Self) -> Vec<String> {
+        let alone = self.stems.difference(&lefts.stems).map(|stem| format!("{}/{stem}.png", self.folder));
+        alone.chain(self.others.iter().cloned()).collect()
+    }
+}
+
+fn is_number(text: &str, digits: usize) -> bool {
+    text.len() == digits && text.bytes().all(|byte| byte.is_ascii_digit())
+}
+
+/// What is to be said of files that belong to no frame.
+pub(super) fn unread_files(files: &[String]) -> Option<String> {
+    let named = files.iter().take(NAMED).cloned().collect::<Vec<_>>().join(", ");
+    let more = match files.len().saturating_sub(NAMED) {
+        0 => String::new(),
+        more => format!(" and {more} more"),
+    };
+    let are = match files.len() {
+        0 => return None,
+        1 => "1 file belongs to no frame and is".to_owned(),
+        many => format!("{many} files belong to no frame and are"),
+    };
+    Some(format!(
+        "{are} not read: {named}{more} (a frame is image_2/000150_10.png, six digits and `_10`, with files of that name in the other folders)"
+    ))
+}
+
+/// The number in `000150_10`.
+pub(super) fn number(stem: &str) -> u64 {
+    stem[..6].parse().expect("stems() takes six digits only")
+}
