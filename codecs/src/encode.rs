@@ -4,10 +4,14 @@ use std::fmt;
 
 use depthloom_graphs::Value;
 use depthloom_graphs::values::{Calibration, Encoded, Image, Pixels, Raster};
-use foxglove::messages::{CameraCalibration, FrameTransform, Quaternion, Timestamp, Vector3};
+use foxglove::messages::packed_element_field::NumericType;
+use foxglove::messages::{
+    CameraCalibration, FrameTransform, PackedElementField, PointCloud, Pose, Quaternion, Timestamp, Vector3,
+};
 use prost::Message;
 
 use crate::decode::nothing_found;
+use crate::files::Cloud;
 use crate::floats::PackedFloats;
 use crate::schema::{BASELINE_M, MIN_DISPARITY_PX, Schema};
 use crate::wire_format::{put_bytes, put_fixed32, put_length, put_number, put_signed, put_varint};
@@ -248,6 +252,36 @@ pub fn put_camera(out: &mut Vec<u8>, stamp: Stamp<'_>, calibration: &Calibration
     out.extend_from_slice(&message.encode_to_vec());
     put_varint(out, u64::from(BASELINE_M) << 3 | 1);
     out.extend_from_slice(&calibration.baseline_m.to_le_bytes());
+}
+
+/// Appends a `foxglove.PointCloud`: x, y and z as floats, red, green, blue and alpha as bytes; white where there are no colours.
+pub fn put_points(out: &mut Vec<u8>, stamp: Stamp<'_>, cloud: &Cloud) {
+    let field = |name: &str, offset, kind: NumericType| PackedElementField {
+        name: name.to_owned(),
+        offset,
+        r#type: kind.into(),
+    };
+    let floats = ["x", "y", "z"].iter().zip([0, 4, 8]).map(|(name, at)| field(name, at, NumericType::Float32));
+    let bytes = ["red", "green", "blue", "alpha"].iter().zip(12..);
+    let bytes = bytes.map(|(name, at)| field(name, at, NumericType::Uint8));
+    let mut data = Vec::with_capacity(16 * cloud.points.len());
+    for (index, point) in cloud.points.iter().enumerate() {
+        point.iter().for_each(|metres| data.extend_from_slice(&metres.to_le_bytes()));
+        let [red, green, blue] = cloud.colours.as_ref().map_or([255; 3], |colours| colours[index]);
+        data.extend_from_slice(&[red, green, blue, 255]);
+    }
+    let message = PointCloud {
+        timestamp: Some(timestamp(stamp.time_ns)),
+        frame_id: stamp.frame_id.to_owned(),
+        pose: Some(Pose {
+            position: Some(Vector3::default()),
+            orientation: Some(Quaternion { x: 0.0, y: 0.0, z: 0.0, w: 1.0 }),
+        }),
+        point_stride: 16,
+        fields: floats.chain(bytes).collect(),
+        data: data.into(),
+    };
+    out.extend_from_slice(&message.encode_to_vec());
 }
 
 /// Appends where the stamp's frame stands in another: its origin there, metres, and its rotation, a quaternion (x, y, z, w).

@@ -8,7 +8,7 @@ use std::sync::OnceLock;
 
 use depthloom_scores::{DEPTH, DISPARITY, Metric};
 use foxglove::Encode;
-use foxglove::messages::{CameraCalibration, CompressedImage, FrameTransform, RawImage};
+use foxglove::messages::{CameraCalibration, CompressedImage, FrameTransform, PointCloud, RawImage};
 use prost::Message;
 use prost_types::field_descriptor_proto::{Label, Type};
 use prost_types::{
@@ -41,11 +41,13 @@ pub enum Schema {
     FloatMap,
     /// Where a camera stands.
     FrameTransform,
+    /// Points of a depth.
+    PointCloud,
 }
 
 impl Schema {
     /// All of them.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::CompressedImage,
         Self::RawImage,
         Self::CameraCalibration,
@@ -54,6 +56,7 @@ impl Schema {
         Self::CurvePoint,
         Self::FloatMap,
         Self::FrameTransform,
+        Self::PointCloud,
     ];
 
     /// Its id in every recording; zero is reserved by the format.
@@ -74,6 +77,7 @@ impl Schema {
             Self::CurvePoint => "depthloom.CurvePoint",
             Self::FloatMap => "depthloom.FloatMap",
             Self::FrameTransform => "foxglove.FrameTransform",
+            Self::PointCloud => "foxglove.PointCloud",
         }
     }
 
@@ -87,7 +91,7 @@ impl Schema {
     #[must_use]
     pub const fn is_small(self) -> bool {
         match self {
-            Self::CompressedImage | Self::RawImage | Self::FloatMap => false,
+            Self::CompressedImage | Self::RawImage | Self::FloatMap | Self::PointCloud => false,
             Self::CameraCalibration | Self::Score | Self::Commit | Self::CurvePoint | Self::FrameTransform => true,
         }
     }
@@ -112,6 +116,7 @@ impl Schema {
                 extended(foxglove_set::<CameraCalibration>(), "CameraCalibration", field)
             }
             Self::FrameTransform => foxglove_set::<FrameTransform>(),
+            Self::PointCloud => foxglove_set::<PointCloud>(),
             Self::Score => own_set("depthloom/Score.proto", vec![score()]),
             Self::Commit => own_set(
                 "depthloom/Commit.proto",

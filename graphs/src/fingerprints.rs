@@ -93,7 +93,7 @@ mod tests {
                 run(vec![node("network", source()), node("reader", here(0)), node("beside", source())]),
                 run(vec![node("later", once), node("alone", source())]),
             ],
-            record: Record { every: 1, view: false },
+            record: Record { every: 1, view: false, points: Vec::new() },
             written: Vec::new(),
             resolved: String::new(),
         }

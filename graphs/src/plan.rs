@@ -9,6 +9,7 @@ use serde_json::Value as Json;
 
 use crate::contracts::{Contract, Port, Slot};
 use crate::key::Key;
+use crate::language::glob;
 
 /// An experiment, ready to be built and run.
 #[derive(Clone, Debug)]
@@ -54,6 +55,27 @@ pub struct Record {
     pub every: u64,
     /// Whether maps are also kept as pictures, for looking at.
     pub view: bool,
+    /// Of which depths points are also kept, for looking at.
+    pub points: Vec<OutputPattern>,
+}
+
+/// Outputs by stage, node and port, `*` in each for any run of characters; the source of a stage is its node `source`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct OutputPattern {
+    /// The stage.
+    pub stage: String,
+    /// The node.
+    pub node: String,
+    /// The port.
+    pub port: String,
+}
+
+impl OutputPattern {
+    /// Whether an output is meant.
+    #[must_use]
+    pub fn names(&self, stage: &str, node: &str, port: &str) -> bool {
+        glob(&self.stage, stage) && glob(&self.node, node) && glob(&self.port, port)
+    }
 }
 
 /// A stage on one source: variants that change a stage's source make several runs of it.

@@ -82,6 +82,7 @@ impl Topic {
             Schema::CurvePoint => self.take_curve_point(message),
             Schema::FloatMap => self.take_floats(message),
             Schema::FrameTransform => self.take_transform(message),
+            Schema::PointCloud => self.take_image(message, 6),
         }
     }
 

@@ -12,7 +12,7 @@ use depthloom_graphs::{Frame, Rate, Value, ValueType};
 
 use crate::chunk::{PartBuilder, Unkept};
 use crate::error::RecordingError;
-use crate::looking::{Beside, Camera, Pose, picture_topic, topic_shown};
+use crate::looking::{Beside, Camera, Pose, picture_topic, points_of, points_topic, topic_shown};
 use crate::plan::{RecordedPlan, planned_output};
 use depthloom_codecs::encode::Stamp;
 use depthloom_codecs::schema::Schema;
@@ -65,6 +65,17 @@ pub(crate) struct PortLayout {
     pub(crate) frame_id: Arc<str>,
 }
 
+impl PortLayout {
+    /// The values that what stands beside this port's is made of, too.
+    pub(crate) fn needed(&self) -> impl Iterator<Item = Slot> + '_ {
+        let of = |beside: &BesideLayout| match beside.what {
+            Beside::Points { calibration, image } => [Some(calibration), image],
+            _ => [None, None],
+        };
+        self.beside.iter().flat_map(of).flatten()
+    }
+}
+
 /// A message beside a value's.
 #[derive(Clone, Debug)]
 pub(crate) struct BesideLayout {
@@ -76,9 +87,15 @@ pub(crate) struct BesideLayout {
 
 impl BesideLayout {
     /// Adds the message of a value to a part.
-    pub(crate) fn put(&self, part: &mut PartBuilder<'_>, frame: &Frame, value: &Value) -> Result<(), Unkept> {
+    pub(crate) fn put(
+        &self,
+        part: &mut PartBuilder<'_>,
+        frame: &Frame,
+        value: &Value,
+        others: &[(Slot, Value)],
+    ) -> Result<(), Unkept> {
         let stamp = Stamp { time_ns: frame.time_ns, frame_id: &self.frame_id };
-        self.what.put(part, (self.channel, stamp), value)
+        self.what.put(part, (self.channel, stamp), value, others)
     }
 }
 
@@ -173,7 +190,9 @@ impl FileLayout {
                 curves.insert(slot, self.channel(layout, topics)?);
             }
             let Some(class) = class(run, slot) else { continue };
-            let Some(part) = part_of(class) else { continue };
+            // Points are made of the source's values: who encodes them has these at hand.
+            let with = if points_of(plan, run, slot).is_some() { Class::Camera } else { class };
+            let Some(part) = part_of(with) else { continue };
             let port = self.port(plan, run, slot, class, part, topics)?;
             match slot {
                 Slot::Source { port: index } => source[index] = Some(port),
@@ -275,7 +294,12 @@ impl FileLayout {
             }
             _ => {}
         }
+        if let Some(points) = points_of(plan, run, slot) {
+            let frame_id = Camera::of(run, slot).frame_id(run);
+            wanted.push((Schema::PointCloud, points_topic(run, &output.topic), frame_id, points));
+        }
         let about = |of: &Beside| match of {
+            Beside::Points { .. } => "points to look at, of each fourth pixel and row, coloured by the image; metres",
             Beside::Picture => "a picture to look at, of half the pixels a row and column; black = no answer",
             Beside::RightCalibration => "the calibration of the pair's right camera",
             Beside::ViewCalibration => "the calibration of the pictures",

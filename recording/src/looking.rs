@@ -4,13 +4,15 @@
 //! Rerun refuses a coordinate frame that two topics define; so each camera of each stage run has a frame of its own.
 
 use crate::chunk::{Packing, PartBuilder, Unkept};
-use depthloom_codecs::encode::{Stamp, put_camera, put_compressed_image, put_transform};
+use crate::plan::planned_output;
+use depthloom_codecs::encode::{Stamp, put_camera, put_compressed_image, put_points, put_transform};
+use depthloom_codecs::files::Cloud;
 use depthloom_codecs::picture::{picture, reduced};
 use depthloom_graphs::Frame;
 use depthloom_graphs::Value;
 use depthloom_graphs::ValueType;
 use depthloom_graphs::contracts::Slot;
-use depthloom_graphs::plan::StageRun;
+use depthloom_graphs::plan::{Plan, StageRun};
 use depthloom_graphs::values::{Encoded, ImageFormat};
 
 /// A year, nanoseconds.
@@ -19,6 +21,10 @@ const YEAR_NS: u64 = 365 * 24 * 3600 * 1_000_000_000;
 pub(crate) const BEGINNING_NS: u64 = 946_684_800 * 1_000_000_000;
 /// From one frame without a clock to the next, nanoseconds.
 const FRAME_NS: u64 = 100_000_000;
+
+/// Of how many pixels a row and a column a cloud has one, and how far its points are at most, metres.
+const POINT_STEP: u32 = 4;
+const FARTHEST_M: f64 = 100.0;
 
 /// The frame with the time that viewers show it at: its own if its source has a clock. Of a source that counts from zero, a tenth of a second a
 /// frame from the beginning on, whatever the frames' numbers are: then all stages begin where a viewer opens, each with its first frame.
@@ -107,15 +113,50 @@ pub(crate) fn topic_shown(run: &StageRun, slot: Slot) -> Option<String> {
 
 /// The topic of a map's picture.
 pub(crate) fn picture_topic(run: &StageRun, topic: &str) -> String {
-    let within = topic.strip_prefix(&run.prefix).unwrap_or(topic).trim_start_matches('/');
-    format!("{}/{}", Camera::View.folder(run), within.replace('/', "."))
+    format!("{}/{}", Camera::View.folder(run), within(run, topic))
 }
 
-/// A message beside that of a value: made of the value alone, so that it lasts as long and comes again with it.
+/// The topic of a depth's points.
+pub(crate) fn points_topic(run: &StageRun, topic: &str) -> String {
+    format!("{}/points/{}", run.prefix, within(run, topic))
+}
+
+/// A topic of a stage run as one part of a topic.
+fn within(run: &StageRun, topic: &str) -> String {
+    topic.strip_prefix(&run.prefix).unwrap_or(topic).trim_start_matches('/').replace('/', ".")
+}
+
+/// What the points of a slot's values are made of, if they are to be kept: they lie in one part of the frame with these.
+pub(crate) fn points_of(plan: &Plan, run: &StageRun, slot: Slot) -> Option<Beside> {
+    let output = planned_output(run, slot);
+    let node = match slot {
+        Slot::Source { .. } => "source",
+        Slot::Node { node, .. } => run.nodes[node].name.as_str(),
+    };
+    let is_asked_for = || plan.record.points.iter().any(|points| points.names(&run.stage, node, output.port.name));
+    if !output.recorded || output.port.value_type != ValueType::Depth || !is_asked_for() {
+        return None;
+    }
+    let first = |value_type| {
+        let of_type = |port: &usize| run.source.outputs[*port].port.value_type == value_type;
+        let port = (0..run.source.outputs.len()).find(of_type)?;
+        run.source.outputs[port].recorded.then_some(Slot::Source { port })
+    };
+    Some(Beside::Points { calibration: first(ValueType::Calibration)?, image: first(ValueType::Image) })
+}
+
+/// A message beside that of a value: made of the value (of points: and of the source's), so that it lasts as long and comes again with it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Beside {
     /// Of a map: a picture of it.
     Picture,
+    /// Of a depth: its points, by the calibration and coloured by the image of that part of the frame.
+    Points {
+        /// The calibration's slot.
+        calibration: Slot,
+        /// The image's, if it is recorded.
+        image: Option<Slot>,
+    },
     /// Of a calibration: that of the right camera of the pair.
     RightCalibration,
     /// Of a calibration: that of the pictures' camera.
@@ -147,6 +188,7 @@ impl Beside {
         part: &mut PartBuilder<'_>,
         (channel, stamp): (u16, Stamp<'_>),
         value: &Value,
+        others: &[(Slot, Value)],
     ) -> Result<(), Unkept> {
         let mut message = Vec::new();
         match (self, value) {
@@ -155,6 +197,20 @@ impl Beside {
                 let encoded = Encoded { format: ImageFormat::Png, bytes: bytes.into() };
                 let put = |out: &mut Vec<u8>| put_compressed_image(out, stamp, &encoded);
                 return part.alone(channel, Packing::Plain, encoded.bytes.len(), put);
+            }
+            (Self::Points { calibration, image }, value) => {
+                let of = |wanted: Slot| others.iter().find(|(slot, _)| *slot == wanted).map(|(_, value)| value);
+                let Some(Value::Calibration(calibration)) = of(*calibration) else { return Ok(()) };
+                let image = match image.and_then(of) {
+                    Some(Value::Image(image)) => Some(&**image),
+                    _ => None,
+                };
+                // Of other sizes than the map's no point is known.
+                let Ok(cloud) = Cloud::of_each(POINT_STEP, value, calibration, image, (0.0, FARTHEST_M)) else {
+                    return Ok(());
+                };
+                let size = 16 * cloud.points.len();
+                return part.alone(channel, Packing::Compressed, size, |out| put_points(out, stamp, &cloud));
             }
             (Self::RightCalibration, Value::Calibration(of)) => put_camera(&mut message, stamp, of, true),
             (Self::ViewCalibration, Value::Calibration(of)) => put_camera(&mut message, stamp, &reduced(of), false),

@@ -286,6 +286,7 @@ impl Recorder {
         run: usize,
         (position, frame): (usize, &Frame),
         (slot, value): (Slot, &Value),
+        others: &[(Slot, Value)],
     ) -> Result<(), TapError> {
         let Some(port) = self.layout.runs[run].port(slot) else { return Ok(()) };
         let refused = match value {
@@ -303,7 +304,8 @@ impl Recorder {
         }
         if self.keeps(run, slot, position) {
             let put = self.put(part, frame, port, value);
-            let put = put.and_then(|()| port.beside.iter().try_for_each(|beside| beside.put(part, frame, value)));
+            let put =
+                put.and_then(|()| port.beside.iter().try_for_each(|beside| beside.put(part, frame, value, others)));
             put.map_err(|why| self.unkept(frame, why))?;
         }
         Ok(())
@@ -344,7 +346,7 @@ impl Tap for Recorder {
         let frame = &at_the_time_shown(position, frame);
         let mut builder = PartBuilder::new(frame, &self.pools[run][part]);
         for (slot, value) in values {
-            self.add(&mut builder, run, (position, frame), (*slot, value))?;
+            self.add(&mut builder, run, (position, frame), (*slot, value), values)?;
         }
         Ok(builder.finish())
     }
@@ -367,6 +369,15 @@ impl Tap for Recorder {
             Some(earlier) => stored_values(earlier.as_ref(), others.into_iter().map(|(stored, _)| stored))?,
             None => Vec::new(),
         };
+        // What points are made of is needed as a value, wherever it lies.
+        let made = values.iter().chain(&others).filter_map(|(slot, _)| self.layout.runs[run].port(*slot));
+        let needed: BTreeSet<Slot> = made.flat_map(PortLayout::needed).collect();
+        let mut at_hand: Vec<(Slot, Value)> =
+            values.iter().chain(&others).filter(|(slot, _)| needed.contains(slot)).cloned().collect();
+        if let Some(earlier) = &self.earlier {
+            let missing = lying.iter().map(|(stored, _)| *stored).filter(|stored| needed.contains(&stored.slot));
+            at_hand.extend(stored_values(earlier.as_ref(), missing)?);
+        }
         // In plan order, which is the order of slots.
         let mut all: Vec<(Slot, Given<'_>)> =
             values.iter().chain(&others).map(|(slot, value)| (*slot, Given::Value(value))).collect();
@@ -375,7 +386,7 @@ impl Tap for Recorder {
         let mut builder = PartBuilder::new(frame, &self.pools[run][part]);
         for (slot, given) in all {
             match given {
-                Given::Value(value) => self.add(&mut builder, run, (position, frame), (slot, value))?,
+                Given::Value(value) => self.add(&mut builder, run, (position, frame), (slot, value), &at_hand)?,
                 Given::Lying(lies) => {
                     lies.copy(&mut builder).map_err(tap_error)?.map_err(|why| self.unkept(frame, why))?;
                 }

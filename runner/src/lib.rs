@@ -74,7 +74,7 @@
 //!     variants: vec![String::new()],
 //!     factors: vec![],
 //!     runs: vec![stage],
-//!     record: Record { every: 1, view: false },
+//!     record: Record { every: 1, view: false, points: Vec::new() },
 //!     written: vec![],
 //!     resolved: String::new(),
 //! };

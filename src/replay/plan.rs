@@ -159,7 +159,7 @@ impl Replay {
             variants: recorded.variants.clone(),
             factors: recorded.factors.clone(),
             runs: planned,
-            record: Record { every: 1, view: false },
+            record: Record { every: 1, view: false, points: Vec::new() },
             written: Vec::new(),
             resolved: String::new(),
         };

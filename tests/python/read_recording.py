@@ -50,7 +50,7 @@ def floats(message):
 
 def content(schema, message):
     """What a decoded message holds, as bytes."""
-    if schema in ("foxglove.RawImage", "foxglove.CompressedImage"):
+    if schema in ("foxglove.RawImage", "foxglove.CompressedImage", "foxglove.PointCloud"):
         return message.data
     if schema == "depthloom.FloatMap":
         return floats(message).astype("<f4").tobytes()

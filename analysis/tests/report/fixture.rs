@@ -83,7 +83,7 @@ pub fn plan(every: u64, keep_b: bool) -> Plan {
             nodes: depths.into_iter().chain(scores).collect(),
             variants: vec![0, 1],
         }],
-        record: Record { every, view: false },
+        record: Record { every, view: false, points: Vec::new() },
         written: vec![("fixture.yaml".to_owned(), "experiment: fixture\n".to_owned())],
         resolved: "experiment: fixture\n".to_owned(),
     }

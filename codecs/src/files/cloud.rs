@@ -26,6 +26,20 @@ impl Cloud {
         image: Option<&Image>,
         range_m: (f64, f64),
     ) -> Result<Self, String> {
+        Self::of_each(1, value, calibration, image, range_m)
+    }
+
+    /// As [`Cloud::new`], of the first of each `step` columns and rows.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn of_each(
+        step: u32,
+        value: &Value,
+        calibration: &Calibration,
+        image: Option<&Image>,
+        range_m: (f64, f64),
+    ) -> Result<Self, String> {
         let is_disparity = matches!(value, Value::Disparity(_) | Value::TrueDisparity(_));
         let map = floats(value).filter(|_| is_disparity || matches!(value, Value::Depth(_)));
         let map = map.ok_or_else(|| format!("a value of type {} has no points", value.value_type()))?;
@@ -39,7 +53,8 @@ impl Cloud {
         }
         let focal_baseline_px_m = calibration.focal_baseline_px_m();
         let mut cloud = Self { points: Vec::new(), colours: image.map(|_| Vec::new()) };
-        for (column, row, sample) in map.enumerate_pixels() {
+        let is_taken = |column: u32, row: u32| column.is_multiple_of(step) && row.is_multiple_of(step);
+        for (column, row, sample) in map.enumerate_pixels().filter(|(column, row, _)| is_taken(*column, *row)) {
             let sample = f64::from(sample.0[0]);
             // A disparity of zero is infinitely far, and one below zero behind the camera.
             let z = if is_disparity { focal_baseline_px_m / sample } else { sample };

@@ -283,3 +283,11 @@ fn record_keeps_what_its_patterns_take() {
     );
     assert_eq!(recorded("record: [/compare/source/left, /compare/d*]"), format!("source/left depth/depth {scores}"));
 }
+
+#[test]
+fn record_keeps_points_of_depths_with_a_calibration() {
+    let plan = plan_of(&stereo("record: { points: [fused, \"compare.d*/depth\"] }"));
+    let wants = |node, port| plan.record.points.iter().any(|points| points.names("compare", node, port));
+    assert!(wants("fused", "depth") && wants("depth", "depth") && !wants("stereo", "disparity"));
+    assert!(plan.record.view, "pictures are kept unless said otherwise");
+}

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use depthloom_graphs::contracts::{Commit, Slot, SlotKey, StoredValue, Tap};
+use depthloom_graphs::plan::OutputPattern;
 use depthloom_graphs::{Key, Value};
 use depthloom_recording::{EarlierRuns, Recorder};
 use mcap::Summary;
@@ -41,7 +42,9 @@ fn every_raster_has_a_chunk_of_its_own() {
 fn values_of_an_earlier_run_and_made_ones_give_the_bytes_of_made_ones() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
-    let (frame, plan) = (frame(0), plan());
+    let (frame, mut plan) = (frame(0), plan());
+    let any = || "*".to_owned();
+    plan.record.points = vec![OutputPattern { stage: any(), node: any(), port: any() }];
     let of_frame = values(&frame, WIDTH, HEIGHT);
     let made = Recorder::create(path("made.mcap"), &plan).unwrap();
     record_frame(&made, 0, &frame, &of_frame, false);

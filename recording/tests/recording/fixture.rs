@@ -96,7 +96,7 @@ pub fn plan_of(stages: &[&str]) -> Plan {
         variants: vec!["full".to_owned(), "plain".to_owned()],
         factors: Vec::new(),
         runs: stages.iter().map(|stage| stage_run(stage)).collect(),
-        record: Record { every: 1, view: true },
+        record: Record { every: 1, view: true, points: Vec::new() },
         written: vec![("/somewhere/fixture.yaml".to_owned(), "experiment: fixture\n".to_owned())],
         resolved: "experiment: fixture\nvariants: {}\n".to_owned(),
     }

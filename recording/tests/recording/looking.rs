@@ -3,10 +3,13 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use depthloom_graphs::Frame;
+use depthloom_graphs::contracts::Slot;
+use depthloom_graphs::plan::OutputPattern;
+use depthloom_graphs::values::Pixels;
+use depthloom_graphs::{Frame, Value};
 use depthloom_recording::{Recorder, Recording};
 use foxglove::Decode;
-use foxglove::messages::{CameraCalibration, CompressedImage, FrameTransform, RawImage};
+use foxglove::messages::{CameraCalibration, CompressedImage, FrameTransform, PointCloud, RawImage};
 use mcap::MessageStream;
 
 use crate::fixture::{BEGINNING_NS, frame, plan_of, record_frame, record_frame_at, record_once_values, values};
@@ -180,4 +183,46 @@ fn pictures_lie_apart_and_are_left_out_where_they_are_not_wanted() {
     let recording = Recording::open(&path).unwrap();
     assert!(recording.reader(0, &["/compare/source/left", "/compare/source/calibration"]).is_ok());
     assert!(recording.reader(0, &["/compare/source/left/image"]).is_err());
+}
+
+#[test]
+fn points_of_a_depth_are_where_its_pixels_were_seen() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("recording.mcap");
+    let mut plan = plan_of(&["compare"]);
+    let fused = || OutputPattern { stage: "*".to_owned(), node: "fused".to_owned(), port: "depth".to_owned() };
+    plan.record.points = vec![fused()];
+    let recorder = Recorder::create(&path, &plan).unwrap();
+    let values = values(&frame(0), WIDTH, HEIGHT);
+    record_frame(&recorder, 0, &frame(0), &values, false);
+    recorder.finish(&[]).unwrap();
+    let bytes = std::fs::read(&path).unwrap();
+    let mut messages = MessageStream::new(&bytes).unwrap().map(Result::unwrap);
+    let message = messages.find(|of| of.channel.topic == "/compare/points/fused.depth").unwrap();
+    let cloud = PointCloud::decode(&*message.data).unwrap();
+    assert_eq!((cloud.frame_id.as_str(), cloud.point_stride), ("compare/left", 16));
+    let fields: Vec<(&str, u32)> = cloud.fields.iter().map(|field| (field.name.as_str(), field.offset)).collect();
+    let names = ["x", "y", "z", "red", "green", "blue", "alpha"];
+    assert_eq!(fields, names.into_iter().zip([0, 4, 8, 12, 13, 14, 15]).collect::<Vec<_>>());
+    let of = |slot: Slot| values.iter().find(|(of, _)| *of == slot).map(|(_, value)| value).unwrap();
+    let (Value::Depth(depth), Value::Calibration(calibration), Value::Image(image)) =
+        (of(Slot::Node { node: 3, port: 0 }), of(Slot::Source { port: 3 }), of(Slot::Source { port: 0 }))
+    else {
+        panic!("the fixture's values")
+    };
+    let Pixels::Rgb(rgb) = image.pixels() else { panic!("the fixture's left image") };
+    let mut expected = Vec::new();
+    for (column, row, metres) in depth.metres.enumerate_pixels() {
+        let z = f64::from(metres.0[0]);
+        if column % 4 != 0 || row % 4 != 0 || !(z > 0.0 && z <= 100.0) {
+            continue;
+        }
+        let x = (f64::from(column) - calibration.cx_px) * z / calibration.focal_px;
+        let y = (f64::from(row) - calibration.cy_px) * z / calibration.focal_px;
+        expected.extend([x, y, z].iter().flat_map(|metres| (*metres as f32).to_le_bytes()));
+        expected.extend(rgb[(column, row)].0);
+        expected.push(255);
+    }
+    assert!(expected.len() > 16 * 50);
+    assert_eq!(cloud.data, expected);
 }

@@ -216,7 +216,7 @@ impl Bench {
             variants: variants.iter().map(|&v| v.to_owned()).collect(),
             factors: Vec::new(),
             runs: Vec::new(),
-            record: Record { every: 1, view: false },
+            record: Record { every: 1, view: false, points: Vec::new() },
             written: Vec::new(),
             resolved: String::new(),
         };

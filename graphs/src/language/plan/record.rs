@@ -1,6 +1,6 @@
 //! `record:`: what is kept of a run.
 //!
-//! Everything by default. A list of patterns, or `{ topics: [...], every: N, view: false }`. A pattern is written like a reference,
+//! Everything by default. A list of patterns, or `{ topics: [...], every: N, view: false, points: [...] }`. A pattern is written like a reference,
 //! `[stage.]node[/port]`, or like a topic, `/stage[/node[/port]]`; `*` stands for any run of characters, a part left out for
 //! all there are, and `!` at the beginning leaves out what patterns before it took. Scores are always kept.
 
@@ -14,13 +14,16 @@ use crate::language::text::glob::glob;
 use crate::language::text::names;
 use crate::language::text::source_file::Place;
 use crate::language::text::tree::{Entry, Node, Tree};
-use crate::plan::Record;
+use crate::plan::{OutputPattern, Record};
+use crate::{Port, ValueType};
 
 /// What is recorded.
 pub(crate) struct Recorded {
     pub(crate) record: Record,
     /// `None`: everything.
     patterns: Option<Vec<Pattern>>,
+    /// Of which depths points are kept.
+    points: Vec<Pattern>,
 }
 
 struct Pattern {
@@ -55,6 +58,7 @@ impl Recorded {
 
     /// Reports patterns that match no output of any variant.
     pub(crate) fn check(&self, variants: &[Linked<'_>], report: &mut Report) {
+        self.check_points(variants, report);
         let Some(patterns) = &self.patterns else { return };
         let mut topics: Vec<String> = Vec::new();
         let mut outputs: Vec<&str> = Vec::new();
@@ -105,14 +109,51 @@ impl Recorded {
     }
 }
 
+impl Recorded {
+    /// Reports patterns of `points` that match no depth that is recorded, with the calibration that its points need.
+    fn check_points(&self, variants: &[Linked<'_>], report: &mut Report) {
+        for stage in variants.iter().flat_map(|linked| &linked.stages) {
+            let name = stage.name.text.as_str();
+            let source = stage.source.as_ref().map_or(&[][..], |source| source.outputs.as_slice());
+            let has_calibration = source
+                .iter()
+                .any(|port| port.value_type == ValueType::Calibration && self.keeps(name, "source", port.name));
+            let nodes = stage.nodes.iter().map(|node| {
+                // What a kind that is not known gives is not known either.
+                let outputs = node.kind.map(|kind| kind.declaration.outputs.as_slice());
+                (node.name.text.as_str(), outputs)
+            });
+            for (node, ports) in nodes.chain([("source", Some(source))]) {
+                for pattern in &self.points {
+                    let is_meant = |port: &Port| {
+                        let is_named =
+                            glob(&pattern.stage, name) && glob(&pattern.node, node) && glob(&pattern.port, port.name);
+                        is_named && port.value_type == ValueType::Depth && self.keeps(name, node, port.name)
+                    };
+                    let is_unknown = ports.is_none() && glob(&pattern.node, node);
+                    if is_unknown || (has_calibration && ports.is_some_and(|ports| ports.iter().any(is_meant))) {
+                        pattern.matched.set(true);
+                    }
+                }
+            }
+        }
+        for pattern in self.points.iter().filter(|pattern| !pattern.matched.get()) {
+            let what = format!("`{}` matches no depth that points could be kept of", pattern.text);
+            let help = "points are of depths that are recorded, in stages whose source's calibration is";
+            report.push(Diagnostic::error(&pattern.place, what).label("matches nothing").help(help));
+        }
+    }
+}
+
 /// Reads `record:`.
 pub(crate) fn read(root: &Node, report: &mut Report) -> Recorded {
-    let mut recording = Recorded { record: Record { every: 1, view: true }, patterns: None };
+    let mut recording =
+        Recorded { record: Record { every: 1, view: true, points: Vec::new() }, patterns: None, points: Vec::new() };
     let Some(entry) = root.entry("record").filter(|entry| !entry.value.is_null()) else { return recording };
     match &entry.value.value {
         Tree::List(items) => recording.patterns = Some(items.iter().filter_map(|item| pattern(item, report)).collect()),
         Tree::Map(entries) => {
-            known_keys(&entry.value, "`record`", &["topics", "every", "view"], report);
+            known_keys(&entry.value, "`record`", &["topics", "every", "view", "points"], report);
             for entry in entries {
                 setting(entry, &mut recording, report);
             }
@@ -151,6 +192,13 @@ fn setting(entry: &Entry, recording: &mut Recorded, report: &mut Report) {
         ("every", _) => wrong("a whole number"),
         ("view", Tree::Bool(view)) => recording.record.view = *view,
         ("view", _) => wrong("`true` or `false`"),
+        ("points", Tree::List(items)) => {
+            recording.points = items.iter().filter_map(|item| pattern(item, report)).collect();
+            let of =
+                |of: &Pattern| OutputPattern { stage: of.stage.clone(), node: of.node.clone(), port: of.port.clone() };
+            recording.record.points = recording.points.iter().map(of).collect();
+        }
+        ("points", _) => wrong("a list of patterns"),
         _ => {}
     }
 }
