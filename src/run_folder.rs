@@ -208,6 +208,15 @@ impl RunFolder {
     }
 }
 
+/// The run's folder that a path is, or lies in.
+pub fn around(path: &Path) -> Option<PathBuf> {
+    let there = path.ancestors().find_map(|folder| {
+        let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+        fs::canonicalize(folder).ok()
+    })?;
+    there.ancestors().find(|folder| Found::at(folder).is_ok_and(|found| found == Found::Run)).map(Path::to_owned)
+}
+
 /// The lock of a run's folder for who writes more into it, or `None` if the folder is not a run's.
 pub fn lock_if_run(folder: &Path) -> Result<Option<Lock>, Stop> {
     if found(folder)? == Found::Run { lock(folder).map(Some) } else { Ok(None) }

@@ -34,6 +34,15 @@ pub fn report(args: &ReportArgs) -> Result<Exit, Stop> {
         Some(out) => out.clone(),
         None => path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new(".")).to_owned(),
     };
+    if let Some(run) = run_folder::around(&out) {
+        // Its own folder is where a report belongs.
+        let of_recording = std::fs::canonicalize(&path).ok().and_then(|path| path.parent().map(Path::to_owned));
+        let is_its_own = [of_recording, std::fs::canonicalize(&out).ok()].iter().all(|of| of.as_ref() == Some(&run));
+        if !is_its_own {
+            let what = format!("{} is a run's folder, and holds what the run wrote and nothing else", run.display());
+            return Err(Stop::new(Exit::Before, what).remedy("choose another --out"));
+        }
+    }
     let interrupt = signals::listen("stopping: what is not written yet stays as it was")?;
     std::fs::create_dir_all(&out)
         .map_err(|error| Stop::of_writing(Exit::Before, format_args!("failed to create {}", out.display()), &error))?;

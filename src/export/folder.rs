@@ -5,7 +5,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use crate::exit::{Exit, Stop};
-use crate::run_folder::Found;
+use crate::run_folder;
 
 /// The file that says that a folder was made for an export: what it holds may be exported again.
 const MARKER: &str = ".depthloom-export";
@@ -27,7 +27,7 @@ impl Folder {
         let failed = |error: &io::Error| {
             Stop::because(Exit::Before, format_args!("failed to look at {}", path.display()), error)
         };
-        if let Some(run) = run_around(path) {
+        if let Some(run) = run_folder::around(path) {
             let run = run.display();
             return Err(cannot(format!("{run} is a run's folder, and holds what the run wrote and nothing else")));
         }
@@ -99,15 +99,6 @@ impl Folder {
         }
         Ok(())
     }
-}
-
-/// The run's folder that a path is, or lies in.
-fn run_around(path: &Path) -> Option<PathBuf> {
-    let there = path.ancestors().find_map(|folder| {
-        let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
-        fs::canonicalize(folder).ok()
-    })?;
-    there.ancestors().find(|folder| Found::at(folder).is_ok_and(|found| found == Found::Run)).map(Path::to_owned)
 }
 
 #[cfg(test)]

@@ -193,13 +193,13 @@ impl Files {
         Ok((left, other))
     }
 
-    /// A 16-bit map of the left image's size, if the frame has the part.
+    /// A 16-bit map of the left image's size, 256ths of a unit (`pixels`, `metres`), if the frame has the part.
     ///
     /// # Errors
     /// If it is no such map.
-    pub fn map_u16(&self, part: Part, left: (u32, u32)) -> Result<Option<Raster<u16>>, Fault> {
+    pub fn map_u16(&self, part: Part, unit: &str, left: (u32, u32)) -> Result<Option<Raster<u16>>, Fault> {
         let Some(file) = self.get(part) else { return Ok(None) };
-        let map = image_file::map_u16(&file.path, &file.bytes)?;
+        let map = image_file::map_u16(&file.path, &file.bytes, unit)?;
         self.same_size_as_left(left, file, map.dimensions())?;
         Ok(Some(map))
     }

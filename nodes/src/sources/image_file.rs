@@ -65,15 +65,20 @@ pub fn image(path: &Path, bytes: Arc<[u8]>) -> Result<Image, Fault> {
     })
 }
 
-/// A 16-bit map, one channel, PNG or TIFF: disparity and depth files.
+/// A 16-bit map, one channel, PNG or TIFF: files of disparity or depth, whose unit is `pixels` or `metres`.
 ///
 /// # Errors
 /// If the bytes are no whole image, or hold other pixels.
-pub fn map_u16(path: &Path, bytes: &[u8]) -> Result<Raster<u16>, Fault> {
+pub fn map_u16(path: &Path, bytes: &[u8], unit: &str) -> Result<Raster<u16>, Fault> {
     match decode(path, format_of(path, bytes)?, bytes)? {
         DynamicImage::ImageLuma16(map) => Ok(map),
-        other => Err(wrong_pixels(path, &other, "KITTI's truth has 16 bits, one channel (1/256 px, 0 = unknown)")
-            .remedy("write disparity * 256 as 16-bit grey, 0 where it is unknown; of a downloaded data set, take the file from its archive again: an image tool may have saved it with 8 bits")),
+        other => {
+            let expected = format!("such a map has 16 bits, one channel ({unit} * 256, 0 = unknown)");
+            Err(wrong_pixels(path, &other, &expected).remedy(format!(
+                "write {unit} * 256 as 16-bit grey, 0 where it is unknown; of a downloaded data set, take the file from its archive again: an \
+                 image tool may have saved it with 8 bits"
+            )))
+        }
     }
 }
 

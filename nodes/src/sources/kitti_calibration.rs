@@ -59,6 +59,10 @@ pub fn by_width((width, height): (u32, u32)) -> Result<Calibration, Fault> {
     Ok(Calibration { width, height, focal_px, cx_px, cy_px, baseline_m: BASELINE_M })
 }
 
+/// What a file of the older benchmarks needs.
+pub const PROJECTIONS: &str = "a calibration file has the lines `P0:` to `P3:` (grey left, grey right, colour left, colour right), each with the 12 numbers of \
+`f 0 cx -f*x 0 f cy 0 0 0 1 0`: px, and x, the camera's place to the right, in metres";
+
 /// The two colour cameras of `calib_cam_to_cam`.
 pub const COLOUR: [&str; 2] = ["P_rect_02", "P_rect_03"];
 
@@ -67,21 +71,23 @@ pub const COLOUR: [&str; 2] = ["P_rect_02", "P_rect_03"];
 /// # Errors
 /// As [`pair`].
 pub fn from_text(path: &Path, text: &str, size: (u32, u32)) -> Result<Calibration, Fault> {
-    pair(&Lines::of(path, text)?, COLOUR, size)
+    pair(&Lines::of(path, text, WANTED)?, COLOUR, size)
 }
 
 /// The lines of a calibration text: a name, a `:`, and values.
 pub struct Lines<'a> {
     path: &'a Path,
+    /// What the file needs, as the remedy.
+    wanted: &'static str,
     lines: Vec<(usize, &'a str, &'a str)>,
 }
 
 impl<'a> Lines<'a> {
-    /// Splits every line at its first `:`.
+    /// Splits every line at its first `:`; `wanted` is the remedy of what is missing or wrong in it.
     ///
     /// # Errors
     /// A line without one.
-    pub fn of(path: &'a Path, text: &'a str) -> Result<Self, Fault> {
+    pub fn of(path: &'a Path, text: &'a str, wanted: &'static str) -> Result<Self, Fault> {
         let mut lines = Vec::new();
         for (index, content) in text.lines().enumerate() {
             let content = content.trim();
@@ -90,18 +96,18 @@ impl<'a> Lines<'a> {
             }
             let Some((name, values)) = content.split_once(':') else {
                 let what = format!("`{}` has no `:` after a name", shortened(content));
-                return Err(Self { path, lines }.fault(Some(index + 1), what));
+                return Err(Self { path, wanted, lines }.fault(Some(index + 1), what));
             };
             lines.push((index + 1, name.trim(), values));
         }
-        Ok(Self { path, lines })
+        Ok(Self { path, wanted, lines })
     }
 
     /// A failure in the file, or in one of its lines.
     pub fn fault(&self, line: Option<usize>, what: impl std::fmt::Display) -> Fault {
         let path = self.path.display();
         let place = line.map_or_else(|| path.to_string(), |line| format!("{path}:{line}"));
-        Fault::new(format!("{place}: {what}")).remedy(WANTED)
+        Fault::new(format!("{place}: {what}")).remedy(self.wanted)
     }
 
     /// The numbers of the last line of that name, with the line's number.

@@ -177,9 +177,10 @@ impl Layout for KittiDepth {
         let size = left.dimensions();
         let camera = files.the(CALIBRATION)?;
         let text = camera.text();
-        let calibration = kitti_raw::calibration(&Lines::of(&camera.path, &text)?, KittiCameras::Color, size)?;
+        let calibration =
+            kitti_raw::calibration(&Lines::of(&camera.path, &text, kitti_raw::CAMERAS)?, KittiCameras::Color, size)?;
         let mut outputs = Outputs::one("left", left).with("right", right).with("calibration", calibration);
-        if let Some(raw) = files.map_u16(TRUTH, size)? {
+        if let Some(raw) = files.map_u16(TRUTH, "metres", size)? {
             let metres = filled(size, |out| truth_from_depth_png(&raw, out));
             outputs = outputs.with("depth", Depth { metres });
         }

@@ -8,8 +8,9 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::dataset::{CALIBRATION, Entry, Files, LEFT, Layout, Listing, RIGHT, no_file, no_folder, stems};
-use super::kitti_calibration::{Lines, pair};
+use super::kitti_calibration::{Lines, PROJECTIONS, pair};
 use super::kitti_raw::KittiCameras;
+use super::kitti_time;
 
 const KIND: &str = "kitti/odometry";
 const VERSION: u32 = 1;
@@ -120,17 +121,15 @@ fn list(params: &KittiOdometryParams) -> Result<Listing, Fault> {
     if !calibration.is_file() {
         return Err(no_file(&calibration, LAYOUT));
     }
-    let times = times(&folder.join("times.txt"))?;
+    let clock = folder.join("times.txt");
+    let times = times(&clock)?;
     let ids: Vec<(u64, String)> = lefts.iter().map(|(number, stem, _)| (*number, format!("{name}_{stem}"))).collect();
     let known: Vec<(u64, &str)> = ids.iter().map(|(index, id)| (*index, id.as_str())).collect();
     let mut listing = Listing::default();
     for at in params.frames.select(&known)? {
         let (index, id) = known[at];
         let (_, stem, left) = &lefts[at];
-        let frame = match usize::try_from(index).ok().and_then(|index| times.get(index)) {
-            Some(time_ns) => Frame { id: id.into(), index, time_ns: *time_ns },
-            None => Frame::at_10_hz(id, index),
-        };
+        let frame = kitti_time::frame(id, index, usize::try_from(index).ok(), &times, &clock)?;
         let missing = || {
             let remedy = "each left image needs its right one, of the same number (KITTI: unpack the sequence again)";
             no_file(&folder.join(right).join(format!("{stem}.png")), remedy)
@@ -178,7 +177,7 @@ impl Layout for KittiOdometry {
             KittiCameras::Color => ["P2", "P3"],
             KittiCameras::Grey => ["P0", "P1"],
         };
-        let calibration = pair(&Lines::of(&file.path, &text)?, cameras, left.dimensions())?;
+        let calibration = pair(&Lines::of(&file.path, &text, PROJECTIONS)?, cameras, left.dimensions())?;
         Ok(Outputs::one("left", left).with("right", right).with("calibration", calibration))
     }
 }

@@ -22,11 +22,19 @@ const VERSION: u32 = 1;
 const LAYOUT: &str = "root holds a folder a date (2011_09_26), with calib_cam_to_cam.txt, calib_velo_to_cam.txt and a folder a drive \
     (2011_09_26_drive_0002_sync) with image_02/data and image_03/data (KITTI raw, \"synced+rectified data\" and \"calibration\")";
 
+/// What the calibration files of a date need.
+pub const CAMERAS: &str = "calib_cam_to_cam.txt has `S_rect_0x:` (width, height), `R_rect_00:` (9 numbers) and `P_rect_0x:` of both cameras (12 numbers, \
+`f 0 cx -f*x 0 f cy 0 0 0 1 0`: px and metres): take it from the date's calibration zip again";
+const SCANNERS: &str = "calib_velo_to_cam.txt has `R:` (9 numbers) and `T:` (3 numbers, metres): take it from the date's calibration zip again";
+
 const SCAN: Part = "scan";
 const SCANNER: Part = "scanner";
 
 /// Images of a drive.
 pub const IMAGES: [&str; 3] = ["png", "jpg", "jpeg"];
+
+/// What a file of frames holds.
+const SPLIT: &str = "a line is `2011_09_26/2011_09_26_drive_0002_sync 0000000069 l`, or `2011_09_26/2011_09_26_drive_0002_sync/image_02/data/0000000069.png`";
 
 /// The largest file of frames, bytes.
 const MOST_BYTES: u64 = 16 << 20;
@@ -119,7 +127,7 @@ pub struct KittiRawParams {
     /// Which drives, in this order: `2011_09_26_drive_0002_sync`, with or without `_sync`. By default all there are.
     pub drives: Vec<String>,
     /// A list of frames as monodepth2's and Eigen's: `2011_09_26/2011_09_26_drive_0002_sync 0000000069 l`, or a path of a left image, a line each.
-    /// Frames come in its order, numbered from 0 by line.
+    /// Frames come in its order, each pair once and whichever camera its line names; `left` is always the left image.
     pub split: Option<DataPath>,
     /// Which pair of cameras: `color` (02, 03) or `grey` (00, 01).
     pub cameras: KittiCameras,
@@ -127,7 +135,7 @@ pub struct KittiRawParams {
     pub truth: KittiRawTruth,
     /// By whose rules a scan becomes depth: `none` (ours), `monodepth2`, or `monodepth2-eigen`.
     pub compat: Compat,
-    /// Which frames: of one drive by KITTI's number, of several by their count over all drives, of a split by line, from 0. By default all.
+    /// Which frames: of one drive by KITTI's number, of several by their count over all drives, of a split by their count in it, from 0. By default all.
     pub frames: FrameSelection,
 }
 
@@ -148,8 +156,8 @@ impl SourceKind for KittiRaw {
             doc: "\
 Layout (Geiger, Lenz, Stiller, Urtasun, *Vision meets Robotics: The KITTI Dataset*, 2013; \"synced+rectified\"): \
 `<root>/<date>/<drive>_sync/image_02/data/%010d.png` (left; `image_00` of the grey cameras), `image_03` (right), `velodyne_points/data/%010d.bin`, \
-`image_02/timestamps.txt`; in `<root>/<date>` `calib_cam_to_cam.txt` and `calib_velo_to_cam.txt`. Images may be JPEG.\\n\\n\
-A frame's id is drive and number (`2011_09_26_drive_0002_sync_0000000001`), its time the left camera's, else 10 Hz.\\n\\n\
+`image_02/timestamps.txt`; in `<root>/<date>` `calib_cam_to_cam.txt` and `calib_velo_to_cam.txt`. Images may be JPEG.\n\n\
+A frame's id is drive and number (`2011_09_26_drive_0002_sync_0000000001`), its time the left camera's, else 10 Hz.\n\n\
 Truth is sparse: a scan's points through `P_rect_02 R_rect_00 [R|T]`. Points in front of the camera are kept, each at the nearest pixel (half to even), \
 the nearest point wins a pixel. `compat: monodepth2` has the rules of that repository's `generate_depth_map`, which much published work is scored with: points \
 with x >= 0 of the scanner, a pixel less in row and column, duplicates by `row * (width - 1) + column - 1`; `monodepth2-eigen` with the scanner's x as depth, \
@@ -245,6 +253,8 @@ struct Held {
     rights: BTreeMap<String, PathBuf>,
     scans: BTreeMap<String, PathBuf>,
     times: Vec<u64>,
+    /// The file of the times.
+    clock: PathBuf,
 }
 
 impl Held {
@@ -252,12 +262,13 @@ impl Held {
         let [left, right] = params.cameras.folders();
         let scans = drive.folder.join("velodyne_points").join("data");
         let wants_scans = params.truth == KittiRawTruth::Velodyne;
-        let times = drive.folder.join(left).join("timestamps.txt");
+        let clock = drive.folder.join(left).join("timestamps.txt");
         Ok(Self {
             lefts: stems(&drive.folder.join(left).join("data"), &IMAGES, LAYOUT)?,
             rights: stems(&drive.folder.join(right).join("data"), &IMAGES, LAYOUT)?,
             scans: if wants_scans && scans.is_dir() { stems(&scans, &["bin"], LAYOUT)? } else { BTreeMap::new() },
-            times: if times.is_file() { kitti_time::read(&times)? } else { Vec::new() },
+            times: if clock.is_file() { kitti_time::read(&clock)? } else { Vec::new() },
+            clock,
         })
     }
 }
@@ -273,10 +284,13 @@ fn list(params: &KittiRawParams) -> Result<Listing, Fault> {
         let (frames, twice) = frames_of_split(split.path(), &all)?;
         listing.warnings.extend((twice > 0).then(|| {
             format!(
-                "{twice} lines of {} name a frame again, of the other camera or the same: each pair is taken once",
+                "{} names frames again, of the other camera or the same, on {twice} of its lines: each pair is taken once",
                 split.path().display()
             )
         }));
+        if frames.is_empty() {
+            return Err(Fault::new(format!("{} names no frame", split.path().display())).remedy(SPLIT));
+        }
         for (drive, stem) in frames {
             if !held.contains_key(&drive.name) {
                 held.insert(drive.name.clone(), Held::of(drive, params)?);
@@ -319,10 +333,7 @@ fn list(params: &KittiRawParams) -> Result<Listing, Fault> {
         without_scan += usize::from(!holds.scans.contains_key(stem));
         let of_drive = stem.parse::<usize>().ok();
         let (index, id) = known[at];
-        let frame = match of_drive.and_then(|number| holds.times.get(number)) {
-            Some(time_ns) => Frame { id: id.into(), index, time_ns: *time_ns },
-            None => Frame::at_10_hz(id, index),
-        };
+        let frame = kitti_time::frame(id, index, of_drive, &holds.times, &holds.clock)?;
         listing.push(entry(params, drive, holds, stem, frame));
     }
     listing.warnings.extend(params.frames.left_out(&known));
@@ -368,7 +379,6 @@ fn frames_of_split<'a>(path: &Path, drives: &'a BTreeMap<String, Drive>) -> Resu
             continue;
         }
         let at = |what: String| Fault::new(format!("{}:{}: {what}", path.display(), index + 1));
-        let form = "a line is `2011_09_26/2011_09_26_drive_0002_sync 0000000069 l`, or `2011_09_26/2011_09_26_drive_0002_sync/image_02/data/0000000069.png`";
         let mut words = line.split_whitespace();
         let first = words.next().unwrap_or_default();
         let named = first.split('/').find(|part| part.contains("_drive_"));
@@ -377,7 +387,7 @@ fn frames_of_split<'a>(path: &Path, drives: &'a BTreeMap<String, Drive>) -> Resu
             if is_image { first.rsplit('/').next().and_then(|name| name.split('.').next()) } else { words.next() };
         let number = number.and_then(|number| number.parse::<u64>().ok());
         let (Some(named), Some(number)) = (named, number) else {
-            return Err(at(format!("`{line}` names no frame")).remedy(form));
+            return Err(at(format!("`{line}` names no frame")).remedy(SPLIT));
         };
         let drive = drive_named(drives, named).map(|(_, drive)| drive).map_err(|fault| match fault {
             Fault::Failed { what, remedy, .. } => at(what).remedy(remedy.unwrap_or_default()),
@@ -405,7 +415,7 @@ impl Layout for KittiRaw {
         let size = left.dimensions();
         let camera = files.the(CALIBRATION)?;
         let text = camera.text();
-        let lines = Lines::of(&camera.path, &text)?;
+        let lines = Lines::of(&camera.path, &text, CAMERAS)?;
         let calibration = calibration(&lines, self.cameras, size)?;
         let mut outputs = Outputs::one("left", left).with("right", right).with("calibration", calibration);
         if let Some(scan) = files.get(SCAN) {
@@ -432,7 +442,7 @@ pub fn calibration(lines: &Lines<'_>, cameras: KittiCameras, size: (u32, u32)) -
 /// From the scanner to the left image: `P_rect R_rect_00 [R|T]`, 3x4, row-major.
 fn projection(lines: &Lines<'_>, scanner: &File, cameras: KittiCameras) -> Result<[f64; 12], Fault> {
     let text = scanner.text();
-    let scanner = Lines::of(&scanner.path, &text)?;
+    let scanner = Lines::of(&scanner.path, &text, SCANNERS)?;
     let ((_, r), (_, t)) = (scanner.numbers::<9>("R")?, scanner.numbers::<3>("T")?);
     let (_, rectify) = lines.numbers::<9>("R_rect_00")?;
     let (_, p) = lines.numbers::<12>(cameras.projections()[0])?;

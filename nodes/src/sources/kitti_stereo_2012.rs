@@ -10,7 +10,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::dataset::{CALIBRATION, Entry, Files, LEFT, Layout, Listing, Part, RIGHT, no_file, no_folder, stems};
-use super::kitti_calibration::{Lines, pair};
+use super::kitti_calibration::{Lines, PROJECTIONS, pair};
 use super::kitti_raw::KittiCameras;
 use super::kitti_stereo_2015::{KittiTruth, Split};
 use crate::shape::filled;
@@ -190,8 +190,8 @@ impl Layout for KittiStereo2012 {
             KittiCameras::Color => ["P2", "P3"],
             KittiCameras::Grey => ["P0", "P1"],
         };
-        let calibration = pair(&Lines::of(&file.path, &text)?, cameras, size)?;
-        let [noc, occ] = [files.map_u16(NOC, size)?, files.map_u16(OCC, size)?];
+        let calibration = pair(&Lines::of(&file.path, &text, PROJECTIONS)?, cameras, size)?;
+        let [noc, occ] = [files.map_u16(NOC, "pixels", size)?, files.map_u16(OCC, "pixels", size)?];
         let truth = match self.truth {
             Some(NOC) => noc.as_ref(),
             Some(_) => occ.as_ref(),

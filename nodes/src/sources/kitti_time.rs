@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use depthloom_graphs::contracts::Frame;
 use depthloom_graphs::{Fault, regular_file};
 
 /// The largest file of timestamps, bytes: a day at 30 Hz.
@@ -23,6 +24,21 @@ pub fn read(path: &Path) -> Result<Vec<u64>, Fault> {
         })
     };
     text.trim_end().lines().enumerate().map(time).collect()
+}
+
+/// A frame with the time of its line in `clock`; at 10 Hz where there are no times at all.
+///
+/// # Errors
+/// If there are times, and none for it: two clocks would mix.
+pub fn frame(id: &str, index: u64, line: Option<usize>, times: &[u64], clock: &Path) -> Result<Frame, Fault> {
+    if times.is_empty() {
+        return Ok(Frame::at_10_hz(id, index));
+    }
+    let time_ns = line.and_then(|line| times.get(line)).copied().ok_or_else(|| {
+        Fault::new(format!("{} has {} times, and none of frame {id}", clock.display(), times.len()))
+            .remedy("copy or unpack it again; without the file frames come at 10 Hz")
+    })?;
+    Ok(Frame { id: id.into(), index, time_ns })
 }
 
 fn time_ns(line: &str) -> Option<u64> {

@@ -154,6 +154,17 @@ fn odometry_gives_a_sequence_with_its_times() {
     assert_eq!(&*own.source.frames()[2].id, "04_000002");
 }
 
+#[test]
+fn a_clock_that_ends_before_the_frames_is_an_error_and_none_is_10_hz() {
+    let set = odometry(Folder::new());
+    set.text("sequences/04/times.txt", "0.0\n5.0\n");
+    let told = set.told("kitti/odometry", &json!({ "sequence": "04" }));
+    assert!(told.starts_with("ROOT/sequences/04/times.txt has 2 times, and none of frame 04_000002"), "{told}");
+    fs::remove_file(set.path("sequences/04/times.txt")).unwrap();
+    let source = set.open("kitti/odometry", &json!({ "sequence": "04" }));
+    assert_eq!(source.source.frames()[2].time_ns, 200_000_000);
+}
+
 fn depth(set: Folder) -> Folder {
     let drive = "2011_09_26_drive_0001_sync";
     for number in 0..3 {

@@ -228,6 +228,8 @@ fn a_split_gives_frames_in_its_order_and_each_pair_once() {
     fs::write(&split, "2011_09_26/2011_09_26_drive_0002_sync 0000000000 l\nnonsense\n").unwrap();
     let told = raw.told(&json!({ "split": split }));
     assert!(told.starts_with("ROOT/2011_09_26/eigen.txt:2: `nonsense` names no frame"), "{told}");
+    fs::write(&split, "\n").unwrap();
+    assert!(raw.told(&json!({ "split": split })).starts_with("ROOT/2011_09_26/eigen.txt names no frame"));
     fs::write(&split, "2011_09_26/2011_09_26_drive_0007_sync 0000000000 l\n").unwrap();
     let told = raw.told(&json!({ "split": split }));
     assert!(told.starts_with("ROOT/2011_09_26/eigen.txt:1: there is no drive 2011_09_26_drive_0007_sync"), "{told}");

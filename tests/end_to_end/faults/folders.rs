@@ -130,6 +130,26 @@ fn a_report_elsewhere_names_what_lies_there() {
 }
 
 #[test]
+fn fault_65_a_report_is_never_written_into_another_runs_folder() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let [one, other] = ["one", "other"].map(|name| folder.path().join(name));
+    assert_eq!(run("0..1", &one, &[]).status.code(), Some(0));
+    assert_eq!(run("1..3", &other, &[]).status.code(), Some(0));
+    let scores = std::fs::read(other.join("scores.csv")).expect("written");
+    for out in [other.clone(), other.join("below"), one.join("below")] {
+        let output = depthloom().arg("report").arg(&one).arg("--out").arg(&out).output().expect("the binary starts");
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{said}");
+        assert!(said.contains("is a run's folder, and holds what the run wrote and nothing else"), "{said}");
+    }
+    assert_eq!(std::fs::read(other.join("scores.csv")).expect("it is there"), scores);
+    assert!(!other.join("below").exists() && !one.join("below").exists());
+    // Its own is where it belongs, by whatever name.
+    succeed(depthloom().arg("report").arg(&one).arg("--out").arg(&one));
+    succeed(depthloom().current_dir(&one).args(["report", "recording.mcap", "--out", "."]));
+}
+
+#[test]
 fn names_as_long_as_they_may_be_cost_no_run() {
     let folder = tempfile::tempdir().expect("a folder");
     let (stage, node, variant) = ("\u{e4}".repeat(100), "n".repeat(100), "v".repeat(100));
