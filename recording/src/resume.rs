@@ -78,7 +78,7 @@ impl Recording {
 /// # Errors
 /// If nothing was committed, `from` cannot be read or `to` cannot be written; then `to` is not whole, and the caller's to remove.
 pub fn recover(from: &Recording, to: &Path) -> Result<u64, RecordingError> {
-    let what = || "a whole frame, or anything learnt".to_owned();
+    let what = || "whole frame, and nothing learnt, that could be recovered".to_owned();
     let end = from.end().ok_or_else(|| RecordingError::Missing { path: from.path().to_owned(), what: what() })?;
     let failed = |source| RecordingError::Create { path: to.to_owned(), source };
     let mut copy = std::fs::File::create(to).map_err(failed)?;

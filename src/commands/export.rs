@@ -123,7 +123,7 @@ fn told(args: &ExportArgs, recording: &Recording, exported: &[Exported]) {
 
 fn text(exported: &[Exported], files: u64, folder: &Path) -> String {
     let row = |of: &Exported| [of.name.clone(), counted(of.files, "file"), of.path.to_string_lossy().into_owned()];
-    let rows: Vec<[String; 3]> = exported.iter().map(row).collect();
+    let rows: Vec<[String; 3]> = exported.iter().filter(|of| of.files > 0).map(row).collect();
     format!("{}{} in {}\n", aligned(&rows, &[1]), counted(files, "file"), folder.display())
 }
 

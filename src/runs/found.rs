@@ -40,9 +40,9 @@ impl FoundRun {
             let what = match found {
                 Found::Other(what) => what,
                 Found::Empty => "an empty folder",
-                Found::Nothing | Found::Run => "nothing",
+                Found::Nothing | Found::Run => "not there",
             };
-            let stop = Stop::new(Exit::Before, format!("under {} is no run, but {what}", path.display()));
+            let stop = Stop::new(Exit::Before, format!("{} is no run: it is {what}", path.display()));
             return Err(stop.remedy("`depthloom runs` lists those there are; elsewhere a run is named by its folder"));
         }
         let name = path.strip_prefix(folder).unwrap_or(path).to_string_lossy().into_owned();

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use depthloom_graphs::contracts::{DataPath, Frame, FrameSelection, SourceDeclaration};
+use depthloom_graphs::contracts::{DataPath, FrameSelection, SourceDeclaration};
 use depthloom_graphs::{Context, Fault, Outputs, Port, Source, SourceKind, ValueType, regular_file};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -81,13 +81,13 @@ fn time(run: &FoundRun, environment: &Json) -> String {
     text
 }
 
-/// The command line, as a shell takes it where no argument has quotes.
+/// The command line, as a shell takes it.
 fn command(environment: &Json) -> Option<String> {
     let arguments = environment["arguments"].as_array()?.iter().filter_map(Json::as_str);
     let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_./=,:+@%".contains(c);
     let quoted = arguments.map(|argument| match argument.chars().all(is_plain) && !argument.is_empty() {
         true => argument.to_owned(),
-        false => format!("'{argument}'"),
+        false => format!("'{}'", argument.replace('\'', r"'\''")),
     });
     Some(quoted.collect::<Vec<_>>().join(" "))
 }

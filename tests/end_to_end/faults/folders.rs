@@ -135,14 +135,14 @@ fn fault_65_a_report_is_never_written_into_another_runs_folder() {
     let [one, other] = ["one", "other"].map(|name| folder.path().join(name));
     assert_eq!(run("0..1", &one, &[]).status.code(), Some(0));
     assert_eq!(run("1..3", &other, &[]).status.code(), Some(0));
-    let scores = std::fs::read(other.join("scores.csv")).expect("written");
+    let scores = fs::read(other.join("scores.csv")).expect("written");
     for out in [other.clone(), other.join("below"), one.join("below")] {
         let output = depthloom().arg("report").arg(&one).arg("--out").arg(&out).output().expect("the binary starts");
         let said = String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(2), "{said}");
         assert!(said.contains("is a run's folder, and holds what the run wrote and nothing else"), "{said}");
     }
-    assert_eq!(std::fs::read(other.join("scores.csv")).expect("it is there"), scores);
+    assert_eq!(fs::read(other.join("scores.csv")).expect("it is there"), scores);
     assert!(!other.join("below").exists() && !one.join("below").exists());
     // Its own is where it belongs, by whatever name.
     succeed(depthloom().arg("report").arg(&one).arg("--out").arg(&one));
