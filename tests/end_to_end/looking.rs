@@ -14,8 +14,8 @@ fn recordings(folder: &Path) -> Vec<PathBuf> {
     let at = |name: &str| folder.join("shelf").join(name);
     let run = |out: &Path, set: &[&str]| {
         let mut run = depthloom();
-        run.current_dir(folder).env_remove("DEPTHLOOM_FRESH").args(["run", "--quiet", "--workers", "2", "--out"]);
-        run.args(["--set", "record.points=[fused, depth]"]);
+        run.current_dir(folder).env_remove("DEPTHLOOM_FRESH").args(["run", "--quiet", "--workers", "2"]);
+        run.args(["--set", "record.points=[fused, depth]", "--out"]);
         succeed(run.arg(out).arg(&experiment).args(set));
         out.join("recording.mcap")
     };

@@ -193,7 +193,7 @@ impl Files {
         Ok((left, other))
     }
 
-    /// A 16-bit map of the left image's size, 256ths of a unit (`pixels`, `metres`), if the frame has the part.
+    /// A 16-bit map of the left image's size, 256ths of a `disparity` (px) or of `metres`, if the frame has the part.
     ///
     /// # Errors
     /// If it is no such map.

@@ -65,7 +65,7 @@ pub fn image(path: &Path, bytes: Arc<[u8]>) -> Result<Image, Fault> {
     })
 }
 
-/// A 16-bit map, one channel, PNG or TIFF: files of disparity or depth, whose unit is `pixels` or `metres`.
+/// A 16-bit map, one channel, PNG or TIFF: files of disparity or depth, of `disparity` (px) or `metres`.
 ///
 /// # Errors
 /// If the bytes are no whole image, or hold other pixels.

@@ -191,7 +191,7 @@ impl Layout for KittiStereo2012 {
             KittiCameras::Grey => ["P0", "P1"],
         };
         let calibration = pair(&Lines::of(&file.path, &text, PROJECTIONS)?, cameras, size)?;
-        let [noc, occ] = [files.map_u16(NOC, "pixels", size)?, files.map_u16(OCC, "pixels", size)?];
+        let [noc, occ] = [files.map_u16(NOC, "disparity", size)?, files.map_u16(OCC, "disparity", size)?];
         let truth = match self.truth {
             Some(NOC) => noc.as_ref(),
             Some(_) => occ.as_ref(),

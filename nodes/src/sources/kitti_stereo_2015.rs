@@ -361,7 +361,7 @@ impl Source for KittiStereo2015 {
 }
 
 fn disparities(path: &Path, bytes: &[u8], left: (&Path, (u32, u32))) -> Result<Raster<u16>, Fault> {
-    let raw = image_file::map_u16(path, bytes, "pixels")?;
+    let raw = image_file::map_u16(path, bytes, "disparity")?;
     same_size_as_left(left, (path, raw.dimensions()))?;
     Ok(raw)
 }
