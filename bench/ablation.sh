@@ -7,17 +7,12 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 rounds=${1:-3}
 . bench/shared.sh
-target="${CARGO_TARGET_DIR:-$PWD/target}"
 export KITTI_STEREO_2015=${KITTI_STEREO_2015:-$shared/data/kitti_stereo_2015}
 if ! [ -d "$KITTI_STEREO_2015/training" ]; then
   echo "SKIPPED bench/ablation.sh: $KITTI_STEREO_2015 is absent (it holds the frames)" >&2
   exit 0
 fi
-venv="$target/bench-venv"
-if ! [ -x "$venv/bin/python" ] || ! "$venv/bin/python" -c 'import cv2, numpy' 2>/dev/null; then
-  python3 -m venv "$venv"
-  "$venv/bin/pip" install --quiet numpy opencv-python-headless
-fi
+peer bench-venv 'cv2, numpy' numpy 'opencv-python-headless==5.0.*'
 cargo build --release --quiet
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
@@ -34,11 +29,10 @@ theirs = [json.load(open(f"{work}/theirs.{i}.json")) for i in range(1, rounds + 
 means = theirs[-1]["means"]
 compared, worst = 0, 0.0
 for row in csv.DictReader(open(f"{work}/ours/table.csv")):
-    variant, estimate = row["estimator"].split("/")
-    axes = dict(axis.split("=") for axis in variant.split("+"))
-    if row["scored_on"] != "all":
+    estimate = row["estimator"]
+    if row["set"] != "all":
         continue
-    peer = means[f"{axes['block']} {axes['uniqueness']} {axes['mode']} {axes['holes']}"]
+    peer = means[f"{row['block']} {row['uniqueness']} {row['mode']} {row['holes']}"]
     for name, value in peer.items():
         if row[name] and (name != "density" or estimate == "disparity"):
             compared, worst = compared + 1, max(worst, abs(float(row[name]) / value - 1))

@@ -8,18 +8,11 @@
 # with two threads for one frame. Needs python3 and a package index, and ../shared (or DEPTHLOOM_SHARED).
 set -euo pipefail
 cd "$(dirname "$0")/.."
-target="${CARGO_TARGET_DIR:-$PWD/target}"
 . bench/shared.sh
 if [ ! -d "$shared/oracle" ]; then
     echo "SKIPPED bench/fusion.sh: $shared is absent" >&2
     exit 0
 fi
-venv="$target/venv-opencv"
-if [ ! -e "$venv/ready" ]; then
-    rm -rf "$venv"
-    python3 -m venv "$venv"
-    "$venv/bin/pip" install --quiet 'opencv-python-headless==5.0.*' numpy
-    touch "$venv/ready"
-fi
+peer bench-venv 'cv2, numpy' numpy 'opencv-python-headless==5.0.*'
 cargo build --release --quiet -p depthloom-kernels --example fusion_chain
 exec "$venv/bin/python" bench/fusion.py --shared "$shared" --ours "$target/release/examples/fusion_chain" "$@"

@@ -7,14 +7,8 @@
 # and a package index.
 set -euo pipefail
 cd "$(dirname "$0")/.."
-target="${CARGO_TARGET_DIR:-$PWD/target}"
-venv="$target/venv-tensorflow"
-if [ ! -e "$venv/ready" ]; then
-    rm -rf "$venv"
-    python3 -m venv "$venv"
-    "$venv/bin/pip" install --quiet tensorflow-cpu numpy
-    touch "$venv/ready"
-fi
+. bench/shared.sh
+peer venv-tensorflow 'tensorflow, numpy' tensorflow-cpu numpy
 # With the whole program's features, so that no dependency is compiled twice.
 cargo build --release --quiet -p depthloom -p depthloom-learning --example steps
 for threads in 1 2; do

@@ -21,14 +21,7 @@ if [ ! -f "$model" ]; then
     echo "SKIPPED bench/onnx.sh: there is no model $model" >&2
     exit 0
 fi
-target="${CARGO_TARGET_DIR:-$PWD/target}"
-venv="$target/venv-onnx"
-if [ ! -e "$venv/ready" ]; then
-    rm -rf "$venv"
-    python3 -m venv "$venv"
-    "$venv/bin/pip" install --quiet 'onnxruntime==1.31.*' numpy
-    touch "$venv/ready"
-fi
+peer venv-onnx 'onnxruntime, numpy' 'onnxruntime==1.31.*' numpy
 # The features of the whole workspace: what its build has compiled is used as it is.
 cargo build --release --quiet --workspace --example onnx_raw
 exec "$venv/bin/python" bench/onnx.py "$target/release/examples/onnx_raw" "$model" "$@"

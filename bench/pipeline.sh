@@ -15,16 +15,12 @@ for argument in "$@"; do
   esac
 done
 . bench/shared.sh
-target="${CARGO_TARGET_DIR:-$PWD/target}"
 if ! [ -d "$shared/oracle" ]; then
   echo "SKIPPED bench/pipeline.sh: $shared is absent (it holds the frames and the peer)" >&2
   exit 0
 fi
-venv="$target/bench-venv"
-if ! [ -x "$venv/bin/python" ] || ! "$venv/bin/python" -c 'import cv2, pandas, mcap_protobuf, onnxruntime' 2>/dev/null; then
-  python3 -m venv "$venv"
-  "$venv/bin/pip" install --quiet numpy opencv-python-headless pandas mcap mcap-protobuf-support foxglove-schemas-protobuf onnxruntime
-fi
+peer bench-venv 'cv2, pandas, mcap_protobuf, onnxruntime' \
+  numpy 'opencv-python-headless==5.0.*' pandas mcap mcap-protobuf-support foxglove-schemas-protobuf onnxruntime
 cargo build --release --quiet
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT

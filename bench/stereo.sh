@@ -16,12 +16,6 @@ if [ ! -d "$frames/image_2" ]; then
     echo "no frames in $frames: set DEPTHLOOM_SHARED, or KITTI_STEREO_2015 to the folder that holds training/image_2 and image_3" >&2
     exit 2
 fi
-target="${CARGO_TARGET_DIR:-$PWD/target}"
-venv="$target/bench-venv"
-if ! "$venv/bin/python" -c "import cv2, numpy" 2>/dev/null; then
-    python3 -m venv "$venv"
-    "$venv/bin/pip" install --quiet "opencv-python-headless==5.0.*" numpy ||
-        "$venv/bin/pip" install --quiet --pre opencv-python-headless numpy
-fi
+peer bench-venv 'cv2, numpy' numpy 'opencv-python-headless==5.0.*'
 cargo build --quiet --release -p depthloom-kernels --example sgbm_raw --example bm_raw --example census_raw
 exec "$venv/bin/python" bench/stereo.py "$target/release/examples" "$frames" "$@"

@@ -1,5 +1,8 @@
 //! The command line's grammar: one definition of every option yields its help, its completion and its manual page.
 
+mod analyse;
+mod compare;
+mod data;
 mod experiment;
 mod export;
 mod recording;
@@ -12,6 +15,9 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use clap_complete::engine::ArgValueCompleter;
 
+pub use analyse::{AnalyseArgs, SamplesArgs};
+pub use compare::{CompareArgs, IntervalArgs, IntervalOption};
+pub use data::DataArgs;
 pub use experiment::{CheckArgs, ExperimentArgs, GraphArgs, GraphFormat, PlanArgs};
 pub use export::{ColoursOption, ExportArgs, ExportFormat};
 pub use recording::{InfoArgs, RecoverArgs, ReplayArgs};
@@ -20,6 +26,7 @@ pub use runs::{PruneArgs, RmArgs, RunsArgs, RunsCommand, ShowArgs, WhyArgs};
 pub use table::{ExplainArgs, MeanOption, RowsOption, ScoresArgs, SetOption, TableArgs, TableFormat};
 
 use crate::completion::folders;
+use crate::outputs::Output;
 
 /// Declare depth-estimation experiments in YAML, run them fast, keep every intermediate.
 #[derive(Debug, Parser)]
@@ -50,8 +57,10 @@ pub enum Colour {
 pub enum Command {
     /// Run an experiment: record every intermediate, score, and print the table.
     Run(RunArgs),
-    /// Check an experiment file; runs nothing and opens no data.
+    /// Check an experiment file; runs nothing and opens no data. With --data, look at every frame too.
     Check(CheckArgs),
+    /// Say what a folder holds, which source it is, and what to paste into an experiment; 2 where no frame can be read.
+    Data(DataArgs),
     /// Show what would be run: every node, the variants that share it, and its recipe.
     Plan(PlanArgs),
     /// Draw the experiment's graph.
@@ -60,8 +69,14 @@ pub enum Command {
     Report(ReportArgs),
     /// Ask a run's scores: variants sorted, the effect of each axis, the best in each zone, error against time.
     Table(TableArgs),
+    /// Ask whether it is really better: runs, variants or estimators over the same frames, with intervals, tests and limits for CI.
+    Compare(CompareArgs),
     /// Say where a number of a table comes from: formula, pixels, frames, source, and the paper's convention beside it.
     Explain(ExplainArgs),
+    /// Errors of scored pixels against distance, weight, image row, frame or anything else recorded: percentiles, means, gross errors.
+    Analyse(AnalyseArgs),
+    /// Write a row a scored pixel to `samples.parquet`: truth, every estimator, every recorded weight.
+    Samples(SamplesArgs),
     /// Write recorded values as files that other programs read: PNG, NPY, PFM, PLY, PCD, ONNX, Parquet.
     Export(ExportArgs),
     /// Show where a run's time went: core-milliseconds per frame by node, encoding, compression and writing.
@@ -82,8 +97,8 @@ pub enum Command {
     Doctor(JsonArgs),
     /// Write a first experiment, commented, to begin from.
     New(NewArgs),
-    /// Print the JSON Schema of experiment files, for editors.
-    Schema,
+    /// Print the JSON Schema of experiment files, for editors, or of what a command prints with --json.
+    Schema(SchemaArgs),
     /// Print a shell's script that completes commands, options, kinds and files by asking this program.
     Completions {
         /// The shell.
@@ -102,6 +117,14 @@ pub struct NodesArgs {
     /// Print one JSON object instead of text: the kinds, or one with its ports and the JSON Schema of its parameters.
     #[arg(long)]
     pub json: bool,
+}
+
+/// `schema`.
+#[derive(Debug, Args)]
+pub struct SchemaArgs {
+    /// Print the schema of what a command prints with --json.
+    #[arg(long, value_name = "COMMAND")]
+    pub output: Option<Output>,
 }
 
 /// `man`.

@@ -88,8 +88,21 @@ const ENDINGS: &[Ending] = &[
                 "for programs",
             ),
             ("check first.yaml --sarif > check.sarif", "for code review; begin in the repository's root"),
+            ("check first.yaml --data", "every frame of its data too, before an hour is computed on them"),
         ],
         exits: &[(Exit::Whole, "right; there may be warnings"), PRINTED, WRONG],
+    },
+    Ending {
+        command: "data",
+        examples: &[
+            ("data /data/kitti", "frames, sizes, calibration and truth, and the source to paste"),
+            ("data /data/robot --sheet robot.png", "and a picture of its frames"),
+        ],
+        exits: &[
+            (Exit::Whole, "recognised; what is wrong with it is told"),
+            PRINTED,
+            (Exit::Before, "no data set that is known, or no such folder"),
+        ],
     },
     Ending {
         command: "plan",
@@ -131,6 +144,47 @@ const ENDINGS: &[Ending] = &[
             ("table RUN --effects ms", "what each axis costs"),
             ("table RUN --pareto abs_rel,ms", "what is worth its time"),
             ("table RUN --top 8 --format latex --out variants.tex", "for a paper"),
+        ],
+        exits: ASKED,
+    },
+    Ending {
+        command: "compare",
+        examples: &[
+            ("compare RUN full no_scaling", "a variant against another, all scores"),
+            (
+                "compare RUN '*/fused' --scores abs_rel --baseline best",
+                "which are as good as the best, and which are not",
+            ),
+            ("compare table1/2026-11-20 @latest", "is the newest run better than that of another day?"),
+            ("compare main pr --fail-if 'fused.abs_rel > +1%'", "for CI: exit code 3 if it is worse"),
+            ("compare A:full/fused B:fused --set answered --json", "for programs"),
+        ],
+        exits: &[
+            WHOLE,
+            (Exit::Engine, "the analysis failed, or the output could not be written"),
+            (Exit::Before, "there is no recording, nothing to compare, a limit is on nothing, or an argument is wrong"),
+            (Exit::Frames, "what --fail-if says is so, or a recording is damaged where a number would come from"),
+            INTERRUPTED,
+        ],
+    },
+    Ending {
+        command: "analyse",
+        examples: &[
+            ("analyse @latest", "error against distance, a metre a bin"),
+            (
+                "analyse @latest --bins log:12 --estimators '*/fused' --set common",
+                "of some estimators, on the pixels that all of them answered",
+            ),
+            ("analyse @latest --by weight --percentiles 50,95", "is a higher weight a smaller error?"),
+            ("analyse one two --by frame --format csv --out frames.csv", "two runs, frame by frame"),
+        ],
+        exits: ASKED,
+    },
+    Ending {
+        command: "samples",
+        examples: &[
+            ("samples @latest", "samples.parquet into the run's folder"),
+            ("samples RUN --out /data/samples.parquet", "elsewhere"),
         ],
         exits: ASKED,
     },
@@ -293,7 +347,10 @@ const ENDINGS: &[Ending] = &[
     },
     Ending {
         command: "schema",
-        examples: &[("schema > experiment.schema.json", "an experiment names it in its first line")],
+        examples: &[
+            ("schema > experiment.schema.json", "an experiment names it in its first line"),
+            ("schema --output run", "what `run --json` prints"),
+        ],
         exits: &[WHOLE, PRINTED, ARGUMENT],
     },
     Ending {

@@ -21,15 +21,18 @@ mod columns;
 mod command_line;
 mod commands;
 mod completion;
+mod contact_sheet;
 mod counted;
 mod diagnostics;
 mod earlier;
 mod environment;
 mod exit;
 mod export;
+mod failures;
 mod help;
 mod memory;
 mod models;
+mod outputs;
 mod panics;
 mod plain;
 mod progress;
@@ -39,6 +42,9 @@ mod runs;
 mod signals;
 mod sizes;
 mod streams;
+mod told;
+mod truths;
+mod walk;
 
 use std::io;
 use std::process::ExitCode;
@@ -49,6 +55,7 @@ use serde_json::json;
 
 use crate::args::Command;
 use crate::exit::{Exit, Stop};
+use crate::outputs::Output;
 
 /// The kinds that depthloom comes with.
 #[must_use]
@@ -81,7 +88,7 @@ pub fn main(registry: Registry) -> ExitCode {
 fn print_error_json(as_json: bool, stop: &Stop) {
     if as_json {
         // The exit code tells it where standard output cannot.
-        let _ = streams::print_json(&json!({ "error": diagnostics::error_json(stop) }));
+        let _ = streams::print_output(Output::Error, json!({ "error": diagnostics::error_json(stop) }));
     }
 }
 
@@ -113,11 +120,15 @@ fn program(registry: &Registry, as_json: bool) -> Result<Exit, Stop> {
     match cli.command {
         Command::Run(args) => commands::run::run(&args, registry),
         Command::Check(args) => commands::check::check(&args, registry),
+        Command::Data(args) => commands::data::data(&args, registry),
         Command::Plan(args) => commands::plan::plan(&args, registry),
         Command::Graph(args) => commands::plan::graph(&args, registry),
         Command::Report(args) => commands::report::report(&args),
         Command::Table(args) => commands::table::table(&args),
+        Command::Compare(args) => commands::compare::compare(&args),
         Command::Explain(args) => commands::explain::explain(&args),
+        Command::Analyse(args) => commands::samples::analyse(&args),
+        Command::Samples(args) => commands::samples::samples(&args),
         Command::Export(args) => commands::export::export(&args),
         Command::Timings(args) => commands::report::timings(&args),
         Command::Info(args) => commands::info::info(&args),
@@ -128,7 +139,7 @@ fn program(registry: &Registry, as_json: bool) -> Result<Exit, Stop> {
         Command::Synth(args) => commands::synth::synth(&args),
         Command::Doctor(args) => commands::doctor::doctor(args.json),
         Command::New(args) => commands::new::new(&args),
-        Command::Schema => commands::nodes::schema(registry),
+        Command::Schema(args) => commands::nodes::schema(&args, registry),
         Command::Completions { shell } => commands::completions::completions(shell, registry),
         Command::Man(args) => commands::man::man(&args, registry),
     }

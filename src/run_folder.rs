@@ -14,6 +14,7 @@ use std::fs;
 use std::io;
 use std::path::{Component, Path, PathBuf};
 
+pub use contents::not_of_a_report;
 pub use lock::{Lock, Refused, is_held};
 pub use marker::{Found, MARKER};
 pub use remove::Removal;

@@ -8,5 +8,5 @@ mod glance;
 mod named;
 
 pub use found::{FOLDER, FoundRun, all, in_folder};
-pub use glance::{Glance, State, bytes_in};
+pub use glance::{Glance, State, bytes_in, files_in};
 pub use named::named;

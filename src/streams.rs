@@ -5,6 +5,7 @@ use std::io::{self, Write as _};
 use std::path::Path;
 
 use crate::exit::{Exit, Stop};
+use crate::outputs::Output;
 
 /// Tells a line on standard error. A reader that went away or a full disk behind it costs no result: then nobody is told.
 pub fn say(line: impl Display) {
@@ -28,7 +29,12 @@ pub fn print(text: impl AsRef<[u8]>) -> Result<(), Stop> {
     }
 }
 
-/// Prints a value as indented JSON.
+/// Prints an output of a command as indented JSON, its format in front.
+pub fn print_output(output: Output, value: serde_json::Value) -> Result<(), Stop> {
+    print_json(&output.stamped(value))
+}
+
+/// Prints a value as indented JSON, of a format that is not ours: SARIF, JSON Schema.
 pub fn print_json(value: &serde_json::Value) -> Result<(), Stop> {
     print(format!("{value:#}\n"))
 }

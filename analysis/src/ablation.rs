@@ -26,6 +26,7 @@ pub use cost::Costs;
 pub(crate) use joined::of_label;
 pub use leader::{Leader, leader};
 pub use ranking::Ranking;
+pub(crate) use shared::shared_scores;
 
 use crate::comparison::Comparison;
 use crate::error::AnalysisError;
@@ -225,15 +226,6 @@ impl<'a> Ablation<'a> {
         names.join("+")
     }
 
-    /// What tells a row from all others.
-    pub(crate) fn label(&self, row: &Row) -> String {
-        let estimator = self.estimator(row);
-        match &row.joined {
-            Some(disparity) => joined::label(estimator, self.estimator(disparity)),
-            None => estimator.label.clone(),
-        }
-    }
-
     /// The level of a row on an axis.
     pub(crate) fn level(&self, row: &Row, axis: usize) -> Option<usize> {
         self.levels[row.estimator][axis]
@@ -390,7 +382,7 @@ fn axes(plan: &RecordedPlan, estimators: &[Estimator]) -> (Vec<Axis>, Vec<Vec<Op
     let place: HashMap<&str, usize> = plan.variants.iter().enumerate().map(|(i, name)| (name.as_str(), i)).collect();
     let of = |estimator: &Estimator| {
         let mut levels = vec![None; axes.len()];
-        let variant = estimator.variant.as_deref().and_then(|name| place.get(name));
+        let variant = estimator.lead.variant.as_deref().and_then(|name| place.get(name));
         for &(axis, level) in variant.map_or(&[][..], |&variant| &by_variant[variant]) {
             levels[axis] = Some(places[axis][level]);
         }
@@ -416,14 +408,14 @@ fn in_order(axis: &mut Axis) -> Vec<usize> {
 }
 
 /// The names that estimators go by, each once: those under `estimates:`, then labels.
-fn names_of(estimators: &[Estimator]) -> Vec<&str> {
+pub(crate) fn names_of(estimators: &[Estimator]) -> Vec<&str> {
     let names = estimators.iter().map(|of| of.name.as_str());
     let mut seen = HashSet::new();
     names.chain(estimators.iter().map(|of| of.label.as_str())).filter(|name| seen.insert(*name)).collect()
 }
 
 /// Whether a pattern names an estimator, by its label or its name.
-fn is_of(estimator: &Estimator, pattern: &str) -> bool {
+pub(crate) fn is_of(estimator: &Estimator, pattern: &str) -> bool {
     is_pattern_of(pattern, &estimator.label) || is_pattern_of(pattern, &estimator.name)
 }
 

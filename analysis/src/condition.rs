@@ -1,7 +1,9 @@
 //! What a report says of the recording itself: its condition, what is damaged in it, and which stages have frames.
 
-use depthloom_recording::{Condition, Damage, Held, RecordedPlan, Recording};
+use depthloom_recording::{Condition, Damage, Held, RecordedPlan, RecordedRun, Recording};
 use serde_json::{Value as Json, json};
+
+use crate::leading::variant_of;
 
 /// How many damaged places are told to people; programs are told all.
 const SHOWN: usize = 5;
@@ -49,7 +51,8 @@ pub(crate) fn told(recording: &Recording, damage: &[Damage], has_numbers: bool) 
     let ends_early = matches!(condition, Condition::Unfinished { .. } | Condition::Damaged { cut: true, .. });
     notes.extend(without_frames(plan, &frames, ends_early));
     let stages = plan.runs.iter().zip(&frames);
-    let stages: Vec<Json> = stages.map(|(run, frames)| json!({ "stage": run.name(), "frames": frames })).collect();
+    let stage = |(run, frames): (&RecordedRun, &usize)| json!({ "stage": run.stage, "variant": variant_of(plan, &run.variants), "frames": frames });
+    let stages: Vec<Json> = stages.map(stage).collect();
     let name = if is_damaged { "damaged" } else { condition.name() };
     let mut json = json!({ "condition": name, "frames": frames.iter().sum::<usize>(), "stages": stages });
     if !wrong.is_empty() {

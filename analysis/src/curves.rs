@@ -4,11 +4,12 @@ mod figure;
 
 use depthloom_graphs::Value;
 use depthloom_graphs::values::Curve;
-use depthloom_recording::Recording;
+use depthloom_recording::{RecordedPlan, Recording};
 use serde_json::{Value as Json, json};
 
 pub(crate) use self::figure::render;
 use crate::error::AnalysisError;
+use crate::leading::{Lead, Leads, sheet};
 use crate::sheet::{Cells, Sheet};
 
 /// A learning curve and what it is called.
@@ -16,6 +17,10 @@ use crate::sheet::{Cells, Sheet};
 pub(crate) struct LearningCurve {
     /// Its topic without what all curves share: `learn/teacher`, or `learn/variant/teacher`.
     pub(crate) label: String,
+    /// The stage, and the variant of the node where not all share it.
+    pub(crate) lead: Lead,
+    /// The node.
+    pub(crate) node: String,
     pub(crate) curve: Curve,
 }
 
@@ -31,18 +36,30 @@ pub(crate) fn learning_curves(recording: &Recording) -> Result<Vec<LearningCurve
         if let Value::Curve(curve) = recording.once_value(once)? {
             let topic = output.topic.trim_start_matches('/');
             let label = topic.strip_suffix("/curve").unwrap_or(topic).to_owned();
-            curves.push(LearningCurve { label, curve: curve.as_ref().clone() });
+            curves.push(LearningCurve { label, ..learning_curve(recording.plan(), once.run, once.node, &curve) });
         }
     }
     Ok(curves)
 }
 
-/// The table `learning_curves.csv` holds: `curve, step, loss, validation, learning_rate`; a validation that was not measured is
+/// The learning curve of a node, without a label.
+pub(crate) fn learning_curve(plan: &RecordedPlan, run: usize, node: usize, curve: &Curve) -> LearningCurve {
+    let (run, leads) = (&plan.runs[run], Leads::new(plan));
+    let node = &run.nodes[node];
+    LearningCurve {
+        label: String::new(),
+        lead: leads.of_those(&run.stage, &node.variants),
+        node: node.name.clone(),
+        curve: curve.clone(),
+    }
+}
+
+/// The table `learning_curves.csv` holds: what a row is of, `step, loss, validation, learning_rate`; a validation that was not measured is
 /// null.
 pub(crate) fn table_of_points(curves: &[LearningCurve]) -> Sheet<'_> {
-    let points = || curves.iter().flat_map(|of| of.curve.points.iter().map(|point| (of.label.as_str(), point)));
-    Sheet::new()
-        .with("curve", Cells::Text(points().map(|(label, _)| label).collect()))
+    let points = || curves.iter().flat_map(|of| of.curve.points.iter().map(move |point| (of, point)));
+    let leads: Vec<&Lead> = points().map(|(of, _)| &of.lead).collect();
+    sheet(&leads, [("node", Cells::Text(points().map(|(of, _)| of.node.as_str()).collect()))])
         .with("step", Cells::Count(points().map(|(_, point)| point.step).collect()))
         .with("loss", Cells::Number(points().map(|(_, point)| Some(point.loss)).collect()))
         .with("validation", Cells::Number(points().map(|(_, point)| point.validation).collect()))
@@ -55,7 +72,9 @@ impl LearningCurve {
         let points = &self.curve.points;
         let last = points.last();
         json!({
-            "curve": self.label,
+            "stage": self.lead.stage,
+            "variant": self.lead.variant,
+            "node": self.node,
             "points": points.len(),
             "step": last.map(|point| point.step),
             "loss": last.map(|point| point.loss),

@@ -20,25 +20,39 @@ mod spread;
 pub(crate) use samples::{FARTHEST_M, FrameSamples, Samples};
 pub use spread::{DistanceBin, PERCENTILES, Spread};
 
+use depthloom_scores::PixelSet;
+
 use crate::estimators::Estimator;
+use crate::leading::{COMMON, sheet_of_estimators};
 use crate::sheet::{Cells, Sheet};
 
-/// `estimator, bin_m, count, p5, p25, p50, p75, p95`, then the same of the shared pixels, in the order given.
+/// What a row is of, `bin_from_m, bin_to_m, count, error_p5_m ... error_p95_m`: estimator by estimator, first on the pixels that each answered
+/// (`set` is `answered`), then on those that all answered (`common`).
 pub(crate) fn table_of_bins<'a>(bins: &[DistanceBin], estimators: &'a [Estimator]) -> Sheet<'a> {
-    let labels = bins.iter().map(|bin| estimators[bin.estimator].label.as_str());
-    let mut table = Sheet::new()
-        .with("estimator", Cells::Text(labels.collect()))
-        .with("bin_m", Cells::Metres(bins.iter().map(|bin| bin.bin_m).collect()))
-        .with("count", Cells::Count(bins.iter().map(|bin| bin.answered.count).collect()));
-    for (i, percentile) in PERCENTILES.into_iter().enumerate() {
-        let errors = bins.iter().map(|bin| Some(bin.answered.percentiles_m[i]));
-        table = table.with(format!("p{percentile}"), Cells::Number(errors.collect()));
+    let mut rows: Vec<(&Estimator, &str, u32, Spread)> = Vec::new();
+    for of_one in bins.chunk_by(|a, b| a.estimator == b.estimator) {
+        let row = |bin: &DistanceBin, set, spread| (&estimators[bin.estimator], set, bin.bin_m, spread);
+        rows.extend(of_one.iter().map(|bin| row(bin, PixelSet::Answered.name(), bin.answered)));
+        rows.extend(of_one.iter().filter_map(|bin| Some(row(bin, COMMON, bin.shared?))));
     }
-    let counts = bins.iter().map(|bin| bin.shared.map_or(0, |shared| shared.count));
-    table = table.with("shared_count", Cells::Count(counts.collect()));
+    let of: Vec<(&Estimator, &str)> = rows.iter().map(|(estimator, set, ..)| (*estimator, *set)).collect();
+    let mut table = sheet_of_estimators(&of, [])
+        .with_bins(&rows.iter().map(|(_, _, metre, _)| *metre).collect::<Vec<_>>())
+        .with_unit("count", "pixels", Cells::Count(rows.iter().map(|(.., spread)| spread.count).collect()));
     for (i, percentile) in PERCENTILES.into_iter().enumerate() {
-        let errors = bins.iter().map(|bin| bin.shared.map(|shared| shared.percentiles_m[i]));
-        table = table.with(format!("shared_p{percentile}"), Cells::Number(errors.collect()));
+        let errors = rows.iter().map(|(.., spread)| Some(spread.percentiles_m[i]));
+        table = table.with_unit(format!("error_p{percentile}_m"), "m", Cells::Number(errors.collect()));
     }
     table
+}
+
+impl Sheet<'_> {
+    /// Adds the edges of bins of a metre of true distance: from the first up to, not including, the second.
+    pub(crate) fn with_bins(self, metres: &[u32]) -> Self {
+        self.with_unit("bin_from_m", "m", Cells::Metres(metres.to_vec())).with_unit(
+            "bin_to_m",
+            "m",
+            Cells::Metres(metres.iter().map(|metre| metre + 1).collect()),
+        )
+    }
 }

@@ -6,6 +6,7 @@ use depthloom_recording::RecordedPlan;
 use depthloom_scores::{DisparityScoreParams, Family, Mean, Metric, PixelSet, ScoreParams, Settings};
 
 use crate::error::AnalysisError;
+use crate::leading::{Lead, Leads};
 
 /// The kind that scores disparities; all others score depths.
 const DISPARITY: &str = "score/disparity";
@@ -13,12 +14,12 @@ const DISPARITY: &str = "score/disparity";
 /// An estimate that was scored against the truth.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Estimator {
-    /// Its name in tables: `name` if it is the same in all variants, else `variant/name`.
+    /// What people call it: `name` if it is the same in all variants, else `variant/name`.
     pub label: String,
-    /// Its name under `estimates:`.
+    /// Its name under `estimates:`: that in tables, where stage and variant stand beside it.
     pub name: String,
-    /// Its variant; `None` if it is the same in all.
-    pub variant: Option<String>,
+    /// Its stage, and its variant where it is not the same in all.
+    pub lead: Lead,
     /// Index of the stage run in the recorded plan.
     pub run: usize,
     /// What was scored.
@@ -56,6 +57,7 @@ pub(crate) fn estimators(plan: &RecordedPlan) -> Result<Vec<Estimator>, Analysis
     let mut labels = HashSet::new();
     let repeated: HashSet<&str> =
         all().map(|(.., e)| e.label.as_str()).filter(|label| !labels.insert(*label)).collect();
+    let leads = Leads::new(plan);
     let mut ordered = Vec::new();
     for (run, planned, estimate) in all() {
         let kind = planned.nodes.get(estimate.score_node).map_or("", |node| node.kind.as_str());
@@ -72,7 +74,11 @@ pub(crate) fn estimators(plan: &RecordedPlan) -> Result<Vec<Estimator>, Analysis
                 || format!("the recording's plan is damaged: `{label}` is of variant {v} of {}", plan.variants.len());
             plan.variants.get(v).cloned().ok_or_else(|| AnalysisError::content(what()))
         };
-        let variant = estimate.variant.map(named).transpose()?.filter(|name| !name.is_empty());
+        estimate.variant.map(named).transpose()?;
+        let lead = match estimate.variant {
+            Some(variant) => leads.of(&planned.stage, &[variant]),
+            None => leads.of_all(&planned.stage),
+        };
         let scoring = planned.nodes.get(estimate.score_node);
         let from =
             |port: &str| scoring.and_then(|node| node.inputs.iter().find(|input| input.port == port)?.from.clone());
@@ -80,7 +86,7 @@ pub(crate) fn estimators(plan: &RecordedPlan) -> Result<Vec<Estimator>, Analysis
         let estimator = Estimator {
             label,
             name: estimate.name.clone(),
-            variant,
+            lead,
             run,
             family,
             sets,
@@ -149,7 +155,7 @@ impl Estimator {
         Self {
             label: label.to_owned(),
             name: name.to_owned(),
-            variant: variant.map(str::to_owned),
+            lead: Lead { stage: "s".to_owned(), variant: variant.map(str::to_owned), factors: Vec::new() },
             run: 0,
             sets: sets.to_vec(),
             family: Family::Depth,
@@ -227,7 +233,7 @@ mod tests {
             }],
         });
         let read = |plan: &serde_json::Value| estimators(&RecordedPlan::deserialize(plan).unwrap());
-        assert_eq!(read(&plan).unwrap()[0].variant.as_deref(), Some("b"));
+        assert_eq!(read(&plan).unwrap()[0].lead.variant.as_deref(), Some("b"));
         plan["runs"][0]["estimates"][0]["variant"] = json!(9);
         let error = read(&plan).unwrap_err().to_string();
         assert_eq!(error, "the recording's plan is damaged: `b/mono` is of variant 9 of 2");

@@ -8,6 +8,7 @@ use crate::ablation::{Ablation, Selection, average, of_label, pixels_of, scored,
 use crate::condition;
 use crate::error::{AnalysisError, caught};
 use crate::estimators::{Estimator, estimators};
+use crate::leading::Lead;
 use crate::paper::paper_scores;
 use crate::scores::FrameScore;
 
@@ -22,7 +23,9 @@ const NAMES: usize = 13;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Explanation {
     metric: &'static Metric,
+    lead: Lead,
     estimator: String,
+    label: String,
     set: PixelSet,
     zone: String,
     mean: Mean,
@@ -134,7 +137,9 @@ fn explained(
     let facts = facts(plan, estimator, metric, set, zone, mean, &frames, recorded.len(), scores);
     Ok(Explanation {
         metric,
-        estimator: estimator.label.clone(),
+        lead: estimator.lead.clone(),
+        estimator: estimator.name.clone(),
+        label: estimator.label.clone(),
         set,
         zone: zone.to_owned(),
         mean,
@@ -246,12 +251,10 @@ fn facts(
         (None, None) => format!("{what} was not recorded"),
     };
     fact("scores", topic("topic", None, estimator.score_topic.as_ref()), None);
-    let label = &estimator.label;
-    fact(
-        "files",
-        format!("scores.csv (by frame) and table.csv, where `estimator` is {label} and `scored_on` {set}"),
-        None,
-    );
+    let lead = &estimator.lead;
+    let variant = lead.variant.as_deref().unwrap_or("empty");
+    let place = format!("`stage` {}, `variant` {variant}, `estimator` {}, `set` {set}", lead.stage, estimator.name);
+    fact("files", format!("scores.csv (by frame) and table.csv, where {place}"), None);
     let estimate = topic("topic", estimator.estimate.as_ref(), estimator.estimate_topic.as_ref());
     fact("estimate", format!("{estimate}{}", made_by(run, estimator.estimate.as_deref())), None);
     let truth = topic("topic", estimator.truth.as_ref(), estimator.truth_topic.as_ref());
@@ -290,12 +293,8 @@ impl Explanation {
         let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.decimals$}"));
         let unit = if self.metric.unit.is_empty() { String::new() } else { format!(" {}", self.metric.unit) };
         let better = if self.metric.more_is_better { "more" } else { "less" };
-        let mut text = format!(
-            "{} of {}: {}{unit} ({better} is better)\n\n",
-            self.metric.name,
-            self.estimator,
-            number(self.value)
-        );
+        let mut text =
+            format!("{} of {}: {}{unit} ({better} is better)\n\n", self.metric.name, self.label, number(self.value));
         for Fact { what, here, paper } in &self.facts {
             let (same, other) = match paper {
                 Some(paper) if paper == here => (" (as in Martins et al. 2018)", None),
@@ -340,6 +339,8 @@ impl Explanation {
         });
         json!({
             "score": self.metric.name,
+            "stage": self.lead.stage,
+            "variant": self.lead.variant,
             "estimator": self.estimator,
             "value": self.value,
             "unit": self.metric.unit,

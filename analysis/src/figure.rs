@@ -162,9 +162,9 @@ impl Figure<'_> {
 
     fn panels(&self) -> Vec<Panel> {
         let mut panels: Vec<Panel> = Vec::new();
-        let shared: Vec<usize> = self.drawn().filter(|&index| self.estimators[index].variant.is_none()).collect();
+        let shared: Vec<usize> = self.drawn().filter(|&index| self.estimators[index].lead.variant.is_none()).collect();
         for index in self.drawn() {
-            let Some(variant) = &self.estimators[index].variant else { continue };
+            let Some(variant) = &self.estimators[index].lead.variant else { continue };
             if let Some(panel) = panels.iter_mut().find(|panel| panel.title.as_ref() == Some(variant)) {
                 panel.estimators.push(index);
             } else {

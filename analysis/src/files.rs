@@ -3,6 +3,8 @@
 use std::io::{BufWriter, Write};
 use std::path::Path;
 
+use depthloom_graphs::Key;
+
 use crate::error::AnalysisError;
 use crate::sheet::Sheet;
 
@@ -38,8 +40,16 @@ impl Output<'_> {
         written.map_err(AnalysisError::write(&path))
     }
 
-    /// Writes a table as Parquet.
-    pub(crate) fn write_parquet(&self, name: &str, table: Sheet<'_>) -> Result<(), AnalysisError> {
-        self.write(name, &table.parquet().map_err(AnalysisError::compute(name))?)
+    /// Writes a table as CSV and as Parquet, of a run whose plan has this key.
+    pub(crate) fn write_table<'t>(
+        &self,
+        name: &str,
+        run: &Key,
+        table: impl Fn() -> Sheet<'t>,
+    ) -> Result<(), AnalysisError> {
+        self.write_csv(&format!("{name}.csv"), &table())?;
+        let file = format!("{name}.parquet");
+        let bytes = table().parquet(name, run).map_err(AnalysisError::compute(&file))?;
+        self.write(&file, &bytes)
     }
 }

@@ -7,7 +7,7 @@ mod terminal;
 use depthloom_scores::Metric;
 use serde_json::{Map, Value as Json, json};
 
-use crate::sheet::{Cells, Sheet};
+use crate::sheet::{Cells, Sheet, numeral, unit_of};
 
 /// A table that can be printed in any format.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -30,6 +30,10 @@ pub struct Grid {
 pub(crate) struct GridColumn {
     /// Its name, as programs read it.
     pub(crate) name: String,
+    /// What text calls it, where that is not its name.
+    pub(crate) shown: Option<String>,
+    /// The unit of its numbers.
+    pub(crate) unit: Option<&'static str>,
     /// What papers call it, for LaTeX.
     pub(crate) latex: Option<&'static str>,
     /// Whether more or less of it is better, where that is so.
@@ -41,6 +45,8 @@ pub(crate) struct GridColumn {
     pub(crate) once: bool,
     /// Whether only files have it: what a person sees has it elsewhere.
     pub(crate) only_in_files: bool,
+    /// Whether only a person sees it: files have it in other columns.
+    pub(crate) only_in_text: bool,
 }
 
 /// The cells of a column, top to bottom.
@@ -59,6 +65,11 @@ pub(crate) enum GridCells {
     },
     /// From 0 to 1; text shows per cent.
     Share(Vec<Option<f64>>),
+    /// Numbers that text shows each in its own way; files have all digits.
+    Written {
+        values: Vec<Option<f64>>,
+        texts: Vec<Option<String>>,
+    },
 }
 
 /// A value of an axis.
@@ -70,11 +81,8 @@ pub(crate) struct Level {
 
 impl Level {
     fn json(&self) -> Json {
-        let number = || match self.text.parse::<i64>() {
-            Ok(whole) => Some(Json::from(whole)),
-            Err(_) => self.text.parse::<f64>().ok().map(Json::from),
-        };
-        self.is_number.then(number).flatten().unwrap_or_else(|| self.text.clone().into())
+        let number = self.is_number.then(|| numeral(&self.text)).filter(|number| !number.is_null());
+        number.unwrap_or_else(|| self.text.clone().into())
     }
 }
 
@@ -99,29 +107,38 @@ impl GridColumn {
     pub(crate) fn of(name: impl Into<String>, cells: GridCells) -> Self {
         Self {
             name: name.into(),
+            shown: None,
+            unit: None,
             latex: None,
             more_is_better: None,
             cells,
             is_key: false,
             once: false,
             only_in_files: false,
+            only_in_text: false,
         }
     }
 
     /// A column of a score.
     pub(crate) fn score(metric: &Metric, cells: GridCells) -> Self {
         Self {
+            unit: Some(unit_of(metric)),
             latex: Some(metric.heading),
             more_is_better: Some(metric.more_is_better),
             ..Self::of(metric.name, cells)
         }
     }
 
+    /// What text calls it.
+    fn shown_name(&self) -> &str {
+        self.shown.as_deref().unwrap_or(&self.name)
+    }
+
     /// What text puts above it.
     fn heading(&self, up: &str, down: &str) -> String {
         match self.more_is_better {
-            None => self.name.clone(),
-            Some(more) => format!("{} {}", self.name, if more { up } else { down }),
+            None => self.shown_name().to_owned(),
+            Some(more) => format!("{} {}", self.shown_name(), if more { up } else { down }),
         }
     }
 
@@ -138,17 +155,19 @@ impl GridCells {
             Self::Count(cells) => cells.len(),
             Self::Number { values, .. } => values.len(),
             Self::Share(cells) => cells.len(),
+            Self::Written { values, .. } => values.len(),
         }
     }
 
     /// A cell as text shows it.
-    fn text(&self, row: usize) -> String {
+    pub(crate) fn text(&self, row: usize) -> String {
         let shown = match self {
             Self::Text(cells) => cells[row].clone(),
             Self::Levels(cells) => cells[row].as_ref().map(|level| level.text.clone()),
             Self::Count(cells) => cells[row].map(|count| count.to_string()),
             Self::Number { decimals, values, .. } => values[row].map(|value| format!("{value:.decimals$}")),
             Self::Share(cells) => cells[row].map(|share| format!("{:.1} %", 100.0 * share)),
+            Self::Written { texts, .. } => texts[row].clone(),
         };
         shown.unwrap_or_else(|| "-".to_owned())
     }
@@ -164,6 +183,7 @@ impl GridCells {
             Self::Count(cells) => cells[row].into(),
             Self::Number { values, .. } => values[row].into(),
             Self::Share(cells) => cells[row].into(),
+            Self::Written { values, .. } => values[row].into(),
         }
     }
 }
@@ -191,7 +211,7 @@ impl Grid {
     #[must_use]
     pub fn json(&self) -> Json {
         let row = |row: usize| {
-            let cells = self.columns.iter().map(|column| (column.name.clone(), column.cells.json(row)));
+            let cells = self.in_files().map(|column| (column.name.clone(), column.cells.json(row)));
             Json::Object(cells.collect::<Map<String, Json>>())
         };
         json!({ "about": self.about, "rows": (0..self.height()).map(row).collect::<Vec<_>>(), "notes": self.notes })
@@ -200,24 +220,28 @@ impl Grid {
     /// As programs read it: all columns.
     pub(crate) fn sheet(&self) -> Sheet<'_> {
         let mut sheet = Sheet::new();
-        for column in &self.columns {
+        for column in self.in_files() {
             let cells = match &column.cells {
-                GridCells::Text(cells) => {
-                    Cells::Text(cells.iter().map(|cell| cell.as_deref().unwrap_or_default()).collect())
-                }
+                GridCells::Text(cells) => Cells::TextIfAny(cells.iter().map(Option::as_deref).collect()),
                 GridCells::Levels(cells) if cells.iter().flatten().all(|level| level.is_number) => {
                     Cells::Numeral(cells.iter().map(|cell| cell.as_ref().map(|level| level.text.as_str())).collect())
                 }
                 GridCells::Levels(cells) => {
-                    Cells::Text(cells.iter().map(|cell| cell.as_ref().map_or("", |level| &level.text)).collect())
+                    Cells::TextIfAny(cells.iter().map(|cell| cell.as_ref().map(|level| level.text.as_str())).collect())
                 }
                 GridCells::Count(cells) => Cells::CountIfAny(cells.clone()),
                 GridCells::Number { values, .. } => Cells::Number(values.clone()),
                 GridCells::Share(cells) => Cells::Number(cells.clone()),
+                GridCells::Written { values, .. } => Cells::Number(values.clone()),
             };
-            sheet = sheet.with(column.name.clone(), cells);
+            sheet = sheet.with_unit(column.name.clone(), column.unit, cells);
         }
         sheet
+    }
+
+    /// The columns that files have.
+    fn in_files(&self) -> impl Iterator<Item = &GridColumn> {
+        self.columns.iter().filter(|column| !column.only_in_text)
     }
 
     /// The columns that text shows.

@@ -6,6 +6,8 @@
 //! have a figure and a table of their own.
 
 mod ablation;
+mod analyse;
+mod compare;
 mod comparison;
 mod condition;
 mod curves;
@@ -16,30 +18,39 @@ mod explain;
 mod figure;
 mod files;
 mod grid;
+mod leading;
 mod maps;
 mod paper;
 mod reading;
 mod report;
 mod rows;
+mod samples;
 mod sampling;
 mod scores;
 mod sheet;
+mod statistics;
 mod table;
 mod timings;
 mod unscored;
 
 pub use ablation::{Answer, Costs, Leader, Question, Ranking, Selection, answer, leader};
+pub use analyse::{Bins, By, Gross, Inquiry, SampleSet, Unit, analyse, samples_are_of};
+pub use compare::{CompareOptions, ComparedRun, Comparison, Side, compare, names};
 pub use depthloom_scores::{Mean, Metric, PixelSet};
 pub use distance::{DistanceBin, PERCENTILES, Spread};
 pub use error::AnalysisError;
 pub use estimators::Estimator;
 pub use explain::{Explanation, explain};
 pub use grid::Grid;
+pub use leading::{COMMON, LEADING, Lead, Leads, Level, plan_key, variant_of};
 pub use paper::paper_scores;
 pub use report::{ReportOptions, Summary, report, report_with};
 pub use rows::{TopicRows, curve_rows, topic_rows};
+pub use samples::{SAMPLES, SamplesWritten, write_samples};
 pub use sampling::{Sampled, SamplingTap};
 pub use scores::FrameScore;
+pub use sheet::{TABLE_FORMAT, TABLE_MARK};
+pub use statistics::{Interval, IntervalMethod, Resampling};
 pub use table::{Table, TableColumn};
 pub use timings::{Timing, read_timings, timings_table, write_timings};
 

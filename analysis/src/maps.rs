@@ -7,7 +7,7 @@ use crate::estimators::Estimator;
 
 /// Which estimators lack their maps or the truth, if any, and what `record:` would have to name.
 /// `what` there is not for it.
-pub(crate) fn not_recorded(plan: &RecordedPlan, estimators: &[Estimator], what: &str) -> Option<String> {
+pub(crate) fn not_recorded(plan: &RecordedPlan, estimators: &[&Estimator], what: &str) -> Option<String> {
     let (mut truths, mut estimates, mut labels) = (Vec::new(), Vec::new(), Vec::new());
     for estimator in estimators {
         let name = |from: &Option<String>| from.as_deref().map(|topic| reference(plan, estimator.run, topic));
@@ -67,7 +67,7 @@ fn some(names: &[String]) -> String {
 }
 
 /// That not every frame kept its maps, or that none did; nothing is said where no maps were to be kept.
-pub(crate) fn sparsely_kept(recording: &Recording, estimators: &[Estimator], none: bool) -> Option<String> {
+pub(crate) fn sparsely_kept(recording: &Recording, estimators: &[&Estimator], none: bool) -> Option<String> {
     let every = recording.plan().every;
     if !none {
         let note = |ordinal: String| {

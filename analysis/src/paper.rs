@@ -12,7 +12,7 @@ const TABLE_1: &str = include_str!("paper_table1.csv");
 /// An estimator of an experiment without variants is held against the paper's full method.
 #[must_use]
 pub fn paper_scores(estimator: &Estimator, set: PixelSet) -> Option<[f64; 8]> {
-    let variant = match (estimator.variant.as_deref(), estimator.name.as_str()) {
+    let variant = match (estimator.lead.variant.as_deref(), estimator.name.as_str()) {
         (_, "stereo") => "",
         (Some(variant), _) => variant,
         (None, _) => "full",

@@ -7,7 +7,7 @@ use std::thread;
 
 use depthloom_graphs::Value;
 use depthloom_graphs::values::Depth;
-use depthloom_recording::{FrameReader, Recording};
+use depthloom_recording::{FrameReader, RecordedPlan, Recording};
 use depthloom_scores::{ScoreRow, ScoredPixels};
 use depthloom_threads::{Budget, Tiles as _};
 
@@ -15,6 +15,7 @@ use crate::distance::{DistanceBin, FARTHEST_M, FrameSamples, Samples};
 use crate::error::{AnalysisError, caught};
 use crate::estimators::Estimator;
 use crate::files::Output;
+use crate::leading::{Lead, Leads, sheet};
 use crate::scores::{FrameScore, order_frame};
 use crate::sheet::{Cells, Sheet};
 
@@ -58,8 +59,8 @@ pub(crate) struct Distances {
     pub(crate) bins: Vec<DistanceBin>,
     /// By estimator: how many samples were left out, since they lie beyond [`FARTHEST_M`].
     pub(crate) beyond: Vec<u64>,
-    /// Scored true pixels by metre, over the frames whose values were recorded; each truth counted once.
-    pub(crate) truth: BTreeMap<u32, u64>,
+    /// Scored true pixels by stage run and metre, over the frames whose values were recorded; each truth counted once.
+    pub(crate) truth: BTreeMap<(usize, u32), u64>,
 }
 
 /// Takes the samples of all recorded maps, on all cores; of the estimators whose maps were not recorded there are none.
@@ -101,8 +102,8 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 /// The samples of frames whose maps were at hand.
 pub(crate) struct Taken<'a> {
     pub(crate) samples: Samples<'a>,
-    /// True pixels by metre.
-    pub(crate) truth: BTreeMap<u32, u64>,
+    /// True pixels by stage run and metre.
+    pub(crate) truth: BTreeMap<(usize, u32), u64>,
     /// Which frames: stage run and position.
     pub(crate) frames: BTreeSet<(usize, usize)>,
 }
@@ -110,8 +111,8 @@ pub(crate) struct Taken<'a> {
 /// What one thread works with.
 struct Worker<'a> {
     reader: FrameReader<'a>,
-    /// True pixels by metre, of the frames it has read.
-    truth: BTreeMap<u32, u64>,
+    /// True pixels by stage run and metre, of the frames it has read.
+    truth: BTreeMap<(usize, u32), u64>,
 }
 
 /// The maps of a stage run that are compared: its topics, and where among them each estimator's are.
@@ -150,7 +151,7 @@ impl Maps {
         output: Output<'_>,
         positions: &[usize],
         samples: &Mutex<Samples<'_>>,
-        truth: &mut BTreeMap<u32, u64>,
+        truth: &mut BTreeMap<(usize, u32), u64>,
     ) -> Result<(), AnalysisError> {
         // Workers that read no frame at the moment.
         let idle: Mutex<Vec<Worker<'_>>> = Mutex::new(Vec::new());
@@ -194,12 +195,12 @@ impl Maps {
         Ok(())
     }
 
-    /// The samples of a frame, by the values of its topics; and its true pixels, added to those by metre.
+    /// The samples of a frame, by the values of its topics; and its true pixels, added to those by stage run and metre.
     pub(crate) fn samples(
         &self,
         estimators: &[Estimator],
         maps: &[Option<Value>],
-        counts: &mut BTreeMap<u32, u64>,
+        counts: &mut BTreeMap<(usize, u32), u64>,
     ) -> Result<FrameSamples, AnalysisError> {
         let map = |place: usize| match &maps[place] {
             Some(Value::Depth(depth)) => Some(&**depth),
@@ -230,23 +231,20 @@ impl Maps {
                 ScoredPixels::new(&truth.metres, width as usize, height as usize, settings).by_metre(FARTHEST_M);
             if compared.iter().any(|(_, estimate)| estimate.is_some()) && !counted.contains(&truth_place) {
                 counted.push(truth_place);
-                let metres = pixels.truth_m().iter().map(|&t| t as u32).filter(|metre| *metre < FARTHEST_M);
-                metres.for_each(|metre| *counts.entry(metre).or_default() += 1);
+                let metres = pixels.metres().filter(|(metre, _)| *metre < FARTHEST_M);
+                metres.for_each(|(metre, range)| *counts.entry((self.run, metre)).or_default() += range.len() as u64);
             }
-            let mut shared = vec![true; pixels.len()];
-            for (_, estimate) in &compared {
-                let Some(estimate) = estimate else {
-                    shared.fill(false);
-                    break;
-                };
-                let metres = estimate.metres.as_raw();
-                for (shared, &at) in shared.iter_mut().zip(pixels.positions()) {
-                    *shared &= metres[at as usize].is_finite();
-                }
+            let errors: Vec<Option<Vec<f32>>> = compared
+                .iter()
+                .map(|(_, estimate)| Some(pixels.absolute_errors(&(*estimate)?.metres, settings)))
+                .collect();
+            let mut shared = vec![errors.iter().all(Option::is_some); pixels.len()];
+            for errors in errors.iter().flatten() {
+                shared.iter_mut().zip(errors).for_each(|(shared, error)| *shared &= !error.is_nan());
             }
-            for (index, estimate) in compared {
-                if let Some(estimate) = estimate {
-                    samples.add(index, &pixels, &estimate.metres, settings, &shared);
+            for ((index, _), errors) in compared.iter().zip(&errors) {
+                if let Some(errors) = errors {
+                    samples.add(*index, &pixels, errors, &shared);
                 }
             }
         }
@@ -255,10 +253,24 @@ impl Maps {
 }
 
 impl Distances {
-    /// `bin_m, count`, as written to `true_distances.csv`.
-    pub(crate) fn table_of_truth(&self) -> Sheet<'_> {
-        Sheet::new()
-            .with("bin_m", Cells::Metres(self.truth.keys().copied().collect()))
-            .with("count", Cells::Count(self.truth.values().copied().collect()))
+    /// By metre, over all stages.
+    pub(crate) fn truth_of_all(&self) -> BTreeMap<u32, u64> {
+        let mut all = BTreeMap::new();
+        self.truth.iter().for_each(|((_, metre), count)| *all.entry(*metre).or_default() += count);
+        all
+    }
+
+    /// What the rows of the [table of truth](Self::table_of_truth) are of.
+    pub(crate) fn leads(&self, plan: &RecordedPlan) -> Vec<Lead> {
+        let leads = Leads::new(plan);
+        let of = |run: usize| leads.of_those(&plan.runs[run].stage, &plan.runs[run].variants);
+        self.truth.keys().map(|(run, _)| of(*run)).collect()
+    }
+
+    /// As written to `true_distances.csv`: the stage, its variant where that has a source of its own, `bin_from_m, bin_to_m, count`.
+    pub(crate) fn table_of_truth<'a>(&self, leads: &'a [Lead]) -> Sheet<'a> {
+        sheet(&leads.iter().collect::<Vec<_>>(), [])
+            .with_bins(&self.truth.keys().map(|(_, metre)| *metre).collect::<Vec<_>>())
+            .with_unit("count", "pixels", Cells::Count(self.truth.values().copied().collect()))
     }
 }

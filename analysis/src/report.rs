@@ -2,8 +2,9 @@
 
 use std::path::Path;
 
+use depthloom_graphs::Key;
 use depthloom_recording::Recording;
-use serde_json::{Map, Value as Json, json};
+use serde_json::{Value as Json, json};
 
 use crate::ablation::{Ablation, Ranking, Selection, source_of};
 use crate::condition::{self, Told};
@@ -13,10 +14,12 @@ use crate::error::{AnalysisError, caught};
 use crate::estimators::{Estimator, estimators};
 use crate::figure::{Figure, render};
 use crate::files::Output;
+use crate::leading::plan_key;
 use crate::maps::{not_recorded, sparsely_kept};
 use crate::reading::{self, Taken};
 use crate::sampling::Sampled;
 use crate::scores::{FrameScore, table_of_scores};
+use crate::statistics::Resampling;
 use crate::table::Table;
 use crate::unscored::Unscored;
 
@@ -29,10 +32,12 @@ const MOST_IN_COLUMNS: usize = 12;
 const PRINTED: usize = 20;
 
 /// What a report shows, and what it may take.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReportOptions {
     /// Whether the paper's numbers stand beside ours.
     pub paper: bool,
+    /// How frames are resampled for an interval beside each number of the table; `None`: there are none.
+    pub intervals: Option<Resampling>,
     /// Whether bytes are checked, too, that no number comes from.
     pub check_every_byte: bool,
     /// How many samples of the error against distance are held in memory at most: 4 to 8 bytes each. What is more lies in a
@@ -41,10 +46,10 @@ pub struct ReportOptions {
 }
 
 impl Default for ReportOptions {
-    /// Without the paper's numbers; what is read is checked; 4 MiB of samples at worst: few, so that memory is the same from the first
+    /// Without the paper's numbers; what is read is checked; 8 MiB of samples at worst: few, so that memory is the same from the first
     /// hundred frames on (beyond, a file costs about as much time).
     fn default() -> Self {
-        Self { paper: false, check_every_byte: false, samples_in_memory: 1 << 19 }
+        Self { paper: false, intervals: None, check_every_byte: false, samples_in_memory: 1 << 20 }
     }
 }
 
@@ -56,7 +61,7 @@ pub struct Summary {
     /// The same for programs: `recording` (its `condition`, `frames`, `stages` with the frames of each, in words what is wrong, and
     /// each damaged place), `table` (a row an estimator and pixel set), `learning_curves` (where each ended), `notes`.
     pub json: Json,
-    /// Whether a frame was scored: whether there is `scores.csv`.
+    /// Whether a frame was scored: whether there are `scores.*`.
     pub scored: bool,
     /// Whether there is a mean to show: whether there are `table.*`.
     pub table: bool,
@@ -70,7 +75,7 @@ pub struct Summary {
     pub is_damaged: bool,
 }
 
-/// Analyses a recording and writes into `folder`: if something was scored, `scores.csv` and `table.{csv,md,tex,parquet}`; if its
+/// Analyses a recording and writes into `folder`: if something was scored, `scores.{csv,parquet}` and `table.{csv,md,tex,parquet}`; if its
 /// maps were kept, `error_vs_distance.{csv,parquet,svg}` and `true_distances.csv`; if something learned,
 /// `learning_curves.{csv,parquet,svg}`.
 ///
@@ -113,13 +118,13 @@ fn analyse(
     let estimators = estimators(plan)?;
     let mut written = Vec::new();
     let Scored { table, scored, unscored } = write_scores(recording, &estimators, options, output)?;
-    written.extend(scored.then_some("scores.csv"));
+    written.extend(scored.then_some("scores.*"));
     written.extend(table.is_some().then_some("table.*"));
     let (distances, beyond) = write_distances(recording, &estimators, options, output, taken)
         .map_err(|error| error.but_whole(&written, output.folder))?;
     written.extend(distances.then_some("error_vs_distance.*"));
     let curves = learning_curves(recording).map_err(|error| error.but_whole(&written, output.folder))?;
-    write_curves(&curves, output)?;
+    write_curves(&curves, &plan_key(plan), output)?;
     let damage = if options.check_every_byte { recording.damage(output.stop) } else { Vec::new() };
     output.go_on()?;
 
@@ -132,14 +137,19 @@ fn analyse(
         (_, _, None) => notes.insert(0, "no table: no frame has the scores of all estimators of its stage".to_owned()),
         _ => {}
     }
+    let unscored_everything = unscored.everything;
     notes.extend(unscored.note);
-    if options.paper && estimators.iter().any(|e| e.variant.is_none() && e.name != "stereo") {
+    if options.paper && estimators.iter().any(|e| e.lead.variant.is_none() && e.name != "stereo") {
         notes.push(
             "the paper's numbers beside estimates that no variant changes are those of its method `full`".to_owned(),
         );
     }
-    notes.extend(not_recorded(plan, &estimators, "no error against distance"));
-    notes.extend(sparsely_kept(recording, &estimators, !distances));
+    // Disparities have none; and of frames that all lack their truth more is said above.
+    if scored || !unscored_everything {
+        let of_depths: Vec<&Estimator> = estimators.iter().filter(|of| of.settings.is_some()).collect();
+        notes.extend(not_recorded(plan, &of_depths, "no error against distance"));
+        notes.extend(sparsely_kept(recording, &of_depths, !distances));
+    }
     for (estimator, beyond) in estimators.iter().zip(&beyond).filter(|(_, beyond)| **beyond > 0) {
         let label = &estimator.label;
         notes.push(format!("error against distance of {label} leaves out {beyond} pixels beyond {FARTHEST_M} m"));
@@ -157,7 +167,7 @@ fn analyse(
     let json = json!({
         "experiment": plan.experiment,
         "recording": condition,
-        "table": table.as_ref().map_or_else(Vec::new, |(table, _)| rows(table)),
+        "table": table.as_ref().map_or_else(Vec::new, |(table, _)| table.long_form().rows()),
         "learning_curves": curves.iter().map(LearningCurve::end).collect::<Vec<Json>>(),
         "notes": notes,
     });
@@ -166,7 +176,7 @@ fn analyse(
         json,
         scored,
         table: table.is_some(),
-        no_pixel_counted: unscored.everything,
+        no_pixel_counted: unscored_everything,
         distances,
         learning_curves: curves.len(),
         is_damaged,
@@ -193,19 +203,22 @@ fn write_scores(
 ) -> Result<Scored, AnalysisError> {
     let plan = recording.plan();
     let scores = reading::scores(recording, estimators, output.stop)?;
+    let (unscored, run) = (Unscored::of(recording, estimators, &scores)?, plan_key(plan));
     if scores.is_empty() {
-        return Ok(Scored::default());
+        return Ok(Scored { unscored, ..Scored::default() });
     }
-    let unscored = Unscored::of(recording, estimators, &scores)?;
-    output.write_csv("scores.csv", &table_of_scores(&scores, estimators, &plan.runs))?;
+    output.write_table("scores", &run, || table_of_scores(&scores, estimators))?;
     let table = Table::new(&plan.experiment, &scores, estimators, options.paper, &source_of(recording));
     if table.columns.iter().all(|column| column.frames == 0) {
         return Ok(Scored { table: None, scored: true, unscored });
     }
-    output.write_csv("table.csv", &table.long_form())?;
-    output.write_parquet("table.parquet", table.long_form())?;
+    let table = match options.intervals {
+        Some(resampling) => table.with_intervals(&scores, estimators, resampling, output.stop)?,
+        None => table,
+    };
+    output.write_table("table", &run, || table.long_form())?;
     let text = if plan.variants.len() > MOST_IN_COLUMNS && !options.paper {
-        write_ranking(recording, estimators, &scores, output)?
+        write_ranking(recording, estimators, &scores, options, output)?
     } else {
         output.write("table.md", table.markdown().as_bytes())?;
         output.write("table.tex", table.latex().as_bytes())?;
@@ -219,11 +232,15 @@ fn write_ranking(
     recording: &Recording,
     estimators: &[Estimator],
     scores: &[FrameScore],
+    options: &ReportOptions,
     output: Output<'_>,
 ) -> Result<String, AnalysisError> {
     let source = source_of(recording);
     let ablation = Ablation::new(recording.plan(), estimators, scores, &source, None);
-    let rows = |top: Option<usize>| Ranking { top, ..Ranking::default() }.grid(&ablation, &Selection::default());
+    let rows = |top: Option<usize>| {
+        let ranking = Ranking { top, intervals: options.intervals, ..Ranking::default() };
+        ranking.grid(&ablation, &Selection::default(), output.stop)
+    };
     output.write("table.md", rows(None)?.markdown().as_bytes())?;
     output.write("table.tex", rows(Some(PRINTED))?.latex().as_bytes())?;
     Ok(format!(
@@ -245,43 +262,20 @@ fn write_distances(
     if distances.bins.is_empty() {
         return Ok((false, distances.beyond));
     }
-    let bins = || table_of_bins(&distances.bins, estimators);
-    output.write_csv("error_vs_distance.csv", &bins())?;
-    output.write_parquet("error_vs_distance.parquet", bins())?;
-    output.write_csv("true_distances.csv", &distances.table_of_truth())?;
-    let figure = Figure { estimators, bins: &distances.bins, truth: &distances.truth };
+    output
+        .write_table("error_vs_distance", &plan_key(recording.plan()), || table_of_bins(&distances.bins, estimators))?;
+    let leads = distances.leads(recording.plan());
+    output.write_csv("true_distances.csv", &distances.table_of_truth(&leads))?;
+    let figure = Figure { estimators, bins: &distances.bins, truth: &distances.truth_of_all() };
     output.write("error_vs_distance.svg", render(&figure).as_bytes())?;
     Ok((true, distances.beyond))
 }
 
 /// Writes the points of the learning curves and their figure, if there are any.
-fn write_curves(curves: &[LearningCurve], output: Output<'_>) -> Result<(), AnalysisError> {
+fn write_curves(curves: &[LearningCurve], run: &Key, output: Output<'_>) -> Result<(), AnalysisError> {
     if curves.is_empty() {
         return Ok(());
     }
-    output.write_csv("learning_curves.csv", &table_of_points(curves))?;
-    output.write_parquet("learning_curves.parquet", table_of_points(curves))?;
+    output.write_table("learning_curves", run, || table_of_points(curves))?;
     output.write("learning_curves.svg", crate::curves::render(curves).as_bytes())
-}
-
-/// The table's columns as objects.
-pub(crate) fn rows(table: &Table) -> Vec<Json> {
-    let scores = |values: Vec<Option<f64>>| -> Map<String, Json> {
-        let named = table.metrics.iter().zip(values);
-        named.map(|(metric, value)| (metric.name.to_owned(), value.into())).collect()
-    };
-    let row = |column: &crate::TableColumn| {
-        let mut row = Map::new();
-        row.insert("estimator".to_owned(), column.estimator.clone().into());
-        row.insert("scored_on".to_owned(), column.set.name().into());
-        row.insert("frames".to_owned(), column.frames.into());
-        row.extend(scores(column.means.clone()));
-        row.insert("density".to_owned(), column.density.into());
-        if column.paper.is_some() {
-            let paper = table.metrics.iter().map(|metric| column.paper_of(metric)).collect();
-            row.insert("paper".to_owned(), scores(paper).into());
-        }
-        Json::Object(row)
-    };
-    table.columns.iter().map(row).collect()
 }

@@ -2,13 +2,14 @@
 
 use std::sync::Arc;
 
-use depthloom_graphs::Value;
 use depthloom_graphs::values::{Calibration, Curve};
-use depthloom_recording::{Recording, RecordingError};
+use depthloom_graphs::{Key, Value};
+use depthloom_recording::{RecordedPlan, Recording, RecordingError};
 use depthloom_scores::{Metric, ScoreRow};
 
-use crate::curves::{LearningCurve, table_of_points};
+use crate::curves::{learning_curve, table_of_points};
 use crate::error::{AnalysisError, caught};
+use crate::leading::plan_key;
 use crate::sheet::{Cells, Sheet};
 
 /// The rows of a topic.
@@ -23,8 +24,8 @@ pub struct TopicRows {
 
 /// The rows that a topic of a stage run has on some of its frames: of scores a row a pixel set and zone, of calibrations one.
 ///
-/// Columns are `position` (of the frame in its stage), `frame`, and what a row holds: of scores `scored_on, zone, pixels, truth, answered`,
-/// the scores in the catalogue's order (null where no pixel counted), `density`; of calibrations `width, height` and `focal_px, cx_px, cy_px,
+/// Columns are `position` (of the frame in its stage), `frame`, and what a row holds: of scores `set, zone, pixels, truth, answered`,
+/// the scores in the catalogue's order (null where no pixel counted; `zone` is null of the whole image), `density`; of calibrations `width, height` and `focal_px, cx_px, cy_px,
 /// baseline_m`.
 ///
 /// # Errors
@@ -60,21 +61,21 @@ pub fn topic_rows(
     }
     let sheet = if calibrations.is_empty() { table_of_scores(&scores) } else { table_of_calibrations(&calibrations) };
     let rows = sheet.height() as u64;
-    Ok(TopicRows { parquet: parquet(topic, sheet)?, rows, damaged })
+    Ok(TopicRows { parquet: parquet(topic, &plan_key(recording.plan()), sheet)?, rows, damaged })
 }
 
-/// A learning curve as a Parquet file with the columns of `learning_curves.csv`, and how many points it has.
+/// A node's learning curve as a Parquet file with the columns of `learning_curves.csv`, and how many points it has.
 ///
 /// # Errors
 /// If polars fails.
-pub fn curve_rows(label: &str, curve: &Curve) -> Result<TopicRows, AnalysisError> {
-    let curves = [LearningCurve { label: label.to_owned(), curve: curve.clone() }];
-    let rows = curve.points.len() as u64;
-    Ok(TopicRows { parquet: parquet(label, table_of_points(&curves))?, rows, damaged: Vec::new() })
+pub fn curve_rows(plan: &RecordedPlan, run: usize, node: usize, curve: &Curve) -> Result<TopicRows, AnalysisError> {
+    let curves = [learning_curve(plan, run, node, curve)];
+    let (name, rows) = (&plan.runs[run].nodes[node].name, curve.points.len() as u64);
+    Ok(TopicRows { parquet: parquet(name, &plan_key(plan), table_of_points(&curves))?, rows, damaged: Vec::new() })
 }
 
-fn parquet(what: &str, sheet: Sheet<'_>) -> Result<Vec<u8>, AnalysisError> {
-    caught(|| sheet.parquet().map_err(AnalysisError::compute(format!("the rows of {what}"))))
+fn parquet(what: &str, run: &Key, sheet: Sheet<'_>) -> Result<Vec<u8>, AnalysisError> {
+    caught(|| sheet.parquet(what, run).map_err(AnalysisError::compute(format!("the rows of {what}"))))
 }
 
 /// What a frame has a row of.
@@ -89,35 +90,35 @@ fn of_frames<T>(rows: &[OfFrame<T>]) -> Sheet<'_> {
 fn table_of_scores(rows: &[OfFrame<ScoreRow>]) -> Sheet<'_> {
     let of = || rows.iter().map(|(.., row)| row);
     let mut table = of_frames(rows)
-        .with("scored_on", Cells::Text(of().map(|row| row.set.name()).collect()))
-        .with("zone", Cells::Text(of().map(|row| row.zone.as_str()).collect()))
-        .with("pixels", Cells::Count(of().map(|row| row.pixels).collect()))
-        .with("truth", Cells::Count(of().map(|row| row.truth).collect()))
-        .with("answered", Cells::Count(of().map(|row| row.answered).collect()));
+        .with("set", Cells::Text(of().map(|row| row.set.name()).collect()))
+        .with("zone", Cells::TextIfAny(of().map(|row| Some(row.zone.as_str()).filter(|of| !of.is_empty())).collect()))
+        .with_unit("pixels", "pixels", Cells::Count(of().map(|row| row.pixels).collect()))
+        .with_unit("truth", "pixels", Cells::Count(of().map(|row| row.truth).collect()))
+        .with_unit("answered", "pixels", Cells::Count(of().map(|row| row.answered).collect()));
     let is_there = |metric: &&Metric| of().any(|row| row.get(metric).is_some());
     for metric in crate::metrics().filter(is_there) {
-        table = table.with(metric.name, Cells::Number(of().map(|row| row.get(metric)).collect()));
+        table = table.with_score(metric, Cells::Number(of().map(|row| row.get(metric)).collect()));
     }
-    table.with("density", Cells::Number(of().map(ScoreRow::density).collect()))
+    table.with_share("density", of().map(ScoreRow::density).collect())
 }
 
 fn table_of_calibrations(rows: &[OfFrame<Arc<Calibration>>]) -> Sheet<'_> {
     let numbers = |of: fn(&Calibration) -> f64| Cells::Number(rows.iter().map(|(.., row)| Some(of(row))).collect());
     let counts = |of: fn(&Calibration) -> u32| Cells::Count(rows.iter().map(|(.., row)| u64::from(of(row))).collect());
     of_frames(rows)
-        .with("width", counts(|of| of.width))
-        .with("height", counts(|of| of.height))
-        .with("focal_px", numbers(|of| of.focal_px))
-        .with("cx_px", numbers(|of| of.cx_px))
-        .with("cy_px", numbers(|of| of.cy_px))
-        .with("baseline_m", numbers(|of| of.baseline_m))
+        .with_unit("width", "px", counts(|of| of.width))
+        .with_unit("height", "px", counts(|of| of.height))
+        .with_unit("focal_px", "px", numbers(|of| of.focal_px))
+        .with_unit("cx_px", "px", numbers(|of| of.cx_px))
+        .with_unit("cy_px", "px", numbers(|of| of.cy_px))
+        .with_unit("baseline_m", "m", numbers(|of| of.baseline_m))
+        .with_unit("doffs_px", "px", numbers(|of| of.doffs_px))
 }
 
 #[cfg(test)]
 mod tests {
     use std::io::Cursor;
 
-    use depthloom_graphs::values::CurvePoint;
     use depthloom_scores::PixelSet;
     use polars::frame::DataFrame;
     use polars::prelude::{ParallelStrategy, ParquetReader, SerReader};
@@ -142,37 +143,30 @@ mod tests {
         };
         let rows: [OfFrame<ScoreRow>; 2] =
             [(3, "a".into(), row("", 4, Some(0.1 + 0.2))), (3, "a".into(), row("10..20", 0, None))];
-        let table = read(parquet("scores", table_of_scores(&rows)).unwrap());
+        let table = read(parquet("scores", &Key::of_content(b""), table_of_scores(&rows)).unwrap());
         let names: Vec<String> = table.get_column_names().iter().map(ToString::to_string).collect();
-        assert_eq!(
-            names,
-            ["position", "frame", "scored_on", "zone", "pixels", "truth", "answered", "abs_rel", "density"]
-        );
+        assert_eq!(names, ["position", "frame", "set", "zone", "pixels", "truth", "answered", "abs_rel", "density"]);
         let numbers = |name: &str| table.column(name).unwrap().f64().unwrap().iter().collect::<Vec<_>>();
         assert_eq!((numbers("abs_rel"), numbers("density")), (vec![Some(0.1 + 0.2), None], vec![Some(0.5), Some(0.0)]));
-        assert_eq!(table.column("zone").unwrap().str().unwrap().get(1), Some("10..20"));
+        assert_eq!(table.column("zone").unwrap().str().unwrap().iter().collect::<Vec<_>>(), [None, Some("10..20")]);
         assert_eq!(table.column("position").unwrap().u64().unwrap().get(0), Some(3));
     }
 
     #[test]
-    fn a_curve_has_a_row_a_point() {
-        let point = |step, validation| CurvePoint { step, loss: 0.5, validation, learning_rate: 1e-3 };
-        let curve = Curve { points: vec![point(0, None), point(7, Some(0.25))] };
-        let TopicRows { parquet, rows, .. } = curve_rows("learn/teacher", &curve).unwrap();
-        let table = read(parquet);
-        assert_eq!((rows, table.height()), (2, 2));
-        let validation: Vec<_> = table.column("validation").unwrap().f64().unwrap().iter().collect();
-        assert_eq!(validation, [None, Some(0.25)]);
-        assert_eq!(table.column("curve").unwrap().str().unwrap().get(0), Some("learn/teacher"));
-    }
-
-    #[test]
     fn a_calibration_is_a_row() {
-        let calibration =
-            Calibration { width: 64, height: 48, focal_px: 721.5, cx_px: 31.5, cy_px: 23.5, baseline_m: 0.54 };
+        let calibration = Calibration {
+            width: 64,
+            height: 48,
+            focal_px: 721.5,
+            cx_px: 31.5,
+            cy_px: 23.5,
+            baseline_m: 0.54,
+            doffs_px: 0.5,
+        };
         let rows = [(0, "a".into(), Arc::new(calibration))];
-        let table = read(parquet("calibration", table_of_calibrations(&rows)).unwrap());
+        let table = read(parquet("calibration", &Key::of_content(b""), table_of_calibrations(&rows)).unwrap());
         assert_eq!(table.column("width").unwrap().u64().unwrap().get(0), Some(64));
         assert_eq!(table.column("baseline_m").unwrap().f64().unwrap().get(0), Some(0.54));
+        assert_eq!(table.column("doffs_px").unwrap().f64().unwrap().get(0), Some(0.5));
     }
 }

@@ -2,10 +2,10 @@
 
 use std::sync::Arc;
 
-use depthloom_recording::RecordedRun;
 use depthloom_scores::{Metric, ScoreRow};
 
 use crate::estimators::Estimator;
+use crate::leading::sheet_of_estimators;
 use crate::sheet::{Cells, Sheet};
 
 /// The scores of one estimator on one frame and one pixel set.
@@ -39,28 +39,19 @@ pub(crate) fn metrics_of(estimators: &[Estimator]) -> Vec<&'static Metric> {
     metrics
 }
 
-/// The table `scores.csv` holds: `stage, position, frame, estimator, scored_on, pixels`, the scores that were asked for, `density`, and
-/// `zone` if there is one; a score of no pixel is null. No two rows have the same stage, position, estimator, `scored_on` and zone,
+/// The table `scores.csv` holds: what a row is of, with its `zone` (null: the whole image), `position` and `frame`; `pixels`, the scores that
+/// were asked for, `density`; a score of no pixel is null. No two rows have the same stage, variant, estimator, set, zone and position,
 /// whatever frames are called.
-pub(crate) fn table_of_scores<'a>(
-    rows: &'a [FrameScore],
-    estimators: &'a [Estimator],
-    runs: &'a [RecordedRun],
-) -> Sheet<'a> {
-    let labels = rows.iter().map(|score| estimators[score.estimator].label.as_str());
-    let mut table = Sheet::new()
-        .with("stage", Cells::Text(rows.iter().map(|score| runs[estimators[score.estimator].run].name()).collect()))
+pub(crate) fn table_of_scores<'a>(rows: &'a [FrameScore], estimators: &'a [Estimator]) -> Sheet<'a> {
+    let of: Vec<(&Estimator, &str)> =
+        rows.iter().map(|score| (&estimators[score.estimator], score.row.set.name())).collect();
+    let zones = rows.iter().map(|score| Some(score.row.zone.as_str()).filter(|zone| !zone.is_empty()));
+    let mut table = sheet_of_estimators(&of, [("zone", Cells::TextIfAny(zones.collect()))])
         .with("position", Cells::Count(rows.iter().map(|score| score.position as u64).collect()))
         .with("frame", Cells::Text(rows.iter().map(|score| &*score.frame).collect()))
-        .with("estimator", Cells::Text(labels.collect()))
-        .with("scored_on", Cells::Text(rows.iter().map(|score| score.row.set.name()).collect()))
-        .with("pixels", Cells::Count(rows.iter().map(|score| score.row.pixels).collect()));
+        .with_unit("pixels", "pixels", Cells::Count(rows.iter().map(|score| score.row.pixels).collect()));
     for metric in metrics_of(estimators) {
-        table = table.with(metric.name, Cells::Number(rows.iter().map(|score| score.row.get(metric)).collect()));
+        table = table.with_score(metric, Cells::Number(rows.iter().map(|score| score.row.get(metric)).collect()));
     }
-    table = table.with("density", Cells::Number(rows.iter().map(|score| score.row.density()).collect()));
-    if rows.iter().any(|score| !score.row.zone.is_empty()) {
-        table = table.with("zone", Cells::Text(rows.iter().map(|score| score.row.zone.as_str()).collect()));
-    }
-    table
+    table.with_share("density", rows.iter().map(|score| score.row.density()).collect())
 }

@@ -1,21 +1,44 @@
-//! Tables as they are written: columns of text and numbers, as CSV and as Parquet.
+//! Tables as they are written: columns of text and numbers, as CSV, as Parquet and as JSON.
+//!
+//! A Parquet file says what it is: `depthloom.format` (the version of these columns), `depthloom.table` (which table it is),
+//! `depthloom.run` (the [key](crate::plan_key) of the run's plan) and `depthloom.units` (a JSON object, column to unit) lie in its metadata.
 //!
 //! polars writes and reads Parquet, and is kept from starting threads for it: a table is small, and where a system gives no more
 //! threads, polars' pools panic, or wait for ever for threads that never came. Its CSV writer cannot be kept from it.
 
 use std::io::{self, Write};
 
+use depthloom_graphs::Key;
+use depthloom_scores::Metric;
 use polars::frame::DataFrame;
-use polars::prelude::{Column, NamedFrom, ParquetWriter, PlSmallStr, PolarsResult, Series};
+use polars::prelude::{Column, KeyValueMetadata, NamedFrom, ParquetWriter, PlSmallStr, PolarsResult, Series};
+use serde_json::{Map, Value as Json};
 
-/// A table: columns of one length, each with its name.
+/// The version of what tables' columns are called and mean.
+pub const TABLE_FORMAT: u32 = 1;
+
+/// Where the metadata of a Parquet file of ours says its version.
+pub const TABLE_MARK: &str = "depthloom.format";
+
+/// The unit of shares and other numbers that have none.
+pub(crate) const DIMENSIONLESS: &str = "1";
+
+/// A table: columns of one length, each with its name, and its unit where it has one.
 pub(crate) struct Sheet<'a> {
-    columns: Vec<(String, Cells<'a>)>,
+    columns: Vec<SheetColumn<'a>>,
+}
+
+struct SheetColumn<'a> {
+    name: String,
+    unit: Option<&'static str>,
+    cells: Cells<'a>,
 }
 
 /// The cells of a column, top to bottom.
 pub(crate) enum Cells<'a> {
     Text(Vec<&'a str>),
+    /// `None` is an empty cell.
+    TextIfAny(Vec<Option<&'a str>>),
     Metres(Vec<u32>),
     Count(Vec<u64>),
     CountIfAny(Vec<Option<u64>>),
@@ -31,27 +54,47 @@ impl<'a> Sheet<'a> {
     }
 
     /// Adds a column on the right.
-    pub(crate) fn with(mut self, name: impl Into<String>, cells: Cells<'a>) -> Self {
-        let (name, height) = (name.into(), self.height());
+    pub(crate) fn with(self, name: impl Into<String>, cells: Cells<'a>) -> Self {
+        self.with_unit(name, None, cells)
+    }
+
+    /// Adds a column on the right: of numbers in this unit, such as `m`, `ns` or `pixels`.
+    pub(crate) fn with_unit(
+        mut self,
+        name: impl Into<String>,
+        unit: impl Into<Option<&'static str>>,
+        cells: Cells<'a>,
+    ) -> Self {
+        let (name, unit, height) = (name.into(), unit.into(), self.height());
         assert!(self.columns.is_empty() || cells.len() == height, "`{name}` is as long as the other columns");
-        self.columns.push((name, cells));
+        self.columns.push(SheetColumn { name, unit, cells });
         self
     }
 
+    /// Adds a column of a score on the right.
+    pub(crate) fn with_score(self, metric: &'static Metric, cells: Cells<'a>) -> Self {
+        self.with_unit(metric.name, unit_of(metric), cells)
+    }
+
+    /// Adds a column of shares on the right, from 0 to 1.
+    pub(crate) fn with_share(self, name: &str, cells: Vec<Option<f64>>) -> Self {
+        self.with_unit(name, DIMENSIONLESS, Cells::Number(cells))
+    }
+
     pub(crate) fn height(&self) -> usize {
-        self.columns.first().map_or(0, |(_, cells)| cells.len())
+        self.columns.first().map_or(0, |column| column.cells.len())
     }
 
     /// Writes it as CSV: numbers with the fewest digits that give the same number again, quotes only where they are needed.
     pub(crate) fn write_csv(&self, out: &mut impl Write) -> io::Result<()> {
-        let names: Vec<&str> = self.columns.iter().map(|(name, _)| name.as_str()).collect();
+        let names: Vec<&str> = self.columns.iter().map(|column| column.name.as_str()).collect();
         writeln!(out, "{}", names.join(","))?;
         for row in 0..self.height() {
-            for (place, (_, cells)) in self.columns.iter().enumerate() {
+            for (place, column) in self.columns.iter().enumerate() {
                 if place > 0 {
                     out.write_all(b",")?;
                 }
-                cells.write(row, out)?;
+                column.cells.write(row, out)?;
             }
             out.write_all(b"\n")?;
         }
@@ -65,13 +108,29 @@ impl<'a> Sheet<'a> {
         bytes
     }
 
-    /// The bytes of a Parquet file.
-    pub(crate) fn parquet(self) -> PolarsResult<Vec<u8>> {
-        let height = self.height();
-        let column = |(name, cells): (String, Cells<'_>)| {
+    /// Its rows as JSON objects, column to value; an empty cell is null.
+    pub(crate) fn rows(&self) -> Vec<Json> {
+        let row = |row: usize| {
+            let cells = self.columns.iter().map(|column| (column.name.clone(), column.cells.json(row)));
+            Json::Object(cells.collect())
+        };
+        (0..self.height()).map(row).collect()
+    }
+
+    /// What the metadata of its Parquet file says: `table` is what the table is called, `run` the key of the plan of the run it is of.
+    fn metadata(&self, table: &str, run: &Key) -> KeyValueMetadata {
+        let units = self.columns.iter().filter_map(|column| Some((column.name.as_str(), column.unit?)));
+        KeyValueMetadata::from_static(metadata(table, run, units))
+    }
+
+    /// The bytes of a Parquet file; see [`Sheet::metadata`].
+    pub(crate) fn parquet(self, table: &str, run: &Key) -> PolarsResult<Vec<u8>> {
+        let (height, metadata) = (self.height(), self.metadata(table, run));
+        let column = |SheetColumn { name, cells, .. }: SheetColumn<'_>| {
             let name = name.as_str().into();
             Column::from(match cells {
                 Cells::Text(cells) => Series::new(name, cells),
+                Cells::TextIfAny(cells) => Series::new(name, cells),
                 Cells::Metres(cells) => Series::new(name, cells),
                 Cells::Count(cells) => Series::new(name, cells),
                 Cells::CountIfAny(cells) => Series::new(name, cells),
@@ -81,12 +140,34 @@ impl<'a> Sheet<'a> {
         };
         let table = DataFrame::new(height, self.columns.into_iter().map(column).collect())?;
         let mut bytes = Vec::new();
-        let mut writer = ParquetWriter::new(&mut bytes).set_parallel(false).batched(table.schema())?;
+        let writer = ParquetWriter::new(&mut bytes).set_parallel(false).with_key_value_metadata(Some(metadata));
+        let mut writer = writer.batched(table.schema())?;
         writer.write_batch(&table)?;
         writer.finish()?;
         drop(writer);
         Ok(bytes)
     }
+}
+
+/// What the metadata of a Parquet file says: which table it is, of the run whose plan has this key, and the units of its columns.
+pub(crate) fn metadata<'c>(
+    table: &str,
+    run: &Key,
+    units: impl IntoIterator<Item = (&'c str, &'c str)>,
+) -> Vec<(String, String)> {
+    let units: Map<String, Json> = units.into_iter().map(|(column, unit)| (column.to_owned(), unit.into())).collect();
+    let told = [
+        (TABLE_MARK, TABLE_FORMAT.to_string()),
+        ("depthloom.table", table.to_owned()),
+        ("depthloom.run", run.to_string()),
+        ("depthloom.units", Json::Object(units).to_string()),
+    ];
+    told.map(|(key, value)| (key.to_owned(), value)).to_vec()
+}
+
+/// The unit of a score; of shares and of numbers without one, `1`.
+pub(crate) const fn unit_of(metric: &Metric) -> &'static str {
+    if metric.unit.is_empty() { DIMENSIONLESS } else { metric.unit }
 }
 
 /// Whole numbers where all are.
@@ -104,6 +185,7 @@ impl Cells<'_> {
     fn len(&self) -> usize {
         match self {
             Self::Text(cells) => cells.len(),
+            Self::TextIfAny(cells) => cells.len(),
             Self::Metres(cells) => cells.len(),
             Self::Count(cells) => cells.len(),
             Self::CountIfAny(cells) => cells.len(),
@@ -112,9 +194,22 @@ impl Cells<'_> {
         }
     }
 
+    fn json(&self, row: usize) -> Json {
+        match self {
+            Self::Text(cells) => cells[row].into(),
+            Self::TextIfAny(cells) => cells[row].into(),
+            Self::Metres(cells) => cells[row].into(),
+            Self::Count(cells) => cells[row].into(),
+            Self::CountIfAny(cells) => cells[row].into(),
+            Self::Numeral(cells) => cells[row].map_or(Json::Null, numeral),
+            Self::Number(cells) => cells[row].into(),
+        }
+    }
+
     fn write(&self, row: usize, out: &mut impl Write) -> io::Result<()> {
         match self {
             Self::Text(cells) => write_text(cells[row], out),
+            Self::TextIfAny(cells) => cells[row].map_or(Ok(()), |text| write_text(text, out)),
             Self::Metres(cells) => write!(out, "{}", cells[row]),
             Self::Count(cells) => write!(out, "{}", cells[row]),
             Self::CountIfAny(cells) => cells[row].map_or(Ok(()), |count| write!(out, "{count}")),
@@ -128,6 +223,14 @@ impl Cells<'_> {
     }
 }
 
+/// A number as it was written.
+pub(crate) fn numeral(text: &str) -> Json {
+    match text.parse::<i64>() {
+        Ok(whole) => whole.into(),
+        Err(_) => text.parse::<f64>().ok().into(),
+    }
+}
+
 fn write_text(text: &str, out: &mut impl Write) -> io::Result<()> {
     if text.is_empty() || text.contains([',', '"', '\n', '\r']) {
         write!(out, "\"{}\"", text.replace('"', "\"\""))
@@ -138,6 +241,10 @@ fn write_text(text: &str, out: &mut impl Write) -> io::Result<()> {
 
 #[cfg(test)]
 mod tests {
+    use std::io::Cursor;
+
+    use polars::prelude::{ParallelStrategy, ParquetReader, SerReader as _};
+
     use super::*;
 
     #[test]
@@ -145,13 +252,35 @@ mod tests {
         let numbers = vec![Some(0.1 + 0.2), Some(1.0), Some(1e-7), Some(1e300), None, Some(f64::NAN)];
         let sheet = Sheet::new()
             .with("name", Cells::Text(vec!["a/b", "two, three", "\"q\"", "", "ä", "x"]))
+            .with("variant", Cells::TextIfAny(vec![Some("a,b"), None, None, None, None, Some("full")]))
             .with("bin_m", Cells::Metres((0..6).collect()))
             .with("median", Cells::CountIfAny(vec![Some(5), None, None, None, None, None]))
             .with("score", Cells::Number(numbers));
         let mut bytes = Vec::new();
         sheet.write_csv(&mut bytes).unwrap();
-        let expected = "name,bin_m,median,score\na/b,0,5,0.30000000000000004\n\"two, three\",1,,1.0\n\"\"\"q\"\"\",2,,1e-7\n\
-                        \"\",3,,1e+300\nä,4,,\nx,5,,NaN\n";
+        let expected = "name,variant,bin_m,median,score\na/b,\"a,b\",0,5,0.30000000000000004\n\"two, three\",,1,,1.0\n\
+                        \"\"\"q\"\"\",,2,,1e-7\n\"\",,3,,1e+300\nä,,4,,\nx,full,5,,NaN\n";
         assert_eq!(String::from_utf8(bytes).unwrap(), expected);
+        let row = serde_json::json!({ "name": "", "variant": null, "bin_m": 3, "median": null, "score": 1e300 });
+        assert_eq!(sheet.rows()[3], row);
+        assert!(sheet.rows()[5]["score"].is_null(), "JSON has no NaN");
+    }
+
+    #[test]
+    fn a_parquet_file_says_what_it_is_and_what_its_numbers_are_in() {
+        let sheet = Sheet::new()
+            .with("stage", Cells::Text(vec!["s"]))
+            .with_score(Metric::named("rmse").unwrap(), Cells::Number(vec![Some(0.5)]))
+            .with_share("density", vec![None]);
+        let key = Key::of_content(b"a plan");
+        let mut reader = ParquetReader::new(Cursor::new(sheet.parquet("scores", &key).unwrap()));
+        let told = reader.get_metadata().unwrap().key_value_metadata().clone().unwrap();
+        let of = |name: &str| told.iter().find(|pair| pair.key == name).and_then(|pair| pair.value.clone()).unwrap();
+        assert_eq!(
+            ["format", "table", "run"].map(|name| of(&format!("depthloom.{name}"))),
+            ["1".to_owned(), "scores".to_owned(), key.to_string()]
+        );
+        assert_eq!(of("depthloom.units"), r#"{"rmse":"m","density":"1"}"#);
+        assert_eq!(reader.read_parallel(ParallelStrategy::None).finish().unwrap().shape(), (1, 3));
     }
 }

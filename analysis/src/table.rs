@@ -8,14 +8,17 @@ mod terminal;
 use std::collections::{HashMap, HashSet};
 
 use depthloom_graphs::Key;
-use depthloom_scores::{Family, Mean, Metric, PixelSet};
+use depthloom_scores::{Family, Mean, Metric, PixelSet, ScoreRow, Settings};
 
 use self::means::{Means, means};
 use crate::comparison::Comparison;
+use crate::error::AnalysisError;
 use crate::estimators::Estimator;
+use crate::leading::{Lead, sheet};
 use crate::paper::paper_scores;
 use crate::scores::{FrameScore, metrics_of};
-use crate::sheet::{Cells, Sheet};
+use crate::sheet::{Cells, Sheet, unit_of};
+use crate::statistics::{Interval, Resampling, Statistic, Weighted};
 
 /// The mean over frames, a column an estimator and pixel set.
 ///
@@ -31,6 +34,8 @@ pub struct Table {
     pub columns: Vec<TableColumn>,
     /// Whether the paper's numbers stand beside ours.
     pub with_paper: bool,
+    /// How frames were resampled for intervals; `None`: there are none.
+    pub intervals: Option<Resampling>,
 }
 
 /// An estimator on a pixel set.
@@ -40,8 +45,12 @@ pub struct TableColumn {
     pub group: String,
     /// Its name under the group.
     pub name: String,
-    /// The estimator.
+    /// What the estimator is of.
+    pub lead: Lead,
+    /// Its name under `estimates:`.
     pub estimator: String,
+    /// What people call it.
+    pub label: String,
     /// The pixels scored over.
     pub set: PixelSet,
     /// How many frames the mean is over.
@@ -50,6 +59,8 @@ pub struct TableColumn {
     pub mean: Mean,
     /// The means, in the order of [`Table::metrics`]; `None` if it was not asked for, or no frame had a pixel to score.
     pub means: Vec<Option<f64>>,
+    /// Their intervals, where there are any.
+    pub intervals: Vec<Option<Interval>>,
     /// The mean share of true pixels that were answered; `None` if the recording does not say.
     pub density: Option<f64>,
     /// Columns of one number may be compared: over all true pixels, as many of the same frames, held against the same truth,
@@ -88,7 +99,7 @@ impl Table {
             sets.sort_by_key(|set| std::cmp::Reverse(*set));
             let several = sets.len() > 1;
             for set in sets {
-                let (group, name) = match (&estimator.variant, several || set != PixelSet::All) {
+                let (group, name) = match (&estimator.lead.variant, several || set != PixelSet::All) {
                     (Some(variant), false) => (variant.clone(), estimator.name.clone()),
                     (Some(variant), true) => (variant.clone(), format!("{} {set}", estimator.name)),
                     (None, _) => (estimator.label.clone(), set.to_string()),
@@ -108,10 +119,13 @@ impl Table {
                 columns.push(TableColumn {
                     group,
                     name,
-                    estimator: estimator.label.clone(),
+                    lead: estimator.lead.clone(),
+                    estimator: estimator.name.clone(),
+                    label: estimator.label.clone(),
                     set,
                     frames,
                     mean: estimator.mean,
+                    intervals: vec![None; means.len()],
                     means,
                     density,
                     comparable,
@@ -119,7 +133,44 @@ impl Table {
                 });
             }
         }
-        Self { experiment: experiment.to_owned(), metrics, columns, with_paper }
+        Self { experiment: experiment.to_owned(), metrics, columns, with_paper, intervals: None }
+    }
+
+    /// The table of these scores and estimators with an interval beside each number.
+    ///
+    /// # Errors
+    /// [`AnalysisError::Stopped`] once `stop` says so.
+    pub(crate) fn with_intervals(
+        mut self,
+        scores: &[FrameScore],
+        estimators: &[Estimator],
+        resampling: Resampling,
+        stop: &(dyn Fn() -> bool + Sync),
+    ) -> Result<Self, AnalysisError> {
+        let rows = whole_images(scores, estimators);
+        let mut frames: HashMap<(&str, PixelSet), Vec<&ScoreRow>> = HashMap::new();
+        for score in rows {
+            frames.entry((&estimators[score.estimator].label, score.row.set)).or_default().push(&score.row);
+        }
+        let settings: HashMap<&str, Settings> =
+            estimators.iter().map(|of| (of.label.as_str(), of.settings.unwrap_or_default())).collect();
+        let mut numbers: Vec<(usize, Box<Statistic<'_>>)> = Vec::new();
+        for column in &self.columns {
+            let rows = frames.get(&(column.label.as_str(), column.set)).map_or(&[][..], Vec::as_slice);
+            for metric in &self.metrics {
+                let settings = &settings[column.label.as_str()];
+                let of = Weighted::of_those_that_have_it(metric, column.mean, settings, rows.iter().copied());
+                numbers.push(match of {
+                    Some((frames, weighted)) => (frames, Box::new(move |times: &[f64]| weighted.value(times))),
+                    None => (0, Box::new(|_: &[f64]| f64::NAN)),
+                });
+            }
+        }
+        let mut found = resampling.intervals_of(&numbers, stop)?.into_iter();
+        for column in &mut self.columns {
+            column.intervals = found.by_ref().take(self.metrics.len()).collect();
+        }
+        Ok(Self { intervals: Some(resampling), ..self })
     }
 
     pub(crate) fn terminal(&self, width: usize) -> String {
@@ -134,24 +185,33 @@ impl Table {
         latex::render(self)
     }
 
-    /// The long form, a row an estimator and pixel set, sorted: `estimator, scored_on`, the scores, `frames`, the paper's
-    /// as `paper_a1 ...` where asked for, `density`.
+    /// The long form, a row an estimator and pixel set: what it is of, the scores, `frames`, the paper's as `paper_a1 ...` where asked for,
+    /// `density`.
     pub(crate) fn long_form(&self) -> Sheet<'_> {
-        let mut rows: Vec<&TableColumn> = self.columns.iter().collect();
-        rows.sort_by(|a, b| (&a.estimator, a.set).cmp(&(&b.estimator, b.set)));
-        let mut table = Sheet::new()
-            .with("estimator", Cells::Text(rows.iter().map(|row| row.estimator.as_str()).collect()))
-            .with("scored_on", Cells::Text(rows.iter().map(|row| row.set.name()).collect()));
+        let rows = &self.columns;
+        let leads: Vec<&Lead> = rows.iter().map(|row| &row.lead).collect();
+        let what = [
+            ("estimator", Cells::Text(rows.iter().map(|row| row.estimator.as_str()).collect())),
+            ("set", Cells::Text(rows.iter().map(|row| row.set.name()).collect())),
+        ];
+        let mut table = sheet(&leads, what);
         for (i, metric) in self.metrics.iter().enumerate() {
-            table = table.with(metric.name, Cells::Number(rows.iter().map(|row| row.means[i]).collect()));
+            table = table.with_score(metric, Cells::Number(rows.iter().map(|row| row.means[i]).collect()));
+            if self.intervals.is_some() {
+                let low = rows.iter().map(|row| row.intervals[i].map(|of| of.low)).collect();
+                let high = rows.iter().map(|row| row.intervals[i].map(|of| of.high)).collect();
+                let (name, unit) = (metric.name, unit_of(metric));
+                table = table.with_unit(format!("{name}_low"), unit, Cells::Number(low));
+                table = table.with_unit(format!("{name}_high"), unit, Cells::Number(high));
+            }
         }
-        table = table.with("frames", Cells::Count(rows.iter().map(|row| row.frames).collect()));
+        table = table.with_unit("frames", "frames", Cells::Count(rows.iter().map(|row| row.frames).collect()));
         let in_the_paper = Family::Depth.defaults();
         for metric in self.metrics.iter().filter(|metric| self.with_paper && in_the_paper.contains(metric)) {
-            let paper = rows.iter().map(|row| row.paper_of(metric));
-            table = table.with(format!("paper_{}", metric.name), Cells::Number(paper.collect()));
+            let paper = Cells::Number(rows.iter().map(|row| row.paper_of(metric)).collect());
+            table = table.with_unit(format!("paper_{}", metric.name), unit_of(metric), paper);
         }
-        table.with("density", Cells::Number(rows.iter().map(|row| row.density).collect()))
+        table.with_share("density", rows.iter().map(|row| row.density).collect())
     }
 
     /// Whether a column is the best of a row among two or more that are comparable.
@@ -185,12 +245,16 @@ impl Table {
         Some(if numbers.len() == 1 { "best over all true pixels" } else { "best of those over the same true pixels" })
     }
 
-    /// The text of a cell: our number, and the paper's.
+    /// The text of a cell: our number, and what stands beside it: its interval, and the paper's number.
     pub(crate) fn cell(&self, line: usize, column: usize) -> (String, Option<String>) {
         let (column, metric) = (&self.columns[column], self.metrics[line]);
         let decimals = metric.decimals;
         let ours = column.means[line].map_or_else(|| "-".to_owned(), |mean| format!("{mean:.decimals$}"));
-        (ours, column.paper_of(metric).map(|paper| format!("({paper:.2})")))
+        let text = |of: Interval| format!("[{:.decimals$}, {:.decimals$}]", of.low, of.high);
+        let interval = column.intervals[line].map(text);
+        let beside: Vec<String> =
+            interval.into_iter().chain(column.paper_of(metric).map(|paper| format!("({paper:.2})"))).collect();
+        (ours, (!beside.is_empty()).then(|| beside.join(" ")))
     }
 
     /// The columns in groups, as ranges: neighbours under one heading.
@@ -215,17 +279,21 @@ impl Table {
             0 => format!("mean over {most} frame{s}"),
             all if all == self.columns.len() => format!("over all pixels of {most} frame{s}"),
             _ => {
-                let mut named: Vec<&str> = pooled.iter().map(|column| column.estimator.as_str()).collect();
+                let mut named: Vec<&str> = pooled.iter().map(|column| column.label.as_str()).collect();
                 named.dedup();
                 format!("mean over {most} frame{s}, over all their pixels alike for {}", named.join(", "))
             }
+        };
+        let frames = match &self.intervals {
+            Some(resampling) => format!("{frames}, in square brackets its interval ({})", resampling.about()),
+            None => frames,
         };
         if counts.len() <= 1 {
             return frames;
         }
         let fewer = self.columns.iter().filter(|column| column.frames < most);
         let fewer: Vec<String> =
-            fewer.map(|column| format!("{} on {}: {}", column.estimator, column.set, column.frames)).collect();
+            fewer.map(|column| format!("{} on {}: {}", column.label, column.set, column.frames)).collect();
         format!("{frames} ({})", fewer.join(", "))
     }
 }

@@ -3,16 +3,18 @@
 use std::fs::File;
 use std::path::Path;
 
+use depthloom_graphs::Key;
 use polars::prelude::{ParallelStrategy, ParquetReader, PolarsResult, SerReader};
 
 use crate::error::{AnalysisError, caught};
-use crate::sheet::{Cells, Sheet};
+use crate::leading::{Lead, sheet};
+use crate::sheet::Cells;
 
 /// What one part of a run cost.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Timing {
-    /// The stage; empty for what belongs to no stage.
-    pub stage: String,
+    /// The stage, empty for what belongs to none; and the variant where not all share the node.
+    pub lead: Lead,
     /// The node, the source, or what else was busy.
     pub node: String,
     /// What it did: `read`, `process`, `encode`, `compress`, `write`, ...
@@ -27,28 +29,32 @@ pub struct Timing {
     pub median_cpu_ns: Option<u64>,
 }
 
-/// Writes timings to a Parquet file, a row each: `stage, node, phase, frames, cpu_ns, wall_ns, median_cpu_ns`.
+/// Writes timings of a run whose plan has this key to a Parquet file, a row each: what it is of, with `node` and `phase`; `frames, cpu_ns,
+/// wall_ns, median_cpu_ns`.
 ///
 /// # Errors
 /// If the file cannot be written.
-pub fn write_timings(timings: &[Timing], path: &Path) -> Result<(), AnalysisError> {
+pub fn write_timings(timings: &[Timing], run: &Key, path: &Path) -> Result<(), AnalysisError> {
     let texts = |of: fn(&Timing) -> &str| Cells::Text(timings.iter().map(of).collect());
     let counts = |of: fn(&Timing) -> u64| Cells::Count(timings.iter().map(of).collect());
-    let table = Sheet::new()
-        .with("stage", texts(|timing| &timing.stage))
-        .with("node", texts(|timing| &timing.node))
-        .with("phase", texts(|timing| &timing.phase))
-        .with("frames", counts(|timing| timing.frames))
-        .with("cpu_ns", counts(|timing| timing.cpu_ns))
-        .with("wall_ns", counts(|timing| timing.wall_ns))
-        .with("median_cpu_ns", Cells::CountIfAny(timings.iter().map(|timing| timing.median_cpu_ns).collect()));
+    let leads: Vec<&Lead> = timings.iter().map(|timing| &timing.lead).collect();
+    let what = [("node", texts(|timing| &timing.node)), ("phase", texts(|timing| &timing.phase))];
+    let table = sheet(&leads, what)
+        .with_unit("frames", "frames", counts(|timing| timing.frames))
+        .with_unit("cpu_ns", "ns", counts(|timing| timing.cpu_ns))
+        .with_unit("wall_ns", "ns", counts(|timing| timing.wall_ns))
+        .with_unit(
+            "median_cpu_ns",
+            "ns",
+            Cells::CountIfAny(timings.iter().map(|timing| timing.median_cpu_ns).collect()),
+        );
     caught(|| {
-        let bytes = table.parquet().map_err(AnalysisError::compute("the timings"))?;
+        let bytes = table.parquet("timings", run).map_err(AnalysisError::compute("the timings"))?;
         depthloom_durable::write(path, &bytes).map_err(AnalysisError::write(path))
     })
 }
 
-/// Reads timings back.
+/// Reads timings back, but for the axes of their variants.
 ///
 /// # Errors
 /// If the file cannot be read or holds something else.
@@ -58,12 +64,22 @@ pub fn read_timings(path: &Path) -> Result<Vec<Timing>, AnalysisError> {
         let table = ParquetReader::new(file).read_parallel(ParallelStrategy::None).finish()?;
         let texts = |name: &str| table.column(name).and_then(|column| column.str());
         let numbers = |name: &str| table.column(name).and_then(|column| column.u64());
-        let (stages, nodes, phases) = (texts("stage")?, texts("node")?, texts("phase")?);
+        // 0.1.0 had the variant in the node's name.
+        let (stages, variants) = (texts("stage")?, texts("variant").ok());
+        let (nodes, phases) = (texts("node")?, texts("phase")?);
         let (frames, cpu, wall, median) =
             (numbers("frames")?, numbers("cpu_ns")?, numbers("wall_ns")?, numbers("median_cpu_ns")?);
+        let named = |i: usize| {
+            let (stage, node) = (stages.get(i).unwrap_or_default(), nodes.get(i).unwrap_or_default());
+            match (variants, node.rsplit_once('/')) {
+                (Some(variants), _) => (stage, variants.get(i), node),
+                (None, Some((variant, node))) => (stage, Some(variant), node),
+                (None, None) => (stage, None, node),
+            }
+        };
         let row = |i: usize| Timing {
-            stage: stages.get(i).unwrap_or_default().to_owned(),
-            node: nodes.get(i).unwrap_or_default().to_owned(),
+            lead: Lead { stage: named(i).0.to_owned(), variant: named(i).1.map(str::to_owned), factors: Vec::new() },
+            node: named(i).2.to_owned(),
             phase: phases.get(i).unwrap_or_default().to_owned(),
             frames: frames.get(i).unwrap_or(0),
             cpu_ns: cpu.get(i).unwrap_or(0),
@@ -126,7 +142,9 @@ fn render(timings: &[Timing]) -> String {
 }
 
 fn name(timing: &Timing) -> String {
-    if timing.stage.is_empty() { timing.node.clone() } else { format!("{}.{}", timing.stage, timing.node) }
+    let stage = if timing.lead.stage.is_empty() { String::new() } else { format!("{}.", timing.lead.stage) };
+    let variant = timing.lead.variant.as_ref().map_or_else(String::new, |variant| format!("{variant}/"));
+    format!("{stage}{variant}{}", timing.node)
 }
 
 #[cfg(test)]
@@ -134,8 +152,8 @@ mod tests {
     use super::*;
 
     fn timings() -> Vec<Timing> {
-        let timing = |stage: &str, node: &str, phase: &str, cpu_ns, median_cpu_ns| Timing {
-            stage: stage.to_owned(),
+        let timing = |stage: &str, variant: Option<&str>, node: &str, phase: &str, cpu_ns, median_cpu_ns| Timing {
+            lead: Lead { stage: stage.to_owned(), variant: variant.map(str::to_owned), factors: Vec::new() },
             node: node.to_owned(),
             phase: phase.to_owned(),
             frames: 4,
@@ -144,9 +162,9 @@ mod tests {
             median_cpu_ns,
         };
         vec![
-            timing("compare", "stereo", "process", 300_000_000, Some(74_500_000)),
-            timing("compare", "fused", "process", 60_000_000, Some(15_000_000)),
-            timing("", "recording", "write", 40_000_000, None),
+            timing("compare", None, "stereo", "process", 300_000_000, Some(74_500_000)),
+            timing("compare", Some("a"), "fused", "process", 60_000_000, Some(15_000_000)),
+            timing("", None, "recording", "write", 40_000_000, None),
         ]
     }
 
@@ -154,7 +172,7 @@ mod tests {
     fn timings_come_back_as_they_were_written() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("timings.parquet");
-        write_timings(&timings(), &path).unwrap();
+        write_timings(&timings(), &Key::of_content(b"a plan"), &path).unwrap();
         assert_eq!(read_timings(&path).unwrap(), timings());
         assert_eq!(timings_table(&path).unwrap(), render(&timings()));
     }
@@ -169,11 +187,11 @@ mod tests {
                 "per frame; core-ms: processor time of all threads, mean; median: the same; wall-ms: from start to end, mean;",
                 "share: of the run's processor time",
                 "",
-                "node            phase     frames    core-ms     median    wall-ms   share",
-                "compare.stereo  process        4     75.000     74.500     75.250   75.0%",
-                "compare.fused   process        4     15.000     15.000     15.250   15.0%",
-                "recording       write          4     10.000          -     10.250   10.0%",
-                "in all                         4    100.000",
+                "node             phase     frames    core-ms     median    wall-ms   share",
+                "compare.stereo   process        4     75.000     74.500     75.250   75.0%",
+                "compare.a/fused  process        4     15.000     15.000     15.250   15.0%",
+                "recording        write          4     10.000          -     10.250   10.0%",
+                "in all                          4    100.000",
             ]
         );
     }
@@ -181,7 +199,7 @@ mod tests {
     #[test]
     fn what_was_done_once_is_not_among_the_frames() {
         let once = Timing {
-            stage: "learn".to_owned(),
+            lead: Lead { stage: "learn".to_owned(), ..Lead::default() },
             node: "teacher".to_owned(),
             phase: "once".to_owned(),
             frames: 1,
@@ -194,16 +212,16 @@ mod tests {
         assert_eq!(
             lines[3..],
             [
-                "node            phase     frames    core-ms     median    wall-ms   share",
-                "compare.stereo  process        4     75.000     74.500     75.250   15.0%",
-                "compare.fused   process        4     15.000     15.000     15.250    3.0%",
-                "recording       write          4     10.000          -     10.250    2.0%",
-                "in all                         4    100.000",
+                "node             phase     frames    core-ms     median    wall-ms   share",
+                "compare.stereo   process        4     75.000     74.500     75.250   15.0%",
+                "compare.a/fused  process        4     15.000     15.000     15.250    3.0%",
+                "recording        write          4     10.000          -     10.250    2.0%",
+                "in all                          4    100.000",
                 "",
                 "once, after the last frame of its stage",
                 "",
-                "node            phase      times    core-ms     median    wall-ms   share",
-                "learn.teacher   once           1   1600.000          -    900.000   80.0%",
+                "node             phase      times    core-ms     median    wall-ms   share",
+                "learn.teacher    once           1   1600.000          -    900.000   80.0%",
             ]
         );
     }

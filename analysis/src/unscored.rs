@@ -30,6 +30,9 @@ impl Unscored {
         estimators: &[Estimator],
         scores: &[FrameScore],
     ) -> Result<Self, AnalysisError> {
+        if scores.is_empty() {
+            return Self::without_a_score(recording, estimators);
+        }
         let runs = &recording.plan().runs;
         // Variants may score the same frame in several runs of a stage.
         let mut frames: BTreeMap<(&str, usize, &str), (usize, u64)> = BTreeMap::new();
@@ -62,6 +65,35 @@ impl Unscored {
             format!("{count} {frames} {have} no pixel to score and {are} in no mean: {named}{more}; {why}")
         };
         Ok(Self { note: Some(note), everything })
+    }
+}
+
+impl Unscored {
+    /// Of a recording in which no score was made.
+    fn without_a_score(recording: &Recording, estimators: &[Estimator]) -> Result<Self, AnalysisError> {
+        let whole = |estimator: &Estimator| {
+            let frames = recording.frames(estimator.run).iter().enumerate();
+            frames.filter(|(_, frame)| frame.failures.is_empty()).map(|(position, _)| position).collect::<Vec<_>>()
+        };
+        let scored = estimators.iter().filter(|of| of.score_topic.is_some());
+        let mut with_frames = scored.map(|of| (of, whole(of))).filter(|(_, frames)| !frames.is_empty());
+        // Of what failed the frames tell.
+        let Some((first, frames)) = with_frames.next() else { return Ok(Self::default()) };
+        let truth = first.truth.as_deref().or(first.truth_topic.as_deref()).unwrap_or("truth").trim_start_matches('/');
+        let mut has_truth = false;
+        if let Some(topic) = &first.truth_topic {
+            let mut reader = recording.reader(first.run, &[topic])?;
+            for position in frames.iter().take(LOOKED_AT) {
+                has_truth |= reader.read(*position)?.first().is_some_and(Option::is_some);
+            }
+        }
+        let why = match has_truth {
+            true => "no frame has a value of each that is compared".to_owned(),
+            false => format!(
+                "no frame has the truth `{truth}`: say in the source's parameters where it lies, choose frames that have it, or leave `score:` out"
+            ),
+        };
+        Ok(Self { note: Some(format!("not one pixel was scored: {why}")), everything: true })
     }
 }
 

@@ -13,7 +13,7 @@ use prost::Message;
 
 use crate::floats::unpacked;
 use crate::messages::ScoreMessage;
-use crate::schema::{BASELINE_M, MIN_DISPARITY_PX, Schema};
+use crate::schema::{BASELINE_M, DOFFS_PX, MIN_DISPARITY_PX, Schema};
 use crate::wire_format::{Content, Fields};
 
 /// Reads a raster or a calibration.
@@ -27,6 +27,7 @@ pub fn value(schema: Schema, value_type: ValueType, message: &[u8]) -> Result<Va
         (Schema::RawImage, _) => raw_image(message)?.value(value_type),
         (Schema::FloatMap, ValueType::Depth) => Ok(Depth { metres: float_map(message)? }.into()),
         (Schema::FloatMap, ValueType::Weight) => Ok(Weight { share: float_map(message)? }.into()),
+        (Schema::FloatMap, ValueType::TrueDisparity) => Ok(TrueDisparity { px: float_map(message)? }.into()),
         _ => Err(format!("a {} message holds no {value_type}", schema.name())),
     }
 }
@@ -64,17 +65,19 @@ fn compressed_image(message: &[u8]) -> Result<Image, String> {
 fn calibration(message: &[u8]) -> Result<Calibration, String> {
     let no_calibration = |error: prost::DecodeError| format!("a message is no calibration: {error}");
     let decoded = CameraCalibration::decode(message).map_err(no_calibration)?;
-    let mut baseline_m = None;
+    let (mut baseline_m, mut doffs_px) = (None, 0.0);
     for field in Fields(message) {
-        if let (BASELINE_M, Content::Fixed64(bits)) = field.map_err(|error| error.to_string())? {
-            baseline_m = Some(f64::from_bits(bits));
+        match field.map_err(|error| error.to_string())? {
+            (BASELINE_M, Content::Fixed64(bits)) => baseline_m = Some(f64::from_bits(bits)),
+            (DOFFS_PX, Content::Fixed64(bits)) => doffs_px = f64::from_bits(bits),
+            _ => {}
         }
     }
     let [focal_px, _, cx_px, _, _, cy_px, ..] = decoded.k[..] else {
         return Err("a calibration's K is no 3x3 matrix".to_owned());
     };
     let baseline_m = baseline_m.ok_or("a calibration has no baseline")?;
-    Ok(Calibration { width: decoded.width, height: decoded.height, focal_px, cx_px, cy_px, baseline_m })
+    Ok(Calibration { width: decoded.width, height: decoded.height, focal_px, cx_px, cy_px, baseline_m, doffs_px })
 }
 
 /// What stands for "nothing found" in maps of disparities from there on, 1/16 px; `None` if 16 bits do not hold it.
@@ -89,7 +92,7 @@ pub fn nothing_found(min_disparity_px: i32) -> Option<i16> {
 /// What is wrong with the message, as a lower-case fragment.
 pub fn float_map(message: &[u8]) -> Result<Raster<f32>, String> {
     let (mut width, mut height) = (0, 0);
-    let [mut data, mut codes, mut lows, mut highs]: [&[u8]; 4] = [&[]; 4];
+    let [mut data, mut codes, mut lows]: [&[u8]; 3] = [&[]; 3];
     for field in Fields(message) {
         match field.map_err(|error| error.to_string())? {
             (2, content) => width = content.fixed32(),
@@ -97,7 +100,6 @@ pub fn float_map(message: &[u8]) -> Result<Raster<f32>, String> {
             (6, content) => data = content.bytes(),
             (8, content) => codes = content.bytes(),
             (9, content) => lows = content.bytes(),
-            (10, content) => highs = content.bytes(),
             _ => {}
         }
     }
@@ -105,7 +107,7 @@ pub fn float_map(message: &[u8]) -> Result<Raster<f32>, String> {
     let samples = if codes.is_empty() {
         data.as_chunks().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect()
     } else {
-        unpacked(count, codes, lows, highs)?
+        unpacked(count, codes, lows)?
     };
     let is_whole = samples.len() == count && (!codes.is_empty() || data.len() == 4 * count);
     let raster = is_whole.then(|| Raster::from_raw(width, height, samples)).flatten();
@@ -157,7 +159,7 @@ impl RawImage<'_> {
                 Ok(Disparity { sixteenths_px, min_disparity_px }.into())
             }
             (ValueType::TrueDisparity, b"16UC1") => {
-                Ok(TrueDisparity { px_256: self.raster(u16::from_le_bytes)? }.into())
+                Ok(TrueDisparity::from_px_256(&self.raster(u16::from_le_bytes)?).into())
             }
             (ValueType::Depth, b"32FC1") => Ok(Depth { metres: self.raster(f32::from_le_bytes)? }.into()),
             (ValueType::Weight, b"32FC1") => Ok(Weight { share: self.raster(f32::from_le_bytes)? }.into()),
@@ -231,23 +233,52 @@ impl Gathered {
 
 #[cfg(test)]
 mod tests {
-    use depthloom_graphs::values::{Raster, TrueDisparity};
+    use depthloom_graphs::values::{Calibration, Raster, TrueDisparity};
     use depthloom_graphs::{Value, ValueType};
     use depthloom_scores::{Metric, PixelSet, ScoreRow};
 
     use super::{score, value};
     use crate::encode::{Stamp, put};
     use crate::messages::ScoreMessage;
+    use crate::schema::Schema;
 
     #[test]
     fn true_disparities_come_back_as_they_were() {
+        let recorded = |truth: &TrueDisparity| {
+            let mut message = Vec::new();
+            let value = Value::from(truth.clone());
+            let schema = put(&mut message, Stamp { time_ns: 0, frame_id: "left" }, &value).unwrap();
+            (schema, message)
+        };
         let px_256 = Raster::from_raw(3, 1, vec![0, 1, u16::MAX]).unwrap();
-        let truth = Value::from(TrueDisparity { px_256: px_256.clone() });
-        let mut message = Vec::new();
-        let schema = put(&mut message, Stamp { time_ns: 0, frame_id: "left" }, &truth).unwrap();
+        let (schema, message) = recorded(&TrueDisparity::from_px_256(&px_256));
+        assert_eq!((schema, &message[message.len() - 6..]), (Schema::RawImage, &[0, 0, 1, 0, 255, 255][..]));
         let Ok(Value::TrueDisparity(read)) = value(schema, ValueType::TrueDisparity, &message) else { panic!("read") };
-        assert_eq!(read.px_256, px_256);
+        assert_eq!(read.px_256(), Some(px_256));
         assert!(value(schema, ValueType::Depth, &message).is_err());
+        // What sixteen bits do not hold is kept as it is.
+        let px = Raster::from_raw(4, 1, vec![0.0, f32::NAN, 10.000_1, 300.5]).unwrap();
+        let (schema, message) = recorded(&TrueDisparity { px: px.clone() });
+        assert_eq!(schema, Schema::FloatMap);
+        let Ok(Value::TrueDisparity(read)) = value(schema, ValueType::TrueDisparity, &message) else { panic!("read") };
+        let bits = |px: &Raster<f32>| px.iter().map(|px| px.to_bits()).collect::<Vec<u32>>();
+        assert_eq!(bits(&read.px), bits(&px));
+    }
+
+    #[test]
+    fn principal_points_apart_come_back_and_those_that_are_one_take_no_byte() {
+        let (width, height) = (8, 4);
+        let one = Calibration { width, height, focal_px: 9.0, cx_px: 4.0, cy_px: 2.0, baseline_m: 0.1, doffs_px: 0.0 };
+        let apart = Calibration { doffs_px: 31.086, ..one.clone() };
+        let recorded = |of: &Calibration| {
+            let mut message = Vec::new();
+            put(&mut message, Stamp { time_ns: 0, frame_id: "left" }, &of.clone().into()).unwrap();
+            let read = value(Schema::CameraCalibration, ValueType::Calibration, &message);
+            let Ok(Value::Calibration(read)) = read else { panic!("read") };
+            assert_eq!(*read, *of);
+            message.len()
+        };
+        assert_eq!(recorded(&apart), recorded(&one) + 10);
     }
 
     /// The bytes of a row as recordings of before have them, written by prost: frame, set, pixels, then doubles 4 to 11.

@@ -3,7 +3,7 @@
 use std::fmt;
 
 use depthloom_graphs::Value;
-use depthloom_graphs::values::{Calibration, Encoded, Image, Pixels, Raster};
+use depthloom_graphs::values::{Calibration, Encoded, Image, Pixels, Raster, TrueDisparity};
 use foxglove::messages::packed_element_field::NumericType;
 use foxglove::messages::{
     CameraCalibration, FrameTransform, PackedElementField, PointCloud, Pose, Quaternion, Timestamp, Vector3,
@@ -13,7 +13,7 @@ use prost::Message;
 use crate::decode::nothing_found;
 use crate::files::Cloud;
 use crate::floats::PackedFloats;
-use crate::schema::{BASELINE_M, MIN_DISPARITY_PX, Schema};
+use crate::schema::{BASELINE_M, DOFFS_PX, MIN_DISPARITY_PX, Schema};
 use crate::wire_format::{put_bytes, put_fixed32, put_length, put_number, put_signed, put_varint};
 
 const NS_PER_S: u64 = 1_000_000_000;
@@ -31,7 +31,8 @@ pub struct Stamp<'a> {
 #[derive(Clone, Copy)]
 enum Samples<'a> {
     U8(&'a [u8]),
-    U16(&'a [u16]),
+    /// True disparities, as 256ths of a pixel.
+    TrueDisparities(&'a [f32]),
     /// Fixed-point disparities, counted from the one that means that nothing was found: that is recorded as zero and all others
     /// above it, since no viewer knows 16 bits with a sign.
     Disparities(&'a [i16], i16),
@@ -60,7 +61,8 @@ impl fmt::Display for NoMessage {
 impl std::error::Error for NoMessage {}
 
 /// Appends the message of a raster or a calibration, and says of what schema it is: images with their file's bytes become a
-/// `foxglove.CompressedImage`, depths and weights a `depthloom.FloatMap`, other rasters a `foxglove.RawImage`. [`decode::value`](crate::decode::value) reads it back.
+/// `foxglove.CompressedImage`, depths, weights and true disparities that are no whole 1/256 px a `depthloom.FloatMap`, other rasters a
+/// `foxglove.RawImage`. [`decode::value`](crate::decode::value) reads it back.
 ///
 /// # Errors
 /// If the value is none of these: scores and curves are a message a row ([`messages`](crate::messages)), samples and models none; or
@@ -82,19 +84,18 @@ pub fn put(out: &mut Vec<u8>, stamp: Stamp<'_>, value: &Value) -> Result<Schema,
         put_compressed_image(out, stamp, encoded);
         return Ok(Schema::CompressedImage);
     }
-    put_value(out, stamp, value);
-    Ok(match value {
-        Value::Calibration(_) => Schema::CameraCalibration,
-        Value::Depth(_) | Value::Weight(_) => Schema::FloatMap,
-        _ => Schema::RawImage,
-    })
+    Ok(put_value(out, stamp, value))
 }
 
-/// Appends the message of a raster or a calibration; an image as its pixels.
+/// Appends the message of a raster or a calibration, and says of what schema it is; an image as its pixels.
 ///
 /// # Panics
 /// If the value is a table, a curve or an artefact: see [`put`].
-pub fn put_value(out: &mut Vec<u8>, stamp: Stamp<'_>, value: &Value) {
+pub fn put_value(out: &mut Vec<u8>, stamp: Stamp<'_>, value: &Value) -> Schema {
+    let plain = |out: &mut Vec<u8>, map: &Raster<f32>| {
+        put_float_map(out, stamp, map.dimensions(), &Floats::Plain(map));
+        Schema::FloatMap
+    };
     let raster = |(width, height), encoding, bytes_per_pixel, samples| RawImage {
         width,
         height,
@@ -117,27 +118,35 @@ pub fn put_value(out: &mut Vec<u8>, stamp: Stamp<'_>, value: &Value) {
                 Samples::Disparities(&disparity.sixteenths_px, disparity.invalid() as i16),
             )
         },
-        Value::TrueDisparity(truth) => raster(truth.px_256.dimensions(), "16UC1", 2, Samples::U16(&truth.px_256)),
-        Value::Depth(_) | Value::Weight(_) => {
-            let map = floats(value).expect("depths and weights are maps of floats");
-            return put_float_map(out, stamp, map.dimensions(), &Floats::Plain(map));
+        Value::TrueDisparity(truth) if truth.is_px_256() => {
+            put_true_disparity(out, stamp, truth);
+            return Schema::RawImage;
         }
+        Value::TrueDisparity(truth) => return plain(out, &truth.px),
+        Value::Depth(depth) => return plain(out, &depth.metres),
+        Value::Weight(weight) => return plain(out, &weight.share),
         Value::Mask(mask) => raster(mask.set.dimensions(), "mono8", 1, Samples::U8(&mask.set)),
-        Value::Calibration(calibration) => return put_camera(out, stamp, calibration, false),
+        Value::Calibration(calibration) => {
+            put_camera(out, stamp, calibration, false);
+            return Schema::CameraCalibration;
+        }
         Value::Scores(_) | Value::Samples(_) | Value::Model(_) | Value::Curve(_) => {
             unreachable!("a value of type {} is not one message", value.value_type())
         }
     };
     put_raw_image(out, stamp, &image);
+    Schema::RawImage
 }
 
-/// The samples of a depth or a weight.
-pub fn floats(value: &Value) -> Option<&Raster<f32>> {
-    match value {
-        Value::Depth(depth) => Some(&depth.metres),
-        Value::Weight(weight) => Some(&weight.share),
-        _ => None,
-    }
+/// Appends true disparities as a `foxglove.RawImage`, in the fixed point of KITTI's files, which must hold them.
+pub fn put_true_disparity(out: &mut Vec<u8>, stamp: Stamp<'_>, truth: &TrueDisparity) {
+    let (width, height) = truth.px.dimensions();
+    let samples = Samples::TrueDisparities(&truth.px);
+    put_raw_image(
+        out,
+        stamp,
+        &RawImage { width, height, encoding: "16UC1", bytes_per_pixel: 2, min_disparity_px: 0, samples },
+    );
 }
 
 /// The file's own bytes, where the value is an image that came from one.
@@ -174,9 +183,9 @@ fn put_raw_image(out: &mut Vec<u8>, stamp: Stamp<'_>, image: &RawImage<'_>) {
     put_signed(out, MIN_DISPARITY_PX, image.min_disparity_px);
     match image.samples {
         Samples::U8(samples) => put_bytes(out, 6, samples),
-        Samples::U16(samples) => {
+        Samples::TrueDisparities(samples) => {
             put_length(out, 6, 2 * samples.len());
-            put_samples(out, samples, u16::to_le_bytes);
+            put_samples(out, samples, |px| TrueDisparity::to_px_256(px).to_le_bytes());
         }
         Samples::Disparities(samples, nothing) => {
             put_length(out, 6, 2 * samples.len());
@@ -206,10 +215,9 @@ pub fn put_float_map(out: &mut Vec<u8>, stamp: Stamp<'_>, (width, height): (u32,
             put_length(out, 6, 4 * samples.len());
             put_floats(out, samples);
         }
-        Floats::Packed(PackedFloats { codes, lows, highs }) => {
+        Floats::Packed(PackedFloats { codes, lows }) => {
             put_bytes(out, 8, codes);
             put_bytes(out, 9, lows);
-            put_bytes(out, 10, highs);
         }
     }
 }
@@ -231,12 +239,11 @@ fn put_samples<T: Copy, const N: usize>(out: &mut Vec<u8>, samples: &[T], bytes:
     }
 }
 
-/// Appends the calibration of a pair's reference camera, or of its right one: the same, a baseline to the right.
+/// Appends the calibration of a pair's reference camera, or of its right one: the same, a baseline to the right, with its own principal point.
 pub fn put_camera(out: &mut Vec<u8>, stamp: Stamp<'_>, calibration: &Calibration, is_right: bool) {
-    let mut p = calibration.p();
-    if is_right {
-        p[3] = -calibration.focal_baseline_px_m();
-    }
+    let p = if is_right { calibration.p_right() } else { calibration.p() };
+    let mut k = calibration.k();
+    k[2] = p[2];
     let message = CameraCalibration {
         timestamp: Some(timestamp(stamp.time_ns)),
         frame_id: stamp.frame_id.to_owned(),
@@ -245,13 +252,17 @@ pub fn put_camera(out: &mut Vec<u8>, stamp: Stamp<'_>, calibration: &Calibration
         // Rectified images have no distortion left; viewers want a model named.
         distortion_model: "plumb_bob".to_owned(),
         d: vec![0.0; 5],
-        k: calibration.k().to_vec(),
+        k: k.to_vec(),
         r: vec![1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
         p: p.to_vec(),
     };
     out.extend_from_slice(&message.encode_to_vec());
     put_varint(out, u64::from(BASELINE_M) << 3 | 1);
     out.extend_from_slice(&calibration.baseline_m.to_le_bytes());
+    if calibration.doffs_px != 0.0 {
+        put_varint(out, u64::from(DOFFS_PX) << 3 | 1);
+        out.extend_from_slice(&calibration.doffs_px.to_le_bytes());
+    }
 }
 
 /// Appends a `foxglove.PointCloud`: x, y and z as floats, red, green, blue and alpha as bytes; white where there are no colours.

@@ -14,7 +14,7 @@ use crate::files::Colours;
 /// Of how many pixels a row and a column a picture has one.
 const STEP: u32 = 2;
 /// Colours beside black: few enough that neighbours are often equal, and more than an eye tells apart in a map.
-const LEVELS: u32 = 63;
+const LEVELS: u8 = 63;
 /// What is as near or nearer has the last colour, what is as far or farther the first, metres.
 const NEAR_M: f32 = 1.0;
 const FAR_M: f32 = 100.0;
@@ -33,6 +33,7 @@ pub fn reduced(calibration: &Calibration) -> Calibration {
         cx_px: calibration.cx_px / step,
         cy_px: calibration.cy_px / step,
         baseline_m: calibration.baseline_m,
+        doffs_px: calibration.doffs_px / step,
     }
 }
 
@@ -43,11 +44,8 @@ pub fn picture(value: &Value) -> Option<Vec<u8>> {
     match value {
         Value::Depth(depth) => {
             let scale = ratio(NEAR_M, FAR_M);
-            png(
-                &depth.metres,
-                Colours::Turbo,
-                |metres| if metres.is_nan() { 0 } else { 1 + LEVELS - scale.level(metres) },
-            )
+            let level = |metres: f32| if metres.is_nan() { 0 } else { 1 + LEVELS - scale.level(metres) };
+            png(&depth.metres, Colours::Turbo, level)
         }
         Value::Disparity(disparity) => {
             let (scale, invalid) = (ratio(FAR_PX, NEAR_PX), disparity.invalid());
@@ -57,10 +55,10 @@ pub fn picture(value: &Value) -> Option<Vec<u8>> {
         }
         Value::TrueDisparity(truth) => {
             let scale = ratio(FAR_PX, NEAR_PX);
-            png(&truth.px_256, Colours::Turbo, |px: u16| if px == 0 { 0 } else { scale.level(f32::from(px) / 256.0) })
+            png(&truth.px, Colours::Turbo, |px: f32| if px.is_nan() { 0 } else { scale.level(px) })
         }
         Value::Weight(weight) => png(&weight.share, Colours::Viridis, |share: f32| {
-            if share.is_nan() { 0 } else { 1 + (share.clamp(0.0, 1.0) * (LEVELS - 1) as f32 + 0.5) as u32 }
+            if share.is_nan() { 0 } else { 1 + rounded(share.clamp(0.0, 1.0) * (LEVELS - 1) as f32) }
         }),
         _ => None,
     }
@@ -71,25 +69,33 @@ pub fn picture(value: &Value) -> Option<Vec<u8>> {
 /// The bits of a positive float grow with it, and grow alike from each power of two to the next: between these a straight line stands for
 /// the logarithm, which is exact on every machine, and at most a twelfth of an octave off.
 struct Scale {
-    from: u32,
-    span: u32,
+    from: i32,
+    span: i32,
+    /// Levels for each step of the bits.
+    per_step: f32,
 }
 
 impl Scale {
     const fn new(from: f32, to: f32) -> Self {
-        Self { from: from.to_bits(), span: to.to_bits() - from.to_bits() }
+        let (from, to) = (from.to_bits() as i32, to.to_bits() as i32);
+        Self { from, span: to - from, per_step: (LEVELS - 1) as f32 / (to - from) as f32 }
     }
 
-    /// The level of a number; one that is not positive has the lowest.
-    fn level(&self, number: f32) -> u32 {
+    /// The level of a number; one that is not positive has the lowest. Plain arithmetic alone, so that a row is done in vectors.
+    fn level(&self, number: f32) -> u8 {
         // All bits of a negative number, read as a signed one, are below those of a positive.
-        let above = (number.to_bits() as i32).saturating_sub(self.from as i32).clamp(0, self.span as i32);
-        1 + (u64::from(above as u32) * u64::from(LEVELS - 1) / u64::from(self.span)) as u32
+        let above = (number.to_bits() as i32).max(self.from) - self.from;
+        1 + rounded(above.min(self.span) as f32 * self.per_step)
     }
 }
 
+/// The nearest whole number of one from 0 to 255. Above 2^23 a float's last bits count ones; a cast, which must ask for NaN and bounds, would leave the vectors.
+fn rounded(number: f32) -> u8 {
+    (number + 8_388_608.0).to_bits() as u8
+}
+
 /// A PNG of every second pixel and row.
-fn png<T: Copy>(raster: &Raster<T>, colours: Colours, level: impl Fn(T) -> u32) -> Option<Vec<u8>>
+fn png<T: Copy>(raster: &Raster<T>, colours: Colours, level: impl Fn(T) -> u8) -> Option<Vec<u8>>
 where
     image::Luma<T>: image::Pixel<Subpixel = T>,
 {
@@ -97,9 +103,18 @@ where
     if width == 0 || height == 0 {
         return None;
     }
+    let columns = width.div_ceil(STEP) as usize;
+    let mut levels = vec![0; columns * height.div_ceil(STEP) as usize];
     let rows = raster.as_raw().chunks_exact(width as usize).step_by(STEP as usize);
-    let levels: Vec<u8> =
-        rows.flat_map(|row| row.iter().step_by(STEP as usize).map(|sample| level(*sample) as u8)).collect();
+    for (levels, row) in levels.chunks_exact_mut(columns).zip(rows) {
+        let (pairs, last) = row.as_chunks::<{ STEP as usize }>();
+        for (of_pixel, pair) in levels.iter_mut().zip(pairs) {
+            *of_pixel = level(pair[0]);
+        }
+        if let ([last, ..], Some(of_pixel)) = (last, levels.last_mut()) {
+            *of_pixel = level(*last);
+        }
+    }
     let mut out = Vec::with_capacity(levels.len() / 2);
     let mut encoder = Encoder::new(&mut out, width.div_ceil(STEP), height.div_ceil(STEP));
     encoder.set_color(ColorType::Indexed);
@@ -161,7 +176,7 @@ mod tests {
         let worst = pairs.map(|(a, b)| apart(a.0, b.0)).max().unwrap();
         assert!(worst < 80, "{worst}");
         let truth = disparities.iter().map(|fixed| (*fixed).clamp(0, 4095) as u16 * 16).collect();
-        let of_truth = seen(TrueDisparity { px_256: Raster::from_raw(width, 1, truth).unwrap() });
+        let of_truth = seen(TrueDisparity::from_px_256(&Raster::from_raw(width, 1, truth).unwrap()));
         assert_eq!(of_truth.get_pixel(2000, 0), of_disparity.get_pixel(2000, 0));
         assert_eq!(of_truth.get_pixel(8, 0).0, [0; 3], "unknown");
     }
@@ -176,8 +191,15 @@ mod tests {
 
     #[test]
     fn the_reduced_calibration_projects_a_point_onto_its_pixel() {
-        let calibration =
-            Calibration { width: 1243, height: 375, focal_px: 700.0, cx_px: 601.0, cy_px: 170.5, baseline_m: 0.5 };
+        let calibration = Calibration {
+            width: 1243,
+            height: 375,
+            focal_px: 700.0,
+            cx_px: 601.0,
+            cy_px: 170.5,
+            baseline_m: 0.5,
+            doffs_px: 0.0,
+        };
         let small = reduced(&calibration);
         assert_eq!((small.width, small.height), (622, 188));
         let column = |of: &Calibration| of.focal_px * 3.0 / 20.0 + of.cx_px;

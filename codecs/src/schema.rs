@@ -1,8 +1,8 @@
 //! The schemas of a recording: Foxglove's, with whole descriptor sets, and depthloom's own three.
 //!
-//! Foxglove's `RawImage` and `CameraCalibration` get one field each beyond Foxglove's own, declared in the descriptor that
-//! the recording carries and skipped by readers that do not know it: the smallest disparity searched, without which a
-//! fixed-point map cannot be read back, and the pair's baseline, which `P` holds only as a rounded product.
+//! Foxglove's `RawImage` and `CameraCalibration` get fields beyond Foxglove's own, declared in the descriptor that the recording carries and
+//! skipped by readers that do not know them: the smallest disparity searched, without which a fixed-point map cannot be read back, and the pair's
+//! baseline, which `P` holds only as a rounded product, with what the right camera's principal point lies apart, which only its own `P` holds.
 
 use std::sync::OnceLock;
 
@@ -21,6 +21,8 @@ use crate::messages::{ANSWERED, LOG_MEAN, TRUTH, ZONE};
 pub const MIN_DISPARITY_PX: u32 = 1001;
 /// `CameraCalibration`: the distance between the two cameras' centres, metres.
 pub const BASELINE_M: u32 = 1001;
+/// `CameraCalibration`: how much farther right the right camera's principal point lies, pixels; absent where it is 0.
+pub const DOFFS_PX: u32 = 1002;
 
 /// A schema.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -112,8 +114,9 @@ impl Schema {
                 extended(foxglove_set::<RawImage>(), "RawImage", field)
             }
             Self::CameraCalibration => {
-                let field = field("baseline_m", BASELINE_M, Type::Double);
-                extended(foxglove_set::<CameraCalibration>(), "CameraCalibration", field)
+                let set = foxglove_set::<CameraCalibration>();
+                let set = extended(set, "CameraCalibration", field("baseline_m", BASELINE_M, Type::Double));
+                extended(set, "CameraCalibration", field("doffs_px", DOFFS_PX, Type::Double))
             }
             Self::FrameTransform => foxglove_set::<FrameTransform>(),
             Self::PointCloud => foxglove_set::<PointCloud>(),
@@ -259,7 +262,6 @@ fn float_map() -> DescriptorProto {
         field("frame_id", 7, Type::String),
         field("codes", 8, Type::Bytes),
         field("lows", 9, Type::Bytes),
-        field("highs", 10, Type::Bytes),
     ];
     message("FloatMap", fields)
 }

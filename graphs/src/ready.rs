@@ -257,4 +257,9 @@ impl Source for Joined {
         let (part, position) = self.place[position];
         self.parts[part].read(position, ctx)
     }
+
+    fn files(&self, position: usize) -> Vec<(&'static str, PathBuf)> {
+        let (part, position) = self.place[position];
+        self.parts[part].files(position)
+    }
 }

@@ -2,11 +2,14 @@
 
 use std::any::type_name;
 use std::collections::BTreeMap;
+use std::path::Path;
 
 use schemars::generate::SchemaSettings;
 use serde_json::Value as Json;
 
-use crate::contracts::{Fault, Instance, Node, NodeDeclaration, Port, Source, SourceDeclaration, SourceKind, Upstream};
+use crate::contracts::{
+    Fault, Instance, Node, NodeDeclaration, Port, Recognised, Source, SourceDeclaration, SourceKind, Survey, Upstream,
+};
 use crate::key::Key;
 
 /// Why parameters do not fit a kind.
@@ -73,6 +76,9 @@ pub struct SourceEntry {
     resolve: fn(&Json) -> Result<Json, ParamError>,
     outputs: fn(&Json) -> Result<Vec<Port>, Fault>,
     open: fn(&Json) -> Result<Box<dyn Source>, Fault>,
+    survey: fn(&Json) -> Survey,
+    recognise: fn(&Path) -> Vec<Recognised>,
+    resembles: fn(&Path) -> Vec<Recognised>,
 }
 
 impl SourceEntry {
@@ -98,6 +104,24 @@ impl SourceEntry {
     /// As [`SourceKind::open`].
     pub fn open(&self, resolved: &Json) -> Result<Box<dyn Source>, Fault> {
         (self.open)(resolved)
+    }
+
+    /// See [`SourceKind::survey`]; from resolved parameters.
+    #[must_use]
+    pub fn survey(&self, resolved: &Json) -> Survey {
+        (self.survey)(resolved)
+    }
+
+    /// See [`SourceKind::recognise`].
+    #[must_use]
+    pub fn recognise(&self, root: &Path) -> Vec<Recognised> {
+        (self.recognise)(root)
+    }
+
+    /// See [`SourceKind::resembles`].
+    #[must_use]
+    pub fn resembles(&self, root: &Path) -> Vec<Recognised> {
+        (self.resembles)(root)
     }
 }
 
@@ -151,6 +175,12 @@ impl Registry {
             resolve: |json| resolve::<S::Params>(json, |_| {}, S::check),
             outputs: |json| S::outputs(&parse::<S::Params>(json)?),
             open: |json| S::open(parse::<S::Params>(json)?),
+            survey: |json| match parse::<S::Params>(json) {
+                Ok(params) => S::survey(params),
+                Err(fault) => Survey::failed(fault),
+            },
+            recognise: S::recognise,
+            resembles: S::resembles,
         };
         if self.claim(entry.declaration.kind, type_name::<S>()) {
             self.sources.insert(entry.declaration.kind, entry);

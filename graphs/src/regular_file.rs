@@ -45,3 +45,29 @@ pub fn read(path: &Path, most: u64) -> Result<Vec<u8>, Error> {
     File::open(path)?.take(most + 1).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > most { too_large(bytes.len() as u64) } else { Ok(bytes) }
 }
+
+/// Fills the buffer with the bytes at a position, whoever else reads the file.
+///
+/// # Errors
+/// What the system says; [`ErrorKind::UnexpectedEof`] where the file ends before.
+#[cfg(unix)]
+pub fn read_exact_at(file: &File, buffer: &mut [u8], offset: u64) -> Result<(), Error> {
+    std::os::unix::fs::FileExt::read_exact_at(file, buffer, offset)
+}
+
+/// Fills the buffer with the bytes at a position, whoever else reads the file.
+///
+/// # Errors
+/// What the system says; [`ErrorKind::UnexpectedEof`] where the file ends before.
+#[cfg(windows)]
+pub fn read_exact_at(file: &File, mut buffer: &mut [u8], mut offset: u64) -> Result<(), Error> {
+    while !buffer.is_empty() {
+        let read = std::os::windows::fs::FileExt::seek_read(file, buffer, offset)?;
+        if read == 0 {
+            return Err(ErrorKind::UnexpectedEof.into());
+        }
+        buffer = &mut buffer[read..];
+        offset += read as u64;
+    }
+    Ok(())
+}

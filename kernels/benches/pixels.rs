@@ -23,6 +23,8 @@ struct Frame {
     weight: Vec<f32>,
 }
 
+const KITTI: depth::Geometry = depth::Geometry { focal_px: 721.5377, baseline_metres: 0.532725, doffs_px: 0.0 };
+
 fn frame() -> Frame {
     // A linear congruential generator: the same noise everywhere, and no dependency.
     let mut state = 1u32;
@@ -36,7 +38,7 @@ fn frame() -> Frame {
     let mask: Vec<u8> = (0..SIZE).map(|_| if below(10) == 0 { edges::EDGE } else { 0 }).collect();
     let disparity: Vec<i16> = (0..SIZE).map(|_| if below(5) == 0 { -16 } else { 64 + below(900) as i16 }).collect();
     let mut stereo = vec![0.0; SIZE];
-    depth::depth_from_disparity(&disparity, 721.5377, 0.532725, 80.0, &mut stereo);
+    depth::depth_from_disparity(&disparity, KITTI, 80.0, &mut stereo);
     let mono: Vec<f32> = (0..SIZE).map(|_| 2.0 + below(7800) as f32 / 100.0).collect();
     let mut weight = vec![0.0; SIZE];
     confidence::confidence_from_edges(&mask, WIDTH, HEIGHT, 10.0, &mut weight);
@@ -57,7 +59,7 @@ fn pixels(criterion: &mut Criterion) {
     });
     group.bench_function("blur", |b| b.iter(|| gaussian::blur(black_box(&mono), WIDTH, HEIGHT, 10.0, &mut floats)));
     group.bench_function("depth", |b| {
-        b.iter(|| depth::depth_from_disparity(black_box(&disparity), 721.5377, 0.532725, 80.0, &mut floats));
+        b.iter(|| depth::depth_from_disparity(black_box(&disparity), KITTI, 80.0, &mut floats));
     });
     group.bench_function("minmax", |b| b.iter(|| scale::minmax(black_box(&mono), &stereo, &mut floats)));
     group.bench_function("average", |b| b.iter(|| scale::average(black_box(&mono), &stereo, &mut floats)));

@@ -122,7 +122,8 @@ fn chain(frame: &Frame, maps: &mut Maps, tiles: &dyn Tiles) -> String {
 
     by_halves(tiles, &mut maps.stereo, half * width, |begin, stereo| {
         let disparity = &disparity[begin..begin + stereo.len()];
-        depth::depth_from_disparity(disparity, *focal_px, BASELINE_METRES, CAP_METRES, stereo);
+        let of = depth::Geometry { focal_px: *focal_px, baseline_metres: BASELINE_METRES, doffs_px: 0.0 };
+        depth::depth_from_disparity(disparity, of, CAP_METRES, stereo);
     });
     lap("depth");
 

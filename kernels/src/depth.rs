@@ -5,9 +5,27 @@
 use crate::raster::{check, check_same};
 use crate::simd::{Level, Pass};
 
-/// Focal length times baseline as `float32`, the way NumPy rounds `np.float32(focal * baseline)`.
-fn metre_pixels(focal_px: f64, baseline_metres: f64) -> f32 {
-    (focal_px * baseline_metres) as f32
+/// What makes depth of a rectified pair's disparity: `f * B / (d + doffs)`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Geometry {
+    /// Focal length, pixels.
+    pub focal_px: f64,
+    /// Distance between the cameras' centres, metres.
+    pub baseline_metres: f64,
+    /// How much farther right the right camera's principal point lies, pixels; 0 of most pairs.
+    pub doffs_px: f64,
+}
+
+impl Geometry {
+    /// Focal length times baseline as `float32`, the way NumPy rounds `np.float32(focal * baseline)`.
+    fn metre_pixels(self) -> f32 {
+        (self.focal_px * self.baseline_metres) as f32
+    }
+
+    /// The largest whole number of 1/16 px, from 0 on, that is no disparity of anything in front of the cameras.
+    fn least_sixteenths(self) -> i16 {
+        (-16.0 * f64::from(self.doffs_px as f32)).floor().max(0.0) as i16
+    }
 }
 
 /// The smaller of a depth and the cap; no answer stays no answer.
@@ -16,32 +34,28 @@ fn capped(depth: f32, cap: f32) -> f32 {
     if depth > cap { cap } else { depth }
 }
 
-/// `f * B / d` of OpenCV's fixed-point disparity (1/16 px), capped at `cap_metres`; NaN where `d <= 0`.
+/// `f * B / (d + doffs)` of OpenCV's fixed-point disparity (1/16 px), capped at `cap_metres`; NaN where `d` or `d + doffs` is not above 0.
 ///
 /// `cap_metres` of `f32::INFINITY` caps nothing.
 ///
 /// # Panics
 /// If the slices differ in length.
-pub fn depth_from_disparity(disparity: &[i16], focal_px: f64, baseline_metres: f64, cap_metres: f32, out: &mut [f32]) {
-    depth_from_disparity_at(Level::best(), disparity, focal_px, baseline_metres, cap_metres, out);
+pub fn depth_from_disparity(disparity: &[i16], of: Geometry, cap_metres: f32, out: &mut [f32]) {
+    depth_from_disparity_at(Level::best(), disparity, of, cap_metres, out);
 }
 
-pub(crate) fn depth_from_disparity_at(
-    level: Level,
-    disparity: &[i16],
-    focal_px: f64,
-    baseline_metres: f64,
-    cap_metres: f32,
-    out: &mut [f32],
-) {
+pub(crate) fn depth_from_disparity_at(level: Level, disparity: &[i16], of: Geometry, cap_metres: f32, out: &mut [f32]) {
     check_same("depth", out.len(), disparity.len());
-    let metre_pixels = metre_pixels(focal_px, baseline_metres);
-    level.run(FromDisparity { disparity, metre_pixels, cap_metres, out });
+    let (metre_pixels, doffs_px, least) = (of.metre_pixels(), of.doffs_px as f32, of.least_sixteenths());
+    level.run(FromDisparity { disparity, metre_pixels, doffs_px, least, cap_metres, out });
 }
 
 struct FromDisparity<'a> {
     disparity: &'a [i16],
     metre_pixels: f32,
+    doffs_px: f32,
+    /// Disparities up to here are no answer, 1/16 px.
+    least: i16,
     cap_metres: f32,
     out: &'a mut [f32],
 }
@@ -52,35 +66,28 @@ impl Pass for FromDisparity<'_> {
     #[inline(always)]
     fn run(self) {
         for (depth, &fixed) in self.out.iter_mut().zip(self.disparity) {
-            let metres = capped(self.metre_pixels / (f32::from(fixed) / 16.0), self.cap_metres);
-            *depth = if fixed > 0 { metres } else { f32::NAN };
+            let metres = capped(self.metre_pixels / (f32::from(fixed) / 16.0 + self.doffs_px), self.cap_metres);
+            *depth = if fixed > self.least { metres } else { f32::NAN };
         }
     }
 }
 
 /// Depth from a network's disparity given as a share of the image's width:
-/// `min(f * B / max(share * width, floor_px), cap_metres)`.
+/// `min(f * B / max(share * width + doffs, floor_px), cap_metres)`.
 ///
 /// # Panics
 /// If the slices differ in length.
-pub fn depth_from_share(
-    share: &[f32],
-    width: usize,
-    focal_px: f64,
-    baseline_metres: f64,
-    floor_px: f32,
-    cap_metres: f32,
-    out: &mut [f32],
-) {
+pub fn depth_from_share(share: &[f32], width: usize, of: Geometry, floor_px: f32, cap_metres: f32, out: &mut [f32]) {
     check_same("depth", out.len(), share.len());
-    let (width, metre_pixels) = (width as f32, metre_pixels(focal_px, baseline_metres));
-    Level::best().run(FromShare { share, width, metre_pixels, floor_px, cap_metres, out });
+    let (width, metre_pixels, doffs_px) = (width as f32, of.metre_pixels(), of.doffs_px as f32);
+    Level::best().run(FromShare { share, width, metre_pixels, doffs_px, floor_px, cap_metres, out });
 }
 
 struct FromShare<'a> {
     share: &'a [f32],
     width: f32,
     metre_pixels: f32,
+    doffs_px: f32,
     floor_px: f32,
     cap_metres: f32,
     out: &'a mut [f32],
@@ -92,22 +99,23 @@ impl Pass for FromShare<'_> {
     #[inline(always)]
     fn run(self) {
         for (depth, &share) in self.out.iter_mut().zip(self.share) {
-            let disparity = share * self.width;
+            let disparity = share * self.width + self.doffs_px;
             let disparity = if disparity < self.floor_px { self.floor_px } else { disparity };
             *depth = capped(self.metre_pixels / disparity, self.cap_metres);
         }
     }
 }
 
-/// True depth from a KITTI disparity PNG (16 bit, 1/256 px): `f * B / (v / 256)`; NaN where `v` is 0.
+/// True depth from true disparities, pixels: `f * B / (d + doffs)`; NaN where that sum is NaN or not above 0.
 ///
 /// # Panics
 /// If the slices differ in length.
-pub fn truth_from_disparity_png(raw: &[u16], focal_px: f64, baseline_metres: f64, out: &mut [f32]) {
-    check_same("depth", out.len(), raw.len());
-    let metre_pixels = metre_pixels(focal_px, baseline_metres);
-    for (depth, &raw) in out.iter_mut().zip(raw) {
-        *depth = if raw > 0 { metre_pixels / (f32::from(raw) / 256.0) } else { f32::NAN };
+pub fn truth_from_disparity(px: &[f32], of: Geometry, out: &mut [f32]) {
+    check_same("depth", out.len(), px.len());
+    let (metre_pixels, doffs_px) = (of.metre_pixels(), of.doffs_px as f32);
+    for (depth, &px) in out.iter_mut().zip(px) {
+        let px = px + doffs_px;
+        *depth = if px > 0.0 { metre_pixels / px } else { f32::NAN };
     }
 }
 
@@ -162,6 +170,7 @@ mod tests {
     use crate::simd::every_level;
 
     const NAN: u32 = f32::NAN.to_bits();
+    const KITTI: Geometry = Geometry { focal_px: 721.5377, baseline_metres: 0.532725, doffs_px: 0.0 };
 
     fn bits(depth: &[f32]) -> Vec<u32> {
         depth.iter().map(|depth| depth.to_bits()).collect()
@@ -174,23 +183,45 @@ mod tests {
         let expected = [NAN, NAN, 0x42a0_0000, 0x42a0_0000, 0x429f_be2a, 0x4276_0103, 0x40c0_60e2, 0x4193_c008];
         let depth = every_level(|level| {
             let mut depth = [0.0; 8];
-            depth_from_disparity_at(level, &disparity, 721.5377, 0.532725, 80.0, &mut depth);
+            depth_from_disparity_at(level, &disparity, KITTI, 80.0, &mut depth);
             bits(&depth)
         });
         assert_eq!(depth, expected);
     }
 
     #[test]
+    fn principal_points_apart_move_every_disparity() {
+        // f B = 100 px m.
+        let of = |doffs_px| Geometry { focal_px: 200.0, baseline_metres: 0.5, doffs_px };
+        let disparity = |doffs_px, fixed: [i16; 4]| {
+            every_level(|level| {
+                let mut depth = [0.0; 4];
+                depth_from_disparity_at(level, &fixed, of(doffs_px), 80.0, &mut depth);
+                bits(&depth)
+            })
+        };
+        // 1, 40, 0 and -1 px, 10 px apart one way: 11 and 50 px; the other way: 30 px, and 9 px too little.
+        let fixed = [16, 640, 0, -16];
+        assert_eq!(disparity(10.0, fixed), [(100.0_f32 / 11.0).to_bits(), 2f32.to_bits(), NAN, NAN]);
+        assert_eq!(disparity(-10.0, [16, 640, 160, 161]), [NAN, (100.0_f32 / 30.0).to_bits(), NAN, 80f32.to_bits()]);
+        let mut depth = [0.0; 4];
+        truth_from_disparity(&[10.0, f32::NAN, -15.0, 0.0], of(15.0), &mut depth);
+        assert_eq!(bits(&depth), [4f32.to_bits(), NAN, NAN, (100.0_f32 / 15.0).to_bits()]);
+        depth_from_share(&[0.1, 0.5, 0.0, 1.0], 50, of(-5.0), 2.0, 80.0, &mut depth);
+        assert_eq!(depth, [50.0, 5.0, 50.0, 100.0 / 45.0]);
+    }
+
+    #[test]
     fn an_infinite_cap_caps_nothing() {
         let mut depth = [0.0];
-        depth_from_disparity(&[1], 721.5377, 0.532725, f32::INFINITY, &mut depth);
+        depth_from_disparity(&[1], KITTI, f32::INFINITY, &mut depth);
         assert_eq!(depth[0].to_bits(), 0x45c0_30ca);
     }
 
     #[test]
     fn truth_is_read_at_the_data_sets_scales() {
         let mut depth = [0.0; 3];
-        truth_from_disparity_png(&[0, 256, 5000], 721.5377, 0.532725, &mut depth);
+        truth_from_disparity(&[f32::NAN, 1.0, 5000.0 / 256.0], KITTI, &mut depth);
         assert_eq!(bits(&depth), [NAN, 0x43c0_30ca, 0x419d_7149]);
         truth_from_depth_png(&[0, 256, 5000], &mut depth);
         assert_eq!(bits(&depth), [NAN, 1f32.to_bits(), 19.53125f32.to_bits()]);
@@ -199,7 +230,7 @@ mod tests {
     #[test]
     fn a_share_of_the_width_becomes_depth_with_floor_and_cap() {
         let mut depth = [0.0; 3];
-        depth_from_share(&[0.0, 0.05, 0.01], 1242, 721.5377, 0.532725, 1e-3, 80.0, &mut depth);
+        depth_from_share(&[0.0, 0.05, 0.01], 1242, KITTI, 1e-3, 80.0, &mut depth);
         assert_eq!(bits(&depth), [0x42a0_0000, 0x40c6_1220, 0x41f7_96a9]);
     }
 

@@ -19,7 +19,8 @@
 //! let mut weight = vec![0.0; width * height];
 //! confidence::confidence_from_edges(&mask, width, height, 10.0, &mut weight);
 //! let mut stereo = vec![0.0; width * height];
-//! depth::depth_from_disparity(&disparity, 721.5377, 0.532725, 80.0, &mut stereo);
+//! let kitti = depth::Geometry { focal_px: 721.5377, baseline_metres: 0.532725, doffs_px: 0.0 };
+//! depth::depth_from_disparity(&disparity, kitti, 80.0, &mut stereo);
 //! let mut scaled = vec![0.0; width * height];
 //! scale::minmax(&mono, &stereo, &mut scaled);
 //! let mut merged = vec![0.0; width * height];
@@ -30,7 +31,7 @@
 //!
 //! # Vectors
 //! Most loops are plain Rust, compiled once for each instruction set ([`simd`]). Where vectors are named (`simd::Block`, `simd::Lanes`,
-//! `Lanes` of `sgbm`, `simd::grey`), one convention holds:
+//! `Lanes` of `sgbm`, `simd::grey`, `simd::differences`), one convention holds:
 //!
 //! - A vector is a type that is named only in code compiled for its instruction set, which only a level runs that was found on the
 //!   machine. So its arithmetic is safe to call, and each body's `unsafe` says no more than that.
@@ -50,6 +51,7 @@ pub mod convolve;
 pub mod depth;
 pub mod edges;
 pub mod fill;
+pub mod float_differences;
 pub mod fuse;
 pub mod gaussian;
 pub mod grey;
@@ -58,6 +60,7 @@ pub mod median;
 pub mod memory;
 pub mod params;
 mod raster;
+pub mod rectify;
 pub mod resize;
 pub mod scale;
 pub mod sgbm;

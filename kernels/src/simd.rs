@@ -12,6 +12,8 @@
 
 mod block;
 #[cfg(target_arch = "x86_64")]
+mod differences;
+#[cfg(target_arch = "x86_64")]
 mod grey;
 mod lanes;
 mod path;
@@ -23,6 +25,8 @@ use std::sync::OnceLock;
 pub(crate) use block::{BLOCK, Block};
 pub(crate) use lanes::{LANES, Lanes};
 pub use path::Path;
+
+use crate::float_differences::{self, Apart, Room, Together};
 
 /// An instruction set that this machine was seen to have.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -37,7 +41,7 @@ enum Set {
     Avx2,
     #[cfg(target_arch = "x86_64")]
     Avx512,
-    /// AVX-512 that counts bits and permutes bytes in vectors.
+    /// AVX-512 that counts bits, and permutes and compresses bytes, in vectors.
     #[cfg(target_arch = "x86_64")]
     Avx512Popcnt,
 }
@@ -114,6 +118,7 @@ impl Level {
             }
             if avx512
                 && is_x86_feature_detected!("avx512vbmi")
+                && is_x86_feature_detected!("avx512vbmi2")
                 && is_x86_feature_detected!("avx512bitalg")
                 && is_x86_feature_detected!("avx512vpopcntdq")
             {
@@ -193,6 +198,26 @@ impl Level {
             #[cfg(target_arch = "x86_64")]
             // SAFETY: only `available` makes these levels, where AVX2 was detected.
             Set::Avx2 | Set::Avx512 | Set::Avx512Popcnt => unsafe { grey::grey_avx2(rgb, out) },
+        }
+    }
+
+    /// Takes blocks of samples apart.
+    pub(crate) fn differences_of(self, blocks: &[[f32; float_differences::BLOCK]], room: &mut Room) {
+        match self.0 {
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: only `available` makes this level, where every feature named at `apart` was detected.
+            Set::Avx512Popcnt => unsafe { differences::apart(blocks, room) },
+            _ => self.run(Apart(blocks, room)),
+        }
+    }
+
+    /// Puts blocks of samples together again; `None` if their parts end before.
+    pub(crate) fn samples_of(self, room: &mut Room, blocks: &mut [[f32; float_differences::BLOCK]]) -> Option<()> {
+        match self.0 {
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: only `available` makes this level, where every feature named at `together` was detected.
+            Set::Avx512Popcnt => unsafe { differences::together(room, blocks) },
+            _ => self.run(Together(room, blocks)),
         }
     }
 

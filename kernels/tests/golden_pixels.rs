@@ -49,7 +49,8 @@ fn frame(shared: &Path, name: &str) -> Frame {
     let disparity: Vec<i16> =
         png16(&golden.join(format!("{name}.disparity.png"))).into_iter().map(|fixed| fixed as i16).collect();
     let mut stereo = vec![0.0; size];
-    depth::depth_from_disparity(&disparity, focal_px, BASELINE_METRES, 80.0, &mut stereo);
+    let of = depth::Geometry { focal_px, baseline_metres: BASELINE_METRES, doffs_px: 0.0 };
+    depth::depth_from_disparity(&disparity, of, 80.0, &mut stereo);
 
     let plane = depth::GroundPlane {
         focal_px,

@@ -81,7 +81,9 @@ fn samples(kind: &NodeKind) -> Result<Value, Box<dyn std::error::Error>> {
             ("mask", Value::Mask(Mask { set: Raster::from_pixel(width, height, image::Luma([255])) }.into())),
             (
                 "calibration",
-                Value::Calibration(Calibration { width, height, focal_px, cx_px, cy_px, baseline_m }.into()),
+                Value::Calibration(
+                    Calibration { width, height, focal_px, cx_px, cy_px, baseline_m, doffs_px: 0.0 }.into(),
+                ),
             ),
         ];
         let ports = &kind.declaration.inputs;

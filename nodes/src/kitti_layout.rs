@@ -112,7 +112,13 @@ impl KittiFolders {
     fn disparity(&mut self, folder: &str, frame: &Frame, truth: &TrueDisparity) -> Result<(), Fault> {
         let path = self.path(folder, format!("{}.png", frame.id));
         let mut bytes = Cursor::new(Vec::new());
-        truth.px_256.write_to(&mut bytes, ImageFormat::Png).map_err(|error| unwritable(&path, error))?;
+        let px_256 = truth.px_256().ok_or_else(|| {
+            Fault::new(format!(
+                "{} would hold disparities that are no whole 1/256 px, which are 1 to 65535",
+                path.display()
+            ))
+        })?;
+        px_256.write_to(&mut bytes, ImageFormat::Png).map_err(|error| unwritable(&path, error))?;
         fs::write(&path, bytes.into_inner()).map_err(|error| unwritable(&path, error))
     }
 
@@ -124,11 +130,9 @@ impl KittiFolders {
     /// Both rectified cameras; numbers with all their digits, so that they read back equal.
     fn calibration(&mut self, frame: &Frame, calibration: &Calibration) -> Result<(), Fault> {
         let path = self.path("calib_cam_to_cam", format!("{:06}.txt", frame.index));
-        let (f, cx, cy) = (calibration.focal_px, calibration.cx_px, calibration.cy_px);
         let mut text = String::from("calib_time: synthetic\n");
-        for (camera, tx) in [("02", 0.0), ("03", -f * calibration.baseline_m)] {
+        for (camera, p) in [("02", calibration.p()), ("03", calibration.p_right())] {
             let (width, height) = (calibration.width, calibration.height);
-            let p = [f, 0.0, cx, tx, 0.0, f, cy, 0.0, 0.0, 0.0, 1.0, 0.0];
             let p: Vec<String> = p.iter().map(|number| format!("{number:e}")).collect();
             let written = writeln!(text, "S_rect_{camera}: {width} {height}\nP_rect_{camera}: {}", p.join(" "));
             written.expect("a String takes what is written");

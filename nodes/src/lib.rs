@@ -11,6 +11,7 @@
 //! assert_eq!(resolved["cap"], 60.0);
 //! ```
 
+pub mod inspection;
 pub mod kitti_layout;
 pub mod onnx;
 pub mod sources;
@@ -20,6 +21,7 @@ mod depth;
 mod disparity;
 mod filter;
 mod fusion;
+mod geometry;
 mod grey;
 mod mono;
 mod registry;

@@ -9,7 +9,10 @@ use crate::filter::Median;
 use crate::fusion::{Confidence, Scale};
 use crate::mono::{GroundPlane, Onnx};
 use crate::score::{ScoreDepth, ScoreDisparity};
-use crate::sources::{KittiDepth, KittiOdometry, KittiRaw, KittiStereo2012, KittiStereo2015, SyntheticRoad};
+use crate::sources::{
+    DrivingStereo, Eth3dTwoView, Images, KittiDepth, KittiOdometry, KittiRaw, KittiStereo2012, KittiStereo2015,
+    Middlebury, Ros2Bag, SceneFlow, SintelStereo, SyntheticRoad,
+};
 use crate::stereo::{Bm, CensusSgm, Sgbm};
 
 /// Every source and node kind of this crate, one line each.
@@ -21,6 +24,13 @@ pub fn registry() -> Registry {
         .source::<KittiRaw>()
         .source::<KittiDepth>()
         .source::<KittiOdometry>()
+        .source::<Images>()
+        .source::<Ros2Bag>()
+        .source::<Middlebury>()
+        .source::<Eth3dTwoView>()
+        .source::<SintelStereo>()
+        .source::<SceneFlow>()
+        .source::<DrivingStereo>()
         .source::<SyntheticRoad>()
         .node::<Sgbm>()
         .node::<Bm>()

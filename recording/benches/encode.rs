@@ -72,6 +72,7 @@ fn values(frame: &Frame) -> Vec<(Slot, Value)> {
         cx_px: 609.5593,
         cy_px: 172.854,
         baseline_m: 0.532_725,
+        doffs_px: 0.0,
     };
     let node = |node| Slot::Node { node, port: 0 };
     let source = |port| Slot::Source { port };

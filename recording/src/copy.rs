@@ -49,9 +49,9 @@ impl EarlierRuns {
         if !recording.is_of_this_format() || !has_same_cameras || !is_same_frame {
             return None;
         }
-        // Whether an image comes with its file's bytes is seen by the channel that it used.
+        // In which of its forms a value is kept is seen by the channel that it used.
         let has = |channel: &u16| find(recording, stage, position, *channel).is_some();
-        let value = [Some(port.channel), port.compressed_channel].into_iter().flatten().find(has)?;
+        let value = [Some(port.channel), port.other_channel].into_iter().flatten().find(has)?;
         let shares = wanted.channels[usize::from(value) - 1].schema.is_small();
         let chunk = |channel: u16| {
             let chunk = find(recording, stage, position, channel)?;

@@ -14,11 +14,12 @@ use crate::recording::Recording;
 use crate::unpack::ChunkBuffers;
 use depthloom_codecs::decode::float_map;
 use depthloom_codecs::messages::{CommitMessage, CurvePointMessage, ScoreMessage};
-use depthloom_codecs::schema::{BASELINE_M, Schema};
+use depthloom_codecs::schema::{BASELINE_M, DOFFS_PX, Schema};
 use depthloom_codecs::wire_format::{Content, Fields};
 
 /// What the messages of a topic decode to.
 struct Topic {
+    /// That of the first message.
     schema: Schema,
     count: u64,
     first_ns: u64,
@@ -57,7 +58,7 @@ pub fn digest(path: impl AsRef<Path>) -> Result<Json, RecordingError> {
                 topics.push((name, Topic::new(schema, message.time_ns)));
                 topics.len() - 1
             });
-            topics[topic].1.take(message.time_ns, message.data)
+            topics[topic].1.take(schema, message.time_ns, message.data)
         })?;
     }
     let topics: Map<String, Json> =
@@ -70,23 +71,23 @@ impl Topic {
         Self { schema, count: 0, first_ns: time_ns, last_ns: time_ns, crc: Hasher::new(), numbers: None }
     }
 
-    fn take(&mut self, time_ns: u64, message: &[u8]) -> Result<(), String> {
+    /// Takes a message: the topic's others may be of another schema.
+    fn take(&mut self, schema: Schema, time_ns: u64, message: &[u8]) -> Result<(), String> {
         self.count += 1;
         self.last_ns = time_ns;
-        match self.schema {
-            Schema::RawImage => self.take_image(message, 6),
-            Schema::CompressedImage => self.take_image(message, 2),
+        match schema {
+            Schema::RawImage | Schema::PointCloud => self.take_image(schema, message, 6),
+            Schema::CompressedImage => self.take_image(schema, message, 2),
             Schema::CameraCalibration => self.take_calibration(message),
             Schema::Score => self.take_score(message),
             Schema::Commit => self.take_commit(message),
             Schema::CurvePoint => self.take_curve_point(message),
             Schema::FloatMap => self.take_floats(message),
             Schema::FrameTransform => self.take_transform(message),
-            Schema::PointCloud => self.take_image(message, 6),
         }
     }
 
-    fn take_image(&mut self, message: &[u8], data_field: u32) -> Result<(), String> {
+    fn take_image(&mut self, schema: Schema, message: &[u8], data_field: u32) -> Result<(), String> {
         let (mut encoding, mut data): (&[u8], &[u8]) = (&[], &[]);
         for field in Fields(message) {
             let (number, content) = field.map_err(|error| error.to_string())?;
@@ -97,7 +98,7 @@ impl Topic {
             }
         }
         self.crc.update(data);
-        if self.schema == Schema::RawImage && encoding == b"32FC1" {
+        if schema == Schema::RawImage && encoding == b"32FC1" {
             self.take_numbers(data.as_chunks().0.iter().map(|bytes| f32::from_le_bytes(*bytes)));
         }
         Ok(())
@@ -125,10 +126,12 @@ impl Topic {
 
     fn take_calibration(&mut self, message: &[u8]) -> Result<(), String> {
         let calibration = CameraCalibration::decode(message).map_err(|error| error.to_string())?;
-        let mut baseline_m = 0;
+        let (mut baseline_m, mut doffs_px) = (0, None);
         for field in Fields(message) {
-            if let (BASELINE_M, Content::Fixed64(bits)) = field.map_err(|error| error.to_string())? {
-                baseline_m = bits;
+            match field.map_err(|error| error.to_string())? {
+                (BASELINE_M, Content::Fixed64(bits)) => baseline_m = bits,
+                (DOFFS_PX, Content::Fixed64(bits)) => doffs_px = Some(bits),
+                _ => {}
             }
         }
         self.crc.update(&calibration.width.to_le_bytes());
@@ -137,6 +140,10 @@ impl Topic {
             self.crc.update(&number.to_le_bytes());
         }
         self.crc.update(&baseline_m.to_le_bytes());
+        // Absent of most pairs, and of all recordings of before.
+        if let Some(bits) = doffs_px {
+            self.crc.update(&bits.to_le_bytes());
+        }
         Ok(())
     }
 

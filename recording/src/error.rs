@@ -180,6 +180,17 @@ impl RecordingError {
         }
     }
 
+    /// What the system said, if it was asked.
+    pub(crate) fn into_cause(self) -> Option<io::Error> {
+        match self {
+            Self::Create { source, .. }
+            | Self::Open { source, .. }
+            | Self::Write { source, .. }
+            | Self::Read { source, .. } => Some(source),
+            _ => None,
+        }
+    }
+
     /// Whether bytes were found that are not what was written.
     #[must_use]
     pub const fn is_damage(&self) -> bool {

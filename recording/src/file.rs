@@ -1,7 +1,6 @@
 //! Reading a file by position, from several threads at once.
 
 use std::fs::File;
-use std::io;
 use std::path::{Path, PathBuf};
 
 use depthloom_graphs::regular_file;
@@ -26,7 +25,7 @@ impl PositionedFile {
 
     /// Fills the buffer with the bytes at a position.
     pub(crate) fn read_exact(&self, buffer: &mut [u8], offset: u64) -> Result<(), RecordingError> {
-        let read = read_exact_at(&self.file, buffer, offset);
+        let read = regular_file::read_exact_at(&self.file, buffer, offset);
         read.map_err(|source| RecordingError::Read { path: self.path.clone(), offset, source })
     }
 
@@ -59,22 +58,4 @@ impl PositionedFile {
     pub(crate) fn damaged(&self, offset: u64, what: impl Into<String>) -> RecordingError {
         RecordingError::damaged(&self.path, offset, what)
     }
-}
-
-#[cfg(unix)]
-fn read_exact_at(file: &File, buffer: &mut [u8], offset: u64) -> io::Result<()> {
-    std::os::unix::fs::FileExt::read_exact_at(file, buffer, offset)
-}
-
-#[cfg(windows)]
-fn read_exact_at(file: &File, mut buffer: &mut [u8], mut offset: u64) -> io::Result<()> {
-    while !buffer.is_empty() {
-        let read = std::os::windows::fs::FileExt::seek_read(file, buffer, offset)?;
-        if read == 0 {
-            return Err(io::ErrorKind::UnexpectedEof.into());
-        }
-        buffer = &mut buffer[read..];
-        offset += read as u64;
-    }
-    Ok(())
 }

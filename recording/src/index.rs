@@ -154,7 +154,10 @@ pub(crate) fn metadata_entry(file: &PositionedFile, offset: u64, body: &[u8]) ->
     let damaged = || file.damaged(offset, "a metadata record is not what was written");
     let (name, values) = parse::metadata(body).ok_or_else(damaged)?;
     if name == PLAN_METADATA {
-        let found = values.get("format").cloned().unwrap_or_default();
+        // Another program's metadata may have the name.
+        let Some(found) = values.get("format").cloned() else {
+            return Err(RecordingError::NotARecording { path: file.path.clone() });
+        };
         if !KNOWN_FORMATS.contains(&found.as_str()) {
             return Err(RecordingError::Format { path: file.path.clone(), found, known: &KNOWN_FORMATS });
         }

@@ -57,8 +57,8 @@ pub(crate) struct PortLayout {
     pub(crate) class: Class,
     pub(crate) topic: Arc<str>,
     pub(crate) channel: u16,
-    /// The channel of images that come with a file's own bytes.
-    pub(crate) compressed_channel: Option<u16>,
+    /// The channel of what is kept in another form: images that come with a file's own bytes, true disparities that 16 bits do not hold.
+    pub(crate) other_channel: Option<u16>,
     /// The messages that viewers need beside the value's.
     pub(crate) beside: Vec<BesideLayout>,
     /// The camera whose pixels these are.
@@ -124,6 +124,13 @@ impl RunLayout {
         }
     }
 
+    fn port_mut(&mut self, slot: Slot) -> Option<&mut PortLayout> {
+        match slot {
+            Slot::Source { port } => self.source.get_mut(port)?.as_mut(),
+            Slot::Node { node, port } => self.nodes.get_mut(node)?.get_mut(port)?.as_mut(),
+        }
+    }
+
     /// The topic of a once-value; empty of what is none.
     pub(crate) fn once_topic(&self, slot: Slot) -> &str {
         self.once.get(&slot).map_or("", String::as_str)
@@ -158,7 +165,25 @@ impl FileLayout {
             let run_layout = layout.run(plan, run, &mut topics)?;
             layout.runs.push(run_layout);
         }
+        layout.number_float_truths(plan)?;
         Ok(layout)
+    }
+
+    /// Gives true disparities a channel for those that 16 bits do not hold: behind all others, whose numbers are as in files of before.
+    fn number_float_truths(&mut self, plan: &Plan) -> Result<(), RecordingError> {
+        for (number, run) in plan.runs.iter().enumerate() {
+            for slot in of_run(run).into_iter().filter(|slot| is_true_disparity(run, *slot)) {
+                let Some(port) = self.runs[number].port(slot) else { continue };
+                let mut layout = self.channels[usize::from(port.channel) - 1].clone();
+                layout.schema = Schema::FloatMap;
+                layout.metadata.insert("unit".to_owned(), "disparity in pixels, NaN = unknown".to_owned());
+                let id = self.numbered(layout)?;
+                if let Some(port) = self.runs[number].port_mut(slot) {
+                    port.other_channel = Some(id);
+                }
+            }
+        }
+        Ok(())
     }
 
     /// The topics in the file that stand for others: for those of variants that share one, and where a channel has another than the plan's.
@@ -239,11 +264,11 @@ impl FileLayout {
         }
         let channel = ChannelLayout { schema, topic: topic.clone(), metadata: metadata.clone() };
         let channel = self.channel(channel, topics)?;
-        let mut compressed_channel = None;
+        let mut other_channel = None;
         if value_type == ValueType::Image {
             // Whether images come with a file's bytes is known when the first one comes: a topic uses one of its two channels.
             let layout = ChannelLayout { schema: Schema::CompressedImage, topic, metadata };
-            compressed_channel = Some(self.numbered(layout)?);
+            other_channel = Some(self.numbered(layout)?);
         }
         let beside = self.beside(plan, run, slot, topics)?;
         Ok(PortLayout {
@@ -251,7 +276,7 @@ impl FileLayout {
             class,
             topic: output.topic.as_str().into(),
             channel,
-            compressed_channel,
+            other_channel,
             beside,
             frame_id: Camera::of(run, slot).frame_id(run).into(),
         })
@@ -343,6 +368,10 @@ fn of_run(run: &StageRun) -> Vec<Slot> {
 /// Whether an output is a learning curve, of one point after the other outside frames, and recorded.
 fn is_recorded_curve(output: &PlannedOutput) -> bool {
     output.recorded && output.port.rate == Rate::Once && output.port.value_type == ValueType::Curve
+}
+
+fn is_true_disparity(run: &StageRun, slot: Slot) -> bool {
+    planned_output(run, slot).port.value_type == ValueType::TrueDisparity
 }
 
 /// The class of a slot's values; `None` if they are not recorded frame by frame.

@@ -35,16 +35,16 @@
 //! |---|---|---|
 //! | image with its file's bytes | `foxglove.CompressedImage` | the file, unchanged |
 //! | image | `foxglove.RawImage` | `rgb8` or `mono8` |
-//! | true disparity | `foxglove.RawImage` | `16UC1`: `value / 256` pixels, 0 = unknown, as in KITTI's files |
+//! | true disparity | `foxglove.RawImage` | `16UC1`: `value / 256` pixels, 0 = unknown, as in KITTI's files; where that does not hold a map exactly, `depthloom.FloatMap`, pixels, NaN = unknown |
 //! | disparity | `foxglove.RawImage` | `16UC1`: 0 = nothing found, else `value / 16 + min_disparity_px - 1` pixels; `min_disparity_px`, the smallest disparity searched, is field 1001 |
 //! | depth | `depthloom.FloatMap` | metres, NaN = no answer |
 //! | weight | `depthloom.FloatMap` | |
 //! | mask | `foxglove.RawImage` | `mono8` |
-//! | calibration | `foxglove.CameraCalibration` | field 1001 is the pair's baseline |
+//! | calibration | `foxglove.CameraCalibration` | field 1001 is the pair's baseline, 1002, where it is not 0, how much farther right the right camera's principal point lies |
 //! | scores | `depthloom.Score`, one a zone and pixel set | a score that was not asked for, or of no pixel, is absent |
 //! | learning curve | `depthloom.CurvePoint`, one a point | outside frames: `log_time` is that of the stage's first frame, a millisecond more a step |
 //!
-//! A `depthloom.FloatMap` has its samples as they are, or in fewer bytes: [`floats`](depthloom_codecs::floats) says how, and the README reads both in NumPy.
+//! A `depthloom.FloatMap` has its samples as they are, or in fewer bytes: [`floats`](depthloom_codecs::floats) says how, and `python/src/depthloom/_maps.py` reads both in NumPy.
 //!
 //! # What viewers need beside
 //! The source's first image port is the reference camera, in whose pixels all maps are; the second is the right camera of the pair. A camera
@@ -149,7 +149,7 @@ pub use resume::recover;
 pub use source::{Mcap, McapParams};
 
 /// The version of what a recording holds, and how it lies there.
-pub(crate) const FORMAT: &str = "3";
+pub(crate) const FORMAT: &str = "4";
 /// The versions that are read: in the one before, values shared chunks, and maps of floats were images.
 pub(crate) const KNOWN_FORMATS: [&str; 2] = ["2", FORMAT];
 /// The metadata record that holds format, plan and aliases.

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use depthloom_graphs::contracts::{Commit, Slot, Store, StoredValue, Tap, TapError, Warned, stored_values};
 use depthloom_graphs::plan::Plan;
-use depthloom_graphs::values::{Artifact, Curve, Pixels};
+use depthloom_graphs::values::{Artifact, Curve, Pixels, Raster};
 use depthloom_graphs::{Frame, Key, Value};
 use prost::Message;
 use serde::Serialize;
@@ -28,7 +28,7 @@ use crate::writer::Writer;
 use crate::{ENDED_METADATA, FORMAT, ONCE_METADATA, PLAN_METADATA};
 use depthloom_codecs::decode::nothing_found;
 use depthloom_codecs::encode::{
-    Floats, Stamp, encoded, floats, put_compressed_image, put_float_map, put_floats, put_value,
+    self, Floats, Stamp, encoded, put_compressed_image, put_float_map, put_true_disparity, put_value,
 };
 use depthloom_codecs::floats::PackedFloats;
 use depthloom_codecs::messages::{CommitMessage, ScoreMessage};
@@ -238,25 +238,23 @@ impl Recorder {
 
     fn put(&self, part: &mut PartBuilder<'_>, frame: &Frame, port: &PortLayout, value: &Value) -> Result<(), Unkept> {
         let stamp = Stamp { time_ns: frame.time_ns, frame_id: &port.frame_id };
-        if let (Some(encoded), Some(channel)) = (encoded(value), port.compressed_channel) {
+        if let (Some(encoded), Some(channel)) = (encoded(value), port.other_channel) {
             let put = |out: &mut Vec<u8>| put_compressed_image(out, stamp, encoded);
             return part.alone(channel, Packing::Plain, encoded.bytes.len(), put);
         }
         let (packing, size) = match value {
             Value::Disparity(disparity) => (Packing::Compressed, 2 * disparity.sixteenths_px.len()),
-            Value::TrueDisparity(truth) => (Packing::Compressed, 2 * truth.px_256.len()),
             Value::Mask(mask) => (Packing::Compressed, mask.set.len()),
-            Value::Depth(_) | Value::Weight(_) => {
-                let map = floats(value).expect("depths and weights are maps of floats");
-                let size = 4 * map.len();
-                if measured(map, put_floats)? < SHRINKS_AS_IT_IS {
-                    (Packing::Compressed, size)
-                } else {
-                    let packed = PackedFloats::of(map).map_err(Unkept::Compression)?;
-                    let put = |out: &mut Vec<u8>| put_float_map(out, stamp, map.dimensions(), &Floats::Packed(&packed));
-                    return part.alone(port.channel, Packing::Plain, size / 2, put);
-                }
+            Value::TrueDisparity(truth) if !truth.is_px_256() => {
+                let channel = port.other_channel.expect("true disparities have two channels");
+                return put_floats(part, channel, stamp, &truth.px);
             }
+            Value::TrueDisparity(truth) => {
+                let put = |out: &mut Vec<u8>| put_true_disparity(out, stamp, truth);
+                return part.alone(port.channel, Packing::Compressed, 2 * truth.px.len(), put);
+            }
+            Value::Depth(depth) => return put_floats(part, port.channel, stamp, &depth.metres),
+            Value::Weight(weight) => return put_floats(part, port.channel, stamp, &weight.share),
             Value::Image(image) => {
                 let samples: &[u8] = match image.pixels() {
                     Pixels::Grey(grey) => grey,
@@ -276,7 +274,9 @@ impl Recorder {
                 return part.small(port.channel, &message);
             }
         };
-        part.alone(port.channel, packing, size, |out| put_value(out, stamp, value))
+        part.alone(port.channel, packing, size, |out| {
+            put_value(out, stamp, value);
+        })
     }
 
     /// Adds a value to a part, if it is kept of the frame.
@@ -480,6 +480,17 @@ impl Tap for Recorder {
         let name = format!("{ONCE_METADATA}{}", self.layout.runs[run].once_topic(slot));
         state.writer.metadata(&name, metadata).and_then(|()| state.writer.sync()).map_err(tap_error)
     }
+}
+
+/// Adds a map of floats to a part, compressed as it is or packed.
+fn put_floats(part: &mut PartBuilder<'_>, channel: u16, stamp: Stamp<'_>, map: &Raster<f32>) -> Result<(), Unkept> {
+    let (size, is_sparse) = (4 * map.len(), measured(map, encode::put_floats)? < SHRINKS_AS_IT_IS);
+    let put = |out: &mut Vec<u8>, floats: &Floats<'_>| put_float_map(out, stamp, map.dimensions(), floats);
+    if is_sparse {
+        return part.alone(channel, Packing::Compressed, size, |out| put(out, &Floats::Plain(map)));
+    }
+    let packed = PackedFloats::of(map).map_err(Unkept::Compression)?;
+    part.alone(channel, Packing::Plain, size / 2, |out| put(out, &Floats::Packed(&packed)))
 }
 
 /// A value of a part: at hand, or in an earlier run.

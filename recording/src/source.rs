@@ -1,15 +1,19 @@
 //! A recording as a source: what it has of a stage, as output ports.
 
-use depthloom_graphs::contracts::{DataPath, FrameSelection, SlotKey, SourceDeclaration};
+use std::path::{Path, PathBuf};
+
+use depthloom_graphs::contracts::{DataPath, FrameSelection, Recognised, SlotKey, SourceDeclaration, Survey};
 use depthloom_graphs::language::{glob, nearest};
 use depthloom_graphs::{Context, Fault, Frame, Key, Outputs, Port, Source, SourceKind, SourceOutputs, ValueType};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use serde_json::json;
 
 use crate::condition::Condition;
 use crate::plan::{RecordedNode, RecordedOutput, RecordedRun};
 use crate::recording::Recording;
 use crate::store::fault;
+use crate::writer::LIBRARY;
 
 const KIND: &str = "mcap";
 const VERSION: u32 = 1;
@@ -87,14 +91,65 @@ recording that was cut off gives the frames that are whole, and says so.",
     }
 
     fn open(params: McapParams) -> Result<Box<dyn Source>, Fault> {
-        let recording = open(&params)?;
-        let run = run_of(&recording, &params)?;
-        let given = given(&recording, run, &params)?;
+        Ok(Box::new(Self::opened(&params)?))
+    }
+
+    fn survey(params: McapParams) -> Survey {
+        match Self::opened(&params) {
+            Ok(source) => {
+                let faults = if params.frames == FrameSelection::All { lost(&source.recording) } else { None };
+                Survey { faults: faults.into_iter().collect(), source: Some(Box::new(source)), facts: Vec::new() }
+            }
+            Err(fault) => Survey::failed(fault),
+        }
+    }
+
+    fn recognise(root: &Path) -> Vec<Recognised> {
+        if !may_be_one(root) {
+            return Vec::new();
+        }
+        let params = McapParams { path: DataPath(root.to_owned()), ..McapParams::default() };
+        let Ok(recording) = open(&params) else { return Vec::new() };
+        let one = |run: &RecordedRun| {
+            let what = format!("a recording of ours, stage {}", run.name());
+            Recognised::new(what, json!({ "path": root, "stage": run.name() }))
+        };
+        recording.plan().runs.iter().map(one).collect()
+    }
+
+    fn resembles(root: &Path) -> Vec<Recognised> {
+        // A file of somebody else, or of no MCAP at all, is nothing of ours, but within a run.
+        let is_of_a_run = root.join(IN_A_RUN).is_file();
+        let params = McapParams { path: DataPath(root.to_owned()), ..McapParams::default() };
+        let path = path_of(&params);
+        if may_be_one(root) && (is_of_a_run || is_of_ours(&path)) && open(&params).is_err() {
+            let what = "a recording of ours that cannot be opened";
+            return vec![Recognised::new(what, json!({ "path": root }))];
+        }
+        Vec::new()
+    }
+}
+
+impl Mcap {
+    fn opened(params: &McapParams) -> Result<Self, Fault> {
+        let recording = open(params)?;
+        let run = run_of(&recording, params)?;
+        let given = given(&recording, run, params)?;
         let every = usize::try_from(recording.plan().every).unwrap_or(usize::MAX).max(1);
         let recorded = recording.frames(run);
         let mut kept: Vec<usize> = (0..recorded.len()).step_by(every).collect();
         kept.sort_by_key(|position| recorded[*position].index);
         let known: Vec<(u64, &str)> = kept.iter().map(|at| (recorded[*at].index, &*recorded[*at].id)).collect();
+        if known.is_empty() {
+            let (path, stage) = (recording.path().display(), recording.plan().runs[run].name());
+            let what = match recording.condition() {
+                Condition::Whole => format!("{path} holds no frame of stage `{stage}`"),
+                condition => format!("{path} holds no whole frame of stage `{stage}`: it is {condition}"),
+            };
+            return Err(Fault::new(what).remedy(
+                "the same `depthloom run` again, with the same --out, goes on behind what is whole; `depthloom info` says what a recording holds",
+            ));
+        }
         let chosen = params.frames.select(&known)?;
         let mut warnings: Vec<String> = params.frames.left_out(&known).into_iter().collect();
         if *recording.condition() != Condition::Whole {
@@ -111,8 +166,36 @@ recording that was cut off gives the frames that are whole, and says so.",
             Frame { id: of.id.clone(), index: of.index, time_ns: of.time_ns }
         };
         let frames = positions.iter().map(frame).collect();
-        Ok(Box::new(Self { run, given, frames, positions, warnings, recording }))
+        Ok(Self { run, given, frames, positions, warnings, recording })
     }
+}
+
+/// Whether a path is called as a recording or a run's folder is.
+fn may_be_one(root: &Path) -> bool {
+    root.is_file() && root.extension().is_some_and(|ending| ending == "mcap") || root.join(IN_A_RUN).is_file()
+}
+
+/// Whether a file's head names our library as its writer, whatever follows.
+fn is_of_ours(path: &Path) -> bool {
+    let mut head = [0; 64];
+    let read = std::fs::File::open(path).and_then(|mut file| std::io::Read::read(&mut file, &mut head));
+    read.is_ok_and(|count| head[..count].windows(LIBRARY.len()).any(|window| window == LIBRARY.as_bytes()))
+}
+
+/// That a recording does not hold all frames of its run.
+fn lost(recording: &Recording) -> Option<Fault> {
+    let is_lost = match recording.condition() {
+        Condition::Whole => false,
+        Condition::Unfinished { .. } => true,
+        Condition::Damaged { cut, .. } => *cut,
+    };
+    is_lost.then(|| {
+        let what = format!("{} is {}: frames of the run are missing", recording.path().display(), recording.condition());
+        Fault::new(what).remedy(
+            "the same `depthloom run` again, with the same --out, makes them; a run takes those that are there without asking, `frames:` chooses among \
+             them",
+        )
+    })
 }
 
 impl Source for Mcap {
@@ -154,10 +237,13 @@ impl Source for Mcap {
     }
 }
 
-fn open(params: &McapParams) -> Result<Recording, Fault> {
+fn path_of(params: &McapParams) -> PathBuf {
     let path = params.path.path();
-    let path = if path.is_dir() { path.join(IN_A_RUN) } else { path.to_owned() };
-    Recording::open(path).map_err(fault)
+    if path.is_dir() { path.join(IN_A_RUN) } else { path.to_owned() }
+}
+
+fn open(params: &McapParams) -> Result<Recording, Fault> {
+    Recording::open(path_of(params)).map_err(fault)
 }
 
 /// The stage run that is read.

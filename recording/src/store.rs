@@ -195,9 +195,14 @@ pub(crate) fn unknown(key: &Key) -> Fault {
 }
 
 pub(crate) fn fault(error: RecordingError) -> Fault {
-    let fault = Fault::new(error.to_string());
-    match error.remedy() {
-        Some(remedy) => fault.remedy(remedy).because(error),
-        None => fault.because(error),
+    let (fault, remedy) = (Fault::new(error.to_string()), error.remedy());
+    let fault = match remedy {
+        Some(remedy) => fault.remedy(remedy),
+        None => fault,
+    };
+    // What it says stands above; what is beneath it is beneath the fault.
+    match error.into_cause() {
+        Some(cause) => fault.because(cause),
+        None => fault,
     }
 }

@@ -22,7 +22,7 @@ use crate::record::{
 use depthloom_codecs::schema::Schema;
 
 /// The library named in the file's header: no version, since equal runs are equal files.
-const LIBRARY: &str = "depthloom";
+pub(crate) const LIBRARY: &str = "depthloom";
 
 /// Appends to a recording's file.
 ///

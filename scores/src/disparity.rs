@@ -1,15 +1,15 @@
 //! Scores of one estimated disparity on one frame: those of the KITTI and Middlebury stereo benchmarks.
 //!
-//! Estimates are 1/16 px, truth is 1/256 px: all errors are whole numbers of 1/256 px, thresholds are compared exactly and sums are
-//! exact, so that results depend on no order.
+//! Estimates are 1/16 px, truth is f32: their difference is exact in f64, and so is its comparison with a threshold. Errors are added up in the
+//! order of pixels; those against a truth of whole 1/256 px, as KITTI's, add up exactly.
 
 use crate::zones::{Clues, ZoneParams};
 use crate::{DISPARITY, Metric, PixelSet, ScoreRow};
 
-/// The thresholds of bad-x, 1/256 px, in the order of the catalogue.
-const BAD: [u64; 5] = [128, 256, 512, 768, 1024];
-/// An outlier of KITTI stereo 2015 is off by more than this, 1/256 px, and by more than a twentieth of the truth.
-const D1: u64 = 3 * 256;
+/// The thresholds of bad-x, px, in the order of the catalogue.
+const BAD: [f64; 5] = [0.5, 1.0, 2.0, 3.0, 4.0];
+/// An outlier of KITTI stereo 2015 is off by more than this, px, and by more than a twentieth of the truth.
+const D1: f64 = 3.0;
 
 /// How disparities are scored: found once, used for every frame.
 #[derive(Clone, Debug, PartialEq)]
@@ -28,28 +28,30 @@ pub struct DisparityMaps<'a> {
     pub estimate: &'a [i16],
     /// The same with its gaps filled as the benchmark does; asked for by the set `filled`.
     pub filled: Option<&'a [i16]>,
-    /// The truth, 1/256 px; 0: unknown.
-    pub truth: &'a [u16],
-    /// Focal length times baseline, px m: distance is this over the disparity. Asked for by bands of distance.
+    /// The truth, px; NaN: unknown.
+    pub truth: &'a [f32],
+    /// Focal length times baseline, px m: distance is this over the disparity and `doffs_px`. Asked for by bands of distance.
     pub focal_baseline_px_m: Option<f64>,
+    /// How much farther right the right camera's principal point lies, px.
+    pub doffs_px: f64,
 }
 
 /// Answers, their errors, and how many pixels were wrong.
 #[derive(Clone, Copy, Debug, Default)]
 struct Counts {
     answers: u64,
-    /// 1/256 px.
-    errors: u64,
+    /// px.
+    errors: f64,
     /// By threshold of bad-x; then D1.
     wrong: [u64; 6],
 }
 
 impl Counts {
-    fn add(&mut self, estimate: i16, truth: u16) {
-        // Both in 1/256 px. What even filling left without an answer has no error, and is compared as -1 px, as in KITTI's devkit.
+    fn add(&mut self, estimate: i16, truth: f32) {
+        // What even filling left without an answer has no error, and is compared as -1 px, as in KITTI's devkit.
         let answers = estimate > 0;
-        let (d, t) = (if answers { 16 * i64::from(estimate) } else { -256 }, i64::from(truth));
-        let error = d.abs_diff(t);
+        let (d, t) = (if answers { f64::from(estimate) / 16.0 } else { -1.0 }, f64::from(truth));
+        let error = (d - t).abs();
         if answers {
             self.answers += 1;
             self.errors += error;
@@ -57,7 +59,7 @@ impl Counts {
         for (wrong, threshold) in self.wrong.iter_mut().zip(BAD) {
             *wrong += u64::from(error > threshold);
         }
-        self.wrong[5] += u64::from(error > D1 && 20 * error > u64::from(truth));
+        self.wrong[5] += u64::from(error > D1 && 20.0 * error > t);
     }
 }
 
@@ -80,10 +82,10 @@ impl DisparityScores {
         assert!(maps.filled.is_some() || !self.asks_for_filled(), "the set `filled` has its map");
         let zones = self.zones.of_frame(width, height, clues);
         let metres = maps.focal_baseline_px_m.unwrap_or(f64::NAN);
-        let true_pixels = || (0..maps.truth.len()).filter(|at| maps.truth[*at] > 0);
+        let true_pixels = || (0..maps.truth.len()).filter(|at| !maps.truth[*at].is_nan());
         let mut rows = self.rows_of("", maps, true_pixels());
         for zone in zones {
-            let inside = |at: &usize| zone.has(*at, metres * 256.0 / f64::from(maps.truth[*at]));
+            let inside = |at: &usize| zone.has(*at, metres / (f64::from(maps.truth[*at]) + maps.doffs_px));
             rows.extend(self.rows_of(&zone.name, maps, true_pixels().filter(inside)));
         }
         rows
@@ -108,7 +110,7 @@ impl DisparityScores {
                 PixelSet::Filled => (truth, filled, 0),
             };
             let row = ScoreRow { pixels, truth, answered: answered.answers, ..ScoreRow::new(set, zone) };
-            let epe = of.errors as f64 / 256.0 / of.answers as f64;
+            let epe = of.errors / of.answers as f64;
             let share = |wrong: u64| (wrong + also_wrong) as f64 / pixels as f64;
             let scores = std::iter::once(epe).chain(of.wrong.map(share));
             let asked = DISPARITY.iter().zip(scores).filter(|(metric, _)| self.metrics.contains(metric));
@@ -140,8 +142,9 @@ mod tests {
             size: (5, 1),
             estimate: &[168, 1344, 1520, -16, 160],
             filled: Some(&[168, 1344, 1520, 160, 160]),
-            truth: &[2560, 20480, 25600, 5120, 0],
+            truth: &[10.0, 80.0, 100.0, 20.0, f32::NAN],
             focal_baseline_px_m: None,
+            doffs_px: 0.0,
         };
         let rows = scores(ZoneParams::default()).rows(&maps, &Clues::default());
         let all = ["epe", "bad_0.5", "bad_1", "bad_2", "bad_3", "bad_4", "d1"];
@@ -162,8 +165,9 @@ mod tests {
             size: (4, 1),
             estimate: &[368, 369, 1029, 1025],
             filled: None,
-            truth: &[20 * 256, 20 * 256, 15680, 61 * 256],
+            truth: &[20.0, 20.0, 61.25, 61.0],
             focal_baseline_px_m: None,
+            doffs_px: 0.0,
         };
         let params = DisparityScoreParams { sets: vec![PixelSet::All], ..DisparityScoreParams::default() };
         let rows = params.scores().unwrap().rows(&maps, &Clues::default());
@@ -176,8 +180,9 @@ mod tests {
             size: (2, 1),
             estimate: &[-16, 0],
             filled: Some(&[0, 0]),
-            truth: &[256, 512],
+            truth: &[1.0, 2.0],
             focal_baseline_px_m: None,
+            doffs_px: 0.0,
         };
         let rows = scores(ZoneParams::default()).rows(&maps, &Clues::default());
         assert_eq!((rows[0].pixels, rows[0].scores.len()), (0, 0));
@@ -190,12 +195,13 @@ mod tests {
             size: (3, 1),
             estimate: &[16 * 40, 16 * 10, 16 * 5],
             filled: Some(&[16 * 40, 16 * 10, 16 * 5]),
-            truth: &[40 * 256, 20 * 256, 5 * 256],
+            truth: &[40.0, 20.0, 5.0],
             focal_baseline_px_m: Some(400.0),
+            doffs_px: 0.0,
         };
-        let zones = ZoneParams { distance_m: vec![0.0, 20.0, 80.0], ..ZoneParams::default() };
+        let zones = || ZoneParams { distance_m: vec![0.0, 20.0, 80.0], ..ZoneParams::default() };
         let clues = Clues { objects: Some(&[7, 7, 0]), ..Clues::default() };
-        let rows = scores(zones).rows(&maps, &clues);
+        let rows = scores(zones()).rows(&maps, &clues);
         let d1 = |zone: &str| {
             let row = rows.iter().find(|row| row.zone == zone && row.set == PixelSet::All).unwrap();
             (row.pixels, row.score("d1").unwrap())
@@ -203,5 +209,9 @@ mod tests {
         assert_eq!((d1(""), d1("background"), d1("foreground")), ((3, 1.0 / 3.0), (1, 0.0), (2, 0.5)));
         // 10 and 20 m, 80 m: the upper bound is outside.
         assert_eq!((d1("0..20"), d1("20..80")), ((1, 0.0), (1, 1.0)));
+        // With the principal points 5 px apart, 45 px are 8.9 m, 25 px 16 m and 10 px 40 m.
+        let rows = scores(zones()).rows(&DisparityMaps { doffs_px: 5.0, ..maps }, &clues);
+        let pixels = |zone: &str| rows.iter().find(|row| row.zone == zone && row.set == PixelSet::All).unwrap().pixels;
+        assert_eq!((pixels("0..20"), pixels("20..80")), (2, 1));
     }
 }

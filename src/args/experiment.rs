@@ -48,6 +48,15 @@ pub struct CheckArgs {
     /// Print the diagnostics as SARIF 2.1.0, which code review tools show at their lines.
     #[arg(long, conflicts_with = "json")]
     pub sarif: bool,
+
+    /// Look at the data as well: every frame of every source is read and nothing is computed. Missing and unreadable files, sizes that differ inside a pair,
+    /// a calibration that contradicts the images, left and right exchanged, truth of another unit: each is told with its file.
+    #[arg(long, conflicts_with = "sarif")]
+    pub data: bool,
+
+    /// Threads that read frames, with `--data`; by default one a core.
+    #[arg(long, short = 'j', value_name = "N", requires = "data", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub workers: Option<u16>,
 }
 
 /// `plan`.

@@ -6,6 +6,7 @@ use clap::Args;
 use clap_complete::engine::ArgValueCompleter;
 
 use super::ExperimentArgs;
+use super::compare::parse_confidence;
 use crate::completion::{folders, runs};
 
 /// `run`.
@@ -48,6 +49,10 @@ pub struct RunArgs {
     #[arg(long)]
     pub paper: bool,
 
+    /// Write `samples.parquet`, too: a row a scored pixel, for `depthloom analyse` and for programs.
+    #[arg(long)]
+    pub samples: bool,
+
     /// Print the run's folder and nothing else.
     #[arg(long, short, conflicts_with = "json")]
     pub quiet: bool,
@@ -78,6 +83,11 @@ pub struct ReportArgs {
     /// Print the paper's Table I beside the table.
     #[arg(long)]
     pub paper: bool,
+
+    /// An interval beside each score: of the mean over frames, or over pixels, by resampling frames (BCa bootstrap, 10,000 resamples); 95 %, or so
+    /// many per cent. CSV and Parquet have its ends as `SCORE_low` and `SCORE_high`.
+    #[arg(long, value_name = "PERCENT", num_args = 0..=1, require_equals = true, default_missing_value = "95", value_parser = parse_confidence)]
+    pub ci: Option<f64>,
 
     /// Print one JSON object instead of text.
     #[arg(long)]

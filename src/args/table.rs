@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use clap_complete::engine::{ArgValueCandidates, ArgValueCompleter};
 
+use super::compare::parse_confidence;
 use crate::completion::{columns, folders, metrics, runs};
 
 /// Which pixels scores are over.
@@ -110,6 +111,11 @@ pub struct TableArgs {
     /// Show which row is best in each zone that the experiment scored.
     #[arg(long, value_name = "SCORE", add = ArgValueCandidates::new(columns), conflicts_with_all = ["zone", "sort", "top", "columns", "pareto", "rows"])]
     pub best_per_zone: Option<String>,
+
+    /// An interval beside each score: of the mean over frames, or over pixels, by resampling frames (BCa bootstrap, 10,000 resamples); 95 %, or so
+    /// many per cent. CSV and Parquet have its ends as `SCORE_low` and `SCORE_high`.
+    #[arg(long, value_name = "PERCENT", num_args = 0..=1, require_equals = true, default_missing_value = "95", value_parser = parse_confidence, conflicts_with_all = ["effects", "best_per_zone"])]
+    pub ci: Option<f64>,
 
     /// What it is written as; by default as text for a terminal.
     #[arg(long, value_enum, value_name = "FORMAT")]

@@ -7,29 +7,43 @@ use depthloom_graphs::language::{Diagnostic, Loaded, Severity};
 use depthloom_graphs::plan::Plan;
 use serde_json::json;
 
+use super::check_data;
 use crate::args::{CheckArgs, ExperimentArgs};
 use crate::counted::counted;
 use crate::diagnostics::{self, error_json, list_json, sarif};
 use crate::exit::{Exit, Problem, Stop};
-use crate::streams::{print, print_json};
+use crate::outputs::Output;
+use crate::streams::{print, print_json, print_output};
 
-/// Loads the experiment and says what it holds.
+/// Loads the experiment and says what it holds; with `--data` looks at its frames as well.
 pub fn check(args: &CheckArgs, registry: &Registry) -> Result<Exit, Stop> {
     let loaded = load(&args.experiment, registry, args.json || args.sarif);
     let experiment = &args.experiment.experiment;
+    let workers = args.workers.map_or(depthloom_runner::Options::default().workers, usize::from);
+    let data = match &loaded {
+        Ok(loaded) if args.data => check_data::walk(&loaded.plan, registry, workers, args.json),
+        _ => Vec::new(),
+    };
+    let faulty = check_data::stop(&data);
     match (loaded, args.sarif, args.json) {
         (Ok(loaded), true, _) => print_json(&sarif(experiment, &loaded.warnings)).map(|()| Exit::Whole),
         (Err(stop), true, _) => print_json(&sarif(experiment, found(&stop))).map(|()| stop.exit),
         (Ok(loaded), _, true) => {
             let (variants, stage_runs, nodes) = counts(&loaded.plan);
-            let right = json!({
+            let mut told = json!({
                 "experiment": experiment.to_string_lossy(),
                 "variants": variants,
                 "stage_runs": stage_runs,
                 "nodes": nodes,
                 "diagnostics": list_json(&loaded.warnings),
             });
-            print_json(&right).map(|()| Exit::Whole)
+            if args.data {
+                told["data"] = check_data::json(&data);
+            }
+            if let Some(stop) = &faulty {
+                told["error"] = error_json(stop);
+            }
+            print_output(Output::Check, told).map(|()| faulty.map_or(Exit::Whole, |stop| stop.exit))
         }
         (Err(stop), _, true) => {
             let wrong = json!({
@@ -37,9 +51,17 @@ pub fn check(args: &CheckArgs, registry: &Registry) -> Result<Exit, Stop> {
                 "diagnostics": list_json(found(&stop)),
                 "error": error_json(&stop),
             });
-            print_json(&wrong).map(|()| stop.exit)
+            print_output(Output::Check, wrong).map(|()| stop.exit)
         }
-        (Ok(loaded), ..) => print(summary(experiment, &loaded.plan)).map(|()| Exit::Whole),
+        (Ok(loaded), ..) => {
+            for of in &data {
+                of.warnings
+                    .iter()
+                    .for_each(|what| diagnostics::print_warning(&format!("source `{}`: {what}", of.name)));
+            }
+            print(summary(experiment, &loaded.plan, faulty.is_some()) + &check_data::text(&data))?;
+            faulty.map_or(Ok(Exit::Whole), Err)
+        }
         (Err(stop), ..) => Err(stop),
     }
 }
@@ -49,10 +71,11 @@ fn counts(plan: &Plan) -> (usize, usize, usize) {
     (plan.variants.len(), plan.runs.len(), plan.runs.iter().map(|run| run.nodes.len()).sum())
 }
 
-fn summary(experiment: &Path, plan: &Plan) -> String {
+fn summary(experiment: &Path, plan: &Plan, are_data_wrong: bool) -> String {
     let (variants, runs, nodes) = counts(plan);
+    let verdict = if are_data_wrong { "the experiment is right, its data are not" } else { "right" };
     format!(
-        "{}: right; {}, {}, {} after sharing\n",
+        "{}: {verdict}; {}, {}, {} after sharing\n",
         experiment.display(),
         counted(variants as u64, "variant"),
         counted(runs as u64, "stage run"),

@@ -8,7 +8,8 @@ use serde_json::json;
 
 use crate::environment;
 use crate::exit::{Exit, Stop};
-use crate::streams::{print, print_json};
+use crate::outputs::Output;
+use crate::streams::{print, print_output};
 
 /// The environment variables by which the shipped experiments find data.
 const DATA_ROOTS: [(&str, &str); 1] = [("KITTI_STEREO_2015", "training/image_2")];
@@ -29,18 +30,21 @@ pub fn doctor(as_json: bool) -> Result<Exit, Stop> {
                 json!({ "variable": variable, "root": root, "found": there })
             })
             .collect();
-        print_json(&json!({
-            "depthloom": env!("CARGO_PKG_VERSION"),
-            "cores": environment::cores(),
-            "simd": environment::simd(),
-            "networks": engine.as_ref().ok().map(|found| {
-                let mut described = environment::engine(found);
-                described["providers"] = environment::names(&found.providers()).into();
-                described["looked_at"] = looked_at().into();
-                described
+        print_output(
+            Output::Doctor,
+            json!({
+                "depthloom": env!("CARGO_PKG_VERSION"),
+                "cores": environment::cores(),
+                "simd": environment::simd(),
+                "networks": engine.as_ref().ok().map(|found| {
+                    let mut described = environment::engine(found);
+                    described["providers"] = environment::names(&found.providers()).into();
+                    described["looked_at"] = looked_at().into();
+                    described
+                }),
+                "data": data,
             }),
-            "data": data,
-        }))?;
+        )?;
         return Ok(Exit::Whole);
     }
     let simd = environment::simd();

@@ -4,8 +4,9 @@ use super::report::recording_of;
 use super::table::{failed, open, selection};
 use crate::args::{ExplainArgs, SetOption};
 use crate::exit::{Exit, Stop};
+use crate::outputs::Output;
 use crate::signals;
-use crate::streams::{print, print_json};
+use crate::streams::{print, print_output};
 
 /// Says where a score of an estimator comes from.
 pub fn explain(args: &ExplainArgs) -> Result<Exit, Stop> {
@@ -21,7 +22,7 @@ pub fn explain(args: &ExplainArgs) -> Result<Exit, Stop> {
     let explanation = depthloom_analysis::explain(&recording, &args.score, &args.estimator, &selection, &stop);
     let explanation = explanation.map_err(|error| failed(&error))?;
     if args.json {
-        print_json(&explanation.json())?;
+        print_output(Output::Explain, explanation.json())?;
     } else {
         print(explanation.text())?;
     }

@@ -17,8 +17,9 @@ use crate::diagnostics::error_json;
 use crate::environment;
 use crate::exit::{Exit, Stop, chain};
 use crate::export::{Chosen, Exported, Folder, Form, Maps, chosen, frames, write_model, write_rows};
+use crate::outputs::Output;
 use crate::signals;
-use crate::streams::{print, print_json, say};
+use crate::streams::{print, print_output, say};
 
 /// Writes what is asked for.
 pub fn export(args: &ExportArgs) -> Result<Exit, Stop> {
@@ -68,7 +69,7 @@ pub fn export(args: &ExportArgs) -> Result<Exit, Stop> {
     let is_damaged = !damaged.is_empty() || matches!(recording.condition(), Condition::Damaged { .. });
     let faulty = is_damaged.then(|| Stop::new(Exit::Frames, "the recording is damaged"));
     if args.json {
-        print_json(&object(&exported, &args.out, recording.condition(), faulty.as_ref()))?;
+        print_output(Output::Export, object(&exported, &args.out, recording.condition(), faulty.as_ref()))?;
     } else if !args.quiet {
         print(text(&exported, files, &args.out))?;
     }

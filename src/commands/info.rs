@@ -2,9 +2,10 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use depthloom_analysis::variant_of;
 use depthloom_graphs::Key;
 use depthloom_graphs::contracts::Slot;
-use depthloom_recording::{Condition, Damage, Recording, TopicSize};
+use depthloom_recording::{Condition, Damage, RecordedRun, Recording, TopicSize};
 use serde_json::{Value as Json, json};
 
 use super::report::recording_of;
@@ -14,9 +15,10 @@ use crate::columns::aligned;
 use crate::counted::counted;
 use crate::diagnostics::error_json;
 use crate::exit::{Exit, Stop};
+use crate::outputs::Output;
 use crate::signals;
 use crate::sizes::size;
-use crate::streams::{print, print_json};
+use crate::streams::{print, print_output};
 
 /// Of a key as many digits as tell it from others.
 const KEY_DIGITS: usize = 12;
@@ -43,7 +45,7 @@ pub fn info(args: &InfoArgs) -> Result<Exit, Stop> {
         if let Some(stop) = &faulty {
             told["error"] = error_json(stop);
         }
-        print_json(&told)?;
+        print_output(Output::Info, told)?;
     } else {
         print(text(&recording, &topics, &damage, args))?;
     }
@@ -144,7 +146,8 @@ fn text(recording: &Recording, topics: &[Topic<'_>], damage: &[Damage], args: &I
     if args.keys {
         let mut rows = vec![["stage", "frame", "node", "key"].map(str::to_owned)];
         rows.extend(
-            all_keys(recording).map(|of| [of.stage, of.frame, of.node, &of.key.to_string()].map(str::to_owned)),
+            all_keys(recording)
+                .map(|of| [of.planned.name(), of.frame, of.node, &of.key.to_string()].map(str::to_owned)),
         );
         text += &format!("\n{}", aligned(&rows, &[]));
     }
@@ -179,7 +182,9 @@ fn total(topics: &[Topic<'_>]) -> TopicSize {
 
 /// The key of what a source or a node gave on a frame, or once.
 struct KeyOf<'a> {
-    stage: &'a str,
+    planned: &'a RecordedRun,
+    /// Of the node, or of the source.
+    variant: Option<&'a str>,
     /// Empty for what was given once.
     frame: &'a str,
     node: &'a str,
@@ -190,15 +195,22 @@ fn all_keys(recording: &Recording) -> impl Iterator<Item = KeyOf<'_>> {
     let plan = recording.plan();
     let of_frames = plan.runs.iter().enumerate().flat_map(move |(run, planned)| {
         recording.frames(run).iter().flat_map(move |frame| {
-            let of_source = frame.source_key.map(|key| ("source", key));
-            let of_nodes = frame.keys.iter().filter_map(|of| Some((planned.nodes.get(of.node)?.name.as_str(), of.key)));
-            let keys = of_source.into_iter().chain(of_nodes);
-            keys.map(move |(node, key)| KeyOf { stage: planned.name(), frame: &frame.id, node, key })
+            let of_source = frame.source_key.map(|key| ("source", planned.variants.as_slice(), key));
+            let of_nodes = frame.keys.iter().filter_map(|of| {
+                let node = planned.nodes.get(of.node)?;
+                Some((node.name.as_str(), node.variants.as_slice(), of.key))
+            });
+            of_source.into_iter().chain(of_nodes).map(move |(node, variants, key)| {
+                let variant = variant_of(plan, variants);
+                KeyOf { planned, variant, frame: &frame.id, node, key }
+            })
         })
     });
     let of_once = recording.once_values().iter().filter_map(move |once| {
         let planned = plan.runs.get(once.run)?;
-        Some(KeyOf { stage: planned.name(), frame: "", node: &planned.nodes.get(once.node)?.name, key: once.key })
+        let node = planned.nodes.get(once.node)?;
+        let variant = variant_of(plan, &node.variants);
+        Some(KeyOf { planned, variant, frame: "", node: &node.name, key: once.key })
     });
     of_frames.chain(of_once)
 }
@@ -206,7 +218,10 @@ fn all_keys(recording: &Recording) -> impl Iterator<Item = KeyOf<'_>> {
 fn json(recording: &Recording, topics: &[Topic<'_>], damage: &[Damage], args: &InfoArgs) -> Json {
     let plan = recording.plan();
     let stages = plan.runs.iter().enumerate();
-    let stages = stages.map(|(run, of)| json!({ "stage": of.name(), "frames": recording.frames(run).len() }));
+    let stages = stages.map(|(run, of)| {
+        let variant = variant_of(plan, &of.variants);
+        json!({ "stage": of.stage, "variant": variant, "frames": recording.frames(run).len() })
+    });
     let topic = |topic: &Topic<'_>| {
         json!({
             "topic": topic.size.topic,
@@ -240,7 +255,9 @@ fn json(recording: &Recording, topics: &[Topic<'_>], damage: &[Damage], args: &I
     if args.keys {
         let key = |of: KeyOf<'_>| {
             let frame = (!of.frame.is_empty()).then_some(of.frame);
-            json!({ "stage": of.stage, "frame": frame, "node": of.node, "key": of.key.to_string() })
+            json!({
+                "stage": of.planned.stage, "variant": of.variant, "frame": frame, "node": of.node, "key": of.key.to_string(),
+            })
         };
         told["keys"] = all_keys(recording).map(key).collect();
     }

@@ -1,7 +1,10 @@
 //! The commands, one file each (two where they are two views of one thing).
 
 pub mod check;
+pub mod check_data;
+pub mod compare;
 pub mod completions;
+pub mod data;
 pub mod doctor;
 pub mod explain;
 pub mod export;
@@ -15,5 +18,6 @@ pub mod replay;
 pub mod report;
 pub mod run;
 pub mod runs;
+pub mod samples;
 pub mod synth;
 pub mod table;

@@ -2,15 +2,16 @@
 
 use depthloom_graphs::{Registry, render};
 
-use crate::args::NodesArgs;
+use crate::args::{NodesArgs, SchemaArgs};
 use crate::exit::{Exit, Stop};
-use crate::streams::{print, print_json};
+use crate::outputs::Output;
+use crate::streams::{print, print_json, print_output};
 
 /// Lists all kinds, or explains one.
 pub fn nodes(args: &NodesArgs, registry: &Registry) -> Result<Exit, Stop> {
     let Some(kind) = &args.kind else {
         if args.json {
-            print_json(&render::kinds_json(registry))?;
+            print_output(Output::Nodes, render::kinds_json(registry))?;
             return Ok(Exit::Whole);
         }
         let sources = registry.sources().map(|s| (s.declaration.kind, "source", s.declaration.summary));
@@ -24,7 +25,7 @@ pub fn nodes(args: &NodesArgs, registry: &Registry) -> Result<Exit, Stop> {
         return Ok(Exit::Whole);
     };
     let answer = if args.json {
-        render::kind_json(registry, kind).map(|json| format!("{json:#}\n"))
+        render::kind_json(registry, kind).map(|json| format!("{:#}\n", Output::NodesKind.stamped(json)))
     } else {
         render::kind_reference(registry, kind)
     };
@@ -40,8 +41,9 @@ pub fn nodes(args: &NodesArgs, registry: &Registry) -> Result<Exit, Stop> {
     Ok(Exit::Whole)
 }
 
-/// Prints the JSON Schema of experiment files.
-pub fn schema(registry: &Registry) -> Result<Exit, Stop> {
-    print_json(&depthloom_graphs::language::schema(registry))?;
+/// Prints the JSON Schema of experiment files, or of what a command prints with `--json`.
+pub fn schema(args: &SchemaArgs, registry: &Registry) -> Result<Exit, Stop> {
+    let schema = args.output.map_or_else(|| depthloom_graphs::language::schema(registry), Output::schema);
+    print_json(&schema)?;
     Ok(Exit::Whole)
 }

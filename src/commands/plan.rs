@@ -18,7 +18,8 @@ use crate::columns::aligned;
 use crate::diagnostics::print_warning;
 use crate::earlier;
 use crate::exit::{Exit, Stop};
-use crate::streams::{print, print_json};
+use crate::outputs::Output;
+use crate::streams::{print, print_output};
 
 /// Prints every node of the plan, the variants that share it, and its recipe.
 pub fn plan(args: &PlanArgs, registry: &Registry) -> Result<Exit, Stop> {
@@ -27,7 +28,7 @@ pub fn plan(args: &PlanArgs, registry: &Registry) -> Result<Exit, Stop> {
         return reuse(args, plan, registry);
     }
     if args.json {
-        print_json(&plan.summary_json())?;
+        print_output(Output::Plan, plan.summary_json())?;
     } else {
         print(plan.summary_text())?;
     }
@@ -78,7 +79,7 @@ fn reuse(args: &PlanArgs, plan: Plan, registry: &Registry) -> Result<Exit, Stop>
     }
     let nearest = nearest.map(|(path, _)| path.parent().unwrap_or(path));
     if args.json {
-        print_json(&json!({ "nearest": nearest, "nodes": rows, "warnings": warnings }))?;
+        print_output(Output::PlanReuse, json!({ "nearest": nearest, "nodes": rows, "warnings": warnings }))?;
     } else {
         let head = nearest.map_or_else(
             || "no earlier run has anything of this experiment".to_owned(),
@@ -93,7 +94,7 @@ fn reuse(args: &PlanArgs, plan: Plan, registry: &Registry) -> Result<Exit, Stop>
 pub fn graph(args: &GraphArgs, registry: &Registry) -> Result<Exit, Stop> {
     let Loaded { plan, .. } = load(&args.experiment, registry, true)?;
     if args.json {
-        print_json(&plan.graph_json())?;
+        print_output(Output::Graph, plan.graph_json())?;
         return Ok(Exit::Whole);
     }
     print(match args.format {

@@ -10,7 +10,8 @@ use super::table::open;
 use crate::args::RecoverArgs;
 use crate::counted::counted;
 use crate::exit::{Exit, Stop};
-use crate::streams::{print_json, print_path, say};
+use crate::outputs::Output;
+use crate::streams::{print_output, print_path, say};
 
 /// Copies what was committed, and closes it with a summary.
 pub fn recover(args: &RecoverArgs) -> Result<Exit, Stop> {
@@ -33,7 +34,7 @@ pub fn recover(args: &RecoverArgs) -> Result<Exit, Stop> {
     depthloom_durable::rename(&partial, &out)
         .map_err(|error| Stop::of_writing(Exit::Engine, format_args!("failed to write {}", out.display()), &error))?;
     if args.json {
-        print_json(&json!({ "recording": out, "frames": frames }))?;
+        print_output(Output::Recover, json!({ "recording": out, "frames": frames }))?;
     } else {
         say(format_args!("recovered {} of {}", counted(frames, "frame"), path.display()));
         print_path("", &out)?;

@@ -17,10 +17,11 @@ use crate::columns::aligned;
 use crate::counted::counted;
 use crate::diagnostics::error_json;
 use crate::exit::{Exit, Stop};
+use crate::outputs::Output;
 use crate::progress::Progress;
 use crate::replay::{Checker, Differs, Outcome, Place, Placed, Replay, Replayed, Tally, Tolerances, Unchecked, number};
 use crate::signals;
-use crate::streams::{print, print_json, say};
+use crate::streams::{print, print_output, say};
 
 /// How many nodes that differ are told one by one; with `--json` all are.
 const TOLD: usize = 20;
@@ -55,7 +56,7 @@ pub fn replay(args: &ReplayArgs, registry: &Registry) -> Result<Exit, Stop> {
         if let Some(stop) = &verdict {
             object["error"] = error_json(stop);
         }
-        print_json(&object)?;
+        print_output(Output::Replay, object)?;
     } else {
         print(told.text())?;
         damage.iter().take(TOLD).for_each(|what| say(format_args!("damaged: {what}")));
@@ -243,7 +244,7 @@ impl Told<'_> {
         let (of, node) = (&plan.runs[run], &plan.runs[run].nodes[node]);
         let variants: Vec<&str> = node.variants.iter().map(|variant| plan.variants[*variant].as_str()).collect();
         let fields = [
-            ("stage", json!(of.name())),
+            ("stage", json!(of.stage)),
             ("node", json!(node.name)),
             ("kind", json!(node.kind)),
             ("version", json!(node.version)),

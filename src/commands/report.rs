@@ -3,9 +3,11 @@
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-use depthloom_analysis::{AnalysisError, ReportOptions, Sampled, Summary, Timing, report_with};
+use depthloom_analysis::{
+    AnalysisError, Leads, ReportOptions, Resampling, SAMPLES, Sampled, Summary, Timing, plan_key, report_with,
+};
 use depthloom_graphs::plan::Plan;
-use depthloom_recording::{Recorder, Recording};
+use depthloom_recording::{RecordedPlan, Recorder, Recording};
 use depthloom_runner::{Interrupt, Phase};
 use serde_json::{Value as Json, json};
 
@@ -13,10 +15,11 @@ use crate::args::{ReportArgs, TimingsArgs};
 use crate::diagnostics::error_json;
 use crate::exit::{Exit, Stop};
 use crate::models;
+use crate::outputs::Output;
 use crate::run_folder;
 use crate::runs::{FOLDER, named};
 use crate::signals;
-use crate::streams::{print, print_json};
+use crate::streams::{print, print_output};
 
 /// A recording's name in a run's folder.
 pub const RECORDING: &str = "recording.mcap";
@@ -42,6 +45,9 @@ pub fn report(args: &ReportArgs) -> Result<Exit, Stop> {
             let what = format!("{} is a run's folder, and holds what the run wrote and nothing else", run.display());
             return Err(Stop::new(Exit::Before, what).remedy("choose another --out"));
         }
+    } else if let Some(name) = run_folder::not_of_a_report(&out) {
+        let what = format!("{} would be replaced, and is no table of a report", out.join(name).display());
+        return Err(Stop::new(Exit::Before, what).remedy("choose another --out, or move the file away"));
     }
     let interrupt = signals::listen("stopping: what is not written yet stays as it was")?;
     std::fs::create_dir_all(&out)
@@ -49,7 +55,8 @@ pub fn report(args: &ReportArgs) -> Result<Exit, Stop> {
     let _lock = run_folder::lock_if_run(&out)?;
     let recording = Recording::open(&path)
         .map_err(|error| Stop::of_recording(Exit::Before, "failed to read the recording", &error))?;
-    let options = ReportOptions { paper: args.paper, check_every_byte: true, ..ReportOptions::default() };
+    let intervals = args.ci.map(|confidence| Resampling { confidence, ..Resampling::default() });
+    let options = ReportOptions { paper: args.paper, intervals, check_every_byte: true, ..ReportOptions::default() };
     let mut report = analyse(&recording, &out, &options, None, &interrupt)?;
     let but_whole = |stop: Stop| stop.also(format!("tables and plots are whole in {}", out.display()));
     models::write(&recording, &out).map_err(but_whole)?;
@@ -59,7 +66,8 @@ pub fn report(args: &ReportArgs) -> Result<Exit, Stop> {
     if let Some(stop) = &faulty {
         report.json["error"] = error_json(stop);
     }
-    let printed = if args.json { print_json(&report.json) } else { print(summary(&report, &out)) };
+    let printed =
+        if args.json { print_output(Output::Report, report.json.clone()) } else { print(summary(&report, &out)) };
     printed.map_err(but_whole)?;
     Ok(faulty.map_or(Exit::Whole, |stop| stop.exit))
 }
@@ -168,9 +176,10 @@ fn runs_below(folder: &Path, depth: u32) -> Vec<PathBuf> {
 pub fn summary(report: &Summary, folder: &Path) -> String {
     let files = [
         (folder.join(RECORDING).is_file(), "what was recorded", "recording.mcap (for Rerun and Foxglove, too)"),
-        (report.scored, "scores per frame", "scores.csv"),
+        (report.scored, "scores per frame", "scores.{csv,parquet}"),
         (report.table, "this table", "table.{csv,md,tex,parquet}"),
         (report.distances, "error against distance", "error_vs_distance.{csv,parquet,svg}"),
+        (folder.join(SAMPLES).is_file(), "a row a scored pixel", "samples.parquet (`depthloom analyse` asks it)"),
         (report.learning_curves > 0, "learning curves", "learning_curves.{csv,parquet,svg}"),
         (folder.join(models::FOLDER).is_dir(), "learnt models", "models/<stage>.<node>.onnx"),
     ];
@@ -192,7 +201,7 @@ pub fn timings(args: &TimingsArgs) -> Result<Exit, Stop> {
     };
     if args.json {
         let timings = depthloom_analysis::read_timings(&path).map_err(failed)?;
-        print_json(&json!({ "timings": timings.iter().map(timing_json).collect::<Vec<_>>() }))?;
+        print_output(Output::Timings, json!({ "timings": timings.iter().map(timing_json).collect::<Vec<_>>() }))?;
     } else {
         print(depthloom_analysis::timings_table(&path).map_err(failed)?)?;
     }
@@ -202,7 +211,8 @@ pub fn timings(args: &TimingsArgs) -> Result<Exit, Stop> {
 /// A timing under the names of the columns of `timings.parquet`.
 fn timing_json(timing: &Timing) -> Json {
     json!({
-        "stage": timing.stage,
+        "stage": timing.lead.stage,
+        "variant": timing.lead.variant,
         "node": timing.node,
         "phase": timing.phase,
         "frames": timing.frames,
@@ -219,17 +229,23 @@ pub fn write_timings(
     recorder: &Recorder,
     path: &Path,
 ) -> Result<(), Stop> {
-    let rows: Vec<Timing> = timings.iter().flat_map(|timing| rows(timing, plan, recorder)).collect();
-    depthloom_analysis::write_timings(&rows, path)
+    let failed = |what: String| Stop::new(Exit::Engine, format!("failed to keep the timings: {what}"));
+    let recorded = RecordedPlan::read_back(plan).map_err(failed)?;
+    let leads = Leads::new(&recorded);
+    let rows: Vec<Timing> = timings.iter().flat_map(|timing| rows(timing, plan, &leads, recorder)).collect();
+    depthloom_analysis::write_timings(&rows, &plan_key(&recorded), path)
         .map_err(|error| Stop::of_analysis(Exit::Engine, "failed to keep the timings", &error))
 }
 
 /// A timing's rows: one, or two where compression is a share of encoding.
-fn rows(timing: &depthloom_runner::Timing, plan: &Plan, recorder: &Recorder) -> Vec<Timing> {
+fn rows(timing: &depthloom_runner::Timing, plan: &Plan, leads: &Leads<'_>, recorder: &Recorder) -> Vec<Timing> {
     let run = &plan.runs[timing.run];
-    let stage = run.prefix.trim_start_matches('/').to_owned();
+    let variants = match timing.phase {
+        Phase::Once(node) | Phase::Node(node) => &run.nodes[node].variants,
+        Phase::Source | Phase::Write | Phase::Encode(_) => &run.variants,
+    };
     let row = |node: String, phase: &str, cpu_ns: u64, wall_ns: u64, median_cpu_ns: Option<u64>| Timing {
-        stage: stage.clone(),
+        lead: leads.of_those(&run.stage, variants),
         node,
         phase: phase.to_owned(),
         frames: timing.count,
@@ -242,8 +258,8 @@ fn rows(timing: &depthloom_runner::Timing, plan: &Plan, recorder: &Recorder) -> 
     match timing.phase {
         Phase::Source => vec![whole(timing.label.clone(), "read")],
         Phase::Write => vec![whole("recording".to_owned(), "write")],
-        Phase::Once(node) => vec![whole(name(plan, timing.run, node), "once")],
-        Phase::Node(node) => vec![whole(name(plan, timing.run, node), "process")],
+        Phase::Once(node) => vec![whole(run.nodes[node].name.clone(), "once")],
+        Phase::Node(node) => vec![whole(run.nodes[node].name.clone(), "process")],
         Phase::Encode(part) => {
             let compression = recorder.compression(timing.run)[part];
             let node = format!("recording of {}", compression.class);
@@ -253,15 +269,5 @@ fn rows(timing: &depthloom_runner::Timing, plan: &Plan, recorder: &Recorder) -> 
                 row(node, "compress", compression.cpu_ns, 0, None),
             ]
         }
-    }
-}
-
-/// A node's name, with the first of its variants where it does not serve them all.
-fn name(plan: &Plan, run: usize, node: usize) -> String {
-    let node = &plan.runs[run].nodes[node];
-    let of_stage = plan.runs[run].variants.len();
-    match node.variants.first() {
-        Some(&first) if node.variants.len() < of_stage => format!("{}/{}", plan.variants[first], node.name),
-        _ => node.name.clone(),
     }
 }

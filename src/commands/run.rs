@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
-use depthloom_analysis::{ReportOptions, Sampled, SamplingTap, Summary};
+use depthloom_analysis::{ReportOptions, SAMPLES, Sampled, SamplingTap, Summary, plan_key};
 use depthloom_graphs::Registry;
 use depthloom_graphs::language::Loaded;
 use depthloom_graphs::plan::Plan;
@@ -16,24 +16,29 @@ use serde_json::{Value as Json, json};
 
 use super::check::load;
 use super::report::{RECORDING, TIMINGS, analyse, no_pixel_counted, summary, write_timings};
+use super::samples;
 use crate::args::RunArgs;
 use crate::counted::counted;
 use crate::diagnostics;
 use crate::earlier;
 use crate::environment::{self, ENVIRONMENT};
 use crate::exit::{Exit, Problem, Stop, chain};
+use crate::failures;
 use crate::models;
+use crate::outputs::Output;
 use crate::progress::Progress;
 use crate::run_folder::{Begun, RunFolder};
+use crate::runs::files_in;
 use crate::signals;
-use crate::streams::{print, print_json, print_path, say};
+use crate::streams::{print, print_output, print_path, say};
+use crate::truths;
 
 /// Loads, plans, opens, runs, records, scores and prints.
 pub fn run(args: &RunArgs, registry: &Registry) -> Result<Exit, Stop> {
     let Loaded { plan, kept, read, .. } = load(&args.experiment, registry, is_silent(args))?;
     let mut ready = Ready::new(plan, registry).map_err(|missing| stop_of_missing(&missing))?;
     let plan = ready.plan.clone();
-    let of_sources = std::mem::take(&mut ready.warnings);
+    let of_sources = [std::mem::take(&mut ready.warnings), truths::missing(&ready)].concat();
     tell(args, &of_sources);
     let interrupt = signals::listen("stopping: frames in flight are finished, learning is put down")?;
     let (folder, begun) = make_folder(args, &plan, &kept, &read)?;
@@ -54,7 +59,7 @@ pub fn run(args: &RunArgs, registry: &Registry) -> Result<Exit, Stop> {
     let finished = finish(args, &folder, sampled, &interrupt, || {
         environment::describe(options.workers, options.window, started.elapsed().as_secs_f64(), &read)
     });
-    let (report, environment) = finished.map_err(|stop| {
+    let Finished { report, environment, key, frames, failures } = finished.map_err(|stop| {
         let partial = folder.partial.display();
         stop.also(format!("the recording is whole: `depthloom report {partial}` makes its tables"))
     })?;
@@ -70,10 +75,15 @@ pub fn run(args: &RunArgs, registry: &Registry) -> Result<Exit, Stop> {
     let mut told = json!({
         "experiment": plan.experiment,
         "run": out.to_string_lossy(),
+        "key": key,
+        "parameters": plan.summary_json(),
+        "frames": frames,
         "failed_frames": failed,
+        "failures": failures,
         "reused": reused,
         "warnings": warnings,
         "environment": environment,
+        "files": files_in(&out).iter().map(|(name, bytes)| json!({ "name": name, "bytes": bytes })).collect::<Vec<_>>(),
     });
     if let Some(stop) = &incomplete {
         told["error"] = diagnostics::error_json(stop);
@@ -309,6 +319,16 @@ pub(super) fn stop_of(error: &RunError) -> Stop {
     }
 }
 
+/// What there is to tell of a run whose folder is complete.
+struct Finished {
+    report: Summary,
+    environment: Json,
+    /// Of its plan.
+    key: String,
+    frames: Vec<Json>,
+    failures: Vec<Json>,
+}
+
 /// Makes of a whole recording what else lies in its folder: models, tables, figures, and where it was made.
 fn finish(
     args: &RunArgs,
@@ -316,21 +336,25 @@ fn finish(
     sampled: Option<Sampled<'_>>,
     interrupt: &Interrupt,
     environment: impl FnOnce() -> Json,
-) -> Result<(Summary, Json), Stop> {
+) -> Result<Finished, Stop> {
     let recording = Recording::open(folder.file(RECORDING))
         .map_err(|error| Stop::of_recording(Exit::Engine, "failed to read the recording back", &error))?;
     models::write(&recording, &folder.partial)?;
     let report = analyse(&recording, &folder.partial, &report_options(args), sampled, interrupt)?;
+    if args.samples {
+        samples::write(&recording, &folder.file(SAMPLES), is_silent(args), interrupt)?;
+    }
     let environment = environment();
     folder.write(ENVIRONMENT, &format!("{environment:#}\n"))?;
-    Ok((report, environment))
+    let (frames, failures) = failures::told(&recording);
+    Ok(Finished { report, environment, key: plan_key(recording.plan()).to_string(), frames, failures })
 }
 
 /// Prints what was asked for.
 fn show(args: &RunArgs, report: Summary, mut object: Json, out: &Path) -> Result<(), Stop> {
     if args.json {
         object["report"] = report.json;
-        return print_json(&object);
+        return print_output(Output::Run, object);
     }
     if !args.quiet {
         print(summary(&report, out))?;

@@ -4,12 +4,16 @@ use std::fs;
 use std::io::{self, IsTerminal as _};
 use std::path::Path;
 
-use depthloom_analysis::{AnalysisError, Costs, Mean, PixelSet, Question, Ranking, Selection};
+use depthloom_analysis::{
+    AnalysisError, Answer, Costs, Mean, PixelSet, Question, Ranking, Resampling, Selection, plan_key,
+};
+use depthloom_graphs::Key;
 use depthloom_recording::Recording;
 
 use super::report::{TIMINGS, recording_of};
 use crate::args::{MeanOption, RowsOption, ScoresArgs, SetOption, TableArgs, TableFormat};
 use crate::exit::{Exit, Stop, remedy_of_writing};
+use crate::outputs::Output;
 use crate::signals;
 use crate::streams::print;
 
@@ -18,63 +22,98 @@ const TERMINAL_WIDTH: usize = 110;
 
 /// Prints a table of a run's scores, or writes it to a file.
 pub fn table(args: &TableArgs) -> Result<Exit, Stop> {
-    let format = match args.format {
-        Some(format) => format,
-        None if args.json => TableFormat::Json,
-        None => TableFormat::Terminal,
-    };
-    if format == TableFormat::Parquet && args.out.is_none() && io::stdout().is_terminal() {
-        return Err(Stop::new(Exit::Before, "Parquet is no text").remedy("name a file with --out, or pipe it on"));
-    }
-    if let Some(out) = &args.out {
-        can_be_written(out)?;
-    }
+    let delivery = Delivery::of(args.format, args.json, args.out.as_deref())?;
     let path = recording_of(&args.run, "table")?;
     let interrupt = signals::listen("stopping")?;
     let recording = open(&path)?;
     let costs = costs(&path)?;
     let selection = Selection { estimators: args.estimators.clone(), ..selection(&args.scores) };
+    let intervals = args.ci.map(|confidence| Resampling { confidence, ..Resampling::default() });
     let question = match (&args.effects, &args.best_per_zone, args.rows) {
         (Some(score), ..) => Question::Effects(score.clone()),
         (None, Some(score), _) => Question::BestPerZone(score.clone()),
-        (None, None, RowsOption::Score) => Question::Scores,
+        (None, None, RowsOption::Score) => Question::Scores(intervals),
         (None, None, RowsOption::Variant) => Question::Ranking(Ranking {
             sort: args.sort.clone(),
             top: args.top.map(|top| top as usize),
             columns: args.columns.clone(),
             pareto: args.pareto.clone(),
+            intervals,
         }),
     };
     let answer =
         depthloom_analysis::answer(&recording, costs.as_ref(), &selection, &question, &|| interrupt.stops_admission());
     let answer = answer.map_err(|error| failed(&error))?;
-    let bytes = match format {
-        TableFormat::Terminal => answer.terminal(TERMINAL_WIDTH).into_bytes(),
-        TableFormat::Md => answer.markdown().into_bytes(),
-        TableFormat::Csv => answer.csv(),
-        TableFormat::Parquet => answer.parquet().map_err(|error| failed(&error))?,
-        TableFormat::Latex => answer.latex().into_bytes(),
-        TableFormat::Json => format!("{:#}\n", answer.json()).into_bytes(),
-    };
-    match &args.out {
-        None => print(bytes)?,
-        Some(out) if is_of_the_run(out, &path) => {
+    delivery.answer(Output::Table, &answer, &plan_key(recording.plan()), &[&path])
+}
+
+/// What a table is written as, and where.
+pub(super) struct Delivery<'a> {
+    pub(super) format: TableFormat,
+    out: Option<&'a Path>,
+}
+
+impl<'a> Delivery<'a> {
+    /// As it is asked for.
+    pub(super) fn of(format: Option<TableFormat>, json: bool, out: Option<&'a Path>) -> Result<Self, Stop> {
+        let format = match format {
+            Some(format) => format,
+            None if json => TableFormat::Json,
+            None => TableFormat::Terminal,
+        };
+        if format == TableFormat::Parquet && out.is_none() && io::stdout().is_terminal() {
+            return Err(Stop::new(Exit::Before, "Parquet is no text").remedy("name a file with --out, or pipe it on"));
+        }
+        if let Some(out) = out {
+            can_be_written(out)?;
+        }
+        Ok(Self { format, out })
+    }
+
+    /// Prints an answer, or writes it to the file; `run` is the key of the plan it is of, `recordings` are those.
+    pub(super) fn answer(
+        &self,
+        output: Output,
+        answer: &Answer,
+        run: &Key,
+        recordings: &[&Path],
+    ) -> Result<Exit, Stop> {
+        let bytes = match self.format {
+            TableFormat::Terminal => answer.terminal(TERMINAL_WIDTH).into_bytes(),
+            TableFormat::Md => answer.markdown().into_bytes(),
+            TableFormat::Csv => answer.csv(),
+            TableFormat::Parquet => answer.parquet(run).map_err(|error| failed(&error))?,
+            TableFormat::Latex => answer.latex().into_bytes(),
+            TableFormat::Json => format!("{:#}\n", output.stamped(answer.json())).into_bytes(),
+        };
+        self.deliver(&bytes, recordings)?;
+        Ok(Exit::Whole)
+    }
+
+    /// Whether it is text for a terminal.
+    pub(super) fn is_shown(&self) -> bool {
+        self.format == TableFormat::Terminal && self.out.is_none()
+    }
+
+    /// Prints it, or writes it to the file; `recordings` are those that it is of.
+    pub(super) fn deliver(&self, bytes: &[u8], recordings: &[&Path]) -> Result<(), Stop> {
+        let Some(out) = self.out else { return print(bytes) };
+        if recordings.iter().any(|recording| is_of_the_run(out, recording)) {
             let what = format!("{} is the run's own", out.display());
             return Err(Stop::new(Exit::Before, what).remedy("choose another --out"));
         }
-        Some(out) => write(out, &bytes).map_err(|error| {
+        write(out, bytes).map_err(|error| {
             let stop = Stop::because(Exit::Engine, format_args!("failed to write {}", out.display()), &error);
             match remedy_of_writing(&error) {
                 Some(remedy) => stop.remedy(remedy),
                 None => stop,
             }
-        })?,
+        })
     }
-    Ok(Exit::Whole)
 }
 
 /// That a file may stand there: in a folder, and no folder itself.
-fn can_be_written(out: &Path) -> Result<(), Stop> {
+pub(super) fn can_be_written(out: &Path) -> Result<(), Stop> {
     let cannot = |what: String| Stop::new(Exit::Before, format!("cannot write {}: {what}", out.display()));
     if out.is_dir() {
         let file = out.join("table.csv");

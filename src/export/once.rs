@@ -32,7 +32,7 @@ pub fn write_rows(
 ) -> Result<Option<(Exported, Vec<RecordingError>)>, Stop> {
     let of_curve = |once: &RecordedOnce| -> Result<Option<TopicRows>, AnalysisError> {
         match recording.once_value(once)? {
-            Value::Curve(curve) => curve_rows(chosen.name.trim_matches('/'), &curve).map(Some),
+            Value::Curve(curve) => curve_rows(recording.plan(), once.run, once.node, &curve).map(Some),
             _ => Ok(None),
         }
     };

@@ -65,10 +65,7 @@ impl Difference {
                 let searched = |least: i32| format!("disparities searched from {least} px on");
                 Self::whole(searched(a.min_disparity_px), searched(b.min_disparity_px))
             }
-            (Value::TrueDisparity(a), Value::TrueDisparity(b)) => {
-                let of = |value: &u16| (*value != 0).then(|| f64::from(*value) / 256.0);
-                pixels(sized(&a.px_256), sized(&b.px_256), tolerance, of)
-            }
+            (Value::TrueDisparity(a), Value::TrueDisparity(b)) => pixels(sized(&a.px), sized(&b.px), tolerance, float),
             (Value::Depth(a), Value::Depth(b)) => pixels(sized(&a.metres), sized(&b.metres), tolerance, float),
             (Value::Weight(a), Value::Weight(b)) => pixels(sized(&a.share), sized(&b.share), tolerance, float),
             (Value::Mask(a), Value::Mask(b)) => {
@@ -255,7 +252,7 @@ fn named(recorded: Named, now: Named, tolerance: f64) -> Difference {
 }
 
 fn coefficients(of: &Calibration) -> Named {
-    let Calibration { width, height, focal_px, cx_px, cy_px, baseline_m } = of;
+    let Calibration { width, height, focal_px, cx_px, cy_px, baseline_m, doffs_px } = of;
     let numbers = [
         ("width", f64::from(*width)),
         ("height", f64::from(*height)),
@@ -263,6 +260,7 @@ fn coefficients(of: &Calibration) -> Named {
         ("cx_px", *cx_px),
         ("cy_px", *cy_px),
         ("baseline_m", *baseline_m),
+        ("doffs_px", *doffs_px),
     ];
     numbers.map(|(name, number)| (name.to_owned(), Some(number))).into()
 }

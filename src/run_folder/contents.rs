@@ -2,20 +2,20 @@
 
 use std::ffi::OsString;
 use std::fs;
-use std::io;
+use std::io::{self, Read as _, Seek as _, SeekFrom};
 use std::path::Path;
+
+use depthloom_analysis::{LEADING, TABLE_MARK};
 
 use super::marker::MARKER;
 
-/// The files that a run and its reports write.
-const FILES: [&str; 18] = [
-    MARKER,
-    "recording.mcap",
-    "experiment.yaml",
-    "experiment.resolved.yaml",
-    "environment.json",
-    "timings.parquet",
+/// The files that a run writes.
+const FILES: [&str; 6] =
+    [MARKER, "recording.mcap", "experiment.yaml", "experiment.resolved.yaml", "environment.json", "timings.parquet"];
+/// And its reports.
+const REPORT: [&str; 14] = [
     "scores.csv",
+    "scores.parquet",
     "table.csv",
     "table.md",
     "table.tex",
@@ -27,9 +27,58 @@ const FILES: [&str; 18] = [
     "learning_curves.csv",
     "learning_curves.parquet",
     "learning_curves.svg",
+    "samples.parquet",
 ];
 /// The folders, and the endings of what they hold.
 const FOLDERS: [(&str, &[&str]); 2] = [("experiment", &["yaml", "yml"]), ("models", &["onnx"])];
+
+/// A table with the name of a report's that no report wrote.
+pub fn not_of_a_report(folder: &Path) -> Option<String> {
+    // A report's tables, and how those of 0.1.0 began.
+    const TABLES: [(&str, &str); 5] = [
+        ("scores", "stage,position,"),
+        ("table", "estimator,scored_on,"),
+        ("error_vs_distance", "estimator,bin_m,"),
+        ("true_distances", "bin_m,count"),
+        ("learning_curves", "curve,step,"),
+    ];
+    let now = LEADING[..2].join(",");
+    TABLES.into_iter().find_map(|(table, before)| {
+        let (csv, parquet) = (format!("{table}.csv"), format!("{table}.parquet"));
+        let first = first_bytes(&folder.join(&csv));
+        let begins = |columns: &str| first.as_ref().is_some_and(|first| first.starts_with(columns.as_bytes()));
+        if first.is_some() && !begins(&now) && !begins(before) {
+            return Some(csv);
+        }
+        // Parquet files of 0.1.0 do not say what they are, but the CSV file beside them does.
+        let says_it = |last: Vec<u8>| last.windows(TABLE_MARK.len()).any(|part| part == TABLE_MARK.as_bytes());
+        let is_another = last_bytes(&folder.join(&parquet)).is_some_and(|last| !says_it(last) && !begins(before));
+        is_another.then_some(parquet)
+    })
+}
+
+/// A file, if one is there: a pipe would be waited for.
+fn file(path: &Path) -> Option<fs::File> {
+    fs::metadata(path).is_ok_and(|there| there.is_file()).then(|| fs::File::open(path).ok()).flatten()
+}
+
+/// How a file begins; `None` if it cannot be read, and so not be replaced either.
+fn first_bytes(path: &Path) -> Option<Vec<u8>> {
+    let mut first = Vec::new();
+    file(path)?.take(64).read_to_end(&mut first).ok()?;
+    Some(first)
+}
+
+/// How a file ends: in a Parquet file, with what it says of itself.
+fn last_bytes(path: &Path) -> Option<Vec<u8>> {
+    const MOST: u64 = 64 << 10;
+    let mut last = Vec::new();
+    let mut file = file(path)?;
+    let length = file.metadata().ok()?.len();
+    file.seek(SeekFrom::Start(length.saturating_sub(MOST))).ok()?;
+    file.read_to_end(&mut last).ok()?;
+    Some(last)
+}
 
 /// What lies in the folder that no run wrote there, if anything; of several the first by name.
 pub fn foreign(folder: &Path) -> io::Result<Option<OsString>> {
@@ -52,8 +101,8 @@ pub fn foreign(folder: &Path) -> io::Result<Option<OsString>> {
 /// Also one that was never whole: `<name>.partial`, `<name>.1.partial`.
 fn is_file_of_a_run(name: &str) -> bool {
     let written = name.strip_suffix(depthloom_durable::PARTIAL).and_then(|name| name.strip_suffix('.'));
-    let of = |written: &str| FILES.iter().any(|file| written == *file || is_numbered(written, file));
-    FILES.contains(&name) || written.is_some_and(of)
+    let mut files = FILES.iter().chain(&REPORT);
+    files.any(|file| name == *file || written.is_some_and(|of| of == *file || is_numbered(of, file)))
 }
 
 fn is_numbered(name: &str, file: &str) -> bool {

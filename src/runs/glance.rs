@@ -132,11 +132,32 @@ impl Glance {
             "best": self.best.as_ref().map(|best| json!({
                 "score": best.metric,
                 "value": best.value,
+                "stage": best.lead.stage,
+                "variant": best.lead.variant,
                 "estimator": best.estimator,
             })),
             "trouble": self.trouble,
         })
     }
+}
+
+/// The files in a folder and in its folders, by name, and what each holds.
+pub fn files_in(folder: &Path) -> Vec<(String, u64)> {
+    files_below(folder, "")
+}
+
+fn files_below(folder: &Path, prefix: &str) -> Vec<(String, u64)> {
+    let mut files = Vec::new();
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+        let name = format!("{prefix}{}", entry.file_name().to_string_lossy());
+        match entry.metadata() {
+            Ok(metadata) if metadata.is_dir() => files.extend(files_below(&entry.path(), &format!("{name}/"))),
+            Ok(metadata) => files.push((name, metadata.len())),
+            Err(_) => {}
+        }
+    }
+    files.sort();
+    files
 }
 
 /// What the files in a folder and in its folders hold; what a link leads to does not lie there.

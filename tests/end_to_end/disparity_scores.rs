@@ -20,12 +20,10 @@ fn each_kind_of_estimate_has_its_scores_and_both_have_zones() {
 
     let rows = read_csv(&run.join("scores.csv"));
     let of = |estimator: &str, set: &str, zone: &str| -> Vec<&Row> {
-        let wanted = |row: &&Row| {
-            row["estimator"] == estimator && row["scored_on"] == set && row["zone"].trim_matches('"') == zone
-        };
+        let wanted = |row: &&Row| row["estimator"] == estimator && row["set"] == set && row["zone"] == zone;
         rows.iter().filter(wanted).collect()
     };
-    let zones: BTreeSet<&str> = rows.iter().map(|row| row["zone"].trim_matches('"')).collect();
+    let zones: BTreeSet<&str> = rows.iter().map(|row| row["zone"].as_str()).collect();
     for zone in
         ["", "0..10", "50..80", "row_3_of_3", "edges", "textureless", "visible", "occluded", "background", "foreground"]
     {
@@ -54,7 +52,7 @@ fn each_kind_of_estimate_has_its_scores_and_both_have_zones() {
     }
     // The table's disparities are over all pixels, whose number differs by frame.
     let table = read_csv(&run.join("table.csv"));
-    let pooled = table.iter().find(|row| row["estimator"] == "disparity" && row["scored_on"] == "all").expect("a row");
+    let pooled = table.iter().find(|row| row["estimator"] == "disparity" && row["set"] == "all").expect("a row");
     let frames = of("disparity", "all", "");
     let sum = |weight: &dyn Fn(&Row) -> f64| frames.iter().map(|row| weight(row)).sum::<f64>();
     let expected = sum(&|row| number(row, "d1") * number(row, "pixels")) / sum(&|row| number(row, "pixels"));

@@ -72,6 +72,7 @@ fn a_run_ends_with_its_folder() {
     for file in [
         "recording.mcap",
         "scores.csv",
+        "scores.parquet",
         "table.csv",
         "table.md",
         "table.tex",

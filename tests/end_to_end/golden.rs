@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::support::{Row, depthloom, number, onnx_runtime, read_csv, shared, succeed};
+use crate::support::{Row, depthloom, label, number, onnx_runtime, read_csv, set, shared, succeed};
 
 const SCORES: [&str; 8] = ["a1", "a2", "a3", "abs_rel", "sq_rel", "rmse", "rmse_log", "silog"];
 
@@ -12,7 +12,7 @@ fn agree(ours: f64, theirs: f64, relative: f64) -> bool {
 
 pub fn assert_scores_agree(ours: &Path, theirs: &Path, relative: f64) {
     let (ours, theirs) = (read_csv(ours), read_csv(theirs));
-    let name = |row: &Row| (row["frame"].clone(), row["estimator"].clone(), row["scored_on"].clone());
+    let name = |row: &Row| (row["frame"].clone(), label(row), set(row).to_owned());
     let ours: std::collections::BTreeMap<_, _> = ours.iter().map(|row| (name(row), row)).collect();
     assert_eq!(ours.len(), theirs.len(), "as many rows as the oracle's");
     for golden in &theirs {
@@ -25,10 +25,26 @@ pub fn assert_scores_agree(ours: &Path, theirs: &Path, relative: f64) {
     }
 }
 
+/// The error against distance on the pixels that each answered, with the oracle's names of columns.
+pub fn answered_bins(path: &Path) -> Vec<Row> {
+    let mut rows = read_csv(path);
+    rows.retain(|row| row["set"] == "answered");
+    for row in &mut rows {
+        assert_eq!(number(row, "bin_to_m"), number(row, "bin_from_m") + 1.0, "{row:?}");
+        let renamed = row.iter().map(|(name, value)| {
+            let of_error = name.strip_prefix("error_").and_then(|name| name.strip_suffix("_m"));
+            let name = if name == "bin_from_m" { "bin_m" } else { of_error.unwrap_or(name) };
+            (name.to_owned(), value.clone())
+        });
+        *row = renamed.collect();
+    }
+    rows
+}
+
 /// `tolerance`: how far a percentile may be off, from itself and its distance, all metres.
 pub fn assert_percentiles_agree(ours: &Path, theirs: &Path, tolerance: impl Fn(f64, f64) -> f64) {
-    let (ours, theirs) = (read_csv(ours), read_csv(theirs));
-    let name = |row: &Row| (row["estimator"].clone(), row["bin_m"].parse::<u32>().expect("a bin"));
+    let (ours, theirs) = (answered_bins(ours), read_csv(theirs));
+    let name = |row: &Row| (label(row), row["bin_m"].parse::<u32>().expect("a bin"));
     let ours: std::collections::BTreeMap<_, _> = ours.iter().map(|row| (name(row), row)).collect();
     assert_eq!(ours.len(), theirs.len(), "as many bins as the oracle's");
     for golden in &theirs {
@@ -97,7 +113,7 @@ fn the_table_is_the_mean_over_frames() {
     let golden = read_csv(&shared.join("oracle/golden/ground_plane/table.csv"));
     assert_eq!(ours.len(), golden.len());
     for row in &golden {
-        let same = |other: &&Row| other["estimator"] == row["estimator"] && other["scored_on"] == row["scored_on"];
+        let same = |other: &&Row| label(other) == label(row) && set(other) == set(row);
         let mine = ours.iter().find(same).unwrap_or_else(|| panic!("no row {row:?}"));
         for score in SCORES {
             // The oracle's table is rounded to four decimals.

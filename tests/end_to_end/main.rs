@@ -2,11 +2,14 @@
 //!
 //! Tests that need `../shared` (real frames, golden results) or a Python environment print `SKIPPED <test>: why` where it is absent.
 
+mod analyse;
 mod architecture;
 mod axes;
 mod broken_data;
 mod broken_files;
 mod commands;
+mod compare;
+mod data;
 mod determinism;
 mod disparity_scores;
 mod experiments;
@@ -23,8 +26,9 @@ mod memory;
 mod networks;
 #[path = "../../nodes/tests/nodes/onnx_file.rs"]
 mod onnx_file;
+mod outputs;
+mod python_package;
 mod python_reads;
-mod readme;
 mod replay;
 #[cfg(target_os = "linux")]
 mod reports;

@@ -90,7 +90,10 @@ fn runs_are_listed_newest_first_with_what_became_of_each() {
     assert_eq!(of("time_utc")[1..], ["2020-11-22T10:00:00Z", "2020-11-21T10:00:00Z"]);
     // The best score is the table's own.
     let first = &here.json(&["table", "runs/look/two", "--sort", "abs_rel"])["rows"][0];
-    assert_eq!(runs[1]["best"], json!({ "score": "abs_rel", "value": first["abs_rel"], "estimator": "stereo" }));
+    assert_eq!(
+        runs[1]["best"],
+        json!({ "score": "abs_rel", "value": first["abs_rel"], "stage": "look", "variant": null, "estimator": "stereo" })
+    );
     let size = |run: &Json| run["bytes"].as_u64().expect("a size");
     assert!(size(&runs[2]) > whole.len() as u64 && size(&runs[0]) < size(&runs[2]));
 
@@ -196,7 +199,7 @@ fn a_run_is_shown_with_how_it_was_made_and_what_lies_there() {
         (&shown["name"], &shown["state"], &shown["experiment"]),
         (&json!("first"), &json!("whole"), &json!("look"))
     );
-    let stage = json!({ "stage": "look", "frames": 2, "source": "street", "source_kinds": ["synthetic/road"], "nodes": 3, "models": [] });
+    let stage = json!({ "stage": "look", "variant": null, "frames": 2, "source": "street", "source_kinds": ["synthetic/road"], "nodes": 3, "models": [] });
     assert_eq!(shown["stages"], json!([stage]));
     assert_eq!(shown["environment"]["workers"], 1);
     let files = shown["files"].as_array().expect("files");

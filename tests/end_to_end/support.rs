@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::process::{Command, Output};
 
-pub use depthloom_test_needs::{onnx_runtime, python, shared, skipped, workspace};
+pub use depthloom_test_needs::{onnx_runtime, python, python_package, shared, skipped, workspace};
 
 /// The binary under test.
 pub fn depthloom() -> Command {
@@ -46,6 +46,19 @@ pub fn read_csv(path: &Path) -> Vec<Row> {
     lines
         .map(|line| header.iter().zip(line.split(',')).map(|(k, v)| ((*k).to_owned(), v.to_owned())).collect())
         .collect()
+}
+
+/// What people call the estimator of a row of ours, and the oracle its own: `variant/estimator`, without a variant where all share it.
+pub fn label(row: &Row) -> String {
+    match row.get("variant").map(String::as_str) {
+        None | Some("") => row["estimator"].clone(),
+        Some(variant) => format!("{variant}/{}", row["estimator"]),
+    }
+}
+
+/// The pixel set of a row of ours, or of the oracle.
+pub fn set(row: &Row) -> &str {
+    &row[if row.contains_key("set") { "set" } else { "scored_on" }]
 }
 
 /// A number in a row.

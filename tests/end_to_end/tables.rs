@@ -6,7 +6,7 @@ use std::process::{Command, Output};
 
 use serde_json::Value as Json;
 
-use crate::support::{Row, depthloom, number, read_csv, skipped, succeed};
+use crate::support::{Row, depthloom, label, number, read_csv, skipped, succeed};
 
 /// Stereo with 2 x 2 x 2 settings on two small frames, scored as it is and filtered.
 const SWEEP: &str = "experiment: sweep
@@ -67,16 +67,16 @@ fn a_tables_numbers_are_those_that_the_run_wrote_and_its_effects_are_as_reckoned
     let rows = read_csv(&csv);
     let written: BTreeMap<String, Row> = read_csv(&run.join("table.csv"))
         .into_iter()
-        .filter(|row| row["scored_on"] == "all")
-        .map(|row| (row["estimator"].clone(), row))
+        .filter(|row| row["set"] == "all")
+        .map(|row| (label(&row), row))
         .collect();
     assert_eq!((rows.len(), written.len()), (16, 16));
     for row in &rows {
-        let name = &row["estimator"];
-        assert_eq!(
-            *name,
-            format!("block={}+uniqueness={}+mode={}/{}", row["block"], row["uniqueness"], row["mode"], row["estimate"])
-        );
+        let name = &label(row);
+        let axes = ["block", "uniqueness", "mode"];
+        assert_eq!(row["variant"], axes.map(|axis| format!("{axis}={}", row[axis])).join("+"));
+        let same = ["stage", "variant", "estimator", "set"].into_iter().chain(axes);
+        assert!(same.into_iter().all(|column| row[column] == written[name][column]), "{row:?}");
         for score in ["a1", "a2", "a3", "abs_rel", "sq_rel", "rmse", "rmse_log", "silog"] {
             near(number(row, score), number(&written[name], score), name);
         }
@@ -85,23 +85,23 @@ fn a_tables_numbers_are_those_that_the_run_wrote_and_its_effects_are_as_reckoned
     assert!(rows.is_sorted_by(|a, b| number(a, "abs_rel") <= number(b, "abs_rel")));
 
     // Filtering costs on top of what it filters, of the same variant.
-    let of = |name: &str| rows.iter().find(|row| row["estimator"] == name).expect("a row");
-    for row in rows.iter().filter(|row| row["estimate"] == "smooth") {
-        assert!(number(row, "ms") > number(of(&row["estimator"].replace("/smooth", "/raw")), "ms"));
+    let of = |name: &str| rows.iter().find(|row| label(row) == name).expect("a row");
+    for row in rows.iter().filter(|row| row["estimator"] == "smooth") {
+        assert!(number(row, "ms") > number(of(&label(row).replace("/smooth", "/raw")), "ms"));
     }
 
     // Nothing on the front is beaten, and everything else is by something on it.
     let front = text(&ask(&run, &["--pareto", "abs_rel,ms", "--format", "csv"]));
-    let front: Vec<&str> = front.lines().skip(1).filter_map(|line| line.split(',').next()).collect();
+    let named = |line: &str| line.split(',').skip(1).take(2).collect::<Vec<_>>().join("/");
+    let front: Vec<String> = front.lines().skip(1).map(named).collect();
     for row in &rows {
-        let beats = |other: &&str| {
+        let beats = |other: &String| {
             let other = of(other);
             let (error, ms) =
                 (number(row, "abs_rel") - number(other, "abs_rel"), number(row, "ms") - number(other, "ms"));
             error >= 0.0 && ms >= 0.0 && error + ms > 0.0
         };
-        let on_it = front.contains(&row["estimator"].as_str());
-        assert_eq!(front.iter().any(beats), !on_it, "{}", row["estimator"]);
+        assert_eq!(front.iter().any(beats), !front.contains(&label(row)), "{row:?}");
     }
 
     // Marginal means and eta squared, from the rows.
@@ -113,7 +113,7 @@ fn a_tables_numbers_are_those_that_the_run_wrote_and_its_effects_are_as_reckoned
     let (_, all) = mean(&mut rows.iter());
     let spread: f64 = rows.iter().map(|row| (number(row, "abs_rel") - all).powi(2)).sum();
     let mut left = 1.0;
-    for axis in ["block", "uniqueness", "mode", "estimate"] {
+    for axis in ["block", "uniqueness", "mode", "estimator"] {
         let levels: Vec<&Json> =
             effects["rows"].as_array().expect("rows").iter().filter(|row| row["axis"] == axis).collect();
         assert_eq!(levels.len(), 2, "{axis}");
@@ -157,7 +157,7 @@ fn explain_says_what_made_a_number() {
     let json: Json = serde_json::from_slice(&explain(&["abs_rel", estimator, "--json"]).stdout).expect("JSON");
     let frames: Vec<Row> = read_csv(&run.join("scores.csv"))
         .into_iter()
-        .filter(|row| row["estimator"] == estimator && row["scored_on"] == "all")
+        .filter(|row| label(row) == estimator && row["set"] == "all")
         .collect();
     let values: Vec<f64> = frames.iter().map(|row| number(row, "abs_rel")).collect();
     near(json["value"].as_f64().expect("a value"), (values[0] + values[1]) / 2.0, "mean");
@@ -260,7 +260,7 @@ stages:
     let rows = rows["rows"].as_array().expect("rows");
     let row = |name: &str| rows.iter().find(|row| row["estimator"] == name).expect("a row");
     let written = read_csv(&kept.join("table.csv"));
-    let own = written.iter().find(|row| row["estimator"] == "sparse" && row["scored_on"] == "answered");
+    let own = written.iter().find(|row| row["estimator"] == "sparse" && row["set"] == "answered");
     let own = own.expect("a row");
     for score in ["a1", "abs_rel", "rmse", "silog", "mae", "median_error"] {
         near(row("sparse")[score].as_f64().expect("a score"), number(own, score), score);
@@ -299,7 +299,10 @@ fn a_table_takes_the_place_of_nothing_that_is_no_table() {
         let (link, file) = (folder.path().join("link.csv"), folder.path().join("file.csv"));
         std::os::unix::fs::symlink(&file, &link).expect("linked");
         ask(&run, &csv(&link).each_ref().map(String::as_str));
-        assert!(link.is_symlink() && std::fs::read_to_string(&file).expect("read").starts_with("estimator,"));
+        assert!(
+            link.is_symlink()
+                && std::fs::read_to_string(&file).expect("read").starts_with("stage,variant,estimator,set,")
+        );
     }
 }
 
@@ -324,8 +327,9 @@ fn the_model_ablation_is_answered_by_three_commands() {
     assert!(both.iter().all(|row| row["abs_rel"].is_number() && row["d1"].is_number()), "{:?}", both[0]);
     let front: Json = serde_json::from_slice(&ask(&out, &["--pareto", "abs_rel,d1", "--json"]).stdout).expect("JSON");
     assert!(front["about"].to_string().contains("on the Pareto front of abs_rel and d1"), "{front}");
-    let label = both[0]["estimator"].as_str().expect("a label");
-    let told = succeed(depthloom().arg("explain").arg(&out).args(["d1", label, "--json"]));
+    let [variant, name] = ["variant", "estimator"].map(|of| both[0][of].as_str().expect("a name"));
+    let label = format!("{variant}/{name}");
+    let told = succeed(depthloom().arg("explain").arg(&out).args(["d1", &label, "--json"]));
     let told: Json = serde_json::from_slice(&told.stdout).expect("JSON");
     assert_eq!(told["value"], both[0]["d1"]);
     let zones = text(&ask(&out, &["--best-per-zone", "abs_rel"]));

@@ -14,6 +14,7 @@ use crate::grid::Grid;
 use crate::reading;
 use crate::scores::FrameScore;
 use crate::sheet::Sheet;
+use crate::statistics::Resampling;
 use crate::table::{Table, common};
 
 /// What is asked of a run's scores.
@@ -25,8 +26,8 @@ pub enum Question {
     Effects(String),
     /// Which row is best by this score, in each zone.
     BestPerZone(String),
-    /// A score a row, estimators in columns, as in Table I.
-    Scores,
+    /// A score a row, estimators in columns, as in Table I; with intervals, if it is said how frames are resampled.
+    Scores(Option<Resampling>),
 }
 
 /// The answer to a [`Question`].
@@ -61,10 +62,17 @@ pub fn answer(
         let source = source_of(recording);
         let ablation = Ablation::new(recording.plan(), &estimators, &scores, &source, costs);
         let mut grid = match question {
-            Question::Ranking(ranking) => ranking.grid(&ablation, selection)?,
+            Question::Ranking(ranking) => ranking.grid(&ablation, selection, stop)?,
             Question::Effects(metric) => effects::grid(&ablation, selection, metric)?,
             Question::BestPerZone(metric) => zones::grid(&ablation, selection, metric)?,
-            Question::Scores => return as_table(recording, &estimators, &scores, selection, &ablation),
+            Question::Scores(intervals) => {
+                let (table, scores, estimators) = as_table(recording, &estimators, &scores, selection, &ablation)?;
+                let table = match intervals {
+                    Some(resampling) => table.with_intervals(&scores, &estimators, *resampling, stop)?,
+                    None => table,
+                };
+                return Ok(Answer::Scores(table));
+            }
         };
         grid.notes.extend(condition::told(recording, &[], true).notes);
         Ok(Answer::Grid(grid))
@@ -105,12 +113,12 @@ impl Answer {
         self.sheet().csv()
     }
 
-    /// The bytes of a Parquet file with the columns of [`Answer::csv`].
+    /// The bytes of a Parquet file with the columns of [`Answer::csv`], of a run whose plan has this key.
     ///
     /// # Errors
     /// If polars makes none of them.
-    pub fn parquet(&self) -> Result<Vec<u8>, AnalysisError> {
-        caught(|| self.sheet().parquet().map_err(AnalysisError::compute("the table")))
+    pub fn parquet(&self, run: &Key) -> Result<Vec<u8>, AnalysisError> {
+        caught(|| self.sheet().parquet("asked", run).map_err(AnalysisError::compute("the table")))
     }
 
     /// For programs: `about`, `rows` with the columns of [`Answer::csv`], `notes`.
@@ -119,7 +127,7 @@ impl Answer {
         match self {
             Self::Grid(grid) => grid.json(),
             Self::Scores(table) => {
-                serde_json::json!({ "about": table.about(), "rows": crate::report::rows(table), "notes": [] })
+                serde_json::json!({ "about": table.about(), "rows": table.long_form().rows(), "notes": [] })
             }
         }
     }
@@ -161,7 +169,7 @@ fn as_table(
     scores: &[FrameScore],
     selection: &Selection,
     ablation: &Ablation<'_>,
-) -> Result<Answer, AnalysisError> {
+) -> Result<(Table, Vec<FrameScore>, Vec<Estimator>), AnalysisError> {
     if selection.mean == Some(Mean::Pixels) {
         return Err(AnalysisError::asked(
             "the table with scores in rows has means over frames".to_owned(),
@@ -184,5 +192,6 @@ fn as_table(
         is_wanted.then(|| FrameScore { estimator, ..(*score).clone() })
     };
     let kept: Vec<FrameScore> = common(scores, estimators).iter().filter_map(of).collect();
-    Ok(Answer::Scores(Table::new(&recording.plan().experiment, &kept, &selected, false, &source_of(recording))))
+    let table = Table::new(&recording.plan().experiment, &kept, &selected, false, &source_of(recording));
+    Ok((table, kept, selected))
 }

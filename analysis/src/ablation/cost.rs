@@ -5,6 +5,7 @@ use std::collections::{HashMap, HashSet};
 use depthloom_recording::{RecordedPlan, RecordedRun};
 
 use crate::estimators::Estimator;
+use crate::leading::Leads;
 use crate::timings::Timing;
 
 /// The processor time of a run's nodes.
@@ -14,8 +15,8 @@ use crate::timings::Timing;
 /// recording are not in it, nor what is done once (learning).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Costs {
-    /// Core-milliseconds a frame by stage run and node, as timings name them.
-    ms: HashMap<(String, String), f64>,
+    /// Core-milliseconds a frame by stage, variant and node, as timings have them.
+    ms: HashMap<(String, Option<String>, String), f64>,
 }
 
 impl Costs {
@@ -25,18 +26,18 @@ impl Costs {
         let per_frame = timings.iter().filter(|timing| timing.phase == "process" && timing.frames > 0);
         let ms = per_frame.map(|timing| {
             let ms = timing.cpu_ns as f64 / 1e6 / timing.frames as f64;
-            ((timing.stage.clone(), timing.node.clone()), ms)
+            ((timing.lead.stage.clone(), timing.lead.variant.clone(), timing.node.clone()), ms)
         });
         Self { ms: ms.collect() }
     }
 
     /// By estimator; `None` where it is not known what was scored, or a node it comes from has no time: its values were there before.
     pub(crate) fn core_ms(&self, plan: &RecordedPlan, estimators: &[Estimator]) -> Vec<Option<f64>> {
-        let graphs: Vec<Graph<'_>> = plan.runs.iter().map(Graph::new).collect();
-        estimators.iter().map(|estimator| self.of(plan, &graphs, estimator)).collect()
+        let (leads, graphs) = (Leads::new(plan), plan.runs.iter().map(Graph::new).collect::<Vec<Graph<'_>>>());
+        estimators.iter().map(|estimator| self.of(&leads, &graphs, estimator)).collect()
     }
 
-    fn of(&self, plan: &RecordedPlan, graphs: &[Graph<'_>], estimator: &Estimator) -> Option<f64> {
+    fn of(&self, leads: &Leads<'_>, graphs: &[Graph<'_>], estimator: &Estimator) -> Option<f64> {
         let graph = &graphs[estimator.run];
         let mut sum = 0.0;
         let mut nodes: Vec<usize> = graph.upstream(estimator.estimate.as_deref()?).into_iter().collect();
@@ -47,8 +48,8 @@ impl Costs {
             if planned.contract == "once" {
                 continue;
             }
-            let name = timed_name(plan, graph.run, node);
-            sum += self.ms.get(&(graph.run.name().to_owned(), name))?;
+            let lead = leads.of_those(&graph.run.stage, &planned.variants);
+            sum += self.ms.get(&(lead.stage, lead.variant, planned.name.clone()))?;
         }
         Some(sum)
     }
@@ -78,16 +79,5 @@ impl<'a> Graph<'a> {
             }
         }
         found
-    }
-}
-
-/// A node's name in timings: with the first of its variants where it does not serve them all.
-fn timed_name(plan: &RecordedPlan, run: &RecordedRun, node: usize) -> String {
-    let node = &run.nodes[node];
-    match node.variants.first() {
-        Some(&first) if node.variants.len() < run.variants.len() => {
-            format!("{}/{}", plan.variants[first], node.name)
-        }
-        _ => node.name.clone(),
     }
 }

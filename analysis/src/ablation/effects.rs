@@ -139,7 +139,7 @@ fn looked_at(ablation: &Ablation<'_>, rows: &[&Row]) -> Vec<Looked> {
             })
         })
         .collect();
-    looked.extend(differing("estimate", of_row.into_iter().map(Some), false, |level| names[level].to_owned()));
+    looked.extend(differing("estimator", of_row.into_iter().map(Some), false, |level| names[level].to_owned()));
     looked
 }
 

@@ -37,7 +37,7 @@ pub(super) fn joined(ablation: &Ablation<'_>, rows: Vec<Row>) -> Vec<Row> {
     for (place, row) in rows.iter().enumerate() {
         if let Some(disparity) = ablation.disparities[row.estimator] {
             let estimator = ablation.estimator(row);
-            let both = by_disparity.entry((estimator.run, estimator.variant.as_deref(), disparity)).or_default();
+            let both = by_disparity.entry((estimator.run, estimator.lead.variant.as_deref(), disparity)).or_default();
             both[usize::from(estimator.family == Family::Disparity)].push(place);
         }
     }
@@ -57,18 +57,13 @@ pub(super) fn joined(ablation: &Ablation<'_>, rows: Vec<Row>) -> Vec<Row> {
     rows.into_iter().flatten().collect()
 }
 
-/// The label of a row of two estimators: `full/depth+disparity`.
-pub(super) fn label(depth: &Estimator, disparity: &Estimator) -> String {
-    format!("{}+{}", depth.label, disparity.name)
-}
-
-/// Of the two estimators that a row's label names, that which has a score.
+/// Of the two estimators that a label as `full/depth+disparity` names, that which has a score.
 pub(crate) fn of_label(estimators: &[Estimator], wanted: &str, metric: &str) -> Option<usize> {
     let family = Family::Disparity.metrics().iter().any(|of: &Metric| of.name == metric);
     estimators.iter().enumerate().filter(|(_, depth)| depth.family == Family::Depth).find_map(|(place, depth)| {
         let name = wanted.strip_prefix(depth.label.as_str())?.strip_prefix('+')?;
         let is_its = |of: &Estimator| {
-            of.family == Family::Disparity && of.name == name && (of.run, &of.variant) == (depth.run, &depth.variant)
+            of.family == Family::Disparity && of.name == name && (of.run, &of.lead) == (depth.run, &depth.lead)
         };
         let disparity = estimators.iter().position(is_its)?;
         Some(if family { disparity } else { place })
@@ -83,7 +78,7 @@ mod tests {
     use serde::Deserialize as _;
     use serde_json::json;
 
-    use super::super::tests::{csv, estimate, node, output, owned, refused};
+    use super::super::tests::{csv, estimate, labels, node, output, owned, refused};
     use super::super::{Ranking, Selection};
     use super::*;
     use crate::error::AnalysisError;
@@ -140,18 +135,18 @@ mod tests {
         };
         let scores: Vec<FrameScore> = values.into_iter().enumerate().map(score).collect();
         let ablation = Ablation::new(&plan, &estimators, &scores, &|_, _| None, None);
-        ranking.grid(&ablation, selection)
+        ranking.grid(&ablation, selection, &|| false)
     }
 
     #[test]
     fn a_depth_and_the_disparity_it_is_made_of_are_one_row() {
         let grid = ask(&Ranking::default(), &Selection::default()).unwrap();
         let expected = "\
-estimator,block,estimate,abs_rel,d1,density,disparity_density
-block=3/depth+disparity,3,depth+disparity,0.1,0.03,0.5,0.8
-block=3/smooth,3,smooth,0.2,,0.5,
-block=9/smooth,9,smooth,0.3,,0.5,
-block=9/depth+disparity,9,depth+disparity,0.4,0.01,0.5,0.8
+stage,variant,estimator,set,zone,block,abs_rel,d1,density,disparity_density
+s,block=3,depth+disparity,all,,3,0.1,0.03,0.5,0.8
+s,block=3,smooth,all,,3,0.2,,0.5,
+s,block=9,smooth,all,,9,0.3,,0.5,
+s,block=9,depth+disparity,all,,9,0.4,0.01,0.5,0.8
 ";
         assert_eq!(csv(&grid), expected);
         let text = grid.terminal(110);
@@ -166,9 +161,6 @@ block=9/depth+disparity,9,depth+disparity,0.4,0.01,0.5,0.8
     #[test]
     fn a_front_of_both_kinds_is_of_rows_that_have_both() {
         let both = Ranking { pareto: owned(&["abs_rel", "d1"]), ..Ranking::default() };
-        let labels = |grid: &Grid| -> Vec<String> {
-            csv(grid).lines().skip(1).map(|line| line.split(',').next().unwrap().to_owned()).collect()
-        };
         let on_it = labels(&ask(&both, &Selection::default()).unwrap());
         assert_eq!(on_it, ["block=3/depth+disparity", "block=9/depth+disparity"]);
         // No disparity was made of what is smoothed: nothing has both.
@@ -180,7 +172,8 @@ block=9/depth+disparity,9,depth+disparity,0.4,0.01,0.5,0.8
     fn where_scores_of_one_kind_are_asked_for_only_their_rows_are_there() {
         let of = Ranking { columns: owned(&["d1", "density"]), ..Ranking::default() };
         let grid = ask(&of, &Selection::default()).unwrap();
-        let expected = "estimator,block,d1,density\nblock=9/disparity,9,0.01,0.8\nblock=3/disparity,3,0.03,0.8\n";
+        let expected = "stage,variant,estimator,set,zone,block,d1,density\n\
+                        s,block=9,disparity,all,,9,0.01,0.8\ns,block=3,disparity,all,,3,0.03,0.8\n";
         assert_eq!(csv(&grid), expected);
         assert!(grid.notes.contains(&"left out: 4 rows of which none of these scores was taken".to_owned()));
     }

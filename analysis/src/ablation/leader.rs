@@ -6,7 +6,8 @@ use super::answer::{scored, source_of};
 use super::best::Best;
 use super::{Ablation, Selection};
 use crate::error::{AnalysisError, caught};
-use crate::estimators::estimators;
+use crate::estimators::{Estimator, estimators};
+use crate::leading::Lead;
 
 /// Whose error is least.
 #[derive(Clone, Debug, PartialEq)]
@@ -15,8 +16,12 @@ pub struct Leader {
     pub metric: &'static str,
     /// Its value.
     pub value: f64,
-    /// The estimator, as tables name it.
+    /// What the estimator is of.
+    pub lead: Lead,
+    /// Its name, as tables have it.
     pub estimator: String,
+    /// What people call it.
+    pub label: String,
 }
 
 /// The best of a recording's estimators over all true pixels, or the only one; `None` where none can be compared with another.
@@ -34,8 +39,8 @@ pub fn leader(recording: &Recording, stop: &(dyn Fn() -> bool + Sync)) -> Result
         let best = Best::of(&ablation, &rows);
         let of = |row: usize| {
             let value = rows[row].values[metric]?;
-            let estimator = ablation.estimator(&rows[row]).label.clone();
-            Some(Leader { metric: ablation.metrics[metric].name, value, estimator })
+            let Estimator { lead, name, label, .. } = ablation.estimator(&rows[row]).clone();
+            Some(Leader { metric: ablation.metrics[metric].name, value, lead, estimator: name, label })
         };
         Ok((0..rows.len()).find(|&row| rows.len() == 1 || best.is_best(metric, row)).and_then(of))
     })

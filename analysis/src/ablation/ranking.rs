@@ -11,6 +11,10 @@ use super::joined::joined;
 use super::{Ablation, Row, Selection, listed};
 use crate::error::AnalysisError;
 use crate::grid::{Grid, GridCells, GridColumn};
+use crate::leading::{COMMON, LEADING};
+use crate::sheet::DIMENSIONLESS;
+use crate::sheet::unit_of;
+use crate::statistics::{Interval, Resampling, Statistic, Weighted};
 
 /// A table with a row an estimator, or a depth and the disparity it was computed from.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -24,11 +28,18 @@ pub struct Ranking {
     pub columns: Vec<String>,
     /// Columns on whose Pareto front the rows are to be; empty: all rows.
     pub pareto: Vec<String>,
+    /// How frames are resampled for an interval beside each score; `None`: there are none.
+    pub intervals: Option<Resampling>,
 }
 
 impl Ranking {
-    /// The table of the selected rows.
-    pub(crate) fn grid(&self, ablation: &Ablation<'_>, selection: &Selection) -> Result<Grid, AnalysisError> {
+    /// The table of the selected rows; `stop` is asked while frames are resampled.
+    pub(crate) fn grid(
+        &self,
+        ablation: &Ablation<'_>,
+        selection: &Selection,
+        stop: &(dyn Fn() -> bool + Sync),
+    ) -> Result<Grid, AnalysisError> {
         let (rows, left_out) = self.rows(ablation, ablation.rows(selection)?)?;
         let mut about = ablation.about(&rows, selection)?;
         let all = rows.len();
@@ -60,7 +71,9 @@ impl Ranking {
         }
         grid.about = about;
         let shown: Vec<&Row> = order.iter().map(|&row| &rows[row]).collect();
-        grid.columns = keys(ablation, &rows, &shown);
+        grid.columns = keys(ablation, selection, &rows, &shown)?;
+        let zone = GridColumn::key("zone", vec![selection.zone.clone(); shown.len()]);
+        grid.columns.insert(LEADING.len(), GridColumn { only_in_files: true, ..zone });
         let columns = self.columns(ablation, &rows)?;
         if columns.contains(&Column::Ms) {
             grid.notes.push(
@@ -70,6 +83,12 @@ impl Ranking {
         }
         for column in &columns {
             grid.columns.push(ablation.cells(&rows, &order, *column, &best));
+            if let (Some(metric), Some(resampling)) = (column.metric(), &self.intervals) {
+                grid.columns.extend(intervals(ablation, selection, metric, &shown, resampling, stop)?);
+            }
+        }
+        if let Some(resampling) = &self.intervals {
+            grid.notes.push(format!("intervals: {}", resampling.about()));
         }
         if columns.contains(&Column::Density(Part::Disparity)) {
             grid.notes.push(
@@ -171,31 +190,99 @@ impl Ranking {
     }
 }
 
-/// The columns that say what shown rows are: the axes on which `rows` differ, the estimator's name where there are several, and its label
-/// where that does not tell rows apart.
-pub(super) fn keys(ablation: &Ablation<'_>, rows: &[Row], shown: &[&Row]) -> Vec<GridColumn> {
+/// Columns of the intervals of a score.
+fn intervals(
+    ablation: &Ablation<'_>,
+    selection: &Selection,
+    metric: usize,
+    shown: &[&Row],
+    resampling: &Resampling,
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Result<[GridColumn; 3], AnalysisError> {
+    let (zone, set, of) = (ablation.zone(selection)?, ablation.set(selection)?, ablation.metrics[metric]);
+    let number = |row: &&Row| -> (usize, Box<Statistic<'_>>) {
+        let part = row.of(metric);
+        let frames = ablation.frames(part.estimator, set, zone).iter().map(|score| &score.row);
+        let settings = ablation.estimator(part).settings.unwrap_or_default();
+        match Weighted::of_those_that_have_it(of, part.mean, &settings, frames) {
+            Some((frames, weighted)) => (frames, Box::new(move |times: &[f64]| weighted.value(times))),
+            None => (0, Box::new(|_: &[f64]| f64::NAN)),
+        }
+    };
+    let found = resampling.intervals_of(&shown.iter().map(number).collect::<Vec<_>>(), stop)?;
+    let decimals = of.decimals + 1;
+    let text = |of: &Interval| format!("[{:.decimals$}, {:.decimals$}]", of.low, of.high);
+    let texts = found.iter().map(|of| of.as_ref().map(text)).collect();
+    let column = |name: &str, end: fn(&Interval) -> f64| {
+        let values: Vec<Option<f64>> = found.iter().map(|of| of.as_ref().map(end)).collect();
+        let cells = GridCells::Written { texts: vec![None; values.len()], values };
+        let name = format!("{}_{name}", of.name);
+        GridColumn { unit: Some(unit_of(of)), only_in_files: true, ..GridColumn::of(name, cells) }
+    };
+    Ok([
+        GridColumn { only_in_text: true, ..GridColumn::of(resampling.level(), GridCells::Text(texts)) },
+        column("low", |of| of.low),
+        column("high", |of| of.high),
+    ])
+}
+
+/// The columns that say what shown rows are: those that every table begins with. Text shows the axes on which `rows` differ and the estimator's
+/// name where there are several; where that does not tell rows apart, stage and variant too.
+pub(super) fn keys(
+    ablation: &Ablation<'_>,
+    selection: &Selection,
+    rows: &[Row],
+    shown: &[&Row],
+) -> Result<Vec<GridColumn>, AnalysisError> {
     let differ = |of: &dyn Fn(&Row) -> Option<String>| rows.iter().any(|row| of(row) != of(&rows[0]));
-    let mut columns: Vec<(&str, bool, Vec<Option<String>>)> = Vec::new();
+    let key = |name: &str, of: &dyn Fn(&Row) -> Option<String>, is_shown: bool| {
+        let column = GridColumn::key(name, shown.iter().map(|row| of(row)).collect());
+        GridColumn { only_in_files: !is_shown, ..column }
+    };
+    let lead = |row: &Row| &ablation.estimator(row).lead;
+    let mut axes = Vec::new();
+    let mut of_variants = false;
     for (axis, named) in ablation.axes.iter().enumerate() {
         let level = |row: &Row| ablation.level_name(row, axis).map(str::to_owned);
-        if differ(&level) {
-            columns.push((&named.name, named.is_numeric, shown.iter().map(|row| level(row)).collect()));
-        }
+        let Some(column) = rows.first().and_then(|row| lead(row).level(&named.name)).map(|level| &level.column) else {
+            // Variants without a matrix are an axis themselves.
+            of_variants |= differ(&level);
+            continue;
+        };
+        let cells = shown.iter().map(|row| level(row)).collect();
+        axes.push(GridColumn {
+            shown: (*column != named.name).then(|| named.name.clone()),
+            only_in_files: !differ(&level),
+            ..GridColumn::levels(column, cells, |_| named.is_numeric)
+        });
     }
     let name = |row: &Row| Some(ablation.name(row));
-    if differ(&name) || columns.is_empty() {
-        columns.push(("estimate", false, shown.iter().map(|row| name(row)).collect()));
+    let is_shown = differ(&name) || !of_variants && axes.iter().all(|axis| axis.only_in_files);
+    let set = if selection.common { COMMON } else { ablation.set(selection)?.name() };
+    let mut columns = vec![
+        key("stage", &|row| Some(lead(row).stage.clone()), false),
+        key("variant", &|row| lead(row).variant.clone(), of_variants),
+        key("estimator", &name, is_shown),
+        key("set", &|_| Some(set.to_owned()), false),
+    ];
+    columns.extend(axes);
+    for left in 0..2 {
+        if are_told_apart(&columns, shown) {
+            break;
+        }
+        columns[left].only_in_files = false;
     }
-    let mut seen: HashMap<Vec<&Option<String>>, usize> = HashMap::new();
-    // One estimator may be shown several times, as the best of several zones.
-    let are_told_apart = (0..shown.len()).all(|row| {
+    Ok(columns)
+}
+
+/// Whether text tells rows of different estimators apart. One may be shown several times, as the best of several zones.
+fn are_told_apart(columns: &[GridColumn], shown: &[&Row]) -> bool {
+    let mut seen: HashMap<Vec<String>, usize> = HashMap::new();
+    let told = |row: usize| columns.iter().filter(|column| !column.only_in_files).map(move |of| of.cells.text(row));
+    (0..shown.len()).all(|row| {
         let estimator = shown[row].estimator;
-        *seen.entry(columns.iter().map(|(.., cells)| &cells[row]).collect()).or_insert(estimator) == estimator
-    });
-    let mut label = GridColumn::key("estimator", shown.iter().map(|row| Some(ablation.label(row))).collect());
-    label.only_in_files = are_told_apart;
-    let columns = columns.into_iter().map(|(name, is_numeric, cells)| GridColumn::levels(name, cells, |_| is_numeric));
-    std::iter::once(label).chain(columns).collect()
+        *seen.entry(told(row).collect()).or_insert(estimator) == estimator
+    })
 }
 
 impl Ablation<'_> {
@@ -279,10 +366,15 @@ impl Ablation<'_> {
         match column {
             Column::Metric(metric) => GridColumn::score(self.metrics[metric], cells),
             Column::Ms | Column::Density(_) => GridColumn {
+                unit: Some(if column == Column::Ms { "ms" } else { DIMENSIONLESS }),
                 more_is_better: Some(self.better(column) == Better::More),
                 ..GridColumn::of(self.column_name(column), cells)
             },
-            Column::Axis(_) | Column::Frames(_) | Column::Pixels(_) => GridColumn::of(self.column_name(column), cells),
+            Column::Frames(_) | Column::Pixels(_) => GridColumn {
+                unit: Some(if matches!(column, Column::Frames(_)) { "frames" } else { "pixels" }),
+                ..GridColumn::of(self.column_name(column), cells)
+            },
+            Column::Axis(_) => GridColumn::of(self.column_name(column), cells),
         }
     }
 }

@@ -42,7 +42,8 @@ pub(crate) fn shared_scores(
             "take another --set".to_owned(),
         ));
     }
-    if let Some(missing) = not_recorded(recording.plan(), &selected, "no scores on the pixels that all answered") {
+    let all: Vec<&Estimator> = selected.iter().collect();
+    if let Some(missing) = not_recorded(recording.plan(), &all, "no scores on the pixels that all answered") {
         return Err(AnalysisError::asked(missing, "and run it again".to_owned()));
     }
     let mut scores = Vec::new();

@@ -7,6 +7,7 @@ use serde_json::{Value as Json, json};
 
 use super::*;
 use crate::estimators::estimators;
+use crate::leading::Lead;
 use crate::timings::Timing;
 
 /// A recorded output that is there for every frame.
@@ -100,8 +101,8 @@ fn scores() -> Vec<FrameScore> {
 }
 
 fn costs() -> Costs {
-    let timing = |node: &str, phase: &str, cpu_ns: u64| Timing {
-        stage: "s".to_owned(),
+    let timing = |variant: Option<&str>, node: &str, phase: &str, cpu_ns: u64| Timing {
+        lead: Lead { stage: "s".to_owned(), variant: variant.map(str::to_owned), factors: Vec::new() },
         node: node.to_owned(),
         phase: phase.to_owned(),
         frames: 2,
@@ -110,12 +111,12 @@ fn costs() -> Costs {
         median_cpu_ns: None,
     };
     Costs::new(&[
-        timing("street", "read", 900_000_000),
-        timing("stereo", "process", 20_000_000),
-        timing("block=3+mode=hh/smooth", "process", 2_000_000),
-        timing("block=3+mode=sgbm/smooth", "process", 4_000_000),
-        timing("block=9+mode=hh/smooth", "process", 6_000_000),
-        timing("score.stereo", "process", 70_000_000),
+        timing(None, "street", "read", 900_000_000),
+        timing(None, "stereo", "process", 20_000_000),
+        timing(Some("block=3+mode=hh"), "smooth", "process", 2_000_000),
+        timing(Some("block=3+mode=sgbm"), "smooth", "process", 4_000_000),
+        timing(Some("block=9+mode=hh"), "smooth", "process", 6_000_000),
+        timing(None, "score.stereo", "process", 70_000_000),
     ])
 }
 
@@ -129,7 +130,7 @@ fn ask_of<R>(estimators: &[Estimator], scores: &[FrameScore], of: impl FnOnce(&A
 }
 
 fn ranking(ranking: &Ranking, selection: &Selection) -> Result<crate::grid::Grid, AnalysisError> {
-    ask(|ablation| ranking.grid(ablation, selection))
+    ask(|ablation| ranking.grid(ablation, selection, &|| false))
 }
 
 pub(super) fn csv(grid: &crate::grid::Grid) -> String {
@@ -138,6 +139,17 @@ pub(super) fn csv(grid: &crate::grid::Grid) -> String {
 
 pub(super) fn owned(names: &[&str]) -> Vec<String> {
     names.iter().map(|name| (*name).to_owned()).collect()
+}
+
+/// What the rows of a table are called.
+pub(super) fn labels(grid: &crate::grid::Grid) -> Vec<String> {
+    let csv = csv(grid);
+    let of = |line: &str| match line.split(',').collect::<Vec<_>>()[1..3] {
+        ["", estimator] => estimator.to_owned(),
+        [variant, estimator] => format!("{variant}/{estimator}"),
+        _ => line.to_owned(),
+    };
+    csv.lines().skip(1).map(of).collect()
 }
 
 /// What an error says, and what helps.
@@ -153,17 +165,17 @@ fn axes_are_columns_and_rows_are_sorted_best_first() {
     let expected = "\
 all true pixels, preset paper, mean over 2 frames; 5 rows by abs_rel; * best
 
-block  mode  estimate  abs_rel ↓   density ↑   ms ↓
-3      hh    smooth       0.1500*     50.0 %  11.00
-3      sgbm  smooth       0.2500      50.0 %  12.00
-9      hh    smooth       0.3500      50.0 %  13.00
--      -     stereo       0.5500      50.0 %  10.00
-9      sgbm  smooth       0.6500      50.0 %      -
+estimator  block  mode  abs_rel ↓   density ↑   ms ↓
+smooth     3      hh       0.1500*     50.0 %  11.00
+smooth     3      sgbm     0.2500      50.0 %  12.00
+smooth     9      hh       0.3500      50.0 %  13.00
+stereo     -      -        0.5500      50.0 %  10.00
+smooth     9      sgbm     0.6500      50.0 %      -
 note: ms: processor time of all nodes that an estimate is computed from, core-milliseconds a frame
 ";
     assert_eq!(grid.terminal(110), expected);
     let last = csv(&grid).lines().last().unwrap().to_owned();
-    assert_eq!(last, "block=9+mode=sgbm/smooth,9,sgbm,smooth,0.6499999999999999,0.5,");
+    assert_eq!(last, "s,block=9+mode=sgbm,smooth,all,,9,sgbm,0.6499999999999999,0.5,");
 }
 
 #[test]
@@ -176,10 +188,7 @@ fn what_one_pays_for_is_all_that_an_estimate_comes_from_and_shared_nodes_count_f
 
 #[test]
 fn rows_are_cut_filtered_and_on_the_front() {
-    let labels = |of: &Ranking, selection: &Selection| -> Vec<String> {
-        let csv = csv(&ranking(of, selection).unwrap());
-        csv.lines().skip(1).map(|line| line.split(',').next().unwrap().to_owned()).collect()
-    };
+    let labels = |of: &Ranking, selection: &Selection| -> Vec<String> { labels(&ranking(of, selection).unwrap()) };
     let top = Ranking { top: Some(2), sort: Some("ms".to_owned()), ..Ranking::default() };
     assert_eq!(labels(&top, &Selection::default()), ["stereo", "block=3+mode=hh/smooth"]);
     let of_block_9 = Selection { estimators: Some("block=9*".to_owned()), ..Selection::default() };
@@ -202,9 +211,9 @@ fn best_is_marked_only_between_what_is_comparable() {
         estimator.truth = Some("/s/lidar/depth".to_owned());
     }
     let of = Ranking { columns: owned(&["abs_rel"]), ..Ranking::default() };
-    let grid = ask_of(&estimators, &scores(), |ablation| of.grid(ablation, &Selection::default())).unwrap();
+    let grid = ask_of(&estimators, &scores(), |ablation| of.grid(ablation, &Selection::default(), &|| false)).unwrap();
     let marked = grid.terminal(110).lines().filter(|line| line.ends_with('*')).map(str::to_owned).collect::<Vec<_>>();
-    assert_eq!(marked, ["3      hh    smooth       0.1500*", "9      hh    smooth       0.3500*"]);
+    assert_eq!(marked, ["smooth     3      hh       0.1500*", "smooth     9      hh       0.3500*"]);
     assert!(grid.notes[0].starts_with("rows are of 2 kinds that cannot be compared"), "{:?}", grid.notes);
 }
 
@@ -307,7 +316,7 @@ fn an_axis_that_some_variants_have_is_told_among_those_and_numbers_stand_by_size
     assert!(text.contains("note: block is there in 2 of 4 rows: its means and differences are over those"), "{text}");
     assert!(!text.contains("(none)"), "{text}");
     let by_block = Ranking { sort: Some("block".to_owned()), ..Ranking::default() };
-    let json = by_block.grid(&ablation, &Selection::default()).unwrap().json();
+    let json = by_block.grid(&ablation, &Selection::default(), &|| false).unwrap().json();
     let blocks: Vec<&Json> = json["rows"].as_array().unwrap().iter().map(|row| &row["block"]).collect();
     assert_eq!(blocks, [&json!(3), &json!(9), &Json::Null, &Json::Null, &Json::Null]);
 }
@@ -319,9 +328,9 @@ fn what_cannot_be_compared_beats_nothing_on_a_front() {
         estimator.truth = Some("/s/lidar/depth".to_owned());
     }
     let front = Ranking { pareto: owned(&["abs_rel", "ms"]), ..Ranking::default() };
-    let grid = ask_of(&estimators, &scores(), |ablation| front.grid(ablation, &Selection::default())).unwrap();
-    let labels: Vec<String> =
-        csv(&grid).lines().skip(1).map(|line| line.split(',').next().unwrap().to_owned()).collect();
+    let grid =
+        ask_of(&estimators, &scores(), |ablation| front.grid(ablation, &Selection::default(), &|| false)).unwrap();
+    let labels = labels(&grid);
     // 13 ms for 0.35 are beaten by 11 ms for 0.15, but those are of another truth.
     assert_eq!(labels, ["block=3+mode=hh/smooth", "block=9+mode=hh/smooth", "stereo"]);
     assert!(grid.notes.iter().any(|note| note.starts_with("rows are of 2 kinds")), "{:?}", grid.notes);
@@ -344,14 +353,16 @@ fn where_combinations_are_missing_shares_are_said_to_overlap() {
 fn each_zone_has_its_best_beside_what_the_best_overall_has_there() {
     let grid = ask(|ablation| zones::grid(ablation, &Selection::default(), "abs_rel")).unwrap();
     let expected = "\
-zone,estimator,block,mode,estimate,abs_rel,best_overall,rows,pixels
-whole image,block=3+mode=hh/smooth,3,hh,smooth,0.15000000000000002,0.15000000000000002,5,400
-near,block=9+mode=sgbm/smooth,9,sgbm,smooth,0.35000000000000003,0.8500000000000001,5,40
+zone,stage,variant,estimator,set,block,mode,abs_rel,best_overall,rows,pixels
+whole image,s,block=3+mode=hh,smooth,all,3,hh,0.15000000000000002,0.15000000000000002,5,400
+near,s,block=9+mode=sgbm,smooth,all,9,sgbm,0.35000000000000003,0.8500000000000001,5,40
 ";
     assert_eq!(csv(&grid), expected);
     let near = Selection { zone: Some("near".to_owned()), ..Selection::default() };
     let row = ranking(&Ranking { top: Some(1), ..Ranking::default() }, &near).unwrap();
     assert!(row.about.starts_with("all true pixels of zone near, "), "{}", row.about);
+    assert!(csv(&row).starts_with("stage,variant,estimator,set,zone,block,mode,"), "{}", csv(&row));
+    assert!(csv(&row).contains("\ns,block=9+mode=sgbm,smooth,all,near,9,sgbm,"), "{}", csv(&row));
 }
 
 #[test]
@@ -363,7 +374,7 @@ fn who_is_best_in_several_zones_is_told_by_its_axes() {
     let scores: Vec<FrameScore> = everywhere.collect();
     let of = |ablation: &Ablation<'_>| zones::grid(ablation, &Selection::default(), "abs_rel");
     let text = ask_of(&estimators(&plan()).unwrap(), &scores, of).unwrap().terminal(110);
-    assert!(text.contains("\nzone         block  mode  estimate  abs_rel"), "{text}");
+    assert!(text.contains("\nzone         estimator  block  mode  abs_rel"), "{text}");
 }
 
 #[test]
@@ -397,7 +408,7 @@ fn what_is_not_there_is_told_with_what_is() {
     let of = Ranking { sort: Some("ms".to_owned()), ..Ranking::default() };
     let (plan, scores) = (plan(), scores());
     let without = Ablation::new(&plan, &estimators, &scores, &|_, _| None, None);
-    assert!(refused(of.grid(&without, &Selection::default())).contains("timings.parquet"));
+    assert!(refused(of.grid(&without, &Selection::default(), &|| false)).contains("timings.parquet"));
 }
 
 #[test]
@@ -411,6 +422,10 @@ fn variants_that_no_matrix_made_are_an_axis_themselves() {
     assert_eq!(ablation.axes, [axis]);
     let grid = effects::grid(&ablation, &Selection::default(), "abs_rel").unwrap();
     assert!(grid.notes.iter().any(|note| note.starts_with("no share of variant")), "{:?}", grid.notes);
+    let grid = Ranking::default().grid(&ablation, &Selection::default(), &|| false).unwrap();
+    let text = grid.terminal(110);
+    assert!(text.contains("\nvariant            estimator    a1"), "{text}");
+    assert!(csv(&grid).starts_with("stage,variant,estimator,set,zone,a1,"), "{}", csv(&grid));
 }
 
 /// The scores with an end-point error besides, which leaves out what was not answered.
@@ -426,8 +441,10 @@ fn with_end_point_errors() -> Vec<FrameScore> {
 #[test]
 fn a_score_of_answers_alone_is_never_compared_over_pixels_that_were_not_answered() {
     let ask = |ranking: &Ranking| {
-        ask_of(&estimators(&plan()).unwrap(), &with_end_point_errors(), |of| ranking.grid(of, &Selection::default()))
-            .unwrap()
+        ask_of(&estimators(&plan()).unwrap(), &with_end_point_errors(), |of| {
+            ranking.grid(of, &Selection::default(), &|| false)
+        })
+        .unwrap()
     };
     let text = |metric: &str| ask(&Ranking { columns: owned(&[metric]), ..Ranking::default() }).terminal(200);
     assert!(text("abs_rel").contains('*'), "{}", text("abs_rel"));
@@ -454,7 +471,8 @@ fn where_no_pixel_was_scored_that_is_the_answer() {
         FrameScore { row, ..score.clone() }
     };
     let scores: Vec<FrameScore> = scores().iter().map(none).collect();
-    let refusal =
-        ask_of(&estimators(&plan()).unwrap(), &scores, |of| Ranking::default().grid(of, &Selection::default()));
+    let refusal = ask_of(&estimators(&plan()).unwrap(), &scores, |of| {
+        Ranking::default().grid(of, &Selection::default(), &|| false)
+    });
     assert!(refused(refusal).starts_with("not one pixel was scored"));
 }

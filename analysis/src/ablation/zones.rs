@@ -89,7 +89,7 @@ pub(crate) fn grid(ablation: &Ablation<'_>, selection: &Selection, metric: &str)
         GridCells::Number { decimals, values, best }
     };
     let mut columns = vec![GridColumn::key("zone", zones)];
-    columns.extend(keys(ablation, &all, &winners.iter().collect::<Vec<_>>()));
+    columns.extend(keys(ablation, selection, &all, &winners.iter().collect::<Vec<_>>())?);
     columns.push(GridColumn::score(named, number(values)));
     columns.push(GridColumn::of("best_overall", number(of_overall)));
     columns.push(GridColumn::of("rows", GridCells::Count(counts)));

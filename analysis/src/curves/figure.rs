@@ -129,6 +129,7 @@ mod tests {
     use depthloom_graphs::values::{Curve, CurvePoint};
 
     use super::*;
+    use crate::leading::Lead;
 
     fn curve(losses: &[f64]) -> LearningCurve {
         let point = |(step, &loss): (u64, &f64)| CurvePoint {
@@ -138,7 +139,12 @@ mod tests {
             learning_rate: 1e-3,
         };
         let points = (0..).zip(losses).map(point).collect();
-        LearningCurve { label: "learn/teacher".to_owned(), curve: Curve { points } }
+        LearningCurve {
+            label: "learn/teacher".to_owned(),
+            lead: Lead::default(),
+            node: "teacher".to_owned(),
+            curve: Curve { points },
+        }
     }
 
     #[test]

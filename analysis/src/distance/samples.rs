@@ -4,7 +4,7 @@ use std::num::NonZero;
 use std::sync::{Mutex, PoisonError};
 use std::thread;
 
-use depthloom_scores::{ScoredPixels, Settings};
+use depthloom_scores::ScoredPixels;
 use depthloom_threads::{Budget, Tiles as _};
 
 use super::sample::{Which, sample};
@@ -49,37 +49,24 @@ struct OfEstimator {
 }
 
 impl FrameSamples {
-    /// Adds the answered pixels of an estimate; `shared` says of each scored pixel whether all that are compared answered it. The pixels
-    /// are [by metre](ScoredPixels::by_metre).
-    pub(crate) fn add(
-        &mut self,
-        estimator: usize,
-        pixels: &ScoredPixels,
-        estimate_m: &[f32],
-        settings: &Settings,
-        shared: &[bool],
-    ) {
-        let mut samples = Vec::with_capacity(pixels.len());
-        let mut ends = Vec::new();
-        let mut beyond = 0;
-        let mut now = 0;
-        // The same pixels in the same order as their errors come.
-        let answered = pixels.positions().iter().zip(shared).filter(|(at, _)| estimate_m[**at as usize].is_finite());
-        let mut answered = answered.map(|(_, shared)| *shared);
-        pixels.absolute_errors(estimate_m, settings, |truth_m, error_m| {
-            let is_shared = answered.next() == Some(true);
-            let metre = truth_m as u32;
+    /// Adds the answered pixels of an estimate, of which these are the [errors](ScoredPixels::absolute_errors); `shared` says of each scored pixel
+    /// whether all that are compared answered it. The pixels are [by metre](ScoredPixels::by_metre).
+    pub(crate) fn add(&mut self, estimator: usize, pixels: &ScoredPixels, errors_m: &[f32], shared: &[bool]) {
+        let mut samples = vec![0; errors_m.len()];
+        let (mut ends, mut beyond, mut kept) = (Vec::new(), 0, 0);
+        for (metre, range) in pixels.metres() {
             if metre >= FARTHEST_M {
-                beyond += 1;
-                return;
+                beyond += errors_m[range].iter().filter(|error| !error.is_nan()).count() as u64;
+                continue;
             }
-            if metre != now {
-                ends.push((now as usize, samples.len()));
-                now = metre;
+            for (&error_m, &is_shared) in errors_m[range.clone()].iter().zip(&shared[range]) {
+                // Without a branch: answers have no pattern to foresee.
+                samples[kept] = sample(error_m, is_shared);
+                kept += usize::from(!error_m.is_nan());
             }
-            samples.push(sample(error_m, is_shared));
-        });
-        ends.push((now as usize, samples.len()));
+            ends.push((metre as usize, kept));
+        }
+        samples.truncate(kept);
         self.0.push(OfEstimator { estimator, samples, ends, beyond });
     }
 }
@@ -204,6 +191,7 @@ fn of_memory(held: &[Vec<u32>]) -> Result<Vec<[Option<Spread>; 2]>, AnalysisErro
 
 #[cfg(test)]
 mod tests {
+    use depthloom_scores::Settings;
     use proptest::prelude::*;
 
     use super::*;
@@ -248,11 +236,11 @@ mod tests {
         let mut samples = Samples::new(2, at_most, Output { folder: folder.path(), stop: &|| false });
         for (truth, estimates) in frames {
             let pixels = ScoredPixels::new(truth, truth.len(), 1, &settings).by_metre(FARTHEST_M);
-            let both = |at: &u32| estimates.iter().all(|estimate| estimate[*at as usize].is_finite());
-            let shared: Vec<bool> = pixels.positions().iter().map(both).collect();
+            let errors = estimates.each_ref().map(|estimate| pixels.absolute_errors(estimate, &settings));
+            let shared: Vec<bool> = errors[0].iter().zip(&errors[1]).map(|(a, b)| !a.is_nan() && !b.is_nan()).collect();
             let mut frame = FrameSamples::default();
-            for (estimator, estimate) in estimates.iter().enumerate() {
-                frame.add(estimator, &pixels, estimate, &settings, &shared);
+            for (estimator, errors) in errors.iter().enumerate() {
+                frame.add(estimator, &pixels, errors, &shared);
             }
             samples.take(frame).unwrap();
         }
@@ -322,7 +310,7 @@ mod tests {
         let truth = [5.0, 1e9, 4095.5, 4096.0];
         let pixels = ScoredPixels::new(&truth, 4, 1, &settings).by_metre(FARTHEST_M);
         let mut frame = FrameSamples::default();
-        frame.add(0, &pixels, &[6.0; 4], &settings, &[true; 4]);
+        frame.add(0, &pixels, &pixels.absolute_errors(&[6.0; 4], &settings), &[true; 4]);
         let mut samples = Samples::new(1, 10, Output { folder: std::path::Path::new("."), stop: &|| false });
         samples.take(frame).unwrap();
         assert_eq!(samples.beyond(), [2]);

@@ -59,7 +59,7 @@ fn push_block(grid: &Grid, block: &[usize], text: &mut String) {
 }
 
 fn heading(column: &GridColumn) -> String {
-    let name = column.latex.map_or_else(|| escaped(&column.name), str::to_owned);
+    let name = column.latex.map_or_else(|| escaped(column.shown_name()), str::to_owned);
     match column.more_is_better {
         None => name,
         Some(true) => format!("{name} $\\uparrow$"),

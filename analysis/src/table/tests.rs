@@ -110,21 +110,22 @@ fn no_scores_make_a_table_of_dashes() {
 }
 
 #[test]
-fn the_long_form_is_sorted_as_the_oracles() {
+fn the_long_form_says_what_each_row_is_of() {
     let mut csv = Vec::new();
     table(true).long_form().write_csv(&mut csv).unwrap();
     let csv = String::from_utf8(csv).unwrap();
     let lines: Vec<Vec<&str>> = csv.lines().map(|line| line.split(',').collect()).collect();
-    let mut expected = vec!["estimator".to_owned(), "scored_on".to_owned()];
+    let mut expected = ["stage", "variant", "estimator", "set"].map(str::to_owned).to_vec();
     let eight = || Family::Depth.defaults().into_iter().map(|metric| metric.name);
     expected.extend(eight().map(str::to_owned));
     expected.push("frames".to_owned());
     expected.extend(eight().map(|name| format!("paper_{name}")));
     expected.push("density".to_owned());
     assert_eq!(lines[0], expected);
-    let labels: Vec<&str> = lines[1..].iter().map(|line| line[0]).collect();
-    assert_eq!(labels, ["full/fused", "full/mono", "no_scaling/fused", "no_scaling/mono", "stereo", "stereo"]);
-    assert_eq!(lines[3][11], "0.85");
+    let of: Vec<String> = lines[1..].iter().map(|line| line[..4].join(" ")).collect();
+    let expected =
+        ["s  stereo answered", "s  stereo all", "s full mono all", "s full fused all", "s no_scaling mono all"];
+    assert_eq!((&of[..5], lines[6][13]), (expected.map(str::to_owned).as_slice(), "0.85"));
 }
 
 #[test]

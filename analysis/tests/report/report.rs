@@ -12,18 +12,19 @@ use depthloom_graphs::plan::{Origin as Wire, Plan, PlannedInput};
 use depthloom_graphs::{Port, ValueType};
 use depthloom_recording::Recording;
 use depthloom_scores::PixelSet;
-use serde_json::json;
+use serde_json::{Value as Json, json};
 
 use crate::fixture::{self, ESTIMATORS, FRAMES};
 
 /// What tells rows apart, then the columns of `../shared/oracle/golden/ground_plane/scores.csv`.
 const SCORE_COLUMNS: &str =
-    "stage,position,frame,estimator,scored_on,pixels,a1,a2,a3,abs_rel,sq_rel,rmse,rmse_log,silog,density";
-const FILES: [&str; 9] = [
+    "stage,variant,estimator,set,zone,position,frame,pixels,a1,a2,a3,abs_rel,sq_rel,rmse,rmse_log,silog,density";
+const FILES: [&str; 10] = [
     "error_vs_distance.csv",
     "error_vs_distance.parquet",
     "error_vs_distance.svg",
     "scores.csv",
+    "scores.parquet",
     "table.csv",
     "table.md",
     "table.parquet",
@@ -42,6 +43,12 @@ fn report_of(folder: &Path, every: u64, keep_b: bool, options: ReportOptions) ->
 fn lines(path: &Path) -> Vec<Vec<String>> {
     let text = fs::read_to_string(path).unwrap();
     text.lines().map(|line| line.split(',').map(str::to_owned).collect()).collect()
+}
+
+/// The variant and name of a label, as columns have them.
+fn named(label: &str) -> [String; 2] {
+    let (variant, name) = label.split_once('/').unwrap_or(("", label));
+    [variant.to_owned(), name.to_owned()]
 }
 
 fn number(cell: &str) -> f64 {
@@ -67,9 +74,10 @@ fn scores_are_those_that_were_recorded_in_the_oracles_order() {
     }
     assert_eq!(written.len() - 1, expected.len());
     for (cells, (index, label, row)) in written[1..].iter().zip(expected) {
-        assert_eq!(cells[..3], ["compare".to_owned(), index.to_string(), format!("{index:06}_10")]);
-        assert_eq!(cells[3..6], [label.to_owned(), row.set.to_string(), row.pixels.to_string()]);
-        let scores: Vec<f64> = cells[6..].iter().map(|cell| number(cell)).collect();
+        assert_eq!(cells[1..3], named(label));
+        assert_eq!((&*cells[0], &*cells[3], &*cells[4]), ("compare", row.set.name(), ""));
+        assert_eq!(cells[5..8], [index.to_string(), format!("{index:06}_10"), row.pixels.to_string()]);
+        let scores: Vec<f64> = cells[8..].iter().map(|cell| number(cell)).collect();
         let expected = row.scores.iter().map(|(_, score)| *score).chain(row.density());
         assert_eq!(scores, expected.collect::<Vec<_>>());
     }
@@ -82,20 +90,20 @@ fn the_table_is_the_mean_over_the_frames_of_all() {
     let table = lines(&folder.path().join("report/table.csv"));
     let common: Vec<u64> = (0..FRAMES - 2).collect();
     for cells in &table[1..] {
-        let i = ESTIMATORS.iter().position(|(label, ..)| *label == cells[0]).unwrap();
-        let of = |index: &u64| fixture::rows(*index)[i].iter().find(|row| row.set.name() == cells[1]).unwrap().clone();
+        let i = ESTIMATORS.iter().position(|(label, ..)| named(label) == cells[1..3]).unwrap();
+        let of = |index: &u64| fixture::rows(*index)[i].iter().find(|row| row.set.name() == cells[3]).unwrap().clone();
         for score in 0..8 {
             let mean = common.iter().map(|index| of(index).scores[score].1).sum::<f64>() / common.len() as f64;
-            assert!((number(&cells[2 + score]) - mean).abs() < 1e-12, "{cells:?}");
+            assert!((number(&cells[4 + score]) - mean).abs() < 1e-12, "{cells:?}");
         }
-        assert_eq!(cells[10], common.len().to_string());
+        assert_eq!(cells[12], common.len().to_string());
     }
     assert_eq!(table.len(), 1 + 4);
     assert!(summary.text.starts_with("mean over 7 frames"), "{}", summary.text);
     assert!(summary.text.contains("1 frame failed"), "{}", summary.text);
     // The paper has stereo on both sets, and no variants `a` and `b`.
     let rows = summary.json["table"].as_array().unwrap();
-    let paper: Vec<bool> = rows.iter().map(|row| row.get("paper").is_some()).collect();
+    let paper: Vec<bool> = rows.iter().map(|row| row["paper_a1"].is_number()).collect();
     assert_eq!(paper, [true, true, false, false]);
 }
 
@@ -106,8 +114,16 @@ fn errors_against_distance_are_those_of_the_recorded_maps() {
     let written = lines(&folder.path().join("report/error_vs_distance.csv"));
     assert_eq!(
         written[0].join(","),
-        "estimator,bin_m,count,p5,p25,p50,p75,p95,shared_count,shared_p5,shared_p25,shared_p50,shared_p75,shared_p95"
+        "stage,variant,estimator,set,bin_from_m,bin_to_m,count,error_p5_m,error_p25_m,error_p50_m,error_p75_m,error_p95_m"
     );
+    let (written, common): (Vec<_>, Vec<_>) = written[1..].iter().cloned().partition(|cells| cells[3] == "answered");
+    assert!(!common.is_empty() && common.iter().all(|cells| cells[3] == "common"));
+    // On the pixels that all answered there are as many in a bin of each.
+    let counts = |estimator: &str| -> Vec<(String, String)> {
+        let of = common.iter().filter(|cells| cells[1..3] == named(estimator));
+        of.map(|cells| (cells[4].clone(), cells[6].clone())).collect()
+    };
+    assert!(ESTIMATORS.iter().all(|(label, ..)| counts(label) == counts("stereo")));
     let mut expected = Vec::new();
     for i in [2, 0, 1] {
         let mut bins: BTreeMap<u32, Vec<f64>> = BTreeMap::new();
@@ -128,15 +144,17 @@ fn errors_against_distance_are_those_of_the_recorded_maps() {
             expected.push((ESTIMATORS[i].0.to_owned(), metre, errors.len(), percentiles));
         }
     }
-    assert_eq!(written.len() - 1, expected.len());
-    for (cells, (label, metre, count, percentiles)) in written[1..].iter().zip(expected) {
-        assert_eq!(cells[..3], [label, metre.to_string(), count.to_string()]);
-        for (ours, theirs) in cells[3..].iter().zip(percentiles) {
+    assert_eq!(written.len(), expected.len());
+    for (cells, (label, metre, count, percentiles)) in written.iter().zip(expected) {
+        assert_eq!(cells[1..3], named(&label));
+        assert_eq!(cells[4..7], [metre.to_string(), (metre + 1).to_string(), count.to_string()]);
+        for (ours, theirs) in cells[7..].iter().zip(percentiles) {
             assert!((number(ours) - theirs).abs() < 1e-6 * (1.0 + theirs), "{cells:?}: {theirs}");
         }
     }
     let truth = lines(&folder.path().join("report/true_distances.csv"));
-    let pixels: usize = truth[1..].iter().map(|cells| number(&cells[1]) as usize).sum();
+    assert_eq!(truth[0].join(","), "stage,variant,bin_from_m,bin_to_m,count");
+    let pixels: usize = truth[1..].iter().map(|cells| number(&cells[4]) as usize).sum();
     let scored = |index| fixture::maps(index)[0].iter().filter(|t| **t < 80.0).count();
     assert_eq!(pixels, (0..FRAMES - 1).map(scored).sum::<usize>());
 }
@@ -209,18 +227,19 @@ fn learning_curves_are_those_that_were_recorded() {
     let summary = report(&Recording::open(&path).unwrap(), &out, &ReportOptions::default(), &|| false).unwrap();
     assert_eq!(summary.learning_curves, 1);
     let end = &summary.json["learning_curves"][0];
-    assert_eq!((&end["curve"], &end["points"], &end["step"]), (&"compare/teacher".into(), &40.into(), &1950.into()));
+    assert_eq!((&end["stage"], &end["variant"], &end["node"]), (&"compare".into(), &Json::Null, &"teacher".into()));
+    assert_eq!((&end["points"], &end["step"]), (&40.into(), &1950.into()));
     assert_eq!((&end["loss"], &end["validation"]), (&0.05.into(), &(2.5 / 37.0 + 0.1).into()));
     let written = lines(&out.join("learning_curves.csv"));
-    assert_eq!(written[0].join(","), "curve,step,loss,validation,learning_rate");
+    assert_eq!(written[0].join(","), "stage,variant,node,step,loss,validation,learning_rate");
     let points = fixture::curve().points;
     assert_eq!(written.len() - 1, points.len());
     for (cells, point) in written[1..].iter().zip(&points) {
-        assert_eq!(cells[..2], ["compare/teacher".to_owned(), point.step.to_string()]);
-        assert_eq!((number(&cells[2]), number(&cells[4])), (point.loss, point.learning_rate));
+        assert_eq!(cells[..4].join(" "), format!("compare  teacher {}", point.step));
+        assert_eq!((number(&cells[4]), number(&cells[6])), (point.loss, point.learning_rate));
         match point.validation {
-            Some(validation) => assert_eq!(number(&cells[3]), validation),
-            None => assert_eq!(cells[3], "", "not measured"),
+            Some(validation) => assert_eq!(number(&cells[5]), validation),
+            None => assert_eq!(cells[5], "", "not measured"),
         }
     }
     let svg = fs::read_to_string(out.join("learning_curves.svg")).unwrap();
@@ -244,10 +263,10 @@ fn maps_that_were_not_recorded_are_said() {
     let note = "no error against distance of b/mono: the estimate was not recorded: add it to `record:`";
     assert!(summary.text.contains(note), "{}", summary.text);
     let written = lines(&folder.path().join("report/error_vs_distance.csv"));
-    assert!(written[1..].iter().all(|cells| cells[0] != "b/mono"));
+    assert!(written[1..].iter().all(|cells| cells[1] != "b"));
     // Its scores are there all the same.
     let scores = lines(&folder.path().join("report/scores.csv"));
-    assert!(scores.iter().any(|cells| cells[3] == "b/mono"));
+    assert!(scores.iter().any(|cells| cells[1..3] == named("b/mono")));
 }
 
 #[test]
@@ -257,7 +276,8 @@ fn scores_of_frames_whose_maps_were_not_kept_count() {
     assert!(summary.text.starts_with("mean over 7 frames"), "{}", summary.text);
     assert!(summary.text.contains("of every 3rd frame"), "{}", summary.text);
     let written = lines(&folder.path().join("report/error_vs_distance.csv"));
-    let samples: f64 = written[1..].iter().filter(|cells| cells[0] == "a/mono").map(|cells| number(&cells[2])).sum();
+    let of_a = |cells: &&Vec<String>| cells[1..3] == named("a/mono") && cells[3] == "answered";
+    let samples: f64 = written[1..].iter().filter(of_a).map(|cells| number(&cells[6])).sum();
     let scored = |index| fixture::maps(index)[0].iter().filter(|t| **t < 80.0).count() as f64;
     assert_eq!(samples, [0, 3, 6].map(scored).iter().sum::<f64>());
 }
@@ -285,7 +305,7 @@ fn a_stage_that_never_began_is_named_and_no_table_of_dashes_is_made() {
     assert_eq!(summary.text, expected);
     assert_eq!(files, [] as [&str; 0]);
     assert!(!summary.scored && !summary.table);
-    let stages = json!([{ "stage": "learn", "frames": 4 }, { "stage": "compare", "frames": 0 }]);
+    let stages = json!([{ "stage": "learn", "variant": null, "frames": 4 }, { "stage": "compare", "variant": null, "frames": 0 }]);
     assert_eq!(summary.json["recording"]["stages"], stages);
     assert_eq!(summary.json["table"], json!([]));
     assert_eq!(summary.json["notes"].as_array().map(Vec::len), Some(3));

@@ -15,7 +15,7 @@ pub struct Cloud {
 }
 
 impl Cloud {
-    /// The pixels of a depth, or of a disparity by `z = f B / d`, whose `z` is above zero and in `range_m`, both ends included:
+    /// The pixels of a depth, or of a disparity by `z = f B / (d + doffs)`, whose `z` is above zero and in `range_m`, both ends included:
     /// `x = (u - cx) z / f`, `y = (v - cy) z / f`. Coloured by the image.
     ///
     /// # Errors
@@ -51,13 +51,12 @@ impl Cloud {
                 return Err(format!("the {what} is for {w}x{h} pixels, and the map has {width}x{height}"));
             }
         }
-        let focal_baseline_px_m = calibration.focal_baseline_px_m();
         let mut cloud = Self { points: Vec::new(), colours: image.map(|_| Vec::new()) };
         let is_taken = |column: u32, row: u32| column.is_multiple_of(step) && row.is_multiple_of(step);
         for (column, row, sample) in map.enumerate_pixels().filter(|(column, row, _)| is_taken(*column, *row)) {
             let sample = f64::from(sample.0[0]);
-            // A disparity of zero is infinitely far, and one below zero behind the camera.
-            let z = if is_disparity { focal_baseline_px_m / sample } else { sample };
+            // A disparity of minus `doffs` is infinitely far, and one below behind the camera.
+            let z = if is_disparity { calibration.depth_m(sample) } else { sample };
             if !(z.is_finite() && z > 0.0 && z >= range_m.0 && z <= range_m.1) {
                 continue;
             }
@@ -126,7 +125,7 @@ mod tests {
     use super::{Cloud, pcd, ply};
 
     const CALIBRATION: Calibration =
-        Calibration { width: 3, height: 2, focal_px: 2.0, cx_px: 1.0, cy_px: 0.5, baseline_m: 0.5 };
+        Calibration { width: 3, height: 2, focal_px: 2.0, cx_px: 1.0, cy_px: 0.5, baseline_m: 0.5, doffs_px: 0.0 };
     const ALL: (f64, f64) = (0.0, f64::INFINITY);
 
     fn depth() -> Value {
@@ -150,6 +149,11 @@ mod tests {
         let disparity = Value::from(Disparity { sixteenths_px, min_disparity_px: -1 });
         let of_disparity = Cloud::new(&disparity, &CALIBRATION, None, ALL).unwrap();
         assert_eq!(of_disparity.points, cloud.points[..2]);
+        // With the principal points a quarter of a pixel apart, a quarter of a pixel is two metres.
+        let apart = Calibration { doffs_px: 0.25, ..CALIBRATION };
+        let sixteenths_px = Raster::from_raw(3, 2, vec![4, -32, 0, -4, -5, -32]).unwrap();
+        let disparity = Value::from(Disparity { sixteenths_px, min_disparity_px: -1 });
+        assert_eq!(Cloud::new(&disparity, &apart, None, ALL).unwrap().points, cloud.points[..2]);
     }
 
     #[test]

@@ -12,10 +12,7 @@ pub(super) fn floats(value: &Value) -> Option<Raster<f32>> {
             let px = |&fixed: &i16| if i32::from(fixed) == invalid { f32::NAN } else { f32::from(fixed) / 16.0 };
             raster(disparity.sixteenths_px.dimensions(), disparity.sixteenths_px.iter().map(px).collect())
         }
-        Value::TrueDisparity(truth) => {
-            let px = |&fixed: &u16| if fixed == 0 { f32::NAN } else { f32::from(fixed) / 256.0 };
-            raster(truth.px_256.dimensions(), truth.px_256.iter().map(px).collect())
-        }
+        Value::TrueDisparity(truth) => Some(truth.px.clone()),
         Value::Depth(depth) => Some(depth.metres.clone()),
         Value::Weight(weight) => Some(weight.share.clone()),
         Value::Image(_)

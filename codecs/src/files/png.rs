@@ -40,7 +40,7 @@ pub fn png(value: &Value) -> Result<Png, String> {
             }
         }
         Value::Mask(mask) => encoded(|out| mask.set.write_to(out, image::ImageFormat::Png)),
-        Value::TrueDisparity(truth) => encoded(|out| truth.px_256.write_to(out, image::ImageFormat::Png)),
+        Value::TrueDisparity(truth) => sixteen_bits(&truth.px, answer, 256.0, &mut clipped),
         Value::Disparity(disparity) => {
             let invalid = disparity.invalid();
             let px = |fixed: i16| (i32::from(fixed) != invalid).then(|| f64::from(fixed) / 16.0);
@@ -116,8 +116,10 @@ mod tests {
         let sixteenths_px = Raster::from_raw(5, 1, vec![-80, -79, 0, 1, 4096]).unwrap();
         let disparity = Disparity { sixteenths_px, min_disparity_px: -4 };
         assert_eq!(sixteen_bits(disparity), (vec![0, 0, 1, 16, 65535], 2));
-        let px_256 = Raster::from_raw(3, 1, vec![0, 1, 65535]).unwrap();
-        assert_eq!(sixteen_bits(TrueDisparity { px_256 }), (vec![0, 1, 65535], 0));
+        let truth = TrueDisparity::from_px_256(&Raster::from_raw(3, 1, vec![0, 1, 65535]).unwrap());
+        assert_eq!(sixteen_bits(truth), (vec![0, 1, 65535], 0));
+        let px = Raster::from_raw(4, 1, vec![10.001, 300.0, 0.0, f32::NAN]).unwrap();
+        assert_eq!(sixteen_bits(TrueDisparity { px }), (vec![2560, 65535, 1, 0], 1));
         let share = Raster::from_raw(3, 1, vec![1.0, 0.5, f32::NAN]).unwrap();
         assert_eq!(sixteen_bits(Weight { share }), (vec![65535, 32768, 0], 0));
     }

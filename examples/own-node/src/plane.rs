@@ -83,6 +83,7 @@ impl Source for Plane {
             cx_px: f64::from(WIDTH) / 2.0,
             cy_px: f64::from(HEIGHT) / 2.0,
             baseline_m: BASELINE_M,
+            doffs_px: 0.0,
         };
         let outputs = Outputs::one("left", Image::new(Pixels::Grey(left)))
             .with("right", Image::new(Pixels::Grey(right)))

@@ -19,7 +19,7 @@ pub use frame_selection::FrameSelection;
 pub use node::{Inputs, Instance, Node, NodeDeclaration, OnceNode, OrderedNode, Outputs, PureNode};
 pub use params::{Auto, DataPath};
 pub use port::{Contract, Port, Rate};
-pub use source::{Source, SourceDeclaration, SourceKind, SourceOutputs};
+pub use source::{Fact, Recognised, Source, SourceDeclaration, SourceKind, SourceOutputs, Survey};
 pub use store::{Held, Holding, Store, Stored};
 pub use tap::{Commit, Failure, Slot, SlotKey, StoredValue, Tap, TapError, Warned, stored_values};
 pub use upstream::{Giver, GivingNode, Upstream};

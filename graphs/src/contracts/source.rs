@@ -1,8 +1,11 @@
 //! Sources: where frames come from.
 
+use std::path::{Path, PathBuf};
+
 use schemars::JsonSchema;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
+use serde_json::Value as Json;
 
 use super::{Context, Fault, Frame, Outputs, Port};
 use crate::Key;
@@ -40,6 +43,65 @@ pub trait Source: Send + Sync {
     /// # Errors
     /// The file at fault, the place and the remedy.
     fn read(&self, position: usize, ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault>;
+
+    /// The files that `frames()[position]` is made of, each with the part it plays (`left`, `truth`); none where it is made of no file of its own.
+    fn files(&self, _position: usize) -> Vec<(&'static str, PathBuf)> {
+        Vec::new()
+    }
+
+    /// As [`Source::read`], for whoever wants to know all that is wrong with the frame's files, and not the first of it.
+    ///
+    /// # Errors
+    /// At least one fault.
+    fn examine(&self, position: usize, ctx: &mut Context<'_>) -> Result<SourceOutputs, Vec<Fault>> {
+        self.read(position, ctx).map_err(|fault| vec![fault])
+    }
+}
+
+/// What was found of a source's data, whether or not it can be opened.
+pub struct Survey {
+    /// The source over the frames that have all their files; `None` if not even that can be listed.
+    pub source: Option<Box<dyn Source>>,
+    /// Everything that is wrong.
+    pub faults: Vec<Fault>,
+    /// What there is to show of the data beside their frames, a line each.
+    pub facts: Vec<Fact>,
+}
+
+impl Survey {
+    /// That the data cannot be opened.
+    #[must_use]
+    pub fn failed(fault: Fault) -> Self {
+        Self { source: None, faults: vec![fault], facts: Vec::new() }
+    }
+}
+
+/// Something to show of data that is neither right nor wrong: a topic of a bag, with its rate.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Fact {
+    /// What it is about, a word: `topic`.
+    pub label: &'static str,
+    /// A lower-case fragment.
+    pub text: String,
+}
+
+/// A folder or file that a source kind recognised as its own.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Recognised {
+    /// What it is, in a few words: `KITTI stereo 2015, training`.
+    pub what: String,
+    /// The parameters that make it a source.
+    pub params: Json,
+    /// Lines of YAML that a person may want among the parameters, each with what it is for behind a `#`: they are shown as comments.
+    pub alternatives: Vec<String>,
+}
+
+impl Recognised {
+    /// What was recognised, and the parameters that make it a source.
+    #[must_use]
+    pub fn new(what: impl Into<String>, params: Json) -> Self {
+        Self { what: what.into(), params, alternatives: Vec::new() }
+    }
 }
 
 /// What a source kind says of itself.
@@ -87,4 +149,23 @@ pub trait SourceKind: 'static {
     /// # Errors
     /// What is missing, with its remedy; found before any frame is admitted.
     fn open(params: Self::Params) -> Result<Box<dyn Source>, Fault>;
+
+    /// As [`SourceKind::open`], for whoever wants to know everything that is wrong with the data in one pass; nothing is decoded.
+    fn survey(params: Self::Params) -> Survey {
+        match Self::open(params) {
+            Ok(source) => Survey { source: Some(source), faults: Vec::new(), facts: Vec::new() },
+            Err(fault) => Survey::failed(fault),
+        }
+    }
+
+    /// What of this kind a folder (or a file) holds, by its layout: nothing is decoded. Several where there are halves or sequences.
+    fn recognise(_root: &Path) -> Vec<Recognised> {
+        Vec::new()
+    }
+
+    /// What of this kind a folder (or a file) would be if it were whole; asked where no kind recognises it. What it lacks, or where it is damaged,
+    /// [`SourceKind::survey`] says of the parameters.
+    fn resembles(_root: &Path) -> Vec<Recognised> {
+        Vec::new()
+    }
 }

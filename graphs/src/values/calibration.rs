@@ -17,6 +17,9 @@ pub struct Calibration {
     pub cy_px: f64,
     /// Distance between the two cameras' centres, metres.
     pub baseline_m: f64,
+    /// How much farther right the right camera's principal point lies in its image, pixels: what is infinitely far has a disparity of minus this.
+    /// 0 of most pairs; Middlebury's `doffs`.
+    pub doffs_px: f64,
 }
 
 impl Calibration {
@@ -32,9 +35,52 @@ impl Calibration {
         [self.focal_px, 0.0, self.cx_px, 0.0, 0.0, self.focal_px, self.cy_px, 0.0, 0.0, 0.0, 1.0, 0.0]
     }
 
-    /// `f * B`, pixel metres: depth is this over disparity.
+    /// The projection matrix P of the right camera, 3x4: in the left camera's frame.
+    #[must_use]
+    pub const fn p_right(&self) -> [f64; 12] {
+        let mut p = self.p();
+        p[2] = self.cx_px + self.doffs_px;
+        p[3] = -self.focal_baseline_px_m();
+        p
+    }
+
+    /// `f * B`, pixel metres.
     #[must_use]
     pub const fn focal_baseline_px_m(&self) -> f64 {
         self.focal_px * self.baseline_m
+    }
+
+    /// The depth of a disparity, metres: `f * B / (d + doffs)`. Infinite or negative where that is no place in front of the cameras.
+    #[must_use]
+    pub const fn depth_m(&self, disparity_px: f64) -> f64 {
+        self.focal_baseline_px_m() / (disparity_px + self.doffs_px)
+    }
+
+    /// The disparity of a depth, pixels: `f * B / Z - doffs`.
+    #[must_use]
+    pub const fn disparity_px(&self, depth_m: f64) -> f64 {
+        self.focal_baseline_px_m() / depth_m - self.doffs_px
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Calibration;
+
+    /// A point seen by both cameras through their projections: Middlebury's definitions say the same.
+    #[test]
+    fn disparity_and_depth_are_those_of_both_projections() {
+        let (width, height) = (640, 480);
+        let of =
+            Calibration { width, height, focal_px: 500.0, cx_px: 320.0, cy_px: 240.0, baseline_m: 0.2, doffs_px: 30.0 };
+        let column = |p: [f64; 12], [x, y, z]: [f64; 3]| {
+            let row = |row: usize| p[4 * row] * x + p[4 * row + 1] * y + p[4 * row + 2] * z + p[4 * row + 3];
+            row(0) / row(2)
+        };
+        let point = [1.0, 0.5, 4.0];
+        let disparity = column(of.p(), point) - column(of.p_right(), point);
+        // Left: 500 * 1 / 4 + 320 = 445; right: 500 * 0.8 / 4 + 350 = 450.
+        assert_eq!((disparity, of.disparity_px(4.0), of.depth_m(disparity)), (-5.0, -5.0, 4.0));
+        assert_eq!(of.depth_m(-30.0), f64::INFINITY);
     }
 }

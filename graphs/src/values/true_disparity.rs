@@ -1,10 +1,87 @@
-//! Measured disparities, as KITTI's files hold them.
+//! Measured disparities.
+
+use image::ImageBuffer;
 
 use super::Raster;
 
-/// True disparities of the left image, in the fixed point of KITTI's files: u16, 1/256 px, 0 = unknown.
-#[derive(Clone, Debug, PartialEq, Eq)]
+/// True disparities of the left image: f32 pixels, NaN where the truth is unknown.
+#[derive(Clone, Debug, PartialEq)]
 pub struct TrueDisparity {
-    /// 256ths of a pixel, row-major; 0 = unknown.
-    pub px_256: Raster<u16>,
+    /// Pixels, row-major; NaN = unknown.
+    pub px: Raster<f32>,
+}
+
+impl TrueDisparity {
+    /// Disparities in the fixed point of KITTI's files: 1/256 px, 0 = unknown.
+    ///
+    /// # Panics
+    /// Never: there are as many samples as before.
+    #[must_use]
+    pub fn from_px_256(px_256: &Raster<u16>) -> Self {
+        let px = |&fixed: &u16| if fixed > 0 { f32::from(fixed) / 256.0 } else { f32::NAN };
+        let (width, height) = px_256.dimensions();
+        let px = ImageBuffer::from_raw(width, height, px_256.iter().map(px).collect());
+        Self { px: px.expect("as many samples as before") }
+    }
+
+    /// Whether the fixed point of KITTI's files holds each of them exactly: whole 256ths of a pixel, above 0, in 16 bits.
+    #[must_use]
+    pub fn is_px_256(&self) -> bool {
+        // Block by block, so that what does not fit is seen early; without a branch inside, so that a block takes wide instructions.
+        self.px.chunks(BLOCK).all(|block| {
+            let mut wrong = 0;
+            for &px in block {
+                let (exact, whole) = (px * 256.0, f32::from_bits(shifted(px)) - WHOLE);
+                // Of NaN no comparison holds.
+                let is_between = u32::from(whole > exact) | u32::from(whole < exact);
+                wrong |= is_between | u32::from(exact < 1.0) | u32::from(exact > f32::from(u16::MAX));
+            }
+            wrong == 0
+        })
+    }
+
+    /// A disparity in that fixed point, which holds it: 1/256 px, 0 = unknown.
+    #[must_use]
+    pub const fn to_px_256(px: f32) -> u16 {
+        if px.is_nan() { 0 } else { shifted(px) as u16 }
+    }
+
+    /// All of them in that fixed point; `None` if it does not hold each exactly.
+    ///
+    /// # Panics
+    /// Never: there are as many samples as before.
+    #[must_use]
+    pub fn px_256(&self) -> Option<Raster<u16>> {
+        let (width, height) = self.px.dimensions();
+        let fixed = || self.px.iter().map(|px| Self::to_px_256(*px)).collect();
+        let px_256 = self.is_px_256().then(fixed);
+        px_256.map(|fixed| ImageBuffer::from_raw(width, height, fixed).expect("as many samples as before"))
+    }
+}
+
+const BLOCK: usize = 4096;
+/// From here to its double a float's neighbours are 1 apart: what is added to it stands in the low bits, as a whole number.
+const WHOLE: f32 = (1 << 23) as f32;
+
+/// The bits of that plus a disparity in 256ths of a pixel.
+const fn shifted(px: f32) -> u32 {
+    (px * 256.0 + WHOLE).to_bits()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Raster, TrueDisparity};
+
+    #[test]
+    fn what_kittis_files_hold_comes_back_and_nothing_else_passes_for_it() {
+        let all = Raster::from_raw(256, 256, (0..=u16::MAX).collect()).unwrap();
+        let truth = TrueDisparity::from_px_256(&all);
+        assert!(truth.px[(0, 0)].0[0].is_nan());
+        assert_eq!(truth.px[(255, 255)].0, [65535.0 / 256.0]);
+        assert_eq!(truth.px_256(), Some(all));
+        for other in [0.0, -0.0, -1.0, 1.0 / 512.0, 10.000_001, 256.0, f32::INFINITY, f32::NEG_INFINITY, 1e-40] {
+            let px = Raster::from_raw(3, 1, vec![1.0, f32::NAN, other]).unwrap();
+            assert_eq!(TrueDisparity { px }.px_256(), None, "{other}");
+        }
+    }
 }

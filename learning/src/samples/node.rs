@@ -202,6 +202,13 @@ fn same_size(image: &Image, port: &str, (width, height): (u32, u32)) -> Result<(
 
 /// `f * B / width`, metres: with a share `s`, depth is this over `s`.
 fn depth_scale(calibration: &Calibration, width: u32) -> Result<f64, Fault> {
+    if calibration.doffs_px != 0.0 {
+        let doffs_px = calibration.doffs_px;
+        let what = format!(
+            "the principal points of `calibration` are {doffs_px} px apart, and metres are learnt where they are one"
+        );
+        return Err(Fault::new(what).remedy("leave `calibration` unwired to learn disparities, without metres"));
+    }
     let scale = calibration.focal_baseline_px_m() / f64::from(width);
     if scale > 0.0 && scale.is_finite() {
         return Ok(scale);

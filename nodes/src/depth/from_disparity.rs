@@ -7,6 +7,7 @@ use depthloom_kernels::depth::depth_from_disparity;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::geometry::geometry;
 use crate::shape::filled;
 
 /// Parameters of `depth/from-disparity`.
@@ -37,13 +38,18 @@ impl Node for FromDisparity {
             kind: "depth/from-disparity",
             version: 1,
             contract: Contract::Pure,
-            summary: "Depth in metres from disparity: `f * B / d`, capped.",
+            summary: "Depth in metres from disparity: `f * B / (d + doffs)`, capped.",
             doc: "\
-`Z = f * B / d` (paper, step 1), with focal length `f` (px) and baseline `B` (m) of the calibration, in f32. A disparity of zero or below is no \
-answer (NaN); answers beyond `cap` become `cap`.",
+`Z = f * B / (d + doffs)` (paper, step 1), with focal length `f` (px) and baseline `B` (m) of the calibration, in f32; `doffs` (px), how much farther right \
+the right camera's principal point lies, is 0 but for pairs like Middlebury's of 2014. A disparity of zero or below is no answer (NaN), nor one whose sum \
+with `doffs` is; answers beyond `cap` become `cap`.",
             inputs: vec![
                 Port::frame("disparity", ValueType::Disparity, "Disparity, 1/16 px fixed point."),
-                Port::frame("calibration", ValueType::Calibration, "Focal length and baseline of the pair."),
+                Port::frame(
+                    "calibration",
+                    ValueType::Calibration,
+                    "Focal length, baseline and principal points of the pair.",
+                ),
             ],
             outputs: vec![Port::frame("depth", ValueType::Depth, "Depth, f32 metres, of the disparity's size.")],
         }
@@ -64,9 +70,9 @@ answer (NaN); answers beyond `cap` become `cap`.",
 impl PureNode for FromDisparity {
     fn process(&self, inputs: &Inputs<'_>, _ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
         let disparity = &inputs.get::<Disparity>("disparity")?.sixteenths_px;
-        let Calibration { focal_px, baseline_m, .. } = **inputs.get::<Calibration>("calibration")?;
+        let of = geometry(inputs.get::<Calibration>("calibration")?);
         let metres = filled(disparity.dimensions(), |out| {
-            depth_from_disparity(disparity, focal_px, baseline_m, self.cap_m, out);
+            depth_from_disparity(disparity, of, self.cap_m, out);
         });
         Ok(Outputs::one("depth", Depth { metres }))
     }

@@ -5,9 +5,10 @@ use std::sync::{Arc, Mutex, PoisonError};
 use depthloom_graphs::contracts::{Contract, NodeDeclaration};
 use depthloom_graphs::values::{Artifact, Calibration, Depth, Image};
 use depthloom_graphs::{Context, Fault, Inputs, Instance, Key, Node, Outputs, Port, PureNode, ValueType};
-use depthloom_kernels::depth::depth_from_share;
+use depthloom_kernels::depth::{Geometry, depth_from_share};
 use depthloom_kernels::resize::bilinear_f32;
 
+use crate::geometry::geometry;
 use crate::onnx::{self, Flip, Network, OnnxParams, Output, Resize, mirrored, tensor};
 use crate::shape::filled;
 
@@ -34,7 +35,7 @@ impl Node for Onnx {
             doc: "\
 The image is resized to the network's size, divided by 255, normalised by `mean` and `std` and run. The output, one map of any size, is resized to the \
 image's (bilinear, half-pixel centres) and turned into metres by what it means: with a disparity share `s`, \
-`Z = min(f * B / max(s * width, floor_px), cap)`. Depth is capped here, before any scaling. Where the network gives NaN or infinity there is no answer, nor where \
+`Z = min(f * B / max(s * width + doffs, floor_px), cap)`, `doffs` being 0 but of pairs whose cameras have two principal points. Depth is capped here, before any scaling. Where the network gives NaN or infinity there is no answer, nor where \
 such a pixel has part in a resized one; they are counted, and warned of at the end of the run.\n\n\
 The model is a file (`model: { file: net.onnx }`), its weights in that one file, or a learning stage's output. Its batch is 1 or open: frames come one by one, and run side by side in \
 sessions of their own. With `flip` the network sees the frame and its mirror image, and both answers are joined before they become metres: as a batch of two \
@@ -107,13 +108,15 @@ impl Onnx {
     /// Metres from the network's output, resized to the image's size in place.
     fn metres(&self, meaning: Output, map: &[f32], calibration: &Calibration, width: usize, out: &mut [f32]) {
         let cap = self.params.cap.map_or(f32::INFINITY, |cap| cap as f32);
-        let Calibration { focal_px, baseline_m, .. } = *calibration;
         match meaning {
             Output::DisparityShare | Output::DisparityPx => {
-                depth_from_share(map, width, focal_px, baseline_m, self.params.floor_px as f32, cap, out);
+                depth_from_share(map, width, geometry(calibration), self.params.floor_px as f32, cap, out);
             }
-            // 1 / x is f * B / (x * width) with all of f, B and width one.
-            Output::InverseDepth => depth_from_share(map, 1, 1.0, 1.0, SMALLEST_INVERSE, cap, out),
+            Output::InverseDepth => {
+                // 1 / x is f * B / (x * width) with all of f, B and width one.
+                let of = Geometry { focal_px: 1.0, baseline_metres: 1.0, doffs_px: 0.0 };
+                depth_from_share(map, 1, of, SMALLEST_INVERSE, cap, out);
+            }
             Output::Depth => {
                 for (metres, &value) in out.iter_mut().zip(map) {
                     let raised = if value < NEAREST_M { NEAREST_M } else { value };

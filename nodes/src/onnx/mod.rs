@@ -20,6 +20,15 @@ pub use choice::{VARIABLE, find, in_use, looked_at};
 pub use engine::Engine;
 pub use provider::Provider;
 
+/// Reads what an ONNX file declares, as `mono/onnx` does before it hands the file to an engine: for tests of strangers' bytes.
+///
+/// # Errors
+/// Why it is no ONNX file.
+#[doc(hidden)]
+pub fn read_declaration(model: &[u8]) -> Result<(), String> {
+    model::Declared::read(model).map(|_| ())
+}
+
 pub(crate) use flip::Flip;
 pub(crate) use input::{mirrored, tensor};
 pub(crate) use network::Network;

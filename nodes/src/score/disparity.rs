@@ -15,13 +15,13 @@ const BEFORE: &str = "\
 The scores of the KITTI and Middlebury stereo benchmarks, one row a zone and pixel set. A pixel counts where the truth is known; it is answered where the \
 disparity is above 0. In the set `all` a pixel without an answer is wrong in `bad_x` and `d1`, and has no `epe`; in `answered` it is left out; in `filled` it \
 has what `interpolateBackground` of KITTI's devkit gives it (`disparity/fill` is the same as a node): in each row the smaller of the disparities at both ends of the \
-gap, at the image's border the one there is, then in each column the first and last answer up and down. The benchmark's own tables are `filled`. Estimates \
-are 1/16 px and truth 1/256 px: errors are compared and added up exactly.\n\n\
+gap, at the image's border the one there is, then in each column the first and last answer up and down. The benchmark's own tables are `filled`. Errors are \
+compared with the thresholds exactly.\n\n\
 With `d` the answer and `t` the truth, px, over the pixels that count:";
 
 const BEHIND: &str = "\
 KITTI stereo 2015 publishes `d1` on `filled`, `mean: pixels`, against `disp_noc` and `disp_occ`: D1-all is the whole image's, D1-bg and D1-fg those of the zones \
-`background` and `foreground`. Bands of distance want `calibration`: distance is `f * B / t`.\n\n\
+`background` and `foreground`. Bands of distance want `calibration`: distance is `f * B / (t + doffs)`.\n\n\
 `score:` in a stage is sugar for nodes of this kind where the estimate is a disparity.";
 
 static DOC: LazyLock<String> =
@@ -41,7 +41,7 @@ impl Node for ScoreDisparity {
             "Focal length and baseline: distance of a true disparity. Wanted by `zones.distance_m` alone.";
         let mut inputs = vec![
             Port::frame("estimate", ValueType::Disparity, "Estimated disparity, 1/16 px fixed point."),
-            Port::frame("truth", ValueType::TrueDisparity, "True disparity, 1/256 px, 0 = unknown; of the same size."),
+            Port::frame("truth", ValueType::TrueDisparity, "True disparity, px, NaN = unknown; of the same size."),
             Port::frame("calibration", ValueType::Calibration, calibration).optional(),
         ];
         inputs.extend(clues::ports());
@@ -78,7 +78,7 @@ impl Node for ScoreDisparity {
 impl PureNode for ScoreDisparity {
     fn process(&self, inputs: &Inputs<'_>, _ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
         let estimate = &inputs.get::<Disparity>("estimate")?.sixteenths_px;
-        let truth = &inputs.get::<TrueDisparity>("truth")?.px_256;
+        let truth = &inputs.get::<TrueDisparity>("truth")?.px;
         let size = truth.dimensions();
         same_size(("estimate", estimate.dimensions()), ("truth", size))?;
         let clues = clues::of(inputs, size)?;
@@ -99,6 +99,7 @@ impl PureNode for ScoreDisparity {
             filled: filled.as_deref(),
             truth,
             focal_baseline_px_m: calibration.map(|calibration| calibration.focal_baseline_px_m()),
+            doffs_px: calibration.map_or(0.0, |calibration| calibration.doffs_px),
         };
         Ok(Outputs::one("rows", self.scores.rows(&maps, &clues)))
     }

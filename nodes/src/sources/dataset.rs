@@ -1,16 +1,18 @@
 //! A data set on disk as a source: frames, each made of files that play a part. What the files say is the data set's own affair.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use depthloom_graphs::contracts::Frame;
+use depthloom_graphs::contracts::{Frame, Recognised, Survey};
 use depthloom_graphs::values::{Image, Raster};
 use depthloom_graphs::{Context, Fault, Key, Outputs, Source, SourceOutputs};
 
+use serde_json::Value as Json;
+
 use super::asked::Asked;
-use super::image_file;
+use super::{float_file, image_file};
 
 /// The part a file plays in a frame: `left`, `calibration`. It enters the frame's key.
 pub type Part = &'static str;
@@ -34,6 +36,11 @@ pub trait Layout: Send + Sync + 'static {
         String::new()
     }
 
+    /// What a frame's values are made of: the files' bytes and what they mean.
+    fn key(&self, files: &Files) -> Key {
+        files.key(Self::KIND, &self.meaning())
+    }
+
     /// The values of a frame.
     ///
     /// # Errors
@@ -48,6 +55,23 @@ pub struct Entry {
     pub files: Vec<(Part, PathBuf)>,
 }
 
+/// A frame's files as they are looked for: those that are there, and what is missing.
+#[derive(Debug, Default)]
+pub struct Gathered {
+    files: Vec<(Part, PathBuf)>,
+    faults: Vec<Fault>,
+}
+
+impl Gathered {
+    /// Takes the file of a part, or why there is none.
+    pub fn take(&mut self, part: Part, file: Result<PathBuf, Fault>) {
+        match file {
+            Ok(path) => self.files.push((part, path)),
+            Err(fault) => self.faults.push(fault),
+        }
+    }
+}
+
 /// What was found of a data set.
 #[derive(Debug, Default)]
 pub struct Listing {
@@ -57,9 +81,24 @@ pub struct Listing {
     pub faults: Vec<Fault>,
     /// What is to be said, and is no failure.
     pub warnings: Vec<String>,
+    /// The files there are of frames that lack others.
+    pub(super) incomplete: Vec<Vec<(Part, PathBuf)>>,
+    /// How many of the faults are of a frame of which another is told already.
+    pub(super) also: usize,
 }
 
 impl Listing {
+    /// Takes a frame with all its files, or all that is wrong with them.
+    pub fn gather(&mut self, frame: Frame, of: Gathered) {
+        if of.faults.is_empty() {
+            self.entries.push(Entry { frame, files: of.files });
+            return;
+        }
+        self.also += of.faults.len() - 1;
+        self.faults.extend(of.faults);
+        self.incomplete.push(of.files);
+    }
+
     /// Takes a frame, or what it lacks.
     pub fn push(&mut self, entry: Result<Entry, Fault>) {
         match entry {
@@ -76,7 +115,7 @@ impl Listing {
         if self.faults.is_empty() {
             return Ok(Box::new(Dataset::new(self, layout)));
         }
-        let more = self.faults.len() - 1;
+        let more = self.faults.len() - 1 - self.also;
         Err(match self.faults.swap_remove(0) {
             Fault::Failed { what, remedy, source } if more > 0 => {
                 let others =
@@ -87,6 +126,32 @@ impl Listing {
             fault => fault,
         })
     }
+}
+
+/// What there is of a data set, from its listing or what stands in the way of one.
+pub fn survey<L: Layout>(listed: Result<(Listing, L), Fault>) -> Survey {
+    match listed {
+        Ok((mut listing, layout)) => {
+            let mut faults = std::mem::take(&mut listing.faults);
+            // What there is of a frame that lacks a file may be broken as well.
+            faults.extend(listing.incomplete.iter().flat_map(|files| unreadable(files)));
+            Survey { source: Some(Box::new(Dataset::new(listing, layout))), faults, facts: Vec::new() }
+        }
+        Err(fault) => Survey::failed(fault),
+    }
+}
+
+/// What is wrong with each image of a frame by itself.
+fn unreadable(files: &[(Part, PathBuf)]) -> Vec<Fault> {
+    let images = files.iter().filter(|(part, _)| matches!(*part, LEFT | RIGHT));
+    let decoded = images.map(|(_, path)| image_file::read(path).and_then(|bytes| image_file::image(path, bytes)));
+    decoded.filter_map(Result::err).collect()
+}
+
+/// What a folder is recognised as by what its listing gives: frames, or what is wrong with them.
+pub fn recognised(listed: Result<Listing, Fault>, what: &str, params: Json) -> Vec<Recognised> {
+    let is_one = listed.is_ok_and(|listing| !listing.entries.is_empty() || !listing.faults.is_empty());
+    is_one.then(|| Recognised::new(what, params)).into_iter().collect()
 }
 
 /// A data set on disk.
@@ -111,12 +176,7 @@ impl<L: Layout> Dataset<L> {
         let read =
             |(part, path): &(Part, PathBuf)| Ok(File { part, path: path.clone(), bytes: image_file::read(path)? });
         let files = Files(self.files[position].iter().map(read).collect::<Result<_, Fault>>()?);
-        let (kind, version) = L::KIND;
-        let mut key = Key::build(kind).number(version.into()).text(&self.layout.meaning());
-        for file in &files.0 {
-            key = key.text(file.part).bytes(&file.bytes);
-        }
-        let key = key.finish();
+        let key = self.layout.key(&files);
         Ok((files, key))
     }
 }
@@ -140,7 +200,68 @@ impl<L: Layout> Source for Dataset<L> {
         let (files, key) = self.asked.take(position).map_or_else(|| self.files(position), Ok)?;
         Ok(SourceOutputs { outputs: self.layout.values(&files, ctx)?, key })
     }
+
+    fn files(&self, position: usize) -> Vec<(&'static str, PathBuf)> {
+        self.files[position].clone()
+    }
+
+    fn examine(&self, position: usize, ctx: &mut Context<'_>) -> Result<SourceOutputs, Vec<Fault>> {
+        let first = match self.read(position, ctx) {
+            Ok(read) => return Ok(read),
+            Err(fault) => fault,
+        };
+        let mut faults = Vec::new();
+        let mut files = Vec::new();
+        for (part, path) in &self.files[position] {
+            match image_file::read(path) {
+                Ok(bytes) => files.push(File { part, path: path.clone(), bytes }),
+                Err(fault) => faults.push(fault),
+            }
+        }
+        faults.extend(self.faults_by_part(&files, ctx));
+        if faults.iter().all(|fault| fault.chain() != first.chain()) {
+            faults.push(first);
+        }
+        let mut told = BTreeSet::new();
+        faults.retain(|fault| told.insert(fault.chain()));
+        Err(faults)
+    }
 }
+
+impl<L: Layout> Dataset<L> {
+    /// What is wrong with each file of a frame by itself: images that cannot be read or differ in size stand in the way of what else there is, so the
+    /// good one stands for both, beside one other file at a time.
+    fn faults_by_part(&self, files: &[File], ctx: &mut Context<'_>) -> Vec<Fault> {
+        let mut faults = Vec::new();
+        let mut good = None;
+        for file in files.iter().filter(|file| matches!(file.part, LEFT | RIGHT)) {
+            match image_file::image(&file.path, Arc::clone(&file.bytes)) {
+                Ok(_) => good = good.or_else(|| Some(Arc::clone(&file.bytes))),
+                Err(fault) => faults.push(fault),
+            }
+        }
+        let Some(good) = good else { return faults };
+        let is_shared = |part: Part| matches!(part, LEFT | RIGHT) || part.starts_with(CALIBRATION);
+        let mut others: Vec<Option<Part>> =
+            files.iter().map(|file| file.part).filter(|part| !is_shared(part)).map(Some).collect();
+        others.insert(0, None);
+        for other in others {
+            let beside =
+                files.iter().filter(|file| is_shared(file.part) || Some(file.part) == other).map(|file| File {
+                    part: file.part,
+                    path: file.path.clone(),
+                    bytes: if matches!(file.part, LEFT | RIGHT) { Arc::clone(&good) } else { Arc::clone(&file.bytes) },
+                });
+            let beside = Files(beside.collect());
+            // A part that a frame never lacks is left out here on purpose.
+            faults.extend(self.layout.values(&beside, ctx).err().filter(|fault| !fault.chain().contains(LACKS)));
+        }
+        faults
+    }
+}
+
+/// What is said of a part that a frame does not have.
+const LACKS: &str = "the frame has no file of its part";
 
 /// A file of a frame, whole and not decoded.
 #[derive(Debug)]
@@ -167,6 +288,12 @@ impl File {
 pub struct Files(Vec<File>);
 
 impl Files {
+    /// The key of a kind's frame of these files.
+    pub fn key(&self, (kind, version): (&str, u32), meaning: &str) -> Key {
+        let key = Key::build(kind).number(version.into()).text(meaning);
+        self.0.iter().fold(key, |key, file| key.text(file.part).bytes(&file.bytes)).finish()
+    }
+
     /// The file of a part, if the frame has it.
     pub fn get(&self, part: Part) -> Option<&File> {
         self.0.iter().find(|file| file.part == part)
@@ -177,7 +304,7 @@ impl Files {
     /// # Errors
     /// If it is not there, which is the layout's mistake.
     pub fn the(&self, part: Part) -> Result<&File, Fault> {
-        self.get(part).ok_or_else(|| Fault::new(format!("the frame has no file of its part `{part}`")))
+        self.get(part).ok_or_else(|| Fault::new(format!("{LACKS} `{part}`")))
     }
 
     /// Left and right image, of one size.
@@ -200,6 +327,28 @@ impl Files {
     pub fn map_u16(&self, part: Part, unit: &str, left: (u32, u32)) -> Result<Option<Raster<u16>>, Fault> {
         let Some(file) = self.get(part) else { return Ok(None) };
         let map = image_file::map_u16(&file.path, &file.bytes, unit)?;
+        self.same_size_as_left(left, file, map.dimensions())?;
+        Ok(Some(map))
+    }
+
+    /// A map of floats of the left image's size, PFM or NPY, if the frame has the part.
+    ///
+    /// # Errors
+    /// If it is no such map.
+    pub fn map_f32(&self, part: Part, left: (u32, u32)) -> Result<Option<Raster<f32>>, Fault> {
+        let Some(file) = self.get(part) else { return Ok(None) };
+        let map = float_file::map_f32(&file.path, &file.bytes)?;
+        self.same_size_as_left(left, file, map.dimensions())?;
+        Ok(Some(map))
+    }
+
+    /// An 8-bit map of the left image's size, if the frame has the part; `what` says to whoever has another what it is to be.
+    ///
+    /// # Errors
+    /// If it is no such map.
+    pub fn map_u8(&self, part: Part, what: &str, left: (u32, u32)) -> Result<Option<Raster<u8>>, Fault> {
+        let Some(file) = self.get(part) else { return Ok(None) };
+        let map = image_file::map_u8(&file.path, &file.bytes, what)?;
         self.same_size_as_left(left, file, map.dimensions())?;
         Ok(Some(map))
     }
@@ -278,4 +427,14 @@ pub fn no_folder(folder: &Path, remedy: &str) -> Fault {
 /// That a file is not there.
 pub fn no_file(path: &Path, remedy: &str) -> Fault {
     Fault::new(format!("there is no file {}", path.display())).remedy(remedy)
+}
+
+/// A fault with the file or folder that it is in.
+pub fn at_file(path: &Path, fault: Fault) -> Fault {
+    match fault {
+        Fault::Failed { what, remedy, source } => {
+            Fault::Failed { what: format!("{}: {what}", path.display()), remedy, source }
+        }
+        Fault::Cancelled => Fault::Cancelled,
+    }
 }

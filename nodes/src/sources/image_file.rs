@@ -82,6 +82,76 @@ pub fn map_u16(path: &Path, bytes: &[u8], unit: &str) -> Result<Raster<u16>, Fau
     }
 }
 
+/// An 8-bit map, one channel or three equal ones: disparities and masks of older data sets; `what` says it to whoever has another.
+///
+/// # Errors
+/// If the bytes are no whole image, or hold other pixels.
+pub fn map_u8(path: &Path, bytes: &[u8], what: &str) -> Result<GrayImage, Fault> {
+    let remedy = "of a downloaded data set, take the file from its archive again: an image tool may have changed it";
+    match decode(path, format_of(path, bytes)?, bytes)? {
+        DynamicImage::ImageLuma8(map) => Ok(map),
+        DynamicImage::ImageRgb8(rgb) => {
+            let pixels = rgb.as_raw().as_chunks::<3>().0;
+            if pixels.iter().any(|[red, green, blue]| red != green || green != blue) {
+                return Err(Fault::new(format!("{} is a colour image: {what}", path.display())).remedy(remedy));
+            }
+            let grey = GrayImage::from_raw(rgb.width(), rgb.height(), pixels.iter().map(|pixel| pixel[0]).collect());
+            Ok(grey.expect("a byte a pixel"))
+        }
+        other => Err(wrong_pixels(path, &other, what).remedy(remedy)),
+    }
+}
+
+/// A map of numbers as they stand in the file, one channel, and how many bits a number has there: 8 or 16 bits in a PNG, TIFF or PNM file, 32-bit
+/// floats in a TIFF file.
+///
+/// # Errors
+/// If the bytes are no whole image, or hold other pixels.
+pub fn numbers(path: &Path, bytes: &[u8]) -> Result<(Raster<f32>, u32), Fault> {
+    let format = format_of(path, bytes)?;
+    if format == image::ImageFormat::Tiff
+        && let Some(floats) = float_tiff(path, bytes)?
+    {
+        return Ok((floats, 32));
+    }
+    let (size, numbers, bits): (_, Vec<f32>, _) = match decode(path, format, bytes)? {
+        DynamicImage::ImageLuma8(map) => (map.dimensions(), map.iter().map(|number| f32::from(*number)).collect(), 8),
+        DynamicImage::ImageLuma16(map) => (map.dimensions(), map.iter().map(|number| f32::from(*number)).collect(), 16),
+        other => {
+            let expected = "a map has one channel, of 8 or 16 bits, or of 32-bit floats (TIFF)";
+            let remedy = "write one number a pixel; a coloured picture of a map is none";
+            return Err(wrong_pixels(path, &other, expected).remedy(remedy));
+        }
+    };
+    Ok((Raster::from_raw(size.0, size.1, numbers).expect("a number a pixel"), bits))
+}
+
+/// A TIFF file of one channel of 32-bit floats, which `image` does not read; `None` if it is of another kind.
+fn float_tiff(path: &Path, bytes: &[u8]) -> Result<Option<Raster<f32>>, Fault> {
+    let failed = |error: tiff::TiffError| {
+        Fault::new(format!("failed to decode {} ({} bytes)", path.display(), bytes.len()))
+            .because(error.to_string())
+            .remedy("the file is no whole TIFF: copy or download it again")
+    };
+    let mut limits = tiff::decoder::Limits::default();
+    limits.decoding_buffer_size = MOST_BYTES as usize;
+    limits.intermediate_buffer_size = MOST_BYTES as usize;
+    let mut decoder = tiff::decoder::Decoder::new(Cursor::new(bytes)).map_err(failed)?.with_limits(limits);
+    if decoder.colortype().map_err(failed)? != tiff::ColorType::Gray(32) {
+        return Ok(None);
+    }
+    let (width, height) = decoder.dimensions().map_err(failed)?;
+    let needed = u64::from(width) * u64::from(height) * 4;
+    if needed > MOST_BYTES {
+        return Err(too_large(path, (width, height), needed));
+    }
+    match decoder.read_image().map_err(failed)? {
+        tiff::decoder::DecodingResult::F32(numbers) => Ok(Raster::from_raw(width, height, numbers)),
+        _ => Err(Fault::new(format!("{} holds whole numbers of 32 bits", path.display()))
+            .remedy("write a map of 32-bit floats, or of 8 or 16 bits")),
+    }
+}
+
 /// The formats that are read, with how their files begin.
 const FORMATS: [(&[u8], image::ImageFormat); 10] = [
     (b"\x89PNG\r\n\x1a\n", image::ImageFormat::Png),
@@ -118,7 +188,7 @@ fn decode(path: &Path, format: image::ImageFormat, bytes: &[u8]) -> Result<Dynam
         }
         Fault::new(format!("failed to decode {} ({} bytes)", path.display(), bytes.len()))
             // As text: the decoder's error repeats in its own message what is beneath it.
-            .because(error.to_string())
+            .because(error.to_string().trim_end())
             .remedy(if limit {
                 "what it holds beside its pixels takes more memory than an image may: is it the file meant?".to_owned()
             } else {

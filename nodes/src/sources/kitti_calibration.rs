@@ -1,23 +1,14 @@
 //! KITTI's calibration: text files, and what stands in for them.
 
-use std::ops::RangeInclusive;
 use std::path::Path;
 
 use depthloom_graphs::Fault;
 use depthloom_graphs::values::Calibration;
 
+use super::rectified_pair::{self, NoPair, short};
+
 /// Baseline of the colour pair where no calibration file tells it, metres.
 const BASELINE_M: f64 = 0.532_725;
-
-/// What a camera can have: from a fisheye to a telescope, from an endoscope to two aeroplanes. Beyond, disparities and depths leave
-/// the numbers that hold them.
-const FOCAL_PX: RangeInclusive<f64> = 1.0..=1e6;
-const CENTRE_PX: RangeInclusive<f64> = -1e6..=1e6;
-const BASELINE_M_POSSIBLE: RangeInclusive<f64> = 1e-4..=1e4;
-
-/// How far the two cameras of a rectified pair may differ: by one in the last of the seven digits that KITTI writes.
-const FOCAL_TOLERANCE: f64 = 1.5e-6;
-const CENTRE_TOLERANCE_PX: f64 = 1e-3;
 
 /// What a file needs, for those who write their own.
 const WANTED: &str = "a calibration file has two lines, `P_rect_02:` (left) and `P_rect_03:` (right), each with the 12 numbers of \
@@ -56,7 +47,7 @@ pub fn by_width((width, height): (u32, u32)) -> Result<Calibration, Fault> {
         .remedy(format!("put calib_cam_to_cam/000150.txt for frame 000150_10 beside image_2 (KITTI's are in data_scene_flow_calib.zip): {WANTED}"))
     })?;
     let &(_, focal_px, cx_px, cy_px) = day;
-    Ok(Calibration { width, height, focal_px, cx_px, cy_px, baseline_m: BASELINE_M })
+    Ok(Calibration { width, height, focal_px, cx_px, cy_px, baseline_m: BASELINE_M, doffs_px: 0.0 })
 }
 
 /// What a file of the older benchmarks needs.
@@ -134,11 +125,7 @@ impl<'a> Lines<'a> {
     }
 }
 
-/// The calibration of a rectified pair from the projections (3x4, row-major) of its left and right camera: focal length `P[0,0]`,
-/// principal point `P[0,2]` and `P[1,2]`, baseline `Pr[0,3] / -Pr[0,0] - Pl[0,3] / -Pl[0,0]`.
-///
-/// The two cameras must have one focal length and one principal point: what is matched along rows, and turned into depth by
-/// `f * B / d`, is a rectified pair.
+/// The calibration of a rectified pair from the projections of its left and right camera, see [`rectified_pair::calibration`].
 ///
 /// # Errors
 /// The line at fault, or the line that is missing.
@@ -147,59 +134,20 @@ pub fn pair(
     [left_name, right_name]: [&str; 2],
     (width, height): (u32, u32),
 ) -> Result<Calibration, Fault> {
-    let fault = |line: usize, what: String| lines.fault(Some(line), what);
     let (left_line, left) = lines.numbers::<12>(left_name)?;
     let (right_line, right) = lines.numbers::<12>(right_name)?;
-    for (line, matrix) in [(left_line, &left), (right_line, &right)] {
-        let bounds = [
-            (0, "the focal length", FOCAL_PX),
-            (2, "the principal point's column", CENTRE_PX),
-            (6, "the principal point's row", CENTRE_PX),
-        ];
-        for (at, what, possible) in bounds {
-            if !possible.contains(&matrix[at]) {
-                let (least, most) = (possible.start(), possible.end());
-                let what =
-                    format!("{what} is {} px, and no camera's is beyond {least} to {most} px", short(matrix[at]));
-                return Err(fault(line, what));
-            }
-        }
-    }
-    if (right[0] - left[0]).abs() > FOCAL_TOLERANCE * left[0] {
+    let pair = rectified_pair::calibration([left_name, right_name], [&left, &right], (width, height))
+        .map_err(|NoPair { camera, what }| lines.fault(Some([left_line, right_line][camera]), what))?;
+    if pair.doffs_px != 0.0 {
         let what = format!(
-            "{right_name} has a focal length of {} px and {left_name} one of {} px: rectified cameras have the same",
-            short(right[0]),
-            short(left[0])
+            "{right_name} has its principal point's column at {} px and {left_name} at {} px: KITTI's cameras have the same, so that what is \
+             infinitely far has no disparity",
+            short(right[2]),
+            short(left[2])
         );
-        return Err(fault(right_line, what));
+        return Err(lines.fault(Some(right_line), what));
     }
-    for (at, what) in [(2, "column"), (6, "row")] {
-        if (right[at] - left[at]).abs() > CENTRE_TOLERANCE_PX {
-            let what = format!(
-                "{right_name} has its principal point's {what} at {} px and {left_name} at {} px: rectified cameras have the same, so that \
-                 what is infinitely far has no disparity",
-                short(right[at]),
-                short(left[at])
-            );
-            return Err(fault(right_line, what));
-        }
-    }
-    let baseline_m = right[3] / -right[0] - left[3] / -left[0];
-    if baseline_m <= 0.0 {
-        let what = format!("the right camera is {} m right of the left one", short(baseline_m));
-        return Err(fault(right_line, what));
-    }
-    if !BASELINE_M_POSSIBLE.contains(&baseline_m) {
-        let (least, most) = (BASELINE_M_POSSIBLE.start(), BASELINE_M_POSSIBLE.end());
-        let what = format!("the baseline is {} m, and no camera's is beyond {least} to {most} m", short(baseline_m));
-        return Err(fault(right_line, what));
-    }
-    Ok(Calibration { width, height, focal_px: left[0], cx_px: left[2], cy_px: left[6], baseline_m })
-}
-
-/// A number as a person would write it: of 1e300 not all its zeros.
-fn short(number: f64) -> String {
-    if number == 0.0 || (1e-3..1e7).contains(&number.abs()) { number.to_string() } else { format!("{number:e}") }
+    Ok(pair)
 }
 
 fn shortened(text: &str) -> String {

@@ -3,17 +3,19 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use depthloom_graphs::contracts::{DataPath, Frame, FrameSelection, SourceDeclaration};
+use depthloom_graphs::contracts::{DataPath, Frame, FrameSelection, Recognised, SourceDeclaration, Survey};
 use depthloom_graphs::values::Depth;
 use depthloom_graphs::{Context, Fault, Outputs, Port, Source, SourceKind, ValueType};
 use depthloom_kernels::depth::truth_from_depth_png;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use serde_json::json;
 
 use super::dataset::{
-    CALIBRATION, Entry, Files, LEFT, Layout, Listing, RIGHT, TRUTH, folders, no_file, no_folder, stems,
+    CALIBRATION, Entry, Files, LEFT, Layout, Listing, RIGHT, TRUTH, folders, no_file, no_folder, stems, survey,
 };
 use super::kitti_calibration::Lines;
+use super::kitti_raw::KittiRaw;
 use super::kitti_raw::{self, IMAGES, KittiCameras};
 use crate::shape::filled;
 
@@ -96,6 +98,31 @@ of a drive). Truth is metres * 256 in 16 bits, 0 = unknown.",
 
     fn open(params: KittiDepthParams) -> Result<Box<dyn Source>, Fault> {
         list(&params)?.open(Self)
+    }
+
+    fn survey(params: KittiDepthParams) -> Survey {
+        survey(list(&params).map(|listing| (listing, Self)))
+    }
+
+    fn recognise(root: &Path) -> Vec<Recognised> {
+        let truths = [KittiDepthTruth::Groundtruth, KittiDepthTruth::VelodyneRaw];
+        let there = truths.into_iter().find_map(|truth| drives(root, truth).ok().map(|drives| (truth, drives.len())));
+        let Some((truth, count)) = there else { return Vec::new() };
+        // The raw data often lie within it, or beside it.
+        let within = |folder: &Path| -> Vec<PathBuf> {
+            folders(folder, LAYOUT).unwrap_or_default().into_iter().map(|name| folder.join(name)).collect()
+        };
+        let mut candidates = [Some(root), root.parent()].into_iter().flatten().flat_map(within);
+        let raw = candidates.find(|folder| !KittiRaw::recognise(folder).is_empty());
+        let what = match &raw {
+            Some(_) => format!("KITTI depth, drives with truth: {count}"),
+            None => format!(
+                "KITTI depth, drives with truth: {count}; `raw` is KITTI's raw data, whose images it is the truth of"
+            ),
+        };
+        let raw = raw.unwrap_or_else(|| PathBuf::from("/path/to/kitti_raw"));
+        let params = json!({ "root": root, "raw": raw, "truth": truth.folder() });
+        vec![Recognised::new(what, params)]
     }
 }
 

@@ -2,12 +2,15 @@
 
 use std::path::{Path, PathBuf};
 
-use depthloom_graphs::contracts::{DataPath, FrameSelection, SourceDeclaration};
+use depthloom_graphs::contracts::{DataPath, FrameSelection, Recognised, SourceDeclaration, Survey};
 use depthloom_graphs::{Context, Fault, Outputs, Port, Source, SourceKind, ValueType, regular_file};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use serde_json::json;
 
-use super::dataset::{CALIBRATION, Entry, Files, LEFT, Layout, Listing, RIGHT, no_file, no_folder, stems};
+use super::dataset::{
+    CALIBRATION, Entry, Files, LEFT, Layout, Listing, RIGHT, folders, no_file, no_folder, stems, survey,
+};
 use super::kitti_calibration::{Lines, PROJECTIONS, pair};
 use super::kitti_raw::KittiCameras;
 use super::kitti_time;
@@ -78,9 +81,47 @@ A frame's id is sequence and number (`00_000042`), its time that of `times.txt`,
     }
 
     fn open(params: KittiOdometryParams) -> Result<Box<dyn Source>, Fault> {
-        let layout = Self { cameras: params.cameras };
-        list(&params)?.open(layout)
+        list(&params)?.open(Self { cameras: params.cameras })
     }
+
+    fn survey(params: KittiOdometryParams) -> Survey {
+        survey(list(&params).map(|listing| (listing, Self { cameras: params.cameras })))
+    }
+
+    fn recognise(root: &Path) -> Vec<Recognised> {
+        sequences(root, "", |folder, [left, right]| {
+            folder.join("calib.txt").is_file() && folder.join(left).is_dir() && folder.join(right).is_dir()
+        })
+    }
+
+    fn resembles(root: &Path) -> Vec<Recognised> {
+        // One of three may be missing: with the calibration alone there is no telling of which cameras.
+        sequences(root, "nearly ", |folder, pair| {
+            let sides = pair.into_iter().filter(|side| folder.join(side).is_dir()).count();
+            sides == 2 || sides == 1 && folder.join("calib.txt").is_file()
+        })
+    }
+}
+
+/// The sequences below a root, or the one that it is, that have the folders of a pair of cameras as `is_one` wants them.
+fn sequences(root: &Path, nearly: &str, is_one: impl Fn(&Path, [&str; 2]) -> bool) -> Vec<Recognised> {
+    let cameras = |folder: &Path| {
+        let pairs = [(["image_2", "image_3"], "color"), (["image_0", "image_1"], "grey")];
+        pairs.into_iter().find(|(pair, _)| is_one(folder, *pair)).map(|(_, cameras)| cameras)
+    };
+    if let Some(cameras) = cameras(root) {
+        let what = format!("{nearly}a sequence of KITTI odometry, {cameras} cameras");
+        return vec![Recognised::new(what, json!({ "root": root, "cameras": cameras }))];
+    }
+    let sequences = root.join("sequences");
+    let names = folders(&sequences, LAYOUT).unwrap_or_default().into_iter();
+    names
+        .filter_map(|sequence| {
+            let cameras = cameras(&sequences.join(&sequence))?;
+            let what = format!("{nearly}KITTI odometry, sequence {sequence}, {cameras} cameras");
+            Some(Recognised::new(what, json!({ "root": root, "sequence": sequence, "cameras": cameras })))
+        })
+        .collect()
 }
 
 /// The folder of a sequence, and its name.

@@ -3,15 +3,16 @@
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 
-use depthloom_graphs::contracts::{DataPath, Frame, FrameSelection, SourceDeclaration};
+use depthloom_graphs::contracts::{DataPath, FrameSelection, Recognised, SourceDeclaration, Survey};
 use depthloom_graphs::values::{Calibration, Depth};
 use depthloom_graphs::{Context, Fault, Outputs, Port, Source, SourceKind, ValueType, regular_file};
 use depthloom_kernels::velodyne::{Rule, depth_from_points};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use serde_json::json;
 
 use super::dataset::{
-    CALIBRATION, Entry, File, Files, LEFT, Layout, Listing, Part, RIGHT, folders, no_file, no_folder, stems,
+    CALIBRATION, File, Files, Gathered, LEFT, Layout, Listing, Part, RIGHT, folders, no_file, no_folder, stems, survey,
 };
 use super::kitti_calibration::{self, COLOUR, Lines};
 use super::kitti_time;
@@ -195,9 +196,30 @@ as the truth of the Eigen split is exported. A frame without a scan has no truth
     }
 
     fn open(params: KittiRawParams) -> Result<Box<dyn Source>, Fault> {
-        let layout = Self { cameras: params.cameras, compat: params.compat };
-        list(&params)?.open(layout)
+        let (listing, layout) = listed(&params)?;
+        listing.open(layout)
     }
+
+    fn survey(params: KittiRawParams) -> Survey {
+        survey(listed(&params))
+    }
+
+    fn recognise(root: &Path) -> Vec<Recognised> {
+        let found = drives(root).unwrap_or_default();
+        let has = |camera: &str| found.values().any(|drive| drive.folder.join(camera).is_dir());
+        let cameras = [("image_02", "color"), ("image_00", "grey")].into_iter().filter(|(camera, _)| has(camera));
+        let count = if found.len() == 1 { "1 drive".to_owned() } else { format!("{} drives", found.len()) };
+        cameras
+            .map(|(_, cameras)| {
+                let what = format!("KITTI raw, {count}, {cameras} cameras");
+                Recognised::new(what, json!({ "root": root, "cameras": cameras }))
+            })
+            .collect()
+    }
+}
+
+fn listed(params: &KittiRawParams) -> Result<(Listing, KittiRaw), Fault> {
+    Ok((list(params)?, KittiRaw { cameras: params.cameras, compat: params.compat }))
 }
 
 /// A drive that was found.
@@ -334,7 +356,7 @@ fn list(params: &KittiRawParams) -> Result<Listing, Fault> {
         let of_drive = stem.parse::<usize>().ok();
         let (index, id) = known[at];
         let frame = kitti_time::frame(id, index, of_drive, &holds.times, &holds.clock)?;
-        listing.push(entry(params, drive, holds, stem, frame));
+        listing.gather(frame, gathered(params, drive, holds, stem));
     }
     listing.warnings.extend(params.frames.left_out(&known));
     if params.truth == KittiRawTruth::Velodyne && without_scan > 0 {
@@ -344,25 +366,27 @@ fn list(params: &KittiRawParams) -> Result<Listing, Fault> {
     Ok(listing)
 }
 
-fn entry(params: &KittiRawParams, drive: &Drive, holds: &Held, stem: &str, frame: Frame) -> Result<Entry, Fault> {
+fn gathered(params: &KittiRawParams, drive: &Drive, holds: &Held, stem: &str) -> Gathered {
     let find = |folder: &str, files: &BTreeMap<String, PathBuf>| {
         let remedy = "each left image needs its right one, of the same number (KITTI: unpack the drive again)";
         let missing = || no_file(&drive.folder.join(folder).join("data").join(format!("{stem}.png")), remedy);
         files.get(stem).cloned().ok_or_else(missing)
     };
-    let [left, right] = params.cameras.folders();
-    let mut files = vec![(LEFT, find(left, &holds.lefts)?), (RIGHT, find(right, &holds.rights)?)];
     let of_date = |name: &str| {
         let path = drive.date.join(name);
         let remedy = "each date has its own calibration files (KITTI: unpack the date's calibration zip)";
         if path.is_file() { Ok(path) } else { Err(no_file(&path, remedy)) }
     };
-    files.push((CALIBRATION, of_date("calib_cam_to_cam.txt")?));
+    let [left, right] = params.cameras.folders();
+    let mut files = Gathered::default();
+    files.take(LEFT, find(left, &holds.lefts));
+    files.take(RIGHT, find(right, &holds.rights));
+    files.take(CALIBRATION, of_date("calib_cam_to_cam.txt"));
     if let Some(scan) = holds.scans.get(stem) {
-        files.push((SCANNER, of_date("calib_velo_to_cam.txt")?));
-        files.push((SCAN, scan.clone()));
+        files.take(SCANNER, of_date("calib_velo_to_cam.txt"));
+        files.take(SCAN, Ok(scan.clone()));
     }
-    Ok(Entry { frame, files })
+    files
 }
 
 /// A frame: its drive and its file's stem.

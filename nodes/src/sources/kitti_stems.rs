@@ -13,7 +13,7 @@ const NAMED: usize = 3;
 
 /// What a folder of images holds.
 pub(super) struct Stems {
-    folder: &'static str,
+    pub(super) folder: &'static str,
     /// The stems of the first time step's images, in order.
     pub(super) stems: BTreeSet<String>,
     /// Files that are no image of any time step, by folder and name, in order.

@@ -2,18 +2,21 @@
 
 use std::path::Path;
 
-use depthloom_graphs::contracts::{DataPath, Frame, FrameSelection, SourceDeclaration};
-use depthloom_graphs::values::{Depth, Mask, Raster, TrueDisparity};
+use depthloom_graphs::contracts::{DataPath, Frame, FrameSelection, Recognised, SourceDeclaration, Survey};
+use depthloom_graphs::values::TrueDisparity;
 use depthloom_graphs::{Context, Fault, Outputs, Port, Source, SourceKind, ValueType};
-use depthloom_kernels::depth::truth_from_disparity_png;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use serde_json::json;
 
-use super::dataset::{CALIBRATION, Entry, Files, LEFT, Layout, Listing, Part, RIGHT, no_file, no_folder, stems};
+use super::dataset::{
+    CALIBRATION, Files, Gathered, LEFT, Layout, Listing, Part, RIGHT, no_file, no_folder, stems, survey,
+};
+use super::evaluation::Evaluation;
 use super::kitti_calibration::{Lines, PROJECTIONS, pair};
 use super::kitti_raw::KittiCameras;
-use super::kitti_stereo_2015::{KittiTruth, Split};
-use crate::shape::filled;
+use super::kitti_stereo_2015::{KittiTruth, Split, halves};
+use super::true_disparity;
 
 const KIND: &str = "kitti/stereo2012";
 const VERSION: u32 = 1;
@@ -74,25 +77,10 @@ with `disparities: true` the disparities are given too. The truth is that of the
                     "Sparse true depth, metres, NaN = unknown; absent in `testing`.",
                 )
                 .optional(),
-                Port::frame(
-                    "disp_noc",
-                    ValueType::TrueDisparity,
-                    "True disparity where both cameras see it, 1/256 px, 0 = unknown; with `disparities: true`.",
-                )
-                .optional(),
-                Port::frame(
-                    "disp_occ",
-                    ValueType::TrueDisparity,
-                    "True disparity of all true pixels, likewise; with `disparities: true`.",
-                )
-                .optional(),
-                Port::frame(
-                    "occluded",
-                    ValueType::Mask,
-                    "255 where `disp_occ` knows a disparity and `disp_noc` does not; with `disparities: true`.",
-                )
-                .optional(),
-            ],
+            ]
+            .into_iter()
+            .chain(Evaluation::asked())
+            .collect(),
         }
     }
 
@@ -104,6 +92,33 @@ with `disparities: true` the disparities are given too. The truth is that of the
     }
 
     fn open(params: KittiStereo2012Params) -> Result<Box<dyn Source>, Fault> {
+        let (listing, layout) = Self::listed(&params)?;
+        listing.open(layout)
+    }
+
+    fn survey(params: KittiStereo2012Params) -> Survey {
+        survey(Self::listed(&params))
+    }
+
+    fn recognise(root: &Path) -> Vec<Recognised> {
+        halves(root, "KITTI stereo 2012", [NOC, OCC], |half| {
+            let pairs = [("colored_0", "colored_1", "color"), ("image_0", "image_1", "grey")].into_iter();
+            let mut found = pairs.filter(|(left, right, _)| half.join(left).is_dir() && half.join(right).is_dir());
+            found.next().map(|(.., cameras)| json!({ "cameras": cameras }))
+        })
+    }
+
+    fn resembles(root: &Path) -> Vec<Recognised> {
+        halves(root, "nearly KITTI stereo 2012", [NOC, OCC], |half| {
+            let pairs = [("colored_0", "colored_1", "color"), ("image_0", "image_1", "grey")].into_iter();
+            let mut found = pairs.filter(|(left, right, _)| half.join(left).is_dir() || half.join(right).is_dir());
+            found.next().map(|(.., cameras)| json!({ "cameras": cameras }))
+        })
+    }
+}
+
+impl KittiStereo2012 {
+    fn listed(params: &KittiStereo2012Params) -> Result<(Listing, Self), Fault> {
         let truth = match (params.split, params.truth) {
             (Split::Testing, _) | (_, KittiTruth::None) => None,
             (Split::Training, KittiTruth::Noc) => Some(NOC),
@@ -111,11 +126,9 @@ with `disparities: true` the disparities are given too. The truth is that of the
         };
         let disparities = params.disparities && params.split == Split::Training;
         let layout = Self { cameras: params.cameras, truth, disparities };
-        layout.list(&params)?.open(layout)
+        Ok((layout.list(params)?, layout))
     }
-}
 
-impl KittiStereo2012 {
     fn list(&self, params: &KittiStereo2012Params) -> Result<Listing, Fault> {
         let root = params.root.path();
         if !root.is_dir() {
@@ -147,14 +160,14 @@ impl KittiStereo2012 {
         let mut listing = Listing::default();
         for at in params.frames.select(&numbers)? {
             let (number, stem) = numbers[at];
-            listing.push(entry(&folder, [left, right], &maps, number, stem));
+            listing.gather(Frame::at_10_hz(stem, number), gathered(&folder, [left, right], &maps, number, stem));
         }
         listing.warnings.extend(params.frames.left_out(&numbers));
         Ok(listing)
     }
 }
 
-fn entry(folder: &Path, [left, right]: [&str; 2], maps: &[Part], number: u64, stem: &str) -> Result<Entry, Fault> {
+fn gathered(folder: &Path, [left, right]: [&str; 2], maps: &[Part], number: u64, stem: &str) -> Gathered {
     let file = |of: &str, name: String, remedy: &str| {
         let path = folder.join(of).join(name);
         if path.is_file() { Ok(path) } else { Err(no_file(&path, remedy)) }
@@ -166,12 +179,15 @@ fn entry(folder: &Path, [left, right]: [&str; 2], maps: &[Part], number: u64, st
         "calib",
         format!("{number:06}.txt"),
         "each frame needs its calibration, 000150.txt for 000150_10.png (KITTI: data_stereo_flow_calib.zip)",
-    )?;
-    let mut files = vec![(LEFT, image(left)?), (RIGHT, image(right)?), (CALIBRATION, calibration)];
+    );
+    let mut files = Gathered::default();
+    files.take(LEFT, image(left));
+    files.take(RIGHT, image(right));
+    files.take(CALIBRATION, calibration);
     for map in maps {
-        files.push((map, image(map)?));
+        files.take(map, image(map));
     }
-    Ok(Entry { frame: Frame::at_10_hz(stem, number), files })
+    files
 }
 
 impl Layout for KittiStereo2012 {
@@ -191,32 +207,18 @@ impl Layout for KittiStereo2012 {
             KittiCameras::Grey => ["P0", "P1"],
         };
         let calibration = pair(&Lines::of(&file.path, &text, PROJECTIONS)?, cameras, size)?;
-        let [noc, occ] = [files.map_u16(NOC, "disparity", size)?, files.map_u16(OCC, "disparity", size)?];
+        let map = |part| Ok(files.map_u16(part, "disparity", size)?.as_ref().map(TrueDisparity::from_px_256));
+        let maps = Evaluation { noc: map(NOC)?, occ: map(OCC)?, objects: None };
         let truth = match self.truth {
-            Some(NOC) => noc.as_ref(),
-            Some(_) => occ.as_ref(),
+            Some(NOC) => maps.noc.as_ref(),
+            Some(_) => maps.occ.as_ref(),
             None => None,
         };
         let mut outputs = Outputs::one("left", left).with("right", right);
-        if let Some(raw) = truth {
-            let metres =
-                filled(size, |out| truth_from_disparity_png(raw, calibration.focal_px, calibration.baseline_m, out));
-            outputs = outputs.with("depth", Depth { metres });
+        if let Some(truth) = truth {
+            outputs = outputs.with("depth", true_disparity::depth(truth, &calibration));
         }
         outputs = outputs.with("calibration", calibration);
-        if !self.disparities {
-            return Ok(outputs);
-        }
-        if let (Some(noc), Some(occ)) = (&noc, &occ) {
-            let hidden = occ.iter().zip(noc.iter()).map(|(&occ, &noc)| if occ > 0 && noc == 0 { 255 } else { 0 });
-            let set = Raster::from_raw(size.0, size.1, hidden.collect());
-            outputs = outputs.with("occluded", Mask { set: set.expect("both maps are of the left image's size") });
-        }
-        for (port, raw) in [(NOC, noc), (OCC, occ)] {
-            if let Some(px_256) = raw {
-                outputs = outputs.with(port, TrueDisparity { px_256 });
-            }
-        }
-        Ok(outputs)
+        Ok(if self.disparities { maps.outputs(outputs) } else { outputs })
     }
 }

@@ -1,20 +1,19 @@
 //! `kitti/stereo2015`: the KITTI stereo 2015 benchmark, as unpacked.
 
-use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use depthloom_graphs::contracts::{DataPath, Frame, FrameSelection, SourceDeclaration};
-use depthloom_graphs::values::{Calibration, Depth, Mask, Pixels, Raster, TrueDisparity};
-use depthloom_graphs::{Context, Fault, Key, Outputs, Port, Source, SourceKind, SourceOutputs, ValueType};
-use depthloom_kernels::depth::truth_from_disparity_png;
+use depthloom_graphs::contracts::{DataPath, Frame, FrameSelection, Recognised, SourceDeclaration, Survey};
+use depthloom_graphs::values::{Mask, Pixels, TrueDisparity};
+use depthloom_graphs::{Context, Fault, Key, Outputs, Port, Source, SourceKind, ValueType};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use serde_json::{Value as Json, json};
 
-use super::asked::Asked;
+use super::dataset::{CALIBRATION, Files, Gathered, LEFT, Layout, Listing, Part, RIGHT, at_file, no_file, survey};
+use super::evaluation::Evaluation;
 use super::kitti_stems::{Stems, number, unread_files};
-use super::{image_file, kitti_calibration};
-use crate::shape::filled;
+use super::{image_file, kitti_calibration, true_disparity};
 
 const KIND: &str = "kitti/stereo2015";
 const VERSION: u32 = 1;
@@ -22,15 +21,15 @@ pub(super) const LAYOUT: &str = "root holds `training` (with truth) or `testing`
     in training also disp_noc_0 or disp_occ_0, unless `truth: none`";
 
 /// True disparities that both cameras see, and all.
-const NOC: &str = "disp_noc_0";
-const OCC: &str = "disp_occ_0";
-/// The folder of object maps.
-const OBJECTS: &str = "obj_map";
-/// The folders of what `score/disparity` takes.
-const EVALUATION: [&str; 3] = [NOC, OCC, OBJECTS];
+const NOC: Part = "disp_noc_0";
+const OCC: Part = "disp_occ_0";
+/// The objects.
+const OBJECTS: Part = "obj_map";
+/// What `score/disparity` takes; parts, and their folders.
+const EVALUATION: [Part; 3] = [NOC, OCC, OBJECTS];
 
 /// The folder of calibration files.
-const CALIBRATION: &str = "calib_cam_to_cam";
+const CALIBRATIONS: &str = "calib_cam_to_cam";
 
 /// Which half of the benchmark.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -97,14 +96,9 @@ pub struct KittiStereo2015Params {
 /// The kind `kitti/stereo2015`.
 pub struct KittiStereo2015 {
     folder: PathBuf,
-    truth: Option<&'static str>,
-    /// The folders of what `score/disparity` takes.
-    evaluation: Vec<&'static str>,
-    has_calibration: bool,
-    frames: Vec<Frame>,
-    warnings: Vec<String>,
-    /// A run asks for a frame's key and reads it at once: its files are read and hashed once.
-    asked: Asked<(FrameFiles, Key)>,
+    truth: Option<Part>,
+    /// The parts that `score/disparity` takes.
+    evaluation: Vec<Part>,
 }
 
 impl SourceKind for KittiStereo2015 {
@@ -137,26 +131,12 @@ baseline `B` in metres). Truth is optional: 16-bit grey PNG of disparity * 256, 
                     "Sparse true depth, metres, NaN = unknown; absent in `testing`.",
                 )
                 .optional(),
-                Port::frame(
-                    "disp_noc",
-                    ValueType::TrueDisparity,
-                    "True disparity where both cameras see it (`disp_noc_0`), 1/256 px, 0 = unknown; with `disparities: true`.",
-                )
-                .optional(),
-                Port::frame(
-                    "disp_occ",
-                    ValueType::TrueDisparity,
-                    "True disparity of all true pixels (`disp_occ_0`), likewise; with `disparities: true`.",
-                )
-                .optional(),
-                Port::frame(
-                    "occluded",
-                    ValueType::Mask,
-                    "255 where `disp_occ_0` knows a disparity and `disp_noc_0` does not; with `disparities: true`.",
-                )
-                .optional(),
-                Port::frame("obj_map", ValueType::Mask, "255 on objects (`obj_map`); with `disparities: true`.").optional(),
-            ],
+            ]
+            .into_iter()
+            .chain(Evaluation::asked())
+            .chain([Port::frame("obj_map", ValueType::Mask, "255 on objects (`obj_map`); with `disparities: true`.")
+                .optional()])
+            .collect(),
         }
     }
 
@@ -168,6 +148,59 @@ baseline `B` in metres). Truth is optional: 16-bit grey PNG of disparity * 256, 
     }
 
     fn open(params: KittiStereo2015Params) -> Result<Box<dyn Source>, Fault> {
+        let (listing, layout) = Self::listed(&params)?;
+        listing.open(layout)
+    }
+
+    fn survey(params: KittiStereo2015Params) -> Survey {
+        survey(Self::listed(&params))
+    }
+
+    fn recognise(root: &Path) -> Vec<Recognised> {
+        halves(root, "KITTI stereo 2015", [NOC, OCC], |half| {
+            let pair = half.join("image_2").is_dir() && half.join("image_3").is_dir();
+            pair.then(|| json!({}))
+        })
+    }
+
+    fn resembles(root: &Path) -> Vec<Recognised> {
+        halves(root, "nearly KITTI stereo 2015", [NOC, OCC], |half| {
+            let one = half.join("image_2").is_dir() || half.join("image_3").is_dir();
+            one.then(|| json!({}))
+        })
+    }
+}
+
+/// The halves of a benchmark that a folder holds; or of which it is one. `params` tells those of a half that is there, but for root, half and truth.
+pub(super) fn halves(
+    root: &Path,
+    name: &str,
+    [noc, occ]: [Part; 2],
+    params: impl Fn(&Path) -> Option<Json>,
+) -> Vec<Recognised> {
+    let is_half = |split: Split| root.ends_with(split.folder()) && params(root).is_some();
+    let root = if is_half(Split::Training) || is_half(Split::Testing) { root.parent().unwrap_or(root) } else { root };
+    let one = |split: Split| {
+        let half = root.join(split.folder());
+        let mut params = params(&half)?;
+        let truth = match split {
+            Split::Testing => None,
+            Split::Training if half.join(noc).is_dir() => Some("noc"),
+            Split::Training if half.join(occ).is_dir() => Some("occ"),
+            Split::Training => Some("none"),
+        };
+        params["root"] = json!(root);
+        params["split"] = json!(split.folder());
+        if let Some(truth) = truth {
+            params["truth"] = json!(truth);
+        }
+        Some(Recognised::new(format!("{name}, {}", split.folder()), params))
+    };
+    [Split::Training, Split::Testing].into_iter().filter_map(one).collect()
+}
+
+impl KittiStereo2015 {
+    fn listed(params: &KittiStereo2015Params) -> Result<(Listing, Self), Fault> {
         let root = params.root.path();
         if !root.is_dir() {
             return Err(Fault::new(format!("there is no folder {}", root.display())).remedy(LAYOUT));
@@ -189,252 +222,124 @@ baseline `B` in metres). Truth is optional: 16-bit grey PNG of disparity * 256, 
             Split::Training => params.truth.folder(),
             Split::Testing => None,
         };
-        let has_calibration = folder.join(CALIBRATION).is_dir();
         let given = params.disparities && params.split == Split::Training;
         let evaluation = EVALUATION.into_iter().filter(|name| given && folder.join(name).is_dir()).collect();
-        let warnings = params.frames.left_out(&known).into_iter().collect();
-        let asked = Asked::default();
-        let mut source = Self { truth, evaluation, has_calibration, frames, folder, warnings, asked };
-        let unread = source.check_companions(&listed)?;
-        source.warnings.extend(unread_files(&unread));
-        Ok(Box::new(source))
+        let layout = Self { truth, evaluation, folder };
+        let mut listing = Listing::default();
+        let unread = layout.list(&frames, &listed, &mut listing)?;
+        listing.warnings.extend(params.frames.left_out(&known));
+        listing.warnings.extend(unread_files(&unread));
+        Ok((listing, layout))
     }
-}
 
-impl KittiStereo2015 {
-    /// That every chosen frame has all of its files; gives the files that belong to no frame.
-    fn check_companions(&self, lefts: &Stems) -> Result<Vec<String>, Fault> {
+    /// Lists the chosen frames with their files; gives the files that belong to no frame.
+    fn list(&self, frames: &[Frame], lefts: &Stems, listing: &mut Listing) -> Result<Vec<String>, Fault> {
         let mut unread = lefts.others.clone();
-        let rights = Stems::of(&self.folder, "image_3")?;
-        let remedy = "each left image needs its right one, of the same name (KITTI: unpack data_scene_flow.zip again)";
-        self.check_stems("image_3", &rights.stems, remedy)?;
-        unread.extend(rights.without(lefts));
+        let mut companions = vec![(
+            RIGHT,
+            Stems::of(&self.folder, "image_3")?,
+            "each left image needs its right one, of the same name (KITTI: unpack data_scene_flow.zip again)",
+        )];
         if let Some(truth) = self.truth {
             let folder = self.folder.join(truth);
             let remedy = "without truth, or with another, say so: `truth: noc`, `occ` or `none` (KITTI: unpack data_scene_flow.zip again)";
             if !folder.is_dir() {
                 return Err(Fault::new(format!("there is no folder {}", folder.display())).remedy(remedy));
             }
-            let truths = Stems::of(&self.folder, truth)?;
-            self.check_stems(truth, &truths.stems, remedy)?;
-            unread.extend(truths.without(lefts));
+            companions.push((truth, Stems::of(&self.folder, truth)?, remedy));
         }
         for name in self.evaluation.iter().copied().filter(|name| Some(*name) != self.truth) {
             let remedy = "each frame needs its files, or the whole folder away: what is not there is not given";
-            let maps = Stems::of(&self.folder, name)?;
-            self.check_stems(name, &maps.stems, remedy)?;
-            unread.extend(maps.without(lefts));
+            companions.push((name, Stems::of(&self.folder, name)?, remedy));
         }
-        if self.has_calibration
-            && let Some(missing) =
-                self.frames.iter().map(|frame| self.calibration_path(frame)).find(|path| !path.is_file())
-        {
-            return Err(Fault::new(format!("there is no file {}", missing.display())).remedy(
-                "each frame needs its calibration, 000150.txt for 000150_10.png (KITTI: unpack data_scene_flow_calib.zip again); without the \
-                 whole folder calib_cam_to_cam KITTI's own goes by the image's width",
-            ));
+        unread.extend(companions.iter().flat_map(|(_, stems, _)| stems.without(lefts)));
+        let has_calibration = self.folder.join(CALIBRATIONS).is_dir();
+        for frame in frames {
+            listing.gather(frame.clone(), self.files(frame, &companions, has_calibration));
         }
         Ok(unread)
     }
 
-    fn check_stems(&self, folder: &str, present: &BTreeSet<String>, remedy: &str) -> Result<(), Fault> {
-        match self.frames.iter().find(|frame| !present.contains(&*frame.id)) {
-            Some(frame) => {
-                let path = self.image_path(folder, frame);
-                Err(Fault::new(format!("there is no file {}", path.display())).remedy(remedy))
-            }
-            None => Ok(()),
+    fn files(&self, frame: &Frame, companions: &[(Part, Stems, &'static str)], has_calibration: bool) -> Gathered {
+        let path = |folder: &str| self.folder.join(folder).join(format!("{}.png", frame.id));
+        let mut files = Gathered::default();
+        files.take(LEFT, Ok(path("image_2")));
+        for (part, stems, remedy) in companions {
+            let path = path(stems.folder);
+            let is_there = stems.stems.contains(&*frame.id);
+            files.take(part, if is_there { Ok(path) } else { Err(no_file(&path, remedy)) });
         }
-    }
-
-    fn image_path(&self, folder: &str, frame: &Frame) -> PathBuf {
-        self.folder.join(folder).join(format!("{}.png", frame.id))
-    }
-
-    fn calibration_path(&self, frame: &Frame) -> PathBuf {
-        self.folder.join(CALIBRATION).join(format!("{:06}.txt", frame.index))
+        if has_calibration {
+            let path = self.folder.join(CALIBRATIONS).join(format!("{:06}.txt", frame.index));
+            let remedy = "each frame needs its calibration, 000150.txt for 000150_10.png (KITTI: unpack data_scene_flow_calib.zip again); \
+                without the whole folder calib_cam_to_cam KITTI's own goes by the image's width";
+            files.take(CALIBRATION, if path.is_file() { Ok(path) } else { Err(no_file(&path, remedy)) });
+        }
+        files
     }
 }
 
-/// The files of a frame, whole and not decoded.
-struct FrameFiles {
-    left: (PathBuf, Arc<[u8]>),
-    right: (PathBuf, Arc<[u8]>),
-    calibration: Option<(PathBuf, Arc<[u8]>)>,
-    truth: Option<(PathBuf, Arc<[u8]>)>,
-    /// What `score/disparity` takes, by folder; without the truth's own, which is there already.
-    evaluation: Vec<(&'static str, PathBuf, Arc<[u8]>)>,
-    /// Whether disparities are given: a frame that gives more is another, though the same files were read.
-    gives_disparities: bool,
-}
+impl Layout for KittiStereo2015 {
+    const KIND: (&'static str, u32) = (KIND, VERSION);
 
-impl FrameFiles {
-    fn key(&self) -> Key {
-        let mut key = Key::build(KIND).number(VERSION.into()).bytes(&self.left.1).bytes(&self.right.1);
-        for (name, file) in [("calibration", &self.calibration), ("truth", &self.truth)] {
-            if let Some((_, bytes)) = file {
+    /// As recordings of before have it.
+    fn key(&self, files: &Files) -> Key {
+        let bytes = |part: Part| files.get(part).map(|file| &*file.bytes);
+        let mut key = Key::build(KIND).number(VERSION.into());
+        for part in [LEFT, RIGHT] {
+            key = key.bytes(bytes(part).unwrap_or_default());
+        }
+        for (name, bytes) in [("calibration", bytes(CALIBRATION)), ("truth", self.truth.and_then(bytes))] {
+            if let Some(bytes) = bytes {
                 key = key.text(name).bytes(bytes);
             }
         }
-        if self.gives_disparities {
+        // A frame that gives more is another, though the same files were read.
+        if !self.evaluation.is_empty() {
             key = key.text("disparities");
         }
-        for (folder, _, bytes) in &self.evaluation {
-            key = key.text(folder).bytes(bytes);
+        for part in self.evaluation.iter().filter(|part| Some(**part) != self.truth) {
+            key = key.text(part).bytes(bytes(part).unwrap_or_default());
         }
         key.finish()
     }
-}
 
-impl KittiStereo2015 {
-    /// The files of a frame, and their key.
-    fn files(&self, position: usize) -> Result<(FrameFiles, Key), Fault> {
-        let frame = &self.frames[position];
-        let read = |path: PathBuf| image_file::read(&path).map(|bytes| (path, bytes));
-        let files = FrameFiles {
-            left: read(self.image_path("image_2", frame))?,
-            right: read(self.image_path("image_3", frame))?,
-            calibration: self.has_calibration.then(|| read(self.calibration_path(frame))).transpose()?,
-            truth: self.truth.map(|folder| read(self.image_path(folder, frame))).transpose()?,
-            evaluation: self
-                .evaluation
-                .iter()
-                .filter(|folder| Some(**folder) != self.truth)
-                .map(|folder| read(self.image_path(folder, frame)).map(|(path, bytes)| (*folder, path, bytes)))
-                .collect::<Result<_, _>>()?,
-            gives_disparities: !self.evaluation.is_empty(),
-        };
-        let key = files.key();
-        Ok((files, key))
-    }
-}
-
-impl Source for KittiStereo2015 {
-    fn frames(&self) -> &[Frame] {
-        &self.frames
-    }
-
-    fn warnings(&self) -> &[String] {
-        &self.warnings
-    }
-
-    fn key(&self, position: usize) -> Result<Key, Fault> {
-        let (files, key) = self.files(position)?;
-        self.asked.keep(position, (files, key));
-        Ok(key)
-    }
-
-    fn read(&self, position: usize, ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
-        let (files, key) = self.asked.take(position).map_or_else(|| self.files(position), Ok)?;
-        let ((left_path, left), (right_path, right)) = (files.left, files.right);
-        let left = image_file::image(&left_path, left)?;
-        let right = image_file::image(&right_path, right)?;
+    fn values(&self, files: &Files, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        let (left, right) = files.pair()?;
         let size = left.dimensions();
-        same_size_as_left((&left_path, size), (&right_path, right.dimensions()))?;
-
-        let calibration = match files.calibration {
-            Some((path, bytes)) => kitti_calibration::from_text(&path, &String::from_utf8_lossy(&bytes), size)?,
+        let calibration = match files.get(CALIBRATION) {
+            Some(file) => kitti_calibration::from_text(&file.path, &file.text(), size)?,
             None => {
-                let assumed = kitti_calibration::by_width(size).map_err(|fault| at_file(&left_path, fault))?;
+                let left = files.the(LEFT)?;
+                let assumed = kitti_calibration::by_width(size).map_err(|fault| at_file(&left.path, fault))?;
                 ctx.host.warn(&kitti_calibration::assumption(&self.folder, &assumed));
                 assumed
             }
         };
+        let map = |part| Ok(files.map_u16(part, "disparity", size)?.as_ref().map(TrueDisparity::from_px_256));
+        let maps = Evaluation { noc: map(NOC)?, occ: map(OCC)?, objects: objects(files, size)? };
+        let truth = if self.truth == Some(OCC) { maps.occ.as_ref() } else { maps.noc.as_ref() };
         let mut outputs = Outputs::one("left", left).with("right", right);
-        let mut maps = Evaluation::default();
-        if let (Some((path, bytes)), Some(folder)) = (files.truth, self.truth) {
-            let raw = disparities(&path, &bytes, (&left_path, size))?;
-            outputs = outputs.with("depth", true_depth(&raw, &calibration));
-            if self.evaluation.contains(&folder) {
-                maps.take(folder, raw);
-            }
+        if let (Some(truth), Some(_)) = (truth, self.truth) {
+            outputs = outputs.with("depth", true_disparity::depth(truth, &calibration));
         }
-        for (folder, path, bytes) in files.evaluation {
-            match folder {
-                OBJECTS => maps.objects = Some(objects(&path, bytes, (&left_path, size))?),
-                _ => maps.take(folder, disparities(&path, &bytes, (&left_path, size))?),
-            }
+        if !self.evaluation.is_empty() {
+            outputs = maps.outputs(outputs);
         }
-        outputs = maps.outputs(outputs);
-        Ok(SourceOutputs { outputs: outputs.with("calibration", calibration), key })
+        Ok(outputs.with("calibration", calibration))
     }
 }
 
-fn disparities(path: &Path, bytes: &[u8], left: (&Path, (u32, u32))) -> Result<Raster<u16>, Fault> {
-    let raw = image_file::map_u16(path, bytes, "disparity")?;
-    same_size_as_left(left, (path, raw.dimensions()))?;
-    Ok(raw)
-}
-
-fn true_depth(raw: &Raster<u16>, calibration: &Calibration) -> Depth {
-    let metres = filled(raw.dimensions(), |out| {
-        truth_from_disparity_png(raw, calibration.focal_px, calibration.baseline_m, out);
-    });
-    Depth { metres }
-}
-
 /// Set where the map has an object, of whatever number.
-fn objects(path: &Path, bytes: Arc<[u8]>, left: (&Path, (u32, u32))) -> Result<Mask, Fault> {
-    let image = image_file::image(path, bytes)?;
-    same_size_as_left(left, (path, image.dimensions()))?;
+fn objects(files: &Files, size: (u32, u32)) -> Result<Option<Mask>, Fault> {
+    let Some(file) = files.get(OBJECTS) else { return Ok(None) };
+    let image = image_file::image(&file.path, Arc::clone(&file.bytes))?;
+    files.same_size_as_left(size, file, image.dimensions())?;
     let Pixels::Grey(numbers) = image.pixels() else {
-        let what = format!("{} is a colour image: KITTI's object maps have one channel", path.display());
+        let what = format!("{} is a colour image: KITTI's object maps have one channel", file.path.display());
         return Err(Fault::new(what).remedy("write the objects' numbers as 8-bit grey, 0 = background"));
     };
     let mut set = numbers.clone();
     set.iter_mut().for_each(|number| *number = if *number > 0 { 255 } else { 0 });
-    Ok(Mask { set })
-}
-
-/// What `score/disparity` takes of a frame, as far as it is there.
-#[derive(Default)]
-struct Evaluation {
-    noc: Option<Raster<u16>>,
-    occ: Option<Raster<u16>>,
-    objects: Option<Mask>,
-}
-
-impl Evaluation {
-    fn take(&mut self, folder: &str, raw: Raster<u16>) {
-        *if folder == NOC { &mut self.noc } else { &mut self.occ } = Some(raw);
-    }
-
-    fn outputs(self, mut outputs: Outputs) -> Outputs {
-        if let (Some(noc), Some(occ)) = (&self.noc, &self.occ) {
-            let hidden = occ.iter().zip(noc.iter()).map(|(&occ, &noc)| if occ > 0 && noc == 0 { 255 } else { 0 });
-            let set = Raster::from_raw(occ.width(), occ.height(), hidden.collect());
-            outputs = outputs.with("occluded", Mask { set: set.expect("both maps are of the left image's size") });
-        }
-        for (port, raw) in [("disp_noc", self.noc), ("disp_occ", self.occ)] {
-            if let Some(px_256) = raw {
-                outputs = outputs.with(port, TrueDisparity { px_256 });
-            }
-        }
-        match self.objects {
-            Some(objects) => outputs.with("obj_map", objects),
-            None => outputs,
-        }
-    }
-}
-
-fn same_size_as_left(left: (&Path, (u32, u32)), other: (&Path, (u32, u32))) -> Result<(), Fault> {
-    if left.1 == other.1 {
-        return Ok(());
-    }
-    let ((left, (lw, lh)), (other, (w, h))) = (left, other);
-    Err(Fault::new(format!(
-        "{} is {w}x{h}, and {} is {lw}x{lh}: they must be of one size",
-        other.display(),
-        left.display()
-    ))
-    .remedy("the files of a frame belong together: make or unpack the frame's again"))
-}
-
-fn at_file(path: &Path, fault: Fault) -> Fault {
-    match fault {
-        Fault::Failed { what, remedy, source } => {
-            Fault::Failed { what: format!("{}: {what}", path.display()), remedy, source }
-        }
-        Fault::Cancelled => Fault::Cancelled,
-    }
+    Ok(Some(Mask { set }))
 }

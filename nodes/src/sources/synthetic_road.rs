@@ -142,6 +142,7 @@ impl Road {
             cx_px: frame.calibration.cx_px,
             cy_px: frame.calibration.cy_px,
             baseline_m: frame.calibration.baseline_m,
+            doffs_px: 0.0,
         };
         RoadFrame {
             sparse_visible: depth(frame.sparse_visible()),

@@ -1,16 +1,26 @@
-//! True disparities in the fixed point of KITTI's files: 16 bit, 1/256 px, 0 = unknown.
+//! True disparities from depths, in steps of KITTI's files, and depths from true disparities.
 
 use depthloom_graphs::values::{Calibration, Depth, Raster, TrueDisparity};
+use depthloom_kernels::depth::truth_from_disparity;
 use image::Luma;
 
-/// The disparities of a depth map; unknown is also what 16 bits do not hold.
+use crate::geometry::geometry;
+use crate::shape::filled;
+
+/// `f * B / (d + doffs)`, NaN where the disparity is unknown or that sum not above 0.
+pub fn depth(truth: &TrueDisparity, of: &Calibration) -> Depth {
+    let px = &truth.px;
+    Depth { metres: filled(px.dimensions(), |out| truth_from_disparity(px, geometry(of), out)) }
+}
+
+/// The disparities of a depth map, rounded to 1/256 px; unknown is also what 16 bits do not hold.
 pub fn from_depth(depth: &Depth, of: &Calibration) -> TrueDisparity {
     let (width, height) = depth.metres.dimensions();
     let px_256 = Raster::from_fn(width, height, |x, y| {
         let metres = f64::from(depth.metres.get_pixel(x, y).0[0]);
-        Luma([fixed_point(of.focal_baseline_px_m() / metres)])
+        Luma([fixed_point(of.disparity_px(metres))])
     });
-    TrueDisparity { px_256 }
+    TrueDisparity::from_px_256(&px_256)
 }
 
 /// A disparity in 1/256 px: 0 where unknown (NaN, no disparity) or beyond 16 bits.

@@ -43,12 +43,20 @@ fn kinds_and_ports_are_those_of_the_language() {
         registry.sources().map(|source| (source.declaration.kind, names(&source.declaration.outputs))).collect();
     let pair = ["left", "right", "calibration"];
     let with = |more: &[&'static str]| [&pair[..], more].concat();
+    let scene = ["depth", "disp_noc", "disp_occ", "occluded"];
     let expected = [
+        ("drivingstereo", with(&["depth", "disp_occ"])),
+        ("eth3d/two-view", with(&scene)),
+        ("images", with(&["depth", "disparity"])),
         ("kitti/depth", with(&["depth"])),
         ("kitti/odometry", with(&[])),
         ("kitti/raw", with(&["depth"])),
-        ("kitti/stereo2012", with(&["depth", "disp_noc", "disp_occ", "occluded"])),
+        ("kitti/stereo2012", with(&scene)),
         ("kitti/stereo2015", with(&["depth", "disp_noc", "disp_occ", "occluded", "obj_map"])),
+        ("middlebury", with(&scene)),
+        ("ros2/bag", with(&["depth"])),
+        ("scene-flow", with(&["depth", "disp_occ"])),
+        ("sintel-stereo", with(&scene)),
         ("synthetic/road", with(&["depth", "dense", "occluded", "disp_noc", "disp_occ", "obj_map"])),
     ];
     assert_eq!(sources, expected);

@@ -331,7 +331,7 @@ fn truth_comes_as_disparities_too_where_it_is_asked_for_and_there() {
     }
     let (given, key) = read(json!({ "disparities": true }));
     let disparities = |port: &str| match &given[port] {
-        Value::TrueDisparity(truth) => truth.px_256.as_raw().clone(),
+        Value::TrueDisparity(truth) => truth.px_256().unwrap().into_raw(),
         other => panic!("{port} is {}", other.value_type()),
     };
     assert_eq!((disparities("disp_noc"), disparities("disp_occ")), (noc.clone().into_raw(), occ.clone().into_raw()));
@@ -344,6 +344,7 @@ fn truth_comes_as_disparities_too_where_it_is_asked_for_and_there() {
     assert!(objects.set.enumerate_pixels().all(|(x, _, set)| set.0[0] == if x < 10 { 255 } else { 0 }));
     // The depth is what it is without; the key says what was read, and is the older one where nothing more is.
     let (other, other_key) = read(json!({ "disparities": true, "truth": "occ" }));
+    assert!(crate::stereo_sets::agree(&other) > 0);
     let (unread, unread_key) = read(json!({ "disparities": false }));
     assert_eq!(metres(&given["depth"]).len(), metres(&unread["depth"]).len());
     assert!(other.contains_key("disp_noc") && key != other_key && key != unread_key && unread_key != plain_key);

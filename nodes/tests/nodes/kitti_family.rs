@@ -1,84 +1,29 @@
 //! KITTI's other benchmarks: `kitti/stereo2012`, `kitti/depth`, `kitti/odometry`: what stands where, and a point of each by hand.
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use depthloom_graphs::Value;
 use depthloom_test_needs::shared;
-use image::{DynamicImage, ImageBuffer, Luma, RgbImage};
 use serde_json::{Value as Json, json};
-use tempfile::TempDir;
 
-use crate::call::{Opened, Values, metres, open};
+use crate::call::{Values, metres, open};
+use crate::folder::Folder;
+use crate::stereo_sets::agree;
 
 /// Focal length 20 px, principal point (20, 15), baseline 0.5 m: `f * B` is 10 px m. The left of a pair may stand aside.
 fn projections(left: &str, right: &str) -> String {
     format!("{left}: 20 0 20 4 0 20 15 0 0 0 1 0\n{right}: 20 0 20 -6 0 20 15 0 0 0 1 0\n")
 }
 
-struct Folder {
-    root: PathBuf,
-    _folder: Option<TempDir>,
-}
-
 /// A small set of a kind in a folder, as parameters.
 pub fn small(kind: &str, root: &Path) -> Json {
-    let set = Folder { root: root.to_owned(), _folder: None };
+    let set = Folder::at(root);
     match kind {
         "kitti/stereo2012" => stereo_2012(set).params(&json!({ "disparities": true })),
         "kitti/odometry" => odometry(set).params(&json!({ "sequence": "04" })),
         "kitti/depth" => depth(set).params(&json!({ "raw": root.join("raw") })),
         _ => panic!("add a small {kind}"),
-    }
-}
-
-impl Folder {
-    fn new() -> Self {
-        let folder = tempfile::tempdir().unwrap();
-        Self { root: folder.path().to_owned(), _folder: Some(folder) }
-    }
-
-    fn path(&self, file: &str) -> PathBuf {
-        let path = self.root.join(file);
-        fs::create_dir_all(path.parent().unwrap()).unwrap();
-        path
-    }
-
-    /// The folder of the raw data.
-    fn raw(&self) -> PathBuf {
-        self.root.join("raw")
-    }
-
-    fn text(&self, file: &str, text: &str) {
-        fs::write(self.path(file), text).unwrap();
-    }
-
-    fn image(&self, file: &str) {
-        let image = RgbImage::from_fn(40, 30, |x, y| image::Rgb([x as u8, y as u8, 7]));
-        DynamicImage::ImageRgb8(image).save(self.path(file)).unwrap();
-    }
-
-    /// 16 bits: `value` in column 3 of row 2, 0 elsewhere.
-    fn map(&self, file: &str, value: u16) {
-        let map = ImageBuffer::from_fn(40, 30, |x, y| Luma([if (x, y) == (3, 2) { value } else { 0 }]));
-        DynamicImage::ImageLuma16(map).save(self.path(file)).unwrap();
-    }
-
-    fn params(&self, more: &Json) -> Json {
-        let mut params = json!({ "root": self.root });
-        params.as_object_mut().unwrap().extend(more.as_object().unwrap().clone());
-        params
-    }
-
-    fn open(&self, kind: &str, more: &Json) -> Opened {
-        open(kind, &self.params(more)).unwrap_or_else(|fault| panic!("{}", fault.chain()))
-    }
-
-    /// What a person is told at the opening, with the temporary folder called ROOT.
-    fn told(&self, kind: &str, more: &Json) -> String {
-        let fault = open(kind, &self.params(more)).err().expect("it is refused");
-        let remedy = fault.remedy_text().map_or_else(String::new, |text| format!("\n  remedy: {text}"));
-        format!("{}{remedy}", fault.chain()).replace(&self.root.display().to_string(), "ROOT")
     }
 }
 
@@ -120,6 +65,8 @@ fn stereo_2012_gives_the_first_step_of_either_pair_with_its_truth() {
     for port in ["disp_noc", "disp_occ", "occluded"] {
         assert!(values.contains_key(port), "{port}");
     }
+    let (values, _) = set.open("kitti/stereo2012", &json!({ "truth": "occ", "disparities": true })).read(0).unwrap();
+    assert_eq!(agree(&values), 1);
     // The colour cameras are a metre apart here.
     let (values, _) = set.open("kitti/stereo2012", &json!({ "truth": "occ", "frames": [7] })).read(0).unwrap();
     assert_eq!((baseline(&values), known(&values)), (1.0, (4.0, 1)));
@@ -183,7 +130,7 @@ fn depth(set: Folder) -> Folder {
 #[test]
 fn depth_has_annotated_truth_over_the_raw_datas_images() {
     let set = depth(Folder::new());
-    let raw = set.raw();
+    let raw = set.path("raw");
     let source = set.open("kitti/depth", &json!({ "raw": raw }));
     let ids: Vec<_> = source.source.frames().iter().map(|frame| (frame.index, &*frame.id)).collect();
     assert_eq!(ids, [(1, "2011_09_26_drive_0001_sync_0000000001")]);
@@ -210,7 +157,7 @@ fn the_shared_annotated_maps_are_read_as_opencv_reads_them() {
     let calibration = "calib_cam_to_cam.txt";
     fs::copy(images.join(calibration), set.path(&format!("raw/2011_09_26/{calibration}"))).unwrap();
     let root = shared.join("data/kitti_depth");
-    let source = open("kitti/depth", &json!({ "root": root, "raw": set.raw() })).unwrap();
+    let source = open("kitti/depth", &json!({ "root": root, "raw": set.path("raw") })).unwrap();
     assert_eq!(source.source.frames().len(), 2);
     for (position, number) in [5, 6].into_iter().enumerate() {
         let file = format!("2011_09_26_drive_0001_sync/proj_depth/groundtruth/image_02/{number:010}.png");
@@ -225,19 +172,15 @@ fn the_shared_annotated_maps_are_read_as_opencv_reads_them() {
 
 #[test]
 fn what_is_missing_is_named_with_its_remedy() {
-    let remove = |set: &Folder, file: &str| {
-        let path = set.path(file);
-        if path.is_dir() { fs::remove_dir_all(path) } else { fs::remove_file(path) }.unwrap();
-    };
     let refused = |set: Folder, kind: &str, more: Json, file: &str| {
-        remove(&set, file);
+        set.remove(file);
         format!("{kind} without {file}:\n{}\n", set.told(kind, &more))
     };
     let of_2012 = |file| refused(stereo_2012(Folder::new()), "kitti/stereo2012", json!({}), file);
     let of_odometry = |file| refused(odometry(Folder::new()), "kitti/odometry", json!({ "sequence": "04" }), file);
     let of_depth = |file: &str| {
         let set = depth(Folder::new());
-        let raw = set.raw();
+        let raw = set.path("raw");
         refused(set, "kitti/depth", json!({ "raw": raw }), file).replace(&raw.display().to_string(), "ROOT/raw")
     };
     let told = [

@@ -1,18 +1,29 @@
 //! Tests of nodes and sources through the registry, as the runner calls them.
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on says so by panicking")]
 
+mod bag_writer;
 mod call;
 mod declarations;
 mod digests;
 mod disparity;
 mod fixtures;
+mod folder;
 mod golden;
+mod images;
+mod inspection;
 mod kitti;
 mod kitti_family;
 mod kitti_raw;
 mod network;
 mod onnx_file;
+mod recognise;
 mod road;
+mod ros2_bag;
+mod ros2_bag_broken;
+mod ros2_bag_rosbags;
+mod ros2_bag_survey;
 mod score;
 mod score_disparity;
 mod steps;
+mod stereo_sets;
+mod stereo_sets_broken;

@@ -113,7 +113,7 @@ fn scores_are_those_of_kittis_development_kit() {
         let objects = objects.iter().map(|&object| if object > 0 { 255 } else { 0 }).collect();
         let inputs = [
             ("estimate", &disparity.into()),
-            ("truth", &TrueDisparity { px_256: Raster::from_raw(width, height, truth).unwrap() }.into()),
+            ("truth", &TrueDisparity::from_px_256(&Raster::from_raw(width, height, truth).unwrap()).into()),
             ("obj_map", &Mask { set: Raster::from_raw(width, height, objects).unwrap() }.into()),
         ];
         let rows = rows(&json!({ "sets": ["answered", "filled", "all"] }), &inputs);
@@ -144,12 +144,13 @@ fn a_road_gives_truth_as_disparities_with_its_cars_and_both_pixel_sets_differ() 
         panic!("disparities")
     };
     let Value::Mask(occluded) = &values["occluded"] else { panic!("a mask") };
-    for ((noc, occ), hidden) in noc.px_256.iter().zip(occ.px_256.iter()).zip(occluded.set.iter()) {
+    let (noc, occ) = (noc.px_256().unwrap(), occ.px_256().unwrap());
+    for ((noc, occ), hidden) in noc.iter().zip(occ.iter()).zip(occluded.set.iter()) {
         assert_eq!(*noc, if *hidden > 0 { 0 } else { *occ });
     }
     // What is answered by the truth itself is off by what 1/16 px cannot tell; what is occluded is wrong where only `noc` answers.
-    let sixteenths = noc.px_256.iter().map(|v| (v / 16) as i16).collect();
-    let (width, height) = noc.px_256.dimensions();
+    let sixteenths = noc.iter().map(|v| (v / 16) as i16).collect();
+    let (width, height) = noc.dimensions();
     let sixteenths_px = Raster::from_raw(width, height, sixteenths).unwrap();
     let estimate = Disparity { sixteenths_px, min_disparity_px: 0 }.into();
     let inputs = [
@@ -178,7 +179,7 @@ fn bands_of_distance_want_a_calibration() {
     let params = json!({ "zones": { "distance_m": [0, 10, 80] } });
     let (estimate, truth) = (vec![16; 4], vec![256; 4]);
     let estimate = Disparity { sixteenths_px: Raster::from_raw(2, 2, estimate).unwrap(), min_disparity_px: 0 };
-    let truth = TrueDisparity { px_256: Raster::from_raw(2, 2, truth).unwrap() };
+    let truth = TrueDisparity::from_px_256(&Raster::from_raw(2, 2, truth).unwrap());
     let fault =
         call("score/disparity", &params, &[("estimate", estimate.into()), ("truth", truth.into())]).unwrap_err();
     assert!(fault.to_string().contains("wants a calibration"), "{fault}");

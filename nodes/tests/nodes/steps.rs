@@ -20,7 +20,7 @@ fn weight(width: u32, shares: &[f32]) -> Value {
 }
 
 pub fn calibration(focal_px: f64, baseline_m: f64) -> Value {
-    Calibration { width: 4, height: 1, focal_px, cx_px: 2.0, cy_px: 0.5, baseline_m }.into()
+    Calibration { width: 4, height: 1, focal_px, cx_px: 2.0, cy_px: 0.5, baseline_m, doffs_px: 0.0 }.into()
 }
 
 fn disparity(sixteenths: &[i16]) -> Value {

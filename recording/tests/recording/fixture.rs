@@ -209,6 +209,7 @@ pub fn values(frame: &Frame, width: u32, height: u32) -> Vec<(Slot, Value)> {
         cx_px: 609.5593,
         cy_px: 172.854,
         baseline_m: 0.532_725_451_7,
+        doffs_px: 0.0,
     };
     // One with all scores of a recording of before, one in a zone with others, and numbers that are easily lost.
     let row = |set, a1| {

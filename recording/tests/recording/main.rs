@@ -7,3 +7,4 @@ mod looking;
 mod other_readers;
 mod python;
 mod round_trip;
+mod true_disparity;

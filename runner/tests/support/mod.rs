@@ -20,7 +20,7 @@ use depthloom_graphs::{
 /// A number as a value. Its low 16 bits are the frame's index all along the graph, so that toys know when to fail.
 pub fn number(n: u64) -> Value {
     let (width, height) = ((n >> 32) as u32, n as u32);
-    Value::from(Calibration { width, height, focal_px: 0.0, cx_px: 0.0, cy_px: 0.0, baseline_m: 0.0 })
+    Value::from(Calibration { width, height, focal_px: 0.0, cx_px: 0.0, cy_px: 0.0, baseline_m: 0.0, doffs_px: 0.0 })
 }
 
 pub fn read(value: &Calibration) -> u64 {

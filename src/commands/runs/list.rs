@@ -5,9 +5,10 @@ use serde_json::json;
 use crate::args::RunsArgs;
 use crate::columns::aligned;
 use crate::exit::{Exit, Stop};
+use crate::outputs::Output;
 use crate::runs::{FoundRun, Glance, all};
 use crate::sizes::size;
-use crate::streams::{print, print_json, say};
+use crate::streams::{print, print_output, say};
 
 /// Prints a line a run.
 pub fn list(args: &RunsArgs) -> Result<Exit, Stop> {
@@ -15,7 +16,7 @@ pub fn list(args: &RunsArgs) -> Result<Exit, Stop> {
     let runs: Vec<(&FoundRun, Glance)> = runs.iter().rev().map(|run| (run, Glance::at(run))).collect();
     if args.json {
         let runs: Vec<_> = runs.iter().map(|(run, glance)| glance.json(run)).collect();
-        print_json(&json!({ "folder": args.folder.to_string_lossy(), "runs": runs }))?;
+        print_output(Output::RunsList, json!({ "folder": args.folder.to_string_lossy(), "runs": runs }))?;
         return Ok(Exit::Whole);
     }
     if runs.is_empty() {
@@ -33,7 +34,7 @@ fn row(run: &FoundRun, glance: &Glance) -> [String; 8] {
     let best = glance.best.as_ref();
     let nothing = || "-".to_owned();
     let count = |count: u64| if glance.experiment.is_some() { count.to_string() } else { nothing() };
-    let remark = best.map(|best| format!("{} {:.4}  {}", best.metric, best.value, best.estimator));
+    let remark = best.map(|best| format!("{} {:.4}  {}", best.metric, best.value, best.label));
     [
         run.name.clone(),
         run.time.format("%Y-%m-%d %H:%M").to_string(),

@@ -14,6 +14,7 @@ use crate::args::{PruneArgs, RunsArgs};
 use crate::counted::counted;
 use crate::environment;
 use crate::exit::{Exit, Stop};
+use crate::outputs::Output;
 use crate::run_folder::Removal;
 use crate::runs::{FoundRun, Glance, State};
 use crate::sizes::size;
@@ -49,7 +50,7 @@ pub fn prune(args: &RunsArgs, rules: &PruneArgs) -> Result<Exit, Stop> {
     }
     let kept: Vec<Json> =
         kept.iter().map(|(run, why)| json!({ "path": run.found.path.to_string_lossy(), "why": why })).collect();
-    removed.tell(args, json!({ "dry_run": rules.dry_run, "runs": asked().count(), "kept": kept }))
+    removed.tell(args, Output::RunsPrune, json!({ "dry_run": rules.dry_run, "runs": asked().count(), "kept": kept }))
 }
 
 /// A run, and what rules ask of it.

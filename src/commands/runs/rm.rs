@@ -7,10 +7,11 @@ use serde_json::{Value as Json, json};
 use crate::args::{RmArgs, RunsArgs};
 use crate::diagnostics::{error_json, print_stop};
 use crate::exit::{Exit, Stop};
+use crate::outputs::Output;
 use crate::run_folder::Removal;
 use crate::runs::{bytes_in, named};
 use crate::sizes::size;
-use crate::streams::{print, print_json};
+use crate::streams::{print, print_output};
 
 /// Removes the runs that are named: all of them, or none if one may not be removed.
 pub fn rm(args: &RunsArgs, asked: &RmArgs) -> Result<Exit, Stop> {
@@ -25,7 +26,7 @@ pub fn rm(args: &RunsArgs, asked: &RmArgs) -> Result<Exit, Stop> {
     }
     let mut done = Removed::default();
     removals.into_iter().try_for_each(|removal| done.remove(removal, args.json))?;
-    done.tell(args, json!({}))
+    done.tell(args, Output::RunsRm, json!({}))
 }
 
 fn same(one: &Path, other: &Path) -> bool {
@@ -64,7 +65,7 @@ impl Removed {
     }
 
     /// Tells programs what was removed, besides what `told` holds, and everybody what could not be.
-    pub(super) fn tell(self, args: &RunsArgs, mut told: Json) -> Result<Exit, Stop> {
+    pub(super) fn tell(self, args: &RunsArgs, output: Output, mut told: Json) -> Result<Exit, Stop> {
         let exit = self.failed.first().map_or(Exit::Whole, |stop| stop.exit);
         self.failed.iter().for_each(print_stop);
         if args.json {
@@ -73,7 +74,7 @@ impl Removed {
             if let Some(stop) = self.failed.first() {
                 told["error"] = error_json(stop);
             }
-            print_json(&told)?;
+            print_output(output, told)?;
         }
         Ok(exit)
     }

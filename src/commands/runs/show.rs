@@ -1,8 +1,6 @@
 //! `depthloom runs show`: a run at length.
 
-use std::fs;
-use std::path::Path;
-
+use depthloom_analysis::variant_of;
 use depthloom_recording::{RecordedSource, Recording};
 use serde_json::{Value as Json, json};
 
@@ -13,9 +11,10 @@ use crate::counted::counted;
 use crate::environment;
 use crate::exit::{Exit, Stop};
 use crate::models;
-use crate::runs::{FoundRun, Glance, State, named};
+use crate::outputs::Output;
+use crate::runs::{FoundRun, Glance, State, files_in, named};
 use crate::sizes::size;
-use crate::streams::{print, print_json};
+use crate::streams::{print, print_output};
 
 /// How many variants are named.
 const NAMED: usize = 12;
@@ -28,7 +27,7 @@ pub fn show(args: &RunsArgs, asked: &ShowArgs) -> Result<Exit, Stop> {
     // What another process writes at this moment is not read, and of what cannot be read the glance says why.
     let recording = (glance.state != State::Running).then(|| Recording::open(path.join(RECORDING)).ok()).flatten();
     let environment = environment::of(&path);
-    let files = files(&path, "");
+    let files = files_in(&path);
     if args.json {
         let mut told = glance.json(&run);
         let plan = recording.as_ref().map(Recording::plan);
@@ -37,7 +36,7 @@ pub fn show(args: &RunsArgs, asked: &ShowArgs) -> Result<Exit, Stop> {
         told["stages"] = recording.iter().flat_map(stages).map(|stage| stage.json()).collect();
         told["environment"] = environment;
         told["files"] = files.iter().map(|(name, bytes)| json!({ "name": name, "bytes": bytes })).collect();
-        print_json(&told)?;
+        print_output(Output::RunsShow, told)?;
         return Ok(Exit::Whole);
     }
     let mut rows = vec![["run".to_owned(), format!("{} ({})", run.path.display(), glance.state_text())]];
@@ -57,7 +56,7 @@ pub fn show(args: &RunsArgs, asked: &ShowArgs) -> Result<Exit, Stop> {
         }
     }
     if let Some(best) = &glance.best {
-        row("best score", format!("{} {:.4}  {}", best.metric, best.value, best.estimator));
+        row("best score", format!("{} {:.4}  {}", best.metric, best.value, best.label));
     }
     if let Some(trouble) = &glance.trouble {
         row("trouble", trouble.clone());
@@ -100,6 +99,8 @@ fn variants(names: &[String]) -> String {
 /// A stage run of the recording.
 struct Stage<'a> {
     name: &'a str,
+    stage: &'a str,
+    variant: Option<&'a str>,
     frames: usize,
     source: &'a RecordedSource,
     nodes: usize,
@@ -109,6 +110,8 @@ struct Stage<'a> {
 fn stages(recording: &Recording) -> impl Iterator<Item = Stage<'_>> {
     recording.plan().runs.iter().enumerate().map(|(run, planned)| Stage {
         name: planned.name(),
+        stage: &planned.stage,
+        variant: variant_of(recording.plan(), &planned.variants),
         frames: recording.frames(run).len(),
         source: &planned.source,
         nodes: planned.nodes.len(),
@@ -137,7 +140,8 @@ impl Stage<'_> {
 
     fn json(&self) -> Json {
         json!({
-            "stage": self.name,
+            "stage": self.stage,
+            "variant": self.variant,
             "frames": self.frames,
             "source": self.source.name,
             "source_kinds": self.kinds(),
@@ -145,19 +149,4 @@ impl Stage<'_> {
             "models": self.models,
         })
     }
-}
-
-/// The files in a folder and in its folders, by name.
-fn files(folder: &Path, prefix: &str) -> Vec<(String, u64)> {
-    let mut files = Vec::new();
-    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
-        let name = format!("{prefix}{}", entry.file_name().to_string_lossy());
-        match entry.metadata() {
-            Ok(metadata) if metadata.is_dir() => files.extend(self::files(&entry.path(), &format!("{name}/"))),
-            Ok(metadata) => files.push((name, metadata.len())),
-            Err(_) => {}
-        }
-    }
-    files.sort();
-    files
 }

@@ -14,7 +14,8 @@ use crate::commands::report::{RECORDING, recording_in};
 use crate::commands::table::open;
 use crate::environment;
 use crate::exit::{Exit, Stop};
-use crate::streams::{print, print_json};
+use crate::outputs::Output;
+use crate::streams::{print, print_output};
 
 /// The experiment as resolved, in a recording.
 const RESOLVED: &str = "experiment.resolved.yaml";
@@ -27,7 +28,7 @@ pub fn why(args: &RunsArgs, asked: &WhyArgs) -> Result<Exit, Stop> {
     let recording = |run: &Path| open(&recording_in(&args.folder, run, "runs show")?);
     let compared = Compared::of(recording(&asked.before)?, recording(&asked.after)?)?;
     if args.json {
-        print_json(&compared.json())?;
+        print_output(Output::RunsWhy, compared.json())?;
     } else {
         print(compared.text())?;
     }

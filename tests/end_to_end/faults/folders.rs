@@ -126,7 +126,7 @@ fn a_report_elsewhere_names_what_lies_there() {
     assert_eq!(run("0..2", &out, &[]).status.code(), Some(0));
     let report = succeed(depthloom().arg("report").arg(&out).arg("--out").arg(&elsewhere));
     let printed = String::from_utf8_lossy(&report.stdout);
-    assert!(printed.contains("scores.csv") && !printed.contains("recording.mcap"), "{printed}");
+    assert!(printed.contains("scores.{csv,parquet}") && !printed.contains("recording.mcap"), "{printed}");
 }
 
 #[test]
@@ -147,6 +147,28 @@ fn fault_65_a_report_is_never_written_into_another_runs_folder() {
     // Its own is where it belongs, by whatever name.
     succeed(depthloom().arg("report").arg(&one).arg("--out").arg(&one));
     succeed(depthloom().current_dir(&one).args(["report", "recording.mcap", "--out", "."]));
+}
+
+#[test]
+fn fault_66_a_report_replaces_no_file_that_no_report_wrote() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (one, own) = (folder.path().join("one"), folder.path().join("own"));
+    assert_eq!(run("0..1", &one, &[]).status.code(), Some(0));
+    fs::create_dir(&own).expect("created");
+    let report = || depthloom().arg("report").arg(&one).arg("--out").arg(&own).output().expect("the binary starts");
+    for name in ["scores.csv", "scores.parquet", "true_distances.csv", "learning_curves.parquet"] {
+        fs::write(own.join(name), "mine,a1\n").expect("written");
+        let refused = report();
+        assert_eq!(refused.status.code(), Some(2), "{name}: {}", said(&refused));
+        assert!(said(&refused).contains(&format!("{name} would be replaced")), "{}", said(&refused));
+        assert_eq!(fs::read(own.join(name)).expect("it is there"), b"mine,a1\n");
+        fs::remove_file(own.join(name)).expect("removed");
+    }
+    // What a report wrote, one replaces; one of 0.1.0 too, whose Parquet files do not say what they are.
+    assert_eq!([report(), report()].map(|again| again.status.code()), [Some(0); 2]);
+    fs::write(own.join("table.csv"), "estimator,scored_on,a1\n").expect("written");
+    fs::write(own.join("table.parquet"), "PAR1").expect("written");
+    assert_eq!(report().status.code(), Some(0));
 }
 
 #[test]

@@ -7,7 +7,7 @@ use std::process::{Command, Output};
 use serde_json::Value as Json;
 
 use crate::onnx_file::{self, F32, Tensor, U8};
-use crate::support::{depthloom, onnx_runtime, read_csv, skipped, succeed};
+use crate::support::{depthloom, label, onnx_runtime, read_csv, skipped, succeed};
 
 /// A street of two frames, whatever `model` makes of its left image, fused in two ways, all scored.
 fn experiment(folder: &Path, model: &[u8], with: &str) -> PathBuf {
@@ -298,7 +298,7 @@ fn fault_42_pixels_of_a_network_that_are_no_numbers_are_counted_and_cost_stereo_
 
         let rows = read_csv(&out.join("scores.csv"));
         let answered = |frame: &str, estimator: &str| {
-            let mut rows = rows.iter().filter(|row| row["frame"] == frame && row["estimator"] == estimator);
+            let mut rows = rows.iter().filter(|row| row["frame"] == frame && label(row) == estimator);
             rows.next().unwrap_or_else(|| panic!("no row of {estimator}"))["pixels"].parse::<u64>().expect("a count")
         };
         let frames: std::collections::BTreeSet<&str> = rows.iter().map(|row| row["frame"].as_str()).collect();

@@ -76,7 +76,7 @@ fn fault_49_report_says_that_a_recording_is_unfinished_or_cut() {
         depthloom().arg("report").arg(path.with_file_name("run")).arg("--json").arg("--out").arg(folder.path()),
     );
     let json: serde_json::Value = serde_json::from_slice(&json.stdout).expect("JSON");
-    let stages = [serde_json::json!({ "stage": "look", "frames": 4 })];
+    let stages = [serde_json::json!({ "stage": "look", "variant": null, "frames": 4 })];
     assert_eq!(json["recording"], serde_json::json!({ "condition": "whole", "frames": 4, "stages": stages }));
 }
 
@@ -144,7 +144,7 @@ fn damage_that_a_number_would_come_from_is_an_error_that_says_what_is_lost_and_w
     assert!(said.contains("it held /look/depth/depth of frame `000002_10` (position 2 of stage `look`)"), "{said}");
     assert!(
         said.contains(
-            "copy the file again, or run the experiment again; what is whole all the same: scores.csv, table.* in"
+            "copy the file again, or run the experiment again; what is whole all the same: scores.*, table.* in"
         ),
         "{said}"
     );

@@ -13,7 +13,7 @@ pub mod signals;
 pub mod skips;
 
 pub use lichtblick::lichtblick;
-pub use python::{onnx_runtime, python};
+pub use python::{onnx_runtime, python, python_package};
 pub use rerun::{Rerun, rerun};
 pub use shared::shared;
 pub use skips::skipped;

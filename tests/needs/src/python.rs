@@ -1,7 +1,7 @@
 //! Python with the packages of `tests/python/requirements.txt`, in an environment of the tests' own.
 
 use std::fs::{self, File};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::sync::OnceLock;
 
@@ -22,6 +22,48 @@ pub fn python(test: &str) -> Option<PathBuf> {
             None
         }
     }
+}
+
+/// A Python that has the package `python/` as people install it, and the packages of `tests/python/requirements-package.txt`, in `target/package-tests`;
+/// `None`, and the test is skipped, where there is no Python or no package index.
+///
+/// # Panics
+/// If it cannot be made and `DEPTHLOOM_REQUIRE_PYTHON` is set, or the package cannot be installed.
+#[must_use]
+pub fn python_package(test: &str) -> Option<PathBuf> {
+    static PYTHON: OnceLock<Result<PathBuf, String>> = OnceLock::new();
+    match PYTHON.get_or_init(|| environment("package-tests", "requirements-package.txt")) {
+        Ok(python) => {
+            static INSTALLED: OnceLock<()> = OnceLock::new();
+            INSTALLED.get_or_init(|| install_package(python).expect("the package can be installed"));
+            Some(python.clone())
+        }
+        Err(why) => {
+            miss("DEPTHLOOM_REQUIRE_PYTHON", test, why);
+            None
+        }
+    }
+}
+
+/// Installs the package into an environment that has all that it needs: no index is asked, so that what it needs must be there.
+fn install_package(python: &Path) -> Result<(), String> {
+    let failed = |error: std::io::Error| format!("{}: {error}", python.display());
+    let lock = File::create(target().join("package-tests.lock")).map_err(failed)?;
+    lock.lock().map_err(failed)?;
+    let package = workspace().join("python");
+    let mut files = vec![package.join("pyproject.toml"), package.join("README.md")];
+    let sources = fs::read_dir(package.join("src/depthloom")).map_err(failed)?;
+    files.extend(sources.flatten().map(|file| file.path()).filter(|path| path.is_file()));
+    files.sort_unstable();
+    let texts = files.iter().map(|file| Ok(format!("{}\n{}", file.display(), fs::read_to_string(file)?)));
+    let wanted = texts.collect::<std::io::Result<String>>().map_err(failed)?;
+    let done = target().join("package-tests/package.txt");
+    if fs::read_to_string(&done).is_ok_and(|have| have == wanted) {
+        return Ok(());
+    }
+    let pip = ["-m", "pip", "install", "--quiet", "--no-index", "--no-build-isolation"];
+    told(Command::new(python).args(pip).arg(&package))?;
+    fs::write(done, wanted).map_err(failed)
 }
 
 /// The ONNX Runtime library of [that Python](python).

@@ -88,7 +88,8 @@ fn told(frames: &[Wired]) -> String {
 #[test]
 fn a_frame_becomes_a_sample_with_its_name_planes_and_scale() {
     let halves = RgbImage::from_fn(16, 8, |x, _| image::Rgb(if x < 8 { [10, 20, 30] } else { [40, 50, 60] }));
-    let calibration = Calibration { width: 16, height: 8, focal_px: 32.0, cx_px: 8.0, cy_px: 4.0, baseline_m: 0.5 };
+    let calibration =
+        Calibration { width: 16, height: 8, focal_px: 32.0, cx_px: 8.0, cy_px: 4.0, baseline_m: 0.5, doffs_px: 0.0 };
     let image = Image::new(Pixels::Rgb(halves));
     let found = samples(&[Wired { image, calibration: Some(calibration), ..wired(0) }]);
     assert_eq!((found.width, found.height, found.has_right, found.items.len()), (4, 2, false, 1));
@@ -166,9 +167,17 @@ fn all_frames_or_none_have_a_right_image() {
 
 #[test]
 fn a_calibration_without_metres_is_told() {
-    let calibration = Calibration { width: 16, height: 8, focal_px: 32.0, cx_px: 8.0, cy_px: 4.0, baseline_m: 0.0 };
+    let calibration =
+        Calibration { width: 16, height: 8, focal_px: 32.0, cx_px: 8.0, cy_px: 4.0, baseline_m: 0.0, doffs_px: 0.0 };
     let flat = told(&[Wired { calibration: Some(calibration), ..wired(0) }]);
     assert_eq!(flat, "`calibration` has a focal length of 32 px and a baseline of 0 m");
+    let calibration =
+        Calibration { width: 16, height: 8, focal_px: 32.0, cx_px: 8.0, cy_px: 4.0, baseline_m: 0.5, doffs_px: 1.5 };
+    let apart = told(&[Wired { calibration: Some(calibration), ..wired(0) }]);
+    assert_eq!(
+        apart,
+        "the principal points of `calibration` are 1.5 px apart, and metres are learnt where they are one"
+    );
 }
 
 #[test]

@@ -1,0 +1,210 @@
+//! Bins of a number that every sample has: their edges, and which a number falls into.
+
+use crate::error::AnalysisError;
+
+use super::ranks::OUTSIDE;
+
+/// So many bins at most.
+const MOST: usize = 20_000;
+
+/// How a number's values are put into bins.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Bins {
+    /// Of this width, at its whole multiples.
+    Width(f64),
+    /// So many of one width, from the smallest value to the greatest.
+    Linear(u32),
+    /// So many of one ratio, from the smallest value to the greatest.
+    Log(u32),
+    /// So many of as nearly one count of samples as ties allow.
+    Quantile(u32),
+    /// Between these edges, ascending.
+    Edges(Vec<f64>),
+}
+
+impl Bins {
+    /// Reads `width:2`, `linear:20`, `log:20`, `quantile:10` or `edges:0,5,10,20,80`.
+    ///
+    /// # Errors
+    /// What is wrong, in words.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let forms = "give `width:2`, `linear:20`, `log:20`, `quantile:10` or `edges:0,5,10,20,80`";
+        let (form, of) = text.split_once(':').ok_or_else(|| format!("`{text}` says no bins: {forms}"))?;
+        let number = |text: &str| text.trim().parse::<f64>().ok().filter(|number| number.is_finite());
+        let count = || match of.trim().parse::<u32>() {
+            Ok(count) if count > 0 && count as usize <= MOST => Ok(count),
+            _ => Err(format!("`{of}` is no number of bins from 1 to {MOST}")),
+        };
+        match form {
+            "width" => match number(of).filter(|width| *width > 0.0) {
+                Some(width) => Ok(Self::Width(width)),
+                None => Err(format!("`{of}` is no width: give a number above 0")),
+            },
+            "linear" => Ok(Self::Linear(count()?)),
+            "log" => Ok(Self::Log(count()?)),
+            "quantile" => Ok(Self::Quantile(count()?)),
+            "edges" => {
+                let edges: Option<Vec<f64>> = of.split(',').map(number).collect();
+                let edges = edges.ok_or_else(|| format!("`{of}` are no edges: give numbers with commas between"))?;
+                if edges.len() < 2 || edges.len() > MOST || edges.windows(2).any(|pair| pair[0] >= pair[1]) {
+                    return Err(format!("`{of}` are no edges: give two or more, ascending"));
+                }
+                Ok(Self::Edges(edges))
+            }
+            _ => Err(format!("`{form}` is no way to make bins: {forms}")),
+        }
+    }
+
+    /// The edges, where values go from `least` to `most`; `None` where they are quantiles.
+    pub(super) fn edges(&self, least: f64, most: f64) -> Result<Option<Edges>, AnalysisError> {
+        let spread = |count: u32, of: &dyn Fn(f64) -> f64| {
+            (0..=count).map(|edge| of(f64::from(edge) / f64::from(count))).collect::<Vec<f64>>()
+        };
+        let too_many = |count: f64| {
+            let what = format!("{count:.0} bins are more than {MOST}");
+            AnalysisError::asked(what, "make them wider".to_owned())
+        };
+        let (edges, closed) = match *self {
+            Self::Width(width) => {
+                let (first, last) = ((least / width).floor(), (most / width).floor() + 1.0);
+                if last - first > MOST as f64 {
+                    return Err(too_many(last - first));
+                }
+                let count = (last - first) as u32;
+                ((0..=count).map(|edge| (first + f64::from(edge)) * width).collect(), false)
+            }
+            Self::Linear(count) => (spread(count, &|share| least + (most - least) * share), true),
+            Self::Log(count) => {
+                if least <= 0.0 {
+                    let what = format!("bins of one ratio cannot begin at {least}");
+                    return Err(AnalysisError::asked(what, "take `linear:` or `edges:`".to_owned()));
+                }
+                (spread(count, &|share| if share == 1.0 { most } else { least * (most / least).powf(share) }), true)
+            }
+            Self::Quantile(_) => return Ok(None),
+            Self::Edges(ref edges) => (edges.clone(), true),
+        };
+        Ok(Some(Edges::new(edges, closed)))
+    }
+}
+
+/// Edges of bins: each holds what is not below its lower edge and below its upper one.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Edges {
+    edges: Vec<f64>,
+    /// Whether the last bin has its upper edge, too, as NumPy's `histogram` has it.
+    closed: bool,
+}
+
+impl Edges {
+    /// Equal edges are one; a lone one is a bin of its value.
+    pub(super) fn new(mut edges: Vec<f64>, closed: bool) -> Self {
+        edges.dedup();
+        if let [only] = edges[..] {
+            edges.push(only);
+        }
+        Self { edges, closed }
+    }
+
+    /// How many bins.
+    pub(super) const fn len(&self) -> usize {
+        self.edges.len() - 1
+    }
+
+    /// From where to where a bin goes.
+    pub(super) fn of(&self, bin: usize) -> (f64, f64) {
+        (self.edges[bin], self.edges[bin + 1])
+    }
+
+    /// The bin of each value; [`OUTSIDE`] of those beyond the edges and NaN.
+    pub(super) fn bins(&self, values: &[f32]) -> Vec<u32> {
+        let last = self.len() - 1;
+        let (first, end) = (self.edges[0], self.edges[last + 1]);
+        // Where a bin is to be expected if all are of one width: right at once, or a step or two away.
+        let width = (end - first) / self.len() as f64;
+        let is_even = self.edges.windows(2).all(|pair| ((pair[1] - pair[0]) / width - 1.0).abs() < 1e-6);
+        let bin = |value: &f32| {
+            let value = f64::from(*value);
+            if self.closed && value == end {
+                return last as u32;
+            }
+            // NaN is outside, too.
+            if !(value >= first && value < end) {
+                return OUTSIDE;
+            }
+            if !is_even {
+                return (self.edges.partition_point(|edge| *edge <= value) - 1) as u32;
+            }
+            let mut bin = (((value - first) / width) as usize).min(last);
+            while value < self.edges[bin] {
+                bin -= 1;
+            }
+            while value >= self.edges[bin + 1] {
+                bin += 1;
+            }
+            bin as u32
+        };
+        values.iter().map(bin).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn edges(text: &str, least: f64, most: f64) -> Edges {
+        Bins::parse(text).unwrap().edges(least, most).unwrap().unwrap()
+    }
+
+    #[test]
+    fn bins_are_numpys() {
+        let log = edges("log:3", 0.1, 100.0);
+        assert!((log.of(1).0 - 1.0).abs() < 1e-12 && log.of(2).1 == 100.0);
+        assert_eq!(log.bins(&[0.1, 0.5, 2.0, 99.0, 100.0, 101.0]), [0, 0, 1, 2, 2, OUTSIDE]);
+        // np.histogram([1, 2, 3, 4, 5], bins=4): the last bin has its upper edge.
+        assert_eq!(edges("linear:4", 1.0, 5.0).bins(&[1.0, 2.0, 3.0, 4.0, 5.0]), [0, 1, 2, 3, 3]);
+        assert_eq!(
+            edges("edges:0,5,20", 0.0, 0.0).bins(&[-0.1, 0.0, 4.9, 5.0, 20.0, f32::NAN]),
+            [OUTSIDE, 0, 0, 1, 1, OUTSIDE]
+        );
+    }
+
+    #[test]
+    fn bins_of_a_width_stand_at_its_multiples_and_are_open() {
+        let metres = edges("width:1", 2.7, 5.0);
+        assert_eq!((metres.len(), metres.of(0), metres.of(3)), (4, (2.0, 3.0), (5.0, 6.0)));
+        assert_eq!(metres.bins(&[2.7, 3.0, 5.0]), [0, 1, 3]);
+        let tenths = edges("width:0.1", 0.0, 1.0);
+        for value in 0..=1000 {
+            let value = value as f32 / 1000.0;
+            let bin = tenths.bins(&[value])[0] as usize;
+            let (from, to) = tenths.of(bin);
+            assert!(from <= f64::from(value) && f64::from(value) < to, "{value} in {from}..{to}");
+        }
+    }
+
+    #[test]
+    fn a_lone_value_has_a_bin() {
+        let one = edges("linear:5", 3.0, 3.0);
+        assert_eq!((one.len(), one.bins(&[3.0, 3.1])), (1, vec![0, OUTSIDE]));
+    }
+
+    #[test]
+    fn what_makes_no_bins_is_refused_in_words() {
+        for (text, word) in [
+            ("20", "says no bins"),
+            ("width:0", "no width"),
+            ("linear:0", "no number of bins"),
+            ("edges:1", "two or more"),
+            ("edges:3,2", "ascending"),
+            ("edges:1,x", "no edges"),
+            ("cubic:3", "no way"),
+            ("log:99999999", "no number of bins"),
+        ] {
+            let error = Bins::parse(text).unwrap_err();
+            assert!(error.contains(word), "{text}: {error}");
+        }
+        assert!(Bins::parse("log:5").unwrap().edges(0.0, 5.0).is_err());
+        assert!(Bins::parse("width:0.0001").unwrap().edges(0.0, 80.0).is_err());
+    }
+}

@@ -1,0 +1,290 @@
+//! Order statistics of many groups of samples at once, exact, in two or three passes over them: by counting.
+//!
+//! Polars' quantiles hold all samples of a group, and sort them: of a hundred million samples of nine estimators that is more memory than a
+//! machine has, and several times as long (`bench/analysis.sh` measures both). Here a sample that is no negative number is an integer of 31 bits that sorts as it does. A pass counts
+//! the samples of each group by their upper bits; from the counts follows in which cell each wanted statistic lies, and which of that cell it is.
+//! Once all samples of the wanted cells fit in memory (as a rule after the first pass) the next one gathers them; else it counts on, by more bits.
+
+use crate::error::AnalysisError;
+
+/// Bits of a sample that is no negative number.
+const BITS: u32 = 31;
+/// No cell of interest.
+const NONE: u32 = u32::MAX;
+/// A row that is in no bin.
+pub(super) const OUTSIDE: u32 = u32::MAX;
+
+/// What may be held.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Room {
+    /// Counters a thread, of 4 bytes.
+    pub(super) counters: usize,
+    /// Samples that are gathered, of 4 bytes.
+    pub(super) gathered: u64,
+}
+
+impl Room {
+    /// 256 MiB of counters and as much of samples, whatever the number of threads.
+    pub(super) fn for_threads(threads: usize) -> Self {
+        Self { counters: (1 << 26) / threads.max(1), gathered: 1 << 26 }
+    }
+}
+
+/// Finds, for every group, how many samples it has, and those of the ranks that `ranks_of(count)` names, in its order.
+///
+/// `scan(pass)` calls [`Tally::take`] for all samples, on any threads, and gives their tallies; it is asked several times.
+///
+/// # Errors
+/// What `scan` gives.
+pub(super) fn order_statistics(
+    groups: usize,
+    ranks_of: &dyn Fn(u64) -> Vec<u64>,
+    room: Room,
+    mut scan: impl FnMut(&Pass) -> Result<Vec<Tally>, AnalysisError>,
+) -> Result<Vec<(u64, Vec<f32>)>, AnalysisError> {
+    let mut pass =
+        Pass { levels: Vec::new(), left: BITS, next: Next::Count(bits_for(groups, BITS, room)), cells: groups };
+    let mut wanted: Vec<Wanted> = Vec::new();
+    let mut counts = vec![0; groups];
+    loop {
+        match (pass.next, Tally::merged(scan(&pass)?)) {
+            (Next::Count(bits), Merged::Counts(cells)) => {
+                if pass.levels.is_empty() {
+                    for (group, cells) in cells.chunks(1 << bits).enumerate() {
+                        counts[group] = cells.iter().sum();
+                        let ranks = if counts[group] == 0 { Vec::new() } else { ranks_of(counts[group]) };
+                        wanted.extend(ranks.into_iter().map(|rank| Wanted { group, cell: group, rank, prefix: 0 }));
+                    }
+                }
+                let samples = pass.narrow(bits, &cells, &mut wanted);
+                if pass.left > 0 && pass.cells > 0 {
+                    let gathers = samples <= room.gathered;
+                    pass.next = if gathers { Next::Gather } else { Next::Count(bits_for(pass.cells, pass.left, room)) };
+                    continue;
+                }
+            }
+            (_, Merged::Gathered(mut cells)) => {
+                for wanted in &mut wanted {
+                    let (_, sample, _) = cells[wanted.cell].select_nth_unstable(wanted.rank as usize);
+                    wanted.prefix = *sample;
+                }
+            }
+            (Next::Gather, Merged::Counts(_)) => unreachable!("a pass that gathers tallies samples"),
+        }
+        let mut found: Vec<(u64, Vec<f32>)> = counts.into_iter().map(|count| (count, Vec::new())).collect();
+        wanted.iter().for_each(|wanted| found[wanted.group].1.push(f32::from_bits(wanted.prefix)));
+        return Ok(found);
+    }
+}
+
+/// By how many more bits so many cells can be split.
+fn bits_for(cells: usize, left: u32, room: Room) -> u32 {
+    (room.counters / cells.max(1)).max(2).ilog2().min(left).min(16)
+}
+
+/// An order statistic on the way to being found.
+struct Wanted {
+    group: usize,
+    /// The cell it lies in.
+    cell: usize,
+    /// Its rank among the samples of that cell, from 0.
+    rank: u64,
+    /// Its upper bits, as far as they are known.
+    prefix: u32,
+}
+
+/// What a pass looks for.
+pub(super) struct Pass {
+    /// By how many bits cells were split, and for each part the cell that it became, or [`NONE`].
+    levels: Vec<(u32, Vec<u32>)>,
+    /// Bits that are not known yet.
+    left: u32,
+    next: Next,
+    /// The cells in which something is wanted; at first the groups.
+    cells: usize,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Next {
+    Count(u32),
+    Gather,
+}
+
+impl Pass {
+    /// Whether it is the first.
+    pub(super) const fn is_first(&self) -> bool {
+        self.levels.is_empty()
+    }
+
+    /// The cell of a sample, if anything is wanted there.
+    fn cell(&self, group: usize, sample: u32) -> Option<usize> {
+        let (mut cell, mut left) = (group, BITS);
+        for (bits, children) in &self.levels {
+            left -= bits;
+            match children[cell << bits | (sample >> left) as usize & ((1 << bits) - 1)] {
+                NONE => return None,
+                child => cell = child as usize,
+            }
+        }
+        Some(cell)
+    }
+
+    /// Finds the parts of cells in which something is wanted; gives how many samples these have.
+    fn narrow(&mut self, bits: u32, counts: &[u64], wanted: &mut [Wanted]) -> u64 {
+        let mut children = vec![NONE; counts.len()];
+        let (mut cells, mut samples) = (0, 0);
+        for wanted in wanted {
+            let first = wanted.cell << bits;
+            let mut part = 0;
+            while wanted.rank >= counts[first + part] {
+                wanted.rank -= counts[first + part];
+                part += 1;
+            }
+            let child = &mut children[first + part];
+            if *child == NONE {
+                *child = cells;
+                cells += 1;
+                samples += counts[first + part];
+            }
+            wanted.cell = *child as usize;
+            wanted.prefix = wanted.prefix << bits | part as u32;
+        }
+        self.levels.push((bits, children));
+        self.left -= bits;
+        self.cells = cells as usize;
+        samples
+    }
+}
+
+/// What a thread has counted or gathered in a pass.
+pub(super) enum Tally {
+    /// By cell and part. A file has fewer than 2^32 rows.
+    Counts(Vec<u32>),
+    /// By cell.
+    Gathered(Vec<Vec<u32>>),
+}
+
+/// What all threads have counted or gathered in a pass.
+enum Merged {
+    Counts(Vec<u64>),
+    Gathered(Vec<Vec<u32>>),
+}
+
+impl Tally {
+    /// Nothing yet.
+    pub(super) fn of(pass: &Pass) -> Self {
+        match pass.next {
+            Next::Count(bits) => Self::Counts(vec![0; pass.cells << bits]),
+            Next::Gather => Self::Gathered(vec![Vec::new(); pass.cells]),
+        }
+    }
+
+    /// Takes samples, of which those in bin `b` are of group `first + b`; NaN is none, nor is one that is [`OUTSIDE`].
+    pub(super) fn take(&mut self, pass: &Pass, first: usize, bins: &[u32], samples: &[f32]) {
+        let is_sample = |&(bin, sample): &(&u32, &f32)| *bin != OUTSIDE && !sample.is_nan();
+        let samples = bins.iter().zip(samples).filter(is_sample);
+        // Of zero there are two.
+        let samples = samples.map(|(bin, sample)| (first + *bin as usize, sample.to_bits() & (u32::MAX >> 1)));
+        match (self, pass.next) {
+            (Self::Counts(counts), Next::Count(bits)) if pass.is_first() => {
+                let shift = pass.left - bits;
+                samples.for_each(|(group, sample)| counts[group << bits | (sample >> shift) as usize] += 1);
+            }
+            (Self::Counts(counts), Next::Count(bits)) => {
+                let (shift, part) = (pass.left - bits, (1 << bits) - 1);
+                for (group, sample) in samples {
+                    if let Some(cell) = pass.cell(group, sample) {
+                        counts[cell << bits | (sample >> shift) as usize & part] += 1;
+                    }
+                }
+            }
+            (Self::Gathered(cells), _) => {
+                for (group, sample) in samples {
+                    if let Some(cell) = pass.cell(group, sample) {
+                        cells[cell].push(sample);
+                    }
+                }
+            }
+            (Self::Counts(_), Next::Gather) => unreachable!("a tally is of its pass"),
+        }
+    }
+
+    /// All threads' together.
+    fn merged(tallies: Vec<Self>) -> Merged {
+        let mut merged: Option<Merged> = None;
+        for tally in tallies {
+            match (&mut merged, tally) {
+                (None, Self::Counts(counts)) => {
+                    merged = Some(Merged::Counts(counts.into_iter().map(u64::from).collect()));
+                }
+                (None, Self::Gathered(cells)) => merged = Some(Merged::Gathered(cells)),
+                (Some(Merged::Counts(all)), Self::Counts(counts)) => {
+                    all.iter_mut().zip(counts).for_each(|(all, count)| *all += u64::from(count));
+                }
+                (Some(Merged::Gathered(all)), Self::Gathered(cells)) => {
+                    all.iter_mut().zip(cells).for_each(|(all, cell)| all.extend(cell));
+                }
+                (Some(_), _) => unreachable!("the tallies of a pass are of one kind"),
+            }
+        }
+        merged.unwrap_or(Merged::Gathered(Vec::new()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn found(groups: usize, samples: &[(u32, f32)], room: Room) -> Vec<(u64, Vec<f32>)> {
+        let ranks = |count: u64| vec![0, count / 2, count / 2, count - 1];
+        let halves = samples.split_at(samples.len() / 2);
+        let scan = |pass: &Pass| {
+            let tallies = [halves.0, halves.1].map(|half| {
+                let mut tally = Tally::of(pass);
+                let (bins, values): (Vec<u32>, Vec<f32>) = half.iter().copied().unzip();
+                tally.take(pass, 0, &bins, &values);
+                tally
+            });
+            Ok(Vec::from(tallies))
+        };
+        order_statistics(groups, &ranks, room, scan).unwrap()
+    }
+
+    fn sorted(groups: usize, samples: &[(u32, f32)]) -> Vec<(u64, Vec<f32>)> {
+        let of_group = |group: u32| {
+            let of = samples.iter().filter(|(bin, value)| *bin == group && !value.is_nan());
+            let mut values: Vec<f32> = of.map(|(_, value)| *value).collect();
+            values.sort_by(f32::total_cmp);
+            let at = |rank: usize| values.get(rank).copied();
+            let wanted = [at(0), at(values.len() / 2), at(values.len() / 2), at(values.len().wrapping_sub(1))];
+            (values.len() as u64, wanted.into_iter().flatten().collect())
+        };
+        (0..groups as u32).map(of_group).collect()
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
+        #[test]
+        fn ranks_are_those_of_sorting_however_little_room_there_is(
+            samples in prop::collection::vec(
+                (prop_oneof![8 => 0_u32..5, 1 => Just(OUTSIDE)],
+                 prop_oneof![1 => Just(f32::NAN), 1 => Just(0.5_f32), 1 => Just(0.0), 4 => 0.0_f32..100.0, 1 => 0.0_f32..1e-6]),
+                0..400,
+            ),
+        ) {
+            let sorted = sorted(5, &samples);
+            for room in [Room::for_threads(2), Room { counters: 64, gathered: 0 }, Room { counters: 20, gathered: 10 }] {
+                prop_assert_eq!(&found(5, &samples, room), &sorted, "{:?}", room);
+            }
+        }
+    }
+
+    #[test]
+    fn farthest_and_smallest_numbers_keep_their_bits() {
+        let samples = [(0, f32::MAX), (0, f32::MIN_POSITIVE), (0, f32::INFINITY), (0, 1e-45), (0, -0.0)];
+        let expected = vec![(5, vec![0.0, f32::MIN_POSITIVE, f32::MIN_POSITIVE, f32::INFINITY])];
+        assert_eq!(found(1, &samples, Room::for_threads(2)), expected);
+    }
+}

@@ -1,0 +1,163 @@
+//! One score of a pair: the difference, how sure it is, and on how many frames it is which way.
+
+use depthloom_scores::{Mean, Metric, ScoreRow};
+
+use super::{CompareOptions, Pair};
+use crate::error::AnalysisError;
+use crate::statistics::{Interval, SignedRank, Statistic, Weighted, holm};
+
+/// A score of a pair.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Contrast {
+    pub(super) pair: usize,
+    pub(super) metric: &'static Metric,
+    /// On how many frames both have it.
+    pub(super) frames: usize,
+    /// The data set's value of either, over these frames.
+    pub(super) baseline: f64,
+    pub(super) value: f64,
+    pub(super) interval: Option<Interval>,
+    /// On how many frames the other is better, as good, and worse.
+    pub(super) wins: u64,
+    pub(super) ties: u64,
+    pub(super) losses: u64,
+    pub(super) test: Option<SignedRank>,
+    /// The test's probability, corrected for all tests of the comparison.
+    pub(super) p_holm: Option<f64>,
+    pub(super) verdict: Verdict,
+}
+
+/// What can be said of the other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Verdict {
+    Better,
+    Worse,
+    /// The frames do not tell.
+    Unclear,
+}
+
+impl Verdict {
+    pub(super) const fn name(self) -> &'static str {
+        match self {
+            Self::Better => "better",
+            Self::Worse => "worse",
+            Self::Unclear => "unclear",
+        }
+    }
+}
+
+impl Contrast {
+    /// Of the other, less that of the baseline.
+    pub(super) fn difference(&self) -> f64 {
+        self.value - self.baseline
+    }
+
+    /// The difference as a share of the baseline's value.
+    pub(super) fn change(&self) -> f64 {
+        match self.difference() {
+            0.0 => 0.0,
+            difference => difference / self.baseline.abs(),
+        }
+    }
+
+    /// Both must say so: the test, which asks on how many frames and by how much one is ahead, and the interval, which is of the value in the table.
+    fn judged(&self, level: f64) -> Verdict {
+        let (Some(p), Some(Interval { low, high })) = (self.p_holm, self.interval) else { return Verdict::Unclear };
+        let is_sure = p < level && (low > 0.0 || high < 0.0);
+        match is_sure {
+            false => Verdict::Unclear,
+            true if (low > 0.0) == self.metric.more_is_better => Verdict::Better,
+            true => Verdict::Worse,
+        }
+    }
+}
+
+/// A score of a pair, before frames are resampled.
+struct Sample {
+    contrast: Contrast,
+    baseline: Weighted,
+    other: Weighted,
+}
+
+/// The scores of all pairs, pair by pair in the order of every table.
+pub(super) fn contrasts(
+    pairs: &[Pair<'_>],
+    options: &CompareOptions,
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Result<Vec<Contrast>, AnalysisError> {
+    let is_wanted =
+        |metric: &Metric| options.scores.is_empty() || options.scores.iter().any(|name| name == metric.name);
+    let mut samples = Vec::new();
+    for (place, pair) in pairs.iter().enumerate() {
+        let both = pair.baseline.estimator.metrics.iter().filter(|of| pair.other.estimator.metrics.contains(of));
+        for metric in both.copied().filter(|metric| is_wanted(metric)) {
+            samples.extend(sample(place, pair, metric, pair.mean(options)));
+        }
+    }
+    let number = |sample: &Sample| -> (usize, Box<Statistic<'_>>) {
+        let (baseline, other) = (sample.baseline.clone(), sample.other.clone());
+        (sample.contrast.frames, Box::new(move |times: &[f64]| other.value(times) - baseline.value(times)))
+    };
+    let numbers: Vec<_> = samples.iter().map(number).collect();
+    let intervals = options.resampling.intervals_of(&numbers, stop)?;
+    samples.iter_mut().zip(intervals).for_each(|(sample, interval)| sample.contrast.interval = interval);
+    let mut contrasts: Vec<Contrast> = samples.into_iter().map(|sample| sample.contrast).collect();
+    let tested: Vec<(usize, f64)> =
+        contrasts.iter().enumerate().filter_map(|(place, of)| Some((place, of.test?.p))).collect();
+    let corrected = holm(&tested.iter().map(|(_, p)| *p).collect::<Vec<_>>());
+    for ((place, _), p) in tested.into_iter().zip(corrected) {
+        contrasts[place].p_holm = Some(p);
+    }
+    let level = 1.0 - options.resampling.confidence;
+    for contrast in &mut contrasts {
+        contrast.verdict = contrast.judged(level);
+    }
+    Ok(contrasts)
+}
+
+/// A score of a pair on the frames that both have it on; `None` if there is no such frame, or a data set's value does not follow from frames'.
+fn sample(place: usize, pair: &Pair<'_>, metric: &'static Metric, mean: Mean) -> Option<Sample> {
+    let frames = pair.paired.frames.iter().map(|(one, two)| (&one.row, &two.row));
+    let both = |(one, two): (&ScoreRow, &ScoreRow)| Some((one.get(metric)?, two.get(metric)?));
+    let has = |frame: &(&ScoreRow, &ScoreRow)| both(*frame).is_some();
+    let (ours, theirs): (Vec<&ScoreRow>, Vec<&ScoreRow>) = frames.filter(has).unzip();
+    if ours.is_empty() {
+        return None;
+    }
+    let settings = |of: &super::ScoredBy<'_>| of.estimator.settings.unwrap_or_default();
+    let baseline = Weighted::of(metric, mean, &settings(&pair.baseline), ours.iter().copied())?;
+    let other = Weighted::of(metric, mean, &settings(&pair.other), theirs.iter().copied())?;
+    let values = || ours.iter().zip(&theirs).filter_map(|(one, two)| both((one, two)));
+    let count = |is: &dyn Fn(f64, f64) -> bool| values().filter(|(one, two)| is(*one, *two)).count() as u64;
+    let (higher, lower) = (count(&|one, two| two > one), count(&|one, two| two < one));
+    let (wins, losses) = if metric.more_is_better { (higher, lower) } else { (lower, higher) };
+    let differences: Vec<f64> = values().map(|(one, two)| two - one).collect();
+    let contrast = Contrast {
+        pair: place,
+        metric,
+        frames: ours.len(),
+        baseline: baseline.whole(),
+        value: other.whole(),
+        interval: None,
+        wins,
+        ties: ours.len() as u64 - wins - losses,
+        losses,
+        test: SignedRank::of(&differences),
+        p_holm: None,
+        verdict: Verdict::Unclear,
+    };
+    Some(Sample { contrast, baseline, other })
+}
+
+impl Pair<'_> {
+    /// What a data set's value is taken over.
+    pub(super) fn mean(&self, options: &CompareOptions) -> Mean {
+        options.selection.mean.unwrap_or(self.baseline.estimator.mean)
+    }
+
+    /// Whether both were scored in one way; where not, a difference is also one of scoring.
+    pub(super) fn is_scored_alike(&self, options: &CompareOptions) -> bool {
+        let (one, two) = (self.baseline.estimator, self.other.estimator);
+        one.settings == two.settings && (options.selection.mean.is_some() || one.mean == two.mean)
+    }
+}

@@ -1,0 +1,103 @@
+//! What was set otherwise: which parameter, version, input or file of which node.
+
+use depthloom_recording::{Difference, NodePair, RecordedPlan, RecordedRun, node_pairs, source_differences};
+use serde_json::{Value as Json, json};
+
+/// Where two sides differ by themselves, not for what they read.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Changed {
+    /// `stage.node`, with its variants where it does not serve all; or the source of a stage.
+    node: String,
+    /// What differs; `None`: one side lacks the node.
+    difference: Option<Difference>,
+    /// Whether it is the baseline that lacks it.
+    is_new: bool,
+}
+
+impl Changed {
+    /// In a line.
+    pub(super) fn text(&self) -> String {
+        match &self.difference {
+            Some(difference) => format!("{}  {difference}", self.node),
+            None if self.is_new => format!("{}  is new", self.node),
+            None => format!("{}  is gone", self.node),
+        }
+    }
+
+    /// For programs.
+    pub(super) fn json(&self) -> Json {
+        let mut json = match &self.difference {
+            Some(difference) => difference.json(),
+            None => json!({ "what": if self.is_new { "new" } else { "gone" } }),
+        };
+        json["node"] = self.node.as_str().into();
+        json
+    }
+}
+
+/// What differs between two plans, or a variant of each.
+pub(super) fn changed(before: (&RecordedPlan, Option<usize>), after: (&RecordedPlan, Option<usize>)) -> Vec<Changed> {
+    let of = |(plan, variant): (&RecordedPlan, Option<usize>)| match variant {
+        Some(variant) => of_variant(plan, variant),
+        None => plan.clone(),
+    };
+    let (before, after) = (of(before), of(after));
+    let mut found: Vec<Changed> = Vec::new();
+    let mut add = |changed: Changed| {
+        if !found.contains(&changed) {
+            found.push(changed);
+        }
+    };
+    for run in &after.runs {
+        let Some(was) = before.runs.iter().find(|of| of.name() == run.name()) else { continue };
+        for difference in source_differences(&was.source, &run.source) {
+            let node = format!("source of {}", run.stage);
+            add(Changed { node, difference: Some(difference), is_new: false });
+        }
+    }
+    for pair in node_pairs(&before, &after) {
+        let node = label(&pair, if pair.after.is_some() { &after } else { &before });
+        // Of stages and variants that one side lacks, a reader knows.
+        let has_stage = |plan: &RecordedPlan| plan.runs.iter().any(|run| run.stage == pair.stage);
+        let has_variant = |plan: &RecordedPlan| {
+            pair.variants.is_empty() || pair.variants.iter().any(|name| plan.variants.contains(name))
+        };
+        let is_of_both = [&before, &after].into_iter().all(|plan| has_stage(plan) && has_variant(plan));
+        match (pair.before, pair.after) {
+            (Some(_), Some(_)) => {
+                let own = |of: &Difference| !matches!(of, Difference::Upstream { .. });
+                for difference in pair.differences.into_iter().filter(own) {
+                    add(Changed { node: node.clone(), difference: Some(difference), is_new: false });
+                }
+            }
+            (one, _) if is_of_both => add(Changed { node, difference: None, is_new: one.is_none() }),
+            _ => {}
+        }
+    }
+    found
+}
+
+/// `stage.node`, with its variants where it does not serve all.
+fn label(pair: &NodePair, plan: &RecordedPlan) -> String {
+    const NAMED: usize = 3;
+    let NodePair { stage, name, variants, .. } = pair;
+    if variants.is_empty() || variants.len() == plan.variants.len() {
+        return format!("{stage}.{name}");
+    }
+    let more = if variants.len() > NAMED { ", ..." } else { "" };
+    format!("{stage}.{name} of {}{more}", variants[..variants.len().min(NAMED)].join(", "))
+}
+
+/// The plan as it were, had it this variant alone, without a name: so that it can be held against another variant.
+fn of_variant(plan: &RecordedPlan, variant: usize) -> RecordedPlan {
+    let run = |run: &RecordedRun| {
+        let nodes = run.nodes.iter().filter(|node| node.variants.contains(&variant)).cloned();
+        let nodes = nodes.map(|mut node| {
+            node.variants = vec![0];
+            node
+        });
+        RecordedRun { variants: vec![0], nodes: nodes.collect(), estimates: Vec::new(), ..run.clone() }
+    };
+    let runs = plan.runs.iter().filter(|run| run.variants.contains(&variant)).map(run).collect();
+    RecordedPlan { variants: vec![String::new()], factors: Vec::new(), runs, ..plan.clone() }
+}

@@ -1,0 +1,179 @@
+//! What is compared with what: runs, variants of a run, or estimators.
+
+use depthloom_graphs::language::glob;
+use depthloom_recording::{RecordedPlan, Recording};
+
+use super::{CompareOptions, ComparedRun, no_such};
+use crate::ablation::{is_of, unknown};
+use crate::error::AnalysisError;
+use crate::estimators::{Estimator, estimators};
+
+/// The name of the baseline that is chosen by its scores.
+const BEST: &str = "best";
+
+/// A run, or a variant or estimators of one.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Side {
+    /// Its place among the runs.
+    pub run: usize,
+    /// A variant, an estimator's label, or a pattern of either in which `*` stands for any run of characters; `None`: the whole run.
+    pub name: Option<String>,
+}
+
+/// What the sides are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Kind {
+    Runs,
+    Variants,
+    Estimators,
+}
+
+/// A side with its estimators.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Party {
+    pub(super) run: usize,
+    /// What it is called: a run as it was named, a variant or an estimator, with its run where there are several.
+    pub(super) title: String,
+    /// The variant, of a variant.
+    pub(super) variant: Option<usize>,
+    /// What its estimators have in common with those of others by name, and their labels.
+    pub(super) entries: Vec<(String, String)>,
+}
+
+impl Party {
+    pub(super) fn has(&self, label: &str) -> bool {
+        self.entries.iter().any(|(_, of)| of == label)
+    }
+}
+
+/// The names by which parts of a run are compared: its variants, then its estimators.
+///
+/// # Errors
+/// If the recording's plan is of another version or damaged.
+pub fn names(recording: &Recording) -> Result<Vec<String>, AnalysisError> {
+    let plan = recording.plan();
+    let estimators = estimators(plan)?;
+    let variants = plan.variants.iter().filter(|name| !name.is_empty()).cloned();
+    Ok(variants.chain(crate::ablation::names_of(&estimators).into_iter().map(str::to_owned)).collect())
+}
+
+/// The sides, patterns taken apart; `only` is a pattern of the estimators that are wanted.
+pub(super) fn parties(
+    runs: &[ComparedRun<'_>],
+    estimators: &[Vec<Estimator>],
+    sides: &[Side],
+    only: Option<&str>,
+) -> Result<(Kind, Vec<Party>), AnalysisError> {
+    let all = |run: usize| (runs[run].recording.plan(), &estimators[run][..]);
+    let mut found: Vec<(Kind, Party)> = Vec::new();
+    for side in sides {
+        let (plan, of) = all(side.run);
+        let prefix = if runs.len() > 1 { format!("{}:", runs[side.run].called) } else { String::new() };
+        let some = match &side.name {
+            None if sides.len() == 1 && variants(plan, of, "*", side.run, &prefix).len() > 1 => {
+                variants(plan, of, "*", side.run, &prefix)
+            }
+            None if sides.len() == 1 => several(of, "*", side.run, &prefix),
+            None => vec![whole(runs[side.run].called, of, side.run)],
+            Some(name) => {
+                let exact = |party: &(Kind, Party)| party.1.title == format!("{prefix}{name}");
+                let mut some = variants(plan, of, name, side.run, &prefix);
+                if some.is_empty() {
+                    some = several(of, name, side.run, &prefix);
+                }
+                // A name as a whole is that one's, whatever else is called so.
+                match some.iter().position(exact) {
+                    Some(place) => vec![some.swap_remove(place)],
+                    None if some.is_empty() => return Err(no_such(name, of, &plan.variants)),
+                    None => some,
+                }
+            }
+        };
+        for party in some {
+            if !found.contains(&party) {
+                found.push(party);
+            }
+        }
+    }
+    if let Some(pattern) = only {
+        for (_, party) in &mut found {
+            let run = &estimators[party.run];
+            party.entries.retain(|(_, label)| run.iter().any(|of| of.label == *label && is_of(of, pattern)));
+        }
+        if found.iter().all(|(_, party)| party.entries.is_empty()) {
+            let names = estimators.iter().flat_map(|run| crate::ablation::names_of(run)).collect::<Vec<_>>();
+            return Err(unknown("estimator", pattern, names));
+        }
+    }
+    let Some(&(kind, _)) = found.first() else {
+        return Err(AnalysisError::asked("nothing was named".to_owned(), "name a run".to_owned()));
+    };
+    if found.iter().any(|(of, _)| *of != kind) {
+        return Err(AnalysisError::asked(
+            "runs, variants and estimators cannot be held against one another".to_owned(),
+            "name sides of one kind: `compare A B`, `compare RUN full no_scaling`, `compare RUN full/fused full/mono`"
+                .to_owned(),
+        ));
+    }
+    if found.len() < 2 {
+        let title = &found[0].1.title;
+        return Err(AnalysisError::asked(
+            format!("there is nothing to hold {title} against"),
+            "name another run, variant or estimator".to_owned(),
+        ));
+    }
+    Ok((kind, found.into_iter().map(|(_, party)| party).collect()))
+}
+
+fn whole(called: &str, estimators: &[Estimator], run: usize) -> (Kind, Party) {
+    let entries = estimators.iter().map(|of| (of.label.clone(), of.label.clone())).collect();
+    (Kind::Runs, Party { run, title: called.to_owned(), variant: None, entries })
+}
+
+/// The variants of that name that have estimators of their own.
+fn variants(plan: &RecordedPlan, estimators: &[Estimator], name: &str, run: usize, prefix: &str) -> Vec<(Kind, Party)> {
+    let named = plan.variants.iter().enumerate().filter(|(_, of)| !of.is_empty() && glob(name, of));
+    let party = |(variant, of): (usize, &String)| {
+        let own = estimators.iter().filter(|estimator| estimator.lead.variant.as_ref() == Some(of));
+        let entries: Vec<_> = own.map(|estimator| (estimator.name.clone(), estimator.label.clone())).collect();
+        let title = format!("{prefix}{of}");
+        (!entries.is_empty()).then_some((Kind::Variants, Party { run, title, variant: Some(variant), entries }))
+    };
+    named.filter_map(party).collect()
+}
+
+/// The estimators of that label or name, each a side of its own.
+fn several(estimators: &[Estimator], name: &str, run: usize, prefix: &str) -> Vec<(Kind, Party)> {
+    let party = |of: &Estimator| {
+        let entries = vec![(String::new(), of.label.clone())];
+        (Kind::Estimators, Party { run, title: format!("{prefix}{}", of.label), variant: None, entries })
+    };
+    estimators.iter().filter(|of| is_of(of, name)).map(party).collect()
+}
+
+/// The place of what the others are held against; `best_of` gives a party's best value, and whether more is better.
+pub(super) fn baseline(
+    parties: &[Party],
+    options: &CompareOptions,
+    best_of: impl Fn(&Party) -> Result<Option<(f64, bool)>, AnalysisError>,
+) -> Result<usize, AnalysisError> {
+    let Some(wanted) = &options.baseline else { return Ok(0) };
+    if let Some(place) = parties.iter().position(|party| party.title == *wanted) {
+        return Ok(place);
+    }
+    if wanted != BEST {
+        let titles = parties.iter().map(|party| party.title.as_str()).chain([BEST]);
+        return Err(unknown("side", wanted, titles.collect::<Vec<_>>()));
+    }
+    let mut best: Option<(usize, f64)> = None;
+    for (place, party) in parties.iter().enumerate() {
+        if let Some((value, more)) = best_of(party)?
+            && best.is_none_or(|(_, so_far)| if more { value > so_far } else { value < so_far })
+        {
+            best = Some((place, value));
+        }
+    }
+    best.map(|(place, _)| place).ok_or_else(|| {
+        AnalysisError::asked("no side has a value to be the best by".to_owned(), "name one with --baseline".to_owned())
+    })
+}

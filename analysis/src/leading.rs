@@ -1,0 +1,267 @@
+//! What a row of a table is of: the columns that every table begins with.
+//!
+//! `stage` and `variant`; then what the row is of: `estimator` and `set` of scores and errors, `node` of time and learning; then a column an
+//! axis of the experiment's matrix. A `variant` is null where all variants share the row. Tables, figures and comparisons take
+//! these columns from here, so that one is joined to another by them.
+
+use depthloom_graphs::Key;
+use depthloom_recording::RecordedPlan;
+use depthloom_scores::Metric;
+use serde::{Deserialize, Serialize};
+
+use crate::estimators::Estimator;
+use crate::sheet::{Cells, Sheet};
+
+/// The columns that a table of estimators begins with.
+pub const LEADING: [&str; 4] = ["stage", "variant", "estimator", "set"];
+
+/// The pixels that all estimators of one truth and one way to be scored answered, as `set` calls them.
+pub const COMMON: &str = "common";
+
+/// The other columns that tables have besides scores: an axis of the matrix may not be called so.
+const OTHERS: [&str; 55] = [
+    "axis",
+    "baseline",
+    "best_overall",
+    "bias_m",
+    "bin_from",
+    "bin_from_m",
+    "bin_from_px",
+    "bin_to",
+    "bin_to_m",
+    "bin_to_px",
+    "change",
+    "count",
+    "cpu_ns",
+    "density",
+    "difference",
+    "difference_high",
+    "difference_low",
+    "disparity_density",
+    "disparity_frames",
+    "disparity_pixels",
+    "frame",
+    "frames",
+    "gross_share",
+    "learning_rate",
+    "level",
+    "loss",
+    "losses",
+    "mean",
+    "median_cpu_ns",
+    "ms",
+    "node",
+    "p",
+    "p_from",
+    "p_holm",
+    "phase",
+    "pixels",
+    "position",
+    "rmse_m",
+    "rows",
+    "run",
+    "score",
+    "scoring",
+    "share",
+    "step",
+    "ties",
+    "truth_m",
+    "unit",
+    "validation",
+    "value",
+    "verdict",
+    "wall_ns",
+    "wins",
+    "x",
+    "y",
+    "zone",
+];
+
+/// What a row is of, but for the estimator, the node, ...
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Lead {
+    /// The stage's name.
+    pub stage: String,
+    /// The variant; `None` where all share it. Of what several but not all share, the first.
+    pub variant: Option<String>,
+    /// By axis of the experiment's matrix: the same axes in every row.
+    pub factors: Vec<Level>,
+}
+
+/// An axis of the matrix, and what it is in a row.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Level {
+    /// The axis, as variants' names have it.
+    pub axis: String,
+    /// Its column: called as the axis, or `axis.<axis>` where tables have another column of that name.
+    pub column: String,
+    /// The value as the experiment writes it; `None` where the variant does not have the axis, or not all variants that share the row agree.
+    pub value: Option<String>,
+    /// Whether all values of the axis are numbers.
+    pub is_numeric: bool,
+}
+
+/// The axes of an experiment's matrix, to say what rows are of.
+pub struct Leads<'a> {
+    plan: &'a RecordedPlan,
+    /// The axes in the order of variants' names, without a value.
+    axes: Vec<Level>,
+}
+
+impl<'a> Leads<'a> {
+    /// Of a plan.
+    #[must_use]
+    pub fn new(plan: &'a RecordedPlan) -> Self {
+        let mut axes: Vec<Level> = Vec::new();
+        for factor in plan.factors.iter().flatten() {
+            let is_numeric = factor.value.parse().is_ok_and(|number: f64| number.is_finite());
+            match axes.iter_mut().find(|axis| axis.axis == factor.axis) {
+                Some(axis) => axis.is_numeric &= is_numeric,
+                None => {
+                    let (axis, column) = (factor.axis.clone(), column_of(&factor.axis));
+                    axes.push(Level { axis, column, value: None, is_numeric });
+                }
+            }
+        }
+        Self { plan, axes }
+    }
+
+    /// Of what all variants share.
+    pub(crate) fn of_all(&self, stage: &str) -> Lead {
+        Lead { stage: stage.to_owned(), variant: None, factors: self.axes.clone() }
+    }
+
+    /// Of what these variants share, as indices into those of the plan; where they are all, of what all share.
+    #[must_use]
+    pub fn of_those(&self, stage: &str, variants: &[usize]) -> Lead {
+        if variants.len() < self.plan.variants.len() { self.of(stage, variants) } else { self.of_all(stage) }
+    }
+
+    /// Of what only these variants share.
+    pub(crate) fn of(&self, stage: &str, own: &[usize]) -> Lead {
+        let value = |axis: &str| -> Option<&str> {
+            let of = |variant: usize| self.plan.factors_of(variant).iter().find(|factor| factor.axis == axis);
+            let first = of(*own.first()?)?.value.as_str();
+            own[1..].iter().all(|&other| of(other).is_some_and(|other| other.value == first)).then_some(first)
+        };
+        let level = |axis: &Level| Level { value: value(&axis.axis).map(str::to_owned), ..axis.clone() };
+        let variant = first_of(self.plan, own).map(str::to_owned);
+        Lead { stage: stage.to_owned(), variant, factors: self.axes.iter().map(level).collect() }
+    }
+}
+
+impl Lead {
+    /// A level by its axis.
+    pub(crate) fn level(&self, axis: &str) -> Option<&Level> {
+        self.factors.iter().find(|level| level.axis == axis)
+    }
+}
+
+/// A table that begins with what its rows are of: stage, variant, `what`, and the axes.
+pub(crate) fn sheet<'a>(leads: &[&'a Lead], what: impl IntoIterator<Item = (&'static str, Cells<'a>)>) -> Sheet<'a> {
+    let mut sheet = Sheet::new()
+        .with("stage", Cells::Text(leads.iter().map(|lead| lead.stage.as_str()).collect()))
+        .with("variant", Cells::TextIfAny(leads.iter().map(|lead| lead.variant.as_deref()).collect()));
+    for (name, cells) in what {
+        sheet = sheet.with(name, cells);
+    }
+    for (place, axis) in leads.first().into_iter().flat_map(|lead| lead.factors.iter().enumerate()) {
+        let values = leads.iter().map(|lead| lead.factors[place].value.as_deref()).collect();
+        let cells = if axis.is_numeric { Cells::Numeral(values) } else { Cells::TextIfAny(values) };
+        sheet = sheet.with(axis.column.as_str(), cells);
+    }
+    sheet
+}
+
+/// A table whose rows are of an estimator on a pixel set; `more` stands before the axes.
+pub(crate) fn sheet_of_estimators<'a>(
+    rows: &[(&'a Estimator, &'a str)],
+    more: impl IntoIterator<Item = (&'static str, Cells<'a>)>,
+) -> Sheet<'a> {
+    let leads: Vec<&Lead> = rows.iter().map(|(estimator, _)| &estimator.lead).collect();
+    let names = rows.iter().map(|(estimator, _)| estimator.name.as_str()).collect();
+    let what = [("estimator", Cells::Text(names)), ("set", Cells::Text(rows.iter().map(|(_, set)| *set).collect()))];
+    sheet(&leads, what.into_iter().chain(more))
+}
+
+/// The key of a run's plan: that of equal experiments, whatever machine ran them. Parquet files have it in their metadata.
+#[must_use]
+#[expect(clippy::missing_panics_doc, reason = "whatever a plan holds is JSON")]
+pub fn plan_key(plan: &RecordedPlan) -> Key {
+    let json = serde_json::to_vec(plan).expect("a plan was read from JSON");
+    Key::build("depthloom run").bytes(&json).finish()
+}
+
+/// The variant that stands for some that share something, as indices into those of the plan: the first; `None` where they are all.
+#[must_use]
+pub fn variant_of<'p>(plan: &'p RecordedPlan, variants: &[usize]) -> Option<&'p str> {
+    (variants.len() < plan.variants.len()).then(|| first_of(plan, variants)).flatten()
+}
+
+fn first_of<'p>(plan: &'p RecordedPlan, variants: &[usize]) -> Option<&'p str> {
+    let first = plan.variants.get(*variants.first()?)?;
+    (!first.is_empty()).then_some(first.as_str())
+}
+
+/// The column of an axis.
+fn column_of(axis: &str) -> String {
+    let is_other = LEADING.contains(&axis) || OTHERS.contains(&axis) || Metric::named(axis).is_some();
+    let starts = ["paper_", "error_", "relative_", "baseline_", "axis."];
+    if is_other || starts.iter().any(|start| axis.starts_with(start)) {
+        format!("axis.{axis}")
+    } else {
+        axis.to_owned()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use depthloom_graphs::plan::Factor;
+    use serde::Deserialize as _;
+    use serde_json::json;
+
+    use super::*;
+
+    fn plan() -> RecordedPlan {
+        let factor = |axis: &str, value: &str| Factor { axis: axis.to_owned(), value: value.to_owned() };
+        let plan = json!({ "experiment": "x", "about": "", "variants": [], "every": 1, "view": false, "runs": [] });
+        let mut plan = RecordedPlan::deserialize(plan).unwrap();
+        let variants = [("full", "3", "hh"), ("full", "9", "hh"), ("bare", "3", "sgbm")];
+        for (variant, block, mode) in variants {
+            plan.variants.push(format!("{variant}+block={block}"));
+            plan.factors.push(vec![factor("variant", variant), factor("block", block), factor("mode", mode)]);
+        }
+        plan
+    }
+
+    #[test]
+    fn an_axis_is_null_where_all_share_a_row_or_those_that_do_differ_on_it() {
+        let plan = plan();
+        let values = |variants: &[usize]| {
+            let lead = Leads::new(&plan).of_those("s", variants);
+            (lead.variant, lead.factors.into_iter().map(|level| level.value).collect::<Vec<_>>())
+        };
+        let some = |text: &str| Some(text.to_owned());
+        assert_eq!(values(&[2]), (some("bare+block=3"), vec![some("bare"), some("3"), some("sgbm")]));
+        assert_eq!(values(&[0, 1]), (some("full+block=3"), vec![some("full"), None, some("hh")]));
+        assert_eq!(values(&[0, 1, 2]), (None, vec![None, None, None]));
+    }
+
+    #[test]
+    fn an_axis_that_is_called_as_a_column_has_a_name_of_its_own_and_numbers_are_numbers() {
+        let plan = plan();
+        let leads = [Leads::new(&plan).of("s", &[1]), Leads::new(&plan).of_those("s", &[0, 1, 2])];
+        let sheet = sheet(&leads.each_ref(), [("node", Cells::Text(vec!["a", "b"]))]);
+        let expected = "stage,variant,node,axis.variant,block,mode\ns,full+block=9,a,full,9,hh\ns,,b,,,\n";
+        assert_eq!(String::from_utf8(sheet.csv()).unwrap(), expected);
+        assert_eq!(sheet.rows()[0]["block"], json!(9));
+        assert_eq!(["abs_rel", "error_p50_m", "blocks"].map(column_of), ["axis.abs_rel", "axis.error_p50_m", "blocks"]);
+    }
+
+    #[test]
+    fn the_key_is_that_of_the_plan_alone() {
+        let other = RecordedPlan { every: 2, ..plan() };
+        assert_eq!(plan_key(&plan()), plan_key(&plan()));
+        assert_ne!(plan_key(&plan()), plan_key(&other));
+    }
+}

@@ -1,0 +1,180 @@
+//! What a file of samples says of itself, in its metadata.
+
+use std::collections::HashSet;
+
+use depthloom_graphs::{Key, ValueType};
+use depthloom_recording::{RecordedPlan, Recording};
+use serde::{Deserialize, Serialize};
+
+use crate::estimators::Estimator;
+use crate::leading::{Lead, Level, plan_key};
+use crate::sheet::DIMENSIONLESS;
+
+/// The version of the layout.
+const FORMAT: u32 = 1;
+/// The columns that every file has.
+pub(super) const FIXED: [&str; 7] = ["stage", "scoring", "position", "frame", "x", "y", "truth_m"];
+
+/// What the samples are of.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub(crate) struct Described {
+    /// The version of the layout.
+    format: u32,
+    /// The key of the run's plan.
+    run: String,
+    /// The experiment's name.
+    experiment: String,
+    /// Which recording they were taken from, by content: its plan, and the keys of its frames.
+    recording: String,
+    /// The estimators, in the order of their columns.
+    pub(crate) estimators: Vec<DescribedEstimator>,
+    /// The columns of weights, each with its stage.
+    pub(crate) weights: Vec<DescribedWeight>,
+}
+
+/// An estimator's column.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub(crate) struct DescribedEstimator {
+    /// The column.
+    pub(crate) column: String,
+    /// Its label: what people call it.
+    pub(crate) label: String,
+    /// Its stage, as the rows' `stage` says.
+    pub(crate) stage: String,
+    /// How it was scored, as the rows' `scoring` says.
+    pub(crate) scoring: String,
+    /// Its name under `estimates:`.
+    pub(crate) estimator: String,
+    /// Its variant; `None` if it is the same in all.
+    pub(crate) variant: Option<String>,
+    /// The axes of the experiment's matrix, and their values in the variant.
+    pub(crate) factors: Vec<Level>,
+}
+
+/// A weight's column.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub(crate) struct DescribedWeight {
+    /// The column.
+    pub(crate) column: String,
+    /// Its stage.
+    pub(crate) stage: String,
+    /// The variant whose it is alone; `None` if several share it.
+    pub(crate) variant: Option<String>,
+}
+
+impl Described {
+    /// Whether this version reads the layout.
+    pub(super) const fn is_known(&self) -> bool {
+        self.format == FORMAT
+    }
+
+    /// The key of the run's plan; `None` if this is damaged.
+    pub(crate) fn run(&self) -> Option<Key> {
+        Key::parse(&self.run)
+    }
+
+    /// The units of the columns that have one.
+    pub(super) fn units(&self) -> impl Iterator<Item = (&str, &str)> {
+        let fixed = [("x", "px"), ("y", "px"), ("truth_m", "m")];
+        let of_estimators = self.estimators.iter().map(|of| (of.column.as_str(), "m"));
+        fixed.into_iter().chain(of_estimators).chain(self.weights.iter().map(|of| (of.column.as_str(), DIMENSIONLESS)))
+    }
+
+    /// Whether they are of this recording, as it is now.
+    pub(crate) fn is_of(&self, recording: &Recording) -> bool {
+        self.recording == content_key(recording)
+    }
+
+    /// What the samples of a recording are of; by estimator among `estimators` and weight its topic.
+    pub(crate) fn of(recording: &Recording, estimators: &[Estimator]) -> (Self, Vec<String>) {
+        let plan = recording.plan();
+        let mut taken: HashSet<String> = FIXED.iter().map(|column| (*column).to_owned()).collect();
+        let mut column = |name: &str, stage: &str| {
+            let mut column = name.to_owned();
+            while !taken.insert(column.clone()) {
+                column = format!("{stage}.{column}");
+            }
+            column
+        };
+        let described = |estimator: &Estimator| {
+            let stage = plan.runs[estimator.run].name().to_owned();
+            let Lead { variant, factors, .. } = estimator.lead.clone();
+            DescribedEstimator {
+                column: column(&estimator.label, &stage),
+                label: estimator.label.clone(),
+                stage,
+                scoring: scoring(plan, estimators, estimator),
+                estimator: estimator.name.clone(),
+                variant,
+                factors,
+            }
+        };
+        let of_estimators: Vec<DescribedEstimator> = estimators.iter().map(described).collect();
+        let (mut weights, mut topics) = (Vec::new(), Vec::new());
+        let scored: HashSet<usize> = estimators.iter().map(|estimator| estimator.run).collect();
+        for (run, planned) in plan.runs.iter().enumerate().filter(|(run, _)| scored.contains(run)) {
+            let kept = |output: &depthloom_recording::RecordedOutput| {
+                output.recorded && !output.once && output.value_type() == Some(ValueType::Weight)
+            };
+            for (slot, output) in plan.outputs(run).filter(|(_, output)| kept(output)) {
+                let name = output.topic.strip_prefix(planned.prefix.as_str()).unwrap_or(&output.topic);
+                let name = name.trim_start_matches('/');
+                let name = name.rsplit_once('/').map_or(name.to_owned(), |(node, port)| format!("{node}.{port}"));
+                let variants = match slot {
+                    depthloom_graphs::contracts::Slot::Node { node, .. } => planned.nodes[node].variants.as_slice(),
+                    depthloom_graphs::contracts::Slot::Source { .. } => &planned.variants,
+                };
+                let variant = match variants {
+                    [one] => plan.variants.get(*one).cloned().filter(|name| !name.is_empty()),
+                    _ => None,
+                };
+                weights.push(DescribedWeight {
+                    column: column(&name, planned.name()),
+                    stage: planned.name().to_owned(),
+                    variant,
+                });
+                topics.push(output.topic.clone());
+            }
+        }
+        let described = Self {
+            format: FORMAT,
+            run: plan_key(plan).to_string(),
+            experiment: plan.experiment.clone(),
+            recording: content_key(recording),
+            estimators: of_estimators,
+            weights,
+        };
+        (described, topics)
+    }
+}
+
+/// How an estimator was scored; against which truth, where its stage has several.
+fn scoring(plan: &RecordedPlan, estimators: &[Estimator], estimator: &Estimator) -> String {
+    let several =
+        estimators.iter().any(|other| other.run == estimator.run && other.truth_topic != estimator.truth_topic);
+    match estimator.truth_topic.as_deref().filter(|_| several) {
+        None => estimator.preset.clone(),
+        Some(topic) => {
+            let prefix = plan.runs[estimator.run].prefix.as_str();
+            let truth = topic.strip_prefix(prefix).unwrap_or(topic).trim_start_matches('/');
+            format!("{} against {truth}", estimator.preset)
+        }
+    }
+}
+
+/// What a recording's samples depend on: its plan, and which frames it has, with the keys of what they were made of.
+fn content_key(recording: &Recording) -> String {
+    let mut key = Key::build("depthloom samples").key(&plan_key(recording.plan()));
+    for run in 0..recording.plan().runs.len() {
+        let frames = recording.frames(run);
+        key = key.number(frames.len() as u64);
+        for frame in frames {
+            key = key.text(&frame.id).number(frame.index);
+            if let Some(source) = &frame.source_key {
+                key = key.key(source);
+            }
+            key = key.number(frame.keys.len() as u64);
+        }
+    }
+    key.finish().to_string()
+}

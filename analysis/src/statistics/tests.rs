@@ -1,0 +1,102 @@
+//! Held to SciPy: `tests/fixtures/statistics.py` made the numbers.
+
+use depthloom_scores::{Mean, Metric, PixelSet, ScoreRow, Settings};
+use serde::Deserialize;
+
+use super::*;
+
+#[derive(Deserialize)]
+struct Golden {
+    cases: Vec<Case>,
+    holm: Corrected,
+}
+
+#[derive(Deserialize)]
+struct Case {
+    name: String,
+    form: String,
+    pixels: Option<Vec<u64>>,
+    one: Vec<f64>,
+    two: Vec<f64>,
+    confidence: Option<f64>,
+    resamples: Option<u32>,
+    seed: Option<u64>,
+    bca: [f64; 2],
+    percentile: [f64; 2],
+    wilcoxon: f64,
+}
+
+#[derive(Deserialize)]
+struct Corrected {
+    p: Vec<f64>,
+    corrected: Vec<f64>,
+}
+
+fn golden() -> Golden {
+    let path = depthloom_test_needs::workspace().join("tests/fixtures/golden/statistics.json");
+    serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
+}
+
+impl Case {
+    /// The frames' scores, as one that the case's form is the data set's value of.
+    fn of(&self, values: &[f64]) -> Weighted {
+        let row = |(frame, &value): (usize, &f64)| {
+            let pixels = self.pixels.as_ref().map_or(1, |pixels| pixels[frame]);
+            let row = ScoreRow { pixels, ..ScoreRow::new(PixelSet::All, "") };
+            match self.form.as_str() {
+                "mean" => row.with(Metric::named("abs_rel").unwrap(), value),
+                "root mean" => row.with(Metric::named("rmse").unwrap(), value),
+                // Half of the variance in each frame, 0.25; frames differ in the mean.
+                _ => ScoreRow { log_mean: Some(value), ..row.with(Metric::named("silog").unwrap(), 0.125) },
+            }
+        };
+        let rows: Vec<ScoreRow> = values.iter().enumerate().map(row).collect();
+        let mean = if self.pixels.is_some() { Mean::Pixels } else { Mean::Frames };
+        Weighted::of(rows[0].scores[0].0, mean, &Settings::default(), &rows).unwrap()
+    }
+}
+
+fn near(found: f64, expected: f64, what: &str) {
+    assert!((found - expected).abs() <= 1e-9 * expected.abs() + 1e-12, "{what}: {found} is not {expected}");
+}
+
+#[test]
+fn intervals_are_scipys_on_the_same_resamples() {
+    for case in golden().cases {
+        let (one, two) = (case.of(&case.one), case.of(&case.two));
+        let number = |times: &[f64]| two.value(times) - one.value(times);
+        for (method, expected) in [(IntervalMethod::Bca, case.bca), (IntervalMethod::Percentile, case.percentile)] {
+            let all = Resampling::default();
+            let resampling = Resampling {
+                resamples: case.resamples.unwrap_or(all.resamples),
+                seed: case.seed.unwrap_or(all.seed),
+                confidence: case.confidence.unwrap_or(all.confidence),
+                method,
+            };
+            let found = resampling.intervals(case.one.len(), &[&number], &|| false).unwrap();
+            let found = found[0].unwrap_or_else(|| panic!("{} has an interval", case.name));
+            let what = format!("{} of {}", method.name(), case.name);
+            near(found.low, expected[0], &what);
+            near(found.high, expected[1], &what);
+        }
+    }
+}
+
+#[test]
+fn tests_are_scipys() {
+    for case in golden().cases {
+        let differences: Vec<f64> = case.one.iter().zip(&case.two).map(|(one, two)| two - one).collect();
+        near(SignedRank::of(&differences).unwrap().p, case.wilcoxon, &case.name);
+    }
+    let Corrected { p, corrected } = golden().holm;
+    holm(&p).into_iter().zip(corrected).for_each(|(found, expected)| near(found, expected, "holm"));
+}
+
+#[test]
+fn what_never_changes_has_an_interval_of_no_width_and_one_frame_has_none() {
+    let same = |_: &[f64]| 0.25;
+    let of = |frames| Resampling::default().intervals(frames, &[&same], &|| false).unwrap()[0];
+    assert_eq!((of(5), of(1)), (Some(Interval { low: 0.25, high: 0.25 }), None));
+    let stopped = Resampling::default().intervals(5, &[&same], &|| true);
+    assert!(matches!(stopped, Err(crate::AnalysisError::Stopped)));
+}

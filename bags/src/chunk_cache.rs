@@ -1,0 +1,76 @@
+//! Decompressed chunks, kept while there is room: the images of a frame lie close together, and several workers read at once.
+
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use depthloom_graphs::Fault;
+
+/// The most bytes that are kept of a bag, however many files it has; a chunk that is larger is kept alone.
+const MOST_BYTES: u64 = 256 << 20;
+
+/// A chunk, as soon as somebody has decompressed it. Who wants the same one waits for them.
+type Slot = Arc<Mutex<Option<Arc<Vec<u8>>>>>;
+
+/// A chunk of a bag: its file, and its place there.
+pub type ChunkId = (usize, usize);
+
+/// The chunks used last, each with its size.
+#[derive(Default)]
+pub struct ChunkCache(Mutex<VecDeque<(ChunkId, u64, Slot)>>);
+
+impl ChunkCache {
+    /// The records of a chunk of that size, by `read` where they are not kept.
+    pub fn get(
+        &self,
+        chunk: ChunkId,
+        size: u64,
+        read: impl FnOnce() -> Result<Vec<u8>, Fault>,
+    ) -> Result<Arc<Vec<u8>>, Fault> {
+        let slot = self.slot(chunk, size);
+        let mut held = slot.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(records) = &*held {
+            return Ok(Arc::clone(records));
+        }
+        let records = Arc::new(read()?);
+        *held = Some(Arc::clone(&records));
+        Ok(records)
+    }
+
+    fn slot(&self, chunk: ChunkId, size: u64) -> Slot {
+        let mut kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let known = kept.iter().position(|(other, _, _)| *other == chunk).and_then(|at| kept.remove(at));
+        let (_, _, slot) = known.unwrap_or_default();
+        let mut bytes: u64 = size + kept.iter().map(|(_, size, _)| size).sum::<u64>();
+        while bytes > MOST_BYTES {
+            let Some((_, size, _)) = kept.pop_front() else { break };
+            bytes -= size;
+        }
+        kept.push_back((chunk, size, Arc::clone(&slot)));
+        slot
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{ChunkCache, MOST_BYTES};
+
+    #[test]
+    fn the_latest_are_kept_within_the_bound_and_a_failure_is_not() {
+        let cache = ChunkCache::default();
+        let mut reads = Vec::new();
+        let third = MOST_BYTES / 3;
+        for chunk in [0, 1, 0, 2, 3, 0, 1] {
+            cache
+                .get((0, chunk), third, || {
+                    reads.push(chunk);
+                    Ok(vec![chunk as u8])
+                })
+                .unwrap();
+        }
+        // 1 was used longest ago when 3 came.
+        assert_eq!(reads, [0, 1, 2, 3, 1]);
+        assert!(cache.get((0, 9), 1, || Err(depthloom_graphs::Fault::new("no"))).is_err());
+        assert_eq!(*cache.get((0, 9), 1, || Ok(vec![7])).unwrap(), [7]);
+        assert_eq!(*cache.get((0, 10), 2 * MOST_BYTES, || Ok(vec![8])).unwrap(), [8]);
+    }
+}

@@ -1,0 +1,300 @@
+//! Images: `sensor_msgs/msg/Image` and `CompressedImage`, `foxglove.RawImage` and `foxglove.CompressedImage`.
+//! <https://docs.ros.org/en/rolling/p/sensor_msgs/>, <https://docs.foxglove.dev/docs/visualization/message-schemas/raw-image>
+
+use depthloom_codecs::wire_format::{Content, Fields};
+use depthloom_graphs::values::{Pixels, Raster};
+use image::{GrayImage, RgbImage};
+
+use crate::cdr::Cdr;
+use crate::form::{Wire, frame, timestamp};
+use crate::{Form, Header, Malformed, Sort};
+
+/// The encodings that are read as camera images.
+const CAMERA: &str = "mono8, 8UC1, mono16, 16UC1, rgb8, bgr8, 8UC3 (as bgr8), rgba8, bgra8";
+
+/// A message with an image.
+#[derive(Debug)]
+pub struct ImageMessage<'a> {
+    /// When and where it was taken.
+    pub header: Header,
+    /// The image.
+    pub content: ImageContent<'a>,
+}
+
+/// An image as a message has it.
+#[derive(Debug)]
+pub enum ImageContent<'a> {
+    /// As it lies.
+    Raw(RawImage<'a>),
+    /// A file's bytes, and what the message calls their format.
+    Compressed(CompressedImage<'a>),
+}
+
+/// An image as it lies.
+#[derive(Debug)]
+pub struct RawImage<'a> {
+    /// Columns.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// What a pixel is: `mono8`, `16UC1`.
+    pub encoding: &'a str,
+    /// Bytes from a row to the next.
+    pub step: u32,
+    /// Whether numbers of several bytes have the highest first.
+    pub is_big_endian: bool,
+    /// The rows.
+    pub data: &'a [u8],
+}
+
+/// An image as a file's bytes.
+#[derive(Debug)]
+pub struct CompressedImage<'a> {
+    /// `jpeg`, `rgb8; png compressed bgr8`, `16UC1; compressedDepth png`.
+    pub format: &'a str,
+    /// The file.
+    pub data: &'a [u8],
+}
+
+/// Reads a message of a topic of images.
+///
+/// # Errors
+/// If it is not of that form.
+pub fn image(form: Form, message: &[u8]) -> Result<ImageMessage<'_>, Malformed> {
+    match (form.sort, form.wire) {
+        (Sort::Image, Wire::Cdr) => {
+            let mut cdr = Cdr::new(message)?;
+            let header = Header::cdr(&mut cdr)?;
+            let (height, width) = (cdr.u32("height")?, cdr.u32("width")?);
+            let encoding = cdr.text("encoding")?;
+            let is_big_endian = cdr.u8("is_bigendian")? != 0;
+            let step = cdr.u32("step")?;
+            let data = cdr.bytes("data")?;
+            let content = ImageContent::Raw(RawImage { width, height, encoding, step, is_big_endian, data });
+            Ok(ImageMessage { header, content })
+        }
+        (Sort::CompressedImage, Wire::Cdr) => {
+            let mut cdr = Cdr::new(message)?;
+            let header = Header::cdr(&mut cdr)?;
+            let (format, data) = (cdr.text("format")?, cdr.bytes("data")?);
+            Ok(ImageMessage { header, content: ImageContent::Compressed(CompressedImage { format, data }) })
+        }
+        (Sort::Image, Wire::Protobuf) => {
+            let mut raw = RawImage { width: 0, height: 0, encoding: "", step: 0, is_big_endian: false, data: &[] };
+            let mut header = Header { stamp_ns: 0, frame_id: String::new() };
+            for field in Fields(message) {
+                match field.map_err(|error| Malformed::new(error.to_string()))? {
+                    (1, content) => header.stamp_ns = timestamp(content)?,
+                    (2, content) => raw.width = content.fixed32(),
+                    (3, content) => raw.height = content.fixed32(),
+                    (4, content) => raw.encoding = text(content, "encoding")?,
+                    (5, content) => raw.step = content.fixed32(),
+                    (6, content) => raw.data = content.bytes(),
+                    (7, content) => header.frame_id = frame(text(content, "frame_id")?),
+                    _ => {}
+                }
+            }
+            Ok(ImageMessage { header, content: ImageContent::Raw(raw) })
+        }
+        (Sort::CompressedImage, Wire::Protobuf) => {
+            let mut image = CompressedImage { format: "", data: &[] };
+            let mut header = Header { stamp_ns: 0, frame_id: String::new() };
+            for field in Fields(message) {
+                match field.map_err(|error| Malformed::new(error.to_string()))? {
+                    (1, content) => header.stamp_ns = timestamp(content)?,
+                    (2, content) => image.data = content.bytes(),
+                    (3, content) => image.format = text(content, "format")?,
+                    (4, content) => header.frame_id = frame(text(content, "frame_id")?),
+                    _ => {}
+                }
+            }
+            Ok(ImageMessage { header, content: ImageContent::Compressed(image) })
+        }
+        (Sort::CameraInfo | Sort::PointCloud | Sort::Transforms, _) => Err(Malformed::new("it is no image")),
+    }
+}
+
+/// A protobuf string.
+pub(crate) fn text<'a>(content: Content<'a>, name: &str) -> Result<&'a str, Malformed> {
+    std::str::from_utf8(content.bytes()).map_err(|_| Malformed::new(format!("`{name}` is no UTF-8")))
+}
+
+impl<'a> RawImage<'a> {
+    /// Its rows, of that many bytes a pixel, held against the message.
+    fn rows(&self, bytes_per_pixel: usize) -> Result<impl Iterator<Item = &'a [u8]>, Malformed> {
+        let Self { width, height, step, data, .. } = *self;
+        if width == 0 || height == 0 {
+            return Err(Malformed::new(format!("its image is {width}x{height}")));
+        }
+        let row = width as usize * bytes_per_pixel;
+        if (step as usize) < row {
+            let what = format!("step is {step} bytes, and a row of {width} pixels of {} has {row}", self.encoding);
+            return Err(Malformed::new(what));
+        }
+        let wanted = u64::from(step) * u64::from(height);
+        if (data.len() as u64) < wanted {
+            let what = format!("{height} rows of {step} bytes are {wanted} bytes, and `data` has {}", data.len());
+            return Err(Malformed::new(what));
+        }
+        Ok(data.chunks_exact(step as usize).take(height as usize).map(move |line| &line[..row]))
+    }
+
+    /// The numbers of 16 bits.
+    fn u16s(&self) -> Result<Vec<u16>, Malformed> {
+        let of = if self.is_big_endian { u16::from_be_bytes } else { u16::from_le_bytes };
+        Ok(self.rows(2)?.flat_map(|row| row.as_chunks::<2>().0).map(|sample| of(*sample)).collect())
+    }
+
+    /// The image of a camera, 8 bits a sample: grey or RGB. Of 16 bits the upper 8 are taken, transparency is dropped.
+    ///
+    /// # Errors
+    /// If sizes do not fit the message, or the encoding is no camera's, or not read.
+    ///
+    /// # Panics
+    /// Never: the rows were held against the size.
+    pub fn pixels(&self) -> Result<Pixels, Malformed> {
+        let size = (self.width, self.height);
+        let grey = |samples| Pixels::Grey(GrayImage::from_raw(size.0, size.1, samples).expect("a byte a pixel"));
+        let rgb = |rows: Vec<u8>| Pixels::Rgb(RgbImage::from_raw(size.0, size.1, rows).expect("three bytes a pixel"));
+        let colours = |bytes: usize, [r, g, b]: [usize; 3]| {
+            let rows = self.rows(bytes)?;
+            let mut samples = Vec::with_capacity(size.0 as usize * size.1 as usize * 3);
+            for row in rows {
+                samples.extend(row.chunks_exact(bytes).flat_map(|pixel| [pixel[r], pixel[g], pixel[b]]));
+            }
+            Ok(rgb(samples))
+        };
+        match self.encoding {
+            "mono8" | "8UC1" => Ok(grey(self.rows(1)?.flatten().copied().collect())),
+            "mono16" | "16UC1" => Ok(grey(self.u16s()?.into_iter().map(|sample| (sample >> 8) as u8).collect())),
+            "rgb8" => colours(3, [0, 1, 2]),
+            "bgr8" | "8UC3" => colours(3, [2, 1, 0]),
+            "rgba8" => colours(4, [0, 1, 2]),
+            "bgra8" => colours(4, [2, 1, 0]),
+            other => {
+                let malformed = Malformed::new(format!("its encoding is `{other}`"));
+                Err(malformed.remedy(match other {
+                    _ if other.starts_with("bayer_") => {
+                        "a sensor's mosaic is not read: take the topic in colour or grey that `image_proc` makes of it (image_rect_color, image_rect)"
+                    }
+                    "32FC1" | "64FC1" => "these are depths: a camera's image is wanted here, and `depth` takes the topic of depths",
+                    _ if other.starts_with("yuv") || other.starts_with("uyvy") || other.starts_with("nv") => {
+                        "record the topic in bgr8 or mono8, as `image_proc` gives it"
+                    }
+                    _ => return Err(Malformed::new(format!("its encoding is `{other}`")).remedy(format!("these are read: {CAMERA}"))),
+                }))
+            }
+        }
+    }
+
+    /// Depths in metres, NaN where none is known (0, or no finite positive number). A unit is so many metres; by default a millimetre of
+    /// `16UC1`, a metre of `32FC1`, as REP 118 has it.
+    ///
+    /// # Errors
+    /// If sizes do not fit the message, or it holds no depths.
+    ///
+    /// # Panics
+    /// Never: the rows were held against the size.
+    pub fn depths(&self, unit_m: Option<f64>) -> Result<Raster<f32>, Malformed> {
+        let metres: Vec<f32> = match self.encoding {
+            "16UC1" | "mono16" => {
+                let unit_m = unit_m.unwrap_or(0.001);
+                self.u16s()?.into_iter().map(|raw| depth_of(f64::from(raw) * unit_m)).collect()
+            }
+            "32FC1" => {
+                let of = if self.is_big_endian { f32::from_be_bytes } else { f32::from_le_bytes };
+                let unit_m = unit_m.unwrap_or(1.0);
+                self.rows(4)?
+                    .flat_map(|row| row.as_chunks::<4>().0)
+                    .map(|raw| depth_of(f64::from(of(*raw)) * unit_m))
+                    .collect()
+            }
+            other => {
+                let what = format!("its encoding is `{other}`, and depths are 16UC1 (millimetres) or 32FC1 (metres)");
+                return Err(
+                    Malformed::new(what).remedy("`depth` takes a topic of depths, registered to the left image")
+                );
+            }
+        };
+        Ok(Raster::from_raw(self.width, self.height, metres).expect("a depth a pixel"))
+    }
+}
+
+fn depth_of(metres: f64) -> f32 {
+    if metres > 0.0 && metres.is_finite() { metres as f32 } else { f32::NAN }
+}
+
+/// How `compressed_depth_image_transport` made a 16-bit PNG of depths.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum DepthCoding {
+    /// The numbers themselves, of 16 bits.
+    Plain,
+    /// Of floats their inverse: `A / (v - B)` metres.
+    Inverse {
+        /// A.
+        a: f32,
+        /// B.
+        b: f32,
+    },
+}
+
+impl DepthCoding {
+    /// Metres of a PNG's number; see [`RawImage::depths`] for the unit.
+    #[must_use]
+    pub fn metres(self, raw: u16, unit_m: Option<f64>) -> f32 {
+        match self {
+            Self::Plain => depth_of(f64::from(raw) * unit_m.unwrap_or(0.001)),
+            Self::Inverse { .. } if raw == 0 => f32::NAN,
+            Self::Inverse { a, b } => depth_of(f64::from(a / (f32::from(raw) - b)) * unit_m.unwrap_or(1.0)),
+        }
+    }
+}
+
+impl<'a> CompressedImage<'a> {
+    /// The image file of a camera, and whether its red and blue are exchanged: `image_transport` hands an image to OpenCV's encoder, which takes the
+    /// first sample as blue, and says behind `compressed` in which order it handed it over.
+    ///
+    /// # Errors
+    /// If it is not the image of a camera.
+    pub fn camera(&self) -> Result<(&'a [u8], bool), Malformed> {
+        let (encoding, how) = self.format.split_once(';').unwrap_or(("", self.format));
+        if how.contains("compressedDepth") {
+            return Err(Malformed::new(format!("its format is `{}`: depths", self.format))
+                .remedy("a camera's image is wanted here, and `depth` takes the topic of depths"));
+        }
+        let handed = how.rsplit_once("compressed").map_or("", |(_, handed)| handed.trim());
+        if handed.starts_with("bayer_") || handed.is_empty() && encoding.starts_with("bayer_") {
+            return Err(Malformed::new(format!("its format is `{}`", self.format)).remedy(
+                "a sensor's mosaic is not read: take the topic in colour or grey that `image_proc` makes of it (image_rect_color, image_rect)",
+            ));
+        }
+        Ok((self.data, handed == "rgb8"))
+    }
+
+    /// The 16-bit PNG of depths, and how they were made.
+    ///
+    /// # Errors
+    /// If it holds no depths, or in another form.
+    pub fn depths(&self) -> Result<(&'a [u8], DepthCoding), Malformed> {
+        const REMEDY: &str =
+            "depths are read of `16UC1; compressedDepth png`, `32FC1; compressedDepth png` and `16UC1; png compressed`";
+        let refused = || Malformed::new(format!("its format is `{}`", self.format)).remedy(REMEDY);
+        let (encoding, how) = self.format.split_once(';').unwrap_or(("", self.format));
+        if !how.contains("compressedDepth") {
+            return if how.contains("png") { Ok((self.data, DepthCoding::Plain)) } else { Err(refused()) };
+        }
+        if how.contains("rvl") {
+            return Err(refused());
+        }
+        // The format's number and two parameters.
+        let Some(([_, _, _, _, a0, a1, a2, a3, b0, b1, b2, b3], png)) = self.data.split_first_chunk::<12>() else {
+            return Err(Malformed::new(format!("`data` of {} bytes holds no compressed depths", self.data.len())));
+        };
+        let (a, b) = (f32::from_le_bytes([*a0, *a1, *a2, *a3]), f32::from_le_bytes([*b0, *b1, *b2, *b3]));
+        match encoding.trim() {
+            "16UC1" | "mono16" => Ok((png, DepthCoding::Plain)),
+            "32FC1" => Ok((png, DepthCoding::Inverse { a, b })),
+            _ => Err(refused()),
+        }
+    }
+}

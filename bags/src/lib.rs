@@ -1,0 +1,50 @@
+//! ROS 2 bags and other MCAP files: their messages by topic, and what the messages of cameras, scanners and transforms say.
+//!
+//! A [`Bag`] is one file or several, in MCAP or in rosbag2's SQLite storage. Opening it reads its index, [`Bag::messages`] lists what a topic holds, and
+//! any thread reads any message at any time. What a message says is decoded by [`images`], [`camera`], [`points`] and [`transforms`], out of CDR
+//! or protobuf bytes that may be anything: every length is held against what is there before anything is allocated.
+//!
+//! ```no_run
+//! use depthloom_bags::{Bag, Form};
+//!
+//! let bag = Bag::open("drive".as_ref())?;
+//! let topic = bag.topic("/stereo/left/image_rect")?;
+//! let form = Form::of(topic)?;
+//! for message in bag.messages(&[topic])?.remove(0) {
+//!     let bytes = bag.read(&message)?;
+//!     let image = depthloom_bags::images::image(form, &bytes)?;
+//!     println!("{} {}", image.header.stamp_ns, image.header.frame_id);
+//! }
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+#![forbid(unsafe_code)]
+
+mod bag;
+pub mod camera;
+mod cdr;
+mod chunk_cache;
+mod chunks;
+mod file;
+mod form;
+pub mod images;
+mod malformed;
+mod mcap_file;
+mod mcap_index;
+mod metadata;
+pub mod pace;
+pub mod pairs;
+pub mod points;
+mod record;
+mod scan;
+mod sqlite_file;
+pub mod stamps;
+pub mod topics;
+pub mod transforms;
+
+pub use bag::{Bag, Message, Topic};
+pub use form::{Form, Header, Sort};
+pub use malformed::Malformed;
+pub use mcap_file::written_by;
+
+/// The most bytes of a message, compressed or not: 8192 x 8192 of 16-bit RGB are 384 MiB.
+pub const MOST_BYTES: u64 = 512 << 20;

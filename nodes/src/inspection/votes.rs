@@ -1,0 +1,91 @@
+//! Places of a left image that are found in the right one, and where.
+
+use super::FEWEST;
+use super::reduced::{Block, HALF, Reduced, texture};
+
+/// Pixels to which images are reduced before they are looked at, across.
+pub(super) const ACROSS: usize = 400;
+/// The distance of blocks, in pixels of the reduced image.
+pub(super) const STEP: usize = 5;
+/// The largest disparity looked for, of the reduced width.
+pub(super) const LARGEST: usize = 5;
+
+/// Without texture a block is found anywhere.
+pub(super) fn has_texture(block: &Block) -> bool {
+    texture(block) >= 6 * block.len() as u32
+}
+
+/// Places of a left image that are found in the right one, and where.
+pub(super) struct Votes {
+    /// Pixels of an image a pixel of the reduced one.
+    factor: usize,
+    /// Column and row of those found to the left of where they were, with the disparity, pixels of the reduced image.
+    pub(super) right: Vec<(usize, usize, usize)>,
+    /// How many are found to the right.
+    pub(super) wrong: usize,
+}
+
+impl Votes {
+    /// Of images reduced by a factor, of one size.
+    pub(super) fn of(left: &Reduced, right: &Reduced, factor: usize) -> Self {
+        let mut votes = Self { factor, right: Vec::new(), wrong: 0 };
+        let most = left.width / LARGEST;
+        let rows = (HALF..left.height.saturating_sub(HALF)).step_by(STEP);
+        let columns = (HALF + most..left.width.saturating_sub(HALF + most)).step_by(STEP);
+        for row in rows {
+            for column in columns.clone() {
+                let block = left.block(column, row);
+                if !has_texture(&block) {
+                    continue;
+                }
+                let apart = |at: usize| right.apart(&block, at, row);
+                let best = |places: &mut dyn Iterator<Item = usize>| {
+                    places.enumerate().map(|(d, at)| (apart(at), d + 1)).min().unwrap_or((u32::MAX, 0))
+                };
+                let (here, to_left) = (apart(column), best(&mut (1..=most).map(|d| column - d)));
+                let to_right = best(&mut (1..=most).map(|d| column + d));
+                let is_clear = |one: u32, other: u32| 10 * one < 6 * other && 10 * one < 9 * here;
+                // What is about a pixel away may as well be none.
+                if to_left.1 >= 2 && is_clear(to_left.0, to_right.0) {
+                    votes.right.push((column, row, to_left.1));
+                } else if to_right.1 >= 2 && is_clear(to_right.0, to_left.0) {
+                    votes.wrong += 1;
+                }
+            }
+        }
+        votes
+    }
+
+    /// Whether nearly all places are found on the wrong side.
+    pub(super) fn are_for_exchange(&self) -> bool {
+        self.wrong >= FEWEST && self.wrong > 4 * self.right.len()
+    }
+
+    /// Pixels of an image of this size, a block of them for each place found, and the disparity there, pixels.
+    pub(super) fn places(&self, (width, height): (u32, u32)) -> impl Iterator<Item = (Pixels, f64)> {
+        let factor = self.factor;
+        self.right.iter().map(move |&(column, row, disparity)| {
+            let place = |at: usize, count: u32| {
+                let from = (at * factor) as u32;
+                from..(from + factor as u32).min(count)
+            };
+            (Pixels::of(place(column, width), place(row, height)), (disparity * factor) as f64)
+        })
+    }
+}
+
+/// The pixels of a block: column and row.
+pub(super) struct Pixels {
+    columns: std::ops::Range<u32>,
+    rows: std::ops::Range<u32>,
+}
+
+impl Pixels {
+    const fn of(columns: std::ops::Range<u32>, rows: std::ops::Range<u32>) -> Self {
+        Self { columns, rows }
+    }
+
+    pub(super) fn map<T>(&self, of: impl Fn((u32, u32)) -> T) -> impl Iterator<Item = T> {
+        self.rows.clone().flat_map(move |y| self.columns.clone().map(move |x| (x, y))).map(of)
+    }
+}

@@ -1,0 +1,332 @@
+//! `drivingstereo`: the DrivingStereo data set, as unpacked.
+
+use std::path::{Path, PathBuf};
+
+use depthloom_graphs::contracts::{DataPath, Frame, FrameSelection, Recognised, SourceDeclaration, Survey};
+use depthloom_graphs::values::{Calibration, Depth, Raster, TrueDisparity};
+use depthloom_graphs::{Context, Fault, Outputs, Port, Source, SourceKind, ValueType};
+use depthloom_kernels::depth::truth_from_depth_png;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+
+use super::dataset::{
+    CALIBRATION, Entry, File, Files, LEFT, Layout, Listing, Part, RIGHT, TRUTH, folders, no_file, no_folder,
+    recognised, stems, survey,
+};
+use super::evaluation::Evaluation;
+use super::kitti_calibration::Lines;
+use super::middlebury_scene::with_ending;
+use super::{possible, true_disparity};
+use crate::shape::filled;
+
+const KIND: &str = "drivingstereo";
+const VERSION: u32 = 1;
+const LAYOUT: &str = "root holds left-image-half-size, right-image-half-size and disparity-map-half-size or depth-map-half-size (a weather; or full-size), \
+train-left-image, train-right-image, ..., or test-left-image, ...; images lie in them or in a folder a sequence";
+const WANTED: &str = "a calibration has the lines `P_rect_101:` (left) and `P_rect_103:` (right), 12 numbers each, px, and `T_103:`, 3 numbers, metres: take it from \
+half-image-calib or full-image-calib, as the images' size is";
+
+/// True depth, beside true disparities.
+const DEPTH: Part = "depth";
+
+/// Which size of the images.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum DrivingStereoSize {
+    /// 881 x 400.
+    #[default]
+    Half,
+    /// 1762 x 800.
+    Full,
+}
+
+/// Which pixels are true.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum DrivingStereoTruth {
+    /// What the scanners hit.
+    #[default]
+    All,
+    /// None: truth is not read, even where there is some.
+    None,
+}
+
+/// Parameters of `drivingstereo`.
+#[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct DrivingStereoParams {
+    /// The folder that holds the images' folders: of a weather, of the training or of the test set.
+    pub root: DataPath,
+    /// Which size: `half` or `full`.
+    pub size: DrivingStereoSize,
+    /// The folder of calibrations, `half-image-calib` or `full-image-calib`. By default looked for in root, its `calib`, and beside root.
+    pub calibrations: Option<DataPath>,
+    /// Which sequences: `2018-10-19-09-30-39`. By default all there are.
+    pub sequences: Vec<String>,
+    /// What is true: `all` or `none` (truth is not read).
+    pub truth: DrivingStereoTruth,
+    /// Which frames, by their count over all sequences, from 0. By default all.
+    pub frames: FrameSelection,
+}
+
+/// The kind `drivingstereo`.
+pub struct DrivingStereo {
+    size: DrivingStereoSize,
+}
+
+impl DrivingStereoSize {
+    const fn name(self) -> &'static str {
+        match self {
+            Self::Half => "half",
+            Self::Full => "full",
+        }
+    }
+
+    /// What a true disparity of 1 px is in a map: maps of the full size have the range of the half's.
+    const fn disparity_factor(self) -> f32 {
+        match self {
+            Self::Half => 256.0,
+            Self::Full => 128.0,
+        }
+    }
+}
+
+impl SourceKind for DrivingStereo {
+    type Params = DrivingStereoParams;
+
+    fn declaration() -> SourceDeclaration {
+        let [_, occ, _] = Evaluation::always();
+        let depth = "Sparse true depth, metres, NaN = unknown: of the depth maps, else of the disparities where there is a calibration.";
+        let calibration = "Focal length, principal points, baseline; absent without the calibrations' folder.";
+        SourceDeclaration {
+            kind: KIND,
+            version: VERSION,
+            summary: "DrivingStereo: rectified pairs of a car in many weathers, with sparse laser truth.",
+            doc: "\
+Layout (Yang et al., *DrivingStereo: A Large-Scale Dataset for Stereo Matching in Autonomous Driving Scenarios*, 2019; drivingstereo-dataset.github.io): of a weather \
+`<root>/left-image-half-size/<stem>.jpg`, `right-image-half-size`, `disparity-map-half-size/<stem>.png`, `depth-map-half-size`, or `full-size`; of the test set the same below \
+`test-left-image`, `test-right-image`, `test-disparity-map`, `test-depth-map`; of the training set `train-left-image/<sequence>/<stem>.jpg` and so on.\n\n\
+Truth is 16-bit PNG, 0 = unknown: disparity * 256 px at half size, * 128 at full size; depth * 256 m. Calibrations are `half-image-calib/<sequence>.txt`, and \
+`full-image-calib`: `f = P_rect_101[0,0]`, `B` the length of `T_103` (of a half-size file the last column of `P_rect_103` is that of the full size, which makes twice the baseline).\n\n\
+A frame's id is its file's stem (`2018-10-19-09-30-39_2018-10-19-09-31-36-438`: sequence, then its time), its index the count over all sequences, its time 10 Hz.",
+            outputs: vec![
+                Port::frame("left", ValueType::Image, "Left colour image, with its file's bytes."),
+                Port::frame("right", ValueType::Image, "Right colour image, likewise."),
+                Port::frame("calibration", ValueType::Calibration, calibration).optional(),
+                Port::frame("depth", ValueType::Depth, depth).optional(),
+                occ,
+            ],
+        }
+    }
+
+    fn check(params: &DrivingStereoParams) -> Result<(), (&'static str, String)> {
+        match params.root.path().as_os_str().is_empty() {
+            true => Err(("root", format!("root is missing: {LAYOUT}"))),
+            false => Ok(()),
+        }
+    }
+
+    fn open(params: DrivingStereoParams) -> Result<Box<dyn Source>, Fault> {
+        list(&params)?.open(Self { size: params.size })
+    }
+
+    fn survey(params: DrivingStereoParams) -> Survey {
+        survey(list(&params).map(|listing| (listing, Self { size: params.size })))
+    }
+
+    fn recognise(root: &Path) -> Vec<Recognised> {
+        let params = DrivingStereoParams { root: DataPath(root.to_owned()), ..DrivingStereoParams::default() };
+        recognised(list(&params), "DrivingStereo", json!({ "root": root }))
+    }
+}
+
+/// The folders of images and truth.
+struct Parts {
+    left: PathBuf,
+    right: PathBuf,
+    truth: Vec<(Part, PathBuf)>,
+}
+
+impl Parts {
+    fn of(root: &Path, params: &DrivingStereoParams) -> Result<Self, Fault> {
+        let size = params.size.name();
+        let sized = |of: &str| format!("{of}-{size}-size");
+        let flat = |of: &str| unpacked(root.join(sized(of)));
+        let test = |of: &str| unpacked(root.join(format!("test-{of}")).join(sized(of)));
+        let train = |of: &str| unpacked(root.join(format!("train-{of}")));
+        let ways: [&dyn Fn(&str) -> PathBuf; 3] = [&flat, &test, &train];
+        let mut there = ways.into_iter().filter(|way| way("left-image").is_dir());
+        let way = there.next().ok_or_else(|| no_folder(&flat("left-image"), LAYOUT))?;
+        if let Some(other) = there.next() {
+            let what = format!("{} and {} are both there", way("left-image").display(), other("left-image").display());
+            return Err(Fault::new(what).remedy("name as root a folder with one of them: frames are of one set"));
+        }
+        let maps = [(TRUTH, way("disparity-map")), (DEPTH, way("depth-map"))];
+        let truth: Vec<_> = maps.iter().filter(|(_, folder)| folder.is_dir()).cloned().collect();
+        if params.truth == DrivingStereoTruth::None {
+            return Ok(Self { left: way("left-image"), right: way("right-image"), truth: Vec::new() });
+        }
+        if truth.is_empty() {
+            let [(_, disparities), _] = &maps;
+            return Err(no_folder(
+                disparities,
+                "truth is a map of disparities or of depths a frame; without truth, say `truth: none`",
+            ));
+        }
+        Ok(Self { left: way("left-image"), right: way("right-image"), truth })
+    }
+}
+
+/// A folder, or the one of its name in it, as an archive leaves it that was unpacked into a folder of its name.
+fn unpacked(folder: PathBuf) -> PathBuf {
+    let inner = folder.file_name().map(|name| folder.join(name));
+    inner.filter(|inner| inner.is_dir()).unwrap_or(folder)
+}
+
+/// The folder of calibrations, if there is one.
+fn calibrations(params: &DrivingStereoParams) -> Result<Option<PathBuf>, Fault> {
+    if let Some(folder) = &params.calibrations {
+        let folder = folder.path();
+        return match folder.is_dir() {
+            true => Ok(Some(folder.to_owned())),
+            false => Err(no_folder(folder, "`calibrations` is half-image-calib or full-image-calib, unpacked")),
+        };
+    }
+    let name = format!("{}-image-calib", params.size.name());
+    let root = params.root.path();
+    let places = [root.to_owned(), root.join("calib"), root.join(".."), root.join("../calib")];
+    Ok(places.into_iter().map(|place| unpacked(place.join(&name))).find(|folder| folder.is_dir()))
+}
+
+/// Images in a folder and in those in it, by the folder's name and the stem.
+fn images(folder: &Path, endings: &[&str]) -> Result<Vec<(String, String, PathBuf)>, Fault> {
+    let mut found = Vec::new();
+    for inner in std::iter::once(String::new()).chain(folders(folder, LAYOUT)?) {
+        let of = stems(&folder.join(&inner), endings, LAYOUT)?;
+        found.extend(of.into_iter().map(|(stem, path)| (inner.clone(), stem, path)));
+    }
+    Ok(found)
+}
+
+/// The sequence of a frame: what stands before its time.
+fn sequence(stem: &str) -> &str {
+    stem.split_once('_').map_or(stem, |(sequence, _)| sequence)
+}
+
+fn list(params: &DrivingStereoParams) -> Result<Listing, Fault> {
+    let root = params.root.path();
+    if !root.is_dir() {
+        return Err(no_folder(root, LAYOUT));
+    }
+    let parts = Parts::of(root, params)?;
+    let calibrations = calibrations(params)?;
+    let is_asked =
+        |stem: &str| params.sequences.is_empty() || params.sequences.iter().any(|name| name == sequence(stem));
+    let mut lefts = images(&parts.left, &["jpg", "png"])?;
+    lefts.retain(|(_, stem, _)| is_asked(stem));
+    lefts.sort_by(|(_, a, _), (_, b, _)| a.cmp(b));
+    if lefts.is_empty() {
+        return Err(
+            Fault::new(format!("{} holds no image of the sequences asked for", parts.left.display())).remedy(LAYOUT)
+        );
+    }
+    let known: Vec<(u64, &str)> = (0..).zip(&lefts).map(|(index, (_, stem, _))| (index, stem.as_str())).collect();
+    let mut listing = Listing::default();
+    for at in params.frames.select(&known)? {
+        let ((index, stem), (inner, _, left)) = (known[at], &lefts[at]);
+        let there = |folder: &Path, endings: &[&str], remedy: &str| {
+            let folder = folder.join(inner);
+            with_ending(&folder, stem, endings)
+                .ok_or_else(|| no_file(&folder.join(format!("{stem}.{}", endings[0])), remedy))
+        };
+        let files = || {
+            let right =
+                there(&parts.right, &["jpg", "png"], "each left image needs its right one: unpack the archive again")?;
+            let mut files = vec![(LEFT, left.clone()), (RIGHT, right)];
+            for (part, folder) in &parts.truth {
+                let remedy = "each frame needs its files, or the whole folder away; without truth, say `truth: none`";
+                files.push((part, there(folder, &["png"], remedy)?));
+            }
+            if let Some(folder) = &calibrations {
+                let path = folder.join(format!("{}.txt", sequence(stem)));
+                if !path.is_file() {
+                    return Err(no_file(
+                        &path,
+                        "each sequence needs its calibration, or the whole folder away: unpack calib again",
+                    ));
+                }
+                files.push((CALIBRATION, path));
+            }
+            Ok(files)
+        };
+        listing.push(files().map(|files| Entry { frame: Frame::at_10_hz(stem, index), files }));
+    }
+    if calibrations.is_none() {
+        let name = format!("{}-image-calib", params.size.name());
+        listing
+            .warnings
+            .push(format!("there is no folder {name} in root, its calib or beside root: frames have no calibration"));
+    }
+    listing.warnings.extend(params.frames.left_out(&known));
+    Ok(listing)
+}
+
+impl Layout for DrivingStereo {
+    const KIND: (&'static str, u32) = (KIND, VERSION);
+
+    fn meaning(&self) -> String {
+        format!("{:?}", self.size)
+    }
+
+    fn values(&self, files: &Files, _ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        let (left, right) = files.pair()?;
+        let size = left.dimensions();
+        let calibration = files.get(CALIBRATION).map(|file| calibration(file, size)).transpose()?;
+        let disparities = files.map_u16(TRUTH, "disparity", size)?.map(|map| self.disparities(&map));
+        let depth = match files.map_u16(DEPTH, "metres", size)? {
+            Some(map) => Some(Depth { metres: filled(size, |out| truth_from_depth_png(&map, out)) }),
+            None => disparities.as_ref().zip(calibration.as_ref()).map(|(truth, of)| true_disparity::depth(truth, of)),
+        };
+        let mut outputs = Outputs::one("left", left).with("right", right);
+        if let Some(calibration) = calibration {
+            outputs = outputs.with("calibration", calibration);
+        }
+        if let Some(depth) = depth {
+            outputs = outputs.with("depth", depth);
+        }
+        Ok(Evaluation { occ: disparities, ..Evaluation::default() }.outputs(outputs))
+    }
+}
+
+impl DrivingStereo {
+    fn disparities(&self, map: &Raster<u16>) -> TrueDisparity {
+        let factor = self.size.disparity_factor();
+        let px = |&fixed: &u16| if fixed > 0 { f32::from(fixed) / factor } else { f32::NAN };
+        let px = Raster::from_raw(map.width(), map.height(), map.iter().map(px).collect());
+        TrueDisparity { px: px.expect("a number a pixel") }
+    }
+}
+
+/// The calibration of a sequence, whose images must have the size that it is made for.
+fn calibration(file: &File, (width, height): (u32, u32)) -> Result<Calibration, Fault> {
+    let text = file.text();
+    let lines = Lines::of(&file.path, &text, WANTED)?;
+    let (line, left) = lines.numbers::<12>("P_rect_101")?;
+    let (_, right) = lines.numbers::<12>("P_rect_103")?;
+    let (of_baseline, place) = lines.numbers::<3>("T_103")?;
+    let baseline_m = place.iter().map(|metres| metres * metres).sum::<f64>().sqrt();
+    let doffs_px = right[2] - left[2];
+    let found = Calibration { width, height, focal_px: left[0], cx_px: left[2], cy_px: left[6], baseline_m, doffs_px };
+    possible::check(&found)
+        .map_err(|what| lines.fault(Some(if what.starts_with("the baseline") { of_baseline } else { line }), what))?;
+    // A principal point is near the image's middle: that of the other size's file is at its edge, or halfway to it.
+    let is_near = |at: f64, size: u32| (0.3..0.7).contains(&(at / f64::from(size)));
+    if !is_near(found.cx_px, width) {
+        let what = format!("the principal point's column is {} px, and the images have {width} columns", found.cx_px);
+        return Err(lines
+            .fault(Some(line), what)
+            .remedy("take the calibrations of the images' size: half-image-calib or full-image-calib"));
+    }
+    Ok(found)
+}

@@ -1,0 +1,128 @@
+//! `eth3d/two-view`: ETH3D's low-resolution pairs, as unpacked.
+
+use std::path::{Path, PathBuf};
+
+use depthloom_graphs::contracts::{DataPath, Frame, FrameSelection, Recognised, SourceDeclaration, Survey};
+use depthloom_graphs::{Context, Fault, Outputs, Port, Source, SourceKind, ValueType};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+
+use super::dataset::{Entry, Files, Layout, Listing, no_folder, recognised, survey};
+use super::evaluation::Evaluation;
+use super::middlebury::scenes;
+use super::middlebury_scene::{self, TruePixels};
+
+const KIND: &str = "eth3d/two-view";
+const VERSION: u32 = 1;
+const LAYOUT: &str = "root holds two_view_training and two_view_training_gt, as the archives are named; or a folder a scene, each with im0.png, im1.png and \
+calib.txt, and in training disp0GT.pfm and mask0nocc.png, unless `truth: none`";
+
+/// Parameters of `eth3d/two-view`.
+#[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct Eth3dTwoViewParams {
+    /// The folder that holds `two_view_training` and `two_view_training_gt`; or one with a folder a scene.
+    pub root: DataPath,
+    /// Which scenes, in this order. By default all there are, by name.
+    pub scenes: Vec<String>,
+    /// Which true pixels `depth` has: `all`, `noc` (seen by both cameras) or `none` (truth is not read).
+    pub truth: TruePixels,
+    /// Which frames, by the scene's count among those asked for, from 0. By default all.
+    pub frames: FrameSelection,
+}
+
+/// The kind `eth3d/two-view`.
+pub struct Eth3dTwoView {
+    truth: TruePixels,
+}
+
+impl SourceKind for Eth3dTwoView {
+    type Params = Eth3dTwoViewParams;
+
+    fn declaration() -> SourceDeclaration {
+        let ports = [
+            Port::frame("left", ValueType::Image, "Left image, 8 bit, with its file's bytes."),
+            Port::frame("right", ValueType::Image, "Right image, likewise."),
+            Port::frame("calibration", ValueType::Calibration, "Focal length, principal point, baseline."),
+            Port::frame("depth", ValueType::Depth, "True depth, metres, NaN = unknown; absent without truth.")
+                .optional(),
+        ];
+        SourceDeclaration {
+            kind: KIND,
+            version: VERSION,
+            summary: "ETH3D two-view: rectified grey pairs of a small rig, indoors and outdoors, with laser truth.",
+            doc: "\
+Layout (Schöps et al., *A Multi-View Stereo Benchmark with High-Resolution Images and Multi-Camera Videos*, 2017; eth3d.net/documentation): \
+`two_view_training/<scene>` with `im0.png` (left), `im1.png`, `calib.txt`; `two_view_training_gt/<scene>` with `disp0GT.pfm` (px, infinite = unknown) and \
+`mask0nocc.png` (255 where both cameras see a pixel); or all of a scene in one folder. The calibration's baseline is in millimetres.\n\n\
+A frame's id is its scene's name (`delivery_area_1l`), its index the scene's count. Depth is `f * B / (d + doffs)`. Pixel centres have whole coordinates.",
+            outputs: ports.into_iter().chain(Evaluation::always()).collect(),
+        }
+    }
+
+    fn check(params: &Eth3dTwoViewParams) -> Result<(), (&'static str, String)> {
+        match params.root.path().as_os_str().is_empty() {
+            true => Err(("root", format!("root is missing: {LAYOUT}"))),
+            false => Ok(()),
+        }
+    }
+
+    fn open(params: Eth3dTwoViewParams) -> Result<Box<dyn Source>, Fault> {
+        list(&params)?.open(Self { truth: params.truth })
+    }
+
+    fn survey(params: Eth3dTwoViewParams) -> Survey {
+        survey(list(&params).map(|listing| (listing, Self { truth: params.truth })))
+    }
+
+    fn recognise(root: &Path) -> Vec<Recognised> {
+        let is_one = root.join("two_view_training").is_dir()
+            || scenes(root, &[], |folder| folder.join("disp0GT.pfm").is_file()).is_ok_and(|of| !of.is_empty());
+        if !is_one {
+            return Vec::new();
+        }
+        let params = Eth3dTwoViewParams { root: DataPath(root.to_owned()), ..Eth3dTwoViewParams::default() };
+        recognised(list(&params), "ETH3D two-view", json!({ "root": root }))
+    }
+}
+
+fn list(params: &Eth3dTwoViewParams) -> Result<Listing, Fault> {
+    let root = params.root.path();
+    if !root.is_dir() {
+        return Err(no_folder(root, LAYOUT));
+    }
+    let apart = root.join("two_view_training");
+    let (images, truths) =
+        if apart.is_dir() { (apart, Some(root.join("two_view_training_gt"))) } else { (root.to_owned(), None) };
+    if let Some(truths) = truths.as_ref().filter(|truths| params.truth != TruePixels::None && !truths.is_dir()) {
+        return Err(no_folder(truths, "unpack two_view_training_gt.7z there; without truth, say `truth: none`"));
+    }
+    let is_scene = |folder: &Path| ["im0.png", "im1.png", "calib.txt"].iter().any(|file| folder.join(file).is_file());
+    let scenes: Vec<(String, PathBuf)> = scenes(&images, &params.scenes, is_scene)?;
+    if scenes.is_empty() {
+        return Err(Fault::new(format!("{} holds no scene", images.display())).remedy(LAYOUT));
+    }
+    let known: Vec<(u64, &str)> = (0..).zip(&scenes).map(|(index, (name, _))| (index, name.as_str())).collect();
+    let mut listing = Listing::default();
+    for at in params.frames.select(&known)? {
+        let ((index, name), folder) = (known[at], &scenes[at].1);
+        let truths = truths.as_ref().map_or_else(|| folder.clone(), |truths| truths.join(name));
+        let files = middlebury_scene::files(folder, &truths, params.truth);
+        listing.push(files.map(|files| Entry { frame: Frame::at_10_hz(name, index), files }));
+    }
+    listing.warnings.extend(params.frames.left_out(&known));
+    Ok(listing)
+}
+
+impl Layout for Eth3dTwoView {
+    const KIND: (&'static str, u32) = (KIND, VERSION);
+
+    fn meaning(&self) -> String {
+        format!("{:?}", self.truth)
+    }
+
+    fn values(&self, files: &Files, _ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        middlebury_scene::values(files, self.truth)
+    }
+}

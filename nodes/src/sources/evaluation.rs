@@ -1,0 +1,62 @@
+//! What `score/disparity` takes of a data set's frame: two sets of true disparities, what lies between them, the objects.
+
+use depthloom_graphs::values::{Mask, Raster, TrueDisparity};
+use depthloom_graphs::{Outputs, Port, ValueType};
+
+/// The maps of a frame, as far as they are there; all of one size.
+#[derive(Debug, Default)]
+pub struct Evaluation {
+    /// The true disparities of what both cameras see.
+    pub noc: Option<TrueDisparity>,
+    /// All true disparities.
+    pub occ: Option<TrueDisparity>,
+    /// Set on objects.
+    pub objects: Option<Mask>,
+}
+
+impl Evaluation {
+    /// The ports of the disparities and of what lies between them, where `disparities: true` asks for them.
+    pub fn asked() -> [Port; 3] {
+        ports([
+            "True disparity where both cameras see it, px, NaN = unknown; with `disparities: true`.",
+            "True disparity of all true pixels, likewise; with `disparities: true`.",
+            "255 where `disp_occ` knows a disparity and `disp_noc` does not; with `disparities: true`.",
+        ])
+    }
+
+    /// The same of a source that gives them as far as they are there.
+    pub fn always() -> [Port; 3] {
+        ports([
+            "True disparity where both cameras see it, px, NaN = unknown; absent where no file tells it.",
+            "True disparity of all true pixels, likewise; absent without truth.",
+            "255 where `disp_occ` knows a disparity and `disp_noc` does not; absent without both.",
+        ])
+    }
+
+    /// Adds what is there.
+    pub fn outputs(self, mut outputs: Outputs) -> Outputs {
+        if let (Some(noc), Some(occ)) = (&self.noc, &self.occ) {
+            let hidden = |(noc, occ): (&f32, &f32)| if noc.is_nan() && !occ.is_nan() { 255 } else { 0 };
+            let hidden = noc.px.iter().zip(occ.px.iter()).map(hidden).collect();
+            let set = Raster::from_raw(occ.px.width(), occ.px.height(), hidden);
+            outputs = outputs.with("occluded", Mask { set: set.expect("both maps are of the left image's size") });
+        }
+        for (port, truth) in [("disp_noc", self.noc), ("disp_occ", self.occ)] {
+            if let Some(truth) = truth {
+                outputs = outputs.with(port, truth);
+            }
+        }
+        match self.objects {
+            Some(objects) => outputs.with("obj_map", objects),
+            None => outputs,
+        }
+    }
+}
+
+fn ports([noc, occ, occluded]: [&'static str; 3]) -> [Port; 3] {
+    [
+        Port::frame("disp_noc", ValueType::TrueDisparity, noc).optional(),
+        Port::frame("disp_occ", ValueType::TrueDisparity, occ).optional(),
+        Port::frame("occluded", ValueType::Mask, occluded).optional(),
+    ]
+}

@@ -1,0 +1,265 @@
+//! Maps of numbers in files of other programs, read whole and decoded, with errors that name the file: portable float maps
+//! (<https://netpbm.sourceforge.net/doc/pfm.html>) and NumPy's arrays (<https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html>).
+//! What a file is, its first bytes say. `depthloom export` writes both.
+//!
+//! Nothing is allocated for what a header says: its size must be that of the bytes that follow it.
+
+use std::path::Path;
+
+use depthloom_graphs::Fault;
+use depthloom_graphs::values::Raster;
+
+/// The longest header read, bytes.
+const LONGEST_HEADER: usize = 4096;
+
+/// A map of numbers of a PFM or NPY file, in whatever unit it has; what is infinite or NaN there is NaN. Row 0 is the highest.
+///
+/// Of PFM one channel, little- or big-endian (the sign of its scale; its size is not looked at, as with Middlebury's tools), rows from the lowest up.
+/// Of NPY two dimensions, rows first, of floats or whole numbers of either byte order.
+///
+/// # Errors
+/// If the bytes are none of the two, hold more or fewer numbers than they say, or others than a map's.
+pub fn map_f32(path: &Path, bytes: &[u8]) -> Result<Raster<f32>, Fault> {
+    let read = match bytes {
+        [b'P', b'f', ..] => pfm(bytes),
+        [b'P', b'F', ..] => Err(Wrong::Kind("it is a PFM of three channels: maps have one (`Pf`)".to_owned())),
+        [0x93, b'N', b'U', b'M', b'P', b'Y', ..] => npy(bytes),
+        _ => Err(Wrong::Kind(format!("it is neither a PFM nor an NPY file ({} bytes)", bytes.len()))),
+    };
+    read.map_err(|wrong| {
+        let (what, remedy) = match wrong {
+            Wrong::Kind(what) => (what, "a map is a PFM of one channel (`Pf`) or an NPY array of two dimensions"),
+            Wrong::Bytes(what) => (what, "the file is not whole, or is not what it says: copy or download it again"),
+        };
+        Fault::new(format!("{}: {what}", path.display())).remedy(remedy)
+    })
+}
+
+/// What is wrong with a file.
+enum Wrong {
+    /// It holds something else.
+    Kind(String),
+    /// It is not whole.
+    Bytes(String),
+}
+
+fn pfm(bytes: &[u8]) -> Result<Raster<f32>, Wrong> {
+    let header = |what: &str| Wrong::Bytes(format!("its PFM header {what}"));
+    // Three numbers, each behind white space and before a single byte of it.
+    let mut at = 2;
+    let mut tokens = [""; 3];
+    for token in &mut tokens {
+        let begin = at + bytes[at..].iter().take(LONGEST_HEADER).take_while(|byte| byte.is_ascii_whitespace()).count();
+        let rest = bytes[begin..].iter().take(LONGEST_HEADER);
+        let end = begin + rest.take_while(|byte| !byte.is_ascii_whitespace()).count();
+        *token = std::str::from_utf8(&bytes[begin..end]).map_err(|_| header("is no text"))?;
+        at = end;
+    }
+    let size = |text: &str, what: &str| {
+        let number = text.parse::<u32>().ok().filter(|number| *number > 0);
+        number.ok_or_else(|| header(&format!("says `{}` where {what} stands", shortened(text))))
+    };
+    let (width, height) = (size(tokens[0], "the width")?, size(tokens[1], "the height")?);
+    let scale = tokens[2].parse::<f32>().ok().filter(|scale| *scale != 0.0 && !scale.is_nan());
+    let scale = scale.ok_or_else(|| header(&format!("says `{}` where the scale stands", shortened(tokens[2]))))?;
+    let body = match bytes.get(at + 1..).unwrap_or_default() {
+        // A line that ends as on Windows.
+        [b'\n', body @ ..] if bytes[at] == b'\r' => body,
+        body => body,
+    };
+    let wanted = 4 * u128::from(width) * u128::from(height);
+    if body.len() as u128 != wanted {
+        return Err(Wrong::Bytes(format!(
+            "it says {width}x{height}, which are {wanted} bytes, and holds {}",
+            body.len()
+        )));
+    }
+    let number: fn([u8; 4]) -> f32 = if scale < 0.0 { f32::from_le_bytes } else { f32::from_be_bytes };
+    let rows = body.rchunks_exact(4 * width as usize);
+    let samples = rows.flat_map(|row| row.as_chunks().0.iter().map(|bytes| known(number(*bytes)))).collect();
+    Ok(Raster::from_raw(width, height, samples).expect("a number a pixel"))
+}
+
+fn npy(bytes: &[u8]) -> Result<Raster<f32>, Wrong> {
+    let cut = || Wrong::Bytes("its NPY header is cut off".to_owned());
+    let (length, start) = match bytes.get(6).ok_or_else(cut)? {
+        1 => (usize::from(u16::from_le_bytes(*bytes.get(8..).and_then(<[u8]>::first_chunk).ok_or_else(cut)?)), 10),
+        2 | 3 => (u32::from_le_bytes(*bytes.get(8..).and_then(<[u8]>::first_chunk).ok_or_else(cut)?) as usize, 12),
+        version => return Err(Wrong::Kind(format!("it is of version {version} of NPY, and 1 to 3 are read"))),
+    };
+    if length > LONGEST_HEADER {
+        return Err(Wrong::Kind(format!(
+            "its NPY header is said to be {length} bytes, and a map's is below {LONGEST_HEADER}"
+        )));
+    }
+    let text = bytes.get(start..start + length).ok_or_else(cut)?;
+    let text = std::str::from_utf8(text).map_err(|_| Wrong::Bytes("its NPY header is no text".to_owned()))?;
+    let entry = |key: &str| {
+        let behind = text.split_once(&format!("'{key}'")).map(|(_, behind)| behind.trim_start());
+        behind.and_then(|behind| behind.strip_prefix(':')).map(str::trim_start)
+    };
+    let missing = |key: &str| Wrong::Kind(format!("its NPY header has no `{key}` of a plain array"));
+    let sample = entry("descr").and_then(|of| of.strip_prefix('\'')).and_then(|of| of.split('\'').next());
+    let sample = sample.ok_or_else(|| missing("descr"))?;
+    if !entry("fortran_order").ok_or_else(|| missing("fortran_order"))?.starts_with("False") {
+        return Err(Wrong::Kind("its columns come first: write np.ascontiguousarray(map)".to_owned()));
+    }
+    let shape = entry("shape").and_then(|of| of.strip_prefix('(')).and_then(|of| of.split(')').next());
+    let shape = shape.ok_or_else(|| missing("shape"))?;
+    let sizes: Vec<u32> = shape.split(',').filter_map(|size| size.trim().parse().ok()).collect();
+    let [height, width] = sizes[..] else {
+        return Err(Wrong::Kind(format!("its shape is ({}), and a map has two dimensions", shortened(shape))));
+    };
+    let Some(kind) = Sample::of(sample) else {
+        return Err(Wrong::Kind(format!(
+            "its numbers are `{}`, and a map's are floats or whole numbers",
+            shortened(sample)
+        )));
+    };
+    let (body, pixels) = (&bytes[start + length..], u64::from(width) * u64::from(height));
+    let wanted = u128::from(pixels) * kind.bytes() as u128;
+    if body.len() as u128 != wanted || pixels == 0 {
+        let what = format!("it says {width}x{height}, which are {wanted} bytes, and holds {}", body.len());
+        return Err(Wrong::Bytes(what));
+    }
+    let samples = body.chunks_exact(kind.bytes()).map(|bytes| known(kind.number(bytes))).collect();
+    Ok(Raster::from_raw(width, height, samples).expect("a number a pixel"))
+}
+
+/// The numbers of an array.
+#[derive(Clone, Copy)]
+struct Sample {
+    is_big_endian: bool,
+    kind: u8,
+    bytes: usize,
+}
+
+impl Sample {
+    fn of(text: &str) -> Option<Self> {
+        let [order, kind, bytes] = *text.as_bytes() else { return None };
+        let bytes = usize::from(bytes.checked_sub(b'0')?);
+        let is_known = match kind {
+            b'f' => matches!(bytes, 4 | 8),
+            b'u' | b'i' => matches!(bytes, 1 | 2 | 4),
+            _ => false,
+        };
+        let is_ordered = matches!(order, b'<' | b'>') || order == b'|' && bytes == 1;
+        (is_known && is_ordered).then_some(Self { is_big_endian: order == b'>', kind, bytes })
+    }
+
+    const fn bytes(self) -> usize {
+        self.bytes
+    }
+
+    /// The number of its bytes.
+    fn number(self, bytes: &[u8]) -> f32 {
+        let mut wide = [0; 8];
+        wide[..self.bytes].copy_from_slice(bytes);
+        if self.is_big_endian {
+            wide[..self.bytes].reverse();
+        }
+        let bits = u64::from_le_bytes(wide);
+        let empty = 64 - 8 * self.bytes as u32;
+        match (self.kind, self.bytes) {
+            (b'f', 4) => f32::from_bits(bits as u32),
+            (b'f', _) => f64::from_bits(bits) as f32,
+            (b'i', _) => ((bits << empty) as i64 >> empty) as f32,
+            _ => bits as f32,
+        }
+    }
+}
+
+const fn known(number: f32) -> f32 {
+    if number.is_finite() { number } else { f32::NAN }
+}
+
+fn shortened(text: &str) -> String {
+    if text.chars().count() <= 40 { text.to_owned() } else { text.chars().take(40).chain("...".chars()).collect() }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use proptest::prelude::*;
+
+    use super::map_f32;
+
+    fn pfm(header: &str, numbers: &[f32], bytes: fn(f32) -> [u8; 4]) -> Vec<u8> {
+        [header.as_bytes(), &numbers.iter().flat_map(|number| bytes(*number)).collect::<Vec<u8>>()].concat()
+    }
+
+    fn npy(descr: &str, shape: &str, body: &[u8]) -> Vec<u8> {
+        let text = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': {shape}, }}\n");
+        let length = (text.len() as u16).to_le_bytes();
+        [b"\x93NUMPY\x01\x00".as_slice(), &length, text.as_bytes(), body].concat()
+    }
+
+    fn read(bytes: &[u8]) -> (u32, u32, Vec<f32>) {
+        let map = map_f32(Path::new("disp0.pfm"), bytes).unwrap_or_else(|fault| panic!("{fault}"));
+        (map.width(), map.height(), map.into_raw())
+    }
+
+    fn said(bytes: &[u8]) -> String {
+        map_f32(Path::new("disp0.pfm"), bytes).expect_err("it is refused").to_string()
+    }
+
+    #[test]
+    fn rows_stand_bottom_up_in_either_byte_order_and_infinity_is_unknown() {
+        let numbers = [4.0, 5.0, 6.0, 1.0, f32::INFINITY, 3.5];
+        let files = [
+            pfm("Pf\n3 2\n-1.0\n", &numbers, f32::to_le_bytes),
+            pfm("Pf\n3 2\n1\n", &numbers, f32::to_be_bytes),
+            pfm("Pf 3 2 -0.003922\n", &numbers, f32::to_le_bytes),
+            pfm("Pf\r\n3 2\r\n-1.0\r\n", &numbers, f32::to_le_bytes),
+        ];
+        for file in files {
+            let (width, height, map) = read(&file);
+            assert_eq!((width, height, map[0], map[2..].to_vec()), (3, 2, 1.0, vec![3.5, 4.0, 5.0, 6.0]));
+            assert!(map[1].is_nan());
+        }
+        // A number whose first byte is that of a line's end.
+        let odd = f32::from_le_bytes([b'\n', 0, 0, 0x40]);
+        assert_eq!(read(&pfm("Pf\n1 1\n-1\n", &[odd], f32::to_le_bytes)).2, [odd]);
+    }
+
+    #[test]
+    fn arrays_are_read_in_their_numbers() {
+        let floats = [1.5_f32, f32::NAN, -2.0, 4.0].map(f32::to_le_bytes).concat();
+        let (width, height, map) = read(&npy("<f4", "(2, 2)", &floats));
+        assert_eq!((width, height, map[0], map[2], map[3], map[1].is_nan()), (2, 2, 1.5, -2.0, 4.0, true));
+        assert_eq!(read(&npy(">f8", "(1, 2)", &[0.5_f64, 3.0].map(f64::to_be_bytes).concat())).2, [0.5, 3.0]);
+        assert_eq!(read(&npy("|u1", "(1, 3)", &[0, 7, 255])).2, [0.0, 7.0, 255.0]);
+        assert_eq!(read(&npy(">i2", "(2, 1)", &[-3_i16, 500].map(i16::to_be_bytes).concat())).2, [-3.0, 500.0]);
+        assert_eq!(read(&npy("<u2", "(1, 1)", &65535_u16.to_le_bytes())).2, [65535.0]);
+    }
+
+    #[test]
+    fn what_is_no_map_or_lies_about_its_size_is_refused() {
+        let file = pfm("Pf\n3 2\n-1.0\n", &[0.0; 6], f32::to_le_bytes);
+        assert_eq!(said(&file[..30]), "disp0.pfm: it says 3x2, which are 24 bytes, and holds 18");
+        assert_eq!(
+            said(b"Pf\n4000000000 4000000000\n-1.0\n1234"),
+            "disp0.pfm: it says 4000000000x4000000000, which are 64000000000000000000 bytes, and holds 4"
+        );
+        assert!(said(b"Pf\n3 2\n0\n").contains("says `0` where the scale stands"));
+        assert!(said(b"Pf\n3 -2\n1\n").contains("says `-2` where the height stands"));
+        assert!(said(b"Pf").contains("says `` where the width stands"));
+        assert!(said(b"PF\n1 1\n-1\n000000000000").contains("a PFM of three channels"));
+        assert!(said(b"\x89PNG").contains("neither a PFM nor an NPY file (4 bytes)"));
+        assert!(said(&npy("<f4", "(2, 2, 3)", &[0; 48])).contains("its shape is (2, 2, 3), and a map has two"));
+        assert!(said(&npy("<c8", "(2, 2)", &[0; 32])).contains("its numbers are `<c8`"));
+        assert!(said(&npy("<f4", "(70000, 70000)", &[0; 4])).contains("which are 19600000000 bytes, and holds 4"));
+        assert!(said(b"\x93NUMPY\x01\x00\xff").contains("cut off"));
+    }
+
+    proptest! {
+        #[test]
+        fn whatever_a_file_holds_is_a_map_or_an_error(
+            start in prop_oneof![Just(b"Pf\n".to_vec()), Just(b"\x93NUMPY\x01\x00".to_vec()), Just(b"\x93NUMPY\x02\x00".to_vec())],
+            rest in proptest::collection::vec(prop_oneof![any::<u8>(), b'0'..=b'9', Just(b' '), Just(b'-')], 0..80),
+        ) {
+            drop(map_f32(Path::new("a"), &[start, rest].concat()));
+        }
+    }
+}

@@ -1,0 +1,413 @@
+//! `images`: pairs of one's own.
+
+mod globs;
+mod pairs;
+mod recognise;
+mod sides;
+mod truth;
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use depthloom_graphs::contracts::{DataPath, Frame, FrameSelection, Recognised, SourceDeclaration, Survey};
+use depthloom_graphs::values::{Calibration, Depth, Image, TrueDisparity};
+use depthloom_graphs::{Context, Fault, Outputs, Port, Source, SourceKind, ValueType};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use self::pairs::{Pairs, by_list, by_names};
+use self::truth::{ImagesTruth, TruthOf, TruthUnit};
+use super::camera_files::{self, CameraPair, FORMS};
+use super::dataset::{Files, Gathered, LEFT, Layout, Listing, Part, RIGHT, TRUTH, no_file, no_folder, survey};
+use super::rectifier::{Asked, Latest, Sampling};
+use super::{float_file, image_file, possible, true_disparity};
+
+const KIND: &str = "images";
+const VERSION: u32 = 1;
+const LAYOUT: &str = "root is the folder that `left`, `right`, `list`, truth and calibration files are relative to";
+
+/// The files of a calibration, in the order they are named in.
+const CALIBRATIONS: [Part; 4] = ["calibration", "calibration_2", "calibration_3", "calibration_4"];
+
+/// What is known of the cameras: numbers of a rectified pair, or files.
+#[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct ImagesCalibration {
+    /// Focal length of the rectified pair, px.
+    #[schemars(extend("minimum" = 1, "maximum" = 1_000_000))]
+    pub focal_px: Option<f64>,
+    /// Distance of the cameras' centres, metres.
+    #[schemars(extend("minimum" = 0.0001, "maximum" = 10_000))]
+    pub baseline_m: Option<f64>,
+    /// Principal point, column, px; (0, 0) is the middle of the first pixel. By default the image's middle.
+    pub cx_px: Option<f64>,
+    /// Principal point, row, px; likewise.
+    pub cy_px: Option<f64>,
+    /// How much farther right the right camera's principal point lies in its image, px (Middlebury's `doffs`): depth is `f * B / (d + doffs)`.
+    #[schemars(range(min = -100_000, max = 100_000))]
+    pub doffs_px: f64,
+    /// Calibration files, relative to `root`: OpenCV's FileStorage (YAML, XML or JSON, in one file or two), two of ROS (`camera_info` YAML, left and right), or Kalibr's camchain.
+    pub files: Vec<String>,
+    /// How long a unit of the files' translations is, metres: 0.001 for millimetres. Without it they are metres, and a baseline above 2 m is refused.
+    #[schemars(extend("exclusiveMinimum" = 0))]
+    pub metres_per_unit: Option<f64>,
+    /// Whether the images are rectified already: then of the files the projections are taken alone.
+    pub rectified: bool,
+    /// Whether lens coefficients of an OpenCV file are those of its `fisheye` module, which the file does not tell.
+    pub fisheye: bool,
+    /// Whether the rectification is computed anew, though the files have one: 0 (no black pixels) to 1 (no pixel is lost), or -1 (the focal length stays), as `stereoRectify`'s.
+    #[schemars(extend("minimum" = -1, "maximum" = 1))]
+    pub alpha: Option<f64>,
+    /// How a place between pixels is taken in rectification: `float` (as OpenCV 5 with `CV_32FC1` maps), or `fixed` (1/32 px, as OpenCV 4).
+    pub sampling: Sampling,
+}
+
+impl ImagesCalibration {
+    /// Whether anything of it is given.
+    fn is_given(&self) -> bool {
+        self.focal_px.is_some() || self.baseline_m.is_some() || !self.files.is_empty()
+    }
+}
+
+/// Parameters of `images`.
+#[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct ImagesParams {
+    /// The folder that all else is relative to.
+    pub root: DataPath,
+    /// Left images: a path with `*` for any run of characters of a name, as `cam0/*.png` or `*_left.png`.
+    pub left: Option<String>,
+    /// Right images, likewise: `cam1/*.png`, `*_right.png`.
+    pub right: Option<String>,
+    /// In place of `left` and `right` a CSV file with the columns left,right[,truth][,frame], a line a pair.
+    pub list: Option<String>,
+    /// The cameras: numbers of a rectified pair (`focal_px`, `baseline_m`), or `files`. Without it there is no output `calibration`.
+    pub calibration: ImagesCalibration,
+    /// What is true: the files and what their numbers are.
+    pub truth: ImagesTruth,
+    /// Which frames, by their count in the order of names, or of the list, from 0. By default all.
+    pub frames: FrameSelection,
+}
+
+/// The kind `images`.
+pub struct Images {
+    calibration: Cameras,
+    asked: Asked,
+    truth: ImagesTruth,
+    /// Parameters that decide values.
+    meaning: String,
+    rectifier: Latest,
+}
+
+/// Where the calibration comes from.
+enum Cameras {
+    Unknown,
+    Numbers { focal_px: f64, baseline_m: f64, centre_px: [Option<f64>; 2], doffs_px: f64 },
+    Files { pair: Box<CameraPair>, bytes: Vec<(PathBuf, Arc<[u8]>)> },
+}
+
+impl SourceKind for Images {
+    type Params = ImagesParams;
+
+    fn declaration() -> SourceDeclaration {
+        SourceDeclaration {
+            kind: KIND,
+            version: VERSION,
+            summary: "Pairs of one's own: two patterns of file names or a list, a calibration, and truth where there is some.",
+            doc: "\
+Left and right images are PNG, JPEG, WebP, TIFF or PNM of 8 or 16 bits, found by two patterns (`left: cam0/*.png`, `right: cam1/*.png`) or named by a CSV list.\n\n\
+Of two patterns files belong together for which `*` stands for the same; where that holds for no two, those with the same numbers in it; where that holds for \
+none either, files are paired in their order, which is told, and refused if there are not as many of both or if numbers (times) contradict it. Numbers in \
+names count as numbers: 9 comes before 10. A frame's id is what `*` stands for, or the list's column `frame`; its index its count from 0.\n\n\
+The calibration is that of a rectified pair in numbers, or files. OpenCV: `M1`, `D1`, `M2`, `D2` with `R1`, `R2`, `P1`, `P2`, or with `R` and `T`, from which \
+these are computed (`stereoRectify` with `CALIB_ZERO_DISPARITY`). ROS: two `camera_info` files with `plumb_bob`, `rational_polynomial` or `equidistant`. Kalibr: \
+`cam0`, `cam1` with `radtan` or `equidistant`. Where cameras have distortion or rotation, and it is not said that the images are `rectified`, pairs are rectified as they \
+are read, as OpenCV's `initUndistortRectifyMap` and `remap` (linear) do it; pixels that lie outside of the camera's image are black, and size stays.\n\n\
+Truth is 8- or 16-bit PNG or TIFF, 32-bit float TIFF, PFM or NPY, of the left image's size: depth along the optical axis or disparity, as `truth.unit` and \
+`truth.divide_by` say. Unknown is what is 0, negative, infinite or no number. Depth of a disparity `d` is `f * B / (d + doffs)`.",
+            outputs: outputs(true, Some(true)),
+        }
+    }
+
+    fn check(params: &ImagesParams) -> Result<(), (&'static str, String)> {
+        let ImagesParams { root, left, right, list, calibration, truth, .. } = params;
+        if root.path().as_os_str().is_empty() {
+            return Err(("root", format!("root is missing: {LAYOUT}")));
+        }
+        match (list, left, right) {
+            (None, Some(_), Some(_)) => {}
+            (Some(_), None, None) if truth.files.is_none() => {}
+            (Some(_), None, None) => {
+                return Err((
+                    "truth",
+                    "the files of a list's truth stand in its column `truth`, not in `truth.files`".to_owned(),
+                ));
+            }
+            (Some(_), ..) => {
+                return Err(("list", "pairs are given by `left` and `right`, or by a `list`, not by both".to_owned()));
+            }
+            (None, None, None) => {
+                return Err((
+                    "left",
+                    "which images are meant? `left: cam0/*.png` and `right: cam1/*.png`, or `list: pairs.csv`"
+                        .to_owned(),
+                ));
+            }
+            (None, left, _) => {
+                let missing = if left.is_none() { "left" } else { "right" };
+                return Err((missing, format!("`{missing}` is missing: a pair has two images")));
+            }
+        }
+        let numbers = calibration.focal_px.is_some() || calibration.baseline_m.is_some();
+        let centre = calibration.cx_px.is_some() || calibration.cy_px.is_some() || calibration.doffs_px != 0.0;
+        if !calibration.files.is_empty() && (numbers || centre) {
+            return Err(("calibration", "a calibration is given in numbers, or by `files`, not by both".to_owned()));
+        }
+        if calibration.files.len() > CALIBRATIONS.len() {
+            return Err(("calibration", format!("a calibration has at most {} files", CALIBRATIONS.len())));
+        }
+        if (numbers || centre) && (calibration.focal_px.is_none() || calibration.baseline_m.is_none()) {
+            return Err(("calibration", "a calibration in numbers needs `focal_px` and `baseline_m`".to_owned()));
+        }
+        if calibration.rectified && calibration.alpha.is_some() {
+            return Err(("calibration", "what is `rectified` already has no `alpha`".to_owned()));
+        }
+        Ok(())
+    }
+
+    fn outputs(params: &ImagesParams) -> Result<Vec<Port>, Fault> {
+        let has_truth = params.truth.files.is_some() || params.list.is_some();
+        let truth = has_truth.then_some(params.truth.unit == TruthUnit::Pixels);
+        Ok(outputs(params.calibration.is_given(), truth))
+    }
+
+    fn open(params: ImagesParams) -> Result<Box<dyn Source>, Fault> {
+        let layout = Images::new(&params).map_err(first)?;
+        layout.list(&params).map_err(first)?.open(layout)
+    }
+
+    fn survey(params: ImagesParams) -> Survey {
+        let (layout, of_calibration) = match Images::new(&params) {
+            Ok(layout) => (Ok(layout), Vec::new()),
+            // What else is wrong is found without a calibration too.
+            Err(faults) => {
+                let params = ImagesParams { calibration: ImagesCalibration::default(), ..params.clone() };
+                (Images::new(&params), faults)
+            }
+        };
+        let found = match layout.and_then(|layout| Ok((layout.list(&params)?, layout))) {
+            Ok(found) => survey(Ok(found)),
+            Err(faults) => Survey { source: None, faults, facts: Vec::new() },
+        };
+        Survey { faults: of_calibration.into_iter().chain(found.faults).collect(), ..found }
+    }
+
+    fn recognise(root: &Path) -> Vec<Recognised> {
+        recognise::recognise(root)
+    }
+}
+
+/// What is told where one fault is.
+fn first(mut faults: Vec<Fault>) -> Fault {
+    faults.swap_remove(0)
+}
+
+/// The ports of a source with a calibration or none, and with truths (of disparity?) or none.
+fn outputs(calibration: bool, truth: Option<bool>) -> Vec<Port> {
+    let port = Port::frame;
+    let mut ports = vec![
+        port("left", ValueType::Image, "Left image, 8 bit; with its file's bytes where it is as it lies there."),
+        port("right", ValueType::Image, "Right image, likewise, of the same size."),
+    ];
+    if calibration {
+        let doc = "Focal length, principal point, baseline of the rectified pair; where `calibration` is given.";
+        ports.push(port("calibration", ValueType::Calibration, doc).optional());
+    }
+    if truth.is_some_and(|is_disparity| calibration || !is_disparity) {
+        let doc = "True depth, metres, NaN = unknown; absent where a frame has no truth.";
+        ports.push(port("depth", ValueType::Depth, doc).optional());
+    }
+    if truth == Some(true) {
+        let doc = "True disparity, px, NaN = unknown; where `truth.unit` is `pixels`.";
+        ports.push(port("disparity", ValueType::TrueDisparity, doc).optional());
+    }
+    ports
+}
+
+impl Images {
+    fn new(params: &ImagesParams) -> Result<Self, Vec<Fault>> {
+        let of = &params.calibration;
+        let root = params.root.path();
+        let calibration = match (of.focal_px.zip(of.baseline_m), of.files.is_empty()) {
+            (Some((focal_px, baseline_m)), _) => {
+                Cameras::Numbers { focal_px, baseline_m, centre_px: [of.cx_px, of.cy_px], doffs_px: of.doffs_px }
+            }
+            (None, true) => Cameras::Unknown,
+            (None, false) => {
+                let read = |name: &String| {
+                    let path = root.join(name);
+                    if !path.is_file() {
+                        return Err(no_file(&path, &format!("{LAYOUT}; {FORMS}")));
+                    }
+                    image_file::read(&path).map(|bytes| (path, bytes))
+                };
+                let (mut bytes, mut faults) = (Vec::new(), Vec::new());
+                for file in of.files.iter().map(read) {
+                    match file {
+                        Ok(file) => bytes.push(file),
+                        Err(fault) => faults.push(fault),
+                    }
+                }
+                if !faults.is_empty() {
+                    return Err(faults);
+                }
+                let texts: Vec<_> = bytes.iter().map(|(path, bytes)| (path.as_path(), &**bytes)).collect();
+                let pair = camera_files::read(&texts, of.fisheye).map_err(|fault| vec![fault])?;
+                Cameras::Files { pair: Box::new(pair), bytes }
+            }
+        };
+        let asked = Asked {
+            rectified: of.rectified,
+            alpha: of.alpha,
+            sampling: of.sampling,
+            metres_per_unit: of.metres_per_unit,
+        };
+        // What the files' paths are decides nothing: their content does.
+        let meaning = {
+            let calibration = ImagesCalibration { files: Vec::new(), ..of.clone() };
+            let truth = ImagesTruth { files: None, ..params.truth.clone() };
+            format!("{calibration:?} {truth:?}")
+        };
+        Ok(Self { calibration, asked, truth: params.truth.clone(), meaning, rectifier: Latest::default() })
+    }
+
+    fn list(&self, params: &ImagesParams) -> Result<Listing, Vec<Fault>> {
+        let root = params.root.path();
+        if !root.is_dir() {
+            return Err(vec![no_folder(root, LAYOUT)]);
+        }
+        let Pairs { rows, faults, warnings } = match (&params.list, &params.left, &params.right) {
+            (Some(list), ..) => by_list(root, &root.join(list)).map_err(|fault| vec![fault])?,
+            (None, left, right) => {
+                let of = |pattern: &Option<String>| pattern.clone().unwrap_or_default();
+                by_names(root, &of(left), &of(right), params.truth.files.as_deref())?
+            }
+        };
+        if rows.is_empty() {
+            return Ok(Listing { faults, warnings, ..Listing::default() });
+        }
+        let known: Vec<(u64, &str)> = (0..).zip(rows.iter().map(|row| row.id.as_str())).collect();
+        let chosen = params.frames.select(&known).map_err(|fault| vec![fault])?;
+        let mut listing = Listing { faults, warnings, ..Listing::default() };
+        listing.warnings.extend(params.frames.left_out(&known));
+        let mut rows: Vec<_> = rows.into_iter().map(Some).collect();
+        for at in chosen {
+            let Some(row) = rows[at].take() else { continue };
+            let mut files = Gathered::default();
+            files.take(LEFT, Ok(row.left));
+            files.take(RIGHT, row.right);
+            if let Cameras::Files { bytes, .. } = &self.calibration {
+                for (part, (path, _)) in CALIBRATIONS.into_iter().zip(bytes) {
+                    files.take(part, Ok(path.clone()));
+                }
+            }
+            if let Some(truth) = row.truth.transpose() {
+                files.take(TRUTH, truth);
+            }
+            listing.gather(Frame::at_10_hz(row.id.as_str(), at as u64), files);
+        }
+        Ok(listing)
+    }
+
+    /// The calibration of a pair, and the pair rectified.
+    fn calibrated(&self, files: &Files, pair: Pair) -> Result<(Option<Calibration>, bool, Pair), Fault> {
+        let size = pair.0.dimensions();
+        match &self.calibration {
+            Cameras::Unknown => Ok((None, false, pair)),
+            Cameras::Numbers { focal_px, baseline_m, centre_px: [cx, cy], doffs_px } => {
+                let middle = possible::middle(size);
+                let calibration = Calibration {
+                    width: size.0,
+                    height: size.1,
+                    focal_px: *focal_px,
+                    cx_px: cx.unwrap_or(middle.0),
+                    cy_px: cy.unwrap_or(middle.1),
+                    baseline_m: *baseline_m,
+                    doffs_px: *doffs_px,
+                };
+                possible::check(&calibration)
+                    .map_err(|what| Fault::new(format!("the calibration cannot be: {what}")))?;
+                Ok((Some(calibration), false, pair))
+            }
+            Cameras::Files { pair: cameras, bytes } => {
+                for (part, (path, known)) in CALIBRATIONS.into_iter().zip(bytes) {
+                    if files.the(part)?.bytes != *known {
+                        let what = format!("{} changed while it was read from", path.display());
+                        return Err(Fault::new(what).remedy("run again"));
+                    }
+                }
+                let rectifier = self.rectifier.of(cameras, &self.asked, size).map_err(|(what, remedy)| {
+                    let named: Vec<String> = bytes.iter().map(|(path, _)| path.display().to_string()).collect();
+                    Fault::new(format!("{}: {what}", named.join(", "))).remedy(remedy)
+                })?;
+                let pair = rectifier.pair(pair.0, pair.1);
+                Ok((Some(rectifier.calibration.clone()), rectifier.moves_pixels(), pair))
+            }
+        }
+    }
+}
+
+/// Left and right image.
+type Pair = (Image, Image);
+
+impl Layout for Images {
+    const KIND: (&'static str, u32) = (KIND, VERSION);
+
+    fn meaning(&self) -> String {
+        self.meaning.clone()
+    }
+
+    fn values(&self, files: &Files, _ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        let pair = files.pair()?;
+        let size = pair.0.dimensions();
+        let (calibration, is_moved, (left, right)) = self.calibrated(files, pair)?;
+        let mut outputs = Outputs::one("left", left).with("right", right);
+        if let Some(file) = files.get(TRUTH) {
+            if is_moved && self.truth.of == TruthOf::Left {
+                let what = format!("{} is the truth of an image that is rectified as it is read", file.path.display());
+                return Err(Fault::new(what).remedy(
+                    "a truth of the rectified left image is wanted: say `truth: { of: rectified }` if it is that, else give no truth",
+                ));
+            }
+            let is_of_floats = file.bytes.starts_with(b"Pf") || file.bytes.starts_with(b"\x93NUMPY");
+            let (numbers, bits) = match is_of_floats {
+                true => (float_file::map_f32(&file.path, &file.bytes)?, 32),
+                false => image_file::numbers(&file.path, &file.bytes)?,
+            };
+            if bits == 8 && self.truth.is_of_more_bits() {
+                let most = 255.0 / self.truth.divide_by;
+                let what =
+                    format!("the file has 8 bits, and no number in it is above {most} {}", self.truth.unit.name());
+                return Err(file.fault(what).remedy(
+                    "16 bits are expected: an image tool may have saved it with 8; take the file from where it came from, or say what its numbers are \
+                     with `truth.unit` and `truth.divide_by`",
+                ));
+            }
+            files.same_size_as_left(size, file, numbers.dimensions())?;
+            let numbers = self.truth.numbers(&numbers);
+            if self.truth.unit == TruthUnit::Pixels {
+                let truth = TrueDisparity { px: numbers };
+                if let Some(calibration) = &calibration {
+                    outputs = outputs.with("depth", true_disparity::depth(&truth, calibration));
+                }
+                outputs = outputs.with("disparity", truth);
+            } else {
+                outputs = outputs.with("depth", Depth { metres: numbers });
+            }
+        }
+        Ok(match calibration {
+            Some(calibration) => outputs.with("calibration", calibration),
+            None => outputs,
+        })
+    }
+}

@@ -1,0 +1,342 @@
+//! Which images belong together: by their names, by their order where names have nothing in common, or as a list says.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+
+use depthloom_graphs::{Fault, regular_file};
+
+use super::globs::{Match, files};
+use crate::sources::dataset::no_file;
+
+/// What helps where it is not known which files belong together.
+const SAY: &str = "write what differs between the two as text and what is common to them as `*`, as in `*_left.png` and `*_right.png`, or give a \
+    `list:`, a CSV file with the columns left,right[,truth][,frame]";
+
+/// A frame's files, as far as they were found.
+#[derive(Debug)]
+pub struct Row {
+    pub id: String,
+    pub left: PathBuf,
+    pub right: Result<PathBuf, Fault>,
+    pub truth: Result<Option<PathBuf>, Fault>,
+}
+
+/// What was found, and what is to be said of it.
+#[derive(Debug, Default)]
+pub struct Pairs {
+    pub rows: Vec<Row>,
+    /// What belongs to no frame that could be asked for.
+    pub faults: Vec<Fault>,
+    pub warnings: Vec<String>,
+}
+
+/// The pairs of two patterns, and of a third where there is truth.
+///
+/// # Errors
+/// If nothing is there, or it cannot be told what belongs together.
+pub fn by_names(root: &Path, left: &str, right: &str, truth: Option<&str>) -> Result<Pairs, Vec<Fault>> {
+    let named = |pattern: &str| {
+        let found = files(root, pattern)?;
+        let place = root.join(pattern);
+        match found.is_empty() {
+            true => Err(Fault::new(format!("no file is named {}", place.display())).remedy(
+                "patterns are relative to `root`: `*` stands for any run of characters of a name, and a folder stands before each `/`",
+            )),
+            false => Ok(found),
+        }
+    };
+    let truths = truth.map(named).transpose();
+    let (lefts, rights, truths) = match (named(left), named(right), truths) {
+        (Ok(lefts), Ok(rights), Ok(truths)) => (lefts, rights, truths),
+        (left, right, truth) => return Err([left.err(), right.err(), truth.err()].into_iter().flatten().collect()),
+    };
+    let of_rights: BTreeSet<&Path> = rights.iter().map(|of| of.path.as_path()).collect();
+    if let Some(both) = lefts.iter().find(|one| of_rights.contains(one.path.as_path())) {
+        let what = format!("{} is a left and a right image: `{left}` and `{right}` both name it", both.path.display());
+        return Err(vec![Fault::new(what).remedy(SAY)]);
+    }
+    let mut pairs = Pairs::default();
+    let partners = partners(&lefts, &rights, ("left", "right")).map_err(|fault| vec![fault])?;
+    pairs.warnings.extend(partners.warning.clone());
+    pairs.warnings.extend(left_over(&partners.without(&rights), "right image", "a left one"));
+    let truths = match truths {
+        Some(truths) => {
+            let partners = self::partners(&lefts, &truths, ("left", "truth")).map_err(|fault| vec![fault])?;
+            pairs.warnings.extend(partners.warning.clone());
+            let without = lefts.iter().zip(&partners.of).filter(|(_, of)| of.is_none()).map(|(left, _)| left);
+            pairs.warnings.extend(left_over(&without.collect::<Vec<_>>(), "left image", "a truth"));
+            pairs.warnings.extend(left_over(&partners.without(&truths), "truth", "a left image"));
+            partners.of.into_iter().map(|of| of.map(|at| truths[at].path.clone())).collect()
+        }
+        None => vec![None; lefts.len()],
+    };
+    for ((one, partner), truth) in lefts.iter().zip(&partners.of).zip(truths) {
+        let right = partner.map(|at| rights[at].path.clone()).ok_or_else(|| {
+            let what = format!("{} has no right image among {}", one.path.display(), root.join(right).display());
+            Fault::new(what)
+                .remedy("each left image needs its right one; one that has none must go, or `frames:` leave it out")
+        });
+        pairs.rows.push(Row { id: one.name(), left: one.path.clone(), right, truth: Ok(truth) });
+    }
+    told_apart(&mut pairs, root);
+    Ok(pairs)
+}
+
+/// Where what a pattern leaves open names two frames alike, their whole paths do not.
+fn told_apart(pairs: &mut Pairs, root: &Path) {
+    let distinct: BTreeSet<&str> = pairs.rows.iter().map(|row| row.id.as_str()).collect();
+    if distinct.len() == pairs.rows.len() {
+        return;
+    }
+    for row in &mut pairs.rows {
+        let path = row.left.strip_prefix(root).unwrap_or(&row.left);
+        row.id = path.to_string_lossy().into_owned();
+    }
+}
+
+/// That files have nobody they belong to.
+fn left_over(alone: &[&Match], what: &str, whom: &str) -> Option<String> {
+    let first = alone.first()?.path.display();
+    Some(match alone.len() {
+        1 => format!("a {what} has not {whom}: {first}"),
+        count => format!("{count} {what}s have not {whom}: {first}, ..."),
+    })
+}
+
+/// The partner of each file, if it has one.
+#[derive(Debug)]
+struct Partners {
+    of: Vec<Option<usize>>,
+    warning: Option<String>,
+}
+
+impl Partners {
+    /// Those of the others that are nobody's partner.
+    fn without<'m>(&self, others: &'m [Match]) -> Vec<&'m Match> {
+        let taken: BTreeSet<usize> = self.of.iter().flatten().copied().collect();
+        others.iter().enumerate().filter(|(at, _)| !taken.contains(at)).map(|(_, of)| of).collect()
+    }
+}
+
+/// The partners of files among others. Files are partners whose patterns leave the same open; where no two do, those with the same numbers in it;
+/// where no two have these, as many files as there are others are partners in their order, which is told, unless their numbers contradict.
+fn partners(files: &[Match], others: &[Match], (what, other): (&str, &str)) -> Result<Partners, Fault> {
+    if let Some(of) = by_key(files, others, |of| of.open.concat()) {
+        return Ok(Partners { of, warning: None });
+    }
+    // Without a number there is nothing to go by.
+    let numbers = |of: &Match| of.numbers().join(" ");
+    let have_numbers = files.iter().chain(others).all(|of| !of.numbers().is_empty());
+    if have_numbers && let Some(of) = by_key(files, others, numbers) {
+        return Ok(Partners { of, warning: None });
+    }
+    let (count, of_others) = (files.len(), others.len());
+    if count != of_others {
+        let what = format!(
+            "{count} {what} and {of_others} {other} files have no name in common (the first are {} and {}): it cannot be told which lack their partner",
+            files[0].path.display(),
+            others[0].path.display()
+        );
+        return Err(Fault::new(what).remedy(SAY));
+    }
+    if let Some(at) = contradiction(files, others) {
+        let what = format!(
+            "{what} and {other} files have no name in common, and by their order {} would belong to {}, although another's number is nearer",
+            files[at].path.display(),
+            others[at].path.display()
+        );
+        return Err(Fault::new(what).remedy(format!("a file may be missing on either side: {SAY}")));
+    }
+    let (first, last) = (0, count - 1);
+    let shown = |at: usize| format!("{} with {}", files[at].path.display(), others[at].path.display());
+    let warning = match count {
+        1 => None,
+        _ => Some(format!(
+            "{what} and {other} files have no name in common and are paired in their order: {}, ..., {}",
+            shown(first),
+            shown(last)
+        )),
+    };
+    Ok(Partners { of: (0..count).map(Some).collect(), warning })
+}
+
+/// Partners by a key that tells all files of a side apart and that at least two share; `None` if there is no such.
+fn by_key(files: &[Match], others: &[Match], key: impl Fn(&Match) -> String) -> Option<Vec<Option<usize>>> {
+    let keys: BTreeMap<String, usize> = others.iter().enumerate().map(|(at, of)| (key(of), at)).collect();
+    let own: Vec<String> = files.iter().map(&key).collect();
+    let distinct = own.iter().collect::<BTreeSet<_>>().len() == files.len() && keys.len() == others.len();
+    let of: Vec<Option<usize>> = own.iter().map(|key| keys.get(key).copied()).collect();
+    (distinct && of.iter().any(Option::is_some)).then_some(of)
+}
+
+/// Where the order of names that are numbers (times, say) does not pair each with the nearest.
+fn contradiction(files: &[Match], others: &[Match]) -> Option<usize> {
+    let number = |of: &Match| match of.numbers().as_slice() {
+        [one] => one.parse::<u128>().ok(),
+        _ => None,
+    };
+    let own: Vec<u128> = files.iter().map(number).collect::<Option<_>>()?;
+    let theirs: Vec<u128> = others.iter().map(number).collect::<Option<_>>()?;
+    let is_nearest = |at: usize, from: &[u128], among: &[u128]| {
+        let away = |other: Option<&u128>| other.map_or(u128::MAX, |other| other.abs_diff(from[at]));
+        let before = at.checked_sub(1).and_then(|before| among.get(before));
+        away(among.get(at)) <= away(before).min(away(among.get(at + 1)))
+    };
+    (0..own.len()).find(|&at| !is_nearest(at, &own, &theirs) || !is_nearest(at, &theirs, &own))
+}
+
+/// The largest list, bytes.
+const MOST_BYTES: u64 = 64 << 20;
+
+/// What a list must be.
+const LIST: &str = "a list is a CSV file: a header with the columns left,right[,truth][,frame], then a line a pair; paths are relative to `root`";
+
+/// The columns of a list.
+const COLUMNS: [&str; 4] = ["left", "right", "truth", "frame"];
+
+/// The pairs of a list, in its order.
+///
+/// # Errors
+/// If it cannot be read or its header is wrong; what is wrong with a line is told with its number, and is a fault of its frame.
+pub fn by_list(root: &Path, list: &Path) -> Result<Pairs, Fault> {
+    let at = |line: usize, what: String| Fault::new(format!("{}:{line}: {what}", list.display()));
+    let bytes = regular_file::read(list, MOST_BYTES)
+        .map_err(|error| Fault::new(format!("failed to read {}", list.display())).because(error).remedy(LIST))?;
+    let text = String::from_utf8(bytes).map_err(|_| at(1, "the list is no UTF-8 text".to_owned()).remedy(LIST))?;
+    let text = text.trim_start_matches('\u{feff}');
+    let mut lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
+    let (line, header) = lines.next().ok_or_else(|| at(1, "the list is empty".to_owned()).remedy(LIST))?;
+    let columns = fields(header).ok_or_else(|| at(line + 1, "a quote is not closed".to_owned()).remedy(LIST))?;
+    let mut places: BTreeMap<&str, usize> = BTreeMap::new();
+    for (place, name) in columns.iter().enumerate() {
+        let known = COLUMNS.into_iter().find(|known| name.trim().eq_ignore_ascii_case(known));
+        let known = known.ok_or_else(|| at(line + 1, format!("`{name}` is no column of a list")).remedy(LIST))?;
+        if places.insert(known, place).is_some() {
+            return Err(at(line + 1, format!("the column `{known}` stands there twice")).remedy(LIST));
+        }
+    }
+    if let Some(missing) = ["left", "right"].into_iter().find(|name| !places.contains_key(name)) {
+        return Err(at(line + 1, format!("the column `{missing}` is missing")).remedy(LIST));
+    }
+    let mut pairs = Pairs::default();
+    let mut seen: BTreeMap<String, usize> = BTreeMap::new();
+    for (line, text) in lines {
+        let line = line + 1;
+        match row(root, &places, columns.len(), text) {
+            Ok(mut row) => {
+                let placed = |fault: Fault| match fault {
+                    Fault::Failed { what, remedy, source } => {
+                        Fault::Failed { what: format!("{}:{line}: {what}", list.display()), remedy, source }
+                    }
+                    Fault::Cancelled => Fault::Cancelled,
+                };
+                row.right = row.right.map_err(placed);
+                row.truth = row.truth.map_err(placed);
+                if let Some(first) = seen.insert(row.id.clone(), line) {
+                    let what = format!("the frame `{}` stands in line {first} already", row.id);
+                    pairs.faults.push(
+                        at(line, what).remedy("a frame is taken once: give each its own name in a column `frame`"),
+                    );
+                    continue;
+                }
+                pairs.rows.push(row);
+            }
+            Err(what) => pairs.faults.push(at(line, what).remedy(LIST)),
+        }
+    }
+    if pairs.rows.is_empty() && pairs.faults.is_empty() {
+        return Err(Fault::new(format!("{} names no pair", list.display())).remedy(LIST));
+    }
+    Ok(pairs)
+}
+
+fn row(root: &Path, places: &BTreeMap<&str, usize>, columns: usize, text: &str) -> Result<Row, String> {
+    let fields = fields(text).ok_or("a quote is not closed")?;
+    if fields.len() != columns {
+        return Err(format!("the line has {} fields, and the header {columns}", fields.len()));
+    }
+    let field = |name: &str| places.get(name).map(|at| fields[*at].trim()).filter(|text| !text.is_empty());
+    let path = |name: &str| field(name).map(|text| root.join(text)).ok_or_else(|| format!("`{name}` is empty"));
+    let (left, right) = (path("left")?, path("right")?);
+    let there = |path: PathBuf| match path.is_file() {
+        true => Ok(path),
+        false => Err(no_file(&path, "paths in a list are relative to `root`")),
+    };
+    let stem = || Path::new(field("left").unwrap_or_default()).with_extension("").to_string_lossy().into_owned();
+    let id = field("frame").map_or_else(stem, ToOwned::to_owned);
+    let truth = path("truth").ok().map(there).transpose();
+    // Of two files that are not there the first is told.
+    let right = there(left.clone()).and_then(|_| there(right));
+    Ok(Row { id, left, right, truth })
+}
+
+/// The fields of a line; in quotes a comma is a letter, and two quotes are one. `None` if a quote is not closed.
+fn fields(line: &str) -> Option<Vec<String>> {
+    let mut fields = vec![String::new()];
+    let (mut quoted, mut letters) = (false, line.chars().peekable());
+    while let Some(letter) = letters.next() {
+        let field = fields.last_mut()?;
+        match letter {
+            '"' if quoted && letters.peek() == Some(&'"') => {
+                letters.next();
+                field.push('"');
+            }
+            '"' => quoted = !quoted,
+            ',' if !quoted => fields.push(String::new()),
+            _ => field.push(letter),
+        }
+    }
+    (!quoted).then_some(fields)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::PathBuf;
+
+    use super::{Match, Partners, fields, partners};
+
+    fn matches(open: &[&str]) -> Vec<Match> {
+        let of = |open: &&str| Match { open: vec![(*open).to_owned()], path: PathBuf::from(format!("{open}.png")) };
+        open.iter().map(of).collect()
+    }
+
+    fn paired(lefts: &[&str], rights: &[&str]) -> Result<Partners, String> {
+        partners(&matches(lefts), &matches(rights), ("left", "right")).map_err(|fault| fault.to_string())
+    }
+
+    #[test]
+    fn names_pair_first_then_numbers_then_the_order_which_is_told() {
+        let same = paired(&["1", "2", "4"], &["1", "4", "5"]).unwrap();
+        assert_eq!((same.of, same.warning), (vec![Some(0), None, Some(1)], None));
+        let numbers = paired(&["l001", "l002"], &["r2", "r1"]).unwrap();
+        assert_eq!((numbers.of, numbers.warning), (vec![Some(1), Some(0)], None));
+        let order = paired(&["a", "b"], &["c", "d"]).unwrap();
+        assert_eq!(order.of, [Some(0), Some(1)]);
+        assert!(order.warning.unwrap().ends_with("in their order: a.png with c.png, ..., b.png with d.png"));
+        assert!(paired(&["a", "b"], &["c"]).unwrap_err().contains("it cannot be told which lack their partner"));
+    }
+
+    #[test]
+    fn times_that_a_missing_file_shifted_are_not_paired_in_their_order() {
+        assert!(paired(&["1000", "2000", "3000"], &["1003", "2001", "2998"]).is_ok());
+        let shifted = paired(&["1000", "2000", "3000"], &["2003", "3001", "3998"]).unwrap_err();
+        assert!(
+            shifted.contains("by their order 1000.png would belong to 2003.png") || shifted.contains("nearer"),
+            "{shifted}"
+        );
+    }
+
+    #[test]
+    fn numbers_that_two_files_share_pair_nobody() {
+        let order = paired(&["a1", "b1"], &["c1", "d1"]).unwrap();
+        assert!(order.warning.is_some());
+    }
+
+    #[test]
+    fn a_comma_in_quotes_is_a_letter() {
+        let of = |line| fields(line).unwrap();
+        assert_eq!(of("a,b"), ["a", "b"]);
+        assert_eq!(of("\"a,b\",\"c\"\"d\","), ["a,b", "c\"d", ""]);
+        assert_eq!(fields("\"a,b"), None);
+    }
+}

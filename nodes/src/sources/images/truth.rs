@@ -1,0 +1,83 @@
+//! Truth of one's own: what the numbers of a file mean.
+
+use depthloom_graphs::values::Raster;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// What the numbers of a file are, once divided.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum TruthUnit {
+    /// Depth along the optical axis, metres.
+    #[default]
+    Metres,
+    /// Depth, millimetres.
+    Millimetres,
+    /// Disparity, pixels of these images.
+    Pixels,
+}
+
+impl TruthUnit {
+    /// Its name in a message.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Metres => "m",
+            Self::Millimetres => "mm",
+            Self::Pixels => "px",
+        }
+    }
+}
+
+/// Which image a truth belongs to.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum TruthOf {
+    /// The left image as it is in its file.
+    #[default]
+    Left,
+    /// The left image as it is after rectification.
+    Rectified,
+}
+
+/// What is true.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct ImagesTruth {
+    /// The files, a pattern as of `left`; with a `list`, its column `truth`.
+    pub files: Option<String>,
+    /// What the files' numbers are: depth in `metres` or `millimetres`, or disparity in `pixels`.
+    pub unit: TruthUnit,
+    /// What the files' numbers are divided by before: 256 where they are disparity * 256 (KITTI), 5000 where they are metres * 5000.
+    #[schemars(extend("exclusiveMinimum" = 0))]
+    pub divide_by: f64,
+    /// Which image the truth belongs to: `left` as it is in its file, or `rectified`. Where pairs are rectified as they are read, it must be the latter.
+    pub of: TruthOf,
+}
+
+impl Default for ImagesTruth {
+    fn default() -> Self {
+        Self { files: None, unit: TruthUnit::default(), divide_by: 1.0, of: TruthOf::default() }
+    }
+}
+
+impl ImagesTruth {
+    /// Whether its numbers need more than 8 bits to mean anything.
+    pub fn is_of_more_bits(&self) -> bool {
+        self.divide_by >= 256.0 || self.unit == TruthUnit::Millimetres
+    }
+
+    /// Metres, or pixels, of the numbers of a file: NaN where they are 0, negative or none.
+    pub fn numbers(&self, numbers: &Raster<f32>) -> Raster<f32> {
+        let divisor = match self.unit {
+            TruthUnit::Millimetres => 1000.0 * self.divide_by,
+            TruthUnit::Metres | TruthUnit::Pixels => self.divide_by,
+        } as f32;
+        converted(numbers, |number| if number > 0.0 && number.is_finite() { number / divisor } else { f32::NAN })
+    }
+}
+
+fn converted(numbers: &Raster<f32>, of: impl Fn(f32) -> f32) -> Raster<f32> {
+    let (width, height) = numbers.dimensions();
+    let converted = numbers.iter().map(|number| of(*number)).collect();
+    Raster::from_raw(width, height, converted).expect("as many samples as before")
+}

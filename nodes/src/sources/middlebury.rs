@@ -1,0 +1,372 @@
+//! `middlebury`: the stereo data sets of Middlebury College, of every year, as unpacked.
+
+use std::path::{Path, PathBuf};
+
+use depthloom_graphs::contracts::{DataPath, Frame, FrameSelection, Recognised, SourceDeclaration, Survey};
+use depthloom_graphs::values::{Calibration, Raster, TrueDisparity};
+use depthloom_graphs::{Context, Fault, Outputs, Port, Source, SourceKind, ValueType};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+
+use super::dataset::{
+    Entry, Files, LEFT, Layout, Listing, Part, RIGHT, folders, no_file, no_folder, recognised, survey,
+};
+use super::evaluation::Evaluation;
+use super::middlebury_scene::{self, TruePixels, with_ending, with_truth};
+use super::possible;
+
+const KIND: &str = "middlebury";
+const VERSION: u32 = 1;
+const LAYOUT: &str = "root holds a folder a scene, or is one: im0.png, im1.png, calib.txt and disp0.pfm (2014 and later), view1.png, view5.png and disp1.png \
+(2005, 2006), or im2.png, im6.png and disp2.png (2001, 2003)";
+
+/// The images of 2001 to 2006 and their truth may be of any of these.
+const ENDINGS: [&str; 3] = ["png", "ppm", "pgm"];
+
+/// Truth of 2001 and 2003, and of 2005 and 2006: 8 bits.
+const OF_2001: Part = "disp2";
+const OF_2005: Part = "disp1";
+/// How far all disparities of a scene of 2005 or 2006 were made smaller by cropping, px of the full size.
+const DMIN: Part = "dmin";
+
+/// The cameras of 2005 and 2006, at full size.
+const FOCAL_PX: f64 = 3740.0;
+const BASELINE_M: f64 = 0.160;
+
+/// Parameters of `middlebury`.
+#[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct MiddleburyParams {
+    /// The folder that holds a folder a scene, e.g. `MiddEval3/trainingQ`; or a scene's own.
+    pub root: DataPath,
+    /// Which scenes, in this order. By default all there are, by name.
+    pub scenes: Vec<String>,
+    /// Which true pixels `depth` has: `all`, `noc` (seen by both cameras: scenes with mask0nocc.png) or `none` (truth is not read).
+    pub truth: TruePixels,
+    /// What a true disparity of 1 px is in the 8-bit maps of 2001 to 2006. By default by size: of 2003 4 at 450 columns, 2 at 900, 1 at 1800; of 2005 and 2006 1
+    /// at 1110 rows, 2 at 555, 3 at 370; of 2001 8.
+    #[schemars(range(min = 1, max = 255))]
+    pub factor: Option<u32>,
+    /// Left and right view of scenes of 2001 and 2003, which have im0 to im8 at equal distances. By default 2 and 6.
+    pub views: Option<[u32; 2]>,
+    /// Focal length of scenes of 2001 and 2003, whose calibration is not published, px of the images as they are; with `baseline_m`.
+    #[schemars(extend("exclusiveMinimum" = 0))]
+    pub focal_px: Option<f64>,
+    /// Distance between the cameras of scenes of 2001 and 2003, metres; with `focal_px`.
+    #[schemars(extend("exclusiveMinimum" = 0))]
+    pub baseline_m: Option<f64>,
+    /// Which frames, by the scene's count among those asked for, from 0. By default all.
+    pub frames: FrameSelection,
+}
+
+/// The kind `middlebury`.
+pub struct Middlebury {
+    truth: TruePixels,
+    factor: Option<u32>,
+    views: [u32; 2],
+    camera: Option<(f64, f64)>,
+}
+
+impl SourceKind for Middlebury {
+    type Params = MiddleburyParams;
+
+    fn declaration() -> SourceDeclaration {
+        let depth = "True depth, metres, NaN = unknown; absent without truth or calibration.";
+        let calibration = "Focal length, principal points, baseline; absent of scenes without (2001, 2003).";
+        let ports = [
+            Port::frame("left", ValueType::Image, "Left image, 8 bit, with its file's bytes."),
+            Port::frame("right", ValueType::Image, "Right image, likewise."),
+            Port::frame("calibration", ValueType::Calibration, calibration).optional(),
+            Port::frame("depth", ValueType::Depth, depth).optional(),
+        ];
+        SourceDeclaration {
+            kind: KIND,
+            version: VERSION,
+            summary: "Middlebury stereo, 2001 to 2021 and the training set of its benchmark: indoor scenes with dense truth.",
+            doc: "\
+Layout (Scharstein et al., vision.middlebury.edu/stereo/data): a folder a scene, each told by what it holds.\n\n\
+2014, 2021 and MiddEval3: `im0.png` (left), `im1.png`, `calib.txt`, `disp0.pfm` or `disp0GT.pfm` (px, infinite = unknown), and in MiddEval3 \
+`mask0nocc.png`. Depth is `f * B / (d + doffs)`; `doffs`, px, is how much farther right the right camera's principal point lies.\n\n\
+2005 and 2006: `view1.png` (left), `view5.png`, `disp1.png` (8 bit, 0 = unknown), `dmin.txt`. At half and third size the map's values are two and three times \
+the disparity. `f` = 3740 px at full size and `B` = 0.16 m are published, the principal point is not: the image's middle is taken. What cropping took of each disparity, \
+`dmin` px at full size, is `doffs`; a scene without `dmin.txt` has neither calibration nor depth.\n\n\
+2001 and 2003: `im2` (left) and `im6`, `disp2` (8 bit, 0 = unknown), PNG, PPM or PGM; `views: [2, 4]` takes a nearer right one, whose disparities are less in proportion. \
+There is no calibration, and so no depth, unless `focal_px` and `baseline_m` are given: disparities are scored without.\n\n\
+A frame's id is its scene's name, its index the scene's count. Pixel centres have whole coordinates.",
+            outputs: ports.into_iter().chain(Evaluation::always()).collect(),
+        }
+    }
+
+    fn check(params: &MiddleburyParams) -> Result<(), (&'static str, String)> {
+        if params.root.path().as_os_str().is_empty() {
+            return Err(("root", format!("root is missing: {LAYOUT}")));
+        }
+        if params.factor.is_some_and(|factor| !(1..=255).contains(&factor)) {
+            return Err(("factor", "factor is what 1 px is in a map of 8 bits: 1 to 255".to_owned()));
+        }
+        if let Some([left, right]) = params.views
+            && !(left < right && right <= 8)
+        {
+            return Err(("views", format!("views is [{left}, {right}]: the left and a view right of it, of 0 to 8")));
+        }
+        match (params.focal_px, params.baseline_m) {
+            (Some(focal_px), _) if focal_px.is_nan() || focal_px <= 0.0 => {
+                Err(("focal_px", format!("focal_px is {focal_px} px, which is not greater than 0")))
+            }
+            (_, Some(metres)) if metres.is_nan() || metres <= 0.0 => {
+                Err(("baseline_m", format!("baseline_m is {metres} m, which is not greater than 0")))
+            }
+            (Some(_), None) => Err(("focal_px", "focal_px wants baseline_m: depth needs both".to_owned())),
+            (None, Some(_)) => Err(("baseline_m", "baseline_m wants focal_px: depth needs both".to_owned())),
+            _ => Ok(()),
+        }
+    }
+
+    fn open(params: MiddleburyParams) -> Result<Box<dyn Source>, Fault> {
+        let (listing, layout) = Self::listed(&params)?;
+        listing.open(layout)
+    }
+
+    fn survey(params: MiddleburyParams) -> Survey {
+        survey(Self::listed(&params))
+    }
+
+    fn recognise(root: &Path) -> Vec<Recognised> {
+        // ETH3D's scenes have nearly the same files.
+        let is_eth3d = |folder: &Path| folder.join("disp0GT.pfm").is_file();
+        if scenes(root, &[], is_eth3d).is_ok_and(|of| !of.is_empty()) {
+            return Vec::new();
+        }
+        let params = MiddleburyParams { root: DataPath(root.to_owned()), ..MiddleburyParams::default() };
+        let listed = Self::listed(&params).map(|(listing, _)| listing);
+        recognised(listed, "Middlebury", json!({ "root": root }))
+    }
+}
+
+impl Middlebury {
+    fn listed(params: &MiddleburyParams) -> Result<(Listing, Self), Fault> {
+        let layout = Self {
+            truth: params.truth,
+            factor: params.factor,
+            views: params.views.unwrap_or([2, 6]),
+            camera: params.focal_px.zip(params.baseline_m),
+        };
+        Ok((layout.list(params)?, layout))
+    }
+}
+
+/// What a scene's folder holds, by the year it is of.
+#[derive(Clone, Copy)]
+enum Year {
+    From2014,
+    Of2005,
+    Of2001,
+}
+
+impl Year {
+    /// Of a folder that has any file of a scene.
+    fn of(folder: &Path) -> Option<Self> {
+        let has =
+            |stems: &[&str], endings: &[&str]| stems.iter().any(|stem| with_ending(folder, stem, endings).is_some());
+        let old = has(&["im2", "im6", "disp2", "disp6"], &ENDINGS);
+        if has(&["calib"], &["txt"]) || has(&["disp0", "disp0GT"], &["pfm"]) {
+            Some(Self::From2014)
+        } else if old || (2..=8).any(|view| has(&[&format!("im{view}")], &ENDINGS)) {
+            Some(Self::Of2001)
+        } else if has(&["view1", "view5", "disp1", "disp5"], &ENDINGS) {
+            Some(Self::Of2005)
+        } else {
+            has(&["im0", "im1"], &["png"]).then_some(Self::From2014)
+        }
+    }
+}
+
+impl Middlebury {
+    fn list(&self, params: &MiddleburyParams) -> Result<Listing, Fault> {
+        let root = params.root.path();
+        if !root.is_dir() {
+            return Err(no_folder(root, LAYOUT));
+        }
+        let scenes = scenes(root, &params.scenes, |folder| Year::of(folder).is_some())?;
+        if scenes.is_empty() {
+            return Err(Fault::new(format!("{} holds no scene", root.display())).remedy(LAYOUT));
+        }
+        let known: Vec<(u64, &str)> = (0..).zip(&scenes).map(|(index, (name, _))| (index, name.as_str())).collect();
+        let mut listing = Listing::default();
+        let mut without_dmin = Vec::new();
+        for at in params.frames.select(&known)? {
+            let (index, name) = known[at];
+            let files = self.files(&scenes[at].1);
+            if files.as_ref().is_ok_and(|files| is_uncalibrated_2005(files)) {
+                without_dmin.push(name);
+            }
+            listing.push(files.map(|files| Entry { frame: Frame::at_10_hz(name, index), files }));
+        }
+        if let Some(first) = without_dmin.first() {
+            let (count, are) = (without_dmin.len(), if without_dmin.len() == 1 { "scene has" } else { "scenes have" });
+            listing.warnings.push(format!("{count} {are} no dmin.txt, and so neither calibration nor depth: {first}"));
+        }
+        listing.warnings.extend(params.frames.left_out(&known));
+        Ok(listing)
+    }
+
+    /// The files of a scene.
+    fn files(&self, folder: &Path) -> Result<Vec<(Part, PathBuf)>, Fault> {
+        let (stem, [left, right], truth, span) = match Year::of(folder) {
+            Some(Year::Of2005) => ("view", [1, 5], OF_2005, "view1.png, view5.png and disp1.png"),
+            Some(Year::Of2001) => ("im", self.views, OF_2001, "im2, im6 and disp2, PNG, PPM or PGM"),
+            Some(Year::From2014) => return middlebury_scene::files(folder, folder, self.truth),
+            None => return Err(Fault::new(format!("{} holds no scene", folder.display())).remedy(LAYOUT)),
+        };
+        let remedy = format!("a scene of this year has {span}; without truth, say `truth: none`");
+        let there = |stem: String| {
+            with_ending(folder, &stem, &ENDINGS).ok_or_else(|| no_file(&folder.join(format!("{stem}.png")), &remedy))
+        };
+        let mut files = vec![(LEFT, there(format!("{stem}{left}"))?), (RIGHT, there(format!("{stem}{right}"))?)];
+        if self.truth == TruePixels::Noc {
+            let mask = folder.join("mask0nocc.png");
+            return Err(no_file(
+                &mask,
+                "what both cameras see is told by a mask, which scenes of before 2014 lack: `truth: all`",
+            ));
+        }
+        if self.truth == TruePixels::All {
+            if truth == OF_2001 && left != 2 {
+                let what = format!("{} has no truth of view {left}", folder.display());
+                return Err(Fault::new(what).remedy("truth is of view 2: `views: [2, 6]`, or `truth: none`"));
+            }
+            files.push((truth, there(truth.to_owned())?));
+        }
+        let dmin = folder.join("dmin.txt");
+        if stem == "view" && dmin.is_file() {
+            files.push((DMIN, dmin));
+        }
+        Ok(files)
+    }
+
+    /// What a true disparity of 1 px is in a map of 8 bits.
+    fn factor(&self, files: &Files, size: (u32, u32), ctx: &mut Context<'_>) -> Result<u32, Fault> {
+        let unknown = |of: &str| {
+            let what = format!("{} is {}x{}: {of}", files.the(LEFT)?.path.display(), size.0, size.1);
+            Err(Fault::new(what).remedy("say what 1 px is in the map of disparities, e.g. `factor: 4`"))
+        };
+        if let Some(factor) = self.factor {
+            return Ok(factor);
+        }
+        if files.get(OF_2001).is_none() {
+            return match size.1 {
+                1110 => Ok(1),
+                555 => Ok(2),
+                370 => Ok(3),
+                _ => unknown("scenes of 2005 and 2006 have 1110, 555 or 370 rows"),
+            };
+        }
+        match size.0 {
+            450 => Ok(4),
+            900 => Ok(2),
+            1800 => Ok(1),
+            // Those of 2001 have sizes of their own.
+            width if width < 450 => {
+                ctx.host.warn("maps of disparities are taken to be of 2001, where a pixel is 8: `factor` says another");
+                Ok(8)
+            }
+            _ => unknown("scenes of 2003 have 450, 900 or 1800 columns"),
+        }
+    }
+}
+
+/// Whether a scene's images are of 2005 or 2006 and what cropping took is not told.
+fn is_uncalibrated_2005(files: &[(Part, PathBuf)]) -> bool {
+    let is_view =
+        |(part, path): &(Part, PathBuf)| *part == LEFT && path.file_stem().is_some_and(|stem| stem == "view1");
+    files.iter().any(is_view) && !files.iter().any(|(part, _)| *part == DMIN)
+}
+
+/// The scenes in a folder, by name, or those asked for; or the folder itself, if it is one.
+///
+/// # Errors
+/// If one that is asked for is not there, or the folder cannot be listed.
+pub fn scenes(
+    root: &Path,
+    asked: &[String],
+    is_scene: impl Fn(&Path) -> bool,
+) -> Result<Vec<(String, PathBuf)>, Fault> {
+    let named = |name: &String| (name.clone(), root.join(name));
+    if !asked.is_empty() {
+        let missing = asked.iter().find(|name| !root.join(name).is_dir());
+        return match missing {
+            Some(name) => Err(no_folder(&root.join(name), "`scenes` names folders of root")),
+            None => Ok(asked.iter().map(named).collect()),
+        };
+    }
+    if is_scene(root) {
+        let name = root.canonicalize().unwrap_or_else(|_| root.to_owned());
+        let name = name.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+        return Ok(vec![(name, root.to_owned())]);
+    }
+    Ok(folders(root, LAYOUT)?.iter().map(named).filter(|(_, folder)| is_scene(folder)).collect())
+}
+
+impl Layout for Middlebury {
+    const KIND: (&'static str, u32) = (KIND, VERSION);
+
+    fn meaning(&self) -> String {
+        format!("{:?} {:?} {:?} {:?}", self.truth, self.factor, self.views, self.camera)
+    }
+
+    fn values(&self, files: &Files, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        if files.get(super::dataset::CALIBRATION).is_some() {
+            return middlebury_scene::values(files, self.truth);
+        }
+        let (left, right) = files.pair()?;
+        let size = left.dimensions();
+        let outputs = Outputs::one("left", left).with("right", right);
+        let is_2005 = files.get(DMIN).is_some() || files.get(OF_2005).is_some();
+        let part = if is_2005 { OF_2005 } else { OF_2001 };
+        let encoded = "disparities of before 2014 have 8 bits, one channel (px times a factor, 0 = unknown)";
+        let map = files.map_u8(part, encoded, size)?;
+        let calibration = match files.get(DMIN) {
+            Some(_) => Some(self.calibration_2005(files, size, ctx)?),
+            None if is_2005 => None,
+            None => self.camera.map(|(focal_px, baseline_m)| given(focal_px, baseline_m, size)),
+        };
+        let mut maps = Evaluation::default();
+        if let Some(map) = map {
+            // Between views 2 and 6, or 1 and 5, a disparity is four times that between neighbours.
+            let steps = if is_2005 { 4 } else { self.views[1] - self.views[0] };
+            let scale = (4 * self.factor(files, size, ctx)?) as f32;
+            let px = |&value: &u8| if value > 0 { (u32::from(value) * steps) as f32 / scale } else { f32::NAN };
+            let px = Raster::from_raw(size.0, size.1, map.iter().map(px).collect());
+            maps.occ = Some(TrueDisparity { px: px.expect("the map is of the left image's size") });
+        }
+        if let Some(Err(what)) = calibration.as_ref().map(possible::check) {
+            return Err(
+                Fault::new(what).remedy("`focal_px` is in pixels of the images as they are, `baseline_m` in metres")
+            );
+        }
+        Ok(with_truth(outputs, self.truth, maps, calibration))
+    }
+}
+
+impl Middlebury {
+    /// The calibration of 2005 and 2006, scaled to the images.
+    fn calibration_2005(&self, files: &Files, size: (u32, u32), ctx: &mut Context<'_>) -> Result<Calibration, Fault> {
+        let dmin = files.the(DMIN)?;
+        let text = dmin.text();
+        let number = text.trim().parse::<f64>().ok().filter(|number| number.is_finite());
+        let number = number.ok_or_else(|| {
+            let text: String = text.trim().chars().take(40).collect();
+            let remedy = "dmin.txt holds one number, what cropping took of each disparity, px at full size: take it from the scene's archive";
+            dmin.fault(format!("`{text}` is no number")).remedy(remedy)
+        })?;
+        let factor = f64::from(self.factor(files, size, ctx)?);
+        Ok(Calibration { doffs_px: number / factor, ..given(FOCAL_PX / factor, BASELINE_M, size) })
+    }
+}
+
+/// A calibration of which the principal point is not told.
+fn given(focal_px: f64, baseline_m: f64, (width, height): (u32, u32)) -> Calibration {
+    let (cx_px, cy_px) = possible::middle((width, height));
+    Calibration { width, height, focal_px, cx_px, cy_px, baseline_m, doffs_px: 0.0 }
+}

@@ -1,0 +1,85 @@
+//! What makes two cameras a rectified pair, and its calibration.
+
+use std::ops::RangeInclusive;
+
+use depthloom_graphs::values::Calibration;
+
+/// What a camera can have: from a fisheye to a telescope, from an endoscope to two aeroplanes. Beyond, disparities and depths leave
+/// the numbers that hold them.
+pub const FOCAL_PX: RangeInclusive<f64> = 1.0..=1e6;
+pub const CENTRE_PX: RangeInclusive<f64> = -1e6..=1e6;
+pub const BASELINE_M: RangeInclusive<f64> = 1e-4..=1e4;
+
+/// How far the two cameras of a rectified pair may differ: by one in the last of the seven digits that KITTI writes.
+const FOCAL_TOLERANCE: f64 = 1.5e-6;
+const CENTRE_TOLERANCE_PX: f64 = 1e-3;
+
+/// Why two cameras are no rectified pair.
+#[derive(Debug)]
+pub struct NoPair {
+    /// Whose projection is at fault: 0 left, 1 right.
+    pub camera: usize,
+    /// What is wrong, as a lower-case fragment.
+    pub what: String,
+}
+
+/// The calibration of a rectified pair from the projections (3x4, row-major) of its left and right camera: focal length `P[0,0]`,
+/// principal point `P[0,2]` and `P[1,2]`, baseline `Pr[0,3] / -Pr[0,0] - Pl[0,3] / -Pl[0,0]`, `doffs` the right camera's `P[0,2]` less the left one's.
+///
+/// The two cameras must have one focal length and one row of the principal point: what is matched along rows is a rectified pair.
+///
+/// # Errors
+/// Which of the two is at fault, called by its name.
+pub fn calibration(
+    [left_name, right_name]: [&str; 2],
+    [left, right]: [&[f64; 12]; 2],
+    (width, height): (u32, u32),
+) -> Result<Calibration, NoPair> {
+    let of_right = |what: String| NoPair { camera: 1, what };
+    for (camera, matrix) in [left, right].into_iter().enumerate() {
+        let bounds = [
+            (0, "the focal length", FOCAL_PX),
+            (2, "the principal point's column", CENTRE_PX),
+            (6, "the principal point's row", CENTRE_PX),
+        ];
+        for (at, what, possible) in bounds {
+            if !possible.contains(&matrix[at]) {
+                let (least, most) = (possible.start(), possible.end());
+                let what =
+                    format!("{what} is {} px, and no camera's is beyond {least} to {most} px", short(matrix[at]));
+                return Err(NoPair { camera, what });
+            }
+        }
+    }
+    if (right[0] - left[0]).abs() > FOCAL_TOLERANCE * left[0] {
+        return Err(of_right(format!(
+            "{right_name} has a focal length of {} px and {left_name} one of {} px: rectified cameras have the same",
+            short(right[0]),
+            short(left[0])
+        )));
+    }
+    if (right[6] - left[6]).abs() > CENTRE_TOLERANCE_PX {
+        return Err(of_right(format!(
+            "{right_name} has its principal point's row at {} px and {left_name} at {} px: rectified cameras have the same",
+            short(right[6]),
+            short(left[6])
+        )));
+    }
+    let baseline_m = right[3] / -right[0] - left[3] / -left[0];
+    if baseline_m <= 0.0 {
+        return Err(of_right(format!("the right camera is {} m right of the left one", short(baseline_m))));
+    }
+    if !BASELINE_M.contains(&baseline_m) {
+        let (least, most) = (BASELINE_M.start(), BASELINE_M.end());
+        let what = format!("the baseline is {} m, and no camera's is beyond {least} to {most} m", short(baseline_m));
+        return Err(of_right(what));
+    }
+    let apart = right[2] - left[2];
+    let doffs_px = if apart.abs() > CENTRE_TOLERANCE_PX { apart } else { 0.0 };
+    Ok(Calibration { width, height, focal_px: left[0], cx_px: left[2], cy_px: left[6], baseline_m, doffs_px })
+}
+
+/// A number as a person would write it: of 1e300 not all its zeros.
+pub fn short(number: f64) -> String {
+    if number == 0.0 || (1e-3..1e7).contains(&number.abs()) { number.to_string() } else { format!("{number:e}") }
+}

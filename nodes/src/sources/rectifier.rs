@@ -1,0 +1,241 @@
+//! Pairs of two calibrated cameras become rectified ones as they are read.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use depthloom_graphs::values::{Calibration, Image, Pixels};
+use depthloom_kernels::rectify::{Interpolation, Map, Rectified, View, remap, stereo_rectify};
+use image::{GrayImage, RgbImage};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::camera_files::{CalibratedCamera, CameraPair};
+use super::rectified_pair::{BASELINE_M, CENTRE_PX, FOCAL_PX};
+
+/// The longest baseline that is taken for metres where nobody says so: OpenCV's translations are in the unit of the board's squares.
+const LONGEST_UNSAID_M: f64 = 2.0;
+
+/// How far the rectified views of two cameras may differ: files hold few digits.
+const FOCAL_TOLERANCE: f64 = 1e-5;
+const CENTRE_TOLERANCE_PX: f64 = 1e-2;
+
+/// How a place between pixels is taken where a pair is rectified.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Sampling {
+    /// As it is: OpenCV 5's `remap` with `CV_32FC1` maps.
+    #[default]
+    Float,
+    /// In steps of 1/32 px: OpenCV 4's `remap`, and OpenCV 5's with `CV_16SC2` maps.
+    Fixed,
+}
+
+/// What is asked of the rectification.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Asked {
+    /// The images are rectified already: of the calibration the projections alone are taken.
+    pub rectified: bool,
+    /// The file's rectification is left out, and one is computed, as by [`stereo_rectify`]; below 0 the focal length stays.
+    pub alpha: Option<f64>,
+    pub sampling: Sampling,
+    /// How long a unit of the file's translations is, metres.
+    pub metres_per_unit: Option<f64>,
+}
+
+/// What makes pairs of one size rectified ones.
+#[derive(Debug)]
+pub struct Rectifier {
+    pub calibration: Calibration,
+    /// None if they are so already.
+    maps: Option<[Map; 2]>,
+}
+
+impl Rectifier {
+    /// For images of a size; a lower-case fragment and its remedy if that cannot be.
+    ///
+    /// # Errors
+    /// What of the calibration is missing or contradicts itself or the size, with the remedy.
+    pub fn new(pair: &CameraPair, asked: &Asked, size: (u32, u32)) -> Result<Self, (String, String)> {
+        for (side, camera) in ["left", "right"].into_iter().zip(&pair.cameras) {
+            if let Some((width, height)) = camera.size.filter(|of| *of != size) {
+                let what = format!(
+                    "the {side} camera was calibrated for {width}x{height}, and the image is {}x{}",
+                    size.0, size.1
+                );
+                return Err((
+                    what,
+                    "images must have the size they were calibrated with: no crop, no other scale".to_owned(),
+                ));
+            }
+        }
+        let found = Self::views(pair, asked, size)?;
+        let calibration = calibration(&found, pair, asked, size)?;
+        let is_as_it_is = |(camera, view): (&CalibratedCamera, &View)| {
+            let camera = &camera.camera;
+            let turned = view.rotation.as_flattened().iter().zip([1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]);
+            camera.lens.is_none()
+                && turned.map(|(is, none)| (is - none).abs()).fold(0.0, f64::max) < 1e-9
+                && (camera.focal_px, camera.centre_px) == (view.focal_px, view.centre_px)
+        };
+        let maps = match asked.rectified || pair.cameras.iter().zip(&found.views).all(is_as_it_is) {
+            true => None,
+            false => {
+                let interpolation = match asked.sampling {
+                    Sampling::Float => Interpolation::Float,
+                    Sampling::Fixed => Interpolation::Fixed,
+                };
+                Some([0, 1].map(|at| Map::new(&pair.cameras[at].camera, &found.views[at], size, interpolation)))
+            }
+        };
+        Ok(Self { calibration, maps })
+    }
+
+    fn views(pair: &CameraPair, asked: &Asked, size: (u32, u32)) -> Result<Rectified, (String, String)> {
+        let [left, right] = &pair.cameras;
+        if let ((Some(left), Some(right)), None) = ((left.rectified, right.rectified), asked.alpha) {
+            return Ok(Rectified {
+                views: [left.0, right.0],
+                translation: (right.1 / right.0.focal_px[0]) - (left.1 / left.0.focal_px[0]),
+            });
+        }
+        if asked.rectified {
+            return Err((
+                "the calibration has no projections of rectified images".to_owned(),
+                "with `rectified: true` it needs P1 and P2 (R1, R2), and no `alpha`; or give focal_px and baseline_m"
+                    .to_owned(),
+            ));
+        }
+        let Some((rotation, translation)) = pair.pose else {
+            return Err((
+                "the calibration does not tell how the cameras stand to each other".to_owned(),
+                "it needs R and T, or R1, R2, P1 and P2 (`alpha` needs R and T)".to_owned(),
+            ));
+        };
+        let cameras = [&left.camera, &right.camera];
+        let alpha = asked.alpha.filter(|alpha| *alpha >= 0.0);
+        stereo_rectify(cameras, size, &rotation, translation, alpha).ok_or_else(|| {
+            (
+                "the cameras' rectification cannot be computed".to_owned(),
+                "cameras must stand side by side, and both have a lens of one kind; or give R1, R2, P1 and P2"
+                    .to_owned(),
+            )
+        })
+    }
+
+    /// Whether pixels are taken from elsewhere.
+    pub const fn moves_pixels(&self) -> bool {
+        self.maps.is_some()
+    }
+
+    /// A pair, rectified.
+    pub fn pair(&self, left: Image, right: Image) -> (Image, Image) {
+        match &self.maps {
+            None => (left, right),
+            Some([of_left, of_right]) => (rectified(&left, of_left), rectified(&right, of_right)),
+        }
+    }
+}
+
+/// An image seen through a map.
+pub fn rectified(image: &Image, map: &Map) -> Image {
+    let (width, height) = image.dimensions();
+    let size = (width as usize, height as usize);
+    Image::new(match image.pixels() {
+        Pixels::Grey(grey) => {
+            let mut out = GrayImage::new(width, height);
+            remap::<1>(grey, size, map, &mut out);
+            Pixels::Grey(out)
+        }
+        Pixels::Rgb(rgb) => {
+            let mut out = RgbImage::new(width, height);
+            remap::<3>(rgb, size, map, &mut out);
+            Pixels::Rgb(out)
+        }
+    })
+}
+
+/// The calibration of a rectified pair, if it is one.
+fn calibration(
+    found: &Rectified,
+    pair: &CameraPair,
+    asked: &Asked,
+    (width, height): (u32, u32),
+) -> Result<Calibration, (String, String)> {
+    let [left, right] = &found.views;
+    let wrong = |what: String, remedy: &str| Err((what, remedy.to_owned()));
+    let (f, c) = (left.focal_px, left.centre_px);
+    let named = [
+        ("focal length", f[0], FOCAL_PX),
+        ("principal point's column", c[0], CENTRE_PX),
+        ("principal point's row", c[1], CENTRE_PX),
+    ];
+    for (what, number, possible) in named {
+        if !possible.contains(&number) {
+            let what = format!("the rectified pair's {what} would be {number:.6e} px");
+            return wrong(what, "no camera has that: is the calibration that of these images?");
+        }
+    }
+    if (f[0] - right.focal_px[0]).abs() > FOCAL_TOLERANCE * f[0] {
+        let what = format!("the rectified cameras have focal lengths of {} and {} px", f[0], right.focal_px[0]);
+        return wrong(what, "P1 and P2 of a rectified pair have the same: take both from one calibration");
+    }
+    if (f[0] - f[1]).abs() > 0.01 * f[0] {
+        let what = format!(
+            "the rectified pixels are no squares: focal lengths of {} px along rows and {} px along columns",
+            f[0], f[1]
+        );
+        return wrong(what, "let stereoRectify choose the projections");
+    }
+    let apart = [0, 1].map(|axis| (c[axis] - right.centre_px[axis]).abs());
+    // Infinitely far is what has a disparity of minus this; of two principal points that are meant to be one, digits differ.
+    let doffs_px = if apart[0] > CENTRE_TOLERANCE_PX { right.centre_px[0] - c[0] } else { 0.0 };
+    if apart[0] > f64::from(width) {
+        let what =
+            format!("the rectified principal points are {} px apart along rows, more than the image is wide", apart[0]);
+        return wrong(what, "rectify with CALIB_ZERO_DISPARITY, or give `alpha`, which computes it so from R and T");
+    }
+    if apart[1] > CENTRE_TOLERANCE_PX {
+        let what = format!("the rectified principal points are {} px apart along columns: rows do not meet", apart[1]);
+        return wrong(what, "P1 and P2 of a rectified pair have the same: take both from one calibration");
+    }
+    let baseline_m = -found.translation * asked.metres_per_unit.unwrap_or(1.0);
+    if baseline_m < 0.0 {
+        let what = format!("by the calibration the right camera stands {:.4} m left of the left one", -baseline_m);
+        return wrong(what, "left and right are exchanged: exchange the images, or the cameras in the calibration");
+    }
+    if asked.metres_per_unit.is_none() && !pair.in_metres && baseline_m > LONGEST_UNSAID_M {
+        let what = format!("the baseline would be {baseline_m:.4} m: the calibration's lengths hardly are metres");
+        return wrong(
+            what,
+            "say how long a unit of its T is, that of the board's squares: `metres_per_unit: 0.001` where they were given in millimetres, 1 where in metres",
+        );
+    }
+    if !BASELINE_M.contains(&baseline_m) {
+        let (least, most) = (BASELINE_M.start(), BASELINE_M.end());
+        let what = format!("the baseline is {baseline_m:e} m, and no camera's is beyond {least} to {most} m");
+        return wrong(what, "a right camera's projection tells it: P2[0,3] is -f * B; or T, with `metres_per_unit`");
+    }
+    Ok(Calibration { width, height, focal_px: f[0], cx_px: c[0], cy_px: c[1], baseline_m, doffs_px })
+}
+
+/// The rectifier of images of the size asked for last: maps are computed once for a source, whose images have one size.
+#[derive(Debug, Default)]
+pub struct Latest(Mutex<Option<Known>>);
+
+/// A size, and its rectifier.
+type Known = ((u32, u32), Arc<Rectifier>);
+
+impl Latest {
+    /// The rectifier for a size; who asks while it is computed waits.
+    ///
+    /// # Errors
+    /// As [`Rectifier::new`].
+    pub fn of(&self, pair: &CameraPair, asked: &Asked, size: (u32, u32)) -> Result<Arc<Rectifier>, (String, String)> {
+        let mut latest = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, known)) = latest.as_ref().filter(|(of, _)| *of == size) {
+            return Ok(Arc::clone(known));
+        }
+        let made = Arc::new(Rectifier::new(pair, asked, size)?);
+        *latest = Some((size, Arc::clone(&made)));
+        Ok(made)
+    }
+}

@@ -1,0 +1,320 @@
+//! `ros2/bag`: a robot's recording as a data set: which messages make a frame.
+
+mod chosen;
+mod facts;
+mod found;
+mod recognise;
+
+use std::path::Path;
+
+use depthloom_bags::stamps::seconds;
+use depthloom_bags::transforms::Transforms;
+use depthloom_bags::{Bag, Form, Message};
+use depthloom_graphs::contracts::{DataPath, Fact, Frame, FrameSelection, Recognised, SourceDeclaration, Survey};
+use depthloom_graphs::{Context, Fault, Key, Port, Source, SourceKind, SourceOutputs, ValueType};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use self::chosen::Chosen;
+use self::found::Found;
+use super::asked::Asked;
+use super::dataset::at_file;
+use super::ros2_frame::{Messages, Part, PointRotation, Reading};
+
+pub const KIND: &str = "ros2/bag";
+pub const VERSION: u32 = 1;
+
+/// Where static transforms are.
+const TF_STATIC: &str = "/tf_static";
+
+/// The most messages of static transforms that are read.
+const MOST_TRANSFORMS: usize = 100_000;
+
+/// By which time messages belong together.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum BagClock {
+    /// The time in a message's header: when it was taken.
+    #[default]
+    Header,
+    /// The time when it was recorded.
+    Log,
+}
+
+/// Parameters of `ros2/bag`.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct Ros2BagParams {
+    /// The bag's folder (with `metadata.yaml`), or one file of it: `.mcap` or `.db3`.
+    pub path: DataPath,
+    /// The left camera's images. By default of the one stereo pair that there is: `/.../left/image_rect` and `/.../right/image_rect`, `infra1` and
+    /// `infra2`, `cam0` and `cam1`; rectified ones before others.
+    pub left: Option<String>,
+    /// The right camera's images. By default what `left` is called with `right` in place of `left`.
+    pub right: Option<String>,
+    /// The left camera's `camera_info`. By default the one beside its images.
+    pub left_info: Option<String>,
+    /// The right camera's `camera_info`. By default the one beside its images.
+    pub right_info: Option<String>,
+    /// By which time messages belong together: `header` (when they were taken) or `log` (when they were recorded: nothing but the index is
+    /// read for it).
+    pub clock: BagClock,
+    /// How far a right image may be from its left one, and truth from both, milliseconds.
+    #[schemars(range(min = 0.0, max = 1000.0))]
+    pub tolerance_ms: f64,
+    /// Whether the images are rectified. By default they are where the topic's name says so (`image_rect`), or where the camera neither distorts nor
+    /// is turned; others are rectified here, by D, K, R and P of `camera_info`.
+    pub rectified: Option<bool>,
+    /// Metres between the cameras, where `camera_info` does not say it (`P[3]` of the right camera is 0).
+    #[schemars(range(min = 1e-4, max = 1e4))]
+    pub baseline_m: Option<f64>,
+    /// A topic of depths as truth, registered to the left image: `16UC1` (millimetres), `32FC1` (metres), or `compressedDepth` of these.
+    pub depth: Option<String>,
+    /// How many metres a unit of `depth` is. By default 0.001 of `16UC1` and 1 of `32FC1`.
+    #[schemars(range(min = 1e-9, max = 1e3))]
+    pub depth_unit_m: Option<f64>,
+    /// A topic of points (`PointCloud2`) as truth, projected into the left image through the transforms of `/tf_static`.
+    pub points: Option<String>,
+    /// Whether R of the left camera turns the points before P projects them: `auto` (where the images are rectified here), `always` or `never`.
+    pub points_rotation: PointRotation,
+    /// Seconds from the recording of the first image to the first that is taken.
+    #[schemars(range(min = 0.0))]
+    pub start_s: f64,
+    /// Seconds from the recording of the first image to the first that is no longer taken. By default all are.
+    #[schemars(range(min = 0.0))]
+    pub end_s: Option<f64>,
+    /// Of the pairs between `start_s` and `end_s` the first and every so many after it.
+    #[schemars(range(min = 1))]
+    pub every: u64,
+    /// Which frames, by their count among the pairs between `start_s` and `end_s`, from 0. By default all.
+    pub frames: FrameSelection,
+}
+
+impl Default for Ros2BagParams {
+    fn default() -> Self {
+        Self {
+            path: DataPath::default(),
+            left: None,
+            right: None,
+            left_info: None,
+            right_info: None,
+            clock: BagClock::Header,
+            tolerance_ms: 10.0,
+            rectified: None,
+            baseline_m: None,
+            depth: None,
+            depth_unit_m: None,
+            points: None,
+            points_rotation: PointRotation::Auto,
+            start_s: 0.0,
+            end_s: None,
+            every: 1,
+            frames: FrameSelection::All,
+        }
+    }
+}
+
+/// The kind `ros2/bag`.
+pub struct Ros2Bag {
+    bag: Bag,
+    reading: Reading,
+    frames: Vec<Frame>,
+    /// By frame, the message of each part.
+    messages: Vec<Vec<(Part, Message)>>,
+    warnings: Vec<String>,
+    /// A run asks for a frame's key and reads it at once: its messages are read and hashed once.
+    asked: Asked<(Messages, Key)>,
+}
+
+impl SourceKind for Ros2Bag {
+    type Params = Ros2BagParams;
+
+    fn declaration() -> SourceDeclaration {
+        SourceDeclaration {
+            kind: KIND,
+            version: VERSION,
+            summary: "A ROS 2 bag, or another MCAP file: stereo pairs matched by time, with depths or points as truth.",
+            doc: "\
+`path` is the folder of a bag in either storage of rosbag2 (MCAP; SQLite's `.db3`, opened read-only and unlocked), or one of its files; any MCAP file will do. Read are \
+`sensor_msgs/msg/Image` (mono8, mono16, rgb8, bgr8, rgba8, bgra8; of 16 bits the upper 8), `CompressedImage` (JPEG, PNG, `compressedDepth`), `CameraInfo`, `PointCloud2`, \
+`tf2_msgs/msg/TFMessage` in CDR of either byte order, and `foxglove.RawImage`, `CompressedImage`, `CameraCalibration` in protobuf. Our own recordings are read by `mcap`.\n\n\
+A frame is a left image with the right one nearest in time, no further than `tolerance_ms`: each once, in the order of their times, whatever the order in the file. \
+Those without a partner are counted and told. A frame's id is the left image's stamp in nanoseconds (`1317042164317412775`), its index the count of pairs.\n\n\
+Calibration is `camera_info`'s P (px, pixel centres at whole numbers): focal length, principal point, baseline `-P_right[3] / f`, `doffs` `cx_right - cx_left`, of the part of the sensor that was \
+taken (`roi`, `binning`). Images that are not rectified are made so as OpenCV's `initUndistortRectifyMap` and `remap` do it, and are then no file's bytes any more.\n\n\
+Truth, where a topic is given: depths registered to the left image (REP 118: 0, NaN and infinity are unknown), or a laser scan's points, through static transforms \
+from their frame to the left image's (`header.frame_id`) and P to the nearest pixel (half to even), of which the nearest point wins. ROS' `image_geometry` projects so, \
+without R, since drivers call the rectified camera's frame the camera's; where the images are rectified here, R turns the points too. Truth of another time than \
+`tolerance_ms` allows is none.\n\n\
+Opening reads the index, and of the messages their headers: in files without compressed chunks a few bytes each. `clock: log` takes the index alone. \
+Format: <https://github.com/ros2/rosbag2>, <https://mcap.dev/spec>.",
+            outputs: vec![
+                Port::frame(
+                    "left",
+                    ValueType::Image,
+                    "Left image, 8 bit, rectified; with its file's bytes where the message has some.",
+                ),
+                Port::frame("right", ValueType::Image, "Right image, likewise."),
+                Port::frame("calibration", ValueType::Calibration, "Focal length, principal point, baseline, doffs."),
+                Port::frame(
+                    "depth",
+                    ValueType::Depth,
+                    "True depth, metres, NaN = unknown; absent where no truth is near enough in time.",
+                )
+                .optional(),
+            ],
+        }
+    }
+
+    fn check(params: &Ros2BagParams) -> Result<(), (&'static str, String)> {
+        if params.path.path().as_os_str().is_empty() {
+            return Err(("path", "path is missing: the folder of a ROS 2 bag, or one of its files".to_owned()));
+        }
+        if params.depth.is_some() && params.points.is_some() {
+            return Err(("points", "there is one truth: give `depth` or `points`".to_owned()));
+        }
+        if params.depth_unit_m.is_some() && params.depth.is_none() {
+            return Err(("depth_unit_m", "it is the unit of `depth`, which is not given".to_owned()));
+        }
+        if params.end_s.is_some_and(|end| end <= params.start_s) {
+            return Err((
+                "end_s",
+                format!(
+                    "no image lies between start_s and end_s: {} is not after {}",
+                    params.end_s.unwrap_or(0.0),
+                    params.start_s
+                ),
+            ));
+        }
+        Ok(())
+    }
+
+    fn open(params: Ros2BagParams) -> Result<Box<dyn Source>, Fault> {
+        let bag = Bag::open(params.path.path())?;
+        Self::opened(bag, &params).map(|(source, _)| Box::new(source) as Box<dyn Source>)
+    }
+
+    fn survey(params: Ros2BagParams) -> Survey {
+        let bag = match Bag::open(params.path.path()) {
+            Ok(bag) => bag,
+            Err(fault) => return Survey::failed(fault),
+        };
+        let mut facts = facts::topics(&bag);
+        // A run takes what is there; who asks what is wrong is told what is not.
+        let all = params.frames == FrameSelection::All && params.end_s.is_none();
+        let losses: Vec<String> = if all { bag.losses().to_vec() } else { Vec::new() };
+        let lost = losses.iter().map(|what| {
+            Fault::new(format!("{}: {what}", params.path.path().display()))
+                .remedy("record or copy it again; a run takes what is there without asking, `end_s` or `frames` chooses among it")
+        });
+        let mut faults: Vec<Fault> = lost.collect();
+        match Self::opened(bag, &params) {
+            Ok((mut source, of_frames)) => {
+                facts.extend(of_frames);
+                source.warnings.retain(|warning| !losses.contains(warning));
+                Survey { source: Some(Box::new(source)), faults, facts }
+            }
+            Err(fault) => {
+                faults.push(fault);
+                Survey { source: None, faults, facts }
+            }
+        }
+    }
+
+    fn recognise(root: &Path) -> Vec<Recognised> {
+        recognise::recognise(root)
+    }
+
+    fn resembles(root: &Path) -> Vec<Recognised> {
+        recognise::resembles(root)
+    }
+}
+
+impl Ros2Bag {
+    /// The source, and what there is to show of its times.
+    fn opened(bag: Bag, params: &Ros2BagParams) -> Result<(Self, Vec<Fact>), Fault> {
+        if recognise::is_of_ours(&bag) {
+            let what = format!("{} is a recording of depthloom", bag.path().display());
+            return Err(
+                Fault::new(what).remedy("`kind: mcap` reads it, with all its frames and values, by the same `path`")
+            );
+        }
+        let chosen = Chosen::of(&bag, params)?;
+        let found = Found::of(&bag, &chosen, params)?;
+        let transforms = match &params.points {
+            Some(_) => Some(transforms(&bag)?),
+            None => None,
+        };
+        let reading = Reading::new(
+            params,
+            chosen.0.iter().map(|(part, topic, form)| (*part, topic.name.clone(), *form)),
+            chosen.beside(&bag),
+            transforms,
+        );
+        let mut source = Self {
+            reading,
+            frames: found.frames,
+            messages: found.messages,
+            warnings: found.warnings,
+            asked: Asked::default(),
+            bag,
+        };
+        // What would fail on every frame is found on the first.
+        let (first, _) = source.messages_of(0)?;
+        let more = source.reading.look_at(&first)?;
+        source.warnings.extend(more);
+        Ok((source, found.facts))
+    }
+
+    /// The messages of a frame, not decoded, and their key.
+    fn messages_of(&self, position: usize) -> Result<(Messages, Key), Fault> {
+        let stamp = &self.frames[position].id;
+        let read = |(part, message): &(Part, Message)| Ok((*part, self.bag.read(message)?));
+        let messages = Messages::new(self.messages[position].iter().map(read).collect::<Result<_, Fault>>()?, stamp);
+        let key = self.reading.key(&messages);
+        Ok((messages, key))
+    }
+}
+
+impl Source for Ros2Bag {
+    fn frames(&self) -> &[Frame] {
+        &self.frames
+    }
+
+    fn warnings(&self) -> &[String] {
+        &self.warnings
+    }
+
+    fn key(&self, position: usize) -> Result<Key, Fault> {
+        let (messages, key) = self.messages_of(position)?;
+        self.asked.keep(position, (messages, key));
+        Ok(key)
+    }
+
+    fn read(&self, position: usize, _: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
+        let (messages, key) = self.asked.take(position).map_or_else(|| self.messages_of(position), Ok)?;
+        Ok(SourceOutputs { outputs: self.reading.values(&messages)?, key })
+    }
+}
+
+/// The static transforms of a bag.
+fn transforms(bag: &Bag) -> Result<Transforms, Fault> {
+    let mut transforms = Transforms::default();
+    let Ok(topic) = bag.topic(TF_STATIC) else { return Ok(transforms) };
+    let form = Form::of(topic).map_err(|fault| at_file(bag.path(), fault))?;
+    let messages = bag.messages(&[topic])?.remove(0);
+    if messages.len() > MOST_TRANSFORMS {
+        let what = format!(
+            "{} has {} messages of {TF_STATIC}, and static transforms are few",
+            bag.path().display(),
+            messages.len()
+        );
+        return Err(Fault::new(what)
+            .remedy("what moves belongs on /tf, and is not read: record /tf_static latched, each transform once"));
+    }
+    for message in &messages {
+        let added = transforms.add(form, &bag.read(message)?);
+        added.map_err(|error| error.of(bag.path(), TF_STATIC, &format!("recorded at {}", seconds(message.log_ns))))?;
+    }
+    Ok(transforms)
+}

@@ -1,0 +1,217 @@
+//! Bags by their files, and the parameters that make one a source: the topics of cameras and truth, by name and by their first message.
+
+use std::path::{Path, PathBuf};
+
+use depthloom_bags::camera::camera_info;
+use depthloom_bags::images::{ImageContent, image};
+use depthloom_bags::points::point_cloud;
+use depthloom_bags::{Bag, Form, Header, Malformed, Sort, Topic, topics, written_by};
+use depthloom_graphs::contracts::Recognised;
+use serde_json::json;
+
+use super::transforms;
+
+/// What our own recordings name as their writer.
+const OURS: &str = "depthloom";
+
+/// A recording in the folder of a run.
+const IN_A_RUN: &str = "recording.mcap";
+
+/// Topics beyond which none is looked at: each costs a message.
+const MOST_LOOKED_AT: usize = 40;
+
+/// Whether a bag is a recording of ours, which another kind reads.
+pub fn is_of_ours(bag: &Bag) -> bool {
+    is_written_by_us(bag.path()) || bag.topics().iter().any(|topic| topic.message_type.starts_with("depthloom."))
+}
+
+fn is_written_by_us(path: &Path) -> bool {
+    path.is_file() && written_by(path).is_some_and(|library| library == OURS)
+}
+
+/// Whether a file is called as a bag's is.
+fn is_called_one(path: &Path) -> bool {
+    path.extension().is_some_and(|ending| ending == "mcap" || ending == "db3") && path.is_file()
+}
+
+/// The files in a folder that are called as a bag's are.
+fn files(root: &Path) -> impl Iterator<Item = PathBuf> {
+    let listing = std::fs::read_dir(root).into_iter().flatten().flatten();
+    listing.map(|entry| entry.path()).filter(|path| is_called_one(path))
+}
+
+/// Whether a folder has a bag's metadata, whatever else it lacks.
+fn has_metadata(root: &Path) -> bool {
+    let read = depthloom_graphs::regular_file::read(&root.join("metadata.yaml"), 16 << 20);
+    read.is_ok_and(|bytes| String::from_utf8_lossy(&bytes).contains("rosbag2_bagfile_information"))
+}
+
+/// A bag, with the topics that make it a source.
+pub fn recognise(root: &Path) -> Vec<Recognised> {
+    if !is_called_one(root) && files(root).next().is_none() {
+        return Vec::new();
+    }
+    let Ok(bag) = Bag::open(root) else { return Vec::new() };
+    if is_of_ours(&bag) { Vec::new() } else { vec![Suggestion::of(&bag).recognised(&bag)] }
+}
+
+/// What is called as a bag is, and cannot be opened; of a folder of several without metadata, each file is asked for by itself.
+pub fn resembles(root: &Path) -> Vec<Recognised> {
+    let is_a_run = root.join(IN_A_RUN).is_file();
+    let may_be_one = is_called_one(root) || has_metadata(root) || files(root).take(2).count() == 1;
+    if is_a_run || !may_be_one || is_written_by_us(root) || Bag::open(root).is_ok() {
+        return Vec::new();
+    }
+    let name = root.file_name().unwrap_or(root.as_os_str()).to_string_lossy();
+    vec![Recognised::new(format!("{name}, a bag that cannot be opened"), json!({ "path": root }))]
+}
+
+/// Parameters by name, and lines that may stand in place of them.
+#[derive(Default)]
+struct Suggestion {
+    parameters: Vec<(&'static str, String)>,
+    alternatives: Vec<String>,
+}
+
+/// What the first image of the left camera says.
+struct Left {
+    size: (u32, u32),
+    frame: String,
+}
+
+impl Suggestion {
+    fn of(bag: &Bag) -> Self {
+        let mut found = Self::default();
+        let pairs = topics::stereo_pairs(bag);
+        let Some((&(left, right), others)) = pairs.split_first() else {
+            let is_image = |topic: &&Topic| Form::sort_of(topic).is_some_and(Sort::is_image);
+            for topic in bag.topics().iter().filter(is_image).take(MOST_LOOKED_AT) {
+                found.or("left", &topic.name, "or `right`: an image");
+            }
+            return found;
+        };
+        found.take("left", &left.name);
+        found.take("right", &right.name);
+        for (other_left, other_right) in others {
+            found.or("left", &other_left.name, "another pair, in place of the above, with");
+            found.or("right", &other_right.name, "this, and their infos");
+        }
+        let infos = [(left, "left_info"), (right, "right_info")].map(|(image, parameter)| {
+            let info = topics::camera_of(bag, image);
+            match info {
+                Some(info) => found.take(parameter, &info.name),
+                None => {
+                    let is_info = |topic: &&Topic| Form::sort_of(topic) == Some(Sort::CameraInfo);
+                    for topic in bag.topics().iter().filter(is_info) {
+                        found.or(parameter, &topic.name, "is it the camera's?");
+                    }
+                }
+            }
+            info
+        });
+        let info = infos[0].and_then(|topic| {
+            let bytes = first(bag, topic)?;
+            camera_info(Form::of(topic).ok()?, &bytes).ok()
+        });
+        let frame = frame_of(bag, left);
+        let left_seen = info.zip(frame).map(|(info, frame)| Left { size: info.image_size(), frame });
+        found.truths(bag, [left, right], left_seen.as_ref());
+        found
+    }
+
+    fn take(&mut self, parameter: &'static str, topic: &str) {
+        self.parameters.push((parameter, topic.to_owned()));
+    }
+
+    fn or(&mut self, parameter: &str, topic: &str, why: &str) {
+        self.alternatives.push(format!("{parameter}: {}   # {why}", json!(topic)));
+    }
+
+    /// Topics of depths and of points: the first that belongs to the left image is taken, the others are told with what speaks against them.
+    fn truths(&mut self, bag: &Bag, pair: [&Topic; 2], left: Option<&Left>) {
+        let is_other = |topic: &&Topic| pair.iter().all(|of| of.name != topic.name);
+        let mut fitting: Vec<(&'static str, &Topic)> = Vec::new();
+        for topic in bag.topics().iter().filter(is_other).take(MOST_LOOKED_AT) {
+            let Some((parameter, against)) = truth(bag, topic, left) else { continue };
+            match against {
+                None => fitting.push((parameter, topic)),
+                Some(why) => self.or(parameter, &topic.name, &why),
+            }
+        }
+        // Depths are pixel by pixel, a scan's points are few.
+        fitting.sort_by_key(|(parameter, _)| *parameter);
+        let mut fitting = fitting.into_iter();
+        if let Some((parameter, topic)) = fitting.next() {
+            self.take(parameter, &topic.name);
+        }
+        for (parameter, topic) in fitting {
+            self.or(parameter, &topic.name, "another truth, in place of the above");
+        }
+    }
+
+    fn recognised(self, bag: &Bag) -> Recognised {
+        let mut params = json!({ "path": bag.path() });
+        for (parameter, topic) in &self.parameters {
+            params[*parameter] = json!(topic);
+        }
+        let name = bag.path().file_name().unwrap_or(bag.path().as_os_str()).to_string_lossy();
+        let what = match bag.topics().len() {
+            1 => format!("{name}, a bag of 1 topic"),
+            count => format!("{name}, a bag of {count} topics"),
+        };
+        Recognised { alternatives: self.alternatives, ..Recognised::new(what, params) }
+    }
+}
+
+/// The first message of a topic.
+fn first(bag: &Bag, topic: &Topic) -> Option<std::sync::Arc<[u8]>> {
+    let messages = bag.messages(&[topic]).ok()?.remove(0);
+    bag.read(messages.first()?).ok()
+}
+
+/// The coordinate frame that a topic's images or points are in.
+fn frame_of(bag: &Bag, topic: &Topic) -> Option<String> {
+    let (form, bytes) = (Form::of(topic).ok()?, first(bag, topic)?);
+    let header: Result<Header, Malformed> = match form.sort {
+        Sort::PointCloud => point_cloud(form, &bytes).map(|of| of.header),
+        _ => image(form, &bytes).map(|of| of.header),
+    };
+    header.ok().map(|header| header.frame_id)
+}
+
+/// Which parameter a topic may be the truth of, and what speaks against it; `None` if it is none.
+fn truth(bag: &Bag, topic: &Topic, left: Option<&Left>) -> Option<(&'static str, Option<String>)> {
+    const UNKNOWN: &str = "does it belong to the left image?";
+    let form = Form::of(topic).ok()?;
+    if form.sort == Sort::PointCloud {
+        let against = match (left, frame_of(bag, topic), transforms(bag)) {
+            (Some(left), Some(frame), Ok(transforms)) => transforms.between(&left.frame, &frame).err(),
+            (_, _, Err(fault)) => Some(fault.chain()),
+            _ => Some(UNKNOWN.to_owned()),
+        };
+        return Some(("points", against));
+    }
+    if !form.sort.is_image() {
+        return None;
+    }
+    let bytes = first(bag, topic)?;
+    let message = image(form, &bytes).ok()?;
+    let size = match &message.content {
+        ImageContent::Raw(raw) if matches!(raw.encoding, "16UC1" | "32FC1") => Some((raw.width, raw.height)),
+        ImageContent::Compressed(of) if of.format.contains("compressedDepth") => None,
+        _ => return None,
+    };
+    let frame = &message.header.frame_id;
+    let against = match (left, size) {
+        (None, _) => Some(UNKNOWN.to_owned()),
+        (Some(left), Some((width, height))) if left.size != (width, height) => {
+            let (w, h) = left.size;
+            Some(format!("of {width}x{height}, and the left image is {w}x{h}: record the registered topic"))
+        }
+        (Some(left), _) if left.frame != *frame => {
+            Some(format!("in the frame `{frame}`, and the left image is in `{}`: is it registered to it?", left.frame))
+        }
+        _ => None,
+    };
+    Some(("depth", against))
+}

@@ -1,0 +1,271 @@
+//! `sintel-stereo`: the MPI Sintel stereo training set, as unpacked.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use depthloom_graphs::contracts::{DataPath, Frame, FrameSelection, Recognised, SourceDeclaration, Survey};
+use depthloom_graphs::values::{Calibration, Pixels, Raster, TrueDisparity};
+use depthloom_graphs::{Context, Fault, Outputs, Port, Source, SourceKind, ValueType};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+
+use super::dataset::{
+    CALIBRATION, Entry, File, Files, LEFT, Layout, Listing, Part, RIGHT, TRUTH, folders, no_file, no_folder,
+    recognised, stems, survey,
+};
+use super::evaluation::Evaluation;
+use super::middlebury_scene::{TruePixels, with_truth, without};
+use super::{image_file, possible};
+
+const KIND: &str = "sintel-stereo";
+const VERSION: u32 = 1;
+const LAYOUT: &str = "root holds `training` with final_left, final_right, clean_left, clean_right, disparities, occlusions and outofframe, each with a folder a \
+sequence of frame_0001.png ... (MPI-Sintel-stereo-training)";
+
+const OCCLUDED: Part = "occlusions";
+const OUT_OF_FRAME: Part = "outofframe";
+
+/// The cameras stand 10 cm apart.
+const BASELINE_M: f64 = 0.1;
+/// What a camera file of Sintel begins with, and its length: this, 3x3 and 3x4 doubles.
+const CAMERA_TAG: f32 = 202_021.25;
+const CAMERA_BYTES: usize = 4 + 8 * (9 + 12);
+
+/// Which rendering.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum SintelPass {
+    /// With blur and depth of field.
+    #[default]
+    Final,
+    /// Without.
+    Clean,
+}
+
+/// Parameters of `sintel-stereo`.
+#[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct SintelStereoParams {
+    /// The folder that holds `training`.
+    pub root: DataPath,
+    /// Which rendering: `final` or `clean`.
+    pub pass: SintelPass,
+    /// Which sequences, in this order: `alley_1`. By default all there are, by name.
+    pub sequences: Vec<String>,
+    /// Which true pixels `depth` has: `all`, `noc` (seen by both cameras) or `none` (truth is not read).
+    pub truth: TruePixels,
+    /// Focal length, px, where there are no camera files: the stereo archive tells none. 1120 of most sequences.
+    #[schemars(extend("exclusiveMinimum" = 0))]
+    pub focal_px: Option<f64>,
+    /// Which frames, by their count over all sequences, from 0. By default all.
+    pub frames: FrameSelection,
+}
+
+/// The kind `sintel-stereo`.
+pub struct SintelStereo {
+    truth: TruePixels,
+    focal_px: Option<f64>,
+}
+
+impl SourceKind for SintelStereo {
+    type Params = SintelStereoParams;
+
+    fn declaration() -> SourceDeclaration {
+        let depth = "True depth, metres, NaN = unknown; absent without truth or calibration.";
+        let calibration = "Focal length, principal point, baseline; absent without `focal_px` or camera files.";
+        let ports = [
+            Port::frame("left", ValueType::Image, "Left image, RGB, with its file's bytes."),
+            Port::frame("right", ValueType::Image, "Right image, likewise."),
+            Port::frame("calibration", ValueType::Calibration, calibration).optional(),
+            Port::frame("depth", ValueType::Depth, depth).optional(),
+        ];
+        SourceDeclaration {
+            kind: KIND,
+            version: VERSION,
+            summary: "MPI Sintel stereo: rendered film scenes with dense truth, occlusions included.",
+            doc: "\
+Layout (Butler et al., *A naturalistic open source movie for optical flow evaluation*, 2012; sintel.is.tue.mpg.de/stereo): \
+`<root>/training/{final,clean}_{left,right}/<sequence>/frame_%04d.png`, `disparities`, `occlusions` and `outofframe` likewise.\n\n\
+A disparity is `4 R + G / 2^6 + B / 2^14` px of an RGB file, as in the archive's own `sintel_io`. What leaves the right image (`outofframe`) is not taken into account by \
+the benchmark and is unknown; `disp_noc` has the pixels that are not occluded, `disp_occ` these too.\n\n\
+Depth is `f * B / d` with `B` = 0.1 m, and `f` of the camera files of Sintel's depth set, where `training/camdata_left` is unpacked beside, else `focal_px` with the image's \
+middle as the principal point. A frame's id is sequence and file (`alley_1_frame_0001`), its index the count over all sequences, its time 10 Hz. Pixel centres have whole \
+coordinates.",
+            outputs: ports.into_iter().chain(Evaluation::always()).collect(),
+        }
+    }
+
+    fn check(params: &SintelStereoParams) -> Result<(), (&'static str, String)> {
+        if params.root.path().as_os_str().is_empty() {
+            return Err(("root", format!("root is missing: {LAYOUT}")));
+        }
+        match params.focal_px {
+            Some(focal_px) if focal_px.is_nan() || focal_px <= 0.0 => {
+                Err(("focal_px", format!("focal_px is {focal_px} px, which is not greater than 0")))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn open(params: SintelStereoParams) -> Result<Box<dyn Source>, Fault> {
+        list(&params)?.open(Self { truth: params.truth, focal_px: params.focal_px })
+    }
+
+    fn survey(params: SintelStereoParams) -> Survey {
+        survey(list(&params).map(|listing| (listing, Self { truth: params.truth, focal_px: params.focal_px })))
+    }
+
+    fn recognise(root: &Path) -> Vec<Recognised> {
+        let params = SintelStereoParams { root: DataPath(root.to_owned()), ..SintelStereoParams::default() };
+        recognised(list(&params), "MPI Sintel stereo", json!({ "root": root }))
+    }
+}
+
+fn list(params: &SintelStereoParams) -> Result<Listing, Fault> {
+    let root = params.root.path();
+    if !root.is_dir() {
+        return Err(no_folder(root, LAYOUT));
+    }
+    let training = root.join("training");
+    let pass = match params.pass {
+        SintelPass::Final => "final",
+        SintelPass::Clean => "clean",
+    };
+    let lefts = training.join(format!("{pass}_left"));
+    let sequences = if params.sequences.is_empty() { folders(&lefts, LAYOUT)? } else { params.sequences.clone() };
+    let mut frames: Vec<(String, String, PathBuf)> = Vec::new();
+    for sequence in &sequences {
+        for (stem, path) in stems(&lefts.join(sequence), &["png"], LAYOUT)? {
+            frames.push((sequence.clone(), stem, path));
+        }
+    }
+    if frames.is_empty() {
+        return Err(Fault::new(format!("{} holds no frame", lefts.display())).remedy(LAYOUT));
+    }
+    let ids: Vec<String> = frames.iter().map(|(sequence, stem, _)| format!("{sequence}_{stem}")).collect();
+    let known: Vec<(u64, &str)> = (0..).zip(&ids).map(|(index, id)| (index, id.as_str())).collect();
+    let has_cameras = training.join("camdata_left").is_dir();
+    let mut listing = Listing::default();
+    for at in params.frames.select(&known)? {
+        let ((index, id), (sequence, stem, left)) = (known[at], &frames[at]);
+        let there = |folder: &str, ending: &str, remedy: &str| {
+            let path = training.join(folder).join(sequence).join(format!("{stem}.{ending}"));
+            if path.is_file() { Ok(path) } else { Err(no_file(&path, remedy)) }
+        };
+        let files = || {
+            let right = there(
+                &format!("{pass}_right"),
+                "png",
+                "each left image needs its right one: unpack the archive again",
+            )?;
+            let mut files = vec![(LEFT, left.clone()), (RIGHT, right)];
+            if params.truth != TruePixels::None {
+                let remedy = "truth is a disparity and two masks a frame; without truth, say `truth: none`";
+                for (part, folder) in [(TRUTH, "disparities"), (OCCLUDED, OCCLUDED), (OUT_OF_FRAME, OUT_OF_FRAME)] {
+                    files.push((part, there(folder, "png", remedy)?));
+                }
+            }
+            if has_cameras {
+                let remedy =
+                    "each frame needs its camera, or the whole folder away: unpack Sintel's depth archive again";
+                files.push((CALIBRATION, there("camdata_left", "cam", remedy)?));
+            }
+            Ok(files)
+        };
+        listing.push(files().map(|files| Entry { frame: Frame::at_10_hz(id, index), files }));
+    }
+    listing.warnings.extend(params.frames.left_out(&known));
+    Ok(listing)
+}
+
+impl Layout for SintelStereo {
+    const KIND: (&'static str, u32) = (KIND, VERSION);
+
+    fn meaning(&self) -> String {
+        format!("{:?} {:?}", self.truth, self.focal_px)
+    }
+
+    fn values(&self, files: &Files, _ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        let (left, right) = files.pair()?;
+        let size = left.dimensions();
+        let calibration = self.calibration(files, size)?;
+        let outputs = Outputs::one("left", left).with("right", right);
+        let Some(file) = files.get(TRUTH) else {
+            return Ok(with_truth(outputs, self.truth, Evaluation::default(), calibration));
+        };
+        let all = disparities(files, file, size)?;
+        let mask = |part| {
+            let what = "a mask of Sintel's has 8 bits, one channel, and is set where a pixel is not seen";
+            files.map_u8(part, what, size)
+        };
+        let occ = mask(OUT_OF_FRAME)?.map_or_else(|| all.clone(), |set| without(&all, &set));
+        let noc = mask(OCCLUDED)?.map(|set| TrueDisparity { px: without(&occ, &set) });
+        let maps = Evaluation { noc, occ: Some(TrueDisparity { px: occ }), objects: None };
+        Ok(with_truth(outputs, self.truth, maps, calibration))
+    }
+}
+
+impl SintelStereo {
+    fn calibration(&self, files: &Files, size: (u32, u32)) -> Result<Option<Calibration>, Fault> {
+        let (width, height) = size;
+        let of = |focal_px, cx_px, cy_px| Calibration {
+            width,
+            height,
+            focal_px,
+            cx_px,
+            cy_px,
+            baseline_m: BASELINE_M,
+            doffs_px: 0.0,
+        };
+        let (found, remedy) = match (files.get(CALIBRATION), self.focal_px) {
+            (Some(file), _) => {
+                let [focal_px, cx_px, cy_px] = camera(file)?;
+                (of(focal_px, cx_px, cy_px), "take the camera file from Sintel's depth archive again")
+            }
+            (None, Some(focal_px)) => {
+                let (cx_px, cy_px) = possible::middle(size);
+                (of(focal_px, cx_px, cy_px), "`focal_px` is in pixels, 1120 of most sequences")
+            }
+            (None, None) => return Ok(None),
+        };
+        possible::check(&found).map_err(|what| match files.get(CALIBRATION) {
+            Some(file) => file.fault(what).remedy(remedy),
+            None => Fault::new(what).remedy(remedy),
+        })?;
+        Ok(Some(found))
+    }
+}
+
+/// `4 R + G / 2^6 + B / 2^14`.
+fn disparities(files: &Files, file: &File, size: (u32, u32)) -> Result<Raster<f32>, Fault> {
+    let image = image_file::image(&file.path, Arc::clone(&file.bytes))?;
+    files.same_size_as_left(size, file, image.dimensions())?;
+    let Pixels::Rgb(rgb) = image.pixels() else {
+        return Err(file
+            .fault("it is a grey image: Sintel's disparities are in the red, green and blue of a file")
+            .remedy("take `disparities`, not `disparities_viz`, from the archive again"));
+    };
+    let px = rgb.pixels().map(|of| {
+        let [red, green, blue] = of.0.map(f32::from);
+        4.0 * red + green / 64.0 + blue / 16384.0
+    });
+    Ok(Raster::from_raw(size.0, size.1, px.collect()).expect("a number a pixel"))
+}
+
+/// Focal length and principal point of a camera file.
+fn camera(file: &File) -> Result<[f64; 3], Fault> {
+    let bytes = &file.bytes;
+    let fault = |what: String| {
+        file.fault(what)
+            .remedy("a camera file is one of Sintel's depth archive, `camdata_left/<sequence>/frame_0001.cam`")
+    };
+    if bytes.len() != CAMERA_BYTES {
+        return Err(fault(format!("it has {} bytes, and a camera file of Sintel's {CAMERA_BYTES}", bytes.len())));
+    }
+    if bytes.first_chunk().map(|tag| f32::from_le_bytes(*tag)) != Some(CAMERA_TAG) {
+        return Err(fault(format!("it does not begin with {CAMERA_TAG}, as a camera file of Sintel's does")));
+    }
+    let number = |at: usize| bytes[4..].as_chunks().0.get(at).map_or(f64::NAN, |bytes| f64::from_le_bytes(*bytes));
+    Ok([number(0), number(2), number(5)])
+}

@@ -1,0 +1,114 @@
+"""Messages of a recording to NumPy arrays."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import zstandard
+from numpy.typing import NDArray
+from PIL import Image
+
+from ._errors import RecordingError
+
+#: The types of outputs that are maps, and can be asked of a frame.
+MAP_TYPES = frozenset({"image", "depth", "disparity", "true-disparity", "weight", "mask"})
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """A rectified pair's cameras: pixels but for the baseline, which is metres."""
+
+    width: int
+    height: int
+    focal_px: float
+    cx_px: float
+    cy_px: float
+    #: The distance between the two cameras' centres, metres.
+    baseline_m: float
+    #: How much farther right the right camera's principal point lies: depth is `focal_px * baseline_m / (disparity + doffs_px)`.
+    doffs_px: float
+
+
+def array(value_type: str, schema: str, message: Any) -> NDArray[Any]:
+    """The map that a message holds.
+
+    - depth: float32 metres, NaN = no answer; `(height, width)`, as all maps
+    - disparity: float32 pixels, NaN = nothing found (of a true one: unknown)
+    - weight: float32 shares in [0, 1]
+    - mask: bool
+    - image: uint8, `(height, width)` of a grey one, else `(height, width, 3)` RGB
+    """
+    match value_type, schema:
+        case "image", "foxglove.CompressedImage":
+            return _decompressed(message.data)
+        case "image", "foxglove.RawImage":
+            grey = message.encoding == "mono8"
+            shape = (message.height, message.width) if grey else (message.height, message.width, 3)
+            return np.frombuffer(message.data, np.uint8).reshape(shape)
+        case "mask", "foxglove.RawImage":
+            is_set: NDArray[np.bool_] = _samples(message, "u1") != 0
+            return is_set
+        case "disparity", "foxglove.RawImage":
+            # Sixteenths from one below the smallest that was searched, which stands for none found.
+            found = _samples(message, "<u2").astype(np.float32)
+            return np.where(found > 0, found / 16 + np.float32(message.min_disparity_px - 1), np.float32(np.nan))
+        case "true-disparity", "foxglove.RawImage":
+            known = _samples(message, "<u2").astype(np.float32)
+            return np.where(known > 0, known / 256, np.float32(np.nan))
+        case _, "depthloom.FloatMap":
+            return _floats(message)
+        case _, "foxglove.RawImage" if message.encoding == "32FC1":
+            return _samples(message, "<f4").astype(np.float32)
+        case _:
+            raise RecordingError(f"a message of {schema} holds no {value_type}")
+
+
+def calibration(message: Any) -> Calibration:
+    """The calibration that a message holds."""
+    return Calibration(
+        width=message.width,
+        height=message.height,
+        focal_px=message.K[0],
+        cx_px=message.K[2],
+        cy_px=message.K[5],
+        baseline_m=message.baseline_m,
+        # Of recordings from before it is no field.
+        doffs_px=getattr(message, "doffs_px", 0.0),
+    )
+
+
+def _samples(message: Any, dtype: str) -> NDArray[Any]:
+    return np.frombuffer(message.data, dtype).reshape(message.height, message.width)
+
+
+def _decompressed(data: bytes) -> NDArray[np.uint8]:
+    image = Image.open(io.BytesIO(data))
+    return np.array(image.convert("L" if image.mode in ("1", "L") else "RGB"))
+
+
+def _floats(message: Any) -> NDArray[np.float32]:
+    """The samples of a `depthloom.FloatMap`: as they are, or as the differences of their bits.
+
+    The bits of a sample less those of the one before, the sign in the lowest bit, are of four classes: nothing, 16, 20 or 32 bits are kept of them.
+    `lows` are the low 16 bits; `codes` is a zstd frame of the classes, two bits each, of the four bits more of class 2, and of the high 16 bits of class 3.
+    """
+    shape = (message.height, message.width)
+    count = message.height * message.width
+    if message.data:
+        return np.frombuffer(message.data, "<f4").reshape(shape).astype(np.float32)
+    codes = np.frombuffer(zstandard.decompress(message.codes), np.uint8)
+    split = (count + 3) // 4
+    classes = (codes[:split, None] >> np.array([0, 2, 4, 6], np.uint8) & 3).ravel()[:count]
+    is_few, is_many = classes == 2, classes == 3
+    few, many = np.count_nonzero(is_few), np.count_nonzero(is_many)
+    middles, highs = codes[split : split + (few + 1) // 2], codes[split + (few + 1) // 2 :]
+    lower, upper = highs.reshape(2, many).astype(np.uint32)
+    differences = np.zeros(count, np.uint32)
+    differences[classes > 0] = np.frombuffer(message.lows, "<u2")
+    differences[is_few] |= (middles[:, None] >> np.array([0, 4], np.uint8) & 15).ravel()[:few].astype(np.uint32) << 16
+    differences[is_many] |= (upper << 8 | lower) << 16
+    signed = (differences >> 1) ^ (0 - (differences & 1))
+    return np.cumsum(signed, dtype=np.uint32).view(np.float32).reshape(shape)

@@ -1,0 +1,193 @@
+"""What a recording says of the plan that made it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from typing import Any
+
+from ._errors import Ambiguous, NotRecorded
+
+#: How many names an error lists.
+_TOLD = 8
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """An estimate under `score:`."""
+
+    #: What a frame knows it by: `name` where all variants share it, else `variant/name`.
+    label: str
+    #: Its name in the experiment: `estimator` in tables.
+    name: str
+    #: The variant; `None` where all share it.
+    variant: str | None
+    #: The stage.
+    stage: str
+    #: The topic of its maps; `None` where they were not recorded.
+    topic: str | None
+    #: The topic of the truth that it is held against; `None` where it was not recorded.
+    truth_topic: str | None
+    #: How it was scored: preset, bounds, crop, pixel sets, with every default.
+    scoring: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Node:
+    """A node of a stage."""
+
+    name: str
+    kind: str
+    version: int
+    #: Its parameters, every default filled in.
+    params: Mapping[str, Any]
+    #: By port, where its input comes from; `None`: an optional one left unwired.
+    inputs: Mapping[str, str | None]
+    #: The variants that use it.
+    variants: tuple[str, ...]
+    #: The key of kind, version, parameters and the recipes of its inputs.
+    recipe: str
+
+
+@dataclass(frozen=True)
+class Output:
+    """An output port whose values are in the recording, frame by frame."""
+
+    #: The stage run, as an index.
+    run: int
+    topic: str
+    #: The topic, and the names that other variants have for it.
+    names: tuple[str, ...]
+    value_type: str
+
+    def is_called(self, name: str) -> bool:
+        """Whether a name is the topic (`/look/depth/depth`), or its end: `depth/depth`, or of its node: `depth`."""
+        if name.startswith("/"):
+            return name in self.names
+        for topic in self.names:
+            node = topic.rpartition("/")[0]
+            # A port alone is no name: `depth` is the node, not whatever gives depths.
+            if f"{node}/".endswith(f"/{name}/") or ("/" in name and topic.endswith(f"/{name}")):
+                return True
+        return False
+
+
+class Plan:
+    """The plan of a recording."""
+
+    def __init__(self, text: str) -> None:
+        plan = json.loads(text)
+        self.name: str = plan["experiment"]
+        self.about: str = plan["about"]
+        self.variants: tuple[str, ...] = tuple(variant for variant in plan["variants"] if variant)
+        factors = plan.get("factors") or [[] for _ in plan["variants"]]
+        #: By variant, the values of the matrix' axes.
+        self.factors: dict[str, dict[str, str]] = {
+            variant: {factor["axis"]: factor["value"] for factor in of}
+            for variant, of in zip(plan["variants"], factors, strict=True)
+            if variant
+        }
+        #: The names of the stage runs.
+        self.stages: tuple[str, ...] = tuple(run["prefix"].lstrip("/") for run in plan["runs"])
+        self.nodes: tuple[tuple[Node, ...], ...] = tuple(
+            tuple(_node(node, plan["variants"]) for node in run["nodes"]) for run in plan["runs"]
+        )
+        #: By stage run, what was scored.
+        self._scored: tuple[tuple[Estimate, ...], ...] = tuple(
+            tuple(_estimate(estimate, run["stage"], plan["variants"]) for estimate in run["estimates"]) for run in plan["runs"]
+        )
+        self.estimates: tuple[Estimate, ...] = tuple(estimate for of in self._scored for estimate in of)
+        self.outputs: tuple[Output, ...] = tuple(
+            output for index, run in enumerate(plan["runs"]) for output in _outputs(index, run)
+        )
+        self._by_topic = {output.topic: output for output in self.outputs}
+
+    def output(self, name: str, runs: frozenset[int]) -> Output:
+        """The output that is called so, among those of some stage runs: an estimate by its label, or a topic."""
+        # A label is that of an estimate on any frame: on one of another stage it is not the node that happens to be called so.
+        if self._labelled(name):
+            estimate = self.estimate(name, runs)
+            if estimate.topic is None:
+                raise NotRecorded(f"the maps of `{name}` were not recorded: let `record:` keep them, and run the experiment again")
+            return self._by_topic[estimate.topic]
+        called = [output for output in self.outputs if output.is_called(name)]
+        here = [output for output in called if output.run in runs]
+        if len(here) == 1:
+            return here[0]
+        if here:
+            raise Ambiguous(f"`{name}` is several topics: {_listed([output.topic for output in here])}")
+        if called:
+            raise NotRecorded(f"{called[0].topic} is of stage `{self.stages[called[0].run]}`; {self._not_there(runs)}")
+        raise NotRecorded(self._unknown(name, runs))
+
+    def estimate(self, name: str, runs: frozenset[int]) -> Estimate:
+        """The estimate of that label, among those of some stage runs."""
+        labelled = self._labelled(name)
+        here = [estimate for estimate in labelled if estimate in self._estimates(runs)]
+        if len(here) == 1:
+            return here[0]
+        if here:
+            names = _listed([f"{estimate.stage}/{estimate.label}" for estimate in here])
+            raise Ambiguous(f"`{name}` is an estimate of several stages: {names}")
+        if labelled:
+            raise NotRecorded(f"`{name}` is an estimate of stage `{labelled[0].stage}`; {self._not_there(runs)}")
+        labels = _listed([estimate.label for estimate in self._estimates(runs)])
+        raise NotRecorded(f"there is no estimate `{name}` here; there is {labels}")
+
+    def _labelled(self, name: str) -> list[Estimate]:
+        return [estimate for estimate in self.estimates if name in (estimate.label, f"{estimate.stage}/{estimate.label}")]
+
+    def _estimates(self, runs: frozenset[int]) -> list[Estimate]:
+        return [estimate for run in sorted(runs) for estimate in self._scored[run]]
+
+    def _not_there(self, runs: frozenset[int]) -> str:
+        return f"this frame is of {_listed([self.stages[run] for run in sorted(runs)])}"
+
+    def _unknown(self, name: str, runs: frozenset[int]) -> str:
+        labels = [estimate.label for estimate in self._estimates(runs)]
+        topics = [output.topic for output in self.outputs if output.run in runs]
+        ends = [end for topic in topics for end in (topic, "/".join(topic.split("/")[-2:]), topic.rpartition("/")[0].rpartition("/")[2])]
+        near = get_close_matches(name, labels + ends, n=1)
+        also = f"did you mean `{near[0]}`?" if near else f"there is {_listed(labels + topics)}"
+        return f"nothing that was recorded here is called `{name}`; {also}"
+
+
+def _node(node: Mapping[str, Any], variants: list[str]) -> Node:
+    return Node(
+        name=node["name"],
+        kind=node["kind"],
+        version=node["version"],
+        params=node["params"],
+        inputs={of["port"]: of["from"] for of in node["inputs"]},
+        variants=tuple(variants[variant] for variant in node["variants"] if variants[variant]),
+        recipe=node["recipe"],
+    )
+
+
+def _estimate(estimate: Mapping[str, Any], stage: str, variants: list[str]) -> Estimate:
+    variant = estimate["variant"]
+    return Estimate(
+        label=estimate["label"],
+        name=estimate["name"],
+        variant=None if variant is None else variants[variant],
+        stage=stage,
+        topic=estimate["estimate_topic"],
+        truth_topic=estimate["truth_topic"],
+        scoring=estimate["score_params"],
+    )
+
+
+def _outputs(index: int, run: Mapping[str, Any]) -> Iterator[Output]:
+    of_nodes = (output for node in run["nodes"] for output in node["outputs"])
+    for output in (*run["source"]["outputs"], *of_nodes):
+        if output["recorded"] and not output["once"]:
+            topic = output["topic"]
+            names = (topic, *(alias for alias in output["aliases"] if alias != topic))
+            yield Output(run=index, topic=topic, names=names, value_type=output["type"])
+
+
+def _listed(names: list[str]) -> str:
+    told = ", ".join(f"`{name}`" for name in names[:_TOLD])
+    return f"{told}, ..." if len(names) > _TOLD else told or "none"

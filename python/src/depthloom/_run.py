@@ -1,0 +1,210 @@
+"""A run: its tables, its frames, its experiment."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+from ruamel.yaml import YAML
+
+from ._errors import DepthloomError, NotRecorded, RecordingError
+from ._frames import Frame, Frames, Place
+from ._plan import Estimate, Node, Plan
+from ._program import StrPath, ask
+from ._recording import Recording
+
+#: The recording in a run's folder.
+RECORDING = "recording.mcap"
+
+
+class Stage:
+    """A stage of a run; one a variant where variants have sources of their own."""
+
+    def __init__(self, name: str, nodes: tuple[Node, ...], frames: tuple[Frame, ...]) -> None:
+        #: What the tables call it.
+        self.name = name
+        #: Its nodes: those that variants share are there once.
+        self.nodes = nodes
+        #: Its frames by position, also where several have one id.
+        self.frames: Sequence[Frame] = frames
+
+    def __repr__(self) -> str:
+        return f"<Stage {self.name!r}: {len(self.frames)} frames, {len(self.nodes)} nodes>"
+
+
+class Run:
+    """A run, or a recording alone. `depthloom.open` makes it.
+
+    Tables are polars DataFrames, as the run's folder has them (`docs/tables.md` explains each column). They are read when they are asked for and kept.
+    """
+
+    def __init__(self, recording: Recording, folder: Path | None) -> None:
+        self._recording = recording
+        self._folder = folder
+        self._plan = Plan(recording.plan)
+        self._places: list[Place] = []
+        counted: dict[int, int] = {}
+        for commit in recording.commits:
+            position = counted.get(commit.run, 0)
+            counted[commit.run] = position + 1
+            self._places.append(Place(position, commit))
+
+    # A run goes to other processes as the path that it is: data loaders' workers open it anew.
+    def __reduce__(self) -> tuple[Callable[[StrPath], Run], tuple[str]]:
+        return open, (str(self.path),)
+
+    def __repr__(self) -> str:
+        of = f", {len(self.variants)} variants" if self.variants else ""
+        unfinished = "" if self.is_whole else ", unfinished"
+        return f"<Run {self.name!r} at {self.path}: {len(self.frames)} frames{of}, {len(self.estimates)} estimates{unfinished}>"
+
+    @property
+    def path(self) -> Path:
+        """The run's folder; of a recording alone the file."""
+        return self._folder or self._recording.path
+
+    @property
+    def name(self) -> str:
+        """The experiment's name."""
+        return self._plan.name
+
+    @property
+    def about(self) -> str:
+        """What the experiment says of itself."""
+        return self._plan.about
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether the run came to its end; of one that did not, the frames up to the last whole one are there."""
+        return self._recording.is_whole
+
+    @property
+    def variants(self) -> tuple[str, ...]:
+        """The variants' names; none if the experiment declares none."""
+        return self._plan.variants
+
+    @property
+    def factors(self) -> dict[str, dict[str, str]]:
+        """By variant, the values of the matrix' axes as they are written in the file; in tables they are columns."""
+        return self._plan.factors
+
+    @property
+    def estimates(self) -> tuple[Estimate, ...]:
+        """What was scored."""
+        return self._plan.estimates
+
+    @cached_property
+    def experiment(self) -> dict[str, Any]:
+        """The experiment as it was run: `extends`, the environment and `--set` are in it."""
+        text = self._recording.attachment("experiment.resolved.yaml")
+        if text is None and self._folder is not None:
+            try:
+                text = (self._folder / "experiment.resolved.yaml").read_bytes()
+            except FileNotFoundError:
+                pass
+        if text is None:
+            raise NotRecorded(f"{self.path} does not have its experiment")
+        # YAML 1.2, as the program reads it: `no` is a text, `1e-3` a number.
+        experiment: dict[str, Any] = YAML(typ="safe", pure=True).load(text)
+        return experiment
+
+    @cached_property
+    def frames(self) -> Frames:
+        """The frames by id: `run.frames["000150_10"]["no_scaling/fused"]` is an array, float32 metres."""
+        return Frames(self._recording, self._plan, self._places)
+
+    @cached_property
+    def stages(self) -> dict[str, Stage]:
+        """The stages by name, in the order in which they ran."""
+        by_run: dict[int, list[Frame]] = {}
+        for place in self._places:
+            by_run.setdefault(place.commit.run, []).append(Frame(self._recording, self._plan, (place,)))
+        return {
+            name: Stage(name, self._plan.nodes[run], tuple(by_run.get(run, ()))) for run, name in enumerate(self._plan.stages)
+        }
+
+    @cached_property
+    def table(self) -> pl.DataFrame:
+        """The means of the scores: a row a stage, variant, estimator and pixel set."""
+        return self._table("table")
+
+    @cached_property
+    def scores(self) -> pl.DataFrame:
+        """The scores: a row a frame, stage, variant, estimator, pixel set and zone."""
+        return self._table("scores")
+
+    @cached_property
+    def error_vs_distance(self) -> pl.DataFrame:
+        """Percentiles of the absolute error, metres: a row a stage, variant, estimator, pixel set and bin of true distance."""
+        return self._table("error_vs_distance")
+
+    @cached_property
+    def learning_curves(self) -> pl.DataFrame:
+        """Losses of what learned: a row a point."""
+        return self._table("learning_curves")
+
+    @cached_property
+    def timings(self) -> pl.DataFrame:
+        """Where the time went: a row a node and phase."""
+        return self._table("timings")
+
+    def units(self, table: str) -> dict[str, str]:
+        """The units of a table's columns, `run.units("scores")`: `m`, `px`, ..., `1` of numbers without one; columns of text have none."""
+        units: dict[str, str] = json.loads(pl.read_parquet_metadata(self._table_file(table)).get("depthloom.units", "{}"))
+        return units
+
+    def samples(self) -> pl.LazyFrame:
+        """A row a scored pixel: `stage`, `frame`, `x`, `y`, `truth_m`, a column an estimator, metres, and a column a weight.
+
+        A query over `samples.parquet`, of which no more is read than it needs; the program makes the file where there is none, which takes time and disk.
+        """
+        path = self._file("samples.parquet")
+        if not path.exists():
+            ask("samples", path.parent)
+        return pl.scan_parquet(path)
+
+    def _file(self, name: str) -> Path:
+        if self._folder is None:
+            raise DepthloomError(f"{self.path} is a recording without a run's folder, where {name} would lie")
+        return self._folder / name
+
+    def _table(self, name: str) -> pl.DataFrame:
+        return pl.read_parquet(self._table_file(name))
+
+    def _table_file(self, name: str) -> Path:
+        path = self._file(f"{name}.parquet")
+        if not path.exists():
+            raise DepthloomError(f"{path} is not there: `depthloom report {path.parent}` makes the tables that the recording has anything for")
+        return path
+
+
+def open(run: StrPath) -> Run:
+    """Opens a run.
+
+    Args:
+        run: Its folder, its recording, or what `depthloom` takes for one: `"@latest"`, `"table1/@latest"`, or the beginning of its name under `runs/`.
+
+    Raises:
+        RecordingError: If there is no recording, or it cannot be read.
+        ProgramError: If it is no path, and the program knows no run of that name.
+    """
+    path = Path(run)
+    if not path.exists():
+        path = Path(_named(os.fspath(run)))
+    if path.is_dir():
+        file = path / RECORDING
+        if not file.exists():
+            raise RecordingError(f"{path} is no run's folder: it has no {RECORDING}")
+        return Run(Recording(file), path)
+    in_folder = path.name == RECORDING
+    return Run(Recording(path), path.parent if in_folder else None)
+
+
+def _named(name: str) -> str:
+    path = ask("runs", "show", name)["path"]
+    return str(path)

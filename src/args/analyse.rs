@@ -1,0 +1,99 @@
+//! Errors asked for.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+use clap_complete::engine::ArgValueCompleter;
+use depthloom_analysis::{Bins, Gross, SampleSet};
+
+use super::TableFormat;
+use crate::completion::{folders, runs};
+
+/// `samples`.
+#[derive(Debug, Args)]
+pub struct SamplesArgs {
+    /// A run: its folder, its recording, the beginning of its name in `runs`, or `@latest`.
+    #[arg(add = ArgValueCompleter::new(runs))]
+    pub run: PathBuf,
+
+    /// The file to write; by default `samples.parquet` in the run's folder.
+    #[arg(long, short, value_name = "FILE", add = ArgValueCompleter::new(folders()))]
+    pub out: Option<PathBuf>,
+
+    /// Print nothing but errors.
+    #[arg(long, short, conflicts_with = "json")]
+    pub quiet: bool,
+
+    /// Print one JSON object instead of text.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// The pixels that errors are of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum SampleSetOption {
+    /// Those that an estimator answered, which are its own.
+    Answered,
+    /// Those that all estimators answered that are asked for and were scored in the same way.
+    Common,
+}
+
+impl SampleSetOption {
+    /// As the analysis has it.
+    pub const fn set(self) -> SampleSet {
+        match self {
+            Self::Answered => SampleSet::Answered,
+            Self::Common => SampleSet::Common,
+        }
+    }
+}
+
+/// `analyse`.
+#[derive(Debug, Args)]
+pub struct AnalyseArgs {
+    /// Runs: their folders, recordings, the beginnings of their names in `runs`, or `@latest`; also files of samples.
+    #[arg(required = true, value_name = "RUN", add = ArgValueCompleter::new(runs))]
+    pub runs: Vec<PathBuf>,
+
+    /// What pixels are put into bins by: `distance` (the truth), `estimate` (the answer), `weight` (the one recorded for a variant), `row`,
+    /// `column`, `frame` (a bin a frame), or a column of the samples by its name, e.g. `full/weight.weight`.
+    #[arg(long, value_name = "WHAT", default_value = "distance")]
+    pub by: String,
+
+    /// The bins: `width:2`, `linear:20`, `log:20`, `quantile:10` or `edges:0,5,10,20,80`. By default a metre wide of distances, tenths of
+    /// weights, twenty of anything else.
+    #[arg(long, value_name = "BINS", value_parser = Bins::parse)]
+    pub bins: Option<Bins>,
+
+    /// The percentiles of the error, with commas between.
+    #[arg(long, value_name = "P,...", value_delimiter = ',', default_value = "5,25,50,75,95")]
+    pub percentiles: Vec<f64>,
+
+    /// Only estimators whose label or name this is; `*` stands for any run of characters: `fused`, `no_*/mono`.
+    #[arg(long, value_name = "GLOB")]
+    pub estimators: Option<String>,
+
+    /// Over which pixels; several with commas between.
+    #[arg(long, value_enum, value_name = "SET,...", value_delimiter = ',', default_value = "answered")]
+    pub set: Vec<SampleSetOption>,
+
+    /// Errors as shares of the true distance, in place of metres.
+    #[arg(long)]
+    pub relative: bool,
+
+    /// From where on an error is a gross one: metres (`3m`) or a share of the true distance (`25%`).
+    #[arg(long, value_name = "LIMIT", value_parser = Gross::parse, default_value = "25%")]
+    pub gross: Gross,
+
+    /// What it is written as; by default as text for a terminal.
+    #[arg(long, value_enum, value_name = "FORMAT")]
+    pub format: Option<TableFormat>,
+
+    /// The file to write, in place of standard output.
+    #[arg(long, short, value_name = "FILE", add = ArgValueCompleter::new(folders()))]
+    pub out: Option<PathBuf>,
+
+    /// Print one JSON object instead of text: the same as `--format json`.
+    #[arg(long, conflicts_with = "format")]
+    pub json: bool,
+}

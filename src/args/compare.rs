@@ -1,0 +1,91 @@
+//! Scores held against each other.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+use clap_complete::engine::{ArgValueCandidates, ArgValueCompleter};
+
+use super::{ScoresArgs, TableFormat};
+use crate::completion::{folders, metrics, runs};
+
+/// How sure an interval is, and how it is found.
+#[derive(Clone, Debug, Args)]
+pub struct IntervalArgs {
+    /// How sure an interval is, in per cent; tests are held against what is left to 100.
+    #[arg(long, value_name = "PERCENT", default_value = "95", value_parser = parse_confidence)]
+    pub confidence: f64,
+
+    /// How an interval is read off the resamples.
+    #[arg(long, value_enum, value_name = "METHOD", default_value = "bca")]
+    pub interval: IntervalOption,
+
+    /// How often frames are resampled.
+    #[arg(long, value_name = "N", default_value_t = 10_000, value_parser = clap::value_parser!(u32).range(100..=1_000_000))]
+    pub resamples: u32,
+
+    /// The seed of the resamples: equal seeds give equal intervals, on any machine.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+}
+
+/// How an interval is read off the resamples.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum IntervalOption {
+    /// Bias-corrected and accelerated (Efron 1987).
+    Bca,
+    /// The percentiles themselves.
+    Percentile,
+}
+
+/// Reads a confidence in per cent.
+pub(super) fn parse_confidence(text: &str) -> Result<f64, String> {
+    let percent: f64 = text.trim_end_matches('%').trim().parse().map_err(|_| "it is no number".to_owned())?;
+    (50.0..100.0).contains(&percent).then_some(percent / 100.0).ok_or_else(|| "it lies from 50 to below 100".to_owned())
+}
+
+/// `compare`.
+#[derive(Debug, Args)]
+pub struct CompareArgs {
+    /// What is compared, the first being what the others are held against: runs (folders, recordings, beginnings of names, `@latest`); or a run, and
+    /// variants or estimators of it (`full`, `full/fused`, `'*/fused'`); or `RUN:NAME`, of several runs. A run alone: all of its variants, or where it
+    /// has none, estimators.
+    #[arg(required = true, value_name = "RUN|NAME", add = ArgValueCompleter::new(runs))]
+    pub sides: Vec<PathBuf>,
+
+    /// What the others are held against, in place of the first: a side, or `best`, the one with the best value of the first score.
+    #[arg(long, value_name = "SIDE")]
+    pub baseline: Option<String>,
+
+    /// Which scores.
+    #[command(flatten)]
+    pub pixels: ScoresArgs,
+
+    /// Only these scores, with commas between; by default all that both have. Tests are corrected for as many as are shown.
+    #[arg(long, value_name = "SCORE,...", value_delimiter = ',', add = ArgValueCandidates::new(metrics))]
+    pub scores: Vec<String>,
+
+    /// Only estimators whose label or name this is; `*` stands for any run of characters: `fused`, `no_*/mono`.
+    #[arg(long, value_name = "GLOB")]
+    pub estimators: Option<String>,
+
+    /// How sure.
+    #[command(flatten)]
+    pub intervals: IntervalArgs,
+
+    /// End with exit code 3 if this is so, e.g. `fused.abs_rel > +1%`, `d1 >= 0.002`, `no_*/fused.a1 < -0.5%`: a change in per cent of the baseline's value
+    /// or in the score's unit, of the estimates of that name, or of all. Can be given several times.
+    #[arg(long, value_name = "LIMIT")]
+    pub fail_if: Vec<String>,
+
+    /// What it is written as; by default as text for a terminal.
+    #[arg(long, value_enum, value_name = "FORMAT")]
+    pub format: Option<TableFormat>,
+
+    /// The file to write, in place of standard output.
+    #[arg(long, short, value_name = "FILE", add = ArgValueCompleter::new(folders()))]
+    pub out: Option<PathBuf>,
+
+    /// Print one JSON object instead of text: the same as `--format json`.
+    #[arg(long, conflicts_with = "format")]
+    pub json: bool,
+}

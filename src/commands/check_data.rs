@@ -1,0 +1,307 @@
+//! `depthloom check --data`: what is wrong with the data of an experiment, all of it in one pass, before an hour is computed on them.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::PathBuf;
+use std::sync::Mutex;
+
+use depthloom_graphs::contracts::{Fact, Survey};
+use depthloom_graphs::plan::{Plan, SourcePart, StageRun};
+use depthloom_graphs::registry::SourceEntry;
+use depthloom_graphs::{Context, Fault, Frame, Port, Registry, Scratch, Source, Value};
+use depthloom_nodes::inspection::inspect;
+use depthloom_threads::{Budget, Tiles as _};
+use serde_json::{Value as Json, json};
+
+use crate::counted::counted;
+use crate::exit::{Exit, Problem, Stop};
+use crate::told::Told;
+use crate::truths;
+use crate::walk::Walk;
+
+/// What was found of a source.
+pub struct Walked {
+    /// Its name under `sources:`.
+    pub name: String,
+    pub kind: String,
+    /// How many frames have all their files.
+    pub frames: usize,
+    pub faults: Vec<Found>,
+    /// What there is to show of the data beside their frames.
+    pub facts: Vec<Fact>,
+    pub warnings: Vec<String>,
+    /// How many frames were read, and how many of these have a value of each output port.
+    read: usize,
+    with: BTreeMap<&'static str, usize>,
+}
+
+/// One thing that is wrong.
+pub struct Found {
+    /// The frame's id; `None` of what is no frame's own.
+    frame: Option<String>,
+    what: String,
+    remedy: Option<String>,
+    /// What it is about, where values contradict each other: the same of two frames may be told in other words, of other files.
+    kind: Option<(&'static str, &'static str)>,
+}
+
+impl Found {
+    fn of(frame: Option<&Frame>, fault: &Fault) -> Self {
+        Self {
+            frame: frame.map(|frame| frame.id.to_string()),
+            what: fault.chain(),
+            remedy: fault.remedy_text().map(ToOwned::to_owned),
+            kind: None,
+        }
+    }
+}
+
+/// Walks every source of a plan, each once, whichever stages take it.
+pub fn walk(plan: &Plan, registry: &Registry, workers: usize, quiet: bool) -> Vec<Walked> {
+    let mut known: Vec<&SourcePart> = Vec::new();
+    let mut walked = Vec::new();
+    for run in &plan.runs {
+        for part in &run.source.parts {
+            if known.iter().any(|other| is_same(other, part)) {
+                continue;
+            }
+            if let Some(entry) = registry.source_kind(&part.kind) {
+                known.push(part);
+                walked.push(one(&run.source.name, entry, &part.params, workers, quiet));
+            }
+        }
+    }
+    for run in &plan.runs {
+        let parts = run.source.parts.iter().filter_map(|part| known.iter().position(|other| is_same(other, part)));
+        lacks_truth(run, &parts.collect::<Vec<_>>(), &mut walked);
+    }
+    walked
+}
+
+fn is_same(one: &SourcePart, other: &SourcePart) -> bool {
+    one.kind == other.kind && one.params == other.params
+}
+
+/// Says of the sources joined into a stage's which of the truths that it scores against they lack.
+fn lacks_truth(run: &StageRun, parts: &[usize], walked: &mut [Walked]) {
+    for port in truths::of_source(run) {
+        let with = |of: &Walked| of.with.get(port).copied().unwrap_or(0);
+        let of_all: usize = parts.iter().map(|at| with(&walked[*at])).sum();
+        for at in parts {
+            let of = &mut walked[*at];
+            let (there, read, stage) = (with(of), of.read, &run.stage);
+            // Without what an opening lacks there may be no truth either.
+            let is_open =
+                of.faults.iter().all(|fault| fault.frame.is_some() || fault.remedy.as_deref() == Some(truths::REMEDY));
+            if read > 0 && of_all == 0 && is_open {
+                let what = format!("no frame has a `{port}`, against which stage `{stage}` scores");
+                if !of.faults.iter().any(|fault| fault.what == what) {
+                    of.faults.push(Found { frame: None, what, remedy: Some(truths::REMEDY.to_owned()), kind: None });
+                }
+            } else if there < read && is_open {
+                let (without, read) = (read - there, counted(read as u64, "frame"));
+                let what = format!(
+                    "{without} of {read} have no `{port}`, against which stage `{stage}` scores: they are in no mean"
+                );
+                if !of.warnings.contains(&what) {
+                    of.warnings.push(what);
+                }
+            }
+        }
+    }
+}
+
+fn one(name: &str, entry: &SourceEntry, params: &Json, workers: usize, quiet: bool) -> Walked {
+    let Survey { source, faults, facts } = entry.survey(params);
+    let mut faults: Vec<Found> = faults.iter().map(|fault| Found::of(None, fault)).collect();
+    let ports = entry.outputs(params).unwrap_or_else(|fault| {
+        faults.push(Found::of(None, &fault));
+        Vec::new()
+    });
+    let (mut frames, mut warnings) = (0, Vec::new());
+    let there = There::default();
+    if let Some(source) = source {
+        frames = source.frames().len();
+        warnings = source.warnings().to_vec();
+        let told = Told::default();
+        let of_frames = each_frame(&*source, &ports, workers, (&told, &there), &Walk::new(name, frames as u64, quiet));
+        faults.extend(of_frames);
+        warnings.extend(told.into_warnings());
+    }
+    let There(there) = there;
+    let (read, with) = there.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
+    Walked {
+        name: name.to_owned(),
+        kind: entry.declaration.kind.to_owned(),
+        frames,
+        faults,
+        facts,
+        warnings,
+        read,
+        with,
+    }
+}
+
+/// How many frames were read, and how many of them have a value of each port.
+#[derive(Default)]
+struct There(Mutex<(usize, BTreeMap<&'static str, usize>)>);
+
+impl There {
+    fn count(&self, ports: &[Port], values: &[Option<Value>]) {
+        let mut of = self.0.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        of.0 += 1;
+        for (port, _) in ports.iter().zip(values).filter(|(_, value)| value.is_some()) {
+            *of.1.entry(port.name).or_default() += 1;
+        }
+    }
+}
+
+/// What is wrong with the frames, in their order, whichever thread looked at which.
+fn each_frame(
+    source: &dyn Source,
+    ports: &[Port],
+    workers: usize,
+    seen: (&Told, &There),
+    progress: &Walk,
+) -> Vec<Found> {
+    let found: Mutex<Vec<(usize, Vec<Found>)>> = Mutex::default();
+    let frames = source.frames();
+    let budget = Budget::new(workers);
+    let _own = budget.permit();
+    budget.run(frames.len(), &|position| {
+        let frame = &frames[position];
+        let mut scratch = Scratch::default();
+        let looked = || frame_faults(source, ports, position, frame, &mut Context::new(seen.0, &mut scratch), seen.1);
+        let faults = depthloom_threads::caught(looked).unwrap_or_else(|panic| {
+            vec![Found::of(Some(frame), &Fault::new(format!("the source panicked {}", panic.0)))]
+        });
+        progress.one_more(faults.len() as u64);
+        if !faults.is_empty() {
+            found.lock().unwrap_or_else(std::sync::PoisonError::into_inner).push((position, faults));
+        }
+    });
+    let mut found = found.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
+    found.sort_by_key(|(position, _)| *position);
+    found.into_iter().flat_map(|(_, faults)| faults).collect()
+}
+
+fn frame_faults(
+    source: &dyn Source,
+    ports: &[Port],
+    position: usize,
+    frame: &Frame,
+    ctx: &mut Context<'_>,
+    there: &There,
+) -> Vec<Found> {
+    let read =
+        source.examine(position, ctx).and_then(|read| read.outputs.in_order_of(ports).map_err(|fault| vec![fault]));
+    let values = match read {
+        Ok(values) => values,
+        Err(faults) => return faults.iter().map(|fault| Found::of(Some(frame), fault)).collect(),
+    };
+    there.count(ports, &values);
+    let files = source.files(position);
+    let contradictions = inspect(ports, &values).into_iter().map(|found| {
+        let named = file_of(found.port, &files)
+            .map_or_else(|| found.what.clone(), |path| format!("{}: {}", path.display(), found.what));
+        Found {
+            frame: Some(frame.id.to_string()),
+            what: named,
+            remedy: Some(found.remedy.to_owned()),
+            kind: Some((found.port, found.remedy)),
+        }
+    });
+    contradictions.collect()
+}
+
+/// The file that a port's value was most probably read from: that of the part with its name, of a truth that which is no image and no calibration.
+pub fn file_of<'f>(port: &str, files: &'f [(&'static str, PathBuf)]) -> Option<&'f PathBuf> {
+    let part = |name: &str| files.iter().find(|(part, _)| *part == name).map(|(_, path)| path);
+    part(port)
+        .or_else(|| {
+            files.iter().find(|(part, _)| truths::is_of_truth(part) && port != "calibration").map(|(_, path)| path)
+        })
+        // A calibration of no file is written in the experiment.
+        .or_else(|| part("left").filter(|_| port != "calibration"))
+}
+
+/// A line a source.
+pub fn text(walked: &[Walked]) -> String {
+    let line = |of: &Walked| {
+        let frames = counted(of.frames as u64, "frame");
+        let faults = match of.faults.len() as u64 {
+            0 => "nothing wrong".to_owned(),
+            count => counted(count, "fault"),
+        };
+        let facts = of.facts.iter().map(|fact| format!("  {:12} {}\n", fact.label, fact.text)).collect::<String>();
+        format!("source `{}` ({}): {frames}, {faults}\n{facts}", of.name, of.kind)
+    };
+    walked.iter().map(line).collect()
+}
+
+/// The same for programs, with every fault.
+pub fn json(walked: &[Walked]) -> Json {
+    let one = |of: &Walked| {
+        let fault = |of: &Found| json!({ "frame": of.frame, "message": of.what, "help": of.remedy });
+        json!({
+            "source": of.name,
+            "kind": of.kind,
+            "frames": of.frames,
+            "faults": of.faults.iter().map(fault).collect::<Vec<_>>(),
+            "facts": of.facts.iter().map(|fact| json!({ "about": fact.label, "what": fact.text })).collect::<Vec<_>>(),
+            "warnings": of.warnings,
+        })
+    };
+    walked.iter().map(one).collect()
+}
+
+/// How the command ends where something is wrong: every fault, its remedy where it is said first; what all frames share once.
+pub fn stop(walked: &[Walked]) -> Option<Stop> {
+    let count: usize = walked.iter().map(|of| of.faults.len()).sum();
+    if count == 0 {
+        return None;
+    }
+    let mut said: BTreeSet<&str> = BTreeSet::new();
+    let mut problems = Vec::new();
+    for of in walked {
+        for (fault, frames) in once(&of.faults, of.frames) {
+            let place = match (&fault.frame, frames) {
+                (Some(_), 2..) => format!("source `{}`, all {frames} frames, the first: {}", of.name, fault.what),
+                (Some(frame), _) => format!("source `{}`, frame {frame}: {}", of.name, fault.what),
+                (None, _) => format!("source `{}`: {}", of.name, fault.what),
+            };
+            let remedy = fault.remedy.as_deref().filter(|remedy| said.insert(*remedy));
+            problems.push(Problem::Here(place, remedy.map(ToOwned::to_owned)));
+        }
+    }
+    let what = format!("the data have {}", counted(count as u64, "fault"));
+    Some(Stop::new(Exit::Before, what).problems(problems))
+}
+
+/// The faults in their order, each with the number of frames that have it: more than one is all of them.
+fn once(faults: &[Found], frames: usize) -> Vec<(&Found, usize)> {
+    let same = |one: &Found, other: &Found| match (one.kind, other.kind) {
+        (Some(one), Some(other)) => one == other,
+        _ => one.what == other.what && one.kind == other.kind,
+    };
+    let mut told: Vec<(&Found, usize)> = Vec::new();
+    // Where all frames have a fault, the first has it.
+    let first = faults.iter().find_map(|fault| fault.frame.as_ref());
+    let shared: Vec<&Found> = faults
+        .iter()
+        .filter(|fault| frames > 1 && fault.frame.is_some() && fault.frame.as_ref() == first)
+        .filter(|fault| {
+            let with: BTreeSet<&String> =
+                faults.iter().filter(|other| same(other, fault)).filter_map(|other| other.frame.as_ref()).collect();
+            with.len() == frames
+        })
+        .collect();
+    for fault in faults {
+        let of_all = fault.frame.is_some() && shared.iter().any(|of| same(of, fault));
+        match (of_all, shared.iter().any(|of| std::ptr::eq(*of, fault))) {
+            (true, true) => told.push((fault, frames)),
+            (true, false) => {}
+            (false, _) => told.push((fault, 1)),
+        }
+    }
+    told
+}

@@ -1,0 +1,137 @@
+//! `depthloom compare`: is it really better?
+
+use std::path::{Path, PathBuf};
+
+use depthloom_analysis::{CompareOptions, ComparedRun, IntervalMethod, Resampling, Selection, Side};
+use depthloom_graphs::language::{glob, nearest};
+use depthloom_recording::Recording;
+
+use super::report::recording_of;
+use super::table::{Delivery, failed, open, selection};
+use crate::args::{CompareArgs, IntervalArgs, IntervalOption, TableFormat};
+use crate::diagnostics::error_json;
+use crate::exit::{Exit, Stop};
+use crate::outputs::Output;
+use crate::signals;
+
+/// Columns of text of a terminal's table.
+const TERMINAL_WIDTH: usize = 140;
+
+/// Compares runs, variants or estimators.
+pub fn compare(args: &CompareArgs) -> Result<Exit, Stop> {
+    let delivery = Delivery::of(args.format, args.json, args.out.as_deref())?;
+    let interrupt = signals::listen("stopping")?;
+    let mut opened = Opened::default();
+    let mut sides: Vec<Side> = Vec::new();
+    for written in &args.sides {
+        let side = opened.side(written, sides.last())?;
+        // A run whose parts are named is itself none of the sides.
+        if sides.last().is_some_and(|last| last.name.is_none() && last.run == side.run && side.name.is_some()) {
+            sides.pop();
+        }
+        sides.push(side);
+    }
+    let runs: Vec<ComparedRun<'_>> =
+        opened.runs.iter().map(|(called, recording)| ComparedRun { called, recording }).collect();
+    let options = CompareOptions {
+        selection: Selection { estimators: args.estimators.clone(), ..selection(&args.pixels) },
+        scores: args.scores.clone(),
+        baseline: args.baseline.clone(),
+        resampling: resampling(&args.intervals),
+        fail_if: args.fail_if.clone(),
+    };
+    let compared = depthloom_analysis::compare(&runs, &sides, &options, &|| interrupt.stops_admission());
+    let compared = compared.map_err(|error| failed(&error))?;
+    let exceeded = compared.exceeded();
+    let faulty = (!exceeded.is_empty())
+        .then(|| Stop::new(Exit::Frames, format!("what must not be is so: {}", exceeded.join("; "))));
+    let bytes = match delivery.format {
+        TableFormat::Terminal => compared.terminal(TERMINAL_WIDTH).into_bytes(),
+        TableFormat::Md => compared.markdown().into_bytes(),
+        TableFormat::Csv => compared.csv(),
+        TableFormat::Parquet => compared.parquet().map_err(|error| failed(&error))?,
+        TableFormat::Latex => compared.latex().into_bytes(),
+        TableFormat::Json => {
+            let mut json = Output::Compare.stamped(compared.json());
+            if let Some(stop) = &faulty {
+                json["error"] = error_json(stop);
+            }
+            format!("{json:#}\n").into_bytes()
+        }
+    };
+    let recordings: Vec<&Path> = opened.runs.iter().map(|(_, recording)| recording.path()).collect();
+    delivery.deliver(&bytes, &recordings)?;
+    let Some(stop) = faulty else { return Ok(Exit::Whole) };
+    crate::diagnostics::print_stop(&stop);
+    Ok(stop.exit)
+}
+
+/// How frames are resampled.
+pub(super) fn resampling(args: &IntervalArgs) -> Resampling {
+    let method = match args.interval {
+        IntervalOption::Bca => IntervalMethod::Bca,
+        IntervalOption::Percentile => IntervalMethod::Percentile,
+    };
+    Resampling { resamples: args.resamples, seed: args.seed, confidence: args.confidence, method }
+}
+
+/// The runs that were named so far.
+#[derive(Default)]
+struct Opened {
+    runs: Vec<(String, Recording)>,
+}
+
+impl Opened {
+    /// A side: a part of the run that was named last, a run, or a part of another.
+    fn side(&mut self, written: &Path, last: Option<&Side>) -> Result<Side, Stop> {
+        let (text, last) = (written.to_str(), last.map(|side| side.run));
+        if let (Some(run), Some(text)) = (last, text)
+            && self.has(run, text)?
+        {
+            return Ok(Side { run, name: Some(text.to_owned()) });
+        }
+        let is_run = match recording_of(written, "compare") {
+            Ok(path) => return Ok(Side { run: self.open(written, &path)?, name: None }),
+            Err(stop) => stop,
+        };
+        for (place, _) in text.unwrap_or_default().match_indices(':') {
+            let (run, name) = written.to_str().unwrap_or_default().split_at(place);
+            let Ok(path) = recording_of(Path::new(run), "compare") else { continue };
+            let (run, name) = (self.open(Path::new(run), &path)?, &name[1..]);
+            if !self.has(run, name)? {
+                return Err(self.no_such(run, name)?);
+            }
+            return Ok(Side { run, name: Some(name.to_owned()) });
+        }
+        let Some(run) = last else { return Err(is_run) };
+        let text = written.display().to_string();
+        Err(if written.components().count() > 1 && written.exists() { is_run } else { self.no_such(run, &text)? })
+    }
+
+    fn open(&mut self, called: &Path, path: &PathBuf) -> Result<usize, Stop> {
+        let known = self.runs.iter().position(|(_, recording)| recording.path() == path);
+        if let Some(run) = known {
+            return Ok(run);
+        }
+        self.runs.push((called.display().to_string(), open(path)?));
+        Ok(self.runs.len() - 1)
+    }
+
+    fn names(&self, run: usize) -> Result<Vec<String>, Stop> {
+        depthloom_analysis::names(&self.runs[run].1).map_err(|error| failed(&error))
+    }
+
+    fn has(&self, run: usize, name: &str) -> Result<bool, Stop> {
+        Ok(self.names(run)?.iter().any(|of| glob(name, of)))
+    }
+
+    fn no_such(&self, run: usize, name: &str) -> Result<Stop, Stop> {
+        let (called, names) = (&self.runs[run].0, self.names(run)?);
+        let what = format!("`{name}` is neither a run nor a variant or estimator of {called}");
+        let remedy = match nearest(name, names.iter().map(String::as_str)) {
+            Some(near) => format!("did you mean `{near}`?"),
+            None => format!("{called} has {}", names.join(", ")),
+        };
+        Ok(Stop::new(Exit::Before, what).remedy(remedy))
+    }
+}

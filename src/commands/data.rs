@@ -1,0 +1,364 @@
+//! `depthloom data`: what a folder holds, and the source that it is.
+
+mod contents;
+mod seen;
+mod stanza;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use depthloom_graphs::contracts::{Fact, Recognised, Survey};
+use depthloom_graphs::registry::SourceEntry;
+use depthloom_graphs::{Context, Fault, Port, Registry, Scratch, Source, Value, ValueType};
+use depthloom_nodes::inspection::inspect;
+use serde_json::{Value as Json, json};
+
+use self::contents::contents;
+use self::seen::Seen;
+use self::stanza::stanza;
+use crate::args::DataArgs;
+use crate::commands::check_data::file_of;
+use crate::contact_sheet::Sheet;
+use crate::diagnostics::error_json;
+use crate::exit::{Exit, Stop};
+use crate::outputs::Output;
+use crate::streams::{print, print_output, print_path};
+use crate::told::Told;
+
+/// As many frames are read of a data set, from all over it.
+const LOOKED_AT: usize = 16;
+
+/// The most faults that are told of a source.
+const MOST_FAULTS: usize = 8;
+
+/// The kind that takes any two folders: asked only where no other knows a folder.
+const ANY_PAIRS: &str = "images";
+
+/// Says what a folder holds and prints the source to paste.
+pub fn data(args: &DataArgs, registry: &Registry) -> Result<Exit, Stop> {
+    let root = std::path::absolute(&args.root).unwrap_or_else(|_| args.root.clone());
+    if !root.exists() {
+        let what = format!("there is no folder {}", root.display());
+        return Err(Stop::new(Exit::Before, what).remedy("name the folder that the data set was unpacked to"));
+    }
+    let mut known = known(registry, &root);
+    if known.is_empty() {
+        return unknown(args, &root);
+    }
+    name(&mut known);
+    let mut sheet = args.sheet.as_ref().map(|_| Sheet::default());
+    for one in &mut known {
+        one.look(sheet.as_mut());
+    }
+    let stanza = stanza(&known);
+    let unusable = stanza.is_none().then(|| {
+        let what = format!("{}: no frame can be read", root.display());
+        Stop::new(Exit::Before, what)
+            .remedy("mend what is told as `wrong`, or name the folder that the data set was unpacked to")
+    });
+    // What was found is told, whether or not the sheet can be written.
+    let written = || match (&args.sheet, &sheet) {
+        (Some(path), Some(sheet)) if unusable.is_none() => write(path, sheet).map(|()| Some(path)),
+        _ => Ok(None),
+    };
+    if args.json {
+        let found: Vec<Json> = known.iter().map(Known::json).collect();
+        let (sheet, stop) = match written() {
+            Ok(sheet) => (sheet.map(|path| path.to_string_lossy()), unusable),
+            Err(stop) => (None, Some(stop)),
+        };
+        let mut told = json!({ "root": root.to_string_lossy(), "found": found, "sheet": sheet, "stanza": stanza });
+        if let Some(stop) = &stop {
+            told["error"] = error_json(stop);
+        }
+        print_output(Output::Data, told)?;
+        return Ok(stop.map_or(Exit::Whole, |stop| stop.exit));
+    }
+    let mut text = String::new();
+    let mut said = BTreeSet::new();
+    known.iter().for_each(|one| text.push_str(&one.text(&mut said)));
+    text.push_str(stanza.as_deref().unwrap_or_default());
+    print(text)?;
+    written()?.map_or(Ok(()), |path| print_path("contact sheet: ", path))?;
+    unusable.map_or(Ok(Exit::Whole), Err)
+}
+
+/// What a folder is, or the folders and files in it are; where no kind knows it, what it nearly is.
+fn known<'a>(registry: &'a Registry, root: &Path) -> Vec<Known<'a>> {
+    let kinds = || registry.sources().filter(|entry| entry.declaration.kind != ANY_PAIRS);
+    let all = |of: &dyn Fn(&SourceEntry) -> Vec<Recognised>| -> Vec<Known<'a>> {
+        kinds().flat_map(|entry| of(entry).into_iter().map(move |found| Known::new(entry, found))).collect()
+    };
+    let whole = |path: &Path| all(&|entry| entry.recognise(path));
+    let nearly = |path: &Path| all(&|entry| entry.resembles(path));
+    let pairs = || -> Vec<Known<'a>> {
+        let entry = registry.source_kind(ANY_PAIRS).into_iter();
+        entry.flat_map(|entry| entry.recognise(root).into_iter().map(move |found| Known::new(entry, found))).collect()
+    };
+    let found = whole(root);
+    if !found.is_empty() {
+        return found;
+    }
+    // A folder of data sets: those among them that are damaged are told with the others.
+    let within: Vec<Vec<Known<'a>>> = within(root).iter().map(|path| whole(path)).collect();
+    if within.iter().any(|of| !of.is_empty()) {
+        let damaged = self::within(root).into_iter().zip(within).flat_map(|(path, found)| match found.is_empty() {
+            true => nearly(&path),
+            false => found,
+        });
+        return damaged.collect();
+    }
+    let found = pairs();
+    if !found.is_empty() {
+        return found;
+    }
+    let found = nearly(root);
+    match found.is_empty() {
+        true => self::within(root).iter().flat_map(|path| nearly(path)).collect(),
+        false => found,
+    }
+}
+
+/// A source that a folder is.
+struct Known<'a> {
+    entry: &'a SourceEntry,
+    name: String,
+    what: String,
+    /// As they are pasted: without defaults.
+    params: Json,
+    /// What else may be among them.
+    alternatives: Vec<String>,
+    frames: Vec<String>,
+    facts: Vec<Fact>,
+    faults: Vec<Wrong>,
+    warnings: Vec<String>,
+    seen: Seen,
+}
+
+/// One thing that is wrong.
+struct Wrong {
+    what: String,
+    remedy: Option<String>,
+}
+
+impl From<&Fault> for Wrong {
+    fn from(fault: &Fault) -> Self {
+        Self { what: fault.chain(), remedy: fault.remedy_text().map(ToOwned::to_owned) }
+    }
+}
+
+/// The folders in a folder, and the files in it that may be a bag or a recording, in order; none of one that holds very many.
+fn within(root: &Path) -> Vec<PathBuf> {
+    let is_bag = |path: &Path| path.extension().is_some_and(|ending| ending == "mcap" || ending == "db3");
+    let entries = std::fs::read_dir(root).into_iter().flatten().flatten().take(200);
+    let paths = entries.map(|entry| entry.path());
+    let mut found: Vec<PathBuf> = paths.filter(|path| path.is_dir() || is_bag(path) && path.is_file()).collect();
+    found.sort_unstable();
+    found
+}
+
+/// Names them by the end of their kind; where there are several of one, numbered.
+fn name(known: &mut [Known<'_>]) {
+    let mut counts: BTreeMap<String, usize> = BTreeMap::new();
+    for one in known {
+        let kind = one.entry.declaration.kind;
+        let end = kind.rsplit('/').next().unwrap_or(kind);
+        let base: String = end.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect();
+        let count = counts.entry(base.clone()).or_default();
+        *count += 1;
+        one.name = if *count == 1 { base } else { format!("{base}_{count}") };
+    }
+}
+
+impl<'a> Known<'a> {
+    fn new(entry: &'a SourceEntry, found: Recognised) -> Self {
+        Self {
+            entry,
+            name: String::new(),
+            what: found.what,
+            params: found.params,
+            alternatives: found.alternatives,
+            frames: Vec::new(),
+            facts: Vec::new(),
+            faults: Vec::new(),
+            warnings: Vec::new(),
+            seen: Seen::default(),
+        }
+    }
+
+    /// Opens the source and looks at frames from all over it.
+    fn look(&mut self, mut sheet: Option<&mut Sheet>) {
+        let resolved = match self.entry.resolve(&self.params) {
+            Ok(resolved) => resolved,
+            Err(error) => return self.faults.push(Wrong { what: error.what, remedy: None }),
+        };
+        let Survey { source, faults, facts } = self.entry.survey(&resolved);
+        self.faults.extend(faults.iter().map(Wrong::from));
+        self.facts = facts;
+        let (Some(source), Ok(ports)) = (source, self.entry.outputs(&resolved)) else { return };
+        self.frames = source.frames().iter().map(|frame| frame.id.to_string()).collect();
+        self.warnings = source.warnings().to_vec();
+        let count = self.frames.len();
+        let mut positions: Vec<usize> =
+            (0..LOOKED_AT).map(|at| at * count / LOOKED_AT).filter(|at| *at < count).collect();
+        positions.dedup();
+        if let Some(sheet) = sheet.as_deref_mut() {
+            sheet.begin();
+        }
+        let told = Told::default();
+        for position in positions {
+            let mut scratch = Scratch::default();
+            let read = source.examine(position, &mut Context::new(&told, &mut scratch));
+            match read.and_then(|read| read.outputs.in_order_of(&ports).map_err(|fault| vec![fault])) {
+                Ok(values) => self.take(&*source, position, &ports, &values, sheet.as_deref_mut()),
+                Err(faults) => self.faults.extend(faults.iter().map(Wrong::from)),
+            }
+        }
+        self.warnings.extend(told.into_warnings());
+    }
+
+    /// Takes note of a frame's values, and of what they say against each other.
+    fn take(
+        &mut self,
+        source: &dyn Source,
+        position: usize,
+        ports: &[Port],
+        values: &[Option<Value>],
+        sheet: Option<&mut Sheet>,
+    ) {
+        self.seen.frames += 1;
+        for (port, value) in ports.iter().zip(values) {
+            if let Some(value) = value {
+                self.seen.take(port.name, value);
+            }
+        }
+        let files = source.files(position);
+        self.seen.calibration_is_assumed |=
+            !files.is_empty() && !files.iter().any(|(part, _)| part.starts_with("calibration"));
+        for found in inspect(ports, values) {
+            let place = match file_of(found.port, &files) {
+                Some(path) => path.display().to_string(),
+                None => format!("frame {}", self.frames[position]),
+            };
+            let remedy = Some(found.remedy.to_owned());
+            self.faults.push(Wrong { what: format!("{place}: {}", found.what), remedy });
+        }
+        if let Some(sheet) = sheet {
+            let of = |name: &str| ports.iter().position(|port| port.name == name).and_then(|at| values[at].as_ref());
+            let truth = ports.iter().zip(values).find_map(|(port, value)| {
+                value.as_ref().filter(|_| matches!(port.value_type, ValueType::Depth | ValueType::TrueDisparity))
+            });
+            sheet.add(of("left"), of("depth").or(truth));
+        }
+    }
+
+    fn json(&self) -> Json {
+        let [sizes, calibration, truth] = self.seen.json();
+        let fact = |fact: &Fact| json!({ "about": fact.label, "what": fact.text });
+        let fault = |fault: &Wrong| json!({ "message": fault.what, "help": fault.remedy });
+        json!({
+            "what": self.what,
+            "kind": self.entry.declaration.kind,
+            "name": self.name,
+            "with": self.params,
+            "alternatives": self.alternatives,
+            "frames": self.frames.len(),
+            "looked_at": self.seen.frames,
+            "sizes": sizes,
+            "calibration": calibration,
+            "truth": truth,
+            "facts": self.facts.iter().map(fact).collect::<Vec<_>>(),
+            "faults": self.faults.iter().map(fault).collect::<Vec<_>>(),
+            "warnings": self.warnings,
+        })
+    }
+
+    /// A line each; a remedy once, where it is said first.
+    fn text(&self, said: &mut BTreeSet<String>) -> String {
+        let mut text = format!("{} ({})\n", self.what, self.entry.declaration.kind);
+        let mut line = |label: &str, what: &str| {
+            let _ = writeln!(text, "  {label:12} {what}");
+        };
+        let read = match (self.frames.len(), self.seen.frames) {
+            (count, read) if count == read => "all were read".to_owned(),
+            (_, 0) => "none could be read".to_owned(),
+            (_, 1) => "1 was read".to_owned(),
+            (_, read) => format!("{read} were read"),
+        };
+        match self.frames.as_slice() {
+            [] => line("frames", "none"),
+            [only] if self.seen.frames == 1 => line("frames", &format!("1: {only}")),
+            [only] => line("frames", &format!("1: {only}; it cannot be read")),
+            [first, .., last] => line("frames", &format!("{}: {first} to {last}; {read}", self.frames.len())),
+        }
+        for Fact { label, text } in &self.facts {
+            line(label, text);
+        }
+        for (label, what) in self.seen.lines() {
+            line(label, &what);
+        }
+        for Wrong { what, remedy } in self.faults.iter().take(MOST_FAULTS) {
+            line("wrong", what);
+            if let Some(remedy) = remedy.as_ref().filter(|remedy| said.insert((*remedy).clone())) {
+                line("  help", remedy);
+            }
+        }
+        if self.faults.len() > MOST_FAULTS {
+            let more = self.faults.len() - MOST_FAULTS;
+            line("wrong", &format!("and {more} more: `depthloom check EXPERIMENT --data` lists all"));
+        }
+        for warning in &self.warnings {
+            line("warning", warning);
+        }
+        text.push('\n');
+        text
+    }
+}
+
+/// Tells what lies in a folder that no kind knows.
+fn unknown(args: &DataArgs, root: &Path) -> Result<Exit, Stop> {
+    let found = contents(root);
+    let stop = match root.is_dir() {
+        true => Stop::new(Exit::Before, format!("{} is laid out as no data set that is known", root.display())).remedy(
+            "pairs of images are the source `images`: two patterns of names, `left: \"cam0/*.png\"` and `right: \"cam1/*.png\"`, or a `list:` (CSV), relative \
+             to `root`; its `calibration` in numbers (`focal_px`, `baseline_m`) or files; `truth` where there is some: `depthloom nodes images`. `depthloom nodes` lists \
+             the other kinds with their layouts",
+        ),
+        false => Stop::new(Exit::Before, format!("{} is no bag, no recording and no folder", root.display())).remedy(
+            "name the folder that a data set was unpacked to, the folder or a file (.mcap, .db3) of a ROS 2 bag, or the folder of a run",
+        ),
+    };
+    if args.json {
+        let found: Vec<Json> = found
+            .iter()
+            .map(|(folder, ending, count)| json!({ "folder": folder, "ending": ending, "files": count }))
+            .collect();
+        print_output(
+            Output::Data,
+            json!({ "root": root.to_string_lossy(), "found": [], "contents": found, "error": error_json(&stop) }),
+        )?;
+        return Ok(stop.exit);
+    }
+    let mut text = String::new();
+    for (folder, ending, count) in &found {
+        let _ = writeln!(text, "{count:6} {ending:8} in {folder}");
+    }
+    if found.is_empty() && root.is_dir() {
+        text.push_str("no files\n");
+    }
+    print(text)?;
+    Err(stop)
+}
+
+fn write(path: &Path, sheet: &Sheet) -> Result<(), Stop> {
+    let failed = |error: std::io::Error| {
+        Stop::because(Exit::Engine, format!("failed to write {}", path.display()), &error)
+            .remedy("name with --sheet a file in a folder that is there and may be written")
+    };
+    let bytes = sheet.png().ok_or_else(|| {
+        Stop::new(Exit::Before, "no frame can be shown: none has a left image")
+            .remedy("`depthloom data ROOT` without --sheet says what there is")
+    })?;
+    depthloom_durable::write(path, &bytes).map_err(failed)
+}

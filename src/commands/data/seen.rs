@@ -1,0 +1,145 @@
+//! What the frames hold that were looked at.
+
+use std::collections::BTreeMap;
+
+use depthloom_graphs::Value;
+use depthloom_graphs::values::{Calibration, Pixels};
+use serde_json::{Value as Json, json};
+
+use crate::counted::counted;
+
+/// What frames hold, of those looked at.
+#[derive(Default)]
+pub struct Seen {
+    pub frames: usize,
+    /// Columns and rows, grey or colour: how many.
+    images: BTreeMap<(u32, u32, bool), usize>,
+    calibration: Option<Calibration>,
+    /// Whether others have another focal length or baseline.
+    calibrations_differ: bool,
+    /// Whether the frames are made of files, and none of these is a calibration.
+    pub calibration_is_assumed: bool,
+    /// By port, of true depths and disparities.
+    truths: BTreeMap<&'static str, Truth>,
+}
+
+/// Known pixels of all, and their numbers.
+#[derive(Default)]
+pub struct Truth {
+    frames: usize,
+    pixels: u64,
+    known: Vec<f32>,
+    unit: &'static str,
+}
+
+impl Seen {
+    /// Takes note of a value.
+    pub fn take(&mut self, port: &'static str, value: &Value) {
+        match value {
+            Value::Image(image) if port == "left" => {
+                let ((width, height), colour) = (image.dimensions(), matches!(image.pixels(), Pixels::Rgb(_)));
+                *self.images.entry((width, height, colour)).or_default() += 1;
+            }
+            Value::Calibration(of) => match &self.calibration {
+                None => self.calibration = Some((**of).clone()),
+                Some(known) => {
+                    self.calibrations_differ |= (known.focal_px, known.baseline_m) != (of.focal_px, of.baseline_m);
+                }
+            },
+            Value::Depth(depth) => self.truth(port, "m", depth.metres.as_raw()),
+            Value::TrueDisparity(truth) => self.truth(port, "px", truth.px.as_raw()),
+            _ => {}
+        }
+    }
+
+    fn truth(&mut self, port: &'static str, unit: &'static str, numbers: &[f32]) {
+        let truth = self.truths.entry(port).or_default();
+        truth.unit = unit;
+        truth.frames += 1;
+        truth.pixels += numbers.len() as u64;
+        truth.known.extend(numbers.iter().filter(|number| number.is_finite()));
+    }
+}
+
+impl Truth {
+    fn density(&self) -> f64 {
+        self.known.len() as f64 / (self.pixels as f64).max(1.0)
+    }
+
+    /// The least, the median, the largest number.
+    fn spread(&self) -> [Option<f32>; 3] {
+        let mut known = self.known.clone();
+        known.sort_unstable_by(f32::total_cmp);
+        [known.first(), known.get(known.len() / 2), known.last()].map(Option::<&f32>::copied)
+    }
+}
+
+impl Seen {
+    /// Of one line each: label and text.
+    pub fn lines(&self) -> Vec<(&'static str, String)> {
+        let mut lines = Vec::new();
+        let sizes: Vec<String> = self
+            .images
+            .iter()
+            .map(|((width, height, colour), count)| {
+                let colour = if *colour { "colour" } else { "grey" };
+                format!("{width}x{height}, {colour} ({})", counted(*count as u64, "frame"))
+            })
+            .collect();
+        if !sizes.is_empty() {
+            lines.push(("size", sizes.join("; ")));
+        }
+        if let Some(of) = &self.calibration {
+            let others = if self.calibrations_differ { "; other frames have others" } else { "" };
+            let assumed = if self.calibration_is_assumed { " (assumed: no file says it)" } else { "" };
+            let doffs = if of.doffs_px == 0.0 { String::new() } else { format!(", doffs {:.2} px", of.doffs_px) };
+            lines.push((
+                "calibration",
+                format!(
+                    "focal length {:.2} px, principal point ({:.2}, {:.2}) px, baseline {:.4} m{doffs}{assumed}{others}",
+                    of.focal_px, of.cx_px, of.cy_px, of.baseline_m
+                ),
+            ));
+        } else if self.frames > 0 {
+            lines.push(("calibration", "none".to_owned()));
+        }
+        for (port, truth) in &self.truths {
+            let [least, median, most] = truth.spread();
+            let (unit, density) = (truth.unit, 100.0 * truth.density());
+            let frames = counted(truth.frames as u64, "frame");
+            let spread = match (least, median, most) {
+                (Some(least), Some(median), Some(most)) => {
+                    format!("{least:.2} to {most:.2} {unit} (median {median:.2})")
+                }
+                _ => "not one is known".to_owned(),
+            };
+            lines.push(("truth", format!("{port}: {density:.1} % of the pixels of {frames}, {spread}")));
+        }
+        if self.truths.is_empty() && self.frames > 0 {
+            lines.push(("truth", "none".to_owned()));
+        }
+        lines
+    }
+
+    /// The same for programs.
+    pub fn json(&self) -> [Json; 3] {
+        let sizes: Vec<Json> = self
+            .images
+            .iter()
+            .map(|((width, height, colour), count)| json!({ "width": width, "height": height, "colour": colour, "frames": count }))
+            .collect();
+        let truths: BTreeMap<&str, Json> = self
+            .truths
+            .iter()
+            .map(|(port, truth)| {
+                let [least, median, most] = truth.spread();
+                (*port, json!({ "frames": truth.frames, "density": truth.density(), "unit": truth.unit, "min": least, "median": median, "max": most }))
+            })
+            .collect();
+        let calibration = self.calibration.as_ref().map(|of| {
+            json!({ "focal_px": of.focal_px, "cx_px": of.cx_px, "cy_px": of.cy_px, "baseline_m": of.baseline_m, "doffs_px": of.doffs_px,
+                "same_for_all": !self.calibrations_differ, "assumed": self.calibration_is_assumed })
+        });
+        [sizes.into(), json!(calibration), json!(truths)]
+    }
+}

@@ -1,0 +1,70 @@
+//! How far a walk over a data set is: a bar on a terminal, a line now and then otherwise, nothing when asked to be quiet.
+
+use std::io::IsTerminal;
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+
+use crate::counted::counted;
+use crate::streams::say;
+
+/// A plain line is printed this often at most.
+const EVERY: Duration = Duration::from_secs(5);
+
+/// How far a walk is.
+pub struct Walk {
+    name: String,
+    frames: u64,
+    bar: Option<ProgressBar>,
+    now: Mutex<Now>,
+}
+
+struct Now {
+    done: u64,
+    faults: u64,
+    /// When a line was printed last; `None`: none ever is.
+    said: Option<Instant>,
+}
+
+impl Walk {
+    /// A walk over so many frames of a source.
+    pub fn new(name: &str, frames: u64, quiet: bool) -> Self {
+        let is_bar = !quiet && std::io::stderr().is_terminal();
+        let bar = is_bar.then(|| {
+            let style =
+                ProgressStyle::with_template("{prefix:12} {bar:30} {pos}/{len} frames  {per_sec}  {eta} left  {msg}");
+            let bar = ProgressBar::with_draw_target(Some(frames), ProgressDrawTarget::stderr());
+            bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+            bar.with_prefix(name.to_owned())
+        });
+        let said = (!quiet && !is_bar).then(Instant::now);
+        Self { name: name.to_owned(), frames, bar, now: Mutex::new(Now { done: 0, faults: 0, said }) }
+    }
+
+    /// A frame was looked at, and so much found.
+    pub fn one_more(&self, faults: u64) {
+        let mut now = self.now.lock().unwrap_or_else(PoisonError::into_inner);
+        now.done += 1;
+        now.faults += faults;
+        if let Some(bar) = &self.bar {
+            bar.set_position(now.done);
+            if now.faults > 0 {
+                bar.set_message(counted(now.faults, "fault"));
+            }
+        }
+        if now.said.is_some_and(|said| said.elapsed() >= EVERY) {
+            now.said = Some(Instant::now());
+            let frames = counted(self.frames, "frame");
+            say(format_args!("{}: {}/{frames}, {}", self.name, now.done, counted(now.faults, "fault")));
+        }
+    }
+}
+
+impl Drop for Walk {
+    fn drop(&mut self) {
+        if let Some(bar) = &self.bar {
+            bar.finish_and_clear();
+        }
+    }
+}

@@ -1,0 +1,214 @@
+//! `compare`: differences, intervals and tests, held against SciPy on the scores that the run wrote; limits for CI.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use serde_json::Value as Json;
+
+use crate::support::{Row, depthloom, number, python, read_csv, succeed, workspace};
+
+/// Stereo in three variants on seven small frames, scored as it is and filtered.
+const EXPERIMENT: &str = "experiment: compared
+sources:
+  street: { kind: synthetic/road, with: { frames: 0..7, seed: 3, width: 320, height: 96 } }
+stages:
+  look:
+    source: street
+    nodes:
+      stereo: { kind: stereo/sgbm, inputs: { left: source/left, right: source/right } }
+      depth: { kind: depth/from-disparity, inputs: { disparity: stereo/disparity, calibration: source/calibration } }
+      smooth: { kind: filter/median, inputs: { depth: depth/depth } }
+    score:
+      truth: source/depth
+      estimates:
+        raw: { from: depth/depth, sets: [answered, all] }
+        smooth: { from: smooth/depth, sets: [answered, all] }
+variants:
+  plain: {}
+  large: { look.stereo.with.block: 9 }
+  strict: { look.stereo.with.uniqueness: 20 }
+";
+
+/// Runs the experiment into a folder beside it, with something set otherwise.
+fn run(folder: &Path, name: &str, set: &[&str]) -> PathBuf {
+    let (file, out) = (folder.join("compared.yaml"), folder.join(name));
+    std::fs::write(&file, EXPERIMENT).expect("written");
+    let set = set.iter().flat_map(|set| ["--set", set]);
+    succeed(depthloom().current_dir(folder).args(["run", "compared.yaml", "--quiet", "--out", name]).args(set));
+    out
+}
+
+fn compare(folder: &Path, arguments: &[&str]) -> Output {
+    depthloom().current_dir(folder).arg("compare").args(arguments).output().expect("the binary starts")
+}
+
+fn json(folder: &Path, arguments: &[&str]) -> Json {
+    let output = compare(folder, &[arguments, &["--json"]].concat());
+    assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&output.stdout).expect("JSON")
+}
+
+/// What is said of a question that is refused.
+fn refused(folder: &Path, arguments: &[&str]) -> String {
+    let output = compare(folder, arguments);
+    assert_eq!(output.status.code(), Some(2), "{arguments:?}: {}", String::from_utf8_lossy(&output.stdout));
+    // Where a line is broken has nothing to do with what is said.
+    String::from_utf8_lossy(&output.stderr).split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+#[test]
+fn differences_intervals_and_tests_are_scipys() {
+    let Some(python) = python("differences_intervals_and_tests_are_scipys") else { return };
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    run(folder, "run", &[]);
+    run(folder, "other", &["look.stereo.with.p1=300", "sources.street.with.frames=1..7"]);
+    for (arguments, runs, tests) in [
+        (&["run"][..], &["run"][..], 2 * 2 * 8),
+        (&["run", "plain", "strict", "--set", "answered", "--interval", "percentile"], &["run"], 2 * 8),
+        (&["run", "*/smooth", "--mean", "pixels", "--scores", "abs_rel,rmse,a1", "--seed", "9"], &["run"], 2 * 3),
+        (&["run", "plain/raw", "plain/smooth", "--confidence", "90", "--resamples", "999"], &["run"], 8),
+        (&["run", "other", "--estimators", "large/*"], &["run", "other"], 2 * 8),
+        (&["run:plain/raw", "other:strict/raw", "--scores", "rmse_log"], &["run", "other"], 1),
+    ] {
+        let compared = json(folder, arguments);
+        let file = folder.join("compared.json");
+        std::fs::write(&file, compared.to_string()).expect("written");
+        let scores = runs.iter().map(|run| format!("{run}={}", folder.join(run).join("scores.csv").display()));
+        let mut check = Command::new(&python);
+        check.arg(workspace().join("tests/python/check_compare.py")).arg(&file).args(scores);
+        let told = succeed(&mut check);
+        assert_eq!(String::from_utf8_lossy(&told.stdout).trim(), tests.to_string(), "{arguments:?}");
+    }
+}
+
+#[test]
+fn what_differs_is_told_and_equal_questions_have_equal_answers() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    run(folder, "run", &[]);
+    let text = |arguments: &[&str]| String::from_utf8(compare(folder, arguments).stdout).expect("UTF-8");
+    let of_variants = text(&["run", "plain", "large"]);
+    for part in [
+        "large differs in\n  look.stereo  block: 5 -> 9",
+        "large against plain: all true pixels, preset paper, mean over 7 frames",
+        "95 % BCa bootstrap over frames, 10000 resamples, seed 1",
+        "corrected for the 16 tests here",
+        "7 frames: intervals of so few are too narrow",
+    ] {
+        let flat = of_variants.replace("\n", " ");
+        assert!(of_variants.contains(part) || flat.contains(part), "{part}: {of_variants}");
+    }
+    assert_eq!(of_variants, text(&["run", "plain", "large"]));
+    let csv = |arguments: &[&str]| text(&[arguments, &["--format", "csv"]].concat());
+    assert_eq!(csv(&["run", "large"]).len(), 0, "one side is compared with nothing");
+    let rows = csv(&["run", "--baseline", "strict"]);
+    assert_eq!(rows.lines().count(), 1 + 2 * 2 * 8);
+    assert!(rows.lines().skip(1).all(|row| row.starts_with("look,plain,") || row.starts_with("look,large,")));
+
+    // A run against one of other frames and another parameter.
+    run(folder, "other", &["look.stereo.with.p1=300", "sources.street.with.frames=2..9"]);
+    let compared = json(folder, &["run", "other"]);
+    let told = compared.to_string();
+    assert!(told.contains("5 frames are in both; 2 in the baseline alone and 2 in the other alone"), "{told}");
+    let differences = compared["parameters"][0]["differences"].as_array().expect("differences");
+    let p1 = differences.iter().find(|of| of["path"] == "p1").expect("the parameter");
+    assert_eq!((&p1["after"], p1["node"].as_str()), (&Json::from(300), Some("look.stereo of plain")));
+    assert!(compared["rows"].as_array().expect("rows").iter().all(|row| row["frames"] == 5));
+    // A run against itself: nothing differs, and nothing is sure.
+    let same = json(folder, &["run", "./run"]);
+    for row in same["rows"].as_array().expect("rows") {
+        let of = ["difference", "difference_low", "difference_high", "p", "verdict"].map(|name| row[name].clone());
+        assert_eq!(of, [0.0.into(), 0.0.into(), 0.0.into(), 1.0.into(), Json::from("unclear")], "{row}");
+    }
+}
+
+#[test]
+fn a_limit_that_is_not_kept_ends_with_3_and_one_on_nothing_with_2() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    run(folder, "run", &[]);
+    let change = json(folder, &["run", "plain/raw", "strict/raw", "--scores", "abs_rel"])["rows"][0]["change"].clone();
+    let percent = 100.0 * change.as_f64().expect("a number");
+    let (below, above) =
+        (format!("strict/raw.abs_rel > {}%", percent - 0.01), format!("strict/raw.abs_rel > {}%", percent + 0.01));
+    let sides = ["run", "plain", "strict"];
+    let exit = |limits: &[&str]| {
+        let limits = limits.iter().flat_map(|limit| ["--fail-if", limit]);
+        let output = compare(folder, &sides.into_iter().chain(limits).chain(["--json"]).collect::<Vec<_>>());
+        let json: Json = serde_json::from_slice(&output.stdout).expect("JSON");
+        (output.status.code(), json)
+    };
+    assert_eq!(exit(&[&above]).0, Some(0));
+    let (code, told) = exit(&[&above, &below]);
+    assert_eq!(code, Some(3));
+    let kept: Vec<_> = told["limits"].as_array().expect("limits").iter().map(|of| of["exceeded"].clone()).collect();
+    assert_eq!(kept, [Json::from(false), Json::from(true)]);
+    assert_eq!(told["error"]["exit_code"], 3);
+    // Of all pairs that have the score, if none is named.
+    assert_eq!(exit(&["a1 < -100%"]).1["limits"].as_array().map(Vec::len), Some(2));
+    for (limit, what) in [
+        ("fused.abs_rel > 1%", "is on nothing that is compared"),
+        ("raw.d1 > 0", "is on nothing that is compared"),
+        ("raw.abs_rle > 1%", "did you mean `abs_rel`?"),
+        ("raw.abs_rel", "has no `>` or `<`"),
+    ] {
+        let told = refused(folder, &["run", "plain", "strict", "--fail-if", limit]);
+        assert!(told.contains(what), "{limit}: {told}");
+    }
+    // Numbers of two ways to score are not held against each other.
+    run(folder, "near", &["look.score.max_m=40"]);
+    let told = refused(folder, &["run", "near", "--fail-if", "abs_rel > 1%"]);
+    assert!(told.contains("scored in different ways"), "{told}");
+    let told = json(folder, &["run", "near"]).to_string();
+    assert!(told.contains("differences are of the scoring too"), "{told}");
+}
+
+#[test]
+fn tables_have_intervals_where_they_are_asked_for() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    run(folder, "run", &[]);
+    let rows = |arguments: &[&str], file: &str| -> Vec<Row> {
+        succeed(depthloom().current_dir(folder).args(arguments));
+        read_csv(&folder.join(file))
+    };
+    let of_variants = rows(&["table", "run", "--ci", "--format", "csv", "--out", "rows.csv"], "rows.csv");
+    let of_report = rows(&["report", "run", "--ci=95", "--out", "tables"], "tables/table.csv");
+    let ends = |row: &Row| ["abs_rel_low", "abs_rel", "abs_rel_high"].map(|name| number(row, name));
+    let key = |row: &Row| (row["variant"].clone(), row["estimator"].clone());
+    for row in &of_variants {
+        let [low, value, high] = ends(row);
+        assert!(low < value && value < high, "{row:?}");
+        let same = of_report.iter().find(|of| key(of) == key(row) && of["set"] == "all").expect("the same row");
+        assert_eq!(ends(same), [low, value, high]);
+    }
+    assert_eq!(of_variants.len(), 6);
+    let latex = std::fs::read_to_string(folder.join("tables/table.tex")).expect("the table");
+    let stated = "in square brackets its interval (95 \\% BCa bootstrap over frames, 10000 resamples, seed 1)";
+    assert!(latex.contains(stated) && latex.contains("\\label{tab:compared}"), "{latex}");
+    // Surer is wider, and without a question there are none.
+    let surer = rows(&["table", "run", "--ci=99", "--format", "csv", "--out", "rows.csv"], "rows.csv");
+    assert!(surer.iter().zip(&of_variants).all(|(surer, row)| ends(surer)[0] < ends(row)[0]));
+    assert!(!read_csv(&folder.join("run/table.csv"))[0].contains_key("abs_rel_low"));
+}
+
+#[test]
+fn what_cannot_be_compared_is_said() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    run(folder, "run", &[]);
+    for (arguments, what) in [
+        (&["run", "plian"][..], "did you mean `plain`?"),
+        (&["run:plian", "run"], "`plian` is neither a run nor a variant or estimator of run"),
+        (&["run", "plain"], "there is nothing to hold plain against"),
+        (&["run", "plain", "large/raw"], "cannot be held against one another"),
+        (&["run", "plain", "large", "--baseline", "larg"], "did you mean `large`?"),
+        (&["run", "plain", "large", "--scores", "d1"], "`d1`"),
+        (&["run", "plain", "large", "--zone", "0..10"], "no zone"),
+        (&["nothing", "plain"], "failed to open nothing"),
+    ] {
+        let told = refused(folder, arguments);
+        assert!(told.contains(what), "{arguments:?}: {told}");
+    }
+}

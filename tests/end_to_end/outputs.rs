@@ -1,0 +1,202 @@
+//! What commands print with `--json` is what their published schemas say: every key, and no other.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+
+use serde_json::{Value as Json, json};
+
+use crate::support::{depthloom, succeed, workspace};
+
+/// Two variants on a data set of ours.
+const EXPERIMENT: &str = "experiment: told
+sources:
+  street: { kind: kitti/stereo2015, with: { root: data, split: training, truth: occ } }
+stages:
+  look:
+    source: street
+    nodes:
+      stereo: { kind: stereo/sgbm, with: { disparities: 32 }, inputs: { left: source/left, right: source/right } }
+      depth: { kind: depth/from-disparity, inputs: { disparity: stereo/disparity, calibration: source/calibration } }
+    score:
+      truth: source/depth
+      sets: [answered, all]
+      zones: { distance_m: [10, 20, 80] }
+      estimates: { depth: depth/depth }
+matrix:
+  look.stereo.with.block: [3, 9]
+";
+
+/// What is wrong with a value by a schema, of which each object has the keys it lists and no other.
+fn faults(schema: &Json, root: &Json, value: &Json, at: &str) -> Vec<String> {
+    if let Some(reference) = schema["$ref"].as_str() {
+        let target = root.pointer(reference.trim_start_matches('#')).expect("a definition");
+        return faults(target, root, value, at);
+    }
+    for any in ["anyOf", "oneOf"] {
+        if let Some(alternatives) = schema[any].as_array() {
+            let wrong: Vec<Vec<String>> = alternatives.iter().map(|of| faults(of, root, value, at)).collect();
+            return if wrong.iter().any(Vec::is_empty) { Vec::new() } else { wrong.concat() };
+        }
+    }
+    let mut wrong = Vec::new();
+    if schema.get("const").is_some_and(|only| only != value) {
+        wrong.push(format!("{at} is {value}, not {}", schema["const"]));
+    }
+    if schema["enum"].as_array().is_some_and(|known| !known.contains(value)) {
+        wrong.push(format!("{at} is {value}, none of {}", schema["enum"]));
+    }
+    let is_a = |name: &Json| match name.as_str() {
+        Some("object") => value.is_object(),
+        Some("array") => value.is_array(),
+        Some("string") => value.is_string(),
+        Some("boolean") => value.is_boolean(),
+        Some("null") => value.is_null(),
+        Some("integer") => value.is_i64() || value.is_u64(),
+        Some("number") => value.is_number(),
+        _ => panic!("a type {name} at {at}"),
+    };
+    match &schema["type"] {
+        Json::Null => {}
+        Json::Array(types) if types.iter().any(is_a) => {}
+        of @ Json::String(_) if is_a(of) => {}
+        of => wrong.push(format!("{at} is {value}, not of type {of}")),
+    }
+    if let (Some(object), true) = (value.as_object(), schema["type"] != Json::Null) {
+        for name in schema["required"].as_array().into_iter().flatten().filter_map(Json::as_str) {
+            if !object.contains_key(name) {
+                wrong.push(format!("{at} has no `{name}`"));
+            }
+        }
+        for (name, value) in object {
+            let at = format!("{at}.{name}");
+            match (schema["properties"].get(name), schema.get("additionalProperties")) {
+                (Some(schema), _) | (None, Some(schema)) => wrong.extend(faults(schema, root, value, &at)),
+                (None, None) => wrong.push(format!("{at} is in no schema")),
+            }
+        }
+    }
+    for (place, value) in value.as_array().into_iter().flatten().enumerate() {
+        if let Some(schema) = schema.get("items").filter(|items| items.is_object()) {
+            wrong.extend(faults(schema, root, value, &format!("{at}[{place}]")));
+        }
+    }
+    wrong
+}
+
+/// Runs a command in a folder, and holds what it prints against the schema of this name.
+fn told(seen: &mut BTreeMap<String, u32>, folder: &Path, name: &str, code: i32, arguments: &[&str]) -> Json {
+    let output = depthloom().current_dir(folder).args(arguments).output().expect("the binary starts");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(code), "{arguments:?}: {said}");
+    let value: Json = serde_json::from_slice(&output.stdout).unwrap_or_else(|error| panic!("{arguments:?}: {error}"));
+    assert_eq!(value["format"], json!({ "name": format!("depthloom.{name}"), "version": 1 }), "{arguments:?}");
+    assert_eq!(value.as_object().and_then(|object| object.keys().next()).map(String::as_str), Some("format"));
+    let published = fs::read_to_string(workspace().join(format!("docs/schemas/{name}.json"))).expect("published");
+    let schema: Json = serde_json::from_str(&published).expect("JSON");
+    assert_eq!(faults(&schema, &schema, &value, name), [] as [String; 0], "{arguments:?}");
+    *seen.entry(name.to_owned()).or_default() += 1;
+    value
+}
+
+#[test]
+fn every_output_is_what_its_schema_says() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let here = folder.path();
+    let size = ["--width", "320", "--height", "96", "--frames", "3", "--quiet"];
+    succeed(depthloom().arg("synth").arg(here.join("data")).args(size));
+    fs::write(here.join("told.yaml"), EXPERIMENT).expect("written");
+    fs::write(here.join("wrong.yaml"), EXPERIMENT.replace("stereo/sgbm", "stereo/sgmb")).expect("written");
+    let mut seen = BTreeMap::new();
+    let mut told = |name: &str, code: i32, arguments: &[&str]| told(&mut seen, here, name, code, arguments);
+
+    told("doctor", 0, &["doctor", "--json"]);
+    told("nodes", 0, &["nodes", "--json"]);
+    told("nodes-kind", 0, &["nodes", "stereo/sgbm", "--json"]);
+    told("nodes-kind", 0, &["nodes", "kitti/stereo2015", "--json"]);
+    told("check", 0, &["check", "told.yaml", "--data", "--json"]);
+    let wrong = told("check", 2, &["check", "wrong.yaml", "--json"]);
+    assert!(wrong["error"]["diagnostics"][0]["line"].is_u64(), "{wrong}");
+    told("error", 2, &["plan", "wrong.yaml", "--json"]);
+    told("plan", 0, &["plan", "told.yaml", "--json"]);
+    told("graph", 0, &["graph", "told.yaml", "--json"]);
+    told("data", 0, &["data", "data", "--json"]);
+
+    let run = told("run", 0, &["run", "told.yaml", "--out", "runs/told/first", "--json"]);
+    assert_eq!(
+        run["frames"],
+        json!([{ "stage": "look", "variant": null, "ids": ["000000_10", "000001_10", "000002_10"], "failed": 0 }])
+    );
+    assert_eq!((&run["failures"], &run["failed_frames"]), (&json!([]), &json!(0)));
+    let nodes = run["parameters"]["runs"][0]["nodes"].as_array().expect("nodes");
+    let blocks: Vec<&Json> =
+        nodes.iter().filter(|node| node["name"] == "stereo").map(|node| &node["with"]["block"]).collect();
+    assert_eq!(blocks, [3, 9]);
+    let files: Vec<&str> =
+        run["files"].as_array().expect("files").iter().filter_map(|file| file["name"].as_str()).collect();
+    assert!(files.contains(&"recording.mcap") && files.contains(&"scores.parquet"), "{files:?}");
+
+    // A frame that cannot be read.
+    let image = here.join("data/training/image_2/000001_10.png");
+    let bytes = fs::read(&image).expect("an image");
+    fs::write(&image, &bytes[..bytes.len() / 2]).expect("cut");
+    told("check", 2, &["check", "told.yaml", "--data", "--json"]);
+    let failed = told("run", 3, &["run", "told.yaml", "--keep-going", "--out", "runs/told/second", "--json"]);
+    assert_eq!((&failed["frames"][0]["failed"], &failed["error"]["exit_code"]), (&json!(1), &json!(3)));
+    let failure = &failed["failures"][0];
+    let place = (&failure["stage"], &failure["position"], &failure["frame"], &failure["node"]);
+    assert_eq!(place, (&json!("look"), &json!(1), &json!("000001_10"), &Json::Null));
+    assert!(failure["message"].as_str().is_some_and(|message| message.contains("000001_10.png")), "{failure}");
+
+    let first = "runs/told/first";
+    told("report", 0, &["report", first, "--out", "tables", "--json"]);
+    told("report", 0, &["report", first, "--out", "tables", "--paper", "--json"]);
+    told("table", 0, &["table", first, "--json"]);
+    told("table", 0, &["table", first, "--rows", "score", "--json"]);
+    told("table", 0, &["table", first, "--effects", "abs_rel", "--json"]);
+    told("table", 0, &["table", first, "--best-per-zone", "abs_rel", "--json"]);
+    told("compare", 0, &["compare", first, "--json"]);
+    told("compare", 3, &["compare", first, "--fail-if", "abs_rel >= -1000%", "--json"]);
+    let explained = told("explain", 0, &["explain", first, "abs_rel", "block=9/depth", "--json"]);
+    assert_eq!((&explained["variant"], &explained["estimator"]), (&json!("block=9"), &json!("depth")));
+    told("samples", 0, &["samples", first, "--json"]);
+    told("analyse", 0, &["analyse", first, "--by", "frame", "--json"]);
+    told("timings", 0, &["timings", first, "--json"]);
+    told("info", 0, &["info", first, "--keys", "--check", "--json"]);
+    told("export", 0, &["export", first, "--out", "maps", "--json"]);
+    told("replay", 0, &["replay", first, "--check", "--json"]);
+    told("plan-reuse", 0, &["plan", "told.yaml", "--reuse", "--json"]);
+    told("runs-list", 0, &["runs", "--json"]);
+    told("runs-show", 0, &["runs", "show", first, "--json"]);
+    told("runs-why", 0, &["runs", "why", first, "runs/told/second", "--json"]);
+    told("runs-prune", 0, &["runs", "prune", "--keep", "1", "--dry-run", "--json"]);
+    told("runs-rm", 0, &["runs", "rm", "runs/told/second", "--json"]);
+
+    // Half of a recording, and one with a byte that is not what was written.
+    let recording = fs::read(here.join(first).join("recording.mcap")).expect("a recording");
+    fs::write(here.join("cut.mcap"), &recording[..recording.len() / 2]).expect("written");
+    told("recover", 0, &["recover", "cut.mcap", "--out", "recovered.mcap", "--json"]);
+    let mut flipped = recording;
+    let middle = flipped.len() / 2;
+    flipped[middle] ^= 1;
+    fs::write(here.join("flipped.mcap"), &flipped).expect("written");
+    told("report", 3, &["report", "flipped.mcap", "--out", "of-flipped", "--json"]);
+    told("info", 3, &["info", "flipped.mcap", "--check", "--json"]);
+
+    let published = fs::read_dir(workspace().join("docs/schemas")).expect("schemas");
+    let names = published.map(|file| file.expect("a file").path().file_stem().expect("a name").display().to_string());
+    let mut missed: Vec<String> = names.filter(|name| !seen.contains_key(name)).collect();
+    missed.sort();
+    assert_eq!(missed, [] as [&str; 0], "outputs that nothing here looks at");
+}
+
+#[test]
+fn schemas_are_printed_by_name() {
+    let schema = |arguments: &[&str]| -> Json {
+        let printed = succeed(Command::arg(&mut depthloom(), "schema").args(arguments)).stdout;
+        serde_json::from_slice(&printed).expect("JSON")
+    };
+    assert_eq!(schema(&["--output", "run"])["title"], "depthloom.run");
+    assert!(schema(&[])["properties"]["experiment"].is_object());
+}

@@ -1,0 +1,166 @@
+//! The package `python/`: typed, tested by tests of its own, bit for bit what our own reader gives; its notebook; the README's lines.
+
+use std::path::Path;
+use std::process::Command;
+
+use depthloom_graphs::Value;
+use depthloom_graphs::values::Pixels;
+use depthloom_recording::Recording;
+
+use crate::support::{depthloom, python_package, succeed, workspace};
+
+/// A module or a script of Python, which finds the binary under test.
+fn command(python: &Path, arguments: &[&str]) -> Command {
+    let mut command = Command::new(python);
+    command.current_dir(workspace()).args(arguments).env("DEPTHLOOM", env!("CARGO_BIN_EXE_depthloom"));
+    command.env_remove("DEPTHLOOM_FRESH").env("PYTHONDONTWRITEBYTECODE", "1");
+    command
+}
+
+#[test]
+fn the_package_is_typed_throughout() {
+    let Some(python) = python_package("the_package_is_typed_throughout") else { return };
+    let cache = tempfile::tempdir().expect("a folder");
+    let check = ["-m", "mypy", "--config-file", "python/pyproject.toml", "python/src", "python/tests"];
+    succeed(command(&python, &check).arg("--cache-dir").arg(cache.path()));
+}
+
+#[test]
+fn the_package_passes_its_tests() {
+    let Some(python) = python_package("the_package_passes_its_tests") else { return };
+    let folder = tempfile::tempdir().expect("a folder");
+    let tests = ["-m", "pytest", "-q", "-p", "no:cacheprovider", "python/tests"];
+    succeed(command(&python, &tests).arg("--basetemp").arg(folder.path().join("runs")));
+}
+
+/// The bytes that an array of a value has, and the name of its type and its shape.
+fn bytes_of(value: &Value) -> (Vec<u8>, &'static str, Vec<u32>) {
+    let floats = |floats: &[f32], (width, height): (u32, u32)| {
+        (floats.iter().flat_map(|of| of.to_le_bytes()).collect(), "float32", vec![height, width])
+    };
+    match value {
+        Value::Depth(depth) => floats(&depth.metres, depth.metres.dimensions()),
+        Value::Weight(weight) => floats(&weight.share, weight.share.dimensions()),
+        Value::TrueDisparity(disparity) => floats(&disparity.px, disparity.px.dimensions()),
+        Value::Disparity(disparity) => {
+            let least = disparity.min_disparity_px * 16;
+            let px = disparity.sixteenths_px.iter().map(|&sixteenths| match i32::from(sixteenths) {
+                found if found >= least => f32::from(sixteenths) / 16.0,
+                _ => f32::NAN,
+            });
+            floats(&px.collect::<Vec<f32>>(), disparity.sixteenths_px.dimensions())
+        }
+        Value::Mask(mask) => {
+            let (width, height) = mask.set.dimensions();
+            (mask.set.iter().map(|set| u8::from(*set != 0)).collect(), "bool", vec![height, width])
+        }
+        Value::Image(image) => match image.pixels() {
+            Pixels::Grey(grey) => (grey.as_raw().clone(), "uint8", vec![grey.height(), grey.width()]),
+            Pixels::Rgb(rgb) => (rgb.as_raw().clone(), "uint8", vec![rgb.height(), rgb.width(), 3]),
+        },
+        other => panic!("{} is no map", other.value_type()),
+    }
+}
+
+/// Whether two arrays have the same bits, or, of floats, are no number at the same places.
+fn equal(ours: &[u8], theirs: &[u8], type_name: &str) -> bool {
+    let is_nan = |bytes: &[u8; 4]| f32::from_le_bytes(*bytes).is_nan();
+    match type_name {
+        "float32" => {
+            let (ours, theirs) = (ours.as_chunks().0, theirs.as_chunks().0);
+            let mut pairs = ours.iter().zip(theirs);
+            ours.len() == theirs.len() && pairs.all(|(a, b)| a == b || is_nan(a) && is_nan(b))
+        }
+        _ => ours == theirs,
+    }
+}
+
+/// Compares all maps of a run with what our own reader gives; how many there were.
+fn assert_same_maps(python: &Path, run: &Path) -> usize {
+    let folder = tempfile::tempdir().expect("a folder");
+    succeed(command(python, &["tests/python/dump_maps.py"]).arg(run).arg(folder.path()));
+    let told = std::fs::read_to_string(folder.path().join("maps.json")).expect("what was written");
+    let told: Vec<(String, usize, String, String, Vec<u32>)> = serde_json::from_str(&told).expect("JSON");
+    let recording = Recording::open(run.join("recording.mcap")).expect("a recording");
+    let plan = recording.plan();
+    for (number, (stage, position, topic, type_name, shape)) in told.iter().enumerate() {
+        let run = plan.runs.iter().position(|run| run.name() == stage).expect("a stage");
+        let mut reader = recording.reader(run, &[topic]).expect("a topic");
+        let values = reader.read(*position).expect("a frame");
+        let [Some(value)] = &values[..] else { panic!("{topic} has no value on frame {position}") };
+        let (ours, our_type, our_shape) = bytes_of(value);
+        assert_eq!((our_type, &our_shape), (type_name.as_str(), shape), "{topic}");
+        let theirs = std::fs::read(folder.path().join(number.to_string())).expect("an array");
+        assert!(equal(&ours, &theirs, type_name), "{topic} of frame {position} differs");
+    }
+    told.len()
+}
+
+#[test]
+fn the_package_reads_every_map_bit_for_bit() {
+    let Some(python) = python_package("the_package_reads_every_map_bit_for_bit") else { return };
+    let folder = tempfile::tempdir().expect("a folder");
+    let (out, data) = (folder.path().join("run"), folder.path().join("data"));
+    let set = [
+        "sources.train.with.frames=0..2",
+        "sources.train.with.width=320",
+        "sources.train.with.height=96",
+        "sources.test.with.frames=2..4",
+        "sources.test.with.width=320",
+        "sources.test.with.height=96",
+        "sources.test.with.disparities=true",
+        "learn.teacher.with.steps=2",
+        // Disparities that begin below zero.
+        "compare.stereo.with.min_disparity=-5",
+    ];
+    let set = set.iter().flat_map(|set| ["--set", set]);
+    succeed(depthloom().args(["run", "experiments/table1.yaml", "--quiet", "--out"]).arg(&out).args(set));
+    // `learn`: a pair, two truths, a mask, stereo, edges. `compare`: a pair, two truths, two true disparities, two masks, stereo,
+    // depth, weight, mono, and of the variants three scalings, four fusions, four filters.
+    assert_eq!(assert_same_maps(&python, &out), 2 * 7 + 2 * 23);
+    // Images in their files' own bytes, and KITTI's truth.
+    succeed(depthloom().args(["synth", "--frames", "2", "--width", "320", "--height", "96", "--quiet"]).arg(&data));
+    let out = folder.path().join("pairs");
+    let pairs = ["run", "experiments/own-pairs.yaml", "--quiet", "--set", "sources.pairs.with.truth=noc", "--out"];
+    succeed(depthloom().args(pairs).arg(&out).env("OWN_PAIRS", &data));
+    assert!(assert_same_maps(&python, &out) > 12);
+}
+
+#[test]
+fn the_readmes_lines_of_python_read_a_run() {
+    let Some(python) = python_package("the_readmes_lines_of_python_read_a_run") else { return };
+    let readme = std::fs::read_to_string(workspace().join("README.md")).expect("the README");
+    let (_, rest) = readme.split_once("```python\n").expect("a block of Python");
+    let (lines, _) = rest.split_once("```").expect("its end");
+    let folder = tempfile::tempdir().expect("a folder");
+    let out = folder.path().join("runs/first-look/run");
+    let small = ["--set", "sources.street.with.width=320", "--set", "sources.street.with.height=96"];
+    succeed(depthloom().args(["run", "experiments/first-look.yaml", "--quiet", "--out"]).arg(&out).args(small));
+    let ask = "\nprint(depth.dtype, *depth.shape, numpy.isfinite(depth).sum(), float(numpy.nanmax(depth)))\n";
+    let script = format!("import numpy\n{lines}{ask}");
+    let told = succeed(command(&python, &["-c", &script]).current_dir(folder.path()));
+    let told = String::from_utf8(told.stdout).expect("text");
+
+    let recording = Recording::open(out.join("recording.mcap")).expect("a recording");
+    let mut reader = recording.reader(0, &["/look/depth/depth"]).expect("a topic");
+    let position = recording.frames(0).iter().position(|frame| &*frame.id == "000003_10").expect("a frame");
+    let values = reader.read(position).expect("a frame");
+    let [Some(Value::Depth(depth))] = &values[..] else { panic!("a depth") };
+    let finite: Vec<f32> = depth.metres.iter().copied().filter(|metres| metres.is_finite()).collect();
+    let most = finite.iter().copied().fold(0.0, f32::max);
+    let expected = format!("float32 96 320 {} {:?}", finite.len(), f64::from(most));
+    assert_eq!(told.lines().last(), Some(expected.as_str()), "{told}");
+}
+
+#[test]
+fn the_notebook_prints_what_it_shows() {
+    let Some(python) = python_package("the_notebook_prints_what_it_shows") else { return };
+    let folder = tempfile::tempdir().expect("a folder");
+    let docs = folder.path().join("docs");
+    std::fs::create_dir(&docs).expect("made");
+    std::fs::create_dir(folder.path().join("experiments")).expect("made");
+    for file in ["docs/python.ipynb", "experiments/first-look.yaml"] {
+        std::fs::copy(workspace().join(file), folder.path().join(file)).expect("copied");
+    }
+    succeed(command(&python, &["tests/python/run_notebook.py"]).arg(docs.join("python.ipynb")));
+}

@@ -1,0 +1,84 @@
+#!/usr/bin/env python3
+"""Holds what `depthloom compare --json` says against SciPy, from the scores.csv of the runs.
+
+    check_compare.py COMPARED.json RUN=scores.csv [RUN=scores.csv]
+"""
+import csv
+import json
+import math
+import sys
+
+import numpy as np
+
+from resampling import holm, interval, wilcoxon
+
+SHARES = {"a1", "a2", "a3"}
+SQUARES = {"rmse", "rmse_log", "irmse"}
+
+
+def rows_of(path):
+    with open(path, newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def frames_of(scores, row, prefix):
+    """Frame to score and pixels, of the estimate that a row is of, or of its baseline."""
+    names = ("stage", "variant", "estimator")
+    wanted = [row[prefix + name] or "" for name in names] + [row["set"], row["zone"] or ""]
+    found = {}
+    for of in scores[row[prefix + "run"]]:
+        if [of[name] for name in names] + [of["set"], of.get("zone", "")] == wanted and of[row["score"]] != "":
+            found[of["frame"]] = float(of[row["score"]]), float(of["pixels"])
+    return found
+
+
+def near(found, expected, what):
+    if found is None and (expected is None or math.isnan(expected)):
+        return
+    assert math.isclose(found, expected, rel_tol=1e-6, abs_tol=1e-12), f"{what}: {found} is not {expected}"
+
+
+def main():
+    with open(sys.argv[1]) as file:
+        compared = json.load(file)
+    scores = {name: rows_of(path) for name, path in (of.split("=", 1) for of in sys.argv[2:])}
+    method = compared["method"]
+    settings = {name: method[name] for name in ("confidence", "resamples", "seed")}
+    tests = []
+    for row in compared["rows"]:
+        one, two = frames_of(scores, row, "baseline_"), frames_of(scores, row, "")
+        both = [frame for frame in one if frame in two]
+        assert len(both) == row["frames"] > 0, row
+        values = [np.array([of[frame][0] for frame in both]) for of in (one, two)]
+        pixels = [np.array([of[frame][1] for frame in both]) for of in (one, two)]
+        form = "mean"
+        if row["mean"] == "frames":
+            terms = values
+            means = [value.mean() for value in values]
+        elif row["score"] in SQUARES:
+            form = "root mean"
+            terms = [[n, n * x * x, 0 * n] for n, x in zip(pixels, values)]
+            means = [math.sqrt((n * x * x).sum() / n.sum()) for n, x in zip(pixels, values)]
+        else:
+            terms = [[n, n * x, 0 * n] for n, x in zip(pixels, values)]
+            means = [(n * x).sum() / n.sum() for n, x in zip(pixels, values)]
+        what = f'{row["score"]} of {row["variant"]}/{row["estimator"]}'
+        near(row["baseline"], means[0], what)
+        near(row["value"], means[1], what)
+        near(row["difference"], means[1] - means[0], what)
+        low, high = interval(*terms, form=form, method=method["interval"], **settings)
+        near(row["difference_low"], low, f"lower end, {what}")
+        near(row["difference_high"], high, f"upper end, {what}")
+        differences = values[1] - values[0]
+        better = differences if row["score"] in SHARES else -differences
+        counts = [int((better > 0).sum()), int((better == 0).sum()), int((better < 0).sum())]
+        assert counts == [row["wins"], row["ties"], row["losses"]], what
+        tests.append(wilcoxon(differences))
+        near(row["p"], tests[-1], f"p, {what}")
+    for row, p in zip(compared["rows"], holm(tests)):
+        near(row["p_holm"], p, "p_holm")
+    assert method["tests"] == len(tests)
+    print(len(tests))
+
+
+main()
