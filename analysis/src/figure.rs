@@ -17,6 +17,7 @@ use kuva::render::layout::{Layout, TickFormat};
 use kuva::render::plots::Plot;
 use kuva::render::theme::Theme;
 
+use crate::colours::colour;
 use crate::distance::{DistanceBin, Spread};
 use crate::estimators::Estimator;
 
@@ -24,10 +25,6 @@ use crate::estimators::Estimator;
 pub(crate) const PANEL_PX: (f64, f64) = (440.0, 290.0);
 pub(crate) const LONE_PANEL_PX: (f64, f64) = (640.0, 400.0);
 const HISTOGRAM_HEIGHT_PX: f64 = 190.0;
-/// Stereo's colour, mono's, and those of all others in the order they come.
-pub(crate) const BLUE: &str = "#1f5fb4";
-pub(crate) const RED: &str = "#d1332e";
-const OTHERS: [&str; 6] = ["#2b9348", "#8e44ad", "#e08a00", "#0f8b8d", "#7f5539", "#5c677d"];
 /// How opaque the bands from 5 to 95 % and from 25 to 75 % are.
 const WIDE_OPACITY: f64 = 0.14;
 const NARROW_OPACITY: f64 = 0.30;
@@ -345,20 +342,10 @@ pub(crate) fn short(tick: f64) -> String {
     }
 }
 
-fn colour(names: &[&str], name: &str) -> &'static str {
-    match name {
-        "stereo" => BLUE,
-        "mono" => RED,
-        name => {
-            let others = names.iter().filter(|name| !["stereo", "mono"].contains(name));
-            OTHERS[others.take_while(|other| **other != name).count() % OTHERS.len()]
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::colours::{BLUE, RED};
 
     fn estimator(variant: Option<&str>, name: &str) -> Estimator {
         Estimator::of_depths(name, variant, name, &[])
@@ -397,12 +384,6 @@ mod tests {
         let figure = Figure { estimators: &estimators, bins: &bins, truth: &BTreeMap::new() };
         let stretches = figure.stretches(0, |bin| Some(&bin.answered));
         assert_eq!(stretches.iter().map(|stretch| middles(stretch)).collect::<Vec<_>>(), [vec![3.5, 4.5], vec![6.5]]);
-    }
-
-    #[test]
-    fn mono_is_red_and_stereo_blue_and_others_differ() {
-        let names = ["fused", "stereo", "filled", "mono"];
-        assert_eq!(names.map(|name| colour(&names, name)), [OTHERS[0], BLUE, OTHERS[1], RED]);
     }
 
     #[test]

@@ -7,6 +7,7 @@
 
 mod ablation;
 mod analyse;
+mod colours;
 mod compare;
 mod comparison;
 mod condition;

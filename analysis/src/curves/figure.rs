@@ -11,7 +11,8 @@ use kuva::render::layout::Layout;
 use kuva::render::plots::Plot;
 
 use super::LearningCurve;
-use crate::figure::{BLUE, LONE_PANEL_PX, PANEL_PX, RED, styled, svg};
+use crate::colours::{BLUE, RED};
+use crate::figure::{LONE_PANEL_PX, PANEL_PX, styled, svg};
 
 /// Losses that differ by more than this have a logarithmic axis.
 const DECADE: f64 = 10.0;

@@ -1,0 +1,55 @@
+//! The colour of an estimator: the same for the same method in every figure and on the page.
+//!
+//! They are Paul Tol's *vibrant* scheme (personal.sron.nl/~pault), whose hues differ for colour-blind eyes too and read on white and on near-black.
+
+/// Stereo is blue and mono red, as in the paper.
+pub(crate) const BLUE: &str = "#0077bb";
+pub(crate) const RED: &str = "#cc3311";
+/// What is fused, and what follows in the order it comes.
+pub(crate) const OTHERS: [&str; 6] = ["#009988", "#ee7733", "#aa3377", "#33bbee", "#ee3377", "#777777"];
+
+/// The colour of an estimator among those of these names, in the order of the tables; more than there are colours share them.
+///
+/// A method is known by the first word of its name, whatever follows: `stereo`, `stereo_sgbm` and `stereo-filtered`. Of several of a family the
+/// first has its colour, the rest one of those that are left.
+pub(crate) fn colour(names: &[&str], name: &str) -> &'static str {
+    let first_of = |family: &str| {
+        names.iter().find(|name| **name == family).or_else(|| names.iter().find(|name| self::family(name) == family))
+    };
+    let families = [("stereo", BLUE), ("mono", RED), ("fused", OTHERS[0])];
+    let own = |name: &str| families.iter().find(|(family, _)| first_of(family).is_some_and(|first| *first == name));
+    if let Some((_, colour)) = own(name) {
+        return colour;
+    }
+    let left: Vec<&'static str> = match first_of("fused") {
+        Some(_) => OTHERS[1..].to_vec(),
+        None => OTHERS.to_vec(),
+    };
+    let before = names.iter().filter(|name| own(name).is_none()).take_while(|other| **other != name).count();
+    left[before % left.len()]
+}
+
+/// The first word of a name; `fusion` and `fuse` are `fused`.
+fn family(name: &str) -> &str {
+    let word = name.split(|c: char| !c.is_alphanumeric()).next().unwrap_or_default();
+    if ["fuse", "fusion"].contains(&word) { "fused" } else { word }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn mono_is_red_and_stereo_blue_and_others_differ() {
+        let names = ["filled", "stereo", "fused", "mono", "mono_scaled"];
+        let expected = [OTHERS[1], BLUE, OTHERS[0], RED, OTHERS[2]];
+        assert_eq!(names.map(|name| colour(&names, name)), expected);
+    }
+
+    #[test]
+    fn a_method_is_known_by_the_first_word_of_its_name() {
+        assert_eq!(["stereo-sgbm", "mono.depth", "fusion_2"].map(|name| colour(&[name], name)), [BLUE, RED, OTHERS[0]]);
+        let names = ["stereo_raw", "stereo", "monocle"];
+        assert_eq!(names.map(|name| colour(&names, name)), [OTHERS[0], BLUE, OTHERS[1]]);
+    }
+}
