@@ -126,3 +126,17 @@ fn holds_only(folder: &Path, endings: &[&str]) -> io::Result<bool> {
     }
     Ok(true)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::{FILES, FOLDERS, REPORT};
+
+    #[test]
+    fn every_file_of_a_run_stands_in_the_guide() {
+        let page = include_str!("../../docs/reference/files.md");
+        let folders = FOLDERS.iter().map(|(folder, _)| format!("{folder}/"));
+        let files = FILES.iter().chain(&REPORT).map(|file| (*file).to_owned());
+        let missed: Vec<String> = files.chain(folders).filter(|name| !page.contains(&format!("`{name}`"))).collect();
+        assert_eq!(missed, [""; 0], "docs/reference/files.md does not say what these are");
+    }
+}

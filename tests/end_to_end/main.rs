@@ -19,6 +19,7 @@ mod faults;
 mod fixtures;
 mod from_recording;
 mod golden;
+mod guide;
 mod killed;
 mod learning;
 mod looking;

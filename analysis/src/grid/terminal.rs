@@ -1,8 +1,10 @@
 //! A table as aligned text.
 
+use std::collections::HashSet;
+
 use super::Grid;
 
-/// The longest text of a cell; of what is longer, the middle is left out.
+/// The longest text of a cell; of what is longer, the middle is left out, but where that would make two texts one.
 const LONGEST: usize = 40;
 
 pub(super) fn render(grid: &Grid, width: usize) -> String {
@@ -47,8 +49,12 @@ impl Column {
             (true, false) => " ",
             (false, _) => "",
         };
-        let cells: Vec<String> =
-            (0..grid.height()).map(|row| format!("{}{}", shortened(grid.text(row, column)), mark(row))).collect();
+        let texts: Vec<String> = (0..grid.height()).map(|row| grid.text(row, column)).collect();
+        let short: Vec<String> = texts.iter().map(|text| shortened(text)).collect();
+        // A name without its middle may be another's, too: then the column is wide.
+        let tells_apart = distinct(&short) == distinct(&texts);
+        let texts = if tells_apart { short } else { texts };
+        let cells: Vec<String> = texts.iter().enumerate().map(|(row, text)| format!("{text}{}", mark(row))).collect();
         let wide = cells.iter().chain([&heading]).map(|text| text.chars().count()).max().unwrap_or(0);
         Self { heading, cells, wide, is_text: of.is_text() }
     }
@@ -83,10 +89,14 @@ fn push_line(cells: impl Iterator<Item = String>, text: &mut String) {
     text.push('\n');
 }
 
-fn shortened(text: String) -> String {
+fn distinct(texts: &[String]) -> usize {
+    texts.iter().collect::<HashSet<_>>().len()
+}
+
+fn shortened(text: &str) -> String {
     let letters: Vec<char> = text.chars().collect();
     if letters.len() <= LONGEST {
-        return text;
+        return text.to_owned();
     }
     let half = LONGEST / 2;
     letters[..half - 1].iter().chain(['…'].iter()).chain(&letters[letters.len() - half..]).collect()

@@ -141,4 +141,9 @@ fn a_long_name_is_cut_in_its_middle_in_text_alone() {
     let text = grid.terminal(110);
     assert!(text.contains("p1=200+p2=800+block…ess=0+mode=hh+filled"), "{text}");
     assert!(grid.markdown().contains(long));
+    // But not where its middle is what tells it from another.
+    let other = long.replace("block=3", "block=5");
+    grid.columns[2] = GridColumn::key("mode", vec![Some(long.to_owned()), Some(other.clone()), None]);
+    let text = grid.terminal(110);
+    assert!(text.contains(long) && text.contains(&other), "{text}");
 }

@@ -4,6 +4,7 @@
 //! passing test prints), and [leaves a record](skips) that `tests/skipped.rs`, the last program of `cargo test --workspace`,
 //! counts. Where `DEPTHLOOM_REQUIRE_SHARED` or `DEPTHLOOM_REQUIRE_PYTHON` is set (and not `0`), it fails instead.
 
+mod book;
 mod lichtblick;
 mod python;
 mod rerun;
@@ -12,6 +13,7 @@ mod shared;
 pub mod signals;
 pub mod skips;
 
+pub use book::mdbook;
 pub use lichtblick::lichtblick;
 pub use python::{onnx_runtime, python, python_package};
 pub use rerun::{Rerun, rerun};

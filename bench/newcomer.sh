@@ -1,0 +1,44 @@
+#!/usr/bin/env bash
+# A newcomer's path, timed: from a built clone to "which of 12 settings of SGBM is best, where, and is it significant?" in three commands, on a street
+# that the program renders, and on KITTI's frames where they are. docs/tutorial/own-ablation.md goes the same way, with a word on every step.
+# Prints the answers, and a line `newcomer NAME PHASE SECONDS` for every phase.
+#
+#   bench/newcomer.sh              KITTI: ../shared (or DEPTHLOOM_SHARED), or KITTI_STEREO_2015
+set -euo pipefail
+cd "$(dirname "$0")/.."
+. bench/shared.sh
+export KITTI_STEREO_2015=${KITTI_STEREO_2015:-$shared/data/kitti_stereo_2015}
+cargo build --release --quiet
+PATH=$target/release:$PATH
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+
+# phase NAME PHASE COMMAND...: says the command, runs it, and says how long it took.
+phase() {
+    local name=$1 phase=$2 begin
+    shift 2
+    printf '\n$ %s\n' "$*"
+    begin=$(date +%s.%N)
+    "$@"
+    times+="newcomer $name $phase $(date +%s.%N | awk -v begin="$begin" '{ printf "%.1f", $1 - begin }')"$'\n'
+}
+
+# path NAME EXPERIMENT FRAMES: 3 x 2 x 2 settings of block, uniqueness and mode, holes kept.
+path() {
+    local name=$1 experiment=$2 frames=$3 run=$work/runs/$1
+    printf '\n== %s\n' "$name"
+    phase "$name" run depthloom run "$experiment" --matrix 'block=[3,5,9]' --variant '*+holes=kept' --set "sources.frames.with.frames=$frames" \
+        --fresh --quiet --out "$run"
+    phase "$name" where depthloom table "$run" --best-per-zone abs_rel
+    phase "$name" significant depthloom compare "$run" --baseline best --scores abs_rel
+}
+
+times=
+path street experiments/sgbm-ablation.yaml 0..16
+if [ -d "$KITTI_STEREO_2015/training/disp_noc_0" ]; then
+    # Twenty frames that have a truth: with six, eleven comparisons are never sure.
+    path kitti experiments/sgbm-ablation-kitti.yaml '1..=20 available'
+else
+    echo "SKIPPED bench/newcomer.sh, kitti: $KITTI_STEREO_2015 is absent (it holds the frames)" >&2
+fi
+printf '\n%s' "$times"

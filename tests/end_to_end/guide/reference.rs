@@ -1,0 +1,298 @@
+//! The reference of the guide, from what the program says of itself: kinds, commands, the language, JSON outputs, exit codes; and from the pages, what of
+//! the guide is run.
+
+use std::fmt::Write as _;
+
+use serde_json::Value as Json;
+
+use super::page::{self, Use, blocks, pages};
+use super::{book, writes};
+use crate::support::{depthloom, succeed, workspace};
+
+/// What stands in front of every generated page, behind its title.
+const GENERATED: &str = "<!-- Generated: DEPTHLOOM_WRITE_GUIDE=1 cargo test --release -p depthloom -p depthloom-analysis --test end_to_end -- guide::reference -->";
+
+/// What the program prints.
+fn said(arguments: &[&str]) -> String {
+    String::from_utf8(succeed(depthloom().args(arguments)).stdout).expect("UTF-8")
+}
+
+fn json(arguments: &[&str]) -> Json {
+    serde_json::from_str(&said(arguments)).expect("JSON")
+}
+
+fn head(title: &str, about: &str) -> String {
+    format!("# {title}\n\n{GENERATED}\n\n{about}\n")
+}
+
+/// Kinds, sources or nodes, each as `depthloom nodes KIND` explains it.
+fn kinds(title: &str, about: &str, is_source: bool) -> String {
+    let all = json(&["nodes", "--json"]);
+    let all = all["kinds"].as_array().expect("a list");
+    let kinds = all.iter().filter(|kind| (kind["contract"] == "source") == is_source);
+    let mut text = head(title, about);
+    let mut explained = String::new();
+    text.push_str("\n| kind | |\n|---|---|\n");
+    for kind in kinds {
+        let (name, summary) = (kind["kind"].as_str().expect("a name"), kind["summary"].as_str().expect("a sentence"));
+        let _ = writeln!(text, "| [`{name}`](#{}) | {} |", name.replace('/', ""), summary.replace('|', "\\|"));
+        for line in said(&["nodes", name]).lines() {
+            let _ = match (line.strip_prefix("# "), line.strip_prefix("## ")) {
+                (Some(title), _) => writeln!(explained, "\n## {title}"),
+                (_, Some(part)) => writeln!(explained, "**{part}**"),
+                _ => writeln!(explained, "{line}"),
+            };
+        }
+    }
+    text + &explained
+}
+
+fn sources() -> String {
+    let about = "Where frames come from: `sources: { NAME: { kind: KIND, with: { PARAMETER: VALUE } } }`. `depthloom nodes KIND` prints the same in a terminal. \
+                 A type in the column \"carries\" is what a node's input of that type takes.";
+    kinds("Sources", about, true)
+}
+
+fn nodes() -> String {
+    let about = "What can stand in a stage: `nodes: { NAME: { kind: KIND, inputs: { PORT: NODE/PORT }, with: { PARAMETER: VALUE } } }`. A *pure* node has no memory \
+                 between frames, an *ordered* one sees them one by one, a *once* node fires when all frames are through. `depthloom nodes KIND` prints the same in a \
+                 terminal.";
+    kinds("Nodes", about, false)
+}
+
+/// The commands that a help text lists.
+fn commands_of(command: &[&str]) -> Vec<String> {
+    let help = said(&[command, &["--help"]].concat());
+    let lines = help.lines().skip_while(|line| *line != "Commands:").skip(1).take_while(|line| !line.is_empty());
+    let names = lines.filter_map(|line| line.strip_prefix("  ")?.split(' ').next());
+    names.filter(|name| !name.is_empty() && *name != "help").map(str::to_owned).collect()
+}
+
+/// All commands, those of commands behind them, each with its help.
+fn helps() -> Vec<(String, String)> {
+    fn below(command: &[&str], found: &mut Vec<(String, String)>) {
+        found.push((command.join(" "), said(&[command, &["--help"]].concat())));
+        for name in commands_of(command) {
+            below(&[command, &[&name]].concat(), found);
+        }
+    }
+    let mut found = Vec::new();
+    below(&[], &mut found);
+    found
+}
+
+fn commands() -> String {
+    let about = "What each command takes, as `depthloom help COMMAND` says it; `depthloom man --out DIR` writes the same as manual pages.";
+    let mut text = head("Commands", about);
+    for (command, help) in helps() {
+        let title = format!("depthloom {command}");
+        let lines: Vec<&str> = help.trim().lines().map(str::trim_end).collect();
+        let _ = write!(text, "\n## {}\n\n```text\n{}\n```\n", title.trim(), lines.join("\n"));
+    }
+    text
+}
+
+fn exit_codes() -> String {
+    let about = "What a command's exit code means. A script that asks for no more than `0` or not is right with all of them; `3` is an answer (frames failed, \
+                 values differ, a limit of `compare --fail-if` was passed) and not a fault of the command.";
+    let mut text = head("Exit codes", about);
+    text.push_str("\n| command | code | meaning |\n|---|---|---|\n");
+    for (command, help) in helps() {
+        let codes = help
+            .lines()
+            .skip_while(|line| *line != "Exit codes:")
+            .skip(1)
+            .map_while(|line| line.trim().split_once(' '));
+        for (place, (code, meaning)) in codes.enumerate() {
+            let name = format!("depthloom {command}");
+            let name = if place == 0 { format!("`{}`", name.trim()) } else { String::new() };
+            let _ = writeln!(text, "| {name} | {code} | {} |", meaning.trim());
+        }
+    }
+    text
+}
+
+/// What a schema allows, in a few words.
+fn kind_of(schema: &Json) -> String {
+    let code = |value: &Json| format!("`{}`", value.to_string().trim_matches('"'));
+    if let Some(of) = schema["$ref"].as_str() {
+        return of.rsplit('/').next().unwrap_or(of).to_owned();
+    }
+    if let Some(constant) = schema.get("const") {
+        return code(constant);
+    }
+    if let Some(values) = schema["enum"].as_array() {
+        // Kinds have pages of their own.
+        let shown: Vec<String> = values.iter().map(code).collect();
+        return if schema.get("markdownEnumDescriptions").is_some() { "a kind".to_owned() } else { shown.join(", ") };
+    }
+    for any in ["anyOf", "oneOf"] {
+        // What a variable of the environment stands for is of no type before it is read.
+        let is_variable = |schema: &&Json| schema["pattern"].as_str().is_some_and(|pattern| pattern.starts_with("\\$"));
+        if let Some(others) = schema[any].as_array() {
+            let mut words: Vec<String> = Vec::new();
+            for word in others.iter().filter(|other| !is_variable(other)).map(kind_of) {
+                if !words.contains(&word) {
+                    words.push(word);
+                }
+            }
+            return words.join(" or ");
+        }
+    }
+    let of =
+        |word: &str, of: &Json| if of.is_object() { format!("{word} of {}", kind_of(of)) } else { word.to_owned() };
+    let word = |name: &str| match name {
+        "object" if schema["additionalProperties"]["$ref"].is_string() => of("map", &schema["additionalProperties"]),
+        "object" => "map".to_owned(),
+        "integer" => "whole number".to_owned(),
+        "string" => "text".to_owned(),
+        "boolean" => "true or false".to_owned(),
+        "array" => of("list", &schema["items"]),
+        other => other.to_owned(),
+    };
+    match &schema["type"] {
+        Json::String(name) => word(name),
+        Json::Array(names) => names.iter().filter_map(Json::as_str).map(word).collect::<Vec<_>>().join(" or "),
+        _ => "any".to_owned(),
+    }
+}
+
+/// A table of an object's keys; those of maps within as `outer.inner`, of keys that may be called anything as `NAME`. Keys that a map around has, too, stand
+/// there alone.
+fn keys(text: &mut String, schema: &Json) {
+    let mut rows = String::new();
+    push_keys(&mut rows, "", schema, &[]);
+    if !rows.is_empty() {
+        let _ = write!(text, "\n| key | is | meaning |\n|---|---|---|\n{rows}");
+    }
+}
+
+fn push_keys(rows: &mut String, above: &str, schema: &Json, around: &[&Json]) {
+    let required: Vec<&str> = schema["required"].as_array().into_iter().flatten().filter_map(Json::as_str).collect();
+    let named = schema["properties"].as_object().into_iter().flatten().map(|(key, property)| (key.as_str(), property));
+    let others = &schema["additionalProperties"];
+    let others = (others["anyOf"].is_array() || others["properties"].is_object()).then_some(("NAME", others));
+    let is_new = |(key, property): &(&str, &Json)| around.iter().all(|map| map["properties"][*key] != **property);
+    for (key, property) in named.chain(others).filter(is_new) {
+        let cell = |text: &str| text.replace('|', "\\|").replace('\n', " ");
+        let wanted = if required.contains(&key) { "; required" } else { "" };
+        let meaning = property["description"].as_str().unwrap_or_default();
+        let _ = writeln!(rows, "| `{above}{key}` | {}{wanted} | {} |", cell(&kind_of(property)), cell(meaning));
+        let within = format!("{above}{key}.");
+        let ways = property["anyOf"].as_array().into_iter().flatten().chain([property]);
+        let around = [around, &[schema]].concat();
+        ways.filter(|way| way["type"] == "object").for_each(|way| push_keys(rows, &within, way, &around));
+    }
+}
+
+fn language() -> String {
+    let schema = json(&["schema"]);
+    let about = "The keys of an experiment file, from the schema that editors check it with (`depthloom schema`). Where a value is allowed, a variable of the \
+                 environment is too: `\"${NAME}\"`, or `\"${NAME:-default}\"`. Parameters of kinds are in [Sources](sources.md) and [Nodes](nodes.md); what a path is, \
+                 and all of `matrix:`, in [Axes](../axes.md). What an estimate has that `score` has, too, is listed there alone.";
+    let mut text = head("The experiment language", about);
+    text.push_str("\n## The file\n");
+    keys(&mut text, &schema);
+    for (name, part) in schema["$defs"].as_object().expect("parts") {
+        let _ = write!(text, "\n## {name}\n\n{}\n", capital(&kind_of(part)));
+        if let Some(about) = part["description"].as_str() {
+            let _ = write!(text, "\n{about}\n");
+        }
+        keys(&mut text, part);
+        for any in ["anyOf", "oneOf"] {
+            part[any].as_array().into_iter().flatten().for_each(|way| keys(&mut text, way));
+        }
+    }
+    text
+}
+
+fn capital(text: &str) -> String {
+    let mut letters = text.chars();
+    letters.next().map_or_else(String::new, |first| first.to_uppercase().chain(letters).collect::<String>() + ".")
+}
+
+fn outputs() -> String {
+    let about = "What commands print with `--json`: one object, which begins with `format: { name, version }`. A version is raised where a key goes or means something \
+                 else; another key more is no other version. Each links its JSON Schema, which `depthloom schema --output NAME` prints. Where a command does not end with 0, \
+                 the object holds `error`.";
+    let mut text = head("JSON outputs", about);
+    let files = std::fs::read_dir(workspace().join("docs/schemas")).expect("schemas");
+    let mut names: Vec<String> =
+        files.map(|file| file.expect("a file").path().file_stem().expect("a name").display().to_string()).collect();
+    names.sort();
+    for name in names {
+        let schema = json(&["schema", "--output", &name]);
+        let about = schema["description"].as_str().unwrap_or_default();
+        let _ = write!(text, "\n## {name}\n\n{about} [Schema](../schemas/{name}.json).\n");
+        keys(&mut text, &schema);
+    }
+    text
+}
+
+fn checked() -> String {
+    let about = "The commands of this guide are run by its tests, each page in a folder of its own, and what a page shows of their output is compared. These are not run, \
+                 for the reason that stands with them; those that need data or a Python are run where these are.";
+    let mut text = head("What of this guide is checked", about);
+    let (mut rows, mut left_out) = (String::new(), String::new());
+    let (mut all, mut none) = (0, 0);
+    for name in pages() {
+        let (mut run, mut not_run, mut needs) = (0, 0, Vec::new());
+        for block in blocks(&page::read(&name)) {
+            match block.used(&name) {
+                Use::Run { needs: wanted, .. } => {
+                    run += block.commands();
+                    needs.extend(wanted);
+                }
+                Use::NotRun(why) => {
+                    not_run += block.commands();
+                    for command in block.text.lines().filter(|line| !line.trim_start().starts_with('#')) {
+                        let _ = writeln!(
+                            left_out,
+                            "| [{name}](../{name}) | `{}` | {why} |",
+                            command.trim().replace('|', "\\|")
+                        );
+                    }
+                }
+                Use::File(_) | Use::Shown => {}
+            }
+        }
+        if run + not_run > 0 {
+            needs.dedup();
+            let _ = writeln!(rows, "| [{name}](../{name}) | {run} | {not_run} | {} |", needs.join(", "));
+        }
+        (all, none) = (all + run, none + not_run);
+    }
+    let _ = write!(
+        text,
+        "\n| page | commands run | not run | some need |\n|---|---|---|---|\n{rows}| all | {all} | {none} | |\n"
+    );
+    let _ = write!(text, "\n## Not run\n\n| page | command | why |\n|---|---|---|\n{left_out}");
+    text
+}
+
+#[test]
+fn the_reference_is_what_the_program_says() {
+    let made = [
+        ("sources.md", sources()),
+        ("nodes.md", nodes()),
+        ("commands.md", commands()),
+        ("exit-codes.md", exit_codes()),
+        ("language.md", language()),
+        ("json.md", outputs()),
+        ("checked.md", checked()),
+    ];
+    let folder = book().join("reference");
+    let mut stale = Vec::new();
+    for (name, text) in made {
+        if writes() {
+            std::fs::write(folder.join(name), &text).expect("written");
+        }
+        if std::fs::read_to_string(folder.join(name)).unwrap_or_default() != text {
+            stale.push(name);
+        }
+    }
+    assert_eq!(
+        stale, [""; 0],
+        "stale: DEPTHLOOM_WRITE_GUIDE=1 cargo test --release -p depthloom -p depthloom-analysis --test end_to_end -- guide::reference"
+    );
+}

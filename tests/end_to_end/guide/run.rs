@@ -1,0 +1,238 @@
+//! The commands of the guide, page by page, as a reader gives them.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use super::page::{self, Block, Use, blocks, pages};
+use super::{book, writes};
+use crate::support::{python_package, shared, skipped, workspace};
+
+/// The folder that the guide calls KITTI's; the tests put theirs in its place.
+const KITTI: &str = "/data/kitti_stereo_2015";
+
+/// A test a page: its name, and the page.
+macro_rules! pages {
+    ($($name:ident: $page:literal,)*) => {
+        $(#[test]
+        fn $name() {
+            run($page);
+        })*
+        const PAGES: &[&str] = &[$($page),*];
+    };
+}
+
+pages! {
+    comparison: "explanation/comparison.md",
+    determinism: "explanation/determinism.md",
+    error_against_distance: "explanation/error-against-distance.md",
+    keys_and_reuse: "explanation/keys-and-reuse.md",
+    scores: "explanation/scores.md",
+    ci: "how-to/ci.md",
+    kitti: "how-to/kitti.md",
+    many_machines: "how-to/many-machines.md",
+    own_data: "how-to/own-data.md",
+    own_network: "how-to/own-network.md",
+    own_node: "how-to/own-node.md",
+    python: "how-to/python.md",
+    first_run: "tutorial/first-run.md",
+    own_ablation: "tutorial/own-ablation.md",
+    reading_the_report: "tutorial/reading-the-report.md",
+}
+
+#[test]
+fn every_page_with_commands_is_run() {
+    let is_run = |name: &str, block: &Block| matches!(block.used(name), Use::Run { .. });
+    let has_commands = |name: &String| blocks(&page::read(name)).iter().any(|block| is_run(name, block));
+    let mut there: Vec<String> = pages().into_iter().filter(has_commands).collect();
+    there.retain(|name| !PAGES.contains(&&**name));
+    assert_eq!(there, [""; 0], "pages with commands that no test runs: a line each in `pages!`");
+}
+
+/// Runs all blocks of a page in order, in a folder with the checkout's `experiments` and `examples` and the program on the PATH.
+fn run(name: &str) {
+    let text = page::read(name);
+    let blocks = blocks(&text);
+    let test = format!("guide::{name}");
+    if Command::new("bash").arg("--version").output().is_err() {
+        return skipped(&test, "there is no bash");
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    let here = folder.path().join("here");
+    fs::create_dir(&here).expect("made");
+    for shared in ["experiments", "examples"] {
+        copy(&workspace().join(shared), &here.join(shared));
+    }
+    let bin = folder.path().join("bin");
+    fs::create_dir(&bin).expect("made");
+    let program = bin.join("depthloom").with_extension(std::env::consts::EXE_EXTENSION);
+    fs::hard_link(env!("CARGO_BIN_EXE_depthloom"), &program)
+        .or_else(|_| fs::copy(env!("CARGO_BIN_EXE_depthloom"), &program).map(|_| ()))
+        .expect("the program");
+    let mut mended = text.clone();
+    let mut wrong = Vec::new();
+    for (place, block) in blocks.iter().enumerate() {
+        match block.used(name) {
+            Use::File(file) => fs::write(here.join(file), &block.text).expect("written"),
+            Use::NotRun(_) | Use::Shown => {}
+            Use::Run { expect, needs } => {
+                let Some(needs) = needs.map_or_else(|| Some(Needs::default()), |what| Needs::of(&what, &test)) else {
+                    continue;
+                };
+                let output = needs.run(&block.text, &here, &bin);
+                if output.code != Some(expect) {
+                    wrong.push(format!(
+                        "docs/{name}:{}: ended with {:?}, not {expect}\n{}\n{}{}",
+                        block.line, output.code, block.text, output.out, output.err
+                    ));
+                    break;
+                }
+                let shown = blocks.get(place + 1).filter(|next| next.language == "text" && is_next(&text, block, next));
+                if let Some(shown) = shown
+                    && let Err(line) = is_shown(&shown.text, &format!("{}{}", output.out, output.err))
+                {
+                    let is_whole = !shown.text.contains(['…']) && !shown.text.lines().any(|line| line == "...");
+                    if writes() && is_whole {
+                        let told = if output.out.is_empty() { &output.err } else { &output.out };
+                        let (old, new) = (&shown.text, &trimmed(told));
+                        mended = mended.replacen(&format!("```text\n{old}```"), &format!("```text\n{new}```"), 1);
+                    } else {
+                        wrong.push(format!(
+                            "docs/{name}:{}: not what the commands print: {line}\nthey print\n{}{}",
+                            shown.line, output.out, output.err
+                        ));
+                    }
+                }
+            }
+        }
+    }
+    if mended != text {
+        fs::write(book().join(name), mended).expect("written");
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n\n"));
+}
+
+/// Whether nothing but words stand between commands and what they print, and few of them.
+fn is_next(text: &str, block: &Block, shown: &Block) -> bool {
+    let from = block.line + block.text.lines().count() + 1;
+    text.lines().take(shown.line - 1).skip(from).all(|line| !line.starts_with('#'))
+}
+
+/// What commands need beside the program.
+#[derive(Default)]
+struct Needs {
+    kitti: Option<PathBuf>,
+    python: Option<PathBuf>,
+}
+
+/// What commands printed, and how they ended.
+struct Printed {
+    code: Option<i32>,
+    out: String,
+    err: String,
+}
+
+impl Needs {
+    /// `None`, and the test is skipped by name, where it is not here.
+    fn of(what: &str, test: &str) -> Option<Self> {
+        match what {
+            "kitti" => {
+                let kitti = shared(test)?.join("data/kitti_stereo_2015");
+                Some(Self { kitti: Some(kitti), ..Self::default() })
+            }
+            "python" => Some(Self { python: Some(python_package(test)?), ..Self::default() }),
+            other => panic!("{test}: nobody knows what `needs={other}` is"),
+        }
+    }
+
+    /// Runs a block as a script that ends at the first command that fails.
+    fn run(&self, commands: &str, here: &Path, bin: &Path) -> Printed {
+        #[cfg(unix)]
+        depthloom_test_needs::signals::as_usual();
+        let mut path = vec![bin.to_owned()];
+        path.extend(self.python.as_ref().and_then(|python| python.parent()).map(Path::to_owned));
+        path.extend(std::env::split_paths(&std::env::var_os("PATH").unwrap_or_default()));
+        let mut shell = Command::new("bash");
+        shell.args(["-euo", "pipefail", "-c"]).current_dir(here).env("NO_COLOR", "1").env("LC_ALL", "C.UTF-8");
+        shell.env("PATH", std::env::join_paths(path).expect("paths without colons"));
+        for other in ["KITTI_STEREO_2015", "MONO_MODEL", "DEPTHLOOM_FRESH", "DEPTHLOOM", "COLUMNS"] {
+            shell.env_remove(other);
+        }
+        let real = self.kitti.as_ref().map(|kitti| kitti.canonicalize().expect("a folder").display().to_string());
+        let real = real.as_deref().unwrap_or(KITTI);
+        let output = shell.arg(commands.replace(KITTI, real)).output().expect("bash starts");
+        let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).replace(real, KITTI);
+        Printed { code: output.status.code(), out: text(&output.stdout), err: text(&output.stderr) }
+    }
+}
+
+/// Copies a folder.
+fn copy(from: &Path, to: &Path) {
+    fs::create_dir_all(to).expect("made");
+    for entry in fs::read_dir(from).expect("a folder").map(|entry| entry.expect("an entry").path()) {
+        let to = to.join(entry.file_name().expect("a name"));
+        if entry.is_dir() {
+            copy(&entry, &to);
+        } else {
+            fs::copy(&entry, &to).expect("copied");
+        }
+    }
+}
+
+/// Without spaces at lines' ends, and without empty lines around.
+fn trimmed(text: &str) -> String {
+    let lines: Vec<&str> = text.lines().map(str::trim_end).collect();
+    format!("{}\n", lines.join("\n").trim_matches('\n'))
+}
+
+/// Whether an output holds what is shown of it: its lines, in order and one behind the other but where a line `...` leaves some out; `…` within a
+/// line stands for anything.
+///
+/// # Errors
+/// The first line that is not there.
+fn is_shown(shown: &str, printed: &str) -> Result<(), String> {
+    let printed: Vec<&str> = printed.lines().map(str::trim_end).collect();
+    let mut rest = &printed[..];
+    for part in trimmed(shown).split("...\n").filter(|part| !part.trim().is_empty()) {
+        let lines: Vec<&str> = part.trim_matches('\n').lines().collect();
+        let equal =
+            |at: usize| lines.iter().zip(&rest[at..]).take_while(|(shown, printed)| is_line(shown, printed)).count();
+        let last = (rest.len() + 1).saturating_sub(lines.len());
+        let Some(at) = (0..last).find(|at| equal(*at) == lines.len()) else {
+            let best = (0..rest.len()).map(equal).max().unwrap_or(0);
+            return Err(lines.get(best).unwrap_or(&"").to_string());
+        };
+        rest = &rest[at + lines.len()..];
+    }
+    Ok(())
+}
+
+/// Whether a line is the one that is shown: `…` stands for anything.
+fn is_line(shown: &str, printed: &str) -> bool {
+    let mut parts = shown.split('…');
+    let first = parts.next().unwrap_or_default();
+    let Some(mut rest) = printed.strip_prefix(first) else { return false };
+    let mut parts = parts.peekable();
+    if parts.peek().is_none() {
+        return rest.is_empty();
+    }
+    while let Some(part) = parts.next() {
+        if parts.peek().is_none() {
+            return rest.ends_with(part);
+        }
+        let Some(at) = rest.find(part) else { return false };
+        rest = &rest[at + part.len()..];
+    }
+    true
+}
+
+#[test]
+fn what_is_shown_may_leave_out_lines_and_parts_of_lines() {
+    let printed = "a 1\nb 22 c\nd\ne\n";
+    for right in ["a 1\nb 22 c\n", "d\n", "a 1\n...\ne\n", "...\nb … c\nd\n", "b …\n", "… c\n"] {
+        assert_eq!(is_shown(right, printed), Ok(()), "{right}");
+    }
+    for (wrong, line) in [("a 1\nd\n", "d"), ("e\n...\na 1\n", "a 1"), ("b … d\n", "b … d"), ("a\n", "a")] {
+        assert_eq!(is_shown(wrong, printed), Err(line.to_owned()), "{wrong}");
+    }
+}

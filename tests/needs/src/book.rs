@@ -1,0 +1,20 @@
+//! mdBook, which makes the guide's HTML.
+
+use std::path::PathBuf;
+use std::process::Command;
+
+use crate::{skipped, target};
+
+/// mdBook's program: the one in `target/tools/bin`, or on the PATH; `None`, and the test is skipped, where there is neither.
+#[must_use]
+pub fn mdbook(test: &str) -> Option<PathBuf> {
+    let candidates = [target().join("tools/bin/mdbook"), PathBuf::from("mdbook")];
+    let answers = |program: &&PathBuf| {
+        Command::new(program).arg("--version").output().is_ok_and(|output| output.status.success())
+    };
+    let found = candidates.iter().find(answers).cloned();
+    if found.is_none() {
+        skipped(test, "there is no mdbook, neither in target/tools/bin nor on the PATH (`cargo install mdbook`)");
+    }
+    found
+}
