@@ -22,6 +22,7 @@ mod grid;
 mod leading;
 mod maps;
 mod paper;
+mod percentiles;
 mod reading;
 mod report;
 mod rows;

@@ -1,8 +1,7 @@
 //! Bins of a number that every sample has: their edges, and which a number falls into.
 
 use crate::error::AnalysisError;
-
-use super::ranks::OUTSIDE;
+use crate::percentiles::OUTSIDE;
 
 /// So many bins at most.
 const MOST: usize = 20_000;

@@ -10,10 +10,10 @@ use polars::frame::DataFrame;
 use polars::prelude::{Column, DataType, Float32Chunked, NamedFrom, PolarsResult, Series};
 
 use super::bins::{Bins, Edges};
-use super::ranks::{OUTSIDE, Pass, Room, Tally, order_statistics};
 use super::sums::{self, BIN, Sums, TRUTH};
 use super::{By, Inquiry, SampleSet, Unit};
 use crate::error::{AnalysisError, caught};
+use crate::percentiles::{OUTSIDE, Pass, Percentiles, Room, Tally, percentiles};
 use crate::samples::{DescribedEstimator, Part, SamplesFile};
 
 /// What is asked of which samples.
@@ -102,25 +102,14 @@ impl Job<'_> {
                 },
             )
         };
-        let ranks_of = |count: u64| -> Vec<u64> {
-            let below = inquiry.percentiles.iter().map(|percentile| position(*percentile, count).0);
-            below.flat_map(|below| [below, (below + 1).min(count - 1)]).collect()
-        };
         let room = Room::for_threads(threads());
-        let ranks = order_statistics(self.told.len() * count, &ranks_of, room, scan)?;
-        let percentiles = |group: usize| {
-            let (count, neighbours) = &ranks[group];
-            let between = |(percentile, pair): (&f64, &[f32])| {
-                let (lower, upper) = (f64::from(pair[0]), f64::from(pair[1]));
-                lower + (upper - lower) * position(*percentile, *count).1
-            };
-            (*count > 0).then(|| inquiry.percentiles.iter().zip(neighbours.chunks(2)).map(between).collect())
-        };
+        let found = percentiles(self.told.len() * count, &inquiry.percentiles, room, scan)?;
+        let of_group = |group: usize| (found[group].count > 0).then(|| found[group].values.clone());
         let parts = of_parts.into_iter().filter_map(|of| of.into_inner().unwrap_or_else(PoisonError::into_inner));
         let sums = sums::of_all(parts.collect(), self.told.len()).map_err(AnalysisError::compute("sums of samples"))?;
         let rows = sums.into_iter().map(|sums| {
             let bin = sums.bin as usize;
-            let of = sums.of.into_iter().enumerate().map(|(told, of)| (of, percentiles(told * count + bin)));
+            let of = sums.of.into_iter().enumerate().map(|(told, of)| (of, of_group(told * count + bin)));
             FoundRow { bin, pixels: sums.pixels, of: of.collect() }
         });
         let rows = rows.collect();
@@ -154,22 +143,13 @@ impl Job<'_> {
             Bins::Quantile(count) => (0..=count).map(|edge| 100.0 * f64::from(edge) / f64::from(count)).collect(),
             _ => vec![0.0, 100.0],
         };
-        let ranks_of = |count: u64| -> Vec<u64> {
-            let below = shares.iter().map(|share| position(*share, count).0);
-            below.flat_map(|below| [below, (below + 1).min(count - 1)]).collect()
-        };
-        let found = order_statistics(1, &ranks_of, Room::for_threads(threads()), |pass| {
+        let found = percentiles(1, &shares, Room::for_threads(threads()), |pass| {
             scan(&|| Tally::of(pass), &|tally, values| tally.take(pass, 0, &vec![0; values.len()], values))
         })?;
-        let Some((count @ 1.., ranks)) = found.into_iter().next() else {
+        let Some(Percentiles { count: 1.., values: edges }) = found.into_iter().next() else {
             let what = format!("no sample has a value in the column `{column}`");
             return Err(AnalysisError::asked(what, "ask for another --by".to_owned()));
         };
-        let between = |(share, pair): (&f64, &[f32])| {
-            let (lower, upper) = (f64::from(pair[0]), f64::from(pair[1]));
-            lower + (upper - lower) * position(*share, count).1
-        };
-        let edges: Vec<f64> = shares.iter().zip(ranks.chunks(2)).map(between).collect();
         let (least, most) = (edges[0], edges[edges.len() - 1]);
         Ok(bins.edges(least, most)?.unwrap_or_else(|| Edges::new(edges, true)))
     }
@@ -283,12 +263,6 @@ fn values(table: &DataFrame, column: &str) -> PolarsResult<Vec<f32>> {
         Ok(all) => all.to_vec(),
         Err(_) => numbers.iter().map(|number| number.unwrap_or(f32::NAN)).collect(),
     })
-}
-
-/// Where a percentile lies among `count` sorted samples: the rank below it, and how far it is from there to the next (NumPy's `linear`).
-fn position(percentile: f64, count: u64) -> (u64, f64) {
-    let exact = percentile / 100.0 * (count - 1) as f64;
-    (exact.floor() as u64, exact - exact.floor())
 }
 
 fn threads() -> usize {

@@ -5,8 +5,8 @@ use polars::prelude::{DataType, PolarsResult};
 use polars_lazy::dsl::{Expr, col, len, lit};
 use polars_lazy::prelude::IntoLazy as _;
 
-use super::ranks::OUTSIDE;
 use super::{Gross, Unit};
+use crate::percentiles::OUTSIDE;
 
 /// The column that says a row's bin.
 pub(super) const BIN: &str = "bin";

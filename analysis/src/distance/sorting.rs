@@ -1,7 +1,8 @@
 //! Percentiles of the samples of one metre that were read back from a spill: by counting, and by bringing the few that are asked for to their places.
 
 use super::sample::{Which, error_bits, error_from_bits};
-use super::spread::{PERCENTILES, Spread, between, position};
+use super::spread::{PERCENTILES, Spread};
+use crate::percentiles::{between, position};
 
 /// How the samples of a metre spread: all that were answered, and those that are shared.
 pub(super) fn spreads(mut samples: Vec<u32>) -> [Option<Spread>; 2] {
@@ -15,13 +16,13 @@ pub(super) fn spreads(mut samples: Vec<u32>) -> [Option<Spread>; 2] {
 fn spread(samples: &mut [u32]) -> Option<Spread> {
     let last = samples.len().checked_sub(1)?;
     let count = samples.len() as u64;
-    let below = PERCENTILES.map(|percentile| position(percentile, count).0 as usize);
+    let below = PERCENTILES.map(|percentile| position(f64::from(percentile), count).0 as usize);
     let mut ranks: Vec<usize> = below.into_iter().flat_map(|below| [below, (below + 1).min(last)]).collect();
     // Of few samples the neighbours of one percentile are those of the next, too.
     ranks.sort_unstable();
     let found = at_ranks(samples, &ranks);
     let percentiles_m = PERCENTILES.map(|percentile| {
-        let (below, share) = position(percentile, count);
+        let (below, share) = position(f64::from(percentile), count);
         let error = |rank: usize| {
             let place = ranks.binary_search(&rank).expect("every rank asked for is among them");
             error_from_bits(error_bits(found[place]))

@@ -24,15 +24,3 @@ pub struct Spread {
     /// The [`PERCENTILES`] of the absolute error, metres.
     pub percentiles_m: [f64; 5],
 }
-
-/// Where a percentile lies among `count` sorted samples: the rank below it, and how far it is from there to the next.
-pub(super) fn position(percentile: u32, count: u64) -> (u64, f64) {
-    let exact = f64::from(percentile) / 100.0 * (count - 1) as f64;
-    (exact.floor() as u64, exact - exact.floor())
-}
-
-/// The percentile between its two neighbours among sorted samples.
-pub(super) fn between(lower: f32, upper: f32, share: f64) -> f64 {
-    let (lower, upper) = (f64::from(lower), f64::from(upper));
-    lower + (upper - lower) * share
-}

@@ -1,7 +1,6 @@
-//! Order statistics of many groups of samples at once, exact, in two or three passes over them: by counting.
+//! Percentiles of many groups of samples at once, exact, in two or three passes over them: by counting.
 //!
-//! Polars' quantiles hold all samples of a group, and sort them: of a hundred million samples of nine estimators that is more memory than a
-//! machine has, and several times as long (`bench/analysis.sh` measures both). Here a sample that is no negative number is an integer of 31 bits that sorts as it does. A pass counts
+//! Polars' quantiles hold all samples of a group, and sort them: memory would grow with the samples (`bench/analysis.sh` measures both). Here a sample that is no negative number is an integer of 31 bits that sorts as it does. A pass counts
 //! the samples of each group by their upper bits; from the counts follows in which cell each wanted statistic lies, and which of that cell it is.
 //! Once all samples of the wanted cells fit in memory (as a rule after the first pass) the next one gathers them; else it counts on, by more bits.
 
@@ -12,15 +11,15 @@ const BITS: u32 = 31;
 /// No cell of interest.
 const NONE: u32 = u32::MAX;
 /// A row that is in no bin.
-pub(super) const OUTSIDE: u32 = u32::MAX;
+pub(crate) const OUTSIDE: u32 = u32::MAX;
 
 /// What may be held.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Room {
+pub(crate) struct Room {
     /// Counters a thread, of 4 bytes.
-    pub(super) counters: usize,
+    pub(crate) counters: usize,
     /// Samples that are gathered, of 4 bytes.
-    pub(super) gathered: u64,
+    pub(crate) gathered: u64,
 }
 
 impl Room {
@@ -30,13 +29,56 @@ impl Room {
     }
 }
 
+/// Where a percentile lies among `count` sorted samples: the rank below it, and how far it is from there to the next (NumPy's `linear`).
+pub(crate) fn position(percentile: f64, count: u64) -> (u64, f64) {
+    let exact = percentile / 100.0 * (count - 1) as f64;
+    (exact.floor() as u64, exact - exact.floor())
+}
+
+/// The percentile between its two neighbours among sorted samples.
+pub(crate) fn between(lower: f32, upper: f32, share: f64) -> f64 {
+    let (lower, upper) = (f64::from(lower), f64::from(upper));
+    lower + (upper - lower) * share
+}
+
+/// What was found of a group.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Percentiles {
+    /// How many samples it has.
+    pub(crate) count: u64,
+    /// The percentiles asked for, between neighbours as NumPy's `linear`; none of no sample.
+    pub(crate) values: Vec<f64>,
+}
+
+/// The percentiles (0 to 100) of every group; the rest is as of [`order_statistics`].
+///
+/// # Errors
+/// What `scan` gives.
+pub(crate) fn percentiles(
+    groups: usize,
+    percentiles: &[f64],
+    room: Room,
+    scan: impl FnMut(&Pass) -> Result<Vec<Tally>, AnalysisError>,
+) -> Result<Vec<Percentiles>, AnalysisError> {
+    let ranks_of = |count: u64| -> Vec<u64> {
+        let below = percentiles.iter().map(|percentile| position(*percentile, count).0);
+        below.flat_map(|below| [below, (below + 1).min(count - 1)]).collect()
+    };
+    let found = order_statistics(groups, &ranks_of, room, scan)?;
+    let of_group = |(count, neighbours): (u64, Vec<f32>)| {
+        let value = |(percentile, pair): (&f64, &[f32])| between(pair[0], pair[1], position(*percentile, count).1);
+        Percentiles { count, values: percentiles.iter().zip(neighbours.chunks(2)).map(value).collect() }
+    };
+    Ok(found.into_iter().map(of_group).collect())
+}
+
 /// Finds, for every group, how many samples it has, and those of the ranks that `ranks_of(count)` names, in its order.
 ///
 /// `scan(pass)` calls [`Tally::take`] for all samples, on any threads, and gives their tallies; it is asked several times.
 ///
 /// # Errors
 /// What `scan` gives.
-pub(super) fn order_statistics(
+fn order_statistics(
     groups: usize,
     ranks_of: &dyn Fn(u64) -> Vec<u64>,
     room: Room,
@@ -94,7 +136,7 @@ struct Wanted {
 }
 
 /// What a pass looks for.
-pub(super) struct Pass {
+pub(crate) struct Pass {
     /// By how many bits cells were split, and for each part the cell that it became, or [`NONE`].
     levels: Vec<(u32, Vec<u32>)>,
     /// Bits that are not known yet.
@@ -112,7 +154,7 @@ enum Next {
 
 impl Pass {
     /// Whether it is the first.
-    pub(super) const fn is_first(&self) -> bool {
+    pub(crate) const fn is_first(&self) -> bool {
         self.levels.is_empty()
     }
 
@@ -157,7 +199,7 @@ impl Pass {
 }
 
 /// What a thread has counted or gathered in a pass.
-pub(super) enum Tally {
+pub(crate) enum Tally {
     /// By cell and part. A file has fewer than 2^32 rows.
     Counts(Vec<u32>),
     /// By cell.
@@ -172,7 +214,7 @@ enum Merged {
 
 impl Tally {
     /// Nothing yet.
-    pub(super) fn of(pass: &Pass) -> Self {
+    pub(crate) fn of(pass: &Pass) -> Self {
         match pass.next {
             Next::Count(bits) => Self::Counts(vec![0; pass.cells << bits]),
             Next::Gather => Self::Gathered(vec![Vec::new(); pass.cells]),
@@ -180,7 +222,7 @@ impl Tally {
     }
 
     /// Takes samples, of which those in bin `b` are of group `first + b`; NaN is none, nor is one that is [`OUTSIDE`].
-    pub(super) fn take(&mut self, pass: &Pass, first: usize, bins: &[u32], samples: &[f32]) {
+    pub(crate) fn take(&mut self, pass: &Pass, first: usize, bins: &[u32], samples: &[f32]) {
         let is_sample = |&(bin, sample): &(&u32, &f32)| *bin != OUTSIDE && !sample.is_nan();
         let samples = bins.iter().zip(samples).filter(is_sample);
         // Of zero there are two.
