@@ -1,12 +1,13 @@
 //! The files of a report: each whole or not there.
 
-use std::io::{BufWriter, Write};
+use std::fs::File;
+use std::io::{self, BufWriter, Write as _};
 use std::path::Path;
 
 use depthloom_graphs::Key;
 
 use crate::error::AnalysisError;
-use crate::sheet::Sheet;
+use crate::sheet::{Sheet, parquet_of_parts};
 
 /// Where a report's files go, and whether it is to go on.
 #[derive(Clone, Copy)]
@@ -30,11 +31,19 @@ impl Output<'_> {
 
     /// Writes a table as CSV.
     pub(crate) fn write_csv(&self, name: &str, table: &Sheet<'_>) -> Result<(), AnalysisError> {
+        self.write_with(name, |file| table.write_csv(file))
+    }
+
+    fn write_with(
+        &self,
+        name: &str,
+        write: impl FnOnce(&mut BufWriter<&mut File>) -> io::Result<()>,
+    ) -> Result<(), AnalysisError> {
         self.go_on()?;
         let path = self.folder.join(name);
         let written = depthloom_durable::write_with(&path, |file| {
             let mut file = BufWriter::new(file);
-            table.write_csv(&mut file)?;
+            write(&mut file)?;
             file.flush()
         });
         written.map_err(AnalysisError::write(&path))
@@ -47,9 +56,24 @@ impl Output<'_> {
         run: &Key,
         table: impl Fn() -> Sheet<'t>,
     ) -> Result<(), AnalysisError> {
-        self.write_csv(&format!("{name}.csv"), &table())?;
+        self.write_table_in_parts(name, run, || std::iter::once_with(&table))
+    }
+
+    /// Writes a table, as [`Output::write_table`] does, that `parts` makes from top to bottom, one or more; memory holds one of them at a time.
+    pub(crate) fn write_table_in_parts<'t, I: Iterator<Item = Sheet<'t>>>(
+        &self,
+        name: &str,
+        run: &Key,
+        parts: impl Fn() -> I,
+    ) -> Result<(), AnalysisError> {
+        self.write_with(&format!("{name}.csv"), |file| {
+            for (place, part) in parts().enumerate() {
+                if place == 0 { part.write_csv(file)? } else { part.write_csv_rows(file)? }
+            }
+            Ok(())
+        })?;
         let file = format!("{name}.parquet");
-        let bytes = table().parquet(name, run).map_err(AnalysisError::compute(&file))?;
+        let bytes = parquet_of_parts(parts, name, run).map_err(AnalysisError::compute(&file))?;
         self.write(&file, &bytes)
     }
 }

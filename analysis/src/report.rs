@@ -30,6 +30,8 @@ const TERMINAL_WIDTH: usize = 110;
 const MOST_IN_COLUMNS: usize = 12;
 /// So many rows are printed then, and in LaTeX.
 const PRINTED: usize = 20;
+/// Rows of scores that are put into the form of a table at a time, and a row group of the Parquet file.
+const ROWS_AT_ONCE: usize = 1 << 12;
 
 /// What a report shows, and what it may take.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -207,7 +209,8 @@ fn write_scores(
     if scores.is_empty() {
         return Ok(Scored { unscored, ..Scored::default() });
     }
-    output.write_table("scores", &run, || table_of_scores(&scores, estimators))?;
+    let parts = || scores.chunks(ROWS_AT_ONCE).map(|rows| table_of_scores(rows, estimators));
+    output.write_table_in_parts("scores", &run, parts)?;
     let table = Table::new(&plan.experiment, &scores, estimators, options.paper, &source_of(recording));
     if table.columns.iter().all(|column| column.frames == 0) {
         return Ok(Scored { table: None, scored: true, unscored });

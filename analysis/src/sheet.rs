@@ -7,11 +7,12 @@
 //! threads, polars' pools panic, or wait for ever for threads that never came. Its CSV writer cannot be kept from it.
 
 use std::io::{self, Write};
+use std::str::FromStr;
 
 use depthloom_graphs::Key;
 use depthloom_scores::Metric;
 use polars::frame::DataFrame;
-use polars::prelude::{Column, KeyValueMetadata, NamedFrom, ParquetWriter, PlSmallStr, PolarsResult, Series};
+use polars::prelude::{Column, KeyValueMetadata, NamedFrom, ParquetWriter, PolarsResult, Series};
 use serde_json::{Map, Value as Json};
 
 /// The version of what tables' columns are called and mean.
@@ -89,6 +90,11 @@ impl<'a> Sheet<'a> {
     pub(crate) fn write_csv(&self, out: &mut impl Write) -> io::Result<()> {
         let names: Vec<&str> = self.columns.iter().map(|column| column.name.as_str()).collect();
         writeln!(out, "{}", names.join(","))?;
+        self.write_csv_rows(out)
+    }
+
+    /// Writes its rows as CSV, without the columns' names.
+    pub(crate) fn write_csv_rows(&self, out: &mut impl Write) -> io::Result<()> {
         for row in 0..self.height() {
             for (place, column) in self.columns.iter().enumerate() {
                 if place > 0 {
@@ -117,7 +123,7 @@ impl<'a> Sheet<'a> {
         (0..self.height()).map(row).collect()
     }
 
-    /// What the metadata of its Parquet file says: `table` is what the table is called, `run` the key of the plan of the run it is of.
+    /// What the metadata of a Parquet file of its columns says: `table` is what the table is called, `run` the key of the plan of the run it is of.
     fn metadata(&self, table: &str, run: &Key) -> KeyValueMetadata {
         let units = self.columns.iter().filter_map(|column| Some((column.name.as_str(), column.unit?)));
         KeyValueMetadata::from_static(metadata(table, run, units))
@@ -125,8 +131,28 @@ impl<'a> Sheet<'a> {
 
     /// The bytes of a Parquet file; see [`Sheet::metadata`].
     pub(crate) fn parquet(self, table: &str, run: &Key) -> PolarsResult<Vec<u8>> {
-        let (height, metadata) = (self.height(), self.metadata(table, run));
-        let column = |SheetColumn { name, cells, .. }: SheetColumn<'_>| {
+        let whole = self.whole_numerals();
+        let mut file = Vec::new();
+        let metadata = self.metadata(table, run);
+        let part = self.into_frame(&whole)?;
+        write_parquet(&mut file, metadata, std::iter::once(Ok(part)))?;
+        Ok(file)
+    }
+
+    /// By column, whether it has numerals that are all of whole numbers.
+    fn whole_numerals(&self) -> Vec<bool> {
+        let is_whole = |cell: &Option<&str>| cell.is_none_or(|cell| cell.parse::<i64>().is_ok());
+        let are_whole = |column: &SheetColumn<'_>| match &column.cells {
+            Cells::Numeral(cells) => cells.iter().all(is_whole),
+            _ => false,
+        };
+        self.columns.iter().map(are_whole).collect()
+    }
+
+    /// The table as polars has it; `whole` says of each column whether its numerals are whole numbers.
+    fn into_frame(self, whole: &[bool]) -> PolarsResult<DataFrame> {
+        let height = self.height();
+        let column = |(SheetColumn { name, cells, .. }, whole): (SheetColumn<'_>, &bool)| {
             let name = name.as_str().into();
             Column::from(match cells {
                 Cells::Text(cells) => Series::new(name, cells),
@@ -134,19 +160,54 @@ impl<'a> Sheet<'a> {
                 Cells::Metres(cells) => Series::new(name, cells),
                 Cells::Count(cells) => Series::new(name, cells),
                 Cells::CountIfAny(cells) => Series::new(name, cells),
-                Cells::Numeral(cells) => numerals(name, &cells),
+                Cells::Numeral(cells) if *whole => Series::new(name, parsed::<i64>(&cells)),
+                Cells::Numeral(cells) => Series::new(name, parsed::<f64>(&cells)),
                 Cells::Number(cells) => Series::new(name, cells),
             })
         };
-        let table = DataFrame::new(height, self.columns.into_iter().map(column).collect())?;
-        let mut bytes = Vec::new();
-        let writer = ParquetWriter::new(&mut bytes).set_parallel(false).with_key_value_metadata(Some(metadata));
-        let mut writer = writer.batched(table.schema())?;
-        writer.write_batch(&table)?;
-        writer.finish()?;
-        drop(writer);
-        Ok(bytes)
+        DataFrame::new(height, self.columns.into_iter().zip(whole).map(column).collect())
     }
+}
+
+/// The bytes of a Parquet file of a table that `parts` makes, from top to bottom and twice: memory holds one of its parts, a row group each, and
+/// these bytes. There is at least one; all have the same columns.
+pub(crate) fn parquet_of_parts<'t, I: Iterator<Item = Sheet<'t>>>(
+    parts: impl Fn() -> I,
+    table: &str,
+    run: &Key,
+) -> PolarsResult<Vec<u8>> {
+    let (mut whole, mut metadata) = (Vec::new(), None);
+    for part in parts() {
+        let of_part = part.whole_numerals();
+        if metadata.is_none() {
+            (whole, metadata) = (of_part, Some(part.metadata(table, run)));
+        } else {
+            whole.iter_mut().zip(of_part).for_each(|(whole, of_part)| *whole &= of_part);
+        }
+    }
+    let mut file = Vec::new();
+    let metadata = metadata.expect("a table has a part, though it may have no row");
+    write_parquet(&mut file, metadata, parts().map(|part| part.into_frame(&whole)))?;
+    Ok(file)
+}
+
+fn write_parquet(
+    file: &mut Vec<u8>,
+    metadata: KeyValueMetadata,
+    parts: impl Iterator<Item = PolarsResult<DataFrame>>,
+) -> PolarsResult<()> {
+    let mut parts = parts.peekable();
+    let schema = match parts.peek() {
+        Some(Ok(first)) => first.schema().clone(),
+        _ => return parts.next().map_or(Ok(()), |first| first.map(drop)),
+    };
+    let writer = ParquetWriter::new(file).set_parallel(false).with_key_value_metadata(Some(metadata));
+    let mut writer = writer.batched(&schema)?;
+    for part in parts {
+        writer.write_batch(&part?)?;
+    }
+    writer.finish()?;
+    Ok(())
 }
 
 /// What the metadata of a Parquet file says: which table it is, of the run whose plan has this key, and the units of its columns.
@@ -170,15 +231,8 @@ pub(crate) const fn unit_of(metric: &Metric) -> &'static str {
     if metric.unit.is_empty() { DIMENSIONLESS } else { metric.unit }
 }
 
-/// Whole numbers where all are.
-fn numerals(name: PlSmallStr, cells: &[Option<&str>]) -> Series {
-    let whole: Result<Vec<Option<i64>>, _> = cells.iter().map(|cell| cell.map(str::parse::<i64>).transpose()).collect();
-    match whole {
-        Ok(whole) => Series::new(name, whole),
-        Err(_) => {
-            Series::new(name, cells.iter().map(|cell| cell.and_then(|of| of.parse::<f64>().ok())).collect::<Vec<_>>())
-        }
-    }
+fn parsed<T: FromStr>(cells: &[Option<&str>]) -> Vec<Option<T>> {
+    cells.iter().map(|cell| cell.and_then(|of| of.parse().ok())).collect()
 }
 
 impl Cells<'_> {
@@ -282,5 +336,26 @@ mod tests {
         );
         assert_eq!(of("depthloom.units"), r#"{"rmse":"m","density":"1"}"#);
         assert_eq!(reader.read_parallel(ParallelStrategy::None).finish().unwrap().shape(), (1, 3));
+    }
+
+    #[test]
+    fn parts_make_the_table_that_they_are_parts_of() {
+        let numerals = ["1", "2", "0.5"].map(Some);
+        let part = |rows: std::ops::Range<usize>| {
+            Sheet::new()
+                .with("block", Cells::Numeral(numerals[rows.clone()].to_vec()))
+                .with("count", Cells::Count(rows.map(|row| row as u64).collect()))
+        };
+        let key = Key::of_content(b"a plan");
+        let read = |bytes: Vec<u8>| {
+            let reader = ParquetReader::new(Cursor::new(bytes)).read_parallel(ParallelStrategy::None);
+            reader.finish().unwrap()
+        };
+        let whole = read(part(0..3).parquet("table", &key).unwrap());
+        // The first part alone would be of whole numbers.
+        let parts = || [0..2, 2..3].into_iter().map(part);
+        assert!(read(parquet_of_parts(parts, "table", &key).unwrap()).equals(&whole));
+        let none = read(parquet_of_parts(|| std::iter::once(part(0..0)), "table", &key).unwrap());
+        assert_eq!(none.shape(), (0, 2));
     }
 }

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
+use crc32fast::Hasher;
 use mcap::records::{Record, op};
 
 use crate::attachment::AttachmentEntry;
@@ -64,24 +65,30 @@ pub(crate) const DATA_END: u64 = RECORD_HEADER + 4;
 /// A footer with its header, and the magic bytes after it.
 const FOOTER: u64 = RECORD_HEADER + 20 + MAGIC;
 pub(crate) const MAGIC: u64 = mcap::MAGIC.len() as u64;
+/// Bytes of a summary that are read at a time, if no record of it has more.
+const WINDOW: u64 = 1 << 20;
 
 impl Index {
     /// Reads the summary; `None` if the file's writer did not finish it.
     pub(crate) fn of_summary(file: &PositionedFile) -> Result<Option<Self>, RecordingError> {
         let Some(start) = summary_start(file)? else { return Ok(None) };
-        let mut bytes = Vec::new();
-        file.read_range(&mut bytes, start, file.size - start)?;
         // The checksum covers the footer up to the checksum itself.
-        let (checked, [crc @ .., _, _, _, _, _, _, _, _]) = bytes.split_at(bytes.len() - 12) else {
-            return Err(file.damaged(start, "the summary is cut"));
-        };
-        if crc != crc32fast::hash(checked).to_le_bytes() {
-            return Err(file.damaged(start, "the summary's checksum differs"));
+        let checked_end = file.size - MAGIC - 4;
+        let (mut window, mut at, mut found) = (Vec::new(), start, Hasher::new());
+        while at < checked_end {
+            let length = WINDOW.min(checked_end - at);
+            file.read_range(&mut window, at, length)?;
+            found.update(&window);
+            at += length;
         }
         let mut crc = [0; 4];
+        file.read_exact(&mut crc, checked_end)?;
+        if crc != found.finalize().to_le_bytes() {
+            return Err(file.damaged(start, "the summary's checksum differs"));
+        }
         file.read_exact(&mut crc, start - 4)?;
         let mut index = Self { data_end: Some((start - DATA_END, u32::from_le_bytes(crc))), ..Self::default() };
-        index.read_summary(file, start, &bytes[..bytes.len() - FOOTER as usize])?;
+        index.read_summary(file, start, window)?;
         index.channel_lists.clear();
         Ok(Some(index))
     }
@@ -97,12 +104,48 @@ impl Index {
         schema == Some(Schema::Commit.name())
     }
 
-    fn read_summary(&mut self, file: &PositionedFile, start: u64, records: &[u8]) -> Result<(), RecordingError> {
+    /// Reads the records of the summary: some at a time, for of a long run they are many megabytes, of which little is kept.
+    fn read_summary(&mut self, file: &PositionedFile, start: u64, mut window: Vec<u8>) -> Result<(), RecordingError> {
+        let (end, mut at, mut length) = (file.size - FOOTER, start, WINDOW);
         let mut indexes = Vec::new();
-        for record in Records::new(records) {
-            let (at, opcode, body) = record.map_err(|at| file.damaged(start + at, "a record of the summary is cut"))?;
+        while at < end {
+            length = length.min(end - at);
+            file.read_range(&mut window, at, length)?;
+            let read = self.read_records(file, (at, start), &window, &mut indexes)?;
+            match read {
+                0 if length == end - at => return Err(file.damaged(at, "a record of the summary is cut")),
+                // A record longer than the window.
+                0 => length *= 2,
+                _ => (at, length) = (at + read, WINDOW),
+            }
+        }
+        let mut record = Vec::new();
+        for (offset, length) in indexes {
+            file.read_range(&mut record, offset, length)?;
+            let Some(Ok((_, op::METADATA, body))) = Records::new(&record).next() else {
+                return Err(file.damaged(offset, "no metadata record is there"));
+            };
+            self.metadata.push(metadata_entry(file, offset, body)?);
+        }
+        self.chunks.sort_by_key(|chunk| chunk.start);
+        Ok(())
+    }
+
+    /// Reads those of the summary's records that are whole in a window that starts at `at`, the summary at `start`; gives how many bytes they have.
+    fn read_records(
+        &mut self,
+        file: &PositionedFile,
+        (window_at, start): (u64, u64),
+        window: &[u8],
+        indexes: &mut Vec<(u64, u64)>,
+    ) -> Result<u64, RecordingError> {
+        let mut read = 0;
+        for record in Records::new(window) {
+            let Ok((at, opcode, body)) = record else { break };
+            read = at + RECORD_HEADER + body.len() as u64;
+            let at = window_at + at;
             let parsed = mcap::parse_record(opcode, body);
-            match parsed.map_err(|error| file.damaged(start + at, error.to_string()))? {
+            match parsed.map_err(|error| file.damaged(at, error.to_string()))? {
                 Record::Schema { header, .. } => {
                     self.schemas.insert(header.id, header.name);
                 }
@@ -115,7 +158,7 @@ impl Index {
                     let ends = chunk.chunk_start_offset.checked_add(chunk.chunk_length);
                     let end = ends.and_then(|end| end.checked_add(chunk.message_index_length));
                     let end = end.filter(|end| *end <= start);
-                    let end = end.ok_or_else(|| file.damaged(start + at, "a chunk lies outside the data"))?;
+                    let end = end.ok_or_else(|| file.damaged(at, "a chunk lies outside the data"))?;
                     let (start, length) = (chunk.chunk_start_offset, chunk.chunk_length);
                     self.chunks.push(ChunkEntry { start, length, end, channels });
                 }
@@ -130,16 +173,7 @@ impl Index {
                 _ => {}
             }
         }
-        let mut record = Vec::new();
-        for (offset, length) in indexes {
-            file.read_range(&mut record, offset, length)?;
-            let Some(Ok((_, op::METADATA, body))) = Records::new(&record).next() else {
-                return Err(file.damaged(offset, "no metadata record is there"));
-            };
-            self.metadata.push(metadata_entry(file, offset, body)?);
-        }
-        self.chunks.sort_by_key(|chunk| chunk.start);
-        Ok(())
+        Ok(read)
     }
 
     pub(crate) fn channel_list(&mut self, channels: Vec<u16>) -> Arc<[u16]> {

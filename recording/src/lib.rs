@@ -96,6 +96,7 @@
 mod attachment;
 mod checksum;
 mod chunk;
+mod chunk_indexes;
 mod condition;
 mod copy;
 mod curve;

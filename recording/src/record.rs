@@ -4,6 +4,7 @@
 
 use std::collections::BTreeMap;
 
+use crc32fast::Hasher;
 use mcap::records::op;
 
 /// Appends a record whose body `body` appends.
@@ -212,15 +213,16 @@ pub(crate) fn put_data_end(out: &mut Vec<u8>, crc: u32) {
     put_record(out, op::DATA_END, |out| out.extend_from_slice(&crc.to_le_bytes()));
 }
 
-/// Appends the footer to a summary section, whose checksum it holds.
-pub(crate) fn put_footer(summary: &mut Vec<u8>, summary_start: u64, offsets_start: u64) {
+/// Appends the footer to the end of a summary section, whose checksum it holds; `before` is that of what comes before this end.
+pub(crate) fn put_footer(summary: &mut Vec<u8>, before: Hasher, summary_start: u64, offsets_start: u64) {
     put_record(summary, op::FOOTER, |out| {
         out.extend_from_slice(&summary_start.to_le_bytes());
         out.extend_from_slice(&offsets_start.to_le_bytes());
         // The checksum covers the footer's opcode and length too; the length is filled in only after this returns.
         let length_at = out.len() - 16 - 8;
         out[length_at..length_at + 8].copy_from_slice(&20_u64.to_le_bytes());
-        let crc = crc32fast::hash(out);
-        out.extend_from_slice(&crc.to_le_bytes());
+        let mut crc = before;
+        crc.update(out);
+        out.extend_from_slice(&crc.finalize().to_le_bytes());
     });
 }

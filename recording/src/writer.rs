@@ -11,6 +11,7 @@ use mcap::records::op;
 
 use crate::checksum::seal;
 use crate::chunk::Part;
+use crate::chunk_indexes::ChunkIndexes;
 use crate::disk::{Disk, Through, write_all};
 use crate::early_sync::EarlySync;
 use crate::error::RecordingError;
@@ -41,7 +42,7 @@ pub(crate) struct Writer {
     /// The records of the summary, in the bytes in which they will be written: the least memory.
     pub(crate) schema_records: Vec<u8>,
     pub(crate) channel_records: Vec<u8>,
-    chunk_indexes: Vec<u8>,
+    chunk_indexes: ChunkIndexes,
     pub(crate) attachment_indexes: Vec<u8>,
     pub(crate) metadata_indexes: Vec<u8>,
     closed: Option<&'static str>,
@@ -75,7 +76,7 @@ impl Writer {
             counts: Counts::default(),
             schema_records: Vec::new(),
             channel_records: Vec::new(),
-            chunk_indexes: Vec::new(),
+            chunk_indexes: ChunkIndexes::default(),
             attachment_indexes: Vec::new(),
             metadata_indexes: Vec::new(),
             closed: None,
@@ -99,7 +100,7 @@ impl Writer {
 
     /// Notes where a chunk lies that is `base` bytes farther than it says.
     pub(crate) fn index_chunk(&mut self, base: u64, chunk: &ChunkPlace) {
-        put_chunk_index(&mut self.chunk_indexes, base, chunk);
+        self.chunk_indexes.put(|out| put_chunk_index(out, base, chunk));
         self.counts.chunks += 1;
         let (first, last) = self.counts.times_ns.unwrap_or(chunk.times_ns);
         self.counts.times_ns = Some((first.min(chunk.times_ns.0), last.max(chunk.times_ns.1)));
@@ -152,41 +153,44 @@ impl Writer {
         put_data_end(&mut end, self.crc.clone().finalize());
         self.append(&end)?;
         let start = self.position;
-        let mut summary = std::mem::take(&mut self.schema_records);
-        let schemas_end = summary.len();
-        summary.append(&mut self.channel_records);
-        let channels_end = summary.len();
-        put_statistics(&mut summary, &self.counts);
-        let statistics_end = summary.len();
-        // The chunks' indexes are by far the largest: what comes before them is put in front, and they are not copied.
-        let before = std::mem::replace(&mut summary, std::mem::take(&mut self.chunk_indexes));
-        summary.splice(0..0, before);
-        let chunks_end = summary.len();
-        summary.append(&mut self.attachment_indexes);
-        let attachments_end = summary.len();
-        summary.append(&mut self.metadata_indexes);
+        let mut before = std::mem::take(&mut self.schema_records);
+        let schemas_end = before.len();
+        before.append(&mut self.channel_records);
+        let channels_end = before.len();
+        put_statistics(&mut before, &self.counts);
+        let mut after = std::mem::take(&mut self.attachment_indexes);
+        let attachments = after.len();
+        after.append(&mut self.metadata_indexes);
+        let chunks_end = before.len() as u64 + self.chunk_indexes.length();
         let groups = [
-            (op::SCHEMA, schemas_end),
-            (op::CHANNEL, channels_end),
-            (op::STATISTICS, statistics_end),
+            (op::SCHEMA, schemas_end as u64),
+            (op::CHANNEL, channels_end as u64),
+            (op::STATISTICS, before.len() as u64),
             (op::CHUNK_INDEX, chunks_end),
-            (op::ATTACHMENT_INDEX, attachments_end),
-            (op::METADATA_INDEX, summary.len()),
+            (op::ATTACHMENT_INDEX, chunks_end + attachments as u64),
+            (op::METADATA_INDEX, chunks_end + after.len() as u64),
         ];
-        let mut offsets = Vec::new();
+        let offsets_start = start + chunks_end + after.len() as u64;
         let mut group_start = 0;
         for (opcode, group_end) in groups {
             if group_end > group_start {
-                let length = (group_end - group_start) as u64;
-                put_summary_offset(&mut offsets, opcode, start + group_start as u64, length);
+                put_summary_offset(&mut after, opcode, start + group_start, group_end - group_start);
             }
             group_start = group_end;
         }
-        let offsets_start = start + summary.len() as u64;
-        summary.append(&mut offsets);
-        put_footer(&mut summary, start, offsets_start);
-        summary.extend_from_slice(mcap::MAGIC);
-        self.append(&summary)?;
+        let mut crc = Hasher::new();
+        crc.update(&before);
+        self.append(&before)?;
+        // The chunks' indexes are by far the most: they never lie in memory as a whole.
+        let chunks = std::mem::take(&mut self.chunk_indexes);
+        for records in chunks.blocks() {
+            let records = records.map_err(|source| self.refused(source))?;
+            crc.update(&records);
+            self.append(&records)?;
+        }
+        put_footer(&mut after, crc, start, offsets_start);
+        after.extend_from_slice(mcap::MAGIC);
+        self.append(&after)?;
         self.sync()?;
         self.closed = Some("it is finished");
         Ok((self.position, self.counts.clone()))
