@@ -1,7 +1,9 @@
 //! Recordings in the viewers that people open them with.
 
+use std::fs::File;
 use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::process::{Command, Output};
+use std::time::{Duration, Instant};
 
 use depthloom_test_needs::{Rerun, lichtblick, rerun};
 
@@ -40,9 +42,40 @@ const SLOW: [&str; 2] = ["Software rasterizer", "PollError"];
 /// What Rerun ends with where it finds no driver that it can draw with.
 const NO_GRAPHICS: [&str; 2] = ["No graphics adapter was found", "Failed to get render context"];
 
+/// How long a viewer is waited for, and how often it is begun anew: where a slow machine did not draw its picture in time, that never comes.
+const PATIENCE: Duration = Duration::from_secs(150);
+const ATTEMPTS: usize = 3;
+
 /// What a program says that is no news: warnings and errors, but for that of a machine without a graphics card.
 fn complaints(command: &mut Command) -> Vec<String> {
     let output = command.output().expect("Rerun starts");
+    complaints_of(command, &output)
+}
+
+/// What a command gave that ended within [`PATIENCE`]; `None`: it was ended.
+fn in_time(command: &mut Command, folder: &Path) -> Option<Output> {
+    let [out, err] = ["said.out", "said.err"].map(|name| folder.join(name));
+    let file = |path: &Path| File::create(path).expect("a file");
+    let mut child = command.stdout(file(&out)).stderr(file(&err)).spawn().expect("Rerun starts");
+    let end = Instant::now() + PATIENCE;
+    let status = loop {
+        match child.try_wait().expect("a child") {
+            Some(status) => break status,
+            None if Instant::now() > end => {
+                // Python's `rerun` starts the viewer as a child of its own, which would go on.
+                let _ = Command::new("pkill").arg("-P").arg(child.id().to_string()).status();
+                child.kill().expect("ended");
+                child.wait().expect("a child");
+                return None;
+            }
+            None => std::thread::sleep(Duration::from_millis(100)),
+        }
+    };
+    let [stdout, stderr] = [out, err].map(|path| std::fs::read(path).expect("what it said"));
+    Some(Output { status, stdout, stderr })
+}
+
+fn complaints_of(command: &Command, output: &Output) -> Vec<String> {
     let said = String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success() || NO_GRAPHICS.iter().any(|why| said.contains(why)), "{command:?}: {said}");
     let is_complaint = |line: &&str| {
@@ -82,7 +115,11 @@ fn rerun_shows_recordings_without_a_complaint() {
         let shot = folder.path().join("shot.png");
         let mut viewer = rerun.viewer(TEST, folder.path())?;
         viewer.args(["--port", "0", "--screenshot-to"]).arg(&shot).arg(recording);
-        let complaints = complaints(&mut viewer);
+        let Some(output) = (0..ATTEMPTS).find_map(|_| in_time(&mut viewer, folder.path())) else {
+            skipped(TEST, "Rerun's viewer drew no picture in three times 150 seconds: the machine is too slow");
+            return None;
+        };
+        let complaints = complaints_of(&viewer, &output);
         if complaints.iter().any(|said| NO_GRAPHICS.iter().any(|why| said.contains(why))) {
             skipped(TEST, "this machine has Vulkan drivers, but none that Rerun's viewer can draw with");
             return None;
