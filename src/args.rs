@@ -5,6 +5,7 @@ mod compare;
 mod data;
 mod experiment;
 mod export;
+mod figure;
 mod recording;
 mod run;
 mod runs;
@@ -16,10 +17,11 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use clap_complete::engine::ArgValueCompleter;
 
 pub use analyse::{AnalyseArgs, SamplesArgs};
-pub use compare::{CompareArgs, IntervalArgs, IntervalOption};
+pub use compare::{CompareArgs, CompareBy, IntervalArgs, IntervalOption};
 pub use data::DataArgs;
 pub use experiment::{CheckArgs, ExperimentArgs, GraphArgs, GraphFormat, PlanArgs};
 pub use export::{ColoursOption, ExportArgs, ExportFormat};
+pub use figure::{FigureArgs, FigureFormat};
 pub use recording::{InfoArgs, RecoverArgs, ReplayArgs};
 pub use run::{ReportArgs, RunArgs, TimingsArgs};
 pub use runs::{PruneArgs, RmArgs, RunsArgs, RunsCommand, ShowArgs, WhyArgs};
@@ -77,6 +79,8 @@ pub enum Command {
     Analyse(AnalyseArgs),
     /// Write a row a scored pixel to `samples.parquet`: truth, every estimator, every recorded weight.
     Samples(SamplesArgs),
+    /// Draw a figure for a paper, as SVG, PNG or PDF: error against distance, differences, histograms, scores by frame or parameter, frames.
+    Figure(FigureArgs),
     /// Write recorded values as files that other programs read: PNG, NPY, PFM, PLY, PCD, ONNX, Parquet.
     Export(ExportArgs),
     /// Show where a run's time went: core-milliseconds per frame by node, encoding, compression and writing.

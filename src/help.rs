@@ -156,6 +156,10 @@ const ENDINGS: &[Ending] = &[
                 "which are as good as the best, and which are not",
             ),
             ("compare table1/2026-11-20 @latest", "is the newest run better than that of another day?"),
+            (
+                "compare RUN stereo full/mono --by distance",
+                "where each is better, and where one hands over to the other",
+            ),
             ("compare main pr --fail-if 'fused.abs_rel > +1%'", "for CI: exit code 3 if it is worse"),
             ("compare A:full/fused B:fused --set answered --json", "for programs"),
         ],
@@ -177,6 +181,19 @@ const ENDINGS: &[Ending] = &[
             ),
             ("analyse @latest --by weight --percentiles 50,95", "is a higher weight a smaller error?"),
             ("analyse one two --by frame --format csv --out frames.csv", "two runs, frame by frame"),
+        ],
+        exits: ASKED,
+    },
+    Ending {
+        command: "figure",
+        examples: &[
+            ("figure @latest error-vs-distance --out error.pdf", "the paper's figure, two columns wide"),
+            (
+                "figure RUN difference --estimators stereo,full/mono --width one-column --out where.svg",
+                "where mono hands over to stereo",
+            ),
+            ("figure RUN parameter --axes block,p1 --score abs_rel --out sweep.png --dpi 600", "of a matrix"),
+            ("figure RUN panels --frames 0,3 --out frames.png --data frames.csv", "frames as the paper shows them"),
         ],
         exits: ASKED,
     },

@@ -129,6 +129,7 @@ fn program(registry: &Registry, as_json: bool) -> Result<Exit, Stop> {
         Command::Explain(args) => commands::explain::explain(&args),
         Command::Analyse(args) => commands::samples::analyse(&args),
         Command::Samples(args) => commands::samples::samples(&args),
+        Command::Figure(args) => commands::figure::figure(&args),
         Command::Export(args) => commands::export::export(&args),
         Command::Timings(args) => commands::report::timings(&args),
         Command::Info(args) => commands::info::info(&args),

@@ -22,6 +22,8 @@ pub enum Output {
     Check,
     /// Of `compare`.
     Compare,
+    /// Of `compare --by distance`.
+    CompareByDistance,
     /// Of `data`.
     Data,
     /// Of `doctor`.
@@ -32,6 +34,8 @@ pub enum Output {
     Explain,
     /// Of `export`.
     Export,
+    /// Of `figure`.
+    Figure,
     /// Of `graph`.
     Graph,
     /// Of `info`.
@@ -103,11 +107,13 @@ impl Output {
             Self::Analyse | Self::Table => self.schema_of::<tables::Table>(),
             Self::Check => self.schema_of::<experiments::Check>(),
             Self::Compare => self.schema_of::<tables::Compare>(),
+            Self::CompareByDistance => self.schema_of::<tables::CompareByDistance>(),
             Self::Data => self.schema_of::<experiments::Data>(),
             Self::Doctor => self.schema_of::<experiments::Doctor>(),
             Self::Error => self.schema_of::<experiments::Failed>(),
             Self::Explain => self.schema_of::<tables::Explain>(),
             Self::Export => self.schema_of::<recordings::Export>(),
+            Self::Figure => self.schema_of::<tables::Figure>(),
             Self::Graph => self.schema_of::<experiments::Graph>(),
             Self::Info => self.schema_of::<recordings::Info>(),
             Self::Nodes => self.schema_of::<experiments::Nodes>(),

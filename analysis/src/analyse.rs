@@ -11,6 +11,7 @@ mod sums;
 use std::path::{Path, PathBuf};
 
 pub use bins::Bins;
+pub(crate) use bins::Edges;
 use depthloom_graphs::Key;
 use depthloom_graphs::key::KeyBuilder;
 use depthloom_graphs::language::glob;
@@ -30,8 +31,12 @@ pub struct Inquiry {
     pub bins: Option<Bins>,
     /// Which percentiles, from 0 to 100.
     pub percentiles: Vec<f64>,
-    /// Only estimators whose label or name this is; `*` stands for any run of characters.
+    /// Only estimators whose label or name this is; `*` stands for any run of characters, and commas stand between several.
     pub estimators: Option<String>,
+    /// Only what these variants have, and what all share.
+    pub variants: Option<String>,
+    /// Only these stages.
+    pub stages: Option<String>,
     /// Over which pixels, in this order.
     pub sets: Vec<SampleSet>,
     /// What an error is in.
@@ -49,6 +54,8 @@ impl Default for Inquiry {
             bins: None,
             percentiles: vec![5.0, 25.0, 50.0, 75.0, 95.0],
             estimators: None,
+            variants: None,
+            stages: None,
             sets: vec![SampleSet::Answered],
             unit: Unit::Metres,
             gross: Gross::OfTruth(0.25),
@@ -63,6 +70,8 @@ pub enum By {
     Distance,
     /// The estimator's own answer, metres.
     Estimate,
+    /// The estimator's own absolute error, in the inquiry's unit.
+    Error,
     /// The weight recorded for the estimator's variant.
     Weight,
     /// The pixel's row, from the top.
@@ -76,12 +85,13 @@ pub enum By {
 }
 
 impl By {
-    /// Reads `distance`, `estimate`, `weight`, `row`, `column`, `frame`, or the name of a column.
+    /// Reads `distance`, `estimate`, `error`, `weight`, `row`, `column`, `frame`, or the name of a column.
     #[must_use]
     pub fn parse(text: &str) -> Self {
         match text {
             "distance" | "truth_m" => Self::Distance,
             "estimate" => Self::Estimate,
+            "error" => Self::Error,
             "weight" => Self::Weight,
             "row" | "y" => Self::Row,
             "column" | "x" => Self::Column,
@@ -207,9 +217,14 @@ fn jobs_of<'a>(run: &'a str, file: &'a SamplesFile, inquiry: &Inquiry) -> Result
     let mut jobs = Vec::new();
     for (stage, scoring, parts) in populations {
         let asked = |of: &&DescribedEstimator| {
-            let pattern = inquiry.estimators.as_deref();
-            let is_asked = |pattern: &str| glob(pattern, &of.label) || glob(pattern, &of.estimator);
-            of.stage == stage && of.scoring == scoring && pattern.is_none_or(is_asked)
+            let is = |patterns: &Option<String>, texts: &[&str]| {
+                patterns.as_deref().is_none_or(|patterns| is_any(patterns, texts))
+            };
+            of.stage == stage
+                && of.scoring == scoring
+                && is(&inquiry.stages, &[stage])
+                && of.variant.as_deref().is_none_or(|variant| is(&inquiry.variants, &[variant]))
+                && is(&inquiry.estimators, &[&of.label, &of.estimator])
         };
         let estimators: Vec<&DescribedEstimator> = file.described.estimators.iter().filter(asked).collect();
         // Each estimator by its column.
@@ -238,6 +253,11 @@ fn jobs_of<'a>(run: &'a str, file: &'a SamplesFile, inquiry: &Inquiry) -> Result
     Ok(jobs)
 }
 
+/// Whether one of some texts is one of some patterns with commas between.
+pub(crate) fn is_any(patterns: &str, texts: &[&str]) -> bool {
+    patterns.split(',').any(|pattern| texts.iter().any(|text| glob(pattern.trim(), text)))
+}
+
 /// The column that an estimator's samples are put into bins by; of frames there is none (`Some(None)`), and an estimator without a weight is left
 /// out (`None`).
 fn column_of(
@@ -250,7 +270,7 @@ fn column_of(
         By::Distance => "truth_m".to_owned(),
         By::Row => "y".to_owned(),
         By::Column => "x".to_owned(),
-        By::Estimate => estimator.column.clone(),
+        By::Estimate | By::Error => estimator.column.clone(),
         By::Named(name) => {
             let columns = || {
                 let of_estimators = described.estimators.iter().map(|of| of.column.as_str());
@@ -259,7 +279,7 @@ fn column_of(
             if !columns().any(|column| column == name) {
                 let all: Vec<&str> = columns().collect();
                 let what = format!("samples have no column `{name}`");
-                let help = "there are distance, estimate, weight, row, column, frame";
+                let help = "there are distance, estimate, error, weight, row, column, frame";
                 return Err(AnalysisError::asked(what, format!("{help}, and {}", all.join(", "))));
             }
             name.clone()
@@ -299,8 +319,10 @@ fn nothing(files: &[(&str, SamplesFile)], inquiry: &Inquiry) -> AnalysisError {
     } else if inquiry.by == By::Weight && !has_weights {
         ("no weight was recorded".to_owned(), "add its node to `record:`, and run again".to_owned())
     } else {
-        let asked = inquiry.estimators.as_deref().unwrap_or("*");
-        (format!("no estimator is `{asked}`"), format!("there are {}", labels.join(", ")))
+        let asked = [("", &inquiry.estimators), (" of a variant", &inquiry.variants), (" of a stage", &inquiry.stages)];
+        let asked = asked.iter().filter_map(|(what, asked)| Some(format!("{what} `{}`", asked.as_deref()?)));
+        let asked: Vec<String> = asked.map(|of| of.trim_start().to_owned()).collect();
+        (format!("no estimator is {}", asked.join(", ")), format!("there are {}", labels.join(", ")))
     };
     AnalysisError::asked(what, help)
 }

@@ -4,6 +4,7 @@
 
 mod answer;
 mod contrast;
+mod distance;
 mod frames;
 mod json;
 mod limit;
@@ -14,6 +15,8 @@ use depthloom_recording::Recording;
 use depthloom_scores::PixelSet;
 
 pub use answer::Comparison;
+pub use distance::{DistanceComparison, compare_by_distance};
+pub(crate) use distance::{DistancePair, DistanceRow, Handover, Near, Statistic};
 pub use side::{Side, names};
 
 use crate::ablation::{Ablation, Selection, listed, scored, shared_scores, source_of, unknown};

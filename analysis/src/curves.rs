@@ -7,7 +7,7 @@ use depthloom_graphs::values::Curve;
 use depthloom_recording::{RecordedPlan, Recording};
 use serde_json::{Value as Json, json};
 
-pub(crate) use self::figure::render;
+pub(crate) use self::figure::{drawing, render};
 use crate::error::AnalysisError;
 use crate::leading::{Lead, Leads, sheet};
 use crate::sheet::{Cells, Sheet};

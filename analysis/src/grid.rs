@@ -195,6 +195,25 @@ impl Grid {
         self.columns.first().map_or(0, |column| column.cells.len())
     }
 
+    /// A cell of a column of text, where there is one.
+    pub(crate) fn text_of(&self, name: &str, row: usize) -> Option<String> {
+        match &self.columns.iter().find(|column| column.name == name)?.cells {
+            GridCells::Text(cells) => cells[row].clone(),
+            GridCells::Levels(cells) => cells[row].as_ref().map(|level| level.text.clone()),
+            _ => None,
+        }
+    }
+
+    /// A cell of a column of numbers, where there is one.
+    pub(crate) fn number_of(&self, name: &str, row: usize) -> Option<f64> {
+        match &self.columns.iter().find(|column| column.name == name)?.cells {
+            GridCells::Count(cells) => cells[row].map(|count| count as f64),
+            GridCells::Number { values, .. } | GridCells::Written { values, .. } => values[row],
+            GridCells::Share(cells) => cells[row],
+            GridCells::Text(_) | GridCells::Levels(_) => None,
+        }
+    }
+
     pub(crate) fn terminal(&self, width: usize) -> String {
         terminal::render(self, width)
     }

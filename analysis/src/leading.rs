@@ -19,9 +19,10 @@ pub const LEADING: [&str; 4] = ["stage", "variant", "estimator", "set"];
 pub const COMMON: &str = "common";
 
 /// The other columns that tables have besides scores: an axis of the matrix may not be called so.
-const OTHERS: [&str; 55] = [
+const OTHERS: [&str; 61] = [
     "axis",
     "baseline",
+    "baseline_m",
     "best_overall",
     "bias_m",
     "bin_from",
@@ -36,7 +37,10 @@ const OTHERS: [&str; 55] = [
     "density",
     "difference",
     "difference_high",
+    "difference_high_m",
     "difference_low",
+    "difference_low_m",
+    "difference_m",
     "disparity_density",
     "disparity_frames",
     "disparity_pixels",
@@ -63,12 +67,14 @@ const OTHERS: [&str; 55] = [
     "score",
     "scoring",
     "share",
+    "statistic",
     "step",
     "ties",
     "truth_m",
     "unit",
     "validation",
     "value",
+    "value_m",
     "verdict",
     "wall_ns",
     "wins",

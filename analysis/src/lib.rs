@@ -13,16 +13,19 @@ mod comparison;
 mod condition;
 mod curves;
 mod distance;
+mod drawing;
 mod error;
 mod estimators;
 mod explain;
 mod figure;
+mod figures;
 mod files;
 mod grid;
 mod leading;
 mod maps;
 mod paper;
 mod percentiles;
+mod plot;
 mod reading;
 mod report;
 mod rows;
@@ -37,12 +40,15 @@ mod unscored;
 
 pub use ablation::{Answer, Costs, Leader, Question, Ranking, Selection, answer, leader};
 pub use analyse::{Bins, By, Gross, Inquiry, SampleSet, Unit, analyse, samples_are_of};
-pub use compare::{CompareOptions, ComparedRun, Comparison, Side, compare, names};
+pub use compare::{
+    CompareOptions, ComparedRun, Comparison, DistanceComparison, Side, compare, compare_by_distance, names,
+};
 pub use depthloom_scores::{Mean, Metric, PixelSet};
 pub use distance::{DistanceBin, PERCENTILES, Spread};
 pub use error::AnalysisError;
 pub use estimators::Estimator;
 pub use explain::{Explanation, explain};
+pub use figures::{Figure, FigureKind, FigureRequest, FigureRun, Layout, Size, figure};
 pub use grid::Grid;
 pub use leading::{COMMON, LEADING, Lead, Leads, Level, plan_key, variant_of};
 pub use paper::paper_scores;

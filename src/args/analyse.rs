@@ -55,7 +55,7 @@ pub struct AnalyseArgs {
     #[arg(required = true, value_name = "RUN", add = ArgValueCompleter::new(runs))]
     pub runs: Vec<PathBuf>,
 
-    /// What pixels are put into bins by: `distance` (the truth), `estimate` (the answer), `weight` (the one recorded for a variant), `row`,
+    /// What pixels are put into bins by: `distance` (the truth), `estimate` (the answer), `error` (its absolute error), `weight` (the one recorded for a variant), `row`,
     /// `column`, `frame` (a bin a frame), or a column of the samples by its name, e.g. `full/weight.weight`.
     #[arg(long, value_name = "WHAT", default_value = "distance")]
     pub by: String,
@@ -69,9 +69,17 @@ pub struct AnalyseArgs {
     #[arg(long, value_name = "P,...", value_delimiter = ',', default_value = "5,25,50,75,95")]
     pub percentiles: Vec<f64>,
 
-    /// Only estimators whose label or name this is; `*` stands for any run of characters: `fused`, `no_*/mono`.
-    #[arg(long, value_name = "GLOB")]
+    /// Only estimators whose label or name this is; `*` stands for any run of characters, several have commas between: `fused`, `stereo,no_*/mono`.
+    #[arg(long, value_name = "GLOB,...")]
     pub estimators: Option<String>,
+
+    /// Only what these variants have, and what all share.
+    #[arg(long, value_name = "GLOB,...")]
+    pub variant: Option<String>,
+
+    /// Only these stages.
+    #[arg(long, value_name = "GLOB,...")]
+    pub stage: Option<String>,
 
     /// Over which pixels; several with commas between.
     #[arg(long, value_enum, value_name = "SET,...", value_delimiter = ',', default_value = "answered")]

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use clap_complete::engine::{ArgValueCandidates, ArgValueCompleter};
+use depthloom_analysis::Bins;
 
 use super::{ScoresArgs, TableFormat};
 use crate::completion::{folders, metrics, runs};
@@ -43,6 +44,13 @@ pub(super) fn parse_confidence(text: &str) -> Result<f64, String> {
     (50.0..100.0).contains(&percent).then_some(percent / 100.0).ok_or_else(|| "it lies from 50 to below 100".to_owned())
 }
 
+/// What errors are compared by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum CompareBy {
+    /// The true distance: absolute errors of the pixels that both answered, bin by bin, and where one should hand over to the other.
+    Distance,
+}
+
 /// `compare`.
 #[derive(Debug, Args)]
 pub struct CompareArgs {
@@ -59,6 +67,15 @@ pub struct CompareArgs {
     /// Which scores.
     #[command(flatten)]
     pub pixels: ScoresArgs,
+
+    /// In place of scores the absolute error, by the true distance: mean and median of each bin, and the distance at which one of the two should hand
+    /// over to the other.
+    #[arg(long, value_enum, value_name = "WHAT", conflicts_with_all = ["scores", "fail_if", "zone", "mean"])]
+    pub by: Option<CompareBy>,
+
+    /// The bins of `--by distance`: `width:2`, `linear:20`, `log:20`, `quantile:10` or `edges:0,5,10,20,80`; by default five metres wide.
+    #[arg(long, value_name = "BINS", value_parser = Bins::parse, requires = "by")]
+    pub bins: Option<Bins>,
 
     /// Only these scores, with commas between; by default all that both have. Tests are corrected for as many as are shown.
     #[arg(long, value_name = "SCORE,...", value_delimiter = ',', add = ArgValueCandidates::new(metrics))]

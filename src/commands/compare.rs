@@ -5,10 +5,12 @@ use std::path::{Path, PathBuf};
 use depthloom_analysis::{CompareOptions, ComparedRun, IntervalMethod, Resampling, Selection, Side};
 use depthloom_graphs::language::{glob, nearest};
 use depthloom_recording::Recording;
+use depthloom_runner::Interrupt;
 
 use super::report::recording_of;
+use super::samples::samples_of;
 use super::table::{Delivery, failed, open, selection};
-use crate::args::{CompareArgs, IntervalArgs, IntervalOption, TableFormat};
+use crate::args::{CompareArgs, CompareBy, IntervalArgs, IntervalOption, SetOption, TableFormat};
 use crate::diagnostics::error_json;
 use crate::exit::{Exit, Stop};
 use crate::outputs::Output;
@@ -40,6 +42,9 @@ pub fn compare(args: &CompareArgs) -> Result<Exit, Stop> {
         resampling: resampling(&args.intervals),
         fail_if: args.fail_if.clone(),
     };
+    if args.by == Some(CompareBy::Distance) {
+        return by_distance(args, &delivery, &runs, &sides, &options, &interrupt);
+    }
     let compared = depthloom_analysis::compare(&runs, &sides, &options, &|| interrupt.stops_admission());
     let compared = compared.map_err(|error| failed(&error))?;
     let exceeded = compared.exceeded();
@@ -64,6 +69,44 @@ pub fn compare(args: &CompareArgs) -> Result<Exit, Stop> {
     let Some(stop) = faulty else { return Ok(Exit::Whole) };
     crate::diagnostics::print_stop(&stop);
     Ok(stop.exit)
+}
+
+/// Compares absolute errors by true distance; of runs that have no samples yet, these are made first.
+fn by_distance(
+    args: &CompareArgs,
+    delivery: &Delivery<'_>,
+    runs: &[ComparedRun<'_>],
+    sides: &[Side],
+    options: &CompareOptions,
+    interrupt: &Interrupt,
+) -> Result<Exit, Stop> {
+    if !matches!(args.pixels.set, None | Some(SetOption::Common)) {
+        let what = "errors by distance are compared on the pixels that both answered";
+        return Err(Stop::new(Exit::Before, what).remedy("leave --set out"));
+    }
+    if args.baseline.as_deref() == Some("best") {
+        let what = "by distance no side is the best one";
+        return Err(Stop::new(Exit::Before, what).remedy("name the baseline"));
+    }
+    let is_silent = !delivery.is_shown();
+    let mut samples = Vec::new();
+    for run in runs {
+        samples.push(samples_of(run.recording.path(), is_silent, interrupt)?);
+    }
+    let stop = || interrupt.stops_admission();
+    let compared = depthloom_analysis::compare_by_distance(runs, &samples, sides, options, args.bins.as_ref(), &stop);
+    let compared = compared.map_err(|error| failed(&error))?;
+    let bytes = match delivery.format {
+        TableFormat::Terminal => compared.terminal(TERMINAL_WIDTH).into_bytes(),
+        TableFormat::Md => compared.markdown().into_bytes(),
+        TableFormat::Csv => compared.csv(),
+        TableFormat::Parquet => compared.parquet().map_err(|error| failed(&error))?,
+        TableFormat::Latex => compared.latex().into_bytes(),
+        TableFormat::Json => format!("{:#}\n", Output::CompareByDistance.stamped(compared.json())).into_bytes(),
+    };
+    let recordings: Vec<&Path> = runs.iter().map(|run| run.recording.path()).collect();
+    delivery.deliver(&bytes, &recordings)?;
+    Ok(Exit::Whole)
 }
 
 /// How frames are resampled.

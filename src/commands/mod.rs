@@ -8,6 +8,7 @@ pub mod data;
 pub mod doctor;
 pub mod explain;
 pub mod export;
+pub mod figure;
 pub mod info;
 pub mod man;
 pub mod new;

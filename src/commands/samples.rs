@@ -74,7 +74,7 @@ pub(super) fn write(
     written.map_err(|error| failed(&error))
 }
 
-fn bar(is_silent: bool, template: &str) -> ProgressBar {
+pub(super) fn bar(is_silent: bool, template: &str) -> ProgressBar {
     let bar = if is_silent { ProgressBar::hidden() } else { ProgressBar::new(1) };
     if let Ok(style) = ProgressStyle::with_template(template) {
         bar.set_style(style);
@@ -90,6 +90,8 @@ pub fn analyse(args: &AnalyseArgs) -> Result<Exit, Stop> {
         bins: args.bins.clone(),
         percentiles: args.percentiles.clone(),
         estimators: args.estimators.clone(),
+        variants: args.variant.clone(),
+        stages: args.stage.clone(),
         sets: args.set.iter().map(|set| set.set()).collect(),
         unit: if args.relative { Unit::OfTruth } else { Unit::Metres },
         gross: args.gross,
@@ -118,7 +120,7 @@ pub fn analyse(args: &AnalyseArgs) -> Result<Exit, Stop> {
 }
 
 /// The file of samples of a run, made if there is none, or if it is of what the recording was before; or such a file itself.
-fn samples_of(run: &Path, is_silent: bool, interrupt: &Interrupt) -> Result<PathBuf, Stop> {
+pub(super) fn samples_of(run: &Path, is_silent: bool, interrupt: &Interrupt) -> Result<PathBuf, Stop> {
     if run.is_file() && run.extension().is_some_and(|ending| ending == "parquet") {
         return Ok(run.to_owned());
     }

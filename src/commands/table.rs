@@ -98,18 +98,23 @@ impl<'a> Delivery<'a> {
     /// Prints it, or writes it to the file; `recordings` are those that it is of.
     pub(super) fn deliver(&self, bytes: &[u8], recordings: &[&Path]) -> Result<(), Stop> {
         let Some(out) = self.out else { return print(bytes) };
-        if recordings.iter().any(|recording| is_of_the_run(out, recording)) {
-            let what = format!("{} is the run's own", out.display());
-            return Err(Stop::new(Exit::Before, what).remedy("choose another --out"));
-        }
-        write(out, bytes).map_err(|error| {
-            let stop = Stop::because(Exit::Engine, format_args!("failed to write {}", out.display()), &error);
-            match remedy_of_writing(&error) {
-                Some(remedy) => stop.remedy(remedy),
-                None => stop,
-            }
-        })
+        write_named(out, bytes, recordings)
     }
+}
+
+/// Writes a file that a person named; never one of a run, which `recordings` are those of.
+pub(super) fn write_named(out: &Path, bytes: &[u8], recordings: &[&Path]) -> Result<(), Stop> {
+    if recordings.iter().any(|recording| is_of_the_run(out, recording)) {
+        let what = format!("{} is the run's own", out.display());
+        return Err(Stop::new(Exit::Before, what).remedy("choose another file"));
+    }
+    write(out, bytes).map_err(|error| {
+        let stop = Stop::because(Exit::Engine, format_args!("failed to write {}", out.display()), &error);
+        match remedy_of_writing(&error) {
+            Some(remedy) => stop.remedy(remedy),
+            None => stop,
+        }
+    })
 }
 
 /// That a file may stand there: in a folder, and no folder itself.
@@ -158,15 +163,30 @@ fn costs(recording: &Path) -> Result<Option<Costs>, Stop> {
     Ok(Some(Costs::new(&timings)))
 }
 
+/// The pixels that scores are asked for.
+pub(super) struct ScoredSet {
+    /// Those that were scored so.
+    pub(super) set: Option<PixelSet>,
+    /// Whether scores are to be taken again, of what all answered.
+    pub(super) common: bool,
+}
+
+impl ScoredSet {
+    pub(super) fn of(set: Option<SetOption>) -> Self {
+        let common = set == Some(SetOption::Common);
+        let set = match set {
+            Some(SetOption::All) => Some(PixelSet::All),
+            Some(SetOption::Answered) => Some(PixelSet::Answered),
+            Some(SetOption::Filled) => Some(PixelSet::Filled),
+            Some(SetOption::Common) | None => None,
+        };
+        Self { set, common }
+    }
+}
+
 /// The scores that arguments select.
 pub(super) fn selection(args: &ScoresArgs) -> Selection {
-    let set = match args.set {
-        Some(SetOption::All) => Some(PixelSet::All),
-        Some(SetOption::Answered) => Some(PixelSet::Answered),
-        Some(SetOption::Filled) => Some(PixelSet::Filled),
-        Some(SetOption::Common) | None => None,
-    };
-    let common = args.set == Some(SetOption::Common);
+    let ScoredSet { set, common } = ScoredSet::of(args.set);
     let mean = args.mean.map(|mean| match mean {
         MeanOption::Frames => Mean::Frames,
         MeanOption::Pixels => Mean::Pixels,

@@ -119,6 +119,19 @@ pub struct Table {
     notes: Vec<String>,
 }
 
+/// Of `figure`: what was drawn.
+#[derive(JsonSchema)]
+pub struct Figure {
+    file: String,
+    /// The file of the numbers that it shows; null where none was asked for.
+    data: Option<String>,
+    /// What it shows, over which pixels: the beginning of a caption.
+    about: String,
+    width_mm: f64,
+    height_mm: f64,
+    bytes: u64,
+}
+
 /// Of `compare`: what is better, and how sure that is.
 #[derive(JsonSchema)]
 pub struct Compare {
@@ -135,6 +148,61 @@ pub struct Compare {
     notes: Vec<String>,
     #[schemars(skip_serializing_if = "Option::is_none")]
     error: Option<Error>,
+}
+
+/// Of `compare --by distance`: where it is better, and how sure that is.
+#[derive(JsonSchema)]
+pub struct CompareByDistance {
+    /// What the numbers are.
+    about: String,
+    method: DistanceMethod,
+    verdicts: Verdicts,
+    /// By pair and statistic: where one should hand over to the other.
+    handovers: Vec<HandoverAt>,
+    /// A bin, statistic and pair each: the columns of its CSV form, which docs/tables.md explains.
+    rows: Vec<BTreeMap<String, Option<Cell>>>,
+    notes: Vec<String>,
+}
+
+/// How intervals and tests were found.
+#[derive(JsonSchema)]
+pub struct DistanceMethod {
+    /// `BCa` or `percentile`.
+    interval: String,
+    /// `percentile`: that of distances.
+    handover_interval: String,
+    /// From 0 to 1.
+    confidence: f64,
+    resamples: u64,
+    seed: u64,
+    /// `wilcoxon`.
+    test: String,
+    /// `holm`, over the bins of a pair's statistic.
+    correction: String,
+    /// How many tests were corrected for, of the first pair.
+    tests: u64,
+    /// Bins of fewer pixels decide nothing of a handover.
+    thin_pixels: u64,
+}
+
+/// The distance at which one of two estimates should hand over to the other; nulls where one alone is best.
+#[derive(JsonSchema)]
+pub struct HandoverAt {
+    baseline: String,
+    other: String,
+    /// `mean` or `median`.
+    statistic: String,
+    /// The one that is better nearer than there.
+    near: Option<String>,
+    far: Option<String>,
+    distance_m: Option<f64>,
+    /// The ends of its interval, of the resamples that have such a handover.
+    distance_low_m: Option<f64>,
+    distance_high_m: Option<f64>,
+    /// The share of resamples that have one.
+    share: Option<f64>,
+    /// All distances at which the difference crosses zero.
+    crossings_m: Vec<f64>,
 }
 
 /// How intervals and tests were found.

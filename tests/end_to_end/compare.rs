@@ -83,6 +83,67 @@ fn differences_intervals_and_tests_are_scipys() {
 }
 
 #[test]
+fn errors_by_distance_are_scipys() {
+    let Some(python) = python("errors_by_distance_are_scipys") else { return };
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    run(folder, "run", &[]);
+    let export =
+        ["export", "run", "source/depth", "depth/depth", "smooth/depth", "--format", "npy", "--quiet", "--out", "maps"];
+    succeed(depthloom().current_dir(folder).args(export));
+    let maps = |node: &str| {
+        let listed = succeed(Command::new("find").current_dir(folder).args([
+            "maps",
+            "-path",
+            &format!("*{node}*"),
+            "-name",
+            "*.npy",
+        ]));
+        let first = String::from_utf8(listed.stdout).expect("UTF-8").lines().min().expect("a map").to_owned();
+        folder.join(first).parent().expect("a folder").to_owned()
+    };
+    for arguments in [
+        &["run", "plain/raw", "strict/smooth", "--bins", "width:5"][..],
+        &["run", "plain/raw", "strict/smooth", "--bins", "edges:2,8,20,60", "--interval", "percentile", "--seed", "5"],
+        &["run", "strict/smooth", "plain/raw", "--bins", "log:6", "--confidence", "90"],
+    ] {
+        let compared = json(folder, &[arguments, &["--by", "distance", "--resamples", "300"]].concat());
+        let file = folder.join("compared.json");
+        std::fs::write(&file, compared.to_string()).expect("written");
+        let of =
+            |label: &str| if label == "plain/raw" { maps("plain/depth/depth") } else { maps("strict/smooth/depth") };
+        let mut check = Command::new(&python);
+        check.arg(workspace().join("tests/python/check_distance.py")).arg(&file).arg(maps("source/depth"));
+        let told = succeed(check.arg(of(arguments[1])).arg(of(arguments[2])));
+        let rows = compared["rows"].as_array().expect("rows").len();
+        assert_eq!(String::from_utf8_lossy(&told.stdout).trim(), rows.to_string(), "{arguments:?}");
+    }
+}
+
+#[test]
+fn a_question_by_distance_that_makes_no_sense_is_refused() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    run(folder, "run", &[]);
+    for (arguments, words) in [
+        (&["run", "--by", "distance", "--set", "all"][..], "on the pixels that both answered"),
+        (&["run", "--by", "distance", "--baseline", "best"], "by distance no side is the best"),
+        (&["run", "--by", "distance", "--scores", "rmse"], "cannot be used with"),
+        (&["run", "--bins", "width:5"], "required"),
+    ] {
+        let said = refused(folder, arguments);
+        assert!(said.contains(words), "{arguments:?}: {said}");
+    }
+    // All variants at once, a pair each, in every format.
+    let compared = json(folder, &["run", "--by", "distance", "--resamples", "200"]);
+    assert_eq!(compared["handovers"].as_array().expect("handovers").len(), 2 * 2 * 2, "pairs and statistics");
+    for format in ["terminal", "md", "csv", "latex"] {
+        let output = compare(folder, &["run", "--by", "distance", "--resamples", "200", "--format", format]);
+        assert!(output.status.success() && !output.stdout.is_empty(), "{format}");
+    }
+}
+
+#[test]
 fn what_differs_is_told_and_equal_questions_have_equal_answers() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();

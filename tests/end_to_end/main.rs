@@ -16,6 +16,7 @@ mod experiments;
 mod export;
 mod failing_disk;
 mod faults;
+mod figures;
 mod fixtures;
 mod from_recording;
 mod golden;

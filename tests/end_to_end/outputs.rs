@@ -162,6 +162,10 @@ fn every_output_is_what_its_schema_says() {
     assert_eq!((&explained["variant"], &explained["estimator"]), (&json!("block=9"), &json!("depth")));
     told("samples", 0, &["samples", first, "--json"]);
     told("analyse", 0, &["analyse", first, "--by", "frame", "--json"]);
+    told("figure", 0, &["figure", first, "cdf", "--out", "cdf.pdf", "--data", "cdf.csv", "--json"]);
+    told("figure", 0, &["figure", first, "frames", "--out", "frames.png", "--json"]);
+    let by_distance = ["compare", first, "block=3/depth", "block=9/depth", "--by", "distance", "--json"];
+    told("compare-by-distance", 0, &by_distance);
     told("timings", 0, &["timings", first, "--json"]);
     told("info", 0, &["info", first, "--keys", "--check", "--json"]);
     told("export", 0, &["export", first, "--out", "maps", "--json"]);

@@ -55,7 +55,7 @@ impl Bins {
     }
 
     /// The edges, where values go from `least` to `most`; `None` where they are quantiles.
-    pub(super) fn edges(&self, least: f64, most: f64) -> Result<Option<Edges>, AnalysisError> {
+    pub(crate) fn edges(&self, least: f64, most: f64) -> Result<Option<Edges>, AnalysisError> {
         let spread = |count: u32, of: &dyn Fn(f64) -> f64| {
             (0..=count).map(|edge| of(f64::from(edge) / f64::from(count))).collect::<Vec<f64>>()
         };
@@ -89,7 +89,7 @@ impl Bins {
 
 /// Edges of bins: each holds what is not below its lower edge and below its upper one.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Edges {
+pub(crate) struct Edges {
     edges: Vec<f64>,
     /// Whether the last bin has its upper edge, too, as NumPy's `histogram` has it.
     closed: bool,
@@ -97,7 +97,7 @@ pub(super) struct Edges {
 
 impl Edges {
     /// Equal edges are one; a lone one is a bin of its value.
-    pub(super) fn new(mut edges: Vec<f64>, closed: bool) -> Self {
+    pub(crate) fn new(mut edges: Vec<f64>, closed: bool) -> Self {
         edges.dedup();
         if let [only] = edges[..] {
             edges.push(only);
@@ -106,17 +106,17 @@ impl Edges {
     }
 
     /// How many bins.
-    pub(super) const fn len(&self) -> usize {
+    pub(crate) const fn len(&self) -> usize {
         self.edges.len() - 1
     }
 
     /// From where to where a bin goes.
-    pub(super) fn of(&self, bin: usize) -> (f64, f64) {
+    pub(crate) fn of(&self, bin: usize) -> (f64, f64) {
         (self.edges[bin], self.edges[bin + 1])
     }
 
     /// The bin of each value; [`OUTSIDE`] of those beyond the edges and NaN.
-    pub(super) fn bins(&self, values: &[f32]) -> Vec<u32> {
+    pub(crate) fn bins(&self, values: &[f32]) -> Vec<u32> {
         let last = self.len() - 1;
         let (first, end) = (self.edges[0], self.edges[last + 1]);
         // Where a bin is to be expected if all are of one width: right at once, or a step or two away.

@@ -125,6 +125,8 @@ impl Job<'_> {
     fn edges(&self, column: &str, inquiry: &Inquiry, stop: &(dyn Fn() -> bool + Sync)) -> Result<Edges, AnalysisError> {
         let bins = inquiry.bins.clone().unwrap_or(match inquiry.by {
             By::Distance | By::Estimate => Bins::Width(1.0),
+            By::Error if inquiry.unit == Unit::Metres => Bins::Width(1.0),
+            By::Error => Bins::Width(0.1),
             By::Weight => Bins::Edges((0..=10).map(|edge| f64::from(edge) / 10.0).collect()),
             By::Row | By::Column | By::Frame | By::Named(_) => Bins::Linear(20),
         });
@@ -133,8 +135,10 @@ impl Job<'_> {
         }
         let scan = |make: &(dyn Fn() -> Tally + Sync), take: &(dyn Fn(&mut Tally, &[f32]) + Sync)| {
             self.scan(stop, make, |tally, place| {
-                let table = self.file.read(self.parts[place], &[column])?;
-                take(tally, &values(&table, column).map_err(AnalysisError::compute("bins"))?);
+                let mut columns = vec!["truth_m", column];
+                columns.dedup();
+                let table = self.file.read(self.parts[place], &columns)?;
+                take(tally, &binned(&table, column, inquiry).map_err(AnalysisError::compute("bins"))?);
                 Ok(())
             })
         };
@@ -179,7 +183,7 @@ impl Job<'_> {
         inquiry: &Inquiry,
     ) -> PolarsResult<Read> {
         let of_bins = match (bins, &self.by) {
-            (FoundBins::Edges(edges), Some(column)) => edges.bins(&values(table, column)?),
+            (FoundBins::Edges(edges), Some(column)) => edges.bins(&binned(table, column, inquiry)?),
             _ => vec![place as u32; table.height()],
         };
         // Those that are told of come first.
@@ -202,14 +206,7 @@ impl Job<'_> {
         let mut errors = Vec::with_capacity(self.told.len());
         for told in 0..self.told.len() {
             let mut of = values(&table, &sums::estimate(told))?;
-            for (value, truth) in of.iter_mut().zip(&truth) {
-                let error = f64::from(*value) - f64::from(*truth);
-                let error = match inquiry.unit {
-                    Unit::Metres => error,
-                    Unit::OfTruth => error / f64::from(*truth),
-                };
-                *value = error.abs() as f32;
-            }
+            to_errors(&mut of, &truth, inquiry.unit);
             errors.push(of);
         }
         Ok(Read { table, bins, errors })
@@ -251,6 +248,27 @@ impl Job<'_> {
             Some((_, error)) => Err(error),
             None => Ok(idle.into_inner().unwrap_or_else(PoisonError::into_inner)),
         }
+    }
+}
+
+/// The numbers that samples are put into bins by.
+fn binned(table: &DataFrame, column: &str, inquiry: &Inquiry) -> PolarsResult<Vec<f32>> {
+    let mut of = values(table, column)?;
+    if inquiry.by == By::Error {
+        to_errors(&mut of, &values(table, "truth_m")?, inquiry.unit);
+    }
+    Ok(of)
+}
+
+/// Makes absolute errors of estimates.
+fn to_errors(estimates: &mut [f32], truth: &[f32], unit: Unit) {
+    for (value, truth) in estimates.iter_mut().zip(truth) {
+        let error = f64::from(*value) - f64::from(*truth);
+        let error = match unit {
+            Unit::Metres => error,
+            Unit::OfTruth => error / f64::from(*truth),
+        };
+        *value = error.abs() as f32;
     }
 }
 

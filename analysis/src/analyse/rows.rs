@@ -128,6 +128,7 @@ fn by(by: &By) -> String {
     match by {
         By::Distance => "true distance".to_owned(),
         By::Estimate => "estimated distance".to_owned(),
+        By::Error => "absolute error".to_owned(),
         By::Weight => "weight".to_owned(),
         By::Row => "image row".to_owned(),
         By::Column => "image column".to_owned(),
@@ -150,8 +151,9 @@ fn of_bins(rows: &[Row<'_>], inquiry: &Inquiry) -> Vec<GridColumn> {
     }
     let unit = match inquiry.by {
         By::Distance | By::Estimate => Some("m"),
+        By::Error if inquiry.unit == Unit::Metres => Some("m"),
         By::Row | By::Column => Some("px"),
-        By::Weight | By::Frame | By::Named(_) => None,
+        By::Error | By::Weight | By::Frame | By::Named(_) => None,
     };
     let edge = |name: &str, of: &dyn Fn((f64, f64)) -> f64| {
         let of_row = |row: &Row<'_>| match &row.found.bins {

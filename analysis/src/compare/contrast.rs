@@ -29,7 +29,7 @@ pub(super) struct Contrast {
 
 /// What can be said of the other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Verdict {
+pub(crate) enum Verdict {
     Better,
     Worse,
     /// The frames do not tell.
@@ -37,7 +37,7 @@ pub(super) enum Verdict {
 }
 
 impl Verdict {
-    pub(super) const fn name(self) -> &'static str {
+    pub(crate) const fn name(self) -> &'static str {
         match self {
             Self::Better => "better",
             Self::Worse => "worse",

@@ -4,51 +4,55 @@
 //! A loss that is no finite number interrupts its line; a step without a validation does not. A curve without a finite loss has no
 //! panel.
 
-use kuva::plot::legend::{LegendEntry, LegendShape};
-use kuva::plot::{LinePlot, ScatterPlot};
-use kuva::render::figure::Figure as Sheet;
-use kuva::render::layout::Layout;
-use kuva::render::plots::Plot;
-
 use super::LearningCurve;
 use crate::colours::{BLUE, RED};
-use crate::figure::{LONE_PANEL_PX, PANEL_PX, styled, svg};
+use crate::drawing::{Drawing, Fill, Stroke, colour};
+use crate::figures::Size;
+use crate::plot::{Axis, Entry, Item, Panel as Plot, Sheet, Swatch};
 
 /// Losses that differ by more than this have a logarithmic axis.
 const DECADE: f64 = 10.0;
+const LINE_PT: f64 = 1.2;
 
-/// The figure as SVG; equal numbers give equal bytes.
-pub(crate) fn render(curves: &[LearningCurve]) -> String {
+/// The figure.
+///
+/// # Errors
+/// What is wrong with its size, in words.
+pub(crate) fn drawing(curves: &[LearningCurve], title: &str, size: Size) -> Result<Drawing, String> {
     let panels: Vec<_> = curves.iter().map(|curve| (curve, Panel::of(curve))).collect();
     let panels: Vec<_> = panels.into_iter().filter(|(_, panel)| panel.points().next().is_some()).collect();
-    let columns = panels.len().clamp(1, 2);
-    let rows = panels.len().div_ceil(columns).max(1);
+    let columns = if size.is_wide() { panels.len().clamp(1, 2) } else { 1 };
     let mut plots = Vec::new();
-    let mut layouts = Vec::new();
     for (place, (curve, panel)) in panels.iter().enumerate() {
-        let mut layout = panel.layout().with_title(curve.label.as_str());
+        let (mut x, mut y) = panel.axes();
         if place % columns == 0 {
-            layout = layout.with_y_label("loss");
+            "loss".clone_into(&mut y.label);
         }
         if place + columns >= panels.len() {
-            layout = layout.with_x_label("step");
+            "step".clone_into(&mut x.label);
         }
-        plots.push(panel.plots());
-        layouts.push(layout);
+        let aspect = if columns == 1 && size.is_wide() { 0.45 } else { 0.62 };
+        plots.push(Plot { title: Some(curve.label.clone()), items: panel.items(), aspect, ..Plot::new(x, y) });
     }
-    let (width_px, height_px) = if panels.len() == 1 { LONE_PANEL_PX } else { PANEL_PX };
-    let sheet = Sheet::new(rows, columns)
-        .with_structure((0..panels.len()).map(|panel| vec![panel]).collect())
-        .with_plots(plots)
-        .with_layouts(layouts)
-        .with_cell_size(width_px, height_px)
-        .with_spacing(8.0)
-        .with_title("Learning curves")
-        .with_title_size(17)
-        // Below the panels: a curve may go through any corner.
-        .with_shared_legend_entries(legend(panels.iter().any(|(_, panel)| !panel.validation.is_empty())))
-        .with_shared_legend_bottom();
-    svg(sheet)
+    let validated = panels.iter().any(|(_, panel)| !panel.validation.is_empty());
+    let line = |colour_of: &str| Swatch::Line(Stroke::new(colour(colour_of), LINE_PT));
+    let mut legend = vec![Entry::new("training", line(BLUE))];
+    legend.extend(validated.then(|| Entry::new("validation", line(RED))));
+    let sheet = Sheet {
+        width_pt: size.width_pt(),
+        height_pt: size.height_pt(),
+        columns,
+        title: title.to_owned(),
+        panels: plots,
+        legend,
+        ..Sheet::default()
+    };
+    sheet.drawing()
+}
+
+/// The figure of a report as SVG; equal numbers give equal bytes.
+pub(crate) fn render(curves: &[LearningCurve]) -> String {
+    drawing(curves, "Learning curves", Size::default()).unwrap_or_else(|_| Drawing::new(1.0, 1.0)).svg()
 }
 
 /// What a panel draws: steps and losses, in stretches without a gap.
@@ -71,52 +75,34 @@ impl Panel {
     }
 
     /// The axes: steps from zero, losses with a little room around them.
-    fn layout(&self) -> Layout {
+    fn axes(&self) -> (Axis, Axis) {
         let last_step = self.points().map(|(step, _)| step).fold(1.0, f64::max);
         let low = self.points().map(|(_, loss)| loss).fold(f64::INFINITY, f64::min);
         let high = self.points().map(|(_, loss)| loss).fold(f64::NEG_INFINITY, f64::max);
-        let logarithmic = low > 0.0 && high > DECADE * low;
-        let (low, high) = if logarithmic {
-            let room = (high / low).powf(0.05);
-            (low / room, high * room)
-        } else {
-            let room = if high > low { 0.05 * (high - low) } else { 0.5 * high.abs().max(1e-9) };
-            // The axis of losses that cannot be negative does not promise any.
-            let below = if low >= 0.0 { (low - room).max(0.0) } else { low - room };
-            (below, high + room)
-        };
-        let layout = styled(Layout::new((0.0, last_step), (low, high)))
-            .with_x_axis_min(0.0)
-            .with_x_axis_max(last_step)
-            .with_y_axis_min(low)
-            .with_y_axis_max(high);
-        if logarithmic { layout.with_log_y() } else { layout }
+        let steps = Axis::new(0.0, last_step, "");
+        if low > 0.0 && high > DECADE * low {
+            let room = libm::pow(high / low, 0.05);
+            return (steps, Axis::log(low / room, high * room, ""));
+        }
+        let room = if high > low { 0.05 * (high - low) } else { 0.5 * high.abs().max(1e-9) };
+        // The axis of losses that cannot be negative does not promise any.
+        let below = if low >= 0.0 { (low - room).max(0.0) } else { low - room };
+        (steps, Axis::new(below, high + room, ""))
     }
 
     /// Lines, and a dot where a stretch is a single point; validation last, since it has the fewer points.
-    fn plots(&self) -> Vec<Plot> {
+    fn items(&self) -> Vec<Item> {
         let coloured = self.training.iter().map(|stretch| (stretch, BLUE));
         let coloured = coloured.chain(self.validation.iter().map(|stretch| (stretch, RED)));
-        let plot = |(stretch, colour): (&Vec<(f64, f64)>, &str)| {
-            let points = stretch.iter().copied();
-            if stretch.len() == 1 {
-                Plot::Scatter(ScatterPlot::new().with_data(points).with_color(colour).with_size(3.0))
-            } else {
-                Plot::Line(LinePlot::new().with_data(points).with_color(colour).with_stroke_width(1.8))
+        let item = |(stretch, tint): (&Vec<(f64, f64)>, &str)| {
+            let (points, tint) = (stretch.clone(), colour(tint));
+            match stretch.len() {
+                1 => Item::Dots { points, radius: 1.5, fill: Fill::new(tint, 1.0) },
+                _ => Item::Line { points, stroke: Stroke::new(tint, LINE_PT) },
             }
         };
-        coloured.map(plot).collect()
+        coloured.map(item).collect()
     }
-}
-
-fn legend(validated: bool) -> Vec<LegendEntry> {
-    let entry = |label: &str, colour: &str| LegendEntry {
-        label: label.to_owned(),
-        color: colour.to_owned(),
-        shape: LegendShape::Line,
-        dasharray: None,
-    };
-    [entry("training", BLUE)].into_iter().chain(validated.then(|| entry("validation", RED))).collect()
 }
 
 /// Points in stretches of finite losses.
@@ -131,6 +117,7 @@ mod tests {
 
     use super::*;
     use crate::leading::Lead;
+    use crate::plot::Scale;
 
     fn curve(losses: &[f64]) -> LearningCurve {
         let point = |(step, &loss): (u64, &f64)| CurvePoint {
@@ -155,13 +142,13 @@ mod tests {
         assert_eq!(panel.validation, [vec![(0.0, 6.0)], vec![(400.0, 1.5)]]);
         let whole = Panel::of(&curve(&[4.0, 3.0, 2.0]));
         assert_eq!(whole.validation, [vec![(0.0, 6.0), (200.0, 3.0)]]);
-        assert!(whole.plots().iter().all(|plot| matches!(plot, Plot::Line(_))));
-        assert!(panel.plots().iter().skip(2).all(|plot| matches!(plot, Plot::Scatter(_))), "a point alone is a dot");
+        assert!(whole.items().iter().all(|item| matches!(item, Item::Line { .. })));
+        assert!(panel.items().iter().skip(2).all(|item| matches!(item, Item::Dots { .. })), "a point alone is a dot");
     }
 
     #[test]
     fn losses_over_decades_have_a_logarithmic_axis_unless_one_is_not_positive() {
-        let logarithmic = |losses: &[f64]| Panel::of(&curve(losses)).layout().log_y;
+        let logarithmic = |losses: &[f64]| Panel::of(&curve(losses)).axes().1.scale == Scale::Log;
         assert!(logarithmic(&[40.0, 3.0, 0.2]));
         assert!(!logarithmic(&[4.0, 3.0, 2.0]));
         assert!(!logarithmic(&[40.0, 3.0, -0.2]));

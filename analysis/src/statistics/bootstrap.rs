@@ -120,7 +120,7 @@ impl Resampling {
     }
 
     /// By number, its value on every resample.
-    fn replicates(
+    pub(crate) fn replicates(
         &self,
         frames: usize,
         numbers: &[&Statistic<'_>],
@@ -150,6 +150,16 @@ impl Resampling {
             return Err(AnalysisError::Stopped);
         }
         Ok(replicates.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner))
+    }
+
+    /// The percentile interval of replicates that are numbers; `None` of fewer than two.
+    pub(crate) fn percentiles_of(&self, mut replicates: Vec<f64>) -> Option<Interval> {
+        if replicates.len() < 2 {
+            return None;
+        }
+        replicates.sort_by(f64::total_cmp);
+        let alpha = (1.0 - self.confidence) / 2.0;
+        Some(Interval { low: percentile(&replicates, alpha), high: percentile(&replicates, 1.0 - alpha) })
     }
 
     fn interval(&self, frames: usize, number: &Statistic<'_>, mut replicates: Vec<f64>) -> Option<Interval> {

@@ -28,6 +28,7 @@ pages! {
     error_against_distance: "explanation/error-against-distance.md",
     keys_and_reuse: "explanation/keys-and-reuse.md",
     scores: "explanation/scores.md",
+    figures: "figures.md",
     ci: "how-to/ci.md",
     kitti: "how-to/kitti.md",
     many_machines: "how-to/many-machines.md",

@@ -1,0 +1,268 @@
+//! Where is it better? Absolute errors of pairs by true distance, on the pixels that both answered, paired over frames; and the distance at which
+//! one of the two should hand over to the other.
+//!
+//! A bin's mean and median are over all its pixels, as `analyse --set common` has them. Frames are the sample: they are drawn again for intervals,
+//! with all their pixels, and tests are of frames' own means and medians.
+
+mod answer;
+mod handover;
+mod median;
+mod read;
+
+use std::path::PathBuf;
+
+pub use answer::DistanceComparison;
+pub(crate) use handover::{Handover, Near};
+
+use super::contrast::Verdict;
+use super::side::{self, parties};
+use super::{CompareOptions, ComparedRun, Side};
+use crate::analyse::Bins;
+use crate::error::{AnalysisError, caught};
+use crate::estimators::estimators;
+use crate::samples::SamplesFile;
+use crate::statistics::{Interval, SignedRank, Statistic as OfFrames, holm};
+use median::Median;
+use read::{OfBin, Pixels};
+
+/// The width of a bin where nothing else is asked for, metres.
+const WIDTH_M: f64 = 5.0;
+/// Bins of fewer pixels decide nothing of where one hands over to the other.
+pub(crate) const THIN: u64 = 100;
+
+/// What of a bin's absolute errors is compared.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Statistic {
+    Mean,
+    Median,
+}
+
+impl Statistic {
+    pub(crate) const ALL: [Self; 2] = [Self::Mean, Self::Median];
+
+    pub(crate) const fn name(self) -> &'static str {
+        match self {
+            Self::Mean => "mean",
+            Self::Median => "median",
+        }
+    }
+}
+
+/// An estimate held against another.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct DistancePair {
+    /// Of the baseline, then of the other.
+    pub(crate) estimates: [Compared; 2],
+    /// How many frames both have.
+    pub(crate) frames: usize,
+    /// Mean, then median: where one hands over to the other, if it does.
+    pub(crate) handovers: Vec<(Statistic, Option<Handover>)>,
+    /// Statistic by statistic, near bins first.
+    pub(crate) rows: Vec<DistanceRow>,
+}
+
+/// An estimate that is compared.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Compared {
+    pub(crate) run: String,
+    pub(crate) stage: String,
+    pub(crate) variant: Option<String>,
+    pub(crate) estimator: String,
+    /// What people call it, with its run where there are several.
+    pub(crate) title: String,
+}
+
+/// A statistic of a pair in a bin.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct DistanceRow {
+    pub(crate) statistic: Statistic,
+    pub(crate) from_m: f64,
+    pub(crate) to_m: f64,
+    pub(crate) pixels: u64,
+    /// How many frames have pixels in it.
+    pub(crate) frames: usize,
+    pub(crate) baseline_m: f64,
+    pub(crate) value_m: f64,
+    pub(crate) interval: Option<Interval>,
+    pub(crate) wins: u64,
+    pub(crate) ties: u64,
+    pub(crate) losses: u64,
+    pub(crate) test: Option<SignedRank>,
+    pub(crate) p_holm: Option<f64>,
+    pub(crate) verdict: Verdict,
+}
+
+impl DistanceRow {
+    pub(crate) fn difference_m(&self) -> f64 {
+        self.value_m - self.baseline_m
+    }
+}
+
+/// Compares sides with the first, or with a baseline, by true distance; `samples` are the runs' files of samples.
+///
+/// # Errors
+/// If a recording or samples cannot be read; [`AnalysisError::Asked`] if what was asked for is not there, or has no pixel in common;
+/// [`AnalysisError::Stopped`] once `stop` says so.
+pub fn compare_by_distance(
+    runs: &[ComparedRun<'_>],
+    samples: &[PathBuf],
+    sides: &[Side],
+    options: &CompareOptions,
+    bins: Option<&Bins>,
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Result<DistanceComparison, AnalysisError> {
+    caught(|| {
+        let all = runs.iter().map(|run| estimators(run.recording.plan())).collect::<Result<Vec<_>, _>>()?;
+        let (_, parties) = parties(runs, &all, sides, options.selection.estimators.as_deref())?;
+        let baseline = side::baseline(&parties, options, |_| Ok(None))?;
+        let files = samples.iter().map(|path| SamplesFile::open(path)).collect::<Result<Vec<_>, _>>()?;
+        let bins = bins.cloned().unwrap_or(Bins::Width(WIDTH_M));
+        let (mut pairs, mut notes) = (Vec::new(), Vec::new());
+        let first = &parties[baseline];
+        for party in parties.iter().enumerate().filter(|(place, _)| *place != baseline).map(|(_, party)| party) {
+            for (name, label) in &party.entries {
+                let Some((_, base)) = first.entries.iter().find(|(of, _)| of == name) else { continue };
+                let sides = [(first.run, base.as_str()), (party.run, label.as_str())];
+                let of = |(run, label): (usize, &str)| {
+                    let found = files[run].described.estimators.iter().find(|of| of.label == label)?;
+                    let title = if runs.len() > 1 { format!("{}:{label}", runs[run].called) } else { label.to_owned() };
+                    let (run, stage) = (runs[run].called.to_owned(), found.stage.clone());
+                    let (variant, estimator) = (found.variant.clone(), found.estimator.clone());
+                    Some((found, Compared { run, stage, variant, estimator, title }))
+                };
+                // Disparities, and what was not recorded, have no samples.
+                let (Some((one, baseline)), Some((two, other))) = (of(sides[0]), of(sides[1])) else {
+                    notes.push(format!("{label} or {base} has no samples: only depths that were recorded have"));
+                    continue;
+                };
+                if one.scoring != two.scoring {
+                    notes.push(format!(
+                        "{label} and {base} were scored in different ways ({}; {}): differences are of the scoring too",
+                        two.scoring, one.scoring
+                    ));
+                }
+                let pixels = read::pixels([(&files[sides[0].0], one), (&files[sides[1].0], two)], &bins, stop)?;
+                notes.extend(pixels.note(&baseline.title, &other.title));
+                if pixels.bins.is_empty() {
+                    continue;
+                }
+                pairs.push(pair([baseline, other], &pixels, options, stop)?);
+            }
+        }
+        if pairs.is_empty() {
+            let what = notes
+                .first()
+                .cloned()
+                .unwrap_or_else(|| format!("{} has no estimate of a name that another side has too", first.title));
+            let help = "name estimators to hold against each other: `compare RUN stereo full/mono --by distance`";
+            return Err(AnalysisError::asked(what, help.to_owned()));
+        }
+        let key = crate::leading::plan_key(runs[first.run].recording.plan());
+        Ok(answer::put_together(pairs, notes, options, key, runs.len() > 1))
+    })
+}
+
+/// Finds everything of a pair.
+fn pair(
+    estimates: [Compared; 2],
+    pixels: &Pixels,
+    options: &CompareOptions,
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Result<DistancePair, AnalysisError> {
+    let mut rows = Vec::new();
+    let mut handovers = Vec::new();
+    for statistic in Statistic::ALL {
+        let medians: Vec<[Median; 2]> = match statistic {
+            Statistic::Mean => Vec::new(),
+            Statistic::Median => pixels.bins.iter().map(|bin| bin.medians(pixels.frames)).collect(),
+        };
+        // Of a bin by how often each frame of the run counts: the statistic of both, and how many pixels.
+        let value = |at: usize, times: &[f64]| -> ([f64; 2], f64) {
+            let bin = &pixels.bins[at];
+            let count = bin.frames.iter().map(|of| times[of.frame] * of.count as f64).sum::<f64>();
+            let values = match statistic {
+                Statistic::Mean => {
+                    [0, 1].map(|side| bin.frames.iter().map(|of| times[of.frame] * of.sums[side]).sum::<f64>() / count)
+                }
+                Statistic::Median => [0, 1].map(|side| medians[at][side].value(times)),
+            };
+            (values, count)
+        };
+        let mut of_statistic = Vec::new();
+        let mut numbers: Vec<(usize, Box<OfFrames<'_>>)> = Vec::new();
+        let once = vec![1.0; pixels.frames];
+        for (at, bin) in pixels.bins.iter().enumerate() {
+            let ([baseline_m, value_m], _) = value(at, &once);
+            of_statistic.push(row(statistic, bin, baseline_m, value_m));
+            let (value, frames) = (&value, pixels.frames);
+            // Drawn are the frames that have pixels in the bin.
+            numbers.push((
+                bin.frames.len(),
+                Box::new(move |times: &[f64]| {
+                    let mut of_all = vec![0.0; frames];
+                    bin.frames.iter().zip(times).for_each(|(of, times)| of_all[of.frame] = *times);
+                    let ([one, two], _) = value(at, &of_all);
+                    two - one
+                }),
+            ));
+        }
+        let intervals = options.resampling.intervals_of(&numbers, stop)?;
+        drop(numbers);
+        of_statistic.iter_mut().zip(intervals).for_each(|(row, interval)| row.interval = interval);
+        correct(&mut of_statistic, 1.0 - options.resampling.confidence);
+        let middles: Vec<f64> = pixels.bins.iter().map(|bin| 0.5 * (bin.from_m + bin.to_m)).collect();
+        let curve = |times: &[f64]| -> Vec<(f64, f64, f64)> {
+            let bins = (0..pixels.bins.len()).map(|at| {
+                let ([one, two], count) = value(at, times);
+                (middles[at], two - one, count)
+            });
+            bins.filter(|(_, difference, count)| *count >= THIN as f64 && difference.is_finite()).collect()
+        };
+        handovers.push((statistic, handover::found(&curve, pixels.frames, &options.resampling, stop)?));
+        rows.extend(of_statistic);
+    }
+    Ok(DistancePair { estimates, frames: pixels.frames, handovers, rows })
+}
+
+fn row(statistic: Statistic, bin: &OfBin, baseline_m: f64, value_m: f64) -> DistanceRow {
+    let of_frame = |of: &read::OfFrame| match statistic {
+        Statistic::Mean => of.sums.map(|sum| sum / of.count as f64),
+        Statistic::Median => of.medians,
+    };
+    let differences: Vec<f64> = bin.frames.iter().map(of_frame).map(|[one, two]| two - one).collect();
+    let count = |is: &dyn Fn(f64) -> bool| differences.iter().filter(|of| is(**of)).count() as u64;
+    DistanceRow {
+        statistic,
+        from_m: bin.from_m,
+        to_m: bin.to_m,
+        pixels: bin.frames.iter().map(|of| of.count).sum(),
+        frames: bin.frames.len(),
+        baseline_m,
+        value_m,
+        interval: None,
+        wins: count(&|of| of < 0.0),
+        ties: count(&|of| of == 0.0),
+        losses: count(&|of| of > 0.0),
+        test: SignedRank::of(&differences),
+        p_holm: None,
+        verdict: Verdict::Unclear,
+    }
+}
+
+/// Corrects the tests of all bins, and judges.
+fn correct(rows: &mut [DistanceRow], level: f64) {
+    let tested: Vec<(usize, f64)> =
+        rows.iter().enumerate().filter_map(|(place, row)| Some((place, row.test?.p))).collect();
+    let corrected = holm(&tested.iter().map(|(_, p)| *p).collect::<Vec<_>>());
+    for ((place, _), p) in tested.into_iter().zip(corrected) {
+        rows[place].p_holm = Some(p);
+    }
+    for row in rows {
+        let (Some(p), Some(Interval { low, high })) = (row.p_holm, row.interval) else { continue };
+        row.verdict = match (p < level, low > 0.0, high < 0.0) {
+            (true, true, _) => Verdict::Worse,
+            (true, _, true) => Verdict::Better,
+            _ => Verdict::Unclear,
+        };
+    }
+}

@@ -1,0 +1,131 @@
+use super::*;
+use crate::colours::{BLUE, RED};
+
+fn spread(variant: Option<&str>, name: &str, bins: Vec<Bin>) -> Spread {
+    Spread {
+        of: Place { name: name.to_owned(), group: String::new(), variant: variant.map(str::to_owned) },
+        bins,
+        answered: Vec::new(),
+    }
+}
+
+fn bin(metre: u32, count: u64, scale: f64) -> Bin {
+    let (from, to) = (f64::from(metre), f64::from(metre + 1));
+    Bin { from, to, count, percentiles: [0.1, 0.2, 0.3, 0.4, 0.5].map(|part| part * scale) }
+}
+
+fn figure(spreads: Vec<Spread>) -> SpreadFigure {
+    SpreadFigure {
+        spreads,
+        truth: (2_u32..70).map(|metre| (f64::from(metre), f64::from(metre + 1), u64::from(50_000 / metre))).collect(),
+        compared: Vec::new(),
+        layout: Layout::Multiples,
+        title: String::new(),
+        x_label: "true distance t, m".to_owned(),
+        y_label: "absolute error, m".to_owned(),
+        x_scale: Scale::Linear,
+        thin: 100,
+        most: None,
+        size: Size { width_mm: 180.0, height_mm: None },
+    }
+}
+
+#[test]
+fn every_variant_has_a_panel_with_what_all_variants_share() {
+    let bins = || vec![bin(5, 1000, 1.0), bin(6, 1000, 1.0)];
+    let of = figure(vec![
+        spread(None, "stereo", bins()),
+        spread(Some("full"), "mono", bins()),
+        spread(Some("full"), "fused", bins()),
+        spread(Some("bare"), "mono", bins()),
+    ]);
+    let groups: Vec<(String, Vec<&str>)> = of
+        .groups()
+        .into_iter()
+        .map(|(title, spreads)| (title.unwrap(), spreads.iter().map(|of| of.of.name.as_str()).collect()))
+        .collect();
+    assert_eq!(
+        groups,
+        [("full".to_owned(), vec!["stereo", "mono", "fused"]), ("bare".to_owned(), vec!["stereo", "mono"])]
+    );
+    // Two wide bands (stereo, mono), three narrow ones, three lines; of two estimators both have all.
+    let names = of.names();
+    let groups = of.groups();
+    assert_eq!(of.items(&groups[0].1, &names, 10.0).len(), 2 + 3 + 3);
+    assert_eq!(of.items(&groups[1].1, &names, 10.0).len(), 2 + 2 + 2);
+    let overlaid = SpreadFigure { layout: Layout::Overlaid, ..of };
+    assert_eq!(overlaid.groups().len(), 1);
+    assert!(!overlaid.dashes(&overlaid.spreads[3]).is_empty(), "the second variant's line is told from the first's");
+}
+
+#[test]
+fn a_bin_of_few_pixels_sets_no_axis_and_is_faint() {
+    let wild = figure(vec![spread(
+        None,
+        "stereo",
+        vec![bin(4, 10, 1000.0), bin(5, 100, 1.0), bin(6, 5000, 2.0), bin(7, 5000, 2.0)],
+    )]);
+    assert!(
+        (wild.high() - 1.03).abs() < 1e-9,
+        "95 % of the bins that are not thin, and a little room: {}",
+        wild.high()
+    );
+    let pieces: Vec<(usize, bool)> =
+        wild.pieces(&wild.spreads[0].bins).iter().map(|piece| (piece.bins.len(), piece.is_thin)).collect();
+    assert_eq!(pieces, [(2, true), (3, false)], "the step from a thin bin to the next is thin");
+    let faint = wild.items(&[&wild.spreads[0]], &["stereo"], 10.0);
+    let dotted = faint.iter().filter(|item| matches!(item, Item::Line { stroke, .. } if stroke.dashes == THIN_DASHES));
+    assert_eq!(dotted.count(), 1);
+    // Where all are thin they set the axis after all.
+    assert!(SpreadFigure { thin: 10_000, ..wild }.high() > 500.0);
+}
+
+#[test]
+fn a_band_that_few_bins_carry_far_is_cut_and_the_cut_is_said() {
+    let bins = (0..40).map(|metre| bin(metre, 5000, if metre == 3 { 150.0 } else { 10.0 })).collect();
+    let of = figure(vec![spread(None, "stereo", bins)]);
+    // The highest median, 45 m, has room; the 95 % of its bin, 75 m, has not.
+    assert!((of.high() - 45.0 * 1.15 * 1.03).abs() < 1e-9, "{}", of.high());
+    assert!(of.drawing().unwrap().svg().contains(">↑ 75</text>"));
+    let usual = (0..40).map(|metre| bin(metre, 5000, 10.0 + 0.1 * f64::from(metre))).collect();
+    let usual = figure(vec![spread(None, "stereo", usual)]);
+    assert!(
+        (usual.high() - 0.5 * 13.9 * 1.03).abs() < 1e-9,
+        "nothing is cut where nothing sticks out: {}",
+        usual.high()
+    );
+}
+
+#[test]
+fn a_bin_without_pixels_interrupts_the_curves() {
+    let of = figure(vec![spread(None, "stereo", vec![bin(3, 500, 1.0), bin(4, 500, 1.0), bin(6, 500, 1.0)])]);
+    let pieces: Vec<usize> = of.pieces(&of.spreads[0].bins).iter().map(|piece| piece.bins.len()).collect();
+    assert_eq!(pieces, [2, 1]);
+}
+
+#[test]
+fn equal_numbers_give_equal_bytes() {
+    let bins: Vec<Bin> = (2..70).map(|metre| bin(metre, 5000 / u64::from(metre), f64::from(metre))).collect();
+    let of = || {
+        let mut of = figure(vec![
+            spread(None, "stereo", bins.clone()),
+            spread(Some("a"), "mono", bins.clone()),
+            spread(Some("b"), "mono", bins.clone()),
+        ]);
+        of.spreads[0].answered = bins.iter().map(|bin| Bin { count: bin.count * 2, ..*bin }).collect();
+        of.drawing().unwrap()
+    };
+    let svg = of().svg();
+    assert_eq!(svg, of().svg());
+    assert!(svg.starts_with("<svg") && svg.contains(RED) && svg.contains(BLUE) && svg.contains("width=\"180mm\""));
+    assert!(svg.contains("median of all it answered") && svg.contains("fewer than 100 pixels"));
+    assert!(!svg.contains("NaN") && !svg.contains("inf"));
+    assert_eq!(of().pdf("a figure"), of().pdf("a figure"));
+    assert_eq!(of().png(100.0).unwrap(), of().png(100.0).unwrap());
+}
+
+#[test]
+fn nothing_to_draw_is_an_empty_figure() {
+    let of = SpreadFigure { truth: Vec::new(), ..figure(Vec::new()) };
+    assert!(of.drawing().unwrap().svg().ends_with("</svg>\n"));
+}

@@ -1,0 +1,199 @@
+//! Figures.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+use clap_complete::engine::{ArgValueCandidates, ArgValueCompleter};
+use depthloom_analysis::{Bins, FigureKind, Layout};
+
+use super::{SetOption, compare::IntervalArgs};
+use crate::completion::{folders, metrics, runs};
+
+/// What a figure shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum FigureOption {
+    /// The paper's: median, 25 to 75 % and 5 to 95 % of the absolute error by true distance.
+    ErrorVsDistance,
+    /// How much farther off one estimator is than another, by distance, and where one hands over to the other.
+    Difference,
+    /// How often errors of which size are.
+    Histogram,
+    /// The share of pixels whose error is below what.
+    Cdf,
+    /// A score on every frame: a strip an estimator.
+    Frames,
+    /// A score against a parameter of `matrix:`: a line for one, a heat map for two.
+    Parameter,
+    /// Errors by the weight that was given to them.
+    Reliability,
+    /// Losses by step of learning.
+    Learning,
+    /// Frames as the paper shows them: image, stereo, mono, fused, weight, difference of errors, truth.
+    Panels,
+}
+
+impl FigureOption {
+    /// As the analysis has it.
+    pub const fn kind(self) -> FigureKind {
+        match self {
+            Self::ErrorVsDistance => FigureKind::ErrorVsDistance,
+            Self::Difference => FigureKind::Difference,
+            Self::Histogram => FigureKind::Histogram,
+            Self::Cdf => FigureKind::Cdf,
+            Self::Frames => FigureKind::Frames,
+            Self::Parameter => FigureKind::Parameter,
+            Self::Reliability => FigureKind::Reliability,
+            Self::Learning => FigureKind::Learning,
+            Self::Panels => FigureKind::Panels,
+        }
+    }
+}
+
+/// What a figure is written as.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum FigureFormat {
+    /// Scalable, for the web and for editing.
+    Svg,
+    /// Pixels.
+    Png,
+    /// One page, for LaTeX; its text can be searched.
+    Pdf,
+}
+
+/// How variants are shown.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum LayoutOption {
+    /// A panel a variant.
+    Multiples,
+    /// All on one panel.
+    Overlaid,
+}
+
+impl LayoutOption {
+    /// As the analysis has it.
+    pub const fn layout(self) -> Layout {
+        match self {
+            Self::Multiples => Layout::Multiples,
+            Self::Overlaid => Layout::Overlaid,
+        }
+    }
+}
+
+/// `figure`.
+#[derive(Debug, Args)]
+pub struct FigureArgs {
+    /// Runs: their folders, recordings, the beginnings of their names in `runs`, or `@latest`. Several for `error-vs-distance`, `histogram`, `cdf` and
+    /// `reliability`.
+    #[arg(required = true, value_name = "RUN", add = ArgValueCompleter::new(runs))]
+    pub runs: Vec<PathBuf>,
+
+    /// What the figure shows.
+    #[arg(required = true, value_enum, value_name = "KIND")]
+    pub kind: FigureOption,
+
+    /// The file to write; its ending (`.svg`, `.png`, `.pdf`) says what it is written as.
+    #[arg(long, short, required = true, value_name = "FILE", add = ArgValueCompleter::new(folders()))]
+    pub out: PathBuf,
+
+    /// What it is written as, where the file's ending does not say.
+    #[arg(long, value_enum, value_name = "FORMAT")]
+    pub format: Option<FigureFormat>,
+
+    /// Its width: `one-column` (88 mm), `two-columns` (180 mm), or millimetres.
+    #[arg(long, value_name = "MM", value_parser = parse_width, default_value = "two-columns")]
+    pub width: f64,
+
+    /// Its height, millimetres; by default what suits it.
+    #[arg(long, value_name = "MM", value_parser = parse_mm)]
+    pub height: Option<f64>,
+
+    /// Pixels an inch of a PNG.
+    #[arg(long, value_name = "N", default_value_t = 300, value_parser = clap::value_parser!(u32).range(36..=2400))]
+    pub dpi: u32,
+
+    /// The numbers that the figure shows, as CSV.
+    #[arg(long, value_name = "FILE", add = ArgValueCompleter::new(folders()))]
+    pub data: Option<PathBuf>,
+
+    /// Words above it; by default none, since a paper has a caption.
+    #[arg(long, value_name = "TEXT", default_value = "", hide_default_value = true)]
+    pub title: String,
+
+    /// Only estimators whose label or name this is; `*` stands for any run of characters, several have commas between: `stereo,full/fused`. Of
+    /// `difference` two: the second is held against the first.
+    #[arg(long, value_name = "GLOB,...")]
+    pub estimators: Option<String>,
+
+    /// Only what these variants have, and what all share.
+    #[arg(long, value_name = "GLOB,...")]
+    pub variant: Option<String>,
+
+    /// Only these stages.
+    #[arg(long, value_name = "GLOB,...")]
+    pub stage: Option<String>,
+
+    /// Over which pixels: of errors `common` (which all answered) or `answered`, by default both where there is room for both; of scores those that were
+    /// scored.
+    #[arg(long, value_enum, value_name = "SET")]
+    pub set: Option<SetOption>,
+
+    /// What errors are by, in place of distance or weight: as `analyse --by`.
+    #[arg(long, value_name = "WHAT")]
+    pub by: Option<String>,
+
+    /// The bins: `width:2`, `linear:20`, `log:20`, `quantile:10` or `edges:0,5,10,20,80`, as of `analyse`.
+    #[arg(long, value_name = "BINS", value_parser = Bins::parse)]
+    pub bins: Option<Bins>,
+
+    /// Errors as shares of the true distance, in place of metres.
+    #[arg(long)]
+    pub relative: bool,
+
+    /// A panel a variant, or all on one.
+    #[arg(long, value_enum, value_name = "LAYOUT", default_value = "multiples")]
+    pub layout: LayoutOption,
+
+    /// A bin of fewer pixels is drawn faint and dotted, and sets no axis.
+    #[arg(long, value_name = "PIXELS", default_value_t = 100)]
+    pub thin: u64,
+
+    /// Where the axis of errors ends.
+    #[arg(long, value_name = "ERROR", value_parser = parse_mm)]
+    pub most: Option<f64>,
+
+    /// Which score, of `frames` and `parameter`; by default the first error that was scored.
+    #[arg(long, value_name = "SCORE", add = ArgValueCandidates::new(metrics))]
+    pub score: Option<String>,
+
+    /// Which axes of the matrix, of `parameter`: one or two with commas between; others are averaged over.
+    #[arg(long, value_name = "AXIS,...", value_delimiter = ',')]
+    pub axes: Vec<String>,
+
+    /// Which frames, of `panels`: places from 0 or ids, with commas between; by default five, evenly apart.
+    #[arg(long, value_name = "FRAME,...", value_delimiter = ',')]
+    pub frames: Vec<String>,
+
+    /// How sure the band of `difference` is.
+    #[command(flatten)]
+    pub intervals: IntervalArgs,
+
+    /// Print one JSON object instead of text.
+    #[arg(long)]
+    pub json: bool,
+}
+
+fn parse_width(text: &str) -> Result<f64, String> {
+    match text {
+        "one-column" => Ok(88.0),
+        "two-columns" => Ok(180.0),
+        other => parse_mm(other.trim_end_matches("mm")).and_then(|width| {
+            let is_paper = (20.0..=2000.0).contains(&width);
+            is_paper.then_some(width).ok_or_else(|| "give `one-column`, `two-columns`, or 20 to 2000 mm".to_owned())
+        }),
+    }
+}
+
+fn parse_mm(text: &str) -> Result<f64, String> {
+    let number = text.trim().parse::<f64>().ok().filter(|number| number.is_finite() && *number > 0.0);
+    number.ok_or_else(|| format!("`{text}` is no number above 0"))
+}

@@ -1,0 +1,157 @@
+//! `depthloom figure`: figures for papers.
+
+use std::path::{Path, PathBuf};
+
+use depthloom_analysis::{FigureKind, FigureRequest, FigureRun, SampleSet, Size, Unit};
+use depthloom_recording::Recording;
+use serde_json::json;
+
+use super::compare::resampling;
+use super::report::recording_of;
+use super::samples::{bar, samples_of};
+use super::table::{ScoredSet, can_be_written, failed, open, write_named};
+use crate::args::{FigureArgs, FigureFormat, SetOption};
+use crate::exit::{Exit, Stop};
+use crate::outputs::Output;
+use crate::signals;
+use crate::streams::{print, print_output};
+
+/// Draws a figure of runs.
+pub fn figure(args: &FigureArgs) -> Result<Exit, Stop> {
+    let format = format_of(args)?;
+    can_be_written(&args.out)?;
+    if let Some(data) = &args.data {
+        can_be_written(data)?;
+        if data == &args.out {
+            let what = format!("--data and --out are both {}", data.display());
+            return Err(Stop::new(Exit::Before, what).remedy("name two files"));
+        }
+    }
+    let request = request(args)?;
+    let interrupt = signals::listen("stopping: no file is written")?;
+    let mut opened: Vec<(String, Recording, Option<PathBuf>)> = Vec::new();
+    for run in &args.runs {
+        let path = recording_of(run, "figure")?;
+        let samples = match request.kind.is_of_samples() {
+            true => Some(samples_of(run, args.json, &interrupt)?),
+            false => None,
+        };
+        opened.push((run.to_string_lossy().into_owned(), open(&path)?, samples));
+    }
+    let runs: Vec<FigureRun<'_>> = opened
+        .iter()
+        .map(|(called, recording, samples)| FigureRun { called, recording, samples: samples.clone() })
+        .collect();
+    let bar = bar(args.json, "{bar:30} {percent} %  {eta} left");
+    let progress = |done: u64, all: u64| {
+        bar.set_length(all);
+        bar.set_position(done);
+    };
+    let drawn = depthloom_analysis::figure(&runs, &request, &progress, &|| interrupt.stops_admission());
+    bar.finish_and_clear();
+    let figure = drawn.map_err(|error| failed(&error))?;
+    let bytes = match format {
+        FigureFormat::Svg => figure.svg(),
+        FigureFormat::Pdf => figure.pdf(),
+        FigureFormat::Png => figure.png(f64::from(args.dpi)).map_err(|error| failed(&error))?,
+    };
+    let recordings: Vec<&Path> = opened.iter().map(|(_, recording, _)| recording.path()).collect();
+    write_named(&args.out, &bytes, &recordings)?;
+    if let Some(data) = &args.data {
+        write_named(data, figure.data(), &recordings)?;
+    }
+    let (width_mm, height_mm) = figure.size_mm();
+    if args.json {
+        let told = json!({
+            "file": args.out.to_string_lossy(),
+            "data": args.data.as_ref().map(|data| data.to_string_lossy()),
+            "about": figure.about(),
+            "width_mm": width_mm,
+            "height_mm": height_mm,
+            "bytes": bytes.len(),
+        });
+        return print_output(Output::Figure, told).map(|()| Exit::Whole);
+    }
+    let data = args.data.as_ref().map(|data| format!(", {}", data.display())).unwrap_or_default();
+    print(format!("{}\n{}{data}: {width_mm} x {height_mm} mm\n", figure.about(), args.out.display()))?;
+    Ok(Exit::Whole)
+}
+
+/// What the file is written as: what was asked for, or what its ending says.
+fn format_of(args: &FigureArgs) -> Result<FigureFormat, Stop> {
+    let ending = args.out.extension().map(|ending| ending.to_string_lossy().to_lowercase());
+    let of_ending = match ending.as_deref() {
+        Some("svg") => Some(FigureFormat::Svg),
+        Some("png") => Some(FigureFormat::Png),
+        Some("pdf") => Some(FigureFormat::Pdf),
+        _ => None,
+    };
+    match (args.format, of_ending) {
+        (Some(asked), Some(ending)) if asked != ending => {
+            let what = format!("--format and the ending of {} say two things", args.out.display());
+            Err(Stop::new(Exit::Before, what).remedy("leave --format out, or name a file of that ending"))
+        }
+        (Some(format), _) | (None, Some(format)) => Ok(format),
+        (None, None) => {
+            let what = format!("what {} is to be is not said", args.out.display());
+            Err(Stop::new(Exit::Before, what).remedy("end it in `.svg`, `.png` or `.pdf`, or give --format"))
+        }
+    }
+}
+
+fn request(args: &FigureArgs) -> Result<FigureRequest, Stop> {
+    let kind = args.kind.kind();
+    let is_of_errors = kind.is_of_samples();
+    let ScoredSet { set: scored_set, .. } = ScoredSet::of(args.set);
+    let set = match args.set {
+        Some(SetOption::Common) => Some(SampleSet::Common),
+        Some(SetOption::Answered) => Some(SampleSet::Answered),
+        _ => None,
+    };
+    let wrong = |what: &str, remedy: &str| Err(Stop::new(Exit::Before, what.to_owned()).remedy(remedy.to_owned()));
+    match args.set {
+        Some(SetOption::All | SetOption::Filled) if is_of_errors => {
+            return wrong("a pixel without an answer has no error to draw", "take `--set common` or `--set answered`");
+        }
+        Some(SetOption::Common) if !is_of_errors => {
+            return wrong("scores of a figure are those that were recorded", "take another --set");
+        }
+        _ => {}
+    }
+    for (is_given, is_taken, option) in [
+        (args.by.is_some(), matches!(kind, FigureKind::ErrorVsDistance | FigureKind::Reliability), "--by"),
+        (args.bins.is_some(), is_of_errors && kind != FigureKind::Cdf, "--bins"),
+        (args.relative, is_of_errors && kind != FigureKind::Difference, "--relative"),
+        (args.score.is_some(), matches!(kind, FigureKind::Frames | FigureKind::Parameter), "--score"),
+        (!args.axes.is_empty(), kind == FigureKind::Parameter, "--axes"),
+        (!args.frames.is_empty(), kind == FigureKind::Panels, "--frames"),
+    ] {
+        if is_given && !is_taken {
+            let what = format!("this kind of figure takes no {option}");
+            return Err(
+                Stop::new(Exit::Before, what).remedy("leave it out; `depthloom help figure` says what takes it")
+            );
+        }
+    }
+    Ok(FigureRequest {
+        size: Size { width_mm: args.width, height_mm: args.height },
+        title: args.title.clone(),
+        estimators: args.estimators.clone(),
+        variants: args.variant.clone(),
+        stages: args.stage.clone(),
+        set,
+        scored_set,
+        by: args.by.clone(),
+        bins: args.bins.clone(),
+        unit: if args.relative { Unit::OfTruth } else { Unit::Metres },
+        layout: args.layout.layout(),
+        thin: args.thin,
+        most: args.most,
+        score: args.score.clone(),
+        axes: args.axes.clone(),
+        frames: args.frames.clone(),
+        resampling: resampling(&args.intervals),
+        dpi: f64::from(args.dpi),
+        ..FigureRequest::new(kind)
+    })
+}
