@@ -168,7 +168,7 @@ impl Shown {
             match row {
                 Row::Weight { .. } => bars.push(weight_bar.clone()),
                 Row::Difference { names: [one, two], .. } => {
-                    let label = format!("error of {one} less that of {two}, m");
+                    let label = format!("error, {one} − {two}, m");
                     let bar = Bar { ramp: DIVERGING, axis: Axis::new(-most, most, label) };
                     bars.push(bar.clone());
                     difference_bar = Some(bar);
