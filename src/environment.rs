@@ -52,6 +52,11 @@ pub fn describe(workers: usize, window: Option<usize>, wall_seconds: f64, read: 
     })
 }
 
+/// Takes the most memory held at once again.
+pub fn measure_again(environment: &mut Json) {
+    environment["peak_resident_bytes"] = json!(peak_resident_bytes());
+}
+
 /// The engine that runs networks, and the providers that they ran on.
 fn networks(engine: &Engine) -> Json {
     let mut described = self::engine(engine);

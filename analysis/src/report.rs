@@ -1,5 +1,6 @@
 //! Everything a run's folder says of its recording.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use depthloom_graphs::Key;
@@ -9,14 +10,14 @@ use serde_json::{Value as Json, json};
 use crate::ablation::{Ablation, Ranking, Selection, source_of};
 use crate::condition::{self, Told};
 use crate::curves::{LearningCurve, learning_curves, table_of_points};
-use crate::distance::{FARTHEST_M, table_of_bins};
+use crate::distance::{DistanceBin, FARTHEST_M, table_of_bins};
 use crate::error::{AnalysisError, caught};
 use crate::estimators::{Estimator, estimators};
 use crate::figure::{Figure, render};
 use crate::files::Output;
 use crate::leading::plan_key;
 use crate::maps::{not_recorded, sparsely_kept};
-use crate::reading::{self, Taken};
+use crate::reading::{self, Distances, Taken};
 use crate::sampling::Sampled;
 use crate::scores::{FrameScore, table_of_scores};
 use crate::statistics::Resampling;
@@ -75,6 +76,18 @@ pub struct Summary {
     pub learning_curves: usize,
     /// Whether bytes of the recording are not what was written; no number comes from there.
     pub is_damaged: bool,
+    /// What else was found, for the [page](crate::write_page).
+    pub(crate) found: Found,
+}
+
+/// What was found, as it is drawn.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Found {
+    pub(crate) table: Option<Table>,
+    pub(crate) bins: Vec<DistanceBin>,
+    /// Scored true pixels by metre.
+    pub(crate) truth: BTreeMap<u32, u64>,
+    pub(crate) curves: Vec<LearningCurve>,
 }
 
 /// Analyses a recording and writes into `folder`: if something was scored, `scores.{csv,parquet}` and `table.{csv,md,tex,parquet}`; if its
@@ -122,8 +135,10 @@ fn analyse(
     let Scored { table, scored, unscored } = write_scores(recording, &estimators, options, output)?;
     written.extend(scored.then_some("scores.*"));
     written.extend(table.is_some().then_some("table.*"));
-    let (distances, beyond) = write_distances(recording, &estimators, options, output, taken)
+    let found = write_distances(recording, &estimators, options, output, taken)
         .map_err(|error| error.but_whole(&written, output.folder))?;
+    let (distances, truth) = (!found.bins.is_empty(), found.truth_of_all());
+    let Distances { bins, beyond, .. } = found;
     written.extend(distances.then_some("error_vs_distance.*"));
     let curves = learning_curves(recording).map_err(|error| error.but_whole(&written, output.folder))?;
     write_curves(&curves, &plan_key(plan), output)?;
@@ -182,6 +197,7 @@ fn analyse(
         distances,
         learning_curves: curves.len(),
         is_damaged,
+        found: Found { table: table.map(|(table, _)| table), bins, truth, curves },
     })
 }
 
@@ -252,18 +268,17 @@ fn write_ranking(
     ))
 }
 
-/// Writes the error against distance, if there are maps to compare; gives whether there are, and by estimator how many samples were too
-/// far.
+/// Writes the error against distance, if there are maps to compare.
 fn write_distances(
     recording: &Recording,
     estimators: &[Estimator],
     options: &ReportOptions,
     output: Output<'_>,
     taken: Option<Taken<'_>>,
-) -> Result<(bool, Vec<u64>), AnalysisError> {
+) -> Result<Distances, AnalysisError> {
     let distances = reading::distances(recording, estimators, options.samples_in_memory, output, taken)?;
     if distances.bins.is_empty() {
-        return Ok((false, distances.beyond));
+        return Ok(distances);
     }
     output
         .write_table("error_vs_distance", &plan_key(recording.plan()), || table_of_bins(&distances.bins, estimators))?;
@@ -271,7 +286,7 @@ fn write_distances(
     output.write_csv("true_distances.csv", &distances.table_of_truth(&leads))?;
     let figure = Figure { estimators, bins: &distances.bins, truth: &distances.truth_of_all() };
     output.write("error_vs_distance.svg", render(&figure).as_bytes())?;
-    Ok((true, distances.beyond))
+    Ok(distances)
 }
 
 /// Writes the points of the learning curves and their figure, if there are any.

@@ -53,6 +53,10 @@ pub struct RunArgs {
     #[arg(long)]
     pub samples: bool,
 
+    /// The page.
+    #[command(flatten)]
+    pub page: PageArgs,
+
     /// Print the run's folder and nothing else.
     #[arg(long, short, conflicts_with = "json")]
     pub quiet: bool,
@@ -67,6 +71,19 @@ impl RunArgs {
     pub fn is_fresh(&self) -> bool {
         self.fresh || std::env::var_os("DEPTHLOOM_FRESH").is_some_and(|told| !told.is_empty() && told != "0")
     }
+}
+
+/// What becomes of `report.html`.
+#[derive(Debug, Args)]
+pub struct PageArgs {
+    /// Leave out `report.html`: table, figures, pictures of frames and the plan on one page, for a browser. It has at most 40 MB: of long runs
+    /// fewer frames (200) and smaller pictures, of many variants the best, and says so.
+    #[arg(long)]
+    pub no_page: bool,
+
+    /// Open `report.html` in the browser ($BROWSER, or the system's).
+    #[arg(long, conflicts_with = "no_page")]
+    pub open: bool,
 }
 
 /// `report`.
@@ -88,6 +105,10 @@ pub struct ReportArgs {
     /// many per cent. CSV and Parquet have its ends as `SCORE_low` and `SCORE_high`.
     #[arg(long, value_name = "PERCENT", num_args = 0..=1, require_equals = true, default_missing_value = "95", value_parser = parse_confidence)]
     pub ci: Option<f64>,
+
+    /// The page.
+    #[command(flatten)]
+    pub page: PageArgs,
 
     /// Print one JSON object instead of text.
     #[arg(long)]

@@ -4,13 +4,14 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use depthloom_analysis::{
-    AnalysisError, Leads, ReportOptions, Resampling, SAMPLES, Sampled, Summary, Timing, plan_key, report_with,
+    AnalysisError, Leads, PAGE, ReportOptions, Resampling, SAMPLES, Sampled, Summary, Timing, plan_key, report_with,
 };
 use depthloom_graphs::plan::Plan;
 use depthloom_recording::{RecordedPlan, Recorder, Recording};
 use depthloom_runner::{Interrupt, Phase};
 use serde_json::{Value as Json, json};
 
+use super::page;
 use crate::args::{ReportArgs, TimingsArgs};
 use crate::diagnostics::error_json;
 use crate::exit::{Exit, Stop};
@@ -60,6 +61,10 @@ pub fn report(args: &ReportArgs) -> Result<Exit, Stop> {
     let mut report = analyse(&recording, &out, &options, None, &interrupt)?;
     let but_whole = |stop: Stop| stop.also(format!("tables and plots are whole in {}", out.display()));
     models::write(&recording, &out).map_err(but_whole)?;
+    if !args.page.no_page {
+        let of_run = path.parent().unwrap_or(Path::new("."));
+        page::write(&recording, &out, &report, &page::surroundings(of_run), &interrupt).map_err(but_whole)?;
+    }
     // An unfinished recording is what was asked for; a damaged one is not what was written.
     let faulty = report.is_damaged.then(|| Stop::new(Exit::Frames, "the recording is damaged"));
     let faulty = faulty.or_else(|| no_pixel_counted(&report));
@@ -69,6 +74,9 @@ pub fn report(args: &ReportArgs) -> Result<Exit, Stop> {
     let printed =
         if args.json { print_output(Output::Report, report.json.clone()) } else { print(summary(&report, &out)) };
     printed.map_err(but_whole)?;
+    if args.page.open {
+        page::open(&out);
+    }
     Ok(faulty.map_or(Exit::Whole, |stop| stop.exit))
 }
 
@@ -181,6 +189,7 @@ pub fn summary(report: &Summary, folder: &Path) -> String {
         (report.distances, "error against distance", "error_vs_distance.{csv,parquet,svg}"),
         (folder.join(SAMPLES).is_file(), "a row a scored pixel", "samples.parquet (`depthloom analyse` asks it)"),
         (report.learning_curves > 0, "learning curves", "learning_curves.{csv,parquet,svg}"),
+        (folder.join(PAGE).is_file(), "all of it on one page", "report.html (`depthloom report RUN --open`)"),
         (folder.join(models::FOLDER).is_dir(), "learnt models", "models/<stage>.<node>.onnx"),
     ];
     let there = files.iter().filter(|(is_there, ..)| *is_there);

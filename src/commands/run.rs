@@ -15,6 +15,7 @@ use depthloom_runner::{Checkpoints, Interrupt, Options, Report, RunError};
 use serde_json::{Value as Json, json};
 
 use super::check::load;
+use super::page;
 use super::report::{RECORDING, TIMINGS, analyse, no_pixel_counted, summary, write_timings};
 use super::samples;
 use crate::args::RunArgs;
@@ -89,6 +90,9 @@ pub fn run(args: &RunArgs, registry: &Registry) -> Result<Exit, Stop> {
         told["error"] = diagnostics::error_json(stop);
     }
     show(args, report, told, &out).map_err(|stop| stop.also(format!("the run is whole in {}", out.display())))?;
+    if args.page.open {
+        page::open(&out);
+    }
     Ok(incomplete.map_or(Exit::Whole, |stop| {
         say(&stop.message);
         stop.exit
@@ -344,8 +348,14 @@ fn finish(
     if args.samples {
         samples::write(&recording, &folder.file(SAMPLES), is_silent(args), interrupt)?;
     }
-    let environment = environment();
+    let mut environment = environment();
     folder.write(ENVIRONMENT, &format!("{environment:#}\n"))?;
+    if !args.page.no_page {
+        page::write(&recording, &folder.partial, &report, &page::surroundings(&folder.partial), interrupt)?;
+        // The page's memory is the run's, too.
+        environment::measure_again(&mut environment);
+        folder.write(ENVIRONMENT, &format!("{environment:#}\n"))?;
+    }
     let (frames, failures) = failures::told(&recording);
     Ok(Finished { report, environment, key: plan_key(recording.plan()).to_string(), frames, failures })
 }

@@ -5,7 +5,7 @@ use std::fs;
 use std::io::{self, Read as _, Seek as _, SeekFrom};
 use std::path::Path;
 
-use depthloom_analysis::{LEADING, TABLE_MARK};
+use depthloom_analysis::{LEADING, PAGE, PAGE_MARK, TABLE_MARK};
 
 use super::marker::MARKER;
 
@@ -13,7 +13,7 @@ use super::marker::MARKER;
 const FILES: [&str; 6] =
     [MARKER, "recording.mcap", "experiment.yaml", "experiment.resolved.yaml", "environment.json", "timings.parquet"];
 /// And its reports.
-const REPORT: [&str; 14] = [
+const REPORT: [&str; 15] = [
     "scores.csv",
     "scores.parquet",
     "table.csv",
@@ -28,11 +28,12 @@ const REPORT: [&str; 14] = [
     "learning_curves.parquet",
     "learning_curves.svg",
     "samples.parquet",
+    PAGE,
 ];
 /// The folders, and the endings of what they hold.
 const FOLDERS: [(&str, &[&str]); 2] = [("experiment", &["yaml", "yml"]), ("models", &["onnx"])];
 
-/// A table with the name of a report's that no report wrote.
+/// A table or a page with the name of a report's that no report wrote.
 pub fn not_of_a_report(folder: &Path) -> Option<String> {
     // A report's tables, and how those of 0.1.0 began.
     const TABLES: [(&str, &str); 5] = [
@@ -43,6 +44,9 @@ pub fn not_of_a_report(folder: &Path) -> Option<String> {
         ("learning_curves", "curve,step,"),
     ];
     let now = LEADING[..2].join(",");
+    if first_bytes(&folder.join(PAGE)).is_some_and(|first| !first.starts_with(PAGE_MARK.as_bytes())) {
+        return Some(PAGE.to_owned());
+    }
     TABLES.into_iter().find_map(|(table, before)| {
         let (csv, parquet) = (format!("{table}.csv"), format!("{table}.parquet"));
         let first = first_bytes(&folder.join(&csv));

@@ -7,6 +7,7 @@ mod architecture;
 mod axes;
 mod broken_data;
 mod broken_files;
+mod browser;
 mod commands;
 mod compare;
 mod data;
@@ -29,6 +30,7 @@ mod networks;
 #[path = "../../nodes/tests/nodes/onnx_file.rs"]
 mod onnx_file;
 mod outputs;
+mod page;
 mod python_package;
 mod python_reads;
 mod replay;

@@ -1,10 +1,11 @@
-//! What tests need and may not find: the folder of reference data, Python with packages, ONNX Runtime.
+//! What tests need and may not find: the folder of reference data, Python with packages, ONNX Runtime, Chromium.
 //!
 //! A test that cannot have it is skipped: it passes, says so on the standard error itself (the test harness swallows what a
 //! passing test prints), and [leaves a record](skips) that `tests/skipped.rs`, the last program of `cargo test --workspace`,
-//! counts. Where `DEPTHLOOM_REQUIRE_SHARED` or `DEPTHLOOM_REQUIRE_PYTHON` is set (and not `0`), it fails instead.
+//! counts. Where `DEPTHLOOM_REQUIRE_SHARED`, `DEPTHLOOM_REQUIRE_PYTHON` or `DEPTHLOOM_REQUIRE_CHROMIUM` is set (and not `0`), it fails instead.
 
 mod book;
+mod chromium;
 mod lichtblick;
 mod python;
 mod rerun;
@@ -14,6 +15,7 @@ pub mod signals;
 pub mod skips;
 
 pub use book::mdbook;
+pub use chromium::chromium;
 pub use lichtblick::lichtblick;
 pub use python::{onnx_runtime, python, python_package};
 pub use rerun::{Rerun, rerun};

@@ -1,0 +1,285 @@
+//! What the page shows of a recording that may hold more than a page can: which estimators, which maps, which frames.
+
+use std::collections::{BTreeSet, HashMap, HashSet};
+
+use depthloom_graphs::ValueType;
+use depthloom_graphs::contracts::Slot;
+use depthloom_recording::Recording;
+use depthloom_scores::PixelSet;
+
+use crate::estimators::Estimator;
+use crate::scores::FrameScore;
+use crate::table::Table;
+
+/// So many estimators have curves, and so many of them pictures.
+const MOST_CURVES: usize = 24;
+const MOST_PICTURED: usize = 12;
+/// So many maps a stage run has.
+const MOST_LAYERS: usize = 32;
+/// So many frames all stage runs that scored something have together, and so many those that scored nothing; each of these few.
+const MOST_FRAMES: usize = 200;
+const MOST_UNSCORED: usize = 40;
+const FEW: usize = 10;
+/// So many frames stand in the figure of scores by frame.
+const MOST_POINTS: usize = 1000;
+/// So many of the worst and of the best frames of an estimator have pictures in any case.
+const EXTREMES: usize = 3;
+
+/// What a map is on the page.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Role {
+    Image,
+    Truth,
+    Estimate,
+    Other,
+}
+
+impl Role {
+    pub(super) const fn name(self) -> &'static str {
+        match self {
+            Self::Image => "image",
+            Self::Truth => "truth",
+            Self::Estimate => "estimate",
+            Self::Other => "other",
+        }
+    }
+}
+
+/// A topic whose values the page shows.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Layer {
+    pub(super) topic: String,
+    /// Its name for people: the topic without its stage.
+    pub(super) name: String,
+    pub(super) role: Role,
+    /// The name of what it carries.
+    pub(super) value_type: String,
+    /// Of an estimate: the estimators whose it is, and of the first of them the place of the truth among the layers.
+    pub(super) estimators: Vec<usize>,
+    pub(super) truth: Option<usize>,
+}
+
+/// A stage run whose maps the page shows.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Series {
+    pub(super) run: usize,
+    pub(super) layers: Vec<Layer>,
+    /// How many maps were recorded, of which these are.
+    pub(super) recorded: usize,
+    /// The positions of its frames.
+    pub(super) positions: Vec<usize>,
+}
+
+/// The estimators with curves: all, or those that all variants share and the best of the others by the table's first score.
+pub(super) fn estimators_shown(estimators: &[Estimator], table: Option<&Table>) -> Vec<usize> {
+    best(estimators, table, &(0..estimators.len()).collect::<Vec<_>>(), MOST_CURVES)
+}
+
+/// The first so many of some estimators, in their order.
+fn best(estimators: &[Estimator], table: Option<&Table>, of: &[usize], most: usize) -> Vec<usize> {
+    if of.len() <= most {
+        return of.to_vec();
+    }
+    let metric = table.and_then(|table| table.metrics.first());
+    let means: HashMap<&str, f64> = table.map_or_else(HashMap::new, |table| {
+        let columns = table
+            .columns
+            .iter()
+            .rev()
+            .filter_map(|column| Some((column.label.as_str(), column.means.first().copied()??)));
+        columns.collect()
+    });
+    let sign = if metric.is_some_and(|metric| metric.more_is_better) { -1.0 } else { 1.0 };
+    let rank = |index: usize| {
+        let estimator = &estimators[index];
+        let mean = means.get(estimator.label.as_str()).filter(|mean| mean.is_finite());
+        (estimator.lead.variant.is_some(), mean.is_none(), mean.map_or(0.0, |mean| sign * mean))
+    };
+    let mut ranked = of.to_vec();
+    ranked.sort_by(|&a, &b| rank(a).partial_cmp(&rank(b)).unwrap_or(std::cmp::Ordering::Equal).then(a.cmp(&b)));
+    ranked.truncate(most);
+    ranked.sort_unstable();
+    ranked
+}
+
+/// What is shown of each stage run that recorded a map.
+pub(super) fn series(
+    recording: &Recording,
+    estimators: &[Estimator],
+    shown: &[usize],
+    table: Option<&Table>,
+    scores: &[FrameScore],
+) -> Vec<Series> {
+    let plan = recording.plan();
+    let mut all: Vec<Series> =
+        (0..plan.runs.len()).filter_map(|run| layers(recording, estimators, shown, table, run)).collect();
+    let is_scored = |series: &Series| series.layers.iter().any(|layer| !layer.estimators.is_empty());
+    let scored = all.iter().filter(|series| is_scored(series)).count();
+    let others = all.len() - scored;
+    for series in &mut all {
+        let most = match (is_scored(series), scored) {
+            (true, _) => MOST_FRAMES / scored,
+            (false, 0) => MOST_FRAMES / others,
+            (false, _) => FEW.min(MOST_UNSCORED / others),
+        };
+        let wanted = extremes(series, estimators, scores);
+        let kept: Vec<usize> = (0..recording.frames(series.run).len())
+            .step_by(usize::try_from(plan.every.max(1)).unwrap_or(usize::MAX))
+            .collect();
+        series.positions = spread(&kept, &wanted, most.max(1));
+    }
+    all.retain(|series| !series.positions.is_empty());
+    all
+}
+
+/// The maps of a stage run: images first, then truths, estimates, and what they were made of.
+fn layers(
+    recording: &Recording,
+    estimators: &[Estimator],
+    shown: &[usize],
+    table: Option<&Table>,
+    run: usize,
+) -> Option<Series> {
+    let (plan, planned) = (recording.plan(), &recording.plan().runs[run]);
+    let own: Vec<usize> = shown.iter().copied().filter(|&index| estimators[index].run == run).collect();
+    let pictured = best(estimators, table, &own, MOST_PICTURED);
+    let variants: HashSet<&str> =
+        pictured.iter().filter_map(|&index| estimators[index].lead.variant.as_deref()).collect();
+    let topic_of = |topic: &str| plan.find(run, topic).map(|(_, output)| output.topic.clone());
+    let truths: HashSet<String> =
+        estimators.iter().filter(|of| of.run == run).filter_map(|of| topic_of(of.truth_topic.as_ref()?)).collect();
+    let mut of_topic: HashMap<String, Vec<usize>> = HashMap::new();
+    for &index in &pictured {
+        if let Some(topic) = estimators[index].estimate_topic.as_ref().and_then(|topic| topic_of(topic)) {
+            of_topic.entry(topic).or_default().push(index);
+        }
+    }
+    let every_estimate: HashSet<String> =
+        estimators.iter().filter(|of| of.run == run).filter_map(|of| topic_of(of.estimate_topic.as_ref()?)).collect();
+    let is_map = |value_type| {
+        use ValueType::{Depth, Disparity, Image, Mask, TrueDisparity, Weight};
+        matches!(value_type, Image | Disparity | TrueDisparity | Depth | Weight | Mask)
+    };
+    let maps = || {
+        plan.outputs(run)
+            .filter(|(_, output)| output.recorded && !output.once && output.value_type().is_some_and(is_map))
+    };
+    let mut found = Vec::new();
+    for (slot, output) in maps() {
+        let of = of_topic.get(&output.topic);
+        let role = match (output.value_type(), of) {
+            (Some(ValueType::Image), _) => Role::Image,
+            _ if truths.contains(&output.topic) => Role::Truth,
+            (_, Some(_)) => Role::Estimate,
+            _ if every_estimate.contains(&output.topic) => continue,
+            _ => Role::Other,
+        };
+        // Of many variants those alone whose estimates are shown.
+        if let (Role::Other, Slot::Node { node, .. }) = (role, slot) {
+            let of_node = &planned.nodes[node].variants;
+            let is_of =
+                |variant: &usize| plan.variants.get(*variant).is_some_and(|name| variants.contains(name.as_str()));
+            if of_node.len() < plan.variants.len() && !of_node.iter().any(is_of) && !variants.is_empty() {
+                continue;
+            }
+        }
+        let name = output.topic.strip_prefix(&planned.prefix).unwrap_or(&output.topic).trim_start_matches('/');
+        found.push(Layer {
+            topic: output.topic.clone(),
+            name: name.to_owned(),
+            role,
+            value_type: output.value_type.clone(),
+            estimators: of.cloned().unwrap_or_default(),
+            truth: None,
+        });
+    }
+    // Within a role as the plan has them.
+    found.sort_by_key(|layer| layer.role as u8);
+    found.truncate(MOST_LAYERS);
+    for place in 0..found.len() {
+        let truth =
+            found[place].estimators.first().and_then(|&index| topic_of(estimators[index].truth_topic.as_ref()?));
+        found[place].truth = truth.and_then(|truth| found.iter().position(|layer| layer.topic == truth));
+    }
+    let recorded = maps().count();
+    (!found.is_empty()).then_some(Series { run, layers: found, recorded, positions: Vec::new() })
+}
+
+/// The positions of the frames on which the pictured estimators are worst and best by their first score.
+fn extremes(series: &Series, estimators: &[Estimator], scores: &[FrameScore]) -> BTreeSet<usize> {
+    let mut positions = BTreeSet::new();
+    for &index in series.layers.iter().flat_map(|layer| &layer.estimators) {
+        let Some(metric) = estimators[index].metrics.first() else { continue };
+        let Some(set) = set_of(&estimators[index]) else { continue };
+        let own =
+            scores.iter().filter(|score| score.estimator == index && score.row.set == set && score.row.zone.is_empty());
+        let mut values: Vec<(f64, usize)> = own
+            .filter_map(|score| Some((score.row.get(metric).filter(|value| value.is_finite())?, score.position)))
+            .collect();
+        values.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        positions.extend(
+            values.iter().take(EXTREMES).chain(values.iter().rev().take(EXTREMES)).map(|(_, position)| *position),
+        );
+    }
+    positions
+}
+
+/// The pixel set that an estimator is ranked over: all true pixels where it was scored on them.
+pub(super) fn set_of(estimator: &Estimator) -> Option<PixelSet> {
+    estimator.sets.iter().copied().min()
+}
+
+/// The positions in the figure of scores by frame, of a stage run with so many frames.
+pub(super) fn points(frames: usize, pictured: &BTreeSet<usize>) -> Vec<usize> {
+    spread(&(0..frames).collect::<Vec<_>>(), pictured, MOST_POINTS)
+}
+
+/// At most so many of some positions: the wanted ones first, then others evenly, the first and the last among them.
+pub(super) fn spread(positions: &[usize], wanted: &BTreeSet<usize>, most: usize) -> Vec<usize> {
+    if positions.len() <= most {
+        return positions.to_vec();
+    }
+    let wanted: BTreeSet<usize> =
+        positions.iter().copied().filter(|position| wanted.contains(position)).take(most / 2).collect();
+    let with = |even: usize| -> BTreeSet<usize> {
+        let at = |i: usize| positions[i * (positions.len() - 1) / (even - 1).max(1)];
+        wanted.iter().copied().chain((0..even).map(at)).collect()
+    };
+    // Some of the even ones are wanted ones: then there is room for more.
+    let mut chosen = with(most - wanted.len());
+    for even in most - wanted.len()..=most {
+        let more = with(even);
+        if more.len() > most {
+            break;
+        }
+        chosen = more;
+    }
+    chosen.into_iter().collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn of_many_frames_the_wanted_are_there_and_the_others_are_even() {
+        let positions: Vec<usize> = (0..1000).collect();
+        let chosen = spread(&positions, &BTreeSet::from([17, 18, 19, 500]), 20);
+        assert!((18..=20).contains(&chosen.len()), "{chosen:?}");
+        assert!([0, 17, 18, 19, 500, 999].iter().all(|position| chosen.contains(position)), "{chosen:?}");
+        assert!(chosen.windows(2).all(|two| two[1] - two[0] <= 80), "{chosen:?}");
+        assert_eq!(spread(&positions[..5], &BTreeSet::new(), 20), [0, 1, 2, 3, 4]);
+        assert_eq!(spread(&positions, &BTreeSet::new(), 1), [0]);
+    }
+
+    #[test]
+    fn of_many_estimators_the_shared_and_the_best_are_shown() {
+        let mut estimators: Vec<Estimator> = (0..40)
+            .map(|i| Estimator::of_depths(&format!("v{i}/fused"), Some(&format!("v{i}")), "fused", &[PixelSet::All]))
+            .collect();
+        estimators.insert(0, Estimator::of_depths("stereo", None, "stereo", &[PixelSet::All]));
+        let shown = estimators_shown(&estimators, None);
+        assert_eq!(shown, (0..MOST_CURVES).collect::<Vec<_>>());
+        assert_eq!(estimators_shown(&estimators[..3], None), [0, 1, 2]);
+    }
+}

@@ -1,0 +1,294 @@
+//! What the page knows: one JSON object, from which its script makes tables and figures.
+
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+
+use depthloom_recording::{RecordedFrame, RecordedPlan, Recording};
+use depthloom_scores::PixelSet;
+use serde_json::{Map, Value as Json, json};
+
+use super::choice::{self, Series};
+use super::pictures::Pictures;
+use super::planes::Scale;
+use crate::colours::colour;
+use crate::distance::{DistanceBin, Spread};
+use crate::estimators::Estimator;
+use crate::leading::{Leads, plan_key, variant_of};
+use crate::paper::paper_scores;
+use crate::report::Found;
+use crate::scores::FrameScore;
+use crate::table::{Table, TableColumn};
+use crate::timings::Timing;
+
+/// So many failures are told one by one.
+const MOST_FAILURES: usize = 200;
+/// So many nodes of a plan stand in the list of keys.
+const MOST_NODES: usize = 400;
+/// Significant digits of what is drawn and of what stands in the table.
+const DRAWN: usize = 5;
+const TABLED: usize = 7;
+
+/// A number with some significant digits; null where there is none.
+fn number(number: Option<f64>, digits: usize) -> Json {
+    let number = number.filter(|number| number.is_finite());
+    number.map_or(Json::Null, |number| format!("{number:.*e}", digits - 1).parse::<f64>().unwrap_or(number).into())
+}
+
+fn numbers(all: impl IntoIterator<Item = Option<f64>>) -> Json {
+    all.into_iter().map(|one| number(one, DRAWN)).collect()
+}
+
+/// The table: its scores, and a row an estimator and pixel set.
+pub(super) fn table(table: &Table, estimators: &[Estimator]) -> Json {
+    let by_label: HashMap<&str, &Estimator> = estimators.iter().map(|of| (of.label.as_str(), of)).collect();
+    let names = names(estimators);
+    let metrics = table.metrics.iter().map(|metric| {
+        json!({
+            "name": metric.name, "plain": metric.plain, "unit": metric.unit, "more": metric.more_is_better,
+            "decimals": metric.decimals, "formula": metric.formula, "source": metric.source,
+        })
+    });
+    let rows = table.columns.iter().enumerate().map(|(place, column)| {
+        let paper = by_label.get(column.label.as_str()).and_then(|of| paper_scores(of, column.set));
+        let with_paper = TableColumn { paper, ..column.clone() };
+        json!({
+            "stage": column.lead.stage,
+            "variant": column.lead.variant,
+            "estimator": column.estimator,
+            "colour": colour(&names, &column.estimator),
+            "set": column.set.name(),
+            "factors": column.lead.factors.iter().map(|level| &level.value).collect::<Vec<_>>(),
+            "frames": column.frames,
+            "density": number(column.density, TABLED),
+            "means": column.means.iter().map(|mean| number(*mean, TABLED)).collect::<Vec<_>>(),
+            "intervals": column.intervals.iter().map(|of| of.map(|of| [number(Some(of.low), TABLED), number(Some(of.high), TABLED)])).collect::<Vec<_>>(),
+            "best": (0..table.metrics.len()).filter(|&line| table.is_best(line, place)).collect::<Vec<_>>(),
+            "paper": paper.map(|_| table.metrics.iter().map(|metric| number(with_paper.paper_of(metric), TABLED)).collect::<Vec<_>>()),
+        })
+    });
+    let axes =
+        table.columns.first().map(|column| column.lead.factors.iter().map(|level| &level.axis).collect::<Vec<_>>());
+    json!({
+        "about": table.about(),
+        "best": table.best_of(),
+        "axes": axes,
+        "metrics": metrics.collect::<Vec<_>>(),
+        "rows": rows.collect::<Vec<_>>(),
+    })
+}
+
+/// Names as they first come: they choose the colours.
+fn names(estimators: &[Estimator]) -> Vec<&str> {
+    let mut known = BTreeSet::new();
+    estimators.iter().map(|of| of.name.as_str()).filter(|name| known.insert(*name)).collect()
+}
+
+/// The estimators with curves; all else names them by their place here.
+pub(super) fn estimators(estimators: &[Estimator], shown: &[usize]) -> Json {
+    let names = names(estimators);
+    let one = |&index: &usize| {
+        let of = &estimators[index];
+        json!({
+            "label": of.label, "name": of.name, "stage": of.lead.stage, "variant": of.lead.variant, "run": of.run,
+            "colour": colour(&names, &of.name), "preset": of.preset,
+            "sets": of.sets.iter().map(|set| set.name()).collect::<Vec<_>>(),
+            "set": choice::set_of(of).map(PixelSet::name),
+            "metrics": of.metrics.iter().map(|metric| metric.name).collect::<Vec<_>>(),
+        })
+    };
+    shown.iter().map(one).collect()
+}
+
+/// Error against distance: of each estimator shown the metres, and the spread on what it answered and on what all did.
+pub(super) fn distances(found: &Found, shown: &[usize]) -> Json {
+    let of_one = |(place, index): (usize, &usize)| {
+        let bins: Vec<&DistanceBin> = found.bins.iter().filter(|bin| bin.estimator == *index).collect();
+        let spread = |of: &dyn Fn(&DistanceBin) -> Option<Spread>| {
+            let percentile = |i: usize| numbers(bins.iter().map(|bin| of(bin).map(|spread| spread.percentiles_m[i])));
+            json!({
+                "count": bins.iter().map(|bin| of(bin).map_or(0, |spread| spread.count)).collect::<Vec<_>>(),
+                "percentiles": (0..5).map(percentile).collect::<Vec<_>>(),
+            })
+        };
+        (!bins.is_empty()).then(|| {
+            json!({
+                "estimator": place,
+                "metres": bins.iter().map(|bin| bin.bin_m).collect::<Vec<_>>(),
+                "answered": spread(&|bin| Some(bin.answered)),
+                "common": spread(&|bin| bin.shared),
+            })
+        })
+    };
+    let truth: Vec<(u32, u64)> = found.truth.iter().map(|(metre, count)| (*metre, *count)).collect();
+    json!({ "estimators": shown.iter().enumerate().filter_map(of_one).collect::<Vec<_>>(), "truth": truth })
+}
+
+/// Scores by frame, a part a stage run.
+pub(super) fn scores(
+    recording: &Recording,
+    estimators: &[Estimator],
+    shown: &[usize],
+    series: &[Series],
+    scores: &[FrameScore],
+) -> Json {
+    let mut parts = Vec::new();
+    for (run, planned) in recording.plan().runs.iter().enumerate() {
+        let own: Vec<(usize, usize)> =
+            shown.iter().copied().enumerate().filter(|(_, index)| estimators[*index].run == run).collect();
+        if own.is_empty() {
+            continue;
+        }
+        let frames = recording.frames(run);
+        let pictured =
+            series.iter().filter(|series| series.run == run).flat_map(|series| series.positions.iter().copied());
+        let positions = choice::points(frames.len(), &pictured.collect());
+        let places: HashMap<usize, usize> =
+            positions.iter().enumerate().map(|(place, position)| (*position, place)).collect();
+        let mut rows: BTreeMap<(usize, &str), Vec<Option<&FrameScore>>> = BTreeMap::new();
+        let shown_as: HashMap<usize, usize> = own.iter().map(|(place, index)| (*index, *place)).collect();
+        for score in scores.iter().filter(|score| score.row.zone.is_empty()) {
+            let (Some(estimator), Some(place)) = (shown_as.get(&score.estimator), places.get(&score.position)) else {
+                continue;
+            };
+            let row = rows.entry((*estimator, score.row.set.name())).or_insert_with(|| vec![None; positions.len()]);
+            row[*place] = Some(score);
+        }
+        let lines = rows.iter().map(|((estimator, set), row)| {
+            let of = &estimators[shown[*estimator]];
+            let values = of.metrics.iter().map(|metric| {
+                (metric.name.to_owned(), numbers(row.iter().map(|score| score.as_ref()?.row.get(metric))))
+            });
+            let pixels: Vec<Option<u64>> =
+                row.iter().map(|score| score.as_ref().map(|score| score.row.pixels)).collect();
+            json!({ "estimator": estimator, "set": set, "pixels": pixels, "values": values.collect::<Map<_, _>>() })
+        });
+        parts.push(json!({
+            "run": run,
+            "name": planned.name(),
+            "frames": frames.len(),
+            "positions": positions,
+            "ids": positions.iter().map(|&position| &*frames[position].id).collect::<Vec<_>>(),
+            "lines": lines.collect::<Vec<_>>(),
+        }));
+    }
+    parts.into()
+}
+
+/// The stage runs with pictures: maps, and frames.
+pub(super) fn pictures(
+    recording: &Recording,
+    estimators: &[Estimator],
+    shown: &[usize],
+    series: &[Series],
+    pictures: &Pictures,
+) -> Json {
+    let place = |index: &usize| shown.iter().position(|of| of == index);
+    let one = |(of, there): (&Series, &Vec<bool>)| {
+        let planned = &recording.plan().runs[of.run];
+        let frames = recording.frames(of.run);
+        let layers = of.layers.iter().zip(there).map(|(layer, there)| {
+            json!({
+                "name": layer.name,
+                "role": layer.role.name(),
+                "type": layer.value_type,
+                "scale": Scale::of(&layer.value_type, pictures.size.steps).map(Scale::json),
+                "labels": layer.estimators.iter().map(|&index| &estimators[index].label).collect::<Vec<_>>(),
+                "estimators": layer.estimators.iter().filter_map(place).collect::<Vec<_>>(),
+                "truth": layer.truth,
+                "there": there,
+            })
+        });
+        let failed = |frame: &RecordedFrame| -> Vec<String> {
+            let node =
+                |node: Option<usize>| node.and_then(|node| planned.nodes.get(node)).map_or("source", |node| &node.name);
+            frame.failures.iter().map(|failure| format!("{}: {}", node(failure.node), failure.what)).collect()
+        };
+        let shown = of.positions.iter().map(|&position| {
+            let frame = &frames[position];
+            let mut told = json!({ "position": position, "id": &*frame.id });
+            if !frame.failures.is_empty() {
+                told["failures"] = failed(frame).into();
+            }
+            told
+        });
+        json!({
+            "run": of.run,
+            "name": planned.name(),
+            "frames_in_all": frames.len(),
+            "maps_in_all": of.recorded,
+            "layers": layers.collect::<Vec<_>>(),
+            "frames": shown.collect::<Vec<_>>(),
+        })
+    };
+    series.iter().zip(&pictures.there).map(one).collect()
+}
+
+/// Learning curves.
+pub(super) fn curves(found: &Found) -> Json {
+    let one = |curve: &crate::curves::LearningCurve| {
+        let points = &curve.curve.points;
+        json!({
+            "label": curve.label,
+            "step": points.iter().map(|point| point.step).collect::<Vec<_>>(),
+            "loss": numbers(points.iter().map(|point| Some(point.loss))),
+            "validation": numbers(points.iter().map(|point| point.validation)),
+        })
+    };
+    found.curves.iter().map(one).collect()
+}
+
+/// What failed, frame by frame.
+pub(super) fn failures(recording: &Recording) -> Json {
+    let plan = recording.plan();
+    let mut in_all = 0;
+    let mut told = Vec::new();
+    for (run, planned) in plan.runs.iter().enumerate() {
+        for (position, frame) in recording.frames(run).iter().enumerate() {
+            in_all += frame.failures.len();
+            for failure in frame.failures.iter().take(MOST_FAILURES.saturating_sub(told.len())) {
+                let node = failure.node.and_then(|node| planned.nodes.get(node));
+                told.push(json!({
+                    "stage": planned.name(), "position": position, "frame": &*frame.id,
+                    "node": node.map_or("source", |node| &node.name), "what": failure.what,
+                }));
+            }
+        }
+    }
+    json!({ "in_all": in_all, "told": told })
+}
+
+/// Where the time went.
+pub(super) fn timings(timings: &[Timing]) -> Json {
+    let ms = |ns: u64| number(Some(ns as f64 / 1e6), DRAWN);
+    let one = |timing: &Timing| {
+        json!({
+            "stage": timing.lead.stage, "variant": timing.lead.variant, "node": timing.node, "phase": timing.phase,
+            "frames": timing.frames, "cpu_ms": ms(timing.cpu_ns), "wall_ms": ms(timing.wall_ns), "median_ms": timing.median_cpu_ns.map(ms),
+        })
+    };
+    timings.iter().map(one).collect()
+}
+
+/// What it takes to make the run again: keys, and what every node was given.
+pub(super) fn keys(plan: &RecordedPlan) -> Json {
+    let leads = Leads::new(plan);
+    let sources = plan.runs.iter().flat_map(|run| {
+        run.source.parts.iter().map(|part| json!({ "stage": run.name(), "name": run.source.name, "kind": part.kind, "version": part.version, "params": part.params }))
+    });
+    let nodes = plan.runs.iter().flat_map(|run| {
+        let leads = &leads;
+        run.nodes.iter().map(move |node| {
+            json!({
+                "stage": run.stage, "variant": leads.of_those(&run.stage, &node.variants).variant, "name": node.name, "kind": node.kind,
+                "version": node.version, "recipe": node.recipe.to_string(), "params": node.params,
+            })
+        })
+    });
+    json!({
+        "plan": plan_key(plan).to_string(),
+        "variants": plan.variants.len(),
+        "sources": sources.take(MOST_NODES).collect::<Vec<_>>(),
+        "nodes": nodes.take(MOST_NODES).collect::<Vec<_>>(),
+        "nodes_in_all": plan.runs.iter().map(|run| run.nodes.len()).sum::<usize>(),
+        "runs": plan.runs.iter().map(|run| json!({ "stage": run.stage, "variant": variant_of(plan, &run.variants) })).collect::<Vec<_>>(),
+    })
+}

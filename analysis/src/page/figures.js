@@ -1,0 +1,224 @@
+// Figures that answer to the pointer: uPlot draws them, the number under the pointer stands beside it.
+const THIN = 100; // pixels: fewer say little of a bin
+
+/**
+ * A figure in `place`: `lines` of { values, stroke, dash, width, points, hidden }, `bands` of [upper, lower, fill], by place among the lines.
+ * `told(i)` gives what stands beside the pointer at the i-th x, `pressed(i)` is called with the one that was pressed.
+ */
+function figure(place, { x, lines, bands = [], height = 340, xLabel, yLabel, yRange, xRange, log = false, told, pressed, sync, bars = false, whole = false }) {
+  place.replaceChildren();
+  const quiet = () => colourOf("--quiet"), grid = () => colourOf("--line") + "88";
+  const axis = (text, size) => ({ label: text, labelSize: 22, size, stroke: quiet, grid: { stroke: grid, width: 1 }, ticks: { stroke: grid, width: 1, size: 5 }, font: "12px system-ui, sans-serif", labelFont: "12px system-ui, sans-serif" });
+  const hover = el("div", { className: "hover", hidden: true });
+  const values = (_, ticks) => ticks.map((tick) => (tick === null ? "" : String(+tick.toPrecision(6))));
+  const options = {
+    width: Math.max(280, place.clientWidth), height,
+    scales: {
+      x: { time: false, ...(xRange ? { range: (u, min, max) => (u.zoomed ? [min, max] : xRange) } : {}) },
+      y: { ...(log ? { distr: 3 } : {}), ...(yRange ? { range: () => yRange } : {}) },
+    },
+    legend: { show: false },
+    cursor: { drag: { x: true, y: false, setScale: true }, points: { show: !bars, size: 7 }, ...(sync ? { sync: { key: sync, setSeries: false } } : {}) },
+    axes: [{ ...axis(xLabel, 46), values, ...(whole ? { incrs: [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 1e4, 2e4, 5e4, 1e5, 1e6] } : {}) }, { ...axis(yLabel, 62), ...(log ? {} : { values }) }],
+    series: [{}, ...lines.map((line) => ({
+      stroke: line.stroke, width: line.width ?? 2, dash: line.dash, spanGaps: line.spanGaps ?? false, fill: line.fill,
+      points: line.points ?? { show: false }, ...(bars ? { paths: uPlot.paths.bars({ size: [1, 200], align: 0 }) } : {}),
+    }))],
+    bands: bands.map(([upper, lower, fill]) => ({ series: [upper + 1, lower + 1], fill })),
+    hooks: {
+      setCursor: [(u) => {
+        const i = u.cursor.idx;
+        if (i === null || i === undefined || u.cursor.left < 0 || !told) return void (hover.hidden = true);
+        const inner = told(i);
+        if (!inner) return void (hover.hidden = true);
+        hover.replaceChildren(inner);
+        hover.hidden = false;
+        const left = u.cursor.left + u.over.offsetLeft, room = place.clientWidth;
+        hover.style.top = "8px";
+        hover.style.left = left > room / 2 ? "" : `${left + 14}px`;
+        hover.style.right = left > room / 2 ? `${room - left + 14}px` : "";
+      }],
+      setSelect: [(u) => { u.zoomed = u.select.width > 0; }],
+    },
+  };
+  const plot = new uPlot(options, [x, ...lines.map((line) => line.values)], place);
+  plot.over.addEventListener("dblclick", () => reset());
+  place.append(hover);
+  const reset = () => {
+    plot.zoomed = false;
+    plot.setScale("x", xRange ? { min: xRange[0], max: xRange[1] } : { min: x[0], max: x[x.length - 1] });
+  };
+  const zoom = (factor) => {
+    const { min, max } = plot.scales.x, middle = (min + max) / 2, half = ((max - min) / 2) * factor;
+    const [from, to] = [Math.max(xRange ? xRange[0] : x[0], middle - half), Math.min(xRange ? xRange[1] : x[x.length - 1], middle + half)];
+    plot.zoomed = true;
+    if (to > from) plot.setScale("x", { min: from, max: to });
+  };
+  if (pressed) {
+    let down = 0;
+    plot.over.addEventListener("mousedown", (event) => { down = event.clientX; });
+    plot.over.addEventListener("click", (event) => { if (Math.abs(event.clientX - down) < 4 && plot.cursor.idx !== null) pressed(plot.cursor.idx); });
+    plot.over.style.cursor = "pointer";
+  }
+  const resized = new ResizeObserver(() => { if (place.isConnected && place.clientWidth > 0) plot.setSize({ width: place.clientWidth, height }); });
+  resized.observe(place);
+  const redraw = () => plot.redraw();
+  themed.push(redraw);
+  return { plot, reset, zoom, gone: () => { resized.disconnect(); themed.splice(themed.indexOf(redraw), 1); plot.destroy(); } };
+}
+
+const zoomButtons = (now) => [
+  el("button", { type: "button", onclick: () => now().zoom(0.5) }, "zoom in"),
+  el("button", { type: "button", onclick: () => now().zoom(2) }, "zoom out"),
+  el("button", { type: "button", onclick: () => now().reset() }, "all"),
+];
+
+/** A table beside the pointer. */
+const hoverTable = (title, head, rows) => el("div", {}, el("b", {}, title), el("table", {}, el("thead", {}, el("tr", {}, head.map((text) => el("th", {}, text)))), el("tbody", {}, rows)));
+
+/** The estimators that are ticked at first: all of few; of many those all variants share, and of the first variants. */
+function atFirst(places) {
+  const shared = places.filter((place) => D.estimators[place].variant === null);
+  return places.length <= 7 ? places : [...shared, ...places.filter((place) => !shared.includes(place))].slice(0, 5);
+}
+
+const named = (place) => ({ key: place, inner: [swatch(D.estimators[place]), D.estimators[place].label] });
+
+function distanceFigure() {
+  const all = D.distances.estimators;
+  if (!all.length) return without("distance");
+  const by = new Map(all.map((of) => [of.estimator, of]));
+  const anyCommon = all.some((of) => of.common.count.some((count) => count > 0));
+  const state = { set: anyCommon ? "common" : "answered", on: new Set(atFirst([...by.keys()])), wide: false, bands: true, log: false, figure: null, counts: null };
+  const plot = el("div", { className: "plot", id: "distance-plot" }), histogram = el("div", { className: "plot", id: "distance-counts" });
+  const truth = new Map(D.distances.truth);
+  const metres = [...new Set([...truth.keys(), ...all.flatMap((of) => of.metres)])].sort((a, b) => a - b);
+  const x = metres.map((metre) => metre + 0.5);
+  const xRange = [metres[0], metres[metres.length - 1] + 1];
+  const at = new Map(all.map((of) => [of.estimator, new Map(of.metres.map((metre, i) => [metre, i]))]));
+  const count = (place, metre) => { const i = at.get(place).get(metre); return i === undefined ? 0 : by.get(place)[state.set].count[i]; };
+  const value = (place, percentile, metre) => { const i = at.get(place).get(metre); return i === undefined ? null : by.get(place)[state.set].percentiles[percentile][i]; };
+  const show = () => {
+    const on = [...by.keys()].filter((place) => state.on.has(place));
+    const most = Math.max(0, ...on.flatMap((place) => metres.map((metre) => count(place, metre))));
+    const thin = (place, metre) => most > 10 * THIN && count(place, metre) < THIN;
+    const lines = [], bands = [];
+    let middle = 0, low = Infinity;
+    const tops = [];
+    for (const place of on) {
+      const of = D.estimators[place], first = lines.length;
+      const column = (percentile, keep) => metres.map((metre) => { const number = value(place, percentile, metre); return number === null || !keep(metre) || (state.log && number <= 0) ? null : number; });
+      const sure = (metre) => !thin(place, metre);
+      for (const percentile of [0, 1, 3, 4]) lines.push({ values: column(percentile, sure), stroke: "transparent", width: 0 });
+      lines.push({ values: column(2, sure), stroke: of.colour, dash: of.dash });
+      lines.push({ values: column(2, (metre) => !sure(metre)), stroke: of.colour, width: 0, points: { show: true, size: 6, stroke: of.colour, fill: () => colourOf("--ground") } });
+      if (state.bands && state.wide) bands.push([first + 3, first, faint(of.colour, 0.12)]);
+      if (state.bands) bands.push([first + 2, first + 1, faint(of.colour, 0.22)]);
+      const top = state.bands ? (state.wide ? 4 : 3) : 2;
+      for (const metre of metres) {
+        if (!sure(metre)) continue;
+        tops.push(value(place, top, metre) ?? 0);
+        middle = Math.max(middle, value(place, 2, metre) ?? 0);
+        const bottom = value(place, state.bands ? (state.wide ? 0 : 1) : 2, metre);
+        if (bottom > 0) low = Math.min(low, bottom);
+      }
+    }
+    // All lines, and all bands but for what few bins have: one that goes through the roof would press the others flat.
+    tops.sort((a, b) => a - b);
+    const high = Math.max(middle, tops[Math.floor(0.97 * (tops.length - 1))] ?? 0);
+    const told = (i) => {
+      const metre = metres[i];
+      const rows = on.filter((place) => count(place, metre) > 0).map((place) => el("tr", {},
+        el("td", { className: "text" }, swatch(D.estimators[place]), " ", D.estimators[place].label),
+        [2, 1, 3, 0, 4].map((percentile) => el("td", {}, short(value(place, percentile, metre), 3))),
+        el("td", {}, count(place, metre).toLocaleString("en"), thin(place, metre) ? " (few)" : "")));
+      return hoverTable(`true distance ${metre} to ${metre + 1} m: ${(truth.get(metre) ?? 0).toLocaleString("en")} true pixels`, ["|error| in m", "median", "25 %", "75 %", "5 %", "95 %", "pixels"], rows);
+    };
+    const zoomed = state.figure?.plot.zoomed ? { ...state.figure.plot.scales.x } : null;
+    state.figure?.gone();
+    state.counts?.gone();
+    const yRange = state.log ? [Math.max(low === Infinity ? 0.01 : low, high / 1e5 || 0.01), Math.max(high, 0.02)] : [0, (high || 1) * 1.04];
+    state.figure = figure(plot, { x, lines, bands, height: 360, xLabel: "true distance, m", yLabel: "|error|, m", yRange, xRange, log: state.log, told, sync: "distance" });
+    const counts = metres.map((metre) => truth.get(metre) ?? 0);
+    state.counts = figure(histogram, { x, lines: [{ values: counts, stroke: "#8d99ae", fill: "#8d99ae66", width: 1 }], height: 130, xLabel: "true distance, m", yLabel: "true pixels", xRange, yRange: [0, Math.max(1, ...counts) * 1.05], bars: true, sync: "distance", told: (i) => el("span", {}, `${metres[i]} to ${metres[i] + 1} m: ${counts[i].toLocaleString("en")} true pixels`) });
+    if (zoomed) [state.figure, state.counts].forEach((of) => { of.plot.zoomed = true; of.plot.setScale("x", { min: zoomed.min, max: zoomed.max }); });
+  };
+  const box = (text, name) => label(text, el("input", { type: "checkbox", checked: state[name], onchange: (event) => { state[name] = event.target.checked; show(); } }));
+  const both = () => ({ zoom: (factor) => [state.figure, state.counts].forEach((of) => of.zoom(factor)), reset: () => [state.figure, state.counts].forEach((of) => of.reset()) });
+  byId("distance-body").append(
+    el("p", { className: "quiet" }, `The absolute error in each metre of true distance: line: median; band: 25 to 75 %. A hollow dot is a bin of fewer than ${THIN} pixels. Drag to zoom, double-click for all.${D.estimators_in_all > D.estimators.length ? ` Of ${D.estimators_in_all} estimators, those that all variants share and the best by ${D.table.metrics[0].name} are here: ${D.estimators.length}; error_vs_distance.csv has all.` : ""}`),
+    ticks("estimators", [...by.keys()].map(named), state.on, (on) => { state.on = on; show(); }),
+    el("div", { className: "controls" },
+      anyCommon ? label("over", choose([["common", "the pixels that all estimators answered"], ["answered", "all that each answered"]], state.set, (set) => { state.set = set; show(); })) : "Each over the pixels it answered, which are not the same ones.",
+      box("25 to 75 %", "bands"), box("5 to 95 % too", "wide"), box("logarithmic", "log"), zoomButtons(both)),
+    plot, histogram);
+  show();
+}
+
+function frameFigure() {
+  const parts = D.scores.filter((part) => part.lines.length);
+  if (!parts.length) return without("by-frame");
+  const state = { part: parts[0], metric: null, set: null, on: new Set(), figure: null };
+  const plot = el("div", { className: "plot", id: "by-frame-plot" }), controls = el("div"), told = el("p", { className: "quiet" });
+  const lines = () => state.part.lines.filter((line) => line.set === state.set && state.on.has(line.estimator) && line.values[state.metric]);
+  const show = () => {
+    const part = state.part, shown = lines();
+    state.figure?.gone();
+    const points = { show: part.positions.length <= 120, size: 5 };
+    const x = part.positions;
+    state.figure = figure(plot, {
+      x, height: 300, whole: true, xLabel: "frame, by position", yLabel: [plainOf(state.metric), unitOf(state.metric)].filter(Boolean).join(", "),
+      xRange: [x[0] - 0.5, x[x.length - 1] + 0.5],
+      lines: shown.map((line) => ({ values: line.values[state.metric], stroke: D.estimators[line.estimator].colour, dash: D.estimators[line.estimator].dash, width: 1.5, points })),
+      told: (i) => hoverTable(`${part.ids[i]} (position ${x[i]})`, ["", plainOf(state.metric), "pixels"], shown.map((line) => el("tr", {}, el("td", { className: "text" }, swatch(D.estimators[line.estimator]), " ", D.estimators[line.estimator].label), el("td", {}, short(line.values[state.metric][i])), el("td", {}, line.pixels[i]?.toLocaleString("en") ?? "–")))),
+      pressed: (i) => goTo(part.run, x[i]),
+    });
+    told.textContent = `A press goes to the frame's pictures. Drag to zoom, double-click for all.${part.positions.length < part.frames ? ` ${part.positions.length} of ${part.frames.toLocaleString("en")} frames; scores.csv has all.` : ""}`;
+  };
+  const setUp = () => {
+    const part = state.part;
+    const metrics = [...new Set(part.lines.flatMap((line) => Object.keys(line.values)))];
+    const sets = [...new Set(part.lines.map((line) => line.set))];
+    state.metric = metrics.includes(state.metric) ? state.metric : metrics.includes("abs_rel") ? "abs_rel" : metrics[0];
+    state.set = sets.includes(state.set) ? state.set : sets.includes("all") ? "all" : sets[0];
+    const places = [...new Set(part.lines.map((line) => line.estimator))];
+    state.on = new Set(atFirst(places));
+    controls.replaceChildren(
+      ticks("estimators", places.map(named), state.on, (on) => { state.on = on; show(); }),
+      el("div", { className: "controls" },
+        parts.length > 1 ? label("stage", choose(parts.map((of) => [of.name, of.name]), part.name, (name) => { state.part = parts.find((of) => of.name === name); setUp(); })) : null,
+        label("score", choose(metrics.map((name) => [name, plainOf(name)]), state.metric, (metric) => { state.metric = metric; show(); })),
+        sets.length > 1 ? label("pixels", choose(sets.map((set) => [set, set]), state.set, (set) => { state.set = set; show(); })) : null,
+        zoomButtons(() => state.figure)));
+    show();
+  };
+  byId("by-frame-body").append(told, controls, plot);
+  setUp();
+}
+
+function learningFigures() {
+  if (!D.curves.length) return without("learning");
+  for (const curve of D.curves) {
+    const numbers = [...curve.loss, ...curve.validation].filter((number) => number !== null);
+    if (!numbers.length) continue;
+    const [low, high] = [Math.min(...numbers), Math.max(...numbers)];
+    const state = { log: low > 0 && high > 10 * low, figure: null };
+    const plot = el("div", { className: "plot" });
+    const validated = curve.validation.some((number) => number !== null);
+    const show = () => {
+      state.figure?.gone();
+      state.figure = figure(plot, {
+        x: curve.step, height: 260, whole: true, xLabel: "step", yLabel: "loss", log: state.log, xRange: [0, curve.step[curve.step.length - 1] || 1],
+        lines: [
+          { values: curve.loss, stroke: "#0077bb", points: { show: curve.loss.length < 40, size: 5 } },
+          ...(validated ? [{ values: curve.validation, stroke: "#cc3311", spanGaps: true, points: { show: true, size: 5 } }] : []),
+        ],
+        told: (i) => el("span", {}, `step ${curve.step[i].toLocaleString("en")}: loss ${short(curve.loss[i])}${curve.validation[i] === null ? "" : `, validation ${short(curve.validation[i])}`}`),
+      });
+    };
+    const key = (colour, text) => el("span", {}, el("span", { className: "swatch", style: { borderTopColor: colour, marginRight: ".4em", verticalAlign: "middle" } }), text);
+    byId("learning-body").append(el("h3", {}, curve.label), el("div", { className: "controls" }, key("#0077bb", "training"), validated ? key("#cc3311", "validation") : null,
+      low > 0 ? label("logarithmic", el("input", { type: "checkbox", checked: state.log, onchange: (event) => { state.log = event.target.checked; show(); } })) : null, zoomButtons(() => state.figure)), plot);
+    show();
+  }
+}

@@ -1,0 +1,72 @@
+// What is around tables, figures and frames: the head, notes, times, and how it is made again.
+function head() {
+  const made = D.environment?.finished_utc;
+  byId("experiment").textContent = D.experiment;
+  byId("about").textContent = D.about;
+  const frames = D.condition?.frames ?? 0;
+  byId("made").textContent = [
+    D.variants > 1 ? plural(D.variants, "variant") : null, plural(frames, "frame"), D.condition?.condition && D.condition.condition !== "whole" ? `recording ${D.condition.condition}` : null,
+    made ? `run ended ${made.replace(/T(\d\d)-(\d\d)-(\d\d)Z/, " $1:$2:$3 UTC")}` : null, `page by depthloom ${D.depthloom}`].filter(Boolean).join(" · ");
+  byId("theme").addEventListener("click", () => setDark(!isDark()));
+  const notes = [...(D.notes ?? [])];
+  byId("notes").append(...notes.map((note) => el("p", { className: "note" }, note)));
+}
+
+function contents() {
+  byId("contents").append(...[...document.querySelectorAll("main section")].map((section) => el("a", { href: `#${section.id}` }, section.querySelector("h2").textContent)));
+}
+
+const grid = (columns, rows) => el("div", { className: "scrolls tall", tabIndex: 0, role: "group" }, el("table", {}, el("thead", {}, el("tr", {}, columns.map(([name, text]) => el("th", { className: text ? "text" : "" }, name)))), el("tbody", {}, rows)));
+const terms = (pairs) => el("dl", {}, pairs.filter(([, value]) => value !== null && value !== undefined && value !== "").flatMap(([term, value]) => [el("dt", {}, term), el("dd", {}, value)]));
+
+function times() {
+  const E = D.environment, body = byId("time-body");
+  if (!E && !D.timings.length && !D.failures.in_all) return without("time");
+  if (E) {
+    const network = E.networks ? [E.networks.engine, E.networks.version, E.networks.ran_on?.length ? `on ${E.networks.ran_on.join(", ")}` : null].filter(Boolean).join(" ") : null;
+    body.append(terms([
+      ["machine", [E.os, E.architecture, E.cores ? plural(E.cores, "core") : null, E.simd?.length ? E.simd.join(", ") : null].filter(Boolean).join(", ")],
+      ["depthloom", E.depthloom], ["networks", network], ["workers", E.workers === undefined ? null : String(E.workers)],
+      ["time", E.wall_s === undefined ? null : `${short(E.wall_s, 3)} s from start to tables`],
+    ]));
+  }
+  if (D.timings.length) {
+    const rows = D.timings.map((row) => ({ ...row, ms: row.frames ? row.cpu_ms / row.frames : 0 }));
+    const whole = rows.reduce((sum, row) => sum + row.cpu_ms, 0) || 1;
+    rows.sort((a, b) => b.cpu_ms - a.cpu_ms);
+    const most = rows[0].cpu_ms || 1, SHOWN = 300;
+    body.append(
+      el("p", { className: "quiet" }, `Processor time of all threads, longest first; what was taken from earlier runs has none.${rows.length > SHOWN ? ` The first ${SHOWN} of ${rows.length}; \`depthloom timings\` has all.` : ""}`),
+      grid([["stage", true], ["variant", true], ["node", true], ["phase", true], ["times"], ["core-ms each"], ["median"], ["core-s in all"], ["share"], [""]], rows.slice(0, SHOWN).map((row) => el("tr", {},
+        [row.stage, row.variant ?? "", row.node, row.phase].map((text) => el("td", { className: "text", title: text }, text)),
+        [row.frames.toLocaleString("en"), short(row.ms, 3), row.median_ms === null ? "–" : short(row.median_ms, 3), short(row.cpu_ms / 1000, 3), `${((100 * row.cpu_ms) / whole).toFixed(1)} %`].map((text) => el("td", {}, text)),
+        el("td", { className: "text" }, el("span", { className: "bar", style: { width: `${Math.max(1, (120 * row.cpu_ms) / most)}px` } }))))));
+  }
+  if (D.failures.in_all) {
+    const { in_all, told } = D.failures;
+    body.append(el("h3", {}, "What failed"), told.length < in_all ? el("p", { className: "quiet" }, `The first ${told.length} of ${in_all}.`) : "",
+      grid([["stage", true], ["frame", true], ["node", true], ["what", true]], told.map((of) => el("tr", {}, el("td", { className: "text" }, of.stage),
+        el("td", { className: "text" }, el("button", { type: "button", onclick: () => goTo(D.pictures.find((part) => part.name === of.stage)?.run, of.position) }, of.frame)), el("td", { className: "text" }, of.node), el("td", { className: "text wraps" }, of.what)))));
+  }
+}
+
+function again() {
+  const quoted = (text) => (/^[\w@%+=:,./-]+$/.test(text) ? text : `'${text.replaceAll("'", "'\\''")}'`);
+  const K = D.keys, body = byId("again-body"), command = D.environment?.arguments;
+  if (command) body.append(el("p", {}, "The command that made it:"), el("pre", { id: "command" }, command.map(quoted).join(" ")));
+  body.append(
+    el("p", {}, "From its own folder, with every parameter as it was:"), el("pre", {}, "depthloom run experiment.resolved.yaml"),
+    el("p", {}, "It is the same run if the plan's key is the same, and the same values where the keys of nodes are (", el("code", {}, "depthloom info --keys RUN"), "; ", el("code", {}, "depthloom replay RUN --check"), " makes them again and compares)."),
+    terms([["key of the plan", el("code", {}, K.plan)], ["depthloom", D.environment?.depthloom ?? null]]));
+  const parameters = (of) => el("td", { className: "text wraps" }, Object.entries(of.params ?? {}).map(([name, value]) => `${name}: ${typeof value === "string" ? value : JSON.stringify(value)}`).join(", "));
+  body.append(
+    el("details", {}, el("summary", {}, `sources (${K.sources.length})`), grid([["stage", true], ["source", true], ["kind", true], ["parameters", true]], K.sources.map((of) => el("tr", {}, el("td", { className: "text" }, of.stage), el("td", { className: "text" }, of.name), el("td", { className: "text" }, `${of.kind} ${of.version}`), parameters(of))))),
+    el("details", {}, el("summary", {}, `nodes (${K.nodes_in_all}${K.nodes.length < K.nodes_in_all ? `, the first ${K.nodes.length}` : ""}) with their recipes: the hash of kind, version, parameters and of what goes in`),
+      grid([["stage", true], ["variant", true], ["node", true], ["kind", true], ["recipe", true], ["parameters", true]], K.nodes.map((of) => el("tr", {}, el("td", { className: "text" }, of.stage), el("td", { className: "text" }, of.variant ?? ""), el("td", { className: "text" }, of.name), el("td", { className: "text" }, `${of.kind} ${of.version}`), el("td", { className: "text", title: of.recipe }, el("code", {}, of.recipe.slice(0, 12))), parameters(of))))));
+}
+
+for (const part of [head, scoreTable, distanceFigure, frameViews, frameFigure, learningFigures, times, again, contents]) part();
+// Paper is light.
+let wasDark = false;
+addEventListener("beforeprint", () => { wasDark = isDark(); setDark(false); });
+addEventListener("afterprint", () => setDark(wasDark));

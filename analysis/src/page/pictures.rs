@@ -1,0 +1,380 @@
+//! The pictures of frames: read from the recording, made smaller, and kept in a temporary file until the page is written.
+//!
+//! How small they are made follows from how many there are, so that a page of any run stays below 40 MB. Samples are picked, not averaged, so
+//! that each is a value that the recording holds; where a truth is sparse, of each small square the pixel that has one, in all maps alike, so
+//! that an error is that of one pixel.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{self, Read, Seek as _, SeekFrom, Write};
+use std::num::NonZero;
+use std::ops::Range;
+use std::sync::{Mutex, PoisonError};
+use std::thread;
+
+use depthloom_graphs::Value;
+use depthloom_graphs::values::{Image, Pixels};
+use depthloom_recording::Recording;
+use depthloom_threads::{Budget, Tiles as _};
+use image::ExtendedColorType;
+use image::codecs::jpeg::JpegEncoder;
+use image::imageops::thumbnail;
+use serde_json::{Value as Json, json};
+
+use super::choice::{Layer, Role, Series};
+use super::planes::{COARSE, FINE, Samples, Scale, Steps, packed, text};
+use crate::error::{AnalysisError, caught};
+use crate::files::Output;
+
+/// The most bytes that the pictures take with the numbers of the page: with all else it has less than 40 MB.
+const MOST: u64 = 38_500_000;
+/// What the pictures have in any case.
+const LEAST: u64 = 4_000_000;
+/// A size whose estimate is above this share of what there is room for is not tried.
+const TRIED: f64 = 0.94;
+/// How many frames of each stage run are tried in every size.
+const PROBES: usize = 3;
+/// The quality of JPEG images, of 100.
+const QUALITY: u8 = 78;
+/// How many topics are read at once: what a thread holds in memory.
+const TOPICS_AT_ONCE: usize = 6;
+
+/// How large the pictures are, and how fine their numbers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Size {
+    /// The most columns of images; of estimates and truths; and of all other maps.
+    image: u32,
+    pub(super) main: u32,
+    other: u32,
+    pub(super) steps: Steps,
+}
+
+const fn size(image: u32, main: u32, other: u32, steps: Steps) -> Size {
+    Size { image, main, other, steps }
+}
+
+/// From the largest to the smallest.
+const SIZES: [Size; 15] = [
+    size(640, 640, 640, FINE),
+    size(640, 640, 320, FINE),
+    size(640, 640, 320, COARSE),
+    size(640, 560, 280, COARSE),
+    size(576, 496, 248, COARSE),
+    size(512, 432, 216, COARSE),
+    size(512, 384, 192, COARSE),
+    size(448, 336, 168, COARSE),
+    size(448, 300, 150, COARSE),
+    size(400, 272, 136, COARSE),
+    size(400, 248, 124, COARSE),
+    size(384, 224, 112, COARSE),
+    size(352, 200, 100, COARSE),
+    size(320, 176, 88, COARSE),
+    size(320, 152, 76, COARSE),
+];
+
+/// Pictures, and how they were made.
+pub(super) struct Pictures {
+    pub(super) size: Size,
+    /// By stage run, as [`Series`] come: the positions of its frames, and where the text of each lies in the file.
+    places: Vec<Vec<(usize, Range<u64>)>>,
+    file: File,
+    /// By series and layer, whether any frame has it.
+    pub(super) there: Vec<Vec<bool>>,
+    /// How many maps could not be read, for their bytes are damaged.
+    pub(super) damaged: u64,
+}
+
+impl Pictures {
+    /// Makes the pictures of all frames, beside so many bytes of numbers; the series' positions are those that found room.
+    pub(super) fn new(
+        recording: &Recording,
+        series: &mut [Series],
+        numbers: u64,
+        output: Output<'_>,
+    ) -> Result<Self, AnalysisError> {
+        let budget = MOST.saturating_sub(numbers).max(LEAST);
+        let room = TRIED * budget as f64;
+        let mut level = 0;
+        let all: usize = series.iter().map(|series| series.positions.len()).sum();
+        if all > PROBES {
+            // The first size that fits, by halves: each is smaller than the one before.
+            let (mut fits, mut last) = (SIZES.len(), 0.0);
+            while level < fits {
+                let tried = (level + fits) / 2;
+                let needed = probe(recording, series, SIZES[tried], output)?;
+                (level, fits) = if needed <= room { (level, tried) } else { (tried + 1, fits) };
+                last = needed;
+            }
+            if level == SIZES.len() {
+                level -= 1;
+                thin(series, room / last);
+            }
+        }
+        loop {
+            if let Some(pictures) = Self::of_size(recording, series, SIZES[level], budget, output)? {
+                return Ok(pictures);
+            }
+            if level + 1 < SIZES.len() {
+                level += 1;
+            } else {
+                thin(series, 0.8);
+            }
+        }
+    }
+
+    /// The pictures in a size; `None` if they are too many bytes.
+    fn of_size(
+        recording: &Recording,
+        series: &[Series],
+        size: Size,
+        budget: u64,
+        output: Output<'_>,
+    ) -> Result<Option<Self>, AnalysisError> {
+        let path = output.folder.join("a temporary file");
+        let file = tempfile::tempfile_in(output.folder).map_err(AnalysisError::write(&path))?;
+        let mut pictures = Self { size, places: Vec::new(), file, there: Vec::new(), damaged: 0 };
+        let threads = thread::available_parallelism().map_or(1, NonZero::get);
+        let mut end = 0;
+        for of in series {
+            let mut places = Vec::with_capacity(of.positions.len());
+            let mut there = vec![false; of.layers.len()];
+            // In order, and no more in memory than there are threads.
+            for positions in of.positions.chunks(2 * threads) {
+                for made in all_at_once(positions, threads, &|position| frame(recording, of, position, size, output))? {
+                    let Made { position, text, damaged } = made;
+                    pictures.damaged += damaged;
+                    there
+                        .iter_mut()
+                        .zip(text.split(|byte| *byte == b'\n'))
+                        .for_each(|(there, line)| *there |= !line.is_empty());
+                    pictures.file.write_all(&text).map_err(AnalysisError::write(&path))?;
+                    let start = end;
+                    end += text.len() as u64;
+                    places.push((position, start..end));
+                }
+                if end > budget && of.positions.len() > 1 {
+                    return Ok(None);
+                }
+            }
+            pictures.places.push(places);
+            pictures.there.push(there);
+        }
+        Ok(Some(pictures))
+    }
+
+    /// Writes the elements of all frames: `<script id="p0-17">` is that of the frame at position 17 of the first series.
+    pub(super) fn write(&mut self, out: &mut impl Write) -> io::Result<()> {
+        self.file.seek(SeekFrom::Start(0))?;
+        let mut file = io::BufReader::with_capacity(1 << 16, &self.file);
+        for (series, places) in self.places.iter().enumerate() {
+            for (position, place) in places {
+                write!(out, "<script type=\"text/plain\" id=\"p{series}-{position}\">")?;
+                let copied = io::copy(&mut (&mut file).take(place.end - place.start), out)?;
+                if copied < place.end - place.start {
+                    return Err(io::ErrorKind::UnexpectedEof.into());
+                }
+                out.write_all(b"</script>\n")?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// How many bytes the pictures are likely to take in a size.
+fn probe(recording: &Recording, series: &[Series], size: Size, output: Output<'_>) -> Result<f64, AnalysisError> {
+    let mut needed = 0.0;
+    for of in series {
+        let count = of.positions.len();
+        let some = PROBES.min(count);
+        let probes: Vec<usize> = (0..some).map(|i| of.positions[(2 * i + 1) * count / (2 * some)]).collect();
+        let made = all_at_once(&probes, some, &|position| frame(recording, of, position, size, output))?;
+        let bytes: usize = made.iter().map(|made| made.text.len()).sum();
+        needed += bytes as f64 / some as f64 * count as f64;
+    }
+    Ok(needed)
+}
+
+/// Leaves a share of the frames of each series, at least one.
+fn thin(series: &mut [Series], share: f64) {
+    for series in series {
+        let most = ((series.positions.len() as f64 * share) as usize).max(1);
+        series.positions = super::choice::spread(&series.positions, &std::collections::BTreeSet::new(), most);
+    }
+}
+
+/// A frame's text: a line a layer, empty where there is no value.
+struct Made {
+    position: usize,
+    text: Vec<u8>,
+    damaged: u64,
+}
+
+/// Makes all on several threads; in order, and of several that fail the first is told.
+fn all_at_once(
+    positions: &[usize],
+    threads: usize,
+    make: &(dyn Fn(usize) -> Result<Made, AnalysisError> + Sync),
+) -> Result<Vec<Made>, AnalysisError> {
+    let made: Mutex<BTreeMap<usize, Result<Made, AnalysisError>>> = Mutex::new(BTreeMap::new());
+    let budget = Budget::new(threads.max(1));
+    let _own = budget.permit();
+    budget.run(positions.len(), &|tile| {
+        let result = caught(|| make(positions[tile]));
+        made.lock().unwrap_or_else(PoisonError::into_inner).insert(tile, result);
+    });
+    made.into_inner().unwrap_or_else(PoisonError::into_inner).into_values().collect()
+}
+
+fn frame(
+    recording: &Recording,
+    series: &Series,
+    position: usize,
+    size: Size,
+    output: Output<'_>,
+) -> Result<Made, AnalysisError> {
+    output.go_on()?;
+    let layers = &series.layers;
+    let mut lines: Vec<Vec<u8>> = vec![Vec::new(); layers.len()];
+    let mut grids = Grids::default();
+    let mut damaged = 0;
+    // A truth decides which pixels are picked.
+    let (truths, others): (Vec<usize>, Vec<usize>) =
+        (0..layers.len()).partition(|&place| layers[place].role == Role::Truth);
+    let first_image = layers.iter().position(|layer| layer.role == Role::Image);
+    for places in truths.chunks(TOPICS_AT_ONCE).chain(others.chunks(TOPICS_AT_ONCE)) {
+        let topics: Vec<&str> = places.iter().map(|&place| layers[place].topic.as_str()).collect();
+        let values = match recording.reader(series.run, &topics).and_then(|mut reader| reader.read(position)) {
+            Ok(values) => values,
+            Err(error) if error.is_damage() => {
+                damaged += places.len() as u64;
+                continue;
+            }
+            Err(error) => return Err(error.into()),
+        };
+        for (&place, value) in places.iter().zip(values) {
+            let Some(value) = value else { continue };
+            let layer = &layers[place];
+            lines[place] = match &value {
+                Value::Image(image) => jpeg(image, if first_image == Some(place) { size.image } else { size.other })?,
+                value => map(value, layer, size, &mut grids),
+            };
+        }
+    }
+    let text = lines.join(&b'\n');
+    Ok(Made { position, text, damaged })
+}
+
+/// An image as `j` and its JPEG.
+fn jpeg(image: &Image, widest: u32) -> Result<Vec<u8>, AnalysisError> {
+    let (width, height) = smaller(image.dimensions(), widest);
+    let mut bytes = Vec::new();
+    let mut encoder = JpegEncoder::new_with_quality(&mut bytes, QUALITY);
+    let encoded = match image.pixels() {
+        Pixels::Grey(grey) => {
+            encoder.encode(thumbnail(grey, width, height).as_raw(), width, height, ExtendedColorType::L8)
+        }
+        Pixels::Rgb(rgb) => {
+            encoder.encode(thumbnail(rgb, width, height).as_raw(), width, height, ExtendedColorType::Rgb8)
+        }
+    };
+    encoded.map_err(|error| AnalysisError::content(format!("an image of {width}x{height} is no JPEG: {error}")))?;
+    Ok([b"j".as_slice(), &text(&bytes)].concat())
+}
+
+/// A map as its width, its height, those of the recorded one, and its planes, with spaces between.
+fn map(value: &Value, layer: &Layer, size: Size, grids: &mut Grids) -> Vec<u8> {
+    let (Some(samples), Some(scale)) = (Samples::of(value), Scale::of(&layer.value_type, size.steps)) else {
+        return Vec::new();
+    };
+    let widest = if layer.role == Role::Other { size.other } else { size.main };
+    let from = (samples.width, samples.height);
+    let (width, height) = smaller(from, widest);
+    if layer.role == Role::Truth && grids.truth.is_none() {
+        grids.truth =
+            Some((from, (0..from.0 as usize * from.1 as usize).map(|place| samples.at(place).is_some()).collect()));
+    }
+    let places = grids.places(from, (width, height));
+    let planes = text(&packed(&samples, places, width as usize, scale));
+    [format!("{width} {height} {} {} ", from.0, from.1).as_bytes(), &planes].concat()
+}
+
+/// A size no wider than that, of the same shape.
+fn smaller((width, height): (u32, u32), widest: u32) -> (u32, u32) {
+    if width <= widest {
+        return (width, height);
+    }
+    let height = (u64::from(height) * u64::from(widest) + u64::from(width) / 2) / u64::from(width);
+    (widest, u32::try_from(height).unwrap_or(u32::MAX).max(1))
+}
+
+/// Which pixels of a frame are picked.
+#[derive(Default)]
+struct Grids {
+    /// The size of the frame's first truth, and where it has one.
+    truth: Option<((u32, u32), Vec<bool>)>,
+    /// By size and smaller size: the places of the pixels.
+    grids: BTreeMap<[u32; 4], Vec<usize>>,
+}
+
+impl Grids {
+    /// The places of the pixels that a smaller map has of one.
+    fn places(&mut self, from: (u32, u32), to: (u32, u32)) -> &[usize] {
+        let truth = self.truth.as_ref().filter(|(size, _)| *size == from).map(|(_, there)| there.as_slice());
+        self.grids.entry([from.0, from.1, to.0, to.1]).or_insert_with(|| {
+            let columns: Vec<Range<usize>> = (0..to.0).map(|x| cell(x, from.0, to.0)).collect();
+            let rows = (0..to.1).map(|y| cell(y, from.1, to.1));
+            rows.flat_map(|row| {
+                columns.iter().map(move |column| picked(column.clone(), row.clone(), from.0 as usize, truth))
+            })
+            .collect()
+        })
+    }
+}
+
+/// The samples of a line that one of a shorter line stands for.
+fn cell(place: u32, from: u32, to: u32) -> Range<usize> {
+    let start = |place: u32| (u64::from(place) * u64::from(from) / u64::from(to)) as usize;
+    start(place)..start(place + 1).max(start(place) + 1)
+}
+
+/// The pixel of a cell nearest its centre, of those with a truth if any has one.
+fn picked(columns: Range<usize>, rows: Range<usize>, width: usize, truth: Option<&[bool]>) -> usize {
+    let (x, y) = ((columns.start + columns.end - 1) / 2, (rows.start + rows.end - 1) / 2);
+    let centre = y * width + x;
+    match truth {
+        Some(truth) if !truth[centre] => {
+            let far = |place: &usize| (place % width).abs_diff(x).pow(2) + (place / width).abs_diff(y).pow(2);
+            let with = rows.flat_map(|row| columns.clone().map(move |column| row * width + column));
+            with.filter(|&place| truth[place]).min_by_key(far).unwrap_or(centre)
+        }
+        _ => centre,
+    }
+}
+
+/// What the page says of the numbers' steps.
+pub(super) fn steps_json(size: Size) -> Json {
+    json!({ "depth": size.steps.depth, "disparity_px": size.steps.disparity_px, "widest": size.main })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_smaller_map_is_made_of_pixels_with_a_truth_where_there_are_any() {
+        let mut there = vec![false; 9 * 6];
+        there[2 * 9 + 8] = true;
+        let mut grids = Grids { truth: Some(((9, 6), there)), ..Grids::default() };
+        assert_eq!(grids.places((9, 6), (3, 2)), [10, 13, 26, 37, 40, 43]);
+        assert_eq!(grids.places((6, 4), (3, 2)), [0, 2, 4, 12, 14, 16], "of another size, the middle ones");
+        assert_eq!(grids.places((2, 1), (2, 1)), [0, 1]);
+    }
+
+    #[test]
+    fn a_smaller_size_has_the_same_shape() {
+        assert_eq!(
+            [smaller((1242, 375), 414), smaller((320, 96), 640), smaller((5000, 1), 100)],
+            [(414, 125), (320, 96), (100, 1)]
+        );
+    }
+}

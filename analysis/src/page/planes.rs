@@ -1,0 +1,220 @@
+//! A map as few bytes, which a browser takes apart by itself: numbers in steps, as the differences from what their neighbours promise.
+//!
+//! A map of `n` samples is one bit a sample, row-major, the lowest bit first (set: there is an answer), then `n` low and `n` high bytes of 16-bit differences,
+//! all of it deflated (RFC 1951). A difference is that of a sample's step from the median of its left and upper neighbour and
+//! their sum less the one between them (LOCO-I), modulo 2^16, with its sign in the lowest bit. What has no answer counts as what was promised.
+
+use depthloom_graphs::Value;
+use libm::{log, round};
+use miniz_oxide::deflate::compress_to_vec;
+use serde_json::{Value as Json, json};
+
+/// Better packing than this costs several times as long.
+const LEVEL: u8 = 6;
+
+/// The smallest depth that has a step of its own, metres.
+const NEAREST_M: f64 = 1e-3;
+/// The smallest disparity that has one, pixels.
+const LOWEST_PX: f64 = -512.0;
+/// The most steps there are.
+const STEPS: f64 = 65_535.0;
+
+/// How fine the steps are.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Steps {
+    /// Between two depths, as a share of them.
+    pub(super) depth: f64,
+    /// Between two disparities, pixels.
+    pub(super) disparity_px: f64,
+}
+
+/// Fine steps where there is room for them, and coarse ones.
+pub(super) const FINE: Steps = Steps { depth: 0.001, disparity_px: 1.0 / 16.0 };
+pub(super) const COARSE: Steps = Steps { depth: 0.01, disparity_px: 1.0 / 8.0 };
+
+/// Which number a step stands for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Scale {
+    /// `from * exp(step * code)`.
+    Log { from: f64, step: f64 },
+    /// `from + step * code`.
+    Linear { from: f64, step: f64 },
+}
+
+impl Scale {
+    /// That of a type of values, by its name; `None` of what is no map.
+    pub(super) fn of(value_type: &str, steps: Steps) -> Option<Self> {
+        match value_type {
+            "depth" => Some(Self::Log { from: NEAREST_M, step: log(1.0 + steps.depth) }),
+            "disparity" | "true-disparity" => Some(Self::Linear { from: LOWEST_PX, step: steps.disparity_px }),
+            "weight" => Some(Self::Linear { from: 0.0, step: 1.0 / 256.0 }),
+            "mask" => Some(Self::Linear { from: 0.0, step: 1.0 }),
+            _ => None,
+        }
+    }
+
+    pub(super) fn json(self) -> Json {
+        match self {
+            Self::Log { from, step } => json!({ "log": true, "from": from, "step": step }),
+            Self::Linear { from, step } => json!({ "log": false, "from": from, "step": step }),
+        }
+    }
+
+    /// The step nearest to a number.
+    fn code(self, number: f64) -> u16 {
+        let code = match self {
+            Self::Log { from, step } => log(number / from) / step,
+            Self::Linear { from, step } => (number - from) / step,
+        };
+        // NaN is no number here, and what is beyond the steps has the first or the last.
+        round(code).clamp(0.0, STEPS) as u16
+    }
+}
+
+/// A map's samples: width, height, and each by its place.
+pub(super) struct Samples<'a> {
+    pub(super) width: u32,
+    pub(super) height: u32,
+    value: &'a Value,
+}
+
+impl<'a> Samples<'a> {
+    /// Of a map; `None` of what is none, or has no pixels.
+    pub(super) fn of(value: &'a Value) -> Option<Self> {
+        let (width, height) = match value {
+            Value::Depth(map) => map.metres.dimensions(),
+            Value::Disparity(map) => map.sixteenths_px.dimensions(),
+            Value::TrueDisparity(map) => map.px.dimensions(),
+            Value::Weight(map) => map.share.dimensions(),
+            Value::Mask(map) => map.set.dimensions(),
+            _ => return None,
+        };
+        (width > 0 && height > 0).then_some(Self { width, height, value })
+    }
+
+    /// The sample at a place, row-major: metres, pixels, or a share; `None` where there is no answer.
+    pub(super) fn at(&self, place: usize) -> Option<f64> {
+        let number = |number: f32| number.is_finite().then_some(f64::from(number));
+        match self.value {
+            // Not above zero is no depth, whoever wrote it.
+            Value::Depth(map) => number(map.metres.as_raw()[place]).filter(|metres| *metres > 0.0),
+            Value::Disparity(map) => {
+                let sixteenths = map.sixteenths_px.as_raw()[place];
+                (i32::from(sixteenths) >= map.min_disparity_px * 16).then(|| f64::from(sixteenths) / 16.0)
+            }
+            Value::TrueDisparity(map) => number(map.px.as_raw()[place]),
+            Value::Weight(map) => number(map.share.as_raw()[place]),
+            Value::Mask(map) => Some(f64::from(u8::from(map.set.as_raw()[place] > 0))),
+            _ => None,
+        }
+    }
+}
+
+/// The bytes of the samples at some places, which are a map of that width.
+pub(super) fn packed(samples: &Samples<'_>, places: &[usize], width: usize, scale: Scale) -> Vec<u8> {
+    compress_to_vec(
+        &differences(places.iter().map(|&place| samples.at(place).map(|number| scale.code(number))), width),
+        LEVEL,
+    )
+}
+
+fn differences(codes: impl ExactSizeIterator<Item = Option<u16>>, width: usize) -> Vec<u8> {
+    let length = codes.len();
+    let mut bytes = vec![0; length.div_ceil(8) + 2 * length];
+    let (answered, planes) = bytes.split_at_mut(length.div_ceil(8));
+    let (low, high) = planes.split_at_mut(length);
+    let mut filled: Vec<u16> = Vec::with_capacity(length);
+    for (i, code) in codes.enumerate() {
+        let promised = promised(&filled, width);
+        let value = code.unwrap_or(promised);
+        let difference = value.wrapping_sub(promised).cast_signed();
+        // 0, -1, 1, -2, ...: small whatever the sign.
+        let difference = ((difference << 1) ^ (difference >> 15)).cast_unsigned();
+        [low[i], high[i]] = difference.to_le_bytes();
+        answered[i / 8] |= u8::from(code.is_some()) << (i % 8);
+        filled.push(value);
+    }
+    bytes
+}
+
+/// What the samples before promise of the next.
+fn promised(before: &[u16], width: usize) -> u16 {
+    let i = before.len();
+    match (i % width, i / width) {
+        (0, 0) => 0,
+        (_, 0) => before[i - 1],
+        (0, _) => before[i - width],
+        _ => {
+            let (left, above, corner) = (before[i - 1], before[i - width], before[i - width - 1]);
+            let (less, more) = (left.min(above), left.max(above));
+            if corner >= more {
+                less
+            } else if corner <= less {
+                more
+            } else {
+                // Between the two, whatever happens on the way there.
+                left.wrapping_add(above).wrapping_sub(corner)
+            }
+        }
+    }
+}
+
+/// The text of some bytes (RFC 4648, base64).
+pub(super) fn text(bytes: &[u8]) -> Vec<u8> {
+    const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let mut text = Vec::with_capacity(bytes.len().div_ceil(3) * 4);
+    for three in bytes.chunks(3) {
+        let byte = |i: usize| u32::from(three.get(i).copied().unwrap_or(0));
+        let bits = byte(0) << 16 | byte(1) << 8 | byte(2);
+        let digit = |i: usize| if i <= three.len() { DIGITS[(bits >> (18 - 6 * i)) as usize & 63] } else { b'=' };
+        text.extend((0..4).map(digit));
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use miniz_oxide::inflate::decompress_to_vec;
+    use proptest::prelude::*;
+
+    use super::*;
+
+    /// As the page does it.
+    fn taken_apart(bytes: &[u8], length: usize, width: usize) -> Vec<Option<u16>> {
+        let (answered, planes) = bytes.split_at(length.div_ceil(8));
+        let mut filled = Vec::new();
+        for i in 0..length {
+            let difference = u16::from_le_bytes([planes[i], planes[length + i]]);
+            let difference = (difference >> 1) ^ (difference & 1).wrapping_neg();
+            filled.push(promised(&filled, width).wrapping_add(difference));
+        }
+        (0..length).map(|i| (answered[i / 8] >> (i % 8) & 1 == 1).then_some(filled[i])).collect()
+    }
+
+    proptest! {
+        #[test]
+        fn any_map_comes_back(codes in proptest::collection::vec(proptest::option::of(any::<u16>()), 1..200), width in 1_usize..20) {
+            let packed = compress_to_vec(&differences(codes.iter().copied(), width), LEVEL);
+            prop_assert_eq!(taken_apart(&decompress_to_vec(&packed).unwrap(), codes.len(), width), codes);
+        }
+
+        #[test]
+        fn a_number_is_at_most_half_a_step_off(metres in 0.01_f64..5000.0, px in -500.0_f64..3000.0) {
+            for steps in [FINE, COARSE] {
+                let Some(scale @ Scale::Log { from, step }) = Scale::of("depth", steps) else { unreachable!() };
+                let back = from * (step * f64::from(scale.code(metres))).exp();
+                prop_assert!((back / metres - 1.0).abs() <= 0.51 * steps.depth, "{} for {}", back, metres);
+                let Some(scale @ Scale::Linear { from, step }) = Scale::of("disparity", steps) else { unreachable!() };
+                let back = from + step * f64::from(scale.code(px));
+                prop_assert!((back - px).abs() <= 0.501 * steps.disparity_px, "{} for {}", back, px);
+            }
+        }
+    }
+
+    #[test]
+    fn base64_is_that_of_its_standard() {
+        let texts = ["", "f", "fo", "foo", "foob", "fooba", "foobar"];
+        let expected = ["", "Zg==", "Zm8=", "Zm9v", "Zm9vYg==", "Zm9vYmE=", "Zm9vYmFy"];
+        assert_eq!(texts.map(|of| String::from_utf8(text(of.as_bytes())).unwrap()), expected);
+    }
+}

@@ -1,0 +1,79 @@
+// The table of scores: sorted by any column, filtered, with the paper's numbers where they are asked for.
+const AT_FIRST = 100;
+
+function scoreTable() {
+  const T = D.table;
+  if (!T || !T.rows.length) return without("table");
+  const state = { sort: null, down: false, paper: false, all: T.rows.length <= 2 * AT_FIRST, filter: "" };
+  const several = (of) => new Set(T.rows.map(of)).size > 1;
+  const axes = (T.axes ?? []).map((axis, i) => ({ name: axis, text: true, of: (row) => row.factors[i], numeric: T.rows.every((row) => row.factors[i] === null || (row.factors[i].trim() !== "" && Number.isFinite(+row.factors[i]))) }));
+  const columns = [
+    several((row) => row.stage) && { name: "stage", text: true, of: (row) => row.stage },
+    several((row) => row.variant) && { name: "variant", text: true, of: (row) => row.variant ?? "" },
+    { name: "estimator", text: true, of: (row) => row.estimator },
+    several((row) => row.set) && { name: "set", text: true, of: (row) => row.set },
+    ...axes.filter((axis) => several(axis.of)),
+    ...T.metrics.map((metric, i) => ({ name: metric.name, head: metric.plain || metric.name, metric, i, of: (row) => row.means[i] })),
+    { name: "density", of: (row) => row.density, decimals: 3, title: "the share of true pixels that was answered" },
+    { name: "frames", of: (row) => row.frames, decimals: 0, title: "frames with a pixel to score" },
+  ].filter(Boolean);
+  const cell = (column, row) => {
+    const value = column.of(row);
+    if (column.text) return el("td", { className: "text", title: value ?? "" }, column.name === "estimator" ? [el("span", { className: "swatch", style: { borderTopColor: row.colour, width: "1em", verticalAlign: "middle", marginRight: ".4em" } }), value] : value ?? "");
+    const decimals = column.metric?.decimals ?? column.decimals;
+    const text = value === null ? "–" : column.name === "frames" ? value.toLocaleString("en") : value.toFixed(decimals);
+    const td = el("td", { title: value === null ? "" : String(value) }, text);
+    if (column.metric) {
+      if (row.best.includes(column.i)) {
+        td.className = "best";
+        td.append("*");
+      }
+      const interval = row.intervals?.[column.i];
+      if (interval) td.append(el("span", { className: "beside" }, `[${interval.map((end) => end.toFixed(decimals)).join(", ")}]`));
+      const paper = state.paper ? row.paper?.[column.i] : null;
+      if (paper !== null && paper !== undefined) td.append(el("span", { className: "beside" }, `paper ${paper.toFixed(2)}`));
+    }
+    return td;
+  };
+  const compare = (column, a, b) => {
+    const [x, y] = [column.of(a), column.of(b)];
+    if (x === null || y === null) return (x === null) - (y === null);
+    const order = column.text && !column.numeric ? String(x).localeCompare(String(y), "en", { numeric: true }) : x - y;
+    return state.down ? -order : order;
+  };
+  const body = el("tbody"), head = el("tr"), more = el("p", { className: "quiet" });
+  const show = () => {
+    head.replaceChildren(...columns.map((column) => {
+      const metric = column.metric;
+      const arrow = metric ? (metric.more ? " ↑" : " ↓") : "";
+      const sorted = state.sort === column;
+      const press = () => {
+        state.down = sorted ? !state.down : Boolean(metric?.more) || column.name === "frames" || column.name === "density";
+        state.sort = column;
+        show();
+        head.children[columns.indexOf(column)].firstChild.focus();
+      };
+      const [name, aside] = (column.head ?? column.name).split(/ (?=\()/);
+      const title = metric ? `${metric.formula}\n${metric.source}` : column.title ?? "";
+      return el("th", { className: column.text ? "text" : "", scope: "col", "aria-sort": sorted ? (state.down ? "descending" : "ascending") : "none" },
+        el("button", { type: "button", onclick: press, title }, `${name}${arrow}${sorted ? (state.down ? " ▾" : " ▴") : ""}`),
+        el("small", {}, metric?.unit || aside || "\u00a0"));
+    }));
+    const words = state.filter.toLowerCase().split(/\s+/).filter(Boolean);
+    const text = (row) => [row.stage, row.variant, row.estimator, row.set].join(" ").toLowerCase();
+    let rows = T.rows.filter((row) => words.every((word) => text(row).includes(word)));
+    if (state.sort) rows = [...rows].sort((a, b) => compare(state.sort, a, b));
+    const shown = state.all ? rows : rows.slice(0, AT_FIRST);
+    body.replaceChildren(...shown.map((row) => el("tr", {}, columns.map((column) => cell(column, row)))));
+    more.replaceChildren(...(shown.length < rows.length ? [`${shown.length} of ${rows.length} rows. `, el("button", { type: "button", onclick: () => { state.all = true; show(); } }, "show all")] : []));
+  };
+  const controls = [];
+  if (T.rows.some((row) => row.paper)) controls.push(label("the paper's numbers (Martins et al. 2018)", el("input", { type: "checkbox", id: "paper", onchange: (event) => { state.paper = event.target.checked; show(); } })));
+  if (T.rows.length > 12) controls.push(label("rows with", el("input", { type: "text", placeholder: "words", oninput: (event) => { state.filter = event.target.value; show(); } })));
+  byId("table-body").append(
+    el("p", { className: "quiet" }, `${T.about}${T.best ? `; * ${T.best}` : ""}. A press on a column sorts.`),
+    el("div", { className: "controls" }, controls),
+    el("div", { className: "scrolls tall", tabIndex: 0, role: "group", ariaLabel: "table of scores" }, el("table", { id: "scores" }, el("thead", {}, head), body)),
+    more);
+  show();
+}

@@ -1,0 +1,87 @@
+//! `report.html`: written, and opened in a browser.
+
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use depthloom_analysis::{AnalysisError, PAGE, Summary, Surroundings, read_timings, write_page};
+use depthloom_recording::Recording;
+use depthloom_runner::Interrupt;
+
+use super::report::TIMINGS;
+use crate::environment;
+use crate::exit::{Exit, Stop};
+use crate::streams::say;
+
+/// How long a browser that cannot be started has to say so.
+const STARTED: Duration = Duration::from_secs(2);
+
+/// Writes the page of a report into a folder.
+pub fn write(
+    recording: &Recording,
+    folder: &Path,
+    summary: &Summary,
+    surroundings: &Surroundings,
+    interrupt: &Interrupt,
+) -> Result<(), Stop> {
+    let written = write_page(recording, folder, summary, surroundings, &|| interrupt.stops_admission());
+    written.map(|_| ()).map_err(|error| match error {
+        AnalysisError::Stopped => Stop::new(Exit::Interrupted, format!("interrupted while writing {PAGE}")),
+        error => {
+            let exit = if error.is_damage() { Exit::Frames } else { Exit::Engine };
+            Stop::of_analysis(exit, format!("failed to make {PAGE}"), &error).also("`--no-page` leaves it out")
+        }
+    })
+}
+
+/// What lies beside a recording and says where it was made: as far as it is there, and was known before the page was made.
+pub fn surroundings(folder: &Path) -> Surroundings {
+    let mut environment = environment::of(folder);
+    if let Some(told) = environment.as_object_mut() {
+        // Other files of this machine concern nobody, and the memory of a run is known when its page is written.
+        told.remove("reads");
+        told.remove("peak_resident_bytes");
+    }
+    let timings = folder.join(TIMINGS);
+    let timings = timings.is_file().then(|| read_timings(&timings).ok()).flatten().unwrap_or_default();
+    Surroundings { environment, timings }
+}
+
+/// Opens the page of a folder in a browser; that there is none costs no result.
+pub fn open(folder: &Path) {
+    let page = folder.join(PAGE);
+    // A browser has a folder of its own to start from.
+    let page = std::fs::canonicalize(&page).unwrap_or(page);
+    let told = std::env::var_os("BROWSER").filter(|browser| !browser.is_empty());
+    let mut command = match told {
+        Some(browser) => Command::new(browser),
+        None if cfg!(target_os = "macos") => Command::new("open"),
+        None if cfg!(windows) => Command::new("explorer"),
+        None => Command::new("xdg-open"),
+    };
+    let started = command.arg(&page).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).spawn();
+    let program = command.get_program().to_string_lossy().into_owned();
+    let failed = match started {
+        Err(error) => Some(error.to_string()),
+        // One that stays is a browser; what ends at once says how it went. Explorer ends with 1 however it went.
+        Ok(mut child) => {
+            let begun = Instant::now();
+            loop {
+                match child.try_wait() {
+                    Ok(Some(status)) if !status.success() && !cfg!(windows) => {
+                        break Some(format!("it ended with {status}"));
+                    }
+                    Ok(None) if begun.elapsed() < STARTED => sleep(Duration::from_millis(20)),
+                    _ => break None,
+                }
+            }
+        }
+    };
+    if let Some(why) = failed {
+        say(format_args!(
+            "failed to open {} with {program}: {why}; open it yourself, or name a browser in $BROWSER",
+            page.display()
+        ));
+    }
+}

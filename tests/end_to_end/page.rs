@@ -1,0 +1,226 @@
+//! `report.html` in a browser: it opens without a complaint and without a network, and does what it is for.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use depthloom_test_needs::chromium;
+
+use crate::browser::Browser;
+use crate::support::{depthloom, number, read_csv, succeed, workspace};
+
+/// What would run, were it markup.
+const HOSTILE: &str = r#"</script><script>window.broken=1</script><img src=x onerror="window.broken=1">"#;
+
+/// Two variants of table 1 on small frames, with learning, and an `about` that is no markup.
+fn small(folder: &Path) -> PathBuf {
+    let experiment = folder.join("small.yaml");
+    let table1 = workspace().join("experiments/table1.yaml");
+    let text = format!(
+        "extends: {}\nexperiment: small page\nabout: '{HOSTILE}'\nsources:\n  train: {{ with: {{ frames: 0..3, width: 320, height: 96 }} }}\n  test: {{ with: {{ frames: 0..6, width: 320, height: 96 }} }}\n\
+         stages: {{ learn: {{ nodes: {{ teacher: {{ with: {{ steps: 12, curve_every: 4 }} }} }} }} }}\nvariants: {{ no_weighting: null, average_scaling: null }}\n",
+        table1.display()
+    );
+    fs::write(&experiment, text).expect("written");
+    let out = folder.join("run");
+    succeed(depthloom().arg("run").arg(&experiment).args(["--quiet", "--out"]).arg(&out));
+    out
+}
+
+fn opened(test: &str, page: &Path) -> Option<Browser> {
+    let mut browser = Browser::start(&chromium(test)?);
+    browser.open(page);
+    browser.until("window.depthloomPage && depthloomPage.state.drawn > 0 && !depthloomPage.state.busy");
+    Some(browser)
+}
+
+#[test]
+fn a_page_shows_what_the_run_found_and_answers_to_pointer_and_keys() {
+    const TEST: &str = "a_page_shows_what_the_run_found_and_answers_to_pointer_and_keys";
+    if chromium(TEST).is_none() {
+        return;
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    let run = small(folder.path());
+    let Some(mut browser) = opened(TEST, &run.join("report.html")) else { return };
+    let page = &mut browser;
+    assert_eq!(page.eval("document.getElementById('about').textContent"), HOSTILE);
+    assert_eq!(page.eval("window.broken === undefined && !document.querySelector('img')"), true);
+
+    // The table has the numbers of table.csv, marks the best, sorts, and shows the paper's when asked.
+    let rows = read_csv(&run.join("table.csv"));
+    assert_eq!(page.eval("document.querySelectorAll('#scores tbody tr').length"), rows.len());
+    let first = "[...document.querySelectorAll('#scores tbody tr:first-child td')].map((td) => td.title)";
+    let shown = page.eval(first);
+    let abs_rel =
+        "[...document.querySelectorAll('#scores thead th')].findIndex((th) => th.textContent.startsWith('abs_rel'))";
+    let place = page.eval(abs_rel).as_u64().expect("a column") as usize;
+    let ours = number(&rows[0], "abs_rel");
+    let theirs: f64 = shown[place].as_str().expect("a title").parse().expect("a number");
+    assert!((ours - theirs).abs() <= 1e-6 * ours, "{ours} in table.csv, {theirs} on the page");
+    assert!(page.eval("document.querySelectorAll('#scores td.best').length").as_u64() > Some(0));
+    page.eval(&format!("document.querySelectorAll('#scores thead button')[{place}].click()"));
+    let column = page.eval(&format!(
+        "[...document.querySelectorAll('#scores tbody tr')].map((tr) => Number(tr.children[{place}].title))"
+    ));
+    let column: Vec<f64> = column.as_array().expect("a column").iter().filter_map(serde_json::Value::as_f64).collect();
+    assert!(column.len() == rows.len() && column.is_sorted(), "{column:?}");
+    page.eval("document.getElementById('paper').click()");
+    assert!(page.eval("document.querySelectorAll('#scores .beside').length").as_u64() >= Some(8));
+
+    // A hover over the figure tells metres, medians and counts; an estimator can be taken away.
+    let told = "document.querySelector('#distance-plot .hover:not([hidden])')?.textContent ?? ''";
+    page.point_at("#distance-plot .u-over", (0.3, 0.5));
+    page.until(&format!("({told}).includes('true distance')"));
+    let with = page.eval(told);
+    assert!(with.as_str().is_some_and(|text| text.contains("stereo") && text.contains("median")), "{with}");
+    page.eval(
+        "[...document.querySelectorAll('#distance .pick label')].find((of) => of.textContent === 'stereo').click()",
+    );
+    page.point_at("#distance-plot .u-over", (0.31, 0.5));
+    page.until(&format!("({told}).includes('true distance') && !({told}).includes('stereo')"));
+
+    // Keys move the slider; all views show the frame.
+    assert_eq!(page.eval("depthloomPage.state.part.frames.length"), 6);
+    let sum = "(() => { const of = document.querySelectorAll('.view canvas')[2]; return of.getContext('2d').getImageData(0, 0, of.width, of.height).data.reduce((sum, byte, i) => (sum * 31 + byte + i) | 0, 0); })()";
+    let before = page.eval(sum);
+    page.eval("document.getElementById('slider').focus()");
+    for kind in ["keyDown", "keyUp"] {
+        let key =
+            serde_json::json!({ "type": kind, "key": "ArrowRight", "code": "ArrowRight", "windowsVirtualKeyCode": 39 });
+        page.call("Input.dispatchKeyEvent", &key);
+    }
+    page.until("depthloomPage.state.place === 1 && !depthloomPage.state.busy");
+    assert_ne!(page.eval(sum), before, "another frame is another picture");
+
+    // The values under the pointer are the recorded ones.
+    page.point_at(".view:nth-child(2) .glass", (0.5, 0.9));
+    page.until("document.querySelectorAll('#values tbody tr').length > 5");
+    let told = page.eval("document.getElementById('pixel').textContent");
+    let told = told.as_str().expect("a text").to_owned();
+    let after = |word: &str| -> usize {
+        let rest = told.split_once(word).unwrap_or_else(|| panic!("{told}")).1.trim_start();
+        rest.split(|c: char| !c.is_ascii_digit()).next().and_then(|digits| digits.parse().ok()).expect("a number")
+    };
+    let (column, row) = (after("column"), after("row"));
+    let id = told.split_once(',').expect("the frame's id").0;
+    let out = folder.path().join("export");
+    succeed(depthloom().arg("export").arg(&run).args(["/compare/depth/depth", "--format", "npy", "--out"]).arg(&out));
+    let stereo = page.eval("[...document.querySelectorAll('#values tbody tr')].find((tr) => tr.firstChild.textContent === 'stereo').children[2].textContent");
+    let exported = npy(&find(&out, &format!("{id}.npy")), column, row);
+    match stereo.as_str().expect("a text").split_once(' ') {
+        Some((metres, "m")) => {
+            let metres: f32 = metres.parse().expect("metres");
+            assert!(
+                (metres / exported - 1.0).abs() < 0.002,
+                "{metres} m on the page, {exported} in the recording, at {told}"
+            );
+        }
+        _ => assert!(exported.is_nan(), "no answer on the page, {exported} in the recording, at {told}"),
+    }
+
+    // A press on the worst frame goes there.
+    page.eval("document.querySelector('button.jump').click()");
+    page.until("!depthloomPage.state.busy && document.getElementById('frame-name').textContent.startsWith(document.querySelector('button.jump').textContent.split(':')[0])");
+    // Dark and light, and paper.
+    page.eval("document.getElementById('theme').click()");
+    page.eval("dispatchEvent(new Event('beforeprint')); dispatchEvent(new Event('afterprint'));");
+    assert!(
+        page.eval("document.getElementById('command').textContent").as_str().is_some_and(|of| of.contains(" run "))
+    );
+    assert_eq!(page.complaints(), Vec::<String>::new());
+}
+
+/// The first file below a folder whose name ends so.
+fn find(folder: &Path, ending: &str) -> PathBuf {
+    let mut all = Vec::new();
+    let mut folders = vec![folder.to_owned()];
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(folder).expect("a folder").map(|entry| entry.expect("an entry").path()) {
+            if entry.is_dir() { folders.push(entry) } else { all.push(entry) }
+        }
+    }
+    all.sort();
+    all.into_iter().find(|path| path.to_string_lossy().ends_with(ending)).expect("the file was exported")
+}
+
+/// A sample of an `<f4` array.
+fn npy(path: &Path, column: usize, row: usize) -> f32 {
+    let bytes = fs::read(path).expect("a file");
+    let head = 10 + usize::from(u16::from_le_bytes([bytes[8], bytes[9]]));
+    let shape = String::from_utf8_lossy(&bytes[10..head]).into_owned();
+    let shape = shape.split_once("'shape': (").expect("a shape").1;
+    let width: usize = shape.split([',', ')']).nth(1).and_then(|of| of.trim().parse().ok()).expect("a width");
+    let at = head + 4 * (row * width + column);
+    f32::from_le_bytes(bytes[at..at + 4].try_into().expect("four bytes"))
+}
+
+/// Kept topics, failures, disparities, and recordings without surroundings have pages, too.
+#[test]
+fn pages_of_runs_that_kept_little_or_failed_open_without_a_complaint() {
+    const TEST: &str = "pages_of_runs_that_kept_little_or_failed_open_without_a_complaint";
+    let Some(program) = chromium(TEST) else { return };
+    let folder = tempfile::tempdir().expect("a folder");
+    let size = ["--set", "sources.street.with.width=320", "--set", "sources.street.with.height=96"];
+    let run = |name: &str, experiment: &str, more: &[&str]| {
+        let out = folder.path().join(name);
+        let ran = depthloom()
+            .arg("run")
+            .arg(experiment)
+            .args(["--quiet", "--keep-going", "--out"])
+            .arg(&out)
+            .args(more)
+            .output();
+        let ran = ran.expect("started");
+        assert!(out.join("report.html").is_file(), "{name}: {}", String::from_utf8_lossy(&ran.stderr));
+        out.join("report.html")
+    };
+    let look = "experiments/first-look.yaml";
+    let nothing = run("nothing", look, &[&size[..], &["--set", "record=[]"]].concat());
+    let truth = run("truth", look, &[&size[..], &["--set", "record=[source/depth]"]].concat());
+    let every = run("every", look, &[&size[..], &["--set", "record={ every: 3 }"]].concat());
+    let text = fs::read_to_string(workspace().join(look)).expect("an experiment");
+    let file = folder.path().join("unscored.yaml");
+    fs::write(&file, text.split("    score:").next().expect("a part")).expect("written");
+    let unscored = run("unscored", &file.to_string_lossy(), &size);
+    let disparities = run("disparities", "experiments/stereo-scores.yaml", &[]);
+    let moved = folder.path().join("moved");
+    fs::create_dir(&moved).expect("a folder");
+    fs::copy(every.with_file_name("recording.mcap"), moved.join("recording.mcap")).expect("copied");
+    succeed(depthloom().arg("report").arg(&moved).arg("--json"));
+    let mut browser = Browser::start(&program);
+    for page in [nothing, truth, every, unscored, disparities, moved.join("report.html")] {
+        browser.open(&page);
+        browser.until("document.querySelectorAll('nav a').length > 2");
+        assert_eq!(browser.complaints(), Vec::<String>::new(), "{}", page.display());
+    }
+}
+
+#[test]
+fn a_page_is_left_out_where_that_is_asked_for_and_opened_where_that_is() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let out = folder.path().join("look");
+    let small =
+        ["--set", "sources.street.with.width=320", "--set", "sources.street.with.height=96", "--no-page", "--out"];
+    succeed(depthloom().args(["run", "experiments/first-look.yaml", "--quiet"]).args(small).arg(&out));
+    assert!(!out.join("report.html").exists());
+    // A browser that says what it was given.
+    let (browser, told) = (folder.path().join("browser"), folder.path().join("told"));
+    fs::write(&browser, format!("#!/bin/sh\nprintf %s \"$1\" > '{}'\n", told.display())).expect("written");
+    #[cfg(unix)]
+    fs::set_permissions(&browser, std::os::unix::fs::PermissionsExt::from_mode(0o755)).expect("allowed");
+    succeed(depthloom().arg("report").arg(&out).arg("--open").env("BROWSER", &browser));
+    let page = fs::canonicalize(out.join("report.html")).expect("a page");
+    assert_eq!(fs::read_to_string(&told).expect("the browser was started"), page.to_string_lossy());
+    let before = fs::read(&page).expect("a page");
+    // One that does not start costs no result.
+    let said = succeed(depthloom().arg("report").arg(&out).arg("--open").env("BROWSER", "/nonexistent/browser"));
+    assert!(String::from_utf8_lossy(&said.stderr).contains("open it yourself"));
+    assert!(fs::read(&page).expect("a page") == before, "equal recordings are equal pages");
+    // A page of somebody else's is not replaced.
+    let elsewhere = folder.path().join("elsewhere");
+    fs::create_dir(&elsewhere).expect("a folder");
+    fs::write(elsewhere.join("report.html"), "<html>mine</html>").expect("written");
+    let refused = depthloom().arg("report").arg(&out).arg("--out").arg(&elsewhere).output().expect("started");
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&refused.stderr).contains("report.html"));
+}

@@ -1,0 +1,24 @@
+//! Chromium, for what a page does in a browser.
+
+use std::path::PathBuf;
+
+/// Where it may be called, in this order; `CHROMIUM` names another.
+const NAMES: [&str; 4] = ["chromium", "chromium-browser", "google-chrome", "google-chrome-stable"];
+
+/// A browser of Chromium's family. `None`, and the test is skipped, where there is none.
+///
+/// # Panics
+/// If there is none and `DEPTHLOOM_REQUIRE_CHROMIUM` is set.
+#[must_use]
+pub fn chromium(test: &str) -> Option<PathBuf> {
+    if let Some(named) = std::env::var_os("CHROMIUM").filter(|named| !named.is_empty()) {
+        return Some(named.into());
+    }
+    let folders: Vec<PathBuf> = std::env::split_paths(&std::env::var_os("PATH").unwrap_or_default()).collect();
+    let found =
+        NAMES.iter().flat_map(|name| folders.iter().map(move |folder| folder.join(name))).find(|path| path.is_file());
+    if found.is_none() {
+        crate::miss("DEPTHLOOM_REQUIRE_CHROMIUM", test, "there is no Chromium in $PATH, and $CHROMIUM names none");
+    }
+    found
+}
