@@ -108,6 +108,8 @@ fn written(
         "environment": surroundings.environment,
         "keys": data::keys(plan),
     });
+    // Pictures take the memory that these did.
+    drop(scores);
     let drawing = drawing::drawing(plan);
     let numbers = (data.to_string().len() + drawing.len()) as u64;
     let mut pictures = Pictures::new(recording, &mut series, numbers, output)?;
