@@ -19,7 +19,8 @@ fn recorded(folder: &Path, frames: &str) -> PathBuf {
     out.join("recording.mcap")
 }
 
-/// Reports a recording of these bytes into a folder of its own: what it printed, and the files it wrote.
+/// Reports a recording of these bytes into a folder of its own: what it printed, and the files it wrote, but for the page, which says of the
+/// recording what was printed.
 fn report(folder: &Path, bytes: &[u8]) -> (Output, BTreeMap<String, Vec<u8>>) {
     let recording = folder.join("given.mcap");
     let out = folder.join("report");
@@ -32,7 +33,14 @@ fn report(folder: &Path, bytes: &[u8]) -> (Output, BTreeMap<String, Vec<u8>>) {
             .map(|file| (file.file_name().into_string().expect("a name"), std::fs::read(file.path()).expect("read")))
             .collect()
     });
-    (output, files.unwrap_or_default())
+    let mut files: BTreeMap<String, Vec<u8>> = files.unwrap_or_default();
+    if let Some(page) = files.remove("report.html") {
+        let (page, said) = (String::from_utf8_lossy(&page), String::from_utf8_lossy(&output.stdout));
+        for note in said.lines().filter_map(|line| line.strip_prefix("note: the recording is ")) {
+            assert!(page.contains(note), "the page does not say: {note}");
+        }
+    }
+    (output, files)
 }
 
 /// Where the last whole frame of an unfinished file ends: before the end of the data, and of what follows the frames.
