@@ -69,20 +69,20 @@ fn collect(folder: &Path, prefix: &str, found: &mut BTreeMap<String, Vec<u8>>) {
             collect(&path, &format!("{prefix}{name}/"), found);
         } else if path.is_file() {
             let bytes = fs::read(&path).unwrap_or_default();
-            let bytes = if name == "report.html" { without_the_moment(&bytes).unwrap_or(bytes) } else { bytes };
+            let bytes = if name == "report.html" { numbers_of_page(&bytes).unwrap_or(bytes) } else { bytes };
             found.insert(format!("{prefix}{name}"), bytes);
         }
     }
 }
 
-/// A page without what those files of the moment say; `None` of what is no page.
-fn without_the_moment(page: &[u8]) -> Option<Vec<u8>> {
+/// The numbers of a page: all but what it says of the moment and of the recording's condition, which is judged by what is printed, and its pictures, of which one
+/// that cannot be read is left out and counted. `None` of what is no page.
+fn numbers_of_page(page: &[u8]) -> Option<Vec<u8>> {
     let page = std::str::from_utf8(page).ok()?;
-    let (before, rest) = page.split_once("id=\"data\">")?;
-    let (data, behind) = rest.split_once("</script>")?;
-    let mut data: serde_json::Value = serde_json::from_str(data).ok()?;
-    for name in ["environment", "timings"] {
-        data.as_object_mut()?.remove(name);
-    }
-    Some(format!("{before}{data}{behind}").into_bytes())
+    let (_, rest) = page.split_once("id=\"data\">")?;
+    let (data, _) = rest.split_once("</script>")?;
+    let data: serde_json::Value = serde_json::from_str(data).ok()?;
+    let numbers = ["table", "estimators", "distances", "scores", "curves", "failures"];
+    let numbers: Option<Vec<&serde_json::Value>> = numbers.into_iter().map(|name| data.get(name)).collect();
+    Some(serde_json::json!(numbers?).to_string().into_bytes())
 }
