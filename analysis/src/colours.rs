@@ -5,7 +5,7 @@
 /// Stereo is blue and mono red, as in the paper.
 pub(crate) const BLUE: &str = "#0077bb";
 pub(crate) const RED: &str = "#cc3311";
-/// What is fused, and what follows in the order it comes.
+/// What is fused, alone, and what follows in the order it comes.
 pub(crate) const OTHERS: [&str; 6] = ["#009988", "#ee7733", "#aa3377", "#33bbee", "#ee3377", "#777777"];
 
 /// The colour of an estimator among those of these names, in the order of the tables; more than there are colours share them.
@@ -21,10 +21,7 @@ pub(crate) fn colour(names: &[&str], name: &str) -> &'static str {
     if let Some((_, colour)) = own(name) {
         return colour;
     }
-    let left: Vec<&'static str> = match first_of("fused") {
-        Some(_) => OTHERS[1..].to_vec(),
-        None => OTHERS.to_vec(),
-    };
+    let left = &OTHERS[1..];
     let before = names.iter().filter(|name| own(name).is_none()).take_while(|other| **other != name).count();
     left[before % left.len()]
 }
@@ -50,6 +47,6 @@ mod tests {
     fn a_method_is_known_by_the_first_word_of_its_name() {
         assert_eq!(["stereo-sgbm", "mono.depth", "fusion_2"].map(|name| colour(&[name], name)), [BLUE, RED, OTHERS[0]]);
         let names = ["stereo_raw", "stereo", "monocle"];
-        assert_eq!(names.map(|name| colour(&names, name)), [OTHERS[0], BLUE, OTHERS[1]]);
+        assert_eq!(names.map(|name| colour(&names, name)), [OTHERS[1], BLUE, OTHERS[2]]);
     }
 }

@@ -21,7 +21,10 @@ pub(super) fn render(grid: &Grid) -> String {
         text.push_str(" Best in bold.");
     }
     for note in &grid.notes {
-        text.push_str(&format!(" {}.", capitalised(&escaped(note))));
+        let note = escaped(note);
+        // A note on a column begins with its name, which is written as it is: `ms` is no `Ms`.
+        let of_column = note.split_whitespace().next().is_some_and(|word| word.ends_with(':'));
+        text.push_str(&format!(" {}.", if of_column { note } else { capitalised(&note) }));
     }
     text.push_str(&format!("}}\n\\label{{tab:{}}}\n", label(&grid.label)));
     text.push_str("\\footnotesize\n\\setlength{\\tabcolsep}{4pt}\n");
