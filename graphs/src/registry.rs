@@ -8,7 +8,8 @@ use schemars::generate::SchemaSettings;
 use serde_json::Value as Json;
 
 use crate::contracts::{
-    Fault, Instance, Node, NodeDeclaration, Port, Recognised, Source, SourceDeclaration, SourceKind, Survey, Upstream,
+    Fault, Instance, Node, NodeDeclaration, Port, Recognised, Signature, Source, SourceDeclaration, SourceKind, Survey,
+    Upstream,
 };
 use crate::key::Key;
 
@@ -28,6 +29,7 @@ pub struct NodeKind {
     /// The JSON schema of its parameters.
     pub schema: Json,
     resolve: fn(&Json) -> Result<Json, ParamError>,
+    signature: fn(&Json) -> Result<Option<Signature>, Fault>,
     check_inputs: fn(&Json, &Upstream<'_>) -> Result<(), Fault>,
     fingerprint: fn(&Json) -> Result<Option<Key>, Fault>,
     build: fn(&Json) -> Result<Instance, Fault>,
@@ -40,6 +42,21 @@ impl NodeKind {
     /// The first parameter that does not fit.
     pub fn resolve(&self, params: &Json) -> Result<Json, ParamError> {
         (self.resolve)(params)
+    }
+
+    /// How a node with these parameters is called, and its ports; see [`Node::signature`].
+    ///
+    /// # Errors
+    /// If they are none of this kind.
+    pub fn signature(&self, resolved: &Json) -> Result<Signature, Fault> {
+        Ok((self.signature)(resolved)?.unwrap_or_else(|| Signature::from(&self.declaration)))
+    }
+
+    /// The signature of all nodes of this kind; `None` where it follows from their parameters.
+    #[must_use]
+    pub fn fixed_signature(&self) -> Option<Signature> {
+        let NodeDeclaration { inputs, outputs, .. } = &self.declaration;
+        (!inputs.is_empty() || !outputs.is_empty()).then(|| Signature::from(&self.declaration))
     }
 
     /// See [`Node::check_inputs`].
@@ -155,6 +172,7 @@ impl Registry {
         let entry = NodeKind {
             schema: schema_of::<N::Params>(),
             resolve: |json| resolve::<N::Params>(json, N::resolve, N::check),
+            signature: |json| Ok(N::signature(&parse::<N::Params>(json)?)),
             check_inputs: |json, upstream| N::check_inputs(&parse::<N::Params>(json)?, upstream),
             fingerprint: |json| N::fingerprint(&parse::<N::Params>(json)?),
             build: |json| N::build(parse::<N::Params>(json)?),

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use depthloom_graphs::contracts::{Contract, Instance, Port, Slot};
+use depthloom_graphs::contracts::{Contract, Instance, Port, Signature, Slot};
 use depthloom_graphs::language::glob;
 use depthloom_graphs::plan::{Origin, Plan, PlannedInput, PlannedNode, PlannedOutput, PlannedSource, Record, StageRun};
 use depthloom_graphs::ready::{Ready, ReadyRun};
@@ -250,12 +250,13 @@ impl<'a> Making<'a> {
     fn obstacle_of(&mut self, run: usize, node: usize) -> Result<(), String> {
         let recorded = self.node(run, node);
         let kind = self.kind(recorded)?;
-        fits(kind, recorded)?;
-        if kind.declaration.contract == Contract::Ordered && self.recording.plan().every > 1 {
+        let params = kind.resolve(&recorded.params).map_err(|error| misfit(recorded, &error))?;
+        let signature = kind.signature(&params).map_err(|fault| fault.chain())?;
+        fits(&signature, recorded)?;
+        if signature.contract == Contract::Ordered && self.recording.plan().every > 1 {
             let every = self.recording.plan().every;
             return Err(format!("it sees every frame, and the recording has the values of one in {every}"));
         }
-        kind.resolve(&recorded.params).map_err(|error| misfit(recorded, &error))?;
         for input in &recorded.inputs {
             self.feed(run, node, input).map_err(|why| format!("input `{}` {why}", input.port))?;
         }
@@ -332,8 +333,10 @@ impl<'a> Making<'a> {
             remarks
                 .push(format!("recorded by version {} of its kind, made again by version {version}", recorded.version));
         }
-        let mut inputs = Vec::with_capacity(kind.declaration.inputs.len());
-        for port in &kind.declaration.inputs {
+        let params = kind.resolve(&recorded.params).map_err(|error| misfit(recorded, &error))?;
+        let signature = kind.signature(&params).map_err(|fault| Obstacle::from(fault.chain()))?;
+        let mut inputs = Vec::with_capacity(signature.inputs.len());
+        for port in &signature.inputs {
             let wired = recorded.inputs.iter().find(|input| input.port == port.name);
             let feed = wired.map_or(Ok(Feed::Nothing), |input| self.feed(run, node, input))?;
             if let Feed::Made { run, node, .. } = &feed {
@@ -341,9 +344,8 @@ impl<'a> Making<'a> {
             }
             inputs.push(PlannedInput { port: port.clone(), from: self.origin(run, feed)? });
         }
-        let params = kind.resolve(&recorded.params).map_err(|error| misfit(recorded, &error))?;
         let built = kind.build(&params).map_err(|fault| Obstacle::from(fault.chain()))?;
-        let is_guarded = kind.declaration.contract != Contract::Pure;
+        let is_guarded = signature.contract != Contract::Pure;
         let output = |port: &Port| {
             let topic = recorded.outputs.iter().find(|output| output.port == port.name);
             let topic = topic.map(|output| output.topic.clone()).unwrap_or_default();
@@ -351,15 +353,15 @@ impl<'a> Making<'a> {
             let port = if is_guarded { port.clone().optional() } else { port.clone() };
             PlannedOutput { port, topic, aliases: Vec::new(), recorded: false }
         };
-        let outputs: Vec<PlannedOutput> = kind.declaration.outputs.iter().map(output).collect();
+        let outputs: Vec<PlannedOutput> = signature.outputs.iter().map(output).collect();
         let expected = outputs.iter().map(|_| None).collect();
         let made = &mut self.runs[run];
-        let built = self.failures.guard((run, made.built.len()), built, &kind.declaration.outputs);
+        let built = self.failures.guard((run, made.built.len()), built, &signature.outputs);
         made.planned.push(PlannedNode {
             name: recorded.name.clone(),
             kind: recorded.kind.clone(),
             version,
-            contract: kind.declaration.contract,
+            contract: signature.contract,
             portable: recorded.params.clone(),
             params,
             auto: Vec::new(),
@@ -415,8 +417,7 @@ impl MadeRun {
 }
 
 /// Whether a node can still be of its kind, by contract and ports.
-fn fits(kind: &NodeKind, recorded: &RecordedNode) -> Result<(), String> {
-    let declared = &kind.declaration;
+fn fits(declared: &Signature, recorded: &RecordedNode) -> Result<(), String> {
     if declared.contract.name() != recorded.contract {
         return Err(format!("its kind is {} now, and was {}", declared.contract.name(), recorded.contract));
     }

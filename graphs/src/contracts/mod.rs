@@ -1,24 +1,28 @@
 //! What the language, the nodes, the runner and the recording agree on.
 
 mod context;
+mod declared_ports;
 mod fault;
 mod frame;
 mod frame_selection;
 mod node;
 mod params;
 mod port;
+mod signature;
 mod source;
 mod store;
 mod tap;
 mod upstream;
 
 pub use context::{Context, Host, InlineHost, Scratch};
+pub use declared_ports::{DeclaredPort, DeclaredPorts, check_name};
 pub use fault::Fault;
 pub use frame::Frame;
 pub use frame_selection::FrameSelection;
 pub use node::{Inputs, Instance, Node, NodeDeclaration, OnceNode, OrderedNode, Outputs, PureNode};
 pub use params::{Auto, DataPath};
 pub use port::{Contract, Port, Rate};
+pub use signature::Signature;
 pub use source::{Fact, Recognised, Source, SourceDeclaration, SourceKind, SourceOutputs, Survey};
 pub use store::{Held, Holding, Store, Stored};
 pub use tap::{Commit, Failure, Slot, SlotKey, StoredValue, Tap, TapError, Warned, stored_values};

@@ -6,7 +6,7 @@ use schemars::JsonSchema;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-use super::{Context, Contract, Fault, Frame, Port, Upstream};
+use super::{Context, Contract, Fault, Frame, Port, Signature, Upstream};
 use crate::values::ValueKind;
 use crate::{Key, Value};
 
@@ -178,13 +178,13 @@ pub struct NodeDeclaration {
     pub kind: &'static str,
     /// Raised whenever the same inputs give other outputs than before.
     pub version: u32,
-    /// How it is called.
+    /// How it is called; see [`Node::signature`] where it follows from the parameters.
     pub contract: Contract,
     /// One sentence.
     pub summary: &'static str,
     /// Markdown: shapes, units, source (paper equation, OpenCV behaviour).
     pub doc: &'static str,
-    /// Input ports.
+    /// Input ports; none, and no outputs either, where they follow from the parameters.
     pub inputs: Vec<Port>,
     /// Output ports. Of an ordered node, those with [`Rate::Once`](super::Rate) come from `finish`.
     pub outputs: Vec<Port>,
@@ -207,6 +207,12 @@ pub trait Node: 'static {
     /// What parameters that follow others become: [`Auto::Auto`](super::Auto) its value. Done once, before all else: equal values are equal
     /// nodes, however they were come by. Of what is resolved it changes nothing.
     fn resolve(_params: &mut Self::Params) {}
+
+    /// How a node with these parameters is called, and its ports, where they follow from the parameters; such a kind declares no ports.
+    /// Asked for of parameters that passed [`Node::check`]. By default those of the declaration.
+    fn signature(_params: &Self::Params) -> Option<Signature> {
+        None
+    }
 
     /// What no schema can say, e.g. `p2` must exceed `p1`: the parameter's name and a lower-case fragment.
     ///

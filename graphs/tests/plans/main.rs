@@ -6,6 +6,7 @@ mod lesson;
 
 mod files;
 mod learning;
+mod own_ports;
 #[path = "../toys/mod.rs"]
 mod toys;
 mod variants;

@@ -1,7 +1,8 @@
 //! Kinds without pixels: the ports and parameters of real ones, so that the language can be tested alone.
 
 use depthloom_graphs::contracts::{
-    Auto, Contract, DataPath, FrameSelection, Giver, NodeDeclaration, SourceDeclaration, Upstream,
+    Auto, Contract, DataPath, DeclaredPorts, FrameSelection, Giver, NodeDeclaration, Signature, SourceDeclaration,
+    Upstream,
 };
 use depthloom_graphs::{Fault, Instance, Key, Node, Port, Registry, Source, SourceKind, ValueType};
 use schemars::JsonSchema;
@@ -27,6 +28,7 @@ pub fn registry() -> Registry {
         .node::<Average>()
         .node::<Offset>()
         .node::<Broken>()
+        .node::<Own>()
 }
 
 fn not_built<T>() -> Result<T, Fault> {
@@ -338,5 +340,39 @@ node!(Offset, "toy/offset", Pure, NoParams,
 node!(Broken, "toy/no-engine", Pure, NoParams, [port("image", ValueType::Image)] => [port("depth", ValueType::Depth)]
     fn fingerprint(_: &NoParams) -> Result<Option<Key>, Fault> {
         Err(Fault::new("no engine was found").remedy("install one"))
+    }
+);
+
+#[derive(Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Called {
+    /// Frame by frame.
+    #[default]
+    Pure,
+    /// Frame by frame in order.
+    Ordered,
+}
+impl Called {
+    const fn contract(&self) -> Contract {
+        match self {
+            Self::Pure => Contract::Pure,
+            Self::Ordered => Contract::Ordered,
+        }
+    }
+}
+#[derive(Default, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct OwnParams {
+    /// How it is called.
+    contract: Called,
+    /// Its ports.
+    ports: DeclaredPorts,
+}
+node!(Own, "toy/own", Pure, OwnParams, [] => []
+    fn check(params: &OwnParams) -> Result<(), (&'static str, String)> {
+        params.ports.check(params.contract.contract()).map_err(|what| ("ports", what))
+    }
+    fn signature(params: &OwnParams) -> Option<Signature> {
+        Some(params.ports.signature(params.contract.contract()))
     }
 );

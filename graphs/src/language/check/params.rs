@@ -10,7 +10,7 @@ use super::following::{self, Following};
 use super::schema_check::{Violation, violations};
 use super::spec::Instance;
 use super::with_schema;
-use crate::contracts::{Fault, Port};
+use crate::contracts::{Fault, Port, Signature};
 use crate::key::Key;
 use crate::language::change::overrides;
 use crate::language::text::diagnostics::{Diagnostic, Report};
@@ -71,6 +71,8 @@ pub(crate) struct Resolver {
     known: HashMap<(bool, String, String), Arc<Parameters>>,
     /// The outputs of sources, by kind and parameters.
     outputs: HashMap<(&'static str, String), Outputs>,
+    /// The signatures of nodes, by kind; and by parameters where they follow from these.
+    signatures: HashMap<(&'static str, Option<String>), Arc<Signature>>,
     pub(crate) contents: Contents,
     /// The paths in parameters and inputs.
     pub(crate) anywhere: Anywhere,
@@ -101,6 +103,25 @@ impl Resolver {
             resolve: &|json| kind.resolve(json),
         };
         self.resolve(&kind, false, instance, report)
+    }
+
+    /// How a node is called, and its ports. `None` where they follow from its parameters and something is wrong with these.
+    pub(crate) fn signature(&mut self, kind: &NodeKind, parameters: Option<&Parameters>) -> Option<Arc<Signature>> {
+        let name = kind.declaration.kind;
+        if let Some(known) = self.signatures.get(&(name, None)) {
+            return Some(Arc::clone(known));
+        }
+        if let Some(fixed) = kind.fixed_signature() {
+            return Some(Arc::clone(self.signatures.entry((name, None)).or_insert_with(|| Arc::new(fixed))));
+        }
+        let resolved = &parameters?.resolved;
+        let known = (name, Some(resolved.to_string()));
+        if let Some(known) = self.signatures.get(&known) {
+            return Some(Arc::clone(known));
+        }
+        let signature = Arc::new(kind.signature(resolved).ok()?);
+        self.signatures.insert(known, Arc::clone(&signature));
+        Some(signature)
     }
 
     /// A source's parameters.

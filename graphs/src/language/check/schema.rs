@@ -224,7 +224,8 @@ fn instance(kinds: Vec<Kind<'_>>, what: &str) -> Json {
         .map(|kind| {
             let mut then = Map::new();
             then.insert("with".to_owned(), parameters(kind.parameters));
-            if let Some(inputs) = kind.inputs {
+            // Ports that a node declares itself are known to the program alone.
+            if let Some(inputs) = kind.inputs.filter(|inputs| !inputs.is_empty()) {
                 then.insert("inputs".to_owned(), inputs_of(inputs));
             }
             json!({

@@ -203,6 +203,10 @@ fn alternatives_of(value: &Json, alternatives: &[Json], path: &mut Vec<String>, 
     let beside_numbers = !words_alone && tried.iter().any(|(alternative, _)| is_number(alternative));
     let is_list = |alternative: &Json| alternative.get("type").is_some_and(|of| of == "array");
     let beside_lists = value.is_array() && tried.iter().any(|(alternative, _)| is_list(alternative));
+    let is_map = |alternative: &Json| alternative.get("type").is_some_and(|of| of == "object");
+    if value.is_object() && tried.iter().any(|(alternative, _)| is_map(alternative)) {
+        tried.retain(|(alternative, _)| is_map(alternative));
+    }
     if beside_numbers && !value.as_str().is_some_and(is_word) {
         tried.retain(|(alternative, _)| self::constants(alternative).is_empty());
     } else if beside_lists {

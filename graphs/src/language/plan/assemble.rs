@@ -28,12 +28,12 @@ fn stage_run(shared: &Shared<'_>, r: usize, run: &SharedRun<'_>, topics: &Topics
     };
     let planned = |(n, node): (usize, &SharedNode<'_>)| {
         let declaration = &node.kind.declaration;
-        let ports = declaration.inputs.iter().cloned().zip(node.inputs.iter().cloned());
+        let ports = node.signature.inputs.iter().cloned().zip(node.inputs.iter().cloned());
         PlannedNode {
             name: node.first.name.text.clone(),
             kind: declaration.kind.to_owned(),
             version: declaration.version,
-            contract: declaration.contract,
+            contract: node.signature.contract,
             params: node.parameters.resolved.clone(),
             portable: node.parameters.portable.clone(),
             auto: node.parameters.following.iter().filter(|one| one.is_auto).map(|one| one.name.clone()).collect(),

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use super::linked::{Linked, LinkedEstimate, LinkedNode, LinkedSource, LinkedStage, Wire};
 use super::order;
-use super::stage_names::StageNames;
+use super::stage_names::{KnownNode, StageNames};
 use super::wire::Reachable;
 use crate::contracts::Port;
 use crate::language::check::params::Resolver;
@@ -30,29 +30,34 @@ pub(crate) fn link<'r>(
         .iter()
         .map(|spec| (spec.name.text.as_str(), source(spec, registry, resolver, report).map(Arc::new)))
         .collect();
-    let all: Vec<Vec<NodeSpecRef<'_>>> = spec.stages.iter().map(|stage| nodes_of(stage, &sources, registry)).collect();
-    let stages: Vec<StageNames<'r, '_>> = spec
+    let known: Vec<Vec<KnownNode<'r, '_>>> = spec
         .stages
         .iter()
-        .zip(&all)
-        .map(|(stage, nodes)| StageNames {
+        .map(|stage| stage.nodes.iter().map(|node| known(node, registry, resolver, report)).collect())
+        .collect();
+    let scores: Vec<Vec<NodeSpec>> =
+        spec.stages.iter().zip(&known).map(|(stage, known)| scores_of(stage, known, &sources, registry)).collect();
+    let mut stages: Vec<StageNames<'r, '_>> = Vec::with_capacity(spec.stages.len());
+    for ((stage, mut nodes), scores) in spec.stages.iter().zip(known).zip(&scores) {
+        nodes.extend(scores.iter().map(|node| self::known(node, registry, resolver, report)));
+        stages.push(StageNames {
             name: &stage.name.text,
             source: stage_source(stage, spec, &sources, report),
-            nodes: nodes
-                .iter()
-                .map(|node| (node.get().name.text.as_str(), kind(node.get(), registry, report)))
-                .collect(),
-            index: nodes.iter().enumerate().map(|(n, node)| (node.get().name.text.as_str(), n)).collect(),
-        })
-        .collect();
+            index: nodes.iter().enumerate().map(|(n, node)| (node.name, n)).collect(),
+            nodes,
+        });
+    }
     let mut linked = Vec::with_capacity(stages.len());
-    for (index, (stage, nodes)) in spec.stages.iter().zip(&all).enumerate() {
+    for (index, (stage, scores)) in spec.stages.iter().zip(&scores).enumerate() {
         let reachable = Reachable { stages: &stages, stage: index };
-        let nodes: Vec<LinkedNode<'r>> = nodes
+        let mut nodes: Vec<LinkedNode<'r>> = stage
+            .nodes
             .iter()
+            .chain(scores)
             .zip(&stages[index].nodes)
-            .map(|(node, (_, kind))| link_node(node, *kind, &reachable, resolver, report))
+            .map(|(node, known)| link_node(node, known, &reachable, resolver, report))
             .collect();
+        nodes[stage.nodes.len()..].iter_mut().for_each(|node| node.is_score = true);
         let order = order::of(index, &nodes, report);
         let estimates = stage.score.iter().flat_map(|score| &score.estimates);
         let estimates = estimates
@@ -67,38 +72,23 @@ pub(crate) fn link<'r>(
     Linked { stages: linked }
 }
 
-/// A node as written, or one that `score:` stands for.
-enum NodeSpecRef<'s> {
-    Written(&'s NodeSpec),
-    Score(NodeSpec),
-}
-
-impl NodeSpecRef<'_> {
-    const fn get(&self) -> &NodeSpec {
-        match self {
-            Self::Written(spec) => spec,
-            Self::Score(spec) => spec,
-        }
-    }
-}
-
-fn nodes_of<'s>(
-    stage: &'s StageSpec,
+/// The nodes that a stage's `score:` stands for.
+fn scores_of(
+    stage: &StageSpec,
+    known: &[KnownNode<'_, '_>],
     sources: &HashMap<&str, Option<Arc<LinkedSource>>>,
     registry: &Registry,
-) -> Vec<NodeSpecRef<'s>> {
-    let type_of = |reference: &Reference| type_of(reference, stage, sources, registry);
-    let scores = stage.score.iter().flat_map(|score| score::expanded(score, registry, &type_of));
-    let scores = scores.map(NodeSpecRef::Score);
-    stage.nodes.iter().map(NodeSpecRef::Written).chain(scores).collect()
+) -> Vec<NodeSpec> {
+    let type_of = |reference: &Reference| type_of(reference, stage, known, sources);
+    stage.score.iter().flat_map(|score| score::expanded(score, registry, &type_of)).collect()
 }
 
 /// The type of what a reference names in its own stage, if it names something.
 fn type_of(
     reference: &Reference,
     stage: &StageSpec,
+    known: &[KnownNode<'_, '_>],
     sources: &HashMap<&str, Option<Arc<LinkedSource>>>,
-    registry: &Registry,
 ) -> Option<ValueType> {
     if reference.stage.as_ref().is_some_and(|named| named.text != stage.name.text) {
         return None;
@@ -106,8 +96,7 @@ fn type_of(
     let ports: &[Port] = if reference.node.text == "source" {
         &sources.get(stage.source.as_ref()?.text.as_str())?.as_ref()?.outputs
     } else {
-        let node = stage.nodes.iter().find(|node| node.name.text == reference.node.text)?;
-        &registry.node_kind(&node.instance.as_ref()?.kind.text)?.declaration.outputs
+        known.iter().find(|node| node.name == reference.node.text)?.outputs()
     };
     ports.iter().find(|port| port.name == reference.output.text).map(|port| port.value_type)
 }
@@ -130,6 +119,20 @@ fn stage_source(
     let error = Diagnostic::error(&name.place, format!("there is no source `{}`", name.text)).label("names nothing");
     report.push(error.maybe_help(names::suggestion(&name.text, "sources", &known)));
     None
+}
+
+/// What is known of a node before any wire is looked at; what is wrong with it is reported.
+fn known<'r, 's>(
+    node: &'s NodeSpec,
+    registry: &'r Registry,
+    resolver: &mut Resolver,
+    report: &mut Report,
+) -> KnownNode<'r, 's> {
+    let kind = kind(node, registry, report);
+    let parameters =
+        kind.zip(node.instance.as_ref()).and_then(|(kind, instance)| resolver.node(kind, instance, report));
+    let signature = kind.and_then(|kind| resolver.signature(kind, parameters.as_deref()));
+    KnownNode { name: &node.name.text, kind, parameters, signature }
 }
 
 fn kind<'r>(node: &NodeSpec, registry: &'r Registry, report: &mut Report) -> Option<&'r NodeKind> {
@@ -224,16 +227,14 @@ fn joins(
 }
 
 fn link_node<'r>(
-    node: &NodeSpecRef<'_>,
-    kind: Option<&'r NodeKind>,
+    spec: &NodeSpec,
+    known: &KnownNode<'r, '_>,
     reachable: &Reachable<'r, '_, '_>,
     resolver: &mut Resolver,
     report: &mut Report,
 ) -> LinkedNode<'r> {
-    let spec = node.get();
-    let parameters =
-        kind.zip(spec.instance.as_ref()).and_then(|(kind, instance)| resolver.node(kind, instance, report));
-    let mut wires: Vec<Option<Wire>> = vec![None; kind.map_or(0, |kind| kind.declaration.inputs.len())];
+    let known_ports = known.kind.zip(known.signature.as_deref());
+    let mut wires: Vec<Option<Wire>> = vec![None; known_ports.map_or(0, |(_, signature)| signature.inputs.len())];
     let mut reads = Vec::new();
     for input in &spec.inputs {
         // Nobody reads so many errors, and looking for nearest names takes its time.
@@ -243,43 +244,49 @@ fn link_node<'r>(
         if let Some(Wired::Reference(reference)) = &input.from {
             reads.extend(reachable.read(reference).map(|(stage, node)| (stage, node, input.place.clone())));
         }
-        let Some(kind) = kind else {
-            // Without a kind there are no ports, but whether the reference names something can be said.
+        let Some((kind, signature)) = known_ports else {
+            // Without a signature there are no ports, but whether the reference names something can be said.
             if let Some(Wired::Reference(reference)) = &input.from {
                 reachable.output(reference, report);
             }
             continue;
         };
-        let ports = &kind.declaration.inputs;
+        let ports = &signature.inputs;
         match ports.iter().position(|port| port.name == input.port.text) {
-            Some(port) => wires[port] = reachable.wire(&spec.name.text, kind, &ports[port], input, resolver, report),
-            None => unknown_input(kind, input, report),
+            Some(port) => wires[port] = reachable.wire(known, signature, &ports[port], input, resolver, report),
+            None => unknown_input(kind, ports, input, report),
         }
     }
-    if let Some(kind) = kind.filter(|_| !report.is_full()) {
-        missing_inputs(kind, spec, reachable, report);
+    if let Some((kind, signature)) = known_ports.filter(|_| !report.is_full()) {
+        missing_inputs(kind, &signature.inputs, spec, reachable, report);
     }
-    let is_score = matches!(node, NodeSpecRef::Score(_));
-    LinkedNode { name: spec.name.clone(), kind, parameters, wires, reads, is_score }
+    let KnownNode { kind, parameters, signature, .. } = known;
+    let (parameters, signature) = (parameters.clone(), signature.clone());
+    LinkedNode { name: spec.name.clone(), kind: *kind, parameters, signature, wires, reads, is_score: false }
 }
 
-fn unknown_input(kind: &NodeKind, input: &InputSpec, report: &mut Report) {
-    let known: Vec<&str> = kind.declaration.inputs.iter().map(|port| port.name).collect();
+fn unknown_input(kind: &NodeKind, ports: &[Port], input: &InputSpec, report: &mut Report) {
+    let known: Vec<&str> = ports.iter().map(|port| port.name).collect();
     let what = format!("`{}` has no input `{}`", kind.declaration.kind, input.port.text);
     let error = Diagnostic::error(&input.port.place, what).label("no such input");
     report.push(error.maybe_help(names::suggestion(&input.port.text, "inputs", &known)));
 }
 
-fn missing_inputs(kind: &NodeKind, spec: &NodeSpec, reachable: &Reachable<'_, '_, '_>, report: &mut Report) {
+fn missing_inputs(
+    kind: &NodeKind,
+    ports: &[Port],
+    spec: &NodeSpec,
+    reachable: &Reachable<'_, '_, '_>,
+    report: &mut Report,
+) {
     let unknown = spec.inputs.iter().map(|input| input.port.text.as_str());
-    let unknown: Vec<&str> =
-        unknown.filter(|name| !kind.declaration.inputs.iter().any(|port| port.name == *name)).collect();
+    let unknown: Vec<&str> = unknown.filter(|name| !ports.iter().any(|port| port.name == *name)).collect();
     // A misspelt input has been spoken of, with the name that was meant.
     let meant = |port: &Port| unknown.iter().any(|written| names::nearest(written, [port.name]).is_some());
     let written = |input: &InputSpec| !matches!(input.from, Some(Wired::Nothing));
     let wired =
         |port: &Port| spec.inputs.iter().any(|input| input.port.text == port.name && written(input)) || meant(port);
-    let missing: Vec<&Port> = kind.declaration.inputs.iter().filter(|port| !port.optional && !wired(port)).collect();
+    let missing: Vec<&Port> = ports.iter().filter(|port| !port.optional && !wired(port)).collect();
     // A score without truth or estimate has been spoken of where it is written.
     if missing.is_empty() || score::is_kind(kind.declaration.kind) && spec.name.text.starts_with("score.") {
         return;

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use crate::contracts::Port;
+use crate::contracts::{Port, Signature};
 use crate::key::Key;
 use crate::language::check::params::Parameters;
 use crate::language::text::source_file::Place;
@@ -43,12 +43,21 @@ pub(crate) struct LinkedNode<'r> {
     pub(crate) kind: Option<&'r NodeKind>,
     /// `None` if something is wrong with them.
     pub(crate) parameters: Option<Arc<Parameters>>,
-    /// By input port of the declaration; `None` where unwired, or wired wrongly.
+    /// `None` if its kind is unknown, or the signature follows from parameters that are wrong.
+    pub(crate) signature: Option<Arc<Signature>>,
+    /// By input port of the signature; `None` where unwired, or wired wrongly.
     pub(crate) wires: Vec<Option<Wire>>,
     /// The nodes it reads, as (stage, node), whether or not the wires fit.
     pub(crate) reads: Vec<(usize, usize, Place)>,
     /// Whether it is one of the nodes that `score:` stands for.
     pub(crate) is_score: bool,
+}
+
+impl LinkedNode<'_> {
+    /// Its output ports, as far as they are known.
+    pub(crate) fn outputs(&self) -> &[Port] {
+        self.signature.as_ref().map_or(&[], |signature| &signature.outputs)
+    }
 }
 
 /// Where an input's value comes from.

@@ -13,9 +13,9 @@ pub(crate) fn nodes(linked: &Linked<'_>, recording: &Recorded) -> HashSet<(usize
     let mut open = Vec::new();
     for (s, stage) in linked.stages.iter().enumerate() {
         for (n, node) in stage.nodes.iter().enumerate() {
-            let kept = node.kind.is_none_or(|kind| {
+            let kept = node.signature.as_ref().is_none_or(|signature| {
                 // What gives nothing (a sink) is there for what it does.
-                let outputs = &kind.declaration.outputs;
+                let outputs = &signature.outputs;
                 outputs.is_empty() || outputs.iter().any(|o| recording.keeps(&stage.name.text, &node.name.text, o.name))
             });
             if node.is_score || kept {
@@ -53,10 +53,10 @@ pub(crate) fn check_stages(variants: &[Linked<'_>], recording: &Recorded, report
     let Some(first) = variants.first() else { return };
     let scores = |s: usize| variants.iter().any(|linked| !linked.stages[s].estimates.is_empty());
     for (s, stage) in first.stages.iter().enumerate() {
-        let mut learns = stage.nodes.iter().filter_map(|node| {
-            let outputs = &node.kind?.declaration.outputs;
-            outputs.iter().find(|port| port.rate == Rate::Once).map(|port| (node, port))
-        });
+        let mut learns = stage
+            .nodes
+            .iter()
+            .filter_map(|node| node.outputs().iter().find(|port| port.rate == Rate::Once).map(|port| (node, port)));
         let Some((node, port)) = learns.next_back() else { continue };
         let reads = |linked: &Linked<'_>| {
             let others = linked.stages.iter().enumerate().filter(|(other, _)| *other != s);

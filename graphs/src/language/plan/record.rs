@@ -66,8 +66,8 @@ impl Recorded {
         for stage in variants.iter().flat_map(|linked| &linked.stages) {
             let source = stage.source.as_ref().map(|source| ("source", source.outputs.as_slice()));
             let nodes = stage.nodes.iter().map(|node| {
-                whole &= node.kind.is_some();
-                (node.name.text.as_str(), node.kind.map_or(&[][..], |kind| kind.declaration.outputs.as_slice()))
+                whole &= node.signature.is_some();
+                (node.name.text.as_str(), node.outputs())
             });
             for (node, ports) in source.into_iter().chain(nodes) {
                 for port in ports {
@@ -120,7 +120,7 @@ impl Recorded {
                 .any(|port| port.value_type == ValueType::Calibration && self.keeps(name, "source", port.name));
             let nodes = stage.nodes.iter().map(|node| {
                 // What a kind that is not known gives is not known either.
-                let outputs = node.kind.map(|kind| kind.declaration.outputs.as_slice());
+                let outputs = node.signature.as_ref().map(|signature| signature.outputs.as_slice());
                 (node.name.text.as_str(), outputs)
             });
             for (node, ports) in nodes.chain([("source", Some(source))]) {

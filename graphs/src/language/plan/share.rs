@@ -7,7 +7,7 @@ use std::collections::{HashMap, HashSet};
 
 use super::linked::{Linked, LinkedNode, LinkedSource, Wire};
 use super::recipe::{self, InputRecipe};
-use crate::contracts::{Rate, Slot};
+use crate::contracts::{Rate, Signature, Slot};
 use crate::key::Key;
 use crate::language::check::params::{Parameters, canonical};
 use crate::language::text::source_file::Place;
@@ -39,6 +39,7 @@ pub(crate) struct SharedNode<'l> {
     pub(crate) first: &'l LinkedNode<'l>,
     pub(crate) kind: &'l NodeKind,
     pub(crate) parameters: &'l Parameters,
+    pub(crate) signature: &'l Signature,
     /// By input port.
     pub(crate) inputs: Vec<Option<Origin>>,
     pub(crate) recipe: Key,
@@ -119,7 +120,7 @@ pub(crate) fn share<'l>(variants: &'l [Linked<'l>], live: &[HashSet<(usize, usiz
 impl<'l> Shared<'l> {
     /// The node of the stage run that a variant's node is: one that is there already, or a new one.
     fn place(&mut self, known: &mut Known, variant: usize, stage: usize, node: &'l LinkedNode<'l>) -> Option<usize> {
-        let (kind, parameters) = (node.kind?, node.parameters.as_deref()?);
+        let (kind, parameters, signature) = (node.kind?, node.parameters.as_deref()?, node.signature.as_deref()?);
         let run = self.placed[variant][stage].run;
         let declaration = &kind.declaration;
         let inputs: Vec<Option<Origin>> =
@@ -137,7 +138,7 @@ impl<'l> Shared<'l> {
         let next = self.runs[run].nodes.len();
         let &mut (index, first) = known.entry(identity).or_insert((next, variant));
         if index == next {
-            let contributions: Vec<(&'static str, InputRecipe<'_>)> = declaration
+            let contributions: Vec<(&'static str, InputRecipe<'_>)> = signature
                 .inputs
                 .iter()
                 .zip(&node.wires)
@@ -149,7 +150,15 @@ impl<'l> Shared<'l> {
             let recipe =
                 recipe::of(declaration.kind, declaration.version, &canonical(&parameters.portable), &contributions);
             let variants = Vec::new();
-            self.runs[run].nodes.push(SharedNode { first: node, kind, parameters, inputs, recipe, variants });
+            self.runs[run].nodes.push(SharedNode {
+                first: node,
+                kind,
+                parameters,
+                signature,
+                inputs,
+                recipe,
+                variants,
+            });
         }
         let shared = &mut self.runs[run].nodes[index];
         if shared.parameters.operational != parameters.operational {
@@ -173,7 +182,7 @@ impl<'l> Shared<'l> {
             Wire::Node { stage: of, node, port } => {
                 let placed = &self.placed[variant][*of];
                 let node = placed.nodes[*node]?;
-                let once = self.runs[placed.run].nodes[node].kind.declaration.outputs[*port].rate == Rate::Once;
+                let once = self.runs[placed.run].nodes[node].signature.outputs[*port].rate == Rate::Once;
                 Some(if once || *of != stage {
                     Origin::Once { run: placed.run, node, port: *port }
                 } else {
@@ -186,7 +195,7 @@ impl<'l> Shared<'l> {
     fn contribution<'a>(&'a self, run: usize, wire: &'a Wire, from: &Origin) -> InputRecipe<'a> {
         let of = |run: usize, node: usize, port: usize| {
             let node = &self.runs[run].nodes[node];
-            InputRecipe::Node(&node.recipe, node.kind.declaration.outputs[port].name)
+            InputRecipe::Node(&node.recipe, node.signature.outputs[port].name)
         };
         match (from, wire) {
             (Origin::Here(Slot::Source { port }), _) => InputRecipe::Source(self.runs[run].source.outputs[*port].name),

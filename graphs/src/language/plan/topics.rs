@@ -69,7 +69,7 @@ impl<'a> Topics<'a> {
     pub(crate) fn of_node(&self, shared: &Shared<'_>, run: usize, node: usize) -> Vec<PlannedOutput> {
         let stage_run = &shared.runs[run];
         let (names, is_score) = self.uses.get(&(run, node)).map_or((&[][..], false), |u| (&u.names, u.is_score));
-        let ports = &stage_run.nodes[node].kind.declaration.outputs;
+        let ports = &stage_run.nodes[node].signature.outputs;
         ports.iter().map(|port| self.output(stage_run, names, port, is_score)).collect()
     }
 

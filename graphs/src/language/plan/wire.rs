@@ -1,8 +1,8 @@
 //! One wire: the output a reference names, and whether it fits the input it is wired to.
 
 use super::linked::Wire;
-use super::stage_names::StageNames;
-use crate::contracts::{Contract, Port, Rate};
+use super::stage_names::{KnownNode, StageNames};
+use crate::contracts::{Contract, Port, Rate, Signature};
 use crate::language::check::params::Resolver;
 use crate::language::check::reference::Reference;
 use crate::language::check::spec::{InputSpec, Wired};
@@ -10,7 +10,6 @@ use crate::language::text::diagnostics::{Diagnostic, Report};
 use crate::language::text::names;
 use crate::language::text::paths;
 use crate::language::text::tree::Node;
-use crate::registry::NodeKind;
 use crate::values::ValueType;
 
 /// What a stage's inputs can be wired to.
@@ -49,8 +48,8 @@ impl<'r> Reachable<'r, '_, '_> {
     /// The wire to an input port of a node, if it fits.
     pub(crate) fn wire(
         &self,
-        node: &str,
-        kind: &'r NodeKind,
+        node: &KnownNode<'_, '_>,
+        signature: &Signature,
         port: &Port,
         input: &InputSpec,
         resolver: &mut Resolver,
@@ -61,7 +60,7 @@ impl<'r> Reachable<'r, '_, '_> {
             Wired::File(file) => file_wire(port, file, resolver, report),
             Wired::Reference(reference) => {
                 let output = self.find(reference, report)?;
-                match self.misfit(node, kind, port, input, &output) {
+                match self.misfit(node, signature, port, input, &output) {
                     None => Some(output.wire),
                     Some(error) => {
                         report.push(error);
@@ -75,8 +74,8 @@ impl<'r> Reachable<'r, '_, '_> {
     /// Why an output does not fit an input; `None` if it does.
     fn misfit(
         &self,
-        node: &str,
-        kind: &NodeKind,
+        node: &KnownNode<'_, '_>,
+        signature: &Signature,
         port: &Port,
         input: &InputSpec,
         output: &Output<'_>,
@@ -103,7 +102,7 @@ impl<'r> Reachable<'r, '_, '_> {
         }
         if wanted != given {
             let what = format!("input `{name}` wants {wanted}, but `{written}` is {given}");
-            let fitting = self.outputs_fitting(port, node);
+            let fitting = self.outputs_fitting(port, node.name);
             let fitting: Vec<&str> = fitting.iter().map(String::as_str).collect();
             let help = (!fitting.is_empty()).then(|| format!("outputs that fit: {}", names::listed(&fitting)));
             return Some(error(what).label(format!("{given}, not {wanted}")).maybe_help(help));
@@ -122,10 +121,11 @@ impl<'r> Reachable<'r, '_, '_> {
                 let help = format!("an ordered node that collects {given} and finishes with one value goes between");
                 Some(error(what).label("a value a frame").help(help))
             }
-            (Rate::Once, Rate::Once) if output.stage == self.stage && kind.declaration.contract != Contract::Once => {
+            (Rate::Once, Rate::Once) if output.stage == self.stage && signature.contract != Contract::Once => {
                 let what = format!(
                     "`{written}` is known only after the last frame of stage `{}`, but `{}` works frame by frame",
-                    self.stages[self.stage].name, kind.declaration.kind
+                    self.stages[self.stage].name,
+                    node.kind.map_or(node.name, |kind| kind.declaration.kind)
                 );
                 Some(error(what).label("not known yet").help("move the node that reads it into a later stage"))
             }
@@ -148,8 +148,9 @@ impl<'r> Reachable<'r, '_, '_> {
         let node = names.node(&reference.node.text);
         let (owner, ports): (String, &[Port]) = match node {
             Some(node) => {
-                let declaration = &names.nodes[node].1?.declaration;
-                (format!("`{}` ({})", reference.node.text, declaration.kind), &declaration.outputs)
+                let known = &names.nodes[node];
+                let (kind, signature) = (known.kind?, known.signature.as_ref()?);
+                (format!("`{}` ({})", reference.node.text, kind.declaration.kind), &signature.outputs)
             }
             None if reference.node.text == "source" => {
                 let source = names.source.as_ref()?;
@@ -183,7 +184,7 @@ impl<'r> Reachable<'r, '_, '_> {
         let names = &self.stages[stage];
         let what = format!("stage `{}` has no node `{name}`", names.name);
         let mut known: Vec<&str> =
-            names.nodes.iter().map(|(name, _)| *name).filter(|name| !name.contains('.')).collect();
+            names.nodes.iter().map(|node| node.name).filter(|name| !name.contains('.')).collect();
         known.push("source");
         let elsewhere = self.stages[..self.stage].iter().find(|earlier| earlier.node(name).is_some());
         let help = match elsewhere {
@@ -213,11 +214,12 @@ impl<'r> Reachable<'r, '_, '_> {
                 let own = source.outputs.iter().filter(|output| fits(output));
                 fitting.extend(own.map(|output| format!("source/{}", output.name)));
             }
-            for (name, kind) in &stage.nodes {
-                if name.contains('.') || here && *name == node || fitting.len() >= MOST {
+            for known in &stage.nodes {
+                let name = known.name;
+                if name.contains('.') || here && name == node || fitting.len() >= MOST {
                     continue;
                 }
-                let outputs = kind.iter().flat_map(|kind| &kind.declaration.outputs).filter(|output| fits(output));
+                let outputs = known.outputs().iter().filter(|output| fits(output));
                 fitting.extend(outputs.map(|output| format!("{prefix}{name}/{}", output.name)));
             }
         }

@@ -1,0 +1,225 @@
+//! Ports that a node declares in YAML, among its parameters.
+
+use std::collections::BTreeMap;
+
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+use super::{Contract, Port, Rate, Signature};
+use crate::values::ValueType;
+
+/// The ports of a node: `{ inputs: { left: image, model: { type: model, rate: once } }, outputs: { depth: depth } }`.
+///
+/// By name, so that the order in which they are written decides nothing.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct DeclaredPorts {
+    /// Input ports, by name.
+    pub inputs: BTreeMap<String, DeclaredPort>,
+    /// Output ports, by name.
+    pub outputs: BTreeMap<String, DeclaredPort>,
+}
+
+/// A port: the type of its values (`depth`), or `{ type: depth, rate: once, optional: true }`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct DeclaredPort {
+    /// What it carries.
+    pub value_type: ValueType,
+    /// How often.
+    pub rate: Rate,
+    /// An input that may stay unwired, or an output that may be absent on a frame.
+    pub optional: bool,
+}
+
+/// How many ports a node may declare on either side: names of ports are kept as long as the program runs.
+const MOST: usize = 64;
+/// The longest name of a port, bytes.
+const LONGEST: usize = 64;
+
+impl DeclaredPorts {
+    /// Whether they are ports that a node of this contract can have.
+    ///
+    /// # Errors
+    /// A lower-case fragment that names the port.
+    pub fn check(&self, contract: Contract) -> Result<(), String> {
+        for (side, ports) in [("input", &self.inputs), ("output", &self.outputs)] {
+            if ports.len() > MOST {
+                return Err(format!("{} {side}s are declared, at most {MOST} can be", ports.len()));
+            }
+            for (name, port) in ports {
+                check_name(name).map_err(|what| format!("{side} `{name}`: {what}"))?;
+                let is_fine = match (contract, port.rate) {
+                    (Contract::Ordered, _) | (Contract::Once, Rate::Once) => true,
+                    (Contract::Pure, rate) => rate == Rate::Frame || side == "input",
+                    (Contract::Once, Rate::Frame) => false,
+                };
+                if !is_fine {
+                    let (contract, rate) = (contract.name(), port.rate.name());
+                    return Err(format!("{side} `{name}`: a {contract} node has no {side} of `rate: {rate}`"));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The signature of a node of this contract with these ports.
+    #[must_use]
+    pub fn signature(&self, contract: Contract) -> Signature {
+        Signature { contract, inputs: ports(&self.inputs), outputs: ports(&self.outputs) }
+    }
+}
+
+fn ports(declared: &BTreeMap<String, DeclaredPort>) -> Vec<Port> {
+    let port = |(name, port): (&String, &DeclaredPort)| {
+        let DeclaredPort { value_type, rate, optional } = *port;
+        Port { name: Port::lasting(name), value_type, rate, optional, doc: "" }
+    };
+    declared.iter().map(port).collect()
+}
+
+/// Whether a text can be a port's name in references (`node/port`), topics and columns.
+///
+/// # Errors
+/// A lower-case fragment: how names are written.
+pub fn check_name(name: &str) -> Result<(), &'static str> {
+    let mut bytes = name.bytes();
+    let begins = bytes.next().is_some_and(|first| first.is_ascii_lowercase() || first == b'_');
+    if begins
+        && bytes.all(|byte| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'_')
+        && name.len() <= LONGEST
+    {
+        return Ok(());
+    }
+    Err("the name of a port is a lower-case letter, then letters, digits and `_`, at most 64 of them")
+}
+
+impl DeclaredPort {
+    /// A port that carries a value for every frame.
+    #[must_use]
+    pub const fn frame(value_type: ValueType) -> Self {
+        Self { value_type, rate: Rate::Frame, optional: false }
+    }
+}
+
+/// What is neither a type's name alone.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Whole {
+    #[serde(rename = "type")]
+    value_type: String,
+    #[serde(default)]
+    rate: WrittenRate,
+    #[serde(default)]
+    optional: bool,
+}
+
+#[derive(Clone, Copy, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum WrittenRate {
+    #[default]
+    Frame,
+    Once,
+}
+
+// As short as it can be said, so that the two ways of writing it are one in plans and keys.
+impl Serialize for DeclaredPort {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        if *self == Self::frame(self.value_type) {
+            return serializer.serialize_str(self.value_type.name());
+        }
+        let rate = if self.rate == Rate::Once { WrittenRate::Once } else { WrittenRate::Frame };
+        let whole = Whole { value_type: self.value_type.name().to_owned(), rate, optional: self.optional };
+        whole.serialize(serializer)
+    }
+}
+
+impl<'de> Deserialize<'de> for DeclaredPort {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        #[derive(Deserialize)]
+        #[serde(untagged, expecting = "neither a type nor `{ type: TYPE, rate: frame, optional: false }`")]
+        enum Written {
+            Type(String),
+            Whole(Whole),
+        }
+        let whole = match Written::deserialize(deserializer)? {
+            Written::Type(value_type) => Whole { value_type, rate: WrittenRate::Frame, optional: false },
+            Written::Whole(whole) => whole,
+        };
+        let value_type = ValueType::from_name(&whole.value_type)
+            .ok_or_else(|| serde::de::Error::custom(format!("there is no type of values `{}`", whole.value_type)))?;
+        let rate = match whole.rate {
+            WrittenRate::Frame => Rate::Frame,
+            WrittenRate::Once => Rate::Once,
+        };
+        Ok(Self { value_type, rate, optional: whole.optional })
+    }
+}
+
+impl JsonSchema for DeclaredPort {
+    fn schema_name() -> std::borrow::Cow<'static, str> {
+        "DeclaredPort".into()
+    }
+
+    fn inline_schema() -> bool {
+        true
+    }
+
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        let types: Vec<&str> = ValueType::ALL.into_iter().map(ValueType::name).collect();
+        json_schema!({ "anyOf": [
+            { "type": "string", "enum": types, "description": "The type of its values, one a frame." },
+            {
+                "type": "object",
+                "properties": {
+                    "type": { "enum": types, "description": "The type of its values." },
+                    "rate": { "enum": ["frame", "once"], "default": "frame", "description": "A value for every frame, or one for the stage." },
+                    "optional": { "type": "boolean", "default": false, "description": "An input that may stay unwired; an output that may be absent on a frame." },
+                },
+                "required": ["type"],
+                "additionalProperties": false,
+            },
+        ] })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::{DeclaredPort, DeclaredPorts, check_name};
+    use crate::ValueType;
+    use crate::contracts::{Contract, Rate};
+
+    #[test]
+    fn a_port_is_written_as_its_type_or_whole_and_is_the_same_either_way() {
+        let short: DeclaredPort = serde_json::from_value(json!("depth")).expect("a type");
+        let whole: DeclaredPort = serde_json::from_value(json!({ "type": "depth" })).expect("a map");
+        assert_eq!(short, whole);
+        assert_eq!(serde_json::to_value(whole).expect("written"), json!("depth"));
+        let once = json!({ "type": "model", "rate": "once", "optional": true });
+        let read: DeclaredPort = serde_json::from_value(once.clone()).expect("a map");
+        assert_eq!(read, DeclaredPort { value_type: ValueType::Model, rate: Rate::Once, optional: true });
+        assert_eq!(serde_json::to_value(read).expect("written"), once);
+        for wrong in [json!("dept"), json!(3), json!({ "type": "depth", "ratte": "once" }), json!({})] {
+            assert!(serde_json::from_value::<DeclaredPort>(wrong.clone()).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn ports_fit_the_contract_and_have_names_that_references_can_write() {
+        let ports = |json| serde_json::from_value::<DeclaredPorts>(json).expect("ports");
+        let collects = ports(
+            json!({ "inputs": { "depth": "depth" }, "outputs": { "model": { "type": "model", "rate": "once" } } }),
+        );
+        assert_eq!(collects.check(Contract::Ordered), Ok(()));
+        let told = "output `model`: a pure node has no output of `rate: once`".to_owned();
+        assert_eq!(collects.check(Contract::Pure), Err(told));
+        assert!(collects.check(Contract::Once).is_err());
+        for name in ["left", "_x1", "a"] {
+            assert_eq!(check_name(name), Ok(()), "{name}");
+        }
+        for name in ["", "a/b", "a.b", "Left", "1x", "a b", "ü", &"x".repeat(65)] {
+            assert!(check_name(name).is_err(), "{name}");
+        }
+    }
+}

@@ -1,0 +1,22 @@
+//! What goes in and out of one node, and how it is called.
+
+use super::{Contract, NodeDeclaration, Port};
+
+/// How a node is called, and its ports: of all nodes of a kind those of its declaration, or of each node its own, where they follow from its
+/// parameters ([`Node::signature`](super::Node::signature)).
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Signature {
+    /// How it is called.
+    pub contract: Contract,
+    /// Input ports.
+    pub inputs: Vec<Port>,
+    /// Output ports. Of an ordered node, those with [`Rate::Once`](super::Rate) come from `finish`.
+    pub outputs: Vec<Port>,
+}
+
+impl From<&NodeDeclaration> for Signature {
+    fn from(declaration: &NodeDeclaration) -> Self {
+        let NodeDeclaration { contract, inputs, outputs, .. } = declaration;
+        Self { contract: *contract, inputs: inputs.clone(), outputs: outputs.clone() }
+    }
+}
