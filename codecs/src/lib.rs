@@ -17,6 +17,7 @@
 //! assert_eq!(depth.metres[(0, 0)].0, [3.5]);
 //! ```
 
+pub mod arrow;
 pub mod compression;
 pub mod decode;
 pub mod encode;

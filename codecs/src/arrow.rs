@@ -1,0 +1,37 @@
+//! Values as Arrow record batches, and streams of these: what crosses to programs in other languages.
+//!
+//! A column is the value of a port: a struct of `width`, `height` and `data`, a list of numbers, row by row, so that Arrow's libraries, and NumPy on top of
+//! them, read the pixels where they lie. A batch has one row.
+//!
+//! This is the part of Arrow's IPC format that such streams take (little endian, V5; no dictionaries, no compression), and it reads what others write of it:
+//! lengths and offsets are checked before they are followed.
+//!
+//! ```
+//! use depthloom_codecs::arrow::{self, Schema, StreamReader};
+//! use depthloom_graphs::values::{Depth, Raster};
+//! use depthloom_graphs::{Value, ValueType};
+//!
+//! let value = Value::from(Depth { metres: Raster::from_raw(2, 1, vec![3.5, f32::NAN]).unwrap() });
+//! let schema = Schema { fields: vec![arrow::field("depth", ValueType::Depth).unwrap()], metadata: vec![] };
+//! let mut stream = Vec::new();
+//! arrow::write_schema(&schema, &mut stream)?;
+//! arrow::encode(&schema, vec![arrow::data(&value).unwrap()]).write(&mut stream)?;
+//!
+//! let mut reader = StreamReader::new(&stream[..]);
+//! let schema = reader.schema()?.unwrap();
+//! let batch = reader.batch(&schema)?.unwrap();
+//! let Ok(Value::Depth(depth)) = arrow::value(ValueType::Depth, &batch.column(&schema, "depth").unwrap()) else { panic!() };
+//! assert_eq!(depth.metres[(0, 0)].0, [3.5]);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+mod batch;
+mod flat;
+mod stream;
+mod types;
+mod values;
+
+pub use batch::{Batch, Data, Encoded, Items, View, encode};
+pub use stream::{StreamError, StreamReader, write_schema};
+pub use types::{DataType, Field, Offsets, Schema};
+pub use values::{PORT_TYPE, data, field, value};
