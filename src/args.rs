@@ -19,7 +19,7 @@ use clap_complete::engine::ArgValueCompleter;
 pub use analyse::{AnalyseArgs, SamplesArgs};
 pub use compare::{CompareArgs, CompareBy, IntervalArgs, IntervalOption};
 pub use data::DataArgs;
-pub use experiment::{CheckArgs, ExperimentArgs, GraphArgs, GraphFormat, PlanArgs};
+pub use experiment::{CheckArgs, ExecArgs, ExperimentArgs, GraphArgs, GraphFormat, PlanArgs};
 pub use export::{ColoursOption, ExportArgs, ExportFormat};
 pub use figure::{FigureArgs, FigureFormat};
 pub use recording::{InfoArgs, RecoverArgs, ReplayArgs};

@@ -16,6 +16,7 @@
 
 pub use depthloom_graphs as graphs;
 
+mod allow_exec;
 mod args;
 mod columns;
 mod command_line;

@@ -103,7 +103,11 @@ impl Observer for Progress {
                 }
                 How::Lines => {
                     if let Some(failure) = failures.first() {
-                        say(format_args!("{}: frame {} failed: {}", self.stages[run].name, frame.id, failure.what));
+                        let stage = &self.stages[run];
+                        let node =
+                            failure.node.map_or(Some("source"), |node| stage.nodes.get(node).map(String::as_str));
+                        let (stage, node) = (&stage.name, node.unwrap_or_default());
+                        say(format_args!("{stage}.{node}: frame {} failed: {}", frame.id, failure.what));
                     }
                     if now.said.elapsed() >= EVERY {
                         now.said = Instant::now();

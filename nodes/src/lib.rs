@@ -14,6 +14,7 @@
 pub mod inspection;
 pub mod kitti_layout;
 pub mod onnx;
+pub mod process;
 pub mod sources;
 
 mod confidence;

@@ -8,6 +8,7 @@ use crate::disparity::{Fill, LeftRight, Speckle, WeightedLeastSquares};
 use crate::filter::Median;
 use crate::fusion::{Confidence, Scale};
 use crate::mono::{GroundPlane, Onnx};
+use crate::process::{Process, ProcessSource};
 use crate::score::{ScoreDepth, ScoreDisparity};
 use crate::sources::{
     DrivingStereo, Eth3dTwoView, Images, KittiDepth, KittiOdometry, KittiRaw, KittiStereo2012, KittiStereo2015,
@@ -32,6 +33,7 @@ pub fn registry() -> Registry {
         .source::<SceneFlow>()
         .source::<DrivingStereo>()
         .source::<SyntheticRoad>()
+        .source::<ProcessSource>()
         .node::<Sgbm>()
         .node::<Bm>()
         .node::<CensusSgm>()
@@ -47,6 +49,7 @@ pub fn registry() -> Registry {
         .node::<Scale>()
         .node::<Confidence>()
         .node::<Median>()
+        .node::<Process>()
         .node::<ScoreDepth>()
         .node::<ScoreDisparity>()
 }

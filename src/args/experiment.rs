@@ -34,6 +34,15 @@ pub struct ExperimentArgs {
     pub variants: Vec<String>,
 }
 
+/// Whether programs may be started.
+#[derive(Clone, Copy, Debug, Default, Args)]
+pub struct ExecArgs {
+    /// Let the experiment start the programs that it names (`process`, `process/source`); without it, it starts none. An experiment whose file
+    /// is listed under `allow_exec` in ~/.config/depthloom/config.yaml needs it not.
+    #[arg(long)]
+    pub allow_exec: bool,
+}
+
 /// `check`.
 #[derive(Debug, Args)]
 pub struct CheckArgs {
@@ -54,6 +63,10 @@ pub struct CheckArgs {
     #[arg(long, conflicts_with = "sarif")]
     pub data: bool,
 
+    /// Programs.
+    #[command(flatten)]
+    pub exec: ExecArgs,
+
     /// Threads that read frames, with `--data`; by default one a core.
     #[arg(long, short = 'j', value_name = "N", requires = "data", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub workers: Option<u16>,
@@ -70,6 +83,10 @@ pub struct PlanArgs {
     /// all. Opens sources and engines, as `run` does.
     #[arg(long)]
     pub reuse: bool,
+
+    /// Programs.
+    #[command(flatten)]
+    pub exec: ExecArgs,
 
     /// The folder that the run would write, with `--reuse`: what lies beside it is taken from, too.
     #[arg(long, short, value_name = "DIR", requires = "reuse", add = ArgValueCompleter::new(folders()))]

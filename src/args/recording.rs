@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use clap_complete::engine::ArgValueCompleter;
 
+use super::ExecArgs;
 use crate::completion::runs;
 use crate::replay::Tolerance;
 
@@ -66,6 +67,10 @@ pub struct ReplayArgs {
     /// May be repeated.
     #[arg(long, value_name = "[TYPE=]MOST", value_parser = Tolerance::parse)]
     pub tolerance: Vec<Tolerance>,
+
+    /// Programs.
+    #[command(flatten)]
+    pub exec: ExecArgs,
 
     /// Worker threads; by default one a core.
     #[arg(long, short = 'j', value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]

@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use clap::Args;
 use clap_complete::engine::ArgValueCompleter;
 
-use super::ExperimentArgs;
 use super::compare::parse_confidence;
+use super::{ExecArgs, ExperimentArgs};
 use crate::completion::{folders, runs};
 
 /// `run`.
@@ -40,6 +40,10 @@ pub struct RunArgs {
     /// Frames in flight at most; by default two more than workers. Bounds memory, never changes a result.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
     pub window: Option<u16>,
+
+    /// Programs.
+    #[command(flatten)]
+    pub exec: ExecArgs,
 
     /// Go on after a frame failed: what depended on it is left out, means are taken over the frames common to all.
     #[arg(long)]

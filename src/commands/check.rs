@@ -8,6 +8,7 @@ use depthloom_graphs::plan::Plan;
 use serde_json::json;
 
 use super::check_data;
+use crate::allow_exec;
 use crate::args::{CheckArgs, ExperimentArgs};
 use crate::counted::counted;
 use crate::diagnostics::{self, error_json, list_json, sarif};
@@ -19,6 +20,9 @@ use crate::streams::{print, print_json, print_output};
 pub fn check(args: &CheckArgs, registry: &Registry) -> Result<Exit, Stop> {
     let loaded = load(&args.experiment, registry, args.json || args.sarif);
     let experiment = &args.experiment.experiment;
+    if args.data {
+        allow_exec::decide(args.exec, Some(experiment))?;
+    }
     let workers = args.workers.map_or(depthloom_runner::Options::default().workers, usize::from);
     let data = match &loaded {
         Ok(loaded) if args.data => check_data::walk(&loaded.plan, registry, workers, args.json),

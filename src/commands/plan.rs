@@ -13,6 +13,7 @@ use serde_json::json;
 
 use super::check::load;
 use super::run::stop_of_missing;
+use crate::allow_exec;
 use crate::args::{GraphArgs, GraphFormat, PlanArgs};
 use crate::columns::aligned;
 use crate::diagnostics::print_warning;
@@ -37,6 +38,7 @@ pub fn plan(args: &PlanArgs, registry: &Registry) -> Result<Exit, Stop> {
 
 /// Prints what of the plan would run and what would be taken from earlier runs, and why not all.
 fn reuse(args: &PlanArgs, plan: Plan, registry: &Registry) -> Result<Exit, Stop> {
+    allow_exec::decide(args.exec, Some(&args.experiment.experiment))?;
     let ready = Ready::new(plan, registry).map_err(|missing| stop_of_missing(&missing))?;
     let plan = ready.plan.clone();
     let earlier = earlier::beside(args.out.as_deref(), &plan);

@@ -12,6 +12,7 @@ use serde_json::{Map, Value as Json, json};
 use super::report::recording_of;
 use super::run::stop_of;
 use super::table::open;
+use crate::allow_exec;
 use crate::args::ReplayArgs;
 use crate::columns::aligned;
 use crate::counted::counted;
@@ -28,6 +29,7 @@ const TOLD: usize = 20;
 
 /// Makes nodes again and says whether their values are those recorded.
 pub fn replay(args: &ReplayArgs, registry: &Registry) -> Result<Exit, Stop> {
+    allow_exec::decide(args.exec, None)?;
     let path = recording_of(&args.run, "replay")?;
     let interrupt = signals::listen("stopping: nothing is written")?;
     let recording = Arc::new(open(&path)?);

@@ -18,6 +18,7 @@ use super::check::load;
 use super::page;
 use super::report::{RECORDING, TIMINGS, analyse, no_pixel_counted, summary, write_timings};
 use super::samples;
+use crate::allow_exec;
 use crate::args::RunArgs;
 use crate::counted::counted;
 use crate::diagnostics;
@@ -37,6 +38,7 @@ use crate::truths;
 /// Loads, plans, opens, runs, records, scores and prints.
 pub fn run(args: &RunArgs, registry: &Registry) -> Result<Exit, Stop> {
     let Loaded { plan, kept, read, .. } = load(&args.experiment, registry, is_silent(args))?;
+    allow_exec::decide(args.exec, Some(&args.experiment.experiment))?;
     let mut ready = Ready::new(plan, registry).map_err(|missing| stop_of_missing(&missing))?;
     let plan = ready.plan.clone();
     let of_sources = [std::mem::take(&mut ready.warnings), truths::missing(&ready)].concat();

@@ -31,6 +31,8 @@ mod networks;
 mod onnx_file;
 mod outputs;
 mod page;
+#[cfg(target_os = "linux")]
+mod process;
 mod python_package;
 mod python_reads;
 mod replay;

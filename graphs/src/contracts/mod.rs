@@ -20,7 +20,7 @@ pub use fault::Fault;
 pub use frame::Frame;
 pub use frame_selection::FrameSelection;
 pub use node::{Inputs, Instance, Node, NodeDeclaration, OnceNode, OrderedNode, Outputs, PureNode};
-pub use params::{Auto, DataPath};
+pub use params::{Argument, Auto, DataPath};
 pub use port::{Contract, Port, Rate};
 pub use signature::Signature;
 pub use source::{Fact, Recognised, Source, SourceDeclaration, SourceKind, SourceOutputs, Survey};

@@ -28,6 +28,12 @@ impl<'a> Inputs<'a> {
         Self { ports, values }
     }
 
+    /// The value at a port, of whatever type; `None` if there is none, or no such port.
+    #[must_use]
+    pub fn value(&self, port: &str) -> Option<&'a Value> {
+        self.values[self.ports.iter().position(|p| p.name == port)?].as_ref()
+    }
+
     /// The value at a required port.
     ///
     /// # Errors

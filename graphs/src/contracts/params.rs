@@ -32,6 +32,28 @@ impl JsonSchema for DataPath {
     }
 }
 
+/// A word of a command: the program, or one of its arguments. What begins with `./` or `../`, and what has an ending or a `/` and names a file
+/// from the folder of the YAML file that it stands in, the language resolves against that folder; all else stays as it is.
+///
+/// In a recipe a file counts by its name alone: what is in it is for other parameters to say.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct Argument(pub String);
+
+impl JsonSchema for Argument {
+    fn schema_name() -> std::borrow::Cow<'static, str> {
+        "Argument".into()
+    }
+
+    fn inline_schema() -> bool {
+        true
+    }
+
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        json_schema!({ "type": "string", "format": "argument" })
+    }
+}
+
 /// A parameter that follows others unless it is given a value of its own: `auto`, or the value.
 ///
 /// [`Node::resolve`](super::Node::resolve) puts the value in the place of `auto`, so that keys, recordings and the node itself know

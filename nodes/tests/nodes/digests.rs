@@ -239,6 +239,10 @@ fn digests() -> BTreeMap<String, Key> {
             depthloom_test_needs::skipped(&format!("the digest of {kind}"), &fault.chain());
             continue;
         }
+        if kind == "process" {
+            // What it gives is up to the program.
+            continue;
+        }
         assert!(calls.iter().any(|call| call.0 == kind), "add a call of {kind}");
         let digest =
             calls.iter().filter(|call| call.0 == kind).fold(Key::build(kind), |digest, (_, variants, inputs)| {
@@ -251,6 +255,9 @@ fn digests() -> BTreeMap<String, Key> {
     }
     for source in registry.sources() {
         let kind = source.declaration.kind;
+        if kind == "process/source" {
+            continue;
+        }
         let folder = tempfile::tempdir().unwrap();
         let params = match kind {
             "synthetic/road" => json!({ "frames": [2], "width": 96, "height": 32 }),

@@ -8,16 +8,54 @@
 >>> run.experiment["stages"]["compare"]["nodes"]["stereo"]      # the experiment as it was run
 >>> depthloom.run("experiments/table1.yaml", set={"compare.stereo.with.block": 7})
 
+A node or a source of an experiment is written with :func:`node`, :func:`source` and :func:`serve`:
+
+>>> @depthloom.node(inputs={"stereo": "depth", "mono": "depth"}, outputs={"depth": "depth"})
+... def fuse(stereo, mono):
+...     return np.where(np.isnan(stereo), mono, stereo)
+>>> depthloom.serve(fuse)
+
 What a recording holds is read here, without the program. The program `depthloom` makes what is not there yet: runs, samples and tables. It is looked for
 on the PATH, or where the environment's `DEPTHLOOM` says.
 """
 
-from ._errors import Ambiguous, DepthloomError, DepthloomWarning, NotRecorded, ProgramError, RecordingError
-from ._frames import Frame, Frames
-from ._maps import Calibration
-from ._plan import Estimate, Node
-from ._program import run
-from ._run import Run, Stage, open
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from ._calibration import Calibration
+    from ._errors import Ambiguous, DepthloomError, DepthloomWarning, NotRecorded, ProgramError, RecordingError
+    from ._frames import Frame, Frames
+    from ._node import Instant, node, source
+    from ._plan import Estimate, Node
+    from ._program import run
+    from ._run import Run, Stage, open
+    from ._serve import progress, serve, warn
+else:
+    # Each when it is first asked for: a node needs neither polars nor what reads recordings, and is started once a worker.
+    _MODULES = {
+        "_calibration": ["Calibration"],
+        "_errors": ["Ambiguous", "DepthloomError", "DepthloomWarning", "NotRecorded", "ProgramError", "RecordingError"],
+        "_frames": ["Frame", "Frames"],
+        "_node": ["Instant", "node", "source"],
+        "_plan": ["Estimate", "Node"],
+        "_program": ["run"],
+        "_run": ["Run", "Stage", "open"],
+        "_serve": ["progress", "serve", "warn"],
+    }
+
+    def __getattr__(name):
+        from importlib import import_module
+
+        for module, names in _MODULES.items():
+            if name in names:
+                found = getattr(import_module(f".{module}", __name__), name)
+                globals()[name] = found
+                return found
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+    def __dir__():
+        return __all__
+
 
 __all__ = [
     "Ambiguous",
@@ -27,12 +65,18 @@ __all__ = [
     "Estimate",
     "Frame",
     "Frames",
+    "Instant",
     "Node",
     "NotRecorded",
     "ProgramError",
     "RecordingError",
     "Run",
     "Stage",
+    "node",
     "open",
+    "progress",
     "run",
+    "serve",
+    "source",
+    "warn",
 ]

@@ -10,8 +10,9 @@ from typing import Any
 from numpy.typing import NDArray
 
 from . import _maps
+from ._calibration import Calibration
 from ._errors import Ambiguous, NotRecorded
-from ._maps import MAP_TYPES, Calibration
+from ._maps import MAP_TYPES
 from ._plan import Output, Plan
 from ._recording import Commit, Recording
 

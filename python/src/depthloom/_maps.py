@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,25 +10,11 @@ import zstandard
 from numpy.typing import NDArray
 from PIL import Image
 
+from ._calibration import Calibration
 from ._errors import RecordingError
 
 #: The types of outputs that are maps, and can be asked of a frame.
 MAP_TYPES = frozenset({"image", "depth", "disparity", "true-disparity", "weight", "mask"})
-
-
-@dataclass(frozen=True)
-class Calibration:
-    """A rectified pair's cameras: pixels but for the baseline, which is metres."""
-
-    width: int
-    height: int
-    focal_px: float
-    cx_px: float
-    cy_px: float
-    #: The distance between the two cameras' centres, metres.
-    baseline_m: float
-    #: How much farther right the right camera's principal point lies: depth is `focal_px * baseline_m / (disparity + doffs_px)`.
-    doffs_px: float
 
 
 def array(value_type: str, schema: str, message: Any) -> NDArray[Any]:

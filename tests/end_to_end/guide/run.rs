@@ -36,6 +36,7 @@ pages! {
     own_network: "how-to/own-network.md",
     own_node: "how-to/own-node.md",
     python: "how-to/python.md",
+    python_node: "how-to/python-node.md",
     first_run: "tutorial/first-run.md",
     own_ablation: "tutorial/own-ablation.md",
     reading_the_report: "tutorial/reading-the-report.md",

@@ -22,6 +22,10 @@ pub(crate) fn parameters(node: &Node, schema: &Json, anywhere: &mut Anywhere) ->
             }
             None => Json::String(text.clone()),
         },
+        Tree::Text(text) if has_format(schema, "argument") && is_file_argument(node, text) => {
+            anywhere.add(node, text);
+            Json::String(located(node, text).to_string_lossy().into_owned())
+        }
         Tree::Number(_) | Tree::Bool(_) | Tree::Null => match &node.written {
             Some(written) if wants_text_only(schema) => Json::String(written.value.clone()),
             _ => node.to_json(),
@@ -39,6 +43,14 @@ pub(crate) fn parameters(node: &Node, schema: &Json, anywhere: &mut Anywhere) ->
     }
 }
 
+/// Whether a word of a command names a file: by its form, or because there is such a file beside the one it is written in. A bare word, without an
+/// ending, is never one: it is a program of the PATH, or means something to the program.
+fn is_file_argument(node: &Node, text: &str) -> bool {
+    let by_form = text.starts_with("./") || text.starts_with("../");
+    let could_be = text.contains(['/', '.']) && !text.starts_with('-');
+    by_form || could_be && located(node, text).is_file()
+}
+
 /// The file of frame ids that a text names: by its form, or because there is such a file. A range is never one.
 fn frames_file(node: &Node, text: &str) -> Option<String> {
     let path = || located(node, text).to_string_lossy().into_owned();
@@ -53,9 +65,13 @@ fn frames_file(node: &Node, text: &str) -> Option<String> {
     }
 }
 
-/// Resolved parameters with every path replaced by what `name` makes of it.
+/// Resolved parameters with every path replaced by what `name` makes of it; a word of a command that is a path, by the last part of it.
 pub(crate) fn with_paths(value: &Json, schema: &Json, name: &mut dyn FnMut(&Path) -> Json) -> Json {
     match value {
+        Json::String(text) if has_format(schema, "argument") => {
+            let name = Path::new(text).file_name().filter(|_| text.contains('/') && Path::new(text).is_file());
+            name.map_or_else(|| value.clone(), |name| Json::String(name.to_string_lossy().into_owned()))
+        }
         Json::String(text) if !text.is_empty() => {
             let is_path = has_format(schema, "path")
                 || has_format(schema, "frames") && matches!(FrameSelection::parse(text), Ok(FrameSelection::File(_)));

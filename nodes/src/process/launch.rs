@@ -1,0 +1,97 @@
+//! How a program is started, as a person declares it.
+
+use std::collections::BTreeMap;
+use std::hash::{BuildHasher, RandomState};
+use std::path::Path;
+use std::sync::OnceLock;
+use std::time::Duration;
+
+use depthloom_graphs::contracts::{Argument, DataPath};
+use depthloom_graphs::{Fault, Key};
+
+/// The longest time anybody may declare, seconds.
+const LONGEST_S: f64 = 31_536_000.0;
+
+/// What is started, and how long it may take.
+#[derive(Clone, Debug)]
+pub(super) struct Launch {
+    pub command: Vec<Argument>,
+    pub env: BTreeMap<String, String>,
+    /// How many processes there are at most.
+    pub instances: usize,
+    /// How long a process may take until it is ready.
+    pub start: Duration,
+    /// How long it may say nothing while it is called for a frame.
+    pub frame: Duration,
+    /// The same of a call that is of no frame.
+    pub once: Duration,
+}
+
+impl Launch {
+    /// The command as a person would type it.
+    pub(super) fn told(&self) -> String {
+        let quoted = |argument: &Argument| {
+            let text = &argument.0;
+            let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_./=:,+@%".contains(c);
+            if !text.is_empty() && text.chars().all(is_plain) { text.clone() } else { format!("{text:?}") }
+        };
+        self.command.iter().map(quoted).collect::<Vec<_>>().join(" ")
+    }
+}
+
+/// What any kind that starts a program must be told, checked.
+pub(super) fn check(
+    command: &[Argument],
+    env: &BTreeMap<String, String>,
+    version: Option<u32>,
+    code: &[DataPath],
+    times: [(&'static str, f64); 2],
+) -> Result<(), (&'static str, String)> {
+    if command.first().is_none_or(|program| program.0.is_empty()) {
+        return Err(("command", "command wants the program and its arguments, `[python3, node.py]`".to_owned()));
+    }
+    if command.iter().any(|argument| argument.0.contains('\0')) {
+        return Err(("command", "command holds a zero byte, which no argument can have".to_owned()));
+    }
+    if let Some(name) = env.keys().find(|name| name.is_empty() || name.contains(['=', '\0'])) {
+        return Err(("env", format!("{name:?} cannot be the name of a variable")));
+    }
+    if let Some((name, _)) = env.iter().find(|(_, value)| value.contains('\0')) {
+        return Err(("env", format!("the value of {name} holds a zero byte")));
+    }
+    if version.is_some() && !code.is_empty() {
+        let what = "code and version both say what the results depend on: give one of them";
+        return Err(("code", what.to_owned()));
+    }
+    for (name, seconds) in times {
+        if !(seconds > 0.0 && seconds <= LONGEST_S) {
+            return Err((name, format!("{name} is {seconds}, and is more than 0 and at most {LONGEST_S} seconds")));
+        }
+    }
+    Ok(())
+}
+
+/// What of a program decides results beside what enters the recipe: nothing where a version is declared or its files are named, for both are
+/// parameters; otherwise it is another program every time.
+pub(super) fn fingerprint(version: Option<u32>, code: &[DataPath]) -> Result<Option<Key>, Fault> {
+    static THIS_TIME: OnceLock<Key> = OnceLock::new();
+    for file in code {
+        is_file(file.path())?;
+    }
+    if version.is_some() || !code.is_empty() {
+        return Ok(None);
+    }
+    let random =
+        || Key::build("this time").number(RandomState::new().hash_one(0)).number(RandomState::new().hash_one(1));
+    Ok(Some(*THIS_TIME.get_or_init(|| random().number(std::process::id().into()).finish())))
+}
+
+fn is_file(path: &Path) -> Result<(), Fault> {
+    let what = match path.metadata() {
+        Ok(there) if there.is_file() => return Ok(()),
+        Ok(_) => format!("`code` names {}, which is no file", path.display()),
+        Err(error) => format!("`code` names {}: {error}", path.display()),
+    };
+    Err(Fault::new(what)
+        .remedy("name every file that decides what the program gives, one by one; or declare a `version`"))
+}

@@ -1,0 +1,45 @@
+//! `process` and `process/source`: nodes and sources in any language, as programs that are called over their standard streams.
+
+#[cfg(unix)]
+mod child;
+mod launch;
+mod node;
+pub mod permission;
+#[cfg(unix)]
+mod pool;
+mod protocol;
+mod source;
+
+pub use node::{Process, ProcessContract, ProcessParams};
+pub use source::{ProcessSource, ProcessSourceParams};
+
+#[cfg(not(unix))]
+mod pool {
+    //! Where there are no process groups nothing is started.
+
+    use depthloom_codecs::arrow::Schema;
+    use depthloom_graphs::{Fault, Host, Outputs, Port, Value};
+
+    use super::launch::Launch;
+    use super::protocol::Call;
+
+    pub(super) struct Pool;
+
+    pub(super) enum Answer {
+        Frames(Vec<String>, Option<Vec<u64>>),
+    }
+
+    impl Pool {
+        pub(super) fn new(_: Launch, _: Schema, _: Vec<Port>) -> Self {
+            Self
+        }
+
+        pub(super) fn outputs(&self, _: Call, _: Vec<Option<Value>>, _: &dyn Host) -> Result<Outputs, Fault> {
+            Err(Fault::new("programs are started on Unix alone"))
+        }
+
+        pub(super) fn call(&self, _: Call, _: Vec<Option<Value>>, _: &dyn Host) -> Result<Answer, Fault> {
+            Err(Fault::new("programs are started on Unix alone"))
+        }
+    }
+}

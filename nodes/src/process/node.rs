@@ -1,0 +1,206 @@
+//! `process`: a node in any language.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use depthloom_graphs::contracts::{
+    Argument, Contract, DataPath, DeclaredPorts, NodeDeclaration, OnceNode, OrderedNode, Signature,
+};
+use depthloom_graphs::{Context, Fault, Frame, Inputs, Instance, Key, Node, Outputs, Port, PureNode, Value};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value as Json};
+
+use super::launch::{self, Launch};
+use super::permission;
+use super::pool::Pool;
+use super::protocol::{self, Call};
+
+/// How a process is called.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum ProcessContract {
+    /// Frame by frame, by as many processes as there are workers; none remembers a frame when the next comes.
+    #[default]
+    Pure,
+    /// All frames in order, by one process; then `finish`.
+    Ordered,
+    /// Once, when the inputs are there.
+    Once,
+}
+
+impl ProcessContract {
+    const fn contract(self) -> Contract {
+        match self {
+            Self::Pure => Contract::Pure,
+            Self::Ordered => Contract::Ordered,
+            Self::Once => Contract::Once,
+        }
+    }
+}
+
+/// Parameters of `process`.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct ProcessParams {
+    /// The program and its arguments, `[python3, fuse.py]`: never a line for a shell. An argument with an ending or a `/` that names a file beside the YAML file is that file.
+    pub command: Vec<Argument>,
+    /// Its ports: `{ inputs: { stereo: depth, mono: depth }, outputs: { depth: depth } }`.
+    pub ports: DeclaredPorts,
+    /// How it is called: `pure`, `ordered` or `once`.
+    pub contract: ProcessContract,
+    /// What it is told beside its inputs, as it likes.
+    pub params: Map<String, Json>,
+    /// Raised whenever it gives other results than before. Without it and without `code` its results are never taken again.
+    pub version: Option<u32>,
+    /// The files that decide its results, instead of `version`: when one of them changes, they are made anew.
+    pub code: Vec<DataPath>,
+    /// Variables of its environment, over those that are there.
+    pub env: BTreeMap<String, String>,
+    /// How many processes there are at most; by default as many as are called at once. `ordered` and `once` have one.
+    #[schemars(range(min = 1), extend("operational" = true))]
+    pub instances: Option<u16>,
+    /// How long a process may say nothing while it is called, seconds; by default 60 for a frame, and an hour for what is of no frame.
+    #[schemars(extend("operational" = true))]
+    pub timeout_s: Option<f64>,
+    /// How long it may take until it can be called, seconds.
+    #[schemars(extend("operational" = true))]
+    pub start_timeout_s: f64,
+}
+
+impl Default for ProcessParams {
+    fn default() -> Self {
+        Self {
+            command: Vec::new(),
+            ports: DeclaredPorts::default(),
+            contract: ProcessContract::Pure,
+            params: Map::new(),
+            version: None,
+            code: Vec::new(),
+            env: BTreeMap::new(),
+            instances: None,
+            timeout_s: None,
+            start_timeout_s: 60.0,
+        }
+    }
+}
+
+/// How long a call may take by default, seconds: for a frame, and for what is of no frame.
+pub(super) const FRAME_S: f64 = 60.0;
+const ONCE_S: f64 = 3600.0;
+
+/// The kind `process`.
+pub struct Process;
+
+impl Node for Process {
+    type Params = ProcessParams;
+
+    fn declaration() -> NodeDeclaration {
+        NodeDeclaration {
+            kind: "process",
+            version: 1,
+            contract: Contract::Pure,
+            summary: "A node in any language: a program that gets its inputs as Arrow record batches, and answers with its outputs.",
+            doc: "\
+The program is started when a worker first needs it and is called until the stage ends: values cross its standard input and output as Arrow IPC streams, a record batch a call \
+(the guide's page on the protocol says all of it; in Python `depthloom.serve` speaks it). Its ports and its contract are declared here, and are checked, planned, recorded and scored as \
+any other node's. Depths are f32 metres with NaN for no answer, disparities the engine's fixed point with its scale, weights f32, images 8 bit; rows of scores do not cross.\n\n\
+Nothing is started unless the person who runs the experiment allows it: with `--allow-exec`, or in a file of their own (`allow_exec` in `~/.config/depthloom/config.yaml`). `check` and `plan` start nothing.\n\n\
+Results enter keys by `version` or by the content of the files in `code`; with neither they are never reused. A `pure` program that remembers frames breaks that promise, and nobody can see it.\n\n\
+A process that ends, says what is no reply, or says nothing for `timeout_s` fails the frame it was called for, with the end of its standard error; the next frame gets a new one (`--keep-going`). \
+It runs in a process group of its own, and everything in that group ends with it: told first (SIGTERM), killed two seconds later, also when depthloom itself is killed. What leaves the group, a daemon, is out of reach.",
+            inputs: Vec::new(),
+            outputs: Vec::new(),
+        }
+    }
+
+    fn signature(params: &ProcessParams) -> Option<Signature> {
+        Some(params.ports.signature(params.contract.contract()))
+    }
+
+    fn check(params: &ProcessParams) -> Result<(), (&'static str, String)> {
+        let times = [("timeout_s", params.timeout_s.unwrap_or(FRAME_S)), ("start_timeout_s", params.start_timeout_s)];
+        launch::check(&params.command, &params.env, params.version, &params.code, times)?;
+        let contract = params.contract.contract();
+        params.ports.check(contract).map_err(|what| ("ports", what))?;
+        let Signature { inputs, outputs, .. } = params.ports.signature(contract);
+        if inputs.is_empty() && contract != Contract::Once {
+            return Err((
+                "ports",
+                "ports declares no inputs: `{ inputs: { image: image }, outputs: { depth: depth } }`".to_owned(),
+            ));
+        }
+        let mut ports = inputs.iter().chain(&outputs);
+        ports.try_for_each(protocol::crosses).map_err(|what| ("ports", format!("ports: {what}")))
+    }
+
+    fn fingerprint(params: &ProcessParams) -> Result<Option<Key>, Fault> {
+        launch::fingerprint(params.version, &params.code)
+    }
+
+    fn build(params: ProcessParams) -> Result<Instance, Fault> {
+        let contract = params.contract.contract();
+        let signature = params.ports.signature(contract);
+        let instances = match contract {
+            Contract::Pure => params.instances.map_or(usize::MAX, usize::from),
+            Contract::Ordered | Contract::Once => 1,
+        };
+        let seconds = |given: Option<f64>, default: f64| Duration::from_secs_f64(given.unwrap_or(default));
+        let launch = Launch {
+            command: params.command,
+            env: params.env,
+            instances,
+            start: Duration::from_secs_f64(params.start_timeout_s),
+            frame: seconds(params.timeout_s, FRAME_S),
+            once: seconds(params.timeout_s, ONCE_S),
+        };
+        // Found before any frame: it is asked again where it is started.
+        permission::ask(&launch.told())?;
+        let Signature { inputs, outputs, .. } = signature;
+        let schema = protocol::request_schema(contract.name(), &inputs, &outputs, &params.params);
+        let called = Called { pool: Pool::new(launch, schema, outputs), inputs };
+        Ok(match contract {
+            Contract::Pure => Instance::Pure(Box::new(called)),
+            Contract::Ordered => Instance::Ordered(Box::new(called)),
+            Contract::Once => Instance::Once(Box::new(called)),
+        })
+    }
+}
+
+/// A node whose work a process does.
+struct Called {
+    pool: Pool,
+    inputs: Vec<Port>,
+}
+
+impl Called {
+    fn values(&self, inputs: &Inputs<'_>) -> Vec<Option<Value>> {
+        self.inputs.iter().map(|port| inputs.value(port.name).cloned()).collect()
+    }
+
+    fn nothing(&self) -> Vec<Option<Value>> {
+        self.inputs.iter().map(|_| None).collect()
+    }
+}
+
+impl PureNode for Called {
+    fn process(&self, inputs: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        self.pool.outputs(Call::Process(None), self.values(inputs), ctx.host)
+    }
+}
+
+impl OrderedNode for Called {
+    fn process(&mut self, frame: &Frame, inputs: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        self.pool.outputs(Call::Process(Some(frame.clone())), self.values(inputs), ctx.host)
+    }
+
+    fn finish(self: Box<Self>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        self.pool.outputs(Call::Finish, self.nothing(), ctx.host)
+    }
+}
+
+impl OnceNode for Called {
+    fn run(&self, inputs: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        self.pool.outputs(Call::Run, self.values(inputs), ctx.host)
+    }
+}

@@ -1,0 +1,201 @@
+//! The processes of a node: started where a worker needs one, taken and given back.
+
+use std::sync::{Arc, Condvar, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use depthloom_codecs::arrow::Schema;
+use depthloom_graphs::{Fault, Host, Outputs, Port, Value};
+
+use super::child::{LOOK, Running, Silence};
+use super::launch::Launch;
+use super::protocol::{Call, Request, Says};
+
+/// The processes of a node.
+pub(super) struct Pool {
+    launch: Launch,
+    schema: Arc<Schema>,
+    outputs: Arc<[Port]>,
+    state: Mutex<State>,
+    given_back: Condvar,
+}
+
+#[derive(Default)]
+struct State {
+    idle: Vec<Running>,
+    /// How many there are, those in use included.
+    there: usize,
+}
+
+/// What a call came to.
+pub(super) enum Answer {
+    /// Values by output port.
+    Values(Vec<Option<Value>>),
+    /// The frames of a source.
+    Frames(Vec<String>, Option<Vec<u64>>),
+}
+
+impl Pool {
+    pub(super) fn new(launch: Launch, schema: Schema, outputs: Vec<Port>) -> Self {
+        let (schema, outputs) = (Arc::new(schema), outputs.into());
+        Self { launch, schema, outputs, state: Mutex::default(), given_back: Condvar::new() }
+    }
+
+    /// The values of a call, as a node gives them.
+    pub(super) fn outputs(&self, call: Call, inputs: Vec<Option<Value>>, host: &dyn Host) -> Result<Outputs, Fault> {
+        let Answer::Values(values) = self.call(call, inputs, host)? else {
+            return Err(Fault::new(format!("`{}` gave frames where values are wanted", self.launch.told())));
+        };
+        let given = self.outputs.iter().zip(values).filter_map(|(port, value)| Some((port.name, value?)));
+        Ok(given.fold(Outputs::none(), |outputs, (name, value)| outputs.with(name, value)))
+    }
+
+    /// Calls a process that is free; one that breaks is not called again.
+    pub(super) fn call(&self, call: Call, inputs: Vec<Option<Value>>, host: &dyn Host) -> Result<Answer, Fault> {
+        let taken = self.take(host)?;
+        let mut slot = Slot { pool: self, running: None };
+        let mut running = match taken {
+            Some(running) => running,
+            None => {
+                let started = Running::start(&self.launch, &self.schema, &self.outputs)?;
+                let (running, says) = self.hear(started, 0, self.launch.start, false, host)?;
+                match says {
+                    Says::Ready => running,
+                    Says::Failure { message, trace } => {
+                        drop(running);
+                        return Err(self.failure("when it was started", &message, &trace));
+                    }
+                    _ => return Err(self.broken(running, "gave values before it said `ready`", "", false)),
+                }
+            }
+        };
+        running.number += 1;
+        let number = running.number;
+        let is_of_a_frame = matches!(call, Call::Process(_) | Call::Frames);
+        let patience = if is_of_a_frame { self.launch.frame } else { self.launch.once };
+        running.send(Request { number, call, inputs });
+        let (running, says) = self.hear(running, number, patience, !is_of_a_frame, host)?;
+        let answer = match says {
+            Says::Values { values, cpu_ns } => {
+                host.spent(cpu_ns);
+                Ok(Answer::Values(values))
+            }
+            Says::Frames { ids, times_ns } => Ok(Answer::Frames(ids, times_ns)),
+            Says::Failure { message, trace } => Err(self.failure("", &message, &trace)),
+            Says::Ready | Says::Progress { .. } | Says::Warning { .. } => {
+                return Err(self.broken(running, "said `ready` where an answer is wanted", "", false));
+            }
+        };
+        slot.running = Some(running);
+        answer
+    }
+
+    /// A process that is free, or leave to start one.
+    fn take(&self, host: &dyn Host) -> Result<Option<Running>, Fault> {
+        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        loop {
+            if let Some(running) = state.idle.pop() {
+                return Ok(Some(running));
+            }
+            if state.there < self.launch.instances {
+                state.there += 1;
+                return Ok(None);
+            }
+            if host.cancelled() {
+                return Err(Fault::Cancelled);
+            }
+            state = self.given_back.wait_timeout(state, LOOK).unwrap_or_else(PoisonError::into_inner).0;
+        }
+    }
+
+    /// Waits for the answer to a call, and passes on what is said before it. Without one the process is ended.
+    fn hear(
+        &self,
+        mut running: Running,
+        number: i64,
+        patience: Duration,
+        may_be_stopped: bool,
+        host: &dyn Host,
+    ) -> Result<(Running, Says), Fault> {
+        let mut until = Instant::now() + patience;
+        loop {
+            if host.cancelled() || may_be_stopped && host.stopping() {
+                running.terminate();
+                return Err(Fault::Cancelled);
+            }
+            let left = until.saturating_duration_since(Instant::now());
+            match running.hear(left.min(LOOK)) {
+                Err(Silence::Late) if left.is_zero() => {
+                    let what = if number == 0 { "was not ready" } else { "did not answer" };
+                    let (seconds, name) =
+                        (patience.as_secs_f64(), if number == 0 { "start_timeout_s" } else { "timeout_s" });
+                    let (what, remedy) = (
+                        format!("{what} within {seconds} s, and was ended"),
+                        format!("raise `{name}` if it needs longer"),
+                    );
+                    return Err(self.broken(running, &what, &remedy, true));
+                }
+                Err(Silence::Late) => {}
+                Err(Silence::Broken(what)) => {
+                    let when = if number == 0 { "did not start" } else { "gave no answer" };
+                    return Err(self.broken(running, &format!("{when}: {what}"), "", false));
+                }
+                Ok(reply) if reply.number != number => {
+                    let what = format!("answered call {} where call {number} is to be answered", reply.number);
+                    return Err(self.broken(running, &what, "", false));
+                }
+                Ok(reply) => match reply.says {
+                    Says::Progress { done, total, message } => {
+                        until = Instant::now() + patience;
+                        host.progress(done, total, &message);
+                    }
+                    Says::Warning { count: 0, message } => host.warn(&message),
+                    Says::Warning { count, message } => host.warn_of(count, &message),
+                    says => return Ok((running, says)),
+                },
+            }
+        }
+    }
+
+    /// The failure that a process tells of itself.
+    fn failure(&self, when: &str, message: &str, trace: &str) -> Fault {
+        let when = if when.is_empty() { String::new() } else { format!(" {when}") };
+        let mut what = format!("`{}` failed{when}: {}", self.launch.told(), message.trim_end());
+        for line in trace.trim_end().lines().filter(|line| !line.is_empty()) {
+            what.push_str("\n  ");
+            what.push_str(line);
+        }
+        Fault::new(what)
+    }
+
+    /// The end of a process that is of no more use.
+    fn broken(&self, running: Running, what: &str, remedy: &str, is_silent: bool) -> Fault {
+        let fault = Fault::new(format!("`{}` {what}{}", self.launch.told(), running.last_words(is_silent)));
+        if remedy.is_empty() { fault } else { fault.remedy(remedy) }
+    }
+}
+
+/// The place of a process that is in use: given back with the process, or empty where it broke.
+struct Slot<'a> {
+    pool: &'a Pool,
+    running: Option<Running>,
+}
+
+impl Drop for Slot<'_> {
+    fn drop(&mut self) {
+        let mut state = self.pool.state.lock().unwrap_or_else(PoisonError::into_inner);
+        match self.running.take() {
+            Some(running) => state.idle.push(running),
+            None => state.there -= 1,
+        }
+        drop(state);
+        self.pool.given_back.notify_one();
+    }
+}
+
+impl Drop for Pool {
+    fn drop(&mut self) {
+        let idle = &mut self.state.get_mut().unwrap_or_else(PoisonError::into_inner).idle;
+        // All are told before any is waited for.
+        idle.iter_mut().for_each(Running::hang_up);
+    }
+}

@@ -1,0 +1,208 @@
+//! What is said between the engine and a process: `docs/reference/process-protocol.md` is its description for those who write the other side.
+
+use depthloom_codecs::arrow::{self, Batch, Data, DataType, Field, Offsets, Schema};
+use depthloom_graphs::{Frame, Port, Value};
+use serde_json::{Map, Value as Json, json};
+
+/// The version of the protocol; raised when an older process would not understand.
+const VERSION: &str = "1";
+const PROTOCOL: &str = "depthloom.protocol";
+const NODE: &str = "depthloom.node";
+
+const TEXT: DataType = DataType::Utf8(Offsets::Narrow);
+const I64: DataType = DataType::Int(64, true);
+
+/// What a process is called for.
+#[derive(Clone, Debug)]
+pub(super) enum Call {
+    /// A frame; which one, where the node may know it.
+    Process(Option<Frame>),
+    /// The once-values of an ordered node, after its last frame.
+    Finish,
+    /// The once-values of a once-node.
+    Run,
+    /// The frames of a source.
+    Frames,
+}
+
+impl Call {
+    const fn name(&self) -> &'static str {
+        match self {
+            Self::Process(_) => "process",
+            Self::Finish => "finish",
+            Self::Run => "run",
+            Self::Frames => "frames",
+        }
+    }
+}
+
+/// A call with its values.
+#[derive(Clone, Debug)]
+pub(super) struct Request {
+    pub number: i64,
+    pub call: Call,
+    /// By input port.
+    pub inputs: Vec<Option<Value>>,
+}
+
+/// What a process says to a call.
+#[derive(Debug)]
+pub(super) struct Reply {
+    pub number: i64,
+    pub says: Says,
+}
+
+#[derive(Debug)]
+pub(super) enum Says {
+    /// It can be called.
+    Ready,
+    /// How far it is.
+    Progress { done: u64, total: u64, message: String },
+    /// Something that is no failure, so many times.
+    Warning { count: u64, message: String },
+    /// The values, by output port, and the processor time they took.
+    Values { values: Vec<Option<Value>>, cpu_ns: u64 },
+    /// The frames of a source: ids, and times in nanoseconds where they have their own.
+    Frames { ids: Vec<String>, times_ns: Option<Vec<u64>> },
+    /// It failed, and can be called again: what, and where in its code.
+    Failure { message: String, trace: String },
+}
+
+/// Whether a value of this port can cross.
+pub(super) fn crosses(port: &Port) -> Result<(), String> {
+    let crosses = arrow::field(port.name, port.value_type).is_some();
+    if crosses {
+        Ok(())
+    } else {
+        Err(format!("`{}`: values of type {} do not cross to processes", port.name, port.value_type))
+    }
+}
+
+/// The schema of the stream to a process.
+pub(super) fn request_schema(contract: &str, inputs: &[Port], outputs: &[Port], params: &Map<String, Json>) -> Schema {
+    let columns = inputs.iter().filter_map(|port| arrow::field(port.name, port.value_type));
+    let frame = vec![Field::new("id", TEXT), Field::new("index", I64), Field::new("time_ns", I64)];
+    let told = |ports: &[Port]| {
+        let told = ports.iter().map(|port| {
+            let told = json!({ "type": port.value_type.name(), "rate": port.rate.name(), "optional": port.optional });
+            (port.name.to_owned(), told)
+        });
+        Json::Object(told.collect())
+    };
+    let node = json!({ "contract": contract, "inputs": told(inputs), "outputs": told(outputs), "params": params });
+    Schema {
+        fields: vec![
+            Field::new("number", I64),
+            Field::new("call", TEXT),
+            Field::new("frame", DataType::Struct(frame)).nullable(),
+            Field::new("inputs", DataType::Struct(columns.collect())),
+        ],
+        metadata: vec![(PROTOCOL.to_owned(), VERSION.to_owned()), (NODE.to_owned(), node.to_string())],
+    }
+}
+
+impl Request {
+    /// The row of a call.
+    pub(super) fn row(&self) -> Vec<Data<'_>> {
+        let frame = match &self.call {
+            Call::Process(Some(frame)) => Data::Struct(vec![
+                Data::Text((&*frame.id).into()),
+                Data::Int(frame.index as i64),
+                Data::Int(frame.time_ns as i64),
+            ]),
+            _ => Data::Null,
+        };
+        let inputs = self.inputs.iter().map(|value| value.as_ref().and_then(arrow::data).unwrap_or(Data::Null));
+        vec![Data::Int(self.number), Data::Text(self.call.name().into()), frame, Data::Struct(inputs.collect())]
+    }
+}
+
+/// Whether the stream of a process is of this protocol.
+pub(super) fn check_schema(schema: &Schema) -> Result<(), String> {
+    match schema.said(PROTOCOL) {
+        Some(VERSION) => {}
+        Some(other) => return Err(format!("it speaks version {other} of the protocol, and this is version {VERSION}")),
+        None => return Err(format!("its schema does not say `{PROTOCOL}` in its metadata")),
+    }
+    match schema.fields.iter().find(|field| field.name == "says") {
+        Some(_) => Ok(()),
+        None => Err("its schema has no column `says`".to_owned()),
+    }
+}
+
+/// Reads a reply; `outputs` are the ports whose values it may have.
+pub(super) fn reply(schema: &Schema, batch: &Batch, outputs: &[Port]) -> Result<Reply, String> {
+    let column = |name: &str| batch.column(schema, name);
+    let number = |name: &str| column(name).map_or(Ok(0), |column| column.int());
+    let count = |name: &str| number(name).map(|count| u64::try_from(count).unwrap_or(0));
+    let text = |name: &str| column(name).map_or(Ok(String::new()), |column| column.text().map(str::to_owned));
+    let says = match column("says").ok_or("a reply says nothing")?.text()? {
+        "ready" => Says::Ready,
+        "progress" => Says::Progress { done: count("done")?, total: count("total")?, message: text("message")? },
+        "warning" => Says::Warning { count: count("count")?, message: text("message")? },
+        "failure" => Says::Failure { message: text("message")?, trace: text("trace")? },
+        "frames" => {
+            let frames = column("frames").ok_or("a reply of frames has none")?;
+            let ids = frames.part("id").ok_or("frames have no `id`")?.texts()?;
+            let times = frames.part("time_ns").map(|times| times.i64s()).transpose()?;
+            let times_ns = times.map(|times| {
+                let time = |time: &i64| u64::try_from(*time).map_err(|_| format!("a frame's time is {time} ns"));
+                times.iter().map(time).collect::<Result<Vec<_>, _>>()
+            });
+            Says::Frames { ids: ids.into_iter().map(str::to_owned).collect(), times_ns: times_ns.transpose()? }
+        }
+        "values" => {
+            let given = column("outputs");
+            if let Some(given) = &given {
+                let strange = given.parts()?.iter().find(|field| {
+                    outputs.iter().all(|port| port.name != field.name) && given.part(&field.name).is_some()
+                });
+                if let Some(strange) = strange {
+                    return Err(format!("it gave a value at `{}`, which the node does not declare", strange.name));
+                }
+            }
+            let value = |port: &Port| {
+                let Some(column) = given.as_ref().and_then(|given| given.part(port.name)) else { return Ok(None) };
+                let value = arrow::value(port.value_type, &column);
+                value
+                    .map(Some)
+                    .map_err(|what| format!("what it gave at `{}` is no {}: {what}", port.name, port.value_type))
+            };
+            Says::Values { values: outputs.iter().map(value).collect::<Result<_, String>>()?, cpu_ns: count("cpu_ns")? }
+        }
+        other => return Err(format!("it says `{other}`, which means nothing")),
+    };
+    Ok(Reply { number: number("number")?, says })
+}
+
+#[cfg(test)]
+mod tests {
+    use depthloom_codecs::arrow::{StreamReader, encode, write_schema};
+    use depthloom_graphs::values::{Depth, Raster};
+    use depthloom_graphs::{Frame, Port, Value, ValueType};
+    use serde_json::Map;
+
+    use super::{Call, Request, request_schema};
+
+    #[test]
+    fn a_call_is_one_row_with_its_frame_and_its_values() {
+        let inputs =
+            [Port::frame("depth", ValueType::Depth, ""), Port::frame("other", ValueType::Depth, "").optional()];
+        let schema = request_schema("ordered", &inputs, &[], &Map::new());
+        let depth = Value::from(Depth { metres: Raster::from_raw(2, 1, vec![1.0, f32::NAN]).unwrap() });
+        let call = Call::Process(Some(Frame::at_10_hz("a", 3)));
+        let request = Request { number: 7, call, inputs: vec![Some(depth), None] };
+        let mut stream = Vec::new();
+        write_schema(&schema, &mut stream).unwrap();
+        encode(&schema, request.row()).write(&mut stream).unwrap();
+        let mut reader = StreamReader::new(&stream[..]);
+        let schema = reader.schema().unwrap().unwrap();
+        let batch = reader.batch(&schema).unwrap().unwrap();
+        let column = |name| batch.column(&schema, name).unwrap();
+        assert_eq!((column("number").int(), column("call").text()), (Ok(7), Ok("process")));
+        assert_eq!(column("frame").part("time_ns").unwrap().int(), Ok(300_000_000));
+        let given = column("inputs");
+        assert_eq!(given.part("depth").unwrap().part("data").unwrap().f32s().unwrap()[0], 1.0);
+        assert!(given.part("other").is_none());
+    }
+}

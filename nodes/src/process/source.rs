@@ -1,0 +1,205 @@
+//! `process/source`: frames that a program gives.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+use std::time::Duration;
+
+use depthloom_graphs::contracts::{
+    Argument, Contract, DataPath, DeclaredPort, DeclaredPorts, Frame, FrameSelection, InlineHost, SourceDeclaration,
+};
+use depthloom_graphs::{Context, Fault, Key, Outputs, Port, Rate, Source, SourceKind, SourceOutputs};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value as Json};
+
+use super::launch::{self, Launch};
+use super::node::FRAME_S;
+use super::permission;
+use super::pool::{Answer, Pool};
+use super::protocol::{self, Call};
+
+const KIND: &str = "process/source";
+
+/// Parameters of `process/source`.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct ProcessSourceParams {
+    /// The program and its arguments, `[python3, frames.py]`: never a line for a shell. An argument with an ending or a `/` that names a file beside the YAML file is that file.
+    pub command: Vec<Argument>,
+    /// What a frame has: `{ left: image, right: image, calibration: calibration }`.
+    pub outputs: BTreeMap<String, DeclaredPort>,
+    /// Which of its frames: `0..16`, `1..=40` or a list of their places or ids; by default all.
+    pub frames: FrameSelection,
+    /// What it is told, as it likes.
+    pub params: Map<String, Json>,
+    /// Raised whenever it gives other frames than before. Without it and without `code` what is made of its frames is never taken again.
+    pub version: Option<u32>,
+    /// The files that decide its frames, instead of `version`: when one of them changes, all is made anew.
+    pub code: Vec<DataPath>,
+    /// Variables of its environment, over those that are there.
+    pub env: BTreeMap<String, String>,
+    /// How many processes there are at most; by default as many as are called at once.
+    #[schemars(range(min = 1))]
+    pub instances: Option<u16>,
+    /// How long a process may say nothing while it is called, seconds.
+    pub timeout_s: f64,
+    /// How long it may take until it can be called, seconds.
+    pub start_timeout_s: f64,
+}
+
+impl Default for ProcessSourceParams {
+    fn default() -> Self {
+        Self {
+            command: Vec::new(),
+            outputs: BTreeMap::new(),
+            frames: FrameSelection::All,
+            params: Map::new(),
+            version: None,
+            code: Vec::new(),
+            env: BTreeMap::new(),
+            instances: None,
+            timeout_s: FRAME_S,
+            start_timeout_s: 60.0,
+        }
+    }
+}
+
+impl ProcessSourceParams {
+    fn ports(&self) -> Vec<Port> {
+        let ports = DeclaredPorts { inputs: BTreeMap::new(), outputs: self.outputs.clone() };
+        ports.signature(Contract::Pure).outputs
+    }
+
+    /// What decides the frames, beside which of them it is.
+    fn recipe(&self) -> Result<Key, Fault> {
+        let key = Key::build(KIND).text(&Json::Object(self.params.clone()).to_string());
+        let ports = serde_json::to_string(&self.outputs).map_err(|error| Fault::new(error.to_string()))?;
+        let mut key = key.text(&ports).number(self.version.map_or(0, |version| 1 + u64::from(version)));
+        for argument in &self.command {
+            // A file counts by its name: what is in it `version` and `code` say.
+            let name = Path::new(&argument.0).file_name().filter(|_| Path::new(&argument.0).is_file());
+            key = key.text(&name.map_or_else(|| argument.0.as_str().into(), |name| name.to_string_lossy()));
+        }
+        for (name, value) in &self.env {
+            key = key.text(name).text(value);
+        }
+        if let Some(this_time) = launch::fingerprint(self.version, &self.code)? {
+            key = key.key(&this_time);
+        }
+        for file in &self.code {
+            let content = std::fs::File::open(file.path()).and_then(Key::of_reader);
+            let unread = |error| Fault::new(format!("failed to read {}", file.path().display())).because(error);
+            key = key.key(&content.map_err(unread)?);
+        }
+        Ok(key.finish())
+    }
+}
+
+/// The kind `process/source`.
+pub struct ProcessSource {
+    pool: Pool,
+    recipe: Key,
+    frames: Vec<Frame>,
+}
+
+impl SourceKind for ProcessSource {
+    type Params = ProcessSourceParams;
+
+    fn declaration() -> SourceDeclaration {
+        SourceDeclaration {
+            kind: KIND,
+            version: 1,
+            summary: "Frames that a program gives: a data set of your own, in any language.",
+            doc: "\
+The program is asked once for its frames, each with an id and, if it has one, a time in nanoseconds (otherwise 100 ms a frame), and then for the values of single frames, in any order and by \
+several processes at once: it seeks, and gives the same for the same frame. Protocol, permission, keys and faults are those of the node `process`.",
+            outputs: Vec::new(),
+        }
+    }
+
+    fn check(params: &ProcessSourceParams) -> Result<(), (&'static str, String)> {
+        let times = [("timeout_s", params.timeout_s), ("start_timeout_s", params.start_timeout_s)];
+        launch::check(&params.command, &params.env, params.version, &params.code, times)?;
+        if params.outputs.is_empty() {
+            return Err(("outputs", "outputs declares what a frame has: `{ left: image, right: image }`".to_owned()));
+        }
+        if let Some((name, _)) = params.outputs.iter().find(|(_, port)| port.rate == Rate::Once) {
+            return Err(("outputs", format!("outputs: `{name}`: a source gives values of frames alone")));
+        }
+        let ports = DeclaredPorts { inputs: BTreeMap::new(), outputs: params.outputs.clone() };
+        ports.check(Contract::Pure).map_err(|what| ("outputs", format!("outputs: {what}")))?;
+        params.ports().iter().try_for_each(protocol::crosses).map_err(|what| ("outputs", format!("outputs: {what}")))
+    }
+
+    fn outputs(params: &ProcessSourceParams) -> Result<Vec<Port>, Fault> {
+        Ok(params.ports())
+    }
+
+    fn open(params: ProcessSourceParams) -> Result<Box<dyn Source>, Fault> {
+        let (ports, recipe) = (params.ports(), params.recipe()?);
+        let seconds = Duration::from_secs_f64;
+        let launch = Launch {
+            command: params.command,
+            env: params.env,
+            instances: params.instances.map_or(usize::MAX, usize::from),
+            start: seconds(params.start_timeout_s),
+            frame: seconds(params.timeout_s),
+            once: seconds(params.timeout_s),
+        };
+        let told = launch.told();
+        permission::ask(&told)?;
+        let schema = protocol::request_schema("source", &[], &ports, &params.params);
+        let pool = Pool::new(launch, schema, ports);
+        let answer = pool.call(Call::Frames, Vec::new(), &InlineHost)?;
+        #[cfg_attr(not(unix), expect(irrefutable_let_patterns, reason = "there it never answers"))]
+        let Answer::Frames(ids, times) = answer else {
+            return Err(Fault::new(format!("`{told}` gave values where its frames are wanted")));
+        };
+        let frames = frames(&ids, times.as_deref())
+            .map_err(|what| Fault::new(format!("the frames that `{told}` has: {what}")))?;
+        let ids: Vec<(u64, &str)> = frames.iter().map(|frame| (frame.index, &*frame.id)).collect();
+        let places = params.frames.select(&ids)?;
+        let frames = places.into_iter().map(|place| frames[place].clone()).collect();
+        Ok(Box::new(Self { pool, recipe, frames }))
+    }
+}
+
+/// All frames, from what the program says of them.
+fn frames(ids: &[String], times: Option<&[u64]>) -> Result<Vec<Frame>, String> {
+    if times.is_some_and(|times| times.len() != ids.len()) {
+        return Err("there are not as many times as ids".to_owned());
+    }
+    let mut seen = BTreeSet::new();
+    for id in ids {
+        if id.is_empty() || id.len() > 200 || id.chars().any(char::is_control) {
+            return Err(format!("{id:?} is no id: one line of at most 200 bytes"));
+        }
+        if !seen.insert(id.as_str()) {
+            return Err(format!("two have the id `{id}`"));
+        }
+    }
+    let at = |index: usize| times.map(|times| times[index]);
+    let frame = |(index, id): (usize, &String)| {
+        let plain = Frame::at_10_hz(id.as_str(), index as u64);
+        Frame { time_ns: at(index).unwrap_or(plain.time_ns), ..plain }
+    };
+    Ok(ids.iter().enumerate().map(frame).collect())
+}
+
+impl Source for ProcessSource {
+    fn frames(&self) -> &[Frame] {
+        &self.frames
+    }
+
+    fn key(&self, position: usize) -> Result<Key, Fault> {
+        let frame = &self.frames[position];
+        let key = Key::build("process/source frame").key(&self.recipe).number(frame.index).text(&frame.id);
+        Ok(key.number(frame.time_ns).finish())
+    }
+
+    fn read(&self, position: usize, ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
+        let call = Call::Process(Some(self.frames[position].clone()));
+        let outputs: Outputs = self.pool.outputs(call, Vec::new(), ctx.host)?;
+        Ok(SourceOutputs { outputs, key: self.key(position)? })
+    }
+}

@@ -1,0 +1,132 @@
+"""Values of ports as Arrow columns of one row, and back: docs/reference/process-protocol.md."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from ._calibration import Calibration
+
+_SIZE = [pa.field("width", pa.int32()), pa.field("height", pa.int32())]
+_CAMERA = ["focal_px", "cx_px", "cy_px", "baseline_m", "doffs_px"]
+_CURVE = ["step", "loss", "validation", "learning_rate"]
+
+#: By type, the columns' struct.
+TYPES: dict[str, pa.StructType] = {
+    "image": pa.struct([*_SIZE, pa.field("channels", pa.int32()), pa.field("data", pa.list_(pa.uint8()))]),
+    "disparity": pa.struct([*_SIZE, pa.field("min_disparity", pa.int32()), pa.field("data", pa.list_(pa.int16()))]),
+    "mask": pa.struct([*_SIZE, pa.field("data", pa.list_(pa.uint8()))]),
+    "calibration": pa.struct([*_SIZE, *(pa.field(name, pa.float64()) for name in _CAMERA)]),
+    "curve": pa.struct([pa.field(name, pa.list_(pa.int64() if name == "step" else pa.float64())) for name in _CURVE]),
+    **{name: pa.struct([*_SIZE, pa.field("data", pa.list_(pa.float32()))]) for name in ("depth", "weight", "true-disparity")},
+    **{name: pa.struct([pa.field("media_type", pa.string()), pa.field("data", pa.large_binary())]) for name in ("model", "samples")},
+}
+_MEDIA_TYPES = {"model": "application/onnx", "samples": "samples/depthloom"}
+
+
+def value(value_type: str, column: pa.StructArray) -> Any:
+    """The value of the one row of a column; `None` where there is none. Maps lie where they were received."""
+    if not column[0].is_valid:
+        return None
+    part = {field.name: column.field(position) for position, field in enumerate(column.type)}
+    if value_type == "calibration":
+        return Calibration(**{name: values[0].as_py() for name, values in part.items()})
+    if value_type in _MEDIA_TYPES:
+        return part["data"][0].as_py()
+    if value_type == "curve":
+        return {name: _numbers(values) for name, values in part.items()}
+    shape = (part["height"][0].as_py(), part["width"][0].as_py())
+    numbers = _numbers(part["data"])
+    if value_type == "image":
+        channels = part["channels"][0].as_py()
+        return numbers.reshape(shape if channels == 1 else (*shape, channels))
+    numbers = numbers.reshape(shape)
+    if value_type == "mask":
+        return numbers != 0
+    if value_type == "disparity":
+        least = part["min_disparity"][0].as_py()
+        px = numbers.astype(np.float32) / np.float32(16)
+        px[numbers < least * 16] = np.nan
+        return px
+    return numbers
+
+
+def _numbers(lists: pa.ListArray) -> NDArray[Any]:
+    numbers: NDArray[Any] = lists.flatten().to_numpy(zero_copy_only=True)
+    return numbers
+
+
+def column(value_type: str, given: Any) -> pa.StructArray:
+    """A value as a column of one row.
+
+    Raises `TypeError` or `ValueError` where it is none of its type, in words that go behind the port's name.
+    """
+    struct = TYPES[value_type]
+    if given is None:
+        return pa.nulls(1, struct)
+    if value_type == "calibration":
+        if not isinstance(given, Calibration):
+            raise TypeError(f"is {_told(given)}, and a calibration is a depthloom.Calibration")
+        arrays = [pa.array([getattr(given, field.name)], field.type) for field in struct]
+    elif value_type in _MEDIA_TYPES:
+        if not isinstance(given, (bytes, bytearray, memoryview)):
+            raise TypeError(f"is {_told(given)}, and a {value_type} is bytes")
+        arrays = [pa.array([_MEDIA_TYPES[value_type]]), pa.array([bytes(given)], pa.large_binary())]
+    elif value_type == "curve":
+        if not isinstance(given, Mapping) or set(given) != set(_CURVE):
+            raise TypeError(f"is {_told(given)}, and a curve is a mapping of {', '.join(_CURVE)}")
+        arrays = [_list(np.asarray(given[name], np.int64 if name == "step" else np.float64)) for name in _CURVE]
+    else:
+        arrays = _map(value_type, np.asarray(given))
+    return pa.StructArray.from_arrays(arrays, fields=list(struct))
+
+
+def _map(value_type: str, array: NDArray[Any]) -> list[pa.Array]:
+    is_colours = value_type == "image" and array.ndim == 3 and array.shape[2] == 3
+    if array.ndim != 2 and not is_colours:
+        shapes = "(height, width) or (height, width, 3)" if value_type == "image" else "(height, width)"
+        raise ValueError(f"has the shape {array.shape}, and the shape of a {value_type} is {shapes}")
+    if 0 in array.shape:
+        raise ValueError(f"has the shape {array.shape}: there is no pixel in it")
+    size = [pa.array([array.shape[1]], pa.int32()), pa.array([array.shape[0]], pa.int32())]
+    if value_type == "image":
+        _wants(array, np.uint8, value_type)
+        return [*size, pa.array([3 if is_colours else 1], pa.int32()), _list(array)]
+    if value_type == "mask":
+        if array.dtype != np.bool_:
+            raise TypeError(f"is of {array.dtype}, and a mask is of bool")
+        return [*size, _list(array.astype(np.uint8) * np.uint8(255))]
+    if not np.issubdtype(array.dtype, np.floating):
+        raise TypeError(f"is of {array.dtype}, and a {value_type} is of float32")
+    if value_type == "disparity":
+        return [*size, *_fixed(array)]
+    return [*size, _list(array.astype(np.float32, copy=False))]
+
+
+def _wants(array: NDArray[Any], dtype: type, value_type: str) -> None:
+    if array.dtype != dtype:
+        raise TypeError(f"is of {array.dtype}, and an {value_type} is of {np.dtype(dtype)}")
+
+
+def _fixed(px: NDArray[Any]) -> list[pa.Array]:
+    """Disparities as sixteenths: what was not found is one pixel below the least that is searched."""
+    found = np.isfinite(px)
+    sixteenths = np.rint(np.where(found, px, 0).astype(np.float64) * 16)
+    least = min(0, int(np.floor(sixteenths.min() / 16)))
+    if sixteenths.max() > np.iinfo(np.int16).max or (least - 1) * 16 < np.iinfo(np.int16).min:
+        raise ValueError(f"has disparities from {px[found].min()} to {px[found].max()} px, and 16 bits hold -2046 to 2047")
+    fixed = np.where(found, sixteenths, (least - 1) * 16).astype(np.int16)
+    return [pa.array([least], pa.int32()), _list(fixed)]
+
+
+def _list(array: NDArray[Any]) -> pa.ListArray:
+    numbers = np.ascontiguousarray(array).reshape(-1)
+    return pa.ListArray.from_arrays(pa.array([0, numbers.size], pa.int32()), pa.array(numbers))
+
+
+def _told(given: Any) -> str:
+    return f"a {type(given).__name__}"

@@ -1,0 +1,109 @@
+"""Nodes and sources written in Python, for the kinds `process` and `process/source`."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+_Any = TypeVar("_Any", bound=Callable[..., Any])
+
+#: Where a decorated function or class keeps what it was decorated with.
+_MARK = "__depthloom_node__"
+
+
+@dataclass(frozen=True)
+class Instant:
+    """The frame that a node with memory, or a source, is called for."""
+
+    #: The source's own name for it.
+    id: str
+    #: Its place in the source, before any selection.
+    index: int
+    #: Nanoseconds.
+    time_ns: int
+
+
+@dataclass(frozen=True)
+class Declared:
+    """What a function or a class was declared to be."""
+
+    #: The types of its ports, by name; of a source no inputs.
+    inputs: dict[str, str]
+    outputs: dict[str, str]
+    is_source: bool
+
+
+def node(*, inputs: Mapping[str, str], outputs: Mapping[str, str]) -> Callable[[_Any], _Any]:
+    """Declares a function, or a class with `process` and maybe `finish`, to be a node.
+
+    >>> @depthloom.node(inputs={"stereo": "depth", "mono": "depth"}, outputs={"depth": "depth"})
+    ... def fuse(stereo, mono):
+    ...     return np.where(np.isnan(stereo), mono, stereo)
+
+    Ports have the names and types of the experiment's `ports`. Inputs come as keywords: an optional one that has no value on a frame is `None`. What comes back is a
+    mapping of outputs, or the value itself where there is one output; what is left out, or `None`, is absent on this frame.
+
+    | type | value |
+    |---|---|
+    | `depth` | float32 `(height, width)`, metres, NaN = no answer |
+    | `disparity` | float32 `(height, width)`, pixels, NaN = nothing found; kept as whole sixteenths |
+    | `true-disparity` | float32 `(height, width)`, pixels, NaN = unknown |
+    | `weight` | float32 `(height, width)`, shares in [0, 1] |
+    | `mask` | bool `(height, width)` |
+    | `image` | uint8 `(height, width)`, grey, or `(height, width, 3)`, RGB |
+    | `calibration` | :class:`depthloom.Calibration` |
+    | `model`, `samples` | bytes |
+    | `curve` | a mapping of `step`, `loss`, `validation`, `learning_rate` to arrays |
+
+    Arrays that come in are read-only: they lie where they were received.
+
+    A function is `contract: pure`, or `once`. A class is `contract: ordered`: one object sees all frames in order, `process` gives the outputs of a frame, `finish` those that are
+    declared with `rate: once`. A parameter `params` gets what the experiment says under `params`: of a function, or of a class' `__init__`. A parameter `frame` of a class' `process`
+    gets the :class:`Instant`.
+    """
+
+    def mark(what: _Any) -> _Any:
+        return _marked(what, Declared(dict(inputs), dict(outputs), is_source=False))
+
+    return mark
+
+
+def source(*, outputs: Mapping[str, str]) -> Callable[[_Any], _Any]:
+    """Declares a class with `frames` and `read` to be a source.
+
+    `frames()` gives the ids of all frames in order, or pairs of id and time in nanoseconds; `read(frame)` gives the outputs of one :class:`Instant`, as a node does: in any
+    order, the same every time, for several processes ask.
+    """
+
+    def mark(what: _Any) -> _Any:
+        return _marked(what, Declared({}, dict(outputs), is_source=True))
+
+    return mark
+
+
+def _marked(what: _Any, declared: Declared) -> _Any:
+    wanted = ("frames", "read") if declared.is_source else ("process",)
+    if inspect.isclass(what):
+        missing = [name for name in wanted if not callable(getattr(what, name, None))]
+        if missing:
+            raise TypeError(f"class {what.__name__} has no method {missing[0]}()")
+    elif declared.is_source:
+        raise TypeError("a source is a class with frames() and read(frame)")
+    setattr(what, _MARK, declared)
+    return what
+
+
+def declared(what: Any) -> Declared:
+    """What a function or a class was declared to be."""
+    found = getattr(what, _MARK, None)
+    if not isinstance(found, Declared):
+        raise TypeError(f"{getattr(what, '__name__', what)!r} is no node: put @depthloom.node(inputs=..., outputs=...) before it")
+    return found
+
+
+def accepts(function: Callable[..., Any], name: str) -> bool:
+    """Whether a function has a parameter of this name."""
+    parameters = inspect.signature(function).parameters.values()
+    return any(of.name == name and of.kind is not of.VAR_KEYWORD for of in parameters)

@@ -1,0 +1,91 @@
+"""Nodes in Python: what they are declared to be, and their values as columns. What depthloom makes of them is tested with the program."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import depthloom
+from depthloom import _columns
+from depthloom._node import declared
+
+CAMERA = depthloom.Calibration(4, 3, 700.0, 2.0, 1.0, 0.5, 0.0)
+
+
+def there_and_back(value_type: str, value: Any) -> Any:
+    column = _columns.column(value_type, value)
+    column.validate(full=True)
+    return _columns.value(value_type, column)
+
+
+@pytest.mark.parametrize("value_type", ["depth", "weight", "true-disparity"])
+def test_maps_of_floats_come_back_as_they_were(value_type: str) -> None:
+    given = np.array([[1.5, np.nan, -0.0], [np.inf, 3.0, 1e-40]], np.float32)
+    back = there_and_back(value_type, given)
+    assert back.dtype == np.float32 and back.tobytes() == given.tobytes()
+    assert not back.flags.writeable
+    # Rows that do not lie together, and doubles.
+    wide = np.arange(24.0).reshape(4, 6)[::2, ::3]
+    assert there_and_back(value_type, wide).tolist() == wide.tolist()
+
+
+def test_disparities_are_whole_sixteenths_and_may_be_negative() -> None:
+    given = np.array([[0.0, 1 / 16, np.nan], [-3.5, 2047.9375, 0.03]], np.float32)
+    back = there_and_back("disparity", given)
+    assert np.array_equal(back, [[0.0, 1 / 16, np.nan], [-3.5, 2047.9375, 0.0]], equal_nan=True)
+    with pytest.raises(ValueError, match="16 bits hold"):
+        there_and_back("disparity", np.full((2, 2), 3000.0))
+
+
+def test_images_masks_and_the_rest_come_back() -> None:
+    grey, rgb = np.arange(6, dtype=np.uint8).reshape(2, 3), np.arange(18, dtype=np.uint8).reshape(2, 3, 3)
+    assert np.array_equal(there_and_back("image", grey), grey) and np.array_equal(there_and_back("image", rgb), rgb)
+    mask = grey > 2
+    assert np.array_equal(there_and_back("mask", mask), mask)
+    assert there_and_back("calibration", CAMERA) == CAMERA
+    assert there_and_back("model", b"onnx") == b"onnx"
+    curve = {"step": [1, 2], "loss": [0.5, 0.25], "validation": [np.nan, 0.5], "learning_rate": [0.1, 0.1]}
+    assert there_and_back("curve", curve)["loss"].tolist() == [0.5, 0.25]
+    assert all(there_and_back(value_type, None) is None for value_type in _columns.TYPES)
+
+
+@pytest.mark.parametrize(
+    ("value_type", "value", "told"),
+    [
+        ("depth", np.zeros((2, 2, 1), np.float32), r"has the shape \(2, 2, 1\)"),
+        ("depth", np.zeros((2, 2), np.uint8), "is of uint8, and a depth is of float32"),
+        ("depth", np.zeros((0, 2), np.float32), "no pixel"),
+        ("image", np.zeros((2, 2), np.float32), "is of float32, and an image is of uint8"),
+        ("mask", np.zeros((2, 2), np.uint8), "a mask is of bool"),
+        ("calibration", 3, "is a int, and a calibration is a depthloom.Calibration"),
+        ("model", "text", "is a str, and a model is bytes"),
+    ],
+)
+def test_what_is_no_value_of_its_type_is_told(value_type: str, value: Any, told: str) -> None:
+    with pytest.raises((TypeError, ValueError), match=told):
+        _columns.column(value_type, value)
+
+
+def test_what_is_declared_is_kept_and_what_cannot_be_a_node_is_refused() -> None:
+    @depthloom.node(inputs={"depth": "depth"}, outputs={"weight": "weight"})
+    def near(depth: Any) -> Any:
+        return depth < 10
+
+    assert declared(near).inputs == {"depth": "depth"} and near(3)
+    with pytest.raises(TypeError, match="has no method read"):
+
+        @depthloom.source(outputs={"left": "image"})
+        class Empty:
+            def frames(self) -> list[str]:
+                return []
+
+    with pytest.raises(TypeError, match="is no node"):
+        declared(len)
+
+
+def test_what_the_package_has_is_there_and_nothing_else() -> None:
+    assert all(getattr(depthloom, name) is not None for name in depthloom.__all__)
+    with pytest.raises(AttributeError, match="has no attribute"):
+        _ = depthloom.nothing  # type: ignore[attr-defined]

@@ -1,0 +1,94 @@
+//! Nodes that are programs: what they give, and what becomes of those that do not.
+
+mod examples;
+mod faults;
+mod permission;
+mod python;
+mod replies;
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use crate::support::{depthloom, workspace};
+
+/// The variable by which the processes of a test are found.
+const MARK: &str = "DEPTHLOOM_TEST_MARK";
+
+/// A folder with the script `peer.py`, its replies, and an experiment of one node that it is.
+struct Peer {
+    folder: tempfile::TempDir,
+}
+
+impl Peer {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().expect("a folder");
+        let script = workspace().join("tests/end_to_end/process/peer.py");
+        std::fs::copy(script, folder.path().join("peer.py")).expect("copied");
+        replies::write(folder.path());
+        Self { folder }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    /// An experiment whose node `own` is a command of YAML, with more parameters behind it.
+    fn experiment(&self, name: &str, frames: &str, command: &str, more: &str) -> PathBuf {
+        let (width, height) = replies::SIZE;
+        let text = format!(
+            "experiment: {name}\n\
+             sources: {{ street: {{ kind: synthetic/road, with: {{ frames: {frames}, width: {width}, height: {height} }} }} }}\n\
+             stages:\n  look:\n    source: street\n    nodes:\n      own:\n        kind: process\n\
+             \x20       inputs: {{ image: source/left }}\n\
+             \x20       with: {{ command: {command}, ports: {{ inputs: {{ image: image }}, outputs: {{ depth: depth }} }}, {more} }}\n\
+             \x20   score: {{ truth: source/depth, estimates: {{ own: {{ from: own/depth, sets: [all] }} }} }}\n"
+        );
+        let path = self.path(&format!("{name}.yaml"));
+        std::fs::write(&path, text).expect("written");
+        path
+    }
+
+    /// The same of the script in a mode.
+    fn of_mode(&self, mode: &str, frames: &str, more: &str) -> PathBuf {
+        let command = format!("[python3, peer.py, {mode}, {:?}]", self.folder.path().to_string_lossy());
+        self.experiment(mode, frames, &command, more)
+    }
+}
+
+/// A run of an experiment that may start programs.
+fn run(experiment: &Path, out: &Path, mark: &str) -> Command {
+    let mut command = depthloom();
+    command.arg("run").arg(experiment).args(["--allow-exec", "--no-page", "--out"]).arg(out).env(MARK, mark);
+    command
+}
+
+/// All that a command printed, without line breaks of the message's own.
+fn said(output: &Output) -> String {
+    let text = [&output.stdout[..], &output.stderr[..]].concat();
+    String::from_utf8_lossy(&text).replace('│', " ").split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+/// The processes there are of a test: number and command.
+fn processes(mark: &str) -> Vec<String> {
+    let wanted = format!("{MARK}={mark}");
+    let all = std::fs::read_dir("/proc").expect("a Linux").flatten();
+    let of_test = all.filter(|process| {
+        let environment = std::fs::read(process.path().join("environ")).unwrap_or_default();
+        environment.split(|byte| *byte == 0).any(|variable| variable == wanted.as_bytes())
+    });
+    of_test
+        .map(|process| {
+            let line = std::fs::read(process.path().join("cmdline")).unwrap_or_default();
+            format!("{} {}", process.file_name().display(), String::from_utf8_lossy(&line).replace('\0', " "))
+        })
+        .collect()
+}
+
+/// Waits until something holds, as long as a slow machine may take.
+fn until(what: &str, mut holds: impl FnMut() -> bool) {
+    let begun = std::time::Instant::now();
+    while !holds() {
+        assert!(begun.elapsed().as_secs() < 60, "not within a minute: {what}");
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+}

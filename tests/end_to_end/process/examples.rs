@@ -1,0 +1,49 @@
+//! The examples of nodes in other languages and libraries.
+
+use std::process::Command;
+
+use super::python::path_of;
+use super::run;
+use crate::support::{label, number, python_package, read_csv, skipped, succeed, workspace};
+
+#[test]
+fn a_node_in_javascript_speaks_the_protocol_by_arrows_library_alone() {
+    const TEST: &str = "a_node_in_javascript_speaks_the_protocol_by_arrows_library_alone";
+    let folder = depthloom_test_needs::target().join("javascript-tests");
+    std::fs::create_dir_all(&folder).expect("made");
+    for name in ["package.json", "nearest.mjs", "nearest.yaml"] {
+        std::fs::copy(workspace().join("examples/process-node-js").join(name), folder.join(name)).expect("copied");
+    }
+    if !folder.join("node_modules/apache-arrow").is_dir() {
+        let install = ["install", "--no-audit", "--no-fund", "--ignore-scripts", "--no-package-lock"];
+        let installed = Command::new("npm").current_dir(&folder).args(install).output();
+        if !installed.is_ok_and(|output| output.status.success()) {
+            skipped(TEST, "there is no npm, or no registry for apache-arrow");
+            return;
+        }
+    }
+    let out = tempfile::tempdir().expect("a folder");
+    let out = out.path().join("run");
+    succeed(&mut run(&folder.join("nearest.yaml"), &out, "javascript"));
+    let rows = read_csv(&out.join("scores.csv"));
+    assert_eq!(rows.len(), 4);
+    for row in rows {
+        // Where the mask of the true pixels is, one of the two has nearly always an answer nearer than 60 m.
+        assert!(label(&row) == "nearest" && number(&row, "a1") > 0.8, "{row:?}");
+    }
+}
+
+#[test]
+fn a_network_of_pytorch_is_a_node() {
+    const TEST: &str = "a_network_of_pytorch_is_a_node";
+    let Some(python) = python_package(TEST) else { return };
+    if !Command::new(&python).args(["-c", "import torch"]).output().is_ok_and(|output| output.status.success()) {
+        skipped(TEST, "the Python of the tests has no torch");
+        return;
+    }
+    let out = tempfile::tempdir().expect("a folder");
+    let out = out.path().join("run");
+    let experiment = workspace().join("examples/process-node-torch/confidence.yaml");
+    succeed(run(&experiment, &out, "torch").env("PATH", path_of(&python)));
+    assert_eq!(read_csv(&out.join("scores.csv")).len(), 2);
+}

@@ -1,0 +1,239 @@
+//! Faults of processes: each a clear error that names node and frame, no process left, no wait without end, and a recording that can be read.
+
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::{Duration, Instant};
+
+use super::{Peer, processes, run, said, until};
+use crate::support::{depthloom, succeed};
+
+/// What a process does, and a part of what is said of it.
+const FAULTS: [(&str, &str); 60] = [
+    // Before it is ready.
+    (
+        "exits-at-once",
+        "did not start: it ended, or closed its standard output, before it said anything; it ended with exit code 3",
+    ),
+    ("exits-silently", "it ended with exit code 0; its standard error is empty"),
+    ("kills-itself-at-start", "it was killed by signal 9"),
+    ("prints-text", "it is no stream of Arrow's: it begins with \"load\" where a message is wanted"),
+    ("prints-zeros", "it is no stream of Arrow's"),
+    ("prints-three-bytes", "the stream ended within a message"),
+    ("hangs-at-start", "was not ready within 2 s, and was ended"),
+    ("ready-never", "was not ready within 2 s, and was ended"),
+    ("closes-stdout-at-start", "before it said anything"),
+    ("no-protocol", "its schema does not say `depthloom.protocol` in its metadata"),
+    ("other-protocol", "it speaks version 2 of the protocol, and this is version 1"),
+    ("no-says", "its schema has no column `says`"),
+    ("cut-schema", "the stream ended within a message"),
+    ("batch-before-schema", "a record batch came where a schema is wanted"),
+    ("huge-head", "the description of a message is 2147483647 bytes long"),
+    ("random-head", "what it says is not of the protocol"),
+    ("huge-body", "a message says that it has 1099511627776 bytes of values"),
+    ("negative-body", "a message says that it has -1 bytes of values"),
+    ("values-before-ready", "gave values before it said `ready`"),
+    ("ready-of-another-call", "answered call 5 where call 0 is to be answered"),
+    ("fails-at-start", "failed when it was started: ImportError: no torch line 3, in load"),
+    ("raises", "KeyError: 'weights'"),
+    ("floods-stderr-and-exits", "the end of its standard error: no weights"),
+    ("floods-stdout", "it begins with \"xxxx\" where a message is wanted"),
+    // While it is called.
+    ("exits-within-a-call", "gave no answer: it ended, or closed its standard output; it ended with exit code 4"),
+    ("exits", "it ended with exit code 7; its standard error: the model is gone"),
+    ("segfaults", "it was killed by signal 11"),
+    ("ends-between-calls", "it ended with exit code 0"),
+    ("hangs", "did not answer within 2 s, and was ended"),
+    ("ignores-sigterm", "did not answer within 2 s, and was ended"),
+    ("forks-and-hangs", "did not answer within 2 s, and was ended"),
+    ("forks-and-exits", "it ended with exit code 1"),
+    ("stops-itself", "did not answer within 2 s, and was ended"),
+    ("stops-its-group", "did not answer within 2 s, and was ended"),
+    ("kills-its-group", "it was killed by signal 9"),
+    ("closes-stdout", "gave no answer: it ended, or closed its standard output"),
+    ("closes-stdin", "did not answer within 2 s, and was ended"),
+    ("reads-nothing", "did not answer within 2 s, and was ended"),
+    ("ends-the-stream", "gave no answer: it ended, or closed its standard output"),
+    ("half-a-batch-and-exits", "the stream ended within a message"),
+    ("half-a-batch-and-hangs", "did not answer within 2 s, and was ended"),
+    ("longer-than-it-says", "lie outside of the batch"),
+    ("shorter-than-it-says", "did not answer within 2 s, and was ended"),
+    ("floods-stderr-and-hangs", "the end of its standard error: still here"),
+    ("tells-a-failure", "failed: ValueError: too dark line 7, in fuse"),
+    // What it answers is no answer.
+    ("wrong-type", "`data` is of type list<float64>, and list<float32> is wanted"),
+    ("too-few-samples", "what it gave at `depth` is no depth: it has 2047 samples, which is not 64x32 pixels"),
+    ("no-samples", "it has 0 samples, which is not 64x32 pixels"),
+    ("negative-width", "its `width` is -64"),
+    ("zero-width", "its `width` is 0"),
+    ("giant-width", "which is not 2147483647x2147483647 pixels"),
+    ("no-output", "gave no value at `depth`"),
+    ("two-rows", "a batch has 2 rows, and 1 is what a call has"),
+    ("no-rows", "a batch has 0 rows"),
+    ("unknown-word", "it says `perhaps`, which means nothing"),
+    ("says-nothing", "a reply says nothing"),
+    ("another-number", "answered call 2 where call 1 is to be answered"),
+    ("ready-again", "said `ready` where an answer is wanted"),
+    ("a-schema-again", "a schema came where a record batch is wanted"),
+    ("offsets-lead-out", "the offsets of `data` lead out of its values"),
+];
+
+/// Faults of later frames, or that need no reply.
+const LATER: [(&str, &str, &str); 5] = [
+    ("answers-twice", "answered call 1 where call 2 is to be answered", "000001_10"),
+    ("answers-and-floods", "answered call 9 where call 1 is to be answered", "000000_10"),
+    ("offsets-go-back", "the offsets of `data` lead out of its values", "000000_10"),
+    ("no-utf-8", "`says` is no UTF-8", "000000_10"),
+    ("frames-instead", "a reply of frames has none", "000000_10"),
+];
+
+/// Runs two frames through a process; what is said of it must hold `expected`.
+fn fails(peer: &Peer, mode: &str, expected: &str, frame: &str) -> Result<(), String> {
+    // Where it is the start that fails, a slow machine must not be what fails.
+    let is_of_start = expected.contains("was not ready");
+    let times = if is_of_start { "start_timeout_s: 2, timeout_s: 30" } else { "start_timeout_s: 60, timeout_s: 2" };
+    let experiment = peer.of_mode(mode, "0..2", times);
+    let (out, mark) = (peer.path(&format!("run-{mode}")), format!("{}-{mode}", std::process::id()));
+    let begun = Instant::now();
+    let output = run(&experiment, &out, &mark).args(["--workers", "1", "--keep-going"]).output();
+    let output = output.map_err(|error| error.to_string())?;
+    let (said, took) = (said(&output), begun.elapsed());
+    if output.status.code() != Some(3) {
+        return Err(format!("ended with {}: {said}", output.status));
+    }
+    for part in [expected, "own", frame] {
+        if !said.contains(&part.split_whitespace().collect::<Vec<_>>().join(" ")) {
+            return Err(format!("{part:?} is not said: {said}"));
+        }
+    }
+    // Two frames, each with start, time-out and two graces; much more is a hang.
+    if took > Duration::from_secs(60) {
+        return Err(format!("took {took:?}"));
+    }
+    let left = processes(&mark);
+    if !left.is_empty() {
+        return Err(format!("left {left:?}"));
+    }
+    let info = depthloom().arg("info").arg(&out).output().map_err(|error| error.to_string())?;
+    if !info.status.success() {
+        return Err(format!("its recording cannot be read: {}", self::said(&info)));
+    }
+    Ok(())
+}
+
+#[test]
+fn each_of_65_faults_is_an_error_that_names_node_and_frame_and_leaves_nothing_behind() {
+    let peer = Peer::new();
+    let first = FAULTS.iter().map(|(mode, expected)| (*mode, *expected, "000000_10"));
+    let all: Vec<(&str, &str, &str)> = first.chain(LATER).collect();
+    let (next, wrong) = (AtomicUsize::new(0), Mutex::new(Vec::new()));
+    // Most of the time they wait.
+    std::thread::scope(|scope| {
+        for _ in 0..4 {
+            scope.spawn(|| {
+                while let Some((mode, expected, frame)) = all.get(next.fetch_add(1, Ordering::Relaxed)) {
+                    if let Err(what) = fails(&peer, mode, expected, frame) {
+                        wrong.lock().expect("no panic").push(format!("{mode}: {what}"));
+                    }
+                }
+            });
+        }
+    });
+    let wrong = wrong.into_inner().expect("no panic");
+    assert!(wrong.is_empty(), "{} of {}:\n{}", wrong.len(), all.len(), wrong.join("\n\n"));
+}
+
+#[test]
+fn what_cannot_be_started_says_so_with_its_name() {
+    let peer = Peer::new();
+    std::fs::write(peer.path("plain.txt"), "no program").expect("written");
+    for (name, command) in
+        [("nothing", "[./nothing]"), ("plain", "[./plain.txt]"), ("unknown", "[no-such-program-at-all]")]
+    {
+        let out = peer.path(&format!("run-{name}"));
+        let output =
+            run(&peer.experiment(name, "0..1", command, "timeout_s: 5"), &out, "none").output().expect("started");
+        let said = said(&output);
+        assert_eq!(output.status.code(), Some(3), "{said}");
+        assert!(said.contains("cannot be started") && said.contains("frame 000000_10"), "{said}");
+    }
+}
+
+#[test]
+fn a_process_that_ended_is_followed_by_another_and_none_stays_a_zombie() {
+    let peer = Peer::new();
+    // Twelve end; the last call waits while we look.
+    let experiment = peer.of_mode("exits", "0..12", "timeout_s: 30");
+    let (out, mark) = (peer.path("run"), format!("{}-zombies", std::process::id()));
+    let output = run(&experiment, &out, &mark).args(["--keep-going", "--workers", "2"]).output().expect("started");
+    assert!(said(&output).contains("12 frames failed"), "{}", said(&output));
+    assert_eq!(processes(&mark), Vec::<String>::new());
+
+    let experiment = peer.of_mode("hangs", "0..1", "timeout_s: 20");
+    let mut child = run(&experiment, &peer.path("waits"), &mark).spawn().expect("started");
+    until("a process is called", || processes(&mark).len() >= 3);
+    let zombies = || {
+        let all = std::fs::read_dir("/proc").expect("a Linux").flatten();
+        let stat =
+            |process: std::fs::DirEntry| std::fs::read_to_string(process.path().join("stat")).unwrap_or_default();
+        let of_run = all.map(stat).filter(|stat| {
+            let mut behind = stat.rsplit(')').next().unwrap_or_default().split_whitespace();
+            behind.next() == Some("Z") && behind.next() == Some(&child.id().to_string())
+        });
+        of_run.count()
+    };
+    assert_eq!(zombies(), 0);
+    child.kill().expect("killed");
+    child.wait().expect("ended");
+    until("all that a killed run started is gone", || processes(&mark).is_empty());
+}
+
+#[test]
+fn a_killed_run_leaves_no_process_whatever_it_ignores() {
+    let peer = Peer::new();
+    for mode in ["works", "ignores-sigterm", "forks-and-hangs"] {
+        let mark = format!("{}-killed-{mode}", std::process::id());
+        let experiment = peer.of_mode(mode, "0..100000", "timeout_s: 60");
+        let mut child = run(&experiment, &peer.path(mode), &mark).spawn().expect("started");
+        until("a process is called", || processes(&mark).iter().any(|line| line.contains("peer.py")));
+        child.kill().expect("killed");
+        child.wait().expect("ended");
+        until("all of it is gone", || processes(&mark).is_empty());
+    }
+}
+
+#[test]
+fn an_interrupted_run_lets_calls_end_and_an_aborted_one_ends_them() {
+    let peer = Peer::new();
+    for (mode, times) in [("works", 1), ("ignores-sigterm", 2)] {
+        let mark = format!("{}-interrupted-{mode}", std::process::id());
+        let experiment = peer.of_mode(mode, "0..100000", "timeout_s: 60");
+        let out = peer.path(&format!("interrupted-{mode}"));
+        let child = run(&experiment, &out, &mark).stderr(std::process::Stdio::piped()).spawn().expect("started");
+        until("a process is called", || processes(&mark).iter().any(|line| line.contains("peer.py")));
+        if mode == "works" {
+            let partial = peer.path(&format!("interrupted-{mode}.partial")).join("recording.mcap");
+            until("frames are written", || partial.metadata().is_ok_and(|file| file.len() > 100_000));
+        } else {
+            std::thread::sleep(Duration::from_secs(1));
+        }
+        for _ in 0..times {
+            succeed(std::process::Command::new("kill").args(["-TERM", &child.id().to_string()]));
+            std::thread::sleep(Duration::from_millis(300));
+        }
+        let output = child.wait_with_output().expect("ended");
+        assert_eq!(output.status.code(), Some(130), "{mode}: {}", said(&output));
+        until("all of it is gone", || processes(&mark).is_empty());
+    }
+}
+
+#[test]
+fn a_process_that_works_gives_the_same_bytes_with_one_worker_and_with_eight() {
+    let peer = Peer::new();
+    let experiment = peer.of_mode("works-with-noise", "0..8", "version: 1");
+    let bytes = |workers: &str| {
+        let out = peer.path(&format!("run-{workers}"));
+        succeed(run(&experiment, &out, "works").args(["--workers", workers]));
+        std::fs::read(out.join("recording.mcap")).expect("a recording")
+    };
+    assert!(bytes("1") == bytes("8"), "the recordings differ");
+}

@@ -1,0 +1,202 @@
+//! Nodes in Python by the package `depthloom`: the paper's fusion, nodes with memory, sources, sinks, errors.
+
+use std::path::Path;
+use std::process::Command;
+
+use super::{run, said};
+use crate::support::{depthloom, label, number, python_package, read_csv, set, succeed, workspace};
+
+/// The PATH on which `python3` is the one with the package.
+pub fn path_of(python: &Path) -> std::ffi::OsString {
+    let own = python.parent().expect("a folder").to_owned();
+    let others = std::env::var_os("PATH").unwrap_or_default();
+    std::env::join_paths(std::iter::once(own).chain(std::env::split_paths(&others))).expect("a PATH")
+}
+
+#[test]
+fn the_papers_fusion_in_python_gives_the_table_of_the_engines_nodes() {
+    const TEST: &str = "the_papers_fusion_in_python_gives_the_table_of_the_engines_nodes";
+    let Some(python) = python_package(TEST) else { return };
+    let folder = tempfile::tempdir().expect("a folder");
+    let experiment = workspace().join("experiments/own-python-node.yaml");
+    let out = |name: &str| folder.path().join(name);
+    let start = |name: &str, workers: &str| {
+        let mut command = run(&experiment, &out(name), "python");
+        succeed(command.args(["--workers", workers]).env("PATH", path_of(&python)));
+    };
+    start("one", "1");
+    let rows = read_csv(&out("one").join("scores.csv"));
+    let of = |name: &str| rows.iter().filter(|row| label(row) == name && set(row) == "all").collect::<Vec<_>>();
+    let (engine, own) = (of("fused"), of("own"));
+    assert_eq!((engine.len(), own.len()), (4, 4), "four frames each");
+    for (engine, own) in engine.iter().zip(own) {
+        for column in ["a1", "a2", "a3", "abs_rel", "sq_rel", "rmse", "rmse_log", "silog"] {
+            let (engine, own) = (number(engine, column), number(own, column));
+            assert!((engine - own).abs() <= 1e-6 * engine.abs().max(1.0), "{column}: {engine} and {own}");
+        }
+    }
+    start("four", "4");
+    let bytes = |name: &str| std::fs::read(out(name).join("recording.mcap")).expect("a recording");
+    assert!(bytes("one") == bytes("four"), "the recordings of one worker and of four differ");
+
+    // What it made is taken again as long as its code is the same.
+    let mut plan = depthloom();
+    plan.arg("plan").arg(&experiment).args(["--reuse", "--allow-exec", "--json", "--out"]).arg(out("next"));
+    let plan: serde_json::Value =
+        serde_json::from_slice(&succeed(plan.env_remove("DEPTHLOOM_FRESH")).stdout).expect("JSON");
+    let own =
+        plan["nodes"].as_array().expect("a list").iter().find(|node| node["node"] == "own_fused").expect("a node");
+    assert_eq!((&own["runs"], &own["taken"]), (&0.into(), &4.into()), "{own}");
+}
+
+const NODES: &str = r#"
+import numpy as np
+import depthloom
+
+@depthloom.source(outputs={"left": "image", "depth": "depth", "disparity": "disparity", "mask": "mask", "calibration": "calibration"})
+class Ramp:
+    def __init__(self, params):
+        self.count = params["count"]
+    def frames(self):
+        return [(f"ramp{k}", 1000 * k) for k in range(self.count)]
+    def read(self, frame):
+        rows, columns = np.mgrid[0:24, 0:32]
+        depth = (5 + rows + frame.index).astype(np.float32)
+        depth[0] = np.nan
+        disparity = (columns / 16).astype(np.float32)
+        disparity[1] = np.nan
+        camera = depthloom.Calibration(32, 24, 30.0, 16.0, 12.0, 0.5, 0.0)
+        image = np.stack([rows, columns, rows * 0 + frame.index], axis=2).astype(np.uint8)
+        return {"left": image, "depth": depth, "disparity": disparity, "mask": columns > 3, "calibration": camera}
+
+@depthloom.node(inputs={"left": "image", "depth": "depth", "disparity": "disparity", "mask": "mask", "calibration": "calibration"},
+                outputs={"depth": "depth", "curve": "curve"})
+class Mean:
+    def __init__(self, params):
+        self.sum, self.count, self.losses = 0, 0, []
+        print("this goes to standard error")
+    def process(self, left, depth, disparity, mask, calibration, frame):
+        assert left.shape == (24, 32, 3) and left.dtype == np.uint8 and left[2, 5].tolist() == [2, 5, frame.index]
+        assert np.isnan(depth[0]).all() and depth[3, 0] == 8 + frame.index, depth
+        assert np.isnan(disparity[1]).all() and disparity[2, 9] == 9 / 16 and disparity[2, 0] == 0, disparity
+        assert mask.dtype == bool and not mask[0, 3] and mask[0, 4]
+        assert calibration.focal_px * calibration.baseline_m == 15
+        assert frame.id == f"ramp{frame.index}" and frame.time_ns == 1000 * frame.index
+        depthloom.progress(1, 2, "half")
+        depthloom.warn("pixels of the top row", 32)
+        self.sum, self.count = self.sum + depth, self.count + 1
+        self.losses.append(float(np.nanmean(depth)))
+        return {"depth": self.sum / self.count}
+    def finish(self):
+        steps = range(1, 1 + self.count)
+        nothing = [float("nan")] * self.count
+        return {"curve": {"step": steps, "loss": self.losses, "validation": nothing, "learning_rate": [0.1] * self.count}}
+
+@depthloom.node(inputs={"depth": "depth"}, outputs={})
+class Log:
+    def __init__(self, params):
+        self.file = open(params["to"], "w")
+    def process(self, depth, frame):
+        self.file.write(f"{frame.id} {np.nanmin(depth):.1f}\n")
+    def finish(self):
+        self.file.write("end\n")
+        self.file.close()
+
+@depthloom.node(inputs={"depth": "depth"}, outputs={"depth": "depth"})
+def broken(depth):
+    if depth[1, 0] > 6:
+        raise ValueError("too deep")
+    return depth
+
+depthloom.serve(Ramp, Mean, Log, broken)
+"#;
+
+const EXPERIMENT: &str = "
+experiment: own
+sources:
+  ramp:
+    kind: process/source
+    with:
+      command: [python3, nodes.py, Ramp]
+      outputs: { left: image, depth: depth, disparity: disparity, mask: mask, calibration: calibration }
+      params: { count: 3 }
+      version: 1
+stages:
+  look:
+    source: ramp
+    nodes:
+      mean:
+        kind: process
+        inputs: { left: source/left, depth: source/depth, disparity: source/disparity, mask: source/mask, calibration: source/calibration }
+        with:
+          command: [python3, nodes.py, Mean]
+          contract: ordered
+          ports:
+            inputs: { left: image, depth: depth, disparity: disparity, mask: mask, calibration: calibration }
+            outputs: { depth: depth, curve: { type: curve, rate: once } }
+          version: 1
+      log:
+        kind: process
+        inputs: { depth: mean/depth }
+        with: { command: [python3, nodes.py, Log], contract: ordered, ports: { inputs: { depth: depth } }, params: { to: LOG } }
+      edges: { kind: confidence/edges, inputs: { image: source/left } }
+    score: { truth: source/depth, estimates: { mean: { from: mean/depth, sets: [answered] } } }
+";
+
+#[test]
+fn sources_nodes_with_memory_and_sinks_in_python_stand_in_a_graph() {
+    let Some(python) = python_package("sources_nodes_with_memory_and_sinks_in_python_stand_in_a_graph") else { return };
+    let folder = tempfile::tempdir().expect("a folder");
+    let (experiment, log) = (folder.path().join("own.yaml"), folder.path().join("log.txt"));
+    std::fs::write(folder.path().join("nodes.py"), NODES).expect("written");
+    std::fs::write(&experiment, EXPERIMENT.replace("LOG", &log.to_string_lossy())).expect("written");
+    let out = folder.path().join("run");
+    let output = succeed(run(&experiment, &out, "own").args(["--workers", "3"]).env("PATH", path_of(&python)));
+    let said = said(&output);
+    assert!(said.contains("96 pixels of the top row"), "{said}");
+    assert_eq!(std::fs::read_to_string(log).expect("a log"), "ramp0 6.0\nramp1 6.5\nramp2 7.0\nend\n");
+    let rows = read_csv(&out.join("scores.csv"));
+    // Of depths 5 + row + frame the mean of all frames so far: half a metre short on the second, a metre on the third.
+    let rmse: Vec<f64> = rows.iter().map(|row| number(row, "rmse")).collect();
+    assert!(rmse.iter().zip([0.0, 0.5, 1.0]).all(|(found, expected)| (found - expected).abs() < 1e-6), "{rmse:?}");
+    assert!(out.join("learning_curves.csv").is_file(), "the curve is not there");
+}
+
+#[test]
+fn an_exception_is_told_with_its_place_in_the_code_and_the_next_frame_is_called() {
+    const TEST: &str = "an_exception_is_told_with_its_place_in_the_code_and_the_next_frame_is_called";
+    let Some(python) = python_package(TEST) else { return };
+    let folder = tempfile::tempdir().expect("a folder");
+    let experiment = folder.path().join("broken.yaml");
+    std::fs::write(folder.path().join("nodes.py"), NODES).expect("written");
+    let of = |function: &str, inputs: &str| {
+        let text = format!(
+            "experiment: broken\nsources: {{ ramp: {{ kind: process/source, with: {{ command: [python3, nodes.py, Ramp], \
+             outputs: {{ left: image, depth: depth, disparity: disparity, mask: mask, calibration: calibration }}, params: {{ count: 3 }} }} }} }}\n\
+             stages:\n  look:\n    source: ramp\n    nodes:\n      own: {{ kind: process, inputs: {{ {inputs} }}, with: {{ \
+             command: [python3, nodes.py, {function}], ports: {{ inputs: {{ depth: depth }}, outputs: {{ depth: depth }} }} }} }}\n\
+             \x20   score: {{ truth: source/depth, estimates: {{ own: {{ from: own/depth, sets: [answered] }} }} }}\n"
+        );
+        std::fs::write(&experiment, text).expect("written");
+        let out = folder.path().join(function);
+        let mut command: Command = run(&experiment, &out, "broken");
+        let output =
+            command.args(["--workers", "1", "--keep-going"]).env("PATH", path_of(&python)).output().expect("started");
+        (output.status.code(), said(&output), out)
+    };
+    let (code, said, out) = of("broken", "depth: source/depth");
+    assert_eq!(code, Some(3), "{said}");
+    for part in ["ValueError: too deep", "nodes.py", "in broken", "ramp1", "2 frames failed"] {
+        assert!(said.contains(part), "{part:?} is not said: {said}");
+    }
+    assert_eq!(read_csv(&out.join("scores.csv")).len(), 1, "the first frame is scored");
+    // Ports that are not those of the code, and a class called as a function.
+    let (_, said, _) = of("Mean", "depth: source/depth");
+    let told = "the inputs of the node in Python are left: image, depth: depth, disparity: disparity, mask: mask, calibration: calibration; the experiment declares depth: depth";
+    assert!(said.contains(told), "{said}");
+    let (_, said, _) = of("nobody", "depth: source/depth");
+    assert!(
+        said.contains("the first argument names one of the nodes Ramp, Mean, Log, broken; it is 'nobody'"),
+        "{said}"
+    );
+}
