@@ -200,3 +200,49 @@ fn an_exception_is_told_with_its_place_in_the_code_and_the_next_frame_is_called(
         "{said}"
     );
 }
+
+const ONCE: &str = r#"
+import depthloom
+
+@depthloom.node(inputs={"depth": "depth"}, outputs={"curve": "curve"})
+class Collect:
+    def __init__(self):
+        self.losses = []
+    def process(self, depth):
+        self.losses.append(float(len(self.losses)))
+    def finish(self):
+        steps = range(1, len(self.losses) + 1)
+        return {"step": steps, "loss": self.losses, "validation": self.losses, "learning_rate": self.losses}
+
+@depthloom.node(inputs={"curve": "curve"}, outputs={"curve": "curve", "model": "model"})
+def train(curve, params):
+    depthloom.progress(1, 1, "learnt")
+    return {"curve": {**curve, "loss": curve["loss"] * params["times"]}, "model": b"the bytes of a model"}
+
+depthloom.serve(Collect, train)
+"#;
+
+#[test]
+fn once_nodes_in_python_fire_once_and_what_they_give_is_kept() {
+    let Some(python) = python_package("once_nodes_in_python_fire_once_and_what_they_give_is_kept") else { return };
+    let folder = tempfile::tempdir().expect("a folder");
+    let once = "curve: { type: curve, rate: once }";
+    let text = format!(
+        "experiment: once\nsources: {{ street: {{ kind: synthetic/road, with: {{ frames: 0..3, width: 64, height: 32 }} }} }}\n\
+         stages:\n  learn:\n    source: street\n    nodes:\n      collect:\n        kind: process\n        inputs: {{ depth: source/depth }}\n\
+         \x20       with: {{ command: [python3, nodes.py, Collect], contract: ordered, ports: {{ inputs: {{ depth: depth }}, outputs: {{ {once} }} }} }}\n\
+         \x20     train:\n        kind: process\n        inputs: {{ curve: collect/curve }}\n        with:\n          command: [python3, nodes.py, train]\n\
+         \x20         contract: once\n          params: {{ times: 4 }}\n\
+         \x20         ports: {{ inputs: {{ {once} }}, outputs: {{ {once}, model: {{ type: model, rate: once }} }} }}\n"
+    );
+    std::fs::write(folder.path().join("nodes.py"), ONCE).expect("written");
+    let (experiment, out) = (folder.path().join("once.yaml"), folder.path().join("run"));
+    std::fs::write(&experiment, text).expect("written");
+    succeed(run(&experiment, &out, "once").env("PATH", path_of(&python)));
+    let model = std::fs::read(out.join("models/learn.train.onnx")).expect("a model");
+    assert_eq!(model, b"the bytes of a model");
+    let losses = read_csv(&out.join("learning_curves.csv"));
+    let of_train: Vec<f64> =
+        losses.iter().filter(|row| row["node"] == "train").map(|row| number(row, "loss")).collect();
+    assert_eq!(of_train, [0.0, 4.0, 8.0]);
+}
