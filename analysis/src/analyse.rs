@@ -5,6 +5,7 @@
 
 mod bins;
 mod job;
+mod numbers;
 mod rows;
 mod sums;
 

@@ -7,10 +7,11 @@ use std::thread;
 
 use depthloom_threads::{Budget, Tiles as _};
 use polars::frame::DataFrame;
-use polars::prelude::{Column, DataType, Float32Chunked, NamedFrom, PolarsResult, Series};
+use polars::prelude::PolarsResult;
 
 use super::bins::{Bins, Edges};
-use super::sums::{self, BIN, Sums, TRUTH};
+use super::numbers::numbers;
+use super::sums::{self, PartSums, Sums};
 use super::{By, Inquiry, SampleSet, Unit};
 use crate::error::{AnalysisError, caught};
 use crate::percentiles::{OUTSIDE, Pass, Percentiles, Room, Tally, percentiles};
@@ -54,9 +55,8 @@ pub(super) struct FoundRow {
     pub(super) of: Vec<(Sums, Option<Vec<f64>>)>,
 }
 
-/// A part, read: its rows' bins, and by estimator told of the errors.
+/// A part, read: its rows' bins, and by estimator told of the errors, NaN where it has no answer.
 struct Read {
-    table: DataFrame,
     bins: Vec<u32>,
     errors: Vec<Vec<f32>>,
 }
@@ -88,13 +88,13 @@ impl Job<'_> {
                 stop,
                 || Tally::of(pass),
                 |tally, place| {
-                    let Read { table, bins, errors } = self.read(place, &bins, inquiry)?;
+                    let (Read { bins, errors }, sums) = self.read(place, &bins, inquiry, pass.is_first())?;
                     for (told, errors) in errors.iter().enumerate() {
                         tally.take(pass, told * count, &bins, errors);
                     }
-                    if pass.is_first() {
-                        let of_part = sums::of_part(table, self.told.len(), inquiry.unit, inquiry.gross);
-                        *locked(&of_parts[place]) = Some(of_part.map_err(AnalysisError::compute("sums of samples"))?);
+                    if let Some(sums) = sums {
+                        let table = sums.table().map_err(AnalysisError::compute("sums of samples"))?;
+                        *locked(&of_parts[place]) = Some(table);
                         let rows = self.parts[place].rows as u64;
                         progress(done.fetch_add(rows, Ordering::Relaxed) + rows);
                     }
@@ -133,93 +133,111 @@ impl Job<'_> {
         if let Bins::Edges(edges) = &bins {
             return Ok(Edges::new(edges.clone(), true));
         }
-        let scan = |make: &(dyn Fn() -> Tally + Sync), take: &(dyn Fn(&mut Tally, &[f32]) + Sync)| {
-            self.scan(stop, make, |tally, place| {
-                let mut columns = vec!["truth_m", column];
-                columns.dedup();
-                let table = self.file.read(self.parts[place], &columns)?;
-                take(tally, &binned(&table, column, inquiry).map_err(AnalysisError::compute("bins"))?);
-                Ok(())
-            })
+        let values = |place: usize| -> Result<Vec<f32>, AnalysisError> {
+            let mut columns = vec!["truth_m", column];
+            columns.dedup();
+            let table = self.file.read(self.parts[place], &columns)?;
+            binned(&table, column, inquiry).map_err(AnalysisError::compute("bins"))
         };
-        // Of quantiles all edges, of others the first and the last.
-        let shares: Vec<f64> = match bins {
-            Bins::Quantile(count) => (0..=count).map(|edge| 100.0 * f64::from(edge) / f64::from(count)).collect(),
-            _ => vec![0.0, 100.0],
-        };
-        let found = percentiles(1, &shares, Room::for_threads(threads()), |pass| {
-            scan(&|| Tally::of(pass), &|tally, values| tally.take(pass, 0, &vec![0; values.len()], values))
-        })?;
-        let Some(Percentiles { count: 1.., values: edges }) = found.into_iter().next() else {
+        let nothing = || {
             let what = format!("no sample has a value in the column `{column}`");
-            return Err(AnalysisError::asked(what, "ask for another --by".to_owned()));
+            AnalysisError::asked(what, "ask for another --by".to_owned())
         };
-        let (least, most) = (edges[0], edges[edges.len() - 1]);
-        Ok(bins.edges(least, most)?.unwrap_or_else(|| Edges::new(edges, true)))
+        if let Bins::Quantile(count) = bins {
+            let shares: Vec<f64> = (0..=count).map(|edge| 100.0 * f64::from(edge) / f64::from(count)).collect();
+            let found = percentiles(1, &shares, Room::for_threads(threads()), |pass| {
+                self.scan(
+                    stop,
+                    || Tally::of(pass),
+                    |tally, place| {
+                        let values = values(place)?;
+                        tally.take(pass, 0, &vec![0; values.len()], &values);
+                        Ok(())
+                    },
+                )
+            })?;
+            return match found.into_iter().next() {
+                Some(Percentiles { count: 1.., values: edges }) => Ok(Edges::new(edges, true)),
+                _ => Err(nothing()),
+            };
+        }
+        // NaN is neither less nor more than anything.
+        let ends = self.scan(
+            stop,
+            || (f32::INFINITY, f32::NEG_INFINITY),
+            |(least, most), place| {
+                for value in values(place)? {
+                    *least = if value < *least { value } else { *least };
+                    *most = if value > *most { value } else { *most };
+                }
+                Ok(())
+            },
+        )?;
+        let least = ends.iter().map(|(least, _)| *least).fold(f32::INFINITY, f32::min);
+        let most = ends.iter().map(|(_, most)| *most).fold(f32::NEG_INFINITY, f32::max);
+        if least > most {
+            return Err(nothing());
+        }
+        let edges = bins.edges(f64::from(least), f64::from(most))?;
+        Ok(edges.expect("bins that are no quantiles have edges"))
     }
 
-    /// Reads a part.
-    fn read(&self, place: usize, bins: &FoundBins, inquiry: &Inquiry) -> Result<Read, AnalysisError> {
+    /// Reads a part; what adds up of it, too, where that `is_asked`.
+    fn read(
+        &self,
+        place: usize,
+        bins: &FoundBins,
+        inquiry: &Inquiry,
+        is_asked: bool,
+    ) -> Result<(Read, Option<PartSums>), AnalysisError> {
         let part = self.parts[place];
-        let mut columns: Vec<&str> = vec!["truth_m"];
-        columns.extend(self.by.as_deref());
         let compared: Vec<usize> = match self.set {
             SampleSet::Answered => self.told.clone(),
             SampleSet::Common => (0..self.estimators.len()).collect(),
         };
+        let mut columns: Vec<&str> = vec!["truth_m"];
+        columns.extend(self.by.as_deref());
         columns.extend(compared.iter().map(|of| self.estimators[*of].column.as_str()));
         columns.sort_unstable();
         columns.dedup();
         let table = self.file.read(part, &columns)?;
-        self.prepared(&table, place, bins, &compared, inquiry).map_err(AnalysisError::compute("errors of samples"))
-    }
-
-    fn prepared(
-        &self,
-        table: &DataFrame,
-        place: usize,
-        bins: &FoundBins,
-        compared: &[usize],
-        inquiry: &Inquiry,
-    ) -> PolarsResult<Read> {
-        let of_bins = match (bins, &self.by) {
-            (FoundBins::Edges(edges), Some(column)) => edges.bins(&binned(table, column, inquiry)?),
-            _ => vec![place as u32; table.height()],
+        let prepared = || -> PolarsResult<(Read, Option<PartSums>)> {
+            let column = |of: usize| numbers(&table, &self.estimators[of].column);
+            let (mut bins, count) = match (bins, &self.by) {
+                (FoundBins::Edges(edges), Some(column)) => {
+                    (edges.bins(&binned(&table, column, inquiry)?), edges.len())
+                }
+                _ => (vec![place as u32; table.height()], self.parts.len()),
+            };
+            let mut errors = self.told.iter().map(|of| column(*of)).collect::<PolarsResult<Vec<Vec<f32>>>>()?;
+            if self.set == SampleSet::Common {
+                errors.iter().for_each(|estimates| leave_out(&mut bins, estimates));
+                for of in compared.iter().filter(|of| !self.told.contains(of)) {
+                    leave_out(&mut bins, &column(*of)?);
+                }
+            }
+            let truth = numbers(&table, "truth_m")?;
+            let mut sums = PartSums::new(&bins, count);
+            for estimates in &mut errors {
+                if is_asked {
+                    sums.add(&bins, &truth, estimates, inquiry.unit, inquiry.gross);
+                } else {
+                    to_errors(estimates, &truth, inquiry.unit);
+                }
+            }
+            Ok((Read { bins, errors }, is_asked.then_some(sums)))
         };
-        // Those that are told of come first.
-        let others = compared.iter().filter(|of| !self.told.contains(of));
-        let order: Vec<usize> = self.told.iter().chain(others).copied().collect();
-        let mut columns = vec![
-            Column::from(Series::new(BIN.into(), of_bins)),
-            table.column("truth_m")?.clone().with_name(TRUTH.into()),
-        ];
-        for (at, of) in order.iter().enumerate() {
-            columns.push(table.column(&self.estimators[*of].column)?.clone().with_name(sums::estimate(at).into()));
-        }
-        let mut table = DataFrame::new(table.height(), columns)?;
-        if self.set == SampleSet::Common {
-            table = sums::common(table, order.len())?;
-            table.rechunk_mut();
-        }
-        let bins: Vec<u32> = table.column(BIN)?.u32()?.iter().map(|bin| bin.unwrap_or(OUTSIDE)).collect();
-        let truth = values(&table, TRUTH)?;
-        let mut errors = Vec::with_capacity(self.told.len());
-        for told in 0..self.told.len() {
-            let mut of = values(&table, &sums::estimate(told))?;
-            to_errors(&mut of, &truth, inquiry.unit);
-            errors.push(of);
-        }
-        Ok(Read { table, bins, errors })
+        prepared().map_err(AnalysisError::compute("errors of samples"))
     }
 
     /// Calls `take` for every part, on all cores, each with what `make` made for its thread; gives these.
-    fn scan(
+    fn scan<T: Send>(
         &self,
         stop: &(dyn Fn() -> bool + Sync),
-        make: impl Fn() -> Tally + Sync,
-        take: impl Fn(&mut Tally, usize) -> Result<(), AnalysisError> + Sync,
-    ) -> Result<Vec<Tally>, AnalysisError> {
-        let idle: Mutex<Vec<Tally>> = Mutex::new(Vec::new());
+        make: impl Fn() -> T + Sync,
+        take: impl Fn(&mut T, usize) -> Result<(), AnalysisError> + Sync,
+    ) -> Result<Vec<T>, AnalysisError> {
+        let idle: Mutex<Vec<T>> = Mutex::new(Vec::new());
         let failed: Mutex<Option<(usize, AnalysisError)>> = Mutex::new(None);
         let budget = Budget::new(threads());
         let _own = budget.permit();
@@ -231,10 +249,10 @@ impl Job<'_> {
                 if stop() {
                     return Err(AnalysisError::Stopped);
                 }
-                let tally = locked(&idle).pop();
-                let mut tally = tally.unwrap_or_else(&make);
-                take(&mut tally, place)?;
-                locked(&idle).push(tally);
+                let own = locked(&idle).pop();
+                let mut own = own.unwrap_or_else(&make);
+                take(&mut own, place)?;
+                locked(&idle).push(own);
                 Ok(())
             });
             if let Err(error) = taken {
@@ -253,11 +271,18 @@ impl Job<'_> {
 
 /// The numbers that samples are put into bins by.
 fn binned(table: &DataFrame, column: &str, inquiry: &Inquiry) -> PolarsResult<Vec<f32>> {
-    let mut of = values(table, column)?;
+    let mut of = numbers(table, column)?;
     if inquiry.by == By::Error {
-        to_errors(&mut of, &values(table, "truth_m")?, inquiry.unit);
+        to_errors(&mut of, &numbers(table, "truth_m")?, inquiry.unit);
     }
     Ok(of)
+}
+
+/// Takes rows without an answer out of their bins.
+fn leave_out(bins: &mut [u32], estimates: &[f32]) {
+    for (bin, estimate) in bins.iter_mut().zip(estimates) {
+        *bin = if estimate.is_nan() { OUTSIDE } else { *bin };
+    }
 }
 
 /// Makes absolute errors of estimates.
@@ -270,17 +295,6 @@ fn to_errors(estimates: &mut [f32], truth: &[f32], unit: Unit) {
         };
         *value = error.abs() as f32;
     }
-}
-
-/// A column's numbers; NaN where it has none.
-fn values(table: &DataFrame, column: &str) -> PolarsResult<Vec<f32>> {
-    let column = table.column(column)?;
-    let cast = if column.dtype() == &DataType::Float32 { column.clone() } else { column.cast(&DataType::Float32)? };
-    let numbers: &Float32Chunked = cast.f32()?;
-    Ok(match numbers.cont_slice() {
-        Ok(all) => all.to_vec(),
-        Err(_) => numbers.iter().map(|number| number.unwrap_or(f32::NAN)).collect(),
-    })
 }
 
 fn threads() -> usize {
