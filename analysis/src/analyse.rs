@@ -174,6 +174,16 @@ pub fn analyse(
     progress: &(dyn Fn(u64, u64) + Sync),
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<(Grid, Key), AnalysisError> {
+    answered(files, inquiry, progress, stop).map(|(grid, key, _)| (grid, key))
+}
+
+/// The same, and how many frames it is of.
+pub(crate) fn answered(
+    files: &[(String, PathBuf)],
+    inquiry: &Inquiry,
+    progress: &(dyn Fn(u64, u64) + Sync),
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Result<(Grid, Key, usize), AnalysisError> {
     caught(|| {
         if let Some(percentile) = inquiry.percentiles.iter().find(|of| !(0.0..=100.0).contains(*of)) {
             let what = format!("there is no percentile {percentile}");
@@ -202,7 +212,10 @@ pub fn analyse(
             [one] => one,
             _ => runs.iter().fold(Key::build("depthloom runs"), KeyBuilder::key).finish(),
         };
-        Ok((grid, run))
+        // Stages of a run are of the same frames, as a rule.
+        let of_run = |run: &str| jobs.iter().filter(|job| job.run == run).map(Job::frames).max().unwrap_or(0);
+        let frames = opened.iter().map(|(run, _)| of_run(run)).sum();
+        Ok((grid, run, frames))
     })
 }
 

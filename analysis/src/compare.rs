@@ -16,7 +16,7 @@ use depthloom_scores::PixelSet;
 
 pub use answer::Comparison;
 pub use distance::{DistanceComparison, compare_by_distance};
-pub(crate) use distance::{DistancePair, DistanceRow, Handover, Near, Statistic};
+pub(crate) use distance::{DistancePair, DistanceRow, Handover, Statistic};
 pub use side::{Side, names};
 
 use crate::ablation::{Ablation, Selection, listed, scored, shared_scores, source_of, unknown};

@@ -11,6 +11,7 @@ use crate::estimators::{Estimator, estimators};
 use crate::leading::Lead;
 use crate::paper::paper_scores;
 use crate::scores::FrameScore;
+use crate::told::warnings;
 
 /// How many frames are told that moved a number most.
 const WORST: usize = 3;
@@ -147,7 +148,7 @@ fn explained(
         facts,
         worst: worst(metric, &frames, whole, mean, without),
         frames,
-        notes: condition::told(recording, &[], true).notes,
+        notes: [warnings(recording, Some(estimator.run)), condition::told(recording, &[], true).notes].concat(),
     })
 }
 
@@ -236,7 +237,15 @@ fn facts(
     );
     if truth > 0 {
         let share = 100.0 * answered as f64 / truth as f64;
-        fact("answered", format!("{answered} of {truth} true pixels ({share:.2} %)"), None);
+        let pooled = format!("{answered} of {truth} true pixels ({share:.2} %)");
+        // The table's density is a mean over frames, which is not the share of all pixels where frames have more or fewer of them.
+        let of_frames =
+            average(scores.iter().filter(|of| of.row.truth > 0).map(|of| of.row.answered as f64 / of.row.truth as f64));
+        let of_frames =
+            of_frames.map(|mean| format!("{:.2} %", 100.0 * mean)).filter(|mean| *mean != format!("{share:.2} %"));
+        let of_frames =
+            of_frames.map(|mean| format!("; the mean of the frames' shares, the density in tables, is {mean}"));
+        fact("answered", format!("{pooled}{}", of_frames.unwrap_or_default()), None);
     }
     for part in &run.source.parts {
         let text = format!("{}: {} version {} {}", run.source.name, part.kind, part.version, part.params);

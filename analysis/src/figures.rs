@@ -34,6 +34,8 @@ use asked::Watch;
 pub(crate) const THIN: u64 = 100;
 /// More panels than this are not read any more.
 const MOST_PANELS: usize = 16;
+/// How high a page is, millimetres.
+const A4_MM: f64 = 297.0;
 /// From this width on panels stand side by side, millimetres.
 const WIDE_MM: f64 = 120.0;
 
@@ -218,6 +220,7 @@ pub struct Figure {
     drawing: Drawing,
     about: String,
     data: Vec<u8>,
+    notes: Vec<String>,
 }
 
 impl Figure {
@@ -225,6 +228,12 @@ impl Figure {
     #[must_use]
     pub fn about(&self) -> &str {
         &self.about
+    }
+
+    /// What is to be said of it beside its caption.
+    #[must_use]
+    pub fn notes(&self) -> &[String] {
+        &self.notes
     }
 
     /// Its width and height, millimetres.
@@ -273,7 +282,7 @@ pub fn figure(
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<Figure, AnalysisError> {
     let watch = Watch { progress, stop };
-    caught(|| match request.kind {
+    let mut figure = caught(|| match request.kind {
         FigureKind::ErrorVsDistance | FigureKind::Reliability => spreads::of_errors(runs, request, &watch),
         FigureKind::Histogram => errors::histogram(runs, request, &watch),
         FigureKind::Cdf => errors::cdf(runs, request, &watch),
@@ -282,7 +291,18 @@ pub fn figure(
         FigureKind::Learning => learning(one_of(runs)?, request),
         FigureKind::Difference => difference::difference(runs, request, stop),
         FigureKind::Panels => maps::panels(one_of(runs)?, request, stop),
-    })
+    })?;
+    let (_, height_mm) = figure.size_mm();
+    if request.size.height_mm.is_none() && height_mm > A4_MM {
+        let help = "show less of it, or make it narrower";
+        figure.notes.push(format!("it is {height_mm:.0} mm high, more than a page of A4 has ({A4_MM:.0} mm): {help}"));
+    }
+    Ok(figure)
+}
+
+/// How many frames, in words.
+fn frames_told(frames: usize) -> String {
+    format!("{frames} frame{}", if frames == 1 { "" } else { "s" })
 }
 
 /// The only run.
@@ -314,5 +334,5 @@ fn learning(run: &FigureRun<'_>, request: &FigureRequest) -> Result<Figure, Anal
     request.few_panels(curves.len())?;
     let drawing = of_curves(&curves, &request.title, request.size).map_err(wrong_size)?;
     let about = "Learning curves: mean loss since the last point, and validation on samples held out".to_owned();
-    Ok(Figure { drawing, about, data: table_of_points(&curves).csv() })
+    Ok(Figure { drawing, about, data: table_of_points(&curves).csv(), notes: Vec::new() })
 }

@@ -37,6 +37,7 @@ mod sheet;
 mod statistics;
 mod table;
 mod timings;
+mod told;
 mod unscored;
 
 pub use ablation::{Answer, Costs, Leader, Question, Ranking, Selection, answer, leader};

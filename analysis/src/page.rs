@@ -24,6 +24,7 @@ use crate::files::Output;
 use crate::reading;
 use crate::report::Summary;
 use crate::timings::Timing;
+use crate::told::warnings;
 
 /// Its name in the folder of a report.
 pub const PAGE: &str = "report.html";
@@ -89,13 +90,17 @@ fn written(
     let table = found.table.as_ref();
     let shown = choice::estimators_shown(&estimators, table);
     let mut series = choice::series(recording, &estimators, &shown, table, &scores);
+    let mut notes = warnings(recording, None);
+    notes.extend(
+        summary.json["notes"].as_array().into_iter().flatten().filter_map(|note| Some(note.as_str()?.to_owned())),
+    );
     let mut data = json!({
         "experiment": plan.experiment,
         "about": plan.about,
         "depthloom": env!("CARGO_PKG_VERSION"),
         "variants": plan.variants.len(),
         "condition": summary.json["recording"],
-        "notes": summary.json["notes"],
+        "notes": notes,
         "table": table.map(|table| data::table(table, &estimators)),
         "estimators": data::estimators(&estimators, &shown),
         "estimators_in_all": estimators.len(),

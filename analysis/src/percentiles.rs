@@ -2,9 +2,13 @@
 //!
 //! Polars' quantiles hold all samples of a group, and sort them: memory would grow with the samples (`bench/analysis.sh` measures both). Here a sample that is no negative number is an integer of 31 bits that sorts as it does. A pass counts
 //! the samples of each group by their upper bits; from the counts follows in which cell each wanted statistic lies, and which of that cell it is.
-//! Once all samples of the wanted cells fit in memory (as a rule after the first pass) the next one gathers them; else it counts on, by more bits.
+//! Once all samples of the wanted cells fit in memory (as a rule after the first pass) the next one gathers them; else it counts on, by more bits. Where a
+//! [trial](Trial) over some of the samples said [where they are likely to be](guess), the first pass gathers them already, and is the only one if that was right.
+
+mod guess;
 
 use crate::error::AnalysisError;
+use guess::Guess;
 
 /// Bits of a sample that is no negative number.
 const BITS: u32 = 31;
@@ -50,6 +54,14 @@ pub(crate) struct Percentiles {
     pub(crate) values: Vec<f64>,
 }
 
+/// Whether some of the samples are looked at first.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Trial {
+    None,
+    /// Of [such a pass](Pass::is_trial) `scan` takes some of the samples; all together are so many times as many.
+    Some(f64),
+}
+
 /// The percentiles (0 to 100) of every group; the rest is as of [`order_statistics`].
 ///
 /// # Errors
@@ -58,13 +70,14 @@ pub(crate) fn percentiles(
     groups: usize,
     percentiles: &[f64],
     room: Room,
+    trial: Trial,
     scan: impl FnMut(&Pass) -> Result<Vec<Tally>, AnalysisError>,
 ) -> Result<Vec<Percentiles>, AnalysisError> {
     let ranks_of = |count: u64| -> Vec<u64> {
         let below = percentiles.iter().map(|percentile| position(*percentile, count).0);
         below.flat_map(|below| [below, (below + 1).min(count - 1)]).collect()
     };
-    let found = order_statistics(groups, &ranks_of, room, scan)?;
+    let found = order_statistics(groups, &ranks_of, room, trial, scan)?;
     let of_group = |(count, neighbours): (u64, Vec<f32>)| {
         let value = |(percentile, pair): (&f64, &[f32])| between(pair[0], pair[1], position(*percentile, count).1);
         Percentiles { count, values: percentiles.iter().zip(neighbours.chunks(2)).map(value).collect() }
@@ -82,24 +95,49 @@ fn order_statistics(
     groups: usize,
     ranks_of: &dyn Fn(u64) -> Vec<u64>,
     room: Room,
+    trial: Trial,
     mut scan: impl FnMut(&Pass) -> Result<Vec<Tally>, AnalysisError>,
 ) -> Result<Vec<(u64, Vec<f32>)>, AnalysisError> {
+    let bits = bits_for(groups, BITS, room);
     let mut pass =
-        Pass { levels: Vec::new(), left: BITS, next: Next::Count(bits_for(groups, BITS, room)), cells: groups };
+        Pass { levels: Vec::new(), left: BITS, next: Next::Count(bits), cells: groups, is_trial: false, guess: None };
+    if let Trial::Some(times) = trial {
+        pass.is_trial = true;
+        if let (Merged::Counts(counts), _) = Tally::merged(scan(&pass)?) {
+            pass.guess = Guess::of(&counts, bits, times, ranks_of, room);
+        }
+        pass.is_trial = false;
+    }
     let mut wanted: Vec<Wanted> = Vec::new();
     let mut counts = vec![0; groups];
     loop {
-        match (pass.next, Tally::merged(scan(&pass)?)) {
+        let (merged, mut guessed) = Tally::merged(scan(&pass)?);
+        match (pass.next, merged) {
             (Next::Count(bits), Merged::Counts(cells)) => {
                 if pass.levels.is_empty() {
                     for (group, cells) in cells.chunks(1 << bits).enumerate() {
                         counts[group] = cells.iter().sum();
                         let ranks = if counts[group] == 0 { Vec::new() } else { ranks_of(counts[group]) };
-                        wanted.extend(ranks.into_iter().map(|rank| Wanted { group, cell: group, rank, prefix: 0 }));
+                        wanted.extend(ranks.into_iter().map(|rank| Wanted {
+                            group,
+                            cell: group,
+                            rank,
+                            prefix: 0,
+                            at: 0,
+                            in_group: rank,
+                        }));
                     }
                 }
                 let samples = pass.narrow(bits, &cells, &mut wanted);
-                if pass.left > 0 && pass.cells > 0 {
+                if let (Some(guess), Some(gathered)) = (pass.guess.take(), &mut guessed)
+                    && wanted.iter().all(|wanted| guess.gathering(wanted.at).is_some())
+                {
+                    let before = guess.before(&cells);
+                    for wanted in &mut wanted {
+                        let gathering = guess.gathering(wanted.at).expect("all are gathered");
+                        wanted.select(&mut gathered[gathering], wanted.in_group - before[gathering]);
+                    }
+                } else if pass.left > 0 && pass.cells > 0 {
                     let gathers = samples <= room.gathered;
                     pass.next = if gathers { Next::Gather } else { Next::Count(bits_for(pass.cells, pass.left, room)) };
                     continue;
@@ -107,8 +145,7 @@ fn order_statistics(
             }
             (_, Merged::Gathered(mut cells)) => {
                 for wanted in &mut wanted {
-                    let (_, sample, _) = cells[wanted.cell].select_nth_unstable(wanted.rank as usize);
-                    wanted.prefix = *sample;
+                    wanted.select(&mut cells[wanted.cell], wanted.rank);
                 }
             }
             (Next::Gather, Merged::Counts(_)) => unreachable!("a pass that gathers tallies samples"),
@@ -133,6 +170,17 @@ struct Wanted {
     rank: u64,
     /// Its upper bits, as far as they are known.
     prefix: u32,
+    /// The place of its cell among all groups' parts, where it was narrowed last.
+    at: usize,
+    /// Its rank among all samples of its group.
+    in_group: u64,
+}
+
+impl Wanted {
+    /// Finds it by its rank among samples.
+    fn select(&mut self, samples: &mut [u32], rank: u64) {
+        self.prefix = *samples.select_nth_unstable(rank as usize).1;
+    }
 }
 
 /// What a pass looks for.
@@ -144,6 +192,9 @@ pub(crate) struct Pass {
     next: Next,
     /// The cells in which something is wanted; at first the groups.
     cells: usize,
+    is_trial: bool,
+    /// What the first pass gathers, too.
+    guess: Option<Guess>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -153,9 +204,14 @@ enum Next {
 }
 
 impl Pass {
-    /// Whether it is the first.
+    /// Whether it is the first over all samples.
     pub(crate) const fn is_first(&self) -> bool {
-        self.levels.is_empty()
+        self.levels.is_empty() && !self.is_trial
+    }
+
+    /// Whether it is the one over some of them.
+    pub(crate) const fn is_trial(&self) -> bool {
+        self.is_trial
     }
 
     /// The cell of a sample, if anything is wanted there.
@@ -182,6 +238,7 @@ impl Pass {
                 wanted.rank -= counts[first + part];
                 part += 1;
             }
+            wanted.at = first + part;
             let child = &mut children[first + part];
             if *child == NONE {
                 *child = cells;
@@ -204,6 +261,8 @@ pub(crate) enum Tally {
     Counts(Vec<u32>),
     /// By cell.
     Gathered(Vec<Vec<u32>>),
+    /// As of the first, and of the parts that are guessed their samples; `None` once they were too many.
+    Both(Vec<u32>, Option<Vec<Vec<u32>>>),
 }
 
 /// What all threads have counted or gathered in a pass.
@@ -216,7 +275,13 @@ impl Tally {
     /// Nothing yet.
     pub(crate) fn of(pass: &Pass) -> Self {
         match pass.next {
-            Next::Count(bits) => Self::Counts(vec![0; (pass.cells << bits) + 1]),
+            Next::Count(bits) => {
+                let counts = vec![0; (pass.cells << bits) + 1];
+                match &pass.guess {
+                    Some(guess) => Self::Both(counts, Some(vec![Vec::new(); guess.gatherings()])),
+                    None => Self::Counts(counts),
+                }
+            }
             Next::Gather => Self::Gathered(vec![Vec::new(); pass.cells]),
         }
     }
@@ -227,9 +292,28 @@ impl Tally {
         let rows = bins.iter().copied().zip(samples.iter().copied());
         // Of zero there are two.
         let number = |bin: u32, sample: f32| (first + bin as usize, sample.to_bits() & (u32::MAX >> 1));
-        let samples = || rows.clone().filter(|(bin, sample)| is_sample(*bin, *sample)).map(|(bin, sample)| number(bin, sample));
+        let samples =
+            || rows.clone().filter(|(bin, sample)| is_sample(*bin, *sample)).map(|(bin, sample)| number(bin, sample));
         match (self, pass.next) {
-            (Self::Counts(counts), Next::Count(bits)) if pass.is_first() => {
+            (Self::Both(counts, gathered), Next::Count(bits)) => {
+                let (shift, none) = (pass.left - bits, counts.len() - 1);
+                let mut taken = 0;
+                for (bin, sample) in rows {
+                    let (group, number) = number(bin, sample);
+                    let part = group << bits | (number >> shift) as usize;
+                    let part = if is_sample(bin, sample) { part } else { none };
+                    counts[part] += 1;
+                    let gathering = pass.guess.as_ref().and_then(|guess| guess.gathering(part));
+                    if let (Some(gathered), Some(of)) = (gathered.as_mut(), gathering) {
+                        gathered[of].push(number);
+                        taken += 1;
+                    }
+                }
+                if pass.guess.as_ref().is_some_and(|guess| !guess.has_room(taken)) {
+                    *gathered = None;
+                }
+            }
+            (Self::Counts(counts), Next::Count(bits)) if pass.levels.is_empty() => {
                 let (shift, none) = (pass.left - bits, counts.len() - 1);
                 for (bin, sample) in rows {
                     let (group, number) = number(bin, sample);
@@ -253,30 +337,42 @@ impl Tally {
                     }
                 }
             }
-            (Self::Counts(_), Next::Gather) => unreachable!("a tally is of its pass"),
+            (Self::Counts(_) | Self::Both(..), Next::Gather) => unreachable!("a tally is of its pass"),
         }
     }
 
-    /// All threads' together.
-    fn merged(tallies: Vec<Self>) -> Merged {
-        let mut merged: Option<Merged> = None;
+    /// All threads' together, and what was gathered of a guess, if all threads kept it.
+    fn merged(tallies: Vec<Self>) -> (Merged, Option<Vec<Vec<u32>>>) {
+        let (mut counted, mut gathered): (Vec<u64>, Option<Vec<Vec<u32>>>) = (Vec::new(), None);
+        let mut is_kept = true;
         for tally in tallies {
-            match (&mut merged, tally) {
-                (None, Self::Counts(mut counts)) => {
-                    counts.pop();
-                    merged = Some(Merged::Counts(counts.into_iter().map(u64::from).collect()));
+            let (counts, of) = match tally {
+                Self::Counts(counts) => (counts, None),
+                Self::Gathered(cells) => (Vec::new(), Some(cells)),
+                Self::Both(counts, of) => {
+                    is_kept &= of.is_some();
+                    (counts, of)
                 }
-                (None, Self::Gathered(cells)) => merged = Some(Merged::Gathered(cells)),
-                (Some(Merged::Counts(all)), Self::Counts(counts)) => {
-                    all.iter_mut().zip(counts).for_each(|(all, count)| *all += u64::from(count));
-                }
-                (Some(Merged::Gathered(all)), Self::Gathered(cells)) => {
-                    all.iter_mut().zip(cells).for_each(|(all, cell)| all.extend(cell));
-                }
-                (Some(_), _) => unreachable!("the tallies of a pass are of one kind"),
+            };
+            if counted.is_empty() {
+                counted = counts.iter().copied().map(u64::from).collect();
+            } else {
+                counted.iter_mut().zip(counts).for_each(|(all, count)| *all += u64::from(count));
+            }
+            match (&mut gathered, of) {
+                (Some(all), Some(cells)) => all.iter_mut().zip(cells).for_each(|(all, cell)| all.extend(cell)),
+                (gathered, Some(cells)) => *gathered = Some(cells),
+                (_, None) => {}
             }
         }
-        merged.unwrap_or(Merged::Gathered(Vec::new()))
+        match (counted.is_empty(), gathered) {
+            (true, gathered) => (Merged::Gathered(gathered.unwrap_or_default()), None),
+            (false, gathered) => {
+                // At last stands what was no sample.
+                counted.pop();
+                (Merged::Counts(counted), gathered.filter(|_| is_kept))
+            }
+        }
     }
 }
 
@@ -287,18 +383,40 @@ mod tests {
     use super::*;
 
     fn found(groups: usize, samples: &[(u32, f32)], room: Room) -> Vec<(u64, Vec<f32>)> {
+        let tried = tried(groups, samples, room, 3);
+        assert_eq!(tried, tried_by(groups, samples, room, Trial::None, 1).0);
+        tried
+    }
+
+    /// A trial takes every so many-th sample.
+    fn tried(groups: usize, samples: &[(u32, f32)], room: Room, step: usize) -> Vec<(u64, Vec<f32>)> {
+        tried_by(groups, samples, room, Trial::Some(step as f64), step).0
+    }
+
+    /// And how many passes there were over all samples.
+    fn tried_by(
+        groups: usize,
+        samples: &[(u32, f32)],
+        room: Room,
+        trial: Trial,
+        step: usize,
+    ) -> (Vec<(u64, Vec<f32>)>, usize) {
+        let mut passes = 0;
         let ranks = |count: u64| vec![0, count / 2, count / 2, count - 1];
         let halves = samples.split_at(samples.len() / 2);
         let scan = |pass: &Pass| {
+            passes += usize::from(!pass.is_trial());
             let tallies = [halves.0, halves.1].map(|half| {
                 let mut tally = Tally::of(pass);
-                let (bins, values): (Vec<u32>, Vec<f32>) = half.iter().copied().unzip();
+                let some = half.iter().copied().step_by(if pass.is_trial() { step } else { 1 });
+                let (bins, values): (Vec<u32>, Vec<f32>) = some.unzip();
                 tally.take(pass, 0, &bins, &values);
                 tally
             });
             Ok(Vec::from(tallies))
         };
-        order_statistics(groups, &ranks, room, scan).unwrap()
+        let found = order_statistics(groups, &ranks, room, trial, scan).unwrap();
+        (found, passes)
     }
 
     fn sorted(groups: usize, samples: &[(u32, f32)]) -> Vec<(u64, Vec<f32>)> {
@@ -328,6 +446,22 @@ mod tests {
                 prop_assert_eq!(&found(5, &samples, room), &sorted, "{:?}", room);
             }
         }
+    }
+
+    #[test]
+    fn after_a_trial_one_pass_does_and_where_it_was_wrong_two() {
+        let alike: Vec<(u32, f32)> =
+            (0..40_000).map(|at: u32| (at % 3, at.wrapping_mul(2_654_435_761) as f32 / 4e9 + 0.5)).collect();
+        let room = Room { counters: 1 << 20, gathered: 20_000 };
+        // The least and the greatest are in the trial, too.
+        let mut ends = alike.clone();
+        (0..3).for_each(|group| ends.extend([(group, 0.1); 32].into_iter().chain([(group, 9.0); 32])));
+        let (found, passes) = tried_by(3, &ends, room, Trial::Some(4.0), 4);
+        assert_eq!((found, passes), (sorted(3, &ends), 1));
+        // A trial of the first half says nothing of the second.
+        let drifting: Vec<(u32, f32)> = (0..40_000).map(|at| (0, if at % 4 == 0 { 1.0 } else { at as f32 })).collect();
+        let (found, passes) = tried_by(1, &drifting, room, Trial::Some(4.0), 4);
+        assert_eq!((found, passes), (sorted(1, &drifting), 2));
     }
 
     #[test]

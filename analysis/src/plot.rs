@@ -8,7 +8,7 @@ mod sheet;
 
 pub(crate) use axis::{Axis, Scale, ticks_at};
 pub(crate) use ramp::{DIVERGING, SEQUENTIAL};
-pub(crate) use sheet::{BAR_ROOM, Bar, Entry, Sheet, Swatch, draw_bars};
+pub(crate) use sheet::{Bar, Entry, Sheet, Swatch, bars_room, draw_bars};
 
 use crate::drawing::{Anchor, Colour, Drawing, Fill, Mark, Stroke, Text, WHITE, ascent, width};
 

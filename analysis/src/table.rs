@@ -36,6 +36,8 @@ pub struct Table {
     pub with_paper: bool,
     /// How frames were resampled for intervals; `None`: there are none.
     pub intervals: Option<Resampling>,
+    /// The zone that the scores are of; empty: the whole image.
+    pub zone: String,
 }
 
 /// An estimator on a pixel set.
@@ -133,7 +135,7 @@ impl Table {
                 });
             }
         }
-        Self { experiment: experiment.to_owned(), metrics, columns, with_paper, intervals: None }
+        Self { experiment: experiment.to_owned(), metrics, columns, with_paper, intervals: None, zone: String::new() }
     }
 
     /// The table of these scores and estimators with an interval beside each number.
@@ -271,6 +273,10 @@ impl Table {
 
     /// What the numbers are, in one line.
     pub(crate) fn about(&self) -> String {
+        if self.zone.is_empty() { self.means() } else { format!("zone {}: {}", self.zone, self.means()) }
+    }
+
+    fn means(&self) -> String {
         let counts: HashSet<u64> = self.columns.iter().map(|column| column.frames).collect();
         let most = counts.iter().max().copied().unwrap_or(0);
         let s = if most == 1 { "" } else { "s" };

@@ -69,11 +69,13 @@ pub fn figure(args: &FigureArgs) -> Result<Exit, Stop> {
             "width_mm": width_mm,
             "height_mm": height_mm,
             "bytes": bytes.len(),
+            "notes": figure.notes(),
         });
         return print_output(Output::Figure, told).map(|()| Exit::Whole);
     }
     let data = args.data.as_ref().map(|data| format!(", {}", data.display())).unwrap_or_default();
-    print(format!("{}\n{}{data}: {width_mm} x {height_mm} mm\n", figure.about(), args.out.display()))?;
+    let notes: String = figure.notes().iter().map(|note| format!("note: {note}\n")).collect();
+    print(format!("{}\n{notes}{}{data}: {width_mm} x {height_mm} mm\n", figure.about(), args.out.display()))?;
     Ok(Exit::Whole)
 }
 

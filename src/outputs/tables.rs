@@ -130,6 +130,8 @@ pub struct Figure {
     width_mm: f64,
     height_mm: f64,
     bytes: u64,
+    /// What is to be said of it beside that.
+    notes: Vec<String>,
 }
 
 /// Of `compare`: what is better, and how sure that is.

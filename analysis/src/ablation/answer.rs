@@ -2,7 +2,7 @@
 
 use depthloom_graphs::Key;
 use depthloom_recording::Recording;
-use depthloom_scores::Mean;
+use depthloom_scores::{Mean, ScoreRow};
 use serde_json::Value as Json;
 
 use super::shared::shared_scores;
@@ -189,9 +189,15 @@ fn as_table(
     let of = |score: &&FrameScore| {
         let estimator = place[score.estimator]?;
         let is_wanted = score.row.zone == zone && selected[estimator].sets.contains(&score.row.set);
-        is_wanted.then(|| FrameScore { estimator, ..(*score).clone() })
+        // In the table a zone takes the place of the whole image.
+        is_wanted.then(|| FrameScore {
+            estimator,
+            row: ScoreRow { zone: String::new(), ..score.row.clone() },
+            ..(*score).clone()
+        })
     };
     let kept: Vec<FrameScore> = common(scores, estimators).iter().filter_map(of).collect();
-    let table = Table::new(&recording.plan().experiment, &kept, &selected, false, &source_of(recording));
+    let mut table = Table::new(&recording.plan().experiment, &kept, &selected, false, &source_of(recording));
+    zone.clone_into(&mut table.zone);
     Ok((table, kept, selected))
 }

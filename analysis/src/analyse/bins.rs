@@ -22,11 +22,18 @@ pub enum Bins {
 }
 
 impl Bins {
-    /// Reads `width:2`, `linear:20`, `log:20`, `quantile:10` or `edges:0,5,10,20,80`.
+    /// Reads `width:2`, `linear:20`, `log:20`, `quantile:10` or `edges:0,5,10,20,80`; `linear`, `log` and `quantile` alone are these numbers of them.
     ///
     /// # Errors
     /// What is wrong, in words.
     pub fn parse(text: &str) -> Result<Self, String> {
+        // By themselves, with a usual number.
+        let text = match text {
+            "linear" => "linear:20",
+            "log" => "log:20",
+            "quantile" => "quantile:10",
+            other => other,
+        };
         let forms = "give `width:2`, `linear:20`, `log:20`, `quantile:10` or `edges:0,5,10,20,80`";
         let (form, of) = text.split_once(':').ok_or_else(|| format!("`{text}` says no bins: {forms}"))?;
         let number = |text: &str| text.trim().parse::<f64>().ok().filter(|number| number.is_finite());

@@ -14,8 +14,11 @@ use super::numbers::numbers;
 use super::sums::{self, PartSums, Sums};
 use super::{By, Inquiry, SampleSet, Unit};
 use crate::error::{AnalysisError, caught};
-use crate::percentiles::{OUTSIDE, Pass, Percentiles, Room, Tally, percentiles};
+use crate::percentiles::{OUTSIDE, Pass, Percentiles, Room, Tally, Trial, percentiles};
 use crate::samples::{DescribedEstimator, Part, SamplesFile};
+
+/// Every so many-th part is tried first.
+const TRIED: usize = 10;
 
 /// What is asked of which samples.
 pub(super) struct Job<'a> {
@@ -62,6 +65,10 @@ struct Read {
 }
 
 impl Job<'_> {
+    pub(super) fn frames(&self) -> usize {
+        self.parts.len()
+    }
+
     pub(super) fn samples(&self) -> u64 {
         self.parts.iter().map(|part| part.rows as u64).sum()
     }
@@ -75,7 +82,7 @@ impl Job<'_> {
     ) -> Result<Found, AnalysisError> {
         let bins = match &self.by {
             Some(column) => FoundBins::Edges(self.edges(column, inquiry, stop)?),
-            None => FoundBins::Frames(self.frames()),
+            None => FoundBins::Frames(self.ids()),
         };
         let count = match &bins {
             FoundBins::Edges(edges) => edges.len(),
@@ -83,8 +90,18 @@ impl Job<'_> {
         };
         let of_parts: Vec<Mutex<Option<DataFrame>>> = self.parts.iter().map(|_| Mutex::new(None)).collect();
         let done = AtomicU64::new(0);
+        let all: Vec<usize> = (0..self.parts.len()).collect();
+        // Of many parts some are tried first, from all over the file; they say nothing of the others' frames.
+        let some: Vec<usize> = all.iter().copied().step_by(TRIED).collect();
+        let trial = match all.len() >= 3 * TRIED && self.by.is_some() {
+            true => {
+                Trial::Some(self.samples() as f64 / some.iter().map(|part| self.parts[*part].rows as f64).sum::<f64>())
+            }
+            false => Trial::None,
+        };
         let scan = |pass: &Pass| {
             self.scan(
+                if pass.is_trial() { &some } else { &all },
                 stop,
                 || Tally::of(pass),
                 |tally, place| {
@@ -103,7 +120,7 @@ impl Job<'_> {
             )
         };
         let room = Room::for_threads(threads());
-        let found = percentiles(self.told.len() * count, &inquiry.percentiles, room, scan)?;
+        let found = percentiles(self.told.len() * count, &inquiry.percentiles, room, trial, scan)?;
         let of_group = |group: usize| (found[group].count > 0).then(|| found[group].values.clone());
         let parts = of_parts.into_iter().filter_map(|of| of.into_inner().unwrap_or_else(PoisonError::into_inner));
         let sums = sums::of_all(parts.collect(), self.told.len()).map_err(AnalysisError::compute("sums of samples"))?;
@@ -117,7 +134,7 @@ impl Job<'_> {
     }
 
     /// The frames, in order.
-    fn frames(&self) -> Vec<(u32, String)> {
+    fn ids(&self) -> Vec<(u32, String)> {
         self.parts.iter().map(|part| (part.position, part.frame.to_string())).collect()
     }
 
@@ -139,14 +156,16 @@ impl Job<'_> {
             let table = self.file.read(self.parts[place], &columns)?;
             binned(&table, column, inquiry).map_err(AnalysisError::compute("bins"))
         };
+        let all: Vec<usize> = (0..self.parts.len()).collect();
         let nothing = || {
             let what = format!("no sample has a value in the column `{column}`");
             AnalysisError::asked(what, "ask for another --by".to_owned())
         };
         if let Bins::Quantile(count) = bins {
             let shares: Vec<f64> = (0..=count).map(|edge| 100.0 * f64::from(edge) / f64::from(count)).collect();
-            let found = percentiles(1, &shares, Room::for_threads(threads()), |pass| {
+            let found = percentiles(1, &shares, Room::for_threads(threads()), Trial::None, |pass| {
                 self.scan(
+                    &all,
                     stop,
                     || Tally::of(pass),
                     |tally, place| {
@@ -161,12 +180,16 @@ impl Job<'_> {
                 _ => Err(nothing()),
             };
         }
+        let is_log = inquiry.by == By::Error && matches!(bins, Bins::Log(_));
         // NaN is neither less nor more than anything.
         let ends = self.scan(
+            &all,
             stop,
             || (f32::INFINITY, f32::NEG_INFINITY),
             |(least, most), place| {
-                for value in values(place)? {
+                // Bins of one ratio have no place for an error of zero.
+                let is_taken = |value: &f32| !is_log || *value > 0.0;
+                for value in values(place)?.into_iter().filter(is_taken) {
                     *least = if value < *least { value } else { *least };
                     *most = if value > *most { value } else { *most };
                 }
@@ -204,9 +227,7 @@ impl Job<'_> {
         let prepared = || -> PolarsResult<(Read, Option<PartSums>)> {
             let column = |of: usize| numbers(&table, &self.estimators[of].column);
             let (mut bins, count) = match (bins, &self.by) {
-                (FoundBins::Edges(edges), Some(column)) => {
-                    (edges.bins(&binned(&table, column, inquiry)?), edges.len())
-                }
+                (FoundBins::Edges(edges), Some(column)) => (edges.bins(&binned(&table, column, inquiry)?), edges.len()),
                 _ => (vec![place as u32; table.height()], self.parts.len()),
             };
             let mut errors = self.told.iter().map(|of| column(*of)).collect::<PolarsResult<Vec<Vec<f32>>>>()?;
@@ -230,9 +251,10 @@ impl Job<'_> {
         prepared().map_err(AnalysisError::compute("errors of samples"))
     }
 
-    /// Calls `take` for every part, on all cores, each with what `make` made for its thread; gives these.
+    /// Calls `take` for each of some parts, on all cores, each with what `make` made for its thread; gives these.
     fn scan<T: Send>(
         &self,
+        parts: &[usize],
         stop: &(dyn Fn() -> bool + Sync),
         make: impl Fn() -> T + Sync,
         take: impl Fn(&mut T, usize) -> Result<(), AnalysisError> + Sync,
@@ -241,7 +263,8 @@ impl Job<'_> {
         let failed: Mutex<Option<(usize, AnalysisError)>> = Mutex::new(None);
         let budget = Budget::new(threads());
         let _own = budget.permit();
-        budget.run(self.parts.len(), &|place| {
+        budget.run(parts.len(), &|tile| {
+            let place = parts[tile];
             if locked(&failed).is_some() {
                 return;
             }

@@ -395,21 +395,21 @@ fn probability(p: f64) -> String {
 }
 
 impl Comparison {
-    /// As aligned text, with the parameters that differ before, and how limits are kept behind; in blocks below each other where it is wider than
+    /// As aligned text, with how limits are kept and the parameters that differ behind; in blocks below each other where it is wider than
     /// `width` columns of text.
     #[must_use]
     pub fn terminal(&self, width: usize) -> String {
-        let mut text = String::new();
-        for (heading, lines) in self.differing() {
-            text.push_str(&format!("{heading}\n"));
-            lines.iter().for_each(|line| text.push_str(&format!("  {line}\n")));
-        }
-        if !text.is_empty() {
-            text.push('\n');
-        }
-        text.push_str(&self.grid.terminal(width));
+        let mut text = self.grid.terminal(width);
         for (limit, is_exceeded) in self.limits() {
             text.push_str(&format!("{}: {limit}\n", if is_exceeded { "FAILS" } else { "holds" }));
+        }
+        let differing = self.differing();
+        if !differing.is_empty() {
+            text.push('\n');
+        }
+        for (heading, lines) in differing {
+            text.push_str(&format!("{heading}\n"));
+            lines.iter().for_each(|line| text.push_str(&format!("  {line}\n")));
         }
         text
     }
@@ -470,13 +470,15 @@ impl Comparison {
         self.judged.iter().map(told).collect()
     }
 
-    /// By side, the parameters that differ: as many as are read.
+    /// By side, the parameters that differ: as many as are read, of all sides together.
     fn differing(&self) -> Vec<(String, Vec<String>)> {
         let mut told = Vec::new();
+        let sides = self.parameters.iter().filter(|(_, changed)| !changed.is_empty()).count();
+        let most = (SHOWN / sides.max(1)).max(1);
         for (title, changed) in self.parameters.iter().take(SHOWN).filter(|(_, changed)| !changed.is_empty()) {
-            let mut lines: Vec<String> = changed.iter().take(SHOWN).map(Changed::text).collect();
-            if changed.len() > SHOWN {
-                lines.push(format!("and {} more, which --json lists", changed.len() - SHOWN));
+            let mut lines: Vec<String> = changed.iter().take(most).map(Changed::text).collect();
+            if changed.len() > most {
+                lines.push(format!("and {} more, which --json lists", changed.len() - most));
             }
             told.push((format!("{title} differs in"), lines));
         }

@@ -3,7 +3,7 @@
 use super::sample::{Which, error_bits, error_from_bits};
 use super::spread::{PERCENTILES, Spread};
 use crate::error::AnalysisError;
-use crate::percentiles::{OUTSIDE, Pass, Room, Tally, percentiles};
+use crate::percentiles::{OUTSIDE, Pass, Room, Tally, Trial, percentiles};
 
 /// Counters and samples held: little beside the samples that did not fit.
 const ROOM: Room = Room { counters: 1 << 16, gathered: 1 << 16 };
@@ -29,7 +29,7 @@ pub(super) fn spreads(
         })?;
         Ok(vec![tally])
     };
-    let found = percentiles(WHICHES.len(), &PERCENTILES.map(f64::from), ROOM, scan)?;
+    let found = percentiles(WHICHES.len(), &PERCENTILES.map(f64::from), ROOM, Trial::None, scan)?;
     let spread = |group: usize| {
         let of = &found[group];
         let percentiles_m = of.values.as_slice().try_into().ok()?;

@@ -1,10 +1,8 @@
 //! What figures of errors ask of samples: the rows that `depthloom analyse` has, by estimator.
 
-use depthloom_graphs::Key;
-
 use super::places::Place;
 use super::{FigureRequest, FigureRun};
-use crate::analyse::{Inquiry, SampleSet, analyse};
+use crate::analyse::{Inquiry, SampleSet, answered};
 use crate::error::AnalysisError;
 use crate::grid::Grid;
 
@@ -31,13 +29,13 @@ pub(super) struct Watch<'a> {
     pub(super) stop: &'a (dyn Fn() -> bool + Sync),
 }
 
-/// Asks the samples of runs; gives the table that `analyse` gives, too, and the key of the runs' plans.
+/// Asks the samples of runs; gives the table that `analyse` gives, too, and how many frames these are of.
 pub(super) fn ask(
     runs: &[FigureRun<'_>],
     request: &FigureRequest,
     inquiry: &Inquiry,
     watch: &Watch<'_>,
-) -> Result<(Vec<Asked>, Grid, Key), AnalysisError> {
+) -> Result<(Vec<Asked>, Grid, usize), AnalysisError> {
     let files: Vec<_> =
         runs.iter().filter_map(|run| Some((run.called.to_owned(), run.samples.as_ref()?.clone()))).collect();
     let inquiry = Inquiry {
@@ -46,8 +44,8 @@ pub(super) fn ask(
         stages: request.stages.clone(),
         ..inquiry.clone()
     };
-    let (grid, key) = analyse(&files, &inquiry, watch.progress, watch.stop)?;
-    Ok((by_estimator(&grid, &inquiry), grid, key))
+    let (grid, _, frames) = answered(&files, &inquiry, watch.progress, watch.stop)?;
+    Ok((by_estimator(&grid, &inquiry), grid, frames))
 }
 
 fn by_estimator(grid: &Grid, inquiry: &Inquiry) -> Vec<Asked> {

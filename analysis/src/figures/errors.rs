@@ -1,19 +1,25 @@
 //! Histogram and cumulative distribution of errors.
 
 use super::asked::{Asked, Watch, ask};
-use super::places::{Place, dashes, panels};
-use super::{Figure, FigureRequest, FigureRun, Layout, SampleSet};
+use super::places::{Place, dashes, panels, shade};
+use super::{Figure, FigureRequest, FigureRun, Layout, SampleSet, frames_told};
 use crate::analyse::{Bins, By, Inquiry, Unit};
 use crate::colours::colour as colour_of;
 use crate::drawing::{Drawing, Fill, Stroke, colour};
 use crate::error::AnalysisError;
 use crate::plot::{Axis, Entry, Item, Panel, Sheet, Swatch};
 
-/// So many bins has a histogram where nothing else is asked for, up to the error that so many per cent of an estimator's pixels are below.
+/// So many bins of one ratio has a histogram where nothing else is asked for, from the error that so many per cent of an estimator's pixels are below to the one that so
+/// many are.
 const BINS: u32 = 40;
+const LEAST_PERCENT: f64 = 1.0;
+const MOST_PERCENT: f64 = 99.5;
+/// The axis of a cumulative distribution ends where so many per cent of each estimator's pixels are below.
 const SHOWN_PERCENT: f64 = 95.0;
 const LINE_PT: f64 = 1.2;
 const FILL_OPACITY: f64 = 0.12;
+/// More curves than this hide each other's areas.
+const MOST_FILLED: usize = 4;
 
 /// A curve of an estimator.
 struct Curve {
@@ -27,19 +33,27 @@ pub(super) fn histogram(
     request: &FigureRequest,
     watch: &Watch<'_>,
 ) -> Result<Figure, AnalysisError> {
-    let (all, top) = whole(runs, request, watch, vec![SHOWN_PERCENT])?;
-    let bins = request
-        .bins
-        .clone()
-        .unwrap_or_else(|| Bins::Edges((0..=BINS).map(|edge| top * f64::from(edge) / f64::from(BINS)).collect()));
+    let (all, least, most) = whole(runs, request, watch)?;
+    let most = request.most.unwrap_or(most);
+    // Errors differ by decades: on a linear axis all but a few would be one bar. Those of zero have no place on this one.
+    let of_ratio = |count: u32| {
+        let least = if least > 0.0 && least < most { least } else { most * 1e-3 };
+        let edge = |edge: u32| least * libm::pow(most / least, f64::from(edge) / f64::from(count));
+        Bins::Edges((0..=count).map(edge).collect())
+    };
+    let (bins, is_log) = match &request.bins {
+        None => (of_ratio(BINS), true),
+        Some(Bins::Log(count)) => (of_ratio(*count), true),
+        Some(bins) => (bins.clone(), false),
+    };
     let inquiry = Inquiry { by: By::Error, bins: Some(bins), percentiles: Vec::new(), ..request.inquiry() };
-    let (asked, grid, _) = ask(runs, request, &inquiry, watch)?;
+    let (asked, grid, frames) = ask(runs, request, &inquiry, watch)?;
     let mut curves = Vec::new();
-    let (mut beyond, mut high) = (0.0_f64, 0.0_f64);
+    let (mut outside, mut high) = (0.0_f64, 0.0_f64);
     for one in &asked {
         let pixels = all.iter().find(|of| of.of == one.of).map_or(0, |of| of.rows.iter().map(|row| row.count).sum());
         let shown: u64 = one.rows.iter().map(|row| row.count).sum();
-        beyond = beyond.max(1.0 - shown as f64 / pixels.max(1) as f64);
+        outside = outside.max(1.0 - shown as f64 / pixels.max(1) as f64);
         let mut points = Vec::new();
         let mut last = None;
         for row in one.rows.iter().filter(|row| row.to > row.from) {
@@ -54,23 +68,35 @@ pub(super) fn histogram(
         }
         curves.push(Curve { of: one.of.clone(), points });
     }
-    let ends = asked.iter().flat_map(|of| &of.rows).map(|row| row.to).fold(0.0, f64::max);
-    let low = asked.iter().flat_map(|of| &of.rows).map(|row| row.from).fold(0.0, f64::min);
-    let x = Axis::new(low, ends, label(request));
+    let rows = || asked.iter().flat_map(|of| &of.rows);
+    let ends = rows().map(|row| row.to).fold(0.0, f64::max);
+    let x = match is_log {
+        true => Axis::log(rows().map(|row| row.from).fold(ends, f64::min), ends, label(request)),
+        false => Axis::new(rows().map(|row| row.from).fold(0.0, f64::min), ends, label(request)),
+    };
     let y = Axis::new(0.0, high.max(1e-9) * 1.05, "share of pixels, %");
     let drawing = drawn(&curves, request, &x, &y, true)?;
-    let mut about = format!("Histogram of the {}, over {}", what(request), pixels_of(&asked));
-    if beyond > 0.0005 {
-        about.push_str(&format!("; up to {:.1} % of an estimator's pixels lie beyond", 100.0 * beyond));
+    let bins = if is_log { ", bins of one ratio" } else { "" };
+    let mut about =
+        format!("Histogram of the {}{bins}, over {} on {}", what(request), pixels_of(&asked), frames_told(frames));
+    if outside > 0.0005 {
+        let ends = format!("{} to {}", told(x.low, request), told(x.high, request));
+        about.push_str(&format!("; from {ends}, up to {:.1} % of an estimator's pixels lie outside", 100.0 * outside));
     }
-    Ok(Figure { drawing, about, data: grid.sheet().csv() })
+    Ok(Figure { drawing, about, data: grid.sheet().csv(), notes: Vec::new() })
+}
+
+/// An error with three digits that count, and its unit.
+fn told(value: f64, request: &FigureRequest) -> String {
+    let rounded = format!("{value:.2e}").parse::<f64>().unwrap_or(value);
+    format!("{rounded}{}", if request.unit == Unit::Metres { " m" } else { "" })
 }
 
 /// Of how many pixels the error is below what.
 pub(super) fn cdf(runs: &[FigureRun<'_>], request: &FigureRequest, watch: &Watch<'_>) -> Result<Figure, AnalysisError> {
     let percentiles: Vec<f64> = (0..=100).map(f64::from).collect();
     let inquiry = Inquiry { bins: Some(everything()), percentiles: percentiles.clone(), ..request.inquiry() };
-    let (asked, grid, _) = ask(runs, request, &inquiry, watch)?;
+    let (asked, grid, frames) = ask(runs, request, &inquiry, watch)?;
     let curve = |of: &Asked| {
         let errors = of.rows.first().map_or(&[][..], |row| &row.percentiles);
         Curve { of: of.of.clone(), points: errors.iter().copied().zip(percentiles.iter().copied()).collect() }
@@ -85,8 +111,29 @@ pub(super) fn cdf(runs: &[FigureRun<'_>], request: &FigureRequest, watch: &Watch
         &Axis::new(0.0, 100.0, "share of pixels, %"),
         false,
     )?;
-    let about = format!("Cumulative distribution of the {}, over {}", what(request), pixels_of(&asked));
-    Ok(Figure { drawing, about, data: grid.sheet().csv() })
+    // The axis ends before the last errors do.
+    let beyond = curves.iter().map(|curve| 100.0 - percent_at(curve, top)).fold(0.0, f64::max);
+    let end = match beyond > 0.05 {
+        true => {
+            format!("; up to {}, beyond which lie up to {beyond:.1} % of an estimator's pixels", told(top, request))
+        }
+        false => String::new(),
+    };
+    let about = format!(
+        "Cumulative distribution of the {}, over {} on {}{end}",
+        what(request),
+        pixels_of(&asked),
+        frames_told(frames)
+    );
+    Ok(Figure { drawing, about, data: grid.sheet().csv(), notes: Vec::new() })
+}
+
+/// How many per cent of a curve's pixels have an error up to that.
+fn percent_at(curve: &Curve, error: f64) -> f64 {
+    let Some(above) = curve.points.iter().position(|(of, _)| *of > error) else { return 100.0 };
+    let Some(before) = above.checked_sub(1) else { return 0.0 };
+    let ((from, percent), (to, _)) = (curve.points[before], curve.points[above]);
+    percent + (error - from) / (to - from)
 }
 
 /// One bin for all samples.
@@ -94,18 +141,20 @@ fn everything() -> Bins {
     Bins::Edges(vec![0.0, 1e9])
 }
 
-/// All errors in one bin, and the greatest of their percentiles.
+/// All errors in one bin; the least that counts of any estimator, and the greatest.
 fn whole(
     runs: &[FigureRun<'_>],
     request: &FigureRequest,
     watch: &Watch<'_>,
-    percentiles: Vec<f64>,
-) -> Result<(Vec<Asked>, f64), AnalysisError> {
+) -> Result<(Vec<Asked>, f64, f64), AnalysisError> {
+    let percentiles = vec![LEAST_PERCENT, MOST_PERCENT];
     let inquiry = Inquiry { bins: Some(everything()), percentiles, ..request.inquiry() };
     let (all, ..) = ask(runs, request, &inquiry, watch)?;
-    let top = all.iter().flat_map(|of| &of.rows).filter_map(|row| row.percentiles.first()).copied();
-    let top = request.most.unwrap_or_else(|| top.fold(0.0, f64::max));
-    Ok((all, if top > 0.0 { top } else { 1.0 }))
+    let at =
+        |place: usize| all.iter().flat_map(|of| &of.rows).filter_map(move |row| row.percentiles.get(place)).copied();
+    let least = at(0).filter(|error| *error > 0.0).fold(f64::INFINITY, f64::min);
+    let most = at(1).fold(0.0, f64::max);
+    Ok((all, least, if most > 0.0 { most } else { 1.0 }))
 }
 
 fn what(request: &FigureRequest) -> &'static str {
@@ -151,7 +200,12 @@ fn drawn(
             Layout::Multiples => &[][..],
             Layout::Overlaid => dashes(places.iter().copied(), &curve.of),
         };
-        Stroke::new(colour(colour_of(&names, &curve.of.name)), LINE_PT).dashed(own)
+        let tint = colour(colour_of(&names, &curve.of.name));
+        let tint = match request.layout {
+            Layout::Multiples => tint,
+            Layout::Overlaid => shade(places.iter().copied(), &curve.of, tint),
+        };
+        Stroke::new(tint, LINE_PT).dashed(own)
     };
     let mut sheets = Vec::new();
     for (place, (title, of)) in groups.iter().enumerate() {
@@ -168,7 +222,7 @@ fn drawn(
         }
         for curve in of.iter().map(|at| &curves[*at]) {
             let tint = colour(colour_of(&names, &curve.of.name));
-            if is_filled {
+            if is_filled && of.len() <= MOST_FILLED {
                 let points = curve.points.iter().map(|(x, y)| (*x, 0.0, *y)).collect();
                 panel.items.push(Item::Band { points, fill: Fill::new(tint, FILL_OPACITY) });
             }

@@ -15,7 +15,7 @@ use crate::drawing::{Anchor, BLACK, Drawing, Mark, POINTS_PER_INCH, Stroke, Text
 use crate::error::AnalysisError;
 use crate::estimators::{Estimator, estimators};
 use crate::grid::{Grid, GridCells, GridColumn};
-use crate::plot::{Axis, BAR_ROOM, Bar, DIVERGING, HEADING_PT, LABEL_PT, SEQUENTIAL, TICK_PT, draw_bars, fitting};
+use crate::plot::{Axis, Bar, DIVERGING, HEADING_PT, LABEL_PT, SEQUENTIAL, TICK_PT, bars_room, draw_bars, fitting};
 use picture::{coloured, reduced};
 
 /// So many frames are shown where none are named, and at most.
@@ -121,7 +121,10 @@ impl Shown {
             shown.rows.push(Row::Image { topic });
         }
         let mut depths: Vec<(String, usize)> = Vec::new();
-        for of in &of_run {
+        // As in the paper: stereo, mono, what is neither, what is fused.
+        let mut in_order = of_run.clone();
+        in_order.sort_by_key(|of| ["stereo", "mono", "", "fus"].iter().position(|word| is_of(&of.name, word)));
+        for of in in_order {
             let topic = shown.topic(of.estimate_topic.as_deref().unwrap_or_default());
             depths.push((of.name.clone(), topic));
             shown.rows.push(Row::Depth { name: of.name.clone(), topic });
@@ -193,7 +196,7 @@ impl Shown {
         let top = MARGIN + heading + TICK_PT + 3.0;
         let rows = self.rows.len() as f64;
         let below = top + rows * (cell_high + GAP);
-        let height = below + BAR_ROOM + MARGIN;
+        let height = below + bars_room(&bars, page - 2.0 * MARGIN) + MARGIN;
         if request.size.height_mm.is_some() {
             let what = "a figure of panels has the height that its frames give it".to_owned();
             return Err(AnalysisError::asked(what, "leave --height out".to_owned()));
@@ -224,8 +227,8 @@ impl Shown {
                 let x = MARGIN + of_names + column as f64 * (cell + GAP);
                 let frame = recording.frames(self.run).get(*position).map_or("", |frame| &frame.id);
                 if at == 0.0 {
-                    let words = fitting(frame, cell, TICK_PT);
-                    drawing.text((x + cell / 2.0, y - 3.0), words, TICK_PT, Anchor::Middle);
+                    let (words, size) = ending(frame, cell);
+                    drawing.text((x + cell / 2.0, y - 3.0), words, size, Anchor::Middle);
                 }
                 let picture = match row {
                     Row::Image { topic } => maps[*topic].as_ref().and_then(|value| match value {
@@ -257,8 +260,10 @@ impl Shown {
         }
         draw_bars(&mut drawing, &bars, below, page - 2.0 * MARGIN);
         let variant = self.variant.as_ref().map(|of| format!(" of {of}")).unwrap_or_default();
-        let about = format!("Frames{variant}, top to bottom: {}; white: no answer", names.join(", "));
-        Ok(Figure { drawing, about, data: table.csv() })
+        let ids = frames.iter().filter_map(|(at, _)| recording.frames(self.run).get(*at)).map(|frame| &*frame.id);
+        let ids = ids.collect::<Vec<_>>().join(", ");
+        let about = format!("Frames {ids}{variant}, top to bottom: {}; white: no answer", names.join(", "));
+        Ok(Figure { drawing, about, data: table.csv(), notes: Vec::new() })
     }
 
     /// The error of one less that of the other, metres, where there is a truth and both answered.
@@ -302,6 +307,27 @@ impl Row {
             Self::Difference { .. } => "difference".to_owned(),
         }
     }
+}
+
+/// Whether an estimate's name begins with a word; the empty one is that of those that begin with none of them.
+fn is_of(name: &str, word: &str) -> bool {
+    match word {
+        "" => !["stereo", "mono", "fus"].iter().any(|word| name.starts_with(word)),
+        word => name.starts_with(word),
+    }
+}
+
+/// A frame's id, small where it is long, and where that does not do its end: ids begin alike.
+fn ending(id: &str, room: f64) -> (String, f64) {
+    const SMALLEST_PT: f64 = 5.0;
+    let size = (TICK_PT * room / width(id, TICK_PT).max(1e-9)).clamp(SMALLEST_PT, TICK_PT);
+    let mut words = id.to_owned();
+    let mut rest: Vec<char> = id.chars().collect();
+    while width(&words, size) > room + 1e-6 && rest.len() > 1 {
+        rest.remove(0);
+        words = ['…'].iter().chain(&rest).collect();
+    }
+    (words, size)
 }
 
 /// The frames that are asked for.

@@ -79,16 +79,20 @@ impl Point<'_> {
     }
 }
 
-/// The table of a figure's points.
-fn table(scores: &Scores<'_>, axes: &[usize], points: &[Point<'_>]) -> Vec<u8> {
-    let mut columns = vec![GridColumn::key("estimator", points.iter().map(|of| Some(of.name.to_owned())).collect())];
+/// The table of a figure's points, and of what is the same at each of them, which has no level.
+fn table(scores: &Scores<'_>, axes: &[usize], points: &[Point<'_>], shared: &[&Row]) -> Vec<u8> {
+    let names = points.iter().map(|of| of.name).chain(shared.iter().map(|row| scores.of(row).label.as_str()));
+    let mut columns = vec![GridColumn::key("estimator", names.map(|name| Some(name.to_owned())).collect())];
     for (place, axis) in axes.iter().enumerate() {
         let axis = &scores.ablation.axes[*axis];
-        let cells = points.iter().map(|of| Some(axis.levels[of.levels[place]].clone())).collect();
+        let levels = points.iter().map(|of| Some(axis.levels[of.levels[place]].clone()));
+        let cells = levels.chain(shared.iter().map(|_| None)).collect();
         columns.push(GridColumn::levels(&axis.name, cells, |_| axis.is_numeric));
     }
-    columns.push(GridColumn::of("rows", GridCells::Count(points.iter().map(|of| Some(of.rows)).collect())));
-    columns.push(numbers(scores.name(), points.iter().map(|of| Some(of.value())).collect()));
+    let rows = points.iter().map(|of| of.rows).chain(shared.iter().map(|_| 1));
+    columns.push(GridColumn::of("rows", GridCells::Count(rows.map(Some).collect())));
+    let values = points.iter().map(|of| Some(of.value())).chain(shared.iter().map(|row| row.value(scores.metric)));
+    columns.push(numbers(scores.name(), values.collect()));
     Grid { columns, ..Grid::default() }.sheet().csv()
 }
 
@@ -167,7 +171,8 @@ fn line(scores: &Scores<'_>, request: &FigureRequest, axis: usize) -> Result<Fig
         panel.aspect = 0.45;
     }
     let drawing = request.sheet(Sheet { columns: 1, panels: vec![panel], legend, ..Sheet::default() })?;
-    Ok(Figure { drawing, about: about(scores, &[axis], &points)?, data: table(scores, &[axis], &points) })
+    let data = table(scores, &[axis], &points, &shared);
+    Ok(Figure { drawing, about: about(scores, &[axis], &points)?, data, notes: Vec::new() })
 }
 
 fn heat_map(
@@ -224,7 +229,8 @@ fn heat_map(
     }
     let drawing = request.sheet(Sheet { columns, panels, bars: vec![bar], ..Sheet::default() })?;
     let chosen = [across, up];
-    Ok(Figure { drawing, about: about(scores, &chosen, &points)?, data: table(scores, &chosen, &points) })
+    let data = table(scores, &chosen, &points, &[]);
+    Ok(Figure { drawing, about: about(scores, &chosen, &points)?, data, notes: Vec::new() })
 }
 
 /// A number with three digits that count.

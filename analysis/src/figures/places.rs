@@ -1,5 +1,7 @@
 //! What a curve is of, which panel it stands on, and how it is told from others.
 
+use crate::drawing::Colour;
+
 /// The lines of one method's variants, where all are on one panel.
 const DASHES: [&[f64]; 4] = [&[], &[5.0, 1.5], &[2.0, 1.2], &[6.0, 1.5, 1.5, 1.5]];
 
@@ -62,8 +64,23 @@ pub(crate) fn panels(places: &[&Place], layout: Layout) -> Vec<(Option<String>, 
     panels
 }
 
+/// The shades of one method's variants, where all are on one panel: how far towards white, or towards black where that is below 0. With the dashes they make twelve lines.
+const SHADES: [f64; 3] = [0.0, -0.45, 0.45];
+
+/// The shade of one's line where all of these are on one panel.
+pub(crate) fn shade<'a>(all: impl Iterator<Item = &'a Place>, one: &Place, colour: Colour) -> Colour {
+    let share = SHADES[place(all, one) % SHADES.len()];
+    let towards = if share < 0.0 { 0.0 } else { 255.0 };
+    colour.map(|part| (f64::from(part) + (towards - f64::from(part)) * share.abs()).round() as u8)
+}
+
 /// The dashes of one's line where all of these are on one panel: they tell variants of one name from each other.
 pub(crate) fn dashes<'a>(all: impl Iterator<Item = &'a Place>, one: &Place) -> &'static [f64] {
+    DASHES[place(all, one) % DASHES.len()]
+}
+
+/// Its place among those of its name.
+fn place<'a>(all: impl Iterator<Item = &'a Place>, one: &Place) -> usize {
     let mut known: Vec<String> = Vec::new();
     for other in all.filter(|other| other.name == one.name) {
         let panel = other.panel();
@@ -71,6 +88,26 @@ pub(crate) fn dashes<'a>(all: impl Iterator<Item = &'a Place>, one: &Place) -> &
             known.push(panel);
         }
     }
-    let place = known.iter().position(|of| *of == one.panel()).unwrap_or(0);
-    DASHES[place % DASHES.len()]
+    known.iter().position(|of| *of == one.panel()).unwrap_or(0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn twelve_variants_of_one_method_have_twelve_lines() {
+        let of = |at: usize| Place { name: "fused".to_owned(), group: String::new(), variant: Some(format!("v{at}")) };
+        let all: Vec<Place> = (0..12).map(of).collect();
+        let mut lines: Vec<(Vec<u64>, Colour)> = all
+            .iter()
+            .map(|one| {
+                let dashes = dashes(all.iter(), one).iter().map(|dash| dash.to_bits()).collect();
+                (dashes, shade(all.iter(), one, [0x00, 0x99, 0x88]))
+            })
+            .collect();
+        lines.sort();
+        lines.dedup();
+        assert_eq!(lines.len(), 12);
+    }
 }

@@ -192,6 +192,6 @@ pub(super) fn frames(
         columns.push(GridColumn::key("frame", ids));
         columns.push(numbers(scores.name(), all.into_iter().map(Some).collect()));
         let about = format!("{} on every frame: {}", scores.name(), scores.ablation.about(rows, &scores.selection)?);
-        Ok(Figure { drawing, about, data: Grid { columns, ..Grid::default() }.sheet().csv() })
+        Ok(Figure { drawing, about, data: Grid { columns, ..Grid::default() }.sheet().csv(), notes: Vec::new() })
     })
 }

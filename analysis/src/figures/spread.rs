@@ -8,7 +8,7 @@
 use std::collections::BTreeMap;
 
 use super::Size;
-use super::places::{Layout, Place, dashes, panels};
+use super::places::{Layout, Place, dashes, panels, shade};
 use crate::colours::colour as colour_of;
 use crate::drawing::{Anchor, Colour, Drawing, Fill, Stroke, colour};
 use crate::plot::{Axis, Entry, Item, Panel, Scale, Sheet, Swatch};
@@ -184,6 +184,7 @@ impl SpreadFigure {
     /// The wide bands of all, then the narrow ones, then the lines: no band hides a line.
     fn items(&self, spreads: &[&Spread], names: &[&str], high: f64) -> Vec<Item> {
         let tint = |spread: &Spread| colour(colour_of(names, &spread.of.name));
+        let shaded = |spread: &Spread| self.shaded(spread, tint(spread));
         let mut items = Vec::new();
         for spread in spreads.iter().filter(|spread| has_wide(spread, spreads)) {
             self.bands(&mut items, spread, tint(spread), (0, 4), WIDE_OPACITY);
@@ -197,16 +198,24 @@ impl SpreadFigure {
                 let stroke = Stroke::new(tint(spread), 0.8).dashed(MORE_DASHES);
                 self.line(&mut items, &spread.answered, &stroke);
             }
-            self.line(&mut items, &spread.bins, &Stroke::new(tint(spread), LINE_PT).dashed(dashes));
+            self.line(&mut items, &spread.bins, &Stroke::new(shaded(spread), LINE_PT).dashed(dashes));
         }
-        // Where a band is cut, how far it goes.
+        // Where a band is cut, how far it goes; several below each other, for they may stand at one place.
+        let mut cut = 0.0;
         for spread in spreads.iter().filter(|spread| has_wide(spread, spreads)) {
             let thick = spread.bins.iter().filter(|bin| !self.is_thin(bin));
             let farthest = thick.max_by(|one, two| one.percentiles[4].total_cmp(&two.percentiles[4]));
             if let Some(bin) = farthest.filter(|bin| bin.percentiles[4] > high) {
                 let words = format!("↑ {:.*}", usize::from(high < 5.0), bin.percentiles[4]);
                 let at = (self.middle(bin), high);
-                items.push(Item::Words { at, up: -8.0, words, anchor: Anchor::Start, colour: tint(spread) });
+                items.push(Item::Words {
+                    at,
+                    up: -8.0 * (1.0 + cut),
+                    words,
+                    anchor: Anchor::Start,
+                    colour: tint(spread),
+                });
+                cut += 1.0;
             }
         }
         items
@@ -218,6 +227,19 @@ impl SpreadFigure {
             Layout::Multiples => &[],
             Layout::Overlaid => dashes(self.spreads.iter().map(|spread| &spread.of), &spread.of),
         }
+    }
+
+    /// And its shade.
+    fn shaded(&self, spread: &Spread, tint: Colour) -> Colour {
+        match self.layout {
+            Layout::Multiples => tint,
+            Layout::Overlaid => shade(self.spreads.iter().map(|spread| &spread.of), &spread.of, tint),
+        }
+    }
+
+    /// Whether any bin is thin.
+    pub(crate) fn has_thin(&self) -> bool {
+        self.spreads.iter().any(|spread| spread.bins.iter().any(|bin| self.is_thin(bin)))
     }
 
     fn is_thin(&self, bin: &Bin) -> bool {
@@ -300,7 +322,8 @@ impl SpreadFigure {
         let line = |name: &str| Stroke::new(colour(colour_of(names, name)), LINE_PT);
         if self.layout == Layout::Overlaid {
             for spread in self.spreads.iter().filter(|spread| !spread.bins.is_empty()) {
-                let stroke = line(&spread.of.name).dashed(self.dashes(spread));
+                let own = line(&spread.of.name);
+                let stroke = Stroke { colour: self.shaded(spread, own.colour), ..own }.dashed(self.dashes(spread));
                 entries.push(Entry::new(spread.of.label(), Swatch::Line(stroke)));
             }
         } else {
@@ -311,7 +334,7 @@ impl SpreadFigure {
             let stroke = Stroke::new(grey, 0.8).dashed(MORE_DASHES);
             entries.push(Entry::new("median of all it answered", Swatch::Line(stroke)));
         }
-        if self.spreads.iter().any(|spread| spread.bins.iter().any(|bin| self.is_thin(bin))) {
+        if self.has_thin() {
             let stroke = Stroke::new(grey, 0.85).faint(0.7).dashed(THIN_DASHES);
             entries.push(Entry::new(format!("fewer than {} pixels", self.thin), Swatch::Line(stroke)));
         }

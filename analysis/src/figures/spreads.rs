@@ -2,7 +2,8 @@
 
 use super::asked::{Asked, Watch, ask};
 use super::errors::pixels_of;
-use super::{Bin, Figure, FigureKind, FigureRequest, FigureRun, Layout, Spread, SpreadFigure, added, wrong_size};
+use super::{Bin, Figure, FigureKind, FigureRequest, FigureRun, Layout, Spread, SpreadFigure};
+use super::{added, frames_told, wrong_size};
 use crate::analyse::{Bins, By, Inquiry, SampleSet, Unit};
 use crate::error::AnalysisError;
 use crate::plot::Scale;
@@ -27,7 +28,7 @@ pub(super) fn of_errors(
         None => vec![SampleSet::Common, SampleSet::Answered],
     };
     let inquiry = Inquiry { by: by.clone(), bins: request.bins.clone(), sets, ..request.inquiry() };
-    let (mut asked, grid, _) = ask(runs, request, &inquiry, watch)?;
+    let (mut asked, grid, frames) = ask(runs, request, &inquiry, watch)?;
     let is_shared = asked.iter().any(|of| of.set == SampleSet::Common && of.rows.iter().any(|row| row.count > 0));
     if !is_shared {
         asked.retain(|of| of.set == SampleSet::Answered);
@@ -63,18 +64,22 @@ pub(super) fn of_errors(
         request.few_panels(figure.panels())?;
     }
     let drawing = figure.drawing().map_err(wrong_size)?;
+    let thin = match figure.has_thin() {
+        true => format!("; bins of fewer than {} pixels are dotted", request.thin),
+        false => String::new(),
+    };
     let what = match request.unit {
         Unit::Metres => "Absolute error",
         Unit::OfTruth => "Absolute error as a share of the true distance",
     };
     let shown: Vec<Asked> = asked.into_iter().filter(|of| of.set == compared_set).collect();
     let about = format!(
-        "{what} by {}, over {}: median, 25 to 75 % and 5 to 95 %; bins of fewer than {} pixels are dotted",
+        "{what} by {}, over {} on {}: median, 25 to 75 % and 5 to 95 %{thin}",
         by_words(&by),
         pixels_of(&shown),
-        request.thin
+        frames_told(frames)
     );
-    Ok(Figure { drawing, about, data: grid.sheet().csv() })
+    Ok(Figure { drawing, about, data: grid.sheet().csv(), notes: Vec::new() })
 }
 
 fn bins(of: &Asked) -> Vec<Bin> {

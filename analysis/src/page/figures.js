@@ -76,11 +76,22 @@ const zoomButtons = (now) => [
 /** A table beside the pointer. */
 const hoverTable = (title, head, rows) => el("div", {}, el("b", {}, title), el("table", {}, el("thead", {}, el("tr", {}, head.map((text) => el("th", {}, text)))), el("tbody", {}, rows)));
 
-/** The estimators that are ticked at first: all of few; of many those all variants share, and of the first variants. */
+/** The estimators that are ticked at first: all of few; of many those all variants share, and the best of the others by the table's first error. */
+const FEW = 7;
 function atFirst(places) {
+  if (places.length <= FEW) return places;
+  const metrics = D.table?.metrics ?? [], error = metrics.findIndex((metric) => !metric.more), by = Math.max(0, error);
+  const value = (place) => {
+    const of = D.estimators[place], row = D.table?.rows.find((row) => row.stage === of.stage && row.variant === of.variant && row.estimator === of.name && row.set === of.set);
+    const mean = row?.means[by] ?? null;
+    return mean === null ? Infinity : metrics[by].more ? -mean : mean;
+  };
   const shared = places.filter((place) => D.estimators[place].variant === null);
-  return places.length <= 7 ? places : [...shared, ...places.filter((place) => !shared.includes(place))].slice(0, 5);
+  const others = places.filter((place) => !shared.includes(place)).map((place) => [value(place), place]).sort((a, b) => (a[0] === b[0] ? a[1] - b[1] : a[0] - b[0]));
+  const chosen = new Set([...shared, ...others.map(([, place]) => place)].slice(0, Math.max(5, Math.min(shared.length + 1, FEW))));
+  return places.filter((place) => chosen.has(place));
 }
+const tickedAtFirst = (places) => (places.length <= FEW ? "" : ` Ticked at first: what all variants share, and the best by ${(D.table?.metrics.find((metric) => !metric.more) ?? D.table?.metrics[0])?.name ?? "their order"}.`);
 
 const named = (place) => ({ key: place, inner: [swatch(D.estimators[place]), D.estimators[place].label] });
 
@@ -146,7 +157,7 @@ function distanceFigure() {
   const box = (text, name) => label(text, el("input", { type: "checkbox", checked: state[name], onchange: (event) => { state[name] = event.target.checked; show(); } }));
   const both = () => ({ zoom: (factor) => [state.figure, state.counts].forEach((of) => of.zoom(factor)), reset: () => [state.figure, state.counts].forEach((of) => of.reset()) });
   byId("distance-body").append(
-    el("p", { className: "quiet" }, `The absolute error in each metre of true distance: line: median; band: 25 to 75 %. A hollow dot is a bin of fewer than ${THIN} pixels. Drag to zoom, double-click for all.${D.estimators_in_all > D.estimators.length ? ` Of ${D.estimators_in_all} estimators, those that all variants share and the best by ${D.table.metrics[0].name} are here: ${D.estimators.length}; error_vs_distance.csv has all.` : ""}`),
+    el("p", { className: "quiet" }, `The absolute error in each metre of true distance: line: median; band: 25 to 75 %. A hollow dot is a bin of fewer than ${THIN} pixels. Drag to zoom, double-click for all.${D.estimators_in_all > D.estimators.length ? ` Of ${D.estimators_in_all} estimators, those that all variants share and the best by ${D.table.metrics[0].name} are here: ${D.estimators.length}; error_vs_distance.csv has all.` : ""}${tickedAtFirst([...by.keys()])}`),
     ticks("estimators", [...by.keys()].map(named), state.on, (on) => { state.on = on; show(); }),
     el("div", { className: "controls" },
       anyCommon ? label("over", choose([["common", "the pixels that all estimators answered"], ["answered", "all that each answered"]], state.set, (set) => { state.set = set; show(); })) : "Each over the pixels it answered, which are not the same ones.",

@@ -397,14 +397,16 @@ function frameViews() {
       of.metric = metrics.includes(of.metric) ? of.metric : metrics.includes("abs_rel") ? "abs_rel" : metrics[0];
       const more = D.table?.metrics.find((metric) => metric.name === of.metric)?.more;
       const ranked = part.positions.map((position, i) => [of.line.values[of.metric][i], position, part.ids[i]]).filter(([number]) => number !== null).sort((a, b) => (more ? a[0] - b[0] : b[0] - a[0]));
+      // No frame is both: of few there are fewer.
+      const most = Math.min(5, Math.floor(ranked.length / 2));
       const chip = ([number, position, id]) => el("button", { type: "button", className: "jump", title: pictured.has(position) ? `position ${position}` : `position ${position} has no pictures here: the nearest that has`, onclick: () => goTo(part.run, position) }, `${id}: ${short(number, 3)}`);
       const select = (options, chosen, change, name) => { const made = choose(options, chosen, change); made.ariaLabel = name; return made; };
       chips.replaceChildren(
-        el("div", { className: "controls" }, "Worst and best frames of",
+        el("div", { className: "controls" }, most ? "Worst and best frames of" : "The only frame of",
           select(lines.map((line, i) => [String(i), D.estimators[line.estimator].label]), String(lines.indexOf(of.line)), (i) => { of.line = lines[+i]; list(); }, "estimator"), "by",
           select(metrics.map((name) => [name, plainOf(name)]), of.metric, (name) => { of.metric = name; list(); }, "score")),
-        el("div", { className: "chips" }, el("b", {}, "worst"), ranked.slice(0, 5).map(chip)),
-        el("div", { className: "chips" }, el("b", {}, "best"), ranked.slice(-5).reverse().map(chip)));
+        most ? el("div", { className: "chips" }, el("b", {}, "worst"), ranked.slice(0, most).map(chip)) : el("div", { className: "chips" }, ranked.map(chip)),
+        most ? el("div", { className: "chips" }, el("b", {}, "best"), ranked.slice(-most).reverse().map(chip)) : "");
     };
     jump.append(chips);
     list();

@@ -28,6 +28,9 @@ use crate::files::Output;
 
 /// The most bytes that the pictures take with the numbers of the page: with all else it has less than 40 MB.
 const MOST: u64 = 38_500_000;
+/// A page of few frames has so many bytes a frame, and no less than that: larger maps cost more to make, send and open than they show.
+const MOST_A_FRAME: u64 = 750_000;
+const MOST_OF_FEW: u64 = 6_000_000;
 /// What the pictures have in any case.
 const LEAST: u64 = 4_000_000;
 /// A size whose estimate is above this share of what there is room for is not tried.
@@ -92,10 +95,11 @@ impl Pictures {
         numbers: u64,
         output: Output<'_>,
     ) -> Result<Self, AnalysisError> {
-        let budget = MOST.saturating_sub(numbers).max(LEAST);
+        let all: usize = series.iter().map(|series| series.positions.len()).sum();
+        let most = MOST.min((MOST_A_FRAME * all as u64).max(MOST_OF_FEW));
+        let budget = most.saturating_sub(numbers).max(LEAST);
         let room = TRIED * budget as f64;
         let mut level = 0;
-        let all: usize = series.iter().map(|series| series.positions.len()).sum();
         if all > PROBES {
             // The first size that fits, by halves: each is smaller than the one before.
             let (mut fits, mut last) = (SIZES.len(), 0.0);

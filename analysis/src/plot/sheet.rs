@@ -14,7 +14,7 @@ const SWATCH: f64 = 14.0;
 const BEHIND: f64 = 9.0;
 /// A colour bar's height, and the room it takes with its numbers.
 const BAR: f64 = 6.0;
-pub(crate) const BAR_ROOM: f64 = BAR + TICK_PT + LABEL_PT + 12.0;
+const BAR_ROOM: f64 = BAR + TICK_PT + LABEL_PT + 12.0;
 /// No panel is lower than this.
 const LOWEST: f64 = 24.0;
 
@@ -47,6 +47,8 @@ pub(crate) enum Swatch {
     Line(Stroke),
     Block(Fill),
     Dot(Colour),
+    /// It goes on with the one before.
+    None,
 }
 
 /// A colour bar.
@@ -74,9 +76,10 @@ impl Sheet {
         let room = self.width_pt - 2.0 * MARGIN;
         let heading = wrapped(&self.title, room, HEADING_PT);
         let notes: Vec<String> = self.notes.iter().flat_map(|note| wrapped(note, room, TICK_PT)).collect();
-        let legend = self.legend_lines(room);
+        let entries: Vec<Entry> = self.legend.iter().flat_map(|entry| entry.broken(room)).collect();
+        let legend = legend_lines(&entries, room);
         let top = MARGIN + heading.len() as f64 * (HEADING_PT + 2.5);
-        let bars = if self.bars.is_empty() { 0.0 } else { BAR_ROOM };
+        let bars = bars_room(&self.bars, room);
         let bottom = MARGIN + legend.len() as f64 * LEGEND_LINE + bars + notes.len() as f64 * (TICK_PT + 2.0);
 
         // Axes of one column begin below each other; how much is left of them depends on how high they are, and that on how wide.
@@ -153,25 +156,45 @@ impl Sheet {
         }
         rows
     }
+}
 
-    fn legend_lines(&self, room: f64) -> Vec<Vec<&Entry>> {
-        let mut lines: Vec<Vec<&Entry>> = Vec::new();
-        let mut used = f64::INFINITY;
-        for entry in &self.legend {
-            let wide = wide_of(entry);
-            if used + wide - BEHIND > room {
-                lines.push(Vec::new());
-                used = 0.0;
-            }
-            used += wide;
-            lines.last_mut().expect("there is one").push(entry);
+fn legend_lines(entries: &[Entry], room: f64) -> Vec<Vec<&Entry>> {
+    let mut lines: Vec<Vec<&Entry>> = Vec::new();
+    let mut used = f64::INFINITY;
+    for entry in entries {
+        let wide = wide_of(entry);
+        if used + wide - BEHIND > room {
+            lines.push(Vec::new());
+            used = 0.0;
         }
-        lines
+        used += wide;
+        lines.last_mut().expect("there is one").push(entry);
+    }
+    lines
+}
+
+/// So many colour bars stand side by side that their labels have room.
+fn bars_a_row(bars: &[Bar], room: f64) -> usize {
+    let fits = |count: &usize| bars.iter().all(|bar| width(&bar.axis.label, LABEL_PT) + 6.0 <= room / *count as f64);
+    (1..=bars.len()).rev().find(fits).unwrap_or(1)
+}
+
+/// How high colour bars are, with their numbers and labels.
+pub(crate) fn bars_room(bars: &[Bar], room: f64) -> f64 {
+    if bars.is_empty() { 0.0 } else { bars.len().div_ceil(bars_a_row(bars, room)) as f64 * BAR_ROOM }
+}
+
+/// Draws colour bars, side by side where there is room; they take [`bars_room`].
+pub(crate) fn draw_bars(drawing: &mut Drawing, bars: &[Bar], y: f64, room: f64) {
+    if bars.is_empty() {
+        return;
+    }
+    for (row, bars) in bars.chunks(bars_a_row(bars, room)).enumerate() {
+        draw_row_of_bars(drawing, bars, y + row as f64 * BAR_ROOM, room);
     }
 }
 
-/// Draws colour bars side by side; they take [`BAR_ROOM`].
-pub(crate) fn draw_bars(drawing: &mut Drawing, bars: &[Bar], y: f64, room: f64) {
+fn draw_row_of_bars(drawing: &mut Drawing, bars: &[Bar], y: f64, room: f64) {
     const PARTS: usize = 64;
     let each = room / bars.len() as f64;
     for (place, bar) in bars.iter().enumerate() {
@@ -204,9 +227,18 @@ impl Entry {
         Self { words: words.into(), swatch }
     }
 
+    /// In lines that have room, the swatch beside the first.
+    fn broken(&self, room: f64) -> Vec<Self> {
+        let lines = broken(&self.words, room - SWATCH - 3.0, LABEL_PT);
+        let entry =
+            |(place, words)| Self { words, swatch: if place == 0 { self.swatch.clone() } else { Swatch::None } };
+        lines.into_iter().enumerate().map(entry).collect()
+    }
+
     fn draw(&self, drawing: &mut Drawing, (x, y): (f64, f64), room: f64) {
         match &self.swatch {
             Swatch::Line(stroke) => drawing.line(vec![(x, y), (x + SWATCH, y)], stroke.clone()),
+            Swatch::None => {}
             Swatch::Block(fill) => drawing.rectangle((x, y - 3.0), (SWATCH, 6.0), *fill),
             Swatch::Dot(colour) => {
                 let fill = Fill::new(*colour, 1.0);
@@ -216,6 +248,20 @@ impl Entry {
         let words = fitting(&self.words, room - SWATCH - 3.0, LABEL_PT);
         drawing.text((x + SWATCH + 3.0, y + ascent(LABEL_PT) / 2.0), words, LABEL_PT, Anchor::Start);
     }
+}
+
+/// Words in lines that have room, broken at spaces and behind what joins the parts of a name.
+fn broken(words: &str, room: f64, size: f64) -> Vec<String> {
+    let mut lines: Vec<String> = vec![String::new()];
+    for part in words.split_inclusive([' ', '/', '+', ',', ':', '_']) {
+        let last = lines.last_mut().expect("there is one");
+        if last.is_empty() || width(&format!("{last}{}", part.trim_end()), size) <= room {
+            last.push_str(part);
+        } else {
+            lines.push(part.to_owned());
+        }
+    }
+    lines.iter().map(|line| fitting(line.trim_end(), room, size)).collect()
 }
 
 /// Words in lines that fit.
