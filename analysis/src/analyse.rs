@@ -1,7 +1,7 @@
 //! Errors against anything: distance, weight, row, frame, or a column of one's own choice, as queries over [samples](crate::samples).
 //!
-//! Counts, means and shares are [lazy polars queries](sums); percentiles are found [by counting](crate::percentiles), which a benchmark compares with polars'
-//! own. Both go through the file a row group at a time, so that memory depends on neither frames nor pixels.
+//! Polars reads the file and puts row groups together; within one, [sums](sums) and [percentiles by counting](crate::percentiles) are loops of our own, which a
+//! benchmark compares with polars'. Both go through the file a row group at a time, so that memory depends on neither frames nor pixels.
 
 mod bins;
 mod job;

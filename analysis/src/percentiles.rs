@@ -1,4 +1,4 @@
-//! Percentiles of many groups of samples at once, exact, in two or three passes over them: by counting.
+//! Percentiles of many groups of samples at once, exact, in one to three passes over them: by counting.
 //!
 //! Polars' quantiles hold all samples of a group, and sort them: memory would grow with the samples (`bench/analysis.sh` measures both). Here a sample that is no negative number is an integer of 31 bits that sorts as it does. A pass counts
 //! the samples of each group by their upper bits; from the counts follows in which cell each wanted statistic lies, and which of that cell it is.

@@ -1,8 +1,8 @@
 //! What adds up: counts, means and shares by bin.
 //!
-//! Within a part that is a loop over plain numbers, which a lazy polars query would be several times slower at: a sum of squares by bin is a column of squares first, and
-//! polars' kernels are compiled for size here (`Cargo.toml`). The parts' sums are put together by polars, in the order of the parts, so that what comes out does not
-//! depend on which thread was first.
+//! Within a part that is a loop over plain numbers: with a lazy polars query there, whose kernels are compiled for size here (`Cargo.toml`), and columns read through its
+//! iterators, questions took twice the processor time (`bench/analysis.sh`). The parts' sums are put together by polars, in the order of the parts, so that what comes
+//! out does not depend on which thread was first.
 
 use polars::frame::DataFrame;
 use polars::prelude::{Column, NamedFrom as _, PolarsResult, Series};
