@@ -34,7 +34,8 @@ use asked::Watch;
 pub(crate) const THIN: u64 = 100;
 /// More panels than this are not read any more.
 const MOST_PANELS: usize = 16;
-/// How high a page is, millimetres.
+/// How wide and how high a page is, millimetres.
+const A4_WIDE_MM: f64 = 210.0;
 const A4_MM: f64 = 297.0;
 /// From this width on panels stand side by side, millimetres.
 const WIDE_MM: f64 = 120.0;
@@ -293,7 +294,8 @@ pub fn figure(
         FigureKind::Panels => maps::panels(one_of(runs)?, request, stop),
     })?;
     let (_, height_mm) = figure.size_mm();
-    if request.size.height_mm.is_none() && height_mm > A4_MM {
+    let is_for_a_page = request.size.width_mm <= A4_WIDE_MM && request.size.height_mm.is_none();
+    if is_for_a_page && height_mm > A4_MM {
         let help = "show less of it, or make it narrower";
         figure.notes.push(format!("it is {height_mm:.0} mm high, more than a page of A4 has ({A4_MM:.0} mm): {help}"));
     }

@@ -173,6 +173,12 @@ fn the_numbers_of_a_figure_are_those_of_the_tables() {
     let mean: f64 =
         parameter.iter().filter(|row| row["size"] == "3").map(|row| number(row, "abs_rel")).sum::<f64>() / 2.0;
     assert!((number(&one[0], "abs_rel") - mean).abs() < 1e-12 && one[0]["rows"] == "2", "{one:?}");
+    // What no value of the parameter changes is in the figure, and in its numbers.
+    let both =
+        read_csv(&data(&["run", "parameter", "--axes", "size", "--estimators", "fused,mono", "--score", "abs_rel"]));
+    let mono = table.iter().find(|of| of["estimator"] == "mono").expect("a row of the table");
+    let level: Vec<_> = both.iter().filter(|row| row["size"].is_empty()).collect();
+    assert!(level.len() == 1 && level[0]["estimator"] == "mono" && level[0]["abs_rel"] == mono["abs_rel"], "{both:?}");
     let curves = text(&of_run.join("learning_curves.csv"));
     assert_eq!(text(&data(&["run", "learning"])), curves);
     let maps = read_csv(&data(&["run", "panels", "--frames", "0,3", "--variant", "size=3+weighting=full"]));

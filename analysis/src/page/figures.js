@@ -76,7 +76,7 @@ const zoomButtons = (now) => [
 /** A table beside the pointer. */
 const hoverTable = (title, head, rows) => el("div", {}, el("b", {}, title), el("table", {}, el("thead", {}, el("tr", {}, head.map((text) => el("th", {}, text)))), el("tbody", {}, rows)));
 
-/** The estimators that are ticked at first: all of few; of many those all variants share, and the best of the others by the table's first error. */
+/** The estimators that are ticked at first: all of few; of many those all variants share, then the best of each name by the table's first error, then the next best. */
 const FEW = 7;
 function atFirst(places) {
   if (places.length <= FEW) return places;
@@ -87,7 +87,10 @@ function atFirst(places) {
     return mean === null ? Infinity : metrics[by].more ? -mean : mean;
   };
   const shared = places.filter((place) => D.estimators[place].variant === null);
-  const others = places.filter((place) => !shared.includes(place)).map((place) => [value(place), place]).sort((a, b) => (a[0] === b[0] ? a[1] - b[1] : a[0] - b[0]));
+  const ranked = places.filter((place) => !shared.includes(place)).map((place) => [value(place), place]).sort((a, b) => (a[0] === b[0] ? a[1] - b[1] : a[0] - b[0]));
+  // The best of each name first, for of one method the best few are often alike.
+  const isFirst = ([, place], i) => ranked.findIndex(([, other]) => D.estimators[other].name === D.estimators[place].name) === i;
+  const others = [...ranked.filter(isFirst), ...ranked.filter((one, i) => !isFirst(one, i))];
   const chosen = new Set([...shared, ...others.map(([, place]) => place)].slice(0, Math.max(5, Math.min(shared.length + 1, FEW))));
   return places.filter((place) => chosen.has(place));
 }

@@ -7,10 +7,13 @@ function scoreTable() {
   const state = { sort: null, down: false, paper: false, all: T.rows.length <= 2 * AT_FIRST, filter: "" };
   const several = (of) => new Set(T.rows.map(of)).size > 1;
   const axes = (T.axes ?? []).map((axis, i) => ({ name: axis, text: true, of: (row) => row.factors[i], numeric: T.rows.every((row) => row.factors[i] === null || (row.factors[i].trim() !== "" && Number.isFinite(+row.factors[i]))) }));
+  // Axes that name every variant take the place of its name.
+  const named = (of) => new Set(T.rows.filter((row) => row.variant !== null).map(of)).size;
+  const areNames = axes.length > 0 && named((row) => row.variant) === named((row) => JSON.stringify(row.factors));
   const columns = [
     several((row) => row.stage) && { name: "stage", text: true, of: (row) => row.stage },
-    several((row) => row.variant) && { name: "variant", text: true, of: (row) => row.variant ?? "" },
-    { name: "estimator", text: true, of: (row) => row.estimator },
+    several((row) => row.variant) && !areNames && { name: "variant", text: true, of: (row) => row.variant ?? "" },
+    { name: "estimator", text: true, of: (row) => row.estimator, about: (row) => row.variant },
     several((row) => row.set) && { name: "set", text: true, of: (row) => row.set },
     ...axes.filter((axis) => several(axis.of)),
     ...T.metrics.map((metric, i) => ({ name: metric.name, head: metric.plain || metric.name, metric, i, of: (row) => row.means[i] })),
@@ -19,7 +22,7 @@ function scoreTable() {
   ].filter(Boolean);
   const cell = (column, row) => {
     const value = column.of(row);
-    if (column.text) return el("td", { className: "text", title: value ?? "" }, column.name === "estimator" ? [el("span", { className: "swatch", style: { borderTopColor: row.colour, width: "1em", verticalAlign: "middle", marginRight: ".4em" } }), value] : value ?? "");
+    if (column.text) return el("td", { className: "text", title: column.about?.(row) ?? value ?? "" }, column.name === "estimator" ? [el("span", { className: "swatch", style: { borderTopColor: row.colour, width: "1em", verticalAlign: "middle", marginRight: ".4em" } }), value] : value ?? "");
     const decimals = column.metric?.decimals ?? column.decimals;
     const text = value === null ? "–" : column.name === "frames" ? value.toLocaleString("en") : value.toFixed(decimals);
     const td = el("td", { title: value === null ? "" : String(value) }, text);
