@@ -95,6 +95,8 @@ pub enum Command {
     Runs(RunsArgs),
     /// List the kinds of nodes and sources, or explain one.
     Nodes(NodesArgs),
+    /// Show what an ONNX file takes, gives and costs, and print the lines that put it into an experiment.
+    Onnx(OnnxArgs),
     /// Write synthetic street frames as a data set in KITTI stereo 2015 layout.
     Synth(SynthArgs),
     /// Show what this machine offers: cores, SIMD, engine of networks, data roots.
@@ -110,6 +112,28 @@ pub enum Command {
     },
     /// Print the manual page (roff), or that of a command, or write them all.
     Man(ManArgs),
+}
+
+/// `onnx`.
+#[derive(Debug, Args)]
+pub struct OnnxArgs {
+    /// The model.
+    #[arg(value_hint = clap::ValueHint::FilePath)]
+    pub file: PathBuf,
+
+    /// The image that multiply-adds are counted for where the model leaves its size open, px.
+    #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "1248x384", value_parser = size)]
+    pub size: (usize, usize),
+
+    /// Print one JSON object instead of text.
+    #[arg(long)]
+    pub json: bool,
+}
+
+fn size(text: &str) -> Result<(usize, usize), String> {
+    let side = |text: &str| text.parse().ok().filter(|side| (1..=16_384).contains(side));
+    let sides = text.split_once('x').and_then(|(width, height)| Some((side(width)?, side(height)?)));
+    sides.ok_or_else(|| "a size is written 1248x384: columns, rows, each from 1 to 16384".to_owned())
 }
 
 /// `nodes`.

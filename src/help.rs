@@ -343,6 +343,14 @@ const ENDINGS: &[Ending] = &[
         exits: &[WHOLE, PRINTED, (Exit::Before, "there is no such kind, or an argument is wrong")],
     },
     Ending {
+        command: "onnx",
+        examples: &[
+            ("onnx raft-stereo.onnx", "inputs, outputs, operators, cost; the lines for an experiment"),
+            ("onnx net.onnx --json | jq .operators", "for programs"),
+        ],
+        exits: &[WHOLE, PRINTED, (Exit::Before, "the file is no ONNX model, or an argument is wrong")],
+    },
+    Ending {
         command: "synth",
         examples: &[("synth street --frames 40 --seed 7", "40 frames, the ground truth with them")],
         exits: &[

@@ -138,6 +138,7 @@ fn program(registry: &Registry, as_json: bool) -> Result<Exit, Stop> {
         Command::Recover(args) => commands::recover::recover(&args),
         Command::Runs(args) => commands::runs::runs(&args),
         Command::Nodes(args) => commands::nodes::nodes(&args, registry),
+        Command::Onnx(args) => commands::onnx::onnx(&args),
         Command::Synth(args) => commands::synth::synth(&args),
         Command::Doctor(args) => commands::doctor::doctor(args.json),
         Command::New(args) => commands::new::new(&args),

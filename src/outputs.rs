@@ -44,6 +44,8 @@ pub enum Output {
     Nodes,
     /// Of `nodes KIND`.
     NodesKind,
+    /// Of `onnx`.
+    Onnx,
     /// Of `plan`.
     Plan,
     /// Of `plan --reuse`.
@@ -118,6 +120,7 @@ impl Output {
             Self::Info => self.schema_of::<recordings::Info>(),
             Self::Nodes => self.schema_of::<experiments::Nodes>(),
             Self::NodesKind => self.schema_of::<experiments::NodesKind>(),
+            Self::Onnx => self.schema_of::<experiments::Onnx>(),
             Self::Plan => self.schema_of::<experiments::Plan>(),
             Self::PlanReuse => self.schema_of::<experiments::PlanReuse>(),
             Self::Recover => self.schema_of::<recordings::Recover>(),

@@ -28,6 +28,8 @@ pub struct NodeKind {
     pub declaration: NodeDeclaration,
     /// The JSON schema of its parameters.
     pub schema: Json,
+    /// See [`Node::OWN_PORTS`].
+    pub own_ports: bool,
     resolve: fn(&Json) -> Result<Json, ParamError>,
     signature: fn(&Json) -> Result<Option<Signature>, Fault>,
     check_inputs: fn(&Json, &Upstream<'_>) -> Result<(), Fault>,
@@ -55,8 +57,7 @@ impl NodeKind {
     /// The signature of all nodes of this kind; `None` where it follows from their parameters.
     #[must_use]
     pub fn fixed_signature(&self) -> Option<Signature> {
-        let NodeDeclaration { inputs, outputs, .. } = &self.declaration;
-        (!inputs.is_empty() || !outputs.is_empty()).then(|| Signature::from(&self.declaration))
+        (!self.own_ports).then(|| Signature::from(&self.declaration))
     }
 
     /// See [`Node::check_inputs`].
@@ -171,6 +172,7 @@ impl Registry {
         let declaration = N::declaration();
         let entry = NodeKind {
             schema: schema_of::<N::Params>(),
+            own_ports: N::OWN_PORTS,
             resolve: |json| resolve::<N::Params>(json, N::resolve, N::check),
             signature: |json| Ok(N::signature(&parse::<N::Params>(json)?)),
             check_inputs: |json, upstream| N::check_inputs(&parse::<N::Params>(json)?, upstream),

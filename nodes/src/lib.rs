@@ -25,6 +25,7 @@ mod fusion;
 mod geometry;
 mod grey;
 mod mono;
+mod network;
 mod registry;
 mod score;
 mod shape;

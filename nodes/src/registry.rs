@@ -8,13 +8,14 @@ use crate::disparity::{Fill, LeftRight, Speckle, WeightedLeastSquares};
 use crate::filter::Median;
 use crate::fusion::{Confidence, Scale};
 use crate::mono::{GroundPlane, Onnx};
+use crate::network::OnnxNetwork;
 use crate::process::{Process, ProcessSource};
 use crate::score::{ScoreDepth, ScoreDisparity};
 use crate::sources::{
     DrivingStereo, Eth3dTwoView, Images, KittiDepth, KittiOdometry, KittiRaw, KittiStereo2012, KittiStereo2015,
     Middlebury, Ros2Bag, SceneFlow, SintelStereo, SyntheticRoad,
 };
-use crate::stereo::{Bm, CensusSgm, Sgbm};
+use crate::stereo::{Bm, CensusSgm, Sgbm, StereoOnnx};
 
 /// Every source and node kind of this crate, one line each.
 #[must_use]
@@ -37,6 +38,7 @@ pub fn registry() -> Registry {
         .node::<Sgbm>()
         .node::<Bm>()
         .node::<CensusSgm>()
+        .node::<StereoOnnx>()
         .node::<LeftRight>()
         .node::<Speckle>()
         .node::<Fill>()
@@ -46,6 +48,7 @@ pub fn registry() -> Registry {
         .node::<Sobel>()
         .node::<GroundPlane>()
         .node::<Onnx>()
+        .node::<OnnxNetwork>()
         .node::<Scale>()
         .node::<Confidence>()
         .node::<Median>()

@@ -13,6 +13,7 @@ pub mod info;
 pub mod man;
 pub mod new;
 pub mod nodes;
+pub mod onnx;
 pub mod page;
 pub mod plan;
 pub mod recover;

@@ -213,6 +213,54 @@ pub struct Truth {
     max: Option<f64>,
 }
 
+/// Of `onnx`: what an ONNX file takes, gives and costs.
+#[derive(JsonSchema)]
+pub struct Onnx {
+    file: String,
+    bytes: u64,
+    /// The hash of its content, by which it enters keys.
+    hash: String,
+    producer: String,
+    ir_version: i64,
+    opsets: Vec<Opset>,
+    inputs: Vec<Tensor>,
+    outputs: Vec<Tensor>,
+    metadata: BTreeMap<String, String>,
+    /// How often each operator stands in it.
+    operators: BTreeMap<String, u64>,
+    /// Numbers in its weights.
+    parameters: u64,
+    /// The first file of weights that is not in its own.
+    external: Option<String>,
+    /// Of one run with inputs of `counted_for`; `null` where they cannot be counted.
+    multiply_adds: Option<u64>,
+    /// Why they cannot.
+    not_counted: Option<String>,
+    /// By input, the shape that multiply-adds are counted for.
+    counted_for: Vec<Vec<u64>>,
+    /// The kind that the stanza is of: `mono/onnx`, `stereo/onnx` or `onnx`.
+    kind: String,
+    /// YAML: the node, to put under `nodes:`.
+    stanza: String,
+}
+
+/// An operator set.
+#[derive(JsonSchema)]
+pub struct Opset {
+    /// Empty of the standard one.
+    domain: String,
+    version: i64,
+}
+
+/// An input or output of a model.
+#[derive(JsonSchema)]
+pub struct Tensor {
+    name: String,
+    element: String,
+    /// -1 where a side is open.
+    shape: Vec<i64>,
+}
+
 /// Of `doctor`: what this machine offers.
 #[derive(JsonSchema)]
 pub struct Doctor {

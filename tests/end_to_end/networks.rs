@@ -163,3 +163,76 @@ fn tracts_scores_are_the_oracles() {
         }
     }
 }
+
+#[test]
+fn networks_of_pairs_and_of_ports_of_their_own_run_are_recorded_scored_and_made_again() {
+    const TEST: &str = "networks_of_pairs_and_of_ports_of_their_own_run_are_recorded_scored_and_made_again";
+    if !has_tract(TEST) {
+        return;
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    let run = |name: &str, workers: &str| {
+        let out = folder.path().join(name);
+        let mut command = depthloom();
+        command.args([
+            "run",
+            "experiments/stereo-networks.yaml",
+            "--workers",
+            workers,
+            "--quiet",
+            "--no-page",
+            "--out",
+        ]);
+        succeed(command.arg(&out).args([
+            "--set",
+            "sources.test.with.width=317",
+            "--set",
+            "sources.test.with.height=94",
+        ]));
+        out
+    };
+    let (one, eight) = (run("one", "1"), run("eight", "8"));
+    let [a, b] = [&one, &eight].map(|out| std::fs::read(out.join("recording.mcap")).expect("a recording"));
+    assert!(a == b, "the recordings of one and of eight workers differ");
+    let scores = read_csv(&one.join("table1.csv"));
+    let rows: Vec<&str> = scores.iter().map(|row| label(row)).collect();
+    assert!(["sgbm", "network", "checked", "mono", "fused"].iter().all(|name| rows.contains(name)), "{rows:?}");
+    let replayed = succeed(depthloom().args(["replay", "--check"]).arg(&one));
+    let said = String::from_utf8_lossy(&replayed.stdout);
+    assert!(said.contains("network"), "{said}");
+}
+
+#[test]
+fn what_an_onnx_file_takes_is_shown_with_lines_that_check() {
+    let fixture = |file: &str| workspace().join("tests/fixtures/networks").join(file);
+    let shown = |file: &str| {
+        let output = succeed(depthloom().arg("onnx").arg(fixture(file)).args(["--size", "160x96"]));
+        String::from_utf8(output.stdout).expect("text")
+    };
+    let shifts = shown("shifts.onnx");
+    for part in
+        ["input          left  f32 1x3x?x?", "AveragePool 3", "operator set 13", "kind: stereo/onnx", "left_name: left"]
+    {
+        assert!(shifts.contains(part), "{part}: {shifts}");
+    }
+    if cfg!(feature = "tract") {
+        assert!(shifts.contains("multiply-adds  ") && !shifts.contains("not counted"), "{shifts}");
+    }
+    assert!(shown("pair.onnx").contains("order: left-right"));
+    let fusion = shown("fusion.onnx");
+    assert!(fusion.contains("kind: onnx") && fusion.contains("mono: { type: depth, name: mono }"), "{fusion}");
+    // The lines stand in an experiment as they are.
+    let folder = tempfile::tempdir().expect("a folder");
+    let stanza: String =
+        shifts.split("\n\n").nth(1).expect("the lines").lines().map(|line| format!("      {line}\n")).collect();
+    let text = format!(
+        "experiment: pasted\nsources: {{ test: {{ kind: synthetic/road, with: {{ frames: 0..1, width: 192, height: 64 }} }} }}\nstages:\n  look:\n    source: test\n    \
+         nodes:\n{stanza}    score: {{ truth: source/depth, estimates: {{ network: stereo/depth }} }}\n"
+    );
+    let path = folder.path().join("pasted.yaml");
+    std::fs::write(&path, text).expect("written");
+    succeed(depthloom().arg("check").arg(&path));
+    let output = depthloom().arg("onnx").arg(fixture("left.png")).output().expect("it runs");
+    let told = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.code() == Some(2) && told.contains("it is no ONNX file"), "{told}");
+}

@@ -113,6 +113,9 @@ fn every_output_is_what_its_schema_says() {
 
     told("doctor", 0, &["doctor", "--json"]);
     told("nodes", 0, &["nodes", "--json"]);
+    let network = depthloom_test_needs::workspace().join("tests/fixtures/networks/shifts.onnx");
+    let onnx = told("onnx", 0, &["onnx", network.to_str().expect("a path"), "--json"]);
+    assert_eq!(onnx["kind"], "stereo/onnx");
     told("nodes-kind", 0, &["nodes", "stereo/sgbm", "--json"]);
     told("nodes-kind", 0, &["nodes", "kitti/stereo2015", "--json"]);
     told("check", 0, &["check", "told.yaml", "--data", "--json"]);

@@ -184,13 +184,13 @@ pub struct NodeDeclaration {
     pub kind: &'static str,
     /// Raised whenever the same inputs give other outputs than before.
     pub version: u32,
-    /// How it is called; see [`Node::signature`] where it follows from the parameters.
+    /// How it is called.
     pub contract: Contract,
     /// One sentence.
     pub summary: &'static str,
     /// Markdown: shapes, units, source (paper equation, OpenCV behaviour).
     pub doc: &'static str,
-    /// Input ports; none, and no outputs either, where they follow from the parameters.
+    /// Input ports.
     pub inputs: Vec<Port>,
     /// Output ports. Of an ordered node, those with [`Rate::Once`](super::Rate) come from `finish`.
     pub outputs: Vec<Port>,
@@ -214,8 +214,11 @@ pub trait Node: 'static {
     /// nodes, however they were come by. Of what is resolved it changes nothing.
     fn resolve(_params: &mut Self::Params) {}
 
-    /// How a node with these parameters is called, and its ports, where they follow from the parameters; such a kind declares no ports.
-    /// Asked for of parameters that passed [`Node::check`]. By default those of the declaration.
+    /// Whether contract and ports follow from the parameters, [`Node::signature`]. Those of the declaration are then what is usual, for the reference.
+    const OWN_PORTS: bool = false;
+
+    /// How a node with these parameters is called, and its ports, where [`Node::OWN_PORTS`] says that they follow from the parameters. Asked for of
+    /// parameters that passed [`Node::check`]. By default those of the declaration.
     fn signature(_params: &Self::Params) -> Option<Signature> {
         None
     }

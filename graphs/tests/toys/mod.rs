@@ -372,6 +372,7 @@ node!(Own, "toy/own", Pure, OwnParams, [] => []
     fn check(params: &OwnParams) -> Result<(), (&'static str, String)> {
         params.ports.check(params.contract.contract()).map_err(|what| ("ports", what))
     }
+    const OWN_PORTS: bool = true;
     fn signature(params: &OwnParams) -> Option<Signature> {
         Some(params.ports.signature(params.contract.contract()))
     }

@@ -9,7 +9,7 @@ use depthloom_kernels::depth::{Geometry, depth_from_share};
 use depthloom_kernels::resize::bilinear_f32;
 
 use crate::geometry::geometry;
-use crate::onnx::{self, Flip, Network, OnnxParams, Output, Resize, mirrored, tensor};
+use crate::onnx::{self, Flip, Network, OnnxParams, Output, Resize, mirrored, numberless, resize_answers, tensor};
 use crate::shape::filled;
 
 /// Smallest depth an answer of [`Output::Depth`] is raised to, metres: what scores clamp to.
@@ -123,30 +123,6 @@ impl Onnx {
                     *metres = if raised > cap { cap } else { raised };
                 }
             }
-        }
-    }
-}
-
-/// How many values are NaN or infinite.
-fn numberless(values: &[f32]) -> usize {
-    values.iter().filter(|value| !value.is_finite()).count()
-}
-
-/// Resizes a map of which some pixels are no numbers: what has part in none of them is as if there were none, the rest is NaN.
-fn resize_answers(
-    map: &mut [f32],
-    (from_width, from_height): (usize, usize),
-    (width, height): (usize, usize),
-    out: &mut [f32],
-) {
-    let gaps: Vec<f32> = map.iter().map(|value| f32::from(u8::from(!value.is_finite()))).collect();
-    map.iter_mut().filter(|value| !value.is_finite()).for_each(|value| *value = 0.0);
-    bilinear_f32(map, from_width, from_height, width, height, out);
-    let mut share_of_gaps = vec![0.0; out.len()];
-    bilinear_f32(&gaps, from_width, from_height, width, height, &mut share_of_gaps);
-    for (value, share) in out.iter_mut().zip(share_of_gaps) {
-        if share > 0.0 {
-            *value = f32::NAN;
         }
     }
 }

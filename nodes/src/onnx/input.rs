@@ -33,7 +33,7 @@ impl InputSize {
 /// # Errors
 /// If there is not the memory for it.
 pub fn tensor(image: &Image, size: InputSize, params: &OnnxParams) -> Result<Vec<f32>, TooMuch> {
-    let rgb = resized(image, size, params)?;
+    let rgb = resized(image, size, params.resize, params.round)?;
     let pixels = size.pixels();
     let mut tensor = zeros::<f32>(pixels * size.channels)?;
     for channel in 0..size.channels {
@@ -65,12 +65,20 @@ pub fn mirrored(tensor: &[f32], size: InputSize, layout: TensorLayout) -> Vec<f3
     rows.flat_map(|row| row.chunks_exact(together).rev().flatten()).copied().collect()
 }
 
+/// The image, grey or in colour, interleaved, 0 to 255.
+pub(super) fn as_it_is(image: &Image, channels: usize) -> Vec<f32> {
+    match channels {
+        1 => crate::grey::grey(image).iter().map(|&value| f32::from(value)).collect(),
+        _ => colour(image).iter().map(|&value| f32::from(value)).collect(),
+    }
+}
+
 /// The image at the network's size, interleaved, 0 to 255.
-fn resized(image: &Image, size: InputSize, params: &OnnxParams) -> Result<Vec<f32>, TooMuch> {
+pub(super) fn resized(image: &Image, size: InputSize, resize: Resize, round: bool) -> Result<Vec<f32>, TooMuch> {
     let (columns, rows) = image.dimensions();
     let (width, height) = (columns as usize, rows as usize);
     let interleaved = if size.channels == 1 { grey_as_rgb(image) } else { colour(image) };
-    let rgb = match params.resize {
+    let rgb = match resize {
         Resize::Area => {
             let mut small = zeros::<u8>(size.pixels() * 3)?;
             area_rgb8(&interleaved, width, height, size.width, size.height, &mut small);
@@ -83,7 +91,7 @@ fn resized(image: &Image, size: InputSize, params: &OnnxParams) -> Result<Vec<f3
                 let samples: Vec<f32> = interleaved.iter().skip(channel).step_by(3).map(|&v| f32::from(v)).collect();
                 bilinear_f32(&samples, width, height, size.width, size.height, &mut plane);
                 for (sample, &value) in rgb.iter_mut().skip(channel).step_by(3).zip(&plane) {
-                    *sample = if params.round { value.round_ties_even() } else { value };
+                    *sample = if round { value.round_ties_even() } else { value };
                 }
             }
             rgb

@@ -4,20 +4,25 @@
 
 mod choice;
 mod engine;
+mod fit;
 mod flip;
 mod input;
 mod library;
+mod look;
 mod model;
 mod network;
 mod params;
+mod pool;
 mod provider;
 mod runtime;
 mod session;
+mod shapes;
 #[cfg(feature = "tract")]
 mod tract;
 
 pub use choice::{VARIABLE, find, in_use, looked_at};
 pub use engine::Engine;
+pub use model::{Description, Tensor};
 pub use provider::Provider;
 
 /// Reads what an ONNX file declares, as `mono/onnx` does before it hands the file to an engine: for tests of strangers' bytes.
@@ -29,7 +34,26 @@ pub fn read_declaration(model: &[u8]) -> Result<(), String> {
     model::Declared::read(model).map(|_| ())
 }
 
+/// Multiplications with an addition in one run of a model, its inputs of these shapes: as tract counts them.
+///
+/// # Errors
+/// If tract cannot follow the model, or is not part of this program.
+pub fn multiply_adds(model: &[u8], shapes: &[Vec<usize>]) -> Result<u64, String> {
+    #[cfg(feature = "tract")]
+    return tract::multiply_adds(model, shapes);
+    #[cfg(not(feature = "tract"))]
+    {
+        _ = (model, shapes);
+        Err("this program was built without tract, which counts them".to_owned())
+    }
+}
+
+pub(crate) use fit::{Fit, Fitted, PadAt, PadWith, Sizes, resize_answers};
 pub(crate) use flip::Flip;
 pub(crate) use input::{mirrored, tensor};
-pub(crate) use network::Network;
-pub(crate) use params::{OnnxParams, Output, Resize};
+pub(crate) use look::Look;
+pub(crate) use network::{Network, outlet};
+pub(crate) use params::{Channels, OnnxParams, Output, Resize, TensorLayout};
+pub(crate) use pool::{Pool, declared};
+pub(crate) use session::{Binding, Feed};
+pub(crate) use shapes::{Axes, batch, map_of, numberless, planes, sizes};

@@ -3,6 +3,8 @@
 //! So both engines refuse the same models, in the same words, before they see a byte. Field numbers are those of the public schema
 //! (onnx/onnx.proto3); fields that are not named here, weights above all, are skipped in reading.
 
+use std::collections::BTreeMap;
+
 use ort::value::TensorElementType;
 use prost::{Message, Oneof};
 
@@ -33,8 +35,8 @@ impl Declared {
     /// # Errors
     /// Why it is no ONNX file.
     pub fn read(model: &[u8]) -> Result<Self, String> {
-        let Model { graph, metadata } = Model::decode(model).map_err(|error| format!("it is no ONNX file: {error}"))?;
-        let graph = graph.ok_or("it is no ONNX file: it holds no graph")?;
+        let Model { graph, metadata, .. } = Model::read(model)?;
+        let graph = graph.ok_or(NO_GRAPH)?;
         // Old models list their weights among the inputs.
         let is_weight = |input: &&ValueInfo| graph.initializers.iter().any(|weight| weight.name == input.name);
         let outlets: [Vec<Outlet>; 2] = [
@@ -61,6 +63,77 @@ impl Declared {
     }
 }
 
+/// All that an ONNX file says of itself, for a person to look at.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Description {
+    /// Who wrote it: `pytorch 2.9.1`; empty where it does not say.
+    pub producer: String,
+    /// The version of the file's form.
+    pub ir_version: i64,
+    /// The operator sets: domain (empty of the standard one) and version.
+    pub opsets: Vec<(String, i64)>,
+    /// What must be fed.
+    pub inputs: Vec<Tensor>,
+    /// What it gives.
+    pub outputs: Vec<Tensor>,
+    /// What it says of itself, by name.
+    pub metadata: Vec<(String, String)>,
+    /// How often each operator stands in it.
+    pub operators: BTreeMap<String, u64>,
+    /// Numbers in its weights.
+    pub parameters: u64,
+    /// The first file of weights that is not in its own.
+    pub external: Option<String>,
+}
+
+/// An input or output of a model.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Tensor {
+    /// Its name.
+    pub name: String,
+    /// What it holds: `f32`, `f16`, ...; `no tensor`.
+    pub element: String,
+    /// Its sides; -1 where one is open.
+    pub shape: Vec<i64>,
+}
+
+impl Description {
+    /// Reads a model without an engine.
+    ///
+    /// # Errors
+    /// Why it is no ONNX file.
+    pub fn read(model: &[u8]) -> Result<Self, String> {
+        let declared = Declared::read(model)?;
+        let Model { ir_version, producer, producer_version, graph, opsets, .. } = Model::read(model)?;
+        let graph = graph.ok_or(NO_GRAPH)?;
+        let mut operators = BTreeMap::new();
+        graph.operators(&mut operators);
+        let mut weights = Vec::new();
+        graph.weights(&mut weights);
+        let tensors = |outlets: Vec<Outlet>| outlets.into_iter().map(Tensor::from).collect();
+        Ok(Self {
+            producer: format!("{producer} {producer_version}").trim().to_owned(),
+            ir_version,
+            opsets: opsets.into_iter().map(|set| (set.domain, set.version)).collect(),
+            inputs: tensors(declared.inputs),
+            outputs: tensors(declared.outputs),
+            metadata: declared.metadata.into_iter().map(|entry| (entry.key, entry.value)).collect(),
+            operators,
+            parameters: weights.iter().fold(0, |sum: u64, weight| sum.saturating_add(elements(&weight.dims))),
+            external: declared.external,
+        })
+    }
+}
+
+impl From<Outlet> for Tensor {
+    fn from(outlet: Outlet) -> Self {
+        match outlet.tensor {
+            Some((element, shape)) => Self { name: outlet.name, element: element.to_string(), shape },
+            None => Self { name: outlet.name, element: "no tensor".to_owned(), shape: Vec::new() },
+        }
+    }
+}
+
 /// How many numbers a tensor has as far as its sides are fixed.
 pub(crate) fn elements(sides: &[i64]) -> u64 {
     sides.iter().fold(1, |product: u64, &side| product.saturating_mul(u64::try_from(side).unwrap_or(1)))
@@ -69,12 +142,36 @@ pub(crate) fn elements(sides: &[i64]) -> u64 {
 /// `TensorProto.DataLocation`: the values lie in another file.
 const EXTERNAL: i32 = 1;
 
+const NO_GRAPH: &str = "it is no ONNX file: it holds no graph";
+
 #[derive(Clone, PartialEq, Message)]
 struct Model {
+    #[prost(int64, tag = "1")]
+    ir_version: i64,
+    #[prost(string, tag = "2")]
+    producer: String,
+    #[prost(string, tag = "3")]
+    producer_version: String,
     #[prost(message, optional, tag = "7")]
     graph: Option<Graph>,
+    #[prost(message, repeated, tag = "8")]
+    opsets: Vec<OperatorSet>,
     #[prost(message, repeated, tag = "14")]
     metadata: Vec<Entry>,
+}
+
+impl Model {
+    fn read(model: &[u8]) -> Result<Self, String> {
+        Self::decode(model).map_err(|error| format!("it is no ONNX file: {error}"))
+    }
+}
+
+#[derive(Clone, PartialEq, Message)]
+struct OperatorSet {
+    #[prost(string, tag = "1")]
+    domain: String,
+    #[prost(int64, tag = "2")]
+    version: i64,
 }
 
 #[derive(Clone, PartialEq, Message)]
@@ -100,6 +197,17 @@ struct Graph {
 }
 
 impl Graph {
+    /// Counts the operators, those of graphs within nodes too.
+    fn operators(&self, found: &mut BTreeMap<String, u64>) {
+        for node in &self.nodes {
+            let domain = if node.domain.is_empty() { String::new() } else { format!("{}.", node.domain) };
+            *found.entry(format!("{domain}{}", node.operator)).or_default() += 1;
+            for graph in node.attributes.iter().flat_map(|one| one.graph.as_deref().into_iter().chain(&one.graphs)) {
+                graph.operators(found);
+            }
+        }
+    }
+
     /// All weights: those of the graph, those that nodes hold as attributes, and those of graphs within nodes.
     fn weights<'a>(&'a self, found: &mut Vec<&'a Weight>) {
         found.extend(&self.initializers);
@@ -114,8 +222,12 @@ impl Graph {
 
 #[derive(Clone, PartialEq, Message)]
 struct GraphNode {
+    #[prost(string, tag = "4")]
+    operator: String,
     #[prost(message, repeated, tag = "5")]
     attributes: Vec<Attribute>,
+    #[prost(string, tag = "7")]
+    domain: String,
 }
 
 #[derive(Clone, PartialEq, Message)]

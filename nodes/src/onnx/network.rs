@@ -1,22 +1,18 @@
 //! A network in the process's engine: loaded, checked, and as many sessions as work at once.
 
-use std::sync::{Arc, Mutex, PoisonError};
-
 use depthloom_graphs::Fault;
 use depthloom_graphs::values::Artifact;
 use depthloom_kernels::memory::{TooMuch, bytes_of, zeros};
 use ort::value::TensorElementType;
 
-use super::choice;
-use super::engine::Engine;
 use super::input::InputSize;
 use super::model::{Declared, Outlet, elements};
 use super::params::{OnnxParams, Output, TensorLayout};
-use super::provider::Provider;
-use super::session::{Binding, EngineSession};
+use super::pool::{self, Pool};
+use super::session::{Binding, Element, Feed, Given};
 
 /// What a network gave: a map for each image, one after the other, row by row.
-pub struct Maps {
+pub struct NetworkMaps {
     /// The maps' values.
     pub values: Vec<f32>,
     /// Columns of a map.
@@ -27,19 +23,13 @@ pub struct Maps {
 
 /// A network, ready to run.
 pub struct Network {
-    engine: &'static Engine,
-    model: Arc<[u8]>,
-    provider: Provider,
-    threads: usize,
-    binding: Binding,
+    pool: Pool,
     /// How many images one run takes.
     batch: usize,
     /// The size of the image it wants.
     pub size: InputSize,
     /// What its map means.
     pub meaning: Output,
-    // A session's `run` is not safe to share: every worker in it has a session of its own, given back for the next.
-    sessions: Mutex<Vec<EngineSession>>,
 }
 
 impl Network {
@@ -48,22 +38,15 @@ impl Network {
     /// # Errors
     /// If it is no model, or of other inputs, rank or type than a network of depth has.
     pub fn load(model: &Artifact, params: &OnnxParams) -> Result<Self, Fault> {
-        let engine = choice::find()?;
-        engine.offers(params.provider)?;
-        let (provider, threads) = (params.provider, params.threads as usize);
-        let declared = Declared::read(&model.bytes).map_err(|what| engine.cannot_load(&model.bytes, what))?;
-        if let Some(file) = &declared.external {
-            return Err(Fault::new(format!(
-                "the network keeps weights in another file (`{file}`), and is run from one alone"
-            ))
-            .remedy("save it whole: python -c \"import onnx; onnx.save(onnx.load('net.onnx'), 'whole.onnx')\""));
-        }
+        let declared = pool::declared(model, params.provider)?;
         let Declared { inputs, outputs, .. } = &declared;
         let input = outlet("input", inputs, params.input_name.as_deref())?;
         let output = outlet("output", outputs, params.output_name.as_deref())?;
         if let (None, [_, other, ..]) = (&params.input_name, &inputs[..]) {
             return Err(Fault::new(format!("the network has several inputs ({}, {}, ...)", input.name, other.name))
-                .remedy("only networks of one image can be run: export the model with that one input"));
+                .remedy(
+                    "`mono/onnx` runs networks of one image; `stereo/onnx` takes two, `onnx` whatever its ports say",
+                ));
         }
         let size = input_size(input, params)?;
         check_output(output)?;
@@ -71,23 +54,22 @@ impl Network {
         check_memory(&declared, size, params)?;
         let meaning = meaning(&declared, params)?;
         let shape = match params.layout {
-            TensorLayout::Nchw => [batch, size.channels, size.height, size.width],
-            TensorLayout::Nhwc => [batch, size.height, size.width, size.channels],
+            TensorLayout::Nchw => vec![batch, size.channels, size.height, size.width],
+            TensorLayout::Nhwc => vec![batch, size.height, size.width, size.channels],
         };
-        let binding = Binding { input: input.name.clone(), shape, output: output.name.clone() };
-        let (model, sessions) = (Arc::clone(&model.bytes), Mutex::default());
-        let network = Self { engine, model, provider, threads, binding, batch, size, meaning, sessions };
-        let mut session = network.prepared(engine.session(&network.model, provider, threads)?)?;
+        let feed = Feed { name: input.name.clone(), element: Element::F32, shape };
+        let binding = Binding { inputs: vec![feed], outputs: vec![output.name.clone()] };
+        let pool = Pool::load(model, params.provider, params.threads, binding)?;
+        let network = Self { pool, batch, size, meaning };
         match output.tensor.as_ref().map(|(_, shape)| shape) {
             Some(shape) if !shape.is_empty() && shape.iter().all(|&side| side >= 0) => {
                 map_size(shape, batch).ok_or_else(|| network.no_map(shape))?;
             }
             // What it leaves open, a black image shows.
             _ => {
-                network.run_in(&mut session, &zeros::<f32>(batch * size.samples()).map_err(too_large)?)?;
+                network.run(&zeros::<f32>(batch * size.samples()).map_err(too_large)?)?;
             }
         }
-        network.give_back(session);
         Ok(network)
     }
 
@@ -95,42 +77,21 @@ impl Network {
     ///
     /// # Errors
     /// If the engine fails, or the output is no single map for each image.
-    pub fn run(&self, tensors: &[f32]) -> Result<Maps, Fault> {
-        let idle = self.sessions.lock().unwrap_or_else(PoisonError::into_inner).pop();
-        let mut session = match idle {
-            Some(session) => session,
-            None => self.prepared(self.engine.session(&self.model, self.provider, self.threads)?)?,
-        };
-        let result = self.run_in(&mut session, tensors);
-        self.give_back(session);
-        result
-    }
-
-    fn prepared(&self, mut session: EngineSession) -> Result<EngineSession, Fault> {
-        session.prepare(&self.binding).map_err(|what| self.engine.cannot_load(&self.model, what))?;
-        Ok(session)
-    }
-
-    fn give_back(&self, session: EngineSession) {
-        self.sessions.lock().unwrap_or_else(PoisonError::into_inner).push(session);
-    }
-
-    fn run_in(&self, session: &mut EngineSession, tensors: &[f32]) -> Result<Maps, Fault> {
-        let mut maps = Maps { values: Vec::new(), width: 0, height: 0 };
+    pub fn run(&self, tensors: &[f32]) -> Result<NetworkMaps, Fault> {
+        let mut maps = NetworkMaps { values: Vec::new(), width: 0, height: 0 };
         for tensor in tensors.chunks_exact(self.batch * self.size.samples()) {
-            let (shape, mut values) = session.run(&self.binding, tensor).map_err(|error| {
-                Fault::new(format!("{} failed to run the network", self.engine.title())).because(error)
-            })?;
-            let (width, height) = map_size(&shape, self.batch).ok_or_else(|| self.no_map(&shape))?;
-            maps.values.append(&mut values);
-            (maps.width, maps.height) = (width, height);
+            for Given { shape, mut values } in self.pool.run(&[tensor])? {
+                let (width, height) = map_size(&shape, self.batch).ok_or_else(|| self.no_map(&shape))?;
+                maps.values.append(&mut values);
+                (maps.width, maps.height) = (width, height);
+            }
         }
         Ok(maps)
     }
 
     fn no_map(&self, shape: &[i64]) -> Fault {
         let each = if self.batch == 1 { String::new() } else { format!(" for each of {} images", self.batch) };
-        let (name, shape) = (&self.binding.output, shown(shape));
+        let (name, shape) = (&self.pool.binding.outputs[0], shown(shape));
         Fault::new(format!("output `{name}` of the network has the shape {shape}, which is no single map{each}"))
             .remedy("name another output by `output_name`, or export the model with an output of 1x1xHxW")
     }
@@ -166,7 +127,7 @@ fn batch(input: &Outlet, output: &Outlet, params: &OnnxParams) -> usize {
     }
 }
 
-fn outlet<'a>(what: &str, outlets: &'a [Outlet], name: Option<&str>) -> Result<&'a Outlet, Fault> {
+pub(crate) fn outlet<'a>(what: &str, outlets: &'a [Outlet], name: Option<&str>) -> Result<&'a Outlet, Fault> {
     let named = |wanted: &str| outlets.iter().find(|outlet| outlet.name == wanted);
     let found = name.map_or(outlets.first(), named);
     found.ok_or_else(|| {
@@ -244,7 +205,7 @@ fn check_memory(declared: &Declared, size: InputSize, params: &OnnxParams) -> Re
     })
 }
 
-fn too_large(error: TooMuch) -> Fault {
+pub(super) fn too_large(error: TooMuch) -> Fault {
     Fault::new(error.to_string())
 }
 
@@ -269,7 +230,7 @@ fn map_size(shape: &[i64], batch: usize) -> Option<(usize, usize)> {
     (images == batch && width > 0 && height > 0).then_some((width, height))
 }
 
-fn shown(shape: &[i64]) -> String {
+pub(super) fn shown(shape: &[i64]) -> String {
     let side = |&side: &i64| if side < 0 { "?".to_owned() } else { side.to_string() };
     shape.iter().map(side).collect::<Vec<_>>().join("x")
 }

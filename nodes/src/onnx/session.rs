@@ -1,16 +1,51 @@
 //! A model in an engine: what it takes and gives, and one run of it.
 
+use std::borrow::Cow;
 use std::error::Error;
 
-use ort::session::Session;
-use ort::value::TensorRef;
+use half::f16;
+use ort::session::{Session, SessionInputValue};
+use ort::value::{DynValue, Tensor, TensorElementType, TensorRef};
 
-/// The one input that is fed and the one output that is read.
-#[derive(Clone)]
+/// An input that is fed: its numbers come in f32, and are made what the network takes.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Feed {
+    pub name: String,
+    pub element: Element,
+    pub shape: Vec<usize>,
+}
+
+/// The element types of inputs that can be fed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Element {
+    F32,
+    F16,
+    U8,
+}
+
+impl Element {
+    /// The element type of a tensor, if it can be fed.
+    pub const fn of(element: TensorElementType) -> Option<Self> {
+        match element {
+            TensorElementType::Float32 => Some(Self::F32),
+            TensorElementType::Float16 => Some(Self::F16),
+            TensorElementType::Uint8 => Some(Self::U8),
+            _ => None,
+        }
+    }
+}
+
+/// The inputs that are fed and the outputs that are read.
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Binding {
-    pub input: String,
-    pub shape: [usize; 4],
-    pub output: String,
+    pub inputs: Vec<Feed>,
+    pub outputs: Vec<String>,
+}
+
+/// An output: its shape and its values, row-major.
+pub(crate) struct Given {
+    pub shape: Vec<i64>,
+    pub values: Vec<f32>,
 }
 
 /// A model, loaded: one run at a time.
@@ -20,6 +55,8 @@ pub(crate) enum EngineSession {
     Tract(super::tract::TractSession),
 }
 
+type Failed = Box<dyn Error + Send + Sync>;
+
 impl EngineSession {
     /// Makes ready for runs of this binding.
     #[cfg_attr(not(feature = "tract"), expect(unused_variables, reason = "only tract plans for a binding"))]
@@ -27,25 +64,52 @@ impl EngineSession {
         match self {
             Self::OnnxRuntime(_) => Ok(()),
             #[cfg(feature = "tract")]
-            Self::Tract(session) => session.prepare(&binding.input, binding.shape, &binding.output),
+            Self::Tract(session) => session.prepare(binding),
         }
     }
 
-    /// The shape and the values that a tensor of the binding's shape becomes.
-    pub fn run(
-        &mut self,
-        binding: &Binding,
-        tensor: &[f32],
-    ) -> Result<(Vec<i64>, Vec<f32>), Box<dyn Error + Send + Sync>> {
+    /// What tensors of the binding's shapes become, by output of the binding.
+    pub fn run(&mut self, binding: &Binding, tensors: &[&[f32]]) -> Result<Vec<Given>, Failed> {
         match self {
             Self::OnnxRuntime(session) => {
-                let input = TensorRef::from_array_view((binding.shape, tensor))?;
-                let outputs = session.run(ort::inputs![binding.input.as_str() => input])?;
-                let map = outputs[binding.output.as_str()].try_extract_tensor::<f32>()?;
-                Ok((map.0.to_vec(), map.1.to_vec()))
+                let fed = binding.inputs.iter().zip(tensors);
+                let fed = fed.map(|(feed, tensor)| Ok((Cow::Borrowed(feed.name.as_str()), feed.value(tensor)?)));
+                let fed: Vec<(Cow<'_, str>, SessionInputValue<'_>)> = fed.collect::<ort::Result<_>>()?;
+                let outputs = session.run(fed)?;
+                binding.outputs.iter().map(|name| given(&outputs[name.as_str()])).collect()
             }
             #[cfg(feature = "tract")]
-            Self::Tract(session) => session.run(binding.shape, tensor).map_err(Into::into),
+            Self::Tract(session) => session.run(binding, tensors).map_err(Into::into),
         }
     }
+}
+
+impl Feed {
+    fn value<'t>(&self, tensor: &'t [f32]) -> ort::Result<SessionInputValue<'t>> {
+        let shape = self.shape.clone();
+        Ok(match self.element {
+            Element::F32 => TensorRef::from_array_view((shape, tensor))?.into(),
+            Element::F16 => {
+                let halves: Vec<f16> = tensor.iter().map(|&value| f16::from_f32(value)).collect();
+                Tensor::from_array((shape, halves))?.into()
+            }
+            Element::U8 => Tensor::from_array((shape, bytes(tensor)))?.into(),
+        })
+    }
+}
+
+/// Numbers as bytes: to the nearest, half to even, what lies outside as the nearest end.
+pub(crate) fn bytes(tensor: &[f32]) -> Vec<u8> {
+    tensor.iter().map(|value| value.round_ties_even() as u8).collect()
+}
+
+fn given(value: &DynValue) -> Result<Given, Failed> {
+    if let Ok((shape, values)) = value.try_extract_tensor::<f32>() {
+        return Ok(Given { shape: shape.to_vec(), values: values.to_vec() });
+    }
+    if let Ok((shape, values)) = value.try_extract_tensor::<f16>() {
+        return Ok(Given { shape: shape.to_vec(), values: values.iter().map(|value| value.to_f32()).collect() });
+    }
+    let (shape, values) = value.try_extract_tensor::<f64>()?;
+    Ok(Given { shape: shape.to_vec(), values: values.iter().map(|&value| value as f32).collect() })
 }

@@ -7,11 +7,16 @@ use std::sync::Arc;
 
 use depthloom_kernels::memory::{TooMuch, bytes_of};
 use depthloom_threads::Caught;
+use half::f16;
 use tract_onnx::pb::ModelProto;
 use tract_onnx::prelude::{
-    Datum, Framework, InferenceFact, InferenceModelExt, IntoRunnable, Tensor, TractError, TractResult,
+    Datum, DatumType, Framework, InferenceFact, InferenceModelExt, IntoRunnable, Tensor, TractError, TractResult,
     TypedRunnableModel, tvec,
 };
+
+use tract_onnx::tract_core::ops::Cost;
+
+use super::session::{self, Binding, Element, Given};
 
 /// The version that is compiled in; `Cargo.toml` pins it.
 pub const VERSION: &str = "0.23.9";
@@ -31,22 +36,26 @@ impl TractSession {
         })
     }
 
-    /// Plans the way from an input of a shape to an output.
-    pub fn prepare(&mut self, input: &str, shape: [usize; 4], output: &str) -> Result<(), String> {
+    /// Plans the way from inputs of fixed shapes to outputs.
+    pub fn prepare(&mut self, binding: &Binding) -> Result<(), String> {
         let plan = caught(|| {
-            // Sizes that the model leaves open are known here; what it says of them within is left to follow from the input's.
+            // Sizes that the model leaves open are known here; what it says of them within is left to follow from the inputs'.
             let parsed = tract_onnx::onnx().with_ignore_value_info(true).parse(&self.model, None)?;
             let mut graph = parsed.model;
-            let found = |name: &str| {
-                let outlet = parsed.outlets_by_name.get(name).copied();
+            let found = |name: &String| {
+                let outlet = parsed.outlets_by_name.get(name.as_str()).copied();
                 outlet.ok_or_else(|| TractError::msg(format!("nothing gives `{name}`")))
             };
             if let Some(name) = parsed.unresolved_inputs.first() {
                 return Err(TractError::msg(format!("nothing gives `{name}`")));
             }
-            graph.set_input_outlets(&[found(input)?])?;
-            graph.set_input_fact(0, InferenceFact::dt_shape(f32::datum_type(), shape))?;
-            graph.select_output_outlets(&[found(output)?])?;
+            let inputs: Vec<_> = binding.inputs.iter().map(|feed| found(&feed.name)).collect::<TractResult<_>>()?;
+            graph.set_input_outlets(&inputs)?;
+            for (index, feed) in binding.inputs.iter().enumerate() {
+                graph.set_input_fact(index, InferenceFact::dt_shape(datum_type(feed.element), &feed.shape))?;
+            }
+            let outputs: Vec<_> = binding.outputs.iter().map(found).collect::<TractResult<_>>()?;
+            graph.select_output_outlets(&outputs)?;
             let graph = graph.into_typed()?;
             // Sizes that follow from others are known now, and none of it is there yet.
             for fact in graph.nodes.iter().flat_map(|node| &node.outputs).map(|outlet| &outlet.fact) {
@@ -59,14 +68,63 @@ impl TractSession {
         Ok(())
     }
 
-    /// The output's shape and values, for a tensor of the shape that was prepared.
-    pub fn run(&self, shape: [usize; 4], tensor: &[f32]) -> Result<(Vec<i64>, Vec<f32>), String> {
+    /// What tensors of the shapes that were prepared become.
+    pub fn run(&self, binding: &Binding, tensors: &[&[f32]]) -> Result<Vec<Given>, String> {
         let plan = self.plan.as_ref().ok_or("the network was not prepared")?;
         caught(|| {
-            let outputs = plan.run(tvec!(Tensor::from_shape(&shape, tensor)?.into()))?;
-            let map = outputs[0].to_plain_array_view::<f32>()?;
-            Ok((map.shape().iter().map(|&side| side as i64).collect(), map.iter().copied().collect()))
+            let mut fed = tvec!();
+            for (feed, tensor) in binding.inputs.iter().zip(tensors) {
+                let tensor = match feed.element {
+                    Element::U8 => Tensor::from_shape(&feed.shape, &session::bytes(tensor))?,
+                    Element::F32 | Element::F16 => {
+                        let tensor = Tensor::from_shape(&feed.shape, tensor)?;
+                        tensor.cast_to_dt(datum_type(feed.element))?.into_owned()
+                    }
+                };
+                fed.push(tensor.into());
+            }
+            let outputs = plan.run(fed)?;
+            let mut given = Vec::with_capacity(outputs.len());
+            for output in outputs {
+                let output = output.cast_to::<f32>()?;
+                let view = output.to_plain_array_view::<f32>()?;
+                let shape = view.shape().iter().map(|&side| side as i64).collect();
+                given.push(Given { shape, values: view.iter().copied().collect() });
+            }
+            Ok(given)
         })
+    }
+}
+
+/// Multiplications with an addition in one run, its inputs in the model's order and of these shapes.
+pub fn multiply_adds(model: &[u8], shapes: &[Vec<usize>]) -> Result<u64, String> {
+    let mut bytes = model;
+    caught(|| {
+        let model = tract_onnx::onnx().proto_model_for_read(&mut bytes)?;
+        let mut graph = tract_onnx::onnx().with_ignore_value_info(true).parse(&model, None)?.model;
+        for (index, shape) in shapes.iter().enumerate() {
+            let datum_type = graph.input_fact(index)?.datum_type.clone();
+            let shaped = InferenceFact::dt_shape(f32::datum_type(), shape);
+            graph.set_input_fact(index, InferenceFact { datum_type, ..shaped })?;
+        }
+        let graph = graph.into_typed()?;
+        let mut sum = 0_u64;
+        for node in &graph.nodes {
+            for (cost, count) in node.op.cost(&graph.node_input_facts(node.id)?)? {
+                if let Cost::FMA(_) = cost {
+                    sum = sum.saturating_add(u64::try_from(count.to_i64()?).unwrap_or(0));
+                }
+            }
+        }
+        Ok(sum)
+    })
+}
+
+fn datum_type(element: Element) -> DatumType {
+    match element {
+        Element::F32 => f32::datum_type(),
+        Element::F16 => f16::datum_type(),
+        Element::U8 => u8::datum_type(),
     }
 }
 

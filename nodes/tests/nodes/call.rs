@@ -18,7 +18,8 @@ pub fn call(kind: &str, params: &Json, inputs: &[(&str, Value)]) -> Result<Value
     let node = registry.node_kind(kind).unwrap_or_else(|| panic!("{kind} is not registered"));
     let resolved =
         node.resolve(params).map_err(|error| Fault::new(format!("{}: {}", error.path.join("."), error.what)))?;
-    let ports = &node.declaration.inputs;
+    let signature = node.signature(&resolved)?;
+    let ports = &signature.inputs;
     let unknown = inputs.iter().find(|(name, _)| ports.iter().all(|port| port.name != *name));
     assert!(unknown.is_none(), "{kind} has no input {:?}", unknown.map(|(name, _)| name));
     let values: Vec<Option<Value>> = ports
@@ -28,8 +29,8 @@ pub fn call(kind: &str, params: &Json, inputs: &[(&str, Value)]) -> Result<Value
     let Instance::Pure(instance) = node.build(&resolved)? else { panic!("{kind} is not pure") };
     let mut scratch = Scratch::default();
     let outputs = instance.process(&Inputs::new(ports, &values), &mut Context::new(&InlineHost, &mut scratch))?;
-    let outputs = outputs.in_order_of(&node.declaration.outputs)?;
-    let named = node.declaration.outputs.iter().zip(outputs);
+    let outputs = outputs.in_order_of(&signature.outputs)?;
+    let named = signature.outputs.iter().zip(outputs);
     Ok(named.filter_map(|(port, value)| Some((port.name, value?))).collect())
 }
 

@@ -6,7 +6,7 @@ use depthloom_graphs::Port;
 use serde_json::{Value as Json, json};
 
 /// The kinds the language's documentation names, with their ports.
-const PORTS: [(&str, &[&str], &[&str]); 18] = [
+const PORTS: [(&str, &[&str], &[&str]); 20] = [
     ("confidence/edges", &["image"], &["mask"]),
     ("confidence/sobel", &["image"], &["weight"]),
     ("depth/from-disparity", &["disparity", "calibration"], &["depth"]),
@@ -19,12 +19,14 @@ const PORTS: [(&str, &[&str], &[&str]); 18] = [
     ("fusion/scale", &["mono", "stereo"], &["depth"]),
     ("mono/ground-plane", &["image", "calibration"], &["depth"]),
     ("mono/onnx", &["image", "calibration", "model"], &["depth"]),
+    ("onnx", &["model"], &[]),
     // Its ports are declared in an experiment.
     ("process", &[], &[]),
     ("score/depth", &["estimate", "truth", "image", "occluded", "obj_map"], &["rows"]),
     ("score/disparity", &["estimate", "truth", "calibration", "image", "occluded", "obj_map"], &["rows"]),
     ("stereo/bm", &["left", "right"], &["disparity"]),
     ("stereo/census-sgm", &["left", "right"], &["disparity"]),
+    ("stereo/onnx", &["left", "right", "model", "calibration"], &["disparity", "depth", "disparity_right"]),
     ("stereo/sgbm", &["left", "right"], &["disparity"]),
 ];
 
@@ -146,8 +148,12 @@ fn defaults_are_the_golden_settings() {
 fn resolving_twice_changes_nothing() {
     let registry = depthloom_nodes::registry();
     for node in registry.nodes() {
+        // What has no ports by itself is given some.
         let least = match node.declaration.kind {
             "process" => json!({ "command": ["true"], "ports": { "inputs": { "a": { "type": "depth" } } } }),
+            "onnx" => {
+                json!({ "ports": { "inputs": { "a": { "type": "depth" } }, "outputs": { "b": { "type": "mask" } } } })
+            }
             _ => json!({}),
         };
         let once = node.resolve(&least).unwrap();

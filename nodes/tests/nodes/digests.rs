@@ -93,6 +93,10 @@ fn calls() -> Vec<Calls> {
         &[Tensor("image", F32, &[1, 1, 10, 30])],
         &Tensor("share", F32, &[1, 1, 10, 30]),
     );
+    // Of its two inputs it gives the first.
+    let side = [1, 1, -1, -1];
+    let inputs = [Tensor("first", F32, &side), Tensor("second", F32, &side)];
+    let two = model(onnx_file::model("Identity", None, &inputs, &Tensor("map", F32, &side)));
     let pair = vec![("left", image(6)), ("right", image(0))];
     let fusion = vec![("mono", depth(2, 0)), ("stereo", depth(3, 5))];
     vec![
@@ -147,6 +151,28 @@ fn calls() -> Vec<Calls> {
             vec![("image", image(0)), ("calibration", calibration(72.0, 0.5)), ("model", model(network))],
         ),
         (
+            "onnx",
+            vec![json!({ "multiple": 16, "ports": {
+                "inputs": { "first": { "type": "depth", "form": "inverse", "scale": 3, "missing": 0.5 }, "second": { "type": "weight" } },
+                "outputs": {
+                    "depth": { "type": "depth", "name": "map", "scale": 7 },
+                    "sure": { "type": "weight", "name": "map", "offset": -0.2 },
+                },
+            } })],
+            vec![("first", depth(4, 6)), ("second", weight()), ("model", two.clone())],
+        ),
+        (
+            "onnx",
+            vec![json!({ "fit": "resize", "size": [64, 32], "ports": {
+                "inputs": { "first": { "type": "disparity" }, "second": { "type": "image", "white": 255 } },
+                "outputs": {
+                    "disparity": { "type": "disparity", "name": "map" },
+                    "mask": { "type": "mask", "name": "map", "form": "inverse", "scale": 0.2 },
+                },
+            } })],
+            vec![("first", gappy()), ("second", image(0)), ("model", two.clone())],
+        ),
+        (
             "score/depth",
             ["paper", "monodepth2", "kitti-depth"].map(|p| json!({ "preset": p, "sets": ["all", "answered"] })).to_vec(),
             vec![("estimate", depth(4, 6)), ("truth", depth(5, 3))],
@@ -177,6 +203,15 @@ fn calls() -> Vec<Calls> {
                 json!({ "disparities": 32, "census": "off-axis", "subpixel": false, "lr_max_diff": -1, "uniqueness": 0 }),
             ],
             pair.clone(),
+        ),
+        (
+            "stereo/onnx",
+            vec![
+                json!({ "white": 90, "right_view": true, "mean": [20, 0, 0] }),
+                json!({ "fit": "resize", "size": [64, 32], "output": "disparity-share", "output_scale": 0.4 }),
+                json!({ "multiple": 7, "pad_at": "centre", "pad_with": "zero", "output": "inverse-depth" }),
+            ],
+            vec![("left", image(6)), ("right", image(0)), ("calibration", calibration(72.0, 0.5)), ("model", two)],
         ),
         (
             "stereo/sgbm",
@@ -233,7 +268,7 @@ fn digests() -> BTreeMap<String, Key> {
     let calls = calls();
     for node in registry.nodes() {
         let kind = node.declaration.kind;
-        if kind == "mono/onnx"
+        if kind.ends_with("onnx")
             && let Err(fault) = depthloom_nodes::onnx::find()
         {
             depthloom_test_needs::skipped(&format!("the digest of {kind}"), &fault.chain());

@@ -25,5 +25,6 @@ mod ros2_bag_survey;
 mod score;
 mod score_disparity;
 mod steps;
+mod stereo_network;
 mod stereo_sets;
 mod stereo_sets_broken;

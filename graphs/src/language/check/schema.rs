@@ -21,7 +21,7 @@ pub fn schema(registry: &Registry) -> Json {
         name: kind.declaration.kind,
         summary: kind.declaration.summary,
         parameters: &kind.schema,
-        inputs: Some(&kind.declaration.inputs),
+        inputs: (!kind.own_ports).then_some(&kind.declaration.inputs[..]),
     });
     let source_kinds = registry.sources().map(|kind| Kind {
         name: kind.declaration.kind,
@@ -182,6 +182,7 @@ struct Kind<'r> {
     summary: &'static str,
     parameters: &'r Json,
     /// `None` for sources.
+    /// `None` of sources, and where they follow from the parameters.
     inputs: Option<&'r [Port]>,
 }
 
@@ -224,8 +225,7 @@ fn instance(kinds: Vec<Kind<'_>>, what: &str) -> Json {
         .map(|kind| {
             let mut then = Map::new();
             then.insert("with".to_owned(), parameters(kind.parameters));
-            // Ports that a node declares itself are known to the program alone.
-            if let Some(inputs) = kind.inputs.filter(|inputs| !inputs.is_empty()) {
+            if let Some(inputs) = kind.inputs {
                 then.insert("inputs".to_owned(), inputs_of(inputs));
             }
             json!({

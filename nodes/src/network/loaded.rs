@@ -1,0 +1,113 @@
+//! A network whose ports are declared, loaded: which tensor each port is.
+
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use depthloom_graphs::Fault;
+use depthloom_graphs::values::Artifact;
+
+use super::params::{InputType, NetworkParams};
+use crate::onnx::{self, Axes, Binding, Feed, Fitted, Pool, Sizes};
+
+/// A network and its tensors, in the order of the ports.
+pub(super) struct Loaded {
+    model: Artifact,
+    /// By input port: the tensor's name, its axes, and how many planes it takes.
+    pub inputs: Vec<(String, Axes, usize)>,
+    /// By output port: the tensor's name.
+    pub outputs: Vec<String>,
+    sizes: Sizes,
+    /// By the size of what the network sees.
+    pools: Mutex<HashMap<(usize, usize), Arc<Pool>>>,
+}
+
+impl Loaded {
+    /// Looks at a model; loads it where its inputs fix the size.
+    ///
+    /// # Errors
+    /// If it is no model, or its inputs and outputs are not those of the ports.
+    pub fn new(model: &Artifact, params: &NetworkParams) -> Result<Self, Fault> {
+        let declared = onnx::declared(model, params.provider)?;
+        let given: Vec<&str> = declared.inputs.iter().map(|input| input.name.as_str()).collect();
+        let named = |what: &str, port: &str, name: Option<&String>, all: &[&str]| match (name, all) {
+            (Some(name), _) => Ok(name.clone()),
+            (None, _) if all.contains(&port) => Ok(port.to_owned()),
+            (None, [only]) => Ok((*only).to_owned()),
+            (None, _) => Err(Fault::new(format!("the network has no {what} `{port}`; it has {}", all.join(", ")))
+                .remedy(format!("say which {what} port `{port}` is: `name: {}`", all.first().unwrap_or(&"NAME")))),
+        };
+        let mut inputs: Vec<(String, Axes, usize)> = Vec::with_capacity(params.ports.inputs.len());
+        for (port, input) in &params.ports.inputs {
+            let name = named("input", port, input.name.as_ref(), &given)?;
+            if inputs.iter().any(|(other, ..)| *other == name) {
+                return Err(Fault::new(format!("two ports are input `{name}` of the network")).remedy(format!(
+                    "say which input port `{port}` is by its `name`; the network has {}",
+                    given.join(", ")
+                )));
+            }
+            let outlet = onnx::outlet("input", &declared.inputs, Some(&name))?;
+            let axes = onnx::planes(outlet, input.layout)?;
+            let planes = match (input.value_type, axes.channels) {
+                (InputType::Image, None) => 3,
+                (InputType::Image, Some(planes @ (1 | 3))) | (_, Some(planes @ 1)) => planes,
+                (_, None) => 1,
+                (_, Some(other)) => {
+                    let wanted = if input.value_type == InputType::Image { "1 or 3" } else { "one" };
+                    return Err(Fault::new(format!(
+                        "input `{name}` of the network takes {other} channels, and port `{port}` has {wanted}"
+                    ))
+                    .remedy("see `layout`, or export the model with an input a port"));
+                }
+            };
+            if axes.batch.is_some_and(|batch| batch != 1) {
+                return Err(Fault::new(format!("input `{name}` of the network takes several images at once"))
+                    .remedy("export the model with a batch of 1, or an open one"));
+            }
+            inputs.push((name, axes, planes));
+        }
+        if let Some(unfed) = given.iter().find(|name| !inputs.iter().any(|(fed, ..)| fed == *name)) {
+            return Err(Fault::new(format!("no port feeds input `{unfed}` of the network"))
+                .remedy("declare one under `ports.inputs`, with its `name`"));
+        }
+        let all: Vec<&str> = declared.outputs.iter().map(|output| output.name.as_str()).collect();
+        let output = |(port, output): (&String, &super::params::NetworkOutput)| {
+            let name = named("output", port, output.name.as_ref(), &all)?;
+            onnx::outlet("output", &declared.outputs, Some(&name)).map(|outlet| outlet.name.clone())
+        };
+        let outputs = params.ports.outputs.iter().map(output).collect::<Result<_, _>>()?;
+        let named: Vec<(&str, Axes)> = inputs.iter().map(|(name, axes, _)| (name.as_str(), *axes)).collect();
+        let sizes = onnx::sizes(&named, params.size, params.multiple)?;
+        let loaded = Self { model: model.clone(), inputs, outputs, sizes, pools: Mutex::default() };
+        if let (Some(width), Some(height)) = (sizes.width, sizes.height) {
+            loaded.pool((width, height), params)?;
+        }
+        Ok(loaded)
+    }
+
+    /// The way of a frame of a size to the network's and back.
+    ///
+    /// # Errors
+    /// If the network takes no images of it.
+    pub fn fitted(&self, from: (usize, usize), params: &NetworkParams) -> Result<Fitted, Fault> {
+        Fitted::new(from, self.sizes, params.fit, params.pad_at)
+    }
+
+    /// The model, bound to tensors of a size.
+    ///
+    /// # Errors
+    /// If the engine cannot load it.
+    pub fn pool(&self, size: (usize, usize), params: &NetworkParams) -> Result<Arc<Pool>, Fault> {
+        let mut pools = self.pools.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(pool) = pools.get(&size) {
+            return Ok(Arc::clone(pool));
+        }
+        let feed = |(name, axes, planes): &(String, Axes, usize)| {
+            let shape = axes.shape(1, *planes, size);
+            Feed { name: name.clone(), element: axes.element, shape }
+        };
+        let binding = Binding { inputs: self.inputs.iter().map(feed).collect(), outputs: self.outputs.clone() };
+        let pool = Arc::new(Pool::load(&self.model, params.provider, params.threads, binding)?);
+        pools.insert(size, Arc::clone(&pool));
+        Ok(pool)
+    }
+}

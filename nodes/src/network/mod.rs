@@ -1,0 +1,168 @@
+//! `onnx`: any network, its ports declared by the experiment.
+
+mod loaded;
+mod maps;
+mod params;
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use depthloom_graphs::contracts::{Contract, NodeDeclaration, Signature, check_name};
+use depthloom_graphs::values::Artifact;
+use depthloom_graphs::{Context, Fault, Inputs, Instance, Key, Node, Outputs, Port, PureNode, ValueType};
+use depthloom_kernels::memory::TooMuch;
+
+use crate::onnx::{self, Look, Resize, numberless};
+use loaded::Loaded;
+pub(crate) use params::NetworkParams;
+use params::{InputType, NetworkInput};
+
+/// The kind `onnx`.
+pub struct OnnxNetwork {
+    params: NetworkParams,
+    network: Mutex<Option<(Key, Arc<Loaded>)>>,
+}
+
+/// The input port that the network itself comes in by.
+const MODEL: &str = "model";
+
+impl Node for OnnxNetwork {
+    type Params = NetworkParams;
+
+    const OWN_PORTS: bool = true;
+
+    fn declaration() -> NodeDeclaration {
+        let Signature { contract, inputs, outputs } = signature(&NetworkParams::default());
+        NodeDeclaration {
+            kind: "onnx",
+            version: 1,
+            contract,
+            summary: "Any network: an ONNX model whose inputs and outputs the experiment declares as ports.",
+            doc: "\
+`ports` says what goes in and what comes out, each port with the type of its values, the name of the tensor, and what is done between the two: \
+`ports: { inputs: { image: { type: image, name: input.1, mean: [0.485, 0.456, 0.406], std: [0.229, 0.224, 0.225] }, depth: { type: depth, form: inverse, scale: 10 } }, \
+outputs: { weight: { type: weight, name: sure } } }`. Ports are wired like those of any kind.\n\n\
+The port `model` comes by itself. All inputs of a frame are of one size. They are brought to the network's, and its maps back, as by `stereo/onnx`: padded, so that no pixel is \
+changed, or resized; a disparity is scaled with the width, there and back. A map becomes its tensor as `value * scale + offset` (of `1 / value` with `form: inverse`), `missing` where it has no answer; \
+an output becomes its value as `tensor * scale + offset`, inverted with `form: inverse`. Depths that are not above 0 and disparities below 0 are no answers, nor is what is \
+no number; weights are kept within [0, 1], and are 0 where they are no number.\n\n\
+Tensors have 2 to 4 axes (rows and columns; batch before them; channels where `layout` says), inputs of f32, f16 or u8. `depthloom onnx FILE` shows them and prints the lines for an experiment. \
+Engines, providers and keys are as of `mono/onnx`.",
+            inputs,
+            outputs,
+        }
+    }
+
+    fn signature(params: &NetworkParams) -> Option<Signature> {
+        Some(signature(params))
+    }
+
+    fn check(params: &NetworkParams) -> Result<(), (&'static str, String)> {
+        let ports = |what: String| Err(("ports", what));
+        if params.ports.inputs.is_empty() || params.ports.outputs.is_empty() {
+            return ports("ports wants at least one input and one output".to_owned());
+        }
+        let names = params.ports.inputs.keys().chain(params.ports.outputs.keys());
+        for name in names {
+            if let Err(what) = check_name(name) {
+                return ports(format!("port `{name}`: {what}"));
+            }
+        }
+        if params.ports.inputs.contains_key(MODEL) {
+            return ports("the port `model` comes by itself: it is the network".to_owned());
+        }
+        let is_flat = |input: &NetworkInput| input.std.contains(&0.0) || input.scale == 0.0;
+        if let Some((name, _)) = params.ports.inputs.iter().find(|(_, input)| is_flat(input)) {
+            return ports(format!("port `{name}`: neither std nor scale may be 0"));
+        }
+        if params.resize == Resize::Area && !params.round {
+            return Err((
+                "round",
+                "resize: area always rounds to 8 bits; round: false goes with resize: bilinear".to_owned(),
+            ));
+        }
+        Ok(())
+    }
+
+    fn fingerprint(params: &NetworkParams) -> Result<Option<Key>, Fault> {
+        onnx::find().map(|engine| Some(engine.fingerprint(params.provider)))
+    }
+
+    fn build(params: NetworkParams) -> Result<Instance, Fault> {
+        onnx::find()?.prepare(params.provider)?;
+        Ok(Instance::Pure(Box::new(Self { params, network: Mutex::new(None) })))
+    }
+}
+
+fn signature(params: &NetworkParams) -> Signature {
+    let port = |(name, value_type): (&String, ValueType)| Port::frame(Port::lasting(name), value_type, "");
+    let mut inputs: Vec<Port> =
+        params.ports.inputs.iter().map(|(name, input)| port((name, input.value_type.value_type()))).collect();
+    inputs.push(Port::once(
+        MODEL,
+        ValueType::Model,
+        "The network: an ONNX model; the other ports are those of `ports`.",
+    ));
+    let outputs =
+        params.ports.outputs.iter().map(|(name, output)| port((name, output.value_type.value_type()))).collect();
+    Signature { contract: Contract::Pure, inputs, outputs }
+}
+
+impl OnnxNetwork {
+    /// The network of a model, looked at when the first frame brings it.
+    fn network(&self, model: &Artifact) -> Result<Arc<Loaded>, Fault> {
+        let mut loaded = self.network.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((hash, network)) = &*loaded
+            && *hash == model.hash
+        {
+            return Ok(Arc::clone(network));
+        }
+        let network = Arc::new(Loaded::new(model, &self.params)?);
+        *loaded = Some((model.hash, Arc::clone(&network)));
+        Ok(network)
+    }
+
+    fn look(&self, input: &NetworkInput) -> Look {
+        let NetworkParams { resize, round, pad_with, .. } = self.params;
+        let NetworkInput { channels, white, mean, std, .. } = *input;
+        Look { channels, mean, std, white, resize, round, pad_with }
+    }
+}
+
+impl PureNode for OnnxNetwork {
+    fn prepare(&self, files: &Inputs<'_>) -> Result<(), Fault> {
+        files.optional::<Artifact>(MODEL)?.map_or(Ok(()), |model| self.network(model).map(|_| ()))
+    }
+
+    fn process(&self, inputs: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        let network = self.network(inputs.get::<Artifact>(MODEL)?)?;
+        let size = maps::common_size(inputs, &self.params.ports)?;
+        let fitted = network.fitted((size.0 as usize, size.1 as usize), &self.params)?;
+        let too_large = |error: TooMuch| {
+            Fault::new(error.to_string()).remedy("take smaller images, or `fit: resize` with a `size`")
+        };
+        let mut tensors = Vec::with_capacity(self.params.ports.inputs.len());
+        for ((name, input), (_, axes, planes)) in self.params.ports.inputs.iter().zip(&network.inputs) {
+            let planes = match input.value_type {
+                InputType::Image => self.look(input).planes(inputs.get(name)?, *planes, &fitted, false),
+                _ => maps::plane(inputs, name, input, &fitted, self.params.pad_with)?.map(|plane| vec![plane]),
+            };
+            let mut tensor = Vec::new();
+            axes.laid_out(&planes.map_err(too_large)?, &mut tensor);
+            tensors.push(tensor);
+        }
+        let tensors: Vec<&[f32]> = tensors.iter().map(Vec::as_slice).collect();
+        let given = network.pool(fitted.to, &self.params)?.run(&tensors)?;
+        let mut outputs = Outputs::none();
+        for (((name, output), tensor), given) in self.params.ports.outputs.iter().zip(&network.outputs).zip(given) {
+            let map = onnx::map_of(given, tensor, 1, output.head, output.layout)?;
+            let map = fitted.map_back(map.values, map.size).map_err(too_large)?;
+            let seen = numberless(&map);
+            if seen > 0 {
+                let what = format!("pixels of the network's output `{tensor}` are no numbers (NaN or infinity)");
+                ctx.host.warn_of(seen as u64, &what);
+            }
+            outputs = outputs.with(Port::lasting(name), maps::value(map, output, &fitted, self.params.cap, size));
+        }
+        Ok(outputs)
+    }
+}

@@ -1,0 +1,258 @@
+//! How a frame's images come to the size a network takes, and its maps back to theirs.
+
+use depthloom_graphs::Fault;
+use depthloom_kernels::memory::{TooMuch, zeros};
+use depthloom_kernels::resize::bilinear_f32;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// How images come to the network's size.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Fit {
+    /// Rows and columns are added and taken away again: no pixel is changed.
+    #[default]
+    Pad,
+    /// They are resized, and maps are resized back; disparities grow and shrink with the width.
+    Resize,
+}
+
+/// Where rows and columns are added.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum PadAt {
+    /// Below and to the right.
+    #[default]
+    BottomRight,
+    /// Above and to the right: PSMNet's and its followers'.
+    TopRight,
+    /// Above and to the left.
+    TopLeft,
+    /// Half on each side, the odd one below or to the right: RAFT-Stereo's.
+    Centre,
+}
+
+/// What is added.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum PadWith {
+    /// The nearest pixel of the image.
+    #[default]
+    Edge,
+    /// Zeros, in the normalised image.
+    Zero,
+}
+
+/// The sizes a network takes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Sizes {
+    /// Columns, if they are fixed, px.
+    pub width: Option<usize>,
+    /// Rows, if they are fixed, px.
+    pub height: Option<usize>,
+    /// What those that are not must be a multiple of, px.
+    pub multiple: usize,
+}
+
+/// The way of a frame of one size to the network's and back.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Fitted {
+    /// Columns and rows of the frame's images.
+    pub from: (usize, usize),
+    /// Columns and rows of what the network sees.
+    pub to: (usize, usize),
+    fit: Fit,
+    /// Where the image's first pixel lies.
+    at: (usize, usize),
+}
+
+impl Fitted {
+    /// # Errors
+    /// If the images are larger than what the network takes, and shall not be resized.
+    pub fn new(from: (usize, usize), sizes: Sizes, fit: Fit, pad_at: PadAt) -> Result<Self, Fault> {
+        let up = |side: usize, fixed: Option<usize>| fixed.unwrap_or_else(|| side.next_multiple_of(sizes.multiple));
+        let to = (up(from.0, sizes.width), up(from.1, sizes.height));
+        let at = match fit {
+            Fit::Resize => (0, 0),
+            Fit::Pad => {
+                let (Some(wide), Some(high)) = (to.0.checked_sub(from.0), to.1.checked_sub(from.1)) else {
+                    return Err(Fault::new(format!(
+                        "the network takes images of {}x{}, and these are {}x{}",
+                        to.0, to.1, from.0, from.1
+                    ))
+                    .remedy("resize them: `fit: resize`; or export the network with an open size"));
+                };
+                match pad_at {
+                    PadAt::BottomRight => (0, 0),
+                    PadAt::TopRight => (0, high),
+                    PadAt::TopLeft => (wide, high),
+                    PadAt::Centre => (wide / 2, high / 2),
+                }
+            }
+        };
+        Ok(Self { from, to, fit, at })
+    }
+
+    /// Pixels of what the network sees.
+    pub const fn pixels(&self) -> usize {
+        self.to.0 * self.to.1
+    }
+
+    /// Whether nothing is done to a plane.
+    fn is_same(&self) -> bool {
+        self.from == self.to
+    }
+
+    /// Whether planes are resized.
+    pub fn resizes(&self) -> bool {
+        self.fit == Fit::Resize && !self.is_same()
+    }
+
+    /// A length along rows, px of what the network sees, in px of the image.
+    pub fn columns_back(&self, length: f64) -> f64 {
+        if self.resizes() { length * self.from.0 as f64 / self.to.0 as f64 } else { length }
+    }
+
+    /// A plane of the image's size with rows and columns added. Only where planes are not resized.
+    ///
+    /// # Errors
+    /// If there is not the memory for it.
+    pub fn padded(&self, plane: &[f32], with: PadWith) -> Result<Vec<f32>, TooMuch> {
+        let ((width, height), (columns, rows), (left, top)) = (self.from, self.to, self.at);
+        let mut out = zeros::<f32>(columns * rows)?;
+        for (row, line) in out.chunks_exact_mut(columns).enumerate() {
+            let inside = row.checked_sub(top).filter(|row| *row < height);
+            let nearest = row.saturating_sub(top).min(height - 1);
+            let of_image = &plane[nearest * width..][..width];
+            match (inside, with) {
+                (None, PadWith::Zero) => {}
+                (Some(_), PadWith::Zero) => line[left..left + width].copy_from_slice(of_image),
+                (_, PadWith::Edge) => {
+                    line[..left].fill(of_image[0]);
+                    line[left..left + width].copy_from_slice(of_image);
+                    line[left + width..].fill(of_image[width - 1]);
+                }
+            }
+        }
+        Ok(out)
+    }
+
+    /// A plane of the image's size at the network's, as maps come there: resized bilinearly, or with the nearest value added.
+    ///
+    /// # Errors
+    /// If there is not the memory for it.
+    pub fn map_there(&self, plane: &[f32], with: PadWith) -> Result<Vec<f32>, TooMuch> {
+        if self.is_same() {
+            return Ok(plane.to_vec());
+        }
+        match self.fit {
+            Fit::Pad => self.padded(plane, with),
+            Fit::Resize => {
+                let mut out = zeros::<f32>(self.pixels())?;
+                bilinear_f32(plane, self.from.0, self.from.1, self.to.0, self.to.1, &mut out);
+                Ok(out)
+            }
+        }
+    }
+
+    /// A map of the network, of any size, as one of the image's: brought to the network's image first (bilinear, half-pixel centres), then
+    /// what was added is taken away, or the whole is resized. A pixel with part in one that is no number is none.
+    ///
+    /// # Errors
+    /// If there is not the memory for it.
+    pub fn map_back(&self, mut map: Vec<f32>, size: (usize, usize)) -> Result<Vec<f32>, TooMuch> {
+        if self.resizes() {
+            // From a map's own size in one step.
+            return resized(&mut map, size, self.from);
+        }
+        let map = if size == self.to { map } else { resized(&mut map, size, self.to)? };
+        if self.is_same() {
+            return Ok(map);
+        }
+        let ((width, height), (left, top)) = (self.from, self.at);
+        let rows = map.chunks_exact(self.to.0).skip(top).take(height);
+        Ok(rows.flat_map(|row| &row[left..left + width]).copied().collect())
+    }
+}
+
+/// A map resized bilinearly, of which some pixels may be no numbers: what has part in one of these is none.
+fn resized(map: &mut [f32], from: (usize, usize), to: (usize, usize)) -> Result<Vec<f32>, TooMuch> {
+    let mut out = zeros::<f32>(to.0 * to.1)?;
+    if from == to {
+        out.copy_from_slice(map);
+        return Ok(out);
+    }
+    if map.iter().all(|value| value.is_finite()) {
+        bilinear_f32(map, from.0, from.1, to.0, to.1, &mut out);
+    } else {
+        resize_answers(map, from, to, &mut out);
+    }
+    Ok(out)
+}
+
+/// Resizes a map of which some pixels are no numbers: what has part in none of them is as if there were none, the rest is NaN.
+pub fn resize_answers(
+    map: &mut [f32],
+    (from_width, from_height): (usize, usize),
+    (width, height): (usize, usize),
+    out: &mut [f32],
+) {
+    let gaps: Vec<f32> = map.iter().map(|value| f32::from(u8::from(!value.is_finite()))).collect();
+    map.iter_mut().filter(|value| !value.is_finite()).for_each(|value| *value = 0.0);
+    bilinear_f32(map, from_width, from_height, width, height, out);
+    let mut share_of_gaps = vec![0.0; out.len()];
+    bilinear_f32(&gaps, from_width, from_height, width, height, &mut share_of_gaps);
+    for (value, share) in out.iter_mut().zip(share_of_gaps) {
+        if share > 0.0 {
+            *value = f32::NAN;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Fit, Fitted, PadAt, PadWith, Sizes};
+
+    const OPEN: Sizes = Sizes { width: None, height: None, multiple: 4 };
+
+    fn fitted(pad_at: PadAt) -> Fitted {
+        Fitted::new((3, 2), OPEN, Fit::Pad, pad_at).expect("it fits")
+    }
+
+    #[test]
+    fn what_is_added_is_the_nearest_pixel_and_is_taken_away_again() {
+        let plane = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0];
+        let (a, b) = ([1.0, 2.0, 3.0, 3.0], [4.0, 5.0, 6.0, 6.0]);
+        let left = ([1.0, 1.0, 2.0, 3.0], [4.0, 4.0, 5.0, 6.0]);
+        for (pad_at, expected) in [
+            (PadAt::BottomRight, [a, b, b, b]),
+            (PadAt::TopRight, [a, a, a, b]),
+            (PadAt::TopLeft, [left.0, left.0, left.0, left.1]),
+            (PadAt::Centre, [a, a, b, b]),
+        ] {
+            let fitted = fitted(pad_at);
+            let padded = fitted.padded(&plane, PadWith::Edge).expect("memory");
+            assert_eq!(padded, expected.as_flattened(), "{pad_at:?}");
+            assert_eq!(fitted.map_back(padded, (4, 4)).expect("memory"), plane, "{pad_at:?}");
+        }
+        let zero = fitted(PadAt::TopLeft).padded(&plane, PadWith::Zero).expect("memory");
+        assert_eq!(zero[..9], [0.0; 9]);
+        assert_eq!(zero[9..], [1.0, 2.0, 3.0, 0.0, 4.0, 5.0, 6.0]);
+    }
+
+    #[test]
+    fn an_image_that_is_too_large_is_refused_unless_it_is_resized() {
+        let small = Sizes { width: Some(2), height: Some(2), multiple: 1 };
+        assert!(Fitted::new((3, 2), small, Fit::Pad, PadAt::Centre).is_err());
+        let resized = Fitted::new((3, 2), small, Fit::Resize, PadAt::Centre).expect("it fits");
+        assert_eq!((resized.to, resized.columns_back(2.0)), ((2, 2), 3.0));
+    }
+
+    #[test]
+    fn a_small_map_is_spread_over_what_the_network_saw() {
+        // Half the size: an even slope stays one, but for the edges.
+        let fitted = Fitted::new((4, 4), OPEN, Fit::Pad, PadAt::Centre).expect("it fits");
+        let map = fitted.map_back(vec![0.0, 2.0, 0.0, 2.0], (2, 2)).expect("memory");
+        assert_eq!(map[..4], [0.0, 0.5, 1.5, 2.0]);
+    }
+}

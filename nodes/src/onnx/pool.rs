@@ -1,0 +1,76 @@
+//! A model in the process's engine, with as many sessions as work at once.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use depthloom_graphs::Fault;
+use depthloom_graphs::values::Artifact;
+
+use super::choice;
+use super::engine::Engine;
+use super::model::Declared;
+use super::provider::Provider;
+use super::session::{Binding, EngineSession, Given};
+
+/// What a model declares, once it is known that this machine can run it with this provider.
+///
+/// # Errors
+/// If it is no model, keeps its weights elsewhere, or the engine has no such provider.
+pub(crate) fn declared(model: &Artifact, provider: Provider) -> Result<Declared, Fault> {
+    let engine = choice::find()?;
+    engine.offers(provider)?;
+    let declared = Declared::read(&model.bytes).map_err(|what| engine.cannot_load(&model.bytes, what))?;
+    if let Some(file) = &declared.external {
+        return Err(Fault::new(format!(
+            "the network keeps weights in another file (`{file}`), and is run from one alone"
+        ))
+        .remedy("save it whole: python -c \"import onnx; onnx.save(onnx.load('net.onnx'), 'whole.onnx')\""));
+    }
+    Ok(declared)
+}
+
+/// A model, bound to tensors of fixed shapes.
+pub(crate) struct Pool {
+    engine: &'static Engine,
+    model: Arc<[u8]>,
+    provider: Provider,
+    threads: usize,
+    pub binding: Binding,
+    // A session's `run` is not safe to share: every worker in it has a session of its own, given back for the next.
+    sessions: Mutex<Vec<EngineSession>>,
+}
+
+impl Pool {
+    /// Loads a model for tensors of the binding's shapes.
+    ///
+    /// # Errors
+    /// If the engine cannot load it, or not for these shapes.
+    pub fn load(model: &Artifact, provider: Provider, threads: u32, binding: Binding) -> Result<Self, Fault> {
+        let (model, threads) = (Arc::clone(&model.bytes), threads as usize);
+        let pool = Self { engine: choice::find()?, model, provider, threads, binding, sessions: Mutex::default() };
+        let session = pool.session()?;
+        pool.give_back(session);
+        Ok(pool)
+    }
+
+    /// Runs the model on a tensor an input of the binding; what it gives, by output of the binding.
+    ///
+    /// # Errors
+    /// If the engine fails.
+    pub fn run(&self, tensors: &[&[f32]]) -> Result<Vec<Given>, Fault> {
+        let idle = self.sessions.lock().unwrap_or_else(PoisonError::into_inner).pop();
+        let mut session = idle.map_or_else(|| self.session(), Ok)?;
+        let result = session.run(&self.binding, tensors);
+        self.give_back(session);
+        result.map_err(|error| Fault::new(format!("{} failed to run the network", self.engine.title())).because(error))
+    }
+
+    fn session(&self) -> Result<EngineSession, Fault> {
+        let mut session = self.engine.session(&self.model, self.provider, self.threads)?;
+        session.prepare(&self.binding).map_err(|what| self.engine.cannot_load(&self.model, what))?;
+        Ok(session)
+    }
+
+    fn give_back(&self, session: EngineSession) {
+        self.sessions.lock().unwrap_or_else(PoisonError::into_inner).push(session);
+    }
+}

@@ -1,0 +1,245 @@
+//! What the shapes of a network's inputs and outputs say: batch, channels, rows, columns; one map or several.
+
+use depthloom_graphs::Fault;
+
+use super::fit::Sizes;
+use super::model::Outlet;
+use super::network::shown;
+use super::params::TensorLayout;
+use super::session::{Element, Given};
+
+/// The axes of an input of planes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Axes {
+    /// Its numbers.
+    pub element: Element,
+    /// How many images or maps at once; `None` where the network leaves it open.
+    pub batch: Option<usize>,
+    /// Planes of one; 1 where there is no such axis, `None` where the network leaves it open.
+    pub channels: Option<usize>,
+    /// Rows, px; `None` where the network leaves them open.
+    pub height: Option<usize>,
+    /// Columns, px; `None` where the network leaves them open.
+    pub width: Option<usize>,
+    rank: usize,
+    layout: TensorLayout,
+}
+
+/// The axes of an input of 2 to 4 axes: rows and columns, batch before them, channels where the layout says.
+///
+/// # Errors
+/// If it is no such tensor, or of numbers that cannot be fed.
+pub fn planes(input: &Outlet, layout: TensorLayout) -> Result<Axes, Fault> {
+    let name = &input.name;
+    let Some((element, shape)) = &input.tensor else {
+        return Err(Fault::new(format!("input `{name}` of the network is no tensor")));
+    };
+    let Some(element) = Element::of(*element) else {
+        return Err(Fault::new(format!(
+            "input `{name}` of the network holds {element}, where f32, f16 or u8 is wanted"
+        ))
+        .remedy("export the model with an input of f32 values"));
+    };
+    let wrong = || {
+        let order = match layout {
+            TensorLayout::Nchw => "batch x channels x rows x columns (layout: nchw)",
+            TensorLayout::Nhwc => "batch x rows x columns x channels (layout: nhwc)",
+        };
+        Fault::new(format!("input `{name}` of the network has the shape {}, which is not {order}", shown(shape)))
+            .remedy("`layout` is nchw or nhwc; maps may leave out channels, and batch")
+    };
+    let (batch, channels, height, width) = match (&shape[..], layout) {
+        (&[height, width], _) => (1, 1, height, width),
+        (&[batch, height, width], _) => (batch, 1, height, width),
+        (&[batch, channels, height, width], TensorLayout::Nchw)
+        | (&[batch, height, width, channels], TensorLayout::Nhwc) => (batch, channels, height, width),
+        _ => return Err(wrong()),
+    };
+    // An open number of channels beside rows or columns that are as many as channels are: the other layout is meant.
+    let is_other = shape.len() == 4 && channels == -1 && matches!(height.min(width), 1..=6);
+    if is_other || [batch, channels, height, width].contains(&0) {
+        return Err(wrong());
+    }
+    let side = |side: i64| usize::try_from(side).ok();
+    let (batch, channels, height, width) = (side(batch), side(channels), side(height), side(width));
+    Ok(Axes { element, batch, channels, height, width, rank: shape.len(), layout })
+}
+
+impl Axes {
+    /// The shape of a tensor of so many images of so many planes of a size.
+    pub fn shape(&self, batch: usize, channels: usize, (width, height): (usize, usize)) -> Vec<usize> {
+        match (self.rank, self.layout) {
+            (2, _) => vec![height, width],
+            (3, _) => vec![batch, height, width],
+            (_, TensorLayout::Nchw) => vec![batch, channels, height, width],
+            (_, TensorLayout::Nhwc) => vec![batch, height, width, channels],
+        }
+    }
+
+    /// Planes in the order of the tensor.
+    pub fn laid_out(&self, planes: &[Vec<f32>], tensor: &mut Vec<f32>) {
+        match (self.rank, self.layout) {
+            (4, TensorLayout::Nhwc) if planes.len() > 1 => {
+                let pixels = planes.first().map_or(0, Vec::len);
+                for pixel in 0..pixels {
+                    tensor.extend(planes.iter().map(|plane| plane[pixel]));
+                }
+            }
+            _ => planes.iter().for_each(|plane| tensor.extend_from_slice(plane)),
+        }
+    }
+}
+
+/// The size of what a network sees: what its inputs fix, else what the experiment asks for, else a multiple.
+///
+/// # Errors
+/// If inputs are fixed at different sizes, or the experiment asks for another.
+pub fn sizes(inputs: &[(&str, Axes)], asked: Option<[u32; 2]>, multiple: u32) -> Result<Sizes, Fault> {
+    let side = |what: &str, of: fn(&Axes) -> Option<usize>, asked: Option<u32>| {
+        let asked = asked.map(|asked| asked as usize);
+        let mut found = asked.map(|side| ("`size`", side));
+        for (name, axes) in inputs {
+            match (of(axes), found) {
+                (Some(fixed), Some((other, side))) if side != fixed => {
+                    return Err(Fault::new(format!(
+                        "{other} has {side} {what}, and input `{name}` of the network takes {fixed}"
+                    ))
+                    .remedy("leave `size` out: the network says it itself"));
+                }
+                (Some(fixed), _) => found = Some((name, fixed)),
+                (None, _) => {}
+            }
+        }
+        Ok(found.map(|(_, side)| side))
+    };
+    Ok(Sizes {
+        width: side("columns", |axes| axes.width, asked.map(|size| size[0]))?,
+        height: side("rows", |axes| axes.height, asked.map(|size| size[1]))?,
+        multiple: multiple as usize,
+    })
+}
+
+/// How many of `images` images one run takes: all of them if every input and the output leave the batch open or fix it at that, one if they fix it at one.
+///
+/// # Errors
+/// If the network wants another number at once.
+pub fn batch(inputs: &[(&str, Axes)], output: &Outlet, images: usize) -> Result<usize, Fault> {
+    let of_output = output.tensor.as_ref().filter(|(_, shape)| shape.len() > 2).map(|(_, shape)| shape[0]);
+    let mut batch = if of_output.is_some_and(|first| first == -1 || first == images as i64) { images } else { 1 };
+    for (name, axes) in inputs {
+        match axes.batch {
+            None => {}
+            Some(1) => batch = 1,
+            Some(fixed) if fixed == images => batch = images,
+            Some(fixed) => {
+                return Err(Fault::new(format!("input `{name}` of the network takes {fixed} images at once"))
+                    .remedy("export the model with a batch of 1, or an open one"));
+            }
+        }
+    }
+    Ok(batch)
+}
+
+/// The maps of an output: one for each image of a batch, one after the other.
+pub struct Maps {
+    /// Row-major, one map after the other.
+    pub values: Vec<f32>,
+    /// Columns and rows of a map.
+    pub size: (usize, usize),
+}
+
+/// The map of each of `batch` images in an output. Where it holds several for one image (heads, channels, steps of refinement), `head` says which:
+/// counted from 0, or from the last with -1.
+///
+/// # Errors
+/// If it holds no maps, others than so many, or no such head.
+pub fn map_of(given: Given, name: &str, batch: usize, head: Option<i64>, layout: TensorLayout) -> Result<Maps, Fault> {
+    let wrong = |why: String| {
+        Err(Fault::new(format!("output `{name}` of the network has the shape {}, {why}", shown(&given.shape))).remedy(
+            "name another output, choose of several maps by `head`, or export the model with an output of 1x1xHxW",
+        ))
+    };
+    let sides: Vec<usize> = given.shape.iter().map(|&side| usize::try_from(side).unwrap_or(0)).collect();
+    let in_last = layout == TensorLayout::Nhwc && sides.len() == 4;
+    let (lead, height, width, trail) = match sides[..] {
+        [ref lead @ .., height, width, trail] if in_last || trail == 1 && lead.len() == 1 => {
+            (lead, height, width, trail)
+        }
+        [ref lead @ .., height, width] => (lead, height, width, 1),
+        _ => return wrong("which is no map".to_owned()),
+    };
+    let of_all = lead.iter().product::<usize>() * trail;
+    if height == 0 || width == 0 || of_all == 0 || of_all % batch != 0 || batch > 1 && lead.first() != Some(&batch) {
+        return wrong(format!("which is no map for each of {batch} images"));
+    }
+    let heads = of_all / batch;
+    let chosen = match head {
+        None if heads == 1 => 0,
+        None => return wrong(format!("which is {heads} maps for one image")),
+        Some(head) => {
+            let from_first = if head < 0 { head + heads as i64 } else { head };
+            match usize::try_from(from_first).ok().filter(|head| *head < heads) {
+                Some(head) => head,
+                None => return wrong(format!("which has no head {head}: it holds {heads}")),
+            }
+        }
+    };
+    let pixels = width * height;
+    let values = if heads == 1 {
+        given.values
+    } else if trail > 1 {
+        // Channels lie together: the lead is the batch.
+        let before = heads / trail;
+        if before != 1 {
+            return wrong("which holds maps on two axes".to_owned());
+        }
+        given.values.iter().skip(chosen).step_by(trail).copied().collect()
+    } else {
+        let of_image = |image: usize| &given.values[(image * heads + chosen) * pixels..][..pixels];
+        (0..batch).flat_map(of_image).copied().collect()
+    };
+    Ok(Maps { values, size: (width, height) })
+}
+
+/// How many values are NaN or infinite.
+pub fn numberless(values: &[f32]) -> usize {
+    values.iter().filter(|value| !value.is_finite()).count()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::params::TensorLayout::{Nchw, Nhwc};
+    use super::super::session::Given;
+    use super::map_of;
+
+    fn given(shape: &[i64]) -> Given {
+        let count: i64 = shape.iter().product();
+        Given { shape: shape.to_vec(), values: (0..count).map(|value| value as f32).collect() }
+    }
+
+    #[test]
+    fn a_map_is_found_in_any_usual_shape() {
+        for shape in [&[2, 3][..], &[1, 2, 3], &[1, 1, 2, 3], &[1, 2, 3, 1], &[1, 1, 1, 2, 3]] {
+            let maps = map_of(given(shape), "out", 1, None, Nchw).unwrap_or_else(|fault| panic!("{shape:?}: {fault}"));
+            assert_eq!((maps.size, maps.values.len()), ((3, 2), 6), "{shape:?}");
+        }
+        for shape in [&[3][..], &[], &[1, 2, 2, 3], &[2, 1, 2, 3], &[1, 1, 0, 3]] {
+            assert!(map_of(given(shape), "out", 1, None, Nchw).is_err(), "{shape:?}");
+        }
+    }
+
+    #[test]
+    fn of_several_maps_the_head_is_taken() {
+        let first = |shape: &[i64], batch, head, layout| {
+            map_of(given(shape), "out", batch, Some(head), layout)
+                .map(|maps| maps.values)
+                .map_err(|fault| fault.to_string())
+        };
+        assert_eq!(first(&[1, 2, 1, 3], 1, 1, Nchw), Ok(vec![3.0, 4.0, 5.0]));
+        assert_eq!(first(&[4, 1, 1, 1, 2], 1, -1, Nchw), Ok(vec![6.0, 7.0]), "steps of refinement");
+        assert_eq!(first(&[1, 1, 3, 2], 1, 0, Nhwc), Ok(vec![0.0, 2.0, 4.0]));
+        assert_eq!(first(&[2, 2, 1, 2], 2, 1, Nchw), Ok(vec![2.0, 3.0, 6.0, 7.0]), "one for each image");
+        assert!(first(&[1, 2, 1, 3], 1, 2, Nchw).is_err_and(|told| told.contains("no head 2: it holds 2")));
+        assert!(first(&[1, 2, 1, 3], 1, -3, Nchw).is_err());
+    }
+}

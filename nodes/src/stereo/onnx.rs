@@ -1,0 +1,221 @@
+//! `stereo/onnx`: any network that maps a rectified pair to disparity.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use depthloom_graphs::contracts::{Contract, NodeDeclaration, Signature};
+use depthloom_graphs::values::{Artifact, Calibration, Depth, Disparity, Image};
+use depthloom_graphs::{Context, Fault, Inputs, Instance, Key, Node, Outputs, Port, PureNode, ValueType};
+use depthloom_kernels::memory::TooMuch;
+
+use super::onnx_network::{PairNetwork, View};
+use super::onnx_params::{StereoOnnxParams, StereoOutput};
+use crate::onnx::{self, Fitted, Look, Resize, numberless};
+use crate::shape::{filled, same_size};
+
+/// The kind `stereo/onnx`.
+pub struct StereoOnnx {
+    params: StereoOnnxParams,
+    network: Mutex<Option<(Key, Arc<PairNetwork>)>>,
+}
+
+impl Node for StereoOnnx {
+    type Params = StereoOnnxParams;
+
+    const OWN_PORTS: bool = true;
+
+    fn declaration() -> NodeDeclaration {
+        let Signature { contract, inputs, outputs } =
+            signature(&StereoOnnxParams { right_view: true, ..Default::default() });
+        NodeDeclaration {
+            kind: "stereo/onnx",
+            version: 1,
+            contract,
+            summary: "Disparity and depth by a network: any ONNX model that maps a rectified pair to a map.",
+            doc: "\
+Both images are brought to the size that the network takes, scaled to [0, `white`], normalised by `mean` and `std`, and given to its two inputs, or to the one that \
+takes them as channels of one tensor (six, or two of grey). With `fit: pad` rows and columns are added up to the next `multiple`, the nearest pixels again, and taken off \
+the answer: no pixel of the image is changed. With `fit: resize` images are resized, the answer is resized back (bilinear, half-pixel centres), and disparities are scaled by \
+the ratio of the widths. A map that is smaller than what the network sees, such as one of its strides, is spread over it first; its values stay as they are (`output_scale: 4` \
+where they are pixels of a quarter of the image).\n\n\
+`disparity` is in 1/16 px, as of all matchers here, for checks and filters; `depth` is made of the network's own numbers, \
+`Z = min(f * B / (d + doffs), cap)`. Where the network gives NaN or infinity, an answer below `min_disparity`, or `d + doffs <= 0`, there is none. With `right_view` the network sees \
+the mirrored right image as left and the mirrored left one as right, and its answer, mirrored back, is the right image's disparity, as `disparity/left-right` wants it: negative. Both \
+views are one batch where the model leaves it open, or fixes it at 2.\n\n\
+Inputs of f32, f16 and u8 are fed, outputs of f32, f16 and f64 read. The model is a file (`model: { file: net.onnx }`), its weights in that one file; `depthloom onnx FILE` shows what it \
+takes and prints the lines for an experiment. Engines, providers and keys are as of `mono/onnx`.",
+            inputs,
+            outputs,
+        }
+    }
+
+    fn signature(params: &StereoOnnxParams) -> Option<Signature> {
+        Some(signature(params))
+    }
+
+    fn check(params: &StereoOnnxParams) -> Result<(), (&'static str, String)> {
+        if params.std.contains(&0.0) {
+            return Err(("std", "std must not be 0: every channel is divided by it".to_owned()));
+        }
+        if params.resize == Resize::Area && !params.round {
+            return Err((
+                "round",
+                "resize: area always rounds to 8 bits; round: false goes with resize: bilinear".to_owned(),
+            ));
+        }
+        if params.output_scale == 0.0 {
+            return Err(("output_scale", "output_scale must not be 0".to_owned()));
+        }
+        Ok(())
+    }
+
+    fn fingerprint(params: &StereoOnnxParams) -> Result<Option<Key>, Fault> {
+        onnx::find().map(|engine| Some(engine.fingerprint(params.provider)))
+    }
+
+    fn build(params: StereoOnnxParams) -> Result<Instance, Fault> {
+        onnx::find()?.prepare(params.provider)?;
+        Ok(Instance::Pure(Box::new(Self { params, network: Mutex::new(None) })))
+    }
+}
+
+fn signature(params: &StereoOnnxParams) -> Signature {
+    let mut inputs = vec![
+        Port::frame("left", ValueType::Image, "The left image of a rectified pair, grey or RGB."),
+        Port::frame("right", ValueType::Image, "The right image, of the same size."),
+        Port::once("model", ValueType::Model, "The network: an ONNX model of two images, or of one input for both."),
+    ];
+    if params.wants_calibration() {
+        inputs.push(Port::frame(
+            "calibration",
+            ValueType::Calibration,
+            "Focal length and baseline; with `depth`, or where the network itself gives depths.",
+        ));
+    }
+    let mut outputs =
+        vec![Port::frame("disparity", ValueType::Disparity, "The left image's disparity, 1/16 px, rounded.")];
+    if params.depth {
+        outputs.push(Port::frame("depth", ValueType::Depth, "Depth, f32 metres, not rounded; with `depth`."));
+    }
+    if params.right_view {
+        let doc = "The right image's disparity, negative, 1/16 px; with `right_view`.";
+        outputs.push(Port::frame("disparity_right", ValueType::Disparity, doc));
+    }
+    Signature { contract: Contract::Pure, inputs, outputs }
+}
+
+impl StereoOnnx {
+    /// The network of a model, looked at when the first frame brings it.
+    fn network(&self, model: &Artifact) -> Result<Arc<PairNetwork>, Fault> {
+        let mut loaded = self.network.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((hash, network)) = &*loaded
+            && *hash == model.hash
+        {
+            return Ok(Arc::clone(network));
+        }
+        let network = Arc::new(PairNetwork::load(model, &self.params)?);
+        *loaded = Some((model.hash, Arc::clone(&network)));
+        Ok(network)
+    }
+
+    fn look(&self) -> Look {
+        let StereoOnnxParams { channels, mean, std, white, resize, round, pad_with, .. } = self.params;
+        Look { channels, mean, std, white, resize, round, pad_with }
+    }
+
+    /// The network's answer as disparities of the image, px, in place; NaN where there is none.
+    fn pixels(&self, map: &mut [f32], fitted: &Fitted, calibration: Option<&Calibration>) {
+        let scale = self.params.output_scale;
+        let of_lengths = match self.params.output {
+            StereoOutput::DisparityPx => Some(scale * fitted.columns_back(1.0)),
+            StereoOutput::DisparityShare => Some(scale * fitted.columns_back(fitted.to.0 as f64)),
+            StereoOutput::InverseDepth | StereoOutput::Depth => None,
+        };
+        let least = self.params.min_disparity as f32;
+        for value in map {
+            let px = match (of_lengths, calibration) {
+                (Some(factor), _) => *value * factor as f32,
+                (None, Some(calibration)) => {
+                    let given = f64::from(*value) * scale;
+                    let metres = if self.params.output == StereoOutput::Depth { given } else { 1.0 / given };
+                    // What is behind the camera, or nowhere, is no answer.
+                    if metres > 0.0 { calibration.disparity_px(metres) as f32 } else { f32::NAN }
+                }
+                (None, None) => f32::NAN,
+            };
+            *value = if px.is_finite() && px >= least { px } else { f32::NAN };
+        }
+    }
+
+    fn depth(&self, px: &[f32], calibration: &Calibration, size: (u32, u32)) -> Depth {
+        let (metre_pixels, doffs) = (calibration.focal_baseline_px_m() as f32, calibration.doffs_px as f32);
+        let cap = self.params.cap.map_or(f32::INFINITY, |cap| cap as f32);
+        let metres = filled(size, |out: &mut [f32]| {
+            for (metres, px) in out.iter_mut().zip(px) {
+                let px = px + doffs;
+                *metres = if px > 0.0 { (metre_pixels / px).min(cap) } else { f32::NAN };
+            }
+        });
+        Depth { metres }
+    }
+}
+
+/// The smallest disparity that a right view can have, px: what is no answer lies one below.
+const RIGHT_LEAST_PX: i32 = -2047;
+
+/// Disparities in fixed point; `sign` is -1 of the right image's.
+fn fixed(px: &[f32], min_disparity_px: i32, sign: f32, size: (u32, u32)) -> Disparity {
+    let none = ((min_disparity_px - 1) * 16) as i16;
+    let sixteenths_px = filled(size, |out: &mut [i16]| {
+        for (fixed, px) in out.iter_mut().zip(px) {
+            let sixteenths = (px * sign * 16.0).round_ties_even();
+            let fits = sixteenths > f32::from(i16::MIN) && sixteenths <= f32::from(i16::MAX);
+            *fixed = if fits { sixteenths as i16 } else { none };
+        }
+    });
+    Disparity { sixteenths_px, min_disparity_px }
+}
+
+impl PureNode for StereoOnnx {
+    fn prepare(&self, files: &Inputs<'_>) -> Result<(), Fault> {
+        files.optional::<Artifact>("model")?.map_or(Ok(()), |model| self.network(model).map(|_| ()))
+    }
+
+    fn process(&self, inputs: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        let (left, right) = (inputs.get::<Image>("left")?, inputs.get::<Image>("right")?);
+        let size = left.dimensions();
+        same_size(("left", size), ("right", right.dimensions()))?;
+        let calibration = match self.params.wants_calibration() {
+            true => Some(inputs.get::<Calibration>("calibration")?),
+            false => None,
+        };
+        let network = self.network(inputs.get::<Artifact>("model")?)?;
+        let fitted = network.fitted((size.0 as usize, size.1 as usize))?;
+        let mut views = vec![View { first: left, second: right, mirrored: false }];
+        if self.params.right_view {
+            views.push(View { first: right, second: left, mirrored: true });
+        }
+        let too_large = |error: TooMuch| {
+            Fault::new(error.to_string()).remedy("take smaller images, or `fit: resize` with a `size`")
+        };
+        let maps = network.run(&views, &fitted, &self.look())?;
+        let mut outputs = Outputs::none();
+        for (view, (map, map_size)) in views.iter().zip(maps) {
+            let mut px = fitted.map_back(map, map_size).map_err(too_large)?;
+            let seen = numberless(&px);
+            if seen > 0 {
+                ctx.host.warn_of(seen as u64, "pixels of the network are no numbers (NaN or infinity)");
+            }
+            self.pixels(&mut px, &fitted, calibration.map(AsRef::as_ref));
+            if view.mirrored {
+                px.chunks_exact_mut(fitted.from.0).for_each(<[f32]>::reverse);
+                outputs = outputs.with("disparity_right", fixed(&px, RIGHT_LEAST_PX, -1.0, size));
+                continue;
+            }
+            outputs = outputs.with("disparity", fixed(&px, self.params.min_disparity, 1.0, size));
+            if let (true, Some(calibration)) = (self.params.depth, calibration) {
+                outputs = outputs.with("depth", self.depth(&px, calibration, size));
+            }
+        }
+        Ok(outputs)
+    }
+}

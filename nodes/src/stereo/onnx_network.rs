@@ -1,0 +1,165 @@
+//! A stereo network, loaded: which inputs take which image, and one run over the views of a frame.
+
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use depthloom_graphs::Fault;
+use depthloom_graphs::values::{Artifact, Image};
+
+use super::onnx_params::{PairOrder, StereoOnnxParams};
+use crate::onnx::{self, Axes, Binding, Feed, Fitted, Look, Pool, Sizes};
+
+/// A pair of images as the network sees it.
+pub(super) struct View<'a> {
+    /// What it takes for the left image.
+    pub first: &'a Image,
+    /// What it takes for the right image.
+    pub second: &'a Image,
+    /// Whether both are mirrored.
+    pub mirrored: bool,
+}
+
+/// A network of two images.
+pub(super) struct PairNetwork {
+    model: Artifact,
+    params: StereoOnnxParams,
+    /// One, or one an image.
+    inputs: Vec<(String, Axes)>,
+    /// Planes of one image.
+    planes: usize,
+    output: String,
+    sizes: Sizes,
+    batch: usize,
+    /// By the size of what the network sees.
+    pools: Mutex<HashMap<(usize, usize), Arc<Pool>>>,
+}
+
+impl PairNetwork {
+    /// Looks at a model; loads it where its inputs fix the size.
+    ///
+    /// # Errors
+    /// If it is no model, or of other inputs than a stereo network has.
+    pub fn load(model: &Artifact, params: &StereoOnnxParams) -> Result<Self, Fault> {
+        let declared = onnx::declared(model, params.provider)?;
+        let names: Vec<&str> = declared.inputs.iter().map(|input| input.name.as_str()).collect();
+        let asked = [params.left_name.as_deref(), params.right_name.as_deref()];
+        let chosen: Vec<&str> = match (asked, &names[..]) {
+            ([Some(left), Some(right)], _) => vec![left, right],
+            ([None, None], [one]) => vec![*one],
+            ([Some(one), None] | [None, Some(one)], [_]) => vec![one],
+            ([None, None], [left, right]) => vec![*left, *right],
+            _ => {
+                return Err(Fault::new(format!("the network has the inputs {}", names.join(", ")))
+                    .remedy("say which takes which image: `left_name` and `right_name`; a network of other inputs is run by `onnx`"));
+            }
+        };
+        let outlet = |name: &&str| onnx::outlet("input", &declared.inputs, Some(name));
+        let found: Vec<_> = chosen.iter().map(outlet).collect::<Result<_, _>>()?;
+        let axes: Vec<Axes> = found.iter().map(|input| onnx::planes(input, params.layout)).collect::<Result<_, _>>()?;
+        let planes = planes_of(&chosen, &axes)?;
+        let named: Vec<(&str, Axes)> = chosen.iter().copied().zip(axes.iter().copied()).collect();
+        let sizes = onnx::sizes(&named, params.size, params.multiple)?;
+        let output = onnx::outlet("output", &declared.outputs, params.output_name.as_deref())?;
+        let batch = onnx::batch(&named, output, 1 + usize::from(params.right_view))?;
+        let network = Self {
+            model: model.clone(),
+            params: params.clone(),
+            inputs: named.into_iter().map(|(name, axes)| (name.to_owned(), axes)).collect(),
+            planes,
+            output: output.name.clone(),
+            sizes,
+            batch,
+            pools: Mutex::default(),
+        };
+        if let (Some(width), Some(height)) = (sizes.width, sizes.height) {
+            network.pool((width, height))?;
+        }
+        Ok(network)
+    }
+
+    /// The way of images of a size to the network's and back.
+    ///
+    /// # Errors
+    /// If the network takes no images of it.
+    pub fn fitted(&self, from: (usize, usize)) -> Result<Fitted, Fault> {
+        Fitted::new(from, self.sizes, self.params.fit, self.params.pad_at)
+    }
+
+    /// The network's map of each view, with its columns and rows.
+    ///
+    /// # Errors
+    /// If there is not the memory, the engine fails, or the output is no map.
+    pub fn run(
+        &self,
+        views: &[View<'_>],
+        fitted: &Fitted,
+        look: &Look,
+    ) -> Result<Vec<(Vec<f32>, (usize, usize))>, Fault> {
+        let pool = self.pool(fitted.to)?;
+        let mut maps = Vec::with_capacity(views.len());
+        for views in views.chunks(self.batch) {
+            let mut tensors: Vec<Vec<f32>> = vec![Vec::new(); self.inputs.len()];
+            for view in views {
+                let planes = |image: &Image| {
+                    look.planes(image, self.planes, fitted, view.mirrored)
+                        .map_err(|error| Fault::new(error.to_string()))
+                };
+                let (mut first, mut second) = (planes(view.first)?, planes(view.second)?);
+                if let [tensor] = &mut tensors[..] {
+                    if self.params.order == PairOrder::RightLeft {
+                        std::mem::swap(&mut first, &mut second);
+                    }
+                    first.append(&mut second);
+                    self.inputs[0].1.laid_out(&first, tensor);
+                } else {
+                    self.inputs[0].1.laid_out(&first, &mut tensors[0]);
+                    self.inputs[1].1.laid_out(&second, &mut tensors[1]);
+                }
+            }
+            let tensors: Vec<&[f32]> = tensors.iter().map(Vec::as_slice).collect();
+            let Some(given) = pool.run(&tensors)?.pop() else { continue };
+            let found = onnx::map_of(given, &self.output, self.batch, self.params.head, self.params.layout)?;
+            let pixels = found.size.0 * found.size.1;
+            maps.extend(found.values.chunks_exact(pixels).map(|map| (map.to_vec(), found.size)));
+        }
+        Ok(maps)
+    }
+
+    fn pool(&self, size: (usize, usize)) -> Result<Arc<Pool>, Fault> {
+        let mut pools = self.pools.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(pool) = pools.get(&size) {
+            return Ok(Arc::clone(pool));
+        }
+        let planes = if self.inputs.len() == 1 { 2 * self.planes } else { self.planes };
+        let feed = |(name, axes): &(String, Axes)| {
+            let shape = axes.shape(self.batch, planes, size);
+            Feed { name: name.clone(), element: axes.element, shape }
+        };
+        let binding = Binding { inputs: self.inputs.iter().map(feed).collect(), outputs: vec![self.output.clone()] };
+        let pool = Arc::new(Pool::load(&self.model, self.params.provider, self.params.threads, binding)?);
+        pools.insert(size, Arc::clone(&pool));
+        Ok(pool)
+    }
+}
+
+/// Planes of one image: three or one. An open number is taken to be that of colour images.
+fn planes_of(names: &[&str], axes: &[Axes]) -> Result<usize, Fault> {
+    let wrong = |name: &str, channels: usize, wanted: &str| {
+        Err(Fault::new(format!("input `{name}` of the network takes {channels} channels, where {wanted} are wanted"))
+            .remedy("see `layout`; a network of other inputs is run by `onnx`"))
+    };
+    match axes {
+        [both] => match both.channels {
+            None | Some(6) => Ok(3),
+            Some(2) => Ok(1),
+            Some(other) => wrong(names[0], other, "those of two images, 6 or 2,"),
+        },
+        _ => {
+            let of = |axes: &Axes| axes.channels.unwrap_or(3);
+            match axes.iter().zip(names).find(|(one, _)| ![1, 3].contains(&of(one)) || of(one) != of(&axes[0])) {
+                Some((other, name)) => wrong(name, of(other), "1 or 3, in both inputs,"),
+                None => Ok(of(&axes[0])),
+            }
+        }
+    }
+}
