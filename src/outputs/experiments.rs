@@ -324,6 +324,9 @@ pub struct NodesKind {
     contract: String,
     version: u32,
     summary: String,
+    /// Of a kind whose ports follow from its parameters: those below are the usual ones.
+    #[schemars(skip_serializing_if = "Option::is_none")]
+    own_ports: Option<bool>,
     doc: String,
     inputs: Vec<Port>,
     outputs: Vec<Port>,

@@ -113,7 +113,7 @@ fn every_output_is_what_its_schema_says() {
 
     told("doctor", 0, &["doctor", "--json"]);
     told("nodes", 0, &["nodes", "--json"]);
-    let network = depthloom_test_needs::workspace().join("tests/fixtures/networks/shifts.onnx");
+    let network = workspace().join("tests/fixtures/networks/shifts.onnx");
     let onnx = told("onnx", 0, &["onnx", network.to_str().expect("a path"), "--json"]);
     assert_eq!(onnx["kind"], "stereo/onnx");
     told("nodes-kind", 0, &["nodes", "stereo/sgbm", "--json"]);

@@ -19,8 +19,8 @@ pub fn kinds_json(registry: &Registry) -> Json {
     json!({ "kinds": sources.chain(nodes).collect::<Vec<_>>() })
 }
 
-/// Everything about one kind: the same, with `doc`, `inputs`, `outputs` and the JSON Schema of its `parameters`. `None` if there is
-/// no such kind.
+/// Everything about one kind: the same, with `doc`, `inputs`, `outputs` and the JSON Schema of its `parameters`; and `own_ports: true`
+/// where ports follow from these. `None` if there is no such kind.
 #[must_use]
 pub fn kind_json(registry: &Registry, kind: &str) -> Option<Json> {
     let (mut json, doc, inputs, outputs, schema) = if let Some(node) = registry.node_kind(kind) {
@@ -33,6 +33,9 @@ pub fn kind_json(registry: &Registry, kind: &str) -> Option<Json> {
         let head = head(declared.kind, "source", declared.version, declared.summary);
         (head, declared.doc, &[][..], &declared.outputs, &source.schema)
     };
+    if registry.node_kind(kind).is_some_and(|node| node.own_ports) {
+        json["own_ports"] = true.into();
+    }
     json["doc"] = doc.trim().into();
     json["inputs"] = inputs.iter().map(port).collect();
     json["outputs"] = outputs.iter().map(port).collect();

@@ -32,6 +32,9 @@ pub fn kind_reference(registry: &Registry, kind: &str) -> Option<String> {
         let mut text = format!("# {}\n\n{}\n", declaration.kind, declaration.summary);
         let _ = writeln!(text, "\n{} node, version {}.", capital(declaration.contract.name()), declaration.version);
         paragraph(&mut text, declaration.doc);
+        if node.own_ports {
+            paragraph(&mut text, "Which ports a node has follows from its parameters.");
+        }
         ports(&mut text, "Inputs", &declaration.inputs);
         files(&mut text, &declaration.inputs);
         ports(&mut text, "Outputs", &declaration.outputs);

@@ -95,6 +95,8 @@ pub struct Process;
 impl Node for Process {
     type Params = ProcessParams;
 
+    const OWN_PORTS: bool = true;
+
     fn declaration() -> NodeDeclaration {
         NodeDeclaration {
             kind: "process",
