@@ -56,7 +56,7 @@ pub fn planes(input: &Outlet, layout: TensorLayout) -> Result<Axes, Fault> {
         _ => return Err(wrong()),
     };
     // An open number of channels beside rows or columns that are as many as channels are: the other layout is meant.
-    let is_other = shape.len() == 4 && channels == -1 && matches!(height.min(width), 1..=6);
+    let is_other = shape.len() == 4 && channels == -1 && [height, width].iter().any(|side| (1..=6).contains(side));
     if is_other || [batch, channels, height, width].contains(&0) {
         return Err(wrong());
     }

@@ -177,7 +177,7 @@ fn a_network_that_is_no_stereo_network_is_refused_with_its_remedy() {
     let error = stereo("fusion.onnx", &json!({})).unwrap_err();
     assert!(error.contains("the network has the inputs mono, stereo, weight") && error.contains("`onnx`"), "{error}");
     let error = stereo("shifts.onnx", &json!({ "layout": "nhwc" })).unwrap_err();
-    assert!(error.contains("see `layout`"), "{error}");
+    assert!(error.contains("(layout: nhwc)") && error.contains("`layout` is nchw or nhwc"), "{error}");
     let error = stereo("shifts.onnx", &json!({ "left_name": "left", "right_name": "rihgt" })).unwrap_err();
     assert!(error.contains("no input `rihgt`; it has left, right"), "{error}");
     let error = stereo("pair.onnx", &json!({ "size": null, "head": 0, "right_view": true, "order": "left-right" }));
