@@ -1,5 +1,6 @@
 //! Whether this experiment may start programs: because the person says so now, or said so of this file in a configuration of their own.
 
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use depthloom_nodes::process::permission;
@@ -38,7 +39,12 @@ fn is_listed(experiment: Option<&Path>) -> Result<bool, Stop> {
     let (Some(experiment), Some(file)) = (experiment, file()) else { return Ok(false) };
     let text = match std::fs::read_to_string(&file) {
         Ok(text) => text,
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(false),
+        // Without one nothing is permitted. Nor with one that is not for us: the home folder of whoever started this, as of a service's user.
+        Err(error)
+            if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory | ErrorKind::PermissionDenied) =>
+        {
+            return Ok(false);
+        }
         Err(error) => {
             return Err(Stop::because(Exit::Before, format_args!("failed to read {}", file.display()), &error));
         }
