@@ -459,7 +459,7 @@ mod tests {
         let (found, passes) = tried_by(3, &ends, room, Trial::Some(4.0), 4);
         assert_eq!((found, passes), (sorted(3, &ends), 1));
         // Where a trial saw others than most, the median is elsewhere.
-        let of = |at: u16| if at % 4 == 0 { f32::from(1 + at / 4 % 100) } else { 20.0 };
+        let of = |at: u16| if at.is_multiple_of(4) { f32::from(1 + at / 4 % 100) } else { 20.0 };
         let drifting: Vec<(u32, f32)> = (0..40_000).map(|at| (0, of(at))).collect();
         let (found, passes) = tried_by(1, &drifting, room, Trial::Some(4.0), 4);
         assert_eq!((found, passes), (sorted(1, &drifting), 2));

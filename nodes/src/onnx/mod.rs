@@ -56,4 +56,4 @@ pub(crate) use network::{Network, outlet};
 pub(crate) use params::{Channels, OnnxParams, Output, Resize, TensorLayout};
 pub(crate) use pool::{Pool, declared};
 pub(crate) use session::{Binding, Feed};
-pub(crate) use shapes::{Axes, batch, map_of, numberless, planes, sizes};
+pub(crate) use shapes::{Axes, Maps, batch, map_of, numberless, planes, sizes};

@@ -103,7 +103,7 @@ pub fn multiply_adds(model: &[u8], shapes: &[Vec<usize>]) -> Result<u64, String>
         let model = tract_onnx::onnx().proto_model_for_read(&mut bytes)?;
         let mut graph = tract_onnx::onnx().with_ignore_value_info(true).parse(&model, None)?.model;
         for (index, shape) in shapes.iter().enumerate() {
-            let datum_type = graph.input_fact(index)?.datum_type.clone();
+            let datum_type = graph.input_fact(index)?.datum_type;
             let shaped = InferenceFact::dt_shape(f32::datum_type(), shape);
             graph.set_input_fact(index, InferenceFact { datum_type, ..shaped })?;
         }

@@ -199,8 +199,8 @@ impl PureNode for StereoOnnx {
         };
         let maps = network.run(&views, &fitted, &self.look())?;
         let mut outputs = Outputs::none();
-        for (view, (map, map_size)) in views.iter().zip(maps) {
-            let mut px = fitted.map_back(map, map_size).map_err(too_large)?;
+        for (view, map) in views.iter().zip(maps) {
+            let mut px = fitted.map_back(map.values, map.size).map_err(too_large)?;
             let seen = numberless(&px);
             if seen > 0 {
                 ctx.host.warn_of(seen as u64, "pixels of the network are no numbers (NaN or infinity)");

@@ -7,7 +7,7 @@ use depthloom_graphs::Fault;
 use depthloom_graphs::values::{Artifact, Image};
 
 use super::onnx_params::{PairOrder, StereoOnnxParams};
-use crate::onnx::{self, Axes, Binding, Feed, Fitted, Look, Pool, Sizes};
+use crate::onnx::{self, Axes, Binding, Feed, Fitted, Look, Maps, Pool, Sizes};
 
 /// A pair of images as the network sees it.
 pub(super) struct View<'a> {
@@ -85,16 +85,11 @@ impl PairNetwork {
         Fitted::new(from, self.sizes, self.params.fit, self.params.pad_at)
     }
 
-    /// The network's map of each view, with its columns and rows.
+    /// The network's map of each view.
     ///
     /// # Errors
     /// If there is not the memory, the engine fails, or the output is no map.
-    pub fn run(
-        &self,
-        views: &[View<'_>],
-        fitted: &Fitted,
-        look: &Look,
-    ) -> Result<Vec<(Vec<f32>, (usize, usize))>, Fault> {
+    pub fn run(&self, views: &[View<'_>], fitted: &Fitted, look: &Look) -> Result<Vec<Maps>, Fault> {
         let pool = self.pool(fitted.to)?;
         let mut maps = Vec::with_capacity(views.len());
         for views in views.chunks(self.batch) {
@@ -120,7 +115,8 @@ impl PairNetwork {
             let Some(given) = pool.run(&tensors)?.pop() else { continue };
             let found = onnx::map_of(given, &self.output, self.batch, self.params.head, self.params.layout)?;
             let pixels = found.size.0 * found.size.1;
-            maps.extend(found.values.chunks_exact(pixels).map(|map| (map.to_vec(), found.size)));
+            let map = |map: &[f32]| Maps { values: map.to_vec(), size: found.size };
+            maps.extend(found.values.chunks_exact(pixels).map(map));
         }
         Ok(maps)
     }
