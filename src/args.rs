@@ -3,6 +3,7 @@
 mod analyse;
 mod compare;
 mod data;
+mod dora;
 mod experiment;
 mod export;
 mod figure;
@@ -19,6 +20,7 @@ use clap_complete::engine::ArgValueCompleter;
 pub use analyse::{AnalyseArgs, SamplesArgs};
 pub use compare::{CompareArgs, CompareBy, IntervalArgs, IntervalOption};
 pub use data::DataArgs;
+pub use dora::{DoraArgs, DoraNodeArgs};
 pub use experiment::{CheckArgs, ExecArgs, ExperimentArgs, GraphArgs, GraphFormat, PlanArgs};
 pub use export::{ColoursOption, ExportArgs, ExportFormat};
 pub use figure::{FigureArgs, FigureFormat};
@@ -97,6 +99,11 @@ pub enum Command {
     Nodes(NodesArgs),
     /// Show what an ONNX file takes, gives and costs, and print the lines that put it into an experiment.
     Onnx(OnnxArgs),
+    /// Print the experiment as a dataflow of dora's, every node a process of its own, on one machine or several; `dora run` runs it.
+    Dora(DoraArgs),
+    /// Be a node of such a dataflow; dora calls this.
+    #[command(hide = true)]
+    DoraNode(DoraNodeArgs),
     /// Write synthetic street frames as a data set in KITTI stereo 2015 layout.
     Synth(SynthArgs),
     /// Show what this machine offers: cores, SIMD, engine of networks, data roots.

@@ -25,6 +25,7 @@ mod completion;
 mod contact_sheet;
 mod counted;
 mod diagnostics;
+mod dora;
 mod earlier;
 mod environment;
 mod exit;
@@ -139,6 +140,8 @@ fn program(registry: &Registry, as_json: bool) -> Result<Exit, Stop> {
         Command::Runs(args) => commands::runs::runs(&args),
         Command::Nodes(args) => commands::nodes::nodes(&args, registry),
         Command::Onnx(args) => commands::onnx::onnx(&args),
+        Command::Dora(args) => commands::dora::dora(&args, registry),
+        Command::DoraNode(args) => commands::dora::dora_node(args, registry),
         Command::Synth(args) => commands::synth::synth(&args),
         Command::Doctor(args) => commands::doctor::doctor(args.json),
         Command::New(args) => commands::new::new(&args),

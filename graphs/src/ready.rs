@@ -89,68 +89,39 @@ impl Ready {
     ///
     /// # Errors
     /// Everything that is missing, in plan order.
-    pub fn new(mut plan: Plan, registry: &Registry) -> Result<Self, Vec<NotReady>> {
+    pub fn new(plan: Plan, registry: &Registry) -> Result<Self, Vec<NotReady>> {
         let mut missing = Vec::new();
         let mut files = BTreeMap::new();
         let mut prints = BTreeMap::new();
         let mut runs = Vec::with_capacity(plan.runs.len());
         for (index, run) in plan.runs.iter().enumerate() {
-            let source = open(&run.source, registry)
-                .map_err(|(kind, fault)| {
-                    missing.push(NotReady::Source { name: run.source.name.clone(), kind, fault });
-                })
-                .ok();
+            let source = open(&run.source, registry).map_err(|error| missing.push(error)).ok();
             let mut nodes = Vec::with_capacity(run.nodes.len());
-            for (position, node) in run.nodes.iter().enumerate() {
-                let at_node = |fault| NotReady::Node {
-                    stage: run.stage.clone(),
-                    name: node.name.clone(),
-                    kind: node.kind.clone(),
-                    fault,
-                };
-                let built = registry
-                    .node_kind(&node.kind)
-                    .ok_or_else(|| Fault::new("this engine has no such kind"))
-                    .and_then(|kind| Ok((kind.build(&node.params)?, kind.fingerprint(&node.params)?)));
-                let before = missing.len();
-                for input in &node.inputs {
-                    let Some(Origin::File(path)) = &input.from else { continue };
-                    if files.contains_key(path) {
-                        continue;
-                    }
-                    match read_once_value(path, input.port.value_type) {
-                        Ok(value) => {
-                            files.insert(path.clone(), value);
-                        }
-                        Err(fault) => missing.push(NotReady::File {
-                            stage: run.stage.clone(),
-                            name: node.name.clone(),
-                            port: input.port.name,
-                            fault,
-                        }),
-                    }
-                }
-                match built {
+            for position in 0..run.nodes.len() {
+                match build(&plan, (index, position), registry, &mut files) {
                     Ok((instance, fingerprint)) => {
-                        if missing.len() == before
-                            && let Err(fault) = show_files(&instance, node, &files)
-                        {
-                            missing.push(at_node(fault));
-                        }
                         prints.extend(fingerprint.map(|key| ((index, position), key)));
                         nodes.push(instance);
                     }
-                    Err(fault) => missing.push(at_node(fault)),
+                    Err(errors) => missing.extend(errors),
                 }
             }
             if let Some(source) = source {
                 runs.push(ReadyRun { source, nodes });
             }
         }
-        if !missing.is_empty() {
-            return Err(missing);
-        }
-        fingerprints::add(&mut plan, &prints);
+        if missing.is_empty() { Ok(Self::of(plan, runs, files, &prints)) } else { Err(missing) }
+    }
+
+    /// A plan with what stands behind its stage runs, wherever it was made: `fingerprints` are those of its nodes, by stage run and node.
+    #[must_use]
+    pub fn of(
+        mut plan: Plan,
+        runs: Vec<ReadyRun>,
+        files: BTreeMap<PathBuf, Value>,
+        fingerprints: &BTreeMap<(usize, usize), Key>,
+    ) -> Self {
+        fingerprints::add(&mut plan, fingerprints);
         let mut warnings: Vec<String> = Vec::new();
         for (run, ready) in plan.runs.iter().zip(&runs) {
             let told = ready.source.warnings().iter().map(|what| format!("source `{}`: {what}", run.source.name));
@@ -160,8 +131,61 @@ impl Ready {
                 }
             }
         }
-        Ok(Self { plan, runs, files, warnings })
+        Self { plan, runs, files, warnings }
     }
+}
+
+/// Builds a node of a plan, named by stage run and index; the files among its inputs are read into `files`, unless they are there, and shown to it. With it
+/// comes the fingerprint of the engine it runs in, if that decides its results.
+///
+/// # Errors
+/// Everything that is missing.
+pub fn build(
+    plan: &Plan,
+    (run, position): (usize, usize),
+    registry: &Registry,
+    files: &mut BTreeMap<PathBuf, Value>,
+) -> Result<(Instance, Option<Key>), Vec<NotReady>> {
+    let run = &plan.runs[run];
+    let node = &run.nodes[position];
+    let at_node =
+        |fault| NotReady::Node { stage: run.stage.clone(), name: node.name.clone(), kind: node.kind.clone(), fault };
+    let built = registry
+        .node_kind(&node.kind)
+        .ok_or_else(|| Fault::new("this engine has no such kind"))
+        .and_then(|kind| Ok((kind.build(&node.params)?, kind.fingerprint(&node.params)?)));
+    let mut missing = read_files(&run.stage, node, files);
+    let built = built.map_err(|fault| missing.push(at_node(fault))).ok();
+    if let Some((instance, _)) = &built
+        && missing.is_empty()
+        && let Err(fault) = show_files(instance, node, files)
+    {
+        missing.push(at_node(fault));
+    }
+    built.filter(|_| missing.is_empty()).ok_or(missing)
+}
+
+/// Reads the files among a node's inputs, unless they are there; gives what cannot be read.
+pub fn read_files(stage: &str, node: &PlannedNode, files: &mut BTreeMap<PathBuf, Value>) -> Vec<NotReady> {
+    let mut missing = Vec::new();
+    for input in &node.inputs {
+        let Some(Origin::File(path)) = &input.from else { continue };
+        if files.contains_key(path) {
+            continue;
+        }
+        match read_once_value(path, input.port.value_type) {
+            Ok(value) => {
+                files.insert(path.clone(), value);
+            }
+            Err(fault) => missing.push(NotReady::File {
+                stage: stage.to_owned(),
+                name: node.name.clone(),
+                port: input.port.name,
+                fault,
+            }),
+        }
+    }
+    missing
 }
 
 /// Lets a node look at the once-values that files give it, so that what is wrong with them is found before any frame.
@@ -191,15 +215,19 @@ fn read_once_value(path: &Path, value_type: ValueType) -> Result<Value, Fault> {
     }
 }
 
-/// Opens a stage's source; the kind of the part at fault comes with the fault.
-fn open(source: &PlannedSource, registry: &Registry) -> Result<Box<dyn Source>, (String, Fault)> {
+/// Opens a stage's source.
+///
+/// # Errors
+/// What is missing, with the kind of the part at fault.
+pub fn open(source: &PlannedSource, registry: &Registry) -> Result<Box<dyn Source>, NotReady> {
     let mut parts = Vec::with_capacity(source.parts.len());
     for part in &source.parts {
         let opened = registry
             .source_kind(&part.kind)
             .ok_or_else(|| Fault::new("this engine has no such kind"))
             .and_then(|kind| kind.open(&part.params));
-        parts.push(opened.map_err(|fault| (part.kind.clone(), fault))?);
+        let (name, kind) = (source.name.clone(), part.kind.clone());
+        parts.push(opened.map_err(|fault| NotReady::Source { name, kind, fault })?);
     }
     match parts.pop() {
         Some(only) if parts.is_empty() => Ok(only),

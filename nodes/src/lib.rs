@@ -11,6 +11,7 @@
 //! assert_eq!(resolved["cap"], 60.0);
 //! ```
 
+pub mod dora;
 pub mod inspection;
 pub mod kitti_layout;
 pub mod onnx;

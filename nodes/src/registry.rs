@@ -5,6 +5,7 @@ use depthloom_graphs::Registry;
 use crate::confidence::{Edges, Sobel};
 use crate::depth::FromDisparity;
 use crate::disparity::{Fill, LeftRight, Speckle, WeightedLeastSquares};
+use crate::dora::Dora;
 use crate::filter::Median;
 use crate::fusion::{Confidence, Scale};
 use crate::mono::{GroundPlane, Onnx};
@@ -53,6 +54,7 @@ pub fn registry() -> Registry {
         .node::<Confidence>()
         .node::<Median>()
         .node::<Process>()
+        .node::<Dora>()
         .node::<ScoreDepth>()
         .node::<ScoreDisparity>()
 }

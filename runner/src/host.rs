@@ -24,6 +24,8 @@ pub(crate) struct TaskHost<'a> {
     pub(crate) run: usize,
     /// The node that works, if it is one.
     pub(crate) node: Option<usize>,
+    /// The position of the frame it works on, if it is one.
+    pub(crate) position: Option<usize>,
     /// Of a once-node: the key of what it gives, and where it may put down checkpoints.
     pub(crate) once: Option<(Key, &'a Checkpoints)>,
     /// Processor time of helpers.
@@ -109,6 +111,10 @@ impl Host for TaskHost<'_> {
         self.helpers_cpu_ns.fetch_add(cpu_ns, Ordering::Relaxed);
     }
 
+    fn position(&self) -> Option<usize> {
+        self.position
+    }
+
     fn key(&self) -> Option<Key> {
         self.once.map(|(key, _)| key)
     }
@@ -148,6 +154,7 @@ mod tests {
             warnings,
             run: 0,
             node: None,
+            position: None,
             once: None,
             helpers_cpu_ns: AtomicU64::new(0),
             told: Mutex::default(),

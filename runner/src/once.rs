@@ -293,7 +293,8 @@ impl<T: Tap> OnceWork<'_, T> {
         let (run, helpers_cpu_ns) = (self.run, AtomicU64::new(0));
         let once = key.map(|key| (key, checkpoints));
         let (told, is_repeated) = (Mutex::default(), false);
-        TaskHost { budget, interrupt, observer, warnings, run, node, once, helpers_cpu_ns, told, is_repeated }
+        let position = None;
+        TaskHost { budget, interrupt, observer, warnings, run, node, position, once, helpers_cpu_ns, told, is_repeated }
     }
 
     /// Does a job.

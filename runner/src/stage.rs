@@ -288,6 +288,7 @@ impl<'a, T: Tap> Stage<'a, T> {
             warnings: self.warnings,
             run: self.run,
             node,
+            position: Some(position),
             once: None,
             helpers_cpu_ns: AtomicU64::new(0),
             told: Mutex::default(),

@@ -6,6 +6,7 @@ pub mod compare;
 pub mod completions;
 pub mod data;
 pub mod doctor;
+pub mod dora;
 pub mod explain;
 pub mod export;
 pub mod figure;

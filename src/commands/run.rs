@@ -5,13 +5,14 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use depthloom_analysis::{ReportOptions, SAMPLES, Sampled, SamplingTap, Summary, plan_key};
-use depthloom_graphs::Registry;
+use depthloom_graphs::contracts::Failure;
 use depthloom_graphs::language::Loaded;
 use depthloom_graphs::plan::Plan;
 use depthloom_graphs::ready::{NotReady, Ready};
+use depthloom_graphs::{Frame, Registry};
 use depthloom_nodes::onnx;
 use depthloom_recording::{Condition, EarlierRuns, Recorder, Recording, RecordingError};
-use depthloom_runner::{Checkpoints, Interrupt, Options, Report, RunError};
+use depthloom_runner::{Checkpoints, Interrupt, Observer, Options, Report, RunError, Unwatched};
 use serde_json::{Value as Json, json};
 
 use super::check::load;
@@ -37,29 +38,54 @@ use crate::truths;
 
 /// Loads, plans, opens, runs, records, scores and prints.
 pub fn run(args: &RunArgs, registry: &Registry) -> Result<Exit, Stop> {
-    let Loaded { plan, kept, read, .. } = load(&args.experiment, registry, is_silent(args))?;
+    let loaded = load(&args.experiment, registry, is_silent(args))?;
     allow_exec::decide(args.exec, Some(&args.experiment.experiment))?;
-    let mut ready = Ready::new(plan, registry).map_err(|missing| stop_of_missing(&missing))?;
+    let ready = Ready::new(loaded.plan.clone(), registry).map_err(|missing| stop_of_missing(&missing))?;
+    let interrupt = signals::listen("stopping: frames in flight are finished, learning is put down")?;
+    carry_out(args, loaded, ready, &interrupt, None)
+}
+
+/// A run whose sources and nodes work somewhere else.
+pub struct Elsewhere<'a> {
+    /// Who is told how far the recording is.
+    pub observer: &'a dyn Observer,
+    /// Threads that wait for values, and encode them.
+    pub workers: usize,
+    /// Frames in flight.
+    pub window: usize,
+}
+
+/// Runs what is ready: records, scores and prints.
+pub fn carry_out(
+    args: &RunArgs,
+    loaded: Loaded,
+    mut ready: Ready,
+    interrupt: &Interrupt,
+    elsewhere: Option<&Elsewhere<'_>>,
+) -> Result<Exit, Stop> {
+    let Loaded { kept, read, .. } = loaded;
     let plan = ready.plan.clone();
     let of_sources = [std::mem::take(&mut ready.warnings), truths::missing(&ready)].concat();
     tell(args, &of_sources);
-    let interrupt = signals::listen("stopping: frames in flight are finished, learning is put down")?;
     let (folder, begun) = make_folder(args, &plan, &kept, &read)?;
     let earlier = earlier::of(args, &folder, &plan, begun.as_deref());
     let unreadable = earlier::unreadable(&earlier);
     tell(args, &unreadable);
     let started = Instant::now();
-    let options = options(args, &folder);
+    let mut options = options(args, &folder);
+    if let Some(Elsewhere { workers, window, .. }) = elsewhere {
+        (options.workers, options.window) = (*workers, Some(*window));
+    }
 
     let begun = Earlier { begun, earlier };
     let stopped = || interrupt.stops_admission();
     let partial = folder.partial.clone();
-    let recorded = record(ready, &plan, args, &options, (&folder, &partial), begun, &interrupt, &stopped);
+    let recorded = record(ready, &plan, args, &options, (&folder, &partial), begun, interrupt, &stopped, elsewhere);
     let Recorded { failed, warnings, checkpoints, reused, sampled } = match recorded {
         Ok(recorded) => recorded,
-        Err(ended) => return Err(ended.stop(folder)),
+        Err(ended) => return Err(ended.stop(folder, elsewhere.is_some())),
     };
-    let finished = finish(args, &folder, sampled, &interrupt, || {
+    let finished = finish(args, &folder, sampled, interrupt, || {
         environment::describe(options.workers, options.window, started.elapsed().as_secs_f64(), &read)
     });
     let Finished { report, environment, key, frames, failures } = finished.map_err(|stop| {
@@ -182,7 +208,7 @@ struct Ended {
 
 impl Ended {
     /// Says what was kept and how to go on. A run that wrote no frame leaves nothing behind.
-    fn stop(self, folder: RunFolder) -> Stop {
+    fn stop(self, folder: RunFolder, is_elsewhere: bool) -> Stop {
         let mut stop = self.why;
         let (partial, checkpoints) = (folder.partial.clone(), folder.checkpoints());
         let frames = self.frames;
@@ -202,7 +228,11 @@ impl Ended {
                 "run the same again, with the same --out, to go on: {resumes}learning from {checkpoints}"
             ));
         } else if stop.exit != Exit::Before && frames > 0 {
-            stop = stop.also("run the same again, with the same --out, to go on behind these frames");
+            stop = stop.also(if is_elsewhere {
+                "`depthloom run` of the same experiment, with the same --out, goes on behind these frames"
+            } else {
+                "run the same again, with the same --out, to go on behind these frames"
+            });
         }
         stop
     }
@@ -240,6 +270,7 @@ fn record<'a>(
     begun: Earlier,
     interrupt: &Interrupt,
     stopped: &'a (dyn Fn() -> bool + Sync),
+    elsewhere: Option<&Elsewhere<'_>>,
 ) -> Result<Recorded<'a>, Ended> {
     let Earlier { begun, earlier } = begun;
     let recorder = match &begun {
@@ -251,7 +282,9 @@ fn record<'a>(
         // What an earlier process wrote stays.
         frames: begun.as_ref().map_or(0, |begun| earlier::frames(begun)),
     })?;
-    let recorder = recorder.with_earlier(Arc::clone(&earlier)).durable(args.durable);
+    // Values that come from elsewhere are not looked for in earlier runs: their keys come with them.
+    let recorder = if elsewhere.is_none() { recorder.with_earlier(Arc::clone(&earlier)) } else { recorder };
+    let recorder = recorder.durable(args.durable);
     if begun.is_some() && !is_silent(args) {
         let (frames, partial) = (counted(recorder.frames(), "frame"), folder.partial.display());
         say(format_args!("goes on behind the {frames} that {partial} holds"));
@@ -263,9 +296,10 @@ fn record<'a>(
     let progress = Progress::new(plan, is_silent(args));
     // What is wrong with the scores the report says when the frames are safe.
     let sampling = SamplingTap::new(&recorder, plan, partial, &report_options(args), stopped).ok();
+    let watch = Both(&progress, elsewhere.map_or(&Unwatched, |elsewhere| elsewhere.observer));
     let ran = match &sampling {
-        Some(sampling) => depthloom_runner::run(ready, sampling, options, &progress, interrupt),
-        None => depthloom_runner::run(ready, &recorder, options, &progress, interrupt),
+        Some(sampling) => depthloom_runner::run(ready, sampling, options, &watch, interrupt),
+        None => depthloom_runner::run(ready, &recorder, options, &watch, interrupt),
     };
     let sampled = sampling.and_then(SamplingTap::finish);
     // Whatever happened, what was recorded is closed properly: a run that failed keeps the frames before the failure.
@@ -290,6 +324,41 @@ fn record<'a>(
         say(text);
     }
     Ok(Recorded { failed, warnings, checkpoints: ran.checkpoints, reused: reused.json(), sampled })
+}
+
+/// Two who watch a run.
+struct Both<'a>(&'a dyn Observer, &'a dyn Observer);
+
+impl Observer for Both<'_> {
+    fn stage_started(&self, run: usize, frames: u64) {
+        self.0.stage_started(run, frames);
+        self.1.stage_started(run, frames);
+    }
+
+    fn frame_retired(&self, run: usize, frame: &Frame, failures: &[Failure]) {
+        self.0.frame_retired(run, frame, failures);
+        self.1.frame_retired(run, frame, failures);
+    }
+
+    fn progress(&self, run: usize, node: usize, done: u64, total: u64, message: &str) {
+        self.0.progress(run, node, done, total, message);
+        self.1.progress(run, node, done, total, message);
+    }
+
+    fn warned(&self, run: usize, node: Option<usize>, what: &str) {
+        self.0.warned(run, node, what);
+        self.1.warned(run, node, what);
+    }
+
+    fn told(&self, run: usize, node: usize, what: &str) {
+        self.0.told(run, node, what);
+        self.1.told(run, node, what);
+    }
+
+    fn stage_finished(&self, run: usize) {
+        self.0.stage_finished(run);
+        self.1.stage_finished(run);
+    }
 }
 
 fn report_options(args: &RunArgs) -> ReportOptions {
@@ -375,7 +444,7 @@ fn show(args: &RunArgs, report: Summary, mut object: Json, out: &Path) -> Result
 }
 
 /// What this machine or this data lacks: itself where it is one thing, else these one by one.
-pub(super) fn stop_of_missing(missing: &[NotReady]) -> Stop {
+pub fn stop_of_missing(missing: &[NotReady]) -> Stop {
     let told = |error: &NotReady| (chain(error), error.fault().remedy_text().map(ToOwned::to_owned));
     match missing {
         [only] => {

@@ -490,6 +490,15 @@ impl<'a> View<'a> {
         Ok(bytes.as_chunks().0.iter().map(|bytes| i16::from_le_bytes(*bytes)).collect())
     }
 
+    /// A list of whole numbers of 16 bits without a sign.
+    ///
+    /// # Errors
+    /// If it is none.
+    pub fn u16s(&self) -> Result<Vec<u16>, String> {
+        let bytes = self.numbers(&DataType::Int(16, false), 2)?;
+        Ok(bytes.as_chunks().0.iter().map(|bytes| u16::from_le_bytes(*bytes)).collect())
+    }
+
     /// A list of whole numbers of 64 bits.
     ///
     /// # Errors

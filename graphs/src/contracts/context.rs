@@ -55,6 +55,12 @@ pub trait Host: Sync {
         None
     }
 
+    /// The position of the frame that this call is about among those of its stage run, from 0; `None` where it is about none. For whoever passes
+    /// calls on to somewhere else. No result may depend on it: those of pure nodes are taken again wherever their inputs are equal.
+    fn position(&self) -> Option<usize> {
+        None
+    }
+
     /// A file where long work puts down where it is, now and then and at its end, so that a run begun again after a kill takes it
     /// up there. Its name is [`Host::key`]; nobody else has it until the call returns. The host removes it when what the call
     /// gave is safe. `None`: nothing is kept, for nobody asked for it or another process is at the same work.

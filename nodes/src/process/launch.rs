@@ -40,12 +40,12 @@ impl Launch {
 }
 
 /// What any kind that starts a program must be told, checked.
-pub(super) fn check(
+pub(crate) fn check<const N: usize>(
     command: &[Argument],
     env: &BTreeMap<String, String>,
     version: Option<u32>,
     code: &[DataPath],
-    times: [(&'static str, f64); 2],
+    times: [(&'static str, f64); N],
 ) -> Result<(), (&'static str, String)> {
     if command.first().is_none_or(|program| program.0.is_empty()) {
         return Err(("command", "command wants the program and its arguments, `[python3, node.py]`".to_owned()));
@@ -73,7 +73,7 @@ pub(super) fn check(
 
 /// What of a program decides results beside what enters the recipe: nothing where a version is declared or its files are named, for both are
 /// parameters; otherwise it is another program every time.
-pub(super) fn fingerprint(version: Option<u32>, code: &[DataPath]) -> Result<Option<Key>, Fault> {
+pub(crate) fn fingerprint(version: Option<u32>, code: &[DataPath]) -> Result<Option<Key>, Fault> {
     static THIS_TIME: OnceLock<Key> = OnceLock::new();
     for file in code {
         is_file(file.path())?;

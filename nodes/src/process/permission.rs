@@ -12,7 +12,7 @@ pub fn give() {
 }
 
 /// Refuses to start a program unless permission was given. Whoever starts one asks here, and so does whoever knows that one will be started.
-pub(super) fn ask(command: &str) -> Result<(), Fault> {
+pub(crate) fn ask(command: &str) -> Result<(), Fault> {
     if GIVEN.load(Ordering::Relaxed) {
         return Ok(());
     }

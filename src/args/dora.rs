@@ -1,0 +1,50 @@
+//! An experiment as a dataflow of dora's.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::RunArgs;
+
+/// `dora`.
+#[derive(Debug, Args)]
+pub struct DoraArgs {
+    /// The run: what `run` takes. `--window` is how many frames are on their way at most (8 by default), `--workers` how many threads every node has (1 by default).
+    #[command(flatten)]
+    pub run: RunArgs,
+
+    /// The Python that has dora's library (`pip install dora-rs pyarrow`), on every machine.
+    #[arg(long, value_name = "PROGRAM", default_value = "python3")]
+    pub python: String,
+
+    /// Where nodes run, by their names in the dataflow: `--machine '*.mono=jetson'`, for dora's daemon of that name. May be repeated; of several that fit the last counts.
+    #[arg(long = "machine", value_name = "NODE=MACHINE", value_parser = parse_machine)]
+    pub machines: Vec<(String, String)>,
+}
+
+/// `dora-node`.
+#[derive(Debug, Args)]
+pub struct DoraNodeArgs {
+    /// Its name in the dataflow.
+    #[arg(long, value_name = "NAME")]
+    pub part: String,
+
+    /// What the dataflow was written of: nodes that find something else do not begin.
+    #[arg(long, value_name = "KEY")]
+    pub plan: String,
+
+    /// The folder that the dataflow was written from.
+    #[arg(long, value_name = "DIR")]
+    pub folder: PathBuf,
+
+    /// What `depthloom dora` was given.
+    #[command(flatten)]
+    pub dora: DoraArgs,
+}
+
+fn parse_machine(text: &str) -> Result<(String, String), String> {
+    match text.split_once('=') {
+        Some((part, machine)) if !part.is_empty() && !machine.is_empty() => Ok((part.to_owned(), machine.to_owned())),
+        _ => Err("expected NODE=MACHINE, e.g. 'compare.*=jetson'".to_owned()),
+    }
+}

@@ -1,0 +1,210 @@
+//! What came and was not taken yet, by input and frame; whoever wants what is not there waits.
+
+use std::collections::{BTreeMap, HashMap, HashSet};
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use depthloom_graphs::{Fault, Value, ValueType};
+use depthloom_runner::Interrupt;
+use serde_json::{Map, Value as Json};
+
+use super::channel;
+use super::message::Row;
+
+/// How often waiting looks up whether the run was abandoned.
+const LOOK: Duration = Duration::from_millis(50);
+
+/// A message.
+#[derive(Debug)]
+pub struct Arrived {
+    /// Whose it is.
+    pub input: String,
+    /// What stands beside the values.
+    pub metadata: Map<String, Json>,
+    /// The stream of its row; empty: there is no value.
+    pub body: Vec<u8>,
+}
+
+impl Arrived {
+    /// The value; `None` if it says that there is none.
+    pub fn value(&self, value_type: ValueType) -> Result<Option<Value>, Fault> {
+        if self.body.is_empty() {
+            return Ok(None);
+        }
+        let read = Row::read(&self.body).and_then(|row| row.value(value_type));
+        read.map(Some).map_err(|what| Fault::new(format!("what came at `{}` is no {value_type}: {what}", self.input)))
+    }
+
+    /// The JSON in its text.
+    pub fn json(&self) -> Result<Json, Fault> {
+        let wrong = |what: String| Fault::new(format!("what came at `{}` is no report: {what}", self.input));
+        let row = Row::read(&self.body).map_err(wrong)?;
+        serde_json::from_str(row.text().map_err(wrong)?).map_err(|error| wrong(error.to_string()))
+    }
+
+    fn number(&self, name: &str) -> Option<u64> {
+        self.metadata.get(name)?.as_u64()
+    }
+}
+
+/// Why there is no message to wait for.
+#[derive(Debug)]
+pub enum Gone {
+    /// Nobody wants it any more.
+    Cancelled,
+    /// It will not come; why, as a lower-case fragment.
+    Ended(String),
+}
+
+impl From<Gone> for Fault {
+    fn from(gone: Gone) -> Self {
+        match gone {
+            Gone::Cancelled => Self::Cancelled,
+            Gone::Ended(what) => Self::new(what),
+        }
+    }
+}
+
+#[derive(Default)]
+struct State {
+    /// By input, and by frame; those of no frame under `None`.
+    there: HashMap<String, BTreeMap<Option<u64>, Arrived>>,
+    /// The beginnings of what comes in several messages, by input and frame.
+    pieces: HashMap<(String, Option<u64>), Vec<u8>>,
+    closed: HashSet<String>,
+    /// Nothing comes any more; why.
+    over: Option<String>,
+}
+
+/// What came and was not taken yet.
+pub struct Mailbox {
+    state: Mutex<State>,
+    changed: Condvar,
+    /// Raised when the run is to end.
+    interrupt: Interrupt,
+    /// Whether the part itself ends the run: then dora's wish to stop is a first interrupt, and the others' is none.
+    is_recorder: bool,
+}
+
+impl Mailbox {
+    pub fn new(interrupt: Interrupt, is_recorder: bool) -> Self {
+        Self { state: Mutex::default(), changed: Condvar::new(), interrupt, is_recorder }
+    }
+
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Takes in a message.
+    pub fn put(&self, mut arrived: Arrived) {
+        if arrived.input == channel::END {
+            return self.end("the run is over");
+        }
+        let mut state = self.state();
+        let at = arrived.number("frame");
+        if let (Some(piece), Some(pieces)) = (arrived.number("chunk"), arrived.number("chunks")) {
+            let place = (arrived.input.clone(), at);
+            let whole = state.pieces.entry(place.clone()).or_default();
+            whole.append(&mut arrived.body);
+            if piece + 1 < pieces {
+                return;
+            }
+            arrived.body = state.pieces.remove(&place).unwrap_or_default();
+        }
+        state.there.entry(arrived.input.clone()).or_default().insert(at, arrived);
+        self.changed.notify_all();
+    }
+
+    /// An input gives nothing more: its part has ended.
+    pub fn close(&self, input: String) {
+        if input == channel::END {
+            return self.end("the recorder has ended");
+        }
+        self.state().closed.insert(input);
+        self.changed.notify_all();
+    }
+
+    /// Nothing comes any more at any input.
+    pub fn end(&self, why: &str) {
+        if !self.is_recorder {
+            while self.interrupt.raise() < 2 {}
+        }
+        self.state().over.get_or_insert_with(|| why.to_owned());
+        self.changed.notify_all();
+    }
+
+    /// dora asks to stop.
+    pub fn stop(&self) {
+        if self.is_recorder {
+            self.interrupt.raise();
+        }
+    }
+
+    /// Takes the message of a frame (or of none) at an input, when it is there.
+    pub fn take(&self, input: &str, at: Option<usize>, cancelled: &dyn Fn() -> bool) -> Result<Arrived, Gone> {
+        let at = at.map(|at| at as u64);
+        self.wait(cancelled, |state| {
+            let arrived = state.there.get_mut(input).and_then(|there| there.remove(&at));
+            arrived.map_or_else(
+                || if state.closed.contains(input) { Err(part_of(input)) } else { Ok(None) },
+                |it| Ok(Some(it)),
+            )
+        })
+    }
+
+    /// Takes whatever comes first at an input.
+    pub fn take_any(&self, input: &str, cancelled: &dyn Fn() -> bool) -> Result<Arrived, Gone> {
+        self.wait(cancelled, |state| {
+            let arrived = state.there.get_mut(input).and_then(BTreeMap::pop_first);
+            arrived.map_or_else(
+                || if state.closed.contains(input) { Err(part_of(input)) } else { Ok(None) },
+                |(_, it)| Ok(Some(it)),
+            )
+        })
+    }
+
+    fn wait<T>(
+        &self,
+        cancelled: &dyn Fn() -> bool,
+        mut look: impl FnMut(&mut State) -> Result<Option<T>, String>,
+    ) -> Result<T, Gone> {
+        let mut state = self.state();
+        loop {
+            match look(&mut state) {
+                Ok(Some(found)) => return Ok(found),
+                Ok(None) => {}
+                Err(part) => return Err(Gone::Ended(format!("`{part}` ended before it said more"))),
+            }
+            if cancelled() {
+                return Err(Gone::Cancelled);
+            }
+            if let Some(why) = &state.over {
+                return Err(Gone::Ended(why.clone()));
+            }
+            state = self.changed.wait_timeout(state, LOOK).unwrap_or_else(PoisonError::into_inner).0;
+        }
+    }
+
+    /// Waits until the run is over.
+    pub fn wait_for_the_end(&self) {
+        let mut state = self.state();
+        while state.over.is_none() {
+            state = self.changed.wait_timeout(state, LOOK).unwrap_or_else(PoisonError::into_inner).0;
+        }
+    }
+
+    /// Forgets what came for frames up to one, at some inputs.
+    pub fn forget(&self, inputs: &[String], position: usize) {
+        let mut state = self.state();
+        for input in inputs {
+            if let Some(there) = state.there.get_mut(input) {
+                there.retain(|at, _| at.is_none_or(|at| at > position as u64));
+            }
+        }
+    }
+}
+
+/// The part that an input of the recorder is of: `compare.stereo` of `compare.stereo/node.report`.
+fn part_of(input: &str) -> String {
+    input.split_once('/').map_or(input, |(part, _)| part).to_owned()
+}

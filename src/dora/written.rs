@@ -1,0 +1,117 @@
+//! The dataflow as dora reads it: YAML.
+
+use std::fmt::Write as _;
+
+use depthloom_graphs::language::glob;
+use depthloom_graphs::plan::Plan;
+use depthloom_nodes::dora::DoraParams;
+use serde_json::Value as Json;
+
+use super::layout::{Layout, Part, Role};
+
+/// What a dataflow is written of, besides the plan.
+pub struct Wanted {
+    /// This program.
+    pub program: String,
+    /// What is given to every part of ours: the words behind `dora-node`, without the part's name.
+    pub arguments: Vec<String>,
+    /// How many messages an input may hold.
+    pub queue: usize,
+    /// Parts by patterns of their names, and the machines they run on.
+    pub machines: Vec<(String, String)>,
+}
+
+/// Writes a dataflow.
+///
+/// # Errors
+/// The first pattern of a machine that is no part's.
+pub fn dataflow(plan: &Plan, layout: &Layout, wanted: &Wanted) -> Result<String, String> {
+    if let Some((pattern, _)) =
+        wanted.machines.iter().find(|(pattern, _)| layout.parts.iter().all(|part| !glob(pattern, &part.id)))
+    {
+        return Err(pattern.clone());
+    }
+    let mut text = format!(
+        "# The experiment `{}` as a dataflow of dora's (https://dora-rs.ai), written by `depthloom dora`: `dora run` on this file runs it.\n\
+         # Every node of ours reads the experiment again, so write this anew when that changes.\nnodes:\n",
+        plan.experiment.replace(char::is_control, " ")
+    );
+    for part in &layout.parts {
+        put(&mut text, plan, part, wanted);
+    }
+    Ok(text)
+}
+
+/// A text in YAML: as JSON has it.
+fn quoted(text: &str) -> Json {
+    Json::String(text.to_owned())
+}
+
+fn put(text: &mut String, plan: &Plan, part: &Part, wanted: &Wanted) {
+    // Writing to a text does not fail.
+    let _ = writeln!(text, "  - id: {}", quoted(&part.id));
+    let machine = wanted.machines.iter().rev().find(|(pattern, _)| glob(pattern, &part.id));
+    if let Some((_, machine)) = machine {
+        let _ = writeln!(text, "    deploy: {{ machine: {} }}", quoted(machine));
+    }
+    let foreign = match part.role {
+        Role::Foreign { run, node } => {
+            serde_json::from_value::<DoraParams>(plan.runs[run].nodes[node].params.clone()).ok()
+        }
+        Role::Source { .. } | Role::Node { .. } | Role::Recorder => None,
+    };
+    if let Some(DoraParams { path, args, build, env, .. }) = foreign {
+        let _ = writeln!(text, "    path: {}", quoted(&path.0));
+        if !args.is_empty() {
+            let _ = writeln!(text, "    args: {}", quoted(&words(args.iter().map(|word| word.0.as_str()))));
+        }
+        if let Some(build) = build {
+            let _ = writeln!(text, "    build: {}", quoted(&build));
+        }
+        if !env.is_empty() {
+            let env: Vec<String> =
+                env.iter().map(|(name, value)| format!("{}: {}", quoted(name), quoted(value))).collect();
+            let _ = writeln!(text, "    env: {{ {} }}", env.join(", "));
+        }
+    } else {
+        let own = ["dora-node", "--part", &part.id];
+        let arguments = own.into_iter().chain(wanted.arguments.iter().map(String::as_str));
+        let _ = writeln!(text, "    path: {}", quoted(&wanted.program));
+        let _ = writeln!(text, "    args: {}", quoted(&words(arguments)));
+    }
+    if !part.inputs.is_empty() {
+        let _ = writeln!(text, "    inputs:");
+    }
+    for link in &part.inputs {
+        let from = quoted(&format!("{}/{}", link.part, link.output));
+        let queue = wanted.queue;
+        let input = quoted(&link.input);
+        let _ = writeln!(text, "      {input}: {{ source: {from}, queue_size: {queue}, queue_policy: backpressure }}");
+    }
+    if !part.outputs.is_empty() {
+        let outputs: Vec<String> = part.outputs.iter().map(|output| quoted(output).to_string()).collect();
+        let _ = writeln!(text, "    outputs: [{}]", outputs.join(", "));
+    }
+}
+
+/// Words as a shell would be given them, which is how dora reads them.
+fn words<'a>(words: impl Iterator<Item = &'a str>) -> String {
+    let quoted = |word: &str| {
+        let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_./=:,+@%".contains(c);
+        if !word.is_empty() && word.chars().all(is_plain) {
+            word.to_owned()
+        } else {
+            format!("'{}'", word.replace('\'', r"'\''"))
+        }
+    };
+    words.map(quoted).collect::<Vec<_>>().join(" ")
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn words_are_quoted_where_a_shell_would_take_them_apart() {
+        let words = super::words(["--set", "a.b=[1, 2]", "it's", ""].into_iter());
+        assert_eq!(words, r"--set 'a.b=[1, 2]' 'it'\''s' ''");
+    }
+}
