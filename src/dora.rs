@@ -35,6 +35,8 @@ pub mod channel {
     pub const ADMITTED: &str = "stage.admitted";
     /// That a part can begin, once; or what it lacks.
     pub const READY: &str = "node.ready";
+    /// The fingerprints of the engines that nodes run in, once all parts can begin: they enter the keys of what fires once.
+    pub const ENGINES: &str = "run.engines";
     /// What there is to say of a part, of a frame or of once-values besides the values.
     pub const REPORT: &str = "node.report";
     /// All is recorded: every part may go.

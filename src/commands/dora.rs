@@ -5,6 +5,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use depthloom_graphs::Registry;
+use depthloom_graphs::contracts::Contract;
 use depthloom_graphs::language::Loaded;
 use depthloom_graphs::plan::Plan;
 use depthloom_nodes::dora::{DoraParams, KIND};
@@ -122,8 +123,12 @@ pub fn dora_node(mut args: DoraNodeArgs, registry: &Registry) -> Result<Exit, St
     }
     let interrupt = Interrupt::default();
     let bridge = Arc::new(Bridge::start(&dora.python, Mailbox::new(interrupt.clone(), false))?);
+    // What fires once has nobody beside it who could work in the meantime.
+    let is_once =
+        matches!(part.role, Role::Node { run, node } if loaded.plan.runs[run].nodes[node].contract == Contract::Once);
+    let usual = if is_once { Options::default().workers } else { 1 };
     let options = Options {
-        workers: dora.run.workers.map_or(1, usize::from),
+        workers: dora.run.workers.map_or(usual, usize::from),
         window: None,
         // The recorder decides what a failure ends.
         keep_going: true,

@@ -14,7 +14,13 @@ os.dup2(2, 1)  # whoever prints does not print into messages
 lock = threading.Lock()
 
 
+def note(way, head, body):
+    if "DEPTHLOOM_DORA_LOG" in os.environ:
+        print(way, json.dumps(head, default=str), len(body), file=sys.stderr, flush=True)
+
+
 def tell(head, body=b""):
+    note("got", head, body)
     text = json.dumps(head, default=str).encode()
     with lock:
         answers.write(struct.pack("<IQ", len(text), len(body)))
@@ -81,6 +87,7 @@ def exactly(count):
 
 
 def send(head, body):
+    note("sends", head, body)
     metadata = head["metadata"]
     if not body:
         array = pa.nulls(1)
@@ -93,8 +100,8 @@ def send(head, body):
     node.send_output(head["output"], array, metadata)
 
 
-threading.Thread(target=listen, daemon=True).start()
 tell({"ready": True})
+threading.Thread(target=listen, daemon=True).start()
 try:
     while True:
         of_head, of_body = struct.unpack("<IQ", exactly(12))

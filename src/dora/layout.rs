@@ -98,7 +98,7 @@ impl Layout {
         let mut parts = Vec::new();
         let mut recorder = Part::new(RECORDER.to_owned(), Role::Recorder);
         recorder.outputs.extend((0..plan.runs.len()).map(admission));
-        recorder.outputs.push(channel::END.to_owned());
+        recorder.outputs.extend([channel::ENGINES, channel::END].map(str::to_owned));
         for (run, planned) in plan.runs.iter().enumerate() {
             let id = &names.sources[run];
             let mut source = Part::new(id.clone(), Role::Source { run });
@@ -149,7 +149,9 @@ fn node_parts(names: &Names, (run, node): (usize, usize), planned: &PlannedNode)
         };
         part.gets(input.port.name, giver, port);
     }
-    if planned.contract != Contract::Once {
+    if planned.contract == Contract::Once {
+        part.gets(channel::ENGINES, RECORDER, channel::ENGINES);
+    } else {
         part.gets(channel::FRAMES, &names.sources[run], channel::FRAMES);
     }
     part.gets(channel::END, RECORDER, channel::END);

@@ -18,7 +18,7 @@ use super::channel;
 use super::foreign;
 use super::layout::{Part, Role};
 use super::message::{of_text, of_value};
-use super::report::{Readiness, Report, frames, frames_text};
+use super::report::{Readiness, Report, engines, frames, frames_text};
 use crate::exit::{Exit, Stop, chain};
 use crate::streams::say;
 
@@ -47,7 +47,8 @@ pub fn run(
             return Ok(Exit::Before);
         }
     };
-    let Piece { plan, source, nodes, files, readiness, remedies } = piece;
+    let whole = plan;
+    let Piece { mut plan, source, nodes, files, readiness, remedies } = piece;
     bridge.send(channel::READY, None, &of_text(&readiness.text())).map_err(gone)?;
     let source: Box<dyn Source> = match source {
         Comes::Read(source) => {
@@ -65,7 +66,18 @@ pub fn run(
             };
             Box::new(Incoming { bridge: Arc::clone(bridge), frames, ports })
         }
-        Comes::Nothing => Box::new(Incoming { bridge: Arc::clone(bridge), frames: Vec::new(), ports: Vec::new() }),
+        Comes::Nothing => {
+            if let (Role::Node { run, node }, Some(own)) = (part.role, plan.runs[0].nodes.last_mut()) {
+                let Ok(arrived) = bridge.mailbox.take(channel::ENGINES, None, &|| interrupt.aborts()) else {
+                    return Ok(Exit::Whole);
+                };
+                let engines = engines(&arrived).map_err(gone)?;
+                let whole = Ready::of(whole.clone(), Vec::new(), BTreeMap::new(), &engines).plan;
+                // With it the key of what it gives is the one that a run of one process has: the artefacts it reads enter that by their content.
+                own.recipe = whole.runs[run].nodes[node].recipe;
+            }
+            Box::new(Incoming { bridge: Arc::clone(bridge), frames: Vec::new(), ports: Vec::new() })
+        }
     };
     let tap = Outgoing::new(bridge, &plan.runs[0], remedies);
     let ready = Ready { plan: plan.clone(), runs: vec![ReadyRun { source, nodes }], files, warnings: Vec::new() };

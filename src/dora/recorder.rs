@@ -20,7 +20,7 @@ use super::bridge::Bridge;
 use super::channel;
 use super::layout::{Layout, Role, admission};
 use super::message::of_text;
-use super::report::{Readiness, Report, frames};
+use super::report::{Readiness, Report, engines_text, frames};
 use crate::commands::run::stop_of_missing;
 use crate::exit::{Exit, Problem, Stop};
 
@@ -70,6 +70,7 @@ pub fn prepare(
             return Err(stop.problems(missing.into_iter().map(|(what, remedy)| Problem::Here(what, remedy))));
         }
     }
+    bridge.send(channel::ENGINES, None, &of_text(&engines_text(&prints))).map_err(gone)?;
     let mut runs = Vec::new();
     let mut inputs = vec![Vec::new(); plan.runs.len()];
     for ((run, of), warnings) in plan.runs.iter().enumerate().zip(warnings) {

@@ -1,5 +1,7 @@
 //! What there is to say of a part besides its values: that it can begin, and of each frame and of its once-values what it did.
 
+use std::collections::BTreeMap;
+
 use depthloom_graphs::{Fault, Frame, Key};
 use serde_json::{Value as Json, json};
 
@@ -76,6 +78,22 @@ impl Readiness {
             missing: serde_json::from_value(of("missing")).map_err(wrong)?,
         })
     }
+}
+
+/// Fingerprints by stage run and node.
+pub type Engines = BTreeMap<(usize, usize), Key>;
+
+/// Fingerprints as a text.
+pub fn engines_text(engines: &Engines) -> String {
+    let listed: Vec<_> = engines.iter().map(|((run, node), key)| json!([run, node, key.to_string()])).collect();
+    json!(listed).to_string()
+}
+
+/// Reads them.
+pub fn engines(arrived: &Arrived) -> Result<Engines, Fault> {
+    let wrong = || Fault::new(format!("what came at `{}` is no list of engines", arrived.input));
+    let listed: Vec<(usize, usize, String)> = serde_json::from_value(arrived.json()?).map_err(|_| wrong())?;
+    listed.into_iter().map(|(run, node, key)| Ok(((run, node), Key::parse(&key).ok_or_else(wrong)?))).collect()
 }
 
 /// The frames of a stage as a text.
