@@ -122,6 +122,17 @@ const ENDINGS: &[Ending] = &[
         exits: &[WHOLE, PRINTED, WRONG],
     },
     Ending {
+        command: "dora",
+        examples: &[
+            (
+                "dora first.yaml --out look > dataflow.yml",
+                "then `dora run dataflow.yml`: every node a process, the same recording",
+            ),
+            ("dora first.yaml --machine '*.mono=jetson' > dataflow.yml", "and one of them on another machine"),
+        ],
+        exits: &[WHOLE, PRINTED, WRONG],
+    },
+    Ending {
         command: "report",
         examples: &[
             ("report runs/first/2026-11-21T08-30-05Z", "its tables and plots again"),

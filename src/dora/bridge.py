@@ -39,7 +39,8 @@ except ImportError as error:
 try:
     node = Node()
 except BaseException as error:
-    tell({"lacks": f"dora does not know this node: {error}", "outside": True})
+    why = " ".join(str(error).split("\n\nLocation:")[0].split())  # what follows are places in dora's own code
+    tell({"lacks": f"it does not know this node: {why}", "outside": True})
     os._exit(0)
 
 

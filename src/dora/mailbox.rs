@@ -126,7 +126,8 @@ impl Mailbox {
 
     /// Nothing comes any more at any input.
     pub fn end(&self, why: &str) {
-        if !self.is_recorder {
+        // Of a recorder that was asked to stop what is in flight comes no more, for the others stop, too.
+        if !self.is_recorder || self.interrupt.stops_admission() {
             while self.interrupt.raise() < 2 {}
         }
         self.state().over.get_or_insert_with(|| why.to_owned());

@@ -17,6 +17,7 @@ use super::bridge::Bridge;
 use super::channel;
 use super::foreign;
 use super::layout::{Part, Role};
+use super::mailbox::Gone;
 use super::message::{of_text, of_value};
 use super::report::{Readiness, Report, engines, frames, frames_text};
 use crate::exit::{Exit, Stop, chain};
@@ -33,8 +34,8 @@ pub fn run(
 ) -> Result<Exit, Stop> {
     let gone = |fault: Fault| Stop::new(Exit::Engine, fault.chain());
     let made = match part.role {
-        Role::Source { run } => source_piece(plan, run, registry, bridge),
-        Role::Node { run, node } => node_piece(plan, (run, node), part, registry, bridge),
+        Role::Source { run } => source_piece(plan, run, registry),
+        Role::Node { run, node } => node_piece(plan, (run, node), part, registry, bridge, interrupt),
         Role::Foreign { .. } | Role::Recorder => return Err(Stop::new(Exit::Before, "this is no part of the plan")),
     };
     let piece = match made {
@@ -64,7 +65,7 @@ pub fn run(
                 // The run ended before it began.
                 Err(_) => return Ok(Exit::Whole),
             };
-            Box::new(Incoming { bridge: Arc::clone(bridge), frames, ports })
+            Box::new(Incoming { bridge: Arc::clone(bridge), frames, ports, interrupt: interrupt.clone() })
         }
         Comes::Nothing => {
             if let (Role::Node { run, node }, Some(own)) = (part.role, plan.runs[0].nodes.last_mut()) {
@@ -76,7 +77,8 @@ pub fn run(
                 // With it the key of what it gives is the one that a run of one process has: the artefacts it reads enter that by their content.
                 own.recipe = whole.runs[run].nodes[node].recipe;
             }
-            Box::new(Incoming { bridge: Arc::clone(bridge), frames: Vec::new(), ports: Vec::new() })
+            let (frames, ports) = Default::default();
+            Box::new(Incoming { bridge: Arc::clone(bridge), frames, ports, interrupt: interrupt.clone() })
         }
     };
     let tap = Outgoing::new(bridge, &plan.runs[0], remedies);
@@ -130,7 +132,7 @@ fn piece_of(plan: &Plan, run: usize, source: PlannedSource, nodes: Vec<PlannedNo
     }
 }
 
-fn source_piece(plan: &Plan, run: usize, registry: &Registry, _: &Arc<Bridge>) -> Result<Piece, Vec<NotReady>> {
+fn source_piece(plan: &Plan, run: usize, registry: &Registry) -> Result<Piece, Vec<NotReady>> {
     let planned = &plan.runs[run].source;
     let source = ready::open(planned, registry).map_err(|error| vec![error])?;
     let readiness = Readiness { warnings: source.warnings().to_vec(), ..Readiness::default() };
@@ -150,6 +152,7 @@ fn node_piece(
     part: &Part,
     registry: &Registry,
     bridge: &Arc<Bridge>,
+    interrupt: &Interrupt,
 ) -> Result<Piece, Vec<NotReady>> {
     let mut files = BTreeMap::new();
     let planned = &plan.runs[run].nodes[node];
@@ -171,7 +174,11 @@ fn node_piece(
         if is_once {
             input.from = Some(Origin::Once { run: 0, node: nodes.len(), port: 0 });
             nodes.push(once_giver(planned, input, &port));
-            instances.push(Instance::Once(Box::new(Received { bridge: Arc::clone(bridge), port })));
+            instances.push(Instance::Once(Box::new(Received {
+                bridge: Arc::clone(bridge),
+                port,
+                interrupt: interrupt.clone(),
+            })));
         } else {
             input.from = Some(Origin::Here(Slot::Source { port: ports.len() }));
             ports.push(port);
@@ -225,12 +232,13 @@ fn once_giver(planned: &PlannedNode, input: &PlannedInput, port: &Port) -> Plann
 struct Received {
     bridge: Arc<Bridge>,
     port: Port,
+    interrupt: Interrupt,
 }
 
 impl OnceNode for Received {
     fn run(&self, _: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
-        let arrived = self.bridge.mailbox.take(self.port.name, None, &|| ctx.host.cancelled())?;
-        let value = arrived.value(self.port.value_type)?;
+        let arrived = self.bridge.mailbox.take(self.port.name, None, &|| ctx.host.cancelled());
+        let value = arrived.map_err(|gone| given_up(gone, &self.interrupt))?.value(self.port.value_type)?;
         Ok(value.map_or_else(Outputs::none, |value| Outputs::one(self.port.name, value)))
     }
 }
@@ -240,6 +248,15 @@ struct Incoming {
     bridge: Arc<Bridge>,
     frames: Vec<Frame>,
     ports: Vec<Port>,
+    interrupt: Interrupt,
+}
+
+/// What a part does whose input ends: nothing more. Why it ended, the recorder hears and tells.
+fn given_up(gone: Gone, interrupt: &Interrupt) -> Fault {
+    if matches!(gone, Gone::Ended(_)) {
+        while interrupt.raise() < 2 {}
+    }
+    Fault::Cancelled
 }
 
 impl Source for Incoming {
@@ -254,7 +271,8 @@ impl Source for Incoming {
     fn read(&self, position: usize, ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
         let mut outputs = Outputs::none();
         for port in &self.ports {
-            let arrived = self.bridge.mailbox.take(port.name, Some(position), &|| ctx.host.cancelled())?;
+            let arrived = self.bridge.mailbox.take(port.name, Some(position), &|| ctx.host.cancelled());
+            let arrived = arrived.map_err(|gone| given_up(gone, &self.interrupt))?;
             if let Some(value) = arrived.value(port.value_type)? {
                 outputs = outputs.with(port.name, value);
             }

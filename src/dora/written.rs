@@ -1,7 +1,9 @@
 //! The dataflow as dora reads it: YAML.
 
 use std::fmt::Write as _;
+use std::path::Path;
 
+use depthloom_graphs::contracts::Argument;
 use depthloom_graphs::language::glob;
 use depthloom_graphs::plan::Plan;
 use depthloom_nodes::dora::DoraParams;
@@ -61,9 +63,10 @@ fn put(text: &mut String, plan: &Plan, part: &Part, wanted: &Wanted) {
         Role::Source { .. } | Role::Node { .. } | Role::Recorder => None,
     };
     if let Some(DoraParams { path, args, build, env, .. }) = foreign {
-        let _ = writeln!(text, "    path: {}", quoted(&path.0));
+        let args: Vec<String> = args.iter().map(whole).collect();
+        let _ = writeln!(text, "    path: {}", quoted(&whole(&path)));
         if !args.is_empty() {
-            let _ = writeln!(text, "    args: {}", quoted(&words(args.iter().map(|word| word.0.as_str()))));
+            let _ = writeln!(text, "    args: {}", quoted(&words(args.iter().map(String::as_str))));
         }
         if let Some(build) = build {
             let _ = writeln!(text, "    build: {}", quoted(&build));
@@ -92,6 +95,13 @@ fn put(text: &mut String, plan: &Plan, part: &Part, wanted: &Wanted) {
         let outputs: Vec<String> = part.outputs.iter().map(|output| quoted(output).to_string()).collect();
         let _ = writeln!(text, "    outputs: [{}]", outputs.join(", "));
     }
+}
+
+/// A word that names a file, from the root: dora looks for it from the dataflow's folder. Any other as it is.
+fn whole(word: &Argument) -> String {
+    let is_file = word.0.contains(['/', '.']) && Path::new(&word.0).exists();
+    let path = is_file.then(|| std::path::absolute(&word.0).ok()).flatten();
+    path.and_then(|path| path.into_os_string().into_string().ok()).unwrap_or_else(|| word.0.clone())
 }
 
 /// Words as a shell would be given them, which is how dora reads them.

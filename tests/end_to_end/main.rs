@@ -13,6 +13,8 @@ mod compare;
 mod data;
 mod determinism;
 mod disparity_scores;
+#[cfg(target_os = "linux")]
+mod dora;
 mod experiments;
 mod export;
 mod failing_disk;

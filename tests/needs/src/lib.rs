@@ -17,7 +17,7 @@ pub mod skips;
 pub use book::mdbook;
 pub use chromium::chromium;
 pub use lichtblick::lichtblick;
-pub use python::{onnx_runtime, python, python_package};
+pub use python::{dora, onnx_runtime, python, python_package};
 pub use rerun::{Rerun, rerun};
 pub use shared::shared;
 pub use skips::skipped;

@@ -45,6 +45,22 @@ pub fn python_package(test: &str) -> Option<PathBuf> {
     }
 }
 
+/// A folder of programs with `dora`, and a `python` that has its library, of `target/dora-tests`; `None`, and the test is skipped, where there is no Python or no package index.
+///
+/// # Panics
+/// If it cannot be made and `DEPTHLOOM_REQUIRE_PYTHON` is set.
+#[must_use]
+pub fn dora(test: &str) -> Option<PathBuf> {
+    static PYTHON: OnceLock<Result<PathBuf, String>> = OnceLock::new();
+    match PYTHON.get_or_init(|| environment("dora-tests", "requirements-dora.txt")) {
+        Ok(python) => python.parent().map(Path::to_owned),
+        Err(why) => {
+            miss("DEPTHLOOM_REQUIRE_PYTHON", test, why);
+            None
+        }
+    }
+}
+
 /// Installs the package into an environment that has all that it needs: no index is asked, so that what it needs must be there.
 fn install_package(python: &Path) -> Result<(), String> {
     let failed = |error: std::io::Error| format!("{}: {error}", python.display());

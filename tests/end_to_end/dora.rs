@@ -1,0 +1,343 @@
+//! Experiments as dataflows of dora's: the same bytes as a run of one process, nodes of somebody else's, and what becomes of parts that end.
+//!
+//! `dora` and its library for Python come from PyPI (`tests/python/requirements-dora.txt`).
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+use depthloom_recording::Recording;
+use depthloom_test_needs::{dora, python_package};
+
+use crate::support::{depthloom, workspace};
+
+/// A folder with an experiment, and dora.
+struct Flow {
+    folder: tempfile::TempDir,
+    programs: PathBuf,
+}
+
+impl Flow {
+    fn new(test: &str, experiment: &str) -> Option<Self> {
+        let programs = dora(test)?;
+        let folder = tempfile::tempdir().expect("a folder");
+        for name in ["node.py", "odd.py"] {
+            let script = workspace().join("tests/end_to_end/dora").join(name);
+            fs::copy(script, folder.path().join(name)).expect("copied");
+        }
+        fs::write(folder.path().join("own.yaml"), experiment).expect("written");
+        Some(Self { folder, programs })
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn depthloom(&self, arguments: &[&str]) -> Output {
+        let mut command = depthloom();
+        command.current_dir(self.folder.path()).args(arguments).env("DEPTHLOOM_FRESH", "1");
+        command.output().expect("it starts")
+    }
+
+    /// Writes the dataflow.
+    fn write(&self, arguments: &[&str]) -> Output {
+        let python = self.programs.join("python");
+        let python = python.to_str().expect("UTF-8");
+        let written = self.depthloom(&[&["dora"], arguments, &["--python", python]].concat());
+        fs::write(self.path("flow.yml"), &written.stdout).expect("written");
+        written
+    }
+
+    fn command(&self) -> Command {
+        let mut command = Command::new(self.programs.join("dora"));
+        let path = std::env::var("PATH").unwrap_or_default();
+        command.env("PATH", format!("{}:{path}", self.programs.display()));
+        command.current_dir(self.folder.path()).args(["run", "flow.yml"]).stdin(Stdio::null());
+        command
+    }
+
+    /// Writes the dataflow and runs it; what dora printed.
+    fn run(&self, arguments: &[&str]) -> (bool, String) {
+        let written = self.write(arguments);
+        assert!(written.status.success(), "{}", String::from_utf8_lossy(&written.stderr));
+        let ran = self.command().output().expect("dora starts");
+        (ran.status.success(), plain(&[ran.stdout, ran.stderr].concat()))
+    }
+
+    /// The bytes of a recording.
+    fn recording(&self, out: &str) -> Vec<u8> {
+        fs::read(self.path(out).join("recording.mcap")).expect("a recording")
+    }
+
+    /// The part's processes that there are.
+    fn parts(&self) -> Vec<u32> {
+        let folder = self.folder.path().to_str().expect("UTF-8");
+        let processes = fs::read_dir("/proc").expect("/proc").flatten();
+        let numbers = processes.filter_map(|process| process.file_name().to_str()?.parse::<u32>().ok());
+        numbers
+            .filter(|number| {
+                let line = fs::read(format!("/proc/{number}/cmdline")).unwrap_or_default();
+                let line = String::from_utf8_lossy(&line);
+                line.contains("dora-node") && line.contains(folder)
+            })
+            .collect()
+    }
+}
+
+/// Without colours.
+fn plain(printed: &[u8]) -> String {
+    let text = String::from_utf8_lossy(printed);
+    let mut plain = String::new();
+    let mut pieces = text.split('\u{1b}');
+    plain.push_str(pieces.next().unwrap_or_default());
+    for piece in pieces {
+        plain.push_str(piece.split_once('m').map_or("", |(_, rest)| rest));
+    }
+    plain
+}
+
+/// Small frames, a stage that learns, and one that compares; with files' bytes in images, values that are absent, and once-values.
+const LEARNS: &str = "
+experiment: own
+sources:
+  train: { kind: synthetic/road, with: { frames: 0..5, seed: 1, width: 320, height: 96 } }
+  test: { kind: kitti/stereo2015, with: { root: street } }
+stages:
+  learn:
+    source: train
+    nodes:
+      stereo: { kind: stereo/sgbm, inputs: { left: source/left, right: source/right } }
+      edges: { kind: confidence/edges, inputs: { image: source/left } }
+      samples: { kind: learn/samples, inputs: { image: source/left, target: stereo/disparity, mask: edges/mask, calibration: source/calibration }, with: { size: [320, 96] } }
+      teacher: { kind: learn/ssl, inputs: { samples: samples/samples }, with: { steps: 4, batch: 2 } }
+  compare:
+    source: test
+    nodes:
+      stereo: { kind: stereo/sgbm, inputs: { left: source/left, right: source/right } }
+      depth: { kind: depth/from-disparity, inputs: { disparity: stereo/disparity, calibration: source/calibration } }
+      mono: { kind: mono/onnx, inputs: { image: source/left, calibration: source/calibration, model: learn.teacher/model } }
+      scaled: { kind: fusion/scale, inputs: { mono: mono/depth, stereo: depth/depth } }
+    score: { truth: source/depth, estimates: { stereo: depth/depth, mono: scaled/depth } }
+variants:
+  full: {}
+  no_scaling: { compare.scaled.with.method: none }
+";
+
+#[test]
+fn a_dataflow_gives_the_bytes_of_a_run_with_learning_variants_and_frames_from_files() {
+    let Some(flow) = Flow::new("dora: the same bytes", LEARNS) else { return };
+    let made = flow.depthloom(&["synth", "street", "--frames", "4", "--width", "320", "--height", "96"]);
+    assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
+    let ran = flow.depthloom(&["run", "own.yaml", "--out", "one", "--quiet"]);
+    assert!(ran.status.success(), "{}", String::from_utf8_lossy(&ran.stderr));
+    let (is_fine, printed) = flow.run(&["own.yaml", "--out", "many"]);
+    assert!(is_fine, "{printed}");
+    assert!(flow.recording("one") == flow.recording("many"), "the recordings differ: {printed}");
+    for name in ["table.csv", "scores.csv", "error_vs_distance.csv", "models/learn.teacher.onnx"] {
+        let read = |out: &str| fs::read(flow.path(out).join(name)).expect("written");
+        assert!(read("one") == read("many"), "{name} differs");
+    }
+    assert_eq!(flow.parts(), Vec::<u32>::new());
+}
+
+/// A node on small frames of a street.
+fn with_node(node: &str) -> String {
+    format!(
+        "
+experiment: own
+sources: {{ street: {{ kind: synthetic/road, with: {{ frames: 0..6, seed: 2, width: 320, height: 96 }} }} }}
+stages:
+  look:
+    source: street
+    nodes:
+      stereo: {{ kind: stereo/sgbm, inputs: {{ left: source/left, right: source/right }} }}
+      depth: {{ kind: depth/from-disparity, inputs: {{ disparity: stereo/disparity, calibration: source/calibration }} }}
+      own: {{ inputs: {{ depth: depth/depth }}, {node} }}
+    score: {{ truth: source/depth, estimates: {{ own: own/depth, stereo: depth/depth }} }}
+"
+    )
+}
+
+fn of_dora(more: &str) -> String {
+    with_node(&format!(
+        "kind: dora, with: {{ path: node.py, ports: {{ inputs: {{ depth: depth }}, outputs: {{ depth: depth }} }}, version: 1, {more} }}"
+    ))
+}
+
+#[test]
+fn a_node_by_somebody_else_stands_in_a_dataflow() {
+    for more in ["values: struct", "values: flat", "values: struct, args: [forgets]"] {
+        let Some(flow) = Flow::new("dora: a node by somebody else", &of_dora(more)) else { return };
+        let (is_fine, printed) = flow.run(&["own.yaml", "--allow-exec", "--out", "many"]);
+        assert!(is_fine, "{more}: {printed}");
+        // It gives what it gets.
+        let table = fs::read_to_string(flow.path("many/scores.csv")).expect("scores");
+        let of = |estimator: &str| -> Vec<String> {
+            let lines = table.lines().filter(|line| line.split(',').any(|field| field == estimator));
+            lines.map(|line| line.replace(estimator, "")).collect()
+        };
+        assert_eq!(of("own").len(), 6, "{table}");
+        assert_eq!(of("own"), of("stereo"), "{more}");
+    }
+}
+
+#[test]
+fn a_node_by_somebody_else_that_does_not_answer_fails_the_frame_and_one_that_ends_is_named() {
+    let cases = [
+        ("args: [silent], timeout_s: 1", "dora's node gave nothing at `depth` within 1 s"),
+        ("args: [ends]", "dora's node has ended"),
+        ("values: flat, args: [forgets]", "it has no `width` and `height`"),
+    ];
+    for (more, told) in cases {
+        let Some(flow) = Flow::new("dora: a node that does not answer", &of_dora(more)) else { return };
+        let (is_fine, printed) = flow.run(&["own.yaml", "--allow-exec", "--out", "many"]);
+        // Of a map the size is known from what it was asked with.
+        if more.contains("flat") {
+            assert!(is_fine, "{printed}");
+            continue;
+        }
+        assert!(!is_fine, "{more}: {printed}");
+        assert!(
+            printed.contains("error: node `look.own` failed on frame 000002_10") && printed.contains(told),
+            "{more}: {printed}"
+        );
+        let recording = Recording::open(flow.path("many.partial/recording.mcap")).expect("readable");
+        assert_eq!(recording.frames(0).len(), 2, "{more}");
+        assert_eq!(flow.parts(), Vec::<u32>::new());
+    }
+}
+
+#[test]
+fn failures_leave_the_tombstones_that_a_run_leaves() {
+    let test = "dora: frames that fail";
+    let Some(python) = python_package(test) else { return };
+    let node = format!(
+        "kind: process, with: {{ command: [{:?}, odd.py], ports: {{ inputs: {{ depth: depth }}, outputs: {{ depth: depth }} }}, version: 1 }}",
+        python.display().to_string()
+    );
+    let Some(flow) = Flow::new(test, &with_node(&node)) else { return };
+    for (more, suffix) in [(&["--keep-going"][..], ""), (&[][..], ".partial")] {
+        let ran = flow.depthloom(&[&["run", "own.yaml", "--allow-exec", "--out", "one", "--overwrite"], more].concat());
+        assert_eq!(ran.status.code(), Some(3), "{}", String::from_utf8_lossy(&ran.stderr));
+        let (is_fine, printed) =
+            flow.run(&[&["own.yaml", "--allow-exec", "--out", "many", "--overwrite"], more].concat());
+        assert!(!is_fine && printed.contains("these depths are odd"), "{printed}");
+        let (one, many) = (format!("one{suffix}"), format!("many{suffix}"));
+        assert!(flow.recording(&one) == flow.recording(&many), "the recordings differ: {printed}");
+    }
+}
+
+#[test]
+fn whatever_is_killed_the_rest_ends_and_the_recording_can_be_read() {
+    let long = of_dora("values: struct").replace("0..6", "0..4000");
+    for victim in ["look.stereo", "recorder", "look.own.dora", "dora", "stop"] {
+        let Some(flow) = Flow::new("dora: parts that are killed", &long) else { return };
+        let written = flow.write(&["own.yaml", "--allow-exec", "--out", "many"]);
+        assert!(written.status.success());
+        let log = fs::File::create(flow.path("log")).expect("a log");
+        let mut ran = flow.command().stdout(log.try_clone().expect("a log")).stderr(log).spawn().expect("dora starts");
+        let recording = flow.path("many.partial/recording.mcap");
+        wait_for(|| fs::metadata(&recording).is_ok_and(|file| file.len() > 2 << 20), "frames are recorded");
+        match victim {
+            "dora" => ran.kill().expect("killed"),
+            "stop" => signal("INT", ran.id()),
+            part => {
+                let is_it = |line: &str| match part.strip_suffix(".dora") {
+                    Some(_) => line.contains("node.py"),
+                    None => line.contains(&format!("--part\0{part}\0")),
+                };
+                let cwd = flow.folder.path().canonicalize().expect("there");
+                for number in processes(|number, line| {
+                    is_it(line) && fs::read_link(format!("/proc/{number}/cwd")).is_ok_and(|at| at == cwd)
+                }) {
+                    signal("KILL", number);
+                }
+            }
+        }
+        let begun = Instant::now();
+        let status = ran.wait().expect("it ends");
+        assert!(begun.elapsed() < Duration::from_secs(30), "{victim}");
+        assert!(!status.success(), "{victim}");
+        wait_for(|| flow.parts().is_empty(), "all parts end");
+        let log = plain(&fs::read(flow.path("log")).expect("a log"));
+        let recording = Recording::open(&recording).expect("readable");
+        assert!(recording.frames(0).len() > 1, "{victim}: {log}");
+        match victim {
+            "look.stereo" => assert!(log.contains("error: node `look.stereo` failed on frame"), "{log}"),
+            "look.own.dora" => assert!(log.contains("dora's node has ended"), "{log}"),
+            "stop" => assert!(log.contains("frames can be read from many.partial"), "{log}"),
+            _ => {}
+        }
+    }
+}
+
+fn processes(is_meant: impl Fn(u32, &str) -> bool) -> Vec<u32> {
+    let all = fs::read_dir("/proc").expect("/proc").flatten();
+    let numbers = all.filter_map(|process| process.file_name().to_str()?.parse::<u32>().ok());
+    let line = |number: u32| fs::read(format!("/proc/{number}/cmdline")).unwrap_or_default();
+    numbers.filter(|number| is_meant(*number, &String::from_utf8_lossy(&line(*number)))).collect()
+}
+
+fn signal(name: &str, number: u32) {
+    let sent = Command::new("kill").args(["-s", name, &number.to_string()]).status().expect("kill");
+    assert!(sent.success(), "{name} {number}");
+}
+
+fn wait_for(is_there: impl Fn() -> bool, what: &str) {
+    let until = Instant::now() + Duration::from_secs(60);
+    while !is_there() {
+        assert!(Instant::now() < until, "{what} within a minute");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
+#[test]
+fn what_cannot_begin_says_why() {
+    let Some(flow) = Flow::new("dora: what cannot begin", &of_dora("values: struct")) else { return };
+    let told = |output: &Output| {
+        assert_eq!(output.status.code(), Some(2));
+        assert_eq!(output.stdout, b"");
+        String::from_utf8_lossy(&output.stderr).into_owned()
+    };
+    // A stranger's experiment starts nothing.
+    let refused = told(&flow.write(&["own.yaml"]));
+    assert!(refused.contains("it would start `node.py`") && refused.contains("--allow-exec"), "{refused}");
+    let run = told(&flow.depthloom(&["run", "own.yaml", "--allow-exec", "--out", "x"]));
+    assert!(run.contains("depthloom dora EXPERIMENT"), "{run}");
+    let machine = told(&flow.write(&["own.yaml", "--allow-exec", "--machine", "nobody=jetson"]));
+    assert!(
+        machine.contains("`nobody`, which is no node of the dataflow") && machine.contains("look.own.dora"),
+        "{machine}"
+    );
+    // Not started by dora.
+    let written = flow.write(&["own.yaml", "--allow-exec", "--out", "many", "--machine", "*.stereo=jetson"]);
+    let text = String::from_utf8(written.stdout).expect("UTF-8");
+    assert!(text.contains("- id: \"look.stereo\"\n    deploy: { machine: \"jetson\" }\n"), "{text}");
+    let line = text.lines().find_map(|line| line.trim().strip_prefix("args: \"dora-node ")).expect("arguments");
+    let words: Vec<&str> = line.trim_end_matches('"').split(' ').collect();
+    let outside = told(&flow.depthloom(&[&["dora-node"], &words[..]].concat()));
+    assert!(outside.contains("dora cannot be reached") && outside.contains("`dora run dataflow.yml`"), "{outside}");
+    // Another experiment, and a Python without the library.
+    let (is_fine, printed) = {
+        let written = flow.write(&["own.yaml", "--allow-exec", "--out", "many"]);
+        assert!(written.status.success());
+        let changed = of_dora("values: struct").replace("seed: 2", "seed: 3");
+        fs::write(flow.path("own.yaml"), changed).expect("written");
+        let ran = flow.command().output().expect("dora starts");
+        (ran.status.success(), plain(&[ran.stdout, ran.stderr].concat()))
+    };
+    assert!(
+        !is_fine && printed.contains("own.yaml is another experiment than the dataflow was written of"),
+        "{printed}"
+    );
+    let without = flow.depthloom(&["dora", "own.yaml", "--allow-exec", "--out", "many", "--python", "/nowhere/python"]);
+    fs::write(flow.path("flow.yml"), without.stdout).expect("written");
+    let ran = flow.command().output().expect("dora starts");
+    let printed = plain(&[ran.stdout, ran.stderr].concat());
+    assert!(
+        !ran.status.success() && printed.contains("failed to start `/nowhere/python`, which dora is reached by"),
+        "{printed}"
+    );
+    assert!(!Path::new(&flow.path("many")).exists() && !flow.path("many.partial").exists());
+}
