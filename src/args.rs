@@ -100,6 +100,9 @@ pub enum Command {
     /// Show what an ONNX file takes, gives and costs, and print the lines that put it into an experiment.
     Onnx(OnnxArgs),
     /// Print the experiment as a dataflow of dora's, every node a process of its own, on one machine or several; `dora run` runs it.
+    ///
+    /// It takes the options of `run`, for the node that records. Here `--workers` is how many threads each node has (one; all cores for what fires once), `--window` how many frames are on their way at
+    /// most (8), and nothing is taken from earlier runs.
     Dora(DoraArgs),
     /// Be a node of such a dataflow; dora calls this.
     #[command(hide = true)]

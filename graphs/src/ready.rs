@@ -95,7 +95,7 @@ impl Ready {
         let mut prints = BTreeMap::new();
         let mut runs = Vec::with_capacity(plan.runs.len());
         for (index, run) in plan.runs.iter().enumerate() {
-            let source = open(&run.source, registry).map_err(|error| missing.push(error)).ok();
+            let source = open(&run.source, registry).map_err(|error| missing.push(*error)).ok();
             let mut nodes = Vec::with_capacity(run.nodes.len());
             for position in 0..run.nodes.len() {
                 match build(&plan, (index, position), registry, &mut files) {
@@ -219,7 +219,7 @@ fn read_once_value(path: &Path, value_type: ValueType) -> Result<Value, Fault> {
 ///
 /// # Errors
 /// What is missing, with the kind of the part at fault.
-pub fn open(source: &PlannedSource, registry: &Registry) -> Result<Box<dyn Source>, NotReady> {
+pub fn open(source: &PlannedSource, registry: &Registry) -> Result<Box<dyn Source>, Box<NotReady>> {
     let mut parts = Vec::with_capacity(source.parts.len());
     for part in &source.parts {
         let opened = registry
@@ -227,7 +227,7 @@ pub fn open(source: &PlannedSource, registry: &Registry) -> Result<Box<dyn Sourc
             .ok_or_else(|| Fault::new("this engine has no such kind"))
             .and_then(|kind| kind.open(&part.params));
         let (name, kind) = (source.name.clone(), part.kind.clone());
-        parts.push(opened.map_err(|fault| NotReady::Source { name, kind, fault })?);
+        parts.push(opened.map_err(|fault| Box::new(NotReady::Source { name, kind, fault }))?);
     }
     match parts.pop() {
         Some(only) if parts.is_empty() => Ok(only),

@@ -77,8 +77,15 @@ fn arguments(plan: &Plan) -> Result<Vec<String>, Stop> {
     let folder = std::env::current_dir().map_err(|error| before("failed to find the current folder", &error))?;
     let mut words = vec!["--plan".to_owned(), print_of(plan).to_string(), "--folder".to_owned(), text(folder)?];
     // Options of the program stand before its command, and none of them has a value of that name.
-    for word in std::env::args_os().skip_while(|word| word != "dora").skip(1) {
-        words.push(text(word)?);
+    let mut given = std::env::args_os().skip_while(|word| word != "dora").skip(1);
+    while let Some(word) = given.next() {
+        let word = text(word)?;
+        // Where a part runs is for dora to know.
+        if word == "--machine" {
+            given.next();
+        } else if !word.starts_with("--machine=") {
+            words.push(word);
+        }
     }
     Ok(words)
 }

@@ -61,7 +61,8 @@ fn write_all(program: &clap::Command, out: &Path) -> Result<(), Stop> {
 
 /// A command, its commands, and theirs.
 fn and_below(command: &clap::Command) -> Vec<&clap::Command> {
-    std::iter::once(command).chain(command.get_subcommands().flat_map(and_below)).collect()
+    let below = command.get_subcommands().filter(|below| !below.is_hide_set());
+    std::iter::once(command).chain(below.flat_map(and_below)).collect()
 }
 
 /// `depthloom`, `depthloom-runs`, `depthloom-runs-rm`.
@@ -166,7 +167,10 @@ fn endings(ending: &Ending, command: &clap::Command) -> Roff {
 fn see_also(command: &clap::Command) -> Vec<Inline> {
     let page = |name: &str| [bold(name), roman("(1)")].to_vec();
     let above = display_name(command).strip_suffix(&format!("-{}", command.get_name()));
-    let pages: Vec<Vec<Inline>> =
-        above.into_iter().chain(command.get_subcommands().map(display_name)).map(page).collect();
+    let pages: Vec<Vec<Inline>> = above
+        .into_iter()
+        .chain(command.get_subcommands().filter(|below| !below.is_hide_set()).map(display_name))
+        .map(page)
+        .collect();
     pages.join(&roman(", "))
 }

@@ -209,3 +209,83 @@ impl Mailbox {
 fn part_of(input: &str) -> String {
     input.split_once('/').map_or(input, |(part, _)| part).to_owned()
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+    use std::time::Duration;
+
+    use depthloom_runner::Interrupt;
+    use serde_json::{Map, json};
+
+    use super::{Arrived, Gone, Mailbox};
+    use crate::dora::channel;
+
+    fn mailbox(is_recorder: bool) -> (Mailbox, Interrupt) {
+        let interrupt = Interrupt::default();
+        (Mailbox::new(interrupt.clone(), is_recorder), interrupt)
+    }
+
+    fn message(input: &str, metadata: &serde_json::Value, body: &[u8]) -> Arrived {
+        let metadata = metadata.as_object().cloned().unwrap_or_else(Map::new);
+        Arrived { input: input.to_owned(), metadata, body: body.to_vec() }
+    }
+
+    const NEVER: &dyn Fn() -> bool = &|| false;
+
+    #[test]
+    fn whoever_wants_a_frame_waits_for_it_and_gets_no_other() {
+        let mailbox = Arc::new(mailbox(false).0);
+        mailbox.put(message("left", &json!({ "frame": 1 }), b"one"));
+        let other = Arc::clone(&mailbox);
+        let late = std::thread::spawn(move || {
+            std::thread::sleep(Duration::from_millis(20));
+            other.put(message("left", &json!({ "frame": 0 }), b"zero"));
+        });
+        assert_eq!(mailbox.take("left", Some(0), NEVER).unwrap().body, b"zero");
+        assert_eq!(mailbox.take("left", Some(1), NEVER).unwrap().body, b"one");
+        late.join().unwrap();
+        mailbox.put(message("left", &json!({ "frame": 7 }), b""));
+        mailbox.forget(&["left".to_owned()], 7);
+        assert!(matches!(mailbox.take("left", Some(7), &|| true), Err(Gone::Cancelled)));
+    }
+
+    #[test]
+    fn pieces_are_one_message_whatever_comes_between() {
+        let (mailbox, _) = mailbox(false);
+        mailbox.put(message("left", &json!({ "frame": 3, "chunk": 0, "chunks": 3 }), b"a"));
+        mailbox.put(message("left", &json!({ "frame": 4, "chunk": 0, "chunks": 2 }), b"x"));
+        mailbox.put(message("left", &json!({ "frame": 3, "chunk": 1, "chunks": 3 }), b"b"));
+        mailbox.put(message("left", &json!({ "frame": 4, "chunk": 1, "chunks": 2 }), b"y"));
+        assert!(matches!(mailbox.take("left", Some(3), &|| true), Err(Gone::Cancelled)));
+        mailbox.put(message("left", &json!({ "frame": 3, "chunk": 2, "chunks": 3 }), b"c"));
+        assert_eq!(mailbox.take("left", Some(3), NEVER).unwrap().body, b"abc");
+        assert_eq!(mailbox.take_any("left", NEVER).unwrap().body, b"xy");
+    }
+
+    #[test]
+    fn what_came_before_the_end_can_still_be_had() {
+        let (mailbox, interrupt) = mailbox(true);
+        mailbox.put(message("look.stereo/node.report", &json!({ "frame": 0 }), b"said"));
+        mailbox.close("look.stereo/node.report".to_owned());
+        assert_eq!(mailbox.take("look.stereo/node.report", Some(0), NEVER).unwrap().body, b"said");
+        let Err(Gone::Ended(what)) = mailbox.take("look.stereo/node.report", Some(1), NEVER) else { panic!() };
+        assert_eq!(what, "`look.stereo` ended before it said more");
+        assert!(!interrupt.stops_admission());
+    }
+
+    #[test]
+    fn the_end_abandons_parts_and_a_wish_to_stop_is_the_recorder_s() {
+        let (part, of_part) = mailbox(false);
+        part.stop();
+        assert!(!of_part.stops_admission());
+        part.put(message(channel::END, &json!({}), b""));
+        assert!(of_part.aborts());
+        part.wait_for_the_end();
+        let (recorder, of_recorder) = mailbox(true);
+        recorder.stop();
+        assert!(of_recorder.stops_admission() && !of_recorder.aborts());
+        recorder.end("dora has ended the dataflow");
+        assert!(of_recorder.aborts());
+    }
+}

@@ -134,7 +134,7 @@ fn piece_of(plan: &Plan, run: usize, source: PlannedSource, nodes: Vec<PlannedNo
 
 fn source_piece(plan: &Plan, run: usize, registry: &Registry) -> Result<Piece, Vec<NotReady>> {
     let planned = &plan.runs[run].source;
-    let source = ready::open(planned, registry).map_err(|error| vec![error])?;
+    let source = ready::open(planned, registry).map_err(|error| vec![*error])?;
     let readiness = Readiness { warnings: source.warnings().to_vec(), ..Readiness::default() };
     Ok(Piece {
         plan: piece_of(plan, run, planned.clone(), Vec::new()),
@@ -238,7 +238,7 @@ struct Received {
 impl OnceNode for Received {
     fn run(&self, _: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
         let arrived = self.bridge.mailbox.take(self.port.name, None, &|| ctx.host.cancelled());
-        let value = arrived.map_err(|gone| given_up(gone, &self.interrupt))?.value(self.port.value_type)?;
+        let value = arrived.map_err(|gone| given_up(&gone, &self.interrupt))?.value(self.port.value_type)?;
         Ok(value.map_or_else(Outputs::none, |value| Outputs::one(self.port.name, value)))
     }
 }
@@ -252,7 +252,7 @@ struct Incoming {
 }
 
 /// What a part does whose input ends: nothing more. Why it ended, the recorder hears and tells.
-fn given_up(gone: Gone, interrupt: &Interrupt) -> Fault {
+fn given_up(gone: &Gone, interrupt: &Interrupt) -> Fault {
     if matches!(gone, Gone::Ended(_)) {
         while interrupt.raise() < 2 {}
     }
@@ -272,7 +272,7 @@ impl Source for Incoming {
         let mut outputs = Outputs::none();
         for port in &self.ports {
             let arrived = self.bridge.mailbox.take(port.name, Some(position), &|| ctx.host.cancelled());
-            let arrived = arrived.map_err(|gone| given_up(gone, &self.interrupt))?;
+            let arrived = arrived.map_err(|gone| given_up(&gone, &self.interrupt))?;
             if let Some(value) = arrived.value(port.value_type)? {
                 outputs = outputs.with(port.name, value);
             }
@@ -385,7 +385,7 @@ impl<'a> Outgoing<'a> {
     }
 }
 
-fn tap_error(fault: Fault) -> TapError {
+fn tap_error(fault: &Fault) -> TapError {
     TapError::new(fault.chain())
 }
 
@@ -402,7 +402,7 @@ impl Tap for Outgoing<'_> {
 
     fn encode(&self, _: usize, frame: (usize, &Frame), part: usize, values: &[(Slot, Value)]) -> Result<(), TapError> {
         let stream = values.first().map(|(_, value)| of_value(value)).unwrap_or_default();
-        self.bridge.send(self.slots[part].1, Some(frame), &stream).map_err(tap_error)
+        self.bridge.send(self.slots[part].1, Some(frame), &stream).map_err(|fault| tap_error(&fault))
     }
 
     fn write(&self, commit: &Commit<'_>, _: Vec<()>) -> Result<(), TapError> {
@@ -420,14 +420,14 @@ impl Tap for Outgoing<'_> {
             failed: own.map(|failure| (failure.what.clone(), remedy)),
         };
         let stream = of_text(&report.text());
-        self.bridge.send(channel::REPORT, Some((position, commit.frame)), &stream).map_err(tap_error)
+        self.bridge.send(channel::REPORT, Some((position, commit.frame)), &stream).map_err(|fault| tap_error(&fault))
     }
 
     fn once(&self, run: usize, slot: Slot, _: &Key, value: &Value, warnings: &[Warned]) -> Result<(), TapError> {
         let _ = run;
         let Slot::Node { port, .. } = slot else { return Ok(()) };
         let Some(name) = self.once_name(port) else { return Ok(()) };
-        self.bridge.send(name, None, &of_value(value)).map_err(tap_error)?;
+        self.bridge.send(name, None, &of_value(value)).map_err(|fault| tap_error(&fault))?;
         let mut sent = self.sent_once.lock().unwrap_or_else(PoisonError::into_inner);
         sent.0.insert(name);
         sent.1 = warnings.to_vec();

@@ -36,7 +36,7 @@ pub fn prepare(
 ) -> Result<(Ready, Remote), Stop> {
     let gone = |fault: Fault| match fault {
         Fault::Cancelled => Stop::new(Exit::Interrupted, "interrupted"),
-        fault => Stop::new(Exit::Before, fault.chain()),
+        fault @ Fault::Failed { .. } => Stop::new(Exit::Before, fault.chain()),
     };
     let cancelled = || interrupt.stops_admission();
     let hear = |id: &str, output: &str| {
@@ -265,7 +265,7 @@ impl Observer for Remote {
 
 /// A value that stands for one that nobody looks at.
 fn placeholder(value_type: ValueType) -> Value {
-    fn one<T: Default + Clone>() -> Raster<T>
+    fn one<T>() -> Raster<T>
     where
         image::Luma<T>: image::Pixel<Subpixel = T>,
         T: image::Primitive,

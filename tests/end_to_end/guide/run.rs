@@ -32,6 +32,7 @@ pages! {
     ci: "how-to/ci.md",
     kitti: "how-to/kitti.md",
     many_machines: "how-to/many-machines.md",
+    dora: "how-to/dora.md",
     own_data: "how-to/own-data.md",
     own_network: "how-to/own-network.md",
     own_node: "how-to/own-node.md",
