@@ -6,7 +6,7 @@ use depthloom_graphs::Port;
 use serde_json::{Value as Json, json};
 
 /// The kinds the language's documentation names, with their ports.
-const PORTS: [(&str, &[&str], &[&str]); 20] = [
+const PORTS: [(&str, &[&str], &[&str]); 21] = [
     ("confidence/edges", &["image"], &["mask"]),
     ("confidence/sobel", &["image"], &["weight"]),
     ("depth/from-disparity", &["disparity", "calibration"], &["depth"]),
@@ -14,6 +14,7 @@ const PORTS: [(&str, &[&str], &[&str]); 20] = [
     ("disparity/left-right", &["left", "right"], &["disparity"]),
     ("disparity/speckle", &["disparity"], &["disparity"]),
     ("disparity/weighted-least-squares", &["image", "disparity", "right"], &["disparity"]),
+    ("dora", &[], &[]),
     ("filter/median", &["depth"], &["depth"]),
     ("fusion/confidence", &["mono", "stereo", "weight"], &["depth"]),
     ("fusion/scale", &["mono", "stereo"], &["depth"]),
@@ -83,7 +84,7 @@ fn every_kind_port_and_parameter_is_documented() {
         assert!(summary.ends_with('.') && doc.ends_with('.'), "{kind}: summary and docs are sentences");
         assert!(!doc.contains("  "), "{kind}: a broken line in the docs");
         let unique: BTreeSet<&str> = ports.iter().map(|port| port.name).collect();
-        assert!(!unique.is_empty() || kind.starts_with("process"));
+        assert!(!unique.is_empty() || kind.starts_with("process") || kind == "dora");
         assert!(ports.iter().all(|port| port.doc.ends_with('.')), "{kind}: a port without a sentence");
         let properties = schema["properties"].as_object().unwrap();
         for (name, property) in properties {
@@ -151,6 +152,7 @@ fn resolving_twice_changes_nothing() {
         // What has no ports by itself is given some.
         let least = match node.declaration.kind {
             "process" => json!({ "command": ["true"], "ports": { "inputs": { "a": { "type": "depth" } } } }),
+            "dora" => json!({ "path": "a.py", "ports": { "inputs": { "a": "depth" }, "outputs": { "b": "depth" } } }),
             "onnx" => {
                 json!({ "ports": { "inputs": { "a": { "type": "depth" } }, "outputs": { "b": { "type": "mask" } } } })
             }
@@ -195,6 +197,33 @@ fn parameters_that_no_schema_can_refuse_are_refused_by_name() {
         ("mono/onnx", json!({ "std": [1.0, 0.0, 1.0] }), "std"),
         ("mono/onnx", json!({ "round": false }), "round"),
         ("filter/median", json!({ "size": 4 }), "size"),
+        ("dora", json!({}), "path"),
+        ("dora", json!({ "path": "a.py" }), "ports"),
+        (
+            "dora",
+            json!({ "path": "a.py", "ports": { "inputs": { "a": "scores" }, "outputs": { "b": "depth" } } }),
+            "ports",
+        ),
+        (
+            "dora",
+            json!({ "path": "a", "ports": { "inputs": { "a": { "type": "depth", "rate": "once" } }, "outputs": { "b": "depth" } } }),
+            "ports",
+        ),
+        (
+            "dora",
+            json!({ "path": "a", "ports": { "inputs": { "a": "depth" }, "outputs": { "b": { "type": "depth", "optional": true } } } }),
+            "ports",
+        ),
+        (
+            "dora",
+            json!({ "path": "a", "values": "flat", "ports": { "inputs": { "a": "calibration" }, "outputs": { "b": "depth" } } }),
+            "ports",
+        ),
+        (
+            "dora",
+            json!({ "path": "a", "ports": { "inputs": { "a": "depth" }, "outputs": { "b": "depth" } }, "timeout_s": 0 }),
+            "timeout_s",
+        ),
         ("process", json!({}), "command"),
         ("process", json!({ "command": ["a\0b"] }), "command"),
         ("process", json!({ "command": ["a"] }), "ports"),
