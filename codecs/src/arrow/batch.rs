@@ -80,7 +80,8 @@ pub fn encode<'a>(schema: &Schema, row: Vec<Data<'a>>) -> Encoded<'a> {
 
 /// A message with what stands before it in a stream.
 pub(super) fn framed(message: &[u8]) -> Vec<u8> {
-    let length = message.len().next_multiple_of(8);
+    // Values begin at a multiple of that too, where the message lies in memory.
+    let length = (8 + message.len()).next_multiple_of(ALIGNMENT) - 8;
     let mut framed = Vec::with_capacity(8 + length);
     framed.extend(u32::MAX.to_le_bytes());
     framed.extend((length as u32).to_le_bytes());
@@ -90,6 +91,12 @@ pub(super) fn framed(message: &[u8]) -> Vec<u8> {
 }
 
 impl Encoded<'_> {
+    /// How many bytes are written.
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        self.head.len() + self.parts.iter().map(|part| part.len() + padding(part.len())).sum::<usize>()
+    }
+
     /// Writes it.
     ///
     /// # Errors
@@ -274,6 +281,12 @@ impl Batch {
         let mut left = Left { nodes: &nodes, buffers: &buffers, body: body.len() };
         let columns = schema.fields.iter().map(|field| left.column(field, Some(1))).collect::<Result<_, _>>()?;
         Ok(Self { columns, body })
+    }
+
+    /// How many bytes its values take.
+    #[must_use]
+    pub const fn bytes(&self) -> usize {
+        self.body.len()
     }
 
     /// A column; `None` if there is none of that name, or it is null.

@@ -21,8 +21,9 @@ use depthloom_graphs::{Fault, Port};
 use depthloom_threads::look_for_room;
 
 use super::launch::Launch;
+use super::memory::Shared;
 use super::permission;
-use super::protocol::{self, Reply, Request};
+use super::protocol::{self, Elsewhere, Reply, Request};
 
 /// What the guard does: passes on the signals that it is told, and kills the group, itself too, when there is nobody left to tell it any.
 const GUARD: &str = "trap '' HUP INT TERM; while read -r signal; do kill -s \"$signal\" 0; done; kill -s KILL 0";
@@ -137,10 +138,14 @@ impl Running {
         let (Some(input), Some(output), Some(errors)) = (input, output, errors) else {
             return Err(Fault::new(format!("`{told}` was started without streams")));
         };
-        let (schema, outputs, keep) = (Arc::clone(schema), Arc::clone(outputs), Arc::clone(&running.said));
+        let shared = Shared::new();
+        let schema = protocol::offering(schema, shared.offer());
+        let (outputs, keep) = (Arc::clone(outputs), Arc::clone(&running.said));
+        let shared = Arc::new(Mutex::new(shared));
+        let also = Arc::clone(&shared);
         let threads = || {
-            thread("write", move || write(input, &schema, &to_write))?;
-            thread("read", move || read(output, &outputs, &heard))?;
+            thread("write", move || write(input, &schema, &to_write, &shared))?;
+            thread("read", move || read(output, &outputs, &heard, &also))?;
             thread("errors", move || listen(errors, &keep))
         };
         // What was started ends with `running`.
@@ -269,11 +274,17 @@ fn thread(name: &str, work: impl FnOnce() + Send + 'static) -> std::io::Result<J
 }
 
 /// Writes the schema, then every call. The stream ends when nobody calls any more.
-fn write(mut input: ChildStdin, schema: &Schema, calls: &Receiver<Request>) {
+fn write(mut input: ChildStdin, schema: &Schema, calls: &Receiver<Request>, shared: &Mutex<Shared>) {
     let mut write = || -> std::io::Result<()> {
         write_schema(schema, &mut input)?;
         while let Ok(request) = calls.recv() {
-            encode(schema, request.row()).write(&mut input)?;
+            let mut elsewhere = Elsewhere::default();
+            {
+                let mut shared = shared.lock().unwrap_or_else(PoisonError::into_inner);
+                elsewhere.call = shared.lay(&encode(schema, request.row(&Elsewhere::default())));
+                elsewhere.answer = shared.room();
+            }
+            encode(schema, request.row(&elsewhere)).write(&mut input)?;
         }
         input.write_all(&[0xff, 0xff, 0xff, 0xff, 0, 0, 0, 0])
     };
@@ -282,10 +293,14 @@ fn write(mut input: ChildStdin, schema: &Schema, calls: &Receiver<Request>) {
 }
 
 /// Reads replies until there are none, or one that is none.
-fn read(output: impl Read, outputs: &[Port], heard: &SyncSender<Heard>) {
+fn read(output: impl Read, outputs: &[Port], heard: &SyncSender<Heard>, shared: &Mutex<Shared>) {
+    let shared = || shared.lock().unwrap_or_else(PoisonError::into_inner);
     let mut stream = StreamReader::new(output);
     let schema = match stream.schema() {
-        Ok(Some(schema)) => protocol::check_schema(&schema).map(|()| schema),
+        Ok(Some(schema)) => {
+            let agreed = protocol::check_schema(&schema).and_then(|()| shared().agree(protocol::agrees(&schema)));
+            agreed.map(|()| schema)
+        }
         Ok(None) => Err("it ended, or closed its standard output, before it said anything".to_owned()),
         Err(error) => Err(format!("what it says is not of the protocol: {error}")),
     };
@@ -298,7 +313,10 @@ fn read(output: impl Read, outputs: &[Port], heard: &SyncSender<Heard>) {
     };
     loop {
         let next = match stream.batch(&schema) {
-            Ok(Some(batch)) => protocol::reply(&schema, &batch, outputs),
+            Ok(Some(batch)) => {
+                let row = shared().meant(&schema, batch);
+                row.and_then(|row| protocol::reply(&schema, &row, outputs))
+            }
             Ok(None) => Err("it ended, or closed its standard output".to_owned()),
             Err(error) => Err(format!("what it says is not of the protocol: {error}")),
         };

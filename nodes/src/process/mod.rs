@@ -3,6 +3,8 @@
 #[cfg(unix)]
 mod child;
 mod launch;
+#[cfg(unix)]
+mod memory;
 mod node;
 pub mod permission;
 #[cfg(unix)]

@@ -8,6 +8,8 @@ use serde_json::{Map, Value as Json, json};
 const VERSION: &str = "1";
 const PROTOCOL: &str = "depthloom.protocol";
 const NODE: &str = "depthloom.node";
+/// Of the engine: where the file lies that a process opens to take part in shared memory. Of the process: what it holds.
+const SHARED: &str = "depthloom.shared";
 
 const TEXT: DataType = DataType::Utf8(Offsets::Narrow);
 const I64: DataType = DataType::Int(64, true);
@@ -43,6 +45,28 @@ pub(super) struct Request {
     pub call: Call,
     /// By input port.
     pub inputs: Vec<Option<Value>>,
+}
+
+/// Where in shared memory a row lies, or may lie.
+#[derive(Clone, Debug)]
+pub(super) struct Place {
+    /// The number of the file: no two of a process have the same.
+    pub file: i64,
+    /// Where it is opened.
+    pub path: String,
+    /// Its size, bytes.
+    pub size: i64,
+    /// How many bytes of it the row takes.
+    pub bytes: i64,
+}
+
+/// What of a call does not cross the pipe.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Elsewhere {
+    /// Where the row lies.
+    pub call: Option<Place>,
+    /// Where the answer may.
+    pub answer: Option<Place>,
 }
 
 /// What a process says to a call.
@@ -82,6 +106,8 @@ pub(super) fn crosses(port: &Port) -> Result<(), String> {
 pub(super) fn request_schema(contract: &str, inputs: &[Port], outputs: &[Port], params: &Map<String, Json>) -> Schema {
     let columns = inputs.iter().filter_map(|port| arrow::field(port.name, port.value_type));
     let frame = vec![Field::new("id", TEXT), Field::new("index", I64), Field::new("time_ns", I64)];
+    let place = ["file", "path", "size", "bytes"].map(|name| Field::new(name, if name == "path" { TEXT } else { I64 }));
+    let place = |name| Field::new(name, DataType::Struct(place.to_vec())).nullable();
     let told = |ports: &[Port]| {
         let told = ports.iter().map(|port| {
             let told = json!({ "type": port.value_type.name(), "rate": port.rate.name(), "optional": port.optional });
@@ -95,17 +121,20 @@ pub(super) fn request_schema(contract: &str, inputs: &[Port], outputs: &[Port], 
             Field::new("number", I64),
             Field::new("call", TEXT),
             Field::new("frame", DataType::Struct(frame)).nullable(),
-            Field::new("inputs", DataType::Struct(columns.collect())),
+            Field::new("inputs", DataType::Struct(columns.collect())).nullable(),
+            place("lies_in"),
+            place("answer_in"),
         ],
         metadata: vec![(PROTOCOL.to_owned(), VERSION.to_owned()), (NODE.to_owned(), node.to_string())],
     }
 }
 
 impl Request {
-    /// The row of a call.
-    pub(super) fn row(&self) -> Vec<Data<'_>> {
+    /// The row of a call; one that lies elsewhere says where, and nothing of what is told there.
+    pub(super) fn row<'a>(&'a self, elsewhere: &'a Elsewhere) -> Vec<Data<'a>> {
+        let is_here = elsewhere.call.is_none();
         let frame = match &self.call {
-            Call::Process(Some(frame)) => Data::Struct(vec![
+            Call::Process(Some(frame)) if is_here => Data::Struct(vec![
                 Data::Text((&*frame.id).into()),
                 Data::Int(frame.index as i64),
                 Data::Int(frame.time_ns as i64),
@@ -113,8 +142,26 @@ impl Request {
             _ => Data::Null,
         };
         let inputs = self.inputs.iter().map(|value| value.as_ref().and_then(arrow::data).unwrap_or(Data::Null));
-        vec![Data::Int(self.number), Data::Text(self.call.name().into()), frame, Data::Struct(inputs.collect())]
+        let inputs = if is_here { Data::Struct(inputs.collect()) } else { Data::Null };
+        let place = |place: &'a Option<Place>| {
+            let Some(Place { file, path, size, bytes }) = place else { return Data::Null };
+            Data::Struct(vec![Data::Int(*file), Data::Text(path.as_str().into()), Data::Int(*size), Data::Int(*bytes)])
+        };
+        let call = Data::Text(self.call.name().into());
+        vec![Data::Int(self.number), call, frame, inputs, place(&elsewhere.call), place(&elsewhere.answer)]
     }
+}
+
+/// The schema for a process that is offered shared memory, which it tries on the file there.
+pub(super) fn offering(schema: &Schema, path: Option<String>) -> Schema {
+    let mut schema = schema.clone();
+    schema.metadata.extend(path.map(|path| (SHARED.to_owned(), path)));
+    schema
+}
+
+/// What a process answers to that offer.
+pub(super) fn agrees(schema: &Schema) -> Option<&str> {
+    schema.said(SHARED)
 }
 
 /// Whether the stream of a process is of this protocol.
@@ -182,7 +229,7 @@ mod tests {
     use depthloom_graphs::{Frame, Port, Value, ValueType};
     use serde_json::Map;
 
-    use super::{Call, Request, request_schema};
+    use super::{Call, Elsewhere, Request, request_schema};
 
     #[test]
     fn a_call_is_one_row_with_its_frame_and_its_values() {
@@ -194,7 +241,7 @@ mod tests {
         let request = Request { number: 7, call, inputs: vec![Some(depth), None] };
         let mut stream = Vec::new();
         write_schema(&schema, &mut stream).unwrap();
-        encode(&schema, request.row()).write(&mut stream).unwrap();
+        encode(&schema, request.row(&Elsewhere::default())).write(&mut stream).unwrap();
         let mut reader = StreamReader::new(&stream[..]);
         let schema = reader.schema().unwrap().unwrap();
         let batch = reader.batch(&schema).unwrap().unwrap();

@@ -77,7 +77,7 @@ class _Server:
     def __init__(self, calls: BinaryIO, answers: BinaryIO) -> None:
         import pyarrow as pa
 
-        from . import _columns
+        from . import _columns, _shared
 
         self.pa, self.columns = pa, _columns
         self.calls, self.answers = calls, answers
@@ -93,10 +93,13 @@ class _Server:
         self.at_finish = {name for name, of in self.node["outputs"].items() if of["rate"] == "once"}
         frames = pa.struct([("id", pa.list_(pa.string())), ("time_ns", pa.list_(pa.int64()))])
         texts = [(name, pa.string()) for name in ("says", "message", "trace")]
-        numbers = [(name, pa.int64()) for name in ("number", "done", "total", "count", "cpu_ns")]
+        numbers = [(name, pa.int64()) for name in ("number", "done", "total", "count", "cpu_ns", "bytes")]
         outputs = pa.struct([(name, _columns.TYPES[of]) for name, of in self.outputs.items()])
-        columns = [*texts, *numbers, ("frames", frames), ("outputs", outputs)]
-        self.schema = pa.schema(columns, metadata={"depthloom.protocol": _VERSION})
+        columns = [*texts, *numbers, ("held", pa.list_(pa.int64())), ("frames", frames), ("outputs", outputs)]
+        word = _shared.agreed(said[b"depthloom.shared"]) if b"depthloom.shared" in said else None
+        self.shared = _shared.Shared(self.reader.schema) if word else None
+        metadata = {b"depthloom.protocol": _VERSION.encode()} | ({b"depthloom.shared": word} if word else {})
+        self.schema = pa.schema(columns, metadata=metadata)
         self.writer = pa.ipc.new_stream(answers, self.schema)
 
     def __enter__(self) -> _Server:
@@ -109,9 +112,16 @@ class _Server:
         _current = None
 
     def says(self, what: str, **columns: Any) -> None:
+        self._write(self._row(what, columns))
+
+    def _write(self, row: Any) -> None:
         """Writes one row."""
+        self.writer.write_batch(row)
+        self.answers.flush()
+
+    def _row(self, what: str, columns: dict[str, Any]) -> Any:
         pa = self.pa
-        columns |= {"says": what, "number": self.number}
+        columns |= {"says": what, "number": self.number, "held": self.shared.held() if self.shared else None}
         arrays = []
         for field in self.schema:
             given = columns.get(field.name)
@@ -121,32 +131,44 @@ class _Server:
                 arrays.append(given)
             else:
                 arrays.append(pa.array([given], field.type))
-        self.writer.write_batch(pa.record_batch(arrays, schema=self.schema))
-        self.answers.flush()
+        return pa.record_batch(arrays, schema=self.schema)
 
-    def fails(self, error: BaseException) -> None:
-        """Tells what was raised, and where."""
+    def _failure(self, error: BaseException) -> Any:
+        """What was raised, and where."""
         frames = [of for of in traceback.extract_tb(error.__traceback__) if of.filename != __file__]
         trace = "".join(traceback.format_list(frames))
         message = "".join(traceback.format_exception_only(error)).strip()
-        self.says("failure", message=message, trace=trace)
+        return self._row("failure", {"message": message, "trace": trace})
 
     def run(self, nodes: tuple[Any, ...]) -> None:
         try:
             answer = self._answering(nodes)
         except Exception as error:
-            self.fails(error)
+            self._write(self._failure(error))
             return
         self.says("ready")
         for batch in self.reader:
             self.number = batch.column("number")[0].as_py()
+            row = self._answer(answer, batch)
+            place = batch.column("answer_in")[0].as_py() if self.shared else None
+            laid = self.shared.lay(row, place) if self.shared and place else None
+            if laid is not None:
+                # What the node gave may be what it was given: now nobody but the node holds that.
+                del row
+                row = self._row("shared", {"bytes": laid})
+            self._write(row)
+
+    def _answer(self, answer: Callable[[str, Any], dict[str, Any]], batch: Any) -> Any:
+        """The row that answers a call."""
+        try:
+            place = batch.column("lies_in")[0].as_py() if self.shared else None
+            if self.shared and place:
+                batch = self.shared.call(place)
             began = time.process_time_ns()
-            try:
-                says = answer(batch.column("call")[0].as_py(), batch)
-            except Exception as error:
-                self.fails(error)
-            else:
-                self.says(says.pop("says"), **says, cpu_ns=time.process_time_ns() - began)
+            says = answer(batch.column("call")[0].as_py(), batch)
+            return self._row(says.pop("says"), {**says, "cpu_ns": time.process_time_ns() - began})
+        except Exception as error:
+            return self._failure(error)
 
     def _answering(self, nodes: tuple[Any, ...]) -> Callable[[str, Any], dict[str, Any]]:
         """What answers a call, made of the node that is meant."""

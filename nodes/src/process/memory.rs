@@ -1,0 +1,202 @@
+//! Files in memory that a process and this one have both open: large rows lie there instead of crossing a pipe, where each byte is copied twice.
+//!
+//! They have no name anywhere (`memfd`), so nothing is left of them once both sides have ended, however they did; a process opens them through this one's
+//! open files under `/proc`. They are as large as they are from the start, allocated, and sealed against shrinking, so that whoever maps one cannot lose what
+//! they mapped. Here they are only written and read, never mapped: what a process writes while it is read is a wrong value, and no more than that.
+//!
+//! A process that does not take part, and a system that has no such files or no memory for them, keep to the pipes.
+
+use std::fs::File;
+use std::hash::{BuildHasher, RandomState};
+use std::io::{self, Read, Seek, SeekFrom, Write};
+use std::os::fd::AsRawFd;
+
+use depthloom_codecs::arrow::{Batch, Encoded, Schema, StreamReader};
+
+use super::protocol::Place;
+
+/// From this size on a row lies in memory, bytes: what a pipe holds.
+const LARGE: u64 = 64 << 10;
+/// The largest row that does.
+const MOST: u64 = 1 << 30;
+/// Files are so large, or a multiple of it.
+const STEP: u64 = 1 << 20;
+/// How many files for calls there are at most: a process may hold all but one.
+const FILES: usize = 4;
+
+/// A file in memory.
+struct Memory {
+    file: File,
+    number: i64,
+    size: u64,
+}
+
+impl Memory {
+    #[cfg(target_os = "linux")]
+    fn new(number: i64, size: u64) -> io::Result<Self> {
+        use rustix::fs::{FallocateFlags, MemfdFlags, SealFlags, fallocate, fcntl_add_seals, memfd_create};
+        let file = memfd_create("depthloom-process", MemfdFlags::CLOEXEC | MemfdFlags::ALLOW_SEALING)?;
+        fallocate(&file, FallocateFlags::empty(), 0, size)?;
+        fcntl_add_seals(&file, SealFlags::SHRINK | SealFlags::GROW | SealFlags::SEAL)?;
+        Ok(Self { file: file.into(), number, size })
+    }
+
+    #[cfg(not(target_os = "linux"))]
+    fn new(_: i64, _: u64) -> io::Result<Self> {
+        Err(io::ErrorKind::Unsupported.into())
+    }
+
+    /// Where a process on the same system opens it.
+    fn path(&self) -> String {
+        format!("/proc/{}/fd/{}", std::process::id(), self.file.as_raw_fd())
+    }
+
+    fn place(&self, bytes: u64) -> Place {
+        Place { file: self.number, path: self.path(), size: self.size as i64, bytes: bytes as i64 }
+    }
+}
+
+/// What is shared with a process.
+pub(super) struct Shared {
+    /// Holds the word by which a process shows that it has opened this very file; gone when the process has spoken.
+    probe: Option<(Memory, String)>,
+    /// Whether the process takes part.
+    is_agreed: bool,
+    /// Where calls lie, and whether the process still holds what lies there.
+    calls: Vec<(Memory, bool)>,
+    /// Where an answer may lie.
+    answers: Option<Memory>,
+    /// The size of the largest answer that did not lie there, bytes.
+    wanted: u64,
+    last: i64,
+    /// The largest file that this process may have.
+    most: u64,
+}
+
+impl Shared {
+    /// With a file to try it on, where there are such files.
+    pub(super) fn new() -> Self {
+        let most = limit().min(MOST);
+        let word = format!("{:032x}", u128::from(RandomState::new().hash_one(0)) << 64 | u128::from(RandomState::new().hash_one(1)));
+        let probe = (most >= STEP).then(|| Memory::new(0, word.len() as u64));
+        let probe = probe.and_then(Result::ok).filter(|of| (&of.file).write_all(word.as_bytes()).is_ok());
+        let probe = probe.map(|file| (file, word));
+        Self { probe, is_agreed: false, calls: Vec::new(), answers: None, wanted: 0, last: 0, most }
+    }
+
+    /// What the process is told of it first: where the file lies. `None`: there is none.
+    pub(super) fn offer(&self) -> Option<String> {
+        self.probe.as_ref().map(|(file, _)| file.path())
+    }
+
+    /// Takes what the process says of it, the word in the file, or nothing.
+    pub(super) fn agree(&mut self, said: Option<&str>) -> Result<(), String> {
+        let probe = self.probe.take();
+        match (probe, said) {
+            (_, None) => Ok(()),
+            (Some((_, word)), Some(said)) if word == said => {
+                self.is_agreed = true;
+                Ok(())
+            }
+            (_, Some(said)) => Err(format!("it says {said:?} of the memory that is shared, which is not what lies there")),
+        }
+    }
+
+    /// Lays a call into memory. `None`: it crosses the pipe.
+    pub(super) fn lay(&mut self, call: &Encoded<'_>) -> Option<Place> {
+        let bytes = call.bytes() as u64;
+        if !self.is_agreed || !(LARGE..=self.most).contains(&bytes) {
+            return None;
+        }
+        let is_free = |(memory, is_held): &(Memory, bool)| !is_held && memory.size >= bytes;
+        let at = match self.calls.iter().position(is_free) {
+            Some(at) => at,
+            None => {
+                // Those that are too small go; what is held is left alone.
+                self.calls.retain(|(_, is_held)| *is_held);
+                if self.calls.len() >= FILES {
+                    return None;
+                }
+                let memory = self.make(bytes)?;
+                self.calls.push((memory, false));
+                self.calls.len() - 1
+            }
+        };
+        let (memory, _) = &self.calls[at];
+        let mut file = &memory.file;
+        file.seek(SeekFrom::Start(0)).and_then(|_| call.write(&mut file)).ok()?;
+        Some(memory.place(bytes))
+    }
+
+    /// Where the answer to the next call may lie.
+    pub(super) fn room(&mut self) -> Option<Place> {
+        if self.is_agreed && self.wanted > self.answers.as_ref().map_or(0, |memory| memory.size) {
+            self.answers = None;
+            self.answers = self.make(self.wanted);
+            if self.answers.is_none() {
+                self.wanted = 0;
+            }
+        }
+        self.answers.as_ref().map(|memory| memory.place(0))
+    }
+
+    fn make(&mut self, bytes: u64) -> Option<Memory> {
+        let size = bytes.checked_next_multiple_of(STEP).filter(|size| *size <= self.most)?;
+        self.last += 1;
+        Memory::new(self.last, size).ok()
+    }
+
+    /// The row that the process means by one that came through the pipe: this one, or the one that lies in memory.
+    pub(super) fn meant(&mut self, schema: &Schema, batch: Batch) -> Result<Batch, String> {
+        let held = batch.column(schema, "held").map_or(Ok(Vec::new()), |held| held.i64s())?;
+        self.holds(&held)?;
+        if batch.column(schema, "says").map(|says| says.text()).transpose()? != Some("shared") {
+            let bytes = batch.bytes() as u64;
+            if self.is_agreed && (LARGE..=self.most).contains(&bytes) {
+                // A row has a little more than its values.
+                self.wanted = self.wanted.max(bytes + LARGE);
+            }
+            return Ok(batch);
+        }
+        let number = |batch: &Batch, name: &str| batch.column(schema, name).map_or(Ok(0), |column| column.int());
+        let row = self.answer(schema, number(&batch, "bytes")?)?;
+        let (here, there) = (number(&batch, "number")?, number(&row, "number")?);
+        if here != there {
+            return Err(format!("it answers call {here}, and what lies in shared memory answers call {there}"));
+        }
+        Ok(row)
+    }
+
+    /// Takes which files the process still holds.
+    fn holds(&mut self, held: &[i64]) -> Result<(), String> {
+        let strange = held.iter().find(|number| self.calls.iter().all(|(memory, _)| memory.number != **number));
+        if let Some(strange) = strange {
+            return Err(format!("it holds file {strange} of shared memory, in which no call lies"));
+        }
+        self.calls.iter_mut().for_each(|(memory, is_held)| *is_held = held.contains(&memory.number));
+        Ok(())
+    }
+
+    /// The row of so many bytes that lies where answers may.
+    fn answer(&self, schema: &Schema, bytes: i64) -> Result<Batch, String> {
+        let Some(memory) = &self.answers else {
+            return Err("it says that its row lies in shared memory, and it was given none".to_owned());
+        };
+        let Some(bytes) = u64::try_from(bytes).ok().filter(|bytes| *bytes <= memory.size) else {
+            return Err(format!("it says that its row takes {bytes} bytes of shared memory, which has {}", memory.size));
+        };
+        let wrong = |what: &dyn std::fmt::Display| format!("what lies in shared memory is not of the protocol: {what}");
+        let mut file = &memory.file;
+        file.seek(SeekFrom::Start(0)).map_err(|error| wrong(&error))?;
+        let row = StreamReader::new(file.take(bytes)).batch(schema).map_err(|error| wrong(&error))?;
+        row.ok_or_else(|| wrong(&"there is no row"))
+    }
+}
+
+/// The largest file that may be written, bytes: beyond it the system would end this process.
+fn limit() -> u64 {
+    let limits = std::fs::read_to_string("/proc/self/limits").unwrap_or_default();
+    let line = limits.lines().find_map(|line| line.strip_prefix("Max file size"));
+    let soft = line.and_then(|line| line.split_whitespace().next());
+    soft.map_or(0, |soft| if soft == "unlimited" { u64::MAX } else { soft.parse().unwrap_or(0) })
+}
