@@ -474,7 +474,7 @@ impl<'a> View<'a> {
         let items = Self { field: item, column: &self.column.children[0], body: self.body };
         let range = self.range(*width, 0, items.column.length)?;
         // What is null would be read as whatever lies there.
-        if range.clone().any(|row| items.is_null(row)) && !items.buffer(0).is_empty() {
+        if !items.buffer(0).is_empty() && range.clone().any(|row| items.is_null(row)) {
             return Err(format!("an item of `{}` is null", self.field.name));
         }
         Ok((items, range))

@@ -77,7 +77,10 @@ impl Shared {
     /// With a file to try it on, where there are such files.
     pub(super) fn new() -> Self {
         let most = limit().min(MOST);
-        let word = format!("{:032x}", u128::from(RandomState::new().hash_one(0)) << 64 | u128::from(RandomState::new().hash_one(1)));
+        let word = format!(
+            "{:032x}",
+            u128::from(RandomState::new().hash_one(0)) << 64 | u128::from(RandomState::new().hash_one(1))
+        );
         let probe = (most >= STEP).then(|| Memory::new(0, word.len() as u64));
         let probe = probe.and_then(Result::ok).filter(|of| (&of.file).write_all(word.as_bytes()).is_ok());
         let probe = probe.map(|file| (file, word));
@@ -98,7 +101,9 @@ impl Shared {
                 self.is_agreed = true;
                 Ok(())
             }
-            (_, Some(said)) => Err(format!("it says {said:?} of the memory that is shared, which is not what lies there")),
+            (_, Some(said)) => {
+                Err(format!("it says {said:?} of the memory that is shared, which is not what lies there"))
+            }
         }
     }
 
@@ -183,7 +188,10 @@ impl Shared {
             return Err("it says that its row lies in shared memory, and it was given none".to_owned());
         };
         let Some(bytes) = u64::try_from(bytes).ok().filter(|bytes| *bytes <= memory.size) else {
-            return Err(format!("it says that its row takes {bytes} bytes of shared memory, which has {}", memory.size));
+            return Err(format!(
+                "it says that its row takes {bytes} bytes of shared memory, which has {}",
+                memory.size
+            ));
         };
         let wrong = |what: &dyn std::fmt::Display| format!("what lies in shared memory is not of the protocol: {what}");
         let mut file = &memory.file;

@@ -4,6 +4,7 @@
 //! target is run through the front door: a file of a data set through its source, opened, keyed and read as the runner does it. `tests/parsers.rs`
 //! runs all of them over their seeds, over what was once found (`found/`) and over mutations of both; `fuzz/` hands them to cargo-fuzz.
 
+mod arrow;
 mod bags;
 mod experiment;
 mod files;
@@ -92,6 +93,7 @@ impl Reader {
 pub fn targets() -> Vec<Target> {
     let mut targets = sources::targets();
     targets.extend(bags::targets());
+    targets.push(arrow::target());
     targets.push(experiment::target());
     targets.push(onnx::target());
     targets.push(recordings::target());
