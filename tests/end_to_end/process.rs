@@ -34,7 +34,7 @@ impl Peer {
 
     /// An experiment whose node `own` is a command of YAML, with more parameters behind it.
     fn experiment(&self, name: &str, frames: &str, command: &str, more: &str) -> PathBuf {
-        let (width, height) = replies::SIZE;
+        let (width, height) = if name.starts_with("shared") { replies::LARGE } else { replies::SIZE };
         let text = format!(
             "experiment: {name}\n\
              sources: {{ street: {{ kind: synthetic/road, with: {{ frames: {frames}, width: {width}, height: {height} }} }} }}\n\

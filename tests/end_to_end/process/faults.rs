@@ -8,7 +8,7 @@ use super::{Peer, processes, run, said, until};
 use crate::support::{depthloom, succeed};
 
 /// What a process does, and a part of what is said of it.
-const FAULTS: [(&str, &str); 60] = [
+const FAULTS: [(&str, &str); 63] = [
     // Before it is ready.
     (
         "exits-at-once",
@@ -75,15 +75,34 @@ const FAULTS: [(&str, &str); 60] = [
     ("ready-again", "said `ready` where an answer is wanted"),
     ("a-schema-again", "a schema came where a record batch is wanted"),
     ("offsets-lead-out", "the offsets of `data` lead out of its values"),
+    // Of shared memory.
+    ("shared-wrong-word", "of the memory that is shared, which is not what lies there"),
+    ("shared-not-agreed", "it says that its row lies in shared memory, and it was given none"),
+    ("shared-not-given", "it says that its row lies in shared memory, and it was given none"),
 ];
 
 /// Faults of later frames, or that need no reply.
-const LATER: [(&str, &str, &str); 5] = [
+const LATER: [(&str, &str, &str); 16] = [
     ("answers-twice", "answered call 1 where call 2 is to be answered", "000001_10"),
     ("answers-and-floods", "answered call 9 where call 1 is to be answered", "000000_10"),
     ("offsets-go-back", "the offsets of `data` lead out of its values", "000000_10"),
     ("no-utf-8", "`says` is no UTF-8", "000000_10"),
     ("frames-instead", "a reply of frames has none", "000000_10"),
+    ("shared-nowhere", "what lies in shared memory is not of the protocol: there is no row", "000001_10"),
+    (
+        "shared-beyond",
+        "it says that its row takes 1099511627776 bytes of shared memory, which has 1048576",
+        "000001_10",
+    ),
+    ("shared-before", "it says that its row takes -1 bytes of shared memory", "000001_10"),
+    ("shared-nothing-there", "it is no stream of Arrow's", "000001_10"),
+    ("shared-cut", "the stream ended within a message", "000001_10"),
+    ("shared-noise", "it is no stream of Arrow's: it begins with \"load\"", "000001_10"),
+    ("shared-another-number", "it answers call 2, and what lies in shared memory answers call 5", "000001_10"),
+    ("shared-leads-on", "it says `shared`, which means nothing", "000001_10"),
+    ("shared-a-schema", "a schema came where a record batch is wanted", "000001_10"),
+    ("shared-holds-others", "it holds file 99 of shared memory, in which no call lies", "000001_10"),
+    ("shared-shrinks", "it ended with exit code 9", "000001_10"),
 ];
 
 /// Runs two frames through a process; what is said of it must hold `expected`.
@@ -121,7 +140,7 @@ fn fails(peer: &Peer, mode: &str, expected: &str, frame: &str) -> Result<(), Str
 }
 
 #[test]
-fn each_of_65_faults_is_an_error_that_names_node_and_frame_and_leaves_nothing_behind() {
+fn each_of_79_faults_is_an_error_that_names_node_and_frame_and_leaves_nothing_behind() {
     let peer = Peer::new();
     let first = FAULTS.iter().map(|(mode, expected)| (*mode, *expected, "000000_10"));
     let all: Vec<(&str, &str, &str)> = first.chain(LATER).collect();
@@ -140,6 +159,20 @@ fn each_of_65_faults_is_an_error_that_names_node_and_frame_and_leaves_nothing_be
     });
     let wrong = wrong.into_inner().expect("no panic");
     assert!(wrong.is_empty(), "{} of {}:\n{}", wrong.len(), all.len(), wrong.join("\n\n"));
+}
+
+#[test]
+fn an_answer_lies_in_shared_memory_and_one_that_changes_while_it_is_read_is_no_more_than_wrong() {
+    let peer = Peer::new();
+    for mode in ["shared-works", "shared-scribbles"] {
+        let mark = format!("{}-{mode}", std::process::id());
+        let experiment = peer.of_mode(mode, "0..2", "timeout_s: 20");
+        let output = run(&experiment, &peer.path(&format!("run-{mode}")), &mark).args(["--workers", "1"]).output();
+        let output = output.expect("started");
+        let is_right = output.status.success() || mode == "shared-scribbles" && output.status.code() == Some(3);
+        assert!(is_right, "{mode}: {}", said(&output));
+        assert_eq!(processes(&mark), Vec::<String>::new());
+    }
 }
 
 #[test]

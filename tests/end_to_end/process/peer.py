@@ -1,6 +1,8 @@
 """A process that does what no process should: the first argument says what, the second where the replies lie that the test has made."""
 
+import mmap
 import os
+import re
 import signal
 import struct
 import subprocess
@@ -26,8 +28,40 @@ def message():
     described = calls.read(struct.unpack("<I", head[4:])[0])
     table = struct.unpack_from("<I", described)[0]
     fields = table - struct.unpack_from("<i", described, table)[0]
-    calls.read(struct.unpack_from("<q", described, table + struct.unpack_from("<H", described, fields + 10)[0])[0])
-    return described
+    return described + calls.read(struct.unpack_from("<q", described, table + struct.unpack_from("<H", described, fields + 10)[0])[0])
+
+
+def file():
+    """Opens the file in memory that the next message names last."""
+    return os.open(re.findall(rb"/proc/\d+/fd/\d+", message())[-1], os.O_RDWR)
+
+
+def lay(name=None, noise=b""):
+    """Lays a reply, or something else, into the memory for the answer to the next call."""
+    there = file()
+    os.pwrite(there, noise or open(os.path.join(folder, name), "rb").read(), 0)
+    return there
+
+
+def scribble():
+    """Answers for ever, and changes the answer while it is read."""
+    size = os.fstat(there := lay("shared-values-2")).st_size
+    view = mmap.mmap(there, size)
+    say("shared-lies")
+    while True:
+        view[:4096] = os.urandom(4096)
+
+
+def shrink():
+    """What is sealed stays as large as it is."""
+    there = lay("shared-values-2")
+    for change in (lambda: os.ftruncate(there, 4096), lambda: os.ftruncate(there, 1 << 30)):
+        try:
+            change()
+        except PermissionError:
+            continue
+        os._exit(1)
+    os._exit(9)
 
 
 def forever():
@@ -68,6 +102,42 @@ if mode in SAYS:
 if mode in ("values-before-ready", "fails-at-start", "ready-of-another-call"):
     say("schema", {"values-before-ready": "values-0", "fails-at-start": "failure-0", "ready-of-another-call": "ready-5"}[mode])
     forever()
+
+# In shared memory the first call is answered as ever, with a large value, so that the second one has a place for its answer.
+LATER = {
+    "shared-nowhere": lambda: (message(), say("shared-lies-nowhere")),
+    "shared-beyond": lambda: (message(), say("shared-lies-beyond")),
+    "shared-before": lambda: (message(), say("shared-lies-before")),
+    "shared-nothing-there": lambda: (message(), say("shared-lies")),
+    "shared-cut": lambda: (lay("shared-values-2"), say("shared-lies-cut")),
+    "shared-noise": lambda: (lay(noise=b"loading the model ..."), say("shared-lies")),
+    "shared-another-number": lambda: (lay("shared-values-5"), say("shared-lies")),
+    "shared-leads-on": lambda: (lay("shared-leads-on"), say("shared-lies")),
+    "shared-a-schema": lambda: (lay("shared-schema"), say("shared-lies")),
+    "shared-holds-others": lambda: (message(), say("shared-holds")),
+    "shared-shrinks": shrink,
+    "shared-scribbles": scribble,
+    "shared-works": lambda: (lay("shared-values-2"), say("shared-lies")),
+}
+if mode.startswith("shared"):
+    offered = file()
+    word = b"f" * 32 if mode == "shared-wrong-word" else os.read(offered, 32)
+    with open(os.path.join(folder, "schema" if mode == "shared-not-agreed" else "shared-schema"), "rb") as schema:
+        answers.write(schema.read().replace(b"f" * 32, word))
+    if mode == "shared-not-agreed":
+        say("ready")
+    else:
+        say("shared-ready")
+    message()
+    if mode in LATER:
+        say("shared-values-1")
+        LATER[mode]()
+    elif mode == "shared-not-agreed":
+        say("shared-not-agreed")
+    else:
+        say("shared-first")
+    message() if mode == "shared-works" else forever()
+    sys.exit(0)
 
 if mode == "wrong-type":
     say("float64-schema", "ready")

@@ -201,6 +201,93 @@ fn an_exception_is_told_with_its_place_in_the_code_and_the_next_frame_is_called(
     );
 }
 
+const LARGE: &str = r#"
+import os
+import numpy as np
+import depthloom
+from depthloom import _serve, _shared
+
+pipes = os.environ["DEPTHLOOM_TEST_LANE"] == "pipes"
+if pipes:
+    _shared.agreed = lambda path: None
+
+@depthloom.source(outputs={"image": "image", "depth": "depth"})
+class Frames:
+    def frames(self):
+        return [f"frame{k}" for k in range(14)]
+    def read(self, frame):
+        # Sizes change, and one is small.
+        rows, columns = np.mgrid[0 : 30 if frame.index == 9 else 300 + 100 * (frame.index % 3), 0:400]
+        image = np.stack([rows, columns, rows * 0 + frame.index], axis=2).astype(np.uint8)
+        return {"image": image, "depth": (1 + rows + frame.index).astype(np.float32)}
+
+@depthloom.node(inputs={"image": "image", "depth": "depth"}, outputs={"depth": "depth"})
+class Keeps:
+    """Keeps what it was given: the last two, then all, then nothing."""
+    def __init__(self):
+        self.kept, self.files = [], set()
+    def process(self, image, depth, frame):
+        if frame.index == 6:
+            depthloom.progress(1, 2)
+        for of, copy in self.kept:
+            assert np.array_equal(of, copy), "what was kept has changed"
+        assert not image.flags.writeable and not depth.flags.writeable
+        assert image[5, 7].tolist() == [5, 7, frame.index] and (depth[:, 0] == np.arange(len(depth)) + 1 + frame.index).all()
+        self.kept.append((depth[::2], depth[::2].copy()))
+        self.kept.append((image, image.copy()))
+        if frame.index < 4:
+            self.kept = self.kept[-4:]
+        elif frame.index == 11:
+            self.kept = []
+        shared = _serve._current.shared
+        if shared is not None:
+            self.files |= set(shared.files)
+            assert len(shared.held()) <= 4
+        if frame.index == 2:
+            return depth
+        return np.where(image[..., 0] > 100, depth, np.nan)
+    def finish(self):
+        assert pipes == (not self.files), self.files
+        return {}
+
+depthloom.serve(Frames, Keeps)
+"#;
+
+const LARGE_EXPERIMENT: &str = "
+experiment: large
+sources:
+  frames: { kind: process/source, with: { command: [python3, nodes.py, Frames], outputs: { image: image, depth: depth }, version: 1 } }
+stages:
+  look:
+    source: frames
+    nodes:
+      keeps:
+        kind: process
+        inputs: { image: source/image, depth: source/depth }
+        with: { command: [python3, nodes.py, Keeps], contract: ordered, ports: { inputs: { image: image, depth: depth }, outputs: { depth: depth } }, version: 1 }
+    score: { truth: source/depth, estimates: { keeps: { from: keeps/depth, sets: [answered] } } }
+";
+
+#[test]
+fn what_a_node_keeps_does_not_change_and_shared_memory_gives_the_bytes_of_pipes() {
+    const TEST: &str = "what_a_node_keeps_does_not_change_and_shared_memory_gives_the_bytes_of_pipes";
+    let Some(python) = python_package(TEST) else { return };
+    let folder = tempfile::tempdir().expect("a folder");
+    let experiment = folder.path().join("large.yaml");
+    std::fs::write(folder.path().join("nodes.py"), LARGE).expect("written");
+    std::fs::write(&experiment, LARGE_EXPERIMENT).expect("written");
+    let bytes = |lane: &str, workers: &str| {
+        let out = folder.path().join(format!("{lane}-{workers}"));
+        let mut command = run(&experiment, &out, "large");
+        let command = command.args(["--workers", workers]).env("PATH", path_of(&python));
+        succeed(command.env("DEPTHLOOM_TEST_LANE", lane));
+        std::fs::read(out.join("recording.mcap")).expect("a recording")
+    };
+    let first = bytes("memory", "1");
+    assert!(first == bytes("memory", "3"), "one worker and three give other bytes");
+    assert!(first == bytes("pipes", "1"), "memory and pipes give other bytes");
+}
+
 const ONCE: &str = r#"
 import depthloom
 

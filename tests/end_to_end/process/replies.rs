@@ -7,6 +7,8 @@ use depthloom_graphs::ValueType;
 
 /// The size of the maps of these tests.
 pub const SIZE: (u32, u32) = (64, 32);
+/// Of those whose values lie in shared memory: their modes begin with `shared`.
+pub const LARGE: (u32, u32) = (256, 128);
 
 const TEXT: DataType = DataType::Utf8(Offsets::Narrow);
 const I64: DataType = DataType::Int(64, true);
@@ -45,6 +47,41 @@ fn map(size: (i64, i64), samples: &[f32]) -> Data<'_> {
     Data::Struct(vec![Data::Int(size.0), Data::Int(size.1), Data::List(Items::F32(samples))])
 }
 
+/// What processes say that take part in shared memory. Their schema says a word of 32 letters in the place of that which they find.
+fn of_shared_memory(put: &dyn Fn(&str, &[u8])) {
+    let mut of = schema(vec![depth("depth")]);
+    of.metadata.push(("depthloom.shared".to_owned(), "f".repeat(32)));
+    of.fields.push(Field::new("bytes", I64).nullable());
+    of.fields.push(Field::new("held", DataType::List(Offsets::Narrow, Box::new(Field::new("item", I64)))).nullable());
+    let samples = vec![7.5_f32; (LARGE.0 * LARGE.1) as usize];
+    let size = (i64::from(LARGE.0), i64::from(LARGE.1));
+    let row = |says: &'static str, number: i64, outputs: Data<'_>, bytes: Option<i64>, held: Option<i64>| {
+        let bytes = bytes.map_or(Data::Null, Data::Int);
+        let held = held.map_or(Data::Null, |held| Data::List(Items::I64(vec![held])));
+        let columns = vec![Data::Text(says.into()), Data::Int(number), Data::Null, Data::Null, outputs, bytes, held];
+        let mut row = Vec::new();
+        encode(&of, columns).write(&mut row).expect("memory");
+        row
+    };
+    let right = || Data::Struct(vec![map(size, &samples)]);
+    let values = |number| row("values", number, right(), None, None);
+    let lies = |bytes: i64| row("shared", 2, Data::Null, Some(bytes), None);
+    let whole = values(2).len() as i64;
+    put("shared-schema", &of_schema(&of));
+    put("shared-ready", &row("ready", 0, Data::Null, None, None));
+    put("shared-first", &row("shared", 1, Data::Null, Some(whole), None));
+    put("shared-values-1", &values(1));
+    put("shared-values-2", &values(2));
+    put("shared-values-5", &values(5));
+    put("shared-leads-on", &row("shared", 2, Data::Null, Some(64), None));
+    put("shared-lies", &lies(whole));
+    put("shared-lies-cut", &lies(whole - 64));
+    put("shared-lies-nowhere", &row("shared", 2, Data::Null, None, None));
+    put("shared-lies-beyond", &lies(1 << 40));
+    put("shared-lies-before", &lies(-1));
+    put("shared-holds", &row("values", 2, right(), None, Some(99)));
+}
+
 /// The last place where bytes stand: those of values, behind those that describe them.
 fn place(bytes: &[u8], of: &[u8]) -> usize {
     bytes.windows(of.len()).rposition(|window| window == of).expect("they are there")
@@ -53,6 +90,7 @@ fn place(bytes: &[u8], of: &[u8]) -> usize {
 /// Writes all replies into a folder.
 pub fn write(folder: &Path) {
     let put = |name: &str, bytes: &[u8]| std::fs::write(folder.join(name), bytes).expect("written");
+    of_shared_memory(&put);
     let plain = schema(vec![depth("depth")]);
     let says = |text: &'static str| Data::Text(text.into());
     let (width, height) = (i64::from(SIZE.0), i64::from(SIZE.1));
@@ -127,6 +165,7 @@ pub fn write(folder: &Path) {
     put("unknown-word", &row(&plain, says("perhaps"), 1, [""; 2], right()));
     put("says-nothing", &row(&plain, Data::Null, 1, [""; 2], right()));
     put("another-number", &values(2));
+    put("shared-not-agreed", &row(&plain, says("shared"), 1, [""; 2], Data::Null));
     put("ready-again", &row(&plain, says("ready"), 1, [""; 2], Data::Null));
     put("frames-instead", &row(&plain, says("frames"), 1, [""; 2], Data::Null));
     put("a-schema-again", &whole);
