@@ -208,3 +208,43 @@ fn limit() -> u64 {
     let soft = line.and_then(|line| line.split_whitespace().next());
     soft.map_or(0, |soft| if soft == "unlimited" { u64::MAX } else { soft.parse().unwrap_or(0) })
 }
+
+#[cfg(all(test, target_os = "linux"))]
+mod tests {
+    use depthloom_codecs::arrow::{Data, DataType, Field, Items, Offsets, Schema, encode};
+
+    use super::{FILES, Shared};
+
+    #[test]
+    fn a_file_is_written_again_once_nobody_holds_it() {
+        let list = DataType::List(Offsets::Narrow, Box::new(Field::new("item", DataType::Int(8, false))));
+        let schema = Schema { fields: vec![Field::new("data", list)], metadata: Vec::new() };
+        let lay = |shared: &mut Shared, bytes: usize| {
+            let bytes = vec![7; bytes];
+            let place = shared.lay(&encode(&schema, vec![Data::List(Items::U8(&bytes))]));
+            place.map(|place| {
+                assert!(std::fs::metadata(&place.path).expect("it is there").len() == place.size as u64);
+                place.file
+            })
+        };
+        let mut shared = Shared::new();
+        let word = std::fs::read_to_string(shared.offer().expect("a Linux has such files")).expect("a word");
+        assert_eq!(lay(&mut shared, 100_000), None, "nothing is agreed");
+        shared.agree(Some(&word)).expect("it is the word");
+        assert_eq!(lay(&mut shared, 1000), None, "it is small");
+        assert_eq!((lay(&mut shared, 100_000), lay(&mut shared, 200_000)), (Some(1), Some(1)));
+        assert_eq!(lay(&mut shared, 2_000_000), Some(2), "it is too large for the first");
+        shared.holds(&[2]).expect("a call lies there");
+        shared.holds(&[1]).expect_err("that file is gone");
+        let others: Vec<i64> = (3..2 + FILES as i64).collect();
+        for (at, file) in others.iter().enumerate() {
+            assert_eq!(lay(&mut shared, 100_000), Some(*file));
+            let held: Vec<i64> = [2].into_iter().chain(others[..=at].iter().copied()).collect();
+            shared.holds(&held).expect("calls lie there");
+        }
+        assert_eq!(lay(&mut shared, 100_000), None, "all are held");
+        shared.holds(&[3]).expect("a call lies there");
+        assert_eq!(lay(&mut shared, 1_500_000), Some(2));
+        assert!(shared.room().is_none(), "no large answer came");
+    }
+}
