@@ -36,6 +36,9 @@ def serve(*nodes: Any) -> None:
     if os.isatty(0):
         raise DepthloomError("this is a node of an experiment: name it under `command`, and `depthloom run` starts it")
     streams = _streams()
+    # glibc's malloc takes the largest block that was freed as a measure of what to keep. Where calls lie in shared memory nothing large is read here, and the temporary maps of a
+    # function would be given back to the system, and their pages asked for anew, at every call.
+    bytearray(1 << 24)
     with _Server(*streams) as server:
         server.run(nodes)
 
