@@ -12,11 +12,15 @@
 
 mod bridge;
 mod foreign;
+mod incoming;
 mod layout;
 mod mailbox;
 pub mod message;
 mod node;
+mod outgoing;
+mod piece;
 mod recorder;
+mod remedies;
 mod report;
 mod written;
 

@@ -234,3 +234,66 @@ pub fn print_of(plan: &Plan) -> Key {
     }
     portable.into_values().fold(key, |key, (kind, params)| key.text(kind).text(&params)).finish()
 }
+
+#[cfg(test)]
+mod tests {
+    use depthloom_graphs::language;
+
+    use super::{Layout, Role, print_of};
+
+    const EXPERIMENT: &str = "
+experiment: own
+sources: { street: { kind: synthetic/road, with: { frames: 0..2 } } }
+stages:
+  look:
+    source: street
+    nodes:
+      stereo: { kind: stereo/sgbm, inputs: { left: source/left, right: source/right } }
+      depth: { kind: depth/from-disparity, inputs: { disparity: stereo/disparity, calibration: source/calibration } }
+      far:
+        kind: dora
+        inputs: { depth: depth/depth }
+        with: { path: far.py, ports: { inputs: { depth: depth }, outputs: { far: mask } }, version: 1 }
+matrix:
+  look.stereo.with.block: [3, 5]
+";
+
+    fn layout(text: &str) -> (Layout, String) {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("own.yaml");
+        std::fs::write(&path, text).unwrap();
+        let loaded = language::load(&path, &crate::registry(), &language::Options::default());
+        let plan = loaded.unwrap_or_else(|found| panic!("{:?}", found.0.first().map(|first| &first.message))).plan;
+        (Layout::of(&plan), print_of(&plan).to_string())
+    }
+
+    #[test]
+    fn every_part_has_a_name_that_dora_takes_and_every_input_a_giver() {
+        let (layout, _) = layout(EXPERIMENT);
+        let ids: Vec<&str> = layout.parts.iter().map(|part| part.id.as_str()).collect();
+        assert_eq!(ids.len(), 1 + 2 * 4 + 1, "{ids:?}");
+        for (at, part) in layout.parts.iter().enumerate() {
+            let is_plain = |c: char| c.is_ascii_alphanumeric() || "_-.".contains(c);
+            assert!(part.id.chars().all(is_plain) && !part.id.starts_with('.'), "{}", part.id);
+            assert!(!ids[..at].contains(&part.id.as_str()), "{} twice", part.id);
+            for link in &part.inputs {
+                let giver = layout.part(&link.part).unwrap_or_else(|| panic!("{} gets of {}", part.id, link.part));
+                assert!(giver.outputs.contains(&link.output), "{} gives no {}", giver.id, link.output);
+            }
+        }
+        let foreign = layout.parts.iter().find(|part| matches!(part.role, Role::Foreign { .. })).unwrap();
+        assert_eq!((foreign.inputs[0].input.as_str(), foreign.outputs[0].as_str()), ("depth", "far"));
+        assert_eq!(foreign.id, format!("{}.dora", foreign.inputs[0].part));
+    }
+
+    #[test]
+    fn parts_agree_on_what_decides_results_and_on_nothing_else() {
+        let (_, print) = layout(EXPERIMENT);
+        assert_eq!(layout(EXPERIMENT).1, print);
+        assert_ne!(layout(&EXPERIMENT.replace("[3, 5]", "[3, 7]")).1, print);
+        assert_ne!(layout(&EXPERIMENT.replace("version: 1", "version: 2")).1, print);
+        assert_ne!(layout(&EXPERIMENT.replace("0..2", "0..3")).1, print);
+        // How long one may take decides no result.
+        assert_eq!(layout(&EXPERIMENT.replace("version: 1", "version: 1, timeout_s: 9")).1, print);
+    }
+}

@@ -1,0 +1,37 @@
+//! What can be done about failures of frames: tombstones do not say it, and the recorder is to tell it.
+
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use depthloom_graphs::contracts::PureNode;
+use depthloom_graphs::{Context, Fault, Inputs, Instance, Outputs};
+
+/// By the frame's position.
+pub type Remedies = Mutex<BTreeMap<usize, String>>;
+
+/// Keeps what a failure says of it.
+pub fn keep_remedy(remedies: &Remedies, position: Option<usize>, fault: &Fault) {
+    if let (Some(position), Some(remedy)) = (position, fault.remedy_text()) {
+        remedies.lock().unwrap_or_else(PoisonError::into_inner).insert(position, remedy.to_owned());
+    }
+}
+
+/// A node that keeps what can be done about its failures.
+pub fn guarded(instance: Instance, remedies: &Arc<Remedies>) -> Instance {
+    match instance {
+        Instance::Pure(node) => Instance::Pure(Box::new(Guarded { node, remedies: Arc::clone(remedies) })),
+        // The runner ends by its failure, and tells it whole.
+        Instance::Ordered(_) | Instance::Once(_) => instance,
+    }
+}
+
+struct Guarded {
+    node: Box<dyn PureNode>,
+    remedies: Arc<Remedies>,
+}
+
+impl PureNode for Guarded {
+    fn process(&self, inputs: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        self.node.process(inputs, ctx).inspect_err(|fault| keep_remedy(&self.remedies, ctx.host.position(), fault))
+    }
+}
