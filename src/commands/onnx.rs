@@ -150,6 +150,9 @@ fn stanza(told: &Description, file: &Path) -> (&'static str, String) {
         format!("{name}: {}, {head}", text(&first.name))
     };
     let usual = "# white, mean, std: as the network was trained\n";
+    // A network of one size sees images of any other resized.
+    let is_of_one_size = told.inputs.iter().all(|input| input.shape.iter().skip(1).all(|side| *side > 0));
+    let fit = if is_of_one_size { "fit: resize" } else { "multiple: 32" };
     match (&seen[..], &told.inputs[..]) {
         ([Some((1 | 3, last))], [input]) => {
             let (with, layout) = (output("output_name"), layout(*last));
@@ -164,16 +167,13 @@ fn stanza(told: &Description, file: &Path) -> (&'static str, String) {
             let (with, layout) = (output("output_name"), layout(*last));
             (
                 "stereo/onnx",
-                stereo(&format!("order: left-right, {with}output: disparity-px, multiple: 32{layout}"), usual, &model),
+                stereo(&format!("order: left-right, {with}output: disparity-px, {fit}{layout}"), usual, &model),
             )
         }
         ([Some((a @ (1 | 3), last)), Some((b, _))], [left, right]) if a == b => {
             let (with, layout) = (output("output_name"), layout(*last));
             let names = format!("left_name: {}, right_name: {}", text(&left.name), text(&right.name));
-            (
-                "stereo/onnx",
-                stereo(&format!("{names}, {with}output: disparity-px, multiple: 32{layout}"), usual, &model),
-            )
+            ("stereo/onnx", stereo(&format!("{names}, {with}output: disparity-px, {fit}{layout}"), usual, &model))
         }
         _ => {
             let mut lines = String::from("network:\n  kind: onnx\n  with:\n    ports:\n      inputs:\n");

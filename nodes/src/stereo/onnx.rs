@@ -162,6 +162,15 @@ impl StereoOnnx {
 /// The smallest disparity that a right view can have, px: what is no answer lies one below.
 const RIGHT_LEAST_PX: i32 = -2047;
 
+/// Whether less than a tenth of the numbers, scaled, is not below zero.
+fn nearly_all_negative(map: &[f32], scale: f64) -> bool {
+    let (mut all, mut negative) = (0_u64, 0_u64);
+    for value in map.iter().filter(|value| !value.is_nan()) {
+        (all, negative) = (all + 1, negative + u64::from(f64::from(*value) * scale < 0.0));
+    }
+    negative * 10 > all * 9
+}
+
 /// Disparities in fixed point; `sign` is -1 of the right image's.
 fn fixed(px: &[f32], min_disparity_px: i32, sign: f32, size: (u32, u32)) -> Disparity {
     let none = ((min_disparity_px - 1) * 16) as i16;
@@ -205,6 +214,10 @@ impl PureNode for StereoOnnx {
             if seen > 0 {
                 ctx.host.warn_of(seen as u64, "pixels of the network are no numbers (NaN or infinity)");
             }
+            let is_disparity = matches!(self.params.output, StereoOutput::DisparityPx | StereoOutput::DisparityShare);
+            if is_disparity && self.params.min_disparity >= 0 && nearly_all_negative(&px, self.params.output_scale) {
+                ctx.host.warn("nearly all disparities of the network are negative, and so no answers: `output_scale: -1` where it counts them so");
+            }
             self.pixels(&mut px, &fitted, calibration.map(AsRef::as_ref));
             if view.mirrored {
                 px.chunks_exact_mut(fitted.from.0).for_each(<[f32]>::reverse);
@@ -217,5 +230,21 @@ impl PureNode for StereoOnnx {
             }
         }
         Ok(outputs)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::nearly_all_negative;
+
+    #[test]
+    fn disparities_of_the_other_sign_are_noticed_and_a_few_that_are_off_are_not() {
+        let of = |negative: usize, other: f32| -> Vec<f32> {
+            (0..100).map(|k| if k < negative { -3.0 } else { other }).collect()
+        };
+        assert!(nearly_all_negative(&of(100, 0.0), 1.0) && nearly_all_negative(&of(91, 2.0), 0.5));
+        assert!(nearly_all_negative(&of(1, f32::NAN), 1.0) && nearly_all_negative(&of(0, 2.0), -1.0));
+        assert!(!nearly_all_negative(&of(90, 2.0), 1.0) && !nearly_all_negative(&of(100, 2.0), -1.0));
+        assert!(!nearly_all_negative(&[f32::NAN; 4], 1.0) && !nearly_all_negative(&[], 1.0));
     }
 }
