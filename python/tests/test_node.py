@@ -59,7 +59,7 @@ def test_images_masks_and_the_rest_come_back() -> None:
         ("depth", np.zeros((0, 2), np.float32), "no pixel"),
         ("image", np.zeros((2, 2), np.float32), "is of float32, and an image is of uint8"),
         ("mask", np.zeros((2, 2), np.uint8), "a mask is of bool"),
-        ("calibration", 3, "is a int, and a calibration is a depthloom.Calibration"),
+        ("calibration", 3, r"is a int, and a calibration is depthloom.Calibration\(width, height, focal_px"),
         ("model", "text", "is a str, and a model is bytes"),
     ],
 )
@@ -80,6 +80,16 @@ def test_what_is_declared_is_kept_and_what_cannot_be_a_node_is_refused() -> None
         class Empty:
             def frames(self) -> list[str]:
                 return []
+
+    with pytest.raises(TypeError, match="put @depthloom.source"):
+
+        @depthloom.node(inputs={}, outputs={"left": "image"})
+        class Camera:
+            def frames(self) -> list[str]:
+                return []
+
+            def read(self, frame: Any) -> Any:
+                return None
 
     with pytest.raises(TypeError, match="is no node"):
         declared(len)

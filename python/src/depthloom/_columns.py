@@ -70,7 +70,7 @@ def column(value_type: str, given: Any) -> pa.StructArray:
         return pa.nulls(1, struct)
     if value_type == "calibration":
         if not isinstance(given, Calibration):
-            raise TypeError(f"is {_told(given)}, and a calibration is a depthloom.Calibration")
+            raise TypeError(f"is {_told(given)}, and a calibration is depthloom.Calibration(width, height, focal_px, cx_px, cy_px, baseline_m, doffs_px)")
         arrays = [pa.array([getattr(given, field.name)], field.type) for field in struct]
     elif value_type in _MEDIA_TYPES:
         if not isinstance(given, (bytes, bytearray, memoryview)):

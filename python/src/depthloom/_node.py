@@ -53,7 +53,7 @@ def node(*, inputs: Mapping[str, str], outputs: Mapping[str, str]) -> Callable[[
     | `weight` | float32 `(height, width)`, shares in [0, 1] |
     | `mask` | bool `(height, width)` |
     | `image` | uint8 `(height, width)`, grey, or `(height, width, 3)`, RGB |
-    | `calibration` | :class:`depthloom.Calibration` |
+    | `calibration` | :class:`depthloom.Calibration`: `width`, `height`, `focal_px`, `cx_px`, `cy_px`, `baseline_m`, `doffs_px` |
     | `model`, `samples` | bytes |
     | `curve` | a mapping of `step`, `loss`, `validation`, `learning_rate` to arrays |
 
@@ -65,6 +65,8 @@ def node(*, inputs: Mapping[str, str], outputs: Mapping[str, str]) -> Callable[[
     """
 
     def mark(what: _Any) -> _Any:
+        if inspect.isclass(what) and not hasattr(what, "process") and hasattr(what, "frames") and hasattr(what, "read"):
+            raise TypeError(f"class {what.__name__} has frames() and read(), as a source has: put @depthloom.source(outputs=...) before it")
         return _marked(what, Declared(dict(inputs), dict(outputs), is_source=False))
 
     return mark
