@@ -46,7 +46,13 @@ impl Bridge {
         let mailbox = Arc::new(mailbox);
         let bridge = Self { mailbox: Arc::clone(&mailbox), out: Mutex::new(Some(BufWriter::new(out))), child };
         let mut from = BufReader::with_capacity(1 << 16, from);
-        let first = read(&mut from).map_err(|error| wrong("failed to read from", &error))?;
+        let first = read(&mut from).map_err(|error| {
+            Stop::because(
+                Exit::Before,
+                format!("`{python}`, which dora is reached by, ended before dora knew the node"),
+                &error,
+            )
+        })?;
         if let Some(lacks) = first.head.get("lacks").and_then(Json::as_str) {
             let stop = Stop::new(Exit::Before, format!("dora cannot be reached: {lacks}"));
             return Err(stop.remedy(if first.head.contains_key("outside") {

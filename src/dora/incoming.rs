@@ -1,6 +1,7 @@
 //! What comes to a part: frames from data as the recorder lets them in, frames and once-values from other parts.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use depthloom_graphs::contracts::OnceNode;
 use depthloom_graphs::{Context, Fault, Frame, Inputs, Key, Outputs, Port, Source, SourceOutputs};
@@ -69,18 +70,27 @@ pub struct Admitted {
     pub source: Box<dyn Source>,
     pub bridge: Arc<Bridge>,
     /// How many frames it may have read by now.
-    pub so_far: Mutex<usize>,
+    pub so_far: AtomicUsize,
     pub interrupt: Interrupt,
     pub remedies: Arc<Remedies>,
 }
 
 impl Admitted {
+    /// Waits until a frame is let in. Several threads may wait, each for a frame of its own: whoever hears how many are let in says it to the others.
     fn wait(&self, position: usize) -> Result<(), Fault> {
-        let mut so_far = self.so_far.lock().unwrap_or_else(PoisonError::into_inner);
-        while *so_far <= position {
-            let arrived = self.bridge.mailbox.take(channel::ADMITTED, None, &|| self.interrupt.aborts())?;
-            let count = arrived.json()?.as_u64().and_then(|count| usize::try_from(count).ok());
-            *so_far = (*so_far).max(count.ok_or_else(|| Fault::new("what lets frames in is no number"))?);
+        let is_in = || self.so_far.load(Ordering::SeqCst) > position;
+        while !is_in() {
+            let no_longer = || self.interrupt.aborts() || is_in();
+            match self.bridge.mailbox.take(channel::ADMITTED, None, &no_longer) {
+                Ok(arrived) => {
+                    let count = arrived.json()?.as_u64().and_then(|count| usize::try_from(count).ok());
+                    let count = count.ok_or_else(|| Fault::new("what lets frames in is no number"))?;
+                    self.so_far.fetch_max(count, Ordering::SeqCst);
+                    self.bridge.mailbox.wake();
+                }
+                Err(_) if is_in() => {}
+                Err(gone) => return Err(gone.into()),
+            }
         }
         Ok(())
     }

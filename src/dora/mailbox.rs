@@ -164,6 +164,12 @@ impl Mailbox {
         })
     }
 
+    /// Lets all who wait look again.
+    pub fn wake(&self) {
+        let _state = self.state();
+        self.changed.notify_all();
+    }
+
     fn wait<T>(
         &self,
         cancelled: &dyn Fn() -> bool,

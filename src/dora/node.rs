@@ -1,7 +1,8 @@
 //! A part that reads frames, or is a node: the runner over its piece of the plan, whose source is what comes and whose tap is what goes.
 
 use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
+use std::sync::atomic::AtomicUsize;
 
 use depthloom_graphs::plan::Plan;
 use depthloom_graphs::ready::{NotReady, Ready, ReadyRun};
@@ -52,7 +53,7 @@ pub fn run(
             let told = frames_text(source.frames());
             bridge.send(channel::FRAMES, None, &of_text(&told)).map_err(gone)?;
             let (bridge, interrupt, remedies) = (Arc::clone(bridge), interrupt.clone(), Arc::clone(&remedies));
-            Box::new(Admitted { source, bridge, so_far: Mutex::new(0), interrupt, remedies })
+            Box::new(Admitted { source, bridge, so_far: AtomicUsize::new(0), interrupt, remedies })
         }
         Comes::Sent(ports) => {
             let arrived = bridge.mailbox.take(channel::FRAMES, None, &|| interrupt.aborts());

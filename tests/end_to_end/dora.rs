@@ -139,6 +139,9 @@ fn a_dataflow_gives_the_bytes_of_a_run_with_learning_variants_and_frames_from_fi
         assert!(read("one") == read("many"), "{name} differs");
     }
     assert_eq!(flow.parts(), Vec::<u32>::new());
+    // One frame at a time, and threads that ask for later ones before it.
+    let (is_fine, printed) = flow.run(&["own.yaml", "--out", "narrow", "--window", "1", "--workers", "4"]);
+    assert!(is_fine && flow.recording("one") == flow.recording("narrow"), "{printed}");
 }
 
 /// A node on small frames of a street.

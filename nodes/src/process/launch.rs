@@ -1,8 +1,10 @@
 //! How a program is started, as a person declares it.
 
 use std::collections::BTreeMap;
+use std::fs::File;
 use std::hash::{BuildHasher, RandomState};
-use std::path::Path;
+use std::io::BufReader;
+use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 use std::time::Duration;
 
@@ -17,6 +19,8 @@ const LONGEST_S: f64 = 31_536_000.0;
 pub(super) struct Launch {
     pub command: Vec<Argument>,
     pub env: BTreeMap<String, String>,
+    /// The files that decide what it gives, and what is in them.
+    pub code: Vec<(PathBuf, Key)>,
     /// How many processes there are at most.
     pub instances: usize,
     /// How long a process may take until it is ready.
@@ -27,7 +31,28 @@ pub(super) struct Launch {
     pub once: Duration,
 }
 
+/// What is in the files that decide results, as the keys of this run have them.
+pub(super) fn content(code: &[DataPath]) -> Result<Vec<(PathBuf, Key)>, Fault> {
+    code.iter().map(|file| Ok((file.path().to_owned(), hash(file.path())?))).collect()
+}
+
+fn hash(path: &Path) -> Result<Key, Fault> {
+    let hash = File::open(path).and_then(|file| Key::of_reader(BufReader::new(file)));
+    hash.map_err(|error| Fault::new(format!("failed to read {}, which `code` names", path.display())).because(error))
+}
+
 impl Launch {
+    /// Whether the files that decide results are as they were: a program that was started after one changed would give its results under the keys of the one before.
+    pub(super) fn check_code(&self) -> Result<(), Fault> {
+        for (path, before) in &self.code {
+            if hash(path)? != *before {
+                let what = format!("{}, which `code` names, changed since the run began", path.display());
+                return Err(Fault::new(what).remedy("run again"));
+            }
+        }
+        Ok(())
+    }
+
     /// The command as a person would type it.
     pub(super) fn told(&self) -> String {
         let quoted = |argument: &Argument| {

@@ -151,6 +151,7 @@ It runs in a process group of its own, and everything in that group ends with it
         let launch = Launch {
             command: params.command,
             env: params.env,
+            code: launch::content(&params.code)?,
             instances,
             start: Duration::from_secs_f64(params.start_timeout_s),
             frame: seconds(params.timeout_s, FRAME_S),

@@ -59,7 +59,11 @@ impl Pool {
                 let started = Running::start(&self.launch, &self.schema, &self.outputs)?;
                 let (running, says) = self.hear(started, 0, self.launch.start, false, host)?;
                 match says {
-                    Says::Ready => running,
+                    Says::Ready => {
+                        // By now it has read them.
+                        self.launch.check_code()?;
+                        running
+                    }
                     Says::Failure { message, trace } => {
                         drop(running);
                         return Err(self.failure("when it was started", &message, &trace));

@@ -141,6 +141,7 @@ several processes at once: it seeks, and gives the same for the same frame. Prot
         let launch = Launch {
             command: params.command,
             env: params.env,
+            code: launch::content(&params.code)?,
             instances: params.instances.map_or(usize::MAX, usize::from),
             start: seconds(params.start_timeout_s),
             frame: seconds(params.timeout_s),

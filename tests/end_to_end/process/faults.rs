@@ -270,3 +270,28 @@ fn a_process_that_works_gives_the_same_bytes_with_one_worker_and_with_eight() {
     };
     assert!(bytes("1") == bytes("8"), "the recordings differ");
 }
+
+#[test]
+fn code_that_changes_before_it_was_read_fails_the_frame_and_a_program_beside_the_file_is_that_one() {
+    let peer = Peer::new();
+    std::fs::write(peer.path("code.txt"), "one").expect("written");
+    let works = format!("exec python3 peer.py works {}", peer.folder.path().display());
+    // The program changes it as it starts.
+    let command = format!("[sh, -c, {:?}]", format!("echo two > code.txt; {works}"));
+    let experiment = peer.experiment("changes", "0..1", &command, "code: [code.txt]");
+    let output =
+        run(&experiment, &peer.path("out"), "code-changes").current_dir(peer.folder.path()).output().expect("runs");
+    assert_eq!(output.status.code(), Some(3), "{}", said(&output));
+    assert!(said(&output).contains("code.txt, which `code` names, changed since the run began"), "{}", said(&output));
+
+    // Also where the file is named without a folder.
+    let program = peer.path("prog.sh");
+    std::fs::write(&program, format!("#!/bin/sh\n{works}\n")).expect("written");
+    std::process::Command::new("chmod").arg("+x").arg(&program).status().expect("chmod");
+    peer.experiment("beside", "0..1", "[./prog.sh]", "version: 1");
+    let output = run(std::path::Path::new("beside.yaml"), &peer.path("beside"), "beside")
+        .current_dir(peer.folder.path())
+        .output();
+    let output = output.expect("runs");
+    assert_eq!(output.status.code(), Some(0), "{}", said(&output));
+}
