@@ -2,32 +2,74 @@
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::time::SystemTime;
 
+use depthloom_graphs::contracts::{InlineHost, SlotKey};
 use depthloom_graphs::plan::Plan;
+use depthloom_graphs::ready::Ready;
+use depthloom_graphs::{Frame, Key};
 use depthloom_recording::{EarlierRuns, Recording, RecordingError};
-use depthloom_runner::Report;
+use depthloom_runner::{KeptValues, Report};
 use serde_json::{Value as Json, json};
 
 use crate::args::RunArgs;
 use crate::commands::report::RECORDING;
 use crate::counted::counted;
-use crate::exit::chain;
+use crate::exit::{Exit, Stop, chain};
 use crate::run_folder::RunFolder;
 use crate::runs;
 
-/// The recordings that a run may take from, the newest first: of the same run as far as an earlier process came, of the runs in the same
-/// folder, and of those under `runs/`. None with `--fresh`.
-pub fn of(args: &RunArgs, folder: &RunFolder, plan: &Plan, begun: Option<&Recording>) -> Arc<EarlierRuns> {
+/// In a run's folder, as long as it is not finished: what an interrupted process recorded of data, programs or engines that changed since. What of it
+/// is still right is reused by its cache keys.
+pub const OUTDATED: &str = "recording.outdated.mcap";
+
+/// The recordings that a run may reuse, the newest first: those of its own folder, of the runs beside it, and of those under `runs/`.
+/// None with `--fresh`.
+pub fn of(args: &RunArgs, folder: &RunFolder, plan: &Plan) -> EarlierRuns {
     let mut recordings = Vec::new();
     if !args.is_fresh() {
-        recordings.extend(begun.map(|begun| begun.path().to_owned()));
-        let own = folder.file(RECORDING);
-        let found = found(folder.out.parent());
-        recordings.extend(found.into_iter().filter(|path| *path != own));
+        let own = [folder.file(RECORDING), folder.file(OUTDATED)];
+        let found = found(folder.out.parent()).into_iter().filter(|path| !own.contains(path)).collect::<Vec<_>>();
+        recordings.extend(own.into_iter().filter(|path| path.exists()));
+        recordings.extend(found);
     }
-    Arc::new(EarlierRuns::new(recordings, plan))
+    EarlierRuns::new(recordings, plan)
+}
+
+/// What an interrupted run recorded, to be compared with what the same run records today.
+struct Kept<'a>(&'a Recording);
+
+impl KeptValues for Kept<'_> {
+    fn frames(&self, run: usize) -> usize {
+        self.0.frames(run).len()
+    }
+
+    fn is_frame(&self, run: usize, position: usize, frame: &Frame) -> bool {
+        self.0.is_frame(run, position, frame)
+    }
+
+    fn source_key(&self, run: usize, position: usize) -> Option<Key> {
+        self.0.frames(run)[position].source_key
+    }
+
+    fn node_keys(&self, run: usize, position: usize) -> &[SlotKey] {
+        &self.0.frames(run)[position].keys
+    }
+
+    fn aggregates(&self, run: usize) -> Vec<(usize, Key)> {
+        let values = self.0.once_values().iter().filter(|value| value.run == run);
+        values.map(|value| (value.node, value.key)).collect()
+    }
+}
+
+/// Why what an interrupted run recorded is not what this run would record; `None` if it is, and the run can resume after it.
+pub fn outdated(ready: &Ready, earlier: &EarlierRuns, recording: &Recording) -> Result<Option<String>, Stop> {
+    if !recording.has_plan(&ready.plan) {
+        return Ok(Some("an engine or a program that it used changed".to_owned()));
+    }
+    let outdated = depthloom_runner::outdated(ready, earlier, &Kept(recording), &InlineHost);
+    let outdated = outdated.map_err(|what| Stop::new(Exit::Engine, format!("failed to compare cache keys: {what}")))?;
+    Ok(outdated.map(|outdated| outdated.to_string()))
 }
 
 /// The recordings of the runs in a folder, if one is given, and of those that `depthloom runs` lists.
@@ -76,6 +118,8 @@ pub struct Reused {
     /// By stage run and node: how often it was taken, of how many times.
     nodes: Vec<(String, String, u64, u64)>,
     from: Vec<PathBuf>,
+    /// How many reused values were recomputed and found equal.
+    audited: u64,
 }
 
 /// What a run took from earlier ones.
@@ -86,7 +130,8 @@ pub fn told(report: &Report, plan: &Plan, earlier: &EarlierRuns) -> Reused {
             nodes.push((run.stage.clone(), node.name.clone(), *reused, reused + fired));
         }
     }
-    Reused { nodes, from: earlier.taken().map(Path::to_owned).collect() }
+    let audited = report.stages.iter().map(|stage| stage.audited).sum();
+    Reused { nodes, from: earlier.taken().map(Path::to_owned).collect(), audited }
 }
 
 impl Reused {
@@ -98,14 +143,14 @@ impl Reused {
             return None;
         }
         let all = self.nodes.len() as u64;
-        let mut text = format!("taken from earlier runs: {} of {all} nodes", whole.len());
+        let mut text = format!("reused from earlier runs: {} of {all} nodes", whole.len());
         if !part.is_empty() {
-            text.push_str(&format!(", and part of the frames of {}", counted(part.len() as u64, "node")));
+            text.push_str(&format!(", and some frames of {}", counted(part.len() as u64, "node")));
         }
         let from: Vec<String> =
             self.from.iter().map(|path| path.parent().unwrap_or(path).display().to_string()).collect();
         if !from.is_empty() {
-            text.push_str(&format!(" (from {}; --fresh makes all anew)", from.join(", ")));
+            text.push_str(&format!(" (from {}; --fresh recomputes all)", from.join(", ")));
         }
         Some(text)
     }
@@ -114,6 +159,6 @@ impl Reused {
     pub fn json(&self) -> Json {
         let nodes = self.nodes.iter().filter(|(.., reused, _)| *reused > 0);
         let node = |(stage, node, reused, all): &(String, String, u64, u64)| json!({ "stage": stage, "node": node, "reused": reused, "of": all });
-        json!({ "nodes": nodes.map(node).collect::<Vec<_>>(), "from": self.from })
+        json!({ "nodes": nodes.map(node).collect::<Vec<_>>(), "from": self.from, "audited": self.audited })
     }
 }

@@ -4,14 +4,12 @@
 //! changed, and not one that a changed node feeds. It is a run like any other, on the same runner: its source reads the recording, its
 //! tap compares.
 
-mod difference;
 mod guard;
 mod plan;
 mod source;
 mod tally;
 mod tolerance;
 
-pub use difference::{Differs, Place, number};
 pub use plan::{Replay, Replayed, Unchecked};
 pub use tally::{Checker, Outcome, Placed, Tally};
 pub use tolerance::{Tolerance, Tolerances};

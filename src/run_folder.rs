@@ -42,7 +42,7 @@ pub struct RunFolder {
 /// What a partial folder holds for a run that would write there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Begun {
-    /// What an earlier process made of this very run.
+    /// Frames of the same experiment, by an earlier process.
     This,
     /// Nothing that anybody could want.
     Nothing,
@@ -88,8 +88,7 @@ impl RunFolder {
                 Begun::This => return Ok(Self { partial, out: out.clone(), lock: old, replaced, goes_on: true }),
                 Begun::Other if !overwrite => {
                     let what = format!("{} holds frames that this run does not go on with", partial.display());
-                    let why =
-                        "they are of another experiment, other parameters, files or engines, or --fresh was asked for";
+                    let why = "they are of another experiment or other parameters, or --fresh was requested";
                     return Err(Stop::new(Exit::Before, format!("{what}: {why}"))
                         .remedy("choose another --out, or replace it with --overwrite"));
                 }

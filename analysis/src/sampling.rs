@@ -187,7 +187,7 @@ impl<T: Tap> Tap for SamplingTap<'_, '_, T> {
         self.tap.told(run)
     }
 
-    fn has_once(&self, run: usize, slot: Slot) -> bool {
-        self.tap.has_once(run, slot)
+    fn written_aggregate(&self, run: usize, slot: Slot) -> Option<Key> {
+        self.tap.written_aggregate(run, slot)
     }
 }

@@ -4,6 +4,10 @@ use std::fmt;
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
+/// Part of every key that is made of parts. Raised when recordings may hold values under keys that are not theirs: those of depthloom 0.1 (version 1)
+/// can hold the values of another variant, so none of their keys is ever looked up again.
+const KEY_VERSION: u64 = 2;
+
 /// A 128-bit name: a prefix of a BLAKE3 hash, shown as 32 hexadecimal digits.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Key([u8; 16]);
@@ -29,7 +33,7 @@ impl Key {
     #[must_use]
     pub fn build(domain: &str) -> KeyBuilder {
         let builder = KeyBuilder(Vec::with_capacity(128));
-        builder.text(domain)
+        builder.number(KEY_VERSION).text(domain)
     }
 
     fn from_hash(hash: &blake3::Hash) -> Self {

@@ -4,6 +4,8 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use serde_json::Value as Json;
+
 use crate::contracts::{Context, Fault, Frame, Inputs, Instance, Port, Source, SourceOutputs};
 use crate::fingerprints;
 use crate::key::Key;
@@ -22,6 +24,25 @@ pub struct Ready {
     pub files: BTreeMap<PathBuf, Value>,
     /// What the sources have to say of the data they found, each once, with the source's name.
     pub warnings: Vec<String>,
+    /// By stage run and node, how another instance of the node is built: for an audit, which runs a node again from its first frame.
+    pub builders: BTreeMap<(usize, usize), NodeBuilder>,
+}
+
+/// How a node of a plan is built again.
+#[derive(Clone, Debug)]
+pub struct NodeBuilder {
+    build: fn(&Json) -> Result<Instance, Fault>,
+    params: Json,
+}
+
+impl NodeBuilder {
+    /// Another instance of the node.
+    ///
+    /// # Errors
+    /// As [`Node::build`](crate::Node::build).
+    pub fn build(&self) -> Result<Instance, Fault> {
+        (self.build)(&self.params)
+    }
 }
 
 /// What stands behind a stage run.
@@ -110,7 +131,11 @@ impl Ready {
                 runs.push(ReadyRun { source, nodes });
             }
         }
-        if missing.is_empty() { Ok(Self::of(plan, runs, files, &prints)) } else { Err(missing) }
+        if !missing.is_empty() {
+            return Err(missing);
+        }
+        let builders = builders(&plan, registry);
+        Ok(Self { builders, ..Self::of(plan, runs, files, &prints) })
     }
 
     /// A plan with what stands behind its stage runs, wherever it was made: `fingerprints` are those of its nodes, by stage run and node.
@@ -131,8 +156,21 @@ impl Ready {
                 }
             }
         }
-        Self { plan, runs, files, warnings }
+        Self { plan, runs, files, warnings, builders: BTreeMap::new() }
     }
+}
+
+/// How the nodes of a plan are built again.
+fn builders(plan: &Plan, registry: &Registry) -> BTreeMap<(usize, usize), NodeBuilder> {
+    let nodes =
+        plan.runs.iter().enumerate().flat_map(|(run, planned)| {
+            planned.nodes.iter().enumerate().map(move |(node, planned)| ((run, node), planned))
+        });
+    let builder = |(at, node): ((usize, usize), &PlannedNode)| {
+        let build = registry.node_kind(&node.kind)?.builder();
+        Some((at, NodeBuilder { build, params: node.params.clone() }))
+    };
+    nodes.filter_map(builder).collect()
 }
 
 /// Builds a node of a plan, named by stage run and index; the files among its inputs are read into `files`, unless they are there, and shown to it. With it

@@ -76,6 +76,11 @@ impl NodeKind {
         (self.fingerprint)(resolved)
     }
 
+    /// What [`NodeKind::build`] calls.
+    pub(crate) const fn builder(&self) -> fn(&Json) -> Result<Instance, Fault> {
+        self.build
+    }
+
     /// A node ready to run, from resolved parameters.
     ///
     /// # Errors

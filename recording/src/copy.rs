@@ -1,18 +1,18 @@
-//! Values taken over from another recording as the bytes they are.
+//! Values copied from another recording as the bytes they are stored in.
 
-use depthloom_graphs::Frame;
 use depthloom_graphs::contracts::StoredValue;
+use depthloom_graphs::{Frame, Key};
 use mcap::records::op;
 
 use crate::chunk::{PartBuilder, Unkept};
 use crate::earlier::{EarlierRun, EarlierRuns};
 use crate::error::RecordingError;
 use crate::index::ChunkEntry;
-use crate::layout::{ChannelLayout, RunLayout};
+use crate::layout::{ChannelLayout, PortLayout, RunLayout};
 use crate::parse::{self, RECORD_HEADER, Records};
 use crate::record::ChunkPlace;
 use crate::recording::Recording;
-use crate::store::KeyedPlace;
+use crate::store::StoredValues;
 use crate::unpack::ChunkBuffers;
 
 /// What values are to be part of.
@@ -21,62 +21,94 @@ pub(crate) struct Wanted<'a> {
     /// All channels of the recording that is written; a channel's id is its index plus one.
     pub(crate) channels: &'a [ChannelLayout],
     pub(crate) frame: &'a Frame,
+    /// The values of the part that earlier runs have.
+    pub(crate) stored: &'a [StoredValue<'a>],
 }
 
-/// A value as it lies in an earlier run.
-pub(crate) struct Lying<'a> {
+/// The bytes of one value as an earlier run stored them, and the key that they were stored under.
+pub(crate) struct StoredBytes<'a> {
     run: &'a EarlierRun,
-    /// Its messages' channels, each with the chunk; in the order in which they are written.
+    key: Key,
+    /// The channels of its messages, each with its chunk, in the order in which they are written.
     chunks: Vec<(u16, &'a ChunkEntry)>,
     /// Whether its messages share a chunk with others.
     shares: bool,
 }
 
 impl EarlierRuns {
-    /// A value, if a recording has it of the same frame, under the same channels: then the bytes there are those that encoding it would give.
-    pub(crate) fn lying(&self, wanted: &Wanted<'_>, stored: &StoredValue<'_>) -> Option<Lying<'_>> {
+    /// The bytes stored under the key of a value, if they are the bytes that encoding the value for this recording would give: stored of the
+    /// same frame, and labelled there as they are here. Labels (topic, channel, camera) never decide which bytes are found.
+    pub(crate) fn stored_bytes<'a>(&'a self, wanted: &Wanted<'_>, stored: &StoredValue<'_>) -> Option<StoredBytes<'a>> {
         let port = wanted.layout.port(stored.slot)?;
         let (run, place) = self.locate(&stored.key, stored.port)?;
-        let KeyedPlace::Frame { run: stage, position, .. } = place else { return None };
+        let StoredValues::Frame { run: stage, position, .. } = place.values() else { return None };
         let recording = &run.recording;
-        let outputs = &recording.plan().runs[stage].source.outputs;
-        let ports = outputs.iter().map(|output| (output.port.as_str(), output.value_type()));
-        // The frame ids of messages follow from the source's ports.
-        let has_same_cameras = ports.eq(wanted.layout.source_ports.iter().map(|(name, of)| (name.as_str(), Some(*of))));
-        let frame = &recording.frames(stage)[position];
-        let is_same_frame =
-            (&frame.id, frame.index, frame.time_ns) == (&wanted.frame.id, wanted.frame.index, wanted.frame.time_ns);
-        if !recording.is_of_this_format() || !has_same_cameras || !is_same_frame {
+        let value = recording.value_chunk(place, stored.port)?;
+        let is_of_this_port = value.topic == &*port.topic
+            && [Some(port.channel), port.other_channel].contains(&Some(value.channel))
+            && is_made_of_known_values(wanted, port, recording.frames(stage)[position].source_key);
+        if !is_of_this_port
+            || !has_same_cameras(recording, stage, wanted)
+            || !is_same_frame(recording, stage, position, wanted.frame)
+        {
             return None;
         }
-        // In which of its forms a value is kept is seen by the channel that it used.
-        let has = |channel: &u16| find(recording, stage, position, *channel).is_some();
-        let value = [Some(port.channel), port.other_channel].into_iter().flatten().find(has)?;
-        let shares = wanted.channels[usize::from(value) - 1].schema.is_small();
-        let chunk = |channel: u16| {
-            let chunk = find(recording, stage, position, channel)?;
+        let shares = wanted.channels[usize::from(value.channel) - 1].schema.is_small();
+        let copied = |channel: u16, chunk: &'a ChunkEntry| {
             let is_apart = shares || *chunk.channels == [channel];
-            (is_apart && is_same(recording, wanted.channels, channel)).then_some((channel, chunk))
+            (is_apart && has_same_label(recording, wanted.channels, channel)).then_some((channel, chunk))
         };
-        let beside = port.beside.iter().map(|beside| beside.channel);
-        let chunks: Option<Vec<_>> = std::iter::once(value).chain(beside).map(chunk).collect();
-        Some(Lying { run, chunks: chunks?, shares })
+        let beside = port
+            .beside
+            .iter()
+            .map(|beside| copied(beside.channel, recording.chunk_of(stage, position, beside.channel)?));
+        let chunks: Option<Vec<_>> = std::iter::once(copied(value.channel, value.chunk)).chain(beside).collect();
+        Some(StoredBytes { run, key: place.key(), chunks: chunks?, shares })
     }
 }
 
-/// The chunk of a frame that has messages of a channel.
-fn find(recording: &Recording, stage: usize, position: usize, channel: u16) -> Option<&ChunkEntry> {
-    let chunks = recording.frames(stage)[position].chunks(&recording.index);
-    chunks.iter().find(|chunk| chunk.channels.binary_search(&channel).is_ok())
+/// Whether the messages beside a value follow from its key and from values that the recording stored of the same source frame: points are made
+/// of the source's calibration and image, too.
+fn is_made_of_known_values(wanted: &Wanted<'_>, port: &PortLayout, source_key: Option<Key>) -> bool {
+    port.needed().all(|slot| {
+        let key = wanted.stored.iter().find(|stored| stored.slot == slot).map(|stored| stored.key);
+        key.is_some() && key == source_key
+    })
 }
 
-impl Lying<'_> {
-    /// Adds the value to a part: a chunk of its own as it lies, messages of a shared one to that of the part.
+/// Whether the frame ids of a stage's messages are the same: they follow from the ports of its source, and from its name where it has no image.
+fn has_same_cameras(recording: &Recording, stage: usize, wanted: &Wanted<'_>) -> bool {
+    let source = &recording.plan().runs[stage].source;
+    let ports = source.outputs.iter().map(|output| (output.port.as_str(), output.value_type()));
+    source.name == *wanted.layout.source_name
+        && ports.eq(wanted.layout.source_ports.iter().map(|(name, value_type)| (name.as_str(), Some(*value_type))))
+}
+
+fn is_same_frame(recording: &Recording, stage: usize, position: usize, wanted: &Frame) -> bool {
+    let frame = &recording.frames(stage)[position];
+    (&frame.id, frame.index, frame.time_ns) == (&wanted.id, wanted.index, wanted.time_ns)
+}
+
+/// Whether a channel has the same topic and schema in a recording as in the one that is written.
+fn has_same_label(recording: &Recording, channels: &[ChannelLayout], id: u16) -> bool {
+    let wanted = &channels[usize::from(id) - 1];
+    let found = recording.index.channels.get(&id);
+    found.is_some_and(|found| {
+        found.written_topic == wanted.topic && recording.index.schema_of(found) == Some(wanted.schema.name())
+    })
+}
+
+impl StoredBytes<'_> {
+    /// Adds the value to a part: a chunk of its own as it is stored, messages of a shared one to that of the part.
     ///
     /// # Errors
-    /// If the recording cannot be read, or what was there is too much for the part.
-    pub(crate) fn copy(&self, part: &mut PartBuilder<'_>) -> Result<Result<(), Unkept>, RecordingError> {
+    /// If the bytes were stored under another key than the value's, the recording cannot be read, or a message is too large for the part.
+    pub(crate) fn copy(&self, key: &Key, part: &mut PartBuilder<'_>) -> Result<Result<(), Unkept>, RecordingError> {
         let file = &self.run.recording.file;
+        if self.key != *key {
+            let what = format!("the bytes of key {} were requested for key {key}", self.key);
+            return Err(RecordingError::Content { path: file.path.clone(), what });
+        }
         self.run.take();
         for (channel, chunk) in &self.chunks {
             if !self.shares {
@@ -99,15 +131,6 @@ impl Lying<'_> {
         }
         Ok(Ok(()))
     }
-}
-
-/// Whether a channel is in a recording what it is in the one that is written.
-fn is_same(recording: &Recording, channels: &[ChannelLayout], id: u16) -> bool {
-    let wanted = &channels[usize::from(id) - 1];
-    let found = recording.index.channels.get(&id);
-    found.is_some_and(|found| {
-        found.written_topic == wanted.topic && recording.index.schema_of(found) == Some(wanted.schema.name())
-    })
 }
 
 /// A chunk and its message indexes, which start at `offset`; and how many messages it has of each channel. `None` if they are not whole.

@@ -11,6 +11,7 @@ use depthloom_graphs::plan::Plan;
 use depthloom_graphs::{Key, Value};
 use mcap::records::op;
 
+use crate::FORMAT;
 use crate::checksum::CrcBefore;
 use crate::error::RecordingError;
 use crate::file::PositionedFile;
@@ -18,7 +19,7 @@ use crate::index::{MAGIC, metadata_entry};
 use crate::parse::RECORD_HEADER;
 use crate::plan::RecordedPlan;
 use crate::recording::Recording;
-use crate::store::{KeyedPlace, fault, unknown};
+use crate::store::{KeyedPlace, StoredValues, fault, unknown};
 use crate::window::Window;
 
 /// Recordings of earlier runs as one store: what they made and a run needs need not be made again.
@@ -52,11 +53,11 @@ impl EarlierRuns {
         let (mut runs, mut unreadable) = (Vec::new(), Vec::new());
         for path in recordings {
             let path = path.as_ref();
-            if recorded_plan(path).is_some_and(|plan| !is_of_use(&plan)) {
+            if recorded_plan(path).is_some_and(|(format, plan)| format != FORMAT || !is_of_use(&plan)) {
                 continue;
             }
             match Recording::open(path) {
-                Ok(recording) if is_of_use(recording.plan()) => {
+                Ok(recording) if recording.is_of_this_format() && is_of_use(recording.plan()) => {
                     let sound = std::iter::repeat_with(OnceLock::new).take(recording.sealed.len()).collect();
                     runs.push(EarlierRun { recording, sound, taken: AtomicBool::new(false) });
                 }
@@ -110,10 +111,10 @@ impl EarlierRuns {
     fn located(&self, key: &Key) -> impl Iterator<Item = (&EarlierRun, KeyedPlace)> {
         self.runs.iter().filter_map(|run| {
             let place = run.recording.place_of(key)?;
-            let is_sound = match place {
-                KeyedPlace::Frame { run: stage, position, .. } => self.is_sound(run, stage, position),
+            let is_sound = match place.values() {
+                StoredValues::Frame { run: stage, position, .. } => self.is_sound(run, stage, position),
                 // An attachment has a checksum of its own, and is checked against the hash in its name.
-                KeyedPlace::Once { .. } => true,
+                StoredValues::Once { .. } => true,
             };
             is_sound.then_some((run, place))
         })
@@ -152,8 +153,8 @@ fn is_only_begun(error: &RecordingError) -> bool {
     }
 }
 
-/// The plan of a recording, read from its head alone: of a file without an end all of it would have to be read.
-fn recorded_plan(path: &Path) -> Option<RecordedPlan> {
+/// Format and plan of a recording, read from its head alone: of a file without an end all of it would have to be read.
+fn recorded_plan(path: &Path) -> Option<(String, RecordedPlan)> {
     let file = PositionedFile::open(path).ok()?;
     let (mut window, mut at) = (Window::new(&file), MAGIC);
     for _ in 0..2 {
@@ -161,7 +162,8 @@ fn recorded_plan(path: &Path) -> Option<RecordedPlan> {
         let (body, length) = (at + RECORD_HEADER, u64::from_le_bytes(length));
         if opcode == op::METADATA {
             let metadata = metadata_entry(&file, at, window.at(body, length).ok()??).ok()?;
-            return RecordedPlan::from_json(metadata.values.get("plan")?).ok();
+            let plan = RecordedPlan::from_json(metadata.values.get("plan")?).ok()?;
+            return Some((metadata.values.get("format")?.clone(), plan));
         }
         at = body.checked_add(length)?;
     }
@@ -211,6 +213,11 @@ impl Store for EarlierRuns {
         Some(held)
     }
 
+    fn origin(&self, key: &Key, port: &str) -> Option<String> {
+        let (run, _) = self.locate(key, port)?;
+        Some(run.recording.path().display().to_string())
+    }
+
     fn warnings(&self, key: &Key) -> Vec<(String, u64)> {
         self.located(key).next().map(|(run, place)| run.recording.warnings_at(place)).unwrap_or_default()
     }
@@ -226,7 +233,7 @@ impl Store for EarlierRuns {
         };
         run.take();
         run.recording.value_at(place, port).map_err(|error| {
-            if matches!(place, KeyedPlace::Once { .. }) {
+            if matches!(place.values(), StoredValues::Once { .. }) {
                 let mut damage = self.damage.lock().unwrap_or_else(PoisonError::into_inner);
                 damage.push((run.recording.path().to_owned(), error.to_string()));
             }
@@ -240,8 +247,8 @@ impl Store for EarlierRuns {
         let mut frames: Vec<(&EarlierRun, (usize, usize), Vec<usize>)> = Vec::new();
         let mut topics = vec![""; wanted.len()];
         for (index, (key, port)) in wanted.iter().enumerate() {
-            match self.locate(key, port) {
-                Some((run, KeyedPlace::Frame { run: stage, position, node })) => {
+            match self.locate(key, port).map(|(run, place)| (run, place.values())) {
+                Some((run, StoredValues::Frame { run: stage, position, node })) => {
                     topics[index] = run.recording.topic_of(stage, node, port).ok_or_else(|| unknown(key))?;
                     let at = (stage, position);
                     match frames.iter_mut().find(|(of, place, _)| std::ptr::eq(*of, run) && *place == at) {

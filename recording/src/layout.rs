@@ -107,6 +107,8 @@ pub(crate) struct RunLayout {
     pub(crate) classes: Vec<Class>,
     /// The source's output ports, by which cameras are named.
     pub(crate) source_ports: Vec<(String, ValueType)>,
+    /// The source's name, by which coordinate frames are named where it has no image.
+    pub(crate) source_name: String,
     source: Vec<Option<PortLayout>>,
     nodes: Vec<Vec<Option<PortLayout>>>,
     /// The channels of the learning curves.
@@ -233,7 +235,18 @@ impl FileLayout {
         let classes: Vec<Class> = Class::ALL.into_iter().filter(|class| used.contains(class)).collect();
         let source_ports = run.source.outputs.iter().map(|output| &output.port);
         let source_ports = source_ports.map(|port| (port.name.to_owned(), port.value_type)).collect();
-        Ok(RunLayout { parts: classes.len(), classes, source_ports, source, nodes, curves, once, commit_channel })
+        let source_name = run.source.name.clone();
+        Ok(RunLayout {
+            parts: classes.len(),
+            classes,
+            source_ports,
+            source_name,
+            source,
+            nodes,
+            curves,
+            once,
+            commit_channel,
+        })
     }
 
     fn port(

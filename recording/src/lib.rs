@@ -84,7 +84,7 @@
 //!
 //! # Taken from, and taken up
 //! [`EarlierRuns`] makes a store of recordings: a [`Recorder`] that has one is handed keys instead of values ([`Recorder::with_earlier`]), and copies
-//! the chunks of what lies in a recording of its own format; the rest is decoded and encoded. The bytes
+//! the chunks that are stored under the key of a value and have its labels; other values are decoded and encoded. The bytes
 //! of a frame are compared with `crc32_before` of its commit before anything of it is taken. [`Recorder::resume`] goes on with a file
 //! that was not finished, behind its last commit; the file ends with the bytes of one that was written at once.
 //!
@@ -149,10 +149,11 @@ pub use recording::{RecordedContent, RecordedFrame, RecordedOnce, Recording};
 pub use resume::recover;
 pub use source::{Mcap, McapParams};
 
-/// The version of what a recording holds, and how it lies there.
-pub(crate) const FORMAT: &str = "4";
-/// The versions that are read: in the one before, values shared chunks, and maps of floats were images.
-pub(crate) const KNOWN_FORMATS: [&str; 2] = ["2", FORMAT];
+/// The version of what a recording holds, and how it is stored.
+pub(crate) const FORMAT: &str = "5";
+/// The versions that are read. In version 2 values share chunks, and maps of floats are images. In both 2 and 4, values that depthloom 0.1 copied from
+/// an earlier run may be those of another variant: they can be looked at, and are never reused.
+pub(crate) const KNOWN_FORMATS: [&str; 3] = ["2", "4", FORMAT];
 /// The metadata record that holds format, plan and aliases.
 pub(crate) const PLAN_METADATA: &str = "depthloom";
 /// The metadata records that say which attachment holds which once-value: the topic follows, for viewers know a record by its name.

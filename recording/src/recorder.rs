@@ -12,7 +12,7 @@ use prost::Message;
 use serde::Serialize;
 
 use crate::chunk::{Packing, Part, PartBuilder, Unkept, measured};
-use crate::copy::{Lying, Wanted};
+use crate::copy::{StoredBytes, Wanted};
 use crate::curve::points_part;
 use crate::disk::{Through, itself};
 use crate::earlier::EarlierRuns;
@@ -91,7 +91,7 @@ pub struct Recorder {
     durable: bool,
     /// What an earlier process wrote: frames by stage run, and once-values.
     written: Vec<usize>,
-    once: BTreeSet<(usize, usize, usize)>,
+    once: BTreeMap<(usize, usize, usize), Key>,
     /// And what it told of, by stage run and frame.
     told: Vec<Vec<Vec<Warned>>>,
 }
@@ -136,7 +136,7 @@ impl Recorder {
         }
         let runs = layout.runs.len();
         let (frames, first_ns, told) = (vec![0; runs], vec![None; runs], Vec::new());
-        let nothing = Resumed { writer, frames, once: BTreeSet::new(), artifacts: BTreeSet::new(), first_ns, told };
+        let nothing = Resumed { writer, frames, once: BTreeMap::new(), artifacts: BTreeSet::new(), first_ns, told };
         Ok(Self::of(path, plan, layout, nothing))
     }
 
@@ -360,11 +360,11 @@ impl Tap for Recorder {
         stored: &[StoredValue<'_>],
     ) -> Result<Part, TapError> {
         let frame = &at_the_time_shown(position, frame);
-        let wanted = Wanted { layout: &self.layout.runs[run], channels: &self.layout.channels, frame };
+        let wanted = Wanted { layout: &self.layout.runs[run], channels: &self.layout.channels, frame, stored };
         let kept = stored.iter().filter(|stored| self.keeps(run, stored.slot, position));
-        let found =
-            kept.map(|stored| (stored, self.earlier.as_ref().and_then(|earlier| earlier.lying(&wanted, stored))));
-        let (lying, others): (Vec<_>, Vec<_>) = found.partition(|(_, lies)| lies.is_some());
+        let found = kept
+            .map(|stored| (stored, self.earlier.as_ref().and_then(|earlier| earlier.stored_bytes(&wanted, stored))));
+        let (copied, others): (Vec<_>, Vec<_>) = found.partition(|(_, bytes)| bytes.is_some());
         let others = match &self.earlier {
             Some(earlier) => stored_values(earlier.as_ref(), others.into_iter().map(|(stored, _)| stored))?,
             None => Vec::new(),
@@ -375,20 +375,22 @@ impl Tap for Recorder {
         let mut at_hand: Vec<(Slot, Value)> =
             values.iter().chain(&others).filter(|(slot, _)| needed.contains(slot)).cloned().collect();
         if let Some(earlier) = &self.earlier {
-            let missing = lying.iter().map(|(stored, _)| *stored).filter(|stored| needed.contains(&stored.slot));
+            let missing = copied.iter().map(|(stored, _)| *stored).filter(|stored| needed.contains(&stored.slot));
             at_hand.extend(stored_values(earlier.as_ref(), missing)?);
         }
         // In plan order, which is the order of slots.
-        let mut all: Vec<(Slot, Given<'_>)> =
-            values.iter().chain(&others).map(|(slot, value)| (*slot, Given::Value(value))).collect();
-        all.extend(lying.into_iter().filter_map(|(stored, lies)| Some((stored.slot, Given::Lying(lies?)))));
+        let mut all: Vec<(Slot, Content<'_>)> =
+            values.iter().chain(&others).map(|(slot, value)| (*slot, Content::Value(value))).collect();
+        all.extend(
+            copied.into_iter().filter_map(|(stored, bytes)| Some((stored.slot, Content::Stored(stored.key, bytes?)))),
+        );
         all.sort_by_key(|(slot, _)| *slot);
         let mut builder = PartBuilder::new(frame, &self.pools[run][part]);
-        for (slot, given) in all {
-            match given {
-                Given::Value(value) => self.add(&mut builder, run, (position, frame), (slot, value), &at_hand)?,
-                Given::Lying(lies) => {
-                    lies.copy(&mut builder).map_err(tap_error)?.map_err(|why| self.unkept(frame, why))?;
+        for (slot, content) in all {
+            match content {
+                Content::Value(value) => self.add(&mut builder, run, (position, frame), (slot, value), &at_hand)?,
+                Content::Stored(key, bytes) => {
+                    bytes.copy(&key, &mut builder).map_err(tap_error)?.map_err(|why| self.unkept(frame, why))?;
                 }
             }
         }
@@ -408,8 +410,11 @@ impl Tap for Recorder {
         self.told.get(run).cloned().unwrap_or_default()
     }
 
-    fn has_once(&self, run: usize, slot: Slot) -> bool {
-        matches!(slot, Slot::Node { node, port } if self.once.contains(&(run, node, port)))
+    fn written_aggregate(&self, run: usize, slot: Slot) -> Option<Key> {
+        match slot {
+            Slot::Node { node, port } => self.once.get(&(run, node, port)).copied(),
+            Slot::Source { .. } => None,
+        }
     }
 
     fn store(&self) -> Option<&dyn Store> {
@@ -493,10 +498,10 @@ fn put_floats(part: &mut PartBuilder<'_>, channel: u16, stamp: Stamp<'_>, map: &
     part.alone(channel, Packing::Plain, size / 2, |out| put(out, &Floats::Packed(&packed)))
 }
 
-/// A value of a part: at hand, or in an earlier run.
-enum Given<'a> {
+/// A value of a part: in memory, or as the bytes that an earlier run stored under its key.
+enum Content<'a> {
     Value(&'a Value),
-    Lying(Lying<'a>),
+    Stored(Key, StoredBytes<'a>),
 }
 
 /// What the record of a once-value says of where its content is.

@@ -17,7 +17,7 @@ use crate::held::Held;
 use crate::index::{ChunkEntry, Index, MAGIC, MetadataEntry};
 use crate::plan::RecordedPlan;
 use crate::reader::FrameReader;
-use crate::store::KeyedPlace;
+use crate::store::StoredValues;
 use crate::unpack::ChunkBuffers;
 use crate::walk::{Walked, walk};
 use crate::{ENDED_METADATA, FORMAT, PLAN_METADATA};
@@ -101,7 +101,7 @@ pub struct Recording {
     committed: u64,
     /// By commit: where its chunk starts, and the CRC-32 that all bytes before had.
     pub(crate) sealed: Vec<(u64, u32)>,
-    pub(crate) by_key: OnceLock<BTreeMap<Key, KeyedPlace>>,
+    pub(crate) by_key: OnceLock<BTreeMap<Key, StoredValues>>,
 }
 
 impl Recording {
@@ -158,8 +158,9 @@ impl Recording {
         &self.plan
     }
 
-    /// Whether it is of the format that is written now: then equal values are equal bytes.
-    pub(crate) fn is_of_this_format(&self) -> bool {
+    /// Whether it is of the format that is written now: then equal values are equal bytes, and no value is stored under a wrong key.
+    #[must_use]
+    pub fn is_of_this_format(&self) -> bool {
         let mut of_plan = self.index.metadata.iter().filter(|metadata| metadata.name == PLAN_METADATA);
         of_plan.any(|metadata| metadata.values.get("format").is_some_and(|format| format == FORMAT))
     }

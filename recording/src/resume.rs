@@ -7,6 +7,7 @@ use std::path::Path;
 
 use crc32fast::Hasher;
 use depthloom_codecs::schema::Schema;
+use depthloom_graphs::Frame;
 use depthloom_graphs::contracts::Warned;
 use depthloom_graphs::plan::Plan;
 use mcap::records::op;
@@ -20,6 +21,7 @@ use crate::error::RecordingError;
 use crate::file::PositionedFile;
 use crate::index::{ChunkEntry, MAGIC};
 use crate::layout::ChannelLayout;
+use crate::looking::at_the_time_shown;
 use crate::parse::{self, RECORD_HEADER};
 use crate::plan::RecordedPlan;
 use crate::record::{put_attachment_index, put_message_index, put_metadata_index};
@@ -30,20 +32,36 @@ use crate::writer::Writer;
 use crate::{ENDED_METADATA, PLAN_METADATA};
 
 impl Recording {
-    /// Whether a run of this plan would write what this recording holds, and perhaps more: it is of the same format, plan and
-    /// experiment files.
+    /// Whether this recording has the plan of a run, in the format that is written now.
     #[must_use]
-    pub fn is_begun(&self, plan: &Plan) -> bool {
+    pub fn has_plan(&self, plan: &Plan) -> bool {
         // As it was written: numbers need not read back to the last bit.
-        let plan_of = self.index.metadata.iter().find(|metadata| metadata.name == PLAN_METADATA);
-        let has_same_plan = plan_of.and_then(|of| of.values.get("plan")) == Some(&json(&RecordedPlan::of(plan)));
+        let recorded = self.index.metadata.iter().find(|metadata| metadata.name == PLAN_METADATA);
+        let recorded = recorded.and_then(|metadata| metadata.values.get("plan"));
+        self.is_of_this_format() && recorded == Some(&json(&RecordedPlan::of(plan)))
+    }
+
+    /// Whether a run of the same experiment wrote this recording, in the format that is written now. What the run reads besides (data,
+    /// programs, engines) may have changed since.
+    #[must_use]
+    pub fn is_of_experiment(&self, plan: &Plan) -> bool {
         let files = experiment_files(plan);
         let mut kept = self.attachments().iter().filter(|kept| !kept.name.starts_with("artifacts/"));
         let has_same_files = files.iter().all(|(name, text)| {
             kept.next().is_some_and(|kept| kept.name == *name)
                 && self.attachment(name).is_ok_and(|bytes| bytes == text.as_bytes())
         });
-        self.is_of_this_format() && has_same_plan && has_same_files && kept.next().is_none()
+        self.is_of_this_format() && has_same_files && kept.next().is_none()
+    }
+
+    /// Whether the frame at a position of a stage run has the id, index and time with which this one would be recorded there.
+    #[must_use]
+    pub fn is_frame(&self, run: usize, position: usize, frame: &Frame) -> bool {
+        let frame = at_the_time_shown(position, frame);
+        let recorded = self.frames(run).get(position);
+        recorded.is_some_and(|recorded| {
+            (&recorded.id, recorded.index, recorded.time_ns) == (&frame.id, frame.index, frame.time_ns)
+        })
     }
 
     /// Whether nothing was committed.
@@ -105,8 +123,8 @@ pub(crate) struct Resumed {
     pub(crate) writer: Writer,
     /// By stage run, how many frames it holds.
     pub(crate) frames: Vec<usize>,
-    /// The once-values it holds: stage run, node, port.
-    pub(crate) once: BTreeSet<(usize, usize, usize)>,
+    /// The keys of the aggregate values it holds, by stage run, node and port.
+    pub(crate) once: BTreeMap<(usize, usize, usize), depthloom_graphs::Key>,
     /// The artefacts it holds.
     pub(crate) artifacts: BTreeSet<depthloom_graphs::Key>,
     /// The time of each stage run's first frame.
@@ -132,7 +150,7 @@ pub(crate) fn resume(
     Ok(Some(Resumed {
         writer,
         frames: runs.clone().map(|run| recording.frames(run).len()).collect(),
-        once: once.iter().map(|once| (once.run, once.node, once.port)).collect(),
+        once: once.iter().map(|once| ((once.run, once.node, once.port), once.key)).collect(),
         artifacts: once.iter().filter_map(|once| artifact(&once.content)).collect(),
         told: runs
             .clone()

@@ -133,6 +133,15 @@ recording that was cut off gives the frames that are whole, and says so.",
 impl Mcap {
     fn opened(params: &McapParams) -> Result<Self, Fault> {
         let recording = open(params)?;
+        if !recording.is_of_this_format() {
+            let what = format!(
+                "{} was recorded by depthloom 0.1, which may have stored values of other variants",
+                recording.path().display()
+            );
+            return Err(Fault::new(what).remedy(
+                "run its experiment again with --fresh; `depthloom report` and `depthloom info` still read it",
+            ));
+        }
         let run = run_of(&recording, params)?;
         let given = given(&recording, run, params)?;
         let every = usize::try_from(recording.plan().every).unwrap_or(usize::MAX).max(1);

@@ -9,35 +9,78 @@ use depthloom_graphs::{Key, Value, ValueType};
 
 use crate::condition::Condition;
 use crate::error::RecordingError;
+use crate::index::ChunkEntry;
 use crate::plan::RecordedOutput;
 use crate::recording::{RecordedContent, RecordedOnce, Recording};
 
-/// What a key names: all values that a source or a node gave on a frame, or a once-value.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum KeyedPlace {
-    /// The values of a run's source (`node: None`) or node on a frame.
+/// Where the values of one cache key are stored. Only [`Recording::place_of`] makes one, and stored bytes are reached through one alone: so
+/// whoever has bytes knows the key that they were stored under, and topic, node, variant and position never decide which bytes are read.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct KeyedPlace {
+    key: Key,
+    values: StoredValues,
+}
+
+/// Which values a key names.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum StoredValues {
+    /// Those of a run's source (`node: None`) or node on a frame.
     Frame { run: usize, position: usize, node: Option<usize> },
-    /// The once-values of a node.
+    /// The aggregate values of a node.
     Once { run: usize, node: usize },
+}
+
+impl KeyedPlace {
+    /// The key that the values were stored under.
+    pub(crate) const fn key(&self) -> Key {
+        self.key
+    }
+
+    /// Which values they are.
+    pub(crate) const fn values(&self) -> StoredValues {
+        self.values
+    }
+}
+
+/// The chunk that holds a value of a port, and what the recording calls it.
+pub(crate) struct ValueChunk<'a> {
+    /// The channel of its message.
+    pub(crate) channel: u16,
+    /// The topic of its port in the recorded plan.
+    pub(crate) topic: &'a str,
+    pub(crate) chunk: &'a ChunkEntry,
 }
 
 impl Recording {
     /// Where what a key names lies.
     pub(crate) fn place_of(&self, key: &Key) -> Option<KeyedPlace> {
-        self.by_key.get_or_init(|| self.keyed_places()).get(key).copied()
+        let values = *self.by_key.get_or_init(|| self.keyed_places()).get(key)?;
+        Some(KeyedPlace { key: *key, values })
+    }
+
+    /// The chunk in which the value of a port is stored under the key of a place; `None` of aggregate values, and if the port gave none.
+    pub(crate) fn value_chunk(&self, place: KeyedPlace, port: &str) -> Option<ValueChunk<'_>> {
+        let StoredValues::Frame { run, position, node } = place.values else { return None };
+        let topic = self.topic_of(run, node, port)?;
+        self.channels_of(topic).find_map(|channel| {
+            let chunk = self.chunk_of(run, position, channel)?;
+            Some(ValueChunk { channel, topic, chunk })
+        })
+    }
+
+    /// The chunk of a frame that has messages of a channel.
+    pub(crate) fn chunk_of(&self, run: usize, position: usize, channel: u16) -> Option<&ChunkEntry> {
+        let chunks = self.frames(run)[position].chunks(&self.index);
+        chunks.iter().find(|chunk| chunk.channels.binary_search(&channel).is_ok())
     }
 
     /// What the recording has of a place, by output port: all ports of a node share its key. See [`Store::find`].
     pub(crate) fn held_at(&self, place: KeyedPlace) -> Vec<Held> {
-        match place {
-            KeyedPlace::Once { run, node } => self.held_once(run, node),
-            KeyedPlace::Frame { run, position, node } => {
+        match place.values {
+            StoredValues::Once { run, node } => self.held_once(run, node),
+            StoredValues::Frame { run, position, node } => {
                 let frame = &self.frames(run)[position];
-                let chunks = frame.chunks(&self.index);
-                let is_there = |output: &RecordedOutput| {
-                    let mut of_topic = self.channels_of(&output.topic);
-                    of_topic.any(|channel| chunks.iter().any(|chunk| chunk.channels.binary_search(&channel).is_ok()))
-                };
+                let is_there = |output: &RecordedOutput| self.value_chunk(place, &output.port).is_some();
                 let slot = |port| node.map_or(Slot::Source { port }, |node| Slot::Node { node, port });
                 let gave = |port: usize| frame.absent.as_ref().map(|absent| !absent.contains(&slot(port)));
                 let of_frames = self.outputs_of(run, node).enumerate().filter(|(_, output)| !output.once);
@@ -72,14 +115,14 @@ impl Recording {
     pub(crate) fn value_at(&self, place: KeyedPlace, port: &str) -> Result<Option<Value>, RecordingError> {
         let missing =
             || RecordingError::Missing { path: self.path().to_owned(), what: format!("a value of port `{port}`") };
-        match place {
-            KeyedPlace::Frame { run, position, node } => {
+        match place.values {
+            StoredValues::Frame { run, position, node } => {
                 let mut outputs = self.outputs_of(run, node);
                 let output = outputs.find(|output| output.port == port && self.keeps(output, position));
                 let output = output.ok_or_else(missing)?;
                 Ok(self.reader(run, &[&output.topic])?.read(position)?.pop().flatten())
             }
-            KeyedPlace::Once { run, node } => {
+            StoredValues::Once { run, node } => {
                 let held = self.held_once(run, node).into_iter().find(|held| held.port == port).ok_or_else(missing)?;
                 if held.is == Holding::Nothing {
                     return Ok(None);
@@ -102,12 +145,12 @@ impl Recording {
 
     /// What was told of when the values at a place were made.
     pub(crate) fn warnings_at(&self, place: KeyedPlace) -> Vec<(String, u64)> {
-        match place {
-            KeyedPlace::Frame { run, position, node } => {
+        match place.values {
+            StoredValues::Frame { run, position, node } => {
                 let told = self.frames(run)[position].warnings.iter().filter(|told| told.node == node);
                 told.map(|told| (told.what.clone(), told.count)).collect()
             }
-            KeyedPlace::Once { run, node } => {
+            StoredValues::Once { run, node } => {
                 let once = self.once_values().iter().find(|once| (once.run, once.node) == (run, node));
                 once.map(|once| once.warnings.clone()).unwrap_or_default()
             }
@@ -158,19 +201,19 @@ impl Recording {
         })
     }
 
-    fn keyed_places(&self) -> BTreeMap<Key, KeyedPlace> {
+    fn keyed_places(&self) -> BTreeMap<Key, StoredValues> {
         let mut places = BTreeMap::new();
         for run in 0..self.plan().runs.len() {
             for (position, frame) in self.frames(run).iter().enumerate() {
                 let of_nodes = frame.keys.iter().map(|of| (of.key, Some(of.node)));
                 let of_source = frame.source_key.map(|key| (key, None));
                 for (key, node) in of_source.into_iter().chain(of_nodes) {
-                    places.entry(key).or_insert(KeyedPlace::Frame { run, position, node });
+                    places.entry(key).or_insert(StoredValues::Frame { run, position, node });
                 }
             }
         }
         let once = self.once_values().iter();
-        places.extend(once.map(|once| (once.key, KeyedPlace::Once { run: once.run, node: once.node })));
+        places.extend(once.map(|once| (once.key, StoredValues::Once { run: once.run, node: once.node })));
         places
     }
 }

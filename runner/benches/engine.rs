@@ -16,7 +16,7 @@ use crossbeam::channel::{bounded, unbounded};
 use depthloom_graphs::contracts::{Commit, Contract, Slot, Tap, TapError, Warned};
 use depthloom_graphs::values::Calibration;
 use depthloom_graphs::{Context, Fault, Frame, Inputs, Instance, Key, Outputs, PureNode, Source, SourceOutputs, Value};
-use depthloom_runner::{Interrupt, Options, Unwatched, run};
+use depthloom_runner::{Audit, Interrupt, Options, Unwatched, run};
 use rustix::time::{ClockId, clock_gettime};
 use support::{Bench, node, number, planned, source};
 
@@ -107,7 +107,7 @@ fn engine(c: &mut Criterion) {
     group.sample_size(20).throughput(Throughput::Elements((FRAMES * (NODES + 1)) as u64));
     for (shape, is_chain) in [("chain", true), ("fan", false)] {
         for workers in [1, 2, 4] {
-            let options = Options { workers, window: None, keep_going: false, checkpoints: None };
+            let options = Options { workers, window: None, keep_going: false, checkpoints: None, audit: Audit::None };
             let run = |ready| {
                 run(ready, &NoTap, &options, &Unwatched, &Interrupt::default()).expect("nothing fails");
             };

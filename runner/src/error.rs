@@ -3,6 +3,8 @@
 use depthloom_graphs::Fault;
 use depthloom_graphs::contracts::TapError;
 
+use crate::audit::AuditFailure;
+
 /// Why a run ended before its end. What was written before stays written.
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {
@@ -58,6 +60,17 @@ pub enum RunError {
         #[source]
         error: TapError,
     },
+    /// The unfinished recording that a run resumes holds an aggregate value that was computed from something else.
+    #[error("the recorded aggregate value of node `{stage}.{node}` was computed from other inputs than today's")]
+    OutdatedAggregate {
+        /// The stage.
+        stage: String,
+        /// The node.
+        node: String,
+    },
+    /// A value that was reused is not what its node computes now.
+    #[error(transparent)]
+    Audit(Box<AuditFailure>),
     /// The plan asks for what cannot be run: an error of whoever made it.
     #[error("the plan of stage `{stage}` cannot be run: {what}")]
     Unrunnable {
@@ -77,13 +90,19 @@ pub enum RunError {
 impl RunError {
     /// What the person can do about it, if it is known.
     #[must_use]
-    pub fn remedy(&self) -> Option<&str> {
+    pub fn remedy(&self) -> Option<String> {
         match self {
             Self::NodeFailed { fault, .. } | Self::SourceFailed { fault, .. } | Self::OnceFailed { fault, .. } => {
-                fault.remedy_text()
+                fault.remedy_text().map(str::to_owned)
             }
-            Self::NoThread(_) => Some("raise the limit of threads (`ulimit -u`), or run with fewer --workers"),
-            Self::Tap { error, .. } => error.remedy.as_deref(),
+            Self::NoThread(_) => {
+                Some("raise the limit of threads (`ulimit -u`), or run with fewer --workers".to_owned())
+            }
+            Self::Tap { error, .. } => error.remedy.clone(),
+            Self::OutdatedAggregate { .. } => {
+                Some("recompute the run: --fresh --overwrite, with the same --out".to_owned())
+            }
+            Self::Audit(failure) => Some(failure.remedy()),
             Self::Unrunnable { .. } | Self::Aborted => None,
         }
     }
@@ -119,6 +138,6 @@ mod tests {
             fault: Box::new(Fault::new("no pixel was answered").remedy("lower `threshold`")),
         };
         assert_eq!(error.to_string(), "node `compare.merged` (variants full, mean) failed on frame 000150_10");
-        assert_eq!(error.remedy(), Some("lower `threshold`"));
+        assert_eq!(error.remedy().as_deref(), Some("lower `threshold`"));
     }
 }

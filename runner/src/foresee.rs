@@ -1,11 +1,12 @@
 //! What a run would take from its tap's store, and what it would make, found by keys alone.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
+use std::ops::ControlFlow;
 
 use depthloom_graphs::contracts::{Commit, Contract, Slot, Store, Tap, TapError, Warned};
 use depthloom_graphs::plan::{Origin, Plan, PlannedOutput};
 use depthloom_graphs::ready::{Ready, ReadyRun};
-use depthloom_graphs::{Frame, Host, Key, Rate, Value, ValueType, value_keys};
+use depthloom_graphs::{Frame, Host, Key, Rate, Source, Value, ValueType, value_keys};
 
 use crate::frame_graph::FrameGraph;
 use crate::once::{OnceState, OnceValue, OnceValues, inputs_of};
@@ -21,9 +22,9 @@ pub struct Foreseen {
 }
 
 /// A tap that takes what a plan records, and keeps nothing.
-struct Preview<'a> {
-    plan: &'a Plan,
-    store: &'a dyn Store,
+pub(crate) struct Preview<'a> {
+    pub(crate) plan: &'a Plan,
+    pub(crate) store: &'a dyn Store,
 }
 
 impl Preview<'_> {
@@ -74,37 +75,68 @@ impl Tap for Preview<'_> {
 ///
 /// # Errors
 /// Where the plan contradicts itself or the nodes built, in words.
-pub fn foresee(ready: Ready, store: &dyn Store, host: &dyn Host) -> Result<Vec<Vec<Foreseen>>, String> {
+pub fn foresee(ready: &Ready, store: &dyn Store, host: &dyn Host) -> Result<Vec<Vec<Foreseen>>, String> {
+    let tap = Preview { plan: &ready.plan, store };
+    let mut foreseen = Vec::with_capacity(ready.runs.len());
+    walk(ready, &tap, host, |stage| {
+        let mut of_nodes = stage.nodes.clone();
+        for position in 0..stage.source.frames().len() {
+            let Ok(key) = stage.source.key(position) else { continue };
+            let steps = stage.reuse.plan(stage.graph, &tap, position, key).steps;
+            for (of_node, step) in of_nodes.iter_mut().zip(&steps[1..]) {
+                of_node.fires += u64::from(*step == Do::Fire);
+                of_node.taken += u64::from(matches!(step, Do::Take(..)));
+            }
+        }
+        foreseen.push(of_nodes);
+        ControlFlow::Continue(())
+    })?;
+    Ok(foreseen)
+}
+
+/// A stage run whose cache keys are known as far as the store has their values.
+pub(crate) struct KnownStage<'w> {
+    pub(crate) run: usize,
+    pub(crate) source: &'w dyn Source,
+    pub(crate) graph: &'w FrameGraph,
+    pub(crate) reuse: &'w Reuse<'w>,
+    /// By node; only aggregate nodes are foreseen yet.
+    nodes: Vec<Foreseen>,
+    /// The keys of the aggregate values that the store has, by node.
+    pub(crate) aggregates: BTreeMap<usize, Key>,
+}
+
+/// Walks the cache keys of a plan's stage runs in order, without running a node.
+///
+/// # Errors
+/// Where the plan contradicts itself or the nodes built, in words.
+pub(crate) fn walk(
+    ready: &Ready,
+    tap: &Preview<'_>,
+    host: &dyn Host,
+    mut visit: impl FnMut(&KnownStage<'_>) -> ControlFlow<()>,
+) -> Result<(), String> {
     let Ready { plan, runs, files, .. } = ready;
-    let tap = Preview { plan: &plan, store };
-    let mut values = OnceValues::new(files);
-    let mut foreseen = Vec::with_capacity(runs.len());
-    for (run, ReadyRun { source, .. }) in runs.into_iter().enumerate() {
+    let mut values = OnceValues::new(files.clone());
+    for (run, ReadyRun { source, .. }) in runs.iter().enumerate() {
         let planned = &plan.runs[run];
-        let mut of_nodes = vec![Foreseen::default(); planned.nodes.len()];
-        once(&plan, run, store, &mut values, &mut of_nodes, &HashMap::new());
-        let graph = FrameGraph::new(run, planned, &tap, |from| match values.find(from) {
+        let (mut nodes, mut aggregates) = (vec![Foreseen::default(); planned.nodes.len()], BTreeMap::new());
+        once(plan, run, tap.store, &mut values, (&mut nodes, &mut aggregates), &HashMap::new());
+        let graph = FrameGraph::new(run, planned, tap, |from| match values.find(from) {
             OnceState::Pending => OnceState::There(unmade(from)),
             known => known,
         })?;
-        let mut finished = HashMap::new();
-        if let Some(mut reuse) = Reuse::new(run, planned, &graph, source.as_ref(), &tap, host) {
-            for position in 0..source.frames().len() {
-                let Ok(key) = source.key(position) else { continue };
-                let steps = reuse.plan(&graph, &tap, position, key).steps;
-                for (of_node, step) in of_nodes.iter_mut().zip(&steps[1..]) {
-                    of_node.fires += u64::from(*step == Do::Fire);
-                    of_node.taken += u64::from(matches!(step, Do::Take(..)));
-                }
-            }
-            for (node, known) in reuse.finished.iter_mut().enumerate() {
-                finished.extend(known.take().map(|known| (node, (known.key, known.values))));
-            }
+        let Some(reuse) = Reuse::new(run, planned, &graph, source.as_ref(), tap, host) else { continue };
+        let finished = reuse.finished.iter().enumerate();
+        let finished = finished.filter_map(|(node, known)| Some((node, known.as_ref()?)));
+        let finished = finished.map(|(node, known)| (node, (known.key, known.values.clone()))).collect();
+        once(plan, run, tap.store, &mut values, (&mut nodes, &mut aggregates), &finished);
+        let stage = KnownStage { run, source: source.as_ref(), graph: &graph, reuse: &reuse, nodes, aggregates };
+        if visit(&stage).is_break() {
+            break;
         }
-        once(&plan, run, store, &mut values, &mut of_nodes, &finished);
-        foreseen.push(of_nodes);
     }
-    Ok(foreseen)
+    Ok(())
 }
 
 /// Known once-values of ordered nodes: by node, key and values.
@@ -116,7 +148,7 @@ fn once(
     run: usize,
     store: &dyn Store,
     values: &mut OnceValues,
-    of_nodes: &mut [Foreseen],
+    (of_nodes, aggregates): (&mut [Foreseen], &mut BTreeMap<usize, Key>),
     finished: &FinishedValues,
 ) {
     let planned = &plan.runs[run];
@@ -134,6 +166,7 @@ fn once(
             of_nodes[node] = Foreseen { fires: u64::from(known.is_none()), taken: u64::from(known.is_some()) };
         }
         if let Some((key, given)) = known {
+            aggregates.insert(node, key);
             // A node after it may read them.
             values.make((run, node), of_node, Some(key), given);
         }

@@ -7,6 +7,7 @@ use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use depthloom_graphs::contracts::{TapError, Warned};
 use depthloom_graphs::{Fault, Key, Value};
 
+use crate::audit::AuditFailure;
 use crate::frame_graph::{FrameGraph, Place};
 use crate::reuse::{Do, FramePlan};
 use crate::timing::Spent;
@@ -61,6 +62,7 @@ pub(crate) struct InFlight<P> {
     /// What failed, by step, in no order.
     faults: Mutex<Vec<(usize, Fault)>>,
     tap_errors: Mutex<Vec<(usize, TapError)>>,
+    audit_failure: Mutex<Option<AuditFailure>>,
     /// What was told of without failing, in no order.
     warnings: Mutex<Vec<Warned>>,
 }
@@ -80,6 +82,7 @@ impl<P> InFlight<P> {
             remaining: AtomicU32::new(graph.steps_per_frame),
             faults: Mutex::default(),
             tap_errors: Mutex::default(),
+            audit_failure: Mutex::default(),
             warnings: Mutex::default(),
         }
     }
@@ -171,6 +174,15 @@ impl<P> InFlight<P> {
 
     pub(crate) fn add_tap_error(&self, part: usize, error: TapError) {
         locked(&self.tap_errors).push((part, error));
+    }
+
+    pub(crate) fn add_audit_failure(&self, failure: AuditFailure) {
+        locked(&self.audit_failure).get_or_insert(failure);
+    }
+
+    /// A stored value that differs from the one that was computed again, if there is one.
+    pub(crate) fn take_audit_failure(&self) -> Option<AuditFailure> {
+        locked(&self.audit_failure).take()
     }
 
     /// Whether something has failed so far.

@@ -80,13 +80,14 @@
 //! };
 //! let frames = (0..3).map(|k| Frame::at_10_hz(format!("{k:06}_10"), k)).collect();
 //! let runs = vec![ReadyRun { source: Box::new(Empty(frames)), nodes: vec![] }];
-//! let ready = Ready { plan, runs, files: Default::default(), warnings: vec![] };
+//! let ready = Ready { plan, runs, files: Default::default(), warnings: vec![], builders: Default::default() };
 //!
 //! let report = run(ready, &Printer, &Options::default(), &Unwatched, &Interrupt::default())?;
 //! assert_eq!(report.stages[0].retired, 3);
 //! # Ok::<(), depthloom_runner::RunError>(())
 //! ```
 
+mod audit;
 mod checkpoints;
 mod error;
 mod foresee;
@@ -94,6 +95,7 @@ mod frame_graph;
 mod host;
 mod in_flight;
 mod interrupt;
+mod kept;
 mod observer;
 mod once;
 mod options;
@@ -108,12 +110,14 @@ mod stage;
 mod timing;
 mod warnings;
 
+pub use audit::{AuditFailure, Cause};
 pub use checkpoints::Checkpoints;
 pub use error::RunError;
 pub use foresee::{Foreseen, foresee};
 pub use interrupt::Interrupt;
+pub use kept::{KeptValues, Outdated, outdated};
 pub use observer::{Observer, Unwatched};
-pub use options::Options;
+pub use options::{Audit, Options};
 pub use report::{FrameFailure, Report, StageReport};
 pub use run::run;
 pub use timing::{Phase, Sample, Spread, Timing};

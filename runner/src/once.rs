@@ -7,15 +7,19 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use depthloom_graphs::contracts::{Contract, Slot, Tap, TapError, Warned};
 use depthloom_graphs::plan::{Origin, Plan, PlannedNode};
+use depthloom_graphs::ready::NodeBuilder;
 use depthloom_graphs::{
-    Context, Fault, Host as _, Inputs, Key, OnceNode, OrderedNode, Port, Rate, Scratch, Source, Value, value_keys,
+    Context, Fault, Host as _, Inputs, Instance, Key, OnceNode, OrderedNode, Port, Rate, Scratch, Source, Value,
+    value_keys,
 };
 use depthloom_threads::caught;
 
+use crate::audit::compare_aggregates;
 use crate::error::RunError;
 use crate::frame_graph::FrameGraph;
 use crate::host::TaskHost;
 use crate::in_flight::locked;
+use crate::options::Audit;
 use crate::panics::fault;
 use crate::retire::Completion;
 use crate::reuse::{Finished, Reuse, once_values};
@@ -274,8 +278,15 @@ impl<T: Tap> OnceWork<'_, T> {
             let told = self.told.get(&node).map_or(&[][..], Vec::as_slice);
             for (port, output) in run.nodes[node].outputs.iter().enumerate().filter(|(_, o)| o.recorded) {
                 let Some(Some(once)) = values.made.get(&(self.run, node, port)) else { continue };
-                if self.common.tap.has_once(self.run, Slot::Node { node, port }) {
-                    continue;
+                match self.common.tap.written_aggregate(self.run, Slot::Node { node, port }) {
+                    Some(written) if written == *key => continue,
+                    Some(_) => {
+                        return Err(RunError::OutdatedAggregate {
+                            stage: run.stage.clone(),
+                            node: run.nodes[node].name.clone(),
+                        });
+                    }
+                    None => {}
                 }
                 caught(|| self.common.tap.once(self.run, Slot::Node { node, port }, key, &once.value, told))
                     .unwrap_or_else(|panic| Err(TapError::new(format!("panicked {}", panic.0))))
@@ -286,6 +297,43 @@ impl<T: Tap> OnceWork<'_, T> {
             }
         }
         Ok(())
+    }
+
+    /// Recomputes the reused values of aggregate nodes, where all reused values are audited: a training may take hours. Gives how many were compared.
+    pub(crate) fn audit(
+        &self,
+        builders: &BTreeMap<(usize, usize), NodeBuilder>,
+        values: &OnceValues,
+    ) -> Result<u64, RunError> {
+        let run = &self.plan.runs[self.run];
+        let mut compared = 0;
+        for &node in &self.reused {
+            let planned = &run.nodes[node];
+            let (Audit::All, Contract::Once) = (self.common.audit, planned.contract) else { continue };
+            let (Some(inputs), Some(builder)) = (inputs_of(planned, values), builders.get(&(self.run, node))) else {
+                continue;
+            };
+            if self.common.interrupt.stops_admission() {
+                break;
+            }
+            let ports: Vec<Port> = planned.inputs.iter().map(|input| input.port.clone()).collect();
+            let inputs: Vec<_> = inputs.into_iter().map(|input| input.map(|once| once.value)).collect();
+            let (host, mut scratch) = (self.host(Some(node), None), Scratch::default());
+            let made = match builder.build() {
+                Ok(Instance::Once(instance)) => {
+                    let mut ctx = Context::new(&host, &mut scratch);
+                    caught(|| instance.run(&Inputs::new(&ports, &inputs), &mut ctx))
+                        .unwrap_or_else(|panic| Err(fault(panic)))
+                }
+                Ok(Instance::Pure(_) | Instance::Ordered(_)) => continue,
+                Err(fault) => Err(fault),
+            };
+            let stored: Vec<Option<Value>> = (0..planned.outputs.len())
+                .map(|port| values.made.get(&(self.run, node, port)).cloned().flatten().map(|once| once.value))
+                .collect();
+            compared += compare_aggregates(run, node, &stored, made)?;
+        }
+        Ok(compared)
     }
 
     fn host(&self, node: Option<usize>, key: Option<Key>) -> TaskHost<'_> {

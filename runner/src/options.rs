@@ -14,13 +14,27 @@ pub struct Options {
     pub keep_going: bool,
     /// Where once-nodes put down checkpoints; see [`Host::checkpoint`](depthloom_graphs::Host::checkpoint).
     pub checkpoints: Option<PathBuf>,
+    /// How much of what is reused is recomputed and compared.
+    pub audit: Audit,
+}
+
+/// How much of what a run reuses is recomputed and compared with what is stored.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Audit {
+    /// Every reused value, aggregate values such as trained networks included.
+    All,
+    /// One frame in fifty, chosen at random, and at least one value of every reused node that works frame by frame.
+    #[default]
+    Sample,
+    /// Nothing.
+    None,
 }
 
 impl Default for Options {
     /// As many workers as the machine has cores.
     fn default() -> Self {
         let workers = std::thread::available_parallelism().map_or(1, NonZeroUsize::get);
-        Self { workers, window: None, keep_going: false, checkpoints: None }
+        Self { workers, window: None, keep_going: false, checkpoints: None, audit: Audit::default() }
     }
 }
 

@@ -47,6 +47,8 @@ pub struct StageReport {
     pub reused: Vec<u64>,
     /// How many frames an earlier process had written.
     pub resumed: u64,
+    /// How many reused values were recomputed and found equal.
+    pub audited: u64,
 }
 
 /// A failure kept as a tombstone.

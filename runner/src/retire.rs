@@ -132,6 +132,9 @@ fn write<T: Tap>(
             }
         });
     }
+    if let Some(failure) = in_flight.take_audit_failure() {
+        return Err(RunError::Audit(Box::new(failure)));
+    }
     if let Some(error) = in_flight.take_tap_error() {
         return Err(tap_failed(error));
     }

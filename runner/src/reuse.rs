@@ -37,6 +37,12 @@ pub(crate) struct FramePlan {
 }
 
 impl FramePlan {
+    /// Whether values of a step are copied or read from the store.
+    pub(crate) fn reuses(&self, step: usize) -> bool {
+        let is_stored = self.stored[step].as_ref().is_some_and(|(_, is_there)| is_there.contains(&true));
+        is_stored || matches!(self.steps[step], Do::Take(..)) && self.nothing.iter().any(|(of, _)| *of == step)
+    }
+
     /// The key under which the store has a value, if it has.
     pub(crate) fn stored(&self, step: usize, output: usize) -> Option<Key> {
         let (key, is_there) = self.stored[step].as_ref()?;
@@ -332,6 +338,25 @@ impl<'a> Reuse<'a> {
         FramePlan { steps: known.into_iter().enumerate().map(act).collect(), stored, nothing }
     }
 
+    /// The key of every step's values on a frame, where the store has them; by step, the source first.
+    pub(crate) fn keys(&self, graph: &FrameGraph, position: usize, source: Key) -> Vec<Option<Key>> {
+        let key = |known: Known| match known {
+            Known::There(key, _) => Some(key),
+            Known::Fresh | Known::Absent => None,
+        };
+        self.known(graph, position, Some(source)).into_iter().map(key).collect()
+    }
+
+    /// Whether an ordered node's values are all reused, so that it does not run.
+    pub(crate) fn reuses_all_frames(&self, node: usize) -> bool {
+        self.chains[node].as_ref().is_some_and(|chain| !chain.fires)
+    }
+
+    /// The recording that holds a value, for messages.
+    pub(crate) fn origin(&self, key: &Key, port: &str) -> Option<String> {
+        self.store.origin(key, port)
+    }
+
     /// What was told of when the values of a key were made.
     pub(crate) fn warnings(&self, key: &Key) -> Vec<(String, u64)> {
         self.store.warnings(key)
@@ -348,9 +373,12 @@ struct Unknown;
 
 /// The once-values of a node, in the order of its once-outputs, if the store has all that are recorded or read.
 pub(crate) fn once_values(store: &dyn Store, plan: &StageRun, node: usize, key: &Key) -> Option<Vec<Option<Value>>> {
-    let held = store.find(key)?;
     let planned = &plan.nodes[node];
-    let outputs = planned.outputs.iter().filter(|output| is_once(planned, &output.port));
+    let mut outputs = planned.outputs.iter().filter(|output| is_once(planned, &output.port)).peekable();
+    if outputs.peek().is_none() {
+        return Some(Vec::new());
+    }
+    let held = store.find(key)?;
     let value = |port: &str| {
         let held = held.iter().find(|held| held.port == port)?;
         // What turns out to be damaged is made afresh.

@@ -6,9 +6,10 @@ use std::thread::{Builder, scope};
 use crossbeam::channel::bounded;
 use depthloom_graphs::contracts::Tap;
 use depthloom_graphs::plan::Plan;
-use depthloom_graphs::ready::{Ready, ReadyRun};
+use depthloom_graphs::ready::{NodeBuilder, Ready, ReadyRun};
 use depthloom_graphs::{Instance, Source};
 
+use crate::audit::Auditor;
 use crate::checkpoints::Checkpoints;
 use crate::error::RunError;
 use crate::frame_graph::{FrameGraph, contract_of};
@@ -36,7 +37,7 @@ pub fn run<T: Tap>(
     observer: &dyn Observer,
     interrupt: &Interrupt,
 ) -> Result<Report, RunError> {
-    let Ready { plan, runs, files, .. } = ready;
+    let Ready { plan, runs, files, builders, .. } = ready;
     let budget = Budget::new(options.workers());
     let checkpoints = Checkpoints::new(options.checkpoints.clone());
     let (window, keep_going) = (options.window(), options.keep_going);
@@ -50,6 +51,7 @@ pub fn run<T: Tap>(
         window,
         keep_going,
         checkpoints: &checkpoints,
+        audit: options.audit,
     };
     let mut values = OnceValues::new(files);
     let mut report = Report::default();
@@ -59,7 +61,7 @@ pub fn run<T: Tap>(
             break;
         }
         observer.stage_started(run, ready.source.frames().len() as u64);
-        let completion = run_stage(run, &plan, ready, &common, &mut values, &mut report);
+        let completion = run_stage((run, &plan), (ready, &builders), &common, &mut values, &mut report);
         observer.stage_finished(run);
         if completion? == Completion::Interrupted {
             report.interrupted = true;
@@ -72,9 +74,8 @@ pub fn run<T: Tap>(
 }
 
 fn run_stage<T: Tap>(
-    run: usize,
-    plan: &Plan,
-    ready: ReadyRun,
+    (run, plan): (usize, &Plan),
+    (ready, builders): (ReadyRun, &NodeBuilders),
     common: &Common<'_, T>,
     values: &mut OnceValues,
     report: &mut Report,
@@ -117,7 +118,7 @@ fn run_stage<T: Tap>(
         timings: Vec::new(),
     };
     let mut ledger = Ledger::new(plan, run, source.frames().len(), common.tap.parts(run));
-    let completion = pass(&mut once, source.as_ref(), of_frames, &mut ledger, values);
+    let completion = pass(&mut once, source.as_ref(), (of_frames, builders), &mut ledger, values);
     for &node in &once.fired {
         ledger.stage.firings[node] = 1;
     }
@@ -129,11 +130,14 @@ fn run_stage<T: Tap>(
     completion
 }
 
+/// How nodes are built again, by stage run and node.
+type NodeBuilders = BTreeMap<(usize, usize), NodeBuilder>;
+
 /// A stage run from its first frame to its last once-value.
 fn pass<T: Tap>(
     once: &mut OnceWork<'_, T>,
     source: &dyn Source,
-    nodes: Vec<FrameNode<T::Part>>,
+    (nodes, builders): (Vec<FrameNode<T::Part>>, &NodeBuilders),
     ledger: &mut Ledger<'_>,
     values: &mut OnceValues,
 ) -> Result<Completion, RunError> {
@@ -146,8 +150,18 @@ fn pass<T: Tap>(
     let graph = FrameGraph::new(run, plan, once.common.tap, |from| values.find(from)).map_err(unrunnable)?;
     let reuse = once.reuse(&graph, source);
     let mut stage = Stage::new(run, plan, graph, source, nodes, reuse, once.common);
+    if let Some(auditor) = Auditor::of(&stage) {
+        let permit = stage.budget.permit();
+        ledger.stage.audited += auditor.before_frames(builders)?;
+        drop(permit);
+    }
     if run_frames(&stage, ledger)? == Completion::Interrupted {
         return Ok(Completion::Interrupted);
+    }
+    if let Some(auditor) = Auditor::of(&stage) {
+        let permit = stage.budget.permit();
+        ledger.stage.audited += auditor.after_frames()?;
+        drop(permit);
     }
     let mut jobs = Vec::new();
     let mut reuse = stage.reuse.take();
@@ -169,6 +183,7 @@ fn pass<T: Tap>(
         )));
     }
     once.hand_over(values)?;
+    ledger.stage.audited += once.audit(builders, values)?;
     Ok(Completion::Whole)
 }
 

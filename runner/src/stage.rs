@@ -10,12 +10,14 @@ use depthloom_graphs::{
     Context, Fault, Host as _, Inputs, Key, Outputs, Port, PureNode, Scratch, Source, Value, value_keys,
 };
 
+use crate::audit::{Auditor, Sampler};
 use crate::checkpoints::Checkpoints;
 use crate::frame_graph::{Feed, FrameGraph, Step};
 use crate::host::TaskHost;
 use crate::in_flight::{InFlight, Outcome, Settled, locked};
 use crate::interrupt::Interrupt;
 use crate::observer::Observer;
+use crate::options::Audit;
 use crate::ordered::Ordered;
 use crate::panics::fault;
 use crate::queues::Queues;
@@ -55,6 +57,7 @@ pub(crate) struct Stage<'a, T: Tap> {
     warnings: &'a Warnings,
     /// What need not be made again.
     pub(crate) reuse: Option<Reuse<'a>>,
+    pub(crate) sampler: Sampler,
     pub(crate) window: usize,
     pub(crate) keep_going: bool,
     queues: Queues<Task<T::Part>>,
@@ -113,6 +116,7 @@ pub(crate) struct Common<'a, T> {
     pub(crate) window: usize,
     pub(crate) keep_going: bool,
     pub(crate) checkpoints: &'a Checkpoints,
+    pub(crate) audit: Audit,
 }
 
 impl<'a, T: Tap> Stage<'a, T> {
@@ -125,6 +129,7 @@ impl<'a, T: Tap> Stage<'a, T> {
         reuse: Option<Reuse<'a>>,
         common: &Common<'a, T>,
     ) -> Self {
+        let sampler = Sampler::new(common.audit, graph.producers.len());
         Self {
             run,
             plan,
@@ -137,6 +142,7 @@ impl<'a, T: Tap> Stage<'a, T> {
             interrupt: common.interrupt,
             warnings: common.warnings,
             reuse,
+            sampler,
             window: common.window,
             keep_going: common.keep_going,
             queues: Queues::new(common.window),
@@ -305,6 +311,7 @@ impl<'a, T: Tap> Stage<'a, T> {
             if let Some(reuse) = &self.reuse {
                 let plan = reuse.plan(&self.graph, self.tap, frame.position, key);
                 let plan = frame.plan.get_or_init(|| plan);
+                self.sampler.note(frame.position, plan);
                 self.load(frame, plan, reuse)?;
                 if plan.steps[0] != Do::Fire {
                     return Ok(None);
@@ -416,6 +423,9 @@ impl<'a, T: Tap> Stage<'a, T> {
                 if fired.is_err() {
                     state.node = None;
                 }
+                if let Ok(values) = &fired {
+                    self.audit_again(frame, step, values);
+                }
                 fired.map(|values| {
                     let key = value_keys::ordered(recipe, state.last_key.as_ref(), &worker.keys);
                     state.last_key = Some(key);
@@ -428,6 +438,15 @@ impl<'a, T: Tap> Stage<'a, T> {
         frame.add_warnings(host.into_told());
         worker.inputs.clear();
         self.close(frame, step, fired, spent)
+    }
+
+    /// Compares the outputs of an ordered node that ran with those that are stored, and recorded again, under their key.
+    fn audit_again(&self, frame: &InFlight<T::Part>, step: usize, outputs: &[Option<Value>]) {
+        let (Some(plan), Some(auditor)) = (frame.plan.get(), Auditor::of(self)) else { return };
+        if let Err(failure) = auditor.ran_anyway(frame.position, plan, step, outputs) {
+            frame.add_audit_failure(failure);
+            self.last.fetch_min(frame.position, Ordering::Relaxed);
+        }
     }
 
     /// Takes a node's inputs from where they lie, whether it is going to fire or not.

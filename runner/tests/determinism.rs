@@ -8,7 +8,7 @@ use std::error::Error;
 use depthloom_graphs::contracts::{Commit, Contract, Failure, InlineHost, Slot, SlotKey};
 use depthloom_graphs::plan::{Origin, PlannedNode};
 use depthloom_graphs::{Context, Fault, Inputs, Instance, Key, Outputs, Port, Rate, Scratch, Value, value_keys};
-use depthloom_runner::{Interrupt, Options, RunError, Unwatched, run};
+use depthloom_runner::{Audit, Interrupt, Options, RunError, Unwatched, run};
 use proptest::prelude::*;
 use support::any_graph::{AnyGraph, any_graph, bench};
 use support::{Bench, Notebook, once_key, part_of, told_commit, told_part, told_value, without_place};
@@ -21,7 +21,7 @@ fn told_error(error: &RunError) -> String {
 
 fn told_run(graph: &AnyGraph, workers: usize, window: Option<usize>) -> (Vec<String>, Option<String>) {
     let notebook = Notebook::with_parts(graph.parts);
-    let options = Options { workers, window, keep_going: graph.keep_going, checkpoints: None };
+    let options = Options { workers, window, keep_going: graph.keep_going, checkpoints: None, audit: Audit::None };
     let result = run(bench(graph).ready(), &notebook, &options, &Unwatched, &Interrupt::default());
     (notebook.lines(), result.err().as_ref().map(told_error))
 }

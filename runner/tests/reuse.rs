@@ -10,7 +10,7 @@ use std::sync::atomic::Ordering;
 use depthloom_graphs::contracts::{Commit, Contract, Held, Holding, Slot, Store, Tap, TapError, Warned};
 use depthloom_graphs::plan::{Plan, PlannedOutput};
 use depthloom_graphs::{Fault, Frame, Key, Value};
-use depthloom_runner::{Interrupt, Options, Unwatched, run};
+use depthloom_runner::{Audit, Interrupt, Options, Unwatched, run};
 use proptest::prelude::*;
 use support::any_graph::{any_graph, bench};
 use support::{Bench, Notebook, Numbers, Toy, mix, node, source};
@@ -86,7 +86,7 @@ struct Remembering {
     encoded: Mutex<Encoded>,
     entries: Mutex<Vec<Entry>>,
     /// What an earlier process has written.
-    written: Vec<(usize, Option<Slot>)>,
+    written: Vec<(usize, Option<Slot>, Key)>,
 }
 
 impl Remembering {
@@ -160,11 +160,12 @@ impl Tap for Remembering {
     }
 
     fn written(&self, run: usize) -> usize {
-        self.written.iter().filter(|written| **written == (run, None)).count()
+        self.written.iter().filter(|(of, once, _)| (*of, *once) == (run, None)).count()
     }
 
-    fn has_once(&self, run: usize, slot: Slot) -> bool {
-        self.written.contains(&(run, Some(slot)))
+    fn written_aggregate(&self, run: usize, slot: Slot) -> Option<Key> {
+        let written = self.written.iter().find(|(of, once, _)| (*of, *once) == (run, Some(slot)));
+        written.map(|(.., key)| *key)
     }
 
     fn keeps(&self, _run: usize, _slot: Slot, position: usize) -> bool {
@@ -178,7 +179,7 @@ impl Tap for Remembering {
 
 /// Runs a graph: what was written, and why it ended.
 fn told(bench: Bench, tap: &Remembering, workers: usize, keep_going: bool) -> (Vec<String>, Option<String>) {
-    let options = Options { workers, window: Some(4), keep_going, checkpoints: None };
+    let options = Options { workers, window: Some(4), keep_going, checkpoints: None, audit: Audit::All };
     let result = run(bench.ready(), tap, &options, &Unwatched, &Interrupt::default());
     (tap.notebook.lines(), result.err().map(|error| error.to_string()))
 }
@@ -254,7 +255,7 @@ proptest! {
             let store =
                 Memory { values: values_of(&written), holds: Box::new(|_, _| true), knows: Box::new(|_| true) };
             let mut tap = Remembering::new(graph.parts, every, bench().plan, Some(store));
-            tap.written = written.iter().map(|entry| (entry.run, entry.once)).collect();
+            tap.written = written.iter().map(|entry| (entry.run, entry.once, entry.keys.first().copied().unwrap_or(Key::of_content(b"")))).collect();
             let (lines, ended) = told(bench(), &tap, workers, graph.keep_going);
             let differs = lines.iter().zip(&expected[cut..]).find(|(line, other)| line != other);
             prop_assert_eq!(differs, None, "workers {}", workers);

@@ -12,11 +12,11 @@ use depthloom_graphs::{
     Context, Fault, Frame, Inputs, Instance, Key, OnceNode, Outputs, Port, PureNode, Source, SourceOutputs, Value,
     ValueType, value_keys,
 };
-use depthloom_runner::{Interrupt, Observer, Options, Phase, RunError, Unwatched, run};
+use depthloom_runner::{Audit, Interrupt, Observer, Options, Phase, RunError, Unwatched, run};
 use support::{Bench, Notebook, Numbers, Toy, node, once, output, planned, source};
 
 fn options(workers: usize) -> Options {
-    Options { workers, window: None, keep_going: false, checkpoints: None }
+    Options { workers, window: None, keep_going: false, checkpoints: None, audit: Audit::None }
 }
 
 fn frames(lines: &[String]) -> Vec<&str> {

@@ -2,8 +2,9 @@
 
 use std::path::PathBuf;
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 use clap_complete::engine::ArgValueCompleter;
+use depthloom_runner::Audit;
 
 use super::compare::parse_confidence;
 use super::{ExecArgs, ExperimentArgs};
@@ -28,6 +29,18 @@ pub struct RunArgs {
     /// DEPTHLOOM_FRESH=1 in the environment.
     #[arg(long)]
     pub fresh: bool,
+
+    /// Recompute reused values and compare them: `sample` (default) recomputes one frame in fifty and at least one value of every reused node, `all` every
+    /// reused value, trained networks included, `none` nothing. A difference fails the run.
+    #[arg(
+        long,
+        value_enum,
+        value_name = "WHAT",
+        default_value = "sample",
+        hide_default_value = true,
+        hide_possible_values = true
+    )]
+    pub audit: AuditMode,
 
     /// Wait for the disk after every frame, so that a power cut costs no frame that was written either.
     #[arg(long)]
@@ -68,6 +81,28 @@ pub struct RunArgs {
     /// Print one JSON object instead of text.
     #[arg(long)]
     pub json: bool,
+}
+
+/// How much of what is reused is recomputed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum AuditMode {
+    /// Every reused value, trained networks included.
+    All,
+    /// One frame in fifty, and at least one value of every reused node.
+    #[default]
+    Sample,
+    /// Nothing.
+    None,
+}
+
+impl From<AuditMode> for Audit {
+    fn from(mode: AuditMode) -> Self {
+        match mode {
+            AuditMode::All => Self::All,
+            AuditMode::Sample => Self::Sample,
+            AuditMode::None => Self::None,
+        }
+    }
 }
 
 impl RunArgs {

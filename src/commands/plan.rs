@@ -46,7 +46,7 @@ fn reuse(args: &PlanArgs, plan: Plan, registry: &Registry) -> Result<Exit, Stop>
     if !args.json {
         warnings.iter().for_each(|warning| print_warning(warning));
     }
-    let foreseen = depthloom_runner::foresee(ready, &earlier, &InlineHost)
+    let foreseen = depthloom_runner::foresee(&ready, &earlier, &InlineHost)
         .map_err(|what| Stop::new(Exit::Engine, format!("failed to look ahead: {what}")))?;
     let nearest = earlier.nearest(&plan);
     let pairs = nearest.map(|(_, before)| node_pairs(before, &RecordedPlan::of(&plan))).unwrap_or_default();

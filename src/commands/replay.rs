@@ -20,7 +20,7 @@ use crate::diagnostics::error_json;
 use crate::exit::{Exit, Stop};
 use crate::outputs::Output;
 use crate::progress::Progress;
-use crate::replay::{Checker, Differs, Outcome, Place, Placed, Replay, Replayed, Tally, Tolerances, Unchecked, number};
+use crate::replay::{Checker, Outcome, Placed, Replay, Replayed, Tally, Tolerances, Unchecked};
 use crate::signals;
 use crate::streams::{print, print_output, say};
 

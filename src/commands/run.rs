@@ -23,7 +23,7 @@ use crate::allow_exec;
 use crate::args::RunArgs;
 use crate::counted::counted;
 use crate::diagnostics;
-use crate::earlier;
+use crate::earlier::{self, OUTDATED};
 use crate::environment::{self, ENVIRONMENT};
 use crate::exit::{Exit, Problem, Stop, chain};
 use crate::failures;
@@ -68,16 +68,16 @@ pub fn carry_out(
     let of_sources = [std::mem::take(&mut ready.warnings), truths::missing(&ready)].concat();
     tell(args, &of_sources);
     let (folder, begun) = make_folder(args, &plan, &kept, &read)?;
-    let earlier = earlier::of(args, &folder, &plan, begun.as_deref());
+    let earlier = earlier::of(args, &folder, &plan);
     let unreadable = earlier::unreadable(&earlier);
     tell(args, &unreadable);
+    let begun = Earlier { begun, earlier }.verified(args, &folder, &ready, elsewhere.is_some())?;
     let started = Instant::now();
     let mut options = options(args, &folder);
     if let Some(Elsewhere { workers, window, .. }) = elsewhere {
         (options.workers, options.window) = (*workers, Some(*window));
     }
 
-    let begun = Earlier { begun, earlier };
     let stopped = || interrupt.stops_admission();
     let partial = folder.partial.clone();
     let recorded = record(ready, &plan, args, &options, (&folder, &partial), begun, interrupt, &stopped, elsewhere);
@@ -92,6 +92,12 @@ pub fn carry_out(
         let partial = folder.partial.display();
         stop.also(format!("the recording is whole: `depthloom report {partial}` makes its tables"))
     })?;
+    let outdated = folder.file(OUTDATED);
+    if outdated.exists() {
+        std::fs::remove_file(&outdated).map_err(|error| {
+            Stop::of_writing(Exit::Engine, format_args!("failed to remove {}", outdated.display()), &error)
+        })?;
+    }
     let out = folder.finish()?;
     checkpoints.remove();
 
@@ -143,7 +149,7 @@ fn make_folder(
         let path = partial.join(RECORDING);
         match Recording::open(&path) {
             Ok(found) if found.is_empty() => Begun::Nothing,
-            Ok(found) if !args.is_fresh() && found.is_begun(plan) => {
+            Ok(found) if !args.is_fresh() && found.is_of_experiment(plan) => {
                 recording = Some(Arc::new(found));
                 Begun::This
             }
@@ -196,6 +202,7 @@ fn options(args: &RunArgs, folder: &RunFolder) -> Options {
         window: args.window.map(usize::from),
         keep_going: args.keep_going,
         checkpoints: Some(folder.checkpoints()),
+        audit: args.audit.into(),
     }
 }
 
@@ -204,6 +211,8 @@ struct Ended {
     why: Stop,
     /// How many frames were written.
     frames: u64,
+    /// Whether frames that were written may hold wrong values.
+    is_suspect: bool,
 }
 
 impl Ended {
@@ -215,6 +224,16 @@ impl Ended {
         if frames == 0 {
             folder.discard();
             stop = stop.also("no frame was recorded");
+        } else if self.is_suspect {
+            return if folder.goes_on {
+                stop.also(format!(
+                    "{} holds values that may be wrong: replace it with --fresh --overwrite",
+                    partial.display()
+                ))
+            } else {
+                folder.discard();
+                stop.also("nothing of this run was kept")
+            };
         } else {
             let told = counted(frames, "frame");
             let (at, report) = (partial.display(), partial.display());
@@ -240,9 +259,33 @@ impl Ended {
 
 /// What need not be made.
 struct Earlier {
-    /// The recording of the same run, as far as an earlier process came.
+    /// What an interrupted process recorded of the same run, which resumes after it.
     begun: Option<Arc<Recording>>,
-    earlier: Arc<EarlierRuns>,
+    earlier: EarlierRuns,
+}
+
+impl Earlier {
+    /// Sets aside what an interrupted process recorded, if this run would record something else: its data, programs or engines changed.
+    fn verified(self, args: &RunArgs, folder: &RunFolder, ready: &Ready, is_elsewhere: bool) -> Result<Self, Stop> {
+        let Self { begun: Some(recording), earlier } = self else { return Ok(self) };
+        let outdated = if is_elsewhere {
+            Some("dora computes all values again".to_owned())
+        } else {
+            earlier::outdated(ready, &earlier, &recording)?
+        };
+        let Some(why) = outdated else { return Ok(Self { begun: Some(recording), earlier }) };
+        drop((recording, earlier));
+        let partial = folder.partial.display();
+        tell(
+            args,
+            &[format!("not resuming after the frames that {partial} holds, since {why}: what changed is recomputed")],
+        );
+        let (recording, aside) = (folder.file(RECORDING), folder.file(OUTDATED));
+        depthloom_durable::rename(&recording, &aside).map_err(|error| {
+            Stop::of_writing(Exit::Engine, format_args!("failed to rename {}", recording.display()), &error)
+        })?;
+        Ok(Self { begun: None, earlier: earlier::of(args, folder, &ready.plan) })
+    }
 }
 
 /// A recording that is whole.
@@ -273,6 +316,7 @@ fn record<'a>(
     elsewhere: Option<&Elsewhere<'_>>,
 ) -> Result<Recorded<'a>, Ended> {
     let Earlier { begun, earlier } = begun;
+    let earlier = Arc::new(earlier);
     let recorder = match &begun {
         Some(begun) => Recorder::resume(begun, plan),
         None => Recorder::create(folder.file(RECORDING), plan),
@@ -281,13 +325,14 @@ fn record<'a>(
         why: Stop::of_recording(Exit::Engine, "failed to start the recording", &error),
         // What an earlier process wrote stays.
         frames: begun.as_ref().map_or(0, |begun| earlier::frames(begun)),
+        is_suspect: false,
     })?;
     // Values that come from elsewhere are not looked for in earlier runs: their keys come with them.
     let recorder = if elsewhere.is_none() { recorder.with_earlier(Arc::clone(&earlier)) } else { recorder };
     let recorder = recorder.durable(args.durable);
     if begun.is_some() && !is_silent(args) {
         let (frames, partial) = (counted(recorder.frames(), "frame"), folder.partial.display());
-        say(format_args!("goes on behind the {frames} that {partial} holds"));
+        say(format_args!("resuming {partial} after {frames}"));
     }
     if let Some(Condition::Damaged { offset, what, .. }) = begun.as_ref().map(|begun| begun.condition()) {
         let partial = folder.partial.display();
@@ -308,9 +353,12 @@ fn record<'a>(
         _ => recorder.finish_early(),
     };
     let finished = finished.map_err(|error| Stop::of_recording(Exit::Engine, "failed to close the recording", &error));
-    let ended = |why| Ended { why, frames: recorder.frames() };
+    let ended = |why| Ended { why, frames: recorder.frames(), is_suspect: false };
     // What failed first is told.
-    let ran = ran.map_err(|error| ended(stop_of(&error)))?;
+    let ran = ran.map_err(|error| {
+        let is_suspect = matches!(error, RunError::Audit(_));
+        Ended { is_suspect, ..ended(stop_of(&error)) }
+    })?;
     finished.map_err(ended)?;
     let warnings = [warnings(&ran, plan), earlier::warnings(&earlier)].concat();
     tell(args, &warnings);

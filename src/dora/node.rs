@@ -79,7 +79,13 @@ pub fn run(
         }
     };
     let tap = Outgoing::new(bridge, &plan.runs[0], remedies);
-    let ready = Ready { plan: plan.clone(), runs: vec![ReadyRun { source, nodes }], files, warnings: Vec::new() };
+    let ready = Ready {
+        plan: plan.clone(),
+        runs: vec![ReadyRun { source, nodes }],
+        files,
+        warnings: Vec::new(),
+        builders: BTreeMap::new(),
+    };
     let ran = depthloom_runner::run(ready, &tap, options, &Told { plan: &plan }, interrupt);
     tap.close(&ran).map_err(gone)?;
     bridge.mailbox.wait_for_the_end();

@@ -59,12 +59,14 @@ pub struct Failure {
     message: String,
 }
 
-/// What was taken from earlier runs.
+/// What was reused from earlier runs.
 #[derive(JsonSchema)]
 pub struct Reused {
     nodes: Vec<ReusedNode>,
-    /// The recordings it was taken from.
+    /// The recordings that hold the reused values.
     from: Vec<String>,
+    /// How many reused values the audit recomputed and found equal.
+    audited: u64,
 }
 
 /// How often a node's values were taken.

@@ -163,7 +163,12 @@ impl Replay {
             written: Vec::new(),
             resolved: String::new(),
         };
-        Ok(Self { ready: Ready { plan, runs: ready, files, warnings: Vec::new() }, nodes, unchecked, failures })
+        Ok(Self {
+            ready: Ready { plan, runs: ready, files, warnings: Vec::new(), builders: BTreeMap::new() },
+            nodes,
+            unchecked,
+            failures,
+        })
     }
 }
 

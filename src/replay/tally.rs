@@ -5,10 +5,10 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use depthloom_graphs::contracts::{Commit, Failure, Slot, Tap, TapError, Warned};
 use depthloom_graphs::plan::{Origin, Plan, PlannedInput};
+use depthloom_graphs::values::{Difference, Differs};
 use depthloom_graphs::{Frame, Key, Value, ValueType};
 use depthloom_recording::Recording;
 
-use super::difference::{Difference, Differs};
 use super::guard::Failures;
 use super::plan::{Expected, Replay, Replayed, Unchecked};
 use super::tolerance::Tolerances;

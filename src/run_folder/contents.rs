@@ -8,10 +8,18 @@ use std::path::Path;
 use depthloom_analysis::{LEADING, PAGE, PAGE_MARK, TABLE_MARK};
 
 use super::marker::MARKER;
+use crate::earlier::OUTDATED;
 
 /// The files that a run writes.
-const FILES: [&str; 6] =
-    [MARKER, "recording.mcap", "experiment.yaml", "experiment.resolved.yaml", "environment.json", "timings.parquet"];
+const FILES: [&str; 7] = [
+    MARKER,
+    "recording.mcap",
+    OUTDATED,
+    "experiment.yaml",
+    "experiment.resolved.yaml",
+    "environment.json",
+    "timings.parquet",
+];
 /// And its reports.
 const REPORT: [&str; 15] = [
     "scores.csv",

@@ -64,7 +64,7 @@ fn a_run_ended_at_any_byte_goes_on() {
         let out = whole.folder.path().join(format!("cut-{place}/run"));
         let cut = below(place + 1, length) as usize;
         whole.ended_with(&out, &whole.recording[..cut]);
-        went_on += u64::from(whole.again(&out).contains("goes on behind the "));
+        went_on += u64::from(whole.again(&out).contains("resuming "));
         fs::remove_dir_all(out.parent().expect("a folder")).expect("removed");
     }
     // But where the first frame was not yet whole.

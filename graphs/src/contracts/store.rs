@@ -15,6 +15,11 @@ pub trait Store: Send + Sync {
     /// If the store has nothing of the port, cannot be read, or what it holds is damaged.
     fn value(&self, key: &Key, port: &str) -> Result<Option<Value>, Fault>;
 
+    /// Where the value of a port under a key is stored, for messages: a path.
+    fn origin(&self, _key: &Key, _port: &str) -> Option<String> {
+        None
+    }
+
     /// What was told of when the values of a key were made, without failing: what, and how many of it.
     fn warnings(&self, _key: &Key) -> Vec<(String, u64)> {
         Vec::new()

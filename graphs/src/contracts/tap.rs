@@ -203,8 +203,8 @@ pub trait Tap: Send + Sync {
         Vec::new()
     }
 
-    /// Whether a once-value is written already, as [`Tap::written`] frames are.
-    fn has_once(&self, _run: usize, _slot: Slot) -> bool {
-        false
+    /// The key of an aggregate value that is written already, as [`Tap::written`] frames are.
+    fn written_aggregate(&self, _run: usize, _slot: Slot) -> Option<Key> {
+        None
     }
 }

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
 
 use depthloom_graphs::{Fault, Key};
+use depthloom_kernels::simd::Level;
 use ort::environment::Environment;
 use ort::session::Session;
 use ort::session::builder::{GraphOptimizationLevel, SessionBuilder};
@@ -78,10 +79,13 @@ impl Engine {
         format!("{name} {}", self.version)
     }
 
-    /// Names engine, build and provider: what besides model and image decides a network's output.
+    /// Names engine, build, provider and the processor's instruction sets, by which engines choose how they compute: what besides model and image
+    /// decides a network's output.
     #[must_use]
     pub fn fingerprint(&self, provider: Provider) -> Key {
-        Key::build("engine").text(self.name).text(&self.version).text(self.build).text(provider.name()).finish()
+        let levels = Level::available();
+        let key = Key::build("engine").text(self.name).text(&self.version).text(self.build).text(provider.name());
+        levels.iter().fold(key.number(levels.len() as u64), |key, level| key.text(level.name())).finish()
     }
 
     /// The providers it offers, by name.

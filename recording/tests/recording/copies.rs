@@ -92,3 +92,61 @@ fn values_of_an_earlier_run_and_made_ones_give_the_bytes_of_made_ones() {
         assert!(std::fs::read(path("taken.mcap")).unwrap() == expected, "{again}");
     }
 }
+
+#[test]
+fn nodes_that_exchange_their_keys_exchange_their_values() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let (frame, plan) = (frame(0), plan());
+    let first = values(&frame, WIDTH, HEIGHT);
+    let recorder = Recorder::create(path("first.mcap"), &plan).unwrap();
+    record_frame(&recorder, 0, &frame, &first, false);
+    recorder.finish(&[]).unwrap();
+
+    let exchanged = |node: usize| match node {
+        1 => 3,
+        3 => 1,
+        other => other,
+    };
+    let source = |slot: Slot| match slot {
+        Slot::Source { port } => Slot::Source { port },
+        Slot::Node { node, port } => Slot::Node { node: exchanged(node), port },
+    };
+    let source_key = Key::build("source").number(frame.index).finish();
+    let keys: Vec<SlotKey> = (0..5).map(|node| SlotKey { node, key: key(&frame, exchanged(node)) }).collect();
+    let commit = Commit {
+        run: 0,
+        frame: &frame,
+        source_key: Some(source_key),
+        keys: &keys,
+        failures: &[],
+        absent: &[],
+        warnings: &[],
+    };
+    let recorded = |name: &str, reuses: bool| {
+        let recorder = Recorder::create(path(name), &plan).unwrap();
+        let earlier = Arc::new(EarlierRuns::new([path("first.mcap")], &plan));
+        let recorder = if reuses { recorder.with_earlier(earlier) } else { recorder };
+        let part = |part: usize| {
+            let slots = first.iter().map(|(slot, _)| *slot).filter(|slot| recorder.part(0, *slot) == Some(part));
+            if !reuses {
+                let value = |slot: Slot| first.iter().find(|(of, _)| *of == source(slot)).unwrap().1.clone();
+                let values: Vec<(Slot, Value)> = slots.map(|slot| (slot, value(slot))).collect();
+                return recorder.encode(0, (0, &frame), part, &values).unwrap();
+            }
+            let stored = slots.map(|slot| {
+                let (key, port) = match source(slot) {
+                    Slot::Source { port } => (source_key, plan.runs[0].source.outputs[port].port.name),
+                    Slot::Node { node, port } => (key(&frame, node), plan.runs[0].nodes[node].outputs[port].port.name),
+                };
+                StoredValue { slot, key, port, value: None }
+            });
+            recorder.encode_stored(0, (0, &frame), part, &[], &stored.collect::<Vec<_>>()).unwrap()
+        };
+        let parts = (0..recorder.parts(0)).map(part).collect();
+        recorder.write(&commit, parts).unwrap();
+        recorder.finish(&[]).unwrap();
+        std::fs::read(path(name)).unwrap()
+    };
+    assert!(recorded("reused.mcap", true) == recorded("computed.mcap", false));
+}

@@ -246,7 +246,13 @@ impl Bench {
     }
 
     pub fn ready(self) -> Ready {
-        Ready { plan: self.plan, runs: self.runs, files: BTreeMap::new(), warnings: Vec::new() }
+        Ready {
+            plan: self.plan,
+            runs: self.runs,
+            files: BTreeMap::new(),
+            warnings: Vec::new(),
+            builders: BTreeMap::new(),
+        }
     }
 }
 

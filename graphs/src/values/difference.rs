@@ -2,8 +2,7 @@
 
 use std::fmt;
 
-use depthloom_graphs::values::{Calibration, Curve, Image, Pixels, Raster};
-use depthloom_graphs::{Value, ValueType};
+use super::{Calibration, Curve, Image, Pixels, Raster, Value, ValueType};
 
 /// In how many numbers two values differ, and in which.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -305,10 +304,8 @@ fn bytes(recorded: &[u8], now: &[u8]) -> Difference {
 
 #[cfg(test)]
 mod tests {
-    use depthloom_graphs::Value;
-    use depthloom_graphs::values::{Artifact, Depth, Disparity, Raster};
-
     use super::{Difference, Differs, Place};
+    use crate::values::{Artifact, Depth, Disparity, Raster, Value};
 
     fn depth(metres: [f32; 4]) -> Value {
         Depth { metres: Raster::from_raw(2, 2, metres.to_vec()).unwrap() }.into()
