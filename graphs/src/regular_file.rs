@@ -46,6 +46,18 @@ pub fn read(path: &Path, most: u64) -> Result<Vec<u8>, Error> {
     if bytes.len() as u64 > most { too_large(bytes.len() as u64) } else { Ok(bytes) }
 }
 
+/// How the text begins that Git LFS leaves in the place of a file that it has not downloaded.
+const LFS_POINTER: &[u8] = b"version https://git-lfs.github.com/spec/";
+
+/// What to do about such a file.
+pub const LFS_REMEDY: &str = "fetch the file with `git lfs pull` in its repository";
+
+/// Whether a file, by its first 16 bytes or more, is a pointer of Git LFS and not the file itself.
+#[must_use]
+pub fn is_lfs_pointer(head: &[u8]) -> bool {
+    head.len() >= 16 && head.iter().zip(LFS_POINTER).all(|(a, b)| a == b)
+}
+
 /// Fills the buffer with the bytes at a position, whoever else reads the file.
 ///
 /// # Errors

@@ -18,6 +18,19 @@ fn the_reference_of_kinds_is_read_from_their_types() {
 }
 
 #[test]
+fn fault_58_the_schema_takes_every_reference_that_the_language_takes() {
+    let schema = schema(&toys::registry());
+    let pattern = schema["$defs"]["reference"]["pattern"].as_str().unwrap();
+    let pattern = regex_lite::Regex::new(pattern).unwrap();
+    for reference in ["stereo/disparity", "source/left", "learn.teacher/model", "source/stereo.disparity"] {
+        assert!(pattern.is_match(reference), "{reference}");
+    }
+    for text in ["stereo", "stereo/", "/disparity", "compare/stereo/disparity", "a.b.c/d", "stereo/dis parity"] {
+        assert!(!pattern.is_match(text), "{text}");
+    }
+}
+
+#[test]
 fn the_schema_knows_every_kind_its_parameters_and_inputs() {
     let schema = schema(&toys::registry());
     assert_eq!(schema["$schema"], "https://json-schema.org/draft/2020-12/schema");

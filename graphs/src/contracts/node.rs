@@ -87,16 +87,16 @@ impl Outputs {
         let mut ordered = vec![None; ports.len()];
         for (name, value) in self.0 {
             let Some(slot) = ports.iter().position(|p| p.name == name) else {
-                return Err(Fault::new(format!("gave a value at `{name}`, which it does not declare")));
+                return Err(Fault::new(format!("it gave a value at `{name}`, which it does not declare")));
             };
             if ports[slot].value_type != value.value_type() {
                 let (declared, given) = (ports[slot].value_type, value.value_type());
-                return Err(Fault::new(format!("gave {given} at `{name}`, which is declared as {declared}")));
+                return Err(Fault::new(format!("it gave {given} at `{name}`, which is declared as {declared}")));
             }
             ordered[slot] = Some(value);
         }
         match ports.iter().zip(&ordered).find(|(port, value)| value.is_none() && !port.optional) {
-            Some((port, _)) => Err(Fault::new(format!("gave no value at `{}`", port.name))),
+            Some((port, _)) => Err(Fault::new(format!("it gave no value at `{}`", port.name))),
             None => Ok(ordered),
         }
     }

@@ -10,7 +10,7 @@ use crate::contracts::{Port, Rate};
 use crate::registry::{NodeKind, Registry};
 
 /// `node/output`, `source/output`, `stage.node/output`.
-const REFERENCE: &str = r"^([^./\s]+\.)?[^./\s]+/[^./\s]+$";
+const REFERENCE: &str = r"^([^./\s]+\.)?[^./\s]+/[^/\s]+$";
 const NAME: &str = r"^[^\s./+]+$";
 const PATH: &str = r"^[^.]+(\.[^.]+)+$";
 

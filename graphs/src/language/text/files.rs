@@ -212,7 +212,8 @@ impl<'a> Files<'a> {
     fn portable_name(&self, from: &Arc<SourceFile>, text: &str) -> String {
         let from = self.read.iter().find(|read| Arc::ptr_eq(&read.file, from));
         let folder = from.map_or("", |read| read.portable.rsplit_once('/').map_or("", |(folder, _)| folder));
-        normal(&Path::new(folder).join(text)).to_string_lossy().replace('\\', "/")
+        // A name in a recording, which leads nowhere: links do not matter.
+        normalized(&Path::new(folder).join(text), |_| true).to_string_lossy().replace('\\', "/")
     }
 
     fn open(
@@ -283,19 +284,28 @@ fn identity(path: &Path) -> PathBuf {
     path.canonicalize().unwrap_or_else(|_| path.to_owned())
 }
 
-/// The path without `.` and, where that is safe to see from the text, without `folder/..`.
+/// The path without `.` and without `folder/..`, except where `folder` is a symbolic link, behind which `..` is another folder's. What is left of the
+/// folder itself is `.`.
 pub(crate) fn normal(path: &Path) -> PathBuf {
+    normalized(path, |folder| !folder.is_symlink())
+}
+
+/// The path without `.` and without `folder/..` where that `is_plain`.
+fn normalized(path: &Path, is_plain: impl Fn(&Path) -> bool) -> PathBuf {
     let mut new = PathBuf::new();
     for part in path.components() {
         match part {
             Component::CurDir => {}
-            Component::ParentDir if matches!(new.components().next_back(), Some(Component::Normal(_))) => {
+            Component::ParentDir
+                if matches!(new.components().next_back(), Some(Component::Normal(_))) && is_plain(&new) =>
+            {
                 new.pop();
             }
             part => new.push(part),
         }
     }
-    new
+    let is_folder_itself = new.as_os_str().is_empty() && !path.as_os_str().is_empty();
+    if is_folder_itself { PathBuf::from(".") } else { new }
 }
 
 fn without(node: &Arc<Node>, key: &str) -> Arc<Node> {
@@ -304,4 +314,32 @@ fn without(node: &Arc<Node>, key: &str) -> Arc<Node> {
         entries.retain(|entry| entry.key != key);
     }
     new
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::{Path, PathBuf};
+
+    use super::normal;
+
+    #[test]
+    fn fault_18_the_folder_itself_is_a_path() {
+        for (path, expected) in
+            [(".", "."), ("./.", "."), ("a/..", "."), ("", ""), ("./a/./b", "a/b"), ("a/../b", "b"), ("../a", "../a")]
+        {
+            assert_eq!(normal(Path::new(path)), PathBuf::from(expected), "{path}");
+        }
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn fault_18_a_folder_behind_a_link_is_not_left_by_the_text() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let at = |path: &str| folder.path().join(path);
+        std::fs::create_dir_all(at("far/away")).expect("folders");
+        std::fs::create_dir(at("plain")).expect("a folder");
+        std::os::unix::fs::symlink(at("far/away"), at("link")).expect("a link");
+        assert_eq!(normal(&at("link/../data")), at("link/../data"), "which is far/data");
+        assert_eq!(normal(&at("plain/../data")), at("data"));
+    }
 }
