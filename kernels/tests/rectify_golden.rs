@@ -58,7 +58,7 @@ fn golden(file: &str) -> PathBuf {
 fn cases() -> BTreeMap<String, Case> {
     let text = std::fs::read(golden("cases.json")).expect("the cases are there");
     let cases: BTreeMap<String, Case> = serde_json::from_slice(&text).expect("they are JSON");
-    assert_eq!(cases.len(), 8);
+    assert_eq!(cases.len(), 10);
     cases
 }
 
@@ -68,7 +68,8 @@ fn rgb(file: &str) -> image::RgbImage {
 
 #[test]
 fn cameras_become_the_pair_that_opencvs_stereo_rectify_makes_of_them() {
-    for (name, case) in cases() {
+    // Of some the rotations were rounded afterwards.
+    for (name, case) in cases().into_iter().filter(|(name, _)| !name.ends_with("_rounded")) {
         let cameras = case.cameras();
         let alpha = (case.alpha >= 0.0).then_some(case.alpha);
         let found = stereo_rectify([&cameras[0], &cameras[1]], SIZE, &case.r, case.t, alpha);
@@ -79,8 +80,9 @@ fn cameras_become_the_pair_that_opencvs_stereo_rectify_makes_of_them() {
             }
             let numbers = |view: &View| [view.focal_px, view.centre_px].concat();
             for (ours, theirs) in numbers(ours).iter().zip(numbers(&theirs)) {
-                // Points are floats of 32 bits there.
-                assert!((ours - theirs).abs() < 1e-4, "{name}: {ours} {theirs}");
+                // With `alpha` points are floats of 32 bits there, and not here.
+                let most = if case.alpha < 0.0 { 1e-12 * theirs.abs() } else { 1e-4 };
+                assert!((ours - theirs).abs() <= most, "{name}: {ours} {theirs}");
             }
         }
         let shift = found.translation * found.views[1].focal_px[0];

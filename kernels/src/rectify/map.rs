@@ -1,7 +1,7 @@
 //! Where the pixels of a rectified image come from.
 
 use super::camera::Camera;
-use super::matrix::{Matrix, times, transposed};
+use super::matrix::{Matrix, inverse, product, times};
 
 /// What a camera is turned and projected to: one of a rectified pair.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -53,14 +53,12 @@ impl Map {
     /// The map of a camera to a view of (width, height): OpenCV's `initUndistortRectifyMap`.
     #[must_use]
     pub fn new(camera: &Camera, view: &View, (width, height): (u32, u32), interpolation: Interpolation) -> Self {
-        let back = transposed(&view.rotation);
+        // Of a rotation that a file gives in few digits the inverse is not the transpose, and OpenCV inverts the product.
+        let projection =
+            [[view.focal_px[0], 0.0, view.centre_px[0]], [0.0, view.focal_px[1], view.centre_px[1]], [0.0, 0.0, 1.0]];
+        let back = inverse(&product(&projection, &view.rotation));
         let place = |column: u32, row: u32| {
-            let ray = [
-                (f64::from(column) - view.centre_px[0]) / view.focal_px[0],
-                (f64::from(row) - view.centre_px[1]) / view.focal_px[1],
-                1.0,
-            ];
-            let [x, y, z] = times(&back, ray);
+            let [x, y, z] = times(&back, [f64::from(column), f64::from(row), 1.0]);
             // What lies behind the camera is not seen.
             if z > 0.0 { camera.pixel([x / z, y / z]) } else { [f64::INFINITY; 2] }
         };

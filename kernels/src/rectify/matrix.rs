@@ -13,6 +13,21 @@ pub fn transposed(a: &Matrix) -> Matrix {
     std::array::from_fn(|row| std::array::from_fn(|column| a[column][row]))
 }
 
+/// The inverse, by cofactors, as OpenCV's `invert` has it of 3x3; not finite of a matrix that has none.
+pub fn inverse(a: &Matrix) -> Matrix {
+    let minor = |[r, s]: [usize; 2], [c, d]: [usize; 2]| a[r][c] * a[s][d] - a[r][d] * a[s][c];
+    let determinant =
+        a[0][0] * minor([1, 2], [1, 2]) - a[0][1] * minor([1, 2], [0, 2]) + a[0][2] * minor([1, 2], [0, 1]);
+    let scale = 1.0 / determinant;
+    let others = |of: usize| [[1, 2], [0, 2], [0, 1]][of];
+    std::array::from_fn(|row| {
+        std::array::from_fn(|column| {
+            let sign = if (row + column) % 2 == 0 { scale } else { -scale };
+            minor(others(column), others(row)) * sign
+        })
+    })
+}
+
 pub fn times(a: &Matrix, v: [f64; 3]) -> [f64; 3] {
     std::array::from_fn(|row| (0..3).map(|k| a[row][k] * v[k]).sum())
 }
@@ -69,7 +84,16 @@ fn nearest_rotation(matrix: &Matrix) -> Matrix {
 
 #[cfg(test)]
 mod tests {
-    use super::{norm, rotation_about, vector_of};
+    use super::{IDENTITY, inverse, norm, product, rotation_about, vector_of};
+
+    #[test]
+    fn a_matrix_times_its_inverse_is_the_identity() {
+        let matrix = [[700.0, 3.0, 610.5], [-2.0, 710.0, 180.25], [0.01, -0.02, 1.0]];
+        let found = product(&matrix, &inverse(&matrix));
+        for (found, expected) in found.as_flattened().iter().zip(IDENTITY.as_flattened()) {
+            assert!((found - expected).abs() < 1e-12, "{found} {expected}");
+        }
+    }
 
     #[test]
     fn a_rotation_and_its_vector_are_each_others() {

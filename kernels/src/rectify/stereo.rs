@@ -58,9 +58,11 @@ pub fn stereo_rectify(
     for (camera, turned) in cameras.iter().zip(&turned) {
         let mut mean = [0.0; 2];
         for corner in [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]] {
-            let [x, y] = camera.point([0, 1].map(|axis| corner[axis] * (size[axis] - 1.0)))?;
+            // Points are floats of 32 bits there, before they are projected and after.
+            let float = |number: f64| f64::from(number as f32);
+            let [x, y] = camera.point([0, 1].map(|axis| corner[axis] * (size[axis] - 1.0)))?.map(float);
             let [x, y, z] = times(turned, [x, y, 1.0]);
-            mean = [mean[0] + 0.25 * focal * x / z, mean[1] + 0.25 * focal * y / z];
+            mean = [mean[0] + 0.25 * float(focal * (x * (1.0 / z))), mean[1] + 0.25 * float(focal * (y * (1.0 / z)))];
         }
         // One principal point for both: the mean of theirs.
         centre = [0, 1].map(|axis| centre[axis] + 0.5 * (0.5 * (size[axis] - 1.0) - mean[axis]));
