@@ -29,7 +29,7 @@ pub fn onnx(args: &OnnxArgs) -> Result<Exit, Stop> {
         None => onnx::multiply_adds(&bytes, &shapes),
         Some(other) => Err(format!("its weights are in another file, `{other}`")),
     };
-    let (kind, stanza) = stanza(&told, file);
+    let node = stanza(&told, file);
     let hash = Key::of_content(&bytes);
     if args.json {
         let tensors = |tensors: &[Tensor]| -> Vec<_> {
@@ -56,8 +56,9 @@ pub fn onnx(args: &OnnxArgs) -> Result<Exit, Stop> {
                 "multiply_adds": cost.as_ref().ok(),
                 "not_counted": cost.as_ref().err(),
                 "counted_for": shapes,
-                "kind": kind,
-                "stanza": stanza,
+                "kind": node.as_ref().ok().map(|(kind, _)| kind),
+                "stanza": node.as_ref().ok().map(|(_, stanza)| stanza),
+                "refusal": node.as_ref().err(),
             }),
         )?;
         return Ok(Exit::Whole);
@@ -92,7 +93,12 @@ pub fn onnx(args: &OnnxArgs) -> Result<Exit, Stop> {
         }
         Err(why) => writeln!(text, "multiply-adds  not counted: {why}"),
     };
-    let _ = write!(text, "\n# under `nodes:` of a stage; `depthloom nodes {kind}` explains every parameter\n{stanza}");
+    let _ = match &node {
+        Ok((kind, stanza)) => {
+            write!(text, "\n# under `nodes:` of a stage; `depthloom nodes {kind}` explains every parameter\n{stanza}")
+        }
+        Err(why) => writeln!(text, "\nno kind of node runs this model: {why}"),
+    };
     print(&text)?;
     Ok(Exit::Whole)
 }
@@ -137,73 +143,149 @@ fn closed(input: &Tensor, (width, height): (usize, usize)) -> Vec<usize> {
         .collect()
 }
 
-/// The kind that takes such inputs, and a node of it.
-fn stanza(told: &Description, file: &Path) -> (&'static str, String) {
-    let seen: Vec<Option<(i64, bool)>> = told.inputs.iter().map(channels).collect();
-    let model = text(&file.to_string_lossy());
-    let layout = |last: bool| if last { ", layout: nhwc" } else { "" };
-    let is_pair = told.inputs.len() == 2 || matches!(seen[..], [Some((2 | 6, _))]);
-    let output = |name: &str| {
-        let Some(first) = told.outputs.first() else { return String::new() };
-        let holds_several = first.shape.len() == 4 && first.shape[1] > 1 && first.shape[3] != 1;
-        let head = if holds_several && is_pair { "head: 0, " } else { "" };
-        format!("{name}: {}, {head}", text(&first.name))
+/// The first output that can be a map of the image that the first input takes, which the kinds take by themselves.
+fn map_output(model: &Description) -> Option<&Tensor> {
+    let first = model.inputs.first();
+    let is_last = first.and_then(channels).is_some_and(|(_, last)| last);
+    let axis = |from_end: usize| {
+        let shape = &first?.shape;
+        usize::try_from(*shape.get(shape.len().checked_sub(from_end + usize::from(is_last))?)?).ok()
     };
-    let usual = "# white, mean, std: as the network was trained\n";
+    let of_image = (axis(1), axis(2));
+    model.outputs.iter().find(|output| output.is_number() && onnx::may_be_map(&output.shape, of_image))
+}
+
+/// Why no kind runs a model; `None` if one does.
+fn refusal(model: &Description) -> Option<String> {
+    if let Some(other) = &model.external {
+        return Some(format!("its weights are in another file, `{other}`: save it as one file first"));
+    }
+    for Tensor { name, element, shape } in &model.inputs {
+        if !matches!(element.as_str(), "f32" | "f16" | "u8") {
+            return Some(format!("input `{name}` holds {element}: export the model with inputs of f32, f16 or u8"));
+        }
+        if !(2..=4).contains(&shape.len()) {
+            return Some(format!("input `{name}` has the shape {}: an image or a map has 2 to 4 axes", shown(shape)));
+        }
+        if shape.len() > 2 && !matches!(shape[0], -1 | 1) {
+            return Some(format!(
+                "input `{name}` takes {} images at once: export the model with a batch of 1, or an open one",
+                shape[0]
+            ));
+        }
+    }
+    if model.inputs.is_empty() || map_output(model).is_none() {
+        let outputs: Vec<String> =
+            model.outputs.iter().map(|one| format!("{} ({})", one.name, shown(&one.shape))).collect();
+        return Some(format!("no output can be a map of its image: it has {}", outputs.join(", ")));
+    }
+    None
+}
+
+/// The kind that takes such inputs, and a node of it.
+///
+/// # Errors
+/// Why there is none.
+fn stanza(model: &Description, file: &Path) -> Result<(&'static str, String), String> {
+    if let Some(why) = refusal(model) {
+        return Err(why);
+    }
+    let seen: Vec<Option<(i64, bool)>> = model.inputs.iter().map(channels).collect();
+    let path = text(&file.to_string_lossy());
+    let layout = |last: bool| if last { ", layout: nhwc" } else { "" };
+    let output = map_output(model).ok_or("it has no output")?;
+    let holds_several = output.shape.len() == 4 && output.shape[1] > 1 && output.shape[3] != 1;
+    let name = text(&output.name);
+    let head = if holds_several { "head: 0, " } else { "" };
     // A network of one size sees images of any other resized.
-    let is_of_one_size = told.inputs.iter().all(|input| input.shape.iter().skip(1).all(|side| *side > 0));
+    let is_of_one_size = model.inputs.iter().all(|input| input.shape.iter().skip(1).all(|side| *side > 0));
     let fit = if is_of_one_size { "fit: resize" } else { "multiple: 32" };
-    match (&seen[..], &told.inputs[..]) {
+    match (&seen[..], &model.inputs[..]) {
         ([Some((1 | 3, last))], [input]) => {
-            let (with, layout) = (output("output_name"), layout(*last));
-            let lines = format!(
-                "depth:\n  kind: mono/onnx\n  {usual}  with: {{ input_name: {}, {with}output: disparity-share{layout} }}\n  \
-                 inputs: {{ image: source/left, calibration: source/calibration, model: {{ file: {model} }} }}\n",
-                text(&input.name)
-            );
-            ("mono/onnx", lines)
+            let size = if is_of_one_size { "" } else { ", multiple: 14" };
+            let means = mono_output(&output.name);
+            Ok((
+                "mono/onnx",
+                format!(
+                    "depth:\n  kind: mono/onnx\n  # white, mean, std, multiple (or size): as the network was trained; output: disparity-share, disparity-px, inverse-depth or depth\n  \
+                     with: {{ input_name: {}, output_name: {name}, {head}output: {means}{size}{} }}\n  \
+                     inputs: {{ image: source/left, calibration: source/calibration, model: {{ file: {path} }} }}\n",
+                    text(&input.name),
+                    layout(*last)
+                ),
+            ))
         }
         ([Some((2 | 6, last))], [_]) => {
-            let (with, layout) = (output("output_name"), layout(*last));
-            (
-                "stereo/onnx",
-                stereo(&format!("order: left-right, {with}output: disparity-px, {fit}{layout}"), usual, &model),
-            )
+            let layout = layout(*last);
+            let with = format!("order: left-right, output_name: {name}, {head}output: disparity-px, {fit}{layout}");
+            Ok(("stereo/onnx", stereo(&with, &path)))
         }
         ([Some((a @ (1 | 3), last)), Some((b, _))], [left, right]) if a == b => {
-            let (with, layout) = (output("output_name"), layout(*last));
-            let names = format!("left_name: {}, right_name: {}", text(&left.name), text(&right.name));
-            ("stereo/onnx", stereo(&format!("{names}, {with}output: disparity-px, {fit}{layout}"), usual, &model))
+            let (left, right, layout) = (text(&left.name), text(&right.name), layout(*last));
+            let with = format!(
+                "left_name: {left}, right_name: {right}, output_name: {name}, {head}output: disparity-px, {fit}{layout}"
+            );
+            Ok(("stereo/onnx", stereo(&with, &path)))
         }
-        _ => {
-            let mut lines = String::from("network:\n  kind: onnx\n  with:\n    ports:\n      inputs:\n");
-            let mut wired = Vec::new();
-            for (index, (input, seen)) in told.inputs.iter().zip(&seen).enumerate() {
-                let (value_type, layout) = match seen {
-                    Some((3, last)) => ("image", layout(*last)),
-                    _ => ("depth", ""),
-                };
-                let port = port(&input.name, "input", index);
-                let _ =
-                    writeln!(lines, "        {port}: {{ type: {value_type}, name: {}{layout} }}", text(&input.name));
-                wired.push(format!("{port}: {}", if value_type == "image" { "source/left" } else { "NODE/depth" }));
-            }
-            lines.push_str("      outputs:\n");
-            for (index, output) in told.outputs.iter().enumerate() {
-                let port = port(&output.name, "output", index);
-                let _ = writeln!(lines, "        {port}: {{ type: depth, name: {} }}", text(&output.name));
-            }
-            let _ = writeln!(lines, "  # type: image, depth, disparity, weight or mask, as the network was trained");
-            let _ = writeln!(lines, "  inputs: {{ {}, model: {{ file: {model} }} }}", wired.join(", "));
-            ("onnx", lines)
-        }
+        _ => network(model, &seen, &path, fit).map(|lines| ("onnx", lines)),
     }
 }
 
-fn stereo(with: &str, usual: &str, model: &str) -> String {
+/// What the map of a monocular network most likely is, by its name.
+fn mono_output(name: &str) -> &'static str {
+    let name = name.to_lowercase();
+    match (name.contains("depth"), name.contains("inv")) {
+        (true, true) => "inverse-depth",
+        (true, false) => "depth",
+        (false, _) => "disparity-share",
+    }
+}
+
+/// A node of the kind `onnx`, all of whose ports are declared.
+///
+/// # Errors
+/// If an input takes neither an image nor a map.
+fn network(model: &Description, seen: &[Option<(i64, bool)>], path: &str, fit: &str) -> Result<String, String> {
+    let mut lines = format!("network:\n  kind: onnx\n  with:\n    {fit}\n    ports:\n      inputs:\n");
+    let mut wired = Vec::new();
+    for (index, (input, seen)) in model.inputs.iter().zip(seen).enumerate() {
+        let (value_type, layout) = match seen {
+            Some((3, last)) => ("image", if *last { ", layout: nhwc" } else { "" }),
+            Some((1, true)) => ("depth", ", layout: nhwc"),
+            None if input.shape.len() == 4 && input.shape[1] == -1 => ("image", ""),
+            Some((1, false)) => ("depth", ""),
+            _ if input.shape.len() < 4 => ("depth", ""),
+            _ => {
+                let (name, shape) = (&input.name, shown(&input.shape));
+                return Err(format!(
+                    "input `{name}` has the shape {shape}: an image has 1 or 3 channels, a map has one"
+                ));
+            }
+        };
+        let port = port(&input.name, "input", index);
+        let _ = writeln!(lines, "        {port}: {{ type: {value_type}, name: {}{layout} }}", text(&input.name));
+        wired.push(format!("{port}: {}", if value_type == "image" { "source/left" } else { "NODE/depth" }));
+    }
+    lines.push_str("      outputs:\n");
+    let is_map = |output: &&Tensor| output.is_number() && onnx::may_be_map(&output.shape, (None, None));
+    for (index, output) in model.outputs.iter().filter(is_map).enumerate() {
+        let port = port(&output.name, "output", index);
+        let holds_several = output.shape.len() == 4 && output.shape[1] > 1 && output.shape[3] != 1;
+        let head = if holds_several { ", head: 0" } else { "" };
+        let _ = writeln!(lines, "        {port}: {{ type: depth, name: {}{head} }}", text(&output.name));
+    }
+    let _ = writeln!(
+        lines,
+        "  # type: image, depth, disparity, weight or mask; white, mean, std: as the network was trained"
+    );
+    let _ = writeln!(lines, "  inputs: {{ {}, model: {{ file: {path} }} }}", wired.join(", "));
+    Ok(lines)
+}
+
+fn stereo(with: &str, path: &str) -> String {
     format!(
-        "stereo:\n  kind: stereo/onnx\n  {usual}  with: {{ {with} }}\n  \
-         inputs: {{ left: source/left, right: source/right, calibration: source/calibration, model: {{ file: {model} }} }}\n"
+        "stereo:\n  kind: stereo/onnx\n  # white, mean, std: as the network was trained\n  with: {{ {with} }}\n  \
+         inputs: {{ left: source/left, right: source/right, calibration: source/calibration, model: {{ file: {path} }} }}\n"
     )
 }
 

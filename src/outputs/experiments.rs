@@ -238,10 +238,12 @@ pub struct Onnx {
     not_counted: Option<String>,
     /// By input, the shape that multiply-adds are counted for.
     counted_for: Vec<Vec<u64>>,
-    /// The kind that the stanza is of: `mono/onnx`, `stereo/onnx` or `onnx`.
-    kind: String,
-    /// YAML: the node, to put under `nodes:`.
-    stanza: String,
+    /// The kind that the stanza is of: `mono/onnx`, `stereo/onnx` or `onnx`; `null` if none runs the model.
+    kind: Option<String>,
+    /// YAML: the node, to put under `nodes:`; `null` if no kind runs the model.
+    stanza: Option<String>,
+    /// Why no kind runs the model; `null` if one does.
+    refusal: Option<String>,
 }
 
 /// An operator set.

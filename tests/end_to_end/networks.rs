@@ -239,3 +239,46 @@ fn what_an_onnx_file_takes_is_shown_with_lines_that_check() {
     let told = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.code() == Some(2) && told.contains("it is no ONNX file"), "{told}");
 }
+
+#[test]
+fn faults_51_and_59_lines_for_a_network_run_as_they_are_or_it_is_said_why_there_are_none() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("net.onnx");
+    let shown = |inputs: &[Tensor<'_>], output: &Tensor<'_>| {
+        let kernel: [(&str, &[i64]); 1] = [("kernel_shape", &[1, 1])];
+        std::fs::write(&path, onnx_file::model_with("MaxPool", &kernel, inputs, output)).expect("written");
+        String::from_utf8(succeed(depthloom().arg("onnx").arg(&path)).stdout).expect("text")
+    };
+    let image = |name, element| Tensor(name, element, &[1, 3, 64, 192]);
+    for (why, input, output) in [
+        ("takes 4 images at once", Tensor("x", F32, &[4, 3, 64, 192]), Tensor("depth", F32, &[4, 3, 64, 192])),
+        ("holds i64", image("x", 7), image("depth", 7)),
+        ("no output can be a map of its image: it has pose (1x16)", image("x", F32), Tensor("pose", F32, &[1, 16])),
+        ("an image has 1 or 3 channels", Tensor("x", F32, &[1, 5, 64, 192]), Tensor("y", F32, &[1, 5, 64, 192])),
+    ] {
+        let text = shown(&[input], &output);
+        assert!(text.contains("no kind of node runs this model: ") && text.contains(why), "{why}: {text}");
+        assert!(!text.contains("kind: "), "{text}");
+    }
+    const F16: u64 = 10;
+    for (element, name, means) in [
+        (F32, "depth", "output: depth"),
+        (F16, "inv_depth", "output: inverse-depth"),
+        (F32, "disp", "output: disparity-share"),
+    ] {
+        let text = shown(&[image("x", element)], &image(name, element));
+        assert!(text.contains(means) && text.contains("head: 0"), "{text}");
+        if depthloom_nodes::onnx::find().is_err() {
+            continue;
+        }
+        let lines: String =
+            text.split("\n\n").nth(1).expect("the lines").lines().map(|line| format!("      {line}\n")).collect();
+        let experiment = format!(
+            "experiment: pasted\nsources: {{ test: {{ kind: synthetic/road, with: {{ frames: 0..1, width: 192, height: 64 }} }} }}\nstages:\n  look:\n    source: test\n    \
+             nodes:\n{lines}    score: {{ truth: source/depth, estimates: {{ network: depth/depth }} }}\n"
+        );
+        let file = folder.path().join("pasted.yaml");
+        std::fs::write(&file, experiment).expect("written");
+        succeed(depthloom().arg("run").arg(&file).args(["--quiet", "--fresh", "--out"]).arg(folder.path().join(name)));
+    }
+}

@@ -6,10 +6,10 @@ use depthloom_graphs::contracts::{Contract, NodeDeclaration};
 use depthloom_graphs::values::{Artifact, Calibration, Depth, Image};
 use depthloom_graphs::{Context, Fault, Inputs, Instance, Key, Node, Outputs, Port, PureNode, ValueType};
 use depthloom_kernels::depth::{Geometry, depth_from_share};
-use depthloom_kernels::resize::bilinear_f32;
+use depthloom_kernels::memory::TooMuch;
 
 use crate::geometry::geometry;
-use crate::onnx::{self, Flip, Network, OnnxParams, Output, Resize, mirrored, numberless, resize_answers, tensor};
+use crate::onnx::{self, Fitted, Flip, Look, Maps, Network, OnnxParams, Output, PadWith, Resize, numberless};
 use crate::shape::filled;
 
 /// Smallest depth an answer of [`Output::Depth`] is raised to, metres: what scores clamp to.
@@ -29,11 +29,11 @@ impl Node for Onnx {
     fn declaration() -> NodeDeclaration {
         NodeDeclaration {
             kind: "mono/onnx",
-            version: 2,
+            version: 3,
             contract: Contract::Pure,
             summary: "Depth by a network: any ONNX model that maps one image to one map.",
             doc: "\
-The image is resized to the network's size, divided by 255, normalised by `mean` and `std` and run. The output, one map of any size, is resized to the \
+The image is resized to the network's size (or padded: `fit: pad`), scaled to [0, `white`], normalised by `mean` and `std` and run. The output, one map of any size, is resized to the \
 image's (bilinear, half-pixel centres) and turned into metres by what it means: with a disparity share `s`, \
 `Z = min(f * B / max(s * width + doffs, floor_px), cap)`, `doffs` being 0 but of pairs whose cameras have two principal points. Depth is capped here, before any scaling. Where the network gives NaN or infinity there is no answer, nor where \
 such a pixel has part in a resized one; they are counted, and warned of at the end of the run.\n\n\
@@ -55,7 +55,7 @@ is missing is an error.",
                 Port::once(
                     "model",
                     ValueType::Model,
-                    "The network: an ONNX model of one input, 1x3xHxW or 1x1xHxW (or channels last), f32.",
+                    "The network: an ONNX model of one input, 1x3xHxW or 1x1xHxW (or channels last), f32, f16 or u8.",
                 ),
             ],
             outputs: vec![Port::frame("depth", ValueType::Depth, "Depth, f32 metres, of the image's size.")],
@@ -105,6 +105,23 @@ impl Onnx {
         Ok(network)
     }
 
+    fn look(&self) -> Look {
+        let OnnxParams { channels, mean, std, white, resize, round, .. } = self.params;
+        Look { channels, mean, std, white, resize, round, pad_with: PadWith::Edge }
+    }
+
+    /// What the output is multiplied by; disparities become shares of the image's width.
+    fn scale(&self, meaning: Output, fitted: &Fitted) -> f32 {
+        let (own, seen) = (fitted.from.0 as f64, fitted.to.0 as f64);
+        let of_lengths = match (meaning, fitted.pads()) {
+            (Output::DisparityPx, false) => return (self.params.output_scale / seen) as f32,
+            (Output::DisparityPx, true) => 1.0 / own,
+            (Output::DisparityShare, true) => seen / own,
+            _ => 1.0,
+        };
+        (self.params.output_scale * of_lengths) as f32
+    }
+
     /// Metres from the network's output, resized to the image's size in place.
     fn metres(&self, meaning: Output, map: &[f32], calibration: &Calibration, width: usize, out: &mut [f32]) {
         let cap = self.params.cap.map_or(f32::INFINITY, |cap| cap as f32);
@@ -136,37 +153,35 @@ impl PureNode for Onnx {
         let image = inputs.get::<Image>("image")?;
         let calibration = inputs.get::<Calibration>("calibration")?;
         let network = self.network(inputs.get::<Artifact>("model")?)?;
-        let mut tensors = tensor(image, network.size, &self.params).map_err(|error| Fault::new(error.to_string()))?;
-        if self.params.flip != Flip::None {
-            tensors.extend(mirrored(&tensors, network.size, self.params.layout));
+        let (columns, rows) = image.dimensions();
+        let width = columns as usize;
+        let fitted = network.fitted((width, rows as usize))?;
+        let Maps { mut values, mut size } = network.run(image, &fitted, &self.look())?;
+        let of_network = numberless(&values);
+        let too_large = |error: TooMuch| Fault::new(error.to_string());
+        if fitted.pads() {
+            // What was added lies on the other side of the mirror image's: it is taken off before both are joined.
+            let maps = values.chunks_exact(size.0 * size.1).map(|map| fitted.map_back(map.to_vec(), size));
+            values = maps.collect::<Result<Vec<_>, _>>().map_err(too_large)?.concat();
+            size = fitted.from;
         }
-        let mut maps = network.run(&tensors)?;
-        let of_network = numberless(&maps.values);
-        let (map, of_mirrored) = maps.values.split_at_mut(maps.width * maps.height);
+        let (map, of_mirrored) = values.split_at_mut(size.0 * size.1);
         if self.params.flip != Flip::None {
-            self.params.flip.join(map, of_mirrored, maps.width);
+            self.params.flip.join(map, of_mirrored, size.0);
         }
-        let scale = match network.meaning {
-            Output::DisparityPx => (self.params.output_scale / network.size.width as f64) as f32,
-            _ => self.params.output_scale as f32,
-        };
+        let scale = self.scale(network.meaning, &fitted);
         if scale != 1.0 {
             map.iter_mut().for_each(|value| *value *= scale);
         }
         // A number may become none when it is multiplied; one of two opinions may have been a number.
-        let remaining = numberless(map);
-        let seen = of_network.max(remaining);
+        let seen = of_network.max(numberless(map));
         if seen > 0 {
             ctx.host.warn_of(seen as u64, "pixels of the network are no numbers (NaN or infinity)");
         }
-        let (columns, rows) = image.dimensions();
-        let (width, height) = (columns as usize, rows as usize);
-        let mut full = vec![0.0; width * height];
-        if remaining == 0 {
-            bilinear_f32(map, maps.width, maps.height, width, height, &mut full);
-        } else {
-            resize_answers(map, (maps.width, maps.height), (width, height), &mut full);
-        }
+        let full = match fitted.pads() {
+            true => map.to_vec(),
+            false => fitted.map_back(map.to_vec(), size).map_err(too_large)?,
+        };
         let metres = filled((columns, rows), |out| self.metres(network.meaning, &full, calibration, width, out));
         Ok(Outputs::one("depth", Depth { metres }))
     }

@@ -154,7 +154,7 @@ impl PureNode for OnnxNetwork {
         let given = network.pool(fitted.to, &self.params)?.run(&tensors)?;
         let mut outputs = Outputs::none();
         for (((name, output), tensor), given) in self.params.ports.outputs.iter().zip(&network.outputs).zip(given) {
-            let map = onnx::map_of(given, tensor, 1, output.head, output.layout)?;
+            let map = onnx::map_of(given, tensor, (1, fitted.to), output.head, output.layout)?;
             let map = fitted.map_back(map.values, map.size).map_err(too_large)?;
             let seen = numberless(&map);
             if seen > 0 {

@@ -108,6 +108,11 @@ impl Fitted {
         self.fit == Fit::Resize && !self.is_same()
     }
 
+    /// Whether rows or columns are added.
+    pub fn pads(&self) -> bool {
+        self.fit == Fit::Pad && !self.is_same()
+    }
+
     /// A length along rows, px of what the network sees, in px of the image.
     pub fn columns_back(&self, length: f64) -> f64 {
         if self.resizes() { length * self.from.0 as f64 / self.to.0 as f64 } else { length }
@@ -191,7 +196,7 @@ fn resized(map: &mut [f32], from: (usize, usize), to: (usize, usize)) -> Result<
 }
 
 /// Resizes a map of which some pixels are no numbers: what has part in none of them is as if there were none, the rest is NaN.
-pub fn resize_answers(
+fn resize_answers(
     map: &mut [f32],
     (from_width, from_height): (usize, usize),
     (width, height): (usize, usize),

@@ -1,6 +1,6 @@
 //! Networks in ONNX files: what a file declares, the engine that runs it, an image as it wants it, its answer as a map.
 //!
-//! A node hands an image to `tensor`, runs it in a `Network` and reads the `Maps`; which engine that is, [`find`] chooses once a process.
+//! A node describes how the network sees an image ([`Look`]), runs it in a `Network` or a `Pool` and reads the `Maps`; which engine that is, [`find`] chooses once a process.
 
 mod choice;
 mod engine;
@@ -48,12 +48,12 @@ pub fn multiply_adds(model: &[u8], shapes: &[Vec<usize>]) -> Result<u64, String>
     }
 }
 
-pub(crate) use fit::{Fit, Fitted, PadAt, PadWith, Sizes, resize_answers};
+pub(crate) use fit::{Fit, Fitted, PadAt, PadWith, Sizes};
 pub(crate) use flip::Flip;
-pub(crate) use input::{mirrored, tensor};
 pub(crate) use look::Look;
 pub(crate) use network::{Network, outlet};
 pub(crate) use params::{Channels, OnnxParams, Output, Resize, TensorLayout};
 pub(crate) use pool::{Pool, declared};
 pub(crate) use session::{Binding, Feed};
-pub(crate) use shapes::{Axes, Maps, batch, map_of, numberless, planes, sizes};
+pub use shapes::may_be_map;
+pub(crate) use shapes::{Axes, Maps, batch, map_of, map_output, numberless, planes, sizes};

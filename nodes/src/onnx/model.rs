@@ -5,6 +5,7 @@
 
 use std::collections::BTreeMap;
 
+use depthloom_graphs::regular_file;
 use ort::value::TensorElementType;
 use prost::{Message, Oneof};
 
@@ -125,6 +126,14 @@ impl Description {
     }
 }
 
+impl Tensor {
+    /// Whether its numbers can be read as a map's: f32, f16 or f64.
+    #[must_use]
+    pub fn is_number(&self) -> bool {
+        matches!(self.element.as_str(), "f32" | "f16" | "f64")
+    }
+}
+
 impl From<Outlet> for Tensor {
     fn from(outlet: Outlet) -> Self {
         match outlet.tensor {
@@ -162,6 +171,9 @@ struct Model {
 
 impl Model {
     fn read(model: &[u8]) -> Result<Self, String> {
+        if regular_file::is_lfs_pointer(model) {
+            return Err(format!("it is a pointer of Git LFS, not the file itself: {}", regular_file::LFS_REMEDY));
+        }
         Self::decode(model).map_err(|error| format!("it is no ONNX file: {error}"))
     }
 }

@@ -3,6 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::fit::Fit;
 use super::flip::Flip;
 use super::provider::Provider;
 
@@ -62,21 +63,32 @@ pub struct OnnxParams {
     pub layout: TensorLayout,
     /// Order of the input's channels: `rgb` or `bgr`.
     pub channels: Channels,
-    /// Subtracted from each channel of the image in [0, 1], in the network's order of channels.
+    /// What white is before `mean` and `std`: 1, or 255 of networks that take bytes.
+    #[schemars(extend("exclusiveMinimum" = 0))]
+    pub white: f64,
+    /// Subtracted from each channel, in the network's order of channels.
     pub mean: [f64; 3],
     /// Each channel is then divided by this.
     pub std: [f64; 3],
-    /// Columns and rows of the network's image, px; `null`: the network says it itself.
+    /// How the image comes to the network's size: `resize`, or `pad` (rows and columns are added below and to the right, and no pixel is changed).
+    pub fit: Fit,
+    /// Columns and rows of the network's image, px; `null`: the network says it itself, or `multiple`.
     #[schemars(inner(range(min = 1, max = 16384)))]
     pub size: Option<[u32; 2]>,
-    /// How the image is brought to that size: `area` or `bilinear`.
+    /// Where neither the network nor `size` fixes columns and rows: the image's own are raised to a multiple of this, px. 14 of networks with patches of
+    /// 14 px; `null`: such a network needs a `size`.
+    #[schemars(range(min = 1, max = 1024))]
+    pub multiple: Option<u32>,
+    /// How the image is resized, where it is: `area` or `bilinear`.
     pub resize: Resize,
     /// Whether the resized image is rounded to 8 bits; `area` always is.
     pub round: bool,
     /// Name of the network's input; `null`: its only one.
     pub input_name: Option<String>,
-    /// Name of the network's output; `null`: its first one.
+    /// Name of the network's output; `null`: the first whose shape can be that of a map.
     pub output_name: Option<String>,
+    /// Of an output that holds several maps (heads, channels) the one to take: from 0, or -1 for the last.
+    pub head: Option<i64>,
     /// What the output means: `disparity-share`, `disparity-px`, `inverse-depth` or `depth`; `null`: what the model says of itself (those of
     /// `learn/ssl` do), else `disparity-share`.
     pub output: Option<Output>,
@@ -102,13 +114,17 @@ impl Default for OnnxParams {
         Self {
             layout: TensorLayout::Nchw,
             channels: Channels::Rgb,
+            white: 1.0,
             mean: [0.0; 3],
             std: [1.0; 3],
+            fit: Fit::Resize,
             size: None,
+            multiple: None,
             resize: Resize::Area,
             round: true,
             input_name: None,
             output_name: None,
+            head: None,
             output: None,
             output_scale: 1.0,
             floor_px: 1e-3,

@@ -1,7 +1,7 @@
 //! ONNX Runtime: where this machine has it.
 //!
 //! Looked at, in this order: `ORT_DYLIB_PATH`; the system (`LD_LIBRARY_PATH`, then its library folders); the active Python environment
-//! (`VIRTUAL_ENV`, `CONDA_PREFIX`). Never a folder that merely lies near, and no program is run to find one: an experiment may come from
+//! (`VIRTUAL_ENV`, `CONDA_PREFIX`); virtual environments whose programs are on the PATH. Never a folder that merely lies near, and no program is run to find one: an experiment may come from
 //! a stranger, together with the folder it lies in. The first library that loads and is new enough is taken.
 
 use std::ffi::OsStr;
@@ -96,7 +96,16 @@ pub(crate) fn places() -> Vec<(&'static str, PathBuf)> {
             places.extend(in_python(&root).into_iter().map(|folder| (name, folder)));
         }
     }
+    let of_path = environments_of(&variable("PATH"));
+    places.extend(of_path.iter().flat_map(|root| in_python(root)).map(|folder| ("PATH", folder)));
     places
+}
+
+/// The virtual environments of Python whose programs are on a PATH.
+fn environments_of(path: &OsStr) -> Vec<PathBuf> {
+    let folders = std::env::split_paths(path).filter(|folder| folder.is_absolute());
+    let roots = folders.filter_map(|folder| folder.parent().map(Path::to_owned));
+    roots.filter(|root| root.join("pyvenv.cfg").is_file()).collect()
 }
 
 fn open(path: PathBuf, found_by: &'static str, refused: Vec<String>) -> Result<Engine, String> {
@@ -151,7 +160,19 @@ mod tests {
     use std::fs;
     use std::path::Path;
 
-    use super::{in_python, libraries, version};
+    use super::{environments_of, in_python, libraries, version};
+
+    #[test]
+    fn a_virtual_environment_on_the_path_is_one_to_look_in() {
+        let root = tempfile::tempdir().unwrap();
+        for name in ["venv/bin", "other/bin"] {
+            fs::create_dir_all(root.path().join(name)).unwrap();
+        }
+        fs::write(root.path().join("venv/pyvenv.cfg"), "").unwrap();
+        let path =
+            std::env::join_paths([root.path().join("other/bin"), "venv/bin".into(), root.path().join("venv/bin")]);
+        assert_eq!(environments_of(&path.unwrap()), [root.path().join("venv")]);
+    }
 
     #[test]
     fn a_wheel_is_found_in_a_python_environment_without_its_plug_ins() {

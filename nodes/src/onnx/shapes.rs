@@ -4,7 +4,7 @@ use depthloom_graphs::Fault;
 
 use super::fit::Sizes;
 use super::model::Outlet;
-use super::network::shown;
+use super::network::{outlet, shown};
 use super::params::TensorLayout;
 use super::session::{Element, Given};
 
@@ -140,6 +140,69 @@ pub fn batch(inputs: &[(&str, Axes)], output: &Outlet, images: usize) -> Result<
     Ok(batch)
 }
 
+/// How many pixels of an image, along each axis, one of a network's map stands for at most: the largest stride of networks.
+const LARGEST_STRIDE: usize = 32;
+
+/// Whether an axis of a network's output can be the rows or columns of a map of an image with so many.
+const fn is_side(side: usize, of_image: usize) -> bool {
+    // Strides may round down.
+    (side >= 2 || of_image == side) && (side + 1) * LARGEST_STRIDE > of_image
+}
+
+/// Whether (columns, rows) can be those of a map of an image of (columns, rows): a vector, such as a pose, is not a map.
+pub const fn is_map_size(size: (usize, usize), of_image: (usize, usize)) -> bool {
+    is_side(size.0, of_image.0) && is_side(size.1, of_image.1)
+}
+
+/// Whether an output of such a shape can be maps, as far as its sides are fixed (-1: open); `of_image`: columns and rows of what the network sees,
+/// where they are known.
+pub fn may_be_map(shape: &[i64], of_image: (Option<usize>, Option<usize>)) -> bool {
+    // Where no shape is declared everything is open.
+    if shape.is_empty() {
+        return true;
+    }
+    let is = |side: i64, of_image: Option<usize>| {
+        usize::try_from(side).ok().is_none_or(|side| is_side(side, of_image.unwrap_or(2)))
+    };
+    let are = |height: i64, width: i64| is(height, of_image.1) && is(width, of_image.0);
+    match *shape {
+        // Of two open axes the first is the batch of a vector more often than the rows of a map.
+        [-1, -1] => false,
+        [.., height, width] if are(height, width) => true,
+        // Channels last.
+        [_, height, width, _] => are(height, width),
+        _ => false,
+    }
+}
+
+/// The output that a network's maps are taken from: the one of that name, else the first whose shape can be that of a map.
+///
+/// # Errors
+/// If there is no such output.
+pub fn map_output<'a>(
+    outputs: &'a [Outlet],
+    name: Option<&str>,
+    of_image: (Option<usize>, Option<usize>),
+) -> Result<&'a Outlet, Fault> {
+    let shape = |output: &'a Outlet| output.tensor.as_ref().map_or(&[][..], |(_, shape)| shape.as_slice());
+    let is_open =
+        |output: &&Outlet| output.tensor.as_ref().is_some_and(|(_, shape)| shape.iter().all(|side| *side == -1));
+    let is_number = |output: &&Outlet| {
+        use ort::value::TensorElementType::{Float16, Float32, Float64};
+        output.tensor.as_ref().is_some_and(|(element, _)| matches!(element, Float16 | Float32 | Float64))
+    };
+    let first = || outputs.iter().filter(is_number).find(|output| may_be_map(shape(output), of_image));
+    match (name, outputs) {
+        (None, [_, ..]) => first().or_else(|| outputs.iter().find(is_open)).ok_or_else(|| {
+            let shown = |output: &'a Outlet| format!("{} ({})", output.name, shown(shape(output)));
+            let names: Vec<String> = outputs.iter().map(shown).collect();
+            Fault::new(format!("the network has no output that can be a map of its image; it has {}", names.join(", ")))
+                .remedy("a map has rows and columns; if one of these is a map, name it by `output_name`")
+        }),
+        _ => outlet("output", outputs, name),
+    }
+}
+
 /// The maps of an output: one for each image of a batch, one after the other.
 pub struct Maps {
     /// Row-major, one map after the other.
@@ -148,18 +211,35 @@ pub struct Maps {
     pub size: (usize, usize),
 }
 
-/// The map of each of `batch` images in an output. Where it holds several for one image (heads, channels, steps of refinement), `head` says which:
-/// counted from 0, or from the last with -1.
+/// Where the map of each image is in an output.
+pub struct Place {
+    /// Columns and rows of a map.
+    size: (usize, usize),
+    /// How many maps there are for one image, and which is taken.
+    heads: usize,
+    chosen: usize,
+    /// How many maps lie together, pixel by pixel: channels that come last.
+    trail: usize,
+}
+
+/// Where in an output of such a shape the map of each of `batch` images is. Where it holds several for one image (heads, channels, steps of refinement),
+/// `head` says which: counted from 0, or from the last with -1.
 ///
 /// # Errors
-/// If it holds no maps, others than so many, or no such head.
-pub fn map_of(given: Given, name: &str, batch: usize, head: Option<i64>, layout: TensorLayout) -> Result<Maps, Fault> {
+/// If it holds no maps of an image of (columns, rows) `of_image`, others than so many, or no such head.
+pub fn check_map(
+    shape: &[i64],
+    name: &str,
+    (batch, of_image): (usize, (usize, usize)),
+    head: Option<i64>,
+    layout: TensorLayout,
+) -> Result<Place, Fault> {
     let wrong = |why: String| {
-        Err(Fault::new(format!("output `{name}` of the network has the shape {}, {why}", shown(&given.shape))).remedy(
+        Err(Fault::new(format!("output `{name}` of the network has the shape {}, {why}", shown(shape))).remedy(
             "name another output, choose of several maps by `head`, or export the model with an output of 1x1xHxW",
         ))
     };
-    let sides: Vec<usize> = given.shape.iter().map(|&side| usize::try_from(side).unwrap_or(0)).collect();
+    let sides: Vec<usize> = shape.iter().map(|&side| usize::try_from(side).unwrap_or(0)).collect();
     let in_last = layout == TensorLayout::Nhwc && sides.len() == 4;
     let (lead, height, width, trail) = match sides[..] {
         [ref lead @ .., height, width, trail] if in_last || trail == 1 && lead.len() == 1 => {
@@ -171,6 +251,9 @@ pub fn map_of(given: Given, name: &str, batch: usize, head: Option<i64>, layout:
     let of_all = lead.iter().product::<usize>() * trail;
     if height == 0 || width == 0 || of_all == 0 || of_all % batch != 0 || batch > 1 && lead.first() != Some(&batch) {
         return wrong(format!("which is no map for each of {batch} images"));
+    }
+    if !is_map_size((width, height), of_image) {
+        return wrong(format!("which is not a map of an image of {}x{}", of_image.0, of_image.1));
     }
     let heads = of_all / batch;
     let chosen = match head {
@@ -184,21 +267,35 @@ pub fn map_of(given: Given, name: &str, batch: usize, head: Option<i64>, layout:
             }
         }
     };
-    let pixels = width * height;
+    // Channels lie together: the lead is the batch.
+    if trail > 1 && heads != trail {
+        return wrong("which holds maps on two axes".to_owned());
+    }
+    Ok(Place { size: (width, height), heads, chosen, trail })
+}
+
+/// The map of each of `batch` images in an output; see [`check_map`].
+///
+/// # Errors
+/// As there.
+pub fn map_of(
+    given: Given,
+    name: &str,
+    (batch, of_image): (usize, (usize, usize)),
+    head: Option<i64>,
+    layout: TensorLayout,
+) -> Result<Maps, Fault> {
+    let Place { size, heads, chosen, trail } = check_map(&given.shape, name, (batch, of_image), head, layout)?;
+    let pixels = size.0 * size.1;
     let values = if heads == 1 {
         given.values
     } else if trail > 1 {
-        // Channels lie together: the lead is the batch.
-        let before = heads / trail;
-        if before != 1 {
-            return wrong("which holds maps on two axes".to_owned());
-        }
         given.values.iter().skip(chosen).step_by(trail).copied().collect()
     } else {
         let of_image = |image: usize| &given.values[(image * heads + chosen) * pixels..][..pixels];
         (0..batch).flat_map(of_image).copied().collect()
     };
-    Ok(Maps { values, size: (width, height) })
+    Ok(Maps { values, size })
 }
 
 /// How many values are NaN or infinite.
@@ -208,9 +305,10 @@ pub fn numberless(values: &[f32]) -> usize {
 
 #[cfg(test)]
 mod tests {
+    use super::super::model::Outlet;
     use super::super::params::TensorLayout::{Nchw, Nhwc};
     use super::super::session::Given;
-    use super::map_of;
+    use super::{map_of, map_output};
 
     fn given(shape: &[i64]) -> Given {
         let count: i64 = shape.iter().product();
@@ -220,26 +318,60 @@ mod tests {
     #[test]
     fn a_map_is_found_in_any_usual_shape() {
         for shape in [&[2, 3][..], &[1, 2, 3], &[1, 1, 2, 3], &[1, 2, 3, 1], &[1, 1, 1, 2, 3]] {
-            let maps = map_of(given(shape), "out", 1, None, Nchw).unwrap_or_else(|fault| panic!("{shape:?}: {fault}"));
+            let maps = map_of(given(shape), "out", (1, (3, 2)), None, Nchw);
+            let maps = maps.unwrap_or_else(|fault| panic!("{shape:?}: {fault}"));
             assert_eq!((maps.size, maps.values.len()), ((3, 2), 6), "{shape:?}");
         }
         for shape in [&[3][..], &[], &[1, 2, 2, 3], &[2, 1, 2, 3], &[1, 1, 0, 3]] {
-            assert!(map_of(given(shape), "out", 1, None, Nchw).is_err(), "{shape:?}");
+            assert!(map_of(given(shape), "out", (1, (3, 2)), None, Nchw).is_err(), "{shape:?}");
         }
     }
 
     #[test]
+    fn fault_51_a_vector_is_not_a_map() {
+        for shape in [&[1, 16][..], &[1, 8], &[16, 1], &[1, 16, 1, 1], &[1, 1, 1, 16], &[1, 1, 4, 4]] {
+            let maps = map_of(given(shape), "pose", (1, (640, 192)), Some(0), Nchw);
+            let what = maps.map(|_| ()).expect_err("it is refused").to_string();
+            assert!(what.contains("not a map of an image of 640x192"), "{shape:?}: {what}");
+        }
+        // A stride of 32 that rounds down.
+        assert!(map_of(given(&[1, 1, 11, 38]), "depth", (1, (1242, 375)), None, Nchw).is_ok());
+    }
+
+    #[test]
+    fn fault_51_the_usual_output_is_the_first_that_can_be_a_map() {
+        let outlet = |name: &str, shape: &[i64]| Outlet {
+            name: name.to_owned(),
+            tensor: Some((ort::value::TensorElementType::Float32, shape.to_vec())),
+        };
+        let of_image = (Some(640), Some(192));
+        let chosen = |pose: &[i64], name: Option<&str>| {
+            let outputs = [outlet("pose", pose), outlet("depth", &[-1, 1, -1, -1])];
+            map_output(&outputs, name, of_image).map(|output| output.name.clone()).map_err(|fault| fault.to_string())
+        };
+        for pose in [&[1, 16][..], &[-1, 6], &[-1, -1], &[1, 16, 1, 1], &[1, 8], &[1, 4, 4]] {
+            assert_eq!(chosen(pose, None).as_deref(), Ok("depth"), "{pose:?}");
+        }
+        assert_eq!(chosen(&[1, 192, 640], None).as_deref(), Ok("pose"));
+        assert_eq!(chosen(&[1, 16], Some("pose")).as_deref(), Ok("pose"), "who names one gets it, and its fault");
+        let none = map_output(&[outlet("pose", &[1, 16])], None, of_image).map(|_| ()).expect_err("no map");
+        assert!(none.to_string().contains("it has pose (1x16)"), "{none}");
+        let open = [outlet("only", &[-1, -1])];
+        assert!(map_output(&open, None, of_image).is_ok_and(|output| output.name == "only"));
+    }
+
+    #[test]
     fn of_several_maps_the_head_is_taken() {
-        let first = |shape: &[i64], batch, head, layout| {
-            map_of(given(shape), "out", batch, Some(head), layout)
+        let first = |shape: &[i64], batch, image, head, layout| {
+            map_of(given(shape), "out", (batch, image), Some(head), layout)
                 .map(|maps| maps.values)
                 .map_err(|fault| fault.to_string())
         };
-        assert_eq!(first(&[1, 2, 1, 3], 1, 1, Nchw), Ok(vec![3.0, 4.0, 5.0]));
-        assert_eq!(first(&[4, 1, 1, 1, 2], 1, -1, Nchw), Ok(vec![6.0, 7.0]), "steps of refinement");
-        assert_eq!(first(&[1, 1, 3, 2], 1, 0, Nhwc), Ok(vec![0.0, 2.0, 4.0]));
-        assert_eq!(first(&[2, 2, 1, 2], 2, 1, Nchw), Ok(vec![2.0, 3.0, 6.0, 7.0]), "one for each image");
-        assert!(first(&[1, 2, 1, 3], 1, 2, Nchw).is_err_and(|told| told.contains("no head 2: it holds 2")));
-        assert!(first(&[1, 2, 1, 3], 1, -3, Nchw).is_err());
+        assert_eq!(first(&[1, 2, 1, 3], 1, (3, 1), 1, Nchw), Ok(vec![3.0, 4.0, 5.0]));
+        assert_eq!(first(&[4, 1, 1, 1, 2], 1, (2, 1), -1, Nchw), Ok(vec![6.0, 7.0]), "steps of refinement");
+        assert_eq!(first(&[1, 1, 3, 2], 1, (3, 1), 0, Nhwc), Ok(vec![0.0, 2.0, 4.0]));
+        assert_eq!(first(&[2, 2, 1, 2], 2, (2, 1), 1, Nchw), Ok(vec![2.0, 3.0, 6.0, 7.0]), "one for each image");
+        assert!(first(&[1, 2, 1, 3], 1, (3, 1), 2, Nchw).is_err_and(|told| told.contains("no head 2: it holds 2")));
+        assert!(first(&[1, 2, 1, 3], 1, (3, 1), -3, Nchw).is_err());
     }
 }

@@ -31,7 +31,8 @@ impl TractSession {
     /// Reads a model; what it computes is looked at by [`TractSession::prepare`].
     pub fn read(mut model: &[u8]) -> Result<Self, String> {
         caught(|| {
-            let model = Box::new(tract_onnx::onnx().proto_model_for_read(&mut model)?);
+            let mut model = Box::new(tract_onnx::onnx().proto_model_for_read(&mut model)?);
+            name_nodes(&mut model);
             Ok(Self { model, plan: None })
         })
     }
@@ -96,11 +97,21 @@ impl TractSession {
     }
 }
 
+/// Names the nodes that have no name, which ONNX allows: tract takes nodes of equal names, of none too, for one.
+fn name_nodes(model: &mut ModelProto) {
+    for (index, node) in model.graph.iter_mut().flat_map(|graph| &mut graph.node).enumerate() {
+        if node.name.is_empty() {
+            node.name = format!("{}_{index}", node.op_type);
+        }
+    }
+}
+
 /// Multiplications with an addition in one run, its inputs in the model's order and of these shapes.
 pub fn multiply_adds(model: &[u8], shapes: &[Vec<usize>]) -> Result<u64, String> {
     let mut bytes = model;
     caught(|| {
-        let model = tract_onnx::onnx().proto_model_for_read(&mut bytes)?;
+        let mut model = tract_onnx::onnx().proto_model_for_read(&mut bytes)?;
+        name_nodes(&mut model);
         let mut graph = tract_onnx::onnx().with_ignore_value_info(true).parse(&model, None)?.model;
         for (index, shape) in shapes.iter().enumerate() {
             let datum_type = graph.input_fact(index)?.datum_type;

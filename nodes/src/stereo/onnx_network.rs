@@ -59,7 +59,7 @@ impl PairNetwork {
         let planes = planes_of(&chosen, &axes)?;
         let named: Vec<(&str, Axes)> = chosen.iter().copied().zip(axes.iter().copied()).collect();
         let sizes = onnx::sizes(&named, params.size, params.multiple)?;
-        let output = onnx::outlet("output", &declared.outputs, params.output_name.as_deref())?;
+        let output = onnx::map_output(&declared.outputs, params.output_name.as_deref(), (sizes.width, sizes.height))?;
         let batch = onnx::batch(&named, output, 1 + usize::from(params.right_view))?;
         let network = Self {
             model: model.clone(),
@@ -113,7 +113,8 @@ impl PairNetwork {
             }
             let tensors: Vec<&[f32]> = tensors.iter().map(Vec::as_slice).collect();
             let Some(given) = pool.run(&tensors)?.pop() else { continue };
-            let found = onnx::map_of(given, &self.output, self.batch, self.params.head, self.params.layout)?;
+            let found =
+                onnx::map_of(given, &self.output, (self.batch, fitted.to), self.params.head, self.params.layout)?;
             let pixels = found.size.0 * found.size.1;
             let map = |map: &[f32]| Maps { values: map.to_vec(), size: found.size };
             maps.extend(found.values.chunks_exact(pixels).map(map));

@@ -68,7 +68,7 @@ pub struct StereoOnnxParams {
     pub resize: Resize,
     /// Whether the resized image is rounded to 8 bits; `area` always is.
     pub round: bool,
-    /// Name of the network's output; `null`: its first one.
+    /// Name of the network's output; `null`: the first whose shape can be that of a map.
     pub output_name: Option<String>,
     /// Of an output that holds several maps (heads, channels, steps of refinement) the one to take: from 0, or -1 for the last.
     pub head: Option<i64>,

@@ -193,6 +193,56 @@ fn an_open_size_is_filled_in_and_a_fixed_one_may_be_repeated() {
 }
 
 #[test]
+fn fault_43_an_open_size_may_be_a_multiple_and_the_image_padded() {
+    if !can_run("fault_43_an_open_size_may_be_a_multiple_and_the_image_padded") {
+        return;
+    }
+    let open = mean(&[-1, 3, -1, -1], &[-1, 1, -1, -1]);
+    // The image is 4x2: with a multiple of 3 the network sees 6x3.
+    let padded = json!({ "multiple": 3, "fit": "pad", "output": "depth", "output_scale": 10 });
+    assert_close(&run(&padded, &open).unwrap(), [2.0, 4.0, 8.0, 10.0]);
+    // Shares and pixels of what the network sees, 6 columns, are pixels of the image.
+    let of = |output: &str| run(&json!({ "multiple": 3, "fit": "pad", "output": output, "cap": null }), &open).unwrap();
+    assert_close(&of("disparity-px"), [100.0, 50.0, 25.0, 20.0]);
+    assert_close(&of("disparity-share"), [100.0 / 6.0, 50.0 / 6.0, 25.0 / 6.0, 20.0 / 6.0]);
+    let resized = run(&json!({ "multiple": 4, "output": "depth", "output_scale": 10 }), &open).unwrap();
+    assert!(resized.iter().all(|metres| (2.0..=10.0).contains(metres)) && resized[0] < resized[3], "{resized:?}");
+    for flip in ["mean", "godard"] {
+        let params = json!({ "multiple": 3, "fit": "pad", "output": "depth", "output_scale": 10, "flip": flip });
+        assert_close(&run(&params, &open).unwrap(), [2.0, 4.0, 8.0, 10.0]);
+    }
+}
+
+#[test]
+fn fault_51_a_vector_is_not_taken_for_a_map() {
+    if !can_run("fault_51_a_vector_is_not_taken_for_a_map") {
+        return;
+    }
+    // Means over rows: 1x1x1x4, a vector.
+    let input = [Tensor("image", F32, &[1, 1, 2, 4])];
+    for output in [&[1, 1, 1, 4][..], &[-1, -1, -1, -1]] {
+        let vector = model(onnx_file::model("ReduceMean", Some(2), &input, &Tensor("pose", F32, output)));
+        let told = run(&json!({}), &vector).unwrap_err();
+        assert!(told.contains("pose"), "{told}");
+        assert!(run(&json!({ "output_name": "pose" }), &vector).unwrap_err().contains("not a map of an image of 4x2"));
+    }
+}
+
+#[test]
+fn fault_59_inputs_of_halves_are_fed() {
+    if !can_run("fault_59_inputs_of_halves_are_fed") {
+        return;
+    }
+    let kernel: [(&str, &[i64]); 1] = [("kernel_shape", &[1, 1])];
+    let halves = Tensor("image", 10, &[1, 1, 2, 4]);
+    let network = model(onnx_file::model_with("MaxPool", &kernel, &[halves], &Tensor("share", 10, &[1, 1, 2, 4])));
+    let depth = run(&json!({ "output": "depth", "output_scale": 10 }), &network).unwrap();
+    for (found, expected) in depth.iter().zip([2.0, 4.0, 8.0, 10.0]) {
+        assert!((found - expected).abs() < 0.01, "{found} is not {expected}");
+    }
+}
+
+#[test]
 fn channels_may_come_last() {
     if !can_run("channels_may_come_last") {
         return;
