@@ -4,7 +4,7 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use depthloom_graphs::Fault;
+use depthloom_graphs::{Fault, regular_file};
 use depthloom_threads::Budget;
 
 use crate::MOST_BYTES;
@@ -288,9 +288,11 @@ impl Bag {
             ([], _) => Err(Fault::new(format!("{} holds no bag", path.display())).remedy(WANTED)),
             (files, 1) => {
                 let count = files.len();
-                let of = if count == 1 { "the file" } else { "the files" };
-                self.warnings
-                    .push(format!("{} has no metadata.yaml: {of} that lie there are read ({count})", name_of(path)));
+                let read = match count {
+                    1 => "the one file that it holds is read".to_owned(),
+                    _ => format!("the {count} files that it holds are read"),
+                };
+                self.warnings.push(format!("{} has no metadata.yaml: {read}", name_of(path)));
                 Ok(files.to_vec())
             }
             (files, count) => {
@@ -323,7 +325,21 @@ fn open(path: &Path, number: usize, cache: &Arc<ChunkCache>) -> Result<Storage, 
         head if head.starts_with(b"#ROSBAG V") => Err(no_bag("is a ROS 1 bag")
             .remedy("`rosbags-convert --src FILE.bag --dst FOLDER` (PyPI, rosbags) makes a ROS 2 bag of it")),
         [] => Err(no_bag("is empty")),
+        head if regular_file::is_lfs_pointer(head) => {
+            Err(Fault::new(format!("{} is a pointer of Git LFS, not the file itself", path.display()))
+                .remedy(regular_file::LFS_REMEDY))
+        }
+        _ if ends_as_mcap(&file)? => Err(file.damaged(0, "it does not begin as an MCAP file, and ends as one")),
         _ => Err(no_bag("is neither an MCAP file nor an SQLite database")),
+    }
+}
+
+/// Whether a file ends as an MCAP file does, whatever its first bytes are.
+fn ends_as_mcap(file: &PositionedFile) -> Result<bool, Fault> {
+    let length = MCAP.len() as u64;
+    match file.size.checked_sub(length) {
+        Some(offset) => Ok(file.range(offset, length, length)? == MCAP),
+        None => Ok(false),
     }
 }
 

@@ -10,7 +10,39 @@ use crate::form::{Wire, frame, timestamp};
 use crate::{Form, Header, Malformed, Sort};
 
 /// The encodings that are read as camera images.
-const CAMERA: &str = "mono8, 8UC1, mono16, 16UC1, rgb8, bgr8, 8UC3 (as bgr8), rgba8, bgra8";
+const CAMERA: &str = "mono8, 8UC1, mono16, 16UC1, rgb8, bgr8, 8UC3 (as bgr8), rgba8, bgra8, rgb16, bgr16";
+
+/// Samples of 16 bits as 8: the upper 8 of all 16, or of the lowest `bits`; what lies above those becomes white.
+#[must_use]
+pub fn eight_bits(samples: &[u16], bits: Option<u32>) -> Vec<u8> {
+    let shift = bits.unwrap_or(16).clamp(8, 16) - 8;
+    samples.iter().map(|sample| u8::try_from(sample >> shift).unwrap_or(u8::MAX)).collect()
+}
+
+/// The largest sample of a 16-bit image.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Brightest(u16);
+
+impl Brightest {
+    /// Of an image's samples; `None` if there are none.
+    #[must_use]
+    pub fn of(samples: &[u16]) -> Option<Self> {
+        samples.iter().max().copied().map(Self)
+    }
+
+    /// A warning, if all samples fit in 12 bits: a camera of 10 or 12 bits has most likely stored them unshifted, and of the upper 8 of 16 bits at most
+    /// 16 levels differ.
+    #[must_use]
+    pub const fn warning(self, bits: Option<u32>) -> Option<&'static str> {
+        match (self.0, bits) {
+            (1..4096, None) => Some(
+                "16-bit images hold no sample above 4095, and their upper 8 bits are used: at most 16 grey levels remain. Give the camera's bits if they are \
+                 fewer, for example `bits: 12` (sources `images` and `ros2/bag`)",
+            ),
+            _ => None,
+        }
+    }
+}
 
 /// A message with an image.
 #[derive(Debug)]
@@ -139,20 +171,21 @@ impl<'a> RawImage<'a> {
         Ok(data.chunks_exact(step as usize).take(height as usize).map(move |line| &line[..row]))
     }
 
-    /// The numbers of 16 bits.
-    fn u16s(&self) -> Result<Vec<u16>, Malformed> {
+    /// The numbers of 16 bits, that many a pixel.
+    fn u16s(&self, channels: usize) -> Result<Vec<u16>, Malformed> {
         let of = if self.is_big_endian { u16::from_be_bytes } else { u16::from_le_bytes };
-        Ok(self.rows(2)?.flat_map(|row| row.as_chunks::<2>().0).map(|sample| of(*sample)).collect())
+        Ok(self.rows(2 * channels)?.flat_map(|row| row.as_chunks::<2>().0).map(|sample| of(*sample)).collect())
     }
 
-    /// The image of a camera, 8 bits a sample: grey or RGB. Of 16 bits the upper 8 are taken, transparency is dropped.
+    /// The image of a camera, 8 bits a sample: grey or RGB. Of 16 bits the upper 8 are taken, or of the lowest `bits`; transparency is dropped.
+    /// Beside it how bright a 16-bit image is.
     ///
     /// # Errors
     /// If sizes do not fit the message, or the encoding is no camera's, or not read.
     ///
     /// # Panics
     /// Never: the rows were held against the size.
-    pub fn pixels(&self) -> Result<Pixels, Malformed> {
+    pub fn pixels(&self, bits: Option<u32>) -> Result<(Pixels, Option<Brightest>), Malformed> {
         let size = (self.width, self.height);
         let grey = |samples| Pixels::Grey(GrayImage::from_raw(size.0, size.1, samples).expect("a byte a pixel"));
         let rgb = |rows: Vec<u8>| Pixels::Rgb(RgbImage::from_raw(size.0, size.1, rows).expect("three bytes a pixel"));
@@ -164,9 +197,20 @@ impl<'a> RawImage<'a> {
             }
             Ok(rgb(samples))
         };
-        match self.encoding {
+        let shallow = match self.encoding {
             "mono8" | "8UC1" => Ok(grey(self.rows(1)?.flatten().copied().collect())),
-            "mono16" | "16UC1" => Ok(grey(self.u16s()?.into_iter().map(|sample| (sample >> 8) as u8).collect())),
+            "mono16" | "16UC1" => {
+                let samples = self.u16s(1)?;
+                return Ok((grey(eight_bits(&samples, bits)), Brightest::of(&samples)));
+            }
+            "rgb16" | "bgr16" => {
+                let samples: Vec<u16> = self.u16s(3)?;
+                let mut narrow = eight_bits(&samples, bits);
+                if self.encoding == "bgr16" {
+                    narrow.as_chunks_mut::<3>().0.iter_mut().for_each(|pixel| pixel.swap(0, 2));
+                }
+                return Ok((rgb(narrow), Brightest::of(&samples)));
+            }
             "rgb8" => colours(3, [0, 1, 2]),
             "bgr8" | "8UC3" => colours(3, [2, 1, 0]),
             "rgba8" => colours(4, [0, 1, 2]),
@@ -184,7 +228,8 @@ impl<'a> RawImage<'a> {
                     _ => return Err(Malformed::new(format!("its encoding is `{other}`")).remedy(format!("these are read: {CAMERA}"))),
                 }))
             }
-        }
+        };
+        shallow.map(|pixels| (pixels, None))
     }
 
     /// Depths in metres, NaN where none is known (0, or no finite positive number). A unit is so many metres; by default a millimetre of
@@ -199,7 +244,7 @@ impl<'a> RawImage<'a> {
         let metres: Vec<f32> = match self.encoding {
             "16UC1" | "mono16" => {
                 let unit_m = unit_m.unwrap_or(0.001);
-                self.u16s()?.into_iter().map(|raw| depth_of(f64::from(raw) * unit_m)).collect()
+                self.u16s(1)?.into_iter().map(|raw| depth_of(f64::from(raw) * unit_m)).collect()
             }
             "32FC1" => {
                 let of = if self.is_big_endian { f32::from_be_bytes } else { f32::from_le_bytes };

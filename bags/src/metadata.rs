@@ -20,8 +20,6 @@ struct File {
 struct Information {
     #[serde(default)]
     relative_file_paths: Vec<String>,
-    #[serde(default)]
-    compression_mode: String,
 }
 
 /// The files that a folder's metadata names, in their order; `None` where there is none.
@@ -43,6 +41,11 @@ pub fn files(folder: &Path) -> Result<Option<Vec<PathBuf>>, Fault> {
         return Err(Fault::new(format!("{} names no file", path.display())).remedy(remedy));
     }
     let find = |name: &String| {
+        // A file that was compressed as a whole, and unpacked since.
+        let unpacked = name.strip_suffix(".zstd").map(|name| folder.join(name)).filter(|path| path.is_file());
+        if let Some(unpacked) = unpacked {
+            return Ok(unpacked);
+        }
         let there = folder.join(name);
         // ROS 2 Foxy wrote the folder's name before the file's.
         let below = Path::new(name).file_name().map(|name| folder.join(name)).filter(|path| path.exists());
@@ -58,10 +61,8 @@ pub fn files(folder: &Path) -> Result<Option<Vec<PathBuf>>, Fault> {
         }
     };
     let files: Vec<PathBuf> = of.relative_file_paths.iter().map(find).collect::<Result<_, _>>()?;
-    if of.compression_mode.eq_ignore_ascii_case("file")
-        || files.iter().any(|file| file.extension().is_some_and(|ending| ending == "zstd"))
-    {
-        return Err(packed(&files[0]));
+    if let Some(packed_file) = files.iter().find(|file| file.extension().is_some_and(|ending| ending == "zstd")) {
+        return Err(packed(packed_file));
     }
     Ok(Some(files))
 }
@@ -75,7 +76,7 @@ fn first_line(text: &str) -> String {
 pub fn packed(path: &Path) -> Fault {
     let path = path.display();
     let remedy = format!(
-        "`zstd -d {path}` unpacks it; then name the unpacked file. Bags that are compressed by chunk (MCAP) or by message need no unpacking"
+        "`zstd -d {path}` unpacks it, beside it; then the bag is read. Bags that are compressed by chunk (MCAP) or by message need no unpacking"
     );
     Fault::new(format!("{path} is compressed as a whole")).remedy(remedy)
 }

@@ -54,10 +54,14 @@ fn compressed_image(message: &[u8]) -> Result<Image, String> {
     let Some((format, codec)) = known else {
         return Err(format!("an image is compressed as `{}`", String::from_utf8_lossy(format)));
     };
-    let decoded = image::load_from_memory_with_format(data, codec);
-    let pixels = match decoded.map_err(|error| format!("an image cannot be decompressed: {error}"))? {
-        DynamicImage::ImageLuma8(grey) => Pixels::Grey(grey),
-        other => Pixels::Rgb(other.into_rgb8()),
+    let failed = |error: String| format!("an image cannot be decompressed: {error}");
+    let as_jpeg = if format == ImageFormat::Jpeg { crate::jpeg::decode(data).map_err(failed)? } else { None };
+    let pixels = match as_jpeg {
+        Some(pixels) => pixels,
+        None => match image::load_from_memory_with_format(data, codec).map_err(|error| failed(error.to_string()))? {
+            DynamicImage::ImageLuma8(grey) => Pixels::Grey(grey),
+            other => Pixels::Rgb(other.into_rgb8()),
+        },
     };
     Ok(Image::with_encoded(pixels, Encoded { format, bytes: data.into() }))
 }

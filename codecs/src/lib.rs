@@ -23,6 +23,7 @@ pub mod decode;
 pub mod encode;
 pub mod files;
 pub mod floats;
+pub mod jpeg;
 pub mod messages;
 pub mod picture;
 pub mod schema;

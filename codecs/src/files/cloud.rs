@@ -73,6 +73,19 @@ impl Cloud {
         Ok(cloud)
     }
 
+    /// Without the points at these depths: where depth is capped, everything beyond the cap is a wall at it.
+    #[must_use]
+    pub fn without(mut self, depths_m: &[f32]) -> Self {
+        let is_kept: Vec<bool> = self.points.iter().map(|[_, _, z]| !depths_m.contains(z)).collect();
+        let mut kept = is_kept.iter().copied();
+        self.points.retain(|_| kept.next() == Some(true));
+        if let Some(colours) = &mut self.colours {
+            let mut kept = is_kept.into_iter();
+            colours.retain(|_| kept.next() == Some(true));
+        }
+        self
+    }
+
     /// Appends all points, each with its colour as `colour` writes it.
     fn put<const N: usize>(&self, file: &mut Vec<u8>, colour: impl Fn([u8; 3]) -> [u8; N]) {
         file.reserve(self.points.len() * (12 + N));
@@ -142,6 +155,10 @@ mod tests {
         let cloud = Cloud::new(&depth(), &CALIBRATION, Some(&image()), ALL).unwrap();
         assert_eq!(cloud.points, [[-1.0, -0.5, 2.0], [2.0, -1.0, 4.0], [40.0, 20.0, 80.0]]);
         assert_eq!(cloud.colours, Some(vec![[0, 1, 2], [6, 7, 8], [15, 16, 17]]));
+        let first = cloud.points[0][2];
+        let without = cloud.clone().without(&[first]);
+        assert!(!without.points.is_empty() && without.points.iter().all(|point| point[2] != first), "fault 69");
+        assert_eq!(without.colours.map(|colours| colours.len()), Some(without.points.len()));
         let near = Cloud::new(&depth(), &CALIBRATION, None, (2.0, 4.0)).unwrap();
         assert_eq!((near.points.as_slice(), near.colours), (&cloud.points[..2], None));
         // f B = 1: a disparity of half a pixel is two metres away; none, zero and less are nowhere.

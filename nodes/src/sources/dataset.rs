@@ -5,9 +5,9 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use depthloom_graphs::contracts::{Frame, Recognised, Survey};
+use depthloom_graphs::contracts::{Frame, InlineHost, Recognised, Survey};
 use depthloom_graphs::values::{Image, Raster};
-use depthloom_graphs::{Context, Fault, Key, Outputs, Source, SourceOutputs};
+use depthloom_graphs::{Context, Fault, Key, Outputs, Scratch, Source, SourceOutputs};
 
 use serde_json::Value as Json;
 
@@ -113,7 +113,9 @@ impl Listing {
     /// The first fault, with the number of the others.
     pub fn open<L: Layout>(mut self, layout: L) -> Result<Box<dyn Source>, Fault> {
         if self.faults.is_empty() {
-            return Ok(Box::new(Dataset::new(self, layout)));
+            let source = Dataset::new(self, layout);
+            source.check_calibration()?;
+            return Ok(Box::new(source));
         }
         let more = self.faults.len() - 1 - self.also;
         Err(match self.faults.swap_remove(0) {
@@ -169,6 +171,27 @@ impl<L: Layout> Dataset<L> {
     fn new(listing: Listing, layout: L) -> Self {
         let (frames, files) = listing.entries.into_iter().map(|entry| (entry.frame, entry.files)).unzip();
         Self { layout, frames, files, warnings: listing.warnings, asked: Asked::default() }
+    }
+
+    /// That the first frame's calibration can be read where all frames share it: what would fail on every frame is reported before any is read.
+    fn check_calibration(&self) -> Result<(), Fault> {
+        let calibrations = |files: &[(Part, PathBuf)]| -> Vec<PathBuf> {
+            let of_cameras = files.iter().filter(|(part, _)| part.starts_with(CALIBRATION));
+            of_cameras.map(|(_, path)| path.clone()).collect()
+        };
+        let Some(shared) = self.files.first().map(|files| calibrations(files)) else { return Ok(()) };
+        let is_shared = self.files.iter().all(|files| calibrations(files) == shared);
+        // A file that cannot be read fails with its frame.
+        let Some((files, _)) = self.files(0).ok().filter(|_| is_shared && !shared.is_empty()) else { return Ok(()) };
+        let mut scratch = Scratch::default();
+        match self.layout.values(&files, &mut Context::new(&InlineHost, &mut scratch)) {
+            Err(fault) => {
+                let chain = fault.chain();
+                let is_of_calibration = shared.iter().any(|path| chain.contains(&path.display().to_string()));
+                if is_of_calibration { Err(fault) } else { Ok(()) }
+            }
+            Ok(_) => Ok(()),
+        }
     }
 
     /// The files of a frame, whole and not decoded, and their key.
@@ -311,8 +334,22 @@ impl Files {
     ///
     /// # Errors
     /// If one is no image, or they differ in size.
-    pub fn pair(&self) -> Result<(Image, Image), Fault> {
-        let image = |file: &File| image_file::image(&file.path, Arc::clone(&file.bytes));
+    pub fn pair(&self, ctx: &Context<'_>) -> Result<(Image, Image), Fault> {
+        self.pair_of_bits(None, ctx)
+    }
+
+    /// As [`Files::pair`], with samples of 16 bits of which the lowest `bits` are used.
+    ///
+    /// # Errors
+    /// As [`Files::pair`].
+    pub fn pair_of_bits(&self, bits: Option<u32>, ctx: &Context<'_>) -> Result<(Image, Image), Fault> {
+        let image = |file: &File| {
+            let (image, brightest) = image_file::image_of_bits(&file.path, Arc::clone(&file.bytes), bits)?;
+            if let Some(warning) = brightest.and_then(|brightest| brightest.warning(bits)) {
+                ctx.host.warn(warning);
+            }
+            Ok::<_, Fault>(image)
+        };
         let left = image(self.the(LEFT)?)?;
         let right = self.the(RIGHT)?;
         let other = image(right)?;
@@ -396,6 +433,13 @@ pub fn stems(folder: &Path, endings: &[&str], layout: &str) -> Result<BTreeMap<S
         }
     }
     Ok(found.into_iter().map(|(stem, (_, path))| (stem, path)).collect())
+}
+
+/// The indices of frames by the numbers that their files are named by: `None` if a name is not a number of at most 32 bits (a time stamp has more),
+/// or if the numbers do not rise.
+pub fn numbered<'a>(stems: impl Iterator<Item = &'a str>) -> Option<Vec<u64>> {
+    let numbers: Vec<u64> = stems.map(|stem| stem.parse::<u32>().ok().map(u64::from)).collect::<Option<_>>()?;
+    numbers.is_sorted_by(|a, b| a < b).then_some(numbers)
 }
 
 /// The folders in a folder, by name, in order.

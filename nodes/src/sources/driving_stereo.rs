@@ -21,7 +21,7 @@ use super::{possible, true_disparity};
 use crate::shape::filled;
 
 const KIND: &str = "drivingstereo";
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 const LAYOUT: &str = "root holds left-image-half-size, right-image-half-size and disparity-map-half-size or depth-map-half-size (a weather; or full-size), \
 train-left-image, train-right-image, ..., or test-left-image, ...; images lie in them or in a folder a sequence";
 const WANTED: &str = "a calibration has the lines `P_rect_101:` (left) and `P_rect_103:` (right), 12 numbers each, px, and `T_103:`, 3 numbers, metres: take it from \
@@ -279,8 +279,8 @@ impl Layout for DrivingStereo {
         format!("{:?}", self.size)
     }
 
-    fn values(&self, files: &Files, _ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
-        let (left, right) = files.pair()?;
+    fn values(&self, files: &Files, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        let (left, right) = files.pair(ctx)?;
         let size = left.dimensions();
         let calibration = files.get(CALIBRATION).map(|file| calibration(file, size)).transpose()?;
         let disparities = files.map_u16(TRUTH, "disparity", size)?.map(|map| self.disparities(&map));

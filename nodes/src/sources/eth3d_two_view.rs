@@ -14,7 +14,7 @@ use super::middlebury::scenes;
 use super::middlebury_scene::{self, TruePixels};
 
 const KIND: &str = "eth3d/two-view";
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 const LAYOUT: &str = "root holds two_view_training and two_view_training_gt, as the archives are named; or a folder a scene, each with im0.png, im1.png and \
 calib.txt, and in training disp0GT.pfm and mask0nocc.png, unless `truth: none`";
 
@@ -122,7 +122,7 @@ impl Layout for Eth3dTwoView {
         format!("{:?}", self.truth)
     }
 
-    fn values(&self, files: &Files, _ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
-        middlebury_scene::values(files, self.truth)
+    fn values(&self, files: &Files, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        middlebury_scene::values(files, self.truth, ctx)
     }
 }

@@ -5,8 +5,11 @@ use std::io::Cursor;
 use std::path::Path;
 use std::sync::Arc;
 
+use depthloom_bags::images::{Brightest, eight_bits};
+use depthloom_codecs::jpeg;
 use depthloom_graphs::values::{Encoded, Image, ImageFormat, Pixels, Raster};
 use depthloom_graphs::{Fault, regular_file};
+use image::metadata::Orientation;
 use image::{DynamicImage, GrayImage, ImageDecoder, ImageError, ImageReader, RgbImage};
 
 /// The most bytes of a file, and of the pixels that come of it: 8192 x 8192 of 16-bit RGB are 384 MiB.
@@ -23,28 +26,41 @@ pub fn read(path: &Path) -> Result<Arc<[u8]>, Fault> {
 
 /// An 8-bit grey or RGB image of a PNG, JPEG, WebP, TIFF or PNM file. Of PNG and JPEG files that hold just this the bytes are kept.
 ///
-/// What a camera image is not, is made one as OpenCV's `imread` does: of 16 bits the upper 8 are taken, transparency is dropped.
+/// Pixels are those of OpenCV's `imread`: of 16 bits the upper 8 are taken, transparency is dropped, and an orientation (EXIF) is applied.
 ///
 /// # Errors
 /// If the bytes are no whole image, or hold other pixels.
 pub fn image(path: &Path, bytes: Arc<[u8]>) -> Result<Image, Fault> {
+    image_of_bits(path, bytes, None).map(|(image, _)| image)
+}
+
+/// As [`image`], with samples of 16 bits of which the lowest `bits` are used; and how bright a 16-bit image is.
+///
+/// # Errors
+/// As [`image`].
+pub fn image_of_bits(path: &Path, bytes: Arc<[u8]>, bits: Option<u32>) -> Result<(Image, Option<Brightest>), Fault> {
     let format = format_of(path, &bytes)?;
-    let upper = |sample: &u16| (sample >> 8) as u8;
-    let (pixels, is_as_it_lies) = match decode(path, format, &bytes)? {
-        DynamicImage::ImageLuma8(grey) => (Pixels::Grey(grey), true),
-        DynamicImage::ImageRgb8(rgb) => (Pixels::Rgb(rgb), true),
+    let (decoded, is_turned) = decode_upright(path, format, &bytes)?;
+    let mut brightest = None;
+    let mut narrowed = |samples: &[u16]| {
+        brightest = Brightest::of(samples);
+        eight_bits(samples, bits)
+    };
+    let (pixels, is_as_it_lies) = match decoded {
+        DynamicImage::ImageLuma8(grey) => (Pixels::Grey(grey), !is_turned),
+        DynamicImage::ImageRgb8(rgb) => (Pixels::Rgb(rgb), !is_turned),
         transparent @ DynamicImage::ImageLumaA8(_) => (Pixels::Grey(transparent.into_luma8()), false),
         transparent @ DynamicImage::ImageRgba8(_) => (Pixels::Rgb(transparent.into_rgb8()), false),
         deep @ (DynamicImage::ImageLuma16(_) | DynamicImage::ImageLumaA16(_)) => {
             let deep = deep.into_luma16();
             let (width, height) = deep.dimensions();
-            let grey = GrayImage::from_raw(width, height, deep.iter().map(upper).collect());
+            let grey = GrayImage::from_raw(width, height, narrowed(&deep));
             (Pixels::Grey(grey.expect("a byte a pixel")), false)
         }
         deep @ (DynamicImage::ImageRgb16(_) | DynamicImage::ImageRgba16(_)) => {
             let deep = deep.into_rgb16();
             let (width, height) = deep.dimensions();
-            let rgb = RgbImage::from_raw(width, height, deep.iter().map(upper).collect());
+            let rgb = RgbImage::from_raw(width, height, narrowed(&deep));
             (Pixels::Rgb(rgb.expect("three bytes a pixel")), false)
         }
         other => {
@@ -59,10 +75,11 @@ pub fn image(path: &Path, bytes: Arc<[u8]>) -> Result<Image, Fault> {
         image::ImageFormat::Jpeg => Some(ImageFormat::Jpeg),
         _ => None,
     };
-    Ok(match kept {
+    let image = match kept {
         Some(format) => Image::with_encoded(pixels, Encoded { format, bytes }),
         None => Image::new(pixels),
-    })
+    };
+    Ok((image, brightest))
 }
 
 /// A 16-bit map, one channel, PNG or TIFF: files of disparity or depth, of `disparity` (px) or `metres`.
@@ -102,6 +119,9 @@ pub fn map_u8(path: &Path, bytes: &[u8], what: &str) -> Result<GrayImage, Fault>
     }
 }
 
+/// What a map of numbers is.
+const ONE_CHANNEL: &str = "a map has one channel, of 8 or 16 bits, or of 32-bit floats (TIFF)";
+
 /// A map of numbers as they stand in the file, one channel, and how many bits a number has there: 8 or 16 bits in a PNG, TIFF or PNM file, 32-bit
 /// floats in a TIFF file.
 ///
@@ -118,9 +138,8 @@ pub fn numbers(path: &Path, bytes: &[u8]) -> Result<(Raster<f32>, u32), Fault> {
         DynamicImage::ImageLuma8(map) => (map.dimensions(), map.iter().map(|number| f32::from(*number)).collect(), 8),
         DynamicImage::ImageLuma16(map) => (map.dimensions(), map.iter().map(|number| f32::from(*number)).collect(), 16),
         other => {
-            let expected = "a map has one channel, of 8 or 16 bits, or of 32-bit floats (TIFF)";
             let remedy = "write one number a pixel; a coloured picture of a map is none";
-            return Err(wrong_pixels(path, &other, expected).remedy(remedy));
+            return Err(wrong_pixels(path, &other, ONE_CHANNEL).remedy(remedy));
         }
     };
     Ok((Raster::from_raw(size.0, size.1, numbers).expect("a number a pixel"), bits))
@@ -137,8 +156,13 @@ fn float_tiff(path: &Path, bytes: &[u8]) -> Result<Option<Raster<f32>>, Fault> {
     limits.decoding_buffer_size = MOST_BYTES as usize;
     limits.intermediate_buffer_size = MOST_BYTES as usize;
     let mut decoder = tiff::decoder::Decoder::new(Cursor::new(bytes)).map_err(failed)?.with_limits(limits);
-    if decoder.colortype().map_err(failed)? != tiff::ColorType::Gray(32) {
-        return Ok(None);
+    match decoder.colortype().map_err(failed)? {
+        tiff::ColorType::Gray(32) => {}
+        tiff::ColorType::RGB(bits @ (32 | 64)) => {
+            let what = format!("{} holds {bits}-bit numbers of 3 channels: {ONE_CHANNEL}", path.display());
+            return Err(Fault::new(what).remedy("write one channel of 32-bit floats"));
+        }
+        _ => return Ok(None),
     }
     let (width, height) = decoder.dimensions().map_err(failed)?;
     let needed = u64::from(width) * u64::from(height) * 4;
@@ -171,29 +195,44 @@ fn format_of(path: &Path, bytes: &[u8]) -> Result<image::ImageFormat, Fault> {
     let by_content = FORMATS.iter().find(|(begin, _)| bytes.starts_with(begin)).map(|(_, format)| *format);
     let by_name =
         || image::ImageFormat::from_path(path).ok().filter(|of| FORMATS.iter().any(|(_, format)| format == of));
+    if regular_file::is_lfs_pointer(bytes) {
+        return Err(Fault::new(format!("{} is a pointer of Git LFS, not the file itself", path.display()))
+            .remedy(regular_file::LFS_REMEDY));
+    }
     by_content.or_else(by_name).ok_or_else(|| {
         Fault::new(format!("{} ({} bytes) is no image", path.display(), bytes.len()))
             .remedy("images are PNG, JPEG, WebP, TIFF or PNM files")
     })
 }
 
+/// The pixels of a file as they are stored; maps have no orientation.
 fn decode(path: &Path, format: image::ImageFormat, bytes: &[u8]) -> Result<DynamicImage, Fault> {
+    decoded(path, format, bytes).map(|(image, _)| image)
+}
+
+/// The image of a file with its orientation applied, and whether it has one.
+fn decode_upright(path: &Path, format: image::ImageFormat, bytes: &[u8]) -> Result<(DynamicImage, bool), Fault> {
+    let (mut image, orientation) = decoded(path, format, bytes)?;
+    image.apply_orientation(orientation);
+    Ok((image, orientation != Orientation::NoTransforms))
+}
+
+/// The pixels of a file as they are stored, and its orientation.
+fn decoded(path: &Path, format: image::ImageFormat, bytes: &[u8]) -> Result<(DynamicImage, Orientation), Fault> {
     let failed = |error: ImageError| {
         // What the header asks for may be more than the decoder counts up to: a byte a pixel is the least.
         let pixels = |(width, height): (u32, u32)| u64::from(width) * u64::from(height);
         let limit = matches!(error, ImageError::Limits(_));
-        let name = name_of(format);
         if let Some(size) = stated_size(bytes).filter(|size| limit && pixels(*size) > MOST_BYTES) {
             return too_large(path, size, pixels(size));
         }
-        Fault::new(format!("failed to decode {} ({} bytes)", path.display(), bytes.len()))
-            // As text: the decoder's error repeats in its own message what is beneath it.
-            .because(error.to_string().trim_end())
-            .remedy(if limit {
-                "what it holds beside its pixels takes more memory than an image may: is it the file meant?".to_owned()
-            } else {
-                format!("the file is no whole {name}: copy or download it again")
-            })
+        // As text: the decoder's error repeats in its own message what is beneath it.
+        let fault = undecodable(path, format, bytes).because(error.to_string().trim_end());
+        match limit {
+            true => fault
+                .remedy("what it holds beside its pixels takes more memory than an image may: is it the file meant?"),
+            false => fault,
+        }
     };
     let reader = ImageReader::with_format(Cursor::new(bytes), format);
     let mut decoder = reader.into_decoder().map_err(failed)?;
@@ -205,7 +244,24 @@ fn decode(path: &Path, format: image::ImageFormat, bytes: &[u8]) -> Result<Dynam
     // Beside the pixels, what the file holds of profiles and texts.
     limits.max_alloc = Some(needed + (64 << 20));
     decoder.set_limits(limits).map_err(failed)?;
-    DynamicImage::from_decoder(decoder).map_err(failed)
+    let orientation = decoder.orientation().map_err(failed)?;
+    if format == image::ImageFormat::Jpeg {
+        let pixels = jpeg::decode(bytes).map_err(|what| undecodable(path, format, bytes).because(what))?;
+        if let Some(pixels) = pixels {
+            let image = match pixels {
+                Pixels::Grey(grey) => DynamicImage::ImageLuma8(grey),
+                Pixels::Rgb(rgb) => DynamicImage::ImageRgb8(rgb),
+            };
+            return Ok((image, orientation));
+        }
+    }
+    DynamicImage::from_decoder(decoder).map_err(failed).map(|image| (image, orientation))
+}
+
+/// That a file is not a complete image of its format.
+fn undecodable(path: &Path, format: image::ImageFormat, bytes: &[u8]) -> Fault {
+    Fault::new(format!("failed to decode {} ({} bytes)", path.display(), bytes.len()))
+        .remedy(format!("the file is no whole {}: copy or download it again", name_of(format)))
 }
 
 const fn name_of(format: image::ImageFormat) -> &'static str {
@@ -242,6 +298,7 @@ mod tests {
     use std::path::Path;
 
     use depthloom_graphs::values::Pixels;
+    use depthloom_test_needs::workspace;
     use image::DynamicImage;
 
     /// A PNG that says it is of that size, 8-bit grey, with the data of a few rows.
@@ -301,6 +358,79 @@ mod tests {
             assert_eq!((image.pixels(), image.encoded().is_some()), (&grey_of(&[7, 9]), is_kept), "{format:?}");
         }
         assert!(written(&plain, image::ImageFormat::Jpeg).encoded().is_some());
+    }
+
+    #[test]
+    fn faults_10_and_53_pixels_are_those_of_opencvs_imread() {
+        let folder = workspace().join("tests/fixtures/golden/decoding");
+        let files = std::fs::read_dir(&folder).expect("the fixtures").map(|entry| entry.expect("a file").file_name());
+        let names: Vec<String> = files.map(|name| name.to_string_lossy().into_owned()).collect();
+        let mut count = 0;
+        for name in names.iter().filter(|name| name.split('.').count() == 2) {
+            let expected = image::open(folder.join(format!("{name}.png"))).expect("a PNG").into_rgb8();
+            let path = folder.join(name);
+            let found = super::image(&path, super::read(&path).expect("a file")).expect("an image");
+            let rgb = match found.pixels() {
+                Pixels::Rgb(rgb) => rgb.clone(),
+                Pixels::Grey(grey) => DynamicImage::ImageLuma8(grey.clone()).into_rgb8(),
+            };
+            assert_eq!(rgb.dimensions(), expected.dimensions(), "{name}");
+            let differ = rgb.iter().zip(expected.iter()).filter(|(a, b)| a != b).count();
+            assert_eq!(differ, 0, "{name}: samples that are not OpenCV's");
+            // A turned image is not what its file's bytes say to who does not turn it.
+            let is_turned = name.starts_with("orientation_") && !name.starts_with("orientation_1");
+            let is_kept = !is_turned && (name.ends_with("jpg") || name.ends_with("png"));
+            assert_eq!(found.encoded().is_some(), is_kept, "{name}");
+            count += 1;
+        }
+        assert_eq!(count, 41);
+    }
+
+    #[test]
+    fn a_jpeg_file_that_was_cut_off_is_refused() {
+        let folder = workspace().join("tests/fixtures/golden/decoding");
+        for name in ["420_60.jpg", "444_95.jpg", "420_progressive.jpg", "grey.jpg", "restart.jpg"] {
+            let whole = std::fs::read(folder.join(name)).expect("the fixture");
+            for missing in [2, 20, whole.len() / 2] {
+                let what = said(whole[..whole.len() - missing].to_vec());
+                assert!(what.ends_with("the file is no whole JPEG: copy or download it again"), "{name}: {what}");
+            }
+        }
+    }
+
+    #[test]
+    fn fault_52_of_16_bits_those_are_used_that_the_camera_has() {
+        let png = |samples: Vec<u16>| {
+            let mut bytes = Vec::new();
+            let image = image::ImageBuffer::from_raw(samples.len() as u32, 1, samples).expect("a row");
+            DynamicImage::ImageLuma16(image)
+                .write_to(&mut std::io::Cursor::new(&mut bytes), image::ImageFormat::Png)
+                .expect("written");
+            bytes
+        };
+        let found = |samples: &[u16], bits| {
+            let (image, brightest) =
+                super::image_of_bits(Path::new("left.png"), png(samples.to_vec()).into(), bits).expect("an image");
+            let Pixels::Grey(grey) = image.pixels() else { panic!("it is grey") };
+            (grey.to_vec(), brightest.and_then(|brightest| brightest.warning(bits)).is_some())
+        };
+        let of_12 = [0, 15, 16, 2048, 4095];
+        assert_eq!(found(&of_12, None), (vec![0, 0, 0, 8, 15], true), "collapsed, and said");
+        assert_eq!(found(&of_12, Some(12)), (vec![0, 0, 1, 128, 255], false));
+        assert_eq!(found(&[4096, 65535], Some(12)), (vec![255, 255], false), "beyond white");
+        assert_eq!(found(&[4096, 65535], None), (vec![16, 255], false));
+        assert_eq!(found(&[4095], Some(16)), (vec![15], false), "who says 16 means it");
+        assert_eq!(found(&[0, 0], None), (vec![0, 0], false), "black is black");
+    }
+
+    #[test]
+    fn fault_61_a_coloured_tiff_of_floats_is_named_as_that() {
+        let mut bytes = std::io::Cursor::new(Vec::new());
+        let mut encoder = tiff::encoder::TiffEncoder::new(&mut bytes).expect("an encoder");
+        encoder.write_image::<tiff::encoder::colortype::RGB32Float>(2, 1, &[0.5_f32; 6]).expect("written");
+        let fault = super::numbers(Path::new("map.tif"), &bytes.into_inner()).expect_err("it is refused");
+        let what = fault.chain();
+        assert!(what.contains("map.tif holds 32-bit numbers of 3 channels: a map has one channel"), "{what}");
     }
 
     fn grey_of(samples: &[u8]) -> Pixels {

@@ -15,6 +15,7 @@ use depthloom_graphs::{Context, Fault, Outputs, Port, Source, SourceKind, ValueT
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+pub(super) use self::globs::natural_text;
 use self::pairs::{Pairs, by_list, by_names};
 use self::truth::{ImagesTruth, TruthOf, TruthUnit};
 use super::camera_files::{self, CameraPair, FORMS};
@@ -23,7 +24,7 @@ use super::rectifier::{Asked, Latest, Sampling};
 use super::{float_file, image_file, possible, true_disparity};
 
 const KIND: &str = "images";
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 const LAYOUT: &str = "root is the folder that `left`, `right`, `list`, truth and calibration files are relative to";
 
 /// The files of a calibration, in the order they are named in.
@@ -83,6 +84,10 @@ pub struct ImagesParams {
     pub list: Option<String>,
     /// The cameras: numbers of a rectified pair (`focal_px`, `baseline_m`), or `files`. Without it there is no output `calibration`.
     pub calibration: ImagesCalibration,
+    /// How many bits the samples of 16-bit images use: 12 of a 12-bit camera that stores them as numbers up to 4095. Of these the upper 8 are taken.
+    /// Default: 16, as OpenCV's `imread`.
+    #[schemars(range(min = 8, max = 16))]
+    pub bits: Option<u32>,
     /// What is true: the files and what their numbers are.
     pub truth: ImagesTruth,
     /// Which frames, by their count in the order of names, or of the list, from 0. By default all.
@@ -93,6 +98,7 @@ pub struct ImagesParams {
 pub struct Images {
     calibration: Cameras,
     asked: Asked,
+    bits: Option<u32>,
     truth: ImagesTruth,
     /// Parameters that decide values.
     meaning: String,
@@ -115,7 +121,7 @@ impl SourceKind for Images {
             version: VERSION,
             summary: "Pairs of one's own: two patterns of file names or a list, a calibration, and truth where there is some.",
             doc: "\
-Left and right images are PNG, JPEG, WebP, TIFF or PNM of 8 or 16 bits, found by two patterns (`left: cam0/*.png`, `right: cam1/*.png`) or named by a CSV list.\n\n\
+Left and right images are PNG, JPEG, WebP, TIFF or PNM of 8 or 16 bits, decoded to the pixels of OpenCV's `imread` (an EXIF orientation is applied), found by two patterns (`left: cam0/*.png`, `right: cam1/*.png`) or named by a CSV list.\n\n\
 Of two patterns files belong together for which `*` stands for the same; where that holds for no two, those with the same numbers in it; where that holds for \
 none either, files are paired in their order, which is told, and refused if there are not as many of both or if numbers (times) contradict it. Numbers in \
 names count as numbers: 9 comes before 10. A frame's id is what `*` stands for, or the list's column `frame`; its index its count from 0.\n\n\
@@ -276,9 +282,16 @@ impl Images {
         let meaning = {
             let calibration = ImagesCalibration { files: Vec::new(), ..of.clone() };
             let truth = ImagesTruth { files: None, ..params.truth.clone() };
-            format!("{calibration:?} {truth:?}")
+            format!("{calibration:?} {truth:?} {:?}", params.bits)
         };
-        Ok(Self { calibration, asked, truth: params.truth.clone(), meaning, rectifier: Latest::default() })
+        Ok(Self {
+            calibration,
+            asked,
+            bits: params.bits,
+            truth: params.truth.clone(),
+            meaning,
+            rectifier: Latest::default(),
+        })
     }
 
     fn list(&self, params: &ImagesParams) -> Result<Listing, Vec<Fault>> {
@@ -367,8 +380,8 @@ impl Layout for Images {
         self.meaning.clone()
     }
 
-    fn values(&self, files: &Files, _ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
-        let pair = files.pair()?;
+    fn values(&self, files: &Files, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        let pair = files.pair_of_bits(self.bits, ctx)?;
         let size = pair.0.dimensions();
         let (calibration, is_moved, (left, right)) = self.calibrated(files, pair)?;
         let mut outputs = Outputs::one("left", left).with("right", right);

@@ -23,13 +23,12 @@ const BY_WIDTH: [(u32, f64, f64, f64); 5] = [
     (1224, 707.0493, 604.0814, 180.5066),
 ];
 
-/// What is to be said of a calibration that no file tells; of the folder the last name, since it is recorded.
-pub fn assumption(folder: &Path, assumed: &Calibration) -> String {
+/// A warning about calibrations that no file gives, the same for every frame, so that it is printed once; of the folder the last name, since it is
+/// recorded.
+pub fn assumption(folder: &Path) -> String {
     format!(
-        "no calibration files in {}: focal length {:.2} px and baseline {:.4} m assumed, those of KITTI's cameras of this width",
+        "no calibration files in {}: KITTI's focal lengths by the width of the image (707 to 722 px) and its baseline of {BASELINE_M:.4} m are assumed",
         folder.file_name().unwrap_or(folder.as_os_str()).display(),
-        assumed.focal_px,
-        assumed.baseline_m
     )
 }
 

@@ -12,15 +12,17 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 use super::dataset::{
-    CALIBRATION, Entry, Files, LEFT, Layout, Listing, RIGHT, TRUTH, folders, no_file, no_folder, stems, survey,
+    CALIBRATION, Entry, Files, LEFT, Layout, Listing, RIGHT, TRUTH, folders, no_file, no_folder, numbered, stems,
+    survey,
 };
+use super::images::natural_text;
 use super::kitti_calibration::Lines;
 use super::kitti_raw::KittiRaw;
 use super::kitti_raw::{self, IMAGES, KittiCameras};
 use crate::shape::filled;
 
 const KIND: &str = "kitti/depth";
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 const LAYOUT: &str = "root holds a folder a drive (2011_09_26_drive_0001_sync), in `train` and `val` or without them, with \
     proj_depth/groundtruth/image_02 (KITTI depth, data_depth_annotated.zip)";
 const RAW: &str = "raw holds a folder a date (2011_09_26) with its calibration and its drives' image_02/data and image_03/data (KITTI raw)";
@@ -155,17 +157,14 @@ fn list(params: &KittiDepthParams) -> Result<Listing, Fault> {
     };
     let mut there: Vec<(&str, String, PathBuf)> = Vec::new();
     for (drive, maps) in &chosen {
-        there.extend(stems(maps, &["png"], LAYOUT)?.into_iter().map(|(stem, map)| (drive.as_str(), stem, map)));
+        let mut stems: Vec<(String, PathBuf)> = stems(maps, &["png"], LAYOUT)?.into_iter().collect();
+        stems.sort_by(|(a, _), (b, _)| natural_text(a, b));
+        there.extend(stems.into_iter().map(|(stem, map)| (drive.as_str(), stem, map)));
     }
-    let number = |count: usize, stem: &str| match chosen.len() {
-        1 => stem.parse().unwrap_or(count as u64),
-        _ => count as u64,
-    };
-    let ids: Vec<(u64, String)> = there
-        .iter()
-        .enumerate()
-        .map(|(count, (drive, stem, _))| (number(count, stem), format!("{drive}_{stem}")))
-        .collect();
+    let numbers = if chosen.len() == 1 { numbered(there.iter().map(|(_, stem, _)| stem.as_str())) } else { None };
+    let number = |count: usize| numbers.as_ref().map_or(count as u64, |numbers| numbers[count]);
+    let ids: Vec<(u64, String)> =
+        there.iter().enumerate().map(|(count, (drive, stem, _))| (number(count), format!("{drive}_{stem}"))).collect();
     let known: Vec<(u64, &str)> = ids.iter().map(|(index, id)| (*index, id.as_str())).collect();
     let mut listing = Listing::default();
     for at in params.frames.select(&known)? {
@@ -199,8 +198,8 @@ fn entry(raw: &Path, drive: &str, stem: &str, map: &Path, frame: Frame) -> Resul
 impl Layout for KittiDepth {
     const KIND: (&'static str, u32) = (KIND, VERSION);
 
-    fn values(&self, files: &Files, _ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
-        let (left, right) = files.pair()?;
+    fn values(&self, files: &Files, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        let (left, right) = files.pair(ctx)?;
         let size = left.dimensions();
         let camera = files.the(CALIBRATION)?;
         let text = camera.text();

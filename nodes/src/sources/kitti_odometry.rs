@@ -16,7 +16,7 @@ use super::kitti_raw::KittiCameras;
 use super::kitti_time;
 
 const KIND: &str = "kitti/odometry";
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 const LAYOUT: &str = "root holds `sequences` with a folder a sequence (00), with calib.txt, times.txt, image_0 and image_1 (grey) or image_2 and image_3 (colour) \
     (KITTI odometry, data_odometry_color.zip or data_odometry_gray.zip, and data_odometry_calib.zip)";
 
@@ -148,10 +148,11 @@ fn sequence(params: &KittiOdometryParams) -> Result<(PathBuf, String), Fault> {
 fn list(params: &KittiOdometryParams) -> Result<Listing, Fault> {
     let (folder, name) = sequence(params)?;
     let [left, right] = image_folders(params.cameras);
-    let lefts: Vec<(u64, String, PathBuf)> = stems(&folder.join(left), &["png", "jpg"], LAYOUT)?
+    let mut lefts: Vec<(u64, String, PathBuf)> = stems(&folder.join(left), &["png", "jpg"], LAYOUT)?
         .into_iter()
         .filter_map(|(stem, path)| Some((stem.parse().ok()?, stem, path)))
         .collect();
+    lefts.sort();
     if lefts.is_empty() {
         return Err(
             Fault::new(format!("{} holds no image named like 000000.png", folder.join(left).display())).remedy(LAYOUT)
@@ -210,8 +211,8 @@ impl Layout for KittiOdometry {
         format!("{:?}", self.cameras)
     }
 
-    fn values(&self, files: &Files, _ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
-        let (left, right) = files.pair()?;
+    fn values(&self, files: &Files, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        let (left, right) = files.pair(ctx)?;
         let file = files.the(CALIBRATION)?;
         let text = file.text();
         let cameras = match self.cameras {

@@ -12,14 +12,16 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 use super::dataset::{
-    CALIBRATION, File, Files, Gathered, LEFT, Layout, Listing, Part, RIGHT, folders, no_file, no_folder, stems, survey,
+    CALIBRATION, File, Files, Gathered, LEFT, Layout, Listing, Part, RIGHT, folders, no_file, no_folder, numbered,
+    stems, survey,
 };
+use super::images::natural_text;
 use super::kitti_calibration::{self, COLOUR, Lines};
 use super::kitti_time;
 use crate::shape::filled;
 
 const KIND: &str = "kitti/raw";
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 const LAYOUT: &str = "root holds a folder a date (2011_09_26), with calib_cam_to_cam.txt, calib_velo_to_cam.txt and a folder a drive \
     (2011_09_26_drive_0002_sync) with image_02/data and image_03/data (KITTI raw, \"synced+rectified data\" and \"calibration\")";
 
@@ -29,7 +31,7 @@ pub const CAMERAS: &str = "calib_cam_to_cam.txt has `S_rect_0x:` (width, height)
 const SCANNERS: &str = "calib_velo_to_cam.txt has `R:` (9 numbers) and `T:` (3 numbers, metres): take it from the date's calibration zip again";
 
 const SCAN: Part = "scan";
-const SCANNER: Part = "scanner";
+const SCANNER: Part = "calibration_scanner";
 
 /// Images of a drive.
 pub const IMAGES: [&str; 3] = ["png", "jpg", "jpeg"];
@@ -205,6 +207,18 @@ as the truth of the Eigen split is exported. A frame without a scan has no truth
     }
 
     fn recognise(root: &Path) -> Vec<Recognised> {
+        // A drive's own folder stands for the drive in the folder above.
+        let name = root.file_name().map(|name| name.to_string_lossy().into_owned()).filter(|name| is_drive(name));
+        if let (Some(name), Some(above)) = (name, root.parent()) {
+            let cameras = [("image_02", "color"), ("image_00", "grey")];
+            let cameras = cameras.into_iter().filter(|(camera, _)| root.join(camera).join("data").is_dir());
+            return cameras
+                .map(|(_, cameras)| {
+                    let params = json!({ "root": above, "drives": [name], "cameras": cameras });
+                    Recognised::new(format!("KITTI raw, 1 drive, {cameras} cameras"), params)
+                })
+                .collect();
+        }
         let found = drives(root).unwrap_or_default();
         let has = |camera: &str| found.values().any(|drive| drive.folder.join(camera).is_dir());
         let cameras = [("image_02", "color"), ("image_00", "grey")].into_iter().filter(|(camera, _)| has(camera));
@@ -231,20 +245,25 @@ struct Drive {
     folder: PathBuf,
 }
 
+/// Whether a folder is called as a drive is.
+fn is_drive(name: &str) -> bool {
+    name.contains("_drive_") && name.ends_with("_sync")
+}
+
 /// All drives under a root, by name.
 fn drives(root: &Path) -> Result<BTreeMap<String, Drive>, Fault> {
     if !root.is_dir() {
         return Err(no_folder(root, LAYOUT));
     }
-    let is_date = root.join("calib_cam_to_cam.txt").is_file();
+    let within = folders(root, LAYOUT)?;
+    let is_date = root.join("calib_cam_to_cam.txt").is_file() || within.iter().any(|name| is_drive(name));
     let dates = match is_date {
         true => vec![root.to_owned()],
-        false => folders(root, LAYOUT)?.into_iter().map(|date| root.join(date)).collect(),
+        false => within.into_iter().map(|date| root.join(date)).collect(),
     };
     let mut drives = BTreeMap::new();
     for date in dates {
-        let is_drive = |name: &String| name.contains("_drive_") && name.ends_with("_sync");
-        for name in folders(&date, LAYOUT)?.into_iter().filter(is_drive) {
+        for name in folders(&date, LAYOUT)?.into_iter().filter(|name| is_drive(name)) {
             drives.insert(name.clone(), Drive { folder: date.join(&name), date: date.clone(), name });
         }
     }
@@ -330,7 +349,9 @@ fn list(params: &KittiRawParams) -> Result<Listing, Fault> {
         };
         for drive in chosen {
             let holds = Held::of(drive, params)?;
-            there.extend(holds.lefts.keys().map(|stem| (drive, stem.clone())));
+            let mut stems: Vec<&String> = holds.lefts.keys().collect();
+            stems.sort_by(|a, b| natural_text(a, b));
+            there.extend(stems.into_iter().map(|stem| (drive, stem.clone())));
             if held.insert(drive.name.clone(), holds).is_some() {
                 return Err(Fault::new(format!("drive {} is named twice", drive.name)));
             }
@@ -341,11 +362,12 @@ fn list(params: &KittiRawParams) -> Result<Listing, Fault> {
     }
     // One drive's frames have KITTI's own numbers.
     let one = params.split.is_none() && held.len() == 1;
-    let number = |count: usize, stem: &str| if one { stem.parse().unwrap_or(count as u64) } else { count as u64 };
+    let numbers = if one { numbered(there.iter().map(|(_, stem)| stem.as_str())) } else { None };
+    let number = |count: usize| numbers.as_ref().map_or(count as u64, |numbers| numbers[count]);
     let ids: Vec<(u64, String)> = there
         .iter()
         .enumerate()
-        .map(|(n, (drive, stem))| (number(n, stem), format!("{}_{stem}", drive.name)))
+        .map(|(count, (drive, stem))| (number(count), format!("{}_{stem}", drive.name)))
         .collect();
     let known: Vec<(u64, &str)> = ids.iter().map(|(index, id)| (*index, id.as_str())).collect();
     let mut without_scan = 0;
@@ -434,8 +456,8 @@ impl Layout for KittiRaw {
         format!("{:?} {}", self.cameras, self.compat.name())
     }
 
-    fn values(&self, files: &Files, _ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
-        let (left, right) = files.pair()?;
+    fn values(&self, files: &Files, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        let (left, right) = files.pair(ctx)?;
         let size = left.dimensions();
         let camera = files.the(CALIBRATION)?;
         let text = camera.text();

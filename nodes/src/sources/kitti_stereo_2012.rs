@@ -19,7 +19,7 @@ use super::kitti_stereo_2015::{KittiTruth, Split, halves};
 use super::true_disparity;
 
 const KIND: &str = "kitti/stereo2012";
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 const LAYOUT: &str = "root holds `training` (with truth) or `testing` (without), each with colored_0 (left) and colored_1 (right), or image_0 and image_1 of the grey \
     cameras, of 000000_10.png ..., and calib; in training also disp_noc or disp_occ, unless `truth: none` (KITTI stereo 2012, data_stereo_flow.zip)";
 
@@ -197,8 +197,8 @@ impl Layout for KittiStereo2012 {
         format!("{:?} {:?} {}", self.cameras, self.truth, self.disparities)
     }
 
-    fn values(&self, files: &Files, _ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
-        let (left, right) = files.pair()?;
+    fn values(&self, files: &Files, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        let (left, right) = files.pair(ctx)?;
         let size = left.dimensions();
         let file = files.the(CALIBRATION)?;
         let text = file.text();

@@ -16,7 +16,7 @@ use super::kitti_stems::{Stems, number, unread_files};
 use super::{image_file, kitti_calibration, true_disparity};
 
 const KIND: &str = "kitti/stereo2015";
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 pub(super) const LAYOUT: &str = "root holds `training` (with truth) or `testing` (without), each with image_2 (left) and image_3 (right) of 000000_10.png ...; \
     in training also disp_noc_0 or disp_occ_0, unless `truth: none`";
 
@@ -305,14 +305,14 @@ impl Layout for KittiStereo2015 {
     }
 
     fn values(&self, files: &Files, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
-        let (left, right) = files.pair()?;
+        let (left, right) = files.pair(ctx)?;
         let size = left.dimensions();
         let calibration = match files.get(CALIBRATION) {
             Some(file) => kitti_calibration::from_text(&file.path, &file.text(), size)?,
             None => {
                 let left = files.the(LEFT)?;
                 let assumed = kitti_calibration::by_width(size).map_err(|fault| at_file(&left.path, fault))?;
-                ctx.host.warn(&kitti_calibration::assumption(&self.folder, &assumed));
+                ctx.host.warn(&kitti_calibration::assumption(&self.folder));
                 assumed
             }
         };

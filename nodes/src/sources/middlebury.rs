@@ -13,11 +13,12 @@ use super::dataset::{
     Entry, Files, LEFT, Layout, Listing, Part, RIGHT, folders, no_file, no_folder, recognised, survey,
 };
 use super::evaluation::Evaluation;
+use super::image_file;
 use super::middlebury_scene::{self, TruePixels, with_ending, with_truth};
 use super::possible;
 
 const KIND: &str = "middlebury";
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 const LAYOUT: &str = "root holds a folder a scene, or is one: im0.png, im1.png, calib.txt and disp0.pfm (2014 and later), view1.png, view5.png and disp1.png \
 (2005, 2006), or im2.png, im6.png and disp2.png (2001, 2003)";
 
@@ -170,7 +171,12 @@ impl Year {
         let has =
             |stems: &[&str], endings: &[&str]| stems.iter().any(|stem| with_ending(folder, stem, endings).is_some());
         let old = has(&["im2", "im6", "disp2", "disp6"], &ENDINGS);
-        if has(&["calib"], &["txt"]) || has(&["disp0", "disp0GT"], &["pfm"]) {
+        // Other data sets have a file of that name as well (fault 62).
+        let is_calibrated = || {
+            let text = image_file::read(&folder.join("calib.txt"));
+            text.is_ok_and(|text| String::from_utf8_lossy(&text).contains("cam0")) || has(&["im0", "im1"], &["png"])
+        };
+        if has(&["disp0", "disp0GT"], &["pfm"]) || has(&["calib"], &["txt"]) && is_calibrated() {
             Some(Self::From2014)
         } else if old || (2..=8).any(|view| has(&[&format!("im{view}")], &ENDINGS)) {
             Some(Self::Of2001)
@@ -317,9 +323,9 @@ impl Layout for Middlebury {
 
     fn values(&self, files: &Files, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
         if files.get(super::dataset::CALIBRATION).is_some() {
-            return middlebury_scene::values(files, self.truth);
+            return middlebury_scene::values(files, self.truth, ctx);
         }
-        let (left, right) = files.pair()?;
+        let (left, right) = files.pair(ctx)?;
         let size = left.dimensions();
         let outputs = Outputs::one("left", left).with("right", right);
         let is_2005 = files.get(DMIN).is_some() || files.get(OF_2005).is_some();

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use depthloom_graphs::values::{Calibration, Raster, TrueDisparity};
-use depthloom_graphs::{Fault, Outputs};
+use depthloom_graphs::{Context, Fault, Outputs};
 use image::Luma;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -74,8 +74,8 @@ pub fn files(images: &Path, truths: &Path, truth: TruePixels) -> Result<Vec<(Par
 ///
 /// # Errors
 /// The file at fault, the place in it and the remedy.
-pub fn values(files: &Files, truth: TruePixels) -> Result<Outputs, Fault> {
-    let (left, right) = files.pair()?;
+pub fn values(files: &Files, truth: TruePixels, ctx: &Context<'_>) -> Result<Outputs, Fault> {
+    let (left, right) = files.pair(ctx)?;
     let size = left.dimensions();
     let calibration = calibration(files.the(CALIBRATION)?, size)?;
     let outputs = Outputs::one("left", left).with("right", right);

@@ -22,7 +22,7 @@ use super::dataset::at_file;
 use super::ros2_frame::{Messages, Part, PointRotation, Reading};
 
 pub const KIND: &str = "ros2/bag";
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;
 
 /// Where static transforms are.
 const TF_STATIC: &str = "/tf_static";
@@ -65,6 +65,10 @@ pub struct Ros2BagParams {
     /// Whether the images are rectified. By default they are where the topic's name says so (`image_rect`), or where the camera neither distorts nor
     /// is turned; others are rectified here, by D, K, R and P of `camera_info`.
     pub rectified: Option<bool>,
+    /// How many bits the samples of 16-bit images (`mono16`) use: 12 of a 12-bit camera that stores them as numbers up to 4095. Of these the upper 8
+    /// are taken. Default: 16.
+    #[schemars(range(min = 8, max = 16))]
+    pub bits: Option<u32>,
     /// Metres between the cameras, where `camera_info` does not say it (`P[3]` of the right camera is 0).
     #[schemars(range(min = 1e-4, max = 1e4))]
     pub baseline_m: Option<f64>,
@@ -101,6 +105,7 @@ impl Default for Ros2BagParams {
             clock: BagClock::Header,
             tolerance_ms: 10.0,
             rectified: None,
+            bits: None,
             baseline_m: None,
             depth: None,
             depth_unit_m: None,
@@ -136,7 +141,7 @@ impl SourceKind for Ros2Bag {
             summary: "A ROS 2 bag, or another MCAP file: stereo pairs matched by time, with depths or points as truth.",
             doc: "\
 `path` is the folder of a bag in either storage of rosbag2 (MCAP; SQLite's `.db3`, opened read-only and unlocked), or one of its files; any MCAP file will do. Read are \
-`sensor_msgs/msg/Image` (mono8, mono16, rgb8, bgr8, rgba8, bgra8; of 16 bits the upper 8), `CompressedImage` (JPEG, PNG, `compressedDepth`), `CameraInfo`, `PointCloud2`, \
+`sensor_msgs/msg/Image` (mono8, mono16, rgb8, bgr8, rgba8, bgra8, rgb16, bgr16; of 16 bits the upper 8, or of `bits`), `CompressedImage` (JPEG, PNG, `compressedDepth`), `CameraInfo`, `PointCloud2`, \
 `tf2_msgs/msg/TFMessage` in CDR of either byte order, and `foxglove.RawImage`, `CompressedImage`, `CameraCalibration` in protobuf. Our own recordings are read by `mcap`.\n\n\
 A frame is a left image with the right one nearest in time, no further than `tolerance_ms`: each once, in the order of their times, whatever the order in the file. \
 Those without a partner are counted and told. A frame's id is the left image's stamp in nanoseconds (`1317042164317412775`), its index the count of pairs.\n\n\
@@ -291,9 +296,9 @@ impl Source for Ros2Bag {
         Ok(key)
     }
 
-    fn read(&self, position: usize, _: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
+    fn read(&self, position: usize, ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
         let (messages, key) = self.asked.take(position).map_or_else(|| self.messages_of(position), Ok)?;
-        Ok(SourceOutputs { outputs: self.reading.values(&messages)?, key })
+        Ok(SourceOutputs { outputs: self.reading.values(&messages, ctx)?, key })
     }
 }
 

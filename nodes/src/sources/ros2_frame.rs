@@ -9,7 +9,7 @@ use depthloom_bags::points::point_cloud;
 use depthloom_bags::transforms::{Motion, Transforms, compose};
 use depthloom_bags::{Form, Malformed, Sort};
 use depthloom_graphs::values::{Calibration, Depth, Image, Pixels, Raster};
-use depthloom_graphs::{Fault, Key, Outputs};
+use depthloom_graphs::{Context, Fault, Key, Outputs};
 use depthloom_kernels::rectify::{Camera, Interpolation, Lens, Map, View};
 use depthloom_kernels::velodyne::{Rule, depth_from_points};
 use schemars::JsonSchema;
@@ -120,6 +120,7 @@ pub struct Reading {
     path: PathBuf,
     topics: Vec<Read>,
     rectified: Option<bool>,
+    bits: Option<u32>,
     baseline_m: Option<f64>,
     depth_unit_m: Option<f64>,
     points_rotation: PointRotation,
@@ -141,6 +142,7 @@ impl Reading {
             path: params.path.path().to_owned(),
             topics: topics.map(|(part, topic, form)| Read { part, topic, form }).collect(),
             rectified: params.rectified,
+            bits: params.bits,
             baseline_m: params.baseline_m,
             depth_unit_m: params.depth_unit_m,
             points_rotation: params.points_rotation,
@@ -157,6 +159,7 @@ impl Reading {
         let rectified = self.rectified.map_or(2, u64::from);
         key = key
             .number(rectified)
+            .number(self.bits.map_or(u64::MAX, u64::from))
             .number(float(self.baseline_m))
             .number(float(self.depth_unit_m))
             .number(self.points_rotation as u64);
@@ -187,6 +190,12 @@ impl Reading {
     fn topic(&self, part: Part) -> Result<&Read, Fault> {
         let found = self.topics.iter().find(|of| of.part == part);
         found.ok_or_else(|| Fault::new(format!("the frame has no topic of its part `{}`", part.parameter())))
+    }
+
+    /// The part that tells of the right camera: the left one's where the right one has no `camera_info`, and the baseline is given.
+    fn right_info(&self) -> Part {
+        let has_own = self.topics.iter().any(|of| of.part == Part::RightInfo);
+        if has_own { Part::RightInfo } else { Part::LeftInfo }
     }
 
     /// A message decoded; what is wrong with it is told with topic and time.
@@ -232,7 +241,7 @@ impl Reading {
         self.decoded(messages, part, |form, bytes| {
             let message = images::image(form, bytes)?;
             match &message.content {
-                ImageContent::Raw(raw) => drop(raw.pixels()?),
+                ImageContent::Raw(raw) => drop(raw.pixels(self.bits)?),
                 ImageContent::Compressed(compressed) => drop(compressed.camera()?),
             }
             Ok(message.header.frame_id)
@@ -240,10 +249,10 @@ impl Reading {
     }
 
     /// The values of a frame.
-    pub fn values(&self, messages: &Messages) -> Result<Outputs, Fault> {
+    pub fn values(&self, messages: &Messages, ctx: &Context<'_>) -> Result<Outputs, Fault> {
         let cameras = self.cameras(messages)?;
-        let (mut left, left_frame) = self.image(messages, Part::Left)?;
-        let (mut right, _) = self.image(messages, Part::Right)?;
+        let (mut left, left_frame) = self.image(messages, Part::Left, ctx)?;
+        let (mut right, _) = self.image(messages, Part::Right, ctx)?;
         let size = left.dimensions();
         if right.dimensions() != size {
             let (name, other) = (&self.topic(Part::Left)?.topic, &self.topic(Part::Right)?.topic);
@@ -253,7 +262,7 @@ impl Reading {
                 .fault(messages, what)
                 .remedy("name with `left` and `right` the topics of two cameras of one resolution"));
         }
-        for (info, part) in cameras.infos.iter().zip([Part::LeftInfo, Part::RightInfo]) {
+        for (info, part) in cameras.infos.iter().zip([Part::LeftInfo, self.right_info()]) {
             if info.image_size() != size {
                 let ((w, h), (iw, ih)) = (size, info.image_size());
                 let topic = &self.topic(part)?.topic;
@@ -285,25 +294,33 @@ impl Reading {
     }
 
     /// An image, and the frame that it is in.
-    fn image(&self, messages: &Messages, part: Part) -> Result<(Image, String), Fault> {
+    fn image(&self, messages: &Messages, part: Part, ctx: &Context<'_>) -> Result<(Image, String), Fault> {
         let ImageMessage { header, content } = self.decoded(messages, part, images::image)?;
         let topic = &self.topic(part)?.topic;
         let failed = |error: Malformed| error.of(&self.path, topic, &messages.stamp);
-        let image = match content {
-            ImageContent::Raw(raw) => Image::new(raw.pixels().map_err(failed)?),
+        let (image, brightest) = match content {
+            ImageContent::Raw(raw) => {
+                let (pixels, brightest) = raw.pixels(self.bits).map_err(failed)?;
+                (Image::new(pixels), brightest)
+            }
             ImageContent::Compressed(compressed) => {
                 let (file, is_exchanged) = compressed.camera().map_err(failed)?;
-                let image = image_file::image(&self.label(topic, messages), file.into())?;
-                match (is_exchanged, image.pixels()) {
+                let (image, brightest) =
+                    image_file::image_of_bits(&self.label(topic, messages), file.into(), self.bits)?;
+                let image = match (is_exchanged, image.pixels()) {
                     (true, Pixels::Rgb(rgb)) => {
                         let mut rgb = rgb.clone();
                         rgb.pixels_mut().for_each(|pixel| pixel.0.swap(0, 2));
                         Image::new(Pixels::Rgb(rgb))
                     }
                     _ => image,
-                }
+                };
+                (image, brightest)
             }
         };
+        if let Some(warning) = brightest.and_then(|brightest| brightest.warning(self.bits)) {
+            ctx.host.warn(warning);
+        }
         Ok((image, header.frame_id))
     }
 
@@ -365,7 +382,7 @@ impl Reading {
     /// Both cameras, and whether their images are still to be rectified.
     fn cameras(&self, messages: &Messages) -> Result<Cameras, Fault> {
         let left = self.decoded(messages, Part::LeftInfo, camera_info)?;
-        let right = self.decoded(messages, Part::RightInfo, camera_info)?;
+        let right = self.decoded(messages, self.right_info(), camera_info)?;
         let says_rectified = |part| self.topic(part).map(|of| depthloom_bags::topics::is_rectified(&of.topic));
         let is_raw = match self.rectified {
             Some(rectified) => !rectified,
@@ -374,6 +391,11 @@ impl Reading {
                     || !(says_rectified(Part::Right)? || right.is_rectified())
             }
         };
+        if is_raw && self.right_info() != Part::RightInfo {
+            return Err(Fault::new(format!("{}: the right camera has no camera_info", self.path.display())).remedy(
+                "images that are not rectified need one each: name it with `right_info`; `rectified: true` takes the images as they are",
+            ));
+        }
         let cameras = Cameras { infos: [left, right], is_raw };
         // A camera that nobody has calibrated is told as that, not by what follows from it.
         cameras.calibration(cameras.infos[0].image_size(), self)?;
@@ -416,7 +438,7 @@ impl Cameras {
         if let Some(baseline_m) = reading.baseline_m {
             right[3] = right[0] * (left[3] / left[0] - baseline_m);
         }
-        let names = [&reading.topic(Part::LeftInfo)?.topic, &reading.topic(Part::RightInfo)?.topic];
+        let names = [&reading.topic(Part::LeftInfo)?.topic, &reading.topic(reading.right_info())?.topic];
         let pair = rectified_pair::calibration([names[0], names[1]], [&left, &right], size);
         pair.map_err(|no| {
             let what = format!("{}: P of {}: {}", reading.path.display(), names[no.camera], no.what);

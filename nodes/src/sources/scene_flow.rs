@@ -17,7 +17,7 @@ use super::middlebury_scene::{TruePixels, with_ending, with_truth};
 use super::possible;
 
 const KIND: &str = "scene-flow";
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 const LAYOUT: &str = "root holds frames_finalpass or frames_cleanpass (or with _webp behind) and disparity, as the archives of FlyingThings3D, Monkaa or Driving unpack, \
 with the same folders in both, at last left and right";
 
@@ -212,8 +212,8 @@ impl Layout for SceneFlow {
         files.key(Self::KIND, &format!("{} px", focal_px(files)))
     }
 
-    fn values(&self, files: &Files, _ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
-        let (left, right) = files.pair()?;
+    fn values(&self, files: &Files, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        let (left, right) = files.pair(ctx)?;
         let size = left.dimensions();
         // Of images that somebody made smaller or larger, so is the focal length.
         let focal_px = focal_px(files) * f64::from(size.0) / f64::from(WIDTH);

@@ -19,7 +19,7 @@ use super::middlebury_scene::{TruePixels, with_truth, without};
 use super::{image_file, possible};
 
 const KIND: &str = "sintel-stereo";
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 const LAYOUT: &str = "root holds `training` with final_left, final_right, clean_left, clean_right, disparities, occlusions and outofframe, each with a folder a \
 sequence of frame_0001.png ... (MPI-Sintel-stereo-training)";
 
@@ -186,8 +186,8 @@ impl Layout for SintelStereo {
         format!("{:?} {:?}", self.truth, self.focal_px)
     }
 
-    fn values(&self, files: &Files, _ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
-        let (left, right) = files.pair()?;
+    fn values(&self, files: &Files, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        let (left, right) = files.pair(ctx)?;
         let size = left.dimensions();
         let calibration = self.calibration(files, size)?;
         let outputs = Outputs::one("left", left).with("right", right);

@@ -107,6 +107,34 @@ fn rgb(values: &Values, port: &str) -> RgbImage {
 }
 
 #[test]
+fn fault_52_images_of_12_bits_are_read_with_their_bits_which_decide_the_frames_key() {
+    let set = Folder::new();
+    let deep = ImageBuffer::from_fn(40, 30, |x, _| Luma([x as u16 * 100]));
+    for camera in ["cam0", "cam1"] {
+        DynamicImage::ImageLuma16(deep.clone()).save(set.path(&format!("{camera}/1.png"))).unwrap();
+    }
+    let levels = |bits: Json| {
+        let source = set.open(&json!({ "bits": bits }));
+        let values = source.read(0).unwrap().0;
+        let Value::Image(image) = &values["left"] else { panic!() };
+        let Pixels::Grey(grey) = image.pixels() else { panic!() };
+        (grey.iter().collect::<std::collections::BTreeSet<_>>().len(), source.source.key(0).unwrap())
+    };
+    let (usual, of_12) = (levels(Json::Null), levels(json!(12)));
+    assert_eq!((usual.0, of_12.0), (16, 40));
+    assert_ne!(usual.1, of_12.1);
+}
+
+#[test]
+fn fault_60_a_broken_calibration_that_all_frames_share_is_found_at_the_opening() {
+    let set = pairs(Folder::new());
+    set.text("stereo.yml", "%YAML:1.0\n---\nM1: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [ 20, 0, 20, 0, 20, 15, 0, 0, 1 ]\nM2: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [ 20, 0, 20, 0, 20, 15, 0, 0, 1 ]\n");
+    let params = set.params(&json!({ "calibration": { "files": ["stereo.yml"] } }));
+    let fault = open("images", &params).map(drop).expect_err("it has no pose");
+    assert!(fault.chain().contains("stereo.yml"), "{}", fault.chain());
+}
+
+#[test]
 fn frames_come_in_the_order_of_their_numbers_with_a_calibration_in_numbers() {
     let set = pairs(Folder::new());
     let source = set.open(&json!({}));

@@ -142,7 +142,7 @@ fn without_calibration_files_the_focal_length_goes_by_the_width() {
     let Value::Calibration(calibration) = &values["calibration"] else { panic!("calibration") };
     assert_eq!((calibration.focal_px, calibration.baseline_m), (707.0493, 0.532_725));
     // Recorded with the values, so without the way to the folder, which differs between machines.
-    let told = "no calibration files in training: focal length 707.05 px and baseline 0.5327 m assumed, those of KITTI's cameras of this width";
+    let told = "no calibration files in training: KITTI's focal lengths by the width of the image (707 to 722 px) and its baseline of 0.5327 m are assumed";
     assert_eq!(*host.0.lock().unwrap(), [told]);
 }
 

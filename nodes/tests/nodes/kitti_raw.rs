@@ -210,6 +210,53 @@ fn a_drives_frames_have_its_numbers_and_times_and_several_are_counted() {
 }
 
 #[test]
+fn fault_14_frames_come_in_the_order_of_their_numbers_whatever_the_length_of_their_names() {
+    let raw = Raw::new();
+    let renamed = |names: [&str; 3]| {
+        for camera in ["image_02", "image_03"] {
+            let data = raw.path(&format!("{DRIVE}/{camera}/data"));
+            fs::remove_dir_all(&data).unwrap();
+            names.iter().for_each(|name| raw.save(&format!("{DRIVE}/{camera}/data/{name}.png"), 40, 30));
+        }
+    };
+    fs::remove_file(raw.path(&format!("{DRIVE}/image_02/timestamps.txt"))).unwrap();
+    let found = |frames: Json| -> Vec<(u64, String, u64)> {
+        let source = open("kitti/raw", &raw.params(&json!({ "drives": [DRIVE], "frames": frames }))).unwrap();
+        let frames = source.source.frames();
+        frames.iter().map(|frame| (frame.index, frame.id[DRIVE.len() + 1..].to_owned(), frame.time_ns)).collect()
+    };
+    let is = |index: u64, name: &str| (index, name.to_owned(), index * 100_000_000);
+    renamed(["9", "10", "11"]);
+    assert_eq!(found(json!("9..=11")), [is(9, "9"), is(10, "10"), is(11, "11")]);
+    assert_eq!(found(json!("9..=10 available")), [is(9, "9"), is(10, "10")]);
+    // Time stamps are names, not numbers of frames (fault 15).
+    renamed(["999999999999999999", "1317042164317412775", "1317042164417412775"]);
+    let stamps = [is(0, "999999999999999999"), is(1, "1317042164317412775"), is(2, "1317042164417412775")];
+    assert_eq!(found(json!("0..3")), stamps);
+}
+
+#[test]
+fn fault_41_a_drive_is_recognised_without_the_folder_of_its_date() {
+    let raw = Raw::new();
+    let registry = depthloom_nodes::registry();
+    let recognised = |root: &Path| registry.source_kind("kitti/raw").unwrap().recognise(root);
+    // The drive's own folder is a drive of the folder above.
+    let found = recognised(&raw.path(DRIVE));
+    assert_eq!(found[0].params, json!({ "root": raw.root.join("2011_09_26"), "drives": [DRIVE], "cameras": "color" }));
+    assert_eq!(open("kitti/raw", &found[0].params).unwrap().source.frames().len(), 3);
+    // Without a calibration it is what it is, and that is said.
+    fs::remove_file(raw.path("calib_cam_to_cam.txt")).unwrap();
+    let found = recognised(&raw.path(""));
+    assert_eq!(found.len(), 1);
+    let fault = open("kitti/raw", &found[0].params).map(drop).expect_err("there is no calibration");
+    assert!(
+        fault.chain().contains("there is no file") && fault.chain().contains("calib_cam_to_cam.txt"),
+        "{}",
+        fault.chain()
+    );
+}
+
+#[test]
 fn a_split_gives_frames_in_its_order_and_each_pair_once() {
     let raw = Raw::new();
     let split = raw.path("eigen.txt");

@@ -128,7 +128,7 @@ fn every_storage_gives_the_same_frames_and_keys() {
     sqlite(&folder.join("drive_0.db3"), &messages[6..]);
     sqlite(&folder.join("drive_1.db3"), &messages[..6]);
     let bare = opened(&folder, &json!({}));
-    assert_eq!(bare.source.warnings(), ["folder has no metadata.yaml: the files that lie there are read (2)"]);
+    assert_eq!(bare.source.warnings(), ["folder has no metadata.yaml: the 2 files that it holds are read"]);
     let metadata = "rosbag2_bagfile_information:\n  version: 5\n  storage_identifier: sqlite3\n  relative_file_paths:\n    - drive_0.db3\n    - folder/drive_1.db3\n  compression_mode: \"\"\n";
     fs::write(folder.join("metadata.yaml"), metadata).unwrap();
     told.push(("folder", opened(&folder, &json!({}))));
@@ -211,6 +211,17 @@ fn encodings_orders_and_rows_with_room_at_their_end_are_one_image() {
         let raw = Raw { size: SIZE, encoding: "mono16", step: 2 * SIZE.0, data: &deep };
         assert_eq!(samples(&with_left(&bench, raw_image(big, T0, "camera_left", &raw))["left"]), grey, "{big}");
     }
+    // Fault 52: a camera of 12 bits.
+    let deep: Vec<u8> = grey.iter().flat_map(|of| (u16::from(*of) << 4).to_le_bytes()).collect();
+    let raw = Raw { size: SIZE, encoding: "mono16", step: 2 * SIZE.0, data: &deep };
+    let mut messages = frame(T0, 0);
+    messages[0].bytes = raw_image(false, T0, "camera_left", &raw);
+    let bag = bench.mcap(&messages);
+    let (usual, of_12) = (opened(&bag, &json!({})), opened(&bag, &json!({ "bits": 12 })));
+    assert_eq!(samples(&of_12.read(0).unwrap().0["left"]), grey);
+    let collapsed: Vec<u8> = grey.iter().map(|of| of >> 4).collect();
+    assert_eq!(samples(&usual.read(0).unwrap().0["left"]), collapsed);
+    assert_ne!(usual.source.key(0).unwrap(), of_12.source.key(0).unwrap());
 }
 
 /// The values of a frame whose left image is this message.

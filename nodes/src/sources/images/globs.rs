@@ -137,7 +137,8 @@ fn natural(a: &[String], b: &[String]) -> Ordering {
     by_part.unwrap_or_else(|| a.len().cmp(&b.len()))
 }
 
-fn natural_text(a: &str, b: &str) -> Ordering {
+/// As [`natural`], of one part: `9` comes before `10`.
+pub fn natural_text(a: &str, b: &str) -> Ordering {
     let (mut a, mut b) = (a, b);
     loop {
         let (Some(x), Some(y)) = (a.chars().next(), b.chars().next()) else { return a.len().cmp(&b.len()) };

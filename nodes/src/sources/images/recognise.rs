@@ -296,6 +296,8 @@ mod tests {
         assert_eq!(of(&["im0.png", "im1.png", "calib.txt"]), ["im0.png im1.png"]);
         assert_eq!(of(&["camA/1.png", "camB/1.png", "gt/1.png"]), ["camA/*.png camB/*.png"]);
         assert_eq!(of(&["L1.png", "R1.png", "L2.png", "R2.png"]), ["L*.png R*.png"]);
+        let karlsruhe = ["I1_000000.png", "I1_000001.png", "I2_000000.png", "I2_000001.png", "calib.txt"];
+        assert_eq!(of(&karlsruhe), ["I1_*.png I2_*.png"]);
         assert_eq!(of(&["1_l.png", "1_r.png", "2_l.png", "2_r.png"]), ["*_l.png *_r.png"]);
         assert_eq!(of(&["x/L/1.jpg", "x/R/1.jpg"]), ["x/L/*.jpg x/R/*.jpg"]);
         assert_eq!(of(&["cam1/1.png", "cam2/1.png"]), ["cam1/*.png cam2/*.png"]);

@@ -11,7 +11,7 @@ const NUMBERED: [[&str; 2]; 8] =
     [["0", "1"], ["00", "01"], ["2", "3"], ["02", "03"], ["a", "b"], ["A", "B"], ["1", "2"], ["01", "02"]];
 
 /// Words that cameras, and their images, are numbered behind. A drive or a run is no camera.
-const CAMERAS: [&str; 9] = ["cam", "camera", "image", "im", "img", "view", "sensor", "eye", "video"];
+const CAMERAS: [&str; 10] = ["cam", "camera", "image", "im", "img", "view", "sensor", "eye", "video", "i"];
 
 /// The name that the other side has.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -134,6 +134,7 @@ mod tests {
         assert_eq!(rights("L12.png"), ["R12.png"]);
         assert_eq!(rights("000_l.png"), ["000_r.png"]);
         assert_eq!(rights("image_02"), ["image_03"]);
+        assert_eq!(rights("I1_000012.png"), ["I2_000012.png"]);
         assert_eq!(rights("my_left_camera/left"), ["my_left_camera/right"]);
         assert!(rights("seq_0").is_empty() && rights("a").is_empty() && rights("alpha/beta").is_empty());
     }

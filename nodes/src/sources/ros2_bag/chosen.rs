@@ -29,8 +29,13 @@ impl<'a> Chosen<'a> {
             (Part::Left, left),
             (Part::Right, right),
             (Part::LeftInfo, camera(&params.left_info, left, "left_info")?),
-            (Part::RightInfo, camera(&params.right_info, right, "right_info")?),
         ];
+        match camera(&params.right_info, right, "right_info") {
+            Ok(info) => chosen.push((Part::RightInfo, info)),
+            // With the baseline given, the left camera's says all of a rectified pair.
+            Err(_) if params.baseline_m.is_some() && params.right_info.is_none() => {}
+            Err(fault) => return Err(fault),
+        }
         for (part, named) in [(Part::Depth, &params.depth), (Part::Points, &params.points)] {
             if let Some(name) = named {
                 chosen.push((part, bag.topic(name)?));
