@@ -85,7 +85,7 @@ pub struct ExportArgs {
     pub colormap: Option<ColoursOption>,
 
     /// What the first and the last colour stand for, `80..0` the other way round; by default `0..80` m, `0..128` px, weights `0..1`. Of
-    /// point clouds the points in this range of depth are written, by default all.
+    /// point clouds the points in this range of depth are written; by default all that are not at a depth where a node capped them.
     #[arg(long, value_name = "FROM..TO", value_parser = parse_range, allow_hyphen_values = true)]
     pub range: Option<(f64, f64)>,
 

@@ -93,7 +93,7 @@ impl Form {
         }
     }
 
-    /// A value as a file; points with `calibration`, in the colours of `image`.
+    /// A value as a file; points with `calibration`, in the colours of `image`, without those at the depths `caps_m`.
     ///
     /// # Errors
     /// What is wrong with the value, as a lower-case fragment.
@@ -102,8 +102,12 @@ impl Form {
         value: &Value,
         calibration: Option<&Calibration>,
         image: Option<&Image>,
+        caps_m: &[f32],
     ) -> Result<FileContent, String> {
-        let cloud = |range| Cloud::new(value, calibration.ok_or("there is no calibration of it")?, image, range);
+        let cloud = |range| {
+            let cloud = Cloud::new(value, calibration.ok_or("there is no calibration of it")?, image, range)?;
+            Ok::<_, String>(cloud.without(caps_m))
+        };
         let bytes = match self {
             Self::Png => {
                 let png = files::png(value)?;

@@ -1,12 +1,13 @@
 //! Images, maps and point clouds: a file a frame.
 
+use std::collections::HashSet;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use depthloom_codecs::files::Colours;
 use depthloom_graphs::{Value, ValueType};
-use depthloom_recording::{RecordedOutput, Recording, RecordingError};
+use depthloom_recording::{RecordedOutput, RecordedRun, Recording, RecordingError};
 use depthloom_threads::{Budget, Tiles as _, caught};
 
 use super::{Chosen, Exported, Folder, Form, Frames};
@@ -20,7 +21,11 @@ struct Series<'a> {
     chosen: &'a Chosen<'a>,
     form: Form,
     folder: PathBuf,
+    /// Depths at which there are no points: caps, beyond which everything is seen as a wall.
+    caps_m: Vec<f32>,
     files: AtomicU64,
+    /// How many of the files have another ending than the form's: JPEG files of images, which are written as they were recorded.
+    jpegs: AtomicU64,
     clipped: AtomicU64,
 }
 
@@ -172,12 +177,13 @@ impl<'a> Maps<'a> {
         for (place, series) in &group.series {
             let Some(value) = &values[*place] else { continue };
             let name = &self.frames[group.run].names[position];
-            let file = series.form.file(value, calibration, image).map_err(|what| {
+            let file = series.form.file(value, calibration, image, &series.caps_m).map_err(|what| {
                 let frame = &self.recording.frames(group.run)[position].id;
                 Failed::Stop(Stop::new(Exit::Engine, format!("frame {frame}, topic {}: {what}", series.chosen.topic)))
             })?;
             folder.write(&series.folder.join(format!("{name}.{}", file.ending)), &file.bytes).map_err(Failed::Stop)?;
             series.files.fetch_add(1, Ordering::Relaxed);
+            series.jpegs.fetch_add(u64::from(file.ending != series.form.ending()), Ordering::Relaxed);
             series.clipped.fetch_add(file.clipped, Ordering::Relaxed);
         }
         Ok(())
@@ -185,14 +191,34 @@ impl<'a> Maps<'a> {
 
     /// What was written until now.
     pub fn exported(&self) -> impl Iterator<Item = Exported> {
-        self.groups.iter().flat_map(|group| &group.series).map(|(_, series)| Exported {
-            name: series.chosen.name.to_owned(),
-            value_type: series.chosen.value_type.name(),
-            format: series.form.ending(),
-            path: series.folder.join(format!("<frame>.{}", series.form.ending())),
-            files: series.files.load(Ordering::Relaxed),
-            clipped: series.clipped.load(Ordering::Relaxed),
+        self.groups.iter().flat_map(|group| &group.series).map(|(_, series)| {
+            let (files, jpegs) = (series.files.load(Ordering::Relaxed), series.jpegs.load(Ordering::Relaxed));
+            let own = series.form.ending();
+            let (format, endings) = match jpegs {
+                0 => (own, own.to_owned()),
+                all if all == files => ("jpg", "jpg".to_owned()),
+                _ => (own, format!("{{{own},jpg}}")),
+            };
+            Exported {
+                name: series.chosen.name.to_owned(),
+                value_type: series.chosen.value_type.name(),
+                format,
+                path: series.folder.join(format!("<frame>.{endings}")),
+                files,
+                clipped: series.clipped.load(Ordering::Relaxed),
+            }
         })
+    }
+}
+
+/// The caps of depth that the values of a topic went through: the parameter `cap` of its node, and of the nodes before it.
+fn caps<'a>(run: &'a RecordedRun, topic: &'a str, seen: &mut HashSet<&'a str>, found: &mut Vec<f32>) {
+    if !seen.insert(topic) {
+        return;
+    }
+    for node in run.nodes.iter().filter(|node| node.outputs.iter().any(|output| output.topic == topic)) {
+        found.extend(node.params.get("cap").and_then(serde_json::Value::as_f64).map(|cap| cap as f32));
+        node.inputs.iter().filter_map(|input| input.from.as_deref()).for_each(|from| caps(run, from, seen, found));
     }
 }
 
@@ -214,9 +240,15 @@ impl<'a> Group<'a> {
                 let Some(form) = Form::of(format, chosen.value_type, colours, range) else { continue };
                 let mut folder = chosen.path.clone().into_os_string();
                 folder.push(form.suffix());
-                let (files, clipped) = (AtomicU64::new(0), AtomicU64::new(0));
+                let (files, jpegs, clipped) = (AtomicU64::new(0), AtomicU64::new(0), AtomicU64::new(0));
                 let place = group.place(chosen.topic);
-                group.series.push((place, Series { chosen, form, folder: folder.into(), files, clipped }));
+                let mut caps_m = Vec::new();
+                // Who names a range gets all that is in it.
+                if form.is_cloud() && range.is_none() {
+                    caps(&recording.plan().runs[run], chosen.topic, &mut HashSet::new(), &mut caps_m);
+                }
+                let folder = folder.into();
+                group.series.push((place, Series { chosen, form, folder, caps_m, files, jpegs, clipped }));
             }
         }
         if group.series.iter().any(|(_, series)| series.form.is_cloud()) {

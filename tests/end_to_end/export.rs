@@ -99,6 +99,35 @@ fn what_is_exported_is_what_was_recorded() {
 }
 
 #[test]
+fn fault_55_images_that_are_exported_as_jpeg_are_reported_as_that() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = |name: &str| folder.path().join(name);
+    for camera in ["cam0", "cam1"] {
+        std::fs::create_dir(path(camera)).expect("a folder");
+        let jpeg = workspace().join("tests/fixtures/golden/decoding/420_60.jpg");
+        std::fs::copy(jpeg, path(camera).join("1.jpg")).expect("copied");
+    }
+    let text = "experiment: jpeg
+sources: { pairs: { kind: images, with: { root: ., left: cam0/*.jpg, right: cam1/*.jpg } } }
+stages: { look: { source: pairs, nodes: { edges: { kind: confidence/sobel, inputs: { image: source/left } } } } }
+record: [source]
+";
+    std::fs::write(path("jpeg.yaml"), text).expect("written");
+    // Fault 18: `root: .` of an experiment in the working folder.
+    let command = |arguments: &[&str]| {
+        let mut program = depthloom();
+        program.current_dir(folder.path()).args(arguments);
+        succeed(&mut program)
+    };
+    command(&["run", "jpeg.yaml", "--quiet", "--out", "run"]);
+    let told = command(&["export", "run", "source/left", "--format", "png", "--out", "all", "--quiet", "--json"]);
+    let told: Json = serde_json::from_slice(&told.stdout).expect("JSON");
+    let shown = told.to_string();
+    assert!(shown.contains("<frame>.jpg") && !shown.contains("<frame>.png"), "{told:#}");
+    assert!(files(&path("all")).iter().all(|file| file.ends_with(".jpg")), "{:?}", files(&path("all")));
+}
+
+#[test]
 fn topics_and_frames_are_named_as_people_name_them() {
     let look = Look::new();
     for (arguments, wanted) in [
