@@ -20,7 +20,7 @@ use depthloom_codecs::arrow::{Schema, StreamReader, encode, write_schema};
 use depthloom_graphs::{Fault, Port};
 use depthloom_threads::look_for_room;
 
-use super::launch::Launch;
+use super::launch::{Launch, PROGRAM};
 use super::memory::Shared;
 use super::permission;
 use super::protocol::{self, Elsewhere, Reply, Request};
@@ -113,7 +113,7 @@ impl Running {
         permission::ask(&told)?;
         let failed = |error: std::io::Error| {
             let fault = Fault::new(format!("`{told}` cannot be started")).because(error);
-            fault.remedy("`command` names a program of your PATH, or a file: relative ones stand beside the YAML file")
+            fault.remedy(PROGRAM)
         };
         let guard = Guard::start().map_err(failed)?;
         let Some((program, arguments)) = launch.command.split_first() else { return Err(Fault::new("no command")) };

@@ -14,6 +14,10 @@ use depthloom_graphs::{Fault, Key};
 /// The longest time anybody may declare, seconds.
 const LONGEST_S: f64 = 31_536_000.0;
 
+/// Where programs are looked for.
+pub(super) const PROGRAM: &str =
+    "`command` names a program of your PATH, or a file: relative ones stand beside the YAML file";
+
 /// What is started, and how long it may take.
 #[derive(Clone, Debug)]
 pub(super) struct Launch {
@@ -51,6 +55,30 @@ impl Launch {
             }
         }
         Ok(())
+    }
+
+    /// That the program exists, so that a missing one is reported before any frame.
+    ///
+    /// # Errors
+    /// If it is neither a file nor found on the PATH that it is started with.
+    pub(super) fn check_program(&self) -> Result<(), Fault> {
+        let Some(program) = self.command.first() else { return Ok(()) };
+        let program = Path::new(&program.0);
+        let is_found = if program.components().count() > 1 || program.is_absolute() {
+            is_program(program)
+        } else {
+            let path = self.env.get("PATH").map(Into::into).or_else(|| std::env::var_os("PATH")).unwrap_or_default();
+            std::env::split_paths(&path).any(|folder| is_program(&folder.join(program)))
+        };
+        if is_found {
+            return Ok(());
+        }
+        Err(Fault::new(format!(
+            "`{}` cannot be started: there is no program {} that may be executed",
+            self.told(),
+            program.display()
+        ))
+        .remedy(PROGRAM))
     }
 
     /// The command as a person would type it.
@@ -109,6 +137,19 @@ pub(crate) fn fingerprint(version: Option<u32>, code: &[DataPath]) -> Result<Opt
     let random =
         || Key::build("this time").number(RandomState::new().hash_one(0)).number(RandomState::new().hash_one(1));
     Ok(Some(*THIS_TIME.get_or_init(|| random().number(std::process::id().into()).finish())))
+}
+
+/// Whether a file may be started.
+#[cfg(unix)]
+fn is_program(path: &Path) -> bool {
+    use std::os::unix::fs::PermissionsExt as _;
+    path.metadata().is_ok_and(|there| there.is_file() && there.permissions().mode() & 0o111 != 0)
+}
+
+/// Whether a file may be started.
+#[cfg(not(unix))]
+fn is_program(path: &Path) -> bool {
+    path.is_file()
 }
 
 fn is_file(path: &Path) -> Result<(), Fault> {

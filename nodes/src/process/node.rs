@@ -159,6 +159,7 @@ It runs in a process group of its own, and everything in that group ends with it
         };
         // Found before any frame: it is asked again where it is started.
         permission::ask(&launch.told())?;
+        launch.check_program()?;
         let Signature { inputs, outputs, .. } = signature;
         let schema = protocol::request_schema(contract.name(), &inputs, &outputs, &params.params);
         let called = Called { pool: Pool::new(launch, schema, outputs), inputs };
