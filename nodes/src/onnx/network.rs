@@ -61,7 +61,7 @@ impl Network {
                 input.name
             );
             return Err(Fault::new(what).remedy(
-                "say which by `size: [width, height]`; or by `multiple`, of which the image's own size is made one: 14 or 32, as the network was trained",
+                "give `size: [width, height]`, or `multiple` (14 or 32, as the network was trained), to which the image's own size is raised",
             ));
         }
         let output = map_output(outputs, params.output_name.as_deref(), (sizes.width, sizes.height))?;

@@ -194,10 +194,13 @@ pub fn map_output<'a>(
     let first = || outputs.iter().filter(is_number).find(|output| may_be_map(shape(output), of_image));
     match (name, outputs) {
         (None, [_, ..]) => first().or_else(|| outputs.iter().find(is_open)).ok_or_else(|| {
-            let shown = |output: &'a Outlet| format!("{} ({})", output.name, shown(shape(output)));
+            let shown = |output: &'a Outlet| match &output.tensor {
+                Some((element, shape)) => format!("{} ({element} {})", output.name, shown(shape)),
+                None => format!("{} (no tensor)", output.name),
+            };
             let names: Vec<String> = outputs.iter().map(shown).collect();
             Fault::new(format!("the network has no output that can be a map of its image; it has {}", names.join(", ")))
-                .remedy("a map has rows and columns; if one of these is a map, name it by `output_name`")
+                .remedy("a map has rows and columns of f32, f16 or f64: name one by `output_name`, or export the model with one")
         }),
         _ => outlet("output", outputs, name),
     }
@@ -355,7 +358,7 @@ mod tests {
         assert_eq!(chosen(&[1, 192, 640], None).as_deref(), Ok("pose"));
         assert_eq!(chosen(&[1, 16], Some("pose")).as_deref(), Ok("pose"), "who names one gets it, and its fault");
         let none = map_output(&[outlet("pose", &[1, 16])], None, of_image).map(|_| ()).expect_err("no map");
-        assert!(none.to_string().contains("it has pose (1x16)"), "{none}");
+        assert!(none.to_string().contains("it has pose (f32 1x16)"), "{none}");
         let open = [outlet("only", &[-1, -1])];
         assert!(map_output(&open, None, of_image).is_ok_and(|output| output.name == "only"));
     }
