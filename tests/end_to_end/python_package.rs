@@ -164,3 +164,30 @@ fn the_notebook_prints_what_it_shows() {
     }
     succeed(command(&python, &["tests/python/run_notebook.py"]).arg(docs.join("python.ipynb")));
 }
+
+/// Where a stream is cut into chunks depends on time alone: on a loaded machine the text of one `print` comes in several.
+#[test]
+fn the_notebook_test_compares_the_text_of_streams_and_not_their_chunks() {
+    const TEST: &str = "the_notebook_test_compares_the_text_of_streams_and_not_their_chunks";
+    let Some(python) = python_package(TEST) else { return };
+    let script = r#"
+import sys
+sys.path.insert(0, "tests/python")
+from run_notebook import texts
+
+def stream(text, name="stdout"):
+    return {"output_type": "stream", "name": name, "text": text}
+
+def notebook(*outputs):
+    return {"cells": [{"cell_type": "markdown"}, {"cell_type": "code", "outputs": list(outputs)}]}
+
+result = {"output_type": "execute_result", "data": {"text/plain": "3"}}
+picture = {"output_type": "display_data", "data": {"image/png": "", "text/plain": "<Figure>"}}
+whole = notebook(stream("first 000000_10\n"), result)
+cut = notebook(stream("first"), stream("building the font cache", "stderr"), stream(" 000000_10\n"), picture, result)
+assert texts(whole) == texts(cut) == [["first 000000_10\n", "3"]], texts(cut)
+assert texts(whole) != texts(notebook(stream("first 000001_10\n"), result))
+assert texts(notebook(stream("a"), result, stream("b"))) != texts(notebook(stream("ab"), result))
+"#;
+    succeed(&mut command(&python, &["-c", script]));
+}
