@@ -97,9 +97,9 @@ impl Node for Dora {
 `depthloom dora EXPERIMENT` writes the experiment as a dataflow, in which this node stands beside ours: dora starts it, and it gets and sends messages by dora's own library, knowing nothing of \
 depthloom. `depthloom run` cannot start it; a `process` stands in both.\n\n\
 Its inputs and outputs have the names of its ports. For every frame on which its required inputs are there it gets one message at each of them, a frame at a time, and answers with one at each output. \
-Metadata has `frame` (the position in the stage), `frame_id` and `time_ns`; whoever passes the metadata on, as nodes of dora's do, can be slow without being taken for another frame.\n\n\
+Metadata has `frame` (the position in the stage), `frame_id` and `time_ns`. It passes them on with its answer, as nodes of dora's do: an answer without `frame` could be of any frame, and fails.\n\n\
 With `values: struct` a value is one row as processes get it; with `flat` a map is the array of its pixels, as cameras and viewers of dora's have it: `width`, `height` and `encoding` in \
-the metadata, on both ways; an answer without them has the size of the first map that it was asked with. It sees no frame before another and remembers none: results are taken again by \
+the metadata, on both ways; an answer without them has the size of the first map that it was asked with, and one whose metadata contradict its numbers fails. It sees no frame before another and remembers none: results are taken again by \
 `version` or by the content of the files in `code`, otherwise never.",
             inputs: Vec::new(),
             outputs: Vec::new(),

@@ -5,7 +5,7 @@
 
 use std::io::{self, BufReader, BufWriter, Read, Write};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::thread;
 
 use depthloom_graphs::{Fault, Frame};
@@ -25,6 +25,8 @@ const LONGEST_HEAD: u32 = 16 << 20;
 pub struct Bridge {
     /// What has come.
     pub mailbox: Arc<Mailbox>,
+    /// The frames of the part's stage, once they are known.
+    pub frames: OnceLock<Vec<Frame>>,
     /// Where messages go; `None` once all is said.
     out: Mutex<Option<BufWriter<ChildStdin>>>,
     child: Child,
@@ -44,7 +46,8 @@ impl Bridge {
             return Err(Stop::new(Exit::Engine, "a process was started without streams"));
         };
         let mailbox = Arc::new(mailbox);
-        let bridge = Self { mailbox: Arc::clone(&mailbox), out: Mutex::new(Some(BufWriter::new(out))), child };
+        let out = Mutex::new(Some(BufWriter::new(out)));
+        let bridge = Self { mailbox: Arc::clone(&mailbox), frames: OnceLock::new(), out, child };
         let mut from = BufReader::with_capacity(1 << 16, from);
         let first = read(&mut from).map_err(|error| {
             Stop::because(
@@ -70,12 +73,7 @@ impl Bridge {
 
     /// Sends the stream of a row, of a frame (with its position) or of none; an empty stream says that there is no value.
     pub fn send(&self, output: &str, of: Option<(usize, &Frame)>, stream: &[u8]) -> Result<(), Fault> {
-        let mut metadata = Map::new();
-        if let Some((position, frame)) = of {
-            metadata.insert("frame".to_owned(), position.into());
-            metadata.insert("frame_id".to_owned(), (&*frame.id).into());
-            metadata.insert("time_ns".to_owned(), frame.time_ns.into());
-        }
+        let metadata = of.map(|(position, frame)| metadata_of(position, frame)).unwrap_or_default();
         self.send_with(output, metadata, stream, false)
     }
 
@@ -118,6 +116,15 @@ impl Bridge {
     }
 }
 
+/// What the metadata of a message says about its frame.
+pub fn metadata_of(position: usize, frame: &Frame) -> Map<String, Json> {
+    Map::from_iter([
+        ("frame".to_owned(), position.into()),
+        ("frame_id".to_owned(), (&*frame.id).into()),
+        ("time_ns".to_owned(), frame.time_ns.into()),
+    ])
+}
+
 impl Drop for Bridge {
     /// Lets what was sent last go on its way.
     fn drop(&mut self) {
@@ -158,7 +165,7 @@ fn listen(mut from: BufReader<ChildStdout>, mailbox: &Mailbox) {
         let text = |name: &str| head.get(name).and_then(Json::as_str).map(str::to_owned);
         if let Some(input) = text("input") {
             let metadata = head.get("metadata").and_then(Json::as_object).cloned().unwrap_or_default();
-            mailbox.put(Arrived { input, metadata, body });
+            mailbox.put(Arrived::new(input, metadata, body));
         } else if let Some(input) = text("closed") {
             mailbox.close(input);
         } else if head.contains_key("stop") {

@@ -1,5 +1,6 @@
 //! What came and was not taken yet, by input and frame; whoever wants what is not there waits.
 
+use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -23,11 +24,27 @@ pub struct Arrived {
     pub metadata: Map<String, Json>,
     /// The stream of its row; empty: there is no value.
     pub body: Vec<u8>,
+    /// Why it is not a whole message, as a lower-case fragment; `None` if it is one.
+    pub wrong: Option<String>,
+    /// Whether another message of the same frame came at the same input before this one was taken.
+    pub is_repeated: bool,
 }
 
 impl Arrived {
+    /// A message that came in one piece, or a piece of one.
+    pub const fn new(input: String, metadata: Map<String, Json>, body: Vec<u8>) -> Self {
+        Self { input, metadata, body, wrong: None, is_repeated: false }
+    }
+
+    /// That it is a whole message.
+    pub fn check(&self) -> Result<(), Fault> {
+        let wrong = |what: &String| Fault::new(format!("what came at `{}` is no whole message: {what}", self.input));
+        self.wrong.as_ref().map_or(Ok(()), |what| Err(wrong(what)))
+    }
+
     /// The value; `None` if it says that there is none.
     pub fn value(&self, value_type: ValueType) -> Result<Option<Value>, Fault> {
+        self.check()?;
         if self.body.is_empty() {
             return Ok(None);
         }
@@ -37,6 +54,7 @@ impl Arrived {
 
     /// The JSON in its text.
     pub fn json(&self) -> Result<Json, Fault> {
+        self.check()?;
         let wrong = |what: String| Fault::new(format!("what came at `{}` is no report: {what}", self.input));
         let row = Row::read(&self.body).map_err(wrong)?;
         serde_json::from_str(row.text().map_err(wrong)?).map_err(|error| wrong(error.to_string()))
@@ -69,11 +87,39 @@ impl From<Gone> for Fault {
 struct State {
     /// By input, and by frame; those of no frame under `None`.
     there: HashMap<String, BTreeMap<Option<u64>, Arrived>>,
-    /// The beginnings of what comes in several messages, by input and frame.
-    pieces: HashMap<(String, Option<u64>), Vec<u8>>,
+    /// The pieces of what comes in several messages, by input and frame.
+    pieces: HashMap<(String, Option<u64>), Pieces>,
     closed: HashSet<String>,
     /// Nothing comes any more; why.
     over: Option<String>,
+}
+
+/// The pieces that have come of one message.
+#[derive(Default)]
+struct Pieces {
+    /// How many there are in all.
+    count: u64,
+    by_place: BTreeMap<u64, Vec<u8>>,
+}
+
+impl Pieces {
+    /// Adds a piece; the whole message if it was the last one missing. They may come in any order, each once.
+    fn add(&mut self, place: u64, count: u64, body: Vec<u8>) -> Result<Option<Vec<u8>>, String> {
+        if self.by_place.is_empty() {
+            self.count = count;
+        }
+        if count != self.count {
+            return Err(format!("a piece says that there are {count} pieces, and the first said {}", self.count));
+        }
+        if place >= count {
+            return Err(format!("piece {place} came of {count}, which are numbered from 0"));
+        }
+        if self.by_place.insert(place, body).is_some() {
+            return Err(format!("piece {place} of {count} came twice"));
+        }
+        let is_whole = self.by_place.len() as u64 == count;
+        Ok(is_whole.then(|| std::mem::take(&mut self.by_place).into_values().collect::<Vec<_>>().concat()))
+    }
 }
 
 /// What came and was not taken yet.
@@ -102,16 +148,26 @@ impl Mailbox {
         }
         let mut state = self.state();
         let at = arrived.number("frame");
-        if let (Some(piece), Some(pieces)) = (arrived.number("chunk"), arrived.number("chunks")) {
-            let place = (arrived.input.clone(), at);
-            let whole = state.pieces.entry(place.clone()).or_default();
-            whole.append(&mut arrived.body);
-            if piece + 1 < pieces {
-                return;
+        if let (Some(place), Some(count)) = (arrived.number("chunk"), arrived.number("chunks")) {
+            let of = (arrived.input.clone(), at);
+            let pieces = state.pieces.entry(of.clone()).or_default();
+            match pieces.add(place, count, std::mem::take(&mut arrived.body)) {
+                Ok(None) => return,
+                Ok(Some(whole)) => arrived.body = whole,
+                Err(what) => arrived.wrong = Some(what),
             }
-            arrived.body = state.pieces.remove(&place).unwrap_or_default();
+            state.pieces.remove(&of);
         }
-        state.there.entry(arrived.input.clone()).or_default().insert(at, arrived);
+        match (state.there.entry(arrived.input.clone()).or_default().entry(at), at) {
+            // The first one stands: whoever takes it is told.
+            (Entry::Occupied(mut first), Some(_)) => first.get_mut().is_repeated = true,
+            (Entry::Occupied(mut before), None) => {
+                before.insert(arrived);
+            }
+            (Entry::Vacant(place), _) => {
+                place.insert(arrived);
+            }
+        }
         self.changed.notify_all();
     }
 
@@ -162,6 +218,11 @@ impl Mailbox {
                 |(_, it)| Ok(Some(it)),
             )
         })
+    }
+
+    /// Whether the message of a frame is there.
+    pub fn holds(&self, input: &str, position: usize) -> bool {
+        self.state().there.get(input).is_some_and(|there| there.contains_key(&Some(position as u64)))
     }
 
     /// Lets all who wait look again.
@@ -221,6 +282,7 @@ mod tests {
     use std::sync::Arc;
     use std::time::Duration;
 
+    use depthloom_graphs::ValueType;
     use depthloom_runner::Interrupt;
     use serde_json::{Map, json};
 
@@ -234,7 +296,7 @@ mod tests {
 
     fn message(input: &str, metadata: &serde_json::Value, body: &[u8]) -> Arrived {
         let metadata = metadata.as_object().cloned().unwrap_or_else(Map::new);
-        Arrived { input: input.to_owned(), metadata, body: body.to_vec() }
+        Arrived::new(input.to_owned(), metadata, body.to_vec())
     }
 
     const NEVER: &dyn Fn() -> bool = &|| false;
@@ -267,6 +329,51 @@ mod tests {
         mailbox.put(message("left", &json!({ "frame": 3, "chunk": 2, "chunks": 3 }), b"c"));
         assert_eq!(mailbox.take("left", Some(3), NEVER).unwrap().body, b"abc");
         assert_eq!(mailbox.take_any("left", NEVER).unwrap().body, b"xy");
+    }
+
+    fn piece(place: u64, count: u64, body: &[u8]) -> Arrived {
+        message("left", &json!({ "frame": 3, "chunk": place, "chunks": count }), body)
+    }
+
+    #[test]
+    fn pieces_are_joined_by_their_numbers_whatever_their_order() {
+        for order in [[0, 1, 2], [2, 1, 0], [1, 2, 0], [2, 0, 1]] {
+            let (mailbox, _) = mailbox(false);
+            for place in order {
+                assert!(matches!(mailbox.take("left", Some(3), &|| true), Err(Gone::Cancelled)));
+                mailbox.put(piece(place as u64, 3, &b"abc"[place..=place]));
+            }
+            assert_eq!(mailbox.take("left", Some(3), NEVER).unwrap().body, b"abc", "{order:?}");
+        }
+    }
+
+    #[test]
+    fn pieces_that_make_no_message_are_an_error_and_no_value() {
+        let cases = [
+            (vec![piece(0, 3, b"a"), piece(0, 3, b"b")], "piece 0 of 3 came twice"),
+            (vec![piece(0, 3, b"a"), piece(1, 2, b"b")], "there are 2 pieces, and the first said 3"),
+            (vec![piece(3, 3, b"a")], "piece 3 came of 3, which are numbered from 0"),
+            (vec![piece(0, 0, b"a")], "piece 0 came of 0"),
+        ];
+        for (pieces, expected) in cases {
+            let (mailbox, _) = mailbox(false);
+            pieces.into_iter().for_each(|piece| mailbox.put(piece));
+            let arrived = mailbox.take("left", Some(3), NEVER).unwrap();
+            let what = arrived.value(ValueType::Depth).expect_err("no message").chain();
+            assert!(what.contains(expected), "{what}");
+        }
+    }
+
+    #[test]
+    fn of_two_messages_of_one_frame_the_first_stands_and_says_that_there_were_two() {
+        let (mailbox, _) = mailbox(false);
+        mailbox.put(message("left", &json!({ "frame": 1 }), b"first"));
+        mailbox.put(message("left", &json!({ "frame": 1 }), b"second"));
+        mailbox.put(message("left", &json!({ "frame": 2 }), b"other"));
+        let (first, other) =
+            (mailbox.take("left", Some(1), NEVER).unwrap(), mailbox.take("left", Some(2), NEVER).unwrap());
+        assert_eq!((first.body.as_slice(), first.is_repeated), (&b"first"[..], true));
+        assert_eq!((other.body.as_slice(), other.is_repeated), (&b"other"[..], false));
     }
 
     #[test]

@@ -62,6 +62,7 @@ pub fn run(
                 // The run ended before it began.
                 Err(_) => return Ok(Exit::Whole),
             };
+            let _ = bridge.frames.set(frames.clone());
             Box::new(Incoming { bridge: Arc::clone(bridge), frames, ports, interrupt: interrupt.clone() })
         }
         Comes::Nothing => {
@@ -87,6 +88,11 @@ pub fn run(
         builders: BTreeMap::new(),
     };
     let ran = depthloom_runner::run(ready, &tap, options, &Told { plan: &plan }, interrupt);
+    for program in depthloom_nodes::process::take_ended() {
+        if let Some(failure) = program.failure {
+            say(format_args!("warning: `{}` {failure}", program.command));
+        }
+    }
     tap.close(&ran).map_err(gone)?;
     bridge.mailbox.wait_for_the_end();
     Ok(match ran {

@@ -193,7 +193,7 @@ fn of_dora(more: &str) -> String {
 
 #[test]
 fn a_node_by_somebody_else_stands_in_a_dataflow() {
-    for more in ["values: struct", "values: flat", "values: struct, args: [forgets]"] {
+    for more in ["values: struct", "values: flat"] {
         let Some(flow) = Flow::new("dora: a node by somebody else", &of_dora(more)) else { return };
         let (is_fine, printed) = flow.run(&["own.yaml", "--allow-exec", "--out", "many"]);
         assert!(is_fine, "{more}: {printed}");
@@ -211,18 +211,18 @@ fn a_node_by_somebody_else_stands_in_a_dataflow() {
 #[test]
 fn a_node_by_somebody_else_that_does_not_answer_fails_the_frame_and_one_that_ends_is_named() {
     let cases = [
-        ("args: [silent], timeout_s: 1", "dora's node gave nothing at `depth` within 1 s"),
+        // The frames before it are answered within that time also on a loaded machine.
+        ("args: [silent], timeout_s: 15", "dora's node gave nothing at `depth` within 15 s"),
         ("args: [ends]", "dora's node has ended"),
-        ("values: flat, args: [forgets]", "it has no `width` and `height`"),
+        ("values: flat, args: [forgets]", "answered at `depth`, and nobody knows for which frame"),
+        (
+            "values: flat, args: [negative]",
+            "is no depth: -5.0 m at row 0, column 0 (30720 of 30720 pixels are invalid)",
+        ),
     ];
     for (more, told) in cases {
         let Some(flow) = Flow::new("dora: a node that does not answer", &of_dora(more)) else { return };
         let (is_fine, printed) = flow.run(&["own.yaml", "--allow-exec", "--out", "many"]);
-        // Of a map the size is known from what it was asked with.
-        if more.contains("flat") {
-            assert!(is_fine, "{printed}");
-            continue;
-        }
         assert!(!is_fine, "{more}: {printed}");
         assert!(
             printed.contains("error: node `look.own` failed on frame 000002_10") && printed.contains(told),
@@ -269,7 +269,7 @@ fn whatever_is_killed_the_rest_ends_and_the_recording_can_be_read() {
             let log = fs::File::create(flow.path("log")).expect("a log");
             let mut ran =
                 flow.command().stdout(log.try_clone().expect("a log")).stderr(log).spawn().expect("dora starts");
-            let until = Instant::now() + Duration::from_secs(40);
+            let until = Instant::now() + Duration::from_secs(90);
             while !is_recording() && Instant::now() < until && ran.try_wait().expect("it is ours").is_none() {
                 std::thread::sleep(Duration::from_millis(20));
             }
@@ -300,7 +300,7 @@ fn whatever_is_killed_the_rest_ends_and_the_recording_can_be_read() {
         }
         let begun = Instant::now();
         let status = ran.wait().expect("it ends");
-        assert!(begun.elapsed() < Duration::from_secs(30), "{victim}");
+        assert!(begun.elapsed() < Duration::from_secs(120), "{victim}");
         assert!(!status.success(), "{victim}");
         wait_for(|| flow.parts().is_empty(), "all parts end");
         let log = plain(&fs::read(flow.path("log")).expect("a log"));
@@ -328,9 +328,9 @@ fn signal(name: &str, number: u32) {
 }
 
 fn wait_for(is_there: impl Fn() -> bool, what: &str) {
-    let until = Instant::now() + Duration::from_secs(60);
+    let until = Instant::now() + Duration::from_secs(180);
     while !is_there() {
-        assert!(Instant::now() < until, "{what} within a minute");
+        assert!(Instant::now() < until, "{what} within three minutes");
         std::thread::sleep(Duration::from_millis(20));
     }
 }

@@ -9,6 +9,7 @@ mod disparity;
 mod image;
 mod mask;
 mod true_disparity;
+mod validate;
 mod value;
 mod weight;
 

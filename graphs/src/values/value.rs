@@ -132,6 +132,20 @@ impl Value {
         }
     }
 
+    /// Columns and rows of an image or a map; `None` of a value that has no pixels.
+    #[must_use]
+    pub fn dimensions(&self) -> Option<(u32, u32)> {
+        Some(match self {
+            Self::Image(image) => image.dimensions(),
+            Self::Disparity(disparity) => disparity.sixteenths_px.dimensions(),
+            Self::TrueDisparity(disparity) => disparity.px.dimensions(),
+            Self::Depth(depth) => depth.metres.dimensions(),
+            Self::Weight(weight) => weight.share.dimensions(),
+            Self::Mask(mask) => mask.set.dimensions(),
+            Self::Calibration(_) | Self::Scores(_) | Self::Samples(_) | Self::Model(_) | Self::Curve(_) => return None,
+        })
+    }
+
     /// The type of this value.
     #[must_use]
     pub const fn value_type(&self) -> ValueType {

@@ -1,0 +1,231 @@
+//! What the samples of a value must be: one function per type, called wherever values come from outside.
+
+use super::{Calibration, Curve, Depth, Disparity, Raster, TrueDisparity, Value, Weight};
+
+impl Value {
+    /// Checks that the value is what its type documents. Values of programs pass here before anything is computed from them.
+    ///
+    /// # Errors
+    /// What is wrong, as a lower-case fragment: of a map the first pixel (row, column), its value, and what is allowed.
+    pub fn validate(&self) -> Result<(), String> {
+        match self {
+            Self::Depth(depth) => depth.validate(),
+            Self::Weight(weight) => weight.validate(),
+            Self::Disparity(disparity) => disparity.validate(),
+            Self::TrueDisparity(disparity) => disparity.validate(),
+            Self::Calibration(calibration) => calibration.validate(),
+            Self::Curve(curve) => curve.validate(),
+            // Every byte is a valid sample of an image or a mask. Artefacts are checked by those who read them.
+            Self::Image(_) | Self::Mask(_) | Self::Scores(_) | Self::Samples(_) | Self::Model(_) => Ok(()),
+        }
+    }
+}
+
+impl Depth {
+    /// Depths are finite and greater than 0, or NaN.
+    ///
+    /// # Errors
+    /// The first pixel that is not.
+    pub fn validate(&self) -> Result<(), String> {
+        let is_invalid = |metres: f32| metres <= 0.0 || metres == f32::INFINITY;
+        check_samples(
+            &self.metres,
+            " m",
+            is_invalid,
+            "a depth must be finite and greater than 0, or NaN where it is missing",
+        )
+    }
+}
+
+impl Weight {
+    /// Weights lie in [0, 1]; none is missing.
+    ///
+    /// # Errors
+    /// The first pixel that does not.
+    pub fn validate(&self) -> Result<(), String> {
+        let is_invalid = |share: f32| !(0.0..=1.0).contains(&share);
+        check_samples(&self.share, "", is_invalid, "a weight must be in [0, 1]; 0 stands for no confidence")
+    }
+}
+
+impl TrueDisparity {
+    /// Measured disparities are finite, or NaN.
+    ///
+    /// # Errors
+    /// The first pixel that is not.
+    pub fn validate(&self) -> Result<(), String> {
+        check_samples(&self.px, " px", f32::is_infinite, "a disparity must be finite, or NaN where it is unknown")
+    }
+}
+
+impl Disparity {
+    /// The value for "nothing found" fits into 16 bits, and nothing lies between it and the smallest disparity.
+    ///
+    /// # Errors
+    /// What is wrong.
+    pub fn validate(&self) -> Result<(), String> {
+        let missing = i16::try_from(self.invalid());
+        let missing = missing
+            .map_err(|_| format!("min_disparity is {} px, which must be in [-2047, 2047]", self.min_disparity_px))?;
+        // `missing` is at most 32736: the sum fits.
+        let is_invalid = |fixed: i16| fixed > missing && fixed < missing + 16;
+        let allowed =
+            "a disparity must be at least min_disparity; (min_disparity - 1) * 16 sixteenths stand for nothing found";
+        check_samples(&self.sixteenths_px, "/16 px", is_invalid, allowed)
+    }
+}
+
+impl Calibration {
+    /// All numbers are finite; image size, focal length and baseline are greater than 0.
+    ///
+    /// # Errors
+    /// The first number that is not.
+    pub fn validate(&self) -> Result<(), String> {
+        if self.width == 0 || self.height == 0 {
+            return Err(format!("its image size is {}x{}; both must be greater than 0", self.width, self.height));
+        }
+        let numbers = [
+            ("focal_px", self.focal_px, true),
+            ("cx_px", self.cx_px, false),
+            ("cy_px", self.cy_px, false),
+            ("baseline_m", self.baseline_m, true),
+            ("doffs_px", self.doffs_px, false),
+        ];
+        for (name, number, is_positive) in numbers {
+            if !number.is_finite() || is_positive && number <= 0.0 {
+                let allowed = if is_positive { "finite and greater than 0" } else { "finite" };
+                return Err(format!("its `{name}` is {number:?}; it must be {allowed}"));
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Curve {
+    /// Steps ascend.
+    ///
+    /// # Errors
+    /// The first two that do not.
+    pub fn validate(&self) -> Result<(), String> {
+        match self.points.windows(2).find(|pair| pair[0].step >= pair[1].step) {
+            Some(pair) => Err(format!("step {} comes after step {}; steps must ascend", pair[1].step, pair[0].step)),
+            None => Ok(()),
+        }
+    }
+}
+
+/// Counts the invalid samples in one pass without branches, so that it takes wide instructions; the pixel is looked for only where there is one.
+fn check_samples<T: image::Primitive + std::fmt::Debug>(
+    raster: &Raster<T>,
+    unit: &str,
+    is_invalid: impl Fn(T) -> bool,
+    allowed: &str,
+) -> Result<(), String> {
+    let samples = raster.as_raw();
+    let count: u64 = samples
+        .chunks(BLOCK)
+        .map(|block| u64::from(block.iter().map(|sample| u32::from(is_invalid(*sample))).sum::<u32>()))
+        .sum();
+    if count == 0 {
+        return Ok(());
+    }
+    let width = raster.width().max(1) as usize;
+    let first = samples.iter().position(|sample| is_invalid(*sample)).unwrap_or_default();
+    let (row, column, value) = (first / width, first % width, samples[first]);
+    let others = if count > 1 { format!(" ({count} of {} pixels are invalid)", samples.len()) } else { String::new() };
+    Err(format!("{value:?}{unit} at row {row}, column {column}{others}: {allowed}"))
+}
+
+/// So many samples that a block's count fits into 32 bits, and that a block stays in the first cache.
+const BLOCK: usize = 4096;
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Calibration, Curve, CurvePoint, Depth, Disparity, Mask, Raster, TrueDisparity, Value, Weight};
+
+    fn floats(samples: [f32; 6]) -> Raster<f32> {
+        Raster::from_raw(3, 2, samples.to_vec()).expect("3x2")
+    }
+
+    fn error(value: impl Into<Value>) -> String {
+        value.into().validate().expect_err("it is invalid")
+    }
+
+    #[test]
+    fn depths_are_finite_and_positive_or_nan() {
+        let valid = Value::from(Depth { metres: floats([1e-40, f32::NAN, -f32::NAN, f32::MAX, 1.0, 80.0]) });
+        assert_eq!(valid.validate(), Ok(()));
+        for invalid in [-5.0, 0.0, -0.0, f32::INFINITY, f32::NEG_INFINITY] {
+            let what = error(Depth { metres: floats([1.0, f32::NAN, 2.0, 3.0, invalid, 4.0]) });
+            assert!(
+                what.starts_with(&format!(
+                    "{invalid:?} m at row 1, column 1: a depth must be finite and greater than 0"
+                )),
+                "{what}"
+            );
+        }
+        let what = error(Depth { metres: floats([1.0, -1.0, 1.0, -2.0, 1.0, 1.0]) });
+        assert!(what.contains("-1.0 m at row 0, column 1 (2 of 6 pixels are invalid)"), "{what}");
+    }
+
+    #[test]
+    fn weights_are_in_0_to_1() {
+        assert_eq!(Value::from(Weight { share: floats([0.0, -0.0, 1.0, 0.5, 1e-40, 0.25]) }).validate(), Ok(()));
+        for invalid in [7.5, 1.000_001, -1e-9, f32::NAN, f32::INFINITY] {
+            let what = error(Weight { share: floats([0.0, 0.0, invalid, 0.0, 0.0, 0.0]) });
+            assert!(what.starts_with(&format!("{invalid:?} at row 0, column 2: a weight must be in [0, 1]")), "{what}");
+        }
+    }
+
+    #[test]
+    fn measured_disparities_are_finite_or_nan() {
+        let valid = Value::from(TrueDisparity { px: floats([0.0, -3.0, f32::NAN, 1.0, 2.0, 3.0]) });
+        assert_eq!(valid.validate(), Ok(()));
+        let what = error(TrueDisparity { px: floats([0.0, 0.0, 0.0, 0.0, 0.0, f32::NEG_INFINITY]) });
+        assert!(what.starts_with("-inf px at row 1, column 2"), "{what}");
+    }
+
+    #[test]
+    fn nothing_lies_between_a_missing_disparity_and_the_smallest_one() {
+        let disparity = |min_disparity_px, samples: [i16; 6]| Disparity {
+            sixteenths_px: Raster::from_raw(3, 2, samples.to_vec()).expect("3x2"),
+            min_disparity_px,
+        };
+        assert_eq!(Value::from(disparity(0, [-16, 0, 1, i16::MAX, -17, i16::MIN])).validate(), Ok(()));
+        assert_eq!(Value::from(disparity(-2, [-48, -32, 0, 1, 2, 3])).validate(), Ok(()));
+        assert_eq!(Value::from(disparity(2047, [i16::MAX; 6])).validate(), Ok(()));
+        let what = error(disparity(0, [0, 0, 0, -1, 0, 0]));
+        assert!(what.starts_with("-1/16 px at row 1, column 0"), "{what}");
+        assert!(error(disparity(2049, [0; 6])).contains("min_disparity is 2049 px"));
+    }
+
+    #[test]
+    fn cameras_have_a_positive_size_focal_length_and_baseline() {
+        let (width, height) = (160, 48);
+        let right =
+            Calibration { width, height, focal_px: 90.0, cx_px: -1.0, cy_px: 0.0, baseline_m: 0.5, doffs_px: -3.0 };
+        assert_eq!(Value::from(right.clone()).validate(), Ok(()));
+        assert!(error(Calibration { focal_px: -90.0, ..right.clone() }).contains("`focal_px` is -90.0"));
+        assert!(error(Calibration { baseline_m: 0.0, ..right.clone() }).contains("`baseline_m` is 0.0"));
+        assert!(error(Calibration { cx_px: f64::NAN, ..right.clone() }).contains("`cx_px` is NaN; it must be finite"));
+        assert!(error(Calibration { doffs_px: f64::INFINITY, ..right.clone() }).contains("`doffs_px` is inf"));
+        assert!(error(Calibration { width: 0, ..right }).contains("its image size is 0x48"));
+    }
+
+    #[test]
+    fn steps_of_a_curve_ascend_and_any_byte_is_a_mask() {
+        let point = |step| CurvePoint { step, loss: f64::NAN, validation: None, learning_rate: 0.1 };
+        assert_eq!(Value::from(Curve { points: vec![point(1), point(20)] }).validate(), Ok(()));
+        assert!(error(Curve { points: vec![point(20), point(20)] }).contains("step 20 comes after step 20"));
+        let set = Raster::from_raw(3, 2, vec![0, 255, 0, 0, 0, 0]).expect("3x2");
+        assert_eq!(Value::from(Mask { set }).validate(), Ok(()));
+    }
+
+    #[test]
+    fn pixels_of_the_last_block_are_checked() {
+        let mut samples = vec![1.0; 3 * 4096 + 1];
+        samples[3 * 4096] = -1.0;
+        let what = error(Depth { metres: Raster::from_raw(1, 3 * 4096 + 1, samples).expect("one column") });
+        assert!(what.starts_with("-1.0 m at row 12288, column 0:"), "{what}");
+    }
+}
