@@ -4,29 +4,31 @@ use std::collections::BTreeMap;
 
 use depthloom_recording::{RecordedRun, Recording};
 
-/// All of it, in words, each once with on how many frames; of these stage runs alone, where some are named.
+/// All of it, in words, each once with how many things in all and on how many frames; of these stage runs alone, where some are named.
 pub(crate) fn warnings(recording: &Recording, run: Option<usize>) -> Vec<String> {
     let plan = recording.plan();
-    let mut told: BTreeMap<String, u64> = BTreeMap::new();
-    let mut order: Vec<String> = Vec::new();
+    // By name and what was told: how many things in all, and on how many frames.
+    let mut counts: BTreeMap<(String, &str), (u64, u64)> = BTreeMap::new();
+    let mut order = Vec::new();
     for of in (0..plan.runs.len()).filter(|of| run.is_none_or(|run| run == *of)) {
         for frame in recording.frames(of) {
             for warned in &frame.warnings {
-                let counted = if warned.count > 0 { format!("{} ", warned.count) } else { String::new() };
-                let text = format!("{}: {counted}{}", name(&plan.runs[of], warned.node), warned.what);
-                let times = told.entry(text.clone()).or_insert(0);
-                if *times == 0 {
-                    order.push(text);
+                let key = (name(&plan.runs[of], warned.node), warned.what.as_str());
+                let (count, frames) = counts.entry(key.clone()).or_default();
+                if *frames == 0 {
+                    order.push(key);
                 }
-                *times += 1;
+                *count = count.saturating_add(warned.count);
+                *frames += 1;
             }
         }
     }
-    let often = |text: String| {
-        let times = told[&text];
-        format!("{text}, on {times} frame{}", if times == 1 { "" } else { "s" })
+    let text = |(name, what): (String, &str)| {
+        let (count, frames) = counts[&(name.clone(), what)];
+        let counted = if count > 0 { format!("{count} ") } else { String::new() };
+        format!("{name}: {counted}{what}, on {frames} frame{}", if frames == 1 { "" } else { "s" })
     };
-    order.into_iter().map(often).collect()
+    order.into_iter().map(text).collect()
 }
 
 /// `stage.node`, or `stage.source`.
