@@ -2,6 +2,7 @@
 //! From the document to a spec.
 
 pub(crate) mod following;
+mod free_numbers;
 pub(crate) mod params;
 pub(crate) mod reference;
 pub(crate) mod schema;

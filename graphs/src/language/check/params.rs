@@ -7,6 +7,7 @@ use std::sync::Arc;
 use serde_json::Value as Json;
 
 use super::following::{self, Following};
+use super::free_numbers;
 use super::schema_check::{Violation, violations};
 use super::spec::Instance;
 use super::with_schema;
@@ -174,6 +175,9 @@ impl Resolver {
             || Json::Object(serde_json::Map::new()),
             |with| with_schema::parameters(with, kind.schema, &mut self.anywhere),
         );
+        if let Some(with) = with {
+            free_numbers::check(with, kind.schema, report);
+        }
         let known = (is_source, kind.name.to_owned(), json.to_string());
         if let Some(known) = self.known.get(&known) {
             return Some(Arc::clone(known));
