@@ -73,6 +73,19 @@ def test_a_name_that_is_none_is_told_with_the_nearest(table1: depthloom.Run) -> 
         frame["compare/source/calibration"]
 
 
+def test_an_unknown_name_is_told_in_a_line_with_the_nearest(table1: depthloom.Run) -> None:
+    frame = table1.stages["compare"].frames[0]
+    with pytest.raises(depthloom.NotRecorded) as error:
+        frame["left"]
+    assert str(error.value) == "nothing that was recorded here is called `left`; did you mean `source/left`?"
+    with pytest.raises(depthloom.NotRecorded) as error:
+        frame["qqqqqqq"]
+    assert str(error.value) == "nothing that was recorded here is called `qqqqqqq`; `list(frame)` has all names"
+    # Of both stages: the stage is a part of the name.
+    with pytest.raises(depthloom.NotRecorded, match="did you mean `learn/source/left` or `compare/source/left`"):
+        table1.frames["000002_10"]["left"]
+
+
 def test_a_frame_of_two_stages_has_the_maps_of_both(table1: depthloom.Run) -> None:
     assert list(table1.frames) == [f"{index:06}_10" for index in range(6)]
     frame = table1.frames["000002_10"]

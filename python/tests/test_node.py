@@ -5,11 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pytest
 
 import depthloom
 from depthloom import _columns
 from depthloom._node import declared
+from depthloom._serve import _Server
 
 CAMERA = depthloom.Calibration(4, 3, 700.0, 2.0, 1.0, 0.5, 0.0)
 
@@ -37,6 +39,9 @@ def test_disparities_are_whole_sixteenths_and_may_be_negative() -> None:
     assert np.array_equal(back, [[0.0, 1 / 16, np.nan], [-3.5, 2047.9375, 0.0]], equal_nan=True)
     with pytest.raises(ValueError, match="16 bits hold"):
         there_and_back("disparity", np.full((2, 2), 3000.0))
+    for infinite in (np.inf, -np.inf):
+        with pytest.raises(ValueError, match=f"is {infinite} px at row 1, column 0: a disparity must be finite"):
+            there_and_back("disparity", np.array([[0.0, np.nan], [infinite, 1.0]]))
 
 
 def test_images_masks_and_the_rest_come_back() -> None:
@@ -66,6 +71,33 @@ def test_images_masks_and_the_rest_come_back() -> None:
 def test_what_is_no_value_of_its_type_is_told(value_type: str, value: Any, told: str) -> None:
     with pytest.raises((TypeError, ValueError), match=told):
         _columns.column(value_type, value)
+
+
+def test_names_that_are_no_output_are_told_with_the_nearest() -> None:
+    class Server(_Server):
+        def __init__(self, outputs: dict[str, str]) -> None:
+            self.pa, self.columns, self.outputs = pa, _columns, outputs
+            self.schema = pa.schema([("outputs", pa.struct([(name, _columns.TYPES[of]) for name, of in outputs.items()]))])
+
+    depth = np.ones((2, 3), np.float32)
+    one, two = Server({"depth": "depth"}), Server({"depth": "depth", "sure": "weight"})
+    for given in (depth, {"depth": depth}):
+        assert one._values(given, {"depth"})["outputs"].field("depth").field("width")[0].as_py() == 3
+    for server in (one, two):
+        with pytest.raises(ValueError, match="the node returned a value for `dpth`, and there is no output `dpth`; did you mean `depth`?"):
+            server._values({"dpth": depth}, set(server.outputs))
+    with pytest.raises(ValueError, match="no output `mask`; here it has `depth`, `sure`"):
+        two._values({"mask": depth}, set(two.outputs))
+    # A curve is a mapping itself.
+    curve = {"step": [1], "loss": [0.5], "validation": [0.5], "learning_rate": [0.1]}
+    learning = Server({"curve": "curve"})
+    returned: tuple[Any, ...] = (curve, {"curve": curve})
+    for value in returned:
+        assert learning._values(value, {"curve"})["outputs"].field("curve").field("loss")[0].as_py() == [0.5]
+    with pytest.raises(ValueError, match="no output `curv`; did you mean `curve`"):
+        learning._values({"curv": curve}, {"curve"})
+    with pytest.raises(TypeError, match="a curve is a mapping of step, loss"):
+        learning._values({"step": [1], "los": [0.5]}, {"curve"})
 
 
 def test_what_is_declared_is_kept_and_what_cannot_be_a_node_is_refused() -> None:

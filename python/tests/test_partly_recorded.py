@@ -36,6 +36,17 @@ def test_frames_of_one_id_are_told_apart_by_their_position(tmp_path: Path) -> No
     assert (one["source/left"] != other["source/left"]).any()
 
 
+def test_a_map_is_there_if_it_can_be_read_also_where_frames_share_a_time(tmp_path: Path) -> None:
+    # Both frames are of time 0, and the values of the first alone are recorded.
+    twice = {"join": [street("0..1", 1), street("0..1", 2)]}
+    recorded = {"record": {"every": 2, "topics": ["source/depth"]}}
+    run = depthloom.run(experiment(tmp_path / "twice.yaml", twice, **recorded), out=tmp_path / "run")
+    first, second = run.stages["look"].frames
+    assert "source/depth" in first and list(first) == ["/look/source/depth"]
+    assert first["source/depth"].shape == (96, 320)
+    assert "source/depth" not in second and list(second) == [] and second.get("source/depth") is None
+
+
 def test_what_was_not_recorded_is_told_with_the_remedy(tmp_path: Path) -> None:
     recorded = {"record": {"every": 2, "topics": ["source/depth"]}}
     run = depthloom.run(experiment(tmp_path / "part.yaml", street("0..2", 1), **recorded), out=tmp_path / "run")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +39,64 @@ def test_variants_and_workers_are_chosen(tmp_path: Path) -> None:
         out=tmp_path / "run",
     )
     assert run.variants == ("no_weighting", "no_scaling")
+
+
+NODE = """
+import sys
+import depthloom
+
+@depthloom.node(inputs={"depth": "depth"}, outputs={"depth": "depth"})
+def same(depth):
+    print("looking at", depth.shape)
+    depthloom.warn("pixels that were looked at", depth.size)
+    return {NAME: depth}
+
+depthloom.serve(same)
+sys.exit(CODE)
+"""
+
+
+def with_node(folder: Path, name: str, code: int) -> Path:
+    """An experiment with a node in Python that returns its input under a name, and ends with an exit code."""
+    (folder / "node.py").write_text(NODE.replace("NAME", repr(name)).replace("CODE", str(code)))
+    path = folder / "own.yaml"
+    ports = "{ inputs: { depth: depth }, outputs: { depth: depth } }"
+    path.write_text(
+        f"""
+experiment: own
+sources: {{ street: {{ kind: synthetic/road, with: {{ frames: 0..2, width: 64, height: 32 }} }} }}
+stages:
+  look:
+    source: street
+    nodes:
+      own: {{ kind: process, inputs: {{ depth: source/depth }}, with: {{ command: [{sys.executable}, node.py], version: 1, ports: {ports} }} }}
+    score: {{ truth: source/depth, estimates: {{ own: {{ from: own/depth, sets: [all] }} }} }}
+"""
+    )
+    return path
+
+
+def test_programs_start_if_they_are_allowed_to_and_what_they_print_is_kept(tmp_path: Path) -> None:
+    path = with_node(tmp_path, "depth", 0)
+    with pytest.raises(depthloom.ProgramError, match="it would start"):
+        depthloom.run(path, out=tmp_path / "refused")
+    with pytest.warns(depthloom.DepthloomWarning, match=r"look.own: 4096 pixels that were looked at, on 2 frames"):
+        run = depthloom.run(path, out=tmp_path / "run", allow_exec=True, fresh=True, workers=1)
+    assert run.scores["abs_rel"].max() == 0
+    assert "4096 pixels that were looked at, on 2 frames" in (run.path / "report.html").read_text()
+    printed = (run.path / "programs.log").read_text()
+    assert printed == f"== {sys.executable} {tmp_path / 'node.py'}: its standard error\nlooking at (32, 64)\nlooking at (32, 64)\n"
+
+
+def test_a_program_that_fails_after_its_last_answer_is_a_warning(tmp_path: Path) -> None:
+    with pytest.warns(depthloom.DepthloomWarning) as warned:
+        depthloom.run(with_node(tmp_path, "depth", 3), out=tmp_path / "run", allow_exec=True, fresh=True, workers=1)
+    assert any("node.py` ended with exit code 3 after its last answer; its standard error" in str(one.message) for one in warned)
+
+
+def test_an_output_that_is_none_is_told_with_the_nearest(tmp_path: Path) -> None:
+    with pytest.raises(depthloom.ProgramError, match="there is no output `dpth`; did you mean `depth`"):
+        depthloom.run(with_node(tmp_path, "dpth", 0), out=tmp_path / "run", allow_exec=True, fresh=True)
 
 
 def test_a_mistake_says_where_it_is(tmp_path: Path) -> None:

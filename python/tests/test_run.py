@@ -11,6 +11,8 @@ import pytest
 
 import depthloom
 
+from conftest import EXPERIMENTS
+
 
 def test_a_run_is_opened_by_its_folder_its_recording_and_its_name(look: depthloom.Run, monkeypatch: pytest.MonkeyPatch) -> None:
     assert depthloom.open(look.path).name == "first-look"
@@ -38,6 +40,25 @@ def test_scores_are_those_that_the_table_is_the_mean_of(table1: depthloom.Run) -
     table = table1.table.filter(set="all")["abs_rel"].mean()
     assert means == pytest.approx(table, rel=1e-12)
     assert set(table1.scores["frame"]) == {frame.id for frame in table1.stages["compare"].frames}
+
+
+def test_scores_of_zones_do_not_mix_with_those_of_whole_images(tmp_path: Path) -> None:
+    run = depthloom.run(
+        EXPERIMENTS / "first-look.yaml",
+        set={"sources.street.with": {"frames": "0..2", "width": 320, "height": 96}, "look.score.zones": {"distance_m": [0, 20, 80]}},
+        out=tmp_path / "run",
+        fresh=True,
+    )
+    assert "zone" not in run.scores.columns and len(run.scores) == 2 * 2
+    means, table = run.scores.filter(set="all")["abs_rel"].mean(), run.table.filter(set="all")["abs_rel"]
+    assert means == pytest.approx(table[0], rel=1e-12)
+    zones = run.zone_scores
+    assert len(zones) > 0 and zones["zone"].null_count() == 0
+    assert set(zones["frame"]) == set(run.frames)
+
+
+def test_no_zones_are_no_rows(look: depthloom.Run) -> None:
+    assert len(look.zone_scores) == 0 and "zone" in look.zone_scores.columns
 
 
 def test_a_table_that_is_not_there_is_told_with_the_remedy(look: depthloom.Run) -> None:

@@ -89,3 +89,7 @@ def test_a_word_that_cannot_be_read_is_none(tmp_path: Any) -> None:
     assert agreed(os.fsencode(tmp_path / "word")) == b"01234567890123456789012345678901"
     assert agreed(b"/proc/1/fd/99999") is None
     assert agreed(os.fsencode(tmp_path)) is None
+    # Another file under that path, as where process numbers are a container's own.
+    for other in (b"", b"0123456789", b"the first bytes of another file ...", b"\xff" * 40):
+        (tmp_path / "word").write_bytes(other)
+        assert agreed(os.fsencode(tmp_path / "word")) is None

@@ -14,6 +14,8 @@ from ._calibration import Calibration
 _SIZE = [pa.field("width", pa.int32()), pa.field("height", pa.int32())]
 _CAMERA = ["focal_px", "cx_px", "cy_px", "baseline_m", "doffs_px"]
 _CURVE = ["step", "loss", "validation", "learning_rate"]
+#: What a curve consists of.
+CURVE = frozenset(_CURVE)
 
 #: By type, the columns' struct.
 TYPES: dict[str, pa.StructType] = {
@@ -114,6 +116,10 @@ def _wants(array: NDArray[Any], dtype: type, value_type: str) -> None:
 
 def _fixed(px: NDArray[Any]) -> list[pa.Array]:
     """Disparities as sixteenths: what was not found is one pixel below the least that is searched."""
+    infinite = np.argwhere(np.isinf(px))
+    if len(infinite):
+        row, column = infinite[0]
+        raise ValueError(f"is {px[row, column]} px at row {row}, column {column}: a disparity must be finite, or NaN where nothing was found")
     found = np.isfinite(px)
     sixteenths = np.rint(np.where(found, px, 0).astype(np.float64) * 16)
     least = min(0, int(np.floor(sixteenths.min() / 16)))

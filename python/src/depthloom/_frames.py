@@ -109,7 +109,8 @@ class Frame(Mapping[str, NDArray[Any]]):
         return (output for output in self._plan.outputs if output.run in self._places and output.value_type in types)
 
     def _is_there(self, output: Output) -> bool:
-        return self._recording.has(output.topic, self._places[output.run].commit.time_ns)
+        commit = self._places[output.run].commit
+        return self._recording.has(output.topic, commit.time_ns, commit.sequence)
 
     def _calibrations(self, output: Output) -> Iterator[Calibration]:
         commit = self._places[output.run].commit

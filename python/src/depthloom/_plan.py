@@ -12,6 +12,8 @@ from ._errors import Ambiguous, NotRecorded
 
 #: How many names an error lists.
 _TOLD = 8
+#: How many near names an error suggests.
+_NEAR = 2
 
 
 @dataclass(frozen=True)
@@ -148,10 +150,19 @@ class Plan:
     def _unknown(self, name: str, runs: frozenset[int]) -> str:
         labels = [estimate.label for estimate in self._estimates(runs)]
         topics = [output.topic for output in self.outputs if output.run in runs]
-        ends = [end for topic in topics for end in (topic, "/".join(topic.split("/")[-2:]), topic.rpartition("/")[0].rpartition("/")[2])]
-        near = get_close_matches(name, labels + ends, n=1)
-        also = f"did you mean `{near[0]}`?" if near else f"there is {_listed(labels + topics)}"
+        # A port alone is no name, but says which topics are meant: `left` those that end in `/left`.
+        ports = [_end(topic, topics) for topic in topics if topic.rpartition("/")[2] == name]
+        ends = [end for topic in topics for end in (topic, _end(topic, topics), topic.rpartition("/")[0].rpartition("/")[2])]
+        near = ports[:_NEAR] or get_close_matches(name, dict.fromkeys(labels + ends), n=_NEAR)
+        also = f"did you mean {' or '.join(f'`{of}`' for of in near)}?" if near else "`list(frame)` has all names"
         return f"nothing that was recorded here is called `{name}`; {also}"
+
+
+def _end(topic: str, topics: list[str]) -> str:
+    """The shortest end of a topic of two parts or more that is no other topic's."""
+    parts = topic.split("/")
+    ends = ("/".join(parts[-count:]) for count in range(2, len(parts)))
+    return next((end for end in ends if sum(f"/{end}" == of[-len(end) - 1 :] for of in topics) == 1), topic)
 
 
 def _node(node: Mapping[str, Any], variants: list[str]) -> Node:

@@ -77,6 +77,7 @@ def run(
     fresh: bool = False,
     keep_going: bool = False,
     workers: int | None = None,
+    allow_exec: bool = False,
 ) -> Run:
     """Runs an experiment, and opens the run.
 
@@ -90,6 +91,7 @@ def run(
         fresh: Take nothing from earlier runs.
         keep_going: Go on after a frame failed: then failed frames are a warning.
         workers: Worker threads, by default one a core; never changes a result.
+        allow_exec: Allow the experiment to start the programs that it names (`process`, `process/source`). Read what it starts first.
 
     Raises:
         ProgramError: If there is no program, the experiment has mistakes (`told["diagnostics"]` says where), or a frame failed.
@@ -106,7 +108,7 @@ def run(
         arguments += ["--out", out]
     if workers is not None:
         arguments += ["--workers", str(workers)]
-    flags = {"--overwrite": overwrite, "--fresh": fresh, "--keep-going": keep_going}
+    flags = {"--overwrite": overwrite, "--fresh": fresh, "--keep-going": keep_going, "--allow-exec": allow_exec}
     arguments += [flag for flag, is_set in flags.items() if is_set]
     told = ask(*arguments, accepted=(0, _FRAMES_FAILED) if keep_going else (0,))
     if "run" not in told:

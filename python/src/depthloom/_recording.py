@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import struct
 import zlib
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
@@ -103,10 +104,17 @@ class Recording:
                     self._chunks.setdefault((of, place.time_ns), []).append(place.offset)
             #: Of all frames, in the order in which they were written.
             self.commits = list(self._commits(file))
+            times = Counter((commit.run, commit.time_ns) for commit in self.commits)
+            #: The times that several frames of a stage have.
+            self._ambiguous = {time_ns for (_, time_ns), count in times.items() if count > 1}
 
-    def has(self, topic: str, time_ns: int) -> bool:
-        """Whether a topic has messages of a time."""
-        return any((of, time_ns) in self._chunks for of in self.channels.get(topic, ()))
+    def has(self, topic: str, time_ns: int, sequence: int) -> bool:
+        """Whether a topic has messages on a frame."""
+        is_there = any((of, time_ns) in self._chunks for of in self.channels.get(topic, ()))
+        if is_there and time_ns in self._ambiguous:
+            # The index knows times alone: of which frame the messages are, they say themselves.
+            return any(True for _ in self.messages(topic, time_ns, sequence))
+        return is_there
 
     def messages(self, topic: str, time_ns: int, sequence: int) -> Iterator[tuple[str, Any]]:
         """The messages of a topic on a frame, each with its schema's name."""

@@ -135,8 +135,15 @@ class Run:
 
     @cached_property
     def scores(self) -> pl.DataFrame:
-        """The scores: a row a frame, stage, variant, estimator, pixel set and zone."""
-        return self._table("scores")
+        """The scores of whole images: one row per frame, stage, variant, estimate and pixel set. Choose a pixel set before you average: `run.scores.filter(set="all")`."""
+        scores = self._table("scores")
+        return scores.filter(pl.col("zone").is_null()).drop("zone") if "zone" in scores.columns else scores
+
+    @cached_property
+    def zone_scores(self) -> pl.DataFrame:
+        """The scores of parts of images: as :attr:`scores`, one row per zone."""
+        scores = self._table("scores")
+        return scores.filter(pl.col("zone").is_not_null()) if "zone" in scores.columns else scores.clear().with_columns(pl.lit(None, pl.String).alias("zone"))
 
     @cached_property
     def error_vs_distance(self) -> pl.DataFrame:

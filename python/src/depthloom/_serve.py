@@ -9,6 +9,7 @@ import sys
 import time
 import traceback
 from collections.abc import Callable, Mapping
+from difflib import get_close_matches
 from typing import Any, BinaryIO
 
 from ._errors import DepthloomError
@@ -25,7 +26,8 @@ def serve(*nodes: Any) -> None:
 
     Of several nodes the program's first argument names the one, as the function or class is called: `command: [python3, nodes.py, fuse]`.
 
-    Standard output belongs to the protocol: while this runs, what is printed goes to standard error, of which depthloom shows the end where something fails.
+    Standard output belongs to the protocol: while this runs, what is printed goes to standard error. depthloom shows the end of it where something fails, and keeps it in
+    `programs.log` in the run's folder.
     """
     try:
         import pyarrow  # noqa: F401
@@ -225,16 +227,22 @@ class _Server:
         times = [int(of[1]) for of in frames] if have_times else None
         return {"says": "frames", "frames": {"id": ids, "time_ns": times}}
 
+    def _is_value(self, port: str, given: Any) -> bool:
+        """Whether what a node with one output gave is the value itself, not a mapping of outputs. A curve is a mapping too."""
+        if not isinstance(given, Mapping):
+            return True
+        return self.outputs[port] == "curve" and port not in given and not self.columns.CURVE.isdisjoint(given)
+
     def _values(self, given: Any, ports: set[str]) -> dict[str, Any]:
         if given is None:
             given = {}
-        elif len(ports) == 1 and not (isinstance(given, Mapping) and set(given) <= ports):
+        elif len(ports) == 1 and self._is_value(next(iter(ports)), given):
             given = {next(iter(ports)): given}
         if not isinstance(given, Mapping):
             raise TypeError(f"the node gave a {type(given).__name__}; of several outputs it gives a mapping: {_ports(self.outputs)}")
         strange = [name for name in given if name not in ports]
         if strange:
-            raise KeyError(f"the node gave a value at {strange[0]!r}, which is none of {', '.join(sorted(ports)) or 'its outputs here'}")
+            raise ValueError(_no_output(strange[0], ports))
         arrays = []
         for name, of in self.outputs.items():
             try:
@@ -245,6 +253,13 @@ class _Server:
         if not arrays:
             return {"says": "values"}
         return {"says": "values", "outputs": self.pa.StructArray.from_arrays(arrays, fields=list(struct))}
+
+
+def _no_output(name: object, ports: set[str]) -> str:
+    """That a node gave a value at what is none of its outputs, with the nearest of them."""
+    near = get_close_matches(str(name), ports, n=1)
+    also = f"did you mean `{near[0]}`?" if near else f"here it has {', '.join(f'`{port}`' for port in sorted(ports)) or 'none'}"
+    return f"the node returned a value for `{name}`, and there is no output `{name}`; {also}"
 
 
 def _chosen(nodes: tuple[Any, ...]) -> Any:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import mmap
 import os
+import re
 import weakref
 from typing import Any
 
@@ -12,6 +13,8 @@ import pyarrow as pa
 
 #: From this size on an answer lies in memory, bytes.
 _LARGE = 1 << 16
+#: What depthloom writes into the file that it offers.
+_WORD = re.compile(rb"[0-9a-f]{32}")
 #: How many files are kept open: depthloom has five at most.
 _OPEN = 8
 
@@ -71,17 +74,21 @@ class Shared:
 
 
 def agreed(path: bytes) -> bytes | None:
-    """The word that lies in the file that depthloom offers; `None` where it cannot be opened: then all goes through the pipes."""
+    """The word that lies in the file that depthloom offers; `None` where there is none: then all goes through the pipes.
+
+    Where process numbers are a container's own, the path may name another file, or none.
+    """
     try:
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
     except OSError:
         return None
     try:
-        return os.read(descriptor, 32)
+        word = os.read(descriptor, 32)
     except OSError:
         return None
     finally:
         os.close(descriptor)
+    return word if _WORD.fullmatch(word) else None
 
 
 class _Sink:
