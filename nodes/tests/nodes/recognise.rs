@@ -16,6 +16,20 @@ fn recognised(root: &std::path::Path) -> Vec<(&'static str, serde_json::Value)> 
 }
 
 #[test]
+fn fault_62_a_calibration_of_another_data_set_makes_no_scene_of_middlebury() {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["I1_000000.png", "I2_000000.png"] {
+        image::GrayImage::new(8, 6).save(folder.path().join(name)).unwrap();
+    }
+    std::fs::write(folder.path().join("calib.txt"), "f=894.58 px\ncu=635.96 px\nb=0.57 m\n").unwrap();
+    let others = recognised(folder.path());
+    assert!(others.is_empty(), "{others:?}");
+    let found = depthloom_nodes::registry().source_kind("images").unwrap().recognise(folder.path());
+    assert_eq!(found[0].params["left"], "I1_000000.png");
+    assert_eq!(found[0].params["right"], "I2_000000.png");
+}
+
+#[test]
 fn every_kind_knows_its_own_folder_and_opens_it_as_it_says() {
     let of_kitti = ["kitti/stereo2012", "kitti/odometry", "kitti/depth", "kitti/raw"];
     let others = ["ros2/bag", "middlebury", "eth3d/two-view", "sintel-stereo", "scene-flow", "drivingstereo"];

@@ -224,6 +224,52 @@ fn encodings_orders_and_rows_with_room_at_their_end_are_one_image() {
     assert_ne!(usual.source.key(0).unwrap(), of_12.source.key(0).unwrap());
 }
 
+#[test]
+fn fault_63_with_a_baseline_the_left_cameras_info_is_enough_for_rectified_images() {
+    let bench = Bench::new();
+    let mut messages = frames();
+    messages.retain(|message| message.topic != RIGHT_INFO);
+    let bag = bench.mcap(&messages);
+    assert!(bench.told(&bag, &json!({})).contains("has no camera_info beside"));
+    let of = calibration(&opened(&bag, &json!({ "baseline_m": 0.25 })).read(0).unwrap().0);
+    assert_eq!((of[3], of[4]), (0.25, 0.0));
+    let raw = bench.told(&bag, &json!({ "baseline_m": 0.25, "rectified": false }));
+    assert!(raw.contains("the right camera has no camera_info"), "{raw}");
+}
+
+#[test]
+fn fault_64_colours_of_16_bits_are_read_and_files_that_were_unpacked() {
+    let bench = Bench::new();
+    let rgb: Vec<u8> = (0..3 * SIZE.0 * SIZE.1).map(|at| at as u8).collect();
+    for (encoding, order) in [("rgb16", [0, 1, 2]), ("bgr16", [2, 1, 0])] {
+        let deep: Vec<u8> =
+            rgb.as_chunks::<3>().0.iter().flat_map(|pixel| order.map(|of| [7, pixel[of]])).flatten().collect();
+        let raw = Raw { size: SIZE, encoding, step: 6 * SIZE.0, data: &deep };
+        assert_eq!(samples(&with_left(&bench, raw_image(false, T0, "camera_left", &raw))["left"]), rgb, "{encoding}");
+    }
+    let folder = tempfile::tempdir().unwrap();
+    mcap(&folder.path().join("bag.mcap"), &frames(), WriteOptions::new());
+    let metadata = "rosbag2_bagfile_information:\n  relative_file_paths: [bag.mcap.zstd]\n  compression_mode: FILE\n";
+    std::fs::write(folder.path().join("metadata.yaml"), metadata).unwrap();
+    assert!(!opened(folder.path(), &json!({})).source.frames().is_empty());
+}
+
+#[test]
+fn fault_65_what_git_lfs_left_in_the_place_of_a_bag_is_named_and_so_is_a_damaged_beginning() {
+    let bench = Bench::new();
+    let folder = tempfile::tempdir().unwrap();
+    let pointer = folder.path().join("pointer.mcap");
+    std::fs::write(&pointer, "version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 12\n").unwrap();
+    let told = bench.told(&pointer, &json!({}));
+    assert!(told.contains("is a pointer of Git LFS") && told.contains("git lfs pull"), "{told}");
+    let mut bytes = std::fs::read(bench.mcap(&frames())).unwrap();
+    bytes[3] ^= 1;
+    let damaged = folder.path().join("damaged.mcap");
+    std::fs::write(&damaged, bytes).unwrap();
+    let told = bench.told(&damaged, &json!({}));
+    assert!(told.contains("it does not begin as an MCAP file, and ends as one"), "{told}");
+}
+
 /// The values of a frame whose left image is this message.
 fn with_left(bench: &Bench, bytes: Vec<u8>) -> Values {
     let mut messages = frame(T0, 0);
