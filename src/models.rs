@@ -1,7 +1,6 @@
 //! A run's learnt models as files, under names that a person understands: `models/<stage>.<node>[.<variant>].onnx`.
 
 use std::collections::BTreeSet;
-use std::fs;
 use std::io;
 use std::path::Path;
 
@@ -24,7 +23,7 @@ pub fn write(recording: &Recording, folder: &Path) -> Result<(), Stop> {
             let exit = if error.is_damage() { Exit::Frames } else { Exit::Engine };
             Stop::of_recording(exit, "failed to read a learnt model", &error)
         })?;
-        fs::create_dir_all(&folder).map_err(|error| failed(&error))?;
+        depthloom_durable::create_folder(&folder).map_err(|error| failed(&error))?;
         depthloom_durable::write(&folder.join(&name), &bytes).map_err(|error| failed(&error))?;
     }
     Ok(())

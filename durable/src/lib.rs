@@ -1,73 +1,80 @@
-//! Files that are whole or not there, also after a power cut.
+//! Files that are complete or not there, also after a power cut, and that never go where a link leads.
 //!
-//! A file is written under another name in its own folder, synchronised, renamed, and the folder synchronised: POSIX promises
+//! A file is written under a temporary name in its own folder, synchronised, renamed, and the folder synchronised: POSIX promises
 //! that a rename replaces a name at once, and nothing of the order in which content and names reach the disk.
+//!
+//! A folder may come from a stranger, with links, pipes and devices under names that depthloom is known to use. So a temporary file has
+//! a random name and is created here or not at all, a rename replaces a link instead of following it, and what is opened
+//! to be locked or continued is a regular file that was reached without a link.
+
+mod names;
+mod open;
 
 use std::ffi::OsString;
 use std::fs::{self, File, TryLockError};
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// The ending of a file that is not whole yet.
+pub use names::final_name;
+pub use open::{create_folder, create_in_place, create_new, open_or_create, open_regular};
+
+/// The ending of a file or folder that is not complete yet.
 pub const PARTIAL: &str = "partial";
 
 /// Writes a file with `write`, in place of whatever has its name once all of it is on the disk.
 ///
 /// On an error the file under the final name is what it was, and nothing half-written stays beside it. Several may write one
-/// file at a time, in one process or in several: each writes a file of its own, and the last to end has the name.
+/// file at a time, in one process or in several: each writes a file of its own, and the last to end has the name. A link of
+/// that name is replaced, not followed.
 ///
 /// # Errors
-/// What `write` gave, or what creating, synchronising or renaming the file gave.
+/// What `write` gave, or what creating, synchronising or renaming the file gave; [`io::ErrorKind::InvalidInput`] if a pipe, a socket
+/// or a device has the name.
 pub fn write_with<E: From<io::Error>>(path: &Path, write: impl FnOnce(&mut File) -> Result<(), E>) -> Result<(), E> {
-    let (partial, mut file) = own_partial(path)?;
+    open::refuse_special(path)?;
+    let (temporary, mut file) = create_temporary(path)?;
     let written = write(&mut file).and_then(|()| {
         file.sync_all()?;
-        Ok(rename(&partial, path)?)
+        Ok(rename(&temporary, path)?)
     });
     if written.is_err() {
-        // The error that is told is the first one; a file that stays costs room and nothing else.
-        let _ = fs::remove_file(&partial);
+        // The error that is reported is the first one; a file that stays costs room and nothing else.
+        let _ = fs::remove_file(&temporary);
     }
     written
 }
 
-/// An empty file beside `path` that no other writer has: `<path>.partial`, or a numbered one while others write that.
-///
-/// The lock on it goes with its writer, however that ends: so what a killed one left is in nobody's way, and is taken over.
-fn own_partial(path: &Path) -> io::Result<(PathBuf, File)> {
-    let mut others: u32 = 0;
-    loop {
-        let partial = if others == 0 { partial_name(path) } else { partial_name(&with_number(path, others)) };
-        let file = File::options().create(true).truncate(false).write(true).open(&partial)?;
+/// A new empty file beside `path`, locked: the lock tells its writer from one that was killed, see [`remove_abandoned`].
+fn create_temporary(path: &Path) -> io::Result<(PathBuf, File)> {
+    const ATTEMPTS: usize = 100;
+    for _ in 0..ATTEMPTS {
+        let temporary = names::temporary(path);
+        let file = match create_new(&temporary) {
+            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => continue,
+            created => created?,
+        };
         match file.try_lock() {
-            Err(TryLockError::WouldBlock) => others += 1,
-            // Its writer renamed it after it was opened here: it has its final name, and is not ours.
-            Ok(()) if !is_named(&file, &partial)? => {}
-            // Where the file system knows no locks, writers are not told apart.
-            Ok(()) | Err(TryLockError::Error(_)) => {
-                file.set_len(0)?;
-                return Ok((partial, file));
-            }
+            // Another process that looks for abandoned files was between creation and lock.
+            Err(TryLockError::WouldBlock) => {}
+            Ok(()) if !open::is_named(&file, &temporary) => {}
+            // Where the file system knows no locks, no file is taken for abandoned.
+            Ok(()) | Err(TryLockError::Error(_)) => return Ok((temporary, file)),
         }
     }
+    Err(io::Error::new(io::ErrorKind::AlreadyExists, "no temporary name is free"))
 }
 
-/// Whether an open file is still the one of that name.
-fn is_named(file: &File, path: &Path) -> io::Result<bool> {
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::MetadataExt;
-        let identity = |metadata: fs::Metadata| (metadata.dev(), metadata.ino());
-        match fs::metadata(path) {
-            Ok(named) => Ok(identity(named) == identity(file.metadata()?)),
-            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(false),
-            Err(error) => Err(error),
+/// Removes the temporary files that killed writers left in a folder. One that is being written is locked, and stays.
+///
+/// Nothing depends on it: what cannot be removed costs room and nothing else.
+pub fn remove_abandoned(folder: &Path) {
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+        let path = entry.path();
+        if entry.file_name().to_str().and_then(final_name).is_some()
+            && open_regular(&path).is_ok_and(|file| file.try_lock().is_ok())
+        {
+            let _ = fs::remove_file(&path);
         }
-    }
-    #[cfg(not(unix))]
-    {
-        let _ = (file, path);
-        Ok(true)
     }
 }
 
@@ -133,19 +140,12 @@ fn parent(path: &Path) -> &Path {
     }
 }
 
-/// `<path>.partial`: the name a file or folder has until it is whole.
+/// `<path>.partial`: the name that a run's folder has until it is complete. Whoever continues one checks first whose it is.
 #[must_use]
 pub fn partial_name(path: &Path) -> PathBuf {
     let mut name = path.file_name().map(OsString::from).unwrap_or_default();
     name.push(".");
     name.push(PARTIAL);
-    path.with_file_name(name)
-}
-
-/// `<path>.<number>`.
-fn with_number(path: &Path, number: u32) -> PathBuf {
-    let mut name = path.file_name().map(OsString::from).unwrap_or_default();
-    name.push(format!(".{number}"));
     path.with_file_name(name)
 }
 
@@ -204,12 +204,66 @@ mod tests {
     }
 
     #[test]
-    fn fault_01_what_a_killed_writer_left_is_in_nobodys_way() {
+    fn only_abandoned_temporary_files_are_removed() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("table.csv");
-        fs::write(super::partial_name(&path), b"half of something long").unwrap();
-        super::write(&path, b"whole").unwrap();
-        assert_eq!(fs::read(&path).unwrap(), b"whole");
-        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+        let killed = super::names::temporary(&path);
+        let foreign = folder.path().join("table.csv.partial");
+        fs::write(&killed, b"half of something long").unwrap();
+        fs::write(&foreign, b"not temporary").unwrap();
+        super::write_with(&path, |file| {
+            super::remove_abandoned(folder.path());
+            assert!(!killed.exists() && foreign.exists());
+            file.write_all(b"complete")
+        })
+        .unwrap();
+        assert_eq!(fs::read(&path).unwrap(), b"complete");
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2);
+    }
+
+    #[test]
+    fn a_long_name_can_be_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("\u{f6}".repeat(127));
+        super::write(&path, b"complete").unwrap();
+        assert_eq!(fs::read(&path).unwrap(), b"complete");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_link_is_replaced_and_never_followed() {
+        use std::os::unix::fs::symlink;
+
+        let folder = tempfile::tempdir().unwrap();
+        let (path, precious) = (folder.path().join("table.md"), folder.path().join("precious"));
+        fs::write(&precious, b"years").unwrap();
+        symlink(&precious, &path).unwrap();
+        symlink(&precious, super::partial_name(&path)).unwrap();
+        super::write(&path, b"table").unwrap();
+        assert_eq!(fs::read(&precious).unwrap(), b"years");
+        assert!(!path.is_symlink());
+        assert_eq!(fs::read(&path).unwrap(), b"table");
+        // An abandoned file that is a link is nobody's temporary file.
+        symlink(&precious, super::names::temporary(&path)).unwrap();
+        super::remove_abandoned(folder.path());
+        assert_eq!(fs::read(&precious).unwrap(), b"years");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_pipe_is_refused_at_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("table.md");
+        // A pipe under the name that older versions wrote to is in nobody's way.
+        for name in ["table.md.partial", ".table.md.12345678.partial"] {
+            crate::open::tests::make_pipe(&folder.path().join(name));
+        }
+        super::write(&path, b"table").unwrap();
+        super::remove_abandoned(folder.path());
+        fs::remove_file(&path).unwrap();
+        crate::open::tests::make_pipe(&path);
+        let error = super::write(&path, b"table").unwrap_err();
+        assert_eq!(error.to_string(), "it is a pipe, a socket or a device, not a regular file");
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 3);
     }
 }

@@ -5,7 +5,7 @@
 
 use std::fmt::Write as _;
 use std::fs;
-use std::io::Cursor;
+use std::io::{self, Cursor, Write as _};
 use std::path::{Path, PathBuf};
 
 use depthloom_graphs::contracts::Frame;
@@ -86,9 +86,13 @@ impl KittiFolders {
             }
             fs::remove_dir_all(&partial).map_err(|error| unwritable(&partial, error))?;
         }
-        for folder in FOLDERS {
-            let folder = partial.join("training").join(folder);
-            fs::create_dir_all(&folder).map_err(|error| unwritable(&folder, error))?;
+        if let Some(parent) = partial.parent() {
+            fs::create_dir_all(parent).map_err(|error| unwritable(parent, error))?;
+        }
+        let training = partial.join("training");
+        let folders = FOLDERS.iter().map(|folder| training.join(folder));
+        for folder in [partial.clone(), training.clone()].into_iter().chain(folders) {
+            depthloom_durable::create_folder(&folder).map_err(|error| unwritable(&folder, error))?;
         }
         Ok(Self { partial, out: out.to_owned() })
     }
@@ -105,7 +109,7 @@ impl KittiFolders {
             Pixels::Rgb(rgb) => rgb.write_to(&mut bytes, ImageFormat::Png),
         };
         encoded.map_err(|error| unwritable(&path, error))?;
-        fs::write(&path, bytes.into_inner()).map_err(|error| unwritable(&path, error))
+        write_new(&path, &bytes.into_inner()).map_err(|error| unwritable(&path, error))
     }
 
     /// KITTI's disparity: 16 bit, 1/256 px, 0 = unknown.
@@ -119,7 +123,7 @@ impl KittiFolders {
             ))
         })?;
         px_256.write_to(&mut bytes, ImageFormat::Png).map_err(|error| unwritable(&path, error))?;
-        fs::write(&path, bytes.into_inner()).map_err(|error| unwritable(&path, error))
+        write_new(&path, &bytes.into_inner()).map_err(|error| unwritable(&path, error))
     }
 
     /// KITTI's object map: 8 bit, 0 = background. Objects have numbers there; here all have one, 255.
@@ -137,7 +141,7 @@ impl KittiFolders {
             let written = writeln!(text, "S_rect_{camera}: {width} {height}\nP_rect_{camera}: {}", p.join(" "));
             written.expect("a String takes what is written");
         }
-        fs::write(&path, text).map_err(|error| unwritable(&path, error))
+        write_new(&path, text.as_bytes()).map_err(|error| unwritable(&path, error))
     }
 
     fn finish(self) -> Result<(), Fault> {
@@ -148,6 +152,11 @@ impl KittiFolders {
             .and_then(|()| depthloom_durable::rename(&self.partial, &self.out))
             .map_err(|error| unwritable(&self.out, error))
     }
+}
+
+/// Writes a file into a folder that was made for it.
+fn write_new(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    depthloom_durable::create_new(path)?.write_all(bytes)
 }
 
 fn unwritable(path: &Path, error: impl Into<Box<dyn std::error::Error + Send + Sync>>) -> Fault {

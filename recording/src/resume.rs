@@ -1,7 +1,6 @@
 //! A recording that its run did not finish, taken up again: what was committed stays, byte for byte, and the rest is written behind it.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs::OpenOptions;
 use std::io::{Seek as _, SeekFrom, Write as _};
 use std::path::Path;
 
@@ -99,7 +98,7 @@ pub fn recover(from: &Recording, to: &Path) -> Result<u64, RecordingError> {
     let what = || "whole frame, and nothing learnt, that could be recovered".to_owned();
     let end = from.end().ok_or_else(|| RecordingError::Missing { path: from.path().to_owned(), what: what() })?;
     let failed = |source| RecordingError::Create { path: to.to_owned(), source };
-    let mut copy = std::fs::File::create(to).map_err(failed)?;
+    let mut copy = depthloom_durable::create_new(to).map_err(failed)?;
     let (mut block, mut at) = (Vec::new(), 0);
     while at < end {
         let length = (1 << 20).min(end - at);
@@ -171,7 +170,7 @@ impl Writer {
         let path = recording.path();
         let failed = |source| RecordingError::Create { path: path.to_owned(), source };
         check(recording)?;
-        let mut file = OpenOptions::new().write(true).open(path).map_err(failed)?;
+        let mut file = depthloom_durable::open_regular(path).map_err(failed)?;
         file.set_len(end).map_err(failed)?;
         file.seek(SeekFrom::Start(end)).map_err(failed)?;
         let rest = recording.missing_index(end);

@@ -1,7 +1,6 @@
 //! The file of a recording being written: appends, and knows what the summary must say.
 
 use std::collections::BTreeMap;
-use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -54,7 +53,8 @@ impl Writer {
         channels: Vec<ChannelLayout>,
         through: Through<'_>,
     ) -> Result<Self, RecordingError> {
-        let file = File::create(path).map_err(|source| RecordingError::Create { path: path.to_owned(), source })?;
+        let file = depthloom_durable::create_in_place(path)
+            .map_err(|source| RecordingError::Create { path: path.to_owned(), source })?;
         let mut writer = Self::of(path, through(file), channels);
         let mut start = mcap::MAGIC.to_vec();
         put_header(&mut start, LIBRARY);

@@ -1,7 +1,7 @@
 //! The files where once-nodes put down where they are: who may write which, and when they go.
 
 use std::collections::BTreeMap;
-use std::fs::{self, File, OpenOptions, TryLockError};
+use std::fs::{self, File, TryLockError};
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
@@ -109,7 +109,7 @@ fn lock(folder: &Path, key: &Key) -> Result<File, Refused> {
     // Another process may remove the folder or the file between two of these calls: then they are made again.
     for _ in 0..100 {
         fs::create_dir_all(folder).map_err(Refused::Io)?;
-        let file = match OpenOptions::new().create(true).truncate(false).write(true).open(&path) {
+        let file = match depthloom_durable::open_or_create(&path) {
             Ok(file) => file,
             Err(error) if error.kind() == io::ErrorKind::NotFound => continue,
             Err(error) => return Err(Refused::Io(error)),

@@ -15,7 +15,7 @@ use crate::args::{MeanOption, RowsOption, ScoresArgs, SetOption, TableArgs, Tabl
 use crate::exit::{Exit, Stop, remedy_of_writing};
 use crate::outputs::Output;
 use crate::signals;
-use crate::streams::print;
+use crate::streams::{print, print_bytes, print_quoted};
 
 /// Columns of text of a terminal's table.
 const TERMINAL_WIDTH: usize = 110;
@@ -97,8 +97,12 @@ impl<'a> Delivery<'a> {
 
     /// Prints it, or writes it to the file; `recordings` are those that it is of.
     pub(super) fn deliver(&self, bytes: &[u8], recordings: &[&Path]) -> Result<(), Stop> {
-        let Some(out) = self.out else { return print(bytes) };
-        write_named(out, bytes, recordings)
+        match (self.out, self.format) {
+            (Some(out), _) => write_named(out, bytes, recordings),
+            (None, TableFormat::Parquet) => print_bytes(bytes),
+            (None, TableFormat::Json) => print_quoted(&String::from_utf8_lossy(bytes)),
+            (None, _) => print(String::from_utf8_lossy(bytes)),
+        }
     }
 }
 
@@ -124,6 +128,10 @@ pub(super) fn can_be_written(out: &Path) -> Result<(), Stop> {
         let file = out.join("table.csv");
         return Err(cannot("it is a folder".to_owned()).remedy(format!("name a file in it, e.g. {}", file.display())));
     }
+    if out.is_symlink() && !is_stream(out) {
+        // In a folder that is a stranger's, it may lead to any file of the person's.
+        return Err(cannot("it is a symbolic link".to_owned()).remedy("name the file that it leads to"));
+    }
     match out.parent().filter(|folder| !folder.as_os_str().is_empty() && !folder.is_dir()) {
         None => Ok(()),
         Some(folder) => {
@@ -133,12 +141,15 @@ pub(super) fn can_be_written(out: &Path) -> Result<(), Stop> {
     }
 }
 
-/// Writes a file that a person named. Into a link, a device or a pipe (`/dev/stdout`) it is written as it comes: no file takes its place.
+/// Writes a file that a person named, or into the pipe or device of that name (`/dev/stdout`).
 fn write(out: &Path, bytes: &[u8]) -> io::Result<()> {
-    match fs::symlink_metadata(out) {
-        Ok(there) if !there.is_file() && !there.is_dir() => fs::write(out, bytes),
-        _ => depthloom_durable::write(out, bytes),
-    }
+    if is_stream(out) { fs::write(out, bytes) } else { depthloom_durable::write(out, bytes) }
+}
+
+/// Whether a path leads to a pipe or device, or to where the system names this process' own streams (`/dev/stdout`, `/dev/fd/3`).
+fn is_stream(out: &Path) -> bool {
+    ["/dev", "/proc"].iter().any(|folder| out.starts_with(folder))
+        || fs::metadata(out).is_ok_and(|there| !there.is_file() && !there.is_dir())
 }
 
 /// Whether a file is there already beside the recording, or is the recording.

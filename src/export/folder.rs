@@ -1,8 +1,10 @@
 //! The folder that is exported to: whose it is, and files in it that are whole or not there.
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 
 use crate::exit::{Exit, Stop};
 use crate::run_folder;
@@ -15,6 +17,8 @@ pub struct Folder {
     path: PathBuf,
     /// Whether a file that stands there may be replaced.
     replaces: bool,
+    /// Folders in it that were seen, and rid of what a killed export left.
+    seen: Mutex<BTreeSet<PathBuf>>,
 }
 
 impl Folder {
@@ -45,7 +49,7 @@ impl Folder {
                 is_empty || fs::symlink_metadata(path.join(MARKER)).is_ok_and(|marker| marker.is_file())
             }
         };
-        Ok(Self { path: path.to_owned(), replaces: is_ours || overwrite })
+        Ok(Self { path: path.to_owned(), replaces: is_ours || overwrite, seen: Mutex::default() })
     }
 
     /// Refuses if one of these files stands there and may not be replaced.
@@ -68,6 +72,7 @@ impl Folder {
     pub fn create(&self) -> Result<(), Stop> {
         let made = fs::create_dir_all(&self.path).and_then(|()| {
             let is_empty = fs::read_dir(&self.path)?.next().is_none();
+            depthloom_durable::remove_abandoned(&self.path);
             if is_empty { depthloom_durable::write(&self.path.join(MARKER), b"") } else { Ok(()) }
         });
         made.map_err(|error| {
@@ -87,14 +92,9 @@ impl Folder {
         let mut folder = self.path.clone();
         for part in below.components() {
             folder.push(part);
-            match fs::create_dir(&folder) {
-                Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {
-                    if !fs::symlink_metadata(&folder)?.is_dir() {
-                        let what = format!("{} is no folder", folder.display());
-                        return Err(io::Error::new(io::ErrorKind::NotADirectory, what));
-                    }
-                }
-                made => made?,
+            depthloom_durable::create_folder(&folder)?;
+            if self.seen.lock().unwrap_or_else(PoisonError::into_inner).insert(folder.clone()) {
+                depthloom_durable::remove_abandoned(&folder);
             }
         }
         Ok(())

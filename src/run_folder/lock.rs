@@ -1,6 +1,6 @@
 //! Who writes in a run's folder: one process at a time. The lock is the system's, on the open marker: a crash leaves none behind.
 
-use std::fs::{File, OpenOptions, TryLockError};
+use std::fs::{File, TryLockError};
 use std::io::{self, Write as _};
 use std::path::Path;
 
@@ -31,7 +31,7 @@ impl Lock {
     /// can leave behind, and of several who mark one folder only one does.
     pub fn mark(folder: &Path) -> Result<Self, Refused> {
         let path = folder.join(MARKER);
-        let marker = match OpenOptions::new().read(true).write(true).create_new(true).open(&path) {
+        let marker = match depthloom_durable::create_new(&path) {
             Err(error) if error.kind() == io::ErrorKind::AlreadyExists => return Err(Refused::Busy),
             opened => opened?,
         };
@@ -49,7 +49,7 @@ impl Lock {
 
     /// Locks a run's folder, if nobody has.
     pub fn take(folder: &Path) -> Result<Self, Refused> {
-        let marker = match OpenOptions::new().read(true).write(true).open(folder.join(MARKER)) {
+        let marker = match depthloom_durable::open_regular(&folder.join(MARKER)) {
             Err(error) if error.kind() == io::ErrorKind::NotFound && is_of_0_1_0(folder) => return Self::mark(folder),
             opened => opened?,
         };

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::{fs, io};
 
 use depthloom_graphs::values::CurvePoint;
-use depthloom_graphs::{Fault, Key};
+use depthloom_graphs::{Fault, Key, regular_file};
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use serde::{Deserialize, Serialize};
 
@@ -18,6 +18,8 @@ use crate::networks::ParameterLayout;
 
 /// Raised whenever files of before no longer fit.
 const VERSION: u32 = 2;
+/// The largest that is read, bytes.
+const LARGEST: u64 = 1 << 40;
 /// Length of the hash at the end, bytes.
 const HASH_LEN: usize = 16;
 
@@ -59,7 +61,7 @@ impl Checkpoint {
 
     /// The state it holds; `None` if there is none.
     pub(super) fn load(&self, layout: &ParameterLayout) -> Result<Option<State>, Unusable> {
-        let bytes = match fs::read(&self.path) {
+        let bytes = match regular_file::read(&self.path, LARGEST) {
             Ok(bytes) => bytes,
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
             Err(error) => return Err(Unusable::Unreadable(self.path.clone(), error)),
@@ -114,7 +116,10 @@ impl Checkpoint {
         let mut bytes = safetensors::serialize(views, Some(metadata)).map_err(|error| failed(&error))?;
         bytes.extend_from_slice(Key::of_content(&bytes).as_bytes());
         let folder = self.path.parent().unwrap_or(Path::new("."));
-        let written = fs::create_dir_all(folder).and_then(|()| depthloom_durable::write(&self.path, &bytes));
+        let written = fs::create_dir_all(folder).and_then(|()| {
+            depthloom_durable::remove_abandoned(folder);
+            depthloom_durable::write(&self.path, &bytes)
+        });
         written.map_err(|error| failed(&error))
     }
 }

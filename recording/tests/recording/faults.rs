@@ -1,10 +1,11 @@
 //! What a crash leaves is readable to the last commit; what is damaged or not ours is said to be so.
 
+use std::fs::File;
 use std::path::{Path, PathBuf};
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 use depthloom_graphs::contracts::Tap;
-use depthloom_recording::{Condition, Recorder, Recording, RecordingError};
+use depthloom_recording::{Condition, Disk, Recorder, Recording, RecordingError};
 use proptest::prelude::{ProptestConfig, Strategy, proptest};
 use proptest::{prop_assert, prop_assert_eq};
 
@@ -398,9 +399,33 @@ fn nothing_is_written_after_the_end() {
 #[test]
 #[cfg(target_os = "linux")]
 fn a_full_disk_is_said_to_be_full() {
-    let Err(error) = Recorder::create("/dev/full", &plan()) else { panic!("/dev/full took bytes") };
+    let folder = tempfile::tempdir().unwrap();
+    let full = |_: File| -> Arc<dyn Disk> { Arc::new(File::options().write(true).open("/dev/full").unwrap()) };
+    let created = Recorder::create_through(folder.path().join("recording.mcap"), &plan(), &full);
+    let Err(error) = created else { panic!("/dev/full took bytes") };
     assert!(matches!(&error, RecordingError::Write { offset: 0, .. }), "{error}");
     assert!(error.remedy().unwrap().starts_with("free some space"), "{error}");
+}
+
+#[test]
+#[cfg(unix)]
+fn a_recording_is_never_written_through_a_link_or_into_a_device() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, precious) = (folder.path().join("recording.mcap"), folder.path().join("precious"));
+    std::fs::write(&precious, "years").unwrap();
+    std::os::unix::fs::symlink(&precious, &path).unwrap();
+    Recorder::create(&path, &plan()).unwrap().finish(&[]).unwrap();
+    assert!(!path.is_symlink());
+    // A link in place of the recording that is to be continued.
+    let elsewhere = folder.path().join("elsewhere.mcap");
+    std::fs::rename(&path, &elsewhere).unwrap();
+    std::os::unix::fs::symlink(&elsewhere, &path).unwrap();
+    let before = std::fs::read(&elsewhere).unwrap();
+    let begun = Recording::open(&path).unwrap();
+    assert!(Recorder::resume(&begun, &plan()).is_err());
+    assert!(std::fs::read(&elsewhere).unwrap() == before);
+    assert_eq!(std::fs::read_to_string(&precious).unwrap(), "years");
+    assert!(Recorder::create("/dev/null", &plan()).is_err());
 }
 
 #[test]
