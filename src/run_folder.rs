@@ -14,7 +14,7 @@ use std::fs;
 use std::io;
 use std::path::{Component, Path, PathBuf};
 
-pub use contents::not_of_a_report;
+pub use contents::{in_the_way_of_a_report, mark_for_reports};
 pub use lock::{Lock, Refused, is_held};
 pub use marker::{Found, MARKER};
 pub use remove::Removal;
@@ -85,7 +85,10 @@ impl RunFolder {
         if found(&partial)? == Found::Run {
             let old = lock(&partial)?;
             match begun(&partial) {
-                Begun::This => return Ok(Self { partial, out: out.clone(), lock: old, replaced, goes_on: true }),
+                Begun::This => {
+                    contents::remove_abandoned(&partial);
+                    return Ok(Self { partial, out: out.clone(), lock: old, replaced, goes_on: true });
+                }
                 Begun::Other if !overwrite => {
                     let what = format!("{} holds frames that this run does not go on with", partial.display());
                     let why = "they are of another experiment or other parameters, or --fresh was requested";
@@ -219,7 +222,12 @@ pub fn around(path: &Path) -> Option<PathBuf> {
 
 /// The lock of a run's folder for who writes more into it, or `None` if the folder is not a run's.
 pub fn lock_if_run(folder: &Path) -> Result<Option<Lock>, Stop> {
-    if found(folder)? == Found::Run { lock(folder).map(Some) } else { Ok(None) }
+    if found(folder)? != Found::Run {
+        return Ok(None);
+    }
+    let lock = lock(folder)?;
+    contents::remove_abandoned(folder);
+    Ok(Some(lock))
 }
 
 fn lock(folder: &Path) -> Result<Lock, Stop> {

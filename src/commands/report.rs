@@ -46,16 +46,22 @@ pub fn report(args: &ReportArgs) -> Result<Exit, Stop> {
             let what = format!("{} is a run's folder, and holds what the run wrote and nothing else", run.display());
             return Err(Stop::new(Exit::Before, what).remedy("choose another --out"));
         }
-    } else if let Some(name) = run_folder::not_of_a_report(&out) {
-        let what = format!("{} would be replaced, and is no table of a report", out.join(name).display());
-        return Err(Stop::new(Exit::Before, what).remedy("choose another --out, or move the file away"));
+    } else if let Some(name) = run_folder::in_the_way_of_a_report(&out) {
+        let what = format!("{} exists already, and no report wrote it", out.join(name).display());
+        return Err(Stop::new(Exit::Before, what).remedy("choose another --out, or move it away"));
     }
     let interrupt = signals::listen("stopping: what is not written yet stays as it was")?;
     std::fs::create_dir_all(&out)
         .map_err(|error| Stop::of_writing(Exit::Before, format_args!("failed to create {}", out.display()), &error))?;
-    let _lock = run_folder::lock_if_run(&out)?;
+    let lock = run_folder::lock_if_run(&out)?;
     let recording = Recording::open(&path)
         .map_err(|error| Stop::of_recording(Exit::Before, "failed to read the recording", &error))?;
+    if lock.is_none() {
+        depthloom_durable::remove_abandoned(&out);
+        run_folder::mark_for_reports(&out).map_err(|error| {
+            Stop::of_writing(Exit::Before, format_args!("failed to write to {}", out.display()), &error)
+        })?;
+    }
     let intervals = args.ci.map(|confidence| Resampling { confidence, ..Resampling::default() });
     let options = ReportOptions { paper: args.paper, intervals, check_every_byte: true, ..ReportOptions::default() };
     let mut report = analyse(&recording, &out, &options, None, &interrupt)?;

@@ -2,13 +2,14 @@
 
 use std::ffi::OsString;
 use std::fs;
-use std::io::{self, Read as _, Seek as _, SeekFrom};
+use std::io;
 use std::path::Path;
 
-use depthloom_analysis::{LEADING, PAGE, PAGE_MARK, TABLE_MARK};
+use depthloom_analysis::{PAGE, SAMPLES};
 
 use super::marker::MARKER;
 use crate::earlier::OUTDATED;
+use crate::models;
 
 /// The files that a run writes.
 const FILES: [&str; 7] = [
@@ -35,61 +36,38 @@ const REPORT: [&str; 15] = [
     "learning_curves.csv",
     "learning_curves.parquet",
     "learning_curves.svg",
-    "samples.parquet",
+    SAMPLES,
     PAGE,
 ];
 /// The folders, and the endings of what they hold.
 const FOLDERS: [(&str, &[&str]); 2] = [("experiment", &["yaml", "yml"]), ("models", &["onnx"])];
 
-/// A table or a page with the name of a report's that no report wrote.
-pub fn not_of_a_report(folder: &Path) -> Option<String> {
-    // A report's tables, and how those of 0.1.0 began.
-    const TABLES: [(&str, &str); 5] = [
-        ("scores", "stage,position,"),
-        ("table", "estimator,scored_on,"),
-        ("error_vs_distance", "estimator,bin_m,"),
-        ("true_distances", "bin_m,count"),
-        ("learning_curves", "curve,step,"),
-    ];
-    let now = LEADING[..2].join(",");
-    if first_bytes(&folder.join(PAGE)).is_some_and(|first| !first.starts_with(PAGE_MARK.as_bytes())) {
-        return Some(PAGE.to_owned());
+/// Marks a folder that is not a run's as one whose report depthloom wrote, and may replace.
+const REPORT_MARKER: &str = ".depthloom-report";
+
+/// What has the name of a report's file or folder, in a folder that is not marked: somebody else's.
+pub fn in_the_way_of_a_report(folder: &Path) -> Option<&'static str> {
+    let is_there = |name: &str| fs::symlink_metadata(folder.join(name));
+    if is_there(REPORT_MARKER).is_ok_and(|marker| marker.is_file()) {
+        return None;
     }
-    TABLES.into_iter().find_map(|(table, before)| {
-        let (csv, parquet) = (format!("{table}.csv"), format!("{table}.parquet"));
-        let first = first_bytes(&folder.join(&csv));
-        let begins = |columns: &str| first.as_ref().is_some_and(|first| first.starts_with(columns.as_bytes()));
-        if first.is_some() && !begins(&now) && !begins(before) {
-            return Some(csv);
-        }
-        // Parquet files of 0.1.0 do not say what they are, but the CSV file beside them does.
-        let says_it = |last: Vec<u8>| last.windows(TABLE_MARK.len()).any(|part| part == TABLE_MARK.as_bytes());
-        let is_another = last_bytes(&folder.join(&parquet)).is_some_and(|last| !says_it(last) && !begins(before));
-        is_another.then_some(parquet)
-    })
+    // `report` does not write samples.
+    let names = REPORT.into_iter().filter(|name| *name != SAMPLES);
+    names.chain([models::FOLDER]).find(|name| is_there(name).is_ok())
 }
 
-/// A file, if one is there: a pipe would be waited for.
-fn file(path: &Path) -> Option<fs::File> {
-    fs::metadata(path).is_ok_and(|there| there.is_file()).then(|| fs::File::open(path).ok()).flatten()
+/// Marks a folder in which nothing was [in the way of a report](in_the_way_of_a_report).
+pub fn mark_for_reports(folder: &Path) -> io::Result<()> {
+    depthloom_durable::write(&folder.join(REPORT_MARKER), b"")
 }
 
-/// How a file begins; `None` if it cannot be read, and so not be replaced either.
-fn first_bytes(path: &Path) -> Option<Vec<u8>> {
-    let mut first = Vec::new();
-    file(path)?.take(64).read_to_end(&mut first).ok()?;
-    Some(first)
-}
-
-/// How a file ends: in a Parquet file, with what it says of itself.
-fn last_bytes(path: &Path) -> Option<Vec<u8>> {
-    const MOST: u64 = 64 << 10;
-    let mut last = Vec::new();
-    let mut file = file(path)?;
-    let length = file.metadata().ok()?.len();
-    file.seek(SeekFrom::Start(length.saturating_sub(MOST))).ok()?;
-    file.read_to_end(&mut last).ok()?;
-    Some(last)
+/// Removes what killed writers left in a run's folder; for whoever has its lock.
+pub fn remove_abandoned(folder: &Path) {
+    let folders = FOLDERS.iter().map(|(below, _)| folder.join(below));
+    for folder in folders.filter(|folder| fs::symlink_metadata(folder).is_ok_and(|there| there.is_dir())) {
+        depthloom_durable::remove_abandoned(&folder);
+    }
+    depthloom_durable::remove_abandoned(folder);
 }
 
 /// What lies in the folder that no run wrote there, if anything; of several the first by name.
@@ -110,16 +88,11 @@ pub fn foreign(folder: &Path) -> io::Result<Option<OsString>> {
     Ok(names.into_iter().min())
 }
 
-/// Also one that was never whole: `<name>.partial`, `<name>.1.partial`.
+/// Also what a killed writer left: `.<name>.<random>.partial`, before 0.2 `<name>.partial`.
 fn is_file_of_a_run(name: &str) -> bool {
-    let written = name.strip_suffix(depthloom_durable::PARTIAL).and_then(|name| name.strip_suffix('.'));
-    let mut files = FILES.iter().chain(&REPORT);
-    files.any(|file| name == *file || written.is_some_and(|of| of == *file || is_numbered(of, file)))
-}
-
-fn is_numbered(name: &str, file: &str) -> bool {
-    let number = name.strip_prefix(file).and_then(|rest| rest.strip_prefix('.'));
-    number.is_some_and(|digits| !digits.is_empty() && digits.bytes().all(|byte| byte.is_ascii_digit()))
+    let before = name.strip_suffix(depthloom_durable::PARTIAL).and_then(|name| name.strip_suffix('.'));
+    let written = [Some(name), depthloom_durable::final_name(name), before];
+    FILES.iter().chain(&REPORT).any(|file| written.contains(&Some(*file)))
 }
 
 /// Whether all files in a folder, and in those in it, have one of these endings, or are about to.

@@ -157,7 +157,7 @@ fn a_run_that_holds_what_no_run_wrote_is_not_replaced() {
     }
     // What a killed report left is a run's own.
     fs::write(out.join("table.csv.partial"), "").unwrap();
-    fs::write(out.join("table.csv.1.partial"), "").unwrap();
+    fs::write(out.join(".table.csv.0123abcd.partial"), "").unwrap();
     whole_run(&out, "new");
     assert_eq!(content(&out), "new");
 }
