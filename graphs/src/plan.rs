@@ -2,7 +2,7 @@
 //!
 //! What a person wrote is a spec; what follows from it for every variant, with equal nodes shared, is a plan.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
@@ -107,7 +107,7 @@ pub struct PlannedSource {
 }
 
 /// One of the sources joined into a stage's source.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct SourcePart {
     /// The source kind.
     pub kind: String,
@@ -115,9 +115,18 @@ pub struct SourcePart {
     pub version: u32,
     /// Its parameters, resolved.
     pub params: Json,
+    /// The same with `${NAME}` for what comes from the environment: what may be shown.
+    pub shown: Json,
     /// The same with every path replaced by its content's hash or its last name: what may be recorded, since it is equal on
     /// every machine.
     pub portable: Json,
+}
+
+/// Parts of equal parameters are equal, whether or not these come from the environment.
+impl PartialEq for SourcePart {
+    fn eq(&self, other: &Self) -> bool {
+        (&self.kind, self.version, &self.params) == (&other.kind, other.version, &other.params)
+    }
 }
 
 /// A node, shared by every variant in which it is the same.
@@ -133,6 +142,8 @@ pub struct PlannedNode {
     pub contract: Contract,
     /// Its parameters, resolved: every default filled in.
     pub params: Json,
+    /// The same as far as they may be shown; see [`SourcePart::shown`].
+    pub shown: Json,
     /// The same as far as they are equal on every machine; see [`SourcePart::portable`].
     pub portable: Json,
     /// Those of its parameters that follow others ([`Auto`](crate::contracts::Auto)), as the first of the nodes it stands for has them.
@@ -166,6 +177,15 @@ pub struct PlannedInput {
     pub port: Port,
     /// Where its value comes from; `None` for an optional port left unwired.
     pub from: Option<Origin>,
+    /// The path of its file with `${NAME}` for what comes from the environment, if anything does.
+    pub shown: Option<String>,
+}
+
+impl PlannedInput {
+    /// The path of its file as it may be shown.
+    pub(crate) fn shown_path(&self, path: &Path) -> String {
+        self.shown.clone().unwrap_or_else(|| path.display().to_string())
+    }
 }
 
 /// Where a value comes from.

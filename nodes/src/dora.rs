@@ -7,7 +7,7 @@ use depthloom_graphs::{Fault, Instance, Key, Node, Rate, ValueType};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::process::{check_launch, fingerprint_of, permission};
+use crate::process::{check_launch, command_line, fingerprint_of, permission};
 
 /// The kind's name.
 pub const KIND: &str = "dora";
@@ -75,7 +75,7 @@ impl DoraParams {
     /// # Errors
     /// What would be started, and how it is allowed.
     pub fn ask(&self) -> Result<(), Fault> {
-        permission::ask(&self.command().iter().map(|word| word.0.as_str()).collect::<Vec<_>>().join(" "))
+        permission::ask(&command_line(&self.command()))
     }
 }
 
@@ -115,7 +115,13 @@ the metadata, on both ways; an answer without them has the size of the first map
             return Err(("path", "path names what dora starts: a program, or a file in Python".to_owned()));
         }
         let command = params.command();
-        check_launch(&command, &params.env, params.version, &params.code, [("timeout_s", params.timeout_s)])?;
+        check_launch(
+            &command,
+            [&params.env, &BTreeMap::new()],
+            params.version,
+            &params.code,
+            [("timeout_s", params.timeout_s)],
+        )?;
         params.ports.check(Contract::Pure).map_err(|what| ("ports", what))?;
         let Signature { inputs, outputs, .. } = params.ports.signature(Contract::Pure);
         if inputs.is_empty() || outputs.is_empty() {

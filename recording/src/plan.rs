@@ -287,9 +287,10 @@ fn recorded_input(plan: &Plan, run: &StageRun, input: &PlannedInput) -> Recorded
             let (run, node) = (&plan.runs[*run], &plan.runs[*run].nodes[*node]);
             format!("once {}.{}/{}", run.stage, node.name, node.outputs[*port].port.name)
         }
-        Origin::File(path) => match path.file_name() {
-            Some(name) => format!("file {}", name.to_string_lossy()),
-            None => "file".to_owned(),
+        Origin::File(path) => match (&input.shown, path.file_name()) {
+            (Some(shown), _) => format!("file {shown}"),
+            (None, Some(name)) => format!("file {}", name.to_string_lossy()),
+            (None, None) => "file".to_owned(),
         },
     });
     RecordedInput { port: input.port.name.to_owned(), from }

@@ -347,7 +347,7 @@ impl<'a> Making<'a> {
             if let Feed::Made { run, node, .. } = &feed {
                 remarks.push(format!("reads `{}` made again, which is not recorded", self.node(*run, *node).name));
             }
-            inputs.push(PlannedInput { port: port.clone(), from: self.origin(run, feed)? });
+            inputs.push(PlannedInput { port: port.clone(), from: self.origin(run, feed)?, shown: None });
         }
         let built = kind.build(&params).map_err(|fault| Obstacle::from(fault.chain()))?;
         let is_guarded = signature.contract != Contract::Pure;
@@ -367,6 +367,7 @@ impl<'a> Making<'a> {
             kind: recorded.kind.clone(),
             version,
             contract: signature.contract,
+            shown: recorded.params.clone(),
             portable: recorded.params.clone(),
             params,
             auto: Vec::new(),

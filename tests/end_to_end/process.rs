@@ -5,6 +5,7 @@ mod faults;
 mod permission;
 mod python;
 mod replies;
+mod secrets;
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};

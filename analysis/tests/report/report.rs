@@ -357,7 +357,7 @@ fn maps_of_which_none_was_recorded_are_told_in_one_note() {
         let port = |name| Port::frame(name, ValueType::Depth, "");
         let estimate = Some(Wire::Here(Slot::Node { node, port: 0 }));
         let truth = Some(Wire::Here(Slot::Source { port: 0 }));
-        let input = |name, from| PlannedInput { port: port(name), from };
+        let input = |name, from| PlannedInput { port: port(name), from, shown: None };
         run.nodes[3 + node].inputs = vec![input("estimate", estimate), input("truth", truth)];
     }
     let (summary, _) = report_of_killed(folder.path(), &plan, &[2]);

@@ -111,7 +111,7 @@ pub(super) fn of(plan: &Plan) -> Diagram {
                     }
                     Origin::File(path) => {
                         let next = format!("f{}", files.len());
-                        let id = files.entry(path.display().to_string()).or_insert(next).clone();
+                        let id = files.entry(input.shown_path(path)).or_insert(next).clone();
                         (id, None, true)
                     }
                 };

@@ -6,7 +6,7 @@ use serde_json::{Value as Json, json};
 
 use super::diagram::variants;
 use crate::contracts::Slot;
-use crate::plan::{Factor, Origin, Plan, PlannedNode, PlannedOutput, StageRun};
+use crate::plan::{Factor, Origin, Plan, PlannedInput, PlannedNode, PlannedOutput, StageRun};
 
 impl Plan {
     /// The plan as text: a table of nodes for each stage run, then what is scored.
@@ -44,7 +44,7 @@ impl Plan {
             let reads: Vec<String> = node
                 .inputs
                 .iter()
-                .filter_map(|input| Some(format!("{}={}", input.port.name, self.wire_text(run, input.from.as_ref()?))))
+                .filter_map(|input| Some(format!("{}={}", input.port.name, self.input_text(run, input)?)))
                 .collect();
             rows.push([
                 node.name.clone(),
@@ -83,6 +83,13 @@ impl Plan {
         self.wire_text(run, &Origin::Here(slot))
     }
 
+    fn input_text(&self, run: &StageRun, input: &PlannedInput) -> Option<String> {
+        Some(match input.from.as_ref()? {
+            Origin::File(path) => input.shown_path(path),
+            from => self.wire_text(run, from),
+        })
+    }
+
     fn wire_text(&self, run: &StageRun, from: &Origin) -> String {
         match from {
             Origin::Here(Slot::Source { port }) => format!("source/{}", run.source.outputs[*port].port.name),
@@ -118,9 +125,7 @@ impl Plan {
             let inputs: serde_json::Map<String, Json> = node
                 .inputs
                 .iter()
-                .filter_map(|input| {
-                    Some((input.port.name.to_owned(), self.wire_text(run, input.from.as_ref()?).into()))
-                })
+                .filter_map(|input| Some((input.port.name.to_owned(), self.input_text(run, input)?.into())))
                 .collect();
             json!({
                 "name": node.name,
@@ -131,7 +136,7 @@ impl Plan {
                 "shared": self.is_shared(node),
                 "variants": self.names(&node.variants),
                 "recipe": node.recipe.to_string(),
-                "with": node.params,
+                "with": node.shown,
                 "auto": node.auto,
                 "inputs": inputs,
                 "outputs": outputs_json(&node.outputs),
@@ -142,7 +147,7 @@ impl Plan {
             "variants": self.names(&run.variants),
             "source": {
                 "name": run.source.name,
-                "parts": parts.map(|p| json!({ "kind": p.kind, "version": p.version, "with": p.params })).collect::<Vec<_>>(),
+                "parts": parts.map(|p| json!({ "kind": p.kind, "version": p.version, "with": p.shown })).collect::<Vec<_>>(),
                 "outputs": outputs_json(&run.source.outputs),
             },
             "nodes": nodes.collect::<Vec<_>>(),

@@ -9,6 +9,7 @@ mod learning;
 mod own_ports;
 #[path = "../toys/mod.rs"]
 mod toys;
+mod variables;
 mod variants;
 
 use std::collections::BTreeMap;

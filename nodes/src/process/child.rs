@@ -109,10 +109,10 @@ pub(super) enum Silence {
 impl Running {
     /// Starts a process and its threads, and sends the schema; it is not waited for.
     pub(super) fn start(launch: &Launch, schema: &Arc<Schema>, outputs: &Arc<[Port]>) -> Result<Self, Fault> {
-        let told = launch.told();
-        permission::ask(&told)?;
+        permission::ask(&launch.command_line())?;
+        let name = launch.program();
         let failed = |error: std::io::Error| {
-            let fault = Fault::new(format!("`{told}` cannot be started")).because(error);
+            let fault = Fault::new(format!("`{name}` cannot be started")).because(error);
             fault.remedy(PROGRAM)
         };
         let guard = Guard::start().map_err(failed)?;
@@ -136,7 +136,7 @@ impl Running {
         let said = Arc::<Mutex<Said>>::default();
         let mut running = Self { child, guard, calls: Some(calls), replies, said, listener: None, number: 0 };
         let (Some(input), Some(output), Some(errors)) = (input, output, errors) else {
-            return Err(Fault::new(format!("`{told}` was started without streams")));
+            return Err(Fault::new(format!("`{name}` was started without streams")));
         };
         let shared = Shared::new();
         let schema = protocol::offering(schema, shared.offer());

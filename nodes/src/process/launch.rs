@@ -75,27 +75,41 @@ impl Launch {
         }
         Err(Fault::new(format!(
             "`{}` cannot be started: there is no program {} that may be executed",
-            self.told(),
+            self.program(),
             program.display()
         ))
         .remedy(PROGRAM))
     }
 
-    /// The command as a person would type it.
-    pub(super) fn told(&self) -> String {
-        let quoted = |argument: &Argument| {
-            let text = &argument.0;
-            let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_./=:,+@%".contains(c);
-            if !text.is_empty() && text.chars().all(is_plain) { text.clone() } else { format!("{text:?}") }
-        };
-        self.command.iter().map(quoted).collect::<Vec<_>>().join(" ")
+    /// The command, for whoever is to allow it.
+    pub(super) fn command_line(&self) -> String {
+        command_line(&self.command)
     }
+
+    /// The program, for messages, which recordings keep: of the words behind it the first alone, if it is a file. Others may be secret, and
+    /// where files lie concerns nobody.
+    pub(super) fn program(&self) -> String {
+        let name = |word: &Argument| Path::new(&word.0).file_name().map(|name| name.to_string_lossy().into_owned());
+        let script = self.command.get(1).filter(|word| Path::new(&word.0).is_file());
+        let words: Vec<String> = self.command.first().into_iter().chain(script).filter_map(name).collect();
+        words.join(" ").escape_debug().to_string()
+    }
+}
+
+/// A command as a person would type it; nothing in it that a terminal would not show.
+pub(crate) fn command_line(command: &[Argument]) -> String {
+    let quoted = |argument: &Argument| {
+        let text = &argument.0;
+        let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_./=:,+@%".contains(c);
+        if !text.is_empty() && text.chars().all(is_plain) { text.clone() } else { format!("{text:?}") }
+    };
+    command.iter().map(quoted).collect::<Vec<_>>().join(" ")
 }
 
 /// What any kind that starts a program must be told, checked.
 pub(crate) fn check<const N: usize>(
     command: &[Argument],
-    env: &BTreeMap<String, String>,
+    [env, secrets]: [&BTreeMap<String, String>; 2],
     version: Option<u32>,
     code: &[DataPath],
     times: [(&'static str, f64); N],
@@ -106,11 +120,16 @@ pub(crate) fn check<const N: usize>(
     if command.iter().any(|argument| argument.0.contains('\0')) {
         return Err(("command", "command holds a zero byte, which no argument can have".to_owned()));
     }
-    if let Some(name) = env.keys().find(|name| name.is_empty() || name.contains(['=', '\0'])) {
-        return Err(("env", format!("{name:?} cannot be the name of a variable")));
+    for (parameter, variables) in [("env", env), ("secrets", secrets)] {
+        if let Some(name) = variables.keys().find(|name| name.is_empty() || name.contains(['=', '\0'])) {
+            return Err((parameter, format!("{name:?} cannot be the name of a variable")));
+        }
+        if let Some((name, _)) = variables.iter().find(|(_, value)| value.contains('\0')) {
+            return Err((parameter, format!("the value of {name} holds a zero byte")));
+        }
     }
-    if let Some((name, _)) = env.iter().find(|(_, value)| value.contains('\0')) {
-        return Err(("env", format!("the value of {name} holds a zero byte")));
+    if let Some(name) = secrets.keys().find(|name| env.contains_key(*name)) {
+        return Err(("secrets", format!("{name} is in `env` as well: give it in one of them")));
     }
     if version.is_some() && !code.is_empty() {
         let what = "code and version both say what the results depend on: give one of them";

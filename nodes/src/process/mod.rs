@@ -12,7 +12,7 @@ mod pool;
 mod protocol;
 mod source;
 
-pub(crate) use launch::{check as check_launch, fingerprint as fingerprint_of};
+pub(crate) use launch::{check as check_launch, command_line, fingerprint as fingerprint_of};
 pub use node::{Process, ProcessContract, ProcessParams};
 pub use source::{ProcessSource, ProcessSourceParams};
 

@@ -55,8 +55,12 @@ pub struct ProcessParams {
     pub version: Option<u32>,
     /// The files that decide its results, instead of `version`: when one of them changes, they are made anew.
     pub code: Vec<DataPath>,
-    /// Variables of its environment, over those that are there.
+    /// Variables of its environment, over those that are there. They are part of what decides its results.
     pub env: BTreeMap<String, String>,
+    /// Variables of its environment that decide no result, such as a token: `{ TOKEN: "${MY_TOKEN}" }`. Their values are not recorded, and
+    /// results are reused whatever these are.
+    #[schemars(extend("operational" = true))]
+    pub secrets: BTreeMap<String, String>,
     /// How many processes there are at most; by default as many as are called at once. `ordered` and `once` have one.
     #[schemars(range(min = 1), extend("operational" = true))]
     pub instances: Option<u16>,
@@ -78,6 +82,7 @@ impl Default for ProcessParams {
             version: None,
             code: Vec::new(),
             env: BTreeMap::new(),
+            secrets: BTreeMap::new(),
             instances: None,
             timeout_s: None,
             start_timeout_s: 60.0,
@@ -122,7 +127,7 @@ It runs in a process group of its own, and everything in that group ends with it
 
     fn check(params: &ProcessParams) -> Result<(), (&'static str, String)> {
         let times = [("timeout_s", params.timeout_s.unwrap_or(FRAME_S)), ("start_timeout_s", params.start_timeout_s)];
-        launch::check(&params.command, &params.env, params.version, &params.code, times)?;
+        launch::check(&params.command, [&params.env, &params.secrets], params.version, &params.code, times)?;
         let contract = params.contract.contract();
         params.ports.check(contract).map_err(|what| ("ports", what))?;
         let Signature { inputs, outputs, .. } = params.ports.signature(contract);
@@ -150,7 +155,7 @@ It runs in a process group of its own, and everything in that group ends with it
         let seconds = |given: Option<f64>, default: f64| Duration::from_secs_f64(given.unwrap_or(default));
         let launch = Launch {
             command: params.command,
-            env: params.env,
+            env: params.env.into_iter().chain(params.secrets).collect(),
             code: launch::content(&params.code)?,
             instances,
             start: Duration::from_secs_f64(params.start_timeout_s),
@@ -158,7 +163,7 @@ It runs in a process group of its own, and everything in that group ends with it
             once: seconds(params.timeout_s, ONCE_S),
         };
         // Found before any frame: it is asked again where it is started.
-        permission::ask(&launch.told())?;
+        permission::ask(&launch.command_line())?;
         launch.check_program()?;
         let Signature { inputs, outputs, .. } = signature;
         let schema = protocol::request_schema(contract.name(), &inputs, &outputs, &params.params);

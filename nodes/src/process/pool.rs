@@ -43,7 +43,7 @@ impl Pool {
     /// The values of a call, as a node gives them.
     pub(super) fn outputs(&self, call: Call, inputs: Vec<Option<Value>>, host: &dyn Host) -> Result<Outputs, Fault> {
         let Answer::Values(values) = self.call(call, inputs, host)? else {
-            return Err(Fault::new(format!("`{}` gave frames where values are wanted", self.launch.told())));
+            return Err(Fault::new(format!("`{}` gave frames where values are wanted", self.launch.program())));
         };
         let given = self.outputs.iter().zip(values).filter_map(|(port, value)| Some((port.name, value?)));
         Ok(given.fold(Outputs::none(), |outputs, (name, value)| outputs.with(name, value)))
@@ -163,7 +163,7 @@ impl Pool {
     /// The failure that a process tells of itself.
     fn failure(&self, when: &str, message: &str, trace: &str) -> Fault {
         let when = if when.is_empty() { String::new() } else { format!(" {when}") };
-        let mut what = format!("`{}` failed{when}: {}", self.launch.told(), message.trim_end());
+        let mut what = format!("`{}` failed{when}: {}", self.launch.program(), message.trim_end());
         for line in trace.trim_end().lines().filter(|line| !line.is_empty()) {
             what.push_str("\n  ");
             what.push_str(line);
@@ -173,7 +173,7 @@ impl Pool {
 
     /// The end of a process that is of no more use.
     fn broken(&self, running: Running, what: &str, remedy: &str, is_silent: bool) -> Fault {
-        let fault = Fault::new(format!("`{}` {what}{}", self.launch.told(), running.last_words(is_silent)));
+        let fault = Fault::new(format!("`{}` {what}{}", self.launch.program(), running.last_words(is_silent)));
         if remedy.is_empty() { fault } else { fault.remedy(remedy) }
     }
 }

@@ -36,8 +36,12 @@ pub struct ProcessSourceParams {
     pub version: Option<u32>,
     /// The files that decide its frames, instead of `version`: when one of them changes, all is made anew.
     pub code: Vec<DataPath>,
-    /// Variables of its environment, over those that are there.
+    /// Variables of its environment, over those that are there. They are part of what decides its results.
     pub env: BTreeMap<String, String>,
+    /// Variables of its environment that decide no result, such as a token: `{ TOKEN: "${MY_TOKEN}" }`. Their values are not recorded, and
+    /// results are reused whatever these are.
+    #[schemars(extend("operational" = true))]
+    pub secrets: BTreeMap<String, String>,
     /// How many processes there are at most; by default as many as are called at once.
     #[schemars(range(min = 1))]
     pub instances: Option<u16>,
@@ -57,6 +61,7 @@ impl Default for ProcessSourceParams {
             version: None,
             code: Vec::new(),
             env: BTreeMap::new(),
+            secrets: BTreeMap::new(),
             instances: None,
             timeout_s: FRAME_S,
             start_timeout_s: 60.0,
@@ -119,7 +124,7 @@ several processes at once: it seeks, and gives the same for the same frame. Prot
 
     fn check(params: &ProcessSourceParams) -> Result<(), (&'static str, String)> {
         let times = [("timeout_s", params.timeout_s), ("start_timeout_s", params.start_timeout_s)];
-        launch::check(&params.command, &params.env, params.version, &params.code, times)?;
+        launch::check(&params.command, [&params.env, &params.secrets], params.version, &params.code, times)?;
         if params.outputs.is_empty() {
             return Err(("outputs", "outputs declares what a frame has: `{ left: image, right: image }`".to_owned()));
         }
@@ -140,24 +145,24 @@ several processes at once: it seeks, and gives the same for the same frame. Prot
         let seconds = Duration::from_secs_f64;
         let launch = Launch {
             command: params.command,
-            env: params.env,
+            env: params.env.into_iter().chain(params.secrets).collect(),
             code: launch::content(&params.code)?,
             instances: params.instances.map_or(usize::MAX, usize::from),
             start: seconds(params.start_timeout_s),
             frame: seconds(params.timeout_s),
             once: seconds(params.timeout_s),
         };
-        let told = launch.told();
-        permission::ask(&told)?;
+        permission::ask(&launch.command_line())?;
+        let program = launch.program();
         let schema = protocol::request_schema("source", &[], &ports, &params.params);
         let pool = Pool::new(launch, schema, ports);
         let answer = pool.call(Call::Frames, Vec::new(), &InlineHost)?;
         #[cfg_attr(not(unix), expect(irrefutable_let_patterns, reason = "there it never answers"))]
         let Answer::Frames(ids, times) = answer else {
-            return Err(Fault::new(format!("`{told}` gave values where its frames are wanted")));
+            return Err(Fault::new(format!("`{program}` gave values where its frames are wanted")));
         };
         let frames = frames(&ids, times.as_deref())
-            .map_err(|what| Fault::new(format!("the frames that `{told}` has: {what}")))?;
+            .map_err(|what| Fault::new(format!("the frames that `{program}` has: {what}")))?;
         let ids: Vec<(u64, &str)> = frames.iter().map(|frame| (frame.index, &*frame.id)).collect();
         let places = params.frames.select(&ids)?;
         let frames = places.into_iter().map(|place| frames[place].clone()).collect();

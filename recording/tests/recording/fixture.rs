@@ -115,6 +115,7 @@ fn stage_run(stage: &str) -> StageRun {
         version: 1,
         contract: if spec.name == "teacher" { Contract::Once } else { Contract::Pure },
         params: json!({ "sets": ["answered", "all"], "preset": "paper" }),
+        shown: json!({}),
         portable: json!({ "sets": ["answered", "all"], "preset": "paper" }),
         auto: Vec::new(),
         inputs: spec
@@ -123,6 +124,7 @@ fn stage_run(stage: &str) -> StageRun {
             .map(|(name, from)| PlannedInput {
                 port: Port::frame(name, port_type(*from), ""),
                 from: Some(Origin::Here(*from)),
+                shown: None,
             })
             .collect(),
         outputs: spec.outputs.iter().map(|port| output(spec.name, port)).collect(),
@@ -138,6 +140,7 @@ fn stage_run(stage: &str) -> StageRun {
                 kind: "test/source".to_owned(),
                 version: 3,
                 params: json!({ "seed": 1 }),
+                shown: json!({ "seed": 1 }),
                 portable: json!({ "seed": 1 }),
             }],
             outputs: SOURCE.iter().map(|port| output("source", port)).collect(),

@@ -9,4 +9,5 @@ pub(crate) mod schema;
 pub(crate) mod schema_check;
 pub(crate) mod score;
 pub(crate) mod spec;
+pub(crate) mod variables;
 pub(crate) mod with_schema;

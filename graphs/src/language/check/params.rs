@@ -10,7 +10,7 @@ use super::following::{self, Following};
 use super::free_numbers;
 use super::schema_check::{Violation, violations};
 use super::spec::Instance;
-use super::with_schema;
+use super::{variables, with_schema};
 use crate::contracts::{Fault, Port, Signature};
 use crate::key::Key;
 use crate::language::change::overrides;
@@ -25,8 +25,12 @@ use crate::registry::{NodeKind, ParamError, SourceEntry};
 pub(crate) struct Parameters {
     /// Every default filled in.
     pub(crate) resolved: Json,
+    /// The same without values of environment variables: what may be shown.
+    pub(crate) shown: Json,
     /// The same without those that are operational, and with nothing in it that depends on where files lie: what a recipe is made of.
     pub(crate) portable: Json,
+    /// The same without values of environment variables: what may be recorded.
+    pub(crate) recorded: Json,
     /// What tells two nodes of a plan apart: as [`Parameters::portable`], but what is no file is named by its whole path.
     pub(crate) identity: String,
     /// Those that are operational: they decide no output.
@@ -178,7 +182,8 @@ impl Resolver {
         if let Some(with) = with {
             free_numbers::check(with, kind.schema, report);
         }
-        let known = (is_source, kind.name.to_owned(), json.to_string());
+        let hidden = with.map_or_else(Vec::new, |with| variables::hidden(with, kind.schema));
+        let known = (is_source, kind.name.to_owned(), format!("{json} {hidden:?}"));
         if let Some(known) = self.known.get(&known) {
             return Some(Arc::clone(known));
         }
@@ -189,7 +194,8 @@ impl Resolver {
         let identity = canonical(&with_schema::with_paths(&decisive, kind.schema, &mut |path| self.identity_of(path)));
         let operational = with_schema::operational(&resolved, kind.schema);
         let following = following::of(kind.schema, &given, &resolved, kind.resolve);
-        let parameters = Arc::new(Parameters { resolved, portable, identity, operational, following });
+        let (shown, recorded) = (variables::without(&resolved, &hidden), variables::without(&portable, &hidden));
+        let parameters = Arc::new(Parameters { resolved, shown, portable, recorded, identity, operational, following });
         self.known.insert(known, Arc::clone(&parameters));
         Some(parameters)
     }

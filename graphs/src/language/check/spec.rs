@@ -126,6 +126,8 @@ pub(crate) fn title(root: &Node, report: &mut Report) -> (String, String) {
         text
     };
     let (name, about) = (text("experiment"), text("about"));
+    // It is shown and recorded.
+    let about = root.get("about").and_then(|about| about.text_with_variables()).map(str::to_owned).or(about);
     if root.entry("experiment").is_none() && misspelt(root, "experiment", EXPERIMENT_KEYS) {
         // Said where its keys are read.
     } else if root.entry("experiment").is_none() {

@@ -121,7 +121,7 @@ pub(crate) fn is_operational(schema: &Json) -> bool {
 const OPERATIONAL: &str = "operational";
 
 /// A part of a schema, or of the first of its alternatives that has it.
-fn part<'s>(schema: &'s Json, find: &dyn Fn(&'s Json) -> Option<&'s Json>) -> Option<&'s Json> {
+pub(super) fn part<'s>(schema: &'s Json, find: &dyn Fn(&'s Json) -> Option<&'s Json>) -> Option<&'s Json> {
     find(schema).or_else(|| {
         ["anyOf", "oneOf", "allOf"]
             .iter()
@@ -136,7 +136,7 @@ pub(crate) fn property<'s>(schema: &'s Json, key: &str) -> Option<&'s Json> {
     part(schema, &|s| s.get("properties")?.get(key)).or_else(|| part(schema, &|s| s.get("additionalProperties")))
 }
 
-fn has_format(schema: &Json, format: &str) -> bool {
+pub(super) fn has_format(schema: &Json, format: &str) -> bool {
     part(schema, &|s| s.get("format").filter(|f| f.as_str() == Some(format))).is_some()
 }
 

@@ -1,6 +1,6 @@
 //! What is shared, put together as the stage runs of a plan.
 
-use super::linked::Linked;
+use super::linked::{Linked, Wire};
 use super::record::Recorded;
 use super::share::{PlacedStage, Shared, SharedNode, SharedRun};
 use super::topics::Topics;
@@ -28,16 +28,19 @@ fn stage_run(shared: &Shared<'_>, r: usize, run: &SharedRun<'_>, topics: &Topics
     };
     let planned = |(n, node): (usize, &SharedNode<'_>)| {
         let declaration = &node.kind.declaration;
-        let ports = node.signature.inputs.iter().cloned().zip(node.inputs.iter().cloned());
+        let wired = node.inputs.iter().cloned().zip(&node.first.wires);
+        let inputs = node.signature.inputs.iter().cloned().zip(wired);
+        let inputs = inputs.map(|(port, (from, wire))| PlannedInput { port, from, shown: shown(wire.as_ref()) });
         PlannedNode {
             name: node.first.name.text.clone(),
             kind: declaration.kind.to_owned(),
             version: declaration.version,
             contract: node.signature.contract,
             params: node.parameters.resolved.clone(),
-            portable: node.parameters.portable.clone(),
+            shown: node.parameters.shown.clone(),
+            portable: node.parameters.recorded.clone(),
             auto: node.parameters.following.iter().filter(|one| one.is_auto).map(|one| one.name.clone()).collect(),
-            inputs: ports.map(|(port, from)| PlannedInput { port, from }).collect(),
+            inputs: inputs.collect(),
             outputs: topics.of_node(shared, r, n),
             recipe: node.recipe,
             variants: node.variants.clone(),
@@ -50,6 +53,14 @@ fn stage_run(shared: &Shared<'_>, r: usize, run: &SharedRun<'_>, topics: &Topics
         nodes: run.nodes.iter().enumerate().map(planned).collect(),
         estimates: Vec::new(),
         variants: run.variants.clone(),
+    }
+}
+
+/// The path of a file as it may be shown, where a variable is part of it.
+fn shown(wire: Option<&Wire>) -> Option<String> {
+    match wire {
+        Some(Wire::File { shown, .. }) => shown.clone(),
+        _ => None,
     }
 }
 

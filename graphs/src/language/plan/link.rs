@@ -190,7 +190,8 @@ fn source(
                 kind: part.kind.text.clone(),
                 version: kind.declaration.version,
                 params: parameters.resolved.clone(),
-                portable: parameters.portable.clone(),
+                shown: parameters.shown.clone(),
+                portable: parameters.recorded.clone(),
             }),
             None => sound = false,
         }

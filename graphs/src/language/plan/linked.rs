@@ -68,7 +68,12 @@ pub(crate) enum Wire {
     /// A node of the same stage, or a once-value of an earlier one.
     Node { stage: usize, node: usize, port: usize },
     /// A file.
-    File { path: PathBuf, content: Key },
+    File {
+        path: PathBuf,
+        content: Key,
+        /// As it stands in the file, if the environment is part of it.
+        shown: Option<String>,
+    },
 }
 
 /// An estimate of a stage's `score:`.

@@ -251,7 +251,10 @@ fn file_wire(port: &Port, file: &Node, resolver: &mut Resolver, report: &mut Rep
     resolver.anywhere.add(file, text);
     let path = paths::located(file, text);
     match resolver.contents.of(&path) {
-        Some(content) => Some(Wire::File { path, content }),
+        Some(content) => {
+            let shown = file.text_with_variables().map(str::to_owned);
+            Some(Wire::File { path, content, shown })
+        }
         None => {
             let what = format!("there is no file `{}`", path.display());
             let error = Diagnostic::error(&file.place, what).label("cannot be read");

@@ -56,7 +56,7 @@ fn scalar(text: &str, node: &Node, env: &Lookup<'_>, report: &mut Report) -> Opt
         // Only `$${` makes a difference here.
         return (plain != text).then(|| Node {
             value: Tree::Text(plain.clone()),
-            written: Some(Written { text: text.to_owned(), value: plain, leads: false }),
+            written: Some(Written { text: text.to_owned(), value: plain, leads: false, has_variable: false }),
             place: node.place.clone(),
         });
     }
@@ -87,7 +87,7 @@ fn scalar(text: &str, node: &Node, env: &Lookup<'_>, report: &mut Report) -> Opt
         }
     }
     let value = typed(&new);
-    let written = Some(Written { text: text.to_owned(), value: new, leads });
+    let written = Some(Written { text: text.to_owned(), value: new, leads, has_variable: true });
     Some(Node { value, written, place: node.place.clone() })
 }
 

@@ -201,7 +201,11 @@ impl<'a> Files<'a> {
             report.push(Diagnostic::error(&name.place, what));
             return None;
         }
-        let portable = self.portable_name(&name.place.file, text);
+        let portable = match name.text_with_variables() {
+            // The variable by its name: a recording has this one.
+            Some(written) => self.portable_name(&name.place.file, &written.replace("${", "").replace('}', "")),
+            None => self.portable_name(&name.place.file, text),
+        };
         let document = self.open(&path, portable, Some((&name.place, text)), report)?;
         if let Some(target) = self.read.iter().position(|read| read.path == path) {
             self.named.push((name.place.clone(), target));

@@ -23,6 +23,8 @@ pub(crate) struct Written {
     pub(crate) value: String,
     /// Whether the text now begins with something out of the environment: such a path does not stand in the file.
     pub(crate) leads: bool,
+    /// Whether a variable is part of it; otherwise only `$${` was replaced.
+    pub(crate) has_variable: bool,
 }
 
 /// What a value is.
@@ -65,6 +67,11 @@ impl Node {
     /// The value under that key.
     pub(crate) fn get(&self, key: &str) -> Option<&Arc<Self>> {
         self.entry(key).map(|entry| &entry.value)
+    }
+
+    /// The text with its `${...}` as they stand in the file, if the environment is part of it.
+    pub(crate) fn text_with_variables(&self) -> Option<&str> {
+        self.written.as_ref().filter(|written| written.has_variable).map(|written| written.text.as_str())
     }
 
     /// The text, if it is one.
