@@ -3,6 +3,8 @@
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
+use depthloom_graphs::language::Loaded;
+use depthloom_graphs::regular_file;
 use depthloom_nodes::process::permission;
 
 use crate::args::ExecArgs;
@@ -17,12 +19,17 @@ struct Config {
     allow_exec: Vec<PathBuf>,
 }
 
-/// Gives permission, if there is one: to whatever the command makes ready after this.
+/// Gives permission, if there is one: to whatever the command makes ready after this. A file that is listed gives it to what it holds:
+/// `loaded` must be that.
 ///
 /// # Errors
 /// If the configuration cannot be read.
-pub fn decide(args: ExecArgs, experiment: Option<&Path>) -> Result<(), Stop> {
-    if args.allow_exec || experiment.is_some_and(Path::exists) && is_listed(experiment)? {
+pub fn decide(args: ExecArgs, experiment: Option<(&Path, &Loaded)>) -> Result<(), Stop> {
+    let is_listed = || match experiment {
+        Some((path, loaded)) if path.exists() => is_listed(path, loaded),
+        _ => Ok(false),
+    };
+    if args.allow_exec || is_listed()? {
         permission::give();
     }
     Ok(())
@@ -35,8 +42,8 @@ fn file() -> Option<PathBuf> {
     Some(folder.join("depthloom/config.yaml"))
 }
 
-fn is_listed(experiment: Option<&Path>) -> Result<bool, Stop> {
-    let (Some(experiment), Some(file)) = (experiment, file()) else { return Ok(false) };
+fn is_listed(experiment: &Path, loaded: &Loaded) -> Result<bool, Stop> {
+    let Some(file) = file() else { return Ok(false) };
     let text = match std::fs::read_to_string(&file) {
         Ok(text) => text,
         // Without one nothing is permitted. Nor with one that is not for us: the home folder of whoever started this, as of a service's user.
@@ -63,6 +70,62 @@ fn is_listed(experiment: Option<&Path>) -> Result<bool, Stop> {
         return Err(Stop::new(Exit::Before, what).remedy("write it from the root, `/home/me/experiments/mine.yaml`"));
     }
     // Files, whatever leads to them; one that is not there is nobody's.
-    let Ok(experiment) = experiment.canonicalize() else { return Ok(false) };
-    Ok(config.allow_exec.iter().any(|listed| listed.canonicalize().is_ok_and(|listed| listed == experiment)))
+    let Ok(real) = experiment.canonicalize() else { return Ok(false) };
+    let is_listed = config.allow_exec.iter().any(|listed| listed.canonicalize().is_ok_and(|listed| listed == real));
+    Ok(is_listed && holds(experiment, &real, loaded))
+}
+
+/// Whether the experiment that was loaded by one path is what the files hold that its real path leads to. When it was loaded, the path
+/// may have led to another file.
+fn holds(experiment: &Path, real: &Path, loaded: &Loaded) -> bool {
+    let (folder, real_folder) = (experiment.parent().unwrap_or(Path::new("")), real.parent().unwrap_or(Path::new("/")));
+    let mut files = loaded.read.iter().zip(&loaded.plan.written).enumerate();
+    files.all(|(index, (path, (_, text)))| {
+        let path = match path.strip_prefix(folder) {
+            _ if index == 0 => real.to_owned(),
+            Ok(below) => real_folder.join(below),
+            Err(_) => path.clone(),
+        };
+        let now = regular_file::read(&path, text.len() as u64 + 3).unwrap_or_default();
+        now.strip_prefix("\u{feff}".as_bytes()).unwrap_or(&now) == text.as_bytes()
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use depthloom_graphs::language::{Loaded, Options, load};
+
+    use super::holds;
+
+    fn loaded(path: &Path) -> Loaded {
+        load(path, &crate::registry(), &Options::default()).unwrap()
+    }
+
+    #[test]
+    fn permission_is_of_what_was_loaded() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        let text = |seed: u32| {
+            let source = format!("{{ kind: synthetic/road, with: {{ seed: {seed} }} }}");
+            format!(
+                "sources: {{ street: {source} }}\nstages: {{ look: {{ source: street, nodes: {{ edges: {{ kind: confidence/edges, inputs: {{ image: source/left }} }} }} }} }}\n"
+            )
+        };
+        let main = "experiment: look\nextends: base.yaml\n";
+        for (folder, seed) in [("mine", 1), ("other", 2)] {
+            std::fs::create_dir(at(folder)).unwrap();
+            std::fs::write(at(folder).join("look.yaml"), main).unwrap();
+            std::fs::write(at(folder).join("base.yaml"), text(seed)).unwrap();
+        }
+        let mine = at("mine/look.yaml");
+        assert!(holds(&mine, &mine, &loaded(&mine)));
+        // Loaded through a path that led elsewhere then: the same main file, another base.
+        let other = at("other/look.yaml");
+        assert!(!holds(&other, &mine, &loaded(&other)));
+        let before = loaded(&mine);
+        std::fs::write(at("mine/base.yaml"), text(3)).unwrap();
+        assert!(!holds(&mine, &mine, &before));
+    }
 }

@@ -21,7 +21,7 @@ pub fn check(args: &CheckArgs, registry: &Registry) -> Result<Exit, Stop> {
     let loaded = load(&args.experiment, registry, args.json || args.sarif);
     let experiment = &args.experiment.experiment;
     if args.data {
-        allow_exec::decide(args.exec, Some(experiment))?;
+        allow_exec::decide(args.exec, loaded.as_ref().ok().map(|loaded| (experiment.as_path(), loaded)))?;
     }
     let workers = args.workers.map_or(depthloom_runner::Options::default().workers, usize::from);
     let data = match &loaded {

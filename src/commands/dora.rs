@@ -18,15 +18,16 @@ use crate::args::{DoraArgs, DoraNodeArgs};
 use crate::dora::{Bridge, Layout, Mailbox, Role, Wanted, channel, dataflow, message, prepare, print_of, run_part};
 use crate::exit::{Exit, Stop};
 use crate::signals;
-use crate::streams::print;
+use crate::streams::print_quoted;
 
 /// How many frames are on their way at most, unless it is said.
 const WINDOW: u16 = 8;
 
 /// Prints the dataflow.
 pub fn dora(args: &DoraArgs, registry: &Registry) -> Result<Exit, Stop> {
-    let Loaded { plan, .. } = load(&args.run.experiment, registry, false)?;
-    allow_exec::decide(args.run.exec, Some(&args.run.experiment.experiment))?;
+    let loaded = load(&args.run.experiment, registry, false)?;
+    allow_exec::decide(args.run.exec, Some((&args.run.experiment.experiment, &loaded)))?;
+    let plan = loaded.plan;
     may_start(&plan)?;
     let layout = Layout::of(&plan);
     let wanted = Wanted {
@@ -41,7 +42,7 @@ pub fn dora(args: &DoraArgs, registry: &Registry) -> Result<Exit, Stop> {
         Stop::new(Exit::Before, format!("--machine names `{pattern}`, which is no node of the dataflow"))
             .remedy(format!("its nodes are {}", ids.join(", ")))
     })?;
-    print(dataflow).map(|()| Exit::Whole)
+    print_quoted(&dataflow).map(|()| Exit::Whole)
 }
 
 fn before(intent: &str, error: &dyn std::error::Error) -> Stop {
@@ -106,7 +107,7 @@ pub fn dora_node(mut args: DoraNodeArgs, registry: &Registry) -> Result<Exit, St
             "write the dataflow anew by `depthloom dora`, and have the same files and program on every machine",
         ));
     }
-    allow_exec::decide(dora.run.exec, Some(&dora.run.experiment.experiment))?;
+    allow_exec::decide(dora.run.exec, Some((&dora.run.experiment.experiment, &loaded)))?;
     let layout = Layout::of(&loaded.plan);
     let Some(part) = layout.part(&args.part) else {
         return Err(Stop::new(Exit::Before, format!("the experiment has no part `{}`", args.part)));

@@ -5,7 +5,6 @@ use std::fmt::Write as _;
 use depthloom_graphs::Registry;
 use depthloom_graphs::contracts::InlineHost;
 use depthloom_graphs::language::Loaded;
-use depthloom_graphs::plan::Plan;
 use depthloom_graphs::ready::Ready;
 use depthloom_recording::{RecordedPlan, node_pairs};
 use depthloom_runner::Foreseen;
@@ -24,10 +23,11 @@ use crate::streams::{print, print_output};
 
 /// Prints every node of the plan, the variants that share it, and its recipe.
 pub fn plan(args: &PlanArgs, registry: &Registry) -> Result<Exit, Stop> {
-    let Loaded { plan, .. } = load(&args.experiment, registry, args.json)?;
+    let loaded = load(&args.experiment, registry, args.json)?;
     if args.reuse {
-        return reuse(args, plan, registry);
+        return reuse(args, loaded, registry);
     }
+    let plan = loaded.plan;
     if args.json {
         print_output(Output::Plan, plan.summary_json())?;
     } else {
@@ -37,9 +37,9 @@ pub fn plan(args: &PlanArgs, registry: &Registry) -> Result<Exit, Stop> {
 }
 
 /// Prints what of the plan would run and what would be taken from earlier runs, and why not all.
-fn reuse(args: &PlanArgs, plan: Plan, registry: &Registry) -> Result<Exit, Stop> {
-    allow_exec::decide(args.exec, Some(&args.experiment.experiment))?;
-    let ready = Ready::new(plan, registry).map_err(|missing| stop_of_missing(&missing))?;
+fn reuse(args: &PlanArgs, loaded: Loaded, registry: &Registry) -> Result<Exit, Stop> {
+    allow_exec::decide(args.exec, Some((&args.experiment.experiment, &loaded)))?;
+    let ready = Ready::new(loaded.plan, registry).map_err(|missing| stop_of_missing(&missing))?;
     let plan = ready.plan.clone();
     let earlier = earlier::beside(args.out.as_deref(), &plan);
     let warnings = earlier::unreadable(&earlier);

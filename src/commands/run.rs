@@ -39,7 +39,7 @@ use crate::truths;
 /// Loads, plans, opens, runs, records, scores and prints.
 pub fn run(args: &RunArgs, registry: &Registry) -> Result<Exit, Stop> {
     let loaded = load(&args.experiment, registry, is_silent(args))?;
-    allow_exec::decide(args.exec, Some(&args.experiment.experiment))?;
+    allow_exec::decide(args.exec, Some((&args.experiment.experiment, &loaded)))?;
     let ready = Ready::new(loaded.plan.clone(), registry).map_err(|missing| stop_of_missing(&missing))?;
     let interrupt = signals::listen("stopping: frames in flight are finished, learning is put down")?;
     carry_out(args, loaded, ready, &interrupt, None)
@@ -186,7 +186,7 @@ fn write_experiment(folder: &RunFolder, kept: &[(String, String)], read: &[PathB
     for (name, text) in kept {
         if let Some(inner) = Path::new(name).parent().filter(|inner| !inner.as_os_str().is_empty()) {
             let inner = folder.partial.join(inner);
-            std::fs::create_dir_all(&inner).map_err(|error| {
+            depthloom_durable::create_folder(&inner).map_err(|error| {
                 Stop::of_writing(Exit::Before, format_args!("failed to create {}", inner.display()), &error)
             })?;
         }
