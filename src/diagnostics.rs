@@ -14,7 +14,7 @@ use miette::{GraphicalReportHandler, GraphicalTheme, LabeledSpan, MietteDiagnost
 
 use crate::args::Colour;
 use crate::exit::{Problem, Stop, help_of};
-use crate::streams::{say, tell};
+use crate::streams::{on_one_line, same_length, say, tell_styled, visible};
 
 /// A line this long would bury the message.
 const LONG_LINE: usize = 300;
@@ -50,7 +50,7 @@ pub fn print<'a>(diagnostics: impl IntoIterator<Item = &'a Diagnostic>) {
         if index > 0 {
             say("");
         }
-        tell(render(diagnostic));
+        tell_styled(render(diagnostic));
         errors += usize::from(diagnostic.severity == Severity::Error);
     }
     if errors > 1 {
@@ -62,20 +62,21 @@ fn render(diagnostic: &Diagnostic) -> String {
     let line = diagnostic.file.text.lines().nth(diagnostic.line() - 1).unwrap_or_default();
     if line.len() > LONG_LINE {
         // The plain form shows only the part of the line that matters.
-        return diagnostic.to_string();
+        return visible(&diagnostic.to_string()).into_owned();
     }
     let severity = match diagnostic.severity {
         Severity::Error => miette::Severity::Error,
         Severity::Warning => miette::Severity::Warning,
     };
     let span = diagnostic.span.start..diagnostic.span.end.max(diagnostic.span.start);
-    let mut shown = MietteDiagnostic::new(diagnostic.message.clone())
+    let mut shown = MietteDiagnostic::new(visible(&diagnostic.message))
         .with_severity(severity)
-        .with_label(LabeledSpan::new_with_span(Some(diagnostic.label.clone()), span));
+        .with_label(LabeledSpan::new_with_span(Some(visible(&diagnostic.label).into_owned()), span));
     let (here, elsewhere): (Vec<_>, Vec<_>) =
         diagnostic.related.iter().partition(|related| related.file.name == diagnostic.file.name);
     for related in here {
-        shown = shown.and_label(LabeledSpan::new_with_span(Some(related.label.clone()), related.span.clone()));
+        let label = visible(&related.label).into_owned();
+        shown = shown.and_label(LabeledSpan::new_with_span(Some(label), related.span.clone()));
     }
     let mut help: Vec<String> = diagnostic.help.iter().cloned().collect();
     help.extend(elsewhere.iter().map(|related| {
@@ -83,15 +84,16 @@ fn render(diagnostic: &Diagnostic) -> String {
         format!("{}:{line}:{column}: {}", related.file.name, related.label)
     }));
     if !help.is_empty() {
-        shown = shown.with_help(help.join("\n"));
+        shown = shown.with_help(visible(&help.join("\n")));
     }
-    let source = NamedSource::new(&diagnostic.file.name, diagnostic.file.text.clone());
+    let name = on_one_line(&diagnostic.file.name);
+    let source = NamedSource::new(&name, same_length(&diagnostic.file.text).into_owned());
     let report = miette::Report::new(shown).with_source_code(source);
     let mut text = String::new();
     if handler().render_report(&mut text, report.as_ref()).is_err() {
         // The place alone is better than nothing: rendering only fails on spans outside the file.
         let (line, column) = (diagnostic.line(), diagnostic.column());
-        text = format!("{}:{line}:{column}: {}\n", diagnostic.file.name, diagnostic.message);
+        text = format!("{name}:{line}:{column}: {}\n", visible(&diagnostic.message));
     }
     text
 }
@@ -99,7 +101,7 @@ fn render(diagnostic: &Diagnostic) -> String {
 /// Prints something worth knowing that is no error to standard error.
 pub fn print_warning(message: &str) {
     let (yellow, plain) = if *COLOUR.get_or_init(|| false) { ("\x1b[33m", "\x1b[0m") } else { ("", "") };
-    say(format_args!("{yellow}warning{plain}: {message}"));
+    tell_styled(format!("{yellow}warning{plain}: {}\n", visible_lines(message)));
 }
 
 /// Prints an error and its remedy to standard error; one that counts problems, as these.
@@ -121,8 +123,17 @@ pub fn print_stop(stop: &Stop) {
 fn print_error(message: &str, remedy: Option<&str>) {
     let (red, cyan, plain) =
         if *COLOUR.get_or_init(|| false) { ("\x1b[31m", "\x1b[36m", "\x1b[0m") } else { ("", "", "") };
-    say(format_args!("{red}error{plain}: {message}"));
+    tell_styled(format!("{red}error{plain}: {}\n", visible_lines(message)));
     if let Some(help) = help_of(message, remedy) {
-        say(format_args!("  {cyan}help{plain}: {help}"));
+        tell_styled(format!("  {cyan}help{plain}: {}\n", visible_lines(&help)));
     }
+}
+
+/// A message of several lines in which none begins as a message of its own.
+fn visible_lines(message: &str) -> String {
+    let mut lines = visible(message).lines().map(str::to_owned).collect::<Vec<_>>();
+    for line in lines.iter_mut().skip(1).filter(|line| !line.starts_with(' ')) {
+        line.insert_str(0, "  ");
+    }
+    lines.join("\n")
 }

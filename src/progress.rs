@@ -11,7 +11,7 @@ use depthloom_runner::Observer;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use crate::counted::counted;
-use crate::streams::say;
+use crate::streams::{on_one_line, say};
 
 /// A plain line is printed this often at most.
 const EVERY: Duration = Duration::from_secs(5);
@@ -82,7 +82,7 @@ impl Observer for Progress {
                 How::Bar => {
                     now.bar = ProgressBar::with_draw_target(Some(frames), ProgressDrawTarget::stderr());
                     now.bar.set_style(style("{prefix:12} {bar:30} {pos}/{len} frames  {per_sec}  {eta} left  {msg}"));
-                    now.bar.set_prefix(name.clone());
+                    now.bar.set_prefix(on_one_line(name).into_owned());
                 }
                 How::Lines => say(format_args!("{name}: {}", counted(frames, "frame"))),
                 How::Silent => {}
@@ -128,7 +128,9 @@ impl Observer for Progress {
         let stage = &self.stages[run];
         let name = stage.nodes.get(node).map_or("", String::as_str);
         self.with_now(|now| match self.how {
-            How::Bar => now.bar.set_message(format!("{name} {done}/{total} {message}")),
+            How::Bar => {
+                now.bar.set_message(on_one_line(&format!("{name} {done}/{total} {message}")).into_owned());
+            }
             How::Lines if now.said.elapsed() >= EVERY || done == total => {
                 now.said = Instant::now();
                 say(format_args!("{}.{name}: {done}/{total} {message}", stage.name));

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use crate::counted::counted;
-use crate::streams::say;
+use crate::streams::{on_one_line, say};
 
 /// A plain line is printed this often at most.
 const EVERY: Duration = Duration::from_secs(5);
@@ -36,7 +36,7 @@ impl Walk {
                 ProgressStyle::with_template("{prefix:12} {bar:30} {pos}/{len} frames  {per_sec}  {eta} left  {msg}");
             let bar = ProgressBar::with_draw_target(Some(frames), ProgressDrawTarget::stderr());
             bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
-            bar.with_prefix(name.to_owned())
+            bar.with_prefix(on_one_line(name).into_owned())
         });
         let said = (!quiet && !is_bar).then(Instant::now);
         Self { name: name.to_owned(), frames, bar, now: Mutex::new(Now { done: 0, faults: 0, said }) }

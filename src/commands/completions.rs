@@ -8,7 +8,7 @@ use depthloom_graphs::Registry;
 use crate::command_line::{own_command, own_name};
 use crate::completion::VARIABLE;
 use crate::exit::{Exit, Stop};
-use crate::streams::print;
+use crate::streams::print_bytes;
 
 /// Prints the script: it completes the program by the name that it was called by, and asks it where it was found.
 pub fn completions(shell: clap_complete::Shell, registry: &Registry) -> Result<Exit, Stop> {
@@ -30,6 +30,6 @@ pub fn completions(shell: clap_complete::Shell, registry: &Registry) -> Result<E
     shell
         .write_registration(VARIABLE, command.get_name(), &name, &completer.to_string_lossy(), &mut script)
         .map_err(|error| failed(&error))?;
-    print(&script)?;
+    print_bytes(&script)?;
     Ok(Exit::Whole)
 }

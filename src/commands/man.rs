@@ -12,7 +12,7 @@ use crate::args::ManArgs;
 use crate::command_line::{own_command, own_name};
 use crate::exit::{Exit, Stop};
 use crate::help::Ending;
-use crate::streams::{print, print_path};
+use crate::streams::{print_bytes, print_path};
 
 /// When this version was released, as CHANGELOG.md has it: pages bear no date of the clock, so that equal versions print equal ones.
 const RELEASED: &str = "2026-11-21";
@@ -34,7 +34,7 @@ pub fn man(args: &ManArgs, registry: &Registry) -> Result<Exit, Stop> {
         }
     };
     let page = page(wanted).map_err(|error| Stop::because(Exit::Engine, "failed to write the manual page", &error))?;
-    print(&page)?;
+    print_bytes(&page)?;
     Ok(Exit::Whole)
 }
 

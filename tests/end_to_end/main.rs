@@ -44,5 +44,7 @@ mod resume;
 mod reuse;
 mod runs;
 mod samples;
+#[cfg(unix)]
+mod strangers;
 mod support;
 mod tables;

@@ -1,0 +1,214 @@
+//! Files of strangers: folders with links and pipes, and texts with control characters.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use depthloom_graphs::language::{Options, load};
+use depthloom_graphs::ready::Ready;
+use depthloom_recording::Recorder;
+use depthloom_runner::{Interrupt, Unwatched};
+
+use crate::support::{depthloom, succeed, workspace};
+
+/// A small run in a folder.
+fn small_run(folder: &Path) -> PathBuf {
+    let out = folder.join("run");
+    let small = ["frames=0..1", "width=160", "height=48"].map(|set| format!("--set=sources.street.with.{set}"));
+    succeed(depthloom().args(["run", "experiments/first-look.yaml", "--quiet", "--out"]).arg(&out).args(small));
+    out
+}
+
+fn report(run: &Path, out: &Path) -> Output {
+    // One that waits for a pipe is ended.
+    let binary = depthloom();
+    let mut command = Command::new("timeout");
+    command.args(["--signal=KILL", "100"]).arg(binary.get_program()).arg("report").arg(run).arg("--out").arg(out);
+    command.output().expect("started")
+}
+
+fn make_pipe(path: &Path) {
+    succeed(Command::new("mkfifo").arg(path));
+}
+
+const REPORTS: [&str; 6] = ["scores.csv", "table.csv", "table.md", "table.tex", "scores.parquet", "report.html"];
+
+#[test]
+fn fault_11_a_report_follows_no_link_of_a_strangers_run() {
+    use std::os::unix::fs::symlink;
+
+    let folder = tempfile::tempdir().expect("a folder");
+    let run = small_run(folder.path());
+    let precious = folder.path().join(".bashrc");
+    fs::write(&precious, "years").expect("written");
+    for name in REPORTS {
+        let path = run.join(name);
+        fs::remove_file(&path).expect("removed");
+        for link in [path, run.join(format!("{name}.partial")), run.join(format!("{name}.1.partial"))] {
+            symlink(&precious, link).expect("linked");
+        }
+    }
+    let output = report(&run, &run);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert_eq!(fs::read_to_string(&precious).expect("it is there"), "years");
+    assert!(REPORTS.iter().all(|name| !run.join(name).is_symlink()));
+}
+
+#[test]
+fn fault_11_no_pipe_holds_up_a_report() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let run = small_run(folder.path());
+    make_pipe(&run.join("table.md.partial"));
+    let output = report(&run, &run);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    // In place of the file itself it is not replaced.
+    fs::remove_file(run.join("table.md")).expect("removed");
+    make_pipe(&run.join("table.md"));
+    let output = report(&run, &run);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert!(said.contains("table.md") && said.contains("not a regular file"), "{said}");
+}
+
+#[test]
+fn a_report_replaces_nothing_in_a_persons_own_folder() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let run = small_run(folder.path());
+    for name in ["scores.csv", "table.md", "error_vs_distance.svg"] {
+        let own = folder.path().join(format!("own-{name}"));
+        fs::create_dir(&own).expect("a folder");
+        // As a table of a report begins.
+        fs::write(own.join(name), "stage,variant,mine\n").expect("written");
+        let output = report(&run, &own);
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.code() == Some(2) && said.contains(name), "{said}");
+        assert_eq!(fs::read_to_string(own.join(name)).expect("it is there"), "stage,variant,mine\n");
+        assert_eq!(fs::read_dir(&own).expect("a folder").count(), 1);
+    }
+    // Its own reports it replaces, beside what else is there.
+    let notes = folder.path().join("notes");
+    fs::create_dir(&notes).expect("a folder");
+    fs::write(notes.join("notes.txt"), "mine").expect("written");
+    for _ in 0..2 {
+        let output = report(&run, &notes);
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    }
+    assert_eq!(fs::read_to_string(notes.join("notes.txt")).expect("it is there"), "mine");
+}
+
+/// Experiments with control characters where a person may write text.
+const HOSTILE: [(&str, &str); 3] = [
+    (
+        "esc.yaml",
+        r#"
+experiment: x
+sources: { s: { kind: "synthetic/\e]0;OWNED\a\e[2Kroad", with: {} } }
+stages: { look: { source: s, nodes: {} } }
+"#,
+    ),
+    (
+        "dora.yaml",
+        r#"
+experiment: d
+about: "see \e[8mthis\u202e\u009b2K"
+sources: { s: { kind: synthetic/road, with: { frames: 0..2, width: 160, height: 48 } } }
+stages:
+  look:
+    source: s
+    nodes:
+      far: { kind: dora, inputs: { depth: source/depth }, with: { path: "rm -rf ~\e[2K\rerror: node `look.far` (dora): it would start `ls", ports: { inputs: { depth: depth }, outputs: { far: mask } } } }
+"#,
+    ),
+    // Not escaped, but as it is.
+    ("raw.yaml", "experiment: x\nsources: { s\u{9b}2K\u{202e}: 1 }\nnodes: \u{85}\u{2066}\n"),
+];
+
+#[test]
+fn fault_13_no_control_character_of_a_stranger_is_printed() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for (name, text) in HOSTILE {
+        let path = folder.path().join(name);
+        fs::write(&path, text).expect("written");
+        for command in [
+            &["check"][..],
+            &["check", "--json"],
+            &["check", "--sarif"],
+            &["plan"],
+            &["plan", "--json"],
+            &["graph"],
+            &["graph", "--format", "dot"],
+            &["dora"],
+            &["run", "--json"],
+            &["--color", "always", "check"],
+        ] {
+            let mut printed = depthloom();
+            printed.args(command).arg(&path).current_dir(folder.path());
+            let output = printed.output().expect("started");
+            for stream in [&output.stdout, &output.stderr] {
+                let mut text = String::from_utf8(stream.clone()).expect("UTF-8");
+                if command[0] == "--color" {
+                    for own in ["\u{1b}[0m", "\u{1b}[31m", "\u{1b}[36m", "\u{1b}[1m", "\u{1b}[4m"] {
+                        text = text.replace(own, "");
+                    }
+                    // What is left of miette's own: a sequence of numbers that ends in `m`.
+                    assert!(!text.contains("\u{1b}]") && !text.contains("\u{1b}[2K") && !text.contains("\u{1b}[8m"));
+                    continue;
+                }
+                let is_obeyed = |c: char| {
+                    c.is_control() && !matches!(c, '\n' | '\t')
+                        || matches!(c, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
+                };
+                assert!(!text.contains(is_obeyed), "{name} {command:?}: {text:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn fault_13_the_question_for_permission_shows_what_would_be_started() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("dora.yaml");
+    fs::write(&path, HOSTILE[1].1).expect("written");
+    let output = depthloom().arg("dora").arg(&path).env("HOME", folder.path()).env_remove("XDG_CONFIG_HOME").output();
+    let output = output.expect("started");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(said.contains(r#"it would start `"rm -rf ~\u{1b}[2K\rerror: node"#), "{said}");
+}
+
+/// A run whose recording has the values of one experiment under the keys of another: as somebody makes it who means harm.
+fn forge(experiment: &Path, folder: &Path) {
+    let registry = depthloom::registry();
+    let ready = |set: &[(String, String)]| {
+        let options = Options { set: set.to_vec(), ..Options::default() };
+        let plan = load(experiment, &registry, &options).expect("it is right").plan;
+        Ready::new(plan, &registry).unwrap_or_else(|missing| panic!("{missing:?}"))
+    };
+    let claimed = ready(&[]).plan;
+    let mut other = ready(&[("look.stereo.with.block".to_owned(), "11".to_owned())]);
+    for (run, claimed) in other.plan.runs.iter_mut().zip(&claimed.runs) {
+        for (node, claimed) in run.nodes.iter_mut().zip(&claimed.nodes) {
+            node.recipe = claimed.recipe;
+        }
+    }
+    fs::create_dir_all(folder).expect("made");
+    fs::write(folder.join("depthloom-run.json"), "{}").expect("written");
+    let recorder = Recorder::create(folder.join("recording.mcap"), &claimed).expect("a recording");
+    let options = depthloom_runner::Options::default();
+    depthloom_runner::run(other, &recorder, &options, &Unwatched, &Interrupt::default()).expect("it runs");
+    recorder.finish(&[]).expect("closed");
+}
+
+#[test]
+fn suspicion_g_wrong_values_under_right_keys_are_never_reused_in_silence() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let experiment = workspace().join("experiments/first-look.yaml");
+    forge(&experiment, &folder.path().join("runs/forged"));
+    let out = folder.path().join("runs/mine");
+    let mut run = depthloom();
+    run.arg("run").arg(&experiment).args(["--no-page", "--out"]).arg(&out).env_remove("DEPTHLOOM_FRESH");
+    let output = run.current_dir(folder.path()).output().expect("started");
+    // Of what is reused a sample is recomputed: wrong values fail the run, which names the run that they are from.
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(said.contains("forged"), "{said}");
+}
