@@ -43,6 +43,13 @@ fn values_of_variables_are_neither_shown_nor_recorded() {
     let other = plan(&text, &[("TOKEN", "hammer-18"), values[1], values[2]]);
     assert_ne!(score(&first).recipe, score(&other).recipe);
     assert_eq!(score(&first).portable, score(&other).portable);
+    let source = |plan: &Plan| plan.runs[0].source.parts[0].portable.clone();
+    let elsewhere = plan(&text, &[values[0], ("ROOT", "/mnt/other"), values[2]]);
+    assert_eq!(source(&first)["root"], source(&elsewhere)["root"]);
+    assert_eq!(source(&first), source(&elsewhere), "`training` is the name of both folders");
+    let renamed = text.replace("${ROOT}/training", "${ROOT}");
+    let of = |root| source(&plan(&renamed, &[values[0], ("ROOT", root), values[2]]));
+    assert_ne!(of("/a/one"), of("/a/other"), "a run of the one is not continued with the other");
     let literal = plan(&text.replace("x-${TOKEN}", "x-wrench-17"), &values);
     assert_eq!(score(&first).recipe, score(&literal).recipe, "the node hash is of the value, however it is given");
 }

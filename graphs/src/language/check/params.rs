@@ -194,7 +194,11 @@ impl Resolver {
         let identity = canonical(&with_schema::with_paths(&decisive, kind.schema, &mut |path| self.identity_of(path)));
         let operational = with_schema::operational(&resolved, kind.schema);
         let following = following::of(kind.schema, &given, &resolved, kind.resolve);
-        let (shown, recorded) = (variables::without(&resolved, &hidden), variables::without(&portable, &hidden));
+        let (shown, mut recorded) = (variables::without(&resolved, &hidden), variables::without(&portable, &hidden));
+        if is_source && !hidden.is_empty() {
+            // A source has no node hash that would tell two recorded plans apart.
+            recorded["variables"] = Key::build("variables").text(&canonical(&portable)).finish().to_string().into();
+        }
         let parameters = Arc::new(Parameters { resolved, shown, portable, recorded, identity, operational, following });
         self.known.insert(known, Arc::clone(&parameters));
         Some(parameters)
