@@ -6,7 +6,6 @@ use std::sync::Arc;
 
 use depthloom_graphs::Registry;
 use depthloom_graphs::contracts::Contract;
-use depthloom_graphs::language::Loaded;
 use depthloom_graphs::plan::Plan;
 use depthloom_nodes::dora::{DoraParams, KIND};
 use depthloom_runner::{Interrupt, Options};
