@@ -101,6 +101,7 @@ fn coloured(truth: &Value, (width, height): (u32, u32)) -> Option<RgbImage> {
         })
     };
     let small: Value = match truth {
+        Value::RelativeDepth(of) => Depth { metres: near(&of.depth().metres, f32::min) }.into(),
         Value::Depth(depth) => Depth { metres: near(&depth.metres, f32::min) }.into(),
         Value::TrueDisparity(truth) => TrueDisparity { px: near(&truth.px, f32::max) }.into(),
         _ => return None,

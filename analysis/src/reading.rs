@@ -6,7 +6,6 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::thread;
 
 use depthloom_graphs::Value;
-use depthloom_graphs::values::Depth;
 use depthloom_recording::{FrameReader, RecordedPlan, Recording};
 use depthloom_scores::{ScoreRow, ScoredPixels};
 use depthloom_threads::{Budget, Tiles as _};
@@ -202,33 +201,29 @@ impl Maps {
         maps: &[Option<Value>],
         counts: &mut BTreeMap<(usize, u32), u64>,
     ) -> Result<FrameSamples, AnalysisError> {
-        let map = |place: usize| match &maps[place] {
-            Some(Value::Depth(depth)) => Some(&**depth),
-            _ => None,
-        };
+        let map = |place: usize| maps[place].as_ref().filter(|value| value.metres().is_some());
         let mut samples = FrameSamples::default();
         let mut left: Vec<(usize, usize, usize)> = self.estimators.clone();
         let mut counted = Vec::new();
         // Those with one truth and one way to be scored are compared: nearly always all of them.
         while let Some(&(first, truth_place, _)) = left.first() {
             let Some(settings) = &estimators[first].settings else { break };
-            let compared: Vec<(usize, Option<&Depth>)> = left
+            let compared: Vec<(usize, Option<&Value>)> = left
                 .extract_if(.., |(index, truth, _)| {
                     *truth == truth_place && estimators[*index].settings.as_ref() == Some(settings)
                 })
                 .map(|(index, _, estimate)| (index, map(estimate)))
                 .collect();
-            let Some(truth) = map(truth_place) else { continue };
-            let other_size = |depth: &&Depth| depth.metres.dimensions() != truth.metres.dimensions();
+            let Some(truth) = map(truth_place).and_then(Value::metres) else { continue };
+            let other_size = |value: &&Value| value.metres().is_some_and(|map| map.dimensions() != truth.dimensions());
             if let Some((index, _)) = compared.iter().find(|(_, estimate)| estimate.as_ref().is_some_and(other_size)) {
                 let label = &estimators[*index].label;
                 return Err(AnalysisError::content(format!(
                     "the estimate `{label}` is of another size than its truth"
                 )));
             }
-            let (width, height) = truth.metres.dimensions();
-            let pixels =
-                ScoredPixels::new(&truth.metres, width as usize, height as usize, settings).by_metre(FARTHEST_M);
+            let (width, height) = truth.dimensions();
+            let pixels = ScoredPixels::new(truth, width as usize, height as usize, settings).by_metre(FARTHEST_M);
             if compared.iter().any(|(_, estimate)| estimate.is_some()) && !counted.contains(&truth_place) {
                 counted.push(truth_place);
                 let metres = pixels.metres().filter(|(metre, _)| *metre < FARTHEST_M);
@@ -236,7 +231,7 @@ impl Maps {
             }
             let errors: Vec<Option<Vec<f32>>> = compared
                 .iter()
-                .map(|(_, estimate)| Some(pixels.absolute_errors(&(*estimate)?.metres, settings)))
+                .map(|(_, estimate)| Some(pixels.absolute_errors(estimate.and_then(Value::depth_estimate)?, settings)))
                 .collect();
             let mut shared = vec![errors.iter().all(Option::is_some); pixels.len()];
             for errors in errors.iter().flatten() {

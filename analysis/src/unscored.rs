@@ -118,13 +118,13 @@ fn cause(
     let (mut within, mut scorable) = (false, false);
     for (_, position, _) in frames.iter().filter(|(of, ..)| estimators[*of].run == first.run).take(LOOKED_AT) {
         let values = reader.read(*position)?;
-        let Some(Some(Value::Depth(depth))) = values.first() else { continue };
-        for &metres in depth.metres.iter().filter(|metres| metres.is_finite()) {
+        let Some(depth) = values.first().and_then(Option::as_ref).and_then(Value::metres) else { continue };
+        for &metres in depth.iter().filter(|metres| metres.is_finite()) {
             (nearest, farthest) = (nearest.min(metres), farthest.max(metres));
             within |= f64::from(metres) > settings.min_m && f64::from(metres) < settings.max_m;
         }
-        let (width, height) = depth.metres.dimensions();
-        scorable |= !ScoredPixels::new(&depth.metres, width as usize, height as usize, settings).is_empty();
+        let (width, height) = depth.dimensions();
+        scorable |= !ScoredPixels::new(depth, width as usize, height as usize, settings).is_empty();
     }
     Ok(if nearest > farthest {
         format!("the truth `{truth}` knows no distance there")

@@ -13,7 +13,7 @@ use prost::Message;
 
 use crate::floats::unpacked;
 use crate::messages::ScoreMessage;
-use crate::schema::{BASELINE_M, DOFFS_PX, MIN_DISPARITY_PX, Schema};
+use crate::schema::{BASELINE_M, DOFFS_PX, INVERSE, MIN_DISPARITY_PX, Schema};
 use crate::wire_format::{Content, Fields};
 
 /// Reads a raster or a calibration.
@@ -25,7 +25,8 @@ pub fn value(schema: Schema, value_type: ValueType, message: &[u8]) -> Result<Va
         (Schema::CompressedImage, ValueType::Image) => compressed_image(message).map(Value::from),
         (Schema::CameraCalibration, ValueType::Calibration) => calibration(message).map(Value::from),
         (Schema::RawImage, _) => raw_image(message)?.value(value_type),
-        (Schema::FloatMap, ValueType::Depth) => Ok(Depth { metres: float_map(message)? }.into()),
+        (Schema::FloatMap, ValueType::Depth) => depth(message),
+        (Schema::FloatMap, ValueType::Disparity) => Ok(Value::disparity_from_px(float_map(message)?)),
         (Schema::FloatMap, ValueType::Weight) => Ok(Weight { share: float_map(message)? }.into()),
         (Schema::FloatMap, ValueType::TrueDisparity) => Ok(TrueDisparity { px: float_map(message)? }.into()),
         _ => Err(format!("a {} message holds no {value_type}", schema.name())),
@@ -88,6 +89,34 @@ fn calibration(message: &[u8]) -> Result<Calibration, String> {
 #[must_use]
 pub fn nothing_found(min_disparity_px: i32) -> Option<i16> {
     i16::try_from(min_disparity_px.checked_sub(1)?.checked_mul(16)?).ok()
+}
+
+/// Reads a `depthloom.FloatMap` of metres, with the inverse depth beside them where there is one.
+fn depth(message: &[u8]) -> Result<Value, String> {
+    let metres = float_map(message)?;
+    let inverse = inverse_bytes(message)?;
+    if inverse.is_empty() {
+        return Ok(Depth { metres }.into());
+    }
+    let samples = inverse.as_chunks().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect();
+    let is_whole = inverse.len() == 4 * metres.len();
+    let inverse = is_whole.then(|| Raster::from_raw(metres.width(), metres.height(), samples)).flatten();
+    let inverse = inverse.ok_or("a map of inverse depth is of another size than its depth")?;
+    Ok(Value::depth_with_hidden_inverse(Depth { metres }, inverse))
+}
+
+/// The inverse depth of a `depthloom.FloatMap`, as little-endian bytes; empty where there is none.
+///
+/// # Errors
+/// What is wrong with the message, as a lower-case fragment.
+pub fn inverse_bytes(message: &[u8]) -> Result<&[u8], String> {
+    let mut inverse: &[u8] = &[];
+    for field in Fields(message) {
+        if let (INVERSE, content) = field.map_err(|error| error.to_string())? {
+            inverse = content.bytes();
+        }
+    }
+    Ok(inverse)
 }
 
 /// Reads a `depthloom.FloatMap`.

@@ -13,7 +13,7 @@ use prost::Message;
 use crate::decode::nothing_found;
 use crate::files::Cloud;
 use crate::floats::PackedFloats;
-use crate::schema::{BASELINE_M, DOFFS_PX, MIN_DISPARITY_PX, Schema};
+use crate::schema::{BASELINE_M, DOFFS_PX, INVERSE, MIN_DISPARITY_PX, Schema};
 use crate::wire_format::{put_bytes, put_fixed32, put_length, put_number, put_signed, put_varint};
 
 const NS_PER_S: u64 = 1_000_000_000;
@@ -61,7 +61,7 @@ impl fmt::Display for NoMessage {
 impl std::error::Error for NoMessage {}
 
 /// Appends the message of a raster or a calibration, and says of what schema it is: images with their file's bytes become a
-/// `foxglove.CompressedImage`, depths, weights and true disparities that are no whole 1/256 px a `depthloom.FloatMap`, other rasters a
+/// `foxglove.CompressedImage`, depths, weights, disparities that are no whole 1/16 px and true ones that are no whole 1/256 px a `depthloom.FloatMap`, other rasters a
 /// `foxglove.RawImage`. [`decode::value`](crate::decode::value) reads it back.
 ///
 /// # Errors
@@ -118,12 +118,18 @@ pub fn put_value(out: &mut Vec<u8>, stamp: Stamp<'_>, value: &Value) -> Schema {
                 Samples::Disparities(&disparity.sixteenths_px, disparity.invalid() as i16),
             )
         },
+        Value::FloatDisparity(disparity) => return plain(out, disparity.px()),
         Value::TrueDisparity(truth) if truth.is_px_256() => {
             put_true_disparity(out, stamp, truth);
             return Schema::RawImage;
         }
         Value::TrueDisparity(truth) => return plain(out, &truth.px),
         Value::Depth(depth) => return plain(out, &depth.metres),
+        Value::RelativeDepth(map) => {
+            plain(out, &map.depth().metres);
+            put_inverse(out, map.inverse());
+            return Schema::FloatMap;
+        }
         Value::Weight(weight) => return plain(out, &weight.share),
         Value::Mask(mask) => raster(mask.set.dimensions(), "mono8", 1, Samples::U8(&mask.set)),
         Value::Calibration(calibration) => {
@@ -220,6 +226,12 @@ pub fn put_float_map(out: &mut Vec<u8>, stamp: Stamp<'_>, (width, height): (u32,
             put_bytes(out, 9, lows);
         }
     }
+}
+
+/// Appends to a `depthloom.FloatMap` of metres the inverse depth that they do not hold.
+pub fn put_inverse(out: &mut Vec<u8>, inverse: &[f32]) {
+    put_length(out, INVERSE, 4 * inverse.len());
+    put_floats(out, inverse);
 }
 
 /// Appends numbers as little-endian bytes.

@@ -41,22 +41,26 @@ pub fn reduced(calibration: &Calibration) -> Calibration {
 #[must_use]
 pub fn picture(value: &Value) -> Option<Vec<u8>> {
     let ratio = |from: f32, to: f32| Scale::new(from, to);
+    let depth = |metres: &Raster<f32>| {
+        let scale = ratio(NEAR_M, FAR_M);
+        let level = |metres: f32| if metres.is_nan() { 0 } else { 1 + LEVELS - scale.level(metres) };
+        png(metres, Colours::Turbo, level)
+    };
+    let px = |px: &Raster<f32>| {
+        let scale = ratio(FAR_PX, NEAR_PX);
+        png(px, Colours::Turbo, |px: f32| if px.is_nan() { 0 } else { scale.level(px) })
+    };
     match value {
-        Value::Depth(depth) => {
-            let scale = ratio(NEAR_M, FAR_M);
-            let level = |metres: f32| if metres.is_nan() { 0 } else { 1 + LEVELS - scale.level(metres) };
-            png(&depth.metres, Colours::Turbo, level)
-        }
+        Value::Depth(of) => depth(&of.metres),
+        Value::RelativeDepth(map) => depth(&map.depth().metres),
+        Value::FloatDisparity(map) => px(map.px()),
         Value::Disparity(disparity) => {
             let (scale, invalid) = (ratio(FAR_PX, NEAR_PX), disparity.invalid());
             png(&disparity.sixteenths_px, Colours::Turbo, |fixed: i16| {
                 if i32::from(fixed) == invalid { 0 } else { scale.level(f32::from(fixed) / 16.0) }
             })
         }
-        Value::TrueDisparity(truth) => {
-            let scale = ratio(FAR_PX, NEAR_PX);
-            png(&truth.px, Colours::Turbo, |px: f32| if px.is_nan() { 0 } else { scale.level(px) })
-        }
+        Value::TrueDisparity(truth) => px(&truth.px),
         Value::Weight(weight) => png(&weight.share, Colours::Viridis, |share: f32| {
             if share.is_nan() { 0 } else { 1 + rounded(share.clamp(0.0, 1.0) * (LEVELS - 1) as f32) }
         }),

@@ -24,6 +24,9 @@ pub const BASELINE_M: u32 = 1001;
 /// `CameraCalibration`: how much farther right the right camera's principal point lies, pixels; absent where it is 0.
 pub const DOFFS_PX: u32 = 1002;
 
+/// `FloatMap`: inverse depth, 1/m, of depths that do not hold it; NaN where they do.
+pub const INVERSE: u32 = 10;
+
 /// A schema.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Schema {
@@ -262,6 +265,7 @@ fn float_map() -> DescriptorProto {
         field("frame_id", 7, Type::String),
         field("codes", 8, Type::Bytes),
         field("lows", 9, Type::Bytes),
+        field("inverse", INVERSE, Type::Bytes),
     ];
     message("FloatMap", fields)
 }

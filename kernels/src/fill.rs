@@ -7,11 +7,11 @@
 /// In every row a run of `invalid` pixels takes the smaller of the disparities at its two ends; at the image's border,
 /// the one there is. Then, in every column, what is still unanswered above the first and below the last answer takes that
 /// answer. Rows without any answer between others stay as they are: the development kit leaves them too. Rows are `width`
-/// long. Runs of more than `longest` pixels stay; the development kit has no such limit (`usize::MAX`).
+/// long. Runs of more than `longest` pixels stay; the development kit has no such limit (`usize::MAX`). `invalid` equals itself: it is not NaN.
 ///
 /// # Panics
 /// If `width` does not divide the map's size.
-pub fn fill_background(map: &mut [i16], width: usize, invalid: i16, longest: usize) {
+pub fn fill_background<T: Copy + PartialOrd>(map: &mut [T], width: usize, invalid: T, longest: usize) {
     if map.is_empty() {
         return;
     }
@@ -25,13 +25,14 @@ pub fn fill_background(map: &mut [i16], width: usize, invalid: i16, longest: usi
     extend_columns(map, width, &rows, invalid, longest);
 }
 
-fn fill_row(row: &mut [i16], invalid: i16, longest: usize) {
+fn fill_row<T: Copy + PartialOrd>(row: &mut [T], invalid: T, longest: usize) {
     let mut start = 0;
     while let Some(gap) = row[start..].iter().position(|&disparity| disparity == invalid) {
         let begin = start + gap;
         let end = row[begin..].iter().position(|&disparity| disparity != invalid).map_or(row.len(), |len| begin + len);
         let neighbours = [begin.checked_sub(1), (end < row.len()).then_some(end)];
-        let background = neighbours.into_iter().flatten().map(|x| row[x]).min();
+        let background =
+            neighbours.into_iter().flatten().map(|x| row[x]).reduce(|one, two| if two < one { two } else { one });
         if let Some(background) = background
             && end - begin <= longest
         {
@@ -42,7 +43,7 @@ fn fill_row(row: &mut [i16], invalid: i16, longest: usize) {
 }
 
 /// Copies each column's first answer, in the order of `rows`, to the rows before it.
-fn extend_columns(map: &mut [i16], width: usize, rows: &[usize], invalid: i16, longest: usize) {
+fn extend_columns<T: Copy + PartialOrd>(map: &mut [T], width: usize, rows: &[usize], invalid: T, longest: usize) {
     // Columns whose first answer is still to come.
     let mut waiting: Vec<usize> = (0..width).collect();
     for (before, &y) in rows.iter().enumerate() {
@@ -90,6 +91,13 @@ mod tests {
                 70, 70, 80, 10, 10, 10,
             ]
         );
+    }
+
+    #[test]
+    fn floats_are_filled_as_whole_numbers_are() {
+        let mut map = [-1.0_f32, 7.25, -1.0, 5.5, -1.0];
+        fill_background(&mut map, 5, -1.0, usize::MAX);
+        assert_eq!(map, [7.25, 7.25, 5.5, 5.5, 5.5]);
     }
 
     #[test]

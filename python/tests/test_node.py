@@ -33,15 +33,20 @@ def test_maps_of_floats_come_back_as_they_were(value_type: str) -> None:
     assert there_and_back(value_type, wide).tolist() == wide.tolist()
 
 
-def test_disparities_are_whole_sixteenths_and_may_be_negative() -> None:
-    given = np.array([[0.0, 1 / 16, np.nan], [-3.5, 2047.9375, 0.03]], np.float32)
+def test_disparities_are_floats_and_may_be_negative() -> None:
+    given = np.array([[0.0, 1 / 16, np.nan], [-3.5, 3000.25, 0.03]], np.float32)
     back = there_and_back("disparity", given)
-    assert np.array_equal(back, [[0.0, 1 / 16, np.nan], [-3.5, 2047.9375, 0.0]], equal_nan=True)
-    with pytest.raises(ValueError, match="16 bits hold"):
-        there_and_back("disparity", np.full((2, 2), 3000.0))
+    assert back.dtype == np.float32 and back.tobytes() == given.tobytes()
     for infinite in (np.inf, -np.inf):
         with pytest.raises(ValueError, match=f"is {infinite} px at row 1, column 0: a disparity must be finite"):
             there_and_back("disparity", np.array([[0.0, np.nan], [infinite, 1.0]]))
+
+
+def test_disparities_in_fixed_point_are_read_as_pixels() -> None:
+    size = [pa.array([3], pa.int32()), pa.array([1], pa.int32()), pa.array([-1], pa.int32())]
+    lists = [_columns._list(np.array([-32, -16, 24], np.int16)), _columns._list(np.empty(0, np.float32))]
+    column = pa.StructArray.from_arrays([*size, *lists], fields=list(_columns.TYPES["disparity"]))
+    assert np.array_equal(_columns.value("disparity", column), [[np.nan, -1.0, 1.5]], equal_nan=True)
 
 
 def test_images_masks_and_the_rest_come_back() -> None:

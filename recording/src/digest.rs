@@ -12,7 +12,7 @@ use crate::error::RecordingError;
 use crate::parse::ChannelEntry;
 use crate::recording::Recording;
 use crate::unpack::ChunkBuffers;
-use depthloom_codecs::decode::float_map;
+use depthloom_codecs::decode::{float_map, inverse_bytes};
 use depthloom_codecs::messages::{CommitMessage, CurvePointMessage, ScoreMessage};
 use depthloom_codecs::schema::{BASELINE_M, DOFFS_PX, Schema};
 use depthloom_codecs::wire_format::{Content, Fields};
@@ -107,6 +107,7 @@ impl Topic {
     fn take_floats(&mut self, message: &[u8]) -> Result<(), String> {
         let map = float_map(message)?;
         map.iter().for_each(|number| self.crc.update(&number.to_le_bytes()));
+        self.crc.update(inverse_bytes(message)?);
         self.take_numbers(map.iter().copied());
         Ok(())
     }

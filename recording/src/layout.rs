@@ -167,18 +167,18 @@ impl FileLayout {
             let run_layout = layout.run(plan, run, &mut topics)?;
             layout.runs.push(run_layout);
         }
-        layout.number_float_truths(plan)?;
+        layout.number_float_disparities(plan)?;
         Ok(layout)
     }
 
-    /// Gives true disparities a channel for those that 16 bits do not hold: behind all others, whose numbers are as in files of before.
-    fn number_float_truths(&mut self, plan: &Plan) -> Result<(), RecordingError> {
+    /// Gives disparities a channel for maps that 16 bits do not hold exactly: behind all others, whose numbers are as in files of before.
+    fn number_float_disparities(&mut self, plan: &Plan) -> Result<(), RecordingError> {
         for (number, run) in plan.runs.iter().enumerate() {
-            for slot in of_run(run).into_iter().filter(|slot| is_true_disparity(run, *slot)) {
+            for slot in of_run(run).into_iter().filter(|slot| is_disparity(run, *slot)) {
                 let Some(port) = self.runs[number].port(slot) else { continue };
                 let mut layout = self.channels[usize::from(port.channel) - 1].clone();
                 layout.schema = Schema::FloatMap;
-                layout.metadata.insert("unit".to_owned(), "disparity in pixels, NaN = unknown".to_owned());
+                layout.metadata.insert("unit".to_owned(), "disparity in pixels, NaN = none".to_owned());
                 let id = self.numbered(layout)?;
                 if let Some(port) = self.runs[number].port_mut(slot) {
                     port.other_channel = Some(id);
@@ -383,8 +383,8 @@ fn is_recorded_curve(output: &PlannedOutput) -> bool {
     output.recorded && output.port.rate == Rate::Once && output.port.value_type == ValueType::Curve
 }
 
-fn is_true_disparity(run: &StageRun, slot: Slot) -> bool {
-    planned_output(run, slot).port.value_type == ValueType::TrueDisparity
+fn is_disparity(run: &StageRun, slot: Slot) -> bool {
+    matches!(planned_output(run, slot).port.value_type, ValueType::Disparity | ValueType::TrueDisparity)
 }
 
 /// The class of a slot's values; `None` if they are not recorded frame by frame.

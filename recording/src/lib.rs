@@ -36,8 +36,8 @@
 //! | image with its file's bytes | `foxglove.CompressedImage` | the file, unchanged |
 //! | image | `foxglove.RawImage` | `rgb8` or `mono8` |
 //! | true disparity | `foxglove.RawImage` | `16UC1`: `value / 256` pixels, 0 = unknown, as in KITTI's files; where that does not hold a map exactly, `depthloom.FloatMap`, pixels, NaN = unknown |
-//! | disparity | `foxglove.RawImage` | `16UC1`: 0 = nothing found, else `value / 16 + min_disparity_px - 1` pixels; `min_disparity_px`, the smallest disparity searched, is field 1001 |
-//! | depth | `depthloom.FloatMap` | metres, NaN = no answer |
+//! | disparity | `foxglove.RawImage` | `16UC1`: 0 = nothing found, else `value / 16 + min_disparity_px - 1` pixels; `min_disparity_px`, the smallest disparity searched, is field 1001; where that does not hold a map exactly, `depthloom.FloatMap`, pixels, NaN = nothing found |
+//! | depth | `depthloom.FloatMap` | metres, NaN = no answer; `inverse`, field 10, is the inverse depth, 1/m, that a network gave where metres do not hold it, and NaN elsewhere |
 //! | weight | `depthloom.FloatMap` | |
 //! | mask | `foxglove.RawImage` | `mono8` |
 //! | calibration | `foxglove.CameraCalibration` | field 1001 is the pair's baseline, 1002, where it is not 0, how much farther right the right camera's principal point lies |

@@ -28,7 +28,7 @@ use crate::writer::Writer;
 use crate::{ENDED_METADATA, FORMAT, ONCE_METADATA, PLAN_METADATA};
 use depthloom_codecs::decode::nothing_found;
 use depthloom_codecs::encode::{
-    self, Floats, Stamp, encoded, put_compressed_image, put_float_map, put_true_disparity, put_value,
+    self, Floats, Stamp, encoded, put_compressed_image, put_float_map, put_inverse, put_true_disparity, put_value,
 };
 use depthloom_codecs::floats::PackedFloats;
 use depthloom_codecs::messages::{CommitMessage, ScoreMessage};
@@ -244,6 +244,18 @@ impl Recorder {
         }
         let (packing, size) = match value {
             Value::Disparity(disparity) => (Packing::Compressed, 2 * disparity.sixteenths_px.len()),
+            Value::FloatDisparity(map) => {
+                let channel = port.other_channel.expect("disparities have two channels");
+                return put_floats(part, channel, stamp, map.px());
+            }
+            Value::RelativeDepth(map) => {
+                let packed = PackedFloats::of(&map.depth().metres).map_err(Unkept::Compression)?;
+                let put = |out: &mut Vec<u8>| {
+                    put_float_map(out, stamp, map.inverse().dimensions(), &Floats::Packed(&packed));
+                    put_inverse(out, map.inverse());
+                };
+                return part.alone(port.channel, Packing::Compressed, 8 * map.inverse().len(), put);
+            }
             Value::Mask(mask) => (Packing::Compressed, mask.set.len()),
             Value::TrueDisparity(truth) if !truth.is_px_256() => {
                 let channel = port.other_channel.expect("true disparities have two channels");

@@ -1,7 +1,7 @@
 //! Scores of one estimated disparity on one frame: those of the KITTI and Middlebury stereo benchmarks.
 //!
-//! Estimates are 1/16 px, truth is f32: their difference is exact in f64, and so is its comparison with a threshold. Errors are added up in the
-//! order of pixels; those against a truth of whole 1/256 px, as KITTI's, add up exactly.
+//! Estimates and ground truth are f32, compared in f64: differences of whole 1/16 px and 1/256 px are exact, and so is their comparison with a
+//! threshold. Errors are added up in the order of pixels; those of such disparities add up exactly.
 
 use crate::zones::{Clues, ZoneParams};
 use crate::{DISPARITY, Metric, PixelSet, ScoreRow};
@@ -24,10 +24,10 @@ pub struct DisparityScores {
 pub struct DisparityMaps<'a> {
     /// Columns and rows.
     pub size: (usize, usize),
-    /// The estimate, 1/16 px; 0 and below: no answer.
-    pub estimate: &'a [i16],
+    /// The estimate, px; 0 and below, and NaN: invalid.
+    pub estimate: &'a [f32],
     /// The same with its gaps filled as the benchmark does; asked for by the set `filled`.
-    pub filled: Option<&'a [i16]>,
+    pub filled: Option<&'a [f32]>,
     /// The truth, px; NaN: unknown.
     pub truth: &'a [f32],
     /// Focal length times baseline, px m: distance is this over the disparity and `doffs_px`. Asked for by bands of distance.
@@ -47,10 +47,10 @@ struct Counts {
 }
 
 impl Counts {
-    fn add(&mut self, estimate: i16, truth: f32) {
+    fn add(&mut self, estimate: f32, truth: f32) {
         // What even filling left without an answer has no error, and is compared as -1 px, as in KITTI's devkit.
-        let answers = estimate > 0;
-        let (d, t) = (if answers { f64::from(estimate) / 16.0 } else { -1.0 }, f64::from(truth));
+        let answers = estimate > 0.0;
+        let (d, t) = (if answers { f64::from(estimate) } else { -1.0 }, f64::from(truth));
         let error = (d - t).abs();
         if answers {
             self.answers += 1;
@@ -77,7 +77,7 @@ impl DisparityScores {
     #[must_use]
     pub fn rows(&self, maps: &DisparityMaps<'_>, clues: &Clues<'_>) -> Vec<ScoreRow> {
         let (width, height) = maps.size;
-        let sizes = [maps.estimate.len(), maps.truth.len(), maps.filled.map_or(width * height, <[i16]>::len)];
+        let sizes = [maps.estimate.len(), maps.truth.len(), maps.filled.map_or(width * height, <[f32]>::len)];
         assert_eq!(sizes, [width * height; 3], "all maps are of one size");
         assert!(maps.filled.is_some() || !self.asks_for_filled(), "the set `filled` has its map");
         let zones = self.zones.of_frame(width, height, clues);
@@ -95,7 +95,7 @@ impl DisparityScores {
         let (mut truth, mut answered, mut filled) = (0, Counts::default(), Counts::default());
         for at in pixels {
             truth += 1;
-            if maps.estimate[at] > 0 {
+            if maps.estimate[at] > 0.0 {
                 answered.add(maps.estimate[at], maps.truth[at]);
             }
             if let Some(map) = maps.filled {
@@ -140,8 +140,8 @@ mod tests {
     fn five_pixels_by_hand() {
         let maps = DisparityMaps {
             size: (5, 1),
-            estimate: &[168, 1344, 1520, -16, 160],
-            filled: Some(&[168, 1344, 1520, 160, 160]),
+            estimate: &[10.5, 84.0, 95.0, -1.0, 10.0],
+            filled: Some(&[10.5, 84.0, 95.0, 10.0, 10.0]),
             truth: &[10.0, 80.0, 100.0, 20.0, f32::NAN],
             focal_baseline_px_m: None,
             doffs_px: 0.0,
@@ -163,7 +163,7 @@ mod tests {
         // 3 px of 20 (not above 3), 3 1/16 px of 20, 3 1/16 px of 61.25 (exactly 5 %), 3 1/16 px of 61.
         let maps = DisparityMaps {
             size: (4, 1),
-            estimate: &[368, 369, 1029, 1025],
+            estimate: &[23.0, 23.0625, 64.3125, 64.0625],
             filled: None,
             truth: &[20.0, 20.0, 61.25, 61.0],
             focal_baseline_px_m: None,
@@ -174,12 +174,29 @@ mod tests {
         assert_eq!(of(&rows[0], &["bad_3", "d1"]), [0.75, 0.5]);
     }
 
+    /// NumPy: `e = abs(np.float32([20.53, 20.47, 20.5, 23.03]) - 20); (e > .5).mean(), e.mean()`; in whole sixteenths the first two are 0.5 px off.
+    #[test]
+    fn disparities_are_not_rounded() {
+        let maps = DisparityMaps {
+            size: (4, 1),
+            estimate: &[20.53, 20.47, 20.5, 23.03],
+            filled: None,
+            truth: &[20.0; 4],
+            focal_baseline_px_m: None,
+            doffs_px: 0.0,
+        };
+        let params = DisparityScoreParams { sets: vec![PixelSet::All], ..DisparityScoreParams::default() };
+        let rows = params.scores().unwrap().rows(&maps, &Clues::default());
+        assert_eq!(of(&rows[0], &["bad_0.5", "bad_3"]), [0.5, 0.25]);
+        assert!((rows[0].score("epe").unwrap() - 1.132_500_171_661_377).abs() < 1e-12, "{:?}", rows[0].score("epe"));
+    }
+
     #[test]
     fn what_never_answered_is_all_wrong_and_has_no_error() {
         let maps = DisparityMaps {
             size: (2, 1),
-            estimate: &[-16, 0],
-            filled: Some(&[0, 0]),
+            estimate: &[-1.0, 0.0],
+            filled: Some(&[0.0, 0.0]),
             truth: &[1.0, 2.0],
             focal_baseline_px_m: None,
             doffs_px: 0.0,
@@ -193,8 +210,8 @@ mod tests {
     fn objects_make_foreground_and_background_and_distance_comes_of_the_disparity() {
         let maps = DisparityMaps {
             size: (3, 1),
-            estimate: &[16 * 40, 16 * 10, 16 * 5],
-            filled: Some(&[16 * 40, 16 * 10, 16 * 5]),
+            estimate: &[40.0, 10.0, 5.0],
+            filled: Some(&[40.0, 10.0, 5.0]),
             truth: &[40.0, 20.0, 5.0],
             focal_baseline_px_m: Some(400.0),
             doffs_px: 0.0,

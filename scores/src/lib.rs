@@ -32,7 +32,7 @@ pub use crop::{Crop, Window};
 pub use disparity::{DisparityMaps, DisparityScores};
 pub use metric::{DEPTH, DISPARITY, Family, Mean, Metric, Pooling};
 pub use params::{DisparityScoreParams, MetricNames, ScoreParams};
-pub use pixels::{Alignment, ScoredPixels};
+pub use pixels::{Alignment, DepthEstimate, ScoredPixels};
 pub use preset::Preset;
 pub use row::{PixelSet, ScoreRow};
 pub use score::{DepthScores, score, score_pixels};

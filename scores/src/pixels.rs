@@ -100,81 +100,76 @@ impl ScoredPixels {
         Self { at, truth_m, of: self.of }
     }
 
-    /// Calls `f(t, y)` for every scored pixel with an answer, in order: the truth, and the estimate as it is scored
+    /// Calls `valid(t, y)` for every scored pixel with an estimate, in order: the truth, and the estimate as it is scored
     /// (aligned, clamped), both in metres; and `missing(t)` for every one without.
     ///
     /// # Panics
     /// If the estimate is of another size than the truth.
     pub(crate) fn visit(
         &self,
-        estimate_m: &[f32],
+        estimate: DepthEstimate<'_>,
         alignment: Alignment,
         settings: &Settings,
-        answered: impl FnMut(f64, f64),
+        valid: impl FnMut(f64, f64),
         missing: impl FnMut(f64),
     ) {
         match alignment {
-            Alignment::Factor(factor) => self.each(estimate_m, scaled(factor, settings), answered, missing),
+            Alignment::Factor(factor) => self.each(estimate, scaled(estimate, factor, settings), valid, missing),
             Alignment::Inverse { scale, shift } => {
-                self.each(estimate_m, scaled_and_shifted(scale, shift, settings), answered, missing);
+                self.each(estimate, scaled_and_shifted(estimate, scale, shift, settings), valid, missing);
             }
         }
     }
 
     fn each(
         &self,
-        estimate_m: &[f32],
-        scored: impl Fn(f32) -> f64,
-        mut answered: impl FnMut(f64, f64),
+        estimate: DepthEstimate<'_>,
+        scored: impl Fn(usize) -> f64,
+        mut valid: impl FnMut(f64, f64),
         mut missing: impl FnMut(f64),
     ) {
-        assert_eq!(estimate_m.len(), self.of, "the estimate has as many pixels as the truth");
+        assert_eq!(estimate.metres.len(), self.of, "the estimate has as many pixels as the truth");
         for (&at, &t) in self.at.iter().zip(&self.truth_m) {
-            let y = estimate_m[at as usize];
-            if y.is_finite() {
-                answered(f64::from(t), scored(y));
-            } else {
+            let y = scored(at as usize);
+            if y.is_nan() {
                 missing(f64::from(t));
+            } else {
+                valid(f64::from(t), y);
             }
         }
     }
 
-    /// The absolute errors `|y - t|` of the estimate as it is scored (aligned, clamped) at all scored pixels, in order, metres; NaN where there is
-    /// no answer. An `f32` holds them to 6e-8 of themselves, 5 micrometres at 80 m.
+    /// The absolute errors `|y - t|` of the estimate as it is scored (aligned, clamped) at all scored pixels, in order, metres; NaN where it is
+    /// missing. An `f32` holds them to 6e-8 of themselves, 5 micrometres at 80 m.
     ///
     /// # Panics
     /// If the estimate is of another size than the truth.
     #[must_use]
-    pub fn absolute_errors(&self, estimate_m: &[f32], settings: &Settings) -> Vec<f32> {
-        self.answers_as(estimate_m, settings, |t, y| (y - t).abs() as f32)
+    pub fn absolute_errors<'a>(&self, estimate: impl Into<DepthEstimate<'a>>, settings: &Settings) -> Vec<f32> {
+        self.mapped(estimate.into(), settings, |t, y| (y - t).abs() as f32)
     }
 
-    /// The estimate as it is scored (aligned, clamped) at all scored pixels, in order, metres; NaN where there is no answer.
+    /// The estimate as it is scored (aligned, clamped) at all scored pixels, in order, metres; NaN where it is missing.
     ///
     /// # Panics
     /// If the estimate is of another size than the truth.
     #[must_use]
-    pub fn scored_estimate(&self, estimate_m: &[f32], settings: &Settings) -> Vec<f32> {
-        self.answers_as(estimate_m, settings, |_, y| y as f32)
+    pub fn scored_estimate<'a>(&self, estimate: impl Into<DepthEstimate<'a>>, settings: &Settings) -> Vec<f32> {
+        self.mapped(estimate.into(), settings, |_, y| y as f32)
     }
 
-    /// `of(t, y)` at all scored pixels; NaN where there is no answer.
-    fn answers_as(&self, estimate_m: &[f32], settings: &Settings, of: impl Fn(f64, f64) -> f32) -> Vec<f32> {
-        match self.alignment(estimate_m, settings) {
-            Alignment::Factor(factor) => self.all(estimate_m, scaled(factor, settings), of),
-            Alignment::Inverse { scale, shift } => self.all(estimate_m, scaled_and_shifted(scale, shift, settings), of),
+    /// `of(t, y)` at all scored pixels; NaN where the estimate is missing.
+    fn mapped(&self, estimate: DepthEstimate<'_>, settings: &Settings, of: impl Fn(f64, f64) -> f32) -> Vec<f32> {
+        match self.alignment(estimate, settings) {
+            Alignment::Factor(factor) => self.all(scaled(estimate, factor, settings), of),
+            Alignment::Inverse { scale, shift } => self.all(scaled_and_shifted(estimate, scale, shift, settings), of),
         }
     }
 
-    /// Without a branch on whether there is an answer: answers have no pattern to foresee.
-    fn all(&self, estimate_m: &[f32], scored: impl Fn(f32) -> f64, of: impl Fn(f64, f64) -> f32) -> Vec<f32> {
+    /// Without a branch on whether the estimate is valid, which follows no pattern.
+    fn all(&self, scored: impl Fn(usize) -> f64, of: impl Fn(f64, f64) -> f32) -> Vec<f32> {
         let pixels = self.at.iter().zip(&self.truth_m);
-        let value = |(&at, &t): (&u32, &f32)| {
-            let y = estimate_m[at as usize];
-            let value = of(f64::from(t), scored(y));
-            if y.is_finite() { value } else { f32::NAN }
-        };
-        pixels.map(value).collect()
+        pixels.map(|(&at, &t)| of(f64::from(t), scored(at as usize))).collect()
     }
 
     /// Whole metres of the truth and the pixels that have it, in order, where they stand [by metre](Self::by_metre).
@@ -187,36 +182,36 @@ impl ScoredPixels {
         })
     }
 
-    /// What the settings do to this estimate, fitted over the scored pixels with an answer.
+    /// What the settings do to this estimate, fitted over the scored pixels that have one.
     ///
     /// # Panics
     /// If the estimate is of another size than the truth.
     #[must_use]
-    pub fn alignment(&self, estimate_m: &[f32], settings: &Settings) -> Alignment {
-        assert_eq!(estimate_m.len(), self.of, "the estimate has as many pixels as the truth");
+    pub fn alignment<'a>(&self, estimate: impl Into<DepthEstimate<'a>>, settings: &Settings) -> Alignment {
+        let estimate = estimate.into();
+        assert_eq!(estimate.metres.len(), self.of, "the estimate has as many pixels as the truth");
         match settings.align {
             Align::None => Alignment::Factor(1.0),
-            Align::Median => Alignment::Factor(self.median_factor(estimate_m)),
-            Align::ScaleAndShift => self.inverse_fit(estimate_m, settings.min_m),
+            Align::Median => Alignment::Factor(self.median_factor(estimate.metres)),
+            Align::ScaleAndShift => self.inverse_fit(estimate, settings.min_m),
         }
     }
 
-    /// Truth and estimate where there is an answer.
-    fn answers(&self, estimate_m: &[f32]) -> impl Iterator<Item = (f32, f32)> {
-        let answers = self.at.iter().zip(&self.truth_m).map(|(&at, &t)| (t, estimate_m[at as usize]));
-        answers.filter(|(_, y)| y.is_finite())
-    }
-
-    /// `median(truth) / median(estimate)` over the scored pixels with an answer; 1 where there is none, or the median is zero.
+    /// `median(truth) / median(estimate)` over the scored pixels with an estimate; 1 where there is none, or the median is zero.
     fn median_factor(&self, estimate_m: &[f32]) -> f64 {
-        let (mut ts, mut ys): (Vec<f32>, Vec<f32>) = self.answers(estimate_m).unzip();
+        let pairs = self.at.iter().zip(&self.truth_m).map(|(&at, &t)| (t, estimate_m[at as usize]));
+        let (mut ts, mut ys): (Vec<f32>, Vec<f32>) = pairs.filter(|(_, y)| y.is_finite()).unzip();
         let (Some(t), Some(y)) = (median(&mut ts, f32::total_cmp), median(&mut ys, f32::total_cmp)) else { return 1.0 };
         if y > 0.0 { t / y } else { 1.0 }
     }
 
-    /// Least squares of `s/y + b` against `1/t`; nothing is changed where all answers are alike, for any `s` would do.
-    fn inverse_fit(&self, estimate_m: &[f32], min_m: f64) -> Alignment {
-        let pairs = || self.answers(estimate_m).map(|(t, y)| (inverse(y, min_m), 1.0 / f64::from(t)));
+    /// Least squares of `s/y + b` against `1/t`; nothing is changed where all estimates are alike, for any `s` would do.
+    fn inverse_fit(&self, estimate: DepthEstimate<'_>, min_m: f64) -> Alignment {
+        let pairs = || {
+            let all = self.at.iter().zip(&self.truth_m);
+            let pairs = all.map(|(&at, &t)| (estimate.inverse(at as usize, min_m), 1.0 / f64::from(t)));
+            pairs.filter(|(x, _)| !x.is_nan())
+        };
         let (mut count, mut x_sum, mut z_sum) = (0.0, 0.0, 0.0);
         for (x, z) in pairs() {
             count += 1.0;
@@ -238,9 +233,47 @@ impl ScoredPixels {
     }
 }
 
-/// `1/y`; what is nearer than `min_m`, or behind the camera, counts as that near.
-fn inverse(y: f32, min_m: f64) -> f64 {
-    1.0 / f64::from(y).max(min_m)
+/// A depth map to be scored, row-major.
+#[derive(Clone, Copy, Debug)]
+pub struct DepthEstimate<'a> {
+    /// Metres; NaN or infinite: missing.
+    pub metres: &'a [f32],
+    /// The output of a network of inverse depth up to scale and shift, 1/m, where it is not the inverse of `metres`: where that is capped, or the
+    /// output is zero or negative. NaN at other pixels. An alignment in inverse depth takes it; nothing else does.
+    pub inverse: Option<&'a [f32]>,
+}
+
+impl DepthEstimate<'_> {
+    /// Inverse depth at a pixel, 1/m; NaN where it is missing. A depth of zero or below counts as `min_m`.
+    fn inverse(&self, at: usize, min_m: f64) -> f64 {
+        let own = self.inverse.map_or(f32::NAN, |map| map[at]);
+        if own.is_finite() {
+            return f64::from(own);
+        }
+        match self.metres[at] {
+            y if !y.is_finite() => f64::NAN,
+            y if y > 0.0 => 1.0 / f64::from(y),
+            _ => 1.0 / min_m,
+        }
+    }
+}
+
+impl<'a> From<&'a [f32]> for DepthEstimate<'a> {
+    fn from(metres: &'a [f32]) -> Self {
+        Self { metres, inverse: None }
+    }
+}
+
+impl<'a> From<&'a Vec<f32>> for DepthEstimate<'a> {
+    fn from(metres: &'a Vec<f32>) -> Self {
+        metres.as_slice().into()
+    }
+}
+
+impl<'a, const N: usize> From<&'a [f32; N]> for DepthEstimate<'a> {
+    fn from(metres: &'a [f32; N]) -> Self {
+        metres.as_slice().into()
+    }
 }
 
 /// What is done to an estimate before it is clamped: see [`Align`].
@@ -257,18 +290,51 @@ pub enum Alignment {
     },
 }
 
-/// An estimate multiplied and clamped.
-fn scaled(factor: f64, settings: &Settings) -> impl Fn(f32) -> f64 {
-    let (min_m, max_m) = (settings.min_m, settings.max_m);
-    move |y| (f64::from(y) * factor).clamp(min_m, max_m)
+impl Alignment {
+    /// The whole estimate aligned, and clamped as it is scored, metres; NaN where it is missing.
+    #[must_use]
+    pub fn applied<'a>(self, estimate: impl Into<DepthEstimate<'a>>, settings: &Settings) -> Vec<f32> {
+        let estimate = estimate.into();
+        let pixels = 0..estimate.metres.len();
+        match self {
+            Self::Factor(factor) => {
+                let scored = scaled(estimate, factor, settings);
+                pixels.map(|at| scored(at) as f32).collect()
+            }
+            Self::Inverse { scale, shift } => {
+                let scored = scaled_and_shifted(estimate, scale, shift, settings);
+                pixels.map(|at| scored(at) as f32).collect()
+            }
+        }
+    }
 }
 
-/// An estimate of which the inverse is scaled and shifted, clamped; what is then at infinity or behind it is farthest.
-fn scaled_and_shifted(scale: f64, shift: f64, settings: &Settings) -> impl Fn(f32) -> f64 {
+/// An estimate multiplied and clamped, by pixel; NaN where it is missing.
+fn scaled(estimate: DepthEstimate<'_>, factor: f64, settings: &Settings) -> impl Fn(usize) -> f64 {
     let (min_m, max_m) = (settings.min_m, settings.max_m);
-    move |y| {
-        let inverse = scale * inverse(y, min_m) + shift;
-        if inverse > 0.0 { (1.0 / inverse).clamp(min_m, max_m) } else { max_m }
+    move |at| {
+        let y = estimate.metres[at];
+        let scored = (f64::from(y) * factor).clamp(min_m, max_m);
+        if y.is_finite() { scored } else { f64::NAN }
+    }
+}
+
+/// An estimate of which the inverse is scaled and shifted, clamped, by pixel; what is then at infinity or behind it is farthest. NaN where it is
+/// missing.
+fn scaled_and_shifted(
+    estimate: DepthEstimate<'_>,
+    scale: f64,
+    shift: f64,
+    settings: &Settings,
+) -> impl Fn(usize) -> f64 {
+    let (min_m, max_m) = (settings.min_m, settings.max_m);
+    move |at| {
+        let inverse = scale * estimate.inverse(at, min_m) + shift;
+        match inverse {
+            _ if inverse.is_nan() => f64::NAN,
+            _ if inverse > 0.0 => (1.0 / inverse).clamp(min_m, max_m),
+            _ => max_m,
+        }
     }
 }
 
@@ -356,5 +422,42 @@ mod tests {
         // Alike everywhere: there is no scale to be found.
         let flat = ScoredPixels::new(&truth, 3, 1, &settings).alignment(&[2.0; 3], &settings);
         assert_eq!(flat, Alignment::Factor(1.0));
+    }
+
+    /// NumPy 2.4, in f64:
+    /// ```python
+    /// raw = np.float32([-50, 0, 10, 160, 900, 2500, 60]); t = np.array([60, 45, 50, 12, 3, 1, 20.])
+    /// s, b = np.linalg.lstsq(np.c_[raw, np.ones(7)].astype(float), 1 / t, rcond=None)[0]
+    /// z = s * raw.astype(float) + b; y = np.where(z > 0, 1 / z, 80).clip(1e-3, 80)
+    /// ```
+    #[test]
+    fn outputs_of_zero_and_below_are_aligned_as_they_are() {
+        let settings = Settings { align: Align::ScaleAndShift, ..Settings::default() };
+        let raw: [f32; 7] = [-50.0, 0.0, 10.0, 160.0, 900.0, 2500.0, 60.0];
+        let truth = [60.0, 45.0, 50.0, 12.0, 3.0, 1.0, 20.0];
+        // As `mono/onnx` gives them.
+        let metres = raw.map(|x| if x > 0.0 { 1.0 / x } else { 80.0 });
+        let inverse = raw.map(|x| if x > 0.0 { f32::NAN } else { x });
+        let estimate = DepthEstimate { metres: &metres, inverse: Some(&inverse) };
+        let pixels = ScoredPixels::new(&truth, 7, 1, &settings);
+        let Alignment::Inverse { scale, shift } = pixels.alignment(estimate, &settings) else { panic!("fitted") };
+        assert!(
+            (scale - 0.000_386_909_621_712_560_7).abs() < 1e-9 && (shift - 0.020_059_872_832_083_943).abs() < 1e-9,
+            "{scale} {shift}"
+        );
+        let numpy = [
+            80.0,
+            49.850_764_676_862_305,
+            41.790_350_346_644_24,
+            12.200_268_038_249_783,
+            2.715_336_116_812_055_8,
+            1.012_828_560_367_153_6,
+            23.108_323_661_747_97,
+        ];
+        for (scored, expected) in pixels.scored_estimate(estimate, &settings).into_iter().zip(numpy) {
+            assert!((f64::from(scored) - expected).abs() < 1e-5, "{scored} {expected}");
+        }
+        let whole = pixels.alignment(estimate, &settings).applied(estimate, &settings);
+        assert_eq!(whole, pixels.scored_estimate(estimate, &settings));
     }
 }

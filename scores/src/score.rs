@@ -1,7 +1,7 @@
 //! Scores of one estimated depth on one frame.
 
 use crate::extra::Extra;
-use crate::pixels::{Alignment, ScoredPixels};
+use crate::pixels::{Alignment, DepthEstimate, ScoredPixels};
 use crate::row::{PixelSet, ScoreRow};
 use crate::settings::Settings;
 use crate::sums::Block;
@@ -25,30 +25,37 @@ impl DepthScores {
     /// # Panics
     /// If a map has another number of pixels.
     #[must_use]
-    pub fn rows(
+    pub fn rows<'a>(
         &self,
-        estimate_m: &[f32],
+        estimate: impl Into<DepthEstimate<'a>>,
         truth_m: &[f32],
         (width, height): (usize, usize),
         clues: &Clues<'_>,
     ) -> Vec<ScoreRow> {
+        let estimate = estimate.into();
         let pixels = ScoredPixels::new(truth_m, width, height, &self.settings);
-        let alignment = pixels.alignment(estimate_m, &self.settings);
-        let mut rows = self.rows_of("", estimate_m, &pixels, alignment);
+        let alignment = pixels.alignment(estimate, &self.settings);
+        let mut rows = self.rows_of("", estimate, &pixels, alignment);
         for zone in self.zones.of_frame(width, height, clues) {
             let part = pixels.part(|at, t| zone.has(at, t));
-            rows.extend(self.rows_of(&zone.name, estimate_m, &part, alignment));
+            rows.extend(self.rows_of(&zone.name, estimate, &part, alignment));
         }
         rows
     }
 
     /// The rows of some pixels. One pass serves all pixel sets, a second one the scores beyond Table I's.
-    fn rows_of(&self, zone: &str, estimate_m: &[f32], pixels: &ScoredPixels, alignment: Alignment) -> Vec<ScoreRow> {
+    fn rows_of(
+        &self,
+        zone: &str,
+        estimate: DepthEstimate<'_>,
+        pixels: &ScoredPixels,
+        alignment: Alignment,
+    ) -> Vec<ScoreRow> {
         let settings = &self.settings;
         let (mut answered, mut missing) = (Block::new(), Block::new());
         let count_missing = self.sets.contains(&PixelSet::All);
         pixels.visit(
-            estimate_m,
+            estimate,
             alignment,
             settings,
             |t, y| answered.push(t, y),
@@ -61,7 +68,7 @@ impl DepthScores {
         let answered = answered.finish();
         let mut all = answered;
         all.merge(&missing.finish());
-        let mut extra = Extra::is_asked(&self.metrics).then(|| self.extra(estimate_m, pixels, alignment));
+        let mut extra = Extra::is_asked(&self.metrics).then(|| self.extra(estimate, pixels, alignment));
         let row = |&set: &PixelSet| {
             let (of_set, extra) = match (set, &mut extra) {
                 (PixelSet::Answered, extra) => (&answered, extra.as_mut().map(|[answered, _]| answered)),
@@ -74,11 +81,11 @@ impl DepthScores {
     }
 
     /// The sums of the scores beyond Table I's: over the answers, and over all pixels.
-    fn extra(&self, estimate_m: &[f32], pixels: &ScoredPixels, alignment: Alignment) -> [Extra; 2] {
+    fn extra(&self, estimate: DepthEstimate<'_>, pixels: &ScoredPixels, alignment: Alignment) -> [Extra; 2] {
         let (mut answered, mut missing) = (Extra::new(&self.metrics), Extra::new(&self.metrics));
         let settings = &self.settings;
         let with_missing = |t: f64| missing.push(t, settings.missing_m);
-        pixels.visit(estimate_m, alignment, settings, |t, y| answered.push(t, y), with_missing);
+        pixels.visit(estimate, alignment, settings, |t, y| answered.push(t, y), with_missing);
         let mut all = answered.clone();
         all.merge(&missing);
         [answered, all]
@@ -105,8 +112,8 @@ impl DepthScores {
 /// # Panics
 /// If a map has another number of pixels.
 #[must_use]
-pub fn score(
-    estimate_m: &[f32],
+pub fn score<'a>(
+    estimate: impl Into<DepthEstimate<'a>>,
     truth_m: &[f32],
     width: usize,
     height: usize,
@@ -114,7 +121,7 @@ pub fn score(
     settings: &Settings,
 ) -> Vec<ScoreRow> {
     let pixels = ScoredPixels::new(truth_m, width, height, settings);
-    score_pixels(estimate_m, &pixels, sets, &Family::Depth.defaults(), settings)
+    score_pixels(estimate, &pixels, sets, &Family::Depth.defaults(), settings)
 }
 
 /// These scores on pixels found before: for several estimates of one frame. Otherwise as [`score`].
@@ -122,8 +129,8 @@ pub fn score(
 /// # Panics
 /// If the estimate has another number of pixels than the truth had.
 #[must_use]
-pub fn score_pixels(
-    estimate_m: &[f32],
+pub fn score_pixels<'a>(
+    estimate: impl Into<DepthEstimate<'a>>,
     pixels: &ScoredPixels,
     sets: &[PixelSet],
     metrics: &[&'static Metric],
@@ -131,5 +138,6 @@ pub fn score_pixels(
 ) -> Vec<ScoreRow> {
     let (sets, metrics, zones) = (sets.to_vec(), metrics.to_vec(), ZoneParams::default());
     let scores = DepthScores { settings: *settings, sets, metrics, zones };
-    scores.rows_of("", estimate_m, pixels, pixels.alignment(estimate_m, settings))
+    let estimate = estimate.into();
+    scores.rows_of("", estimate, pixels, pixels.alignment(estimate, settings))
 }

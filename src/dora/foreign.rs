@@ -243,7 +243,7 @@ fn encoding(value: &Value) -> Option<&'static str> {
             Pixels::Rgb(_) => "rgb8",
         }),
         Value::Mask(_) => Some("mono8"),
-        Value::Depth(_) | Value::Weight(_) | Value::TrueDisparity(_) => Some("32FC1"),
+        Value::Depth(_) | Value::RelativeDepth(_) | Value::Weight(_) | Value::TrueDisparity(_) => Some("32FC1"),
         _ => None,
     }
 }

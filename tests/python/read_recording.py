@@ -57,7 +57,7 @@ def content(schema, message):
     if schema in ("foxglove.RawImage", "foxglove.CompressedImage", "foxglove.PointCloud"):
         return message.data
     if schema == "depthloom.FloatMap":
-        return floats(message).astype("<f4").tobytes()
+        return floats(message).astype("<f4").tobytes() + message.inverse
     if schema == "foxglove.CameraCalibration":
         numbers = [*message.D, *message.K, *message.R, *message.P, message.baseline_m]
         # Absent where it is 0.
@@ -107,7 +107,7 @@ def read(reader, keep):
     for schema, channel, record, message in reader.iter_decoded_messages():
         first = dict(schema=schema.name, count=0, first_ns=record.log_time, crc32=0)
         topic = topics.setdefault(channel.topic, first)
-        # True disparities may have two forms.
+        # Disparities may have two forms.
         assert {topic["schema"], schema.name} in ({schema.name}, FORMS), f"{channel.topic} has two schemas"
         assert record.log_time == record.publish_time, f"{channel.topic} has two times"
         topic.update(count=topic["count"] + 1, last_ns=record.log_time)
@@ -117,10 +117,10 @@ def read(reader, keep):
             if message.encoding == "32FC1":
                 add_numbers(topic, message.data)
         if schema.name == "depthloom.FloatMap":
-            add_numbers(topic, content(schema.name, message))
+            add_numbers(topic, floats(message).astype("<f4").tobytes())
         if keep:
             told = MessageToDict(message, preserving_proto_field_name=True)
-            for name in ("data", "codes", "lows"):
+            for name in ("data", "codes", "lows", "inverse"):
                 told.pop(name, None)
             if schema.name == "foxglove.RawImage" and message.encoding == "16UC1":
                 # As the encoding says: 16 bits without a sign.

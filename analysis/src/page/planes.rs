@@ -83,6 +83,8 @@ impl<'a> Samples<'a> {
     pub(super) fn of(value: &'a Value) -> Option<Self> {
         let (width, height) = match value {
             Value::Depth(map) => map.metres.dimensions(),
+            Value::RelativeDepth(map) => map.depth().metres.dimensions(),
+            Value::FloatDisparity(map) => map.px().dimensions(),
             Value::Disparity(map) => map.sixteenths_px.dimensions(),
             Value::TrueDisparity(map) => map.px.dimensions(),
             Value::Weight(map) => map.share.dimensions(),
@@ -98,6 +100,8 @@ impl<'a> Samples<'a> {
         match self.value {
             // Not above zero is no depth, whoever wrote it.
             Value::Depth(map) => number(map.metres.as_raw()[place]).filter(|metres| *metres > 0.0),
+            Value::RelativeDepth(map) => number(map.depth().metres.as_raw()[place]).filter(|metres| *metres > 0.0),
+            Value::FloatDisparity(map) => number(map.px().as_raw()[place]),
             Value::Disparity(map) => {
                 let sixteenths = map.sixteenths_px.as_raw()[place];
                 (i32::from(sixteenths) >= map.min_disparity_px * 16).then(|| f64::from(sixteenths) / 16.0)

@@ -239,10 +239,7 @@ impl Frames<'_> {
         maps: &[Option<Value>],
         even_if_empty: bool,
     ) -> Result<Option<DataFrame>, AnalysisError> {
-        let depth = |place: usize| match &maps[place] {
-            Some(Value::Depth(depth)) => Some(&depth.metres),
-            _ => None,
-        };
+        let depth = |place: usize| maps[place].as_ref().and_then(Value::metres);
         let truth = depth(group.truth);
         let (width, height) = truth.map_or((0, 0), Raster::dimensions);
         let (width, height) = (width as usize, height as usize);
@@ -254,8 +251,11 @@ impl Frames<'_> {
         let is_other = |map: &Raster<f32>| truth.is_some_and(|truth| truth.dimensions() != map.dimensions());
         let mut columns: HashMap<usize, Vec<f32>> = HashMap::new();
         for &(estimator, place) in &group.estimates {
-            let Some(estimate) = depth(place) else { continue };
-            if is_other(estimate) {
+            let (Some(map), Some(estimate)) = (depth(place), maps[place].as_ref().and_then(Value::depth_estimate))
+            else {
+                continue;
+            };
+            if is_other(map) {
                 let label = &self.estimators[estimator].label;
                 let what = format!("the estimate `{label}` is of another size than its truth");
                 return Err(AnalysisError::content(what));

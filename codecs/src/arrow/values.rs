@@ -14,6 +14,9 @@ use crate::decode::nothing_found;
 /// What a port's column says of itself: the type of its values.
 pub const PORT_TYPE: &str = "depthloom.type";
 
+/// The part of a disparity that holds it in floating point where sixteenths do not; else it is empty.
+const FINER: &str = "px";
+
 const I32: DataType = DataType::Int(32, true);
 const F64: DataType = DataType::Float(64);
 
@@ -33,6 +36,7 @@ pub fn field(name: &str, value_type: ValueType) -> Option<Field> {
         ValueType::Disparity => {
             let mut parts = map(data(DataType::Int(16, true), "px").said("scale", "0.0625"));
             parts.insert(2, Field::new("min_disparity", I32));
+            parts.push(Field::new(FINER, list(DataType::Float(32))).said("unit", "px, NaN = nothing found"));
             parts
         }
         ValueType::TrueDisparity => floats("px, NaN = unknown"),
@@ -71,13 +75,14 @@ pub fn data(value: &Value) -> Option<Data<'_>> {
             let [width, height] = size(image.dimensions());
             Data::Struct(vec![width, height, Data::Int(channels), Data::List(Items::U8(bytes))])
         }
-        Value::Disparity(disparity) => {
-            let [width, height] = size(disparity.sixteenths_px.dimensions());
-            let least = Data::Int(disparity.min_disparity_px.into());
-            Data::Struct(vec![width, height, least, Data::List(Items::I16(disparity.sixteenths_px.as_raw()))])
-        }
+        Value::Disparity(disparity) => fixed_point(size(disparity.sixteenths_px.dimensions()), disparity, &[]),
+        Value::FloatDisparity(map) => fixed_point(size(map.px().dimensions()), map.fixed(), map.px()),
         Value::TrueDisparity(disparity) => map(disparity.px.dimensions(), Items::F32(disparity.px.as_raw())),
         Value::Depth(depth) => map(depth.metres.dimensions(), Items::F32(depth.metres.as_raw())),
+        Value::RelativeDepth(relative) => {
+            let metres = &relative.depth().metres;
+            map(metres.dimensions(), Items::F32(metres.as_raw()))
+        }
         Value::Weight(weight) => map(weight.share.dimensions(), Items::F32(weight.share.as_raw())),
         Value::Mask(mask) => map(mask.set.dimensions(), Items::U8(mask.set.as_raw())),
         Value::Calibration(of) => {
@@ -99,6 +104,12 @@ pub fn data(value: &Value) -> Option<Data<'_>> {
         }
         Value::Scores(_) => return None,
     })
+}
+
+fn fixed_point<'a>([width, height]: [Data<'a>; 2], disparity: &'a Disparity, finer: &'a [f32]) -> Data<'a> {
+    let least = Data::Int(disparity.min_disparity_px.into());
+    let sixteenths = Data::List(Items::I16(disparity.sixteenths_px.as_raw()));
+    Data::Struct(vec![width, height, least, sixteenths, Data::List(Items::F32(finer))])
 }
 
 /// Reads a column as a value of a type.
@@ -128,6 +139,13 @@ pub fn value(value_type: ValueType, column: &View<'_>) -> Result<Value, String> 
             Image::new(pixels.ok_or("it is of another size than it says")?).into()
         }
         ValueType::Disparity => {
+            // Of programs from before, it has no such part.
+            let finer = column.part(FINER).map_or_else(|| Ok(Vec::new()), |px| px.f32s())?;
+            if !finer.is_empty() {
+                let disparity = TrueDisparity { px: raster(size()?, finer)? };
+                disparity.validate()?;
+                return Ok(Value::disparity_from_px(disparity.px));
+            }
             let sixteenths_px = raster(size()?, part("data")?.i16s()?)?;
             let least = part("min_disparity")?.int()?;
             let min_disparity_px = i32::try_from(least).ok().filter(|least| nothing_found(*least).is_some());
@@ -225,6 +243,7 @@ mod tests {
                 min_disparity_px: -2,
             }
             .into(),
+            Value::disparity_from_px(Raster::from_raw(3, 2, vec![10.03, f32::NAN, 0.0, 1.0, 2.5, -3.0]).unwrap()),
             TrueDisparity { px: floats() }.into(),
             Depth { metres: floats() }.into(),
             Weight { share: floats() }.into(),

@@ -40,8 +40,8 @@ impl Cloud {
         image: Option<&Image>,
         range_m: (f64, f64),
     ) -> Result<Self, String> {
-        let is_disparity = matches!(value, Value::Disparity(_) | Value::TrueDisparity(_));
-        let map = floats(value).filter(|_| is_disparity || matches!(value, Value::Depth(_)));
+        let is_disparity = matches!(value, Value::Disparity(_) | Value::FloatDisparity(_) | Value::TrueDisparity(_));
+        let map = floats(value).filter(|_| is_disparity || matches!(value, Value::Depth(_) | Value::RelativeDepth(_)));
         let map = map.ok_or_else(|| format!("a value of type {} has no points", value.value_type()))?;
         let (width, height) = map.dimensions();
         let others =

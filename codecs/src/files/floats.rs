@@ -5,15 +5,11 @@ use depthloom_graphs::values::Raster;
 
 /// The pixels of a map: pixels of a disparity, metres of a depth, the share of a weight; NaN = no answer. `None` if it is no such map.
 pub(super) fn floats(value: &Value) -> Option<Raster<f32>> {
-    let raster = |(width, height), pixels| Raster::from_raw(width, height, pixels);
     match value {
-        Value::Disparity(disparity) => {
-            let invalid = disparity.invalid();
-            let px = |&fixed: &i16| if i32::from(fixed) == invalid { f32::NAN } else { f32::from(fixed) / 16.0 };
-            raster(disparity.sixteenths_px.dimensions(), disparity.sixteenths_px.iter().map(px).collect())
-        }
+        Value::Disparity(_) | Value::FloatDisparity(_) => value.disparity_px(),
         Value::TrueDisparity(truth) => Some(truth.px.clone()),
         Value::Depth(depth) => Some(depth.metres.clone()),
+        Value::RelativeDepth(map) => Some(map.depth().metres.clone()),
         Value::Weight(weight) => Some(weight.share.clone()),
         Value::Image(_)
         | Value::Mask(_)

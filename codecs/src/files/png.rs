@@ -41,12 +41,14 @@ pub fn png(value: &Value) -> Result<Png, String> {
         }
         Value::Mask(mask) => encoded(|out| mask.set.write_to(out, image::ImageFormat::Png)),
         Value::TrueDisparity(truth) => sixteen_bits(&truth.px, answer, 256.0, &mut clipped),
+        Value::FloatDisparity(map) => sixteen_bits(map.px(), answer, 256.0, &mut clipped),
         Value::Disparity(disparity) => {
             let invalid = disparity.invalid();
             let px = |fixed: i16| (i32::from(fixed) != invalid).then(|| f64::from(fixed) / 16.0);
             sixteen_bits(&disparity.sixteenths_px, px, 256.0, &mut clipped)
         }
         Value::Depth(depth) => sixteen_bits(&depth.metres, answer, 256.0, &mut clipped),
+        Value::RelativeDepth(map) => sixteen_bits(&map.depth().metres, answer, 256.0, &mut clipped),
         Value::Weight(weight) => sixteen_bits(&weight.share, answer, 65535.0, &mut clipped),
         Value::Calibration(_) | Value::Scores(_) | Value::Samples(_) | Value::Model(_) | Value::Curve(_) => {
             return Err(format!("a value of type {} is no image", value.value_type()));

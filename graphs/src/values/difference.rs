@@ -56,16 +56,20 @@ impl Difference {
     pub fn between(recorded: &Value, now: &Value, tolerance: f64) -> Self {
         match (recorded, now) {
             (Value::Image(a), Value::Image(b)) => images(a, b, tolerance),
-            (Value::Disparity(a), Value::Disparity(b)) if a.min_disparity_px == b.min_disparity_px => {
-                let of = |value: &i16| (i32::from(*value) != a.invalid()).then(|| f64::from(*value) / 16.0);
-                pixels(sized(&a.sixteenths_px), sized(&b.sixteenths_px), tolerance, of)
-            }
-            (Value::Disparity(a), Value::Disparity(b)) => {
+            (Value::Disparity(a), Value::Disparity(b)) if a.min_disparity_px != b.min_disparity_px => {
                 let searched = |least: i32| format!("disparities searched from {least} px on");
                 Self::whole(searched(a.min_disparity_px), searched(b.min_disparity_px))
             }
+            (Value::Disparity(_) | Value::FloatDisparity(_), Value::Disparity(_) | Value::FloatDisparity(_)) => {
+                match (recorded.disparity_px(), now.disparity_px()) {
+                    (Some(a), Some(b)) => pixels(sized(&a), sized(&b), tolerance, float),
+                    _ => Self::whole(recorded.value_type().to_string(), now.value_type().to_string()),
+                }
+            }
             (Value::TrueDisparity(a), Value::TrueDisparity(b)) => pixels(sized(&a.px), sized(&b.px), tolerance, float),
-            (Value::Depth(a), Value::Depth(b)) => pixels(sized(&a.metres), sized(&b.metres), tolerance, float),
+            (Value::Depth(_) | Value::RelativeDepth(_), Value::Depth(_) | Value::RelativeDepth(_)) => {
+                depths(recorded, now, tolerance)
+            }
             (Value::Weight(a), Value::Weight(b)) => pixels(sized(&a.share), sized(&b.share), tolerance, float),
             (Value::Mask(a), Value::Mask(b)) => {
                 pixels(sized(&a.set), sized(&b.set), 0.0, |value| Some(f64::from(*value)))
@@ -289,6 +293,23 @@ fn points(of: &Curve) -> Named {
         numbers.map(|(name, number)| (format!("{name} at step {}", point.step), number))
     });
     numbers.collect()
+}
+
+/// Metres first; where these are alike, the inverse depth that they do not hold.
+fn depths(recorded: &Value, now: &Value, tolerance: f64) -> Difference {
+    let difference = match (recorded.metres(), now.metres()) {
+        (Some(a), Some(b)) => pixels(sized(a), sized(b), tolerance, float),
+        _ => Difference::default(),
+    };
+    match (recorded, now) {
+        _ if difference.different > 0 => difference,
+        (Value::RelativeDepth(a), Value::RelativeDepth(b)) => {
+            pixels(sized(a.inverse()), sized(b.inverse()), tolerance, float)
+        }
+        (Value::RelativeDepth(_), _) => Difference::whole("inverse depth that metres do not hold", "none"),
+        (_, Value::RelativeDepth(_)) => Difference::whole("no inverse depth that metres do not hold", "some"),
+        _ => difference,
+    }
 }
 
 fn bytes(recorded: &[u8], now: &[u8]) -> Difference {

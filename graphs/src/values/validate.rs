@@ -10,8 +10,11 @@ impl Value {
     pub fn validate(&self) -> Result<(), String> {
         match self {
             Self::Depth(depth) => depth.validate(),
+            Self::RelativeDepth(map) => map.depth().validate(),
             Self::Weight(weight) => weight.validate(),
             Self::Disparity(disparity) => disparity.validate(),
+            // Made of finite numbers and NaN alone.
+            Self::FloatDisparity(disparity) => disparity.fixed().validate(),
             Self::TrueDisparity(disparity) => disparity.validate(),
             Self::Calibration(calibration) => calibration.validate(),
             Self::Curve(curve) => curve.validate(),

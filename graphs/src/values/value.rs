@@ -5,14 +5,16 @@ use std::sync::Arc;
 
 use depthloom_scores::ScoreRow;
 
-use super::{Artifact, Calibration, Curve, Depth, Disparity, Image, Mask, TrueDisparity, Weight};
+use super::{
+    Artifact, Calibration, Curve, Depth, Disparity, FloatDisparity, Image, Mask, RelativeDepth, TrueDisparity, Weight,
+};
 
 /// The type of a value, and so of a port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum ValueType {
     /// 8-bit grey or RGB image.
     Image,
-    /// Fixed-point disparity, 1/16 px.
+    /// Estimated disparity: 1/16 px fixed point, or floating point where that is finer.
     Disparity,
     /// Measured disparity, 1/256 px, 0 = unknown.
     TrueDisparity,
@@ -94,10 +96,14 @@ pub enum Value {
     Image(Arc<Image>),
     /// Fixed-point disparity.
     Disparity(Arc<Disparity>),
+    /// Disparity that is no whole number of sixteenths of a pixel.
+    FloatDisparity(Arc<FloatDisparity>),
     /// Measured disparity.
     TrueDisparity(Arc<TrueDisparity>),
     /// Depth in metres.
     Depth(Arc<Depth>),
+    /// Depth in metres that does not hold all of the inverse depth that it was made of.
+    RelativeDepth(Arc<RelativeDepth>),
     /// Weight in [0, 1].
     Weight(Arc<Weight>),
     /// Binary mask.
@@ -122,8 +128,10 @@ impl Value {
             Self::Samples(artifact) | Self::Model(artifact) => Some(artifact),
             Self::Image(_)
             | Self::Disparity(_)
+            | Self::FloatDisparity(_)
             | Self::TrueDisparity(_)
             | Self::Depth(_)
+            | Self::RelativeDepth(_)
             | Self::Weight(_)
             | Self::Mask(_)
             | Self::Calibration(_)
@@ -138,8 +146,10 @@ impl Value {
         Some(match self {
             Self::Image(image) => image.dimensions(),
             Self::Disparity(disparity) => disparity.sixteenths_px.dimensions(),
+            Self::FloatDisparity(disparity) => disparity.px().dimensions(),
             Self::TrueDisparity(disparity) => disparity.px.dimensions(),
             Self::Depth(depth) => depth.metres.dimensions(),
+            Self::RelativeDepth(map) => map.depth().metres.dimensions(),
             Self::Weight(weight) => weight.share.dimensions(),
             Self::Mask(mask) => mask.set.dimensions(),
             Self::Calibration(_) | Self::Scores(_) | Self::Samples(_) | Self::Model(_) | Self::Curve(_) => return None,
@@ -151,9 +161,9 @@ impl Value {
     pub const fn value_type(&self) -> ValueType {
         match self {
             Self::Image(_) => ValueType::Image,
-            Self::Disparity(_) => ValueType::Disparity,
+            Self::Disparity(_) | Self::FloatDisparity(_) => ValueType::Disparity,
             Self::TrueDisparity(_) => ValueType::TrueDisparity,
-            Self::Depth(_) => ValueType::Depth,
+            Self::Depth(_) | Self::RelativeDepth(_) => ValueType::Depth,
             Self::Weight(_) => ValueType::Weight,
             Self::Mask(_) => ValueType::Mask,
             Self::Calibration(_) => ValueType::Calibration,
@@ -190,15 +200,38 @@ macro_rules! value_kind {
 }
 
 value_kind!(Image, Image);
-value_kind!(Disparity, Disparity);
 value_kind!(TrueDisparity, TrueDisparity);
-value_kind!(Depth, Depth);
 value_kind!(Weight, Weight);
 value_kind!(Mask, Mask);
 value_kind!(Calibration, Calibration);
 value_kind!(Vec<ScoreRow>, Scores);
 value_kind!(Artifact, Samples | Model);
 value_kind!(Curve, Curve);
+
+impl ValueKind for Disparity {
+    const TYPES: &'static [ValueType] = &[ValueType::Disparity];
+
+    /// Of floating point, the nearest fixed point.
+    fn from_value(value: &Value) -> Option<&Arc<Self>> {
+        match value {
+            Value::Disparity(inner) => Some(inner),
+            Value::FloatDisparity(map) => Some(map.fixed()),
+            _ => None,
+        }
+    }
+}
+
+impl ValueKind for Depth {
+    const TYPES: &'static [ValueType] = &[ValueType::Depth];
+
+    fn from_value(value: &Value) -> Option<&Arc<Self>> {
+        match value {
+            Value::Depth(inner) => Some(inner),
+            Value::RelativeDepth(map) => Some(map.depth()),
+            _ => None,
+        }
+    }
+}
 
 macro_rules! into_value {
     ($ty:ty, $variant:ident) => {

@@ -2,8 +2,8 @@
 
 use depthloom_graphs::contracts::{Contract, NodeDeclaration};
 use depthloom_graphs::values::{Calibration, Depth, Disparity};
-use depthloom_graphs::{Context, Fault, Inputs, Instance, Node, Outputs, Port, PureNode, ValueType};
-use depthloom_kernels::depth::depth_from_disparity;
+use depthloom_graphs::{Context, Fault, Inputs, Instance, Node, Outputs, Port, PureNode, Value, ValueType};
+use depthloom_kernels::depth::{Geometry, depth_from_disparity, truth_from_disparity};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -44,7 +44,7 @@ impl Node for FromDisparity {
 the right camera's principal point lies, is 0 but for pairs like Middlebury's of 2014. A disparity of zero or below is no answer (NaN), nor one whose sum \
 with `doffs` is; answers beyond `cap` become `cap`.",
             inputs: vec![
-                Port::frame("disparity", ValueType::Disparity, "Disparity, 1/16 px fixed point."),
+                Port::frame("disparity", ValueType::Disparity, "Disparity, in fixed or floating point."),
                 Port::frame(
                     "calibration",
                     ValueType::Calibration,
@@ -67,12 +67,22 @@ with `doffs` is; answers beyond `cap` become `cap`.",
     }
 }
 
+impl FromDisparity {
+    fn from_floats(&self, px: &[f32], of: Geometry, out: &mut [f32]) {
+        truth_from_disparity(px, of, out);
+        for (metres, px) in out.iter_mut().zip(px) {
+            *metres = if *px > 0.0 && !metres.is_nan() { metres.min(self.cap_m) } else { f32::NAN };
+        }
+    }
+}
+
 impl PureNode for FromDisparity {
     fn process(&self, inputs: &Inputs<'_>, _ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
         let disparity = &inputs.get::<Disparity>("disparity")?.sixteenths_px;
         let of = geometry(inputs.get::<Calibration>("calibration")?);
-        let metres = filled(disparity.dimensions(), |out| {
-            depth_from_disparity(disparity, of, self.cap_m, out);
+        let metres = filled(disparity.dimensions(), |out| match inputs.value("disparity") {
+            Some(Value::FloatDisparity(map)) => self.from_floats(map.px(), of, out),
+            _ => depth_from_disparity(disparity, of, self.cap_m, out),
         });
         Ok(Outputs::one("depth", Depth { metres }))
     }

@@ -2,7 +2,7 @@
 
 use depthloom_graphs::contracts::{Contract, NodeDeclaration};
 use depthloom_graphs::values::Disparity;
-use depthloom_graphs::{Context, Fault, Inputs, Instance, Node, Outputs, Port, PureNode, ValueType};
+use depthloom_graphs::{Context, Fault, Inputs, Instance, Node, Outputs, Port, PureNode, Value, ValueType};
 use depthloom_kernels::fill::fill_background;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -35,7 +35,7 @@ impl Node for Fill {
 `interpolateBackground` of KITTI's development kit, which the benchmark runs on every submitted map. In each row a run without answer takes the \
 smaller disparity of its two ends, at the image's border the one there is; then each column repeats its first answer upwards and its last one \
 downwards. Rows without any answer between others stay without.",
-            inputs: vec![Port::frame("disparity", ValueType::Disparity, "Disparity, 1/16 px fixed point.")],
+            inputs: vec![Port::frame("disparity", ValueType::Disparity, "Disparity, in fixed or floating point.")],
             outputs: vec![Port::frame("disparity", ValueType::Disparity, "Disparity, filled.")],
         }
     }
@@ -50,6 +50,12 @@ impl PureNode for Fill {
     fn process(&self, inputs: &Inputs<'_>, _ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
         let map = inputs.get::<Disparity>("disparity")?;
         let (invalid, width) = (invalid(map)?, map.sixteenths_px.width() as usize);
+        if let Some(Value::FloatDisparity(floats)) = inputs.value("disparity") {
+            let mut px = floats.px().clone();
+            px.iter_mut().filter(|px| px.is_nan()).for_each(|px| *px = f32::NEG_INFINITY);
+            fill_background(&mut px, width, f32::NEG_INFINITY, self.longest);
+            return Ok(Outputs::one("disparity", Value::disparity_from_px(px)));
+        }
         let filled = changed(map, |pixels| fill_background(pixels, width, invalid, self.longest));
         Ok(Outputs::one("disparity", filled))
     }

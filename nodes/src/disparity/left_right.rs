@@ -7,7 +7,7 @@ use depthloom_kernels::left_right;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::{changed, invalid};
+use super::{invalid, pruned};
 use crate::shape::same_size;
 
 /// Parameters of `disparity/left-right`.
@@ -77,7 +77,7 @@ impl PureNode for LeftRight {
         let (width, height) = left.sixteenths_px.dimensions();
         same_size(("left", (width, height)), ("right", right.sixteenths_px.dimensions()))?;
         let invalid = (invalid(left)?, invalid(right)?);
-        let checked = changed(left, |pixels| {
+        let checked = pruned(inputs.value("left"), left, |pixels| {
             left_right::check(pixels, &right.sixteenths_px, width as usize, invalid, self.max_difference_sixteenths);
         });
         Ok(Outputs::one("disparity", checked))

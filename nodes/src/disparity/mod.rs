@@ -5,8 +5,8 @@ mod left_right;
 mod speckle;
 mod weighted_least_squares;
 
-use depthloom_graphs::Fault;
 use depthloom_graphs::values::{Disparity, Raster};
+use depthloom_graphs::{Fault, Value};
 
 pub(crate) use fill::Fill;
 pub(crate) use left_right::LeftRight;
@@ -21,6 +21,17 @@ fn invalid(map: &Disparity) -> Result<i16, Fault> {
     let smallest = map.min_disparity_px;
     i16::try_from(map.invalid())
         .map_err(|_| Fault::new(format!("a smallest disparity of {smallest} px does not fit 16 bits of 1/16 px")))
+}
+
+/// The map with pixels made invalid; in floating point, if it is.
+fn pruned(value: Option<&Value>, map: &Disparity, prune: impl FnOnce(&mut [i16])) -> Value {
+    let kept = changed(map, prune);
+    let Some(Value::FloatDisparity(floats)) = value else { return kept.into() };
+    let invalid = kept.invalid();
+    let mut px = floats.px().clone();
+    let lost = px.iter_mut().zip(kept.sixteenths_px.iter()).filter(|(_, fixed)| i32::from(**fixed) == invalid);
+    lost.for_each(|(px, _)| *px = f32::NAN);
+    Value::disparity_from_px(px)
 }
 
 /// The map with its pixels changed.

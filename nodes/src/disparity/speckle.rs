@@ -7,7 +7,7 @@ use depthloom_kernels::sgbm::{SpeckleScratch, filter_speckles};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::{changed, invalid};
+use super::{invalid, pruned};
 
 /// Parameters of `disparity/speckle`; the defaults lie in the middle of what OpenCV advises (50 to 200 px, 1 or 2 px).
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
@@ -44,7 +44,7 @@ impl Node for Speckle {
             doc: "\
 OpenCV's `filterSpeckles`. Neighbours (4 of them) belong to one region if both are answered and differ by at most `range`; regions of at most `window` \
 pixels lose their answers.",
-            inputs: vec![Port::frame("disparity", ValueType::Disparity, "Disparity, 1/16 px fixed point.")],
+            inputs: vec![Port::frame("disparity", ValueType::Disparity, "Disparity, in fixed or floating point.")],
             outputs: vec![Port::frame("disparity", ValueType::Disparity, "Disparity without speckles.")],
         }
     }
@@ -67,7 +67,7 @@ impl PureNode for Speckle {
         let map = inputs.get::<Disparity>("disparity")?;
         let (invalid, width) = (invalid(map)?, map.sixteenths_px.width() as usize);
         let mut scratch = ctx.scratch.take::<SpeckleScratch>();
-        let filtered = changed(map, |pixels| {
+        let filtered = pruned(inputs.value("disparity"), map, |pixels| {
             filter_speckles(pixels, width, invalid, self.window, self.range_sixteenths, &mut scratch);
         });
         ctx.scratch.put(scratch);

@@ -2,7 +2,7 @@
 
 use depthloom_graphs::contracts::{Contract, NodeDeclaration};
 use depthloom_graphs::values::{Disparity, Image, Pixels};
-use depthloom_graphs::{Context, Fault, Inputs, Instance, Node, Outputs, Port, PureNode, ValueType};
+use depthloom_graphs::{Context, Fault, Inputs, Instance, Node, Outputs, Port, PureNode, Value, ValueType};
 use depthloom_kernels::weighted_least_squares::{Guide, Params, Right, Smoother, SmootherScratch};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -128,6 +128,9 @@ impl PureNode for WeightedLeastSquares {
         let (image, map) = (inputs.get::<Image>("image")?, inputs.get::<Disparity>("disparity")?);
         let dimensions = map.sixteenths_px.dimensions();
         same_size(("image", image.dimensions()), ("disparity", dimensions))?;
+        if matches!(inputs.value("disparity"), Some(Value::FloatDisparity(_))) {
+            ctx.host.warn("the filter computes in 1/16 px, as OpenCV's does: finer disparities are rounded");
+        }
         let other = inputs.optional::<Disparity>("right")?;
         let right = match other {
             None => None,

@@ -1,9 +1,7 @@
 //! `fusion/scale`: mono depth brought to stereo's scale.
 
-use std::sync::Arc;
-
 use depthloom_graphs::contracts::{Contract, NodeDeclaration};
-use depthloom_graphs::values::{Depth, Value};
+use depthloom_graphs::values::Depth;
 use depthloom_graphs::{Context, Fault, Inputs, Instance, Node, Outputs, Port, PureNode, ValueType};
 use depthloom_kernels::scale;
 use schemars::JsonSchema;
@@ -71,7 +69,10 @@ impl PureNode for Scale {
         let kernel = match self.method {
             ScaleMethod::Minmax => scale::minmax,
             ScaleMethod::Average => scale::average,
-            ScaleMethod::None => return Ok(Outputs::one("depth", Value::Depth(Arc::clone(mono)))),
+            ScaleMethod::None => {
+                let unchanged = inputs.value("mono").ok_or_else(|| Fault::new("no value at input `mono`"))?;
+                return Ok(Outputs::one("depth", unchanged.clone()));
+            }
         };
         let metres = filled(size, |out| kernel(&mono.metres, stereo, out));
         Ok(Outputs::one("depth", Depth { metres }))

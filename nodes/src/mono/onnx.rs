@@ -4,7 +4,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use depthloom_graphs::contracts::{Contract, NodeDeclaration};
 use depthloom_graphs::values::{Artifact, Calibration, Depth, Image};
-use depthloom_graphs::{Context, Fault, Inputs, Instance, Key, Node, Outputs, Port, PureNode, ValueType};
+use depthloom_graphs::{Context, Fault, Inputs, Instance, Key, Node, Outputs, Port, PureNode, Value, ValueType};
 use depthloom_kernels::depth::{Geometry, depth_from_share};
 use depthloom_kernels::memory::TooMuch;
 
@@ -35,7 +35,8 @@ impl Node for Onnx {
             doc: "\
 The image is resized to the network's size (or padded: `fit: pad`), scaled to [0, `white`], normalised by `mean` and `std` and run. The output, one map of any size, is resized to the \
 image's (bilinear, half-pixel centres) and turned into metres by what it means: with a disparity share `s`, \
-`Z = min(f * B / max(s * width + doffs, floor_px), cap)`, `doffs` being 0 but of pairs whose cameras have two principal points. Depth is capped here, before any scaling. Where the network gives NaN or infinity there is no answer, nor where \
+`Z = min(f * B / max(s * width + doffs, floor_px), cap)`, `doffs` being 0 but of pairs whose cameras have two principal points. Depth is capped here, before any scaling. An alignment with scale and shift (`align` of `score/depth`) takes the output of `inverse-depth` as it is, also zero, \
+below zero and beyond the cap; for everything else these pixels are as far as the cap, or 1e6 m without one. Where the network gives NaN or infinity there is no answer, nor where \
 such a pixel has part in a resized one; they are counted, and warned of at the end of the run.\n\n\
 The model is a file (`model: { file: net.onnx }`), its weights in that one file, or a learning stage's output. Its batch is 1 or open: frames come one by one, and run side by side in \
 sessions of their own. With `flip` the network sees the frame and its mirror image, and both answers are joined before they become metres: as a batch of two \
@@ -183,6 +184,19 @@ impl PureNode for Onnx {
             false => fitted.map_back(map.to_vec(), size).map_err(too_large)?,
         };
         let metres = filled((columns, rows), |out| self.metres(network.meaning, &full, calibration, width, out));
-        Ok(Outputs::one("depth", Depth { metres }))
+        let nowhere = full.iter().filter(|value| **value <= 0.0).count() as u64;
+        match network.meaning {
+            Output::InverseDepth => {
+                if nowhere > 0 {
+                    ctx.host.warn_of(nowhere, "pixels of inverse depth are not above 0: `align: scale-and-shift` takes them as they are, everything else as farthest");
+                }
+                Ok(Outputs::one("depth", Value::depth_from_inverse(Depth { metres }, &full)))
+            }
+            Output::Depth if nowhere > 0 => {
+                ctx.host.warn_of(nowhere, "pixels of depth are not above 0 and were raised to 0.001 m");
+                Ok(Outputs::one("depth", Depth { metres }))
+            }
+            Output::Depth | Output::DisparityShare | Output::DisparityPx => Ok(Outputs::one("depth", Depth { metres })),
+        }
     }
 }

@@ -46,13 +46,11 @@ pub(super) fn plane(
         InputType::Weight => inputs.get::<Weight>(name)?.share.to_vec(),
         InputType::Mask => inputs.get::<Mask>(name)?.set.iter().map(|&set| f32::from(u8::from(set != 0))).collect(),
         InputType::Disparity => {
-            let disparity = inputs.get::<Disparity>(name)?;
-            let (none, to_network) = (disparity.invalid(), 1.0 / fitted.columns_back(1.0));
-            let px = |&fixed: &i16| match i32::from(fixed) <= none {
-                true => f32::NAN,
-                false => (f64::from(fixed) / 16.0 * to_network) as f32,
-            };
-            disparity.sixteenths_px.iter().map(px).collect()
+            let map = inputs.value(name).and_then(Value::disparity_px);
+            let mut map = map.ok_or_else(|| Fault::new(format!("no disparity at input `{name}`")))?.into_raw();
+            let to_network = 1.0 / fitted.columns_back(1.0);
+            map.iter_mut().for_each(|px| *px = (f64::from(*px) * to_network) as f32);
+            map
         }
         InputType::Image => return Err(Fault::new(format!("port `{name}` is an image, not a map"))),
     };
@@ -73,15 +71,20 @@ pub(super) fn value(
     size: (u32, u32),
 ) -> Value {
     let (scale, offset) = (output.scale as f32, output.offset as f32);
-    for value in &mut map {
-        let told = *value * scale + offset;
-        *value = if output.form == Form::Inverse { 1.0 / told } else { told };
+    map.iter_mut().for_each(|value| *value = *value * scale + offset);
+    let inverse = (output.value_type == OutputType::Depth && output.form == Form::Inverse).then(|| map.clone());
+    if output.form == Form::Inverse {
+        map.iter_mut().for_each(|value| *value = 1.0 / *value);
     }
     match output.value_type {
         OutputType::Depth => {
             let cap = cap.map_or(f32::INFINITY, |cap| cap as f32);
             let metres = |value: &f32| if *value > 0.0 && value.is_finite() { value.min(cap) } else { f32::NAN };
-            Depth { metres: of(&map, size, metres) }.into()
+            let depth = Depth { metres: of(&map, size, metres) };
+            match inverse {
+                Some(inverse) => Value::depth_from_inverse(depth, &inverse),
+                None => depth.into(),
+            }
         }
         OutputType::Weight => {
             let share = |value: &f32| if value.is_nan() { 0.0 } else { value.clamp(0.0, 1.0) };
@@ -90,11 +93,8 @@ pub(super) fn value(
         OutputType::Mask => Mask { set: of(&map, size, |value| if *value > 0.5 { 255 } else { 0 }) }.into(),
         OutputType::Disparity => {
             let to_image = fitted.columns_back(1.0) as f32;
-            let fixed = |value: &f32| {
-                let sixteenths = (value * to_image * 16.0).round_ties_even();
-                if (0.0..=f32::from(i16::MAX)).contains(&sixteenths) { sixteenths as i16 } else { -16 }
-            };
-            Disparity { sixteenths_px: of(&map, size, fixed), min_disparity_px: 0 }.into()
+            let px = |value: &f32| if *value >= 0.0 { value * to_image } else { f32::NAN };
+            Value::disparity_from_px(of(&map, size, px))
         }
     }
 }

@@ -4,7 +4,7 @@ use std::sync::LazyLock;
 
 use depthloom_graphs::contracts::{Contract, NodeDeclaration};
 use depthloom_graphs::values::Depth;
-use depthloom_graphs::{Context, Fault, Inputs, Instance, Node, Outputs, Port, PureNode, ValueType};
+use depthloom_graphs::{Context, Fault, Inputs, Instance, Node, Outputs, Port, PureNode, Value, ValueType};
 use depthloom_scores::{DepthScores, Family, ScoreParams};
 
 use super::{clues, doc};
@@ -19,7 +19,7 @@ With `y` the answer, `t` the truth and `e = ln y - ln t` (natural logarithm), me
 
 const BEHIND: &str = "\
 `align` is for estimates that know no scale, fitted frame by frame over the scored pixels of the whole image with an answer: `median` multiplies by `median(t) / median(y)` (Zhou et \
-al. 2017); `scale-and-shift` makes `s/y + b` of `1/y`, with the `s` and `b` of least squares against `1/t`: in inverse depth, as MiDaS does (Ranftl et al. 2020).\n\n\
+al. 2017); `scale-and-shift` makes `s/y + b` of `1/y`, with the `s` and `b` of least squares against `1/t`: in inverse depth, as MiDaS does (Ranftl et al. 2020). Where a network gives inverse depth, that is taken as it is, also of zero and below, and however far a cap or `min_m` would change it.\n\n\
 `score:` in a stage is sugar for nodes of this kind.";
 
 static DOC: LazyLock<String> =
@@ -41,7 +41,7 @@ impl Node for ScoreDepth {
         inputs.extend(clues::ports());
         NodeDeclaration {
             kind: "score/depth",
-            version: 2,
+            version: 3,
             contract: Contract::Pure,
             summary: "The scores of Table I, or others, of estimated depth against the truth, per frame.",
             doc: &DOC,
@@ -63,10 +63,12 @@ impl Node for ScoreDepth {
 
 impl PureNode for ScoreDepth {
     fn process(&self, inputs: &Inputs<'_>, _ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
-        let estimate = &inputs.get::<Depth>("estimate")?.metres;
+        let size = inputs.get::<Depth>("estimate")?.metres.dimensions();
+        let estimate = inputs.value("estimate").and_then(Value::depth_estimate);
+        let estimate = estimate.ok_or_else(|| Fault::new("no value at input `estimate`"))?;
         let truth = &inputs.get::<Depth>("truth")?.metres;
         let (width, height) = truth.dimensions();
-        same_size(("estimate", estimate.dimensions()), ("truth", (width, height)))?;
+        same_size(("estimate", size), ("truth", (width, height)))?;
         let clues = clues::of(inputs, (width, height))?;
         Ok(Outputs::one("rows", self.scores.rows(estimate, truth, (width as usize, height as usize), &clues)))
     }

@@ -3,8 +3,8 @@
 use std::sync::LazyLock;
 
 use depthloom_graphs::contracts::{Contract, NodeDeclaration, Upstream};
-use depthloom_graphs::values::{Calibration, Disparity, TrueDisparity};
-use depthloom_graphs::{Context, Fault, Inputs, Instance, Node, Outputs, Port, PureNode, ValueType};
+use depthloom_graphs::values::{Calibration, TrueDisparity};
+use depthloom_graphs::{Context, Fault, Inputs, Instance, Node, Outputs, Port, PureNode, Value, ValueType};
 use depthloom_kernels::fill::fill_background;
 use depthloom_scores::{DisparityMaps, DisparityScoreParams, DisparityScores, Family};
 
@@ -40,7 +40,11 @@ impl Node for ScoreDisparity {
         let calibration =
             "Focal length and baseline: distance of a true disparity. Wanted by `zones.distance_m` alone.";
         let mut inputs = vec![
-            Port::frame("estimate", ValueType::Disparity, "Estimated disparity, 1/16 px fixed point."),
+            Port::frame(
+                "estimate",
+                ValueType::Disparity,
+                "Estimated disparity, in fixed or floating point; scored as it is.",
+            ),
             Port::frame("truth", ValueType::TrueDisparity, "True disparity, px, NaN = unknown; of the same size."),
             Port::frame("calibration", ValueType::Calibration, calibration).optional(),
         ];
@@ -77,7 +81,8 @@ impl Node for ScoreDisparity {
 
 impl PureNode for ScoreDisparity {
     fn process(&self, inputs: &Inputs<'_>, _ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
-        let estimate = &inputs.get::<Disparity>("estimate")?.sixteenths_px;
+        let estimate = inputs.value("estimate").and_then(Value::disparity_px);
+        let estimate = estimate.ok_or_else(|| Fault::new("no value at input `estimate`"))?;
         let truth = &inputs.get::<TrueDisparity>("truth")?.px;
         let size = truth.dimensions();
         same_size(("estimate", estimate.dimensions()), ("truth", size))?;
@@ -89,13 +94,13 @@ impl PureNode for ScoreDisparity {
         let (width, height) = (size.0 as usize, size.1 as usize);
         let filled = self.scores.asks_for_filled().then(|| {
             // Without an answer is what is not above 0, whatever the smallest disparity searched.
-            let mut filled: Vec<i16> = estimate.iter().map(|&disparity| disparity.max(0)).collect();
-            fill_background(&mut filled, width, 0, usize::MAX);
+            let mut filled: Vec<f32> = estimate.iter().map(|&px| if px > 0.0 { px } else { 0.0 }).collect();
+            fill_background(&mut filled, width, 0.0, usize::MAX);
             filled
         });
         let maps = DisparityMaps {
             size: (width, height),
-            estimate,
+            estimate: &estimate,
             filled: filled.as_deref(),
             truth,
             focal_baseline_px_m: calibration.map(|calibration| calibration.focal_baseline_px_m()),

@@ -3,8 +3,8 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use depthloom_graphs::contracts::{Contract, NodeDeclaration, Signature};
-use depthloom_graphs::values::{Artifact, Calibration, Depth, Disparity, Image};
-use depthloom_graphs::{Context, Fault, Inputs, Instance, Key, Node, Outputs, Port, PureNode, ValueType};
+use depthloom_graphs::values::{Artifact, Calibration, Depth, Image};
+use depthloom_graphs::{Context, Fault, Inputs, Instance, Key, Node, Outputs, Port, PureNode, Value, ValueType};
 use depthloom_kernels::memory::TooMuch;
 
 use super::onnx_network::{PairNetwork, View};
@@ -37,7 +37,7 @@ takes them as channels of one tensor (six, or two of grey). With `fit: pad` rows
 the answer: no pixel of the image is changed. With `fit: resize` images are resized, the answer is resized back (bilinear, half-pixel centres), and disparities are scaled by \
 the ratio of the widths. A map that is smaller than what the network sees, such as one of its strides, is spread over it first; its values stay as they are (`output_scale: 4` \
 where they are pixels of a quarter of the image).\n\n\
-`disparity` is in 1/16 px, as of all matchers here, for checks and filters; `depth` is made of the network's own numbers, \
+`disparity` has the network's own numbers, which scores take as they are; checks and filters round them to 1/16 px. `depth` is made of the same numbers, \
 `Z = min(f * B / (d + doffs), cap)`. Where the network gives NaN or infinity, an answer below `min_disparity`, or `d + doffs <= 0`, there is none. With `right_view` the network sees \
 the mirrored right image as left and the mirrored left one as right, and its answer, mirrored back, is the right image's disparity, as `disparity/left-right` wants it: negative. Both \
 views are one batch where the model leaves it open, or fixes it at 2.\n\n\
@@ -91,13 +91,12 @@ fn signature(params: &StereoOnnxParams) -> Signature {
             "Focal length and baseline; with `depth`, or where the network itself gives depths.",
         ));
     }
-    let mut outputs =
-        vec![Port::frame("disparity", ValueType::Disparity, "The left image's disparity, 1/16 px, rounded.")];
+    let mut outputs = vec![Port::frame("disparity", ValueType::Disparity, "The left image's disparity.")];
     if params.depth {
         outputs.push(Port::frame("depth", ValueType::Depth, "Depth, f32 metres, not rounded; with `depth`."));
     }
     if params.right_view {
-        let doc = "The right image's disparity, negative, 1/16 px; with `right_view`.";
+        let doc = "The right image's disparity, negative; with `right_view`.";
         outputs.push(Port::frame("disparity_right", ValueType::Disparity, doc));
     }
     Signature { contract: Contract::Pure, inputs, outputs }
@@ -159,9 +158,6 @@ impl StereoOnnx {
     }
 }
 
-/// The smallest disparity that a right view can have, px: what is no answer lies one below.
-const RIGHT_LEAST_PX: i32 = -2047;
-
 /// Whether less than a tenth of the numbers, scaled, is not below zero.
 fn nearly_all_negative(map: &[f32], scale: f64) -> bool {
     let (mut all, mut negative) = (0_u64, 0_u64);
@@ -171,17 +167,11 @@ fn nearly_all_negative(map: &[f32], scale: f64) -> bool {
     negative * 10 > all * 9
 }
 
-/// Disparities in fixed point; `sign` is -1 of the right image's.
-fn fixed(px: &[f32], min_disparity_px: i32, sign: f32, size: (u32, u32)) -> Disparity {
-    let none = ((min_disparity_px - 1) * 16) as i16;
-    let sixteenths_px = filled(size, |out: &mut [i16]| {
-        for (fixed, px) in out.iter_mut().zip(px) {
-            let sixteenths = (px * sign * 16.0).round_ties_even();
-            let fits = sixteenths > f32::from(i16::MIN) && sixteenths <= f32::from(i16::MAX);
-            *fixed = if fits { sixteenths as i16 } else { none };
-        }
-    });
-    Disparity { sixteenths_px, min_disparity_px }
+/// Disparities as a value; `sign` is -1 of the right image's.
+fn disparity(px: &[f32], sign: f32, size: (u32, u32)) -> Value {
+    Value::disparity_from_px(filled(size, |out: &mut [f32]| {
+        out.iter_mut().zip(px).for_each(|(out, px)| *out = px * sign)
+    }))
 }
 
 impl PureNode for StereoOnnx {
@@ -221,10 +211,10 @@ impl PureNode for StereoOnnx {
             self.pixels(&mut px, &fitted, calibration.map(AsRef::as_ref));
             if view.mirrored {
                 px.chunks_exact_mut(fitted.from.0).for_each(<[f32]>::reverse);
-                outputs = outputs.with("disparity_right", fixed(&px, RIGHT_LEAST_PX, -1.0, size));
+                outputs = outputs.with("disparity_right", disparity(&px, -1.0, size));
                 continue;
             }
-            outputs = outputs.with("disparity", fixed(&px, self.params.min_disparity, 1.0, size));
+            outputs = outputs.with("disparity", disparity(&px, 1.0, size));
             if let (true, Some(calibration)) = (self.params.depth, calibration) {
                 outputs = outputs.with("depth", self.depth(&px, calibration, size));
             }

@@ -77,8 +77,7 @@ impl Opened {
 
 /// A depth map's pixels.
 pub fn metres(value: &Value) -> &[f32] {
-    let Value::Depth(depth) = value else { panic!("{} is no depth", value.value_type()) };
-    depth.metres.as_raw()
+    value.metres().unwrap_or_else(|| panic!("{} is no depth", value.value_type())).as_raw()
 }
 
 /// A 16-bit PNG of the reference.

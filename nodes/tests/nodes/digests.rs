@@ -240,6 +240,7 @@ fn add(digest: KeyBuilder, value: &Value) -> KeyBuilder {
         Value::Disparity(map) => {
             digest.bytes(&map.sixteenths_px.iter().flat_map(|fixed| fixed.to_le_bytes()).collect::<Vec<u8>>())
         }
+        Value::FloatDisparity(map) => digest.bytes(&floats(map.px())),
         Value::TrueDisparity(map) => {
             // As before there were truths that these do not hold.
             match map.px_256() {
@@ -248,6 +249,7 @@ fn add(digest: KeyBuilder, value: &Value) -> KeyBuilder {
             }
         }
         Value::Depth(depth) => digest.bytes(&floats(&depth.metres)),
+        Value::RelativeDepth(map) => digest.bytes(&floats(&map.depth().metres)).bytes(&floats(map.inverse())),
         Value::Weight(weight) => digest.bytes(&floats(&weight.share)),
         Value::Mask(mask) => digest.bytes(&mask.set),
         Value::Calibration(c) =>

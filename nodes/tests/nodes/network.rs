@@ -5,7 +5,7 @@ use std::path::Path;
 use std::process::Command;
 
 use depthloom_graphs::Value;
-use depthloom_graphs::values::{Image, Pixels};
+use depthloom_graphs::values::{Depth, Image, Pixels, Raster};
 use depthloom_nodes::onnx;
 use depthloom_nodes::onnx::Provider;
 #[cfg(feature = "tract")]
@@ -167,6 +167,36 @@ fn fault_42_pixels_that_are_no_numbers_are_no_answers_are_counted_and_spread_no_
     assert!(warned[0].0 >= 4, "{warned:?}");
     // And where all are numbers nobody is told of anything.
     assert_eq!(of("Identity", 4, json!({})).1, Vec::new());
+}
+
+/// NumPy: `raw = [-.2, 0, .4, .6]; s, b = lstsq(c_[raw, ones(4)], 1 / t); z = s * raw + b; y = where(z > 0, 1 / z, 80)`, then
+/// `mean(abs(y - t) / t)`. Of outputs raised to 1/80 it would be 0.432.
+#[test]
+fn inverse_depth_of_zero_and_below_is_aligned_as_the_network_gave_it() {
+    if !can_run("inverse_depth_of_zero_and_below_is_aligned_as_the_network_gave_it") {
+        return;
+    }
+    let network = mean(&[1, 3, 2, 4], &[1, 1, 2, 4]);
+    let truth = [70.0, 30.0, 4.0, 2.0].repeat(2);
+    let truth = Value::from(Depth { metres: Raster::from_raw(4, 2, truth).unwrap() });
+    let abs_rel = |cap: Json, align: &str| {
+        let params = json!({ "output": "inverse-depth", "mean": [0.4, 0.4, 0.4], "cap": cap });
+        let inputs = [("image", image()), ("calibration", calibration(10.0, 2.0)), ("model", network.clone())];
+        let depth = call("mono/onnx", &params, &inputs).unwrap().remove("depth").unwrap();
+        let params = json!({ "align": align, "sets": ["all"] });
+        let Value::Scores(rows) = value("score/depth", &params, &[("estimate", &depth), ("truth", &truth)]) else {
+            panic!("scores")
+        };
+        rows[0].score("abs_rel").unwrap()
+    };
+    for cap in [json!(80), json!(null), json!(2)] {
+        let found = abs_rel(cap, "scale-and-shift");
+        assert!((found - 0.271_934_020_863_076_3).abs() < 1e-6, "{found}");
+    }
+    // Without an alignment they are as far as the cap.
+    let far = [(80.0 - 70.0) / 70.0, (80.0 - 30.0) / 30.0, (4.0 - 2.5) / 4.0, (2.0 - 1.0 / 0.6) / 2.0];
+    let found = abs_rel(json!(80), "none");
+    assert!((found - far.iter().sum::<f64>() / 4.0).abs() < 1e-6, "{found}");
 }
 
 #[test]

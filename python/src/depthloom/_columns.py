@@ -20,7 +20,7 @@ CURVE = frozenset(_CURVE)
 #: By type, the columns' struct.
 TYPES: dict[str, pa.StructType] = {
     "image": pa.struct([*_SIZE, pa.field("channels", pa.int32()), pa.field("data", pa.list_(pa.uint8()))]),
-    "disparity": pa.struct([*_SIZE, pa.field("min_disparity", pa.int32()), pa.field("data", pa.list_(pa.int16()))]),
+    "disparity": pa.struct([*_SIZE, pa.field("min_disparity", pa.int32()), pa.field("data", pa.list_(pa.int16())), pa.field("px", pa.list_(pa.float32()))]),
     "mask": pa.struct([*_SIZE, pa.field("data", pa.list_(pa.uint8()))]),
     "calibration": pa.struct([*_SIZE, *(pa.field(name, pa.float64()) for name in _CAMERA)]),
     "curve": pa.struct([pa.field(name, pa.list_(pa.int64() if name == "step" else pa.float64())) for name in _CURVE]),
@@ -42,6 +42,8 @@ def value(value_type: str, column: pa.StructArray) -> Any:
     if value_type == "curve":
         return {name: _numbers(values) for name, values in part.items()}
     shape = (part["height"][0].as_py(), part["width"][0].as_py())
+    if value_type == "disparity" and "px" in part and len(part["px"].flatten()) > 0:
+        return _numbers(part["px"]).reshape(shape)
     numbers = _numbers(part["data"])
     if value_type == "image":
         channels = part["channels"][0].as_py()
@@ -105,7 +107,7 @@ def _map(value_type: str, array: NDArray[Any]) -> list[pa.Array]:
     if not np.issubdtype(array.dtype, np.floating):
         raise TypeError(f"is of {array.dtype}, and a {value_type} is of float32")
     if value_type == "disparity":
-        return [*size, *_fixed(array)]
+        return [*size, pa.array([0], pa.int32()), _list(np.empty(0, np.int16)), _finite_px(array)]
     return [*size, _list(array.astype(np.float32, copy=False))]
 
 
@@ -114,19 +116,13 @@ def _wants(array: NDArray[Any], dtype: type, value_type: str) -> None:
         raise TypeError(f"is of {array.dtype}, and an {value_type} is of {np.dtype(dtype)}")
 
 
-def _fixed(px: NDArray[Any]) -> list[pa.Array]:
-    """Disparities as sixteenths: what was not found is one pixel below the least that is searched."""
+def _finite_px(px: NDArray[Any]) -> pa.ListArray:
+    """Disparities in floating point, NaN where nothing was found; depthloom keeps whole sixteenths as such."""
     infinite = np.argwhere(np.isinf(px))
     if len(infinite):
         row, column = infinite[0]
         raise ValueError(f"is {px[row, column]} px at row {row}, column {column}: a disparity must be finite, or NaN where nothing was found")
-    found = np.isfinite(px)
-    sixteenths = np.rint(np.where(found, px, 0).astype(np.float64) * 16)
-    least = min(0, int(np.floor(sixteenths.min() / 16)))
-    if sixteenths.max() > np.iinfo(np.int16).max or (least - 1) * 16 < np.iinfo(np.int16).min:
-        raise ValueError(f"has disparities from {px[found].min()} to {px[found].max()} px, and 16 bits hold -2046 to 2047")
-    fixed = np.where(found, sixteenths, (least - 1) * 16).astype(np.int16)
-    return [pa.array([least], pa.int32()), _list(fixed)]
+    return _list(px.astype(np.float32, copy=False))
 
 
 def _list(array: NDArray[Any]) -> pa.ListArray:

@@ -48,7 +48,7 @@ def node(*, inputs: Mapping[str, str], outputs: Mapping[str, str]) -> Callable[[
     | type | value |
     |---|---|
     | `depth` | float32 `(height, width)`, metres, NaN = no answer |
-    | `disparity` | float32 `(height, width)`, pixels, NaN = nothing found; kept as whole sixteenths |
+    | `disparity` | float32 `(height, width)`, pixels, NaN = nothing found |
     | `true-disparity` | float32 `(height, width)`, pixels, NaN = unknown |
     | `weight` | float32 `(height, width)`, shares in [0, 1] |
     | `mask` | bool `(height, width)` |

@@ -2,6 +2,7 @@
 
 mod copies;
 mod faults;
+mod finer_values;
 mod fixture;
 mod looking;
 mod other_readers;
