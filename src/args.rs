@@ -27,7 +27,7 @@ pub use figure::{FigureArgs, FigureFormat};
 pub use recording::{InfoArgs, RecoverArgs, ReplayArgs};
 pub use run::{ReportArgs, RunArgs, TimingsArgs};
 pub use runs::{PruneArgs, RmArgs, RunsArgs, RunsCommand, ShowArgs, WhyArgs};
-pub use table::{ExplainArgs, MeanOption, RowsOption, ScoresArgs, SetOption, TableArgs, TableFormat};
+pub use table::{ExplainArgs, MeanOption, RowsOption, ScoresArgs, SetOption, TableArgs, TableFormat, TypesettingArgs};
 
 use crate::completion::folders;
 use crate::outputs::Output;

@@ -1,5 +1,6 @@
 //! Variants side by side: a row an estimator, its factors in columns, so that many can be sorted, ranked and asked what did it.
 
+mod adjusted;
 mod answer;
 mod best;
 mod column;
@@ -8,6 +9,7 @@ mod effects;
 mod front;
 mod joined;
 mod leader;
+mod leaderboard;
 mod ranking;
 mod shared;
 mod variance;
@@ -16,17 +18,21 @@ mod zones;
 use std::collections::{HashMap, HashSet};
 
 use depthloom_graphs::Key;
-use depthloom_graphs::language::nearest;
+use depthloom_graphs::contracts::FrameSelection;
+use depthloom_graphs::language::{glob, nearest};
 use depthloom_recording::RecordedPlan;
 use depthloom_scores::{Family, Mean, Metric, PixelSet, ScoreRow};
 
+pub(crate) use adjusted::{LevelMeans, level_means};
 pub use answer::{Answer, Question, answer};
-pub(crate) use answer::{scored, source_of};
+pub(crate) use answer::{of_frames, scored, source_of};
 pub use cost::Costs;
 pub(crate) use joined::of_label;
 pub use leader::{Leader, leader};
+pub use leaderboard::{BoardRun, leaderboard};
 pub use ranking::Ranking;
 pub(crate) use shared::shared_scores;
+pub(crate) use variance::Factor;
 
 use crate::comparison::Comparison;
 use crate::error::AnalysisError;
@@ -38,14 +44,33 @@ use crate::scores::FrameScore;
 pub struct Selection {
     /// Whether scores are taken again from recorded maps, of those true pixels alone that all selected estimates answered.
     pub common: bool,
-    /// The pixel set; `None`: every true pixel, or where nothing was scored on those, the answered.
+    /// The pixel set; `None`: of each estimate every true pixel, or where it was not scored on those, what it was scored on.
     pub set: Option<PixelSet>,
+    /// Whether depths are there besides where disparities alone have the pixel set.
+    pub with_depths: bool,
     /// The zone; `None`: the whole image.
     pub zone: Option<String>,
+    /// The frames; `None`: all.
+    pub frames: Option<FrameSelection>,
     /// What a data set's value is taken over; `None`: what the experiment says.
     pub mean: Option<Mean>,
-    /// A pattern of estimators' labels or names, in which `*` stands for any run of characters; `None`: all.
+    /// A pattern of estimators' labels or names, in which `*` stands for any run of characters, or several with commas between; `None`: all.
     pub estimators: Option<String>,
+}
+
+impl Selection {
+    /// What tells tables of it from others, for a LaTeX label.
+    pub(crate) fn label(&self) -> Vec<String> {
+        let parts = [
+            self.common.then(|| "common".to_owned()),
+            self.set.map(|set| set.name().to_owned()),
+            self.zone.as_ref().map(|zone| format!("zone-{zone}")),
+            self.mean.map(|mean| format!("mean-{}", if mean == Mean::Frames { "frames" } else { "pixels" })),
+            self.estimators.clone(),
+            self.frames.as_ref().map(|_| "frames".to_owned()),
+        ];
+        parts.into_iter().flatten().collect()
+    }
 }
 
 /// An axis of the experiment, and its levels: numbers by size, others in the file's order.
@@ -79,6 +104,8 @@ pub(crate) struct Ablation<'a> {
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Row {
     pub(crate) estimator: usize,
+    /// The pixels that it is over.
+    pub(crate) set: PixelSet,
     /// How many frames had a pixel to score.
     pub(crate) frames: u64,
     /// How many pixels counted in all.
@@ -167,26 +194,30 @@ impl<'a> Ablation<'a> {
     /// If nothing is selected: what was asked for, and what there is.
     pub(crate) fn rows(&self, selection: &Selection) -> Result<Vec<Row>, AnalysisError> {
         self.any_score()?;
+        if let Some(patterns) = &selection.estimators {
+            each_names_one(patterns, self.estimators)?;
+        }
         let zone = self.zone(selection)?;
-        let set = self.set(selection)?;
-        let mut classes: Vec<Comparison<'_>> = Vec::new();
+        self.check_set(selection)?;
+        let mut classes: Vec<(PixelSet, Comparison<'_>)> = Vec::new();
         let mut rows = Vec::new();
         for (index, estimator) in self.estimators.iter().enumerate() {
             let wanted = selection.estimators.as_deref().is_none_or(|pattern| is_of(estimator, pattern));
-            let Some(scores) = self.scores.get(&(index, set, zone)).filter(|_| wanted) else { continue };
+            let Some(set) = set_of(estimator, selection).filter(|_| wanted) else { continue };
+            let Some(scores) = self.scores.get(&(index, set, zone)) else { continue };
             // Over the pixels that each answered there is nothing to compare: they are its own.
             let mean = selection.mean.unwrap_or(estimator.mean);
             let comparable = (set != PixelSet::Answered).then(|| {
-                let class = Comparison::of(estimator, mean, scores.iter().copied(), self.source);
+                let class = (set, Comparison::of(estimator, mean, scores.iter().copied(), self.source));
                 classes.iter().position(|known| *known == class).unwrap_or_else(|| {
                     classes.push(class);
                     classes.len() - 1
                 })
             });
-            rows.push(self.row(index, scores, mean, comparable));
+            rows.push(Row { set, ..self.row(index, scores, mean, comparable) });
         }
         if rows.is_empty() {
-            return Err(self.nothing_selected(selection, set, zone));
+            return Err(self.nothing_selected(selection, zone));
         }
         Ok(rows)
     }
@@ -201,6 +232,7 @@ impl<'a> Ablation<'a> {
         let (answered, truth) = (rows().map(|row| row.answered).sum::<u64>(), rows().map(|row| row.truth).sum::<u64>());
         Row {
             estimator: index,
+            set: PixelSet::All,
             frames: rows().filter(|row| row.pixels > 0).count() as u64,
             pixels: rows().map(|row| row.pixels).sum(),
             density: match mean {
@@ -261,14 +293,14 @@ impl<'a> Ablation<'a> {
         })
     }
 
-    /// The pixel set that is asked for, or the one that was scored.
-    pub(crate) fn set(&self, selection: &Selection) -> Result<PixelSet, AnalysisError> {
+    /// That something was scored on the pixel set that is asked for.
+    pub(crate) fn check_set(&self, selection: &Selection) -> Result<(), AnalysisError> {
         let mut scored: Vec<PixelSet> = self.estimators.iter().flat_map(|estimator| estimator.sets.clone()).collect();
         scored.sort_unstable();
         scored.dedup();
         match selection.set {
-            None => Ok(scored.first().copied().unwrap_or(PixelSet::All)),
-            Some(set) if scored.contains(&set) => Ok(set),
+            None => Ok(()),
+            Some(set) if scored.contains(&set) => Ok(()),
             Some(set) => {
                 let scored: Vec<String> = scored.iter().map(|set| format!("`{set}`")).collect();
                 Err(AnalysisError::asked(
@@ -310,12 +342,16 @@ impl<'a> Ablation<'a> {
     /// What the numbers of rows are: pixels, preset, frames.
     pub(crate) fn about(&self, rows: &[Row], selection: &Selection) -> Result<String, AnalysisError> {
         let zone = self.zone(selection)?;
-        let pixels = match (self.set(selection)?, zone) {
-            _ if selection.common => "the true pixels that all rows answered".to_owned(),
-            (set, "") => pixels_of(set).to_owned(),
-            (set, zone) => format!("{} of zone {zone}", pixels_of(set)),
-        };
         let parts = || rows.iter().flat_map(Row::parts);
+        let mut sets: Vec<PixelSet> = parts().map(|row| row.set).collect();
+        sets.sort_unstable();
+        sets.dedup();
+        let of_sets: Vec<&str> = sets.into_iter().map(pixels_of).collect();
+        let pixels = match (of_sets.join(" or "), zone) {
+            _ if selection.common => "the true pixels that all rows answered".to_owned(),
+            (pixels, "") => pixels,
+            (pixels, zone) => format!("{pixels} of zone {zone}"),
+        };
         let mut presets: Vec<String> = Vec::new();
         for preset in parts().map(|row| self.estimator(row).preset.clone()) {
             if !presets.contains(&preset) {
@@ -336,7 +372,8 @@ impl<'a> Ablation<'a> {
     }
 
     /// Why no row was selected.
-    fn nothing_selected(&self, selection: &Selection, set: PixelSet, zone: &str) -> AnalysisError {
+    fn nothing_selected(&self, selection: &Selection, zone: &str) -> AnalysisError {
+        let set = selection.set.unwrap_or(PixelSet::All);
         let Some(pattern) = &selection.estimators else {
             let place = if zone.is_empty() { String::new() } else { format!(" in zone `{zone}`") };
             return AnalysisError::asked(
@@ -352,6 +389,16 @@ impl<'a> Ablation<'a> {
             );
         }
         unknown("estimator", pattern, names())
+    }
+}
+
+/// The pixels that an estimator's scores are taken over: those that are asked for, or every true pixel where that was scored. A depth is never filled: where
+/// that is asked for, and depths too, theirs are as if nothing was.
+fn set_of(estimator: &Estimator, selection: &Selection) -> Option<PixelSet> {
+    let is_other_kind = selection.set == Some(PixelSet::Filled) && estimator.family == Family::Depth;
+    match selection.set {
+        Some(set) if !(is_other_kind && selection.with_depths) => estimator.sets.contains(&set).then_some(set),
+        _ => [PixelSet::All, PixelSet::Filled, PixelSet::Answered].into_iter().find(|set| estimator.sets.contains(set)),
     }
 }
 
@@ -414,13 +461,24 @@ pub(crate) fn names_of(estimators: &[Estimator]) -> Vec<&str> {
     names.chain(estimators.iter().map(|of| of.label.as_str())).filter(|name| seen.insert(*name)).collect()
 }
 
-/// Whether a pattern names an estimator, by its label or its name.
-pub(crate) fn is_of(estimator: &Estimator, pattern: &str) -> bool {
-    is_pattern_of(pattern, &estimator.label) || is_pattern_of(pattern, &estimator.name)
+/// Whether a pattern names an estimator, by its label or its name; several patterns have commas between.
+pub(crate) fn is_of(estimator: &Estimator, patterns: &str) -> bool {
+    is_pattern_of(patterns, &estimator.label) || is_pattern_of(patterns, &estimator.name)
 }
 
-fn is_pattern_of(pattern: &str, name: &str) -> bool {
-    depthloom_graphs::language::glob(pattern, name)
+fn is_pattern_of(patterns: &str, name: &str) -> bool {
+    // A name may have a comma itself.
+    glob(patterns, name) || patterns.split(',').any(|pattern| glob(pattern.trim(), name))
+}
+
+/// That each of the patterns names an estimator.
+pub(crate) fn each_names_one(patterns: &str, estimators: &[Estimator]) -> Result<(), AnalysisError> {
+    let names = names_of(estimators);
+    let is_one = |pattern: &str| names.iter().any(|name| glob(pattern, name));
+    match patterns.split(',').map(str::trim).find(|pattern| !is_one(pattern)) {
+        Some(pattern) if !is_one(patterns) => Err(unknown("estimator", pattern, names.iter().copied())),
+        _ => Ok(()),
+    }
 }
 
 /// That something is not there, with the nearest that is.

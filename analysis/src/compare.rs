@@ -17,11 +17,13 @@ use depthloom_scores::PixelSet;
 pub use answer::Comparison;
 pub use distance::{DistanceComparison, compare_by_distance};
 pub(crate) use distance::{DistancePair, DistanceRow, Handover, Statistic};
+pub(crate) use parameters::parameter_changes;
 pub use side::{Side, names};
 
-use crate::ablation::{Ablation, Selection, listed, scored, shared_scores, source_of, unknown};
+use crate::ablation::{Ablation, Selection, listed, of_frames, scored, shared_scores, source_of, unknown};
 use crate::error::{AnalysisError, caught};
 use crate::estimators::{Estimator, estimators};
+use crate::grid::Typesetting;
 use crate::scores::FrameScore;
 use crate::statistics::Resampling;
 use contrast::contrasts;
@@ -51,6 +53,8 @@ pub struct CompareOptions {
     pub resampling: Resampling,
     /// What must not be, as `fused.abs_rel > +1%`.
     pub fail_if: Vec<String>,
+    /// How the table is set.
+    pub typesetting: Typesetting,
 }
 
 /// A run with its scores.
@@ -94,6 +98,7 @@ pub fn compare(
                 let scores = scored(run.recording, &estimators, stop)?;
                 (estimators, scores)
             };
+            let scores = of_frames(run.recording, &estimators, scores, &options.selection)?;
             opened.push(Opened { run: *run, estimators, scores });
         }
         let sources: Vec<_> = runs.iter().map(|run| source_of(run.recording)).collect();
@@ -102,7 +107,7 @@ pub fn compare(
             .collect();
         let asked = |ablation: &Ablation<'_>| {
             ablation.zone(&options.selection)?;
-            ablation.set(&options.selection).map(|_| ())
+            ablation.check_set(&options.selection)
         };
         ablations.iter().try_for_each(asked)?;
         for score in &options.scores {

@@ -4,7 +4,7 @@ use depthloom_recording::{RecordedPlan, RecordedRun, Recording};
 use depthloom_scores::{Align, Family, Mean, Metric, PixelSet, Preset, Settings};
 use serde_json::{Value as Json, json};
 
-use crate::ablation::{Ablation, Selection, average, of_label, pixels_of, scored, source_of, unknown};
+use crate::ablation::{Ablation, Selection, average, of_frames, of_label, pixels_of, scored, source_of, unknown};
 use crate::condition;
 use crate::error::{AnalysisError, caught};
 use crate::estimators::{Estimator, estimators};
@@ -81,7 +81,7 @@ pub fn explain(
         let index = index
             .or_else(|| of_label(&estimators, estimator, metric))
             .ok_or_else(|| unknown("estimator", estimator, estimators.iter().map(|known| known.label.as_str())))?;
-        let scores = scored(recording, &estimators, stop)?;
+        let scores = of_frames(recording, &estimators, scored(recording, &estimators, stop)?, selection)?;
         let source = source_of(recording);
         let ablation = Ablation::new(recording.plan(), &estimators, &scores, &source, None);
         explained(recording, &ablation, &estimators[index], index, metric, selection)

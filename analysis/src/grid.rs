@@ -9,6 +9,17 @@ use serde_json::{Map, Value as Json, json};
 
 use crate::sheet::{Cells, Sheet, numeral, unit_of};
 
+/// How a table is set, where it is not as usual.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Typesetting {
+    /// LaTeX's caption, as LaTeX reads it.
+    pub caption: Option<String>,
+    /// LaTeX's label behind `tab:`.
+    pub label: Option<String>,
+    /// How many decimals of scores are shown, and of their intervals.
+    pub decimals: Option<usize>,
+}
+
 /// A table that can be printed in any format.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Grid {
@@ -16,6 +27,8 @@ pub struct Grid {
     pub(crate) about: String,
     /// What tells its LaTeX label from others'.
     pub(crate) label: String,
+    /// What LaTeX has as its caption; `None`: what the numbers are, and notes.
+    pub(crate) caption: Option<String>,
     pub(crate) columns: Vec<GridColumn>,
     /// The rows before which text leaves a gap.
     pub(crate) gaps: Vec<usize>,
@@ -47,6 +60,8 @@ pub(crate) struct GridColumn {
     pub(crate) only_in_files: bool,
     /// Whether only a person sees it: files have it in other columns.
     pub(crate) only_in_text: bool,
+    /// Whether it says more of the column before it: both stay together, in LaTeX in one cell.
+    pub(crate) joins: bool,
 }
 
 /// The cells of a column, top to bottom.
@@ -62,6 +77,11 @@ pub(crate) enum GridCells {
         decimals: usize,
         values: Vec<Option<f64>>,
         best: Vec<bool>,
+    },
+    /// Intervals, in square brackets with so many decimals; files have their ends in other columns.
+    Interval {
+        decimals: usize,
+        ends: Vec<Option<(f64, f64)>>,
     },
     /// From 0 to 1; text shows per cent.
     Share(Vec<Option<f64>>),
@@ -116,6 +136,7 @@ impl GridColumn {
             once: false,
             only_in_files: false,
             only_in_text: false,
+            joins: false,
         }
     }
 
@@ -143,7 +164,7 @@ impl GridColumn {
     }
 
     fn is_text(&self) -> bool {
-        matches!(self.cells, GridCells::Text(_) | GridCells::Levels(_))
+        matches!(self.cells, GridCells::Text(_) | GridCells::Levels(_) | GridCells::Interval { .. })
     }
 }
 
@@ -154,6 +175,7 @@ impl GridCells {
             Self::Levels(cells) => cells.len(),
             Self::Count(cells) => cells.len(),
             Self::Number { values, .. } => values.len(),
+            Self::Interval { ends, .. } => ends.len(),
             Self::Share(cells) => cells.len(),
             Self::Written { values, .. } => values.len(),
         }
@@ -166,6 +188,9 @@ impl GridCells {
             Self::Levels(cells) => cells[row].as_ref().map(|level| level.text.clone()),
             Self::Count(cells) => cells[row].map(|count| count.to_string()),
             Self::Number { decimals, values, .. } => values[row].map(|value| format!("{value:.decimals$}")),
+            Self::Interval { decimals, ends } => {
+                ends[row].map(|(low, high)| format!("[{low:.decimals$}, {high:.decimals$}]"))
+            }
             Self::Share(cells) => cells[row].map(|share| format!("{:.1} %", 100.0 * share)),
             Self::Written { texts, .. } => texts[row].clone(),
         };
@@ -182,6 +207,7 @@ impl GridCells {
             Self::Levels(cells) => cells[row].as_ref().map_or(Json::Null, Level::json),
             Self::Count(cells) => cells[row].into(),
             Self::Number { values, .. } => values[row].into(),
+            Self::Interval { ends, .. } => ends[row].map_or(Json::Null, |(low, high)| json!([low, high])),
             Self::Share(cells) => cells[row].into(),
             Self::Written { values, .. } => values[row].into(),
         }
@@ -210,7 +236,28 @@ impl Grid {
             GridCells::Count(cells) => cells[row].map(|count| count as f64),
             GridCells::Number { values, .. } | GridCells::Written { values, .. } => values[row],
             GridCells::Share(cells) => cells[row],
-            GridCells::Text(_) | GridCells::Levels(_) => None,
+            GridCells::Text(_) | GridCells::Levels(_) | GridCells::Interval { .. } => None,
+        }
+    }
+
+    /// Takes a caption, label and decimals that were asked for.
+    pub(crate) fn typeset(&mut self, typesetting: &Typesetting) {
+        self.caption.clone_from(&typesetting.caption);
+        if let Some(label) = &typesetting.label {
+            self.label.clone_from(label);
+        }
+        if let Some(decimals) = typesetting.decimals {
+            self.set_decimals(decimals);
+        }
+    }
+
+    /// Shows so many decimals of scores and their intervals.
+    fn set_decimals(&mut self, decimals: usize) {
+        for column in self.columns.iter_mut().filter(|column| column.name != "ms") {
+            match &mut column.cells {
+                GridCells::Number { decimals: of, .. } | GridCells::Interval { decimals: of, .. } => *of = decimals,
+                _ => {}
+            }
         }
     }
 
@@ -250,6 +297,7 @@ impl Grid {
                 }
                 GridCells::Count(cells) => Cells::CountIfAny(cells.clone()),
                 GridCells::Number { values, .. } => Cells::Number(values.clone()),
+                GridCells::Interval { ends, .. } => Cells::Number(ends.iter().map(|of| of.map(|of| of.0)).collect()),
                 GridCells::Share(cells) => Cells::Number(cells.clone()),
                 GridCells::Written { values, .. } => Cells::Number(values.clone()),
             };
@@ -287,14 +335,15 @@ impl Grid {
         let of_keys: usize = keys.iter().map(|&column| wide(column)).sum();
         let mut blocks = vec![keys.clone()];
         let mut used = of_keys;
-        for column in others {
+        for together in others.chunk_by(|_, next| self.columns[*next].joins) {
+            let of_them: usize = together.iter().map(|&column| wide(column)).sum();
             let last = blocks.last_mut().expect("there is one");
-            if used + wide(column) > width && last.len() > keys.len() {
+            if used + of_them > width && last.len() > keys.len() {
                 blocks.push(keys.clone());
                 used = of_keys;
             }
-            used += wide(column);
-            blocks.last_mut().expect("there is one").push(column);
+            used += of_them;
+            blocks.last_mut().expect("there is one").extend(together);
         }
         blocks
     }

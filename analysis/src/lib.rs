@@ -7,6 +7,7 @@
 
 mod ablation;
 mod analyse;
+mod best;
 mod colours;
 mod compare;
 mod comparison;
@@ -32,6 +33,7 @@ mod report;
 mod rows;
 mod samples;
 mod sampling;
+mod scored_map;
 mod scores;
 mod sheet;
 mod statistics;
@@ -40,7 +42,7 @@ mod timings;
 mod told;
 mod unscored;
 
-pub use ablation::{Answer, Costs, Leader, Question, Ranking, Selection, answer, leader};
+pub use ablation::{Answer, BoardRun, Costs, Leader, Question, Ranking, Selection, answer, leader, leaderboard};
 pub use analyse::{Bins, By, Gross, Inquiry, SampleSet, Unit, analyse, samples_are_of};
 pub use compare::{
     CompareOptions, ComparedRun, Comparison, DistanceComparison, Side, compare, compare_by_distance, names,
@@ -51,7 +53,7 @@ pub use error::AnalysisError;
 pub use estimators::Estimator;
 pub use explain::{Explanation, explain};
 pub use figures::{Figure, FigureKind, FigureRequest, FigureRun, Layout, Size, figure};
-pub use grid::Grid;
+pub use grid::{Grid, Typesetting};
 pub use leading::{COMMON, LEADING, Lead, Leads, Level, plan_key, variant_of};
 pub use page::{PAGE, PAGE_MARK, PageWritten, Surroundings, write_page};
 pub use paper::paper_scores;

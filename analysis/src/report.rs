@@ -21,7 +21,7 @@ use crate::reading::{self, Distances, Taken};
 use crate::sampling::Sampled;
 use crate::scores::{FrameScore, table_of_scores};
 use crate::statistics::Resampling;
-use crate::table::Table;
+use crate::table::{Table, incomplete_frames};
 use crate::unscored::Unscored;
 
 /// Columns of text of a terminal's table.
@@ -132,7 +132,7 @@ fn analyse(
     let plan = recording.plan();
     let estimators = estimators(plan)?;
     let mut written = Vec::new();
-    let Scored { table, scored, unscored } = write_scores(recording, &estimators, options, output)?;
+    let Scored { table, scored, unscored, incomplete } = write_scores(recording, &estimators, options, output)?;
     written.extend(scored.then_some("scores.*"));
     written.extend(table.is_some().then_some("table.*"));
     let found = write_distances(recording, &estimators, options, output, taken)
@@ -156,6 +156,7 @@ fn analyse(
     }
     let unscored_everything = unscored.everything;
     notes.extend(unscored.note);
+    notes.extend(incomplete);
     if options.paper && estimators.iter().any(|e| e.lead.variant.is_none() && e.name != "stereo") {
         notes.push(
             "the paper's numbers beside estimates that no variant changes are those of its method `full`".to_owned(),
@@ -210,6 +211,8 @@ struct Scored {
     scored: bool,
     /// The frames without one.
     unscored: Unscored,
+    /// What is to be said of frames on which an estimate is missing.
+    incomplete: Vec<String>,
 }
 
 /// Writes the scores by frame, if there are any, and the table of their means.
@@ -225,11 +228,12 @@ fn write_scores(
     if scores.is_empty() {
         return Ok(Scored { unscored, ..Scored::default() });
     }
+    let incomplete = incomplete_frames(recording, estimators, &scores);
     let parts = || scores.chunks(ROWS_AT_ONCE).map(|rows| table_of_scores(rows, estimators));
     output.write_table_in_parts("scores", &run, parts)?;
     let table = Table::new(&plan.experiment, &scores, estimators, options.paper, &source_of(recording));
     if table.columns.iter().all(|column| column.frames == 0) {
-        return Ok(Scored { table: None, scored: true, unscored });
+        return Ok(Scored { table: None, scored: true, unscored, incomplete });
     }
     let table = match options.intervals {
         Some(resampling) => table.with_intervals(&scores, estimators, resampling, output.stop)?,
@@ -243,7 +247,7 @@ fn write_scores(
         output.write("table.tex", table.latex().as_bytes())?;
         table.terminal(TERMINAL_WIDTH)
     };
-    Ok(Scored { table: Some((table, text)), scored: true, unscored })
+    Ok(Scored { table: Some((table, text)), scored: true, unscored, incomplete })
 }
 
 /// Writes the tables for people with variants in rows; gives the best of them as text.

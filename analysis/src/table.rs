@@ -8,12 +8,16 @@ mod terminal;
 use std::collections::{HashMap, HashSet};
 
 use depthloom_graphs::Key;
+use depthloom_recording::Recording;
 use depthloom_scores::{Family, Mean, Metric, PixelSet, ScoreRow, Settings};
 
 use self::means::{Means, means};
+use crate::ablation::listed;
+use crate::best::{Candidate, best};
 use crate::comparison::Comparison;
 use crate::error::AnalysisError;
 use crate::estimators::Estimator;
+use crate::grid::Typesetting;
 use crate::leading::{Lead, sheet};
 use crate::paper::paper_scores;
 use crate::scores::{FrameScore, metrics_of};
@@ -38,6 +42,12 @@ pub struct Table {
     pub intervals: Option<Resampling>,
     /// The zone that the scores are of; empty: the whole image.
     pub zone: String,
+    /// What tells its LaTeX label from others'.
+    pub(crate) label: String,
+    /// What LaTeX has as its caption; `None`: what the numbers are.
+    pub(crate) caption: Option<String>,
+    /// How many decimals of scores are shown; `None`: as many as the paper has.
+    pub(crate) decimals: Option<usize>,
 }
 
 /// An estimator on a pixel set.
@@ -93,7 +103,7 @@ impl Table {
         let rows = whole_images(scores, estimators);
         let metrics = metrics_of(estimators);
         let means = means(&rows, &metrics, estimators);
-        let mut comparisons: Vec<Comparison<'_>> = Vec::new();
+        let mut comparisons: Vec<(PixelSet, Comparison<'_>)> = Vec::new();
         let mut columns = Vec::new();
         for (index, estimator) in estimators.iter().enumerate() {
             let mut sets = estimator.sets.clone();
@@ -109,10 +119,11 @@ impl Table {
                 let Means { frames, density, means } =
                     means.get(&(index, set)).cloned().unwrap_or_else(|| Means::none(metrics.len()));
                 let paper = if with_paper { paper_scores(estimator, set) } else { None };
-                let comparable = (set == PixelSet::All).then(|| {
-                    let own = |score: &&&FrameScore| score.estimator == index && score.row.set == PixelSet::All;
+                // Over the pixels that each made valid there is nothing to compare: they are its own.
+                let comparable = (set != PixelSet::Answered).then(|| {
+                    let own = |score: &&&FrameScore| score.estimator == index && score.row.set == set;
                     let comparison =
-                        Comparison::of(estimator, estimator.mean, rows.iter().filter(own).copied(), source);
+                        (set, Comparison::of(estimator, estimator.mean, rows.iter().filter(own).copied(), source));
                     comparisons.iter().position(|known| *known == comparison).unwrap_or_else(|| {
                         comparisons.push(comparison);
                         comparisons.len() - 1
@@ -135,7 +146,17 @@ impl Table {
                 });
             }
         }
-        Self { experiment: experiment.to_owned(), metrics, columns, with_paper, intervals: None, zone: String::new() }
+        Self {
+            experiment: experiment.to_owned(),
+            metrics,
+            columns,
+            with_paper,
+            intervals: None,
+            zone: String::new(),
+            label: experiment.to_owned(),
+            caption: None,
+            decimals: None,
+        }
     }
 
     /// The table of these scores and estimators with an interval beside each number.
@@ -173,6 +194,15 @@ impl Table {
             column.intervals = found.by_ref().take(self.metrics.len()).collect();
         }
         Ok(Self { intervals: Some(resampling), ..self })
+    }
+
+    /// Takes a caption, label and decimals that were asked for.
+    pub(crate) fn typeset(&mut self, typesetting: &Typesetting) {
+        self.caption.clone_from(&typesetting.caption);
+        self.decimals = typesetting.decimals;
+        if let Some(label) = &typesetting.label {
+            self.label.clone_from(label);
+        }
     }
 
     pub(crate) fn terminal(&self, width: usize) -> String {
@@ -216,26 +246,22 @@ impl Table {
         table.with_share("density", rows.iter().map(|row| row.density).collect())
     }
 
-    /// Whether a column is the best of a row among two or more that are comparable.
-    ///
-    /// What was within a factor of 1.25^3 of the truth nowhere is never best: `silog` would prefer an estimate that never answered,
-    /// for a missing answer counts as one constant, and a constant has the truth's spread and no error of its own.
+    /// Whether a column is the best of a row among two or more that are comparable, by the [one rule](crate::best).
     pub(crate) fn is_best(&self, line: usize, column: usize) -> bool {
         let a3 = self.metrics.iter().position(|metric| metric.name == "a3");
-        let Some(comparable) = self.columns[column].comparable else { return false };
-        let others = || self.columns.iter().enumerate().filter(|(_, other)| other.comparable == Some(comparable));
-        // A score of answers alone is of other pixels in every column that left some unanswered.
-        let of_answers = self.metrics[line].pooling == depthloom_scores::Pooling::MeanOfAnswers;
-        let is_whole =
-            |column: &TableColumn| !of_answers || column.set == PixelSet::Filled || column.density == Some(1.0);
-        let answers = |column: &TableColumn| {
-            is_whole(column) && a3.is_none_or(|a3| column.means[a3].is_some_and(|share| share > 0.0))
+        // A score of valid pixels alone is of other pixels in every column where some are missing.
+        let of_valid = self.metrics[line].pooling == depthloom_scores::Pooling::MeanOfAnswers;
+        let candidate = |column: &TableColumn| {
+            let is_whole = !of_valid || column.set == PixelSet::Filled || column.density == Some(1.0);
+            Candidate {
+                class: column.comparable.filter(|_| is_whole),
+                value: column.means[line],
+                a3: a3.and_then(|a3| column.means[a3]),
+                density: column.density,
+            }
         };
-        let scored = others().filter(|(_, other)| answers(other));
-        let scored = scored.filter_map(|(i, other)| Some((i, other.means[line].filter(|mean| mean.is_finite())?)));
-        let better = |a: f64, b: f64| if self.metrics[line].more_is_better { a > b } else { a < b };
-        let best = scored.reduce(|best, other| if better(other.1, best.1) { other } else { best });
-        others().count() > 1 && best.is_some_and(|(i, _)| i == column)
+        let candidates: Vec<Candidate> = self.columns.iter().map(candidate).collect();
+        best(&candidates, self.metrics[line].more_is_better)[column]
     }
 
     /// What the marked cells are; `None` if there are none.
@@ -250,7 +276,7 @@ impl Table {
     /// The text of a cell: our number, and what stands beside it: its interval, and the paper's number.
     pub(crate) fn cell(&self, line: usize, column: usize) -> (String, Option<String>) {
         let (column, metric) = (&self.columns[column], self.metrics[line]);
-        let decimals = metric.decimals;
+        let decimals = self.decimals.unwrap_or(metric.decimals);
         let ours = column.means[line].map_or_else(|| "-".to_owned(), |mean| format!("{mean:.decimals$}"));
         let text = |of: Interval| format!("[{:.decimals$}, {:.decimals$}]", of.low, of.high);
         let interval = column.intervals[line].map(text);
@@ -322,6 +348,42 @@ pub(crate) fn common<'a>(scores: &'a [FrameScore], estimators: &[Estimator]) -> 
     }
     let is_whole = |score: &&FrameScore| rows_of_frame.get(&place(score)) == rows_of_run.get(&place(score).0);
     scores.iter().filter(is_whole).collect()
+}
+
+/// What is to be said of frames that not all means are over, although nothing failed on them: an estimate is missing there.
+pub(crate) fn incomplete_frames(recording: &Recording, estimators: &[Estimator], scores: &[FrameScore]) -> Vec<String> {
+    let mut scored: HashMap<(usize, usize), HashSet<usize>> = HashMap::new();
+    for score in scores {
+        scored.entry((estimators[score.estimator].run, score.position)).or_default().insert(score.estimator);
+    }
+    let mut notes = Vec::new();
+    for (run, planned) in recording.plan().runs.iter().enumerate() {
+        let own: Vec<usize> = (0..estimators.len()).filter(|place| estimators[*place].run == run).collect();
+        let (mut frames, mut labels) = (0, Vec::new());
+        for (position, frame) in recording.frames(run).iter().enumerate() {
+            let Some(there) = scored.get(&(run, position)).filter(|_| frame.failures.is_empty()) else { continue };
+            let missing: Vec<&str> = own
+                .iter()
+                .filter(|place| !there.contains(place))
+                .map(|place| estimators[*place].label.as_str())
+                .collect();
+            frames += usize::from(!missing.is_empty());
+            for label in missing {
+                if !labels.contains(&label) {
+                    labels.push(label);
+                }
+            }
+        }
+        if frames > 0 {
+            let all = recording.frames(run).len();
+            notes.push(format!(
+                "stage `{}`: means leave out {frames} of {all} frames, on which there is no value of {}",
+                planned.name(),
+                listed(labels)
+            ));
+        }
+    }
+    notes
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ use clap::{Args, ValueEnum};
 use clap_complete::engine::{ArgValueCandidates, ArgValueCompleter};
 use depthloom_analysis::Bins;
 
-use super::{ScoresArgs, TableFormat};
+use super::{ScoresArgs, TableFormat, TypesettingArgs};
 use crate::completion::{folders, metrics, runs};
 
 /// How sure an interval is, and how it is found.
@@ -20,9 +20,9 @@ pub struct IntervalArgs {
     #[arg(long, value_enum, value_name = "METHOD", default_value = "bca")]
     pub interval: IntervalOption,
 
-    /// How often frames are resampled.
-    #[arg(long, value_name = "N", default_value_t = 10_000, value_parser = clap::value_parser!(u32).range(100..=1_000_000))]
-    pub resamples: u32,
+    /// How often frames are resampled; by default 100,000 times for scores, 10,000 times for errors by distance.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(100..=1_000_000))]
+    pub resamples: Option<u32>,
 
     /// The seed of the resamples: equal seeds give equal intervals, on any machine.
     #[arg(long, default_value_t = 1)]
@@ -70,7 +70,7 @@ pub struct CompareArgs {
 
     /// In place of scores the absolute error, by the true distance: mean and median of each bin, and the distance at which one of the two should hand
     /// over to the other.
-    #[arg(long, value_enum, value_name = "WHAT", conflicts_with_all = ["scores", "fail_if", "zone", "mean"])]
+    #[arg(long, value_enum, value_name = "WHAT", conflicts_with_all = ["scores", "fail_if", "zone", "mean", "frames"])]
     pub by: Option<CompareBy>,
 
     /// The bins of `--by distance`: `width:2`, `linear:20`, `log:20`, `quantile:10` or `edges:0,5,10,20,80`; by default five metres wide.
@@ -81,8 +81,8 @@ pub struct CompareArgs {
     #[arg(long, value_name = "SCORE,...", value_delimiter = ',', add = ArgValueCandidates::new(metrics))]
     pub scores: Vec<String>,
 
-    /// Only estimators whose label or name this is; `*` stands for any run of characters: `fused`, `no_*/mono`.
-    #[arg(long, value_name = "GLOB")]
+    /// Only estimators whose label or name this is; `*` stands for any run of characters, several have commas between: `fused`, `stereo,no_*/mono`.
+    #[arg(long, value_name = "GLOB,...")]
     pub estimators: Option<String>,
 
     /// How sure.
@@ -93,6 +93,10 @@ pub struct CompareArgs {
     /// or in the score's unit, of the estimates of that name, or of all. Can be given several times.
     #[arg(long, value_name = "LIMIT")]
     pub fail_if: Vec<String>,
+
+    /// How it is set.
+    #[command(flatten)]
+    pub typesetting: TypesettingArgs,
 
     /// What it is written as; by default as text for a terminal.
     #[arg(long, value_enum, value_name = "FORMAT")]

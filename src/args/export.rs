@@ -102,7 +102,7 @@ pub struct ExportArgs {
     pub json: bool,
 }
 
-fn parse_frames(text: &str) -> Result<FrameSelection, String> {
+pub(super) fn parse_frames(text: &str) -> Result<FrameSelection, String> {
     let list: Option<Vec<u64>> = text.split(',').map(|index| index.trim().parse().ok()).collect();
     list.map_or_else(|| FrameSelection::parse(text), |list| Ok(FrameSelection::List(list)))
 }

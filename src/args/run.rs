@@ -140,7 +140,7 @@ pub struct ReportArgs {
     #[arg(long)]
     pub paper: bool,
 
-    /// An interval beside each score: of the mean over frames, or over pixels, by resampling frames (BCa bootstrap, 10,000 resamples); 95 %, or so
+    /// An interval beside each score: of the mean over frames, or over pixels, by resampling frames (BCa bootstrap, 100,000 resamples); 95 %, or so
     /// many per cent. CSV and Parquet have its ends as `SCORE_low` and `SCORE_high`.
     #[arg(long, value_name = "PERCENT", num_args = 0..=1, require_equals = true, default_missing_value = "95", value_parser = parse_confidence)]
     pub ci: Option<f64>,

@@ -4,8 +4,11 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use clap_complete::engine::{ArgValueCandidates, ArgValueCompleter};
+use depthloom_analysis::Resampling;
+use depthloom_graphs::contracts::FrameSelection;
 
 use super::compare::parse_confidence;
+use super::export::parse_frames;
 use crate::completion::{columns, folders, metrics, runs};
 
 /// Which pixels scores are over.
@@ -58,24 +61,45 @@ pub struct ScoresArgs {
     #[arg(long, value_name = "ZONE")]
     pub zone: Option<String>,
 
+    /// The frames, by number: `3`, `3,7`, `0..4`, `1..=40`, or a text file with a frame id a line. Without it, all.
+    #[arg(long, value_name = "FRAMES", value_parser = parse_frames)]
+    pub frames: Option<FrameSelection>,
+
     /// What a score of all frames is taken over; by default what the experiment says, which is frames where it says nothing.
     #[arg(long, value_enum)]
     pub mean: Option<MeanOption>,
 }
 
+/// How a table is set.
+#[derive(Clone, Debug, Args)]
+pub struct TypesettingArgs {
+    /// The caption in LaTeX, taken as LaTeX; by default what the numbers are.
+    #[arg(long, value_name = "TEXT")]
+    pub caption: Option<String>,
+
+    /// The label in LaTeX, behind `tab:`; by default the experiment's name and what is asked for.
+    #[arg(long, value_name = "NAME")]
+    pub label: Option<String>,
+
+    /// Decimals of scores and their intervals in text, Markdown and LaTeX; files have all digits.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(0..=15))]
+    pub digits: Option<u8>,
+}
+
 /// `table`.
 #[derive(Debug, Args)]
 pub struct TableArgs {
-    /// A run: its folder, its recording, the beginning of its name in `runs`, or `@latest`.
-    #[arg(add = ArgValueCompleter::new(runs))]
-    pub run: PathBuf,
+    /// A run: its folder, its recording, the beginning of its name in `runs`, or `@latest`. Of several runs one table, with the settings in which
+    /// they differ.
+    #[arg(required = true, value_name = "RUN", add = ArgValueCompleter::new(runs))]
+    pub runs: Vec<PathBuf>,
 
     /// Which scores.
     #[command(flatten)]
     pub scores: ScoresArgs,
 
-    /// Only estimators whose label or name this is; `*` stands for any run of characters: `fused`, `no_*/mono`.
-    #[arg(long, value_name = "GLOB")]
+    /// Only estimators whose label or name this is; `*` stands for any run of characters, several have commas between: `fused`, `stereo,no_*/mono`.
+    #[arg(long, value_name = "GLOB,...")]
     pub estimators: Option<String>,
 
     /// Sort by a score, `ms`, `density`, `frames` or `pixels`, best first, or by an axis, numbers by size and words in the
@@ -112,10 +136,22 @@ pub struct TableArgs {
     #[arg(long, value_name = "SCORE", add = ArgValueCandidates::new(columns), conflicts_with_all = ["zone", "sort", "top", "columns", "pareto", "rows"])]
     pub best_per_zone: Option<String>,
 
-    /// An interval beside each score: of the mean over frames, or over pixels, by resampling frames (BCa bootstrap, 10,000 resamples); 95 %, or so
+    /// An interval beside each score: of the mean over frames, or over pixels, by resampling frames (BCa bootstrap); 95 %, or so
     /// many per cent. CSV and Parquet have its ends as `SCORE_low` and `SCORE_high`.
     #[arg(long, value_name = "PERCENT", num_args = 0..=1, require_equals = true, default_missing_value = "95", value_parser = parse_confidence, conflicts_with_all = ["effects", "best_per_zone"])]
     pub ci: Option<f64>,
+
+    /// How often frames are resampled for `--ci`.
+    #[arg(long, value_name = "N", default_value_t = Resampling::OF_SCORES, value_parser = clap::value_parser!(u32).range(100..=1_000_000), requires = "ci")]
+    pub resamples: u32,
+
+    /// The seed of the resamples of `--ci`: equal seeds give equal intervals, on any machine.
+    #[arg(long, default_value_t = 1, requires = "ci")]
+    pub seed: u64,
+
+    /// How it is set.
+    #[command(flatten)]
+    pub typesetting: TypesettingArgs,
 
     /// What it is written as; by default as text for a terminal.
     #[arg(long, value_enum, value_name = "FORMAT")]

@@ -9,7 +9,7 @@ use depthloom_runner::Interrupt;
 
 use super::report::recording_of;
 use super::samples::samples_of;
-use super::table::{Delivery, failed, open, selection};
+use super::table::{Delivery, failed, open, selection, typesetting};
 use crate::args::{CompareArgs, CompareBy, IntervalArgs, IntervalOption, SetOption, TableFormat};
 use crate::diagnostics::error_json;
 use crate::exit::{Exit, Stop};
@@ -39,8 +39,12 @@ pub fn compare(args: &CompareArgs) -> Result<Exit, Stop> {
         selection: Selection { estimators: args.estimators.clone(), ..selection(&args.pixels) },
         scores: args.scores.clone(),
         baseline: args.baseline.clone(),
-        resampling: resampling(&args.intervals),
+        resampling: resampling(
+            &args.intervals,
+            if args.by.is_some() { Resampling::OF_ERRORS } else { Resampling::OF_SCORES },
+        ),
         fail_if: args.fail_if.clone(),
+        typesetting: typesetting(&args.typesetting),
     };
     if args.by == Some(CompareBy::Distance) {
         return by_distance(args, &delivery, &runs, &sides, &options, &interrupt);
@@ -109,13 +113,13 @@ fn by_distance(
     Ok(Exit::Whole)
 }
 
-/// How frames are resampled.
-pub(super) fn resampling(args: &IntervalArgs) -> Resampling {
+/// How frames are resampled; so often where nobody says.
+pub(super) fn resampling(args: &IntervalArgs, resamples: u32) -> Resampling {
     let method = match args.interval {
         IntervalOption::Bca => IntervalMethod::Bca,
         IntervalOption::Percentile => IntervalMethod::Percentile,
     };
-    Resampling { resamples: args.resamples, seed: args.seed, confidence: args.confidence, method }
+    Resampling { resamples: args.resamples.unwrap_or(resamples), seed: args.seed, confidence: args.confidence, method }
 }
 
 /// The runs that were named so far.

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use depthloom_analysis::{FigureKind, FigureRequest, FigureRun, SampleSet, Size, Unit};
+use depthloom_analysis::{FigureKind, FigureRequest, FigureRun, Resampling, SampleSet, Size, Unit};
 use depthloom_recording::Recording;
 use serde_json::json;
 
@@ -152,7 +152,7 @@ fn request(args: &FigureArgs) -> Result<FigureRequest, Stop> {
         score: args.score.clone(),
         axes: args.axes.clone(),
         frames: args.frames.clone(),
-        resampling: resampling(&args.intervals),
+        resampling: resampling(&args.intervals, Resampling::OF_ERRORS),
         dpi: f64::from(args.dpi),
         ..FigureRequest::new(kind)
     })

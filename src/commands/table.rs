@@ -5,13 +5,14 @@ use std::io::{self, IsTerminal as _};
 use std::path::Path;
 
 use depthloom_analysis::{
-    AnalysisError, Answer, Costs, Mean, PixelSet, Question, Ranking, Resampling, Selection, plan_key,
+    AnalysisError, Answer, BoardRun, Costs, Mean, PixelSet, Question, Ranking, Resampling, Selection, Typesetting,
+    plan_key,
 };
 use depthloom_graphs::Key;
 use depthloom_recording::Recording;
 
 use super::report::{TIMINGS, recording_of};
-use crate::args::{MeanOption, RowsOption, ScoresArgs, SetOption, TableArgs, TableFormat};
+use crate::args::{MeanOption, RowsOption, ScoresArgs, SetOption, TableArgs, TableFormat, TypesettingArgs};
 use crate::exit::{Exit, Stop, remedy_of_writing};
 use crate::outputs::Output;
 use crate::signals;
@@ -23,28 +24,58 @@ const TERMINAL_WIDTH: usize = 110;
 /// Prints a table of a run's scores, or writes it to a file.
 pub fn table(args: &TableArgs) -> Result<Exit, Stop> {
     let delivery = Delivery::of(args.format, args.json, args.out.as_deref())?;
-    let path = recording_of(&args.run, "table")?;
+    let [run] = &args.runs[..] else { return leaderboard(args, &delivery) };
+    let path = recording_of(run, "table")?;
     let interrupt = signals::listen("stopping")?;
     let recording = open(&path)?;
     let costs = costs(&path)?;
     let selection = Selection { estimators: args.estimators.clone(), ..selection(&args.scores) };
-    let intervals = args.ci.map(|confidence| Resampling { confidence, ..Resampling::default() });
+    let (resamples, seed) = (args.resamples, args.seed);
+    let intervals = args.ci.map(|confidence| Resampling { confidence, resamples, seed, ..Resampling::default() });
     let question = match (&args.effects, &args.best_per_zone, args.rows) {
         (Some(score), ..) => Question::Effects(score.clone()),
         (None, Some(score), _) => Question::BestPerZone(score.clone()),
         (None, None, RowsOption::Score) => Question::Scores(intervals),
-        (None, None, RowsOption::Variant) => Question::Ranking(Ranking {
-            sort: args.sort.clone(),
-            top: args.top.map(|top| top as usize),
-            columns: args.columns.clone(),
-            pareto: args.pareto.clone(),
-            intervals,
-        }),
+        (None, None, RowsOption::Variant) => Question::Ranking(ranking(args, intervals)),
     };
     let answer =
         depthloom_analysis::answer(&recording, costs.as_ref(), &selection, &question, &|| interrupt.stops_admission());
-    let answer = answer.map_err(|error| failed(&error))?;
+    let mut answer = answer.map_err(|error| failed(&error))?;
+    answer.typeset(&typesetting(&args.typesetting));
     delivery.answer(Output::Table, &answer, &plan_key(recording.plan()), &[&path])
+}
+
+fn ranking(args: &TableArgs, intervals: Option<Resampling>) -> Ranking {
+    Ranking {
+        sort: args.sort.clone(),
+        top: args.top.map(|top| top as usize),
+        columns: args.columns.clone(),
+        pareto: args.pareto.clone(),
+        intervals,
+    }
+}
+
+/// One table of several runs.
+fn leaderboard(args: &TableArgs, delivery: &Delivery<'_>) -> Result<Exit, Stop> {
+    if args.effects.is_some() || args.best_per_zone.is_some() || args.rows == RowsOption::Score || args.ci.is_some() {
+        let what = "of several runs there is a table with estimates in rows alone";
+        return Err(Stop::new(Exit::Before, what).remedy("leave out --effects, --best-per-zone, --rows and --ci"));
+    }
+    let paths = args.runs.iter().map(|run| recording_of(run, "table")).collect::<Result<Vec<_>, _>>()?;
+    let interrupt = signals::listen("stopping")?;
+    let recordings = paths.iter().map(|path| open(path)).collect::<Result<Vec<_>, _>>()?;
+    let costs = paths.iter().map(|path| costs(path)).collect::<Result<Vec<_>, _>>()?;
+    let called: Vec<String> = args.runs.iter().map(|run| run.display().to_string()).collect();
+    let runs: Vec<BoardRun<'_>> = (called.iter().zip(&recordings).zip(&costs))
+        .map(|((called, recording), costs)| BoardRun { called, recording, costs: costs.as_ref() })
+        .collect();
+    let selection = Selection { estimators: args.estimators.clone(), ..selection(&args.scores) };
+    let stop = || interrupt.stops_admission();
+    let board = depthloom_analysis::leaderboard(&runs, &selection, &ranking(args, None), &stop);
+    let mut answer = Answer::Grid(board.map_err(|error| failed(&error))?);
+    answer.typeset(&typesetting(&args.typesetting));
+    let recording_paths: Vec<&Path> = paths.iter().map(std::path::PathBuf::as_path).collect();
+    delivery.answer(Output::Table, &answer, &plan_key(recordings[0].plan()), &recording_paths)
 }
 
 /// What a table is written as, and where.
@@ -195,6 +226,12 @@ impl ScoredSet {
     }
 }
 
+/// How a table is set.
+pub(super) fn typesetting(args: &TypesettingArgs) -> Typesetting {
+    let TypesettingArgs { caption, label, digits } = args.clone();
+    Typesetting { caption, label, decimals: digits.map(usize::from) }
+}
+
 /// The scores that arguments select.
 pub(super) fn selection(args: &ScoresArgs) -> Selection {
     let ScoredSet { set, common } = ScoredSet::of(args.set);
@@ -202,7 +239,8 @@ pub(super) fn selection(args: &ScoresArgs) -> Selection {
         MeanOption::Frames => Mean::Frames,
         MeanOption::Pixels => Mean::Pixels,
     });
-    Selection { common, set, zone: args.zone.clone(), mean, estimators: None }
+    let (zone, frames) = (args.zone.clone(), args.frames.clone());
+    Selection { common, set, zone, frames, mean, ..Selection::default() }
 }
 
 /// Why a question has no answer: it was wrong, or the recording is, or the analysis.

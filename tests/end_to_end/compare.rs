@@ -71,7 +71,8 @@ fn differences_intervals_and_tests_are_scipys() {
         (&["run", "other", "--estimators", "large/*"], &["run", "other"], 2 * 8),
         (&["run:plain/raw", "other:strict/raw", "--scores", "rmse_log"], &["run", "other"], 1),
     ] {
-        let compared = json(folder, arguments);
+        let resamples: &[&str] = if arguments.contains(&"--resamples") { &[] } else { &["--resamples", "10000"] };
+        let compared = json(folder, &[arguments, resamples].concat());
         let file = folder.join("compared.json");
         std::fs::write(&file, compared.to_string()).expect("written");
         let scores = runs.iter().map(|run| format!("{run}={}", folder.join(run).join("scores.csv").display()));
@@ -153,7 +154,7 @@ fn what_differs_is_told_and_equal_questions_have_equal_answers() {
     for part in [
         "large differs in\n  look.stereo  block: 5 -> 9",
         "large against plain: all true pixels, preset paper, mean over 7 frames",
-        "95 % BCa bootstrap over frames, 10000 resamples, seed 1",
+        "95 % BCa bootstrap over frames, 100000 resamples, seed 1",
         "corrected for the 16 tests here",
         "7 frames: intervals of so few are too narrow",
     ] {
@@ -182,6 +183,147 @@ fn what_differs_is_told_and_equal_questions_have_equal_answers() {
         let of = ["difference", "difference_low", "difference_high", "p", "verdict"].map(|name| row[name].clone());
         assert_eq!(of, [0.0.into(), 0.0.into(), 0.0.into(), 1.0.into(), Json::from("unclear")], "{row}");
     }
+}
+
+#[test]
+fn what_is_the_same_on_both_sides_is_not_tested() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    run(folder, "run", &[]);
+    // Of the same run with another filter, one of two estimates of each variant is the same.
+    run(folder, "other", &["look.smooth.with.size=3"]);
+    let one = json(folder, &["run", "other", "--estimators", "*/smooth", "--scores", "abs_rel"]);
+    let two = json(folder, &["run", "other", "--scores", "abs_rel"]);
+    let p = |compared: &Json, estimator: &str| -> Vec<Json> {
+        let rows = compared["rows"].as_array().expect("rows").iter();
+        rows.filter(|row| row["estimator"] == estimator).map(|row| row["p_holm"].clone()).collect()
+    };
+    assert_eq!(p(&two, "smooth"), p(&one, "smooth"), "what cannot differ weakens no other test");
+    assert_eq!((p(&two, "raw"), two["method"]["tests"].clone()), (vec![Json::Null; 3], 3.into()));
+    assert!(two["notes"].to_string().contains("plain/raw is the same on both sides: it is not tested"), "{two}");
+}
+
+#[test]
+fn so_few_frames_that_no_verdict_is_possible_are_said() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    run(folder, "run", &[]);
+    // 7 frames: 2 / 2^7 for each of 32 tests.
+    let told = json(folder, &["run"])["notes"].to_string();
+    let note = "no verdict is possible: with 32 tests of 7 frames the smallest p_holm that can be reached is 0.500, not below 0.05";
+    assert!(told.contains(note), "{told}");
+    let told = json(folder, &["run", "plain", "large", "--scores", "abs_rel"])["notes"].to_string();
+    assert!(!told.contains("no verdict is possible"), "2 tests reach 0.031: {told}");
+}
+
+#[test]
+fn frames_and_several_estimators_are_selected() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    run(folder, "run", &[]);
+    let scores = read_csv(&folder.join("run/scores.csv"));
+    let mean = |frames: &[&str]| {
+        let is = |row: &&Row| {
+            (row["variant"].as_str(), row["estimator"].as_str(), row["set"].as_str()) == ("plain", "raw", "all")
+                && row["zone"].is_empty()
+                && frames.contains(&row["position"].as_str())
+        };
+        scores.iter().filter(is).map(|row| number(row, "abs_rel")).sum::<f64>() / frames.len() as f64
+    };
+    for (selection, frames) in [("0..4", &["0", "1", "2", "3"][..]), ("5,6", &["5", "6"]), ("4..=6", &["4", "5", "6"])]
+    {
+        let compared = json(folder, &["run", "plain", "large", "--frames", selection, "--scores", "abs_rel"]);
+        let row =
+            compared["rows"].as_array().expect("rows").iter().find(|row| row["estimator"] == "raw").expect("a row");
+        assert_eq!(row["frames"], frames.len(), "{selection}");
+        assert!((row["baseline"].as_f64().expect("a number") - mean(frames)).abs() < 1e-12, "{selection}: {row}");
+        let arguments = ["table", "run", "--frames", selection, "--format", "csv", "--out", "rows.csv"];
+        succeed(depthloom().current_dir(folder).args(arguments));
+        let rows = read_csv(&folder.join("rows.csv"));
+        let row = rows.iter().find(|row| row["variant"] == "plain" && row["estimator"] == "raw").expect("a row");
+        assert!((number(row, "abs_rel") - mean(frames)).abs() < 1e-12, "{selection}: {row:?}");
+    }
+    assert!(refused(folder, &["run", "plain", "large", "--frames", "9"]).contains("frame"));
+    let some = json(folder, &["run", "plain", "large", "--estimators", "plain/raw, large/*"]);
+    let names: std::collections::BTreeSet<String> =
+        some["rows"].as_array().expect("rows").iter().map(|row| row["estimator"].to_string()).collect();
+    assert_eq!(names.len(), 1, "{names:?}");
+    assert!(
+        refused(folder, &["run", "plain", "large", "--estimators", "raw,smoth"]).contains("did you mean `smooth`?")
+    );
+}
+
+#[test]
+fn several_runs_have_one_table_with_the_settings_in_which_they_differ() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let runs = [("one", "200"), ("two", "300"), ("three", "400")];
+    for (name, p1) in runs {
+        run(folder, name, &[&format!("look.stereo.with.p1={p1}")]);
+    }
+    let board = |arguments: &[&str]| {
+        let all = [&["table", "one", "two", "three", "--format", "csv", "--out", "board.csv"], arguments].concat();
+        succeed(depthloom().current_dir(folder).args(all));
+        read_csv(&folder.join("board.csv"))
+    };
+    let rows = board(&["--columns", "abs_rel"]);
+    assert_eq!(rows.len(), 3 * 6);
+    let errors: Vec<f64> = rows.iter().map(|row| number(row, "abs_rel")).collect();
+    assert!(errors.windows(2).all(|two| two[0] <= two[1]), "{errors:?}");
+    for (name, p1) in runs {
+        let own = read_csv(&folder.join(name).join("table.csv"));
+        for row in rows.iter().filter(|row| row["run"] == name) {
+            assert_eq!(row["look.stereo.p1"], p1, "{row:?}");
+            let is = |of: &&Row| ["variant", "estimator", "set"].iter().all(|key| of[*key] == row[*key]);
+            assert_eq!(own.iter().find(is).map(|of| number(of, "abs_rel")), Some(number(row, "abs_rel")));
+        }
+    }
+    assert_eq!(board(&["--estimators", "raw", "--top", "2"]).len(), 2);
+    let output =
+        succeed(depthloom().current_dir(folder).args(["table", "one", "two", "three", "--columns", "abs_rel"]));
+    let text = String::from_utf8(output.stdout).expect("UTF-8");
+    assert_eq!(text.lines().skip(2).filter(|line| line.ends_with('*')).count(), 1, "one best of all runs: {text}");
+    let told =
+        depthloom().current_dir(folder).args(["table", "one", "two", "--ci"]).output().expect("the binary starts");
+    assert_eq!(told.status.code(), Some(2));
+}
+
+#[test]
+fn a_table_for_latex_has_its_own_caption_label_and_digits_and_intervals_stay_with_their_scores() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    run(folder, "run", &[]);
+    let latex = |arguments: &[&str]| {
+        let all = [&["table", "run", "--format", "latex"], arguments].concat();
+        let output = succeed(depthloom().current_dir(folder).args(all));
+        String::from_utf8(output.stdout).expect("UTF-8")
+    };
+    let plain = latex(&["--ci"]);
+    let rows = plain.lines().filter(|line| line.ends_with("\\\\") && line.contains('['));
+    for row in rows.clone() {
+        // The interval of a score is in its cell.
+        assert!(row.split('&').all(|cell| !cell.trim_start().starts_with('[')), "{row}");
+    }
+    assert!(rows.count() >= 6, "{plain}");
+    let label = |text: &str| text.lines().find(|line| line.starts_with("\\label")).expect("a label").to_owned();
+    let labels = [
+        latex(&[]),
+        plain,
+        latex(&["--rows", "score"]),
+        latex(&["--set", "answered"]),
+        latex(&["--effects", "abs_rel"]),
+    ];
+    let labels: std::collections::BTreeSet<String> = labels.iter().map(|text| label(text)).collect();
+    assert_eq!(labels.len(), 5, "{labels:?}");
+    let own = latex(&["--caption", "Ours, $n = 7$.", "--label", "ours", "--digits", "2", "--columns", "abs_rel"]);
+    assert!(own.contains("\\caption{Ours, $n = 7$.}\n\\label{tab:ours}"), "{own}");
+    let cells =
+        own.lines().filter(|line| line.contains("raw")).flat_map(|line| line.split('&')).last().expect("a cell");
+    let digits = cells.trim().trim_start_matches("\\textbf{").split(|c: char| !c.is_ascii_digit() && c != '.').next();
+    assert!(digits.expect("a number").split('.').nth(1).is_some_and(|behind| behind.len() == 2), "{own}");
+    // Of other resamples intervals are others, and of the same the same.
+    let seeded = |seed: &str| latex(&["--ci", "--resamples", "500", "--seed", seed, "--columns", "abs_rel"]);
+    assert!(seeded("1") == seeded("1") && seeded("1") != seeded("2"));
 }
 
 #[test]
@@ -246,7 +388,7 @@ fn tables_have_intervals_where_they_are_asked_for() {
     }
     assert_eq!(of_variants.len(), 6);
     let latex = std::fs::read_to_string(folder.join("tables/table.tex")).expect("the table");
-    let stated = "in square brackets its interval (95 \\% BCa bootstrap over frames, 10000 resamples, seed 1)";
+    let stated = "in square brackets its interval (95 \\% BCa bootstrap over frames, 100000 resamples, seed 1)";
     assert!(latex.contains(stated) && latex.contains("\\label{tab:compared}"), "{latex}");
     // Surer is wider, and without a question there are none.
     let surer = rows(&["table", "run", "--ci=99", "--format", "csv", "--out", "rows.csv"], "rows.csv");

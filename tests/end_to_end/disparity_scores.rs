@@ -50,6 +50,21 @@ fn each_kind_of_estimate_has_its_scores_and_both_have_zones() {
         let wrong = d1(answered) * number(answered, "pixels") + number(all, "pixels") - number(answered, "pixels");
         assert!((d1(all) * number(all, "pixels") - wrong).abs() < 1e-6);
     }
+    // Of depths over all pixels and disparities filled there is one row, and where several are comparable the best are marked in every form.
+    let ask = |arguments: &[&str]| {
+        let output = succeed(depthloom().arg("table").arg(&run).args(arguments));
+        String::from_utf8(output.stdout).expect("UTF-8")
+    };
+    let both: serde_json::Value =
+        serde_json::from_str(&ask(&["--columns", "abs_rel,d1", "--set", "filled", "--json"])).expect("JSON");
+    let row = both["rows"].as_array().expect("rows").iter().find(|row| row["d1"].is_number()).expect("a row");
+    assert!(row["abs_rel"].is_number() && row["set"] == "all+filled", "{row}");
+    let filled: Vec<f64> =
+        of("disparity", "filled", "").iter().map(|row| number(row, "d1") * number(row, "pixels")).collect();
+    let pixels: f64 = of("disparity", "filled", "").iter().map(|row| number(row, "pixels")).sum();
+    let d1 = row["d1"].as_f64().expect("a number");
+    assert!((d1 - filled.iter().sum::<f64>() / pixels).abs() < 1e-12, "{row}");
+
     // The table's disparities are over all pixels, whose number differs by frame.
     let table = read_csv(&run.join("table.csv"));
     let pooled = table.iter().find(|row| row["estimator"] == "disparity" && row["set"] == "all").expect("a row");

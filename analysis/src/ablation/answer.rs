@@ -1,7 +1,10 @@
 //! What is asked of a run's scores, and the answer in any format.
 
+use std::collections::HashSet;
+
 use depthloom_graphs::Key;
-use depthloom_recording::Recording;
+use depthloom_graphs::contracts::FrameSelection;
+use depthloom_recording::{RecordedFrame, Recording};
 use depthloom_scores::{Mean, ScoreRow};
 use serde_json::Value as Json;
 
@@ -10,12 +13,12 @@ use super::{Ablation, Costs, Ranking, Selection, effects, zones};
 use crate::condition;
 use crate::error::{AnalysisError, caught};
 use crate::estimators::{Estimator, estimators};
-use crate::grid::Grid;
+use crate::grid::{Grid, Typesetting};
 use crate::reading;
 use crate::scores::FrameScore;
 use crate::sheet::Sheet;
 use crate::statistics::Resampling;
-use crate::table::{Table, common};
+use crate::table::{Table, common, incomplete_frames};
 
 /// What is asked of a run's scores.
 #[derive(Clone, Debug, PartialEq)]
@@ -59,6 +62,7 @@ pub fn answer(
             let scores = scored(recording, &estimators, stop)?;
             (estimators, scores)
         };
+        let scores = of_frames(recording, &estimators, scores, selection)?;
         let source = source_of(recording);
         let ablation = Ablation::new(recording.plan(), &estimators, &scores, &source, costs);
         let mut grid = match question {
@@ -74,12 +78,21 @@ pub fn answer(
                 return Ok(Answer::Scores(table));
             }
         };
+        grid.notes.extend(incomplete_frames(recording, &estimators, &scores));
         grid.notes.extend(condition::told(recording, &[], true).notes);
         Ok(Answer::Grid(grid))
     })
 }
 
 impl Answer {
+    /// Takes a caption, label and decimals that were asked for.
+    pub fn typeset(&mut self, typesetting: &Typesetting) {
+        match self {
+            Self::Grid(grid) => grid.typeset(typesetting),
+            Self::Scores(table) => table.typeset(typesetting),
+        }
+    }
+
     /// As aligned text, the best marked by `*`; where it is wider than `width` columns of text, in blocks below each other.
     #[must_use]
     pub fn terminal(&self, width: usize) -> String {
@@ -162,6 +175,52 @@ pub(crate) fn scored(
     Ok(scores)
 }
 
+/// The scores of the selected frames.
+///
+/// # Errors
+/// If no frame is selected, or one that is asked for is not there.
+pub(crate) fn of_frames(
+    recording: &Recording,
+    estimators: &[Estimator],
+    scores: Vec<FrameScore>,
+    selection: &Selection,
+) -> Result<Vec<FrameScore>, AnalysisError> {
+    let Some(wanted) = &selection.frames else { return Ok(scores) };
+    let wanted = match wanted {
+        // A frame that failed in its source is not in the recording.
+        FrameSelection::Range(range) => FrameSelection::Available(range.clone()),
+        other => other.clone(),
+    };
+    let frames = || (0..recording.plan().runs.len()).flat_map(|run| recording.frames(run));
+    let mut ids: Vec<(u64, &str)> = frames().map(|frame| (frame.index, &*frame.id)).collect();
+    ids.sort_unstable();
+    let is_file = matches!(wanted, FrameSelection::File(_));
+    if is_file {
+        ids.dedup();
+    } else {
+        ids.dedup_by_key(|(index, _)| *index);
+    }
+    let selected = wanted.select(&ids).map_err(|fault| {
+        let help = fault.remedy_text().unwrap_or("`depthloom info RUN` lists the frames").to_owned();
+        AnalysisError::asked(format!("failed to select frames: {}", fault.chain()), help)
+    })?;
+    let indices: HashSet<u64> = selected.iter().map(|at| ids[*at].0).collect();
+    let names: HashSet<&str> = selected.iter().map(|at| ids[*at].1).collect();
+    let runs: Vec<&[RecordedFrame]> = (0..recording.plan().runs.len()).map(|run| recording.frames(run)).collect();
+    let is_wanted = |score: &FrameScore| {
+        runs[estimators[score.estimator].run].get(score.position).is_some_and(|frame| match is_file {
+            true => names.contains(&*frame.id),
+            false => indices.contains(&frame.index),
+        })
+    };
+    let scores: Vec<FrameScore> = scores.into_iter().filter(is_wanted).collect();
+    if scores.is_empty() {
+        let help = "choose others with --frames".to_owned();
+        return Err(AnalysisError::asked("no selected frame was scored".to_owned(), help));
+    }
+    Ok(scores)
+}
+
 /// As Table I: of the selected estimators, in one zone.
 fn as_table(
     recording: &Recording,
@@ -199,5 +258,6 @@ fn as_table(
     let kept: Vec<FrameScore> = common(scores, estimators).iter().filter_map(of).collect();
     let mut table = Table::new(&recording.plan().experiment, &kept, &selected, false, &source_of(recording));
     zone.clone_into(&mut table.zone);
+    table.label = [vec![format!("{}-scores", recording.plan().experiment)], selection.label()].concat().join("-");
     Ok((table, kept, selected))
 }

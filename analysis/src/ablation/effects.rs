@@ -2,7 +2,7 @@
 
 use super::column::Column;
 use super::front::Better;
-use super::variance::{Effects, Factor, effects};
+use super::variance::{Effects, Factor, MeansOf, effects};
 use super::{Ablation, Row, Selection};
 use crate::error::AnalysisError;
 use crate::grid::{Grid, GridCells, GridColumn};
@@ -101,7 +101,8 @@ pub(crate) fn grid(ablation: &Ablation<'_>, selection: &Selection, of: &str) -> 
             found.mean,
             found.deviation,
         ),
-        label: format!("{}-effects", ablation.experiment),
+        caption: None,
+        label: [vec![format!("{}-effects-{of}", ablation.experiment)], selection.label()].concat().join("-"),
         columns: vec![
             once(GridColumn::key("axis", lines.iter().map(|line| Some(line.axis.clone())).collect())),
             GridColumn::levels("level", lines.iter().map(|line| line.level.clone()).collect(), |line| {
@@ -207,7 +208,7 @@ fn lines(looked: &[Looked], found: &Effects, more_is_better: bool, is_comparable
             mean: *mean,
             difference: mean.map(|mean| mean - effect.mean),
             share: effect.share,
-            is_best: is_comparable && *mean == best,
+            is_best: is_comparable && effect.means != MeansOf::Confounded && *mean == best,
             is_start: level == 0,
             has_gap: level == 0,
         }));
@@ -276,6 +277,22 @@ fn notes(
     for (axis, _) in single {
         notes
             .push(format!("no share of {}: every row has a level of its own, which would explain anything", axis.name));
+    }
+    let named = |of: MeansOf| {
+        let some = looked.iter().zip(&found.factors).filter(|(_, effect)| effect.means == of);
+        some.map(|(axis, _)| axis.name.as_str()).collect::<Vec<_>>().join(", ")
+    };
+    let adjusted = named(MeansOf::LeastSquares);
+    if !adjusted.is_empty() {
+        notes.push(format!(
+            "means of {adjusted} are adjusted by least squares for the settings of the other axes, which are not the same at each level"
+        ));
+    }
+    let confounded = named(MeansOf::Confounded);
+    if !confounded.is_empty() {
+        notes.push(format!(
+            "the rows do not tell {confounded} from the other axes: its means are over different settings, and none is marked as best"
+        ));
     }
     if !found.is_orthogonal {
         notes.push(

@@ -2,11 +2,11 @@
 
 use std::collections::HashMap;
 
-use depthloom_scores::Family;
+use depthloom_scores::{Family, PixelSet};
 
 use super::best::{self, Best};
 use super::column::{Column, Part};
-use super::front::{Better, front};
+use super::front::{Better, Goal, front};
 use super::joined::joined;
 use super::{Ablation, Row, Selection, listed};
 use crate::error::AnalysisError;
@@ -15,6 +15,9 @@ use crate::leading::{COMMON, LEADING};
 use crate::sheet::DIMENSIONLESS;
 use crate::sheet::unit_of;
 use crate::statistics::{Interval, Resampling, Statistic, Weighted};
+
+/// Rows whose cost differs by no more than this share are equally fast: timings of one run vary by as much.
+pub(super) const TIMING_NOISE: f64 = 0.05;
 
 /// A table with a row an estimator, or a depth and the disparity it was computed from.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -40,6 +43,7 @@ impl Ranking {
         selection: &Selection,
         stop: &(dyn Fn() -> bool + Sync),
     ) -> Result<Grid, AnalysisError> {
+        let selection = &self.with_depths(selection);
         let (rows, left_out) = self.rows(ablation, ablation.rows(selection)?)?;
         let mut about = ablation.about(&rows, selection)?;
         let all = rows.len();
@@ -49,15 +53,21 @@ impl Ranking {
         };
         let by = ablation.column_name(sort);
         let mut order: Vec<usize> = (0..rows.len()).collect();
+        let mut grid_notes = Vec::new();
         if !self.pareto.is_empty() {
             order = ablation.front(&rows, &self.pareto)?;
             let of = if order.len() == 1 { "row" } else { "rows" };
             about.push_str(&format!("; the {} {of} on the Pareto front of {}", order.len(), self.pareto.join(" and ")));
         }
+        if self.pareto.iter().any(|name| name == "ms") {
+            let percent = 100.0 * TIMING_NOISE;
+            grid_notes.push(format!("on the front, costs that differ by no more than {percent} % are equal"));
+        }
         ablation.require(&rows, sort)?;
         ablation.sort(&rows, &mut order, sort);
         let best = Best::of(ablation, &rows);
-        let mut grid = Grid { label: format!("{}-variants", ablation.experiment), ..Grid::default() };
+        let label = self.label(ablation, selection);
+        let mut grid = Grid { label, notes: grid_notes, ..Grid::default() };
         if let Some(top) = self.top.filter(|&top| top < order.len()) {
             about.push_str(&format!("; the first {top} of {} rows by {by}", order.len()));
             let without = order[top..].iter().filter(|&&row| ablation.number(&rows[row], sort).is_none()).count();
@@ -100,7 +110,7 @@ impl Ranking {
             let rows = if left_out == 1 { "row" } else { "rows" };
             grid.notes.push(format!("left out: {left_out} {rows} of which none of these scores was taken"));
         }
-        if ablation.set(selection)? == depthloom_scores::PixelSet::Answered && rows.len() > 1 {
+        if rows.iter().all(|row| row.set == PixelSet::Answered) && rows.len() > 1 {
             grid.notes.push(
                 "each row is over the pixels that it answered itself, so nothing is marked as best: look at density"
                     .to_owned(),
@@ -121,9 +131,16 @@ impl Ranking {
         Ok(grid)
     }
 
+    /// The selection, with depths beside disparities that are filled where a score of depths is asked for.
+    pub(super) fn with_depths(&self, selection: &Selection) -> Selection {
+        let mut named = self.columns.iter().chain(&self.sort).chain(&self.pareto);
+        let with_depths = named.any(|name| Family::Depth.metrics().iter().any(|of| of.name == *name));
+        Selection { with_depths, ..selection.clone() }
+    }
+
     /// The rows that have to do with the scores that are asked for, and how many others were left out: where those are of depths and of
     /// disparities, a row of both where one was made of the other.
-    fn rows(&self, ablation: &Ablation<'_>, rows: Vec<Row>) -> Result<(Vec<Row>, usize), AnalysisError> {
+    pub(super) fn rows(&self, ablation: &Ablation<'_>, rows: Vec<Row>) -> Result<(Vec<Row>, usize), AnalysisError> {
         let named = self.columns.iter().chain(&self.sort).chain(&self.pareto);
         let named = named.map(|name| ablation.column(name)).collect::<Result<Vec<Column>, _>>()?;
         let mut metrics: Vec<usize> = named.iter().filter_map(|column| column.metric()).collect();
@@ -153,6 +170,19 @@ impl Ranking {
         let has_value = |column: &Column| rows.iter().any(|row| ablation.number(row, *column).is_some());
         let first = asked.into_iter().filter(|column| !column.is_axis()).find(has_value);
         Ok(first.unwrap_or_else(|| Column::Metric(ablation.first_error(rows))))
+    }
+
+    /// What tells the table from others of the experiment: what was asked for beside the defaults.
+    fn label(&self, ablation: &Ablation<'_>, selection: &Selection) -> String {
+        let mut parts = vec![ablation.experiment.to_owned(), "variants".to_owned()];
+        parts.extend(selection.label());
+        let of = |word: &str, names: &[String]| (!names.is_empty()).then(|| format!("{word}-{}", names.join("-")));
+        parts.extend(of("pareto", &self.pareto));
+        parts.extend(of("of", &self.columns));
+        parts.extend(self.sort.as_ref().map(|sort| format!("by-{sort}")));
+        parts.extend(self.top.map(|top| format!("top-{top}")));
+        parts.extend(self.intervals.map(|_| "ci".to_owned()));
+        parts.join("-")
     }
 
     fn columns(&self, ablation: &Ablation<'_>, rows: &[Row]) -> Result<Vec<Column>, AnalysisError> {
@@ -199,10 +229,10 @@ fn intervals(
     resampling: &Resampling,
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<[GridColumn; 3], AnalysisError> {
-    let (zone, set, of) = (ablation.zone(selection)?, ablation.set(selection)?, ablation.metrics[metric]);
+    let (zone, of) = (ablation.zone(selection)?, ablation.metrics[metric]);
     let number = |row: &&Row| -> (usize, Box<Statistic<'_>>) {
         let part = row.of(metric);
-        let frames = ablation.frames(part.estimator, set, zone).iter().map(|score| &score.row);
+        let frames = ablation.frames(part.estimator, part.set, zone).iter().map(|score| &score.row);
         let settings = ablation.estimator(part).settings.unwrap_or_default();
         match Weighted::of_those_that_have_it(of, part.mean, &settings, frames) {
             Some((frames, weighted)) => (frames, Box::new(move |times: &[f64]| weighted.value(times))),
@@ -211,8 +241,7 @@ fn intervals(
     };
     let found = resampling.intervals_of(&shown.iter().map(number).collect::<Vec<_>>(), stop)?;
     let decimals = of.decimals + 1;
-    let text = |of: &Interval| format!("[{:.decimals$}, {:.decimals$}]", of.low, of.high);
-    let texts = found.iter().map(|of| of.as_ref().map(text)).collect();
+    let ends = found.iter().map(|of| of.as_ref().map(|of| (of.low, of.high))).collect();
     let column = |name: &str, end: fn(&Interval) -> f64| {
         let values: Vec<Option<f64>> = found.iter().map(|of| of.as_ref().map(end)).collect();
         let cells = GridCells::Written { texts: vec![None; values.len()], values };
@@ -220,7 +249,11 @@ fn intervals(
         GridColumn { unit: Some(unit_of(of)), only_in_files: true, ..GridColumn::of(name, cells) }
     };
     Ok([
-        GridColumn { only_in_text: true, ..GridColumn::of(resampling.level(), GridCells::Text(texts)) },
+        GridColumn {
+            only_in_text: true,
+            joins: true,
+            ..GridColumn::of(resampling.level(), GridCells::Interval { decimals, ends })
+        },
         column("low", |of| of.low),
         column("high", |of| of.high),
     ])
@@ -258,12 +291,16 @@ pub(super) fn keys(
     }
     let name = |row: &Row| Some(ablation.name(row));
     let is_shown = differ(&name) || !of_variants && axes.iter().all(|axis| axis.only_in_files);
-    let set = if selection.common { COMMON } else { ablation.set(selection)?.name() };
+    let set = |row: &Row| {
+        let mut sets: Vec<&str> = row.parts().map(|part| part.set.name()).collect();
+        sets.dedup();
+        Some(if selection.common { COMMON.to_owned() } else { sets.join("+") })
+    };
     let mut columns = vec![
         key("stage", &|row| Some(lead(row).stage.clone()), false),
         key("variant", &|row| lead(row).variant.clone(), of_variants),
         key("estimator", &name, is_shown),
-        key("set", &|_| Some(set.to_owned()), false),
+        key("set", &set, differ(&set)),
     ];
     columns.extend(axes);
     for left in 0..2 {
@@ -325,7 +362,11 @@ impl Ablation<'_> {
                     .to_owned(),
             ));
         }
-        let better: Vec<Better> = columns.iter().map(|column| self.better(*column)).collect();
+        let goal = |column: &Column| Goal {
+            better: self.better(*column),
+            noise: if *column == Column::Ms { TIMING_NOISE } else { 0.0 },
+        };
+        let goals: Vec<Goal> = columns.iter().map(goal).collect();
         // What cannot be compared beats nothing: of each kind of rows there is a front.
         let kind = |row: &Row| -> Vec<Option<usize>> {
             columns.iter().filter_map(|column| column.metric()).map(|metric| row.of(metric).comparable).collect()
@@ -342,7 +383,7 @@ impl Ablation<'_> {
         for (_, members) in kinds {
             let values = |&row: &usize| columns.iter().map(|column| self.number(&rows[row], *column)).collect();
             let values: Vec<Vec<Option<f64>>> = members.iter().map(values).collect();
-            on_fronts.extend(front(&values, &better).into_iter().map(|place| members[place]));
+            on_fronts.extend(front(&values, &goals).into_iter().map(|place| members[place]));
         }
         on_fronts.sort_unstable();
         Ok(on_fronts)

@@ -4,7 +4,7 @@ use depthloom_graphs::Value;
 use depthloom_recording::Recording;
 use depthloom_scores::{PixelSet, ScoreRow, ScoredPixels, Settings, score_pixels};
 
-use super::{Selection, is_of, names_of, unknown};
+use super::{Selection, each_names_one, is_of};
 use crate::error::AnalysisError;
 use crate::estimators::Estimator;
 use crate::maps::not_recorded;
@@ -31,8 +31,8 @@ pub(crate) fn shared_scores(
     }
     let wanted = |of: &&Estimator| selection.estimators.as_deref().is_none_or(|pattern| is_of(of, pattern));
     let named: Vec<&Estimator> = estimators.iter().filter(wanted).collect();
-    if let (Some(pattern), true) = (&selection.estimators, named.is_empty()) {
-        return Err(unknown("estimator", pattern, names_of(estimators)));
+    if let Some(patterns) = &selection.estimators {
+        each_names_one(patterns, estimators)?;
     }
     let of_depth = named.into_iter().filter(|of| of.settings.is_some());
     let selected: Vec<Estimator> = of_depth.map(|of| Estimator { sets: vec![PixelSet::All], ..of.clone() }).collect();
@@ -82,18 +82,19 @@ fn score_together(
         if stop() {
             return Err(AnalysisError::Stopped);
         }
-        let Some(Some(Value::Depth(truth))) = truth_reader.read(position)?.pop() else { continue };
-        let (width, height) = truth.metres.dimensions();
+        let truth = truth_reader.read(position)?.pop().flatten();
+        let Some(truth) = truth.as_ref().and_then(Value::metres) else { continue };
+        let (width, height) = truth.dimensions();
         let pixels =
             |metres: &[f32], settings: &Settings| ScoredPixels::new(metres, width as usize, height as usize, settings);
         // The truth where all answered.
-        let mut shared: Vec<f32> = truth.metres.as_raw().clone();
+        let mut shared: Vec<f32> = truth.as_raw().clone();
         let mut has_all = true;
         for (_, reader) in &mut readers {
             for value in reader.read(position)? {
-                match value {
-                    Some(Value::Depth(estimate)) if estimate.metres.dimensions() == (width, height) => {
-                        let answers = estimate.metres.as_raw().iter();
+                match value.as_ref().and_then(Value::metres) {
+                    Some(estimate) if estimate.dimensions() == (width, height) => {
+                        let answers = estimate.as_raw().iter();
                         shared.iter_mut().zip(answers).filter(|(_, y)| !y.is_finite()).for_each(|(t, _)| *t = f32::NAN);
                     }
                     _ => has_all = false,
@@ -103,12 +104,12 @@ fn score_together(
         if !has_all {
             continue;
         }
-        let (all, shared) = (pixels(truth.metres.as_raw(), &settings).len() as u64, pixels(&shared, &settings));
+        let (all, shared) = (pixels(truth.as_raw(), &settings).len() as u64, pixels(&shared, &settings));
         for (some, reader) in &mut readers {
             for (&estimator, value) in some.iter().zip(reader.read(position)?) {
-                let Some(Value::Depth(estimate)) = value else { continue };
+                let Some(estimate) = value.as_ref().and_then(Value::depth_estimate) else { continue };
                 let metrics = &estimators[estimator].metrics;
-                for row in score_pixels(estimate.metres.as_raw(), &shared, &[PixelSet::All], metrics, &settings) {
+                for row in score_pixels(estimate, &shared, &[PixelSet::All], metrics, &settings) {
                     let row = ScoreRow { truth: all, answered: shared.len() as u64, ..row };
                     scores.push(FrameScore { frame: frame.id.clone(), position, estimator, row });
                 }

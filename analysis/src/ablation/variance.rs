@@ -1,13 +1,15 @@
 //! What each axis did to a metric: marginal means, and shares of the variance.
 //!
 //! The rows of an ablation are a factorial design without repetition: a number a combination of levels. A level's *marginal mean* is
-//! the mean of all rows that have it. An axis' *share* is eta squared of its main effect,
+//! the mean of all rows that have it, [adjusted](super::adjusted) where combinations were left out. An axis' *share* is eta squared of its main effect,
 //! `sum over levels of n (mean of the level - mean)^2 / sum over rows of (value - mean)^2`
 //! (Fisher 1925; Cohen 1973): how much of the rows' spread is explained by knowing that one axis. Where every two axes are
 //! orthogonal, shares add up and what they leave is the interactions'; where they are not, shares overlap.
 //!
 //! An axis that only some rows have is nested in others: its effect is taken among those rows, from their own mean, so that what made it be
 //! there is not counted as its own; its share is of the variance between all rows like every other.
+
+use super::adjusted::{LevelMeans, level_means};
 
 /// An axis as rows have it.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -39,12 +41,25 @@ pub(crate) struct Effects {
 /// What one axis explains.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct MainEffect {
-    /// By level: how many rows, and their mean; `None` where there are none.
+    /// By level: how many rows, and their mean, adjusted where levels are not over the same settings of other axes; `None` where there are none.
     pub(crate) levels: Vec<(usize, Option<f64>)>,
+    /// How the means were found.
+    pub(crate) means: MeansOf,
     /// The mean over the rows that have the axis.
     pub(crate) mean: f64,
     /// Eta squared; `None` where rows do not differ, or each has a level of its own, which would explain anything.
     pub(crate) share: Option<f64>,
+}
+
+/// How means by level were found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum MeansOf {
+    /// Of the rows themselves: levels are compared over the same settings of the other axes.
+    Rows,
+    /// By least squares: levels are not.
+    LeastSquares,
+    /// Of the rows themselves, and not to be compared: the rows do not tell this axis from the others.
+    Confounded,
 }
 
 /// The effects of factors on the values of rows; `values` are finite, at least one, and each factor has a level for one of them or more.
@@ -68,9 +83,19 @@ pub(crate) fn effects(values: &[f64], factors: &[Factor]) -> Effects {
         let groups = group(values, &factor.of_row, factor.levels);
         let single = groups.iter().all(|(rows, _)| *rows <= 1);
         let mean = mean_of(&groups);
-        let means = groups.into_iter().map(|(rows, sum)| (rows, (rows > 0).then(|| sum / rows as f64)));
+        let plain = groups.into_iter().map(|(rows, sum)| (rows, (rows > 0).then(|| sum / rows as f64)));
+        let mut levels: Vec<(usize, Option<f64>)> = plain.collect();
+        let others: Vec<&Factor> = factors.iter().filter(|other| !std::ptr::eq(*other, factor)).collect();
+        let means = match level_means(values, factor, &others) {
+            LevelMeans::Plain => MeansOf::Rows,
+            LevelMeans::Confounded => MeansOf::Confounded,
+            LevelMeans::Adjusted(means) => {
+                levels.iter_mut().zip(means).for_each(|(level, mean)| level.1 = mean);
+                MeansOf::LeastSquares
+            }
+        };
         let share = (differ && !single).then(|| share(&factor.of_row, factor.levels));
-        MainEffect { levels: means.collect(), mean, share }
+        MainEffect { levels, means, mean, share }
     });
     let main: Vec<MainEffect> = main.collect();
     let is_orthogonal = (0..factors.len()).all(|a| (0..a).all(|b| are_orthogonal(&factors[a], &factors[b])));
@@ -112,7 +137,7 @@ fn mean_of(groups: &[(usize, f64)]) -> f64 {
 
 /// Whether each level of one meets the levels of the other in the same proportions, in the rows that have both; and where either has
 /// rows that the other has not, whether one of them has its levels there in the proportions that it has over all.
-fn are_orthogonal(a: &Factor, b: &Factor) -> bool {
+pub(crate) fn are_orthogonal(a: &Factor, b: &Factor) -> bool {
     let (mut of_a, mut of_b) = (vec![0; a.levels], vec![0; b.levels]);
     let (mut all_a, mut all_b) = (vec![0; a.levels], vec![0; b.levels]);
     let mut both = vec![0; a.levels * b.levels];

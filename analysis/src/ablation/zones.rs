@@ -94,7 +94,7 @@ pub(crate) fn grid(ablation: &Ablation<'_>, selection: &Selection, metric: &str)
     columns.push(GridColumn::of("best_overall", number(of_overall)));
     columns.push(GridColumn::of("rows", GridCells::Count(counts)));
     columns.push(GridColumn::of("pixels", GridCells::Count(pixels)));
-    let label = format!("{}-zones", ablation.experiment);
+    let label = [vec![format!("{}-zones-{}", ablation.experiment, named.name)], selection.label()].concat().join("-");
     let about = format!("best {} in each zone over {about}", named.name);
     Ok(Grid { about, label, columns, notes, ..Grid::default() })
 }

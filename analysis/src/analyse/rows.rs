@@ -116,6 +116,7 @@ pub(super) fn grid(jobs: &[Job<'_>], found: &[Found], inquiry: &Inquiry, several
     };
     Grid {
         about: format!("{error}, by {}; gross: {}", by(&inquiry.by), inquiry.gross.told()),
+        caption: None,
         label: "errors".to_owned(),
         columns,
         gaps,

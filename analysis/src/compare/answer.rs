@@ -3,7 +3,7 @@
 use depthloom_graphs::Key;
 use depthloom_scores::{Mean, PixelSet, Pooling};
 
-use super::contrast::{Contrast, Verdict};
+use super::contrast::{Contrast, Verdict, smallest_reachable};
 use super::limit::Judged;
 use super::parameters::{Changed, changed};
 use super::side::{Kind, Party};
@@ -104,7 +104,13 @@ pub(super) fn put_together(
     let parameters = others().map(|party| (party.title.clone(), parameters(opened, first, party))).collect();
     let mut grid = Grid {
         about: about(kind, first, &others().collect::<Vec<_>>(), pairs, &rows, &method, options),
-        label: format!("{}-compared", opened[first.run].run.recording.plan().experiment),
+        label: [
+            vec![format!("{}-compared-{}", opened[first.run].run.recording.plan().experiment, first.title)],
+            options.selection.label(),
+            options.scores.clone(),
+        ]
+        .concat()
+        .join("-"),
         notes,
         ..Grid::default()
     };
@@ -113,6 +119,7 @@ pub(super) fn put_together(
     let is_long = grid.starts.len() < rows.len();
     grid.gaps = if is_long { grid.starts.clone() } else { Vec::new() };
     grid.columns = shown.columns(options);
+    grid.typeset(&options.typesetting);
     let key = plan_key(opened[first.run].run.recording.plan());
     Comparison { grid, rows, method, parameters, judged, key }
 }
@@ -191,12 +198,34 @@ fn said_of(pairs: &[Pair<'_>], rows: &[Row], options: &CompareOptions) -> Vec<St
             row.contrast.metric.name
         ));
     }
-    let least = rows.iter().map(|row| row.contrast.frames).min().unwrap_or(0);
+    for row in rows.iter().filter(|row| row.contrast.is_identical) {
+        let label = &pairs[row.contrast.pair].other.estimator.label;
+        note(format!("{label} is the same on both sides: it is not tested"));
+    }
+    let contrasts: Vec<&Contrast> = rows.iter().map(|row| &row.contrast).collect();
+    let level = 1.0 - options.resampling.confidence;
+    if let Some(p) = smallest_reachable(&contrasts).filter(|p| *p >= level) {
+        let (tests, frames) = (
+            contrasts.iter().filter(|of| of.p_holm.is_some()).count(),
+            contrasts.iter().map(|of| of.frames).max().unwrap_or(0),
+        );
+        note(format!(
+            "no verdict is possible: with {} of {} the smallest p_holm that can be reached is {p:.3}, not below {}; take more frames, or fewer sides or `--scores`",
+            counted(tests, "test"),
+            counted(frames, "frame"),
+            (level * 1e8).round() / 1e8,
+        ));
+    }
+    let least = contrasts.iter().map(|of| of.frames).min().unwrap_or(0);
     if least < FEW {
         let s = if least == 1 { "" } else { "s" };
         note(format!("{least} frame{s}: intervals of so few are too narrow, and tests find little"));
     }
     notes
+}
+
+fn counted(count: usize, of: &str) -> String {
+    if count == 1 { format!("1 {of}") } else { format!("{count} {of}s") }
 }
 
 /// What the numbers are.
@@ -285,8 +314,9 @@ impl Shown<'_> {
             only_in_text: true,
             ..GridColumn::of(name, GridCells::Text(self.rows.iter().map(|row| Some(of(&row.contrast))).collect()))
         };
-        let plain = |value: f64, of: &Contrast| format!("{value:.*}", of.metric.decimals + 1);
-        let signed = |value: f64, of: &Contrast| format!("{value:+.*}", of.metric.decimals + 1);
+        let decimals = |of: &Contrast| options.typesetting.decimals.unwrap_or(of.metric.decimals + 1);
+        let plain = |value: f64, of: &Contrast| format!("{value:.*}", decimals(of));
+        let signed = |value: f64, of: &Contrast| format!("{value:+.*}", decimals(of));
         let number = |of: &dyn Fn(&Contrast) -> f64| contrast(&|row| (Some(of(row)), Some(plain(of(row), row))));
 
         let mut columns = vec![
@@ -315,10 +345,13 @@ impl Shown<'_> {
             shown("baseline", None, number(&|of| of.baseline)),
             shown("value", None, number(&|of| of.value)),
             shown("difference", None, contrast(&|of| (Some(of.difference()), Some(signed(of.difference(), of))))),
-            in_text(format!("{} interval", options.resampling.level()), &|of| match of.interval {
-                Some(interval) => format!("[{}, {}]", signed(interval.low, of), signed(interval.high, of)),
-                None => "-".to_owned(),
-            }),
+            GridColumn {
+                joins: true,
+                ..in_text(format!("{} interval", options.resampling.level()), &|of| match of.interval {
+                    Some(interval) => format!("[{}, {}]", signed(interval.low, of), signed(interval.high, of)),
+                    None => "-".to_owned(),
+                })
+            },
             hidden("difference_low", contrast(&|of| (of.interval.map(|of| of.low), None))),
             hidden("difference_high", contrast(&|of| (of.interval.map(|of| of.high), None))),
             GridColumn {

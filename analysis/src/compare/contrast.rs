@@ -1,5 +1,6 @@
 //! One score of a pair: the difference, how sure it is, and on how many frames it is which way.
 
+use depthloom_graphs::Key;
 use depthloom_scores::{Mean, Metric, ScoreRow};
 
 use super::{CompareOptions, Pair};
@@ -22,6 +23,8 @@ pub(super) struct Contrast {
     pub(super) ties: u64,
     pub(super) losses: u64,
     pub(super) test: Option<SignedRank>,
+    /// Whether both are the same node's values, scored in one way: there is nothing to test.
+    pub(super) is_identical: bool,
     /// The test's probability, corrected for all tests of the comparison.
     pub(super) p_holm: Option<f64>,
     pub(super) verdict: Verdict,
@@ -102,8 +105,9 @@ pub(super) fn contrasts(
     let intervals = options.resampling.intervals_of(&numbers, stop)?;
     samples.iter_mut().zip(intervals).for_each(|(sample, interval)| sample.contrast.interval = interval);
     let mut contrasts: Vec<Contrast> = samples.into_iter().map(|sample| sample.contrast).collect();
-    let tested: Vec<(usize, f64)> =
-        contrasts.iter().enumerate().filter_map(|(place, of)| Some((place, of.test?.p))).collect();
+    // What is one and the same cannot differ: it is no test, and would only weaken the others.
+    let differing = contrasts.iter().enumerate().filter(|(_, of)| !of.is_identical);
+    let tested: Vec<(usize, f64)> = differing.filter_map(|(place, of)| Some((place, of.test?.p))).collect();
     let corrected = holm(&tested.iter().map(|(_, p)| *p).collect::<Vec<_>>());
     for ((place, _), p) in tested.into_iter().zip(corrected) {
         contrasts[place].p_holm = Some(p);
@@ -113,6 +117,14 @@ pub(super) fn contrasts(
         contrast.verdict = contrast.judged(level);
     }
     Ok(contrasts)
+}
+
+/// The smallest corrected probability that as many tests of as many frames could have, were each difference of one sign; `None` without tests.
+pub(super) fn smallest_reachable(contrasts: &[&Contrast]) -> Option<f64> {
+    let tested: Vec<usize> = contrasts.iter().filter(|of| of.p_holm.is_some()).map(|of| of.frames).collect();
+    let most = *tested.iter().max()?;
+    let of_one_sign: Vec<f64> = (1..=most).map(|frame| frame as f64).collect();
+    Some((SignedRank::of(&of_one_sign)?.p * tested.len() as f64).min(1.0))
 }
 
 /// A score of a pair on the frames that both have it on; `None` if there is no such frame, or a data set's value does not follow from frames'.
@@ -143,6 +155,7 @@ fn sample(place: usize, pair: &Pair<'_>, metric: &'static Metric, mean: Mean) ->
         ties: ours.len() as u64 - wins - losses,
         losses,
         test: SignedRank::of(&differences),
+        is_identical: pair.is_identical(),
         p_holm: None,
         verdict: Verdict::Unclear,
     };
@@ -153,6 +166,20 @@ impl Pair<'_> {
     /// What a data set's value is taken over.
     pub(super) fn mean(&self, options: &CompareOptions) -> Mean {
         options.selection.mean.unwrap_or(self.baseline.estimator.mean)
+    }
+
+    /// Whether both are values of one node, on frames of equal source values, scored in one way.
+    fn is_identical(&self) -> bool {
+        fn node<'a>(of: &'a super::ScoredBy<'_>) -> Option<(&'a Key, &'a str)> {
+            let (topic, run) = (of.estimator.estimate.as_deref()?, &of.run.recording.plan().runs[of.estimator.run]);
+            run.nodes.iter().find_map(|node| {
+                let output = node.outputs.iter().find(|output| output.topic == topic)?;
+                Some((&node.recipe, output.port.as_str()))
+            })
+        }
+        let (one, two) = (self.baseline.estimator, self.other.estimator);
+        let is_one_node = node(&self.baseline).is_some() && node(&self.baseline) == node(&self.other);
+        is_one_node && one.settings == two.settings && one.truth == two.truth && self.paired.other_values == 0
     }
 
     /// Whether both were scored in one way; where not, a difference is also one of scoring.

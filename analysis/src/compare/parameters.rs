@@ -35,6 +35,12 @@ impl Changed {
     }
 }
 
+/// The differences of parameters between two plans, each with its node.
+pub(crate) fn parameter_changes(before: &RecordedPlan, after: &RecordedPlan) -> Vec<(String, Difference)> {
+    let all = changed((before, None), (after, None)).into_iter();
+    all.filter_map(|of| Some((of.node, of.difference?))).collect()
+}
+
 /// What differs between two plans, or a variant of each.
 pub(super) fn changed(before: (&RecordedPlan, Option<usize>), after: (&RecordedPlan, Option<usize>)) -> Vec<Changed> {
     let of = |(plan, variant): (&RecordedPlan, Option<usize>)| match variant {

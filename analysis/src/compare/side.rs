@@ -4,7 +4,7 @@ use depthloom_graphs::language::glob;
 use depthloom_recording::{RecordedPlan, Recording};
 
 use super::{CompareOptions, ComparedRun, no_such};
-use crate::ablation::{is_of, unknown};
+use crate::ablation::{each_names_one, is_of, unknown};
 use crate::error::AnalysisError;
 use crate::estimators::{Estimator, estimators};
 
@@ -100,6 +100,7 @@ pub(super) fn parties(
             let run = &estimators[party.run];
             party.entries.retain(|(_, label)| run.iter().any(|of| of.label == *label && is_of(of, pattern)));
         }
+        each_names_one(pattern, &estimators.concat())?;
         if found.iter().all(|(_, party)| party.entries.is_empty()) {
             let names = estimators.iter().flat_map(|run| crate::ablation::names_of(run)).collect::<Vec<_>>();
             return Err(unknown("estimator", pattern, names));

@@ -2,7 +2,7 @@
 
 use super::scores::{FAR, LINE_PT, Scores, axis_of, numbers, with_scores};
 use super::{Figure, FigureRequest, FigureRun};
-use crate::ablation::{Row, listed, unknown};
+use crate::ablation::{Factor, LevelMeans, Row, level_means, listed, unknown};
 use crate::colours::colour as colour_of;
 use crate::drawing::{Anchor, Fill, Stroke, colour};
 use crate::error::AnalysisError;
@@ -54,6 +54,35 @@ struct Point<'a> {
     levels: Vec<usize>,
     sum: f64,
     rows: u64,
+    /// The mean adjusted for the settings of the other parameters, where those are not the same at each point.
+    adjusted: Option<f64>,
+    /// Whether points of the same name can be compared at all.
+    is_confounded: bool,
+}
+
+/// The rows of one name that have no level on an axis: what no value of the parameter changes.
+struct Shared<'a> {
+    name: &'a str,
+    label: String,
+    mean: f64,
+    rows: u64,
+}
+
+fn shared_of<'a>(scores: &'a Scores<'_>, axis: usize) -> Vec<Shared<'a>> {
+    let without = || scores.rows.iter().filter(|row| scores.ablation.level(row, axis).is_none());
+    let mut found: Vec<Shared<'a>> = Vec::new();
+    for row in without() {
+        let (name, Some(value)) = (scores.of(row).name.as_str(), row.value(scores.metric)) else { continue };
+        match found.iter_mut().find(|known| known.name == name) {
+            Some(known) => {
+                known.label = format!("{name} without {}", scores.ablation.axes[axis].name);
+                known.rows += 1;
+                known.mean += (value - known.mean) / known.rows as f64;
+            }
+            None => found.push(Shared { name, label: scores.of(row).label.clone(), mean: value, rows: 1 }),
+        }
+    }
+    found
 }
 
 fn points<'a>(scores: &'a Scores<'_>, axes: &[usize]) -> Vec<Point<'a>> {
@@ -67,21 +96,57 @@ fn points<'a>(scores: &'a Scores<'_>, axes: &[usize]) -> Vec<Point<'a>> {
                 known.sum += value;
                 known.rows += 1;
             }
-            None => points.push(Point { name, levels, sum: value, rows: 1 }),
+            None => points.push(Point { name, levels, sum: value, rows: 1, adjusted: None, is_confounded: false }),
         }
     }
+    adjust(scores, axes, &mut points);
     points
+}
+
+/// Adjusts the means of points for the settings of the other parameters, name by name.
+fn adjust(scores: &Scores<'_>, axes: &[usize], points: &mut [Point<'_>]) {
+    let mut names: Vec<&str> = points.iter().map(|of| of.name).collect();
+    names.sort_unstable();
+    names.dedup();
+    for name in names {
+        let own = |row: &&Row| scores.of(row).name == name && row.value(scores.metric).is_some();
+        let rows: Vec<&Row> = scores.rows.iter().filter(own).collect();
+        let values: Vec<f64> = rows.iter().filter_map(|row| row.value(scores.metric)).collect();
+        let place = |row: &&Row| {
+            let levels: Vec<usize> =
+                axes.iter().map(|axis| scores.ablation.level(row, *axis)).collect::<Option<_>>()?;
+            points.iter().position(|of| of.name == name && of.levels == levels)
+        };
+        let focus = Factor { levels: points.len(), of_row: rows.iter().map(place).collect() };
+        let others: Vec<Factor> = (0..scores.ablation.axes.len())
+            .filter(|axis| !axes.contains(axis))
+            .map(|axis| Factor {
+                levels: scores.ablation.axes[axis].levels.len(),
+                of_row: rows.iter().map(|row| scores.ablation.level(row, axis)).collect(),
+            })
+            .collect();
+        match level_means(&values, &focus, &others.iter().collect::<Vec<_>>()) {
+            LevelMeans::Plain => {}
+            LevelMeans::Confounded => {
+                points.iter_mut().filter(|of| of.name == name).for_each(|of| of.is_confounded = true);
+            }
+            LevelMeans::Adjusted(means) => {
+                let found = points.iter_mut().zip(means).filter(|(_, mean)| mean.is_some());
+                found.for_each(|(point, mean)| point.adjusted = mean);
+            }
+        }
+    }
 }
 
 impl Point<'_> {
     fn value(&self) -> f64 {
-        self.sum / self.rows as f64
+        self.adjusted.unwrap_or(self.sum / self.rows as f64)
     }
 }
 
 /// The table of a figure's points, and of what is the same at each of them, which has no level.
-fn table(scores: &Scores<'_>, axes: &[usize], points: &[Point<'_>], shared: &[&Row]) -> Vec<u8> {
-    let names = points.iter().map(|of| of.name).chain(shared.iter().map(|row| scores.of(row).label.as_str()));
+fn table(scores: &Scores<'_>, axes: &[usize], points: &[Point<'_>], shared: &[Shared<'_>]) -> Vec<u8> {
+    let names = points.iter().map(|of| of.name).chain(shared.iter().map(|of| of.label.as_str()));
     let mut columns = vec![GridColumn::key("estimator", names.map(|name| Some(name.to_owned())).collect())];
     for (place, axis) in axes.iter().enumerate() {
         let axis = &scores.ablation.axes[*axis];
@@ -89,9 +154,9 @@ fn table(scores: &Scores<'_>, axes: &[usize], points: &[Point<'_>], shared: &[&R
         let cells = levels.chain(shared.iter().map(|_| None)).collect();
         columns.push(GridColumn::levels(&axis.name, cells, |_| axis.is_numeric));
     }
-    let rows = points.iter().map(|of| of.rows).chain(shared.iter().map(|_| 1));
+    let rows = points.iter().map(|of| of.rows).chain(shared.iter().map(|of| of.rows));
     columns.push(GridColumn::of("rows", GridCells::Count(rows.map(Some).collect())));
-    let values = points.iter().map(|of| Some(of.value())).chain(shared.iter().map(|row| row.value(scores.metric)));
+    let values = points.iter().map(|of| Some(of.value())).chain(shared.iter().map(|of| Some(of.mean)));
     columns.push(numbers(scores.name(), values.collect()));
     Grid { columns, ..Grid::default() }.sheet().csv()
 }
@@ -103,7 +168,15 @@ fn about(scores: &Scores<'_>, axes: &[usize], points: &[Point<'_>]) -> Result<St
         _ => String::new(),
     };
     let pixels = scores.ablation.about(&scores.rows, &scores.selection)?;
-    Ok(format!("{} against {}: {pixels}{over}", scores.name(), names.join(" and ")))
+    let adjusted = match points.iter().any(|of| of.adjusted.is_some()) {
+        true => ", adjusted by least squares for those that not every point has",
+        false => "",
+    };
+    let confounded = match points.iter().any(|of| of.is_confounded) {
+        true => ", which differ from point to point: points cannot be compared",
+        false => "",
+    };
+    Ok(format!("{} against {}: {pixels}{over}{adjusted}{confounded}", scores.name(), names.join(" and ")))
 }
 
 fn line(scores: &Scores<'_>, request: &FigureRequest, axis: usize) -> Result<Figure, AnalysisError> {
@@ -112,8 +185,8 @@ fn line(scores: &Scores<'_>, request: &FigureRequest, axis: usize) -> Result<Fig
     let mut names: Vec<&str> = points.iter().map(|of| of.name).collect();
     names.dedup();
     // What no value of the parameter changes is a level line.
-    let shared: Vec<&Row> = scores.rows.iter().filter(|row| scores.ablation.level(row, axis).is_none()).collect();
-    let shared_names = shared.iter().map(|row| scores.of(row).name.as_str());
+    let shared = shared_of(scores, axis);
+    let shared_names = shared.iter().map(|of| of.name);
     let all_names: Vec<&str> = scores
         .names()
         .into_iter()
@@ -144,14 +217,17 @@ fn line(scores: &Scores<'_>, request: &FigureRequest, axis: usize) -> Result<Fig
         }
     }
     let mut values: Vec<f64> = points.iter().map(Point::value).collect();
-    values.extend(shared.iter().filter_map(|row| row.value(scores.metric)));
+    values.extend(shared.iter().map(|of| of.mean));
     let mut panel = Panel::new(x, axis_of(&values, scores.label()));
     let mut legend = Vec::new();
-    for row in &shared {
-        let (Some(y), name) = (row.value(scores.metric), scores.of(row).label.as_str()) else { continue };
-        let stroke = Stroke::new(tint(&scores.of(row).name), LINE_PT).dashed(&[4.0, 2.5]);
-        panel.items.push(Item::Level { y, stroke: stroke.clone() });
-        legend.push(Entry::new(format!("{name}, the same for all"), Swatch::Line(stroke)));
+    for of in &shared {
+        let stroke = Stroke::new(tint(of.name), LINE_PT).dashed(&[4.0, 2.5]);
+        panel.items.push(Item::Level { y: of.mean, stroke: stroke.clone() });
+        let words = match of.rows {
+            1 => format!("{}, the same for all", of.label),
+            rows => format!("{} (mean of {rows})", of.label),
+        };
+        legend.push(Entry::new(words, Swatch::Line(stroke)));
     }
     let mut known: Vec<&str> = Vec::new();
     for name in points.iter().map(|of| of.name) {
@@ -215,7 +291,7 @@ fn heat_map(
             panel.items.push(Item::Cell { x: (x, x + 1.0), y: (y, y + 1.0), fill, words: written(value) });
         }
         // The best is marked: colours alone do not say which of two alike it is.
-        for point in of_name().filter(|of| Some(of.value()) == best) {
+        for point in of_name().filter(|of| Some(of.value()) == best && !of.is_confounded) {
             let at = (point.levels[0] as f64 + 0.5, point.levels[1] as f64 + 0.94);
             let tint = readable_on(bar.colour(point.value()));
             let (words, anchor) = ("best".to_owned(), Anchor::Middle);

@@ -99,7 +99,7 @@ impl Scores<'_> {
 
     /// Position, id and score of the frames of a row.
     fn frames(&self, row: &Row) -> Result<Vec<(u64, String, f64)>, AnalysisError> {
-        let (set, zone) = (self.ablation.set(&self.selection)?, self.ablation.zone(&self.selection)?);
+        let (set, zone) = (row.set, self.ablation.zone(&self.selection)?);
         let metric = self.ablation.metrics[self.metric];
         let frames = self.ablation.frames(row.estimator, set, zone).iter();
         let of_frame =
@@ -155,6 +155,7 @@ pub(super) fn frames(
         let labels: Vec<String> = rows.iter().rev().map(|row| scores.of(row).label.clone()).collect();
         let mut items = Vec::new();
         let (mut all, mut of, mut positions, mut ids) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        let mut sets = Vec::new();
         let mut fewest = u64::MAX;
         for (place, row) in rows.iter().enumerate() {
             let frames = scores.frames(row)?;
@@ -172,6 +173,7 @@ pub(super) fn frames(
             for (position, id, value) in frames {
                 all.push(value);
                 of.push(scores.of(row));
+                sets.push(Some(row.set.to_string()));
                 positions.push(Some(position));
                 ids.push(Some(id));
             }
@@ -184,10 +186,8 @@ pub(super) fn frames(
             Entry::new("the value of all frames", Swatch::Line(Stroke::new(BLACK, 1.1))),
         ];
         let drawing = request.sheet(Sheet { columns: 1, panels: vec![panel], legend, ..Sheet::default() })?;
-        let set = scores.ablation.set(&scores.selection)?;
-        let height = of.len();
         let mut columns = keys(&of);
-        columns.push(GridColumn::key("set", vec![Some(set.to_string()); height]));
+        columns.push(GridColumn::key("set", sets));
         columns.push(GridColumn::of("position", GridCells::Count(positions)));
         columns.push(GridColumn::key("frame", ids));
         columns.push(numbers(scores.name(), all.into_iter().map(Some).collect()));

@@ -16,17 +16,11 @@ pub(super) fn render(grid: &Grid) -> String {
     if grid.height() * blocks.len() > ROWS {
         text.push_str(&format!("% longer than a page: --top {} makes it shorter\n", ROWS / blocks.len()));
     }
-    text.push_str(&format!("\\begin{{{float}}}[t]\n\\centering\n\\caption{{{}.", capitalised(&escaped(&grid.about))));
-    if grid.is_marked() {
-        text.push_str(" Best in bold.");
-    }
-    for note in &grid.notes {
-        let note = escaped(note);
-        // A note on a column begins with its name, which is written as it is: `ms` is no `Ms`.
-        let of_column = note.split_whitespace().next().is_some_and(|word| word.ends_with(':'));
-        text.push_str(&format!(" {}.", if of_column { note } else { capitalised(&note) }));
-    }
-    text.push_str(&format!("}}\n\\label{{tab:{}}}\n", label(&grid.label)));
+    let caption = grid.caption.clone().unwrap_or_else(|| caption(grid));
+    text.push_str(&format!(
+        "\\begin{{{float}}}[t]\n\\centering\n\\caption{{{caption}}}\n\\label{{tab:{}}}\n",
+        label(&grid.label)
+    ));
     text.push_str("\\footnotesize\n\\setlength{\\tabcolsep}{4pt}\n");
     for (place, block) in blocks.iter().enumerate() {
         if place > 0 {
@@ -38,8 +32,23 @@ pub(super) fn render(grid: &Grid) -> String {
     text
 }
 
+/// What the numbers are, and notes.
+fn caption(grid: &Grid) -> String {
+    let mut text = format!("{}.", capitalised(&escaped(&grid.about)));
+    if grid.is_marked() {
+        text.push_str(" Best in bold.");
+    }
+    for note in &grid.notes {
+        let note = escaped(note);
+        // A note on a column begins with its name, which is written as it is: `ms` is no `Ms`.
+        let of_column = note.split_whitespace().next().is_some_and(|word| word.ends_with(':'));
+        text.push_str(&format!(" {}.", if of_column { note } else { capitalised(&note) }));
+    }
+    text
+}
+
 fn push_block(grid: &Grid, block: &[usize], text: &mut String) {
-    let columns = || block.iter().map(|&column| &grid.columns[column]);
+    let columns = || block.iter().map(|&column| &grid.columns[column]).filter(|column| !column.joins);
     let sides: String = columns().map(|column| if column.is_text() { 'l' } else { 'r' }).collect();
     let heads: Vec<String> = columns().map(heading).collect();
     text.push_str(&format!(
@@ -50,11 +59,16 @@ fn push_block(grid: &Grid, block: &[usize], text: &mut String) {
         if row > 0 && grid.gaps.contains(&row) {
             text.push_str("\\addlinespace\n");
         }
-        let cells = block.iter().map(|&column| {
+        let cell = |column: usize| {
             let cell = grid.text(row, column);
             let is_number = !grid.columns[column].is_text() || cell == "-" || cell.parse::<f64>().is_ok();
             let cell = if is_number { number(&cell) } else { escaped(&cell) };
             if grid.columns[column].cells.is_best(row) { format!("\\textbf{{{cell}}}") } else { cell }
+        };
+        // A score and its interval are one cell.
+        let cells = block.chunk_by(|_, next| grid.columns[*next].joins).map(|together| {
+            let has_text = |column: &&usize| !grid.columns[**column].joins || grid.text(row, **column) != "-";
+            together.iter().filter(has_text).map(|&column| cell(column)).collect::<Vec<_>>().join(" ")
         });
         text.push_str(&format!("{} \\\\\n", cells.collect::<Vec<_>>().join(" & ")));
     }
@@ -73,5 +87,8 @@ fn heading(column: &GridColumn) -> String {
 /// How wide a column is, in digits, with the gap behind it.
 fn wide(grid: &Grid, column: usize) -> usize {
     let cells = (0..grid.height()).map(|row| grid.text(row, column).chars().count());
+    if grid.columns[column].joins {
+        return cells.max().unwrap_or(0) + 1;
+    }
     cells.chain([grid.columns[column].heading("x", "x").chars().count()]).max().unwrap_or(0) + GAP
 }

@@ -8,6 +8,7 @@ fn grid() -> Grid {
     Grid {
         about: "all true pixels, preset paper, mean over 6 frames; 3 rows by abs_rel".to_owned(),
         label: "street_1-variants".to_owned(),
+        caption: None,
         columns: vec![
             GridColumn { only_in_files: true, ..GridColumn::key("estimator", text(["a/x", "b/x", "c/x"])) },
             GridColumn { once: true, ..GridColumn::levels("block", text(["3", "3", "9"]), |_| true) },

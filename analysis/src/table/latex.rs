@@ -18,14 +18,8 @@ pub(super) fn render(table: &Table) -> String {
     let wide = blocks.iter().map(|block| NAMES + block.iter().map(|part| width(table, part)).sum::<usize>()).max();
     let float = if wide.unwrap_or(0) <= COLUMN { "table" } else { "table*" };
     let mut text = format!("% \\usepackage{{booktabs}}\n\\begin{{{float}}}[t]\n\\centering\n");
-    text.push_str(&format!("\\caption{{{}.", capitalised(&escaped(&table.about()))));
-    if let Some(best) = table.best_of() {
-        text.push_str(&format!(" {} in bold.", capitalised(best)));
-    }
-    if table.with_paper {
-        text.push_str(" In brackets: Martins et al.\\ 2018, Table~I.");
-    }
-    text.push_str(&format!("}}\n\\label{{tab:{}}}\n", label(&table.experiment)));
+    let caption = table.caption.clone().unwrap_or_else(|| caption(table));
+    text.push_str(&format!("\\caption{{{caption}}}\n\\label{{tab:{}}}\n", label(&table.label)));
     text.push_str("\\footnotesize\n\\setlength{\\tabcolsep}{4pt}\n");
     for (place, block) in blocks.iter().enumerate() {
         if place > 0 {
@@ -34,6 +28,18 @@ pub(super) fn render(table: &Table) -> String {
         push_block(table, block, &mut text);
     }
     text.push_str(&format!("\\end{{{float}}}\n"));
+    text
+}
+
+/// What the numbers are.
+fn caption(table: &Table) -> String {
+    let mut text = format!("{}.", capitalised(&escaped(&table.about())));
+    if let Some(best) = table.best_of() {
+        text.push_str(&format!(" {} in bold.", capitalised(best)));
+    }
+    if table.with_paper {
+        text.push_str(" In brackets: Martins et al.\\ 2018, Table~I.");
+    }
     text
 }
 

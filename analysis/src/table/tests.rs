@@ -136,6 +136,37 @@ fn best_is_among_those_over_all_pixels() {
 }
 
 #[test]
+fn disparities_beside_depths_have_their_best_on_every_comparable_set() {
+    let d1 = Metric::named("d1").unwrap();
+    let disparity = |variant: &str| Estimator {
+        family: Family::Disparity,
+        settings: None,
+        metrics: vec![d1],
+        sets: PixelSet::ALL.to_vec(),
+        ..estimator(Some(variant), "disparity", &[])
+    };
+    let mut estimators = estimators();
+    estimators.extend([disparity("full"), disparity("no_scaling")]);
+    let mut scores = scores();
+    for frame in ["0", "1"] {
+        for (estimator, value) in [(5, 0.3), (6, 0.2)] {
+            for set in PixelSet::ALL {
+                let row = ScoreRow { pixels: 8, truth: 8, answered: 7, ..ScoreRow::new(set, "") }.with(d1, value);
+                scores.push(FrameScore { row, ..score(frame, estimator, set, 0.0) });
+            }
+        }
+    }
+    let table = table_of(&scores, &estimators, false);
+    let line = table.metrics.iter().position(|metric| metric.name == "d1").unwrap();
+    let marked: Vec<(&str, PixelSet)> = (0..table.columns.len())
+        .filter(|column| table.is_best(line, *column))
+        .map(|column| (table.columns[column].label.as_str(), table.columns[column].set))
+        .collect();
+    assert_eq!(marked, [("no_scaling/disparity", PixelSet::Filled), ("no_scaling/disparity", PixelSet::All)]);
+    assert!(table.latex().contains("\\textbf{") && table.markdown().contains("**"));
+}
+
+#[test]
 fn fault_02_frames_are_told_apart_by_their_place_and_not_by_their_id() {
     // The same frame asked for twice, and one of another street that happens to have its id.
     let mut scores = Vec::new();

@@ -165,15 +165,24 @@ pub fn plan_of_two_stages() -> Plan {
 pub fn record_unfinished(path: &Path, plan: &Plan, frames: &[u64]) {
     let recorder = Recorder::create(path, plan).unwrap();
     for (run, frames) in frames.iter().enumerate() {
-        (0..*frames).for_each(|index| record_frame(&recorder, run, index));
+        (0..*frames).for_each(|index| record_frame(&recorder, run, index, true));
     }
 }
 
 /// Records the fixture.
 pub fn record(path: &Path, plan: &Plan) {
+    record_with(path, plan, true);
+}
+
+/// Records the fixture, `b/mono` being absent where it failed.
+pub fn record_absent(path: &Path, plan: &Plan) {
+    record_with(path, plan, false);
+}
+
+fn record_with(path: &Path, plan: &Plan, fails: bool) {
     let recorder = Recorder::create(path, plan).unwrap();
     for index in 0..FRAMES {
-        record_frame(&recorder, 0, index);
+        record_frame(&recorder, 0, index, fails);
     }
     for (node, _) in plan.runs[0].nodes.iter().enumerate().filter(|(_, node)| node.contract == Contract::Once) {
         recorder.once(0, Slot::Node { node, port: 0 }, &Key::of_content(b"teacher"), &curve().into(), &[]).unwrap();
@@ -181,7 +190,7 @@ pub fn record(path: &Path, plan: &Plan) {
     recorder.finish(&[]).unwrap();
 }
 
-fn record_frame(recorder: &Recorder, run: usize, index: u64) {
+fn record_frame(recorder: &Recorder, run: usize, index: u64, fails: bool) {
     let frame = Frame::at_10_hz(format!("{index:06}_10"), index);
     let depth = |metres: &[f32]| -> Value {
         Depth { metres: Raster::from_raw(SIZE.0, SIZE.1, metres.to_vec()).unwrap() }.into()
@@ -202,7 +211,7 @@ fn record_frame(recorder: &Recorder, run: usize, index: u64) {
         recorder.encode(run, (index as usize, &frame), part, &of_part).unwrap()
     });
     let parts = parts.collect();
-    let failed = (0..ESTIMATORS.len()).filter(|&i| !answered(index, i));
+    let failed = (0..ESTIMATORS.len()).filter(|&i| fails && !answered(index, i));
     let failures: Vec<Failure> = failed.map(|node| Failure { node: Some(node), what: "failed".to_owned() }).collect();
     let source_key = Some(Key::build("source").number(index).finish());
     recorder

@@ -6,7 +6,7 @@ use std::fs;
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use depthloom_analysis::{AnalysisError, ReportOptions, Summary, report};
+use depthloom_analysis::{AnalysisError, Question, Ranking, ReportOptions, Selection, Summary, answer, report};
 use depthloom_graphs::contracts::Slot;
 use depthloom_graphs::plan::{Origin as Wire, Plan, PlannedInput};
 use depthloom_graphs::{Port, ValueType};
@@ -280,6 +280,20 @@ fn scores_of_frames_whose_maps_were_not_kept_count() {
     let samples: f64 = written[1..].iter().filter(of_a).map(|cells| number(&cells[6])).sum();
     let scored = |index| fixture::maps(index)[0].iter().filter(|t| **t < 80.0).count() as f64;
     assert_eq!(samples, [0, 3, 6].map(scored).iter().sum::<f64>());
+}
+
+#[test]
+fn frames_on_which_an_estimate_is_absent_without_a_failure_are_said() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("recording.mcap");
+    fixture::record_absent(&path, &fixture::plan(1, true));
+    let recording = Recording::open(&path).unwrap();
+    let summary = report(&recording, folder.path(), &ReportOptions::default(), &|| false).unwrap();
+    let note = "stage `compare`: means leave out 1 of 9 frames, on which there is no value of `b/mono`";
+    assert!(summary.text.starts_with("mean over 7 frames") && summary.text.contains(note), "{}", summary.text);
+    let question = Question::Ranking(Ranking::default());
+    let answer = answer(&recording, None, &Selection::default(), &question, &|| false).unwrap();
+    assert!(answer.terminal(200).contains(note), "{}", answer.terminal(200));
 }
 
 /// A report of a recording whose run was killed.

@@ -58,7 +58,7 @@ pub(super) fn put_together(
     let gaps = starts.iter().copied().filter(|at| *at > 0).collect();
     let columns = columns(&rows, several_runs, pairs.len() > 1, &resampling);
     let label = "compared-by-distance".to_owned();
-    let grid = Grid { about, label, columns, gaps, starts, notes };
+    let grid = Grid { about, label, caption: None, columns, gaps, starts, notes };
     DistanceComparison { pairs, grid, resampling, key }
 }
 
