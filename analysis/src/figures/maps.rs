@@ -3,10 +3,12 @@
 
 mod picture;
 
+use std::collections::BTreeMap;
+
 use depthloom_graphs::values::Raster;
 use depthloom_graphs::{Value, ValueType};
 use depthloom_recording::{RecordedPlan, Recording};
-use depthloom_scores::Settings;
+use depthloom_scores::{Align, Settings};
 
 use super::{Figure, FigureRequest, FigureRun, wrong_size};
 use crate::ablation::listed;
@@ -16,6 +18,7 @@ use crate::error::AnalysisError;
 use crate::estimators::{Estimator, estimators};
 use crate::grid::{Grid, GridCells, GridColumn};
 use crate::plot::{Axis, Bar, DIVERGING, HEADING_PT, LABEL_PT, SEQUENTIAL, TICK_PT, bars_room, draw_bars, fitting};
+use crate::scored_map::as_scored;
 use picture::{coloured, reduced};
 
 /// So many frames are shown where none are named, and at most.
@@ -55,6 +58,8 @@ struct Shown {
     truth: usize,
     settings: Settings,
     variant: Option<String>,
+    /// By topic of an estimate that is aligned before it is scored: how.
+    aligned: BTreeMap<usize, Settings>,
 }
 
 pub(super) fn panels(
@@ -70,7 +75,7 @@ pub(super) fn panels(
         if stop() {
             return Err(AnalysisError::Stopped);
         }
-        frames.push((position, reader.read(position)?));
+        frames.push((position, shown.as_scored(reader.read(position)?)));
     }
     shown.drawn(run.recording, &frames, request)
 }
@@ -114,6 +119,7 @@ impl Shown {
             truth: 0,
             settings: first.settings.unwrap_or_default(),
             variant,
+            aligned: BTreeMap::new(),
         };
         shown.truth = shown.topic(first.truth_topic.as_deref().unwrap_or_default());
         if let Some(image) = image(plan, run) {
@@ -126,8 +132,14 @@ impl Shown {
         in_order.sort_by_key(|of| ["stereo", "mono", "", "fus"].iter().position(|word| is_of(&of.name, word)));
         for of in in_order {
             let topic = shown.topic(of.estimate_topic.as_deref().unwrap_or_default());
+            let aligned = of.settings.filter(|settings| settings.align != Align::None);
+            let name = match &aligned {
+                Some(_) => format!("{}, aligned", of.name),
+                None => of.name.clone(),
+            };
+            aligned.into_iter().for_each(|settings| _ = shown.aligned.insert(topic, settings));
             depths.push((of.name.clone(), topic));
-            shown.rows.push(Row::Depth { name: of.name.clone(), topic });
+            shown.rows.push(Row::Depth { name, topic });
         }
         if let Some(weight) = weight(plan, run, shown.variant.as_deref()) {
             let topic = shown.topic(&weight);
@@ -147,6 +159,16 @@ impl Shown {
         let topic = shown.truth;
         shown.rows.push(Row::Depth { name: "truth".to_owned(), topic });
         Ok(shown)
+    }
+
+    /// A frame's maps, estimates as they are scored.
+    fn as_scored(&self, mut maps: Vec<Option<Value>>) -> Vec<Option<Value>> {
+        let Some(truth) = maps[self.truth].clone() else { return maps };
+        for (topic, settings) in &self.aligned {
+            let aligned = maps[*topic].as_ref().and_then(|estimate| as_scored(estimate, &truth, settings));
+            maps[*topic] = aligned.or_else(|| maps[*topic].take());
+        }
+        maps
     }
 
     fn topic(&mut self, topic: &str) -> usize {
@@ -375,17 +397,13 @@ fn weight(plan: &RecordedPlan, run: usize, variant: Option<&str>) -> Option<Stri
 }
 
 fn depth(value: &Option<Value>) -> Option<&Raster<f32>> {
-    match value {
-        Some(Value::Depth(depth)) => Some(&depth.metres),
-        _ => None,
-    }
+    value.as_ref().and_then(Value::metres)
 }
 
 fn size_of(value: &Value) -> Option<(u32, u32)> {
     match value {
-        Value::Depth(depth) => Some(depth.metres.dimensions()),
         Value::Weight(weight) => Some(weight.share.dimensions()),
-        _ => None,
+        other => other.metres().map(Raster::dimensions),
     }
 }
 

@@ -5,7 +5,7 @@ use std::collections::{BTreeSet, HashMap, HashSet};
 use depthloom_graphs::ValueType;
 use depthloom_graphs::contracts::Slot;
 use depthloom_recording::Recording;
-use depthloom_scores::PixelSet;
+use depthloom_scores::{Align, PixelSet, Settings};
 
 use crate::estimators::Estimator;
 use crate::scores::FrameScore;
@@ -46,7 +46,7 @@ impl Role {
 }
 
 /// A topic whose values the page shows.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub(super) struct Layer {
     pub(super) topic: String,
     /// Its name for people: the topic without its stage.
@@ -57,10 +57,12 @@ pub(super) struct Layer {
     /// Of an estimate: the estimators whose it is, and of the first of them the place of the truth among the layers.
     pub(super) estimators: Vec<usize>,
     pub(super) truth: Option<usize>,
+    /// How the first of them is scored, if it is aligned before: it is shown as it is scored.
+    pub(super) aligned: Option<Settings>,
 }
 
 /// A stage run whose maps the page shows.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub(super) struct Series {
     pub(super) run: usize,
     pub(super) layers: Vec<Layer>,
@@ -191,6 +193,9 @@ fn layers(
             value_type: output.value_type.clone(),
             estimators: of.cloned().unwrap_or_default(),
             truth: None,
+            aligned: of
+                .and_then(|of| estimators[*of.first()?].settings)
+                .filter(|settings| settings.align != Align::None),
         });
     }
     // Within a role as the plan has them.

@@ -6,7 +6,7 @@ use depthloom_recording::{RecordedFrame, RecordedPlan, Recording};
 use depthloom_scores::PixelSet;
 use serde_json::{Map, Value as Json, json};
 
-use super::choice::{self, Series};
+use super::choice::{self, Layer, Series};
 use super::pictures::Pictures;
 use super::planes::Scale;
 use crate::colours::colour;
@@ -191,7 +191,7 @@ pub(super) fn pictures(
                 "role": layer.role.name(),
                 "type": layer.value_type,
                 "scale": Scale::of(&layer.value_type, pictures.size.steps).map(Scale::json),
-                "labels": layer.estimators.iter().map(|&index| &estimators[index].label).collect::<Vec<_>>(),
+                "labels": layer.estimators.iter().map(|&index| label(&estimators[index], layer)).collect::<Vec<_>>(),
                 "estimators": layer.estimators.iter().filter_map(place).collect::<Vec<_>>(),
                 "truth": layer.truth,
                 "there": there,
@@ -220,6 +220,14 @@ pub(super) fn pictures(
         })
     };
     series.iter().zip(&pictures.there).map(one).collect()
+}
+
+/// What an estimate is called, and that it is shown aligned.
+fn label(estimator: &Estimator, layer: &Layer) -> String {
+    match &layer.aligned {
+        Some(settings) => format!("{} (aligned: {})", estimator.label, settings.align.name()),
+        None => estimator.label.clone(),
+    }
 }
 
 /// Learning curves.

@@ -155,17 +155,26 @@ function frameViews() {
 
   // Colours: the range of all depths of the first frame that is looked at, and of disparities and the like; errors have one that is always the same.
   const errorRange = (layer) => (state.relative ? [0.01, 1] : isDisparity(layer) ? [0.1, 20] : [0.05, 20]);
-  const rangeOf = (kind) => state.ranges.get(`${state.part.run} ${kind}`);
+  const rangeOf = (kind) => state.ranges.get(`${state.part.run} ${kind}`)?.range;
   const learnRange = (kind, map, scale) => {
     const key = `${state.part.run} ${kind}`;
-    if (kind === "weight" || kind === "mask") return state.ranges.set(key, [0, 1]);
+    if (kind === "weight" || kind === "mask") return state.ranges.set(key, { range: [0, 1] });
     const sample = [];
     for (let i = 0; i < map.codes.length; i += 7) { const number = numberAt(map, scale, i); if (number !== null) sample.push(number); }
     if (!sample.length) return undefined;
     sample.sort((a, b) => a - b);
     const [from, to] = [sample[Math.floor(0.01 * sample.length)], sample[Math.floor(0.99 * (sample.length - 1))]];
-    const old = state.ranges.get(key);
-    return state.ranges.set(key, old ? [Math.min(old[0], from), Math.max(old[1], to)] : [from, Math.max(to, from * 1.01 + 1e-6)]);
+    const maps = [...(state.ranges.get(key)?.maps ?? []), [from, Math.max(to, from * 1.01 + 1e-6)]];
+    return state.ranges.set(key, { maps, range: robust(maps, scale.log) });
+  };
+  /** What all maps span, but no farther from what most of them do than that is wide: one bad map does not make all others one colour. */
+  const robust = (maps, log) => {
+    const there = log ? (number) => Math.log(Math.max(number, 1e-6)) : (number) => number, back = log ? Math.exp : (number) => number;
+    const sorted = (end) => maps.map((map) => there(map[end])).sort((a, b) => a - b);
+    const [lows, highs] = [sorted(0), sorted(1)];
+    const [low, high] = [lows[lows.length >> 1], highs[(highs.length - 1) >> 1]];
+    const room = log ? Math.log(4) : Math.max(high - low, 0);
+    return [back(Math.max(lows[0], low - room)), back(Math.min(highs[highs.length - 1], high + room))];
   };
   const looks = new Map();
   /** The colour of each code. */

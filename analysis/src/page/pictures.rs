@@ -25,6 +25,7 @@ use super::choice::{Layer, Role, Series};
 use super::planes::{COARSE, FINE, Samples, Scale, Steps, packed, text};
 use crate::error::{AnalysisError, caught};
 use crate::files::Output;
+use crate::scored_map::as_scored;
 
 /// The most bytes that the pictures take with the numbers of the page: with all else it has less than 40 MB.
 const MOST: u64 = 38_500_000;
@@ -245,6 +246,7 @@ fn frame(
     let (truths, others): (Vec<usize>, Vec<usize>) =
         (0..layers.len()).partition(|&place| layers[place].role == Role::Truth);
     let first_image = layers.iter().position(|layer| layer.role == Role::Image);
+    let mut truth_values: BTreeMap<usize, Value> = BTreeMap::new();
     for places in truths.chunks(TOPICS_AT_ONCE).chain(others.chunks(TOPICS_AT_ONCE)) {
         let topics: Vec<&str> = places.iter().map(|&place| layers[place].topic.as_str()).collect();
         let values = match recording.reader(series.run, &topics).and_then(|mut reader| reader.read(position)) {
@@ -258,10 +260,17 @@ fn frame(
         for (&place, value) in places.iter().zip(values) {
             let Some(value) = value else { continue };
             let layer = &layers[place];
+            let value = match (&layer.aligned, layer.truth.and_then(|truth| truth_values.get(&truth))) {
+                (Some(settings), Some(truth)) => as_scored(&value, truth, settings).unwrap_or(value),
+                _ => value,
+            };
             lines[place] = match &value {
                 Value::Image(image) => jpeg(image, if first_image == Some(place) { size.image } else { size.other })?,
                 value => map(value, layer, size, &mut grids),
             };
+            if layer.role == Role::Truth {
+                truth_values.insert(place, value);
+            }
         }
     }
     let text = lines.join(&b'\n');

@@ -44,6 +44,10 @@ function scoreTable() {
     const order = column.text && !column.numeric ? String(x).localeCompare(String(y), "en", { numeric: true }) : x - y;
     return state.down ? -order : order;
   };
+  // Of many rows the best come first: in the order of the file they would be anywhere.
+  if (T.rows.length > 24) {
+    state.sort = ["abs_rel", "d1", "epe"].map((name) => columns.find((column) => column.metric?.name === name)).find(Boolean) ?? columns.find((column) => column.metric && !column.metric.more) ?? null;
+  }
   const body = el("tbody"), head = el("tr"), more = el("p", { className: "quiet" });
   const show = () => {
     head.replaceChildren(...columns.map((column) => {
