@@ -284,15 +284,24 @@ impl<'a> Board<'a> {
         let mut settings: Vec<(String, Vec<Option<String>>)> = Vec::new();
         let first = self.runs[0].recording.plan();
         for (run, of) in self.runs.iter().enumerate().skip(1) {
+            let mut changed: Vec<String> = Vec::new();
             for (node, difference) in parameter_changes(first, of.recording.plan()) {
                 let Difference::Parameter { path, before, after } = difference else { continue };
-                let name = format!("{node}.{path}");
+                // `stage.node of variants`: what all of them change alike is one setting.
+                let of_all = format!("{}.{path}", node.split(" of ").next().unwrap_or(&node));
+                let value = text(&after);
+                let is_other = |(name, values): &(String, Vec<Option<String>>)| *name == of_all && values[run] != value;
+                let name = match changed.contains(&of_all) && settings.iter().any(is_other) {
+                    true => format!("{node}.{path}"),
+                    false => of_all,
+                };
+                changed.push(name.clone());
                 let place = settings.iter().position(|(known, _)| *known == name).unwrap_or_else(|| {
                     // What a run does not change is as in the first one.
                     settings.push((name, vec![text(&before); self.runs.len()]));
                     settings.len() - 1
                 });
-                settings[place].1[run] = text(&after);
+                settings[place].1[run] = value;
             }
         }
         settings
