@@ -296,8 +296,7 @@ fn no_stage(root: &Node, path: &Path<'_>, first: &str, scope: Scope) -> Unknown 
             let what = format!("{} changes one node at a time, not all `stages`", scope.describe());
             return path.unknown(0, what, Some(format!("e.g. `{}`", example(root))));
         };
-        let what = "a path begins with the name of a stage itself";
-        return path.unknown(0, what, Some(format!("leave out `stages.`: `{rest}`")));
+        return begins_with_stages(root, path, rest, scope);
     }
     if names::EXPERIMENT_KEYS.contains(&first) {
         let what = format!("{} cannot change `{first}`", scope.describe());
@@ -318,6 +317,21 @@ fn no_stage(root: &Node, path: &Path<'_>, first: &str, scope: Scope) -> Unknown 
     }
     let help = names::suggestion(first, "a path begins with one of", &known);
     path.unknown(0, format!("there is no stage `{first}`"), help)
+}
+
+/// Of a path that begins with `stages.`: what it has to be, or what would be wrong with that.
+fn begins_with_stages(root: &Node, path: &Path<'_>, rest: &str, scope: Scope) -> Unknown {
+    let meant = match rest.split_once(".nodes.") {
+        Some((stage, below)) if !stage.contains('.') => format!("{stage}.{below}"),
+        _ => rest.to_owned(),
+    };
+    match located(root, &meant, scope) {
+        Ok(_) => {
+            let what = "a path begins with the name of a stage itself";
+            path.unknown(0, what, Some(format!("leave out `stages.`: `{meant}`")))
+        }
+        Err(Unknown { what, help, .. }) => Unknown { range: 0..path.text.len(), what, help },
+    }
 }
 
 /// A path that would name something in this experiment.
