@@ -99,11 +99,12 @@ def main():
     arguments = argparse.ArgumentParser()
     arguments.add_argument("frames", type=pathlib.Path, help="the data set's `training` folder")
     arguments.add_argument("--threads", type=int, default=2)
+    arguments.add_argument("--count", type=int, default=6, help="how many frames from 150 on")
     arguments = arguments.parse_args()
     cv2.setNumThreads(arguments.threads)
     started = time.perf_counter()
     rows = {}
-    for index in range(150, 156):
+    for index in range(150, 150 + arguments.count):
         name = f"{index:06d}_10.png"
         left, right = (
             cv2.cvtColor(cv2.imread(str(arguments.frames / side / name)), cv2.COLOR_BGR2GRAY) for side in ("image_2", "image_3"))

@@ -12,5 +12,5 @@ cd "$(dirname "$0")/.."
 . bench/shared.sh
 
 peer venv-analysis 'numpy, pandas, polars, pyarrow' numpy pandas polars pyarrow
-cargo build --quiet --release
-exec "$venv/bin/python" bench/analysis.py "$target/release/depthloom" "$target/analysis-samples" "$@"
+build
+exec "$venv/bin/python" bench/analysis.py "$programs/depthloom" "$target/analysis-samples" "$@"

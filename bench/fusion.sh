@@ -14,5 +14,5 @@ if [ ! -d "$shared/oracle" ]; then
     exit 0
 fi
 peer bench-venv 'cv2, numpy' numpy 'opencv-python-headless==5.0.*'
-cargo build --release --quiet -p depthloom-kernels --example fusion_chain
-exec "$venv/bin/python" bench/fusion.py --shared "$shared" --ours "$target/release/examples/fusion_chain" "$@"
+build -p depthloom-kernels --example fusion_chain
+exec "$venv/bin/python" bench/fusion.py --shared "$shared" --ours "$programs/examples/fusion_chain" "$@"

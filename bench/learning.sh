@@ -10,7 +10,7 @@ cd "$(dirname "$0")/.."
 . bench/shared.sh
 peer venv-tensorflow 'tensorflow, numpy' tensorflow-cpu numpy
 # With the whole program's features, so that no dependency is compiled twice.
-cargo build --release --quiet -p depthloom -p depthloom-learning --example steps
+build -p depthloom -p depthloom-learning --example steps
 for threads in 1 2; do
-    "$venv/bin/python" bench/learning.py --ours "$target/release/examples/steps" --threads "$threads" "$@"
+    "$venv/bin/python" bench/learning.py --ours "$programs/examples/steps" --threads "$threads" "$@"
 done

@@ -3,13 +3,13 @@
 # that the program renders, and on KITTI's frames where they are. docs/tutorial/own-ablation.md goes the same way, with a word on every step.
 # Prints the answers, and a line `newcomer NAME PHASE SECONDS` for every phase.
 #
-#   bench/newcomer.sh              KITTI: ../shared (or DEPTHLOOM_SHARED), or KITTI_STEREO_2015
+#   bench/newcomer.sh [FRAMES]     FRAMES: 16 of the street and 20 of KITTI unless it is given; KITTI: ../shared (or DEPTHLOOM_SHARED), or KITTI_STEREO_2015
 set -euo pipefail
 cd "$(dirname "$0")/.."
 . bench/shared.sh
 export KITTI_STEREO_2015=${KITTI_STEREO_2015:-$shared/data/kitti_stereo_2015}
-cargo build --release --quiet
-PATH=$target/release:$PATH
+build
+PATH=$programs:$PATH
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 
@@ -34,10 +34,10 @@ path() {
 }
 
 times=
-path street experiments/sgbm-ablation.yaml 0..16
+path street experiments/sgbm-ablation.yaml "0..${1:-16}"
 if [ -d "$KITTI_STEREO_2015/training/disp_noc_0" ]; then
     # Twenty frames that have a truth: with six, eleven comparisons are never sure.
-    path kitti experiments/sgbm-ablation-kitti.yaml '1..=20 available'
+    path kitti experiments/sgbm-ablation-kitti.yaml "1..=${1:-20} available"
 else
     echo "SKIPPED bench/newcomer.sh, kitti: $KITTI_STEREO_2015 is absent (it holds the frames)" >&2
 fi

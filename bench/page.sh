@@ -11,20 +11,18 @@ if [ -z "$chromium" ]; then
   echo "SKIPPED bench/page.sh: there is no Chromium here" >&2
   exit 0
 fi
-target=${CARGO_TARGET_DIR:-$PWD/target}
-cargo build --release --quiet
+. bench/shared.sh
+build
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
-"$target/release/depthloom" run experiments/table1.yaml --quiet --fresh --no-page --out "$work/run" --set sources.train.with.frames=0..8 --set learn.teacher.with.steps=60 \
+"$programs/depthloom" run experiments/table1.yaml --quiet --fresh --no-page --out "$work/run" --set sources.train.with.frames=0..8 --set learn.teacher.with.steps=60 \
   --set "sources.test.with.frames=0..$frames" >/dev/null
-timed() { # NAME ARGUMENTS...
-  local name=$1 begun ended
+report() { # NAME ARGUMENTS...
+  local name=$1
   shift
-  begun=$(date +%s.%N)
-  "$target/release/depthloom" report "$work/run" --out "$work/report" "$@" >/dev/null
-  ended=$(date +%s.%N)
-  echo "page $name $(python3 -c "print(f'{$ended - $begun:.1f}')")"
+  timed "$programs/depthloom" report "$work/run" --out "$work/report" "$@" >/dev/null
+  echo "page $name $wall_s"
 }
-timed report-without-s --no-page
-timed report-with-s
+report report-without-s --no-page
+report report-with-s
 python3 bench/page.py "$chromium" "$work/report/report.html" "$rounds"

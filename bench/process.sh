@@ -10,5 +10,5 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 . bench/shared.sh
 peer process-bench-venv 'numpy, pyarrow, dora' 'numpy==2.4.*' 'pyarrow>=17' 'dora-rs==1.1.0' 'dora-rs-cli==1.1.0'
-cargo build --release --quiet -p depthloom -p depthloom-nodes --example process_call
-exec "$venv/bin/python" bench/process.py --ours "$target/release/examples/process_call" "$@"
+build -p depthloom -p depthloom-nodes --example process_call
+exec "$venv/bin/python" bench/process.py --ours "$programs/examples/process_call" "$@"

@@ -6,11 +6,28 @@ case "$shared" in
     *) shared=$PWD/$shared ;;
 esac
 target=${CARGO_TARGET_DIR:-$PWD/target}
+# The folder of our programs. Where DEPTHLOOM_BENCH_PROGRAMS names it, they are built already, and nothing is built: the tests do so.
+programs=${DEPTHLOOM_BENCH_PROGRAMS:-$target/release}
+
+# build ARGUMENT...: builds our programs, with these arguments of `cargo build`.
+build() {
+    if [ -z "${DEPTHLOOM_BENCH_PROGRAMS:-}" ]; then
+        cargo build --release --quiet "$@"
+    fi
+}
+
+# timed COMMAND...: runs a command, and sets `wall_s` to the seconds that its process took, from its start to its end.
+timed() {
+    local begin
+    begin=$(date +%s.%N)
+    "$@"
+    wall_s=$(date +%s.%N | awk -v begin="$begin" '{ printf "%.3f", $1 - begin }')
+}
 
 # peer NAME MODULES PACKAGE...: `venv` becomes the virtual environment NAME under target/, which has the packages; they are installed where the modules cannot be
-# imported.
+# imported. DEPTHLOOM_BENCH_VENV names another environment, which is expected to have them.
 peer() {
-    venv=$target/$1
+    venv=${DEPTHLOOM_BENCH_VENV:-$target/$1}
     local modules=$2
     shift 2
     if ! "$venv/bin/python" -c "import $modules" 2>/dev/null; then
