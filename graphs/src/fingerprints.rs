@@ -69,6 +69,7 @@ mod tests {
             auto: Vec::new(),
             inputs: vec![PlannedInput { port: Port::frame("depth", ValueType::Depth, "Any."), from, shown: None }],
             outputs: Vec::new(),
+            observes: None,
             recipe: Key::of_content(name.as_bytes()),
             variants: vec![0],
         }

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
 
-use crate::contracts::{Contract, Port, Slot};
+use crate::contracts::{Contract, Fault, Frame, Observation, Port, Slot};
 use crate::key::Key;
 use crate::language::glob;
 
@@ -152,6 +152,8 @@ pub struct PlannedNode {
     pub inputs: Vec<PlannedInput>,
     /// Its output ports, in the order of the declaration.
     pub outputs: Vec<PlannedOutput>,
+    /// What it observes of a frame besides its inputs; see [`Signature::observes`](crate::contracts::Signature::observes).
+    pub observes: Option<Observation>,
     /// `H(kind, version, parameters, recipes of inputs)`; of a plan made [`ready`](crate::ready), with the fingerprints of the engines
     /// of this machine that the node and those before it run in.
     pub recipe: Key,
@@ -160,6 +162,14 @@ pub struct PlannedNode {
 }
 
 impl PlannedNode {
+    /// A hash of the files that the node reads by itself for a frame; `None` if it reads none.
+    ///
+    /// # Errors
+    /// The file that cannot be read.
+    pub fn files_content(&self, frame: &Frame) -> Result<Option<Key>, Fault> {
+        self.observes.as_ref().map_or(Ok(None), |observes| observes.content(frame))
+    }
+
     /// The variants it serves, named, for messages: empty where it serves all.
     #[must_use]
     pub fn variant_names<'a>(&self, plan: &'a Plan) -> Vec<&'a str> {

@@ -2,8 +2,26 @@
 //!
 //! A node has one key a frame; each of its output ports derives its own from it, so that two outputs of a node differ.
 //! Inputs are listed in the order of the node's declaration, `None` where a port is unwired or its value absent.
+//! What a node observes of a frame besides its inputs is part of its key on that frame.
 
+use crate::contracts::Frame;
 use crate::key::{Key, KeyBuilder};
+
+/// What a node observes of a frame besides its inputs.
+#[derive(Clone, Copy, Debug)]
+pub struct Observed<'a> {
+    /// Which frame it is: id, index and time.
+    pub frame: &'a Frame,
+    /// The content of the files that it reads by itself; see [`Observation::content`](crate::contracts::Observation::content).
+    pub files: Option<Key>,
+}
+
+impl Observed<'_> {
+    fn add_to(&self, builder: KeyBuilder) -> KeyBuilder {
+        let Frame { id, index, time_ns } = self.frame;
+        optional(builder.text(id).number(*index).number(*time_ns), self.files.as_ref())
+    }
+}
 
 /// The key of one output port of a node, or of a source's frame, from the key they share.
 #[must_use]
@@ -11,18 +29,24 @@ pub fn port(of: &Key, port: &str) -> Key {
     Key::build("port").key(of).text(port).finish()
 }
 
-/// The key of a pure node's values on one frame: its recipe and the keys of its inputs on that frame.
+/// The key of a pure node's values on one frame: its recipe, the keys of its inputs on that frame, and what it observes of the frame, if
+/// it observes anything.
 #[must_use]
-pub fn pure(recipe: &Key, inputs: &[Option<Key>]) -> Key {
-    with_inputs(Key::build("pure").key(recipe), inputs).finish()
+pub fn pure(recipe: &Key, observed: Option<Observed<'_>>, inputs: &[Option<Key>]) -> Key {
+    let builder = with_inputs(Key::build("pure").key(recipe), inputs);
+    match observed {
+        Some(observed) => observed.add_to(builder.number(1)).finish(),
+        None => builder.number(0).finish(),
+    }
 }
 
-/// The key of an ordered node's values on one frame: its recipe, its key on the frame before, and its inputs.
+/// The key of an ordered node's values on one frame: its recipe, its key on the frame before, its inputs, and what it observes of the frame.
 ///
 /// `previous` is `None` on the first frame.
 #[must_use]
-pub fn ordered(recipe: &Key, previous: Option<&Key>, inputs: &[Option<Key>]) -> Key {
-    with_inputs(optional(Key::build("ordered").key(recipe), previous), inputs).finish()
+pub fn ordered(recipe: &Key, previous: Option<&Key>, observed: Observed<'_>, inputs: &[Option<Key>]) -> Key {
+    let builder = with_inputs(optional(Key::build("ordered").key(recipe), previous), inputs);
+    observed.add_to(builder).finish()
 }
 
 /// The key of the once-values an ordered node gives after its last frame; `last` is its key on that frame.
@@ -50,28 +74,49 @@ fn optional(builder: KeyBuilder, key: Option<&Key>) -> KeyBuilder {
 
 #[cfg(test)]
 mod tests {
-    use super::{finished, once, ordered, port, pure};
-    use crate::Key;
+    use super::{Observed, finished, once, ordered, port, pure};
+    use crate::{Frame, Key};
 
     #[test]
     fn a_key_changes_with_recipe_input_and_place_of_the_input() {
         let (recipe, a, b) = (Key::of_content(b"recipe"), Key::of_content(b"a"), Key::of_content(b"b"));
-        let key = pure(&recipe, &[Some(a), Some(b)]);
-        assert_eq!(key, pure(&recipe, &[Some(a), Some(b)]));
-        assert_ne!(key, pure(&recipe, &[Some(b), Some(a)]));
-        assert_ne!(key, pure(&recipe, &[Some(a), None]));
-        assert_ne!(key, pure(&a, &[Some(a), Some(b)]));
+        let key = pure(&recipe, None, &[Some(a), Some(b)]);
+        assert_eq!(key, pure(&recipe, None, &[Some(a), Some(b)]));
+        assert_ne!(key, pure(&recipe, None, &[Some(b), Some(a)]));
+        assert_ne!(key, pure(&recipe, None, &[Some(a), None]));
+        assert_ne!(key, pure(&a, None, &[Some(a), Some(b)]));
         assert_ne!(key, once(&recipe, &[Some(a), Some(b)]));
     }
 
     #[test]
     fn ordered_keys_remember_every_frame_before() {
         let (recipe, input) = (Key::of_content(b"recipe"), [Some(Key::of_content(b"input"))]);
-        let first = ordered(&recipe, None, &input);
-        let second = ordered(&recipe, Some(&first), &input);
+        let frame = Frame::at_10_hz("a", 0);
+        let observed = Observed { frame: &frame, files: None };
+        let first = ordered(&recipe, None, observed, &input);
+        let second = ordered(&recipe, Some(&first), observed, &input);
         assert_ne!(first, second);
         assert_ne!(finished(&recipe, Some(&first)), finished(&recipe, Some(&second)));
         assert_ne!(finished(&recipe, None), finished(&recipe, Some(&first)));
+    }
+
+    #[test]
+    fn the_frame_and_the_files_that_a_node_observes_are_in_its_key() {
+        let (recipe, input) = (Key::of_content(b"recipe"), [Some(Key::of_content(b"input"))]);
+        let frame = Frame::at_10_hz("a", 0);
+        let others = [
+            (Frame { id: "b".into(), ..frame.clone() }, None),
+            (Frame { index: 1, ..frame.clone() }, None),
+            (Frame { time_ns: 1, ..frame.clone() }, None),
+            (frame.clone(), Some(Key::of_content(b"predictions"))),
+        ];
+        let observed = Observed { frame: &frame, files: None };
+        for (frame, files) in &others {
+            let other = Observed { frame, files: *files };
+            assert_ne!(ordered(&recipe, None, observed, &input), ordered(&recipe, None, other, &input), "{other:?}");
+            assert_ne!(pure(&recipe, Some(observed), &input), pure(&recipe, Some(other), &input), "{other:?}");
+        }
+        assert_ne!(pure(&recipe, Some(observed), &input), pure(&recipe, None, &input));
     }
 
     #[test]

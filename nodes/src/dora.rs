@@ -2,7 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use depthloom_graphs::contracts::{Argument, Contract, DataPath, DeclaredPorts, NodeDeclaration, Signature};
+use depthloom_graphs::contracts::{
+    Argument, Contract, DataPath, DeclaredPorts, NodeDeclaration, Observation, Signature,
+};
 use depthloom_graphs::{Fault, Instance, Key, Node, Rate, ValueType};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -107,7 +109,9 @@ the metadata, on both ways; an answer without them has the size of the first map
     }
 
     fn signature(params: &DoraParams) -> Option<Signature> {
-        Some(params.ports.signature(Contract::Pure))
+        // Its messages say which frame they are of.
+        let observes = Some(Observation::default());
+        Some(Signature { observes, ..params.ports.signature(Contract::Pure) })
     }
 
     fn check(params: &DoraParams) -> Result<(), (&'static str, String)> {

@@ -29,7 +29,7 @@ use crate::once::is_once;
 use crate::options::Audit;
 use crate::panics::fault;
 use crate::reuse::{FramePlan, Reuse};
-use crate::stage::{FrameNode, Stage};
+use crate::stage::{FrameNode, Stage, process_pure};
 use crate::warnings::Warnings;
 
 /// How the kinds begin that run a program.
@@ -372,10 +372,13 @@ impl<'s, 'a, T: Tap> Auditor<'s, 'a, T> {
         let mut ctx = Context::new(&host, &mut scratch);
         let position = values.position;
         let made = caught(|| -> Result<Outputs, Fault> {
-            match step.checked_sub(1).map(|node| &self.stage.nodes[node]) {
+            match step.checked_sub(1).map(|node| (&self.stage.nodes[node], &self.stage.plan.nodes[node])) {
                 None => Ok(self.stage.source.read(position, &mut ctx)?.outputs),
-                Some(FrameNode::Pure(node)) => node.process(&Inputs::new(&producer.inputs, &inputs), &mut ctx),
-                Some(FrameNode::Ordered(_) | FrameNode::Once) => Err(Fault::new("it has memory")),
+                Some((FrameNode::Pure(node), planned)) => {
+                    let frame = &self.stage.source.frames()[position];
+                    process_pure(&**node, planned, frame, &Inputs::new(&producer.inputs, &inputs), &mut ctx)
+                }
+                Some((FrameNode::Ordered(_) | FrameNode::Once, _)) => Err(Fault::new("it has memory")),
             }
         });
         let made = made.unwrap_or_else(|panic| Err(fault(panic))).and_then(|made| made.in_order_of(&producer.outputs));

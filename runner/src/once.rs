@@ -251,7 +251,7 @@ impl<T: Tap> OnceWork<'_, T> {
     }
 
     /// What of the stage's frames need not be made again.
-    pub(crate) fn reuse(&self, graph: &FrameGraph, source: &dyn Source) -> Option<Reuse<'_>> {
+    pub(crate) fn reuse<'s>(&'s self, graph: &FrameGraph, source: &'s dyn Source) -> Option<Reuse<'s>> {
         let permit = self.common.budget.permit();
         let reuse =
             Reuse::new(self.run, &self.plan.runs[self.run], graph, source, self.common.tap, &self.host(None, None));

@@ -9,7 +9,8 @@ use std::sync::OnceLock;
 
 use depthloom_graphs::contracts::{Contract, Held, Holding, Slot, Store, Tap};
 use depthloom_graphs::plan::StageRun;
-use depthloom_graphs::{Fault, Host, Key, Source, Value, value_keys};
+use depthloom_graphs::value_keys::{self, Observed};
+use depthloom_graphs::{Fault, Frame, Host, Key, Source, Value};
 
 use crate::frame_graph::{Feed, FrameGraph};
 use crate::once::is_once;
@@ -96,6 +97,7 @@ pub(crate) struct Finished {
 pub(crate) struct Reuse<'a> {
     store: &'a dyn Store,
     plan: &'a StageRun,
+    frames: &'a [Frame],
     run: usize,
     /// By node; of ordered nodes alone.
     chains: Vec<Option<Chain>>,
@@ -111,14 +113,14 @@ impl<'a> Reuse<'a> {
         run: usize,
         plan: &'a StageRun,
         graph: &FrameGraph,
-        source: &dyn Source,
+        source: &'a dyn Source,
         tap: &'a T,
         host: &dyn Host,
     ) -> Option<Self> {
         let store = tap.store()?;
         let chains = plan.nodes.iter().map(|node| (node.contract == Contract::Ordered).then(Chain::default)).collect();
         let finished = plan.nodes.iter().map(|_| None).collect();
-        let mut reuse = Self { store, plan, run, chains, finished, written: tap.written(run) };
+        let mut reuse = Self { store, plan, frames: source.frames(), run, chains, finished, written: tap.written(run) };
         if reuse.chains.iter().any(Option::is_some) {
             let keys = source_keys(source, store, host);
             for (position, key) in keys.iter().enumerate() {
@@ -248,12 +250,16 @@ impl<'a> Reuse<'a> {
             }
             keys.push(key);
         }
-        let recipe = &self.plan.nodes[node].recipe;
+        let planned = &self.plan.nodes[node];
+        let frame = &self.frames[position];
+        // What cannot be read is reported when the node runs.
+        let files = planned.files_content(frame).map_err(|_| Unknown)?;
+        let observed = Observed { frame, files };
         match &self.chains[node] {
-            None => Ok(Some(value_keys::pure(recipe, &keys))),
+            None => Ok(Some(value_keys::pure(&planned.recipe, planned.observes.is_some().then_some(observed), &keys))),
             Some(chain) => {
                 let before = chain.before.get(position).ok_or(Unknown)?;
-                Ok(Some(value_keys::ordered(recipe, before.as_ref(), &keys)))
+                Ok(Some(value_keys::ordered(&planned.recipe, before.as_ref(), observed, &keys)))
             }
         }
     }

@@ -5,9 +5,10 @@ use std::sync::{Arc, Mutex};
 
 use crossbeam::channel::Sender;
 use depthloom_graphs::contracts::{Slot, StoredValue, Tap, TapError, Warned};
-use depthloom_graphs::plan::StageRun;
+use depthloom_graphs::plan::{PlannedNode, StageRun};
+use depthloom_graphs::value_keys::{self, Observed};
 use depthloom_graphs::{
-    Context, Fault, Host as _, Inputs, Key, Outputs, Port, PureNode, Scratch, Source, Value, value_keys,
+    Context, Fault, Frame, Host as _, Inputs, Key, Outputs, Port, PureNode, Scratch, Source, Value,
 };
 
 use crate::audit::{Auditor, Sampler};
@@ -402,32 +403,39 @@ impl<'a, T: Tap> Stage<'a, T> {
             return Settled { outcome, spent: Spent::default() };
         }
         let producer = &self.graph.producers[step];
-        let recipe = &self.plan.nodes[node].recipe;
+        let planned = &self.plan.nodes[node];
+        let (recipe, instant) = (&planned.recipe, &self.source.frames()[frame.position]);
         let (watch, host) = (worker.start(), self.host(Some(node), frame.position));
         let inputs = Inputs::new(&producer.inputs, &worker.inputs);
         let mut ctx = Context::new(&host, &mut worker.scratch);
         let in_order = |given: Outputs| given.in_order_of(&producer.outputs);
         let fired = match &self.nodes[node] {
             FrameNode::Pure(pure) => {
-                let fired = caught(|| pure.process(&inputs, &mut ctx)).unwrap_or_else(|panic| Err(fault(panic)));
-                fired.and_then(in_order).map(|values| (values, value_keys::pure(recipe, &worker.keys)))
+                let process = || process_pure(&**pure, planned, instant, &inputs, &mut ctx);
+                let processed = with_files(planned, instant, || caught(process).unwrap_or_else(|p| Err(fault(p))));
+                processed.and_then(|(given, files)| {
+                    let observed = planned.observes.as_ref().map(|_| Observed { frame: instant, files });
+                    Ok((in_order(given)?, value_keys::pure(recipe, observed, &worker.keys)))
+                })
             }
             FrameNode::Ordered(ordered) => {
                 let mut state = locked(&ordered.state);
-                let instant = &self.source.frames()[frame.position];
                 let fired = match state.node.as_mut() {
-                    Some(node) => caught(|| node.process(instant, &inputs, &mut ctx)).unwrap_or_else(|p| Err(fault(p))),
+                    Some(node) => with_files(planned, instant, || {
+                        caught(|| node.process(instant, &inputs, &mut ctx)).unwrap_or_else(|p| Err(fault(p)))
+                    }),
                     None => Err(Fault::new("failed on an earlier frame")),
                 };
-                let fired = fired.and_then(in_order);
+                let fired = fired.and_then(|(given, files)| Ok((in_order(given)?, files)));
                 if fired.is_err() {
                     state.node = None;
                 }
-                if let Ok(values) = &fired {
+                if let Ok((values, _)) = &fired {
                     self.audit_again(frame, step, values);
                 }
-                fired.map(|values| {
-                    let key = value_keys::ordered(recipe, state.last_key.as_ref(), &worker.keys);
+                fired.map(|(values, files)| {
+                    let observed = Observed { frame: instant, files };
+                    let key = value_keys::ordered(recipe, state.last_key.as_ref(), observed, &worker.keys);
                     state.last_key = Some(key);
                     (values, key)
                 })
@@ -560,6 +568,34 @@ impl<'a, T: Tap> Stage<'a, T> {
             Slot::Node { node, port } => &self.plan.nodes[node].outputs[port].port,
         }
     }
+}
+
+/// Runs a pure node, which is told the frame only if it observes it.
+pub(crate) fn process_pure(
+    node: &dyn PureNode,
+    planned: &PlannedNode,
+    frame: &Frame,
+    inputs: &Inputs<'_>,
+    ctx: &mut Context<'_>,
+) -> Result<Outputs, Fault> {
+    match planned.observes {
+        Some(_) => node.process_frame(frame, inputs, ctx),
+        None => node.process(inputs, ctx),
+    }
+}
+
+/// Runs a node on a frame, and hashes the files that it reads by itself before and after.
+fn with_files(
+    planned: &PlannedNode,
+    frame: &Frame,
+    process: impl FnOnce() -> Result<Outputs, Fault>,
+) -> Result<(Outputs, Option<Key>), Fault> {
+    let files = planned.files_content(frame)?;
+    let given = process()?;
+    if planned.files_content(frame)? != files {
+        return Err(Fault::new("a file that `reads` names changed while the node ran").remedy("run again"));
+    }
+    Ok((given, files))
 }
 
 /// What helps where the store cannot be read.

@@ -107,7 +107,7 @@ fn reference(graph: &AnyGraph) -> (Vec<String>, Option<String>) {
                     (None, Instance::Pure(pure)) => {
                         match called(|| pure.process(&inputs, &mut ctx)).and_then(in_order) {
                             Ok(values) => {
-                                let key = value_keys::pure(&node.recipe, &keys);
+                                let key = value_keys::pure(&node.recipe, None, &keys);
                                 Gave::Values(key, keyed(values, &out_ports, &key))
                             }
                             Err(fault) => Gave::Failed(fault),
@@ -116,7 +116,9 @@ fn reference(graph: &AnyGraph) -> (Vec<String>, Option<String>) {
                     (None, Instance::Ordered(ordered)) => {
                         match called(|| ordered.process(frame, &inputs, &mut ctx)).and_then(in_order) {
                             Ok(values) => {
-                                let key = value_keys::ordered(&node.recipe, last_keys[index].as_ref(), &keys);
+                                let observed = value_keys::Observed { frame, files: None };
+                                let last = last_keys[index].as_ref();
+                                let key = value_keys::ordered(&node.recipe, last, observed, &keys);
                                 last_keys[index] = Some(key);
                                 Gave::Values(key, keyed(values, &out_ports, &key))
                             }

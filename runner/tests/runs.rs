@@ -6,7 +6,8 @@ use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, Weak};
 
-use depthloom_graphs::contracts::{Commit, Contract, Failure, Slot, Tap, TapError, Warned};
+use depthloom_graphs::contracts::{Commit, Contract, Failure, Observation, Slot, Tap, TapError, Warned};
+use depthloom_graphs::plan::PlannedNode;
 use depthloom_graphs::values::{Curve, CurvePoint, Mask, Raster};
 use depthloom_graphs::{
     Context, Fault, Frame, Inputs, Instance, Key, OnceNode, Outputs, Port, PureNode, Source, SourceOutputs, Value,
@@ -197,6 +198,67 @@ fn a_learning_curve_is_a_once_value_beside_the_model() {
     // No artefact, so it enters keys by its port.
     let key = value_keys::once(&pupil.recipe, &[Some(value_keys::port(&key, "curve"))]);
     assert_eq!(lines[4..], [format!("0 Node {{ node: 1, port: 0 }} {key} 3")]);
+}
+
+/// The keys of a pure and of an ordered node on two frames of equal content.
+fn keys_at(change: impl Fn(&mut Frame), observes: Option<Observation>) -> [Vec<String>; 2] {
+    let mut numbers = Numbers::new(2);
+    numbers.frames.iter_mut().for_each(change);
+    let mut bench = Bench::new(&[""]);
+    bench.stage("look", numbers);
+    let pure = PlannedNode { observes, ..planned("pure", Contract::Pure, [source(0), None, None]) };
+    bench.node(pure, support::build(Contract::Pure, Toy::salted(1)));
+    bench.toy("ordered", Contract::Ordered, [source(0), None, None], Toy::salted(1));
+    let notebook = Notebook::with_parts(1);
+    run(bench.ready(), &notebook, &options(2), &Unwatched, &Interrupt::default()).unwrap();
+    let lines = notebook.lines();
+    [0, 1].map(|node| {
+        let of_node = format!("\"{node}:");
+        let keys = lines[..2].iter().filter_map(|line| line.split_once(&of_node));
+        keys.map(|(_, rest)| rest[..32].to_owned()).collect()
+    })
+}
+
+#[test]
+fn the_keys_of_an_ordered_node_contain_id_and_time_of_the_frame_and_those_of_a_pure_one_if_it_observes_them() {
+    let [pure, ordered] = keys_at(|_| {}, None);
+    assert_eq!((pure.len(), ordered.len()), (2, 2));
+    let changes: [&dyn Fn(&mut Frame); 2] =
+        [&|frame| frame.id = format!("other{}", frame.id).into(), &|frame| frame.time_ns += 1];
+    let [observing, _] = keys_at(|_| {}, Some(Observation::default()));
+    for change in changes {
+        let [pure_then, ordered_then] = keys_at(change, None);
+        assert_eq!(pure, pure_then, "a pure node is not told which frame it is");
+        assert!(ordered.iter().zip(&ordered_then).all(|(now, then)| now != then));
+        let [observing_then, _] = keys_at(change, Some(Observation::default()));
+        assert!(observing.iter().zip(&observing_then).all(|(now, then)| now != then));
+    }
+}
+
+#[test]
+fn a_file_that_changes_while_a_node_reads_it_fails_the_frame() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("f1.txt");
+    std::fs::write(&path, "before").unwrap();
+    let mut bench = Bench::new(&[""]);
+    bench.stage("look", Numbers::new(1));
+    let observes = Some(Observation { files: vec![folder.path().join("{frame}.txt")] });
+    let planned = PlannedNode { observes, ..planned("writer", Contract::Pure, [source(0), None, None]) };
+    bench.node(planned, Instance::Pure(Box::new(Writer(path))));
+    let notebook = Notebook::with_parts(1);
+    let error = run(bench.ready(), &notebook, &options(1), &Unwatched, &Interrupt::default()).unwrap_err();
+    let beneath = std::error::Error::source(&error).map(ToString::to_string).unwrap_or_default();
+    assert!(beneath.contains("`reads` names changed"), "{error}: {beneath}");
+}
+
+/// Changes a file.
+struct Writer(std::path::PathBuf);
+
+impl PureNode for Writer {
+    fn process(&self, _: &Inputs<'_>, _: &mut Context<'_>) -> Result<Outputs, Fault> {
+        std::fs::write(&self.0, "after").map_err(|error| Fault::new(error.to_string()))?;
+        Ok(Outputs::one("x", support::number(1)))
+    }
 }
 
 /// One node of a recipe, wherever it stands.

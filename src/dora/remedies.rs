@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use depthloom_graphs::contracts::PureNode;
-use depthloom_graphs::{Context, Fault, Inputs, Instance, Outputs};
+use depthloom_graphs::{Context, Fault, Frame, Inputs, Instance, Outputs};
 
 /// By the frame's position.
 pub type Remedies = Mutex<BTreeMap<usize, String>>;
@@ -33,5 +33,10 @@ struct Guarded {
 impl PureNode for Guarded {
     fn process(&self, inputs: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
         self.node.process(inputs, ctx).inspect_err(|fault| keep_remedy(&self.remedies, ctx.host.position(), fault))
+    }
+
+    fn process_frame(&self, frame: &Frame, inputs: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        let processed = self.node.process_frame(frame, inputs, ctx);
+        processed.inspect_err(|fault| keep_remedy(&self.remedies, ctx.host.position(), fault))
     }
 }

@@ -373,6 +373,7 @@ impl<'a> Making<'a> {
             auto: Vec::new(),
             inputs,
             outputs,
+            observes: signature.observes,
             // It tells the node from others of the plan, which is what the runner asks of it.
             recipe: recorded.recipe,
             variants: recorded.variants.clone(),

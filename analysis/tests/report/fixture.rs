@@ -40,6 +40,7 @@ pub fn plan(every: u64, keep_b: bool) -> Plan {
         auto: Vec::new(),
         inputs: Vec::new(),
         outputs: vec![output(&name.replace('/', "_"), port, recorded)],
+        observes: None,
         recipe: Key::of_content(name.as_bytes()),
         variants: vec![0, 1],
         name,

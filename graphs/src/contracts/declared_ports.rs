@@ -65,7 +65,7 @@ impl DeclaredPorts {
     /// The signature of a node of this contract with these ports.
     #[must_use]
     pub fn signature(&self, contract: Contract) -> Signature {
-        Signature { contract, inputs: ports(&self.inputs), outputs: ports(&self.outputs) }
+        Signature { contract, inputs: ports(&self.inputs), outputs: ports(&self.outputs), observes: None }
     }
 }
 

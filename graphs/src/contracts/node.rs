@@ -110,6 +110,14 @@ pub trait PureNode: Send + Sync {
     /// What failed, for the person who runs the experiment.
     fn process(&self, inputs: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault>;
 
+    /// One frame's outputs, of a node whose signature says that it observes the frame ([`Signature::observes`]).
+    ///
+    /// # Errors
+    /// As [`PureNode::process`].
+    fn process_frame(&self, _frame: &Frame, inputs: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        self.process(inputs, ctx)
+    }
+
     /// Looks at the once-values that come from files (all other inputs are absent) when the plan is made ready, so that what
     /// would fail on every frame is found before any.
     ///

@@ -1,6 +1,6 @@
 //! What goes in and out of one node, and how it is called.
 
-use super::{Contract, NodeDeclaration, Port};
+use super::{Contract, NodeDeclaration, Observation, Port};
 
 /// How a node is called, and its ports: of all nodes of a kind those of its declaration, or of each node its own, where they follow from its
 /// parameters ([`Node::signature`](super::Node::signature)).
@@ -12,11 +12,14 @@ pub struct Signature {
     pub inputs: Vec<Port>,
     /// Output ports. Of an ordered node, those with [`Rate::Once`](super::Rate) come from `finish`.
     pub outputs: Vec<Port>,
+    /// What it observes of a frame besides its inputs. A pure node that has one is told which frame it is
+    /// ([`PureNode::process_frame`](super::PureNode::process_frame)).
+    pub observes: Option<Observation>,
 }
 
 impl From<&NodeDeclaration> for Signature {
     fn from(declaration: &NodeDeclaration) -> Self {
         let NodeDeclaration { contract, inputs, outputs, .. } = declaration;
-        Self { contract: *contract, inputs: inputs.clone(), outputs: outputs.clone() }
+        Self { contract: *contract, inputs: inputs.clone(), outputs: outputs.clone(), observes: None }
     }
 }

@@ -31,7 +31,7 @@ impl Node for OnnxNetwork {
     const OWN_PORTS: bool = true;
 
     fn declaration() -> NodeDeclaration {
-        let Signature { contract, inputs, outputs } = signature(&NetworkParams::default());
+        let Signature { contract, inputs, outputs, .. } = signature(&NetworkParams::default());
         NodeDeclaration {
             kind: "onnx",
             version: 1,
@@ -104,7 +104,7 @@ fn signature(params: &NetworkParams) -> Signature {
     ));
     let outputs =
         params.ports.outputs.iter().map(|(name, output)| port((name, output.value_type.value_type()))).collect();
-    Signature { contract: Contract::Pure, inputs, outputs }
+    Signature { contract: Contract::Pure, inputs, outputs, observes: None }
 }
 
 impl OnnxNetwork {

@@ -24,7 +24,7 @@ impl Node for StereoOnnx {
     const OWN_PORTS: bool = true;
 
     fn declaration() -> NodeDeclaration {
-        let Signature { contract, inputs, outputs } =
+        let Signature { contract, inputs, outputs, .. } =
             signature(&StereoOnnxParams { right_view: true, ..Default::default() });
         NodeDeclaration {
             kind: "stereo/onnx",
@@ -99,7 +99,7 @@ fn signature(params: &StereoOnnxParams) -> Signature {
         let doc = "The right image's disparity, negative; with `right_view`.";
         outputs.push(Port::frame("disparity_right", ValueType::Disparity, doc));
     }
-    Signature { contract: Contract::Pure, inputs, outputs }
+    Signature { contract: Contract::Pure, inputs, outputs, observes: None }
 }
 
 impl StereoOnnx {

@@ -128,6 +128,7 @@ fn stage_run(stage: &str) -> StageRun {
             })
             .collect(),
         outputs: spec.outputs.iter().map(|port| output(spec.name, port)).collect(),
+        observes: None,
         recipe: Key::of_content(spec.name.as_bytes()),
         variants: vec![0, 1],
     });

@@ -190,6 +190,7 @@ pub fn planned(name: &str, contract: Contract, from: [Option<Origin>; 3]) -> Pla
         auto: Vec::new(),
         inputs: ports.into_iter().zip(from).map(|(port, from)| PlannedInput { port, from, shown: None }).collect(),
         outputs,
+        observes: None,
         recipe: Key::of_content(name.as_bytes()),
         variants: vec![0],
     }

@@ -42,6 +42,7 @@ fn stage_run(shared: &Shared<'_>, r: usize, run: &SharedRun<'_>, topics: &Topics
             auto: node.parameters.following.iter().filter(|one| one.is_auto).map(|one| one.name.clone()).collect(),
             inputs: inputs.collect(),
             outputs: topics.of_node(shared, r, n),
+            observes: node.signature.observes.clone(),
             recipe: node.recipe,
             variants: node.variants.clone(),
         }

@@ -1,0 +1,145 @@
+//! What a node observes of a frame besides the values at its inputs.
+
+use std::path::{Path, PathBuf};
+
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
+use serde::{Deserialize, Deserializer, Serialize};
+
+use super::{Fault, Frame};
+use crate::key::Key;
+use crate::regular_file;
+
+/// What a node observes of a frame besides the values at its inputs: the frame's id, index and time, and the content of files that the node
+/// opens itself. All of it enters the cache keys of the node's values on that frame.
+///
+/// An ordered node always observes id, index and time; a pure node only if its signature has an observation.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Observation {
+    /// Paths of files; `{frame}` stands for the frame's id and `{index}` for its index.
+    pub files: Vec<PathBuf>,
+}
+
+/// The placeholder of the frame's id.
+const FRAME: &str = "{frame}";
+/// The placeholder of the frame's index.
+const INDEX: &str = "{index}";
+
+impl Observation {
+    /// Whether a path differs from frame to frame.
+    ///
+    /// # Errors
+    /// The placeholder that is not known, as a lower-case fragment.
+    pub fn is_per_frame(path: &Path) -> Result<bool, String> {
+        let text = path.to_string_lossy();
+        let plain = text.replace(FRAME, "").replace(INDEX, "");
+        match plain.split_once('{').and_then(|(_, rest)| rest.split_once('}')) {
+            Some((name, _)) => Err(format!("`{{{name}}}` is not a placeholder: use `{FRAME}` (id) or `{INDEX}`")),
+            None => Ok(plain.len() != text.len()),
+        }
+    }
+
+    /// The files of a frame.
+    pub fn files_of<'a>(&'a self, frame: &'a Frame) -> impl Iterator<Item = PathBuf> + 'a {
+        // Both placeholders in one pass: an id may itself contain `{index}`.
+        let fill = move |path: &PathBuf| {
+            let text = path.to_string_lossy();
+            let parts = text.split(FRAME).map(|part| part.replace(INDEX, &frame.index.to_string()));
+            PathBuf::from(parts.collect::<Vec<_>>().join(&*frame.id))
+        };
+        self.files.iter().map(fill)
+    }
+
+    /// A hash of the content of the frame's files; `None` if there are no files to read. That a file is missing is part of the hash.
+    ///
+    /// # Errors
+    /// The file that cannot be read.
+    pub fn content(&self, frame: &Frame) -> Result<Option<Key>, Fault> {
+        if self.files.is_empty() {
+            return Ok(None);
+        }
+        let mut key = Key::build("files of a frame").number(self.files.len() as u64);
+        for path in self.files_of(frame) {
+            key = match regular_file::open(&path).and_then(Key::of_reader) {
+                Ok(content) => key.number(1).key(&content),
+                Err(error) if error.kind() == std::io::ErrorKind::NotFound => key.number(0),
+                Err(error) => {
+                    return Err(
+                        Fault::new(format!("failed to read {}, which `reads` names", path.display())).because(error)
+                    );
+                }
+            };
+        }
+        Ok(Some(key.finish()))
+    }
+}
+
+/// A path or a list of paths in a parameter, with the placeholders of an [`Observation`]. The language resolves them against the folder of
+/// the YAML file.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(transparent)]
+pub struct FramePaths(pub Vec<PathBuf>);
+
+impl<'de> Deserialize<'de> for FramePaths {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        #[derive(Deserialize)]
+        #[serde(untagged, expecting = "expected a path or a list of paths")]
+        enum Written {
+            One(PathBuf),
+            Several(Vec<PathBuf>),
+        }
+        Ok(match Written::deserialize(deserializer)? {
+            Written::One(path) => Self(vec![path]),
+            Written::Several(paths) => Self(paths),
+        })
+    }
+}
+
+impl JsonSchema for FramePaths {
+    fn schema_name() -> std::borrow::Cow<'static, str> {
+        "FramePaths".into()
+    }
+
+    fn inline_schema() -> bool {
+        true
+    }
+
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        let path = serde_json::json!({ "type": "string", "format": "path" });
+        json_schema!({ "anyOf": [path, { "type": "array", "items": path }] })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::{Path, PathBuf};
+
+    use super::Observation;
+    use crate::contracts::Frame;
+
+    #[test]
+    fn placeholders_stand_for_the_id_and_the_index_of_a_frame() {
+        let observation = Observation { files: vec![PathBuf::from("p/{frame}_{index}.npy"), PathBuf::from("all.txt")] };
+        let files: Vec<_> = observation.files_of(&Frame::at_10_hz("a{index}", 7)).collect();
+        assert_eq!(files, [PathBuf::from("p/a{index}_7.npy"), PathBuf::from("all.txt")]);
+        assert_eq!(Observation::is_per_frame(Path::new("p/{frame}.npy")), Ok(true));
+        assert_eq!(Observation::is_per_frame(Path::new("p/all.npy")), Ok(false));
+        assert!(Observation::is_per_frame(Path::new("p/{id}.npy")).is_err_and(|what| what.contains("`{id}`")));
+    }
+
+    #[test]
+    fn the_hash_of_files_follows_their_content_and_whether_they_exist() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let observation = Observation { files: vec![folder.path().join("{frame}.npy")] };
+        let content = |id: &str| observation.content(&Frame::at_10_hz(id, 0)).expect("it can be read");
+        let missing = content("a");
+        std::fs::write(folder.path().join("a.npy"), "1").expect("it is written");
+        let first = content("a");
+        std::fs::write(folder.path().join("a.npy"), "2").expect("it is written");
+        assert!(missing.is_some() && missing != first && first != content("a"));
+        assert_eq!(missing, content("b"), "the id enters keys by itself");
+        std::fs::create_dir(folder.path().join("c.npy")).expect("it is made");
+        let fault = observation.content(&Frame::at_10_hz("c", 0)).expect_err("it is a folder");
+        assert!(fault.to_string().contains("c.npy"), "{fault}");
+        assert_eq!(Observation::default().content(&Frame::at_10_hz("a", 0)).expect("nothing is read"), None);
+    }
+}
