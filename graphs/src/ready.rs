@@ -9,6 +9,7 @@ use serde_json::Value as Json;
 use crate::contracts::{Context, Fault, Frame, Inputs, Instance, Port, Source, SourceOutputs};
 use crate::fingerprints;
 use crate::key::Key;
+use crate::language::changed_since;
 use crate::plan::{Origin, Plan, PlannedNode, PlannedSource};
 use crate::registry::Registry;
 use crate::regular_file;
@@ -188,10 +189,18 @@ pub fn build(
     let node = &run.nodes[position];
     let at_node =
         |fault| NotReady::Node { stage: run.stage.clone(), name: node.name.clone(), kind: node.kind.clone(), fault };
-    let built = registry
-        .node_kind(&node.kind)
-        .ok_or_else(|| Fault::new("this engine has no such kind"))
-        .and_then(|kind| Ok((kind.build(&node.params)?, kind.fingerprint(&node.params)?)));
+    let built =
+        registry.node_kind(&node.kind).ok_or_else(|| Fault::new("this engine has no such kind")).and_then(|kind| {
+            let built = (kind.build(&node.params)?, kind.fingerprint(&node.params)?);
+            // The recipe has the contents as they were when the experiment was loaded.
+            match changed_since(&node.portable, &node.params, &kind.schema) {
+                None => Ok(built),
+                Some(name) => {
+                    let what = format!("what `{name}` names changed since the experiment was loaded");
+                    Err(Fault::new(what).remedy("run again"))
+                }
+            }
+        });
     let mut missing = read_files(&run.stage, node, files);
     let built = built.map_err(|fault| missing.push(at_node(fault))).ok();
     if let Some((instance, _)) = &built

@@ -1,5 +1,6 @@
 //! What the language, the nodes, the runner and the recording agree on.
 
+mod code;
 mod context;
 mod declared_ports;
 mod fault;
@@ -15,6 +16,7 @@ mod store;
 mod tap;
 mod upstream;
 
+pub use code::CodePath;
 pub use context::{Context, Host, InlineHost, Scratch};
 pub use declared_ports::{DeclaredPort, DeclaredPorts, check_name};
 pub use fault::Fault;

@@ -11,6 +11,7 @@ mod plan;
 mod text;
 mod unused;
 
+pub(crate) use check::params::changed_since;
 pub use check::schema::schema;
 pub(crate) use check::schema_check::range_text;
 pub(crate) use check::with_schema::is_operational;

@@ -167,6 +167,9 @@ fn type_text(schema: &Json) -> String {
     if format("path") {
         return "path".to_owned();
     }
+    if format("code") {
+        return "path, folder or pattern".to_owned();
+    }
     if is_frames(schema) {
         return "`1..=40`, `0..48`, list of indices, or file of ids".to_owned();
     }

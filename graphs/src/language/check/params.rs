@@ -10,8 +10,9 @@ use super::following::{self, Following};
 use super::free_numbers;
 use super::schema_check::{Violation, violations};
 use super::spec::Instance;
-use super::{variables, with_schema};
-use crate::contracts::{Fault, Port, Signature};
+use super::variables;
+use super::with_schema::{self, PathOf};
+use crate::contracts::{CodePath, Fault, Port, Signature};
 use crate::key::Key;
 use crate::language::change::overrides;
 use crate::language::text::diagnostics::{Diagnostic, Report};
@@ -41,23 +42,76 @@ pub(crate) struct Parameters {
 
 /// The contents of files named by parameters and inputs, hashed once.
 #[derive(Default)]
-pub(crate) struct Contents(HashMap<PathBuf, Option<Key>>);
+pub(crate) struct Contents {
+    files: HashMap<PathBuf, Option<Key>>,
+    code: HashMap<PathBuf, Option<Key>>,
+}
 
 impl Contents {
     /// The hash of a file's content; `None` if there is no such file (or it is a folder).
     pub(crate) fn of(&mut self, path: &Path) -> Option<Key> {
-        if let Some(known) = self.0.get(path) {
-            return *known;
+        *self.files.entry(path.to_owned()).or_insert_with(|| hash(path))
+    }
+
+    /// The hash of what a path names; `None` if it has no content that can enter keys.
+    fn of_path(&mut self, path: &Path, of: PathOf) -> Option<Key> {
+        match of {
+            PathOf::Data => self.of(path),
+            PathOf::Code => {
+                let hash = || CodePath(path.to_owned()).content().ok();
+                *self.code.entry(path.to_owned()).or_insert_with(hash)
+            }
         }
-        let key = hash(path);
-        self.0.insert(path.to_owned(), key);
-        key
+    }
+
+    /// A path as it tells nodes of one plan apart: its content, or where what has none is stored.
+    fn identity_of(&mut self, path: &Path, of: PathOf) -> Json {
+        match self.of_path(path, of) {
+            Some(key) => serde_json::json!({ "content": key.to_string() }),
+            None => serde_json::json!({ "path": path.to_string_lossy() }),
+        }
+    }
+
+    /// A path in a recipe: its content, or the bare name of what has none. Never where it is stored.
+    fn portable_path(&mut self, path: &Path, of: PathOf) -> Json {
+        match self.of_path(path, of) {
+            Some(key) => serde_json::json!({ "content": key.to_string() }),
+            None => {
+                let name = path.file_name().map(|name| name.to_string_lossy().into_owned());
+                serde_json::json!({ "name": name })
+            }
+        }
     }
 
     /// The files that were asked for, and what was taken for one: folders too.
     pub(crate) fn named(&self) -> impl Iterator<Item = &Path> {
-        self.0.keys().map(PathBuf::as_path)
+        self.files.keys().chain(self.code.keys()).map(PathBuf::as_path)
     }
+}
+
+/// The parameter whose file has another content now than when the parameters were resolved, if there is one.
+pub(crate) fn changed_since(portable: &Json, resolved: &Json, schema: &Json) -> Option<String> {
+    let mut contents = Contents::default();
+    let now = with_schema::with_paths(resolved, schema, &mut |path, of| contents.portable_path(path, of));
+    let parameters = now.as_object()?.iter();
+    let mut changed = parameters.filter(|(name, now)| portable.get(name).is_some_and(|then| differs(then, now)));
+    changed.next().map(|(name, _)| name.clone())
+}
+
+/// Whether a content in one of two values of one parameter differs from that in the other.
+fn differs(then: &Json, now: &Json) -> bool {
+    match (then, now) {
+        _ if is_content(then) || is_content(now) => then != now,
+        (Json::Object(a), Json::Object(b)) => a.iter().any(|(key, a)| b.get(key).is_some_and(|b| differs(a, b))),
+        (Json::Array(a), Json::Array(b)) => a.iter().zip(b).any(|(a, b)| differs(a, b)),
+        _ => false,
+    }
+}
+
+/// Whether a value is what a path with a content becomes.
+fn is_content(value: &Json) -> bool {
+    let content = value.get("content").and_then(Json::as_str);
+    content.and_then(Key::parse).is_some() && value.as_object().is_some_and(|map| map.len() == 1)
 }
 
 fn hash(path: &Path) -> Option<Key> {
@@ -190,8 +244,11 @@ impl Resolver {
         let given = json.clone();
         let resolved = checked(kind, json, with, &instance.kind.place, &self.changed, report)?;
         let decisive = with_schema::decisive(&resolved, kind.schema);
-        let portable = with_schema::with_paths(&decisive, kind.schema, &mut |path| self.portable_path(path));
-        let identity = canonical(&with_schema::with_paths(&decisive, kind.schema, &mut |path| self.identity_of(path)));
+        let contents = &mut self.contents;
+        let portable =
+            with_schema::with_paths(&decisive, kind.schema, &mut |path, of| contents.portable_path(path, of));
+        let identity = with_schema::with_paths(&decisive, kind.schema, &mut |path, of| contents.identity_of(path, of));
+        let identity = canonical(&identity);
         let operational = with_schema::operational(&resolved, kind.schema);
         let following = following::of(kind.schema, &given, &resolved, kind.resolve);
         let (shown, mut recorded) = (variables::without(&resolved, &hidden), variables::without(&portable, &hidden));
@@ -202,25 +259,6 @@ impl Resolver {
         let parameters = Arc::new(Parameters { resolved, shown, portable, recorded, identity, operational, following });
         self.known.insert(known, Arc::clone(&parameters));
         Some(parameters)
-    }
-
-    /// A path as it tells nodes of one plan apart: the content of the file, or where what is no file lies.
-    fn identity_of(&mut self, path: &Path) -> Json {
-        match self.contents.of(path) {
-            Some(key) => serde_json::json!({ "content": key.to_string() }),
-            None => serde_json::json!({ "path": path.to_string_lossy() }),
-        }
-    }
-
-    /// A path in a recipe: the content of the file, or the bare name of what is no file. Never where it lies.
-    fn portable_path(&mut self, path: &Path) -> Json {
-        match self.contents.of(path) {
-            Some(key) => serde_json::json!({ "content": key.to_string() }),
-            None => {
-                let name = path.file_name().map(|name| name.to_string_lossy().into_owned());
-                serde_json::json!({ "name": name })
-            }
-        }
     }
 }
 
@@ -399,4 +437,35 @@ pub(crate) fn canonical(value: &Json) -> String {
         }
     }
     sorted(value).to_string()
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::{Contents, PathOf, changed_since, with_schema};
+
+    #[test]
+    fn a_file_that_changed_after_the_parameters_were_resolved_is_found_by_its_parameter() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let file = folder.path().join("node.py");
+        std::fs::write(&file, "1").expect("written");
+        let schema = json!({ "properties": {
+            "code": { "type": "array", "items": { "type": "string", "format": "code" } },
+            "root": { "type": "string", "format": "path" },
+            "params": { "type": "object" },
+        } });
+        let resolved = json!({ "code": [file, folder.path()], "root": folder.path(), "params": { "content": "x" } });
+        let mut contents = Contents::default();
+        let mut name = |path: &std::path::Path, of: PathOf| contents.portable_path(path, of);
+        let portable = with_schema::with_paths(&resolved, &schema, &mut name);
+        assert!(portable["code"][1]["content"].is_string() && portable["root"]["name"].is_string(), "{portable}");
+        assert_eq!(changed_since(&portable, &resolved, &schema), None);
+        std::fs::write(&file, "2").expect("written");
+        assert_eq!(changed_since(&portable, &resolved, &schema).as_deref(), Some("code"));
+        std::fs::write(&file, "1").expect("written");
+        assert_eq!(changed_since(&portable, &resolved, &schema), None);
+        std::fs::write(folder.path().join("more.py"), "1").expect("written");
+        assert_eq!(changed_since(&portable, &resolved, &schema).as_deref(), Some("code"));
+    }
 }

@@ -11,7 +11,7 @@ use crate::language::text::tree::{Node, Tree};
 /// A tree as JSON for parameters of a schema: paths located, numbers out of the environment as text where text is wanted.
 pub(crate) fn parameters(node: &Node, schema: &Json, anywhere: &mut Anywhere) -> Json {
     match &node.value {
-        Tree::Text(text) if has_format(schema, "path") => {
+        Tree::Text(text) if has_format(schema, "path") || has_format(schema, "code") => {
             anywhere.add(node, text);
             Json::String(located(node, text).to_string_lossy().into_owned())
         }
@@ -67,8 +67,17 @@ fn frames_file(node: &Node, text: &str) -> Option<String> {
     }
 }
 
+/// What a path in a parameter names.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum PathOf {
+    /// Data: a file or a folder.
+    Data,
+    /// Code: a file, a folder or a pattern; see [`CodePath`](crate::contracts::CodePath).
+    Code,
+}
+
 /// Resolved parameters with every path replaced by what `name` makes of it; a word of a command that is a path, by the last part of it.
-pub(crate) fn with_paths(value: &Json, schema: &Json, name: &mut dyn FnMut(&Path) -> Json) -> Json {
+pub(crate) fn with_paths(value: &Json, schema: &Json, name: &mut dyn FnMut(&Path, PathOf) -> Json) -> Json {
     match value {
         Json::String(text) if has_format(schema, "argument") => {
             let name = Path::new(text).file_name().filter(|_| text.contains('/') && Path::new(text).is_file());
@@ -77,7 +86,11 @@ pub(crate) fn with_paths(value: &Json, schema: &Json, name: &mut dyn FnMut(&Path
         Json::String(text) if !text.is_empty() => {
             let is_path = has_format(schema, "path")
                 || has_format(schema, "frames") && matches!(FrameSelection::parse(text), Ok(FrameSelection::File(_)));
-            if is_path { name(Path::new(text)) } else { value.clone() }
+            match is_path {
+                true => name(Path::new(text), PathOf::Data),
+                false if has_format(schema, "code") => name(Path::new(text), PathOf::Code),
+                false => value.clone(),
+            }
         }
         Json::Array(items) => {
             let item_schema = part(schema, &|s| s.get("items")).unwrap_or(&Json::Null);
