@@ -279,13 +279,21 @@ fn parse<P: serde::de::DeserializeOwned>(resolved: &Json) -> Result<P, Fault> {
         .map_err(|error| Fault::new(format!("parameter `{}`: {}", error.path(), error.inner())))
 }
 
+/// A step of a path as a key or an index.
+fn step_of(segment: &serde_path_to_error::Segment) -> String {
+    match segment {
+        serde_path_to_error::Segment::Seq { index } => index.to_string(),
+        other => other.to_string(),
+    }
+}
+
 fn resolve<P: serde::Serialize + serde::de::DeserializeOwned>(
     json: &Json,
     follow: fn(&mut P),
     check: fn(&P) -> Result<(), (&'static str, String)>,
 ) -> Result<Json, ParamError> {
     let mut params: P = serde_path_to_error::deserialize(json).map_err(|error| ParamError {
-        path: error.path().iter().map(ToString::to_string).filter(|segment| segment != "?").collect(),
+        path: error.path().iter().map(step_of).filter(|segment| segment != "?").collect(),
         what: error.inner().to_string(),
     })?;
     follow(&mut params);

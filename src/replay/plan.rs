@@ -13,6 +13,7 @@ use depthloom_graphs::{Rate, Registry, Value};
 use depthloom_recording::{
     Condition, RecordedContent, RecordedInput, RecordedNode, RecordedOnce, RecordedOutput, Recording,
 };
+use serde_json::Value as Json;
 
 use super::guard::Failures;
 use super::source::RecordedFrames;
@@ -449,7 +450,10 @@ fn fits(declared: &Signature, recorded: &RecordedNode) -> Result<(), String> {
 /// Why a kind does not take the parameters that were recorded.
 fn misfit(recorded: &RecordedNode, error: &ParamError) -> String {
     let name = error.path.join(".");
-    let at = error.path.iter().try_fold(&recorded.params, |at, key| at.get(key));
+    let at = error
+        .path
+        .iter()
+        .try_fold(&recorded.params, |at, key| at.get(key).or_else(|| at.get(key.parse::<usize>().ok()?)));
     match at.and_then(|at| at.as_object()) {
         Some(file) if file.contains_key("content") || file.contains_key("name") => {
             format!("parameter `{name}` was a file, which is not in the recording")
