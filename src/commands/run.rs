@@ -1,5 +1,6 @@
 //! `depthloom run`: from an experiment file to a recording, a table and plots.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
@@ -499,11 +500,16 @@ pub fn stop_of_missing(missing: &[NotReady]) -> Stop {
             let (message, remedy) = told(only);
             Stop { remedy, ..Stop::new(Exit::Before, message) }
         }
-        several => Stop::new(Exit::Before, format!("{} things are missing", several.len())).problems(
-            several.iter().map(|error| {
-                let (message, remedy) = told(error);
-                Problem::Here(message, remedy)
-            }),
-        ),
+        several => {
+            // Variants of one node lack the same.
+            let mut problems: Vec<_> = several.iter().map(told).collect();
+            let mut seen = BTreeSet::new();
+            problems.retain(|problem| seen.insert(problem.clone()));
+            match problems.len() {
+                1 => stop_of_missing(&several[..1]),
+                count => Stop::new(Exit::Before, format!("{count} things are missing"))
+                    .problems(problems.into_iter().map(|(message, remedy)| Problem::Here(message, remedy))),
+            }
+        }
     }
 }
