@@ -73,7 +73,8 @@ pub enum Difference {
         /// The node, and its output.
         from: String,
     },
-    /// Nothing that a plan says differs: it is the content of these input files, or, where there are none, the engine that computes the node or a variable of the environment.
+    /// Nothing that a plan says differs: it is the content of these input files, or, where there are none, the engine that computes the node,
+    /// what its program imports, or a variable of the environment.
     Unseen {
         /// The names of the files.
         files: Vec<String>,
@@ -314,7 +315,9 @@ impl fmt::Display for Difference {
             Self::Input { port, before, after } => write!(f, "input {port}: {} -> {}", wired(before), wired(after)),
             Self::Upstream { port, from } => write!(f, "input {port}: {from} differs"),
             Self::Unseen { files } if files.is_empty() => {
-                f.write_str("the engine that computes it (version, build or provider), or the value of a variable in its parameters")
+                f.write_str(
+                    "the engine that computes it (version, build or provider), what its program imports, or the value of a variable in its parameters",
+                )
             }
             Self::Unseen { files } => write!(f, "what is in {}", files.join(" or ")),
         }
@@ -425,7 +428,7 @@ mod tests {
                 "b[] input in: a/out differs",
                 "c[] what is in net.onnx",
                 "d[] input in: a/out -> b/out",
-                "e[] the engine that computes it (version, build or provider), or the value of a variable in its parameters",
+                "e[] the engine that computes it (version, build or provider), what its program imports, or the value of a variable in its parameters",
                 "renamed[] ",
                 "new[] new ",
             ]

@@ -19,6 +19,9 @@ pub struct Foreseen {
     pub fires: u64,
     /// Frames on which its values are in the store, and it need not.
     pub taken: u64,
+    /// Of the frames on which it would fire, those that it is known to have seen before: it fires for another frame's sake, or for a value that was
+    /// not recorded.
+    pub known: u64,
 }
 
 /// A tap that takes what a plan records, and keeps nothing.
@@ -82,9 +85,10 @@ pub fn foresee(ready: &Ready, store: &dyn Store, host: &dyn Host) -> Result<Vec<
         let mut of_nodes = stage.nodes.clone();
         for position in 0..stage.source.frames().len() {
             let Ok(key) = stage.source.key(position) else { continue };
-            let steps = stage.reuse.plan(stage.graph, &tap, position, key).steps;
-            for (of_node, step) in of_nodes.iter_mut().zip(&steps[1..]) {
+            let frame = stage.reuse.plan(stage.graph, &tap, position, key);
+            for (node, (of_node, step)) in of_nodes.iter_mut().zip(&frame.steps[1..]).enumerate() {
                 of_node.fires += u64::from(*step == Do::Fire);
+                of_node.known += u64::from(*step == Do::Fire && frame.is_known(1 + node));
                 of_node.taken += u64::from(matches!(step, Do::Take(..)));
             }
         }
@@ -163,7 +167,8 @@ fn once(
             }),
         };
         if of_node.contract == Contract::Once {
-            of_nodes[node] = Foreseen { fires: u64::from(known.is_none()), taken: u64::from(known.is_some()) };
+            let (fires, taken) = (u64::from(known.is_none()), u64::from(known.is_some()));
+            of_nodes[node] = Foreseen { fires, taken, known: 0 };
         }
         if let Some((key, given)) = known {
             aggregates.insert(node, key);

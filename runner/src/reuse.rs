@@ -44,6 +44,11 @@ impl FramePlan {
         is_stored || matches!(self.steps[step], Do::Take(..)) && self.nothing.iter().any(|(of, _)| *of == step)
     }
 
+    /// Whether the store knows what a step gave on the frame.
+    pub(crate) fn is_known(&self, step: usize) -> bool {
+        self.stored[step].is_some()
+    }
+
     /// The key under which the store has a value, if it has.
     pub(crate) fn stored(&self, step: usize, output: usize) -> Option<Key> {
         let (key, is_there) = self.stored[step].as_ref()?;

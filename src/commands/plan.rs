@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use depthloom_graphs::Registry;
-use depthloom_graphs::contracts::InlineHost;
+use depthloom_graphs::contracts::{Contract, InlineHost};
 use depthloom_graphs::language::Loaded;
 use depthloom_graphs::ready::Ready;
 use depthloom_recording::{RecordedPlan, node_pairs};
@@ -50,11 +50,11 @@ fn reuse(args: &PlanArgs, loaded: Loaded, registry: &Registry) -> Result<Exit, S
         .map_err(|what| Stop::new(Exit::Engine, format!("failed to look ahead: {what}")))?;
     let nearest = earlier.nearest(&plan);
     let pairs = nearest.map(|(_, before)| node_pairs(before, &RecordedPlan::of(&plan))).unwrap_or_default();
-    let why = |run: usize, node: usize| {
+    let why = |run: usize, node: usize, foreseen: Foreseen| {
         let pair = pairs.iter().find(|pair| pair.after == Some((run, node)))?;
         match (pair.before, pair.differences.as_slice()) {
             (None, _) => Some("is new".to_owned()),
-            (Some(_), []) => Some("other frames".to_owned()),
+            (Some(_), []) => Some(why_equal_nodes_run(plan.runs[run].nodes[node].contract, foreseen)),
             (Some(_), differences) => Some(differences.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")),
         }
     };
@@ -62,14 +62,14 @@ fn reuse(args: &PlanArgs, loaded: Loaded, registry: &Registry) -> Result<Exit, S
     for (run, (planned, of_nodes)) in plan.runs.iter().zip(&foreseen).enumerate() {
         let mut lines = Vec::new();
         for (node, (planned, of_node)) in planned.nodes.iter().zip(of_nodes).enumerate() {
-            let Foreseen { fires, taken } = *of_node;
+            let Foreseen { fires, taken, .. } = *of_node;
             let does = match (fires, taken) {
                 (0, 0) => "not needed".to_owned(),
                 (0, _) => "taken".to_owned(),
                 (_, 0) => "runs".to_owned(),
                 _ => format!("taken {taken} of {} times", fires + taken),
             };
-            let why = if fires > 0 { why(run, node) } else { None };
+            let why = if fires > 0 { why(run, node, *of_node) } else { None };
             let variants = planned.variant_names(&plan);
             rows.push(json!({
                 "stage": plan.runs[run].stage, "node": planned.name, "variants": variants, "runs": fires,
@@ -90,6 +90,21 @@ fn reuse(args: &PlanArgs, loaded: Loaded, registry: &Registry) -> Result<Exit, S
         print(format!("{head}\n{stages}"))?;
     }
     Ok(Exit::Whole)
+}
+
+/// Why a node runs that is equal to one of an earlier run.
+fn why_equal_nodes_run(contract: Contract, foreseen: Foreseen) -> String {
+    let Foreseen { fires, known, .. } = foreseen;
+    match contract {
+        Contract::Ordered if known > 0 && known < fires => {
+            format!("an ordered node runs on all frames: {known} of {fires} are known, the others are new")
+        }
+        Contract::Ordered if known > 0 => {
+            "an ordered node runs on all frames: one of its values is not stored".to_owned()
+        }
+        Contract::Pure if known > 0 && known == fires => "its values were not recorded".to_owned(),
+        Contract::Pure | Contract::Ordered | Contract::Once => "other frames".to_owned(),
+    }
 }
 
 /// Prints the plan as a drawing.
