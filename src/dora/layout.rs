@@ -222,7 +222,7 @@ fn free(taken: &mut BTreeSet<String>, name: &str) -> String {
 pub fn print_of(plan: &Plan) -> Key {
     let mut key = Key::build("dora dataflow").text(env!("CARGO_PKG_VERSION"));
     for (at, part) in Layout::of(plan).parts.iter().enumerate() {
-        key = key.number(at as u64).text(&part.id);
+        key = key.number(at as u64).text(&part.id).number(part.inputs.len() as u64);
         key = part.inputs.iter().fold(key, |key, link| key.text(&link.input).text(&link.part).text(&link.output));
     }
     let mut portable = BTreeMap::new();
