@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use depthloom_graphs::contracts::{
-    Argument, Contract, DataPath, DeclaredPorts, NodeDeclaration, Observation, Signature,
+    Argument, CodePath, Contract, DeclaredPorts, NodeDeclaration, Observation, Signature,
 };
 use depthloom_graphs::{Fault, Instance, Key, Node, Rate, ValueType};
 use schemars::JsonSchema;
@@ -44,8 +44,8 @@ pub struct DoraParams {
     pub values: DoraValues,
     /// Raised whenever it gives other results than before. Without it and without `code` its results are never taken again.
     pub version: Option<u32>,
-    /// The files that decide its results, instead of `version`.
-    pub code: Vec<DataPath>,
+    /// What decides its results, instead of `version`: files, folders (all files in them) and patterns (`lib/*.py`).
+    pub code: Vec<CodePath>,
     /// How long it may take for a frame, seconds.
     #[schemars(extend("operational" = true))]
     pub timeout_s: f64,
@@ -161,7 +161,7 @@ the metadata, on both ways; an answer without them has the size of the first map
     }
 
     fn fingerprint(params: &DoraParams) -> Result<Option<Key>, Fault> {
-        fingerprint_of(params.version, &params.code)
+        fingerprint_of(&params.command(), params.version, &params.code)
     }
 
     fn build(_: DoraParams) -> Result<Instance, Fault> {

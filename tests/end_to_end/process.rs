@@ -2,6 +2,7 @@
 
 mod examples;
 mod faults;
+mod keys;
 mod permission;
 mod python;
 mod replies;

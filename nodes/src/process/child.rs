@@ -118,6 +118,8 @@ impl Running {
         let guard = Guard::start().map_err(failed)?;
         let Some((program, arguments)) = launch.command.split_first() else { return Err(Fault::new("no command")) };
         let mut command = Command::new(&program.0);
+        // Python takes a compiled module for that of a file that was changed within the same second and has the same size.
+        command.env("PYTHONDONTWRITEBYTECODE", "1");
         command.args(arguments.iter().map(|argument| &argument.0)).envs(&launch.env);
         command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
         let group = i32::try_from(guard.shell.id()).map_err(|_| Fault::new("a process has no number"))?;

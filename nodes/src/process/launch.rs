@@ -1,15 +1,15 @@
 //! How a program is started, as a person declares it.
 
 use std::collections::BTreeMap;
-use std::fs::File;
 use std::hash::{BuildHasher, RandomState};
-use std::io::BufReader;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 use std::time::Duration;
 
-use depthloom_graphs::contracts::{Argument, DataPath};
+use depthloom_graphs::contracts::{Argument, CodePath};
 use depthloom_graphs::{Fault, Key};
+
+use super::modules::Modules;
 
 /// The longest time anybody may declare, seconds.
 const LONGEST_S: f64 = 31_536_000.0;
@@ -23,8 +23,10 @@ pub(super) const PROGRAM: &str =
 pub(super) struct Launch {
     pub command: Vec<Argument>,
     pub env: BTreeMap<String, String>,
-    /// The files that decide what it gives, and what is in them.
-    pub code: Vec<(PathBuf, Key)>,
+    /// The files that decide what it gives, and a hash of their content.
+    pub code: Vec<(CodePath, Key)>,
+    /// What it imports.
+    pub modules: Modules,
     /// How many processes there are at most.
     pub instances: usize,
     /// How long a process may take until it is ready.
@@ -35,22 +37,28 @@ pub(super) struct Launch {
     pub once: Duration,
 }
 
-/// What is in the files that decide results, as the keys of this run have them.
-pub(super) fn content(code: &[DataPath]) -> Result<Vec<(PathBuf, Key)>, Fault> {
-    code.iter().map(|file| Ok((file.path().to_owned(), hash(file.path())?))).collect()
-}
-
-fn hash(path: &Path) -> Result<Key, Fault> {
-    let hash = File::open(path).and_then(|file| Key::of_reader(BufReader::new(file)));
-    hash.map_err(|error| Fault::new(format!("failed to read {}, which `code` names", path.display())).because(error))
+/// What is in the files that decide results, as the keys of this run have them: those that `code` names, and with it those that are words of the
+/// command (the program itself, weights). Where there is a `version`, that stands for them.
+pub(super) fn content(
+    command: &[Argument],
+    version: Option<u32>,
+    code: &[CodePath],
+) -> Result<Vec<(CodePath, Key)>, Fault> {
+    if version.is_some() || code.is_empty() {
+        return Ok(Vec::new());
+    }
+    let is_file = |word: &&Argument| word.0.contains(['/', '.']) && Path::new(&word.0).is_file();
+    let named = command.iter().filter(is_file).map(|word| CodePath(PathBuf::from(&word.0)));
+    code.iter().cloned().chain(named).map(|code| Ok((code.clone(), code.content()?))).collect()
 }
 
 impl Launch {
     /// Whether the files that decide results are as they were: a program that was started after one changed would give its results under the keys of the one before.
     pub(super) fn check_code(&self) -> Result<(), Fault> {
-        for (path, before) in &self.code {
-            if hash(path)? != *before {
-                let what = format!("{}, which `code` names, changed since the run began", path.display());
+        for (code, before) in &self.code {
+            if code.content()? != *before {
+                let what =
+                    format!("{}, which `code` or `command` names, changed since the run began", code.path().display());
                 return Err(Fault::new(what).remedy("run again"));
             }
         }
@@ -111,7 +119,7 @@ pub(crate) fn check<const N: usize>(
     command: &[Argument],
     [env, secrets]: [&BTreeMap<String, String>; 2],
     version: Option<u32>,
-    code: &[DataPath],
+    code: &[CodePath],
     times: [(&'static str, f64); N],
 ) -> Result<(), (&'static str, String)> {
     if command.first().is_none_or(|program| program.0.is_empty()) {
@@ -135,6 +143,9 @@ pub(crate) fn check<const N: usize>(
         let what = "code and version both say what the results depend on: give one of them";
         return Err(("code", what.to_owned()));
     }
+    if let Some(fault) = code.iter().find_map(|code| code.files().err()) {
+        return Err(("code", fault.to_string()));
+    }
     for (name, seconds) in times {
         if !(seconds > 0.0 && seconds <= LONGEST_S) {
             return Err((name, format!("{name} is {seconds}, and is more than 0 and at most {LONGEST_S} seconds")));
@@ -143,19 +154,21 @@ pub(crate) fn check<const N: usize>(
     Ok(())
 }
 
-/// What of a program decides results beside what enters the recipe: nothing where a version is declared or its files are named, for both are
-/// parameters; otherwise it is another program every time.
-pub(crate) fn fingerprint(version: Option<u32>, code: &[DataPath]) -> Result<Option<Key>, Fault> {
+/// What of a program decides results besides its parameters: nothing where a version is declared; otherwise the content of its files; and where
+/// none are named, it is another program in every run.
+pub(crate) fn fingerprint(command: &[Argument], version: Option<u32>, code: &[CodePath]) -> Result<Option<Key>, Fault> {
     static THIS_TIME: OnceLock<Key> = OnceLock::new();
-    for file in code {
-        is_file(file.path())?;
-    }
-    if version.is_some() || !code.is_empty() {
+    if version.is_some() {
         return Ok(None);
     }
-    let random =
-        || Key::build("this time").number(RandomState::new().hash_one(0)).number(RandomState::new().hash_one(1));
-    Ok(Some(*THIS_TIME.get_or_init(|| random().number(std::process::id().into()).finish())))
+    if code.is_empty() {
+        let random =
+            || Key::build("this time").number(RandomState::new().hash_one(0)).number(RandomState::new().hash_one(1));
+        return Ok(Some(*THIS_TIME.get_or_init(|| random().number(std::process::id().into()).finish())));
+    }
+    let files = content(command, version, code)?;
+    let key = Key::build("files of a program").number(files.len() as u64);
+    Ok(Some(files.iter().fold(key, |key, (_, content)| key.key(content)).finish()))
 }
 
 /// Whether a file may be started.
@@ -169,14 +182,4 @@ fn is_program(path: &Path) -> bool {
 #[cfg(not(unix))]
 fn is_program(path: &Path) -> bool {
     path.is_file()
-}
-
-fn is_file(path: &Path) -> Result<(), Fault> {
-    let what = match path.metadata() {
-        Ok(there) if there.is_file() => return Ok(()),
-        Ok(_) => format!("`code` names {}, which is no file", path.display()),
-        Err(error) => format!("`code` names {}: {error}", path.display()),
-    };
-    Err(Fault::new(what)
-        .remedy("name every file that decides what the program gives, one by one; or declare a `version`"))
 }

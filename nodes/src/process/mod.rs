@@ -5,6 +5,7 @@ mod child;
 mod launch;
 #[cfg(unix)]
 mod memory;
+mod modules;
 mod node;
 pub mod permission;
 #[cfg(unix)]
@@ -26,15 +27,19 @@ mod pool {
     use super::launch::Launch;
     use super::protocol::Call;
 
-    pub(super) struct Pool;
+    pub(super) struct Pool(Launch);
 
     pub(super) enum Answer {
         Frames(Vec<String>, Option<Vec<u64>>),
     }
 
     impl Pool {
-        pub(super) fn new(_: Launch, _: Schema, _: Vec<Port>) -> Self {
-            Self
+        pub(super) fn new(launch: Launch, _: Schema, _: Vec<Port>) -> Self {
+            Self(launch)
+        }
+
+        pub(super) const fn launch(&self) -> &Launch {
+            &self.0
         }
 
         pub(super) fn outputs(&self, _: Call, _: Vec<Option<Value>>, _: &dyn Host) -> Result<Outputs, Fault> {

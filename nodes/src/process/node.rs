@@ -4,14 +4,17 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use depthloom_graphs::contracts::{
-    Argument, Contract, DataPath, DeclaredPorts, NodeDeclaration, OnceNode, OrderedNode, Signature,
+    Argument, CodePath, Contract, DeclaredPorts, FramePaths, NodeDeclaration, Observation, OnceNode, OrderedNode,
+    Signature,
 };
+use depthloom_graphs::key::KeyBuilder;
 use depthloom_graphs::{Context, Fault, Frame, Inputs, Instance, Key, Node, Outputs, Port, PureNode, Value};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value as Json};
 
 use super::launch::{self, Launch};
+use super::modules::{self, Modules};
 use super::permission;
 use super::pool::Pool;
 use super::protocol::{self, Call};
@@ -53,8 +56,12 @@ pub struct ProcessParams {
     pub params: Map<String, Json>,
     /// Raised whenever it gives other results than before. Without it and without `code` its results are never taken again.
     pub version: Option<u32>,
-    /// The files that decide its results, instead of `version`: when one of them changes, they are made anew.
-    pub code: Vec<DataPath>,
+    /// What decides its results, instead of `version`: files, folders (all files in them) and patterns (`lib/*.py`). When their content changes, results are recomputed. What a program in Python imports need not be named; see `imports`.
+    pub code: Vec<CodePath>,
+    /// Whether cache keys contain what a program in Python imports: the content of its own modules, and the versions of installed packages. `depthloom.serve` reports it; for this the program is started before the first frame, and ends without making its node. A program in another language reports nothing.
+    pub imports: bool,
+    /// Files that it opens by itself for a frame, `predictions/{frame}.npy`, or a list of them: `{frame}` stands for the frame's id, `{index}` for its index. Their content is in the frame's cache key; a file that is missing counts as missing. A pure program with `reads` is told which frame it is called for.
+    pub reads: FramePaths,
     /// Variables of its environment, over those that are there. They are part of what decides its results.
     pub env: BTreeMap<String, String>,
     /// Variables of its environment that decide no result, such as a token: `{ TOKEN: "${MY_TOKEN}" }`. Their values are not recorded, and
@@ -81,6 +88,8 @@ impl Default for ProcessParams {
             params: Map::new(),
             version: None,
             code: Vec::new(),
+            imports: true,
+            reads: FramePaths::default(),
             env: BTreeMap::new(),
             secrets: BTreeMap::new(),
             instances: None,
@@ -88,6 +97,40 @@ impl Default for ProcessParams {
             start_timeout_s: 60.0,
         }
     }
+}
+
+impl ProcessParams {
+    /// How the program is started. If its modules enter keys, it is started for their report.
+    fn launch(&self) -> Result<Launch, Fault> {
+        let instances = match self.contract {
+            ProcessContract::Pure => self.instances.map_or(usize::MAX, usize::from),
+            ProcessContract::Ordered | ProcessContract::Once => 1,
+        };
+        let seconds = |given: Option<f64>, default: f64| Duration::from_secs_f64(given.unwrap_or(default));
+        let mut launch = Launch {
+            command: self.command.clone(),
+            env: self.env.iter().chain(&self.secrets).map(|(name, value)| (name.clone(), value.clone())).collect(),
+            code: launch::content(&self.command, self.version, &self.code)?,
+            modules: Modules::Ignored,
+            instances,
+            start: Duration::from_secs_f64(self.start_timeout_s),
+            frame: seconds(self.timeout_s, FRAME_S),
+            once: seconds(self.timeout_s, ONCE_S),
+        };
+        // Found before any frame: it is asked again where it is started.
+        permission::ask(&launch.command_line())?;
+        launch.check_program()?;
+        if self.imports && (self.version.is_some() || !self.code.is_empty()) {
+            launch.modules = Modules::known(modules::report_of(&launch));
+        }
+        Ok(launch)
+    }
+}
+
+/// Whether the placeholders of `reads` are known.
+pub(super) fn check_reads(reads: &FramePaths) -> Result<(), (&'static str, String)> {
+    let placeholders = reads.0.iter().try_for_each(|path| Observation::is_per_frame(path).map(|_| ()));
+    placeholders.map_err(|what| ("reads", format!("reads: {what}")))
 }
 
 /// How long a call may take by default, seconds: for a frame, and for what is of no frame.
@@ -113,7 +156,7 @@ The program is started when a worker first needs it and is called until the stag
 (the guide's page on the protocol says all of it; in Python `depthloom.serve` speaks it). Its ports and its contract are declared here, and are checked, planned, recorded and scored as \
 any other node's. Depths are f32 metres with NaN for no answer, disparities the engine's fixed point with its scale, weights f32, images 8 bit; rows of scores do not cross.\n\n\
 Nothing is started unless the person who runs the experiment allows it: with `--allow-exec`, or in a file of their own (`allow_exec` in `~/.config/depthloom/config.yaml`). `check` and `plan` start nothing.\n\n\
-Results enter keys by `version` or by the content of the files in `code`; with neither they are never reused. A `pure` program that remembers frames breaks that promise, and nobody can see it.\n\n\
+Results enter keys by `version` or by the content of the files in `code`; with neither they are never reused. What a program in Python imports is part of the key too (`imports`), and so are the files that it `reads` for a frame. A module of the program's own that is imported later, in a function, fails the frame: import it at the top, or name it in `code`; an installed package that is imported later is a warning. A `pure` program that remembers frames breaks that promise, and nobody can see it.\n\n\
 A process that ends, says what is no reply, or says nothing for `timeout_s` fails the frame it was called for, with the end of its standard error; the next frame gets a new one (`--keep-going`). \
 It runs in a process group of its own, and everything in that group ends with it: told first (SIGTERM), killed two seconds later, also when depthloom itself is killed. What leaves the group, a daemon, is out of reach.",
             inputs: Vec::new(),
@@ -122,13 +165,22 @@ It runs in a process group of its own, and everything in that group ends with it
     }
 
     fn signature(params: &ProcessParams) -> Option<Signature> {
-        Some(params.ports.signature(params.contract.contract()))
+        let FramePaths(files) = &params.reads;
+        let observes = (!files.is_empty()).then(|| Observation { files: files.clone() });
+        Some(Signature { observes, ..params.ports.signature(params.contract.contract()) })
     }
 
     fn check(params: &ProcessParams) -> Result<(), (&'static str, String)> {
         let times = [("timeout_s", params.timeout_s.unwrap_or(FRAME_S)), ("start_timeout_s", params.start_timeout_s)];
         launch::check(&params.command, [&params.env, &params.secrets], params.version, &params.code, times)?;
+        check_reads(&params.reads)?;
         let contract = params.contract.contract();
+        if contract == Contract::Once && !params.reads.0.is_empty() {
+            return Err((
+                "reads",
+                "reads names files of frames, and a `once` program sees no frame: name them in `code`".to_owned(),
+            ));
+        }
         params.ports.check(contract).map_err(|what| ("ports", what))?;
         let Signature { inputs, outputs, .. } = params.ports.signature(contract);
         if inputs.is_empty() && contract != Contract::Once {
@@ -142,29 +194,22 @@ It runs in a process group of its own, and everything in that group ends with it
     }
 
     fn fingerprint(params: &ProcessParams) -> Result<Option<Key>, Fault> {
-        launch::fingerprint(params.version, &params.code)
+        let files = launch::fingerprint(&params.command, params.version, &params.code)?;
+        let modules = params.launch()?.modules.settled();
+        Ok(match (files, modules) {
+            (files, None) => files,
+            (files, Some(report)) => {
+                let key = Key::build("program").number(u64::from(files.is_some()));
+                let key = files.iter().fold(key, KeyBuilder::key);
+                Some(key.key(&report.key(params.version.is_some())).finish())
+            }
+        })
     }
 
     fn build(params: ProcessParams) -> Result<Instance, Fault> {
         let contract = params.contract.contract();
         let signature = params.ports.signature(contract);
-        let instances = match contract {
-            Contract::Pure => params.instances.map_or(usize::MAX, usize::from),
-            Contract::Ordered | Contract::Once => 1,
-        };
-        let seconds = |given: Option<f64>, default: f64| Duration::from_secs_f64(given.unwrap_or(default));
-        let launch = Launch {
-            command: params.command,
-            env: params.env.into_iter().chain(params.secrets).collect(),
-            code: launch::content(&params.code)?,
-            instances,
-            start: Duration::from_secs_f64(params.start_timeout_s),
-            frame: seconds(params.timeout_s, FRAME_S),
-            once: seconds(params.timeout_s, ONCE_S),
-        };
-        // Found before any frame: it is asked again where it is started.
-        permission::ask(&launch.command_line())?;
-        launch.check_program()?;
+        let launch = params.launch()?;
         let Signature { inputs, outputs, .. } = signature;
         let schema = protocol::request_schema(contract.name(), &inputs, &outputs, &params.params);
         let called = Called { pool: Pool::new(launch, schema, outputs), inputs };
@@ -195,6 +240,10 @@ impl Called {
 impl PureNode for Called {
     fn process(&self, inputs: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
         self.pool.outputs(Call::Process(None), self.values(inputs), ctx.host)
+    }
+
+    fn process_frame(&self, frame: &Frame, inputs: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        self.pool.outputs(Call::Process(Some(frame.clone())), self.values(inputs), ctx.host)
     }
 }
 

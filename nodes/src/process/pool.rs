@@ -8,7 +8,8 @@ use depthloom_graphs::{Fault, Host, Outputs, Port, Value};
 
 use super::child::{LOOK, Running, Silence};
 use super::launch::Launch;
-use super::protocol::{Call, Request, Says};
+use super::modules::ModuleReport;
+use super::protocol::{self, Call, Request, Says};
 
 /// The processes of a node.
 pub(super) struct Pool {
@@ -36,8 +37,17 @@ pub(super) enum Answer {
 
 impl Pool {
     pub(super) fn new(launch: Launch, schema: Schema, outputs: Vec<Port>) -> Self {
+        let schema = match launch.modules.are_asked_for() {
+            true => protocol::asking_for_modules(schema, false),
+            false => schema,
+        };
         let (schema, outputs) = (Arc::new(schema), outputs.into());
         Self { launch, schema, outputs, state: Mutex::default(), given_back: Condvar::new() }
+    }
+
+    /// The program and how it is started.
+    pub(super) const fn launch(&self) -> &Launch {
+        &self.launch
     }
 
     /// The values of a call, as a node gives them.
@@ -85,7 +95,7 @@ impl Pool {
             }
             Says::Frames { ids, times_ns } => Ok(Answer::Frames(ids, times_ns)),
             Says::Failure { message, trace } => Err(self.failure("", &message, &trace)),
-            Says::Ready | Says::Progress { .. } | Says::Warning { .. } => {
+            Says::Ready | Says::Progress { .. } | Says::Warning { .. } | Says::Modules(_) => {
                 return Err(self.broken(running, "said `ready` where an answer is wanted", "", false));
             }
         };
@@ -152,6 +162,7 @@ impl Pool {
                         until = Instant::now() + patience;
                         host.progress(done, total, &message);
                     }
+                    Says::Modules(report) => self.launch.modules.check(report, &self.launch, host)?,
                     Says::Warning { count: 0, message } => host.warn(&message),
                     Says::Warning { count, message } => host.warn_of(count, &message),
                     says => return Ok((running, says)),
@@ -175,6 +186,17 @@ impl Pool {
     fn broken(&self, running: Running, what: &str, remedy: &str, is_silent: bool) -> Fault {
         let fault = Fault::new(format!("`{}` {what}{}", self.launch.program(), running.last_words(is_silent)));
         if remedy.is_empty() { fault } else { fault.remedy(remedy) }
+    }
+}
+
+/// What a program imports, of which it is started to report; `None` if it says anything else, or nothing.
+pub(super) fn modules(launch: &Launch) -> Option<ModuleReport> {
+    let schema = protocol::request_schema("pure", &[], &[], &serde_json::Map::new());
+    let schema = Arc::new(protocol::asking_for_modules(schema, true));
+    let mut running = Running::start(launch, &schema, &Arc::from([])).ok()?;
+    match running.hear(launch.start).ok()?.says {
+        Says::Modules(report) => Some(report),
+        _ => None,
     }
 }
 

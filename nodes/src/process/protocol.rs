@@ -4,12 +4,16 @@ use depthloom_codecs::arrow::{self, Batch, Data, DataType, Field, Offsets, Schem
 use depthloom_graphs::{Frame, Port, Value};
 use serde_json::{Map, Value as Json, json};
 
+use super::modules::ModuleReport;
+
 /// The version of the protocol; raised when an older process would not understand.
 const VERSION: &str = "1";
 const PROTOCOL: &str = "depthloom.protocol";
 const NODE: &str = "depthloom.node";
 /// Of the engine: where the file lies that a process opens to take part in shared memory. Of the process: what it holds.
 const SHARED: &str = "depthloom.shared";
+/// Of the engine: that a process in Python is to report what it imports; `first`: and to end then.
+const MODULES: &str = "depthloom.modules";
 
 const TEXT: DataType = DataType::Utf8(Offsets::Narrow);
 const I64: DataType = DataType::Int(64, true);
@@ -84,6 +88,8 @@ pub(super) enum Says {
     Progress { done: u64, total: u64, message: String },
     /// Something that is no failure, so many times.
     Warning { count: u64, message: String },
+    /// What it has imported, when it is ready and whenever that is more.
+    Modules(ModuleReport),
     /// The values, by output port, and the processor time they took.
     Values { values: Vec<Option<Value>>, cpu_ns: u64 },
     /// The frames of a source: ids, and times in nanoseconds where they have their own.
@@ -159,6 +165,13 @@ pub(super) fn offering(schema: &Schema, path: Option<String>) -> Schema {
     schema
 }
 
+/// The schema for a process that is to report what it imports: and then to end, if that is all it is started for.
+pub(super) fn asking_for_modules(mut schema: Schema, and_nothing_else: bool) -> Schema {
+    let asked = if and_nothing_else { "first" } else { "report" };
+    schema.metadata.push((MODULES.to_owned(), asked.to_owned()));
+    schema
+}
+
 /// What a process answers to that offer.
 pub(super) fn agrees(schema: &Schema) -> Option<&str> {
     schema.said(SHARED)
@@ -187,6 +200,7 @@ pub(super) fn reply(schema: &Schema, batch: &Batch, outputs: &[Port]) -> Result<
         "ready" => Says::Ready,
         "progress" => Says::Progress { done: count("done")?, total: count("total")?, message: text("message")? },
         "warning" => Says::Warning { count: count("count")?, message: text("message")? },
+        "modules" => Says::Modules(ModuleReport::parse(&text("message")?)?),
         "failure" => Says::Failure { message: text("message")?, trace: text("trace")? },
         "frames" => {
             let frames = column("frames").ok_or("a reply of frames has none")?;

@@ -2,10 +2,12 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
+use std::sync::OnceLock;
 use std::time::Duration;
 
 use depthloom_graphs::contracts::{
-    Argument, Contract, DataPath, DeclaredPort, DeclaredPorts, Frame, FrameSelection, InlineHost, SourceDeclaration,
+    Argument, CodePath, Contract, DeclaredPort, DeclaredPorts, Frame, FramePaths, FrameSelection, InlineHost,
+    Observation, SourceDeclaration,
 };
 use depthloom_graphs::{Context, Fault, Key, Outputs, Port, Rate, Source, SourceKind, SourceOutputs};
 use schemars::JsonSchema;
@@ -13,7 +15,8 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value as Json};
 
 use super::launch::{self, Launch};
-use super::node::FRAME_S;
+use super::modules::Modules;
+use super::node::{FRAME_S, check_reads};
 use super::permission;
 use super::pool::{Answer, Pool};
 use super::protocol::{self, Call};
@@ -34,8 +37,12 @@ pub struct ProcessSourceParams {
     pub params: Map<String, Json>,
     /// Raised whenever it gives other frames than before. Without it and without `code` what is made of its frames is never taken again.
     pub version: Option<u32>,
-    /// The files that decide its frames, instead of `version`: when one of them changes, all is made anew.
-    pub code: Vec<DataPath>,
+    /// What decides its frames, instead of `version`: files, folders (all files in them) and patterns (`lib/*.py`). When their content changes, all is recomputed.
+    pub code: Vec<CodePath>,
+    /// Whether cache keys contain what a program in Python imports, as of a `process`.
+    pub imports: bool,
+    /// Files that it opens by itself for a frame, `images/{frame}.png`, or a list of them: `{frame}` stands for the frame's id, `{index}` for its index. Their content is in the frame's cache key; a file that is missing counts as missing.
+    pub reads: FramePaths,
     /// Variables of its environment, over those that are there. They are part of what decides its results.
     pub env: BTreeMap<String, String>,
     /// Variables of its environment that decide no result, such as a token: `{ TOKEN: "${MY_TOKEN}" }`. Their values are not recorded, and
@@ -43,11 +50,13 @@ pub struct ProcessSourceParams {
     #[schemars(extend("operational" = true))]
     pub secrets: BTreeMap<String, String>,
     /// How many processes there are at most; by default as many as are called at once.
-    #[schemars(range(min = 1))]
+    #[schemars(range(min = 1), extend("operational" = true))]
     pub instances: Option<u16>,
     /// How long a process may say nothing while it is called, seconds.
+    #[schemars(extend("operational" = true))]
     pub timeout_s: f64,
     /// How long it may take until it can be called, seconds.
+    #[schemars(extend("operational" = true))]
     pub start_timeout_s: f64,
 }
 
@@ -60,6 +69,8 @@ impl Default for ProcessSourceParams {
             params: Map::new(),
             version: None,
             code: Vec::new(),
+            imports: true,
+            reads: FramePaths::default(),
             env: BTreeMap::new(),
             secrets: BTreeMap::new(),
             instances: None,
@@ -75,26 +86,41 @@ impl ProcessSourceParams {
         ports.signature(Contract::Pure).outputs
     }
 
+    fn launch(&self) -> Result<Launch, Fault> {
+        let seconds = Duration::from_secs_f64;
+        let is_keyed = self.imports && (self.version.is_some() || !self.code.is_empty());
+        Ok(Launch {
+            command: self.command.clone(),
+            env: self.env.iter().chain(&self.secrets).map(|(name, value)| (name.clone(), value.clone())).collect(),
+            code: launch::content(&self.command, self.version, &self.code)?,
+            modules: if is_keyed { Modules::Known(OnceLock::new()) } else { Modules::Ignored },
+            instances: self.instances.map_or(usize::MAX, usize::from),
+            start: seconds(self.start_timeout_s),
+            frame: seconds(self.timeout_s),
+            once: seconds(self.timeout_s),
+        })
+    }
+
     /// What decides the frames, beside which of them it is.
-    fn recipe(&self) -> Result<Key, Fault> {
-        let key = Key::build(KIND).text(&Json::Object(self.params.clone()).to_string());
+    fn recipe(&self, launch: &Launch) -> Result<Key, Fault> {
         let ports = serde_json::to_string(&self.outputs).map_err(|error| Fault::new(error.to_string()))?;
-        let mut key = key.text(&ports).number(self.version.map_or(0, |version| 1 + u64::from(version)));
+        let key = Key::build(KIND).text(&Json::Object(self.params.clone()).to_string()).text(&ports);
+        let key = key.number(self.version.map_or(0, |version| 1 + u64::from(version)));
+        let mut key = key.number(self.command.len() as u64);
         for argument in &self.command {
             // A file counts by its name: what is in it `version` and `code` say.
             let name = Path::new(&argument.0).file_name().filter(|_| Path::new(&argument.0).is_file());
             key = key.text(&name.map_or_else(|| argument.0.as_str().into(), |name| name.to_string_lossy()));
         }
-        for (name, value) in &self.env {
-            key = key.text(name).text(value);
-        }
-        if let Some(this_time) = launch::fingerprint(self.version, &self.code)? {
-            key = key.key(&this_time);
-        }
-        for file in &self.code {
-            let content = std::fs::File::open(file.path()).and_then(Key::of_reader);
-            let unread = |error| Fault::new(format!("failed to read {}", file.path().display())).because(error);
-            key = key.key(&content.map_err(unread)?);
+        key = key.number(self.env.len() as u64);
+        key = self.env.iter().fold(key, |key, (name, value)| key.text(name).text(value));
+        let files = launch::fingerprint(&self.command, self.version, &self.code)?;
+        let modules = launch.modules.settled().map(|report| report.key(self.version.is_some()));
+        for also in [files, modules] {
+            key = match also {
+                Some(also) => key.number(1).key(&also),
+                None => key.number(0),
+            };
         }
         Ok(key.finish())
     }
@@ -104,6 +130,7 @@ impl ProcessSourceParams {
 pub struct ProcessSource {
     pool: Pool,
     recipe: Key,
+    observes: Observation,
     frames: Vec<Frame>,
 }
 
@@ -125,6 +152,7 @@ several processes at once: it seeks, and gives the same for the same frame. Prot
     fn check(params: &ProcessSourceParams) -> Result<(), (&'static str, String)> {
         let times = [("timeout_s", params.timeout_s), ("start_timeout_s", params.start_timeout_s)];
         launch::check(&params.command, [&params.env, &params.secrets], params.version, &params.code, times)?;
+        check_reads(&params.reads)?;
         if params.outputs.is_empty() {
             return Err(("outputs", "outputs declares what a frame has: `{ left: image, right: image }`".to_owned()));
         }
@@ -141,17 +169,8 @@ several processes at once: it seeks, and gives the same for the same frame. Prot
     }
 
     fn open(params: ProcessSourceParams) -> Result<Box<dyn Source>, Fault> {
-        let (ports, recipe) = (params.ports(), params.recipe()?);
-        let seconds = Duration::from_secs_f64;
-        let launch = Launch {
-            command: params.command,
-            env: params.env.into_iter().chain(params.secrets).collect(),
-            code: launch::content(&params.code)?,
-            instances: params.instances.map_or(usize::MAX, usize::from),
-            start: seconds(params.start_timeout_s),
-            frame: seconds(params.timeout_s),
-            once: seconds(params.timeout_s),
-        };
+        let ports = params.ports();
+        let launch = params.launch()?;
         permission::ask(&launch.command_line())?;
         let program = launch.program();
         let schema = protocol::request_schema("source", &[], &ports, &params.params);
@@ -166,7 +185,10 @@ several processes at once: it seeks, and gives the same for the same frame. Prot
         let ids: Vec<(u64, &str)> = frames.iter().map(|frame| (frame.index, &*frame.id)).collect();
         let places = params.frames.select(&ids)?;
         let frames = places.into_iter().map(|place| frames[place].clone()).collect();
-        Ok(Box::new(Self { pool, recipe, frames }))
+        // By now its first process has reported what it imports.
+        let recipe = params.recipe(pool.launch())?;
+        let observes = Observation { files: params.reads.0 };
+        Ok(Box::new(Self { pool, recipe, observes, frames }))
     }
 }
 
@@ -200,12 +222,42 @@ impl Source for ProcessSource {
     fn key(&self, position: usize) -> Result<Key, Fault> {
         let frame = &self.frames[position];
         let key = Key::build("process/source frame").key(&self.recipe).number(frame.index).text(&frame.id);
-        Ok(key.number(frame.time_ns).finish())
+        let key = key.number(frame.time_ns);
+        Ok(match self.observes.content(frame)? {
+            Some(files) => key.number(1).key(&files).finish(),
+            None => key.number(0).finish(),
+        })
     }
 
     fn read(&self, position: usize, ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
         let call = Call::Process(Some(self.frames[position].clone()));
         let outputs: Outputs = self.pool.outputs(call, Vec::new(), ctx.host)?;
         Ok(SourceOutputs { outputs, key: self.key(position)? })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use depthloom_graphs::Key;
+    use serde_json::{Value as Json, json};
+
+    use super::ProcessSourceParams;
+
+    fn recipe(more: Json) -> Key {
+        let mut params = json!({ "command": ["cam"], "outputs": { "left": "image" }, "version": 1 });
+        let more = more.as_object().expect("a map").clone();
+        params.as_object_mut().expect("a map").extend(more);
+        let params: ProcessSourceParams = serde_json::from_value(params).expect("parameters");
+        params.recipe(&params.launch().expect("nothing is read")).expect("a recipe")
+    }
+
+    #[test]
+    fn command_and_environment_are_kept_apart_and_how_it_is_called_is_not_in_the_recipe() {
+        let arguments = recipe(json!({ "command": ["cam", "MODE", "fast"] }));
+        assert_ne!(arguments, recipe(json!({ "env": { "MODE": "fast" } })));
+        assert_ne!(recipe(json!({ "command": ["cam", "a", "b"] })), recipe(json!({ "command": ["cam", "a b"] })));
+        let plain = recipe(json!({}));
+        assert_eq!(plain, recipe(json!({ "instances": 2, "timeout_s": 99, "start_timeout_s": 9 })));
+        assert_ne!(plain, recipe(json!({ "params": { "mode": "fast" } })));
     }
 }

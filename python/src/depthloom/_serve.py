@@ -82,7 +82,7 @@ class _Server:
     def __init__(self, calls: BinaryIO, answers: BinaryIO) -> None:
         import pyarrow as pa
 
-        from . import _columns, _shared
+        from . import _columns, _modules, _shared
 
         self.pa, self.columns = pa, _columns
         self.calls, self.answers = calls, answers
@@ -93,6 +93,9 @@ class _Server:
         if version != _VERSION:
             raise DepthloomError(f"depthloom speaks version {version} of the protocol, and this package version {_VERSION}")
         self.node = json.loads(said[b"depthloom.node"])
+        asked = said.get(b"depthloom.modules")
+        self.imports = _modules.Imports() if asked else None
+        self.ends_after_report = asked == b"first"
         self.inputs = {name: of["type"] for name, of in self.node["inputs"].items()}
         self.outputs = {name: of["type"] for name, of in self.node["outputs"].items()}
         self.at_finish = {name for name, of in self.node["outputs"].items() if of["rate"] == "once"}
@@ -145,16 +148,26 @@ class _Server:
         message = "".join(traceback.format_exception_only(error)).strip()
         return self._row("failure", {"message": message, "trace": trace})
 
+    def _report_imports(self) -> None:
+        news = self.imports.news() if self.imports else None
+        if news:
+            self.says("modules", message=news)
+
     def run(self, nodes: tuple[Any, ...]) -> None:
+        if self.ends_after_report:
+            self._report_imports()
+            return
         try:
             answer = self._answering(nodes)
         except Exception as error:
             self._write(self._failure(error))
             return
+        self._report_imports()
         self.says("ready")
         for batch in self.reader:
             self.number = batch.column("number")[0].as_py()
             row = self._answer(answer, batch)
+            self._report_imports()
             place = batch.column("answer_in")[0].as_py() if self.shared else None
             laid = self.shared.lay(row, place) if self.shared and place else None
             if laid is not None:

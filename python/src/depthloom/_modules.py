@@ -1,0 +1,165 @@
+"""What a program has imported: its own modules by content, installed packages by version."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import platform
+import re
+import sys
+import sysconfig
+
+_INSTALLED = {"site-packages", "dist-packages"}
+
+
+class Imports:
+    """The modules of this process, looked at again when there are more."""
+
+    def __init__(self) -> None:
+        self._names: set[str] = set()
+        #: By file: its name relative to the program, and a hash of its content.
+        self._modules: dict[str, tuple[str, str]] = {}
+        self._packages: dict[str, str] = {"python": platform.python_version()}
+        self._folders = {path: _Installed(path) for path in sys.path if os.path.basename(path) in _INSTALLED}
+        self._standard = tuple(
+            os.path.abspath(path) + os.sep for path in {sysconfig.get_path("stdlib"), sysconfig.get_path("platstdlib")} if path
+        )
+        self._main = _file_of(sys.modules.get("__main__")) or ""
+        self._roots = [os.path.dirname(self._main), *(os.path.abspath(path) for path in sys.path)]
+
+    def news(self) -> str | None:
+        """All of it as JSON, if more has been imported since this was last called."""
+        if len(sys.modules) == len(self._names):
+            return None
+        before = (len(self._modules), len(self._packages))
+        for name in [name for name in sys.modules if name not in self._names]:
+            self._add(name, _file_of(sys.modules.get(name)))
+        self._names = set(sys.modules)
+        if before == (len(self._modules), len(self._packages)):
+            return None
+        modules = [{"name": name, "file": file, "hash": content} for file, (name, content) in sorted(self._modules.items())]
+        return json.dumps({"main": self._main, "modules": modules, "packages": self._packages})
+
+    def _add(self, name: str, file: str | None) -> None:
+        if file is None or file in self._modules:
+            return
+        if _INSTALLED.isdisjoint(file.split(os.sep)):
+            if name.partition(".")[0] == __package__:
+                # This package from its sources: whole, since it imports parts of itself when they are needed.
+                folder = os.path.dirname(os.path.abspath(__file__))
+                for part in _entries(folder):
+                    if part.endswith(".py"):
+                        self._add_module(os.path.join(folder, part))
+            elif not file.startswith(self._standard):
+                self._add_module(file)
+            return
+        parts = file.split(os.sep)
+        at = max(index for index, part in enumerate(parts) if part in _INSTALLED)
+        folder = os.sep.join(parts[: at + 1])
+        if folder not in self._folders:
+            self._folders[folder] = _Installed(folder)
+        packages = self._folders[folder].packages_of(parts[at + 1].partition(".")[0])
+        if not packages:
+            # Nobody says which package it belongs to.
+            self._add_module(file)
+        for package in packages:
+            self._add_package(package)
+
+    def _add_module(self, file: str) -> None:
+        if file not in self._modules:
+            self._modules[file] = (self._relative(file), _hash(file))
+
+    def _add_package(self, name: str) -> None:
+        """Adds an installed package and those that it needs: it may import them at any time."""
+        if name in self._packages:
+            return
+        for folder in self._folders.values():
+            if name in folder.versions:
+                self._packages[name] = folder.versions[name]
+                for needed in folder.needed_by(name):
+                    self._add_package(needed)
+                return
+
+    def _relative(self, file: str) -> str:
+        """The path of a module from the program's folder, or from where Python looks for modules: equal wherever the folder is."""
+        for root in self._roots:
+            if root and file.startswith(root.rstrip(os.sep) + os.sep):
+                return os.path.relpath(file, root)
+        return os.path.basename(file)
+
+
+def _file_of(module: object) -> str | None:
+    # Not by `getattr`: modules that are loaded when something of them is needed would be loaded.
+    file = getattr(module, "__dict__", {}).get("__file__")
+    return os.path.abspath(file) if isinstance(file, str) and not file.startswith("<") else None
+
+
+def _hash(file: str) -> str:
+    try:
+        with open(file, "rb") as content:
+            return hashlib.sha256(content.read()).hexdigest()
+    except OSError as error:
+        return f"unreadable: {error.strerror}"
+
+
+class _Installed:
+    """The packages in a folder of installed ones. `importlib.metadata` knows them too, and takes a second where there are many."""
+
+    def __init__(self, folder: str) -> None:
+        self._infos: dict[str, str] = {}
+        self.versions: dict[str, str] = {}
+        self._tops: dict[str, list[str]] | None = None
+        for entry in _entries(folder):
+            stem, ending = os.path.splitext(entry)
+            if ending in (".dist-info", ".egg-info"):
+                name, version, *_ = [*stem.split("-"), ""]
+                self._infos[_normalized(name)] = os.path.join(folder, entry)
+                self.versions[_normalized(name)] = version
+
+    def packages_of(self, top: str) -> list[str]:
+        """The packages that have a module or a folder of that name."""
+        if _normalized(top) in self.versions:
+            return [_normalized(top)]
+        if self._tops is None:
+            self._tops = {}
+            for name, info in self._infos.items():
+                for its_top in self._tops_of(info):
+                    self._tops.setdefault(its_top, []).append(name)
+        return sorted(self._tops.get(top, []))
+
+    @staticmethod
+    def _tops_of(info: str) -> set[str]:
+        listed = _lines(os.path.join(info, "top_level.txt"))
+        if listed:
+            return set(listed)
+        return {line.partition(",")[0].partition("/")[0].partition(".")[0] for line in _lines(os.path.join(info, "RECORD"))}
+
+    def needed_by(self, name: str) -> list[str]:
+        needed = []
+        for line in _lines(os.path.join(self._infos[name], "METADATA")):
+            if not line:
+                break
+            match = re.match(r"Requires-Dist: ([A-Za-z0-9._-]+)", line)
+            if match and "extra ==" not in line:
+                needed.append(_normalized(match.group(1)))
+        return needed
+
+
+def _entries(folder: str) -> list[str]:
+    try:
+        return sorted(os.listdir(folder))
+    except OSError:
+        return []
+
+
+def _lines(file: str) -> list[str]:
+    try:
+        with open(file, encoding="utf-8", errors="replace") as lines:
+            return [line.rstrip() for line in lines]
+    except OSError:
+        return []
+
+
+def _normalized(name: str) -> str:
+    return re.sub(r"[-_.]+", "-", name).lower()

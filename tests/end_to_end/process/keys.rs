@@ -1,0 +1,229 @@
+//! What a program can observe is in the cache keys of its results: a run that reuses them equals one that computes all.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use super::python::path_of;
+use super::{run, said};
+use crate::support::{depthloom, python_package, succeed};
+
+/// A folder with an experiment of one node in Python, whose runs are beside each other.
+struct Programs {
+    folder: tempfile::TempDir,
+    python: PathBuf,
+}
+
+const EXPERIMENT: &str = "
+experiment: keys
+sources: { street: { kind: synthetic/road, with: { frames: 0..3, width: 96, height: 32 } } }
+stages:
+  look:
+    source: street
+    nodes:
+      own:
+        kind: process
+        inputs: { depth: source/depth }
+        with: { command: [python3, node.py], ports: { inputs: { depth: depth }, outputs: { depth: depth } }, WITH }
+      after: { kind: filter/median, inputs: { depth: own/depth } }
+    score: { truth: source/depth, estimates: { after: after/depth } }
+";
+
+const NODE: &str = "
+import depthloom
+from mylib.k import K
+
+@depthloom.node(inputs={'depth': 'depth'}, outputs={'depth': 'depth'})
+def node(depth):
+    return depth * K
+
+depthloom.serve(node)
+";
+
+impl Programs {
+    fn new(test: &str) -> Option<Self> {
+        let python = python_package(test)?;
+        let programs = Self { folder: tempfile::tempdir().expect("a folder"), python };
+        std::fs::create_dir(programs.path("mylib")).expect("made");
+        programs.write("mylib/k.py", "K = 1.1\n");
+        programs.write("node.py", NODE);
+        Some(programs)
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn write(&self, name: &str, text: &str) {
+        std::fs::write(self.path(name), text).expect("written");
+    }
+
+    fn experiment(&self, with: &str) -> PathBuf {
+        self.write("keys.yaml", &EXPERIMENT.replace("WITH", with));
+        self.path("keys.yaml")
+    }
+
+    fn command(&self, experiment: &Path, out: &str) -> Command {
+        let mut command = run(experiment, &self.path("runs").join(out), "keys");
+        command.env("PATH", path_of(&self.python));
+        command.current_dir(self.folder.path()).env_remove("DEPTHLOOM_FRESH");
+        command
+    }
+
+    /// The recording of a run that reuses what earlier runs computed.
+    fn recording(&self, experiment: &Path, out: &str) -> Vec<u8> {
+        succeed(&mut self.command(experiment, out));
+        std::fs::read(self.path("runs").join(out).join("recording.mcap")).expect("a recording")
+    }
+
+    /// That a run which may reuse results gives the recording of one that may not.
+    fn equals_fresh(&self, experiment: &Path, out: &str) {
+        let reusing = self.recording(experiment, out);
+        let fresh = format!("{out}-fresh");
+        succeed(self.command(experiment, &fresh).arg("--fresh"));
+        let fresh = std::fs::read(self.path("runs").join(fresh).join("recording.mcap")).expect("a recording");
+        assert!(reusing == fresh, "{out}: the recording of the reusing run differs from a fresh one");
+    }
+
+    /// How many of the node's frames the next run would compute.
+    fn computed(&self, experiment: &Path) -> u64 {
+        let mut plan = depthloom();
+        plan.args(["plan", "--reuse", "--json", "--allow-exec", "--out"]).arg(self.path("runs/next")).arg(experiment);
+        plan.env("PATH", path_of(&self.python));
+        plan.current_dir(self.folder.path()).env_remove("DEPTHLOOM_FRESH");
+        let plan: serde_json::Value = serde_json::from_slice(&succeed(&mut plan).stdout).expect("JSON");
+        let nodes = plan["nodes"].as_array().expect("a list");
+        nodes.iter().find(|node| node["node"] == "own").expect("a node")["runs"].as_u64().expect("a number")
+    }
+}
+
+#[test]
+fn an_imported_module_that_changes_is_noticed_by_its_content() {
+    const TEST: &str = "an_imported_module_that_changes_is_noticed_by_its_content";
+    let Some(programs) = Programs::new(TEST) else { return };
+    for with in ["code: [node.py]", "version: 1"] {
+        let experiment = programs.experiment(with);
+        programs.write("mylib/k.py", "K = 1.1\n");
+        let name = with.split(':').next().expect("a word");
+        programs.recording(&experiment, &format!("{name}-first"));
+        assert_eq!(programs.computed(&experiment), 0, "{with}: nothing changed");
+        programs.write("mylib/k.py", "K = 2.0\n");
+        programs.equals_fresh(&experiment, &format!("{name}-second"));
+    }
+    // The report can be switched off: then nobody notices.
+    let experiment = programs.experiment("code: [node.py], imports: false");
+    programs.recording(&experiment, "off");
+    programs.write("mylib/k.py", "K = 3.0\n");
+    assert_eq!(programs.computed(&experiment), 0);
+}
+
+#[test]
+fn a_module_that_is_imported_late_fails_the_frame_unless_code_names_it() {
+    const TEST: &str = "a_module_that_is_imported_late_fails_the_frame_unless_code_names_it";
+    let Some(programs) = Programs::new(TEST) else { return };
+    let late =
+        NODE.replace("from mylib.k import K\n", "").replace("    return", "    from mylib.k import K\n    return");
+    programs.write("node.py", &late);
+    let output = programs.command(&programs.experiment("code: [node.py]"), "late").output().expect("it runs");
+    assert_eq!(output.status.code(), Some(3), "{}", said(&output));
+    let said = said(&output);
+    assert!(said.contains("k.py after it was started") && said.contains("name it in `code`"), "{said}");
+    let experiment = programs.experiment("code: [node.py, mylib]");
+    programs.recording(&experiment, "named");
+    programs.write("mylib/k.py", "K = 2.0\n");
+    programs.equals_fresh(&experiment, "named-again");
+}
+
+#[test]
+fn code_takes_folders_and_patterns_and_check_names_what_is_missing() {
+    const TEST: &str = "code_takes_folders_and_patterns_and_check_names_what_is_missing";
+    let Some(programs) = Programs::new(TEST) else { return };
+    for (code, name) in [("mylib", "folder"), ("'my*/*.py'", "pattern")] {
+        let experiment = programs.experiment(&format!("code: [node.py, {code}], imports: false"));
+        programs.recording(&experiment, name);
+        assert_eq!(programs.computed(&experiment), 0, "{name}: nothing changed");
+        programs.write("mylib/new.py", name);
+        programs.equals_fresh(&experiment, &format!("{name}-again"));
+    }
+    for (code, told) in [("gone.py", "gone.py"), ("'mylib/*.rs'", "mylib/*.rs, which matches no file")] {
+        let mut check = depthloom();
+        let output = check.arg("check").arg(programs.experiment(&format!("code: [{code}]"))).output().expect("it runs");
+        assert_eq!(output.status.code(), Some(2), "{}", said(&output));
+        assert!(said(&output).replace(' ', "").contains(&told.replace(' ', "")), "{}", said(&output));
+    }
+}
+
+#[test]
+fn files_that_a_node_reads_for_a_frame_are_in_the_key_of_that_frame() {
+    const TEST: &str = "files_that_a_node_reads_for_a_frame_are_in_the_key_of_that_frame";
+    let Some(programs) = Programs::new(TEST) else { return };
+    programs.write(
+        "node.py",
+        "
+import os
+import depthloom
+
+@depthloom.node(inputs={'depth': 'depth'}, outputs={'depth': 'depth'})
+class Node:
+    def process(self, depth, frame):
+        file = os.path.join(os.path.dirname(__file__), 'preds', frame.id + '.txt')
+        return depth * (float(open(file).read()) if os.path.exists(file) else 9)
+
+@depthloom.node(inputs={'depth': 'depth'}, outputs={'depth': 'depth'})
+def pure(depth, frame):
+    return Node().process(depth, frame)
+
+depthloom.serve(Node, pure)
+",
+    );
+    std::fs::create_dir(programs.path("preds")).expect("made");
+    for (contract, program, changed) in [("pure", "pure", 1), ("ordered", "Node", 3)] {
+        for frame in ["000000_10", "000002_10"] {
+            programs.write(&format!("preds/{frame}.txt"), "1.5");
+        }
+        let more = format!("code: [node.py], contract: {contract}, reads: 'preds/{{frame}}.txt'");
+        let experiment = programs.experiment(&more);
+        let text = std::fs::read_to_string(&experiment).expect("read");
+        std::fs::write(&experiment, text.replace("node.py], ports", &format!("node.py, {program}], ports")))
+            .expect("written");
+        programs.recording(&experiment, &format!("{contract}-first"));
+        programs.write("preds/000000_10.txt", "2.5");
+        // What an ordered node remembers comes of all frames before.
+        assert_eq!(programs.computed(&experiment), changed, "{contract}");
+        programs.equals_fresh(&experiment, &format!("{contract}-changed"));
+        std::fs::remove_file(programs.path("preds/000002_10.txt")).expect("removed");
+        programs.equals_fresh(&experiment, &format!("{contract}-removed"));
+    }
+}
+
+#[test]
+fn an_ordered_node_behind_a_recording_sees_other_times_and_shares_no_results() {
+    const TEST: &str = "an_ordered_node_behind_a_recording_sees_other_times_and_shares_no_results";
+    let Some(programs) = Programs::new(TEST) else { return };
+    programs.write(
+        "node.py",
+        "
+import numpy as np
+import depthloom
+
+@depthloom.node(inputs={'depth': 'depth'}, outputs={'depth': 'depth'})
+class Clock:
+    def __init__(self):
+        self.before = None
+    def process(self, depth, frame):
+        seconds = 0.0 if self.before is None else (frame.time_ns - self.before) / 1e9
+        self.before = frame.time_ns
+        return np.full(depth.shape, seconds, np.float32)
+
+depthloom.serve(Clock)
+",
+    );
+    let experiment = programs.experiment("code: [node.py], contract: ordered");
+    let first = std::fs::read_to_string(&experiment).expect("read").replace("0..3", "[3, 7, 8]");
+    std::fs::write(&experiment, &first).expect("written");
+    programs.recording(&experiment, "first");
+    let source = "kind: mcap, with: { path: runs/first/recording.mcap }";
+    let second = first.replace("kind: synthetic/road, with: { frames: [3, 7, 8], width: 96, height: 32 }", source);
+    assert_ne!(first, second);
+    programs.write("second.yaml", &second);
+    programs.equals_fresh(&programs.path("second.yaml"), "second");
+}
