@@ -13,7 +13,6 @@ use depthloom_graphs::{Rate, Registry, Value};
 use depthloom_recording::{
     Condition, RecordedContent, RecordedInput, RecordedNode, RecordedOnce, RecordedOutput, Recording,
 };
-use serde_json::Value as Json;
 
 use super::guard::Failures;
 use super::source::RecordedFrames;
