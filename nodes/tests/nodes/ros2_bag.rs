@@ -250,7 +250,7 @@ fn fault_64_colours_of_16_bits_are_read_and_files_that_were_unpacked() {
     let folder = tempfile::tempdir().unwrap();
     mcap(&folder.path().join("bag.mcap"), &frames(), WriteOptions::new());
     let metadata = "rosbag2_bagfile_information:\n  relative_file_paths: [bag.mcap.zstd]\n  compression_mode: FILE\n";
-    std::fs::write(folder.path().join("metadata.yaml"), metadata).unwrap();
+    fs::write(folder.path().join("metadata.yaml"), metadata).unwrap();
     assert!(!opened(folder.path(), &json!({})).source.frames().is_empty());
 }
 
@@ -259,13 +259,13 @@ fn fault_65_what_git_lfs_left_in_the_place_of_a_bag_is_named_and_so_is_a_damaged
     let bench = Bench::new();
     let folder = tempfile::tempdir().unwrap();
     let pointer = folder.path().join("pointer.mcap");
-    std::fs::write(&pointer, "version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 12\n").unwrap();
+    fs::write(&pointer, "version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 12\n").unwrap();
     let told = bench.told(&pointer, &json!({}));
     assert!(told.contains("is a pointer of Git LFS") && told.contains("git lfs pull"), "{told}");
-    let mut bytes = std::fs::read(bench.mcap(&frames())).unwrap();
+    let mut bytes = fs::read(bench.mcap(&frames())).unwrap();
     bytes[3] ^= 1;
     let damaged = folder.path().join("damaged.mcap");
-    std::fs::write(&damaged, bytes).unwrap();
+    fs::write(&damaged, bytes).unwrap();
     let told = bench.told(&damaged, &json!({}));
     assert!(told.contains("it does not begin as an MCAP file, and ends as one"), "{told}");
 }
