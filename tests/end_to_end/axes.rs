@@ -2,7 +2,7 @@
 
 use depthloom_recording::Recording;
 
-use crate::support::{depthloom, succeed, workspace};
+use crate::support::{Row, depthloom, number, read_csv, succeed, workspace};
 
 #[test]
 fn variants_made_on_the_command_line_are_recorded_with_their_factors_and_run_again() {
@@ -60,4 +60,62 @@ stages:
         let found: serde_json::Value = serde_json::from_slice(&checked.stdout).expect("JSON");
         assert_eq!(found["variants"], count, "{block}\n{found:#}");
     }
+}
+
+#[test]
+fn effects_and_figures_adjust_means_where_combinations_are_left_out() {
+    let experiment = "experiment: unbalanced
+sources: { street: { kind: synthetic/road, with: { frames: 0..2, seed: 3, width: 160, height: 64 } } }
+stages:
+  compare:
+    source: street
+    nodes:
+      stereo: { kind: stereo/sgbm, inputs: { left: source/left, right: source/right }, with: { disparities: 32 } }
+      depth: { kind: depth/from-disparity, inputs: { disparity: stereo/disparity, calibration: source/calibration } }
+    score: { truth: source/depth, estimates: { stereo: depth/depth } }
+matrix:
+  compare.stereo.with.block: [3, 5, 7]
+  compare.stereo.with.mode: [sgbm, hh]
+  compare.stereo.with.uniqueness: [0, 15]
+  penalty:
+    values: { weak: { compare.stereo.with.p2: 800 }, strong: { compare.stereo.with.p2: 3000 } }
+    when: { compare.stereo.with.mode: hh }
+  exclude:
+    - { compare.stereo.with.block: 3, compare.stereo.with.mode: hh }
+    - { compare.stereo.with.block: 7, compare.stereo.with.uniqueness: 15 }
+";
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    std::fs::write(folder.join("unbalanced.yaml"), experiment).expect("written");
+    succeed(depthloom().current_dir(folder).args(["run", "unbalanced.yaml", "--quiet", "--out", "run"]));
+    let table = |arguments: &[&str]| {
+        let more = ["--format", "csv", "--out", "table.csv"];
+        succeed(depthloom().current_dir(folder).args(["table", "run"]).args(arguments).args(more));
+        read_csv(&folder.join("table.csv"))
+    };
+    let rows = table(&["--columns", "abs_rel"]);
+    let effects = table(&["--effects", "abs_rel"]);
+    let of = |level: &str| {
+        let row = effects.iter().find(|row| row["axis"] == "block" && row["level"] == level).expect("a level");
+        number(row, "abs_rel")
+    };
+    // Plain means say that 7 is best: it was never run with the check of uniqueness, which makes all others worse.
+    let plain = |level: &str| {
+        let own: Vec<f64> = rows.iter().filter(|row| row["block"] == level).map(|row| number(row, "abs_rel")).collect();
+        own.iter().sum::<f64>() / own.len() as f64
+    };
+    assert!(plain("7") < plain("5") && plain("5") < plain("3"));
+    assert!(of("5") < of("3") && of("3") < of("7"), "{effects:?}");
+    let figure = |axis: &str| {
+        let files = ["--out", "figure.svg", "--data", "figure.csv", "--axes", axis];
+        succeed(depthloom().current_dir(folder).args(["figure", "run", "parameter"]).args(files));
+        read_csv(&folder.join("figure.csv"))
+    };
+    for row in figure("block") {
+        assert!((number(&row, "abs_rel") - of(&row["block"])).abs() < 1e-12, "{row:?}");
+    }
+    // What the axis is not in is one line, the mean of its variants.
+    let with_penalty = figure("penalty");
+    let without: Vec<&Row> = with_penalty.iter().filter(|row| row["penalty"].is_empty()).collect();
+    assert_eq!((with_penalty.len(), without.len(), without[0]["rows"].as_str()), (3, 1, "5"));
 }
