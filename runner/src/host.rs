@@ -56,7 +56,9 @@ impl Host for TaskHost<'_> {
     fn warn_of(&self, count: u64, what: &str) {
         let mut told = self.told.lock().unwrap_or_else(PoisonError::into_inner);
         let first = !told.contains_key(what);
-        *told.entry(what.to_owned()).or_default() += count;
+        let counted = told.entry(what.to_owned()).or_default();
+        // Programs report any number.
+        *counted = counted.saturating_add(count);
         drop(told);
         if !self.is_repeated && self.warnings.add(self.run, self.node, what, count, first) {
             self.observer.warned(self.run, self.node, what);

@@ -57,7 +57,7 @@ impl Warnings {
     pub(crate) fn add(&self, run: usize, node: Option<usize>, what: &str, count: u64, is_new: bool) -> bool {
         let mut told = locked(&self.0);
         let (counted, times) = told.entry((run, node, what.to_owned())).or_default();
-        *counted += count;
+        *counted = counted.saturating_add(count);
         *times += u64::from(is_new);
         *times == 1 && is_new
     }

@@ -11,7 +11,7 @@ use depthloom_graphs::language::Loaded;
 use depthloom_graphs::plan::Plan;
 use depthloom_graphs::ready::{NotReady, Ready};
 use depthloom_graphs::{Frame, Registry};
-use depthloom_nodes::onnx;
+use depthloom_nodes::{onnx, process};
 use depthloom_recording::{Condition, EarlierRuns, Recorder, Recording, RecordingError};
 use depthloom_runner::{Checkpoints, Interrupt, Observer, Options, Report, RunError, Unwatched};
 use serde_json::{Value as Json, json};
@@ -82,7 +82,7 @@ pub fn carry_out(
     let stopped = || interrupt.stops_admission();
     let partial = folder.partial.clone();
     let recorded = record(ready, &plan, args, &options, (&folder, &partial), begun, interrupt, &stopped, elsewhere);
-    let Recorded { failed, warnings, checkpoints, reused, sampled } = match recorded {
+    let Recorded { failed, warnings, checkpoints, reused, sampled, has_printed } = match recorded {
         Ok(recorded) => recorded,
         Err(ended) => return Err(ended.stop(folder, elsewhere.is_some())),
     };
@@ -101,6 +101,9 @@ pub fn carry_out(
     }
     let out = folder.finish()?;
     checkpoints.remove();
+    if has_printed && !is_silent(args) {
+        say(format_args!("what programs printed is in {}", out.join(PRINTED).display()));
+    }
 
     let warnings = [of_sources, unreadable, warnings].concat();
     let incomplete = (failed > 0).then(|| {
@@ -239,6 +242,10 @@ impl Ended {
             let told = counted(frames, "frame");
             let (at, report) = (partial.display(), partial.display());
             stop = stop.also(format!("{told} can be read from {at}: `depthloom report {report}`"));
+            let printed = partial.join(PRINTED);
+            if printed.is_file() {
+                stop = stop.also(format!("what programs printed is in {}", printed.display()));
+            }
         }
         let is_put_down = std::fs::read_dir(&checkpoints).is_ok_and(|mut files| files.next().is_some());
         let resumes = if frames == 0 { "" } else { "behind these frames, " };
@@ -301,6 +308,23 @@ struct Recorded<'a> {
     checkpoints: Checkpoints,
     /// What the report need not read back.
     sampled: Option<Sampled<'a>>,
+    /// Whether programs wrote to standard error.
+    has_printed: bool,
+}
+
+/// What programs wrote to standard error, in the run's folder.
+const PRINTED: &str = "programs.log";
+
+/// Keeps what programs printed; whether there is any, and the warnings about programs that failed after their last answer.
+fn write_printed(folder: &RunFolder) -> Result<(bool, Vec<String>), Stop> {
+    let ended = process::take_ended();
+    let text = process::printed_text(&ended);
+    if !text.is_empty() {
+        folder.write(PRINTED, &text)?;
+    }
+    let failed =
+        ended.iter().filter_map(|program| Some(format!("`{}` {}", program.command, program.failure.as_ref()?)));
+    Ok((!text.is_empty(), failed.collect()))
 }
 
 /// Runs the frames, closes the recording, and says what there was to warn of.
@@ -347,6 +371,7 @@ fn record<'a>(
         Some(sampling) => depthloom_runner::run(ready, sampling, options, &watch, interrupt),
         None => depthloom_runner::run(ready, &recorder, options, &watch, interrupt),
     };
+    let printed = write_printed(folder);
     let sampled = sampling.and_then(SamplingTap::finish);
     // Whatever happened, what was recorded is closed properly: a run that failed keeps the frames before the failure.
     let finished = match &ran {
@@ -361,7 +386,8 @@ fn record<'a>(
         Ended { is_suspect, ..ended(stop_of(&error)) }
     })?;
     finished.map_err(ended)?;
-    let warnings = [warnings(&ran, plan), earlier::warnings(&earlier)].concat();
+    let (has_printed, failed_programs) = printed.map_err(ended)?;
+    let warnings = [warnings(&ran, plan), failed_programs, earlier::warnings(&earlier)].concat();
     tell(args, &warnings);
     write_timings(&ran.timings, plan, &recorder, &folder.file(TIMINGS)).map_err(ended)?;
     if ran.interrupted {
@@ -372,7 +398,7 @@ fn record<'a>(
     if let (Some(text), false) = (reused.text(), is_silent(args)) {
         say(text);
     }
-    Ok(Recorded { failed, warnings, checkpoints: ran.checkpoints, reused: reused.json(), sampled })
+    Ok(Recorded { failed, warnings, checkpoints: ran.checkpoints, reused: reused.json(), sampled, has_printed })
 }
 
 /// Two who watch a run.

@@ -12,7 +12,7 @@ use crate::earlier::OUTDATED;
 use crate::models;
 
 /// The files that a run writes.
-const FILES: [&str; 7] = [
+const FILES: [&str; 8] = [
     MARKER,
     "recording.mcap",
     OUTDATED,
@@ -20,6 +20,7 @@ const FILES: [&str; 7] = [
     "experiment.resolved.yaml",
     "environment.json",
     "timings.parquet",
+    "programs.log",
 ];
 /// And its reports.
 const REPORT: [&str; 15] = [

@@ -18,6 +18,9 @@ pub enum StreamError {
     /// It ended in the middle of a message.
     #[error("the stream ended within a message")]
     Cut,
+    /// What was read is no such stream from its first bytes on: text, most likely.
+    #[error("it is no stream of Arrow's: it begins with {0:?} where a message is wanted")]
+    Text(String),
     /// What was read is no such stream, as a lower-case fragment.
     #[error("{0}")]
     Malformed(String),
@@ -78,8 +81,7 @@ impl<R: Read> StreamReader<R> {
         let [marker, length] = lead;
         if marker != u32::MAX {
             let bytes = marker.to_le_bytes();
-            let text = String::from_utf8_lossy(&bytes).into_owned();
-            return malformed(format!("it is no stream of Arrow's: it begins with {text:?} where a message is wanted"));
+            return Err(StreamError::Text(String::from_utf8_lossy(&bytes).into_owned()));
         }
         if length == 0 {
             return Ok(None);

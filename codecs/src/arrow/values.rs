@@ -146,12 +146,16 @@ pub fn value(value_type: ValueType, column: &View<'_>) -> Result<Value, String> 
                 disparity.validate()?;
                 return Ok(Value::disparity_from_px(disparity.px));
             }
-            let sixteenths_px = raster(size()?, part("data")?.i16s()?)?;
             let least = part("min_disparity")?.int()?;
-            let min_disparity_px = i32::try_from(least).ok().filter(|least| nothing_found(*least).is_some());
-            let min_disparity_px =
-                min_disparity_px.ok_or_else(|| format!("disparities from {least} px on do not fit into 16 bits"))?;
-            Disparity { sixteenths_px, min_disparity_px }.into()
+            let known = i32::try_from(least).ok().and_then(|least| Some((least, nothing_found(least)?)));
+            let (min_disparity_px, missing) =
+                known.ok_or_else(|| format!("disparities from {least} px on do not fit into 16 bits"))?;
+            let mut fixed = part("data")?.i16s()?;
+            // Whatever is below the least disparity was not found. In a value of ours one number says so.
+            fixed
+                .iter_mut()
+                .for_each(|fixed| *fixed = if *fixed < missing.saturating_add(16) { missing } else { *fixed });
+            Disparity { sixteenths_px: raster(size()?, fixed)?, min_disparity_px }.into()
         }
         ValueType::TrueDisparity => TrueDisparity { px: floats()? }.into(),
         ValueType::Depth => Depth { metres: floats()? }.into(),
@@ -317,5 +321,24 @@ mod tests {
                 }
             }
         }
+    }
+
+    /// The protocol says that what is below the least disparity was not found. Some nodes take `(min_disparity - 1) * 16` alone for that.
+    #[test]
+    fn disparities_below_the_least_become_the_one_number_for_nothing_found() {
+        let given = Value::from(Disparity {
+            sixteenths_px: Raster::from_raw(3, 2, vec![-1, -15, -16, i16::MIN, 0, 5]).unwrap(),
+            min_disparity_px: 0,
+        });
+        let schema = Schema { fields: field("it", ValueType::Disparity).into_iter().collect(), metadata: Vec::new() };
+        let mut stream = Vec::new();
+        write_schema(&schema, &mut stream).unwrap();
+        encode(&schema, data(&given).into_iter().collect()).write(&mut stream).unwrap();
+        let mut reader = StreamReader::new(&stream[..]);
+        let schema = reader.schema().unwrap().unwrap();
+        let batch = reader.batch(&schema).unwrap().unwrap();
+        let read = value(ValueType::Disparity, &batch.column(&schema, "it").unwrap()).unwrap();
+        let Value::Disparity(read) = read else { panic!("{read:?}") };
+        assert_eq!(read.sixteenths_px.as_raw()[..], [-16, -16, -16, -16, 0, 5]);
     }
 }

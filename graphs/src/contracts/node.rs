@@ -79,6 +79,11 @@ impl Outputs {
         self
     }
 
+    /// The values and their ports, in the order in which they were added.
+    pub fn entries(&self) -> impl Iterator<Item = (&'static str, &Value)> {
+        self.0.iter().map(|(port, value)| (*port, value))
+    }
+
     /// The values in the order of the declared ports, each of its declared type.
     ///
     /// # Errors

@@ -16,10 +16,11 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
-use depthloom_codecs::arrow::{Schema, StreamReader, encode, write_schema};
+use depthloom_codecs::arrow::{Schema, StreamError, StreamReader, encode, write_schema};
 use depthloom_graphs::{Fault, Port};
 use depthloom_threads::look_for_room;
 
+use super::ended::{self, EndedProgram};
 use super::launch::{Launch, PROGRAM};
 use super::memory::Shared;
 use super::permission;
@@ -31,6 +32,8 @@ const GUARD: &str = "trap '' HUP INT TERM; while read -r signal; do kill -s \"$s
 const KEPT: usize = 16 << 10;
 /// How long a process may take to end when it is told, before it is killed.
 const GRACE: Duration = Duration::from_secs(2);
+/// How long it may take by itself after its input has ended.
+const LAST_GRACE: Duration = Duration::from_secs(10);
 /// How often waiting looks up.
 pub(super) const LOOK: Duration = Duration::from_millis(50);
 
@@ -41,8 +44,12 @@ struct Said {
     left_out: bool,
 }
 
-/// What the thread that reads found.
-type Heard = Result<Reply, String>;
+/// What the thread that reads found: a reply, or what is wrong and what helps.
+type Heard = Result<Reply, (String, &'static str)>;
+
+/// What helps where a program prints to the stream of its answers.
+const PRINTS: &str =
+    "print to standard error (`print(..., file=sys.stderr)` in Python): standard output belongs to the protocol";
 
 /// A process and all that belongs to it.
 pub(super) struct Running {
@@ -55,6 +62,16 @@ pub(super) struct Running {
     listener: Option<JoinHandle<()>>,
     /// The number of the last call.
     pub(super) number: i64,
+    /// Whether its last answer was a failure, which is reported already.
+    pub(super) has_failed: bool,
+    /// Whether it was asked to end before its input did.
+    is_terminated: bool,
+    /// When its input ended.
+    hung_up: Option<Instant>,
+    /// The program, for messages.
+    command: String,
+    /// Whether what it printed, and how it ended, is kept for whoever runs the experiment.
+    pub(super) is_reported: bool,
 }
 
 /// The first process of a group.
@@ -102,8 +119,8 @@ impl Guard {
 pub(super) enum Silence {
     /// The time is over.
     Late,
-    /// The process is of no more use; what is wrong, as a lower-case fragment.
-    Broken(String),
+    /// The process is of no more use; what is wrong, as a lower-case fragment, and what helps, which may be empty.
+    Broken(String, &'static str),
 }
 
 impl Running {
@@ -136,7 +153,20 @@ impl Running {
         let (calls, to_write) = sync_channel::<Request>(1);
         let (heard, replies) = sync_channel::<Heard>(1);
         let said = Arc::<Mutex<Said>>::default();
-        let mut running = Self { child, guard, calls: Some(calls), replies, said, listener: None, number: 0 };
+        let mut running = Self {
+            child,
+            guard,
+            calls: Some(calls),
+            replies,
+            said,
+            listener: None,
+            number: 0,
+            has_failed: false,
+            is_terminated: false,
+            hung_up: None,
+            command: launch.program(),
+            is_reported: true,
+        };
         let (Some(input), Some(output), Some(errors)) = (input, output, errors) else {
             return Err(Fault::new(format!("`{name}` was started without streams")));
         };
@@ -166,27 +196,30 @@ impl Running {
     /// Tells it that nobody calls any more: its standard input ends.
     pub(super) fn hang_up(&mut self) {
         self.calls = None;
+        self.hung_up.get_or_insert_with(Instant::now);
     }
 
     /// What it says next.
     pub(super) fn hear(&mut self, patience: Duration) -> Result<Reply, Silence> {
         match self.replies.recv_timeout(patience) {
             Ok(Ok(reply)) => Ok(reply),
-            Ok(Err(what)) => Err(Silence::Broken(what)),
+            Ok(Err((what, remedy))) => Err(Silence::Broken(what, remedy)),
             Err(RecvTimeoutError::Timeout) => Err(Silence::Late),
-            Err(RecvTimeoutError::Disconnected) => Err(Silence::Broken("it says nothing more".to_owned())),
+            Err(RecvTimeoutError::Disconnected) => Err(Silence::Broken("it says nothing more".to_owned(), "")),
         }
     }
 
     /// Asks it to end, all of its group.
     pub(super) fn terminate(&mut self) {
+        self.is_terminated = true;
         self.guard.terminate();
     }
 
-    /// Ends it and all that it started, and waits for it. `patience` is how long it may take by itself.
+    /// Ends it and all that it started, and waits for it. `patience` is how long it may take by itself; how it ended, if it did so within that time.
     fn end(&mut self, patience: Duration) -> Option<ExitStatus> {
         self.hang_up();
-        let mut status = ends_within(&mut self.child, patience);
+        let by_itself = ends_within(&mut self.child, patience);
+        let mut status = by_itself;
         if status.is_none() {
             self.guard.terminate();
             status = ends_within(&mut self.child, GRACE);
@@ -195,48 +228,73 @@ impl Running {
         self.guard.kill();
         if status.is_none() {
             let _ = self.child.kill();
-            status = ends_within(&mut self.child, GRACE);
+            ends_within(&mut self.child, GRACE);
         }
         self.guard.wait();
-        status
+        by_itself
     }
 
     /// Ends it after something went wrong; how it ended by itself, if it did, and the end of what it said on its standard error, as lines for a message.
     pub(super) fn last_words(mut self, is_silent: bool) -> String {
         // What has closed its streams is about to end; what is silent, or says what it should not, is not.
-        let by_itself =
-            ends_within(&mut self.child, if is_silent { Duration::ZERO } else { Duration::from_millis(500) });
+        let by_itself = ends_within(&mut self.child, if is_silent { Duration::ZERO } else { GRACE });
         let mut words = by_itself.map_or_else(String::new, |status| format!("; it {}", how(status)));
         self.end(Duration::ZERO);
+        let (printed, is_cut) = self.standard_error();
+        words.push_str(&last_lines(&printed, is_cut));
+        ended::put(EndedProgram { command: self.command.clone(), failure: None, printed, is_cut });
+        words
+    }
+
+    /// What it wrote to standard error, as lines without control characters, and whether it wrote more before that.
+    fn standard_error(&mut self) -> (String, bool) {
         if let Some(listener) = self.listener.take() {
             // Somebody who left the group may hold the stream for ever.
-            let until = Instant::now() + Duration::from_millis(500);
+            let until = Instant::now() + GRACE;
             while !listener.is_finished() && Instant::now() < until {
                 thread::sleep(Duration::from_millis(1));
             }
         }
         let said = self.said.lock().unwrap_or_else(PoisonError::into_inner);
         let bytes: Vec<u8> = said.bytes.iter().copied().collect();
-        let text = String::from_utf8_lossy(&bytes);
-        let lines: Vec<&str> = text.lines().map(str::trim_end).filter(|line| !line.is_empty()).collect();
-        if lines.is_empty() {
-            words.push_str("; its standard error is empty");
-            return words;
-        }
-        const LINES: usize = 20;
-        let shown = &lines[lines.len().saturating_sub(LINES)..];
-        let cut = if said.left_out || shown.len() < lines.len() {
-            "the end of its standard error"
-        } else {
-            "its standard error"
-        };
-        words.push_str(&format!("; {cut}:"));
-        for line in shown {
-            words.push_str("\n  ");
-            words.extend(line.chars().take(200).map(|c| if c.is_control() { ' ' } else { c }));
-        }
-        words
+        let plain = |c: char| if c == '\n' || c == '\t' || !c.is_control() { c } else { ' ' };
+        (String::from_utf8_lossy(&bytes).chars().map(plain).collect(), said.left_out)
     }
+
+    /// Keeps what there is to report of a process that was told that nobody calls it any more: how it ended by itself, if it did.
+    fn report(&mut self, by_itself: Option<ExitStatus>) {
+        if !self.is_reported {
+            return;
+        }
+        let failure = match by_itself {
+            _ if self.is_terminated || self.has_failed => None,
+            Some(status) if status.success() => None,
+            Some(status) => Some(format!("{} after its last answer", how(status))),
+            None => {
+                Some(format!("was ended {} s after its last answer: it did not end by itself", LAST_GRACE.as_secs()))
+            }
+        };
+        let (printed, is_cut) = self.standard_error();
+        let failure = failure.map(|how| how + &last_lines(&printed, is_cut));
+        ended::put(EndedProgram { command: self.command.clone(), failure, printed, is_cut });
+    }
+}
+
+/// The last lines of a standard error, for a message.
+fn last_lines(printed: &str, is_cut: bool) -> String {
+    const LINES: usize = 20;
+    let lines: Vec<&str> = printed.lines().map(str::trim_end).filter(|line| !line.is_empty()).collect();
+    if lines.is_empty() {
+        return "; its standard error is empty".to_owned();
+    }
+    let shown = &lines[lines.len().saturating_sub(LINES)..];
+    let is_cut = is_cut || shown.len() < lines.len();
+    let mut words = format!("; {}:", if is_cut { "the end of its standard error" } else { "its standard error" });
+    for line in shown {
+        words.push_str("\n  ");
+        words.extend(line.chars().take(200).map(|c| if c.is_control() { ' ' } else { c }));
+    }
+    words
 }
 
 /// How a process ended, if it did within a time.
@@ -265,7 +323,10 @@ fn how(status: ExitStatus) -> String {
 impl Drop for Running {
     fn drop(&mut self) {
         if self.guard.orders.is_some() {
-            self.end(GRACE);
+            self.hang_up();
+            let waited = self.hung_up.map_or(Duration::ZERO, |at| at.elapsed());
+            let by_itself = self.end(if self.is_terminated { GRACE } else { LAST_GRACE.saturating_sub(waited) });
+            self.report(by_itself);
         }
     }
 }
@@ -299,34 +360,37 @@ fn read(output: impl Read, outputs: &[Port], heard: &SyncSender<Heard>, shared: 
     let shared = || shared.lock().unwrap_or_else(PoisonError::into_inner);
     let mut stream = StreamReader::new(output);
     let schema = match stream.schema() {
-        Ok(Some(schema)) => {
-            let agreed = protocol::check_schema(&schema).and_then(|()| shared().agree(protocol::agrees(&schema)));
-            agreed.map(|()| schema)
-        }
-        Ok(None) => Err("it ended, or closed its standard output, before it said anything".to_owned()),
-        Err(error) => Err(format!("what it says is not of the protocol: {error}")),
+        Ok(Some(schema)) => protocol::check_schema(&schema).map(|()| schema).map_err(|what| (what, "")),
+        Ok(None) => Err(("it ended, or closed its standard output, before it said anything".to_owned(), "")),
+        Err(error) => Err(not_of_the_protocol(&error)),
     };
     let schema = match schema {
         Ok(schema) => schema,
-        Err(what) => {
-            let _ = heard.send(Err(what));
+        Err(wrong) => {
+            let _ = heard.send(Err(wrong));
             return;
         }
     };
+    shared().agree(protocol::agrees(&schema));
     loop {
         let next = match stream.batch(&schema) {
             Ok(Some(batch)) => {
                 let row = shared().meant(&schema, batch);
-                row.and_then(|row| protocol::reply(&schema, &row, outputs))
+                row.and_then(|row| protocol::reply(&schema, &row, outputs)).map_err(|what| (what, ""))
             }
-            Ok(None) => Err("it ended, or closed its standard output".to_owned()),
-            Err(error) => Err(format!("what it says is not of the protocol: {error}")),
+            Ok(None) => Err(("it ended, or closed its standard output".to_owned(), "")),
+            Err(error) => Err(not_of_the_protocol(&error)),
         };
         let is_over = next.is_err();
         if heard.send(next).is_err() || is_over {
             return;
         }
     }
+}
+
+fn not_of_the_protocol(error: &StreamError) -> (String, &'static str) {
+    let remedy = if matches!(error, StreamError::Text(_)) { PRINTS } else { "" };
+    (format!("what it says is not of the protocol: {error}"), remedy)
 }
 
 /// Keeps the end of what comes.

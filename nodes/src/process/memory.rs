@@ -92,19 +92,11 @@ impl Shared {
         self.probe.as_ref().map(|(file, _)| file.path())
     }
 
-    /// Takes what the process says of it, the word in the file, or nothing.
-    pub(super) fn agree(&mut self, said: Option<&str>) -> Result<(), String> {
+    /// Takes what the process found in the file, or nothing. Any other word comes from a process that opened another file under the same path, as in a
+    /// container with process numbers of its own: then all rows go through the pipes.
+    pub(super) fn agree(&mut self, found: Option<&str>) {
         let probe = self.probe.take();
-        match (probe, said) {
-            (_, None) => Ok(()),
-            (Some((_, word)), Some(said)) if word == said => {
-                self.is_agreed = true;
-                Ok(())
-            }
-            (_, Some(said)) => {
-                Err(format!("it says {said:?} of the memory that is shared, which is not what lies there"))
-            }
-        }
+        self.is_agreed = probe.zip(found).is_some_and(|((_, word), found)| word == found);
     }
 
     /// Lays a call into memory. `None`: it crosses the pipe.
@@ -230,7 +222,7 @@ mod tests {
         let mut shared = Shared::new();
         let word = std::fs::read_to_string(shared.offer().expect("a Linux has such files")).expect("a word");
         assert_eq!(lay(&mut shared, 100_000), None, "nothing is agreed");
-        shared.agree(Some(&word)).expect("it is the word");
+        shared.agree(Some(&word));
         assert_eq!(lay(&mut shared, 1000), None, "it is small");
         assert_eq!((lay(&mut shared, 100_000), lay(&mut shared, 200_000)), (Some(1), Some(1)));
         assert_eq!(lay(&mut shared, 2_000_000), Some(2), "it is too large for the first");
@@ -246,5 +238,18 @@ mod tests {
         shared.holds(&[3]).expect("a call lies there");
         assert_eq!(lay(&mut shared, 1_500_000), Some(2));
         assert!(shared.room().is_none(), "no large answer came");
+    }
+
+    #[test]
+    fn a_process_that_found_another_word_or_none_gets_all_rows_through_its_pipe() {
+        let list = DataType::List(Offsets::Narrow, Box::new(Field::new("item", DataType::Int(8, false))));
+        let schema = Schema { fields: vec![Field::new("data", list)], metadata: Vec::new() };
+        let bytes = vec![7; 100_000];
+        for found in [Some("f".repeat(32)), Some("not a word".to_owned()), Some(String::new()), None] {
+            let mut shared = Shared::new();
+            shared.agree(found.as_deref());
+            assert!(shared.lay(&encode(&schema, vec![Data::List(Items::U8(&bytes))])).is_none(), "{found:?}");
+            assert!(shared.room().is_none(), "{found:?}");
+        }
     }
 }

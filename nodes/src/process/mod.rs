@@ -2,6 +2,7 @@
 
 #[cfg(unix)]
 mod child;
+mod ended;
 mod launch;
 #[cfg(unix)]
 mod memory;
@@ -13,6 +14,7 @@ mod pool;
 mod protocol;
 mod source;
 
+pub use ended::{EndedProgram, printed_text, take_ended};
 pub(crate) use launch::{check as check_launch, command_line, fingerprint as fingerprint_of};
 pub use node::{Process, ProcessContract, ProcessParams};
 pub use source::{ProcessSource, ProcessSourceParams};

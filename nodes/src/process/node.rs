@@ -154,11 +154,12 @@ impl Node for Process {
             doc: "\
 The program is started when a worker first needs it and is called until the stage ends: values cross its standard input and output as Arrow IPC streams, a record batch a call \
 (the guide's page on the protocol says all of it; in Python `depthloom.serve` speaks it). Its ports and its contract are declared here, and are checked, planned, recorded and scored as \
-any other node's. Depths are f32 metres with NaN for no answer, disparities the engine's fixed point with its scale, weights f32, images 8 bit; rows of scores do not cross.\n\n\
+any other node's. Depths are f32 metres with NaN for no answer, disparities the engine's fixed point with its scale, weights f32, images 8 bit; rows of scores do not cross. \
+Values that are none of their type (a depth of -5 m, a weight of 7.5) fail the frame.\n\n\
 Nothing is started unless the person who runs the experiment allows it: with `--allow-exec`, or in a file of their own (`allow_exec` in `~/.config/depthloom/config.yaml`). `check` and `plan` start nothing.\n\n\
 Results enter keys by `version` or by the content of the files in `code`; with neither they are never reused. What a program in Python imports is part of the key too (`imports`), and so are the files that it `reads` for a frame. A module of the program's own that is imported later, in a function, fails the frame: import it at the top, or name it in `code`; an installed package that is imported later is a warning. A `pure` program that remembers frames breaks that promise, and nobody can see it.\n\n\
 A process that ends, says what is no reply, or says nothing for `timeout_s` fails the frame it was called for, with the end of its standard error; the next frame gets a new one (`--keep-going`). \
-It runs in a process group of its own, and everything in that group ends with it: told first (SIGTERM), killed two seconds later, also when depthloom itself is killed. What leaves the group, a daemon, is out of reach.",
+It runs in a process group of its own, and everything in that group ends with it: ten seconds after its input it is told (SIGTERM), and killed two seconds later, also when depthloom itself is killed. What leaves the group, a daemon, is out of reach.",
             inputs: Vec::new(),
             outputs: Vec::new(),
         }

@@ -55,8 +55,16 @@ impl Pool {
         let Answer::Values(values) = self.call(call, inputs, host)? else {
             return Err(Fault::new(format!("`{}` gave frames where values are wanted", self.launch.program())));
         };
-        let given = self.outputs.iter().zip(values).filter_map(|(port, value)| Some((port.name, value?)));
-        Ok(given.fold(Outputs::none(), |outputs, (name, value)| outputs.with(name, value)))
+        let mut outputs = Outputs::none();
+        for (port, value) in self.outputs.iter().zip(values) {
+            let Some(value) = value else { continue };
+            value.validate().map_err(|what| {
+                let (told, name, value_type) = (self.launch.program(), port.name, port.value_type);
+                Fault::new(format!("`{told}` returned an invalid {value_type} at port `{name}`: {what}"))
+            })?;
+            outputs = outputs.with(port.name, value);
+        }
+        Ok(outputs)
     }
 
     /// Calls a process that is free; one that breaks is not called again.
@@ -67,7 +75,7 @@ impl Pool {
             Some(running) => running,
             None => {
                 let started = Running::start(&self.launch, &self.schema, &self.outputs)?;
-                let (running, says) = self.hear(started, 0, self.launch.start, false, host)?;
+                let (mut running, says) = self.hear(started, 0, self.launch.start, false, host)?;
                 match says {
                     Says::Ready => {
                         // By now it has read them.
@@ -75,6 +83,7 @@ impl Pool {
                         running
                     }
                     Says::Failure { message, trace } => {
+                        running.has_failed = true;
                         drop(running);
                         return Err(self.failure("when it was started", &message, &trace));
                     }
@@ -86,15 +95,20 @@ impl Pool {
         let number = running.number;
         let is_of_a_frame = matches!(call, Call::Process(_) | Call::Frames);
         let patience = if is_of_a_frame { self.launch.frame } else { self.launch.once };
+        let begun = Instant::now();
         running.send(Request { number, call, inputs });
-        let (running, says) = self.hear(running, number, patience, !is_of_a_frame, host)?;
+        let (mut running, says) = self.hear(running, number, patience, !is_of_a_frame, host)?;
+        running.has_failed = false;
         let answer = match says {
             Says::Values { values, cpu_ns } => {
-                host.spent(cpu_ns);
+                host.spent(cpu_ns.min(most_cpu_ns(begun.elapsed())));
                 Ok(Answer::Values(values))
             }
             Says::Frames { ids, times_ns } => Ok(Answer::Frames(ids, times_ns)),
-            Says::Failure { message, trace } => Err(self.failure("", &message, &trace)),
+            Says::Failure { message, trace } => {
+                running.has_failed = true;
+                Err(self.failure("", &message, &trace))
+            }
             Says::Ready | Says::Progress { .. } | Says::Warning { .. } | Says::Modules(_) => {
                 return Err(self.broken(running, "said `ready` where an answer is wanted", "", false));
             }
@@ -149,9 +163,9 @@ impl Pool {
                     return Err(self.broken(running, &what, &remedy, true));
                 }
                 Err(Silence::Late) => {}
-                Err(Silence::Broken(what)) => {
+                Err(Silence::Broken(what, remedy)) => {
                     let when = if number == 0 { "did not start" } else { "gave no answer" };
-                    return Err(self.broken(running, &format!("{when}: {what}"), "", false));
+                    return Err(self.broken(running, &format!("{when}: {what}"), remedy, false));
                 }
                 Ok(reply) if reply.number != number => {
                     let what = format!("answered call {} where call {number} is to be answered", reply.number);
@@ -194,10 +208,20 @@ pub(super) fn modules(launch: &Launch) -> Option<ModuleReport> {
     let schema = protocol::request_schema("pure", &[], &[], &serde_json::Map::new());
     let schema = Arc::new(protocol::asking_for_modules(schema, true));
     let mut running = Running::start(launch, &schema, &Arc::from([])).ok()?;
+    // What it prints, and how it ends, is reported of the one that is called.
+    running.is_reported = false;
     match running.hear(launch.start).ok()?.says {
         Says::Modules(report) => Some(report),
         _ => None,
     }
+}
+
+/// The most CPU time that a call of this duration can take on this machine. A program reports its own, which may be any number.
+fn most_cpu_ns(duration: Duration) -> u64 {
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    // Clocks have different resolutions.
+    let duration = duration.saturating_add(Duration::from_millis(20));
+    u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX).saturating_mul(cores as u64)
 }
 
 /// The place of a process that is in use: given back with the process, or empty where it broke.
@@ -223,5 +247,17 @@ impl Drop for Pool {
         let idle = &mut self.state.get_mut().unwrap_or_else(PoisonError::into_inner).idle;
         // All are told before any is waited for.
         idle.iter_mut().for_each(Running::hang_up);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Duration, most_cpu_ns};
+
+    #[test]
+    fn a_call_takes_at_most_the_cpu_time_of_all_cores() {
+        let cores = std::thread::available_parallelism().map_or(1, usize::from) as u64;
+        assert_eq!(most_cpu_ns(Duration::from_secs(1)), 1_020_000_000 * cores);
+        assert_eq!(most_cpu_ns(Duration::MAX), u64::MAX);
     }
 }

@@ -172,7 +172,7 @@ pub(super) fn asking_for_modules(mut schema: Schema, and_nothing_else: bool) -> 
     schema
 }
 
-/// What a process answers to that offer.
+/// What a process found in the file that it was offered.
 pub(super) fn agrees(schema: &Schema) -> Option<&str> {
     schema.said(SHARED)
 }
@@ -194,7 +194,10 @@ pub(super) fn check_schema(schema: &Schema) -> Result<(), String> {
 pub(super) fn reply(schema: &Schema, batch: &Batch, outputs: &[Port]) -> Result<Reply, String> {
     let column = |name: &str| batch.column(schema, name);
     let number = |name: &str| column(name).map_or(Ok(0), |column| column.int());
-    let count = |name: &str| number(name).map(|count| u64::try_from(count).unwrap_or(0));
+    let count = |name: &str| {
+        let count = number(name)?;
+        u64::try_from(count).map_err(|_| format!("its `{name}` is {count}, which must not be negative"))
+    };
     let text = |name: &str| column(name).map_or(Ok(String::new()), |column| column.text().map(str::to_owned));
     let says = match column("says").ok_or("a reply says nothing")?.text()? {
         "ready" => Says::Ready,
@@ -243,7 +246,32 @@ mod tests {
     use depthloom_graphs::{Frame, Port, Value, ValueType};
     use serde_json::Map;
 
-    use super::{Call, Elsewhere, Request, request_schema};
+    use super::{Call, DataType, Elsewhere, Field, I64, Request, Schema, TEXT, reply, request_schema};
+
+    /// What is read of a reply that says so, with a number in a column.
+    fn replied(says: &str, column: &str, number: i64) -> Result<super::Reply, String> {
+        use depthloom_codecs::arrow::Data;
+        let outputs = Field::new("outputs", DataType::Struct(Vec::new())).nullable();
+        let fields = vec![Field::new("says", TEXT), Field::new("number", I64), Field::new(column, I64), outputs];
+        let schema = Schema { fields, metadata: Vec::new() };
+        let row = vec![Data::Text(says.into()), Data::Int(1), Data::Int(number), Data::Null];
+        let mut stream = Vec::new();
+        write_schema(&schema, &mut stream).unwrap();
+        encode(&schema, row).write(&mut stream).unwrap();
+        let mut reader = StreamReader::new(&stream[..]);
+        let schema = reader.schema().unwrap().unwrap();
+        reply(&schema, &reader.batch(&schema).unwrap().unwrap(), &[])
+    }
+
+    #[test]
+    fn numbers_that_a_program_reports_are_not_negative() {
+        for (says, column) in [("values", "cpu_ns"), ("warning", "count"), ("progress", "done"), ("progress", "total")]
+        {
+            assert!(replied(says, column, 7).is_ok(), "{column}");
+            let what = replied(says, column, -7).unwrap_err();
+            assert_eq!(what, format!("its `{column}` is -7, which must not be negative"));
+        }
+    }
 
     #[test]
     fn a_call_is_one_row_with_its_frame_and_its_values() {

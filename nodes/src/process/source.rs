@@ -2,14 +2,14 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
-use std::sync::OnceLock;
+use std::sync::{Mutex, OnceLock, PoisonError};
 use std::time::Duration;
 
 use depthloom_graphs::contracts::{
-    Argument, CodePath, Contract, DeclaredPort, DeclaredPorts, Frame, FramePaths, FrameSelection, InlineHost,
-    Observation, SourceDeclaration,
+    Argument, CodePath, Contract, DeclaredPort, DeclaredPorts, Frame, FramePaths, FrameSelection, Observation,
+    SourceDeclaration,
 };
-use depthloom_graphs::{Context, Fault, Key, Outputs, Port, Rate, Source, SourceKind, SourceOutputs};
+use depthloom_graphs::{Context, Fault, Host, Key, Outputs, Port, Rate, Source, SourceKind, SourceOutputs, Value};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value as Json};
@@ -132,6 +132,42 @@ pub struct ProcessSource {
     recipe: Key,
     observes: Observation,
     frames: Vec<Frame>,
+    /// What the program warned of while it listed its frames.
+    warnings: Vec<String>,
+}
+
+/// The host of the call that lists the frames, when no run has begun yet.
+#[derive(Default)]
+struct WarningCollector(Mutex<BTreeMap<String, u64>>);
+
+impl WarningCollector {
+    fn into_warnings(self) -> Vec<String> {
+        let warnings = self.0.into_inner().unwrap_or_else(PoisonError::into_inner);
+        let text = |(what, count): (String, u64)| if count > 0 { format!("{count} {what}") } else { what };
+        warnings.into_iter().map(text).collect()
+    }
+}
+
+impl Host for WarningCollector {
+    fn cancelled(&self) -> bool {
+        false
+    }
+
+    fn warn_of(&self, count: u64, what: &str) {
+        let mut warnings = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let counted = warnings.entry(what.to_owned()).or_default();
+        *counted = counted.saturating_add(count);
+    }
+
+    fn progress(&self, _done: u64, _total: u64, _message: &str) {}
+
+    fn tiles(&self, n: usize, f: &(dyn Fn(usize) + Sync)) {
+        (0..n).for_each(f);
+    }
+
+    fn width(&self) -> usize {
+        1
+    }
 }
 
 impl SourceKind for ProcessSource {
@@ -175,7 +211,8 @@ several processes at once: it seeks, and gives the same for the same frame. Prot
         let program = launch.program();
         let schema = protocol::request_schema("source", &[], &ports, &params.params);
         let pool = Pool::new(launch, schema, ports);
-        let answer = pool.call(Call::Frames, Vec::new(), &InlineHost)?;
+        let warnings = WarningCollector::default();
+        let answer = pool.call(Call::Frames, Vec::new(), &warnings)?;
         #[cfg_attr(not(unix), expect(irrefutable_let_patterns, reason = "there it never answers"))]
         let Answer::Frames(ids, times) = answer else {
             return Err(Fault::new(format!("`{program}` gave values where its frames are wanted")));
@@ -188,7 +225,7 @@ several processes at once: it seeks, and gives the same for the same frame. Prot
         // By now its first process has reported what it imports.
         let recipe = params.recipe(pool.launch())?;
         let observes = Observation { files: params.reads.0 };
-        Ok(Box::new(Self { pool, recipe, observes, frames }))
+        Ok(Box::new(Self { pool, recipe, observes, frames, warnings: warnings.into_warnings() }))
     }
 }
 
@@ -219,6 +256,10 @@ impl Source for ProcessSource {
         &self.frames
     }
 
+    fn warnings(&self) -> &[String] {
+        &self.warnings
+    }
+
     fn key(&self, position: usize) -> Result<Key, Fault> {
         let frame = &self.frames[position];
         let key = Key::build("process/source frame").key(&self.recipe).number(frame.index).text(&frame.id);
@@ -231,9 +272,27 @@ impl Source for ProcessSource {
 
     fn read(&self, position: usize, ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
         let call = Call::Process(Some(self.frames[position].clone()));
-        let outputs: Outputs = self.pool.outputs(call, Vec::new(), ctx.host)?;
+        let outputs = self.pool.outputs(call, Vec::new(), ctx.host)?;
+        check_sizes(&outputs)?;
         Ok(SourceOutputs { outputs, key: self.key(position)? })
     }
+}
+
+/// That a calibration is for the size of a map of its frame: depth made with one for another size would be wrong.
+fn check_sizes(outputs: &Outputs) -> Result<(), Fault> {
+    for (name, value) in outputs.entries() {
+        let Value::Calibration(calibration) = value else { continue };
+        let size = (calibration.width, calibration.height);
+        let maps: Vec<_> = outputs.entries().filter_map(|(port, map)| Some((port, map.dimensions()?))).collect();
+        if let Some((port, (width, height))) = maps.first()
+            && maps.iter().all(|(_, of_map)| *of_map != size)
+        {
+            let (w, h) = size;
+            return Err(Fault::new(format!("`{name}` is for {w}x{h} pixels, and `{port}` is {width}x{height}"))
+                .remedy("`width` and `height` of a calibration are those of the images that it is for"));
+        }
+    }
+    Ok(())
 }
 
 #[cfg(test)]

@@ -47,10 +47,10 @@ def node(*, inputs: Mapping[str, str], outputs: Mapping[str, str]) -> Callable[[
 
     | type | value |
     |---|---|
-    | `depth` | float32 `(height, width)`, metres, NaN = no answer |
+    | `depth` | float32 `(height, width)`, metres, finite and greater than 0, NaN = no answer |
     | `disparity` | float32 `(height, width)`, pixels, NaN = nothing found |
     | `true-disparity` | float32 `(height, width)`, pixels, NaN = unknown |
-    | `weight` | float32 `(height, width)`, shares in [0, 1] |
+    | `weight` | float32 `(height, width)`, shares in [0, 1], without NaN |
     | `mask` | bool `(height, width)` |
     | `image` | uint8 `(height, width)`, grey, or `(height, width, 3)`, RGB |
     | `calibration` | :class:`depthloom.Calibration`: `width`, `height`, `focal_px`, `cx_px`, `cy_px`, `baseline_m`, `doffs_px` |

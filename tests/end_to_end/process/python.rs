@@ -333,3 +333,153 @@ fn once_nodes_in_python_fire_once_and_what_they_give_is_kept() {
         losses.iter().filter(|row| row["node"] == "train").map(|row| number(row, "loss")).collect();
     assert_eq!(of_train, [0.0, 4.0, 8.0]);
 }
+
+const INVALID: &str = r#"
+import numpy as np
+import pyarrow as pa
+import depthloom
+from depthloom import _columns
+
+OUTPUTS = {"depth": "depth", "weight": "weight", "camera": "calibration", "disparity": "disparity", "px": "true-disparity", "curve": "curve"}
+
+@depthloom.node(inputs={"depth": "depth"}, outputs=OUTPUTS)
+def own(depth, params):
+    def map(value, invalid):
+        of = np.full(depth.shape, value, np.float32)
+        if invalid is not None:
+            of[3, 7] = invalid
+        return of
+    given = params.get
+    if given("nulls"):
+        # A library that writes what is missing as null, not as NaN.
+        _columns._list = lambda array: pa.ListArray.from_arrays(pa.array([0, array.size], pa.int32()), pa.array([None, *array.reshape(-1)[1:]], array.dtype.name))
+    camera = {"focal_px": 30.0, "cx_px": 16.0, "cy_px": 12.0, "baseline_m": 0.5, "doffs_px": 0.0} | given("camera", {})
+    numbers = {name: float(params[name]) for name in ("depth", "weight", "disparity", "px") if name in params}
+    return {
+        "depth": map(5.0, numbers.get("depth")),
+        "weight": map(0.5, numbers.get("weight")),
+        "disparity": map(3.0, numbers.get("disparity")),
+        "px": map(3.0, numbers.get("px")),
+        "camera": depthloom.Calibration(64, 32, **{name: float(number) for name, number in camera.items()}),
+        "curve": {name: given(name, [1, 2]) for name in ("step", "loss", "validation", "learning_rate")},
+    }
+
+@depthloom.source(outputs={"left": "image", "camera": "calibration"})
+class Frames:
+    def frames(self):
+        depthloom.warn("folders without an image", 3)
+        return ["one"]
+    def read(self, frame):
+        return {"left": np.zeros((32, 64), np.uint8), "camera": depthloom.Calibration(128, 64, 30.0, 16.0, 12.0, 0.5, 0.0)}
+
+depthloom.serve(own, Frames)
+"#;
+
+/// A run of the node `own` above with these parameters: its exit code and what it printed.
+fn run_own(python: &Path, folder: &Path, name: &str, params: &str) -> (Option<i32>, String) {
+    let outputs =
+        "{ depth: depth, weight: weight, camera: calibration, disparity: disparity, px: true-disparity, curve: curve }";
+    let text = format!(
+        "experiment: own\nsources: {{ street: {{ kind: synthetic/road, with: {{ frames: 0..1, width: 64, height: 32 }} }} }}\n\
+         stages:\n  look:\n    source: street\n    nodes:\n      own:\n        kind: process\n        inputs: {{ depth: source/depth }}\n\
+         \x20       with: {{ command: [python3, nodes.py, own], ports: {{ inputs: {{ depth: depth }}, outputs: {outputs} }}, params: {{ {params} }} }}\n\
+         \x20   score: {{ truth: source/depth, estimates: {{ own: {{ from: own/depth, sets: [all] }} }} }}\n"
+    );
+    let experiment = folder.join(format!("{name}.yaml"));
+    std::fs::write(&experiment, text).expect("written");
+    let output =
+        run(&experiment, &folder.join(name), "invalid").env("PATH", path_of(python)).output().expect("started");
+    (output.status.code(), said(&output))
+}
+
+#[test]
+fn values_that_are_none_of_their_type_fail_the_frame_with_node_port_and_pixel() {
+    const TEST: &str = "values_that_are_none_of_their_type_fail_the_frame_with_node_port_and_pixel";
+    let Some(python) = python_package(TEST) else { return };
+    let folder = tempfile::tempdir().expect("a folder");
+    std::fs::write(folder.path().join("nodes.py"), INVALID).expect("written");
+    let (code, said) =
+        run_own(&python, folder.path(), "right", "depth: \"nan\", px: \"nan\", disparity: \"nan\", weight: 1");
+    assert_eq!(code, Some(0), "{said}");
+    let cases = [
+        (
+            "depth: -5",
+            "invalid depth at port `depth`: -5.0 m at row 3, column 7: a depth must be finite and greater than 0",
+        ),
+        ("depth: 0", "invalid depth at port `depth`: 0.0 m at row 3, column 7"),
+        ("depth: \"inf\"", "invalid depth at port `depth`: inf m at row 3, column 7"),
+        ("weight: 7.5", "invalid weight at port `weight`: 7.5 at row 3, column 7: a weight must be in [0, 1]"),
+        ("weight: -0.1", "invalid weight at port `weight`: -0.1 at row 3, column 7"),
+        ("weight: \"nan\"", "invalid weight at port `weight`: NaN at row 3, column 7"),
+        ("disparity: \"inf\"", "what the node gave at 'disparity' is inf px at row 3, column 7"),
+        ("px: \"-inf\"", "invalid true-disparity at port `px`: -inf px at row 3, column 7"),
+        (
+            "camera: { focal_px: -90 }",
+            "invalid calibration at port `camera`: its `focal_px` is -90.0; it must be finite and greater than 0",
+        ),
+        ("camera: { baseline_m: -0.5 }", "its `baseline_m` is -0.5; it must be finite and greater than 0"),
+        ("camera: { cx_px: \"nan\" }", "its `cx_px` is NaN"),
+        ("step: [2, 1]", "invalid curve at port `curve`: step 1 comes after step 2"),
+        ("nulls: true", "what it gave at `depth` is no depth: an item of `data` is null"),
+    ];
+    for (at, (params, expected)) in cases.into_iter().enumerate() {
+        let (code, said) = run_own(&python, folder.path(), &format!("run-{at}"), params);
+        assert_eq!(code, Some(3), "{params}: {said}");
+        for part in [expected, "look.own", "000000_10"] {
+            assert!(said.contains(part), "{params}: {part:?} is not in {said}");
+        }
+    }
+}
+
+#[test]
+fn a_calibration_for_another_size_fails_the_frame_of_a_source_and_its_warnings_are_shown_with_their_count() {
+    const TEST: &str =
+        "a_calibration_for_another_size_fails_the_frame_of_a_source_and_its_warnings_are_shown_with_their_count";
+    let Some(python) = python_package(TEST) else { return };
+    let folder = tempfile::tempdir().expect("a folder");
+    std::fs::write(folder.path().join("nodes.py"), INVALID).expect("written");
+    let experiment = folder.path().join("own.yaml");
+    let text = "experiment: own\n\
+                sources: { own: { kind: process/source, with: { command: [python3, nodes.py, Frames], outputs: { left: image, camera: calibration } } } }\n\
+                stages: { look: { source: own, nodes: { mono: { kind: mono/ground-plane, inputs: { image: source/left, calibration: source/camera } } } } }\n";
+    std::fs::write(&experiment, text).expect("written");
+    let output = run(&experiment, &folder.path().join("out"), "size").env("PATH", path_of(&python)).output();
+    let output = output.expect("started");
+    let said = said(&output);
+    assert_eq!(output.status.code(), Some(3), "{said}");
+    assert!(said.contains("`camera` is for 128x64 pixels, and `left` is 64x32"), "{said}");
+    assert!(said.contains("3 folders without an image"), "{said}");
+}
+
+#[test]
+fn numbers_that_no_program_can_get_as_they_are_written_are_refused_by_check() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let experiment = folder.path().join("own.yaml");
+    let text = |params: &str| {
+        format!(
+            "experiment: own\nsources: {{ street: {{ kind: synthetic/road, with: {{ frames: 0..1, width: 64, height: 32 }} }} }}\n\
+             stages:\n  look:\n    source: street\n    nodes:\n      own: {{ kind: process, inputs: {{ depth: source/depth }}, with: {{ command: [cat], \
+             ports: {{ inputs: {{ depth: depth }}, outputs: {{ depth: depth }} }}, params: {params} }} }}\n"
+        )
+    };
+    let check = |params: &str, more: &[&str]| {
+        std::fs::write(&experiment, text(params)).expect("written");
+        let output = depthloom().arg("check").arg(&experiment).args(more).output().expect("started");
+        (output.status.code(), said(&output))
+    };
+    let (code, printed) = check("{ a: 18446744073709551615, b: [1e300, \".nan\"], c: '99999999999999999999' }", &[]);
+    assert_eq!(code, Some(0), "{printed}");
+    let (code, printed) = check("{ a: 18446744073709551616, b: [1e400, { c: .nan }] }", &[]);
+    assert_eq!(code, Some(2), "{printed}");
+    for expected in [
+        "`18446744073709551616` is an integer beyond 64 bits",
+        "`1e400` is beyond the largest number of 64 bits",
+        "`.nan` cannot be passed to a program: numbers are finite",
+        "put it in quotes to pass it as text",
+    ] {
+        assert!(printed.contains(expected), "{expected:?} is not in {printed}");
+    }
+    let (code, printed) = check("{ a: 1 }", &["--set", "look.own.with.params.a=-.inf"]);
+    assert_eq!(code, Some(2), "{printed}");
+    assert!(printed.contains("`-.inf` cannot be passed to a program"), "{printed}");
+}

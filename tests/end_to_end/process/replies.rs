@@ -10,6 +10,9 @@ pub const SIZE: (u32, u32) = (64, 32);
 /// Of those whose values lie in shared memory: their modes begin with `shared`.
 pub const LARGE: (u32, u32) = (256, 128);
 
+/// A number of a call that stands for any: it occurs nowhere else in a reply.
+const ANY: i64 = 0x1122_3344_5566_7788;
+
 const TEXT: DataType = DataType::Utf8(Offsets::Narrow);
 const I64: DataType = DataType::Int(64, true);
 
@@ -101,10 +104,11 @@ pub fn write(folder: &Path) {
     put("schema", &of_schema(&plain));
     put("ready", &row(&plain, says("ready"), 0, [""; 2], Data::Null));
     put("ready-5", &row(&plain, says("ready"), 5, [""; 2], Data::Null));
-    // As many as a fast machine asks for until it is interrupted.
-    for number in 0..300 {
+    for number in 0..10 {
         put(&format!("values-{number}"), &values(number));
     }
+    // The script puts the number of the call into the place of this one.
+    put("values-any", &values(ANY));
     put("end", &[0xff, 0xff, 0xff, 0xff, 0, 0, 0, 0]);
     put("failure-0", &row(&plain, says("failure"), 0, ["ImportError: no torch", "  line 3, in load"], Data::Null));
     put("tells-a-failure", &row(&plain, says("failure"), 1, ["ValueError: too dark", "  line 7, in fuse"], Data::Null));
@@ -165,6 +169,15 @@ pub fn write(folder: &Path) {
     put("unknown-word", &row(&plain, says("perhaps"), 1, [""; 2], right()));
     put("says-nothing", &row(&plain, Data::Null, 1, [""; 2], right()));
     put("another-number", &values(2));
+    for (name, at, metres) in
+        [("negative-depth", 2 * width + 5, -5.0), ("infinite-depth", width * height - 1, f32::INFINITY)]
+    {
+        let mut samples = samples.clone();
+        samples[at as usize] = metres;
+        put(name, &of_one(Data::Struct(vec![map((width, height), &samples)])));
+    }
+    let zeros = vec![0.0_f32; samples.len()];
+    put("zero-depth", &of_one(Data::Struct(vec![map((width, height), &zeros)])));
     put("shared-not-agreed", &row(&plain, says("shared"), 1, [""; 2], Data::Null));
     put("ready-again", &row(&plain, says("ready"), 1, [""; 2], Data::Null));
     put("frames-instead", &row(&plain, says("frames"), 1, [""; 2], Data::Null));

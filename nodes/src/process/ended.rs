@@ -1,0 +1,74 @@
+//! What is known of programs once they have ended: what they wrote to standard error, and whether they failed after their last answer.
+//!
+//! A program ends when nobody calls it any more, so no call is left that could report it: whoever ran the experiment takes it from here.
+
+use std::fmt::Write as _;
+use std::sync::{Mutex, PoisonError};
+
+/// A program that has ended, of those that wrote to standard error or failed after their last answer.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct EndedProgram {
+    /// The program, as messages name it.
+    pub command: String,
+    /// How it failed after its last answer, as a lower-case fragment; `None` if it did not.
+    pub failure: Option<String>,
+    /// What it wrote to standard error, as lines without control characters.
+    pub printed: String,
+    /// Whether it wrote more before that.
+    pub is_cut: bool,
+}
+
+static ENDED: Mutex<Vec<EndedProgram>> = Mutex::new(Vec::new());
+/// So much text is kept of all programs together, bytes.
+const MOST: usize = 1 << 20;
+
+/// Takes all programs that have ended since the last call.
+#[must_use]
+pub fn take_ended() -> Vec<EndedProgram> {
+    std::mem::take(&mut *ENDED.lock().unwrap_or_else(PoisonError::into_inner))
+}
+
+/// Keeps a program that has ended, if there is something to report.
+#[cfg_attr(not(unix), expect(dead_code, reason = "programs are started on Unix alone"))]
+pub(super) fn put(program: EndedProgram) {
+    if program.printed.is_empty() && program.failure.is_none() {
+        return;
+    }
+    let mut ended = ENDED.lock().unwrap_or_else(PoisonError::into_inner);
+    let kept: usize = ended.iter().map(|program| program.printed.len()).sum();
+    if program.failure.is_some() || kept + program.printed.len() <= MOST {
+        ended.push(program);
+    }
+}
+
+/// What programs printed, as a text with a heading per program; empty if none printed anything.
+#[must_use]
+pub fn printed_text(programs: &[EndedProgram]) -> String {
+    let mut text = String::new();
+    for EndedProgram { command, printed, is_cut, .. } in programs.iter().filter(|program| !program.printed.is_empty()) {
+        let blank = if text.is_empty() { "" } else { "\n" };
+        let what = if *is_cut { "the end of its standard error" } else { "its standard error" };
+        // A string takes all that is written to it.
+        let _ = writeln!(text, "{blank}== {command}: {what}\n{}", printed.trim_end());
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{EndedProgram, printed_text};
+
+    #[test]
+    fn the_text_has_a_heading_per_program_that_printed() {
+        let program = |command: &str, printed: &str, is_cut| EndedProgram {
+            command: command.to_owned(),
+            failure: None,
+            printed: printed.to_owned(),
+            is_cut,
+        };
+        let programs = [program("a", "one\ntwo\n", false), program("b", "", false), program("c d", "end", true)];
+        let expected = "== a: its standard error\none\ntwo\n\n== c d: the end of its standard error\nend\n";
+        assert_eq!(printed_text(&programs), expected);
+        assert_eq!(printed_text(&programs[1..2]), "");
+    }
+}
