@@ -348,37 +348,39 @@ mod tests {
         }
     }
 
-    /// What is taken for the answer on frame 2, and the notices, where these messages have come, and frame 1 was given up.
-    fn taken(messages: &[(Json, &[u8])]) -> (Result<Option<Vec<u8>>, Fault>, Vec<String>) {
+    /// What is taken for the answer on frame 2, and what is told, where these messages have come, and frame 1 was given up.
+    fn taken(messages: &[(Json, &str)]) -> (Result<Option<String>, Fault>, Vec<String>) {
         let mailbox = Mailbox::new(Interrupt::default(), false);
         for (metadata, body) in messages {
-            mailbox.put(Arrived::new(answered("depth"), object(metadata), body.to_vec()));
+            mailbox.put(Arrived::new(answered("depth"), object(metadata), body.as_bytes().to_vec()));
         }
         let (host, until) = (Notices::default(), Instant::now() + Duration::from_millis(10));
         let taken = answer(&mailbox, "depth", 2, until, &mut BTreeSet::from([1]), &host);
-        (taken.map(|arrived| arrived.map(|arrived| arrived.body)), host.0.into_inner().unwrap())
+        let body = |arrived: Arrived| String::from_utf8(arrived.body).unwrap();
+        (taken.map(|arrived| arrived.map(body)), host.0.into_inner().unwrap())
     }
 
     #[test]
     fn an_answer_is_taken_for_the_frame_that_it_names_and_for_no_other() {
         let of = |frame: u64| json!({ "frame": frame });
-        let (taken_, notices) = taken(&[(of(2), b"two")]);
-        assert_eq!((taken_.unwrap(), notices.len()), (Some(b"two".to_vec()), 0));
+        let two = || Some("two".to_owned());
+        let (found, told) = taken(&[(of(2), "two")]);
+        assert_eq!((found.unwrap(), told.len()), (two(), 0));
         assert_eq!(taken(&[]).0.unwrap(), None);
         // Late, of a frame that was given up.
-        let (taken_, notices) = taken(&[(of(1), b"one"), (of(2), b"two")]);
-        assert_eq!((taken_.unwrap(), notices.len()), (Some(b"two".to_vec()), 0));
+        let (found, told) = taken(&[(of(1), "one"), (of(2), "two")]);
+        assert_eq!((found.unwrap(), told.len()), (two(), 0));
         // Answered twice: the frame itself, or one before.
-        for messages in [[(of(2), &b"two"[..]), (of(2), b"other")], [(of(0), b"zero"), (of(2), b"two")]] {
-            let (taken_, notices) = taken(&messages);
-            assert_eq!(taken_.unwrap(), Some(b"two".to_vec()));
-            assert!(notices[0].contains("answered a frame twice at `depth`"), "{notices:?}");
+        for messages in [[(of(2), "two"), (of(2), "other")], [(of(0), "zero"), (of(2), "two")]] {
+            let (found, told) = taken(&messages);
+            assert_eq!(found.unwrap(), two());
+            assert!(told[0].contains("answered a frame twice at `depth`"), "{told:?}");
         }
-        let early = taken(&[(of(3), b"three")]).0.unwrap_err().chain();
+        let early = taken(&[(of(3), "three")]).0.unwrap_err().chain();
         assert!(early.contains("for the frame at position 3 before it was asked"), "{early}");
         // It may be of any frame: of one that was answered twice, for example.
         for metadata in [json!({}), json!({ "frame": "2" }), json!({ "frame": -1 })] {
-            let unnamed = taken(&[(metadata, b"two"), (of(2), b"two")]).0.unwrap_err().chain();
+            let unnamed = taken(&[(metadata, "two"), (of(2), "two")]).0.unwrap_err().chain();
             assert!(unnamed.contains("nobody knows for which frame"), "{unnamed}");
         }
     }

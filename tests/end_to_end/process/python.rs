@@ -340,7 +340,7 @@ import pyarrow as pa
 import depthloom
 from depthloom import _columns
 
-OUTPUTS = {"depth": "depth", "weight": "weight", "camera": "calibration", "disparity": "disparity", "px": "true-disparity", "curve": "curve"}
+OUTPUTS = {"depth": "depth", "weight": "weight", "camera": "calibration", "disparity": "disparity", "px": "true-disparity"}
 
 @depthloom.node(inputs={"depth": "depth"}, outputs=OUTPUTS)
 def own(depth, params):
@@ -361,7 +361,6 @@ def own(depth, params):
         "disparity": map(3.0, numbers.get("disparity")),
         "px": map(3.0, numbers.get("px")),
         "camera": depthloom.Calibration(64, 32, **{name: float(number) for name, number in camera.items()}),
-        "curve": {name: given(name, [1, 2]) for name in ("step", "loss", "validation", "learning_rate")},
     }
 
 @depthloom.source(outputs={"left": "image", "camera": "calibration"})
@@ -377,8 +376,7 @@ depthloom.serve(own, Frames)
 
 /// A run of the node `own` above with these parameters: its exit code and what it printed.
 fn run_own(python: &Path, folder: &Path, name: &str, params: &str) -> (Option<i32>, String) {
-    let outputs =
-        "{ depth: depth, weight: weight, camera: calibration, disparity: disparity, px: true-disparity, curve: curve }";
+    let outputs = "{ depth: depth, weight: weight, camera: calibration, disparity: disparity, px: true-disparity }";
     let text = format!(
         "experiment: own\nsources: {{ street: {{ kind: synthetic/road, with: {{ frames: 0..1, width: 64, height: 32 }} }} }}\n\
          stages:\n  look:\n    source: street\n    nodes:\n      own:\n        kind: process\n        inputs: {{ depth: source/depth }}\n\
@@ -419,7 +417,6 @@ fn values_that_are_none_of_their_type_fail_the_frame_with_node_port_and_pixel() 
         ),
         ("camera: { baseline_m: -0.5 }", "its `baseline_m` is -0.5; it must be finite and greater than 0"),
         ("camera: { cx_px: \"nan\" }", "its `cx_px` is NaN"),
-        ("step: [2, 1]", "invalid curve at port `curve`: step 1 comes after step 2"),
         ("nulls: true", "what it gave at `depth` is no depth: an item of `data` is null"),
     ];
     for (at, (params, expected)) in cases.into_iter().enumerate() {
