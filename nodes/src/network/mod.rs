@@ -34,7 +34,7 @@ impl Node for OnnxNetwork {
         let Signature { contract, inputs, outputs, .. } = signature(&NetworkParams::default());
         NodeDeclaration {
             kind: "onnx",
-            version: 1,
+            version: 2,
             contract,
             summary: "Any network: an ONNX model whose inputs and outputs the experiment declares as ports.",
             doc: "\

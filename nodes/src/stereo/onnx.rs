@@ -28,7 +28,7 @@ impl Node for StereoOnnx {
             signature(&StereoOnnxParams { right_view: true, ..Default::default() });
         NodeDeclaration {
             kind: "stereo/onnx",
-            version: 2,
+            version: 3,
             contract,
             summary: "Disparity and depth by a network: any ONNX model that maps a rectified pair to a map.",
             doc: "\
