@@ -8,7 +8,7 @@ use depthloom_graphs::Registry;
 use depthloom_graphs::contracts::Contract;
 use depthloom_graphs::plan::Plan;
 use depthloom_nodes::dora::{DoraParams, KIND};
-use depthloom_runner::{Interrupt, Options};
+use depthloom_runner::{Audit, Interrupt, Options};
 
 use super::check::load;
 use super::run;
@@ -140,6 +140,7 @@ pub fn dora_node(mut args: DoraNodeArgs, registry: &Registry) -> Result<Exit, St
         // The recorder decides what a failure ends.
         keep_going: true,
         checkpoints: None,
+        audit: Audit::None,
     };
     run_part(part, &loaded.plan, registry, &bridge, &options, &interrupt)
 }

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use depthloom_graphs::Registry;
 use depthloom_graphs::language::nearest;
+use depthloom_graphs::values::{Differs, Place, number};
 use depthloom_recording::Recording;
 use depthloom_runner::{Options, run};
 use serde_json::{Map, Value as Json, json};
