@@ -324,7 +324,7 @@ fn write_printed(folder: &RunFolder) -> Result<(bool, Vec<String>), Stop> {
     }
     let failed =
         ended.iter().filter_map(|program| Some(format!("`{}` {}", program.command, program.failure.as_ref()?)));
-    Ok((!text.is_empty(), failed.collect()))
+    Ok((!text.is_empty(), failed.chain(process::take_import_warnings()).collect()))
 }
 
 /// Runs the frames, closes the recording, and says what there was to warn of.

@@ -16,6 +16,7 @@ mod source;
 
 pub use ended::{EndedProgram, printed_text, take_ended};
 pub(crate) use launch::{check as check_launch, command_line, fingerprint as fingerprint_of};
+pub use modules::take_import_warnings;
 pub use node::{Process, ProcessContract, ProcessParams};
 pub use source::{ProcessSource, ProcessSourceParams};
 

@@ -3,12 +3,12 @@
 //! `depthloom.serve` reports it. The report enters the cache keys of the program's results, so it must be known before any frame: the program is
 //! started once for it, and ends without making its node. Later processes report too; what they add to the first report is in no key.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use depthloom_graphs::contracts::CodePath;
-use depthloom_graphs::{Fault, Host, Key};
+use depthloom_graphs::{Fault, Key};
 use serde::Deserialize;
 
 use super::launch::Launch;
@@ -93,11 +93,17 @@ impl Modules {
     ///
     /// # Errors
     /// If a module has another content, or was imported too late to be in the keys and is not in `code`.
-    pub(super) fn check(&self, report: ModuleReport, launch: &Launch, host: &dyn Host) -> Result<(), Fault> {
+    pub(super) fn check(&self, report: ModuleReport, launch: &Launch) -> Result<(), Fault> {
         let Self::Known(known) = self else { return Ok(()) };
         let report = Arc::new(report);
         let Some(known) = known.get_or_init(|| Some(Arc::clone(&report))) else {
-            host.warn("the program's modules are not in its cache keys: name `python` or the `.py` file in `command`");
+            if is_python(launch) {
+                // As where the machine was too busy to start it in time.
+                let what = format!("`{}` did not report its imports before the first frame", launch.program());
+                return Err(Fault::new(what).remedy("run again; raise `start_timeout_s` if it needs longer"));
+            }
+            let what = "reports its imports, but they are not in its cache keys: name its `.py` file in `command`";
+            warn(format!("`{}` {what}", launch.program()));
             return Ok(());
         };
         if Arc::ptr_eq(known, &report) {
@@ -127,14 +133,28 @@ impl Modules {
             match known.packages.get(name) {
                 Some(known) if known == version => {}
                 Some(_) => return Err(changed(&format!("the installed version of `{name}`"))),
-                None => host.warn(&format!(
-                    "`{name}` {version} was imported after the program was started: its version is not in the cache key; import it at the \
-                     top of the program"
+                None => warn(format!(
+                    "`{}` imported the package `{name}` {version} after it was started: its version is not in the cache key; import it at \
+                     the top of the program",
+                    launch.program()
                 )),
             }
         }
         Ok(())
     }
+}
+
+/// Warnings of this process: a recording does not contain them, for it is equal with any number of workers.
+static WARNINGS: Mutex<BTreeSet<String>> = Mutex::new(BTreeSet::new());
+
+fn warn(what: String) {
+    WARNINGS.lock().unwrap_or_else(PoisonError::into_inner).insert(what);
+}
+
+/// Takes the warnings about imports of programs since the last call, each once.
+#[must_use]
+pub fn take_import_warnings() -> Vec<String> {
+    std::mem::take(&mut *WARNINGS.lock().unwrap_or_else(PoisonError::into_inner)).into_iter().collect()
 }
 
 fn changed(what: &str) -> Fault {

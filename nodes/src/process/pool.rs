@@ -176,7 +176,7 @@ impl Pool {
                         until = Instant::now() + patience;
                         host.progress(done, total, &message);
                     }
-                    Says::Modules(report) => self.launch.modules.check(report, &self.launch, host)?,
+                    Says::Modules(report) => self.launch.modules.check(report, &self.launch)?,
                     Says::Warning { count: 0, message } => host.warn(&message),
                     Says::Warning { count, message } => host.warn_of(count, &message),
                     says => return Ok((running, says)),
@@ -210,9 +210,12 @@ pub(super) fn modules(launch: &Launch) -> Option<ModuleReport> {
     let mut running = Running::start(launch, &schema, &Arc::from([])).ok()?;
     // What it prints, and how it ends, is reported of the one that is called.
     running.is_reported = false;
-    match running.hear(launch.start).ok()?.says {
-        Says::Modules(report) => Some(report),
-        _ => None,
+    match running.hear(launch.start).map(|reply| reply.says) {
+        Ok(Says::Modules(report)) => Some(report),
+        Ok(_) | Err(_) => {
+            running.terminate();
+            None
+        }
     }
 }
 

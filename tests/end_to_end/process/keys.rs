@@ -134,6 +134,20 @@ fn a_module_that_is_imported_late_fails_the_frame_unless_code_names_it() {
 }
 
 #[test]
+fn a_package_that_is_imported_late_is_a_warning_that_no_recording_contains() {
+    const TEST: &str = "a_package_that_is_imported_late_is_a_warning_that_no_recording_contains";
+    let Some(programs) = Programs::new(TEST) else { return };
+    programs.write("node.py", &NODE.replace("    return", "    import fontTools\n    return"));
+    let experiment = programs.experiment("code: [node.py]");
+    let recording = |workers: &str| {
+        let output = succeed(programs.command(&experiment, workers).args(["--fresh", "--workers", workers]));
+        assert!(said(&output).contains("imported the package `fonttools`"), "{}", said(&output));
+        std::fs::read(programs.path("runs").join(workers).join("recording.mcap")).expect("a recording")
+    };
+    assert!(recording("1") == recording("3"), "the recordings differ");
+}
+
+#[test]
 fn code_takes_folders_and_patterns_and_check_names_what_is_missing() {
     const TEST: &str = "code_takes_folders_and_patterns_and_check_names_what_is_missing";
     let Some(programs) = Programs::new(TEST) else { return };
