@@ -120,3 +120,20 @@ pub fn graph(args: &GraphArgs, registry: &Registry) -> Result<Exit, Stop> {
     })?;
     Ok(Exit::Whole)
 }
+
+#[cfg(test)]
+mod tests {
+    use depthloom_graphs::contracts::Contract;
+    use depthloom_runner::Foreseen;
+
+    use super::why_equal_nodes_run;
+
+    #[test]
+    fn an_ordered_node_that_runs_for_other_frames_is_not_explained_by_other_frames() {
+        let why = |contract, fires, known| why_equal_nodes_run(contract, Foreseen { fires, taken: 0, known });
+        assert!(why(Contract::Ordered, 4, 3).contains("3 of 4 are known"));
+        assert!(why(Contract::Ordered, 4, 4).contains("is not stored"));
+        assert_eq!(why(Contract::Pure, 4, 4), "its values were not recorded");
+        assert_eq!([why(Contract::Ordered, 4, 0), why(Contract::Pure, 1, 0)], ["other frames"; 2]);
+    }
+}

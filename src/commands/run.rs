@@ -539,3 +539,25 @@ pub fn stop_of_missing(missing: &[NotReady]) -> Stop {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use depthloom_graphs::Fault;
+    use depthloom_graphs::ready::NotReady;
+
+    use super::stop_of_missing;
+
+    fn refusal(name: &str) -> NotReady {
+        let fault = Fault::new("it would start a program").remedy("allow it");
+        NotReady::Node { stage: "look".to_owned(), name: name.to_owned(), kind: "process".to_owned(), fault }
+    }
+
+    #[test]
+    fn what_all_variants_of_a_node_lack_is_reported_once() {
+        let one = stop_of_missing(&[refusal("own"), refusal("own"), refusal("own")]);
+        assert!(one.problems.is_empty() && one.message.contains("`look.own`"), "{}", one.message);
+        assert_eq!(one.remedy.as_deref(), Some("allow it"));
+        let two = stop_of_missing(&[refusal("own"), refusal("own"), refusal("other")]);
+        assert_eq!((two.problems.len(), two.message.as_str()), (2, "2 things are missing"));
+    }
+}
