@@ -101,7 +101,7 @@ pub(crate) fn changed_since(portable: &Json, resolved: &Json, schema: &Json) -> 
 /// Whether a content in one of two values of one parameter differs from that in the other.
 fn differs(then: &Json, now: &Json) -> bool {
     match (then, now) {
-        _ if is_content(then) || is_content(now) => then != now,
+        _ if is_content(then) && is_content(now) => then != now,
         (Json::Object(a), Json::Object(b)) => a.iter().any(|(key, a)| b.get(key).is_some_and(|b| differs(a, b))),
         (Json::Array(a), Json::Array(b)) => a.iter().zip(b).any(|(a, b)| differs(a, b)),
         _ => false,
