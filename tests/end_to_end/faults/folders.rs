@@ -84,6 +84,25 @@ fn fault_25_a_learnt_model_is_a_file_of_its_run() {
     let of_model = |name: &&depthloom_recording::AttachmentEntry| name.name.starts_with("artifacts/");
     let kept: Vec<_> = recording.attachments().iter().filter(of_model).collect();
     assert!(kept.iter().any(|entry| recording.attachment(&entry.name).expect("its bytes") == model));
+    // The model's bytes are a stranger's choice where the run is: no link takes them to another file or folder.
+    use std::os::unix::fs::symlink;
+    let precious = folder.path().join(".bashrc");
+    fs::write(&precious, "years").expect("written");
+    fs::remove_file(out.join("models/learn.teacher.onnx")).expect("removed");
+    for name in ["learn.teacher.onnx", "learn.teacher.onnx.partial"] {
+        symlink(&precious, out.join("models").join(name)).expect("linked");
+    }
+    succeed(depthloom().arg("report").arg(&out).arg("--no-page"));
+    assert_eq!(fs::read_to_string(&precious).expect("it is there"), "years");
+    assert!(fs::read(out.join("models/learn.teacher.onnx")).expect("the model") == model);
+    let elsewhere = folder.path().join("elsewhere");
+    fs::rename(out.join("models"), &elsewhere).expect("renamed");
+    fs::remove_file(elsewhere.join("learn.teacher.onnx")).expect("removed");
+    symlink(&elsewhere, out.join("models")).expect("linked");
+    let refused = depthloom().arg("report").arg(&out).arg("--no-page").output().expect("the binary starts");
+    assert_eq!(refused.status.code(), Some(1), "{}", said(&refused));
+    assert!(said(&refused).contains("models is a symbolic link, not a folder"), "{}", said(&refused));
+    assert!(!elsewhere.join("learn.teacher.onnx").exists());
 }
 
 #[test]
