@@ -10,7 +10,7 @@ use std::sync::atomic::Ordering;
 use depthloom_graphs::contracts::{Commit, Contract, Held, Holding, Slot, Store, Tap, TapError, Warned};
 use depthloom_graphs::plan::{Plan, PlannedOutput};
 use depthloom_graphs::{Fault, Frame, Key, Value};
-use depthloom_runner::{Audit, Interrupt, Options, Unwatched, run};
+use depthloom_runner::{Audit, Cause, Interrupt, Options, RunError, Unwatched, run};
 use proptest::prelude::*;
 use support::any_graph::{any_graph, bench};
 use support::{Bench, Notebook, Numbers, Toy, mix, node, source};
@@ -290,4 +290,44 @@ fn an_ordered_node_that_one_late_frame_needs_fires_on_all_before_it() {
     let (bench, toys) = chain();
     assert_eq!(told(bench, &tap, 1, false), expected);
     assert_eq!(toys.map(|toy| toy.calls.load(Ordering::Relaxed)), [6, 1], "how often each fired");
+}
+
+/// Runs a chain of which node `b` computes with a constant: a second time with another constant, over the values of the first run.
+fn rerun_with_another_constant(contract: Contract, holds: Box<Holds>, audit: Audit) -> Result<(), RunError> {
+    let bench = |constant: u64| {
+        let mut bench = Bench::new(&["full"]);
+        bench.stage("compare", Numbers::new(60));
+        bench.toy("a", Contract::Pure, [source(0), None, None], Toy::salted(10));
+        bench.toy("b", contract, [node(0, 0), None, None], Toy::salted(constant));
+        bench
+    };
+    let first = Remembering::new(1, 1, bench(11).plan, None);
+    let options = |audit| Options { workers: 2, window: Some(4), keep_going: false, checkpoints: None, audit };
+    run(bench(11).ready(), &first, &options(Audit::None), &Unwatched, &Interrupt::default()).unwrap();
+    let store = Memory { values: values_of(&first.entries()), holds, knows: Box::new(|_| true) };
+    let second = Remembering::new(1, 1, bench(12).plan, Some(store));
+    run(bench(12).ready(), &second, &options(audit), &Unwatched, &Interrupt::default()).map(|_| ())
+}
+
+#[test]
+fn the_audit_finds_a_constant_that_changed_without_a_new_version() {
+    for audit in [Audit::All, Audit::Sample] {
+        let error = rerun_with_another_constant(Contract::Pure, Box::new(|_, _| true), audit).unwrap_err();
+        let RunError::Audit(failure) = &error else { panic!("{error}") };
+        assert_eq!((failure.producer.as_str(), failure.port.as_str()), ("node `compare.b`", "x"));
+        assert_eq!(failure.cause, Cause::Implementation);
+        assert!(failure.frame.is_some() && error.remedy().is_some_and(|remedy| remedy.contains("--fresh")));
+    }
+    rerun_with_another_constant(Contract::Pure, Box::new(|_, _| true), Audit::None).unwrap();
+}
+
+#[test]
+fn the_audit_compares_the_values_of_an_ordered_node_that_runs_although_they_are_stored() {
+    // Of some values of the node nothing is stored, so it runs on all frames.
+    let holds = || -> Box<Holds> { Box::new(|key, port| port != "y" || !draw(5, key, port).is_multiple_of(8)) };
+    for audit in [Audit::All, Audit::Sample] {
+        let error = rerun_with_another_constant(Contract::Ordered, holds(), audit).unwrap_err();
+        let RunError::Audit(failure) = &error else { panic!("{error}") };
+        assert_eq!((failure.producer.as_str(), failure.frame.as_deref()), ("node `compare.b`", Some("f1")));
+    }
 }
