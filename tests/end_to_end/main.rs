@@ -40,6 +40,8 @@ mod python_reads;
 mod replay;
 #[cfg(target_os = "linux")]
 mod reports;
+#[cfg(target_os = "linux")]
+mod reproducers;
 mod resume;
 mod reuse;
 mod runs;

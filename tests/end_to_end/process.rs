@@ -4,7 +4,7 @@ mod examples;
 mod faults;
 mod keys;
 mod permission;
-mod python;
+pub mod python;
 mod replies;
 mod secrets;
 

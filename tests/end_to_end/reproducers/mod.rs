@@ -1,0 +1,132 @@
+//! The reproducers of the review of 2026-11-23: what was silently wrong equals the result of a fresh run now, or is refused with a reason.
+
+mod exchange;
+mod keys;
+mod ordered;
+mod resume;
+
+use std::ffi::OsString;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use image::{GrayImage, Luma};
+
+use crate::process::python::path_of;
+use crate::support::{depthloom, python_package};
+
+/// A folder with experiments, their files and their runs.
+struct Case {
+    folder: tempfile::TempDir,
+    /// The PATH on which `python3` has the package `depthloom`.
+    path: Option<OsString>,
+}
+
+impl Case {
+    fn new() -> Self {
+        Self { folder: tempfile::tempdir().expect("a folder"), path: None }
+    }
+
+    /// A case with nodes in Python; `None`, and the test is skipped, where there is no Python.
+    fn with_python(test: &str) -> Option<Self> {
+        let python = python_package(test)?;
+        Some(Self { path: Some(path_of(&python)), ..Self::new() })
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn write(&self, name: &str, content: impl AsRef<[u8]>) {
+        let path = self.path(name);
+        fs::create_dir_all(path.parent().expect("a file is in a folder")).expect("made");
+        fs::write(path, content).expect("written");
+    }
+
+    /// Writes a textured image, moved to the left.
+    fn write_image(&self, name: &str, seed: u32, shift: u32) {
+        let texture = |x: u32, y: u32| {
+            let mixed = (y * 4096 + x + shift + seed * 77_777).wrapping_mul(2_654_435_761);
+            Luma([((mixed ^ (mixed >> 15)).wrapping_mul(2_246_822_519) >> 24) as u8])
+        };
+        self.write(name, "");
+        GrayImage::from_fn(64, 32, texture).save(self.path(name)).expect("written");
+    }
+
+    /// A run that is not checked.
+    fn attempt(&self, experiment: &str, out: &str, more: &[&str]) -> Output {
+        self.command(experiment, out, more).output().expect("the program starts")
+    }
+
+    fn command(&self, experiment: &str, out: &str, more: &[&str]) -> Command {
+        let mut command = depthloom();
+        command.current_dir(self.folder.path()).env_remove("DEPTHLOOM_FRESH");
+        command.args(["run", experiment, "--quiet", "--no-page", "--allow-exec", "--out", out]).args(more);
+        if let Some(path) = &self.path {
+            command.env("PATH", path).env("PYTHONDONTWRITEBYTECODE", "1");
+        }
+        command
+    }
+
+    /// A run that succeeds.
+    fn run(&self, experiment: &str, out: &str, more: &[&str]) {
+        let output = self.attempt(experiment, out, more);
+        assert!(output.status.success(), "{experiment}: {}", said(&output));
+    }
+
+    /// A run that succeeds with the recording and the scores of a fresh one.
+    fn run_as_fresh(&self, experiment: &str, out: &str, more: &[&str]) {
+        self.run(experiment, out, more);
+        self.assert_as_fresh(experiment, out, more);
+    }
+
+    /// That a run has the recording and the scores of a fresh one.
+    fn assert_as_fresh(&self, experiment: &str, out: &str, more: &[&str]) {
+        let fresh = format!("fresh/{out}");
+        self.run(experiment, &fresh, &[more, &["--fresh"]].concat());
+        for file in ["scores.csv", "table.csv", "recording.mcap"] {
+            assert!(
+                self.read(out, file) == self.read(&fresh, file),
+                "{experiment}: {file} differs from that of --fresh"
+            );
+        }
+    }
+
+    /// That a run equals a fresh one, or is refused with a reason before its first frame; whether it equals it.
+    fn run_as_fresh_or_refused(&self, experiment: &str, out: &str) -> bool {
+        let output = self.attempt(experiment, out, &[]);
+        if output.status.success() {
+            self.assert_as_fresh(experiment, out, &[]);
+            return true;
+        }
+        assert_eq!(output.status.code(), Some(2), "{}", said(&output));
+        assert!(said(&output).contains("error: "), "{}", said(&output));
+        false
+    }
+
+    fn read(&self, out: &str, file: &str) -> Option<Vec<u8>> {
+        fs::read(self.path(out).join(file)).ok()
+    }
+
+    /// Makes a completed run what a killed process leaves of it: its recording ends after a share of its bytes.
+    fn interrupt(&self, out: &str, share: f64) {
+        let partial = self.path(&format!("{out}.partial"));
+        fs::rename(self.path(out), &partial).expect("renamed");
+        for report in ["scores.csv", "scores.parquet", "table.csv", "table.parquet", "table.md", "table.tex"] {
+            let _ = fs::remove_file(partial.join(report));
+        }
+        let recording = fs::File::options().write(true).open(partial.join("recording.mcap")).expect("a recording");
+        let bytes = recording.metadata().expect("a length").len();
+        recording.set_len((bytes as f64 * share) as u64).expect("cut");
+    }
+}
+
+/// What a command printed to standard error.
+fn said(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+/// The content of a file as text.
+fn text(path: &Path) -> String {
+    fs::read_to_string(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
+}

@@ -1,0 +1,148 @@
+//! A run that is resumed after its data changed: no frame of the old data stays in it.
+
+use std::fs;
+
+use super::{Case, said};
+
+const IMAGES: &str = "experiment: images
+sources: { own: { kind: images, with: { root: data, left: left/*.png, right: right/*.png, calibration: { focal_px: 40, baseline_m: 0.5 } } } }
+stages:
+  look:
+    source: own
+    nodes:
+      stereo: { kind: stereo/sgbm, inputs: { left: source/left, right: source/right }, with: { disparities: 16 } }
+      depth: { kind: depth/from-disparity, inputs: { disparity: stereo/disparity, calibration: source/calibration } }
+";
+
+const FRAMES: u32 = 6;
+
+fn frame(case: &Case, frame: u32, seed: u32) {
+    for (side, shift) in [("left", 0), ("right", 3)] {
+        case.write_image(&format!("data/{side}/{frame:03}.png"), seed, shift);
+    }
+}
+
+fn remove(case: &Case, frame: u32) {
+    for side in ["left", "right"] {
+        fs::remove_file(case.path(&format!("data/{side}/{frame:03}.png"))).expect("removed");
+    }
+}
+
+/// A run on six frames that ended in the middle, and then a change of the data.
+fn resumed_after(text: &str, change: impl FnOnce(&Case)) {
+    let case = Case::new();
+    (0..FRAMES).for_each(|number| frame(&case, number, number));
+    case.write("images.yaml", text);
+    case.run("images.yaml", "runs/one", &[]);
+    case.interrupt("runs/one", 0.7);
+    change(&case);
+    if !case.run_as_fresh_or_refused("images.yaml", "runs/one") {
+        case.run_as_fresh("images.yaml", "runs/one", &["--overwrite"]);
+    }
+}
+
+#[test]
+fn images_that_were_replaced_are_read_again() {
+    resumed_after(IMAGES, |case| (0..FRAMES).for_each(|number| frame(case, number, 100 + number)));
+}
+
+#[test]
+fn one_image_that_was_replaced_is_read_again() {
+    resumed_after(IMAGES, |case| frame(case, 1, 100));
+}
+
+#[test]
+fn frames_that_were_removed_are_removed() {
+    resumed_after(IMAGES, |case| remove(case, 1));
+}
+
+#[test]
+fn frames_that_moved_are_not_lost() {
+    resumed_after(IMAGES, |case| {
+        remove(case, 0);
+        frame(case, 8, 0);
+    });
+}
+
+#[test]
+fn fewer_frames_than_were_recorded_are_fewer_frames() {
+    resumed_after(IMAGES, |case| (1..FRAMES).for_each(|number| remove(case, number)));
+}
+
+#[test]
+fn samples_of_replaced_images_are_collected_again() {
+    let samples = "      edges: { kind: confidence/edges, inputs: { image: source/left } }
+      samples: { kind: learn/samples, inputs: { image: source/left, target: stereo/disparity, mask: edges/mask }, with: { size: [32, 32] } }
+";
+    resumed_after(&format!("{IMAGES}{samples}"), |case| {
+        (0..FRAMES).for_each(|number| frame(case, number, 100 + number))
+    });
+}
+
+/// A source and a node in Python; the source has neither `version` nor `code`, and the node imports a module.
+const CAMERA: &str = r#"
+import sys
+import numpy as np, depthloom
+import value
+@depthloom.source(outputs={"left": "image", "depth": "depth", "calibration": "calibration"})
+class Camera:
+    def frames(self):
+        return [f"f{k}" for k in range(8)]
+    def read(self, frame):
+        camera = depthloom.Calibration(64, 32, focal_px=90, cx_px=31.5, cy_px=15.5, baseline_m=0.5, doffs_px=0)
+        depth = np.full((32, 64), value.SOURCE, np.float32)
+        return {"left": np.full((32, 64), 128, np.uint8), "depth": depth, "calibration": camera}
+@depthloom.node(inputs={"depth": "depth"}, outputs={"depth": "depth"})
+def scaled(depth):
+    return depth * value.NODE
+depthloom.serve(Camera, scaled)
+"#;
+
+const PYTHON: &str = "experiment: camera
+sources: { own: SOURCE }
+stages:
+  look:
+    source: own
+    nodes:
+      mono: { kind: mono/ground-plane, inputs: { image: source/left, calibration: source/calibration } }
+      scaled: { kind: process, inputs: { depth: mono/depth }, with: { command: [python3, camera.py, scaled], code: [camera.py], ports: { inputs: { depth: depth }, outputs: { depth: depth } } } }
+    score: { truth: source/depth, estimates: { mono: mono/depth, scaled: scaled/depth } }
+";
+
+/// The same of programs in Python whose module changes.
+fn resumed_after_a_module_changed(test: &str, source: &str, before: &str, after: &str) {
+    let Some(case) = Case::with_python(test) else { return };
+    case.write("camera.py", CAMERA);
+    case.write("camera.yaml", PYTHON.replace("SOURCE", source));
+    case.write("value.py", before);
+    case.run("camera.yaml", "runs/one", &[]);
+    case.interrupt("runs/one", 0.6);
+    case.write("value.py", after);
+    let output = case.attempt("camera.yaml", "runs/one", &[]);
+    if output.status.success() {
+        case.assert_as_fresh("camera.yaml", "runs/one", &[]);
+    } else {
+        assert_eq!(output.status.code(), Some(2), "{}", said(&output));
+        case.run_as_fresh("camera.yaml", "runs/one", &["--overwrite"]);
+    }
+}
+
+#[test]
+fn a_program_without_version_and_code_is_asked_for_all_frames_again() {
+    resumed_after_a_module_changed(
+        "a_program_without_version_and_code_is_asked_for_all_frames_again",
+        "{ kind: process/source, with: { command: [python3, camera.py, Camera], outputs: { left: image, depth: depth, calibration: calibration } } }",
+        "SOURCE, NODE = 10, 2\n",
+        "SOURCE, NODE = 40, 2\n",
+    );
+}
+
+#[test]
+fn a_changed_module_of_a_node_does_not_mix_frames_of_two_versions() {
+    resumed_after_a_module_changed(
+        "a_changed_module_of_a_node_does_not_mix_frames_of_two_versions",
+        "{ kind: process/source, with: { command: [python3, camera.py, Camera], version: 1, outputs: { left: image, depth: depth, calibration: calibration } } }",
+        "SOURCE, NODE = 10, 2\n",
+        "SOURCE, NODE = 10, 3\n",
+    );
+}
