@@ -115,8 +115,11 @@ stages:
             let output = self.run("runs/again", factor, audit);
             let text = errors(&output);
             assert!(!output.status.success(), "{what}: {audit:?} does not find it");
-            assert!(text.contains(node), "{what}: the error does not name the node `{node}`: {text}");
-            assert!(text.contains("--fresh"), "{what}: the error does not say how to go on: {text}");
+            assert!(
+                text.contains(&format!("look.{node}")),
+                "{what}: the error does not name the node `{node}`: {text}"
+            );
+            assert!(text.contains("fresh"), "{what}: the error does not say how to go on: {text}");
             assert!(!self.folder.path().join("runs/again").exists(), "{what}: the run has its final name");
         }
         self.succeed("runs/unaudited", factor, &["--audit", "none"]);

@@ -79,6 +79,7 @@ fn main() -> std::process::ExitCode {
     let nodes = registry.nodes().map(|kind| kind.declaration.kind.to_owned()).collect();
     let sources = registry.sources().map(|kind| kind.declaration.kind.to_owned()).collect();
     kinds::check_complete(&nodes, &sources);
+    audit::check(std::path::Path::new(env!("CARGO_BIN_EXE_depthloom")));
     let number = |name: &str, default: u64| {
         std::env::var(name)
             .map_or(default, |text| text.parse().unwrap_or_else(|_| panic!("{name} is not a number: {text}")))
