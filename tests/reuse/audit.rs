@@ -1,5 +1,6 @@
 //! What no key can know: the audit of reused values finds it. Each case makes a run, changes something behind the keys' back, and runs again.
 
+use std::ffi::OsString;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -60,6 +61,8 @@ struct Case {
     /// This test program.
     program: PathBuf,
     binary: PathBuf,
+    /// The PATH of the runs, if it is another.
+    path: Option<OsString>,
 }
 
 impl Case {
@@ -80,7 +83,7 @@ stages:
         );
         let text = text.replace("PROGRAM", &program.display().to_string());
         fs::write(folder.path().join("audit.yaml"), text).expect("written");
-        Self { folder, program, binary: binary.to_owned() }
+        Self { folder, program, binary: binary.to_owned(), path: None }
     }
 
     /// A `process` node; `with` is how its results are known again.
@@ -100,6 +103,7 @@ stages:
         let mut command = Command::new(if factor.is_some() { &self.program } else { &self.binary });
         command.current_dir(self.folder.path()).env_remove("DEPTHLOOM_FRESH").env("NO_COLOR", "1");
         command.envs(factor.map(|factor| (FACTOR, factor)));
+        command.envs(self.path.iter().map(|path| ("PATH", path))).env("PYTHONDONTWRITEBYTECODE", "1");
         command.args(["run", "audit.yaml", "--quiet", "--no-page", "--allow-exec", "--out", out]).args(more);
         command.output().expect("the program starts")
     }
@@ -133,9 +137,12 @@ fn errors(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
-/// All cases.
-pub fn check(binary: &Path) {
+/// All cases; `python` has the package `depthloom`.
+pub fn check(binary: &Path, python: Option<&Path>) {
     constant(binary);
+    if let Some(python) = python {
+        module(binary, python);
+    }
     undeclared_file(binary);
     random(binary);
     chunk(binary);
@@ -157,6 +164,26 @@ fn undeclared_file(binary: &Path) {
         case.write("factor.txt", "3");
         case.assert_found("a changed file that `code` does not name", None, "own");
     }
+}
+
+/// A module that a node in Python imports, where keys do not contain what programs import.
+fn module(binary: &Path, python: &Path) {
+    let ports = "ports: { inputs: { depth: depth }, outputs: { depth: depth } }";
+    let node = format!(
+        "{{ kind: process, inputs: {{ depth: source/depth }}, with: {{ command: [python3, own.py], code: [own.py], imports: false, {ports} }} }}"
+    );
+    let mut case = Case::new(binary, &node);
+    let own = python.parent().map(Path::to_owned);
+    let others = std::env::var_os("PATH").unwrap_or_default();
+    let folders = own.into_iter().chain(std::env::split_paths(&others));
+    case.path = Some(std::env::join_paths(folders).expect("folders of a PATH"));
+    let code = "import depthloom\nimport factor\n@depthloom.node(inputs={'depth': 'depth'}, outputs={'depth': 'depth'})\n\
+                def own(depth):\n    return depth * factor.FACTOR\ndepthloom.serve(own)\n";
+    case.write("own.py", code);
+    case.write("factor.py", "FACTOR = 2\n");
+    case.succeed("runs/first", None, &[]);
+    case.write("factor.py", "FACTOR = 3\n");
+    case.assert_found("a changed module, where keys do not contain imports", None, "own");
 }
 
 fn random(binary: &Path) {

@@ -51,6 +51,7 @@ const EDITS: &[(usize, Edit)] = &[
     (4, exchange_images),
     (2, add_or_remove_frame),
     (8, change_text),
+    (4, change_prediction),
     (3, exchange_texts),
     (20, change_module),
     (3, change_network),
@@ -460,6 +461,16 @@ fn add_or_remove_frame(state: &mut State, random: &mut Random, _: &[EarlierRun])
 fn change_text(state: &mut State, random: &mut Random, _: &[EarlierRun]) -> Option<String> {
     let path = random.pick(&TEXTS);
     state.files.insert(path.to_owned(), Content::Text(random.below(100) as u32));
+    Some(format!("change the content of {path}"))
+}
+
+fn change_prediction(state: &mut State, random: &mut Random, _: &[EarlierRun]) -> Option<String> {
+    let frame = random.pick(&["000000_10", "000001_10", "000002_10", "000", "001", "f0", "f1"]);
+    let path = format!("predictions/{frame}.txt");
+    if random.chance(4) && state.files.remove(&path).is_some() {
+        return Some(format!("remove {path}"));
+    }
+    state.files.insert(path.clone(), Content::Text(random.below(100) as u32));
     Some(format!("change the content of {path}"))
 }
 

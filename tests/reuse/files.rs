@@ -80,6 +80,10 @@ pub fn first(random: &mut Random, has_python: bool) -> Files {
             add_pair(&mut files, root, frame, random);
         }
     }
+    // Of some frames of each source; of others they are missing.
+    for frame in ["000000_10", "000002_10", "000", "001", "f1"] {
+        files.insert(format!("predictions/{frame}.txt"), Content::Text(random.below(100) as u32));
+    }
     for text in TEXTS {
         files.insert(text.to_owned(), Content::Text(random.below(100) as u32));
     }

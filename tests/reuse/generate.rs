@@ -189,8 +189,13 @@ fn program_source(random: &mut Random) -> (&'static str, Json, Vec<(&'static str
         "command": ["PROGRAM", "--process"], "params": { "frames": 2 },
         "outputs": { "left": "image", "right": "image", "depth": "depth", "calibration": "calibration" },
     });
-    match random.below(4) {
+    match random.below(5) {
         0 => fixed["version"] = json!(1),
+        4 => {
+            fixed["version"] = json!(1);
+            fixed["reads"] = json!("predictions/{frame}.txt");
+            fixed["params"]["reads"] = json!("predictions/{frame}.txt");
+        }
         1 => {
             fixed["code"] = json!(["gain-b.txt"]);
             fixed["params"]["read"] = json!(["gain-b.txt"]);

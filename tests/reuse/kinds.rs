@@ -415,6 +415,31 @@ pub const KINDS: &[Kind] = &[
         ..DEFAULT
     },
     Kind {
+        label: "process, pure, with a file per frame",
+        kind: "process",
+        inputs: DEPTH,
+        outputs: DEPTH,
+        fixed: "{\"command\": [\"PROGRAM\", \"--process\"], \"version\": 1, \"reads\": \"predictions/{frame}.txt\", \
+                \"params\": {\"reads\": \"predictions/{frame}.txt\"}, \
+                \"ports\": {\"inputs\": {\"depth\": \"depth\"}, \"outputs\": {\"depth\": \"depth\"}}}",
+        parameters: &[GAINS, VERSIONS],
+        ..DEFAULT
+    },
+    Kind {
+        label: "process, ordered, with a file per frame",
+        kind: "process",
+        contract: Contract::Ordered,
+        inputs: DEPTH,
+        outputs: DEPTH,
+        fixed: "{\"command\": [\"PROGRAM\", \"--process\"], \"contract\": \"ordered\", \"code\": [\"gain-a.txt\"], \
+                \"reads\": [\"predictions/{frame}.txt\"], \
+                \"params\": {\"read\": [\"gain-a.txt\"], \"reads\": \"predictions/{frame}.txt\"}, \
+                \"ports\": {\"inputs\": {\"depth\": \"depth\"}, \"outputs\": {\"depth\": \"depth\"}}}",
+        parameters: &[GAINS],
+        share: 2,
+        ..DEFAULT
+    },
+    Kind {
         label: "process, once per stage",
         kind: "process",
         contract: Contract::Aggregate,

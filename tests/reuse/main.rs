@@ -79,7 +79,8 @@ fn main() -> std::process::ExitCode {
     let nodes = registry.nodes().map(|kind| kind.declaration.kind.to_owned()).collect();
     let sources = registry.sources().map(|kind| kind.declaration.kind.to_owned()).collect();
     kinds::check_complete(&nodes, &sources);
-    audit::check(std::path::Path::new(env!("CARGO_BIN_EXE_depthloom")));
+    let python = depthloom_test_needs::python_package("reuse, nodes in Python");
+    audit::check(std::path::Path::new(env!("CARGO_BIN_EXE_depthloom")), python.as_deref());
     let number = |name: &str, default: u64| {
         std::env::var(name)
             .map_or(default, |text| text.parse().unwrap_or_else(|_| panic!("{name} is not a number: {text}")))
@@ -89,7 +90,7 @@ fn main() -> std::process::ExitCode {
         count: number("DEPTHLOOM_FUZZ_REUSE", 300),
         jobs: std::thread::available_parallelism().map_or(1, std::num::NonZero::get),
         binary: env!("CARGO_BIN_EXE_depthloom").into(),
-        python: depthloom_test_needs::python_package("reuse, sequences with a node in Python"),
+        python,
     })
 }
 

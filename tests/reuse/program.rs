@@ -1,7 +1,7 @@
 //! The program behind the `process` nodes and the `process/source` of random experiments: this test program itself, which starts fast.
 //!
-//! What it returns depends on everything that it may know: parameters, the variable `GAIN`, its arguments, the content of the files that `params.read` lists, its
-//! inputs and, in an ordered node, id, index and time of this frame and of all before. So a cached value is wrong as soon as its key lacks one of them.
+//! What it returns depends on everything that it may know: parameters, the variable `GAIN`, its arguments, the content of the files that `params.read` lists and `params.reads` names for a frame,
+//! its inputs and, in an ordered node, id, index and time of this frame and of all before. So a cached value is wrong as soon as its key lacks one of them.
 
 use std::hash::Hasher as _;
 use std::io;
@@ -66,7 +66,12 @@ pub fn serve(arguments: &[String]) -> io::Result<()> {
         }
         let mut frame = Digest::new();
         if let Some(of) = column("frame") {
-            frame.write(of.part("id").and_then(|id| id.text().ok()).unwrap_or_default().as_bytes());
+            let id = of.part("id").and_then(|id| id.text().ok()).unwrap_or_default();
+            frame.write(id.as_bytes());
+            // A missing file is another content than an empty one.
+            if let Some(pattern) = program.params["reads"].as_str() {
+                frame.write(&std::fs::read(pattern.replace("{frame}", id)).unwrap_or_else(|_| b"missing".to_vec()));
+            }
             for part in ["index", "time_ns"] {
                 frame.write_i64(of.part(part).and_then(|part| part.int().ok()).unwrap_or(-1));
             }
@@ -155,7 +160,11 @@ impl Program {
     fn values(&mut self, frame: &Digest, inputs: &[Value], is_finish: bool) -> Vec<Option<Value>> {
         let mut digest = self.knowledge.clone();
         match self.contract.as_str() {
-            "source" => digest.write_u64(frame.finish()),
+            // Also a pure node, which is told its frame if it reads files of it.
+            "source" | "pure" => {
+                digest.write_u64(frame.finish());
+                digest.write_u64(content(inputs));
+            }
             "ordered" => {
                 if !is_finish {
                     self.memory.write_u64(frame.finish());

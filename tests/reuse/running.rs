@@ -14,6 +14,9 @@ use crate::sequence::{Ending, Sequence, State, Step};
 
 /// A run that takes longer hangs.
 const PATIENCE: Duration = Duration::from_secs(120);
+/// The name of this test program for nodes, and the folder where it is found.
+pub const PROGRAM: &str = "random-program";
+const PROGRAMS: &str = "bin";
 /// The experiment file.
 const EXPERIMENT: &str = "experiment.yaml";
 /// The exit code of what is refused before the first frame.
@@ -88,13 +91,17 @@ impl Runner {
     pub fn run(&self, sequence: &Sequence) -> Result<Statistics, Failure> {
         let _ = fs::remove_dir_all(&self.folder);
         fs::create_dir_all(&self.folder).expect("a folder for the sequence can be made");
+        // Found by its name in the PATH: the file of a program that is named by its path is part of keys, and this one is large.
+        fs::create_dir(self.folder.join(PROGRAMS)).expect("a folder can be made");
+        std::os::unix::fs::symlink(&self.program, self.folder.join(PROGRAMS).join(PROGRAM))
+            .expect("a link can be made");
         let mut statistics = Statistics { sequences: 1, ..Statistics::default() };
         let mut files = Files::new();
         let mut is_edited = false;
         for (place, step) in sequence.steps.iter().enumerate() {
             files::write(&self.folder, &files, &step.state.files).expect("input files can be written");
             files.clone_from(&step.state.files);
-            let yaml = step.state.experiment.yaml(&self.program.display().to_string());
+            let yaml = step.state.experiment.yaml(PROGRAM);
             // All steps run the same file; those beside it are for whoever looks for the cause.
             for name in [EXPERIMENT, &yaml_name(place)] {
                 fs::write(self.folder.join(name), &yaml).expect("an experiment can be written");
@@ -216,7 +223,8 @@ impl Runner {
         let mut command = Command::new(&self.binary);
         command.current_dir(&self.folder).env_clear();
         command.envs(["LD_LIBRARY_PATH", "TMPDIR"].iter().filter_map(|name| Some((name, std::env::var_os(name)?))));
-        let own = self.python.iter().filter_map(|python| python.parent()).map(Path::to_owned);
+        let own = std::iter::once(self.folder.join(PROGRAMS));
+        let own = own.chain(self.python.iter().filter_map(|python| python.parent()).map(Path::to_owned));
         let others = std::env::var_os("PATH").unwrap_or_default();
         let path = std::env::join_paths(own.chain(std::env::split_paths(&others))).expect("folders of a PATH");
         // Times of modules are so coarse that Python takes compiled ones of a file that was replaced within a second.
@@ -224,10 +232,7 @@ impl Runner {
         command.env("HOME", &self.folder).env("NO_COLOR", "1").env("DEPTHLOOM_ONNX_ENGINE", "tract");
         command.envs(&state.environment);
         command.args(["run", EXPERIMENT, "--out", out, "--json", "--no-page", "--allow-exec"]);
-        command
-            .args(["--workers", &state.workers.to_string()])
-            .args(arguments(state, &self.program.display().to_string()))
-            .args(more);
+        command.args(["--workers", &state.workers.to_string()]).args(arguments(state)).args(more);
         command
     }
 
@@ -263,11 +268,11 @@ impl Runner {
 }
 
 /// The arguments of a state that select and change.
-pub fn arguments(state: &State, program: &str) -> Vec<String> {
+pub fn arguments(state: &State) -> Vec<String> {
     let selected = state.experiment.variants.iter().find(|variant| Some(variant.id) == state.selected);
     let mut arguments: Vec<String> =
         selected.into_iter().flat_map(|of| ["--variant".to_owned(), of.name.clone()]).collect();
-    let set = state.set.as_ref().and_then(|change| state.experiment.change(change, program));
+    let set = state.set.as_ref().and_then(|change| state.experiment.change(change, PROGRAM));
     arguments.extend(set.into_iter().flat_map(|(path, value)| ["--set".to_owned(), format!("{path}={value}")]));
     arguments
 }
@@ -280,7 +285,7 @@ pub fn yaml_name(place: usize) -> String {
 /// The command of a step, as a person types it.
 pub fn typed(place: usize, step: &Step) -> String {
     let environment: String = step.state.environment.iter().map(|(name, value)| format!("{name}={value} ")).collect();
-    let arguments = arguments(&step.state, "PROGRAM").join(" ");
+    let arguments = arguments(&step.state).join(" ");
     let out = Path::new("runs").join(&step.out);
     let workers = step.state.workers;
     format!(

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use crate::files::{Files, differences};
 use crate::minimise::minimise;
-use crate::running::{Failure, Runner, Statistics, typed, yaml_name};
+use crate::running::{Failure, PROGRAM, Runner, Statistics, typed, yaml_name};
 use crate::sequence::{Ending, Sequence};
 
 /// How often progress is printed.
@@ -115,7 +115,7 @@ fn report(runner: &Runner, sequence: Sequence, failure: Failure, is_kept: bool) 
         differences(&files, &step.state.files).iter().for_each(|line| text.push_str(&format!("    file {line}\n")));
         files.clone_from(&step.state.files);
         text.push_str(&format!("    {}:\n", yaml_name(place)));
-        step.state.experiment.yaml("PROGRAM").lines().for_each(|line| text.push_str(&format!("      {line}\n")));
+        step.state.experiment.yaml(PROGRAM).lines().for_each(|line| text.push_str(&format!("      {line}\n")));
     }
     if is_copied {
         text.push_str(&format!("  kept in {}\n", kept.display()));
@@ -133,7 +133,7 @@ fn copy_folder(from: &Path, to: &Path) -> std::io::Result<()> {
         let target = to.join(entry.file_name());
         if entry.file_type()?.is_dir() {
             copy_folder(&entry.path(), &target)?;
-        } else {
+        } else if entry.file_type()?.is_file() {
             fs::copy(entry.path(), target)?;
         }
     }
