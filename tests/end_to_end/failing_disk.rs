@@ -101,7 +101,7 @@ impl Run {
     /// Begins, or goes on with what is there, as the command `run` does; whether it came to its end.
     fn go(&self, durable: bool, fault: Option<(Fault, u64)>) -> bool {
         let (ready, plan) = self.ready();
-        let begun = Recording::open(&self.recording).ok().filter(|begun| !begun.is_empty() && begun.is_begun(&plan));
+        let begun = Recording::open(&self.recording).ok().filter(|begun| !begun.is_empty() && begun.has_plan(&plan));
         let earlier = Arc::new(EarlierRuns::new(begun.iter().map(Recording::path), &plan));
         let through = |file: File| -> Arc<dyn Disk> {
             match fault {
