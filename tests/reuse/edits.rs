@@ -59,6 +59,9 @@ const EDITS: &[(usize, Edit)] = &[
     (4, change_selection),
     (3, change_set),
     (2, change_workers),
+    (1, change_keep_going),
+    (5, change_axis),
+    (3, reorder_axis),
 ];
 
 /// Makes one edit; says what it was.
@@ -534,4 +537,24 @@ fn change_set(state: &mut State, random: &mut Random, _: &[EarlierRun]) -> Optio
 fn change_workers(state: &mut State, random: &mut Random, _: &[EarlierRun]) -> Option<String> {
     state.workers = random.pick(&[1, 2, 5]);
     Some(format!("--workers {}", state.workers))
+}
+
+fn change_keep_going(state: &mut State, _: &mut Random, _: &[EarlierRun]) -> Option<String> {
+    state.keeps_going = !state.keeps_going;
+    Some(if state.keeps_going { "--keep-going" } else { "no --keep-going" }.to_owned())
+}
+
+fn change_axis(state: &mut State, random: &mut Random, _: &[EarlierRun]) -> Option<String> {
+    if state.experiment.axis.take().is_some() && random.chance(3) {
+        return Some("no matrix".to_owned());
+    }
+    state.experiment.axis = generate::axis(random, &state.experiment);
+    state.experiment.axis.is_some().then(|| "another matrix".to_owned())
+}
+
+fn reorder_axis(state: &mut State, random: &mut Random, _: &[EarlierRun]) -> Option<String> {
+    let axis = state.experiment.axis.as_mut()?;
+    let (first, second) = two(random, axis.values.len())?;
+    axis.values.swap(first, second);
+    Some("reorder the values of the matrix".to_owned())
 }

@@ -15,6 +15,8 @@ pub struct Experiment {
     pub sources: Vec<Source>,
     pub stages: Vec<Stage>,
     pub variants: Vec<Variant>,
+    /// The matrix, of one axis.
+    pub axis: Option<Axis>,
     pub record: Record,
     /// The number that the next new part gets.
     pub next_id: Id,
@@ -96,6 +98,14 @@ pub enum Change {
     Parameter(Id, &'static str, Json),
     Input(Id, &'static str, Input),
     SourceParameter(Id, &'static str, Json),
+}
+
+/// A parameter of a node that takes several values, each in a variant.
+#[derive(Clone, Debug)]
+pub struct Axis {
+    pub node: Id,
+    pub parameter: &'static str,
+    pub values: Vec<Json>,
 }
 
 /// What is recorded.
@@ -249,6 +259,9 @@ impl Experiment {
                     .is_some_and(|(at, node)| nodes.contains(id) && reads(at, Some(node), input)),
             });
         }
+        if self.axis.as_ref().is_some_and(|axis| !nodes.contains(&axis.node)) {
+            self.axis = None;
+        }
         self.record.points.retain(|id| nodes.contains(id));
         if let Some(topics) = &mut self.record.topics {
             topics.retain(|id| *id == 0 || nodes.contains(id));
@@ -388,6 +401,11 @@ impl Experiment {
             let changes: Map<String, Json> =
                 variant.changes.iter().filter_map(|change| self.change(change, program)).collect();
             text.push_str(&format!("  {}: {}\n", variant.name, Json::Object(changes)));
+        }
+        if let Some(axis) = &self.axis
+            && let Some((path, _)) = self.change(&Change::Parameter(axis.node, axis.parameter, Json::Null), program)
+        {
+            text.push_str(&format!("matrix: {}\n", with_program(&json!({ path: axis.values }), program)));
         }
         if let Some(record) = self.record_yaml() {
             text.push_str(&format!("record: {record}\n"));

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use serde_json::{Map, Value as Json, json};
 
 use crate::experiment::{
-    Change, Estimate, Experiment, Id, Input, Node, Record, Score, Source, SourcePart, Stage, Variant, set,
+    Axis, Change, Estimate, Experiment, Id, Input, Node, Record, Score, Source, SourcePart, Stage, Variant, set,
 };
 use crate::files::{HEIGHT, ROOTS, WIDTH};
 use crate::kinds::{Contract, KINDS, Kind, Parameter, Type};
@@ -99,6 +99,7 @@ pub fn experiment(random: &mut Random, earlier: &[EarlierRun]) -> Experiment {
         sources: Vec::new(),
         stages: Vec::new(),
         variants: Vec::new(),
+        axis: None,
         record: Record::default(),
         next_id: 0,
     };
@@ -110,6 +111,9 @@ pub fn experiment(random: &mut Random, earlier: &[EarlierRun]) -> Experiment {
     }
     for _ in 0..random.pick(&[0, 0, 1, 2, 2, 3]) {
         add_variant(random, &mut experiment);
+    }
+    if random.chance(6) {
+        experiment.axis = axis(random, &experiment);
     }
     if random.chance(2) {
         experiment.record = record(random, &experiment);
@@ -424,6 +428,24 @@ pub fn other_input(random: &mut Random, experiment: &Experiment, id: Id) -> Opti
     let input = input(random, experiment, stage, node.kind, *of, Some(id))?;
     let current = node.inputs.iter().find(|(name, _)| name == port);
     (current.is_none_or(|(_, current)| *current != input)).then_some((*port, input))
+}
+
+/// A matrix of one axis: two or three values of a parameter.
+pub fn axis(random: &mut Random, experiment: &Experiment) -> Option<Axis> {
+    let nodes: Vec<&Node> = experiment.nodes().map(|(_, node)| node).collect();
+    let node = (!nodes.is_empty()).then(|| nodes[random.below(nodes.len())])?;
+    let parameters = node.kind.parameters;
+    let (parameter, texts) = (!parameters.is_empty()).then(|| random.pick(parameters))?;
+    let mut values: Vec<Json> = Vec::new();
+    for text in texts {
+        let value = json_of(text);
+        // Variables of the environment may stand for a value that is there already.
+        let is_plain = value.is_number() || value.as_str().is_some_and(|text| !text.contains('$'));
+        if is_plain && !values.contains(&value) && values.len() < 3 {
+            values.push(value);
+        }
+    }
+    (values.len() > 1).then_some(Axis { node: node.id, parameter, values })
 }
 
 /// Record settings.

@@ -89,6 +89,7 @@ const BLOCKS: &[&str] = &["3", "5", "7", "9", "\"${BLOCK:-5}\""];
 const CAPS: &[&str] = &["20", "40", "80", "null"];
 const ZONES: &[&str] = &["0", "2", "3"];
 const GAINS: Parameter = ("params.gain", &["2", "3", "4", "\"low\"", "{\"near\": 1, \"far\": 2}"]);
+const FAILS: Parameter = ("params.fail", &["true", "false", "false"]);
 const VERSIONS: Parameter = ("version", &["1", "2", "3"]);
 const VARIABLES: Parameter = ("env", &["{\"GAIN\": \"2\"}", "{\"GAIN\": \"3\"}", "{\"GAIN\": \"${LEVEL:-1}\"}", "{}"]);
 const ARGUMENTS: Parameter = (
@@ -342,7 +343,7 @@ pub const KINDS: &[Kind] = &[
         outputs: DEPTH,
         fixed: "{\"command\": [\"PROGRAM\", \"--process\"], \"version\": 1, \
                 \"ports\": {\"inputs\": {\"depth\": \"depth\"}, \"outputs\": {\"depth\": \"depth\"}}}",
-        parameters: &[GAINS, VARIABLES, VERSIONS, ARGUMENTS],
+        parameters: &[GAINS, VARIABLES, VERSIONS, ARGUMENTS, FAILS],
         ..DEFAULT
     },
     Kind {
@@ -387,7 +388,7 @@ pub const KINDS: &[Kind] = &[
         fixed: "{\"command\": [\"PROGRAM\", \"--process\"], \"contract\": \"ordered\", \"version\": 1, \
                 \"ports\": {\"inputs\": {\"depth\": \"depth\"}, \
                 \"outputs\": {\"depth\": \"depth\", \"total\": {\"type\": \"curve\", \"rate\": \"once\"}}}}",
-        parameters: &[GAINS, VERSIONS],
+        parameters: &[GAINS, VERSIONS, FAILS],
         ..DEFAULT
     },
     Kind {

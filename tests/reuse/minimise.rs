@@ -64,6 +64,8 @@ pub fn minimise(runner: &Runner, mut sequence: Sequence, mut failure: Failure) -
     simplify(&|sequence| steps(sequence, &|state| state.set = None));
     simplify(&|sequence| steps(sequence, &|state| state.selected = None));
     simplify(&|sequence| steps(sequence, &|state| state.workers = 1));
+    simplify(&|sequence| steps(sequence, &|state| state.keeps_going = false));
+    simplify(&|sequence| steps(sequence, &|state| state.experiment.axis = None));
     simplify(&|sequence| steps(sequence, &|state| state.environment.clear()));
     simplify(&|sequence| steps(sequence, &|state| state.experiment.record = crate::experiment::Record::default()));
     simplify(&|sequence| {

@@ -76,6 +76,10 @@ pub fn serve(arguments: &[String]) -> io::Result<()> {
                 frame.write_i64(of.part(part).and_then(|part| part.int().ok()).unwrap_or(-1));
             }
         }
+        if program.params["fail"] == true && content(&inputs) % 3 == 0 {
+            program.reply("failure", number, None, None, &mut replies)?;
+            continue;
+        }
         let is_finish = name == "finish";
         let values = program.values(&frame, &inputs, is_finish);
         program.reply("values", number, Some(values), None, &mut replies)?;
@@ -134,6 +138,7 @@ impl Program {
                 Field::new("number", number),
                 Field::new("outputs", DataType::Struct(columns)).nullable(),
                 Field::new("frames", DataType::Struct(frames)).nullable(),
+                Field::new("message", DataType::Utf8(Offsets::Narrow)).nullable(),
             ],
             metadata: vec![("depthloom.protocol".to_owned(), "1".to_owned())],
         };
@@ -196,7 +201,8 @@ impl Program {
         let frames = frames.map_or(Data::Null, |(ids, times)| {
             Data::Struct(vec![Data::List(Items::Text(ids)), Data::List(Items::I64(times))])
         });
-        let row = vec![Data::Text(says.into()), Data::Int(number), outputs, frames];
+        let message = if says == "failure" { Data::Text("this frame fails".into()) } else { Data::Null };
+        let row = vec![Data::Text(says.into()), Data::Int(number), outputs, frames, message];
         arrow::encode(&self.replies, row).write(out)?;
         out.flush()
     }

@@ -21,6 +21,8 @@ const PROGRAMS: &str = "bin";
 const EXPERIMENT: &str = "experiment.yaml";
 /// The exit code of what is refused before the first frame.
 const REFUSED: i32 = 2;
+/// The exit code of a run with failed frames.
+const FRAMES_FAILED: i32 = 3;
 
 /// What the runs of sequences did, to see that they test something.
 #[derive(Clone, Copy, Debug, Default)]
@@ -138,7 +140,10 @@ impl Runner {
                 fresh.described()
             ));
         }
-        if reusing.code() != Some(0) {
+        // With --keep-going a run with failed frames is complete, too.
+        let is_complete =
+            reusing.code() == Some(0) || reusing.code() == Some(FRAMES_FAILED) && self.folder.join(&out).exists();
+        if !is_complete {
             statistics.failed += 1;
             return Ok(());
         }
@@ -169,8 +174,9 @@ impl Runner {
 
     /// Leaves a partial run as a killed process does: the recording ends at a byte, and there is no report.
     fn cut(&self, step: &Step, share: f64) -> Result<(), String> {
-        let (ended, _) = self.run_to(step, &format!("runs/{}", step.out), true)?;
-        if ended.code() == Some(0) {
+        let out = format!("runs/{}", step.out);
+        self.run_to(step, &out, true)?;
+        if self.folder.join(&out).exists() {
             self.shorten(step, share);
         }
         Ok(())
@@ -202,18 +208,15 @@ impl Runner {
         let more: &[&str] = if self.partial(step).exists() { &["--overwrite"] } else { &[] };
         let mut child = self.start(&step.state, &out, more, "reuse");
         let growing = self.partial(step).join("recording.mcap");
-        let is_over = loop {
-            if child.try_wait().expect("a child can be waited for").is_some() {
-                break true;
-            }
+        while child.try_wait().expect("a child can be waited for").is_none() {
             if fs::metadata(&growing).is_ok_and(|file| file.len() as f64 >= bytes) {
-                break false;
+                break;
             }
             std::thread::sleep(Duration::from_micros(200));
-        };
+        }
         child.kill().expect("a child can be killed");
-        let status = child.wait().expect("a child ends");
-        if is_over && status.success() {
+        child.wait().expect("a child ends");
+        if self.folder.join(&out).exists() {
             self.shorten(step, share);
         }
         Ok(())
@@ -273,6 +276,7 @@ pub fn arguments(state: &State) -> Vec<String> {
     let mut arguments: Vec<String> =
         selected.into_iter().flat_map(|of| ["--variant".to_owned(), of.name.clone()]).collect();
     let set = state.set.as_ref().and_then(|change| state.experiment.change(change, PROGRAM));
+    arguments.extend(state.keeps_going.then(|| "--keep-going".to_owned()));
     arguments.extend(set.into_iter().flat_map(|(path, value)| ["--set".to_owned(), format!("{path}={value}")]));
     arguments
 }

@@ -22,6 +22,8 @@ pub struct State {
     pub set: Option<Change>,
     /// `--workers`.
     pub workers: usize,
+    /// `--keep-going`.
+    pub keeps_going: bool,
 }
 
 /// How a run ends.
@@ -71,6 +73,7 @@ impl Sequence {
             selected: None,
             set: None,
             workers: random.pick(&[1, 2]),
+            keeps_going: random.chance(2),
         };
         while state.experiment.stages.is_empty() {
             state.experiment = generate::experiment(random, &[]);
