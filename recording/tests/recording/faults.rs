@@ -366,7 +366,7 @@ fn other_files_are_named_for_what_they_are() {
     let text = written(folder.path(), b"experiment: table1\n");
     assert!(matches!(Recording::open(&text), Err(RecordingError::NotMcap { .. })));
     let path = folder.path().join("other.mcap");
-    mcap::Writer::new(std::fs::File::create(&path).unwrap()).unwrap().finish().unwrap();
+    mcap::Writer::new(File::create(&path).unwrap()).unwrap().finish().unwrap();
     let error = Recording::open(&path).unwrap_err();
     assert!(matches!(error, RecordingError::NotARecording { .. }));
     assert_eq!(error.remedy().unwrap(), "give a recording that `depthloom run` made");
