@@ -153,7 +153,7 @@ mod tests {
         let export = Folder::at(&out, false).unwrap();
         export.create().unwrap();
         std::os::unix::fs::symlink(&elsewhere, out.join("look")).unwrap();
-        assert!(export.write(Path::new("look/0.png"), b"new").unwrap_err().message.contains("no folder"));
+        assert!(export.write(Path::new("look/0.png"), b"new").unwrap_err().message.contains("not a folder"));
         assert_eq!(fs::read_dir(&elsewhere).unwrap().count(), 0);
     }
 }
