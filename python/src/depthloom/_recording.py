@@ -27,7 +27,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from ._errors import RecordingError
 
 #: The formats that are read: in the one before, maps of floats were images.
-KNOWN_FORMATS = ("2", "4")
+KNOWN_FORMATS = ("2", "4", "5")
 
 _MAGIC = b"\x89MCAP0\r\n"
 _COMMIT = "depthloom.Commit"
@@ -86,7 +86,7 @@ class Recording:
             if about is None:
                 raise RecordingError(f"{path} holds no plan: it is no recording of depthloom, or one that was cut at its beginning")
             if about.get("format") not in KNOWN_FORMATS:
-                known = " and ".join(KNOWN_FORMATS)
+                known = ", ".join(KNOWN_FORMATS)
                 raise RecordingError(f"{path} is of format {about.get('format')}; this package knows {known}")
             #: Whether the run came to its end.
             self.is_whole = indexed is not None and "depthloom.ended" not in self._index.metadata
