@@ -179,6 +179,8 @@ impl PureNode for Onnx {
         if seen > 0 {
             ctx.host.warn_of(seen as u64, "pixels of the network are no numbers (NaN or infinity)");
         }
+        // Infinity would become the cap: what is no number is none, whether or not a map is resized.
+        map.iter_mut().filter(|value| !value.is_finite()).for_each(|value| *value = f32::NAN);
         let full = match fitted.pads() {
             true => map.to_vec(),
             false => fitted.map_back(map.to_vec(), size).map_err(too_large)?,
