@@ -91,7 +91,7 @@ fn seeds_do_not_move_the_ends_of_an_interval() {
     for seed in 1..=5 {
         let resampling = Resampling { seed, ..Resampling::default() };
         let Some(Interval { low, high }) = resampling.intervals(11, &[&mean], &|| false).unwrap()[0] else { panic!() };
-        assert!((low - 0.10173).abs() < 2e-4 && (high - 0.19255).abs() < 1e-3, "{seed}: {low} {high}");
+        assert!((low - 0.10173).abs() < 2e-4 && (high - 0.19255).abs() < 1.5e-3, "{seed}: {low} {high}");
     }
 }
 
