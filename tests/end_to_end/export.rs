@@ -110,7 +110,7 @@ fn fault_55_images_that_are_exported_as_jpeg_are_reported_as_that() {
     let text = "experiment: jpeg
 sources: { pairs: { kind: images, with: { root: ., left: cam0/*.jpg, right: cam1/*.jpg } } }
 stages: { look: { source: pairs, nodes: { edges: { kind: confidence/sobel, inputs: { image: source/left } } } } }
-record: [source]
+record: [source, edges]
 ";
     std::fs::write(path("jpeg.yaml"), text).expect("written");
     // Fault 18: `root: .` of an experiment in the working folder.
@@ -120,7 +120,7 @@ record: [source]
         succeed(&mut program)
     };
     command(&["run", "jpeg.yaml", "--quiet", "--out", "run"]);
-    let told = command(&["export", "run", "source/left", "--format", "png", "--out", "all", "--quiet", "--json"]);
+    let told = command(&["export", "run", "source/left", "--format", "png", "--out", "all", "--json"]);
     let told: Json = serde_json::from_slice(&told.stdout).expect("JSON");
     let shown = told.to_string();
     assert!(shown.contains("<frame>.jpg") && !shown.contains("<frame>.png"), "{told:#}");
