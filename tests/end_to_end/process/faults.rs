@@ -107,9 +107,14 @@ const LATER: [(&str, &str, &str); 16] = [
 
 /// Runs two frames through a process; what is said of it must hold `expected`.
 fn fails(peer: &Peer, mode: &str, expected: &str, frame: &str) -> Result<(), String> {
-    // Where it is the start that fails, a slow machine must not be what fails.
+    // Where it is the start that fails, the time for it is short.
     let is_of_start = expected.contains("was not ready");
-    let times = if is_of_start { "start_timeout_s: 2, timeout_s: 30" } else { "start_timeout_s: 60, timeout_s: 2" };
+    let times = match expected {
+        _ if is_of_start => "start_timeout_s: 2, timeout_s: 60",
+        // Where it is a call that times out, the time is short; elsewhere a loaded machine has its time.
+        _ if expected.contains("within 2 s") => "start_timeout_s: 60, timeout_s: 2",
+        _ => "start_timeout_s: 60, timeout_s: 60",
+    };
     let experiment = peer.of_mode(mode, "0..2", times);
     let (out, mark) = (peer.path(&format!("run-{mode}")), format!("{}-{mode}", std::process::id()));
     let begun = Instant::now();
@@ -124,8 +129,8 @@ fn fails(peer: &Peer, mode: &str, expected: &str, frame: &str) -> Result<(), Str
             return Err(format!("{part:?} is not said: {said}"));
         }
     }
-    // Two frames, each with start, time-out and two graces; much more is a hang.
-    if took > Duration::from_secs(60) {
+    // Two frames, each with start, time-out and two graces, take a few seconds, and on a loaded machine a minute; much more is a hang.
+    if took > Duration::from_secs(240) {
         return Err(format!("took {took:?}"));
     }
     let left = processes(&mark);
