@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# A network through our nodes beside the same network in Python's onnxruntime, on the same tensors and the same library, in turn, in one run.
+# A network by our node `onnx` beside the same network in Python's onnxruntime, on the same images and the same library, in turn, in one run. Both begin with an
+# 8-bit RGB image of the network's size and end with its map.
 #
 #   bench/onnx.sh [--model NET.onnx] [--count 4] [--rounds 40] [--threads 1 2]
 #
@@ -22,6 +23,6 @@ if [ ! -f "$model" ]; then
     exit 0
 fi
 peer venv-onnx 'onnxruntime, numpy' 'onnxruntime==1.31.*' numpy
-# The features of the whole workspace: what its build has compiled is used as it is.
-cargo build --release --quiet --workspace --example onnx_raw
-exec "$venv/bin/python" bench/onnx.py "$target/release/examples/onnx_raw" "$model" "$@"
+# With the binary: alone it would resolve other features, and its dependencies compile again.
+build -p depthloom -p depthloom-nodes --example onnx_call
+exec "$venv/bin/python" bench/onnx.py "$programs/examples/onnx_call" "$model" "$@"

@@ -35,7 +35,7 @@ fn with_endings(command: clap::Command, name: &str) -> clap::Command {
 
 /// The same under the name that the program was called by: that of somebody's own, where it has kinds of its own.
 pub fn own_command(registry: &Registry) -> clap::Command {
-    command(registry).name(own_name())
+    completion::with_contents(command(registry), registry).name(own_name())
 }
 
 /// The name that the program was called by.

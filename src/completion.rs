@@ -1,13 +1,18 @@
 //! What a shell offers when somebody presses Tab: its script runs this program, which answers from the grammar, the kinds of its
 //! registry, and the files that are there.
 
+use std::collections::BTreeSet;
 use std::ffi::OsStr;
 use std::path::Path;
 
 use clap_complete::CompleteEnv;
 use clap_complete::engine::{ArgValueCandidates, CompletionCandidate, PathCompleter, ValueCompleter as _};
 use depthloom_graphs::Registry;
+use depthloom_graphs::language;
+use depthloom_graphs::plan::Plan;
+use depthloom_recording::{RecordedPlan, Recording};
 
+use crate::commands::report::recording_of;
 use crate::exit::{Exit, Stop};
 
 /// The environment variable by which a shell's script asks; not `COMPLETE`, which somebody may have set for something else.
@@ -57,6 +62,87 @@ pub fn columns() -> Vec<CompletionCandidate> {
     let others = [("ms", "core-milliseconds a frame"), ("density", "share of true pixels that were answered")];
     let others = others.map(|(name, about)| CompletionCandidate::new(name).help(Some(about.into())));
     metrics().into_iter().chain(others).collect()
+}
+
+/// The commands that take an experiment.
+const OF_EXPERIMENTS: [&str; 5] = ["run", "check", "plan", "graph", "dora"];
+
+/// Adds what the experiment or the run on the command line has, where a shell's script asks for it: `--set` paths, variants, topics.
+pub fn with_contents(command: clap::Command, registry: &Registry) -> clap::Command {
+    if std::env::var_os(VARIABLE).is_none() {
+        return command;
+    }
+    // The words of the command line follow `--`: the program, the command, and what is given to it.
+    let words: Vec<String> = std::env::args_os()
+        .skip_while(|word| word != "--")
+        .skip(2)
+        .map(|word| word.to_string_lossy().into_owned())
+        .collect();
+    let Some((name, given)) = words.split_first() else { return command };
+    if OF_EXPERIMENTS.contains(&name.as_str()) {
+        let is_experiment = |word: &&String| has_ending(Path::new(word), &["yaml", "yml"]);
+        let experiment = given.iter().find(is_experiment);
+        let loaded =
+            experiment.and_then(|path| language::load(Path::new(path), registry, &language::Options::default()).ok());
+        let Some(plan) = loaded.map(|loaded| loaded.plan) else { return command };
+        let (paths, variants) = (set_paths(&plan), named_variants(&plan.variants));
+        return command.mut_subcommand(name, |command| {
+            let command = command.mut_arg("set", |set| set.add(candidates(paths.clone())));
+            let command = command.mut_arg("matrix", |matrix| matrix.add(candidates(paths)));
+            command.mut_arg("variants", |variant| variant.add(candidates(variants)))
+        });
+    }
+    let added = match name.as_str() {
+        "export" => "topics",
+        "figure" | "analyse" => "variant",
+        _ => return command,
+    };
+    let run = given.iter().find(|word| !word.starts_with('-') && !word.is_empty());
+    let recording =
+        run.and_then(|run| recording_of(Path::new(run), name).ok()).and_then(|path| Recording::open(path).ok());
+    let Some(recording) = recording else { return command };
+    let plan = recording.plan();
+    let of_run = if added == "topics" { topics(plan) } else { named_variants(&plan.variants) };
+    command.mut_subcommand(name, |command| command.mut_arg(added, |arg| arg.add(candidates(of_run))))
+}
+
+/// The parameters that `--set` and `--matrix` can name, each with its `=`.
+fn set_paths(plan: &Plan) -> Vec<String> {
+    let mut paths = BTreeSet::new();
+    let mut add = |owner: &str, params: &serde_json::Value| {
+        let names = params.as_object().into_iter().flat_map(|params| params.keys());
+        paths.extend(names.map(|name| format!("{owner}.with.{name}=")));
+    };
+    for run in &plan.runs {
+        // Parameters of sources that are joined are those of other sources.
+        if let [part] = run.source.parts.as_slice() {
+            add(&format!("sources.{}", run.source.name), &part.params);
+        }
+        run.nodes.iter().for_each(|node| add(&format!("{}.{}", run.stage, node.name), &node.params));
+    }
+    paths.into_iter().collect()
+}
+
+/// The variants' names; none where there is only the one without a name.
+fn named_variants(variants: &[String]) -> Vec<String> {
+    variants.iter().filter(|name| !name.is_empty()).cloned().collect()
+}
+
+/// The recorded topics: by node and port, with the folder before these where several topics end alike, and in whole.
+fn topics(plan: &RecordedPlan) -> Vec<String> {
+    let outputs = (0..plan.runs.len()).flat_map(|run| plan.outputs(run)).map(|(_, output)| output);
+    let all: Vec<&str> = outputs.filter(|output| output.recorded).map(|output| output.topic.as_str()).collect();
+    let end = |topic: &str, parts: usize| {
+        let starts: Vec<usize> = topic.match_indices('/').map(|(at, _)| at + 1).collect();
+        topic[starts.len().checked_sub(parts).map_or(0, |first| starts[first])..].to_owned()
+    };
+    let is_shared = |topic: &str| all.iter().filter(|other| end(other, 2) == end(topic, 2)).count() > 1;
+    let short = all.iter().map(|topic| end(topic, if is_shared(topic) { 3 } else { 2 }));
+    short.chain(all.iter().map(|topic| (*topic).to_owned())).collect()
+}
+
+fn candidates(words: Vec<String>) -> ArgValueCandidates {
+    ArgValueCandidates::new(move || words.iter().map(CompletionCandidate::new).collect())
 }
 
 /// Words with a sentence each.

@@ -24,12 +24,12 @@ mod remedies;
 mod report;
 mod written;
 
-pub use bridge::Bridge;
+pub use bridge::{Bridge, BridgeStart};
 pub use layout::{Layout, Role, print_of};
 pub use mailbox::Mailbox;
 pub use node::run as run_part;
 pub use recorder::prepare;
-pub use written::{Wanted, dataflow};
+pub use written::{Wanted, dataflow, too_large};
 
 /// The outputs and inputs of parts that carry no value of a port.
 pub mod channel {

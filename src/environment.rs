@@ -1,6 +1,8 @@
 //! What differs between machines and moments: kept beside the recording, never in it.
 
 use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
+use std::time::Instant;
 
 use depthloom_graphs::regular_file;
 use depthloom_kernels::simd::Level;
@@ -17,6 +19,14 @@ pub const STAMP: &str = "%Y-%m-%dT%H-%M-%SZ";
 /// How much of it is read, bytes.
 const LARGEST: u64 = 16 << 20;
 
+/// When this process started.
+static STARTED: LazyLock<Instant> = LazyLock::new(Instant::now);
+
+/// Marks the start of the process: the first call counts.
+pub fn mark_start() {
+    LazyLock::force(&STARTED);
+}
+
 /// What a run's folder says of where and when it was made; nothing where it says nothing.
 pub fn of(run: &Path) -> Json {
     let bytes = regular_file::read(&run.join(ENVIRONMENT), LARGEST).unwrap_or_default();
@@ -32,7 +42,7 @@ pub fn reads(read: &[PathBuf]) -> Json {
 }
 
 /// The engine's version, the machine, the run's size and time, as `environment.json` holds them.
-pub fn describe(workers: usize, window: Option<usize>, wall_seconds: f64, read: &[PathBuf]) -> Json {
+pub fn describe(workers: usize, window: Option<usize>, read: &[PathBuf]) -> Json {
     // JSON holds text: of an argument that is none, what can be read of it.
     let arguments: Vec<_> = std::env::args_os().map(|argument| argument.to_string_lossy().into_owned()).collect();
     json!({
@@ -47,13 +57,20 @@ pub fn describe(workers: usize, window: Option<usize>, wall_seconds: f64, read: 
         "workers": workers,
         "window": window,
         "finished_utc": utc_stamp(),
-        "wall_s": wall_seconds,
+        "wall_s": wall_seconds(),
         "peak_resident_bytes": peak_resident_bytes(),
     })
 }
 
-/// Takes the most memory held at once again.
+/// The seconds since this process started.
+fn wall_seconds() -> f64 {
+    STARTED.elapsed().as_secs_f64()
+}
+
+/// Measures time and memory again, when more was done since.
 pub fn measure_again(environment: &mut Json) {
+    environment["finished_utc"] = json!(utc_stamp());
+    environment["wall_s"] = json!(wall_seconds());
     environment["peak_resident_bytes"] = json!(peak_resident_bytes());
 }
 

@@ -76,6 +76,7 @@ pub fn registry() -> Registry {
     reason = "a process has one program: who hands over its kinds is done with them"
 )]
 pub fn main(registry: Registry) -> ExitCode {
+    environment::mark_start();
     signals::outlive_file_size_limit();
     let as_json = command_line::asks_for_json(std::env::args_os());
     let exit = panics::watched(as_json, || program(&registry, as_json)).unwrap_or_else(|stop| {

@@ -102,7 +102,8 @@ impl Observer for Progress {
                     }
                 }
                 How::Lines => {
-                    if let Some(failure) = failures.first() {
+                    // An ordered node that failed once is not run on any later frame: the first line says why.
+                    if let Some(failure) = failures.iter().find(|failure| !failure.what.starts_with("not run: ")) {
                         let stage = &self.stages[run];
                         let node =
                             failure.node.map_or(Some("source"), |node| stage.nodes.get(node).map(String::as_str));

@@ -6,6 +6,7 @@
 mod found;
 mod glance;
 mod named;
+mod reused;
 
 pub use found::{FOLDER, FoundRun, all, in_folder};
 pub use glance::{Glance, State, bytes_in, files_in};

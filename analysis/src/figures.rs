@@ -136,8 +136,8 @@ pub struct FigureRequest {
     pub score: Option<String>,
     /// Which axes of the matrix.
     pub axes: Vec<String>,
-    /// Which frames, by place or id; empty: a few, evenly apart.
-    pub frames: Vec<String>,
+    /// Which frames; `None`: a few, evenly apart.
+    pub frames: Option<FrameChoice>,
     /// How frames are resampled for a band around differences.
     pub resampling: Resampling,
     /// How many pixels an inch a picture of a map has at most.
@@ -165,7 +165,7 @@ impl FigureRequest {
             most: None,
             score: None,
             axes: Vec::new(),
-            frames: Vec::new(),
+            frames: None,
             resampling: Resampling::default(),
             dpi: 300.0,
         }

@@ -12,7 +12,10 @@ use std::str::FromStr;
 use depthloom_graphs::Key;
 use depthloom_scores::Metric;
 use polars::frame::DataFrame;
-use polars::prelude::{Column, KeyValueMetadata, NamedFrom, ParquetWriter, PolarsResult, Series};
+use polars::prelude::{
+    Column, CompatLevel, KeyValueMetadata, NamedFrom, ParquetWriter, PolarsResult, Schema, SchemaExt as _, Series,
+};
+use polars_parquet::write::schema_to_metadata_key;
 use serde_json::{Map, Value as Json};
 
 /// The version of what tables' columns are called and mean.
@@ -124,9 +127,9 @@ impl<'a> Sheet<'a> {
     }
 
     /// What the metadata of a Parquet file of its columns says: `table` is what the table is called, `run` the key of the plan of the run it is of.
-    fn metadata(&self, table: &str, run: &Key) -> KeyValueMetadata {
+    fn metadata(&self, table: &str, run: &Key) -> Vec<(String, String)> {
         let units = self.columns.iter().filter_map(|column| Some((column.name.as_str(), column.unit?)));
-        KeyValueMetadata::from_static(metadata(table, run, units))
+        metadata(table, run, units)
     }
 
     /// The bytes of a Parquet file; see [`Sheet::metadata`].
@@ -193,7 +196,7 @@ pub(crate) fn parquet_of_parts<'t, I: Iterator<Item = Sheet<'t>>>(
 
 fn write_parquet(
     file: &mut Vec<u8>,
-    metadata: KeyValueMetadata,
+    metadata: Vec<(String, String)>,
     parts: impl Iterator<Item = PolarsResult<DataFrame>>,
 ) -> PolarsResult<()> {
     let mut parts = parts.peekable();
@@ -201,6 +204,7 @@ fn write_parquet(
         Some(Ok(first)) => first.schema().clone(),
         _ => return parts.next().map_or(Ok(()), |first| first.map(drop)),
     };
+    let metadata = with_arrow_schema(metadata, &schema);
     let writer = ParquetWriter::new(file).set_parallel(false).with_key_value_metadata(Some(metadata));
     let mut writer = writer.batched(&schema)?;
     for part in parts {
@@ -208,6 +212,15 @@ fn write_parquet(
     }
     writer.finish()?;
     Ok(())
+}
+
+/// The metadata of a Parquet file, with an Arrow schema in which texts are `large_utf8`.
+///
+/// The schema that polars writes unless it is given one says `string_view`, which readers older than 2024 refuse (pyarrow 14: "Unrecognized type: 24").
+pub(crate) fn with_arrow_schema(mut metadata: Vec<(String, String)>, schema: &Schema) -> KeyValueMetadata {
+    let arrow = schema_to_metadata_key(&schema.to_arrow(CompatLevel::oldest()));
+    metadata.insert(0, (arrow.key, arrow.value.unwrap_or_default()));
+    KeyValueMetadata::from_static(metadata)
 }
 
 /// What the metadata of a Parquet file says: which table it is, of the run whose plan has this key, and the units of its columns.
@@ -297,7 +310,7 @@ fn write_text(text: &str, out: &mut impl Write) -> io::Result<()> {
 mod tests {
     use std::io::Cursor;
 
-    use polars::prelude::{ParallelStrategy, ParquetReader, SerReader as _};
+    use polars::prelude::{DataType, ParallelStrategy, ParquetReader, SerReader as _};
 
     use super::*;
 
@@ -335,6 +348,19 @@ mod tests {
             ["1".to_owned(), "scores".to_owned(), key.to_string()]
         );
         assert_eq!(of("depthloom.units"), r#"{"rmse":"m","density":"1"}"#);
+        // Texts are of a type that every reader of Parquet knows, not `string_view`.
+        let table = DataFrame::new(0, vec![Column::new_empty("stage".into(), &DataType::String)]).unwrap();
+        let types = |level| table.schema().to_arrow(level).get_at_index(0).map(|(_, field)| field.dtype().clone());
+        assert_eq!(format!("{:?}", types(CompatLevel::oldest()).unwrap()), "LargeUtf8");
+        let schema = |level| {
+            let mut schema = table.schema().to_arrow(level);
+            for (name, number) in [("rmse", DataType::Float64), ("density", DataType::Float64)] {
+                schema.insert(name.into(), number.to_arrow_field(name.into(), level));
+            }
+            schema_to_metadata_key(&schema).value.unwrap()
+        };
+        assert_eq!(of("ARROW:schema"), schema(CompatLevel::oldest()));
+        assert_ne!(of("ARROW:schema"), schema(CompatLevel::newest()));
         assert_eq!(reader.read_parallel(ParallelStrategy::None).finish().unwrap().shape(), (1, 3));
     }
 

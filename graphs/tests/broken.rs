@@ -20,6 +20,7 @@ fn said(path: &Path) -> String {
         set: pairs("# --set "),
         matrix: pairs("# --matrix "),
         only: given("# --variant "),
+        text: None,
         env: Box::new(|name| (name == "KITTI").then(|| "/data/kitti".to_owned())),
     };
     match load(path, &toys::registry(), &options) {

@@ -62,7 +62,7 @@ impl EarlierRuns {
                     runs.push(EarlierRun { recording, sound, taken: AtomicBool::new(false) });
                 }
                 Ok(_) => {}
-                Err(error) if is_only_begun(&error) => {}
+                Err(error) if is_only_begun(path, &error) => {}
                 Err(error) => unreadable.push((path.to_owned(), error)),
             }
         }
@@ -144,8 +144,13 @@ impl EarlierRuns {
 }
 
 /// Whether a recording cannot be read because nothing has been written of it yet, or it was removed in the meantime.
-fn is_only_begun(error: &RecordingError) -> bool {
+///
+/// A run that is finished has a whole recording: one that holds nothing there is damaged.
+fn is_only_begun(path: &Path, error: &RecordingError) -> bool {
+    let is_finished =
+        path.parent().is_some_and(|run| run.extension().is_none_or(|ending| ending != depthloom_durable::PARTIAL));
     match error {
+        RecordingError::NotARecording { .. } | RecordingError::NotMcap { .. } if is_finished => false,
         RecordingError::NotARecording { .. } => true,
         RecordingError::NotMcap { path } => std::fs::metadata(path).is_ok_and(|file| file.len() < MAGIC),
         RecordingError::Open { source, .. } => source.kind() == ErrorKind::NotFound,

@@ -18,6 +18,7 @@ use crate::host::TaskHost;
 use crate::in_flight::{InFlight, Outcome, Settled, locked};
 use crate::interrupt::Interrupt;
 use crate::observer::Observer;
+use crate::once::is_once;
 use crate::options::Audit;
 use crate::ordered::Ordered;
 use crate::panics::fault;
@@ -193,9 +194,15 @@ impl<'a, T: Tap> Stage<'a, T> {
     }
 
     /// Whether what failed at a step ends the stage.
+    ///
+    /// With `keep_going` only an ordered node with aggregate outputs does: it cannot finish, and other nodes need what it would give.
     pub(crate) fn is_fatal(&self, step: usize) -> bool {
-        !self.keep_going
-            || matches!(self.graph.step(step), Step::Node(n) if matches!(self.nodes[n], FrameNode::Ordered(_)))
+        let has_aggregates = |node: usize| {
+            let planned = &self.plan.nodes[node];
+            matches!(self.nodes[node], FrameNode::Ordered(_))
+                && planned.outputs.iter().any(|output| is_once(planned, &output.port))
+        };
+        !self.keep_going || matches!(self.graph.step(step), Step::Node(node) if has_aggregates(node))
     }
 
     /// Sends the workers home.
@@ -424,7 +431,7 @@ impl<'a, T: Tap> Stage<'a, T> {
                     Some(node) => with_files(planned, instant, || {
                         caught(|| node.process(instant, &inputs, &mut ctx)).unwrap_or_else(|p| Err(fault(p)))
                     }),
-                    None => Err(Fault::new("failed on an earlier frame")),
+                    None => Err(Fault::new("not run: failed on an earlier frame")),
                 };
                 let fired = fired.and_then(|(given, files)| Ok((in_order(given)?, files)));
                 if fired.is_err() {

@@ -14,7 +14,7 @@ use depthloom_graphs::{
     ValueType, value_keys,
 };
 use depthloom_runner::{Audit, Interrupt, Observer, Options, Phase, RunError, Unwatched, run};
-use support::{Bench, Notebook, Numbers, Toy, node, once, output, planned, source};
+use support::{Bench, Notebook, Numbers, Toy, build, node, once, output, planned, source};
 
 fn options(workers: usize) -> Options {
     Options { workers, window: None, keep_going: false, checkpoints: None, audit: Audit::None }
@@ -112,7 +112,34 @@ fn a_frame_the_source_cannot_read_is_a_tombstone_for_all() {
 }
 
 #[test]
-fn an_ordered_node_that_panicked_ends_its_stage_even_if_told_to_keep_going() {
+fn an_ordered_node_that_fails_leaves_failure_records_to_the_end_of_its_stage() {
+    for workers in [1, 4] {
+        let sum = Toy { fails_at: BTreeSet::from([4]), ..Toy::salted(1) };
+        let calls = Arc::clone(&sum.calls);
+        let mut bench = Bench::new(&[""]);
+        bench.stage("look", Numbers::new(6));
+        let mut ordered = planned("sum", Contract::Ordered, [source(0), None, None]);
+        ordered.outputs.retain(|output| output.port.name != "sum");
+        bench.node(ordered, build(Contract::Ordered, sum));
+        bench.toy("after", Contract::Pure, [node(0, 0), None, None], Toy::salted(2));
+        bench.toy("beside", Contract::Pure, [source(0), None, None], Toy::salted(3));
+        let (notebook, options) = (Notebook::with_parts(1), Options { keep_going: true, ..options(workers) });
+        let report = run(bench.ready(), &notebook, &options, &Unwatched, &Interrupt::default()).unwrap();
+        let lines = notebook.lines();
+        assert_eq!(frames(&lines), ["f1", "f2", "f3", "f4", "f5", "f6"]);
+        assert!(lines[3].contains(r#"["Some(0) told to fail", "Some(1) not run: `sum` failed"]"#), "{}", lines[3]);
+        for line in &lines[4..] {
+            let failures = r#"["Some(0) not run: failed on an earlier frame", "Some(1) not run: `sum` failed"]"#;
+            assert!(line.contains(failures), "{line}");
+        }
+        assert_eq!(report.stages[0].firings, [3, 3, 6]);
+        assert_eq!((report.stages[0].retired, report.stages[0].failed), (6, 3));
+        assert_eq!(calls.load(Ordering::Relaxed), 4, "it is not called again");
+    }
+}
+
+#[test]
+fn an_ordered_node_with_aggregate_outputs_that_panicked_ends_its_stage_even_if_told_to_keep_going() {
     let sum = Toy { panics_at: BTreeSet::from([5]), ..Toy::salted(1) };
     let calls = Arc::clone(&sum.calls);
     let mut bench = Bench::new(&[""]);

@@ -90,7 +90,7 @@ pub struct CompareArgs {
     pub intervals: IntervalArgs,
 
     /// End with exit code 3 if this is so, e.g. `fused.abs_rel > +1%`, `d1 >= 0.002`, `no_*/fused.a1 < -0.5%`: a change in per cent of the baseline's value
-    /// or in the score's unit, of the estimates of that name, or of all. Can be given several times.
+    /// or in the score's unit, of the estimates of that name, or of all. `density` is the share of valid pixels. Can be given several times.
     #[arg(long, value_name = "LIMIT")]
     pub fail_if: Vec<String>,
 

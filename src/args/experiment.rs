@@ -10,7 +10,7 @@ use crate::completion::{experiments, folders};
 /// An experiment file, and what of it is set otherwise.
 #[derive(Clone, Debug, Args)]
 pub struct ExperimentArgs {
-    /// The experiment file (YAML).
+    /// The experiment file (YAML). `check`, `plan` and `graph` read `-` from standard input.
     #[arg(add = ArgValueCompleter::new(experiments()))]
     pub experiment: PathBuf,
 

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use clap_complete::engine::ArgValueCompleter;
+use depthloom_analysis::FrameChoice;
 use depthloom_graphs::contracts::FrameSelection;
 
 use crate::completion::{folders, runs};
@@ -62,8 +63,8 @@ pub struct ExportArgs {
     #[arg(add = ArgValueCompleter::new(runs))]
     pub run: PathBuf,
 
-    /// What to export: topics as `info` lists them (`/look/depth/depth`), or by their end or node (`depth/depth`, `depth`); `*` stands for
-    /// any run of characters. Without one, all.
+    /// What to export: topics as `info` lists them (`/look/depth/depth`), or by their end or node (`depth/depth`, `depth`); of the source also by the output
+    /// alone (`calibration`), where no node has that name. `*` stands for any run of characters. Without one, all.
     #[arg(value_name = "TOPIC")]
     pub topics: Vec<String>,
 
@@ -76,9 +77,9 @@ pub struct ExportArgs {
     #[arg(long, value_enum, value_name = "FORMAT,...", value_delimiter = ',')]
     pub format: Vec<ExportFormat>,
 
-    /// The frames: `3`, `3,7`, `0..4`, `1..=40`, or a text file with a frame id a line. Without it, all.
-    #[arg(long, value_name = "FRAMES", value_parser = parse_frames)]
-    pub frames: Option<FrameSelection>,
+    /// The frames: numbers (`3`, `3,7`, `0..4`, `1..=40`), ids (`000150_10`), or a text file with a frame id per line. Without it, all.
+    #[arg(long, value_name = "FRAMES", value_parser = FrameChoice::parse)]
+    pub frames: Option<FrameChoice>,
 
     /// Write disparities, depths and weights as PNG in colours, no answer black, into `DIR/<topic>.<colours>/`.
     #[arg(long, value_enum, value_name = "COLOURS")]

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use clap_complete::engine::{ArgValueCandidates, ArgValueCompleter};
-use depthloom_analysis::{Bins, FigureKind, Layout};
+use depthloom_analysis::{Bins, FigureKind, FrameChoice, Layout};
 
 use super::{SetOption, compare::IntervalArgs};
 use crate::completion::{folders, metrics, runs};
@@ -169,9 +169,10 @@ pub struct FigureArgs {
     #[arg(long, value_name = "AXIS,...", value_delimiter = ',')]
     pub axes: Vec<String>,
 
-    /// Which frames, of `panels`: places from 0 or ids, with commas between; by default five, evenly apart.
-    #[arg(long, value_name = "FRAME,...", value_delimiter = ',')]
-    pub frames: Vec<String>,
+    /// The frames of `panels`, as `export` takes them: numbers (`3`, `3,7`, `0..4`, `1..=40`), ids (`000150_10`), or a text file with a frame id per line. By
+    /// default five, evenly apart.
+    #[arg(long, value_name = "FRAMES", value_parser = FrameChoice::parse)]
+    pub frames: Option<FrameChoice>,
 
     /// How sure the band of `difference` is.
     #[command(flatten)]

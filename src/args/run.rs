@@ -58,7 +58,8 @@ pub struct RunArgs {
     #[command(flatten)]
     pub exec: ExecArgs,
 
-    /// Go on after a frame failed: what depended on it is left out, means are taken over the frames common to all.
+    /// Continue after a frame failed: what depends on it is left out, and means are taken over the frames common to all. An ordered node that failed is not
+    /// run on later frames; one with aggregate outputs ends the run.
     #[arg(long)]
     pub keep_going: bool,
 

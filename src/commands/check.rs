@@ -1,10 +1,13 @@
 //! `depthloom check`: is this experiment file right?
 
+use std::collections::BTreeSet;
+use std::io::{self, Read as _};
 use std::path::Path;
 
 use depthloom_graphs::Registry;
 use depthloom_graphs::language::{Diagnostic, Loaded, Severity};
 use depthloom_graphs::plan::Plan;
+use depthloom_nodes::dora::KIND;
 use serde_json::json;
 
 use super::check_data;
@@ -39,6 +42,7 @@ pub fn check(args: &CheckArgs, registry: &Registry) -> Result<Exit, Stop> {
                 "variants": variants,
                 "stage_runs": stage_runs,
                 "nodes": nodes,
+                "dora_nodes": dora_nodes(&loaded.plan),
                 "diagnostics": list_json(&loaded.warnings),
             });
             if args.data {
@@ -78,13 +82,28 @@ fn counts(plan: &Plan) -> (usize, usize, usize) {
 fn summary(experiment: &Path, plan: &Plan, are_data_wrong: bool) -> String {
     let (variants, runs, nodes) = counts(plan);
     let verdict = if are_data_wrong { "the experiment is right, its data are not" } else { "right" };
+    let of_dora: Vec<String> = dora_nodes(plan).into_iter().map(|node| format!("`{node}`")).collect();
+    let note = match of_dora.len() {
+        0 => String::new(),
+        count => format!(
+            "note: `depthloom run` refuses {} of the kind `{KIND}` ({}); `depthloom dora` writes a dataflow that runs it\n",
+            counted(count as u64, "node"),
+            of_dora.join(", ")
+        ),
+    };
     format!(
-        "{}: {verdict}; {}, {}, {} after sharing\n",
+        "{}: {verdict}; {}, {}, {} after sharing\n{note}",
         experiment.display(),
         counted(variants as u64, "variant"),
         counted(runs as u64, "stage run"),
         counted(nodes as u64, "node"),
     )
+}
+
+/// The nodes of the kind `dora`, which `run` refuses, as `stage.node`.
+fn dora_nodes(plan: &Plan) -> BTreeSet<String> {
+    let nodes = plan.runs.iter().flat_map(|run| run.nodes.iter().map(move |node| (run, node)));
+    nodes.filter(|(_, node)| node.kind == KIND).map(|(run, node)| format!("{}.{}", run.stage, node.name)).collect()
 }
 
 /// What is wrong in the experiment.
@@ -95,10 +114,35 @@ fn found(stop: &Stop) -> impl Iterator<Item = &Diagnostic> {
     })
 }
 
+/// What stands for standard input in place of a file.
+const STANDARD_INPUT: &str = "-";
+
+/// The most bytes that are read from standard input: no experiment is larger.
+const LARGEST: u64 = 64 << 20;
+
+/// The text on standard input.
+fn standard_input() -> Result<String, Stop> {
+    let mut text = String::new();
+    match io::stdin().lock().take(LARGEST).read_to_string(&mut text) {
+        Ok(_) => Ok(text),
+        Err(error) => Err(Stop::because(Exit::Before, "failed to read the experiment from standard input", &error)),
+    }
+}
+
+/// That a command needs the experiment as a file.
+pub fn is_file(args: &ExperimentArgs) -> Result<(), Stop> {
+    if args.experiment != Path::new(STANDARD_INPUT) {
+        return Ok(());
+    }
+    let what = "an experiment from standard input can be checked, planned and drawn, but not run";
+    Err(Stop::new(Exit::Before, what).remedy("write it to a file, and name the file"))
+}
+
 /// Loads an experiment; prints what it warns of unless `quiet`.
 pub fn load(args: &ExperimentArgs, registry: &Registry, quiet: bool) -> Result<Loaded, Stop> {
     let ExperimentArgs { set, matrix, variants, .. } = args.clone();
-    let options = depthloom_graphs::language::Options { set, matrix, only: variants, ..Default::default() };
+    let text = if args.experiment == Path::new(STANDARD_INPUT) { Some(standard_input()?) } else { None };
+    let options = depthloom_graphs::language::Options { set, matrix, only: variants, text, ..Default::default() };
     match depthloom_graphs::language::load(&args.experiment, registry, &options) {
         Ok(loaded) => {
             if !quiet {

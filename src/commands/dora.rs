@@ -3,6 +3,7 @@
 use std::ffi::OsString;
 use std::path::Path;
 use std::sync::Arc;
+use std::time::Duration;
 
 use depthloom_graphs::Registry;
 use depthloom_graphs::contracts::Contract;
@@ -10,11 +11,15 @@ use depthloom_graphs::plan::Plan;
 use depthloom_nodes::dora::{DoraParams, KIND};
 use depthloom_runner::{Audit, Interrupt, Options};
 
-use super::check::load;
+use super::check::{is_file, load};
 use super::run;
 use crate::allow_exec;
 use crate::args::{DoraArgs, DoraNodeArgs};
-use crate::dora::{Bridge, Layout, Mailbox, Role, Wanted, channel, dataflow, message, prepare, print_of, run_part};
+use crate::diagnostics::print_warning;
+use crate::dora::{
+    Bridge, BridgeStart, Layout, Mailbox, Role, Wanted, channel, dataflow, message, prepare, print_of, run_part,
+    too_large,
+};
 use crate::exit::{Exit, Stop};
 use crate::signals;
 use crate::streams::print_quoted;
@@ -24,6 +29,7 @@ const WINDOW: u16 = 8;
 
 /// Prints the dataflow.
 pub fn dora(args: &DoraArgs, registry: &Registry) -> Result<Exit, Stop> {
+    is_file(&args.run.experiment)?;
     let loaded = load(&args.run.experiment, registry, false)?;
     allow_exec::decide(args.run.exec, Some((&args.run.experiment.experiment, &loaded)))?;
     let plan = loaded.plan;
@@ -41,6 +47,9 @@ pub fn dora(args: &DoraArgs, registry: &Registry) -> Result<Exit, Stop> {
         Stop::new(Exit::Before, format!("--machine names `{pattern}`, which is no node of the dataflow"))
             .remedy(format!("its nodes are {}", ids.join(", ")))
     })?;
+    if let Some(warning) = too_large(&dataflow) {
+        print_warning(&warning);
+    }
     print_quoted(&dataflow).map(|()| Exit::Whole)
 }
 
@@ -112,10 +121,12 @@ pub fn dora_node(mut args: DoraNodeArgs, registry: &Registry) -> Result<Exit, St
         return Err(Stop::new(Exit::Before, format!("the experiment has no part `{}`", args.part)));
     };
     let window = usize::from(dora.run.window.unwrap_or(WINDOW));
+    let limit = Duration::from_secs(dora.start_timeout);
+    let wanted = BridgeStart { python: &dora.python, part: &args.part, limit };
     if part.role == Role::Recorder {
         let interrupt = signals::listen("stopping: frames in flight are finished, learning is put down")?;
-        let bridge = Arc::new(Bridge::start(&dora.python, Mailbox::new(interrupt.clone(), true))?);
-        let prepared = prepare(loaded.plan.clone(), &layout, &bridge, &interrupt);
+        let bridge = Arc::new(Bridge::start(&wanted, Mailbox::new(interrupt.clone(), true))?);
+        let prepared = prepare(loaded.plan.clone(), &layout, &bridge, &interrupt, limit);
         let recorded = prepared.and_then(|(ready, mut remote)| {
             remote.window = window;
             // Most of its threads wait for values.
@@ -129,7 +140,7 @@ pub fn dora_node(mut args: DoraNodeArgs, registry: &Registry) -> Result<Exit, St
         return recorded;
     }
     let interrupt = Interrupt::default();
-    let bridge = Arc::new(Bridge::start(&dora.python, Mailbox::new(interrupt.clone(), false))?);
+    let bridge = Arc::new(Bridge::start(&wanted, Mailbox::new(interrupt.clone(), false))?);
     // What fires once has nobody beside it who could work in the meantime.
     let is_once =
         matches!(part.role, Role::Node { run, node } if loaded.plan.runs[run].nodes[node].contract == Contract::Once);

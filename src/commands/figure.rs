@@ -126,7 +126,7 @@ fn request(args: &FigureArgs) -> Result<FigureRequest, Stop> {
         (args.relative, is_of_errors && kind != FigureKind::Difference, "--relative"),
         (args.score.is_some(), matches!(kind, FigureKind::Frames | FigureKind::Parameter), "--score"),
         (!args.axes.is_empty(), kind == FigureKind::Parameter, "--axes"),
-        (!args.frames.is_empty(), kind == FigureKind::Panels, "--frames"),
+        (args.frames.is_some(), kind == FigureKind::Panels, "--frames"),
     ] {
         if is_given && !is_taken {
             let what = format!("this kind of figure takes no {option}");

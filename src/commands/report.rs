@@ -114,7 +114,7 @@ pub fn analyse(
 }
 
 /// The recording of a run that is [named](named()) in the folder of runs, or the recording itself; `command` is what to do with it.
-pub(super) fn recording_of(run: &Path, command: &str) -> Result<PathBuf, Stop> {
+pub fn recording_of(run: &Path, command: &str) -> Result<PathBuf, Stop> {
     recording_in(Path::new(FOLDER), run, command)
 }
 

@@ -3,7 +3,6 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::Instant;
 
 use depthloom_analysis::{ReportOptions, SAMPLES, Sampled, SamplingTap, Summary, plan_key};
 use depthloom_graphs::contracts::Failure;
@@ -16,7 +15,7 @@ use depthloom_recording::{Condition, EarlierRuns, Recorder, Recording, Recording
 use depthloom_runner::{Checkpoints, Interrupt, Observer, Options, Report, RunError, Unwatched};
 use serde_json::{Value as Json, json};
 
-use super::check::load;
+use super::check::{is_file, load};
 use super::page;
 use super::report::{RECORDING, TIMINGS, analyse, no_pixel_counted, summary, write_timings};
 use super::samples;
@@ -39,6 +38,7 @@ use crate::truths;
 
 /// Loads, plans, opens, runs, records, scores and prints.
 pub fn run(args: &RunArgs, registry: &Registry) -> Result<Exit, Stop> {
+    is_file(&args.experiment)?;
     let loaded = load(&args.experiment, registry, is_silent(args))?;
     allow_exec::decide(args.exec, Some((&args.experiment.experiment, &loaded)))?;
     let ready = Ready::new(loaded.plan.clone(), registry).map_err(|missing| stop_of_missing(&missing))?;
@@ -73,7 +73,6 @@ pub fn carry_out(
     let unreadable = earlier::unreadable(&earlier);
     tell(args, &unreadable);
     let begun = Earlier { begun, earlier }.verified(args, &folder, &ready, elsewhere.is_some())?;
-    let started = Instant::now();
     let mut options = options(args, &folder);
     if let Some(Elsewhere { workers, window, .. }) = elsewhere {
         (options.workers, options.window) = (*workers, Some(*window));
@@ -86,9 +85,8 @@ pub fn carry_out(
         Ok(recorded) => recorded,
         Err(ended) => return Err(ended.stop(folder, elsewhere.is_some())),
     };
-    let finished = finish(args, &folder, sampled, interrupt, || {
-        environment::describe(options.workers, options.window, started.elapsed().as_secs_f64(), &read)
-    });
+    let finished =
+        finish(args, &folder, sampled, interrupt, || environment::describe(options.workers, options.window, &read));
     let Finished { report, environment, key, frames, failures } = finished.map_err(|stop| {
         let partial = folder.partial.display();
         stop.also(format!("the recording is whole: `depthloom report {partial}` makes its tables"))
@@ -255,10 +253,13 @@ impl Ended {
                 "run the same again, with the same --out, to go on: {resumes}learning from {checkpoints}"
             ));
         } else if stop.exit != Exit::Before && frames > 0 {
+            let fixed = if stop.exit == Exit::Frames { "once the cause is fixed, " } else { "" };
             stop = stop.also(if is_elsewhere {
-                "`depthloom run` of the same experiment, with the same --out, goes on behind these frames"
+                format!(
+                    "{fixed}`depthloom run` of the same experiment, with the same --out, goes on behind these frames"
+                )
             } else {
-                "run the same again, with the same --out, to go on behind these frames"
+                format!("{fixed}run the same again, with the same --out, to go on behind these frames")
             });
         }
         stop
@@ -498,7 +499,7 @@ fn finish(
     folder.write(ENVIRONMENT, &format!("{environment:#}\n"))?;
     if !args.page.no_page {
         page::write(&recording, &folder.partial, &report, &page::surroundings(&folder.partial), interrupt)?;
-        // The page's memory is the run's, too.
+        // The page's time and memory are the run's, too.
         environment::measure_again(&mut environment);
         folder.write(ENVIRONMENT, &format!("{environment:#}\n"))?;
     }

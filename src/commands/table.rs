@@ -244,7 +244,7 @@ pub(super) fn selection(args: &ScoresArgs) -> Selection {
 }
 
 /// Why a question has no answer: it was wrong, or the recording is, or the analysis.
-pub(super) fn failed(error: &AnalysisError) -> Stop {
+pub fn failed(error: &AnalysisError) -> Stop {
     let exit = match error {
         AnalysisError::Stopped => return Stop::new(Exit::Interrupted, "interrupted while analysing"),
         AnalysisError::Asked { .. } => Exit::Before,

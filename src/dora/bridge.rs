@@ -5,8 +5,9 @@
 
 use std::io::{self, BufReader, BufWriter, Read, Write};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError, mpsc};
 use std::thread;
+use std::time::Duration;
 
 use depthloom_graphs::{Fault, Frame};
 use depthloom_threads::look_for_room;
@@ -21,6 +22,16 @@ const MOST: usize = 24 << 20;
 /// The longest head of a message.
 const LONGEST_HEAD: u32 = 16 << 20;
 
+/// How the way to dora is made.
+pub struct BridgeStart<'a> {
+    /// The Python that has dora's library.
+    pub python: &'a str,
+    /// The name of the node in the dataflow.
+    pub part: &'a str,
+    /// How long dora may take to let the node begin: it waits for all of the dataflow's nodes.
+    pub limit: Duration,
+}
+
 /// The way to dora.
 pub struct Bridge {
     /// What has come.
@@ -34,7 +45,7 @@ pub struct Bridge {
 
 impl Bridge {
     /// Starts the process, and waits until dora knows the node.
-    pub fn start(python: &str, mailbox: Mailbox) -> Result<Self, Stop> {
+    pub fn start(&BridgeStart { python, part, limit }: &BridgeStart<'_>, mailbox: Mailbox) -> Result<Self, Stop> {
         let wrong = |intent: &str, error: &dyn std::error::Error| {
             Stop::because(Exit::Before, format!("{intent} `{python}`, which dora is reached by"), error)
                 .remedy("name a Python that has `dora-rs` with --python, where the dataflow is written: `depthloom dora --python PATH`")
@@ -47,9 +58,32 @@ impl Bridge {
         };
         let mailbox = Arc::new(mailbox);
         let out = Mutex::new(Some(BufWriter::new(out)));
-        let bridge = Self { mailbox: Arc::clone(&mailbox), frames: OnceLock::new(), out, child };
+        let mut bridge = Self { mailbox: Arc::clone(&mailbox), frames: OnceLock::new(), out, child };
         let mut from = BufReader::with_capacity(1 << 16, from);
-        let first = read(&mut from).map_err(|error| {
+        let (send, first) = mpsc::channel();
+        let listening = move || {
+            let is_ready = read(&mut from).and_then(|first| {
+                let is_ready = !first.head.contains_key("lacks");
+                send.send(Ok(first)).map(|()| is_ready).map_err(io::Error::other)
+            });
+            match is_ready {
+                Ok(true) => listen(from, &mailbox),
+                Ok(false) => {}
+                Err(error) => drop(send.send(Err(error))),
+            }
+        };
+        let started =
+            look_for_room().and_then(|()| thread::Builder::new().name("depthloom-dora".to_owned()).spawn(listening));
+        started.map_err(|error| Stop::because(Exit::Engine, "failed to start a thread", &error))?;
+        let Ok(first) = first.recv_timeout(limit) else {
+            // It waits inside of dora's library, and would not see that its input ends.
+            let _ = bridge.child.kill();
+            let what = format!("dora did not let node `{part}` begin within {} s", limit.as_secs());
+            return Err(Stop::new(Exit::Engine, what).remedy(
+                "another node of the dataflow may not have started, its log says why (`dora logs`); run it again, or give it longer: `depthloom dora --start-timeout SECONDS`",
+            ));
+        };
+        let first = first.map_err(|error| {
             Stop::because(
                 Exit::Before,
                 format!("`{python}`, which dora is reached by, ended before dora knew the node"),
@@ -64,10 +98,6 @@ impl Bridge {
                 "install dora's library there (`pip install dora-rs pyarrow`), or name another Python where the dataflow is written: `depthloom dora --python PATH`"
             }));
         }
-        let listening = move || listen(from, &mailbox);
-        let started =
-            look_for_room().and_then(|()| thread::Builder::new().name("depthloom-dora".to_owned()).spawn(listening));
-        started.map_err(|error| Stop::because(Exit::Engine, "failed to start a thread", &error))?;
         Ok(bridge)
     }
 

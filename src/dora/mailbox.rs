@@ -3,7 +3,7 @@
 use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use depthloom_graphs::{Fault, Value, ValueType};
 use depthloom_runner::Interrupt;
@@ -209,6 +209,30 @@ impl Mailbox {
         })
     }
 
+    /// Waits until there is a message at each input, or the input is closed, but no longer than `until`. Returns the inputs without a message.
+    pub fn without_message<'i>(
+        &self,
+        inputs: &'i [String],
+        until: Instant,
+        cancelled: &dyn Fn() -> bool,
+    ) -> Vec<&'i str> {
+        let mut state = self.state();
+        loop {
+            let is_missing = |input: &&String| {
+                !state.there.get(*input).is_some_and(|there| !there.is_empty()) && !state.closed.contains(*input)
+            };
+            let missing: Vec<&str> = inputs.iter().filter(is_missing).map(String::as_str).collect();
+            if missing.is_empty() || cancelled() || state.over.is_some() {
+                return Vec::new();
+            }
+            let left = until.saturating_duration_since(Instant::now());
+            if left.is_zero() {
+                return missing;
+            }
+            state = self.changed.wait_timeout(state, LOOK.min(left)).unwrap_or_else(PoisonError::into_inner).0;
+        }
+    }
+
     /// Takes whatever comes first at an input.
     pub fn take_any(&self, input: &str, cancelled: &dyn Fn() -> bool) -> Result<Arrived, Gone> {
         self.wait(cancelled, |state| {
@@ -280,7 +304,7 @@ fn part_of(input: &str) -> String {
 #[cfg(test)]
 mod tests {
     use std::sync::Arc;
-    use std::time::Duration;
+    use std::time::{Duration, Instant};
 
     use depthloom_graphs::ValueType;
     use depthloom_runner::Interrupt;
@@ -374,6 +398,20 @@ mod tests {
             (mailbox.take("left", Some(1), NEVER).unwrap(), mailbox.take("left", Some(2), NEVER).unwrap());
         assert_eq!((first.body.as_slice(), first.is_repeated), (&b"first"[..], true));
         assert_eq!((other.body.as_slice(), other.is_repeated), (&b"other"[..], false));
+    }
+
+    #[test]
+    fn inputs_that_stay_empty_are_named_when_their_time_is_up() {
+        let (mailbox, _) = mailbox(true);
+        let inputs = ["a/node.ready", "b/node.ready", "c/node.ready"].map(str::to_owned);
+        let until = || Instant::now() + Duration::from_millis(20);
+        mailbox.put(message("a/node.ready", &json!({}), b"a"));
+        mailbox.close("c/node.ready".to_owned());
+        assert_eq!(mailbox.without_message(&inputs, until(), NEVER), ["b/node.ready"]);
+        assert_eq!(mailbox.without_message(&inputs, until(), &|| true), [""; 0]);
+        mailbox.put(message("b/node.ready", &json!({}), b"b"));
+        assert_eq!(mailbox.without_message(&inputs, until(), NEVER), [""; 0]);
+        assert_eq!(mailbox.take("a/node.ready", None, NEVER).unwrap().body, b"a");
     }
 
     #[test]

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, OnceLock};
+use std::time::{Duration, Instant};
 
 use depthloom_graphs::contracts::{Contract, Failure, OnceNode, OrderedNode, PureNode};
 use depthloom_graphs::plan::{Plan, PlannedOutput};
@@ -33,6 +34,7 @@ pub fn prepare(
     layout: &Layout,
     bridge: &Arc<Bridge>,
     interrupt: &Interrupt,
+    limit: Duration,
 ) -> Result<(Ready, Remote), Stop> {
     let gone = |fault: Fault| match fault {
         Fault::Cancelled => Stop::new(Exit::Interrupted, "interrupted"),
@@ -42,6 +44,7 @@ pub fn prepare(
     let hear = |id: &str, output: &str| {
         bridge.mailbox.take(&format!("{id}/{output}"), None, &cancelled).map_err(|why| gone(why.into()))
     };
+    wait_for_start(layout, bridge, &cancelled, limit)?;
     let (mut missing, mut prints) = (Vec::new(), BTreeMap::new());
     let mut warnings = vec![Vec::new(); plan.runs.len()];
     for part in &layout.parts {
@@ -103,6 +106,25 @@ pub fn prepare(
         window: 0,
     };
     Ok((Ready::of(plan, runs, files, &prints), remote))
+}
+
+/// Waits until every part has said whether it can begin.
+///
+/// # Errors
+/// The parts that have not within `limit`.
+fn wait_for_start(layout: &Layout, bridge: &Bridge, cancelled: &dyn Fn() -> bool, limit: Duration) -> Result<(), Stop> {
+    let parts = layout.parts.iter().filter(|part| matches!(part.role, Role::Source { .. } | Role::Node { .. }));
+    let inputs: Vec<String> = parts.map(|part| format!("{}/{}", part.id, channel::READY)).collect();
+    let missing = bridge.mailbox.without_message(&inputs, Instant::now() + limit, cancelled);
+    if missing.is_empty() {
+        return Ok(());
+    }
+    let suffix = format!("/{}", channel::READY);
+    let names: Vec<String> = missing.iter().map(|input| format!("`{}`", input.trim_end_matches(&suffix))).collect();
+    let what = format!("not started within {} s: {} of the dataflow", limit.as_secs(), names.join(", "));
+    Err(Stop::new(Exit::Engine, what).remedy(
+        "their logs may say why (`dora logs`); run the dataflow again, or give its nodes longer: `depthloom dora --start-timeout SECONDS`",
+    ))
 }
 
 /// A part, as the recorder sees it.

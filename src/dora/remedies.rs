@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use depthloom_graphs::contracts::PureNode;
+use depthloom_graphs::contracts::{OrderedNode, PureNode};
 use depthloom_graphs::{Context, Fault, Frame, Inputs, Instance, Outputs};
 
 /// By the frame's position.
@@ -20,17 +20,29 @@ pub fn keep_remedy(remedies: &Remedies, position: Option<usize>, fault: &Fault) 
 pub fn guarded(instance: Instance, remedies: &Arc<Remedies>) -> Instance {
     match instance {
         Instance::Pure(node) => Instance::Pure(Box::new(Guarded { node, remedies: Arc::clone(remedies) })),
-        // The runner ends by its failure, and tells it whole.
-        Instance::Ordered(_) | Instance::Once(_) => instance,
+        Instance::Ordered(node) => Instance::Ordered(Box::new(Guarded { node, remedies: Arc::clone(remedies) })),
+        // The runner ends by its failure, and reports its remedy.
+        Instance::Once(_) => instance,
     }
 }
 
-struct Guarded {
-    node: Box<dyn PureNode>,
+struct Guarded<N: ?Sized> {
+    node: Box<N>,
     remedies: Arc<Remedies>,
 }
 
-impl PureNode for Guarded {
+impl OrderedNode for Guarded<dyn OrderedNode> {
+    fn process(&mut self, frame: &Frame, inputs: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        let outputs = self.node.process(frame, inputs, ctx);
+        outputs.inspect_err(|fault| keep_remedy(&self.remedies, ctx.host.position(), fault))
+    }
+
+    fn finish(self: Box<Self>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        self.node.finish(ctx)
+    }
+}
+
+impl PureNode for Guarded<dyn PureNode> {
     fn process(&self, inputs: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
         self.node.process(inputs, ctx).inspect_err(|fault| keep_remedy(&self.remedies, ctx.host.position(), fault))
     }

@@ -9,6 +9,7 @@ use depthloom_graphs::plan::Plan;
 use depthloom_nodes::dora::DoraParams;
 use serde_json::Value as Json;
 
+use super::channel;
 use super::layout::{Layout, Part, Role};
 
 /// What a dataflow is written of, besides the plan.
@@ -42,6 +43,27 @@ pub fn dataflow(plan: &Plan, layout: &Layout, wanted: &Wanted) -> Result<String,
         put(&mut text, plan, part, wanted);
     }
     Ok(text)
+}
+
+/// What dora adds to a node of the dataflow when it writes it out in full, bytes: keys that are null.
+const ADDED: usize = 170;
+/// The most bytes of one environment variable on Linux.
+const LARGEST_VARIABLE: usize = 128 << 10;
+
+/// A warning if the dataflow is too large for dora, which passes all of it to each node in an environment variable, with the node's own inputs once more.
+pub fn too_large(dataflow: &str) -> Option<String> {
+    let nodes: Vec<&str> = dataflow.split("\n  - id: ").skip(1).collect();
+    let largest = nodes.iter().map(|node| node.len()).max().unwrap_or(0);
+    let bytes = dataflow.len() + ADDED * nodes.len() + largest;
+    (bytes > LARGEST_VARIABLE).then(|| {
+        format!(
+            "the dataflow has {} nodes, and dora passes all of it to each node in an environment variable: that takes about {} KiB, and Linux allows {}, so \
+             `dora run` may fail with \"Argument list too long\"; write a dataflow of fewer variants (`--variant NAME`), or use `depthloom run`",
+            nodes.len(),
+            bytes >> 10,
+            LARGEST_VARIABLE >> 10
+        )
+    })
 }
 
 /// A text in YAML: as JSON has it.
@@ -89,6 +111,11 @@ fn put(text: &mut String, plan: &Plan, part: &Part, wanted: &Wanted) {
         let from = quoted(&format!("{}/{}", link.part, link.output));
         let queue = wanted.queue;
         let input = quoted(&link.input);
+        // Of these comes one message: any queue holds it. In short, for the whole dataflow has to fit into an environment variable.
+        if [channel::READY, channel::FRAMES, channel::ENGINES, channel::END].contains(&link.output.as_str()) {
+            let _ = writeln!(text, "      {input}: {from}");
+            continue;
+        }
         let _ = writeln!(text, "      {input}: {{ source: {from}, queue_size: {queue}, queue_policy: backpressure }}");
     }
     if !part.outputs.is_empty() {
@@ -119,6 +146,15 @@ fn words<'a>(words: impl Iterator<Item = &'a str>) -> String {
 
 #[cfg(test)]
 mod tests {
+    #[test]
+    fn a_dataflow_that_no_environment_variable_holds_is_warned_of() {
+        let node = |number: usize| format!("  - id: \"look.stereo-{number}\"\n    args: \"{}\"\n", "x".repeat(1000));
+        let of = |nodes: usize| format!("nodes:\n{}", (0..nodes).map(node).collect::<String>());
+        assert_eq!(super::too_large(&of(90)), None);
+        let told = super::too_large(&of(120)).unwrap_or_default();
+        assert!(told.contains("has 120 nodes") && told.contains("--variant"), "{told}");
+    }
+
     #[test]
     fn words_are_quoted_where_a_shell_would_take_them_apart() {
         let words = super::words(["--set", "a.b=[1, 2]", "it's", ""].into_iter());

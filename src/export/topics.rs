@@ -47,7 +47,7 @@ impl Chosen<'_> {
 /// The topics that `patterns` name, all of them if there are none, in those of `formats` that they have, or in their usual one.
 ///
 /// A pattern names a topic (`/look/depth/depth`), or by its end the topic or its node: `depth/depth`, `depth`; `*` stands for any run of
-/// characters.
+/// characters. An output of the source is named by itself, too (`calibration`), where no node has that name.
 ///
 /// # Errors
 /// If a pattern names nothing, or nothing that was recorded and has one of the formats.
@@ -57,6 +57,7 @@ pub fn chosen<'a>(
     formats: &[ExportFormat],
 ) -> Result<Vec<Chosen<'a>>, Stop> {
     let outputs: Vec<Output<'a>> = outputs(plan);
+    let patterns: &Vec<String> = &patterns.iter().map(|pattern| of_source(pattern, &outputs)).collect();
     patterns.iter().try_for_each(|pattern| check(pattern, &outputs, formats))?;
     let mut paths = BTreeSet::new();
     let mut chosen = Vec::new();
@@ -128,6 +129,17 @@ impl<'a> Output<'a> {
             }
         }
         names
+    }
+}
+
+/// A pattern, with `source/` before it where it is an output of the source and names nothing otherwise: `calibration` is `source/calibration`.
+fn of_source(pattern: &str, outputs: &[Output<'_>]) -> String {
+    let names_any = |pattern: &str| outputs.iter().any(|output| output.name_by(pattern).is_some());
+    let in_source = format!("source/{pattern}");
+    if !pattern.starts_with('/') && !names_any(pattern) && names_any(&in_source) {
+        in_source
+    } else {
+        pattern.to_owned()
     }
 }
 

@@ -87,6 +87,9 @@ pub struct Check {
     stage_runs: Option<u64>,
     #[schemars(skip_serializing_if = "Option::is_none")]
     nodes: Option<u64>,
+    /// Nodes of the kind `dora`, as `stage.node`: `run` refuses them, and `depthloom dora` writes a dataflow that runs them.
+    #[schemars(skip_serializing_if = "Option::is_none")]
+    dora_nodes: Option<Vec<String>>,
     /// Errors and warnings, in the order of files and lines.
     diagnostics: Vec<Diagnostic>,
     /// With `--data`: the sources whose frames were read.

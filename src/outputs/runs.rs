@@ -94,6 +94,7 @@ pub struct Environment {
     workers: u64,
     window: Option<u64>,
     finished_utc: String,
+    /// Seconds from the start of the process to its last file.
     wall_s: f64,
     peak_resident_bytes: Option<u64>,
 }
@@ -128,6 +129,8 @@ pub struct Glance {
     best: Option<Best>,
     /// What is wrong with it.
     trouble: Option<String>,
+    /// Why its values may be wrong although it is complete.
+    warning: Option<String>,
 }
 
 /// How far a run came.
@@ -166,6 +169,8 @@ pub struct RunsShow {
     bytes: u64,
     best: Option<Best>,
     trouble: Option<String>,
+    /// Why its values may be wrong although it is complete.
+    warning: Option<String>,
     about: Option<String>,
     stages: Vec<Stage>,
     /// What `environment.json` says; null where it says nothing.

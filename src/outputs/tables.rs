@@ -245,8 +245,8 @@ pub struct OtherParameters {
 pub struct Limit {
     /// As it was written.
     limit: String,
-    /// The row's place in `rows`.
-    row: u64,
+    /// The row's place in `rows`; null for `density`, which has no row.
+    row: Option<u64>,
     /// In per cent of the baseline's value, or in the score's unit; null where the baseline's value is 0.
     change: Option<f64>,
     is_percent: bool,

@@ -8,6 +8,7 @@ use depthloom_recording::{Condition, Recording};
 use serde_json::{Value as Json, json};
 
 use super::found::FoundRun;
+use super::reused;
 use crate::commands::report::RECORDING;
 use crate::counted::counted;
 use crate::exit::chain;
@@ -60,21 +61,25 @@ pub struct Glance {
     pub best: Option<Leader>,
     /// What is wrong with it.
     pub trouble: Option<String>,
+    /// Why its values may be wrong although it is complete.
+    pub warning: Option<String>,
 }
 
 impl Glance {
     /// Looks at a run; what another process writes at this moment is not read.
     pub fn at(run: &FoundRun) -> Self {
-        let (experiment, best, trouble) = (None, None, None);
+        let (experiment, best, trouble, warning) = (None, None, None, None);
         let state = if is_held(&run.path) && !run.is_over() { State::Running } else { State::Unfinished };
         let bytes = bytes_in(&run.path);
-        let glance = Self { state, experiment, variants: 0, frames: 0, failed: 0, bytes, best, trouble };
+        let glance = Self { state, experiment, variants: 0, frames: 0, failed: 0, bytes, best, trouble, warning };
         if state == State::Running {
             return glance;
         }
         let path = run.path.join(RECORDING);
         match Recording::open(&path) {
-            Ok(recording) => glance.with(&recording, run.is_over()),
+            Ok(recording) => {
+                Self { warning: reused::warning(&recording, &run.path), ..glance.with(&recording, run.is_over()) }
+            }
             // Of a run that ended before its first frame.
             Err(_) if !run.is_over() && !path.exists() => glance,
             Err(error) => {
@@ -137,6 +142,7 @@ impl Glance {
                 "estimator": best.estimator,
             })),
             "trouble": self.trouble,
+            "warning": self.warning,
         })
     }
 }

@@ -1,7 +1,8 @@
 //! The commands as other programs use them: JSON, SARIF, completion, manual pages, and a binary on its own.
 
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
 
 use serde_json::{Value as Json, json};
 
@@ -258,6 +259,106 @@ fn completion_offers_kinds_and_files_by_ending() {
     assert_eq!(offered(&["run", "a.yaml", "--out", "r"], here), ["runs/"]);
     assert_eq!(offered(&["chec"], here), ["check"]);
     assert_eq!(offered(&["man", "ti"], here), ["timings"]);
+}
+
+#[test]
+fn completion_offers_what_the_experiment_and_the_run_have() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let here = folder.path();
+    let look = workspace().join(LOOK);
+    let variants = "variants: { plain: {}, small: { look.stereo.with.block: 3 } }";
+    std::fs::write(here.join("look.yaml"), format!("extends: {}\nexperiment: look\n{variants}\n", look.display()))
+        .expect("written");
+    assert_eq!(offered(&["run", "look.yaml", "--set", "look.stereo.with.b"], here), ["look.stereo.with.block="]);
+    let sources = offered(&["check", "look.yaml", "--matrix", "sources.street.with.w"], here);
+    assert_eq!(sources, ["sources.street.with.width="]);
+    assert_eq!(offered(&["plan", "look.yaml", "--variant", ""], here), ["plain", "small"]);
+    let run = ["run", "look.yaml", "--quiet", "--no-page", "--out", "out", "--set", "sources.street.with.frames=0..1"];
+    let small = ["--set", "sources.street.with.width=160", "--set", "sources.street.with.height=64"];
+    succeed(depthloom().current_dir(here).args(run).args(small));
+    let topics = offered(&["export", "out", "stereo"], here);
+    assert!(topics.is_empty(), "each of two variants has its own: {topics:?}");
+    assert_eq!(offered(&["export", "out", "small/stereo"], here), ["small/stereo/disparity"]);
+    assert!(offered(&["export", "out", "/look/so"], here).contains(&"/look/source/left".to_owned()));
+    assert_eq!(offered(&["figure", "out", "cdf", "--variant", "s"], here), ["small"]);
+    // What is broken offers nothing, and no error.
+    std::fs::write(here.join("look.yaml"), "stages: [").expect("written");
+    assert_eq!(offered(&["run", "look.yaml", "--variant", "s"], here), [""; 0]);
+}
+
+#[test]
+fn a_port_of_a_wrong_type_is_one_error() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for (port, wrong) in [("dpeth", "dpeth"), ("{ type: dpeth }", "dpeth"), ("{ type: depth, rtae: once }", "rtae")] {
+        let experiment = format!(
+            "experiment: ports
+sources: {{ street: {{ kind: synthetic/road, with: {{ frames: 0..1 }} }} }}
+stages:
+  look:
+    source: street
+    nodes:
+      own:
+        kind: process
+        inputs: {{ depth: source/depth }}
+        with: {{ command: [own], ports: {{ inputs: {{ depth: {port} }}, outputs: {{ depth: depth }} }} }}
+    score: {{ truth: source/depth, estimates: {{ own: own/depth }} }}
+"
+        );
+        let file = folder.path().join("ports.yaml");
+        std::fs::write(&file, experiment).expect("written");
+        let told = json(&ends(depthloom().args(["check", "--json"]).arg(&file), 2));
+        let diagnostics = told["diagnostics"].as_array().expect("a list");
+        assert_eq!(diagnostics.len(), 1, "{told}");
+        assert!(diagnostics[0]["message"].as_str().is_some_and(|message| message.contains(wrong)), "{told}");
+    }
+}
+
+#[test]
+fn check_says_that_run_refuses_a_dora_node() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("near.yaml");
+    let experiment = "experiment: near
+sources: { street: { kind: synthetic/road, with: { frames: 0..1 } } }
+stages:
+  look:
+    source: street
+    nodes:
+      near:
+        kind: dora
+        inputs: { depth: source/depth }
+        with: { path: near.py, ports: { inputs: { depth: depth }, outputs: { depth: depth } }, version: 1 }
+    score: { truth: source/depth, estimates: { near: near/depth } }
+";
+    std::fs::write(&file, experiment).expect("written");
+    let told = text(&ends(depthloom().arg("check").arg(&file), 0));
+    assert!(told.contains("note: `depthloom run` refuses 1 node of the kind `dora` (`look.near`)"), "{told}");
+    let told = json(&ends(depthloom().args(["check", "--json"]).arg(&file), 0));
+    assert_eq!(told["dora_nodes"], json!(["look.near"]));
+}
+
+#[test]
+fn an_experiment_is_read_from_standard_input() {
+    let of_input = |arguments: &[&str], text: &[u8]| {
+        let mut child = depthloom();
+        child.args(arguments).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let mut child = child.spawn().expect("the binary starts");
+        child.stdin.take().expect("a pipe").write_all(text).expect("written");
+        child.wait_with_output().expect("ended")
+    };
+    let look = std::fs::read(workspace().join(LOOK)).expect("an experiment");
+    let output = of_input(&["check", "-"], &look);
+    assert!(output.status.success() && text(&output).starts_with("-: right; "), "{output:?}");
+    assert_eq!(
+        json(&of_input(&["plan", "-", "--json"], &look))["experiment"],
+        json(&ends(depthloom().args(["plan", LOOK, "--json"]), 0))["experiment"]
+    );
+    let broken = of_input(&["check", "-", "--json"], b"experiment: x\nstagse: {}\n");
+    let told = json(&broken);
+    assert_eq!((broken.status.code(), &told["diagnostics"][0]["file"]), (Some(2), &json!("-")), "{told}");
+    // What is run is read again, and kept.
+    let output = of_input(&["run", "-"], &look);
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.code() == Some(2) && said.contains("write it to a file"), "{said}");
 }
 
 #[test]

@@ -327,6 +327,51 @@ fn a_table_for_latex_has_its_own_caption_label_and_digits_and_intervals_stay_wit
 }
 
 #[test]
+fn estimates_of_one_name_in_two_stages_are_told_apart() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let stage = |source: &str| {
+        format!(
+            "
+    source: {source}
+    nodes:
+      stereo: {{ kind: stereo/sgbm, inputs: {{ left: source/left, right: source/right }} }}
+      depth: {{ kind: depth/from-disparity, inputs: {{ disparity: stereo/disparity, calibration: source/calibration }} }}
+    score: {{ truth: source/depth, estimates: {{ stereo: depth/depth }} }}"
+        )
+    };
+    let source =
+        |frames: &str| format!("{{ kind: synthetic/road, with: {{ frames: {frames}, width: 320, height: 96 }} }}");
+    let text = format!(
+        "experiment: two\nsources: {{ first: {}, later: {} }}\nstages:\n  develop:{}\n  hold:{}\n\
+         variants: {{ plain: {{}}, large: {{ develop.stereo.with.block: 9, hold.stereo.with.block: 9 }} }}\n",
+        source("0..3"),
+        source("3..6"),
+        stage("first"),
+        stage("later")
+    );
+    std::fs::write(folder.join("two.yaml"), text).expect("written");
+    succeed(depthloom().current_dir(folder).args(["run", "two.yaml", "--quiet", "--out", "run"]));
+    let table = read_csv(&folder.join("run/table.csv"));
+    let of: Vec<String> =
+        table.iter().map(|row| format!("{} {} {}", row["stage"], row["variant"], row["estimator"])).collect();
+    assert_eq!(of, ["develop plain stereo", "hold plain stereo", "develop large stereo", "hold large stereo"]);
+    // Each stage's estimate is compared with that of its own stage.
+    let told = json(folder, &["run", "plain", "large", "--scores", "abs_rel"]);
+    let rows = told["rows"].as_array().expect("rows");
+    assert_eq!(rows.len(), 2, "{told}");
+    for (row, stage) in rows.iter().zip(["develop", "hold"]) {
+        let value = |variant: &str| {
+            let row = table.iter().find(|row| row["stage"] == stage && row["variant"] == variant).expect("a row");
+            number(row, "abs_rel")
+        };
+        assert_eq!(row["stage"], stage);
+        let difference = row["difference"].as_f64().expect("a number");
+        assert!((difference - (value("large") - value("plain"))).abs() < 1e-12, "{row}");
+    }
+}
+
+#[test]
 fn a_limit_that_is_not_kept_ends_with_3_and_one_on_nothing_with_2() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
@@ -348,6 +393,18 @@ fn a_limit_that_is_not_kept_ends_with_3_and_one_on_nothing_with_2() {
     let kept: Vec<_> = told["limits"].as_array().expect("limits").iter().map(|of| of["exceeded"].clone()).collect();
     assert_eq!(kept, [Json::from(false), Json::from(true)]);
     assert_eq!(told["error"]["exit_code"], 3);
+    // The density has no row, and is that of the frames' scores.
+    let (code, told) = exit(&["raw.density < -0.0001", "raw.density > 50%"]);
+    let density = |variant: &str| -> f64 {
+        let scores = read_csv(&folder.join("run/scores.csv"));
+        let is_of = |row: &&Row| row["variant"] == variant && row["estimator"] == "raw" && row["set"] == "all";
+        let of: Vec<f64> = scores.iter().filter(is_of).map(|row| number(row, "density")).collect();
+        of.iter().sum::<f64>() / of.len() as f64
+    };
+    let (limits, expected) = (&told["limits"], density("strict") - density("plain"));
+    assert!((limits[0]["change"].as_f64().expect("a number") - expected).abs() < 1e-12, "{limits}: {expected}");
+    assert!(code == Some(3) && expected < -0.0001 && limits[0]["row"].is_null(), "{limits}");
+    assert_eq!((&limits[0]["exceeded"], &limits[1]["exceeded"]), (&Json::from(true), &Json::from(false)));
     // Of all pairs that have the score, if none is named.
     assert_eq!(exit(&["a1 < -100%"]).1["limits"].as_array().map(Vec::len), Some(2));
     for (limit, what) in [

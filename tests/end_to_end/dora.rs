@@ -3,6 +3,7 @@
 //! `dora` and its library for Python come from PyPI (`tests/python/requirements-dora.txt`).
 
 use std::fs;
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
@@ -63,7 +64,7 @@ impl Flow {
             let log = fs::File::create(self.path("log")).expect("a log");
             let mut ran =
                 self.command().stdout(log.try_clone().expect("a log")).stderr(log).spawn().expect("dora starts");
-            let until = Instant::now() + Duration::from_secs(90);
+            let until = Instant::now() + Duration::from_secs(180);
             loop {
                 if let Some(status) = ran.try_wait().expect("it is ours") {
                     return Output { status, stdout: fs::read(self.path("log")).expect("a log"), stderr: Vec::new() };
@@ -269,7 +270,7 @@ fn whatever_is_killed_the_rest_ends_and_the_recording_can_be_read() {
             let log = fs::File::create(flow.path("log")).expect("a log");
             let mut ran =
                 flow.command().stdout(log.try_clone().expect("a log")).stderr(log).spawn().expect("dora starts");
-            let until = Instant::now() + Duration::from_secs(90);
+            let until = Instant::now() + Duration::from_secs(150);
             while !is_recording() && Instant::now() < until && ran.try_wait().expect("it is ours").is_none() {
                 std::thread::sleep(Duration::from_millis(20));
             }
@@ -300,7 +301,7 @@ fn whatever_is_killed_the_rest_ends_and_the_recording_can_be_read() {
         }
         let begun = Instant::now();
         let status = ran.wait().expect("it ends");
-        assert!(begun.elapsed() < Duration::from_secs(120), "{victim}");
+        assert!(begun.elapsed() < Duration::from_secs(180), "{victim}");
         assert!(!status.success(), "{victim}");
         wait_for(|| flow.parts().is_empty(), "all parts end");
         let log = plain(&fs::read(flow.path("log")).expect("a log"));
@@ -332,6 +333,63 @@ fn wait_for(is_there: impl Fn() -> bool, what: &str) {
     while !is_there() {
         assert!(Instant::now() < until, "{what} within three minutes");
         std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
+/// A program that stands for a Python with dora's library: it prints `says`, and waits.
+fn stand_in(folder: &Path, name: &str, says: &str) -> PathBuf {
+    let program = folder.join(name);
+    let script = format!("#!/bin/sh\nprintf '{says}'\nexec cat > /dev/null\n");
+    // Another process writes it: one that this process has open for writing cannot be started.
+    let write = format!("cat > {0} && chmod +x {0}", program.display());
+    let mut child = Command::new("sh").args(["-c", &write]).stdin(Stdio::piped()).spawn().expect("sh");
+    child.stdin.take().expect("a pipe").write_all(script.as_bytes()).expect("written");
+    assert!(child.wait().expect("ended").success());
+    program
+}
+
+#[test]
+fn a_dataflow_that_does_not_start_ends_with_the_names_of_its_nodes() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let experiment = "experiment: own
+sources: { street: { kind: synthetic/road, with: { frames: 0..2, width: 320, height: 96 } } }
+stages:
+  look:
+    source: street
+    nodes:
+      stereo: { kind: stereo/sgbm, inputs: { left: source/left, right: source/right } }
+record: [stereo]
+";
+    fs::write(folder.path().join("own.yaml"), experiment).expect("written");
+    // `{"ready":true}` has 14 bytes; its lengths are of 4 and 8 bytes.
+    let ready = r#"\016\000\000\000\000\000\000\000\000\000\000\000{"ready":true}"#;
+    for (name, says, told) in [
+        ("silent", "", "error: dora did not let node `recorder` begin within 1 s"),
+        ("ready", ready, "error: not started within 1 s: `look.source`, `look.stereo` of the dataflow"),
+    ] {
+        let python = stand_in(folder.path(), name, says);
+        let python = python.to_str().expect("UTF-8");
+        let mut write = depthloom();
+        write.current_dir(folder.path()).args([
+            "dora",
+            "own.yaml",
+            "--out",
+            "many",
+            "--start-timeout",
+            "1",
+            "--python",
+            python,
+        ]);
+        let written = write.output().expect("it starts");
+        assert!(written.status.success(), "{}", String::from_utf8_lossy(&written.stderr));
+        let text = String::from_utf8(written.stdout).expect("UTF-8");
+        let lines = text.lines().filter_map(|line| line.trim().strip_prefix("args: \"dora-node "));
+        let line = lines.into_iter().find(|line| line.contains("--part recorder")).expect("the recorder");
+        let words: Vec<&str> = line.trim_end_matches('"').split(' ').collect();
+        let mut node = depthloom();
+        let output = node.current_dir(folder.path()).arg("dora-node").args(words).output().expect("it starts");
+        let said = String::from_utf8_lossy(&output.stderr).split_whitespace().collect::<Vec<_>>().join(" ");
+        assert!(output.status.code() == Some(1) && said.contains(told) && said.contains("--start-timeout"), "{said}");
     }
 }
 

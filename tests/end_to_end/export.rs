@@ -128,6 +128,22 @@ record: [source, edges]
 }
 
 #[test]
+fn a_frame_number_means_the_same_frame_to_export_and_figure() {
+    let look = Look::new();
+    for frames in ["4", "4..5", "000004_10"] {
+        let figure = ["run", "panels", "--out", "panels.svg", "--frames", frames];
+        let about = text(&succeed(&mut look.command("figure", &figure)).stdout);
+        assert!(about.contains("000004_10") && !about.contains("000003_10"), "{frames}: {about}");
+    }
+    // There are the frames 3 and 4.
+    for command in [["export", "run", "--out", "none"], ["figure", "run", "panels", "--out=none.svg"]] {
+        let output = look.command(command[0], &command[1..]).args(["--frames", "0"]).output().expect("it starts");
+        let said = text(&output.stderr);
+        assert!(output.status.code() == Some(2) && said.contains("there is no frame 0"), "{said}");
+    }
+}
+
+#[test]
 fn topics_and_frames_are_named_as_people_name_them() {
     let look = Look::new();
     for (arguments, wanted) in [
@@ -137,6 +153,10 @@ fn topics_and_frames_are_named_as_people_name_them() {
         ),
         (&["/look/stereo/*", "--frames", "3..4"], &["look/stereo/disparity/000003_10.png"]),
         (&["sobel", "--frames", "4", "--format", "npy"], &["look/sobel/weight/000004_10.npy"]),
+        (&["sobel", "--frames", "000004_10", "--format", "npy"], &["look/sobel/weight/000004_10.npy"]),
+        // An output of the source, where no node has that name; `depth` is the node.
+        (&["calibration"], &["look/source/calibration.parquet"]),
+        (&["depth", "--frames", "3"], &["look/depth/depth/000003_10.png"]),
     ] {
         let out = look.path("out");
         look.export(&[arguments, &["--out", "out", "--quiet"]].concat());
@@ -155,6 +175,7 @@ fn topics_and_frames_are_named_as_people_name_them() {
         (&["source/left", "--format", "pfm"], "it can be png, npy"),
         (&["--format", "onnx"], "nothing that was recorded can be exported as onnx"),
         (&["--frames", "9"], "there is no frame 9"),
+        (&["--frames", "000009_10"], "there is no frame `000009_10`"),
         (&["--frames", "3-4"], "did you mean `3..=4`?"),
         (&["--range", "0..40"], "add --colormap"),
         (&["--range", "3..3", "--format", "ply"], "two different numbers"),

@@ -203,7 +203,7 @@ fn what_cannot_be_drawn_is_refused_in_words() {
         (&["run", "frames", "--out", "a.svg", "--score", "d1"], "score of disparities"),
         (&["run", "parameter", "--out", "a.svg", "--axes", "sise"], "did you mean `size`?"),
         (&["run", "parameter", "--out", "a.svg", "--variant", "size=3+weighting=full"], "no parameter differs"),
-        (&["run", "panels", "--out", "a.svg", "--frames", "77"], "there is no frame `77`"),
+        (&["run", "panels", "--out", "a.svg", "--frames", "77"], "there is no frame 77"),
         (&["run", "run", "panels", "--out", "a.svg"], "this kind of figure is of one run"),
         (&["nowhere", "cdf", "--out", "a.svg"], "failed to open nowhere"),
     ] {

@@ -5,6 +5,7 @@
 mod analyse;
 mod architecture;
 mod axes;
+mod benchmarks;
 mod broken_data;
 mod broken_files;
 mod browser;

@@ -104,6 +104,72 @@ fn runs_are_listed_newest_first_with_what_became_of_each() {
 }
 
 #[test]
+fn runs_of_0_1_that_contain_reused_values_are_marked() {
+    let here = Here::new();
+    let fixtures = workspace().join("tests/fixtures/runs-0.1");
+    for (name, of) in [("fresh", "fresh"), ("reused", "reused"), ("unknown", "fresh")] {
+        let run = here.path().join("runs").join(name);
+        std::fs::create_dir_all(&run).expect("made");
+        for file in std::fs::read_dir(fixtures.join(of)).expect("fixtures").flatten() {
+            std::fs::copy(file.path(), run.join(file.file_name())).expect("copied");
+        }
+    }
+    std::fs::remove_file(here.path().join("runs/unknown/timings.parquet")).expect("removed");
+    // Of this version, all of it reused.
+    here.run("runs/now", &[]);
+    succeed(here.command(&["run", "look.yaml", "--quiet", "--out", "runs/again"]).env_remove("DEPTHLOOM_FRESH"));
+    let listed = here.json(&["runs"]);
+    let warning = |name: &str| {
+        let runs = listed["runs"].as_array().expect("a list");
+        runs.iter().find(|run| run["name"] == name).expect("it is listed")["warning"].clone()
+    };
+    let contains = "contains reused values of depthloom 0.1: may belong to another variant; run again with --fresh";
+    assert_eq!(warning("reused"), contains);
+    let unknown = warning("unknown");
+    assert!(unknown.as_str().is_some_and(|told| told.starts_with("may contain reused values")), "{unknown}");
+    assert_eq!([warning("fresh"), warning("now"), warning("again")], [Json::Null, Json::Null, Json::Null]);
+    let told = text(&succeed(&mut here.command(&["runs"])));
+    let line = |name: &str| told.lines().find(|line| line.starts_with(name)).expect("a line").to_owned();
+    assert!(line("reused ").contains("whole *") && !line("fresh ").contains('*'), "{told}");
+    assert!(told.contains(&format!("* {contains}\n")), "{told}");
+    let shown = text(&succeed(&mut here.command(&["runs", "show", "reused"])));
+    assert!(shown.contains(contains), "{shown}");
+}
+
+#[test]
+fn an_earlier_run_that_cannot_be_read_is_reported() {
+    let here = Here::new();
+    let first = here.run("runs/first", &[]);
+    let recording = first.join("recording.mcap");
+    let bytes = std::fs::read(&recording).expect("a recording");
+    let unfinished = here.path().join("runs/second.partial");
+    std::fs::create_dir(&unfinished).expect("made");
+    std::fs::copy(first.join("depthloom-run.json"), unfinished.join("depthloom-run.json")).expect("copied");
+    // Of a run that is finished the head of its recording is not all there is; of one that has only begun it may be.
+    for (place, length) in [(&recording, 40), (&recording, 3), (&unfinished.join("recording.mcap"), 40)] {
+        std::fs::write(place, &bytes[..length]).expect("written");
+    }
+    let mut run = here.command(&["run", "look.yaml", "--out", "runs/third"]);
+    let output = succeed(run.env_remove("DEPTHLOOM_FRESH"));
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(said.contains("nothing is taken from runs/first: "), "{said}");
+    assert!(!said.contains("second"), "{said}");
+}
+
+#[test]
+fn the_time_of_a_run_includes_its_page() {
+    let here = Here::new();
+    let run = here.run("run", &[]);
+    let environment: Json =
+        serde_json::from_slice(&std::fs::read(run.join("environment.json")).expect("a file")).expect("JSON");
+    let page = std::fs::read_to_string(run.join("report.html")).expect("a page");
+    // The page has the time until the tables were there.
+    let (_, to_tables) = page.split_once("\"wall_s\":").expect("the page shows the time");
+    let to_tables: f64 = to_tables[..to_tables.find([',', '}']).expect("it ends")].parse().expect("a number");
+    assert!(environment["wall_s"].as_f64().expect("a number") > to_tables, "{environment}: {to_tables}");
+}
+
+#[test]
 fn a_run_is_named_by_the_beginning_of_its_name_wherever_one_is_wanted() {
     let here = Here::new();
     done_at(&here.run("runs/look/2026-11-20", &[]), "2020-11-20T10-00-00Z");
@@ -187,6 +253,12 @@ fn why_two_runs_differ_is_said_by_parameter_source_and_what_follows() {
     let elsewhere = here.path().join("copy.mcap");
     std::fs::copy(first.join("recording.mcap"), elsewhere).expect("copied");
     assert_eq!(here.json(&["runs", "why", "copy.mcap", "block"])["nodes"], block["nodes"]);
+    // Without a frame in common nothing can be said of values.
+    here.run("runs/later", &["--set", "sources.street.with.frames=7..9"]);
+    let told = text(&succeed(&mut here.command(&["runs", "why", "first", "later"])));
+    assert!(told.contains("look: 0 in both, 2 only before, 2 only after"), "{told}");
+    let said = "all nodes are the same; no values were compared, because no frame with values is in both runs";
+    assert!(told.contains(said) && !told.contains("so are their values"), "{told}");
     assert!(here.fails(&["runs", "why", "first", "none"], 2).contains("none"));
 }
 

@@ -493,10 +493,10 @@ impl Comparison {
             let Of { lead, estimator, .. } = &row.other;
             let label =
                 lead.variant.as_ref().map_or_else(|| estimator.clone(), |variant| format!("{variant}/{estimator}"));
-            let name = row.contrast.metric.name;
+            let name = judged.measure.name();
             let change = match judged.is_relative {
                 true => format!("{:+.2} %", judged.change),
-                false => format!("{:+.*}", row.contrast.metric.decimals + 2, judged.change),
+                false => format!("{:+.*}", judged.measure.decimals(), judged.change),
             };
             (format!("{} ({label} {name}: {change})", judged.limit), judged.is_exceeded)
         };

@@ -3,6 +3,7 @@
 use serde_json::{Value as Json, json};
 
 use super::answer::Comparison;
+use super::limit::Measure;
 
 impl Comparison {
     /// For programs: `about`, `method`, `verdicts`, `parameters` by side, `rows` with the columns of its CSV form, `limits`, `notes`.
@@ -29,7 +30,8 @@ impl Comparison {
             "rows": self.grid.sheet().rows(),
             "limits": self.judged.iter().map(|judged| json!({
                 "limit": judged.limit,
-                "row": judged.contrast,
+                // The density has no row.
+                "row": matches!(judged.measure, Measure::Metric(_)).then_some(judged.contrast),
                 "change": judged.change,
                 "is_percent": judged.is_relative,
                 "exceeded": judged.is_exceeded,

@@ -3,12 +3,41 @@
 use std::collections::BTreeSet;
 
 use depthloom_graphs::language::glob;
-use depthloom_scores::Metric;
+use depthloom_scores::{Mean, Metric, ScoreRow};
 
 use super::contrast::Contrast;
 use super::{CompareOptions, Pair, listed};
 use crate::ablation::{is_of, unknown};
 use crate::error::AnalysisError;
+
+/// What a limit is on.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Measure {
+    /// A metric, which has a row of the comparison.
+    Metric(&'static Metric),
+    /// The share of valid pixels, which has none.
+    Density,
+}
+
+impl Measure {
+    /// The name of [`Measure::Density`].
+    const DENSITY: &str = "density";
+
+    pub(super) const fn name(self) -> &'static str {
+        match self {
+            Self::Metric(metric) => metric.name,
+            Self::Density => Self::DENSITY,
+        }
+    }
+
+    /// With how many decimals a change is shown.
+    pub(super) const fn decimals(self) -> usize {
+        match self {
+            Self::Metric(metric) => metric.decimals + 2,
+            Self::Density => 5,
+        }
+    }
+}
 
 /// A bound on how a score may change.
 #[derive(Clone, Debug, PartialEq)]
@@ -16,7 +45,7 @@ pub(super) struct Limit {
     written: String,
     /// A pattern of the estimates that it is on; `None`: all.
     estimator: Option<String>,
-    metric: &'static Metric,
+    measure: Measure,
     /// Whether a change above it is too much, or one below.
     is_above: bool,
     /// Whether the bound itself is too much already.
@@ -31,7 +60,9 @@ pub(super) struct Limit {
 pub(super) struct Judged {
     /// The limit, as written.
     pub(super) limit: String,
-    /// The score's place in the comparison.
+    /// What the limit is on.
+    pub(super) measure: Measure,
+    /// The metric's place in the comparison; of the density, that of any metric of the same two estimates.
     pub(super) contrast: usize,
     /// The change, in per cent of the baseline's value or in the score's unit.
     pub(super) change: f64,
@@ -62,14 +93,15 @@ impl Limit {
         };
         let change = number.parse().ok().filter(|change: &f64| change.is_finite());
         let change = change.ok_or_else(|| wrong(format!("`{right}` in `{written}` is no number")))?;
-        let of = |metric: &&'static Metric| left == metric.name || left.ends_with(&format!(".{}", metric.name));
-        let Some(metric) = crate::metrics().filter(of).max_by_key(|metric| metric.name.len()) else {
+        let all = || crate::metrics().map(Measure::Metric).chain([Measure::Density]);
+        let of = |measure: &Measure| left == measure.name() || left.ends_with(&format!(".{}", measure.name()));
+        let Some(measure) = all().filter(of).max_by_key(|measure| measure.name().len()) else {
             let name = left.rsplit('.').next().unwrap_or(left);
-            return Err(unknown("score", name, crate::metrics().map(|metric| metric.name).collect::<Vec<_>>()));
+            return Err(unknown("score", name, all().map(Measure::name).collect::<Vec<_>>()));
         };
-        let estimator = left.strip_suffix(metric.name).and_then(|left| left.strip_suffix('.')).map(str::to_owned);
+        let estimator = left.strip_suffix(measure.name()).and_then(|left| left.strip_suffix('.')).map(str::to_owned);
         let is_above = written[place..].starts_with('>');
-        Ok(Self { written: written.trim().to_owned(), estimator, metric, is_above, is_reached, change, is_relative })
+        Ok(Self { written: written.trim().to_owned(), estimator, measure, is_above, is_reached, change, is_relative })
     }
 
     fn is_on(&self, pair: &Pair<'_>) -> bool {
@@ -77,11 +109,16 @@ impl Limit {
         is_of(pair.other.estimator, pattern) || glob(pattern, &pair.name)
     }
 
-    fn judge(&self, place: usize, contrast: &Contrast) -> Judged {
-        let change = if self.is_relative { 100.0 * contrast.change() } else { contrast.difference() };
+    /// Judges the values of the baseline and of the other.
+    fn judge(&self, place: usize, baseline: f64, value: f64) -> Judged {
+        let change = match (value - baseline, self.is_relative) {
+            (difference, true) if difference != 0.0 => 100.0 * difference / baseline.abs(),
+            (difference, _) => difference,
+        };
         let beyond = if self.is_above { change > self.change } else { change < self.change };
         Judged {
             limit: self.written.clone(),
+            measure: self.measure,
             contrast: place,
             change,
             is_relative: self.is_relative,
@@ -104,7 +141,10 @@ pub(super) fn judged(
         let written = &limit.written;
         let mut met = 0;
         for (place, pair) in pairs.iter().enumerate().filter(|(_, pair)| limit.is_on(pair)) {
-            let has = |metrics: &[&'static Metric]| metrics.contains(&limit.metric);
+            let has = |metrics: &[&'static Metric]| match limit.measure {
+                Measure::Metric(metric) => metrics.contains(&metric),
+                Measure::Density => true,
+            };
             if !has(&pair.baseline.estimator.metrics) || !has(&pair.other.estimator.metrics) {
                 continue;
             }
@@ -116,27 +156,52 @@ pub(super) fn judged(
                     "score both alike: same preset, bounds, crop, alignment and mean".to_owned(),
                 ));
             }
-            let of = |(_, contrast): &(usize, &Contrast)| contrast.pair == place && contrast.metric == limit.metric;
-            let Some((place, contrast)) = contrasts.iter().enumerate().find(of) else {
+            let of = |(_, contrast): &(usize, &Contrast)| {
+                contrast.pair == place
+                    && match limit.measure {
+                        Measure::Metric(metric) => contrast.metric == metric,
+                        Measure::Density => true,
+                    }
+            };
+            let values = |(row, contrast): (usize, &Contrast)| match limit.measure {
+                Measure::Metric(_) => Some((row, contrast.baseline, contrast.value)),
+                Measure::Density => densities(pair, options).map(|(baseline, value)| (row, baseline, value)),
+            };
+            let Some((row, baseline, value)) = contrasts.iter().enumerate().find(of).and_then(values) else {
                 return Err(AnalysisError::asked(
                     format!(
                         "`{written}` cannot be told of {title}: there is no {} on a frame of both",
-                        limit.metric.name
+                        limit.measure.name()
                     ),
                     "name it in --scores, if there are any; `depthloom table RUN` says what has which".to_owned(),
                 ));
             };
-            judged.push(limit.judge(place, contrast));
+            judged.push(limit.judge(row, baseline, value));
         }
         if met == 0 {
             let names: BTreeSet<&str> = pairs.iter().map(|pair| pair.other.estimator.label.as_str()).collect();
             return Err(AnalysisError::asked(
                 format!("`{written}` is on nothing that is compared"),
-                format!("compared are {}; was {} taken of both?", listed(names), limit.metric.name),
+                format!("compared are {}; was {} taken of both?", listed(names), limit.measure.name()),
             ));
         }
     }
     Ok(judged)
+}
+
+/// The shares of valid pixels of the baseline and of the other, over the frames of both; `None` if the recording does not say.
+fn densities(pair: &Pair<'_>, options: &CompareOptions) -> Option<(f64, f64)> {
+    let rows = pair.paired.frames.iter().map(|(one, two)| (&one.row, &two.row));
+    let both: Vec<_> = rows.filter(|(one, two)| one.density().is_some() && two.density().is_some()).collect();
+    let (ours, theirs): (Vec<&ScoreRow>, Vec<&ScoreRow>) = both.into_iter().unzip();
+    let of = |rows: &[&ScoreRow]| match pair.mean(options) {
+        Mean::Frames => rows.iter().filter_map(|row| row.density()).sum::<f64>() / rows.len() as f64,
+        Mean::Pixels => {
+            let sum = |count: fn(&ScoreRow) -> u64| rows.iter().map(|row| count(row)).sum::<u64>() as f64;
+            sum(|row| row.answered) / sum(|row| row.truth)
+        }
+    };
+    (!ours.is_empty()).then(|| (of(&ours), of(&theirs)))
 }
 
 #[cfg(test)]
@@ -146,15 +211,16 @@ mod tests {
     #[test]
     fn a_limit_names_estimate_score_and_change() {
         let of = |text: &str| {
-            let Limit { estimator, metric, is_above, is_reached, change, is_relative, .. } =
+            let Limit { estimator, measure, is_above, is_reached, change, is_relative, .. } =
                 Limit::parse(text).unwrap();
-            (estimator, metric.name, is_above, is_reached, change, is_relative)
+            (estimator, measure.name(), is_above, is_reached, change, is_relative)
         };
         assert_eq!(of("fused.abs_rel > +1%"), (Some("fused".to_owned()), "abs_rel", true, false, 1.0, true));
         assert_eq!(of("a1<-0.005"), (None, "a1", false, false, -0.005, false));
         // A dot in a name, and in that of a score.
         assert_eq!(of("p=0.5/raw.bad_0.5 >= 2 %"), (Some("p=0.5/raw".to_owned()), "bad_0.5", true, true, 2.0, true));
         assert_eq!(of("look.mono.irmse > 0"), (Some("look.mono".to_owned()), "irmse", true, false, 0.0, false));
+        assert_eq!(of("*.density < -1%"), (Some("*".to_owned()), "density", false, false, -1.0, true));
         for (text, what) in [
             ("fused.abs_rel", "`fused.abs_rel` has no `>` or `<`"),
             ("fused.abs_rel > much", "`much` in `fused.abs_rel > much` is no number"),

@@ -136,11 +136,17 @@ fn variants(plan: &RecordedPlan, estimators: &[Estimator], name: &str, run: usiz
     let named = plan.variants.iter().enumerate().filter(|(_, of)| !of.is_empty() && glob(name, of));
     let party = |(variant, of): (usize, &String)| {
         let own = estimators.iter().filter(|estimator| estimator.lead.variant.as_ref() == Some(of));
-        let entries: Vec<_> = own.map(|estimator| (estimator.name.clone(), estimator.label.clone())).collect();
+        let entries: Vec<_> = own.map(|estimator| (own_name(estimator, estimators), estimator.label.clone())).collect();
         let title = format!("{prefix}{of}");
         (!entries.is_empty()).then_some((Kind::Variants, Party { run, title, variant: Some(variant), entries }))
     };
     named.filter_map(party).collect()
+}
+
+/// An estimate's name, with its stage where another stage has an estimate of that name.
+fn own_name(of: &Estimator, estimators: &[Estimator]) -> String {
+    let is_in_two = estimators.iter().any(|other| other.name == of.name && other.lead.stage != of.lead.stage);
+    if is_in_two { format!("{}.{}", of.lead.stage, of.name) } else { of.name.clone() }
 }
 
 /// The estimators of that label or name, each a side of its own.

@@ -355,27 +355,19 @@ fn ending(id: &str, room: f64) -> (String, f64) {
 /// The frames that are asked for.
 fn positions(recording: &Recording, shown: &Shown, request: &FigureRequest) -> Result<Vec<usize>, AnalysisError> {
     let frames = recording.frames(shown.run);
-    if request.frames.is_empty() {
+    let Some(choice) = &request.frames else {
         // Those whose maps were kept.
         let every = recording.plan().every.max(1) as usize;
         let kept: Vec<usize> = (0..frames.len()).step_by(every).collect();
         let count = kept.len().min(SHOWN);
         return Ok((0..count).map(|at| kept[at * kept.len() / count]).collect());
-    }
-    if request.frames.len() > MOST {
-        let what = format!("{} frames are more than {MOST}", request.frames.len());
+    };
+    let positions = choice.positions(&frames.iter().collect::<Vec<_>>())?;
+    if positions.len() > MOST {
+        let what = format!("{} frames are more than {MOST}", positions.len());
         return Err(AnalysisError::asked(what, "name fewer".to_owned()));
     }
-    let position = |wanted: &String| {
-        let by_id = frames.iter().position(|frame| *frame.id == **wanted);
-        let place = wanted.parse::<usize>().ok().filter(|place| *place < frames.len());
-        by_id.or(place).ok_or_else(|| {
-            let what = format!("there is no frame `{wanted}`");
-            let first = frames.first().map_or("", |frame| &frame.id);
-            AnalysisError::asked(what, format!("give places from 0 to {} or ids as `{first}`", frames.len().max(1) - 1))
-        })
-    };
-    request.frames.iter().map(position).collect()
+    Ok(positions)
 }
 
 /// The topic of the source's image: the left one, or the first.

@@ -14,8 +14,7 @@ use depthloom_scores::{ScoredPixels, Settings};
 use depthloom_threads::{Budget, Tiles as _};
 use polars::frame::DataFrame;
 use polars::prelude::{
-    ChunkFull, Column, KeyValueMetadata, NamedFrom, ParquetCompression, ParquetWriter, PolarsResult, Series,
-    StringChunked,
+    ChunkFull, Column, NamedFrom, ParquetCompression, ParquetWriter, PolarsResult, Series, StringChunked,
 };
 
 use super::described::Described;
@@ -24,7 +23,7 @@ use crate::error::{AnalysisError, caught};
 use crate::estimators::{Estimator, estimators};
 use crate::leading::plan_key;
 use crate::maps::{not_recorded, sparsely_kept};
-use crate::sheet::metadata;
+use crate::sheet::{metadata, with_arrow_schema};
 
 /// What was written.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -180,11 +179,11 @@ impl Frames<'_> {
         let run = plan_key(self.recording.plan());
         let mut metadata = metadata("samples", &run, self.described.units());
         metadata.push((METADATA.to_owned(), serde_json::to_string(self.described).expect("names are JSON")));
-        let writer = ParquetWriter::new(out)
-            .with_compression(ParquetCompression::Zstd(None))
-            .with_key_value_metadata(Some(KeyValueMetadata::from_static(metadata)));
         let empty = self.rows(&runs[0], &runs[0].groups[0], 0, &vec![None; runs[0].topics.len()], true)?;
         let empty = empty.expect("a table without rows where they are asked for");
+        let writer = ParquetWriter::new(out)
+            .with_compression(ParquetCompression::Zstd(None))
+            .with_key_value_metadata(Some(with_arrow_schema(metadata, empty.schema())));
         let mut writer = writer.batched(empty.schema()).map_err(computed())?;
         let all = runs.iter().map(|run| self.recording.frames(run.run).len()).sum();
         let (mut done, threads) = (0, thread::available_parallelism().map_or(1, NonZero::get));

@@ -13,7 +13,7 @@ use super::change::variant::Variant;
 use super::change::variants;
 use super::check::following::Sweeps;
 use super::check::params::Resolver;
-use super::check::spec::{self, Spec};
+use super::check::spec;
 use super::plan::assemble;
 use super::plan::link;
 use super::plan::linked::Linked;
@@ -45,6 +45,8 @@ pub struct Options<'a> {
     pub matrix: Vec<(String, String)>,
     /// `--variant`: of the variants those whose names are of one of these forms, with `*` for any run of characters; all, if empty.
     pub only: Vec<String>,
+    /// The text of the experiment, where it is not in a file: relative paths in it start at the working directory.
+    pub text: Option<String>,
     /// Looks up an environment variable.
     pub env: Environment<'a>,
 }
@@ -57,7 +59,7 @@ impl Default for Options<'_> {
     fn default() -> Self {
         // What is no UTF-8 keeps a sign of it, and is refused where it is used.
         let env = |name: &str| std::env::var_os(name).map(|value| value.to_string_lossy().into_owned());
-        Self { set: Vec::new(), matrix: Vec::new(), only: Vec::new(), env: Box::new(env) }
+        Self { set: Vec::new(), matrix: Vec::new(), only: Vec::new(), text: None, env: Box::new(env) }
     }
 }
 
@@ -84,7 +86,9 @@ pub struct Loaded {
 /// Everything that is wrong with it, in one pass; what is no YAML at all, or names a file that cannot be read, stops there.
 pub fn load(path: &Path, registry: &Registry, options: &Options<'_>) -> Result<Loaded, Diagnostics> {
     let arguments = Argument::all(&options.set, &options.matrix);
-    let looked_at = |arguments: &[Argument]| look_at(path, registry, &*options.env, arguments, &options.only);
+    let looked_at = |arguments: &[Argument]| {
+        look_at((path, options.text.as_deref()), registry, &*options.env, arguments, &options.only)
+    };
     looked_at(&arguments).map_err(|found| {
         blame::pointed(found, &arguments, |argument| {
             let rest = [&arguments[..argument], &arguments[argument + 1..]].concat();
@@ -104,7 +108,7 @@ struct Arguments<'a> {
 
 /// As [`load`], with these arguments of `--set` and `--matrix`; what is wrong points at where it shows.
 fn look_at(
-    path: &Path,
+    (path, text): (&Path, Option<&str>),
     registry: &Registry,
     env: &environment::Lookup<'_>,
     typed: &[Argument],
@@ -112,6 +116,9 @@ fn look_at(
 ) -> Result<Loaded, Diagnostics> {
     let mut report = Report::default();
     let mut files = Files::new(env);
+    if let Some(text) = text {
+        files.add_text(path, text);
+    }
     let (changes, set_files) = overrides::changes(typed, &mut report);
     let (only, only_files) = overrides::only(only);
     let arguments = Arguments { typed, changes: &changes, only };
@@ -166,7 +173,6 @@ fn planned(
         outlasted.look(index, &root, &changed);
         resolver.changed = variant.changes.iter().map(|change| change.value.place.clone()).collect();
         let spec = spec::read(&changed, report);
-        check_names(&spec, report);
         let link = link::link(&spec, registry, &mut resolver, report);
         sweeps.look(&spec, |stage, node| link.stages[stage].nodes[node].parameters.as_deref());
         linked.push(link);
@@ -212,27 +218,6 @@ fn factors(variants: &[Variant]) -> Vec<Vec<Factor>> {
         return Vec::new();
     }
     variants.iter().map(|variant| variant.factors.clone()).collect()
-}
-
-/// Estimates are told apart by name alone, in all stages.
-fn check_names(spec: &Spec, report: &mut Report) {
-    let mut seen: HashMap<&str, (&str, &Place)> = HashMap::new();
-    for stage in &spec.stages {
-        for estimate in stage.score.iter().flat_map(|score| &score.estimates) {
-            let name = &estimate.name;
-            if let Some((other, place)) = seen.get(name.text.as_str()) {
-                let what = format!("stage `{other}` has an estimate `{}` already", name.text);
-                report.push(
-                    Diagnostic::error(&name.place, what)
-                        .label("the same name")
-                        .help("scores are told apart by the estimate's name: give one of the two another")
-                        .related(place, "first here"),
-                );
-            } else {
-                seen.insert(&name.text, (&stage.name.text, &name.place));
-            }
-        }
-    }
 }
 
 fn equal_variants(variants: &[Variant], shared: &Shared<'_>, report: &mut Report) {

@@ -1,5 +1,7 @@
 //! `depthloom runs`: which runs there are, newest first.
 
+use std::collections::BTreeSet;
+
 use serde_json::json;
 
 use crate::args::RunsArgs;
@@ -26,7 +28,12 @@ pub fn list(args: &RunsArgs) -> Result<Exit, Stop> {
     let head = ["run", "time (UTC)", "experiment", "variants", "frames", "size", "state", "best score"];
     let mut rows = vec![head.map(str::to_owned)];
     rows.extend(runs.iter().map(|(run, glance)| row(run, glance)));
-    print(aligned(&rows, &[3, 4, 5]))?;
+    let mut text = aligned(&rows, &[3, 4, 5]);
+    let warnings: BTreeSet<&str> = runs.iter().filter_map(|(_, glance)| glance.warning.as_deref()).collect();
+    for warning in warnings {
+        text += &format!("* {warning}\n");
+    }
+    print(text)?;
     Ok(Exit::Whole)
 }
 
@@ -42,7 +49,7 @@ fn row(run: &FoundRun, glance: &Glance) -> [String; 8] {
         count(glance.variants),
         count(glance.frames),
         size(glance.bytes),
-        glance.state_text(),
+        glance.state_text() + if glance.warning.is_some() { " *" } else { "" },
         glance.trouble.clone().or(remark).unwrap_or_else(nothing),
     ]
 }

@@ -61,6 +61,9 @@ pub fn show(args: &RunsArgs, asked: &ShowArgs) -> Result<Exit, Stop> {
     if let Some(trouble) = &glance.trouble {
         row("trouble", trouble.clone());
     }
+    if let Some(warning) = &glance.warning {
+        row("warning", warning.clone());
+    }
     row("files", format!("{}, {}", counted(files.len() as u64, "file"), size(glance.bytes)));
     let mut text = aligned(&rows, &[]);
     let files = files.into_iter().map(|(name, bytes)| [format!("  {name}"), size(bytes)]);

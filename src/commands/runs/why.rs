@@ -100,15 +100,22 @@ impl Compared {
         let fed = |node: &Node| format!("{} ({} of {} equal)", label(node), node.same, node.both);
         section("nodes that are the same, but read other values", listed(of(Verdict::Fed).map(fed)));
         let same = of(Verdict::Same).count();
-        text.push_str(&match (told.len(), same) {
-            (0, _) => "\nno node is of both\n".to_owned(),
-            (all, same) if all == same => {
-                "\nall nodes are the same, and so are their values on all frames in both\n".to_owned()
+        let nodes = match (told.len(), same) {
+            (0, _) => "no node is of both",
+            (all, same) if all == same => "all nodes are the same",
+            (_, 0) => "no node is the same",
+            (_, 1) => "1 node is the same",
+            (_, same) => &format!("{same} nodes are the same"),
+        };
+        let values = match same {
+            0 => "",
+            _ if of(Verdict::Same).all(|node| node.both == 0) => {
+                "; no values were compared, because no frame with values is in both runs"
             }
-            (_, 0) => "\nno node is the same\n".to_owned(),
-            (_, 1) => "\n1 node is the same, and so are its values on all frames in both\n".to_owned(),
-            (_, same) => format!("\n{same} nodes are the same, and so are their values on all frames in both\n"),
-        });
+            1 => ", and so are its values on all frames in both",
+            _ => ", and so are their values on all frames in both",
+        };
+        text.push_str(&format!("\n{nodes}{values}\n"));
         text
     }
 

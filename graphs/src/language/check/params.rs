@@ -289,8 +289,10 @@ fn checked(
         match (kind.resolve)(&json) {
             Ok(resolved) => return sound.then_some(resolved),
             Err(error) => {
-                // What does not fit only because something was taken out (a missing field, a default that clashes) has been spoken of.
-                if taken_out.contains(&error.path) || !sound && error.what.starts_with("missing field") {
+                // What does not fit only because something was taken out (a missing field, a default that clashes, a map that lacks it) has been reported.
+                let is_above_taken =
+                    !error.path.is_empty() && taken_out.iter().any(|taken| taken.starts_with(&error.path));
+                if is_above_taken || !sound && error.what.starts_with("missing field") {
                     return None;
                 }
                 let place = place_of(with, &error.path, false);

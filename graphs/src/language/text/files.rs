@@ -24,6 +24,8 @@ const MOST_PUT_IN: usize = 1_000_000;
 pub(crate) struct Files<'a> {
     env: &'a Lookup<'a>,
     read: Vec<ReadFile>,
+    /// Files whose text is given.
+    texts: Vec<(PathBuf, String)>,
     /// Where a file names another, and which of those read it is.
     named: Vec<(Place, usize)>,
     /// How many values graph files have put in.
@@ -50,7 +52,13 @@ struct Open<'a> {
 
 impl<'a> Files<'a> {
     pub(crate) const fn new(env: &'a Lookup<'a>) -> Self {
-        Self { env, read: Vec::new(), named: Vec::new(), put_in: 0, broken: false }
+        Self { env, read: Vec::new(), texts: Vec::new(), named: Vec::new(), put_in: 0, broken: false }
+    }
+
+    /// Adds the text of a file, which then is not read.
+    pub(crate) fn add_text(&mut self, path: &Path, text: &str) {
+        let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+        self.texts.push((path.to_owned(), text.to_owned()));
     }
 
     /// Whether a file of the experiment could not be had.
@@ -232,7 +240,8 @@ impl<'a> Files<'a> {
         }
         let folder = path.parent().unwrap_or_else(|| Path::new(""));
         let file = |text: String| Arc::new(SourceFile::new(path.to_string_lossy(), text, folder));
-        let text = match read_text(path) {
+        let given = self.texts.iter().find(|(of, _)| of == path).map(|(_, text)| Ok(text.clone()));
+        let text = match given.unwrap_or_else(|| read_text(path)) {
             Ok(text) => text,
             Err(what) => {
                 let place = match from {

@@ -1,0 +1,111 @@
+//! Which frames of a run are meant: by number, or by id.
+
+use std::collections::BTreeSet;
+
+use depthloom_graphs::contracts::FrameSelection;
+use depthloom_recording::RecordedFrame;
+
+use crate::error::AnalysisError;
+
+/// Frames as a command line names them: `3`, `3,7`, `0..4`, `1..=40`, ids (`000150_10`), or a file with an id per line. A number is the frame's own, as in
+/// `frames:` of a source.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum FrameChoice {
+    /// By number, or by a file of ids.
+    Selection(FrameSelection),
+    /// By id.
+    Ids(Vec<String>),
+}
+
+impl FrameChoice {
+    /// Reads a choice.
+    ///
+    /// # Errors
+    /// If the text is none, with what was probably meant.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let numbers: Option<Vec<u64>> = text.split(',').map(|index| index.trim().parse().ok()).collect();
+        if let Some(numbers) = numbers {
+            return Ok(Self::Selection(FrameSelection::List(numbers)));
+        }
+        FrameSelection::parse(text).map(Self::Selection).or_else(|wrong| {
+            let ids: Vec<String> = text.split(',').map(|id| id.trim().to_owned()).collect();
+            let is_number = |part: &str| part.trim().parse::<u64>().is_ok();
+            let is_id = |id: &String| {
+                !id.is_empty()
+                    && !id.contains("..")
+                    && !id.split_once('-').is_some_and(|(a, b)| is_number(a) && is_number(b))
+            };
+            if ids.iter().all(is_id) { Ok(Self::Ids(ids)) } else { Err(wrong) }
+        })
+    }
+
+    /// The positions of the chosen ones among `frames`, in the order of the choice.
+    ///
+    /// # Errors
+    /// If a frame is not there, is chosen twice, or a file of ids cannot be read.
+    pub fn positions(&self, frames: &[&RecordedFrame]) -> Result<Vec<usize>, AnalysisError> {
+        let all = |is_one: &dyn Fn(&RecordedFrame) -> bool| -> Vec<usize> {
+            (0..frames.len()).filter(|&at| is_one(frames[at])).collect()
+        };
+        let selection = match self {
+            Self::Selection(selection) => selection,
+            Self::Ids(ids) => {
+                let mut positions = Vec::new();
+                for id in ids {
+                    let found = all(&|frame| *frame.id == **id);
+                    if found.is_empty() || found.iter().any(|at| positions.contains(at)) {
+                        let what = if found.is_empty() { "there is no frame" } else { "two of the frames are" };
+                        return Err(AnalysisError::asked(format!("{what} `{id}`"), span(frames)));
+                    }
+                    positions.extend(found);
+                }
+                return Ok(positions);
+            }
+        };
+        let is_of_ids = matches!(selection, FrameSelection::File(_));
+        let mut known: Vec<(u64, &str)> = frames.iter().map(|frame| (frame.index, &*frame.id)).collect();
+        known.sort_unstable();
+        // Stage runs have frames in common, and sources that are joined may repeat a number.
+        known.dedup_by(|one, other| if is_of_ids { one == other } else { one.0 == other.0 });
+        let selected = selection.select(&known).map_err(|fault| {
+            let help = fault.remedy_text().map_or_else(|| span(frames), str::to_owned);
+            AnalysisError::asked(format!("failed to select frames: {}", fault.chain()), help)
+        })?;
+        let mut taken = BTreeSet::new();
+        let of = |place: usize| {
+            let (index, id) = known[place];
+            all(&|frame| if is_of_ids { &*frame.id == id } else { frame.index == index })
+        };
+        Ok(selected.into_iter().flat_map(of).filter(|at| taken.insert(*at)).collect())
+    }
+}
+
+/// Which frames there are.
+fn span(frames: &[&RecordedFrame]) -> String {
+    match frames {
+        [] => "there are no frames".to_owned(),
+        [only] => format!("there is one frame, {} (`{}`)", only.index, only.id),
+        [first, .., last] => {
+            let (count, from, to) = (frames.len(), first.index, last.index);
+            format!("there are {count} frames, {from} (`{}`) to {to} (`{}`)", first.id, last.id)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{FrameChoice, FrameSelection};
+
+    #[test]
+    fn frames_are_named_by_number_range_or_id() {
+        let of = |text: &str| FrameChoice::parse(text).unwrap();
+        assert_eq!(of("3, 7"), FrameChoice::Selection(FrameSelection::List(vec![3, 7])));
+        assert_eq!(of("1..=40"), FrameChoice::Selection(FrameSelection::Range(1..41)));
+        assert_eq!(of("list.txt"), FrameChoice::Selection(FrameSelection::File("list.txt".into())));
+        assert_eq!(of("000150_10,left-7"), FrameChoice::Ids(vec!["000150_10".to_owned(), "left-7".to_owned()]));
+        for (text, meant) in [("3-4", "did you mean `3..=4`?"), ("3..", "two ends"), ("a,,b", "says no frames")] {
+            let said = FrameChoice::parse(text).unwrap_err();
+            assert!(said.contains(meant), "{text}: {said}");
+        }
+    }
+}
