@@ -26,6 +26,7 @@ use crate::curves::{drawing as of_curves, learning_curves, table_of_points};
 use crate::drawing::{Drawing, MM_PER_INCH, POINTS_PER_INCH};
 use crate::error::AnalysisError;
 use crate::error::caught;
+use crate::frame_choice::FrameChoice;
 use crate::plot::Sheet;
 use crate::statistics::Resampling;
 use asked::Watch;
