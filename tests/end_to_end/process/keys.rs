@@ -226,7 +226,7 @@ class Clock:
     def process(self, depth, frame):
         seconds = 0.0 if self.before is None else (frame.time_ns - self.before) / 1e9
         self.before = frame.time_ns
-        return np.full(depth.shape, seconds, np.float32)
+        return np.full(depth.shape, 1 + seconds, np.float32)
 
 depthloom.serve(Clock)
 ",

@@ -82,9 +82,14 @@ impl Case {
 
     /// That a run has the recording and the scores of a fresh one.
     fn assert_as_fresh(&self, experiment: &str, out: &str, more: &[&str]) {
+        self.assert_files_as_fresh(experiment, out, more, &["scores.csv", "table.csv", "recording.mcap"]);
+    }
+
+    /// That these files of a run are those of a fresh one.
+    fn assert_files_as_fresh(&self, experiment: &str, out: &str, more: &[&str], files: &[&str]) {
         let fresh = format!("fresh/{out}");
         self.run(experiment, &fresh, &[more, &["--fresh"]].concat());
-        for file in ["scores.csv", "table.csv", "recording.mcap"] {
+        for file in files {
             assert!(
                 self.read(out, file) == self.read(&fresh, file),
                 "{experiment}: {file} differs from that of --fresh"

@@ -88,9 +88,14 @@ stages:
 
     /// A `process` node; `with` is how its results are known again.
     fn of_process(binary: &Path, with: &str) -> Self {
+        Self::of_process_on(binary, "depth", with)
+    }
+
+    /// The same on another output of the street.
+    fn of_process_on(binary: &Path, output: &str, with: &str) -> Self {
         let ports = "ports: { inputs: { depth: depth }, outputs: { depth: depth } }";
         let node = format!(
-            "{{ kind: process, inputs: {{ depth: source/depth }}, with: {{ command: [PROGRAM, --process], {ports}, {with} }} }}"
+            "{{ kind: process, inputs: {{ depth: source/{output} }}, with: {{ command: [PROGRAM, --process], {ports}, {with} }} }}"
         );
         Self::new(binary, &node)
     }
@@ -203,13 +208,14 @@ fn nothing(binary: &Path) {
 
 /// One bit of a stored value changes, and the checksum of its chunk with it.
 fn chunk(binary: &Path) {
-    let case = Case::of_process(binary, "version: 1");
+    // Of the exact depth, which has no gaps: noise is stored as it is.
+    let case = Case::of_process_on(binary, "dense", "version: 1, params: { noise: true }");
     case.succeed("runs/first", None, &[]);
     let path = case.folder.path().join("runs/first/recording.mcap");
     let mut bytes = fs::read(&path).expect("a recording");
-    corrupt(&mut bytes, "/look/after/depth");
+    corrupt(&mut bytes, "/look/own/depth");
     fs::write(&path, bytes).expect("written");
-    case.assert_found("a corrupted chunk with a valid checksum", None, "after");
+    case.assert_found("a corrupted chunk with a valid checksum", None, "own");
 }
 
 /// Records of MCAP: opcode, length, content.

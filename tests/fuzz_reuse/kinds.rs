@@ -519,8 +519,8 @@ const SOURCES_COVERED: &[&str] = &["images", "mcap", "process/source", "syntheti
 pub fn check_complete(nodes: &BTreeSet<String>, sources: &BTreeSet<String>) {
     let known: BTreeSet<String> =
         KINDS.iter().map(|kind| kind.kind).chain(NOT_COVERED.iter().copied()).map(str::to_owned).collect();
-    assert_eq!(nodes, &known, "tests/reuse/kinds.rs lists other node kinds than the registry");
+    assert_eq!(nodes, &known, "tests/fuzz_reuse/kinds.rs lists other node kinds than the registry");
     let known: BTreeSet<String> =
         SOURCES_COVERED.iter().chain(SOURCES_NOT_COVERED).map(|kind| (*kind).to_owned()).collect();
-    assert_eq!(sources, &known, "tests/reuse/kinds.rs lists other source kinds than the registry");
+    assert_eq!(sources, &known, "tests/fuzz_reuse/kinds.rs lists other source kinds than the registry");
 }

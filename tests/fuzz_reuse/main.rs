@@ -1,9 +1,9 @@
 //! Whatever was run before and however the experiment was edited since: a run that reuses earlier results writes the bytes of one with `--fresh`.
 //!
 //! ```sh
-//! cargo test --release --test reuse                                                            # 300 sequences
-//! DEPTHLOOM_FUZZ_REUSE=20000 cargo test --release --test reuse                                 # as many as you like, on all cores
-//! DEPTHLOOM_FUZZ_REUSE_SEED=17 DEPTHLOOM_FUZZ_REUSE=1 cargo test --release --test reuse        # one of them again
+//! cargo test --release --test fuzz_reuse                                                            # 300 sequences
+//! DEPTHLOOM_FUZZ_REUSE=20000 cargo test --release --test fuzz_reuse                                 # as many as you like, on all cores
+//! DEPTHLOOM_FUZZ_REUSE_SEED=17 DEPTHLOOM_FUZZ_REUSE=1 cargo test --release --test fuzz_reuse        # one of them again
 //! ```
 //!
 //! A sequence is a function of its seed: a random experiment over all kinds that need no data set (`kinds.rs`, `generate.rs`), and two to four runs of it
@@ -11,7 +11,7 @@
 //! interrupted: a recording is cut at any byte, or the process is killed, and the run is resumed, with and without further edits (`sequence.rs`).
 //! Each run with reuse is compared with a fresh run of the same state (`running.rs`, `comparison.rs`): exit codes and all files but `environment.json` and
 //! `timings.parquet`. A sequence that fails is made smaller (`minimise.rs`) and printed with its seed, its edits and its experiment files; its folder is kept
-//! in `target/tmp/reuse`.
+//! in `target/tmp/fuzz_reuse`.
 //!
 //! Where a run is killed depends on the machine; that is the only thing that does.
 
@@ -66,12 +66,12 @@ fn main() -> std::process::ExitCode {
         return depthloom::main(depthloom::registry().node::<audit::Scale>());
     }
     if arguments.iter().any(|argument| argument == "--list") {
-        println!("reuse: test");
+        println!("fuzz_reuse: test");
         return ExitCode::SUCCESS;
     }
     // What `cargo test NAME` passes to every test program.
     let mut filters = arguments.iter().filter(|argument| !argument.starts_with('-'));
-    if filters.clone().next().is_some() && !filters.any(|filter| "reuse".contains(filter.as_str())) {
+    if filters.clone().next().is_some() && !filters.any(|filter| "fuzz_reuse".contains(filter.as_str())) {
         return ExitCode::SUCCESS;
     }
     depthloom_test_needs::signals::as_usual();

@@ -98,7 +98,7 @@ fn report(runner: &Runner, sequence: Sequence, failure: Failure, is_kept: bool) 
         return;
     }
     let (small, failure) = minimise(runner, sequence, failure);
-    let kept = Path::new(env!("CARGO_TARGET_TMPDIR")).join("reuse").join(seed.to_string());
+    let kept = Path::new(env!("CARGO_TARGET_TMPDIR")).join("fuzz_reuse").join(seed.to_string());
     let _ = fs::remove_dir_all(&kept);
     let is_copied = copy_folder(&runner.folder, &kept).is_ok();
     let mut text = format!("\nreuse: seed {seed} fails in step {}: {}\n", failure.step, failure.what);
@@ -121,7 +121,7 @@ fn report(runner: &Runner, sequence: Sequence, failure: Failure, is_kept: bool) 
         text.push_str(&format!("  kept in {}\n", kept.display()));
     }
     text.push_str(&format!(
-        "  run it again: DEPTHLOOM_FUZZ_REUSE_SEED={seed} DEPTHLOOM_FUZZ_REUSE=1 cargo test --release --test reuse\n"
+        "  run it again: DEPTHLOOM_FUZZ_REUSE_SEED={seed} DEPTHLOOM_FUZZ_REUSE=1 cargo test --release --test fuzz_reuse\n"
     ));
     println!("{text}");
 }
