@@ -234,7 +234,7 @@ fn keys_at(change: impl Fn(&mut Frame), observes: Option<Observation>) -> [Vec<S
     let mut bench = Bench::new(&[""]);
     bench.stage("look", numbers);
     let pure = PlannedNode { observes, ..planned("pure", Contract::Pure, [source(0), None, None]) };
-    bench.node(pure, support::build(Contract::Pure, Toy::salted(1)));
+    bench.node(pure, build(Contract::Pure, Toy::salted(1)));
     bench.toy("ordered", Contract::Ordered, [source(0), None, None], Toy::salted(1));
     let notebook = Notebook::with_parts(1);
     run(bench.ready(), &notebook, &options(2), &Unwatched, &Interrupt::default()).unwrap();
