@@ -224,7 +224,7 @@ class Clock:
     def __init__(self):
         self.before = None
     def process(self, depth, frame):
-        seconds = 0.0 if self.before is None else (frame.time_ns - self.before) / 1e9
+        seconds = 1.0 if self.before is None else 1 + (frame.time_ns - self.before) / 1e9
         self.before = frame.time_ns
         return np.full(depth.shape, 1 + seconds, np.float32)
 

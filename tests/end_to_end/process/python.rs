@@ -42,8 +42,9 @@ fn the_papers_fusion_in_python_gives_the_table_of_the_engines_nodes() {
     // What it made is taken again as long as its code is the same.
     let mut plan = depthloom();
     plan.arg("plan").arg(&experiment).args(["--reuse", "--allow-exec", "--json", "--out"]).arg(out("next"));
-    let plan: serde_json::Value =
-        serde_json::from_slice(&succeed(plan.env_remove("DEPTHLOOM_FRESH")).stdout).expect("JSON");
+    // Keys contain what the program imports: it has to be the same Python.
+    let plan = plan.env_remove("DEPTHLOOM_FRESH").env("PATH", path_of(&python));
+    let plan: serde_json::Value = serde_json::from_slice(&succeed(plan).stdout).expect("JSON");
     let own =
         plan["nodes"].as_array().expect("a list").iter().find(|node| node["node"] == "own_fused").expect("a node");
     assert_eq!((&own["runs"], &own["taken"]), (&0.into(), &4.into()), "{own}");
