@@ -179,7 +179,7 @@ fn fault_66_a_report_replaces_no_file_that_no_report_wrote() {
         fs::write(own.join(name), "mine,a1\n").expect("written");
         let refused = report();
         assert_eq!(refused.status.code(), Some(2), "{name}: {}", said(&refused));
-        assert!(said(&refused).contains(&format!("{name} would be replaced")), "{}", said(&refused));
+        assert!(said(&refused).contains(&format!("{name} exists already")), "{}", said(&refused));
         assert_eq!(fs::read(own.join(name)).expect("it is there"), b"mine,a1\n");
         fs::remove_file(own.join(name)).expect("removed");
     }
