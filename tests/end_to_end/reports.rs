@@ -77,8 +77,7 @@ fn a_run_and_a_report_of_its_recording_give_the_same_files() {
         let out = folder.path().join("report");
         succeed(&mut report(&run, &out));
         let ours = files(&run);
-        let is_mark = |file: &Path| file.ends_with(".depthloom-report");
-        for (file, bytes) in files(&out).into_iter().filter(|(file, _)| !is_mark(file)) {
+        for (file, bytes) in files(&out).into_iter().filter(|(file, _)| *file != ".depthloom-report") {
             assert!(ours[&file] == bytes, "{}: {} differs", run.display(), file.display());
         }
         std::fs::remove_dir_all(&out).expect("removed");

@@ -418,12 +418,15 @@ fn a_recording_is_never_written_through_a_link_or_into_a_device() {
     assert!(!path.is_symlink());
     // A link in place of the recording that is to be continued.
     let elsewhere = folder.path().join("elsewhere.mcap");
-    std::fs::rename(&path, &elsewhere).unwrap();
+    let (bytes, ends, _) = recorded();
+    let before = &bytes[..usize::try_from(ends[2]).unwrap()];
+    std::fs::write(&elsewhere, before).unwrap();
+    std::fs::remove_file(&path).unwrap();
     std::os::unix::fs::symlink(&elsewhere, &path).unwrap();
-    let before = std::fs::read(&elsewhere).unwrap();
-    let begun = Recording::open(&path).unwrap();
-    assert!(Recorder::resume(&begun, &plan()).is_err());
+    let resumed = |path: &Path| Recorder::resume(&Recording::open(path).unwrap(), &plan());
+    assert!(resumed(&path).is_err());
     assert!(std::fs::read(&elsewhere).unwrap() == before);
+    assert!(resumed(&elsewhere).is_ok());
     assert_eq!(std::fs::read_to_string(&precious).unwrap(), "years");
     assert!(Recorder::create("/dev/null", &plan()).is_err());
 }
