@@ -152,7 +152,13 @@ fn map_output(model: &Description) -> Option<&Tensor> {
         usize::try_from(*shape.get(shape.len().checked_sub(from_end + usize::from(is_last))?)?).ok()
     };
     let of_image = (axis(1), axis(2));
-    model.outputs.iter().find(|output| output.is_number() && onnx::may_be_map(&output.shape, of_image))
+    let numbers = || model.outputs.iter().filter(|output| output.is_number());
+    numbers().find(|output| onnx::may_be_map(&output.shape, of_image)).or_else(|| numbers().find(|one| is_open(one)))
+}
+
+/// Whether all sides of a tensor are open.
+fn is_open(tensor: &Tensor) -> bool {
+    tensor.shape.iter().all(|side| *side == -1)
 }
 
 /// Why no kind runs a model; `None` if one does.
@@ -267,7 +273,8 @@ fn network(model: &Description, seen: &[Option<(i64, bool)>], path: &str, fit: &
         wired.push(format!("{port}: {}", if value_type == "image" { "source/left" } else { "NODE/depth" }));
     }
     lines.push_str("      outputs:\n");
-    let is_map = |output: &&Tensor| output.is_number() && onnx::may_be_map(&output.shape, (None, None));
+    let is_map =
+        |output: &&Tensor| output.is_number() && (is_open(output) || onnx::may_be_map(&output.shape, (None, None)));
     for (index, output) in model.outputs.iter().filter(is_map).enumerate() {
         let port = port(&output.name, "output", index);
         let holds_several = output.shape.len() == 4 && output.shape[1] > 1 && output.shape[3] != 1;

@@ -369,7 +369,7 @@ fn what_is_assumed_and_what_contradicts_is_told_at_once() {
     let (code, text) = told(&rig, &[&rig.path("kitti").display().to_string()]);
     assert_eq!(code, Some(0), "{text}");
     assert!(text.contains("baseline 0.5327 m (assumed: no file says it)\n"), "{text}");
-    assert!(text.contains("  warning      no calibration files in training: focal length"), "{text}");
+    assert!(text.contains("  warning      no calibration files in training: KITTI's focal lengths"), "{text}");
     assert!(
         text.contains("  wrong        ROOT/kitti/training/image_3/000002_10.png: left and right look exchanged"),
         "{text}"
