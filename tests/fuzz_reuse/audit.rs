@@ -206,16 +206,26 @@ fn nothing(binary: &Path) {
     }
 }
 
-/// One bit of a stored value changes, and the checksum of its chunk with it.
+/// One bit of a stored value changes, and the checksum of its chunk with it: the checksum of its frame finds that. If this is adjusted too, the audit does.
 fn chunk(binary: &Path) {
-    // Of the exact depth, which has no gaps: noise is stored as it is.
-    let case = Case::of_process_on(binary, "dense", "version: 1, params: { noise: true }");
-    case.succeed("runs/first", None, &[]);
-    let path = case.folder.path().join("runs/first/recording.mcap");
-    let mut bytes = fs::read(&path).expect("a recording");
-    corrupt(&mut bytes, "/look/own/depth");
-    fs::write(&path, bytes).expect("written");
-    case.assert_found("a corrupted chunk with a valid checksum", None, "own");
+    for with_frames in [false, true] {
+        // Of the exact depth, which has no gaps: noise is stored as it is.
+        let case = Case::of_process_on(binary, "dense", "version: 1, params: { noise: true }");
+        case.succeed("runs/first", None, &[]);
+        let path = case.folder.path().join("runs/first/recording.mcap");
+        let mut bytes = fs::read(&path).expect("a recording");
+        corrupt(&mut bytes, "/look/own/depth", with_frames.then_some("/look/commit"));
+        fs::write(&path, bytes).expect("written");
+        if with_frames {
+            case.assert_found("a corrupted chunk with valid checksums", None, "own");
+            continue;
+        }
+        let output = case.run("runs/again", None, &["--audit", "none"]);
+        assert!(output.status.success() && errors(&output).contains("damaged"), "{}", errors(&output));
+        case.succeed("runs/fresh", None, &["--fresh"]);
+        let recording = |run: &str| fs::read(case.folder.path().join(run).join("recording.mcap")).expect("a recording");
+        assert!(recording("runs/again") == recording("runs/fresh"), "corrupted values are reused");
+    }
 }
 
 /// Records of MCAP: opcode, length, content.
@@ -234,37 +244,50 @@ fn records(bytes: &[u8], mut place: usize, end: usize) -> Vec<(u8, std::ops::Ran
     found
 }
 
-/// Changes the value of a topic in the last frame.
-fn corrupt(bytes: &mut [u8], topic: &str) {
+/// Changes the values of a topic; the checksums of chunks are adjusted, and with the topic of commits those of frames, too.
+fn corrupt(bytes: &mut [u8], topic: &str, commits: Option<&str>) {
+    let original = bytes.to_vec();
     let number = |bytes: &[u8], place: usize| {
         u32::from_le_bytes(bytes[place..place + 4].try_into().expect("four bytes")) as usize
     };
     let all = records(bytes, 8, bytes.len() - 8);
-    let channel = all.iter().find_map(|(op, content)| {
-        let name = content.start + 8;
-        let is_wanted = *op == CHANNEL && &bytes[name..name + number(bytes, content.start + 4)] == topic.as_bytes();
-        is_wanted.then(|| [bytes[content.start], bytes[content.start + 1]])
-    });
-    let channel = channel.expect("the topic has a channel");
+    let channel = |topic: &str| {
+        let found = all.iter().find(|(op, content)| {
+            let name = content.start + 8;
+            *op == CHANNEL && &original[name..name + number(&original, content.start + 4)] == topic.as_bytes()
+        });
+        let (_, content) = found.expect("the topic has a channel");
+        [original[content.start], original[content.start + 1]]
+    };
+    let (values, commits) = (channel(topic), commits.map(channel));
     let mut is_done = false;
-    for (_, content) in all.into_iter().filter(|(op, _)| *op == CHUNK) {
+    for (_, content) in all.iter().filter(|(op, _)| *op == CHUNK) {
         // Two times, the size, the checksum; the compression's name; the records.
-        let name = content.start + 28;
-        let is_plain = number(bytes, name) == 0;
+        let (checksum, name) = (content.start + 24, content.start + 28);
         let first = name + 4 + number(bytes, name) + 8;
+        let is_plain = number(bytes, name) == 0;
         if !is_plain {
             continue;
         }
-        let message = records(bytes, first, content.end);
-        let message =
-            message.iter().find(|(op, message)| *op == MESSAGE && bytes[message.start..message.start + 2] == channel);
-        if let Some((_, message)) = message {
-            // In the lower bits of a sample in the middle of the map.
-            bytes[usize::midpoint(message.start, message.end) & !3] ^= 1;
-            let checksum = crc32fast::hash(&bytes[first..content.end]);
-            bytes[content.start + 24..content.start + 28].copy_from_slice(&checksum.to_le_bytes());
-            is_done = true;
+        for (_, message) in records(bytes, first, content.end).iter().filter(|(op, _)| *op == MESSAGE) {
+            let channel = [bytes[message.start], bytes[message.start + 1]];
+            if channel == values {
+                // In the lower bits of a sample in the middle of the map.
+                bytes[usize::midpoint(message.start, message.end) & !3] ^= 1;
+                is_done = true;
+            }
+            if Some(channel) == commits {
+                // A commit has the checksum of all bytes before its chunk.
+                let record = content.start - 9;
+                let before = crc32fast::hash(&original[..record]).to_le_bytes();
+                let after = crc32fast::hash(&bytes[..record]).to_le_bytes();
+                let place = bytes[message.clone()].windows(4).position(|bytes| bytes == before);
+                let place = message.start + place.expect("a commit has a checksum");
+                bytes[place..place + 4].copy_from_slice(&after);
+            }
         }
+        let adjusted = crc32fast::hash(&bytes[first..content.end]).to_le_bytes();
+        bytes[checksum..checksum + 4].copy_from_slice(&adjusted);
     }
     assert!(is_done, "no value of {topic} is stored without compression");
 }
