@@ -9,7 +9,6 @@ use std::fmt::Write as _;
 use std::fs;
 use std::path::Path;
 
-use depthloom_graphs::key::KeyBuilder;
 use depthloom_graphs::values::{Depth, Disparity, Image, Pixels, Raster, TrueDisparity, Weight};
 use depthloom_graphs::{Key, Value};
 use image::{ImageBuffer, Luma, RgbImage};
@@ -22,6 +21,33 @@ use crate::{images, kitti_family, kitti_raw, ros2_bag, stereo_sets};
 
 const WIDTH: u32 = 90;
 const HEIGHT: u32 = 40;
+
+/// Collects the parts of a digest, each with its length. Cache keys are not used: their version may change while outputs do not.
+struct Digest(Vec<u8>);
+
+impl Digest {
+    fn of(kind: &str) -> Self {
+        Self(Vec::new()).text(kind)
+    }
+
+    fn bytes(mut self, bytes: &[u8]) -> Self {
+        self.0.extend_from_slice(&(bytes.len() as u64).to_le_bytes());
+        self.0.extend_from_slice(bytes);
+        self
+    }
+
+    fn text(self, text: &str) -> Self {
+        self.bytes(text.as_bytes())
+    }
+
+    fn key(self, key: &Key) -> Self {
+        self.bytes(key.as_bytes())
+    }
+
+    fn finish(self) -> Key {
+        Key::of_content(&self.0)
+    }
+}
 
 /// A fixed sequence of numbers (Knuth's MMIX generator), the upper bits.
 struct Numbers(u64);
@@ -223,11 +249,11 @@ fn calls() -> Vec<Calls> {
     ]
 }
 
-fn add_values(digest: KeyBuilder, values: &Values) -> KeyBuilder {
+fn add_values(digest: Digest, values: &Values) -> Digest {
     values.iter().fold(digest, |digest, (port, value)| add(digest.text(port), value))
 }
 
-fn add(digest: KeyBuilder, value: &Value) -> KeyBuilder {
+fn add(digest: Digest, value: &Value) -> Digest {
     let floats = |map: &Raster<f32>| {
         let bits = |value: &f32| if value.is_nan() { f32::NAN.to_bits() } else { value.to_bits() };
         map.iter().flat_map(|value| bits(value).to_le_bytes()).collect::<Vec<u8>>()
@@ -282,7 +308,7 @@ fn digests() -> BTreeMap<String, Key> {
         }
         assert!(calls.iter().any(|call| call.0 == kind), "add a call of {kind}");
         let digest =
-            calls.iter().filter(|call| call.0 == kind).fold(Key::build(kind), |digest, (_, variants, inputs)| {
+            calls.iter().filter(|call| call.0 == kind).fold(Digest::of(kind), |digest, (_, variants, inputs)| {
                 variants.iter().fold(digest, |digest, params| {
                     let values = call(kind, params, inputs).unwrap_or_else(|fault| panic!("{kind}: {}", fault.chain()));
                     add_values(digest, &values)
@@ -306,7 +332,7 @@ fn digests() -> BTreeMap<String, Key> {
             _ => stereo_sets::small(kind, folder.path()),
         };
         let (values, _) = open(kind, &params).unwrap().read(0).unwrap();
-        let digest = add_values(Key::build(kind), &values).finish();
+        let digest = add_values(Digest::of(kind), &values).finish();
         digests.insert(format!("{kind}@{}", source.declaration.version), digest);
     }
     digests
