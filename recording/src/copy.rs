@@ -76,11 +76,14 @@ fn is_made_of_known_values(wanted: &Wanted<'_>, port: &PortLayout, source_key: O
     })
 }
 
-/// Whether the frame ids of a stage's messages are the same: they follow from the ports of its source, and from its name where it has no image.
+/// Whether the names of coordinate frames in a stage's messages are the same: they follow from the prefix of its topics, from the ports of its source, and
+/// from its name where it has no image.
 fn has_same_cameras(recording: &Recording, stage: usize, wanted: &Wanted<'_>) -> bool {
-    let source = &recording.plan().runs[stage].source;
+    let run = &recording.plan().runs[stage];
+    let source = &run.source;
     let ports = source.outputs.iter().map(|output| (output.port.as_str(), output.value_type()));
-    source.name == *wanted.layout.source_name
+    run.prefix == wanted.layout.prefix
+        && source.name == *wanted.layout.source_name
         && ports.eq(wanted.layout.source_ports.iter().map(|(name, value_type)| (name.as_str(), Some(*value_type))))
 }
 

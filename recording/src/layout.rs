@@ -109,6 +109,8 @@ pub(crate) struct RunLayout {
     pub(crate) source_ports: Vec<(String, ValueType)>,
     /// The source's name, by which coordinate frames are named where it has no image.
     pub(crate) source_name: String,
+    /// The prefix of its topics, with which the names of coordinate frames begin.
+    pub(crate) prefix: String,
     source: Vec<Option<PortLayout>>,
     nodes: Vec<Vec<Option<PortLayout>>>,
     /// The channels of the learning curves.
@@ -241,6 +243,7 @@ impl FileLayout {
             classes,
             source_ports,
             source_name,
+            prefix: run.prefix.clone(),
             source,
             nodes,
             curves,

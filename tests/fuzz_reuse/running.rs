@@ -111,11 +111,13 @@ impl Runner {
             is_edited |= !step.edits.is_empty();
             let failure = |what| Failure { step: place, what };
             match step.ending {
-                Ending::Complete => self.complete(step, is_edited, &mut statistics).map_err(failure)?,
+                Ending::Complete => {
+                    self.complete(step, is_edited, &mut statistics).map_err(failure)?;
+                    is_edited = false;
+                }
                 Ending::Cut(share) => self.cut(step, share).map_err(failure)?,
                 Ending::Killed(share) => self.kill(place, step, share).map_err(failure)?,
             }
-            is_edited = false;
         }
         Ok(statistics)
     }

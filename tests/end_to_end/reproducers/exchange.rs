@@ -64,6 +64,16 @@ fn a_base_parameter_that_becomes_a_variants_has_its_own_results() {
     case.run_as_fresh("two.yaml", "runs/two", &[]);
 }
 
+/// Found by `tests/fuzz_reuse`: values are named in their messages after the stage's run, which is one of its own where variants differ in their source.
+#[test]
+fn a_variant_that_no_longer_changes_the_source_is_named_after_the_stage() {
+    let case = Case::new();
+    variants(&case, "one.yaml", "a: { compare.stereo.with.block: 9 }, b: { sources.street.with.frames: 0..1 }");
+    variants(&case, "two.yaml", "a: { compare.stereo.with.block: 9 }, b: {}");
+    case.run("one.yaml", "runs/one", &[]);
+    case.run_as_fresh("two.yaml", "runs/two", &[]);
+}
+
 #[test]
 fn nodes_with_exchanged_parameters_and_relabelled_estimates_have_their_own_results() {
     let case = Case::new();
