@@ -210,7 +210,7 @@ pub(crate) fn answered(
         let runs: Vec<Key> = opened.iter().filter_map(|(_, file)| file.described.run()).collect();
         let run = match runs[..] {
             [one] => one,
-            _ => runs.iter().fold(Key::build("depthloom runs"), KeyBuilder::key).finish(),
+            _ => runs.iter().fold(Key::digest("depthloom runs"), KeyBuilder::key).finish(),
         };
         // Stages of a run are of the same frames, as a rule.
         let of_run = |run: &str| jobs.iter().filter(|job| job.run == run).map(Job::frames).max().unwrap_or(0);

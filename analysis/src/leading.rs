@@ -195,7 +195,7 @@ pub(crate) fn sheet_of_estimators<'a>(
 #[expect(clippy::missing_panics_doc, reason = "whatever a plan holds is JSON")]
 pub fn plan_key(plan: &RecordedPlan) -> Key {
     let json = serde_json::to_vec(plan).expect("a plan was read from JSON");
-    Key::build("depthloom run").bytes(&json).finish()
+    Key::digest("depthloom run").bytes(&json).finish()
 }
 
 /// The variant that stands for some that share something, as indices into those of the plan: the first; `None` where they are all.

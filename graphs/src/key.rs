@@ -36,6 +36,12 @@ impl Key {
         builder.number(KEY_VERSION).text(domain)
     }
 
+    /// As [`Key::build`], for what is no cache key, and is stored: it does not depend on the version of cache keys.
+    #[must_use]
+    pub fn digest(domain: &str) -> KeyBuilder {
+        KeyBuilder(Vec::with_capacity(128)).text(domain)
+    }
+
     fn from_hash(hash: &blake3::Hash) -> Self {
         let mut bytes = [0; 16];
         bytes.copy_from_slice(&hash.as_bytes()[..16]);

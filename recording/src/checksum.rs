@@ -32,7 +32,7 @@ pub(crate) fn unseal(name: &str, values: &BTreeMap<String, String>) -> Option<u3
 
 fn sum(name: &str, values: &BTreeMap<String, String>) -> Key {
     let entries = values.iter().filter(|(key, _)| *key != CHECKSUM);
-    let builder = Key::build("depthloom metadata").text(name);
+    let builder = Key::digest("depthloom metadata").text(name);
     entries.fold(builder, |builder, (key, value)| builder.text(key).text(value)).finish()
 }
 

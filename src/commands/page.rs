@@ -42,6 +42,8 @@ pub fn surroundings(folder: &Path) -> Surroundings {
         // Other files of this machine concern nobody, and the memory of a run is known when its page is written.
         told.remove("reads");
         told.remove("peak_resident_bytes");
+        // Measured again after the page.
+        told.remove("wall_s");
     }
     let timings = folder.join(TIMINGS);
     let timings = timings.is_file().then(|| read_timings(&timings).ok()).flatten().unwrap_or_default();

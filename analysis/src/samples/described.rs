@@ -164,7 +164,7 @@ fn scoring(plan: &RecordedPlan, estimators: &[Estimator], estimator: &Estimator)
 
 /// What a recording's samples depend on: its plan, and which frames it has, with the keys of what they were made of.
 fn content_key(recording: &Recording) -> String {
-    let mut key = Key::build("depthloom samples").key(&plan_key(recording.plan()));
+    let mut key = Key::digest("depthloom samples").key(&plan_key(recording.plan()));
     for run in 0..recording.plan().runs.len() {
         let frames = recording.frames(run);
         key = key.number(frames.len() as u64);
