@@ -304,11 +304,14 @@ impl<'s, 'a, T: Tap> Auditor<'s, 'a, T> {
         let frames = self.stage.source.frames();
         let prefix = self.stage.sampler.prefix(frames.len());
         for (position, frame) in frames[..prefix].iter().enumerate() {
-            let Some(mut values) = self.frame_values(position).filter(|_| !self.is_interrupted()) else { break };
+            let Some(mut values) = self.frame_values(position).filter(|_| !self.is_interrupted()) else {
+                return Ok(compared);
+            };
             let inputs = match self.inputs(&mut values, step) {
                 Ok(inputs) => inputs,
                 Err(NotRecomputed::Absent) => continue,
-                Err(NotRecomputed::NeedsOrderedNode | NotRecomputed::Failed(_)) => break,
+                // Its memory is then another one than that of the run: nothing that follows can be compared.
+                Err(NotRecomputed::NeedsOrderedNode | NotRecomputed::Failed(_)) => return Ok(compared),
             };
             let producer = &self.stage.graph.producers[step];
             let (warnings, host_of) = (Warnings::default(), position);
@@ -319,7 +322,7 @@ impl<'s, 'a, T: Tap> Auditor<'s, 'a, T> {
                 made.unwrap_or_else(|panic| Err(fault(panic))).and_then(|made| made.in_order_of(&producer.outputs));
             match made {
                 Ok(outputs) => compared += self.compare(&values, step, &outputs, || None)?,
-                Err(_) if self.is_interrupted() => break,
+                Err(_) if self.is_interrupted() => return Ok(compared),
                 Err(fault) => {
                     let what = format!("stored a value, and now fails: {}", fault.chain());
                     return Err(self.failure(&values, step, 0, what, None));
