@@ -237,10 +237,11 @@ impl<'s, 'a, T: Tap> Auditor<'s, 'a, T> {
             compared += self.frame(position, |_| true)?;
         }
         for (node, planned) in self.stage.plan.nodes.iter().enumerate() {
-            if planned.contract == Contract::Ordered && self.reuse.reuses_all_frames(node) {
-                if let Some(builder) = builders.get(&(self.stage.run, node)) {
-                    compared += self.ordered(node, builder)?;
-                }
+            if planned.contract == Contract::Ordered
+                && self.reuse.reuses_all_frames(node)
+                && let Some(builder) = builders.get(&(self.stage.run, node))
+            {
+                compared += self.ordered(node, builder)?;
             }
         }
         Ok(compared)
@@ -349,7 +350,7 @@ impl<'s, 'a, T: Tap> Auditor<'s, 'a, T> {
         plan: &FramePlan,
         step: usize,
         outputs: &[Option<Value>],
-    ) -> Result<(), AuditFailure> {
+    ) -> Result<(), Box<AuditFailure>> {
         self.differences(position, plan, step, outputs, || None).map(|_| ())
     }
 
@@ -441,8 +442,7 @@ impl<'s, 'a, T: Tap> Auditor<'s, 'a, T> {
         outputs: &[Option<Value>],
         cause: impl FnOnce() -> Option<Cause>,
     ) -> Result<u64, RunError> {
-        self.differences(values.position, &values.plan, step, outputs, cause)
-            .map_err(|failure| RunError::Audit(Box::new(failure)))
+        self.differences(values.position, &values.plan, step, outputs, cause).map_err(RunError::Audit)
     }
 
     fn differences(
@@ -452,7 +452,7 @@ impl<'s, 'a, T: Tap> Auditor<'s, 'a, T> {
         step: usize,
         outputs: &[Option<Value>],
         cause: impl FnOnce() -> Option<Cause>,
-    ) -> Result<u64, AuditFailure> {
+    ) -> Result<u64, Box<AuditFailure>> {
         let ports = &self.stage.graph.producers[step].outputs;
         let mut compared = 0;
         for (output, now) in outputs.iter().enumerate() {
@@ -465,7 +465,7 @@ impl<'s, 'a, T: Tap> Auditor<'s, 'a, T> {
                 None
             };
             if let Some(what) = what {
-                return Err(self.audit_failure((position, plan), step, output, what, cause()));
+                return Err(Box::new(self.audit_failure((position, plan), step, output, what, cause())));
             }
         }
         Ok(compared)

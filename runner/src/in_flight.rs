@@ -62,7 +62,7 @@ pub(crate) struct InFlight<P> {
     /// What failed, by step, in no order.
     faults: Mutex<Vec<(usize, Fault)>>,
     tap_errors: Mutex<Vec<(usize, TapError)>>,
-    audit_failure: Mutex<Option<AuditFailure>>,
+    audit_failure: Mutex<Option<Box<AuditFailure>>>,
     /// What was told of without failing, in no order.
     warnings: Mutex<Vec<Warned>>,
 }
@@ -176,12 +176,12 @@ impl<P> InFlight<P> {
         locked(&self.tap_errors).push((part, error));
     }
 
-    pub(crate) fn add_audit_failure(&self, failure: AuditFailure) {
+    pub(crate) fn add_audit_failure(&self, failure: Box<AuditFailure>) {
         locked(&self.audit_failure).get_or_insert(failure);
     }
 
     /// A stored value that differs from the one that was computed again, if there is one.
-    pub(crate) fn take_audit_failure(&self) -> Option<AuditFailure> {
+    pub(crate) fn take_audit_failure(&self) -> Option<Box<AuditFailure>> {
         locked(&self.audit_failure).take()
     }
 

@@ -133,7 +133,7 @@ fn write<T: Tap>(
         });
     }
     if let Some(failure) = in_flight.take_audit_failure() {
-        return Err(RunError::Audit(Box::new(failure)));
+        return Err(RunError::Audit(failure));
     }
     if let Some(error) = in_flight.take_tap_error() {
         return Err(tap_failed(error));

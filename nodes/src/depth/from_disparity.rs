@@ -68,7 +68,7 @@ with `doffs` is; answers beyond `cap` become `cap`.",
 }
 
 impl FromDisparity {
-    fn from_floats(&self, px: &[f32], of: Geometry, out: &mut [f32]) {
+    fn write_depths(&self, px: &[f32], of: Geometry, out: &mut [f32]) {
         truth_from_disparity(px, of, out);
         for (metres, px) in out.iter_mut().zip(px) {
             *metres = if *px > 0.0 && !metres.is_nan() { metres.min(self.cap_m) } else { f32::NAN };
@@ -81,7 +81,7 @@ impl PureNode for FromDisparity {
         let disparity = &inputs.get::<Disparity>("disparity")?.sixteenths_px;
         let of = geometry(inputs.get::<Calibration>("calibration")?);
         let metres = filled(disparity.dimensions(), |out| match inputs.value("disparity") {
-            Some(Value::FloatDisparity(map)) => self.from_floats(map.px(), of, out),
+            Some(Value::FloatDisparity(map)) => self.write_depths(map.px(), of, out),
             _ => depth_from_disparity(disparity, of, self.cap_m, out),
         });
         Ok(Outputs::one("depth", Depth { metres }))

@@ -302,7 +302,7 @@ mod tests {
 
     use super::ProcessSourceParams;
 
-    fn recipe(more: Json) -> Key {
+    fn recipe(more: &Json) -> Key {
         let mut params = json!({ "command": ["cam"], "outputs": { "left": "image" }, "version": 1 });
         let more = more.as_object().expect("a map").clone();
         params.as_object_mut().expect("a map").extend(more);
@@ -312,11 +312,11 @@ mod tests {
 
     #[test]
     fn command_and_environment_are_kept_apart_and_how_it_is_called_is_not_in_the_recipe() {
-        let arguments = recipe(json!({ "command": ["cam", "MODE", "fast"] }));
-        assert_ne!(arguments, recipe(json!({ "env": { "MODE": "fast" } })));
-        assert_ne!(recipe(json!({ "command": ["cam", "a", "b"] })), recipe(json!({ "command": ["cam", "a b"] })));
-        let plain = recipe(json!({}));
-        assert_eq!(plain, recipe(json!({ "instances": 2, "timeout_s": 99, "start_timeout_s": 9 })));
-        assert_ne!(plain, recipe(json!({ "params": { "mode": "fast" } })));
+        let arguments = recipe(&json!({ "command": ["cam", "MODE", "fast"] }));
+        assert_ne!(arguments, recipe(&json!({ "env": { "MODE": "fast" } })));
+        assert_ne!(recipe(&json!({ "command": ["cam", "a", "b"] })), recipe(&json!({ "command": ["cam", "a b"] })));
+        let plain = recipe(&json!({}));
+        assert_eq!(plain, recipe(&json!({ "instances": 2, "timeout_s": 99, "start_timeout_s": 9 })));
+        assert_ne!(plain, recipe(&json!({ "params": { "mode": "fast" } })));
     }
 }

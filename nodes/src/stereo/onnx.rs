@@ -170,7 +170,7 @@ fn nearly_all_negative(map: &[f32], scale: f64) -> bool {
 /// Disparities as a value; `sign` is -1 of the right image's.
 fn disparity(px: &[f32], sign: f32, size: (u32, u32)) -> Value {
     Value::disparity_from_px(filled(size, |out: &mut [f32]| {
-        out.iter_mut().zip(px).for_each(|(out, px)| *out = px * sign)
+        out.iter_mut().zip(px).for_each(|(out, px)| *out = px * sign);
     }))
 }
 

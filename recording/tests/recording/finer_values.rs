@@ -19,12 +19,12 @@ fn finer(index: u64) -> Vec<(Slot, Value)> {
         for (_, value) in &mut values {
             match value {
                 Value::Disparity(_) => {
-                    *value = Value::disparity_from_px(raster(WIDTH, HEIGHT, || noise.share() * 90.0 - 9.0))
+                    *value = Value::disparity_from_px(raster(WIDTH, HEIGHT, || noise.share() * 90.0 - 9.0));
                 }
                 Value::Depth(depth) => {
                     let inverse: Vec<f32> = depth.metres.iter().map(|_| noise.share() - 0.5).collect();
                     let metres = inverse.iter().map(|x| if *x > 0.02 { 1.0 / x } else { 50.0 }).collect();
-                    let metres = image::ImageBuffer::from_raw(WIDTH, HEIGHT, metres).unwrap();
+                    let metres = image::ImageBuffer::from_raw(WIDTH, HEIGHT, metres).expect("as many as pixels");
                     *value = Value::depth_from_inverse(Depth { metres }, &inverse);
                 }
                 _ => {}
