@@ -4,6 +4,7 @@
 use std::collections::BTreeSet;
 use std::ffi::OsStr;
 use std::path::Path;
+use std::sync::OnceLock;
 
 use clap_complete::CompleteEnv;
 use clap_complete::engine::{ArgValueCandidates, CompletionCandidate, PathCompleter, ValueCompleter as _};
@@ -18,8 +19,14 @@ use crate::exit::{Exit, Stop};
 /// The environment variable by which a shell's script asks; not `COMPLETE`, which somebody may have set for something else.
 pub const VARIABLE: &str = "DEPTHLOOM_COMPLETE";
 
+/// Set if a shell's script asks: clap removes the variable before it builds the command.
+static IS_SHELL: OnceLock<()> = OnceLock::new();
+
 /// Answers a shell's script, if it is one that asks.
 pub fn answer(command: impl Fn() -> clap::Command) -> Result<bool, Stop> {
+    if std::env::var_os(VARIABLE).is_some() {
+        IS_SHELL.get_or_init(|| ());
+    }
     let here = std::env::current_dir().ok();
     let asked = CompleteEnv::with_factory(command).var(VARIABLE).try_complete(std::env::args_os(), here.as_deref());
     asked.map_err(|error| Stop::because(Exit::Engine, "failed to complete", &error))
@@ -69,7 +76,7 @@ const OF_EXPERIMENTS: [&str; 5] = ["run", "check", "plan", "graph", "dora"];
 
 /// Adds what the experiment or the run on the command line has, where a shell's script asks for it: `--set` paths, variants, topics.
 pub fn with_contents(command: clap::Command, registry: &Registry) -> clap::Command {
-    if std::env::var_os(VARIABLE).is_none() {
+    if IS_SHELL.get().is_none() {
         return command;
     }
     // The words of the command line follow `--`: the program, the command, and what is given to it.

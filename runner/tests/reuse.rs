@@ -303,7 +303,7 @@ fn rerun_with_another_constant(contract: Contract, holds: Box<Holds>, audit: Aud
     };
     let first = Remembering::new(1, 1, bench(11).plan, None);
     let options = |audit| Options { workers: 2, window: Some(4), keep_going: false, checkpoints: None, audit };
-    run(bench(11).ready(), &first, &options(Audit::None), &Unwatched, &Interrupt::default()).unwrap();
+    run(bench(11).ready(), &first, &options(Audit::None), &Unwatched, &Interrupt::default()).expect("it runs");
     let store = Memory { values: values_of(&first.entries()), holds, knows: Box::new(|_| true) };
     let second = Remembering::new(1, 1, bench(12).plan, Some(store));
     run(bench(12).ready(), &second, &options(audit), &Unwatched, &Interrupt::default()).map(|_| ())

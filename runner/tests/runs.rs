@@ -237,7 +237,7 @@ fn keys_at(change: impl Fn(&mut Frame), observes: Option<Observation>) -> [Vec<S
     bench.node(pure, build(Contract::Pure, Toy::salted(1)));
     bench.toy("ordered", Contract::Ordered, [source(0), None, None], Toy::salted(1));
     let notebook = Notebook::with_parts(1);
-    run(bench.ready(), &notebook, &options(2), &Unwatched, &Interrupt::default()).unwrap();
+    run(bench.ready(), &notebook, &options(2), &Unwatched, &Interrupt::default()).expect("it runs");
     let lines = notebook.lines();
     [0, 1].map(|node| {
         let of_node = format!("\"{node}:");
