@@ -140,7 +140,7 @@ impl Recorder {
         Ok(Self::of(path, plan, layout, nothing))
     }
 
-    /// Goes on with the recording of a run that did not come to its end, of which [`Recording::is_begun`] says that it is this plan's:
+    /// Goes on with the recording of a run that did not come to its end, of which [`Recording::has_plan`] says that it is of this plan:
     /// behind its last commit, as if it had never stopped. What it holds of the frames that are to come again is taken from
     /// `earlier`, which must have the recording.
     ///
