@@ -339,7 +339,8 @@ fn wait_for(is_there: impl Fn() -> bool, what: &str) {
 /// A program that stands for a Python with dora's library: it prints `says`, and waits.
 fn stand_in(folder: &Path, name: &str, says: &str) -> PathBuf {
     let program = folder.join(name);
-    let script = format!("#!/bin/sh\nprintf '{says}'\nexec cat > /dev/null\n");
+    // It keeps its standard output open, as a bridge that waits does.
+    let script = format!("#!/bin/sh\nexec 3>&1\nprintf '{says}'\nexec cat > /dev/null\n");
     // Another process writes it: one that this process has open for writing cannot be started.
     let write = format!("cat > {0} && chmod +x {0}", program.display());
     let mut child = Command::new("sh").args(["-c", &write]).stdin(Stdio::piped()).spawn().expect("sh");
