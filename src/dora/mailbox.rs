@@ -219,7 +219,7 @@ impl Mailbox {
         let mut state = self.state();
         loop {
             let is_missing = |input: &&String| {
-                state.there.get(*input).is_none_or(|there| there.is_empty()) && !state.closed.contains(*input)
+                state.there.get(*input).is_none_or(BTreeMap::is_empty) && !state.closed.contains(*input)
             };
             let missing: Vec<&str> = inputs.iter().filter(is_missing).map(String::as_str).collect();
             if missing.is_empty() || cancelled() || state.over.is_some() {
