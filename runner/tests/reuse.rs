@@ -320,14 +320,3 @@ fn the_audit_finds_a_constant_that_changed_without_a_new_version() {
     }
     rerun_with_another_constant(Contract::Pure, Box::new(|_, _| true), Audit::None).unwrap();
 }
-
-#[test]
-fn the_audit_compares_the_values_of_an_ordered_node_that_runs_although_they_are_stored() {
-    // Of some values of the node nothing is stored, so it runs on all frames.
-    let holds = || -> Box<Holds> { Box::new(|key, port| port != "y" || !draw(5, key, port).is_multiple_of(8)) };
-    for audit in [Audit::All, Audit::Sample] {
-        let error = rerun_with_another_constant(Contract::Ordered, holds(), audit).unwrap_err();
-        let RunError::Audit(failure) = &error else { panic!("{error}") };
-        assert_eq!((failure.producer.as_str(), failure.frame.as_deref()), ("node `compare.b`", Some("f1")));
-    }
-}

@@ -23,8 +23,11 @@ enum Need {
     TensorFlow,
 }
 
+/// A script's name, arguments, need, what it must print, and the examples that it runs.
+type Script = (&'static str, &'static [&'static str], Need, &'static str, &'static [&'static str]);
+
 /// Each script with its smallest size, what it needs, what it must print, and the examples that it runs.
-const SCRIPTS: [(&str, &[&str], Need, &str, &[&str]); 11] = [
+const SCRIPTS: [Script; 11] = [
     ("ablation", &["1", "1"], Need::PythonAndShared, "ratio ablation-2t ", &[]),
     ("analysis", &["--samples", "1000", "--rounds", "1"], Need::Python, "ratio analysis-polars ", &[]),
     ("fusion", &["--frames", "150", "--rounds", "1"], Need::PythonAndShared, "ratio fusion-1t ", &["fusion_chain"]),

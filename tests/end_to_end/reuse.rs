@@ -114,7 +114,7 @@ fn with_fresh_nothing_is_taken() {
     let mut command = depthloom();
     command.env_remove("DEPTHLOOM_FRESH").args(["run", "--fresh", "--json", "--out"]).arg(folder.path().join("second"));
     let told: Json = serde_json::from_slice(&succeed(command.arg(&experiment)).stdout).expect("JSON");
-    assert_eq!(told["reused"], serde_json::json!({ "nodes": [], "from": [] }));
+    assert_eq!(told["reused"], serde_json::json!({ "nodes": [], "from": [], "audited": 0 }));
 }
 
 #[test]

@@ -76,13 +76,13 @@ pub fn serve(arguments: &[String]) -> io::Result<()> {
                 frame.write_i64(of.part(part).and_then(|part| part.int().ok()).unwrap_or(-1));
             }
         }
-        if program.params["fail"] == true && content(&inputs) % 3 == 0 {
+        if program.params["fail"] == true && content(&inputs).is_multiple_of(3) {
             program.reply("failure", number, None, None, &mut replies)?;
             continue;
         }
         let is_finish = name == "finish";
         let values = program.values(&frame, &inputs, is_finish);
-        program.reply("values", number, Some(values), None, &mut replies)?;
+        program.reply("values", number, Some(&values), None, &mut replies)?;
     }
     Ok(())
 }
@@ -196,11 +196,11 @@ impl Program {
         &self,
         says: &'static str,
         number: i64,
-        values: Option<Vec<Option<Value>>>,
+        values: Option<&[Option<Value>]>,
         frames: Option<(Vec<String>, Vec<i64>)>,
         out: &mut impl io::Write,
     ) -> io::Result<()> {
-        let outputs = values.as_ref().map_or(Data::Null, |values| {
+        let outputs = values.map_or(Data::Null, |values| {
             Data::Struct(
                 values.iter().map(|value| value.as_ref().and_then(arrow::data).unwrap_or(Data::Null)).collect(),
             )

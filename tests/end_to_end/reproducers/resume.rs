@@ -75,7 +75,7 @@ fn samples_of_replaced_images_are_collected_again() {
       samples: { kind: learn/samples, inputs: { image: source/left, target: stereo/disparity, mask: edges/mask }, with: { size: [32, 32] } }
 ";
     resumed_after(&format!("{IMAGES}{samples}"), |case| {
-        (0..FRAMES).for_each(|number| frame(case, number, 100 + number))
+        (0..FRAMES).for_each(|number| frame(case, number, 100 + number));
     });
 }
 

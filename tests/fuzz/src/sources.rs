@@ -242,8 +242,6 @@ pub(crate) fn targets() -> Vec<Target> {
     let pictures = vec![
         image(ImageFormat::Png),
         image(ImageFormat::Jpeg),
-        include_bytes!("../../fixtures/golden/decoding/420_progressive.jpg").to_vec(),
-        include_bytes!("../../fixtures/golden/decoding/restart.jpg").to_vec(),
         image(ImageFormat::WebP),
         image(ImageFormat::Tiff),
         image(ImageFormat::Pnm),
