@@ -27,7 +27,6 @@ function times() {
     body.append(terms([
       ["machine", [E.os, E.architecture, E.cores ? plural(E.cores, "core") : null, E.simd?.length ? E.simd.join(", ") : null].filter(Boolean).join(", ")],
       ["depthloom", E.depthloom], ["networks", network], ["workers", E.workers === undefined ? null : String(E.workers)],
-      ["time", E.wall_s === undefined ? null : `${short(E.wall_s, 3)} s from start to tables`],
     ]));
   }
   if (D.timings.length) {
