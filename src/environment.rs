@@ -69,7 +69,6 @@ fn wall_seconds() -> f64 {
 
 /// Measures time and memory again, when more was done since.
 pub fn measure_again(environment: &mut Json) {
-    environment["finished_utc"] = json!(utc_stamp());
     environment["wall_s"] = json!(wall_seconds());
     environment["peak_resident_bytes"] = json!(peak_resident_bytes());
 }
