@@ -320,3 +320,15 @@ fn the_audit_finds_a_constant_that_changed_without_a_new_version() {
     }
     rerun_with_another_constant(Contract::Pure, Box::new(|_, _| true), Audit::None).unwrap();
 }
+
+#[test]
+fn the_audit_compares_the_values_of_an_ordered_node_that_runs_although_they_are_stored() {
+    // On some frames nothing of the node is stored, so it runs on all of them.
+    let holds = || -> Box<Holds> { Box::new(|key, _| !draw(5, key, "").is_multiple_of(8)) };
+    for audit in [Audit::All, Audit::Sample] {
+        let error = rerun_with_another_constant(Contract::Ordered, holds(), audit).unwrap_err();
+        let RunError::Audit(failure) = &error else { panic!("{error}") };
+        assert_eq!((failure.producer.as_str(), failure.port.as_str()), ("node `compare.b`", "x"));
+    }
+    rerun_with_another_constant(Contract::Ordered, holds(), Audit::None).unwrap();
+}
