@@ -149,15 +149,22 @@ fn make_folder(
     let mut recording = None;
     let begun = |partial: &Path| {
         let path = partial.join(RECORDING);
+        // A run that ended before it recorded anything again leaves only what was set aside: no frame of that is lost.
+        let nothing = || match Recording::open(partial.join(OUTDATED)) {
+            Ok(aside) if aside.is_empty() => Begun::Nothing,
+            Ok(aside) if !args.is_fresh() && aside.is_of_experiment(plan) => Begun::This,
+            Ok(_) => Begun::Other,
+            Err(_) => Begun::Nothing,
+        };
         match Recording::open(&path) {
-            Ok(found) if found.is_empty() => Begun::Nothing,
+            Ok(found) if found.is_empty() => nothing(),
             Ok(found) if !args.is_fresh() && found.is_of_experiment(plan) => {
                 recording = Some(Arc::new(found));
                 Begun::This
             }
             // It ended before the head of the recording was written, or the file was made.
-            Err(RecordingError::NotARecording { .. }) => Begun::Nothing,
-            Err(_) if std::fs::metadata(&path).map_or(true, |file| file.len() == 0) => Begun::Nothing,
+            Err(RecordingError::NotARecording { .. }) => nothing(),
+            Err(_) if std::fs::metadata(&path).map_or(true, |file| file.len() == 0) => nothing(),
             Ok(_) | Err(_) => Begun::Other,
         }
     };
@@ -223,19 +230,23 @@ impl Ended {
         let mut stop = self.why;
         let (partial, checkpoints) = (folder.partial.clone(), folder.checkpoints());
         let frames = self.frames;
+        if self.is_suspect && folder.goes_on {
+            let partial = partial.display();
+            return stop.also(format!("{partial} holds values that may be wrong: replace it with --fresh --overwrite"));
+        }
+        if self.is_suspect {
+            folder.discard();
+            return stop.also("nothing of this run was kept");
+        }
+        if frames == 0 && folder.file(OUTDATED).exists() {
+            let partial = partial.display();
+            return stop.also(format!(
+                "no frame was recorded; {partial} keeps the frames of the interrupted run, and the same command with the same --out reuses them"
+            ));
+        }
         if frames == 0 {
             folder.discard();
             stop = stop.also("no frame was recorded");
-        } else if self.is_suspect {
-            return if folder.goes_on {
-                stop.also(format!(
-                    "{} holds values that may be wrong: replace it with --fresh --overwrite",
-                    partial.display()
-                ))
-            } else {
-                folder.discard();
-                stop.also("nothing of this run was kept")
-            };
         } else {
             let told = counted(frames, "frame");
             let (at, report) = (partial.display(), partial.display());

@@ -3,6 +3,7 @@
 use std::fs;
 
 use super::{Case, said};
+use crate::support::depthloom;
 
 const IMAGES: &str = "experiment: images
 sources: { own: { kind: images, with: { root: data, left: left/*.png, right: right/*.png, calibration: { focal_px: 40, baseline_m: 0.5 } } } }
@@ -67,6 +68,44 @@ fn frames_that_moved_are_not_lost() {
 #[test]
 fn fewer_frames_than_were_recorded_are_fewer_frames() {
     resumed_after(IMAGES, |case| (1..FRAMES).for_each(|number| remove(case, number)));
+}
+
+/// What a resume set aside since the data changed is kept by a run that fails before its first frame.
+#[test]
+fn frames_that_were_set_aside_survive_a_failure_before_the_first_frame() {
+    let case = Case::new();
+    (0..FRAMES).for_each(|number| frame(&case, number, number));
+    case.write("images.yaml", IMAGES);
+    case.run("images.yaml", "runs/one", &[]);
+    case.interrupt("runs/one", 0.7);
+    frame(&case, 1, 100);
+    case.write("data/left/000.png", "not an image");
+    let failed = case.attempt("images.yaml", "runs/one", &[]);
+    assert!(!failed.status.success(), "{}", said(&failed));
+    assert!(case.path("runs/one.partial/recording.outdated.mcap").is_file(), "{}", said(&failed));
+
+    // Another experiment, or --fresh, does not replace these frames either.
+    case.write("other.yaml", IMAGES.replace("disparities: 16", "disparities: 32"));
+    for (experiment, more) in [("other.yaml", &[][..]), ("images.yaml", &["--fresh"])] {
+        let refused = case.attempt(experiment, "runs/one", more);
+        assert_eq!(refused.status.code(), Some(2), "{}", said(&refused));
+        assert!(said(&refused).contains("--overwrite"), "{}", said(&refused));
+    }
+
+    frame(&case, 0, 0);
+    let output = depthloom()
+        .current_dir(case.folder.path())
+        .env_remove("DEPTHLOOM_FRESH")
+        .args(["run", "images.yaml", "--out", "runs/one", "--no-page", "--json"])
+        .output()
+        .expect("the program starts");
+    let told: serde_json::Value = serde_json::from_slice(&output.stdout).expect("an object");
+    assert!(
+        output.status.success() && told["reused"]["nodes"][0]["reused"].as_u64() > Some(0),
+        "{told:#} {}",
+        said(&output)
+    );
+    case.assert_as_fresh("images.yaml", "runs/one", &[]);
 }
 
 #[test]
