@@ -145,8 +145,8 @@ const LARGEST_STRIDE: usize = 32;
 
 /// Whether an axis of a network's output can be the rows or columns of a map of an image with so many.
 const fn is_side(side: usize, of_image: usize) -> bool {
-    // Strides may round down.
-    (side >= 2 || of_image == side) && (side + 1) * LARGEST_STRIDE > of_image
+    // Strides may round down. A file declares any side up to 2^63 - 1.
+    (side >= 2 || of_image == side) && side.saturating_add(1).saturating_mul(LARGEST_STRIDE) > of_image
 }
 
 /// Whether (columns, rows) can be those of a map of an image of (columns, rows): a vector, such as a pose, is not a map.
@@ -311,7 +311,7 @@ mod tests {
     use super::super::model::Outlet;
     use super::super::params::TensorLayout::{Nchw, Nhwc};
     use super::super::session::Given;
-    use super::{map_of, map_output};
+    use super::{map_of, map_output, may_be_map};
 
     fn given(shape: &[i64]) -> Given {
         let count: i64 = shape.iter().product();
@@ -339,6 +339,12 @@ mod tests {
         }
         // A stride of 32 that rounds down.
         assert!(map_of(given(&[1, 1, 11, 38]), "depth", (1, (1242, 375)), None, Nchw).is_ok());
+        // Sides that a damaged file declares: no sum or product overflows.
+        assert!(
+            may_be_map(&[1, 1, i64::MIN, 96, i64::MAX], (None, None)),
+            "its sides are open, as far as one can tell"
+        );
+        assert!(may_be_map(&[1, i64::MAX, i64::MAX], (Some(640), Some(192))));
     }
 
     #[test]
