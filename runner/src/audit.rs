@@ -7,8 +7,7 @@
 //! Most of the sample is taken before the stage's first frame, so that a wrong value fails a run early. Nodes of which nothing was reused on
 //! those frames are sampled after the last frame, on a random one of the frames on which they were reused.
 
-use std::collections::{BTreeMap, BTreeSet};
-use std::hash::{BuildHasher as _, RandomState};
+use std::collections::BTreeMap;
 use std::sync::Mutex;
 use std::sync::atomic::AtomicU64;
 
@@ -17,16 +16,14 @@ use depthloom_graphs::plan::StageRun;
 use depthloom_graphs::ready::NodeBuilder;
 use depthloom_graphs::values::Difference;
 use depthloom_graphs::{Context, Fault, Inputs, Instance, Key, Outputs, Port, Scratch, Value};
-use depthloom_random::SplitMix64;
 use depthloom_threads::caught;
 
+use crate::audit_failure::{AuditFailure, Cause};
 use crate::error::RunError;
 use crate::frame_graph::Feed;
 use crate::host::TaskHost;
-use crate::in_flight::locked;
 use crate::observer::Unwatched;
 use crate::once::is_once;
-use crate::options::Audit;
 use crate::panics::fault;
 use crate::reuse::{FramePlan, Reuse};
 use crate::stage::{FrameNode, Stage, process_pure};
@@ -34,166 +31,6 @@ use crate::warnings::Warnings;
 
 /// How the kinds begin that run a program.
 const PROGRAM: &str = "process";
-
-/// One frame in so many is recomputed.
-const FRAMES_PER_SAMPLE: usize = 50;
-
-/// A reused value that differs from the recomputed one.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("a reused value is not what {producer} computes now{}: {what}{}", at_frame(.frame), in_recording(.stored_in))]
-pub struct AuditFailure {
-    /// The node, or the source, as it is named in the experiment.
-    pub producer: String,
-    /// The output port.
-    pub port: String,
-    /// The frame's id; `None` of an aggregate value.
-    pub frame: Option<String>,
-    /// The first difference.
-    pub what: String,
-    /// What may have changed although the cache key has not.
-    pub cause: Cause,
-    /// The recording that holds the value.
-    pub stored_in: Option<String>,
-}
-
-/// What a cache key did not include.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Cause {
-    /// The node gives other values each time.
-    NotDeterministic,
-    /// The node is a program, which may read what it does not declare.
-    Program,
-    /// The implementation of a kind, or a machine.
-    Implementation,
-    /// The data of a source.
-    Data,
-}
-
-impl AuditFailure {
-    /// How to proceed.
-    #[must_use]
-    pub fn remedy(&self) -> String {
-        let cause = match self.cause {
-            Cause::NotDeterministic => {
-                "the node gives different values from equal inputs: make it deterministic (fix the seeds of its random numbers)"
-            }
-            Cause::Program => {
-                "its cache key does not include what changed: declare the modules and files that the program reads (`code:`, `reads:`), pass \
-                 environment variables in `env:`, or raise `version:`"
-            }
-            Cause::Implementation => {
-                "its implementation changed without a new version of its kind, the machine computes differently, or the recording is damaged \
-                 (`depthloom info --check`)"
-            }
-            Cause::Data => {
-                "the data changed in a way that the cache key of a frame does not include, or the recording is damaged (`depthloom info --check`)"
-            }
-        };
-        let stale = self
-            .stored_in
-            .as_ref()
-            .map_or_else(String::new, |path| format!("; remove the run of {path}, so that no other run reuses it"));
-        format!("{cause}; `--fresh` recomputes all values{stale}")
-    }
-}
-
-fn at_frame(frame: &Option<String>) -> String {
-    frame.as_ref().map_or_else(String::new, |frame| format!(" on frame {frame}"))
-}
-
-fn in_recording(path: &Option<String>) -> String {
-    path.as_ref().map_or_else(String::new, |path| format!(" (stored in {path})"))
-}
-
-/// What of a stage run is audited, while its frames run.
-pub(crate) struct Sampler {
-    mode: Audit,
-    state: Mutex<SamplerState>,
-}
-
-struct SamplerState {
-    random: SplitMix64,
-    /// By step, whether a reused value was compared.
-    covered: Vec<bool>,
-    /// By step that is not covered, on how many frames values were reused, and a random one of these.
-    pending: BTreeMap<usize, (usize, usize)>,
-}
-
-impl Sampler {
-    pub(crate) fn new(mode: Audit, steps: usize) -> Self {
-        let seed = RandomState::new().hash_one(std::process::id());
-        let state =
-            SamplerState { random: SplitMix64::new(seed), covered: vec![false; steps], pending: BTreeMap::new() };
-        Self { mode, state: Mutex::new(state) }
-    }
-
-    /// Whether anything is audited.
-    pub(crate) fn is_on(&self) -> bool {
-        self.mode != Audit::None
-    }
-
-    /// Notes on which frame which steps' values are reused.
-    pub(crate) fn note(&self, position: usize, plan: &FramePlan) {
-        if self.mode != Audit::Sample {
-            return;
-        }
-        let SamplerState { random, covered, pending } = &mut *locked(&self.state);
-        for step in (0..covered.len()).filter(|step| plan.reuses(*step)) {
-            if covered[step] {
-                continue;
-            }
-            let (seen, chosen) = pending.entry(step).or_insert((0, position));
-            *seen += 1;
-            if random.below(*seen) == 0 {
-                *chosen = position;
-            }
-        }
-    }
-
-    /// The frames that are recomputed before the first one runs: `written` of them are kept from an interrupted run.
-    fn early(&self, frames: usize, written: usize) -> Vec<usize> {
-        match self.mode {
-            Audit::None => Vec::new(),
-            Audit::All => (0..frames).collect(),
-            Audit::Sample => {
-                let random = &mut locked(&self.state).random;
-                let mut chosen = BTreeSet::new();
-                for part in [0..written.min(frames), written.min(frames)..frames] {
-                    if part.is_empty() {
-                        continue;
-                    }
-                    let count = (part.len() / FRAMES_PER_SAMPLE).max(1);
-                    chosen.extend((0..count).map(|_| part.start + random.below(part.len())));
-                }
-                chosen.into_iter().collect()
-            }
-        }
-    }
-
-    /// From how many first frames on an ordered node is recomputed.
-    fn prefix(&self, frames: usize) -> usize {
-        match self.mode {
-            Audit::None => 0,
-            Audit::All => frames,
-            Audit::Sample => (1 + locked(&self.state).random.below((frames / FRAMES_PER_SAMPLE).max(1))).min(frames),
-        }
-    }
-
-    fn cover(&self, step: usize) {
-        let state = &mut *locked(&self.state);
-        state.covered[step] = true;
-        state.pending.remove(&step);
-    }
-
-    /// The frames on which the steps that are not covered were reused, each with its steps.
-    fn late(&self) -> BTreeMap<usize, Vec<usize>> {
-        let mut frames: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
-        for (step, (_, position)) in &locked(&self.state).pending {
-            frames.entry(*position).or_default().push(*step);
-        }
-        frames
-    }
-}
 
 /// Recomputes values of a stage run.
 pub(crate) struct Auditor<'s, 'a, T: Tap> {
@@ -315,8 +152,8 @@ impl<'s, 'a, T: Tap> Auditor<'s, 'a, T> {
                 Err(NotRecomputed::NeedsOrderedNode | NotRecomputed::Failed(_)) => return Ok(compared),
             };
             let producer = &self.stage.graph.producers[step];
-            let (warnings, host_of) = (Warnings::default(), position);
-            let host = self.host(&warnings, Some(node), Some(host_of));
+            let warnings = Warnings::default();
+            let host = self.host(&warnings, Some(node), Some(position));
             let mut ctx = Context::new(&host, &mut scratch);
             let made = caught(|| instance.process(frame, &Inputs::new(&producer.inputs, &inputs), &mut ctx));
             let made =

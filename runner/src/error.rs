@@ -3,7 +3,7 @@
 use depthloom_graphs::Fault;
 use depthloom_graphs::contracts::TapError;
 
-use crate::audit::AuditFailure;
+use crate::audit_failure::AuditFailure;
 
 /// Why a run ended before its end. What was written before stays written.
 #[derive(Debug, thiserror::Error)]

@@ -7,7 +7,7 @@ use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use depthloom_graphs::contracts::{TapError, Warned};
 use depthloom_graphs::{Fault, Key, Value};
 
-use crate::audit::AuditFailure;
+use crate::audit_failure::AuditFailure;
 use crate::frame_graph::{FrameGraph, Place};
 use crate::reuse::{Do, FramePlan};
 use crate::timing::Spent;

@@ -88,6 +88,8 @@
 //! ```
 
 mod audit;
+mod audit_failure;
+mod audit_sample;
 mod checkpoints;
 mod error;
 mod foresee;
@@ -110,7 +112,7 @@ mod stage;
 mod timing;
 mod warnings;
 
-pub use audit::{AuditFailure, Cause};
+pub use audit_failure::{AuditFailure, Cause};
 pub use checkpoints::Checkpoints;
 pub use error::RunError;
 pub use foresee::{Foreseen, foresee};

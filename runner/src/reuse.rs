@@ -386,7 +386,8 @@ struct Unknown;
 pub(crate) fn once_values(store: &dyn Store, plan: &StageRun, node: usize, key: &Key) -> Option<Vec<Option<Value>>> {
     let planned = &plan.nodes[node];
     let mut outputs = planned.outputs.iter().filter(|output| is_once(planned, &output.port)).peekable();
-    if outputs.peek().is_none() {
+    // An ordered node without aggregate outputs is known by its frames; an aggregate node is known by its values alone.
+    if planned.contract == Contract::Ordered && outputs.peek().is_none() {
         return Some(Vec::new());
     }
     let held = store.find(key)?;

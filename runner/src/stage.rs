@@ -11,7 +11,8 @@ use depthloom_graphs::{
     Context, Fault, Frame, Host as _, Inputs, Key, Outputs, Port, PureNode, Scratch, Source, Value,
 };
 
-use crate::audit::{Auditor, Sampler};
+use crate::audit::Auditor;
+use crate::audit_sample::Sampler;
 use crate::checkpoints::Checkpoints;
 use crate::frame_graph::{Feed, FrameGraph, Step};
 use crate::host::TaskHost;
