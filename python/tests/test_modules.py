@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import hashlib
 import importlib
+import importlib.util
 import json
+import os
 import sys
+import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from depthloom import _opened
 from depthloom._modules import Imports
 
 
@@ -30,3 +35,37 @@ def test_own_modules_are_reported_by_content_and_installed_ones_by_version(tmp_p
     assert late - names == {"late_of_test.py"}
     for name in ("own_of_test", "late_of_test"):
         sys.modules.pop(name)
+
+
+def test_files_that_were_opened_before_serving_are_reported_by_content(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    names = ["settings.json", "weights.npy", "written.txt", "late.json"]
+    for name in names:
+        (tmp_path / name).write_bytes(b"1")
+    monkeypatch.setattr(_opened, "_read", set())
+    _opened.watch()
+    (tmp_path / "settings.json").read_text()
+    with open(tmp_path / "written.txt", "a") as written:
+        written.write("2")
+    (tmp_path / "written.txt").read_text()
+    os.close(os.open(tmp_path / "weights.npy", os.O_RDONLY))
+    imports = Imports()
+    (tmp_path / "late.json").read_text()
+    files = json.loads(imports.news() or "")["files"]
+    assert {file["name"] for file in files} == {"settings.json", "weights.npy"}
+    assert {file["hash"] for file in files} == {hashlib.sha256(b"1").hexdigest()}
+
+
+def test_modules_of_an_archive_and_modules_that_are_forgotten_are_opened_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(_opened, "_read", set())
+    with zipfile.ZipFile(tmp_path / "archive.zip", "w") as archive:
+        archive.writestr("of_archive.py", "K = 1\n")
+    (tmp_path / "by_path.py").write_text("K = 1\n")
+    _opened.watch()
+    monkeypatch.syspath_prepend(tmp_path / "archive.zip")
+    importlib.import_module("of_archive")
+    spec = importlib.util.spec_from_file_location("by_path", tmp_path / "by_path.py")
+    assert spec is not None and spec.loader is not None
+    spec.loader.exec_module(importlib.util.module_from_spec(spec))
+    names = {file["name"] for file in json.loads(Imports().news() or "")["files"]}
+    assert {"archive.zip", "by_path.py"} <= names
+    sys.modules.pop("of_archive")

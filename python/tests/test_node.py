@@ -42,6 +42,16 @@ def test_disparities_are_floats_and_may_be_negative() -> None:
             there_and_back("disparity", np.array([[0.0, np.nan], [infinite, 1.0]]))
 
 
+def test_masked_pixels_are_no_answer() -> None:
+    masked = np.ma.masked_greater(np.array([[1.0, 30.0]], np.float32), 20)
+    assert np.array_equal(there_and_back("depth", masked), [[1.0, np.nan]], equal_nan=True)
+    everything = np.ma.masked_array(np.ones((1, 2), np.float32), mask=True)
+    assert np.isnan(there_and_back("disparity", everything)).all()
+    assert there_and_back("image", np.ma.masked_array(np.zeros((1, 2), np.uint8))).tolist() == [[0, 0]]
+    with pytest.raises(TypeError, match="masked pixels, and each pixel of `image` has a value"):
+        there_and_back("image", np.ma.masked_array(np.zeros((1, 2), np.uint8), mask=[[True, False]]))
+
+
 def test_disparities_in_fixed_point_are_read_as_pixels() -> None:
     size = [pa.array([3], pa.int32()), pa.array([1], pa.int32()), pa.array([-1], pa.int32())]
     lists = [_columns._list(np.array([-32, -16, 24], np.int16)), _columns._list(np.empty(0, np.float32))]

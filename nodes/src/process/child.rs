@@ -137,6 +137,8 @@ impl Running {
         let mut command = Command::new(&program.0);
         // Python takes a compiled module for that of a file that was changed within the same second and has the same size.
         command.env("PYTHONDONTWRITEBYTECODE", "1");
+        // The Python package notes which files such a program opens: their content enters cache keys.
+        command.env("DEPTHLOOM_PROGRAM", "1");
         command.args(arguments.iter().map(|argument| &argument.0)).envs(&launch.env);
         command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
         let group = i32::try_from(guard.shell.id()).map_err(|_| Fault::new("a process has no number"))?;

@@ -23,9 +23,11 @@ pub(super) struct ModuleReport {
     modules: Vec<Module>,
     /// Versions by name, of Python too.
     packages: BTreeMap<String, String>,
+    /// Other files that it had opened for reading when it began to serve: settings, weights, archives of modules.
+    files: Vec<Module>,
 }
 
-/// A file that was imported.
+/// A file that was imported or opened.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Module {
@@ -56,7 +58,11 @@ impl ModuleReport {
         let key = Key::build("modules of a program").number(modules.len() as u64);
         let key = modules.iter().fold(key, |key, module| key.text(&module.name).text(&module.hash));
         let key = key.number(self.packages.len() as u64);
-        self.packages.iter().fold(key, |key, (name, version)| key.text(name).text(version)).finish()
+        let key = self.packages.iter().fold(key, |key, (name, version)| key.text(name).text(version));
+        let mut files: Vec<&Module> = self.files.iter().collect();
+        files.sort_unstable();
+        let key = key.number(files.len() as u64);
+        files.iter().fold(key, |key, file| key.text(&file.name).text(&file.hash)).finish()
     }
 }
 
@@ -108,6 +114,12 @@ impl Modules {
         };
         if Arc::ptr_eq(known, &report) {
             return Ok(());
+        }
+        // A file that only one of the two opened depends on chance or time, which no key contains.
+        let opened: HashMap<&Path, &Module> = known.files.iter().map(|of| (of.file.as_path(), of)).collect();
+        let is_changed = |file: &&Module| opened.get(file.file.as_path()).is_some_and(|known| known.hash != file.hash);
+        if let Some(file) = report.files.iter().find(is_changed) {
+            return Err(changed(&format!("{}, which the program reads,", file.file.display())));
         }
         let before: HashMap<&Path, &Module> = known.modules.iter().map(|of| (of.file.as_path(), of)).collect();
         let mut code = None;
@@ -221,6 +233,12 @@ mod tests {
         assert_ne!(key, of("/a", "2", "2.1").key(false));
         assert_ne!(key, of("/a", "1", "2.2").key(false));
         assert_ne!(key, of("/a", "1", "2.1").key(true), "a version stands for the program alone");
+        let with_file = |hash: &str| {
+            report(&format!(
+                r#"{{"main": "/a/n.py", "files": [{{"name": "offsets.json", "file": "/a/offsets.json", "hash": "{hash}"}}]}}"#
+            ))
+        };
+        assert_ne!(with_file("1").key(true), with_file("2").key(true), "a file that was opened");
         assert!(ModuleReport::parse("1").is_err());
     }
 }

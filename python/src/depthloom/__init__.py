@@ -19,7 +19,13 @@ What a recording holds is read here, without the program. The program `depthloom
 on the PATH, or where the environment's `DEPTHLOOM` says.
 """
 
+import os
 from typing import TYPE_CHECKING
+
+from . import _opened
+
+if os.environ.get(_opened.STARTED):
+    _opened.watch()
 
 if TYPE_CHECKING:
     from ._calibration import Calibration

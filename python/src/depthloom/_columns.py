@@ -85,8 +85,18 @@ def column(value_type: str, given: Any) -> pa.StructArray:
             raise TypeError(f"is {_told(given)}, and a curve is a mapping of {', '.join(_CURVE)}")
         arrays = [_list(np.asarray(given[name], np.int64 if name == "step" else np.float64)) for name in _CURVE]
     else:
-        arrays = _map(value_type, np.asarray(given))
+        arrays = _map(value_type, _filled(value_type, given))
     return pa.StructArray.from_arrays(arrays, fields=list(struct))
+
+
+def _filled(value_type: str, given: Any) -> NDArray[Any]:
+    """A map as an array: what a masked array masks is no answer."""
+    array = np.asarray(given)
+    if not np.ma.is_masked(given):
+        return array
+    if not np.issubdtype(array.dtype, np.floating):
+        raise TypeError(f"is of {array.dtype} with masked pixels, and each pixel of `{value_type}` has a value")
+    return np.ma.filled(given, np.nan)
 
 
 def _map(value_type: str, array: NDArray[Any]) -> list[pa.Array]:

@@ -1,4 +1,4 @@
-"""What a program has imported: its own modules by content, installed packages by version."""
+"""What a program has imported, and the files that it opened before it serves: its own by content, installed packages by version."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ import platform
 import re
 import sys
 import sysconfig
+
+from . import _opened
 
 _INSTALLED = {"site-packages", "dist-packages"}
 
@@ -26,6 +28,8 @@ class Imports:
             os.path.abspath(path) + os.sep for path in {sysconfig.get_path("stdlib"), sysconfig.get_path("platstdlib")} if path
         )
         self._main = _file_of(sys.modules.get("__main__")) or ""
+        #: Files that were opened for reading so far: what is opened later depends on frames.
+        self._opened = _opened.take()
         self._roots = [os.path.dirname(self._main), *(os.path.abspath(path) for path in sys.path)]
 
     def news(self) -> str | None:
@@ -39,7 +43,14 @@ class Imports:
         if before == (len(self._modules), len(self._packages)):
             return None
         modules = [{"name": name, "file": file, "hash": content} for file, (name, content) in sorted(self._modules.items())]
-        return json.dumps({"main": self._main, "modules": modules, "packages": self._packages})
+        files = [{"name": self._relative(file), "file": file, "hash": _hash(file)} for file in self._opened if self._is_own(file)]
+        return json.dumps({"main": self._main, "modules": modules, "packages": self._packages, "files": files})
+
+    def _is_own(self, file: str) -> bool:
+        """Whether a file that was opened is neither a module that is reported nor Python's or an installed package's."""
+        is_installed = not _INSTALLED.isdisjoint(file.split(os.sep)) or file.startswith(self._standard)
+        is_package = file.startswith(os.path.dirname(os.path.abspath(__file__)) + os.sep)
+        return not (is_installed or is_package or file == self._main or file in self._modules)
 
     def _add(self, name: str, file: str | None) -> None:
         if file is None or file in self._modules:
@@ -97,8 +108,11 @@ def _file_of(module: object) -> str | None:
 
 def _hash(file: str) -> str:
     try:
+        digest = hashlib.sha256()
         with open(file, "rb") as content:
-            return hashlib.sha256(content.read()).hexdigest()
+            while block := content.read(1 << 20):
+                digest.update(block)
+        return digest.hexdigest()
     except OSError as error:
         return f"unreadable: {error.strerror}"
 

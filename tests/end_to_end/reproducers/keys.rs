@@ -78,6 +78,22 @@ fn a_changed_module_that_a_node_imports_recomputes_its_values() {
 }
 
 #[test]
+fn a_changed_file_that_a_program_opened_before_it_serves_recomputes_its_values() {
+    const TEST: &str = "a_changed_file_that_a_program_opened_before_it_serves_recomputes_its_values";
+    let Some(case) = Case::with_python(TEST) else { return };
+    let node = "import json\nimport depthloom\nwith open('settings.json') as settings:\n    FACTOR = json.load(settings)\n\
+                @depthloom.node(inputs={\"depth\": \"depth\"}, outputs={\"depth\": \"depth\"})\n\
+                def own(depth):\n    return depth * FACTOR\ndepthloom.serve(own)\n";
+    case.write("own.py", node);
+    case.write("settings.json", "2");
+    case.write("own.yaml", scaling("pure", "code: [own.py]", "0..2"));
+    case.run("own.yaml", "runs/one", &[]);
+    case.write("settings.json", "3");
+    case.run_as_fresh("own.yaml", "runs/two", &["--audit", "none"]);
+    assert_ne!(case.read("runs/one", "scores.csv"), case.read("runs/two", "scores.csv"));
+}
+
+#[test]
 fn new_values_of_an_ordered_node_that_runs_anyway_are_not_discarded_silently() {
     const TEST: &str = "new_values_of_an_ordered_node_that_runs_anyway_are_not_discarded_silently";
     let Some(case) = Case::with_python(TEST) else { return };
