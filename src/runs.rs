@@ -10,4 +10,4 @@ mod reused;
 
 pub use found::{FOLDER, FoundRun, all, in_folder};
 pub use glance::{Glance, State, bytes_in, files_in};
-pub use named::named;
+pub use named::{named, named_in_full};

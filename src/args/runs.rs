@@ -44,7 +44,7 @@ pub enum RunsCommand {
 /// `runs rm`.
 #[derive(Debug, Args)]
 pub struct RmArgs {
-    /// The runs: folders, beginnings of names, or `@latest`.
+    /// The runs: folders, names in full, or `@latest`.
     #[arg(required = true, add = ArgValueCompleter::new(runs))]
     pub runs: Vec<PathBuf>,
 }

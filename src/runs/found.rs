@@ -31,6 +31,16 @@ pub struct FoundRun {
 }
 
 impl FoundRun {
+    /// The last part of its name.
+    pub fn last_name(&self) -> &str {
+        self.name.rsplit('/').next().unwrap_or_default()
+    }
+
+    /// Whether this is its name, or the last part of it, in full.
+    pub fn is_named(&self, name: &str) -> bool {
+        self.name == name || self.last_name() == name
+    }
+
     /// The run of a folder, named as it is in the folder of runs, or by its path if it lies elsewhere.
     pub fn at(path: &Path, folder: &Path) -> Result<Self, Stop> {
         let found = Found::at(path).map_err(|error| {

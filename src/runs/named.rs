@@ -20,12 +20,35 @@ const TOLD: usize = 4;
 /// # Errors
 /// If several runs are meant, or there is no latest.
 pub fn named(run: &Path, folder: &Path) -> Result<PathBuf, Stop> {
+    find(run, folder, by_beginning)
+}
+
+/// As [`named`], but a name is given in full: for commands that remove runs. Once a run is gone, the beginning of its name may be another's.
+///
+/// # Errors
+/// As [`named`], and if `run` is only the beginning of a name.
+pub fn named_in_full(run: &Path, folder: &Path) -> Result<PathBuf, Stop> {
+    find(run, folder, |runs, text, folder| {
+        let found = by_beginning(runs, text, folder)?;
+        let Some(longer) = runs.iter().find(|run| found.as_ref() == Some(&run.path) && !run.is_named(text)) else {
+            return Ok(found);
+        };
+        let what = format!("no run in {} is named `{text}`", folder.display());
+        Err(Stop::new(Exit::Before, what).remedy(format!("give the name in full: `{}` begins so", longer.name)))
+    })
+}
+
+fn find(
+    run: &Path,
+    folder: &Path,
+    by_name: impl Fn(&[FoundRun], &str, &Path) -> Result<Option<PathBuf>, Stop>,
+) -> Result<PathBuf, Stop> {
     let is_nothing = std::fs::symlink_metadata(run).is_err_and(|error| error.kind() == ErrorKind::NotFound);
     let Some(text) = run.to_str().filter(|text| is_nothing && !text.is_empty()) else { return Ok(run.to_owned()) };
     let runs = all(folder).unwrap_or_default();
     match text.strip_suffix(LATEST) {
         Some(of) if of.is_empty() || of.ends_with('/') => latest(&runs, of, folder),
-        _ => by_beginning(&runs, text, folder).map(|found| found.unwrap_or_else(|| run.to_owned())),
+        _ => by_name(&runs, text, folder).map(|found| found.unwrap_or_else(|| run.to_owned())),
     }
 }
 
@@ -43,11 +66,10 @@ fn latest(runs: &[FoundRun], of: &str, folder: &Path) -> Result<PathBuf, Stop> {
 }
 
 fn by_beginning(runs: &[FoundRun], text: &str, folder: &Path) -> Result<Option<PathBuf>, Stop> {
-    let last = |run: &FoundRun| run.name.rsplit('/').next().unwrap_or_default().to_owned();
-    // A name as a whole is that run's, whatever others begin with it.
-    let whole: Vec<&FoundRun> = runs.iter().filter(|run| run.name == text || last(run) == text).collect();
+    // A name in full is that run's, whatever others begin with it.
+    let whole: Vec<&FoundRun> = runs.iter().filter(|run| run.is_named(text)).collect();
     let meant = match whole.as_slice() {
-        [] => runs.iter().filter(|run| run.name.starts_with(text) || last(run).starts_with(text)).collect(),
+        [] => runs.iter().filter(|run| run.name.starts_with(text) || run.last_name().starts_with(text)).collect(),
         _ => whole,
     };
     match meant.as_slice() {

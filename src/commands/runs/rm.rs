@@ -9,7 +9,7 @@ use crate::diagnostics::{error_json, print_stop};
 use crate::exit::{Exit, Stop};
 use crate::outputs::Output;
 use crate::run_folder::Removal;
-use crate::runs::{bytes_in, named};
+use crate::runs::{bytes_in, named_in_full};
 use crate::sizes::size;
 use crate::streams::{print, print_output};
 
@@ -17,7 +17,7 @@ use crate::streams::{print, print_output};
 pub fn rm(args: &RunsArgs, asked: &RmArgs) -> Result<Exit, Stop> {
     let mut removals: Vec<Removal> = Vec::new();
     for run in &asked.runs {
-        let folder = named(run, &args.folder)?;
+        let folder = named_in_full(run, &args.folder)?;
         // A run may be named twice.
         let is_taken = |removal: &Removal| same(removal.folder(), &folder);
         if !removals.iter().any(is_taken) {
