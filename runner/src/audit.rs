@@ -170,7 +170,7 @@ impl<'s, 'a, T: Tap> Auditor<'s, 'a, T> {
         match &self.reuse.finished[node] {
             Some(stored) if prefix == frames.len() && !self.is_interrupted() => {
                 let warnings = Warnings::default();
-                let host = self.host(&warnings, Some(node), None);
+                let host = TaskHost { key: Some(stored.key), ..self.host(&warnings, Some(node), None) };
                 let made = caught(|| instance.finish(&mut Context::new(&host, &mut scratch)));
                 let made = made.unwrap_or_else(|panic| Err(fault(panic)));
                 compared += compare_aggregates(self.stage.plan, node, &stored.values, made)?;
@@ -399,7 +399,8 @@ impl<'s, 'a, T: Tap> Auditor<'s, 'a, T> {
             run: self.stage.run,
             node,
             position,
-            once: None,
+            key: None,
+            checkpoints: None,
             helpers_cpu_ns: AtomicU64::new(0),
             told: Mutex::default(),
             is_repeated: true,

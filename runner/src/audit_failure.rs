@@ -54,7 +54,7 @@ impl AuditFailure {
         let stale = self
             .stored_in
             .as_ref()
-            .map_or_else(String::new, |path| format!("; remove the run of {path}, so that no other run reuses it"));
+            .map_or_else(String::new, |path| format!("; remove the run of {path}, and the runs that reused it (`depthloom runs` marks them), so that no other run does"));
         format!("{cause}; `--fresh` recomputes all values{stale}")
     }
 }

@@ -26,8 +26,10 @@ pub(crate) struct TaskHost<'a> {
     pub(crate) node: Option<usize>,
     /// The position of the frame it works on, if it is one.
     pub(crate) position: Option<usize>,
-    /// Of a once-node: the key of what it gives, and where it may put down checkpoints.
-    pub(crate) once: Option<(Key, &'a Checkpoints)>,
+    /// The cache key of the aggregate values that it computes, if it does.
+    pub(crate) key: Option<Key>,
+    /// Where an aggregate node may keep checkpoints; an audit keeps none.
+    pub(crate) checkpoints: Option<&'a Checkpoints>,
     /// Processor time of helpers.
     pub(crate) helpers_cpu_ns: AtomicU64,
     /// What was told of in this task, and how many of it.
@@ -118,12 +120,11 @@ impl Host for TaskHost<'_> {
     }
 
     fn key(&self) -> Option<Key> {
-        self.once.map(|(key, _)| key)
+        self.key
     }
 
     fn checkpoint(&self) -> Option<PathBuf> {
-        let (key, checkpoints) = self.once?;
-        match checkpoints.take(&key) {
+        match self.checkpoints?.take(&self.key?) {
             Ok(path) => path,
             Err(Refused::InUse) => {
                 self.notice("another process is at the same work: nothing is kept of this one's until it is done");
@@ -157,7 +158,8 @@ mod tests {
             run: 0,
             node: None,
             position: None,
-            once: None,
+            key: None,
+            checkpoints: None,
             helpers_cpu_ns: AtomicU64::new(0),
             told: Mutex::default(),
             is_repeated: false,

@@ -318,7 +318,8 @@ impl<T: Tap> OnceWork<'_, T> {
             }
             let ports: Vec<Port> = planned.inputs.iter().map(|input| input.port.clone()).collect();
             let inputs: Vec<_> = inputs.into_iter().map(|input| input.map(|once| once.value)).collect();
-            let (host, mut scratch) = (self.host(Some(node), None), Scratch::default());
+            let host = TaskHost { key: self.keys.get(&node).copied(), ..self.host(Some(node), None) };
+            let mut scratch = Scratch::default();
             let made = match builder.build() {
                 Ok(Instance::Once(instance)) => {
                     let mut ctx = Context::new(&host, &mut scratch);
@@ -339,10 +340,23 @@ impl<T: Tap> OnceWork<'_, T> {
     fn host(&self, node: Option<usize>, key: Option<Key>) -> TaskHost<'_> {
         let Common { budget, interrupt, observer, warnings, checkpoints, .. } = *self.common;
         let (run, helpers_cpu_ns) = (self.run, AtomicU64::new(0));
-        let once = key.map(|key| (key, checkpoints));
+        let checkpoints = key.is_some().then_some(checkpoints);
         let (told, is_repeated) = (Mutex::default(), false);
         let position = None;
-        TaskHost { budget, interrupt, observer, warnings, run, node, position, once, helpers_cpu_ns, told, is_repeated }
+        TaskHost {
+            budget,
+            interrupt,
+            observer,
+            warnings,
+            run,
+            node,
+            position,
+            key,
+            checkpoints,
+            helpers_cpu_ns,
+            told,
+            is_repeated,
+        }
     }
 
     /// Does a job.

@@ -105,3 +105,24 @@ stages:
     }
     case.run_as_fresh("samples.yaml", "runs/two", &[]);
 }
+
+/// A network contains the cache key of its training, which an audit gives it, too.
+#[test]
+fn a_trained_network_that_is_reused_passes_the_audit_of_all_values() {
+    let case = Case::new();
+    let learning = "experiment: learning
+sources: { street: { kind: synthetic/road, with: { frames: 0..2, width: 64, height: 32 } } }
+stages:
+  learn:
+    source: street
+    nodes:
+      stereo: { kind: stereo/sgbm, inputs: { left: source/left, right: source/right }, with: { disparities: 16 } }
+      edges: { kind: confidence/edges, inputs: { image: source/left } }
+      samples: { kind: learn/samples, inputs: { image: source/left, target: stereo/disparity, mask: edges/mask }, with: { size: [64, 32] } }
+      teacher: { kind: learn/ssl, inputs: { samples: samples/samples }, with: { steps: 2, batch: 2 } }
+";
+    case.write("learning.yaml", learning);
+    case.run("learning.yaml", "runs/one", &[]);
+    case.run("learning.yaml", "runs/two", &["--audit", "all"]);
+    case.assert_as_fresh("learning.yaml", "runs/two", &[]);
+}
