@@ -52,6 +52,10 @@ impl KeptValues for Kept<'_> {
         self.0.frames(run)[position].source_key
     }
 
+    fn has_failed(&self, run: usize, position: usize) -> bool {
+        !self.0.frames(run)[position].failures.is_empty()
+    }
+
     fn node_keys(&self, run: usize, position: usize) -> &[SlotKey] {
         &self.0.frames(run)[position].keys
     }
@@ -159,6 +163,8 @@ impl Reused {
     pub fn json(&self) -> Json {
         let nodes = self.nodes.iter().filter(|(.., reused, _)| *reused > 0);
         let node = |(stage, node, reused, all): &(String, String, u64, u64)| json!({ "stage": stage, "node": node, "reused": reused, "of": all });
-        json!({ "nodes": nodes.map(node).collect::<Vec<_>>(), "from": self.from, "audited": self.audited })
+        // A path need not be UTF-8.
+        let from: Vec<_> = self.from.iter().map(|path| path.to_string_lossy()).collect();
+        json!({ "nodes": nodes.map(node).collect::<Vec<_>>(), "from": from, "audited": self.audited })
     }
 }

@@ -87,6 +87,8 @@ impl RunFolder {
             match begun(&partial) {
                 Begun::This => {
                     contents::remove_abandoned(&partial);
+                    contents::remove_reports(&partial)
+                        .map_err(|error| failed("remove the reports in", &partial, &error))?;
                     return Ok(Self { partial, out: out.clone(), lock: old, replaced, goes_on: true });
                 }
                 Begun::Other if !overwrite => {
@@ -281,8 +283,12 @@ fn without_turns(out: &Path) -> Result<PathBuf, Stop> {
         return Ok(out.components().collect());
     }
     let (Some(parent), Some(name)) = (out.parent(), out.file_name()) else { return Ok(out.to_owned()) };
-    let parent = fs::canonicalize(parent).map_err(|error| failed("find", parent, &error))?;
-    Ok(parent.join(name))
+    // What is not there yet is made later, unless the way turns round in it.
+    let there = parent.ancestors().find(|path| path.exists()).unwrap_or(parent);
+    let missing = parent.strip_prefix(there).unwrap_or(Path::new(""));
+    let there = if missing.components().any(|part| part == Component::ParentDir) { parent } else { there };
+    let real = fs::canonicalize(there).map_err(|error| failed("find", there, &error))?;
+    Ok(real.join(parent.strip_prefix(there).unwrap_or(Path::new(""))).join(name))
 }
 
 /// Refuses to replace what the person stands in, the run was made from, or somebody put there.

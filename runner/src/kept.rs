@@ -20,6 +20,9 @@ pub trait KeptValues {
     /// The key of the source's values; `None` if the source failed.
     fn source_key(&self, run: usize, position: usize) -> Option<Key>;
 
+    /// Whether the source or a node failed on the frame at a position.
+    fn has_failed(&self, run: usize, position: usize) -> bool;
+
     /// The keys of the nodes' values.
     fn node_keys(&self, run: usize, position: usize) -> &[SlotKey];
 
@@ -38,6 +41,13 @@ pub enum Outdated {
         position: usize,
         /// The frame's id today; `None` if the source has fewer frames.
         today: Option<String>,
+    },
+    /// The source or a node failed on a frame, which is no result: it may succeed today.
+    Failed {
+        /// The stage.
+        stage: String,
+        /// The frame's id.
+        frame: String,
     },
     /// The source's data of a frame changed.
     Data {
@@ -73,6 +83,7 @@ impl fmt::Display for Outdated {
             Self::Frame { stage, position, today: None } => {
                 write!(f, "stage `{stage}` has {position} frames today, and had more")
             }
+            Self::Failed { stage, frame } => write!(f, "frame `{frame}` of stage `{stage}` failed then"),
             Self::Data { stage, frame } => write!(f, "the data of frame `{frame}` of stage `{stage}` changed"),
             Self::Node { stage, node, frame } => {
                 write!(
@@ -120,7 +131,9 @@ fn outdated_in(ready: &Ready, known: &KnownStage<'_>, kept: &dyn KeptValues) -> 
         if !kept.is_frame(run, position, frame) {
             return Some(Outdated::Frame { stage: stage(), position, today: Some(id()) });
         }
-        let Some(key) = kept.source_key(run, position) else { continue };
+        let Some(key) = kept.source_key(run, position).filter(|_| !kept.has_failed(run, position)) else {
+            return Some(Outdated::Failed { stage: stage(), frame: id() });
+        };
         if known.source.key(position).ok() != Some(key) {
             return Some(Outdated::Data { stage: stage(), frame: id() });
         }

@@ -42,6 +42,10 @@ pub fn data(args: &DataArgs, registry: &Registry) -> Result<Exit, Stop> {
         let what = format!("there is no folder {}", root.display());
         return Err(Stop::new(Exit::Before, what).remedy("name the folder that the data set was unpacked to"));
     }
+    if root.to_str().is_none() {
+        let what = format!("the name of {} is not UTF-8: no experiment can name it", root.display());
+        return Err(Stop::new(Exit::Before, what).remedy("rename the folder"));
+    }
     let mut known = known(registry, &root);
     if known.is_empty() {
         return unknown(args, &root);
@@ -153,6 +157,8 @@ fn within(root: &Path) -> Vec<PathBuf> {
     let is_bag = |path: &Path| path.extension().is_some_and(|ending| ending == "mcap" || ending == "db3");
     let entries = std::fs::read_dir(root).into_iter().flatten().flatten().take(200);
     let paths = entries.map(|entry| entry.path());
+    // No experiment can name a path that is not UTF-8.
+    let paths = paths.filter(|path| path.to_str().is_some());
     let mut found: Vec<PathBuf> = paths.filter(|path| path.is_dir() || is_bag(path) && path.is_file()).collect();
     found.sort_unstable();
     found

@@ -1,6 +1,7 @@
 //! `depthloom plan` and `depthloom graph`: what would be run, as a list and as a drawing.
 
 use std::fmt::Write as _;
+use std::path::Path;
 
 use depthloom_graphs::Registry;
 use depthloom_graphs::contracts::{Contract, InlineHost};
@@ -81,7 +82,10 @@ fn reuse(args: &PlanArgs, loaded: Loaded, registry: &Registry) -> Result<Exit, S
     }
     let nearest = nearest.map(|(path, _)| path.parent().unwrap_or(path));
     if args.json {
-        print_output(Output::PlanReuse, json!({ "nearest": nearest, "nodes": rows, "warnings": warnings }))?;
+        print_output(
+            Output::PlanReuse,
+            json!({ "nearest": nearest.map(Path::to_string_lossy), "nodes": rows, "warnings": warnings }),
+        )?;
     } else {
         let head = nearest.map_or_else(
             || "no earlier run has anything of this experiment".to_owned(),

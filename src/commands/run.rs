@@ -298,7 +298,9 @@ impl Earlier {
         let partial = folder.partial.display();
         tell(
             args,
-            &[format!("not resuming after the frames that {partial} holds, since {why}: what changed is recomputed")],
+            &[format!(
+                "not resuming after the frames that {partial} holds, since {why}: what is still right is reused"
+            )],
         );
         let (recording, aside) = (folder.file(RECORDING), folder.file(OUTDATED));
         depthloom_durable::rename(&recording, &aside).map_err(|error| {

@@ -71,6 +71,17 @@ pub fn remove_abandoned(folder: &Path) {
     depthloom_durable::remove_abandoned(folder);
 }
 
+/// Removes the reports of what a folder's recording held before its run goes on: they would be taken for those of the whole run.
+pub fn remove_reports(folder: &Path) -> io::Result<()> {
+    for name in REPORT {
+        match fs::remove_file(folder.join(name)) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
 /// What lies in the folder that no run wrote there, if anything; of several the first by name.
 pub fn foreign(folder: &Path) -> io::Result<Option<OsString>> {
     let mut names = Vec::new();

@@ -173,6 +173,9 @@ fn a_way_through_the_folder_itself_replaces_it_as_any_other() {
     assert_eq!((content(&out).as_str(), names(folder.path())), ("after", vec!["out".to_owned()]));
     assert_eq!(create(&folder.path().join("none/../out"), true).err(), Some(Exit::Before));
     assert_eq!(names(folder.path()), ["out"], "nothing was made on the way");
+    let run = create(&out.join("../new/er/run"), false).unwrap();
+    run.finish().unwrap();
+    assert!(folder.path().join("new/er/run").is_dir(), "folders that are missing behind `..` are made");
 }
 
 #[test]

@@ -108,6 +108,43 @@ fn frames_that_were_set_aside_survive_a_failure_before_the_first_frame() {
     case.assert_as_fresh("images.yaml", "runs/one", &[]);
 }
 
+/// Reports of a partial run do not survive in the whole one.
+#[test]
+fn reports_of_the_partial_run_are_removed() {
+    let case = Case::new();
+    (0..FRAMES).for_each(|number| frame(&case, number, number));
+    case.write("images.yaml", IMAGES);
+    case.run("images.yaml", "runs/one", &[]);
+    case.interrupt("runs/one", 0.7);
+    let report = depthloom().current_dir(case.folder.path()).args(["report", "runs/one.partial"]).output();
+    let report = report.expect("the program starts");
+    assert!(report.status.success() && case.path("runs/one.partial/report.html").is_file(), "{}", said(&report));
+    case.run_as_fresh("images.yaml", "runs/one", &[]);
+    assert!(!case.path("runs/one/report.html").exists(), "a page of fewer frames");
+}
+
+/// A failure is not a result: what failed before the interruption is tried again, and fails or succeeds as in a fresh run.
+#[test]
+fn frames_that_failed_before_the_interruption_are_tried_again() {
+    for is_repaired in [false, true] {
+        let case = Case::new();
+        (0..FRAMES).for_each(|number| frame(&case, number, number));
+        case.write("data/left/001.png", "not an image");
+        case.write("images.yaml", IMAGES);
+        let first = case.attempt("images.yaml", "runs/one", &["--keep-going"]);
+        assert_eq!(first.status.code(), Some(3), "{}", said(&first));
+        case.interrupt("runs/one", 0.95);
+        if is_repaired {
+            frame(&case, 1, 1);
+        }
+        let again = case.attempt("images.yaml", "runs/one", &["--keep-going"]);
+        let fresh = case.attempt("images.yaml", "fresh", &["--keep-going", "--fresh"]);
+        assert_eq!(again.status.code(), Some(if is_repaired { 0 } else { 3 }), "{}", said(&again));
+        assert_eq!(again.status.code(), fresh.status.code(), "{}", said(&fresh));
+        assert!(case.read("runs/one", "recording.mcap") == case.read("fresh", "recording.mcap"), "{}", said(&again));
+    }
+}
+
 #[test]
 fn samples_of_replaced_images_are_collected_again() {
     let samples = "      edges: { kind: confidence/edges, inputs: { image: source/left } }
