@@ -108,7 +108,7 @@ pub fn add_pair(files: &mut Files, root: &str, frame: usize, random: &mut Random
 
 /// A texture that stereo can match.
 pub fn texture(seed: u32, x: u32, y: u32) -> u8 {
-    let mixed = (y * 4096 + x / 2 + seed * 77_777).wrapping_mul(2_654_435_761);
+    let mixed = (y * 4096 + x / 2).wrapping_add(seed.wrapping_mul(77_777)).wrapping_mul(2_654_435_761);
     ((mixed ^ (mixed >> 15)).wrapping_mul(2_246_822_519) >> 24) as u8
 }
 

@@ -136,6 +136,10 @@ fn a_variable_that_nothing_needs_may_be_unset() {
     let base = try_load(&written.path("base.yaml"), &[("sources.test.with.root", "/data")]).unwrap();
     assert_eq!(base.plan.runs[0].source.parts[0].params["root"], "/data");
     assert!(try_load(&written.path("base.yaml"), &[]).is_err());
+    let empty = try_load(&written.path("base.yaml"), &[("sources.test.with.root", "${EMPTY}")]).unwrap_err();
+    assert!(empty.to_string().contains("the environment variable `EMPTY` is empty"), "{empty}");
+    let base = try_load(&written.path("base.yaml"), &[("sources.test.with.root", "${EMPTY:-by/default}")]).unwrap();
+    assert_eq!(base.plan.runs[0].source.parts[0].params["root"], "by/default");
 }
 
 #[test]

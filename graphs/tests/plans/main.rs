@@ -23,6 +23,7 @@ fn environment(name: &str) -> Option<String> {
     match name {
         "KITTI" => Some("/data/kitti".to_owned()),
         "CAP" => Some("50".to_owned()),
+        "EMPTY" => Some(String::new()),
         "HERE" => Some("there/it/is".to_owned()),
         _ => None,
     }

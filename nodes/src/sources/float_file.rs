@@ -112,7 +112,7 @@ fn npy(bytes: &[u8]) -> Result<Raster<f32>, Wrong> {
     };
     let Some(kind) = Sample::of(sample) else {
         return Err(Wrong::Kind(format!(
-            "its numbers are `{}`, and a map's are floats or whole numbers",
+            "its numbers are `{}`, and those of a map are floats of 32 or 64 bits, or integers",
             shortened(sample)
         )));
     };

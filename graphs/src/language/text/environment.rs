@@ -71,14 +71,15 @@ fn scalar(text: &str, node: &Node, env: &Lookup<'_>, report: &mut Report) -> Opt
                     report.push_unknown(Diagnostic::error(&place, what).label("needed here"), &node.place);
                     new.push_str("unset");
                 }
-                (Some(value), _) if !value.is_empty() || default.is_none() => {
+                (Some(value), _) if !value.is_empty() => {
                     leads |= new.is_empty();
                     new.push_str(&value);
                 }
                 (_, Some(default)) => new.push_str(default),
-                (_, None) => {
+                (value, None) => {
                     let place = node.place.part(text, range.clone());
-                    let error = Diagnostic::error(&place, format!("the environment variable `{name}` is not set"));
+                    let is = if value.is_some() { "empty" } else { "not set" };
+                    let error = Diagnostic::error(&place, format!("the environment variable `{name}` is {is}"));
                     let help = format!("set it (`export {name}=...`) or give a default: `${{{name}:-...}}`");
                     report.push_unknown(error.label("needed here").help(help), &node.place);
                     new.push_str("unset");
