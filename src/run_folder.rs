@@ -283,12 +283,15 @@ fn without_turns(out: &Path) -> Result<PathBuf, Stop> {
         return Ok(out.components().collect());
     }
     let (Some(parent), Some(name)) = (out.parent(), out.file_name()) else { return Ok(out.to_owned()) };
-    // What is not there yet is made later, unless the way turns round in it.
-    let there = parent.ancestors().find(|path| path.exists()).unwrap_or(parent);
-    let missing = parent.strip_prefix(there).unwrap_or(Path::new(""));
-    let there = if missing.components().any(|part| part == Component::ParentDir) { parent } else { there };
-    let real = fs::canonicalize(there).map_err(|error| failed("find", there, &error))?;
-    Ok(real.join(parent.strip_prefix(there).unwrap_or(Path::new(""))).join(name))
+    // Folders that do not exist yet are created later. With `..` behind them the path cannot be resolved.
+    let existing = parent.ancestors().find(|path| path.exists()).unwrap_or(parent);
+    let missing = parent.strip_prefix(existing).unwrap_or(Path::new(""));
+    let (existing, missing) = match missing.components().any(|part| part == Component::ParentDir) {
+        true => (parent, Path::new("")),
+        false => (existing, missing),
+    };
+    let real = fs::canonicalize(existing).map_err(|error| failed("find", existing, &error))?;
+    Ok(real.join(missing).join(name))
 }
 
 /// Refuses to replace what the person stands in, the run was made from, or somebody put there.

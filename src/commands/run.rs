@@ -154,6 +154,8 @@ fn make_folder(
             Ok(aside) if aside.is_empty() => Begun::Nothing,
             Ok(aside) if !args.is_fresh() && aside.is_of_experiment(plan) => Begun::This,
             Ok(_) => Begun::Other,
+            // Frames that cannot be read at the moment are not removed either.
+            Err(_) if partial.join(OUTDATED).exists() => Begun::Other,
             Err(_) => Begun::Nothing,
         };
         match Recording::open(&path) {
