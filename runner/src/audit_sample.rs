@@ -10,7 +10,7 @@ use crate::in_flight::locked;
 use crate::options::Audit;
 use crate::reuse::FramePlan;
 
-/// One frame in so many is recomputed.
+/// The number of frames from which one is chosen to be recomputed.
 const FRAMES_PER_SAMPLE: usize = 50;
 
 /// What of a stage run is audited, while its frames run.

@@ -42,7 +42,7 @@ pub enum Outdated {
         /// The frame's id today; `None` if the source has fewer frames.
         today: Option<String>,
     },
-    /// The source or a node failed on a frame, which is no result: it may succeed today.
+    /// The source or a node failed on a frame. A failure is not a result: today it may succeed.
     Failed {
         /// The stage.
         stage: String,

@@ -335,8 +335,8 @@ fn runs_are_removed_by_name_all_or_none() {
     let said = here.fails(&["runs", "rm", "first", "second"], 2);
     assert!(said.contains("it holds notes.txt, which no run wrote"), "{said}");
     assert!(first.exists() && second.exists(), "none is removed where one may not be");
-    let said = here.fails(&["runs", "rm", "fir"], 2);
-    assert!(said.contains("no run in runs is named `fir`") && said.contains("`first` begins so"), "{said}");
+    let refused = here.fails(&["runs", "rm", "fir"], 2);
+    assert!(refused.contains("no run in runs is named `fir`") && refused.contains("`first` begins so"), "{refused}");
     let removed = text(&succeed(&mut here.command(&["runs", "rm", "first", "runs/third", "runs/first"])));
     let lines: Vec<&str> = removed.lines().collect();
     assert!(

@@ -90,7 +90,7 @@ def column(value_type: str, given: Any) -> pa.StructArray:
 
 
 def _filled(value_type: str, given: Any) -> NDArray[Any]:
-    """A map as an array: what a masked array masks is no answer."""
+    """A map as an array; masked pixels are NaN."""
     array = np.asarray(given)
     if not np.ma.is_masked(given):
         return array

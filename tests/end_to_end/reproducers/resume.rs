@@ -99,10 +99,10 @@ fn frames_that_were_set_aside_survive_a_failure_before_the_first_frame() {
         .args(["run", "images.yaml", "--out", "runs/one", "--no-page", "--json"])
         .output()
         .expect("the program starts");
-    let told: serde_json::Value = serde_json::from_slice(&output.stdout).expect("an object");
+    let report: serde_json::Value = serde_json::from_slice(&output.stdout).expect("an object");
     assert!(
-        output.status.success() && told["reused"]["nodes"][0]["reused"].as_u64() > Some(0),
-        "{told:#} {}",
+        output.status.success() && report["reused"]["nodes"][0]["reused"].as_u64() > Some(0),
+        "{report:#} {}",
         said(&output)
     );
     case.assert_as_fresh("images.yaml", "runs/one", &[]);
