@@ -9,7 +9,7 @@ use depthloom_graphs::plan::Plan;
 use depthloom_graphs::ready::Ready;
 use depthloom_graphs::{Frame, Key};
 use depthloom_recording::{EarlierRuns, Recording, RecordingError};
-use depthloom_runner::{KeptValues, Report};
+use depthloom_runner::{Audit, KeptValues, Report};
 use serde_json::{Value as Json, json};
 
 use crate::args::RunArgs;
@@ -101,6 +101,15 @@ pub fn beside(out: Option<&Path>, plan: &Plan) -> EarlierRuns {
 /// How many frames a recording holds, over all stage runs.
 pub fn frames(recording: &Recording) -> u64 {
     (0..recording.plan().runs.len()).map(|run| recording.frames(run).len() as u64).sum()
+}
+
+/// The folders of the runs that values were taken from, whose reports may have what this run's report needs; none if all that is reused is to be
+/// computed again.
+pub fn reports(earlier: &EarlierRuns, audit: Audit) -> Vec<PathBuf> {
+    match audit {
+        Audit::All => Vec::new(),
+        Audit::Sample | Audit::None => earlier.taken().filter_map(|path| path.parent().map(Path::to_owned)).collect(),
+    }
 }
 
 /// The earlier runs that cannot be read, of which nothing is taken.

@@ -7,9 +7,13 @@
 //! An estimator that answers the easy pixels only would win against one that answers all. So the same is taken once more over
 //! the **shared** pixels: those that every estimator with the same truth and settings answered, on frames that all of them have.
 //!
+//! Of estimates that have not changed since an earlier run the bins are those of [its report](EarlierBins).
+//!
 //! The percentiles are exact, and memory is bounded whatever the number of frames: [`Samples`] says how.
 
+mod earlier;
 mod in_memory;
+mod inputs;
 mod sample;
 mod samples;
 mod selection;
@@ -17,6 +21,9 @@ mod sorting;
 mod spill;
 mod spread;
 
+use earlier::ORIGIN;
+pub(crate) use earlier::{EarlierBins, Origin};
+pub(crate) use inputs::{Input, inputs};
 pub(crate) use samples::{FARTHEST_M, FrameSamples, Samples};
 pub use spread::{DistanceBin, PERCENTILES, Spread};
 
@@ -27,8 +34,8 @@ use crate::leading::{COMMON, sheet_of_estimators};
 use crate::sheet::{Cells, Sheet};
 
 /// What a row is of, `bin_from_m, bin_to_m, count, error_p5_m ... error_p95_m`: estimator by estimator, first on the pixels that each answered
-/// (`set` is `answered`), then on those that all answered (`common`).
-pub(crate) fn table_of_bins<'a>(bins: &[DistanceBin], estimators: &'a [Estimator]) -> Sheet<'a> {
+/// (`set` is `answered`), then on those that all answered (`common`). `origin` goes into the metadata.
+pub(crate) fn table_of_bins<'a>(bins: &[DistanceBin], estimators: &'a [Estimator], origin: &Origin) -> Sheet<'a> {
     let mut rows: Vec<(&Estimator, &str, u32, Spread)> = Vec::new();
     for of_one in bins.chunk_by(|a, b| a.estimator == b.estimator) {
         let row = |bin: &DistanceBin, set, spread| (&estimators[bin.estimator], set, bin.bin_m, spread);
@@ -37,6 +44,7 @@ pub(crate) fn table_of_bins<'a>(bins: &[DistanceBin], estimators: &'a [Estimator
     }
     let of: Vec<(&Estimator, &str)> = rows.iter().map(|(estimator, set, ..)| (*estimator, *set)).collect();
     let mut table = sheet_of_estimators(&of, [])
+        .with_metadata(ORIGIN, origin.json())
         .with_bins(&rows.iter().map(|(_, _, metre, _)| *metre).collect::<Vec<_>>())
         .with_unit("count", "pixels", Cells::Count(rows.iter().map(|(.., spread)| spread.count).collect()));
     for (i, percentile) in PERCENTILES.into_iter().enumerate() {

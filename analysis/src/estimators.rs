@@ -46,6 +46,22 @@ pub struct Estimator {
     pub truth: Option<String>,
 }
 
+/// The recorded maps that an estimator's error against distance is computed from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Compared<'a> {
+    pub(crate) truth_topic: &'a str,
+    pub(crate) estimate_topic: &'a str,
+    pub(crate) settings: &'a Settings,
+}
+
+impl Estimator {
+    /// Its maps; `None` of disparities, and if one of the maps was not recorded.
+    pub(crate) fn compared(&self) -> Option<Compared<'_>> {
+        let (truth_topic, estimate_topic) = (self.truth_topic.as_deref()?, self.estimate_topic.as_deref()?);
+        Some(Compared { truth_topic, estimate_topic, settings: self.settings.as_ref()? })
+    }
+}
+
 /// The estimators of a recording: those that all variants share first, then variant by variant in the order of the file.
 ///
 /// # Errors

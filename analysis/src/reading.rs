@@ -12,7 +12,7 @@ use depthloom_threads::{Budget, Tiles as _};
 
 use crate::distance::{DistanceBin, FARTHEST_M, FrameSamples, Samples};
 use crate::error::{AnalysisError, caught};
-use crate::estimators::Estimator;
+use crate::estimators::{Compared, Estimator};
 use crate::files::Output;
 use crate::leading::{Lead, Leads, sheet};
 use crate::scores::{FrameScore, order_frame};
@@ -75,14 +75,37 @@ pub(crate) fn distances(
     output: Output<'_>,
     taken: Option<Taken<'_>>,
 ) -> Result<Distances, AnalysisError> {
-    let Taken { samples, mut truth, frames } = taken.unwrap_or_else(|| Taken {
+    let taken = taken.unwrap_or_else(|| Taken {
         samples: Samples::new(estimators.len(), samples_in_memory, output),
         truth: BTreeMap::new(),
         frames: BTreeSet::new(),
     });
+    read_distances(recording, estimators, |_| true, output, taken)
+}
+
+/// As [`distances`], of those estimators for whose index `is_wanted` holds: the pixels that these answered are the shared ones.
+pub(crate) fn distances_of_some(
+    recording: &Recording,
+    estimators: &[Estimator],
+    is_wanted: impl Fn(usize) -> bool,
+    samples_in_memory: usize,
+    output: Output<'_>,
+) -> Result<Distances, AnalysisError> {
+    let samples = Samples::new(estimators.len(), samples_in_memory, output);
+    let taken = Taken { samples, truth: BTreeMap::new(), frames: BTreeSet::new() };
+    read_distances(recording, estimators, is_wanted, output, taken)
+}
+
+fn read_distances(
+    recording: &Recording,
+    estimators: &[Estimator],
+    is_wanted: impl Fn(usize) -> bool,
+    output: Output<'_>,
+    Taken { samples, mut truth, frames }: Taken<'_>,
+) -> Result<Distances, AnalysisError> {
     let samples = Mutex::new(samples);
     for run in 0..recording.plan().runs.len() {
-        let maps = Maps::new(run, estimators);
+        let maps = Maps::of_some(run, estimators, &is_wanted);
         if maps.estimators.is_empty() {
             continue;
         }
@@ -123,12 +146,18 @@ pub(crate) struct Maps {
 }
 
 impl Maps {
+    /// The maps of all its estimators.
     pub(crate) fn new(run: usize, estimators: &[Estimator]) -> Self {
+        Self::of_some(run, estimators, |_| true)
+    }
+
+    /// The maps of those estimators for whose index `is_wanted` holds.
+    fn of_some(run: usize, estimators: &[Estimator], is_wanted: impl Fn(usize) -> bool) -> Self {
         let mut maps = Self { run, topics: Vec::new(), estimators: Vec::new() };
-        for (index, estimator) in estimators.iter().enumerate().filter(|(_, estimator)| estimator.run == run) {
-            let maps_of = (&estimator.truth_topic, &estimator.estimate_topic, &estimator.settings);
-            if let (Some(truth), Some(estimate), Some(_)) = maps_of {
-                let places = (index, maps.place(truth), maps.place(estimate));
+        let of_run = estimators.iter().enumerate().filter(|(index, of)| of.run == run && is_wanted(*index));
+        for (index, estimator) in of_run {
+            if let Some(Compared { truth_topic, estimate_topic, .. }) = estimator.compared() {
+                let places = (index, maps.place(truth_topic), maps.place(estimate_topic));
                 maps.estimators.push(places);
             }
         }

@@ -1,7 +1,7 @@
 //! Everything a run's folder says of its recording.
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use depthloom_graphs::Key;
 use depthloom_recording::Recording;
@@ -10,18 +10,19 @@ use serde_json::{Value as Json, json};
 use crate::ablation::{Ablation, Ranking, Selection, source_of};
 use crate::condition::{self, Told};
 use crate::curves::{LearningCurve, learning_curves, table_of_points};
-use crate::distance::{DistanceBin, FARTHEST_M, table_of_bins};
+use crate::distance::{DistanceBin, FARTHEST_M, Origin, inputs, table_of_bins};
 use crate::error::{AnalysisError, caught};
 use crate::estimators::{Estimator, estimators};
 use crate::figure::{Figure, render};
 use crate::files::Output;
 use crate::leading::plan_key;
 use crate::maps::{not_recorded, sparsely_kept};
-use crate::reading::{self, Distances, Taken};
+use crate::reading::{self, Distances};
 use crate::sampling::Sampled;
 use crate::scores::{FrameScore, table_of_scores};
 use crate::statistics::Resampling;
 use crate::table::{Table, incomplete_frames};
+use crate::unchanged;
 use crate::unscored::Unscored;
 
 /// Columns of text of a terminal's table.
@@ -106,10 +107,19 @@ pub fn report(
     options: &ReportOptions,
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<Summary, AnalysisError> {
-    report_with(recording, folder, options, None, stop)
+    report_with(recording, folder, options, Known::default(), stop)
 }
 
-/// As [`report`], and gives the same; of the frames whose [samples](Sampled) were taken while they were recorded the maps are not read.
+/// What a run knows when its recording is finished: what a report need not compute from the recorded maps.
+#[derive(Default)]
+pub struct Known<'a> {
+    /// Samples that were taken while frames were recorded.
+    pub sampled: Option<Sampled<'a>>,
+    /// The folders of the earlier runs that values were reused from: the error against distance of equal maps is taken from their reports.
+    pub reports: Vec<PathBuf>,
+}
+
+/// As [`report`], and gives the same; what is [known](Known) is not computed again.
 ///
 /// # Errors
 /// As [`report`].
@@ -117,17 +127,17 @@ pub fn report_with(
     recording: &Recording,
     folder: &Path,
     options: &ReportOptions,
-    sampled: Option<Sampled<'_>>,
+    known: Known<'_>,
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<Summary, AnalysisError> {
-    caught(|| analyse(recording, options, Output { folder, stop }, sampled.map(|sampled| sampled.0)))
+    caught(|| analyse(recording, options, Output { folder, stop }, known))
 }
 
 fn analyse(
     recording: &Recording,
     options: &ReportOptions,
     output: Output<'_>,
-    taken: Option<Taken<'_>>,
+    known: Known<'_>,
 ) -> Result<Summary, AnalysisError> {
     let plan = recording.plan();
     let estimators = estimators(plan)?;
@@ -135,7 +145,7 @@ fn analyse(
     let Scored { table, scored, unscored, incomplete } = write_scores(recording, &estimators, options, output)?;
     written.extend(scored.then_some("scores.*"));
     written.extend(table.is_some().then_some("table.*"));
-    let found = write_distances(recording, &estimators, options, output, taken)
+    let found = write_distances(recording, &estimators, options, output, known)
         .map_err(|error| error.but_whole(&written, output.folder))?;
     let (distances, truth) = (!found.bins.is_empty(), found.truth_of_all());
     let Distances { bins, beyond, .. } = found;
@@ -278,14 +288,20 @@ fn write_distances(
     estimators: &[Estimator],
     options: &ReportOptions,
     output: Output<'_>,
-    taken: Option<Taken<'_>>,
+    Known { sampled, reports }: Known<'_>,
 ) -> Result<Distances, AnalysisError> {
-    let distances = reading::distances(recording, estimators, options.samples_in_memory, output, taken)?;
+    let inputs = inputs(recording, estimators)?;
+    let in_memory = options.samples_in_memory;
+    let distances = match unchanged::distances(recording, estimators, &inputs, &reports, in_memory, output)? {
+        Some(distances) => distances,
+        None => reading::distances(recording, estimators, in_memory, output, sampled.map(|sampled| sampled.0))?,
+    };
     if distances.bins.is_empty() {
         return Ok(distances);
     }
-    output
-        .write_table("error_vs_distance", &plan_key(recording.plan()), || table_of_bins(&distances.bins, estimators))?;
+    let origin = Origin::of(&distances.bins, &inputs, &distances.beyond);
+    let table = || table_of_bins(&distances.bins, estimators, &origin);
+    output.write_table("error_vs_distance", &plan_key(recording.plan()), table)?;
     let leads = distances.leads(recording.plan());
     output.write_csv("true_distances.csv", &distances.table_of_truth(&leads))?;
     let figure = Figure { estimators, bins: &distances.bins, truth: &distances.truth_of_all() };

@@ -30,6 +30,8 @@ pub(crate) const DIMENSIONLESS: &str = "1";
 /// A table: columns of one length, each with its name, and its unit where it has one.
 pub(crate) struct Sheet<'a> {
     columns: Vec<SheetColumn<'a>>,
+    /// What the metadata of its Parquet file says beside what all tables say: names and texts.
+    more_metadata: Vec<(&'static str, String)>,
 }
 
 struct SheetColumn<'a> {
@@ -54,7 +56,13 @@ pub(crate) enum Cells<'a> {
 
 impl<'a> Sheet<'a> {
     pub(crate) const fn new() -> Self {
-        Self { columns: Vec::new() }
+        Self { columns: Vec::new(), more_metadata: Vec::new() }
+    }
+
+    /// Adds an entry to the metadata of its Parquet file.
+    pub(crate) fn with_metadata(mut self, name: &'static str, text: String) -> Self {
+        self.more_metadata.push((name, text));
+        self
     }
 
     /// Adds a column on the right.
@@ -129,7 +137,9 @@ impl<'a> Sheet<'a> {
     /// What the metadata of a Parquet file of its columns says: `table` is what the table is called, `run` the key of the plan of the run it is of.
     fn metadata(&self, table: &str, run: &Key) -> Vec<(String, String)> {
         let units = self.columns.iter().filter_map(|column| Some((column.name.as_str(), column.unit?)));
-        metadata(table, run, units)
+        let mut all = metadata(table, run, units);
+        all.extend(self.more_metadata.iter().map(|(name, text)| ((*name).to_owned(), text.clone())));
+        all
     }
 
     /// The bytes of a Parquet file; see [`Sheet::metadata`].

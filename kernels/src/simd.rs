@@ -14,6 +14,8 @@ mod block;
 #[cfg(target_arch = "x86_64")]
 mod differences;
 #[cfg(target_arch = "x86_64")]
+mod differences_avx2;
+#[cfg(target_arch = "x86_64")]
 mod grey;
 mod lanes;
 mod path;
@@ -217,6 +219,9 @@ impl Level {
             #[cfg(target_arch = "x86_64")]
             // SAFETY: only `available` makes this level, where every feature named at `together` was detected.
             Set::Avx512Popcnt => unsafe { differences::together(room, blocks) },
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: only `available` makes these levels, where AVX2 was detected.
+            Set::Avx2 | Set::Avx512 => unsafe { differences_avx2::together(room, blocks) },
             _ => self.run(Together(room, blocks)),
         }
     }

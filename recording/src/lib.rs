@@ -124,6 +124,7 @@ mod resume;
 mod source;
 mod store;
 mod unpack;
+mod value_digest;
 mod walk;
 mod window;
 mod writer;

@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use depthloom_graphs::contracts::{Commit, Contract, Failure, Slot, Tap};
+use depthloom_graphs::contracts::{Commit, Contract, Failure, Slot, SlotKey, Tap};
 use depthloom_graphs::plan::{Estimate, Plan, PlannedNode, PlannedOutput, PlannedSource, Record, SourcePart, StageRun};
 use depthloom_graphs::values::{Curve, CurvePoint, Depth, Raster};
 use depthloom_graphs::{Frame, Key, Port, Value, ValueType};
@@ -15,6 +15,8 @@ use serde_json::json;
 pub const SIZE: (u32, u32) = (40, 30);
 /// How many frames; the last has no truth, on the one before it `b/mono` failed.
 pub const FRAMES: u64 = 9;
+/// How many frames have a value of every estimator.
+const COMPLETE: u64 = FRAMES - 2;
 /// The estimators as the plan has them: label, name, variant, pixel sets.
 pub const ESTIMATORS: [(&str, &str, Option<usize>, &[PixelSet]); 3] = [
     ("a/mono", "mono", Some(0), &[PixelSet::All]),
@@ -135,9 +137,12 @@ pub fn maps(index: u64) -> [Vec<f32>; 4] {
 
 /// The scores of a frame, by estimator, as the engine records them.
 pub fn rows(index: u64) -> [Vec<ScoreRow>; 3] {
-    let [truth, estimates @ ..] = maps(index);
+    rows_of(&maps(index))
+}
+
+fn rows_of([truth, estimates @ ..]: &[Vec<f32>; 4]) -> [Vec<ScoreRow>; 3] {
     let (width, height) = (SIZE.0 as usize, SIZE.1 as usize);
-    std::array::from_fn(|i| score(&estimates[i], &truth, width, height, ESTIMATORS[i].3, &Settings::default()))
+    std::array::from_fn(|i| score(&estimates[i], truth, width, height, ESTIMATORS[i].3, &Settings::default()))
 }
 
 /// Whether an estimator has a value and scores on a frame.
@@ -191,16 +196,44 @@ fn record_with(path: &Path, plan: &Plan, fails: bool) {
     recorder.finish(&[]).unwrap();
 }
 
+/// Records frames that have a value of every estimator and the cache keys of all values; `change` changes truth and estimates.
+pub fn record_complete(path: &Path, plan: &Plan, change: impl Fn(&mut [Vec<f32>; 4])) {
+    let recorder = Recorder::create(path, plan).unwrap();
+    for index in 0..COMPLETE {
+        let mut maps = maps(index);
+        change(&mut maps);
+        let key = |map: &[f32]| {
+            let bytes: Vec<u8> = map.iter().flat_map(|metres| metres.to_le_bytes()).collect();
+            Key::build("map").number(index).bytes(&bytes).finish()
+        };
+        let estimates = maps[1..].iter().enumerate();
+        let keys: Vec<SlotKey> = estimates.map(|(node, map)| SlotKey { node, key: key(map) }).collect();
+        record_maps(&recorder, 0, (index, &maps), (Some(key(&maps[0])), &keys), false);
+    }
+    recorder.finish(&[]).unwrap();
+}
+
 fn record_frame(recorder: &Recorder, run: usize, index: u64, fails: bool) {
+    let source_key = Some(Key::build("source").number(index).finish());
+    record_maps(recorder, run, (index, &maps(index)), (source_key, &[]), fails);
+}
+
+fn record_maps(
+    recorder: &Recorder,
+    run: usize,
+    (index, maps): (u64, &[Vec<f32>; 4]),
+    (source_key, keys): (Option<Key>, &[SlotKey]),
+    fails: bool,
+) {
     let frame = Frame::at_10_hz(format!("{index:06}_10"), index);
     let depth = |metres: &[f32]| -> Value {
         Depth { metres: Raster::from_raw(SIZE.0, SIZE.1, metres.to_vec()).unwrap() }.into()
     };
-    let [truth, estimates @ ..] = maps(index);
-    let rows = rows(index);
+    let [truth, estimates @ ..] = maps;
+    let rows = rows_of(maps);
     let mut values = Vec::new();
     if has_truth(index) {
-        values.push((Slot::Source { port: 0 }, depth(&truth)));
+        values.push((Slot::Source { port: 0 }, depth(truth)));
     }
     let there = || (0..ESTIMATORS.len()).filter(|&i| answered(index, i));
     values.extend(there().map(|i| (Slot::Node { node: i, port: 0 }, depth(&estimates[i]))));
@@ -214,11 +247,7 @@ fn record_frame(recorder: &Recorder, run: usize, index: u64, fails: bool) {
     let parts = parts.collect();
     let failed = (0..ESTIMATORS.len()).filter(|&i| fails && !answered(index, i));
     let failures: Vec<Failure> = failed.map(|node| Failure { node: Some(node), what: "failed".to_owned() }).collect();
-    let source_key = Some(Key::build("source").number(index).finish());
     recorder
-        .write(
-            &Commit { run, frame: &frame, source_key, keys: &[], failures: &failures, absent: &[], warnings: &[] },
-            parts,
-        )
+        .write(&Commit { run, frame: &frame, source_key, keys, failures: &failures, absent: &[], warnings: &[] }, parts)
         .unwrap();
 }

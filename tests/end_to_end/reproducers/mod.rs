@@ -15,6 +15,10 @@ use image::{GrayImage, Luma};
 use crate::process::python::path_of;
 use crate::support::{depthloom, python_package};
 
+/// What is compared of a run and a fresh one.
+const REPORTED: [&str; 5] =
+    ["scores.csv", "table.csv", "error_vs_distance.csv", "true_distances.csv", "recording.mcap"];
+
 /// A folder with experiments, their files and their runs.
 struct Case {
     folder: tempfile::TempDir,
@@ -80,9 +84,9 @@ impl Case {
         self.assert_as_fresh(experiment, out, more);
     }
 
-    /// That a run has the recording and the scores of a fresh one.
+    /// That a run has the recording, the scores and the errors of a fresh one.
     fn assert_as_fresh(&self, experiment: &str, out: &str, more: &[&str]) {
-        self.assert_files_as_fresh(experiment, out, more, &["scores.csv", "table.csv", "recording.mcap"]);
+        self.assert_files_as_fresh(experiment, out, more, &REPORTED);
     }
 
     /// That these files of a run are those of a fresh one.

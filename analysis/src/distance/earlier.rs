@@ -1,0 +1,177 @@
+//! The error against distance that an earlier run's report found: of equal maps it is not computed again.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+use depthloom_graphs::{Key, regular_file};
+use polars::prelude::{ParallelStrategy, ParquetReader, PolarsResult, SerReader as _};
+use serde::{Deserialize, Serialize};
+
+use super::inputs::Input;
+use super::spread::{DistanceBin, PERCENTILES, Spread};
+use crate::error::caught;
+
+/// The name of [`Origin`] in the metadata of the table.
+pub(super) const ORIGIN: &str = "depthloom.computed_from";
+
+/// What the rows of `error_vs_distance.parquet` were computed from.
+#[derive(Debug, PartialEq, Deserialize, Serialize)]
+pub(crate) struct Origin {
+    /// In the order of the rows: first a row a bin of the pixels that the estimator answered, then a row a bin of those that all answered.
+    estimators: Vec<OriginOf>,
+    /// A checksum of the rows.
+    rows: Key,
+}
+
+/// What the rows of an estimator were computed from.
+#[derive(Debug, PartialEq, Deserialize, Serialize)]
+struct OriginOf {
+    /// See [`Input::key`].
+    input: Option<Key>,
+    /// See [`Input::group`].
+    group: usize,
+    answered_rows: usize,
+    common_rows: usize,
+    /// How many pixels were left out, since they are too far.
+    beyond: u64,
+}
+
+impl Origin {
+    /// Of the estimators that have bins; `beyond` is how many pixels of each were left out.
+    pub(crate) fn of(bins: &[DistanceBin], inputs: &[Option<Input>], beyond: &[u64]) -> Self {
+        let estimators = bins.chunk_by(|a, b| a.estimator == b.estimator).map(|bins| {
+            let index = bins[0].estimator;
+            let input = inputs[index];
+            OriginOf {
+                input: input.and_then(|input| input.key),
+                group: input.map_or(usize::MAX, |input| input.group),
+                answered_rows: bins.len(),
+                common_rows: bins.iter().filter(|bin| bin.shared.is_some()).count(),
+                beyond: beyond[index],
+            }
+        });
+        Self { estimators: estimators.collect(), rows: checksum(bins) }
+    }
+
+    pub(super) fn json(&self) -> String {
+        serde_json::to_string(self).expect("keys and numbers have a text")
+    }
+}
+
+/// A checksum of bins: of all that is in the table, but for the labels.
+fn checksum(bins: &[DistanceBin]) -> Key {
+    let mut numbers: Vec<u64> = Vec::new();
+    for bin in bins {
+        numbers.extend([u64::from(bin.bin_m), u64::from(bin.shared.is_some())]);
+        for spread in std::iter::once(&bin.answered).chain(&bin.shared) {
+            numbers.push(spread.count);
+            numbers.extend(spread.percentiles_m.map(f64::to_bits));
+        }
+    }
+    let bytes: Vec<u8> = numbers.into_iter().flat_map(u64::to_le_bytes).collect();
+    Key::of_content(&bytes)
+}
+
+/// The bins of an earlier report.
+#[derive(Debug)]
+pub(crate) struct EarlierBins {
+    estimators: Vec<EarlierEstimator>,
+}
+
+/// The bins of an estimator in an earlier report.
+#[derive(Debug)]
+struct EarlierEstimator {
+    input: Option<Key>,
+    group: usize,
+    beyond: u64,
+    /// By metre, the estimator's index in the earlier report.
+    bins: Vec<DistanceBin>,
+}
+
+impl EarlierBins {
+    /// Reads `error_vs_distance.parquet` in a run's folder; `None` if there is none, an earlier version wrote it, or it is not what was written.
+    pub(crate) fn read(folder: &Path) -> Option<Self> {
+        // polars panics on some damaged files.
+        caught(|| Ok(Self::read_sound(folder))).ok().flatten()
+    }
+
+    fn read_sound(folder: &Path) -> Option<Self> {
+        let file = regular_file::open(&folder.join("error_vs_distance.parquet")).ok()?;
+        let mut reader = ParquetReader::new(file).read_parallel(ParallelStrategy::None);
+        let metadata = reader.get_metadata().ok()?.clone();
+        let origin = metadata.key_value_metadata().as_ref()?.iter().find(|entry| entry.key.as_str() == ORIGIN)?;
+        let origin: Origin = serde_json::from_str(origin.value.as_ref()?.as_str()).ok()?;
+        let rows = rows(reader).ok()?;
+        let found = Self::of_rows(&origin, &rows)?;
+        let bins: Vec<DistanceBin> = found.estimators.iter().flat_map(|of| of.bins.iter().copied()).collect();
+        (checksum(&bins) == origin.rows).then_some(found)
+    }
+
+    fn of_rows(origin: &Origin, mut rows: &[(u32, Spread)]) -> Option<Self> {
+        let mut estimators = Vec::with_capacity(origin.estimators.len());
+        for (estimator, of) in origin.estimators.iter().enumerate() {
+            let (answered, rest) = rows.split_at_checked(of.answered_rows)?;
+            let (shared, rest) = rest.split_at_checked(of.common_rows)?;
+            rows = rest;
+            let shared_in = |bin: u32| shared.iter().find(|(bin_m, _)| *bin_m == bin).map(|(_, spread)| *spread);
+            let bin = |&(bin_m, answered): &(u32, Spread)| DistanceBin {
+                estimator,
+                bin_m,
+                answered,
+                shared: shared_in(bin_m),
+            };
+            let bins = answered.iter().map(bin).collect();
+            estimators.push(EarlierEstimator { input: of.input, group: of.group, beyond: of.beyond, bins });
+        }
+        rows.is_empty().then_some(Self { estimators })
+    }
+
+    /// For each of a group of estimators, by the keys of their inputs: which of the report's has the same, all of them of one group of the report,
+    /// the one with most of them; `None` of the others.
+    pub(crate) fn matches(&self, inputs: &[Option<Key>]) -> Vec<Option<usize>> {
+        let of_group = |group: usize| -> Vec<Option<usize>> {
+            let with = |key: Key| self.estimators.iter().position(|of| of.group == group && of.input == Some(key));
+            inputs.iter().map(|key| key.and_then(with)).collect()
+        };
+        let groups: BTreeSet<usize> = self.estimators.iter().map(|of| of.group).collect();
+        let found = groups.into_iter().map(of_group);
+        let best = found.max_by_key(|found| found.iter().flatten().count());
+        best.unwrap_or_else(|| vec![None; inputs.len()])
+    }
+
+    /// Whether all its group answered every pixel that an estimator of the report answered.
+    pub(crate) fn answers_shared_alone(&self, estimator: usize) -> bool {
+        let count = |bin: &DistanceBin| bin.shared.map_or(0, |shared| shared.count);
+        self.estimators[estimator].bins.iter().all(|bin| bin.answered.count == count(bin))
+    }
+
+    /// The bins of an estimator of the report, as those of another index.
+    pub(crate) fn bins(&self, estimator: usize, index: usize) -> impl Iterator<Item = DistanceBin> {
+        self.estimators[estimator].bins.iter().map(move |bin| DistanceBin { estimator: index, ..*bin })
+    }
+
+    /// How many pixels of an estimator of the report were left out, since they are too far.
+    pub(crate) fn beyond(&self, estimator: usize) -> u64 {
+        self.estimators[estimator].beyond
+    }
+}
+
+/// The bin and the spread of each row.
+fn rows(reader: ParquetReader<std::fs::File>) -> PolarsResult<Vec<(u32, Spread)>> {
+    let table = reader.finish()?;
+    let bins = table.column("bin_from_m")?.u32()?;
+    let counts = table.column("count")?.u64()?;
+    let mut errors = Vec::with_capacity(PERCENTILES.len());
+    for percentile in PERCENTILES {
+        errors.push(table.column(&format!("error_p{percentile}_m"))?.f64()?);
+    }
+    let row = |row: usize| {
+        let mut percentiles_m = [f64::NAN; PERCENTILES.len()];
+        for (percentile_m, errors) in percentiles_m.iter_mut().zip(&errors) {
+            *percentile_m = errors.get(row).unwrap_or(f64::NAN);
+        }
+        let spread = Spread { count: counts.get(row).unwrap_or(0), percentiles_m };
+        (bins.get(row).unwrap_or(u32::MAX), spread)
+    };
+    Ok((0..table.height()).map(row).collect())
+}

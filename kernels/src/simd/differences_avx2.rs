@@ -1,0 +1,107 @@
+//! Samples out of the differences of their bits, four at a time: a byte of classes says which bytes go where, and a shuffle brings them there.
+#![expect(unsafe_code, reason = "vector loads and stores")]
+
+use std::arch::x86_64::{
+    __m128i, _mm_add_epi32, _mm_and_si128, _mm_cvtsi32_si128, _mm_cvtsi64_si128, _mm_loadu_si128, _mm_or_si128,
+    _mm_set1_epi32, _mm_setzero_si128, _mm_shuffle_epi8, _mm_shuffle_epi32, _mm_slli_si128, _mm_srli_epi32,
+    _mm_storeu_si128, _mm_sub_epi32, _mm_unpacklo_epi64, _mm_xor_si128,
+};
+
+use crate::float_differences::{BLOCK, Room};
+
+/// What a shuffle makes zero.
+const NONE: u8 = 0x80;
+/// Where the middle bits lie in the bytes that are shuffled, behind the high bits of four samples.
+const MIDDLES: u8 = 8;
+
+/// What a byte of four classes stands for.
+struct Expansion {
+    /// Which of the next bytes of low bits each byte of four differences is.
+    lows: [u8; 16],
+    /// The same of high and middle bits.
+    above: [u8; 16],
+    low_count: u8,
+    middle_count: u8,
+    high_count: u8,
+}
+
+static EXPANSIONS: [Expansion; 256] = expansions();
+
+const fn expansions() -> [Expansion; 256] {
+    const EMPTY: Expansion =
+        Expansion { lows: [NONE; 16], above: [NONE; 16], low_count: 0, middle_count: 0, high_count: 0 };
+    let mut all = [EMPTY; 256];
+    let mut classes = 0;
+    while classes < 256 {
+        let expansion = &mut all[classes];
+        let mut place = 0;
+        while place < 4 {
+            let class = classes >> (2 * place) & 3;
+            let byte = 4 * place;
+            if class != 0 {
+                expansion.lows[byte] = 2 * expansion.low_count;
+                expansion.lows[byte + 1] = 2 * expansion.low_count + 1;
+                expansion.low_count += 1;
+            }
+            if class == 2 {
+                expansion.above[byte + 2] = MIDDLES + expansion.middle_count;
+                expansion.middle_count += 1;
+            }
+            if class == 3 {
+                expansion.above[byte + 2] = 2 * expansion.high_count;
+                expansion.above[byte + 3] = 2 * expansion.high_count + 1;
+                expansion.high_count += 1;
+            }
+            place += 1;
+        }
+        classes += 1;
+    }
+    all
+}
+
+/// The parts of blocks into their samples (see [`crate::float_differences`]); `None` if the parts end before.
+#[target_feature(enable = "avx2")]
+pub(super) fn together(room: &mut Room, blocks: &mut [[f32; BLOCK]]) -> Option<()> {
+    let Room { classes, middles, lows, highs, kept } = room;
+    let (zero, one) = (_mm_setzero_si128(), _mm_set1_epi32(1));
+    let mut last = _mm_set1_epi32(kept.last as i32);
+    for (block, classes) in blocks.iter_mut().zip(classes.as_chunks::<{ BLOCK / 4 }>().0) {
+        let low: &[u8; 2 * BLOCK] = lows.get(2 * kept.lows..)?.first_chunk()?;
+        let middle: &[u8; BLOCK] = middles.get(kept.middles..)?.first_chunk()?;
+        let high: &[u8; 2 * BLOCK] = highs.get(2 * kept.highs..)?.first_chunk()?;
+        let (mut low_count, mut middle_count, mut high_count) = (0, 0, 0);
+        for (four, classes) in block.as_chunks_mut::<4>().0.iter_mut().zip(classes) {
+            let expansion = &EXPANSIONS[usize::from(*classes)];
+            // Of a block's first 60 samples no more than 60 are kept: there are four behind them.
+            let low = i64::from_le_bytes(*low[2 * low_count..].first_chunk()?);
+            let middle = i32::from_le_bytes(*middle[middle_count..].first_chunk()?);
+            let high = i64::from_le_bytes(*high[2 * high_count..].first_chunk()?);
+            let above = _mm_unpacklo_epi64(_mm_cvtsi64_si128(high), _mm_cvtsi32_si128(middle));
+            let low = _mm_shuffle_epi8(_mm_cvtsi64_si128(low), loaded(&expansion.lows));
+            let difference = _mm_or_si128(low, _mm_shuffle_epi8(above, loaded(&expansion.above)));
+            low_count += usize::from(expansion.low_count);
+            middle_count += usize::from(expansion.middle_count);
+            high_count += usize::from(expansion.high_count);
+            let sign = _mm_sub_epi32(zero, _mm_and_si128(difference, one));
+            // Sums of all lanes up to each, in two steps; what was before all of them is added last.
+            let mut sums = _mm_xor_si128(_mm_srli_epi32::<1>(difference), sign);
+            sums = _mm_add_epi32(sums, _mm_slli_si128::<4>(sums));
+            sums = _mm_add_epi32(sums, _mm_slli_si128::<8>(sums));
+            let bits = _mm_add_epi32(sums, last);
+            last = _mm_shuffle_epi32::<0xff>(bits);
+            // SAFETY: as many bytes as four samples have are written.
+            unsafe { _mm_storeu_si128(four.as_mut_ptr().cast(), bits) };
+        }
+        kept.lows += low_count;
+        kept.middles += middle_count;
+        kept.highs += high_count;
+        kept.last = block[BLOCK - 1].to_bits();
+    }
+    Some(())
+}
+
+#[target_feature(enable = "avx2")]
+fn loaded(bytes: &[u8; 16]) -> __m128i {
+    // SAFETY: 16 bytes are read of 16.
+    unsafe { _mm_loadu_si128(bytes.as_ptr().cast()) }
+}

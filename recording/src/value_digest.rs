@@ -1,0 +1,60 @@
+//! Digests of what is stored of a topic: by them a later run finds what was computed of the same values.
+
+use depthloom_graphs::Key;
+use depthloom_graphs::contracts::Slot;
+
+use crate::error::RecordingError;
+use crate::index::ChunkEntry;
+use crate::parse::{ChunkHead, RECORD_HEADER, chunk_head};
+use crate::recording::{RecordedFrame, Recording};
+
+impl Recording {
+    /// A digest of a topic's value on each of a stage run's [frames](Recording::frames): of the cache key that it is stored under, and of size and
+    /// checksum of its chunk. `None` where the topic has no value, or has it in one chunk with other topics.
+    ///
+    /// Chunks are not read, only their heads. Whoever reads a value compares its bytes with the checksum.
+    ///
+    /// # Errors
+    /// If the run has no such topic, or the file cannot be read.
+    pub fn value_digests(&self, run: usize, topic: &str) -> Result<Vec<Option<Key>>, RecordingError> {
+        let found = (run < self.plan().runs.len()).then(|| self.plan().find(run, topic)).flatten();
+        let (slot, output) = found.ok_or_else(|| RecordingError::Missing {
+            path: self.path().to_owned(),
+            what: format!("topic {topic} of stage run {run}"),
+        })?;
+        let channels: Vec<u16> = self.channels_of(&output.topic).collect();
+        let digest = |(position, frame): (usize, &RecordedFrame)| {
+            let chunk = channels.iter().find_map(|channel| Some((*channel, self.chunk_of(run, position, *channel)?)));
+            let own_chunk = chunk.filter(|(channel, chunk)| *chunk.channels == [*channel]);
+            match (own_chunk, frame.key_of(slot)) {
+                (Some((_, chunk)), Some(key)) => self.chunk_digest(chunk, &key),
+                _ => Ok(None),
+            }
+        };
+        self.frames(run).iter().enumerate().map(digest).collect()
+    }
+
+    fn chunk_digest(&self, chunk: &ChunkEntry, key: &Key) -> Result<Option<Key>, RecordingError> {
+        let mut head = [0; ChunkHead::LONGEST as usize];
+        let length = chunk.length.saturating_sub(RECORD_HEADER).min(ChunkHead::LONGEST);
+        let head = &mut head[..length as usize];
+        self.file.read_exact(head, chunk.start + RECORD_HEADER)?;
+        // A checksum of 0 says that there is none.
+        let head = chunk_head(head).filter(|head| head.crc != 0);
+        let digest = |head: ChunkHead<'_>| {
+            let digest = Key::digest("depthloom value").key(key).number(head.uncompressed_size);
+            digest.number(u64::from(head.crc)).finish()
+        };
+        Ok(head.map(digest))
+    }
+}
+
+impl RecordedFrame {
+    /// The cache key of what a source or a node gave on the frame.
+    fn key_of(&self, slot: Slot) -> Option<Key> {
+        match slot {
+            Slot::Source { .. } => self.source_key,
+            Slot::Node { node, .. } => self.keys.iter().find(|of| of.node == node).map(|of| of.key),
+        }
+    }
+}
