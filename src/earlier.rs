@@ -103,8 +103,8 @@ pub fn frames(recording: &Recording) -> u64 {
     (0..recording.plan().runs.len()).map(|run| recording.frames(run).len() as u64).sum()
 }
 
-/// The folders of the runs that values were taken from, whose reports may have what this run's report needs; none if all that is reused is to be
-/// computed again.
+/// The folders of the runs whose values were reused: this run's report can reuse parts of theirs. Empty if everything that is reused is computed
+/// again.
 pub fn reports(earlier: &EarlierRuns, audit: Audit) -> Vec<PathBuf> {
     match audit {
         Audit::All => Vec::new(),

@@ -60,7 +60,7 @@ pub use grid::{Grid, Typesetting};
 pub use leading::{COMMON, LEADING, Lead, Leads, Level, plan_key, variant_of};
 pub use page::{PAGE, PAGE_MARK, PageWritten, Surroundings, write_page};
 pub use paper::paper_scores;
-pub use report::{Known, ReportOptions, Summary, report, report_with};
+pub use report::{Prepared, ReportOptions, Summary, report, report_with};
 pub use rows::{TopicRows, curve_rows, topic_rows};
 pub use samples::{SAMPLES, SamplesWritten, write_samples};
 pub use sampling::{Sampled, SamplingTap};

@@ -107,19 +107,19 @@ pub fn report(
     options: &ReportOptions,
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<Summary, AnalysisError> {
-    report_with(recording, folder, options, Known::default(), stop)
+    report_with(recording, folder, options, Prepared::default(), stop)
 }
 
-/// What a run knows when its recording is finished: what a report need not compute from the recorded maps.
+/// What a run has at hand when its recording is finished, and its report need not compute from the recorded maps.
 #[derive(Default)]
-pub struct Known<'a> {
+pub struct Prepared<'a> {
     /// Samples that were taken while frames were recorded.
     pub sampled: Option<Sampled<'a>>,
-    /// The folders of the earlier runs that values were reused from: the error against distance of equal maps is taken from their reports.
+    /// The folders of the earlier runs whose values were reused. The error against distance of equal maps is taken from their reports.
     pub reports: Vec<PathBuf>,
 }
 
-/// As [`report`], and gives the same; what is [known](Known) is not computed again.
+/// As [`report`], with the same result. What is [prepared](Prepared) is not computed again.
 ///
 /// # Errors
 /// As [`report`].
@@ -127,17 +127,17 @@ pub fn report_with(
     recording: &Recording,
     folder: &Path,
     options: &ReportOptions,
-    known: Known<'_>,
+    prepared: Prepared<'_>,
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<Summary, AnalysisError> {
-    caught(|| analyse(recording, options, Output { folder, stop }, known))
+    caught(|| analyse(recording, options, Output { folder, stop }, prepared))
 }
 
 fn analyse(
     recording: &Recording,
     options: &ReportOptions,
     output: Output<'_>,
-    known: Known<'_>,
+    prepared: Prepared<'_>,
 ) -> Result<Summary, AnalysisError> {
     let plan = recording.plan();
     let estimators = estimators(plan)?;
@@ -145,7 +145,7 @@ fn analyse(
     let Scored { table, scored, unscored, incomplete } = write_scores(recording, &estimators, options, output)?;
     written.extend(scored.then_some("scores.*"));
     written.extend(table.is_some().then_some("table.*"));
-    let found = write_distances(recording, &estimators, options, output, known)
+    let found = write_distances(recording, &estimators, options, output, prepared)
         .map_err(|error| error.but_whole(&written, output.folder))?;
     let (distances, truth) = (!found.bins.is_empty(), found.truth_of_all());
     let Distances { bins, beyond, .. } = found;
@@ -288,7 +288,7 @@ fn write_distances(
     estimators: &[Estimator],
     options: &ReportOptions,
     output: Output<'_>,
-    Known { sampled, reports }: Known<'_>,
+    Prepared { sampled, reports }: Prepared<'_>,
 ) -> Result<Distances, AnalysisError> {
     let inputs = inputs(recording, estimators)?;
     let in_memory = options.samples_in_memory;
@@ -299,7 +299,7 @@ fn write_distances(
     if distances.bins.is_empty() {
         return Ok(distances);
     }
-    let origin = Origin::of(&distances.bins, &inputs, &distances.beyond);
+    let origin = Origin::new(&distances.bins, &inputs, &distances.beyond);
     let table = || table_of_bins(&distances.bins, estimators, &origin);
     output.write_table("error_vs_distance", &plan_key(recording.plan()), table)?;
     let leads = distances.leads(recording.plan());

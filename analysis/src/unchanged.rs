@@ -1,4 +1,4 @@
-//! The error against distance of a recording of which an earlier run had most of the maps.
+//! The error against distance of a recording whose maps are mostly those of an earlier run.
 
 use std::collections::BTreeSet;
 use std::path::PathBuf;
@@ -11,13 +11,13 @@ use crate::estimators::Estimator;
 use crate::files::Output;
 use crate::reading::{Distances, distances_of_some};
 
-/// The error against distance, if an earlier report has most of it: only maps that changed are read, and those that it is checked with. The
-/// result is that of reading all maps.
+/// The error against distance, if an earlier report has most of it. Only maps that changed are read, and those of one estimator per group as a check. The
+/// result equals that of reading all maps.
 ///
-/// An estimator's bins depend on its own maps and on the pixels that all of its group answered. In an earlier report there is often one estimator
-/// of which every answered pixel is shared: nearly always the stereo matcher. That one is read again, with all that changed. If its
-/// bins are what they were, then the shared pixels are what they were, and so are the bins of all estimators whose maps did not change. If they
-/// are not, or there is no such estimator, all maps must be read: `None`.
+/// The bins of an estimator depend on its own maps and on the pixels that its whole group answered. A report often has an estimator of which
+/// every answered pixel is shared, usually the stereo matcher. This estimator is computed again, together with all that changed. If its bins are
+/// equal to those of the report, then the shared pixels have not changed, and neither have the bins of the unchanged estimators. If they
+/// differ, or the report has no such estimator, all maps must be read, and the result is `None`.
 pub(crate) fn distances(
     recording: &Recording,
     estimators: &[Estimator],
@@ -29,7 +29,7 @@ pub(crate) fn distances(
     let earlier = reports.iter().filter_map(|folder| EarlierBins::read(folder));
     let Some((earlier, Reused { read, checked, taken })) = earlier
         .map(|earlier| {
-            let reused = Reused::of(&earlier, inputs);
+            let reused = Reused::new(&earlier, inputs);
             (earlier, reused)
         })
         .max_by_key(|(_, reused)| reused.taken.len())
@@ -52,18 +52,18 @@ pub(crate) fn distances(
     Ok(Some(found))
 }
 
-/// What is taken from an earlier report: indices of estimators, and where with them, their indices in the report.
+/// What is reused of an earlier report. Estimators are given by index, in pairs together with their index in the report.
 struct Reused {
-    /// Whose maps are read.
+    /// The estimators whose maps are read.
     read: BTreeSet<usize>,
-    /// Those of them whose bins are compared with the report's.
+    /// Those of them whose bins are compared with the report.
     checked: Vec<(usize, usize)>,
-    /// Whose bins are the report's.
+    /// The estimators whose bins are reused.
     taken: Vec<(usize, usize)>,
 }
 
 impl Reused {
-    fn of(earlier: &EarlierBins, inputs: &[Option<Input>]) -> Self {
+    fn new(earlier: &EarlierBins, inputs: &[Option<Input>]) -> Self {
         let mut reused = Self { read: BTreeSet::new(), checked: Vec::new(), taken: Vec::new() };
         let groups: BTreeSet<usize> = inputs.iter().flatten().map(|input| input.group).collect();
         for group in groups {
@@ -72,7 +72,7 @@ impl Reused {
             let keys: Vec<_> = members.iter().map(|index| inputs[*index].and_then(|input| input.key)).collect();
             let matches = earlier.matches(&keys);
             let known = || members.iter().zip(&matches).filter_map(|(index, of)| Some((*index, (*of)?)));
-            let Some(check) = known().find(|(_, of)| earlier.answers_shared_alone(*of)) else {
+            let Some(check) = known().find(|(_, of)| earlier.answers_only_shared(*of)) else {
                 reused.read.extend(members);
                 continue;
             };

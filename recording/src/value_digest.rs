@@ -1,4 +1,4 @@
-//! Digests of what is stored of a topic: by them a later run finds what was computed of the same values.
+//! Digests of the stored values of a topic. By them a later run finds what was computed from the same values.
 
 use depthloom_graphs::Key;
 use depthloom_graphs::contracts::Slot;
@@ -12,7 +12,7 @@ impl Recording {
     /// A digest of a topic's value on each of a stage run's [frames](Recording::frames): of the cache key that it is stored under, and of size and
     /// checksum of its chunk. `None` where the topic has no value, or has it in one chunk with other topics.
     ///
-    /// Chunks are not read, only their heads. Whoever reads a value compares its bytes with the checksum.
+    /// Only the heads of chunks are read. A reader of a value compares its bytes with the checksum.
     ///
     /// # Errors
     /// If the run has no such topic, or the file cannot be read.
@@ -39,7 +39,7 @@ impl Recording {
         let length = chunk.length.saturating_sub(RECORD_HEADER).min(ChunkHead::LONGEST);
         let head = &mut head[..length as usize];
         self.file.read_exact(head, chunk.start + RECORD_HEADER)?;
-        // A checksum of 0 says that there is none.
+        // MCAP: a checksum of 0 means that the chunk was written without one.
         let head = chunk_head(head).filter(|head| head.crc != 0);
         let digest = |head: ChunkHead<'_>| {
             let digest = Key::digest("depthloom value").key(key).number(head.uncompressed_size);

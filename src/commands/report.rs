@@ -4,7 +4,7 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use depthloom_analysis::{
-    AnalysisError, Known, Leads, PAGE, ReportOptions, Resampling, SAMPLES, Summary, Timing, plan_key, report_with,
+    AnalysisError, Leads, PAGE, Prepared, ReportOptions, Resampling, SAMPLES, Summary, Timing, plan_key, report_with,
 };
 use depthloom_graphs::plan::Plan;
 use depthloom_recording::{RecordedPlan, Recorder, Recording};
@@ -64,7 +64,7 @@ pub fn report(args: &ReportArgs) -> Result<Exit, Stop> {
     }
     let intervals = args.ci.map(|confidence| Resampling { confidence, ..Resampling::default() });
     let options = ReportOptions { paper: args.paper, intervals, check_every_byte: true, ..ReportOptions::default() };
-    let mut report = analyse(&recording, &out, &options, Known::default(), &interrupt)?;
+    let mut report = analyse(&recording, &out, &options, Prepared::default(), &interrupt)?;
     let but_whole = |stop: Stop| stop.also(format!("tables and plots are whole in {}", out.display()));
     models::write(&recording, &out).map_err(but_whole)?;
     if !args.page.no_page {
@@ -91,19 +91,19 @@ pub fn no_pixel_counted(report: &Summary) -> Option<Stop> {
     report.no_pixel_counted.then(|| Stop::new(Exit::Frames, "not one pixel was scored"))
 }
 
-/// Analyses a recording, but for what is known of it, until it is done or asked to stop.
+/// Analyses a recording until it is done or asked to stop. What is prepared is not computed again.
 pub fn analyse(
     recording: &Recording,
     folder: &Path,
     options: &ReportOptions,
-    known: Known<'_>,
+    prepared: Prepared<'_>,
     interrupt: &Interrupt,
 ) -> Result<Summary, Stop> {
     let interrupted = || Stop::new(Exit::Interrupted, "interrupted while analysing");
     if interrupt.stops_admission() {
         return Err(interrupted());
     }
-    let report = report_with(recording, folder, options, known, &|| interrupt.stops_admission());
+    let report = report_with(recording, folder, options, prepared, &|| interrupt.stops_admission());
     report.map_err(|error| match error {
         AnalysisError::Stopped => interrupted(),
         error => {

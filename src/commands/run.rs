@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use depthloom_analysis::{Known, ReportOptions, SAMPLES, SamplingTap, Summary, plan_key};
+use depthloom_analysis::{Prepared, ReportOptions, SAMPLES, SamplingTap, Summary, plan_key};
 use depthloom_graphs::contracts::Failure;
 use depthloom_graphs::language::Loaded;
 use depthloom_graphs::plan::Plan;
@@ -81,12 +81,12 @@ pub fn carry_out(
     let stopped = || interrupt.stops_admission();
     let partial = folder.partial.clone();
     let recorded = record(ready, &plan, args, &options, (&folder, &partial), begun, interrupt, &stopped, elsewhere);
-    let Recorded { failed, warnings, checkpoints, reused, known, has_printed } = match recorded {
+    let Recorded { failed, warnings, checkpoints, reused, prepared, has_printed } = match recorded {
         Ok(recorded) => recorded,
         Err(ended) => return Err(ended.stop(folder, elsewhere.is_some())),
     };
     let finished =
-        finish(args, &folder, known, interrupt, || environment::describe(options.workers, options.window, &read));
+        finish(args, &folder, prepared, interrupt, || environment::describe(options.workers, options.window, &read));
     let Finished { report, environment, key, frames, failures } = finished.map_err(|stop| {
         let partial = folder.partial.display();
         stop.also(format!("the recording is whole: `depthloom report {partial}` makes its tables"))
@@ -323,7 +323,7 @@ struct Recorded<'a> {
     /// What can go once all is safe.
     checkpoints: Checkpoints,
     /// What the report need not read back.
-    known: Known<'a>,
+    prepared: Prepared<'a>,
     /// Whether programs wrote to standard error.
     has_printed: bool,
 }
@@ -414,8 +414,8 @@ fn record<'a>(
     if let (Some(text), false) = (reused.text(), is_silent(args)) {
         say(text);
     }
-    let known = Known { sampled, reports: earlier::reports(&earlier, options.audit) };
-    Ok(Recorded { failed, warnings, checkpoints: ran.checkpoints, reused: reused.json(), known, has_printed })
+    let prepared = Prepared { sampled, reports: earlier::reports(&earlier, options.audit) };
+    Ok(Recorded { failed, warnings, checkpoints: ran.checkpoints, reused: reused.json(), prepared, has_printed })
 }
 
 /// Two who watch a run.
@@ -500,14 +500,14 @@ struct Finished {
 fn finish(
     args: &RunArgs,
     folder: &RunFolder,
-    known: Known<'_>,
+    prepared: Prepared<'_>,
     interrupt: &Interrupt,
     environment: impl FnOnce() -> Json,
 ) -> Result<Finished, Stop> {
     let recording = Recording::open(folder.file(RECORDING))
         .map_err(|error| Stop::of_recording(Exit::Engine, "failed to read the recording back", &error))?;
     models::write(&recording, &folder.partial)?;
-    let report = analyse(&recording, &folder.partial, &report_options(args), known, interrupt)?;
+    let report = analyse(&recording, &folder.partial, &report_options(args), prepared, interrupt)?;
     if args.samples {
         samples::write(&recording, &folder.file(SAMPLES), is_silent(args), interrupt)?;
     }

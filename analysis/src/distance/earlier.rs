@@ -11,38 +11,38 @@ use super::inputs::Input;
 use super::spread::{DistanceBin, PERCENTILES, Spread};
 use crate::error::caught;
 
-/// The name of [`Origin`] in the metadata of the table.
+/// The name under which [`Origin`] is stored in the metadata of the table.
 pub(super) const ORIGIN: &str = "depthloom.computed_from";
 
 /// What the rows of `error_vs_distance.parquet` were computed from.
 #[derive(Debug, PartialEq, Deserialize, Serialize)]
 pub(crate) struct Origin {
-    /// In the order of the rows: first a row a bin of the pixels that the estimator answered, then a row a bin of those that all answered.
-    estimators: Vec<OriginOf>,
+    /// In the order of the rows. Each estimator has one row per bin of the pixels that it answered, then one per bin of the pixels that all answered.
+    estimators: Vec<EstimatorOrigin>,
     /// A checksum of the rows.
     rows: Key,
 }
 
 /// What the rows of an estimator were computed from.
 #[derive(Debug, PartialEq, Deserialize, Serialize)]
-struct OriginOf {
+struct EstimatorOrigin {
     /// See [`Input::key`].
     input: Option<Key>,
     /// See [`Input::group`].
     group: usize,
     answered_rows: usize,
     common_rows: usize,
-    /// How many pixels were left out, since they are too far.
+    /// The number of pixels that were left out because they are too far.
     beyond: u64,
 }
 
 impl Origin {
-    /// Of the estimators that have bins; `beyond` is how many pixels of each were left out.
-    pub(crate) fn of(bins: &[DistanceBin], inputs: &[Option<Input>], beyond: &[u64]) -> Self {
+    /// The origin of the bins. `beyond` is, by estimator, the number of pixels that were left out.
+    pub(crate) fn new(bins: &[DistanceBin], inputs: &[Option<Input>], beyond: &[u64]) -> Self {
         let estimators = bins.chunk_by(|a, b| a.estimator == b.estimator).map(|bins| {
             let index = bins[0].estimator;
             let input = inputs[index];
-            OriginOf {
+            EstimatorOrigin {
                 input: input.and_then(|input| input.key),
                 group: input.map_or(usize::MAX, |input| input.group),
                 answered_rows: bins.len(),
@@ -58,7 +58,7 @@ impl Origin {
     }
 }
 
-/// A checksum of bins: of all that is in the table, but for the labels.
+/// A checksum of bins. It covers every column of the table except the labels.
 fn checksum(bins: &[DistanceBin]) -> Key {
     let mut numbers: Vec<u64> = Vec::new();
     for bin in bins {
@@ -89,7 +89,7 @@ struct EarlierEstimator {
 }
 
 impl EarlierBins {
-    /// Reads `error_vs_distance.parquet` in a run's folder; `None` if there is none, an earlier version wrote it, or it is not what was written.
+    /// Reads `error_vs_distance.parquet` in a run's folder. `None` if the file is missing or damaged, or an earlier version wrote it.
     pub(crate) fn read(folder: &Path) -> Option<Self> {
         // polars panics on some damaged files.
         caught(|| Ok(Self::read_sound(folder))).ok().flatten()
@@ -126,8 +126,8 @@ impl EarlierBins {
         rows.is_empty().then_some(Self { estimators })
     }
 
-    /// For each of a group of estimators, by the keys of their inputs: which of the report's has the same, all of them of one group of the report,
-    /// the one with most of them; `None` of the others.
+    /// Finds estimators of the report by the keys of their inputs: by key, the index of the estimator. All of them are in one group of the report,
+    /// the group with the most matches.
     pub(crate) fn matches(&self, inputs: &[Option<Key>]) -> Vec<Option<usize>> {
         let of_group = |group: usize| -> Vec<Option<usize>> {
             let with = |key: Key| self.estimators.iter().position(|of| of.group == group && of.input == Some(key));
@@ -139,18 +139,18 @@ impl EarlierBins {
         best.unwrap_or_else(|| vec![None; inputs.len()])
     }
 
-    /// Whether all its group answered every pixel that an estimator of the report answered.
-    pub(crate) fn answers_shared_alone(&self, estimator: usize) -> bool {
+    /// Whether every pixel that an estimator of the report answered was answered by its whole group.
+    pub(crate) fn answers_only_shared(&self, estimator: usize) -> bool {
         let count = |bin: &DistanceBin| bin.shared.map_or(0, |shared| shared.count);
         self.estimators[estimator].bins.iter().all(|bin| bin.answered.count == count(bin))
     }
 
-    /// The bins of an estimator of the report, as those of another index.
+    /// The bins of an estimator of the report, with the index that the estimator has today.
     pub(crate) fn bins(&self, estimator: usize, index: usize) -> impl Iterator<Item = DistanceBin> {
         self.estimators[estimator].bins.iter().map(move |bin| DistanceBin { estimator: index, ..*bin })
     }
 
-    /// How many pixels of an estimator of the report were left out, since they are too far.
+    /// The number of pixels of an estimator of the report that were left out because they are too far.
     pub(crate) fn beyond(&self, estimator: usize) -> u64 {
         self.estimators[estimator].beyond
     }

@@ -1,4 +1,4 @@
-//! What the error against distance of an estimator is computed from, as a key: equal keys, equal samples.
+//! Keys of what the error against distance is computed from. Estimators with equal keys have equal samples.
 
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
@@ -16,13 +16,13 @@ const VERSION: u64 = 1;
 /// What the bins of an estimator are computed from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Input {
-    /// Estimators with one number are scored in one way against one truth: their shared pixels are the same.
+    /// The number of its group. Estimators of a group have the same truth and the same settings, and share pixels.
     pub(crate) group: usize,
-    /// Of the settings, and of truth and estimate on every frame; `None` if one of the maps is missing on a frame.
+    /// A key of the settings, and of truth and estimate on every frame. `None` if a map is missing on a frame.
     pub(crate) key: Option<Key>,
 }
 
-/// By estimator: what its bins are computed from; `None` if there are none.
+/// By estimator: what its bins are computed from. `None` for an estimator without recorded maps.
 pub(crate) fn inputs(recording: &Recording, estimators: &[Estimator]) -> Result<Vec<Option<Input>>, AnalysisError> {
     let mut groups: Vec<(usize, &str, String)> = Vec::new();
     let mut inputs = Vec::with_capacity(estimators.len());

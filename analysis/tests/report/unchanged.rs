@@ -1,10 +1,10 @@
-//! The error against distance that is taken from an earlier report: every byte is that of a report without it.
+//! Error against distance taken from an earlier report: every byte equals that of a report without one.
 #![expect(clippy::unwrap_used, reason = "what the tests share fails as they do")]
 
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 
-use depthloom_analysis::{Known, ReportOptions, report, report_with};
+use depthloom_analysis::{Prepared, ReportOptions, report, report_with};
 use depthloom_graphs::Key;
 use depthloom_graphs::contracts::Slot;
 use depthloom_graphs::plan::Plan;
@@ -48,8 +48,8 @@ impl Runs {
         let recording = recording(&run);
         let reports = [vec![self.earlier()], Vec::new()].map(|reports| {
             let out = tempfile::tempdir().unwrap();
-            let known = Known { sampled: None, reports };
-            report_with(&recording, out.path(), &ReportOptions::default(), known, &|| false).unwrap();
+            let prepared = Prepared { sampled: None, reports };
+            report_with(&recording, out.path(), &ReportOptions::default(), prepared, &|| false).unwrap();
             files(out.path())
         });
         fs::remove_dir_all(run).unwrap();
@@ -186,7 +186,7 @@ fn bins_of_unchanged_estimates_are_not_computed_again() {
     let (runs, plan) = (Runs::new(), fixture::plan(1, true));
     runs.change_earlier("mono", Some("b"));
     let [reusing, fresh] = runs.reports(&plan, |[_, a, ..]| scaled(a));
-    assert_ne!(csv(&reusing), csv(&fresh), "what the earlier report says of b/mono is taken");
+    assert_ne!(csv(&reusing), csv(&fresh), "the rows of b/mono are those of the earlier report");
     // What has changed itself is not taken.
     runs.assert_as_fresh(&plan, |[_, a, b, _]| {
         scaled(a);

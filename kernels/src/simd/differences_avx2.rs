@@ -1,4 +1,4 @@
-//! Samples out of the differences of their bits, four at a time: a byte of classes says which bytes go where, and a shuffle brings them there.
+//! Samples from the differences of their bits, four at a time. A byte of classes selects a shuffle that moves the stored bytes to their places.
 #![expect(unsafe_code, reason = "vector loads and stores")]
 
 use std::arch::x86_64::{
@@ -9,16 +9,16 @@ use std::arch::x86_64::{
 
 use crate::float_differences::{BLOCK, Room};
 
-/// What a shuffle makes zero.
+/// The index for which a shuffle gives zero.
 const NONE: u8 = 0x80;
-/// Where the middle bits lie in the bytes that are shuffled, behind the high bits of four samples.
+/// The offset of the middle bits in the bytes that are shuffled: the high bits of four samples are before them.
 const MIDDLES: u8 = 8;
 
-/// What a byte of four classes stands for.
+/// How the differences of four samples are stored, for one byte of classes.
 struct Expansion {
-    /// Which of the next bytes of low bits each byte of four differences is.
+    /// By byte of the four differences, the index of the stored byte of low bits.
     lows: [u8; 16],
-    /// The same of high and middle bits.
+    /// The same for high and middle bits.
     above: [u8; 16],
     low_count: u8,
     middle_count: u8,
