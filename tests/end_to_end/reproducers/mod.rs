@@ -2,6 +2,7 @@
 
 mod exchange;
 mod keys;
+mod names;
 mod ordered;
 mod resume;
 
@@ -69,6 +70,13 @@ impl Case {
         if let Some(path) = &self.path {
             command.env("PATH", path).env("PYTHONDONTWRITEBYTECODE", "1");
         }
+        command
+    }
+
+    /// The program in the folder.
+    fn depthloom(&self, arguments: &[&str]) -> Command {
+        let mut command = depthloom();
+        command.current_dir(self.folder.path()).env_remove("DEPTHLOOM_FRESH").args(arguments);
         command
     }
 

@@ -1,0 +1,46 @@
+//! Folders whose names are not UTF-8: what lies beside them can be run, listed and described.
+#![cfg(unix)]
+
+use std::ffi::OsStr;
+use std::fs;
+use std::os::unix::ffi::OsStrExt as _;
+
+use super::{Case, said};
+
+const STREET: &str = "experiment: names
+sources: { street: { kind: synthetic/road, with: { frames: 0..2, seed: 2, width: 64, height: 32 } } }
+stages:
+  look:
+    source: street
+    nodes: { mono: { kind: mono/ground-plane, inputs: { image: source/left, calibration: source/calibration } } }
+    score: { truth: source/depth, estimates: { mono: mono/depth } }
+";
+
+#[test]
+fn an_earlier_run_in_a_folder_without_a_utf8_name_is_reused_and_listed() {
+    let case = Case::new();
+    case.write("street.yaml", STREET);
+    case.run("street.yaml", "runs/one", &[]);
+    let renamed = case.path("runs").join(OsStr::from_bytes(b"caf\xe9"));
+    fs::rename(case.path("runs/one"), renamed).expect("renamed");
+    case.run_as_fresh("street.yaml", "runs/two", &[]);
+    for arguments in
+        [&["runs"][..], &["runs", "--json"], &["plan", "street.yaml", "--reuse"], &["run", "street.yaml", "--json"]]
+    {
+        let output = case.depthloom(arguments).output().expect("the program starts");
+        assert!(output.status.success(), "{arguments:?}: {}", said(&output));
+    }
+}
+
+#[test]
+fn data_in_a_folder_without_a_utf8_name_is_described_or_refused() {
+    let case = Case::new();
+    let folder = case.path("").join(OsStr::from_bytes(b"caf\xe9"));
+    fs::create_dir(&folder).expect("made");
+    for arguments in [&["data"][..], &["data", "--json"]] {
+        let output = case.depthloom(arguments).arg(&folder).output().expect("the program starts");
+        let code = output.status.code().expect("it ends by itself");
+        assert!((1..=3).contains(&code), "{arguments:?}: {code} {}", said(&output));
+        assert!(!said(&output).contains("panicked"), "{arguments:?}: {}", said(&output));
+    }
+}
