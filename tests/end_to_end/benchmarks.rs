@@ -6,7 +6,7 @@ use std::process::Command;
 
 use depthloom_test_needs::{chromium, dora, target};
 
-use crate::support::{python, shared, skipped, workspace};
+use crate::support::{full, python, shared, skipped, workspace};
 
 /// What a benchmark needs besides bash and the programs of this workspace.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -78,6 +78,9 @@ fn needs(test: &str, need: Need) -> Option<Option<PathBuf>> {
 
 #[test]
 fn every_benchmark_runs_at_its_smallest_size() {
+    if !full("every_benchmark_runs_at_its_smallest_size") {
+        return;
+    }
     let programs = PathBuf::from(env!("CARGO_BIN_EXE_depthloom"));
     let programs = programs.parent().expect("it is in a folder");
     let mut failed = Vec::new();

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::support::{depthloom, succeed, workspace};
+use crate::support::{depthloom, full, succeed, workspace};
 
 /// The largest memory that a run of so many frames of a source ever had, in bytes.
 fn peak(experiment: &Path, source: &str, frames: u32) -> f64 {
@@ -26,6 +26,9 @@ fn peak(experiment: &Path, source: &str, frames: u32) -> f64 {
 /// was seen between 89 and 107 MB and that of longer runs lies at its upper end.
 #[test]
 fn of_a_frame_a_run_keeps_less_than_a_tenth_of_one_map() {
+    if !full("of_a_frame_a_run_keeps_less_than_a_tenth_of_one_map") {
+        return;
+    }
     let folder = tempfile::tempdir().expect("a folder");
     let experiment = folder.path().join("small.yaml");
     let table1 = workspace().join("experiments/table1.yaml");
@@ -48,6 +51,9 @@ fn of_a_frame_a_run_keeps_less_than_a_tenth_of_one_map() {
 
 #[test]
 fn a_sample_is_held_once_while_a_network_learns() {
+    if !full("a_sample_is_held_once_while_a_network_learns") {
+        return;
+    }
     let folder = tempfile::tempdir().expect("a folder");
     let experiment = folder.path().join("learn.yaml");
     let text = "experiment: learn

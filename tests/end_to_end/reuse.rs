@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::Value as Json;
 
-use crate::support::{depthloom, succeed, workspace};
+use crate::support::{depthloom, full, succeed, workspace};
 
 /// Two stages, one of which learns, on a small street.
 pub fn experiment(folder: &Path) -> PathBuf {
@@ -52,6 +52,9 @@ fn taken(run: &Json, stage: &str, node: &str) -> Option<(u64, u64)> {
 
 #[test]
 fn a_run_that_takes_what_is_there_writes_the_bytes_of_a_fresh_one() {
+    if !full("a_run_that_takes_what_is_there_writes_the_bytes_of_a_fresh_one") {
+        return;
+    }
     let folder = tempfile::tempdir().expect("a folder");
     let experiment = experiment(folder.path());
     let (shelf, apart) = (folder.path().join("shelf"), folder.path().join("apart"));
@@ -119,6 +122,9 @@ fn with_fresh_nothing_is_taken() {
 
 #[test]
 fn what_is_damaged_is_made_afresh_and_said() {
+    if !full("what_is_damaged_is_made_afresh_and_said") {
+        return;
+    }
     let folder = tempfile::tempdir().expect("a folder");
     let experiment = experiment(folder.path());
     let shelf = folder.path().join("shelf");

@@ -8,6 +8,9 @@ use crate::{skipped, target};
 /// mdBook's program: the one in `target/tools/bin`, or on the PATH; `None`, and the test is skipped, where there is neither.
 #[must_use]
 pub fn mdbook(test: &str) -> Option<PathBuf> {
+    if !crate::full(test) {
+        return None;
+    }
     let candidates = [target().join("tools/bin/mdbook"), PathBuf::from("mdbook")];
     let answers = |program: &&PathBuf| {
         Command::new(program).arg("--version").output().is_ok_and(|output| output.status.success())

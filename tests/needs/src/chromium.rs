@@ -11,6 +11,9 @@ const NAMES: [&str; 4] = ["chromium", "chromium-browser", "google-chrome", "goog
 /// If there is none and `DEPTHLOOM_REQUIRE_CHROMIUM` is set.
 #[must_use]
 pub fn chromium(test: &str) -> Option<PathBuf> {
+    if !crate::full(test) {
+        return None;
+    }
     if let Some(named) = std::env::var_os("CHROMIUM").filter(|named| !named.is_empty()) {
         return Some(named.into());
     }

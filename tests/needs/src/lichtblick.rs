@@ -13,6 +13,9 @@ use crate::{target, workspace};
 /// the test is skipped, where that is not set, or there is no Node or no registry.
 #[must_use]
 pub fn lichtblick(test: &str) -> Option<Command> {
+    if !crate::full(test) {
+        return None;
+    }
     static INSTALLED: OnceLock<Result<(PathBuf, PathBuf), String>> = OnceLock::new();
     match INSTALLED.get_or_init(installed) {
         Ok((checkout, script)) => {

@@ -14,6 +14,9 @@ use crate::{miss, target, workspace};
 /// If it cannot be made and `DEPTHLOOM_REQUIRE_PYTHON` is set.
 #[must_use]
 pub fn python(test: &str) -> Option<PathBuf> {
+    if !crate::full(test) {
+        return None;
+    }
     static PYTHON: OnceLock<Result<PathBuf, String>> = OnceLock::new();
     match PYTHON.get_or_init(|| environment("python-tests", "requirements.txt")) {
         Ok(python) => Some(python.clone()),
@@ -31,6 +34,9 @@ pub fn python(test: &str) -> Option<PathBuf> {
 /// If it cannot be made and `DEPTHLOOM_REQUIRE_PYTHON` is set, or the package cannot be installed.
 #[must_use]
 pub fn python_package(test: &str) -> Option<PathBuf> {
+    if !crate::full(test) {
+        return None;
+    }
     static PYTHON: OnceLock<Result<PathBuf, String>> = OnceLock::new();
     match PYTHON.get_or_init(|| environment("package-tests", "requirements-package.txt")) {
         Ok(python) => {
@@ -51,6 +57,9 @@ pub fn python_package(test: &str) -> Option<PathBuf> {
 /// If it cannot be made and `DEPTHLOOM_REQUIRE_PYTHON` is set.
 #[must_use]
 pub fn dora(test: &str) -> Option<PathBuf> {
+    if !crate::full(test) {
+        return None;
+    }
     static PYTHON: OnceLock<Result<PathBuf, String>> = OnceLock::new();
     match PYTHON.get_or_init(|| environment("dora-tests", "requirements-dora.txt")) {
         Ok(python) => python.parent().map(Path::to_owned),

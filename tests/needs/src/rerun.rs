@@ -23,6 +23,9 @@ pub struct Rerun {
 /// If it cannot be made and `DEPTHLOOM_REQUIRE_PYTHON` is set.
 #[must_use]
 pub fn rerun(test: &str) -> Option<Rerun> {
+    if !crate::full(test) {
+        return None;
+    }
     static PYTHON: OnceLock<Result<PathBuf, String>> = OnceLock::new();
     match PYTHON.get_or_init(|| environment("rerun-tests", "requirements-rerun.txt")) {
         Ok(python) => Some(Rerun { program: python.with_file_name("rerun") }),
