@@ -1,5 +1,6 @@
 //! `report.html`: written, and opened in a browser.
 
+use std::io::IsTerminal as _;
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::thread::sleep;
@@ -8,6 +9,7 @@ use std::time::{Duration, Instant};
 use depthloom_analysis::{AnalysisError, PAGE, Summary, Surroundings, read_timings, write_page};
 use depthloom_recording::Recording;
 use depthloom_runner::Interrupt;
+use indicatif::ProgressBar;
 
 use super::report::TIMINGS;
 use crate::environment;
@@ -17,8 +19,26 @@ use crate::streams::say;
 /// How long a browser that cannot be started has to say so.
 const STARTED: Duration = Duration::from_secs(2);
 
-/// Writes the page of a report into a folder.
+/// Writes the page of a report into a folder. A terminal shows a spinner meanwhile, except if `is_quiet`.
 pub fn write(
+    recording: &Recording,
+    folder: &Path,
+    summary: &Summary,
+    surroundings: &Surroundings,
+    is_quiet: bool,
+    interrupt: &Interrupt,
+) -> Result<(), Stop> {
+    let spinner = (!is_quiet && std::io::stderr().is_terminal()).then(|| {
+        let spinner = ProgressBar::new_spinner().with_message(format!("writing {PAGE}"));
+        spinner.enable_steady_tick(Duration::from_millis(200));
+        spinner
+    });
+    let written = write_silently(recording, folder, summary, surroundings, interrupt);
+    spinner.iter().for_each(ProgressBar::finish_and_clear);
+    written
+}
+
+fn write_silently(
     recording: &Recording,
     folder: &Path,
     summary: &Summary,

@@ -69,7 +69,8 @@ pub fn report(args: &ReportArgs) -> Result<Exit, Stop> {
     models::write(&recording, &out).map_err(but_whole)?;
     if !args.page.no_page {
         let of_run = path.parent().unwrap_or(Path::new("."));
-        page::write(&recording, &out, &report, &page::surroundings(of_run), &interrupt).map_err(but_whole)?;
+        page::write(&recording, &out, &report, &page::surroundings(of_run), args.json, &interrupt)
+            .map_err(but_whole)?;
     }
     // An unfinished recording is what was asked for; a damaged one is not what was written.
     let faulty = report.is_damaged.then(|| Stop::new(Exit::Frames, "the recording is damaged"));

@@ -514,7 +514,14 @@ fn finish(
     let mut environment = environment();
     folder.write(ENVIRONMENT, &format!("{environment:#}\n"))?;
     if !args.page.no_page {
-        page::write(&recording, &folder.partial, &report, &page::surroundings(&folder.partial), interrupt)?;
+        page::write(
+            &recording,
+            &folder.partial,
+            &report,
+            &page::surroundings(&folder.partial),
+            is_silent(args),
+            interrupt,
+        )?;
         // The page's time and memory are the run's, too.
         environment::measure_again(&mut environment);
         folder.write(ENVIRONMENT, &format!("{environment:#}\n"))?;
