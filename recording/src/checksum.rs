@@ -65,6 +65,15 @@ impl<'a> CrcBefore<'a> {
         }
         Ok(self.crc.clone().finalize())
     }
+
+    /// The CRC-32 of the bytes from the place asked for last up to another one.
+    pub(crate) fn stretch(&mut self, end: u64) -> Result<u32, RecordingError> {
+        let before = std::mem::replace(&mut self.crc, Hasher::new());
+        let crc = self.place(end);
+        let stretch = std::mem::replace(&mut self.crc, before);
+        self.crc.combine(&stretch);
+        crc
+    }
 }
 
 #[cfg(test)]

@@ -174,25 +174,31 @@ impl<'a> PartBuilder<'a> {
         Ok(())
     }
 
-    /// Adds a chunk with one message, and its index, as they lie in a recording: what [`PartBuilder::alone`] made there. `None` if what `read`
-    /// appends is no such chunk.
+    /// Adds a chunk with one message, and its index, as they are stored in a recording: what [`PartBuilder::alone`] made there. `crc` is the CRC-32
+    /// of these bytes.
     ///
     /// # Errors
-    /// Those of `read`.
+    /// Those of `read`. Inside, in words, if `read` appends other bytes, or bytes that are not such a chunk.
     pub(crate) fn copied<E>(
         &mut self,
         channel: u16,
+        crc: u32,
         read: impl FnOnce(&mut Vec<u8>) -> Result<(), E>,
-    ) -> Result<Option<()>, E> {
+    ) -> Result<Result<(), &'static str>, E> {
         let start = self.part.bytes.len();
         read(&mut self.part.bytes)?;
         let stored = &self.part.bytes[start..];
+        let mut of_stored = Hasher::new();
+        of_stored.update(stored);
+        if of_stored.clone().finalize() != crc {
+            return Ok(Err("a chunk changed while it was reused: run the same again"));
+        }
         let place = placed(stored, start as u64).filter(|(_, messages)| *messages == [(channel, 1)]);
-        Ok(place.map(|(place, _)| {
-            self.part.crc.update(stored);
-            self.part.chunks.push(place);
-            self.part.messages.push(channel);
-        }))
+        let Some((place, _)) = place else { return Ok(Err("a chunk and its indexes contradict each other")) };
+        self.part.crc.combine(&of_stored);
+        self.part.chunks.push(place);
+        self.part.messages.push(channel);
+        Ok(Ok(()))
     }
 
     /// The part.

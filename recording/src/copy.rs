@@ -29,10 +29,19 @@ pub(crate) struct Wanted<'a> {
 pub(crate) struct StoredBytes<'a> {
     run: &'a EarlierRun,
     key: Key,
-    /// The channels of its messages, each with its chunk, in the order in which they are written.
-    chunks: Vec<(u16, &'a ChunkEntry)>,
+    /// The chunks of its messages, in the order in which they are written.
+    chunks: Vec<CheckedChunk<'a>>,
     /// Whether its messages share a chunk with others.
     shares: bool,
+}
+
+/// A chunk of a frame whose bytes were found to be what was written.
+struct CheckedChunk<'a> {
+    /// The channel of the message.
+    channel: u16,
+    chunk: &'a ChunkEntry,
+    /// The CRC-32 of the chunk and its message indexes, as they are stored.
+    crc: u32,
 }
 
 impl EarlierRuns {
@@ -53,10 +62,14 @@ impl EarlierRuns {
         {
             return None;
         }
+        let frame_chunks = recording.frames(stage)[position].chunks(&recording.index);
+        let checksums = self.checksums(run, stage, position)?;
         let shares = wanted.channels[usize::from(value.channel) - 1].schema.is_small();
         let copied = |channel: u16, chunk: &'a ChunkEntry| {
             let is_apart = shares || *chunk.channels == [channel];
-            (is_apart && has_same_label(recording, wanted.channels, channel)).then_some((channel, chunk))
+            let place = frame_chunks.iter().position(|of_frame| of_frame.start == chunk.start)?;
+            let checked = CheckedChunk { channel, chunk, crc: checksums[place] };
+            (is_apart && has_same_label(recording, wanted.channels, channel)).then_some(checked)
         };
         let beside = port
             .beside
@@ -113,13 +126,13 @@ impl StoredBytes<'_> {
             return Err(RecordingError::Content { path: file.path.clone(), what });
         }
         self.run.take();
-        for (channel, chunk) in &self.chunks {
+        for CheckedChunk { channel, chunk, crc } in &self.chunks {
             if !self.shares {
-                let contradicts = || file.damaged(chunk.start, "a chunk and its indexes contradict each other");
-                let copied =
-                    part.copied(*channel, |bytes| file.append_range(bytes, chunk.start, chunk.end - chunk.start));
-                copied?.ok_or_else(contradicts)?;
-                continue;
+                let length = chunk.end - chunk.start;
+                match part.copied(*channel, *crc, |bytes| file.append_range(bytes, chunk.start, length))? {
+                    Ok(()) => continue,
+                    Err(what) => return Err(file.damaged(chunk.start, what)),
+                }
             }
             let mut added = Ok(());
             ChunkBuffers::default().each_message(file, chunk, |message| {

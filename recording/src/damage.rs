@@ -1,7 +1,7 @@
 //! What in a recording is not what was written.
 //!
-//! Reading checks what it reads. All the rest is checked here, and nothing is decompressed for it: commits, metadata records and the
-//! end of the data hold the CRC-32 of all bytes before them, so that each vouches for what stands between the one before and itself.
+//! Reading checks what it reads. All the rest is checked here: commits, metadata records and the end of the data contain the CRC-32 of all bytes before
+//! them, and a chunk contains the CRC-32 of its content.
 
 use crate::checksum::CrcBefore;
 use crate::held::Held;
@@ -45,7 +45,23 @@ impl Recording {
             }
             from = place;
         }
+        self.find_damaged_chunks(stop, &mut damage);
         damage
+    }
+
+    /// Finds the chunks whose content is damaged although their bytes are those that were written: they were damaged before they were copied here.
+    fn find_damaged_chunks(&self, stop: &dyn Fn() -> bool, damage: &mut Vec<Damage>) {
+        let mut buffers = ChunkBuffers::default();
+        for (place, chunk) in self.index.chunks.iter().enumerate() {
+            if stop() {
+                break;
+            }
+            let is_known = damage.iter().any(|damage| damage.offset == chunk.start);
+            if !is_known && buffers.each_message(&self.file, chunk, |_| Ok(())).is_err() {
+                damage.push(Damage { offset: chunk.start, bytes: chunk.length, held: self.held(place, chunk) });
+            }
+        }
+        damage.sort_by_key(|damage| damage.offset);
     }
 
     /// What is damaged between two places, between which something is.

@@ -15,10 +15,10 @@ use crate::FORMAT;
 use crate::checksum::CrcBefore;
 use crate::error::RecordingError;
 use crate::file::PositionedFile;
-use crate::index::{MAGIC, metadata_entry};
+use crate::index::{ChunkEntry, MAGIC, metadata_entry};
 use crate::parse::RECORD_HEADER;
 use crate::plan::RecordedPlan;
-use crate::recording::Recording;
+use crate::recording::{RecordedFrame, Recording};
 use crate::store::{KeyedPlace, StoredValues, fault, unknown};
 use crate::window::Window;
 
@@ -35,8 +35,9 @@ pub struct EarlierRuns {
 /// A recording that is taken from.
 pub(crate) struct EarlierRun {
     pub(crate) recording: Recording,
-    /// Whether a frame's bytes are what was written, by commit; looked at when it is first asked for.
-    sound: Vec<OnceLock<bool>>,
+    /// By commit, the CRC-32 of each of the frame's chunks as it is stored; `None` if the frame's bytes are not what was written. A frame is checked when it
+    /// is first asked for.
+    checked: Vec<OnceLock<Option<Box<[u32]>>>>,
     /// Whether anything was taken.
     taken: AtomicBool,
 }
@@ -58,8 +59,8 @@ impl EarlierRuns {
             }
             match Recording::open(path) {
                 Ok(recording) if recording.is_of_this_format() && is_of_use(recording.plan()) => {
-                    let sound = std::iter::repeat_with(OnceLock::new).take(recording.sealed.len()).collect();
-                    runs.push(EarlierRun { recording, sound, taken: AtomicBool::new(false) });
+                    let checked = std::iter::repeat_with(OnceLock::new).take(recording.sealed.len()).collect();
+                    runs.push(EarlierRun { recording, checked, taken: AtomicBool::new(false) });
                 }
                 Ok(_) => {}
                 Err(error) if is_only_begun(path, &error) => {}
@@ -112,7 +113,7 @@ impl EarlierRuns {
         self.runs.iter().filter_map(|run| {
             let place = run.recording.place_of(key)?;
             let is_sound = match place.values() {
-                StoredValues::Frame { run: stage, position, .. } => self.is_sound(run, stage, position),
+                StoredValues::Frame { run: stage, position, .. } => self.checksums(run, stage, position).is_some(),
                 // An attachment has a checksum of its own, and is checked against the hash in its name.
                 StoredValues::Once { .. } => true,
             };
@@ -129,17 +130,19 @@ impl EarlierRuns {
         self.located(key).find(has)
     }
 
-    fn is_sound(&self, run: &EarlierRun, stage: usize, position: usize) -> bool {
+    /// The CRC-32 of each chunk of a frame as it is stored; `None` if the frame's bytes are not what was written.
+    pub(crate) fn checksums<'a>(&self, run: &'a EarlierRun, stage: usize, position: usize) -> Option<&'a [u32]> {
         let frame = &run.recording.frames(stage)[position];
-        *run.sound[frame.commit].get_or_init(|| match run.recording.check_frame(frame.commit) {
-            Ok(()) => true,
+        let checked = run.checked[frame.commit].get_or_init(|| match run.recording.check_frame(frame) {
+            Ok(checksums) => Some(checksums),
             Err(error) => {
                 let what = format!("frame `{}`: {error}", frame.id);
                 let mut damage = self.damage.lock().unwrap_or_else(PoisonError::into_inner);
                 damage.push((run.recording.path().to_owned(), what));
-                false
+                None
             }
-        })
+        });
+        checked.as_deref()
     }
 }
 
@@ -183,15 +186,21 @@ impl EarlierRun {
 }
 
 impl Recording {
-    /// Whether the bytes from one commit to the next are what was written: those of a frame, compressed as they lie.
-    fn check_frame(&self, commit: usize) -> Result<(), RecordingError> {
+    /// Checks that the bytes from one commit to the next are what was written: those of a frame, compressed as they are stored. The CRC-32 of each of
+    /// its chunks.
+    fn check_frame(&self, frame: &RecordedFrame) -> Result<Box<[u32]>, RecordingError> {
         let mut crc = CrcBefore::new(&self.file);
-        if let Some((start, before)) = commit.checked_sub(1).map(|earlier| self.sealed[earlier]) {
+        if let Some((start, before)) = frame.commit.checked_sub(1).map(|earlier| self.sealed[earlier]) {
             crc.take_as_known(start, before);
         }
-        let (start, told) = self.sealed[commit];
+        let checksum = |chunk: &ChunkEntry| {
+            crc.place(chunk.start)?;
+            crc.stretch(chunk.end)
+        };
+        let checksums = frame.chunks(&self.index).iter().map(checksum).collect::<Result<_, _>>()?;
+        let (start, told) = self.sealed[frame.commit];
         if crc.place(start)? == told {
-            return Ok(());
+            return Ok(checksums);
         }
         Err(self.file.damaged(start, "the bytes before are not what was written"))
     }

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use depthloom_graphs::contracts::{Commit, Slot, SlotKey, StoredValue, Tap};
+use depthloom_graphs::contracts::{Commit, Slot, SlotKey, Store as _, StoredValue, Tap};
 use depthloom_graphs::plan::OutputPattern;
 use depthloom_graphs::{Key, Value};
 use depthloom_recording::{EarlierRuns, Recorder};
@@ -149,4 +149,42 @@ fn nodes_that_exchange_their_keys_exchange_their_values() {
         std::fs::read(path(name)).unwrap()
     };
     assert!(recorded("reused.mcap", true) == recorded("computed.mcap", false));
+}
+
+/// A chunk is checked with its frame and read again when it is copied: what another process wrote in between is refused.
+#[test]
+fn a_chunk_that_changes_between_check_and_copy_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let (frame, plan) = (frame(0), plan());
+    let recorder = Recorder::create(path("first.mcap"), &plan).unwrap();
+    record_frame(&recorder, 0, &frame, &values(&frame, WIDTH, HEIGHT), false);
+    recorder.finish(&[]).unwrap();
+    let bytes = std::fs::read(path("first.mcap")).unwrap();
+    let summary = Summary::read(&bytes).unwrap().expect("a summary");
+    let port = plan.runs[0].nodes[1].outputs[0].port.name;
+    let topic = &plan.runs[0].nodes[1].outputs[0].topic;
+    let channel = summary.channels.values().find(|channel| channel.topic == *topic).expect("it is recorded").id;
+    let chunk = summary.chunk_indexes.iter().find(|chunk| chunk.message_index_offsets.contains_key(&channel));
+    let chunk = chunk.expect("it has a value");
+
+    let stored = StoredValue { slot: Slot::Node { node: 1, port: 0 }, key: key(&frame, 1), port, value: None };
+    let copy = |changed: Option<usize>| {
+        std::fs::write(path("first.mcap"), &bytes).unwrap();
+        let earlier = EarlierRuns::new([path("first.mcap")], &plan);
+        assert!(earlier.find(&stored.key).is_some(), "the frame is checked");
+        if let Some(place) = changed {
+            let mut bytes = bytes.clone();
+            bytes[place] ^= 1;
+            std::fs::write(path("first.mcap"), bytes).unwrap();
+        }
+        let recorder = Recorder::create(path("second.mcap"), &plan).unwrap().with_earlier(Arc::new(earlier));
+        let part = recorder.part(0, stored.slot).unwrap();
+        recorder.encode_stored(0, (0, &frame), part, &[], std::slice::from_ref(&stored)).map(|_| ())
+    };
+    copy(None).unwrap();
+    let content = chunk.chunk_start_offset as usize + chunk.chunk_length as usize - 1;
+    let refused = copy(Some(content)).unwrap_err();
+    let refused = format!("{refused:?}");
+    assert!(refused.contains("a chunk changed while it was reused"), "{refused}");
 }
