@@ -233,7 +233,8 @@ impl Maps {
         let map = |place: usize| maps[place].as_ref().filter(|value| value.metres().is_some());
         let mut samples = FrameSamples::default();
         let mut left: Vec<(usize, usize, usize)> = self.estimators.clone();
-        let mut counted = Vec::new();
+        // By truth that estimates with several settings are scored against, the pixels that were counted.
+        let mut counted: BTreeMap<usize, Vec<bool>> = BTreeMap::new();
         // Those with one truth and one way to be scored are compared: nearly always all of them.
         while let Some(&(first, truth_place, _)) = left.first() {
             let Some(settings) = &estimators[first].settings else { break };
@@ -253,10 +254,24 @@ impl Maps {
             }
             let (width, height) = truth.dimensions();
             let pixels = ScoredPixels::new(truth, width as usize, height as usize, settings).by_metre(FARTHEST_M);
-            if compared.iter().any(|(_, estimate)| estimate.is_some()) && !counted.contains(&truth_place) {
-                counted.push(truth_place);
-                let metres = pixels.metres().filter(|(metre, _)| *metre < FARTHEST_M);
-                metres.for_each(|(metre, range)| *counts.entry((self.run, metre)).or_default() += range.len() as u64);
+            if compared.iter().any(|(_, estimate)| estimate.is_some()) {
+                let is_with_others = left.iter().any(|(_, truth, _)| *truth == truth_place);
+                if is_with_others {
+                    counted.entry(truth_place).or_insert_with(|| vec![false; (width * height) as usize]);
+                }
+                let mut of_truth = counted.get_mut(&truth_place);
+                for (metre, range) in pixels.metres().filter(|(metre, _)| *metre < FARTHEST_M) {
+                    let new = match &mut of_truth {
+                        None => range.len(),
+                        Some(counted) => {
+                            let places = pixels.positions()[range].iter();
+                            places.filter(|place| !std::mem::replace(&mut counted[**place as usize], true)).count()
+                        }
+                    };
+                    if new > 0 {
+                        *counts.entry((self.run, metre)).or_default() += new as u64;
+                    }
+                }
             }
             let errors: Vec<Option<Vec<f32>>> = compared
                 .iter()

@@ -19,7 +19,7 @@ pub(super) const ORIGIN: &str = "depthloom.computed_from";
 pub(crate) struct Origin {
     /// In the order of the rows. Each estimator has one row per bin of the pixels that it answered, then one per bin of the pixels that all answered.
     estimators: Vec<EstimatorOrigin>,
-    /// A checksum of the rows.
+    /// A checksum of the above and of the rows.
     rows: Key,
 }
 
@@ -50,7 +50,9 @@ impl Origin {
                 beyond: beyond[index],
             }
         });
-        Self { estimators: estimators.collect(), rows: checksum(bins) }
+        let estimators: Vec<EstimatorOrigin> = estimators.collect();
+        let rows = checksum(&estimators, bins);
+        Self { estimators, rows }
     }
 
     pub(super) fn json(&self) -> String {
@@ -58,9 +60,15 @@ impl Origin {
     }
 }
 
-/// A checksum of bins. It covers every column of the table except the labels.
-fn checksum(bins: &[DistanceBin]) -> Key {
+/// A checksum of the origin of bins and of the bins: of every column of the table except the labels.
+fn checksum(estimators: &[EstimatorOrigin], bins: &[DistanceBin]) -> Key {
     let mut numbers: Vec<u64> = Vec::new();
+    for of in estimators {
+        let input = of.input.map_or(0, |key| u128::from_le_bytes(*key.as_bytes()));
+        numbers.extend([input as u64, (input >> 64) as u64]);
+        numbers.extend([of.group, of.answered_rows, of.common_rows].map(|number| number as u64));
+        numbers.push(of.beyond);
+    }
     for bin in bins {
         numbers.extend([u64::from(bin.bin_m), u64::from(bin.shared.is_some())]);
         for spread in std::iter::once(&bin.answered).chain(&bin.shared) {
@@ -104,7 +112,7 @@ impl EarlierBins {
         let rows = rows(reader).ok()?;
         let found = Self::of_rows(&origin, &rows)?;
         let bins: Vec<DistanceBin> = found.estimators.iter().flat_map(|of| of.bins.iter().copied()).collect();
-        (checksum(&bins) == origin.rows).then_some(found)
+        (checksum(&origin.estimators, &bins) == origin.rows).then_some(found)
     }
 
     fn of_rows(origin: &Origin, mut rows: &[(u32, Spread)]) -> Option<Self> {

@@ -28,10 +28,15 @@ struct Runs {
 impl Runs {
     /// An earlier run of the fixture's maps, and its report.
     fn new() -> Self {
+        Self::of(&fixture::plan(1, true))
+    }
+
+    /// The same of another plan.
+    fn of(plan: &Plan) -> Self {
         let runs = Self { folder: tempfile::tempdir().unwrap() };
         let earlier = runs.folder.path().join("earlier");
         fs::create_dir(&earlier).unwrap();
-        fixture::record_complete(&earlier.join("recording.mcap"), &fixture::plan(1, true), |_| {});
+        fixture::record_complete(&earlier.join("recording.mcap"), plan, |_| {});
         report(&recording(&earlier), &earlier, &ReportOptions::default(), &|| false).unwrap();
         runs
     }
@@ -110,12 +115,17 @@ fn files(folder: &Path) -> Vec<(String, Vec<u8>)> {
     files
 }
 
-/// The checksum of the rows: by estimator and bin the metre, whether it has shared pixels, and of all and of the shared pixels their number and errors.
+/// The checksum: by estimator what its rows were computed from; then by estimator and bin the metre, whether it has shared pixels, and of all and of the shared pixels their number and errors.
 fn checksum(origin: &Json, table: &DataFrame) -> Key {
     let bins = table.column("bin_from_m").unwrap().u32().unwrap();
     let counts = table.column("count").unwrap().u64().unwrap();
     let errors = ERRORS.map(|name| table.column(name).unwrap().f64().unwrap());
     let (mut numbers, mut row) = (Vec::new(), 0);
+    for of in origin["estimators"].as_array().unwrap() {
+        let input = u128::from_le_bytes(*Key::parse(of["input"].as_str().unwrap()).unwrap().as_bytes());
+        numbers.extend([input as u64, (input >> 64) as u64]);
+        numbers.extend(["group", "answered_rows", "common_rows", "beyond"].map(|name| of[name].as_u64().unwrap()));
+    }
     let spread = |row: usize| {
         let errors = errors.iter().map(move |errors| errors.get(row).unwrap().to_bits());
         std::iter::once(counts.get(row).unwrap()).chain(errors)
@@ -215,4 +225,41 @@ fn an_earlier_report_that_is_damaged_is_not_used() {
     }
     fs::write(&path, &whole[..whole.len() / 2]).unwrap();
     runs.assert_as_fresh(&plan, |[_, a, ..]| scaled(a));
+}
+
+/// Estimates of one truth with several bounds: the pixels of all of them are counted in `true_distances.csv`, whichever is read first.
+#[test]
+fn bounds_of_single_estimates_count_their_pixels() {
+    for estimator in ["a/mono", "b/mono", "stereo"] {
+        for (bound, metres) in [("max_m", 40.0), ("min_m", 10.0)] {
+            let mut plan = fixture::plan(1, true);
+            let name = format!("score_{estimator}");
+            let node = plan.runs[0].nodes.iter_mut().find(|node| node.name == name).unwrap();
+            node.params[bound] = metres.into();
+            let runs = Runs::of(&plan);
+            runs.assert_as_fresh(&plan, |_| {});
+            runs.assert_as_fresh(&plan, |[_, a, ..]| scaled(a));
+            let of_all = Runs::new().reports(&fixture::plan(1, true), |_| {});
+            let truth = |files: &[(String, Vec<u8>)]| {
+                files.iter().find(|(name, _)| name == "true_distances.csv").map(|(_, bytes)| bytes.clone())
+            };
+            assert_eq!(truth(&runs.reports(&plan, |_| {})[0]), truth(&of_all[0]), "{estimator} {bound}");
+        }
+    }
+}
+
+#[test]
+fn a_changed_origin_is_not_used() {
+    let (runs, plan) = (Runs::new(), fixture::plan(1, true));
+    let path = runs.earlier().join("error_vs_distance.parquet");
+    let whole = fs::read(&path).unwrap();
+    let beyond = b"\"beyond\":0";
+    let places: Vec<usize> = (0..whole.len() - beyond.len()).filter(|at| whole[*at..].starts_with(beyond)).collect();
+    assert!(!places.is_empty(), "the metadata is plain text");
+    for place in places {
+        let mut changed = whole.clone();
+        changed[place + beyond.len() - 1] = b'1';
+        fs::write(&path, changed).unwrap();
+        runs.assert_as_fresh(&plan, |[_, a, ..]| scaled(a));
+    }
 }
