@@ -66,7 +66,7 @@ impl<'a> CrcBefore<'a> {
         Ok(self.crc.clone().finalize())
     }
 
-    /// The CRC-32 of the bytes from the place asked for last up to another one.
+    /// The CRC-32 of the bytes from the previous place up to another one.
     pub(crate) fn stretch(&mut self, end: u64) -> Result<u32, RecordingError> {
         let before = std::mem::replace(&mut self.crc, Hasher::new());
         let crc = self.place(end);

@@ -35,8 +35,8 @@ pub struct EarlierRuns {
 /// A recording that is taken from.
 pub(crate) struct EarlierRun {
     pub(crate) recording: Recording,
-    /// By commit, the CRC-32 of each of the frame's chunks as it is stored; `None` if the frame's bytes are not what was written. A frame is checked when it
-    /// is first asked for.
+    /// By commit, the CRC-32 of each of the frame's chunks as it is stored; `None` if the frame's bytes are not what was written. A frame is checked on
+    /// first use.
     checked: Vec<OnceLock<Option<Box<[u32]>>>>,
     /// Whether anything was taken.
     taken: AtomicBool,

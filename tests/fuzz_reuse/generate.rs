@@ -378,6 +378,13 @@ pub fn estimate(random: &mut Random, experiment: &mut Experiment, stage: usize, 
     if random.chance(5) {
         settings.insert("align".to_owned(), json!("median"));
     }
+    if random.chance(4) {
+        let (bound, metres) = [("max_m", 15), ("max_m", 40), ("min_m", 6)][random.below(3)];
+        settings.insert(bound.to_owned(), json!(metres));
+    }
+    if random.chance(8) {
+        settings.insert("crop".to_owned(), json!("garg"));
+    }
     let from = values.swap_remove(random.below(values.len()));
     Some(Estimate { id: experiment.new_id(), name, from, settings })
 }

@@ -28,11 +28,11 @@ struct Runs {
 impl Runs {
     /// An earlier run of the fixture's maps, and its report.
     fn new() -> Self {
-        Self::of(&fixture::plan(1, true))
+        Self::with_plan(&fixture::plan(1, true))
     }
 
-    /// The same of another plan.
-    fn of(plan: &Plan) -> Self {
+    /// The same with another plan.
+    fn with_plan(plan: &Plan) -> Self {
         let runs = Self { folder: tempfile::tempdir().unwrap() };
         let earlier = runs.folder.path().join("earlier");
         fs::create_dir(&earlier).unwrap();
@@ -87,13 +87,13 @@ impl Runs {
             (0..table.height()).map(|row| errors.get(row).unwrap() + if is_of(row) { 1000.0 } else { 0.0 }).collect();
         table.with_column(Series::new("error_p50_m".into(), changed).into_column()).unwrap();
         let entries = metadata.key_value_metadata().clone().unwrap().into_iter().map(|entry| {
-            let mut text = entry.value.unwrap().to_string();
+            let mut text = entry.value.unwrap();
             if entry.key.as_str() == ORIGIN {
                 let mut origin: Json = serde_json::from_str(&text).unwrap();
                 origin["rows"] = checksum(&origin, &table).to_string().into();
                 text = origin.to_string();
             }
-            (entry.key.to_string(), text)
+            (entry.key, text)
         });
         let entries = KeyValueMetadata::from_static(entries.collect());
         let file = File::create(&path).unwrap();
@@ -236,7 +236,7 @@ fn bounds_of_single_estimates_count_their_pixels() {
             let name = format!("score_{estimator}");
             let node = plan.runs[0].nodes.iter_mut().find(|node| node.name == name).unwrap();
             node.params[bound] = metres.into();
-            let runs = Runs::of(&plan);
+            let runs = Runs::with_plan(&plan);
             runs.assert_as_fresh(&plan, |_| {});
             runs.assert_as_fresh(&plan, |[_, a, ..]| scaled(a));
             let of_all = Runs::new().reports(&fixture::plan(1, true), |_| {});
