@@ -31,7 +31,7 @@
 //!
 //! # Vectors
 //! Most loops are plain Rust, compiled once for each instruction set ([`simd`]). Where vectors are named (`simd::Block`, `simd::Lanes`,
-//! `Lanes` of `sgbm`, `simd::grey`, `simd::differences`), one convention holds:
+//! `Lanes` of `sgbm`, `simd::grey`, `simd::differences`, `simd::differences_avx2`), one convention holds:
 //!
 //! - A vector is a type that is named only in code compiled for its instruction set, which only a level runs that was found on the
 //!   machine. So its arithmetic is safe to call, and each body's `unsafe` says no more than that.

@@ -3,6 +3,8 @@
 //! Reading checks what it reads. All the rest is checked here: commits, metadata records and the end of the data contain the CRC-32 of all bytes before
 //! them, and a chunk contains the CRC-32 of its content.
 
+use std::collections::BTreeSet;
+
 use crate::checksum::CrcBefore;
 use crate::held::Held;
 use crate::index::{ChunkEntry, DATA_END};
@@ -51,13 +53,13 @@ impl Recording {
 
     /// Finds the chunks whose content is damaged although their bytes are those that were written: they were damaged before they were copied here.
     fn find_damaged_chunks(&self, stop: &dyn Fn() -> bool, damage: &mut Vec<Damage>) {
+        let known: BTreeSet<u64> = damage.iter().map(|damage| damage.offset).collect();
         let mut buffers = ChunkBuffers::default();
         for (place, chunk) in self.index.chunks.iter().enumerate() {
             if stop() {
                 break;
             }
-            let is_known = damage.iter().any(|damage| damage.offset == chunk.start);
-            if !is_known && buffers.each_message(&self.file, chunk, |_| Ok(())).is_err() {
+            if !known.contains(&chunk.start) && buffers.each_message(&self.file, chunk, |_| Ok(())).is_err() {
                 damage.push(Damage { offset: chunk.start, bytes: chunk.length, held: self.held(place, chunk) });
             }
         }

@@ -4,11 +4,15 @@ use std::process::Command;
 
 use super::python::path_of;
 use super::run;
-use crate::support::{label, number, python_package, read_csv, skipped, succeed, workspace};
+use crate::support::{full, label, number, python_package, read_csv, skipped, succeed, workspace};
 
 #[test]
 fn a_node_in_javascript_speaks_the_protocol_by_arrows_library_alone() {
     const TEST: &str = "a_node_in_javascript_speaks_the_protocol_by_arrows_library_alone";
+    // It installs a package with npm.
+    if !full(TEST) {
+        return;
+    }
     let folder = depthloom_test_needs::target().join("javascript-tests");
     std::fs::create_dir_all(&folder).expect("made");
     for name in ["package.json", "nearest.mjs", "nearest.yaml"] {

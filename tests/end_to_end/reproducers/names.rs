@@ -1,4 +1,4 @@
-//! Folders whose names are not UTF-8: what lies beside them can be run, listed and described.
+//! Folders whose names are not UTF-8: the runs and data in them and beside them can be used, or are refused with a reason.
 #![cfg(unix)]
 
 use std::ffi::OsStr;

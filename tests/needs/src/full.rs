@@ -2,12 +2,12 @@
 
 use crate::{is_required, skips};
 
-/// The environment variable that asks for the full suite.
+/// The environment variable that requests the full suite.
 const VARIABLE: &str = "DEPTHLOOM_FULL_TESTS";
 
-/// Whether the full suite was requested. Without it tests use no network, no Python and no browser, and take minutes.
+/// Whether the full suite was requested. Without it tests use no network, no Python and no browser.
 #[must_use]
-pub fn is_full() -> bool {
+fn is_full() -> bool {
     is_required(VARIABLE)
 }
 

@@ -1,6 +1,6 @@
 //! What tests need and may not find: the folder of reference data, Python with packages, ONNX Runtime, Chromium.
 //!
-//! All but the reference data belong to the full suite, which runs with `DEPTHLOOM_FULL_TESTS=1`.
+//! Tests that need more than the reference data belong to the full suite, which runs with `DEPTHLOOM_FULL_TESTS=1`.
 //!
 //! A test that cannot have it is skipped: it passes, says so on the standard error itself (the test harness swallows what a
 //! passing test prints), and [leaves a record](skips) that `tests/skipped.rs`, the last program of `cargo test --workspace`,
@@ -19,7 +19,7 @@ pub mod skips;
 
 pub use book::mdbook;
 pub use chromium::chromium;
-pub use full::{full, is_full};
+pub use full::full;
 pub use lichtblick::lichtblick;
 pub use python::{dora, onnx_runtime, python, python_package};
 pub use rerun::{Rerun, rerun};
