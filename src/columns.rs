@@ -1,11 +1,18 @@
 //! Lists for a terminal: rows of text as aligned columns.
 
+use std::borrow::Cow;
+
+use crate::streams::on_one_line;
+
 /// Rows as lines, two spaces between columns; the columns named `right` are numbers.
+///
+/// A cell is one line, whatever the file says that it was read from.
 pub fn aligned<const N: usize>(rows: &[[String; N]], right: &[usize]) -> String {
+    let rows: Vec<[Cow<'_, str>; N]> = rows.iter().map(|row| row.each_ref().map(|cell| on_one_line(cell))).collect();
     let widths: [usize; N] =
         std::array::from_fn(|column| rows.iter().map(|row| row[column].chars().count()).max().unwrap_or(0));
     let mut text = String::new();
-    for row in rows {
+    for row in &rows {
         let cells = row.iter().enumerate().map(|(column, cell)| {
             let width = widths[column];
             if right.contains(&column) { format!("{cell:>width$}") } else { format!("{cell:width$}") }
@@ -24,5 +31,11 @@ mod tests {
     fn numbers_end_below_each_other() {
         let rows = [["run", "frames"], ["ä", "16"], ["first", "-"]].map(|row| row.map(str::to_owned));
         assert_eq!(aligned(&rows, &[1]), "run    frames\nä          16\nfirst       -\n");
+    }
+
+    #[test]
+    fn a_cell_is_one_line() {
+        let rows = [["a\nrun", "\u{1b}[31m1"]].map(|row| row.map(str::to_owned));
+        assert_eq!(aligned(&rows, &[]), "a\\nrun  \\u{1b}[31m1\n");
     }
 }

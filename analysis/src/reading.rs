@@ -75,11 +75,7 @@ pub(crate) fn distances(
     output: Output<'_>,
     taken: Option<Taken<'_>>,
 ) -> Result<Distances, AnalysisError> {
-    let taken = taken.unwrap_or_else(|| Taken {
-        samples: Samples::new(estimators.len(), samples_in_memory, output),
-        truth: BTreeMap::new(),
-        frames: BTreeSet::new(),
-    });
+    let taken = taken.unwrap_or_else(|| Taken::none_yet(Samples::new(estimators.len(), samples_in_memory, output)));
     read_distances(recording, estimators, |_| true, output, taken)
 }
 
@@ -92,8 +88,7 @@ pub(crate) fn distances_of_some(
     output: Output<'_>,
 ) -> Result<Distances, AnalysisError> {
     let samples = Samples::new(estimators.len(), samples_in_memory, output);
-    let taken = Taken { samples, truth: BTreeMap::new(), frames: BTreeSet::new() };
-    read_distances(recording, estimators, is_wanted, output, taken)
+    read_distances(recording, estimators, is_wanted, output, Taken::none_yet(samples))
 }
 
 fn read_distances(
@@ -128,6 +123,13 @@ pub(crate) struct Taken<'a> {
     pub(crate) truth: BTreeMap<(usize, u32), u64>,
     /// Which frames: stage run and position.
     pub(crate) frames: BTreeSet<(usize, usize)>,
+}
+
+impl<'a> Taken<'a> {
+    /// Of no frame yet.
+    pub(crate) fn none_yet(samples: Samples<'a>) -> Self {
+        Self { samples, truth: BTreeMap::new(), frames: BTreeSet::new() }
+    }
 }
 
 /// What one thread works with.

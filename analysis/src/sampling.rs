@@ -1,6 +1,6 @@
 //! Samples taken while their maps are at hand: what a run records, its report need not read back.
 
-use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -72,7 +72,7 @@ impl<'t, 'a, T: Tap> SamplingTap<'t, 'a, T> {
         });
         let runs = runs.collect();
         let samples = Samples::new(estimators.len(), options.samples_in_memory, Output { folder, stop });
-        let taken = Mutex::new(Taken { samples, truth: BTreeMap::new(), frames: BTreeSet::new() });
+        let taken = Mutex::new(Taken::none_yet(samples));
         let (pending, is_broken) = (Mutex::default(), AtomicBool::new(false));
         Ok(Self { tap, estimators, runs, pending, taken, is_broken })
     }

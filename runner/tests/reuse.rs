@@ -266,7 +266,12 @@ proptest! {
 
 /// An ordered node that is not recorded, and a node that reads it.
 fn chain() -> (Bench, [Toy; 2]) {
-    let toys = [Toy::salted(2), Toy::salted(3)];
+    chain_of(Toy::salted(2))
+}
+
+/// The chain with another first node.
+fn chain_of(sums: Toy) -> (Bench, [Toy; 2]) {
+    let toys = [sums, Toy::salted(3)];
     let mut bench = Bench::new(&["one"]);
     bench.stage("toys", Numbers::new(6));
     bench.toy("sums", Contract::Ordered, [source(0), None, None], toys[0].clone());
@@ -290,6 +295,33 @@ fn an_ordered_node_that_one_late_frame_needs_fires_on_all_before_it() {
     let (bench, toys) = chain();
     assert_eq!(told(bench, &tap, 1, false), expected);
     assert_eq!(toys.map(|toy| toy.calls.load(Ordering::Relaxed)), [6, 1], "how often each fired");
+}
+
+/// Runs the chain twice, the second time with a store that does not know the node after its last frame. Returns how often each node fired.
+fn calls_without_the_last_key(has_sum: bool) -> [u64; 2] {
+    let chain = || {
+        let (mut bench, toys) = chain_of(Toy { has_no_sum: !has_sum, ..Toy::salted(2) });
+        bench.plan.runs[0].nodes[0].outputs.truncate(if has_sum { 3 } else { 2 });
+        (bench, toys)
+    };
+    let first = Remembering::new(1, 1, chain().0.plan, None);
+    let expected = told(chain().0, &first, 1, false);
+    let entries = first.entries();
+    let of_frames: Vec<Key> =
+        entries.iter().filter(|entry| entry.once.is_none()).flat_map(|entry| entry.keys.clone()).collect();
+    let values = values_of(&entries);
+    let store = Memory { values, holds: Box::new(|_, _| true), knows: Box::new(move |key| of_frames.contains(key)) };
+    let tap = Remembering::new(1, 1, chain().0.plan, Some(store));
+    let (bench, toys) = chain();
+    assert_eq!(told(bench, &tap, 1, false), expected);
+    toys.map(|toy| toy.calls.load(Ordering::Relaxed))
+}
+
+#[test]
+fn an_ordered_node_without_aggregate_outputs_is_known_by_its_frames() {
+    assert_eq!(calls_without_the_last_key(false), [0, 0]);
+    // What an aggregate output gave is known by the key after the last frame alone.
+    assert_eq!(calls_without_the_last_key(true), [6, 0]);
 }
 
 /// Runs a chain of which node `b` computes with a constant: a second time with another constant, over the values of the first run.

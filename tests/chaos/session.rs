@@ -191,7 +191,10 @@ fn cases(arguments: &Arguments) -> Vec<(&'static Kind, String)> {
     let wanted = |kind: &&Kind| {
         arguments.only.is_empty() || arguments.only.iter().any(|only| kind.name.contains(only) || only == "chaos")
     };
-    let count = |kind: &Kind| arguments.cases.unwrap_or(kind.counts[usize::from(arguments.full)]);
+    // The hermetic suite takes a quarter of the shortened run.
+    let divisor = if arguments.full || depthloom_test_needs::is_full() { 1 } else { 4 };
+    let default = |kind: &Kind| kind.counts[usize::from(arguments.full)].div_ceil(divisor);
+    let count = |kind: &Kind| arguments.cases.unwrap_or(default(kind));
     let of_kind = |kind: &'static Kind| (0..count(kind)).map(move |index| (kind, format!("{}/{index}", kind.name)));
     KINDS.iter().filter(wanted).flat_map(of_kind).collect()
 }

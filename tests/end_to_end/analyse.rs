@@ -3,12 +3,13 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use crate::support::{depthloom, python_package, read_csv, shared, succeed, workspace};
+use crate::support::{depthloom, full, python_package, read_csv, shared, succeed, workspace};
 
 /// The golden experiment on real frames, without two of its variants.
 fn golden(shared: &Path, out: &Path) {
     let mut run = depthloom();
-    run.args(["run", "tests/experiments/golden-ground-plane.yaml", "--quiet", "--samples", "--out"]).arg(out);
+    run.args(["run", "--no-page", "tests/experiments/golden-ground-plane.yaml", "--quiet", "--samples", "--out"])
+        .arg(out);
     succeed(run.env("KITTI_STEREO_2015", shared.join("data/kitti_stereo_2015")));
 }
 
@@ -57,6 +58,9 @@ fn samples_and_errors_are_numpys() {
 
 #[test]
 fn errors_against_distance_are_the_oracles() {
+    if !full("errors_against_distance_are_the_oracles") {
+        return;
+    }
     let Some(shared) = shared("errors_against_distance_are_the_oracles") else { return };
     let folder = tempfile::tempdir().expect("a folder");
     let run = folder.path().join("run");
@@ -88,7 +92,9 @@ fn errors_against_distance_are_the_oracles() {
 fn small(folder: &Path) -> PathBuf {
     let run = folder.join("run");
     let small = ["--set", "sources.street.with.width=320", "--set", "sources.street.with.height=96"];
-    succeed(depthloom().args(["run", "experiments/first-look.yaml", "--quiet", "--out"]).arg(&run).args(small));
+    succeed(
+        depthloom().args(["run", "--no-page", "experiments/first-look.yaml", "--quiet", "--out"]).arg(&run).args(small),
+    );
     run
 }
 
@@ -107,14 +113,16 @@ fn samples_are_made_when_they_are_asked_for_and_are_equal_files() {
     assert_eq!(std::fs::read(&elsewhere).expect("written"), made, "equal files");
     // Those of another recording are made again; a file may be asked by itself.
     let other = folder.path().join("other");
-    succeed(depthloom().args(["run", "experiments/first-look.yaml", "--quiet", "--out"]).arg(&other).args([
-        "--set",
-        "sources.street.with.width=320",
-        "--set",
-        "sources.street.with.height=96",
-        "--set",
-        "sources.street.with.frames=0..1",
-    ]));
+    succeed(
+        depthloom().args(["run", "--no-page", "experiments/first-look.yaml", "--quiet", "--out"]).arg(&other).args([
+            "--set",
+            "sources.street.with.width=320",
+            "--set",
+            "sources.street.with.height=96",
+            "--set",
+            "sources.street.with.frames=0..1",
+        ]),
+    );
     std::fs::copy(&samples, other.join("samples.parquet")).expect("copied");
     succeed(depthloom().arg("analyse").arg(&other));
     assert_ne!(std::fs::read(other.join("samples.parquet")).expect("there"), made, "they were another run's");

@@ -11,7 +11,11 @@ fn variants_made_on_the_command_line_are_recorded_with_their_factors_and_run_aga
     let small = ["--set", "sources.street.with.width=320", "--set", "sources.street.with.height=96"];
     let axes = ["--matrix", "look.stereo.with.block=[3, 5]", "--matrix", "look.stereo.with.mode=[sgbm, hh]"];
     let mut run = depthloom();
-    run.args(["run", "experiments/first-look.yaml", "--quiet"]).args(small).args(axes).arg("--out").arg(&first);
+    run.args(["run", "--no-page", "experiments/first-look.yaml", "--quiet"])
+        .args(small)
+        .args(axes)
+        .arg("--out")
+        .arg(&first);
     run.args(["--set", "sources.street.with.frames=0..2", "--variant", "block=3+*", "--variant", "*+mode=hh"]);
     succeed(&mut run);
     let recorded = Recording::open(first.join("recording.mcap")).expect("a recording");
@@ -27,7 +31,12 @@ fn variants_made_on_the_command_line_are_recorded_with_their_factors_and_run_aga
     assert_eq!((&stereo(5)["p1"], &stereo(5)["p2"]), (&200.into(), &800.into()));
     // What is kept is the same experiment.
     succeed(
-        depthloom().arg("run").arg(first.join("experiment.resolved.yaml")).arg("--quiet").arg("--out").arg(&second),
+        depthloom()
+            .args(["run", "--no-page"])
+            .arg(first.join("experiment.resolved.yaml"))
+            .arg("--quiet")
+            .arg("--out")
+            .arg(&second),
     );
     let again = Recording::open(second.join("recording.mcap")).expect("a recording");
     assert_eq!(again.plan(), plan);
@@ -87,7 +96,7 @@ matrix:
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     std::fs::write(folder.join("unbalanced.yaml"), experiment).expect("written");
-    succeed(depthloom().current_dir(folder).args(["run", "unbalanced.yaml", "--quiet", "--out", "run"]));
+    succeed(depthloom().current_dir(folder).args(["run", "--no-page", "unbalanced.yaml", "--quiet", "--out", "run"]));
     let table = |arguments: &[&str]| {
         let more = ["--format", "csv", "--out", "table.csv"];
         succeed(depthloom().current_dir(folder).args(["table", "run"]).args(arguments).args(more));

@@ -34,7 +34,7 @@ impl Bench {
     fn run(&self, arguments: &[&str]) -> (Option<i32>, String) {
         let out = self.folder.path().join("run");
         let output = depthloom()
-            .arg("run")
+            .args(["run", "--no-page"])
             .arg(self.folder.path().join("experiment.yaml"))
             .args(["--quiet", "--workers", "2", "--out"])
             .arg(&out)
@@ -150,7 +150,7 @@ fn a_range_without_frames_is_found_before_any_frame() {
 fn a_missing_model_is_found_before_any_frame() {
     let bench = Bench::new();
     let output = depthloom()
-        .args(["run", "tests/experiments/golden-onnx.yaml", "--quiet", "--out"])
+        .args(["run", "--no-page", "tests/experiments/golden-onnx.yaml", "--quiet", "--out"])
         .arg(bench.folder.path().join("run"))
         .args(["--set", "sources.test.with.frames=0..3"])
         .env("KITTI_STEREO_2015", &bench.data)

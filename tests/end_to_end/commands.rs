@@ -142,7 +142,15 @@ fn errors_are_json_where_output_is() {
         (&["graph", broken], true),
         // Found on this machine: there is no such data.
         (
-            &["run", LOOK, "--out", out, "--set", "sources.street={ kind: kitti/stereo2015, with: { root: none } }"],
+            &[
+                "run",
+                "--no-page",
+                LOOK,
+                "--out",
+                out,
+                "--set",
+                "sources.street={ kind: kitti/stereo2015, with: { root: none } }",
+            ],
             false,
         ),
         (&["report", empty], false),
@@ -221,7 +229,7 @@ fn graphs_are_told_to_programs() {
 fn a_run_and_its_timings_are_told_to_programs() {
     let folder = tempfile::tempdir().expect("a folder");
     let out = folder.path().join("look");
-    let told = json(&succeed(depthloom().args(["run", LOOK, "--json", "--out"]).arg(&out).args(SMALL)));
+    let told = json(&succeed(depthloom().args(["run", "--no-page", LOOK, "--json", "--out"]).arg(&out).args(SMALL)));
     assert!(told.get("error").is_none() && told["report"].is_object(), "{told}");
     let timings = json(&succeed(depthloom().args(["timings", "--json"]).arg(&out)));
     let rows = timings["timings"].as_array().expect("rows");
@@ -273,7 +281,7 @@ fn completion_offers_what_the_experiment_and_the_run_have() {
     let sources = offered(&["check", "look.yaml", "--matrix", "sources.street.with.w"], here);
     assert_eq!(sources, ["sources.street.with.width="]);
     assert_eq!(offered(&["plan", "look.yaml", "--variant", ""], here), ["plain", "small"]);
-    let run = ["run", "look.yaml", "--quiet", "--no-page", "--out", "out", "--set", "sources.street.with.frames=0..1"];
+    let run = ["run", "--no-page", "look.yaml", "--quiet", "--out", "out", "--set", "sources.street.with.frames=0..1"];
     let small = ["--set", "sources.street.with.width=160", "--set", "sources.street.with.height=64"];
     succeed(depthloom().current_dir(here).args(run).args(small));
     let topics = offered(&["export", "out", "stereo"], here);
@@ -451,7 +459,7 @@ fn the_binary_needs_nothing_of_the_checkout() {
         succeed(&mut command)
     };
     alone(&["new", "x.yaml"]);
-    alone(&[&["run", "x.yaml", "--quiet", "--out", "x"], &SMALL[..]].concat());
+    alone(&[&["run", "--no-page", "x.yaml", "--quiet", "--out", "x"], &SMALL[..]].concat());
     assert!(here.join("x/table.csv").is_file());
 }
 

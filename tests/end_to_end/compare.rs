@@ -34,7 +34,9 @@ fn run(folder: &Path, name: &str, set: &[&str]) -> PathBuf {
     let (file, out) = (folder.join("compared.yaml"), folder.join(name));
     std::fs::write(&file, EXPERIMENT).expect("written");
     let set = set.iter().flat_map(|set| ["--set", set]);
-    succeed(depthloom().current_dir(folder).args(["run", "compared.yaml", "--quiet", "--out", name]).args(set));
+    succeed(
+        depthloom().current_dir(folder).args(["run", "--no-page", "compared.yaml", "--quiet", "--out", name]).args(set),
+    );
     out
 }
 
@@ -351,7 +353,7 @@ fn estimates_of_one_name_in_two_stages_are_told_apart() {
         stage("later")
     );
     std::fs::write(folder.join("two.yaml"), text).expect("written");
-    succeed(depthloom().current_dir(folder).args(["run", "two.yaml", "--quiet", "--out", "run"]));
+    succeed(depthloom().current_dir(folder).args(["run", "--no-page", "two.yaml", "--quiet", "--out", "run"]));
     let table = read_csv(&folder.join("run/table.csv"));
     let of: Vec<String> =
         table.iter().map(|row| format!("{} {} {}", row["stage"], row["variant"], row["estimator"])).collect();

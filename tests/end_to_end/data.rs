@@ -205,7 +205,12 @@ fn scores_without_a_truth_are_told_before_and_are_no_success() {
     let mut said = format!("{}{}", rig.said(&output.stdout), rig.said(&output.stderr));
     let run = |out: &str| {
         let mut run = depthloom();
-        run.arg("run").arg(rig.path("own.yaml")).arg("--out").arg(rig.path(out)).output().expect("it runs")
+        run.args(["run", "--no-page"])
+            .arg(rig.path("own.yaml"))
+            .arg("--out")
+            .arg(rig.path(out))
+            .output()
+            .expect("it runs")
     };
     let output = run("none");
     assert_eq!(output.status.code(), Some(3));
@@ -317,7 +322,7 @@ fn an_unknown_folder_says_what_lies_in_it() {
 fn a_run_is_a_source_too() {
     let rig = Rig::new();
     let run = rig.path("run");
-    succeed(depthloom().arg("run").arg(rig.path("own.yaml")).args(["--quiet", "--out"]).arg(&run));
+    succeed(depthloom().args(["run", "--no-page"]).arg(rig.path("own.yaml")).args(["--quiet", "--out"]).arg(&run));
     let output = succeed(depthloom().arg("data").arg(&run));
     let told = String::from_utf8(output.stdout).expect("UTF-8");
     assert!(told.starts_with("a recording of ours, stage look (mcap)\n"), "{told}");
@@ -399,7 +404,7 @@ fn a_sheet_that_cannot_be_written_costs_no_report() {
 fn the_frames_that_a_cut_recording_lost_are_wrong() {
     let rig = Rig::new();
     let run = rig.path("run");
-    succeed(depthloom().arg("run").arg(rig.path("own.yaml")).args(["--quiet", "--out"]).arg(&run));
+    succeed(depthloom().args(["run", "--no-page"]).arg(rig.path("own.yaml")).args(["--quiet", "--out"]).arg(&run));
     let whole = fs::read(run.join("recording.mcap")).expect("read");
     let cut = rig.path("cut.mcap");
     let root = cut.display().to_string();

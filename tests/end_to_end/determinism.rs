@@ -5,7 +5,7 @@ use std::path::Path;
 use crate::support::{depthloom, succeed, workspace};
 
 fn run(experiment: &Path, out: &Path, workers: &str) -> Vec<u8> {
-    succeed(depthloom().arg("run").arg(experiment).args(["--workers", workers, "--out"]).arg(out));
+    succeed(depthloom().args(["run", "--no-page"]).arg(experiment).args(["--workers", workers, "--out"]).arg(out));
     std::fs::read(out.join("recording.mcap")).expect("a recording")
 }
 
@@ -15,7 +15,7 @@ fn recordings_are_equal_with_one_two_and_eight_workers() {
     let experiment = folder.path().join("small.yaml");
     let table1 = workspace().join("experiments/table1.yaml");
     let text = format!(
-        "extends: {}\nexperiment: small\nsources:\n  train: {{ with: {{ frames: 0..4, width: 320, height: 96 }} }}\n  test: {{ with: {{ frames: 0..5, width: 320, height: 96 }} }}\nstages: {{ learn: {{ nodes: {{ teacher: {{ with: {{ steps: 12, curve_every: 4 }} }} }} }} }}\n",
+        "extends: {}\nexperiment: small\nsources:\n  train: {{ with: {{ frames: 0..2, width: 320, height: 96 }} }}\n  test: {{ with: {{ frames: 0..3, width: 320, height: 96 }} }}\nstages: {{ learn: {{ nodes: {{ teacher: {{ with: {{ steps: 3, curve_every: 1 }} }} }} }} }}\n",
         table1.display()
     );
     std::fs::write(&experiment, text).expect("written");

@@ -10,7 +10,7 @@ fn each_kind_of_estimate_has_its_scores_and_both_have_zones() {
     let run = folder.path().join("run");
     let small = ["frames=0..3", "width=320", "height=96"].map(|set| format!("sources.street.with.{set}"));
     let mut command = depthloom();
-    command.args(["run", "experiments/stereo-scores.yaml", "--out"]).arg(&run);
+    command.args(["run", "--no-page", "experiments/stereo-scores.yaml", "--out"]).arg(&run);
     for set in &small {
         command.args(["--set", set]);
     }

@@ -119,7 +119,7 @@ record: [source, edges]
         program.current_dir(folder.path()).args(arguments);
         succeed(&mut program)
     };
-    command(&["run", "jpeg.yaml", "--quiet", "--out", "run"]);
+    command(&["run", "--no-page", "jpeg.yaml", "--quiet", "--out", "run"]);
     let told = command(&["export", "run", "source/left", "--format", "png", "--out", "all", "--json"]);
     let told: Json = serde_json::from_slice(&told.stdout).expect("JSON");
     let shown = told.to_string();
@@ -261,7 +261,7 @@ fn rows_are_exported_as_parquet_a_file_a_topic() {
 fn learnt_networks_and_curves_are_exported_as_they_lie_beside_the_run() {
     let folder = tempfile::tempdir().expect("a folder");
     let (experiment, out) = (crate::reuse::experiment(folder.path()), folder.path().join("run"));
-    succeed(depthloom().arg("run").arg(&experiment).args(["--quiet", "--out"]).arg(&out));
+    succeed(depthloom().args(["run", "--no-page"]).arg(&experiment).args(["--quiet", "--out"]).arg(&out));
     let export = folder.path().join("export");
     succeed(depthloom().arg("export").arg(&out).args(["teacher", "--quiet", "--out"]).arg(&export));
     assert_eq!(files(&export), ["learn/teacher/curve.parquet", "learn/teacher/model.onnx"]);

@@ -6,7 +6,7 @@ use std::process::Command;
 use serde_json::Value as Json;
 
 use crate::learning::learn;
-use crate::support::{depthloom, number, python, read_csv, succeed, workspace};
+use crate::support::{depthloom, full, number, python, read_csv, succeed, workspace};
 
 /// Stereo, mono and their fusion in two variants of a parameter each of two axes, on small frames, beside a stage that learns.
 const EXPERIMENT: &str = "experiment: drawn
@@ -35,7 +35,7 @@ matrix:
 fn run(folder: &Path) -> PathBuf {
     let file = folder.join("drawn.yaml");
     std::fs::write(&file, EXPERIMENT.replace("LEARN", &learn(20, 1000))).expect("written");
-    succeed(depthloom().current_dir(folder).args(["run", "drawn.yaml", "--quiet", "--out", "run"]));
+    succeed(depthloom().current_dir(folder).args(["run", "--no-page", "drawn.yaml", "--quiet", "--out", "run"]));
     folder.join("run")
 }
 
@@ -65,6 +65,9 @@ const KINDS: [(&str, &[&str], &str); 9] = [
 
 #[test]
 fn every_kind_is_drawn_in_every_format_of_the_size_asked_for() {
+    if !full("every_kind_is_drawn_in_every_format_of_the_size_asked_for") {
+        return;
+    }
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     run(folder);

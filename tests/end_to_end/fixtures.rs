@@ -8,7 +8,7 @@ fn scores_and_percentiles_of_rendered_frames_are_numpys() {
     let folder = tempfile::tempdir().expect("a folder");
     let (out, fixtures) = (folder.path().join("run"), workspace().join("tests/fixtures"));
     let mut run = depthloom();
-    run.args(["run", "tests/experiments/golden-ground-plane.yaml", "--quiet", "--out"]).arg(&out);
+    run.args(["run", "--no-page", "tests/experiments/golden-ground-plane.yaml", "--quiet", "--out"]).arg(&out);
     run.args(["--set", "sources.test.with.frames=0..2"]);
     succeed(run.env("KITTI_STEREO_2015", fixtures.join("road")));
     assert_scores_agree(&out.join("scores.csv"), &fixtures.join("golden/scores.csv"), 1e-6);

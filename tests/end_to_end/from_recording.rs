@@ -19,7 +19,7 @@ impl Here {
         let here = Self { folder: tempfile::tempdir().expect("a folder") };
         let street = "{ kind: synthetic/road, with: { frames: 4..7, width: 320, height: 96 } }";
         here.write("first.yaml", &format!("  street: {street}\n"));
-        succeed(&mut here.command(&["run", "first.yaml", "--quiet", "--out", "first"]));
+        succeed(&mut here.command(&["run", "--no-page", "first.yaml", "--quiet", "--out", "first"]));
         here
     }
 
@@ -72,7 +72,7 @@ fn a_recording_stands_for_the_source_it_was_made_from_key_by_key() {
     let here = Here::new();
     here.write("again.yaml", "  street: { kind: mcap, with: { path: first } }\n");
     succeed(&mut here.command(&["check", "again.yaml"]));
-    succeed(&mut here.command(&["run", "again.yaml", "--quiet", "--fresh", "--out", "again"]));
+    succeed(&mut here.command(&["run", "--no-page", "again.yaml", "--quiet", "--fresh", "--out", "again"]));
     let (first, again) = (here.recording("first"), here.recording("again"));
     let keys = |recording: &Recording| {
         let frames = recording.frames(0).iter();
@@ -86,7 +86,7 @@ fn a_recording_stands_for_the_source_it_was_made_from_key_by_key() {
     assert_eq!(scores("first"), scores("again"));
     // So nothing is matched again that the first run has matched: but the parameter of a node behind is a new one.
     let set = ["--set", "look.depth.with.cap=20", "--json", "--out", "less"];
-    let told = succeed(here.command(&["run", "again.yaml"]).args(set).env_remove("DEPTHLOOM_FRESH"));
+    let told = succeed(here.command(&["run", "--no-page", "again.yaml"]).args(set).env_remove("DEPTHLOOM_FRESH"));
     let told: Json = serde_json::from_slice(&told.stdout).expect("JSON");
     let reused = told["reused"]["nodes"].as_array().unwrap_or_else(|| panic!("{told:#}"));
     assert!(reused.iter().all(|node| node["node"] == "stereo") && reused.len() == 2, "{told:#}");
@@ -103,7 +103,7 @@ fn what_nodes_gave_is_there_under_their_names_and_frames_keep_theirs() {
          score: {{ truth: source/depth, estimates: {{ stereo: depth/depth }} }}\n"
     );
     std::fs::write(here.path().join("behind.yaml"), text).expect("written");
-    succeed(&mut here.command(&["run", "behind.yaml", "--quiet", "--out", "behind"]));
+    succeed(&mut here.command(&["run", "--no-page", "behind.yaml", "--quiet", "--out", "behind"]));
     let first = depths(&here.recording("first"), "/look/nine/depth/depth");
     let behind = depths(&here.recording("behind"), "/look/depth/depth");
     assert_eq!(behind, [first[2].clone(), first[0].clone()]);
@@ -113,14 +113,14 @@ fn what_nodes_gave_is_there_under_their_names_and_frames_keep_theirs() {
     std::fs::copy(here.path().join("first/recording.mcap"), &moved).expect("copied");
     for (name, set) in [("moved", "path=moved.mcap"), ("five", "variant=five")] {
         let set = format!("sources.taken.with.{set}");
-        succeed(&mut here.command(&["run", "behind.yaml", "--quiet", "--set", &set, "--out", name]));
+        succeed(&mut here.command(&["run", "--no-page", "behind.yaml", "--quiet", "--set", &set, "--out", name]));
     }
     assert_eq!(keys("behind"), keys("moved"));
     assert!(keys("behind").iter().zip(keys("five")).all(|(nine, five)| *nine != five));
     // Two recordings, one after the other.
     let join = "[{ kind: mcap, with: { path: first } }, { kind: mcap, with: { path: moved.mcap, frames: [5] } }]";
     here.write("two.yaml", &format!("  street: {{ join: {join} }}\n"));
-    succeed(&mut here.command(&["run", "two.yaml", "--quiet", "--out", "two"]));
+    succeed(&mut here.command(&["run", "--no-page", "two.yaml", "--quiet", "--out", "two"]));
     assert_eq!(here.recording("two").frames(0).len(), 4);
 }
 
@@ -148,7 +148,7 @@ fn a_recording_that_was_cut_gives_its_whole_frames_and_says_so() {
     let cut: PathBuf = here.path().join("cut.mcap");
     std::fs::write(&cut, &bytes[..bytes.len() * 3 / 4]).expect("written");
     here.write("cut.yaml", "  street: { kind: mcap, with: { path: cut.mcap } }\n");
-    let told = succeed(&mut here.command(&["run", "cut.yaml", "--json", "--out", "rest"]));
+    let told = succeed(&mut here.command(&["run", "--no-page", "cut.yaml", "--json", "--out", "rest"]));
     let told: Json = serde_json::from_slice(&told.stdout).expect("JSON");
     let whole = Recording::open(&cut).expect("a recording").frames(0).len();
     assert!((1..3).contains(&whole));
@@ -157,7 +157,8 @@ fn a_recording_that_was_cut_gives_its_whole_frames_and_says_so() {
     assert!(warning.contains("cut.mcap is unfinished") || warning.contains("cut.mcap is damaged"), "{warning}");
     // A frame that is asked for and was cut off is missing.
     here.write("cut.yaml", "  street: { kind: mcap, with: { path: cut.mcap, frames: 4..7 } }\n");
-    let output = here.command(&["run", "cut.yaml", "--json", "--out", "none"]).output().expect("the binary starts");
+    let output =
+        here.command(&["run", "--no-page", "cut.yaml", "--json", "--out", "none"]).output().expect("the binary starts");
     let told: Json = serde_json::from_slice(&output.stdout).expect("JSON");
     assert_eq!((output.status.code(), &told["error"]["exit_code"]), (Some(2), &json!(2)), "{told:#}");
 }

@@ -70,7 +70,7 @@ fn ground_plane_scores_are_the_oracles() {
     let out = folder.path().join("run");
     succeed(
         depthloom()
-            .args(["run", "tests/experiments/golden-ground-plane.yaml", "--out"])
+            .args(["run", "--no-page", "tests/experiments/golden-ground-plane.yaml", "--out"])
             .arg(&out)
             .env("KITTI_STEREO_2015", shared.join("data/kitti_stereo_2015")),
     );
@@ -87,7 +87,7 @@ fn network_scores_are_the_oracles() {
     let out = folder.path().join("run");
     succeed(
         depthloom()
-            .args(["run", "tests/experiments/golden-onnx.yaml", "--out"])
+            .args(["run", "--no-page", "tests/experiments/golden-onnx.yaml", "--out"])
             .arg(&out)
             .env("KITTI_STEREO_2015", shared.join("data/kitti_stereo_2015"))
             .env("MONO_MODEL", shared.join("models/ssl_unet.onnx"))
@@ -105,7 +105,7 @@ fn the_table_is_the_mean_over_frames() {
     let out = folder.path().join("run");
     succeed(
         depthloom()
-            .args(["run", "tests/experiments/golden-ground-plane.yaml", "--out"])
+            .args(["run", "--no-page", "tests/experiments/golden-ground-plane.yaml", "--out"])
             .arg(&out)
             .env("KITTI_STEREO_2015", shared.join("data/kitti_stereo_2015")),
     );

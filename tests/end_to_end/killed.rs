@@ -9,7 +9,7 @@ use crate::support::{depthloom, read_csv, succeed};
 /// A run of so many small frames.
 fn run(out: &Path, frames: usize) -> Command {
     let mut run = depthloom();
-    run.args(["run", "experiments/first-look.yaml", "--workers", "2", "--out"]).arg(out);
+    run.args(["run", "--no-page", "experiments/first-look.yaml", "--workers", "2", "--out"]).arg(out);
     run.args(["--set", "sources.street.with.width=320", "--set", "sources.street.with.height=96"]);
     run.args(["--set", &format!("sources.street.with.frames=0..{frames}")]);
     run

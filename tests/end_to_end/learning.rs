@@ -54,7 +54,13 @@ pub fn learned(out: &Path) -> (String, String, Vec<u8>) {
 }
 
 pub fn run(experiment: &Path, out: &Path, workers: &str) -> (String, String, Vec<u8>) {
-    succeed(depthloom().arg("run").arg(experiment).args(["--quiet", "--workers", workers, "--out"]).arg(out));
+    succeed(
+        depthloom()
+            .args(["run", "--no-page"])
+            .arg(experiment)
+            .args(["--quiet", "--workers", workers, "--out"])
+            .arg(out),
+    );
     learned(out)
 }
 
@@ -129,7 +135,7 @@ pub fn run_and_kill(experiment: &Path, out: &Path, from: u64, at: u64) -> u64 {
 fn killed_at(experiment: &Path, out: &Path, from: u64, at: u64) -> Option<u64> {
     let checkpoints = out.with_file_name("checkpoints");
     let mut run = depthloom();
-    run.arg("run").arg(experiment).args(["--quiet", "--workers", "2", "--out"]).arg(out);
+    run.args(["run", "--no-page"]).arg(experiment).args(["--quiet", "--workers", "2", "--out"]).arg(out);
     let mut child = run.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("the binary starts");
     while child.try_wait().expect("a child").is_none() {
         // A file that is being replaced may be missing from a listing.

@@ -16,7 +16,7 @@ fn recordings(folder: &Path) -> Vec<PathBuf> {
     let at = |name: &str| folder.join("shelf").join(name);
     let run = |out: &Path, set: &[&str]| {
         let mut run = depthloom();
-        run.current_dir(folder).env_remove("DEPTHLOOM_FRESH").args(["run", "--quiet", "--workers", "2"]);
+        run.current_dir(folder).env_remove("DEPTHLOOM_FRESH").args(["run", "--no-page", "--quiet", "--workers", "2"]);
         run.args(["--set", "record.points=[fused, depth]", "--out"]);
         succeed(run.arg(out).arg(&experiment).args(set));
         out.join("recording.mcap")
@@ -159,7 +159,7 @@ fn what_is_laid_out_for_viewers_is_recorded() {
     let folder = tempfile::tempdir().expect("a folder");
     let experiment = experiment(folder.path());
     let out = folder.path().join("run");
-    succeed(depthloom().args(["run", "--quiet", "--out"]).arg(&out).arg(&experiment));
+    succeed(depthloom().args(["run", "--no-page", "--quiet", "--out"]).arg(&out).arg(&experiment));
     let bytes = std::fs::read(out.join("recording.mcap")).expect("a recording");
     let summary = mcap::Summary::read(&bytes).expect("sound").expect("a summary");
     let recorded: Vec<&str> = summary.channels.values().map(|channel| channel.topic.as_str()).collect();

@@ -11,7 +11,17 @@ fn peak(experiment: &Path, source: &str, frames: u32) -> f64 {
     // One arena: with several, what glibc keeps back in each differs from run to run by more than what is looked for.
     let mut run = depthloom();
     // One worker and a small window: which values several workers hold at one time is chance, and differs with what else the machine does.
-    run.env("MALLOC_ARENA_MAX", "1").args(["run", "--workers", "1", "--window", "2", "--set", &set, "--out"]);
+    run.env("MALLOC_ARENA_MAX", "1").args([
+        "run",
+        "--no-page",
+        "--workers",
+        "1",
+        "--window",
+        "2",
+        "--set",
+        &set,
+        "--out",
+    ]);
     run.arg(&out).arg(experiment);
     succeed(&mut run);
     let environment = std::fs::read_to_string(out.join("environment.json")).expect("an environment");

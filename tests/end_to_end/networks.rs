@@ -67,7 +67,7 @@ fn a_bare_machine_runs_networks_in_tract_and_says_so() {
     assert_eq!(doctor["networks"]["engine"], "tract");
     assert_eq!(doctor["networks"]["providers"], serde_json::json!(["cpu"]));
     let out = folder.path().join("run");
-    succeed(bare().args(["run", "--quiet", "--out"]).arg(&out).arg(&path));
+    succeed(bare().args(["run", "--no-page", "--quiet", "--out"]).arg(&out).arg(&path));
     let networks = &json(&out.join("environment.json"))["networks"];
     assert_eq!(networks["engine"], "tract");
     assert_eq!(networks["found_by"], "fallback");
@@ -77,14 +77,14 @@ fn a_bare_machine_runs_networks_in_tract_and_says_so() {
     // Asked for by name it gives the same bytes.
     let again = folder.path().join("again");
     let named = ("DEPTHLOOM_ONNX_ENGINE", "tract");
-    succeed(bare().env(named.0, named.1).args(["run", "--quiet", "--out"]).arg(&again).arg(&path));
+    succeed(bare().env(named.0, named.1).args(["run", "--no-page", "--quiet", "--out"]).arg(&again).arg(&path));
     let recording = |run: &Path| std::fs::read(run.join("recording.mcap")).expect("a recording");
     assert!(recording(&out) == recording(&again), "two runs of one engine differ");
     // What was asked for by name is not replaced.
     for (variable, value) in
         [("ORT_DYLIB_PATH", "/nowhere/libonnxruntime.so"), ("DEPTHLOOM_ONNX_ENGINE", "onnxruntime")]
     {
-        let output = bare().env(variable, value).arg("run").arg(&path).output().expect("started");
+        let output = bare().env(variable, value).args(["run", "--no-page"]).arg(&path).output().expect("started");
         let said = String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(2), "{said}");
         assert!(said.contains("libonnxruntime.so") || said.contains("no ONNX Runtime"), "{said}");
@@ -121,7 +121,11 @@ fn an_engine_nobody_knows_and_a_provider_that_is_not_there_are_found_before_any_
     let path = experiment(folder.path(), "{ provider: directml }");
     let run = |engine: &str| {
         let mut command = bare();
-        command.env("DEPTHLOOM_ONNX_ENGINE", engine).args(["run", "--out"]).arg(folder.path().join("run")).arg(&path);
+        command
+            .env("DEPTHLOOM_ONNX_ENGINE", engine)
+            .args(["run", "--no-page", "--out"])
+            .arg(folder.path().join("run"))
+            .arg(&path);
         let output = command.output().expect("started");
         assert_eq!(output.status.code(), Some(2), "{output:?}");
         String::from_utf8_lossy(&output.stderr).into_owned()
@@ -146,7 +150,10 @@ fn tracts_scores_are_the_oracles() {
     let out = folder.path().join("run");
     let shared = shared.canonicalize().expect("an absolute path");
     let mut command = bare();
-    command.args(["run", "--quiet", "--out"]).arg(&out).arg(workspace().join("tests/experiments/golden-onnx.yaml"));
+    command
+        .args(["run", "--no-page", "--quiet", "--out"])
+        .arg(&out)
+        .arg(workspace().join("tests/experiments/golden-onnx.yaml"));
     command.env("KITTI_STEREO_2015", shared.join("data/kitti_stereo_2015"));
     succeed(command.env("MONO_MODEL", shared.join("models/ssl_unet.onnx")).env("DEPTHLOOM_ONNX_ENGINE", "tract"));
     let ours = read_csv(&out.join("scores.csv"));
@@ -279,6 +286,12 @@ fn faults_51_and_59_lines_for_a_network_run_as_they_are_or_it_is_said_why_there_
         );
         let file = folder.path().join("pasted.yaml");
         std::fs::write(&file, experiment).expect("written");
-        succeed(depthloom().arg("run").arg(&file).args(["--quiet", "--fresh", "--out"]).arg(folder.path().join(name)));
+        succeed(
+            depthloom()
+                .args(["run", "--no-page"])
+                .arg(&file)
+                .args(["--quiet", "--fresh", "--out"])
+                .arg(folder.path().join(name)),
+        );
     }
 }

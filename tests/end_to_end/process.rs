@@ -60,7 +60,7 @@ impl Peer {
 /// A run of an experiment that may start programs.
 fn run(experiment: &Path, out: &Path, mark: &str) -> Command {
     let mut command = depthloom();
-    command.arg("run").arg(experiment).args(["--allow-exec", "--no-page", "--out"]).arg(out).env(MARK, mark);
+    command.args(["run", "--no-page"]).arg(experiment).args(["--allow-exec", "--out"]).arg(out).env(MARK, mark);
     command
 }
 

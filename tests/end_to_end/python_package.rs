@@ -114,14 +114,15 @@ fn the_package_reads_every_map_bit_for_bit() {
         "compare.stereo.with.min_disparity=-5",
     ];
     let set = set.iter().flat_map(|set| ["--set", set]);
-    succeed(depthloom().args(["run", "experiments/table1.yaml", "--quiet", "--out"]).arg(&out).args(set));
+    succeed(depthloom().args(["run", "--no-page", "experiments/table1.yaml", "--quiet", "--out"]).arg(&out).args(set));
     // `learn`: a pair, two truths, a mask, stereo, edges. `compare`: a pair, two truths, two true disparities, two masks, stereo,
     // depth, weight, mono, and of the variants three scalings, four fusions, four filters.
     assert_eq!(assert_same_maps(&python, &out), 2 * 7 + 2 * 23);
     // Images in their files' own bytes, and KITTI's truth.
     succeed(depthloom().args(["synth", "--frames", "2", "--width", "320", "--height", "96", "--quiet"]).arg(&data));
     let out = folder.path().join("pairs");
-    let pairs = ["run", "experiments/own-pairs.yaml", "--quiet", "--set", "sources.pairs.with.truth=noc", "--out"];
+    let pairs =
+        ["run", "--no-page", "experiments/own-pairs.yaml", "--quiet", "--set", "sources.pairs.with.truth=noc", "--out"];
     succeed(depthloom().args(pairs).arg(&out).env("OWN_PAIRS", &data));
     assert!(assert_same_maps(&python, &out) > 12);
 }
@@ -135,7 +136,9 @@ fn the_readmes_lines_of_python_read_a_run() {
     let folder = tempfile::tempdir().expect("a folder");
     let out = folder.path().join("runs/first-look/run");
     let small = ["--set", "sources.street.with.width=320", "--set", "sources.street.with.height=96"];
-    succeed(depthloom().args(["run", "experiments/first-look.yaml", "--quiet", "--out"]).arg(&out).args(small));
+    succeed(
+        depthloom().args(["run", "--no-page", "experiments/first-look.yaml", "--quiet", "--out"]).arg(&out).args(small),
+    );
     let ask = "\nprint(depth.dtype, *depth.shape, numpy.isfinite(depth).sum(), float(numpy.nanmax(depth)))\n";
     let script = format!("import numpy\n{lines}{ask}");
     let told = succeed(command(&python, &["-c", &script]).current_dir(folder.path()));

@@ -10,7 +10,9 @@ fn python_decodes_a_recording_to_the_same_floats() {
     let folder = tempfile::tempdir().expect("a folder");
     let out = folder.path().join("run");
     let small = ["--set", "sources.street.with.width=320", "--set", "sources.street.with.height=96"];
-    succeed(depthloom().args(["run", "experiments/first-look.yaml", "--quiet", "--out"]).arg(&out).args(small));
+    succeed(
+        depthloom().args(["run", "--no-page", "experiments/first-look.yaml", "--quiet", "--out"]).arg(&out).args(small),
+    );
     let recording = out.join("recording.mcap");
     let theirs = succeed(Command::new(python).arg(workspace().join("tests/python/read_recording.py")).arg(&recording));
     let theirs: serde_json::Value = serde_json::from_slice(&theirs.stdout).expect("JSON");
@@ -27,7 +29,7 @@ fn python_finds_no_fault_in_recordings_that_were_reused_taken_up_and_recovered()
     let experiment = crate::reuse::experiment(folder.path());
     let run = |out: &str, set: &[&str]| {
         let mut run = depthloom();
-        run.env_remove("DEPTHLOOM_FRESH").current_dir(folder.path()).args(["run", "--json", "--out", out]);
+        run.env_remove("DEPTHLOOM_FRESH").current_dir(folder.path()).args(["run", "--no-page", "--json", "--out", out]);
         let told = succeed(run.arg(&experiment).args(set.iter().flat_map(|set| ["--set", set])));
         let told: serde_json::Value = serde_json::from_slice(&told.stdout).expect("JSON");
         (at(out).join("recording.mcap"), told["reused"]["nodes"].as_array().map_or(0, Vec::len))

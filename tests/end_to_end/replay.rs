@@ -25,7 +25,7 @@ fn look(folder: &Path, more: &str) -> PathBuf {
 }
 
 fn run(experiment: &Path, out: &Path) {
-    succeed(depthloom().arg("run").arg(experiment).args(["--quiet", "--out"]).arg(out));
+    succeed(depthloom().args(["run", "--no-page"]).arg(experiment).args(["--quiet", "--out"]).arg(out));
 }
 
 /// Runs an experiment and records another plan with its values: what a kind that changed since then leaves.
@@ -114,7 +114,7 @@ fn a_node_that_changed_is_told_with_its_first_and_its_worst_pixel_and_none_behin
     let out = folder.path().join("nine");
     succeed(
         depthloom()
-            .arg("run")
+            .args(["run", "--no-page"])
             .arg(look(folder.path(), ""))
             .args(["--quiet", "--set"])
             .arg(format!("look.stereo.with={}", with_block_9(&recording)))

@@ -3,12 +3,15 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use depthloom_test_needs::is_full;
+
 use crate::reuse::experiment;
 use crate::support::{depthloom, full, succeed};
 
 /// At how many places a recording is cut, and how many runs are killed or fail: `DEPTHLOOM_KILLS`, or few enough for every day.
 pub fn kills() -> u64 {
-    std::env::var("DEPTHLOOM_KILLS").map_or(20, |kills| kills.parse().expect("DEPTHLOOM_KILLS is a number"))
+    let default = if is_full() { 20 } else { 5 };
+    std::env::var("DEPTHLOOM_KILLS").map_or(default, |kills| kills.parse().expect("DEPTHLOOM_KILLS is a number"))
 }
 
 /// A number that the seed decides, below `end`.
@@ -28,7 +31,7 @@ impl Whole {
         let folder = tempfile::tempdir().expect("a folder");
         let experiment = experiment(folder.path());
         let out = folder.path().join("whole/run");
-        succeed(depthloom().args(["run", "--quiet", "--out"]).arg(&out).arg(&experiment));
+        succeed(depthloom().args(["run", "--no-page", "--quiet", "--out"]).arg(&out).arg(&experiment));
         let recording = fs::read(out.join("recording.mcap")).expect("a recording");
         Self { folder, experiment, recording }
     }
@@ -37,7 +40,13 @@ impl Whole {
     fn again(&self, out: &Path) -> String {
         let mut run = depthloom();
         // There is no `runs` folder there.
-        run.current_dir(self.folder.path()).env_remove("DEPTHLOOM_FRESH").args(["run", "--workers", "2", "--out"]);
+        run.current_dir(self.folder.path()).env_remove("DEPTHLOOM_FRESH").args([
+            "run",
+            "--no-page",
+            "--workers",
+            "2",
+            "--out",
+        ]);
         let output = succeed(run.arg(out).arg(&self.experiment));
         assert!(fs::read(out.join("recording.mcap")).expect("a recording") == self.recording);
         assert!(!out.with_extension("partial").exists());
@@ -100,7 +109,12 @@ fn a_run_killed_again_and_again_ends_with_the_same_bytes() {
         round += 1;
         for moment in 0..6 {
             let mut run = depthloom();
-            run.current_dir(whole.folder.path()).env_remove("DEPTHLOOM_FRESH").args(["run", "--quiet", "--out"]);
+            run.current_dir(whole.folder.path()).env_remove("DEPTHLOOM_FRESH").args([
+                "run",
+                "--no-page",
+                "--quiet",
+                "--out",
+            ]);
             run.arg(&out)
                 .arg(&whole.experiment)
                 .stdout(std::process::Stdio::null())
@@ -176,6 +190,6 @@ fn a_recovered_recording_holds_what_was_committed() {
 fn waiting_for_the_disk_changes_no_byte() {
     let whole = Whole::new();
     let out = whole.folder.path().join("durable/run");
-    succeed(depthloom().args(["run", "--quiet", "--durable", "--out"]).arg(&out).arg(&whole.experiment));
+    succeed(depthloom().args(["run", "--no-page", "--quiet", "--durable", "--out"]).arg(&out).arg(&whole.experiment));
     assert!(fs::read(out.join("recording.mcap")).expect("a recording") == whole.recording);
 }

@@ -26,7 +26,14 @@ fn run(experiment: &Path, out: &Path, fresh: bool, set: &[&str]) -> Json {
         command.env_remove("DEPTHLOOM_FRESH");
     }
     // There is no `runs` folder there.
-    command.current_dir(experiment.parent().expect("a folder")).args(["run", "--json", "--workers", "2", "--out"]);
+    command.current_dir(experiment.parent().expect("a folder")).args([
+        "run",
+        "--no-page",
+        "--json",
+        "--workers",
+        "2",
+        "--out",
+    ]);
     command.arg(out).arg(experiment).args(set.iter().flat_map(|set| ["--set", set]));
     serde_json::from_slice(&succeed(&mut command).stdout).expect("JSON")
 }

@@ -34,7 +34,7 @@ impl Here {
 
     /// Runs the experiment into a folder below.
     pub fn run(&self, out: &str, more: &[&str]) -> PathBuf {
-        succeed(self.command(&["run", "look.yaml", "--quiet", "--out", out]).args(more));
+        succeed(self.command(&["run", "--no-page", "look.yaml", "--quiet", "--out", out]).args(more));
         self.path().join(out)
     }
 
@@ -117,7 +117,10 @@ fn runs_of_0_1_that_contain_reused_values_are_marked() {
     std::fs::remove_file(here.path().join("runs/unknown/timings.parquet")).expect("removed");
     // Of this version, all of it reused.
     here.run("runs/now", &[]);
-    succeed(here.command(&["run", "look.yaml", "--quiet", "--out", "runs/again"]).env_remove("DEPTHLOOM_FRESH"));
+    succeed(
+        here.command(&["run", "--no-page", "look.yaml", "--quiet", "--out", "runs/again"])
+            .env_remove("DEPTHLOOM_FRESH"),
+    );
     let listed = here.json(&["runs"]);
     let warning = |name: &str| {
         let runs = listed["runs"].as_array().expect("a list");
@@ -149,7 +152,7 @@ fn an_earlier_run_that_cannot_be_read_is_reported() {
     for (place, length) in [(&recording, 40), (&recording, 3), (&unfinished.join("recording.mcap"), 40)] {
         std::fs::write(place, &bytes[..length]).expect("written");
     }
-    let mut run = here.command(&["run", "look.yaml", "--out", "runs/third"]);
+    let mut run = here.command(&["run", "--no-page", "look.yaml", "--out", "runs/third"]);
     let output = succeed(run.env_remove("DEPTHLOOM_FRESH"));
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(said.contains("nothing is taken from runs/first: "), "{said}");
@@ -159,7 +162,8 @@ fn an_earlier_run_that_cannot_be_read_is_reported() {
 #[test]
 fn the_time_of_a_run_is_measured_after_its_page() {
     let here = Here::new();
-    let run = here.run("run", &[]);
+    let run = here.path().join("run");
+    succeed(&mut here.command(&["run", "look.yaml", "--quiet", "--out", "run"]));
     let environment: Json =
         serde_json::from_slice(&std::fs::read(run.join("environment.json")).expect("a file")).expect("JSON");
     assert!(environment["wall_s"].as_f64().is_some_and(|seconds| seconds > 0.0), "{environment}");
@@ -367,7 +371,7 @@ fn pruning_keeps_what_rules_keep_and_what_others_read() {
     }
     // Another experiment is made of the oldest.
     std::fs::write(here.path().join("other.yaml"), "extends: look.yaml\nexperiment: other\n").expect("written");
-    succeed(&mut here.command(&["run", "other.yaml", "--quiet", "--out", "runs/other"]));
+    succeed(&mut here.command(&["run", "--no-page", "other.yaml", "--quiet", "--out", "runs/other"]));
     let resolved = here.path().join("runs/other/experiment.resolved.yaml");
     let mut text_of = std::fs::read_to_string(&resolved).expect("a file");
     let oldest = runs[0].canonicalize().expect("a folder");

@@ -31,7 +31,7 @@ stages:
     std::fs::write(&experiment, text).expect("written");
     let (out, kitti) = (folder.path().join("run"), shared.join("data/kitti_stereo_2015"));
     let mut run = depthloom();
-    run.arg("run").arg(&experiment).args(["--quiet", "--out"]).arg(&out);
+    run.args(["run", "--no-page"]).arg(&experiment).args(["--quiet", "--out"]).arg(&out);
     succeed(run.env("KITTI_STEREO_2015", &kitti));
     let recording = Recording::open(out.join("recording.mcap")).expect("a recording");
     let samples = recording.once_values().iter().find(|value| value.value_type == "samples").expect("samples");

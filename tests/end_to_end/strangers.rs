@@ -206,7 +206,7 @@ fn suspicion_g_wrong_values_under_right_keys_are_never_reused_in_silence() {
     forge(&experiment, &folder.path().join("runs/forged"));
     let out = folder.path().join("runs/mine");
     let mut run = depthloom();
-    run.arg("run").arg(&experiment).args(["--no-page", "--out"]).arg(&out).env_remove("DEPTHLOOM_FRESH");
+    run.args(["run", "--no-page"]).arg(&experiment).arg("--out").arg(&out).env_remove("DEPTHLOOM_FRESH");
     let output = run.current_dir(folder.path()).output().expect("started");
     // Of what is reused a sample is recomputed: wrong values fail the run, which names the recording that they are from.
     let said = String::from_utf8_lossy(&output.stderr);

@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::process::{Command, Output};
 
-pub use depthloom_test_needs::{full, onnx_runtime, python, python_package, shared, skipped, workspace};
+pub use depthloom_test_needs::{full, onnx_runtime, python, python_package, shared, skipped, system_python, workspace};
 
 /// The binary under test.
 pub fn depthloom() -> Command {

@@ -35,7 +35,7 @@ record: []
 fn run(folder: &Path, experiment: &str) -> (PathBuf, String) {
     let (file, out) = (folder.join("sweep.yaml"), folder.join("run"));
     std::fs::write(&file, experiment).expect("written");
-    let output = succeed(depthloom().arg("run").arg(&file).arg("--out").arg(&out));
+    let output = succeed(depthloom().args(["run", "--no-page"]).arg(&file).arg("--out").arg(&out));
     (out, String::from_utf8(output.stdout).expect("UTF-8"))
 }
 
@@ -312,7 +312,7 @@ fn the_model_ablation_is_answered_by_three_commands() {
     let out = folder.path().join("run");
     let small = ["frames=0..2", "width=320", "height=96"].map(|set| format!("sources.frames.with.{set}"));
     let mut run = depthloom();
-    run.args(["run", "experiments/sgbm-ablation.yaml", "--quiet", "--out"]).arg(&out);
+    run.args(["run", "--no-page", "experiments/sgbm-ablation.yaml", "--quiet", "--out"]).arg(&out);
     succeed(small.iter().fold(&mut run, |run, set| run.args(["--set", set.as_str()])));
     let first = text(&ask(&out, &["--sort", "abs_rel", "--top", "3", "--estimators", "*/depth"]));
     let heads = ["block", "uniqueness", "mode", "holes"];

@@ -89,9 +89,7 @@ pub(crate) struct EarlierBins {
 /// The bins of an estimator in an earlier report.
 #[derive(Debug)]
 struct EarlierEstimator {
-    input: Option<Key>,
-    group: usize,
-    beyond: u64,
+    origin: EstimatorOrigin,
     /// By metre, the estimator's index in the earlier report.
     bins: Vec<DistanceBin>,
 }
@@ -110,14 +108,19 @@ impl EarlierBins {
         let origin = metadata.key_value_metadata().as_ref()?.iter().find(|entry| entry.key.as_str() == ORIGIN)?;
         let origin: Origin = serde_json::from_str(origin.value.as_ref()?.as_str()).ok()?;
         let rows = rows(reader).ok()?;
-        let found = Self::of_rows(&origin, &rows)?;
-        let bins: Vec<DistanceBin> = found.estimators.iter().flat_map(|of| of.bins.iter().copied()).collect();
-        (checksum(&origin.estimators, &bins) == origin.rows).then_some(found)
+        let (estimators, checked) = (origin.estimators, origin.rows);
+        let bins_of = Self::split(&estimators, &rows)?;
+        if checksum(&estimators, &bins_of.concat()) != checked {
+            return None;
+        }
+        let estimators = estimators.into_iter().zip(bins_of).map(|(origin, bins)| EarlierEstimator { origin, bins });
+        Some(Self { estimators: estimators.collect() })
     }
 
-    fn of_rows(origin: &Origin, mut rows: &[(u32, Spread)]) -> Option<Self> {
-        let mut estimators = Vec::with_capacity(origin.estimators.len());
-        for (estimator, of) in origin.estimators.iter().enumerate() {
+    /// The bins of each estimator. `None` if there are more or fewer rows than the origin says.
+    fn split(estimators: &[EstimatorOrigin], mut rows: &[(u32, Spread)]) -> Option<Vec<Vec<DistanceBin>>> {
+        let mut bins_of = Vec::with_capacity(estimators.len());
+        for (estimator, of) in estimators.iter().enumerate() {
             let (answered, rest) = rows.split_at_checked(of.answered_rows)?;
             let (shared, rest) = rest.split_at_checked(of.common_rows)?;
             rows = rest;
@@ -128,20 +131,21 @@ impl EarlierBins {
                 answered,
                 shared: shared_in(bin_m),
             };
-            let bins = answered.iter().map(bin).collect();
-            estimators.push(EarlierEstimator { input: of.input, group: of.group, beyond: of.beyond, bins });
+            bins_of.push(answered.iter().map(bin).collect());
         }
-        rows.is_empty().then_some(Self { estimators })
+        rows.is_empty().then_some(bins_of)
     }
 
     /// Finds estimators of the report by the keys of their inputs: by key, the index of the estimator. All of them are in one group of the report,
     /// the group with the most matches.
     pub(crate) fn matches(&self, inputs: &[Option<Key>]) -> Vec<Option<usize>> {
         let of_group = |group: usize| -> Vec<Option<usize>> {
-            let with = |key: Key| self.estimators.iter().position(|of| of.group == group && of.input == Some(key));
+            let with = |key: Key| {
+                self.estimators.iter().position(|of| of.origin.group == group && of.origin.input == Some(key))
+            };
             inputs.iter().map(|key| key.and_then(with)).collect()
         };
-        let groups: BTreeSet<usize> = self.estimators.iter().map(|of| of.group).collect();
+        let groups: BTreeSet<usize> = self.estimators.iter().map(|of| of.origin.group).collect();
         let found = groups.into_iter().map(of_group);
         let best = found.max_by_key(|found| found.iter().flatten().count());
         best.unwrap_or_else(|| vec![None; inputs.len()])
@@ -160,7 +164,7 @@ impl EarlierBins {
 
     /// The number of pixels of an estimator of the report that were left out because they are too far.
     pub(crate) fn beyond(&self, estimator: usize) -> u64 {
-        self.estimators[estimator].beyond
+        self.estimators[estimator].origin.beyond
     }
 }
 

@@ -127,7 +127,9 @@ fn it_learns_with_every_network_and_loss() {
         json!({ "network": "unet-lite", "loss": "depth", "photometric": 0.1, "steps": 60 }),
         json!({ "network": "unet-lite", "loaded": 2, "draws": 5, "crop": 0.3, "schedule": "constant", "steps": 60 }),
     ];
-    for mut params in cases {
+    // The hermetic suite has a case per loss.
+    let most = if depthloom_test_needs::is_full() { cases.len() } else { 3 };
+    for mut params in cases.into_iter().take(most) {
         params["batch"] = json!(4);
         params["curve_every"] = json!(10);
         let (model, curve) = learn(params.clone(), &learned, None, &Patience::endless(2)).expect("it learns");

@@ -52,6 +52,8 @@ pub struct Toy {
     pub panics_at: BTreeSet<u64>,
     pub absent_at: BTreeSet<u64>,
     pub tiles: usize,
+    /// Whether an ordered toy has no aggregate output.
+    pub has_no_sum: bool,
     pub calls: Arc<AtomicU64>,
 }
 
@@ -111,6 +113,9 @@ impl OrderedNode for OrderedToy {
     }
 
     fn finish(self: Box<Self>, _ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        if self.toy.has_no_sum {
+            return Ok(Outputs::none());
+        }
         Ok(Outputs::one("sum", artifact(self.state)))
     }
 }

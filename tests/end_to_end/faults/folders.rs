@@ -57,7 +57,13 @@ fn fault_41_neither_the_current_folder_nor_the_experiments_is_replaced() {
     assert_eq!(run("0..2", &out, &[]).status.code(), Some(0));
     let there = |experiment: &OsStr, current: &Path, out: &Path| {
         let mut command = depthloom();
-        command.current_dir(current).arg("run").arg(experiment).arg("--out").arg(out).arg("--overwrite");
+        command
+            .current_dir(current)
+            .args(["run", "--no-page"])
+            .arg(experiment)
+            .arg("--out")
+            .arg(out)
+            .arg("--overwrite");
         command.args(["--set", "sources.street.with.frames=0..2"]).output().expect("the binary starts")
     };
     let experiment = workspace().join("experiments/first-look.yaml");
@@ -77,7 +83,7 @@ fn fault_41_neither_the_current_folder_nor_the_experiments_is_replaced() {
 fn fault_25_a_learnt_model_is_a_file_of_its_run() {
     let folder = tempfile::tempdir().expect("a folder");
     let out = folder.path().join("run");
-    let output = succeed(depthloom().arg("run").arg(street(folder.path(), 2)).arg("--out").arg(&out));
+    let output = succeed(depthloom().args(["run", "--no-page"]).arg(street(folder.path(), 2)).arg("--out").arg(&out));
     assert!(String::from_utf8_lossy(&output.stdout).contains("learnt models"), "{output:?}");
     let model = fs::read(out.join("models/learn.teacher.onnx")).expect("the model");
     let recording = depthloom_recording::Recording::open(out.join("recording.mcap")).expect("a recording");
@@ -111,7 +117,11 @@ fn fault_28_runs_begun_at_once_have_folders_of_their_own() {
     let experiment = workspace().join("experiments/first-look.yaml");
     let start = |_| {
         let mut command = depthloom();
-        command.current_dir(folder.path()).arg("run").arg(&experiment).args(["--quiet", "--workers", "1"]);
+        command.current_dir(folder.path()).args(["run", "--no-page"]).arg(&experiment).args([
+            "--quiet",
+            "--workers",
+            "1",
+        ]);
         command.args(["--set", "sources.street.with.frames=0..2"]).stdout(Stdio::null()).spawn().expect("it starts")
     };
     let children: Vec<Child> = (0..4).map(start).collect();
@@ -203,11 +213,12 @@ fn names_as_long_as_they_may_be_cost_no_run() {
     let main = folder.path().join("main.yaml");
     fs::write(&main, format!("extends: {}\n", long.display())).expect("written");
     let out = folder.path().join("run");
-    let whole = depthloom().arg("run").arg(&main).arg("--out").arg(&out).output().expect("the binary starts");
+    let whole =
+        depthloom().args(["run", "--no-page"]).arg(&main).arg("--out").arg(&out).output().expect("the binary starts");
     assert_eq!(whole.status.code(), Some(0), "{}", said(&whole));
     assert_eq!(fs::read_dir(out.join("models")).expect("models").count(), 2);
     // All of it is known as a run's.
-    let again = depthloom().arg("run").arg(&main).arg("--out").arg(&out).arg("--overwrite").output();
+    let again = depthloom().args(["run", "--no-page"]).arg(&main).arg("--out").arg(&out).arg("--overwrite").output();
     let again = again.expect("the binary starts");
     assert_eq!(again.status.code(), Some(0), "{}", said(&again));
 }
@@ -253,7 +264,14 @@ experiment: next
         // From another folder than the experiment's, and by two ways to the same folder.
         for out in ["../old", "../exps/way/../old", "../elsewhere/../old"] {
             let mut command = depthloom();
-            command.current_dir(here("elsewhere")).args(["run", "../exps/main.yaml", "--overwrite", "--out", out]);
+            command.current_dir(here("elsewhere")).args([
+                "run",
+                "--no-page",
+                "../exps/main.yaml",
+                "--overwrite",
+                "--out",
+                out,
+            ]);
             let refused = command.output().expect("the binary starts");
             assert_eq!(refused.status.code(), Some(2), "{text}: {}", said(&refused));
             assert!(said(&refused).contains("which this run reads"), "{text}: {}", said(&refused));

@@ -44,7 +44,7 @@ impl Project {
 
     fn run(&self, experiment: &Path, out: &str, arguments: &[&str]) -> (Option<i32>, String) {
         let mut run = depthloom();
-        run.current_dir(self.folder.path()).arg("run").arg(experiment).args([
+        run.current_dir(self.folder.path()).args(["run", "--no-page"]).arg(experiment).args([
             "--quiet",
             "--workers",
             "2",
@@ -70,7 +70,12 @@ fn fault_10_no_name_leads_out_of_the_folder_of_runs() {
     let evil = project.write("evil.yaml", &BASE.replace("experiment: base", "experiment: ../../evil"));
     fs::create_dir_all(project.path("a/b")).expect("created");
     let mut run = depthloom();
-    let output = run.current_dir(project.path("a/b")).args(["run", "--quiet"]).arg(&evil).output().expect("started");
+    let output = run
+        .current_dir(project.path("a/b"))
+        .args(["run", "--no-page", "--quiet"])
+        .arg(&evil)
+        .output()
+        .expect("started");
     assert_eq!(output.status.code(), Some(2), "{}", String::from_utf8_lossy(&output.stderr));
     assert!(!project.path("a/evil").exists() && !project.path("evil").exists() && !project.path("a/b/runs").exists());
 }

@@ -6,12 +6,12 @@ use std::process::{Child, Command, Stdio};
 use depthloom_recording::Recording;
 
 use crate::learning::{STEPS, learn, learned, run, run_and_kill, step, street};
-use crate::support::{depthloom, succeed};
+use crate::support::{depthloom, full, succeed};
 
 /// Starts a run that says nothing.
 fn start(experiment: &Path, out: &Path) -> Child {
     let mut run = depthloom();
-    run.arg("run").arg(experiment).args(["--quiet", "--workers", "2", "--out"]).arg(out);
+    run.args(["run", "--no-page"]).arg(experiment).args(["--quiet", "--workers", "2", "--out"]).arg(out);
     run.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("the binary starts")
 }
 
@@ -43,6 +43,9 @@ fn and_then(folder: &Path, frames: u32) -> PathBuf {
 
 #[test]
 fn fault_05_two_processes_at_the_same_training_give_the_network_of_one() {
+    if !full("fault_05_two_processes_at_the_same_training_give_the_network_of_one") {
+        return;
+    }
     let folder = tempfile::tempdir().expect("a folder");
     let alone = folder.path().join("alone");
     std::fs::create_dir(&alone).expect("a folder");
@@ -66,7 +69,7 @@ fn fault_14_how_often_a_checkpoint_is_written_and_what_memory_samples_take_chang
     let recorded = |name: &str, set: &[&str]| {
         let (experiment, out) = (street(folder.path(), 100), folder.path().join(name));
         let mut run = depthloom();
-        run.arg("run").arg(experiment).args(["--quiet", "--out"]).arg(&out);
+        run.args(["run", "--no-page"]).arg(experiment).args(["--quiet", "--out"]).arg(&out);
         run.args(set.iter().flat_map(|set| ["--set", *set]));
         succeed(&mut run);
         let recording = Recording::open(out.join("recording.mcap")).expect("a recording");
@@ -109,6 +112,9 @@ fn fault_17_impossible_settings_of_learning_are_found_before_any_frame() {
 #[cfg(unix)]
 #[test]
 fn fault_27_a_signal_ends_learning_at_a_checkpoint_that_the_next_run_takes_up() {
+    if !full("fault_27_a_signal_ends_learning_at_a_checkpoint_that_the_next_run_takes_up") {
+        return;
+    }
     let folder = tempfile::tempdir().expect("a folder");
     let alone = folder.path().join("alone");
     std::fs::create_dir(&alone).expect("a folder");
@@ -133,6 +139,9 @@ fn fault_27_a_signal_ends_learning_at_a_checkpoint_that_the_next_run_takes_up() 
 #[cfg(unix)]
 #[test]
 fn fault_27_what_was_learned_is_not_lost_by_a_signal_after_the_training() {
+    if !full("fault_27_what_was_learned_is_not_lost_by_a_signal_after_the_training") {
+        return;
+    }
     let folder = tempfile::tempdir().expect("a folder");
     let (experiment, out) = (and_then(folder.path(), 100_000), folder.path().join("long"));
     let mut child = start(&experiment, &out);
@@ -156,6 +165,9 @@ fn fault_27_what_was_learned_is_not_lost_by_a_signal_after_the_training() {
 
 #[test]
 fn fault_46_a_damaged_checkpoint_changes_no_network() {
+    if !full("fault_46_a_damaged_checkpoint_changes_no_network") {
+        return;
+    }
     let folder = tempfile::tempdir().expect("a folder");
     let alone = folder.path().join("alone");
     std::fs::create_dir(&alone).expect("a folder");

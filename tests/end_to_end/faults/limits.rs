@@ -5,7 +5,7 @@ use std::path::Path;
 use std::process::{Command, Output};
 
 use super::small::{look, partial, run, said, under};
-use crate::support::{depthloom, succeed, workspace};
+use crate::support::{depthloom, full, succeed, workspace};
 
 /// A run under limits of the system: ended by itself, and not by a guard against hanging.
 fn limited(limit: &str, frames: &str, out: &Path) -> Output {
@@ -95,7 +95,7 @@ fn where_nothing_can_be_written_the_remedy_is_another_folder() {
         return crate::support::skipped(name, "needs root and setpriv, and a binary that others may read");
     }
     let mut command = under("setpriv", &as_nobody);
-    command.current_dir(folder.path()).arg("run").arg(workspace().join("experiments/first-look.yaml"));
+    command.current_dir(folder.path()).args(["run", "--no-page"]).arg(workspace().join("experiments/first-look.yaml"));
     let refused = command.output().expect("it starts");
     assert_eq!(refused.status.code(), Some(2), "{}", said(&refused));
     assert!(said(&refused).contains("may be written with --out"), "{}", said(&refused));
@@ -139,6 +139,9 @@ fn fault_50_a_full_disk_is_named_first_and_what_was_written_can_be_read() {
 #[cfg(target_os = "linux")]
 #[test]
 fn fault_12_memory_that_the_system_refuses_is_an_error_not_an_abort() {
+    if !full("fault_12_memory_that_the_system_refuses_is_an_error_not_an_abort") {
+        return;
+    }
     let folder = tempfile::tempdir().expect("a folder");
     let run = |kib: u64| {
         let out = folder.path().join(kib.to_string());

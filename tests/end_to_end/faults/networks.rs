@@ -143,7 +143,7 @@ fn fault_09_what_lies_near_an_experiment_is_neither_loaded_nor_run() {
         assert!(!trap.exists(), "{arguments:?} loaded or ran what lies near");
     }
     if cfg!(feature = "tract") {
-        succeed(near(&["run", "--quiet", "--out"]).arg(inner.join("out")).arg(path));
+        succeed(near(&["run", "--no-page", "--quiet", "--out"]).arg(inner.join("out")).arg(path));
         assert!(!trap.exists(), "a run loaded or ran what lies near");
     }
     // The trap is one: where the environment is active, or the system is told of the folder, it is looked at.
@@ -186,15 +186,20 @@ fn fault_44_libraries_that_are_no_onnx_runtime_or_too_old_leave_tract_and_are_sa
     let path = experiment(folder.path(), &mean(192, 64), "{}");
     succeed(bare().env("VIRTUAL_ENV", folder.path()).arg("check").arg(&path));
     let out = folder.path().join("run");
-    let ran = succeed(bare().env("VIRTUAL_ENV", folder.path()).args(["run", "--out"]).arg(&out).arg(&path));
+    let ran =
+        succeed(bare().env("VIRTUAL_ENV", folder.path()).args(["run", "--no-page", "--out"]).arg(&out).arg(&path));
     for why in refused {
         assert!(said(&ran).contains(why), "{}", said(&ran));
     }
     assert!(!said(&ran).contains("panicked"), "{}", said(&ran));
     // One that is asked for by name is not replaced: before any frame, and without a panic.
     for (name, why) in ["libonnxruntime.so", "libonnxruntime.so.1", "libonnxruntime.so.1.16.3"].iter().zip(refused) {
-        let output =
-            bare().env("ORT_DYLIB_PATH", libraries.join(name)).arg("run").arg(&path).output().expect("started");
+        let output = bare()
+            .env("ORT_DYLIB_PATH", libraries.join(name))
+            .args(["run", "--no-page"])
+            .arg(&path)
+            .output()
+            .expect("started");
         assert_eq!(output.status.code(), Some(2), "{}", said(&output));
         assert!(said(&output).contains(why) && said(&output).contains("ORT_DYLIB_PATH"), "{}", said(&output));
     }
@@ -251,7 +256,7 @@ fn fault_36_and_51_a_model_that_cannot_be_run_is_refused_before_any_frame_in_the
             let mut command = bare();
             command.envs(engine.iter().map(|(name, value)| (name, value.as_os_str())));
             let out = folder.path().join("run");
-            let output = command.args(["run", "--out"]).arg(&out).arg(&path).output().expect("started");
+            let output = command.args(["run", "--no-page", "--out"]).arg(&out).arg(&path).output().expect("started");
             let said = said(&output);
             assert_eq!(output.status.code(), Some(2), "{what} with {engine:?}: {said}");
             assert!(said.contains(why) && said.contains("help"), "{what} with {engine:?}: {said}");
@@ -277,7 +282,7 @@ fn fault_42_pixels_of_a_network_that_are_no_numbers_are_counted_and_cost_stereo_
         let run = |out: &Path, arguments: &[&str]| {
             let mut command = bare();
             command.envs(engine.iter().map(|(name, value)| (name, value.as_os_str())));
-            succeed(command.arg("run").args(arguments).arg("--out").arg(out).arg(&path))
+            succeed(command.args(["run", "--no-page"]).args(arguments).arg("--out").arg(out).arg(&path))
         };
         let out = folder.path().join("run");
         let ran = run(&out, &["--workers", "1"]);
@@ -293,7 +298,7 @@ fn fault_42_pixels_of_a_network_that_are_no_numbers_are_counted_and_cost_stereo_
         let taken = folder.path().join("taken");
         let mut command = bare();
         command.envs(engine.iter().map(|(name, value)| (name, value.as_os_str()))).env_remove("DEPTHLOOM_FRESH");
-        let told = succeed(command.args(["run", "--json", "--out"]).arg(&taken).arg(&path));
+        let told = succeed(command.args(["run", "--no-page", "--json", "--out"]).arg(&taken).arg(&path));
         let told: Json = serde_json::from_slice(&told.stdout).expect("JSON");
         assert_eq!((&told["warnings"], told["reused"]["nodes"].is_array()), (&json["warnings"], true));
         assert!(told["reused"]["nodes"].as_array().expect("nodes").iter().any(|node| node["node"] == "mono"), "{told}");
@@ -326,7 +331,13 @@ fn a_panic_of_tract_over_a_model_is_an_error_and_printed_nowhere_else() {
     let image = Tensor("image", F32, &[1, 3, 64, 192]);
     let model = onnx_file::model("ReduceMean", Some(9), &[image], &Tensor("share", F32, &[1, 1, 64, 192]));
     let experiment = experiment(folder.path(), &model, "{ output: disparity-share }");
-    let output = bare().arg("run").arg(&experiment).arg("--out").arg(folder.path().join("run")).output().expect("run");
+    let output = bare()
+        .args(["run", "--no-page"])
+        .arg(&experiment)
+        .arg("--out")
+        .arg(folder.path().join("run"))
+        .output()
+        .expect("run");
     let told = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(2), "{told}");
     assert!(told.contains("rank and axis: 4 and 9") && !told.contains("panicked"), "{told}");

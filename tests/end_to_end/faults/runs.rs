@@ -45,7 +45,7 @@ fn fault_60_pipes_in_place_of_a_runs_files_hold_nobody_up() {
         (&["recover", "runs/pipes/recording.mcap", "--out", "out.mcap"], 2),
         (&["report", "pipes"], 2),
         (&["plan", "look.yaml", "--reuse"], 0),
-        (&["run", "look.yaml", "--quiet", "--out", "runs/second"], 0),
+        (&["run", "--no-page", "look.yaml", "--quiet", "--out", "runs/second"], 0),
     ] {
         let output = guarded(&here, arguments);
         assert_eq!(output.status.code(), Some(code), "{arguments:?}: {}", said(&output));
@@ -60,14 +60,14 @@ fn fault_61_a_run_of_which_nothing_can_be_taken_is_named_once_with_the_reason() 
         marked(&here.path().join("runs").join(name));
         fs::write(here.path().join("runs").join(name).join("recording.mcap"), content).expect("written");
     }
-    let output = guarded(&here, &["run", "look.yaml", "--out", "runs/second"]);
+    let output = guarded(&here, &["run", "--no-page", "look.yaml", "--out", "runs/second"]);
     let told = said(&output);
     assert_eq!(told.matches("nothing is taken from").count(), 1, "{told}");
     assert!(told.contains("nothing is taken from runs/text: ") && told.contains("is not an MCAP file"), "{told}");
     assert!(told.contains("(from runs/first;"), "{told}");
     let planned = json_of(&guarded(&here, &["plan", "look.yaml", "--reuse", "--json"]));
     assert_eq!(planned["warnings"].as_array().map(Vec::len), Some(1), "{planned}");
-    let run = json_of(&guarded(&here, &["run", "look.yaml", "--json", "--out", "runs/third"]));
+    let run = json_of(&guarded(&here, &["run", "--no-page", "look.yaml", "--json", "--out", "runs/third"]));
     assert!(run["warnings"][0].as_str().is_some_and(|warning| warning.contains("runs/text")), "{run}");
 }
 
@@ -79,13 +79,13 @@ fn fault_62_a_link_to_a_run_is_neither_listed_nor_taken_from() {
     fs::create_dir(here.path().join("runs")).expect("made");
     std::os::unix::fs::symlink(&elsewhere, here.path().join("runs/link")).expect("linked");
     assert_eq!(here.json(&["runs"])["runs"], serde_json::json!([]));
-    let run = json_of(&guarded(&here, &["run", "look.yaml", "--json", "--out", "runs/second"]));
+    let run = json_of(&guarded(&here, &["run", "--no-page", "look.yaml", "--json", "--out", "runs/second"]));
     assert_eq!(run["reused"]["from"], serde_json::json!([]), "{run}");
     // The folder of runs itself may be one, wherever it lies.
     fs::rename(here.path().join("runs"), here.path().join("disk")).expect("moved");
     std::os::unix::fs::symlink(here.path().join("disk"), here.path().join("runs")).expect("linked");
     assert_eq!(here.json(&["runs"])["runs"].as_array().map(Vec::len), Some(1));
-    let run = json_of(&guarded(&here, &["run", "look.yaml", "--json", "--out", "apart/third"]));
+    let run = json_of(&guarded(&here, &["run", "--no-page", "look.yaml", "--json", "--out", "apart/third"]));
     assert_eq!(run["reused"]["from"], serde_json::json!(["runs/second/recording.mcap"]), "{run}");
 }
 
@@ -119,7 +119,7 @@ fn fault_64_what_a_run_reads_through_a_variable_is_kept() {
         "extends: look.yaml\nexperiment: again\nsources: { street: { kind: mcap, with: { path: \"${FIRST}\" } } }\n";
     fs::write(here.path().join("again.yaml"), recording).expect("written");
     let again = |out: &str| {
-        let mut command = here.command(&["run", "again.yaml", "--quiet", "--out", out]);
+        let mut command = here.command(&["run", "--no-page", "again.yaml", "--quiet", "--out", out]);
         succeed(command.env("FIRST", &first));
     };
     again("runs/second");
@@ -132,7 +132,7 @@ fn fault_64_what_a_run_reads_through_a_variable_is_kept() {
     succeed(&mut here.command(&["runs", "rm", "second"]));
     assert_eq!(kept(&prune), serde_json::json!([]));
     let mut limited = under("prlimit", &[&format!("--fsize={}", bytes * 2 / 3)]);
-    limited.current_dir(here.path()).args(["run", "again.yaml", "--quiet", "--out", "runs/third"]);
+    limited.current_dir(here.path()).args(["run", "--no-page", "again.yaml", "--quiet", "--out", "runs/third"]);
     let ended = limited.env("FIRST", &first).output().expect("prlimit is there");
     assert_eq!(ended.status.code(), Some(1), "{}", said(&ended));
     assert_eq!(kept(&prune), wanted("third.partial"));

@@ -81,7 +81,7 @@ fn fault_18_27_the_first_signal_ends_learning_at_a_checkpoint() {
         let (out, checkpoints) = (home.join("run"), home.join("checkpoints"));
         let is_checkpoint = |file: fs::DirEntry| file.path().extension().is_some_and(|ending| ending == "checkpoint");
         let mut command = depthloom();
-        command.arg("run").arg(&experiment).args(["--workers", "2", "--out"]).arg(&out);
+        command.args(["run", "--no-page"]).arg(&experiment).args(["--workers", "2", "--out"]).arg(&out);
         let mut child = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().expect("the binary starts");
         wait(&mut child, || fs::read_dir(&checkpoints).is_ok_and(|files| files.flatten().any(is_checkpoint)));
         send(signal, &child);

@@ -10,7 +10,11 @@ use crate::support::{depthloom, succeed, workspace};
 pub fn look(command: &mut Command, frames: &str, out: &Path) {
     let frames = format!("sources.street.with.frames={frames}");
     let small = ["--set", "sources.street.with.width=320", "--set", "sources.street.with.height=96", "--set", &frames];
-    command.arg("run").arg(workspace().join("experiments/first-look.yaml")).args(["--workers", "2"]).args(small);
+    command
+        .args(["run", "--no-page"])
+        .arg(workspace().join("experiments/first-look.yaml"))
+        .args(["--workers", "2"])
+        .args(small);
     command.arg("--out").arg(out);
 }
 

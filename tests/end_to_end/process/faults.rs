@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 use super::{Peer, processes, run, said, until};
-use crate::support::{depthloom, succeed};
+use crate::support::{depthloom, succeed, system_python};
 
 /// What a process does, and a part of what is said of it.
 const FAULTS: [(&str, &str); 66] = [
@@ -150,6 +150,9 @@ fn fails(peer: &Peer, mode: &str, expected: &str, frame: &str) -> Result<(), Str
 
 #[test]
 fn each_of_82_faults_is_an_error_that_names_node_and_frame_and_leaves_nothing_behind() {
+    if !system_python("each_of_82_faults_is_an_error_that_names_node_and_frame_and_leaves_nothing_behind") {
+        return;
+    }
     let peer = Peer::new();
     let first = FAULTS.iter().map(|(mode, expected)| (*mode, *expected, "000000_10"));
     let all: Vec<(&str, &str, &str)> = first.chain(LATER).collect();
@@ -172,6 +175,9 @@ fn each_of_82_faults_is_an_error_that_names_node_and_frame_and_leaves_nothing_be
 
 #[test]
 fn a_program_that_prints_to_standard_output_gets_the_hint_to_use_standard_error() {
+    if !system_python("a_program_that_prints_to_standard_output_gets_the_hint_to_use_standard_error") {
+        return;
+    }
     let peer = Peer::new();
     let experiment = peer.of_mode("prints-text", "0..1", "start_timeout_s: 120");
     let output = run(&experiment, &peer.path("run"), "prints").output().expect("started");
@@ -183,6 +189,9 @@ fn a_program_that_prints_to_standard_output_gets_the_hint_to_use_standard_error(
 
 #[test]
 fn an_answer_lies_in_shared_memory_and_one_that_changes_while_it_is_read_is_no_more_than_wrong() {
+    if !system_python("an_answer_lies_in_shared_memory_and_one_that_changes_while_it_is_read_is_no_more_than_wrong") {
+        return;
+    }
     let peer = Peer::new();
     for mode in ["shared-works", "shared-scribbles"] {
         let mark = format!("{}-{mode}", std::process::id());
@@ -213,6 +222,9 @@ fn fault_60_a_program_that_cannot_be_started_is_reported_before_the_run() {
 
 #[test]
 fn a_process_that_ended_is_followed_by_another_and_none_stays_a_zombie() {
+    if !system_python("a_process_that_ended_is_followed_by_another_and_none_stays_a_zombie") {
+        return;
+    }
     let peer = Peer::new();
     // Twelve end; the last call waits while we look.
     let experiment = peer.of_mode("exits", "0..12", "timeout_s: 30");
@@ -242,6 +254,9 @@ fn a_process_that_ended_is_followed_by_another_and_none_stays_a_zombie() {
 
 #[test]
 fn a_killed_run_leaves_no_process_whatever_it_ignores() {
+    if !system_python("a_killed_run_leaves_no_process_whatever_it_ignores") {
+        return;
+    }
     let peer = Peer::new();
     for mode in ["works", "ignores-sigterm", "forks-and-hangs"] {
         let mark = format!("{}-killed-{mode}", std::process::id());
@@ -256,6 +271,9 @@ fn a_killed_run_leaves_no_process_whatever_it_ignores() {
 
 #[test]
 fn an_interrupted_run_lets_calls_end_and_an_aborted_one_ends_them() {
+    if !system_python("an_interrupted_run_lets_calls_end_and_an_aborted_one_ends_them") {
+        return;
+    }
     let peer = Peer::new();
     for (mode, times) in [("works", 1), ("ignores-sigterm", 2)] {
         let mark = format!("{}-interrupted-{mode}", std::process::id());
@@ -281,6 +299,9 @@ fn an_interrupted_run_lets_calls_end_and_an_aborted_one_ends_them() {
 
 #[test]
 fn a_process_that_works_gives_the_same_bytes_with_one_worker_and_with_eight() {
+    if !system_python("a_process_that_works_gives_the_same_bytes_with_one_worker_and_with_eight") {
+        return;
+    }
     let peer = Peer::new();
     let experiment = peer.of_mode("works-with-noise", "0..8", "version: 1");
     let bytes = |workers: &str| {
@@ -293,6 +314,10 @@ fn a_process_that_works_gives_the_same_bytes_with_one_worker_and_with_eight() {
 
 #[test]
 fn code_that_changes_before_it_was_read_fails_the_frame_and_a_program_beside_the_file_is_that_one() {
+    if !system_python("code_that_changes_before_it_was_read_fails_the_frame_and_a_program_beside_the_file_is_that_one")
+    {
+        return;
+    }
     let peer = Peer::new();
     std::fs::write(peer.path("code.txt"), "one").expect("written");
     let works = format!("exec python3 peer.py works {}", peer.folder.path().display());

@@ -66,7 +66,7 @@ impl Case {
     fn command(&self, experiment: &str, out: &str, more: &[&str]) -> Command {
         let mut command = depthloom();
         command.current_dir(self.folder.path()).env_remove("DEPTHLOOM_FRESH");
-        command.args(["run", experiment, "--quiet", "--no-page", "--allow-exec", "--out", out]).args(more);
+        command.args(["run", "--no-page", experiment, "--quiet", "--allow-exec", "--out", out]).args(more);
         if let Some(path) = &self.path {
             command.env("PATH", path).env("PYTHONDONTWRITEBYTECODE", "1");
         }

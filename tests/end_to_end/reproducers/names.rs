@@ -24,9 +24,12 @@ fn an_earlier_run_in_a_folder_without_a_utf8_name_is_reused_and_listed() {
     let renamed = case.path("runs").join(OsStr::from_bytes(b"caf\xe9"));
     fs::rename(case.path("runs/one"), renamed).expect("renamed");
     case.run_as_fresh("street.yaml", "runs/two", &[]);
-    for arguments in
-        [&["runs"][..], &["runs", "--json"], &["plan", "street.yaml", "--reuse"], &["run", "street.yaml", "--json"]]
-    {
+    for arguments in [
+        &["runs"][..],
+        &["runs", "--json"],
+        &["plan", "street.yaml", "--reuse"],
+        &["run", "--no-page", "street.yaml", "--json"],
+    ] {
         let output = case.depthloom(arguments).output().expect("the program starts");
         assert!(output.status.success(), "{arguments:?}: {}", said(&output));
     }

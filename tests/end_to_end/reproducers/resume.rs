@@ -96,7 +96,7 @@ fn frames_that_were_set_aside_survive_a_failure_before_the_first_frame() {
     let output = depthloom()
         .current_dir(case.folder.path())
         .env_remove("DEPTHLOOM_FRESH")
-        .args(["run", "images.yaml", "--out", "runs/one", "--no-page", "--json"])
+        .args(["run", "--no-page", "images.yaml", "--out", "runs/one", "--json"])
         .output()
         .expect("the program starts");
     let report: serde_json::Value = serde_json::from_slice(&output.stdout).expect("an object");

@@ -7,7 +7,7 @@ const VARIABLE: &str = "DEPTHLOOM_FULL_TESTS";
 
 /// Whether the full suite was requested. Without it tests use no network, no Python and no browser.
 #[must_use]
-fn is_full() -> bool {
+pub fn is_full() -> bool {
     is_required(VARIABLE)
 }
 

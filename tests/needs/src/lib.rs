@@ -19,9 +19,9 @@ pub mod skips;
 
 pub use book::mdbook;
 pub use chromium::chromium;
-pub use full::full;
+pub use full::{full, is_full};
 pub use lichtblick::lichtblick;
-pub use python::{dora, onnx_runtime, python, python_package};
+pub use python::{dora, onnx_runtime, python, python_package, system_python};
 pub use rerun::{Rerun, rerun};
 pub use shared::shared;
 pub use skips::skipped;

@@ -7,6 +7,22 @@ use std::sync::OnceLock;
 
 use crate::{miss, target, workspace};
 
+/// Whether there is a `python3` on the PATH, without any package. If not, the test is skipped.
+///
+/// # Panics
+/// If there is none and `DEPTHLOOM_REQUIRE_PYTHON` is set.
+#[must_use]
+pub fn system_python(test: &str) -> bool {
+    if !crate::full(test) {
+        return false;
+    }
+    let runs = Command::new("python3").arg("--version").output().is_ok_and(|output| output.status.success());
+    if !runs {
+        miss("DEPTHLOOM_REQUIRE_PYTHON", test, "there is no `python3` on the PATH");
+    }
+    runs
+}
+
 /// The Python of `target/python-tests`, which the first test that asks makes; `None`, and the test is skipped, where there is no Python or no
 /// package index.
 ///
