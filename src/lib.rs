@@ -15,6 +15,7 @@
 //! What a kind is made of (values, ports, the contracts) stands in [`graphs`]; `examples/own-node` is such a program.
 
 pub use depthloom_graphs as graphs;
+pub use memory::ExitIfRefused;
 
 mod allow_exec;
 mod args;

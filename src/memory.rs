@@ -14,14 +14,14 @@ use crate::signals;
 /// From this size on the caller is told, bytes: so much is asked for in a way that may be refused.
 const TOLD: usize = 64 << 20;
 
-/// The system's memory; whoever cannot be told that there is none is not asked to go on.
-struct OrLeave;
-
-#[global_allocator]
-static MEMORY: OrLeave = OrLeave;
+/// The system's allocator. If the system refuses an allocation below 64 MiB, the program prints an error and exits with the code 1.
+///
+/// A program sets it with `#[global_allocator]`; this library does not.
+#[derive(Debug)]
+pub struct ExitIfRefused;
 
 // SAFETY: what each call promises and asks for is what the system's does; what it gives is handed on.
-unsafe impl GlobalAlloc for OrLeave {
+unsafe impl GlobalAlloc for ExitIfRefused {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         // SAFETY: the caller keeps the same promises.
         given(unsafe { System.alloc(layout) }, layout.size())

@@ -18,7 +18,7 @@ pub mod values;
 
 pub use contracts::{
     Context, Fault, Frame, Held, Host, Inputs, Instance, Node, OnceNode, OrderedNode, Outputs, Port, PureNode, Rate,
-    Scratch, Source, SourceKind, SourceOutputs, Store, Stored,
+    Scratch, Source, SourceKind, SourceOutputs, Store,
 };
 pub use key::Key;
 pub use registry::Registry;

@@ -175,18 +175,10 @@ impl Level {
         }
     }
 
-    /// The one of three compiled for this level: for every machine, for AVX2, for AVX-512 F, BW, CD, DQ and VL.
-    #[cfg_attr(not(target_arch = "x86_64"), expect(unused_variables, reason = "levels of x86-64"))]
-    pub(crate) fn pick<T>(self, portable: T, avx2: T, avx512: T) -> T {
-        match self.0 {
-            Set::Portable => portable,
-            #[cfg(target_arch = "x86_64")]
-            Set::Sse2 => portable,
-            #[cfg(target_arch = "x86_64")]
-            Set::Avx2 => avx2,
-            #[cfg(target_arch = "x86_64")]
-            Set::Avx512 | Set::Avx512Popcnt => avx512,
-        }
+    /// Whether this level includes AVX2.
+    #[cfg(target_arch = "x86_64")]
+    pub(crate) fn has_avx2(self) -> bool {
+        matches!(self.0, Set::Avx2 | Set::Avx512 | Set::Avx512Popcnt)
     }
 }
 

@@ -28,6 +28,6 @@ pub use params::{Argument, Auto, DataPath};
 pub use port::{Contract, Port, Rate};
 pub use signature::Signature;
 pub use source::{Fact, Recognised, Source, SourceDeclaration, SourceKind, SourceOutputs, Survey};
-pub use store::{Held, Holding, Store, Stored};
+pub use store::{Held, Holding, Store};
 pub use tap::{Commit, Failure, Slot, SlotKey, StoredValue, Tap, TapError, Warned, stored_values};
 pub use upstream::{Giver, GivingNode, Upstream};

@@ -146,19 +146,6 @@ pub trait OrderedNode: Send {
     /// # Errors
     /// What failed.
     fn finish(self: Box<Self>, ctx: &mut Context<'_>) -> Result<Outputs, Fault>;
-
-    /// The state so far, for resuming; `None` if a resumed run replays the recorded inputs instead.
-    fn save(&self) -> Option<Vec<u8>> {
-        None
-    }
-
-    /// Takes up a state that [`OrderedNode::save`] gave.
-    ///
-    /// # Errors
-    /// If the state is not of this node and version.
-    fn restore(&mut self, _state: &[u8]) -> Result<(), Fault> {
-        Err(Fault::new("this node keeps no state to restore"))
-    }
 }
 
 /// A node that fires once, when its once-inputs are there.

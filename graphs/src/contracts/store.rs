@@ -25,23 +25,6 @@ pub trait Store: Send + Sync {
         Vec::new()
     }
 
-    /// All values of a key, by port; `None` if the store does not know the key.
-    ///
-    /// # Errors
-    /// If the store cannot be read, or what it holds is damaged.
-    fn get(&self, key: &Key) -> Result<Option<Vec<Stored>>, Fault> {
-        let Some(held) = self.find(key) else { return Ok(None) };
-        let read = |held: Held| {
-            let value = match held.is {
-                Holding::There => self.value(key, &held.port)?,
-                Holding::Nothing => None,
-                Holding::NotKept => return Ok(None),
-            };
-            Ok(Some(Stored { port: held.port, value }))
-        };
-        held.into_iter().filter_map(|held| read(held).transpose()).collect::<Result<_, _>>().map(Some)
-    }
-
     /// Several values at once, as [`Store::value`] gives each: what lies together is read once.
     ///
     /// # Errors
@@ -69,13 +52,4 @@ pub enum Holding {
     Nothing,
     /// The value.
     There,
-}
-
-/// A value of a store; a port that it has nothing of is not listed.
-#[derive(Clone, Debug)]
-pub struct Stored {
-    /// The output port.
-    pub port: String,
-    /// Its value; `None` if it is known that the port gave none.
-    pub value: Option<Value>,
 }

@@ -3,7 +3,7 @@
 use crate::fixture::{
     BEGINNING_NS, CURVE, curve, frame, key, model, plan, plan_of, record, record_frame, record_once_values, values,
 };
-use depthloom_graphs::contracts::{Failure, Slot, Store, Stored, Tap};
+use depthloom_graphs::contracts::{Failure, Holding, Slot, Store, Tap};
 use depthloom_graphs::values::{Curve, Pixels};
 use depthloom_graphs::{Key, Value};
 use depthloom_recording::{Condition, RecordedContent, Recorder, Recording, RecordingError};
@@ -51,6 +51,12 @@ fn assert_same(recorded: &Value, read: &Value) {
         (Value::Curve(a), Value::Curve(b)) => assert_eq!(curve_bits(a), curve_bits(b)),
         (a, b) => panic!("{} came back as {}", a.value_type(), b.value_type()),
     }
+}
+
+/// The ports that a recording knows under a key, with their values; without those whose values were not recorded.
+fn stored(recording: &Recording, key: &Key) -> Vec<(String, Option<Value>)> {
+    let known = recording.find(key).expect("the key is known").into_iter().filter(|held| held.is != Holding::NotKept);
+    known.map(|held| (held.port.clone(), recording.value(key, &held.port).expect("it is readable"))).collect()
 }
 
 #[test]
@@ -143,17 +149,16 @@ fn values_are_found_by_key() {
     let frame = frame(1);
     let expected = values(&frame, 16, 16);
     let fused = expected.iter().find(|(slot, _)| *slot == Slot::Node { node: 3, port: 0 }).unwrap();
-    let stored = |key: &Key| recording.get(key).unwrap().unwrap();
-    let ports = |stored: &[Stored]| stored.iter().map(|of| of.port.clone()).collect::<Vec<_>>();
-    let [Stored { value: Some(found), .. }] = &stored(&key(&frame, 3))[..] else { panic!("one port") };
+    let ports = |stored: &[(String, Option<Value>)]| stored.iter().map(|(port, _)| port.clone()).collect::<Vec<_>>();
+    let [(_, Some(found))] = &stored(&recording, &key(&frame, 3))[..] else { panic!("one port") };
     assert_same(&fused.1, found);
-    assert_eq!(ports(&stored(&key(&frame, 2))), ["weight", "mask"]);
-    let of_teacher = stored(&Key::of_content(b"teacher"));
-    assert_eq!(ports(&of_teacher), ["model", "curve"]);
-    let [Some(Value::Model(model)), Some(learned)] = [&of_teacher[0].value, &of_teacher[1].value] else { panic!() };
+    assert_eq!(ports(&stored(&recording, &key(&frame, 2))), ["weight", "mask"]);
+    let teacher = stored(&recording, &Key::of_content(b"teacher"));
+    assert_eq!(ports(&teacher), ["model", "curve"]);
+    let [(_, Some(Value::Model(model))), (_, Some(learned))] = &teacher[..] else { panic!() };
     assert_eq!(*model.bytes, [7; 1000]);
     assert_same(&curve().into(), learned);
-    assert!(recording.get(&Key::of_content(b"unknown")).unwrap().is_none());
+    assert!(recording.find(&Key::of_content(b"unknown")).is_none());
 }
 
 #[test]
@@ -170,8 +175,7 @@ fn a_store_tells_what_is_known_to_be_nothing_from_what_was_not_kept() {
     }
     recorder.once(0, Slot::Node { node: 5, port: 0 }, &Key::of_content(b"teacher"), &model(), &[]).unwrap();
     let ports = |recording: &Recording, key: Key| -> Vec<(String, bool)> {
-        let stored = recording.get(&key).unwrap().unwrap();
-        stored.into_iter().map(|of| (of.port, of.value.is_some())).collect()
+        stored(recording, &key).into_iter().map(|(port, value)| (port, value.is_some())).collect()
     };
     let unfinished = Recording::open(&path).unwrap();
     assert_eq!(ports(&unfinished, Key::of_content(b"teacher")), [("model".to_owned(), true)], "the rest may come yet");

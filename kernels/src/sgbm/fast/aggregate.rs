@@ -168,13 +168,12 @@ unsafe fn through<L: Lanes, const N: usize, const DIRECTIONS: usize, const SOURC
     // SAFETY: slots lie in their memory with padding before and after; the rest as the caller vouches.
     unsafe {
         let p1 = L::splat(search.p1);
-        let border = L::splat(border(search));
         for _ in m.columns.clone() {
             let mut delta = [L::splat(0); DIRECTIONS];
             let mut below = delta;
             for k in 0..DIRECTIONS {
                 delta[k] = L::splat(*slot[k].add(d + DELTA));
-                below[k] = if L::SHIFTS { border } else { L::load(slot[k].sub(1)) };
+                below[k] = L::load(slot[k].sub(1));
             }
             let mut smallest = [L::splat(i16::MAX); DIRECTIONS];
             for j in 0..n {
@@ -191,12 +190,9 @@ unsafe fn through<L: Lanes, const N: usize, const DIRECTIONS: usize, const SOURC
                 for k in 0..DIRECTIONS {
                     let slot = slot[k].add(at);
                     let here = L::load(slot);
-                    let lower = if L::SHIFTS { L::below(below[k], here) } else { below[k] };
-                    let near = L::add(L::min(lower, L::load(slot.add(1))), p1);
+                    let near = L::add(L::min(below[k], L::load(slot.add(1))), p1);
                     // What the next vector's predecessors come from, before this vector is overwritten.
-                    if L::SHIFTS {
-                        below[k] = here;
-                    } else if j + 1 < n {
+                    if j + 1 < n {
                         below[k] = L::load(slot.add(L::LANES - 1));
                     }
                     let best = L::min(L::min(near, here), delta[k]);

@@ -28,7 +28,6 @@ impl Lanes for Avx2 {
     type V = __m256i;
     type B = __m256i;
     const LANES: usize = 16;
-    const SHIFTS: bool = false;
 
     #[inline(always)]
     unsafe fn load(from: *const i16) -> __m256i {

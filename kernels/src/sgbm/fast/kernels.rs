@@ -90,5 +90,3 @@ macro_rules! compiled {
 compiled!(portable, super::Portable);
 #[cfg(target_arch = "x86_64")]
 compiled!(avx2, crate::sgbm::fast::avx2::Avx2, "avx2");
-#[cfg(target_arch = "x86_64")]
-compiled!(avx512, crate::sgbm::fast::avx512::Avx512, "avx2,avx512f,avx512bw,avx512vl");

@@ -6,7 +6,7 @@
 /// How many sums are compared at once.
 pub(super) const COMPARED: usize = 32;
 
-/// Bytes of the widest vector: what is read past the end of a row is padded by so many.
+/// Padding behind a row, bytes: at least a vector, which is read past its end.
 pub(super) const WIDEST: usize = 64;
 
 const LANES: usize = 16;
@@ -25,9 +25,6 @@ pub(super) trait Lanes: Copy + 'static {
     const LANES: usize;
     /// Bytes in a vector of pixel values.
     const BYTES: usize = 2 * Self::LANES;
-    /// Whether [`Lanes::below`] costs less than reading values again from one place before: where a vector fills a cache
-    /// line, such a read always needs two lines.
-    const SHIFTS: bool;
 
     /// Reads values.
     ///
@@ -119,7 +116,6 @@ impl Lanes for Portable {
     type V = [i16; LANES];
     type B = [u8; BYTES];
     const LANES: usize = LANES;
-    const SHIFTS: bool = false;
 
     #[inline(always)]
     unsafe fn load(from: *const i16) -> Self::V {

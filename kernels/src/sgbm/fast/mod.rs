@@ -21,12 +21,12 @@
 //! 8 ms, for `sgbm`, if nothing but those operations cost anything. Measured there, processor time of one thread, with the
 //! other core and the cache busy (milliseconds; OpenCV 5.0 in the same minutes):
 //!
-//! | mode | AVX-512 | AVX2 | OpenCV | ratio |
-//! |---|---|---|---|---|
-//! | `sgbm` | 20.1 | 20.3 | 65.3 | 3.2 |
-//! | `hh` | 43.3 | 43.2 | 150.5 | 3.5 |
-//! | `3way` | 17.0 | 17.7 | 50.1 | 2.9 |
-//! | `hh4` | 30.9 | 32.5 | 136.9 | 4.4 |
+//! | mode | AVX2 | OpenCV | ratio |
+//! |---|---|---|---|
+//! | `sgbm` | 20.3 | 65.3 | 3.2 |
+//! | `hh` | 43.2 | 150.5 | 3.5 |
+//! | `3way` | 17.7 | 50.1 | 2.8 |
+//! | `hh4` | 32.5 | 136.9 | 4.2 |
 //!
 //! So `sgbm` runs at 40 % of that roof. What is above it: the minimum over disparities that each pixel of a path along the
 //! row waits for (two rows at a time share the wait), reads across cache lines, decisions that are scalar by nature
@@ -47,8 +47,6 @@ mod aggregate;
 mod answers;
 #[cfg(target_arch = "x86_64")]
 mod avx2;
-#[cfg(target_arch = "x86_64")]
-mod avx512;
 mod bands;
 mod costs;
 mod decide;
@@ -66,17 +64,15 @@ use crate::memory::TooMuch;
 use crate::simd::Level;
 use crate::tiles::Tiles;
 
-/// The kernels of a level.
+/// The kernels of a level. There are none for AVX-512: it was no faster than AVX2 on two generations of processors.
 fn kernels_of(level: Level, disparities: usize) -> Kernels {
-    let portable: fn(usize) -> Kernels = kernels::portable::kernels;
     #[cfg(target_arch = "x86_64")]
-    // Vectors of AVX-512 hold 32 costs, and only whole ones are taken.
-    let avx512 = if disparities.is_multiple_of(32) { kernels::avx512::kernels } else { kernels::avx2::kernels };
-    #[cfg(target_arch = "x86_64")]
-    let kernels = level.pick(portable, kernels::avx2::kernels, avx512);
+    if level.has_avx2() {
+        return kernels::avx2::kernels(disparities);
+    }
     #[cfg(not(target_arch = "x86_64"))]
-    let kernels = level.pick(portable, portable, portable);
-    kernels(disparities)
+    let _ = level;
+    kernels::portable::kernels(disparities)
 }
 
 /// Memory that one call leaves for the next.
