@@ -11,7 +11,28 @@ mod tables;
 use clap::ValueEnum;
 use schemars::generate::SchemaSettings;
 use schemars::{JsonSchema, Schema};
+use serde::Serialize;
 use serde_json::{Map, Value as Json, json};
+
+use crate::commands;
+use crate::exit::Stop;
+use crate::streams::print_json;
+
+/// What a command prints with `--json`: the type that it fills is the type that its schema describes.
+pub trait CommandOutput: Serialize + JsonSchema {
+    /// Its name and version.
+    const OUTPUT: Output;
+}
+
+/// An output as a JSON object, its format in front.
+pub fn stamped<T: CommandOutput>(value: &T) -> Json {
+    T::OUTPUT.stamped(serde_json::to_value(value).expect("texts, numbers and lists have JSON"))
+}
+
+/// Prints an output of a command as indented JSON, its format in front.
+pub fn print<T: CommandOutput>(value: &T) -> Result<(), Stop> {
+    print_json(&stamped(value))
+}
 
 /// An output of a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -123,7 +144,7 @@ impl Output {
             Self::Onnx => self.schema_of::<experiments::Onnx>(),
             Self::Plan => self.schema_of::<experiments::Plan>(),
             Self::PlanReuse => self.schema_of::<experiments::PlanReuse>(),
-            Self::Recover => self.schema_of::<recordings::Recover>(),
+            Self::Recover => self.schema_of::<commands::recover::Recover>(),
             Self::Replay => self.schema_of::<recordings::Replay>(),
             Self::Report => self.schema_of::<tables::Report>(),
             Self::Run => self.schema_of::<runs::Run>(),

@@ -3,15 +3,27 @@
 use std::path::{Path, PathBuf};
 
 use depthloom_recording::RecordingError;
-use serde_json::json;
+use schemars::JsonSchema;
+use serde::Serialize;
 
 use super::report::recording_of;
 use super::table::open;
 use crate::args::RecoverArgs;
 use crate::counted::counted;
 use crate::exit::{Exit, Stop};
-use crate::outputs::Output;
-use crate::streams::{print_output, print_path, say};
+use crate::outputs::{self, CommandOutput, Output};
+use crate::streams::{print_path, say};
+
+/// Of `recover`: the recording that was made.
+#[derive(JsonSchema, Serialize)]
+pub struct Recover {
+    recording: String,
+    frames: u64,
+}
+
+impl CommandOutput for Recover {
+    const OUTPUT: Output = Output::Recover;
+}
 
 /// Copies what was committed, and closes it with a summary.
 pub fn recover(args: &RecoverArgs) -> Result<Exit, Stop> {
@@ -34,7 +46,7 @@ pub fn recover(args: &RecoverArgs) -> Result<Exit, Stop> {
     depthloom_durable::rename(&partial, &out)
         .map_err(|error| Stop::of_writing(Exit::Engine, format_args!("failed to write {}", out.display()), &error))?;
     if args.json {
-        print_output(Output::Recover, json!({ "recording": out, "frames": frames }))?;
+        outputs::print(&Recover { recording: out.to_string_lossy().into_owned(), frames })?;
     } else {
         say(format_args!("recovered {} of {}", counted(frames, "frame"), path.display()));
         print_path("", &out)?;

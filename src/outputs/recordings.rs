@@ -100,13 +100,6 @@ pub struct Exported {
     clipped_pixels: u64,
 }
 
-/// Of `recover`: the recording that was made.
-#[derive(JsonSchema)]
-pub struct Recover {
-    recording: String,
-    frames: u64,
-}
-
 /// Of `replay`: whether nodes make again what was recorded.
 #[derive(JsonSchema)]
 pub struct Replay {
