@@ -43,6 +43,7 @@ mod timings;
 mod told;
 mod unchanged;
 mod unscored;
+mod xml;
 
 pub use ablation::{Answer, BoardRun, Costs, Leader, Question, Ranking, Selection, answer, leader, leaderboard};
 pub use analyse::{Bins, By, Gross, Inquiry, SampleSet, Unit, analyse, samples_are_of};

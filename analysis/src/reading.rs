@@ -2,13 +2,13 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::num::NonZero;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::Mutex;
 use std::thread;
 
 use depthloom_graphs::Value;
 use depthloom_recording::{FrameReader, RecordedPlan, Recording};
 use depthloom_scores::{ScoreRow, ScoredPixels};
-use depthloom_threads::{Budget, Tiles as _};
+use depthloom_threads::{Budget, Tiles as _, into_unlocked, locked};
 
 use crate::distance::{DistanceBin, FARTHEST_M, FrameSamples, Samples};
 use crate::error::{AnalysisError, caught};
@@ -108,12 +108,8 @@ fn read_distances(
         let left: Vec<usize> = left.filter(|position| !frames.contains(&(run, *position))).collect();
         maps.read_all(recording, estimators, output, &left, &samples, &mut truth)?;
     }
-    let samples = samples.into_inner().unwrap_or_else(PoisonError::into_inner);
+    let samples = into_unlocked(samples);
     Ok(Distances { beyond: samples.beyond().to_vec(), bins: samples.percentiles()?, truth })
-}
-
-fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// The samples of frames whose maps were at hand.
@@ -214,10 +210,10 @@ impl Maps {
                 }
             }
         });
-        if let Some((_, error)) = failed.into_inner().unwrap_or_else(PoisonError::into_inner) {
+        if let Some((_, error)) = into_unlocked(failed) {
             return Err(error);
         }
-        for worker in idle.into_inner().unwrap_or_else(PoisonError::into_inner) {
+        for worker in into_unlocked(idle) {
             for (metre, count) in worker.truth {
                 *truth.entry(metre).or_default() += count;
             }

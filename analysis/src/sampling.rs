@@ -2,13 +2,14 @@
 
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use depthloom_graphs::contracts::{Commit, Slot, Store, StoredValue, Tap, TapError, Warned};
 use depthloom_graphs::plan::Plan;
 use depthloom_graphs::{Frame, Key, Value};
 use depthloom_recording::RecordedPlan;
+use depthloom_threads::{into_unlocked, locked};
 
 use crate::distance::Samples;
 use crate::error::{AnalysisError, caught};
@@ -80,7 +81,7 @@ impl<'t, 'a, T: Tap> SamplingTap<'t, 'a, T> {
     /// The samples; `None` if something went wrong.
     #[must_use]
     pub fn finish(self) -> Option<Sampled<'a>> {
-        let taken = self.taken.into_inner().unwrap_or_else(PoisonError::into_inner);
+        let taken = into_unlocked(self.taken);
         (!self.is_broken.into_inner()).then_some(Sampled(taken))
     }
 
@@ -120,10 +121,6 @@ impl<'t, 'a, T: Tap> SamplingTap<'t, 'a, T> {
             self.is_broken.store(true, Ordering::Relaxed);
         }
     }
-}
-
-fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl<T: Tap> Tap for SamplingTap<'_, '_, T> {

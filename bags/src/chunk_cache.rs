@@ -1,9 +1,10 @@
 //! Decompressed chunks, kept while there is room: the images of a frame lie close together, and several workers read at once.
 
 use std::collections::VecDeque;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 
 use depthloom_graphs::Fault;
+use depthloom_threads::locked;
 
 /// The most bytes that are kept of a bag, however many files it has; a chunk that is larger is kept alone.
 const MOST_BYTES: u64 = 256 << 20;
@@ -27,7 +28,7 @@ impl ChunkCache {
         read: impl FnOnce() -> Result<Vec<u8>, Fault>,
     ) -> Result<Arc<Vec<u8>>, Fault> {
         let slot = self.slot(chunk, size);
-        let mut held = slot.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut held = locked(&slot);
         if let Some(records) = &*held {
             return Ok(Arc::clone(records));
         }
@@ -37,7 +38,7 @@ impl ChunkCache {
     }
 
     fn slot(&self, chunk: ChunkId, size: u64) -> Slot {
-        let mut kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut kept = locked(&self.0);
         let known = kept.iter().position(|(other, _, _)| *other == chunk).and_then(|at| kept.remove(at));
         let (_, _, slot) = known.unwrap_or_default();
         let mut bytes: u64 = size + kept.iter().map(|(_, size, _)| size).sum::<u64>();

@@ -2,10 +2,10 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 
 use depthloom_graphs::Fault;
-use depthloom_threads::Tiles;
+use depthloom_threads::{Tiles, into_unlocked, locked};
 use mcap::records::{Record, op};
 
 use crate::MOST_BYTES;
@@ -140,7 +140,7 @@ impl McapFile {
 
     /// Reads a chunk that is not compressed once for its checksum: no other way a flipped bit of its messages is seen.
     fn check(&self, chunk: usize) -> Result<(), Fault> {
-        let sound = || self.sound.lock().unwrap_or_else(PoisonError::into_inner);
+        let sound = || locked(&self.sound);
         if !sound().contains(&chunk) {
             Chunk::read(&self.file, &self.index.chunks[chunk])?.records()?;
             sound().insert(chunk);
@@ -201,9 +201,9 @@ impl McapFile {
             let offsets: Vec<u64> = wanted.iter().map(|(offset, _)| *offset).collect();
             let read =
                 Chunk::read(&self.file, &self.index.chunks[*chunk]).and_then(|chunk| chunk.heads(&offsets, most));
-            unpacked.lock().unwrap_or_else(PoisonError::into_inner).push((tile, wanted, read));
+            locked(&unpacked).push((tile, wanted, read));
         });
-        let mut unpacked = unpacked.into_inner().unwrap_or_else(PoisonError::into_inner);
+        let mut unpacked = into_unlocked(unpacked);
         // The first fault, whoever came first.
         unpacked.sort_unstable_by_key(|(tile, _, _)| *tile);
         for (_, wanted, read) in unpacked {

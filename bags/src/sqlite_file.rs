@@ -2,9 +2,10 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
+use std::sync::Mutex;
 
 use depthloom_graphs::{Fault, regular_file};
+use depthloom_threads::locked;
 use rusqlite::config::DbConfig;
 use rusqlite::{Connection, MAIN_DB, OpenFlags};
 
@@ -77,7 +78,7 @@ impl SqliteFile {
 
     /// A connection that nobody uses, or a new one.
     fn connection(&self) -> Result<Connection, Fault> {
-        if let Some(connection) = self.connections.lock().unwrap_or_else(PoisonError::into_inner).pop() {
+        if let Some(connection) = locked(&self.connections).pop() {
             return Ok(connection);
         }
         let failed = |error| self.fault("failed to open the database", error);
@@ -90,7 +91,7 @@ impl SqliteFile {
     }
 
     fn give_back(&self, connection: Connection) {
-        let mut connections = self.connections.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut connections = locked(&self.connections);
         if connections.len() < MOST_IDLE {
             connections.push(connection);
         }

@@ -1,6 +1,7 @@
 //! How a kernel spreads one frame over threads: it names the pieces, somebody else owns the threads.
 
-use std::sync::{Mutex, PoisonError};
+use depthloom_threads::locked;
+use std::sync::Mutex;
 
 pub use depthloom_threads::{Serial, Tiles, rounds_in_one_run};
 
@@ -8,7 +9,7 @@ pub use depthloom_threads::{Serial, Tiles, rounds_in_one_run};
 pub(crate) fn each<T: Send>(tiles: &dyn Tiles, parts: Vec<T>, f: impl Fn(usize, T) + Sync) {
     let parts: Vec<_> = parts.into_iter().map(|part| Mutex::new(Some(part))).collect();
     tiles.run(parts.len(), &|index| {
-        let part = parts[index].lock().unwrap_or_else(PoisonError::into_inner).take();
+        let part = locked(&parts[index]).take();
         f(index, part.expect("each index comes once"));
     });
 }

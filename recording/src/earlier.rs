@@ -4,11 +4,12 @@ use std::collections::HashSet;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Mutex, OnceLock, PoisonError};
+use std::sync::{Mutex, OnceLock};
 
 use depthloom_graphs::contracts::{Fault, Held, Holding, Store};
 use depthloom_graphs::plan::Plan;
 use depthloom_graphs::{Key, Value};
+use depthloom_threads::locked;
 use mcap::records::op;
 
 use crate::FORMAT;
@@ -103,7 +104,7 @@ impl EarlierRuns {
     /// What was found damaged and was not taken: the recording, and what is wrong.
     #[must_use]
     pub fn damage(&self) -> Vec<(PathBuf, String)> {
-        let mut damage = self.damage.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        let mut damage = locked(&self.damage).clone();
         damage.sort();
         damage
     }
@@ -137,7 +138,7 @@ impl EarlierRuns {
             Ok(checksums) => Some(checksums),
             Err(error) => {
                 let what = format!("frame `{}`: {error}", frame.id);
-                let mut damage = self.damage.lock().unwrap_or_else(PoisonError::into_inner);
+                let mut damage = locked(&self.damage);
                 damage.push((run.recording.path().to_owned(), what));
                 None
             }
@@ -248,7 +249,7 @@ impl Store for EarlierRuns {
         run.take();
         run.recording.value_at(place, port).map_err(|error| {
             if matches!(place.values(), StoredValues::Once { .. }) {
-                let mut damage = self.damage.lock().unwrap_or_else(PoisonError::into_inner);
+                let mut damage = locked(&self.damage);
                 damage.push((run.recording.path().to_owned(), error.to_string()));
             }
             fault(error)

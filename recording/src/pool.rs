@@ -1,6 +1,7 @@
 //! Buffers used again: a frame's parts are megabytes, and asking the system for fresh memory costs more than filling it.
 
-use std::sync::{Mutex, PoisonError};
+use depthloom_threads::locked;
+use std::sync::Mutex;
 
 /// As many buffers as are kept for later; more than any window has frames in flight.
 const MOST: usize = 64;
@@ -12,13 +13,13 @@ pub(crate) struct Pool(Mutex<Vec<Vec<u8>>>);
 impl Pool {
     /// An empty buffer, the one last used if there is one.
     pub(crate) fn take(&self) -> Vec<u8> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).pop().unwrap_or_default()
+        locked(&self.0).pop().unwrap_or_default()
     }
 
     /// Keeps a buffer for later.
     pub(crate) fn put(&self, mut buffer: Vec<u8>) {
         buffer.clear();
-        let mut buffers = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut buffers = locked(&self.0);
         if buffers.len() < MOST && buffer.capacity() > 0 {
             buffers.push(buffer);
         }

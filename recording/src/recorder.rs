@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard};
 
 use depthloom_graphs::contracts::{Commit, Slot, Store, StoredValue, Tap, TapError, Warned, stored_values};
 use depthloom_graphs::plan::Plan;
@@ -32,6 +32,7 @@ use depthloom_codecs::encode::{
 };
 use depthloom_codecs::floats::PackedFloats;
 use depthloom_codecs::messages::{CommitMessage, ScoreMessage};
+use depthloom_threads::locked;
 
 /// An image is compressed if a sample of it shrinks to less than this share: else that costs more time than writing what it saves.
 const WORTH_COMPRESSING: f64 = 0.5;
@@ -233,7 +234,7 @@ impl Recorder {
 
     fn state(&self) -> MutexGuard<'_, State> {
         // A thread that panicked within left at worst a writer that refuses what follows.
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+        locked(&self.state)
     }
 
     fn put(&self, part: &mut PartBuilder<'_>, frame: &Frame, port: &PortLayout, value: &Value) -> Result<(), Unkept> {

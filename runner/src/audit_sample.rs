@@ -5,8 +5,8 @@ use std::hash::{BuildHasher as _, RandomState};
 use std::sync::Mutex;
 
 use depthloom_random::SplitMix64;
+use depthloom_threads::locked;
 
-use crate::in_flight::locked;
 use crate::options::Audit;
 use crate::reuse::FramePlan;
 

@@ -7,8 +7,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
 use depthloom_graphs::Key;
-
-use crate::in_flight::locked;
+use depthloom_threads::locked;
 
 /// The checkpoints that a run holds, each under the key of the values it leads to.
 ///

@@ -2,12 +2,12 @@
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Mutex, PoisonError};
 
 use depthloom_graphs::contracts::Warned;
 use depthloom_graphs::{Host, Key};
-use depthloom_threads::{Budget, Caught, caught, resume};
+use depthloom_threads::{Budget, Caught, caught, into_unlocked, locked, resume};
 
 use crate::checkpoints::{Checkpoints, Refused};
 use crate::interrupt::Interrupt;
@@ -41,7 +41,7 @@ pub(crate) struct TaskHost<'a> {
 impl TaskHost<'_> {
     /// What was told of in this task, as a commit says it.
     pub(crate) fn into_told(self) -> impl Iterator<Item = Warned> {
-        let told = self.told.into_inner().unwrap_or_else(PoisonError::into_inner);
+        let told = into_unlocked(self.told);
         told.into_iter().map(move |(what, count)| Warned { node: self.node, what, count })
     }
 }
@@ -56,7 +56,7 @@ impl Host for TaskHost<'_> {
     }
 
     fn warn_of(&self, count: u64, what: &str) {
-        let mut told = self.told.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut told = locked(&self.told);
         let first = !told.contains_key(what);
         let counted = told.entry(what.to_owned()).or_default();
         // Programs report any number.
@@ -90,7 +90,7 @@ impl Host for TaskHost<'_> {
         let panic: Mutex<Option<(usize, Caught)>> = Mutex::new(None);
         let tile = |tile| {
             if let Err(new) = caught(|| f(tile)) {
-                let mut panic = panic.lock().unwrap_or_else(PoisonError::into_inner);
+                let mut panic = locked(&panic);
                 if panic.as_ref().is_none_or(|(first, _)| tile < *first) {
                     *panic = Some((tile, new));
                 }
@@ -102,7 +102,7 @@ impl Host for TaskHost<'_> {
             self.helpers_cpu_ns.fetch_add(watch.cpu_ns(), Ordering::Relaxed);
         };
         self.budget.tiles(n, &tile, &helping);
-        if let Some((_, first)) = panic.into_inner().unwrap_or_else(PoisonError::into_inner) {
+        if let Some((_, first)) = into_unlocked(panic) {
             resume(first);
         }
     }

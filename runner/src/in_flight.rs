@@ -2,10 +2,11 @@
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU32, Ordering};
-use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
+use std::sync::{Mutex, OnceLock};
 
 use depthloom_graphs::contracts::{TapError, Warned};
 use depthloom_graphs::{Fault, Key, Value};
+use depthloom_threads::locked;
 
 use crate::audit_failure::AuditFailure;
 use crate::frame_graph::{FrameGraph, Place};
@@ -202,9 +203,4 @@ impl<P> InFlight<P> {
         let errors = std::mem::take(&mut *locked(&self.tap_errors));
         errors.into_iter().min_by_key(|(part, _)| *part).map(|(_, error)| error)
     }
-}
-
-/// Locks; a thread that panicked while it held the lock left nothing half-done in this crate's short sections.
-pub(crate) fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

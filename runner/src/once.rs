@@ -12,13 +12,12 @@ use depthloom_graphs::{
     Context, Fault, Host as _, Inputs, Instance, Key, OnceNode, OrderedNode, Port, Rate, Scratch, Source, Value,
     value_keys,
 };
-use depthloom_threads::caught;
+use depthloom_threads::{caught, locked};
 
 use crate::audit::compare_aggregates;
 use crate::error::RunError;
 use crate::frame_graph::FrameGraph;
 use crate::host::TaskHost;
-use crate::in_flight::locked;
 use crate::options::Audit;
 use crate::panics::fault;
 use crate::retire::Completion;

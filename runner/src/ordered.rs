@@ -1,10 +1,11 @@
 //! Ordered nodes: one frame after the other, whatever order their inputs come in.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 
 use depthloom_graphs::{Key, OrderedNode};
+use depthloom_threads::{into_unlocked, locked};
 
-use crate::in_flight::{InFlight, locked};
+use crate::in_flight::InFlight;
 
 /// An ordered node and the line of frames that wait for it.
 pub(crate) struct Ordered<P> {
@@ -60,7 +61,7 @@ impl<P> Ordered<P> {
 
     /// What is left after the last frame: the node, unless it failed, and its last key.
     pub(crate) fn into_state(self) -> (Option<Box<dyn OrderedNode>>, Option<Key>) {
-        let State { node, last_key } = self.state.into_inner().unwrap_or_else(PoisonError::into_inner);
+        let State { node, last_key } = into_unlocked(self.state);
         (node, last_key)
     }
 }

@@ -16,7 +16,7 @@ use crate::audit_sample::Sampler;
 use crate::checkpoints::Checkpoints;
 use crate::frame_graph::{Feed, FrameGraph, Step};
 use crate::host::TaskHost;
-use crate::in_flight::{InFlight, Outcome, Settled, locked};
+use crate::in_flight::{InFlight, Outcome, Settled};
 use crate::interrupt::Interrupt;
 use crate::observer::Observer;
 use crate::once::is_once;
@@ -27,7 +27,7 @@ use crate::queues::Queues;
 use crate::reuse::{Do, FramePlan, Reuse};
 use crate::timing::{Spent, Stopwatch};
 use crate::warnings::Warnings;
-use depthloom_threads::{Budget, caught};
+use depthloom_threads::{Budget, caught, locked};
 
 /// A node as the frames see it.
 pub(crate) enum FrameNode<P> {

@@ -5,8 +5,7 @@ use std::sync::Mutex;
 
 use depthloom_graphs::Rate;
 use depthloom_graphs::plan::Plan;
-
-use crate::in_flight::locked;
+use depthloom_threads::{into_unlocked, locked};
 
 /// Something a node told of that was no failure.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -64,7 +63,7 @@ impl Warnings {
 
     /// All of them, in plan order.
     pub(crate) fn into_list(self) -> Vec<Warning> {
-        let told = self.0.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let told = into_unlocked(self.0);
         let warning = |((run, node, what), (count, times))| Warning { run, node, what, count, times };
         told.into_iter().map(warning).collect()
     }

@@ -1,5 +1,6 @@
 //! The permits to work: at most so many threads work at once, whoever they are.
 
+use crate::locked;
 use std::sync::atomic::{AtomicUsize, Ordering, fence};
 use std::sync::{Condvar, Mutex, PoisonError};
 
@@ -70,7 +71,7 @@ impl Budget {
         }
         self.sleepers.fetch_add(1, Ordering::SeqCst);
         fence(Ordering::SeqCst);
-        let mut asleep = self.asleep.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut asleep = locked(&self.asleep);
         let permit = loop {
             if is_over() {
                 break None;
@@ -91,13 +92,13 @@ impl Budget {
         if tasks == 0 || sleepers == 0 {
             return;
         }
-        let _asleep = self.asleep.lock().unwrap_or_else(PoisonError::into_inner);
+        let _asleep = locked(&self.asleep);
         (0..tasks.min(sleepers)).for_each(|_| self.wake.notify_one());
     }
 
     /// Wakes everyone, to find that the work is over.
     pub fn wake_all(&self) {
-        let _asleep = self.asleep.lock().unwrap_or_else(PoisonError::into_inner);
+        let _asleep = locked(&self.asleep);
         self.wake.notify_all();
     }
 }

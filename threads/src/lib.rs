@@ -16,11 +16,13 @@
 
 mod budget;
 mod helpers;
+mod locks;
 mod panics;
 mod room;
 mod tiles;
 
 pub use budget::{Budget, Permit};
+pub use locks::{into_unlocked, locked};
 pub use panics::{Caught, caught, resume};
 pub use room::look_for_room;
 pub use tiles::{Serial, Tiles, rounds_in_one_run};

@@ -1,7 +1,8 @@
 //! Tiles: the independent pieces of a call that may run on several threads.
 
+use crate::locked;
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Mutex, PoisonError};
 use std::thread::ThreadId;
 
 /// Runs the independent pieces ("tiles") of a call.
@@ -75,7 +76,7 @@ pub fn rounds_in_one_run(tiles: &dyn Tiles, counts: &[usize], f: &(dyn Fn(usize,
 /// A thread's place among those that have come.
 fn number_of_this_thread(threads: &Mutex<Vec<ThreadId>>) -> usize {
     let me = std::thread::current().id();
-    let mut threads = threads.lock().unwrap_or_else(PoisonError::into_inner);
+    let mut threads = locked(threads);
     let known = threads.iter().position(|&thread| thread == me);
     known.unwrap_or_else(|| {
         threads.push(me);

@@ -1,11 +1,11 @@
 //! One inquiry of one population: the samples of a stage that were scored in one way, over one set of pixels, by one column.
 
 use std::num::NonZero;
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::thread;
 
-use depthloom_threads::{Budget, Tiles as _};
+use depthloom_threads::{Budget, Tiles as _, into_unlocked, locked};
 use polars::frame::DataFrame;
 use polars::prelude::PolarsResult;
 
@@ -122,7 +122,7 @@ impl Job<'_> {
         let room = Room::for_threads(threads());
         let found = percentiles(self.told.len() * count, &inquiry.percentiles, room, trial, scan)?;
         let of_group = |group: usize| (found[group].count > 0).then(|| found[group].values.clone());
-        let parts = of_parts.into_iter().filter_map(|of| of.into_inner().unwrap_or_else(PoisonError::into_inner));
+        let parts = of_parts.into_iter().filter_map(into_unlocked);
         let sums = sums::of_all(parts.collect(), self.told.len()).map_err(AnalysisError::compute("sums of samples"))?;
         let rows = sums.into_iter().map(|sums| {
             let bin = sums.bin as usize;
@@ -285,9 +285,9 @@ impl Job<'_> {
                 }
             }
         });
-        match failed.into_inner().unwrap_or_else(PoisonError::into_inner) {
+        match into_unlocked(failed) {
             Some((_, error)) => Err(error),
-            None => Ok(idle.into_inner().unwrap_or_else(PoisonError::into_inner)),
+            None => Ok(into_unlocked(idle)),
         }
     }
 }
@@ -322,8 +322,4 @@ fn to_errors(estimates: &mut [f32], truth: &[f32], unit: Unit) {
 
 fn threads() -> usize {
     thread::available_parallelism().map_or(1, NonZero::get)
-}
-
-fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

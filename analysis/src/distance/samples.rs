@@ -1,11 +1,11 @@
 //! The samples, as they come in.
 
 use std::num::NonZero;
-use std::sync::{Mutex, PoisonError};
+use std::sync::Mutex;
 use std::thread;
 
 use depthloom_scores::ScoredPixels;
-use depthloom_threads::{Budget, Tiles as _};
+use depthloom_threads::{Budget, Tiles as _, into_unlocked, locked};
 
 use super::sample::{Which, sample};
 use super::spill::Spill;
@@ -174,10 +174,10 @@ fn of_metres(held: Vec<Vec<u32>>) -> Vec<[Option<Spread>; 2]> {
     let budget = Budget::new(thread::available_parallelism().map_or(1, NonZero::get));
     let _own = budget.permit();
     budget.run(metres.len(), &|metre| {
-        let mut metre = metres[metre].lock().unwrap_or_else(PoisonError::into_inner);
+        let mut metre = locked(&metres[metre]);
         metre.1 = sorting::spreads(std::mem::take(&mut metre.0));
     });
-    metres.into_iter().map(|metre| metre.into_inner().unwrap_or_else(PoisonError::into_inner).1).collect()
+    metres.into_iter().map(|metre| into_unlocked(metre).1).collect()
 }
 
 /// How samples in memory spread, by metre.

@@ -2,7 +2,11 @@
 
 use std::fmt::Write as _;
 
+use base64::Engine as _;
+use base64::prelude::BASE64_STANDARD;
+
 use super::{Anchor, At, Colour, Drawing, MM_PER_INCH, Mark, POINTS_PER_INCH, Picture, font, number, png};
+use crate::xml::escaped;
 
 pub(super) fn written(drawing: &Drawing) -> String {
     let mm = |points: f64| number(points / POINTS_PER_INCH * MM_PER_INCH);
@@ -77,7 +81,7 @@ fn write(svg: &mut String, mark: &Mark, clips: &mut usize) {
             number(at.1),
             number(size.0),
             number(size.1),
-            base64(&encoded(picture)),
+            BASE64_STANDARD.encode(encoded(picture)),
         ),
         Mark::Clip { at, size } => {
             *clips += 1;
@@ -112,52 +116,6 @@ fn hex([red, green, blue]: Colour) -> String {
     format!("#{red:02x}{green:02x}{blue:02x}")
 }
 
-fn escaped(words: &str) -> String {
-    let mut escaped = String::with_capacity(words.len());
-    for character in words.chars() {
-        match character {
-            '&' => escaped.push_str("&amp;"),
-            '<' => escaped.push_str("&lt;"),
-            '>' => escaped.push_str("&gt;"),
-            '"' => escaped.push_str("&quot;"),
-            // Of what XML cannot hold, what stands for it.
-            control if control.is_control() => escaped.push('\u{fffd}'),
-            other => escaped.push(other),
-        }
-    }
-    escaped
-}
-
 fn encoded(picture: &Picture) -> Vec<u8> {
     png::encoded(picture.width, picture.height, &picture.rgb, None)
-}
-
-/// RFC 4648, with padding.
-fn base64(bytes: &[u8]) -> String {
-    const LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-    let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
-    for chunk in bytes.chunks(3) {
-        let bits = chunk.iter().fold(0_u32, |bits, byte| bits << 8 | u32::from(*byte)) << (8 * (3 - chunk.len()));
-        for place in 0..4 {
-            let letter = LETTERS[(bits >> (18 - 6 * place)) as usize & 63];
-            text.push(if place <= chunk.len() { char::from(letter) } else { '=' });
-        }
-    }
-    text
-}
-
-#[cfg(test)]
-mod tests {
-    use super::{base64, escaped};
-
-    #[test]
-    fn base64_is_that_of_rfc_4648() {
-        let all = ["", "f", "fo", "foo", "foob", "fooba", "foobar"].map(|text| base64(text.as_bytes()));
-        assert_eq!(all, ["", "Zg==", "Zm8=", "Zm9v", "Zm9vYg==", "Zm9vYmE=", "Zm9vYmFy"]);
-    }
-
-    #[test]
-    fn names_are_no_markup() {
-        assert_eq!(escaped("a<b>&\"c\"\u{1}"), "a&lt;b&gt;&amp;&quot;c&quot;\u{fffd}");
-    }
 }

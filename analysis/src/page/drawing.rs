@@ -8,7 +8,7 @@ use std::fmt::Write as _;
 
 use depthloom_recording::RecordedPlan;
 
-use super::escaped;
+use crate::xml::escaped;
 
 const BOX: (f64, f64) = (168.0, 46.0);
 const GAP: (f64, f64) = (56.0, 16.0);

@@ -9,20 +9,22 @@ use std::fs::File;
 use std::io::{self, Read, Seek as _, SeekFrom, Write};
 use std::num::NonZero;
 use std::ops::Range;
-use std::sync::{Mutex, PoisonError};
+use std::sync::Mutex;
 use std::thread;
 
+use base64::Engine as _;
+use base64::prelude::BASE64_STANDARD;
 use depthloom_graphs::Value;
 use depthloom_graphs::values::{Image, Pixels};
 use depthloom_recording::Recording;
-use depthloom_threads::{Budget, Tiles as _};
+use depthloom_threads::{Budget, Tiles as _, into_unlocked, locked};
 use image::ExtendedColorType;
 use image::codecs::jpeg::JpegEncoder;
 use image::imageops::thumbnail;
 use serde_json::{Value as Json, json};
 
 use super::choice::{Layer, Role, Series};
-use super::planes::{COARSE, FINE, Samples, Scale, Steps, packed, text};
+use super::planes::{COARSE, FINE, Samples, Scale, Steps, packed};
 use crate::error::{AnalysisError, caught};
 use crate::files::Output;
 use crate::scored_map::as_scored;
@@ -225,9 +227,9 @@ fn all_at_once(
     let _own = budget.permit();
     budget.run(positions.len(), &|tile| {
         let result = caught(|| make(positions[tile]));
-        made.lock().unwrap_or_else(PoisonError::into_inner).insert(tile, result);
+        locked(&made).insert(tile, result);
     });
-    made.into_inner().unwrap_or_else(PoisonError::into_inner).into_values().collect()
+    into_unlocked(made).into_values().collect()
 }
 
 fn frame(
@@ -291,7 +293,7 @@ fn jpeg(image: &Image, widest: u32) -> Result<Vec<u8>, AnalysisError> {
         }
     };
     encoded.map_err(|error| AnalysisError::content(format!("an image of {width}x{height} is no JPEG: {error}")))?;
-    Ok([b"j".as_slice(), &text(&bytes)].concat())
+    Ok([b"j".as_slice(), BASE64_STANDARD.encode(&bytes).as_bytes()].concat())
 }
 
 /// A map as its width, its height, those of the recorded one, and its planes, with spaces between.
@@ -307,8 +309,8 @@ fn map(value: &Value, layer: &Layer, size: Size, grids: &mut Grids) -> Vec<u8> {
             Some((from, (0..from.0 as usize * from.1 as usize).map(|place| samples.at(place).is_some()).collect()));
     }
     let places = grids.places(from, (width, height));
-    let planes = text(&packed(&samples, places, width as usize, scale));
-    [format!("{width} {height} {} {} ", from.0, from.1).as_bytes(), &planes].concat()
+    let planes = BASE64_STANDARD.encode(packed(&samples, places, width as usize, scale));
+    format!("{width} {height} {} {} {planes}", from.0, from.1).into_bytes()
 }
 
 /// A size no wider than that, of the same shape.

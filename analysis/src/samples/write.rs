@@ -4,14 +4,14 @@ use std::collections::HashMap;
 use std::io::BufWriter;
 use std::num::NonZero;
 use std::path::Path;
-use std::sync::{Mutex, PoisonError};
+use std::sync::Mutex;
 use std::thread;
 
 use depthloom_graphs::Value;
 use depthloom_graphs::values::Raster;
 use depthloom_recording::{FrameReader, Recording};
 use depthloom_scores::{ScoredPixels, Settings};
-use depthloom_threads::{Budget, Tiles as _};
+use depthloom_threads::{Budget, Tiles as _, into_unlocked, locked};
 use polars::frame::DataFrame;
 use polars::prelude::{
     ChunkFull, Column, NamedFrom, ParquetCompression, ParquetWriter, PolarsResult, Series, StringChunked,
@@ -200,20 +200,20 @@ impl Frames<'_> {
                         if stop() {
                             return Err(AnalysisError::Stopped);
                         }
-                        let reader = idle.lock().unwrap_or_else(PoisonError::into_inner).pop();
+                        let reader = locked(&idle).pop();
                         let mut reader = match reader {
                             Some(reader) => reader,
                             None => self.recording.reader(of_run.run, &of_run.topics)?,
                         };
                         let maps = reader.read(positions[tile])?;
-                        idle.lock().unwrap_or_else(PoisonError::into_inner).push(reader);
+                        locked(&idle).push(reader);
                         let rows = |group| self.rows(of_run, group, positions[tile], &maps, false).transpose();
                         of_run.groups.iter().filter_map(rows).collect()
                     });
-                    *tables[tile].lock().unwrap_or_else(PoisonError::into_inner) = Some(table);
+                    *locked(&tables[tile]) = Some(table);
                 });
                 for table in tables {
-                    let table = table.into_inner().unwrap_or_else(PoisonError::into_inner);
+                    let table = into_unlocked(table);
                     let groups = table.expect("every tile was run")?;
                     written.frames += u64::from(!groups.is_empty());
                     for rows in groups {

@@ -5,7 +5,7 @@ use std::sync::Mutex;
 use std::thread;
 
 use depthloom_random::SplitMix64;
-use depthloom_threads::{Budget, Tiles as _};
+use depthloom_threads::{Budget, Tiles as _, into_unlocked, locked};
 
 use super::normal;
 use crate::error::AnalysisError;
@@ -149,13 +149,13 @@ impl Resampling {
                 (0..frames).for_each(|_| times[random.below(frames)] += 1.0);
                 values.iter_mut().zip(numbers).for_each(|(values, number)| values.push(number(&times)));
             }
-            let mut replicates = replicates.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+            let mut replicates = locked(&replicates);
             replicates.iter_mut().zip(values).for_each(|(of, values)| of[some.clone()].copy_from_slice(&values));
         });
         if stop() {
             return Err(AnalysisError::Stopped);
         }
-        Ok(replicates.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner))
+        Ok(into_unlocked(replicates))
     }
 
     /// The percentile interval of replicates that are numbers; `None` of fewer than two.

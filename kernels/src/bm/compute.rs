@@ -1,8 +1,9 @@
 //! The entry: checks, bands of rows on several threads, and each band row by row.
 
+use depthloom_threads::locked;
 use std::fmt;
 use std::ops::Range;
-use std::sync::{Mutex, PoisonError};
+use std::sync::Mutex;
 
 use super::check::RightView;
 use super::choice::{first_of, is_rivalled, refined};
@@ -140,7 +141,7 @@ fn compute_at(
     // The bottom margin goes to the last band, which may write to it.
     let top = search.radius * width;
     in_bands(tiles, search.kept_rows(), width, &mut out[top..], &|rows, out| {
-        let lock = || bands.lock().unwrap_or_else(PoisonError::into_inner);
+        let lock = || locked(bands);
         let mut band = lock().pop().unwrap_or_default();
         let Band { sums_16, sums_32, disparity, cost, right_view } = &mut band;
         let answers = (disparity, cost, right_view);
@@ -175,7 +176,7 @@ fn in_bands<T: Send>(
         parts.push(Mutex::new((rows, part)));
     }
     tiles.run(count, &|band| {
-        let mut part = parts[band].lock().unwrap_or_else(PoisonError::into_inner);
+        let mut part = locked(&parts[band]);
         let (rows, out) = &mut *part;
         work(rows.clone(), out);
     });

@@ -5,7 +5,8 @@
 //! strips, so that vectors hold systems that do not depend on each other. Planes that share the affinities share the
 //! elimination.
 
-use std::sync::{Mutex, PoisonError};
+use depthloom_threads::locked;
+use std::sync::Mutex;
 
 use crate::simd::{Level, Pass};
 use crate::tiles::{Tiles, each};
@@ -99,7 +100,7 @@ pub(super) fn smooth<const N: usize>(
     tiles: &dyn Tiles,
 ) {
     let lent = |work: &mut dyn FnMut(&mut Spare)| {
-        let lock = || spares.lock().unwrap_or_else(PoisonError::into_inner);
+        let lock = || locked(spares);
         let mut spare = lock().pop().unwrap_or_default();
         work(&mut spare);
         lock().push(spare);

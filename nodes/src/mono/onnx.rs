@@ -1,12 +1,13 @@
 //! `mono/onnx`: any network that maps an image to depth.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 
 use depthloom_graphs::contracts::{Contract, NodeDeclaration};
 use depthloom_graphs::values::{Artifact, Calibration, Depth, Image};
 use depthloom_graphs::{Context, Fault, Inputs, Instance, Key, Node, Outputs, Port, PureNode, Value, ValueType};
 use depthloom_kernels::depth::{Geometry, depth_from_share};
 use depthloom_kernels::memory::TooMuch;
+use depthloom_threads::locked;
 
 use crate::geometry::geometry;
 use crate::onnx::{self, Fitted, Flip, Look, Maps, Network, OnnxParams, Output, PadWith, Resize, numberless};
@@ -95,7 +96,7 @@ is missing is an error.",
 impl Onnx {
     /// The network of a model, loaded when the first frame brings it.
     fn network(&self, model: &Artifact) -> Result<Arc<Network>, Fault> {
-        let mut loaded = self.network.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut loaded = locked(&self.network);
         if let Some((hash, network)) = &*loaded
             && *hash == model.hash
         {

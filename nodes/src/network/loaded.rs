@@ -1,10 +1,11 @@
 //! A network whose ports are declared, loaded: which tensor each port is.
 
 use std::collections::HashMap;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 
 use depthloom_graphs::Fault;
 use depthloom_graphs::values::Artifact;
+use depthloom_threads::locked;
 
 use super::params::{InputType, NetworkParams};
 use crate::onnx::{self, Axes, Binding, Feed, Fitted, Pool, Sizes};
@@ -97,7 +98,7 @@ impl Loaded {
     /// # Errors
     /// If the engine cannot load it.
     pub fn pool(&self, size: (usize, usize), params: &NetworkParams) -> Result<Arc<Pool>, Fault> {
-        let mut pools = self.pools.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut pools = locked(&self.pools);
         if let Some(pool) = pools.get(&size) {
             return Ok(Arc::clone(pool));
         }

@@ -4,12 +4,13 @@ mod loaded;
 mod maps;
 mod params;
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 
 use depthloom_graphs::contracts::{Contract, NodeDeclaration, Signature, check_name};
 use depthloom_graphs::values::Artifact;
 use depthloom_graphs::{Context, Fault, Inputs, Instance, Key, Node, Outputs, Port, PureNode, ValueType};
 use depthloom_kernels::memory::TooMuch;
+use depthloom_threads::locked;
 
 use crate::onnx::{self, Look, Resize, numberless};
 use loaded::Loaded;
@@ -110,7 +111,7 @@ fn signature(params: &NetworkParams) -> Signature {
 impl OnnxNetwork {
     /// The network of a model, looked at when the first frame brings it.
     fn network(&self, model: &Artifact) -> Result<Arc<Loaded>, Fault> {
-        let mut loaded = self.network.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut loaded = locked(&self.network);
         if let Some((hash, network)) = &*loaded
             && *hash == model.hash
         {

@@ -2,10 +2,11 @@
 
 use std::collections::BTreeSet;
 use std::path::PathBuf;
-use std::sync::{Mutex, PoisonError};
+use std::sync::Mutex;
 
 use depthloom_graphs::{Fault, Key};
 use depthloom_kernels::simd::Level;
+use depthloom_threads::locked;
 use ort::environment::Environment;
 use ort::session::Session;
 use ort::session::builder::{GraphOptimizationLevel, SessionBuilder};
@@ -102,7 +103,7 @@ impl Engine {
     /// The providers that sessions of this process were made on.
     #[must_use]
     pub fn used(&self) -> Vec<Provider> {
-        self.used.lock().unwrap_or_else(PoisonError::into_inner).iter().copied().collect()
+        locked(&self.used).iter().copied().collect()
     }
 
     /// Whether it offers a provider.
@@ -143,7 +144,7 @@ impl Engine {
             }
             None => self.tract_session(model)?,
         };
-        self.used.lock().unwrap_or_else(PoisonError::into_inner).insert(provider);
+        locked(&self.used).insert(provider);
         Ok(session)
     }
 

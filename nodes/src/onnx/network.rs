@@ -1,11 +1,12 @@
 //! A monocular network in the process's engine: looked at, checked, and as many sessions as work at once.
 
 use std::collections::HashMap;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 
 use depthloom_graphs::Fault;
 use depthloom_graphs::values::{Artifact, Image};
 use depthloom_kernels::memory::{TooMuch, bytes_of, zeros};
+use depthloom_threads::locked;
 use ort::value::TensorElementType;
 
 use super::fit::{Fitted, PadAt, Sizes};
@@ -130,7 +131,7 @@ impl Network {
     }
 
     fn pool(&self, size: (usize, usize)) -> Result<Arc<Pool>, Fault> {
-        let mut pools = self.pools.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut pools = locked(&self.pools);
         if let Some(pool) = pools.get(&size) {
             return Ok(Arc::clone(pool));
         }

@@ -1,9 +1,10 @@
 //! A model in the process's engine, with as many sessions as work at once.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 
 use depthloom_graphs::Fault;
 use depthloom_graphs::values::Artifact;
+use depthloom_threads::locked;
 
 use super::choice;
 use super::engine::Engine;
@@ -57,7 +58,7 @@ impl Pool {
     /// # Errors
     /// If the engine fails.
     pub fn run(&self, tensors: &[&[f32]]) -> Result<Vec<Given>, Fault> {
-        let idle = self.sessions.lock().unwrap_or_else(PoisonError::into_inner).pop();
+        let idle = locked(&self.sessions).pop();
         let mut session = idle.map_or_else(|| self.session(), Ok)?;
         let result = session.run(&self.binding, tensors);
         self.give_back(session);
@@ -71,6 +72,6 @@ impl Pool {
     }
 
     fn give_back(&self, session: EngineSession) {
-        self.sessions.lock().unwrap_or_else(PoisonError::into_inner).push(session);
+        locked(&self.sessions).push(session);
     }
 }

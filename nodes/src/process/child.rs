@@ -12,13 +12,13 @@ use std::io::{Read, Write};
 use std::os::unix::process::{CommandExt as _, ExitStatusExt as _};
 use std::process::{Child, ChildStdin, Command, ExitStatus, Stdio};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use depthloom_codecs::arrow::{Schema, StreamError, StreamReader, encode, write_schema};
 use depthloom_graphs::{Fault, Port};
-use depthloom_threads::look_for_room;
+use depthloom_threads::{locked, look_for_room};
 
 use super::ended::{self, EndedProgram};
 use super::launch::{Launch, PROGRAM};
@@ -257,7 +257,7 @@ impl Running {
                 thread::sleep(Duration::from_millis(1));
             }
         }
-        let said = self.said.lock().unwrap_or_else(PoisonError::into_inner);
+        let said = locked(&self.said);
         let bytes: Vec<u8> = said.bytes.iter().copied().collect();
         let plain = |c: char| if c == '\n' || c == '\t' || !c.is_control() { c } else { ' ' };
         (String::from_utf8_lossy(&bytes).chars().map(plain).collect(), said.left_out)
@@ -345,7 +345,7 @@ fn write(mut input: ChildStdin, schema: &Schema, calls: &Receiver<Request>, shar
         while let Ok(request) = calls.recv() {
             let mut elsewhere = Elsewhere::default();
             {
-                let mut shared = shared.lock().unwrap_or_else(PoisonError::into_inner);
+                let mut shared = locked(shared);
                 elsewhere.call = shared.lay(&encode(schema, request.row(&Elsewhere::default())));
                 elsewhere.answer = shared.room();
             }
@@ -359,7 +359,7 @@ fn write(mut input: ChildStdin, schema: &Schema, calls: &Receiver<Request>, shar
 
 /// Reads replies until there are none, or one that is none.
 fn read(output: impl Read, outputs: &[Port], heard: &SyncSender<Heard>, shared: &Mutex<Shared>) {
-    let shared = || shared.lock().unwrap_or_else(PoisonError::into_inner);
+    let shared = || locked(shared);
     let mut stream = StreamReader::new(output);
     let schema = match stream.schema() {
         Ok(Some(schema)) => protocol::check_schema(&schema).map(|()| schema).map_err(|what| (what, "")),
@@ -402,7 +402,7 @@ fn listen(mut errors: impl Read, said: &Mutex<Said>) {
         if read == 0 {
             return;
         }
-        let mut said = said.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut said = locked(said);
         said.bytes.extend(&chunk[..read]);
         let over = said.bytes.len().saturating_sub(KEPT);
         said.left_out |= over > 0;

@@ -2,8 +2,9 @@
 //!
 //! A program ends when nobody calls it any more, so no call is left that could report it: whoever ran the experiment takes it from here.
 
+use depthloom_threads::locked;
 use std::fmt::Write as _;
-use std::sync::{Mutex, PoisonError};
+use std::sync::Mutex;
 
 /// A program that has ended, of those that wrote to standard error or failed after their last answer.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -25,7 +26,7 @@ const MOST: usize = 1 << 20;
 /// Takes all programs that have ended since the last call.
 #[must_use]
 pub fn take_ended() -> Vec<EndedProgram> {
-    std::mem::take(&mut *ENDED.lock().unwrap_or_else(PoisonError::into_inner))
+    std::mem::take(&mut *locked(&ENDED))
 }
 
 /// Keeps a program that has ended, if there is something to report.
@@ -34,7 +35,7 @@ pub(super) fn put(program: EndedProgram) {
     if program.printed.is_empty() && program.failure.is_none() {
         return;
     }
-    let mut ended = ENDED.lock().unwrap_or_else(PoisonError::into_inner);
+    let mut ended = locked(&ENDED);
     let kept: usize = ended.iter().map(|program| program.printed.len()).sum();
     if program.failure.is_some() || kept + program.printed.len() <= MOST {
         ended.push(program);

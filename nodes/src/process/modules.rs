@@ -5,10 +5,11 @@
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock};
 
 use depthloom_graphs::contracts::CodePath;
 use depthloom_graphs::{Fault, Key};
+use depthloom_threads::locked;
 use serde::Deserialize;
 
 use super::launch::Launch;
@@ -160,13 +161,13 @@ impl Modules {
 static WARNINGS: Mutex<BTreeSet<String>> = Mutex::new(BTreeSet::new());
 
 fn warn(what: String) {
-    WARNINGS.lock().unwrap_or_else(PoisonError::into_inner).insert(what);
+    locked(&WARNINGS).insert(what);
 }
 
 /// Takes the warnings about imports of programs since the last call, each once.
 #[must_use]
 pub fn take_import_warnings() -> Vec<String> {
-    std::mem::take(&mut *WARNINGS.lock().unwrap_or_else(PoisonError::into_inner)).into_iter().collect()
+    std::mem::take(&mut *locked(&WARNINGS)).into_iter().collect()
 }
 
 fn changed(what: &str) -> Fault {
@@ -203,7 +204,7 @@ pub(super) fn report_of(launch: &Launch) -> Option<Arc<ModuleReport>> {
     let key = Key::build("command").number(launch.command.len() as u64);
     let key = launch.command.iter().fold(key, |key, word| key.text(&word.0)).number(launch.env.len() as u64);
     let key = launch.env.iter().fold(key, |key, (name, value)| key.text(name).text(value)).finish();
-    let mut reports = REPORTS.get_or_init(Mutex::default).lock().unwrap_or_else(PoisonError::into_inner);
+    let mut reports = locked(REPORTS.get_or_init(Mutex::default));
     reports.entry(key).or_insert_with(|| super::pool::modules(launch).map(Arc::new)).clone()
 }
 

@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 
 use depthloom_codecs::arrow::Schema;
 use depthloom_graphs::{Fault, Host, Outputs, Port, Value};
+use depthloom_threads::locked;
 
 use super::child::{LOOK, Running, Silence};
 use super::launch::Launch;
@@ -119,7 +120,7 @@ impl Pool {
 
     /// A process that is free, or leave to start one.
     fn take(&self, host: &dyn Host) -> Result<Option<Running>, Fault> {
-        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut state = locked(&self.state);
         loop {
             if let Some(running) = state.idle.pop() {
                 return Ok(Some(running));
@@ -235,7 +236,7 @@ struct Slot<'a> {
 
 impl Drop for Slot<'_> {
     fn drop(&mut self) {
-        let mut state = self.pool.state.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut state = locked(&self.pool.state);
         match self.running.take() {
             Some(running) => state.idle.push(running),
             None => state.there -= 1,

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
-use std::sync::{Mutex, OnceLock, PoisonError};
+use std::sync::{Mutex, OnceLock};
 use std::time::Duration;
 
 use depthloom_graphs::contracts::{
@@ -10,6 +10,7 @@ use depthloom_graphs::contracts::{
     SourceDeclaration,
 };
 use depthloom_graphs::{Context, Fault, Host, Key, Outputs, Port, Rate, Source, SourceKind, SourceOutputs, Value};
+use depthloom_threads::{into_unlocked, locked};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value as Json};
@@ -142,7 +143,7 @@ struct WarningCollector(Mutex<BTreeMap<String, u64>>);
 
 impl WarningCollector {
     fn into_warnings(self) -> Vec<String> {
-        let warnings = self.0.into_inner().unwrap_or_else(PoisonError::into_inner);
+        let warnings = into_unlocked(self.0);
         let text = |(what, count): (String, u64)| if count > 0 { format!("{count} {what}") } else { what };
         warnings.into_iter().map(text).collect()
     }
@@ -154,7 +155,7 @@ impl Host for WarningCollector {
     }
 
     fn warn_of(&self, count: u64, what: &str) {
-        let mut warnings = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut warnings = locked(&self.0);
         let counted = warnings.entry(what.to_owned()).or_default();
         *counted = counted.saturating_add(count);
     }

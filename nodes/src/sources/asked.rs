@@ -1,7 +1,8 @@
 //! What was read for a frame's key, kept for whoever reads the frame next.
 
+use depthloom_threads::locked;
 use std::collections::VecDeque;
-use std::sync::{Mutex, PoisonError};
+use std::sync::Mutex;
 
 /// The most frames that are kept: some more than there are workers that have asked for a key and not yet read, and at worst some
 /// 50 MB of KITTI's files where only keys are asked for.
@@ -19,7 +20,7 @@ impl<T> Default for Asked<T> {
 impl<T> Asked<T> {
     /// Keeps what was read for a frame's key, in place of what was kept of the frame before.
     pub fn keep(&self, position: usize, read: T) {
-        let mut kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut kept = locked(&self.0);
         kept.retain(|(other, _)| *other != position);
         if kept.len() == MOST {
             kept.pop_front();
@@ -29,7 +30,7 @@ impl<T> Asked<T> {
 
     /// What was read for a frame's key, if it is still kept.
     pub fn take(&self, position: usize) -> Option<T> {
-        let mut kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut kept = locked(&self.0);
         let at = kept.iter().position(|(other, _)| *other == position)?;
         kept.remove(at).map(|(_, read)| read)
     }

@@ -1,9 +1,10 @@
 //! Pairs of two calibrated cameras become rectified ones as they are read.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 
 use depthloom_graphs::values::{Calibration, Image, Pixels};
 use depthloom_kernels::rectify::{Interpolation, Map, Rectified, View, remap, stereo_rectify};
+use depthloom_threads::locked;
 use image::{GrayImage, RgbImage};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -230,7 +231,7 @@ impl Latest {
     /// # Errors
     /// As [`Rectifier::new`].
     pub fn of(&self, pair: &CameraPair, asked: &Asked, size: (u32, u32)) -> Result<Arc<Rectifier>, (String, String)> {
-        let mut latest = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut latest = locked(&self.0);
         if let Some((_, known)) = latest.as_ref().filter(|(of, _)| *of == size) {
             return Ok(Arc::clone(known));
         }

@@ -1,7 +1,7 @@
 //! `ros2/bag`: what the messages of a frame say.
 
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 
 use depthloom_bags::camera::{CameraInfo, camera_info};
 use depthloom_bags::images::{self, ImageContent, ImageMessage};
@@ -12,6 +12,7 @@ use depthloom_graphs::values::{Calibration, Depth, Image, Pixels, Raster};
 use depthloom_graphs::{Context, Fault, Key, Outputs};
 use depthloom_kernels::rectify::{Camera, Interpolation, Lens, Map, View};
 use depthloom_kernels::velodyne::{Rule, depth_from_points};
+use depthloom_threads::locked;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -407,7 +408,7 @@ impl Reading {
         let numbers: Vec<u64> =
             cameras.infos.iter().flat_map(numbers_of).chain([size.0.into(), size.1.into()]).collect();
         // Who comes meanwhile waits for the maps that they want, too.
-        let mut kept = self.maps.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut kept = locked(&self.maps);
         if let Some((of, maps)) = &*kept
             && *of == numbers
         {

@@ -1,11 +1,12 @@
 //! `stereo/onnx`: any network that maps a rectified pair to disparity.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 
 use depthloom_graphs::contracts::{Contract, NodeDeclaration, Signature};
 use depthloom_graphs::values::{Artifact, Calibration, Depth, Image};
 use depthloom_graphs::{Context, Fault, Inputs, Instance, Key, Node, Outputs, Port, PureNode, Value, ValueType};
 use depthloom_kernels::memory::TooMuch;
+use depthloom_threads::locked;
 
 use super::onnx_network::{PairNetwork, View};
 use super::onnx_params::{StereoOnnxParams, StereoOutput};
@@ -105,7 +106,7 @@ fn signature(params: &StereoOnnxParams) -> Signature {
 impl StereoOnnx {
     /// The network of a model, looked at when the first frame brings it.
     fn network(&self, model: &Artifact) -> Result<Arc<PairNetwork>, Fault> {
-        let mut loaded = self.network.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut loaded = locked(&self.network);
         if let Some((hash, network)) = &*loaded
             && *hash == model.hash
         {

@@ -1,10 +1,11 @@
 //! A stereo network, loaded: which inputs take which image, and one run over the views of a frame.
 
 use std::collections::HashMap;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 
 use depthloom_graphs::Fault;
 use depthloom_graphs::values::{Artifact, Image};
+use depthloom_threads::locked;
 
 use super::onnx_params::{PairOrder, StereoOnnxParams};
 use crate::onnx::{self, Axes, Binding, Feed, Fitted, Look, Maps, Pool, Sizes};
@@ -123,7 +124,7 @@ impl PairNetwork {
     }
 
     fn pool(&self, size: (usize, usize)) -> Result<Arc<Pool>, Fault> {
-        let mut pools = self.pools.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut pools = locked(&self.pools);
         if let Some(pool) = pools.get(&size) {
             return Ok(Arc::clone(pool));
         }

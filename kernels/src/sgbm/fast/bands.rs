@@ -10,9 +10,10 @@
 //!
 //! `hh` and `hh4` go over the image twice, and keep costs and sums of the whole image in between; the others hold a band.
 
+use depthloom_threads::locked;
 use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, MutexGuard};
 
 use super::aggregate::{Aggregate, Slots, Source};
 use super::answers::Answers;
@@ -210,7 +211,7 @@ impl<'a> Frame<'a> {
 
     /// Memory for a piece of work; any piece may use any.
     fn scratch(&self, n: usize) -> MutexGuard<'_, RowScratch> {
-        self.rows[n % self.rows.len()].lock().unwrap_or_else(PoisonError::into_inner)
+        locked(&self.rows[n % self.rows.len()])
     }
 
     /// Where row `k` of the image keeps its row sums.
