@@ -65,9 +65,14 @@ impl Rig {
         depthloom().arg("check").arg(self.path("own.yaml")).arg("--data").args(arguments).output().expect("it runs")
     }
 
-    /// What was said, with the folder called ROOT.
+    /// What was printed, with the folder called ROOT. Without the progress that a run of more than five seconds prints: `own: 3/4 frames, 0 faults`.
     fn said(&self, bytes: &[u8]) -> String {
-        String::from_utf8_lossy(bytes).replace(&self.folder.path().display().to_string(), "ROOT")
+        let text = String::from_utf8_lossy(bytes).replace(&self.folder.path().display().to_string(), "ROOT");
+        let is_progress = |line: &str| {
+            let done = line.split_once(": ").and_then(|(_, rest)| rest.split_once('/')).map(|(done, _)| done);
+            done.is_some_and(|done| done.parse::<u64>().is_ok()) && line.contains(" frame")
+        };
+        text.split_inclusive('\n').filter(|line| !is_progress(line)).collect()
     }
 }
 
