@@ -15,36 +15,20 @@ pub use maps::Maps;
 pub use once::{write_model, write_rows};
 pub use topics::{Chosen, chosen};
 
-use std::path::PathBuf;
+use schemars::JsonSchema;
+use serde::Serialize;
 
-use serde_json::{Value as Json, json};
-
-/// What a topic was exported to.
+/// The files of a topic in a format.
+#[derive(JsonSchema, Serialize)]
 pub struct Exported {
-    /// The name under which it was asked for.
-    pub name: String,
-    /// What it carries.
+    // The name under which it was asked for.
+    pub topic: String,
+    #[serde(rename = "type")]
     pub value_type: &'static str,
-    /// The format.
     pub format: &'static str,
-    /// Where its files lie in the folder: `look/depth/depth/<frame>.png`.
-    pub path: PathBuf,
-    /// How many there are.
+    /// Where they lie in the folder.
+    pub path: String,
     pub files: u64,
     /// Pixels whose answer the format does not hold.
-    pub clipped: u64,
-}
-
-impl Exported {
-    /// For programs.
-    pub fn json(&self) -> Json {
-        json!({
-            "topic": self.name,
-            "type": self.value_type,
-            "format": self.format,
-            "path": self.path.to_string_lossy(),
-            "files": self.files,
-            "clipped_pixels": self.clipped,
-        })
-    }
+    pub clipped_pixels: u64,
 }

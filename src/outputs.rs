@@ -4,7 +4,6 @@
 //! print against the schemas. A version is raised where a key goes or means something else; another key more is no other version.
 
 mod experiments;
-mod recordings;
 mod runs;
 mod tables;
 
@@ -17,6 +16,8 @@ use serde_json::{Map, Value as Json, json};
 use crate::commands;
 use crate::exit::Stop;
 use crate::streams::print_json;
+
+pub use experiments::Error;
 
 /// What a command prints with `--json`: the type that it fills is the type that its schema describes.
 pub trait CommandOutput: Serialize + JsonSchema {
@@ -135,17 +136,17 @@ impl Output {
             Self::Doctor => self.schema_of::<experiments::Doctor>(),
             Self::Error => self.schema_of::<experiments::Failed>(),
             Self::Explain => self.schema_of::<tables::Explain>(),
-            Self::Export => self.schema_of::<recordings::Export>(),
+            Self::Export => self.schema_of::<commands::export::Export>(),
             Self::Figure => self.schema_of::<tables::Figure>(),
             Self::Graph => self.schema_of::<experiments::Graph>(),
-            Self::Info => self.schema_of::<recordings::Info>(),
+            Self::Info => self.schema_of::<commands::info::Info>(),
             Self::Nodes => self.schema_of::<experiments::Nodes>(),
             Self::NodesKind => self.schema_of::<experiments::NodesKind>(),
             Self::Onnx => self.schema_of::<experiments::Onnx>(),
             Self::Plan => self.schema_of::<experiments::Plan>(),
             Self::PlanReuse => self.schema_of::<experiments::PlanReuse>(),
             Self::Recover => self.schema_of::<commands::recover::Recover>(),
-            Self::Replay => self.schema_of::<recordings::Replay>(),
+            Self::Replay => self.schema_of::<commands::replay::Replay>(),
             Self::Report => self.schema_of::<tables::Report>(),
             Self::Run => self.schema_of::<runs::Run>(),
             Self::RunsList => self.schema_of::<runs::RunsList>(),

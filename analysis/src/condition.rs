@@ -1,12 +1,37 @@
 //! What a report says of the recording itself: its condition, what is damaged in it, and which stages have frames.
 
 use depthloom_recording::{Condition, Damage, Held, RecordedPlan, RecordedRun, Recording};
+use schemars::JsonSchema;
+use serde::Serialize;
 use serde_json::{Value as Json, json};
 
 use crate::leading::variant_of;
 
 /// How many damaged places are told to people; programs are told all.
 const SHOWN: usize = 5;
+
+/// How many frames a stage has.
+#[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
+pub struct StageFrames {
+    stage: String,
+    /// Where variants have sources of their own, the first of this one.
+    variant: Option<String>,
+    frames: u64,
+}
+
+impl StageFrames {
+    /// Of each stage run of a recording, in the order of its plan.
+    #[must_use]
+    pub fn of(recording: &Recording) -> Vec<Self> {
+        let plan = recording.plan();
+        let of_run = |(run, planned): (usize, &RecordedRun)| Self {
+            stage: planned.stage.clone(),
+            variant: variant_of(plan, &planned.variants).map(str::to_owned),
+            frames: recording.frames(run).len() as u64,
+        };
+        plan.runs.iter().enumerate().map(of_run).collect()
+    }
+}
 
 /// A recording's condition.
 pub(crate) struct Told {
@@ -50,9 +75,7 @@ pub(crate) fn told(recording: &Recording, damage: &[Damage], has_numbers: bool) 
     }
     let ends_early = matches!(condition, Condition::Unfinished { .. } | Condition::Damaged { cut: true, .. });
     notes.extend(without_frames(plan, &frames, ends_early));
-    let stages = plan.runs.iter().zip(&frames);
-    let stage = |(run, frames): (&RecordedRun, &usize)| json!({ "stage": run.stage, "variant": variant_of(plan, &run.variants), "frames": frames });
-    let stages: Vec<Json> = stages.map(stage).collect();
+    let stages = StageFrames::of(recording);
     let name = if is_damaged { "damaged" } else { condition.name() };
     let mut json = json!({ "condition": name, "frames": frames.iter().sum::<usize>(), "stages": stages });
     if !wrong.is_empty() {

@@ -50,6 +50,7 @@ pub use analyse::{Bins, By, Gross, Inquiry, SampleSet, Unit, analyse, samples_ar
 pub use compare::{
     CompareOptions, ComparedRun, Comparison, DistanceComparison, Side, compare, compare_by_distance, names,
 };
+pub use condition::StageFrames;
 pub use depthloom_scores::{Mean, Metric, PixelSet};
 pub use distance::{DistanceBin, PERCENTILES, Spread};
 pub use error::AnalysisError;

@@ -6,7 +6,9 @@ use std::path::Path;
 use depthloom_codecs::files::Colours;
 use depthloom_recording::{Condition, Recording};
 use indicatif::{ProgressBar, ProgressStyle};
-use serde_json::{Value as Json, json};
+use schemars::JsonSchema;
+use serde::Serialize;
+use serde_json::Value as Json;
 
 use super::report::recording_of;
 use super::table::open;
@@ -17,9 +19,25 @@ use crate::diagnostics::error_json;
 use crate::environment;
 use crate::exit::{Exit, Stop, chain};
 use crate::export::{Chosen, Exported, Folder, Form, Maps, chosen, frames, write_model, write_rows};
-use crate::outputs::Output;
+use crate::outputs::{self, CommandOutput, Error, Output};
 use crate::signals;
-use crate::streams::{print, print_output, say};
+use crate::streams::{print, say};
+
+/// Of `export`: what was written.
+#[derive(JsonSchema, Serialize)]
+pub struct Export {
+    folder: String,
+    /// `whole`, `unfinished` or `damaged`.
+    condition: &'static str,
+    topics: Vec<Exported>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "Option<Error>")]
+    error: Option<Json>,
+}
+
+impl CommandOutput for Export {
+    const OUTPUT: Output = Output::Export;
+}
 
 /// Writes what is asked for.
 pub fn export(args: &ExportArgs) -> Result<Exit, Stop> {
@@ -69,7 +87,12 @@ pub fn export(args: &ExportArgs) -> Result<Exit, Stop> {
     let is_damaged = !damaged.is_empty() || matches!(recording.condition(), Condition::Damaged { .. });
     let faulty = is_damaged.then(|| Stop::new(Exit::Frames, "the recording is damaged"));
     if args.json {
-        print_output(Output::Export, object(&exported, &args.out, recording.condition(), faulty.as_ref()))?;
+        outputs::print(&Export {
+            folder: args.out.to_string_lossy().into_owned(),
+            condition: recording.condition().name(),
+            topics: exported,
+            error: faulty.as_ref().map(error_json),
+        })?;
     } else if !args.quiet {
         print(text(&exported, files, &args.out))?;
     }
@@ -111,28 +134,19 @@ fn told(args: &ExportArgs, recording: &Recording, exported: &[Exported]) {
     if *recording.condition() != Condition::Whole {
         say(format_args!("warning: the recording is {}", recording.condition()));
     }
-    for Exported { name, clipped, .. } in exported.iter().filter(|of| of.clipped > 0) {
-        let pixels = counted(*clipped, "pixel");
+    for Exported { topic, clipped_pixels, .. } in exported.iter().filter(|of| of.clipped_pixels > 0) {
+        let pixels = counted(*clipped_pixels, "pixel");
         say(format_args!(
-            "warning: {pixels} of {name} are beyond what 16 bits hold and stand as the largest number, or as none below zero; `--format npy` has them"
+            "warning: {pixels} of {topic} are beyond what 16 bits hold and stand as the largest number, or as none below zero; `--format npy` has them"
         ));
     }
-    for Exported { name, .. } in exported.iter().filter(|of| of.files == 0 && !args.topics.is_empty()) {
-        say(format_args!("warning: {name} has no value on these frames"));
+    for Exported { topic, .. } in exported.iter().filter(|of| of.files == 0 && !args.topics.is_empty()) {
+        say(format_args!("warning: {topic} has no value on these frames"));
     }
 }
 
 fn text(exported: &[Exported], files: u64, folder: &Path) -> String {
-    let row = |of: &Exported| [of.name.clone(), counted(of.files, "file"), of.path.to_string_lossy().into_owned()];
+    let row = |of: &Exported| [of.topic.clone(), counted(of.files, "file"), of.path.clone()];
     let rows: Vec<[String; 3]> = exported.iter().filter(|of| of.files > 0).map(row).collect();
     format!("{}{} in {}\n", aligned(&rows, &[1]), counted(files, "file"), folder.display())
-}
-
-fn object(exported: &[Exported], folder: &Path, condition: &Condition, faulty: Option<&Stop>) -> Json {
-    let topics: Vec<Json> = exported.iter().map(Exported::json).collect();
-    let mut object = json!({ "folder": folder.to_string_lossy(), "condition": condition.name(), "topics": topics });
-    if let Some(stop) = faulty {
-        object["error"] = error_json(stop);
-    }
-    object
 }

@@ -2,11 +2,13 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use depthloom_analysis::variant_of;
+use depthloom_analysis::{StageFrames, variant_of};
 use depthloom_graphs::Key;
 use depthloom_graphs::contracts::Slot;
-use depthloom_recording::{Condition, Damage, RecordedRun, Recording, TopicSize};
-use serde_json::{Value as Json, json};
+use depthloom_recording::{Condition, Damage as RecordedDamage, RecordedRun, Recording, TopicSize};
+use schemars::JsonSchema;
+use serde::Serialize;
+use serde_json::Value as Json;
 
 use super::report::recording_of;
 use super::table::open;
@@ -15,13 +17,88 @@ use crate::columns::aligned;
 use crate::counted::counted;
 use crate::diagnostics::error_json;
 use crate::exit::{Exit, Stop};
-use crate::outputs::Output;
+use crate::outputs::{self, CommandOutput, Error, Output};
 use crate::signals;
 use crate::sizes::size;
-use crate::streams::{print, print_output};
+use crate::streams::print;
 
 /// Of a key as many digits as tell it from others.
 const KEY_DIGITS: usize = 12;
+
+/// Of `info`: what a recording holds.
+#[derive(JsonSchema, Serialize)]
+pub struct Info {
+    file: String,
+    bytes: u64,
+    /// `whole`, `unfinished` or `damaged`.
+    condition: &'static str,
+    /// What is wrong, in words.
+    what: Option<String>,
+    /// Whether every byte was checked.
+    checked: bool,
+    experiment: String,
+    variants: Vec<String>,
+    stages: Vec<StageFrames>,
+    topics: Vec<Topic>,
+    attachments: Vec<Attachment>,
+    damage: Vec<Damage>,
+    /// With `--keys`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    keys: Option<Vec<KeyOf>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "Option<Error>")]
+    error: Option<Json>,
+}
+
+impl CommandOutput for Info {
+    const OUTPUT: Output = Output::Info;
+}
+
+/// A topic.
+#[derive(JsonSchema, Serialize)]
+pub struct Topic {
+    topic: String,
+    // Of a planned port its type, of other topics what they are for.
+    #[serde(rename = "type")]
+    carries: String,
+    schema: String,
+    messages: u64,
+    raw_bytes: u64,
+    stored_bytes: u64,
+    /// How many different keys its values have.
+    keys: u64,
+    // Of the node whose output it is.
+    recipe: Option<String>,
+}
+
+/// An attached file.
+#[derive(JsonSchema, Serialize)]
+pub struct Attachment {
+    name: String,
+    #[serde(rename = "type")]
+    media_type: String,
+    bytes: u64,
+}
+
+/// Bytes that are not what was written.
+#[derive(JsonSchema, Serialize)]
+pub struct Damage {
+    offset: u64,
+    bytes: u64,
+    held: String,
+}
+
+/// The key of a value.
+#[derive(JsonSchema, Serialize)]
+pub struct KeyOf {
+    stage: String,
+    /// Null where all variants share the node; of several, the first.
+    variant: Option<String>,
+    /// Null of what is one a stage.
+    frame: Option<String>,
+    node: String,
+    key: String,
+}
 
 /// Prints topics with their messages, sizes and keys, attachments, and whether the recording is whole.
 pub fn info(args: &InfoArgs) -> Result<Exit, Stop> {
@@ -41,30 +118,16 @@ pub fn info(args: &InfoArgs) -> Result<Exit, Stop> {
     let faulty = is_damaged.then(|| Stop::new(Exit::Frames, "the recording is damaged"));
     let topics = topics(&recording, sizes);
     if args.json {
-        let mut told = json(&recording, &topics, &damage, args);
-        if let Some(stop) = &faulty {
-            told["error"] = error_json(stop);
-        }
-        print_output(Output::Info, told)?;
+        let error = faulty.as_ref().map(error_json);
+        outputs::print(&Info { error, ..output(&recording, topics, &damage, args) })?;
     } else {
         print(text(&recording, &topics, &damage, args))?;
     }
     Ok(faulty.map_or(Exit::Whole, |stop| stop.exit))
 }
 
-/// A topic of the recording.
-struct Topic<'a> {
-    size: TopicSize,
-    /// What it carries: of a planned port its type, of others what they are for.
-    carries: &'a str,
-    /// The recipe of the node whose output it is.
-    recipe: Option<Key>,
-    /// How many different keys its values have.
-    keys: usize,
-}
-
 /// The topics in the order of the plan, then those that are no port's.
-fn topics(recording: &Recording, sizes: Vec<TopicSize>) -> Vec<Topic<'_>> {
+fn topics(recording: &Recording, sizes: Vec<TopicSize>) -> Vec<Topic> {
     let plan = recording.plan();
     let mut sizes: BTreeMap<String, TopicSize> = sizes.into_iter().map(|size| (size.topic.clone(), size)).collect();
     let mut topics = Vec::new();
@@ -76,14 +139,22 @@ fn topics(recording: &Recording, sizes: Vec<TopicSize>) -> Vec<Topic<'_>> {
                 Slot::Node { node, .. } => Some(plan.runs[run].nodes[node].recipe),
             };
             let keys = keys_of(recording, run, slot).map(|(_, key)| key).collect::<BTreeSet<Key>>().len();
-            topics.push(Topic { size, carries: &output.value_type, recipe, keys });
+            topics.push(Topic::of(size, &output.value_type, keys as u64, recipe));
         }
     }
     topics.extend(sizes.into_values().map(|size| {
         let carries = if size.topic.ends_with("/commit") { "commit" } else { "for looking at" };
-        Topic { size, carries, recipe: None, keys: 0 }
+        Topic::of(size, carries, 0, None)
     }));
     topics
+}
+
+impl Topic {
+    fn of(size: TopicSize, carries: &str, keys: u64, recipe: Option<Key>) -> Self {
+        let TopicSize { topic, schema, messages, raw_bytes, stored_bytes } = size;
+        let recipe = recipe.map(|recipe| recipe.to_string());
+        Self { topic, carries: carries.to_owned(), schema, messages, raw_bytes, stored_bytes, keys, recipe }
+    }
 }
 
 /// The frames' positions and keys of a port's values.
@@ -102,7 +173,7 @@ fn keys_of(recording: &Recording, run: usize, slot: Slot) -> impl Iterator<Item 
     frames.chain(of_once.map(|once| (0, once.key)))
 }
 
-fn text(recording: &Recording, topics: &[Topic<'_>], damage: &[Damage], args: &InfoArgs) -> String {
+fn text(recording: &Recording, topics: &[Topic], damage: &[RecordedDamage], args: &InfoArgs) -> String {
     let plan = recording.plan();
     let condition = match (recording.condition(), args.check) {
         (Condition::Whole, false) => "whole by its summary; --check reads every byte".to_owned(),
@@ -111,7 +182,7 @@ fn text(recording: &Recording, topics: &[Topic<'_>], damage: &[Damage], args: &I
         (condition, _) => condition.to_string(),
     };
     let mut text = format!("{}: {condition}\n", recording.path().display());
-    for Damage { offset, bytes, held } in damage {
+    for RecordedDamage { offset, bytes, held } in damage {
         text += &format!("damaged in the {bytes} bytes from byte {offset} on: it held {held}\n");
     }
     let stages =
@@ -123,13 +194,13 @@ fn text(recording: &Recording, topics: &[Topic<'_>], damage: &[Damage], args: &I
 
     let head = ["topic", "type", "messages", "raw", "stored", "ratio", "keys", "recipe"];
     let mut rows = vec![head.map(str::to_owned)];
-    for Topic { size: of, carries, recipe, keys } in topics {
-        let recipe = recipe.map_or_else(|| "-".to_owned(), |recipe| recipe.to_string()[..KEY_DIGITS].to_owned());
-        let keys = if *keys == 0 { "-".to_owned() } else { keys.to_string() };
-        rows.push(row(&of.topic, carries, of, keys, recipe));
+    for of in topics {
+        let recipe = of.recipe.as_ref().map_or_else(|| "-".to_owned(), |recipe| recipe[..KEY_DIGITS].to_owned());
+        let keys = if of.keys == 0 { "-".to_owned() } else { of.keys.to_string() };
+        rows.push(row(of, keys, recipe));
     }
     let all = total(topics);
-    rows.push(row(&counted(topics.len() as u64, "topic"), "", &all, String::new(), String::new()));
+    rows.push(row(&all, String::new(), String::new()));
     text += &aligned(&rows, &[2, 3, 4, 5, 6]);
 
     let attachments = recording.attachments();
@@ -154,11 +225,11 @@ fn text(recording: &Recording, topics: &[Topic<'_>], damage: &[Damage], args: &I
     text
 }
 
-fn row(topic: &str, carries: &str, of: &TopicSize, keys: String, recipe: String) -> [String; 8] {
+fn row(of: &Topic, keys: String, recipe: String) -> [String; 8] {
     let ratio = of.raw_bytes as f64 / of.stored_bytes.max(1) as f64;
     [
-        topic.to_owned(),
-        carries.to_owned(),
+        of.topic.clone(),
+        of.carries.clone(),
         of.messages.to_string(),
         size(of.raw_bytes),
         size(of.stored_bytes),
@@ -169,19 +240,22 @@ fn row(topic: &str, carries: &str, of: &TopicSize, keys: String, recipe: String)
 }
 
 /// All topics together.
-fn total(topics: &[Topic<'_>]) -> TopicSize {
-    let sum = |of: fn(&TopicSize) -> u64| topics.iter().map(|topic| of(&topic.size)).sum();
-    TopicSize {
-        topic: String::new(),
+fn total(topics: &[Topic]) -> Topic {
+    let sum = |of: fn(&Topic) -> u64| topics.iter().map(of).sum();
+    Topic {
+        topic: counted(topics.len() as u64, "topic"),
+        carries: String::new(),
         schema: String::new(),
         messages: sum(|of| of.messages),
         raw_bytes: sum(|of| of.raw_bytes),
         stored_bytes: sum(|of| of.stored_bytes),
+        keys: 0,
+        recipe: None,
     }
 }
 
 /// The key of what a source or a node gave on a frame, or once.
-struct KeyOf<'a> {
+struct RecordedKey<'a> {
     planned: &'a RecordedRun,
     /// Of the node, or of the source.
     variant: Option<&'a str>,
@@ -191,7 +265,7 @@ struct KeyOf<'a> {
     key: Key,
 }
 
-fn all_keys(recording: &Recording) -> impl Iterator<Item = KeyOf<'_>> {
+fn all_keys(recording: &Recording) -> impl Iterator<Item = RecordedKey<'_>> {
     let plan = recording.plan();
     let of_frames = plan.runs.iter().enumerate().flat_map(move |(run, planned)| {
         recording.frames(run).iter().flat_map(move |frame| {
@@ -202,7 +276,7 @@ fn all_keys(recording: &Recording) -> impl Iterator<Item = KeyOf<'_>> {
             });
             of_source.into_iter().chain(of_nodes).map(move |(node, variants, key)| {
                 let variant = variant_of(plan, variants);
-                KeyOf { planned, variant, frame: &frame.id, node, key }
+                RecordedKey { planned, variant, frame: &frame.id, node, key }
             })
         })
     });
@@ -210,56 +284,40 @@ fn all_keys(recording: &Recording) -> impl Iterator<Item = KeyOf<'_>> {
         let planned = plan.runs.get(once.run)?;
         let node = planned.nodes.get(once.node)?;
         let variant = variant_of(plan, &node.variants);
-        Some(KeyOf { planned, variant, frame: "", node: &node.name, key: once.key })
+        Some(RecordedKey { planned, variant, frame: "", node: &node.name, key: once.key })
     });
     of_frames.chain(of_once)
 }
 
-fn json(recording: &Recording, topics: &[Topic<'_>], damage: &[Damage], args: &InfoArgs) -> Json {
+fn output(recording: &Recording, topics: Vec<Topic>, damage: &[RecordedDamage], args: &InfoArgs) -> Info {
     let plan = recording.plan();
-    let stages = plan.runs.iter().enumerate();
-    let stages = stages.map(|(run, of)| {
-        let variant = variant_of(plan, &of.variants);
-        json!({ "stage": of.stage, "variant": variant, "frames": recording.frames(run).len() })
+    let is_whole = *recording.condition() == Condition::Whole;
+    let attachments = recording.attachments().iter().map(|of| Attachment {
+        name: of.name.clone(),
+        media_type: of.media_type.clone(),
+        bytes: of.size,
     });
-    let topic = |topic: &Topic<'_>| {
-        json!({
-            "topic": topic.size.topic,
-            "type": topic.carries,
-            "schema": topic.size.schema,
-            "messages": topic.size.messages,
-            "raw_bytes": topic.size.raw_bytes,
-            "stored_bytes": topic.size.stored_bytes,
-            "keys": topic.keys,
-            "recipe": topic.recipe.map(|recipe| recipe.to_string()),
-        })
+    let place = |of: &RecordedDamage| Damage { offset: of.offset, bytes: of.bytes, held: of.held.to_string() };
+    let key = |of: RecordedKey<'_>| KeyOf {
+        stage: of.planned.stage.clone(),
+        variant: of.variant.map(str::to_owned),
+        frame: (!of.frame.is_empty()).then(|| of.frame.to_owned()),
+        node: of.node.to_owned(),
+        key: of.key.to_string(),
     };
-    let attachments = recording.attachments().iter();
-    let attachments = attachments.map(|of| json!({ "name": of.name, "type": of.media_type, "bytes": of.size }));
-    let condition = if damage.is_empty() { recording.condition().name() } else { "damaged" };
-    let mut told = json!({
-        "file": recording.path().to_string_lossy(),
-        "bytes": recording.file_bytes(),
-        "condition": condition,
-        "what": (*recording.condition() != Condition::Whole).then(|| recording.condition().to_string()),
-        "checked": args.check || *recording.condition() != Condition::Whole,
-        "experiment": plan.experiment,
-        "variants": plan.variants,
-        "stages": stages.collect::<Vec<_>>(),
-        "topics": topics.iter().map(topic).collect::<Vec<_>>(),
-        "attachments": attachments.collect::<Vec<_>>(),
-        "damage": damage.iter().map(|of| json!({
-            "offset": of.offset, "bytes": of.bytes, "held": of.held.to_string(),
-        })).collect::<Vec<_>>(),
-    });
-    if args.keys {
-        let key = |of: KeyOf<'_>| {
-            let frame = (!of.frame.is_empty()).then_some(of.frame);
-            json!({
-                "stage": of.planned.stage, "variant": of.variant, "frame": frame, "node": of.node, "key": of.key.to_string(),
-            })
-        };
-        told["keys"] = all_keys(recording).map(key).collect();
+    Info {
+        file: recording.path().to_string_lossy().into_owned(),
+        bytes: recording.file_bytes(),
+        condition: if damage.is_empty() { recording.condition().name() } else { "damaged" },
+        what: (!is_whole).then(|| recording.condition().to_string()),
+        checked: args.check || !is_whole,
+        experiment: plan.experiment.clone(),
+        variants: plan.variants.clone(),
+        stages: StageFrames::of(recording),
+        topics,
+        attachments: attachments.collect(),
+        damage: damage.iter().map(place).collect(),
+        keys: args.keys.then(|| all_keys(recording).map(key).collect()),
+        error: None,
     }
-    told
 }

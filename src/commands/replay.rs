@@ -1,6 +1,5 @@
 //! `depthloom replay`: nodes made again from a recording, and compared with it.
 
-use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use depthloom_graphs::Registry;
@@ -8,7 +7,9 @@ use depthloom_graphs::language::nearest;
 use depthloom_graphs::values::{Differs, Place, number};
 use depthloom_recording::Recording;
 use depthloom_runner::{Options, run};
-use serde_json::{Map, Value as Json, json};
+use schemars::JsonSchema;
+use serde::Serialize;
+use serde_json::{Value as Json, json};
 
 use super::report::recording_of;
 use super::run::stop_of;
@@ -19,14 +20,88 @@ use crate::columns::aligned;
 use crate::counted::counted;
 use crate::diagnostics::error_json;
 use crate::exit::{Exit, Stop};
-use crate::outputs::Output;
+use crate::outputs::{self, CommandOutput, Error, Output};
 use crate::progress::Progress;
-use crate::replay::{Checker, Outcome, Placed, Replay, Replayed, Tally, Tolerances, Unchecked};
+use crate::replay::{self, Checker, Outcome, Placed, Tally, Tolerances, Unchecked};
 use crate::signals;
-use crate::streams::{print, print_output, say};
+use crate::streams::{print, say};
 
 /// How many nodes that differ are told one by one; with `--json` all are.
 const TOLD: usize = 20;
+
+/// Of `replay`: whether nodes make again what was recorded.
+#[derive(JsonSchema, Serialize)]
+pub struct Replay {
+    run: String,
+    /// The nodes that were named.
+    asked: Vec<String>,
+    equal: bool,
+    /// Of how many frames values were kept.
+    every: u64,
+    nodes: Vec<Replayed>,
+    not_compared: Vec<NotReplayed>,
+    failed: Vec<NotReplayed>,
+    damage: Vec<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "Option<Error>")]
+    error: Option<Json>,
+}
+
+impl CommandOutput for Replay {
+    const OUTPUT: Output = Output::Replay;
+}
+
+/// A node that was made again.
+#[derive(JsonSchema, Serialize)]
+pub struct Replayed {
+    stage: String,
+    node: String,
+    kind: String,
+    version: u32,
+    variants: Vec<String>,
+    /// How many values were compared.
+    compared: u64,
+    different: u64,
+    numbers: u64,
+    different_numbers: u64,
+    first: Option<Difference>,
+    worst: Option<Difference>,
+    remarks: Vec<String>,
+}
+
+/// A node that was not compared, or failed.
+#[derive(JsonSchema, Serialize)]
+pub struct NotReplayed {
+    stage: String,
+    node: String,
+    kind: String,
+    version: u32,
+    variants: Vec<String>,
+    why: String,
+}
+
+/// Where a value differs.
+#[derive(JsonSchema, Serialize)]
+pub struct Difference {
+    frame: Option<String>,
+    topic: String,
+    #[serde(rename = "type")]
+    value_type: &'static str,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pixel: Option<[u32; 2]>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    channel: Option<u64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    byte: Option<u64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    name: Option<String>,
+    /// A number, a text, or null where there is no answer.
+    recorded: Json,
+    now: Json,
+    // Of numbers; null where they do not differ by a finite number.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    by: Option<Option<f64>>,
+}
 
 /// Makes nodes again and says whether their values are those recorded.
 pub fn replay(args: &ReplayArgs, registry: &Registry) -> Result<Exit, Stop> {
@@ -34,7 +109,8 @@ pub fn replay(args: &ReplayArgs, registry: &Registry) -> Result<Exit, Stop> {
     let path = recording_of(&args.run, "replay")?;
     let interrupt = signals::listen("stopping: nothing is written")?;
     let recording = Arc::new(open(&path)?);
-    let mut replay = Replay::new(&recording, registry, &args.nodes).map_err(|pattern| unknown(&recording, &pattern))?;
+    let mut replay =
+        replay::Replay::new(&recording, registry, &args.nodes).map_err(|pattern| unknown(&recording, &pattern))?;
     let unchecked = std::mem::take(&mut replay.unchecked);
     refuse(args, &recording, &replay, &unchecked)?;
 
@@ -53,13 +129,7 @@ pub fn replay(args: &ReplayArgs, registry: &Registry) -> Result<Exit, Stop> {
     let told = Told { recording: &recording, checked, unchecked, failed };
     let verdict = told.verdict(&damage);
     if args.json {
-        let mut object = told.json(&args.nodes);
-        object["run"] = json!(args.run.to_string_lossy());
-        object["damage"] = json!(damage);
-        if let Some(stop) = &verdict {
-            object["error"] = error_json(stop);
-        }
-        print_output(Output::Replay, object)?;
+        outputs::print(&told.output(args, damage, verdict.as_ref()))?;
     } else {
         print(told.text())?;
         damage.iter().take(TOLD).for_each(|what| say(format_args!("damaged: {what}")));
@@ -90,7 +160,12 @@ fn unknown(recording: &Recording, pattern: &str) -> Stop {
 }
 
 /// Refuses what would pass without a comparison: nothing at all to compare, or not what was asked for by name.
-fn refuse(args: &ReplayArgs, recording: &Recording, replay: &Replay, unchecked: &[Unchecked]) -> Result<(), Stop> {
+fn refuse(
+    args: &ReplayArgs,
+    recording: &Recording,
+    replay: &replay::Replay,
+    unchecked: &[Unchecked],
+) -> Result<(), Stop> {
     let is_named = |node: &Unchecked| {
         let (run, name) = (&recording.plan().runs[node.run], &recording.plan().runs[node.run].nodes[node.node].name);
         args.nodes.iter().any(|of| of == name || *of == format!("{}.{name}", run.stage))
@@ -128,14 +203,14 @@ fn name(recording: &Recording, run: usize, node: usize) -> String {
 /// What there is to tell.
 struct Told<'a> {
     recording: &'a Recording,
-    checked: Vec<(usize, Replayed, Tally)>,
+    checked: Vec<(usize, replay::Replayed, Tally)>,
     unchecked: Vec<Unchecked>,
     /// The nodes that failed where a run would have ended.
     failed: Vec<Unchecked>,
 }
 
 impl Told<'_> {
-    fn different(&self) -> impl Iterator<Item = &(usize, Replayed, Tally)> {
+    fn different(&self) -> impl Iterator<Item = &(usize, replay::Replayed, Tally)> {
         self.checked.iter().filter(|(.., tally)| tally.different > 0)
     }
 
@@ -144,8 +219,9 @@ impl Told<'_> {
     }
 
     fn verdict(&self, damage: &[String]) -> Option<Stop> {
-        let has_failed =
-            |run: usize, node: &Replayed| self.failed.iter().any(|of| (of.run, of.node) == (run, node.recorded));
+        let has_failed = |run: usize, node: &replay::Replayed| {
+            self.failed.iter().any(|of| (of.run, of.node) == (run, node.recorded))
+        };
         let different = self.different().filter(|(run, node, _)| !has_failed(*run, node)).count() as u64;
         let of = counted(self.checked.len() as u64, "node");
         let differ = (different > 0).then(|| format!("{different} of {of} gave other values than recorded"));
@@ -195,13 +271,13 @@ impl Told<'_> {
         text
     }
 
-    fn row(&self, run: usize, node: &Replayed, tally: &Tally) -> [String; 4] {
+    fn row(&self, run: usize, node: &replay::Replayed, tally: &Tally) -> [String; 4] {
         let different = if tally.different == 0 { "-".to_owned() } else { tally.different.to_string() };
         let kind = self.recording.plan().runs[run].nodes[node.recorded].kind.clone();
         [name(self.recording, run, node.recorded), kind, tally.values.to_string(), different]
     }
 
-    fn differences(&self, run: usize, node: &Replayed, tally: &Tally) -> String {
+    fn differences(&self, run: usize, node: &replay::Replayed, tally: &Tally) -> String {
         let name = name(self.recording, run, node.recorded);
         let (different, of) = (tally.different, counted(tally.values, "value"));
         let numbers = format!("{} of {}", tally.different_numbers, counted(tally.numbers, "number"));
@@ -214,46 +290,50 @@ impl Told<'_> {
         text
     }
 
-    /// For programs; `asked` are the nodes that were named.
-    fn json(&self, asked: &[String]) -> Json {
+    /// For programs.
+    fn output(&self, args: &ReplayArgs, damage: Vec<String>, verdict: Option<&Stop>) -> Replay {
         let checked = self.checked.iter().map(|(run, node, tally)| {
-            let mut object = self.node_json(*run, node.recorded);
-            object.insert("compared".to_owned(), json!(tally.values));
-            object.insert("different".to_owned(), json!(tally.different));
-            object.insert("numbers".to_owned(), json!(tally.numbers));
-            object.insert("different_numbers".to_owned(), json!(tally.different_numbers));
-            object.insert("first".to_owned(), tally.first.as_ref().map_or(Json::Null, placed_json));
-            object.insert("worst".to_owned(), tally.worst.as_ref().map_or(Json::Null, placed_json));
-            object.insert("remarks".to_owned(), json!(node.remarks));
-            Json::Object(object)
+            let NotReplayed { stage, node: name, kind, version, variants, .. } = self.node(*run, node.recorded, "");
+            Replayed {
+                stage,
+                node: name,
+                kind,
+                version,
+                variants,
+                compared: tally.values,
+                different: tally.different,
+                numbers: tally.numbers,
+                different_numbers: tally.different_numbers,
+                first: tally.first.as_ref().map(difference),
+                worst: tally.worst.as_ref().map(difference),
+                remarks: node.remarks.clone(),
+            }
         });
-        let why = |node: &Unchecked| {
-            let mut object = self.node_json(node.run, node.node);
-            object.insert("why".to_owned(), json!(node.why));
-            Json::Object(object)
-        };
-        json!({
-            "asked": asked,
-            "equal": self.is_equal(),
-            "every": self.recording.plan().every,
-            "nodes": checked.collect::<Vec<_>>(),
-            "not_compared": self.unchecked.iter().map(why).collect::<Vec<_>>(),
-            "failed": self.failed.iter().map(why).collect::<Vec<_>>(),
-        })
+        let why = |node: &Unchecked| self.node(node.run, node.node, &node.why);
+        Replay {
+            run: args.run.to_string_lossy().into_owned(),
+            asked: args.nodes.clone(),
+            equal: self.is_equal(),
+            every: self.recording.plan().every,
+            nodes: checked.collect(),
+            not_compared: self.unchecked.iter().map(why).collect(),
+            failed: self.failed.iter().map(why).collect(),
+            damage,
+            error: verdict.map(error_json),
+        }
     }
 
-    fn node_json(&self, run: usize, node: usize) -> Map<String, Json> {
+    fn node(&self, run: usize, node: usize, why: &str) -> NotReplayed {
         let plan = self.recording.plan();
         let (of, node) = (&plan.runs[run], &plan.runs[run].nodes[node]);
-        let variants: Vec<&str> = node.variants.iter().map(|variant| plan.variants[*variant].as_str()).collect();
-        let fields = [
-            ("stage", json!(of.stage)),
-            ("node", json!(node.name)),
-            ("kind", json!(node.kind)),
-            ("version", json!(node.version)),
-            ("variants", json!(variants)),
-        ];
-        fields.into_iter().map(|(key, value)| (key.to_owned(), value)).collect::<BTreeMap<_, _>>().into_iter().collect()
+        NotReplayed {
+            stage: of.stage.clone(),
+            node: node.name.clone(),
+            kind: node.kind.clone(),
+            version: node.version,
+            variants: node.variants.iter().map(|variant| plan.variants[*variant].clone()).collect(),
+            why: why.to_owned(),
+        }
     }
 }
 
@@ -265,41 +345,45 @@ fn placed_text(placed: &Placed) -> String {
     }
 }
 
+/// A single with the digits that tell it from its neighbours, instead of those of the double it was widened to.
+fn rounded(value: f64) -> Option<f64> {
+    number(value).parse().ok()
+}
+
 /// A number that is none is null: no answer; one beyond all is text.
 fn number_json(value: Option<f64>) -> Json {
     match value {
-        Some(value) if value.is_finite() => number(value).parse::<f64>().map_or(Json::Null, |value| json!(value)),
+        Some(value) if value.is_finite() => json!(rounded(value)),
         Some(value) => json!(value.to_string()),
         None => Json::Null,
     }
 }
 
-fn placed_json(placed: &Placed) -> Json {
-    let mut object = json!({
-        "frame": placed.frame.as_deref(),
-        "topic": placed.topic,
-        "type": placed.value_type.name(),
-    });
-    match &placed.differs {
-        Differs::Whole { recorded, now } => {
-            object["recorded"] = json!(recorded);
-            object["now"] = json!(now);
-        }
+fn difference(placed: &Placed) -> Difference {
+    let (mut pixel, mut channel, mut byte, mut name) = (None, None, None, None);
+    let (recorded, now, by) = match &placed.differs {
+        Differs::Whole { recorded, now } => (json!(recorded), json!(now), None),
         Differs::Number { place, recorded, now } => {
-            let (key, at) = match place {
-                Place::Pixel(x, y) => ("pixel", json!([x, y])),
-                Place::Channel(x, y, channel) => {
-                    object["channel"] = json!(channel);
-                    ("pixel", json!([x, y]))
-                }
-                Place::Byte(at) => ("byte", json!(at)),
-                Place::Named(name) => ("name", json!(name)),
-            };
-            object[key] = at;
-            object["recorded"] = number_json(*recorded);
-            object["now"] = number_json(*now);
-            object["by"] = number_json(Some(placed.differs.by()).filter(|by| by.is_finite()));
+            match place {
+                Place::Pixel(x, y) => pixel = Some([*x, *y]),
+                Place::Channel(x, y, of) => (pixel, channel) = (Some([*x, *y]), Some(u64::from(*of))),
+                Place::Byte(at) => byte = Some(*at),
+                Place::Named(of) => name = Some(of.clone()),
+            }
+            let by = Some(placed.differs.by()).filter(|by| by.is_finite());
+            (number_json(*recorded), number_json(*now), Some(by.and_then(rounded)))
         }
+    };
+    Difference {
+        frame: placed.frame.as_deref().map(str::to_owned),
+        topic: placed.topic.clone(),
+        value_type: placed.value_type.name(),
+        pixel,
+        channel,
+        byte,
+        name,
+        recorded,
+        now,
+        by,
     }
-    object
 }

@@ -200,12 +200,12 @@ impl<'a> Maps<'a> {
                 _ => (own, format!("{{{own},jpg}}")),
             };
             Exported {
-                name: series.chosen.name.to_owned(),
+                topic: series.chosen.name.to_owned(),
                 value_type: series.chosen.value_type.name(),
                 format,
-                path: series.folder.join(format!("<frame>.{endings}")),
+                path: series.folder.join(format!("<frame>.{endings}")).to_string_lossy().into_owned(),
                 files,
-                clipped: series.clipped.load(Ordering::Relaxed),
+                clipped_pixels: series.clipped.load(Ordering::Relaxed),
             }
         })
     }

@@ -73,11 +73,11 @@ fn write(chosen: &Chosen<'_>, format: ExportFormat, bytes: Option<&[u8]>, folder
         folder.write(&path, bytes)?;
     }
     Ok(Exported {
-        name: chosen.name.to_owned(),
+        topic: chosen.name.to_owned(),
         value_type: chosen.value_type.name(),
         format: format.name(),
-        path,
+        path: path.to_string_lossy().into_owned(),
         files: u64::from(bytes.is_some()),
-        clipped: 0,
+        clipped_pixels: 0,
     })
 }

@@ -3,6 +3,7 @@
 
 use std::collections::BTreeMap;
 
+use depthloom_analysis::StageFrames;
 use schemars::JsonSchema;
 use serde_json::Value as Json;
 
@@ -56,15 +57,6 @@ pub struct Condition {
     what: Option<String>,
     #[schemars(skip_serializing_if = "Option::is_none")]
     damage: Option<Vec<DamagedPlace>>,
-}
-
-/// How many frames a stage has.
-#[derive(JsonSchema)]
-pub struct StageFrames {
-    stage: String,
-    /// Where variants have sources of their own, the first of this one.
-    variant: Option<String>,
-    frames: u64,
 }
 
 /// Bytes that are not what was written, and what they held.
