@@ -10,7 +10,8 @@ use depthloom_graphs::ready::Ready;
 use depthloom_graphs::{Frame, Key};
 use depthloom_recording::{EarlierRuns, Recording, RecordingError};
 use depthloom_runner::{Audit, KeptValues, Report};
-use serde_json::{Value as Json, json};
+use schemars::JsonSchema;
+use serde::Serialize;
 
 use crate::args::RunArgs;
 use crate::commands::report::RECORDING;
@@ -126,8 +127,27 @@ pub fn warnings(earlier: &EarlierRuns) -> Vec<String> {
     damage.map(|(path, what)| format!("made afresh what {} should have had: {what}", path.display())).collect()
 }
 
-/// What a run took from earlier ones.
+/// What was reused from earlier runs.
+#[derive(JsonSchema, Serialize)]
 pub struct Reused {
+    nodes: Vec<ReusedNode>,
+    /// The recordings that hold the reused values.
+    from: Vec<String>,
+    /// How many reused values the audit recomputed and found equal.
+    audited: u64,
+}
+
+/// How often a node's values were taken.
+#[derive(JsonSchema, Serialize)]
+pub struct ReusedNode {
+    stage: String,
+    node: String,
+    reused: u64,
+    of: u64,
+}
+
+/// What a run took from earlier ones, of all its nodes.
+pub struct ReuseCounts {
     /// By stage run and node: how often it was taken, of how many times.
     nodes: Vec<(String, String, u64, u64)>,
     from: Vec<PathBuf>,
@@ -136,7 +156,7 @@ pub struct Reused {
 }
 
 /// What a run took from earlier ones.
-pub fn told(report: &Report, plan: &Plan, earlier: &EarlierRuns) -> Reused {
+pub fn told(report: &Report, plan: &Plan, earlier: &EarlierRuns) -> ReuseCounts {
     let mut nodes = Vec::new();
     for (run, stage) in plan.runs.iter().zip(&report.stages) {
         for (node, (reused, fired)) in run.nodes.iter().zip(stage.reused.iter().zip(&stage.firings)) {
@@ -144,10 +164,10 @@ pub fn told(report: &Report, plan: &Plan, earlier: &EarlierRuns) -> Reused {
         }
     }
     let audited = report.stages.iter().map(|stage| stage.audited).sum();
-    Reused { nodes, from: earlier.taken().map(Path::to_owned).collect(), audited }
+    ReuseCounts { nodes, from: earlier.taken().map(Path::to_owned).collect(), audited }
 }
 
-impl Reused {
+impl ReuseCounts {
     /// A line, if anything was taken.
     pub fn text(&self) -> Option<String> {
         let (whole, part): (Vec<_>, Vec<_>) =
@@ -169,11 +189,16 @@ impl Reused {
     }
 
     /// The same for programs.
-    pub fn json(&self) -> Json {
+    pub fn output(&self) -> Reused {
         let nodes = self.nodes.iter().filter(|(.., reused, _)| *reused > 0);
-        let node = |(stage, node, reused, all): &(String, String, u64, u64)| json!({ "stage": stage, "node": node, "reused": reused, "of": all });
+        let node = |(stage, node, reused, all): &(String, String, u64, u64)| ReusedNode {
+            stage: stage.clone(),
+            node: node.clone(),
+            reused: *reused,
+            of: *all,
+        };
         // A path need not be UTF-8.
-        let from: Vec<_> = self.from.iter().map(|path| path.to_string_lossy()).collect();
-        json!({ "nodes": nodes.map(node).collect::<Vec<_>>(), "from": from, "audited": self.audited })
+        let from = self.from.iter().map(|path| path.to_string_lossy().into_owned()).collect();
+        Reused { nodes: nodes.map(node).collect(), from, audited: self.audited }
     }
 }

@@ -8,7 +8,11 @@ use depthloom_graphs::regular_file;
 use depthloom_kernels::simd::Level;
 use depthloom_nodes::onnx::Provider;
 use depthloom_nodes::onnx::{self, Engine};
+use schemars::JsonSchema;
+use serde::Serialize;
 use serde_json::{Value as Json, json};
+
+use crate::outputs;
 
 /// The name of the file that says where and when a run was made.
 pub const ENVIRONMENT: &str = "environment.json";
@@ -18,6 +22,28 @@ pub const STAMP: &str = "%Y-%m-%dT%H-%M-%SZ";
 
 /// How much of it is read, bytes.
 const LARGEST: u64 = 16 << 20;
+
+/// Where and when a run was made: `environment.json`.
+#[derive(JsonSchema, Serialize)]
+pub struct Environment {
+    /// The version of the program.
+    depthloom: &'static str,
+    arguments: Vec<String>,
+    os: &'static str,
+    architecture: &'static str,
+    cores: u64,
+    simd: Vec<&'static str>,
+    #[schemars(with = "Option<outputs::Engine>")]
+    networks: Option<Json>,
+    /// The files and folders that it read.
+    reads: Vec<String>,
+    workers: u64,
+    window: Option<u64>,
+    finished_utc: String,
+    /// Seconds from the start of the process to its last file.
+    wall_s: f64,
+    peak_resident_bytes: Option<u64>,
+}
 
 /// When this process started.
 static STARTED: LazyLock<Instant> = LazyLock::new(Instant::now);
@@ -34,32 +60,32 @@ pub fn of(run: &Path) -> Json {
 }
 
 /// The files and folders that a run reads, as `environment.json` holds them: where they lie, whatever variables and links led there.
-pub fn reads(read: &[PathBuf]) -> Json {
+pub fn reads(read: &[PathBuf]) -> Vec<String> {
     let mut lie: Vec<PathBuf> = read.iter().filter_map(|path| std::fs::canonicalize(path).ok()).collect();
     lie.sort();
     lie.dedup();
     lie.iter().map(|path| path.to_string_lossy().into_owned()).collect()
 }
 
-/// The engine's version, the machine, the run's size and time, as `environment.json` holds them.
-pub fn describe(workers: usize, window: Option<usize>, read: &[PathBuf]) -> Json {
+/// The engine's version, the machine, the run's size and time.
+pub fn describe(workers: usize, window: Option<usize>, read: &[PathBuf]) -> Environment {
     // JSON holds text: of an argument that is none, what can be read of it.
-    let arguments: Vec<_> = std::env::args_os().map(|argument| argument.to_string_lossy().into_owned()).collect();
-    json!({
-        "depthloom": env!("CARGO_PKG_VERSION"),
-        "arguments": arguments,
-        "os": std::env::consts::OS,
-        "architecture": std::env::consts::ARCH,
-        "cores": cores(),
-        "simd": simd(),
-        "networks": onnx::in_use().map(networks),
-        "reads": reads(read),
-        "workers": workers,
-        "window": window,
-        "finished_utc": utc_stamp(),
-        "wall_s": wall_seconds(),
-        "peak_resident_bytes": peak_resident_bytes(),
-    })
+    let arguments = std::env::args_os().map(|argument| argument.to_string_lossy().into_owned()).collect();
+    Environment {
+        depthloom: env!("CARGO_PKG_VERSION"),
+        arguments,
+        os: std::env::consts::OS,
+        architecture: std::env::consts::ARCH,
+        cores: cores() as u64,
+        simd: simd(),
+        networks: onnx::in_use().map(networks),
+        reads: reads(read),
+        workers: workers as u64,
+        window: window.map(|window| window as u64),
+        finished_utc: utc_stamp(),
+        wall_s: wall_seconds(),
+        peak_resident_bytes: peak_resident_bytes(),
+    }
 }
 
 /// The seconds since this process started.
@@ -67,10 +93,18 @@ fn wall_seconds() -> f64 {
     STARTED.elapsed().as_secs_f64()
 }
 
-/// Measures time and memory again, when more was done since.
-pub fn measure_again(environment: &mut Json) {
-    environment["wall_s"] = json!(wall_seconds());
-    environment["peak_resident_bytes"] = json!(peak_resident_bytes());
+impl Environment {
+    /// Measures time and memory again, when more was done since.
+    pub fn measure_again(&mut self) {
+        self.wall_s = wall_seconds();
+        self.peak_resident_bytes = peak_resident_bytes();
+    }
+
+    /// The content of `environment.json`.
+    pub fn text(&self) -> String {
+        let json = serde_json::to_value(self).expect("texts, numbers and lists have JSON");
+        format!("{json:#}\n")
+    }
 }
 
 /// The engine that runs networks, and the providers that they ran on.

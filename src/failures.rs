@@ -2,34 +2,60 @@
 
 use depthloom_analysis::Leads;
 use depthloom_recording::Recording;
-use serde_json::{Value as Json, json};
+use schemars::JsonSchema;
+use serde::Serialize;
+
+/// The frames of a stage.
+#[derive(JsonSchema, Serialize)]
+pub struct Frames {
+    stage: String,
+    /// Where variants have sources of their own, the first of this one.
+    variant: Option<String>,
+    /// The frames' ids; the place in this list is `position` in tables.
+    ids: Vec<String>,
+    /// How many of them failed somewhere.
+    failed: u64,
+}
+
+/// What failed on a frame.
+#[derive(JsonSchema, Serialize)]
+pub struct Failure {
+    stage: String,
+    /// Null where all variants share the node; of several, the first.
+    variant: Option<String>,
+    position: u64,
+    frame: String,
+    /// Null where the source failed.
+    node: Option<String>,
+    message: String,
+}
 
 /// By stage the ids of its frames and how many of them failed; then every failure.
-pub fn told(recording: &Recording) -> (Vec<Json>, Vec<Json>) {
+pub fn told(recording: &Recording) -> (Vec<Frames>, Vec<Failure>) {
     let plan = recording.plan();
     let leads = Leads::new(plan);
     let (mut frames, mut failures) = (Vec::new(), Vec::new());
     for (run, planned) in plan.runs.iter().enumerate() {
         let of_run = recording.frames(run);
         let lead = leads.of_those(&planned.stage, &planned.variants);
-        frames.push(json!({
-            "stage": lead.stage,
-            "variant": lead.variant,
-            "ids": of_run.iter().map(|frame| &*frame.id).collect::<Vec<_>>(),
-            "failed": of_run.iter().filter(|frame| !frame.failures.is_empty()).count(),
-        }));
+        frames.push(Frames {
+            stage: lead.stage.clone(),
+            variant: lead.variant.clone(),
+            ids: of_run.iter().map(|frame| frame.id.to_string()).collect(),
+            failed: of_run.iter().filter(|frame| !frame.failures.is_empty()).count() as u64,
+        });
         for (position, frame) in of_run.iter().enumerate() {
             for failure in &frame.failures {
                 let node = failure.node.and_then(|node| planned.nodes.get(node));
                 let of_node = node.map(|node| leads.of_those(&planned.stage, &node.variants));
-                failures.push(json!({
-                    "stage": lead.stage,
-                    "variant": of_node.as_ref().unwrap_or(&lead).variant,
-                    "position": position,
-                    "frame": &*frame.id,
-                    "node": node.map(|node| &node.name),
-                    "message": failure.what,
-                }));
+                failures.push(Failure {
+                    stage: lead.stage.clone(),
+                    variant: of_node.as_ref().unwrap_or(&lead).variant.clone(),
+                    position: position as u64,
+                    frame: frame.id.to_string(),
+                    node: node.map(|node| node.name.clone()),
+                    message: failure.what.clone(),
+                });
             }
         }
     }

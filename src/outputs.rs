@@ -4,7 +4,6 @@
 //! print against the schemas. A version is raised where a key goes or means something else; another key more is no other version.
 
 mod experiments;
-mod runs;
 mod tables;
 
 use clap::ValueEnum;
@@ -17,7 +16,8 @@ use crate::commands;
 use crate::exit::Stop;
 use crate::streams::print_json;
 
-pub use experiments::Error;
+pub use experiments::{Engine, Error, Plan};
+pub use tables::Report;
 
 /// What a command prints with `--json`: the type that it fills is the type that its schema describes.
 pub trait CommandOutput: Serialize + JsonSchema {
@@ -143,17 +143,17 @@ impl Output {
             Self::Nodes => self.schema_of::<experiments::Nodes>(),
             Self::NodesKind => self.schema_of::<experiments::NodesKind>(),
             Self::Onnx => self.schema_of::<experiments::Onnx>(),
-            Self::Plan => self.schema_of::<experiments::Plan>(),
+            Self::Plan => self.schema_of::<Plan>(),
             Self::PlanReuse => self.schema_of::<experiments::PlanReuse>(),
             Self::Recover => self.schema_of::<commands::recover::Recover>(),
             Self::Replay => self.schema_of::<commands::replay::Replay>(),
-            Self::Report => self.schema_of::<tables::Report>(),
-            Self::Run => self.schema_of::<runs::Run>(),
-            Self::RunsList => self.schema_of::<runs::RunsList>(),
-            Self::RunsPrune => self.schema_of::<runs::RunsPrune>(),
-            Self::RunsRm => self.schema_of::<runs::RunsRm>(),
-            Self::RunsShow => self.schema_of::<runs::RunsShow>(),
-            Self::RunsWhy => self.schema_of::<runs::RunsWhy>(),
+            Self::Report => self.schema_of::<Report>(),
+            Self::Run => self.schema_of::<commands::run::Run>(),
+            Self::RunsList => self.schema_of::<commands::runs::RunsList>(),
+            Self::RunsPrune => self.schema_of::<commands::runs::RunsPrune>(),
+            Self::RunsRm => self.schema_of::<commands::runs::RunsRm>(),
+            Self::RunsShow => self.schema_of::<commands::runs::RunsShow>(),
+            Self::RunsWhy => self.schema_of::<commands::runs::RunsWhy>(),
             Self::Samples => self.schema_of::<tables::Samples>(),
             Self::Timings => self.schema_of::<tables::Timings>(),
         }

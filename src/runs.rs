@@ -9,5 +9,5 @@ mod named;
 mod reused;
 
 pub use found::{FOLDER, FoundRun, all, in_folder};
-pub use glance::{Glance, State, bytes_in, files_in};
+pub use glance::{Best, File, Glance, State, bytes_in, files_in};
 pub use named::{named, named_in_full};

@@ -13,6 +13,8 @@ use depthloom_graphs::{Frame, Registry};
 use depthloom_nodes::{onnx, process};
 use depthloom_recording::{Condition, EarlierRuns, Recorder, Recording, RecordingError};
 use depthloom_runner::{Checkpoints, Interrupt, Observer, Options, Report, RunError, Unwatched};
+use schemars::JsonSchema;
+use serde::Serialize;
 use serde_json::{Value as Json, json};
 
 use super::check::{is_file, load};
@@ -23,18 +25,52 @@ use crate::allow_exec;
 use crate::args::RunArgs;
 use crate::counted::counted;
 use crate::diagnostics;
-use crate::earlier::{self, OUTDATED};
-use crate::environment::{self, ENVIRONMENT};
+use crate::earlier::{self, OUTDATED, Reused};
+use crate::environment::{self, ENVIRONMENT, Environment};
 use crate::exit::{Exit, Problem, Stop, chain};
-use crate::failures;
+use crate::failures::{self, Frames};
 use crate::models;
-use crate::outputs::Output;
+use crate::outputs::{self, CommandOutput, Error, Output};
 use crate::progress::Progress;
 use crate::run_folder::{Begun, RunFolder};
-use crate::runs::files_in;
+use crate::runs::{File, files_in};
 use crate::signals;
-use crate::streams::{print, print_output, print_path, say};
+use crate::streams::{print, print_path, say};
 use crate::truths;
+
+/// Of `run`: what was run, and what came of it.
+#[derive(JsonSchema, Serialize)]
+pub struct Run {
+    experiment: String,
+    /// Its folder.
+    run: String,
+    /// The key of its plan: that of equal experiments, as Parquet files have it (`depthloom.run`).
+    key: String,
+    /// What was run, with every parameter: as `plan --json` tells it.
+    #[schemars(with = "outputs::Plan")]
+    parameters: Json,
+    /// By stage, its frames.
+    frames: Vec<Frames>,
+    /// How many frames failed.
+    failed_frames: u64,
+    /// What failed, frame by frame.
+    failures: Vec<failures::Failure>,
+    reused: Reused,
+    warnings: Vec<String>,
+    environment: Environment,
+    /// The files in its folder, by name.
+    files: Vec<File>,
+    /// As `report --json` tells it.
+    #[schemars(with = "outputs::Report")]
+    report: Json,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "Option<Error>")]
+    error: Option<Json>,
+}
+
+impl CommandOutput for Run {
+    const OUTPUT: Output = Output::Run;
+}
 
 /// Loads, plans, opens, runs, records, scores and prints.
 pub fn run(args: &RunArgs, registry: &Registry) -> Result<Exit, Stop> {
@@ -109,23 +145,22 @@ pub fn carry_out(
         Stop::new(Exit::Frames, format!("{frames} failed; what depended on them is left out"))
     });
     let incomplete = incomplete.or_else(|| no_pixel_counted(&report));
-    let mut told = json!({
-        "experiment": plan.experiment,
-        "run": out.to_string_lossy(),
-        "key": key,
-        "parameters": plan.summary_json(),
-        "frames": frames,
-        "failed_frames": failed,
-        "failures": failures,
-        "reused": reused,
-        "warnings": warnings,
-        "environment": environment,
-        "files": files_in(&out).iter().map(|(name, bytes)| json!({ "name": name, "bytes": bytes })).collect::<Vec<_>>(),
-    });
-    if let Some(stop) = &incomplete {
-        told["error"] = diagnostics::error_json(stop);
-    }
-    show(args, report, told, &out).map_err(|stop| stop.also(format!("the run is whole in {}", out.display())))?;
+    let told = || Run {
+        experiment: plan.experiment.clone(),
+        run: out.to_string_lossy().into_owned(),
+        key,
+        parameters: plan.summary_json(),
+        frames,
+        failed_frames: failed,
+        failures,
+        reused,
+        warnings,
+        environment,
+        files: files_in(&out),
+        report: report.json.clone(),
+        error: incomplete.as_ref().map(diagnostics::error_json),
+    };
+    show(args, &report, told, &out).map_err(|stop| stop.also(format!("the run is whole in {}", out.display())))?;
     if args.page.open {
         page::open(&out);
     }
@@ -315,7 +350,7 @@ impl Earlier {
 /// A recording that is whole.
 struct Recorded<'a> {
     /// How many values were taken from earlier runs, and of which.
-    reused: Json,
+    reused: Reused,
     /// How many frames failed.
     failed: u64,
     /// What the run has to say that is no error.
@@ -415,7 +450,7 @@ fn record<'a>(
         say(text);
     }
     let prepared = Prepared { sampled, reports: earlier::reports(&earlier, options.audit) };
-    Ok(Recorded { failed, warnings, checkpoints: ran.checkpoints, reused: reused.json(), prepared, has_printed })
+    Ok(Recorded { failed, warnings, checkpoints: ran.checkpoints, reused: reused.output(), prepared, has_printed })
 }
 
 /// Two who watch a run.
@@ -489,11 +524,11 @@ pub(super) fn stop_of(error: &RunError) -> Stop {
 /// What there is to tell of a run whose folder is complete.
 struct Finished {
     report: Summary,
-    environment: Json,
+    environment: Environment,
     /// Of its plan.
     key: String,
-    frames: Vec<Json>,
-    failures: Vec<Json>,
+    frames: Vec<Frames>,
+    failures: Vec<failures::Failure>,
 }
 
 /// Makes of a whole recording what else lies in its folder: models, tables, figures, and where it was made.
@@ -502,7 +537,7 @@ fn finish(
     folder: &RunFolder,
     prepared: Prepared<'_>,
     interrupt: &Interrupt,
-    environment: impl FnOnce() -> Json,
+    environment: impl FnOnce() -> Environment,
 ) -> Result<Finished, Stop> {
     let recording = Recording::open(folder.file(RECORDING))
         .map_err(|error| Stop::of_recording(Exit::Engine, "failed to read the recording back", &error))?;
@@ -512,7 +547,7 @@ fn finish(
         samples::write(&recording, &folder.file(SAMPLES), is_silent(args), interrupt)?;
     }
     let mut environment = environment();
-    folder.write(ENVIRONMENT, &format!("{environment:#}\n"))?;
+    folder.write(ENVIRONMENT, &environment.text())?;
     if !args.page.no_page {
         page::write(
             &recording,
@@ -523,21 +558,20 @@ fn finish(
             interrupt,
         )?;
         // The page's time and memory are the run's, too.
-        environment::measure_again(&mut environment);
-        folder.write(ENVIRONMENT, &format!("{environment:#}\n"))?;
+        environment.measure_again();
+        folder.write(ENVIRONMENT, &environment.text())?;
     }
     let (frames, failures) = failures::told(&recording);
     Ok(Finished { report, environment, key: plan_key(recording.plan()).to_string(), frames, failures })
 }
 
 /// Prints what was asked for.
-fn show(args: &RunArgs, report: Summary, mut object: Json, out: &Path) -> Result<(), Stop> {
+fn show(args: &RunArgs, report: &Summary, told: impl FnOnce() -> Run, out: &Path) -> Result<(), Stop> {
     if args.json {
-        object["report"] = report.json;
-        return print_output(Output::Run, object);
+        return outputs::print(&told());
     }
     if !args.quiet {
-        print(summary(&report, out))?;
+        print(summary(report, out))?;
     }
     print_path("run: ", out)
 }

@@ -6,6 +6,12 @@ mod rm;
 mod show;
 mod why;
 
+pub use list::RunsList;
+pub use prune::RunsPrune;
+pub use rm::RunsRm;
+pub use show::RunsShow;
+pub use why::RunsWhy;
+
 use crate::args::{RunsArgs, RunsCommand};
 use crate::exit::{Exit, Stop};
 

@@ -59,6 +59,11 @@ impl FoundRun {
         Ok(Self { name, time: time(path), path: path.to_owned() })
     }
 
+    /// Its time, for programs.
+    pub fn time_utc(&self) -> String {
+        self.time.format("%Y-%m-%dT%H:%M:%SZ").to_string()
+    }
+
     /// Whether it has its final name: it is over.
     pub fn is_over(&self) -> bool {
         self.path.extension().is_none_or(|ending| ending != depthloom_durable::PARTIAL)

@@ -5,7 +5,8 @@ use std::path::Path;
 
 use depthloom_analysis::Leader;
 use depthloom_recording::{Condition, Recording};
-use serde_json::{Value as Json, json};
+use schemars::JsonSchema;
+use serde::Serialize;
 
 use super::found::FoundRun;
 use super::reused;
@@ -15,22 +16,23 @@ use crate::exit::chain;
 use crate::run_folder::is_held;
 
 /// How far a run came.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, JsonSchema, Serialize)]
+#[serde(rename_all = "lowercase")]
 pub enum State {
-    /// A process writes it.
+    // A process writes it.
     Running,
-    /// Over, and whole.
+    // Over, and whole.
     Whole,
-    /// It ended before its end.
+    // It ended before its end.
     Unfinished,
-    /// Bytes of its recording are not what was written, as far as its summary tells.
+    // Bytes of its recording are not what was written, as far as its summary tells.
     Damaged,
-    /// Its recording cannot be read.
+    // Its recording cannot be read.
     Unreadable,
 }
 
 impl State {
-    /// Its name, for people and programs.
+    /// Its name, for people.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Running => "running",
@@ -121,44 +123,47 @@ impl Glance {
             failed => format!("{}, {} failed", self.state.name(), counted(failed, "frame")),
         }
     }
+}
 
-    /// For programs.
-    pub fn json(&self, run: &FoundRun) -> Json {
-        json!({
-            "name": run.name,
-            "path": run.path.to_string_lossy(),
-            "time_utc": run.time.format("%Y-%m-%dT%H:%M:%SZ").to_string(),
-            "state": self.state.name(),
-            "experiment": self.experiment,
-            "variants": self.variants,
-            "frames": self.frames,
-            "failed_frames": self.failed,
-            "bytes": self.bytes,
-            "best": self.best.as_ref().map(|best| json!({
-                "score": best.metric,
-                "value": best.value,
-                "stage": best.lead.stage,
-                "variant": best.lead.variant,
-                "estimator": best.estimator,
-            })),
-            "trouble": self.trouble,
-            "warning": self.warning,
-        })
+/// The best score of a run.
+#[derive(JsonSchema, Serialize)]
+pub struct Best {
+    score: &'static str,
+    value: f64,
+    stage: String,
+    variant: Option<String>,
+    estimator: String,
+}
+
+impl Best {
+    /// Of what the analysis says.
+    pub fn of(leader: &Leader) -> Self {
+        let Leader { metric, value, lead, estimator, .. } = leader;
+        let (stage, variant) = (lead.stage.clone(), lead.variant.clone());
+        Self { score: metric, value: *value, stage, variant, estimator: estimator.clone() }
     }
 }
 
-/// The files in a folder and in its folders, by name, and what each holds.
-pub fn files_in(folder: &Path) -> Vec<(String, u64)> {
+/// A file.
+#[derive(PartialEq, Eq, PartialOrd, Ord, JsonSchema, Serialize)]
+pub struct File {
+    // With the folders in which it lies.
+    pub name: String,
+    pub bytes: u64,
+}
+
+/// The files in a folder and in its folders, by name.
+pub fn files_in(folder: &Path) -> Vec<File> {
     files_below(folder, "")
 }
 
-fn files_below(folder: &Path, prefix: &str) -> Vec<(String, u64)> {
+fn files_below(folder: &Path, prefix: &str) -> Vec<File> {
     let mut files = Vec::new();
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         let name = format!("{prefix}{}", entry.file_name().to_string_lossy());
         match entry.metadata() {
             Ok(metadata) if metadata.is_dir() => files.extend(files_below(&entry.path(), &format!("{name}/"))),
-            Ok(metadata) => files.push((name, metadata.len())),
+            Ok(metadata) => files.push(File { name, bytes: metadata.len() }),
             Err(_) => {}
         }
     }

@@ -2,23 +2,55 @@
 
 use std::collections::BTreeSet;
 
-use serde_json::json;
+use schemars::JsonSchema;
+use serde::Serialize;
 
 use crate::args::RunsArgs;
 use crate::columns::aligned;
 use crate::exit::{Exit, Stop};
-use crate::outputs::Output;
-use crate::runs::{FoundRun, Glance, all};
+use crate::outputs::{self, CommandOutput, Output};
+use crate::runs::{self, Best, FoundRun, State, all};
 use crate::sizes::size;
-use crate::streams::{print, print_output, say};
+use crate::streams::{print, say};
+
+/// Of `runs`: the runs in a folder, newest first.
+#[derive(JsonSchema, Serialize)]
+pub struct RunsList {
+    folder: String,
+    runs: Vec<Glance>,
+}
+
+impl CommandOutput for RunsList {
+    const OUTPUT: Output = Output::RunsList;
+}
+
+/// A run at a glance.
+#[derive(JsonSchema, Serialize)]
+pub struct Glance {
+    name: String,
+    path: String,
+    time_utc: String,
+    state: State,
+    experiment: Option<String>,
+    /// How many.
+    variants: u64,
+    frames: u64,
+    failed_frames: u64,
+    bytes: u64,
+    best: Option<Best>,
+    /// What is wrong with it.
+    trouble: Option<String>,
+    /// Why its values may be wrong although it is complete.
+    warning: Option<String>,
+}
 
 /// Prints a line a run.
 pub fn list(args: &RunsArgs) -> Result<Exit, Stop> {
     let runs = all_in(args)?;
-    let runs: Vec<(&FoundRun, Glance)> = runs.iter().rev().map(|run| (run, Glance::at(run))).collect();
+    let runs: Vec<(&FoundRun, runs::Glance)> = runs.iter().rev().map(|run| (run, runs::Glance::at(run))).collect();
     if args.json {
-        let runs: Vec<_> = runs.iter().map(|(run, glance)| glance.json(run)).collect();
-        print_output(Output::RunsList, json!({ "folder": args.folder.to_string_lossy(), "runs": runs }))?;
+        let runs = runs.into_iter().map(|(run, glance)| Glance::of(run, glance)).collect();
+        outputs::print(&RunsList { folder: args.folder.to_string_lossy().into_owned(), runs })?;
         return Ok(Exit::Whole);
     }
     if runs.is_empty() {
@@ -37,7 +69,26 @@ pub fn list(args: &RunsArgs) -> Result<Exit, Stop> {
     Ok(Exit::Whole)
 }
 
-fn row(run: &FoundRun, glance: &Glance) -> [String; 8] {
+impl Glance {
+    fn of(run: &FoundRun, glance: runs::Glance) -> Self {
+        Self {
+            name: run.name.clone(),
+            path: run.path.to_string_lossy().into_owned(),
+            time_utc: run.time_utc(),
+            state: glance.state,
+            experiment: glance.experiment,
+            variants: glance.variants,
+            frames: glance.frames,
+            failed_frames: glance.failed,
+            bytes: glance.bytes,
+            best: glance.best.as_ref().map(Best::of),
+            trouble: glance.trouble,
+            warning: glance.warning,
+        }
+    }
+}
+
+fn row(run: &FoundRun, glance: &runs::Glance) -> [String; 8] {
     let best = glance.best.as_ref();
     let nothing = || "-".to_owned();
     let count = |count: u64| if glance.experiment.is_some() { count.to_string() } else { nothing() };

@@ -6,15 +6,17 @@ use std::time::Duration;
 
 use chrono::{DateTime, Utc};
 use depthloom_graphs::regular_file;
-use serde_json::{Value as Json, json};
+use schemars::JsonSchema;
+use serde::Serialize;
+use serde_json::Value as Json;
 
 use super::list::all_in;
-use super::rm::Removed;
+use super::rm::{Removed, RemovedRuns};
 use crate::args::{PruneArgs, RunsArgs};
 use crate::counted::counted;
 use crate::environment;
 use crate::exit::{Exit, Stop};
-use crate::outputs::Output;
+use crate::outputs::{CommandOutput, Error, Output};
 use crate::run_folder::Removal;
 use crate::runs::{FoundRun, Glance, State};
 use crate::sizes::size;
@@ -23,13 +25,39 @@ use crate::streams::print;
 /// How much of an experiment is read, bytes: none is larger.
 const LARGEST: u64 = 64 << 20;
 
+/// Of `runs prune`: what was removed, or would be.
+#[derive(JsonSchema, Serialize)]
+pub struct RunsPrune {
+    dry_run: bool,
+    /// How many runs were looked at.
+    runs: u64,
+    /// What the rules chose and was kept.
+    kept: Vec<Kept>,
+    removed: Vec<Removed>,
+    bytes: u64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "Option<Error>")]
+    error: Option<Json>,
+}
+
+impl CommandOutput for RunsPrune {
+    const OUTPUT: Output = Output::RunsPrune;
+}
+
+/// A run that was kept, and why.
+#[derive(JsonSchema, Serialize)]
+pub struct Kept {
+    path: String,
+    why: String,
+}
+
 /// Removes what the rules choose, and says what was kept though they chose it.
 pub fn prune(args: &RunsArgs, rules: &PruneArgs) -> Result<Exit, Stop> {
     let runs: Vec<Run> = all_in(args)?.into_iter().map(Run::of).collect();
     let chosen = chosen(&runs, rules, Utc::now());
     let (chosen, mut kept) = without_those_that_are_read(&runs, &chosen);
     let asked = || runs.iter().filter(|run| run.is_of(rules));
-    let mut removed = Removed::default();
+    let mut removed = RemovedRuns::default();
     for run in chosen.iter().map(|&run| &runs[run]) {
         match Removal::of(&run.found.path) {
             Ok(removal) if rules.dry_run => removed.add("would remove", removal.folder(), run.bytes, args.json)?,
@@ -48,9 +76,10 @@ pub fn prune(args: &RunsArgs, rules: &PruneArgs) -> Result<Exit, Stop> {
         let of = counted(asked().count() as u64, "run");
         print(format!("{verb} {gone} of {of}, {} of {}\n", size(bytes), size(all)))?;
     }
-    let kept: Vec<Json> =
-        kept.iter().map(|(run, why)| json!({ "path": run.found.path.to_string_lossy(), "why": why })).collect();
-    removed.tell(args, Output::RunsPrune, json!({ "dry_run": rules.dry_run, "runs": asked().count(), "kept": kept }))
+    let path = |run: &Run| run.found.path.to_string_lossy().into_owned();
+    let kept = kept.into_iter().map(|(run, why)| Kept { path: path(run), why }).collect();
+    let (dry_run, runs) = (rules.dry_run, asked().count() as u64);
+    removed.tell(args, |removed, bytes, error| RunsPrune { dry_run, runs, kept, removed, bytes, error })
 }
 
 /// A run, and what rules ask of it.

@@ -2,16 +2,39 @@
 
 use std::path::Path;
 
-use serde_json::{Value as Json, json};
+use schemars::JsonSchema;
+use serde::Serialize;
+use serde_json::Value as Json;
 
 use crate::args::{RmArgs, RunsArgs};
 use crate::diagnostics::{error_json, print_stop};
 use crate::exit::{Exit, Stop};
-use crate::outputs::Output;
+use crate::outputs::{self, CommandOutput, Error, Output};
 use crate::run_folder::Removal;
 use crate::runs::{bytes_in, named_in_full};
 use crate::sizes::size;
-use crate::streams::{print, print_output};
+use crate::streams::print;
+
+/// Of `runs rm`: what was removed.
+#[derive(JsonSchema, Serialize)]
+pub struct RunsRm {
+    removed: Vec<Removed>,
+    bytes: u64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "Option<Error>")]
+    error: Option<Json>,
+}
+
+impl CommandOutput for RunsRm {
+    const OUTPUT: Output = Output::RunsRm;
+}
+
+/// A run that was removed.
+#[derive(JsonSchema, Serialize)]
+pub struct Removed {
+    path: String,
+    bytes: u64,
+}
 
 /// Removes the runs that are named: all of them, or none if one may not be removed.
 pub fn rm(args: &RunsArgs, asked: &RmArgs) -> Result<Exit, Stop> {
@@ -24,9 +47,9 @@ pub fn rm(args: &RunsArgs, asked: &RmArgs) -> Result<Exit, Stop> {
             removals.push(Removal::of(&folder)?);
         }
     }
-    let mut done = Removed::default();
+    let mut done = RemovedRuns::default();
     removals.into_iter().try_for_each(|removal| done.remove(removal, args.json))?;
-    done.tell(args, Output::RunsRm, json!({}))
+    done.tell(args, |removed, bytes, error| RunsRm { removed, bytes, error })
 }
 
 fn same(one: &Path, other: &Path) -> bool {
@@ -35,13 +58,13 @@ fn same(one: &Path, other: &Path) -> bool {
 
 /// What was removed.
 #[derive(Default)]
-pub(super) struct Removed {
-    runs: Vec<Json>,
+pub(super) struct RemovedRuns {
+    runs: Vec<Removed>,
     bytes: u64,
     failed: Vec<Stop>,
 }
 
-impl Removed {
+impl RemovedRuns {
     /// Removes a run and says so; what fails is kept to be told, and the others go on.
     pub(super) fn remove(&mut self, removal: Removal, as_json: bool) -> Result<(), Stop> {
         let (folder, bytes) = (removal.folder().to_owned(), bytes_in(removal.folder()));
@@ -55,7 +78,7 @@ impl Removed {
     /// Says what was done, or would be.
     pub(super) fn add(&mut self, what: &str, folder: &Path, bytes: u64, as_json: bool) -> Result<(), Stop> {
         self.bytes += bytes;
-        self.runs.push(json!({ "path": folder.to_string_lossy(), "bytes": bytes }));
+        self.runs.push(Removed { path: folder.to_string_lossy().into_owned(), bytes });
         if as_json { Ok(()) } else { print(format!("{what} {} ({})\n", folder.display(), size(bytes))) }
     }
 
@@ -64,17 +87,16 @@ impl Removed {
         (self.runs.len(), self.bytes)
     }
 
-    /// Tells programs what was removed, besides what `told` holds, and everybody what could not be.
-    pub(super) fn tell(self, args: &RunsArgs, output: Output, mut told: Json) -> Result<Exit, Stop> {
+    /// Tells programs what was removed, in the output that `output` makes of it, and everybody what could not be.
+    pub(super) fn tell<T: CommandOutput>(
+        self,
+        args: &RunsArgs,
+        output: impl FnOnce(Vec<Removed>, u64, Option<Json>) -> T,
+    ) -> Result<Exit, Stop> {
         let exit = self.failed.first().map_or(Exit::Whole, |stop| stop.exit);
         self.failed.iter().for_each(print_stop);
         if args.json {
-            told["removed"] = self.runs.into();
-            told["bytes"] = self.bytes.into();
-            if let Some(stop) = self.failed.first() {
-                told["error"] = error_json(stop);
-            }
-            print_output(output, told)?;
+            outputs::print(&output(self.runs, self.bytes, self.failed.first().map(error_json)))?;
         }
         Ok(exit)
     }

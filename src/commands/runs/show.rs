@@ -1,8 +1,10 @@
 //! `depthloom runs show`: a run at length.
 
 use depthloom_analysis::variant_of;
-use depthloom_recording::{RecordedSource, Recording};
-use serde_json::{Value as Json, json};
+use depthloom_recording::Recording;
+use schemars::JsonSchema;
+use serde::Serialize;
+use serde_json::Value as Json;
 
 use crate::args::{RunsArgs, ShowArgs};
 use crate::columns::aligned;
@@ -11,13 +13,58 @@ use crate::counted::counted;
 use crate::environment;
 use crate::exit::{Exit, Stop};
 use crate::models;
-use crate::outputs::Output;
-use crate::runs::{FoundRun, Glance, State, files_in, named};
+use crate::outputs::{self, CommandOutput, Output};
+use crate::runs::{Best, File, FoundRun, Glance, State, files_in, named};
 use crate::sizes::size;
-use crate::streams::{print, print_output};
+use crate::streams::print;
 
 /// How many variants are named.
 const NAMED: usize = 12;
+
+/// Of `runs show`: a run.
+#[derive(JsonSchema, Serialize)]
+pub struct RunsShow {
+    name: String,
+    path: String,
+    time_utc: String,
+    state: State,
+    experiment: Option<String>,
+    /// Their names.
+    variants: Vec<String>,
+    frames: u64,
+    failed_frames: u64,
+    bytes: u64,
+    best: Option<Best>,
+    trouble: Option<String>,
+    /// Why its values may be wrong although it is complete.
+    warning: Option<String>,
+    about: Option<String>,
+    stages: Vec<Stage>,
+    /// What `environment.json` says; null where it says nothing.
+    environment: Json,
+    files: Vec<File>,
+}
+
+impl CommandOutput for RunsShow {
+    const OUTPUT: Output = Output::RunsShow;
+}
+
+/// A stage of a run.
+#[derive(JsonSchema, Serialize)]
+pub struct Stage {
+    // Of the stage run.
+    #[serde(skip)]
+    name: String,
+    stage: String,
+    /// Where variants have sources of their own, the first of this one.
+    variant: Option<String>,
+    frames: u64,
+    source: String,
+    source_kinds: Vec<String>,
+    nodes: u64,
+    /// The nodes that learnt a model.
+    models: Vec<String>,
+}
 
 /// Prints what a run is of, what became of it, and what lies in its folder.
 pub fn show(args: &RunsArgs, asked: &ShowArgs) -> Result<Exit, Stop> {
@@ -29,14 +76,25 @@ pub fn show(args: &RunsArgs, asked: &ShowArgs) -> Result<Exit, Stop> {
     let environment = environment::of(&path);
     let files = files_in(&path);
     if args.json {
-        let mut told = glance.json(&run);
         let plan = recording.as_ref().map(Recording::plan);
-        told["about"] = plan.map(|plan| plan.about.trim()).into();
-        told["variants"] = plan.map(|plan| &plan.variants).into_iter().flatten().cloned().collect();
-        told["stages"] = recording.iter().flat_map(stages).map(|stage| stage.json()).collect();
-        told["environment"] = environment;
-        told["files"] = files.iter().map(|(name, bytes)| json!({ "name": name, "bytes": bytes })).collect();
-        print_output(Output::RunsShow, told)?;
+        outputs::print(&RunsShow {
+            time_utc: run.time_utc(),
+            name: run.name,
+            path: run.path.to_string_lossy().into_owned(),
+            state: glance.state,
+            experiment: glance.experiment,
+            variants: plan.map(|plan| plan.variants.clone()).unwrap_or_default(),
+            frames: glance.frames,
+            failed_frames: glance.failed,
+            bytes: glance.bytes,
+            best: glance.best.as_ref().map(Best::of),
+            trouble: glance.trouble,
+            warning: glance.warning,
+            about: plan.map(|plan| plan.about.trim().to_owned()),
+            stages: recording.iter().flat_map(stages).collect(),
+            environment,
+            files,
+        })?;
         return Ok(Exit::Whole);
     }
     let mut rows = vec![["run".to_owned(), format!("{} ({})", run.path.display(), glance.state_text())]];
@@ -66,7 +124,7 @@ pub fn show(args: &RunsArgs, asked: &ShowArgs) -> Result<Exit, Stop> {
     }
     row("files", format!("{}, {}", counted(files.len() as u64, "file"), size(glance.bytes)));
     let mut text = aligned(&rows, &[]);
-    let files = files.into_iter().map(|(name, bytes)| [format!("  {name}"), size(bytes)]);
+    let files = files.into_iter().map(|File { name, bytes }| [format!("  {name}"), size(bytes)]);
     text += &aligned(&files.collect::<Vec<_>>(), &[1]);
     print(text)?;
     Ok(Exit::Whole)
@@ -99,25 +157,15 @@ fn variants(names: &[String]) -> String {
     format!("{}: {}{more}", names.len(), names[..names.len().min(NAMED)].join(", "))
 }
 
-/// A stage run of the recording.
-struct Stage<'a> {
-    name: &'a str,
-    stage: &'a str,
-    variant: Option<&'a str>,
-    frames: usize,
-    source: &'a RecordedSource,
-    nodes: usize,
-    models: Vec<String>,
-}
-
-fn stages(recording: &Recording) -> impl Iterator<Item = Stage<'_>> {
+fn stages(recording: &Recording) -> impl Iterator<Item = Stage> {
     recording.plan().runs.iter().enumerate().map(|(run, planned)| Stage {
-        name: planned.name(),
-        stage: &planned.stage,
-        variant: variant_of(recording.plan(), &planned.variants),
-        frames: recording.frames(run).len(),
-        source: &planned.source,
-        nodes: planned.nodes.len(),
+        name: planned.name().to_owned(),
+        stage: planned.stage.clone(),
+        variant: variant_of(recording.plan(), &planned.variants).map(str::to_owned),
+        frames: recording.frames(run).len() as u64,
+        source: planned.source.name.clone(),
+        source_kinds: planned.source.parts.iter().map(|part| part.kind.clone()).collect(),
+        nodes: planned.nodes.len() as u64,
         models: models::names(recording)
             .into_iter()
             .filter(|(value, _)| value.run == run)
@@ -126,30 +174,14 @@ fn stages(recording: &Recording) -> impl Iterator<Item = Stage<'_>> {
     })
 }
 
-impl Stage<'_> {
-    fn kinds(&self) -> Vec<&str> {
-        self.source.parts.iter().map(|part| part.kind.as_str()).collect()
-    }
-
+impl Stage {
     fn text(&self) -> String {
-        let (frames, nodes) = (counted(self.frames as u64, "frame"), counted(self.nodes as u64, "node"));
-        let (source, kinds) = (&self.source.name, self.kinds().join(", then "));
+        let (frames, nodes) = (counted(self.frames, "frame"), counted(self.nodes, "node"));
+        let (source, kinds) = (&self.source, self.source_kinds.join(", then "));
         let learnt = match self.models.as_slice() {
             [] => String::new(),
             models => format!("; learnt {}", models.join(", ")),
         };
         format!("{}: {frames} of {source} ({kinds}), {nodes}{learnt}", self.name)
-    }
-
-    fn json(&self) -> Json {
-        json!({
-            "stage": self.stage,
-            "variant": self.variant,
-            "frames": self.frames,
-            "source": self.source.name,
-            "source_kinds": self.kinds(),
-            "nodes": self.nodes,
-            "models": self.models,
-        })
     }
 }

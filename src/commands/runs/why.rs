@@ -5,8 +5,11 @@ use std::path::{Path, PathBuf};
 
 use depthloom_graphs::Key;
 use depthloom_recording::{
-    Difference, NodePair, RecordedFrame, RecordedPlan, Recording, json_differences, node_pairs, source_differences,
+    Difference as RecordedDifference, NodePair, RecordedFrame, RecordedPlan, Recording, json_differences, node_pairs,
+    source_differences,
 };
+use schemars::JsonSchema;
+use serde::Serialize;
 use serde_json::{Value as Json, json};
 
 use crate::args::{RunsArgs, WhyArgs};
@@ -14,8 +17,8 @@ use crate::commands::report::{RECORDING, recording_in};
 use crate::commands::table::open;
 use crate::environment;
 use crate::exit::{Exit, Stop};
-use crate::outputs::Output;
-use crate::streams::{print, print_output};
+use crate::outputs::{self, CommandOutput, Output};
+use crate::streams::print;
 
 /// The experiment as resolved, in a recording.
 const RESOLVED: &str = "experiment.resolved.yaml";
@@ -23,24 +26,114 @@ const RESOLVED: &str = "experiment.resolved.yaml";
 /// How many variants of a node are named.
 const NAMED: usize = 4;
 
+/// Of `runs why`: in what two runs differ.
+#[derive(JsonSchema, Serialize)]
+pub struct RunsWhy {
+    before: String,
+    after: String,
+    made_by: Vec<Difference>,
+    experiment: Vec<Difference>,
+    frames: Vec<FramesOfBoth>,
+    nodes: Vec<NodeOfBoth>,
+}
+
+impl CommandOutput for RunsWhy {
+    const OUTPUT: Output = Output::RunsWhy;
+}
+
+/// A difference: `what` says which of the other keys there are.
+#[derive(Default, JsonSchema, Serialize)]
+pub struct Difference {
+    /// `kind`, `version`, `parameter`, `input`, `upstream` or `unseen`.
+    what: &'static str,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    path: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    port: Option<String>,
+    // Null where there was no such parameter, or where an input was wired to nothing.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    before: Option<Json>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    after: Option<Json>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    from: Option<Json>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    files: Option<Json>,
+}
+
+/// The frames of a stage in both runs.
+#[derive(JsonSchema, Serialize)]
+pub struct FramesOfBoth {
+    stage: String,
+    source: Vec<Difference>,
+    both: u64,
+    /// How many have equal values.
+    same: u64,
+    only_before: u64,
+    only_after: u64,
+}
+
+/// A node of either run.
+#[derive(JsonSchema, Serialize)]
+pub struct NodeOfBoth {
+    stage: String,
+    node: String,
+    variants: Vec<String>,
+    same: bool,
+    /// `both`, `before` or `after`.
+    #[serde(rename = "in")]
+    of: &'static str,
+    differences: Vec<Difference>,
+    frames_in_both: u64,
+    frames_of_equal_values: u64,
+}
+
 /// Prints what differs between two runs, the first of which counts as the earlier.
 pub fn why(args: &RunsArgs, asked: &WhyArgs) -> Result<Exit, Stop> {
     let recording = |run: &Path| open(&recording_in(&args.folder, run, "runs show")?);
     let compared = Compared::of(recording(&asked.before)?, recording(&asked.after)?)?;
     if args.json {
-        print_output(Output::RunsWhy, compared.json())?;
+        outputs::print(&compared.output())?;
     } else {
         print(compared.text())?;
     }
     Ok(Exit::Whole)
 }
 
+impl Difference {
+    fn of(difference: &RecordedDifference) -> Self {
+        let both = |what, before: Json, after: Json| Self {
+            what,
+            before: Some(before),
+            after: Some(after),
+            ..Self::default()
+        };
+        match difference {
+            RecordedDifference::Kind { before, after } => both("kind", json!(before), json!(after)),
+            RecordedDifference::Version { before, after } => both("version", json!(before), json!(after)),
+            RecordedDifference::Parameter { path, before, after } => {
+                Self { path: Some(path.clone()), ..both("parameter", json!(before), json!(after)) }
+            }
+            RecordedDifference::Input { port, before, after } => {
+                Self { port: Some(port.clone()), ..both("input", json!(before), json!(after)) }
+            }
+            RecordedDifference::Upstream { port, from } => {
+                let (port, from) = (Some(port.clone()), Some(json!(from)));
+                Self { what: "upstream", port, from, ..Self::default() }
+            }
+            RecordedDifference::Unseen { files } => {
+                Self { what: "unseen", files: Some(json!(files)), ..Self::default() }
+            }
+        }
+    }
+}
+
 /// Two recordings side by side.
 struct Compared {
     before: Recording,
     after: Recording,
-    experiment: Vec<Difference>,
-    made_by: Vec<Difference>,
+    experiment: Vec<RecordedDifference>,
+    made_by: Vec<RecordedDifference>,
     frames: Vec<Frames>,
     nodes: Vec<Node>,
 }
@@ -49,7 +142,7 @@ struct Compared {
 struct Frames {
     stage: String,
     /// What differs between the sources.
-    source: Vec<Difference>,
+    source: Vec<RecordedDifference>,
     /// Of the frames in both, the positions, and whether the source's values are the same.
     both: Vec<(usize, usize, bool)>,
     /// Stage runs in the earlier and later recording; one of them may have none.
@@ -141,36 +234,38 @@ impl Compared {
         has_stage(before) && has_stage(after) && (!has_some || variants.is_empty() || variants.iter().any(is_in_both))
     }
 
-    fn json(&self) -> Json {
-        let list = |differences: &[Difference]| differences.iter().map(Difference::json).collect::<Vec<_>>();
-        json!({
-            "before": name(&self.before),
-            "after": name(&self.after),
-            "made_by": list(&self.made_by),
-            "experiment": list(&self.experiment),
-            "frames": self.frames.iter().map(|frames| json!({
-                "stage": frames.stage,
-                "source": list(&frames.source),
-                "both": frames.both.len(),
-                "same": frames.same(),
-                "only_before": frames.only_before,
-                "only_after": frames.only_after,
-            })).collect::<Vec<_>>(),
-            "nodes": self.nodes.iter().map(|node| json!({
-                "stage": node.pair.stage,
-                "node": node.pair.name,
-                "variants": node.pair.variants,
-                "same": node.is_same(),
-                "in": match (node.pair.before, node.pair.after) {
-                    (Some(_), Some(_)) => "both",
-                    (Some(_), None) => "before",
-                    (None, _) => "after",
-                },
-                "differences": list(&node.pair.differences),
-                "frames_in_both": node.both,
-                "frames_of_equal_values": node.same,
-            })).collect::<Vec<_>>(),
-        })
+    fn output(&self) -> RunsWhy {
+        let list = |of: &[RecordedDifference]| of.iter().map(Difference::of).collect::<Vec<_>>();
+        let frames = self.frames.iter().map(|frames| FramesOfBoth {
+            stage: frames.stage.clone(),
+            source: list(&frames.source),
+            both: frames.both.len() as u64,
+            same: frames.same() as u64,
+            only_before: frames.only_before as u64,
+            only_after: frames.only_after as u64,
+        });
+        let nodes = self.nodes.iter().map(|node| NodeOfBoth {
+            stage: node.pair.stage.clone(),
+            node: node.pair.name.clone(),
+            variants: node.pair.variants.clone(),
+            same: node.is_same(),
+            of: match (node.pair.before, node.pair.after) {
+                (Some(_), Some(_)) => "both",
+                (Some(_), None) => "before",
+                (None, _) => "after",
+            },
+            differences: list(&node.pair.differences),
+            frames_in_both: node.both as u64,
+            frames_of_equal_values: node.same as u64,
+        });
+        RunsWhy {
+            before: name(&self.before),
+            after: name(&self.after),
+            made_by: list(&self.made_by),
+            experiment: list(&self.experiment),
+            frames: frames.collect(),
+            nodes: nodes.collect(),
+        }
     }
 
     fn plans(&self) -> (&RecordedPlan, &RecordedPlan) {
@@ -247,9 +342,9 @@ fn engine(recording: &Recording) -> Json {
 }
 
 /// A run that computed no network names no engine of networks.
-fn is_of_both(difference: &Difference) -> bool {
+fn is_of_both(difference: &RecordedDifference) -> bool {
     let is_something = |side: &Option<Json>| side.as_ref().is_some_and(|side| !side.is_null());
-    !matches!(difference, Difference::Parameter { before, after, .. } if !(is_something(before) && is_something(after)))
+    !matches!(difference, RecordedDifference::Parameter { before, after, .. } if !(is_something(before) && is_something(after)))
 }
 
 /// The stage runs side by side: by stage, and where a stage has several, by the names of their variants.
@@ -356,7 +451,7 @@ impl Node {
 
     fn verdict(&self) -> Verdict {
         let is_in_both = self.pair.before.is_some() && self.pair.after.is_some();
-        let follows = |difference: &Difference| matches!(difference, Difference::Upstream { .. });
+        let follows = |difference: &RecordedDifference| matches!(difference, RecordedDifference::Upstream { .. });
         match self.pair.differences.as_slice() {
             [] if is_in_both && self.same == self.both => Verdict::Same,
             [] if is_in_both => Verdict::Fed,
