@@ -3,7 +3,7 @@
 mod json;
 mod sarif;
 
-pub use json::{error_json, list_json};
+pub use json::{Diagnostic as DiagnosticJson, Error, Failed, error_json};
 pub use sarif::sarif;
 
 use std::io::IsTerminal;

@@ -54,11 +54,9 @@ use std::process::ExitCode;
 
 use clap::error::ErrorKind;
 use depthloom_graphs::Registry;
-use serde_json::json;
 
 use crate::args::Command;
 use crate::exit::{Exit, Stop};
-use crate::outputs::Output;
 
 /// The kinds that depthloom comes with.
 #[must_use]
@@ -92,7 +90,7 @@ pub fn main(registry: Registry) -> ExitCode {
 fn print_error_json(as_json: bool, stop: &Stop) {
     if as_json {
         // The exit code tells it where standard output cannot.
-        let _ = streams::print_output(Output::Error, json!({ "error": diagnostics::error_json(stop) }));
+        let _ = outputs::print(&diagnostics::Failed::from(stop));
     }
 }
 

@@ -13,10 +13,11 @@ use serde::Serialize;
 use serde_json::{Map, Value as Json, json};
 
 use crate::commands;
+use crate::diagnostics;
 use crate::exit::Stop;
 use crate::streams::print_json;
 
-pub use experiments::{Engine, Error, Plan};
+pub use experiments::{Engine, Plan};
 pub use tables::Report;
 
 /// What a command prints with `--json`: the type that it fills is the type that its schema describes.
@@ -129,12 +130,12 @@ impl Output {
     pub fn schema(self) -> Json {
         match self {
             Self::Analyse | Self::Table => self.schema_of::<tables::Table>(),
-            Self::Check => self.schema_of::<experiments::Check>(),
+            Self::Check => self.schema_of::<commands::check::Check>(),
             Self::Compare => self.schema_of::<tables::Compare>(),
             Self::CompareByDistance => self.schema_of::<tables::CompareByDistance>(),
             Self::Data => self.schema_of::<experiments::Data>(),
             Self::Doctor => self.schema_of::<experiments::Doctor>(),
-            Self::Error => self.schema_of::<experiments::Failed>(),
+            Self::Error => self.schema_of::<diagnostics::Failed>(),
             Self::Explain => self.schema_of::<tables::Explain>(),
             Self::Export => self.schema_of::<commands::export::Export>(),
             Self::Figure => self.schema_of::<tables::Figure>(),

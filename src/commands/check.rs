@@ -8,16 +8,44 @@ use depthloom_graphs::Registry;
 use depthloom_graphs::language::{Diagnostic, Loaded, Severity};
 use depthloom_graphs::plan::Plan;
 use depthloom_nodes::dora::KIND;
-use serde_json::json;
+use schemars::JsonSchema;
+use serde::Serialize;
 
-use super::check_data;
+use super::check_data::{self, CheckedSource};
 use crate::allow_exec;
 use crate::args::{CheckArgs, ExperimentArgs};
 use crate::counted::counted;
-use crate::diagnostics::{self, error_json, list_json, sarif};
+use crate::diagnostics::{self, DiagnosticJson, Error, sarif};
 use crate::exit::{Exit, Problem, Stop};
-use crate::outputs::Output;
-use crate::streams::{print, print_json, print_output};
+use crate::outputs::{self, CommandOutput, Output};
+use crate::streams::{print, print_json};
+
+/// Of `check`: the counts where the experiment is without error.
+#[derive(JsonSchema, Serialize)]
+pub struct Check {
+    /// The file.
+    experiment: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    variants: Option<u64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    stage_runs: Option<u64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    nodes: Option<u64>,
+    /// Nodes of the kind `dora`, as `stage.node`: `run` refuses them, and `depthloom dora` writes a dataflow that runs them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    dora_nodes: Option<Vec<String>>,
+    /// Errors and warnings, in the order of files and lines.
+    diagnostics: Vec<DiagnosticJson>,
+    /// With `--data`: the sources whose frames were read.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    data: Option<Vec<CheckedSource>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    error: Option<Error>,
+}
+
+impl CommandOutput for Check {
+    const OUTPUT: Output = Output::Check;
+}
 
 /// Loads the experiment and says what it holds; with `--data` looks at its frames as well.
 pub fn check(args: &CheckArgs, registry: &Registry) -> Result<Exit, Stop> {
@@ -37,29 +65,30 @@ pub fn check(args: &CheckArgs, registry: &Registry) -> Result<Exit, Stop> {
         (Err(stop), true, _) => print_json(&sarif(experiment, found(&stop))).map(|()| stop.exit),
         (Ok(loaded), _, true) => {
             let (variants, stage_runs, nodes) = counts(&loaded.plan);
-            let mut told = json!({
-                "experiment": experiment.to_string_lossy(),
-                "variants": variants,
-                "stage_runs": stage_runs,
-                "nodes": nodes,
-                "dora_nodes": dora_nodes(&loaded.plan),
-                "diagnostics": list_json(&loaded.warnings),
-            });
-            if args.data {
-                told["data"] = check_data::json(&data);
-            }
-            if let Some(stop) = &faulty {
-                told["error"] = error_json(stop);
-            }
-            print_output(Output::Check, told).map(|()| faulty.map_or(Exit::Whole, |stop| stop.exit))
+            let checked = Check {
+                experiment: experiment.to_string_lossy().into_owned(),
+                variants: Some(variants as u64),
+                stage_runs: Some(stage_runs as u64),
+                nodes: Some(nodes as u64),
+                dora_nodes: Some(dora_nodes(&loaded.plan).into_iter().collect()),
+                diagnostics: loaded.warnings.iter().map(DiagnosticJson::from).collect(),
+                data: args.data.then(|| data.iter().map(CheckedSource::from).collect()),
+                error: faulty.as_ref().map(Error::from),
+            };
+            outputs::print(&checked).map(|()| faulty.map_or(Exit::Whole, |stop| stop.exit))
         }
         (Err(stop), _, true) => {
-            let wrong = json!({
-                "experiment": experiment.to_string_lossy(),
-                "diagnostics": list_json(found(&stop)),
-                "error": error_json(&stop),
-            });
-            print_output(Output::Check, wrong).map(|()| stop.exit)
+            let wrong = Check {
+                experiment: experiment.to_string_lossy().into_owned(),
+                variants: None,
+                stage_runs: None,
+                nodes: None,
+                dora_nodes: None,
+                diagnostics: found(&stop).map(DiagnosticJson::from).collect(),
+                data: None,
+                error: Some(Error::from(&stop)),
+            };
+            outputs::print(&wrong).map(|()| stop.exit)
         }
         (Ok(loaded), ..) => {
             for of in &data {

@@ -10,7 +10,9 @@ use depthloom_graphs::registry::SourceEntry;
 use depthloom_graphs::{Context, Fault, Frame, Port, Registry, Scratch, Source, Value};
 use depthloom_nodes::inspection::inspect;
 use depthloom_threads::{Budget, Tiles as _};
-use serde_json::{Value as Json, json};
+use schemars::JsonSchema;
+use serde::Serialize;
+use serde_json::Value as Json;
 
 use crate::counted::counted;
 use crate::exit::{Exit, Problem, Stop};
@@ -238,20 +240,55 @@ pub fn text(walked: &[Walked]) -> String {
     walked.iter().map(line).collect()
 }
 
-/// The same for programs, with every fault.
-pub fn json(walked: &[Walked]) -> Json {
-    let one = |of: &Walked| {
-        let fault = |of: &Found| json!({ "frame": of.frame, "message": of.what, "help": of.remedy });
-        json!({
-            "source": of.name,
-            "kind": of.kind,
-            "frames": of.frames,
-            "faults": of.faults.iter().map(fault).collect::<Vec<_>>(),
-            "facts": of.facts.iter().map(|fact| json!({ "about": fact.label, "what": fact.text })).collect::<Vec<_>>(),
-            "warnings": of.warnings,
-        })
-    };
-    walked.iter().map(one).collect()
+/// A source, every frame of which was read.
+#[derive(JsonSchema, Serialize)]
+pub struct CheckedSource {
+    source: String,
+    kind: String,
+    frames: u64,
+    faults: Vec<DataFault>,
+    facts: Vec<DataFact>,
+    warnings: Vec<String>,
+}
+
+impl From<&Walked> for CheckedSource {
+    fn from(of: &Walked) -> Self {
+        Self {
+            source: of.name.clone(),
+            kind: of.kind.clone(),
+            frames: of.frames as u64,
+            faults: of.faults.iter().map(DataFault::from).collect(),
+            facts: of.facts.iter().map(DataFact::from).collect(),
+            warnings: of.warnings.clone(),
+        }
+    }
+}
+
+/// What was found out of a source.
+#[derive(JsonSchema, Serialize)]
+pub struct DataFact {
+    about: String,
+    what: String,
+}
+
+impl From<&Fact> for DataFact {
+    fn from(fact: &Fact) -> Self {
+        Self { about: fact.label.to_owned(), what: fact.text.clone() }
+    }
+}
+
+/// What is wrong with a frame, or with the source.
+#[derive(JsonSchema, Serialize)]
+pub struct DataFault {
+    frame: Option<String>,
+    message: String,
+    help: Option<String>,
+}
+
+impl From<&Found> for DataFault {
+    fn from(fault: &Found) -> Self {
+        Self { frame: fault.frame.clone(), message: fault.what.clone(), help: fault.remedy.clone() }
+    }
 }
 
 /// How the command ends where something is wrong: every fault, its remedy where it is said first; what all frames share once.

@@ -8,18 +8,17 @@ use depthloom_recording::{Condition, Recording};
 use indicatif::{ProgressBar, ProgressStyle};
 use schemars::JsonSchema;
 use serde::Serialize;
-use serde_json::Value as Json;
 
 use super::report::recording_of;
 use super::table::open;
 use crate::args::{ColoursOption, ExportArgs, ExportFormat};
 use crate::columns::aligned;
 use crate::counted::counted;
-use crate::diagnostics::error_json;
+use crate::diagnostics::Error;
 use crate::environment;
 use crate::exit::{Exit, Stop, chain};
 use crate::export::{Chosen, Exported, Folder, Form, Maps, chosen, frames, write_model, write_rows};
-use crate::outputs::{self, CommandOutput, Error, Output};
+use crate::outputs::{self, CommandOutput, Output};
 use crate::signals;
 use crate::streams::{print, say};
 
@@ -31,8 +30,7 @@ pub struct Export {
     condition: &'static str,
     topics: Vec<Exported>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(with = "Option<Error>")]
-    error: Option<Json>,
+    error: Option<Error>,
 }
 
 impl CommandOutput for Export {
@@ -91,7 +89,7 @@ pub fn export(args: &ExportArgs) -> Result<Exit, Stop> {
             folder: args.out.to_string_lossy().into_owned(),
             condition: recording.condition().name(),
             topics: exported,
-            error: faulty.as_ref().map(error_json),
+            error: faulty.as_ref().map(Error::from),
         })?;
     } else if !args.quiet {
         print(text(&exported, files, &args.out))?;

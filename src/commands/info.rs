@@ -8,16 +8,15 @@ use depthloom_graphs::contracts::Slot;
 use depthloom_recording::{Condition, Damage as RecordedDamage, RecordedRun, Recording, TopicSize};
 use schemars::JsonSchema;
 use serde::Serialize;
-use serde_json::Value as Json;
 
 use super::report::recording_of;
 use super::table::open;
 use crate::args::InfoArgs;
 use crate::columns::aligned;
 use crate::counted::counted;
-use crate::diagnostics::error_json;
+use crate::diagnostics::Error;
 use crate::exit::{Exit, Stop};
-use crate::outputs::{self, CommandOutput, Error, Output};
+use crate::outputs::{self, CommandOutput, Output};
 use crate::signals;
 use crate::sizes::size;
 use crate::streams::print;
@@ -46,8 +45,7 @@ pub struct Info {
     #[serde(skip_serializing_if = "Option::is_none")]
     keys: Option<Vec<KeyOf>>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(with = "Option<Error>")]
-    error: Option<Json>,
+    error: Option<Error>,
 }
 
 impl CommandOutput for Info {
@@ -118,7 +116,7 @@ pub fn info(args: &InfoArgs) -> Result<Exit, Stop> {
     let faulty = is_damaged.then(|| Stop::new(Exit::Frames, "the recording is damaged"));
     let topics = topics(&recording, sizes);
     if args.json {
-        let error = faulty.as_ref().map(error_json);
+        let error = faulty.as_ref().map(Error::from);
         outputs::print(&Info { error, ..output(&recording, topics, &damage, args) })?;
     } else {
         print(text(&recording, &topics, &damage, args))?;

@@ -18,9 +18,9 @@ use crate::allow_exec;
 use crate::args::ReplayArgs;
 use crate::columns::aligned;
 use crate::counted::counted;
-use crate::diagnostics::error_json;
+use crate::diagnostics::Error;
 use crate::exit::{Exit, Stop};
-use crate::outputs::{self, CommandOutput, Error, Output};
+use crate::outputs::{self, CommandOutput, Output};
 use crate::progress::Progress;
 use crate::replay::{self, Checker, Outcome, Placed, Tally, Tolerances, Unchecked};
 use crate::signals;
@@ -43,8 +43,7 @@ pub struct Replay {
     failed: Vec<NotReplayed>,
     damage: Vec<String>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(with = "Option<Error>")]
-    error: Option<Json>,
+    error: Option<Error>,
 }
 
 impl CommandOutput for Replay {
@@ -319,7 +318,7 @@ impl Told<'_> {
             not_compared: self.unchecked.iter().map(why).collect(),
             failed: self.failed.iter().map(why).collect(),
             damage,
-            error: verdict.map(error_json),
+            error: verdict.map(Error::from),
         }
     }
 

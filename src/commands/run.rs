@@ -24,13 +24,13 @@ use super::samples;
 use crate::allow_exec;
 use crate::args::RunArgs;
 use crate::counted::counted;
-use crate::diagnostics;
+use crate::diagnostics::{self, Error};
 use crate::earlier::{self, OUTDATED, Reused};
 use crate::environment::{self, ENVIRONMENT, Environment};
 use crate::exit::{Exit, Problem, Stop, chain};
 use crate::failures::{self, Frames};
 use crate::models;
-use crate::outputs::{self, CommandOutput, Error, Output};
+use crate::outputs::{self, CommandOutput, Output};
 use crate::progress::Progress;
 use crate::run_folder::{Begun, RunFolder};
 use crate::runs::{File, files_in};
@@ -64,8 +64,7 @@ pub struct Run {
     #[schemars(with = "outputs::Report")]
     report: Json,
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(with = "Option<Error>")]
-    error: Option<Json>,
+    error: Option<Error>,
 }
 
 impl CommandOutput for Run {
@@ -158,7 +157,7 @@ pub fn carry_out(
         environment,
         files: files_in(&out),
         report: report.json.clone(),
-        error: incomplete.as_ref().map(diagnostics::error_json),
+        error: incomplete.as_ref().map(Error::from),
     };
     show(args, &report, told, &out).map_err(|stop| stop.also(format!("the run is whole in {}", out.display())))?;
     if args.page.open {

@@ -2,63 +2,181 @@
 
 use std::ops::Range;
 
-use depthloom_graphs::language::{Diagnostic, Severity, SourceFile};
-use serde_json::{Value as Json, json};
+use depthloom_graphs::language;
+use schemars::JsonSchema;
+use serde::Serialize;
+use serde_json::Value as Json;
 
 use crate::exit::{Problem, Stop, help_of};
+use crate::outputs::{CommandOutput, Output};
 
-/// What a command prints that fails: `{ message, help, exit_code, diagnostics }`.
-pub fn error_json(stop: &Stop) -> Json {
-    let problem = |problem: &Problem| match problem {
-        Problem::Placed(diagnostic) => diagnostic_json(diagnostic),
-        Problem::Here(message, help) => {
-            json!({ "severity": "error", "message": message, "help": help_of(message, help.as_deref()) })
-        }
-    };
-    json!({
-        "message": stop.message,
-        "help": help_of(&stop.message, stop.remedy.as_deref()),
-        "exit_code": stop.exit as u8,
-        "diagnostics": stop.problems.iter().map(problem).collect::<Vec<_>>(),
-    })
+/// Of a command that ended before it had anything else to print.
+#[derive(JsonSchema, Serialize)]
+pub struct Failed {
+    error: Error,
 }
 
-/// Diagnostics in the order of files and lines.
-pub fn list_json<'a>(diagnostics: impl IntoIterator<Item = &'a Diagnostic>) -> Json {
-    diagnostics.into_iter().map(diagnostic_json).collect()
+impl CommandOutput for Failed {
+    const OUTPUT: Output = Output::Error;
 }
 
-fn diagnostic_json(diagnostic: &Diagnostic) -> Json {
-    let mut json = json!({
-        "severity": severity(diagnostic.severity),
-        "message": diagnostic.message,
-        "label": diagnostic.label,
-        "help": diagnostic.help,
-    });
-    add_place(&mut json, &diagnostic.file, &diagnostic.span);
-    json["key"] = diagnostic.key_path.as_str().into();
-    let related = diagnostic.related.iter().map(|related| {
-        let mut json = json!({ "message": related.label });
-        add_place(&mut json, &related.file, &related.span);
-        json
-    });
-    json["related"] = related.collect();
-    json
-}
-
-fn add_place(json: &mut Json, file: &SourceFile, span: &Range<usize>) {
-    let (line, column) = file.line_column(span.start);
-    let (end_line, end_column) = file.line_column(span.end.max(span.start));
-    json["file"] = file.name.as_str().into();
-    json["line"] = line.into();
-    json["column"] = column.into();
-    json["end"] = json!({ "line": end_line, "column": end_column });
-}
-
-/// The name of a severity, the same in SARIF.
-pub(super) const fn severity(severity: Severity) -> &'static str {
-    match severity {
-        Severity::Error => "error",
-        Severity::Warning => "warning",
+impl From<&Stop> for Failed {
+    fn from(stop: &Stop) -> Self {
+        Self { error: Error::from(stop) }
     }
+}
+
+/// How a command ended that did not do all it was asked to.
+#[derive(JsonSchema, Serialize)]
+pub struct Error {
+    /// What went wrong.
+    message: String,
+    /// What helps.
+    help: Option<String>,
+    /// The exit code: 1 engine or disk, 2 found before any frame, 3 frames failed or are damaged, 130 interrupted.
+    exit_code: u8,
+    /// The places.
+    diagnostics: Vec<Diagnostic>,
+}
+
+impl From<&Stop> for Error {
+    fn from(stop: &Stop) -> Self {
+        Self {
+            message: stop.message.clone(),
+            help: help_of(&stop.message, stop.remedy.as_deref()),
+            exit_code: stop.exit as u8,
+            diagnostics: stop.problems.iter().map(Diagnostic::from).collect(),
+        }
+    }
+}
+
+/// A problem, and where it is if it is in a file. Lines and columns count from 1, columns in characters.
+#[derive(JsonSchema, Serialize)]
+pub struct Diagnostic {
+    severity: Severity,
+    message: String,
+    help: Option<String>,
+    /// What is said of the place itself.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    label: Option<Option<String>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    file: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    line: Option<u64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    column: Option<u64>,
+    /// The place behind the last character.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    end: Option<End>,
+    /// The path of keys in the experiment.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    key: Option<String>,
+    /// Other places that have to do with it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    related: Option<Vec<Related>>,
+}
+
+impl From<&language::Diagnostic> for Diagnostic {
+    fn from(of: &language::Diagnostic) -> Self {
+        let Place { file, line, column, end } = Place::of(&of.file, &of.span);
+        Self {
+            severity: of.severity.into(),
+            message: of.message.clone(),
+            help: of.help.clone(),
+            label: Some(Some(of.label.clone())),
+            file: Some(file),
+            line: Some(line),
+            column: Some(column),
+            end: Some(end),
+            key: Some(of.key_path.clone()),
+            related: Some(of.related.iter().map(Related::from).collect()),
+        }
+    }
+}
+
+impl From<&Problem> for Diagnostic {
+    fn from(problem: &Problem) -> Self {
+        match problem {
+            Problem::Placed(diagnostic) => diagnostic.into(),
+            Problem::Here(message, help) => Self {
+                severity: Severity::Error,
+                message: message.clone(),
+                help: help_of(message, help.as_deref()),
+                label: None,
+                file: None,
+                line: None,
+                column: None,
+                end: None,
+                key: None,
+                related: None,
+            },
+        }
+    }
+}
+
+/// How bad a problem is.
+#[derive(JsonSchema, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Severity {
+    Error,
+    Warning,
+}
+
+impl From<language::Severity> for Severity {
+    fn from(severity: language::Severity) -> Self {
+        match severity {
+            language::Severity::Error => Self::Error,
+            language::Severity::Warning => Self::Warning,
+        }
+    }
+}
+
+/// A place.
+#[derive(JsonSchema, Serialize)]
+pub struct End {
+    line: u64,
+    column: u64,
+}
+
+/// Another place that has to do with a problem.
+#[derive(JsonSchema, Serialize)]
+pub struct Related {
+    message: String,
+    file: String,
+    line: u64,
+    column: u64,
+    end: End,
+}
+
+impl From<&language::Related> for Related {
+    fn from(of: &language::Related) -> Self {
+        let Place { file, line, column, end } = Place::of(&of.file, &of.span);
+        Self { message: of.label.clone(), file, line, column, end }
+    }
+}
+
+/// A span in a file, as lines and columns.
+struct Place {
+    file: String,
+    line: u64,
+    column: u64,
+    end: End,
+}
+
+impl Place {
+    fn of(file: &language::SourceFile, span: &Range<usize>) -> Self {
+        let (line, column) = file.line_column(span.start);
+        let (end_line, end_column) = file.line_column(span.end.max(span.start));
+        Self {
+            file: file.name.clone(),
+            line: line as u64,
+            column: column as u64,
+            end: End { line: end_line as u64, column: end_column as u64 },
+        }
+    }
+}
+
+/// An [`Error`] as a JSON value, for an output that is not a type yet.
+pub fn error_json(stop: &Stop) -> Json {
+    serde_json::to_value(Error::from(stop)).expect("texts, numbers and lists have JSON")
 }

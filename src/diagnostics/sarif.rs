@@ -8,8 +8,6 @@ use std::path::{Component, Path};
 use depthloom_graphs::language::{Diagnostic, Severity, SourceFile};
 use serde_json::{Value as Json, json};
 
-use super::json::severity;
-
 const SCHEMA: &str = "https://docs.oasis-open.org/sarif/sarif/v2.1.0/errata01/os/schemas/sarif-schema-2.1.0.json";
 
 /// The rules: a diagnostic says itself what is wrong, so that there is one for each severity.
@@ -27,7 +25,7 @@ pub fn sarif<'a>(experiment: &Path, diagnostics: impl IntoIterator<Item = &'a Di
         json!({
             "id": id,
             "shortDescription": { "text": about },
-            "defaultConfiguration": { "level": severity(level) },
+            "defaultConfiguration": { "level": level_of(level) },
         })
     });
     let results: Vec<Json> = diagnostics.into_iter().map(|diagnostic| result(experiment, diagnostic)).collect();
@@ -63,7 +61,7 @@ fn result(experiment: &Path, diagnostic: &Diagnostic) -> Json {
     let mut result = json!({
         "ruleId": RULES[index].1,
         "ruleIndex": index,
-        "level": severity(diagnostic.severity),
+        "level": level_of(diagnostic.severity),
         "message": { "text": text },
         "locations": [location],
     });
@@ -120,6 +118,14 @@ fn escaped(name: &[u8]) -> String {
         }
         text
     })
+}
+
+/// The level of a result.
+const fn level_of(severity: Severity) -> &'static str {
+    match severity {
+        Severity::Error => "error",
+        Severity::Warning => "warning",
+    }
 }
 
 #[cfg(test)]

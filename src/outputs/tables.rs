@@ -7,7 +7,7 @@ use depthloom_analysis::StageFrames;
 use schemars::JsonSchema;
 use serde_json::Value as Json;
 
-use super::experiments::Error;
+use crate::diagnostics::Error;
 
 /// A cell of a table.
 #[derive(JsonSchema)]

@@ -8,15 +8,15 @@ use chrono::{DateTime, Utc};
 use depthloom_graphs::regular_file;
 use schemars::JsonSchema;
 use serde::Serialize;
-use serde_json::Value as Json;
 
 use super::list::all_in;
 use super::rm::{Removed, RemovedRuns};
 use crate::args::{PruneArgs, RunsArgs};
 use crate::counted::counted;
+use crate::diagnostics::Error;
 use crate::environment;
 use crate::exit::{Exit, Stop};
-use crate::outputs::{CommandOutput, Error, Output};
+use crate::outputs::{CommandOutput, Output};
 use crate::run_folder::Removal;
 use crate::runs::{FoundRun, Glance, State};
 use crate::sizes::size;
@@ -36,8 +36,7 @@ pub struct RunsPrune {
     removed: Vec<Removed>,
     bytes: u64,
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(with = "Option<Error>")]
-    error: Option<Json>,
+    error: Option<Error>,
 }
 
 impl CommandOutput for RunsPrune {

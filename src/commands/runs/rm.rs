@@ -4,12 +4,11 @@ use std::path::Path;
 
 use schemars::JsonSchema;
 use serde::Serialize;
-use serde_json::Value as Json;
 
 use crate::args::{RmArgs, RunsArgs};
-use crate::diagnostics::{error_json, print_stop};
+use crate::diagnostics::{Error, print_stop};
 use crate::exit::{Exit, Stop};
-use crate::outputs::{self, CommandOutput, Error, Output};
+use crate::outputs::{self, CommandOutput, Output};
 use crate::run_folder::Removal;
 use crate::runs::{bytes_in, named_in_full};
 use crate::sizes::size;
@@ -21,8 +20,7 @@ pub struct RunsRm {
     removed: Vec<Removed>,
     bytes: u64,
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(with = "Option<Error>")]
-    error: Option<Json>,
+    error: Option<Error>,
 }
 
 impl CommandOutput for RunsRm {
@@ -91,12 +89,12 @@ impl RemovedRuns {
     pub(super) fn tell<T: CommandOutput>(
         self,
         args: &RunsArgs,
-        output: impl FnOnce(Vec<Removed>, u64, Option<Json>) -> T,
+        output: impl FnOnce(Vec<Removed>, u64, Option<Error>) -> T,
     ) -> Result<Exit, Stop> {
         let exit = self.failed.first().map_or(Exit::Whole, |stop| stop.exit);
         self.failed.iter().for_each(print_stop);
         if args.json {
-            outputs::print(&output(self.runs, self.bytes, self.failed.first().map(error_json)))?;
+            outputs::print(&output(self.runs, self.bytes, self.failed.first().map(Error::from)))?;
         }
         Ok(exit)
     }
