@@ -18,7 +18,7 @@ use crate::exit::Stop;
 use crate::streams::print_json;
 
 pub use experiments::{Engine, Plan};
-pub use tables::Report;
+pub use tables::TableRow;
 
 /// What a command prints with `--json`: the type that it fills is the type that its schema describes.
 pub trait CommandOutput: Serialize + JsonSchema {
@@ -136,9 +136,9 @@ impl Output {
             Self::Data => self.schema_of::<experiments::Data>(),
             Self::Doctor => self.schema_of::<experiments::Doctor>(),
             Self::Error => self.schema_of::<diagnostics::Failed>(),
-            Self::Explain => self.schema_of::<tables::Explain>(),
+            Self::Explain => self.schema_of::<depthloom_analysis::Explain>(),
             Self::Export => self.schema_of::<commands::export::Export>(),
-            Self::Figure => self.schema_of::<tables::Figure>(),
+            Self::Figure => self.schema_of::<commands::figure::Figure>(),
             Self::Graph => self.schema_of::<experiments::Graph>(),
             Self::Info => self.schema_of::<commands::info::Info>(),
             Self::Nodes => self.schema_of::<experiments::Nodes>(),
@@ -148,15 +148,15 @@ impl Output {
             Self::PlanReuse => self.schema_of::<experiments::PlanReuse>(),
             Self::Recover => self.schema_of::<commands::recover::Recover>(),
             Self::Replay => self.schema_of::<commands::replay::Replay>(),
-            Self::Report => self.schema_of::<Report>(),
+            Self::Report => self.schema_of::<commands::report::Report>(),
             Self::Run => self.schema_of::<commands::run::Run>(),
             Self::RunsList => self.schema_of::<commands::runs::RunsList>(),
             Self::RunsPrune => self.schema_of::<commands::runs::RunsPrune>(),
             Self::RunsRm => self.schema_of::<commands::runs::RunsRm>(),
             Self::RunsShow => self.schema_of::<commands::runs::RunsShow>(),
             Self::RunsWhy => self.schema_of::<commands::runs::RunsWhy>(),
-            Self::Samples => self.schema_of::<tables::Samples>(),
-            Self::Timings => self.schema_of::<tables::Timings>(),
+            Self::Samples => self.schema_of::<commands::samples::Samples>(),
+            Self::Timings => self.schema_of::<commands::report::Timings>(),
         }
     }
 

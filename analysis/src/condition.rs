@@ -3,12 +3,26 @@
 use depthloom_recording::{Condition, Damage, Held, RecordedPlan, RecordedRun, Recording};
 use schemars::JsonSchema;
 use serde::Serialize;
-use serde_json::{Value as Json, json};
 
 use crate::leading::variant_of;
 
 /// How many damaged places are told to people; programs are told all.
 const SHOWN: usize = 5;
+
+/// In what condition a recording is.
+#[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
+#[schemars(rename = "Condition")]
+pub struct RecordingCondition {
+    /// `whole`, `unfinished` or `damaged`.
+    condition: &'static str,
+    frames: u64,
+    stages: Vec<StageFrames>,
+    /// What is wrong, in words.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    what: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    damage: Option<Vec<DamagedPlace>>,
+}
 
 /// How many frames a stage has.
 #[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
@@ -33,10 +47,27 @@ impl StageFrames {
     }
 }
 
+/// Bytes that are not what was written, and what they held.
+#[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
+pub struct DamagedPlace {
+    offset: u64,
+    bytes: u64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    stage: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    position: Option<u64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    frame: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    topics: Option<Vec<String>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    attachment: Option<String>,
+}
+
 /// A recording's condition.
 pub(crate) struct Told {
     /// For programs.
-    pub(crate) json: Json,
+    pub(crate) recording: RecordingCondition,
     /// For people, what there is to say.
     pub(crate) notes: Vec<String>,
     /// Whether bytes are not what was written.
@@ -76,15 +107,14 @@ pub(crate) fn told(recording: &Recording, damage: &[Damage], has_numbers: bool) 
     let ends_early = matches!(condition, Condition::Unfinished { .. } | Condition::Damaged { cut: true, .. });
     notes.extend(without_frames(plan, &frames, ends_early));
     let stages = StageFrames::of(recording);
-    let name = if is_damaged { "damaged" } else { condition.name() };
-    let mut json = json!({ "condition": name, "frames": frames.iter().sum::<usize>(), "stages": stages });
-    if !wrong.is_empty() {
-        json["what"] = wrong.join("; ").into();
-    }
-    if !damage.is_empty() {
-        json["damage"] = damage.iter().map(place).collect();
-    }
-    Told { json, notes, is_damaged }
+    let recording = RecordingCondition {
+        condition: if is_damaged { "damaged" } else { condition.name() },
+        frames: frames.iter().sum::<usize>() as u64,
+        stages,
+        what: (!wrong.is_empty()).then(|| wrong.join("; ")),
+        damage: (!damage.is_empty()).then(|| damage.iter().map(DamagedPlace::of).collect()),
+    };
+    Told { recording, notes, is_damaged }
 }
 
 /// Of each stage run that has no frames that it has none, and of one that has fewer than another of the same source how many.
@@ -108,19 +138,21 @@ fn without_frames(plan: &RecordedPlan, frames: &[usize], ends_early: bool) -> Ve
     notes
 }
 
-/// A damaged place, for programs.
-fn place(damage: &Damage) -> Json {
-    let mut json = json!({ "offset": damage.offset, "bytes": damage.bytes });
-    match &damage.held {
-        Held::Frame { stage, position, id, topics } => {
-            json["stage"] = stage.as_str().into();
-            json["position"] = (*position).into();
-            json["frame"] = (**id).into();
-            json["topics"] = topics.as_slice().into();
+impl DamagedPlace {
+    fn of(damage: &Damage) -> Self {
+        let Damage { offset, bytes, held } = damage;
+        let (mut stage, mut position, mut frame, mut topics, mut attachment) = (None, None, None, None, None);
+        match held {
+            Held::Frame { stage: of, position: at, id, topics: of_frame } => {
+                stage = Some(of.clone());
+                position = Some(*at as u64);
+                frame = Some(id.to_string());
+                topics = Some(of_frame.clone());
+            }
+            Held::Curve(topic) => topics = Some(vec![topic.clone()]),
+            Held::Attachment(name) => attachment = Some(name.clone()),
+            Held::NoValue => {}
         }
-        Held::Curve(topic) => json["topics"] = [topic.as_str()].as_slice().into(),
-        Held::Attachment(name) => json["attachment"] = name.as_str().into(),
-        Held::NoValue => {}
+        Self { offset: *offset, bytes: *bytes, stage, position, frame, topics, attachment }
     }
-    json
 }

@@ -5,12 +5,26 @@ mod figure;
 use depthloom_graphs::Value;
 use depthloom_graphs::values::Curve;
 use depthloom_recording::{RecordedPlan, Recording};
-use serde_json::{Value as Json, json};
+use schemars::JsonSchema;
+use serde::Serialize;
 
 pub(crate) use self::figure::{drawing, render};
 use crate::error::AnalysisError;
 use crate::leading::{Lead, Leads, sheet};
 use crate::sheet::{Cells, Sheet};
+
+/// Where a learning curve ended.
+#[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
+pub struct CurveEnd {
+    stage: String,
+    variant: Option<String>,
+    node: String,
+    points: u64,
+    step: Option<u64>,
+    loss: Option<f64>,
+    /// The last that was measured.
+    validation: Option<f64>,
+}
 
 /// A learning curve and what it is called.
 #[derive(Clone, Debug, PartialEq)]
@@ -68,17 +82,17 @@ pub(crate) fn table_of_points(curves: &[LearningCurve]) -> Sheet<'_> {
 
 impl LearningCurve {
     /// Where it ended, for programs: last step, loss, and the last validation that was measured.
-    pub(crate) fn end(&self) -> Json {
+    pub(crate) fn end(&self) -> CurveEnd {
         let points = &self.curve.points;
         let last = points.last();
-        json!({
-            "stage": self.lead.stage,
-            "variant": self.lead.variant,
-            "node": self.node,
-            "points": points.len(),
-            "step": last.map(|point| point.step),
-            "loss": last.map(|point| point.loss),
-            "validation": points.iter().rev().find_map(|point| point.validation),
-        })
+        CurveEnd {
+            stage: self.lead.stage.clone(),
+            variant: self.lead.variant.clone(),
+            node: self.node.clone(),
+            points: points.len() as u64,
+            step: last.map(|point| point.step),
+            loss: last.map(|point| point.loss),
+            validation: points.iter().rev().find_map(|point| point.validation),
+        }
     }
 }

@@ -2,7 +2,8 @@
 
 use depthloom_recording::{RecordedPlan, RecordedRun, Recording};
 use depthloom_scores::{Align, Family, Mean, Metric, PixelSet, Preset, Settings};
-use serde_json::{Value as Json, json};
+use schemars::JsonSchema;
+use serde::Serialize;
 
 use crate::ablation::{Ablation, Selection, average, of_frames, of_label, pixels_of, scored, source_of, unknown};
 use crate::condition;
@@ -37,13 +38,58 @@ pub struct Explanation {
     notes: Vec<String>,
 }
 
-/// One thing that made the number what it is.
-#[derive(Clone, Debug, PartialEq)]
-struct Fact {
+/// Of `explain`: where a number comes from.
+#[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
+pub struct Explain {
+    score: &'static str,
+    stage: String,
+    variant: Option<String>,
+    estimator: String,
+    value: Option<f64>,
+    /// Empty where it has none.
+    unit: &'static str,
+    more_is_better: bool,
+    set: &'static str,
+    /// Empty of the whole image.
+    zone: String,
+    /// `frames` or `pixels`.
+    mean: &'static str,
+    facts: Vec<Fact>,
+    frames: Vec<ScoredFrame>,
+    /// The frames without which the number would be better most.
+    worst: Vec<WorstFrame>,
+    notes: Vec<String>,
+}
+
+/// What made a number.
+#[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
+pub struct Fact {
     what: &'static str,
     here: String,
-    /// What the paper has in its place, if that is known.
+    /// What Martins et al. 2018 have.
     paper: Option<String>,
+}
+
+/// A frame's share in a number.
+#[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
+pub struct ScoredFrame {
+    frame: String,
+    position: u64,
+    source_key: Option<String>,
+    pixels: u64,
+    value: Option<f64>,
+}
+
+/// A frame that made a number worse.
+#[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
+pub struct WorstFrame {
+    frame: String,
+    position: u64,
+    source_key: Option<String>,
+    pixels: u64,
+    value: Option<f64>,
+    /// The number without it.
+    without: Option<f64>,
 }
 
 /// What a frame has.
@@ -335,32 +381,33 @@ impl Explanation {
 
     /// For programs.
     #[must_use]
-    pub fn json(&self) -> Json {
-        let frame = |frame: &Frame| {
-            json!({
-                "frame": frame.id, "position": frame.position, "source_key": frame.key, "pixels": frame.pixels, "value": frame.value,
-            })
+    pub fn output(&self) -> Explain {
+        let frame = |frame: &Frame| ScoredFrame {
+            frame: frame.id.clone(),
+            position: frame.position as u64,
+            source_key: frame.key.clone(),
+            pixels: frame.pixels,
+            value: frame.value,
         };
-        let worst = self.worst.iter().map(|of| {
-            let mut json = frame(&self.frames[of.frame]);
-            json["without"] = of.without.into();
-            json
-        });
-        json!({
-            "score": self.metric.name,
-            "stage": self.lead.stage,
-            "variant": self.lead.variant,
-            "estimator": self.estimator,
-            "value": self.value,
-            "unit": self.metric.unit,
-            "more_is_better": self.metric.more_is_better,
-            "set": self.set.name(),
-            "zone": self.zone,
-            "mean": if self.mean == Mean::Frames { "frames" } else { "pixels" },
-            "facts": self.facts.iter().map(|fact| json!({ "what": fact.what, "here": fact.here, "paper": fact.paper })).collect::<Vec<_>>(),
-            "frames": self.frames.iter().map(frame).collect::<Vec<_>>(),
-            "worst": worst.collect::<Vec<_>>(),
-            "notes": self.notes,
-        })
+        let worst = |of: &Worst| {
+            let ScoredFrame { frame, position, source_key, pixels, value } = frame(&self.frames[of.frame]);
+            WorstFrame { frame, position, source_key, pixels, value, without: of.without }
+        };
+        Explain {
+            score: self.metric.name,
+            stage: self.lead.stage.clone(),
+            variant: self.lead.variant.clone(),
+            estimator: self.estimator.clone(),
+            value: self.value,
+            unit: self.metric.unit,
+            more_is_better: self.metric.more_is_better,
+            set: self.set.name(),
+            zone: self.zone.clone(),
+            mean: if self.mean == Mean::Frames { "frames" } else { "pixels" },
+            facts: self.facts.clone(),
+            frames: self.frames.iter().map(frame).collect(),
+            worst: self.worst.iter().map(worst).collect(),
+            notes: self.notes.clone(),
+        }
     }
 }

@@ -50,12 +50,13 @@ pub use analyse::{Bins, By, Gross, Inquiry, SampleSet, Unit, analyse, samples_ar
 pub use compare::{
     CompareOptions, ComparedRun, Comparison, DistanceComparison, Side, compare, compare_by_distance, names,
 };
-pub use condition::StageFrames;
+pub use condition::{DamagedPlace, RecordingCondition, StageFrames};
+pub use curves::CurveEnd;
 pub use depthloom_scores::{Mean, Metric, PixelSet};
 pub use distance::{DistanceBin, PERCENTILES, Spread};
 pub use error::AnalysisError;
 pub use estimators::Estimator;
-pub use explain::{Explanation, explain};
+pub use explain::{Explain, Explanation, Fact, ScoredFrame, WorstFrame, explain};
 pub use figures::{Figure, FigureKind, FigureRequest, FigureRun, Layout, Size, figure};
 pub use frame_choice::FrameChoice;
 pub use grid::{Grid, Typesetting};

@@ -91,15 +91,13 @@ fn written(
     let shown = choice::estimators_shown(&estimators, table);
     let mut series = choice::series(recording, &estimators, &shown, table, &scores);
     let mut notes = warnings(recording, None);
-    notes.extend(
-        summary.json["notes"].as_array().into_iter().flatten().filter_map(|note| Some(note.as_str()?.to_owned())),
-    );
+    notes.extend(summary.notes.iter().cloned());
     let mut data = json!({
         "experiment": plan.experiment,
         "about": plan.about,
         "depthloom": env!("CARGO_PKG_VERSION"),
         "variants": plan.variants.len(),
-        "condition": summary.json["recording"],
+        "condition": summary.recording,
         "notes": notes,
         "table": table.map(|table| data::table(table, &estimators)),
         "estimators": data::estimators(&estimators, &shown),

@@ -5,11 +5,11 @@ use std::path::{Path, PathBuf};
 
 use depthloom_graphs::Key;
 use depthloom_recording::Recording;
-use serde_json::{Value as Json, json};
+use serde_json::Value as Json;
 
 use crate::ablation::{Ablation, Ranking, Selection, source_of};
-use crate::condition::{self, Told};
-use crate::curves::{LearningCurve, learning_curves, table_of_points};
+use crate::condition::{self, RecordingCondition, Told};
+use crate::curves::{CurveEnd, LearningCurve, learning_curves, table_of_points};
 use crate::distance::{DistanceBin, FARTHEST_M, Origin, inputs, table_of_bins};
 use crate::error::{AnalysisError, caught};
 use crate::estimators::{Estimator, estimators};
@@ -62,9 +62,16 @@ impl Default for ReportOptions {
 pub struct Summary {
     /// The table for a terminal, if a frame was scored; what is missing, and why, under it.
     pub text: String,
-    /// The same for programs: `recording` (its `condition`, `frames`, `stages` with the frames of each, in words what is wrong, and
-    /// each damaged place), `table` (a row an estimator and pixel set), `learning_curves` (where each ended), `notes`.
-    pub json: Json,
+    /// The name of the experiment.
+    pub experiment: String,
+    /// In what condition the recording is.
+    pub recording: RecordingCondition,
+    /// The rows of the table, one an estimator and pixel set; none if there is no table.
+    pub rows: Vec<Json>,
+    /// Where each learning curve ended.
+    pub curve_ends: Vec<CurveEnd>,
+    /// What is missing, and why.
+    pub notes: Vec<String>,
     /// Whether a frame was scored: whether there are `scores.*`.
     pub scored: bool,
     /// Whether there is a mean to show: whether there are `table.*`.
@@ -155,7 +162,7 @@ fn analyse(
     let damage = if options.check_every_byte { recording.damage(output.stop) } else { Vec::new() };
     output.go_on()?;
 
-    let Told { json: condition, mut notes, is_damaged } =
+    let Told { recording: condition, mut notes, is_damaged } =
         condition::told(recording, &damage, scored || !curves.is_empty());
     match (estimators.is_empty(), scored, &table) {
         (true, ..) => notes.insert(0, "nothing was scored: no stage has a `score:`".to_owned()),
@@ -192,16 +199,13 @@ fn analyse(
     for note in &notes {
         text.push_str(&format!("note: {note}\n"));
     }
-    let json = json!({
-        "experiment": plan.experiment,
-        "recording": condition,
-        "table": table.as_ref().map_or_else(Vec::new, |(table, _)| table.long_form().rows()),
-        "learning_curves": curves.iter().map(LearningCurve::end).collect::<Vec<Json>>(),
-        "notes": notes,
-    });
     Ok(Summary {
         text,
-        json,
+        experiment: plan.experiment.clone(),
+        recording: condition,
+        rows: table.as_ref().map_or_else(Vec::new, |(table, _)| table.long_form().rows()),
+        curve_ends: curves.iter().map(LearningCurve::end).collect(),
+        notes,
         scored,
         table: table.is_some(),
         no_pixel_counted: unscored_everything,

@@ -3,7 +3,7 @@
 //! A kernel's inner loops are a [`Pass`]: safe Rust that the compiler vectorises. [`Level::run`] holds that same source
 //! compiled for every machine, for AVX2 and for AVX-512, and picks one at run time. Sums that must stay in registers are a
 //! [`BlockPass`] or a [`LanesPass`], with the registers named; `sgbm` compiles its own passes over vectors of 16-bit costs, and picks
-//! by [`Level::pick`]. Rust neither reorders nor contracts floating-point operations, so all of them give the same bits, on any
+//! by whether the level has AVX2. Rust neither reorders nor contracts floating-point operations, so all of them give the same bits, on any
 //! machine; `every_level` and the tests of [`Path`]s prove it.
 //!
 //! Nothing else asks the machine what it can do. A [`Level`] is made by [`Level::available`] alone, so who holds one has seen its

@@ -4,9 +4,13 @@ use super::report::recording_of;
 use super::table::{failed, open, selection};
 use crate::args::{ExplainArgs, SetOption};
 use crate::exit::{Exit, Stop};
-use crate::outputs::Output;
+use crate::outputs::{self, CommandOutput, Output};
 use crate::signals;
-use crate::streams::{print, print_output};
+use crate::streams::print;
+
+impl CommandOutput for depthloom_analysis::Explain {
+    const OUTPUT: Output = Output::Explain;
+}
 
 /// Says where a score of an estimator comes from.
 pub fn explain(args: &ExplainArgs) -> Result<Exit, Stop> {
@@ -22,7 +26,7 @@ pub fn explain(args: &ExplainArgs) -> Result<Exit, Stop> {
     let explanation = depthloom_analysis::explain(&recording, &args.score, &args.estimator, &selection, &stop);
     let explanation = explanation.map_err(|error| failed(&error))?;
     if args.json {
-        print_output(Output::Explain, explanation.json())?;
+        outputs::print(&explanation.output())?;
     } else {
         print(explanation.text())?;
     }

@@ -4,7 +4,8 @@ use std::path::{Path, PathBuf};
 
 use depthloom_analysis::{FigureKind, FigureRequest, FigureRun, Resampling, SampleSet, Size, Unit};
 use depthloom_recording::Recording;
-use serde_json::json;
+use schemars::JsonSchema;
+use serde::Serialize;
 
 use super::compare::resampling;
 use super::report::recording_of;
@@ -12,9 +13,28 @@ use super::samples::{bar, samples_of};
 use super::table::{ScoredSet, can_be_written, failed, open, write_named};
 use crate::args::{FigureArgs, FigureFormat, SetOption};
 use crate::exit::{Exit, Stop};
-use crate::outputs::Output;
+use crate::outputs::{self, CommandOutput, Output};
 use crate::signals;
-use crate::streams::{print, print_output};
+use crate::streams::print;
+
+/// Of `figure`: what was drawn.
+#[derive(JsonSchema, Serialize)]
+pub struct Figure {
+    file: String,
+    /// The file of the numbers that it shows; null where none was asked for.
+    data: Option<String>,
+    /// What it shows, over which pixels: the beginning of a caption.
+    about: String,
+    width_mm: f64,
+    height_mm: f64,
+    bytes: u64,
+    /// What is to be said of it beside that.
+    notes: Vec<String>,
+}
+
+impl CommandOutput for Figure {
+    const OUTPUT: Output = Output::Figure;
+}
 
 /// Draws a figure of runs.
 pub fn figure(args: &FigureArgs) -> Result<Exit, Stop> {
@@ -62,16 +82,16 @@ pub fn figure(args: &FigureArgs) -> Result<Exit, Stop> {
     }
     let (width_mm, height_mm) = figure.size_mm();
     if args.json {
-        let told = json!({
-            "file": args.out.to_string_lossy(),
-            "data": args.data.as_ref().map(|data| data.to_string_lossy()),
-            "about": figure.about(),
-            "width_mm": width_mm,
-            "height_mm": height_mm,
-            "bytes": bytes.len(),
-            "notes": figure.notes(),
-        });
-        return print_output(Output::Figure, told).map(|()| Exit::Whole);
+        outputs::print(&Figure {
+            file: args.out.to_string_lossy().into_owned(),
+            data: args.data.as_ref().map(|data| data.to_string_lossy().into_owned()),
+            about: figure.about().to_owned(),
+            width_mm,
+            height_mm,
+            bytes: bytes.len() as u64,
+            notes: figure.notes().to_vec(),
+        })?;
+        return Ok(Exit::Whole);
     }
     let data = args.data.as_ref().map(|data| format!(", {}", data.display())).unwrap_or_default();
     let notes: String = figure.notes().iter().map(|note| format!("note: {note}\n")).collect();

@@ -4,23 +4,26 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use depthloom_analysis::{
-    AnalysisError, Leads, PAGE, Prepared, ReportOptions, Resampling, SAMPLES, Summary, Timing, plan_key, report_with,
+    AnalysisError, CurveEnd, Lead, Leads, PAGE, Prepared, RecordingCondition, ReportOptions, Resampling, SAMPLES,
+    Summary, plan_key, report_with,
 };
 use depthloom_graphs::plan::Plan;
 use depthloom_recording::{RecordedPlan, Recorder, Recording};
 use depthloom_runner::{Interrupt, Phase};
-use serde_json::{Value as Json, json};
+use schemars::JsonSchema;
+use serde::Serialize;
+use serde_json::Value as Json;
 
 use super::page;
 use crate::args::{ReportArgs, TimingsArgs};
-use crate::diagnostics::error_json;
+use crate::diagnostics::Error;
 use crate::exit::{Exit, Stop};
 use crate::models;
-use crate::outputs::Output;
+use crate::outputs::{self, CommandOutput, Output};
 use crate::run_folder;
 use crate::runs::{FOLDER, named};
 use crate::signals;
-use crate::streams::{print, print_output};
+use crate::streams::print;
 
 /// A recording's name in a run's folder.
 pub const RECORDING: &str = "recording.mcap";
@@ -30,6 +33,64 @@ pub const TIMINGS: &str = "timings.parquet";
 
 /// What helps where no run was found.
 const NAME_A_RUN: &str = "name a run's folder, a recording, or a run that `depthloom runs` lists";
+
+/// Of `report`: what was found.
+#[derive(JsonSchema, Serialize)]
+pub struct Report {
+    experiment: String,
+    recording: RecordingCondition,
+    /// The rows of `table.csv`.
+    #[schemars(with = "Vec<outputs::TableRow>")]
+    table: Vec<Json>,
+    /// Where each learning curve ended.
+    learning_curves: Vec<CurveEnd>,
+    notes: Vec<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    error: Option<Error>,
+}
+
+impl CommandOutput for Report {
+    const OUTPUT: Output = Output::Report;
+}
+
+impl Report {
+    /// What the analysis found, and why the command did not do all it was asked to.
+    pub fn of(summary: &Summary, error: Option<Error>) -> Self {
+        Self {
+            experiment: summary.experiment.clone(),
+            recording: summary.recording.clone(),
+            table: summary.rows.clone(),
+            learning_curves: summary.curve_ends.clone(),
+            notes: summary.notes.clone(),
+            error,
+        }
+    }
+}
+
+/// Of `timings`: where a run's time went.
+#[derive(JsonSchema, Serialize)]
+pub struct Timings {
+    timings: Vec<Timing>,
+}
+
+impl CommandOutput for Timings {
+    const OUTPUT: Output = Output::Timings;
+}
+
+/// What a part of a run cost.
+#[derive(JsonSchema, Serialize)]
+pub struct Timing {
+    stage: String,
+    /// Null where all variants share the node; of several, the first.
+    variant: Option<String>,
+    node: String,
+    /// `read`, `process`, `once`, `encode`, `compress` or `write`.
+    phase: String,
+    frames: u64,
+    cpu_ns: u64,
+    wall_ns: u64,
+    median_cpu_ns: Option<u64>,
+}
 
 /// Makes tables, plots and models again, from the recording alone.
 pub fn report(args: &ReportArgs) -> Result<Exit, Stop> {
@@ -64,7 +125,7 @@ pub fn report(args: &ReportArgs) -> Result<Exit, Stop> {
     }
     let intervals = args.ci.map(|confidence| Resampling { confidence, ..Resampling::default() });
     let options = ReportOptions { paper: args.paper, intervals, check_every_byte: true, ..ReportOptions::default() };
-    let mut report = analyse(&recording, &out, &options, Prepared::default(), &interrupt)?;
+    let report = analyse(&recording, &out, &options, Prepared::default(), &interrupt)?;
     let but_whole = |stop: Stop| stop.also(format!("tables and plots are whole in {}", out.display()));
     models::write(&recording, &out).map_err(but_whole)?;
     if !args.page.no_page {
@@ -75,11 +136,11 @@ pub fn report(args: &ReportArgs) -> Result<Exit, Stop> {
     // An unfinished recording is what was asked for; a damaged one is not what was written.
     let faulty = report.is_damaged.then(|| Stop::new(Exit::Frames, "the recording is damaged"));
     let faulty = faulty.or_else(|| no_pixel_counted(&report));
-    if let Some(stop) = &faulty {
-        report.json["error"] = error_json(stop);
-    }
-    let printed =
-        if args.json { print_output(Output::Report, report.json.clone()) } else { print(summary(&report, &out)) };
+    let printed = if args.json {
+        outputs::print(&Report::of(&report, faulty.as_ref().map(Error::from)))
+    } else {
+        print(summary(&report, &out))
+    };
     printed.map_err(but_whole)?;
     if args.page.open {
         page::open(&out);
@@ -217,25 +278,20 @@ pub fn timings(args: &TimingsArgs) -> Result<Exit, Stop> {
     };
     if args.json {
         let timings = depthloom_analysis::read_timings(&path).map_err(failed)?;
-        print_output(Output::Timings, json!({ "timings": timings.iter().map(timing_json).collect::<Vec<_>>() }))?;
+        outputs::print(&Timings { timings: timings.into_iter().map(Timing::of).collect() })?;
     } else {
         print(depthloom_analysis::timings_table(&path).map_err(failed)?)?;
     }
     Ok(Exit::Whole)
 }
 
-/// A timing under the names of the columns of `timings.parquet`.
-fn timing_json(timing: &Timing) -> Json {
-    json!({
-        "stage": timing.lead.stage,
-        "variant": timing.lead.variant,
-        "node": timing.node,
-        "phase": timing.phase,
-        "frames": timing.frames,
-        "cpu_ns": timing.cpu_ns,
-        "wall_ns": timing.wall_ns,
-        "median_cpu_ns": timing.median_cpu_ns,
-    })
+impl Timing {
+    /// A timing under the names of the columns of `timings.parquet`.
+    fn of(timing: depthloom_analysis::Timing) -> Self {
+        let depthloom_analysis::Timing { lead, node, phase, frames, cpu_ns, wall_ns, median_cpu_ns } = timing;
+        let Lead { stage, variant, .. } = lead;
+        Self { stage, variant, node, phase, frames, cpu_ns, wall_ns, median_cpu_ns }
+    }
 }
 
 /// Writes a run's timings beside its recording.
@@ -248,27 +304,34 @@ pub fn write_timings(
     let failed = |what: String| Stop::new(Exit::Engine, format!("failed to keep the timings: {what}"));
     let recorded = RecordedPlan::read_back(plan).map_err(failed)?;
     let leads = Leads::new(&recorded);
-    let rows: Vec<Timing> = timings.iter().flat_map(|timing| rows(timing, plan, &leads, recorder)).collect();
+    let rows: Vec<depthloom_analysis::Timing> =
+        timings.iter().flat_map(|timing| rows(timing, plan, &leads, recorder)).collect();
     depthloom_analysis::write_timings(&rows, &plan_key(&recorded), path)
         .map_err(|error| Stop::of_analysis(Exit::Engine, "failed to keep the timings", &error))
 }
 
 /// A timing's rows: one, or two where compression is a share of encoding.
-fn rows(timing: &depthloom_runner::Timing, plan: &Plan, leads: &Leads<'_>, recorder: &Recorder) -> Vec<Timing> {
+fn rows(
+    timing: &depthloom_runner::Timing,
+    plan: &Plan,
+    leads: &Leads<'_>,
+    recorder: &Recorder,
+) -> Vec<depthloom_analysis::Timing> {
     let run = &plan.runs[timing.run];
     let variants = match timing.phase {
         Phase::Once(node) | Phase::Node(node) => &run.nodes[node].variants,
         Phase::Source | Phase::Write | Phase::Encode(_) => &run.variants,
     };
-    let row = |node: String, phase: &str, cpu_ns: u64, wall_ns: u64, median_cpu_ns: Option<u64>| Timing {
-        lead: leads.of_those(&run.stage, variants),
-        node,
-        phase: phase.to_owned(),
-        frames: timing.count,
-        cpu_ns,
-        wall_ns,
-        median_cpu_ns,
-    };
+    let row =
+        |node: String, phase: &str, cpu_ns: u64, wall_ns: u64, median_cpu_ns: Option<u64>| depthloom_analysis::Timing {
+            lead: leads.of_those(&run.stage, variants),
+            node,
+            phase: phase.to_owned(),
+            frames: timing.count,
+            cpu_ns,
+            wall_ns,
+            median_cpu_ns,
+        };
     let whole =
         |node: String, phase: &str| row(node, phase, timing.cpu.sum_ns, timing.wall.sum_ns, timing.median_cpu_ns());
     match timing.phase {

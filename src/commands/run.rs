@@ -19,7 +19,7 @@ use serde_json::{Value as Json, json};
 
 use super::check::{is_file, load};
 use super::page;
-use super::report::{RECORDING, TIMINGS, analyse, no_pixel_counted, summary, write_timings};
+use super::report::{self, RECORDING, TIMINGS, analyse, no_pixel_counted, summary, write_timings};
 use super::samples;
 use crate::allow_exec;
 use crate::args::RunArgs;
@@ -61,8 +61,7 @@ pub struct Run {
     /// The files in its folder, by name.
     files: Vec<File>,
     /// As `report --json` tells it.
-    #[schemars(with = "outputs::Report")]
-    report: Json,
+    report: report::Report,
     #[serde(skip_serializing_if = "Option::is_none")]
     error: Option<Error>,
 }
@@ -156,7 +155,7 @@ pub fn carry_out(
         warnings,
         environment,
         files: files_in(&out),
-        report: report.json.clone(),
+        report: report::Report::of(&report, None),
         error: incomplete.as_ref().map(Error::from),
     };
     show(args, &report, told, &out).map_err(|stop| stop.also(format!("the run is whole in {}", out.display())))?;

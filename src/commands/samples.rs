@@ -6,17 +6,34 @@ use depthloom_analysis::{Answer, By, Inquiry, SAMPLES, SamplesWritten, Unit, sam
 use depthloom_recording::{Condition, Recording};
 use depthloom_runner::Interrupt;
 use indicatif::{ProgressBar, ProgressStyle};
-use serde_json::json;
+use schemars::JsonSchema;
+use serde::Serialize;
 
 use super::report::recording_of;
 use super::table::{Delivery, can_be_written, failed, open};
 use crate::args::{AnalyseArgs, SamplesArgs};
 use crate::counted::counted;
 use crate::exit::{Exit, Stop};
-use crate::outputs::Output;
+use crate::outputs::{self, CommandOutput, Output};
 use crate::run_folder;
 use crate::signals;
-use crate::streams::{print, print_output, say};
+use crate::streams::{print, say};
+
+/// Of `samples`: what was written.
+#[derive(JsonSchema, Serialize)]
+pub struct Samples {
+    file: String,
+    /// The rows.
+    samples: u64,
+    frames: u64,
+    /// The columns of estimators.
+    estimators: u64,
+    notes: Vec<String>,
+}
+
+impl CommandOutput for Samples {
+    const OUTPUT: Output = Output::Samples;
+}
 
 /// Writes the samples of a run.
 pub fn samples(args: &SamplesArgs) -> Result<Exit, Stop> {
@@ -33,14 +50,14 @@ pub fn samples(args: &SamplesArgs) -> Result<Exit, Stop> {
     let recording = open(&path)?;
     let written = write(&recording, &out, args.quiet || args.json, &interrupt)?;
     if args.json {
-        let told = json!({
-            "file": out.to_string_lossy(),
-            "samples": written.samples,
-            "frames": written.frames,
-            "estimators": written.estimators,
-            "notes": written.notes,
-        });
-        return print_output(Output::Samples, told).map(|()| Exit::Whole);
+        outputs::print(&Samples {
+            file: out.to_string_lossy().into_owned(),
+            samples: written.samples,
+            frames: written.frames,
+            estimators: written.estimators as u64,
+            notes: written.notes,
+        })?;
+        return Ok(Exit::Whole);
     }
     written.notes.iter().for_each(|note| say(format_args!("note: {note}")));
     if !args.quiet {
