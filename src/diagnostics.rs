@@ -3,7 +3,7 @@
 mod json;
 mod sarif;
 
-pub use json::{Diagnostic as DiagnosticJson, Error, Failed, error_json};
+pub use json::{Diagnostic as DiagnosticJson, Error, Failed};
 pub use sarif::sarif;
 
 use std::io::IsTerminal;

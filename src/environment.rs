@@ -6,13 +6,11 @@ use std::time::Instant;
 
 use depthloom_graphs::regular_file;
 use depthloom_kernels::simd::Level;
+use depthloom_nodes::onnx;
 use depthloom_nodes::onnx::Provider;
-use depthloom_nodes::onnx::{self, Engine};
 use schemars::JsonSchema;
 use serde::Serialize;
-use serde_json::{Value as Json, json};
-
-use crate::outputs;
+use serde_json::Value as Json;
 
 /// The name of the file that says where and when a run was made.
 pub const ENVIRONMENT: &str = "environment.json";
@@ -33,8 +31,7 @@ pub struct Environment {
     architecture: &'static str,
     cores: u64,
     simd: Vec<&'static str>,
-    #[schemars(with = "Option<outputs::Engine>")]
-    networks: Option<Json>,
+    networks: Option<Engine>,
     /// The files and folders that it read.
     reads: Vec<String>,
     workers: u64,
@@ -108,28 +105,58 @@ impl Environment {
 }
 
 /// The engine that runs networks, and the providers that they ran on.
-fn networks(engine: &Engine) -> Json {
-    let mut described = self::engine(engine);
-    described["ran_on"] = names(&engine.used()).into();
-    described
+fn networks(engine: &onnx::Engine) -> Engine {
+    Engine { ran_on: Some(names(&engine.used())), ..Engine::from(engine) }
 }
 
-/// An engine that runs networks: what it is, and where it comes from.
-pub fn engine(engine: &Engine) -> Json {
-    json!({
-        "engine": engine.name,
-        "version": engine.version,
-        "build": engine.build,
-        "path": engine.library.as_ref().map(|path| path.to_string_lossy()),
-        "found_by": engine.found_by,
-        "instead_of": engine.instead_of,
-        "refused": engine.refused,
-    })
+/// The engine of networks.
+#[derive(JsonSchema, Serialize)]
+pub struct Engine {
+    engine: String,
+    version: String,
+    build: Option<String>,
+    path: Option<String>,
+    found_by: String,
+    /// Why it is not the one that was looked for first.
+    instead_of: Option<String>,
+    refused: Vec<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    providers: Option<Vec<String>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    looked_at: Option<Vec<String>>,
+    /// The providers that networks ran on.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    ran_on: Option<Vec<String>>,
+}
+
+impl Engine {
+    /// The engine with what it offers, and the places where it was looked for.
+    pub fn found(engine: &onnx::Engine, looked_at: Vec<String>) -> Self {
+        Self { providers: Some(names(&engine.providers())), looked_at: Some(looked_at), ..Self::from(engine) }
+    }
+}
+
+impl From<&onnx::Engine> for Engine {
+    /// What it is, and where it comes from.
+    fn from(engine: &onnx::Engine) -> Self {
+        Self {
+            engine: engine.name.to_owned(),
+            version: engine.version.clone(),
+            build: Some(engine.build.to_owned()),
+            path: engine.library.as_ref().map(|path| path.to_string_lossy().into_owned()),
+            found_by: engine.found_by.to_owned(),
+            instead_of: engine.instead_of.clone(),
+            refused: engine.refused.clone(),
+            providers: None,
+            looked_at: None,
+            ran_on: None,
+        }
+    }
 }
 
 /// Providers by name.
-pub fn names(providers: &[Provider]) -> Vec<&'static str> {
-    providers.iter().map(|provider| provider.name()).collect()
+pub fn names(providers: &[Provider]) -> Vec<String> {
+    providers.iter().map(|provider| provider.name().to_owned()).collect()
 }
 
 /// How many threads can run at once here.

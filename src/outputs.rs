@@ -1,12 +1,10 @@
 //! What commands print with `--json`: the name and version of each output, and its JSON Schema.
 //!
-//! The types below say what an output has; `docs/schemas` holds their schemas, and tests hold those files against the types, and what commands
-//! print against the schemas. A version is raised where a key goes or means something else; another key more is no other version.
-
-mod experiments;
-mod tables;
+//! The types that commands fill define the outputs. Tests compare the schemas in `docs/schemas` with these types, and what commands print with the
+//! schemas. A version is raised when a key goes or changes its meaning, not when there is a new key.
 
 use clap::ValueEnum;
+use depthloom_graphs::render;
 use schemars::generate::SchemaSettings;
 use schemars::{JsonSchema, Schema};
 use serde::Serialize;
@@ -15,10 +13,7 @@ use serde_json::{Map, Value as Json, json};
 use crate::commands;
 use crate::diagnostics;
 use crate::exit::Stop;
-use crate::streams::print_json;
-
-pub use experiments::{Engine, Plan};
-pub use tables::TableRow;
+use crate::streams::print_quoted;
 
 /// What a command prints with `--json`: the type that it fills is the type that its schema describes.
 pub trait CommandOutput: Serialize + JsonSchema {
@@ -26,14 +21,15 @@ pub trait CommandOutput: Serialize + JsonSchema {
     const OUTPUT: Output;
 }
 
-/// An output as a JSON object, its format in front.
-pub fn stamped<T: CommandOutput>(value: &T) -> Json {
-    T::OUTPUT.stamped(serde_json::to_value(value).expect("texts, numbers and lists have JSON"))
+/// An output of a command as indented JSON, its format in front.
+pub fn text<T: CommandOutput>(value: &T) -> String {
+    let value = serde_json::to_value(value).expect("texts, numbers and lists have JSON");
+    format!("{:#}\n", T::OUTPUT.stamped(value))
 }
 
 /// Prints an output of a command as indented JSON, its format in front.
 pub fn print<T: CommandOutput>(value: &T) -> Result<(), Stop> {
-    print_json(&stamped(value))
+    print_quoted(&text(value))
 }
 
 /// An output of a command.
@@ -116,7 +112,7 @@ impl Output {
     }
 
     /// An object with its `format` in front.
-    pub fn stamped(self, value: Json) -> Json {
+    fn stamped(self, value: Json) -> Json {
         let mut stamped = Map::new();
         stamped.insert("format".to_owned(), self.format());
         match value {
@@ -129,23 +125,23 @@ impl Output {
     /// Its JSON Schema.
     pub fn schema(self) -> Json {
         match self {
-            Self::Analyse | Self::Table => self.schema_of::<tables::Table>(),
+            Self::Analyse => self.schema_of::<commands::samples::Analyse>(),
             Self::Check => self.schema_of::<commands::check::Check>(),
-            Self::Compare => self.schema_of::<tables::Compare>(),
-            Self::CompareByDistance => self.schema_of::<tables::CompareByDistance>(),
-            Self::Data => self.schema_of::<experiments::Data>(),
-            Self::Doctor => self.schema_of::<experiments::Doctor>(),
+            Self::Compare => self.schema_of::<commands::compare::Compare>(),
+            Self::CompareByDistance => self.schema_of::<depthloom_analysis::DistanceComparisonOutput>(),
+            Self::Data => self.schema_of::<commands::data::Data>(),
+            Self::Doctor => self.schema_of::<commands::doctor::Doctor>(),
             Self::Error => self.schema_of::<diagnostics::Failed>(),
             Self::Explain => self.schema_of::<depthloom_analysis::Explain>(),
             Self::Export => self.schema_of::<commands::export::Export>(),
             Self::Figure => self.schema_of::<commands::figure::Figure>(),
-            Self::Graph => self.schema_of::<experiments::Graph>(),
+            Self::Graph => self.schema_of::<render::Graph>(),
             Self::Info => self.schema_of::<commands::info::Info>(),
-            Self::Nodes => self.schema_of::<experiments::Nodes>(),
-            Self::NodesKind => self.schema_of::<experiments::NodesKind>(),
-            Self::Onnx => self.schema_of::<experiments::Onnx>(),
-            Self::Plan => self.schema_of::<Plan>(),
-            Self::PlanReuse => self.schema_of::<experiments::PlanReuse>(),
+            Self::Nodes => self.schema_of::<render::Nodes>(),
+            Self::NodesKind => self.schema_of::<render::NodesKind>(),
+            Self::Onnx => self.schema_of::<commands::onnx::Onnx>(),
+            Self::Plan => self.schema_of::<render::Plan>(),
+            Self::PlanReuse => self.schema_of::<commands::plan::PlanReuse>(),
             Self::Recover => self.schema_of::<commands::recover::Recover>(),
             Self::Replay => self.schema_of::<commands::replay::Replay>(),
             Self::Report => self.schema_of::<commands::report::Report>(),
@@ -156,6 +152,7 @@ impl Output {
             Self::RunsShow => self.schema_of::<commands::runs::RunsShow>(),
             Self::RunsWhy => self.schema_of::<commands::runs::RunsWhy>(),
             Self::Samples => self.schema_of::<commands::samples::Samples>(),
+            Self::Table => self.schema_of::<depthloom_analysis::TableOutput>(),
             Self::Timings => self.schema_of::<commands::report::Timings>(),
         }
     }

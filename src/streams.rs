@@ -12,7 +12,6 @@ use std::path::Path;
 pub use visible::{on_one_line, same_length, visible};
 
 use crate::exit::{Exit, Stop};
-use crate::outputs::Output;
 
 /// Prints a line to standard error. A reader that went away or a full disk behind it costs no result: then nobody reads it.
 pub fn say(line: impl Display) {
@@ -44,11 +43,6 @@ pub fn print_bytes(bytes: &[u8]) -> Result<(), Stop> {
         }
         Ok(()) | Err(_) => Ok(()),
     }
-}
-
-/// Prints an output of a command as indented JSON, its format in front.
-pub fn print_output(output: Output, value: serde_json::Value) -> Result<(), Stop> {
-    print_json(&output.stamped(value))
 }
 
 /// Prints a value as indented JSON, of a format that is not ours: SARIF, JSON Schema.

@@ -3,6 +3,7 @@
 pub(crate) mod latex;
 pub(crate) mod markdown;
 mod means;
+mod row;
 mod terminal;
 
 use std::collections::{HashMap, HashSet};
@@ -12,6 +13,7 @@ use depthloom_recording::Recording;
 use depthloom_scores::{Family, Mean, Metric, PixelSet, ScoreRow, Settings};
 
 use self::means::{Means, means};
+pub use self::row::TableRow;
 use crate::ablation::listed;
 use crate::best::{Candidate, best};
 use crate::comparison::Comparison;

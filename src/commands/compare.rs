@@ -2,22 +2,44 @@
 
 use std::path::{Path, PathBuf};
 
-use depthloom_analysis::{CompareOptions, ComparedRun, IntervalMethod, Resampling, Selection, Side};
+use depthloom_analysis::{
+    CompareOptions, ComparedRun, ComparisonOutput, DistanceComparisonOutput, IntervalMethod, Resampling, Selection,
+    Side,
+};
 use depthloom_graphs::language::{glob, nearest};
 use depthloom_recording::Recording;
 use depthloom_runner::Interrupt;
+use schemars::JsonSchema;
+use serde::Serialize;
 
 use super::report::recording_of;
 use super::samples::samples_of;
 use super::table::{Delivery, failed, open, selection, typesetting};
 use crate::args::{CompareArgs, CompareBy, IntervalArgs, IntervalOption, SetOption, TableFormat};
-use crate::diagnostics::error_json;
+use crate::diagnostics::Error;
 use crate::exit::{Exit, Stop};
-use crate::outputs::Output;
+use crate::outputs::{self, CommandOutput, Output};
 use crate::signals;
 
 /// Columns of text of a terminal's table.
 const TERMINAL_WIDTH: usize = 140;
+
+/// Of `compare`: what is better, and how sure that is.
+#[derive(JsonSchema, Serialize)]
+pub struct Compare {
+    #[serde(flatten)]
+    comparison: ComparisonOutput,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    error: Option<Error>,
+}
+
+impl CommandOutput for Compare {
+    const OUTPUT: Output = Output::Compare;
+}
+
+impl CommandOutput for DistanceComparisonOutput {
+    const OUTPUT: Output = Output::CompareByDistance;
+}
 
 /// Compares runs, variants or estimators.
 pub fn compare(args: &CompareArgs) -> Result<Exit, Stop> {
@@ -61,11 +83,8 @@ pub fn compare(args: &CompareArgs) -> Result<Exit, Stop> {
         TableFormat::Parquet => compared.parquet().map_err(|error| failed(&error))?,
         TableFormat::Latex => compared.latex().into_bytes(),
         TableFormat::Json => {
-            let mut json = Output::Compare.stamped(compared.json());
-            if let Some(stop) = &faulty {
-                json["error"] = error_json(stop);
-            }
-            format!("{json:#}\n").into_bytes()
+            let output = Compare { comparison: compared.output(), error: faulty.as_ref().map(Error::from) };
+            outputs::text(&output).into_bytes()
         }
     };
     let recordings: Vec<&Path> = opened.runs.iter().map(|(_, recording)| recording.path()).collect();
@@ -106,7 +125,7 @@ fn by_distance(
         TableFormat::Csv => compared.csv(),
         TableFormat::Parquet => compared.parquet().map_err(|error| failed(&error))?,
         TableFormat::Latex => compared.latex().into_bytes(),
-        TableFormat::Json => format!("{:#}\n", Output::CompareByDistance.stamped(compared.json())).into_bytes(),
+        TableFormat::Json => outputs::text(&compared.output()).into_bytes(),
     };
     let recordings: Vec<&Path> = runs.iter().map(|run| run.recording.path()).collect();
     delivery.deliver(&bytes, &recordings)?;

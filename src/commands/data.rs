@@ -12,18 +12,20 @@ use depthloom_graphs::contracts::{Fact, Recognised, Survey};
 use depthloom_graphs::registry::SourceEntry;
 use depthloom_graphs::{Context, Fault, Port, Registry, Scratch, Source, Value, ValueType};
 use depthloom_nodes::inspection::inspect;
-use serde_json::{Value as Json, json};
+use schemars::JsonSchema;
+use serde::Serialize;
+use serde_json::{Map, Value as Json};
 
-use self::contents::contents;
-use self::seen::Seen;
+use self::contents::{Contents, contents};
+use self::seen::{Calibration, ImageSize, Seen, Truth};
 use self::stanza::stanza;
 use crate::args::DataArgs;
-use crate::commands::check_data::file_of;
+use crate::commands::check_data::{DataFact, file_of};
 use crate::contact_sheet::Sheet;
-use crate::diagnostics::error_json;
+use crate::diagnostics::Error;
 use crate::exit::{Exit, Stop};
-use crate::outputs::Output;
-use crate::streams::{print, print_output, print_path};
+use crate::outputs::{self, CommandOutput, Output};
+use crate::streams::{print, print_path};
 use crate::told::Told;
 
 /// As many frames are read of a data set, from all over it.
@@ -34,6 +36,65 @@ const MOST_FAULTS: usize = 8;
 
 /// The kind that takes any two folders: asked only where no other knows a folder.
 const ANY_PAIRS: &str = "images";
+
+/// Of `data`: what a folder holds.
+#[derive(JsonSchema, Serialize)]
+pub struct Data {
+    root: String,
+    /// The data sets it is; none where it is laid out as nothing that is known.
+    found: Vec<DataSet>,
+    /// The contact sheet that was written.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    sheet: Option<Option<String>>,
+    /// What to paste into an experiment.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    stanza: Option<Option<String>>,
+    /// What lies in a folder that is nothing known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    contents: Option<Vec<Contents>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    error: Option<Error>,
+}
+
+impl CommandOutput for Data {
+    const OUTPUT: Output = Output::Data;
+}
+
+/// A data set.
+#[derive(JsonSchema, Serialize)]
+pub struct DataSet {
+    what: String,
+    /// The kind of the source.
+    kind: String,
+    name: String,
+    /// Its parameters.
+    with: Map<String, Json>,
+    /// Other ways to read it.
+    alternatives: Json,
+    frames: u64,
+    /// How many frames were looked at.
+    looked_at: u64,
+    sizes: Vec<ImageSize>,
+    calibration: Option<Calibration>,
+    /// By port.
+    truth: BTreeMap<String, Truth>,
+    facts: Vec<DataFact>,
+    faults: Vec<DataSetFault>,
+    warnings: Vec<String>,
+}
+
+/// What is wrong with a data set.
+#[derive(JsonSchema, Serialize)]
+pub struct DataSetFault {
+    message: String,
+    help: Option<String>,
+}
+
+impl From<&Wrong> for DataSetFault {
+    fn from(fault: &Wrong) -> Self {
+        Self { message: fault.what.clone(), help: fault.remedy.clone() }
+    }
+}
 
 /// Says what a folder holds and prints the source to paste.
 pub fn data(args: &DataArgs, registry: &Registry) -> Result<Exit, Stop> {
@@ -67,16 +128,18 @@ pub fn data(args: &DataArgs, registry: &Registry) -> Result<Exit, Stop> {
         _ => Ok(None),
     };
     if args.json {
-        let found: Vec<Json> = known.iter().map(Known::json).collect();
         let (sheet, stop) = match written() {
-            Ok(sheet) => (sheet.map(|path| path.to_string_lossy()), unusable),
+            Ok(sheet) => (sheet.map(|path| path.to_string_lossy().into_owned()), unusable),
             Err(stop) => (None, Some(stop)),
         };
-        let mut told = json!({ "root": root.to_string_lossy(), "found": found, "sheet": sheet, "stanza": stanza });
-        if let Some(stop) = &stop {
-            told["error"] = error_json(stop);
-        }
-        print_output(Output::Data, told)?;
+        outputs::print(&Data {
+            root: root.to_string_lossy().into_owned(),
+            found: known.iter().map(DataSet::from).collect(),
+            sheet: Some(sheet),
+            stanza: Some(stanza),
+            contents: None,
+            error: stop.as_ref().map(Error::from),
+        })?;
         return Ok(stop.map_or(Exit::Whole, |stop| stop.exit));
     }
     let mut text = String::new();
@@ -259,27 +322,6 @@ impl<'a> Known<'a> {
         }
     }
 
-    fn json(&self) -> Json {
-        let [sizes, calibration, truth] = self.seen.json();
-        let fact = |fact: &Fact| json!({ "about": fact.label, "what": fact.text });
-        let fault = |fault: &Wrong| json!({ "message": fault.what, "help": fault.remedy });
-        json!({
-            "what": self.what,
-            "kind": self.entry.declaration.kind,
-            "name": self.name,
-            "with": self.params,
-            "alternatives": self.alternatives,
-            "frames": self.frames.len(),
-            "looked_at": self.seen.frames,
-            "sizes": sizes,
-            "calibration": calibration,
-            "truth": truth,
-            "facts": self.facts.iter().map(fact).collect::<Vec<_>>(),
-            "faults": self.faults.iter().map(fault).collect::<Vec<_>>(),
-            "warnings": self.warnings,
-        })
-    }
-
     /// A line each; a remedy once, where it is said first.
     fn text(&self, said: &mut BTreeSet<String>) -> String {
         let mut text = format!("{} ({})\n", self.what, self.entry.declaration.kind);
@@ -322,6 +364,26 @@ impl<'a> Known<'a> {
     }
 }
 
+impl From<&Known<'_>> for DataSet {
+    fn from(of: &Known<'_>) -> Self {
+        Self {
+            what: of.what.clone(),
+            kind: of.entry.declaration.kind.to_owned(),
+            name: of.name.clone(),
+            with: of.params.as_object().cloned().unwrap_or_default(),
+            alternatives: of.alternatives.clone().into(),
+            frames: of.frames.len() as u64,
+            looked_at: of.seen.frames as u64,
+            sizes: of.seen.sizes(),
+            calibration: of.seen.calibration(),
+            truth: of.seen.truth_of_ports(),
+            facts: of.facts.iter().map(DataFact::from).collect(),
+            faults: of.faults.iter().map(DataSetFault::from).collect(),
+            warnings: of.warnings.clone(),
+        }
+    }
+}
+
 /// Tells what lies in a folder that no kind knows.
 fn unknown(args: &DataArgs, root: &Path) -> Result<Exit, Stop> {
     let found = contents(root);
@@ -336,19 +398,19 @@ fn unknown(args: &DataArgs, root: &Path) -> Result<Exit, Stop> {
         ),
     };
     if args.json {
-        let found: Vec<Json> = found
-            .iter()
-            .map(|(folder, ending, count)| json!({ "folder": folder, "ending": ending, "files": count }))
-            .collect();
-        print_output(
-            Output::Data,
-            json!({ "root": root.to_string_lossy(), "found": [], "contents": found, "error": error_json(&stop) }),
-        )?;
+        outputs::print(&Data {
+            root: root.to_string_lossy().into_owned(),
+            found: Vec::new(),
+            sheet: None,
+            stanza: None,
+            contents: Some(found),
+            error: Some(Error::from(&stop)),
+        })?;
         return Ok(stop.exit);
     }
     let mut text = String::new();
-    for (folder, ending, count) in &found {
-        let _ = writeln!(text, "{count:6} {ending:8} in {folder}");
+    for Contents { folder, ending, files } in &found {
+        let _ = writeln!(text, "{files:6} {ending:8} in {folder}");
     }
     if found.is_empty() && root.is_dir() {
         text.push_str("no files\n");

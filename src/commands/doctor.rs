@@ -3,16 +3,40 @@
 use std::path::PathBuf;
 
 use depthloom_graphs::Fault;
-use depthloom_nodes::onnx::{self, Engine};
-use serde_json::json;
+use depthloom_nodes::onnx;
+use schemars::JsonSchema;
+use serde::Serialize;
 
-use crate::environment;
+use crate::environment::{self, Engine};
 use crate::exit::{Exit, Stop};
-use crate::outputs::Output;
-use crate::streams::{print, print_output};
+use crate::outputs::{self, CommandOutput, Output};
+use crate::streams::print;
 
 /// The environment variables by which the shipped experiments find data.
 const DATA_ROOTS: [(&str, &str); 1] = [("KITTI_STEREO_2015", "training/image_2")];
+
+/// Of `doctor`: what this machine offers.
+#[derive(JsonSchema, Serialize)]
+pub struct Doctor {
+    /// The version of the program.
+    depthloom: String,
+    cores: u64,
+    simd: Vec<String>,
+    networks: Option<Engine>,
+    data: Vec<DataRoot>,
+}
+
+impl CommandOutput for Doctor {
+    const OUTPUT: Output = Output::Doctor;
+}
+
+/// A variable that names a data set's folder.
+#[derive(JsonSchema, Serialize)]
+pub struct DataRoot {
+    variable: String,
+    root: Option<String>,
+    found: bool,
+}
 
 /// Prints cores, SIMD, the engine of networks and data roots.
 pub fn doctor(as_json: bool) -> Result<Exit, Stop> {
@@ -23,28 +47,18 @@ pub fn doctor(as_json: bool) -> Result<Exit, Stop> {
         (variable, root, there, landmark)
     });
     if as_json {
-        let data: Vec<_> = roots
-            .iter()
-            .map(|(variable, root, there, _)| {
-                let root = root.as_ref().map(|root| root.to_string_lossy());
-                json!({ "variable": variable, "root": root, "found": there })
-            })
-            .collect();
-        print_output(
-            Output::Doctor,
-            json!({
-                "depthloom": env!("CARGO_PKG_VERSION"),
-                "cores": environment::cores(),
-                "simd": environment::simd(),
-                "networks": engine.as_ref().ok().map(|found| {
-                    let mut described = environment::engine(found);
-                    described["providers"] = environment::names(&found.providers()).into();
-                    described["looked_at"] = looked_at().into();
-                    described
-                }),
-                "data": data,
-            }),
-        )?;
+        let data = roots.iter().map(|(variable, root, there, _)| DataRoot {
+            variable: (*variable).to_owned(),
+            root: root.as_ref().map(|root| root.to_string_lossy().into_owned()),
+            found: *there,
+        });
+        outputs::print(&Doctor {
+            depthloom: env!("CARGO_PKG_VERSION").to_owned(),
+            cores: environment::cores() as u64,
+            simd: environment::simd().into_iter().map(ToOwned::to_owned).collect(),
+            networks: engine.as_ref().ok().map(|&found| Engine::found(found, looked_at())),
+            data: data.collect(),
+        })?;
         return Ok(Exit::Whole);
     }
     let simd = environment::simd();
@@ -73,7 +87,7 @@ fn looked_at() -> Vec<String> {
 }
 
 /// The engine of networks, with what it offers; or why there is none.
-fn networks(engine: &Result<&Engine, Fault>) -> String {
+fn networks(engine: &Result<&onnx::Engine, Fault>) -> String {
     let below = |line: &str| format!("\n              {line}");
     let text = match engine {
         Ok(found) => {

@@ -1,17 +1,26 @@
 //! `depthloom nodes` and `depthloom schema`: what can stand in an experiment.
 
-use depthloom_graphs::{Registry, render};
+use depthloom_graphs::Registry;
+use depthloom_graphs::render::{self, Nodes, NodesKind};
 
 use crate::args::{NodesArgs, SchemaArgs};
 use crate::exit::{Exit, Stop};
-use crate::outputs::Output;
-use crate::streams::{print, print_json, print_output};
+use crate::outputs::{self, CommandOutput, Output};
+use crate::streams::{print, print_json};
+
+impl CommandOutput for Nodes {
+    const OUTPUT: Output = Output::Nodes;
+}
+
+impl CommandOutput for NodesKind {
+    const OUTPUT: Output = Output::NodesKind;
+}
 
 /// Lists all kinds, or explains one.
 pub fn nodes(args: &NodesArgs, registry: &Registry) -> Result<Exit, Stop> {
     let Some(kind) = &args.kind else {
         if args.json {
-            print_output(Output::Nodes, render::kinds_json(registry))?;
+            outputs::print(&render::kinds_json(registry))?;
             return Ok(Exit::Whole);
         }
         let sources = registry.sources().map(|s| (s.declaration.kind, "source", s.declaration.summary));
@@ -25,7 +34,7 @@ pub fn nodes(args: &NodesArgs, registry: &Registry) -> Result<Exit, Stop> {
         return Ok(Exit::Whole);
     };
     let answer = if args.json {
-        render::kind_json(registry, kind).map(|json| format!("{:#}\n", Output::NodesKind.stamped(json)))
+        render::kind_json(registry, kind).map(|json| outputs::text(&json))
     } else {
         render::kind_reference(registry, kind)
     };

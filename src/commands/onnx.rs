@@ -1,19 +1,83 @@
 //! `depthloom onnx`: what an ONNX file takes, gives and costs, and the lines that put it into an experiment.
 
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::Path;
 
+use depthloom_graphs::render::ByName;
 use depthloom_graphs::{Key, regular_file};
 use depthloom_nodes::onnx::{self, Description, Tensor};
-use serde_json::{Map, json};
+use schemars::JsonSchema;
+use serde::Serialize;
 
 use crate::args::OnnxArgs;
 use crate::exit::{Exit, Stop};
-use crate::outputs::Output;
-use crate::streams::{print, print_output};
+use crate::outputs::{self, CommandOutput, Output};
+use crate::streams::print;
 
 /// The largest file that is looked at: ONNX's own limit.
 const MOST_BYTES: u64 = 2 << 30;
+
+/// Of `onnx`: what an ONNX file takes, gives and costs.
+#[derive(JsonSchema, Serialize)]
+pub struct Onnx {
+    file: String,
+    bytes: u64,
+    /// The hash of its content, by which it enters keys.
+    hash: String,
+    producer: String,
+    ir_version: i64,
+    opsets: Vec<Opset>,
+    inputs: Vec<TensorJson>,
+    outputs: Vec<TensorJson>,
+    metadata: ByName<String>,
+    /// How often each operator stands in it.
+    operators: BTreeMap<String, u64>,
+    /// Numbers in its weights.
+    parameters: u64,
+    /// The first file of weights that is not in its own.
+    external: Option<String>,
+    /// Of one run with inputs of `counted_for`; `null` where they cannot be counted.
+    multiply_adds: Option<u64>,
+    /// Why they cannot.
+    not_counted: Option<String>,
+    /// By input, the shape that multiply-adds are counted for.
+    counted_for: Vec<Vec<u64>>,
+    /// The kind that the stanza is of: `mono/onnx`, `stereo/onnx` or `onnx`; `null` if none runs the model.
+    kind: Option<String>,
+    /// YAML: the node, to put under `nodes:`; `null` if no kind runs the model.
+    stanza: Option<String>,
+    /// Why no kind runs the model; `null` if one does.
+    refusal: Option<String>,
+}
+
+impl CommandOutput for Onnx {
+    const OUTPUT: Output = Output::Onnx;
+}
+
+/// An operator set.
+#[derive(JsonSchema, Serialize)]
+pub struct Opset {
+    /// Empty of the standard one.
+    domain: String,
+    version: i64,
+}
+
+/// An input or output of a model.
+#[derive(JsonSchema, Serialize)]
+#[schemars(rename = "Tensor")]
+pub struct TensorJson {
+    name: String,
+    element: String,
+    /// -1 where a side is open.
+    shape: Vec<i64>,
+}
+
+impl From<&Tensor> for TensorJson {
+    fn from(of: &Tensor) -> Self {
+        Self { name: of.name.clone(), element: of.element.clone(), shape: of.shape.clone() }
+    }
+}
 
 /// Shows a model.
 pub fn onnx(args: &OnnxArgs) -> Result<Exit, Stop> {
@@ -32,35 +96,27 @@ pub fn onnx(args: &OnnxArgs) -> Result<Exit, Stop> {
     let node = stanza(&told, file);
     let hash = Key::of_content(&bytes);
     if args.json {
-        let tensors = |tensors: &[Tensor]| -> Vec<_> {
-            tensors.iter().map(|one| json!({ "name": one.name, "element": one.element, "shape": one.shape })).collect()
-        };
-        let metadata: Map<String, _> =
-            told.metadata.iter().map(|(key, value)| (key.clone(), value.clone().into())).collect();
-        let opsets = told.opsets.iter().map(|(domain, version)| json!({ "domain": domain, "version": version }));
-        print_output(
-            Output::Onnx,
-            json!({
-                "file": file.to_string_lossy(),
-                "bytes": bytes.len(),
-                "hash": hash.to_string(),
-                "producer": told.producer,
-                "ir_version": told.ir_version,
-                "opsets": opsets.collect::<Vec<_>>(),
-                "inputs": tensors(&told.inputs),
-                "outputs": tensors(&told.outputs),
-                "metadata": metadata,
-                "operators": told.operators,
-                "parameters": told.parameters,
-                "external": told.external,
-                "multiply_adds": cost.as_ref().ok(),
-                "not_counted": cost.as_ref().err(),
-                "counted_for": shapes,
-                "kind": node.as_ref().ok().map(|(kind, _)| kind),
-                "stanza": node.as_ref().ok().map(|(_, stanza)| stanza),
-                "refusal": node.as_ref().err(),
-            }),
-        )?;
+        let opset = |(domain, version): &(String, i64)| Opset { domain: domain.clone(), version: *version };
+        outputs::print(&Onnx {
+            file: file.to_string_lossy().into_owned(),
+            bytes: bytes.len() as u64,
+            hash: hash.to_string(),
+            producer: told.producer.clone(),
+            ir_version: told.ir_version,
+            opsets: told.opsets.iter().map(opset).collect(),
+            inputs: told.inputs.iter().map(TensorJson::from).collect(),
+            outputs: told.outputs.iter().map(TensorJson::from).collect(),
+            metadata: told.metadata.iter().cloned().collect(),
+            operators: told.operators.clone(),
+            parameters: told.parameters,
+            external: told.external.clone(),
+            multiply_adds: cost.as_ref().ok().copied(),
+            not_counted: cost.as_ref().err().cloned(),
+            counted_for: shapes.iter().map(|shape| shape.iter().map(|&side| side as u64).collect()).collect(),
+            kind: node.as_ref().ok().map(|(kind, _)| (*kind).to_owned()),
+            stanza: node.as_ref().ok().map(|(_, stanza)| stanza.clone()),
+            refusal: node.as_ref().err().cloned(),
+        })?;
         return Ok(Exit::Whole);
     }
     let mut text = format!("{}  {} bytes, {hash}\n", file.display(), bytes.len());
@@ -303,7 +359,7 @@ fn text(text: &str) -> String {
     if begins && text.chars().all(is_plain) && !matches!(text, "true" | "false" | "null") {
         return text.to_owned();
     }
-    json!(text).to_string()
+    serde_json::Value::from(text).to_string()
 }
 
 /// A port's name for a tensor's.

@@ -1,15 +1,16 @@
 //! `depthloom plan` and `depthloom graph`: what would be run, as a list and as a drawing.
 
 use std::fmt::Write as _;
-use std::path::Path;
 
 use depthloom_graphs::Registry;
 use depthloom_graphs::contracts::{Contract, InlineHost};
 use depthloom_graphs::language::Loaded;
 use depthloom_graphs::ready::Ready;
+use depthloom_graphs::render;
 use depthloom_recording::{RecordedPlan, node_pairs};
 use depthloom_runner::Foreseen;
-use serde_json::json;
+use schemars::JsonSchema;
+use serde::Serialize;
 
 use super::check::load;
 use super::run::stop_of_missing;
@@ -19,8 +20,42 @@ use crate::columns::aligned;
 use crate::diagnostics::print_warning;
 use crate::earlier;
 use crate::exit::{Exit, Stop};
-use crate::outputs::Output;
-use crate::streams::{print, print_output};
+use crate::outputs::{self, CommandOutput, Output};
+use crate::streams::print;
+
+impl CommandOutput for render::Plan {
+    const OUTPUT: Output = Output::Plan;
+}
+
+impl CommandOutput for render::Graph {
+    const OUTPUT: Output = Output::Graph;
+}
+
+/// Of `plan --reuse`: what would be taken from earlier runs.
+#[derive(JsonSchema, Serialize)]
+pub struct PlanReuse {
+    /// The run that is nearest.
+    nearest: Option<String>,
+    nodes: Vec<ReusedNode>,
+    warnings: Vec<String>,
+}
+
+impl CommandOutput for PlanReuse {
+    const OUTPUT: Output = Output::PlanReuse;
+}
+
+/// How often a node would run.
+#[derive(JsonSchema, Serialize)]
+pub struct ReusedNode {
+    stage: String,
+    node: String,
+    /// Those that use it; none where all do.
+    variants: Vec<String>,
+    runs: u64,
+    taken: u64,
+    /// Why it runs.
+    why: Option<String>,
+}
 
 /// Prints every node of the plan, the variants that share it, and its recipe.
 pub fn plan(args: &PlanArgs, registry: &Registry) -> Result<Exit, Stop> {
@@ -30,7 +65,7 @@ pub fn plan(args: &PlanArgs, registry: &Registry) -> Result<Exit, Stop> {
     }
     let plan = loaded.plan;
     if args.json {
-        print_output(Output::Plan, plan.summary_json())?;
+        outputs::print(&plan.summary_json())?;
     } else {
         print(plan.summary_text())?;
     }
@@ -72,20 +107,22 @@ fn reuse(args: &PlanArgs, loaded: Loaded, registry: &Registry) -> Result<Exit, S
             };
             let why = if fires > 0 { why(run, node, *of_node) } else { None };
             let variants = planned.variant_names(&plan);
-            rows.push(json!({
-                "stage": plan.runs[run].stage, "node": planned.name, "variants": variants, "runs": fires,
-                "taken": taken, "why": why,
-            }));
+            rows.push(ReusedNode {
+                stage: plan.runs[run].stage.clone(),
+                node: planned.name.clone(),
+                variants: variants.iter().map(|&name| name.to_owned()).collect(),
+                runs: fires,
+                taken,
+                why: why.clone(),
+            });
             lines.push([planned.name.clone(), variants.join(", "), does, why.unwrap_or_default()]);
         }
         let _ = write!(stages, "\nstage {}\n{}", planned.prefix.trim_start_matches('/'), aligned(&lines, &[]));
     }
     let nearest = nearest.map(|(path, _)| path.parent().unwrap_or(path));
     if args.json {
-        print_output(
-            Output::PlanReuse,
-            json!({ "nearest": nearest.map(Path::to_string_lossy), "nodes": rows, "warnings": warnings }),
-        )?;
+        let nearest = nearest.map(|path| path.to_string_lossy().into_owned());
+        outputs::print(&PlanReuse { nearest, nodes: rows, warnings })?;
     } else {
         let head = nearest.map_or_else(
             || "no earlier run has anything of this experiment".to_owned(),
@@ -115,7 +152,7 @@ fn why_equal_nodes_run(contract: Contract, foreseen: Foreseen) -> String {
 pub fn graph(args: &GraphArgs, registry: &Registry) -> Result<Exit, Stop> {
     let Loaded { plan, .. } = load(&args.experiment, registry, true)?;
     if args.json {
-        print_output(Output::Graph, plan.graph_json())?;
+        outputs::print(&plan.graph_json())?;
         return Ok(Exit::Whole);
     }
     print(match args.format {

@@ -5,14 +5,13 @@ use std::path::{Path, PathBuf};
 
 use depthloom_analysis::{
     AnalysisError, CurveEnd, Lead, Leads, PAGE, Prepared, RecordingCondition, ReportOptions, Resampling, SAMPLES,
-    Summary, plan_key, report_with,
+    Summary, TableRow, plan_key, report_with,
 };
 use depthloom_graphs::plan::Plan;
 use depthloom_recording::{RecordedPlan, Recorder, Recording};
 use depthloom_runner::{Interrupt, Phase};
 use schemars::JsonSchema;
 use serde::Serialize;
-use serde_json::Value as Json;
 
 use super::page;
 use crate::args::{ReportArgs, TimingsArgs};
@@ -40,8 +39,7 @@ pub struct Report {
     experiment: String,
     recording: RecordingCondition,
     /// The rows of `table.csv`.
-    #[schemars(with = "Vec<outputs::TableRow>")]
-    table: Vec<Json>,
+    table: Vec<TableRow>,
     /// Where each learning curve ended.
     learning_curves: Vec<CurveEnd>,
     notes: Vec<String>,

@@ -9,13 +9,14 @@ use depthloom_graphs::contracts::Failure;
 use depthloom_graphs::language::Loaded;
 use depthloom_graphs::plan::Plan;
 use depthloom_graphs::ready::{NotReady, Ready};
+use depthloom_graphs::render;
 use depthloom_graphs::{Frame, Registry};
 use depthloom_nodes::{onnx, process};
 use depthloom_recording::{Condition, EarlierRuns, Recorder, Recording, RecordingError};
 use depthloom_runner::{Checkpoints, Interrupt, Observer, Options, Report, RunError, Unwatched};
 use schemars::JsonSchema;
 use serde::Serialize;
-use serde_json::{Value as Json, json};
+use serde_json::json;
 
 use super::check::{is_file, load};
 use super::page;
@@ -47,8 +48,7 @@ pub struct Run {
     /// The key of its plan: that of equal experiments, as Parquet files have it (`depthloom.run`).
     key: String,
     /// What was run, with every parameter: as `plan --json` tells it.
-    #[schemars(with = "outputs::Plan")]
-    parameters: Json,
+    parameters: render::Plan,
     /// By stage, its frames.
     frames: Vec<Frames>,
     /// How many frames failed.

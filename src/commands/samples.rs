@@ -2,7 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use depthloom_analysis::{Answer, By, Inquiry, SAMPLES, SamplesWritten, Unit, samples_are_of, write_samples};
+use depthloom_analysis::{
+    Answer, By, Inquiry, SAMPLES, SamplesWritten, TableOutput, Unit, samples_are_of, write_samples,
+};
 use depthloom_recording::{Condition, Recording};
 use depthloom_runner::Interrupt;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -33,6 +35,21 @@ pub struct Samples {
 
 impl CommandOutput for Samples {
     const OUTPUT: Output = Output::Samples;
+}
+
+// Of `analyse`. The schema has the description of the table: one here would make it refer to the table's.
+#[derive(JsonSchema, Serialize)]
+#[serde(transparent)]
+pub struct Analyse(TableOutput);
+
+impl CommandOutput for Analyse {
+    const OUTPUT: Output = Output::Analyse;
+}
+
+impl From<TableOutput> for Analyse {
+    fn from(table: TableOutput) -> Self {
+        Self(table)
+    }
 }
 
 /// Writes the samples of a run.
@@ -133,7 +150,7 @@ pub fn analyse(args: &AnalyseArgs) -> Result<Exit, Stop> {
     bar.finish_and_clear();
     let (found, run) = found.map_err(|error| failed(&error))?;
     let read: Vec<&Path> = files.iter().map(|(_, file)| file.as_path()).collect();
-    delivery.answer(Output::Analyse, &Answer::Grid(found), &run, &read)
+    delivery.answer::<Analyse>(&Answer::Grid(found), &run, &read)
 }
 
 /// The file of samples of a run, made if there is none, or if it is of what the recording was before; or such a file itself.
@@ -147,14 +164,16 @@ pub(super) fn samples_of(run: &Path, is_silent: bool, interrupt: &Interrupt) -> 
     if file.is_file() && samples_are_of(&file, &recording).map_err(|error| failed(&error))? {
         return Ok(file);
     }
-    let _lock = run_folder::lock_if_run(folder_of(&file))?;
-    let written = write(&recording, &file, is_silent, interrupt).map_err(|stop| match stop.exit {
-        Exit::Engine => stop.also(format!(
-            "`depthloom samples {} --out FILE` writes them elsewhere, `depthloom analyse FILE` reads them there",
+    let elsewhere = || {
+        format!(
+            "`depthloom samples {} --out FILE.parquet` writes the samples to another folder, and `depthloom analyse FILE.parquet` reads them there; \
+             for a figure copy the run to a folder that can be written",
             run.display()
-        )),
-        _ => stop,
-    })?;
+        )
+    };
+    let _lock = run_folder::lock_if_run(folder_of(&file)).map_err(|stop| stop.remedy(elsewhere()))?;
+    let written = write(&recording, &file, is_silent, interrupt)
+        .map_err(|stop| if stop.exit == Exit::Engine { stop.remedy(elsewhere()) } else { stop })?;
     written.notes.iter().for_each(|note| say(format_args!("note: {note}")));
     Ok(file)
 }

@@ -5,8 +5,8 @@ use std::io::{self, IsTerminal as _};
 use std::path::Path;
 
 use depthloom_analysis::{
-    AnalysisError, Answer, BoardRun, Costs, Mean, PixelSet, Question, Ranking, Resampling, Selection, Typesetting,
-    plan_key,
+    AnalysisError, Answer, BoardRun, Costs, Mean, PixelSet, Question, Ranking, Resampling, Selection, TableOutput,
+    Typesetting, plan_key,
 };
 use depthloom_graphs::Key;
 use depthloom_recording::Recording;
@@ -14,12 +14,16 @@ use depthloom_recording::Recording;
 use super::report::{TIMINGS, recording_of};
 use crate::args::{MeanOption, RowsOption, ScoresArgs, SetOption, TableArgs, TableFormat, TypesettingArgs};
 use crate::exit::{Exit, Stop, remedy_of_writing};
-use crate::outputs::Output;
+use crate::outputs::{self, CommandOutput, Output};
 use crate::signals;
 use crate::streams::{print, print_bytes, print_quoted};
 
 /// Columns of text of a terminal's table.
 const TERMINAL_WIDTH: usize = 110;
+
+impl CommandOutput for TableOutput {
+    const OUTPUT: Output = Output::Table;
+}
 
 /// Prints a table of a run's scores, or writes it to a file.
 pub fn table(args: &TableArgs) -> Result<Exit, Stop> {
@@ -42,7 +46,7 @@ pub fn table(args: &TableArgs) -> Result<Exit, Stop> {
         depthloom_analysis::answer(&recording, costs.as_ref(), &selection, &question, &|| interrupt.stops_admission());
     let mut answer = answer.map_err(|error| failed(&error))?;
     answer.typeset(&typesetting(&args.typesetting));
-    delivery.answer(Output::Table, &answer, &plan_key(recording.plan()), &[&path])
+    delivery.answer::<TableOutput>(&answer, &plan_key(recording.plan()), &[&path])
 }
 
 fn ranking(args: &TableArgs, intervals: Option<Resampling>) -> Ranking {
@@ -75,7 +79,7 @@ fn leaderboard(args: &TableArgs, delivery: &Delivery<'_>) -> Result<Exit, Stop> 
     let mut answer = Answer::Grid(board.map_err(|error| failed(&error))?);
     answer.typeset(&typesetting(&args.typesetting));
     let recording_paths: Vec<&Path> = paths.iter().map(std::path::PathBuf::as_path).collect();
-    delivery.answer(Output::Table, &answer, &plan_key(recordings[0].plan()), &recording_paths)
+    delivery.answer::<TableOutput>(&answer, &plan_key(recordings[0].plan()), &recording_paths)
 }
 
 /// What a table is written as, and where.
@@ -101,10 +105,9 @@ impl<'a> Delivery<'a> {
         Ok(Self { format, out })
     }
 
-    /// Prints an answer, or writes it to the file; `run` is the key of the plan it is of, `recordings` are those.
-    pub(super) fn answer(
+    /// Prints an answer, or writes it to the file, as JSON of type `T`; `run` is the key of the plan it is of, `recordings` are those.
+    pub(super) fn answer<T: CommandOutput + From<TableOutput>>(
         &self,
-        output: Output,
         answer: &Answer,
         run: &Key,
         recordings: &[&Path],
@@ -115,7 +118,7 @@ impl<'a> Delivery<'a> {
             TableFormat::Csv => answer.csv(),
             TableFormat::Parquet => answer.parquet(run).map_err(|error| failed(&error))?,
             TableFormat::Latex => answer.latex().into_bytes(),
-            TableFormat::Json => format!("{:#}\n", output.stamped(answer.json())).into_bytes(),
+            TableFormat::Json => outputs::text(&T::from(answer.output())).into_bytes(),
         };
         self.deliver(&bytes, recordings)?;
         Ok(Exit::Whole)

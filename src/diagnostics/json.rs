@@ -5,7 +5,6 @@ use std::ops::Range;
 use depthloom_graphs::language;
 use schemars::JsonSchema;
 use serde::Serialize;
-use serde_json::Value as Json;
 
 use crate::exit::{Problem, Stop, help_of};
 use crate::outputs::{CommandOutput, Output};
@@ -174,9 +173,4 @@ impl Place {
             end: End { line: end_line as u64, column: end_column as u64 },
         }
     }
-}
-
-/// An [`Error`] as a JSON value, for an output that is not a type yet.
-pub fn error_json(stop: &Stop) -> Json {
-    serde_json::to_value(Error::from(stop)).expect("texts, numbers and lists have JSON")
 }

@@ -3,7 +3,8 @@
 use depthloom_graphs::Key;
 use depthloom_scores::{Mean, PixelSet, Pooling};
 
-use super::contrast::{Contrast, Verdict, smallest_reachable};
+use super::contrast::{Contrast, smallest_reachable};
+use super::json::{CompareMethod, OtherParameters};
 use super::limit::Judged;
 use super::parameters::{Changed, changed};
 use super::side::{Kind, Party};
@@ -29,23 +30,13 @@ type Cell = (Option<f64>, Option<String>);
 pub struct Comparison {
     pub(super) grid: Grid,
     pub(super) rows: Vec<Row>,
-    pub(super) method: Method,
-    /// By other side: its name, and what differs.
-    pub(super) parameters: Vec<(String, Vec<Changed>)>,
+    /// How sure numbers are, and how that was found.
+    pub(super) method: CompareMethod,
+    /// By other side.
+    pub(super) parameters: Vec<OtherParameters>,
     pub(super) judged: Vec<Judged>,
     /// The key of the baseline's plan.
     key: Key,
-}
-
-/// How sure numbers are, and how that was found.
-#[derive(Clone, Debug, PartialEq)]
-pub(super) struct Method {
-    pub(super) interval: &'static str,
-    pub(super) confidence: f64,
-    pub(super) resamples: u32,
-    pub(super) seed: u64,
-    /// How many tests were corrected for.
-    pub(super) tests: usize,
 }
 
 /// A score of a pair, and of what it is.
@@ -82,13 +73,8 @@ pub(super) fn put_together(
 ) -> Comparison {
     let first = &parties[baseline];
     let others = || parties.iter().enumerate().filter(|(place, _)| *place != baseline).map(|(_, party)| party);
-    let method = Method {
-        interval: options.resampling.method.name(),
-        confidence: options.resampling.confidence,
-        resamples: options.resampling.resamples,
-        seed: options.resampling.seed,
-        tests: contrasts.iter().filter(|of| of.p_holm.is_some()).count(),
-    };
+    let tests = contrasts.iter().filter(|contrast| contrast.p_holm.is_some()).count();
+    let method = CompareMethod::new(&options.resampling, tests);
     let rows: Vec<Row> = contrasts.into_iter().map(|contrast| row(&pairs[contrast.pair], contrast, options)).collect();
     notes.extend(said_of(pairs, &rows, options));
     if options.baseline.as_deref() == Some("best") && first.title != "best" {
@@ -101,7 +87,9 @@ pub(super) fn put_together(
         let prefix = if opened.len() > 1 { format!("{}: ", run.called) } else { String::new() };
         notes.extend(condition::told(run.recording, &[], true).notes.into_iter().map(|note| format!("{prefix}{note}")));
     }
-    let parameters = others().map(|party| (party.title.clone(), parameters(opened, first, party))).collect();
+    let parameters = others()
+        .map(|party| OtherParameters { side: party.title.clone(), differences: parameters(opened, first, party) })
+        .collect();
     let mut grid = Grid {
         about: about(kind, first, &others().collect::<Vec<_>>(), pairs, &rows, &method, options),
         label: [
@@ -235,7 +223,7 @@ fn about(
     others: &[&Party],
     pairs: &[Pair<'_>],
     rows: &[Row],
-    method: &Method,
+    method: &CompareMethod,
     options: &CompareOptions,
 ) -> String {
     let once = |texts: &mut dyn Iterator<Item = String>| {
@@ -506,25 +494,20 @@ impl Comparison {
     /// By side, the parameters that differ: as many as are read, of all sides together.
     fn differing(&self) -> Vec<(String, Vec<String>)> {
         let mut told = Vec::new();
-        let sides = self.parameters.iter().filter(|(_, changed)| !changed.is_empty()).count();
+        let differs = |side: &&OtherParameters| !side.differences.is_empty();
+        let sides = self.parameters.iter().filter(differs).count();
         let most = (SHOWN / sides.max(1)).max(1);
-        for (title, changed) in self.parameters.iter().take(SHOWN).filter(|(_, changed)| !changed.is_empty()) {
-            let mut lines: Vec<String> = changed.iter().take(most).map(Changed::text).collect();
-            if changed.len() > most {
-                lines.push(format!("and {} more, which --json lists", changed.len() - most));
+        for OtherParameters { side, differences } in self.parameters.iter().take(SHOWN).filter(differs) {
+            let mut lines: Vec<String> = differences.iter().take(most).map(Changed::text).collect();
+            if differences.len() > most {
+                lines.push(format!("and {} more, which --json lists", differences.len() - most));
             }
-            told.push((format!("{title} differs in"), lines));
+            told.push((format!("{side} differs in"), lines));
         }
         if self.parameters.len() > SHOWN {
             let more = self.parameters.len() - SHOWN;
             told.push((format!("and {more} more sides, which --json lists"), Vec::new()));
         }
         told
-    }
-
-    /// How many are better, worse, and neither.
-    pub(super) fn verdicts(&self) -> [usize; 3] {
-        [Verdict::Better, Verdict::Worse, Verdict::Unclear]
-            .map(|verdict| self.rows.iter().filter(|row| row.contrast.verdict == verdict).count())
     }
 }

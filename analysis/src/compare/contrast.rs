@@ -2,6 +2,8 @@
 
 use depthloom_graphs::Key;
 use depthloom_scores::{Mean, Metric, ScoreRow};
+use schemars::JsonSchema;
+use serde::Serialize;
 
 use super::{CompareOptions, Pair};
 use crate::error::AnalysisError;
@@ -46,6 +48,28 @@ impl Verdict {
             Self::Worse => "worse",
             Self::Unclear => "unclear",
         }
+    }
+}
+
+/// How many rows have which verdict.
+#[derive(Clone, Debug, Default, PartialEq, JsonSchema, Serialize)]
+pub struct Verdicts {
+    better: u64,
+    worse: u64,
+    unclear: u64,
+}
+
+impl FromIterator<Verdict> for Verdicts {
+    fn from_iter<I: IntoIterator<Item = Verdict>>(verdicts: I) -> Self {
+        let mut counts = Self::default();
+        for verdict in verdicts {
+            *match verdict {
+                Verdict::Better => &mut counts.better,
+                Verdict::Worse => &mut counts.worse,
+                Verdict::Unclear => &mut counts.unclear,
+            } += 1;
+        }
+        counts
     }
 }
 

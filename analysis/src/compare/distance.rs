@@ -6,6 +6,7 @@
 
 mod answer;
 mod handover;
+mod json;
 mod median;
 mod read;
 
@@ -13,6 +14,7 @@ use std::path::PathBuf;
 
 pub use answer::DistanceComparison;
 pub(crate) use handover::{Handover, Near};
+pub use json::DistanceComparisonOutput;
 
 use super::contrast::Verdict;
 use super::side::{self, parties};

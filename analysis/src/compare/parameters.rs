@@ -1,44 +1,48 @@
 //! What was set otherwise: which parameter, version, input or file of which node.
 
 use depthloom_recording::{Difference, NodePair, RecordedPlan, RecordedRun, node_pairs, source_differences};
-use serde_json::{Value as Json, json};
+use serde::Serialize;
 
 /// Where two sides differ by themselves, not for what they read.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub(super) struct Changed {
+    #[serde(flatten)]
+    change: Change,
     /// `stage.node`, with its variants where it does not serve all; or the source of a stage.
     node: String,
-    /// What differs; `None`: one side lacks the node.
-    difference: Option<Difference>,
-    /// Whether it is the baseline that lacks it.
-    is_new: bool,
+}
+
+/// How a node of one side compares with that of the baseline.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(tag = "what", rename_all = "lowercase")]
+enum Change {
+    /// The baseline lacks it.
+    New,
+    /// The side lacks it.
+    Gone,
+    #[serde(untagged)]
+    Difference(Difference),
 }
 
 impl Changed {
     /// In a line.
     pub(super) fn text(&self) -> String {
-        match &self.difference {
-            Some(difference) => format!("{}  {difference}", self.node),
-            None if self.is_new => format!("{}  is new", self.node),
-            None => format!("{}  is gone", self.node),
+        match &self.change {
+            Change::Difference(difference) => format!("{}  {difference}", self.node),
+            Change::New => format!("{}  is new", self.node),
+            Change::Gone => format!("{}  is gone", self.node),
         }
-    }
-
-    /// For programs.
-    pub(super) fn json(&self) -> Json {
-        let mut json = match &self.difference {
-            Some(difference) => difference.json(),
-            None => json!({ "what": if self.is_new { "new" } else { "gone" } }),
-        };
-        json["node"] = self.node.as_str().into();
-        json
     }
 }
 
 /// The differences of parameters between two plans, each with its node.
 pub(crate) fn parameter_changes(before: &RecordedPlan, after: &RecordedPlan) -> Vec<(String, Difference)> {
     let all = changed((before, None), (after, None)).into_iter();
-    all.filter_map(|of| Some((of.node, of.difference?))).collect()
+    let difference = |changed: Changed| match changed.change {
+        Change::Difference(difference) => Some((changed.node, difference)),
+        Change::New | Change::Gone => None,
+    };
+    all.filter_map(difference).collect()
 }
 
 /// What differs between two plans, or a variant of each.
@@ -58,7 +62,7 @@ pub(super) fn changed(before: (&RecordedPlan, Option<usize>), after: (&RecordedP
         let Some(was) = before.runs.iter().find(|of| of.name() == run.name()) else { continue };
         for difference in source_differences(&was.source, &run.source) {
             let node = format!("source of {}", run.stage);
-            add(Changed { node, difference: Some(difference), is_new: false });
+            add(Changed { node, change: Change::Difference(difference) });
         }
     }
     for pair in node_pairs(&before, &after) {
@@ -73,10 +77,11 @@ pub(super) fn changed(before: (&RecordedPlan, Option<usize>), after: (&RecordedP
             (Some(_), Some(_)) => {
                 let own = |of: &Difference| !matches!(of, Difference::Upstream { .. });
                 for difference in pair.differences.into_iter().filter(own) {
-                    add(Changed { node: node.clone(), difference: Some(difference), is_new: false });
+                    add(Changed { node: node.clone(), change: Change::Difference(difference) });
                 }
             }
-            (one, _) if is_of_both => add(Changed { node, difference: None, is_new: one.is_none() }),
+            (None, _) if is_of_both => add(Changed { node, change: Change::New }),
+            (_, None) if is_of_both => add(Changed { node, change: Change::Gone }),
             _ => {}
         }
     }
@@ -106,4 +111,23 @@ fn of_variant(plan: &RecordedPlan, variant: usize) -> RecordedPlan {
     };
     let runs = plan.runs.iter().filter(|run| run.variants.contains(&variant)).map(run).collect();
     RecordedPlan { variants: vec![String::new()], factors: Vec::new(), runs, ..plan.clone() }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn json_has_the_keys_of_the_difference_between_what_and_node() {
+        let json = |change| serde_json::to_string(&Changed { change, node: "look.stereo".to_owned() }).unwrap();
+        let difference = Difference::Parameter { path: "block".to_owned(), before: Some(json!(3)), after: None };
+        assert_eq!(
+            json(Change::Difference(difference)),
+            r#"{"what":"parameter","path":"block","before":3,"after":null,"node":"look.stereo"}"#
+        );
+        assert_eq!(json(Change::New), r#"{"what":"new","node":"look.stereo"}"#);
+        assert_eq!(json(Change::Gone), r#"{"what":"gone","node":"look.stereo"}"#);
+    }
 }

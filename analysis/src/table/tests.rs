@@ -122,6 +122,8 @@ fn the_long_form_says_what_each_row_is_of() {
     expected.extend(eight().map(|name| format!("paper_{name}")));
     expected.push("density".to_owned());
     assert_eq!(lines[0], expected);
+    let rows = serde_json::to_value(table(true).rows()).unwrap();
+    assert_eq!(rows[0].as_object().unwrap().keys().collect::<Vec<_>>(), lines[0]);
     let of: Vec<String> = lines[1..].iter().map(|line| line[..4].join(" ")).collect();
     let expected =
         ["s  stereo answered", "s  stereo all", "s full mono all", "s full fused all", "s no_scaling mono all"];

@@ -1,9 +1,56 @@
 //! Plans as nodes and edges in JSON, for programs that draw or look through them.
 
-use serde_json::{Value as Json, json};
+use schemars::JsonSchema;
+use serde::Serialize;
 
 use super::diagram;
 use crate::plan::Plan;
+
+/// Of `graph`: boxes and arrows.
+#[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
+pub struct Graph {
+    experiment: String,
+    nodes: Vec<GraphNode>,
+    edges: Vec<Edge>,
+}
+
+/// A box.
+#[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
+pub struct GraphNode {
+    id: String,
+    /// `source`, `node` or `file`.
+    #[serde(rename = "type")]
+    of: String,
+    name: String,
+    /// Of a node.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    kind: Option<String>,
+    /// Of a source.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    kinds: Option<Vec<String>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    contract: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    stage: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    variants: Option<Vec<String>>,
+}
+
+/// An arrow.
+#[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
+pub struct Edge {
+    from: EdgeEnd,
+    to: EdgeEnd,
+    /// `frame` or `once`.
+    rate: String,
+}
+
+/// An end of an arrow.
+#[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
+pub struct EdgeEnd {
+    id: String,
+    port: Option<String>,
+}
 
 impl Plan {
     /// `{ experiment, nodes, edges }`, under the identifiers of the drawings.
@@ -13,45 +60,50 @@ impl Plan {
     /// path for a name and nothing else; an edge is `{ from: { id, port }, to: { id, port }, rate }`, without a port where it comes
     /// from a file.
     #[must_use]
-    pub fn graph_json(&self) -> Json {
+    pub fn graph_json(&self) -> Graph {
         let diagram = diagram::of(self);
-        let names = |served: &[usize]| served.iter().map(|&v| self.variants[v].as_str()).collect::<Vec<_>>();
         let mut nodes = Vec::new();
         for (group, run) in diagram.groups.iter().zip(&self.runs) {
             // The first box of a stage run is its source.
             let mut boxes = group.boxes.iter();
             if let Some(source) = boxes.next() {
-                nodes.push(json!({
-                    "id": source.id,
-                    "type": "source",
-                    "name": run.source.name,
-                    "kinds": run.source.parts.iter().map(|part| part.kind.as_str()).collect::<Vec<_>>(),
-                    "stage": run.stage,
-                    "variants": names(&run.variants),
-                }));
+                nodes.push(GraphNode {
+                    id: source.id.clone(),
+                    of: "source".to_owned(),
+                    name: run.source.name.clone(),
+                    kind: None,
+                    kinds: Some(run.source.parts.iter().map(|part| part.kind.clone()).collect()),
+                    contract: None,
+                    stage: Some(run.stage.clone()),
+                    variants: Some(self.names(&run.variants)),
+                });
             }
-            nodes.extend(boxes.zip(&run.nodes).map(|(shown, node)| {
-                json!({
-                    "id": shown.id,
-                    "type": "node",
-                    "name": node.name,
-                    "kind": node.kind,
-                    "contract": node.contract.name(),
-                    "stage": run.stage,
-                    "variants": names(&node.variants),
-                })
+            nodes.extend(boxes.zip(&run.nodes).map(|(shown, node)| GraphNode {
+                id: shown.id.clone(),
+                of: "node".to_owned(),
+                name: node.name.clone(),
+                kind: Some(node.kind.clone()),
+                kinds: None,
+                contract: Some(node.contract.name().to_owned()),
+                stage: Some(run.stage.clone()),
+                variants: Some(self.names(&node.variants)),
             }));
         }
-        nodes.extend(
-            diagram.files.iter().map(|file| json!({ "id": file.id, "type": "file", "name": file.lines.concat() })),
-        );
-        let edges = diagram.edges.iter().map(|edge| {
-            json!({
-                "from": { "id": edge.from, "port": edge.output },
-                "to": { "id": edge.to, "port": edge.input },
-                "rate": if edge.once { "once" } else { "frame" },
-            })
-        });
-        json!({ "experiment": self.experiment, "nodes": nodes, "edges": edges.collect::<Vec<_>>() })
+        nodes.extend(diagram.files.iter().map(|file| GraphNode {
+            id: file.id.clone(),
+            of: "file".to_owned(),
+            name: file.lines.concat(),
+            kind: None,
+            kinds: None,
+            contract: None,
+            stage: None,
+            variants: None,
+        }));
+        let edge = |edge: &diagram::Edge| Edge {
+            from: EdgeEnd { id: edge.from.clone(), port: edge.output.map(ToOwned::to_owned) },
+            to: EdgeEnd { id: edge.to.clone(), port: Some(edge.input.to_owned()) },
+            rate: if edge.once { "once" } else { "frame" }.to_owned(),
+        };
+        Graph { experiment: self.experiment.clone(), nodes, edges: diagram.edges.iter().map(edge).collect() }
     }
 }

@@ -1,13 +1,61 @@
 //! Kinds as JSON, for programs.
 
-use serde_json::{Value as Json, json};
+use schemars::JsonSchema;
+use serde::Serialize;
+use serde_json::Value as Json;
 
-use crate::contracts::Port;
+use crate::contracts;
 use crate::registry::Registry;
 
-/// All kinds: `{ kinds: [{ kind, contract, version, summary }] }`; the contract of a source is `source`.
+/// Of `nodes`: all kinds.
+#[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
+pub struct Nodes {
+    kinds: Vec<Kind>,
+}
+
+/// A kind of node or source.
+#[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
+pub struct Kind {
+    kind: String,
+    /// `source`, `pure`, `ordered` or `once`.
+    contract: String,
+    version: u32,
+    summary: String,
+}
+
+/// Of `nodes KIND`: everything about one.
+#[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
+pub struct NodesKind {
+    kind: String,
+    /// `source`, `pure`, `ordered` or `once`.
+    contract: String,
+    version: u32,
+    summary: String,
+    /// Of a kind whose ports follow from its parameters: those below are the usual ones.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    own_ports: Option<bool>,
+    doc: String,
+    inputs: Vec<Port>,
+    outputs: Vec<Port>,
+    /// The JSON Schema of its parameters.
+    parameters: Json,
+}
+
+/// A port.
+#[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
+pub struct Port {
+    port: String,
+    #[serde(rename = "type")]
+    value_type: String,
+    /// `frame` or `once`.
+    rate: String,
+    optional: bool,
+    doc: String,
+}
+
+/// All kinds; the contract of a source is `source`.
 #[must_use]
-pub fn kinds_json(registry: &Registry) -> Json {
+pub fn kinds_json(registry: &Registry) -> Nodes {
     let sources = registry.sources().map(|source| {
         let declared = &source.declaration;
         head(declared.kind, "source", declared.version, declared.summary)
@@ -16,14 +64,13 @@ pub fn kinds_json(registry: &Registry) -> Json {
         let declared = &node.declaration;
         head(declared.kind, declared.contract.name(), declared.version, declared.summary)
     });
-    json!({ "kinds": sources.chain(nodes).collect::<Vec<_>>() })
+    Nodes { kinds: sources.chain(nodes).collect() }
 }
 
-/// Everything about one kind: the same, with `doc`, `inputs`, `outputs` and the JSON Schema of its `parameters`; and `own_ports: true`
-/// where ports follow from these. `None` if there is no such kind.
+/// Everything about one kind. `None` if there is no such kind.
 #[must_use]
-pub fn kind_json(registry: &Registry, kind: &str) -> Option<Json> {
-    let (mut json, doc, inputs, outputs, schema) = if let Some(node) = registry.node_kind(kind) {
+pub fn kind_json(registry: &Registry, kind: &str) -> Option<NodesKind> {
+    let (head, doc, inputs, outputs, schema) = if let Some(node) = registry.node_kind(kind) {
         let declared = &node.declaration;
         let head = head(declared.kind, declared.contract.name(), declared.version, declared.summary);
         (head, declared.doc, &declared.inputs[..], &declared.outputs, &node.schema)
@@ -33,26 +80,32 @@ pub fn kind_json(registry: &Registry, kind: &str) -> Option<Json> {
         let head = head(declared.kind, "source", declared.version, declared.summary);
         (head, declared.doc, &[][..], &declared.outputs, &source.schema)
     };
-    if registry.node_kind(kind).is_some_and(|node| node.own_ports) {
-        json["own_ports"] = true.into();
-    }
-    json["doc"] = doc.trim().into();
-    json["inputs"] = inputs.iter().map(port).collect();
-    json["outputs"] = outputs.iter().map(port).collect();
-    json["parameters"] = schema.clone();
-    Some(json)
-}
-
-fn head(kind: &str, contract: &str, version: u32, summary: &str) -> Json {
-    json!({ "kind": kind, "contract": contract, "version": version, "summary": summary })
-}
-
-fn port(port: &Port) -> Json {
-    json!({
-        "port": port.name,
-        "type": port.value_type.name(),
-        "rate": port.rate.name(),
-        "optional": port.optional,
-        "doc": port.doc,
+    let Kind { kind, contract, version, summary } = head;
+    Some(NodesKind {
+        own_ports: registry.node_kind(&kind).is_some_and(|node| node.own_ports).then_some(true),
+        kind,
+        contract,
+        version,
+        summary,
+        doc: doc.trim().to_owned(),
+        inputs: inputs.iter().map(Port::from).collect(),
+        outputs: outputs.iter().map(Port::from).collect(),
+        parameters: schema.clone(),
     })
+}
+
+fn head(kind: &str, contract: &str, version: u32, summary: &str) -> Kind {
+    Kind { kind: kind.to_owned(), contract: contract.to_owned(), version, summary: summary.to_owned() }
+}
+
+impl From<&contracts::Port> for Port {
+    fn from(port: &contracts::Port) -> Self {
+        Self {
+            port: port.name.to_owned(),
+            value_type: port.value_type.name().to_owned(),
+            rate: port.rate.name().to_owned(),
+            optional: port.optional,
+            doc: port.doc.to_owned(),
+        }
+    }
 }

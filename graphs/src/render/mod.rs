@@ -1,12 +1,17 @@
 //! Plans and kinds as text and as JSON: diagrams, summaries, the reference of kinds.
 
+mod by_name;
 mod diagram;
 mod dot;
 mod graph;
 mod kinds;
 mod mermaid;
+mod plan_json;
 mod reference;
 mod summary;
 
-pub use kinds::{kind_json, kinds_json};
+pub use by_name::ByName;
+pub use graph::Graph;
+pub use kinds::{Nodes, NodesKind, kind_json, kinds_json};
+pub use plan_json::Plan;
 pub use reference::{kind_reference, kinds_index};

@@ -2,11 +2,9 @@
 
 use std::fmt::Write as _;
 
-use serde_json::{Value as Json, json};
-
 use super::diagram::variants;
 use crate::contracts::Slot;
-use crate::plan::{Factor, Origin, Plan, PlannedInput, PlannedNode, PlannedOutput, StageRun};
+use crate::plan::{Origin, Plan, PlannedInput, PlannedNode, StageRun};
 
 impl Plan {
     /// The plan as text: a table of nodes for each stage run, then what is scored.
@@ -66,7 +64,7 @@ impl Plan {
         text
     }
 
-    fn is_shared(&self, node: &PlannedNode) -> bool {
+    pub(super) fn is_shared(&self, node: &PlannedNode) -> bool {
         node.variants.len() > 1
     }
 
@@ -79,11 +77,11 @@ impl Plan {
         }
     }
 
-    fn slot_text(&self, run: &StageRun, slot: Slot) -> String {
+    pub(super) fn slot_text(&self, run: &StageRun, slot: Slot) -> String {
         self.wire_text(run, &Origin::Here(slot))
     }
 
-    fn input_text(&self, run: &StageRun, input: &PlannedInput) -> Option<String> {
+    pub(super) fn input_text(&self, run: &StageRun, input: &PlannedInput) -> Option<String> {
         Some(match input.from.as_ref()? {
             Origin::File(path) => input.shown_path(path),
             from => self.wire_text(run, from),
@@ -105,66 +103,6 @@ impl Plan {
             Origin::File(path) => path.display().to_string(),
         }
     }
-
-    /// The plan as JSON: what [`Plan::summary_text`] shows and everything it leaves out, for other programs.
-    #[must_use]
-    pub fn summary_json(&self) -> Json {
-        json!({
-            "experiment": self.experiment,
-            "about": self.about,
-            "variants": self.variants,
-            "factors": self.factors.iter().map(|factors| factors_json(factors)).collect::<Vec<_>>(),
-            "record": { "every": self.record.every, "view": self.record.view },
-            "runs": self.runs.iter().map(|run| self.run_json(run)).collect::<Vec<_>>(),
-        })
-    }
-
-    fn run_json(&self, run: &StageRun) -> Json {
-        let parts = run.source.parts.iter();
-        let nodes = run.nodes.iter().map(|node| {
-            let inputs: serde_json::Map<String, Json> = node
-                .inputs
-                .iter()
-                .filter_map(|input| Some((input.port.name.to_owned(), self.input_text(run, input)?.into())))
-                .collect();
-            json!({
-                "name": node.name,
-                "kind": node.kind,
-                "version": node.version,
-                "contract": node.contract.name(),
-                "does": "run",
-                "shared": self.is_shared(node),
-                "variants": self.names(&node.variants),
-                "recipe": node.recipe.to_string(),
-                "with": node.shown,
-                "auto": node.auto,
-                "inputs": inputs,
-                "outputs": outputs_json(&node.outputs),
-            })
-        });
-        json!({
-            "stage": run.stage,
-            "variants": self.names(&run.variants),
-            "source": {
-                "name": run.source.name,
-                "parts": parts.map(|p| json!({ "kind": p.kind, "version": p.version, "with": p.shown })).collect::<Vec<_>>(),
-                "outputs": outputs_json(&run.source.outputs),
-            },
-            "nodes": nodes.collect::<Vec<_>>(),
-            "estimates": run.estimates.iter().map(|estimate| json!({
-                "label": estimate.label,
-                "name": estimate.name,
-                "variant": estimate.variant.map(|v| &self.variants[v]),
-                "estimate": self.slot_text(run, estimate.estimate),
-                "truth": self.slot_text(run, estimate.truth),
-                "score": run.nodes[estimate.score_node].name,
-            })).collect::<Vec<_>>(),
-        })
-    }
-
-    fn names(&self, served: &[usize]) -> Vec<&str> {
-        served.iter().map(|&v| self.variants[v].as_str()).collect()
-    }
 }
 
 /// Parameters that follow others, with the numbers they became: `auto: p1 = 72, p2 = 288 of stereo`.
@@ -180,22 +118,4 @@ fn followed(run: &StageRun) -> String {
         }
     }
     lines.iter().map(|(values, nodes)| format!("  auto: {values} of {}\n", nodes.join(", "))).collect()
-}
-
-fn factors_json(factors: &[Factor]) -> Json {
-    Json::Object(factors.iter().map(|factor| (factor.axis.clone(), factor.value.as_str().into())).collect())
-}
-
-fn outputs_json(outputs: &[PlannedOutput]) -> Json {
-    let entries = outputs.iter().map(|output| {
-        let value = json!({
-            "type": output.port.value_type.name(),
-            "rate": output.port.rate.name(),
-            "topic": output.topic,
-            "aliases": output.aliases,
-            "recorded": output.recorded,
-        });
-        (output.port.name.to_owned(), value)
-    });
-    Json::Object(entries.collect())
 }

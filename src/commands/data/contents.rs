@@ -3,9 +3,20 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use schemars::JsonSchema;
+use serde::Serialize;
+
+/// Files of one ending in a folder.
+#[derive(JsonSchema, Serialize)]
+pub struct Contents {
+    pub folder: String,
+    pub ending: String,
+    pub files: u64,
+}
+
 /// The files below a folder by folder and ending, the most first; of the first forty.
-pub fn contents(root: &Path) -> Vec<(String, String, usize)> {
-    let mut counts: BTreeMap<(PathBuf, String), usize> = BTreeMap::new();
+pub fn contents(root: &Path) -> Vec<Contents> {
+    let mut counts: BTreeMap<(PathBuf, String), u64> = BTreeMap::new();
     let mut folders = vec![(root.to_owned(), 0)];
     let mut left = 100_000_usize;
     while let Some((folder, deep)) = folders.pop() {
@@ -30,9 +41,11 @@ pub fn contents(root: &Path) -> Vec<(String, String, usize)> {
         Ok(rest) => rest.to_string_lossy().into_owned(),
         Err(_) => folder.to_string_lossy().into_owned(),
     };
-    let mut found: Vec<_> =
-        counts.into_iter().map(|((folder, ending), count)| (shown(&folder), ending, count)).collect();
-    found.sort_by(|a, b| b.2.cmp(&a.2).then_with(|| a.cmp(b)));
+    let mut found: Vec<Contents> = counts
+        .into_iter()
+        .map(|((folder, ending), files)| Contents { folder: shown(&folder), ending, files })
+        .collect();
+    found.sort_by(|a, b| b.files.cmp(&a.files).then_with(|| (&a.folder, &a.ending).cmp(&(&b.folder, &b.ending))));
     found.truncate(40);
     found
 }

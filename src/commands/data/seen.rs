@@ -3,8 +3,9 @@
 use std::collections::BTreeMap;
 
 use depthloom_graphs::Value;
-use depthloom_graphs::values::{Calibration, Pixels};
-use serde_json::{Value as Json, json};
+use depthloom_graphs::values::{self, Pixels};
+use schemars::JsonSchema;
+use serde::Serialize;
 
 use crate::counted::counted;
 
@@ -14,18 +15,18 @@ pub struct Seen {
     pub frames: usize,
     /// Columns and rows, grey or colour: how many.
     images: BTreeMap<(u32, u32, bool), usize>,
-    calibration: Option<Calibration>,
+    calibration: Option<values::Calibration>,
     /// Whether others have another focal length or baseline.
     calibrations_differ: bool,
     /// Whether the frames are made of files, and none of these is a calibration.
     pub calibration_is_assumed: bool,
     /// By port, of true depths and disparities.
-    truths: BTreeMap<&'static str, Truth>,
+    truths: BTreeMap<&'static str, SeenTruth>,
 }
 
 /// Known pixels of all, and their numbers.
 #[derive(Default)]
-pub struct Truth {
+struct SeenTruth {
     frames: usize,
     pixels: u64,
     known: Vec<f32>,
@@ -61,7 +62,7 @@ impl Seen {
     }
 }
 
-impl Truth {
+impl SeenTruth {
     fn density(&self) -> f64 {
         self.known.len() as f64 / (self.pixels as f64).max(1.0)
     }
@@ -121,25 +122,71 @@ impl Seen {
         lines
     }
 
-    /// The same for programs.
-    pub fn json(&self) -> [Json; 3] {
-        let sizes: Vec<Json> = self
-            .images
-            .iter()
-            .map(|((width, height, colour), count)| json!({ "width": width, "height": height, "colour": colour, "frames": count }))
-            .collect();
-        let truths: BTreeMap<&str, Json> = self
-            .truths
-            .iter()
-            .map(|(port, truth)| {
-                let [least, median, most] = truth.spread();
-                (*port, json!({ "frames": truth.frames, "density": truth.density(), "unit": truth.unit, "min": least, "median": median, "max": most }))
-            })
-            .collect();
-        let calibration = self.calibration.as_ref().map(|of| {
-            json!({ "focal_px": of.focal_px, "cx_px": of.cx_px, "cy_px": of.cy_px, "baseline_m": of.baseline_m, "doffs_px": of.doffs_px,
-                "same_for_all": !self.calibrations_differ, "assumed": self.calibration_is_assumed })
-        });
-        [sizes.into(), json!(calibration), json!(truths)]
+    /// The sizes of the images, for programs.
+    pub fn sizes(&self) -> Vec<ImageSize> {
+        let size = |(&(width, height, colour), &frames): (&(u32, u32, bool), &usize)| ImageSize {
+            width,
+            height,
+            colour,
+            frames: frames as u64,
+        };
+        self.images.iter().map(size).collect()
     }
+
+    /// The first calibration, for programs.
+    pub fn calibration(&self) -> Option<Calibration> {
+        self.calibration.as_ref().map(|of| Calibration {
+            focal_px: of.focal_px,
+            cx_px: of.cx_px,
+            cy_px: of.cy_px,
+            baseline_m: of.baseline_m,
+            doffs_px: of.doffs_px,
+            same_for_all: !self.calibrations_differ,
+            assumed: self.calibration_is_assumed,
+        })
+    }
+
+    /// The truths by port, for programs.
+    pub fn truth_of_ports(&self) -> BTreeMap<String, Truth> {
+        let of_port = |(port, truth): (&&str, &SeenTruth)| {
+            let [min, median, max] = truth.spread().map(|number| number.map(f64::from));
+            let (frames, density, unit) = (truth.frames as u64, truth.density(), truth.unit.to_owned());
+            ((*port).to_owned(), Truth { frames, density, unit, min, median, max })
+        };
+        self.truths.iter().map(of_port).collect()
+    }
+}
+
+/// Images of one size, pixels.
+#[derive(JsonSchema, Serialize)]
+pub struct ImageSize {
+    width: u32,
+    height: u32,
+    colour: bool,
+    frames: u64,
+}
+
+/// The first calibration.
+#[derive(JsonSchema, Serialize)]
+pub struct Calibration {
+    focal_px: f64,
+    cx_px: f64,
+    cy_px: f64,
+    baseline_m: f64,
+    doffs_px: f64,
+    same_for_all: bool,
+    /// Whether it is no measured one.
+    assumed: bool,
+}
+
+/// A truth of the frames that were looked at.
+#[derive(JsonSchema, Serialize)]
+pub struct Truth {
+    frames: u64,
+    /// The share of pixels that have one.
+    density: f64,
+    unit: String,
+    min: Option<f64>,
+    median: Option<f64>,
+    max: Option<f64>,
 }

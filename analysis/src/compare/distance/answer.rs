@@ -1,11 +1,9 @@
 //! What was found, as it is shown and written.
 
 use depthloom_graphs::Key;
-use serde_json::{Value as Json, json};
 
 use super::super::CompareOptions;
-use super::super::contrast::Verdict;
-use super::{DistancePair, DistanceRow, Near, Statistic, THIN};
+use super::{DistancePair, DistanceRow, Near, Statistic};
 use crate::error::{AnalysisError, caught};
 use crate::grid::{Grid, GridCells, GridColumn};
 use crate::statistics::Resampling;
@@ -18,7 +16,7 @@ const FEW: usize = 10;
 pub struct DistanceComparison {
     pub(crate) pairs: Vec<DistancePair>,
     pub(crate) grid: Grid,
-    resampling: Resampling,
+    pub(super) resampling: Resampling,
     key: Key,
 }
 
@@ -206,61 +204,5 @@ impl DistanceComparison {
     /// If polars makes none of them.
     pub fn parquet(&self) -> Result<Vec<u8>, AnalysisError> {
         caught(|| self.grid.sheet().parquet("asked", &self.key).map_err(AnalysisError::compute("the table")))
-    }
-
-    /// For programs: `about`, `method`, `verdicts`, `handovers`, `rows` with the columns of its CSV form, `notes`.
-    #[must_use]
-    pub fn json(&self) -> Json {
-        let Json::Object(grid) = self.grid.json() else { return Json::Null };
-        let count = |verdict: Verdict| {
-            self.pairs.iter().flat_map(|pair| &pair.rows).filter(|row| row.verdict == verdict).count()
-        };
-        let handover = |pair: &DistancePair, (statistic, of): &(Statistic, Option<super::Handover>)| {
-            let titles = [0, 1].map(|side| pair.estimates[side].title.as_str());
-            let (near, far) = match of.as_ref().map(|of| of.near) {
-                Some(Near::Other) => (titles[1], titles[0]),
-                _ => (titles[0], titles[1]),
-            };
-            json!({
-                "baseline": titles[0],
-                "other": titles[1],
-                "statistic": statistic.name(),
-                "near": of.as_ref().map(|_| near),
-                "far": of.as_ref().map(|_| far),
-                "distance_m": of.as_ref().map(|of| of.distance_m),
-                "distance_low_m": of.as_ref().and_then(|of| of.interval).map(|of| of.low),
-                "distance_high_m": of.as_ref().and_then(|of| of.interval).map(|of| of.high),
-                "share": of.as_ref().map(|of| of.share),
-                "crossings_m": of.as_ref().map_or_else(Vec::new, |of| of.crossings_m.clone()),
-            })
-        };
-        let handovers: Vec<Json> =
-            self.pairs.iter().flat_map(|pair| pair.handovers.iter().map(move |of| handover(pair, of))).collect();
-        let tests = |statistic: Statistic| {
-            let rows = self.pairs.first().map_or(&[][..], |pair| &pair.rows);
-            rows.iter().filter(|row| row.statistic == statistic && row.test.is_some()).count()
-        };
-        json!({
-            "about": grid["about"],
-            "method": {
-                "interval": self.resampling.method.name(),
-                "handover_interval": "percentile",
-                "confidence": self.resampling.confidence,
-                "resamples": self.resampling.resamples,
-                "seed": self.resampling.seed,
-                "test": "wilcoxon",
-                "correction": "holm",
-                "tests": tests(Statistic::Mean),
-                "thin_pixels": THIN,
-            },
-            "verdicts": {
-                "better": count(Verdict::Better),
-                "worse": count(Verdict::Worse),
-                "unclear": count(Verdict::Unclear),
-            },
-            "handovers": handovers,
-            "rows": grid["rows"],
-            "notes": grid["notes"],
-        })
     }
 }
