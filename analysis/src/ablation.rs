@@ -24,7 +24,7 @@ use depthloom_recording::RecordedPlan;
 use depthloom_scores::{Family, Mean, Metric, PixelSet, ScoreRow};
 
 pub(crate) use adjusted::{LevelMeans, level_means};
-pub use answer::{Answer, Question, answer};
+pub use answer::{Answer, Question, TableOutput, answer};
 pub(crate) use answer::{of_frames, scored, source_of};
 pub use cost::Costs;
 pub(crate) use joined::of_label;

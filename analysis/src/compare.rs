@@ -15,8 +15,9 @@ use depthloom_recording::Recording;
 use depthloom_scores::PixelSet;
 
 pub use answer::Comparison;
-pub use distance::{DistanceComparison, compare_by_distance};
+pub use distance::{DistanceComparison, DistanceComparisonOutput, compare_by_distance};
 pub(crate) use distance::{DistancePair, DistanceRow, Handover, Statistic};
+pub use json::ComparisonOutput;
 pub(crate) use parameters::parameter_changes;
 pub use side::{Side, names};
 

@@ -5,9 +5,8 @@ mod markdown;
 mod terminal;
 
 use depthloom_scores::Metric;
-use serde_json::{Map, Value as Json, json};
 
-use crate::sheet::{Cells, Sheet, numeral, unit_of};
+use crate::sheet::{Cells, Sheet, unit_of};
 
 /// How a table is set, where it is not as usual.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -97,13 +96,6 @@ pub(crate) enum GridCells {
 pub(crate) struct Level {
     text: String,
     is_number: bool,
-}
-
-impl Level {
-    fn json(&self) -> Json {
-        let number = self.is_number.then(|| numeral(&self.text)).filter(|number| !number.is_null());
-        number.unwrap_or_else(|| self.text.clone().into())
-    }
 }
 
 impl GridColumn {
@@ -200,18 +192,6 @@ impl GridCells {
     fn is_best(&self, row: usize) -> bool {
         matches!(self, Self::Number { best, .. } if best[row])
     }
-
-    fn json(&self, row: usize) -> Json {
-        match self {
-            Self::Text(cells) => cells[row].clone().into(),
-            Self::Levels(cells) => cells[row].as_ref().map_or(Json::Null, Level::json),
-            Self::Count(cells) => cells[row].into(),
-            Self::Number { values, .. } => values[row].into(),
-            Self::Interval { ends, .. } => ends[row].map_or(Json::Null, |(low, high)| json!([low, high])),
-            Self::Share(cells) => cells[row].into(),
-            Self::Written { values, .. } => values[row].into(),
-        }
-    }
 }
 
 impl Grid {
@@ -273,16 +253,6 @@ impl Grid {
         latex::render(self)
     }
 
-    /// For programs: `about`, `rows` with the columns of its CSV form, `notes`.
-    #[must_use]
-    pub fn json(&self) -> Json {
-        let row = |row: usize| {
-            let cells = self.in_files().map(|column| (column.name.clone(), column.cells.json(row)));
-            Json::Object(cells.collect::<Map<String, Json>>())
-        };
-        json!({ "about": self.about, "rows": (0..self.height()).map(row).collect::<Vec<_>>(), "notes": self.notes })
-    }
-
     /// As programs read it: all columns.
     pub(crate) fn sheet(&self) -> Sheet<'_> {
         let mut sheet = Sheet::new();
@@ -293,7 +263,9 @@ impl Grid {
                     Cells::Numeral(cells.iter().map(|cell| cell.as_ref().map(|level| level.text.as_str())).collect())
                 }
                 GridCells::Levels(cells) => {
-                    Cells::TextIfAny(cells.iter().map(|cell| cell.as_ref().map(|level| level.text.as_str())).collect())
+                    let levels = cells.iter().map(Option::as_ref);
+                    let levels = levels.map(|level| level.map(|level| (level.text.as_str(), level.is_number)));
+                    Cells::NumeralOrText(levels.collect())
                 }
                 GridCells::Count(cells) => Cells::CountIfAny(cells.clone()),
                 GridCells::Number { values, .. } => Cells::Number(values.clone()),

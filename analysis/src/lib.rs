@@ -45,10 +45,13 @@ mod unchanged;
 mod unscored;
 mod xml;
 
-pub use ablation::{Answer, BoardRun, Costs, Leader, Question, Ranking, Selection, answer, leader, leaderboard};
+pub use ablation::{
+    Answer, BoardRun, Costs, Leader, Question, Ranking, Selection, TableOutput, answer, leader, leaderboard,
+};
 pub use analyse::{Bins, By, Gross, Inquiry, SampleSet, Unit, analyse, samples_are_of};
 pub use compare::{
-    CompareOptions, ComparedRun, Comparison, DistanceComparison, Side, compare, compare_by_distance, names,
+    CompareOptions, ComparedRun, Comparison, ComparisonOutput, DistanceComparison, DistanceComparisonOutput, Side,
+    compare, compare_by_distance, names,
 };
 pub use condition::{DamagedPlace, RecordingCondition, StageFrames};
 pub use curves::CurveEnd;
@@ -70,7 +73,7 @@ pub use sampling::{Sampled, SamplingTap};
 pub use scores::FrameScore;
 pub use sheet::{TABLE_FORMAT, TABLE_MARK};
 pub use statistics::{Interval, IntervalMethod, Resampling};
-pub use table::{Table, TableColumn};
+pub use table::{Table, TableColumn, TableRow};
 pub use timings::{Timing, read_timings, timings_table, write_timings};
 
 /// All scores there are, of any family, in the order of every table.

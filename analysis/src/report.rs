@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 
 use depthloom_graphs::Key;
 use depthloom_recording::Recording;
-use serde_json::Value as Json;
 
 use crate::ablation::{Ablation, Ranking, Selection, source_of};
 use crate::condition::{self, RecordingCondition, Told};
@@ -21,7 +20,7 @@ use crate::reading::{self, Distances};
 use crate::sampling::Sampled;
 use crate::scores::{FrameScore, table_of_scores};
 use crate::statistics::Resampling;
-use crate::table::{Table, incomplete_frames};
+use crate::table::{Table, TableRow, incomplete_frames};
 use crate::unchanged;
 use crate::unscored::Unscored;
 
@@ -67,7 +66,7 @@ pub struct Summary {
     /// In what condition the recording is.
     pub recording: RecordingCondition,
     /// The rows of the table, one an estimator and pixel set; none if there is no table.
-    pub rows: Vec<Json>,
+    pub rows: Vec<TableRow>,
     /// Where each learning curve ended.
     pub curve_ends: Vec<CurveEnd>,
     /// What is missing, and why.
@@ -203,7 +202,7 @@ fn analyse(
         text,
         experiment: plan.experiment.clone(),
         recording: condition,
-        rows: table.as_ref().map_or_else(Vec::new, |(table, _)| table.long_form().rows()),
+        rows: table.as_ref().map_or_else(Vec::new, |(table, _)| table.rows()),
         curve_ends: curves.iter().map(LearningCurve::end).collect(),
         notes,
         scored,

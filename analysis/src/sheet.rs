@@ -6,6 +6,8 @@
 //! polars writes and reads Parquet, and is kept from starting threads for it: a table is small, and where a system gives no more
 //! threads, polars' pools panic, or wait for ever for threads that never came. Its CSV writer cannot be kept from it.
 
+mod cell;
+
 use std::io::{self, Write};
 use std::str::FromStr;
 
@@ -17,6 +19,9 @@ use polars::prelude::{
 };
 use polars_parquet::write::schema_to_metadata_key;
 use serde_json::{Map, Value as Json};
+
+use cell::Cell;
+pub use cell::SheetRow;
 
 /// The version of what tables' columns are called and mean.
 pub const TABLE_FORMAT: u32 = 1;
@@ -50,6 +55,8 @@ pub(crate) enum Cells<'a> {
     CountIfAny(Vec<Option<u64>>),
     /// Numbers as they were written: CSV has the same text.
     Numeral(Vec<Option<&'a str>>),
+    /// The same beside texts, with whether each is a number: JSON has numbers, CSV and Parquet have texts.
+    NumeralOrText(Vec<Option<(&'a str, bool)>>),
     /// `None` is an empty cell.
     Number(Vec<Option<f64>>),
 }
@@ -125,13 +132,14 @@ impl<'a> Sheet<'a> {
         bytes
     }
 
-    /// Its rows as JSON objects, column to value; an empty cell is null.
-    pub(crate) fn rows(&self) -> Vec<Json> {
-        let row = |row: usize| {
-            let cells = self.columns.iter().map(|column| (column.name.clone(), column.cells.json(row)));
-            Json::Object(cells.collect())
-        };
-        (0..self.height()).map(row).collect()
+    /// The cells of a row, each with the name of its column.
+    pub(crate) fn row(&self, row: usize) -> impl Iterator<Item = (String, Option<Cell>)> {
+        self.columns.iter().map(move |column| (column.name.clone(), column.cells.cell(row)))
+    }
+
+    /// Its rows, for programs.
+    pub(crate) fn rows(&self) -> Vec<SheetRow> {
+        (0..self.height()).map(|row| self.row(row).collect()).collect()
     }
 
     /// What the metadata of a Parquet file of its columns says: `table` is what the table is called, `run` the key of the plan of the run it is of.
@@ -175,6 +183,9 @@ impl<'a> Sheet<'a> {
                 Cells::CountIfAny(cells) => Series::new(name, cells),
                 Cells::Numeral(cells) if *whole => Series::new(name, parsed::<i64>(&cells)),
                 Cells::Numeral(cells) => Series::new(name, parsed::<f64>(&cells)),
+                Cells::NumeralOrText(cells) => {
+                    Series::new(name, cells.iter().map(|cell| cell.map(|(text, _)| text)).collect::<Vec<_>>())
+                }
                 Cells::Number(cells) => Series::new(name, cells),
             })
         };
@@ -267,19 +278,24 @@ impl Cells<'_> {
             Self::Count(cells) => cells.len(),
             Self::CountIfAny(cells) => cells.len(),
             Self::Numeral(cells) => cells.len(),
+            Self::NumeralOrText(cells) => cells.len(),
             Self::Number(cells) => cells.len(),
         }
     }
 
-    fn json(&self, row: usize) -> Json {
+    fn cell(&self, row: usize) -> Option<Cell> {
         match self {
-            Self::Text(cells) => cells[row].into(),
-            Self::TextIfAny(cells) => cells[row].into(),
-            Self::Metres(cells) => cells[row].into(),
-            Self::Count(cells) => cells[row].into(),
-            Self::CountIfAny(cells) => cells[row].into(),
-            Self::Numeral(cells) => cells[row].map_or(Json::Null, numeral),
-            Self::Number(cells) => cells[row].into(),
+            Self::Text(cells) => Some(cells[row].into()),
+            Self::TextIfAny(cells) => cells[row].map(Cell::from),
+            Self::Metres(cells) => Some(u64::from(cells[row]).into()),
+            Self::Count(cells) => Some(cells[row].into()),
+            Self::CountIfAny(cells) => cells[row].map(Cell::from),
+            Self::Numeral(cells) => cells[row].and_then(Cell::numeral),
+            Self::NumeralOrText(cells) => match cells[row]? {
+                (number, true) => Cell::numeral(number),
+                (text, false) => Some(text.into()),
+            },
+            Self::Number(cells) => cells[row].and_then(Cell::number),
         }
     }
 
@@ -291,20 +307,13 @@ impl Cells<'_> {
             Self::Count(cells) => write!(out, "{}", cells[row]),
             Self::CountIfAny(cells) => cells[row].map_or(Ok(()), |count| write!(out, "{count}")),
             Self::Numeral(cells) => cells[row].map_or(Ok(()), |numeral| out.write_all(numeral.as_bytes())),
+            Self::NumeralOrText(cells) => cells[row].map_or(Ok(()), |(text, _)| write_text(text, out)),
             Self::Number(cells) => match cells[row] {
                 None => Ok(()),
                 Some(number) if number.is_finite() => Ok(serde_json::to_writer(out, &number)?),
                 Some(number) => write!(out, "{number}"),
             },
         }
-    }
-}
-
-/// A number as it was written.
-pub(crate) fn numeral(text: &str) -> Json {
-    match text.parse::<i64>() {
-        Ok(whole) => whole.into(),
-        Err(_) => text.parse::<f64>().ok().into(),
     }
 }
 
@@ -339,8 +348,9 @@ mod tests {
                         \"\"\"q\"\"\",,2,,1e-7\n\"\",,3,,1e+300\nä,,4,,\nx,full,5,,NaN\n";
         assert_eq!(String::from_utf8(bytes).unwrap(), expected);
         let row = serde_json::json!({ "name": "", "variant": null, "bin_m": 3, "median": null, "score": 1e300 });
-        assert_eq!(sheet.rows()[3], row);
-        assert!(sheet.rows()[5]["score"].is_null(), "JSON has no NaN");
+        let rows = serde_json::to_value(sheet.rows()).unwrap();
+        assert_eq!(rows[3], row);
+        assert!(rows[5]["score"].is_null(), "JSON has no NaN");
     }
 
     #[test]

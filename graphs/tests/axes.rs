@@ -420,7 +420,8 @@ fn a_parameter_that_follows_others_becomes_its_number_before_all_else() {
         assert_eq!(node.auto, ["p1", "p2"]);
     }
     assert!(swept.summary_text().contains("  auto: p1 = 72, p2 = 288 of left\n"), "{}", swept.summary_text());
-    assert_eq!(swept.summary_json()["runs"][0]["nodes"][0]["auto"], serde_json::json!(["p1", "p2"]));
+    let summary = serde_json::to_value(swept.summary_json()).unwrap();
+    assert_eq!(summary["runs"][0]["nodes"][0]["auto"], serde_json::json!(["p1", "p2"]));
     // However it is come by, an equal number is an equal node.
     let alike = plan(
         "variants: { plain: {}, auto: { compare.left.with.p1: auto }, same: { compare.left.with: { p1: 200, p2: 800 } } }\n",

@@ -7,6 +7,7 @@ import importlib
 import importlib.util
 import json
 import os
+import subprocess
 import sys
 import zipfile
 from pathlib import Path
@@ -35,6 +36,13 @@ def test_own_modules_are_reported_by_content_and_installed_ones_by_version(tmp_p
     assert late - names == {"late_of_test.py"}
     for name in ("own_of_test", "late_of_test"):
         sys.modules.pop(name)
+
+
+def test_python_without_assertions_is_another_python() -> None:
+    report = "import json; from depthloom._modules import Imports; print(json.loads(Imports().news())['packages']['python'])"
+    command = [sys.executable, "-c", report]
+    versions = [subprocess.run([*command[:1], *flags, *command[1:]], check=True, capture_output=True, text=True).stdout for flags in ([], ["-O"], ["-OO"])]
+    assert len(set(versions)) == 3
 
 
 def test_files_that_were_opened_before_serving_are_reported_by_content(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,7 +7,8 @@ use std::fmt;
 
 use depthloom_graphs::Key;
 use depthloom_graphs::contracts::Slot;
-use serde_json::{Value as Json, json};
+use serde::Serialize;
+use serde_json::Value as Json;
 
 use crate::plan::{RecordedInput, RecordedNode, RecordedPlan, RecordedRun, RecordedSource, RecordedSourcePart};
 
@@ -31,8 +32,9 @@ pub struct NodePair {
     pub differences: Vec<Difference>,
 }
 
-/// Something in which two nodes or sources differ.
-#[derive(Clone, Debug, PartialEq)]
+/// Something in which two nodes or sources differ. In JSON, `what` is the name of the variant.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(tag = "what", rename_all = "lowercase")]
 pub enum Difference {
     /// They are of other kinds.
     Kind {
@@ -280,25 +282,6 @@ fn wire(plan: &RecordedPlan, place: Place, input: &RecordedInput) -> Wire {
             Wire::Node(format!("{}/{}", of.name, output.port), of.recipe)
         }
         None => Wire::Source(from.clone()),
-    }
-}
-
-impl Difference {
-    /// For programs: what it is, where, and both sides.
-    #[must_use]
-    pub fn json(&self) -> Json {
-        match self {
-            Self::Kind { before, after } => json!({ "what": "kind", "before": before, "after": after }),
-            Self::Version { before, after } => json!({ "what": "version", "before": before, "after": after }),
-            Self::Parameter { path, before, after } => {
-                json!({ "what": "parameter", "path": path, "before": before, "after": after })
-            }
-            Self::Input { port, before, after } => {
-                json!({ "what": "input", "port": port, "before": before, "after": after })
-            }
-            Self::Upstream { port, from } => json!({ "what": "upstream", "port": port, "from": from }),
-            Self::Unseen { files } => json!({ "what": "unseen", "files": files }),
-        }
     }
 }
 

@@ -99,6 +99,22 @@ fn small(folder: &Path) -> PathBuf {
 }
 
 #[test]
+fn where_samples_cannot_be_written_beside_the_recording_the_error_names_another_way() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let run = small(folder.path());
+    let marker = std::fs::File::open(run.join("depthloom-run.json")).expect("a run has a marker");
+    marker.lock().expect("nobody else writes to it");
+    let refused = depthloom().arg("analyse").arg(&run).output().expect("runs");
+    let text = String::from_utf8_lossy(&refused.stderr);
+    assert!(!refused.status.success() && text.contains("samples") && text.contains("--out FILE.parquet"), "{text}");
+    let elsewhere = folder.path().join("elsewhere.parquet");
+    succeed(depthloom().arg("samples").arg(&run).arg("--out").arg(&elsewhere));
+    let table = succeed(depthloom().arg("analyse").arg(&elsewhere));
+    assert!(String::from_utf8_lossy(&table.stdout).contains("bin_from_m"));
+    assert!(!run.join("samples.parquet").exists());
+}
+
+#[test]
 fn samples_are_made_when_they_are_asked_for_and_are_equal_files() {
     let folder = tempfile::tempdir().expect("a folder");
     let run = small(folder.path());

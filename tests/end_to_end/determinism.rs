@@ -2,6 +2,8 @@
 
 use std::path::Path;
 
+use depthloom_test_needs::is_full;
+
 use crate::support::{depthloom, succeed, workspace};
 
 fn run(experiment: &Path, out: &Path, workers: &str) -> Vec<u8> {
@@ -14,8 +16,10 @@ fn recordings_are_equal_with_one_two_and_eight_workers() {
     let folder = tempfile::tempdir().expect("a folder");
     let experiment = folder.path().join("small.yaml");
     let table1 = workspace().join("experiments/table1.yaml");
+    // The hermetic suite takes fewer frames and steps.
+    let (train, test, steps, curve_every) = if is_full() { (4, 5, 12, 4) } else { (2, 3, 3, 1) };
     let text = format!(
-        "extends: {}\nexperiment: small\nsources:\n  train: {{ with: {{ frames: 0..2, width: 320, height: 96 }} }}\n  test: {{ with: {{ frames: 0..3, width: 320, height: 96 }} }}\nstages: {{ learn: {{ nodes: {{ teacher: {{ with: {{ steps: 3, curve_every: 1 }} }} }} }} }}\n",
+        "extends: {}\nexperiment: small\nsources:\n  train: {{ with: {{ frames: 0..{train}, width: 320, height: 96 }} }}\n  test: {{ with: {{ frames: 0..{test}, width: 320, height: 96 }} }}\nstages: {{ learn: {{ nodes: {{ teacher: {{ with: {{ steps: {steps}, curve_every: {curve_every} }} }} }} }} }}\n",
         table1.display()
     );
     std::fs::write(&experiment, text).expect("written");

@@ -6,10 +6,14 @@ use std::path::{Path, PathBuf};
 use std::process::Stdio;
 
 use depthloom_recording::{RecordedContent, Recording};
+use depthloom_test_needs::is_full;
 
 use crate::support::{depthloom, succeed, workspace};
 
-pub const STEPS: u64 = 60;
+/// The steps of a training; the hermetic suite takes fewer.
+pub fn steps() -> u64 {
+    if is_full() { 60 } else { 24 }
+}
 
 /// The nodes of a stage `learn`, small enough for seconds.
 pub fn learn(steps: u64, checkpoint_every: u64) -> String {
@@ -35,7 +39,7 @@ pub fn learn(steps: u64, checkpoint_every: u64) -> String {
 pub fn street(folder: &Path, checkpoint_every: u64) -> PathBuf {
     let source = "  train: { kind: synthetic/road, with: { frames: 0..5, width: 320, height: 96, seed: 4 } }";
     let path = folder.join(format!("street-{checkpoint_every}.yaml"));
-    let stage = learn(STEPS, checkpoint_every);
+    let stage = learn(steps(), checkpoint_every);
     std::fs::write(&path, format!("experiment: street\nsources:\n{source}\nstages:\n{stage}")).expect("written");
     path
 }
@@ -168,12 +172,12 @@ fn a_training_killed_three_times_gives_the_network_of_one_that_was_not() {
     // How often the state is put down decides nothing.
     let experiment = street(folder.path(), 1);
     let random = RandomState::new();
-    let points = [0_u64, 1, 2].map(|third| 1 + third * 15 + random.hash_one(third) % 12);
+    let points = [0_u64, 1, 2].map(|third| 1 + third * (steps() / 4) + random.hash_one(third) % (steps() / 5));
     let mut reached = 0;
     for (attempt, at) in points.into_iter().enumerate() {
         let out = folder.path().join(format!("killed-{attempt}"));
         reached = run_and_kill(&experiment, &out, reached, at);
-        assert!((at..=STEPS).contains(&reached), "killed at step {reached}, to be killed at {at}");
+        assert!((at..=steps()).contains(&reached), "killed at step {reached}, to be killed at {at}");
     }
     let found = run(&experiment, &folder.path().join("last"), "2");
     assert!(found == undisturbed, "killed at the steps {points:?}, the network is another");

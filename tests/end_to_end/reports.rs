@@ -6,6 +6,8 @@ use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
+use depthloom_test_needs::is_full;
+
 use crate::support::{depthloom, number, read_csv, skipped, succeed};
 
 /// More samples of the error against distance than memory holds (2^20, `analysis/src/report.rs`): of every pixel of the road, whose plane is the truth.
@@ -27,11 +29,21 @@ stages:
       estimates: { stereo: depth/depth, scaled: scaled/depth, merged: merged/depth, fused: fused/depth }
 ";
 
-/// A run whose samples memory does not hold.
+/// A run of a few frames; in the full suite one whose samples memory does not hold.
 fn run(folder: &Path) -> PathBuf {
+    if is_full() { run_beyond_memory(folder) } else { run_of(folder, 4) }
+}
+
+fn run_of(folder: &Path, frames: u32) -> PathBuf {
     let (experiment, run) = (folder.join("dense.yaml"), folder.join("run"));
-    std::fs::write(&experiment, DENSE).expect("written");
+    std::fs::write(&experiment, DENSE.replace("0..20", &format!("0..{frames}"))).expect("written");
     succeed(depthloom().arg("run").arg(&experiment).args(["--quiet", "--out"]).arg(&run));
+    run
+}
+
+/// A run whose samples memory does not hold.
+fn run_beyond_memory(folder: &Path) -> PathBuf {
+    let run = run_of(folder, 20);
     let bins = read_csv(&run.join("error_vs_distance.csv"));
     let samples: f64 = bins.iter().filter(|row| row["set"] == "answered").map(|row| number(row, "count")).sum();
     assert!(samples > f64::from(1 << 20), "{samples} samples fit into memory");
@@ -72,8 +84,9 @@ fn a_run_and_a_report_of_its_recording_give_the_same_files() {
     };
     let every = again("every", "record.every=3");
     let some_taken = again("some", "look.scaled.with.method=average");
-    let more_frames = again("more", "sources.street.with.frames=0..18");
-    for run in [first, every, some_taken, more_frames] {
+    let frames = if is_full() { 18 } else { 3 };
+    let other_frames = again("other", &format!("sources.street.with.frames=0..{frames}"));
+    for run in [first, every, some_taken, other_frames] {
         let out = folder.path().join("report");
         succeed(&mut report(&run, &out));
         let ours = files(&run);
@@ -91,7 +104,7 @@ fn reports_on_one_core_and_on_all_are_equal_with_samples_beyond_memory() {
         return skipped(TEST, "this machine has one core");
     }
     let folder = tempfile::tempdir().expect("a folder");
-    let run = run(folder.path());
+    let run = run_beyond_memory(folder.path());
     let [all, one] = ["all", "one"].map(|name| folder.path().join(name));
     let mut on_all = report(&run, &all);
     succeed(&mut on_all);

@@ -6,7 +6,8 @@ use depthloom_graphs::Key;
 use depthloom_graphs::contracts::FrameSelection;
 use depthloom_recording::{RecordedFrame, Recording};
 use depthloom_scores::{Mean, ScoreRow};
-use serde_json::Value as Json;
+use schemars::JsonSchema;
+use serde::Serialize;
 
 use super::shared::shared_scores;
 use super::{Ablation, Costs, Ranking, Selection, effects, zones};
@@ -16,7 +17,7 @@ use crate::estimators::{Estimator, estimators};
 use crate::grid::{Grid, Typesetting};
 use crate::reading;
 use crate::scores::FrameScore;
-use crate::sheet::Sheet;
+use crate::sheet::{Sheet, SheetRow};
 use crate::statistics::Resampling;
 use crate::table::{Table, common, incomplete_frames};
 
@@ -40,6 +41,16 @@ pub enum Answer {
     Grid(Grid),
     /// As Table I.
     Scores(Table),
+}
+
+/// Of `table` and `analyse`: what was asked.
+#[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
+pub struct TableOutput {
+    /// What the numbers are.
+    about: String,
+    /// The columns of its CSV form, which docs/tables.md explains.
+    rows: Vec<SheetRow>,
+    notes: Vec<String>,
 }
 
 /// Answers a question from a recording's scores alone: no map is read. `costs` are those of its run, where they are known.
@@ -134,15 +145,14 @@ impl Answer {
         caught(|| self.sheet().parquet("asked", run).map_err(AnalysisError::compute("the table")))
     }
 
-    /// For programs: `about`, `rows` with the columns of [`Answer::csv`], `notes`.
+    /// For programs, with the columns of [`Answer::csv`].
     #[must_use]
-    pub fn json(&self) -> Json {
-        match self {
-            Self::Grid(grid) => grid.json(),
-            Self::Scores(table) => {
-                serde_json::json!({ "about": table.about(), "rows": table.long_form().rows(), "notes": [] })
-            }
-        }
+    pub fn output(&self) -> TableOutput {
+        let (about, notes) = match self {
+            Self::Grid(grid) => (grid.about.clone(), grid.notes.clone()),
+            Self::Scores(table) => (table.about(), Vec::new()),
+        };
+        TableOutput { about, rows: self.sheet().rows(), notes }
     }
 
     fn sheet(&self) -> Sheet<'_> {

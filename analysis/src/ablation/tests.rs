@@ -317,8 +317,9 @@ fn an_axis_that_some_variants_have_is_told_among_those_and_numbers_stand_by_size
     assert!(text.contains("note: block is there in 2 of 4 rows: its means and differences are over those"), "{text}");
     assert!(!text.contains("(none)"), "{text}");
     let by_block = Ranking { sort: Some("block".to_owned()), ..Ranking::default() };
-    let json = by_block.grid(&ablation, &Selection::default(), &|| false).unwrap().json();
-    let blocks: Vec<&Json> = json["rows"].as_array().unwrap().iter().map(|row| &row["block"]).collect();
+    let grid = by_block.grid(&ablation, &Selection::default(), &|| false).unwrap();
+    let json = serde_json::to_value(grid.sheet().rows()).unwrap();
+    let blocks: Vec<&Json> = json.as_array().unwrap().iter().map(|row| &row["block"]).collect();
     assert_eq!(blocks, [&json!(3), &json!(9), &Json::Null, &Json::Null, &Json::Null]);
 }
 

@@ -1,13 +1,10 @@
 //! What adds up: counts, means and shares by bin.
 //!
-//! Within a part that is a loop over plain numbers: with a lazy polars query there, whose kernels are compiled for size here (`Cargo.toml`), and columns read through its
-//! iterators, questions took twice the processor time (`bench/analysis.sh`). The parts' sums are put together by polars, in the order of the parts, so that what comes
-//! out does not depend on which thread was first.
+//! Within a part that is a loop over plain numbers: with a lazy polars query there, and columns read through its iterators, questions took twice the processor
+//! time (`bench/analysis.sh`). polars adds the parts' sums, in the order of the parts, so that the result does not depend on which thread was first.
 
 use polars::frame::DataFrame;
 use polars::prelude::{Column, NamedFrom as _, PolarsResult, Series};
-use polars_lazy::dsl::{Expr, col};
-use polars_lazy::prelude::IntoLazy as _;
 
 use super::{Gross, Unit};
 
@@ -122,6 +119,10 @@ pub(super) struct Sums {
 }
 
 /// The sums of all parts, added in their order.
+#[expect(
+    deprecated,
+    reason = "polars wants its lazy engine instead: four crates that take longer to compile than this one"
+)]
 pub(super) fn of_all(parts: Vec<DataFrame>, estimators: usize) -> PolarsResult<Vec<BinSums>> {
     let mut parts = parts.into_iter();
     let Some(mut all) = parts.next() else { return Ok(Vec::new()) };
@@ -129,14 +130,14 @@ pub(super) fn of_all(parts: Vec<DataFrame>, estimators: usize) -> PolarsResult<V
         all.vstack_mut_owned(part)?;
     }
     all.rechunk_mut();
-    let names = (0..estimators).flat_map(|place| SUMS.map(|what| sum(what, place)));
-    let sums: Vec<Expr> = [PIXELS.to_owned()].into_iter().chain(names).map(|name| col(name).sum()).collect();
-    let all = all.lazy().group_by_stable([col(BIN)]).agg(sums).sort([BIN], Default::default()).collect()?;
+    // Of every column but that of the bins. polars calls the sum of `a` `a_sum`.
+    let all = all.group_by_stable([BIN])?.sum()?.sort([BIN], Default::default())?;
+    let summed = |name: &str| all.column(&format!("{name}_sum"));
     let counts = |name: &str| -> PolarsResult<Vec<u64>> {
-        Ok(all.column(name)?.u64()?.iter().map(Option::unwrap_or_default).collect())
+        Ok(summed(name)?.u64()?.iter().map(Option::unwrap_or_default).collect())
     };
     let numbers = |name: &str| -> PolarsResult<Vec<f64>> {
-        Ok(all.column(name)?.f64()?.iter().map(Option::unwrap_or_default).collect())
+        Ok(summed(name)?.f64()?.iter().map(Option::unwrap_or_default).collect())
     };
     let bins = all.column(BIN)?.u32()?.iter().map(Option::unwrap_or_default);
     let mut rows: Vec<BinSums> = bins

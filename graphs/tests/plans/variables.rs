@@ -19,7 +19,12 @@ fn shown(plan: &Plan) -> String {
     let parts = plan.runs.iter().flat_map(|run| &run.source.parts).map(|part| part.portable.to_string());
     let recorded: Vec<String> = nodes.chain(parts).collect();
     let written: Vec<String> = plan.written.iter().map(|(name, text)| format!("{name}{text}")).collect();
-    let texts = [plan.summary_json().to_string(), plan.summary_text(), plan.mermaid(), plan.resolved.clone()];
+    let texts = [
+        serde_json::to_string(&plan.summary_json()).expect("texts and numbers have JSON"),
+        plan.summary_text(),
+        plan.mermaid(),
+        plan.resolved.clone(),
+    ];
     [texts.join("\n"), recorded.join("\n"), written.join("\n"), plan.about.clone()].join("\n")
 }
 

@@ -22,7 +22,9 @@ class Imports:
         self._names: set[str] = set()
         #: By file: its name relative to the program, and a hash of its content.
         self._modules: dict[str, tuple[str, str]] = {}
-        self._packages: dict[str, str] = {"python": platform.python_version()}
+        # With PYTHONOPTIMIZE=1 or -O, assertions of the program do not run.
+        optimized = f", optimized ({sys.flags.optimize})" if sys.flags.optimize else ""
+        self._packages: dict[str, str] = {"python": platform.python_version() + optimized}
         self._folders = {path: _Installed(path) for path in sys.path if os.path.basename(path) in _INSTALLED}
         self._standard = tuple(
             os.path.abspath(path) + os.sep for path in {sysconfig.get_path("stdlib"), sysconfig.get_path("platstdlib")} if path

@@ -5,7 +5,7 @@ use std::process::{Child, Command, Stdio};
 
 use depthloom_recording::Recording;
 
-use crate::learning::{STEPS, learn, learned, run, run_and_kill, step, street};
+use crate::learning::{learn, learned, run, run_and_kill, step, steps, street};
 use crate::support::{depthloom, full, succeed};
 
 /// Starts a run that says nothing.
@@ -35,7 +35,7 @@ fn and_then(folder: &Path, frames: u32) -> PathBuf {
          stereo: {{ kind: stereo/sgbm, inputs: {{ left: source/left, right: source/right }} }}\n",
         source(5),
         source(frames),
-        learn(STEPS, 1),
+        learn(steps(), 1),
     );
     std::fs::write(&path, text).expect("written");
     path
@@ -129,7 +129,7 @@ fn fault_27_a_signal_ends_learning_at_a_checkpoint_that_the_next_run_takes_up() 
         assert_eq!(child.wait().expect("ended").code(), Some(130), "{signal}");
         assert!(!out.exists(), "an interrupted run must not look like a whole one");
         let stands = step(&checkpoints).expect("a checkpoint");
-        assert!((at.max(reached)..STEPS).contains(&stands), "{signal} at {at}: {stands}");
+        assert!((at.max(reached)..steps()).contains(&stands), "{signal} at {at}: {stands}");
         reached = stands;
     }
     assert!(run(&experiment, &folder.path().join("last"), "2") == undisturbed);
@@ -146,17 +146,17 @@ fn fault_27_what_was_learned_is_not_lost_by_a_signal_after_the_training() {
     let (experiment, out) = (and_then(folder.path(), 100_000), folder.path().join("long"));
     let mut child = start(&experiment, &out);
     let recording = out.with_extension("partial").join("recording.mcap");
-    signal_at(&mut child, &out, STEPS, "-0");
+    signal_at(&mut child, &out, steps(), "-0");
     let learned_by = std::fs::metadata(&recording).expect("a recording").len();
     // The stage after has begun.
     while std::fs::metadata(&recording).expect("a recording").len() < learned_by + 100_000 {
         assert!(child.try_wait().expect("a child").is_none(), "the run ended by itself");
         std::thread::yield_now();
     }
-    signal_at(&mut child, &out, STEPS, "-INT");
+    signal_at(&mut child, &out, steps(), "-INT");
     assert_eq!(child.wait().expect("ended").code(), Some(130));
     let checkpoints = folder.path().join("checkpoints");
-    assert_eq!(step(&checkpoints), Some(STEPS), "the training is there, whole");
+    assert_eq!(step(&checkpoints), Some(steps()), "the training is there, whole");
     let short = and_then(folder.path(), 2);
     let found = run(&short, &folder.path().join("short"), "2");
     assert!(!checkpoints.exists(), "the run took it up, and is whole");

@@ -8,12 +8,15 @@ use std::process::Command;
 
 use depthloom_fuzz::{Reader, Target, targets};
 use depthloom_random::SplitMix64;
+use depthloom_test_needs::is_full;
 
 /// What a test may take, KiB of addresses: decoders are bounded to half a GiB each.
 const MEMORY_KIB: u64 = 4 << 20;
 
 /// Mutations of a target, unless the environment says otherwise.
-const MUTATIONS: usize = 300;
+fn default_mutations() -> usize {
+    if is_full() { 300 } else { 100 }
+}
 
 /// Runs a test's body in a process of its own that may not take more memory: an allocation beyond ends it, and the test with it.
 fn bounded(test: &str, body: impl FnOnce()) {
@@ -81,7 +84,8 @@ fn mutations_are_read_or_refused() {
 }
 
 fn mutations() {
-    let mutations = std::env::var("DEPTHLOOM_FUZZ").map_or(MUTATIONS, |text| text.parse().expect("a number"));
+    let mutations =
+        std::env::var("DEPTHLOOM_FUZZ").map_or_else(|_| default_mutations(), |text| text.parse().expect("a number"));
     for target in asked_for() {
         let reader = Reader::new(target);
         let name = reader.target().name;

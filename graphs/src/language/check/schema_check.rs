@@ -265,6 +265,8 @@ fn number(value: &Json, schema: &Map<String, Json>, path: &[String], found: &mut
         out(format!("{} must be at most {}, not {value}", subject(path), bound("maximum")));
     } else if limit("exclusiveMaximum").is_some_and(|most| number >= most) {
         out(format!("{} must be below {}, not {value}", subject(path), bound("exclusiveMaximum")));
+    } else if let Some(what) = outside_single_precision(number, schema) {
+        out(format!("{} must be {what}, not {number:e}", subject(path)));
     } else if let Some(step) = limit("multipleOf")
         && step > 0.0
     {
@@ -288,6 +290,18 @@ fn number(value: &Json, schema: &Map<String, Json>, path: &[String], found: &mut
         let what = format!("{} must be odd, not {value}", subject(path));
         found.push(violation(path, what, "even", Some(format!("the nearest: {}", near.join(" and ")))));
     }
+}
+
+/// What a number of single precision must be, if this one would become infinite, or zero without being zero.
+fn outside_single_precision(number: f64, schema: &Map<String, Json>) -> Option<String> {
+    if schema.get("format").and_then(Json::as_str) != Some("float") {
+        return None;
+    }
+    let single = number as f32;
+    if single.is_infinite() {
+        return Some(format!("between {:e} and {:e}", f32::MIN, f32::MAX));
+    }
+    (single == 0.0 && number != 0.0).then(|| format!("0 or at least {:e} in magnitude", f32::MIN_POSITIVE))
 }
 
 /// Whether a schema takes odd numbers alone, `"not": { "multipleOf": 2 }`.
@@ -409,6 +423,22 @@ mod tests {
         assert!(whats(&json!(null), &schema).is_empty());
         assert_eq!(whats(&json!("x"), &schema), ["the value wants a whole number, not the text `x`"]);
         assert_eq!(whats(&json!(-1), &schema), ["the value must be at least 0, not -1"]);
+    }
+
+    #[test]
+    fn numbers_that_single_precision_cannot_hold_are_refused() {
+        let schema = json!({ "type": "number", "format": "float" });
+        assert!(whats(&json!(3e38), &schema).is_empty() && whats(&json!(0), &schema).is_empty());
+        assert_eq!(
+            whats(&json!(1e39), &schema),
+            ["the value must be between -3.4028235e38 and 3.4028235e38, not 1e39"]
+        );
+        assert_eq!(
+            whats(&json!(1e-60), &schema),
+            ["the value must be 0 or at least 1.1754944e-38 in magnitude, not 1e-60"]
+        );
+        let double = json!({ "type": "number", "format": "double" });
+        assert!(whats(&json!(1e39), &double).is_empty() && whats(&json!(1e-60), &double).is_empty());
     }
 
     #[test]
