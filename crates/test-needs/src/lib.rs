@@ -35,7 +35,7 @@ use std::path::{Path, PathBuf};
 #[must_use]
 pub fn workspace() -> &'static Path {
     let manifest = Path::new(env!("CARGO_MANIFEST_DIR"));
-    manifest.ancestors().nth(2).expect("this crate is tests/needs")
+    manifest.ancestors().nth(2).expect("this crate is crates/test-needs")
 }
 
 /// The folder that this test program was built into: `target`, or what `CARGO_TARGET_DIR` says.

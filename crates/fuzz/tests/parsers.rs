@@ -55,7 +55,7 @@ fn read(reader: &Reader, bytes: &[u8]) -> Result<(), String> {
     catch_unwind(AssertUnwindSafe(|| reader.read(bytes))).unwrap_or_else(|_| {
         let kept = std::env::temp_dir().join(format!("depthloom-fuzz-{name}"));
         std::fs::write(&kept, bytes).expect("written");
-        panic!("{name} panics on {}: mend it, and keep the file in tests/fuzz/found/{name}", kept.display());
+        panic!("{name} panics on {}: mend it, and keep the file in crates/fuzz/found/{name}", kept.display());
     })
 }
 

@@ -142,7 +142,7 @@ cam1:
 /// A file of the pair that OpenCV rectified: images, and its calibration in all syntaxes.
 macro_rules! golden {
     ($file:literal) => {
-        include_bytes!(concat!("../../fixtures/golden/rectify/", $file))
+        include_bytes!(concat!("../../../tests/fixtures/golden/rectify/", $file))
     };
 }
 

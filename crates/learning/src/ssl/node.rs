@@ -242,7 +242,7 @@ mod tests {
     #[test]
     fn the_librarys_version_is_that_of_the_lock_file() {
         let (name, version) = super::LIBRARY.split_once(' ').unwrap();
-        let locked = include_str!("../../../Cargo.lock");
+        let locked = include_str!("../../../../Cargo.lock");
         assert!(locked.contains(&format!("name = \"{name}\"\nversion = \"{version}\"\n")), "{name} {version}");
     }
 }

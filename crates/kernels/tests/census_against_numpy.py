@@ -2,7 +2,7 @@
 """Compares our census stereo with an implementation in NumPy, written from the papers, pixel by pixel.
 
     cargo build --release -p depthloom-kernels --example census_raw
-    kernels/tests/census_against_numpy.py TARGET/release/examples/census_raw [--cases 120] [--seed 1] [--threads 1 2 5]
+    crates/kernels/tests/census_against_numpy.py TARGET/release/examples/census_raw [--cases 120] [--seed 1] [--threads 1 2 5]
 
 Papers: Zabih and Woodfill 1994 (census), Spangenberg et al. 2013 (centre-symmetric census), Hirschmueller 2008 (paths,
 sub-pixel parabola, left-right check). Images: random ones, teddy and cones (Middlebury), a crop of a KITTI frame; the real
