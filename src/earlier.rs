@@ -15,10 +15,10 @@ use serde::Serialize;
 
 use crate::args::RunArgs;
 use crate::commands::report::RECORDING;
-use crate::counted::counted;
 use crate::exit::{Exit, Stop, chain};
 use crate::run_folder::RunFolder;
 use crate::runs;
+use depthloom_graphs::counted;
 
 /// In a run's folder, as long as it is not finished: what an interrupted process recorded of data, programs or engines that changed since. What of it
 /// is still right is reused by its cache keys.
@@ -178,7 +178,7 @@ impl ReuseCounts {
         let all = self.nodes.len() as u64;
         let mut text = format!("reused from earlier runs: {} of {all} nodes", whole.len());
         if !part.is_empty() {
-            text.push_str(&format!(", and some frames of {}", counted(part.len() as u64, "node")));
+            text.push_str(&format!(", and some frames of {}", counted(part.len(), "node")));
         }
         let from: Vec<String> =
             self.from.iter().map(|path| path.parent().unwrap_or(path).display().to_string()).collect();

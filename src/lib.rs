@@ -24,7 +24,6 @@ mod command_line;
 mod commands;
 mod completion;
 mod contact_sheet;
-mod counted;
 mod diagnostics;
 mod dora;
 mod earlier;
@@ -58,6 +57,9 @@ use depthloom_graphs::Registry;
 use crate::args::Command;
 use crate::exit::{Exit, Stop};
 
+/// A run and its report need 300 to 400 KiB.
+const STACK_BYTES: usize = 768 << 10;
+
 /// The kinds that depthloom comes with.
 #[must_use]
 pub fn registry() -> Registry {
@@ -76,6 +78,7 @@ pub fn registry() -> Registry {
 )]
 pub fn main(registry: Registry) -> ExitCode {
     environment::mark_start();
+    grow_stack();
     signals::outlive_file_size_limit();
     let as_json = command_line::asks_for_json(std::env::args_os());
     let exit = panics::watched(as_json, || program(&registry, as_json)).unwrap_or_else(|stop| {
@@ -84,6 +87,15 @@ pub fn main(registry: Registry) -> ExitCode {
         stop.exit
     });
     ExitCode::from(exit as u8)
+}
+
+/// Makes the stack of this thread as large as the program needs it.
+///
+/// The stack of a process's first thread grows on demand: where the system refuses memory at such a moment, it ends the process with SIGSEGV.
+/// A thread with a stack of its own would be one more than some systems allow.
+#[inline(never)]
+fn grow_stack() {
+    std::hint::black_box(std::mem::MaybeUninit::<[u8; STACK_BYTES]>::uninit());
 }
 
 /// Errors are JSON where output is; to people they are told in any case.

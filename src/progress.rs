@@ -8,10 +8,11 @@ use depthloom_graphs::Frame;
 use depthloom_graphs::contracts::Failure;
 use depthloom_graphs::plan::Plan;
 use depthloom_runner::Observer;
+use depthloom_threads::locked;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use crate::counted::counted;
 use crate::streams::{on_one_line, say};
+use depthloom_graphs::counted;
 
 /// A plain line is printed this often at most.
 const EVERY: Duration = Duration::from_secs(5);
@@ -64,7 +65,7 @@ impl Progress {
 
     fn with_now<R>(&self, f: impl FnOnce(&mut Now) -> R) -> R {
         // A panic in another observer call must not hide the progress of the rest.
-        f(&mut self.now.lock().unwrap_or_else(std::sync::PoisonError::into_inner))
+        f(&mut locked(&self.now))
     }
 }
 

@@ -1,9 +1,10 @@
 //! What sources warn of while their frames are looked at and nothing is run.
 
 use std::collections::BTreeSet;
-use std::sync::{Mutex, PoisonError};
+use std::sync::Mutex;
 
 use depthloom_graphs::Host;
+use depthloom_threads::{into_unlocked, locked};
 
 /// What the sources warn of, each once.
 #[derive(Default)]
@@ -12,7 +13,7 @@ pub struct Told(Mutex<BTreeSet<String>>);
 impl Told {
     /// All of it, in order.
     pub fn into_warnings(self) -> BTreeSet<String> {
-        self.0.into_inner().unwrap_or_else(PoisonError::into_inner)
+        into_unlocked(self.0)
     }
 }
 
@@ -22,7 +23,7 @@ impl Host for Told {
     }
 
     fn warn_of(&self, _count: u64, what: &str) {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).insert(what.to_owned());
+        locked(&self.0).insert(what.to_owned());
     }
 
     fn progress(&self, _done: u64, _total: u64, _message: &str) {}

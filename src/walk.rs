@@ -1,13 +1,14 @@
 //! How far a walk over a data set is: a bar on a terminal, a line now and then otherwise, nothing when asked to be quiet.
 
 use std::io::IsTerminal;
-use std::sync::{Mutex, PoisonError};
+use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
+use depthloom_threads::locked;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use crate::counted::counted;
 use crate::streams::{on_one_line, say};
+use depthloom_graphs::counted;
 
 /// A plain line is printed this often at most.
 const EVERY: Duration = Duration::from_secs(5);
@@ -44,7 +45,7 @@ impl Walk {
 
     /// A frame was looked at, and so much found.
     pub fn one_more(&self, faults: u64) {
-        let mut now = self.now.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut now = locked(&self.now);
         now.done += 1;
         now.faults += faults;
         if let Some(bar) = &self.bar {

@@ -303,11 +303,6 @@ pub fn figure(
     Ok(figure)
 }
 
-/// How many frames, in words.
-fn frames_told(frames: usize) -> String {
-    format!("{frames} frame{}", if frames == 1 { "" } else { "s" })
-}
-
 /// The only run.
 fn one_of<'r, 'a>(runs: &'r [FigureRun<'a>]) -> Result<&'r FigureRun<'a>, AnalysisError> {
     match runs {

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use depthloom_graphs::Key;
+use depthloom_graphs::counted;
 use depthloom_recording::Recording;
 
 use crate::ablation::{Ablation, Ranking, Selection, source_of};
@@ -191,8 +192,8 @@ fn analyse(
     let failed: usize =
         (0..plan.runs.len()).flat_map(|run| recording.frames(run)).filter(|f| !f.failures.is_empty()).count();
     if failed > 0 {
-        let frames = if failed == 1 { "frame" } else { "frames" };
-        notes.push(format!("{failed} {frames} failed somewhere; means are over the frames all estimators have"));
+        let frames = counted(failed, "frame");
+        notes.push(format!("{frames} failed somewhere; means are over the frames all estimators have"));
     }
     let mut text = table.as_ref().map_or_else(String::new, |(_, text)| text.clone());
     for note in &notes {

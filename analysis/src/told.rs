@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use depthloom_graphs::counted;
 use depthloom_recording::{RecordedRun, Recording};
 
 /// All of it, in words, each once with how many things in all and on how many frames; of these stage runs alone, where some are named.
@@ -25,8 +26,8 @@ pub(crate) fn warnings(recording: &Recording, run: Option<usize>) -> Vec<String>
     }
     let text = |(name, what): (String, &str)| {
         let (count, frames) = counts[&(name.clone(), what)];
-        let counted = if count > 0 { format!("{count} ") } else { String::new() };
-        format!("{name}: {counted}{what}, on {frames} frame{}", if frames == 1 { "" } else { "s" })
+        let count = if count > 0 { format!("{count} ") } else { String::new() };
+        format!("{name}: {count}{what}, on {}", counted(frames, "frame"))
     };
     order.into_iter().map(text).collect()
 }

@@ -5,6 +5,7 @@
 //! executes the plan through the [`contracts`].
 
 pub mod contracts;
+mod counted;
 mod fingerprints;
 pub mod key;
 pub mod language;
@@ -20,6 +21,7 @@ pub use contracts::{
     Context, Fault, Frame, Held, Host, Inputs, Instance, Node, OnceNode, OrderedNode, Outputs, Port, PureNode, Rate,
     Scratch, Source, SourceKind, SourceOutputs, Store,
 };
+pub use counted::counted;
 pub use key::Key;
 pub use registry::Registry;
 pub use values::{Value, ValueType};

@@ -14,11 +14,11 @@ use serde::Serialize;
 use super::check_data::{self, CheckedSource};
 use crate::allow_exec;
 use crate::args::{CheckArgs, ExperimentArgs};
-use crate::counted::counted;
 use crate::diagnostics::{self, DiagnosticJson, Error, sarif};
 use crate::exit::{Exit, Problem, Stop};
 use crate::outputs::{self, CommandOutput, Output};
 use crate::streams::{print, print_json};
+use depthloom_graphs::counted;
 
 /// Of `check`: the counts where the experiment is without error.
 #[derive(JsonSchema, Serialize)]
@@ -116,16 +116,16 @@ fn summary(experiment: &Path, plan: &Plan, are_data_wrong: bool) -> String {
         0 => String::new(),
         count => format!(
             "note: `depthloom run` refuses {} of the kind `{KIND}` ({}); `depthloom dora` writes a dataflow that runs it\n",
-            counted(count as u64, "node"),
+            counted(count, "node"),
             of_dora.join(", ")
         ),
     };
     format!(
         "{}: {verdict}; {}, {}, {} after sharing\n{note}",
         experiment.display(),
-        counted(variants as u64, "variant"),
-        counted(runs as u64, "stage run"),
-        counted(nodes as u64, "node"),
+        counted(variants, "variant"),
+        counted(runs, "stage run"),
+        counted(nodes, "node"),
     )
 }
 
@@ -181,7 +181,7 @@ pub fn load(args: &ExperimentArgs, registry: &Registry, quiet: bool) -> Result<L
         }
         Err(found) => {
             let errors = found.iter().filter(|diagnostic| diagnostic.severity == Severity::Error).count();
-            let what = format!("{} has {}", args.experiment.display(), counted(errors as u64, "error"));
+            let what = format!("{} has {}", args.experiment.display(), counted(errors, "error"));
             Err(Stop::new(Exit::Before, what).problems(found.0.into_iter().map(Problem::Placed)))
         }
     }

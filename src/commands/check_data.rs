@@ -9,16 +9,16 @@ use depthloom_graphs::plan::{Plan, SourcePart, StageRun};
 use depthloom_graphs::registry::SourceEntry;
 use depthloom_graphs::{Context, Fault, Frame, Port, Registry, Scratch, Source, Value};
 use depthloom_nodes::inspection::inspect;
-use depthloom_threads::{Budget, Tiles as _};
+use depthloom_threads::{Budget, Tiles as _, into_unlocked, locked};
 use schemars::JsonSchema;
 use serde::Serialize;
 use serde_json::Value as Json;
 
-use crate::counted::counted;
 use crate::exit::{Exit, Problem, Stop};
 use crate::told::Told;
 use crate::truths;
 use crate::walk::Walk;
+use depthloom_graphs::counted;
 
 /// What was found of a source.
 pub struct Walked {
@@ -100,7 +100,7 @@ fn lacks_truth(run: &StageRun, parts: &[usize], walked: &mut [Walked]) {
                     of.faults.push(Found { frame: None, what, remedy: Some(truths::REMEDY.to_owned()), kind: None });
                 }
             } else if there < read && is_open {
-                let (without, read) = (read - there, counted(read as u64, "frame"));
+                let (without, read) = (read - there, counted(read, "frame"));
                 let what = format!(
                     "{without} of {read} have no `{port}`, against which stage `{stage}` scores: they are in no mean"
                 );
@@ -130,7 +130,7 @@ fn one(name: &str, entry: &SourceEntry, params: &Json, workers: usize, quiet: bo
         warnings.extend(told.into_warnings());
     }
     let There(there) = there;
-    let (read, with) = there.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
+    let (read, with) = into_unlocked(there);
     Walked {
         name: name.to_owned(),
         kind: entry.declaration.kind.to_owned(),
@@ -149,7 +149,7 @@ struct There(Mutex<(usize, BTreeMap<&'static str, usize>)>);
 
 impl There {
     fn count(&self, ports: &[Port], values: &[Option<Value>]) {
-        let mut of = self.0.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let mut of = locked(&self.0);
         of.0 += 1;
         for (port, _) in ports.iter().zip(values).filter(|(_, value)| value.is_some()) {
             *of.1.entry(port.name).or_default() += 1;
@@ -178,10 +178,10 @@ fn each_frame(
         });
         progress.one_more(faults.len() as u64);
         if !faults.is_empty() {
-            found.lock().unwrap_or_else(std::sync::PoisonError::into_inner).push((position, faults));
+            locked(&found).push((position, faults));
         }
     });
-    let mut found = found.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
+    let mut found = into_unlocked(found);
     found.sort_by_key(|(position, _)| *position);
     found.into_iter().flat_map(|(_, faults)| faults).collect()
 }
@@ -229,7 +229,7 @@ pub fn file_of<'f>(port: &str, files: &'f [(&'static str, PathBuf)]) -> Option<&
 /// A line a source.
 pub fn text(walked: &[Walked]) -> String {
     let line = |of: &Walked| {
-        let frames = counted(of.frames as u64, "frame");
+        let frames = counted(of.frames, "frame");
         let faults = match of.faults.len() as u64 {
             0 => "nothing wrong".to_owned(),
             count => counted(count, "fault"),
@@ -310,7 +310,7 @@ pub fn stop(walked: &[Walked]) -> Option<Stop> {
             problems.push(Problem::Here(place, remedy.map(ToOwned::to_owned)));
         }
     }
-    let what = format!("the data have {}", counted(count as u64, "fault"));
+    let what = format!("the data have {}", counted(count, "fault"));
     Some(Stop::new(Exit::Before, what).problems(problems))
 }
 

@@ -13,7 +13,6 @@ use super::report::recording_of;
 use super::table::open;
 use crate::args::{ColoursOption, ExportArgs, ExportFormat};
 use crate::columns::aligned;
-use crate::counted::counted;
 use crate::diagnostics::Error;
 use crate::environment;
 use crate::exit::{Exit, Stop, chain};
@@ -21,6 +20,7 @@ use crate::export::{Chosen, Exported, Folder, Form, Maps, chosen, frames, write_
 use crate::outputs::{self, CommandOutput, Output};
 use crate::signals;
 use crate::streams::{print, say};
+use depthloom_graphs::counted;
 
 /// Of `export`: what was written.
 #[derive(JsonSchema, Serialize)]

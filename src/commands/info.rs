@@ -13,13 +13,13 @@ use super::report::recording_of;
 use super::table::open;
 use crate::args::InfoArgs;
 use crate::columns::aligned;
-use crate::counted::counted;
 use crate::diagnostics::Error;
 use crate::exit::{Exit, Stop};
 use crate::outputs::{self, CommandOutput, Output};
 use crate::signals;
 use crate::sizes::size;
 use crate::streams::print;
+use depthloom_graphs::counted;
 
 /// Of a key as many digits as tell it from others.
 const KEY_DIGITS: usize = 12;
@@ -176,18 +176,19 @@ fn text(recording: &Recording, topics: &[Topic], damage: &[RecordedDamage], args
     let condition = match (recording.condition(), args.check) {
         (Condition::Whole, false) => "whole by its summary; --check reads every byte".to_owned(),
         (Condition::Whole, true) if damage.is_empty() => "whole, every byte of it".to_owned(),
-        (Condition::Whole, true) => format!("damaged in {}", counted(damage.len() as u64, "place")),
+        (Condition::Whole, true) => format!("damaged in {}", counted(damage.len(), "place")),
         (condition, _) => condition.to_string(),
     };
     let mut text = format!("{}: {condition}\n", recording.path().display());
     for RecordedDamage { offset, bytes, held } in damage {
         text += &format!("damaged in the {bytes} bytes from byte {offset} on: it held {held}\n");
     }
-    let stages =
-        plan.runs.iter().enumerate().map(|(run, planned)| {
-            format!("{} {}", planned.name(), counted(recording.frames(run).len() as u64, "frame"))
-        });
-    let variants = counted(plan.variants.len() as u64, "variant");
+    let stages = plan
+        .runs
+        .iter()
+        .enumerate()
+        .map(|(run, planned)| format!("{} {}", planned.name(), counted(recording.frames(run).len(), "frame")));
+    let variants = counted(plan.variants.len(), "variant");
     text += &format!("experiment {}, {variants}: {}\n\n", plan.experiment, stages.collect::<Vec<_>>().join(", "));
 
     let head = ["topic", "type", "messages", "raw", "stored", "ratio", "keys", "recipe"];
@@ -203,7 +204,7 @@ fn text(recording: &Recording, topics: &[Topic], damage: &[RecordedDamage], args
 
     let attachments = recording.attachments();
     let attached: u64 = attachments.iter().map(|attachment| attachment.size).sum();
-    text += &format!("\n{}, {}\n", counted(attachments.len() as u64, "attachment"), size(attached));
+    text += &format!("\n{}, {}\n", counted(attachments.len(), "attachment"), size(attached));
     let of_attachments = attachments.iter().map(|of| [of.name.clone(), of.media_type.clone(), size(of.size)]);
     text += &aligned(&of_attachments.map(|row| row.map(|cell| format!("  {cell}"))).collect::<Vec<_>>(), &[2]);
     let other = recording.file_bytes().saturating_sub(all.stored_bytes + attached);
@@ -241,7 +242,7 @@ fn row(of: &Topic, keys: String, recipe: String) -> [String; 8] {
 fn total(topics: &[Topic]) -> Topic {
     let sum = |of: fn(&Topic) -> u64| topics.iter().map(of).sum();
     Topic {
-        topic: counted(topics.len() as u64, "topic"),
+        topic: counted(topics.len(), "topic"),
         carries: String::new(),
         schema: String::new(),
         messages: sum(|of| of.messages),

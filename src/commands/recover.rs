@@ -9,10 +9,10 @@ use serde::Serialize;
 use super::report::recording_of;
 use super::table::open;
 use crate::args::RecoverArgs;
-use crate::counted::counted;
 use crate::exit::{Exit, Stop};
 use crate::outputs::{self, CommandOutput, Output};
 use crate::streams::{print_path, say};
+use depthloom_graphs::counted;
 
 /// Of `recover`: the recording that was made.
 #[derive(JsonSchema, Serialize)]

@@ -17,7 +17,6 @@ use super::table::open;
 use crate::allow_exec;
 use crate::args::ReplayArgs;
 use crate::columns::aligned;
-use crate::counted::counted;
 use crate::diagnostics::Error;
 use crate::exit::{Exit, Stop};
 use crate::outputs::{self, CommandOutput, Output};
@@ -25,6 +24,7 @@ use crate::progress::Progress;
 use crate::replay::{self, Checker, Outcome, Placed, Tally, Tolerances, Unchecked};
 use crate::signals;
 use crate::streams::{print, say};
+use depthloom_graphs::counted;
 
 /// How many nodes that differ are told one by one; with `--json` all are.
 const TOLD: usize = 20;
@@ -222,7 +222,7 @@ impl Told<'_> {
             self.failed.iter().any(|of| (of.run, of.node) == (run, node.recorded))
         };
         let different = self.different().filter(|(run, node, _)| !has_failed(*run, node)).count() as u64;
-        let of = counted(self.checked.len() as u64, "node");
+        let of = counted(self.checked.len(), "node");
         let differ = (different > 0).then(|| format!("{different} of {of} gave other values than recorded"));
         let failed = self.failed.len() as u64;
         let failed = (failed > 0).then(|| format!("{} failed", counted(failed, "node")));
@@ -261,11 +261,7 @@ impl Told<'_> {
         }
         if self.is_equal() {
             let values: u64 = self.checked.iter().map(|(.., tally)| tally.values).sum();
-            text.push_str(&format!(
-                "equal: {} of {}\n",
-                counted(values, "value"),
-                counted(self.checked.len() as u64, "node")
-            ));
+            text.push_str(&format!("equal: {} of {}\n", counted(values, "value"), counted(self.checked.len(), "node")));
         }
         text
     }

@@ -24,7 +24,6 @@ use super::report::{self, RECORDING, TIMINGS, analyse, no_pixel_counted, summary
 use super::samples;
 use crate::allow_exec;
 use crate::args::RunArgs;
-use crate::counted::counted;
 use crate::diagnostics::{self, Error};
 use crate::earlier::{self, OUTDATED, Reused};
 use crate::environment::{self, ENVIRONMENT, Environment};
@@ -38,6 +37,7 @@ use crate::runs::{File, files_in};
 use crate::signals;
 use crate::streams::{print, print_path, say};
 use crate::truths;
+use depthloom_graphs::counted;
 
 /// Of `run`: what was run, and what came of it.
 #[derive(JsonSchema, Serialize)]

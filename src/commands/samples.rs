@@ -14,12 +14,12 @@ use serde::Serialize;
 use super::report::recording_of;
 use super::table::{Delivery, can_be_written, failed, open};
 use crate::args::{AnalyseArgs, SamplesArgs};
-use crate::counted::counted;
 use crate::exit::{Exit, Stop};
 use crate::outputs::{self, CommandOutput, Output};
 use crate::run_folder;
 use crate::signals;
 use crate::streams::{print, say};
+use depthloom_graphs::counted;
 
 /// Of `samples`: what was written.
 #[derive(JsonSchema, Serialize)]

@@ -11,11 +11,11 @@ use depthloom_threads::Budget;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::args::SynthArgs;
-use crate::counted::counted;
 use crate::environment;
 use crate::exit::{Exit, Stop, chain};
 use crate::signals;
 use crate::streams::print_path;
+use depthloom_graphs::counted;
 
 /// Writes the frames.
 pub fn synth(args: &SynthArgs) -> Result<Exit, Stop> {

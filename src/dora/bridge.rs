@@ -5,12 +5,12 @@
 
 use std::io::{self, BufReader, BufWriter, Read, Write};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
-use std::sync::{Arc, Mutex, OnceLock, PoisonError, mpsc};
+use std::sync::{Arc, Mutex, OnceLock, mpsc};
 use std::thread;
 use std::time::Duration;
 
 use depthloom_graphs::{Fault, Frame};
-use depthloom_threads::look_for_room;
+use depthloom_threads::{locked, look_for_room};
 use serde_json::{Map, Value as Json, json};
 
 use super::mailbox::{Arrived, Mailbox};
@@ -133,7 +133,7 @@ impl Bridge {
 
     fn write(&self, head: &Json, body: &[u8]) -> Result<(), Fault> {
         let head = head.to_string();
-        let mut out = self.out.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut out = locked(&self.out);
         let Some(out) = out.as_mut() else { return Err(Fault::new("all is said already")) };
         let mut write = || -> io::Result<()> {
             out.write_all(&(head.len() as u32).to_le_bytes())?;
@@ -158,7 +158,7 @@ pub fn metadata_of(position: usize, frame: &Frame) -> Map<String, Json> {
 impl Drop for Bridge {
     /// Lets what was sent last go on its way.
     fn drop(&mut self) {
-        self.out.lock().unwrap_or_else(PoisonError::into_inner).take();
+        locked(&self.out).take();
         let _ = self.child.wait();
     }
 }

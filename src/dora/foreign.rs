@@ -1,7 +1,7 @@
 //! A part that asks a node of somebody else's: it knows of frames and of what is absent, and the other gets messages and answers them.
 
 use std::collections::BTreeSet;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use depthloom_codecs::arrow::View;
@@ -13,6 +13,7 @@ use depthloom_graphs::{
     Context, Fault, Host, Inputs, Instance, Key, Node as _, Outputs, Port, Registry, Value, ValueType,
 };
 use depthloom_nodes::dora::{Dora, DoraParams, DoraValues};
+use depthloom_threads::locked;
 use image::{GrayImage, RgbImage};
 use serde_json::{Map, Value as Json};
 
@@ -69,7 +70,7 @@ struct Asked {
 
 impl PureNode for Foreign {
     fn process(&self, inputs: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
-        let mut given_up = self.turn.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut given_up = locked(&self.turn);
         let position = ctx.host.position().ok_or_else(|| Fault::new("it is asked of no frame"))?;
         for port in &self.outputs {
             if self.bridge.mailbox.holds(&answered(port.name), position) {

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 
 use depthloom_graphs::{Fault, Value, ValueType};
 use depthloom_runner::Interrupt;
+use depthloom_threads::locked;
 use serde_json::{Map, Value as Json};
 
 use super::channel;
@@ -138,7 +139,7 @@ impl Mailbox {
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+        locked(&self.state)
     }
 
     /// Takes in a message.

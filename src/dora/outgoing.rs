@@ -2,12 +2,13 @@
 
 use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 
 use depthloom_graphs::contracts::{Commit, Contract, Slot, Tap, TapError, Warned};
 use depthloom_graphs::plan::StageRun;
 use depthloom_graphs::{Fault, Frame, Key, Rate, Value};
 use depthloom_runner::RunError;
+use depthloom_threads::locked;
 
 use super::bridge::Bridge;
 use super::channel;
@@ -58,8 +59,7 @@ impl<'a> Outgoing<'a> {
         match ran {
             Ok(ran) if ran.interrupted => Ok(()),
             Ok(_) => {
-                let (sent, warned) =
-                    std::mem::take(&mut *self.sent_once.lock().unwrap_or_else(PoisonError::into_inner));
+                let (sent, warned) = std::mem::take(&mut *locked(&self.sent_once));
                 let absent: Vec<&str> = self.once.iter().copied().filter(|port| !sent.contains(port)).collect();
                 for port in &absent {
                     self.bridge.send(port, None, &[])?;
@@ -112,7 +112,7 @@ impl Tap for Outgoing<'_> {
         // Of the source of a node's piece there is nothing to tell but that it was abandoned.
         let own = commit.failures.iter().find(|failure| failure.node.is_some() != self.is_source);
         let own = own.or_else(|| commit.failures.first());
-        let remedy = self.remedies.lock().unwrap_or_else(PoisonError::into_inner).remove(&position);
+        let remedy = locked(&self.remedies).remove(&position);
         let report = Report {
             key: commit.source_key.filter(|_| self.is_source),
             absent,
@@ -128,7 +128,7 @@ impl Tap for Outgoing<'_> {
         let Slot::Node { port, .. } = slot else { return Ok(()) };
         let Some(name) = self.once_name(port) else { return Ok(()) };
         self.bridge.send(name, None, &of_value(value)).map_err(|fault| tap_error(&fault))?;
-        let mut sent = self.sent_once.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut sent = locked(&self.sent_once);
         sent.0.insert(name);
         sent.1 = warnings.to_vec();
         Ok(())

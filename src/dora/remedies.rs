@@ -1,10 +1,11 @@
 //! What can be done about failures of frames: tombstones do not say it, and the recorder is to tell it.
 
 use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 
 use depthloom_graphs::contracts::{OrderedNode, PureNode};
 use depthloom_graphs::{Context, Fault, Frame, Inputs, Instance, Outputs};
+use depthloom_threads::locked;
 
 /// By the frame's position.
 pub type Remedies = Mutex<BTreeMap<usize, String>>;
@@ -12,7 +13,7 @@ pub type Remedies = Mutex<BTreeMap<usize, String>>;
 /// Keeps what a failure says of it.
 pub fn keep_remedy(remedies: &Remedies, position: Option<usize>, fault: &Fault) {
     if let (Some(position), Some(remedy)) = (position, fault.remedy_text()) {
-        remedies.lock().unwrap_or_else(PoisonError::into_inner).insert(position, remedy.to_owned());
+        locked(remedies).insert(position, remedy.to_owned());
     }
 }
 

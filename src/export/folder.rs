@@ -4,7 +4,9 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
+use std::sync::Mutex;
+
+use depthloom_threads::locked;
 
 use crate::exit::{Exit, Stop};
 use crate::run_folder;
@@ -93,7 +95,7 @@ impl Folder {
         for part in below.components() {
             folder.push(part);
             depthloom_durable::create_folder(&folder)?;
-            if self.seen.lock().unwrap_or_else(PoisonError::into_inner).insert(folder.clone()) {
+            if locked(&self.seen).insert(folder.clone()) {
                 depthloom_durable::remove_abandoned(&folder);
             }
         }

@@ -2,13 +2,13 @@
 
 use std::collections::HashSet;
 use std::path::PathBuf;
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use depthloom_codecs::files::Colours;
 use depthloom_graphs::{Value, ValueType};
 use depthloom_recording::{RecordedOutput, RecordedRun, Recording, RecordingError};
-use depthloom_threads::{Budget, Tiles as _, caught};
+use depthloom_threads::{Budget, Tiles as _, caught, into_unlocked, locked};
 
 use super::{Chosen, Exported, Folder, Form, Frames};
 use crate::exit::{Exit, Stop};
@@ -149,7 +149,7 @@ impl<'a> Maps<'a> {
             }
             done();
         });
-        let Trouble { failed, mut damaged } = trouble.into_inner().unwrap_or_else(PoisonError::into_inner);
+        let Trouble { failed, mut damaged } = into_unlocked(trouble);
         if let Some((_, stop)) = failed {
             return Err(stop);
         }
@@ -220,10 +220,6 @@ fn caps<'a>(run: &'a RecordedRun, topic: &'a str, seen: &mut HashSet<&'a str>, f
         found.extend(node.params.get("cap").and_then(serde_json::Value::as_f64).map(|cap| cap as f32));
         node.inputs.iter().filter_map(|input| input.from.as_deref()).for_each(|from| caps(run, from, seen, found));
     }
-}
-
-fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl<'a> Group<'a> {

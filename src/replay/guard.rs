@@ -2,11 +2,11 @@
 //! nothing.
 
 use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 
 use depthloom_graphs::contracts::Instance;
 use depthloom_graphs::{Context, Fault, Frame, Inputs, OnceNode, OrderedNode, Outputs, Port, Rate};
-use depthloom_threads::{Caught, caught};
+use depthloom_threads::{Caught, caught, locked};
 
 /// What guarded nodes failed of, by stage run and node of the replay's plan.
 #[derive(Clone, Default)]
@@ -15,7 +15,7 @@ pub struct Failures(Arc<Mutex<BTreeMap<(usize, usize), String>>>);
 impl Failures {
     /// What a node failed of, if it did.
     pub fn of(&self, run: usize, node: usize) -> Option<String> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).get(&(run, node)).cloned()
+        locked(&self.0).get(&(run, node)).cloned()
     }
 
     /// The node under guard. A pure one needs none, for its failure is that of a frame.
@@ -54,7 +54,7 @@ impl Guard {
             }
             Err(Fault::Cancelled) => Err(Fault::Cancelled),
             Err(fault) => {
-                let mut failures = self.failures.0.lock().unwrap_or_else(PoisonError::into_inner);
+                let mut failures = locked(&self.failures.0);
                 failures.entry(self.at).or_insert_with(|| format!("{place}{}", fault.chain()));
                 Ok(None)
             }

@@ -8,6 +8,7 @@ use depthloom_graphs::plan::{Origin, Plan, PlannedInput};
 use depthloom_graphs::values::{Difference, Differs};
 use depthloom_graphs::{Frame, Key, Value, ValueType};
 use depthloom_recording::Recording;
+use depthloom_threads::{into_unlocked, locked};
 
 use super::guard::Failures;
 use super::plan::{Expected, Replay, Replayed, Unchecked};
@@ -96,7 +97,7 @@ impl Checker {
     pub fn finish(mut self) -> Outcome {
         self.take_missing();
         let (failed, behind) = (self.failed(), self.behind_failed());
-        let State { tallies, damage } = self.state.into_inner().unwrap_or_else(PoisonError::into_inner);
+        let State { tallies, damage } = into_unlocked(self.state);
         let of_runs = self.nodes.into_iter().zip(tallies).enumerate();
         let all = of_runs.flat_map(|(run, (nodes, tallies))| {
             nodes.into_iter().zip(tallies).map(move |(node, tally)| (run, node, tally))
@@ -173,7 +174,7 @@ impl Checker {
     }
 
     fn state<R>(&self, f: impl FnOnce(&mut State) -> R) -> R {
-        f(&mut self.state.lock().unwrap_or_else(PoisonError::into_inner))
+        f(&mut locked(&self.state))
     }
 
     fn between(&self, recorded: Option<&Value>, now: Option<&Value>) -> Option<Difference> {

@@ -11,9 +11,9 @@ use serde::Serialize;
 use super::found::FoundRun;
 use super::reused;
 use crate::commands::report::RECORDING;
-use crate::counted::counted;
 use crate::exit::chain;
 use crate::run_folder::is_held;
+use depthloom_graphs::counted;
 
 /// How far a run came.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, JsonSchema, Serialize)]

@@ -6,6 +6,7 @@ use super::variance::{Effects, Factor, MeansOf, effects};
 use super::{Ablation, Row, Selection};
 use crate::error::AnalysisError;
 use crate::grid::{Grid, GridCells, GridColumn};
+use depthloom_graphs::counted;
 
 /// Levels that are numbers are taken together in so many ranges where nearly every row has one of its own.
 const RANGES: usize = 4;
@@ -247,8 +248,7 @@ fn notes(
     }
     let without = all.len() - shared.len() - rows.len();
     if without > 0 {
-        let rows = if without == 1 { "row" } else { "rows" };
-        notes.push(format!("left out: {without} {rows} without a value"));
+        notes.push(format!("left out: {} without a value", counted(without, "row")));
     }
     if !is_comparable {
         notes.push(

@@ -2,6 +2,7 @@
 
 use std::collections::HashMap;
 
+use depthloom_graphs::counted;
 use depthloom_scores::{Family, PixelSet};
 
 use super::best::{self, Best};
@@ -56,8 +57,8 @@ impl Ranking {
         let mut grid_notes = Vec::new();
         if !self.pareto.is_empty() {
             order = ablation.front(&rows, &self.pareto)?;
-            let of = if order.len() == 1 { "row" } else { "rows" };
-            about.push_str(&format!("; the {} {of} on the Pareto front of {}", order.len(), self.pareto.join(" and ")));
+            let rows = counted(order.len(), "row");
+            about.push_str(&format!("; the {rows} on the Pareto front of {}", self.pareto.join(" and ")));
         }
         if self.pareto.iter().any(|name| name == "ms") {
             let percent = 100.0 * TIMING_NOISE;
@@ -76,8 +77,7 @@ impl Ranking {
             }
             order.truncate(top);
         } else if self.pareto.is_empty() {
-            let rows = if all == 1 { "1 row".to_owned() } else { format!("{all} rows") };
-            about.push_str(&format!("; {rows} by {by}"));
+            about.push_str(&format!("; {} by {by}", counted(all, "row")));
         }
         grid.about = about;
         let shown: Vec<&Row> = order.iter().map(|&row| &rows[row]).collect();
@@ -107,8 +107,8 @@ impl Ranking {
             );
         }
         if left_out > 0 {
-            let rows = if left_out == 1 { "row" } else { "rows" };
-            grid.notes.push(format!("left out: {left_out} {rows} of which none of these scores was taken"));
+            let rows = counted(left_out, "row");
+            grid.notes.push(format!("left out: {rows} of which none of these scores was taken"));
         }
         if rows.iter().all(|row| row.set == PixelSet::Answered) && rows.len() > 1 {
             grid.notes.push(

@@ -1,6 +1,7 @@
 //! A comparison as it is shown and written.
 
 use depthloom_graphs::Key;
+use depthloom_graphs::counted;
 use depthloom_scores::{Mean, PixelSet, Pooling};
 
 use super::contrast::{Contrast, smallest_reachable};
@@ -206,14 +207,10 @@ fn said_of(pairs: &[Pair<'_>], rows: &[Row], options: &CompareOptions) -> Vec<St
     }
     let least = contrasts.iter().map(|of| of.frames).min().unwrap_or(0);
     if least < FEW {
-        let s = if least == 1 { "" } else { "s" };
-        note(format!("{least} frame{s}: intervals of so few are too narrow, and tests find little"));
+        let frames = counted(least, "frame");
+        note(format!("{frames}: intervals of so few are too narrow, and tests find little"));
     }
     notes
-}
-
-fn counted(count: usize, of: &str) -> String {
-    if count == 1 { format!("1 {of}") } else { format!("{count} {of}s") }
 }
 
 /// What the numbers are.
@@ -261,7 +258,7 @@ fn about(
     };
     let (tests, level) = (method.tests, (100.0 - 100.0 * method.confidence) / 100.0);
     let level = (level * 1e8).round() / 1e8;
-    let tested = if tests == 1 { "1 test".to_owned() } else { format!("{tests} tests") };
+    let tested = counted(tests, "test");
     format!(
         "{titles} against {}: {pixels}, {presets}, {mean}; interval of the difference: {}; p: Wilcoxon signed rank over frames, two-sided; \
          p_holm: corrected for the {tested} here; verdict: p_holm below {level} and an interval without 0",

@@ -1,6 +1,8 @@
 //! How much farther off one estimate is than another by distance, with its band, and where one hands over to the other.
 
-use super::{Figure, FigureRequest, FigureRun, frames_told};
+use depthloom_graphs::counted;
+
+use super::{Figure, FigureRequest, FigureRun};
 use crate::ablation::{listed, names_of};
 use crate::analyse::is_any;
 use crate::colours::{OTHERS, colour as colour_of};
@@ -72,7 +74,7 @@ pub(super) fn difference(
     let handovers: Vec<&str> = found.grid.notes.iter().take(Statistic::ALL.len()).map(String::as_str).collect();
     let about = format!(
         "Absolute error of {other} less that of {baseline} by true distance, over the pixels of {} that both answered; band: {}; {}",
-        frames_told(pair.frames),
+        counted(pair.frames, "frame"),
         request.resampling.about(),
         handovers.join("; ")
     );

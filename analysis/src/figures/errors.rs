@@ -1,8 +1,10 @@
 //! Histogram and cumulative distribution of errors.
 
+use depthloom_graphs::counted;
+
 use super::asked::{Asked, Watch, ask};
 use super::places::{Place, dashes, panels, shade};
-use super::{Figure, FigureRequest, FigureRun, Layout, SampleSet, frames_told};
+use super::{Figure, FigureRequest, FigureRun, Layout, SampleSet};
 use crate::analyse::{Bins, By, Inquiry, Unit};
 use crate::colours::colour as colour_of;
 use crate::drawing::{Drawing, Fill, Stroke, colour};
@@ -78,7 +80,7 @@ pub(super) fn histogram(
     let drawing = drawn(&curves, request, &x, &y, true)?;
     let bins = if is_log { ", bins of one ratio" } else { "" };
     let mut about =
-        format!("Histogram of the {}{bins}, over {} on {}", what(request), pixels_of(&asked), frames_told(frames));
+        format!("Histogram of the {}{bins}, over {} on {}", what(request), pixels_of(&asked), counted(frames, "frame"));
     if outside > 0.0005 {
         let ends = format!("{} to {}", told(x.low, request), told(x.high, request));
         about.push_str(&format!("; from {ends}, up to {:.1} % of an estimator's pixels lie outside", 100.0 * outside));
@@ -123,7 +125,7 @@ pub(super) fn cdf(runs: &[FigureRun<'_>], request: &FigureRequest, watch: &Watch
         "Cumulative distribution of the {}, over {} on {}{end}",
         what(request),
         pixels_of(&asked),
-        frames_told(frames)
+        counted(frames, "frame")
     );
     Ok(Figure { drawing, about, data: grid.sheet().csv(), notes: Vec::new() })
 }

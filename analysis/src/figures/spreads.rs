@@ -1,9 +1,11 @@
 //! Errors against distance, or against the weight that they were given, as `analyse` finds them.
 
+use depthloom_graphs::counted;
+
 use super::asked::{Asked, Watch, ask};
 use super::errors::pixels_of;
 use super::{Bin, Figure, FigureKind, FigureRequest, FigureRun, Layout, Spread, SpreadFigure};
-use super::{added, frames_told, wrong_size};
+use super::{added, wrong_size};
 use crate::analyse::{Bins, By, Inquiry, SampleSet, Unit};
 use crate::error::AnalysisError;
 use crate::plot::Scale;
@@ -77,7 +79,7 @@ pub(super) fn of_errors(
         "{what} by {}, over {} on {}: median, 25 to 75 % and 5 to 95 %{thin}",
         by_words(&by),
         pixels_of(&shown),
-        frames_told(frames)
+        counted(frames, "frame")
     );
     Ok(Figure { drawing, about, data: grid.sheet().csv(), notes: Vec::new() })
 }

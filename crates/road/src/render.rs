@@ -3,7 +3,9 @@
 //! Every pixel is looked at once at its centre; where a neighbour shows something else (another thing, another face,
 //! light or shadow) four rays are averaged, elsewhere textures know how to fade by themselves.
 
-use std::sync::{Mutex, PoisonError};
+use std::sync::Mutex;
+
+use depthloom_threads::locked;
 
 use crate::camera::Ray;
 use crate::frame::{Calibration, Frame, Size};
@@ -74,7 +76,7 @@ pub(crate) fn render(
         run(bands.len(), &|band| {
             // Each band is taken once: the lock only hands the slices over, and a poisoned one means that a panic is
             // on its way up already.
-            let mut band = bands[band].lock().unwrap_or_else(PoisonError::into_inner);
+            let mut band = locked(&bands[band]);
             band.fill(scene, &sensors, size);
         });
     }

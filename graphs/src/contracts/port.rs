@@ -1,7 +1,9 @@
 //! Typed ports.
 
 use std::collections::BTreeSet;
-use std::sync::{Mutex, PoisonError};
+use std::sync::Mutex;
+
+use depthloom_threads::locked;
 
 use crate::ValueType;
 
@@ -82,7 +84,7 @@ impl Port {
     #[must_use]
     pub fn lasting(text: &str) -> &'static str {
         static KEPT: Mutex<BTreeSet<&str>> = Mutex::new(BTreeSet::new());
-        let mut kept = KEPT.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut kept = locked(&KEPT);
         if let Some(known) = kept.get(text) {
             return known;
         }

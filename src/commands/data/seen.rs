@@ -7,7 +7,7 @@ use depthloom_graphs::values::{self, Pixels};
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::counted::counted;
+use depthloom_graphs::counted;
 
 /// What frames hold, of those looked at.
 #[derive(Default)]
@@ -84,7 +84,7 @@ impl Seen {
             .iter()
             .map(|((width, height, colour), count)| {
                 let colour = if *colour { "colour" } else { "grey" };
-                format!("{width}x{height}, {colour} ({})", counted(*count as u64, "frame"))
+                format!("{width}x{height}, {colour} ({})", counted(*count, "frame"))
             })
             .collect();
         if !sizes.is_empty() {
@@ -107,7 +107,7 @@ impl Seen {
         for (port, truth) in &self.truths {
             let [least, median, most] = truth.spread();
             let (unit, density) = (truth.unit, 100.0 * truth.density());
-            let frames = counted(truth.frames as u64, "frame");
+            let frames = counted(truth.frames, "frame");
             let spread = match (least, median, most) {
                 (Some(least), Some(median), Some(most)) => {
                     format!("{least:.2} to {most:.2} {unit} (median {median:.2})")

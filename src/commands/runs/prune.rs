@@ -12,7 +12,6 @@ use serde::Serialize;
 use super::list::all_in;
 use super::rm::{Removed, RemovedRuns};
 use crate::args::{PruneArgs, RunsArgs};
-use crate::counted::counted;
 use crate::diagnostics::Error;
 use crate::environment;
 use crate::exit::{Exit, Stop};
@@ -21,6 +20,7 @@ use crate::run_folder::Removal;
 use crate::runs::{FoundRun, Glance, State};
 use crate::sizes::size;
 use crate::streams::print;
+use depthloom_graphs::counted;
 
 /// How much of an experiment is read, bytes: none is larger.
 const LARGEST: u64 = 64 << 20;
@@ -72,7 +72,7 @@ pub fn prune(args: &RunsArgs, rules: &PruneArgs) -> Result<Exit, Stop> {
         let all = asked().map(|run| run.bytes).sum();
         let verb = if rules.dry_run { "would remove" } else { "removed" };
         let (gone, bytes) = removed.sum();
-        let of = counted(asked().count() as u64, "run");
+        let of = counted(asked().count(), "run");
         print(format!("{verb} {gone} of {of}, {} of {}\n", size(bytes), size(all)))?;
     }
     let path = |run: &Run| run.found.path.to_string_lossy().into_owned();

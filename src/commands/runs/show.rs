@@ -9,7 +9,6 @@ use serde_json::Value as Json;
 use crate::args::{RunsArgs, ShowArgs};
 use crate::columns::aligned;
 use crate::commands::report::RECORDING;
-use crate::counted::counted;
 use crate::environment;
 use crate::exit::{Exit, Stop};
 use crate::models;
@@ -17,6 +16,7 @@ use crate::outputs::{self, CommandOutput, Output};
 use crate::runs::{Best, File, FoundRun, Glance, State, files_in, named};
 use crate::sizes::size;
 use crate::streams::print;
+use depthloom_graphs::counted;
 
 /// How many variants are named.
 const NAMED: usize = 12;
@@ -122,7 +122,7 @@ pub fn show(args: &RunsArgs, asked: &ShowArgs) -> Result<Exit, Stop> {
     if let Some(warning) = &glance.warning {
         row("warning", warning.clone());
     }
-    row("files", format!("{}, {}", counted(files.len() as u64, "file"), size(glance.bytes)));
+    row("files", format!("{}, {}", counted(files.len(), "file"), size(glance.bytes)));
     let mut text = aligned(&rows, &[]);
     let files = files.into_iter().map(|File { name, bytes }| [format!("  {name}"), size(bytes)]);
     text += &aligned(&files.collect::<Vec<_>>(), &[1]);

@@ -1,6 +1,7 @@
 //! What was found, as it is shown and written.
 
 use depthloom_graphs::Key;
+use depthloom_graphs::counted;
 
 use super::super::CompareOptions;
 use super::{DistancePair, DistanceRow, Near, Statistic};
@@ -34,8 +35,8 @@ pub(super) fn put_together(
     notes.splice(0..0, told);
     let least = pairs.iter().map(|pair| pair.frames).min().unwrap_or(0);
     if least < FEW {
-        let s = if least == 1 { "" } else { "s" };
-        notes.push(format!("{least} frame{s}: intervals of so few are too narrow, and tests find little"));
+        let frames = counted(least, "frame");
+        notes.push(format!("{frames}: intervals of so few are too narrow, and tests find little"));
     }
     let titles: Vec<String> =
         pairs.iter().map(|pair| format!("{} against {}", pair.estimates[1].title, pair.estimates[0].title)).collect();
