@@ -42,6 +42,15 @@ pub enum Outdated {
         /// The frame's id today; `None` if the source has fewer frames.
         today: Option<String>,
     },
+    /// The source has more frames than those after which the stage ended.
+    MoreFrames {
+        /// The stage.
+        stage: String,
+        /// How many frames the stage had.
+        recorded: usize,
+        /// How many it has today.
+        today: usize,
+    },
     /// The source or a node failed on a frame. A failure is not a result: today it may succeed.
     Failed {
         /// The stage.
@@ -82,6 +91,9 @@ impl fmt::Display for Outdated {
             }
             Self::Frame { stage, position, today: None } => {
                 write!(f, "stage `{stage}` has {position} frames today, and had more")
+            }
+            Self::MoreFrames { stage, recorded, today } => {
+                write!(f, "stage `{stage}` has {today} frames today, and ended after {recorded}")
             }
             Self::Failed { stage, frame } => write!(f, "frame `{frame}` of stage `{stage}` failed then"),
             Self::Data { stage, frame } => write!(f, "the data of frame `{frame}` of stage `{stage}` changed"),
@@ -143,6 +155,12 @@ fn outdated_in(ready: &Ready, known: &KnownStage<'_>, kept: &dyn KeptValues) -> 
             let node = planned.nodes[changed.node].name.clone();
             return Some(Outdated::Node { stage: stage(), node, frame: id() });
         }
+    }
+    // Aggregate values and later stages are written behind the last frame of a stage.
+    let (recorded, today) = (kept.frames(run), known.source.frames().len());
+    let is_written = |later: usize| later > run && kept.frames(later) > 0 || !kept.aggregates(later).is_empty();
+    if recorded < today && (run..ready.plan.runs.len()).any(is_written) {
+        return Some(Outdated::MoreFrames { stage: stage(), recorded, today });
     }
     // One whose key is not known before the run is compared when it is written.
     let mut aggregates = kept.aggregates(run).into_iter();

@@ -15,6 +15,12 @@ stages:
       depth: { kind: depth/from-disparity, inputs: { disparity: stereo/disparity, calibration: source/calibration } }
 ";
 
+/// Nodes behind those of [`IMAGES`] that make an aggregate value of all frames, and another of that.
+const LEARNING: &str = "      edges: { kind: confidence/edges, inputs: { image: source/left } }
+      samples: { kind: learn/samples, inputs: { image: source/left, target: stereo/disparity, mask: edges/mask }, with: { size: [32, 32] } }
+      learnt: { kind: learn/ssl, inputs: { samples: samples/samples }, with: { steps: 1, batch: 1 } }
+";
+
 const FRAMES: u32 = 6;
 
 fn frame(case: &Case, frame: u32, seed: u32) {
@@ -68,6 +74,25 @@ fn frames_that_moved_are_not_lost() {
 #[test]
 fn fewer_frames_than_were_recorded_are_fewer_frames() {
     resumed_after(IMAGES, |case| (1..FRAMES).for_each(|number| remove(case, number)));
+}
+
+/// Aggregate values and later stages are recorded behind the last frame of a stage: where another frame was added, they are computed again.
+#[test]
+fn an_added_frame_is_before_what_follows_the_frames() {
+    let second = IMAGES.split_once("stages:\n").expect("stages").1.replace("look:", "again:");
+    for (experiment, shares) in
+        [(format!("{IMAGES}{LEARNING}"), [0.6, 0.7, 0.8, 0.9]), (format!("{IMAGES}{second}"), [0.4, 0.5, 0.6, 0.7])]
+    {
+        for share in shares {
+            let case = Case::new();
+            (0..FRAMES).for_each(|number| frame(&case, number, number));
+            case.write("images.yaml", &experiment);
+            case.run("images.yaml", "runs/one", &[]);
+            case.interrupt("runs/one", share);
+            frame(&case, FRAMES, FRAMES);
+            case.run_as_fresh("images.yaml", "runs/one", &[]);
+        }
+    }
 }
 
 /// What a resume set aside since the data changed is kept by a run that fails before its first frame.
@@ -147,10 +172,7 @@ fn frames_that_failed_before_the_interruption_are_tried_again() {
 
 #[test]
 fn samples_of_replaced_images_are_collected_again() {
-    let samples = "      edges: { kind: confidence/edges, inputs: { image: source/left } }
-      samples: { kind: learn/samples, inputs: { image: source/left, target: stereo/disparity, mask: edges/mask }, with: { size: [32, 32] } }
-";
-    resumed_after(&format!("{IMAGES}{samples}"), |case| {
+    resumed_after(&format!("{IMAGES}{LEARNING}"), |case| {
         (0..FRAMES).for_each(|number| frame(case, number, 100 + number));
     });
 }
