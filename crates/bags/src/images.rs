@@ -7,10 +7,13 @@ use image::{GrayImage, RgbImage};
 
 use crate::cdr::Cdr;
 use crate::form::{Wire, frame, timestamp};
+use crate::mosaic::Mosaic;
+use crate::yuv::{self, Packed};
 use crate::{Form, Header, Malformed, Sort};
 
 /// The encodings that are read as camera images.
-const CAMERA: &str = "mono8, 8UC1, mono16, 16UC1, rgb8, bgr8, 8UC3 (as bgr8), rgba8, bgra8, rgb16, bgr16";
+const CAMERA: &str = "mono8, 8UC1, mono16, 16UC1, rgb8, bgr8, 8UC3 (as bgr8), rgba8, bgra8, rgb16, bgr16, bayer_rggb8 and its like, also with 16, \
+                      uyvy (yuv422), yuyv (yuv422_yuy2), nv21";
 
 /// Samples of 16 bits as 8: the upper 8 of all 16, or of the lowest `bits`; what lies above those becomes white.
 #[must_use]
@@ -154,6 +157,11 @@ pub(crate) fn text<'a>(content: Content<'a>, name: &str) -> Result<&'a str, Malf
 impl<'a> RawImage<'a> {
     /// Its rows, of that many bytes a pixel, held against the message.
     fn rows(&self, bytes_per_pixel: usize) -> Result<impl Iterator<Item = &'a [u8]>, Malformed> {
+        self.planes(bytes_per_pixel, self.height)
+    }
+
+    /// The first so many rows of `data`, of which an image in several planes has more than its height.
+    fn planes(&self, bytes_per_pixel: usize, rows: u32) -> Result<impl Iterator<Item = &'a [u8]>, Malformed> {
         let Self { width, height, step, data, .. } = *self;
         if width == 0 || height == 0 {
             return Err(Malformed::new(format!("its image is {width}x{height}")));
@@ -163,12 +171,12 @@ impl<'a> RawImage<'a> {
             let what = format!("step is {step} bytes, and a row of {width} pixels of {} has {row}", self.encoding);
             return Err(Malformed::new(what));
         }
-        let wanted = u64::from(step) * u64::from(height);
+        let wanted = u64::from(step) * u64::from(rows);
         if (data.len() as u64) < wanted {
-            let what = format!("{height} rows of {step} bytes are {wanted} bytes, and `data` has {}", data.len());
+            let what = format!("{rows} rows of {step} bytes are {wanted} bytes, and `data` has {}", data.len());
             return Err(Malformed::new(what));
         }
-        Ok(data.chunks_exact(step as usize).take(height as usize).map(move |line| &line[..row]))
+        Ok(data.chunks_exact(step as usize).take(rows as usize).map(move |line| &line[..row]))
     }
 
     /// The numbers of 16 bits, that many a pixel.
@@ -177,8 +185,40 @@ impl<'a> RawImage<'a> {
         Ok(self.rows(2 * channels)?.flat_map(|row| row.as_chunks::<2>().0).map(|sample| of(*sample)).collect())
     }
 
-    /// The image of a camera, 8 bits a sample: grey or RGB. Of 16 bits the upper 8 are taken, or of the lowest `bits`; transparency is dropped.
-    /// Beside it how bright a 16-bit image is.
+    /// Red, green and blue of each pixel, if colour differences are stored with brightness; `None` if they are not.
+    fn yuv(&self) -> Result<Option<Vec<u8>>, Malformed> {
+        let Self { width, height, .. } = *self;
+        let even = |side: u32, name: &str| match side % 2 {
+            0 => Ok(()),
+            _ => {
+                Err(Malformed::new(format!("{name} is {side}, and pixels of {} share colours in pairs", self.encoding)))
+            }
+        };
+        if let Some(packed) = Packed::named(self.encoding) {
+            even(width, "width")?;
+            let pairs = self.rows(2)?.flat_map(|row| row.as_chunks::<4>().0);
+            return Ok(Some(pairs.flat_map(|pair| packed.colours(*pair)).flatten().collect()));
+        }
+        if self.encoding != "nv21" {
+            return Ok(None);
+        }
+        // Brightness of each pixel, then V and U of each square of four.
+        even(width, "width")?;
+        even(height, "height")?;
+        let rows: Vec<&[u8]> = self.planes(1, height.saturating_add(height / 2))?.collect();
+        let (brightness, colours) = rows.split_at(height as usize);
+        let mut rgb = Vec::with_capacity(width as usize * height as usize * 3);
+        for (y, row) in brightness.iter().enumerate() {
+            let shared = colours[y / 2].as_chunks::<2>().0;
+            rgb.extend(
+                row.iter().enumerate().flat_map(|(x, own)| yuv::colour(*own, shared[x / 2][1], shared[x / 2][0])),
+            );
+        }
+        Ok(Some(rgb))
+    }
+
+    /// The image of a camera, 8 bits a sample: grey or RGB. Of 16 bits the upper 8 are taken, or of the lowest `bits`; transparency is dropped. A sensor's
+    /// mosaic and YUV become the colours that OpenCV's `cvtColor` gives. Beside it how bright a 16-bit image is.
     ///
     /// # Errors
     /// If sizes do not fit the message, or the encoding is no camera's, or not read.
@@ -197,6 +237,20 @@ impl<'a> RawImage<'a> {
             }
             Ok(rgb(samples))
         };
+        if let Some(mosaic) = Mosaic::named(self.encoding) {
+            let samples = match mosaic.bytes {
+                1 => self.rows(1)?.flatten().copied().map(u16::from).collect(),
+                _ => self.u16s(1)?,
+            };
+            let colours = mosaic.colours(&samples, size.0, size.1)?;
+            return Ok(match mosaic.bytes {
+                1 => (rgb(colours.into_iter().map(|sample| sample as u8).collect()), None),
+                _ => (rgb(eight_bits(&colours, bits)), Brightest::of(&samples)),
+            });
+        }
+        if let Some(samples) = self.yuv()? {
+            return Ok((rgb(samples), None));
+        }
         let shallow = match self.encoding {
             "mono8" | "8UC1" => Ok(grey(self.rows(1)?.flatten().copied().collect())),
             "mono16" | "16UC1" => {
@@ -218,14 +272,16 @@ impl<'a> RawImage<'a> {
             other => {
                 let malformed = Malformed::new(format!("its encoding is `{other}`"));
                 Err(malformed.remedy(match other {
-                    _ if other.starts_with("bayer_") => {
-                        "a sensor's mosaic is not read: take the topic in colour or grey that `image_proc` makes of it (image_rect_color, image_rect)"
+                    "32FC1" | "64FC1" => {
+                        "these are depths: a camera's image is wanted here, and `depth` takes the topic of depths"
                     }
-                    "32FC1" | "64FC1" => "these are depths: a camera's image is wanted here, and `depth` takes the topic of depths",
                     _ if other.starts_with("yuv") || other.starts_with("uyvy") || other.starts_with("nv") => {
                         "record the topic in bgr8 or mono8, as `image_proc` gives it"
                     }
-                    _ => return Err(Malformed::new(format!("its encoding is `{other}`")).remedy(format!("these are read: {CAMERA}"))),
+                    _ => {
+                        return Err(Malformed::new(format!("its encoding is `{other}`"))
+                            .remedy(format!("these are read: {CAMERA}")));
+                    }
                 }))
             }
         };

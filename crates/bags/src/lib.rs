@@ -31,6 +31,7 @@ mod malformed;
 mod mcap_file;
 mod mcap_index;
 mod metadata;
+mod mosaic;
 pub mod pace;
 pub mod pairs;
 pub mod points;
@@ -40,6 +41,7 @@ mod sqlite_file;
 pub mod stamps;
 pub mod topics;
 pub mod transforms;
+mod yuv;
 
 pub use bag::{Bag, Message, Topic};
 pub use form::{Form, Header, Sort};

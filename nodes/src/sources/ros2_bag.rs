@@ -141,7 +141,7 @@ impl SourceKind for Ros2Bag {
             summary: "A ROS 2 bag, or another MCAP file: stereo pairs matched by time, with depths or points as truth.",
             doc: "\
 `path` is the folder of a bag in either storage of rosbag2 (MCAP; SQLite's `.db3`, opened read-only and unlocked), or one of its files; any MCAP file will do. Read are \
-`sensor_msgs/msg/Image` (mono8, mono16, rgb8, bgr8, rgba8, bgra8, rgb16, bgr16; of 16 bits the upper 8, or of `bits`), `CompressedImage` (JPEG, PNG, `compressedDepth`), `CameraInfo`, `PointCloud2`, \
+`sensor_msgs/msg/Image` (mono8, mono16, rgb8, bgr8, rgba8, bgra8, rgb16, bgr16, bayer_rggb8 and its like, bayer_rggb16 and its like, uyvy, yuyv, nv21; of 16 bits the upper 8, or of `bits`), `CompressedImage` (JPEG, PNG, `compressedDepth`), `CameraInfo`, `PointCloud2`, \
 `tf2_msgs/msg/TFMessage` in CDR of either byte order, and `foxglove.RawImage`, `CompressedImage`, `CameraCalibration` in protobuf. Our own recordings are read by `mcap`.\n\n\
 A frame is a left image with the right one nearest in time, no further than `tolerance_ms`: each once, in the order of their times, whatever the order in the file. \
 Those without a partner are counted and told. A frame's id is the left image's stamp in nanoseconds (`1317042164317412775`), its index the count of pairs.\n\n\

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use depthloom_graphs::Value;
 use depthloom_graphs::values::Pixels;
+use depthloom_test_needs::workspace;
 use mcap::{Compression, WriteOptions};
 use proptest::prelude::{ProptestConfig, any, prop, proptest};
 use proptest::{collection, prop_assert};
@@ -252,6 +253,22 @@ fn fault_64_colours_of_16_bits_are_read_and_files_that_were_unpacked() {
     let metadata = "rosbag2_bagfile_information:\n  relative_file_paths: [bag.mcap.zstd]\n  compression_mode: FILE\n";
     fs::write(folder.path().join("metadata.yaml"), metadata).unwrap();
     assert!(!opened(folder.path(), &json!({})).source.frames().is_empty());
+}
+
+#[test]
+fn fault_64_mosaics_and_yuv_become_the_colours_of_opencv() {
+    let bench = Bench::new();
+    let golden = workspace().join("tests/fixtures/golden/raw-images");
+    let orders = ["rggb", "bggr", "gbrg", "grbg"];
+    let mosaics = orders.into_iter().flat_map(|order| [8, 16].map(|bits| (format!("bayer_{order}{bits}"), bits / 8)));
+    let yuv = [("uyvy", 2), ("yuyv", 2), ("nv21", 1)].map(|(encoding, bytes)| (encoding.to_owned(), bytes));
+    for (encoding, bytes) in mosaics.chain(yuv) {
+        let data = fs::read(golden.join(format!("{encoding}.bin"))).unwrap();
+        let expected = image::open(golden.join(format!("{encoding}.png"))).unwrap().into_rgb8();
+        let raw = Raw { size: expected.dimensions(), encoding: &encoding, step: bytes * expected.width(), data: &data };
+        let values = with_left(&bench, raw_image(false, T0, "camera_left", &raw));
+        assert_eq!(samples(&values["left"]), expected.into_raw(), "{encoding}");
+    }
 }
 
 #[test]

@@ -99,8 +99,10 @@ fn broken_bags_are_told_with_place_and_remedy() {
     tell("a range after the end", of(&frames(), json!({ "start_s": 7.0 })));
     tell("a range that is none", of(&frames(), json!({ "start_s": 7.0, "end_s": 3.0 })));
 
-    tell("a sensor's mosaic", left(&Raw { encoding: "bayer_rggb8", ..plain }));
-    tell("an encoding that is not read", left(&Raw { encoding: "yuv422_yuy2", ..plain }));
+    tell("a sensor's mosaic of too few pixels", left(&Raw { encoding: "bayer_rggb8", size: (40, 2), ..plain }));
+    tell("YUV of an odd width", left(&Raw { encoding: "uyvy", size: (19, 30), ..plain }));
+    tell("YUV without its second plane", left(&Raw { encoding: "nv21", ..plain }));
+    tell("an encoding that is not read", left(&Raw { encoding: "nv24", ..plain }));
     tell("an encoding that nobody knows", left(&Raw { encoding: "purple", ..plain }));
     tell("a step that is too small", left(&Raw { step: 39, ..plain }));
     tell("data shorter than its rows", left(&Raw { data: &data[..1000], ..plain }));
