@@ -7,7 +7,7 @@ use std::time::SystemTime;
 use depthloom_graphs::contracts::{InlineHost, SlotKey};
 use depthloom_graphs::plan::Plan;
 use depthloom_graphs::ready::Ready;
-use depthloom_graphs::{Frame, Key};
+use depthloom_graphs::{Frame, Key, counted};
 use depthloom_recording::{EarlierRuns, Recording, RecordingError};
 use depthloom_runner::{Audit, KeptValues, Report};
 use schemars::JsonSchema;
@@ -18,7 +18,6 @@ use crate::commands::report::RECORDING;
 use crate::exit::{Exit, Stop, chain};
 use crate::run_folder::RunFolder;
 use crate::runs;
-use depthloom_graphs::counted;
 
 /// In a run's folder, as long as it is not finished: what an interrupted process recorded of data, programs or engines that changed since. What of it
 /// is still right is reused by its cache keys.

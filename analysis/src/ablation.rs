@@ -27,17 +27,19 @@ pub(crate) use adjusted::{LevelMeans, level_means};
 pub use answer::{Answer, Question, TableOutput, answer};
 pub(crate) use answer::{of_frames, scored, source_of};
 pub use cost::Costs;
+pub(crate) use effects::grid as effects_grid;
 pub(crate) use joined::of_label;
 pub use leader::{Leader, leader};
 pub use leaderboard::{BoardRun, leaderboard};
 pub use ranking::Ranking;
 pub(crate) use shared::shared_scores;
 pub(crate) use variance::Factor;
+pub(crate) use zones::grid as zones_grid;
 
 use crate::comparison::Comparison;
 use crate::error::AnalysisError;
 use crate::estimators::Estimator;
-use crate::scores::FrameScore;
+use crate::scores::{FrameScore, averaged};
 
 /// What of a recording's scores a table is of.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -360,14 +362,7 @@ impl<'a> Ablation<'a> {
         }
         let most = parts().map(|row| row.frames).max().unwrap_or(0);
         let least = parts().map(|row| row.frames).min().unwrap_or(0);
-        let frames = if least == most { most.to_string() } else { format!("{least} to {most}") };
-        let s = if most == 1 { "" } else { "s" };
-        let over = |mean| parts().all(|row| row.mean == mean);
-        let mean = match (over(Mean::Frames), over(Mean::Pixels)) {
-            (true, _) => format!("mean over {frames} frame{s}"),
-            (_, true) => format!("over the pixels of {frames} frame{s} together"),
-            _ => format!("over {frames} frame{s}, of some the mean, of others the pixels together"),
-        };
+        let mean = averaged(least..=most, |mean| parts().all(|row| row.mean == mean));
         Ok(format!("{pixels}, {}, {mean}", presets.join(" and ")))
     }
 

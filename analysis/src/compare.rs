@@ -11,6 +11,7 @@ mod limit;
 mod parameters;
 mod side;
 
+use depthloom_graphs::counted;
 use depthloom_recording::Recording;
 use depthloom_scores::PixelSet;
 
@@ -31,6 +32,15 @@ use contrast::contrasts;
 use frames::{Paired, ScoredBy};
 use limit::Limit;
 use side::{Party, parties};
+
+/// Of so few frames intervals are too narrow.
+const FEW: usize = 10;
+
+/// The note of comparisons over few frames.
+fn few_frames(frames: usize) -> Option<String> {
+    let frames = (frames < FEW).then(|| counted(frames, "frame"))?;
+    Some(format!("{frames}: intervals of so few are too narrow, and tests find little"))
+}
 
 /// A run that takes part.
 #[derive(Clone, Copy, Debug)]

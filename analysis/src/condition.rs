@@ -1,5 +1,6 @@
 //! What a report says of the recording itself: its condition, what is damaged in it, and which stages have frames.
 
+use depthloom_graphs::counted;
 use depthloom_recording::{Condition, Damage, Held, RecordedPlan, RecordedRun, Recording};
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -85,10 +86,9 @@ pub(crate) fn told(recording: &Recording, damage: &[Damage], has_numbers: bool) 
     let mut notes = Vec::new();
     if *condition != Condition::Whole {
         let all: usize = frames.iter().sum();
-        let s = if all == 1 { "" } else { "s" };
         wrong.push(condition.to_string());
         let of_numbers = if has_numbers { "all numbers are of its" } else { "it has" };
-        notes.push(format!("the recording is {condition}; {of_numbers} {all} whole frame{s}"));
+        notes.push(format!("the recording is {condition}; {of_numbers} {}", counted(all, "whole frame")));
     }
     for Damage { offset, held, .. } in damage {
         wrong.push(format!("damaged at byte {offset}: it held {held}"));

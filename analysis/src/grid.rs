@@ -2,9 +2,11 @@
 
 mod latex;
 mod markdown;
+mod page;
 mod terminal;
 
 use depthloom_scores::Metric;
+use serde_json::Value as Json;
 
 use crate::sheet::{Cells, Sheet, unit_of};
 
@@ -251,6 +253,11 @@ impl Grid {
 
     pub(crate) fn latex(&self) -> String {
         latex::render(self)
+    }
+
+    /// As the page of a report reads it.
+    pub(crate) fn page(&self) -> Json {
+        page::render(self)
     }
 
     /// As programs read it: all columns.

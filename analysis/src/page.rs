@@ -17,6 +17,7 @@ use depthloom_recording::Recording;
 use serde_json::{Value as Json, json};
 
 use self::pictures::{Pictures, steps_json};
+use crate::ablation::{Ablation, source_of};
 use crate::error::{AnalysisError, caught};
 use crate::estimators::estimators;
 use crate::files::Output;
@@ -100,6 +101,10 @@ fn written(
         "condition": summary.recording,
         "notes": notes,
         "table": table.map(|table| data::table(table, &estimators)),
+        "answers": table.map_or(Ok(Vec::new()), |table| {
+            let source = source_of(recording);
+            data::answers(&Ablation::new(plan, &estimators, &scores, &source, None), table)
+        })?,
         "estimators": data::estimators(&estimators, &shown),
         "estimators_in_all": estimators.len(),
         "distances": data::distances(found, &shown),

@@ -3,8 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use depthloom_graphs::Key;
-use depthloom_graphs::counted;
+use depthloom_graphs::{Key, counted};
 use depthloom_recording::Recording;
 
 use crate::ablation::{Ablation, Ranking, Selection, source_of};

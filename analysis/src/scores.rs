@@ -1,8 +1,10 @@
 //! Scores per frame: the rows the engine recorded, as a table.
 
+use std::ops::RangeInclusive;
 use std::sync::Arc;
 
-use depthloom_scores::{Metric, ScoreRow};
+use depthloom_graphs::counted;
+use depthloom_scores::{Mean, Metric, ScoreRow};
 
 use crate::estimators::Estimator;
 use crate::leading::sheet_of_estimators;
@@ -25,6 +27,20 @@ pub struct FrameScore {
 pub(crate) fn order_frame(rows: &mut [FrameScore]) {
     // Within an estimator the zones stay as they were recorded, the whole image first.
     rows.sort_by_key(|score| (score.row.set, score.estimator));
+}
+
+/// Over how many frames rows are, and how: `is_all(mean)` says whether each of them is averaged so.
+pub(crate) fn averaged(frames: RangeInclusive<u64>, is_all: impl Fn(Mean) -> bool) -> String {
+    let (least, most) = frames.into_inner();
+    let frames = match least == most {
+        true => counted(most, "frame"),
+        false => format!("{least} to {}", counted(most, "frame")),
+    };
+    match (is_all(Mean::Frames), is_all(Mean::Pixels)) {
+        (true, _) => format!("mean over {frames}"),
+        (_, true) => format!("over the pixels of {frames} together"),
+        _ => format!("over {frames}, of some the mean, of others the pixels together"),
+    }
 }
 
 /// The scores that any of the estimators has, in the catalogue's order: what tables have columns for.

@@ -8,7 +8,7 @@ mod terminal;
 
 use std::collections::{HashMap, HashSet};
 
-use depthloom_graphs::Key;
+use depthloom_graphs::{Key, counted};
 use depthloom_recording::Recording;
 use depthloom_scores::{Family, Mean, Metric, PixelSet, ScoreRow, Settings};
 
@@ -307,15 +307,15 @@ impl Table {
     fn means(&self) -> String {
         let counts: HashSet<u64> = self.columns.iter().map(|column| column.frames).collect();
         let most = counts.iter().max().copied().unwrap_or(0);
-        let s = if most == 1 { "" } else { "s" };
+        let frames = counted(most, "frame");
         let pooled: Vec<&TableColumn> = self.columns.iter().filter(|column| column.mean == Mean::Pixels).collect();
         let frames = match pooled.len() {
-            0 => format!("mean over {most} frame{s}"),
-            all if all == self.columns.len() => format!("over all pixels of {most} frame{s}"),
+            0 => format!("mean over {frames}"),
+            all if all == self.columns.len() => format!("over all pixels of {frames}"),
             _ => {
                 let mut named: Vec<&str> = pooled.iter().map(|column| column.label.as_str()).collect();
                 named.dedup();
-                format!("mean over {most} frame{s}, over all their pixels alike for {}", named.join(", "))
+                format!("mean over {frames}, over all their pixels alike for {}", named.join(", "))
             }
         };
         let frames = match &self.intervals {

@@ -4,9 +4,9 @@ use std::collections::BTreeSet;
 use std::io::{self, Read as _};
 use std::path::Path;
 
-use depthloom_graphs::Registry;
 use depthloom_graphs::language::{Diagnostic, Loaded, Severity};
 use depthloom_graphs::plan::Plan;
+use depthloom_graphs::{Registry, counted};
 use depthloom_nodes::dora::KIND;
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -18,7 +18,6 @@ use crate::diagnostics::{self, DiagnosticJson, Error, sarif};
 use crate::exit::{Exit, Problem, Stop};
 use crate::outputs::{self, CommandOutput, Output};
 use crate::streams::{print, print_json};
-use depthloom_graphs::counted;
 
 /// Of `check`: the counts where the experiment is without error.
 #[derive(JsonSchema, Serialize)]

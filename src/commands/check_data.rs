@@ -7,7 +7,7 @@ use std::sync::Mutex;
 use depthloom_graphs::contracts::{Fact, Survey};
 use depthloom_graphs::plan::{Plan, SourcePart, StageRun};
 use depthloom_graphs::registry::SourceEntry;
-use depthloom_graphs::{Context, Fault, Frame, Port, Registry, Scratch, Source, Value};
+use depthloom_graphs::{Context, Fault, Frame, Port, Registry, Scratch, Source, Value, counted};
 use depthloom_nodes::inspection::inspect;
 use depthloom_threads::{Budget, Tiles as _, into_unlocked, locked};
 use schemars::JsonSchema;
@@ -18,7 +18,6 @@ use crate::exit::{Exit, Problem, Stop};
 use crate::told::Told;
 use crate::truths;
 use crate::walk::Walk;
-use depthloom_graphs::counted;
 
 /// What was found of a source.
 pub struct Walked {

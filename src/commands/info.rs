@@ -3,8 +3,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use depthloom_analysis::{StageFrames, variant_of};
-use depthloom_graphs::Key;
 use depthloom_graphs::contracts::Slot;
+use depthloom_graphs::{Key, counted};
 use depthloom_recording::{Condition, Damage as RecordedDamage, RecordedRun, Recording, TopicSize};
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -19,7 +19,6 @@ use crate::outputs::{self, CommandOutput, Output};
 use crate::signals;
 use crate::sizes::size;
 use crate::streams::print;
-use depthloom_graphs::counted;
 
 /// Of a key as many digits as tell it from others.
 const KEY_DIGITS: usize = 12;

@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
-use depthloom_graphs::Registry;
 use depthloom_graphs::language::nearest;
 use depthloom_graphs::values::{Differs, Place, number};
+use depthloom_graphs::{Registry, counted};
 use depthloom_recording::Recording;
 use depthloom_runner::{Options, run};
 use schemars::JsonSchema;
@@ -24,7 +24,6 @@ use crate::progress::Progress;
 use crate::replay::{self, Checker, Outcome, Placed, Tally, Tolerances, Unchecked};
 use crate::signals;
 use crate::streams::{print, say};
-use depthloom_graphs::counted;
 
 /// How many nodes that differ are told one by one; with `--json` all are.
 const TOLD: usize = 20;

@@ -10,7 +10,7 @@ use depthloom_graphs::language::Loaded;
 use depthloom_graphs::plan::Plan;
 use depthloom_graphs::ready::{NotReady, Ready};
 use depthloom_graphs::render;
-use depthloom_graphs::{Frame, Registry};
+use depthloom_graphs::{Frame, Registry, counted};
 use depthloom_nodes::{onnx, process};
 use depthloom_recording::{Condition, EarlierRuns, Recorder, Recording, RecordingError};
 use depthloom_runner::{Checkpoints, Interrupt, Observer, Options, Report, RunError, Unwatched};
@@ -37,7 +37,6 @@ use crate::runs::{File, files_in};
 use crate::signals;
 use crate::streams::{print, print_path, say};
 use crate::truths;
-use depthloom_graphs::counted;
 
 /// Of `run`: what was run, and what came of it.
 #[derive(JsonSchema, Serialize)]

@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use depthloom_graphs::contracts::FrameSelection;
-use depthloom_graphs::{Fault, Host};
+use depthloom_graphs::{Fault, Host, counted};
 use depthloom_nodes::kitti_layout;
 use depthloom_nodes::sources::SyntheticRoadParams;
 use depthloom_runner::Interrupt;
@@ -15,7 +15,6 @@ use crate::environment;
 use crate::exit::{Exit, Stop, chain};
 use crate::signals;
 use crate::streams::print_path;
-use depthloom_graphs::counted;
 
 /// Writes the frames.
 pub fn synth(args: &SynthArgs) -> Result<Exit, Stop> {

@@ -336,6 +336,17 @@ fn the_model_ablation_is_answered_by_three_commands() {
     assert!(zones.contains("whole image") && zones.contains("10..20"), "{zones}");
     let effects = text(&ask(&out, &["--effects", "abs_rel"]));
     assert!(heads.iter().all(|head| effects.contains(head)) && effects.contains("interactions"), "{effects}");
+    // The page has both tables.
+    succeed(depthloom().arg("report").arg(&out));
+    let page = std::fs::read_to_string(out.join("report.html")).expect("a page");
+    let data = page.split_once("id=\"data\">").and_then(|(_, rest)| rest.split_once("</script>")).expect("data").0;
+    let data: Json = serde_json::from_str(data).expect("JSON");
+    for (answer, asked) in data["answers"].as_array().expect("tables").iter().zip(["--effects", "--best-per-zone"]) {
+        let told: Json = serde_json::from_slice(&ask(&out, &[asked, "abs_rel", "--json"]).stdout).expect("JSON");
+        assert_eq!(answer["table"]["about"], told["about"]);
+        assert_eq!(answer["table"]["rows"].as_array().map(Vec::len), told["rows"].as_array().map(Vec::len));
+    }
+    assert_eq!(data["answers"].as_array().map(Vec::len), Some(2));
     // A matcher runs once for kept holes and for filled ones.
     let plan = succeed(depthloom().args(["plan", "experiments/sgbm-ablation.yaml", "--json"]));
     let plan: Json = serde_json::from_slice(&plan.stdout).expect("JSON");

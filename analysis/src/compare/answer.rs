@@ -1,7 +1,6 @@
 //! A comparison as it is shown and written.
 
-use depthloom_graphs::Key;
-use depthloom_graphs::counted;
+use depthloom_graphs::{Key, counted};
 use depthloom_scores::{Mean, PixelSet, Pooling};
 
 use super::contrast::{Contrast, smallest_reachable};
@@ -9,16 +8,15 @@ use super::json::{CompareMethod, OtherParameters};
 use super::limit::Judged;
 use super::parameters::{Changed, changed};
 use super::side::{Kind, Party};
-use super::{CompareOptions, Opened, Pair};
+use super::{CompareOptions, Opened, Pair, few_frames};
 use crate::ablation::pixels_of;
 use crate::condition;
 use crate::error::{AnalysisError, caught};
 use crate::grid::{Grid, GridCells, GridColumn};
 use crate::leading::{COMMON, Lead, Level, plan_key};
+use crate::scores::averaged;
 use crate::sheet::{DIMENSIONLESS, unit_of};
 
-/// Of so few frames intervals are told to be too narrow.
-const FEW: usize = 10;
 /// So many sides are named in a heading, and of so many parameters are shown.
 const NAMED: usize = 4;
 const SHOWN: usize = 12;
@@ -206,10 +204,7 @@ fn said_of(pairs: &[Pair<'_>], rows: &[Row], options: &CompareOptions) -> Vec<St
         ));
     }
     let least = contrasts.iter().map(|of| of.frames).min().unwrap_or(0);
-    if least < FEW {
-        let frames = counted(least, "frame");
-        note(format!("{frames}: intervals of so few are too narrow, and tests find little"));
-    }
+    few_frames(least).into_iter().for_each(&mut note);
     notes
 }
 
@@ -248,14 +243,7 @@ fn about(
     let (least, most) = rows
         .iter()
         .fold((usize::MAX, 0), |(least, most), row| (least.min(row.contrast.frames), most.max(row.contrast.frames)));
-    let frames = if least == most { most.to_string() } else { format!("{least} to {most}") };
-    let s = if most == 1 { "" } else { "s" };
-    let over = |mean| rows.iter().all(|row| row.mean == mean);
-    let mean = match (over(Mean::Frames), over(Mean::Pixels)) {
-        (true, _) => format!("mean over {frames} frame{s}"),
-        (_, true) => format!("over the pixels of {frames} frame{s} together"),
-        _ => format!("over {frames} frame{s}, of some the mean, of others the pixels together"),
-    };
+    let mean = averaged(least as u64..=most as u64, |mean| rows.iter().all(|row| row.mean == mean));
     let (tests, level) = (method.tests, (100.0 - 100.0 * method.confidence) / 100.0);
     let level = (level * 1e8).round() / 1e8;
     let tested = counted(tests, "test");

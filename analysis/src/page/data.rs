@@ -9,8 +9,10 @@ use serde_json::{Map, Value as Json, json};
 use super::choice::{self, Layer, Series};
 use super::pictures::Pictures;
 use super::planes::Scale;
+use crate::ablation::{Ablation, Selection, effects_grid, zones_grid};
 use crate::colours::colour;
 use crate::distance::{DistanceBin, Spread};
+use crate::error::AnalysisError;
 use crate::estimators::Estimator;
 use crate::leading::{Leads, plan_key, variant_of};
 use crate::paper::paper_scores;
@@ -23,6 +25,8 @@ use crate::timings::Timing;
 const MOST_FAILURES: usize = 200;
 /// So many nodes of a plan stand in the list of keys.
 const MOST_NODES: usize = 400;
+/// The score that tables of effects and zones are of: the first of these that was taken.
+const LEADING: [&str; 3] = ["abs_rel", "d1", "epe"];
 /// Significant digits of what is drawn and of what stands in the table.
 const DRAWN: usize = 5;
 const TABLED: usize = 7;
@@ -74,6 +78,30 @@ pub(super) fn table(table: &Table, estimators: &[Estimator]) -> Json {
         "metrics": metrics.collect::<Vec<_>>(),
         "rows": rows.collect::<Vec<_>>(),
     })
+}
+
+/// The tables of `table --effects` and `table --best-per-zone`, each where the run has an answer.
+pub(super) fn answers(ablation: &Ablation<'_>, table: &Table) -> Result<Vec<Json>, AnalysisError> {
+    let named = |wanted: &&str| table.metrics.iter().any(|metric| metric.name == *wanted);
+    let Some(metric) = LEADING.into_iter().find(named).or_else(|| table.metrics.first().map(|metric| metric.name))
+    else {
+        return Ok(Vec::new());
+    };
+    let all = Selection::default();
+    let asked = [
+        ("Effect of each axis", effects_grid(ablation, &all, metric)),
+        ("Best in each zone", zones_grid(ablation, &all, metric)),
+    ];
+    let mut found = Vec::new();
+    for (title, grid) in asked {
+        match grid {
+            Ok(grid) => found.push(json!({ "title": title, "table": grid.page() })),
+            // A run without axes has no effects, and one without zones no best of them.
+            Err(AnalysisError::Asked { .. }) => {}
+            Err(error) => return Err(error),
+        }
+    }
+    Ok(found)
 }
 
 /// Names as they first come: they choose the colours.

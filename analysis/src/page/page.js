@@ -19,6 +19,16 @@ function contents() {
 const grid = (columns, rows) => el("div", { className: "scrolls tall", tabIndex: 0, role: "group" }, el("table", {}, el("thead", {}, el("tr", {}, columns.map(([name, text]) => el("th", { className: text ? "text" : "" }, name)))), el("tbody", {}, rows)));
 const terms = (pairs) => el("dl", {}, pairs.filter(([, value]) => value !== null && value !== undefined && value !== "").flatMap(([term, value]) => [el("dt", {}, term), el("dd", {}, value)]));
 
+function effects() {
+  if (!D.answers.length) return without("effects");
+  for (const { title, table } of D.answers) {
+    const rows = table.rows.map((row, at) => el("tr", {}, row.map((text, column) => el("td", { className: [table.columns[column].text ? "text" : "", table.best[at].includes(column) ? "best" : ""].join(" ").trim(), title: text }, table.best[at].includes(column) ? `${text}*` : text))));
+    byId("effects-body").append(
+      el("h3", {}, title), el("p", { className: "quiet" }, `${table.about}${table.best.some((places) => places.length) ? "; * best" : ""}.`),
+      grid(table.columns.map((column) => [column.name, column.text]), rows), ...table.notes.map((note) => el("p", { className: "quiet" }, `${note}.`)));
+  }
+}
+
 function times() {
   const E = D.environment, body = byId("time-body");
   if (!E && !D.timings.length && !D.failures.in_all) return without("time");
@@ -64,7 +74,7 @@ function again() {
       grid([["stage", true], ["variant", true], ["node", true], ["kind", true], ["recipe", true], ["parameters", true]], K.nodes.map((of) => el("tr", {}, el("td", { className: "text" }, of.stage), el("td", { className: "text" }, of.variant ?? ""), el("td", { className: "text" }, of.name), el("td", { className: "text" }, `${of.kind} ${of.version}`), el("td", { className: "text", title: of.recipe }, el("code", {}, of.recipe.slice(0, 12))), parameters(of))))));
 }
 
-for (const part of [head, scoreTable, distanceFigure, frameViews, frameFigure, learningFigures, times, again, contents]) part();
+for (const part of [head, scoreTable, effects, distanceFigure, frameViews, frameFigure, learningFigures, times, again, contents]) part();
 // Paper is light.
 let wasDark = false;
 addEventListener("beforeprint", () => { wasDark = isDark(); setDark(false); });

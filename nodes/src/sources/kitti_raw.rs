@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use depthloom_graphs::contracts::{DataPath, FrameSelection, Recognised, SourceDeclaration, Survey};
 use depthloom_graphs::values::{Calibration, Depth};
-use depthloom_graphs::{Context, Fault, Outputs, Port, Source, SourceKind, ValueType, regular_file};
+use depthloom_graphs::{Context, Fault, Outputs, Port, Source, SourceKind, ValueType, counted, regular_file};
 use depthloom_kernels::velodyne::{Rule, depth_from_points};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -222,7 +222,7 @@ as the truth of the Eigen split is exported. A frame without a scan has no truth
         let found = drives(root).unwrap_or_default();
         let has = |camera: &str| found.values().any(|drive| drive.folder.join(camera).is_dir());
         let cameras = [("image_02", "color"), ("image_00", "grey")].into_iter().filter(|(camera, _)| has(camera));
-        let count = if found.len() == 1 { "1 drive".to_owned() } else { format!("{} drives", found.len()) };
+        let count = counted(found.len(), "drive");
         cameras
             .map(|(_, cameras)| {
                 let what = format!("KITTI raw, {count}, {cameras} cameras");

@@ -2,12 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use depthloom_graphs::Value;
 use depthloom_graphs::values::{self, Pixels};
+use depthloom_graphs::{Value, counted};
 use schemars::JsonSchema;
 use serde::Serialize;
-
-use depthloom_graphs::counted;
 
 /// What frames hold, of those looked at.
 #[derive(Default)]

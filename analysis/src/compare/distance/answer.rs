@@ -1,16 +1,12 @@
 //! What was found, as it is shown and written.
 
 use depthloom_graphs::Key;
-use depthloom_graphs::counted;
 
-use super::super::CompareOptions;
+use super::super::{CompareOptions, few_frames};
 use super::{DistancePair, DistanceRow, Near, Statistic};
 use crate::error::{AnalysisError, caught};
 use crate::grid::{Grid, GridCells, GridColumn};
 use crate::statistics::Resampling;
-
-/// Of so few frames intervals are told to be too narrow.
-const FEW: usize = 10;
 
 /// Estimates held against others by distance: a row a bin, statistic and pair.
 #[derive(Clone, Debug, PartialEq)]
@@ -34,10 +30,7 @@ pub(super) fn put_together(
     let told = pairs.iter().flat_map(|pair| told(pair, &resampling)).collect::<Vec<_>>();
     notes.splice(0..0, told);
     let least = pairs.iter().map(|pair| pair.frames).min().unwrap_or(0);
-    if least < FEW {
-        let frames = counted(least, "frame");
-        notes.push(format!("{frames}: intervals of so few are too narrow, and tests find little"));
-    }
+    notes.extend(few_frames(least));
     let titles: Vec<String> =
         pairs.iter().map(|pair| format!("{} against {}", pair.estimates[1].title, pair.estimates[0].title)).collect();
     let level = 1.0 - resampling.confidence;
