@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 use depthloom_graphs::language::Loaded;
 use depthloom_graphs::regular_file;
 use depthloom_nodes::process::permission;
+use depthloom_terminal::{Exit, Stop};
 
 use crate::args::ExecArgs;
-use crate::exit::{Exit, Stop};
 
 /// A person's own configuration.
 #[derive(serde::Deserialize)]

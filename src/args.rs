@@ -22,7 +22,7 @@ pub use compare::{CompareArgs, CompareBy, IntervalArgs, IntervalOption};
 pub use data::DataArgs;
 pub use dora::{DoraArgs, DoraNodeArgs};
 pub use experiment::{CheckArgs, ExecArgs, ExperimentArgs, GraphArgs, GraphFormat, PlanArgs};
-pub use export::{ColoursOption, ExportArgs, ExportFormat};
+pub use export::{ColoursOption, ExportArgs};
 pub use figure::{FigureArgs, FigureFormat};
 pub use recording::{InfoArgs, RecoverArgs, ReplayArgs};
 pub use run::{ReportArgs, RunArgs, TimingsArgs};

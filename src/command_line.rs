@@ -7,10 +7,10 @@ use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{CommandFactory as _, FromArgMatches as _};
 use depthloom_graphs::Registry;
 use depthloom_graphs::language::nearest;
+use depthloom_terminal::{Exit, Stop};
 
 use crate::args::Cli;
 use crate::completion;
-use crate::exit::{Exit, Stop};
 use crate::help::Ending;
 
 /// The grammar with everything that help, manual and completion need.

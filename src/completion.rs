@@ -12,9 +12,8 @@ use depthloom_graphs::Registry;
 use depthloom_graphs::language;
 use depthloom_graphs::plan::Plan;
 use depthloom_recording::{RecordedPlan, Recording};
-
-use crate::commands::report::recording_of;
-use crate::exit::{Exit, Stop};
+use depthloom_runs::recording_of;
+use depthloom_terminal::{Exit, Stop};
 
 /// The environment variable by which a shell's script asks; not `COMPLETE`, which somebody may have set for something else.
 pub const VARIABLE: &str = "DEPTHLOOM_COMPLETE";
@@ -40,7 +39,7 @@ pub fn experiments() -> PathCompleter {
 /// Runs, by name where they lie in the folder of runs; folders, on the way to others; recordings.
 pub fn runs(begun: &OsStr) -> Vec<CompletionCandidate> {
     let paths = PathCompleter::any().filter(|path| path.is_dir() || has_ending(path, &["mcap"])).complete(begun);
-    let named = crate::runs::all(Path::new(crate::runs::FOLDER)).unwrap_or_default();
+    let named = depthloom_runs::all(Path::new(depthloom_runs::FOLDER)).unwrap_or_default();
     let names = named.into_iter().rev().map(|run| run.name).chain(["@latest".to_owned()]);
     let begins = |name: &String| begun.to_str().is_some_and(|begun| name.starts_with(begun));
     names.filter(begins).map(CompletionCandidate::new).chain(paths).collect()

@@ -10,11 +10,10 @@ use std::io::IsTerminal;
 use std::sync::OnceLock;
 
 use depthloom_graphs::language::{Diagnostic, Severity};
+use depthloom_terminal::{Problem, Stop, help_of, on_one_line, same_length, say, tell_styled, visible};
 use miette::{GraphicalReportHandler, GraphicalTheme, LabeledSpan, MietteDiagnostic, NamedSource};
 
 use crate::args::Colour;
-use crate::exit::{Problem, Stop, help_of};
-use crate::streams::{on_one_line, same_length, say, tell_styled, visible};
 
 /// A line this long would bury the message.
 const LONG_LINE: usize = 300;

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use crate::exit::Exit;
+use depthloom_terminal::Exit;
 
 /// The end of a help text.
 pub struct Ending {

@@ -19,31 +19,19 @@ pub use memory::ExitIfRefused;
 
 mod allow_exec;
 mod args;
-mod columns;
 mod command_line;
 mod commands;
 mod completion;
 mod contact_sheet;
 mod diagnostics;
-mod dora;
-mod earlier;
-mod environment;
-mod exit;
-mod export;
 mod failures;
 mod help;
 mod memory;
-mod models;
 mod outputs;
 mod panics;
-mod plain;
 mod progress;
-mod replay;
-mod run_folder;
-mod runs;
 mod signals;
 mod sizes;
-mod streams;
 mod told;
 mod truths;
 mod walk;
@@ -53,9 +41,9 @@ use std::process::ExitCode;
 
 use clap::error::ErrorKind;
 use depthloom_graphs::Registry;
+use depthloom_terminal::{Exit, Stop};
 
 use crate::args::Command;
-use crate::exit::{Exit, Stop};
 
 /// A run and its report need 300 to 400 KiB.
 const STACK_BYTES: usize = 768 << 10;
@@ -77,7 +65,7 @@ pub fn registry() -> Registry {
     reason = "a process has one program: who hands over its kinds is done with them"
 )]
 pub fn main(registry: Registry) -> ExitCode {
-    environment::mark_start();
+    depthloom_runs::environment::mark_start();
     grow_stack();
     signals::outlive_file_size_limit();
     let as_json = command_line::asks_for_json(std::env::args_os());

@@ -8,7 +8,8 @@
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::io::{self, Write as _};
 
-use crate::exit::Exit;
+use depthloom_terminal::Exit;
+
 use crate::signals;
 
 /// From this size on the caller is told, bytes: so much is asked for in a way that may be refused.

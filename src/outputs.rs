@@ -5,6 +5,7 @@
 
 use clap::ValueEnum;
 use depthloom_graphs::render;
+use depthloom_terminal::{Stop, print_quoted};
 use schemars::generate::SchemaSettings;
 use schemars::{JsonSchema, Schema};
 use serde::Serialize;
@@ -12,8 +13,6 @@ use serde_json::{Map, Value as Json, json};
 
 use crate::commands;
 use crate::diagnostics;
-use crate::exit::Stop;
-use crate::streams::print_quoted;
 
 /// What a command prints with `--json`: the type that it fills is the type that its schema describes.
 pub trait CommandOutput: Serialize + JsonSchema {

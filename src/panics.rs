@@ -5,8 +5,9 @@
 
 use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
 
+use depthloom_terminal::{Exit, Stop};
+
 use crate::diagnostics;
-use crate::exit::{Exit, Stop};
 use crate::signals;
 
 /// Threads of these names have somebody who finds their panics.

@@ -8,10 +8,9 @@ use depthloom_graphs::contracts::Failure;
 use depthloom_graphs::plan::Plan;
 use depthloom_graphs::{Frame, counted};
 use depthloom_runner::Observer;
+use depthloom_terminal::{on_one_line, say};
 use depthloom_threads::locked;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-
-use crate::streams::{on_one_line, say};
 
 /// A plain line is printed this often at most.
 const EVERY: Duration = Duration::from_secs(5);

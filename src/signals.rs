@@ -5,9 +5,7 @@
 //! ignored: that is how `nohup` and a shell's background jobs ask for it.
 
 use depthloom_runner::Interrupt;
-
-use crate::exit::{Exit, Stop};
-use crate::streams::say;
+use depthloom_terminal::{Exit, Stop, say};
 
 /// Listens for signals from now on; before, they end the process. `stopping` is what is said of the first.
 pub fn listen(stopping: &'static str) -> Result<Interrupt, Stop> {

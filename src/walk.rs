@@ -7,8 +7,8 @@ use std::time::{Duration, Instant};
 use depthloom_threads::locked;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use crate::streams::{on_one_line, say};
 use depthloom_graphs::counted;
+use depthloom_terminal::{on_one_line, say};
 
 /// A plain line is printed this often at most.
 const EVERY: Duration = Duration::from_secs(5);

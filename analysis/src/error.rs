@@ -3,6 +3,8 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
+use depthloom_durable::remedy_of_writing;
+use depthloom_graphs::Remedied;
 use depthloom_recording::RecordingError;
 use depthloom_threads::Caught;
 use polars::error::PolarsError;
@@ -76,20 +78,21 @@ impl From<RecordingError> for AnalysisError {
     }
 }
 
-impl AnalysisError {
-    /// What the person can do about it, and what there is all the same.
-    #[must_use]
-    pub fn remedy(&self) -> Option<String> {
+impl Remedied for AnalysisError {
+    fn remedy(&self) -> Option<String> {
         let (source, whole) = match self {
             Self::Recording { source, whole } => (source, whole),
             Self::Asked { help, .. } => return Some(help.clone()),
+            Self::Write { source, .. } => return remedy_of_writing(source).map(ToOwned::to_owned),
             _ => return None,
         };
         let whole = whole.as_ref().map(|whole| format!("what is whole all the same: {whole}"));
         let remedies: Vec<String> = source.remedy().into_iter().chain(whole).collect();
         (!remedies.is_empty()).then(|| remedies.join("; "))
     }
+}
 
+impl AnalysisError {
     /// Whether it is that the recording is damaged.
     #[must_use]
     pub const fn is_damage(&self) -> bool {

@@ -13,6 +13,7 @@ pub mod plan;
 pub mod ready;
 pub mod registry;
 pub mod regular_file;
+mod remedied;
 pub mod render;
 pub mod value_keys;
 pub mod values;
@@ -24,4 +25,5 @@ pub use contracts::{
 pub use counted::counted;
 pub use key::Key;
 pub use registry::Registry;
+pub use remedied::Remedied;
 pub use values::{Value, ValueType};

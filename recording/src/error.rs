@@ -3,6 +3,9 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
+use depthloom_durable::remedy_of_writing;
+use depthloom_graphs::Remedied;
+
 use crate::held::Held;
 
 /// Why a recording cannot be written or read.
@@ -146,20 +149,15 @@ pub enum RecordingError {
     },
 }
 
-impl RecordingError {
-    /// What the person can do about it.
-    #[must_use]
-    pub fn remedy(&self) -> Option<String> {
+impl Remedied for RecordingError {
+    fn remedy(&self) -> Option<String> {
         match self {
             Self::Create { source, .. } | Self::Write { source, .. } => match source.kind() {
                 io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => Some(
                     "free some space or choose another folder with --out; `record:` keeps fewer topics, `every` fewer frames"
                         .to_owned(),
                 ),
-                io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem => {
-                    Some("choose a folder that may be written with --out".to_owned())
-                }
-                _ => None,
+                _ => remedy_of_writing(source).map(ToOwned::to_owned),
             },
             Self::NotMcap { .. } => Some("give the recording.mcap of a run's folder".to_owned()),
             Self::NotARecording { .. } => Some("give a recording that `depthloom run` made".to_owned()),
@@ -179,7 +177,9 @@ impl RecordingError {
             | Self::Missing { .. } => None,
         }
     }
+}
 
+impl RecordingError {
     /// What the system said, if it was asked.
     pub(crate) fn into_cause(self) -> Option<io::Error> {
         match self {

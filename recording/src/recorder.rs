@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, MutexGuard};
 use depthloom_graphs::contracts::{Commit, Slot, Store, StoredValue, Tap, TapError, Warned, stored_values};
 use depthloom_graphs::plan::Plan;
 use depthloom_graphs::values::{Artifact, Curve, Pixels, Raster};
-use depthloom_graphs::{Frame, Key, Value};
+use depthloom_graphs::{Frame, Key, Remedied, Value};
 use prost::Message;
 use serde::Serialize;
 

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use depthloom_graphs::contracts::{Fault, Held, Holding, Slot, Store};
 use depthloom_graphs::values::Artifact;
-use depthloom_graphs::{Key, Value, ValueType};
+use depthloom_graphs::{Key, Remedied, Value, ValueType};
 
 use crate::condition::Condition;
 use crate::error::RecordingError;

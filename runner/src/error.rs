@@ -1,7 +1,7 @@
 //! Why a run ended before its end.
 
-use depthloom_graphs::Fault;
 use depthloom_graphs::contracts::TapError;
+use depthloom_graphs::{Fault, Remedied};
 
 use crate::audit_failure::AuditFailure;
 
@@ -87,10 +87,8 @@ pub enum RunError {
     Aborted,
 }
 
-impl RunError {
-    /// What the person can do about it, if it is known.
-    #[must_use]
-    pub fn remedy(&self) -> Option<String> {
+impl Remedied for RunError {
+    fn remedy(&self) -> Option<String> {
         match self {
             Self::NodeFailed { fault, .. } | Self::SourceFailed { fault, .. } | Self::OnceFailed { fault, .. } => {
                 fault.remedy_text().map(str::to_owned)
@@ -106,7 +104,9 @@ impl RunError {
             Self::Unrunnable { .. } | Self::Aborted => None,
         }
     }
+}
 
+impl RunError {
     /// Whether it is frames of the data that failed, and not the engine, the disk or learning.
     #[must_use]
     pub const fn is_of_a_frame(&self) -> bool {
@@ -125,8 +125,9 @@ fn of_variants(variants: &[String]) -> String {
 
 #[cfg(test)]
 mod tests {
+    use depthloom_graphs::{Fault, Remedied as _};
+
     use super::RunError;
-    use depthloom_graphs::Fault;
 
     #[test]
     fn the_message_names_node_variants_and_frame() {

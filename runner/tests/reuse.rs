@@ -9,7 +9,7 @@ use std::sync::atomic::Ordering;
 
 use depthloom_graphs::contracts::{Commit, Contract, Held, Holding, Slot, Store, Tap, TapError, Warned};
 use depthloom_graphs::plan::{Plan, PlannedOutput};
-use depthloom_graphs::{Fault, Frame, Key, Value};
+use depthloom_graphs::{Fault, Frame, Key, Remedied, Value};
 use depthloom_runner::{Audit, Cause, Interrupt, Options, RunError, Unwatched, run};
 use proptest::prelude::*;
 use support::any_graph::{any_graph, bench};

@@ -10,8 +10,8 @@ use depthloom_graphs::contracts::{Commit, Contract, Failure, Observation, Slot, 
 use depthloom_graphs::plan::PlannedNode;
 use depthloom_graphs::values::{Curve, CurvePoint, Mask, Raster};
 use depthloom_graphs::{
-    Context, Fault, Frame, Inputs, Instance, Key, OnceNode, Outputs, Port, PureNode, Source, SourceOutputs, Value,
-    ValueType, value_keys,
+    Context, Fault, Frame, Inputs, Instance, Key, OnceNode, Outputs, Port, PureNode, Remedied, Source, SourceOutputs,
+    Value, ValueType, value_keys,
 };
 use depthloom_runner::{Audit, Interrupt, Observer, Options, Phase, RunError, Unwatched, run};
 use support::{Bench, Notebook, Numbers, Toy, build, node, once, output, planned, source};

@@ -4,10 +4,10 @@ use std::path::PathBuf;
 
 use clap::Args;
 use clap_complete::engine::ArgValueCompleter;
+use depthloom_verify::Tolerance;
 
 use super::ExecArgs;
 use crate::completion::runs;
-use crate::replay::Tolerance;
 
 /// `info`.
 #[derive(Debug, Args)]

@@ -18,7 +18,7 @@ pub struct RunsArgs {
     pub command: Option<RunsCommand>,
 
     /// The folder of runs.
-    #[arg(long = "in", global = true, value_name = "DIR", default_value = crate::runs::FOLDER, add = ArgValueCompleter::new(folders()))]
+    #[arg(long = "in", global = true, value_name = "DIR", default_value = depthloom_runs::FOLDER, add = ArgValueCompleter::new(folders()))]
     pub folder: PathBuf,
 
     /// Print one JSON object instead of text.

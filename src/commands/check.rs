@@ -8,6 +8,7 @@ use depthloom_graphs::language::{Diagnostic, Loaded, Severity};
 use depthloom_graphs::plan::Plan;
 use depthloom_graphs::{Registry, counted};
 use depthloom_nodes::dora::KIND;
+use depthloom_terminal::{Exit, Problem, Stop, print, print_json};
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -15,9 +16,7 @@ use super::check_data::{self, CheckedSource};
 use crate::allow_exec;
 use crate::args::{CheckArgs, ExperimentArgs};
 use crate::diagnostics::{self, DiagnosticJson, Error, sarif};
-use crate::exit::{Exit, Problem, Stop};
 use crate::outputs::{self, CommandOutput, Output};
-use crate::streams::{print, print_json};
 
 /// Of `check`: the counts where the experiment is without error.
 #[derive(JsonSchema, Serialize)]

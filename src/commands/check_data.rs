@@ -9,12 +9,12 @@ use depthloom_graphs::plan::{Plan, SourcePart, StageRun};
 use depthloom_graphs::registry::SourceEntry;
 use depthloom_graphs::{Context, Fault, Frame, Port, Registry, Scratch, Source, Value, counted};
 use depthloom_nodes::inspection::inspect;
+use depthloom_terminal::{Exit, Problem, Stop};
 use depthloom_threads::{Budget, Tiles as _, into_unlocked, locked};
 use schemars::JsonSchema;
 use serde::Serialize;
 use serde_json::Value as Json;
 
-use crate::exit::{Exit, Problem, Stop};
 use crate::told::Told;
 use crate::truths;
 use crate::walk::Walk;

@@ -9,15 +9,17 @@ use depthloom_analysis::{
 use depthloom_graphs::language::{glob, nearest};
 use depthloom_recording::Recording;
 use depthloom_runner::Interrupt;
+use depthloom_runs::failed;
+use depthloom_runs::open;
+use depthloom_runs::recording_of;
+use depthloom_terminal::{Exit, Stop};
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use super::report::recording_of;
 use super::samples::samples_of;
-use super::table::{Delivery, failed, open, selection, typesetting};
+use super::table::{Delivery, selection, typesetting};
 use crate::args::{CompareArgs, CompareBy, IntervalArgs, IntervalOption, SetOption, TableFormat};
 use crate::diagnostics::Error;
-use crate::exit::{Exit, Stop};
 use crate::outputs::{self, CommandOutput, Output};
 use crate::signals;
 

@@ -4,11 +4,10 @@ use std::path::PathBuf;
 
 use clap_complete::env::Shells;
 use depthloom_graphs::Registry;
+use depthloom_terminal::{Exit, Stop, print_bytes};
 
 use crate::command_line::{own_command, own_name};
 use crate::completion::VARIABLE;
-use crate::exit::{Exit, Stop};
-use crate::streams::print_bytes;
 
 /// Prints the script: it completes the program by the name that it was called by, and asks it where it was found.
 pub fn completions(shell: clap_complete::Shell, registry: &Registry) -> Result<Exit, Stop> {

@@ -12,6 +12,7 @@ use depthloom_graphs::contracts::{Fact, Recognised, Survey};
 use depthloom_graphs::registry::SourceEntry;
 use depthloom_graphs::{Context, Fault, Port, Registry, Scratch, Source, Value, ValueType};
 use depthloom_nodes::inspection::inspect;
+use depthloom_terminal::{Exit, Stop, print, print_path};
 use schemars::JsonSchema;
 use serde::Serialize;
 use serde_json::{Map, Value as Json};
@@ -23,9 +24,7 @@ use crate::args::DataArgs;
 use crate::commands::check_data::{DataFact, file_of};
 use crate::contact_sheet::Sheet;
 use crate::diagnostics::Error;
-use crate::exit::{Exit, Stop};
 use crate::outputs::{self, CommandOutput, Output};
-use crate::streams::{print, print_path};
 use crate::told::Told;
 
 /// As many frames are read of a data set, from all over it.

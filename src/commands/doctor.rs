@@ -4,13 +4,12 @@ use std::path::PathBuf;
 
 use depthloom_graphs::Fault;
 use depthloom_nodes::onnx;
+use depthloom_runs::environment::{self, Engine};
+use depthloom_terminal::{Exit, Stop, print};
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::environment::{self, Engine};
-use crate::exit::{Exit, Stop};
 use crate::outputs::{self, CommandOutput, Output};
-use crate::streams::print;
 
 /// The environment variables by which the shipped experiments find data.
 const DATA_ROOTS: [(&str, &str); 1] = [("KITTI_STEREO_2015", "training/image_2")];

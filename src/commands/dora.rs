@@ -5,24 +5,23 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
+use depthloom_dora::{
+    Bridge, BridgeStart, Layout, Mailbox, Role, Wanted, channel, dataflow, message, prepare, print_of, run_part,
+    too_large,
+};
 use depthloom_graphs::Registry;
 use depthloom_graphs::contracts::Contract;
 use depthloom_graphs::plan::Plan;
 use depthloom_nodes::dora::{DoraParams, KIND};
 use depthloom_runner::{Audit, Interrupt, Options};
+use depthloom_terminal::{Exit, Stop, print_quoted};
 
 use super::check::{is_file, load};
 use super::run;
 use crate::allow_exec;
 use crate::args::{DoraArgs, DoraNodeArgs};
 use crate::diagnostics::print_warning;
-use crate::dora::{
-    Bridge, BridgeStart, Layout, Mailbox, Role, Wanted, channel, dataflow, message, prepare, print_of, run_part,
-    too_large,
-};
-use crate::exit::{Exit, Stop};
 use crate::signals;
-use crate::streams::print_quoted;
 
 /// How many frames are on their way at most, unless it is said.
 const WINDOW: u16 = 8;

@@ -1,12 +1,14 @@
 //! `depthloom explain`: where a number comes from.
 
-use super::report::recording_of;
-use super::table::{failed, open, selection};
+use depthloom_runs::failed;
+use depthloom_runs::open;
+use depthloom_runs::recording_of;
+use depthloom_terminal::{Exit, Stop, print};
+
+use super::table::selection;
 use crate::args::{ExplainArgs, SetOption};
-use crate::exit::{Exit, Stop};
 use crate::outputs::{self, CommandOutput, Output};
 use crate::signals;
-use crate::streams::print;
 
 impl CommandOutput for depthloom_analysis::Explain {
     const OUTPUT: Output = Output::Explain;

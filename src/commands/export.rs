@@ -5,22 +5,20 @@ use std::path::Path;
 
 use depthloom_codecs::files::Colours;
 use depthloom_recording::{Condition, Recording};
+use depthloom_runs::open;
+use depthloom_runs::recording_of;
 use indicatif::{ProgressBar, ProgressStyle};
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use super::report::recording_of;
-use super::table::open;
-use crate::args::{ColoursOption, ExportArgs, ExportFormat};
-use crate::columns::aligned;
+use crate::args::{ColoursOption, ExportArgs};
 use crate::diagnostics::Error;
-use crate::environment;
-use crate::exit::{Exit, Stop, chain};
-use crate::export::{Chosen, Exported, Folder, Form, Maps, chosen, frames, write_model, write_rows};
 use crate::outputs::{self, CommandOutput, Output};
 use crate::signals;
-use crate::streams::{print, say};
+use depthloom_export::{Chosen, ExportFormat, Exported, Folder, Form, Maps, chosen, frames, write_model, write_rows};
 use depthloom_graphs::counted;
+use depthloom_runs::environment;
+use depthloom_terminal::{Exit, Stop, aligned, chain, print, say};
 
 /// Of `export`: what was written.
 #[derive(JsonSchema, Serialize)]

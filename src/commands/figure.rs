@@ -4,18 +4,19 @@ use std::path::{Path, PathBuf};
 
 use depthloom_analysis::{FigureKind, FigureRequest, FigureRun, Resampling, SampleSet, Size, Unit};
 use depthloom_recording::Recording;
+use depthloom_runs::failed;
+use depthloom_runs::open;
+use depthloom_runs::recording_of;
+use depthloom_terminal::{Exit, Stop, print};
 use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::compare::resampling;
-use super::report::recording_of;
 use super::samples::{bar, samples_of};
-use super::table::{ScoredSet, can_be_written, failed, open, write_named};
+use super::table::{ScoredSet, can_be_written, write_named};
 use crate::args::{FigureArgs, FigureFormat, SetOption};
-use crate::exit::{Exit, Stop};
 use crate::outputs::{self, CommandOutput, Output};
 use crate::signals;
-use crate::streams::print;
 
 /// Of `figure`: what was drawn.
 #[derive(JsonSchema, Serialize)]

@@ -6,19 +6,17 @@ use depthloom_analysis::{StageFrames, variant_of};
 use depthloom_graphs::contracts::Slot;
 use depthloom_graphs::{Key, counted};
 use depthloom_recording::{Condition, Damage as RecordedDamage, RecordedRun, Recording, TopicSize};
+use depthloom_runs::open;
+use depthloom_runs::recording_of;
+use depthloom_terminal::{Exit, Stop, aligned, print};
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use super::report::recording_of;
-use super::table::open;
 use crate::args::InfoArgs;
-use crate::columns::aligned;
 use crate::diagnostics::Error;
-use crate::exit::{Exit, Stop};
 use crate::outputs::{self, CommandOutput, Output};
 use crate::signals;
 use crate::sizes::size;
-use crate::streams::print;
 
 /// Of a key as many digits as tell it from others.
 const KEY_DIGITS: usize = 12;
@@ -105,7 +103,7 @@ pub fn info(args: &InfoArgs) -> Result<Exit, Stop> {
     let stop = || interrupt.stops_admission();
     let sizes = recording.topic_sizes(&stop).map_err(|error| {
         let exit = if error.is_damage() { Exit::Frames } else { Exit::Engine };
-        Stop::of_recording(exit, "failed to read the recording", &error)
+        Stop::remedied(exit, "failed to read the recording", &error)
     })?;
     let damage = if args.check { recording.damage(&stop) } else { Vec::new() };
     if stop() {

@@ -7,12 +7,11 @@ use clap_mangen::Man;
 use clap_mangen::roff::{Inline, Roff, bold, roman};
 use depthloom_graphs::Registry;
 use depthloom_graphs::language::nearest;
+use depthloom_terminal::{Exit, Stop, print_bytes, print_path};
 
 use crate::args::ManArgs;
 use crate::command_line::{own_command, own_name};
-use crate::exit::{Exit, Stop};
 use crate::help::Ending;
-use crate::streams::{print_bytes, print_path};
 
 /// When this version was released, as CHANGELOG.md has it: pages bear no date of the clock, so that equal versions print equal ones.
 const RELEASED: &str = "2026-11-21";

@@ -3,9 +3,9 @@
 use std::fs::File;
 use std::io::{ErrorKind, Write as _};
 
+use depthloom_terminal::{Exit, Stop, print_path};
+
 use crate::args::NewArgs;
-use crate::exit::{Exit, Stop};
-use crate::streams::print_path;
 
 /// What is written: an experiment that runs anywhere, with a word on every part of it.
 const FIRST: &str = include_str!("new.yaml");

@@ -2,11 +2,10 @@
 
 use depthloom_graphs::Registry;
 use depthloom_graphs::render::{self, Nodes, NodesKind};
+use depthloom_terminal::{Exit, Stop, print, print_json};
 
 use crate::args::{NodesArgs, SchemaArgs};
-use crate::exit::{Exit, Stop};
 use crate::outputs::{self, CommandOutput, Output};
-use crate::streams::{print, print_json};
 
 impl CommandOutput for Nodes {
     const OUTPUT: Output = Output::Nodes;

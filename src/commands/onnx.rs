@@ -7,13 +7,12 @@ use std::path::Path;
 use depthloom_graphs::render::ByName;
 use depthloom_graphs::{Key, regular_file};
 use depthloom_nodes::onnx::{self, Description, Tensor};
+use depthloom_terminal::{Exit, Stop, print};
 use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::args::OnnxArgs;
-use crate::exit::{Exit, Stop};
 use crate::outputs::{self, CommandOutput, Output};
-use crate::streams::print;
 
 /// The largest file that is looked at: ONNX's own limit.
 const MOST_BYTES: u64 = 2 << 30;

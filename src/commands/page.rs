@@ -9,12 +9,10 @@ use std::time::{Duration, Instant};
 use depthloom_analysis::{AnalysisError, PAGE, Summary, Surroundings, read_timings, write_page};
 use depthloom_recording::Recording;
 use depthloom_runner::Interrupt;
+use depthloom_runs::TIMINGS;
+use depthloom_runs::environment;
+use depthloom_terminal::{Exit, Stop, say};
 use indicatif::ProgressBar;
-
-use super::report::TIMINGS;
-use crate::environment;
-use crate::exit::{Exit, Stop};
-use crate::streams::say;
 
 /// How long a browser that cannot be started has to say so.
 const STARTED: Duration = Duration::from_secs(2);
@@ -50,7 +48,7 @@ fn write_silently(
         AnalysisError::Stopped => Stop::new(Exit::Interrupted, format!("interrupted while writing {PAGE}")),
         error => {
             let exit = if error.is_damage() { Exit::Frames } else { Exit::Engine };
-            Stop::of_analysis(exit, format!("failed to make {PAGE}"), &error).also("`--no-page` leaves it out")
+            Stop::remedied(exit, format!("failed to make {PAGE}"), &error).also("`--no-page` leaves it out")
         }
     })
 }

@@ -9,19 +9,16 @@ use depthloom_graphs::ready::Ready;
 use depthloom_graphs::render;
 use depthloom_recording::{RecordedPlan, node_pairs};
 use depthloom_runner::Foreseen;
+use depthloom_runs::earlier;
+use depthloom_terminal::{Exit, Stop, aligned, print};
 use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::check::load;
-use super::run::stop_of_missing;
 use crate::allow_exec;
 use crate::args::{GraphArgs, GraphFormat, PlanArgs};
-use crate::columns::aligned;
 use crate::diagnostics::print_warning;
-use crate::earlier;
-use crate::exit::{Exit, Stop};
 use crate::outputs::{self, CommandOutput, Output};
-use crate::streams::print;
 
 impl CommandOutput for render::Plan {
     const OUTPUT: Output = Output::Plan;
@@ -75,7 +72,7 @@ pub fn plan(args: &PlanArgs, registry: &Registry) -> Result<Exit, Stop> {
 /// Prints what of the plan would run and what would be taken from earlier runs, and why not all.
 fn reuse(args: &PlanArgs, loaded: Loaded, registry: &Registry) -> Result<Exit, Stop> {
     allow_exec::decide(args.exec, Some((&args.experiment.experiment, &loaded)))?;
-    let ready = Ready::new(loaded.plan, registry).map_err(|missing| stop_of_missing(&missing))?;
+    let ready = Ready::new(loaded.plan, registry).map_err(|missing| Stop::of_missing(&missing))?;
     let plan = ready.plan.clone();
     let earlier = earlier::beside(args.out.as_deref(), &plan);
     let warnings = earlier::unreadable(&earlier);

@@ -3,16 +3,16 @@
 use std::path::{Path, PathBuf};
 
 use depthloom_recording::RecordingError;
+use depthloom_runs::RECORDING;
+use depthloom_runs::open;
+use depthloom_runs::recording_of;
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use super::report::recording_of;
-use super::table::open;
 use crate::args::RecoverArgs;
-use crate::exit::{Exit, Stop};
 use crate::outputs::{self, CommandOutput, Output};
-use crate::streams::{print_path, say};
 use depthloom_graphs::counted;
+use depthloom_terminal::{Exit, Stop, print_path, say};
 
 /// Of `recover`: the recording that was made.
 #[derive(JsonSchema, Serialize)]
@@ -41,7 +41,7 @@ pub fn recover(args: &RecoverArgs) -> Result<Exit, Stop> {
     let frames = depthloom_recording::recover(&recording, &partial).map_err(|error| {
         let exit = if matches!(error, RecordingError::Missing { .. }) { Exit::Before } else { Exit::Engine };
         let _ = std::fs::remove_file(&partial);
-        Stop::of_recording(exit, "failed to recover the recording", &error)
+        Stop::remedied(exit, "failed to recover the recording", &error)
     })?;
     depthloom_durable::rename(&partial, &out)
         .map_err(|error| Stop::of_writing(Exit::Engine, format_args!("failed to write {}", out.display()), &error))?;
@@ -56,7 +56,7 @@ pub fn recover(args: &RecoverArgs) -> Result<Exit, Stop> {
 
 /// `<run>.recovered.mcap`, or `<file>.recovered.mcap`, in the current folder.
 fn named_after(path: &Path) -> PathBuf {
-    let of_run = path.parent().and_then(Path::file_name).filter(|_| path.ends_with(super::report::RECORDING));
+    let of_run = path.parent().and_then(Path::file_name).filter(|_| path.ends_with(RECORDING));
     let name = of_run.or_else(|| path.file_stem()).unwrap_or_default();
     let name = name.to_string_lossy();
     let name = name.strip_suffix(".partial").unwrap_or(&name);

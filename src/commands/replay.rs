@@ -7,23 +7,21 @@ use depthloom_graphs::values::{Differs, Place, number};
 use depthloom_graphs::{Registry, counted};
 use depthloom_recording::Recording;
 use depthloom_runner::{Options, run};
+use depthloom_runs::open;
+use depthloom_runs::recording_of;
+use depthloom_terminal::{Exit, Stop, aligned, print, say};
+use depthloom_verify::{Checker, Outcome, Placed, Tally, Tolerances, Unchecked};
 use schemars::JsonSchema;
 use serde::Serialize;
 use serde_json::{Value as Json, json};
 
-use super::report::recording_of;
 use super::run::stop_of;
-use super::table::open;
 use crate::allow_exec;
 use crate::args::ReplayArgs;
-use crate::columns::aligned;
 use crate::diagnostics::Error;
-use crate::exit::{Exit, Stop};
 use crate::outputs::{self, CommandOutput, Output};
 use crate::progress::Progress;
-use crate::replay::{self, Checker, Outcome, Placed, Tally, Tolerances, Unchecked};
 use crate::signals;
-use crate::streams::{print, say};
 
 /// How many nodes that differ are told one by one; with `--json` all are.
 const TOLD: usize = 20;
@@ -107,8 +105,8 @@ pub fn replay(args: &ReplayArgs, registry: &Registry) -> Result<Exit, Stop> {
     let path = recording_of(&args.run, "replay")?;
     let interrupt = signals::listen("stopping: nothing is written")?;
     let recording = Arc::new(open(&path)?);
-    let mut replay =
-        replay::Replay::new(&recording, registry, &args.nodes).map_err(|pattern| unknown(&recording, &pattern))?;
+    let mut replay = depthloom_verify::Replay::new(&recording, registry, &args.nodes)
+        .map_err(|pattern| unknown(&recording, &pattern))?;
     let unchecked = std::mem::take(&mut replay.unchecked);
     refuse(args, &recording, &replay, &unchecked)?;
 
@@ -161,7 +159,7 @@ fn unknown(recording: &Recording, pattern: &str) -> Stop {
 fn refuse(
     args: &ReplayArgs,
     recording: &Recording,
-    replay: &replay::Replay,
+    replay: &depthloom_verify::Replay,
     unchecked: &[Unchecked],
 ) -> Result<(), Stop> {
     let is_named = |node: &Unchecked| {
@@ -201,14 +199,14 @@ fn name(recording: &Recording, run: usize, node: usize) -> String {
 /// What there is to tell.
 struct Told<'a> {
     recording: &'a Recording,
-    checked: Vec<(usize, replay::Replayed, Tally)>,
+    checked: Vec<(usize, depthloom_verify::Replayed, Tally)>,
     unchecked: Vec<Unchecked>,
     /// The nodes that failed where a run would have ended.
     failed: Vec<Unchecked>,
 }
 
 impl Told<'_> {
-    fn different(&self) -> impl Iterator<Item = &(usize, replay::Replayed, Tally)> {
+    fn different(&self) -> impl Iterator<Item = &(usize, depthloom_verify::Replayed, Tally)> {
         self.checked.iter().filter(|(.., tally)| tally.different > 0)
     }
 
@@ -217,7 +215,7 @@ impl Told<'_> {
     }
 
     fn verdict(&self, damage: &[String]) -> Option<Stop> {
-        let has_failed = |run: usize, node: &replay::Replayed| {
+        let has_failed = |run: usize, node: &depthloom_verify::Replayed| {
             self.failed.iter().any(|of| (of.run, of.node) == (run, node.recorded))
         };
         let different = self.different().filter(|(run, node, _)| !has_failed(*run, node)).count() as u64;
@@ -265,13 +263,13 @@ impl Told<'_> {
         text
     }
 
-    fn row(&self, run: usize, node: &replay::Replayed, tally: &Tally) -> [String; 4] {
+    fn row(&self, run: usize, node: &depthloom_verify::Replayed, tally: &Tally) -> [String; 4] {
         let different = if tally.different == 0 { "-".to_owned() } else { tally.different.to_string() };
         let kind = self.recording.plan().runs[run].nodes[node.recorded].kind.clone();
         [name(self.recording, run, node.recorded), kind, tally.values.to_string(), different]
     }
 
-    fn differences(&self, run: usize, node: &replay::Replayed, tally: &Tally) -> String {
+    fn differences(&self, run: usize, node: &depthloom_verify::Replayed, tally: &Tally) -> String {
         let name = name(self.recording, run, node.recorded);
         let (different, of) = (tally.different, counted(tally.values, "value"));
         let numbers = format!("{} of {}", tally.different_numbers, counted(tally.numbers, "number"));

@@ -1,7 +1,6 @@
 //! `depthloom report` and `depthloom timings`: what a run found, and where its time went.
 
-use std::io::ErrorKind;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use depthloom_analysis::{
     AnalysisError, CurveEnd, Lead, Leads, PAGE, Prepared, RecordingCondition, ReportOptions, Resampling, SAMPLES,
@@ -10,28 +9,18 @@ use depthloom_analysis::{
 use depthloom_graphs::plan::Plan;
 use depthloom_recording::{RecordedPlan, Recorder, Recording};
 use depthloom_runner::{Interrupt, Phase};
+use depthloom_runs::{
+    FOLDER, RECORDING, TIMINGS, models, named, partial_with, recording_of, remedy_of_partial, run_folder,
+};
+use depthloom_terminal::{Exit, Stop, print};
 use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::page;
 use crate::args::{ReportArgs, TimingsArgs};
 use crate::diagnostics::Error;
-use crate::exit::{Exit, Stop};
-use crate::models;
 use crate::outputs::{self, CommandOutput, Output};
-use crate::run_folder;
-use crate::runs::{FOLDER, named};
 use crate::signals;
-use crate::streams::print;
-
-/// A recording's name in a run's folder.
-pub const RECORDING: &str = "recording.mcap";
-
-/// The name of its timings.
-pub const TIMINGS: &str = "timings.parquet";
-
-/// What helps where no run was found.
-const NAME_A_RUN: &str = "name a run's folder, a recording, or a run that `depthloom runs` lists";
 
 /// Of `report`: what was found.
 #[derive(JsonSchema, Serialize)]
@@ -113,8 +102,8 @@ pub fn report(args: &ReportArgs) -> Result<Exit, Stop> {
     std::fs::create_dir_all(&out)
         .map_err(|error| Stop::of_writing(Exit::Before, format_args!("failed to create {}", out.display()), &error))?;
     let lock = run_folder::lock_if_run(&out)?;
-    let recording = Recording::open(&path)
-        .map_err(|error| Stop::of_recording(Exit::Before, "failed to read the recording", &error))?;
+    let recording =
+        Recording::open(&path).map_err(|error| Stop::remedied(Exit::Before, "failed to read the recording", &error))?;
     if lock.is_none() {
         depthloom_durable::remove_abandoned(&out);
         run_folder::mark_for_reports(&out).map_err(|error| {
@@ -168,82 +157,9 @@ pub fn analyse(
         AnalysisError::Stopped => interrupted(),
         error => {
             let exit = if error.is_damage() { Exit::Frames } else { Exit::Engine };
-            Stop::of_analysis(exit, "failed to analyse the recording", &error)
+            Stop::remedied(exit, "failed to analyse the recording", &error)
         }
     })
-}
-
-/// The recording of a run that is [named](named()) in the folder of runs, or the recording itself; `command` is what to do with it.
-pub fn recording_of(run: &Path, command: &str) -> Result<PathBuf, Stop> {
-    recording_in(Path::new(FOLDER), run, command)
-}
-
-/// The same of another folder of runs.
-pub(super) fn recording_in(folder: &Path, run: &Path, command: &str) -> Result<PathBuf, Stop> {
-    let run = &named(run, folder)?;
-    let failed = |what: String| Stop::new(Exit::Before, format!("failed to open {}: {what}", run.display()));
-    let kind = match std::fs::metadata(run) {
-        Ok(metadata) => metadata.file_type(),
-        Err(error) => {
-            let stop = failed(error.to_string());
-            return Err(match unfinished(run, RECORDING) {
-                Some(partial) => stop.remedy(of_unfinished(&partial, command)),
-                None => stop.remedy(NAME_A_RUN),
-            });
-        }
-    };
-    if kind.is_file() {
-        return Ok(run.to_owned());
-    }
-    if !kind.is_dir() {
-        return Err(failed("it is neither a file nor a folder".to_owned()).remedy(NAME_A_RUN));
-    }
-    let recording = run.join(RECORDING);
-    match std::fs::metadata(&recording) {
-        Ok(metadata) if metadata.is_file() => return Ok(recording),
-        Err(error) if error.kind() != ErrorKind::NotFound => return Err(failed(error.to_string())),
-        Ok(_) | Err(_) => {}
-    }
-    let runs = runs_below(run, 2);
-    let stop = failed(format!("it has no {RECORDING}"));
-    Err(match runs.as_slice() {
-        [] => stop.remedy(NAME_A_RUN),
-        [one] => stop.remedy(format!("it holds a run: `depthloom {command} {}`", one.display())),
-        [.., newest] => stop.remedy(format!(
-            "it holds {} runs, one of which is `depthloom {command} {}`",
-            runs.len(),
-            newest.display()
-        )),
-    })
-}
-
-/// The run with this file that would have this name, were it whole: `<run>.partial`, or that of a run which `run` is a file of.
-fn unfinished(run: &Path, file: &str) -> Option<PathBuf> {
-    let of = |run: &Path| {
-        let partial = run.file_name().map(|_| depthloom_durable::partial_name(run))?;
-        partial.join(file).is_file().then_some(partial)
-    };
-    of(run).or_else(|| of(run.parent()?))
-}
-
-fn of_unfinished(partial: &Path, command: &str) -> String {
-    let partial = partial.display();
-    format!(
-        "{partial} is there: a run that goes on, or ended before it was whole; `depthloom {command} {partial}` reads what there is of it"
-    )
-}
-
-/// The runs in a folder and, up to a depth, in its folders; by name, and so by time.
-fn runs_below(folder: &Path, depth: u32) -> Vec<PathBuf> {
-    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
-    let mut folders: Vec<_> = entries.map(|entry| entry.path()).filter(|path| path.is_dir()).collect();
-    folders.sort();
-    let below = |folder: PathBuf| match (folder.join(RECORDING).is_file(), depth) {
-        (true, _) => vec![folder],
-        (false, 0 | 1) => Vec::new(),
-        (false, _) => runs_below(&folder, depth - 1),
-    };
-    folders.into_iter().flat_map(below).collect()
 }
 
 /// The table, and where the rest is.
@@ -269,8 +185,8 @@ pub fn timings(args: &TimingsArgs) -> Result<Exit, Stop> {
     let path = run.join(TIMINGS);
     let failed = |error: AnalysisError| {
         let stop = Stop::because(Exit::Before, "failed to show the timings", &error);
-        match unfinished(&run, TIMINGS).filter(|_| !run.exists()) {
-            Some(partial) => stop.remedy(of_unfinished(&partial, "timings")),
+        match partial_with(&run, TIMINGS).filter(|_| !run.exists()) {
+            Some(partial) => stop.remedy(remedy_of_partial(&partial, "timings")),
             None => stop.remedy("name the folder of a run"),
         }
     };
@@ -305,7 +221,7 @@ pub fn write_timings(
     let rows: Vec<depthloom_analysis::Timing> =
         timings.iter().flat_map(|timing| rows(timing, plan, &leads, recorder)).collect();
     depthloom_analysis::write_timings(&rows, &plan_key(&recorded), path)
-        .map_err(|error| Stop::of_analysis(Exit::Engine, "failed to keep the timings", &error))
+        .map_err(|error| Stop::remedied(Exit::Engine, "failed to keep the timings", &error))
 }
 
 /// A timing's rows: one, or two where compression is a share of encoding.

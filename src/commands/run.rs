@@ -1,6 +1,5 @@
 //! `depthloom run`: from an experiment file to a recording, a table and plots.
 
-use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -8,34 +7,36 @@ use depthloom_analysis::{Prepared, ReportOptions, SAMPLES, SamplingTap, Summary,
 use depthloom_graphs::contracts::Failure;
 use depthloom_graphs::language::Loaded;
 use depthloom_graphs::plan::Plan;
-use depthloom_graphs::ready::{NotReady, Ready};
+use depthloom_graphs::ready::Ready;
 use depthloom_graphs::render;
-use depthloom_graphs::{Frame, Registry, counted};
+use depthloom_graphs::{Frame, Registry, Remedied, counted};
 use depthloom_nodes::{onnx, process};
 use depthloom_recording::{Condition, EarlierRuns, Recorder, Recording, RecordingError};
 use depthloom_runner::{Checkpoints, Interrupt, Observer, Options, Report, RunError, Unwatched};
+use depthloom_runs::{
+    File,
+    earlier::{self, OUTDATED, Reused},
+    environment::{self, ENVIRONMENT, Environment},
+    files_in, models,
+    run_folder::{Begun, RunFolder},
+};
+use depthloom_runs::{RECORDING, TIMINGS};
+use depthloom_terminal::{Exit, Stop, chain, print, print_path, say};
 use schemars::JsonSchema;
 use serde::Serialize;
 use serde_json::json;
 
 use super::check::{is_file, load};
 use super::page;
-use super::report::{self, RECORDING, TIMINGS, analyse, no_pixel_counted, summary, write_timings};
+use super::report::{self, analyse, no_pixel_counted, summary, write_timings};
 use super::samples;
 use crate::allow_exec;
 use crate::args::RunArgs;
 use crate::diagnostics::{self, Error};
-use crate::earlier::{self, OUTDATED, Reused};
-use crate::environment::{self, ENVIRONMENT, Environment};
-use crate::exit::{Exit, Problem, Stop, chain};
 use crate::failures::{self, Frames};
-use crate::models;
 use crate::outputs::{self, CommandOutput, Output};
 use crate::progress::Progress;
-use crate::run_folder::{Begun, RunFolder};
-use crate::runs::{File, files_in};
 use crate::signals;
-use crate::streams::{print, print_path, say};
 use crate::truths;
 
 /// Of `run`: what was run, and what came of it.
@@ -74,7 +75,7 @@ pub fn run(args: &RunArgs, registry: &Registry) -> Result<Exit, Stop> {
     is_file(&args.experiment)?;
     let loaded = load(&args.experiment, registry, is_silent(args))?;
     allow_exec::decide(args.exec, Some((&args.experiment.experiment, &loaded)))?;
-    let ready = Ready::new(loaded.plan.clone(), registry).map_err(|missing| stop_of_missing(&missing))?;
+    let ready = Ready::new(loaded.plan.clone(), registry).map_err(|missing| Stop::of_missing(&missing))?;
     let interrupt = signals::listen("stopping: frames in flight are finished, learning is put down")?;
     carry_out(args, loaded, ready, &interrupt, None)
 }
@@ -102,7 +103,7 @@ pub fn carry_out(
     let of_sources = [std::mem::take(&mut ready.warnings), truths::missing(&ready)].concat();
     tell(args, &of_sources);
     let (folder, begun) = make_folder(args, &plan, &kept, &read)?;
-    let earlier = earlier::of(args, &folder, &plan);
+    let earlier = earlier::of(args.is_fresh(), &folder, &plan);
     let unreadable = earlier::unreadable(&earlier);
     tell(args, &unreadable);
     let begun = Earlier { begun, earlier }.verified(args, &folder, &ready, elsewhere.is_some())?;
@@ -340,7 +341,7 @@ impl Earlier {
         depthloom_durable::rename(&recording, &aside).map_err(|error| {
             Stop::of_writing(Exit::Engine, format_args!("failed to rename {}", recording.display()), &error)
         })?;
-        Ok(Self { begun: None, earlier: earlier::of(args, folder, &ready.plan) })
+        Ok(Self { begun: None, earlier: earlier::of(args.is_fresh(), folder, &ready.plan) })
     }
 }
 
@@ -395,7 +396,7 @@ fn record<'a>(
         None => Recorder::create(folder.file(RECORDING), plan),
     };
     let recorder = recorder.map_err(|error| Ended {
-        why: Stop::of_recording(Exit::Engine, "failed to start the recording", &error),
+        why: Stop::remedied(Exit::Engine, "failed to start the recording", &error),
         // What an earlier process wrote stays.
         frames: begun.as_ref().map_or(0, |begun| earlier::frames(begun)),
         is_suspect: false,
@@ -426,7 +427,7 @@ fn record<'a>(
         Ok(ran) if !ran.interrupted => recorder.finish(&[]),
         _ => recorder.finish_early(),
     };
-    let finished = finished.map_err(|error| Stop::of_recording(Exit::Engine, "failed to close the recording", &error));
+    let finished = finished.map_err(|error| Stop::remedied(Exit::Engine, "failed to close the recording", &error));
     let ended = |why| Ended { why, frames: recorder.frames(), is_suspect: false };
     // What failed first is told.
     let ran = ran.map_err(|error| {
@@ -537,7 +538,7 @@ fn finish(
     environment: impl FnOnce() -> Environment,
 ) -> Result<Finished, Stop> {
     let recording = Recording::open(folder.file(RECORDING))
-        .map_err(|error| Stop::of_recording(Exit::Engine, "failed to read the recording back", &error))?;
+        .map_err(|error| Stop::remedied(Exit::Engine, "failed to read the recording back", &error))?;
     models::write(&recording, &folder.partial)?;
     let report = analyse(&recording, &folder.partial, &report_options(args), prepared, interrupt)?;
     if args.samples {
@@ -571,48 +572,4 @@ fn show(args: &RunArgs, report: &Summary, told: impl FnOnce() -> Run, out: &Path
         print(summary(report, out))?;
     }
     print_path("run: ", out)
-}
-
-/// What this machine or this data lacks: itself where it is one thing, else these one by one.
-pub fn stop_of_missing(missing: &[NotReady]) -> Stop {
-    let told = |error: &NotReady| (chain(error), error.fault().remedy_text().map(ToOwned::to_owned));
-    match missing {
-        [only] => {
-            let (message, remedy) = told(only);
-            Stop { remedy, ..Stop::new(Exit::Before, message) }
-        }
-        several => {
-            // Variants of one node lack the same.
-            let mut problems: Vec<_> = several.iter().map(told).collect();
-            let mut seen = BTreeSet::new();
-            problems.retain(|problem| seen.insert(problem.clone()));
-            match problems.len() {
-                1 => stop_of_missing(&several[..1]),
-                count => Stop::new(Exit::Before, format!("{count} things are missing"))
-                    .problems(problems.into_iter().map(|(message, remedy)| Problem::Here(message, remedy))),
-            }
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use depthloom_graphs::Fault;
-    use depthloom_graphs::ready::NotReady;
-
-    use super::stop_of_missing;
-
-    fn refusal(name: &str) -> NotReady {
-        let fault = Fault::new("it would start a program").remedy("allow it");
-        NotReady::Node { stage: "look".to_owned(), name: name.to_owned(), kind: "process".to_owned(), fault }
-    }
-
-    #[test]
-    fn what_all_variants_of_a_node_lack_is_reported_once() {
-        let one = stop_of_missing(&[refusal("own"), refusal("own"), refusal("own")]);
-        assert!(one.problems.is_empty() && one.message.contains("`look.own`"), "{}", one.message);
-        assert_eq!(one.remedy.as_deref(), Some("allow it"));
-        let two = stop_of_missing(&[refusal("own"), refusal("own"), refusal("other")]);
-        assert_eq!((two.problems.len(), two.message.as_str()), (2, "2 things are missing"));
-    }
 }

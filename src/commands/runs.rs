@@ -6,6 +6,7 @@ mod rm;
 mod show;
 mod why;
 
+use depthloom_terminal::{Exit, Stop};
 pub use list::RunsList;
 pub use prune::RunsPrune;
 pub use rm::RunsRm;
@@ -13,7 +14,6 @@ pub use show::RunsShow;
 pub use why::RunsWhy;
 
 use crate::args::{RunsArgs, RunsCommand};
-use crate::exit::{Exit, Stop};
 
 /// Lists runs, or does what else is asked for with them.
 pub fn runs(args: &RunsArgs) -> Result<Exit, Stop> {

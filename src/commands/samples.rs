@@ -7,19 +7,20 @@ use depthloom_analysis::{
 };
 use depthloom_recording::{Condition, Recording};
 use depthloom_runner::Interrupt;
+use depthloom_runs::failed;
+use depthloom_runs::open;
+use depthloom_runs::recording_of;
 use indicatif::{ProgressBar, ProgressStyle};
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use super::report::recording_of;
-use super::table::{Delivery, can_be_written, failed, open};
+use super::table::{Delivery, can_be_written};
 use crate::args::{AnalyseArgs, SamplesArgs};
-use crate::exit::{Exit, Stop};
 use crate::outputs::{self, CommandOutput, Output};
-use crate::run_folder;
 use crate::signals;
-use crate::streams::{print, say};
 use depthloom_graphs::counted;
+use depthloom_runs::run_folder;
+use depthloom_terminal::{Exit, Stop, print, say};
 
 /// Of `samples`: what was written.
 #[derive(JsonSchema, Serialize)]

@@ -7,14 +7,13 @@ use depthloom_graphs::{Fault, Host, counted};
 use depthloom_nodes::kitti_layout;
 use depthloom_nodes::sources::SyntheticRoadParams;
 use depthloom_runner::Interrupt;
+use depthloom_runs::environment;
+use depthloom_terminal::{Exit, Stop, chain, print_path};
 use depthloom_threads::Budget;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::args::SynthArgs;
-use crate::environment;
-use crate::exit::{Exit, Stop, chain};
 use crate::signals;
-use crate::streams::print_path;
 
 /// Writes the frames.
 pub fn synth(args: &SynthArgs) -> Result<Exit, Stop> {

@@ -5,18 +5,17 @@ use std::io::{self, IsTerminal as _};
 use std::path::Path;
 
 use depthloom_analysis::{
-    AnalysisError, Answer, BoardRun, Costs, Mean, PixelSet, Question, Ranking, Resampling, Selection, TableOutput,
-    Typesetting, plan_key,
+    Answer, BoardRun, Costs, Mean, PixelSet, Question, Ranking, Resampling, Selection, TableOutput, Typesetting,
+    plan_key,
 };
+use depthloom_durable::remedy_of_writing;
 use depthloom_graphs::Key;
-use depthloom_recording::Recording;
+use depthloom_runs::{TIMINGS, failed, open, recording_of};
+use depthloom_terminal::{Exit, Stop, print, print_bytes, print_quoted};
 
-use super::report::{TIMINGS, recording_of};
 use crate::args::{MeanOption, RowsOption, ScoresArgs, SetOption, TableArgs, TableFormat, TypesettingArgs};
-use crate::exit::{Exit, Stop, remedy_of_writing};
 use crate::outputs::{self, CommandOutput, Output};
 use crate::signals;
-use crate::streams::{print, print_bytes, print_quoted};
 
 /// Columns of text of a terminal's table.
 const TERMINAL_WIDTH: usize = 110;
@@ -192,11 +191,6 @@ fn is_of_the_run(out: &Path, recording: &Path) -> bool {
     out.exists() && folder(out).is_some_and(|of_out| Some(of_out) == folder(recording))
 }
 
-/// Opens a recording to ask it something.
-pub(super) fn open(path: &Path) -> Result<Recording, Stop> {
-    Recording::open(path).map_err(|error| Stop::of_recording(Exit::Before, "failed to read the recording", &error))
-}
-
 /// What the run's nodes cost, if its timings lie beside the recording.
 fn costs(recording: &Path) -> Result<Option<Costs>, Stop> {
     let timings = recording.with_file_name(TIMINGS);
@@ -244,18 +238,4 @@ pub(super) fn selection(args: &ScoresArgs) -> Selection {
     });
     let (zone, frames) = (args.zone.clone(), args.frames.clone());
     Selection { common, set, zone, frames, mean, ..Selection::default() }
-}
-
-/// Why a question has no answer: it was wrong, or the recording is, or the analysis.
-pub fn failed(error: &AnalysisError) -> Stop {
-    let exit = match error {
-        AnalysisError::Stopped => return Stop::new(Exit::Interrupted, "interrupted while analysing"),
-        AnalysisError::Asked { .. } => Exit::Before,
-        error if error.is_damage() => Exit::Frames,
-        _ => Exit::Engine,
-    };
-    match error {
-        AnalysisError::Asked { what, help } => Stop::new(exit, what.as_str()).remedy(help.as_str()),
-        error => Stop::of_analysis(exit, "failed to analyse the recording", error),
-    }
 }

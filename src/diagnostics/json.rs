@@ -3,10 +3,10 @@
 use std::ops::Range;
 
 use depthloom_graphs::language;
+use depthloom_terminal::{Problem, Stop, help_of};
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::exit::{Problem, Stop, help_of};
 use crate::outputs::{CommandOutput, Output};
 
 /// Of a command that ended before it had anything else to print.

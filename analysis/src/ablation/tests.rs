@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use depthloom_graphs::Remedied;
 use serde::Deserialize as _;
 use serde_json::{Value as Json, json};
 

@@ -38,9 +38,7 @@ impl Mosaic {
     /// If the image is smaller than 3x3.
     pub fn colours(self, samples: &[u16], width: u32, height: u32) -> Result<Vec<u16>, Malformed> {
         if width < 3 || height < 3 {
-            return Err(Malformed::new(format!(
-                "its mosaic is {width}x{height}, and at least 3x3 pixels are needed"
-            )));
+            return Err(Malformed::new(format!("its mosaic is {width}x{height}, and at least 3x3 pixels are needed")));
         }
         let (width, height) = (width as usize, height as usize);
         let mut rgb = Vec::with_capacity(3 * samples.len());

@@ -9,6 +9,7 @@
 
 mod names;
 mod open;
+mod remedy;
 
 use std::ffi::OsString;
 use std::fs::{self, File, TryLockError};
@@ -17,6 +18,7 @@ use std::path::{Path, PathBuf};
 
 pub use names::final_name;
 pub use open::{create_folder, create_in_place, create_new, open_or_create, open_regular};
+pub use remedy::remedy_of_writing;
 
 /// The ending of a file or folder that is not complete yet.
 pub const PARTIAL: &str = "partial";

@@ -4,6 +4,7 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 
+use depthloom_graphs::Remedied;
 use depthloom_graphs::contracts::Tap;
 use depthloom_recording::{Condition, Disk, Recorder, Recording, RecordingError};
 use proptest::prelude::{ProptestConfig, Strategy, proptest};

@@ -2,16 +2,14 @@
 
 use std::collections::BTreeSet;
 
+use depthloom_runs::{Best, FoundRun, State, all};
+use depthloom_terminal::{Exit, Stop, aligned, print, say};
 use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::args::RunsArgs;
-use crate::columns::aligned;
-use crate::exit::{Exit, Stop};
 use crate::outputs::{self, CommandOutput, Output};
-use crate::runs::{self, Best, FoundRun, State, all};
 use crate::sizes::size;
-use crate::streams::{print, say};
 
 /// Of `runs`: the runs in a folder, newest first.
 #[derive(JsonSchema, Serialize)]
@@ -47,7 +45,8 @@ pub struct Glance {
 /// Prints a line a run.
 pub fn list(args: &RunsArgs) -> Result<Exit, Stop> {
     let runs = all_in(args)?;
-    let runs: Vec<(&FoundRun, runs::Glance)> = runs.iter().rev().map(|run| (run, runs::Glance::at(run))).collect();
+    let runs: Vec<(&FoundRun, depthloom_runs::Glance)> =
+        runs.iter().rev().map(|run| (run, depthloom_runs::Glance::at(run))).collect();
     if args.json {
         let runs = runs.into_iter().map(|(run, glance)| Glance::of(run, glance)).collect();
         outputs::print(&RunsList { folder: args.folder.to_string_lossy().into_owned(), runs })?;
@@ -70,7 +69,7 @@ pub fn list(args: &RunsArgs) -> Result<Exit, Stop> {
 }
 
 impl Glance {
-    fn of(run: &FoundRun, glance: runs::Glance) -> Self {
+    fn of(run: &FoundRun, glance: depthloom_runs::Glance) -> Self {
         Self {
             name: run.name.clone(),
             path: run.path.to_string_lossy().into_owned(),
@@ -88,7 +87,7 @@ impl Glance {
     }
 }
 
-fn row(run: &FoundRun, glance: &runs::Glance) -> [String; 8] {
+fn row(run: &FoundRun, glance: &depthloom_runs::Glance) -> [String; 8] {
     let best = glance.best.as_ref();
     let nothing = || "-".to_owned();
     let count = |count: u64| if glance.experiment.is_some() { count.to_string() } else { nothing() };

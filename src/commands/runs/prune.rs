@@ -13,14 +13,11 @@ use super::list::all_in;
 use super::rm::{Removed, RemovedRuns};
 use crate::args::{PruneArgs, RunsArgs};
 use crate::diagnostics::Error;
-use crate::environment;
-use crate::exit::{Exit, Stop};
 use crate::outputs::{CommandOutput, Output};
-use crate::run_folder::Removal;
-use crate::runs::{FoundRun, Glance, State};
 use crate::sizes::size;
-use crate::streams::print;
 use depthloom_graphs::counted;
+use depthloom_runs::{FoundRun, Glance, State, environment, run_folder::Removal};
+use depthloom_terminal::{Exit, Stop, print};
 
 /// How much of an experiment is read, bytes: none is larger.
 const LARGEST: u64 = 64 << 20;

@@ -2,17 +2,15 @@
 
 use std::path::Path;
 
+use depthloom_runs::{bytes_in, named_in_full, run_folder::Removal};
+use depthloom_terminal::{Exit, Stop, print};
 use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::args::{RmArgs, RunsArgs};
 use crate::diagnostics::{Error, print_stop};
-use crate::exit::{Exit, Stop};
 use crate::outputs::{self, CommandOutput, Output};
-use crate::run_folder::Removal;
-use crate::runs::{bytes_in, named_in_full};
 use crate::sizes::size;
-use crate::streams::print;
 
 /// Of `runs rm`: what was removed.
 #[derive(JsonSchema, Serialize)]

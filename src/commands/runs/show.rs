@@ -7,16 +7,11 @@ use serde::Serialize;
 use serde_json::Value as Json;
 
 use crate::args::{RunsArgs, ShowArgs};
-use crate::columns::aligned;
-use crate::commands::report::RECORDING;
-use crate::environment;
-use crate::exit::{Exit, Stop};
-use crate::models;
 use crate::outputs::{self, CommandOutput, Output};
-use crate::runs::{Best, File, FoundRun, Glance, State, files_in, named};
 use crate::sizes::size;
-use crate::streams::print;
 use depthloom_graphs::counted;
+use depthloom_runs::{Best, File, FoundRun, Glance, RECORDING, State, environment, files_in, models, named};
+use depthloom_terminal::{Exit, Stop, aligned, print};
 
 /// How many variants are named.
 const NAMED: usize = 12;

@@ -8,17 +8,15 @@ use depthloom_recording::{
     Difference as RecordedDifference, NodePair, RecordedFrame, RecordedPlan, Recording, json_differences, node_pairs,
     source_differences,
 };
+use depthloom_runs::environment;
+use depthloom_runs::{RECORDING, open, recording_in};
+use depthloom_terminal::{Exit, Stop, print};
 use schemars::JsonSchema;
 use serde::Serialize;
 use serde_json::{Value as Json, json};
 
 use crate::args::{RunsArgs, WhyArgs};
-use crate::commands::report::{RECORDING, recording_in};
-use crate::commands::table::open;
-use crate::environment;
-use crate::exit::{Exit, Stop};
 use crate::outputs::{self, CommandOutput, Output};
-use crate::streams::print;
 
 /// The experiment as resolved, in a recording.
 const RESOLVED: &str = "experiment.resolved.yaml";
@@ -322,7 +320,7 @@ fn folder(recording: &Recording) -> Option<PathBuf> {
 fn resolved(recording: &Recording) -> Result<Json, Stop> {
     let bytes = recording.attachment(RESOLVED).map_err(|error| {
         let exit = if error.is_damage() { Exit::Frames } else { Exit::Before };
-        Stop::of_recording(exit, "failed to read the experiment", &error)
+        Stop::remedied(exit, "failed to read the experiment", &error)
     })?;
     serde_saphyr::from_slice(&bytes).map_err(|error| {
         let what = format!("the experiment that {} holds is no YAML: {error}", recording.path().display());

@@ -1,0 +1,438 @@
+//! A part that asks a node of somebody else's: it knows of frames and of what is absent, and the other gets messages and answers them.
+
+use std::collections::BTreeSet;
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+use depthloom_codecs::arrow::View;
+use depthloom_graphs::contracts::{PureNode, Signature};
+use depthloom_graphs::plan::Plan;
+use depthloom_graphs::ready::NotReady;
+use depthloom_graphs::values::{Depth, Image, Mask, Pixels, Raster, TrueDisparity, Weight};
+use depthloom_graphs::{
+    Context, Fault, Host, Inputs, Instance, Key, Node as _, Outputs, Port, Registry, Value, ValueType,
+};
+use depthloom_nodes::dora::{Dora, DoraParams, DoraValues};
+use depthloom_threads::locked;
+use image::{GrayImage, RgbImage};
+use serde_json::{Map, Value as Json};
+
+use crate::bridge::{Bridge, metadata_of};
+use crate::layout::{answered, asked};
+use crate::mailbox::{Arrived, Gone, Mailbox};
+use crate::message::{Row, of_value};
+
+/// The node, as the runner sees it, and what it depends on.
+pub fn build(
+    plan: &Plan,
+    (run, node): (usize, usize),
+    _: &Registry,
+    bridge: &Arc<Bridge>,
+) -> Result<(Instance, Option<Key>), Vec<NotReady>> {
+    let run = &plan.runs[run];
+    let planned = &run.nodes[node];
+    let missing = |fault| {
+        let (stage, name, kind) = (run.stage.clone(), planned.name.clone(), planned.kind.clone());
+        vec![NotReady::Node { stage, name, kind, fault }]
+    };
+    let params: DoraParams = serde_json::from_value(planned.params.clone())
+        .map_err(|error| missing(Fault::new("its parameters cannot be read").because(error)))?;
+    params.ask().map_err(missing)?;
+    let fingerprint = Dora::fingerprint(&params).map_err(missing)?;
+    let Some(Signature { inputs, outputs, .. }) = Dora::signature(&params) else {
+        return Err(missing(Fault::new("it has no ports")));
+    };
+    let wired = |port: &Port| planned.inputs.iter().any(|input| input.port.name == port.name && input.from.is_some());
+    let inputs = inputs.into_iter().filter(wired).collect();
+    let patience = Duration::from_secs_f64(params.timeout_s);
+    let bridge = Arc::clone(bridge);
+    let foreign = Foreign { bridge, inputs, outputs, values: params.values, patience, turn: Mutex::default() };
+    Ok((Instance::Pure(Box::new(foreign)), fingerprint))
+}
+
+struct Foreign {
+    bridge: Arc<Bridge>,
+    inputs: Vec<Port>,
+    outputs: Vec<Port>,
+    values: DoraValues,
+    patience: Duration,
+    /// One frame at a time: the positions of the frames that were given up before they were answered.
+    turn: Mutex<BTreeSet<u64>>,
+}
+
+/// What a question's maps are, which an answer that passes its metadata on repeats.
+#[derive(Default)]
+struct Asked {
+    /// Columns and rows of the first map.
+    size: Option<(u32, u32)>,
+    encodings: Vec<&'static str>,
+}
+
+impl PureNode for Foreign {
+    fn process(&self, inputs: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        let mut given_up = locked(&self.turn);
+        let position = ctx.host.position().ok_or_else(|| Fault::new("it is asked of no frame"))?;
+        for port in &self.outputs {
+            if self.bridge.mailbox.holds(&answered(port.name), position) {
+                let what = format!("dora's node answered at `{}` before it was asked about this frame", port.name);
+                return Err(Fault::new(what)
+                    .remedy("let it answer each frame once, when it has been asked at all of its inputs"));
+            }
+        }
+        let mut asked = Asked::default();
+        for port in &self.inputs {
+            let value = inputs.value(port.name);
+            asked.size = asked.size.or_else(|| value.and_then(Value::dimensions));
+            asked.encodings.extend(value.and_then(encoding));
+            self.ask(port, position, value)?;
+        }
+        let until = Instant::now() + self.patience;
+        let mut outputs = Outputs::none();
+        for port in &self.outputs {
+            let arrived = answer(&self.bridge.mailbox, port.name, position, until, &mut given_up, ctx.host)?;
+            let arrived = arrived.ok_or_else(|| {
+                let seconds = self.patience.as_secs_f64();
+                Fault::new(format!("dora's node gave nothing at `{}` within {seconds} s", port.name))
+                    .remedy("look at its log (`dora logs`); `timeout_s` is how long it may take")
+            })?;
+            arrived.check()?;
+            let wrong = |what: String| {
+                let (name, value_type) = (port.name, port.value_type);
+                Fault::new(format!("what came from dora at `{name}` is no {value_type}: {what}"))
+            };
+            let value = self.value(&arrived, port.value_type, &asked).map_err(wrong)?;
+            value.validate().map_err(wrong)?;
+            outputs = outputs.with(port.name, value);
+        }
+        Ok(outputs)
+    }
+}
+
+impl Foreign {
+    fn ask(&self, port: &Port, position: usize, value: Option<&Value>) -> Result<(), Fault> {
+        let frame = self.bridge.frames.get().and_then(|frames| frames.get(position));
+        let frame = frame.ok_or_else(|| Fault::new(format!("its stage has no frame at position {position}")))?;
+        let mut metadata = metadata_of(position, frame);
+        let flat = value
+            .filter(|_| self.values == DoraValues::Flat)
+            .and_then(|value| Some((value.dimensions()?, encoding(value)?)));
+        if let Some(((width, height), encoding)) = flat {
+            metadata.insert("width".to_owned(), width.into());
+            metadata.insert("height".to_owned(), height.into());
+            metadata.insert("encoding".to_owned(), encoding.into());
+        }
+        let stream = value.map(of_value).unwrap_or_default();
+        self.bridge.send_with(&asked(port.name), metadata, &stream, flat.is_some())
+    }
+
+    fn value(&self, arrived: &Arrived, value_type: ValueType, asked: &Asked) -> Result<Value, String> {
+        if arrived.body.is_empty() {
+            return Err("it is nothing".to_owned());
+        }
+        let row = Row::read(&arrived.body)?;
+        let said = size_said(&arrived.metadata)?;
+        if self.values == DoraValues::Struct {
+            let value = row.value(value_type)?;
+            return match (said, value.dimensions()) {
+                (Some((w, h)), Some((width, height))) if (w, h) != (width, height) => {
+                    Err(format!("its metadata says {w}x{h} pixels, and it has {width}x{height}"))
+                }
+                _ => Ok(value),
+            };
+        }
+        let size = said.or(asked.size).ok_or("it has no `width` and `height`")?;
+        let encoding = encoding_said(&arrived.metadata, value_type, &asked.encodings)?;
+        flat_value(&row.column()?.part("data").ok_or("it is no array of numbers")?, value_type, size, encoding)
+    }
+}
+
+/// What is answered at a port for a frame; `None` where nothing is in time. Messages come when they will: only one that says of which frame it is can be
+/// known for its answer.
+fn answer(
+    mailbox: &Mailbox,
+    name: &str,
+    position: usize,
+    until: Instant,
+    given_up: &mut BTreeSet<u64>,
+    host: &dyn Host,
+) -> Result<Option<Arrived>, Fault> {
+    let position = position as u64;
+    let cancelled = || host.cancelled() || Instant::now() >= until;
+    let twice = || host.tell(&format!("dora's node answered a frame twice at `{name}`: the first answer stands"));
+    loop {
+        let arrived = match mailbox.take_any(&answered(name), &cancelled) {
+            Ok(arrived) => arrived,
+            Err(Gone::Cancelled) if !host.cancelled() => {
+                given_up.insert(position);
+                return Ok(None);
+            }
+            Err(Gone::Ended(_)) => {
+                return Err(Fault::new("dora's node has ended").remedy("look at its log (`dora logs`)"));
+            }
+            Err(gone) => return Err(gone.into()),
+        };
+        match arrived.metadata.get("frame").and_then(Json::as_u64) {
+            Some(of) if of == position => {
+                if arrived.is_repeated {
+                    twice();
+                }
+                return Ok(Some(arrived));
+            }
+            Some(of) if given_up.contains(&of) => {}
+            Some(of) if of < position => twice(),
+            Some(of) => {
+                return Err(Fault::new(format!(
+                    "dora's node answered at `{name}` for the frame at position {of} before it was asked about it"
+                )));
+            }
+            None => {
+                return Err(Fault::new(format!("dora's node answered at `{name}`, and nobody knows for which frame"))
+                    .remedy("let it pass on the metadata of what it was sent: `node.send_output(name, value, event[\"metadata\"])`"));
+            }
+        }
+    }
+}
+
+/// Columns and rows, as the metadata says them; `None` if it says neither.
+fn size_said(metadata: &Map<String, Json>) -> Result<Option<(u32, u32)>, String> {
+    let side = |name: &str| {
+        let side = metadata.get(name).map(|side| (side, side.as_u64().and_then(|side| u32::try_from(side).ok())));
+        match side {
+            None => Ok(None),
+            Some((_, Some(side))) if side > 0 => Ok(Some(side)),
+            Some((said, _)) => Err(format!("its metadata says `{name}: {said}`, and it is a number of pixels")),
+        }
+    };
+    match (side("width")?, side("height")?) {
+        (Some(width), Some(height)) => Ok(Some((width, height))),
+        (None, None) => Ok(None),
+        (Some(_), None) => Err("its metadata says `width` and no `height`".to_owned()),
+        (None, Some(_)) => Err("its metadata says `height` and no `width`".to_owned()),
+    }
+}
+
+/// The encodings that maps of a type may have.
+const fn encodings(value_type: ValueType) -> &'static [&'static str] {
+    match value_type {
+        ValueType::Image => &["rgb8", "bgr8", "mono8"],
+        ValueType::Mask => &["mono8"],
+        ValueType::Depth => &["32FC1", "16UC1", "mono16"],
+        _ => &["32FC1"],
+    }
+}
+
+/// The encoding, as the metadata says it; empty if it says none, or passes on that of another type of map that it was asked with.
+fn encoding_said<'a>(
+    metadata: &'a Map<String, Json>,
+    value_type: ValueType,
+    asked: &[&str],
+) -> Result<&'a str, String> {
+    let Some(said) = metadata.get("encoding") else { return Ok("") };
+    let known = encodings(value_type);
+    match said.as_str() {
+        Some(encoding) if known.contains(&encoding) => Ok(encoding),
+        Some(encoding) if asked.contains(&encoding) => Ok(""),
+        _ => Err(format!("its metadata says `encoding: {said}`, and that of a {value_type} is {}", known.join(" or "))),
+    }
+}
+
+/// What dora's nodes call the numbers of a map.
+fn encoding(value: &Value) -> Option<&'static str> {
+    match value {
+        Value::Image(image) => Some(match image.pixels() {
+            Pixels::Grey(_) => "mono8",
+            Pixels::Rgb(_) => "rgb8",
+        }),
+        Value::Mask(_) => Some("mono8"),
+        Value::Depth(_) | Value::RelativeDepth(_) | Value::Weight(_) | Value::TrueDisparity(_) => Some("32FC1"),
+        _ => None,
+    }
+}
+
+/// The numbers of a map as a value.
+fn flat_value(
+    data: &View<'_>,
+    value_type: ValueType,
+    (width, height): (u32, u32),
+    encoding: &str,
+) -> Result<Value, String> {
+    let misfit = |count: usize| format!("it has {count} numbers, which is not {width}x{height} pixels");
+    let floats = || -> Result<Raster<f32>, String> {
+        let numbers = data.f32s()?;
+        let count = numbers.len();
+        Raster::from_raw(width, height, numbers)
+            .filter(|_| count == fitting(width, height, 1))
+            .ok_or_else(|| misfit(count))
+    };
+    Ok(match value_type {
+        ValueType::Image => {
+            let mut bytes = data.u8s()?.to_vec();
+            let count = bytes.len();
+            let channels = if count == fitting(width, height, 1) { 1 } else { 3 };
+            if count != fitting(width, height, channels) {
+                return Err(misfit(count));
+            }
+            if !encoding.is_empty() && (encoding == "mono8") != (channels == 1) {
+                return Err(format!(
+                    "its metadata says `encoding: {encoding}`, and it has {channels} numbers per pixel"
+                ));
+            }
+            if encoding == "bgr8" {
+                bytes.as_chunks_mut::<3>().0.iter_mut().for_each(|pixel| pixel.swap(0, 2));
+            }
+            let pixels = if channels == 1 {
+                GrayImage::from_raw(width, height, bytes).map(Pixels::Grey)
+            } else {
+                RgbImage::from_raw(width, height, bytes).map(Pixels::Rgb)
+            };
+            Image::new(pixels.ok_or_else(|| misfit(count))?).into()
+        }
+        ValueType::Mask => {
+            let set: Vec<u8> = data.u8s()?.iter().map(|&set| if set == 0 { 0 } else { 255 }).collect();
+            let count = set.len();
+            let raster = Raster::from_raw(width, height, set).filter(|_| count == fitting(width, height, 1));
+            Mask { set: raster.ok_or_else(|| misfit(count))? }.into()
+        }
+        ValueType::Depth if matches!(encoding, "16UC1" | "mono16") => {
+            let millimetres = data.u16s()?;
+            let count = millimetres.len();
+            let metres = millimetres.into_iter().map(|mm| if mm == 0 { f32::NAN } else { f32::from(mm) / 1000.0 });
+            let raster =
+                Raster::from_raw(width, height, metres.collect()).filter(|_| count == fitting(width, height, 1));
+            Depth { metres: raster.ok_or_else(|| misfit(count))? }.into()
+        }
+        ValueType::Depth => Depth { metres: floats()? }.into(),
+        ValueType::Weight => Weight { share: floats()? }.into(),
+        ValueType::TrueDisparity => TrueDisparity { px: floats()? }.into(),
+        other => return Err(format!("values of type {other} do not cross as numbers alone")),
+    })
+}
+
+const fn fitting(width: u32, height: u32, channels: usize) -> usize {
+    width as usize * height as usize * channels
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+    use std::sync::Mutex;
+    use std::time::{Duration, Instant};
+
+    use depthloom_graphs::values::{Depth, Pixels, Raster};
+    use depthloom_graphs::{Fault, Host, Value, ValueType};
+    use depthloom_runner::Interrupt;
+    use serde_json::{Map, Value as Json, json};
+
+    use super::{Arrived, Mailbox, Row, answer, answered, encoding_said, flat_value, of_value, size_said};
+
+    fn object(metadata: &Json) -> Map<String, Json> {
+        metadata.as_object().cloned().unwrap_or_default()
+    }
+
+    /// Keeps notices.
+    #[derive(Default)]
+    struct Notices(Mutex<Vec<String>>);
+
+    impl Host for Notices {
+        fn cancelled(&self) -> bool {
+            false
+        }
+        fn tell(&self, what: &str) {
+            self.0.lock().unwrap().push(what.to_owned());
+        }
+        fn progress(&self, _: u64, _: u64, _: &str) {}
+        fn tiles(&self, n: usize, f: &(dyn Fn(usize) + Sync)) {
+            (0..n).for_each(f);
+        }
+        fn width(&self) -> usize {
+            1
+        }
+    }
+
+    /// What is taken for the answer on frame 2, and what is told, where these messages have come, and frame 1 was given up.
+    fn taken(messages: &[(Json, &str)]) -> (Result<Option<String>, Fault>, Vec<String>) {
+        let mailbox = Mailbox::new(Interrupt::default(), false);
+        for (metadata, body) in messages {
+            mailbox.put(Arrived::new(answered("depth"), object(metadata), body.as_bytes().to_vec()));
+        }
+        let (host, until) = (Notices::default(), Instant::now() + Duration::from_millis(10));
+        let taken = answer(&mailbox, "depth", 2, until, &mut BTreeSet::from([1]), &host);
+        let body = |arrived: Arrived| String::from_utf8(arrived.body).unwrap();
+        (taken.map(|arrived| arrived.map(body)), host.0.into_inner().unwrap())
+    }
+
+    #[test]
+    fn an_answer_is_taken_for_the_frame_that_it_names_and_for_no_other() {
+        let of = |frame: u64| json!({ "frame": frame });
+        let two = || Some("two".to_owned());
+        let (found, told) = taken(&[(of(2), "two")]);
+        assert_eq!((found.unwrap(), told.len()), (two(), 0));
+        assert_eq!(taken(&[]).0.unwrap(), None);
+        // Late, of a frame that was given up.
+        let (found, told) = taken(&[(of(1), "one"), (of(2), "two")]);
+        assert_eq!((found.unwrap(), told.len()), (two(), 0));
+        // Answered twice: the frame itself, or one before.
+        for messages in [[(of(2), "two"), (of(2), "other")], [(of(0), "zero"), (of(2), "two")]] {
+            let (found, told) = taken(&messages);
+            assert_eq!(found.unwrap(), two());
+            assert!(told[0].contains("answered a frame twice at `depth`"), "{told:?}");
+        }
+        let early = taken(&[(of(3), "three")]).0.unwrap_err().chain();
+        assert!(early.contains("for the frame at position 3 before it was asked"), "{early}");
+        // It may be of any frame: of one that was answered twice, for example.
+        for metadata in [json!({}), json!({ "frame": "2" }), json!({ "frame": -1 })] {
+            let unnamed = taken(&[(metadata, "two"), (of(2), "two")]).0.unwrap_err().chain();
+            assert!(unnamed.contains("nobody knows for which frame"), "{unnamed}");
+        }
+    }
+
+    #[test]
+    fn a_size_is_two_whole_numbers_or_none() {
+        let said = |metadata: Json| size_said(&object(&metadata));
+        assert_eq!(said(json!({})), Ok(None));
+        assert_eq!(said(json!({ "width": 3, "height": 2 })), Ok(Some((3, 2))));
+        assert!(said(json!({ "width": 3 })).unwrap_err().contains("`width` and no `height`"));
+        assert!(said(json!({ "height": 3 })).unwrap_err().contains("`height` and no `width`"));
+        for wrong in [json!(-3), json!(0), json!("3"), json!(1.5), Json::Null] {
+            let what = said(json!({ "width": wrong, "height": 2 })).unwrap_err();
+            assert!(what.contains("it is a number of pixels"), "{what}");
+        }
+    }
+
+    #[test]
+    fn an_encoding_is_one_of_its_type_or_one_that_is_passed_on() {
+        let said = |encoding: &str, of: ValueType, asked: &[&str]| {
+            encoding_said(&object(&json!({ "encoding": encoding })), of, asked).map(str::to_owned)
+        };
+        assert_eq!(encoding_said(&Map::new(), ValueType::Depth, &[]), Ok(""));
+        assert_eq!(said("16UC1", ValueType::Depth, &[]).unwrap(), "16UC1");
+        // An image went, and a depth comes back with its metadata.
+        assert_eq!(said("rgb8", ValueType::Depth, &["rgb8"]).unwrap(), "");
+        assert!(said("rgb8", ValueType::Depth, &["mono8"]).unwrap_err().contains("that of a depth is 32FC1 or 16UC1"));
+        assert!(said("rgba8", ValueType::Image, &["rgb8"]).unwrap_err().contains("rgb8 or bgr8 or mono8"));
+    }
+
+    #[test]
+    fn pixels_are_as_many_as_size_and_encoding_say() {
+        let flat = |numbers: &[f32]| {
+            let metres = Raster::from_raw(numbers.len() as u32, 1, numbers.to_vec()).unwrap();
+            Row::read(&of_value(&Value::from(Depth { metres }))).unwrap()
+        };
+        let row = flat(&[1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
+        let data = row.column().unwrap().part("data").unwrap();
+        assert!(flat_value(&data, ValueType::Depth, (3, 2), "32FC1").is_ok());
+        let what = flat_value(&data, ValueType::Depth, (3, 3), "").unwrap_err();
+        assert!(what.contains("6 numbers, which is not 3x3 pixels"), "{what}");
+        assert!(flat_value(&data, ValueType::Depth, (3, 2), "16UC1").is_err(), "floats are no millimetres");
+
+        let grey = Pixels::Grey(image::GrayImage::from_raw(6, 1, vec![1, 2, 3, 4, 5, 6]).unwrap());
+        let row = Row::read(&of_value(&depthloom_graphs::values::Image::new(grey).into())).unwrap();
+        let data = row.column().unwrap().part("data").unwrap();
+        assert!(flat_value(&data, ValueType::Image, (2, 1), "bgr8").is_ok());
+        assert!(flat_value(&data, ValueType::Image, (3, 2), "mono8").is_ok());
+        for (size, encoding) in [((2, 1), "mono8"), ((3, 2), "rgb8")] {
+            let what = flat_value(&data, ValueType::Image, size, encoding).unwrap_err();
+            assert!(what.contains(&format!("`encoding: {encoding}`, and it has")), "{what}");
+        }
+    }
+}

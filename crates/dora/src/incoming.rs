@@ -1,0 +1,112 @@
+//! What comes to a part: frames from data as the recorder lets them in, frames and once-values from other parts.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use depthloom_graphs::contracts::OnceNode;
+use depthloom_graphs::{Context, Fault, Frame, Inputs, Key, Outputs, Port, Source, SourceOutputs};
+use depthloom_runner::Interrupt;
+
+use crate::bridge::Bridge;
+use crate::channel;
+use crate::mailbox::Gone;
+use crate::remedies::{Remedies, keep_remedy};
+
+/// A node that gives what comes at a once-input.
+pub struct Received {
+    pub bridge: Arc<Bridge>,
+    pub port: Port,
+    pub interrupt: Interrupt,
+}
+
+impl OnceNode for Received {
+    fn run(&self, _: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        let arrived = self.bridge.mailbox.take(self.port.name, None, &|| ctx.host.cancelled());
+        let value = arrived.map_err(|gone| given_up(&gone, &self.interrupt))?.value(self.port.value_type)?;
+        Ok(value.map_or_else(Outputs::none, |value| Outputs::one(self.port.name, value)))
+    }
+}
+
+/// Frames whose values come from other parts.
+pub struct Incoming {
+    pub bridge: Arc<Bridge>,
+    pub frames: Vec<Frame>,
+    pub ports: Vec<Port>,
+    pub interrupt: Interrupt,
+}
+
+/// What a part does whose input ends: nothing more. Why it ended, the recorder hears and tells.
+fn given_up(gone: &Gone, interrupt: &Interrupt) -> Fault {
+    if matches!(gone, Gone::Ended(_)) {
+        while interrupt.raise() < 2 {}
+    }
+    Fault::Cancelled
+}
+
+impl Source for Incoming {
+    fn frames(&self) -> &[Frame] {
+        &self.frames
+    }
+
+    fn key(&self, position: usize) -> Result<Key, Fault> {
+        Ok(Key::build("dora").number(position as u64).finish())
+    }
+
+    fn read(&self, position: usize, ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
+        let mut outputs = Outputs::none();
+        for port in &self.ports {
+            let arrived = self.bridge.mailbox.take(port.name, Some(position), &|| ctx.host.cancelled());
+            let arrived = arrived.map_err(|gone| given_up(&gone, &self.interrupt))?;
+            if let Some(value) = arrived.value(port.value_type)? {
+                outputs = outputs.with(port.name, value);
+            }
+        }
+        Ok(SourceOutputs { outputs, key: self.key(position)? })
+    }
+}
+
+/// A source that reads a frame when the recorder has let it in.
+pub struct Admitted {
+    pub source: Box<dyn Source>,
+    pub bridge: Arc<Bridge>,
+    /// How many frames it may have read by now.
+    pub so_far: AtomicUsize,
+    pub interrupt: Interrupt,
+    pub remedies: Arc<Remedies>,
+}
+
+impl Admitted {
+    /// Waits until a frame is let in. Several threads may wait, each for a frame of its own: whoever hears how many are let in says it to the others.
+    fn wait(&self, position: usize) -> Result<(), Fault> {
+        let is_in = || self.so_far.load(Ordering::SeqCst) > position;
+        while !is_in() {
+            let no_longer = || self.interrupt.aborts() || is_in();
+            match self.bridge.mailbox.take(channel::ADMITTED, None, &no_longer) {
+                Ok(arrived) => {
+                    let count = arrived.json()?.as_u64().and_then(|count| usize::try_from(count).ok());
+                    let count = count.ok_or_else(|| Fault::new("what lets frames in is no number"))?;
+                    self.so_far.fetch_max(count, Ordering::SeqCst);
+                    self.bridge.mailbox.wake();
+                }
+                Err(_) if is_in() => {}
+                Err(gone) => return Err(gone.into()),
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Source for Admitted {
+    fn frames(&self) -> &[Frame] {
+        self.source.frames()
+    }
+
+    fn key(&self, position: usize) -> Result<Key, Fault> {
+        self.wait(position)?;
+        self.source.key(position).inspect_err(|fault| keep_remedy(&self.remedies, Some(position), fault))
+    }
+
+    fn read(&self, position: usize, ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
+        self.source.read(position, ctx).inspect_err(|fault| keep_remedy(&self.remedies, Some(position), fault))
+    }
+}

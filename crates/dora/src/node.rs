@@ -1,0 +1,129 @@
+//! A part that reads frames, or is a node: the runner over its piece of the plan, whose source is what comes and whose tap is what goes.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::sync::atomic::AtomicUsize;
+
+use depthloom_graphs::plan::Plan;
+use depthloom_graphs::ready::{NotReady, Ready, ReadyRun};
+use depthloom_graphs::{Fault, Registry, Source};
+use depthloom_runner::{Interrupt, Observer, Options, RunError};
+use depthloom_terminal::{Exit, Stop, chain, say};
+
+use crate::bridge::Bridge;
+use crate::channel;
+use crate::incoming::{Admitted, Incoming};
+use crate::layout::{Part, Role};
+use crate::message::of_text;
+use crate::outgoing::Outgoing;
+use crate::piece::{Comes, Piece, node_piece, source_piece};
+use crate::report::{Readiness, engines, frames, frames_text};
+
+/// Runs a part until the run is over. What it fails of, the recorder is told, and tells.
+///
+/// # Errors
+/// If dora is gone, or the part is none that the runner runs.
+pub fn run(
+    part: &Part,
+    plan: &Plan,
+    registry: &Registry,
+    bridge: &Arc<Bridge>,
+    options: &Options,
+    interrupt: &Interrupt,
+) -> Result<Exit, Stop> {
+    let gone = |fault: Fault| Stop::new(Exit::Engine, fault.chain());
+    let made = match part.role {
+        Role::Source { run } => source_piece(plan, run, registry),
+        Role::Node { run, node } => node_piece(plan, (run, node), part, registry, bridge, interrupt),
+        Role::Foreign { .. } | Role::Recorder => return Err(Stop::new(Exit::Before, "this is no part of the plan")),
+    };
+    let piece = match made {
+        Ok(piece) => piece,
+        Err(missing) => {
+            let told = |error: &NotReady| (chain(error), error.fault().remedy_text().map(str::to_owned));
+            let readiness = Readiness { missing: missing.iter().map(told).collect(), ..Readiness::default() };
+            bridge.send(channel::READY, None, &of_text(&readiness.text())).map_err(gone)?;
+            bridge.mailbox.wait_for_the_end();
+            return Ok(Exit::Before);
+        }
+    };
+    let whole = plan;
+    let Piece { mut plan, source, nodes, files, readiness, remedies } = piece;
+    bridge.send(channel::READY, None, &of_text(&readiness.text())).map_err(gone)?;
+    let source: Box<dyn Source> = match source {
+        Comes::Read(source) => {
+            let told = frames_text(source.frames());
+            bridge.send(channel::FRAMES, None, &of_text(&told)).map_err(gone)?;
+            let (bridge, interrupt, remedies) = (Arc::clone(bridge), interrupt.clone(), Arc::clone(&remedies));
+            Box::new(Admitted { source, bridge, so_far: AtomicUsize::new(0), interrupt, remedies })
+        }
+        Comes::Sent(ports) => {
+            let arrived = bridge.mailbox.take(channel::FRAMES, None, &|| interrupt.aborts());
+            let frames = match arrived {
+                Ok(arrived) => frames(&arrived).map_err(gone)?,
+                // The run ended before it began.
+                Err(_) => return Ok(Exit::Whole),
+            };
+            let _ = bridge.frames.set(frames.clone());
+            Box::new(Incoming { bridge: Arc::clone(bridge), frames, ports, interrupt: interrupt.clone() })
+        }
+        Comes::Nothing => {
+            if let (Role::Node { run, node }, Some(own)) = (part.role, plan.runs[0].nodes.last_mut()) {
+                let Ok(arrived) = bridge.mailbox.take(channel::ENGINES, None, &|| interrupt.aborts()) else {
+                    return Ok(Exit::Whole);
+                };
+                let engines = engines(&arrived).map_err(gone)?;
+                let whole = Ready::of(whole.clone(), Vec::new(), BTreeMap::new(), &engines).plan;
+                // With it the key of what it gives is the one that a run of one process has: the artefacts it reads enter that by their content.
+                own.recipe = whole.runs[run].nodes[node].recipe;
+            }
+            let (frames, ports) = Default::default();
+            Box::new(Incoming { bridge: Arc::clone(bridge), frames, ports, interrupt: interrupt.clone() })
+        }
+    };
+    let tap = Outgoing::new(bridge, &plan.runs[0], remedies);
+    let ready = Ready {
+        plan: plan.clone(),
+        runs: vec![ReadyRun { source, nodes }],
+        files,
+        warnings: Vec::new(),
+        builders: BTreeMap::new(),
+    };
+    let ran = depthloom_runner::run(ready, &tap, options, &Told { plan: &plan }, interrupt);
+    for program in depthloom_nodes::process::take_ended() {
+        if let Some(failure) = program.failure {
+            say(format_args!("warning: `{}` {failure}", program.command));
+        }
+    }
+    tap.close(&ran).map_err(gone)?;
+    bridge.mailbox.wait_for_the_end();
+    Ok(match ran {
+        Ok(_) | Err(RunError::Aborted) => Exit::Whole,
+        Err(error) if error.is_of_a_frame() => Exit::Frames,
+        Err(_) => Exit::Engine,
+    })
+}
+
+/// Says how far long work is.
+struct Told<'a> {
+    plan: &'a Plan,
+}
+
+impl Told<'_> {
+    fn name(&self, node: usize) -> &str {
+        self.plan.runs[0].nodes.get(node).map_or("", |node| &node.name)
+    }
+}
+
+impl Observer for Told<'_> {
+    fn progress(&self, _: usize, node: usize, done: u64, total: u64, message: &str) {
+        // Some twenty lines of the longest work.
+        if done == total || done.is_multiple_of((total / 20).max(1)) {
+            say(format_args!("{}: {done}/{total} {message}", self.name(node)));
+        }
+    }
+
+    fn told(&self, _: usize, node: usize, what: &str) {
+        say(format_args!("{}: {what}", self.name(node)));
+    }
+}

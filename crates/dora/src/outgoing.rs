@@ -1,0 +1,144 @@
+//! What goes from a part: each value as soon as it is there, and of each frame a report.
+
+use std::collections::BTreeSet;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
+
+use depthloom_graphs::contracts::{Commit, Contract, Slot, Tap, TapError, Warned};
+use depthloom_graphs::plan::StageRun;
+use depthloom_graphs::{Fault, Frame, Key, Rate, Value};
+use depthloom_runner::RunError;
+use depthloom_terminal::chain;
+use depthloom_threads::locked;
+
+use crate::bridge::Bridge;
+use crate::channel;
+use crate::message::{of_text, of_value};
+use crate::remedies::Remedies;
+use crate::report::Report;
+
+/// What goes: each value as soon as it is there, and of each frame a report.
+pub struct Outgoing<'a> {
+    bridge: &'a Bridge,
+    /// The outputs with a value for every frame.
+    slots: Vec<(Slot, &'static str)>,
+    once: Vec<&'static str>,
+    is_source: bool,
+    written: AtomicUsize,
+    sent_once: Mutex<(BTreeSet<&'static str>, Vec<Warned>)>,
+    remedies: Arc<Remedies>,
+}
+
+impl<'a> Outgoing<'a> {
+    /// Of the last node of a piece, or of its source where it has no nodes.
+    pub fn new(bridge: &'a Bridge, run: &StageRun, remedies: Arc<Remedies>) -> Self {
+        let (mut slots, mut once) = (Vec::new(), Vec::new());
+        let is_source = run.nodes.is_empty();
+        if let Some((node, planned)) = run.nodes.iter().enumerate().next_back() {
+            for (port, output) in planned.outputs.iter().enumerate() {
+                if planned.contract == Contract::Once || output.port.rate == Rate::Once {
+                    once.push(output.port.name);
+                } else {
+                    slots.push((Slot::Node { node, port }, output.port.name));
+                }
+            }
+        } else {
+            let outputs = run.source.outputs.iter().enumerate();
+            slots.extend(outputs.map(|(port, output)| (Slot::Source { port }, output.port.name)));
+        }
+        let (written, sent_once) = (AtomicUsize::new(0), Mutex::default());
+        Self { bridge, slots, once, is_source, written, sent_once, remedies }
+    }
+
+    /// Tells how it ended, once there are no more frames.
+    pub fn close(&self, ran: &Result<depthloom_runner::Report, RunError>) -> Result<(), Fault> {
+        let report = |of: Option<usize>, report: &Report| {
+            let frame = Frame::at_10_hz("", 0);
+            self.bridge.send(channel::REPORT, of.map(|of| (of, &frame)), &of_text(&report.text()))
+        };
+        match ran {
+            Ok(ran) if ran.interrupted => Ok(()),
+            Ok(_) => {
+                let (sent, warned) = std::mem::take(&mut *locked(&self.sent_once));
+                let absent: Vec<&str> = self.once.iter().copied().filter(|port| !sent.contains(port)).collect();
+                for port in &absent {
+                    self.bridge.send(port, None, &[])?;
+                }
+                if self.once.is_empty() {
+                    return Ok(());
+                }
+                let absent = absent.into_iter().map(str::to_owned).collect();
+                let warnings = warned.into_iter().map(|warned| (warned.what, warned.count)).collect();
+                report(None, &Report { absent, warnings, ..Report::default() })
+            }
+            Err(RunError::Aborted) => Ok(()),
+            Err(RunError::NodeFailed { fault, .. } | RunError::SourceFailed { fault, .. }) => {
+                report(Some(self.written.load(Ordering::SeqCst)), &Report::failed(fault))
+            }
+            Err(RunError::OnceFailed { fault, .. }) => report(None, &Report::failed(fault)),
+            Err(error) => {
+                let fault = Fault::new(chain(error));
+                report(Some(self.written.load(Ordering::SeqCst)), &Report::failed(&fault))?;
+                report(None, &Report::failed(&fault))
+            }
+        }
+    }
+}
+
+fn tap_error(fault: &Fault) -> TapError {
+    TapError::new(fault.chain())
+}
+
+impl Tap for Outgoing<'_> {
+    type Part = ();
+
+    fn parts(&self, _: usize) -> usize {
+        self.slots.len()
+    }
+
+    fn part(&self, _: usize, slot: Slot) -> Option<usize> {
+        self.slots.iter().position(|(of, _)| *of == slot)
+    }
+
+    fn encode(&self, _: usize, frame: (usize, &Frame), part: usize, values: &[(Slot, Value)]) -> Result<(), TapError> {
+        let stream = values.first().map(|(_, value)| of_value(value)).unwrap_or_default();
+        self.bridge.send(self.slots[part].1, Some(frame), &stream).map_err(|fault| tap_error(&fault))
+    }
+
+    fn write(&self, commit: &Commit<'_>, _: Vec<()>) -> Result<(), TapError> {
+        let position = self.written.fetch_add(1, Ordering::SeqCst);
+        let is_ours = |slot: &Slot| self.slots.iter().find(|(of, _)| of == slot);
+        let absent = commit.absent.iter().filter_map(is_ours).map(|(_, port)| (*port).to_owned()).collect();
+        // Of the source of a node's piece there is nothing to tell but that it was abandoned.
+        let own = commit.failures.iter().find(|failure| failure.node.is_some() != self.is_source);
+        let own = own.or_else(|| commit.failures.first());
+        let remedy = locked(&self.remedies).remove(&position);
+        let report = Report {
+            key: commit.source_key.filter(|_| self.is_source),
+            absent,
+            warnings: commit.warnings.iter().map(|warned| (warned.what.clone(), warned.count)).collect(),
+            failed: own.map(|failure| (failure.what.clone(), remedy)),
+        };
+        let stream = of_text(&report.text());
+        self.bridge.send(channel::REPORT, Some((position, commit.frame)), &stream).map_err(|fault| tap_error(&fault))
+    }
+
+    fn once(&self, run: usize, slot: Slot, _: &Key, value: &Value, warnings: &[Warned]) -> Result<(), TapError> {
+        let _ = run;
+        let Slot::Node { port, .. } = slot else { return Ok(()) };
+        let Some(name) = self.once_name(port) else { return Ok(()) };
+        self.bridge.send(name, None, &of_value(value)).map_err(|fault| tap_error(&fault))?;
+        let mut sent = locked(&self.sent_once);
+        sent.0.insert(name);
+        sent.1 = warnings.to_vec();
+        Ok(())
+    }
+}
+
+impl Outgoing<'_> {
+    /// The once-output of a port, by its index among all of the node's.
+    fn once_name(&self, port: usize) -> Option<&'static str> {
+        let before = self.slots.iter().filter(|(slot, _)| matches!(slot, Slot::Node { port: of, .. } if *of < port));
+        self.once.get(port - before.count()).copied()
+    }
+}

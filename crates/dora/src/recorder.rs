@@ -1,0 +1,312 @@
+//! The part that records: the runner over the whole plan, in which each source and node gives what its part gave.
+
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, OnceLock};
+use std::time::{Duration, Instant};
+
+use depthloom_graphs::contracts::{Contract, Failure, OnceNode, OrderedNode, PureNode};
+use depthloom_graphs::plan::{Plan, PlannedOutput};
+use depthloom_graphs::ready::{Ready, ReadyRun, read_files};
+use depthloom_graphs::values::{
+    Artifact, Calibration, Curve, Depth, Disparity, Image, Mask, Pixels, Raster, TrueDisparity, Weight,
+};
+use depthloom_graphs::{
+    Context, Fault, Frame, Inputs, Instance, Key, Outputs, Rate, Source, SourceOutputs, Value, ValueType,
+};
+use depthloom_runner::{Interrupt, Observer};
+use depthloom_terminal::{Exit, Problem, Stop};
+use image::GrayImage;
+
+use crate::bridge::Bridge;
+use crate::channel;
+use crate::layout::{Layout, Role, admission};
+use crate::message::of_text;
+use crate::report::{Readiness, Report, engines_text, frames};
+
+/// Waits until every part can begin, and makes a plan of them that the runner runs.
+///
+/// # Errors
+/// All that is missing where the parts are.
+pub fn prepare(
+    plan: Plan,
+    layout: &Layout,
+    bridge: &Arc<Bridge>,
+    interrupt: &Interrupt,
+    limit: Duration,
+) -> Result<(Ready, Remote), Stop> {
+    let gone = |fault: Fault| match fault {
+        Fault::Cancelled => Stop::new(Exit::Interrupted, "interrupted"),
+        fault @ Fault::Failed { .. } => Stop::new(Exit::Before, fault.chain()),
+    };
+    let cancelled = || interrupt.stops_admission();
+    let hear = |id: &str, output: &str| {
+        bridge.mailbox.take(&format!("{id}/{output}"), None, &cancelled).map_err(|why| gone(why.into()))
+    };
+    wait_for_start(layout, bridge, &cancelled, limit)?;
+    let (mut missing, mut prints) = (Vec::new(), BTreeMap::new());
+    let mut warnings = vec![Vec::new(); plan.runs.len()];
+    for part in &layout.parts {
+        if !matches!(part.role, Role::Source { .. } | Role::Node { .. }) {
+            continue;
+        }
+        let readiness = Readiness::read(&hear(&part.id, channel::READY)?).map_err(gone)?;
+        missing.extend(readiness.missing);
+        match part.role {
+            Role::Source { run } => warnings[run] = readiness.warnings,
+            Role::Node { run, node } => prints.extend(readiness.fingerprint.map(|print| ((run, node), print))),
+            Role::Foreign { .. } | Role::Recorder => {}
+        }
+    }
+    let mut files = BTreeMap::new();
+    let mut unread = Vec::new();
+    for run in &plan.runs {
+        unread.extend(run.nodes.iter().flat_map(|node| read_files(&run.stage, node, &mut files)));
+    }
+    match &*missing {
+        [] if unread.is_empty() => {}
+        [] => return Err(Stop::of_missing(&unread)),
+        [(what, remedy)] => return Err(Stop { remedy: remedy.clone(), ..Stop::new(Exit::Before, what.clone()) }),
+        several => {
+            let stop = Stop::new(Exit::Before, format!("{} things are missing", several.len()));
+            return Err(stop.problems(missing.into_iter().map(|(what, remedy)| Problem::Here(what, remedy))));
+        }
+    }
+    bridge.send(channel::ENGINES, None, &of_text(&engines_text(&prints))).map_err(gone)?;
+    let mut runs = Vec::new();
+    let mut inputs = vec![Vec::new(); plan.runs.len()];
+    for ((run, of), warnings) in plan.runs.iter().enumerate().zip(warnings) {
+        let giver = |role, outputs: &[PlannedOutput]| Giver {
+            id: layout.id(role).to_owned(),
+            outputs: outputs.to_vec(),
+            bridge: Arc::clone(bridge),
+        };
+        let source = giver(Role::Source { run }, &of.source.outputs);
+        let frames = frames(&hear(&source.id, channel::FRAMES)?).map_err(gone)?;
+        inputs[run].extend(source.inputs());
+        let reports = frames.iter().map(|_| OnceLock::new()).collect();
+        let mut nodes = Vec::new();
+        for (node, of) in of.nodes.iter().enumerate() {
+            let giver = giver(Role::Node { run, node }, &of.outputs);
+            inputs[run].extend(giver.inputs());
+            nodes.push(match of.contract {
+                Contract::Pure => Instance::Pure(Box::new(giver)),
+                Contract::Ordered => Instance::Ordered(Box::new(giver)),
+                Contract::Once => Instance::Once(Box::new(giver)),
+            });
+        }
+        let interrupt = interrupt.clone();
+        runs.push(ReadyRun { source: Box::new(Given { giver: source, frames, warnings, reports, interrupt }), nodes });
+    }
+    let remote = Remote {
+        bridge: Arc::clone(bridge),
+        inputs,
+        retired: plan.runs.iter().map(|_| AtomicUsize::new(0)).collect(),
+        window: 0,
+    };
+    Ok((Ready::of(plan, runs, files, &prints), remote))
+}
+
+/// Waits until every part has said whether it can begin.
+///
+/// # Errors
+/// The parts that have not within `limit`.
+fn wait_for_start(layout: &Layout, bridge: &Bridge, cancelled: &dyn Fn() -> bool, limit: Duration) -> Result<(), Stop> {
+    let parts = layout.parts.iter().filter(|part| matches!(part.role, Role::Source { .. } | Role::Node { .. }));
+    let inputs: Vec<String> = parts.map(|part| format!("{}/{}", part.id, channel::READY)).collect();
+    let missing = bridge.mailbox.without_message(&inputs, Instant::now() + limit, cancelled);
+    if missing.is_empty() {
+        return Ok(());
+    }
+    let suffix = format!("/{}", channel::READY);
+    let names: Vec<String> = missing.iter().map(|input| format!("`{}`", input.trim_end_matches(&suffix))).collect();
+    let what = format!("not started within {} s: {} of the dataflow", limit.as_secs(), names.join(", "));
+    Err(Stop::new(Exit::Engine, what).remedy(
+        "their logs may say why (`dora logs`); run the dataflow again, or give its nodes longer: `depthloom dora --start-timeout SECONDS`",
+    ))
+}
+
+/// A part, as the recorder sees it.
+struct Giver {
+    id: String,
+    outputs: Vec<PlannedOutput>,
+    bridge: Arc<Bridge>,
+}
+
+impl Giver {
+    /// The recorder's inputs that are of frames.
+    fn inputs(&self) -> Vec<String> {
+        let values = self.outputs.iter().map(|output| output.port.name);
+        [channel::REPORT].into_iter().chain(values).map(|output| format!("{}/{output}", self.id)).collect()
+    }
+
+    fn report(&self, at: Option<usize>, cancelled: &dyn Fn() -> bool) -> Result<Report, Fault> {
+        let arrived = self.bridge.mailbox.take(&format!("{}/{}", self.id, channel::REPORT), at, cancelled)?;
+        Report::read(&arrived)
+    }
+
+    /// What it gave, at the outputs of a rate. Of what is not recorded nobody sees more than that it is there.
+    fn outputs(&self, report: &Report, rate: Rate, at: Option<usize>, ctx: &Context<'_>) -> Result<Outputs, Fault> {
+        for (what, count) in &report.warnings {
+            ctx.host.warn_of(*count, what);
+        }
+        if let Some((what, remedy)) = &report.failed {
+            let fault = Fault::new(what);
+            return Err(match remedy {
+                Some(remedy) => fault.remedy(remedy),
+                None => fault,
+            });
+        }
+        let mut outputs = Outputs::none();
+        for output in self.outputs.iter().filter(|output| output.port.rate == rate) {
+            let port = &output.port;
+            if report.absent.iter().any(|absent| absent == port.name) {
+                continue;
+            }
+            if !output.recorded && rate == Rate::Frame {
+                outputs = outputs.with(port.name, placeholder(port.value_type));
+                continue;
+            }
+            let input = format!("{}/{}", self.id, port.name);
+            let arrived = self.bridge.mailbox.take(&input, at, &|| ctx.host.cancelled())?;
+            if let Some(value) = arrived.value(port.value_type)? {
+                outputs = outputs.with(port.name, value);
+            }
+        }
+        Ok(outputs)
+    }
+
+    fn of_frame(&self, ctx: &Context<'_>) -> Result<Outputs, Fault> {
+        let position = ctx.host.position().ok_or_else(|| Fault::new("it is asked of no frame"))?;
+        let report = self.report(Some(position), &|| ctx.host.cancelled())?;
+        self.outputs(&report, Rate::Frame, Some(position), ctx)
+    }
+
+    fn of_once(&self, ctx: &Context<'_>) -> Result<Outputs, Fault> {
+        if self.outputs.iter().all(|output| output.port.rate == Rate::Frame) {
+            return Ok(Outputs::none());
+        }
+        let report = self.report(None, &|| ctx.host.cancelled())?;
+        self.outputs(&report, Rate::Once, None, ctx)
+    }
+}
+
+impl PureNode for Giver {
+    fn process(&self, _: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        self.of_frame(ctx)
+    }
+}
+
+impl OrderedNode for Giver {
+    fn process(&mut self, _: &Frame, _: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        self.of_frame(ctx)
+    }
+
+    fn finish(self: Box<Self>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        self.of_once(ctx)
+    }
+}
+
+impl OnceNode for Giver {
+    fn run(&self, _: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        self.of_once(ctx)
+    }
+}
+
+/// A source whose frames a part reads.
+struct Given {
+    giver: Giver,
+    frames: Vec<Frame>,
+    warnings: Vec<String>,
+    /// By frame, what the part said of it.
+    reports: Vec<OnceLock<Report>>,
+    interrupt: Interrupt,
+}
+
+impl Source for Given {
+    fn frames(&self) -> &[Frame] {
+        &self.frames
+    }
+
+    fn warnings(&self) -> &[String] {
+        &self.warnings
+    }
+
+    fn key(&self, position: usize) -> Result<Key, Fault> {
+        if self.reports[position].get().is_none() {
+            let report = self.giver.report(Some(position), &|| self.interrupt.aborts())?;
+            let _ = self.reports[position].set(report);
+        }
+        // A frame that failed has none, and is not read: then it is said here what it failed of.
+        let Some(Report { key, failed, .. }) = self.reports[position].get() else { return Err(Fault::Cancelled) };
+        match (key, failed) {
+            (_, Some((what, Some(remedy)))) => Err(Fault::new(what).remedy(remedy)),
+            (_, Some((what, None))) => Err(Fault::new(what)),
+            (Some(key), None) => Ok(*key),
+            (None, None) => Err(Fault::new(format!("`{}` named no key", self.giver.id))),
+        }
+    }
+
+    fn read(&self, position: usize, ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
+        let report = self.reports[position].get().ok_or_else(|| Fault::new("it is read before its key is known"))?;
+        let outputs = self.giver.outputs(report, Rate::Frame, Some(position), ctx)?;
+        let key = report.key.ok_or_else(|| Fault::new(format!("`{}` named no key", self.giver.id)))?;
+        Ok(SourceOutputs { outputs, key })
+    }
+}
+
+/// The parts, told how far the recording is.
+pub struct Remote {
+    bridge: Arc<Bridge>,
+    /// The recorder's inputs that are of a stage run's frames.
+    inputs: Vec<Vec<String>>,
+    retired: Vec<AtomicUsize>,
+    /// How many frames may be on their way.
+    pub window: usize,
+}
+
+impl Remote {
+    fn admit(&self, run: usize, retired: usize) {
+        // If nobody hears it, nothing comes, and that is told.
+        let _ = self.bridge.send(&admission(run), None, &of_text(&(retired + self.window).to_string()));
+    }
+}
+
+impl Observer for Remote {
+    fn stage_started(&self, run: usize, _: u64) {
+        self.admit(run, 0);
+    }
+
+    fn frame_retired(&self, run: usize, _: &Frame, _: &[Failure]) {
+        let retired = self.retired[run].fetch_add(1, Ordering::SeqCst) + 1;
+        self.bridge.mailbox.forget(&self.inputs[run], retired - 1);
+        self.admit(run, retired);
+    }
+}
+
+/// A value that stands for one that nobody looks at.
+fn placeholder(value_type: ValueType) -> Value {
+    fn one<T>() -> Raster<T>
+    where
+        image::Luma<T>: image::Pixel<Subpixel = T>,
+        T: image::Primitive,
+    {
+        Raster::new(1, 1)
+    }
+    match value_type {
+        ValueType::Image => Image::new(Pixels::Grey(GrayImage::new(1, 1))).into(),
+        ValueType::Disparity => Disparity { sixteenths_px: one(), min_disparity_px: 0 }.into(),
+        ValueType::TrueDisparity => TrueDisparity { px: one() }.into(),
+        ValueType::Depth => Depth { metres: one() }.into(),
+        ValueType::Weight => Weight { share: one() }.into(),
+        ValueType::Mask => Mask { set: one() }.into(),
+        ValueType::Calibration => {
+            let (width, height, focal_px, cx_px, cy_px, baseline_m, doffs_px) = (1, 1, 1.0, 0.0, 0.0, 1.0, 0.0);
+            Calibration { width, height, focal_px, cx_px, cy_px, baseline_m, doffs_px }.into()
+        }
+        ValueType::Scores => Value::Scores(Arc::default()),
+        ValueType::Samples => Value::Samples(Arc::new(Artifact::samples(Vec::new()))),
+        ValueType::Model => Value::Model(Arc::new(Artifact::model(Vec::new()))),
+        ValueType::Curve => Curve::default().into(),
+    }
+}

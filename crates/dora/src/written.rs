@@ -1,0 +1,163 @@
+//! The dataflow as dora reads it: YAML.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use depthloom_graphs::contracts::Argument;
+use depthloom_graphs::language::glob;
+use depthloom_graphs::plan::Plan;
+use depthloom_nodes::dora::DoraParams;
+use serde_json::Value as Json;
+
+use crate::channel;
+use crate::layout::{Layout, Part, Role};
+
+/// What a dataflow is written of, besides the plan.
+pub struct Wanted {
+    /// This program.
+    pub program: String,
+    /// What is given to every part of ours: the words behind `dora-node`, without the part's name.
+    pub arguments: Vec<String>,
+    /// How many messages an input may hold.
+    pub queue: usize,
+    /// Parts by patterns of their names, and the machines they run on.
+    pub machines: Vec<(String, String)>,
+}
+
+/// Writes a dataflow.
+///
+/// # Errors
+/// The first pattern of a machine that is no part's.
+pub fn dataflow(plan: &Plan, layout: &Layout, wanted: &Wanted) -> Result<String, String> {
+    if let Some((pattern, _)) =
+        wanted.machines.iter().find(|(pattern, _)| layout.parts.iter().all(|part| !glob(pattern, &part.id)))
+    {
+        return Err(pattern.clone());
+    }
+    let mut text = format!(
+        "# The experiment `{}` as a dataflow of dora's (https://dora-rs.ai), written by `depthloom dora`: `dora run` on this file runs it.\n\
+         # Every node of ours reads the experiment again, so write this anew when that changes.\nnodes:\n",
+        plan.experiment.replace(char::is_control, " ")
+    );
+    for part in &layout.parts {
+        put(&mut text, plan, part, wanted);
+    }
+    Ok(text)
+}
+
+/// What dora adds to a node of the dataflow when it writes it out in full, bytes: keys that are null.
+const ADDED: usize = 170;
+/// The most bytes of one environment variable on Linux.
+const LARGEST_VARIABLE: usize = 128 << 10;
+
+/// A warning if the dataflow is too large for dora, which passes all of it to each node in an environment variable, with the node's own inputs once more.
+pub fn too_large(dataflow: &str) -> Option<String> {
+    let nodes: Vec<&str> = dataflow.split("\n  - id: ").skip(1).collect();
+    let largest = nodes.iter().map(|node| node.len()).max().unwrap_or(0);
+    let bytes = dataflow.len() + ADDED * nodes.len() + largest;
+    (bytes > LARGEST_VARIABLE).then(|| {
+        format!(
+            "the dataflow has {} nodes, and dora passes all of it to each node in an environment variable: that takes about {} KiB, and Linux allows {}, so \
+             `dora run` may fail with \"Argument list too long\"; write a dataflow of fewer variants (`--variant NAME`), or use `depthloom run`",
+            nodes.len(),
+            bytes >> 10,
+            LARGEST_VARIABLE >> 10
+        )
+    })
+}
+
+/// A text in YAML: as JSON has it.
+fn quoted(text: &str) -> Json {
+    Json::String(text.to_owned())
+}
+
+fn put(text: &mut String, plan: &Plan, part: &Part, wanted: &Wanted) {
+    // Writing to a text does not fail.
+    let _ = writeln!(text, "  - id: {}", quoted(&part.id));
+    let machine = wanted.machines.iter().rev().find(|(pattern, _)| glob(pattern, &part.id));
+    if let Some((_, machine)) = machine {
+        let _ = writeln!(text, "    deploy: {{ machine: {} }}", quoted(machine));
+    }
+    let foreign = match part.role {
+        Role::Foreign { run, node } => {
+            serde_json::from_value::<DoraParams>(plan.runs[run].nodes[node].params.clone()).ok()
+        }
+        Role::Source { .. } | Role::Node { .. } | Role::Recorder => None,
+    };
+    if let Some(DoraParams { path, args, build, env, .. }) = foreign {
+        let args: Vec<String> = args.iter().map(whole).collect();
+        let _ = writeln!(text, "    path: {}", quoted(&whole(&path)));
+        if !args.is_empty() {
+            let _ = writeln!(text, "    args: {}", quoted(&words(args.iter().map(String::as_str))));
+        }
+        if let Some(build) = build {
+            let _ = writeln!(text, "    build: {}", quoted(&build));
+        }
+        if !env.is_empty() {
+            let env: Vec<String> =
+                env.iter().map(|(name, value)| format!("{}: {}", quoted(name), quoted(value))).collect();
+            let _ = writeln!(text, "    env: {{ {} }}", env.join(", "));
+        }
+    } else {
+        let own = ["dora-node", "--part", &part.id];
+        let arguments = own.into_iter().chain(wanted.arguments.iter().map(String::as_str));
+        let _ = writeln!(text, "    path: {}", quoted(&wanted.program));
+        let _ = writeln!(text, "    args: {}", quoted(&words(arguments)));
+    }
+    if !part.inputs.is_empty() {
+        let _ = writeln!(text, "    inputs:");
+    }
+    for link in &part.inputs {
+        let from = quoted(&format!("{}/{}", link.part, link.output));
+        let queue = wanted.queue;
+        let input = quoted(&link.input);
+        // Of these comes one message: any queue holds it. In short, for the whole dataflow has to fit into an environment variable.
+        if [channel::READY, channel::FRAMES, channel::ENGINES, channel::END].contains(&link.output.as_str()) {
+            let _ = writeln!(text, "      {input}: {from}");
+            continue;
+        }
+        let _ = writeln!(text, "      {input}: {{ source: {from}, queue_size: {queue}, queue_policy: backpressure }}");
+    }
+    if !part.outputs.is_empty() {
+        let outputs: Vec<String> = part.outputs.iter().map(|output| quoted(output).to_string()).collect();
+        let _ = writeln!(text, "    outputs: [{}]", outputs.join(", "));
+    }
+}
+
+/// A word that names a file, from the root: dora looks for it from the dataflow's folder. Any other as it is.
+fn whole(word: &Argument) -> String {
+    let is_file = word.0.contains(['/', '.']) && Path::new(&word.0).exists();
+    let path = is_file.then(|| std::path::absolute(&word.0).ok()).flatten();
+    path.and_then(|path| path.into_os_string().into_string().ok()).unwrap_or_else(|| word.0.clone())
+}
+
+/// Words as a shell would be given them, which is how dora reads them.
+fn words<'a>(words: impl Iterator<Item = &'a str>) -> String {
+    let quoted = |word: &str| {
+        let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_./=:,+@%".contains(c);
+        if !word.is_empty() && word.chars().all(is_plain) {
+            word.to_owned()
+        } else {
+            format!("'{}'", word.replace('\'', r"'\''"))
+        }
+    };
+    words.map(quoted).collect::<Vec<_>>().join(" ")
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn a_dataflow_that_no_environment_variable_holds_is_warned_of() {
+        let node = |number: usize| format!("  - id: \"look.stereo-{number}\"\n    args: \"{}\"\n", "x".repeat(1000));
+        let of = |nodes: usize| format!("nodes:\n{}", (0..nodes).map(node).collect::<String>());
+        assert_eq!(super::too_large(&of(90)), None);
+        let told = super::too_large(&of(120)).unwrap_or_default();
+        assert!(told.contains("has 120 nodes") && told.contains("--variant"), "{told}");
+    }
+
+    #[test]
+    fn words_are_quoted_where_a_shell_would_take_them_apart() {
+        let words = super::words(["--set", "a.b=[1, 2]", "it's", ""].into_iter());
+        assert_eq!(words, r"--set 'a.b=[1, 2]' 'it'\''s' ''");
+    }
+}

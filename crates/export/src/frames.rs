@@ -1,0 +1,60 @@
+//! Which frames are exported, and what their files are called.
+
+use std::collections::BTreeSet;
+
+use depthloom_analysis::FrameChoice;
+use depthloom_recording::{RecordedFrame, Recording};
+use depthloom_terminal::Stop;
+
+use depthloom_runs::failed;
+use depthloom_runs::file_name;
+
+/// The frames of a stage run that are exported.
+pub struct Frames {
+    /// Their positions in the run, ascending.
+    pub positions: Vec<usize>,
+    /// By position, what a frame's files are called, whichever others are exported: its id, with its position behind it where an
+    /// earlier frame of the run has the same.
+    pub names: Vec<String>,
+}
+
+/// The frames of each stage run that `choice` takes among those of `runs`, all of them without one. A frame that none of these runs has is an error.
+///
+/// # Errors
+/// If `choice` names a frame that none of these runs has.
+pub fn frames(
+    recording: &Recording,
+    runs: &BTreeSet<usize>,
+    choice: Option<&FrameChoice>,
+) -> Result<Vec<Frames>, Stop> {
+    let of_run = |run: &usize| (0..recording.frames(*run).len()).map(|at| (*run, at)).collect::<Vec<_>>();
+    let places: Vec<(usize, usize)> = runs.iter().flat_map(of_run).collect();
+    let all: Vec<&RecordedFrame> = places.iter().map(|&(run, at)| &recording.frames(run)[at]).collect();
+    let chosen: BTreeSet<(usize, usize)> = match choice {
+        None => places.into_iter().collect(),
+        Some(choice) => {
+            let positions = choice.positions(&all).map_err(|error| failed(&error))?;
+            positions.into_iter().map(|at| places[at]).collect()
+        }
+    };
+    let of_run = |run| {
+        let frames = recording.frames(run);
+        Frames {
+            positions: (0..frames.len()).filter(|at| chosen.contains(&(run, *at))).collect(),
+            names: names(frames),
+        }
+    };
+    Ok((0..recording.plan().runs.len()).map(of_run).collect())
+}
+
+fn names(frames: &[RecordedFrame]) -> Vec<String> {
+    let mut taken = BTreeSet::new();
+    let name = |(position, frame): (usize, &RecordedFrame)| {
+        let mut name = file_name(&frame.id);
+        while !taken.insert(name.clone()) {
+            name = format!("{name}-{position}");
+        }
+        name
+    };
+    frames.iter().enumerate().map(name).collect()
+}

@@ -1,0 +1,41 @@
+//! Values of a recording as files that other programs read: `<out>/<topic>/<frame>.<ending>`, and what there is once a stage, or a row a
+//! frame, as `<out>/<topic>.<ending>`.
+
+#![forbid(unsafe_code)]
+
+mod folder;
+mod form;
+mod format;
+mod frames;
+mod maps;
+mod once;
+mod topics;
+
+pub use folder::Folder;
+pub use form::Form;
+pub use format::ExportFormat;
+pub use frames::{Frames, frames};
+pub use maps::Maps;
+pub use once::{write_model, write_rows};
+pub use topics::{Chosen, chosen};
+
+use schemars::JsonSchema;
+use serde::Serialize;
+
+/// The files of a topic in a format.
+#[derive(JsonSchema, Serialize)]
+pub struct Exported {
+    /// The name under which it was asked for.
+    pub topic: String,
+    /// What its values are.
+    #[serde(rename = "type")]
+    pub value_type: &'static str,
+    /// The format of the files.
+    pub format: &'static str,
+    /// Where they lie in the folder.
+    pub path: String,
+    /// How many files.
+    pub files: u64,
+    /// Pixels whose answer the format does not hold.
+    pub clipped_pixels: u64,
+}

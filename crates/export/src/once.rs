@@ -1,0 +1,86 @@
+//! What is a file a topic: learnt models, and rows.
+
+use depthloom_analysis::{AnalysisError, TopicRows, curve_rows, topic_rows};
+use depthloom_graphs::Value;
+use depthloom_graphs::contracts::Slot;
+use depthloom_recording::{RecordedOnce, Recording, RecordingError};
+use depthloom_terminal::{Exit, Stop};
+
+use crate::ExportFormat;
+use crate::{Chosen, Exported, Folder, Frames};
+
+/// Writes the learnt model of a topic.
+///
+/// # Errors
+/// If the recording is damaged there, or the file cannot be written.
+pub fn write_model(recording: &Recording, chosen: &Chosen<'_>, folder: &Folder) -> Result<Exported, Stop> {
+    let format = ExportFormat::Onnx;
+    let once = once_value(recording, chosen);
+    let value =
+        once.map(|once| recording.once_value(once)).transpose().map_err(|error| unread("a learnt model", &error))?;
+    let model = value.as_ref().and_then(Value::artifact).map(|model| &*model.bytes);
+    write(chosen, format, model, folder)
+}
+
+/// Writes the rows of a topic on some frames, or its learning curve; and what of it is damaged.
+///
+/// # Errors
+/// As any of writing; `None` once `stop` says so.
+pub fn write_rows(
+    recording: &Recording,
+    chosen: &Chosen<'_>,
+    frames: &Frames,
+    folder: &Folder,
+    stop: &dyn Fn() -> bool,
+) -> Result<Option<(Exported, Vec<RecordingError>)>, Stop> {
+    let of_curve = |once: &RecordedOnce| -> Result<Option<TopicRows>, AnalysisError> {
+        match recording.once_value(once)? {
+            Value::Curve(curve) => curve_rows(recording.plan(), once.run, once.node, &curve).map(Some),
+            _ => Ok(None),
+        }
+    };
+    let rows = match once_value(recording, chosen) {
+        Some(once) => of_curve(once),
+        None => topic_rows(recording, chosen.run, chosen.topic, &frames.positions, stop).map(Some),
+    };
+    let rows = match rows {
+        Ok(rows) => rows.filter(|rows| rows.rows > 0 || !rows.damaged.is_empty()),
+        Err(AnalysisError::Stopped) => return Ok(None),
+        Err(error) => {
+            let exit = if error.is_damage() { Exit::Frames } else { Exit::Engine };
+            return Err(Stop::remedied(exit, format_args!("failed to export {}", chosen.name), &error));
+        }
+    };
+    let (parquet, damaged) = rows.map(|rows| (rows.parquet, rows.damaged)).unzip();
+    let exported = write(chosen, ExportFormat::Parquet, parquet.as_deref(), folder)?;
+    Ok(Some((exported, damaged.unwrap_or_default())))
+}
+
+fn once_value<'a>(recording: &'a Recording, chosen: &Chosen<'_>) -> Option<&'a RecordedOnce> {
+    let is_it = |once: &&RecordedOnce| {
+        let Slot::Node { node, port } = chosen.slot else { return false };
+        (once.run, once.node, once.port) == (chosen.run, node, port)
+    };
+    recording.once_values().iter().find(is_it)
+}
+
+fn unread(what: &str, error: &RecordingError) -> Stop {
+    let exit = if error.is_damage() { Exit::Frames } else { Exit::Engine };
+    Stop::remedied(exit, format_args!("failed to read {what}"), error)
+}
+
+/// Writes the file of a topic, if it has anything.
+fn write(chosen: &Chosen<'_>, format: ExportFormat, bytes: Option<&[u8]>, folder: &Folder) -> Result<Exported, Stop> {
+    let path = chosen.path_with(format.name());
+    if let Some(bytes) = bytes {
+        folder.write(&path, bytes)?;
+    }
+    Ok(Exported {
+        topic: chosen.name.to_owned(),
+        value_type: chosen.value_type.name(),
+        format: format.name(),
+        path: path.to_string_lossy().into_owned(),
+        files: u64::from(bytes.is_some()),
+        clipped_pixels: 0,
+    })
+}

@@ -1,0 +1,243 @@
+//! Which topics are exported, and as what.
+
+use std::collections::BTreeSet;
+use std::path::PathBuf;
+
+use depthloom_graphs::ValueType;
+use depthloom_graphs::contracts::Slot;
+use depthloom_graphs::language::{glob, nearest};
+use depthloom_recording::RecordedPlan;
+use depthloom_terminal::{Exit, Stop};
+
+use crate::ExportFormat;
+use crate::form::formats_of;
+use depthloom_runs::file_name;
+
+/// How many topics are told where one is wanted.
+const TOLD: usize = 8;
+
+/// A topic that is exported.
+pub struct Chosen<'a> {
+    /// The stage run.
+    pub run: usize,
+    /// The output port.
+    pub slot: Slot,
+    /// The topic.
+    pub topic: &'a str,
+    /// The name under which it was asked for: the topic's own, or that of a variant that shares it.
+    pub name: &'a str,
+    /// Where it lies in the folder: the parts of its name, of which no other has the same.
+    pub path: PathBuf,
+    /// What it carries.
+    pub value_type: ValueType,
+    /// As what.
+    pub formats: Vec<ExportFormat>,
+}
+
+impl Chosen<'_> {
+    /// The file that it is, where it is one: its path with that ending.
+    pub fn path_with(&self, ending: &str) -> PathBuf {
+        let mut path = self.path.clone().into_os_string();
+        path.push(".");
+        path.push(ending);
+        path.into()
+    }
+}
+
+/// The topics that `patterns` name, all of them if there are none, in those of `formats` that they have, or in their usual one.
+///
+/// A pattern names a topic (`/look/depth/depth`), or by its end the topic or its node: `depth/depth`, `depth`; `*` stands for any run of
+/// characters. An output of the source is named by itself, too (`calibration`), where no node has that name.
+///
+/// # Errors
+/// If a pattern names nothing, or nothing that was recorded and has one of the formats.
+pub fn chosen<'a>(
+    plan: &'a RecordedPlan,
+    patterns: &[String],
+    formats: &[ExportFormat],
+) -> Result<Vec<Chosen<'a>>, Stop> {
+    let outputs: Vec<Output<'a>> = outputs(plan);
+    let patterns: &Vec<String> = &patterns.iter().map(|pattern| of_source(pattern, &outputs)).collect();
+    patterns.iter().try_for_each(|pattern| check(pattern, &outputs, formats))?;
+    let mut paths = BTreeSet::new();
+    let mut chosen = Vec::new();
+    for output in outputs.iter().filter(|output| output.recorded) {
+        let Some(value_type) = output.value_type else { continue };
+        let formats = output.formats(formats);
+        if formats.is_empty() {
+            continue;
+        }
+        for name in output.names_by(patterns) {
+            let path = own_path(name, &mut paths);
+            let Output { run, slot, .. } = *output;
+            let topic = output.names[0];
+            chosen.push(Chosen { run, slot, topic, name, path, value_type, formats: formats.clone() });
+        }
+    }
+    if chosen.is_empty() {
+        let asked = if formats.is_empty() { String::new() } else { format!(" as {}", named(formats)) };
+        return Err(Stop::new(Exit::Before, format!("nothing that was recorded can be exported{asked}"))
+            .remedy("`depthloom info RUN` says what was recorded"));
+    }
+    Ok(chosen)
+}
+
+/// An output port, under all its names.
+struct Output<'a> {
+    run: usize,
+    slot: Slot,
+    /// Its topic, then the aliases.
+    names: Vec<&'a str>,
+    recorded: bool,
+    value_type: Option<ValueType>,
+}
+
+fn outputs(plan: &RecordedPlan) -> Vec<Output<'_>> {
+    let of_run = |run| {
+        plan.outputs(run).map(move |(slot, output)| {
+            let aliases = output.aliases.iter().map(String::as_str).filter(|alias| *alias != output.topic);
+            let names = std::iter::once(output.topic.as_str()).chain(aliases).collect();
+            Output { run, slot, names, recorded: output.recorded, value_type: output.value_type() }
+        })
+    };
+    (0..plan.runs.len()).flat_map(of_run).collect()
+}
+
+impl<'a> Output<'a> {
+    /// Those of the formats that it has, or its usual one.
+    fn formats(&self, asked: &[ExportFormat]) -> Vec<ExportFormat> {
+        let has = self.value_type.map_or(&[][..], formats_of);
+        match asked {
+            [] => has.first().copied().into_iter().collect(),
+            asked => has.iter().filter(|format| asked.contains(format)).copied().collect(),
+        }
+    }
+
+    fn name_by(&self, pattern: &str) -> Option<&'a str> {
+        self.names.iter().copied().find(|name| is_of(pattern, name))
+    }
+
+    /// The names by which patterns ask for it, each once: of what a pattern means by several names the first.
+    fn names_by(&self, patterns: &[String]) -> Vec<&'a str> {
+        let mut names: Vec<&str> = Vec::new();
+        if patterns.is_empty() {
+            names.extend(self.names.first());
+        }
+        for name in patterns.iter().filter_map(|pattern| self.name_by(pattern)) {
+            if !names.contains(&name) {
+                names.push(name);
+            }
+        }
+        names
+    }
+}
+
+/// A pattern, with `source/` before it where it is an output of the source and names nothing otherwise: `calibration` is `source/calibration`.
+fn of_source(pattern: &str, outputs: &[Output<'_>]) -> String {
+    let names_any = |pattern: &str| outputs.iter().any(|output| output.name_by(pattern).is_some());
+    let in_source = format!("source/{pattern}");
+    if !pattern.starts_with('/') && !names_any(pattern) && names_any(&in_source) {
+        in_source
+    } else {
+        pattern.to_owned()
+    }
+}
+
+fn is_of(pattern: &str, topic: &str) -> bool {
+    if pattern.starts_with('/') {
+        return glob(pattern, topic);
+    }
+    let node = topic.rsplit_once('/').map_or(topic, |(node, _)| node);
+    let ends = |name: &str, parts| {
+        let mut ends = name.match_indices('/').map(|(at, _)| &name[at + 1..]);
+        ends.any(|end| end.split('/').count() >= parts && glob(pattern, end))
+    };
+    // A port alone is no name: `depth` is the node, not whatever gives depths.
+    ends(topic, 2) || ends(node, 1)
+}
+
+/// That a pattern names something that can be exported so.
+fn check(pattern: &str, outputs: &[Output<'_>], formats: &[ExportFormat]) -> Result<(), Stop> {
+    let named_by: Vec<&Output<'_>> = outputs.iter().filter(|output| output.name_by(pattern).is_some()).collect();
+    let Some(any) = named_by.first() else { return Err(unknown(pattern, outputs)) };
+    let recorded: Vec<&Output<'_>> = named_by.iter().copied().filter(|output| output.recorded).collect();
+    let Some(first) = recorded.first() else {
+        return Err(Stop::new(Exit::Before, format!("topic {} was not recorded", any.names[0]))
+            .remedy("let `record:` keep it, and run the experiment again"));
+    };
+    if recorded.iter().any(|output| !output.formats(formats).is_empty()) {
+        return Ok(());
+    }
+    let carries = first.value_type.map_or("what this version does not know", ValueType::name);
+    let of = format!("topic {} carries {carries}", first.names[0]);
+    Err(match first.value_type.map_or(&[][..], formats_of) {
+        [] => Stop::new(Exit::Before, format!("{of}, which is not exported")),
+        has => Stop::new(Exit::Before, format!("{of}, which is not exported as {}", named(formats)))
+            .remedy(format!("it can be {}", named(has))),
+    })
+}
+
+/// That nothing is called so, and what is.
+fn unknown(pattern: &str, outputs: &[Output<'_>]) -> Stop {
+    let stop = Stop::new(Exit::Before, format!("the run has no topic `{pattern}`"));
+    let ends = outputs.iter().flat_map(|output| &output.names).flat_map(|name| ends_of(name));
+    if let Some(near) = nearest(pattern, ends) {
+        return stop.remedy(format!("did you mean `{near}`?"));
+    }
+    let topics: Vec<&str> = outputs.iter().filter(|output| output.recorded).map(|output| output.names[0]).collect();
+    let others = if topics.len() > TOLD { ", ... (`depthloom info RUN` has all)" } else { "" };
+    stop.remedy(format!("it has {}{others}", topics[..topics.len().min(TOLD)].join(", ")))
+}
+
+/// A topic, its ends, and its node: what a pattern without `*` may be.
+fn ends_of(topic: &str) -> impl Iterator<Item = &str> {
+    let ends = topic.match_indices('/').map(|(at, _)| &topic[at + 1..]).filter(|end| end.contains('/'));
+    let node = topic.rsplit('/').nth(1);
+    std::iter::once(topic).chain(ends).chain(node)
+}
+
+fn named(formats: &[ExportFormat]) -> String {
+    formats.iter().map(|format| format.name()).collect::<Vec<_>>().join(", ")
+}
+
+/// The parts of a topic's name as a path, which gets a number if another has the same.
+fn own_path(name: &str, taken: &mut BTreeSet<PathBuf>) -> PathBuf {
+    let path: PathBuf = name.split('/').filter(|part| !part.is_empty()).map(file_name).collect();
+    let mut number: u32 = 1;
+    let mut own = path.clone();
+    while !taken.insert(own.clone()) {
+        number += 1;
+        let mut last = path.file_name().unwrap_or_default().to_owned();
+        last.push(format!("-{number}"));
+        own = path.with_file_name(last);
+    }
+    own
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use super::{is_of, own_path};
+
+    #[test]
+    fn a_topic_is_named_by_itself_its_end_or_its_node() {
+        let topic = "/compare/full/fused/depth";
+        let names = ["compare/full/fused/depth", "fused/depth", "fused", "full/fused", "f*/depth", "/compare/*", "*"];
+        for pattern in names.into_iter().chain([topic]) {
+            assert!(is_of(pattern, topic), "{pattern}");
+        }
+        for pattern in ["depth", "/fused/depth", "full", "used/depth", "/compare", ""] {
+            assert!(!is_of(pattern, topic), "{pattern}");
+        }
+    }
+
+    #[test]
+    fn a_topic_that_somebody_made_up_leads_nowhere_else() {
+        let mut taken = BTreeSet::new();
+        let mut of = |name| own_path(name, &mut taken).to_string_lossy().into_owned();
+        assert_eq!(of("/../../etc/passwd"), "__/__/etc/passwd");
+        assert_eq!(of("/a b/c"), "a_b/c");
+        assert_eq!(of("/a?b/c"), "a_b/c-2");
+    }
+}

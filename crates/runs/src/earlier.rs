@@ -1,0 +1,204 @@
+//! What a run takes from earlier ones: those beside it, and those under `runs/`.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::time::SystemTime;
+
+use depthloom_graphs::contracts::{InlineHost, SlotKey};
+use depthloom_graphs::plan::Plan;
+use depthloom_graphs::ready::Ready;
+use depthloom_graphs::{Frame, Key, counted};
+use depthloom_recording::{EarlierRuns, Recording, RecordingError};
+use depthloom_runner::{Audit, KeptValues, Report};
+use depthloom_terminal::{Exit, Stop, chain};
+use schemars::JsonSchema;
+use serde::Serialize;
+
+use crate::run_folder::RunFolder;
+use crate::{FOLDER, RECORDING, all, in_folder};
+
+/// In a run's folder, as long as it is not finished: what an interrupted process recorded of data, programs or engines that changed since. What of it
+/// is still right is reused by its cache keys.
+pub const OUTDATED: &str = "recording.outdated.mcap";
+
+/// The recordings that a run may reuse, the newest first: those of its own folder, of the runs beside it, and of those under `runs/`.
+/// None with `--fresh`.
+pub fn of(is_fresh: bool, folder: &RunFolder, plan: &Plan) -> EarlierRuns {
+    let mut recordings = Vec::new();
+    if !is_fresh {
+        let own = [folder.file(RECORDING), folder.file(OUTDATED)];
+        let found = found(folder.out.parent()).into_iter().filter(|path| !own.contains(path)).collect::<Vec<_>>();
+        recordings.extend(own.into_iter().filter(|path| path.exists()));
+        recordings.extend(found);
+    }
+    EarlierRuns::new(recordings, plan)
+}
+
+/// What an interrupted run recorded, to be compared with what the same run records today.
+struct Kept<'a>(&'a Recording);
+
+impl KeptValues for Kept<'_> {
+    fn frames(&self, run: usize) -> usize {
+        self.0.frames(run).len()
+    }
+
+    fn is_frame(&self, run: usize, position: usize, frame: &Frame) -> bool {
+        self.0.is_frame(run, position, frame)
+    }
+
+    fn source_key(&self, run: usize, position: usize) -> Option<Key> {
+        self.0.frames(run)[position].source_key
+    }
+
+    fn has_failed(&self, run: usize, position: usize) -> bool {
+        !self.0.frames(run)[position].failures.is_empty()
+    }
+
+    fn node_keys(&self, run: usize, position: usize) -> &[SlotKey] {
+        &self.0.frames(run)[position].keys
+    }
+
+    fn aggregates(&self, run: usize) -> Vec<(usize, Key)> {
+        let values = self.0.once_values().iter().filter(|value| value.run == run);
+        values.map(|value| (value.node, value.key)).collect()
+    }
+}
+
+/// Why what an interrupted run recorded is not what this run would record; `None` if it is, and the run can resume after it.
+///
+/// # Errors
+/// If today's keys cannot be computed.
+pub fn outdated(ready: &Ready, earlier: &EarlierRuns, recording: &Recording) -> Result<Option<String>, Stop> {
+    if !recording.has_plan(&ready.plan) {
+        return Ok(Some("an engine or a program that it used changed".to_owned()));
+    }
+    let outdated = depthloom_runner::outdated(ready, earlier, &Kept(recording), &InlineHost);
+    let outdated = outdated.map_err(|what| Stop::new(Exit::Engine, format!("failed to compare cache keys: {what}")))?;
+    Ok(outdated.map(|outdated| outdated.to_string()))
+}
+
+/// The recordings of the runs in a folder, if one is given, and of those that `depthloom runs` lists.
+fn found(beside: Option<&Path>) -> Vec<PathBuf> {
+    let folder = |beside: &Path| if beside.as_os_str().is_empty() { PathBuf::from(".") } else { beside.to_owned() };
+    let beside = beside.into_iter().flat_map(|beside| in_folder(&folder(beside)));
+    let found = beside.chain(all(Path::new(FOLDER)).unwrap_or_default());
+    let (mut seen, mut recordings) = (BTreeSet::new(), Vec::new());
+    for path in found.map(|run| run.path.join(RECORDING)) {
+        let Ok(metadata) = std::fs::metadata(&path) else { continue };
+        let Ok(real) = std::fs::canonicalize(&path) else { continue };
+        if seen.insert(real) {
+            recordings.push((metadata.modified().unwrap_or(SystemTime::UNIX_EPOCH), path));
+        }
+    }
+    recordings.sort();
+    recordings.into_iter().rev().map(|(_, path)| path).collect()
+}
+
+/// The recordings that a run beside `out` may take from.
+pub fn beside(out: Option<&Path>, plan: &Plan) -> EarlierRuns {
+    EarlierRuns::new(found(out.and_then(Path::parent)), plan)
+}
+
+/// How many frames a recording holds, over all stage runs.
+pub fn frames(recording: &Recording) -> u64 {
+    (0..recording.plan().runs.len()).map(|run| recording.frames(run).len() as u64).sum()
+}
+
+/// The folders of the runs whose values were reused: this run's report can reuse parts of theirs. Empty if everything that is reused is computed
+/// again.
+pub fn reports(earlier: &EarlierRuns, audit: Audit) -> Vec<PathBuf> {
+    match audit {
+        Audit::All => Vec::new(),
+        Audit::Sample | Audit::None => earlier.taken().filter_map(|path| path.parent().map(Path::to_owned)).collect(),
+    }
+}
+
+/// The earlier runs that cannot be read, of which nothing is taken.
+pub fn unreadable(earlier: &EarlierRuns) -> Vec<String> {
+    let told = |(path, error): &(PathBuf, RecordingError)| {
+        format!("nothing is taken from {}: {}", path.parent().unwrap_or(path).display(), chain(error))
+    };
+    earlier.unreadable().iter().map(told).collect()
+}
+
+/// What was damaged and made afresh.
+pub fn warnings(earlier: &EarlierRuns) -> Vec<String> {
+    let damage = earlier.damage().into_iter();
+    damage.map(|(path, what)| format!("made afresh what {} should have had: {what}", path.display())).collect()
+}
+
+/// What was reused from earlier runs.
+#[derive(JsonSchema, Serialize)]
+pub struct Reused {
+    nodes: Vec<ReusedNode>,
+    /// The recordings that hold the reused values.
+    from: Vec<String>,
+    /// How many reused values the audit recomputed and found equal.
+    audited: u64,
+}
+
+/// How often a node's values were taken.
+#[derive(JsonSchema, Serialize)]
+pub struct ReusedNode {
+    stage: String,
+    node: String,
+    reused: u64,
+    of: u64,
+}
+
+/// What a run took from earlier ones, of all its nodes.
+pub struct ReuseCounts {
+    /// By stage run and node: how often it was taken, of how many times.
+    nodes: Vec<(String, String, u64, u64)>,
+    from: Vec<PathBuf>,
+    /// How many reused values were recomputed and found equal.
+    audited: u64,
+}
+
+/// What a run took from earlier ones.
+pub fn told(report: &Report, plan: &Plan, earlier: &EarlierRuns) -> ReuseCounts {
+    let mut nodes = Vec::new();
+    for (run, stage) in plan.runs.iter().zip(&report.stages) {
+        for (node, (reused, fired)) in run.nodes.iter().zip(stage.reused.iter().zip(&stage.firings)) {
+            nodes.push((run.stage.clone(), node.name.clone(), *reused, reused + fired));
+        }
+    }
+    let audited = report.stages.iter().map(|stage| stage.audited).sum();
+    ReuseCounts { nodes, from: earlier.taken().map(Path::to_owned).collect(), audited }
+}
+
+impl ReuseCounts {
+    /// A line, if anything was taken.
+    pub fn text(&self) -> Option<String> {
+        let (whole, part): (Vec<_>, Vec<_>) =
+            self.nodes.iter().filter(|(.., reused, _)| *reused > 0).partition(|(.., reused, all)| reused == all);
+        if whole.is_empty() && part.is_empty() {
+            return None;
+        }
+        let all = self.nodes.len() as u64;
+        let mut text = format!("reused from earlier runs: {} of {all} nodes", whole.len());
+        if !part.is_empty() {
+            text.push_str(&format!(", and some frames of {}", counted(part.len(), "node")));
+        }
+        let from: Vec<String> =
+            self.from.iter().map(|path| path.parent().unwrap_or(path).display().to_string()).collect();
+        if !from.is_empty() {
+            text.push_str(&format!(" (from {}; --fresh recomputes all)", from.join(", ")));
+        }
+        Some(text)
+    }
+
+    /// The same for programs.
+    pub fn output(&self) -> Reused {
+        let nodes = self.nodes.iter().filter(|(.., reused, _)| *reused > 0);
+        let node = |(stage, node, reused, all): &(String, String, u64, u64)| ReusedNode {
+            stage: stage.clone(),
+            node: node.clone(),
+            reused: *reused,
+            of: *all,
+        };
+        // A path need not be UTF-8.
+        let from = self.from.iter().map(|path| path.to_string_lossy().into_owned()).collect();
+        Reused { nodes: nodes.map(node).collect(), from, audited: self.audited }
+    }
+}

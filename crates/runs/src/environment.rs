@@ -1,0 +1,186 @@
+//! What differs between machines and moments: kept beside the recording, never in it.
+
+use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
+use std::time::Instant;
+
+use depthloom_graphs::regular_file;
+use depthloom_kernels::simd::Level;
+use depthloom_nodes::onnx;
+use depthloom_nodes::onnx::Provider;
+use schemars::JsonSchema;
+use serde::Serialize;
+use serde_json::Value as Json;
+
+/// The name of the file that says where and when a run was made.
+pub const ENVIRONMENT: &str = "environment.json";
+
+/// How it writes a time, for `chrono`: see [`utc_stamp`].
+pub const STAMP: &str = "%Y-%m-%dT%H-%M-%SZ";
+
+/// How much of it is read, bytes.
+const LARGEST: u64 = 16 << 20;
+
+/// Where and when a run was made: `environment.json`.
+#[derive(JsonSchema, Serialize)]
+pub struct Environment {
+    /// The version of the program.
+    depthloom: &'static str,
+    arguments: Vec<String>,
+    os: &'static str,
+    architecture: &'static str,
+    cores: u64,
+    simd: Vec<&'static str>,
+    networks: Option<Engine>,
+    /// The files and folders that it read.
+    reads: Vec<String>,
+    workers: u64,
+    window: Option<u64>,
+    finished_utc: String,
+    /// Seconds from the start of the process to its last file.
+    wall_s: f64,
+    peak_resident_bytes: Option<u64>,
+}
+
+/// When this process started.
+static STARTED: LazyLock<Instant> = LazyLock::new(Instant::now);
+
+/// Marks the start of the process: the first call counts.
+pub fn mark_start() {
+    LazyLock::force(&STARTED);
+}
+
+/// What a run's folder says of where and when it was made; nothing where it says nothing.
+pub fn of(run: &Path) -> Json {
+    let bytes = regular_file::read(&run.join(ENVIRONMENT), LARGEST).unwrap_or_default();
+    serde_json::from_slice(&bytes).unwrap_or_default()
+}
+
+/// The files and folders that a run reads, as `environment.json` holds them: where they lie, whatever variables and links led there.
+pub fn reads(read: &[PathBuf]) -> Vec<String> {
+    let mut lie: Vec<PathBuf> = read.iter().filter_map(|path| std::fs::canonicalize(path).ok()).collect();
+    lie.sort();
+    lie.dedup();
+    lie.iter().map(|path| path.to_string_lossy().into_owned()).collect()
+}
+
+/// The engine's version, the machine, the run's size and time.
+pub fn describe(workers: usize, window: Option<usize>, read: &[PathBuf]) -> Environment {
+    // JSON holds text: of an argument that is none, what can be read of it.
+    let arguments = std::env::args_os().map(|argument| argument.to_string_lossy().into_owned()).collect();
+    Environment {
+        depthloom: env!("CARGO_PKG_VERSION"),
+        arguments,
+        os: std::env::consts::OS,
+        architecture: std::env::consts::ARCH,
+        cores: cores() as u64,
+        simd: simd(),
+        networks: onnx::in_use().map(networks),
+        reads: reads(read),
+        workers: workers as u64,
+        window: window.map(|window| window as u64),
+        finished_utc: utc_stamp(),
+        wall_s: wall_seconds(),
+        peak_resident_bytes: peak_resident_bytes(),
+    }
+}
+
+/// The seconds since this process started.
+fn wall_seconds() -> f64 {
+    STARTED.elapsed().as_secs_f64()
+}
+
+impl Environment {
+    /// Measures time and memory again, when more was done since.
+    pub fn measure_again(&mut self) {
+        self.wall_s = wall_seconds();
+        self.peak_resident_bytes = peak_resident_bytes();
+    }
+
+    /// The content of `environment.json`.
+    ///
+    /// # Panics
+    /// Never: texts, numbers and lists have JSON.
+    #[must_use]
+    pub fn text(&self) -> String {
+        let json = serde_json::to_value(self).expect("texts, numbers and lists have JSON");
+        format!("{json:#}\n")
+    }
+}
+
+/// The engine that runs networks, and the providers that they ran on.
+fn networks(engine: &onnx::Engine) -> Engine {
+    Engine { ran_on: Some(names(&engine.used())), ..Engine::from(engine) }
+}
+
+/// The engine of networks.
+#[derive(JsonSchema, Serialize)]
+pub struct Engine {
+    engine: String,
+    version: String,
+    build: Option<String>,
+    path: Option<String>,
+    found_by: String,
+    /// Why it is not the one that was looked for first.
+    instead_of: Option<String>,
+    refused: Vec<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    providers: Option<Vec<String>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    looked_at: Option<Vec<String>>,
+    /// The providers that networks ran on.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    ran_on: Option<Vec<String>>,
+}
+
+impl Engine {
+    /// The engine with what it offers, and the places where it was looked for.
+    pub fn found(engine: &onnx::Engine, looked_at: Vec<String>) -> Self {
+        Self { providers: Some(names(&engine.providers())), looked_at: Some(looked_at), ..Self::from(engine) }
+    }
+}
+
+impl From<&onnx::Engine> for Engine {
+    /// What it is, and where it comes from.
+    fn from(engine: &onnx::Engine) -> Self {
+        Self {
+            engine: engine.name.to_owned(),
+            version: engine.version.clone(),
+            build: Some(engine.build.to_owned()),
+            path: engine.library.as_ref().map(|path| path.to_string_lossy().into_owned()),
+            found_by: engine.found_by.to_owned(),
+            instead_of: engine.instead_of.clone(),
+            refused: engine.refused.clone(),
+            providers: None,
+            looked_at: None,
+            ran_on: None,
+        }
+    }
+}
+
+/// Providers by name.
+pub fn names(providers: &[Provider]) -> Vec<String> {
+    providers.iter().map(|provider| provider.name().to_owned()).collect()
+}
+
+/// How many threads can run at once here.
+pub fn cores() -> usize {
+    std::thread::available_parallelism().map_or(1, std::num::NonZero::get)
+}
+
+/// The instruction sets that kernels choose from on this machine.
+pub fn simd() -> Vec<&'static str> {
+    Level::available().into_iter().filter(|level| *level != Level::PORTABLE).map(Level::name).collect()
+}
+
+/// The most memory this process has held at once; `None` where the system does not tell.
+fn peak_resident_bytes() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
+    line.trim().strip_suffix(" kB")?.trim().parse::<u64>().ok().map(|kib| kib * 1024)
+}
+
+/// The time now as `2026-11-21T08-30-05Z`: UTC, sortable, and a file name everywhere.
+pub fn utc_stamp() -> String {
+    chrono::Utc::now().format(STAMP).to_string()
+}

@@ -1,0 +1,160 @@
+//! Which runs lie in a folder.
+
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::time::SystemTime;
+
+use chrono::{DateTime, NaiveDateTime, Utc};
+use depthloom_terminal::{Exit, Stop, say};
+
+use crate::RECORDING;
+use crate::environment::{self, STAMP};
+use crate::run_folder::{Found, MARKER};
+
+/// Where runs lie that were given no place.
+pub const FOLDER: &str = "runs";
+
+/// How many folders deep runs lie at most: `runs/<experiment>/<time>` is two.
+const DEPTH: u32 = 3;
+
+/// A run's folder.
+#[derive(Clone, Debug)]
+pub struct FoundRun {
+    /// How it is called: its path in the folder of runs, with `/` between.
+    pub name: String,
+    /// The folder.
+    pub path: PathBuf,
+    /// When it was done; of one that never was, when it last wrote.
+    pub time: DateTime<Utc>,
+}
+
+impl FoundRun {
+    /// The last part of its name.
+    pub fn last_name(&self) -> &str {
+        self.name.rsplit('/').next().unwrap_or_default()
+    }
+
+    /// Whether this is its name, or the last part of it, in full.
+    pub fn is_named(&self, name: &str) -> bool {
+        self.name == name || self.last_name() == name
+    }
+
+    /// The run of a folder, named as it is in the folder of runs, or by its path if it lies elsewhere.
+    ///
+    /// # Errors
+    /// If it is no run, or cannot be looked at.
+    pub fn at(path: &Path, folder: &Path) -> Result<Self, Stop> {
+        let found = Found::at(path).map_err(|error| {
+            Stop::because(Exit::Before, format_args!("failed to look at {}", path.display()), &error)
+        })?;
+        if found != Found::Run {
+            let what = match found {
+                Found::Other(what) => what,
+                Found::Empty => "an empty folder",
+                Found::Nothing | Found::Run => "not there",
+            };
+            let stop = Stop::new(Exit::Before, format!("{} is no run: it is {what}", path.display()));
+            return Err(stop.remedy("`depthloom runs` lists those there are; elsewhere a run is named by its folder"));
+        }
+        let name = path.strip_prefix(folder).unwrap_or(path).to_string_lossy().into_owned();
+        Ok(Self { name, time: time(path), path: path.to_owned() })
+    }
+
+    /// Its time, for programs.
+    pub fn time_utc(&self) -> String {
+        self.time.format("%Y-%m-%dT%H:%M:%SZ").to_string()
+    }
+
+    /// Whether it has its final name: it is over.
+    pub fn is_over(&self) -> bool {
+        self.path.extension().is_none_or(|ending| ending != depthloom_durable::PARTIAL)
+    }
+}
+
+/// All runs in a folder and in its folders, oldest first.
+///
+/// A link to a run is no run, for removing one must not reach beyond the folder; the folder itself may be one.
+///
+/// # Errors
+/// If the folder cannot be read. Of a folder in it that cannot, a warning is told.
+pub fn all(folder: &Path) -> io::Result<Vec<FoundRun>> {
+    let mut runs = Vec::new();
+    look_into(folder, "", DEPTH, &mut runs)?;
+    runs.sort_by(|a, b| (a.time, &a.name).cmp(&(b.time, &b.name)));
+    Ok(runs)
+}
+
+/// The runs that lie directly in a folder.
+pub fn in_folder(folder: &Path) -> Vec<FoundRun> {
+    let mut runs = Vec::new();
+    // Of a folder that cannot be read nothing can be taken.
+    let _ = look_into(folder, "", 1, &mut runs);
+    runs
+}
+
+fn look_into(folder: &Path, prefix: &str, depth: u32, runs: &mut Vec<FoundRun>) -> io::Result<()> {
+    for entry in fs::read_dir(folder)? {
+        let (path, file_name) = entry.map(|entry| (entry.path(), entry.file_name()))?;
+        let name = format!("{prefix}{}", file_name.to_string_lossy());
+        match Found::at(&path) {
+            Ok(Found::Run) => runs.push(FoundRun { name, time: time(&path), path }),
+            Ok(Found::Other(_)) if depth > 1 && is_folder(&path) => {
+                if let Err(error) = look_into(&path, &format!("{name}/"), depth - 1, runs) {
+                    say(format_args!("warning: failed to look into {}: {error}", path.display()));
+                }
+            }
+            // Gone in the meantime, or none.
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
+/// A link to a folder is none.
+fn is_folder(path: &Path) -> bool {
+    fs::symlink_metadata(path).is_ok_and(|metadata| metadata.is_dir())
+}
+
+/// When a run was done: what it says itself, for a copy has other times.
+fn time(folder: &Path) -> DateTime<Utc> {
+    let environment = environment::of(folder);
+    let finished = environment["finished_utc"].as_str();
+    let finished = finished.and_then(|stamp| NaiveDateTime::parse_from_str(stamp, STAMP).ok());
+    let written = |name: &str| fs::metadata(folder.join(name)).and_then(|metadata| metadata.modified()).ok();
+    let last = || written(RECORDING).or_else(|| written(MARKER)).unwrap_or(SystemTime::UNIX_EPOCH);
+    finished.map_or_else(|| last().into(), |time| time.and_utc())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+    use std::path::Path;
+
+    use super::all;
+    use crate::run_folder::MARKER;
+
+    fn make(folder: &Path, stamp: &str) {
+        fs::create_dir_all(folder).unwrap();
+        fs::write(folder.join(MARKER), "").unwrap();
+        fs::write(folder.join("environment.json"), format!("{{\"finished_utc\": \"{stamp}\"}}")).unwrap();
+    }
+
+    #[test]
+    fn runs_are_listed_by_the_time_they_tell_and_links_lead_nowhere() {
+        let folder = tempfile::tempdir().unwrap();
+        let root = folder.path().join("runs");
+        make(&root.join("b/second"), "2026-11-22T02-00-00Z");
+        make(&root.join("first"), "2026-11-22T01-00-00Z");
+        make(&root.join("a/third"), "2026-11-22T03-00-00Z");
+        // A run in a run, one too deep, and a folder of somebody.
+        make(&root.join("first/inner"), "2026-11-22T04-00-00Z");
+        make(&root.join("a/b/c/deep"), "2026-11-22T05-00-00Z");
+        fs::create_dir_all(root.join("notes")).unwrap();
+        #[cfg(unix)]
+        std::os::unix::fs::symlink(root.join("a"), root.join("link")).unwrap();
+        let names: Vec<String> = all(&root).unwrap().into_iter().map(|run| run.name).collect();
+        assert_eq!(names, ["first", "b/second", "a/third"]);
+        assert!(all(&root.join("none")).is_err());
+    }
+}

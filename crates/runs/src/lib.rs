@@ -1,0 +1,23 @@
+//! The folder of runs: which lie there, how each is called, and what can be said of one at a glance.
+//!
+//! Nothing is kept of it: a run is opened by its recording's summary, in milliseconds, so that a list of hundreds needs no index that
+//! could be out of date.
+
+#![forbid(unsafe_code)]
+
+pub mod earlier;
+pub mod environment;
+mod found;
+mod glance;
+pub mod models;
+mod named;
+mod opening;
+mod plain;
+mod reused;
+pub mod run_folder;
+
+pub use found::{FOLDER, FoundRun, all, in_folder};
+pub use glance::{Best, File, Glance, State, bytes_in, files_in};
+pub use named::{named, named_in_full};
+pub use opening::{RECORDING, TIMINGS, failed, open, partial_with, recording_in, recording_of, remedy_of_partial};
+pub use plain::file_name;

@@ -1,0 +1,58 @@
+//! A run's learnt models as files, under names that a person understands: `models/<stage>.<node>[.<variant>].onnx`.
+
+use std::collections::BTreeSet;
+use std::io;
+use std::path::Path;
+
+use depthloom_recording::{RecordedContent, RecordedOnce, RecordedPlan, Recording};
+use depthloom_terminal::{Exit, Stop};
+
+/// The folder of models in a run's folder.
+pub const FOLDER: &str = "models";
+
+/// Writes the models that a recording holds into `<folder>/models`.
+///
+/// # Errors
+/// If a model cannot be read, or its file not be written.
+pub fn write(recording: &Recording, folder: &Path) -> Result<(), Stop> {
+    let folder = folder.join(FOLDER);
+    let failed =
+        |error: &io::Error| Stop::of_writing(Exit::Engine, format_args!("failed to write {}", folder.display()), error);
+    for (value, name) in names(recording) {
+        let RecordedContent::Attachment { name: attachment, .. } = &value.content else { continue };
+        let bytes = recording.attachment(attachment).map_err(|error| {
+            let exit = if error.is_damage() { Exit::Frames } else { Exit::Engine };
+            Stop::remedied(exit, "failed to read a learnt model", &error)
+        })?;
+        depthloom_durable::create_folder(&folder).map_err(|error| failed(&error))?;
+        depthloom_durable::write(&folder.join(&name), &bytes).map_err(|error| failed(&error))?;
+    }
+    Ok(())
+}
+
+/// The models that a recording holds, and the names of their files.
+pub fn names(recording: &Recording) -> Vec<(&RecordedOnce, String)> {
+    let mut taken = BTreeSet::new();
+    let is_model = |value: &&RecordedOnce| {
+        value.value_type == "model" && matches!(value.content, RecordedContent::Attachment { .. })
+    };
+    let named = |value| {
+        let stem = stem(recording.plan(), value);
+        let names = (1..).map(|n| if n == 1 { format!("{stem}.onnx") } else { format!("{stem}-{n}.onnx") });
+        let name = names.into_iter().find(|name| !taken.contains(name)).unwrap_or_default();
+        taken.insert(name.clone());
+        (value, name)
+    };
+    recording.once_values().iter().filter(is_model).map(named).collect()
+}
+
+/// `<stage>.<node>`, with the first of its variants where it does not serve them all, and its port unless that is `model`.
+fn stem(plan: &RecordedPlan, value: &RecordedOnce) -> String {
+    let Some(run) = plan.runs.get(value.run) else { return "model".to_owned() };
+    let Some(node) = run.nodes.get(value.node) else { return run.stage.clone() };
+    let variant = node.variants.first().filter(|_| node.variants.len() < plan.variants.len());
+    let variant = variant.and_then(|&variant| plan.variants.get(variant)).map(String::as_str);
+    let port = node.outputs.get(value.port).map(|output| output.port.as_str()).filter(|port| *port != "model");
+    let parts: Vec<&str> = [run.stage.as_str(), node.name.as_str()].into_iter().chain(port).chain(variant).collect();
+    crate::file_name(&parts.join("."))
+}

@@ -1,0 +1,141 @@
+//! Which run is meant: a path, the beginning of a name, or the latest.
+
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+
+use depthloom_terminal::{Exit, Stop};
+
+use crate::found::{FoundRun, all};
+
+/// The newest run that is over; behind `experiment/` the newest of those whose names begin so.
+const LATEST: &str = "@latest";
+
+/// How many runs are told where one is wanted.
+const TOLD: usize = 4;
+
+/// The run that `run` names: a file or folder that is there; `@latest`, or `EXPERIMENT/@latest`; the beginning of a name in the folder of runs, or of
+/// the last part of one, if no other run's begins so.
+///
+/// What names none stays as it is: who opens it says what is wrong with it.
+///
+/// # Errors
+/// If several runs are meant, or there is no latest.
+pub fn named(run: &Path, folder: &Path) -> Result<PathBuf, Stop> {
+    find(run, folder, by_beginning)
+}
+
+/// As [`named`], but a name is given in full: for commands that remove runs. Once a run is gone, the beginning of its name may be another's.
+///
+/// # Errors
+/// As [`named`], and if `run` is only the beginning of a name.
+pub fn named_in_full(run: &Path, folder: &Path) -> Result<PathBuf, Stop> {
+    find(run, folder, |runs, text, folder| {
+        let found = by_beginning(runs, text, folder)?;
+        let Some(longer) = runs.iter().find(|run| found.as_ref() == Some(&run.path) && !run.is_named(text)) else {
+            return Ok(found);
+        };
+        let what = format!("no run in {} is named `{text}`", folder.display());
+        Err(Stop::new(Exit::Before, what).remedy(format!("give the name in full: `{}` begins so", longer.name)))
+    })
+}
+
+fn find(
+    run: &Path,
+    folder: &Path,
+    by_name: impl Fn(&[FoundRun], &str, &Path) -> Result<Option<PathBuf>, Stop>,
+) -> Result<PathBuf, Stop> {
+    let is_nothing = std::fs::symlink_metadata(run).is_err_and(|error| error.kind() == ErrorKind::NotFound);
+    let Some(text) = run.to_str().filter(|text| is_nothing && !text.is_empty()) else { return Ok(run.to_owned()) };
+    let runs = all(folder).unwrap_or_default();
+    match text.strip_suffix(LATEST) {
+        Some(of) if of.is_empty() || of.ends_with('/') => latest(&runs, of, folder),
+        _ => by_name(&runs, text, folder).map(|found| found.unwrap_or_else(|| run.to_owned())),
+    }
+}
+
+fn latest(runs: &[FoundRun], of: &str, folder: &Path) -> Result<PathBuf, Stop> {
+    let of_these = || runs.iter().filter(|run| run.name.starts_with(of));
+    let newest = of_these().rfind(|run| run.is_over());
+    newest.map(|run| run.path.clone()).ok_or_else(|| {
+        let of = if of.is_empty() { String::new() } else { format!(" of `{}`", of.trim_end_matches('/')) };
+        let stop = Stop::new(Exit::Before, format!("there is no run{of} in {} that is over", folder.display()));
+        match of_these().next_back() {
+            Some(run) => stop.remedy(format!("one goes on, or ended before it was whole: {}", run.name)),
+            None => stop.remedy("`depthloom runs` lists those there are; elsewhere a run is named by its path"),
+        }
+    })
+}
+
+fn by_beginning(runs: &[FoundRun], text: &str, folder: &Path) -> Result<Option<PathBuf>, Stop> {
+    // A name in full is that run's, whatever others begin with it.
+    let whole: Vec<&FoundRun> = runs.iter().filter(|run| run.is_named(text)).collect();
+    let meant = match whole.as_slice() {
+        [] => runs.iter().filter(|run| run.name.starts_with(text) || run.last_name().starts_with(text)).collect(),
+        _ => whole,
+    };
+    match meant.as_slice() {
+        [] => Ok(None),
+        [run] => Ok(Some(run.path.clone())),
+        several => {
+            let names: Vec<&str> = several.iter().rev().take(TOLD).map(|run| run.name.as_str()).collect();
+            let others = if several.len() > TOLD { ", ..." } else { "" };
+            let what = format!("`{text}` names {} runs in {}", several.len(), folder.display());
+            let remedy = format!("write more of a name ({}{others}), or @latest", names.join(", "));
+            Err(Stop::new(Exit::Before, what).remedy(remedy))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+    use std::path::{Path, PathBuf};
+
+    use super::named;
+    use crate::run_folder::MARKER;
+
+    fn folder_of(runs: &[(&str, &str)]) -> tempfile::TempDir {
+        let folder = tempfile::tempdir().unwrap();
+        for (name, stamp) in runs {
+            let run = folder.path().join(name);
+            fs::create_dir_all(&run).unwrap();
+            fs::write(run.join(MARKER), "").unwrap();
+            fs::write(run.join("environment.json"), format!("{{\"finished_utc\": \"{stamp}\"}}")).unwrap();
+        }
+        folder
+    }
+
+    #[test]
+    fn a_run_is_named_by_what_only_it_begins_with() {
+        let folder = folder_of(&[
+            ("table1/2026-11-21T10-00-00Z", "2026-11-21T10-00-00Z"),
+            ("table1/2026-11-22T10-00-00Z", "2026-11-22T10-00-00Z"),
+            ("look/2026-11-20T10-00-00Z", "2026-11-22T09-00-00Z"),
+            ("first", "2026-11-19T10-00-00Z"),
+            ("first-2", "2026-11-19T11-00-00Z"),
+            ("later.partial", "2026-11-23T11-00-00Z"),
+        ]);
+        let of = |text: &str| named(Path::new(text), folder.path());
+        let found = |text: &str| of(text).unwrap().strip_prefix(folder.path()).unwrap().to_owned();
+        for (text, run) in [
+            ("look", "look/2026-11-20T10-00-00Z"),
+            ("2026-11-20", "look/2026-11-20T10-00-00Z"),
+            ("table1/2026-11-21", "table1/2026-11-21T10-00-00Z"),
+            ("first", "first"),
+            ("first-", "first-2"),
+            ("later", "later.partial"),
+            ("@latest", "table1/2026-11-22T10-00-00Z"),
+            ("look/@latest", "look/2026-11-20T10-00-00Z"),
+        ] {
+            assert_eq!(found(text), PathBuf::from(run), "{text}");
+        }
+        let several = of("table1").unwrap_err();
+        assert!(several.message.starts_with("`table1` names 2 runs in "), "{}", several.message);
+        assert!(several.remedy.unwrap().contains("table1/2026-11-22T10-00-00Z, table1/2026-11-21T10-00-00Z"));
+        assert!(of("later/@latest").unwrap_err().message.starts_with("there is no run of `later` in "));
+        // What is none is told by who opens it, and what is there under that name is meant.
+        assert_eq!(of("none").unwrap(), PathBuf::from("none"));
+        let here = folder.path().join("first");
+        assert_eq!(named(&here, folder.path()).unwrap(), here);
+    }
+}

@@ -1,0 +1,124 @@
+//! The recording of a run, and why a question to it has no answer.
+
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+
+use depthloom_analysis::AnalysisError;
+use depthloom_recording::Recording;
+use depthloom_terminal::{Exit, Stop};
+
+use crate::{FOLDER, named};
+
+/// A recording's name in a run's folder.
+pub const RECORDING: &str = "recording.mcap";
+
+/// The name of its timings.
+pub const TIMINGS: &str = "timings.parquet";
+
+/// What helps where no run was found.
+const NAME_A_RUN: &str = "name a run's folder, a recording, or a run that `depthloom runs` lists";
+
+/// The recording of a run that is [named](named()) in the folder of runs, or the recording itself; `command` is what to do with it.
+///
+/// # Errors
+/// If there is none, or several are meant.
+pub fn recording_of(run: &Path, command: &str) -> Result<PathBuf, Stop> {
+    recording_in(Path::new(FOLDER), run, command)
+}
+
+/// The same of another folder of runs.
+///
+/// # Errors
+/// As [`recording_of`].
+pub fn recording_in(folder: &Path, run: &Path, command: &str) -> Result<PathBuf, Stop> {
+    let run = &named(run, folder)?;
+    let failed = |what: String| Stop::new(Exit::Before, format!("failed to open {}: {what}", run.display()));
+    let kind = match std::fs::metadata(run) {
+        Ok(metadata) => metadata.file_type(),
+        Err(error) => {
+            let stop = failed(error.to_string());
+            return Err(match partial_with(run, RECORDING) {
+                Some(partial) => stop.remedy(remedy_of_partial(&partial, command)),
+                None => stop.remedy(NAME_A_RUN),
+            });
+        }
+    };
+    if kind.is_file() {
+        return Ok(run.to_owned());
+    }
+    if !kind.is_dir() {
+        return Err(failed("it is neither a file nor a folder".to_owned()).remedy(NAME_A_RUN));
+    }
+    let recording = run.join(RECORDING);
+    match std::fs::metadata(&recording) {
+        Ok(metadata) if metadata.is_file() => return Ok(recording),
+        Err(error) if error.kind() != ErrorKind::NotFound => return Err(failed(error.to_string())),
+        Ok(_) | Err(_) => {}
+    }
+    let runs = runs_below(run, 2);
+    let stop = failed(format!("it has no {RECORDING}"));
+    Err(match runs.as_slice() {
+        [] => stop.remedy(NAME_A_RUN),
+        [one] => stop.remedy(format!("it holds a run: `depthloom {command} {}`", one.display())),
+        [.., newest] => stop.remedy(format!(
+            "it holds {} runs, one of which is `depthloom {command} {}`",
+            runs.len(),
+            newest.display()
+        )),
+    })
+}
+
+/// The run with this file that would have this name, were it whole: `<run>.partial`, or that of a run which `run` is a file of.
+#[must_use]
+pub fn partial_with(run: &Path, file: &str) -> Option<PathBuf> {
+    let of = |run: &Path| {
+        let partial = run.file_name().map(|_| depthloom_durable::partial_name(run))?;
+        partial.join(file).is_file().then_some(partial)
+    };
+    of(run).or_else(|| of(run.parent()?))
+}
+
+/// What helps where only a partial run is there; `command` is what to do with it.
+#[must_use]
+pub fn remedy_of_partial(partial: &Path, command: &str) -> String {
+    let partial = partial.display();
+    format!(
+        "{partial} is there: a run that goes on, or ended before it was whole; `depthloom {command} {partial}` reads what there is of it"
+    )
+}
+
+/// The runs in a folder and, up to a depth, in its folders; by name, and so by time.
+fn runs_below(folder: &Path, depth: u32) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let mut folders: Vec<_> = entries.map(|entry| entry.path()).filter(|path| path.is_dir()).collect();
+    folders.sort();
+    let below = |folder: PathBuf| match (folder.join(RECORDING).is_file(), depth) {
+        (true, _) => vec![folder],
+        (false, 0 | 1) => Vec::new(),
+        (false, _) => runs_below(&folder, depth - 1),
+    };
+    folders.into_iter().flat_map(below).collect()
+}
+
+/// Opens a recording to ask it something.
+///
+/// # Errors
+/// If it cannot be read.
+pub fn open(path: &Path) -> Result<Recording, Stop> {
+    Recording::open(path).map_err(|error| Stop::remedied(Exit::Before, "failed to read the recording", &error))
+}
+
+/// Why a question has no answer: it was wrong, or the recording is, or the analysis.
+#[must_use]
+pub fn failed(error: &AnalysisError) -> Stop {
+    let exit = match error {
+        AnalysisError::Stopped => return Stop::new(Exit::Interrupted, "interrupted while analysing"),
+        AnalysisError::Asked { .. } => Exit::Before,
+        error if error.is_damage() => Exit::Frames,
+        _ => Exit::Engine,
+    };
+    match error {
+        AnalysisError::Asked { what, help } => Stop::new(exit, what.as_str()).remedy(help.as_str()),
+        error => Stop::remedied(exit, "failed to analyse the recording", error),
+    }
+}

@@ -1,0 +1,357 @@
+//! A run's folder: written as `<out>.partial`, renamed when whole, and replaced by nobody but who was asked to.
+//!
+//! Under the final name there is a whole run or none at every moment: an old one goes aside before the new one takes its name,
+//! and is removed after.
+
+mod contents;
+mod lock;
+mod marker;
+mod remove;
+
+use std::ffi::OsString;
+use std::fmt::Display;
+use std::fs;
+use std::io;
+use std::path::{Component, Path, PathBuf};
+
+pub use contents::{in_the_way_of_a_report, mark_for_reports};
+use depthloom_durable::remedy_of_writing;
+use depthloom_terminal::{Exit, Stop, say};
+pub use lock::{Lock, Refused, is_held};
+pub use marker::{Found, MARKER};
+pub use remove::Removal;
+
+/// The folder beside runs where trainings put down their checkpoints.
+pub const CHECKPOINTS: &str = "checkpoints";
+
+/// The folder a run writes to, not yet under its final name.
+pub struct RunFolder {
+    /// Where files are written: `<out>.partial`.
+    pub partial: PathBuf,
+    /// The final name.
+    pub out: PathBuf,
+    /// Held as long as the run writes.
+    lock: Lock,
+    /// The run that had the final name when this one began, over and kept so, if it is to be replaced.
+    replaced: Option<Lock>,
+    /// Whether an earlier process began it, and what it wrote stays.
+    pub goes_on: bool,
+}
+
+/// What a partial folder holds for a run that would write there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Begun {
+    /// Frames of the same experiment, by an earlier process.
+    This,
+    /// Nothing that anybody could want.
+    Nothing,
+    /// Another run's frames, or what is not known.
+    Other,
+}
+
+impl RunFolder {
+    /// Makes `<out>.partial`.
+    ///
+    /// What stands under either name is somebody's results: it is replaced only when asked for, and only a run that is over and
+    /// holds none of the files and folders `read`. A partial folder with nothing in it is what a run left that ended as it began; of
+    /// one with something in it `begun` says what this run makes of it.
+    ///
+    /// # Errors
+    /// If something that must not be replaced has either name, another process writes there, or the system refuses.
+    pub fn create(
+        out: &Path,
+        overwrite: bool,
+        read: &[PathBuf],
+        begun: impl FnOnce(&Path) -> Begun,
+    ) -> Result<Self, Stop> {
+        let out = &without_turns(out)?;
+        let partial = partial_name(out)?;
+        make_parent(out)?;
+        // So long a name would be refused when the run is done.
+        found(&aside(out))?;
+        for path in [out, &partial] {
+            match found(path)? {
+                Found::Nothing => {}
+                Found::Empty if path == &partial => {
+                    fs::remove_dir(path).map_err(|error| failed("remove", path, &error))?;
+                }
+                Found::Empty => return Err(no_run(path, "a folder, but not of a run")),
+                Found::Other(what) => return Err(no_run(path, what)),
+                // It may be this very run, begun.
+                Found::Run if path == &partial => {}
+                Found::Run if overwrite => keep_from_harm(path, read)?,
+                Found::Run => return Err(exists(path)),
+            }
+        }
+        let replaced = (found(out)? == Found::Run).then(|| lock(out)).transpose()?;
+        if found(&partial)? == Found::Run {
+            let old = lock(&partial)?;
+            match begun(&partial) {
+                Begun::This => {
+                    contents::remove_abandoned(&partial);
+                    contents::remove_reports(&partial)
+                        .map_err(|error| failed("remove the reports in", &partial, &error))?;
+                    return Ok(Self { partial, out: out.clone(), lock: old, replaced, goes_on: true });
+                }
+                Begun::Other if !overwrite => {
+                    let what = format!("{} holds frames that this run does not go on with", partial.display());
+                    let why = "they are of another experiment or other parameters, or --fresh was requested";
+                    return Err(Stop::new(Exit::Before, format!("{what}: {why}"))
+                        .remedy("choose another --out, or replace it with --overwrite"));
+                }
+                Begun::Nothing | Begun::Other => {}
+            }
+            keep_from_harm(&partial, read)?;
+            let aside = aside(&partial);
+            fs::rename(&partial, &aside).map_err(|error| failed("move aside", &partial, &error))?;
+            fs::remove_dir_all(&aside).map_err(|error| failed("remove", &aside, &error))?;
+        }
+        fs::create_dir(&partial).map_err(|error| failed("create", &partial, &error))?;
+        let folder = Self::marked(partial, out, replaced)?;
+        if folder.replaced.is_none() && found(out)? != Found::Nothing {
+            // Another run took the name in the meantime.
+            folder.discard();
+            return Err(exists(out));
+        }
+        Ok(folder)
+    }
+
+    /// Makes `<parent>/<name>.partial`, or `<name>-2` and so on: the first that is nobody's.
+    ///
+    /// # Errors
+    /// If the folder cannot be made, or not be marked.
+    pub fn create_new(parent: &Path, name: &str) -> Result<Self, Stop> {
+        let mut number = 1_u32;
+        loop {
+            let out = parent.join(if number == 1 { name.to_owned() } else { format!("{name}-{number}") });
+            number += 1;
+            let partial = partial_name(&out)?;
+            make_parent(&out)?;
+            match fs::create_dir(&partial) {
+                Err(error) if error.kind() == io::ErrorKind::AlreadyExists => continue,
+                made => made.map_err(|error| failed("create", &partial, &error))?,
+            }
+            // Looked for only now: who had the partial name until a moment ago has the final one.
+            if found(&out)? == Found::Nothing {
+                return Self::marked(partial, &out, None);
+            }
+            fs::remove_dir(&partial).map_err(|error| failed("remove", &partial, &error))?;
+        }
+    }
+
+    fn marked(partial: PathBuf, out: &Path, replaced: Option<Lock>) -> Result<Self, Stop> {
+        match Lock::mark(&partial) {
+            Ok(lock) => Ok(Self { partial, out: out.to_owned(), lock, replaced, goes_on: false }),
+            Err(error) => {
+                // Not with all it holds: that takes a descriptor, which there may not be, and what is in it now is not ours.
+                let _ = fs::remove_dir(&partial);
+                let intent = format_args!("failed to mark {}", partial.display());
+                Err(match error {
+                    Refused::System(error) => failed_to(intent, &error),
+                    busy @ Refused::Busy => Stop::because(Exit::Before, intent, &busy),
+                })
+            }
+        }
+    }
+
+    /// A file in the folder, as long as it is partial.
+    pub fn file(&self, name: &str) -> PathBuf {
+        self.partial.join(name)
+    }
+
+    /// Writes a small file.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn write(&self, name: &str, content: &str) -> Result<(), Stop> {
+        let path = self.file(name);
+        depthloom_durable::write(&path, content.as_bytes())
+            .map_err(|error| Stop::of_writing(Exit::Engine, format_args!("failed to write {}", path.display()), &error))
+    }
+
+    /// Where trainings put down their checkpoints: beside the run, so that the next one finds them.
+    pub fn checkpoints(&self) -> PathBuf {
+        self.out.with_file_name(CHECKPOINTS)
+    }
+
+    /// Removes the folder, which holds nothing worth keeping.
+    pub fn discard(self) {
+        if let Err(error) = fs::remove_dir_all(&self.partial) {
+            say(format_args!("warning: failed to remove {}: {error}", self.partial.display()));
+        }
+    }
+
+    /// Gives the folder its final name, once all it holds is on the disk.
+    ///
+    /// # Errors
+    /// If the name was taken meanwhile, or the system refuses to rename: the run is whole under its partial name.
+    pub fn finish(self) -> Result<PathBuf, Stop> {
+        let Self { partial, out, lock, replaced, .. } = self;
+        let unnamed = |what: String| {
+            Stop::new(Exit::Engine, what).remedy(format!("the run is whole in {}: rename it", partial.display()))
+        };
+        let rename = |from: &Path, to: &Path| {
+            depthloom_durable::rename(from, to)
+                .map_err(|error| unnamed(format!("failed to rename {} to {}: {error}", from.display(), to.display())))
+        };
+        // Where folders with open files cannot be renamed the lock goes now, else when the run has its name.
+        let lock = cfg!(unix).then_some(lock);
+        depthloom_durable::sync_tree(&partial)
+            .map_err(|error| unnamed(format!("failed to synchronise {}: {error}", partial.display())))?;
+        let old = match fs::symlink_metadata(&out) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => None,
+            _ if replaced.as_ref().is_some_and(|replaced| replaced.is_of(&out)) => {
+                drop(replaced);
+                let aside = aside(&out);
+                rename(&out, &aside)?;
+                Some(aside)
+            }
+            _ => return Err(unnamed(format!("{} appeared while the run went on", out.display()))),
+        };
+        if let Err(stop) = rename(&partial, &out) {
+            if let Some(old) = &old {
+                let _ = depthloom_durable::rename(old, &out);
+            }
+            return Err(stop);
+        }
+        drop(lock);
+        if let Some(old) = old
+            && let Err(error) = fs::remove_dir_all(&old)
+        {
+            say(format_args!("warning: failed to remove the run before, {}: {error}", old.display()));
+        }
+        Ok(out)
+    }
+}
+
+/// The run's folder that a path is, or lies in.
+pub fn around(path: &Path) -> Option<PathBuf> {
+    let there = path.ancestors().find_map(|folder| {
+        let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+        fs::canonicalize(folder).ok()
+    })?;
+    there.ancestors().find(|folder| Found::at(folder).is_ok_and(|found| found == Found::Run)).map(Path::to_owned)
+}
+
+/// The lock of a run's folder for who writes more into it, or `None` if the folder is not a run's.
+///
+/// # Errors
+/// If another process writes there, or the system refuses.
+pub fn lock_if_run(folder: &Path) -> Result<Option<Lock>, Stop> {
+    if found(folder)? != Found::Run {
+        return Ok(None);
+    }
+    let lock = lock(folder)?;
+    contents::remove_abandoned(folder);
+    Ok(Some(lock))
+}
+
+fn lock(folder: &Path) -> Result<Lock, Stop> {
+    Lock::take(folder).map_err(|refused| {
+        let stop = Stop::because(Exit::Before, format_args!("failed to lock {}", folder.display()), &refused);
+        match refused {
+            Refused::Busy => stop.remedy("wait until it is done, or write to another folder (--out)"),
+            Refused::System(error) => Stop { remedy: remedy_of_writing(&error).map(ToOwned::to_owned), ..stop },
+        }
+    })
+}
+
+fn partial_name(out: &Path) -> Result<PathBuf, Stop> {
+    let name = out.file_name().ok_or_else(|| {
+        Stop::new(Exit::Before, format!("the output folder `{}` has no name", out.display()))
+            .remedy("name a folder that is not there yet, such as runs/first")
+    })?;
+    if Path::new(name).extension().is_some_and(|extension| extension == depthloom_durable::PARTIAL) {
+        let what = format!("{}: a folder with that ending is a run that is not whole yet", out.display());
+        return Err(Stop::new(Exit::Before, what).remedy("choose another --out"));
+    }
+    if name == CHECKPOINTS {
+        let what = format!("{}: a folder `{CHECKPOINTS}` is where trainings put down theirs", out.display());
+        return Err(Stop::new(Exit::Before, what).remedy("choose another --out"));
+    }
+    Ok(depthloom_durable::partial_name(out))
+}
+
+fn make_parent(out: &Path) -> Result<(), Stop> {
+    match out.parent() {
+        Some(parent) => fs::create_dir_all(parent).map_err(|error| failed("create", parent, &error)),
+        None => Ok(()),
+    }
+}
+
+/// A name beside `path` that this process alone uses.
+fn aside(path: &Path) -> PathBuf {
+    let mut name = path.file_name().map(OsString::from).unwrap_or_default();
+    name.push(format!(".replaced-{}", std::process::id()));
+    path.with_file_name(name)
+}
+
+fn found(path: &Path) -> Result<Found, Stop> {
+    Found::at(path).map_err(|error| failed("look at", path, &error))
+}
+
+/// The same path without `..`: a folder that goes aside must not lie on the way to its own name. And without a slash at its end,
+/// behind which a link is taken for what it leads to.
+fn without_turns(out: &Path) -> Result<PathBuf, Stop> {
+    if !out.components().any(|part| part == Component::ParentDir) {
+        return Ok(out.components().collect());
+    }
+    let (Some(parent), Some(name)) = (out.parent(), out.file_name()) else { return Ok(out.to_owned()) };
+    // Folders that do not exist yet are created later. With `..` behind them the path cannot be resolved.
+    let existing = parent.ancestors().find(|path| path.exists()).unwrap_or(parent);
+    let missing = parent.strip_prefix(existing).unwrap_or(Path::new(""));
+    let (existing, missing) = match missing.components().any(|part| part == Component::ParentDir) {
+        true => (parent, Path::new("")),
+        false => (existing, missing),
+    };
+    let real = fs::canonicalize(existing).map_err(|error| failed("find", existing, &error))?;
+    Ok(real.join(missing).join(name))
+}
+
+/// Refuses to replace what the person stands in, the run was made from, or somebody put there.
+fn keep_from_harm(path: &Path, read: &[PathBuf]) -> Result<(), Stop> {
+    match harm(path, read)? {
+        None => Ok(()),
+        Some(why) => {
+            let what = format!("{} is not replaced: {why}", path.display());
+            Err(Stop::new(Exit::Before, what).remedy("choose another --out"))
+        }
+    }
+}
+
+/// What speaks against removing a run's folder: it is what the person stands in, what is `read`, or holds what somebody put there.
+fn harm(path: &Path, read: &[PathBuf]) -> Result<Option<String>, Stop> {
+    let real = fs::canonicalize(path).map_err(|error| failed("look at", path, &error))?;
+    if std::env::current_dir().is_ok_and(|here| here.starts_with(&real)) {
+        return Ok(Some("it is the current folder, or holds it".to_owned()));
+    }
+    if let Some(file) = read.iter().find(|file| fs::canonicalize(file).is_ok_and(|file| file.starts_with(&real))) {
+        return Ok(Some(format!("it holds {}, which this run reads", file.display())));
+    }
+    let foreign = contents::foreign(path).map_err(|error| failed("look into", path, &error))?;
+    Ok(foreign.map(|name| format!("it holds {}, which no run wrote", Path::new(&name).display())))
+}
+
+fn failed(to: &str, path: &Path, error: &io::Error) -> Stop {
+    failed_to(format_args!("failed to {to} {}", path.display()), error)
+}
+
+/// Before any frame, whatever it is.
+fn failed_to(intent: impl Display, error: &io::Error) -> Stop {
+    Stop::of_writing(Exit::Before, intent, error)
+}
+
+fn no_run(path: &Path, what: &str) -> Stop {
+    Stop::new(Exit::Before, format!("{} is {what}: only runs are replaced", path.display()))
+        .remedy("choose another --out, or remove it yourself")
+}
+
+fn exists(path: &Path) -> Stop {
+    let is_partial = path.extension().is_some_and(|extension| extension == depthloom_durable::PARTIAL);
+    let what = if is_partial { ": a run that goes on, or ended before it was whole" } else { "" };
+    Stop::new(Exit::Before, format!("{} exists already{what}", path.display()))
+        .remedy("choose another --out, or replace it with --overwrite")
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,84 @@
+//! What says that a folder is a run's: a file in it. Only such a folder is ever replaced.
+
+use std::fs;
+use std::io;
+use std::path::Path;
+
+/// The marker's name.
+pub const MARKER: &str = "depthloom-run.json";
+
+/// What stands under a path.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Found {
+    /// Nothing.
+    Nothing,
+    /// A run's folder, over or still being written.
+    Run,
+    /// A folder with nothing in it.
+    Empty,
+    /// Something else, in words.
+    Other(&'static str),
+}
+
+impl Found {
+    /// Looks; a symbolic link is none of what it leads to.
+    ///
+    /// # Errors
+    /// What the system gave.
+    pub fn at(path: &Path) -> io::Result<Self> {
+        let kind = match fs::symlink_metadata(path) {
+            Ok(metadata) => metadata.file_type(),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Self::Nothing),
+            Err(error) => return Err(error),
+        };
+        Ok(match () {
+            () if kind.is_symlink() => Self::Other("a symbolic link"),
+            () if kind.is_file() => Self::Other("a file"),
+            () if !kind.is_dir() => Self::Other("neither file nor folder"),
+            () if has_file(path, MARKER) || is_of_0_1_0(path) => Self::Run,
+            () if fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_none()) => Self::Empty,
+            () => Self::Other("a folder, but not of a run"),
+        })
+    }
+}
+
+/// Whether it is a whole run's folder as version 0.1.0 left them: without a marker, these two files beside each other.
+pub fn is_of_0_1_0(folder: &Path) -> bool {
+    has_file(folder, "recording.mcap") && has_file(folder, "experiment.resolved.yaml")
+}
+
+fn has_file(folder: &Path, name: &str) -> bool {
+    fs::symlink_metadata(folder.join(name)).is_ok_and(|metadata| metadata.is_file())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Found, MARKER};
+    use std::fs;
+
+    #[test]
+    fn only_a_marked_folder_or_one_of_0_1_0_is_a_run() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("out");
+        assert_eq!(Found::at(&path).unwrap(), Found::Nothing);
+        fs::create_dir(&path).unwrap();
+        fs::write(path.join("recording.mcap"), "").unwrap();
+        assert!(matches!(Found::at(&path).unwrap(), Found::Other(_)));
+        fs::write(path.join("experiment.resolved.yaml"), "").unwrap();
+        assert_eq!(Found::at(&path).unwrap(), Found::Run);
+        let marked = folder.path().join("marked");
+        fs::create_dir(&marked).unwrap();
+        fs::write(marked.join(MARKER), "").unwrap();
+        assert_eq!(Found::at(&marked).unwrap(), Found::Run);
+        assert!(matches!(Found::at(&marked.join(MARKER)).unwrap(), Found::Other("a file")));
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_link_is_no_run_whatever_it_leads_to() {
+        let folder = tempfile::tempdir().unwrap();
+        let link = folder.path().join("link");
+        std::os::unix::fs::symlink(folder.path().join("nowhere"), &link).unwrap();
+        assert_eq!(Found::at(&link).unwrap(), Found::Other("a symbolic link"));
+    }
+}

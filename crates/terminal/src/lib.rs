@@ -1,0 +1,12 @@
+//! What a command prints, and how it ends.
+#![forbid(unsafe_code)]
+
+mod columns;
+mod exit;
+mod streams;
+
+pub use columns::aligned;
+pub use exit::{Exit, Problem, Stop, chain, help_of};
+pub use streams::{
+    on_one_line, print, print_bytes, print_json, print_path, print_quoted, same_length, say, tell, tell_styled, visible,
+};

@@ -1,0 +1,469 @@
+//! What is made again: the nodes asked for, their inputs from the recording, as a plan that the runner runs.
+
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use depthloom_graphs::contracts::{Contract, Instance, Port, Signature, Slot};
+use depthloom_graphs::language::glob;
+use depthloom_graphs::plan::{Origin, Plan, PlannedInput, PlannedNode, PlannedOutput, PlannedSource, Record, StageRun};
+use depthloom_graphs::ready::{Ready, ReadyRun};
+use depthloom_graphs::registry::{NodeKind, ParamError};
+use depthloom_graphs::{Rate, Registry, Value};
+use depthloom_recording::{
+    Condition, RecordedContent, RecordedInput, RecordedNode, RecordedOnce, RecordedOutput, Recording,
+};
+
+use crate::guard::Failures;
+use crate::source::RecordedFrames;
+
+/// What is made again, and what of it is compared.
+pub struct Replay {
+    /// The plan with its nodes built; its stage runs are the recording's.
+    pub ready: Ready,
+    /// By stage run and node of that plan.
+    pub nodes: Vec<Vec<Replayed>>,
+    /// The nodes that were asked for and cannot be made again.
+    pub unchecked: Vec<Unchecked>,
+    /// What nodes fail of, as they are made.
+    pub failures: Failures,
+}
+
+/// A node that is made again.
+pub struct Replayed {
+    /// Its index among the recording's.
+    pub recorded: usize,
+    /// By output port, what it is compared with; `None` where nothing was recorded, or the node is made only for others to read.
+    pub expected: Vec<Option<Expected>>,
+    /// What is to be said of it.
+    pub remarks: Vec<String>,
+}
+
+/// What an output is compared with.
+pub enum Expected {
+    /// The values at that port of the source.
+    Frames {
+        /// The source's port.
+        port: usize,
+    },
+    /// A once-value of the recording.
+    Once {
+        /// The once-value; `None` if it is known that there was none.
+        value: Option<RecordedOnce>,
+    },
+}
+
+/// What a recording has of an output.
+enum Found {
+    Frames,
+    Once(Option<RecordedOnce>),
+}
+
+/// A node that cannot be made again.
+pub struct Unchecked {
+    /// Its stage run.
+    pub run: usize,
+    /// Its index among the recording's.
+    pub node: usize,
+    /// Why, as a lower-case fragment.
+    pub why: String,
+    /// Whether the recording is damaged where it would be read.
+    pub is_damage: bool,
+}
+
+/// Why a node cannot be made again.
+struct Obstacle {
+    why: String,
+    is_damage: bool,
+}
+
+impl From<String> for Obstacle {
+    fn from(why: String) -> Self {
+        Self { why, is_damage: false }
+    }
+}
+
+/// Where an input comes from.
+enum Feed {
+    /// Left unwired.
+    Nothing,
+    /// The values of a topic.
+    Topic(String),
+    /// A once-value of the recording.
+    Recorded(RecordedOnce),
+    /// A node that is made again too, and its port's index.
+    Made { run: usize, node: usize, port: usize },
+}
+
+/// A plan in the making.
+struct Making<'a> {
+    recording: &'a Recording,
+    registry: &'a Registry,
+    /// Whether a node can be made again, by stage run and node; where not, why.
+    known: HashMap<(usize, usize), Option<String>>,
+    runs: Vec<MadeRun>,
+    files: BTreeMap<PathBuf, Value>,
+    failures: Failures,
+}
+
+/// A stage run in the making.
+#[derive(Default)]
+struct MadeRun {
+    topics: Vec<&'static str>,
+    planned: Vec<PlannedNode>,
+    built: Vec<Instance>,
+    nodes: Vec<Replayed>,
+}
+
+impl Replay {
+    /// The nodes of a recording whose names fit one of the patterns, or all that gave anything recorded; none of them has run yet.
+    ///
+    /// # Errors
+    /// The first pattern that fits no node.
+    pub fn new(recording: &Arc<Recording>, registry: &Registry, patterns: &[String]) -> Result<Self, String> {
+        let recorded = recording.plan();
+        let mut making = Making {
+            recording,
+            registry,
+            known: HashMap::new(),
+            runs: recorded.runs.iter().map(|_| MadeRun::default()).collect(),
+            files: BTreeMap::new(),
+            failures: Failures::default(),
+        };
+        let mut unchecked = Vec::new();
+        for (run, node) in asked(recording, patterns)? {
+            if let Err(Obstacle { why, is_damage }) = making.check(run, node) {
+                unchecked.push(Unchecked { run, node, why, is_damage });
+            }
+        }
+        let Making { runs, files, failures, .. } = making;
+        let (mut planned, mut ready, mut nodes) = (Vec::new(), Vec::new(), Vec::new());
+        for (run, made) in runs.into_iter().enumerate() {
+            let of = &recorded.runs[run];
+            let outputs = made.topics.iter().map(|topic| source_output(recording, run, topic)).collect();
+            planned.push(StageRun {
+                stage: of.stage.clone(),
+                prefix: of.prefix.clone(),
+                source: PlannedSource { name: of.source.name.clone(), parts: Vec::new(), outputs },
+                nodes: made.planned,
+                estimates: Vec::new(),
+                variants: of.variants.clone(),
+            });
+            let source = Box::new(RecordedFrames::new(Arc::clone(recording), run, made.topics));
+            ready.push(ReadyRun { source, nodes: made.built });
+            nodes.push(made.nodes);
+        }
+        let plan = Plan {
+            experiment: recorded.experiment.clone(),
+            about: recorded.about.clone(),
+            variants: recorded.variants.clone(),
+            factors: recorded.factors.clone(),
+            runs: planned,
+            record: Record { every: 1, view: false, points: Vec::new() },
+            written: Vec::new(),
+            resolved: String::new(),
+        };
+        Ok(Self {
+            ready: Ready { plan, runs: ready, files, warnings: Vec::new(), builders: BTreeMap::new() },
+            nodes,
+            unchecked,
+            failures,
+        })
+    }
+}
+
+/// The nodes that patterns name: `stereo`, `compare.stereo`, `compare.*`; without patterns all that give anything recorded.
+fn asked(recording: &Recording, patterns: &[String]) -> Result<BTreeSet<(usize, usize)>, String> {
+    let runs = recording.plan().runs.iter().enumerate();
+    let all = runs.flat_map(|(run, of)| of.nodes.iter().enumerate().map(move |(node, of)| ((run, node), of)));
+    if patterns.is_empty() {
+        let recorded = all.filter(|(_, node)| node.outputs.iter().any(|output| output.recorded));
+        return Ok(recorded.map(|(at, _)| at).collect());
+    }
+    let mut asked = BTreeSet::new();
+    for pattern in patterns {
+        let fits = |run: usize, node: &RecordedNode| {
+            let stage = &recording.plan().runs[run].stage;
+            glob(pattern, &node.name) || glob(pattern, &format!("{stage}.{}", node.name))
+        };
+        let fitting: Vec<_> = all.clone().filter(|((run, _), node)| fits(*run, node)).map(|(at, _)| at).collect();
+        asked.extend(fitting.iter().copied());
+        if fitting.is_empty() {
+            return Err(pattern.clone());
+        }
+    }
+    Ok(asked)
+}
+
+impl<'a> Making<'a> {
+    /// Adds a node, to be compared.
+    fn check(&mut self, run: usize, node: usize) -> Result<(), Obstacle> {
+        let recorded = self.node(run, node);
+        let expected: Vec<_> = (0..recorded.outputs.len()).map(|port| self.expected(run, node, port)).collect();
+        if expected.iter().all(Option::is_none) {
+            return Err("none of its values are in the recording".to_owned().into());
+        }
+        if let Some(why) = self.obstacle(run, node) {
+            return Err(why.into());
+        }
+        let index = self.add(run, node)?;
+        let made = &mut self.runs[run];
+        for (recorded, expected) in recorded.outputs.iter().zip(expected) {
+            let mut outputs = made.planned[index].outputs.iter();
+            let Some(port) = outputs.position(|output| output.port.name == recorded.port) else { continue };
+            made.planned[index].outputs[port].recorded = expected.is_some();
+            made.nodes[index].expected[port] = expected.map(|expected| match expected {
+                Found::Frames => Expected::Frames { port: made.topic(&recorded.topic) },
+                Found::Once(value) => Expected::Once { value },
+            });
+        }
+        Ok(())
+    }
+
+    /// What there is to compare an output with.
+    fn expected(&self, run: usize, node: usize, port: usize) -> Option<Found> {
+        let output = &self.node(run, node).outputs[port];
+        if !output.recorded {
+            return None;
+        }
+        if !output.once {
+            return Some(Found::Frames);
+        }
+        let value = self.once_value(run, node, port).cloned();
+        // What is not in a recording that was cut off may have been there.
+        (value.is_some() || *self.recording.condition() == Condition::Whole).then_some(Found::Once(value))
+    }
+
+    fn once_value(&self, run: usize, node: usize, port: usize) -> Option<&'a RecordedOnce> {
+        self.recording.once_values().iter().find(|once| (once.run, once.node, once.port) == (run, node, port))
+    }
+
+    fn node(&self, run: usize, node: usize) -> &'a RecordedNode {
+        &self.recording.plan().runs[run].nodes[node]
+    }
+
+    /// Why a node cannot be made again, if it cannot.
+    fn obstacle(&mut self, run: usize, node: usize) -> Option<String> {
+        if let Some(known) = self.known.get(&(run, node)) {
+            return known.clone();
+        }
+        let obstacle = self.obstacle_of(run, node).err();
+        self.known.insert((run, node), obstacle.clone());
+        obstacle
+    }
+
+    fn obstacle_of(&mut self, run: usize, node: usize) -> Result<(), String> {
+        let recorded = self.node(run, node);
+        let kind = self.kind(recorded)?;
+        let params = kind.resolve(&recorded.params).map_err(|error| misfit(recorded, &error))?;
+        let signature = kind.signature(&params).map_err(|fault| fault.chain())?;
+        fits(&signature, recorded)?;
+        if signature.contract == Contract::Ordered && self.recording.plan().every > 1 {
+            let every = self.recording.plan().every;
+            return Err(format!("it sees every frame, and the recording has the values of one in {every}"));
+        }
+        for input in &recorded.inputs {
+            self.feed(run, node, input).map_err(|why| format!("input `{}` {why}", input.port))?;
+        }
+        Ok(())
+    }
+
+    fn kind(&self, recorded: &RecordedNode) -> Result<&'a NodeKind, String> {
+        let kind = self.registry.node_kind(&recorded.kind);
+        kind.ok_or_else(|| format!("this program has no kind `{}`", recorded.kind))
+    }
+
+    /// Where an input comes from; if from nowhere, why not.
+    fn feed(&mut self, run: usize, node: usize, input: &RecordedInput) -> Result<Feed, String> {
+        let Some(from) = &input.from else { return Ok(Feed::Nothing) };
+        if let Some(file) = from.strip_prefix("file") {
+            return Err(format!("was the file `{}`, which is not in the recording", file.trim()));
+        }
+        let (run, node, port) = match from.strip_prefix("once ") {
+            Some(from) => self.giver(from, &self.node(run, node).variants)?,
+            None => match self.recording.plan().outputs(run).find(|(_, output)| output.topic == *from) {
+                Some((_, output)) if output.recorded => return Ok(Feed::Topic(from.clone())),
+                Some((Slot::Node { node, port }, _)) => (run, node, port),
+                Some((Slot::Source { .. }, _)) | None => {
+                    return Err(format!("was {from}, which is not in the recording"));
+                }
+            },
+        };
+        if let Some(once) = self.once_value(run, node, port)
+            && matches!(once.content, RecordedContent::Attachment { .. })
+        {
+            return Ok(Feed::Recorded(once.clone()));
+        }
+        match self.obstacle(run, node) {
+            None => Ok(Feed::Made { run, node, port }),
+            Some(why) => {
+                let name = &self.node(run, node).name;
+                Err(format!(
+                    "was of node `{name}`, whose values are neither in the recording nor can be made again: {why}"
+                ))
+            }
+        }
+    }
+
+    /// The node that gave a once-value to a node of these variants: of equal names the one that served them all.
+    fn giver(&self, from: &str, variants: &[usize]) -> Result<(usize, usize, usize), String> {
+        let mut found = Vec::new();
+        for (r, run) in self.recording.plan().runs.iter().enumerate() {
+            for (n, node) in run.nodes.iter().enumerate() {
+                let of_port = |output: &RecordedOutput| format!("{}.{}/{}", run.stage, node.name, output.port) == from;
+                if let Some(port) = node.outputs.iter().position(of_port)
+                    && variants.iter().all(|variant| node.variants.contains(variant))
+                {
+                    found.push((r, n, port));
+                }
+            }
+        }
+        match found.as_slice() {
+            [one] => Ok(*one),
+            [] => Err(format!("was {from}, which the recording's plan does not have")),
+            _ => Err(format!("was {from}, and several nodes of that name serve its variants")),
+        }
+    }
+
+    /// Adds a node and those it reads whose values are not recorded; its index in the plan.
+    fn add(&mut self, run: usize, node: usize) -> Result<usize, Obstacle> {
+        if let Some(index) = self.runs[run].nodes.iter().position(|made| made.recorded == node) {
+            return Ok(index);
+        }
+        let recorded = self.node(run, node);
+        let kind = self.kind(recorded)?;
+        let version = kind.declaration.version;
+        let mut remarks = Vec::new();
+        if version != recorded.version {
+            remarks
+                .push(format!("recorded by version {} of its kind, made again by version {version}", recorded.version));
+        }
+        let params = kind.resolve(&recorded.params).map_err(|error| misfit(recorded, &error))?;
+        let signature = kind.signature(&params).map_err(|fault| Obstacle::from(fault.chain()))?;
+        let mut inputs = Vec::with_capacity(signature.inputs.len());
+        for port in &signature.inputs {
+            let wired = recorded.inputs.iter().find(|input| input.port == port.name);
+            let feed = wired.map_or(Ok(Feed::Nothing), |input| self.feed(run, node, input))?;
+            if let Feed::Made { run, node, .. } = &feed {
+                remarks.push(format!("reads `{}` made again, which is not recorded", self.node(*run, *node).name));
+            }
+            inputs.push(PlannedInput { port: port.clone(), from: self.origin(run, feed)?, shown: None });
+        }
+        let built = kind.build(&params).map_err(|fault| Obstacle::from(fault.chain()))?;
+        let is_guarded = signature.contract != Contract::Pure;
+        let output = |port: &Port| {
+            let topic = recorded.outputs.iter().find(|output| output.port == port.name);
+            let topic = topic.map(|output| output.topic.clone()).unwrap_or_default();
+            // One that fails gives nothing.
+            let port = if is_guarded { port.clone().optional() } else { port.clone() };
+            PlannedOutput { port, topic, aliases: Vec::new(), recorded: false }
+        };
+        let outputs: Vec<PlannedOutput> = signature.outputs.iter().map(output).collect();
+        let expected = outputs.iter().map(|_| None).collect();
+        let made = &mut self.runs[run];
+        let built = self.failures.guard((run, made.built.len()), built, &signature.outputs);
+        made.planned.push(PlannedNode {
+            name: recorded.name.clone(),
+            kind: recorded.kind.clone(),
+            version,
+            contract: signature.contract,
+            shown: recorded.params.clone(),
+            portable: recorded.params.clone(),
+            params,
+            auto: Vec::new(),
+            inputs,
+            outputs,
+            observes: signature.observes,
+            // It tells the node from others of the plan, which is what the runner asks of it.
+            recipe: recorded.recipe,
+            variants: recorded.variants.clone(),
+        });
+        made.built.push(built);
+        made.nodes.push(Replayed { recorded: node, expected, remarks });
+        Ok(made.nodes.len() - 1)
+    }
+
+    fn origin(&mut self, run: usize, feed: Feed) -> Result<Option<Origin>, Obstacle> {
+        Ok(match feed {
+            Feed::Nothing => None,
+            Feed::Topic(topic) => Some(Origin::Here(Slot::Source { port: self.runs[run].topic(&topic) })),
+            Feed::Made { run: of, node, port } => {
+                let recorded = &self.node(of, node).outputs[port];
+                let index = self.add(of, node)?;
+                let mut outputs = self.runs[of].planned[index].outputs.iter();
+                let port = outputs.position(|output| output.port.name == recorded.port);
+                let port = port.ok_or_else(|| format!("its kind has no output `{}` any more", recorded.port))?;
+                Some(if recorded.once {
+                    Origin::Once { run: of, node: index, port }
+                } else {
+                    Origin::Here(Slot::Node { node: index, port })
+                })
+            }
+            Feed::Recorded(once) => {
+                let name = PathBuf::from(format!("{}.{}.{}", once.run, once.node, once.port));
+                if !self.files.contains_key(&name) {
+                    let value = self.recording.once_value(&once);
+                    let value = value.map_err(|error| Obstacle { why: error.to_string(), is_damage: true })?;
+                    self.files.insert(name.clone(), value);
+                }
+                Some(Origin::File(name))
+            }
+        })
+    }
+}
+
+impl MadeRun {
+    /// The source's port of a topic.
+    fn topic(&mut self, topic: &str) -> usize {
+        let known = self.topics.iter().position(|known| *known == topic);
+        known.unwrap_or_else(|| {
+            self.topics.push(Port::lasting(topic));
+            self.topics.len() - 1
+        })
+    }
+}
+
+/// Whether a node can still be of its kind, by contract and ports.
+fn fits(declared: &Signature, recorded: &RecordedNode) -> Result<(), String> {
+    if declared.contract.name() != recorded.contract {
+        return Err(format!("its kind is {} now, and was {}", declared.contract.name(), recorded.contract));
+    }
+    let is_wired = |port: &Port| recorded.inputs.iter().any(|input| input.port == port.name && input.from.is_some());
+    if let Some(port) = declared.inputs.iter().find(|port| !port.optional && !is_wired(port)) {
+        return Err(format!("its kind wants an input `{}` now, which was not wired", port.name));
+    }
+    let is_known = |input: &RecordedInput| declared.inputs.iter().any(|port| port.name == input.port);
+    if let Some(input) = recorded.inputs.iter().find(|input| input.from.is_some() && !is_known(input)) {
+        return Err(format!("its kind has no input `{}` any more", input.port));
+    }
+    for output in recorded.outputs.iter().filter(|output| output.recorded) {
+        let port = declared.outputs.iter().find(|port| port.name == output.port);
+        let port = port.ok_or_else(|| format!("its kind has no output `{}` any more", output.port))?;
+        if port.value_type.name() != output.value_type || (port.rate == Rate::Once) != output.once {
+            return Err(format!("output `{}` is {} now, and was {}", output.port, port.value_type, output.value_type));
+        }
+    }
+    Ok(())
+}
+
+/// Why a kind does not take the parameters that were recorded.
+fn misfit(recorded: &RecordedNode, error: &ParamError) -> String {
+    let name = error.path.join(".");
+    let at = error
+        .path
+        .iter()
+        .try_fold(&recorded.params, |at, key| at.get(key).or_else(|| at.get(key.parse::<usize>().ok()?)));
+    match at.and_then(|at| at.as_object()) {
+        Some(file) if file.contains_key("content") || file.contains_key("name") => {
+            format!("parameter `{name}` was a file, which is not in the recording")
+        }
+        _ => format!("its kind does not take the recorded parameters: `{name}`: {}", error.what),
+    }
+}
+
+fn source_output(recording: &Recording, run: usize, topic: &'static str) -> PlannedOutput {
+    let found = recording.plan().find(run, topic).and_then(|(_, output)| output.value_type());
+    let value_type = found.expect("a topic was found in the plan before, whose types were checked");
+    let port = Port::frame(topic, value_type, "As recorded.").optional();
+    PlannedOutput { port, topic: topic.to_owned(), aliases: Vec::new(), recorded: true }
+}

@@ -1,0 +1,328 @@
+//! The tap that compares: values made again with those recorded, on the workers, and counted in the order of frames.
+
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use depthloom_graphs::contracts::{Commit, Failure, Slot, Tap, TapError, Warned};
+use depthloom_graphs::plan::{Origin, Plan, PlannedInput};
+use depthloom_graphs::values::{Difference, Differs};
+use depthloom_graphs::{Frame, Key, Value, ValueType};
+use depthloom_recording::Recording;
+use depthloom_threads::{into_unlocked, locked};
+
+use crate::guard::Failures;
+use crate::plan::{Expected, Replay, Replayed, Unchecked};
+use crate::tolerance::Tolerances;
+
+/// Compares what a replay makes with what was recorded.
+pub struct Checker {
+    recording: Arc<Recording>,
+    nodes: Vec<Vec<Replayed>>,
+    plan: Plan,
+    tolerances: Tolerances,
+    failures: Failures,
+    state: Mutex<State>,
+}
+
+#[derive(Default)]
+struct State {
+    /// By stage run and node.
+    tallies: Vec<Vec<Tally>>,
+    damage: Vec<String>,
+}
+
+/// What the comparison of a node came to.
+#[derive(Clone, Debug, Default)]
+pub struct Tally {
+    /// How many frames, or once-values, were compared.
+    pub values: u64,
+    /// How many of them differ.
+    pub different: u64,
+    /// How many numbers were compared in them.
+    pub numbers: u64,
+    /// How many of these differ.
+    pub different_numbers: u64,
+    /// The first that differs.
+    pub first: Option<Placed>,
+    /// The one that differs most.
+    pub worst: Option<Placed>,
+    /// The ports whose once-values came.
+    came: Vec<usize>,
+}
+
+/// A difference, and of which value.
+#[derive(Clone, Debug)]
+pub struct Placed {
+    /// The frame's id; `None` of a once-value.
+    pub frame: Option<Arc<str>>,
+    /// The topic.
+    pub topic: String,
+    /// The type of its values.
+    pub value_type: ValueType,
+    /// The difference.
+    pub differs: Differs,
+}
+
+/// What a replay came to.
+pub struct Outcome {
+    /// Of each node that was compared, in plan order: its stage run, the node, and what came of it.
+    pub checked: Vec<(usize, Replayed, Tally)>,
+    /// The nodes that could not be compared, for they read what one that failed did not give.
+    pub behind: Vec<Unchecked>,
+    /// The nodes that failed where a run would have ended.
+    pub failed: Vec<Unchecked>,
+    /// What could not be read of the recording.
+    pub damage: Vec<String>,
+}
+
+const THERE: &str = "a value";
+const NONE: &str = "none";
+
+/// What a node gives that failed.
+fn failed(why: &str) -> String {
+    format!("none, for it failed: {why}")
+}
+
+impl Checker {
+    /// Of a replay; its nodes are taken out of it.
+    pub fn new(recording: Arc<Recording>, replay: &mut Replay, tolerances: Tolerances) -> Self {
+        let nodes = std::mem::take(&mut replay.nodes);
+        let tallies = nodes.iter().map(|nodes| vec![Tally::default(); nodes.len()]).collect();
+        let state = Mutex::new(State { tallies, damage: Vec::new() });
+        let (plan, failures) = (replay.ready.plan.clone(), replay.failures.clone());
+        Self { recording, nodes, plan, tolerances, failures, state }
+    }
+
+    /// What there is to tell.
+    pub fn finish(mut self) -> Outcome {
+        self.take_missing();
+        let (failed, behind) = (self.failed(), self.behind_failed());
+        let State { tallies, damage } = into_unlocked(self.state);
+        let of_runs = self.nodes.into_iter().zip(tallies).enumerate();
+        let all = of_runs.flat_map(|(run, (nodes, tallies))| {
+            nodes.into_iter().zip(tallies).map(move |(node, tally)| (run, node, tally))
+        });
+        let is_behind = |run: usize, node: &Replayed| behind.iter().any(|of| (of.run, of.node) == (run, node.recorded));
+        let mut checked: Vec<_> =
+            all.filter(|(run, node, _)| node.expected.iter().any(Option::is_some) && !is_behind(*run, node)).collect();
+        checked.sort_by_key(|(run, node, _)| (*run, node.recorded));
+        Outcome { checked, behind, failed, damage }
+    }
+
+    /// The nodes that failed where a run would have ended.
+    fn failed(&self) -> Vec<Unchecked> {
+        let all = self.nodes.iter().enumerate().flat_map(|(run, nodes)| (0..nodes.len()).map(move |node| (run, node)));
+        let failed = all.filter_map(|(run, node)| {
+            let why = self.failures.of(run, node)?;
+            Some(Unchecked { run, node: self.nodes[run][node].recorded, why, is_damage: false })
+        });
+        failed.collect()
+    }
+
+    /// The nodes that read, made again, what one that failed did not give.
+    fn behind_failed(&self) -> Vec<Unchecked> {
+        let mut without: BTreeMap<(usize, usize), String> = BTreeMap::new();
+        loop {
+            let before = without.len();
+            for (run, of) in self.plan.runs.iter().enumerate() {
+                for (node, planned) in of.nodes.iter().enumerate() {
+                    let giver = |input: &PlannedInput| match input.from.as_ref()? {
+                        Origin::Here(Slot::Node { node, .. }) => Some((run, *node)),
+                        Origin::Once { run, node, .. } => Some((*run, *node)),
+                        Origin::Here(Slot::Source { .. }) | Origin::File(_) => None,
+                    };
+                    let is_failed = |(run, node): &(usize, usize)| self.failures.of(*run, *node).is_some();
+                    let mut givers = planned.inputs.iter().filter_map(giver);
+                    let failed = givers.find(|giver| is_failed(giver) || without.contains_key(giver));
+                    if let (Some((of, giver)), false) = (failed, is_failed(&(run, node))) {
+                        let name = &self.plan.runs[of].nodes[giver].name;
+                        without.insert((run, node), format!("it reads `{name}` made again, which failed"));
+                    }
+                }
+            }
+            if without.len() == before {
+                break;
+            }
+        }
+        let told = |((run, node), why): ((usize, usize), String)| {
+            let replayed = &self.nodes[run][node];
+            let is_asked = replayed.expected.iter().any(Option::is_some);
+            is_asked.then_some(Unchecked { run, node: replayed.recorded, why, is_damage: false })
+        };
+        without.into_iter().filter_map(told).collect()
+    }
+
+    /// Counts the once-values that were recorded and did not come again.
+    fn take_missing(&mut self) {
+        let state = self.state.get_mut().unwrap_or_else(PoisonError::into_inner);
+        for (run, nodes) in self.nodes.iter().enumerate() {
+            for (index, node) in nodes.iter().enumerate() {
+                for (port, expected) in node.expected.iter().enumerate() {
+                    let tally = &mut state.tallies[run][index];
+                    if matches!(expected, Some(Expected::Once { value: Some(_) })) && !tally.came.contains(&port) {
+                        let output = &self.plan.runs[run].nodes[index].outputs[port];
+                        tally.values += 1;
+                        tally.different += 1;
+                        let value_type = output.port.value_type;
+                        let why = self.failures.of(run, index).map(|why| failed(&why));
+                        let now = why.as_deref().unwrap_or(NONE);
+                        tally.take(None, (&output.topic, value_type), Difference::whole(THERE, now));
+                    }
+                }
+            }
+        }
+    }
+
+    fn state<R>(&self, f: impl FnOnce(&mut State) -> R) -> R {
+        f(&mut locked(&self.state))
+    }
+
+    fn between(&self, recorded: Option<&Value>, now: Option<&Value>) -> Option<Difference> {
+        // Of no rows of scores nothing is recorded.
+        let is_there = |value: &&Value| !matches!(value, Value::Scores(rows) if rows.is_empty());
+        match (recorded.filter(is_there), now.filter(is_there)) {
+            (Some(recorded), Some(now)) => {
+                Some(Difference::between(recorded, now, self.tolerances.of_type(now.value_type())))
+            }
+            (Some(_), None) => Some(Difference::whole(THERE, NONE)),
+            (None, Some(_)) => Some(Difference::whole(NONE, THERE)),
+            (None, None) => None,
+        }
+    }
+
+    /// Says why a value is not there, where it is known: what failed on its frame before, and what now.
+    fn explain(
+        &self,
+        (run, node): (usize, usize),
+        differs: &mut Differs,
+        before: Option<&Failure>,
+        now: Option<&Failure>,
+    ) {
+        let Differs::Whole { recorded, now: made } = differs else { return };
+        if let Some(why) = self.failures.of(run, node).filter(|_| made == NONE) {
+            *made = failed(&why);
+        }
+        if let Some(before) = before.filter(|_| recorded == NONE) {
+            *recorded = format!("none, for it failed: {}", before.what);
+        }
+        if let Some((failure, node)) = now.filter(|_| made == NONE).and_then(|now| Some((now, now.node?))) {
+            let name = &self.plan.runs[run].nodes[node].name;
+            *made = format!("none, for `{name}` failed: {}", failure.what);
+        }
+    }
+
+    /// What failed on a frame when it was recorded.
+    fn recorded_failure(&self, run: usize, frame: &Frame, node: usize) -> Option<&Failure> {
+        let frame = self.recording.frames(run).iter().find(|of| of.index == frame.index)?;
+        frame.failures.iter().find(|failure| failure.node == Some(node))
+    }
+}
+
+impl Tally {
+    fn take(&mut self, frame: Option<&Arc<str>>, (topic, value_type): (&str, ValueType), difference: Difference) {
+        self.numbers += difference.numbers;
+        self.different_numbers += difference.different;
+        let placed = |differs| Placed { frame: frame.cloned(), topic: topic.to_owned(), value_type, differs };
+        if self.first.is_none() {
+            self.first = difference.first.map(placed);
+        }
+        if let Some(worst) = difference.worst
+            && self.worst.as_ref().is_none_or(|before| worst.by() > before.differs.by())
+        {
+            self.worst = Some(placed(worst));
+        }
+    }
+}
+
+impl Tap for Checker {
+    /// By output port that has a value on either side.
+    type Part = Vec<(usize, Difference)>;
+
+    /// One a node.
+    fn parts(&self, run: usize) -> usize {
+        self.nodes[run].len()
+    }
+
+    fn part(&self, run: usize, slot: Slot) -> Option<usize> {
+        let is_compared = |expected: &Option<Expected>, with: usize| matches!(expected, Some(Expected::Frames { port }) if *port == with);
+        match slot {
+            Slot::Source { port } => {
+                self.nodes[run].iter().position(|node| node.expected.iter().any(|expected| is_compared(expected, port)))
+            }
+            Slot::Node { node, port } => {
+                matches!(self.nodes[run][node].expected[port], Some(Expected::Frames { .. })).then_some(node)
+            }
+        }
+    }
+
+    fn encode(
+        &self,
+        run: usize,
+        _: (usize, &Frame),
+        node: usize,
+        values: &[(Slot, Value)],
+    ) -> Result<Self::Part, TapError> {
+        let at = |slot: Slot| values.iter().find(|(of, _)| *of == slot).map(|(_, value)| value);
+        let of_port = |(port, expected): (usize, &Option<Expected>)| {
+            let Some(Expected::Frames { port: recorded }) = expected else { return None };
+            let recorded = at(Slot::Source { port: *recorded });
+            Some((port, self.between(recorded, at(Slot::Node { node, port }))?))
+        };
+        Ok(self.nodes[run][node].expected.iter().enumerate().filter_map(of_port).collect())
+    }
+
+    fn write(&self, commit: &Commit<'_>, parts: Vec<Self::Part>) -> Result<(), TapError> {
+        let (run, frame) = (commit.run, commit.frame);
+        if let Some(unreadable) = commit.failures.iter().find(|failure| failure.node.is_none()) {
+            self.state(|state| state.damage.push(format!("frame `{}`: {}", frame.id, unreadable.what)));
+            return Ok(());
+        }
+        for (node, part) in parts.into_iter().enumerate() {
+            if part.is_empty() {
+                continue;
+            }
+            let before = self.recorded_failure(run, frame, self.nodes[run][node].recorded);
+            let own = commit.failures.iter().find(|failure| failure.node == Some(node));
+            let now = own.or_else(|| commit.failures.first());
+            let differs = part.iter().any(|(_, difference)| difference.different > 0);
+            self.state(|state| {
+                let tally = &mut state.tallies[run][node];
+                tally.values += 1;
+                tally.different += u64::from(differs);
+                for (port, mut difference) in part {
+                    for differs in [&mut difference.first, &mut difference.worst].into_iter().flatten() {
+                        self.explain((run, node), differs, before, now);
+                    }
+                    let output = &self.plan.runs[run].nodes[node].outputs[port];
+                    tally.take(Some(&frame.id), (&output.topic, output.port.value_type), difference);
+                }
+            });
+        }
+        Ok(())
+    }
+
+    fn once(&self, run: usize, slot: Slot, _: &Key, value: &Value, _: &[Warned]) -> Result<(), TapError> {
+        let Slot::Node { node, port } = slot else { return Ok(()) };
+        let Some(Expected::Once { value: recorded }) = &self.nodes[run][node].expected[port] else { return Ok(()) };
+        let output = &self.plan.runs[run].nodes[node].outputs[port];
+        let recorded = match recorded.as_ref().map(|once| self.recording.once_value(once)).transpose() {
+            Ok(recorded) => recorded,
+            Err(error) => {
+                self.state(|state| {
+                    state.damage.push(format!("{}: {error}", output.topic));
+                    state.tallies[run][node].came.push(port);
+                });
+                return Ok(());
+            }
+        };
+        let difference = self.between(recorded.as_ref(), Some(value)).unwrap_or_default();
+        self.state(|state| {
+            let tally = &mut state.tallies[run][node];
+            tally.came.push(port);
+            tally.values += 1;
+            tally.different += u64::from(difference.different > 0);
+            tally.take(None, (&output.topic, output.port.value_type), difference);
+        });
+        Ok(())
+    }
+}
