@@ -117,14 +117,20 @@ fn set_paths(plan: &Plan) -> Vec<String> {
     let mut paths = BTreeSet::new();
     let mut add = |owner: &str, params: &serde_json::Value| {
         let names = params.as_object().into_iter().flat_map(|params| params.keys());
-        paths.extend(names.map(|name| format!("{owner}.with.{name}=")));
+        paths.extend(names.map(|name| format!("{owner}.{name}=")));
     };
     for run in &plan.runs {
         // Parameters of sources that are joined are those of other sources.
         if let [part] = run.source.parts.as_slice() {
-            add(&format!("sources.{}", run.source.name), &part.params);
+            add(&format!("sources.{}.with", run.source.name), &part.params);
         }
-        run.nodes.iter().for_each(|node| add(&format!("{}.{}", run.stage, node.name), &node.params));
+        for node in &run.nodes {
+            // What a stage scores is set under `score`, for all its estimates.
+            match node.kind.starts_with("score/") {
+                true => add(&format!("{}.score", run.stage), &node.params),
+                false => add(&format!("{}.{}.with", run.stage, node.name), &node.params),
+            }
+        }
     }
     paths.into_iter().collect()
 }

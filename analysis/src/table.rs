@@ -361,9 +361,15 @@ pub(crate) fn incomplete_frames(recording: &Recording, estimators: &[Estimator],
     let mut notes = Vec::new();
     for (run, planned) in recording.plan().runs.iter().enumerate() {
         let own: Vec<usize> = (0..estimators.len()).filter(|place| estimators[*place].run == run).collect();
-        let (mut frames, mut labels) = (0, Vec::new());
+        let (mut frames, mut unscored, mut labels) = (0, 0, Vec::new());
         for (position, frame) in recording.frames(run).iter().enumerate() {
-            let Some(there) = scored.get(&(run, position)).filter(|_| frame.failures.is_empty()) else { continue };
+            if !frame.failures.is_empty() {
+                continue;
+            }
+            let Some(there) = scored.get(&(run, position)) else {
+                unscored += 1;
+                continue;
+            };
             let missing: Vec<&str> = own
                 .iter()
                 .filter(|place| !there.contains(place))
@@ -376,8 +382,14 @@ pub(crate) fn incomplete_frames(recording: &Recording, estimators: &[Estimator],
                 }
             }
         }
+        let all = recording.frames(run).len();
+        if !own.is_empty() && 0 < unscored && unscored < all {
+            notes.push(format!(
+                "stage `{}`: means leave out {unscored} of {all} frames, which have no truth or no value of any estimate",
+                planned.name()
+            ));
+        }
         if frames > 0 {
-            let all = recording.frames(run).len();
             notes.push(format!(
                 "stage `{}`: means leave out {frames} of {all} frames, on which there is no value of {}",
                 planned.name(),

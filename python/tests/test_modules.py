@@ -7,6 +7,7 @@ import importlib
 import importlib.util
 import json
 import os
+import py_compile
 import subprocess
 import sys
 import zipfile
@@ -29,7 +30,7 @@ def test_own_modules_are_reported_by_content_and_installed_ones_by_version(tmp_p
     names = {module["name"] for module in report["modules"]}
     assert "own_of_test.py" in names and "late_of_test.py" not in names
     assert not any(name.startswith("json") for name in names), "Python's own modules are no modules of the program"
-    assert report["packages"]["numpy"] == np.__version__
+    assert report["packages"]["numpy"].partition(" ")[0] == np.__version__
     assert imports.news() is None
     importlib.import_module("late_of_test")
     late = {module["name"] for module in json.loads(imports.news() or "")["modules"]}
@@ -61,6 +62,51 @@ def test_files_that_were_opened_before_serving_are_reported_by_content(tmp_path:
     files = json.loads(imports.news() or "")["files"]
     assert {file["name"] for file in files} == {"settings.json", "weights.npy"}
     assert {file["hash"] for file in files} == {hashlib.sha256(b"1").hexdigest()}
+
+
+def test_files_that_were_opened_to_be_changed_and_were_not_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(_opened, "_read", set())
+    for name in ("read", "changed"):
+        (tmp_path / name).write_text("1")
+    _opened.watch()
+    for name, more in (("read", ""), ("changed", "2")):
+        with open(tmp_path / name, "r+") as file:
+            file.write(file.read() + more if more else "")
+    assert [os.path.basename(file) for file in _opened.take() if file.startswith(str(tmp_path))] == ["read"]
+
+
+def test_a_file_that_is_opened_later_is_reported_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(_opened, "_read", set())
+    (tmp_path / "late.txt").write_text("1")
+    imports = Imports()
+    imports.news()
+    _opened.watch()
+    (tmp_path / "late.txt").read_text()
+    assert [os.path.basename(file) for file in json.loads(imports.news() or "{}")["late"]] == ["late.txt"]
+    _opened.watch()
+    (tmp_path / "late.txt").read_text()
+    assert imports.news() is None
+
+
+def test_a_compiled_file_that_runs_instead_of_a_module_is_part_of_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    module = tmp_path / "compiled_of_test.py"
+
+    def reported() -> str:
+        importlib.invalidate_caches()
+        importlib.import_module("compiled_of_test")
+        modules = json.loads(Imports().news() or "")["modules"]
+        sys.modules.pop("compiled_of_test")
+        return str(next(of["hash"] for of in modules if of["name"] == "compiled_of_test.py"))
+
+    module.write_text("K = 1.3\n")
+    plain = reported()
+    py_compile.compile(str(module))
+    assert reported() == plain, "it was made from the module as it is"
+    module.write_text("K = 1.0\n")
+    py_compile.compile(str(module), invalidation_mode=py_compile.PycInvalidationMode.UNCHECKED_HASH)
+    module.write_text("K = 1.3\n")
+    assert reported() != plain
 
 
 def test_modules_of_an_archive_and_modules_that_are_forgotten_are_opened_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

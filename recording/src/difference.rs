@@ -299,7 +299,7 @@ impl fmt::Display for Difference {
             Self::Upstream { port, from } => write!(f, "input {port}: {from} differs"),
             Self::Unseen { files } if files.is_empty() => {
                 f.write_str(
-                    "the engine that computes it (version, build or provider), what its program imports, or the value of a variable in its parameters",
+                    "the engine that computes it (version, build or provider), what its program imports (with neither `code` nor `version` it is new in every run), the order of its parameters, or the value of a variable in them",
                 )
             }
             Self::Unseen { files } => write!(f, "what is in {}", files.join(" or ")),
@@ -411,7 +411,7 @@ mod tests {
                 "b[] input in: a/out differs",
                 "c[] what is in net.onnx",
                 "d[] input in: a/out -> b/out",
-                "e[] the engine that computes it (version, build or provider), what its program imports, or the value of a variable in its parameters",
+                "e[] the engine that computes it (version, build or provider), what its program imports (with neither `code` nor `version` it is new in every run), the order of its parameters, or the value of a variable in them",
                 "renamed[] ",
                 "new[] new ",
             ]

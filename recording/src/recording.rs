@@ -120,7 +120,12 @@ impl Recording {
         }
         file.read_exact(&mut magic, 0)?;
         if magic != mcap::MAGIC {
-            return Err(RecordingError::NotMcap { path: file.path });
+            let mut end = [0; MAGIC as usize];
+            file.read_exact(&mut end, file.size - MAGIC)?;
+            return Err(match end == mcap::MAGIC {
+                true => file.damaged(0, "it does not begin as an MCAP file, and ends as one"),
+                false => RecordingError::NotMcap { path: file.path },
+            });
         }
         let whole = Index::of_summary(&file).and_then(|index| index.map(|index| Found::of(&file, index)).transpose());
         let (found, condition) = match whole {

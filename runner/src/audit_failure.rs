@@ -51,10 +51,9 @@ impl AuditFailure {
                 "the data changed in a way that the cache key of a frame does not include, or the recording is damaged (`depthloom info --check`)"
             }
         };
-        let stale = self
-            .stored_in
-            .as_ref()
-            .map_or_else(String::new, |path| format!("; remove the run of {path}, and the runs that reused it (`depthloom runs` marks them), so that no other run does"));
+        let stale = self.stored_in.as_ref().map_or_else(String::new, |path| {
+            format!("; remove the run of {path}, and runs that reused its values, so that no other run reuses them")
+        });
         format!("{cause}; `--fresh` recomputes all values{stale}")
     }
 }

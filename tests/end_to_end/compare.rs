@@ -291,6 +291,26 @@ fn several_runs_have_one_table_with_the_settings_in_which_they_differ() {
 }
 
 #[test]
+fn in_a_table_of_several_runs_each_variant_has_its_own_settings() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let plain = EXPERIMENT.split("variants:").next().expect("a part");
+    for (name, blocks) in [("wide", "[3, 5, 7]"), ("narrow", "[5, 11]")] {
+        let text = format!("{plain}matrix:\n  look.stereo.with.block: {blocks}\n");
+        std::fs::write(folder.join(format!("{name}.yaml")), text).expect("written");
+        let file = format!("{name}.yaml");
+        succeed(depthloom().current_dir(folder).args(["run", "--no-page", &file, "--quiet", "--out", name]));
+    }
+    let arguments = ["table", "wide", "narrow", "--format", "csv", "--out", "blocks.csv"];
+    succeed(depthloom().current_dir(folder).args(arguments));
+    let rows = read_csv(&folder.join("blocks.csv"));
+    assert_eq!(rows.len(), 5 * 2);
+    for row in &rows {
+        assert_eq!(row["variant"], format!("block={}", row["look.stereo.block"]), "{row:?}");
+    }
+}
+
+#[test]
 fn a_table_for_latex_has_its_own_caption_label_and_digits_and_intervals_stay_with_their_scores() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();

@@ -1,5 +1,7 @@
 //! Estimates of several runs in one table, with the settings in which the runs differ.
 
+use std::collections::HashMap;
+
 use depthloom_recording::{Difference, Recording};
 use depthloom_scores::PixelSet;
 use serde_json::Value as Json;
@@ -199,9 +201,8 @@ impl<'a> Board<'a> {
             key("estimator", &|entry| Some(self.ablations[entry.run].name(&entry.row))),
             key("set", &set),
         ];
-        for (setting, values) in self.settings() {
-            let cells = shown.iter().map(|entry| values[entry.run].clone()).collect();
-            columns.push(GridColumn::key(setting, cells));
+        for (setting, values) in self.settings(&shown) {
+            columns.push(GridColumn::key(setting, values));
         }
         for column in &self.columns {
             columns.push(self.column(column, &order)?);
@@ -276,34 +277,65 @@ impl<'a> Board<'a> {
         Ok(found)
     }
 
-    /// The parameters in which the runs differ: `stage.node.parameter`, and its value by run.
-    fn settings(&self) -> Vec<(String, Vec<Option<String>>)> {
-        let text = |value: &Option<Json>| {
-            value.as_ref().map(|value| value.as_str().map_or_else(|| value.to_string(), str::to_owned))
+    /// The parameters in which the entries differ: `stage.node.parameter`, and its value by entry; `None` where variants that share an entry do not agree.
+    fn settings(&self, entries: &[&Entry]) -> Vec<(String, Vec<Option<String>>)> {
+        let text = |value: Json| value.as_str().map_or_else(|| value.to_string(), str::to_owned);
+        let variants = |entry: &Entry| -> Vec<Option<usize>> {
+            let all = &self.runs[entry.run].recording.plan().variants;
+            let is_of = |name: &&String| match &self.ablations[entry.run].estimator(&entry.row).lead.variant {
+                Some(variant) => *name == variant,
+                None => true,
+            };
+            let own: Vec<_> = (0..all.len()).filter(|variant| is_of(&&all[*variant])).map(Some).collect();
+            if own.is_empty() { vec![None] } else { own }
         };
-        let mut settings: Vec<(String, Vec<Option<String>>)> = Vec::new();
-        let first = self.runs[0].recording.plan();
-        for (run, of) in self.runs.iter().enumerate().skip(1) {
-            let mut changed: Vec<String> = Vec::new();
-            for (node, difference) in parameter_changes(first, of.recording.plan()) {
-                let Difference::Parameter { path, before, after } = difference else { continue };
-                // `stage.node of variants`: what all of them change alike is one setting.
-                let of_all = format!("{}.{path}", node.split(" of ").next().unwrap_or(&node));
-                let value = text(&after);
-                let is_other = |(name, values): &(String, Vec<Option<String>>)| *name == of_all && values[run] != value;
-                let name = match changed.contains(&of_all) && settings.iter().any(is_other) {
-                    true => format!("{node}.{path}"),
-                    false => of_all,
-                };
-                changed.push(name.clone());
-                let place = settings.iter().position(|(known, _)| *known == name).unwrap_or_else(|| {
-                    // What a run does not change is as in the first one.
-                    settings.push((name, vec![text(&before); self.runs.len()]));
-                    settings.len() - 1
+        let Some(first) = entries.first() else { return Vec::new() };
+        let base = (self.runs[first.run].recording.plan(), variants(first)[0]);
+        // Of each variant of a run, what is not as in the first entry.
+        let mut known: HashMap<(usize, Option<usize>), Vec<Setting>> = HashMap::new();
+        for entry in entries {
+            for variant in variants(entry) {
+                known.entry((entry.run, variant)).or_insert_with(|| {
+                    let of = (self.runs[entry.run].recording.plan(), variant);
+                    let changes = parameter_changes(base, of).into_iter();
+                    let setting = |(node, difference)| match difference {
+                        Difference::Parameter { path, before, after } => Some(Setting {
+                            name: format!("{node}.{path}"),
+                            before: before.map(text),
+                            after: after.map(text),
+                        }),
+                        _ => None,
+                    };
+                    changes.filter_map(setting).collect()
                 });
-                settings[place].1[run] = value;
             }
         }
-        settings
+        let mut names: Vec<(&str, &Option<String>)> = Vec::new();
+        for entry in entries {
+            for setting in variants(entry).iter().flat_map(|variant| &known[&(entry.run, *variant)]) {
+                if !names.iter().any(|(name, _)| *name == setting.name) {
+                    names.push((&setting.name, &setting.before));
+                }
+            }
+        }
+        let value = |entry: &Entry, (name, before): (&str, &Option<String>)| {
+            let of_variant = |variant: Option<usize>| {
+                let changed = known[&(entry.run, variant)].iter().find(|setting| setting.name == name);
+                changed.map_or(before, |setting| &setting.after)
+            };
+            let variants = variants(entry);
+            let value = of_variant(variants[0]);
+            value.clone().filter(|_| variants.iter().all(|variant| of_variant(*variant) == value))
+        };
+        let values = |name| entries.iter().map(|entry| value(entry, name)).collect();
+        names.into_iter().map(|name| (name.0.to_owned(), values(name))).collect()
     }
+}
+
+/// A parameter that is not as in the first entry.
+struct Setting {
+    /// `stage.node.parameter`.
+    name: String,
+    before: Option<String>,
+    after: Option<String>,
 }

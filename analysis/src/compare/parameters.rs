@@ -35,9 +35,12 @@ impl Changed {
     }
 }
 
-/// The differences of parameters between two plans, each with its node.
-pub(crate) fn parameter_changes(before: &RecordedPlan, after: &RecordedPlan) -> Vec<(String, Difference)> {
-    let all = changed((before, None), (after, None)).into_iter();
+/// The differences between two plans, or a variant of each, with the node of each difference.
+pub(crate) fn parameter_changes(
+    before: (&RecordedPlan, Option<usize>),
+    after: (&RecordedPlan, Option<usize>),
+) -> Vec<(String, Difference)> {
+    let all = changed(before, after).into_iter();
     let difference = |changed: Changed| match changed.change {
         Change::Difference(difference) => Some((changed.node, difference)),
         Change::New | Change::Gone => None,

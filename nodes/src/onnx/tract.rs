@@ -33,6 +33,7 @@ impl TractSession {
         caught(|| {
             let mut model = Box::new(tract_onnx::onnx().proto_model_for_read(&mut model)?);
             name_nodes(&mut model);
+            check_domains(&model)?;
             Ok(Self { model, plan: None })
         })
     }
@@ -103,6 +104,18 @@ fn name_nodes(model: &mut ModelProto) {
         if node.name.is_empty() {
             node.name = format!("{}_{index}", node.op_type);
         }
+    }
+}
+
+/// Refuses operators of domains that tract does not implement: it would take `Conv` of any domain for ONNX's.
+fn check_domains(model: &ModelProto) -> TractResult<()> {
+    const KNOWN: [&str; 4] = ["", "ai.onnx", "ai.onnx.ml", "com.microsoft"];
+    let nodes = model.graph.iter().flat_map(|graph| &graph.node);
+    match nodes.into_iter().find(|node| !KNOWN.contains(&node.domain.as_str())) {
+        Some(node) => {
+            Err(TractError::msg(format!("operator `{}` of domain `{}` is not known", node.op_type, node.domain)))
+        }
+        None => Ok(()),
     }
 }
 

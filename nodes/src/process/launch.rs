@@ -27,6 +27,8 @@ pub(super) struct Launch {
     pub code: Vec<(CodePath, Key)>,
     /// What it imports.
     pub modules: Modules,
+    /// The files of a frame that it declares to read; `None` if a `version` stands for all it reads.
+    pub reads: Option<Vec<PathBuf>>,
     /// How many processes there are at most.
     pub instances: usize,
     /// How long a process may take until it is ready.

@@ -7,8 +7,9 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, OnceLock};
 
-use depthloom_graphs::contracts::CodePath;
-use depthloom_graphs::{Fault, Key};
+use depthloom_graphs::contracts::{CodePath, Observation};
+use depthloom_graphs::language::glob;
+use depthloom_graphs::{Fault, Key, counted};
 use depthloom_threads::locked;
 use serde::Deserialize;
 
@@ -26,6 +27,8 @@ pub(super) struct ModuleReport {
     packages: BTreeMap<String, String>,
     /// Other files that it had opened for reading when it began to serve: settings, weights, archives of modules.
     files: Vec<Module>,
+    /// Files that it opened for reading after it began to serve.
+    late: Vec<PathBuf>,
 }
 
 /// A file that was imported or opened.
@@ -113,6 +116,23 @@ impl Modules {
             warn(format!("`{}` {what}", launch.program()));
             return Ok(());
         };
+        if let Some(reads) = &launch.reads {
+            let mut undeclared = report.late.iter().filter(|file| !is_declared(file, reads, launch));
+            match (undeclared.next(), reads.first()) {
+                (None, _) => {}
+                (Some(file), None) => note_late(launch.program(), file, undeclared),
+                (Some(file), Some(named)) => {
+                    let what = format!(
+                        "the program read {}, which neither `reads` ({}) nor `code` names, so that its content is not in the cache key",
+                        file.display(),
+                        named.display()
+                    );
+                    return Err(Fault::new(what).remedy(
+                        "name it there; a relative path in the program is one in the folder in which you call depthloom, and `reads` is relative to the YAML file",
+                    ));
+                }
+            }
+        }
         if Arc::ptr_eq(known, &report) {
             return Ok(());
         }
@@ -160,6 +180,16 @@ impl Modules {
 /// Warnings of this process: a recording does not contain them, for it is equal with any number of workers.
 static WARNINGS: Mutex<BTreeSet<String>> = Mutex::new(BTreeSet::new());
 
+/// Files that programs read after they began to serve and that nothing names, by program.
+static LATE: Mutex<BTreeMap<String, BTreeSet<PathBuf>>> = Mutex::new(BTreeMap::new());
+
+fn note_late<'a>(program: String, file: &'a PathBuf, others: impl Iterator<Item = &'a PathBuf>) {
+    let mut late = locked(&LATE);
+    let files = late.entry(program).or_default();
+    files.insert(file.clone());
+    files.extend(others.cloned());
+}
+
 fn warn(what: String) {
     locked(&WARNINGS).insert(what);
 }
@@ -167,7 +197,30 @@ fn warn(what: String) {
 /// Takes the warnings about imports of programs since the last call, each once.
 #[must_use]
 pub fn take_import_warnings() -> Vec<String> {
-    std::mem::take(&mut *locked(&WARNINGS)).into_iter().collect()
+    let late = std::mem::take(&mut *locked(&LATE)).into_iter().map(|(program, files)| {
+        let first = files.first().map(|file| file.display().to_string()).unwrap_or_default();
+        let others = match files.len().saturating_sub(1) {
+            0 => String::new(),
+            others => format!(" and {}", counted(others, "other file")),
+        };
+        format!("`{program}` read {first}{others} after it began to serve: their content is not in the cache key; name them in `reads` or `code`")
+    });
+    std::mem::take(&mut *locked(&WARNINGS)).into_iter().chain(late).collect()
+}
+
+/// Whether `reads` names a file, on any frame, or `code` does.
+fn is_declared(file: &Path, reads: &[PathBuf], launch: &Launch) -> bool {
+    let file = canonical(file);
+    let is_of = |pattern: &PathBuf| {
+        let is_fixed = |part: &&Path| Observation::is_per_frame(part).is_ok_and(|is_per_frame| !is_per_frame);
+        let fixed = pattern.ancestors().find(is_fixed).unwrap_or(Path::new(""));
+        let rest = pattern.strip_prefix(fixed).unwrap_or(Path::new(""));
+        let fixed = canonical(if fixed.as_os_str().is_empty() { Path::new(".") } else { fixed });
+        let whole = if rest.as_os_str().is_empty() { fixed } else { fixed.join(rest) };
+        let any = whole.to_string_lossy().replace("{frame}", "*").replace("{index}", "*");
+        glob(&any, &file.to_string_lossy())
+    };
+    reads.iter().any(is_of) || files_of(&launch.code).contains(&file)
 }
 
 fn changed(what: &str) -> Fault {

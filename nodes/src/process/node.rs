@@ -112,6 +112,7 @@ impl ProcessParams {
             env: self.env.iter().chain(&self.secrets).map(|(name, value)| (name.clone(), value.clone())).collect(),
             code: launch::content(&self.command, self.version, &self.code)?,
             modules: Modules::Ignored,
+            reads: self.version.is_none().then(|| self.reads.0.clone()),
             instances,
             start: Duration::from_secs_f64(self.start_timeout_s),
             frame: seconds(self.timeout_s, FRAME_S),
@@ -197,12 +198,20 @@ It runs in a process group of its own, and everything in that group ends with it
     fn fingerprint(params: &ProcessParams) -> Result<Option<Key>, Fault> {
         let files = launch::fingerprint(&params.command, params.version, &params.code)?;
         let modules = params.launch()?.modules.settled();
-        Ok(match (files, modules) {
+        let program = match (files, modules) {
             (files, None) => files,
             (files, Some(report)) => {
                 let key = Key::build("program").number(u64::from(files.is_some()));
                 let key = files.iter().fold(key, KeyBuilder::key);
                 Some(key.key(&report.key(params.version.is_some())).finish())
+            }
+        };
+        // A program sees its parameters in the order of the file; the key of a node's parameters does not have it.
+        Ok(match order_of(&params.params) {
+            None => program,
+            Some(order) => {
+                let key = Key::build("program and order").number(u64::from(program.is_some()));
+                Some(program.iter().fold(key, KeyBuilder::key).key(&order).finish())
             }
         })
     }
@@ -220,6 +229,15 @@ It runs in a process group of its own, and everything in that group ends with it
             Contract::Once => Instance::Once(Box::new(called)),
         })
     }
+}
+
+/// The order of parameters, if any of them are not in the order of their names.
+fn order_of(params: &Map<String, Json>) -> Option<Key> {
+    let written = Json::Object(params.clone());
+    let mut sorted = written.clone();
+    sorted.sort_all_objects();
+    let (text, in_order) = (written.to_string(), sorted.to_string());
+    (text != in_order).then(|| Key::build("order of parameters").text(&text).finish())
 }
 
 /// A node whose work a process does.

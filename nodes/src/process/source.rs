@@ -95,6 +95,7 @@ impl ProcessSourceParams {
             env: self.env.iter().chain(&self.secrets).map(|(name, value)| (name.clone(), value.clone())).collect(),
             code: launch::content(&self.command, self.version, &self.code)?,
             modules: if is_keyed { Modules::Known(OnceLock::new()) } else { Modules::Ignored },
+            reads: self.version.is_none().then(|| self.reads.0.clone()),
             instances: self.instances.map_or(usize::MAX, usize::from),
             start: seconds(self.start_timeout_s),
             frame: seconds(self.timeout_s),

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+import importlib.util
 import json
+import marshal
 import os
 import platform
 import re
@@ -13,6 +15,8 @@ import sysconfig
 from . import _opened
 
 _INSTALLED = {"site-packages", "dist-packages"}
+#: Files that belong to no experiment.
+_SHARED = ("/etc/", "/usr/")
 
 
 class Imports:
@@ -32,21 +36,26 @@ class Imports:
         self._main = _file_of(sys.modules.get("__main__")) or ""
         #: Files that were opened for reading so far: what is opened later depends on frames.
         self._opened = _opened.take()
+        #: Files that were opened for reading after the program began to serve.
+        self._late: set[str] = set()
         self._roots = [os.path.dirname(self._main), *(os.path.abspath(path) for path in sys.path)]
 
     def news(self) -> str | None:
         """All of it as JSON, if more has been imported since this was last called."""
-        if len(sys.modules) == len(self._names):
+        late = {file for file in _opened.take() if self._is_own(file) and file not in self._opened and not file.startswith(_SHARED)}
+        is_later = not late <= self._late
+        self._late |= late
+        if len(sys.modules) == len(self._names) and not is_later:
             return None
         before = (len(self._modules), len(self._packages))
         for name in [name for name in sys.modules if name not in self._names]:
             self._add(name, _file_of(sys.modules.get(name)))
         self._names = set(sys.modules)
-        if before == (len(self._modules), len(self._packages)):
+        if before == (len(self._modules), len(self._packages)) and not is_later:
             return None
         modules = [{"name": name, "file": file, "hash": content} for file, (name, content) in sorted(self._modules.items())]
         files = [{"name": self._relative(file), "file": file, "hash": _hash(file)} for file in self._opened if self._is_own(file)]
-        return json.dumps({"main": self._main, "modules": modules, "packages": self._packages, "files": files})
+        return json.dumps({"main": self._main, "modules": modules, "packages": self._packages, "files": files, "late": sorted(self._late)})
 
     def _is_own(self, file: str) -> bool:
         """Whether a file that was opened is neither a module that is reported nor Python's or an installed package's."""
@@ -81,7 +90,7 @@ class Imports:
 
     def _add_module(self, file: str) -> None:
         if file not in self._modules:
-            self._modules[file] = (self._relative(file), _hash(file))
+            self._modules[file] = (self._relative(file), _hash(file) + _other_bytecode(file))
 
     def _add_package(self, name: str) -> None:
         """Adds an installed package and those that it needs: it may import them at any time."""
@@ -89,7 +98,7 @@ class Imports:
             return
         for folder in self._folders.values():
             if name in folder.versions:
-                self._packages[name] = folder.versions[name]
+                self._packages[name] = folder.versions[name] + folder.content_of(name)
                 for needed in folder.needed_by(name):
                     self._add_package(needed)
                 return
@@ -106,6 +115,30 @@ def _file_of(module: object) -> str | None:
     # Not by `getattr`: modules that are loaded when something of them is needed would be loaded.
     file = getattr(module, "__dict__", {}).get("__file__")
     return os.path.abspath(file) if isinstance(file, str) and not file.startswith("<") else None
+
+
+def _other_bytecode(file: str) -> str:
+    """A hash of the compiled file in `__pycache__` that Python runs in place of a module, if it was not made from the module as it is now; empty if there is none."""
+    try:
+        compiled = importlib.util.cache_from_source(file)
+        with open(compiled, "rb") as content:
+            data = content.read()
+        with open(file, "rb") as content:
+            source = content.read()
+        flags, state = int.from_bytes(data[4:8], "little"), os.stat(file)
+        if data[:4] != importlib.util.MAGIC_NUMBER:
+            is_run = False
+        elif flags & 1:
+            # Of a compiled file that is known by the hash of its source, which Python may be told not to check.
+            is_run = not flags & 2 or importlib.util.source_hash(source) == data[8:16]
+        else:
+            made_of = (int.from_bytes(data[8:12], "little"), int.from_bytes(data[12:16], "little"))
+            is_run = made_of == (int(state.st_mtime) & 0xFFFFFFFF, state.st_size & 0xFFFFFFFF)
+        if not is_run or marshal.loads(data[16:]) == compile(source, file, "exec", dont_inherit=True):
+            return ""
+        return ", compiled " + hashlib.sha256(data).hexdigest()
+    except (OSError, EOFError, NotImplementedError, SyntaxError, TypeError, ValueError):
+        return ""
 
 
 def _hash(file: str) -> str:
@@ -150,6 +183,18 @@ class _Installed:
         if listed:
             return set(listed)
         return {line.partition(",")[0].partition("/")[0].partition(".")[0] for line in _lines(os.path.join(info, "RECORD"))}
+
+    def content_of(self, name: str) -> str:
+        """A hash of what was installed, by the hashes that the installer noted: packages of one version may differ."""
+        digest = hashlib.sha256()
+        noted = False
+        for line in _lines(os.path.join(self._infos[name], "RECORD")):
+            path, _, content = line.partition(",")
+            # Scripts and notes of the installer differ from place to place.
+            if content.startswith("sha256=") and not path.startswith("..") and ".dist-info/" not in path:
+                digest.update(line.encode())
+                noted = True
+        return f" ({digest.hexdigest()[:16]})" if noted else ""
 
     def needed_by(self, name: str) -> list[str]:
         needed = []

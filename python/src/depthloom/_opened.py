@@ -14,14 +14,18 @@ _SYSTEM = ("/dev/", "/proc/", "/run/", "/sys/")
 
 _read: set[str] = set()
 _written: set[str] = set()
+#: Files that were opened for reading and writing, and what they were then: time of the last change, and size.
+_both: dict[str, tuple[int, int] | None] = {}
 _is_on = False
+_is_installed = False
 
 
 def watch() -> None:
     """Notes from now on which files are opened, until they are taken."""
-    global _is_on
-    if not _is_on:
-        _is_on = True
+    global _is_on, _is_installed
+    _is_on = True
+    if not _is_installed:
+        _is_installed = True
         sys.addaudithook(_note)
 
 
@@ -31,15 +35,35 @@ def _note(event: str, arguments: tuple[Any, ...]) -> None:
     file, mode, flags = arguments
     if isinstance(file, int):
         return
-    is_written = any(letter in mode for letter in "wax+") if isinstance(mode, str) else bool(flags & (os.O_WRONLY | os.O_RDWR))
-    (_written if is_written else _read).add(os.path.abspath(os.fsdecode(file)))
+    path = os.path.abspath(os.fsdecode(file))
+    if isinstance(mode, str):
+        is_both, is_written = "+" in mode and "w" not in mode and "x" not in mode, any(letter in mode for letter in "wax")
+    else:
+        is_both, is_written = bool(flags & os.O_RDWR) and not flags & (os.O_TRUNC | os.O_CREAT), bool(flags & (os.O_WRONLY | os.O_RDWR))
+    if is_both:
+        _both.setdefault(path, _state(path))
+    elif is_written:
+        _written.add(path)
+    else:
+        _read.add(path)
+
+
+def _state(path: str) -> tuple[int, int] | None:
+    try:
+        state = os.stat(path)
+    except OSError:
+        return None
+    return state.st_mtime_ns, state.st_size
 
 
 def take() -> list[str]:
     """The regular files that were opened for reading, and that the program did not write itself."""
     global _is_on
     _is_on = False
-    files = {_source(file) for file in _read - _written}
+    unchanged = {path for path, state in _both.items() if state is not None and state == _state(path)}
+    files = {_source(file) for file in (_read | unchanged) - _written}
+    _read.clear()
+    _both.clear()
     return sorted(file for file in files if not file.startswith(_SYSTEM) and os.path.isfile(file))
 
 

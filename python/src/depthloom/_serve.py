@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping
 from difflib import get_close_matches
 from typing import Any, BinaryIO
 
+from . import _opened
 from ._errors import DepthloomError
 from ._node import Declared, Instant, accepts, declared
 
@@ -158,6 +159,8 @@ class _Server:
             self._report_imports()
             return
         try:
+            if self.imports:
+                _opened.watch()
             answer = self._answering(nodes)
         except Exception as error:
             self._write(self._failure(error))
@@ -166,6 +169,8 @@ class _Server:
         self.says("ready")
         for batch in self.reader:
             self.number = batch.column("number")[0].as_py()
+            if self.imports:
+                _opened.watch()
             row = self._answer(answer, batch)
             self._report_imports()
             place = batch.column("answer_in")[0].as_py() if self.shared else None
@@ -220,6 +225,8 @@ class _Server:
             column = batch.column("inputs")
             inputs = {name: self.columns.value(of, column.field(name)) for name, of in self.inputs.items()}
             if wants_frame:
+                if batch.column("frame")[0].as_py() is None:
+                    raise TypeError("a function gets its parameter `frame` if the experiment says under `reads` which files it opens: `reads: \"predictions/{frame}.npy\"`")
                 inputs["frame"] = _instant(batch)
             given = set(self.outputs) if call == "run" else set(self.outputs) - self.at_finish
             return self._values(process(**inputs, **more), given)

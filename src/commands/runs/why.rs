@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, VecDeque};
 use std::path::{Path, PathBuf};
 
 use depthloom_graphs::Key;
+use depthloom_graphs::values;
 use depthloom_recording::{
     Difference as RecordedDifference, NodePair, RecordedFrame, RecordedPlan, Recording, json_differences, node_pairs,
     source_differences,
@@ -20,6 +21,9 @@ use crate::outputs::{self, CommandOutput, Output};
 
 /// The experiment as resolved, in a recording.
 const RESOLVED: &str = "experiment.resolved.yaml";
+
+/// Of so many frames of a node values are compared, where their chunks differ.
+const MOST_COMPARED: usize = 64;
 
 /// How many variants of a node are named.
 const NAMED: usize = 4;
@@ -155,6 +159,8 @@ struct Node {
     /// Of how many frames in both it has the same values, and of how many it has any in both.
     same: usize,
     both: usize,
+    /// The first frame on which its stored values differ although their cache keys are equal.
+    unequal: Option<String>,
 }
 
 impl Compared {
@@ -190,6 +196,12 @@ impl Compared {
         section("nodes that follow, for they read those", listed(of(Verdict::Follows).map(label)));
         let fed = |node: &Node| format!("{} ({} of {} equal)", label(node), node.same, node.both);
         section("nodes that are the same, but read other values", listed(of(Verdict::Fed).map(fed)));
+        let unequal =
+            |node: &Node| format!("{} (first on {})", label(node), node.unequal.as_deref().unwrap_or_default());
+        section(
+            "nodes with equal cache keys and different values: the keys lack what changed (a variable, a file, an order)",
+            listed(of(Verdict::Unequal).map(unequal)),
+        );
         let same = of(Verdict::Same).count();
         let nodes = match (told.len(), same) {
             (0, _) => "no node is of both",
@@ -278,6 +290,8 @@ enum Verdict {
     Same,
     /// The same, but its values are not: it was given others.
     Fed,
+    /// The same by its cache keys, and with other values: the keys lack what decides them.
+    Unequal,
     /// Another only for what it reads is.
     Follows,
     /// Another by itself.
@@ -419,9 +433,58 @@ impl Frames {
     }
 }
 
+/// The frames of both on which stored values of a node differ although their cache keys are equal.
+fn unequal(
+    before: &Recording,
+    one: (usize, usize),
+    after: &Recording,
+    other: (usize, usize),
+    frames: &[Frames],
+) -> Vec<String> {
+    let outputs = |recording: &Recording, (run, node): (usize, usize)| -> Vec<(String, String)> {
+        let outputs = recording.plan().runs[run].nodes[node].outputs.iter();
+        let stored = outputs.filter(|output| output.recorded && !output.once);
+        stored.map(|output| (output.port.clone(), output.topic.clone())).collect()
+    };
+    let later = outputs(after, other);
+    let key = |frame: &RecordedFrame, node: usize| frame.keys.iter().find(|of| of.node == node).map(|of| of.key);
+    let mut found = Vec::new();
+    for (port, topic) in outputs(before, one) {
+        let Some((_, later_topic)) = later.iter().find(|(later, _)| *later == port) else { continue };
+        let digests = (before.value_digests(one.0, &topic), after.value_digests(other.0, later_topic));
+        let (Ok(earlier), Ok(later)) = digests else { continue };
+        let readers = (before.reader(one.0, &[&topic]), after.reader(other.0, &[later_topic]));
+        let (Ok(mut earlier_values), Ok(mut later_values)) = readers else { continue };
+        for frames in frames.iter().filter(|frames| frames.runs == (Some(one.0), Some(other.0))) {
+            // Chunks of equal values differ where runs have other topics: then the values are compared, of some frames.
+            let mut looked = 0;
+            for &(was, is, _) in &frames.both {
+                let (first, second) = (&before.frames(one.0)[was], &after.frames(other.0)[is]);
+                let is_suspect = key(first, one.1) == key(second, other.1)
+                    && earlier[was].zip(later[is]).is_some_and(|(earlier, later)| earlier != later);
+                if !is_suspect || looked == MOST_COMPARED || found.contains(&second.id.to_string()) {
+                    continue;
+                }
+                looked += 1;
+                let (Ok(earlier), Ok(later)) = (earlier_values.read(was), later_values.read(is)) else { continue };
+                let differs = earlier.iter().zip(&later).any(|both| match both {
+                    (Some(earlier), Some(later)) => values::Difference::between(earlier, later, 0.0).first.is_some(),
+                    _ => false,
+                });
+                if differs {
+                    found.push(second.id.to_string());
+                }
+            }
+        }
+    }
+    found
+}
+
 impl Node {
     fn of(pair: NodePair, before: &Recording, after: &Recording, frames: &[Frames]) -> Self {
-        let (Some(one), Some(other)) = (pair.before, pair.after) else { return Self { pair, same: 0, both: 0 } };
+        let (Some(one), Some(other)) = (pair.before, pair.after) else {
+            return Self { pair, same: 0, both: 0, unequal: None };
+        };
         let key = |frame: &RecordedFrame, node: usize| frame.keys.iter().find(|of| of.node == node).map(|of| of.key);
         let (mut same, mut both) = (0, 0);
         let mut add = |was: Option<Key>, is: Option<Key>| {
@@ -439,7 +502,9 @@ impl Node {
             recording.once_values().iter().find(|once| (once.run, once.node) == (run, node)).map(|once| once.key)
         };
         add(once(before, one), once(after, other));
-        Self { pair, same, both }
+        let unequal = unequal(before, one, after, other, frames);
+        same -= unequal.len();
+        Self { unequal: unequal.into_iter().next(), pair, same, both }
     }
 
     /// Whether it is the same, and so are its values wherever both have any.
@@ -451,6 +516,7 @@ impl Node {
         let is_in_both = self.pair.before.is_some() && self.pair.after.is_some();
         let follows = |difference: &RecordedDifference| matches!(difference, RecordedDifference::Upstream { .. });
         match self.pair.differences.as_slice() {
+            [] if self.unequal.is_some() => Verdict::Unequal,
             [] if is_in_both && self.same == self.both => Verdict::Same,
             [] if is_in_both => Verdict::Fed,
             [] => Verdict::Differs,

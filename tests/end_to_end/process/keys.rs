@@ -117,6 +117,65 @@ fn an_imported_module_that_changes_is_noticed_by_its_content() {
 }
 
 #[test]
+fn parameters_in_another_order_are_other_parameters() {
+    const TEST: &str = "parameters_in_another_order_are_other_parameters";
+    let Some(programs) = Programs::new(TEST) else { return };
+    let steps = "
+import depthloom
+import numpy as np
+
+@depthloom.node(inputs={'depth': 'depth'}, outputs={'depth': 'depth'})
+def node(depth, params):
+    for step, value in params['steps'].items():
+        depth = depth * np.float32(value) if step == 'times' else depth + np.float32(value)
+    return depth
+
+depthloom.serve(node)
+";
+    programs.write("node.py", steps);
+    for (with, out) in [("code: [node.py]", "code"), ("version: 1, imports: false", "version")] {
+        let experiment = programs.experiment(&format!("{with}, params: {{ steps: {{ times: 2, plus: 10 }} }}"));
+        programs.recording(&experiment, &format!("{out}-first"));
+        let experiment = programs.experiment(&format!("{with}, params: {{ steps: {{ plus: 10, times: 2 }} }}"));
+        programs.equals_fresh(&experiment, &format!("{out}-second"));
+    }
+}
+
+#[test]
+fn a_file_that_reads_does_not_name_fails_the_frame_and_without_reads_is_a_warning() {
+    const TEST: &str = "a_file_that_reads_does_not_name_fails_the_frame_and_without_reads_is_a_warning";
+    let Some(programs) = Programs::new(TEST) else { return };
+    let reading = "
+import depthloom
+import numpy as np
+
+@depthloom.node(inputs={'depth': 'depth'}, outputs={'depth': 'depth'})
+def node(depth, FRAME):
+    return depth * np.float32(open(PATH).read())
+
+depthloom.serve(node)
+";
+    std::fs::create_dir(programs.path("factors")).expect("made");
+    std::fs::create_dir(programs.path("others")).expect("made");
+    for frame in 0..3 {
+        programs.write(&format!("factors/{frame:06}_10.txt"), "2");
+        programs.write(&format!("others/{frame:06}_10.txt"), "3");
+    }
+    let with = "code: [node.py], reads: \"factors/{frame}.txt\"";
+    let program = |path: &str| programs.write("node.py", &reading.replace("FRAME", "frame").replace("PATH", path));
+    program("f'factors/{frame.id}.txt'");
+    let output = programs.command(&programs.experiment(with), "named").output().expect("it runs");
+    assert!(output.status.success() && !said(&output).contains("factors"), "{}", said(&output));
+    program("f'others/{frame.id}.txt'");
+    let output = programs.command(&programs.experiment(with), "others").output().expect("it runs");
+    assert_eq!(output.status.code(), Some(3), "{}", said(&output));
+    assert!(said(&output).contains("others") && said(&output).contains("neither `reads`"), "{}", said(&output));
+    programs.write("node.py", &reading.replace(", FRAME", "").replace("PATH", "'factors/000000_10.txt'"));
+    let output = succeed(&mut programs.command(&programs.experiment("code: [node.py]"), "warned"));
+    assert!(said(&output).contains("000000_10.txt after it began to serve"), "{}", said(&output));
+}
+
+#[test]
 fn a_module_that_is_imported_late_fails_the_frame_unless_code_names_it() {
     const TEST: &str = "a_module_that_is_imported_late_fails_the_frame_unless_code_names_it";
     let Some(programs) = Programs::new(TEST) else { return };
