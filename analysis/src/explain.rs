@@ -289,8 +289,9 @@ fn facts(
             average(scores.iter().filter(|of| of.row.truth > 0).map(|of| of.row.answered as f64 / of.row.truth as f64));
         let of_frames =
             of_frames.map(|mean| format!("{:.2} %", 100.0 * mean)).filter(|mean| *mean != format!("{share:.2} %"));
-        let of_frames =
-            of_frames.map(|mean| format!("; the mean of the frames' shares, the density in tables, is {mean}"));
+        let of_frames = of_frames
+            .filter(|_| mean == Mean::Frames)
+            .map(|mean| format!("; the mean of the frames' shares, the density in tables, is {mean}"));
         fact("answered", format!("{pooled}{}", of_frames.unwrap_or_default()), None);
     }
     for part in &run.source.parts {

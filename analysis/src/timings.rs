@@ -1,9 +1,8 @@
 //! Where a run's time went: `timings.parquet` and the table made of it.
 
-use std::fs::File;
 use std::path::Path;
 
-use depthloom_graphs::Key;
+use depthloom_graphs::{Key, regular_file};
 use polars::prelude::{ParallelStrategy, ParquetReader, PolarsResult, SerReader};
 
 use crate::error::{AnalysisError, caught};
@@ -59,7 +58,7 @@ pub fn write_timings(timings: &[Timing], run: &Key, path: &Path) -> Result<(), A
 /// # Errors
 /// If the file cannot be read or holds something else.
 pub fn read_timings(path: &Path) -> Result<Vec<Timing>, AnalysisError> {
-    let file = File::open(path).map_err(AnalysisError::read(path))?;
+    let file = regular_file::open(path).map_err(AnalysisError::read(path))?;
     let read = || -> PolarsResult<Vec<Timing>> {
         let table = ParquetReader::new(file).read_parallel(ParallelStrategy::None).finish()?;
         let texts = |name: &str| table.column(name).and_then(|column| column.str());

@@ -208,8 +208,14 @@ fn differences(before: &RecordedPlan, one: Place, after: &RecordedPlan, other: P
 
 fn of_kind(before: (&str, u32, &Json), after: (&str, u32, &Json), found: &mut Vec<Difference>) {
     if before.0 != after.0 {
-        // The parameters of another kind are other parameters.
-        return found.push(Difference::Kind { before: before.0.to_owned(), after: after.0.to_owned() });
+        found.push(Difference::Kind { before: before.0.to_owned(), after: after.0.to_owned() });
+        // Of the parameters those that both kinds have: a new kind drops the values that the old one was given.
+        let shared = |params: &Json, other: &Json| {
+            let entries = params.as_object().into_iter().flatten();
+            let entries = entries.filter(|(name, _)| other.get(name.as_str()).is_some());
+            Json::Object(entries.map(|(name, value)| (name.clone(), value.clone())).collect())
+        };
+        return found.extend(json_differences(&shared(before.2, after.2), &shared(after.2, before.2)));
     }
     if before.1 != after.1 {
         found.push(Difference::Version { before: before.1, after: after.1 });

@@ -9,6 +9,7 @@ use depthloom_analysis::{
 use depthloom_graphs::language::{glob, nearest};
 use depthloom_recording::Recording;
 use depthloom_runner::Interrupt;
+use depthloom_runs::end;
 use depthloom_runs::failed;
 use depthloom_runs::open;
 use depthloom_runs::recording_of;
@@ -91,7 +92,8 @@ pub fn compare(args: &CompareArgs) -> Result<Exit, Stop> {
     };
     let recordings: Vec<&Path> = opened.runs.iter().map(|(_, recording)| recording.path()).collect();
     delivery.deliver(&bytes, &recordings)?;
-    let Some(stop) = faulty else { return Ok(Exit::Whole) };
+    let exit = end(opened.runs.iter().map(|(_, recording)| recording));
+    let Some(stop) = faulty else { return Ok(exit) };
     crate::diagnostics::print_stop(&stop);
     Ok(stop.exit)
 }
@@ -131,7 +133,7 @@ fn by_distance(
     };
     let recordings: Vec<&Path> = runs.iter().map(|run| run.recording.path()).collect();
     delivery.deliver(&bytes, &recordings)?;
-    Ok(Exit::Whole)
+    Ok(end(runs.iter().map(|run| run.recording)))
 }
 
 /// How frames are resampled; so often where nobody says.

@@ -20,6 +20,7 @@ use serde_json::{Map, Value as Json};
 use self::contents::{Contents, contents};
 use self::seen::{Calibration, ImageSize, Seen, Truth};
 use self::stanza::stanza;
+use super::table::replaces_no_run;
 use crate::args::DataArgs;
 use crate::commands::check_data::{DataFact, file_of};
 use crate::contact_sheet::Sheet;
@@ -419,6 +420,7 @@ fn unknown(args: &DataArgs, root: &Path) -> Result<Exit, Stop> {
 }
 
 fn write(path: &Path, sheet: &Sheet) -> Result<(), Stop> {
+    replaces_no_run(path)?;
     let failed = |error: std::io::Error| {
         Stop::because(Exit::Engine, format!("failed to write {}", path.display()), &error)
             .remedy("name with --sheet a file in a folder that is there and may be written")

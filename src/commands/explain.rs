@@ -1,5 +1,6 @@
 //! `depthloom explain`: where a number comes from.
 
+use depthloom_runs::end;
 use depthloom_runs::failed;
 use depthloom_runs::open;
 use depthloom_runs::recording_of;
@@ -32,5 +33,5 @@ pub fn explain(args: &ExplainArgs) -> Result<Exit, Stop> {
     } else {
         print(explanation.text())?;
     }
-    Ok(Exit::Whole)
+    Ok(end([&recording]))
 }

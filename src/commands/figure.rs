@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use depthloom_analysis::{FigureKind, FigureRequest, FigureRun, Resampling, SampleSet, Size, Unit};
 use depthloom_recording::Recording;
+use depthloom_runs::end;
 use depthloom_runs::failed;
 use depthloom_runs::open;
 use depthloom_runs::recording_of;
@@ -92,12 +93,12 @@ pub fn figure(args: &FigureArgs) -> Result<Exit, Stop> {
             bytes: bytes.len() as u64,
             notes: figure.notes().to_vec(),
         })?;
-        return Ok(Exit::Whole);
+        return Ok(end(opened.iter().map(|(_, recording, _)| recording)));
     }
     let data = args.data.as_ref().map(|data| format!(", {}", data.display())).unwrap_or_default();
     let notes: String = figure.notes().iter().map(|note| format!("note: {note}\n")).collect();
     print(format!("{}\n{notes}{}{data}: {width_mm} x {height_mm} mm\n", figure.about(), args.out.display()))?;
-    Ok(Exit::Whole)
+    Ok(end(opened.iter().map(|(_, recording, _)| recording)))
 }
 
 /// What the file is written as: what was asked for, or what its ending says.

@@ -7,6 +7,7 @@ use depthloom_analysis::{
 };
 use depthloom_recording::{Condition, Recording};
 use depthloom_runner::Interrupt;
+use depthloom_runs::end;
 use depthloom_runs::failed;
 use depthloom_runs::open;
 use depthloom_runs::recording_of;
@@ -58,7 +59,10 @@ pub fn samples(args: &SamplesArgs) -> Result<Exit, Stop> {
     let path = recording_of(&args.run, "samples")?;
     let out = match &args.out {
         Some(out) => {
-            can_be_written(out)?;
+            // A run's own samples may be written again.
+            if out.file_name() != Some(SAMPLES.as_ref()) || depthloom_runs::is_recording(out) {
+                can_be_written(out)?;
+            }
             out.clone()
         }
         None => path.with_file_name(SAMPLES),
@@ -75,14 +79,14 @@ pub fn samples(args: &SamplesArgs) -> Result<Exit, Stop> {
             estimators: written.estimators as u64,
             notes: written.notes,
         })?;
-        return Ok(Exit::Whole);
+        return Ok(end([&recording]));
     }
     written.notes.iter().for_each(|note| say(format_args!("note: {note}")));
     if !args.quiet {
         let (samples, frames) = (counted(written.samples, "sample"), counted(written.frames, "frame"));
         print(format!("{samples} of {frames}: {}\n", out.display()))?;
     }
-    Ok(Exit::Whole)
+    Ok(end([&recording]))
 }
 
 fn folder_of(file: &Path) -> &Path {
@@ -151,12 +155,19 @@ pub fn analyse(args: &AnalyseArgs) -> Result<Exit, Stop> {
     bar.finish_and_clear();
     let (found, run) = found.map_err(|error| failed(&error))?;
     let read: Vec<&Path> = files.iter().map(|(_, file)| file.as_path()).collect();
-    delivery.answer::<Analyse>(&Answer::Grid(found), &run, &read)
+    delivery.answer::<Analyse>(&Answer::Grid(found), &run, &read)?;
+    let recordings = args.runs.iter().filter(|run| !is_samples(run)).map(|run| open(&recording_of(run, "analyse")?));
+    Ok(end(&recordings.collect::<Result<Vec<_>, _>>()?))
+}
+
+/// Whether what is named is a file of samples itself.
+fn is_samples(run: &Path) -> bool {
+    run.is_file() && run.extension().is_some_and(|ending| ending == "parquet")
 }
 
 /// The file of samples of a run, made if there is none, or if it is of what the recording was before; or such a file itself.
 pub(super) fn samples_of(run: &Path, is_silent: bool, interrupt: &Interrupt) -> Result<PathBuf, Stop> {
-    if run.is_file() && run.extension().is_some_and(|ending| ending == "parquet") {
+    if is_samples(run) {
         return Ok(run.to_owned());
     }
     let path = recording_of(run, "analyse")?;

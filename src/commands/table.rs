@@ -10,8 +10,8 @@ use depthloom_analysis::{
 };
 use depthloom_durable::remedy_of_writing;
 use depthloom_graphs::Key;
-use depthloom_runs::{TIMINGS, failed, open, recording_of};
-use depthloom_terminal::{Exit, Stop, print, print_bytes, print_quoted};
+use depthloom_runs::{TIMINGS, end, failed, open, recording_of, run_folder};
+use depthloom_terminal::{Exit, Stop, chain, print, print_bytes, print_quoted, say};
 
 use crate::args::{MeanOption, RowsOption, ScoresArgs, SetOption, TableArgs, TableFormat, TypesettingArgs};
 use crate::outputs::{self, CommandOutput, Output};
@@ -45,7 +45,8 @@ pub fn table(args: &TableArgs) -> Result<Exit, Stop> {
         depthloom_analysis::answer(&recording, costs.as_ref(), &selection, &question, &|| interrupt.stops_admission());
     let mut answer = answer.map_err(|error| failed(&error))?;
     answer.typeset(&typesetting(&args.typesetting));
-    delivery.answer::<TableOutput>(&answer, &plan_key(recording.plan()), &[&path])
+    delivery.answer::<TableOutput>(&answer, &plan_key(recording.plan()), &[&path])?;
+    Ok(end([&recording]))
 }
 
 fn ranking(args: &TableArgs, intervals: Option<Resampling>) -> Ranking {
@@ -78,7 +79,8 @@ fn leaderboard(args: &TableArgs, delivery: &Delivery<'_>) -> Result<Exit, Stop> 
     let mut answer = Answer::Grid(board.map_err(|error| failed(&error))?);
     answer.typeset(&typesetting(&args.typesetting));
     let recording_paths: Vec<&Path> = paths.iter().map(std::path::PathBuf::as_path).collect();
-    delivery.answer::<TableOutput>(&answer, &plan_key(recordings[0].plan()), &recording_paths)
+    delivery.answer::<TableOutput>(&answer, &plan_key(recordings[0].plan()), &recording_paths)?;
+    Ok(end(&recordings))
 }
 
 /// What a table is written as, and where.
@@ -110,7 +112,7 @@ impl<'a> Delivery<'a> {
         answer: &Answer,
         run: &Key,
         recordings: &[&Path],
-    ) -> Result<Exit, Stop> {
+    ) -> Result<(), Stop> {
         let bytes = match self.format {
             TableFormat::Terminal => answer.terminal(TERMINAL_WIDTH).into_bytes(),
             TableFormat::Md => answer.markdown().into_bytes(),
@@ -119,8 +121,7 @@ impl<'a> Delivery<'a> {
             TableFormat::Latex => answer.latex().into_bytes(),
             TableFormat::Json => outputs::text(&T::from(answer.output())).into_bytes(),
         };
-        self.deliver(&bytes, recordings)?;
-        Ok(Exit::Whole)
+        self.deliver(&bytes, recordings)
     }
 
     /// Whether it is text for a terminal.
@@ -154,6 +155,17 @@ pub(super) fn write_named(out: &Path, bytes: &[u8], recordings: &[&Path]) -> Res
     })
 }
 
+/// That what stands there, if anything, is neither a file of a run nor a recording.
+pub(super) fn replaces_no_run(out: &Path) -> Result<(), Stop> {
+    let is_of_a_run = || run_folder::around(out.parent().unwrap_or(Path::new("."))).is_some();
+    let what = match out.is_file() {
+        true if is_of_a_run() => "it is a file of a run",
+        true if depthloom_runs::is_recording(out) => "it is a recording",
+        _ => return Ok(()),
+    };
+    Err(Stop::new(Exit::Before, format!("cannot write {}: {what}", out.display())).remedy("choose another file"))
+}
+
 /// That a file may stand there: in a folder, and no folder itself.
 pub(super) fn can_be_written(out: &Path) -> Result<(), Stop> {
     let cannot = |what: String| Stop::new(Exit::Before, format!("cannot write {}: {what}", out.display()));
@@ -165,6 +177,7 @@ pub(super) fn can_be_written(out: &Path) -> Result<(), Stop> {
         // In a folder that is a stranger's, it may lead to any file of the person's.
         return Err(cannot("it is a symbolic link".to_owned()).remedy("name the file that it leads to"));
     }
+    replaces_no_run(out)?;
     match out.parent().filter(|folder| !folder.as_os_str().is_empty() && !folder.is_dir()) {
         None => Ok(()),
         Some(folder) => {
@@ -197,9 +210,14 @@ fn costs(recording: &Path) -> Result<Option<Costs>, Stop> {
     if !timings.is_file() {
         return Ok(None);
     }
-    let timings = depthloom_analysis::read_timings(&timings)
-        .map_err(|error| Stop::because(Exit::Before, "failed to read the timings", &error))?;
-    Ok(Some(Costs::new(&timings)))
+    match depthloom_analysis::read_timings(&timings) {
+        Ok(timings) => Ok(Some(Costs::new(&timings))),
+        Err(error) => {
+            let why = chain(&error);
+            say(format_args!("warning: no `ms`: {why}; {} is damaged, and may be removed", timings.display()));
+            Ok(None)
+        }
+    }
 }
 
 /// The pixels that scores are asked for.

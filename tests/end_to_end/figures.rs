@@ -197,7 +197,7 @@ fn what_cannot_be_drawn_is_refused_in_words() {
         (&["run", "cdf", "--out", "a.jpg"][..], "end it in `.svg`, `.png` or `.pdf`"),
         (&["run", "cdf", "--out", "a.svg", "--format", "png"], "say two things"),
         (&["run", "cdf", "--out", "no/a.svg"], "there is no folder no"),
-        (&["run", "cdf", "--out", "run/scores.csv", "--format", "svg"], "is the run's own"),
+        (&["run", "cdf", "--out", "run/scores.csv", "--format", "svg"], "it is a file of a run"),
         (&["run", "cdf", "--out", "a.svg", "--estimators", "nobody"], "no estimator is `nobody`"),
         (&["run", "cdf", "--out", "a.svg", "--set", "all"], "a pixel without an answer has no error"),
         (&["run", "cdf", "--out", "a.svg", "--height", "20"], "it needs a height of"),

@@ -287,7 +287,16 @@ fn a_table_takes_the_place_of_nothing_that_is_no_table() {
     let csv = |out: &Path| ["--format", "csv", "--out", out.to_str().expect("UTF-8")].map(str::to_owned);
     let refusal = |out: &Path| refused(&run, &csv(out).each_ref().map(String::as_str));
     for own in [recording.clone(), run.join("../run/recording.mcap"), run.join("scores.csv")] {
-        assert!(refusal(&own).contains("is the run's own"));
+        assert!(refusal(&own).contains("it is a file of a run"));
+    }
+    // Nor do commands whose file is no table.
+    let copy = folder.path().join("copy.mcap");
+    std::fs::copy(&recording, &copy).expect("copied");
+    for (out, why) in [(&recording, "it is a file of a run"), (&copy, "it is a recording")] {
+        let refused = depthloom().arg("samples").arg(&run).arg("--out").arg(out).output().expect("it runs");
+        assert_eq!(refused.status.code(), Some(2));
+        assert!(String::from_utf8_lossy(&refused.stderr).contains(why));
+        assert!(std::fs::read(out).expect("read") == before);
     }
     let in_folder = refusal(folder.path());
     assert!(in_folder.contains("it is a folder") && in_folder.contains("table.csv"), "{in_folder}");

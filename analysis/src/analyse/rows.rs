@@ -1,7 +1,7 @@
 //! What was found, as a table: a row a bin and estimator.
 
 use super::job::{Found, FoundBins, FoundRow, Job};
-use super::{By, Inquiry, Unit};
+use super::{By, Inquiry, SampleSet, Unit};
 use crate::analyse::sums::Sums;
 use crate::grid::{Grid, GridCells, GridColumn};
 use crate::leading::Level;
@@ -114,8 +114,13 @@ pub(super) fn grid(jobs: &[Job<'_>], found: &[Found], inquiry: &Inquiry, several
         Unit::Metres => "absolute error, metres",
         Unit::OfTruth => "absolute error as a share of the true distance",
     };
+    let pixels = match &inquiry.sets[..] {
+        [] | [SampleSet::Answered] => ", over the pixels that each estimate answered",
+        [SampleSet::Common] => ", over the pixels that all estimates answered",
+        _ => "",
+    };
     Grid {
-        about: format!("{error}, by {}; gross: {}", by(&inquiry.by), inquiry.gross.told()),
+        about: format!("{error}, by {}{pixels}; gross: {}", by(&inquiry.by), inquiry.gross.told()),
         caption: None,
         label: "errors".to_owned(),
         columns,

@@ -142,6 +142,9 @@ pub(crate) fn escaped(name: &str) -> String {
             '\\' => text.push_str("\\textbackslash{}"),
             '~' => text.push_str("\\textasciitilde{}"),
             '^' => text.push_str("\\textasciicircum{}"),
+            // In the usual encoding of fonts these are other signs.
+            '<' => text.push_str("\\textless{}"),
+            '>' => text.push_str("\\textgreater{}"),
             letter => text.push(letter),
         }
     }

@@ -19,5 +19,7 @@ pub mod run_folder;
 pub use found::{FOLDER, FoundRun, all, in_folder};
 pub use glance::{Best, File, Glance, State, bytes_in, files_in};
 pub use named::{named, named_in_full};
-pub use opening::{RECORDING, TIMINGS, failed, open, partial_with, recording_in, recording_of, remedy_of_partial};
+pub use opening::{
+    RECORDING, TIMINGS, end, failed, is_recording, open, partial_with, recording_in, recording_of, remedy_of_partial,
+};
 pub use plain::file_name;

@@ -1,11 +1,12 @@
 //! The recording of a run, and why a question to it has no answer.
 
-use std::io::ErrorKind;
+use std::io::{ErrorKind, Read as _};
 use std::path::{Path, PathBuf};
 
 use depthloom_analysis::AnalysisError;
-use depthloom_recording::Recording;
-use depthloom_terminal::{Exit, Stop};
+use depthloom_graphs::regular_file;
+use depthloom_recording::{Condition, Recording};
+use depthloom_terminal::{Exit, Stop, say};
 
 use crate::{FOLDER, named};
 
@@ -98,6 +99,29 @@ fn runs_below(folder: &Path, depth: u32) -> Vec<PathBuf> {
         (false, _) => runs_below(&folder, depth - 1),
     };
     folders.into_iter().flat_map(below).collect()
+}
+
+/// Whether a file begins as a recording does.
+#[must_use]
+pub fn is_recording(path: &Path) -> bool {
+    let mut start = [0; 8];
+    let read = regular_file::open(path).and_then(|mut file| file.read_exact(&mut start));
+    read.is_ok() && start == *b"\x89MCAP0\r\n"
+}
+
+/// How a command ends that answered from recordings: with [`Exit::Frames`] if one of them is damaged, which is said here.
+pub fn end<'a>(recordings: impl IntoIterator<Item = &'a Recording>) -> Exit {
+    let mut exit = Exit::Whole;
+    for recording in recordings {
+        if let damaged @ Condition::Damaged { .. } = recording.condition() {
+            say(format_args!(
+                "warning: {} is {damaged}; the answer is of its whole frames",
+                recording.path().display()
+            ));
+            exit = Exit::Frames;
+        }
+    }
+    exit
 }
 
 /// Opens a recording to ask it something.

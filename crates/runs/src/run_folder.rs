@@ -97,7 +97,7 @@ impl RunFolder {
                     let what = format!("{} holds frames that this run does not go on with", partial.display());
                     let why = "they are of another experiment or other parameters, or --fresh was requested";
                     return Err(Stop::new(Exit::Before, format!("{what}: {why}"))
-                        .remedy("choose another --out, or replace it with --overwrite"));
+                        .remedy("choose another --out, or replace it with --overwrite; a run with --fresh that was interrupted goes on without --fresh"));
                 }
                 Begun::Nothing | Begun::Other => {}
             }

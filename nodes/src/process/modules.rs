@@ -183,10 +183,10 @@ static WARNINGS: Mutex<BTreeSet<String>> = Mutex::new(BTreeSet::new());
 /// Files that programs read after they began to serve and that nothing names, by program.
 static LATE: Mutex<BTreeMap<String, BTreeSet<PathBuf>>> = Mutex::new(BTreeMap::new());
 
-fn note_late<'a>(program: String, file: &'a PathBuf, others: impl Iterator<Item = &'a PathBuf>) {
+fn note_late<'a>(program: String, file: &Path, others: impl Iterator<Item = &'a PathBuf>) {
     let mut late = locked(&LATE);
     let files = late.entry(program).or_default();
-    files.insert(file.clone());
+    files.insert(file.to_owned());
     files.extend(others.cloned());
 }
 

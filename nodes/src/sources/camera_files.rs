@@ -57,6 +57,15 @@ pub fn read(files: &[(&Path, &[u8])], fisheye: bool) -> Result<CameraPair, Fault
         }
         all => opencv::read(all, fisheye),
     }?;
+    let determinant = |r: &Matrix| {
+        r[0][0] * (r[1][1] * r[2][2] - r[1][2] * r[2][1]) - r[0][1] * (r[1][0] * r[2][2] - r[1][2] * r[2][0])
+            + r[0][2] * (r[1][0] * r[2][1] - r[1][1] * r[2][0])
+    };
+    if pair.pose.is_some_and(|(rotation, _)| determinant(&rotation) < 0.0) {
+        return Err(documents[0]
+            .fault("the rotation between the cameras is a reflection: its determinant is negative".to_owned())
+            .remedy(FORMS));
+    }
     for (side, camera) in pair.cameras.iter().enumerate() {
         let numbers = [camera.camera.focal_px, camera.camera.centre_px].concat();
         let lens = match &camera.camera.lens {

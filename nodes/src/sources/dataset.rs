@@ -81,6 +81,8 @@ pub struct Listing {
     pub faults: Vec<Fault>,
     /// What is to be said, and is no failure.
     pub warnings: Vec<String>,
+    /// Files without the partner that makes a frame of them: a run leaves them out and warns, a check finds them wrong.
+    pub alone: Vec<String>,
     /// The files there are of frames that lack others.
     pub(super) incomplete: Vec<Vec<(Part, PathBuf)>>,
     /// How many of the faults are of a frame of which another is told already.
@@ -113,6 +115,7 @@ impl Listing {
     /// The first fault, with the number of the others.
     pub fn open<L: Layout>(mut self, layout: L) -> Result<Box<dyn Source>, Fault> {
         if self.faults.is_empty() {
+            self.warnings.append(&mut self.alone);
             let source = Dataset::new(self, layout);
             source.check_calibration()?;
             return Ok(Box::new(source));
@@ -135,6 +138,8 @@ pub fn survey<L: Layout>(listed: Result<(Listing, L), Fault>) -> Survey {
     match listed {
         Ok((mut listing, layout)) => {
             let mut faults = std::mem::take(&mut listing.faults);
+            let alone = std::mem::take(&mut listing.alone).into_iter();
+            faults.extend(alone.map(|what| Fault::new(what).remedy("add the missing file, or remove the other")));
             // What there is of a frame that lacks a file may be broken as well.
             faults.extend(listing.incomplete.iter().flat_map(|files| unreadable(files)));
             Survey { source: Some(Box::new(Dataset::new(listing, layout))), faults, facts: Vec::new() }

@@ -299,7 +299,7 @@ impl Images {
         if !root.is_dir() {
             return Err(vec![no_folder(root, LAYOUT)]);
         }
-        let Pairs { rows, faults, warnings } = match (&params.list, &params.left, &params.right) {
+        let Pairs { rows, faults, warnings, alone } = match (&params.list, &params.left, &params.right) {
             (Some(list), ..) => by_list(root, &root.join(list)).map_err(|fault| vec![fault])?,
             (None, left, right) => {
                 let of = |pattern: &Option<String>| pattern.clone().unwrap_or_default();
@@ -307,11 +307,11 @@ impl Images {
             }
         };
         if rows.is_empty() {
-            return Ok(Listing { faults, warnings, ..Listing::default() });
+            return Ok(Listing { faults, warnings, alone, ..Listing::default() });
         }
         let known: Vec<(u64, &str)> = (0..).zip(rows.iter().map(|row| row.id.as_str())).collect();
         let chosen = params.frames.select(&known).map_err(|fault| vec![fault])?;
-        let mut listing = Listing { faults, warnings, ..Listing::default() };
+        let mut listing = Listing { faults, warnings, alone, ..Listing::default() };
         listing.warnings.extend(params.frames.left_out(&known));
         let mut rows: Vec<_> = rows.into_iter().map(Some).collect();
         for at in chosen {

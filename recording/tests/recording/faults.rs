@@ -374,7 +374,7 @@ fn other_files_are_named_for_what_they_are() {
     assert!(matches!(Recording::open(&text), Err(RecordingError::NotMcap { .. })));
     // What ends as an MCAP file and does not begin as one is a damaged one.
     let damaged = text.with_file_name("damaged.mcap");
-    let bytes = [b"\x88MCAP0\r\n".as_slice(), &[0; 64], &mcap::MAGIC].concat();
+    let bytes = [b"\x88MCAP0\r\n".as_slice(), &[0; 64], mcap::MAGIC].concat();
     std::fs::write(&damaged, bytes).unwrap();
     assert!(matches!(Recording::open(&damaged), Err(RecordingError::Damaged { offset: 0, .. })));
     let path = folder.path().join("other.mcap");

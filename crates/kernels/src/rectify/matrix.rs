@@ -64,10 +64,22 @@ pub fn vector_of(rotation: &Matrix) -> [f64; 3] {
     let sine = 0.5 * norm(twice_sine);
     let cosine = (0.5 * (r[0][0] + r[1][1] + r[2][2] - 1.0)).clamp(-1.0, 1.0);
     if sine < 1e-5 {
-        return [0.0; 3];
+        return if cosine > 0.0 { [0.0; 3] } else { half_turn(&r) };
     }
     let scale = libm::acos(cosine) / (2.0 * sine);
     twice_sine.map(|component| component * scale)
+}
+
+/// The vector of half a turn, whose axis is the column space of `R + I`, with the signs that OpenCV's `Rodrigues` takes.
+fn half_turn(r: &Matrix) -> [f64; 3] {
+    let side = |k: usize| (0.5 * (r[k][k] + 1.0)).max(0.0).sqrt();
+    let signed = |size: f64, of: f64| if of < 0.0 { -size } else { size };
+    let [x, y, mut z] = [side(0), signed(side(1), r[0][1]), signed(side(2), r[0][2])];
+    if x < y.abs() && x < z.abs() && (r[1][2] > 0.0) != (y * z > 0.0) {
+        z = -z;
+    }
+    let axis = [x, y, z];
+    axis.map(|component| component * core::f64::consts::PI / norm(axis))
 }
 
 /// The rotation nearest to a matrix that nearly is one: what a file's few digits leave of it (its polar factor, by Newton's iteration).
@@ -100,6 +112,15 @@ mod tests {
         for vector in [[0.3, -0.2, 0.1], [0.0, 1e-3, 0.0], [2.0, 1.0, -1.5], [0.0, 0.0, 0.0]] {
             let back = vector_of(&rotation_about(vector));
             assert!(norm([0, 1, 2].map(|k| back[k] - vector[k])) < 1e-12, "{vector:?} {back:?}");
+        }
+        // Half a turn about an axis is one about its opposite too.
+        let half = core::f64::consts::PI;
+        for axis in [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.6, -0.8, 0.0], [0.0, 0.6, -0.8]] {
+            let rotation = rotation_about(axis.map(|component| component * half));
+            let back = rotation_about(vector_of(&rotation));
+            for (found, expected) in back.as_flattened().iter().zip(rotation.as_flattened()) {
+                assert!((found - expected).abs() < 1e-9, "{axis:?}: {back:?}");
+            }
         }
     }
 

@@ -4,6 +4,7 @@ use std::fs::{File, TryLockError};
 use std::io::{self, Write as _};
 use std::path::Path;
 
+use depthloom_graphs::regular_file;
 use depthloom_terminal::say;
 
 use super::marker::{MARKER, is_of_0_1_0};
@@ -80,7 +81,7 @@ impl Lock {
     /// Whether the folder under this path is still the one that was locked.
     pub fn is_of(&self, folder: &Path) -> bool {
         let identities =
-            File::open(folder.join(MARKER)).and_then(|there| Ok((identity(&there)?, identity(&self.marker)?)));
+            regular_file::open(&folder.join(MARKER)).and_then(|there| Ok((identity(&there)?, identity(&self.marker)?)));
         identities.is_ok_and(|(there, here)| there == here)
     }
 }
@@ -89,7 +90,7 @@ impl Lock {
 ///
 /// Who asks shares a lock for that moment with others who ask, and writes nothing.
 pub fn is_held(folder: &Path) -> bool {
-    let asked = File::open(folder.join(MARKER)).map(|marker| marker.try_lock_shared());
+    let asked = regular_file::open(&folder.join(MARKER)).map(|marker| marker.try_lock_shared());
     matches!(asked, Ok(Err(TryLockError::WouldBlock)))
 }
 

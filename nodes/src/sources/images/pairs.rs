@@ -28,6 +28,8 @@ pub struct Pairs {
     /// What belongs to no frame that could be asked for.
     pub faults: Vec<Fault>,
     pub warnings: Vec<String>,
+    /// Files of frames that have no left image: a run leaves them out.
+    pub alone: Vec<String>,
 }
 
 /// The pairs of two patterns, and of a third where there is truth.
@@ -58,14 +60,14 @@ pub fn by_names(root: &Path, left: &str, right: &str, truth: Option<&str>) -> Re
     let mut pairs = Pairs::default();
     let partners = partners(&lefts, &rights, ("left", "right")).map_err(|fault| vec![fault])?;
     pairs.warnings.extend(partners.warning.clone());
-    pairs.warnings.extend(left_over(&partners.without(&rights), "right image", "a left one"));
+    pairs.alone.extend(left_over(&partners.without(&rights), "right image", "a left one"));
     let truths = match truths {
         Some(truths) => {
             let partners = self::partners(&lefts, &truths, ("left", "truth")).map_err(|fault| vec![fault])?;
             pairs.warnings.extend(partners.warning.clone());
             let without = lefts.iter().zip(&partners.of).filter(|(_, of)| of.is_none()).map(|(left, _)| left);
             pairs.warnings.extend(left_over(&without.collect::<Vec<_>>(), "left image", "a truth"));
-            pairs.warnings.extend(left_over(&partners.without(&truths), "truth", "a left image"));
+            pairs.alone.extend(left_over(&partners.without(&truths), "truth", "a left image"));
             partners.of.into_iter().map(|of| of.map(|at| truths[at].path.clone())).collect()
         }
         None => vec![None; lefts.len()],
