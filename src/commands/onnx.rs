@@ -261,6 +261,8 @@ fn stanza(model: &Description, file: &Path) -> Result<(&'static str, String), St
     // A network of one size sees images of any other resized.
     let is_of_one_size = model.inputs.iter().all(|input| input.shape.iter().skip(1).all(|side| *side > 0));
     let fit = if is_of_one_size { "fit: resize" } else { "multiple: 32" };
+    // Images of bytes are given as they are, those of numbers from 0 to 1.
+    let white = if model.inputs.iter().any(|input| input.element == "u8") { ", white: 255" } else { "" };
     match (&seen[..], &model.inputs[..]) {
         ([Some((1 | 3, last))], [input]) => {
             let size = if is_of_one_size { "" } else { ", multiple: 14" };
@@ -269,7 +271,7 @@ fn stanza(model: &Description, file: &Path) -> Result<(&'static str, String), St
                 "mono/onnx",
                 format!(
                     "depth:\n  kind: mono/onnx\n  # white, mean, std, multiple (or size): as the network was trained; output: disparity-share, disparity-px, inverse-depth or depth\n  \
-                     with: {{ input_name: {}, output_name: {name}, {head}output: {means}{size}{} }}\n  \
+                     with: {{ input_name: {}, output_name: {name}, {head}output: {means}{size}{}{white} }}\n  \
                      inputs: {{ image: source/left, calibration: source/calibration, model: {{ file: {path} }} }}\n",
                     text(&input.name),
                     layout(*last)
@@ -278,13 +280,14 @@ fn stanza(model: &Description, file: &Path) -> Result<(&'static str, String), St
         }
         ([Some((2 | 6, last))], [_]) => {
             let layout = layout(*last);
-            let with = format!("order: left-right, output_name: {name}, {head}output: disparity-px, {fit}{layout}");
+            let with =
+                format!("order: left-right, output_name: {name}, {head}output: disparity-px, {fit}{layout}{white}");
             Ok(("stereo/onnx", stereo(&with, &path)))
         }
         ([Some((a @ (1 | 3), last)), Some((b, _))], [left, right]) if a == b => {
             let (left, right, layout) = (text(&left.name), text(&right.name), layout(*last));
             let with = format!(
-                "left_name: {left}, right_name: {right}, output_name: {name}, {head}output: disparity-px, {fit}{layout}"
+                "left_name: {left}, right_name: {right}, output_name: {name}, {head}output: disparity-px, {fit}{layout}{white}"
             );
             Ok(("stereo/onnx", stereo(&with, &path)))
         }

@@ -215,3 +215,41 @@ fn what_cannot_be_drawn_is_refused_in_words() {
     }
     assert!(!folder.join("a.svg").exists(), "nothing was written");
 }
+
+/// A depth that is scored after its alignment is shown aligned; a variant without a parameter is one level line.
+#[test]
+fn faults_26_and_46_maps_are_shown_as_they_are_scored_and_what_lacks_a_parameter_is_one_line() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let experiment = "experiment: aligned
+sources: { street: { kind: synthetic/road, with: { frames: 0..2, seed: 3, width: 320, height: 96 } } }
+stages:
+  look:
+    source: street
+    nodes:
+      stereo: { kind: stereo/sgbm, inputs: { left: source/left, right: source/right } }
+      depth: { kind: depth/from-disparity, inputs: { disparity: stereo/disparity, calibration: source/calibration } }
+      smooth: { kind: filter/median, inputs: { depth: depth/depth } }
+    score: { truth: source/depth, SCORE estimates: { near: smooth/depth } }
+matrix:
+  look.stereo.with.block: [3, 5, 7]
+  look.smooth.with.size: { values: [3, 5], when: { look.stereo.with.block: 3 } }
+";
+    let mut maps = Vec::new();
+    for (name, score) in [("plain", ""), ("aligned", "align: median,")] {
+        let file = format!("{name}.yaml");
+        std::fs::write(folder.join(&file), experiment.replace("SCORE", score)).expect("written");
+        succeed(depthloom().current_dir(folder).args(["run", "--no-page", &file, "--quiet", "--out", name]));
+        let arguments =
+            ["figure", name, "panels", "--frames", "0", "--variant", "block=5*", "--out", "m.svg", "--data", "m.csv"];
+        succeed(depthloom().current_dir(folder).args(arguments));
+        let svg = std::fs::read_to_string(folder.join("m.svg")).expect("a figure");
+        assert_eq!(svg.contains("near, aligned"), name == "aligned");
+        maps.push(std::fs::read_to_string(folder.join("m.csv")).expect("a table"));
+    }
+    assert_ne!(maps[0], maps[1]);
+    let arguments = ["figure", "plain", "parameter", "--axes", "size", "--out", "p.svg"];
+    succeed(depthloom().current_dir(folder).args(arguments));
+    let svg = std::fs::read_to_string(folder.join("p.svg")).expect("a figure");
+    assert_eq!(svg.matches("without size").count(), 1, "one line of all variants without it");
+}
