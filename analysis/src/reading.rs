@@ -243,13 +243,10 @@ impl Maps {
                 .map(|(index, _, estimate)| (index, map(estimate)))
                 .collect();
             let Some(truth) = map(truth_place).and_then(Value::metres) else { continue };
-            let other_size = |value: &&Value| value.metres().is_some_and(|map| map.dimensions() != truth.dimensions());
-            if let Some((index, _)) = compared.iter().find(|(_, estimate)| estimate.as_ref().is_some_and(other_size)) {
-                let label = &estimators[*index].label;
-                return Err(AnalysisError::content(format!(
-                    "the estimate `{label}` is of another size than its truth"
-                )));
-            }
+            // One of another size than its truth was not scored either: the frame failed there, which the run has said.
+            let is_of_size = |value: &&Value| value.metres().is_some_and(|map| map.dimensions() == truth.dimensions());
+            let compared: Vec<_> =
+                compared.into_iter().map(|(index, estimate)| (index, estimate.filter(is_of_size))).collect();
             let (width, height) = truth.dimensions();
             let pixels = ScoredPixels::new(truth, width as usize, height as usize, settings).by_metre(FARTHEST_M);
             if compared.iter().any(|(_, estimate)| estimate.is_some()) {

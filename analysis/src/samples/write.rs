@@ -136,7 +136,7 @@ pub fn write_samples(
         let mut written = SamplesWritten { samples: 0, frames: 0, estimators: estimators.len(), notes: Vec::new() };
         let mut failed = None;
         let result = depthloom_durable::write_with(file, |out| {
-            let all = Frames { recording, described: &described, estimators: &estimators };
+            let all = Frames { recording, described: &described };
             match all.write(&runs, BufWriter::with_capacity(1 << 20, out), &mut written, progress, stop) {
                 Ok(()) => Ok(()),
                 Err(AnalysisError::Write { source, .. }) => Err(source),
@@ -163,7 +163,6 @@ type OfFrame = Result<Vec<DataFrame>, AnalysisError>;
 struct Frames<'a> {
     recording: &'a Recording,
     described: &'a Described,
-    estimators: &'a [Estimator],
 }
 
 impl Frames<'_> {
@@ -255,9 +254,7 @@ impl Frames<'_> {
                 continue;
             };
             if is_other(map) {
-                let label = &self.estimators[estimator].label;
-                let what = format!("the estimate `{label}` is of another size than its truth");
-                return Err(AnalysisError::content(what));
+                continue;
             }
             columns.insert(estimator, pixels.scored_estimate(estimate, group.settings));
         }

@@ -117,6 +117,29 @@ fn an_imported_module_that_changes_is_noticed_by_its_content() {
 }
 
 #[test]
+fn a_map_of_another_size_costs_its_frame_and_no_report() {
+    const TEST: &str = "a_map_of_another_size_costs_its_frame_and_no_report";
+    let Some(programs) = Programs::new(TEST) else { return };
+    let sizes = "
+import depthloom
+
+@depthloom.node(inputs={'depth': 'depth'}, outputs={'depth': 'depth'})
+class Node:
+    def process(self, depth, frame):
+        return depth[:-1].copy() if frame.index == 1 else depth
+
+depthloom.serve(Node)
+";
+    programs.write("node.py", sizes);
+    let experiment = programs.experiment("contract: ordered, code: [node.py]");
+    let output = programs.command(&experiment, "sizes").arg("--keep-going").output().expect("it runs");
+    assert_eq!(output.status.code(), Some(3), "{}", said(&output));
+    let table = crate::support::read_csv(&programs.path("runs/sizes/table.csv"));
+    assert_eq!(table[0]["frames"], "2", "{table:?}");
+    succeed(depthloom().arg("samples").arg(programs.path("runs/sizes")));
+}
+
+#[test]
 fn parameters_in_another_order_are_other_parameters() {
     const TEST: &str = "parameters_in_another_order_are_other_parameters";
     let Some(programs) = Programs::new(TEST) else { return };
