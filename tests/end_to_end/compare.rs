@@ -290,6 +290,26 @@ fn several_runs_have_one_table_with_the_settings_in_which_they_differ() {
     assert_eq!(told.status.code(), Some(2));
 }
 
+/// What variants share is one test, not one for each of them.
+#[test]
+fn an_estimate_that_variants_share_is_tested_once() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let text = EXPERIMENT.split("variants:").next().expect("a part");
+    let text = format!("{text}matrix:\n  look.stereo.with.block: [3, 5]\n  look.smooth.with.size: [3, 5]\n");
+    std::fs::write(folder.join("shared.yaml"), text).expect("written");
+    succeed(depthloom().current_dir(folder).args(["run", "--no-page", "shared.yaml", "--quiet", "--out", "shared"]));
+    // `raw` differs by block alone: against block=3 there is one test, in two variants.
+    let told = json(
+        folder,
+        &["shared", "block=3+size=3/raw", "block=5+size=3/raw", "block=5+size=5/raw", "--scores", "abs_rel"],
+    );
+    assert_eq!(told["method"]["tests"], 1, "{told}");
+    let rows = told["rows"].as_array().expect("rows");
+    let p: Vec<_> = rows.iter().map(|row| row["p_holm"].as_f64().expect("a number")).collect();
+    assert!(p.len() == 2 && p[0] == p[1] && rows[0]["p"].as_f64() == Some(p[0]), "{told}");
+}
+
 #[test]
 fn in_a_table_of_several_runs_each_variant_has_its_own_settings() {
     let folder = tempfile::tempdir().expect("a folder");

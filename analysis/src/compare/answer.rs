@@ -3,7 +3,7 @@
 use depthloom_graphs::{Key, counted};
 use depthloom_scores::{Mean, PixelSet, Pooling};
 
-use super::contrast::{Contrast, smallest_reachable};
+use super::contrast::{Contrast, smallest_reachable, tests};
 use super::json::{CompareMethod, OtherParameters};
 use super::limit::Judged;
 use super::parameters::{Changed, changed};
@@ -72,7 +72,7 @@ pub(super) fn put_together(
 ) -> Comparison {
     let first = &parties[baseline];
     let others = || parties.iter().enumerate().filter(|(place, _)| *place != baseline).map(|(_, party)| party);
-    let tests = contrasts.iter().filter(|contrast| contrast.p_holm.is_some()).count();
+    let tests = tests(&contrasts.iter().collect::<Vec<_>>());
     let method = CompareMethod::new(&options.resampling, tests);
     let rows: Vec<Row> = contrasts.into_iter().map(|contrast| row(&pairs[contrast.pair], contrast, options)).collect();
     notes.extend(said_of(pairs, &rows, options));
@@ -192,10 +192,7 @@ fn said_of(pairs: &[Pair<'_>], rows: &[Row], options: &CompareOptions) -> Vec<St
     let contrasts: Vec<&Contrast> = rows.iter().map(|row| &row.contrast).collect();
     let level = 1.0 - options.resampling.confidence;
     if let Some(p) = smallest_reachable(&contrasts).filter(|p| *p >= level) {
-        let (tests, frames) = (
-            contrasts.iter().filter(|of| of.p_holm.is_some()).count(),
-            contrasts.iter().map(|of| of.frames).max().unwrap_or(0),
-        );
+        let (tests, frames) = (tests(&contrasts), contrasts.iter().map(|of| of.frames).max().unwrap_or(0));
         note(format!(
             "no verdict is possible: with {} of {} the smallest p_holm that can be reached is {p:.3}, not below {}; take more frames, or fewer sides or `--scores`",
             counted(tests, "test"),

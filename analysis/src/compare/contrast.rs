@@ -1,5 +1,7 @@
 //! One score of a pair: the difference, how sure it is, and on how many frames it is which way.
 
+use std::collections::BTreeSet;
+
 use depthloom_graphs::Key;
 use depthloom_scores::{Mean, Metric, ScoreRow};
 use schemars::JsonSchema;
@@ -29,6 +31,8 @@ pub(super) struct Contrast {
     pub(super) is_identical: bool,
     /// The test's probability, corrected for all tests of the comparison.
     pub(super) p_holm: Option<f64>,
+    /// A digest of the score and of its values on each frame of both sides: of variants that share their estimates it is one test.
+    tested: Key,
     pub(super) verdict: Verdict,
 }
 
@@ -104,6 +108,8 @@ struct Sample {
     contrast: Contrast,
     baseline: Weighted,
     other: Weighted,
+    /// Whether both sides have equal values on every frame.
+    is_equal: bool,
 }
 
 /// The scores of all pairs, pair by pair in the order of every table.
@@ -121,6 +127,11 @@ pub(super) fn contrasts(
             samples.extend(sample(place, pair, metric, pair.mean(options)));
         }
     }
+    // Nodes with different keys may have equal values, too.
+    let differing: BTreeSet<usize> = samples.iter().filter(|of| !of.is_equal).map(|of| of.contrast.pair).collect();
+    for sample in samples.iter_mut().filter(|of| !differing.contains(&of.contrast.pair)) {
+        sample.contrast.is_identical = true;
+    }
     let number = |sample: &Sample| -> (usize, Box<Statistic<'_>>) {
         let (baseline, other) = (sample.baseline.clone(), sample.other.clone());
         (sample.contrast.frames, Box::new(move |times: &[f64]| other.value(times) - baseline.value(times)))
@@ -132,9 +143,16 @@ pub(super) fn contrasts(
     // What is one and the same cannot differ: it is no test, and would only weaken the others.
     let differing = contrasts.iter().enumerate().filter(|(_, of)| !of.is_identical);
     let tested: Vec<(usize, f64)> = differing.filter_map(|(place, of)| Some((place, of.test?.p))).collect();
-    let corrected = holm(&tested.iter().map(|(_, p)| *p).collect::<Vec<_>>());
-    for ((place, _), p) in tested.into_iter().zip(corrected) {
-        contrasts[place].p_holm = Some(p);
+    let mut distinct: Vec<(Key, f64)> = Vec::new();
+    for &(place, p) in &tested {
+        if !distinct.iter().any(|(known, _)| *known == contrasts[place].tested) {
+            distinct.push((contrasts[place].tested, p));
+        }
+    }
+    let corrected = holm(&distinct.iter().map(|(_, p)| *p).collect::<Vec<_>>());
+    for (place, _) in tested {
+        let of_test = distinct.iter().position(|(known, _)| *known == contrasts[place].tested);
+        contrasts[place].p_holm = of_test.map(|of_test| corrected[of_test]);
     }
     let level = 1.0 - options.resampling.confidence;
     for contrast in &mut contrasts {
@@ -143,12 +161,17 @@ pub(super) fn contrasts(
     Ok(contrasts)
 }
 
+/// How many different tests there are.
+pub(super) fn tests(contrasts: &[&Contrast]) -> usize {
+    let tested = contrasts.iter().filter(|of| of.p_holm.is_some());
+    tested.map(|of| of.tested).collect::<BTreeSet<Key>>().len()
+}
+
 /// The smallest corrected probability that as many tests of as many frames could have, were each difference of one sign; `None` without tests.
 pub(super) fn smallest_reachable(contrasts: &[&Contrast]) -> Option<f64> {
-    let tested: Vec<usize> = contrasts.iter().filter(|of| of.p_holm.is_some()).map(|of| of.frames).collect();
-    let most = *tested.iter().max()?;
+    let most = contrasts.iter().filter(|of| of.p_holm.is_some()).map(|of| of.frames).max()?;
     let of_one_sign: Vec<f64> = (1..=most).map(|frame| frame as f64).collect();
-    Some((SignedRank::of(&of_one_sign)?.p * tested.len() as f64).min(1.0))
+    Some((SignedRank::of(&of_one_sign)?.p * tests(contrasts) as f64).min(1.0))
 }
 
 /// A score of a pair on the frames that both have it on; `None` if there is no such frame, or a data set's value does not follow from frames'.
@@ -168,6 +191,9 @@ fn sample(place: usize, pair: &Pair<'_>, metric: &'static Metric, mean: Mean) ->
     let (higher, lower) = (count(&|one, two| two > one), count(&|one, two| two < one));
     let (wins, losses) = if metric.more_is_better { (higher, lower) } else { (lower, higher) };
     let differences: Vec<f64> = values().map(|(one, two)| two - one).collect();
+    let tested = values().fold(Key::build("tested").text(metric.name), |key, (one, two)| {
+        key.number(one.to_bits()).number(two.to_bits())
+    });
     let contrast = Contrast {
         pair: place,
         metric,
@@ -181,9 +207,11 @@ fn sample(place: usize, pair: &Pair<'_>, metric: &'static Metric, mean: Mean) ->
         test: SignedRank::of(&differences),
         is_identical: pair.is_identical(),
         p_holm: None,
+        tested: tested.finish(),
         verdict: Verdict::Unclear,
     };
-    Some(Sample { contrast, baseline, other })
+    let is_equal = differences.iter().all(|difference| *difference == 0.0);
+    Some(Sample { contrast, baseline, other, is_equal })
 }
 
 impl Pair<'_> {
