@@ -155,7 +155,7 @@ pub(super) fn write_named(out: &Path, bytes: &[u8], recordings: &[&Path]) -> Res
     })
 }
 
-/// That what stands there, if anything, is neither a file of a run nor a recording.
+/// Refuses to replace a file of a run or a recording.
 pub(super) fn replaces_no_run(out: &Path) -> Result<(), Stop> {
     let is_of_a_run = || run_folder::around(out.parent().unwrap_or(Path::new("."))).is_some();
     let what = match out.is_file() {

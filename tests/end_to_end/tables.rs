@@ -289,7 +289,7 @@ fn a_table_takes_the_place_of_nothing_that_is_no_table() {
     for own in [recording.clone(), run.join("../run/recording.mcap"), run.join("scores.csv")] {
         assert!(refusal(&own).contains("it is a file of a run"));
     }
-    // Nor do commands whose file is no table.
+    // `samples` does not replace them either.
     let copy = folder.path().join("copy.mcap");
     std::fs::copy(&recording, &copy).expect("copied");
     for (out, why) in [(&recording, "it is a file of a run"), (&copy, "it is a recording")] {

@@ -160,7 +160,7 @@ impl<'a> RawImage<'a> {
         self.planes(bytes_per_pixel, self.height)
     }
 
-    /// The first so many rows of `data`, of which an image in several planes has more than its height.
+    /// The first `rows` rows of `data`. An image in several planes has more rows than its height.
     fn planes(&self, bytes_per_pixel: usize, rows: u32) -> Result<impl Iterator<Item = &'a [u8]>, Malformed> {
         let Self { width, height, step, data, .. } = *self;
         if width == 0 || height == 0 {

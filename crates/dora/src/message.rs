@@ -83,7 +83,7 @@ impl Row {
     /// As a text.
     ///
     /// # Errors
-    /// If it is no text.
+    /// If it is not a text.
     pub fn text(&self) -> Result<&str, String> {
         self.column()?.text()
     }
@@ -91,7 +91,7 @@ impl Row {
     /// As a value.
     ///
     /// # Errors
-    /// If it is no value of that type.
+    /// If it is not a value of that type.
     pub fn value(&self, value_type: ValueType) -> Result<Value, String> {
         let column = self.column()?;
         if value_type == ValueType::Scores {

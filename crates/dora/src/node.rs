@@ -22,7 +22,7 @@ use crate::report::{Readiness, engines, frames, frames_text};
 /// Runs a part until the run is over. What it fails of, the recorder is told, and tells.
 ///
 /// # Errors
-/// If dora is gone, or the part is none that the runner runs.
+/// If dora is gone, or the part is the recorder or a foreign node.
 pub fn run(
     part: &Part,
     plan: &Plan,

@@ -57,7 +57,7 @@ impl Folder {
     /// Refuses if one of these files stands there and may not be replaced.
     ///
     /// # Errors
-    /// The first file that stands there.
+    /// The first file that exists already.
     pub fn check(&self, files: impl IntoIterator<Item = PathBuf>) -> Result<(), Stop> {
         if self.replaces {
             return Ok(());

@@ -25,7 +25,7 @@ use serde::Serialize;
 /// The files of a topic in a format.
 #[derive(JsonSchema, Serialize)]
 pub struct Exported {
-    /// The name under which it was asked for.
+    /// The name under which it was requested.
     pub topic: String,
     /// What its values are.
     #[serde(rename = "type")]

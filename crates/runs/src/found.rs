@@ -43,7 +43,7 @@ impl FoundRun {
     /// The run of a folder, named as it is in the folder of runs, or by its path if it lies elsewhere.
     ///
     /// # Errors
-    /// If it is no run, or cannot be looked at.
+    /// If it is not a run, or its metadata cannot be read.
     pub fn at(path: &Path, folder: &Path) -> Result<Self, Stop> {
         let found = Found::at(path).map_err(|error| {
             Stop::because(Exit::Before, format_args!("failed to look at {}", path.display()), &error)

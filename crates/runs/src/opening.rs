@@ -22,7 +22,7 @@ const NAME_A_RUN: &str = "name a run's folder, a recording, or a run that `depth
 /// The recording of a run that is [named](named()) in the folder of runs, or the recording itself; `command` is what to do with it.
 ///
 /// # Errors
-/// If there is none, or several are meant.
+/// If no recording has this name, or several have.
 pub fn recording_of(run: &Path, command: &str) -> Result<PathBuf, Stop> {
     recording_in(Path::new(FOLDER), run, command)
 }
@@ -109,7 +109,7 @@ pub fn is_recording(path: &Path) -> bool {
     read.is_ok() && start == *b"\x89MCAP0\r\n"
 }
 
-/// How a command ends that answered from recordings: with [`Exit::Frames`] if one of them is damaged, which is said here.
+/// The exit code of a command that read these recordings: [`Exit::Frames`] if one of them is damaged, with a warning.
 pub fn end<'a>(recordings: impl IntoIterator<Item = &'a Recording>) -> Exit {
     let mut exit = Exit::Whole;
     for recording in recordings {

@@ -118,7 +118,7 @@ def _file_of(module: object) -> str | None:
 
 
 def _other_bytecode(file: str) -> str:
-    """A hash of the compiled file in `__pycache__` that Python runs in place of a module, if it was not made from the module as it is now; empty if there is none."""
+    """A hash of the compiled file in `__pycache__` that Python runs in place of a module, if it was made from another version of the module; otherwise empty."""
     try:
         compiled = importlib.util.cache_from_source(file)
         with open(compiled, "rb") as content:
@@ -129,7 +129,7 @@ def _other_bytecode(file: str) -> str:
         if data[:4] != importlib.util.MAGIC_NUMBER:
             is_run = False
         elif flags & 1:
-            # Of a compiled file that is known by the hash of its source, which Python may be told not to check.
+            # The compiled file names the hash of its source; bit 1 says whether Python compares it.
             is_run = not flags & 2 or importlib.util.source_hash(source) == data[8:16]
         else:
             made_of = (int.from_bytes(data[8:12], "little"), int.from_bytes(data[12:16], "little"))

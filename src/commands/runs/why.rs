@@ -22,7 +22,7 @@ use crate::outputs::{self, CommandOutput, Output};
 /// The experiment as resolved, in a recording.
 const RESOLVED: &str = "experiment.resolved.yaml";
 
-/// Of so many frames of a node values are compared, where their chunks differ.
+/// The largest number of frames per node on which values are compared because their chunks differ.
 const MOST_COMPARED: usize = 64;
 
 /// How many variants of a node are named.
