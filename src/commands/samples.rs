@@ -59,8 +59,9 @@ pub fn samples(args: &SamplesArgs) -> Result<Exit, Stop> {
     let path = recording_of(&args.run, "samples")?;
     let out = match &args.out {
         Some(out) => {
-            // A run's own samples may be written again.
-            if out.file_name() != Some(SAMPLES.as_ref()) || depthloom_runs::is_recording(out) {
+            // The run's own samples may be written again.
+            let own = path.with_file_name(SAMPLES);
+            if !matches!((out.canonicalize(), own.canonicalize()), (Ok(out), Ok(own)) if out == own) {
                 can_be_written(out)?;
             }
             out.clone()

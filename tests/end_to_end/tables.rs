@@ -363,3 +363,53 @@ fn the_model_ablation_is_answered_by_three_commands() {
     let nodes = plan["stages"][0]["nodes"].as_array().or_else(|| plan["runs"][0]["nodes"].as_array()).expect("nodes");
     assert_eq!(nodes.iter().filter(is_matcher).count(), 32);
 }
+
+#[test]
+fn answers_of_a_damaged_recording_end_with_3_and_damaged_timings_cost_their_column() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (run, _) = run(folder.path(), SWEEP);
+    let table = |run: &Path| depthloom().args(["table", "--format", "csv"]).arg(run).output().expect("it runs");
+    let timings = run.join("timings.parquet");
+    std::fs::write(&timings, b"PAR1 damaged PAR1").expect("written");
+    let output = table(&run);
+    let warning = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(0), "{warning}");
+    assert!(warning.contains("no `ms`") && warning.contains("timings.parquet"), "{warning}");
+    std::fs::remove_file(&timings).expect("removed");
+    // Without its summary, and with bytes behind its first frames that were not written.
+    let recording = run.join("recording.mcap");
+    let mut bytes = std::fs::read(&recording).expect("read");
+    bytes.truncate(bytes.len() - 100);
+    let sound = bytes.clone();
+    let mut answers = 0;
+    for percent in (20..100).step_by(5) {
+        let at = sound.len() * percent / 100;
+        bytes.copy_from_slice(&sound);
+        bytes[at..at + 64].fill(0xff);
+        std::fs::write(&recording, &bytes).expect("written");
+        let condition = depthloom().args(["info", "--json"]).arg(&run).output().expect("it runs");
+        let is_damaged = String::from_utf8_lossy(&condition.stdout).contains("\"condition\": \"damaged");
+        let output = table(&run);
+        // Where the damage leaves no frame there is no answer.
+        if output.stdout.is_empty() || !is_damaged {
+            continue;
+        }
+        answers += 1;
+        let warning = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(3), "{percent} %: {warning}");
+        assert!(warning.contains("recording.mcap is damaged at byte"), "{percent} %: {warning}");
+    }
+    assert!(answers > 0, "no damage left a frame");
+}
+
+/// A stranger's run folder may have a pipe in the place of the marker: whoever lists runs must not wait for it.
+#[cfg(unix)]
+#[test]
+fn a_pipe_in_the_place_of_a_marker_holds_up_no_list_of_runs() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (run, _) = run(folder.path(), SWEEP);
+    let marker = run.join("depthloom-run.json");
+    std::fs::remove_file(&marker).expect("removed");
+    succeed(Command::new("mkfifo").arg(&marker));
+    succeed(depthloom().args(["runs", "--in"]).arg(folder.path()));
+}

@@ -291,6 +291,8 @@ fn frames_on_which_an_estimate_is_absent_without_a_failure_are_said() {
     let summary = report(&recording, folder.path(), &ReportOptions::default(), &|| false).unwrap();
     let note = "stage `compare`: means leave out 1 of 9 frames, on which there is no value of `b/mono`";
     assert!(summary.text.starts_with("mean over 7 frames") && summary.text.contains(note), "{}", summary.text);
+    let unscored = "stage `compare`: means leave out 1 of 9 frames, which have no truth or no value of any estimate";
+    assert!(summary.text.contains(unscored), "{}", summary.text);
     let question = Question::Ranking(Ranking::default());
     let answer = answer(&recording, None, &Selection::default(), &question, &|| false).unwrap();
     assert!(answer.terminal(200).contains(note), "{}", answer.terminal(200));

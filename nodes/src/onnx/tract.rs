@@ -169,4 +169,20 @@ mod tests {
         let entry = format!("name = \"tract-onnx\"\nversion = \"{}\"\n", super::VERSION);
         assert!(lock.replace('\r', "").contains(&entry), "Cargo.lock has another tract-onnx than {}", super::VERSION);
     }
+
+    #[test]
+    fn operators_of_unknown_domains_are_refused() {
+        let model = |domain: &str| {
+            let node = tract_onnx::pb::NodeProto {
+                op_type: "Conv".to_owned(),
+                domain: domain.to_owned(),
+                ..Default::default()
+            };
+            let graph = tract_onnx::pb::GraphProto { node: vec![node], ..Default::default() };
+            super::ModelProto { graph: Some(graph), ..Default::default() }
+        };
+        assert!(super::check_domains(&model("")).is_ok());
+        let error = super::check_domains(&model("my.custom")).unwrap_err().to_string();
+        assert_eq!(error, "operator `Conv` of domain `my.custom` is not known");
+    }
 }
