@@ -1,7 +1,7 @@
 //! What a report says of the recording itself: its condition, what is damaged in it, and which stages have frames.
 
 use depthloom_graphs::counted;
-use depthloom_recording::{Condition, Damage, Held, RecordedPlan, RecordedRun, Recording};
+use depthloom_recording::{Condition, Damage, DamagedContent, RecordedPlan, RecordedRun, Recording};
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -90,12 +90,12 @@ pub(crate) fn told(recording: &Recording, damage: &[Damage], has_numbers: bool) 
         let of_numbers = if has_numbers { "all numbers are of its" } else { "it has" };
         notes.push(format!("the recording is {condition}; {of_numbers} {}", counted(all, "whole frame")));
     }
-    for Damage { offset, held, .. } in damage {
-        wrong.push(format!("damaged at byte {offset}: it held {held}"));
+    for Damage { offset, content, .. } in damage {
+        wrong.push(format!("damaged at byte {offset}: it held {content}"));
     }
-    for Damage { offset, held, .. } in &damage[..damage.len().min(SHOWN)] {
+    for Damage { offset, content, .. } in &damage[..damage.len().min(SHOWN)] {
         notes.push(format!(
-            "the recording is damaged at byte {offset}: it held {held}; no number here comes from there"
+            "the recording is damaged at byte {offset}: it held {content}; no number here comes from there"
         ));
     }
     if damage.len() > SHOWN {
@@ -140,18 +140,18 @@ fn without_frames(plan: &RecordedPlan, frames: &[usize], ends_early: bool) -> Ve
 
 impl DamagedPlace {
     fn of(damage: &Damage) -> Self {
-        let Damage { offset, bytes, held } = damage;
+        let Damage { offset, bytes, content } = damage;
         let (mut stage, mut position, mut frame, mut topics, mut attachment) = (None, None, None, None, None);
-        match held {
-            Held::Frame { stage: of, position: at, id, topics: of_frame } => {
+        match content {
+            DamagedContent::Frame { stage: of, position: at, id, topics: of_frame } => {
                 stage = Some(of.clone());
                 position = Some(*at as u64);
                 frame = Some(id.to_string());
                 topics = Some(of_frame.clone());
             }
-            Held::Curve(topic) => topics = Some(vec![topic.clone()]),
-            Held::Attachment(name) => attachment = Some(name.clone()),
-            Held::NoValue => {}
+            DamagedContent::Curve(topic) => topics = Some(vec![topic.clone()]),
+            DamagedContent::Attachment(name) => attachment = Some(name.clone()),
+            DamagedContent::NoValue => {}
         }
         Self { offset: *offset, bytes: *bytes, stage, position, frame, topics, attachment }
     }

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use depthloom_durable::remedy_of_writing;
 use depthloom_graphs::Remedied;
 
-use crate::held::Held;
+use crate::read::damaged_content::DamagedContent;
 
 /// Why a recording cannot be written or read.
 #[derive(Debug, thiserror::Error)]
@@ -198,10 +198,10 @@ impl RecordingError {
     }
 
     /// Says what the damaged bytes held.
-    pub(crate) fn that_held(self, held: &Held) -> Self {
+    pub(crate) fn with_content(self, content: &DamagedContent) -> Self {
         match self {
             Self::Damaged { path, offset, what } => {
-                Self::Damaged { path, offset, what: format!("{what}; it held {held}") }
+                Self::Damaged { path, offset, what: format!("{what}; it held {content}") }
             }
             other => other,
         }

@@ -93,62 +93,43 @@
 //! summary first. `mcap.reader.NonSeekingReader(file).iter_messages(log_time_order=False)` reads from the start, and gives all
 //! messages before it says that the file ends too early. `depthloom report` takes such a file as it is.
 
-mod attachment;
 mod checksum;
-mod chunk;
-mod chunk_indexes;
+mod commit_message;
 mod condition;
-mod copy;
-mod curve;
-mod damage;
 mod difference;
-mod digest;
-mod disk;
-mod earlier;
-mod early_sync;
 mod error;
 mod file;
-mod held;
-mod index;
-mod inventory;
-mod layout;
-mod looking;
 mod parse;
 mod plan;
-mod pool;
-mod reader;
+mod read;
 mod record;
-mod recorder;
-mod recording;
-mod resume;
+mod reuse;
 mod source;
-mod store;
 mod unpack;
-mod value_digest;
-mod walk;
 mod window;
-mod writer;
+mod write;
 
-pub use attachment::AttachmentEntry;
-pub use chunk::Part;
 pub use condition::Condition;
-pub use damage::Damage;
 pub use difference::{Difference, NodePair, json_differences, node_pairs, source_differences};
-pub use digest::digest;
-pub use disk::{Disk, Through};
-pub use earlier::EarlierRuns;
 pub use error::RecordingError;
-pub use held::Held;
-pub use inventory::TopicSize;
 pub use plan::{
     RecordedEstimate, RecordedInput, RecordedNode, RecordedOutput, RecordedPlan, RecordedRun, RecordedSource,
     RecordedSourcePart,
 };
-pub use reader::FrameReader;
-pub use recorder::{Attachment, Compression, Recorder, Written};
-pub use recording::{RecordedContent, RecordedFrame, RecordedOnce, Recording};
-pub use resume::recover;
+pub use read::attachment::AttachmentEntry;
+pub use read::damage::Damage;
+pub use read::damaged_content::DamagedContent;
+pub use read::digest::digest;
+pub use read::frame_reader::FrameReader;
+pub use read::recording::{RecordedContent, RecordedFrame, RecordedOnce, Recording};
+pub use read::topic_sizes::TopicSize;
+pub use reuse::earlier_runs::EarlierRuns;
 pub use source::{Mcap, McapParams};
+pub use write::attachments::Attachment;
+pub use write::disk::{Disk, Through};
+pub use write::part::Part;
+pub use write::recorder::{Compression, Recorder, Written};
+pub use write::resume::recover;
 
 /// The version of what a recording holds, and how it is stored.
 pub(crate) const FORMAT: &str = "5";

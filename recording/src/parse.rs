@@ -4,7 +4,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::layout::TOPIC_IN_PLAN;
+use crate::write::layout::TOPIC_IN_PLAN;
 
 /// Opcode and length of a record.
 pub(crate) const RECORD_HEADER: u64 = 9;

@@ -10,8 +10,6 @@ use depthloom_graphs::{Key, Rate, ValueType};
 use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
 
-use crate::recorder::json;
-
 /// The plan of a recording, as kept in its metadata.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -306,4 +304,9 @@ pub(crate) fn planned_output(run: &StageRun, slot: Slot) -> &PlannedOutput {
 
 fn recorded_topic(output: &PlannedOutput) -> Option<String> {
     output.recorded.then(|| output.topic.clone())
+}
+
+/// The JSON of a plan, or of a part of one.
+pub(crate) fn json(value: &impl Serialize) -> String {
+    serde_json::to_string(value).expect("plans hold nothing that JSON cannot")
 }

@@ -11,9 +11,9 @@ use serde_json::json;
 
 use crate::condition::Condition;
 use crate::plan::{RecordedNode, RecordedOutput, RecordedRun};
-use crate::recording::Recording;
-use crate::store::fault;
-use crate::writer::LIBRARY;
+use crate::read::recording::Recording;
+use crate::reuse::stored_values::fault;
+use crate::write::file_writer::LIBRARY;
 
 const KIND: &str = "mcap";
 const VERSION: u32 = 1;

@@ -6,8 +6,8 @@ use mcap::records::op;
 
 use crate::error::RecordingError;
 use crate::file::PositionedFile;
-use crate::index::ChunkEntry;
 use crate::parse::{ChunkMessage, Records, chunk_head, message};
+use crate::read::index::ChunkEntry;
 use depthloom_codecs::compression::decompress;
 
 /// The most a chunk may hold, uncompressed: protobuf messages end there, and no frame of a camera comes near. Writer and reader

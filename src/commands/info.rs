@@ -177,8 +177,8 @@ fn text(recording: &Recording, topics: &[Topic], damage: &[RecordedDamage], args
         (condition, _) => condition.to_string(),
     };
     let mut text = format!("{}: {condition}\n", recording.path().display());
-    for RecordedDamage { offset, bytes, held } in damage {
-        text += &format!("damaged in the {bytes} bytes from byte {offset} on: it held {held}\n");
+    for RecordedDamage { offset, bytes, content } in damage {
+        text += &format!("damaged in the {bytes} bytes from byte {offset} on: it held {content}\n");
     }
     let stages = plan
         .runs
@@ -293,7 +293,7 @@ fn output(recording: &Recording, topics: Vec<Topic>, damage: &[RecordedDamage], 
         media_type: of.media_type.clone(),
         bytes: of.size,
     });
-    let place = |of: &RecordedDamage| Damage { offset: of.offset, bytes: of.bytes, held: of.held.to_string() };
+    let place = |of: &RecordedDamage| Damage { offset: of.offset, bytes: of.bytes, held: of.content.to_string() };
     let key = |of: RecordedKey<'_>| KeyOf {
         stage: of.planned.stage.clone(),
         variant: of.variant.map(str::to_owned),

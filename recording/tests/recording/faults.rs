@@ -320,7 +320,7 @@ fn damage_is_named_by_what_it_held() {
     let recording = Recording::open(written(folder.path(), &bytes)).unwrap();
     assert_eq!(*recording.condition(), Condition::Whole);
     let damage = recording.damage(&|| false);
-    let held: Vec<String> = damage.iter().map(|damage| damage.held.to_string()).collect();
+    let held: Vec<String> = damage.iter().map(|damage| damage.content.to_string()).collect();
     let [image, model, note] = &held[..] else { panic!("{held:?}") };
     assert!(image.contains("/compare/source/left"), "{image}");
     assert!(image.ends_with("of frame `000001_10` (position 1 of stage `compare`)"), "{image}");

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Output;
 
-use depthloom_recording::{Damage, Held, Recording};
+use depthloom_recording::{Damage, DamagedContent, Recording};
 
 use crate::support::{depthloom, full, succeed};
 
@@ -96,7 +96,7 @@ fn flipped_in(folder: &Path, bytes: &[u8], topic: &str) -> Vec<u8> {
         flipped[place] ^= 4;
         std::fs::write(&path, &flipped).expect("written");
         let damage = Recording::open(&path).map_or_else(|_| Vec::new(), |recording| recording.damage(&|| false));
-        if let [Damage { held: Held::Frame { position: 2, topics, .. }, .. }] = &damage[..]
+        if let [Damage { content: DamagedContent::Frame { position: 2, topics, .. }, .. }] = &damage[..]
             && topics.iter().any(|of| of == topic)
         {
             return flipped;

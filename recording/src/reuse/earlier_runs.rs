@@ -16,11 +16,11 @@ use crate::FORMAT;
 use crate::checksum::CrcBefore;
 use crate::error::RecordingError;
 use crate::file::PositionedFile;
-use crate::index::{ChunkEntry, MAGIC, metadata_entry};
 use crate::parse::RECORD_HEADER;
 use crate::plan::RecordedPlan;
-use crate::recording::{RecordedFrame, Recording};
-use crate::store::{KeyedPlace, StoredValues, fault, unknown};
+use crate::read::index::{ChunkEntry, MAGIC, metadata_entry};
+use crate::read::recording::{RecordedFrame, Recording, StoredValues};
+use crate::reuse::stored_values::{KeyedPlace, fault, unknown};
 use crate::window::Window;
 
 /// Recordings of earlier runs as one store: what they made and a run needs need not be made again.

@@ -9,9 +9,9 @@ use depthloom_graphs::{Key, Remedied, Value, ValueType};
 
 use crate::condition::Condition;
 use crate::error::RecordingError;
-use crate::index::ChunkEntry;
 use crate::plan::RecordedOutput;
-use crate::recording::{RecordedContent, RecordedOnce, Recording};
+use crate::read::index::ChunkEntry;
+use crate::read::recording::{RecordedContent, RecordedOnce, Recording, StoredValues};
 
 /// Where the values of one cache key are stored. Only [`Recording::place_of`] makes one, and stored bytes are reached through one alone: so
 /// whoever has bytes knows the key that they were stored under, and topic, node, variant and position never decide which bytes are read.
@@ -19,15 +19,6 @@ use crate::recording::{RecordedContent, RecordedOnce, Recording};
 pub(crate) struct KeyedPlace {
     key: Key,
     values: StoredValues,
-}
-
-/// Which values a key names.
-#[derive(Clone, Copy, Debug)]
-pub(crate) enum StoredValues {
-    /// Those of a run's source (`node: None`) or node on a frame.
-    Frame { run: usize, position: usize, node: Option<usize> },
-    /// The aggregate values of a node.
-    Once { run: usize, node: usize },
 }
 
 impl KeyedPlace {

@@ -9,16 +9,16 @@ use crc32fast::Hasher;
 use mcap::records::op;
 
 use crate::checksum::seal;
-use crate::chunk::Part;
-use crate::chunk_indexes::ChunkIndexes;
-use crate::disk::{Disk, Through, write_all};
-use crate::early_sync::EarlySync;
 use crate::error::RecordingError;
-use crate::layout::ChannelLayout;
 use crate::record::{
     ChunkPlace, Counts, put_attachment, put_attachment_index, put_channel, put_chunk_index, put_data_end, put_footer,
     put_header, put_metadata, put_metadata_index, put_schema, put_statistics, put_summary_offset,
 };
+use crate::write::background_sync::EarlySync;
+use crate::write::chunk_indexes::ChunkIndexes;
+use crate::write::disk::{Disk, Through, write_all};
+use crate::write::layout::ChannelLayout;
+use crate::write::part::Part;
 use depthloom_codecs::schema::Schema;
 
 /// The library named in the file's header: no version, since equal runs are equal files.

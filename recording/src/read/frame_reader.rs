@@ -3,7 +3,7 @@
 use depthloom_graphs::{Value, ValueType};
 
 use crate::error::RecordingError;
-use crate::recording::{RecordedFrame, Recording};
+use crate::read::recording::{RecordedFrame, Recording};
 use crate::unpack::ChunkBuffers;
 use depthloom_codecs::decode::Gathered;
 use depthloom_codecs::schema::Schema;
@@ -22,12 +22,18 @@ pub struct FrameReader<'a> {
     next: usize,
 }
 
+impl Recording {
+    /// A reader of some of a stage run's topics; each may be an alias.
+    ///
+    /// # Errors
+    /// If the run has no such topic, or did not record it.
+    pub fn reader(&self, run: usize, topics: &[impl AsRef<str>]) -> Result<FrameReader<'_>, RecordingError> {
+        FrameReader::new(self, run, topics)
+    }
+}
+
 impl<'a> FrameReader<'a> {
-    pub(crate) fn new(
-        recording: &'a Recording,
-        run: usize,
-        topics: &[impl AsRef<str>],
-    ) -> Result<Self, RecordingError> {
+    fn new(recording: &'a Recording, run: usize, topics: &[impl AsRef<str>]) -> Result<Self, RecordingError> {
         let plan = recording.plan();
         let Some(planned) = plan.runs.get(run) else {
             let (path, what) = (recording.path().to_owned(), format!("stage run {run}"));
@@ -85,7 +91,7 @@ impl<'a> FrameReader<'a> {
                 Ok(())
             });
             let is_read = |id: u16| channels.iter().any(|(channel, ..)| *channel == id);
-            read.map_err(|error| error.that_held(&recording.held_of_frame(self.run, position, chunk, is_read)))?;
+            read.map_err(|error| error.with_content(&recording.frame_content(self.run, position, chunk, is_read)))?;
         }
         Ok(gathered.into_iter().map(Gathered::into_value).collect())
     }

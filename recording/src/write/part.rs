@@ -11,20 +11,14 @@ use depthloom_graphs::Frame;
 use mcap::records::op;
 use rustix::time::{ClockId, clock_gettime};
 
-use crate::copy::placed;
-use crate::pool::PartPools;
+use crate::parse::{self, RECORD_HEADER, Records};
 use crate::record::{ChunkPlace, put_message, put_message_index};
 use crate::unpack::LARGEST_CHUNK;
+use crate::write::buffer_pool::PartPools;
 use depthloom_codecs::compression;
 
-/// Messages below this many bytes are kept as they are.
-const SMALL: usize = 1024;
 /// Room for what surrounds a message's pixels: record header, times, names.
 const FIELDS: usize = 256;
-/// The sample: this many windows of this many bytes, evenly spaced.
-const WINDOWS: usize = 8;
-const WINDOW: usize = 4096;
-
 /// How the chunk of a raster is to be kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Packing {
@@ -278,6 +272,37 @@ impl Part {
     }
 }
 
+/// A chunk and its message indexes, which start at `offset`; and how many messages it has of each channel. `None` if they are not whole.
+pub(crate) fn placed(stored: &[u8], offset: u64) -> Option<(ChunkPlace, Vec<(u16, u64)>)> {
+    let mut records = Records::new(stored);
+    let Some(Ok((0, op::CHUNK, body))) = records.next() else { return None };
+    let head = parse::chunk_head(body).filter(|head| head.body_length == Some(body.len() as u64))?;
+    let compression = match head.compression {
+        "" => "",
+        "zstd" => "zstd",
+        _ => return None,
+    };
+    let length = RECORD_HEADER + body.len() as u64;
+    let (mut indexes, mut messages) = (Vec::new(), Vec::new());
+    for record in records {
+        let Ok((at, op::MESSAGE_INDEX, body)) = record else { return None };
+        let channel = parse::message_index_channel(body, body.len() as u64)?;
+        indexes.push((channel, offset + at));
+        messages.push((channel, (body.len() as u64 - 6) / 16));
+    }
+    let place = ChunkPlace {
+        start: offset,
+        length,
+        times_ns: head.times_ns,
+        indexes,
+        indexes_length: stored.len() as u64 - length,
+        compression,
+        compressed_size: head.stored,
+        uncompressed_size: head.uncompressed_size,
+    };
+    Some((place, messages))
+}
+
 /// Messages of one channel outside frames, as one uncompressed chunk: time and content of each.
 pub(crate) fn messages_outside_frames(channel: u16, content: impl IntoIterator<Item = (u64, Vec<u8>)>) -> Part {
     let mut bytes = vec![0; PLAIN_HEADER];
@@ -310,27 +335,6 @@ fn thread_cpu_ns() -> u64 {
     time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64
 }
 
-/// To which share of itself zstd brings a raster, measured on a few of its samples; `put` appends the bytes of a stretch of samples. Of what is too
-/// small to matter, one.
-///
-/// # Errors
-/// If zstd fails: a guess would give other bytes than those of a run that measured.
-pub(crate) fn measured<T>(samples: &[T], put: impl Fn(&mut Vec<u8>, &[T])) -> Result<f64, Unkept> {
-    let window = WINDOW / size_of::<T>();
-    let mut sample = Vec::with_capacity(WINDOWS * WINDOW);
-    if samples.len() <= WINDOWS * window {
-        put(&mut sample, samples);
-    } else {
-        let step = (samples.len() - window) / (WINDOWS - 1);
-        for at in (0..WINDOWS).map(|number| number * step) {
-            put(&mut sample, &samples[at..at + window]);
-        }
-    }
-    let mut packed = Vec::with_capacity(compression::bound(sample.len()));
-    let packed = compression::compress(&sample, &mut packed).map_err(Unkept::Compression)?;
-    Ok(if sample.len() < SMALL { 1.0 } else { packed as f64 / sample.len() as f64 })
-}
-
 fn chunk_header(times_ns: (u64, u64), size: u64, crc: u32, compression: &str, compressed: u64) -> Vec<u8> {
     let mut header = Vec::with_capacity(header_length(compression));
     header.push(op::CHUNK);
@@ -351,11 +355,11 @@ mod tests {
 
     use depthloom_graphs::Frame;
 
-    use super::{Packing, PartBuilder, Unkept, measured};
+    use super::{Packing, PartBuilder, Unkept};
     use crate::file::PositionedFile;
-    use crate::index::ChunkEntry;
-    use crate::pool::PartPools;
+    use crate::read::index::ChunkEntry;
     use crate::unpack::ChunkBuffers;
+    use crate::write::buffer_pool::PartPools;
 
     #[test]
     fn fault_08_what_does_not_fit_into_a_chunk_lies_in_several() {
@@ -416,20 +420,5 @@ mod tests {
             };
             assert!(matches!(refused, Err(Unkept::TooLarge { channel: 2, bytes: 5001 })), "{refused:?}");
         }
-    }
-
-    #[test]
-    fn noise_does_not_shrink_and_repetition_does() {
-        let mut state = 1_u64;
-        let noise: Vec<u8> = (0..200_000)
-            .map(|_| {
-                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
-                (state >> 56) as u8
-            })
-            .collect();
-        let share = |samples: &[u8]| measured(samples, Vec::extend_from_slice).unwrap();
-        assert!(share(&noise) > 0.99);
-        assert!(share(&noise.iter().map(|byte| byte % 2).collect::<Vec<u8>>()) < 0.3);
-        assert_eq!(share(&[0; 100]), 1.0, "too small to matter");
     }
 }

@@ -6,12 +6,12 @@
 use depthloom_graphs::values::Curve;
 use prost::Message;
 
-use crate::chunk::{Part, messages_outside_frames};
 use crate::error::RecordingError;
-use crate::held::Held;
-use crate::index::{ChunkEntry, Index};
-use crate::recording::Recording;
+use crate::read::damaged_content::DamagedContent;
+use crate::read::index::{ChunkEntry, Index};
+use crate::read::recording::Recording;
 use crate::unpack::ChunkBuffers;
+use crate::write::part::{Part, messages_outside_frames};
 use depthloom_codecs::messages::CurvePointMessage;
 use depthloom_codecs::schema::Schema;
 
@@ -51,7 +51,7 @@ impl Recording {
                     points.push(point.point().ok_or("a point of a learning curve has no loss or no learning rate")?);
                     Ok(())
                 })
-                .map_err(|error| error.that_held(&Held::Curve(topic.to_owned())))?;
+                .map_err(|error| error.with_content(&DamagedContent::Curve(topic.to_owned())))?;
         }
         if points.len() as u64 != count {
             let what = format!("the learning curve {topic} has {} of its {count} points", points.len());

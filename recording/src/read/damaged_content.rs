@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 /// What a stretch of a recording held.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Held {
+pub enum DamagedContent {
     /// Values of a frame.
     Frame {
         /// The stage run's name.
@@ -25,7 +25,7 @@ pub enum Held {
     NoValue,
 }
 
-impl fmt::Display for Held {
+impl fmt::Display for DamagedContent {
     /// What it was, as a lower-case fragment; of many topics the first.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         const SHOWN: usize = 4;

@@ -3,8 +3,8 @@
 //! Foxglove takes for an image the calibration whose topic begins like the image's, up to its last `/`; so each camera is a folder of topics.
 //! Rerun refuses a coordinate frame that two topics define; so each camera of each stage run has a frame of its own.
 
-use crate::chunk::{Packing, PartBuilder, Unkept};
 use crate::plan::planned_output;
+use crate::write::part::{Packing, PartBuilder, Unkept};
 use depthloom_codecs::encode::{Stamp, put_camera, put_compressed_image, put_points, put_transform};
 use depthloom_codecs::files::Cloud;
 use depthloom_codecs::picture::{picture, reduced};
@@ -127,7 +127,7 @@ fn within(run: &StageRun, topic: &str) -> String {
 }
 
 /// What the points of a slot's values are made of, if they are to be kept: they lie in one part of the frame with these.
-pub(crate) fn points_of(plan: &Plan, run: &StageRun, slot: Slot) -> Option<Beside> {
+pub(crate) fn points_of(plan: &Plan, run: &StageRun, slot: Slot) -> Option<Companion> {
     let output = planned_output(run, slot);
     let node = match slot {
         Slot::Source { .. } => "source",
@@ -142,12 +142,12 @@ pub(crate) fn points_of(plan: &Plan, run: &StageRun, slot: Slot) -> Option<Besid
         let port = (0..run.source.outputs.len()).find(of_type)?;
         run.source.outputs[port].recorded.then_some(Slot::Source { port })
     };
-    Some(Beside::Points { calibration: first(ValueType::Calibration)?, image: first(ValueType::Image) })
+    Some(Companion::Points { calibration: first(ValueType::Calibration)?, image: first(ValueType::Image) })
 }
 
 /// A message beside that of a value: made of the value (of points: and of the source's), so that it lasts as long and comes again with it.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) enum Beside {
+pub(crate) enum Companion {
     /// Of a map: a picture of it.
     Picture,
     /// Of a depth: its points, by the calibration and coloured by the image of that part of the frame.
@@ -181,7 +181,7 @@ pub(crate) enum Pose {
     Right,
 }
 
-impl Beside {
+impl Companion {
     /// Adds the message of a value to a part; a map without a pixel has no picture.
     pub(crate) fn put(
         &self,

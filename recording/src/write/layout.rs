@@ -10,10 +10,10 @@ use depthloom_graphs::contracts::Slot;
 use depthloom_graphs::plan::{Origin, Plan, PlannedNode, PlannedOutput, StageRun};
 use depthloom_graphs::{Frame, Rate, Value, ValueType};
 
-use crate::chunk::{PartBuilder, Unkept};
 use crate::error::RecordingError;
-use crate::looking::{Beside, Camera, Pose, picture_topic, points_of, points_topic, topic_shown};
 use crate::plan::{RecordedPlan, planned_output};
+use crate::write::part::{PartBuilder, Unkept};
+use crate::write::viewer::{Camera, Companion, Pose, picture_topic, points_of, points_topic, topic_shown};
 use depthloom_codecs::encode::Stamp;
 use depthloom_codecs::schema::Schema;
 
@@ -60,7 +60,7 @@ pub(crate) struct PortLayout {
     /// The channel of what is kept in another form: images that come with a file's own bytes, true disparities that 16 bits do not hold.
     pub(crate) other_channel: Option<u16>,
     /// The messages that viewers need beside the value's.
-    pub(crate) beside: Vec<BesideLayout>,
+    pub(crate) companions: Vec<CompanionLayout>,
     /// The camera whose pixels these are.
     pub(crate) frame_id: Arc<str>,
 }
@@ -68,24 +68,24 @@ pub(crate) struct PortLayout {
 impl PortLayout {
     /// The values that what stands beside this port's is made of, too.
     pub(crate) fn needed(&self) -> impl Iterator<Item = Slot> + '_ {
-        let of = |beside: &BesideLayout| match beside.what {
-            Beside::Points { calibration, image } => [Some(calibration), image],
+        let of = |companion: &CompanionLayout| match companion.what {
+            Companion::Points { calibration, image } => [Some(calibration), image],
             _ => [None, None],
         };
-        self.beside.iter().flat_map(of).flatten()
+        self.companions.iter().flat_map(of).flatten()
     }
 }
 
 /// A message beside a value's.
 #[derive(Clone, Debug)]
-pub(crate) struct BesideLayout {
-    pub(crate) what: Beside,
+pub(crate) struct CompanionLayout {
+    pub(crate) what: Companion,
     pub(crate) channel: u16,
     /// The camera whose pixels these are.
     pub(crate) frame_id: Arc<str>,
 }
 
-impl BesideLayout {
+impl CompanionLayout {
     /// Adds the message of a value to a part.
     pub(crate) fn put(
         &self,
@@ -286,34 +286,34 @@ impl FileLayout {
             let layout = ChannelLayout { schema: Schema::CompressedImage, topic, metadata };
             other_channel = Some(self.numbered(layout)?);
         }
-        let beside = self.beside(plan, run, slot, topics)?;
+        let companions = self.companions(plan, run, slot, topics)?;
         Ok(PortLayout {
             part,
             class,
             topic: output.topic.as_str().into(),
             channel,
             other_channel,
-            beside,
+            companions,
             frame_id: Camera::of(run, slot).frame_id(run).into(),
         })
     }
 
     /// The channels beside a port's.
-    fn beside(
+    fn companions(
         &mut self,
         plan: &Plan,
         run: &StageRun,
         slot: Slot,
         topics: &mut BTreeSet<String>,
-    ) -> Result<Vec<BesideLayout>, RecordingError> {
+    ) -> Result<Vec<CompanionLayout>, RecordingError> {
         let output = planned_output(run, slot);
-        let mut wanted: Vec<(Schema, String, String, Beside)> = Vec::new();
+        let mut wanted: Vec<(Schema, String, String, Companion)> = Vec::new();
         match output.port.value_type {
             ValueType::Disparity | ValueType::TrueDisparity | ValueType::Depth | ValueType::Weight
                 if plan.record.view =>
             {
                 let topic = picture_topic(run, &output.topic);
-                wanted.push((Schema::CompressedImage, topic, Camera::View.frame_id(run), Beside::Picture));
+                wanted.push((Schema::CompressedImage, topic, Camera::View.frame_id(run), Companion::Picture));
             }
             ValueType::Calibration if topic_shown(run, slot).is_some() => {
                 let reference = Camera::of(run, slot);
@@ -321,15 +321,15 @@ impl FileLayout {
                 let mut add = |schema, name: &str, camera: Camera<'_>, what| {
                     wanted.push((schema, format!("{}/{name}", camera.folder(run)), camera.frame_id(run), what));
                 };
-                let transform = |parent: &str, pose| Beside::Transform { parent: parent.to_owned(), pose };
+                let transform = |parent: &str, pose| Companion::Transform { parent: parent.to_owned(), pose };
                 add(Schema::FrameTransform, "transform", reference, transform(&stage, Pose::Level));
                 let reference = reference.frame_id(run);
                 if let Some(right) = Camera::right_of(run) {
-                    add(Schema::CameraCalibration, "calibration", right, Beside::RightCalibration);
+                    add(Schema::CameraCalibration, "calibration", right, Companion::RightCalibration);
                     add(Schema::FrameTransform, "transform", right, transform(&reference, Pose::Right));
                 }
                 if plan.record.view {
-                    add(Schema::CameraCalibration, "calibration", Camera::View, Beside::ViewCalibration);
+                    add(Schema::CameraCalibration, "calibration", Camera::View, Companion::ViewCalibration);
                     add(Schema::FrameTransform, "transform", Camera::View, transform(&reference, Pose::Same));
                 }
             }
@@ -339,21 +339,23 @@ impl FileLayout {
             let frame_id = Camera::of(run, slot).frame_id(run);
             wanted.push((Schema::PointCloud, points_topic(run, &output.topic), frame_id, points));
         }
-        let about = |of: &Beside| match of {
-            Beside::Points { .. } => "points to look at, of each fourth pixel and row, coloured by the image; metres",
-            Beside::Picture => "a picture to look at, of half the pixels a row and column; black = no answer",
-            Beside::RightCalibration => "the calibration of the pair's right camera",
-            Beside::ViewCalibration => "the calibration of the pictures",
-            Beside::Transform { .. } => "where the camera stands",
+        let about = |of: &Companion| match of {
+            Companion::Points { .. } => {
+                "points to look at, of each fourth pixel and row, coloured by the image; metres"
+            }
+            Companion::Picture => "a picture to look at, of half the pixels a row and column; black = no answer",
+            Companion::RightCalibration => "the calibration of the pair's right camera",
+            Companion::ViewCalibration => "the calibration of the pictures",
+            Companion::Transform { .. } => "where the camera stands",
         };
-        let mut beside = Vec::new();
+        let mut companions = Vec::new();
         for (schema, topic, frame_id, what) in wanted {
             let of = [("about", about(&what).to_owned()), ("beside", output.topic.clone())];
             let metadata = of.into_iter().map(|(key, value)| (key.to_owned(), value)).collect();
             let channel = self.channel(ChannelLayout { schema, topic, metadata }, topics)?;
-            beside.push(BesideLayout { what, channel, frame_id: frame_id.into() });
+            companions.push(CompanionLayout { what, channel, frame_id: frame_id.into() });
         }
-        Ok(beside)
+        Ok(companions)
     }
 
     fn channel(&mut self, layout: ChannelLayout, topics: &mut BTreeSet<String>) -> Result<u16, RecordingError> {

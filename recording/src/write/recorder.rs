@@ -6,52 +6,30 @@ use std::sync::{Arc, Mutex, MutexGuard};
 
 use depthloom_graphs::contracts::{Commit, Slot, Store, StoredValue, Tap, TapError, Warned, stored_values};
 use depthloom_graphs::plan::Plan;
-use depthloom_graphs::values::{Artifact, Curve, Pixels, Raster};
+use depthloom_graphs::values::{Artifact, Curve};
 use depthloom_graphs::{Frame, Key, Remedied, Value};
 use prost::Message;
-use serde::Serialize;
 
-use crate::chunk::{Packing, Part, PartBuilder, Unkept, measured};
-use crate::copy::{StoredBytes, Wanted};
-use crate::curve::points_part;
-use crate::disk::{Through, itself};
-use crate::earlier::EarlierRuns;
+use crate::commit_message::CommitMessage;
 use crate::error::RecordingError;
-use crate::layout::{Class, FileLayout, PortLayout, RunLayout};
-use crate::looking::{BEGINNING_NS, at_the_time_shown};
-use crate::plan::RecordedPlan;
-use crate::pool::PartPools;
-use crate::recording::Recording;
-use crate::resume::{Resumed, resume};
+use crate::plan::{RecordedPlan, json};
+use crate::read::curve::points_part;
+use crate::read::recording::Recording;
+use crate::reuse::earlier_runs::EarlierRuns;
+use crate::reuse::stored_bytes::{StoredBytes, Wanted};
 use crate::unpack::LARGEST_CHUNK;
-use crate::writer::Writer;
+use crate::write::attachments::{Attachment, artifact_name, experiment_files};
+use crate::write::buffer_pool::PartPools;
+use crate::write::compression::put_port_value;
+use crate::write::disk::{Through, itself};
+use crate::write::file_writer::Writer;
+use crate::write::layout::{Class, FileLayout, PortLayout, RunLayout};
+use crate::write::part::{Part, PartBuilder, Unkept};
+use crate::write::resume::{Resumed, resume};
+use crate::write::viewer::{BEGINNING_NS, at_the_time_shown};
 use crate::{ENDED_METADATA, FORMAT, ONCE_METADATA, PLAN_METADATA};
 use depthloom_codecs::decode::nothing_found;
-use depthloom_codecs::encode::{
-    self, Floats, Stamp, encoded, put_compressed_image, put_float_map, put_inverse, put_true_disparity, put_value,
-};
-use depthloom_codecs::floats::PackedFloats;
-use depthloom_codecs::messages::{CommitMessage, ScoreMessage};
 use depthloom_threads::locked;
-
-/// An image is compressed if a sample of it shrinks to less than this share: else that costs more time than writing what it saves.
-const WORTH_COMPRESSING: f64 = 0.5;
-/// A map of floats is compressed as it is if a sample of it shrinks to less than this share; others are packed.
-///
-/// On KITTI frames zstd brings a ground plane to 0.001, sparse truth to 0.15, depths of fixed-point disparities to 0.25, means of these and a ground plane to
-/// 0.32, fused maps to 0.5-0.73 and weights to 0.8, in 4-7 ms a map. Packed, they come to 0.06, 0.33, 0.38, 0.36, 0.41-0.5 and 0.6, in 1.7 ms.
-const SHRINKS_AS_IT_IS: f64 = 0.2;
-
-/// A file kept inside a recording.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Attachment {
-    /// Its name, with `/` between folders.
-    pub name: String,
-    /// What it holds, e.g. `text/csv`.
-    pub media_type: String,
-    /// Its content.
-    pub bytes: Vec<u8>,
-}
 
 /// What a recording came to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -237,61 +215,6 @@ impl Recorder {
         locked(&self.state)
     }
 
-    fn put(&self, part: &mut PartBuilder<'_>, frame: &Frame, port: &PortLayout, value: &Value) -> Result<(), Unkept> {
-        let stamp = Stamp { time_ns: frame.time_ns, frame_id: &port.frame_id };
-        if let (Some(encoded), Some(channel)) = (encoded(value), port.other_channel) {
-            let put = |out: &mut Vec<u8>| put_compressed_image(out, stamp, encoded);
-            return part.alone(channel, Packing::Plain, encoded.bytes.len(), put);
-        }
-        let (packing, size) = match value {
-            Value::Disparity(disparity) => (Packing::Compressed, 2 * disparity.sixteenths_px.len()),
-            Value::FloatDisparity(map) => {
-                let channel = port.other_channel.expect("disparities have two channels");
-                return put_floats(part, channel, stamp, map.px());
-            }
-            Value::RelativeDepth(map) => {
-                let packed = PackedFloats::of(&map.depth().metres).map_err(Unkept::Compression)?;
-                let put = |out: &mut Vec<u8>| {
-                    put_float_map(out, stamp, map.inverse().dimensions(), &Floats::Packed(&packed));
-                    put_inverse(out, map.inverse());
-                };
-                return part.alone(port.channel, Packing::Compressed, 8 * map.inverse().len(), put);
-            }
-            Value::Mask(mask) => (Packing::Compressed, mask.set.len()),
-            Value::TrueDisparity(truth) if !truth.is_px_256() => {
-                let channel = port.other_channel.expect("true disparities have two channels");
-                return put_floats(part, channel, stamp, &truth.px);
-            }
-            Value::TrueDisparity(truth) => {
-                let put = |out: &mut Vec<u8>| put_true_disparity(out, stamp, truth);
-                return part.alone(port.channel, Packing::Compressed, 2 * truth.px.len(), put);
-            }
-            Value::Depth(depth) => return put_floats(part, port.channel, stamp, &depth.metres),
-            Value::Weight(weight) => return put_floats(part, port.channel, stamp, &weight.share),
-            Value::Image(image) => {
-                let samples: &[u8] = match image.pixels() {
-                    Pixels::Grey(grey) => grey,
-                    Pixels::Rgb(rgb) => rgb,
-                };
-                let is_worth_it = measured(samples, Vec::extend_from_slice)? < WORTH_COMPRESSING;
-                (if is_worth_it { Packing::Compressed } else { Packing::Plain }, samples.len())
-            }
-            Value::Scores(rows) => {
-                return rows
-                    .iter()
-                    .try_for_each(|row| part.small(port.channel, &ScoreMessage::encoded(&frame.id, row)));
-            }
-            Value::Calibration(_) | Value::Samples(_) | Value::Model(_) | Value::Curve(_) => {
-                let mut message = Vec::with_capacity(512);
-                put_value(&mut message, stamp, value);
-                return part.small(port.channel, &message);
-            }
-        };
-        part.alone(port.channel, packing, size, |out| {
-            put_value(out, stamp, value);
-        })
-    }
-
     /// Adds a value to a part, if it is kept of the frame.
     fn add(
         &self,
@@ -316,9 +239,10 @@ impl Recorder {
             return Err(tap_error(RecordingError::Value { frame, topic, what }));
         }
         if self.keeps(run, slot, position) {
-            let put = self.put(part, frame, port, value);
-            let put =
-                put.and_then(|()| port.beside.iter().try_for_each(|beside| beside.put(part, frame, value, others)));
+            let put = put_port_value(part, frame, port, value);
+            let put = put.and_then(|()| {
+                port.companions.iter().try_for_each(|companion| companion.put(part, frame, value, others))
+            });
             put.map_err(|why| self.unkept(frame, why))?;
         }
         Ok(())
@@ -500,17 +424,6 @@ impl Tap for Recorder {
     }
 }
 
-/// Adds a map of floats to a part, compressed as it is or packed.
-fn put_floats(part: &mut PartBuilder<'_>, channel: u16, stamp: Stamp<'_>, map: &Raster<f32>) -> Result<(), Unkept> {
-    let (size, is_sparse) = (4 * map.len(), measured(map, encode::put_floats)? < SHRINKS_AS_IT_IS);
-    let put = |out: &mut Vec<u8>, floats: &Floats<'_>| put_float_map(out, stamp, map.dimensions(), floats);
-    if is_sparse {
-        return part.alone(channel, Packing::Compressed, size, |out| put(out, &Floats::Plain(map)));
-    }
-    let packed = PackedFloats::of(map).map_err(Unkept::Compression)?;
-    part.alone(channel, Packing::Plain, size / 2, |out| put(out, &Floats::Packed(&packed)))
-}
-
 /// A value of a part: in memory, or as the bytes that an earlier run stored under its key.
 enum Content<'a> {
     Value(&'a Value),
@@ -551,31 +464,6 @@ impl State {
 
 fn too_large(bytes: u64) -> String {
     format!("{bytes} bytes are more than a recording keeps in one piece, which is {LARGEST_CHUNK}")
-}
-
-pub(crate) fn json(value: &impl Serialize) -> String {
-    serde_json::to_string(value).expect("plans hold nothing that JSON cannot")
-}
-
-/// The attachment that holds a once-value.
-fn artifact_name(artifact: &Artifact) -> String {
-    format!("artifacts/{}", artifact.hash)
-}
-
-/// The experiment's files, as written and as resolved, by the names they have as attachments: without folders, which differ
-/// between machines.
-pub(crate) fn experiment_files(plan: &Plan) -> Vec<(String, &str)> {
-    let mut files: Vec<(String, &str)> = Vec::new();
-    for (path, text) in &plan.written {
-        let name = Path::new(path).file_name().map_or_else(|| path.clone(), |name| name.to_string_lossy().into_owned());
-        let mut attachment = format!("experiment/{name}");
-        if files.iter().any(|(taken, _)| *taken == attachment) {
-            attachment = format!("experiment/{}-{name}", files.len());
-        }
-        files.push((attachment, text));
-    }
-    files.push(("experiment.resolved.yaml".to_owned(), &plan.resolved));
-    files
 }
 
 fn tap_error(error: RecordingError) -> TapError {

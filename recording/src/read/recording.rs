@@ -9,19 +9,17 @@ use depthloom_graphs::Key;
 use depthloom_graphs::contracts::{Failure, Slot, SlotKey, Warned};
 use prost::Message;
 
-use crate::attachment::AttachmentEntry;
+use crate::commit_message::CommitMessage;
 use crate::condition::Condition;
 use crate::error::RecordingError;
 use crate::file::PositionedFile;
-use crate::held::Held;
-use crate::index::{ChunkEntry, Index, MAGIC, MetadataEntry};
 use crate::plan::RecordedPlan;
-use crate::reader::FrameReader;
-use crate::store::StoredValues;
+use crate::read::attachment::AttachmentEntry;
+use crate::read::damaged_content::DamagedContent;
+use crate::read::index::{ChunkEntry, Index, MAGIC, MetadataEntry};
+use crate::read::recovery_scan::{Walked, walk};
 use crate::unpack::ChunkBuffers;
-use crate::walk::{Walked, walk};
 use crate::{ENDED_METADATA, FORMAT, PLAN_METADATA};
-use depthloom_codecs::messages::CommitMessage;
 
 /// A frame of a stage run, committed.
 #[derive(Clone, Debug, PartialEq)]
@@ -85,6 +83,15 @@ pub enum RecordedContent {
         /// How many messages.
         count: u64,
     },
+}
+
+/// Which values a key names.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum StoredValues {
+    /// Those of a run's source (`node: None`) or node on a frame.
+    Frame { run: usize, position: usize, node: Option<usize> },
+    /// The aggregate values of a node.
+    Once { run: usize, node: usize },
 }
 
 /// A recording open for reading: whole, or what a crash or damage left of one, up to its last commit.
@@ -176,14 +183,6 @@ impl Recording {
         self.frames.get(run).map_or(&[], Vec::as_slice)
     }
 
-    /// A reader of some of a stage run's topics; each may be an alias.
-    ///
-    /// # Errors
-    /// If the run has no such topic, or did not record it.
-    pub fn reader(&self, run: usize, topics: &[impl AsRef<str>]) -> Result<FrameReader<'_>, RecordingError> {
-        FrameReader::new(self, run, topics)
-    }
-
     /// The once-values; [`Recording::once_value`] reads one.
     #[must_use]
     pub fn once_values(&self) -> &[RecordedOnce] {
@@ -206,7 +205,7 @@ impl Recording {
             path: self.file.path.clone(),
             what: format!("attachment `{name}`"),
         })?;
-        entry.read(&self.file).map_err(|error| error.that_held(&Held::Attachment(name.to_owned())))
+        entry.read(&self.file).map_err(|error| error.with_content(&DamagedContent::Attachment(name.to_owned())))
     }
 }
 

@@ -2,18 +2,14 @@
 
 use depthloom_graphs::contracts::StoredValue;
 use depthloom_graphs::{Frame, Key};
-use mcap::records::op;
 
-use crate::chunk::{PartBuilder, Unkept};
-use crate::earlier::{EarlierRun, EarlierRuns};
 use crate::error::RecordingError;
-use crate::index::ChunkEntry;
-use crate::layout::{ChannelLayout, PortLayout, RunLayout};
-use crate::parse::{self, RECORD_HEADER, Records};
-use crate::record::ChunkPlace;
-use crate::recording::Recording;
-use crate::store::StoredValues;
+use crate::read::index::ChunkEntry;
+use crate::read::recording::{Recording, StoredValues};
+use crate::reuse::earlier_runs::{EarlierRun, EarlierRuns};
 use crate::unpack::ChunkBuffers;
+use crate::write::layout::{ChannelLayout, PortLayout, RunLayout};
+use crate::write::part::{PartBuilder, Unkept};
 
 /// What values are to be part of.
 pub(crate) struct Wanted<'a> {
@@ -71,11 +67,11 @@ impl EarlierRuns {
             let checked = CheckedChunk { channel, chunk, crc: checksums[place] };
             (is_apart && has_same_label(recording, wanted.channels, channel)).then_some(checked)
         };
-        let beside = port
-            .beside
+        let companions = port
+            .companions
             .iter()
-            .map(|beside| copied(beside.channel, recording.chunk_of(stage, position, beside.channel)?));
-        let chunks: Option<Vec<_>> = std::iter::once(copied(value.channel, value.chunk)).chain(beside).collect();
+            .map(|companion| copied(companion.channel, recording.chunk_of(stage, position, companion.channel)?));
+        let chunks: Option<Vec<_>> = std::iter::once(copied(value.channel, value.chunk)).chain(companions).collect();
         Some(StoredBytes { run, key: place.key(), chunks: chunks?, shares })
     }
 }
@@ -147,35 +143,4 @@ impl StoredBytes<'_> {
         }
         Ok(Ok(()))
     }
-}
-
-/// A chunk and its message indexes, which start at `offset`; and how many messages it has of each channel. `None` if they are not whole.
-pub(crate) fn placed(stored: &[u8], offset: u64) -> Option<(ChunkPlace, Vec<(u16, u64)>)> {
-    let mut records = Records::new(stored);
-    let Some(Ok((0, op::CHUNK, body))) = records.next() else { return None };
-    let head = parse::chunk_head(body).filter(|head| head.body_length == Some(body.len() as u64))?;
-    let compression = match head.compression {
-        "" => "",
-        "zstd" => "zstd",
-        _ => return None,
-    };
-    let length = RECORD_HEADER + body.len() as u64;
-    let (mut indexes, mut messages) = (Vec::new(), Vec::new());
-    for record in records {
-        let Ok((at, op::MESSAGE_INDEX, body)) = record else { return None };
-        let channel = parse::message_index_channel(body, body.len() as u64)?;
-        indexes.push((channel, offset + at));
-        messages.push((channel, (body.len() as u64 - 6) / 16));
-    }
-    let place = ChunkPlace {
-        start: offset,
-        length,
-        times_ns: head.times_ns,
-        indexes,
-        indexes_length: stored.len() as u64 - length,
-        compression,
-        compressed_size: head.stored,
-        uncompressed_size: head.uncompressed_size,
-    };
-    Some((place, messages))
 }

@@ -4,9 +4,9 @@ use depthloom_graphs::Key;
 use depthloom_graphs::contracts::Slot;
 
 use crate::error::RecordingError;
-use crate::index::ChunkEntry;
 use crate::parse::{ChunkHead, RECORD_HEADER, chunk_head};
-use crate::recording::{RecordedFrame, Recording};
+use crate::read::index::ChunkEntry;
+use crate::read::recording::{RecordedFrame, Recording};
 
 impl Recording {
     /// A digest of a topic's value on each of a stage run's [frames](Recording::frames): of the cache key that it is stored under, and of size and

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::sync::mpsc::{self, SyncSender};
 use std::thread::{self, JoinHandle};
 
-use crate::disk::Disk;
+use crate::write::disk::Disk;
 
 use depthloom_threads::look_for_room;
 

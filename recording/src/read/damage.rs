@@ -6,9 +6,9 @@
 use std::collections::BTreeSet;
 
 use crate::checksum::CrcBefore;
-use crate::held::Held;
-use crate::index::{ChunkEntry, DATA_END};
-use crate::recording::Recording;
+use crate::read::damaged_content::DamagedContent;
+use crate::read::index::{ChunkEntry, DATA_END};
+use crate::read::recording::Recording;
 use crate::unpack::ChunkBuffers;
 
 /// A stretch of a recording that is not what was written.
@@ -18,8 +18,8 @@ pub struct Damage {
     pub offset: u64,
     /// How many bytes it has; some of them are damaged.
     pub bytes: u64,
-    /// What it held.
-    pub held: Held,
+    /// What it contained.
+    pub content: DamagedContent,
 }
 
 impl Recording {
@@ -60,7 +60,11 @@ impl Recording {
                 break;
             }
             if !known.contains(&chunk.start) && buffers.each_message(&self.file, chunk, |_| Ok(())).is_err() {
-                damage.push(Damage { offset: chunk.start, bytes: chunk.length, held: self.held(place, chunk) });
+                damage.push(Damage {
+                    offset: chunk.start,
+                    bytes: chunk.length,
+                    content: self.damaged_content(place, chunk),
+                });
             }
         }
         damage.sort_by_key(|damage| damage.offset);
@@ -72,43 +76,47 @@ impl Recording {
         let mut buffers = ChunkBuffers::default();
         for (place, chunk) in self.index.chunks.iter().enumerate() {
             if (from..to).contains(&chunk.start) && buffers.each_message(&self.file, chunk, |_| Ok(())).is_err() {
-                damage.push(Damage { offset: chunk.start, bytes: chunk.length, held: self.held(place, chunk) });
+                damage.push(Damage {
+                    offset: chunk.start,
+                    bytes: chunk.length,
+                    content: self.damaged_content(place, chunk),
+                });
             }
         }
         for attachment in &self.index.attachments {
             if (from..to).contains(&attachment.offset) && attachment.read(&self.file).is_err() {
-                let held = Held::Attachment(attachment.name.clone());
-                damage.push(Damage { offset: attachment.offset, bytes: attachment.length, held });
+                let content = DamagedContent::Attachment(attachment.name.clone());
+                damage.push(Damage { offset: attachment.offset, bytes: attachment.length, content });
             }
         }
         if damage.len() == found {
-            damage.push(Damage { offset: from, bytes: to - from, held: Held::NoValue });
+            damage.push(Damage { offset: from, bytes: to - from, content: DamagedContent::NoValue });
         }
         damage[found..].sort_by_key(|damage| damage.offset);
     }
 
     /// What a chunk held, by its place among the chunks.
-    fn held(&self, place: usize, chunk: &ChunkEntry) -> Held {
+    fn damaged_content(&self, place: usize, chunk: &ChunkEntry) -> DamagedContent {
         for run in 0..self.plan().runs.len() {
             if let Some(position) = self.frames(run).iter().position(|frame| frame.chunks.contains(&place)) {
-                return self.held_of_frame(run, position, chunk, |_| true);
+                return self.frame_content(run, position, chunk, |_| true);
             }
         }
         match self.topics(chunk, |_| true).pop() {
-            Some(topic) if self.index.holds_points(chunk) => Held::Curve(topic),
-            _ => Held::NoValue,
+            Some(topic) if self.index.holds_points(chunk) => DamagedContent::Curve(topic),
+            _ => DamagedContent::NoValue,
         }
     }
 
     /// What a chunk of a frame held of some channels.
-    pub(crate) fn held_of_frame(
+    pub(crate) fn frame_content(
         &self,
         run: usize,
         position: usize,
         chunk: &ChunkEntry,
         is_one: impl Fn(u16) -> bool,
-    ) -> Held {
-        Held::Frame {
+    ) -> DamagedContent {
+        DamagedContent::Frame {
             stage: self.plan().runs[run].name().to_owned(),
             position,
             id: self.frames(run)[position].id.clone(),

@@ -5,9 +5,9 @@ use std::collections::BTreeMap;
 use mcap::records::op;
 
 use crate::error::RecordingError;
-use crate::index::ChunkEntry;
 use crate::parse::{ChunkHead, RECORD_HEADER, Records, chunk_head, message_index};
-use crate::recording::Recording;
+use crate::read::index::ChunkEntry;
+use crate::read::recording::Recording;
 
 /// A topic of a recording.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -1,4 +1,4 @@
-//! Where things lie in a recording, from its summary. `walk.rs` finds the same where there is none.
+//! Where things lie in a recording, from its summary. `recovery_scan.rs` finds the same where there is none.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -6,11 +6,11 @@ use std::sync::Arc;
 use crc32fast::Hasher;
 use mcap::records::{Record, op};
 
-use crate::attachment::AttachmentEntry;
 use crate::checksum::unseal;
 use crate::error::RecordingError;
 use crate::file::PositionedFile;
 use crate::parse::{self, ChannelEntry, RECORD_HEADER, Records};
+use crate::read::attachment::AttachmentEntry;
 use crate::{KNOWN_FORMATS, ONCE_METADATA, PLAN_METADATA};
 use depthloom_codecs::schema::Schema;
 

@@ -6,16 +6,16 @@
 use mcap::records::op;
 use prost::Message;
 
-use crate::attachment::AttachmentEntry;
 use crate::checksum::CrcBefore;
+use crate::commit_message::CommitMessage;
 use crate::condition::Condition;
 use crate::error::RecordingError;
 use crate::file::PositionedFile;
-use crate::index::{ChunkEntry, Index, MAGIC, metadata_entry};
 use crate::parse::{self, ChannelEntry, ChunkHead, RECORD_HEADER};
+use crate::read::attachment::AttachmentEntry;
+use crate::read::index::{ChunkEntry, Index, MAGIC, metadata_entry};
 use crate::unpack::{ChunkBuffers, LARGEST_CHUNK};
 use crate::window::Window;
-use depthloom_codecs::messages::CommitMessage;
 use depthloom_codecs::schema::Schema;
 
 /// The most bytes before a chunk's or an attachment's content that are looked at: names are short.

@@ -11,23 +11,23 @@ use depthloom_graphs::contracts::Warned;
 use depthloom_graphs::plan::Plan;
 use mcap::records::op;
 
-use crate::attachment::AttachmentEntry;
 use crate::checksum::CrcBefore;
 use crate::condition::Condition;
-use crate::copy::placed;
-use crate::disk::{Through, itself, write_all};
 use crate::error::RecordingError;
 use crate::file::PositionedFile;
-use crate::index::{ChunkEntry, MAGIC};
-use crate::layout::ChannelLayout;
-use crate::looking::at_the_time_shown;
 use crate::parse::{self, RECORD_HEADER};
-use crate::plan::RecordedPlan;
+use crate::plan::{RecordedPlan, json};
+use crate::read::attachment::AttachmentEntry;
+use crate::read::index::{ChunkEntry, MAGIC};
+use crate::read::recording::{RecordedContent, Recording};
 use crate::record::{put_attachment_index, put_message_index, put_metadata_index};
-use crate::recorder::{experiment_files, json};
-use crate::recording::{RecordedContent, Recording};
 use crate::window::Window;
-use crate::writer::Writer;
+use crate::write::attachments::experiment_files;
+use crate::write::disk::{Through, itself, write_all};
+use crate::write::file_writer::Writer;
+use crate::write::layout::ChannelLayout;
+use crate::write::part::placed;
+use crate::write::viewer::at_the_time_shown;
 use crate::{ENDED_METADATA, PLAN_METADATA};
 
 impl Recording {

@@ -8,12 +8,13 @@ use foxglove::messages::{CameraCalibration, FrameTransform, Quaternion, Vector3}
 use prost::Message;
 use serde_json::{Map, Value as Json, json};
 
+use crate::commit_message::CommitMessage;
 use crate::error::RecordingError;
 use crate::parse::ChannelEntry;
-use crate::recording::Recording;
+use crate::read::recording::Recording;
 use crate::unpack::ChunkBuffers;
 use depthloom_codecs::decode::{float_map, inverse_bytes};
-use depthloom_codecs::messages::{CommitMessage, CurvePointMessage, ScoreMessage};
+use depthloom_codecs::messages::{CurvePointMessage, ScoreMessage};
 use depthloom_codecs::schema::{BASELINE_M, DOFFS_PX, Schema};
 use depthloom_codecs::wire_format::{Content, Fields};
 

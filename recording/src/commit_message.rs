@@ -1,0 +1,151 @@
+//! The message that commits a frame of a recording.
+
+use depthloom_graphs::Key;
+use depthloom_graphs::contracts::{Commit, Failure, Slot, SlotKey, Warned};
+
+/// `depthloom.Commit`: closes a frame; what stands before it and after the last one belongs to the frame.
+///
+/// The CRC-32 is of all bytes of the file before the chunk that holds the record, so that a file that ends early is checked up to it.
+/// A node that is neither under `keys` nor under `failures` did not fire on the frame.
+#[derive(Clone, PartialEq, prost::Message)]
+pub(crate) struct CommitMessage {
+    #[prost(uint32, tag = "1")]
+    pub(crate) run: u32,
+    #[prost(string, tag = "2")]
+    pub(crate) frame: String,
+    #[prost(uint64, tag = "3")]
+    pub(crate) index: u64,
+    #[prost(string, tag = "4")]
+    pub(crate) source_key: String,
+    #[prost(message, repeated, tag = "5")]
+    pub(crate) keys: Vec<NodeKeyMessage>,
+    #[prost(message, repeated, tag = "6")]
+    pub(crate) failures: Vec<FailureMessage>,
+    #[prost(fixed32, tag = "7")]
+    pub(crate) crc32_before: u32,
+    #[prost(message, repeated, tag = "8")]
+    pub(crate) warnings: Vec<WarningMessage>,
+    /// `None` in recordings that do not state it.
+    #[prost(message, optional, tag = "9")]
+    pub(crate) absent: Option<AbsentMessage>,
+}
+
+/// `depthloom.Absent`: the output ports that gave nothing although their node fired.
+#[derive(Clone, PartialEq, prost::Message)]
+pub(crate) struct AbsentMessage {
+    #[prost(message, repeated, tag = "1")]
+    pub(crate) ports: Vec<AbsentPortMessage>,
+}
+
+/// `depthloom.AbsentPort`: an output port; without `node`, of the source.
+#[derive(Clone, PartialEq, prost::Message)]
+pub(crate) struct AbsentPortMessage {
+    #[prost(uint32, optional, tag = "1")]
+    pub(crate) node: Option<u32>,
+    #[prost(uint32, tag = "2")]
+    pub(crate) port: u32,
+}
+
+/// `depthloom.Warning`: what a node told of on a frame without failing; without `node`, the source.
+#[derive(Clone, PartialEq, prost::Message)]
+pub(crate) struct WarningMessage {
+    #[prost(uint32, optional, tag = "1")]
+    pub(crate) node: Option<u32>,
+    #[prost(string, tag = "2")]
+    pub(crate) what: String,
+    /// How many of the thing there were; 0 if it cannot be counted.
+    #[prost(uint64, tag = "3")]
+    pub(crate) count: u64,
+}
+
+/// `depthloom.NodeKey`: the key that all values of a node share on a frame.
+#[derive(Clone, PartialEq, prost::Message)]
+pub(crate) struct NodeKeyMessage {
+    #[prost(uint32, tag = "1")]
+    pub(crate) node: u32,
+    #[prost(string, tag = "2")]
+    pub(crate) key: String,
+}
+
+/// `depthloom.Failure`: a node that failed on a frame; without `node`, the source.
+#[derive(Clone, PartialEq, prost::Message)]
+pub(crate) struct FailureMessage {
+    #[prost(uint32, optional, tag = "1")]
+    pub(crate) node: Option<u32>,
+    #[prost(string, tag = "2")]
+    pub(crate) what: String,
+}
+
+impl CommitMessage {
+    /// The message of a commit.
+    pub(crate) fn new(commit: &Commit<'_>, crc32_before: u32) -> Self {
+        let keys = commit.keys.iter();
+        let failures = commit.failures.iter();
+        Self {
+            run: commit.run as u32,
+            frame: commit.frame.id.to_string(),
+            index: commit.frame.index,
+            source_key: commit.source_key.map_or_else(String::new, |key| key.to_string()),
+            keys: keys.map(|of| NodeKeyMessage { node: of.node as u32, key: of.key.to_string() }).collect(),
+            failures: failures
+                .map(|failure| FailureMessage {
+                    node: failure.node.map(|node| node as u32),
+                    what: failure.what.clone(),
+                })
+                .collect(),
+            crc32_before,
+            absent: Some(AbsentMessage {
+                ports: commit
+                    .absent
+                    .iter()
+                    .map(|slot| match *slot {
+                        Slot::Source { port } => AbsentPortMessage { node: None, port: port as u32 },
+                        Slot::Node { node, port } => AbsentPortMessage { node: Some(node as u32), port: port as u32 },
+                    })
+                    .collect(),
+            }),
+            warnings: commit
+                .warnings
+                .iter()
+                .map(|of| WarningMessage {
+                    node: of.node.map(|node| node as u32),
+                    what: of.what.clone(),
+                    count: of.count,
+                })
+                .collect(),
+        }
+    }
+
+    /// The outputs that gave nothing although their source or node fired; `None` if the recording does not say it.
+    pub(crate) fn absent(&self) -> Option<Vec<Slot>> {
+        let slot = |of: &AbsentPortMessage| match of.node {
+            None => Slot::Source { port: of.port as usize },
+            Some(node) => Slot::Node { node: node as usize, port: of.port as usize },
+        };
+        Some(self.absent.as_ref()?.ports.iter().map(slot).collect())
+    }
+
+    /// What was told of.
+    pub(crate) fn warnings(&self) -> Vec<Warned> {
+        let warnings = self.warnings.iter();
+        warnings
+            .map(|of| Warned { node: of.node.map(|node| node as usize), what: of.what.clone(), count: of.count })
+            .collect()
+    }
+
+    /// The key of the source's values, if it gave any; `None` if what stands there is no key.
+    pub(crate) fn source_key(&self) -> Option<Option<Key>> {
+        if self.source_key.is_empty() { Some(None) } else { Key::parse(&self.source_key).map(Some) }
+    }
+
+    /// The keys of the nodes' values; `None` if one is none.
+    pub(crate) fn keys(&self) -> Option<Vec<SlotKey>> {
+        self.keys.iter().map(|of| Some(SlotKey { node: of.node as usize, key: Key::parse(&of.key)? })).collect()
+    }
+
+    /// The failures.
+    pub(crate) fn failures(&self) -> Vec<Failure> {
+        let failures = self.failures.iter();
+        failures.map(|of| Failure { node: of.node.map(|node| node as usize), what: of.what.clone() }).collect()
+    }
+}

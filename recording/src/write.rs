@@ -1,0 +1,14 @@
+//! Writing a recording: the parts of frames, the file, its end, and how an interrupted one goes on.
+
+pub(crate) mod attachments;
+pub(crate) mod background_sync;
+pub(crate) mod buffer_pool;
+pub(crate) mod chunk_indexes;
+pub(crate) mod compression;
+pub(crate) mod disk;
+pub(crate) mod file_writer;
+pub(crate) mod layout;
+pub(crate) mod part;
+pub(crate) mod recorder;
+pub(crate) mod resume;
+pub(crate) mod viewer;
