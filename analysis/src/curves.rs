@@ -1,14 +1,12 @@
 //! Learning curves: how the losses of trained networks fell, as they were recorded.
 
-mod figure;
-
+use depthloom_figures::{Drawing, Size};
 use depthloom_graphs::Value;
 use depthloom_graphs::values::Curve;
 use depthloom_recording::{RecordedPlan, Recording};
 use schemars::JsonSchema;
 use serde::Serialize;
 
-pub(crate) use self::figure::{drawing, render};
 use crate::error::AnalysisError;
 use crate::leading::{Lead, Leads, sheet};
 use crate::sheet::{Cells, Sheet};
@@ -66,6 +64,13 @@ pub(crate) fn learning_curve(plan: &RecordedPlan, run: usize, node: usize, curve
         node: node.name.clone(),
         curve: curve.clone(),
     }
+}
+
+/// The figure of a report as SVG; equal numbers give equal bytes.
+pub(crate) fn figure(curves: &[LearningCurve]) -> String {
+    let series: Vec<_> = curves.iter().map(|curve| (curve.label.as_str(), &curve.curve)).collect();
+    let drawing = depthloom_figures::learning_curves(&series, "Learning curves", Size::default());
+    drawing.unwrap_or_else(|_| Drawing::new(1.0, 1.0)).svg()
 }
 
 /// The table `learning_curves.csv` holds: what a row is of, `step, loss, validation, learning_rate`; a validation that was not measured is

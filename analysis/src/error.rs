@@ -4,6 +4,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use depthloom_durable::remedy_of_writing;
+use depthloom_figures::page::PageError;
 use depthloom_graphs::Remedied;
 use depthloom_recording::RecordingError;
 use depthloom_threads::Caught;
@@ -75,6 +76,18 @@ pub enum AnalysisError {
 impl From<RecordingError> for AnalysisError {
     fn from(source: RecordingError) -> Self {
         Self::Recording { source, whole: None }
+    }
+}
+
+impl From<PageError> for AnalysisError {
+    fn from(error: PageError) -> Self {
+        match error {
+            PageError::Stopped => Self::Stopped,
+            PageError::Recording(source) => source.into(),
+            PageError::Content(what) => Self::Content { what },
+            PageError::Write { path, source } => Self::Write { path, source },
+            PageError::Panicked(what) => Self::Panicked { what },
+        }
     }
 }
 

@@ -6,10 +6,9 @@
 use std::collections::BTreeMap;
 
 use crate::distance::{DistanceBin, Spread as OfDistance};
-use crate::drawing::Drawing;
 use crate::estimators::Estimator;
-use crate::figures::{Bin, Layout, Place, Size, Spread, SpreadFigure, THIN, added};
-use crate::plot::Scale;
+use crate::figures::THIN;
+use depthloom_figures::{Bin, Drawing, Layout, Place, Scale, Size, Spread, SpreadFigure, added};
 
 /// What the figure shows.
 pub(crate) struct Figure<'a> {
@@ -105,7 +104,7 @@ impl Figure<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::colours::{BLUE, RED};
+    use depthloom_figures::{BLUE, RED};
 
     fn estimator(variant: Option<&str>, name: &str) -> Estimator {
         Estimator::of_depths(name, variant, name, &[])

@@ -7,27 +7,22 @@ mod difference;
 mod errors;
 mod maps;
 mod parameter;
-mod places;
 mod scores;
-mod spread;
 mod spreads;
 
 use std::path::PathBuf;
 
+use depthloom_figures::{Drawing, Sheet};
 use depthloom_recording::Recording;
 use depthloom_scores::PixelSet;
 
-pub use places::Layout;
-pub(crate) use places::Place;
-pub(crate) use spread::{Bin, Spread, SpreadFigure, added};
+pub use depthloom_figures::{Layout, Size};
 
 use crate::analyse::{Bins, Gross, Inquiry, SampleSet, Unit};
-use crate::curves::{drawing as of_curves, learning_curves, table_of_points};
-use crate::drawing::{Drawing, MM_PER_INCH, POINTS_PER_INCH};
+use crate::curves::{learning_curves, table_of_points};
 use crate::error::AnalysisError;
 use crate::error::caught;
 use crate::frame_choice::FrameChoice;
-use crate::plot::Sheet;
 use crate::statistics::Resampling;
 use asked::Watch;
 
@@ -38,9 +33,6 @@ const MOST_PANELS: usize = 16;
 /// How wide and how high a page is, millimetres.
 const A4_WIDE_MM: f64 = 210.0;
 const A4_MM: f64 = 297.0;
-/// From this width on panels stand side by side, millimetres.
-const WIDE_MM: f64 = 120.0;
-
 /// What a figure shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FigureKind {
@@ -69,36 +61,6 @@ impl FigureKind {
     #[must_use]
     pub const fn is_of_samples(self) -> bool {
         matches!(self, Self::ErrorVsDistance | Self::Difference | Self::Histogram | Self::Cdf | Self::Reliability)
-    }
-}
-
-/// A figure's size.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Size {
-    /// Its width, millimetres.
-    pub width_mm: f64,
-    /// Its height, millimetres; `None`: what suits it.
-    pub height_mm: Option<f64>,
-}
-
-impl Default for Size {
-    /// Two columns of a journal.
-    fn default() -> Self {
-        Self { width_mm: 180.0, height_mm: None }
-    }
-}
-
-impl Size {
-    pub(crate) fn is_wide(&self) -> bool {
-        self.width_mm >= WIDE_MM
-    }
-
-    pub(crate) fn width_pt(&self) -> f64 {
-        self.width_mm / MM_PER_INCH * POINTS_PER_INCH
-    }
-
-    pub(crate) fn height_pt(&self) -> Option<f64> {
-        self.height_mm.map(|mm| mm / MM_PER_INCH * POINTS_PER_INCH)
     }
 }
 
@@ -241,8 +203,7 @@ impl Figure {
     /// Its width and height, millimetres.
     #[must_use]
     pub fn size_mm(&self) -> (f64, f64) {
-        let mm = |points: f64| (points / POINTS_PER_INCH * MM_PER_INCH * 1000.0).round() / 1000.0;
-        (mm(self.drawing.width_pt), mm(self.drawing.height_pt))
+        self.drawing.size_mm()
     }
 
     /// As SVG.
@@ -262,7 +223,8 @@ impl Figure {
     /// # Errors
     /// If these are too many.
     pub fn png(&self, dpi: f64) -> Result<Vec<u8>, AnalysisError> {
-        self.drawing.png(dpi)
+        let help = || "ask for fewer pixels with `--dpi`, or for SVG or PDF".to_owned();
+        self.drawing.png(dpi).map_err(|what| AnalysisError::asked(what, help()))
     }
 
     /// The numbers that it shows, as CSV.
@@ -330,7 +292,8 @@ fn learning(run: &FigureRun<'_>, request: &FigureRequest) -> Result<Figure, Anal
         return Err(AnalysisError::asked(what.to_owned(), help.to_owned()));
     }
     request.few_panels(curves.len())?;
-    let drawing = of_curves(&curves, &request.title, request.size).map_err(wrong_size)?;
+    let series: Vec<_> = curves.iter().map(|of| (of.label.as_str(), &of.curve)).collect();
+    let drawing = depthloom_figures::learning_curves(&series, &request.title, request.size).map_err(wrong_size)?;
     let about = "Learning curves: mean loss since the last point, and validation on samples held out".to_owned();
     Ok(Figure { drawing, about, data: table_of_points(&curves).csv(), notes: Vec::new() })
 }

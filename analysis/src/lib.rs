@@ -8,13 +8,11 @@
 mod ablation;
 mod analyse;
 mod best;
-mod colours;
 mod compare;
 mod comparison;
 mod condition;
 mod curves;
 mod distance;
-mod drawing;
 mod error;
 mod estimators;
 mod explain;
@@ -28,13 +26,11 @@ mod maps;
 mod page;
 mod paper;
 mod percentiles;
-mod plot;
 mod reading;
 mod report;
 mod rows;
 mod samples;
 mod sampling;
-mod scored_map;
 mod scores;
 mod sheet;
 mod statistics;
@@ -43,7 +39,6 @@ mod timings;
 mod told;
 mod unchanged;
 mod unscored;
-mod xml;
 
 pub use ablation::{
     Answer, BoardRun, Costs, Leader, Question, Ranking, Selection, TableOutput, answer, leader, leaderboard,

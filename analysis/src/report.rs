@@ -8,7 +8,7 @@ use depthloom_recording::Recording;
 
 use crate::ablation::{Ablation, Ranking, Selection, source_of};
 use crate::condition::{self, RecordingCondition, Told};
-use crate::curves::{CurveEnd, LearningCurve, learning_curves, table_of_points};
+use crate::curves::{CurveEnd, LearningCurve, figure as figure_of, learning_curves, table_of_points};
 use crate::distance::{DistanceBin, FARTHEST_M, Origin, inputs, table_of_bins};
 use crate::error::{AnalysisError, caught};
 use crate::estimators::{Estimator, estimators};
@@ -318,5 +318,5 @@ fn write_curves(curves: &[LearningCurve], run: &Key, output: Output<'_>) -> Resu
         return Ok(());
     }
     output.write_table("learning_curves", run, || table_of_points(curves))?;
-    output.write("learning_curves.svg", crate::curves::render(curves).as_bytes())
+    output.write("learning_curves.svg", figure_of(curves).as_bytes())
 }

@@ -1,10 +1,10 @@
 //! What figures of errors ask of samples: the rows that `depthloom analyse` has, by estimator.
 
-use super::places::Place;
 use super::{FigureRequest, FigureRun};
 use crate::analyse::{Inquiry, SampleSet, answered};
 use crate::error::AnalysisError;
 use crate::grid::Grid;
+use depthloom_figures::Place;
 
 /// An estimator's rows.
 pub(super) struct Asked {

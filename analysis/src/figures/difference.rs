@@ -1,18 +1,18 @@
 //! How much farther off one estimate is than another by distance, with its band, and where one hands over to the other.
 
+use depthloom_figures::{
+    Anchor, Axis, BLACK, Colour, Entry, Fill, Item, OTHERS, Panel, Sheet, Stroke, Swatch, colour, colour_of,
+};
 use depthloom_graphs::counted;
 
 use super::{Figure, FigureRequest, FigureRun};
 use crate::ablation::{listed, names_of};
 use crate::analyse::is_any;
-use crate::colours::{OTHERS, colour as colour_of};
 use crate::compare::{
     CompareOptions, ComparedRun, DistancePair, DistanceRow, Handover, Side, Statistic, compare_by_distance,
 };
-use crate::drawing::{Anchor, BLACK, Colour, Fill, Stroke, colour};
 use crate::error::AnalysisError;
 use crate::estimators::{Estimator, estimators};
-use crate::plot::{Axis, Entry, Item, Panel, Sheet, Swatch};
 
 const LINE_PT: f64 = 1.2;
 const BAND_OPACITY: f64 = 0.28;

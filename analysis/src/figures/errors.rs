@@ -1,15 +1,14 @@
 //! Histogram and cumulative distribution of errors.
 
+use depthloom_figures::{
+    Axis, Drawing, Entry, Fill, Item, Panel, Place, Sheet, Stroke, Swatch, colour, colour_of, dashes, panels, shade,
+};
 use depthloom_graphs::counted;
 
 use super::asked::{Asked, Watch, ask};
-use super::places::{Place, dashes, panels, shade};
 use super::{Figure, FigureRequest, FigureRun, Layout, SampleSet};
 use crate::analyse::{Bins, By, Inquiry, Unit};
-use crate::colours::colour as colour_of;
-use crate::drawing::{Drawing, Fill, Stroke, colour};
 use crate::error::AnalysisError;
-use crate::plot::{Axis, Entry, Item, Panel, Sheet, Swatch};
 
 /// So many bins of one ratio has a histogram where nothing else is asked for, from the error that so many per cent of an estimator's pixels are below to the one that so
 /// many are.

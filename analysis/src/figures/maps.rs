@@ -1,10 +1,12 @@
 //! Frames as the paper shows them (Martins et al. 2018, figures 4 and 5), one beside the other: the image, the estimates in one scale of colours, the
 //! weight, the difference of two estimates' errors, the truth.
 
-mod picture;
-
 use std::collections::BTreeMap;
 
+use depthloom_figures::{
+    Anchor, Axis, BLACK, Bar, DIVERGING, Drawing, HEADING_PT, LABEL_PT, Mark, POINTS_PER_INCH, SEQUENTIAL, Stroke,
+    TICK_PT, Text, as_scored, ascent, bars_room, coloured, draw_bars, fitting, reduced, width,
+};
 use depthloom_graphs::values::Raster;
 use depthloom_graphs::{Value, ValueType};
 use depthloom_recording::{RecordedPlan, Recording};
@@ -13,13 +15,9 @@ use depthloom_scores::{Align, Settings};
 use super::{Figure, FigureRequest, FigureRun, wrong_size};
 use crate::ablation::listed;
 use crate::analyse::is_any;
-use crate::drawing::{Anchor, BLACK, Drawing, Mark, POINTS_PER_INCH, Stroke, Text, ascent, width};
 use crate::error::AnalysisError;
 use crate::estimators::{Estimator, estimators};
 use crate::grid::{Grid, GridCells, GridColumn};
-use crate::plot::{Axis, Bar, DIVERGING, HEADING_PT, LABEL_PT, SEQUENTIAL, TICK_PT, bars_room, draw_bars, fitting};
-use crate::scored_map::as_scored;
-use picture::{coloured, reduced};
 
 /// So many frames are shown where none are named, and at most.
 const SHOWN: usize = 5;

@@ -3,11 +3,12 @@
 use super::scores::{FAR, LINE_PT, Scores, axis_of, numbers, with_scores};
 use super::{Figure, FigureRequest, FigureRun};
 use crate::ablation::{Factor, LevelMeans, Row, level_means, listed, unknown};
-use crate::colours::colour as colour_of;
-use crate::drawing::{Anchor, Fill, Stroke, colour};
 use crate::error::AnalysisError;
 use crate::grid::{Grid, GridCells, GridColumn};
-use crate::plot::{Axis, Bar, Entry, Item, Panel, SEQUENTIAL, Scale, Sheet, Swatch, readable_on, ticks_at};
+use depthloom_figures::{
+    Anchor, Axis, Bar, Entry, Fill, Item, Panel, SEQUENTIAL, Scale, Sheet, Stroke, Swatch, colour, colour_of,
+    readable_on, ticks_at,
+};
 
 /// A line against one parameter, or a heat map over two.
 pub(super) fn parameter(

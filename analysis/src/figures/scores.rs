@@ -3,13 +3,11 @@
 use super::{Figure, FigureRequest, FigureRun};
 use crate::ablation::{Ablation, Row, Selection, listed, scored, source_of};
 use crate::analyse::is_any;
-use crate::colours::colour as colour_of;
-use crate::drawing::{BLACK, Fill, Stroke, colour};
 use crate::error::AnalysisError;
 use crate::estimators::{Estimator, estimators};
 use crate::grid::{Grid, GridCells, GridColumn};
-use crate::plot::{Axis, Entry, Item, Panel, Sheet, Swatch};
 use crate::scores::FrameScore;
+use depthloom_figures::{Axis, BLACK, Entry, Fill, Item, Panel, Sheet, Stroke, Swatch, colour, colour_of};
 
 /// More rows of dots than this are not read any more.
 const MOST_ROWS: usize = 60;

@@ -1,14 +1,13 @@
 //! Errors against distance, or against the weight that they were given, as `analyse` finds them.
 
+use depthloom_figures::{Bin, Scale, Spread, SpreadFigure, added};
 use depthloom_graphs::counted;
 
 use super::asked::{Asked, Watch, ask};
 use super::errors::pixels_of;
-use super::{Bin, Figure, FigureKind, FigureRequest, FigureRun, Layout, Spread, SpreadFigure};
-use super::{added, wrong_size};
+use super::{Figure, FigureKind, FigureRequest, FigureRun, Layout, wrong_size};
 use crate::analyse::{Bins, By, Inquiry, SampleSet, Unit};
 use crate::error::AnalysisError;
-use crate::plot::Scale;
 
 pub(super) fn of_errors(
     runs: &[FigureRun<'_>],

@@ -2,10 +2,11 @@
 
 use std::collections::{BTreeSet, HashMap, HashSet};
 
+use depthloom_figures::page::{Layer, Role, Series, evenly};
 use depthloom_graphs::ValueType;
 use depthloom_graphs::contracts::Slot;
 use depthloom_recording::Recording;
-use depthloom_scores::{Align, PixelSet, Settings};
+use depthloom_scores::{Align, PixelSet};
 
 use crate::estimators::Estimator;
 use crate::scores::FrameScore;
@@ -24,53 +25,6 @@ const FEW: usize = 10;
 const MOST_POINTS: usize = 1000;
 /// So many of the worst and of the best frames of an estimator have pictures in any case.
 const EXTREMES: usize = 3;
-
-/// What a map is on the page.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Role {
-    Image,
-    Truth,
-    Estimate,
-    Other,
-}
-
-impl Role {
-    pub(super) const fn name(self) -> &'static str {
-        match self {
-            Self::Image => "image",
-            Self::Truth => "truth",
-            Self::Estimate => "estimate",
-            Self::Other => "other",
-        }
-    }
-}
-
-/// A topic whose values the page shows.
-#[derive(Clone, Debug, PartialEq)]
-pub(super) struct Layer {
-    pub(super) topic: String,
-    /// Its name for people: the topic without its stage.
-    pub(super) name: String,
-    pub(super) role: Role,
-    /// The name of what it carries.
-    pub(super) value_type: String,
-    /// Of an estimate: the estimators whose it is, and of the first of them the place of the truth among the layers.
-    pub(super) estimators: Vec<usize>,
-    pub(super) truth: Option<usize>,
-    /// How the first of them is scored, if it is aligned before: it is shown as it is scored.
-    pub(super) aligned: Option<Settings>,
-}
-
-/// A stage run whose maps the page shows.
-#[derive(Clone, Debug, PartialEq)]
-pub(super) struct Series {
-    pub(super) run: usize,
-    pub(super) layers: Vec<Layer>,
-    /// How many maps were recorded, of which these are.
-    pub(super) recorded: usize,
-    /// The positions of its frames.
-    pub(super) positions: Vec<usize>,
-}
 
 /// The estimators with curves: all, or those that all variants share and the best of the others by the table's first score.
 pub(super) fn estimators_shown(estimators: &[Estimator], table: Option<&Table>) -> Vec<usize> {
@@ -128,7 +82,7 @@ pub(super) fn series(
         let kept: Vec<usize> = (0..recording.frames(series.run).len())
             .step_by(usize::try_from(plan.every.max(1)).unwrap_or(usize::MAX))
             .collect();
-        series.positions = spread(&kept, &wanted, most.max(1));
+        series.positions = evenly(&kept, &wanted, most.max(1));
     }
     all.retain(|series| !series.positions.is_empty());
     all
@@ -236,46 +190,12 @@ pub(super) fn set_of(estimator: &Estimator) -> Option<PixelSet> {
 
 /// The positions in the figure of scores by frame, of a stage run with so many frames.
 pub(super) fn points(frames: usize, pictured: &BTreeSet<usize>) -> Vec<usize> {
-    spread(&(0..frames).collect::<Vec<_>>(), pictured, MOST_POINTS)
-}
-
-/// At most so many of some positions: the wanted ones first, then others evenly, the first and the last among them.
-pub(super) fn spread(positions: &[usize], wanted: &BTreeSet<usize>, most: usize) -> Vec<usize> {
-    if positions.len() <= most {
-        return positions.to_vec();
-    }
-    let wanted: BTreeSet<usize> =
-        positions.iter().copied().filter(|position| wanted.contains(position)).take(most / 2).collect();
-    let with = |even: usize| -> BTreeSet<usize> {
-        let at = |i: usize| positions[i * (positions.len() - 1) / (even - 1).max(1)];
-        wanted.iter().copied().chain((0..even).map(at)).collect()
-    };
-    // Some of the even ones are wanted ones: then there is room for more.
-    let mut chosen = with(most - wanted.len());
-    for even in most - wanted.len()..=most {
-        let more = with(even);
-        if more.len() > most {
-            break;
-        }
-        chosen = more;
-    }
-    chosen.into_iter().collect()
+    evenly(&(0..frames).collect::<Vec<_>>(), pictured, MOST_POINTS)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn of_many_frames_the_wanted_are_there_and_the_others_are_even() {
-        let positions: Vec<usize> = (0..1000).collect();
-        let chosen = spread(&positions, &BTreeSet::from([17, 18, 19, 500]), 20);
-        assert!((18..=20).contains(&chosen.len()), "{chosen:?}");
-        assert!([0, 17, 18, 19, 500, 999].iter().all(|position| chosen.contains(position)), "{chosen:?}");
-        assert!(chosen.windows(2).all(|two| two[1] - two[0] <= 80), "{chosen:?}");
-        assert_eq!(spread(&positions[..5], &BTreeSet::new(), 20), [0, 1, 2, 3, 4]);
-        assert_eq!(spread(&positions, &BTreeSet::new(), 1), [0]);
-    }
 
     #[test]
     fn of_many_estimators_the_shared_and_the_best_are_shown() {

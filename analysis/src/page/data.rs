@@ -2,15 +2,14 @@
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
+use depthloom_figures::colour_of;
+use depthloom_figures::page::{Layer, Pictures, Scale, Series};
 use depthloom_recording::{RecordedFrame, RecordedPlan, Recording};
 use depthloom_scores::PixelSet;
 use serde_json::{Map, Value as Json, json};
 
-use super::choice::{self, Layer, Series};
-use super::pictures::Pictures;
-use super::planes::Scale;
+use super::choice;
 use crate::ablation::{Ablation, Selection, effects_grid, zones_grid};
-use crate::colours::colour;
 use crate::distance::{DistanceBin, Spread};
 use crate::error::AnalysisError;
 use crate::estimators::Estimator;
@@ -58,7 +57,7 @@ pub(super) fn table(table: &Table, estimators: &[Estimator]) -> Json {
             "stage": column.lead.stage,
             "variant": column.lead.variant,
             "estimator": column.estimator,
-            "colour": colour(&names, &column.estimator),
+            "colour": colour_of(&names, &column.estimator),
             "set": column.set.name(),
             "factors": column.lead.factors.iter().map(|level| &level.value).collect::<Vec<_>>(),
             "frames": column.frames,
@@ -117,7 +116,7 @@ pub(super) fn estimators(estimators: &[Estimator], shown: &[usize]) -> Json {
         let of = &estimators[index];
         json!({
             "label": of.label, "name": of.name, "stage": of.lead.stage, "variant": of.lead.variant, "run": of.run,
-            "colour": colour(&names, &of.name), "preset": of.preset,
+            "colour": colour_of(&names, &of.name), "preset": of.preset,
             "sets": of.sets.iter().map(|set| set.name()).collect::<Vec<_>>(),
             "set": choice::set_of(of).map(PixelSet::name),
             "metrics": of.metrics.iter().map(|metric| metric.name).collect::<Vec<_>>(),
@@ -218,7 +217,7 @@ pub(super) fn pictures(
                 "name": layer.name,
                 "role": layer.role.name(),
                 "type": layer.value_type,
-                "scale": Scale::of(&layer.value_type, pictures.size.steps).map(Scale::json),
+                "scale": Scale::of(&layer.value_type, pictures.steps()).map(Scale::json),
                 "labels": layer.estimators.iter().map(|&index| label(&estimators[index], layer)).collect::<Vec<_>>(),
                 "estimators": layer.estimators.iter().filter_map(place).collect::<Vec<_>>(),
                 "truth": layer.truth,
@@ -247,7 +246,7 @@ pub(super) fn pictures(
             "frames": shown.collect::<Vec<_>>(),
         })
     };
-    series.iter().zip(&pictures.there).map(one).collect()
+    series.iter().zip(pictures.there()).map(one).collect()
 }
 
 /// What an estimate is called, and that it is shown aligned.

@@ -8,40 +8,38 @@ mod pdf;
 mod png;
 mod svg;
 
-use crate::error::AnalysisError;
-
-pub(crate) use font::{ascent, width};
+pub use font::{ascent, width};
 
 /// Points an inch, and millimetres an inch.
-pub(crate) const POINTS_PER_INCH: f64 = 72.0;
-pub(crate) const MM_PER_INCH: f64 = 25.4;
+pub const POINTS_PER_INCH: f64 = 72.0;
+pub const MM_PER_INCH: f64 = 25.4;
 
 /// Red, green, blue.
-pub(crate) type Colour = [u8; 3];
+pub type Colour = [u8; 3];
 
-pub(crate) const BLACK: Colour = [0; 3];
-pub(crate) const WHITE: Colour = [255; 3];
+pub const BLACK: Colour = [0; 3];
+pub const WHITE: Colour = [255; 3];
 
 /// A colour written `#rrggbb`.
-pub(crate) fn colour(text: &str) -> Colour {
+pub fn colour(text: &str) -> Colour {
     let part = |at: usize| text.get(at..at + 2).and_then(|hex| u8::from_str_radix(hex, 16).ok()).unwrap_or(0);
     [part(1), part(3), part(5)]
 }
 
 /// A point: to the right and down from the upper left corner, points.
-pub(crate) type At = (f64, f64);
+pub type At = (f64, f64);
 
 /// What is seen, what comes later above what came before.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(crate) struct Drawing {
-    pub(crate) width_pt: f64,
-    pub(crate) height_pt: f64,
-    pub(crate) marks: Vec<Mark>,
+pub struct Drawing {
+    pub width_pt: f64,
+    pub height_pt: f64,
+    pub marks: Vec<Mark>,
 }
 
 /// One thing to be seen.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) enum Mark {
+pub enum Mark {
     /// A line through points.
     Line { points: Vec<At>, stroke: Stroke },
     /// What lies between points.
@@ -60,36 +58,36 @@ pub(crate) enum Mark {
 
 /// How a line is drawn.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Stroke {
-    pub(crate) colour: Colour,
-    pub(crate) width: f64,
-    pub(crate) opacity: f64,
+pub struct Stroke {
+    pub colour: Colour,
+    pub width: f64,
+    pub opacity: f64,
     /// How long it is there and not there, in turn; empty: all there.
-    pub(crate) dashes: &'static [f64],
+    pub dashes: &'static [f64],
 }
 
 /// How an area is filled.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Fill {
-    pub(crate) colour: Colour,
-    pub(crate) opacity: f64,
+pub struct Fill {
+    pub colour: Colour,
+    pub opacity: f64,
 }
 
 /// Words.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Text {
-    pub(crate) at: At,
-    pub(crate) words: String,
-    pub(crate) size: f64,
-    pub(crate) colour: Colour,
-    pub(crate) anchor: Anchor,
+pub struct Text {
+    pub at: At,
+    pub words: String,
+    pub size: f64,
+    pub colour: Colour,
+    pub anchor: Anchor,
     /// Whether they go upwards.
-    pub(crate) upwards: bool,
+    pub upwards: bool,
 }
 
 /// Which part of a line of words stands at its point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Anchor {
+pub enum Anchor {
     Start,
     Middle,
     End,
@@ -97,75 +95,82 @@ pub(crate) enum Anchor {
 
 /// Pixels, three bytes each, row by row.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Picture {
-    pub(crate) width: u32,
-    pub(crate) height: u32,
-    pub(crate) rgb: Vec<u8>,
+pub struct Picture {
+    pub width: u32,
+    pub height: u32,
+    pub rgb: Vec<u8>,
 }
 
 impl Stroke {
-    pub(crate) const fn new(colour: Colour, width: f64) -> Self {
+    pub const fn new(colour: Colour, width: f64) -> Self {
         Self { colour, width, opacity: 1.0, dashes: &[] }
     }
 
-    pub(crate) const fn dashed(self, dashes: &'static [f64]) -> Self {
+    pub const fn dashed(self, dashes: &'static [f64]) -> Self {
         Self { dashes, ..self }
     }
 
-    pub(crate) const fn faint(self, opacity: f64) -> Self {
+    pub const fn faint(self, opacity: f64) -> Self {
         Self { opacity, ..self }
     }
 }
 
 impl Fill {
-    pub(crate) const fn new(colour: Colour, opacity: f64) -> Self {
+    pub const fn new(colour: Colour, opacity: f64) -> Self {
         Self { colour, opacity }
     }
 }
 
 impl Drawing {
-    pub(crate) fn new(width_pt: f64, height_pt: f64) -> Self {
+    pub fn new(width_pt: f64, height_pt: f64) -> Self {
         Self { width_pt, height_pt, marks: Vec::new() }
     }
 
-    pub(crate) fn line(&mut self, points: Vec<At>, stroke: Stroke) {
+    pub fn line(&mut self, points: Vec<At>, stroke: Stroke) {
         self.marks.push(Mark::Line { points, stroke });
     }
 
-    pub(crate) fn area(&mut self, points: Vec<At>, fill: Fill) {
+    pub fn area(&mut self, points: Vec<At>, fill: Fill) {
         self.marks.push(Mark::Area { points, fill });
     }
 
     /// A filled rectangle.
-    pub(crate) fn rectangle(&mut self, (x, y): At, (width, height): (f64, f64), fill: Fill) {
+    pub fn rectangle(&mut self, (x, y): At, (width, height): (f64, f64), fill: Fill) {
         self.area(vec![(x, y), (x + width, y), (x + width, y + height), (x, y + height)], fill);
     }
 
     /// The edge of a rectangle.
-    pub(crate) fn frame(&mut self, (x, y): At, (width, height): (f64, f64), stroke: Stroke) {
+    pub fn frame(&mut self, (x, y): At, (width, height): (f64, f64), stroke: Stroke) {
         self.line(vec![(x, y), (x + width, y), (x + width, y + height), (x, y + height), (x, y)], stroke);
     }
 
     /// Words whose base line stands there.
-    pub(crate) fn text(&mut self, at: At, words: impl Into<String>, size: f64, anchor: Anchor) {
+    pub fn text(&mut self, at: At, words: impl Into<String>, size: f64, anchor: Anchor) {
         self.marks.push(Mark::Text(Text { at, words: words.into(), size, colour: BLACK, anchor, upwards: false }));
     }
 
+    /// Its width and height, millimetres.
+    #[must_use]
+    pub fn size_mm(&self) -> (f64, f64) {
+        let mm = |points: f64| (points / POINTS_PER_INCH * MM_PER_INCH * 1000.0).round() / 1000.0;
+        (mm(self.width_pt), mm(self.height_pt))
+    }
+
     /// As SVG, in millimetres.
-    pub(crate) fn svg(&self) -> String {
+    pub fn svg(&self) -> String {
         svg::written(self)
     }
 
     /// As PDF of one page; its text can be searched and copied.
-    pub(crate) fn pdf(&self, title: &str) -> Vec<u8> {
+    pub fn pdf(&self, title: &str) -> Vec<u8> {
         pdf::written(self, title)
     }
 
     /// As PNG of so many pixels an inch.
     ///
     /// # Errors
-    /// If it has more pixels than memory is to be had for.
-    pub(crate) fn png(&self, dpi: f64) -> Result<Vec<u8>, AnalysisError> {
+    /// If it has too many pixels, in words.
+    pub fn png(&self, dpi: f64) -> Result<Vec<u8>, String> {
         png::written(self, dpi)
     }
 }

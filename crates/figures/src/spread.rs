@@ -7,11 +7,10 @@
 
 use std::collections::BTreeMap;
 
-use super::Size;
-use super::places::{Layout, Place, dashes, panels, shade};
 use crate::colours::colour as colour_of;
 use crate::drawing::{Anchor, Colour, Drawing, Fill, Stroke, colour};
-use crate::plot::{Axis, Entry, Item, Panel, Scale, Sheet, Swatch};
+use crate::places::{Layout, Place, dashes, panels, shade};
+use crate::plot::{Axis, Entry, Item, Panel, Scale, Sheet, Size, Swatch};
 
 /// How opaque the bands from 5 to 95 % and from 25 to 75 % are, and what is faint.
 const WIDE_OPACITY: f64 = 0.14;
@@ -32,42 +31,42 @@ const WORTH_SHOWING: f64 = 1.3;
 
 /// How errors spread in a bin.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Bin {
-    pub(crate) from: f64,
-    pub(crate) to: f64,
-    pub(crate) count: u64,
+pub struct Bin {
+    pub from: f64,
+    pub to: f64,
+    pub count: u64,
     /// 5, 25, 50, 75 and 95 %.
-    pub(crate) percentiles: [f64; 5],
+    pub percentiles: [f64; 5],
 }
 
 /// An estimator's errors.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Spread {
-    pub(crate) of: Place,
+pub struct Spread {
+    pub of: Place,
     /// Over the pixels that are compared.
-    pub(crate) bins: Vec<Bin>,
+    pub bins: Vec<Bin>,
     /// Over all that it answered; empty where that is not asked for.
-    pub(crate) answered: Vec<Bin>,
+    pub answered: Vec<Bin>,
 }
 
 /// The figure.
 #[derive(Clone, Debug)]
-pub(crate) struct SpreadFigure {
-    pub(crate) spreads: Vec<Spread>,
+pub struct SpreadFigure {
+    pub spreads: Vec<Spread>,
     /// Pixels with a truth by bin: from, to, how many. Empty: they are not shown.
-    pub(crate) truth: Vec<(f64, f64, u64)>,
+    pub truth: Vec<(f64, f64, u64)>,
     /// And those that are compared.
-    pub(crate) compared: Vec<(f64, f64, u64)>,
-    pub(crate) layout: Layout,
-    pub(crate) title: String,
-    pub(crate) x_label: String,
-    pub(crate) y_label: String,
-    pub(crate) x_scale: Scale,
+    pub compared: Vec<(f64, f64, u64)>,
+    pub layout: Layout,
+    pub title: String,
+    pub x_label: String,
+    pub y_label: String,
+    pub x_scale: Scale,
     /// A bin of fewer pixels is thin.
-    pub(crate) thin: u64,
+    pub thin: u64,
     /// The top of the error's axis, where that is stated.
-    pub(crate) most: Option<f64>,
-    pub(crate) size: Size,
+    pub most: Option<f64>,
+    pub size: Size,
 }
 
 impl SpreadFigure {
@@ -75,7 +74,7 @@ impl SpreadFigure {
     ///
     /// # Errors
     /// What is wrong with its size, in words.
-    pub(crate) fn drawing(&self) -> Result<Drawing, String> {
+    pub fn drawing(&self) -> Result<Drawing, String> {
         let names = self.names();
         let groups = self.groups();
         let columns = if self.size.is_wide() { groups.len().clamp(1, 2) } else { 1 };
@@ -112,7 +111,7 @@ impl SpreadFigure {
     }
 
     /// How many panels there are.
-    pub(crate) fn panels(&self) -> usize {
+    pub fn panels(&self) -> usize {
         self.groups().len()
     }
 
@@ -238,7 +237,7 @@ impl SpreadFigure {
     }
 
     /// Whether any bin is thin.
-    pub(crate) fn has_thin(&self) -> bool {
+    pub fn has_thin(&self) -> bool {
         self.spreads.iter().any(|spread| spread.bins.iter().any(|bin| self.is_thin(bin)))
     }
 
@@ -368,7 +367,7 @@ fn answered_more(spread: &Spread) -> bool {
 }
 
 /// By bin, how many pixels: bins of one place are added up.
-pub(crate) fn added(counts: impl IntoIterator<Item = (f64, f64, u64)>) -> Vec<(f64, f64, u64)> {
+pub fn added(counts: impl IntoIterator<Item = (f64, f64, u64)>) -> Vec<(f64, f64, u64)> {
     let mut by_place: BTreeMap<(u64, u64), (f64, f64, u64)> = BTreeMap::new();
     for (from, to, count) in counts {
         // Edges are the same numbers wherever they come from; below zero, bits are in another order, which bars do not mind.

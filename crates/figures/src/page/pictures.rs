@@ -4,11 +4,12 @@
 //! that each is a value that the recording holds; where a truth is sparse, of each small square the pixel that has one, in all maps alike, so
 //! that an error is that of one pixel.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io::{self, Read, Seek as _, SeekFrom, Write};
 use std::num::NonZero;
 use std::ops::Range;
+use std::path::Path;
 use std::sync::Mutex;
 use std::thread;
 
@@ -17,16 +18,15 @@ use base64::prelude::BASE64_STANDARD;
 use depthloom_graphs::Value;
 use depthloom_graphs::values::{Image, Pixels};
 use depthloom_recording::Recording;
-use depthloom_threads::{Budget, Tiles as _, into_unlocked, locked};
+use depthloom_scores::Settings;
+use depthloom_threads::{Budget, Tiles as _, caught, into_unlocked, locked};
 use image::ExtendedColorType;
 use image::codecs::jpeg::JpegEncoder;
 use image::imageops::thumbnail;
 use serde_json::{Value as Json, json};
 
-use super::choice::{Layer, Role, Series};
+use super::PageError;
 use super::planes::{COARSE, FINE, Samples, Scale, Steps, packed};
-use crate::error::{AnalysisError, caught};
-use crate::files::Output;
 use crate::scored_map::as_scored;
 
 /// The most bytes that the pictures take with the numbers of the page: with all else it has less than 40 MB.
@@ -45,14 +45,21 @@ const QUALITY: u8 = 78;
 /// How many topics are read at once: what a thread holds in memory.
 const TOPICS_AT_ONCE: usize = 6;
 
+/// Where a temporary file goes, and whether to stop.
+#[derive(Clone, Copy)]
+struct Output<'a> {
+    folder: &'a Path,
+    stop: &'a (dyn Fn() -> bool + Sync),
+}
+
 /// How large the pictures are, and how fine their numbers.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Size {
+struct Size {
     /// The most columns of images; of estimates and truths; and of all other maps.
     image: u32,
-    pub(super) main: u32,
+    main: u32,
     other: u32,
-    pub(super) steps: Steps,
+    steps: Steps,
 }
 
 const fn size(image: u32, main: u32, other: u32, steps: Steps) -> Size {
@@ -78,26 +85,78 @@ const SIZES: [Size; 15] = [
     size(320, 152, 76, COARSE),
 ];
 
+/// What a map is on the page.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Role {
+    Image,
+    Truth,
+    Estimate,
+    Other,
+}
+
+impl Role {
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Image => "image",
+            Self::Truth => "truth",
+            Self::Estimate => "estimate",
+            Self::Other => "other",
+        }
+    }
+}
+
+/// A topic whose values the page shows.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Layer {
+    pub topic: String,
+    /// Its name for people: the topic without its stage.
+    pub name: String,
+    pub role: Role,
+    /// The name of what it carries.
+    pub value_type: String,
+    /// Of an estimate: the estimators whose it is, and of the first of them the place of the truth among the layers.
+    pub estimators: Vec<usize>,
+    pub truth: Option<usize>,
+    /// How the first of them is scored, if it is aligned before: it is shown as it is scored.
+    pub aligned: Option<Settings>,
+}
+
+/// A stage run whose maps the page shows.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Series {
+    pub run: usize,
+    pub layers: Vec<Layer>,
+    /// How many maps were recorded, of which these are.
+    pub recorded: usize,
+    /// The positions of its frames.
+    pub positions: Vec<usize>,
+}
+
 /// Pictures, and how they were made.
-pub(super) struct Pictures {
-    pub(super) size: Size,
+pub struct Pictures {
+    size: Size,
     /// By stage run, as [`Series`] come: the positions of its frames, and where the text of each lies in the file.
     places: Vec<Vec<(usize, Range<u64>)>>,
     file: File,
     /// By series and layer, whether any frame has it.
-    pub(super) there: Vec<Vec<bool>>,
+    there: Vec<Vec<bool>>,
     /// How many maps could not be read, for their bytes are damaged.
-    pub(super) damaged: u64,
+    damaged: u64,
 }
 
 impl Pictures {
     /// Makes the pictures of all frames, beside so many bytes of numbers; the series' positions are those that found room.
-    pub(super) fn new(
+    ///
+    /// # Errors
+    /// If the recording cannot be read or the file in `folder` not be written; [`PageError::Stopped`] once `stop` says so.
+    pub fn new(
         recording: &Recording,
         series: &mut [Series],
         numbers: u64,
-        output: Output<'_>,
-    ) -> Result<Self, AnalysisError> {
+        folder: &Path,
+        stop: &(dyn Fn() -> bool + Sync),
+    ) -> Result<Self, PageError> {
+        let output = Output { folder, stop };
         let all: usize = series.iter().map(|series| series.positions.len()).sum();
         let most = MOST.min((MOST_A_FRAME * all as u64).max(MOST_OF_FEW));
         let budget = most.saturating_sub(numbers).max(LEAST);
@@ -136,9 +195,9 @@ impl Pictures {
         size: Size,
         budget: u64,
         output: Output<'_>,
-    ) -> Result<Option<Self>, AnalysisError> {
+    ) -> Result<Option<Self>, PageError> {
         let path = output.folder.join("a temporary file");
-        let file = tempfile::tempfile_in(output.folder).map_err(AnalysisError::write(&path))?;
+        let file = tempfile::tempfile_in(output.folder).map_err(PageError::write(&path))?;
         let mut pictures = Self { size, places: Vec::new(), file, there: Vec::new(), damaged: 0 };
         let threads = thread::available_parallelism().map_or(1, NonZero::get);
         let mut end = 0;
@@ -154,7 +213,7 @@ impl Pictures {
                         .iter_mut()
                         .zip(text.split(|byte| *byte == b'\n'))
                         .for_each(|(there, line)| *there |= !line.is_empty());
-                    pictures.file.write_all(&text).map_err(AnalysisError::write(&path))?;
+                    pictures.file.write_all(&text).map_err(PageError::write(&path))?;
                     let start = end;
                     end += text.len() as u64;
                     places.push((position, start..end));
@@ -167,6 +226,31 @@ impl Pictures {
             pictures.there.push(there);
         }
         Ok(Some(pictures))
+    }
+
+    /// How fine the numbers are.
+    #[must_use]
+    pub fn steps(&self) -> Steps {
+        self.size.steps
+    }
+
+    /// How fine the numbers are and how wide maps are, as the page's scripts read it.
+    #[must_use]
+    pub fn steps_json(&self) -> Json {
+        let Size { steps, main, .. } = self.size;
+        json!({ "depth": steps.depth, "disparity_px": steps.disparity_px, "widest": main })
+    }
+
+    /// By series and layer, whether any frame has it.
+    #[must_use]
+    pub fn there(&self) -> &[Vec<bool>] {
+        &self.there
+    }
+
+    /// How many maps could not be read, because their bytes are damaged.
+    #[must_use]
+    pub fn damaged(&self) -> u64 {
+        self.damaged
     }
 
     /// Writes the elements of all frames: `<script id="p0-17">` is that of the frame at position 17 of the first series.
@@ -188,7 +272,7 @@ impl Pictures {
 }
 
 /// How many bytes the pictures are likely to take in a size.
-fn probe(recording: &Recording, series: &[Series], size: Size, output: Output<'_>) -> Result<f64, AnalysisError> {
+fn probe(recording: &Recording, series: &[Series], size: Size, output: Output<'_>) -> Result<f64, PageError> {
     let mut needed = 0.0;
     for of in series {
         let count = of.positions.len();
@@ -205,7 +289,7 @@ fn probe(recording: &Recording, series: &[Series], size: Size, output: Output<'_
 fn thin(series: &mut [Series], share: f64) {
     for series in series {
         let most = ((series.positions.len() as f64 * share) as usize).max(1);
-        series.positions = super::choice::spread(&series.positions, &std::collections::BTreeSet::new(), most);
+        series.positions = evenly(&series.positions, &BTreeSet::new(), most);
     }
 }
 
@@ -220,13 +304,13 @@ struct Made {
 fn all_at_once(
     positions: &[usize],
     threads: usize,
-    make: &(dyn Fn(usize) -> Result<Made, AnalysisError> + Sync),
-) -> Result<Vec<Made>, AnalysisError> {
-    let made: Mutex<BTreeMap<usize, Result<Made, AnalysisError>>> = Mutex::new(BTreeMap::new());
+    make: &(dyn Fn(usize) -> Result<Made, PageError> + Sync),
+) -> Result<Vec<Made>, PageError> {
+    let made: Mutex<BTreeMap<usize, Result<Made, PageError>>> = Mutex::new(BTreeMap::new());
     let budget = Budget::new(threads.max(1));
     let _own = budget.permit();
     budget.run(positions.len(), &|tile| {
-        let result = caught(|| make(positions[tile]));
+        let result = caught(|| make(positions[tile])).unwrap_or_else(|panic| Err(panic.into()));
         locked(&made).insert(tile, result);
     });
     into_unlocked(made).into_values().collect()
@@ -238,8 +322,10 @@ fn frame(
     position: usize,
     size: Size,
     output: Output<'_>,
-) -> Result<Made, AnalysisError> {
-    output.go_on()?;
+) -> Result<Made, PageError> {
+    if (output.stop)() {
+        return Err(PageError::Stopped);
+    }
     let layers = &series.layers;
     let mut lines: Vec<Vec<u8>> = vec![Vec::new(); layers.len()];
     let mut grids = Grids::default();
@@ -280,7 +366,7 @@ fn frame(
 }
 
 /// An image as `j` and its JPEG.
-fn jpeg(image: &Image, widest: u32) -> Result<Vec<u8>, AnalysisError> {
+fn jpeg(image: &Image, widest: u32) -> Result<Vec<u8>, PageError> {
     let (width, height) = smaller(image.dimensions(), widest);
     let mut bytes = Vec::new();
     let mut encoder = JpegEncoder::new_with_quality(&mut bytes, QUALITY);
@@ -292,7 +378,7 @@ fn jpeg(image: &Image, widest: u32) -> Result<Vec<u8>, AnalysisError> {
             encoder.encode(thumbnail(rgb, width, height).as_raw(), width, height, ExtendedColorType::Rgb8)
         }
     };
-    encoded.map_err(|error| AnalysisError::content(format!("an image of {width}x{height} is no JPEG: {error}")))?;
+    encoded.map_err(|error| PageError::Content(format!("an image of {width}x{height} is no JPEG: {error}")))?;
     Ok([b"j".as_slice(), BASE64_STANDARD.encode(&bytes).as_bytes()].concat())
 }
 
@@ -366,9 +452,28 @@ fn picked(columns: Range<usize>, rows: Range<usize>, width: usize, truth: Option
     }
 }
 
-/// What the page says of the numbers' steps.
-pub(super) fn steps_json(size: Size) -> Json {
-    json!({ "depth": size.steps.depth, "disparity_px": size.steps.disparity_px, "widest": size.main })
+/// At most so many of some positions: the wanted ones first, then others evenly, the first and the last among them.
+#[must_use]
+pub fn evenly(positions: &[usize], wanted: &BTreeSet<usize>, most: usize) -> Vec<usize> {
+    if positions.len() <= most {
+        return positions.to_vec();
+    }
+    let wanted: BTreeSet<usize> =
+        positions.iter().copied().filter(|position| wanted.contains(position)).take(most / 2).collect();
+    let with = |even: usize| -> BTreeSet<usize> {
+        let at = |i: usize| positions[i * (positions.len() - 1) / (even - 1).max(1)];
+        wanted.iter().copied().chain((0..even).map(at)).collect()
+    };
+    // Some of the even ones are wanted ones: then there is room for more.
+    let mut chosen = with(most - wanted.len());
+    for even in most - wanted.len()..=most {
+        let more = with(even);
+        if more.len() > most {
+            break;
+        }
+        chosen = more;
+    }
+    chosen.into_iter().collect()
 }
 
 #[cfg(test)]
@@ -383,6 +488,17 @@ mod tests {
         assert_eq!(grids.places((9, 6), (3, 2)), [10, 13, 26, 37, 40, 43]);
         assert_eq!(grids.places((6, 4), (3, 2)), [0, 2, 4, 12, 14, 16], "of another size, the middle ones");
         assert_eq!(grids.places((2, 1), (2, 1)), [0, 1]);
+    }
+
+    #[test]
+    fn of_many_frames_the_wanted_are_there_and_the_others_are_even() {
+        let positions: Vec<usize> = (0..1000).collect();
+        let chosen = evenly(&positions, &BTreeSet::from([17, 18, 19, 500]), 20);
+        assert!((18..=20).contains(&chosen.len()), "{chosen:?}");
+        assert!([0, 17, 18, 19, 500, 999].iter().all(|position| chosen.contains(position)), "{chosen:?}");
+        assert!(chosen.windows(2).all(|two| two[1] - two[0] <= 80), "{chosen:?}");
+        assert_eq!(evenly(&positions[..5], &BTreeSet::new(), 20), [0, 1, 2, 3, 4]);
+        assert_eq!(evenly(&positions, &BTreeSet::new(), 1), [0]);
     }
 
     #[test]

@@ -7,18 +7,14 @@ use tiny_skia::{
 use ttf_parser::OutlineBuilder;
 
 use super::{Anchor, At, Colour, Drawing, MM_PER_INCH, Mark, POINTS_PER_INCH, Picture, Text, circle, font};
-use crate::error::AnalysisError;
 
 /// So many pixels a side at most.
 const MOST: f64 = 20_000.0;
 
-pub(super) fn written(drawing: &Drawing, dpi: f64) -> Result<Vec<u8>, AnalysisError> {
+pub(super) fn written(drawing: &Drawing, dpi: f64) -> Result<Vec<u8>, String> {
     let scale = dpi / POINTS_PER_INCH;
     let (width, height) = ((drawing.width_pt * scale).round(), (drawing.height_pt * scale).round());
-    let too_large = || {
-        let what = format!("a picture of {width} x {height} pixels is too large");
-        AnalysisError::asked(what, "ask for fewer pixels with `--dpi`, or for SVG or PDF".to_owned())
-    };
+    let too_large = || format!("a picture of {width} x {height} pixels is too large");
     if !(1.0..=MOST).contains(&width) || !(1.0..=MOST).contains(&height) {
         return Err(too_large());
     }

@@ -18,7 +18,7 @@ fn block(at: u32, of: u32, size: u32) -> std::ops::Range<u32> {
 }
 
 /// A map in colours, white where it has no answer. Of the pixels that become one, the answer nearest its middle.
-pub(super) fn coloured(map: &Raster<f32>, columns: u32, bar: &Bar) -> Picture {
+pub fn coloured(map: &Raster<f32>, columns: u32, bar: &Bar) -> Picture {
     let size @ (width, height) = map.dimensions();
     let rows = rows_of(columns, size);
     let mut rgb = Vec::with_capacity(3 * (columns * rows) as usize);
@@ -45,7 +45,7 @@ pub(super) fn coloured(map: &Raster<f32>, columns: u32, bar: &Bar) -> Picture {
 }
 
 /// An image of fewer pixels, each the mean of those that it stands for.
-pub(super) fn reduced(image: &Image, columns: u32) -> Picture {
+pub fn reduced(image: &Image, columns: u32) -> Picture {
     let pixels = image.pixels();
     let size @ (width, height) = image.dimensions();
     let columns = columns.min(width);

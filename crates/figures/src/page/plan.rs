@@ -39,8 +39,9 @@ struct Edge {
     ports: String,
 }
 
-/// The drawing.
-pub(super) fn drawing(plan: &RecordedPlan) -> String {
+/// A plan as SVG.
+#[must_use]
+pub fn plan_drawing(plan: &RecordedPlan) -> String {
     let (stages, mut nodes, edges) = graph(plan);
     arrange(&mut nodes, &edges, stages.len());
     let tops = tops(&nodes, stages.len());
@@ -284,7 +285,7 @@ mod tests {
             }],
         });
         let plan = RecordedPlan::deserialize(plan).unwrap();
-        let svg = drawing(&plan);
+        let svg = plan_drawing(&plan);
         assert_eq!(svg.matches("<g class=").count(), 3, "{svg}");
         assert_eq!(svg.matches("<path").count(), 2, "{svg}");
         assert!(svg.contains("own ×2") && svg.contains("&lt;street&gt;") && !svg.contains("<street>"), "{svg}");

@@ -5,7 +5,7 @@ use depthloom_graphs::values::{Depth, Raster};
 use depthloom_scores::{ScoredPixels, Settings};
 
 /// A depth aligned with its truth and clamped, as it is scored; `None` where it cannot be.
-pub(crate) fn as_scored(estimate: &Value, truth: &Value, settings: &Settings) -> Option<Value> {
+pub fn as_scored(estimate: &Value, truth: &Value, settings: &Settings) -> Option<Value> {
     let (truth, size) = (truth.metres()?, estimate.metres()?.dimensions());
     if truth.dimensions() != size {
         return None;

@@ -8,7 +8,7 @@ fn is_special(c: char) -> bool {
 }
 
 /// A text for an element or an attribute. A control character, which XML cannot contain, becomes U+FFFD.
-pub(crate) fn escaped(text: &str) -> Cow<'_, str> {
+pub fn escaped(text: &str) -> Cow<'_, str> {
     if !text.contains(is_special) {
         return Cow::Borrowed(text);
     }

@@ -7,13 +7,13 @@ const DASHES: [&[f64]; 4] = [&[], &[5.0, 1.5], &[2.0, 1.2], &[6.0, 1.5, 1.5, 1.5
 
 /// What a curve is of.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Place {
+pub struct Place {
     /// The estimator's name, which has a colour.
-    pub(crate) name: String,
+    pub name: String,
     /// Its run and stage, where there are several; empty where not.
-    pub(crate) group: String,
+    pub group: String,
     /// Its variant; `None`: it is on the panels of all variants of its group.
-    pub(crate) variant: Option<String>,
+    pub variant: Option<String>,
 }
 
 /// Whether each variant has its panel, or all are on one.
@@ -34,14 +34,14 @@ impl Place {
     }
 
     /// The same with its name.
-    pub(crate) fn label(&self) -> String {
+    pub fn label(&self) -> String {
         let panel = self.panel();
         if panel.is_empty() { self.name.clone() } else { format!("{panel}/{}", self.name) }
     }
 }
 
 /// By panel its title, and which of these are on it: what all variants of a group share comes first.
-pub(crate) fn panels(places: &[&Place], layout: Layout) -> Vec<(Option<String>, Vec<usize>)> {
+pub fn panels(places: &[&Place], layout: Layout) -> Vec<(Option<String>, Vec<usize>)> {
     let all = || (0..places.len()).collect::<Vec<usize>>();
     if layout == Layout::Overlaid || places.is_empty() {
         return vec![(None, all())];
@@ -68,14 +68,14 @@ pub(crate) fn panels(places: &[&Place], layout: Layout) -> Vec<(Option<String>, 
 const SHADES: [f64; 3] = [0.0, -0.45, 0.45];
 
 /// The shade of one's line where all of these are on one panel.
-pub(crate) fn shade<'a>(all: impl Iterator<Item = &'a Place>, one: &Place, colour: Colour) -> Colour {
+pub fn shade<'a>(all: impl Iterator<Item = &'a Place>, one: &Place, colour: Colour) -> Colour {
     let share = SHADES[place(all, one) % SHADES.len()];
     let towards = if share < 0.0 { 0.0 } else { 255.0 };
     colour.map(|part| (f64::from(part) + (towards - f64::from(part)) * share.abs()).round() as u8)
 }
 
 /// The dashes of one's line where all of these are on one panel: they tell variants of one name from each other.
-pub(crate) fn dashes<'a>(all: impl Iterator<Item = &'a Place>, one: &Place) -> &'static [f64] {
+pub fn dashes<'a>(all: impl Iterator<Item = &'a Place>, one: &Place) -> &'static [f64] {
     DASHES[place(all, one) % DASHES.len()]
 }
 

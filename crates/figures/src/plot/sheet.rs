@@ -3,7 +3,7 @@
 use super::axis::Axis;
 use super::ramp::{Ramp, colour};
 use super::{Frame, HEADING_PT, LABEL_PT, Panel, TICK_PT, fitting};
-use crate::drawing::{Anchor, Colour, Drawing, Fill, Stroke, ascent, width};
+use crate::drawing::{Anchor, Colour, Drawing, Fill, MM_PER_INCH, POINTS_PER_INCH, Stroke, ascent, width};
 
 /// The margin all around, and between panels.
 const MARGIN: f64 = 5.0;
@@ -18,32 +18,71 @@ const BAR_ROOM: f64 = BAR + TICK_PT + LABEL_PT + 12.0;
 /// No panel is lower than this.
 const LOWEST: f64 = 24.0;
 
+/// From this width on panels stand side by side, millimetres.
+const WIDE_MM: f64 = 120.0;
+
+/// A figure's size.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Size {
+    /// Its width, millimetres.
+    pub width_mm: f64,
+    /// Its height, millimetres; `None`: what suits it.
+    pub height_mm: Option<f64>,
+}
+
+impl Default for Size {
+    /// Two columns of a journal.
+    fn default() -> Self {
+        Self { width_mm: 180.0, height_mm: None }
+    }
+}
+
+impl Size {
+    /// Whether panels stand side by side.
+    #[must_use]
+    pub fn is_wide(&self) -> bool {
+        self.width_mm >= WIDE_MM
+    }
+
+    /// Its width, points.
+    #[must_use]
+    pub fn width_pt(&self) -> f64 {
+        self.width_mm / MM_PER_INCH * POINTS_PER_INCH
+    }
+
+    /// Its height, points.
+    #[must_use]
+    pub fn height_pt(&self) -> Option<f64> {
+        self.height_mm.map(|mm| mm / MM_PER_INCH * POINTS_PER_INCH)
+    }
+}
+
 /// A figure.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Sheet {
-    pub(crate) width_pt: f64,
+pub struct Sheet {
+    pub width_pt: f64,
     /// Where it is stated: panels share what room there is.
-    pub(crate) height_pt: Option<f64>,
+    pub height_pt: Option<f64>,
     /// Panels side by side.
-    pub(crate) columns: usize,
-    pub(crate) title: String,
-    pub(crate) panels: Vec<Panel>,
-    pub(crate) legend: Vec<Entry>,
-    pub(crate) bars: Vec<Bar>,
+    pub columns: usize,
+    pub title: String,
+    pub panels: Vec<Panel>,
+    pub legend: Vec<Entry>,
+    pub bars: Vec<Bar>,
     /// What is to be said of it, below.
-    pub(crate) notes: Vec<String>,
+    pub notes: Vec<String>,
 }
 
 /// A line of a legend.
 #[derive(Clone, Debug)]
-pub(crate) struct Entry {
-    pub(crate) words: String,
-    pub(crate) swatch: Swatch,
+pub struct Entry {
+    pub words: String,
+    pub swatch: Swatch,
 }
 
 /// What stands beside the words of a legend.
 #[derive(Clone, Debug)]
-pub(crate) enum Swatch {
+pub enum Swatch {
     Line(Stroke),
     Block(Fill),
     Dot(Colour),
@@ -53,14 +92,14 @@ pub(crate) enum Swatch {
 
 /// A colour bar.
 #[derive(Clone, Debug)]
-pub(crate) struct Bar {
-    pub(crate) ramp: Ramp,
-    pub(crate) axis: Axis,
+pub struct Bar {
+    pub ramp: Ramp,
+    pub axis: Axis,
 }
 
 impl Bar {
     /// The colour of a number.
-    pub(crate) fn colour(&self, value: f64) -> Colour {
+    pub fn colour(&self, value: f64) -> Colour {
         colour(self.ramp, self.axis.place(value))
     }
 }
@@ -70,7 +109,7 @@ impl Sheet {
     ///
     /// # Errors
     /// What is wrong, in words, if its height is too little for what is on it.
-    pub(crate) fn drawing(&self) -> Result<Drawing, String> {
+    pub fn drawing(&self) -> Result<Drawing, String> {
         let columns = self.columns.clamp(1, self.panels.len().max(1));
         let rows = self.rows(columns);
         let room = self.width_pt - 2.0 * MARGIN;
@@ -102,7 +141,7 @@ impl Sheet {
             heights.iter_mut().for_each(|of| *of *= left / all);
             if left <= 0.0 || heights.iter().any(|of| *of < LOWEST) {
                 let least = top + bottom + fixed + LOWEST * heights.len() as f64;
-                let mm = (least / crate::drawing::POINTS_PER_INCH * crate::drawing::MM_PER_INCH).ceil();
+                let mm = (least / POINTS_PER_INCH * MM_PER_INCH).ceil();
                 return Err(format!("it needs a height of {mm} mm at least"));
             }
         }
@@ -180,12 +219,12 @@ fn bars_a_row(bars: &[Bar], room: f64) -> usize {
 }
 
 /// How high colour bars are, with their numbers and labels.
-pub(crate) fn bars_room(bars: &[Bar], room: f64) -> f64 {
+pub fn bars_room(bars: &[Bar], room: f64) -> f64 {
     if bars.is_empty() { 0.0 } else { bars.len().div_ceil(bars_a_row(bars, room)) as f64 * BAR_ROOM }
 }
 
 /// Draws colour bars, side by side where there is room; they take [`bars_room`].
-pub(crate) fn draw_bars(drawing: &mut Drawing, bars: &[Bar], y: f64, room: f64) {
+pub fn draw_bars(drawing: &mut Drawing, bars: &[Bar], y: f64, room: f64) {
     if bars.is_empty() {
         return;
     }
@@ -223,7 +262,7 @@ fn wide_of(entry: &Entry) -> f64 {
 }
 
 impl Entry {
-    pub(crate) fn new(words: impl Into<String>, swatch: Swatch) -> Self {
+    pub fn new(words: impl Into<String>, swatch: Swatch) -> Self {
         Self { words: words.into(), swatch }
     }
 

@@ -4,26 +4,26 @@
 //! A loss that is no finite number interrupts its line; a step without a validation does not. A curve without a finite loss has no
 //! panel.
 
-use super::LearningCurve;
+use depthloom_graphs::values::Curve;
+
 use crate::colours::{BLUE, RED};
 use crate::drawing::{Drawing, Fill, Stroke, colour};
-use crate::figures::Size;
-use crate::plot::{Axis, Entry, Item, Panel as Plot, Sheet, Swatch};
+use crate::plot::{Axis, Entry, Item, Panel as Plot, Sheet, Size, Swatch};
 
 /// Losses that differ by more than this have a logarithmic axis.
 const DECADE: f64 = 10.0;
 const LINE_PT: f64 = 1.2;
 
-/// The figure.
+/// Learning curves by label.
 ///
 /// # Errors
 /// What is wrong with its size, in words.
-pub(crate) fn drawing(curves: &[LearningCurve], title: &str, size: Size) -> Result<Drawing, String> {
-    let panels: Vec<_> = curves.iter().map(|curve| (curve, Panel::of(curve))).collect();
+pub fn learning_curves(curves: &[(&str, &Curve)], title: &str, size: Size) -> Result<Drawing, String> {
+    let panels: Vec<_> = curves.iter().map(|(label, curve)| (*label, Panel::of(curve))).collect();
     let panels: Vec<_> = panels.into_iter().filter(|(_, panel)| panel.points().next().is_some()).collect();
     let columns = if size.is_wide() { panels.len().clamp(1, 2) } else { 1 };
     let mut plots = Vec::new();
-    for (place, (curve, panel)) in panels.iter().enumerate() {
+    for (place, (label, panel)) in panels.iter().enumerate() {
         let (mut x, mut y) = panel.axes();
         if place % columns == 0 {
             "loss".clone_into(&mut y.label);
@@ -32,7 +32,7 @@ pub(crate) fn drawing(curves: &[LearningCurve], title: &str, size: Size) -> Resu
             "step".clone_into(&mut x.label);
         }
         let aspect = if columns == 1 && size.is_wide() { 0.45 } else { 0.62 };
-        plots.push(Plot { title: Some(curve.label.clone()), items: panel.items(), aspect, ..Plot::new(x, y) });
+        plots.push(Plot { title: Some((*label).to_owned()), items: panel.items(), aspect, ..Plot::new(x, y) });
     }
     let validated = panels.iter().any(|(_, panel)| !panel.validation.is_empty());
     let line = |colour_of: &str| Swatch::Line(Stroke::new(colour(colour_of), LINE_PT));
@@ -50,11 +50,6 @@ pub(crate) fn drawing(curves: &[LearningCurve], title: &str, size: Size) -> Resu
     sheet.drawing()
 }
 
-/// The figure of a report as SVG; equal numbers give equal bytes.
-pub(crate) fn render(curves: &[LearningCurve]) -> String {
-    drawing(curves, "Learning curves", Size::default()).unwrap_or_else(|_| Drawing::new(1.0, 1.0)).svg()
-}
-
 /// What a panel draws: steps and losses, in stretches without a gap.
 struct Panel {
     training: Vec<Vec<(f64, f64)>>,
@@ -62,8 +57,8 @@ struct Panel {
 }
 
 impl Panel {
-    fn of(curve: &LearningCurve) -> Self {
-        let points = curve.curve.points.iter();
+    fn of(curve: &Curve) -> Self {
+        let points = curve.points.iter();
         let training: Vec<(f64, f64)> = points.clone().map(|point| (point.step as f64, point.loss)).collect();
         let validation: Vec<(f64, f64)> =
             points.filter_map(|point| Some((point.step as f64, point.validation?))).collect();
@@ -113,13 +108,12 @@ fn stretches(points: &[(f64, f64)]) -> Vec<Vec<(f64, f64)>> {
 
 #[cfg(test)]
 mod tests {
-    use depthloom_graphs::values::{Curve, CurvePoint};
+    use depthloom_graphs::values::CurvePoint;
 
     use super::*;
-    use crate::leading::Lead;
     use crate::plot::Scale;
 
-    fn curve(losses: &[f64]) -> LearningCurve {
+    fn curve(losses: &[f64]) -> Curve {
         let point = |(step, &loss): (u64, &f64)| CurvePoint {
             step: 100 * step,
             loss,
@@ -127,12 +121,7 @@ mod tests {
             learning_rate: 1e-3,
         };
         let points = (0..).zip(losses).map(point).collect();
-        LearningCurve {
-            label: "learn/teacher".to_owned(),
-            lead: Lead::default(),
-            node: "teacher".to_owned(),
-            curve: Curve { points },
-        }
+        Curve { points }
     }
 
     #[test]
@@ -158,11 +147,13 @@ mod tests {
     #[test]
     fn equal_numbers_give_equal_bytes() {
         let curves = [curve(&[40.0, 3.0, 0.2]), curve(&[1.0, f64::NAN, f64::INFINITY, 0.5]), curve(&[])];
-        let svg = render(&curves);
-        assert!(svg == render(&curves), "two renderings of one figure differ");
+        let labelled: Vec<(&str, &Curve)> = curves.iter().map(|curve| ("learn/teacher", curve)).collect();
+        let render = |curves: &[(&str, &Curve)]| learning_curves(curves, "", Size::default()).unwrap().svg();
+        let svg = render(&labelled);
+        assert!(svg == render(&labelled), "two renderings of one figure differ");
         assert!(svg.starts_with("<svg") && svg.contains(RED) && svg.contains(BLUE));
         assert!(!svg.contains("NaN") && !svg.contains("inf"), "no coordinate is missing");
-        assert_eq!(svg, render(&curves[..2]), "a curve without points has no panel");
-        assert!(render(&curves[2..]).trim_end().ends_with("</svg>"), "nothing to draw is an empty figure");
+        assert_eq!(svg, render(&labelled[..2]), "a curve without points has no panel");
+        assert!(render(&labelled[2..]).trim_end().ends_with("</svg>"), "nothing to draw is an empty figure");
     }
 }

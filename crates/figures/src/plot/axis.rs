@@ -6,7 +6,7 @@ use super::TICK_PT;
 
 /// How values lie along an axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Scale {
+pub enum Scale {
     Linear,
     /// By ratio; both ends are above zero.
     Log,
@@ -14,36 +14,36 @@ pub(crate) enum Scale {
 
 /// An axis of a panel.
 #[derive(Clone, Debug)]
-pub(crate) struct Axis {
-    pub(crate) low: f64,
-    pub(crate) high: f64,
-    pub(crate) scale: Scale,
+pub struct Axis {
+    pub low: f64,
+    pub high: f64,
+    pub scale: Scale,
     /// What the numbers are, with their unit; empty: another panel says it.
-    pub(crate) label: String,
+    pub label: String,
     /// The numbers that stand at it, where they are not chosen by size.
-    pub(crate) named: Option<Vec<(f64, String)>>,
-    pub(crate) has_grid: bool,
+    pub named: Option<Vec<(f64, String)>>,
+    pub has_grid: bool,
 }
 
 impl Axis {
-    pub(crate) fn new(low: f64, high: f64, label: impl Into<String>) -> Self {
+    pub fn new(low: f64, high: f64, label: impl Into<String>) -> Self {
         // An axis without length would have no place for anything.
         let high = if high > low { high } else { low + low.abs().max(1.0) * 1e-3 };
         Self { low, high, scale: Scale::Linear, label: label.into(), named: None, has_grid: true }
     }
 
-    pub(crate) fn log(low: f64, high: f64, label: impl Into<String>) -> Self {
+    pub fn log(low: f64, high: f64, label: impl Into<String>) -> Self {
         Self { scale: Scale::Log, ..Self::new(low, high, label) }
     }
 
     /// An axis of names, each in the middle of its unit: the first from 0 to 1.
-    pub(crate) fn names(names: &[String], label: impl Into<String>) -> Self {
+    pub fn names(names: &[String], label: impl Into<String>) -> Self {
         let named = names.iter().enumerate().map(|(place, name)| (place as f64 + 0.5, name.clone())).collect();
         Self { named: Some(named), has_grid: false, ..Self::new(0.0, names.len() as f64, label) }
     }
 
     /// Where a value lies: 0 at the lower end, 1 at the upper one.
-    pub(crate) fn place(&self, value: f64) -> f64 {
+    pub fn place(&self, value: f64) -> f64 {
         match self.scale {
             Scale::Linear => (value - self.low) / (self.high - self.low),
             Scale::Log => {
@@ -54,7 +54,7 @@ impl Axis {
     }
 
     /// The numbers that stand at so many points of it; along a row their width counts.
-    pub(crate) fn ticks(&self, room: f64, is_row: bool) -> Vec<(f64, String)> {
+    pub fn ticks(&self, room: f64, is_row: bool) -> Vec<(f64, String)> {
         if let Some(named) = &self.named {
             return if is_row { thinned(named, room, |value| self.place(value)) } else { named.clone() };
         }
@@ -82,7 +82,7 @@ fn thinned(named: &[(f64, String)], room: f64, place: impl Fn(f64) -> f64) -> Ve
 }
 
 /// Numbers for an axis with stated values.
-pub(crate) fn ticks_at(values: impl IntoIterator<Item = f64>) -> Vec<(f64, String)> {
+pub fn ticks_at(values: impl IntoIterator<Item = f64>) -> Vec<(f64, String)> {
     values.into_iter().map(|value| (value, short(value))).collect()
 }
 
@@ -115,7 +115,7 @@ fn ratios(low: f64, high: f64, most: f64) -> Vec<f64> {
 }
 
 /// A tick with the digits it needs: `20`, `0.0048`, `5e-7`.
-pub(crate) fn short(tick: f64) -> String {
+pub fn short(tick: f64) -> String {
     // Ticks are sums and products: their last bits are not meant.
     let rounded: f64 = format!("{tick:.9e}").parse().unwrap_or(tick);
     if rounded == 0.0 || (1e-4..1e6).contains(&rounded.abs()) {

@@ -21,11 +21,11 @@ const STEPS: f64 = 65_535.0;
 
 /// How fine the steps are.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Steps {
+pub struct Steps {
     /// Between two depths, as a share of them.
-    pub(super) depth: f64,
+    pub depth: f64,
     /// Between two disparities, pixels.
-    pub(super) disparity_px: f64,
+    pub disparity_px: f64,
 }
 
 /// Fine steps where there is room for them, and coarse ones.
@@ -34,16 +34,27 @@ pub(super) const COARSE: Steps = Steps { depth: 0.01, disparity_px: 1.0 / 8.0 };
 
 /// Which number a step stands for.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Scale {
+pub enum Scale {
     /// `from * exp(step * code)`.
-    Log { from: f64, step: f64 },
+    Log {
+        /// The number of step 0.
+        from: f64,
+        /// The logarithm of the ratio of two steps.
+        step: f64,
+    },
     /// `from + step * code`.
-    Linear { from: f64, step: f64 },
+    Linear {
+        /// The number of step 0.
+        from: f64,
+        /// Between two steps.
+        step: f64,
+    },
 }
 
 impl Scale {
     /// That of a type of values, by its name; `None` of what is no map.
-    pub(super) fn of(value_type: &str, steps: Steps) -> Option<Self> {
+    #[must_use]
+    pub fn of(value_type: &str, steps: Steps) -> Option<Self> {
         match value_type {
             "depth" => Some(Self::Log { from: NEAREST_M, step: log(1.0 + steps.depth) }),
             "disparity" | "true-disparity" => Some(Self::Linear { from: LOWEST_PX, step: steps.disparity_px }),
@@ -53,7 +64,9 @@ impl Scale {
         }
     }
 
-    pub(super) fn json(self) -> Json {
+    /// As the page's scripts read it.
+    #[must_use]
+    pub fn json(self) -> Json {
         match self {
             Self::Log { from, step } => json!({ "log": true, "from": from, "step": step }),
             Self::Linear { from, step } => json!({ "log": false, "from": from, "step": step }),

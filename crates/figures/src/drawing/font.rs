@@ -1,4 +1,4 @@
-//! The one font of all figures: DejaVu Sans, as far as figures need it (`analysis/fonts`, with its licence).
+//! The one font of all figures: DejaVu Sans, as far as figures need it (`crates/figures/fonts`, with its licence).
 
 use std::sync::OnceLock;
 
@@ -31,11 +31,11 @@ pub(super) fn em() -> f64 {
 }
 
 /// How wide words are.
-pub(crate) fn width(words: &str, size: f64) -> f64 {
+pub fn width(words: &str, size: f64) -> f64 {
     size * words.chars().map(|character| advance(glyph(character))).sum::<f64>()
 }
 
 /// How high digits and capitals are.
-pub(crate) fn ascent(size: f64) -> f64 {
+pub fn ascent(size: f64) -> f64 {
     size * face().capital_height().map_or(0.73, |height| f64::from(height) / em())
 }

@@ -3,10 +3,10 @@
 use crate::drawing::Colour;
 
 /// Colours from the lowest number to the highest, evenly apart, mixed between.
-pub(crate) type Ramp = &'static [Colour];
+pub type Ramp = &'static [Colour];
 
 /// Dark violet to yellow: matplotlib's *viridis*, even to the eye and for colour-blind eyes (Smith and van der Walt, 2015).
-pub(crate) const SEQUENTIAL: Ramp = &[
+pub const SEQUENTIAL: Ramp = &[
     [68, 1, 84],
     [71, 44, 122],
     [59, 81, 139],
@@ -19,7 +19,7 @@ pub(crate) const SEQUENTIAL: Ramp = &[
 ];
 
 /// Blue over white to red: ColorBrewer's *RdBu*, which colour-blind eyes tell apart.
-pub(crate) const DIVERGING: Ramp = &[
+pub const DIVERGING: Ramp = &[
     [33, 102, 172],
     [67, 147, 195],
     [146, 197, 222],
@@ -32,7 +32,7 @@ pub(crate) const DIVERGING: Ramp = &[
 ];
 
 /// The colour of a share from 0 to 1 of the way.
-pub(crate) fn colour(ramp: Ramp, share: f64) -> Colour {
+pub fn colour(ramp: Ramp, share: f64) -> Colour {
     let place = share.clamp(0.0, 1.0) * (ramp.len() - 1) as f64;
     let below = (place.floor() as usize).min(ramp.len() - 2);
     let (from, to, part) = (ramp[below], ramp[below + 1], place - below as f64);

@@ -6,37 +6,37 @@ mod axis;
 mod ramp;
 mod sheet;
 
-pub(crate) use axis::{Axis, Scale, ticks_at};
-pub(crate) use ramp::{DIVERGING, SEQUENTIAL};
-pub(crate) use sheet::{Bar, Entry, Sheet, Swatch, bars_room, draw_bars};
+pub use axis::{Axis, Scale, ticks_at};
+pub use ramp::{DIVERGING, SEQUENTIAL};
+pub use sheet::{Bar, Entry, Sheet, Size, Swatch, bars_room, draw_bars};
 
 use crate::drawing::{Anchor, Colour, Drawing, Fill, Mark, Stroke, Text, WHITE, ascent, width};
 
 /// Sizes of words, points.
-pub(crate) const TICK_PT: f64 = 6.5;
-pub(crate) const LABEL_PT: f64 = 7.5;
-pub(crate) const TITLE_PT: f64 = 8.0;
-pub(crate) const HEADING_PT: f64 = 9.0;
+pub const TICK_PT: f64 = 6.5;
+pub const LABEL_PT: f64 = 7.5;
+pub const TITLE_PT: f64 = 8.0;
+pub const HEADING_PT: f64 = 9.0;
 
 const GRID: Colour = [228; 3];
 const EDGE: Colour = [70; 3];
 
 /// A plot with its axes.
 #[derive(Clone, Debug)]
-pub(crate) struct Panel {
-    pub(crate) title: Option<String>,
-    pub(crate) x: Axis,
-    pub(crate) y: Axis,
-    pub(crate) items: Vec<Item>,
+pub struct Panel {
+    pub title: Option<String>,
+    pub x: Axis,
+    pub y: Axis,
+    pub items: Vec<Item>,
     /// How high it is, as a share of the width of a column.
-    pub(crate) aspect: f64,
+    pub aspect: f64,
     /// Whether it takes a whole row.
-    pub(crate) spans: bool,
+    pub spans: bool,
 }
 
 /// One thing on a panel, in the units of its axes.
 #[derive(Clone, Debug)]
-pub(crate) enum Item {
+pub enum Item {
     /// What lies between two curves: x, lower, upper.
     Band { points: Vec<(f64, f64, f64)>, fill: Fill },
     /// A curve.
@@ -67,7 +67,7 @@ struct Frame {
 }
 
 impl Panel {
-    pub(crate) fn new(x: Axis, y: Axis) -> Self {
+    pub fn new(x: Axis, y: Axis) -> Self {
         Self { title: None, x, y, items: Vec::new(), aspect: 0.62, spans: false }
     }
 
@@ -211,13 +211,13 @@ impl Panel {
 }
 
 /// Black or white, whichever can be read on a colour.
-pub(crate) fn readable_on([red, green, blue]: Colour) -> Colour {
+pub fn readable_on([red, green, blue]: Colour) -> Colour {
     let light = 0.299 * f64::from(red) + 0.587 * f64::from(green) + 0.114 * f64::from(blue);
     if light < 130.0 { WHITE } else { crate::drawing::BLACK }
 }
 
 /// As much of some words as has room, with a mark where something is left out.
-pub(crate) fn fitting(words: &str, room: f64, size: f64) -> String {
+pub fn fitting(words: &str, room: f64, size: f64) -> String {
     if width(words, size) <= room {
         return words.to_owned();
     }
