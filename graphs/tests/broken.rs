@@ -1,4 +1,4 @@
-//! Diagnostics as documents: every file in `broken/` has the snapshot of what it prints.
+//! Diagnostics as documents: every file in `tests/broken/` has the snapshot of what it prints with the kinds of `toys`.
 
 mod toys;
 
@@ -6,20 +6,23 @@ use std::path::{Path, PathBuf};
 
 use depthloom_graphs::language::{Options, load};
 
-fn said(path: &Path) -> String {
+/// The arguments that comments of the file give to an option.
+fn arguments(text: &str, option: &str) -> Vec<String> {
+    text.lines().filter_map(|line| Some(line.strip_prefix(option)?.to_owned())).collect()
+}
+
+/// Such arguments of the form `PATH=VALUE`.
+fn pairs(text: &str, option: &str) -> Vec<(String, String)> {
+    let arguments = arguments(text, option);
+    arguments.iter().filter_map(|pair| pair.split_once('=')).map(|(path, value)| (path.into(), value.into())).collect()
+}
+
+fn printed(path: &Path) -> String {
     let text = std::fs::read_to_string(path).expect("the file is there");
-    let given = |option: &str| -> Vec<String> {
-        text.lines().filter_map(|line| Some(line.strip_prefix(option)?.to_owned())).collect()
-    };
-    let pairs = |option: &str| -> Vec<(String, String)> {
-        let pair =
-            |argument: &String| argument.split_once('=').map(|(path, value)| (path.to_owned(), value.to_owned()));
-        given(option).iter().filter_map(pair).collect()
-    };
     let options = Options {
-        set: pairs("# --set "),
-        matrix: pairs("# --matrix "),
-        only: given("# --variant "),
+        set: pairs(&text, "# --set "),
+        matrix: pairs(&text, "# --matrix "),
+        only: arguments(&text, "# --variant "),
         text: None,
         env: Box::new(|name| (name == "KITTI").then(|| "/data/kitti".to_owned())),
     };
@@ -40,7 +43,8 @@ fn said(path: &Path) -> String {
 
 #[test]
 fn every_broken_file_says_what_is_wrong_and_where() {
-    // Relative, so that messages name files alike on every machine: tests run in the folder of their crate.
+    // Relative, so that messages name files alike on every machine. It is the only test of this program, so no other one sees the change.
+    std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/..")).expect("the workspace is there");
     let folder = Path::new("tests/broken");
     let mut files: Vec<PathBuf> = std::fs::read_dir(folder)
         .expect("the folder is there")
@@ -52,13 +56,13 @@ fn every_broken_file_says_what_is_wrong_and_where() {
     let snapshots = std::fs::read_dir(folder.join("snapshots")).expect("the snapshots are there").count();
     assert!(snapshots <= files.len(), "a snapshot without its file: {snapshots} for {} files", files.len());
     let mut settings = insta::Settings::clone_current();
-    settings.set_snapshot_path("broken/snapshots");
+    settings.set_snapshot_path("../../tests/broken/snapshots");
     settings.set_prepend_module_to_snapshot(false);
     settings.set_omit_expression(true);
     settings.bind(|| {
         for path in &files {
             let name = path.file_stem().expect("it has a name").to_string_lossy().into_owned();
-            insta::assert_snapshot!(name, said(path));
+            insta::assert_snapshot!(name, printed(path));
         }
     });
 }

@@ -28,7 +28,6 @@ mod guide;
 mod killed;
 mod learning;
 mod looking;
-mod memory;
 mod networks;
 #[path = "../../nodes/tests/nodes/onnx_file.rs"]
 mod onnx_file;
