@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use depthloom_graphs::language::Loaded;
 use depthloom_graphs::regular_file;
 use depthloom_nodes::process::permission;
-use depthloom_terminal::{Exit, Stop};
+use depthloom_terminal::{CliError, ExitCode};
 
 use crate::args::ExecArgs;
 
@@ -24,7 +24,7 @@ struct Config {
 ///
 /// # Errors
 /// If the configuration cannot be read.
-pub fn decide(args: ExecArgs, experiment: Option<(&Path, &Loaded)>) -> Result<(), Stop> {
+pub fn decide(args: ExecArgs, experiment: Option<(&Path, &Loaded)>) -> Result<(), CliError> {
     let is_listed = || match experiment {
         Some((path, loaded)) if path.exists() => is_listed(path, loaded),
         _ => Ok(false),
@@ -42,7 +42,7 @@ fn file() -> Option<PathBuf> {
     Some(folder.join("depthloom/config.yaml"))
 }
 
-fn is_listed(experiment: &Path, loaded: &Loaded) -> Result<bool, Stop> {
+fn is_listed(experiment: &Path, loaded: &Loaded) -> Result<bool, CliError> {
     let Some(file) = file() else { return Ok(false) };
     let text = match std::fs::read_to_string(&file) {
         Ok(text) => text,
@@ -53,7 +53,7 @@ fn is_listed(experiment: &Path, loaded: &Loaded) -> Result<bool, Stop> {
             return Ok(false);
         }
         Err(error) => {
-            return Err(Stop::because(Exit::Before, format_args!("failed to read {}", file.display()), &error));
+            return Err(CliError::because(ExitCode::Usage, format_args!("failed to read {}", file.display()), &error));
         }
     };
     if text.trim().is_empty() {
@@ -62,12 +62,14 @@ fn is_listed(experiment: &Path, loaded: &Loaded) -> Result<bool, Stop> {
     let config: Config = serde_saphyr::from_str(&text).map_err(|error| {
         let first = error.to_string();
         let first = first.lines().next().unwrap_or_default().to_owned();
-        Stop::new(Exit::Before, format!("{} is no configuration: {first}", file.display()))
-            .remedy("it holds `allow_exec: [FILE, ...]`: the experiments that may start programs")
+        CliError::usage(
+            format!("{} is no configuration: {first}", file.display()),
+            "it holds `allow_exec: [FILE, ...]`: the experiments that may start programs",
+        )
     })?;
     if let Some(relative) = config.allow_exec.iter().find(|listed| listed.is_relative()) {
         let what = format!("`allow_exec` of {} names `{}`, which is no whole path", file.display(), relative.display());
-        return Err(Stop::new(Exit::Before, what).remedy("write it from the root, `/home/me/experiments/mine.yaml`"));
+        return Err(CliError::usage(what, "write it from the root, `/home/me/experiments/mine.yaml`"));
     }
     // Files, whatever leads to them; one that is not there is nobody's.
     let Ok(real) = experiment.canonicalize() else { return Ok(false) };

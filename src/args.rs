@@ -1,5 +1,12 @@
 //! The command line's grammar: one definition of every option yields its help, its completion and its manual page.
 
+/// The examples at the end of a help text: arguments, and what they do.
+macro_rules! examples {
+    ($($arguments:literal => $about:literal),+ $(,)?) => {
+        concat!("Examples:\n", $("  depthloom ", $arguments, "\n          ", $about, "\n"),+)
+    };
+}
+
 mod analyse;
 mod compare;
 mod data;
@@ -12,13 +19,14 @@ mod run;
 mod runs;
 mod table;
 
+use std::ops::Deref;
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use clap_complete::engine::ArgValueCompleter;
 
 pub use analyse::{AnalyseArgs, SamplesArgs};
-pub use compare::{CompareArgs, CompareBy, IntervalArgs, IntervalOption};
+pub use compare::{CompareArgs, CompareBy};
 pub use data::DataArgs;
 pub use dora::{DoraArgs, DoraNodeArgs};
 pub use experiment::{CheckArgs, ExecArgs, ExperimentArgs, GraphArgs, GraphFormat, PlanArgs};
@@ -27,14 +35,19 @@ pub use figure::{FigureArgs, FigureFormat};
 pub use recording::{InfoArgs, RecoverArgs, ReplayArgs};
 pub use run::{ReportArgs, RunArgs, TimingsArgs};
 pub use runs::{PruneArgs, RmArgs, RunsArgs, RunsCommand, ShowArgs, WhyArgs};
-pub use table::{ExplainArgs, MeanOption, RowsOption, ScoresArgs, SetOption, TableArgs, TableFormat, TypesettingArgs};
+pub use table::{ExplainArgs, RowsOption, ScoresArgs, SetOption, TableArgs, TableFormat, TypesettingArgs};
 
-use crate::completion::folders;
-use crate::outputs::Output;
+use crate::completion::{folders, runs};
 
 /// Declare depth-estimation experiments in YAML, run them fast, keep every intermediate.
 #[derive(Debug, Parser)]
 #[command(name = "depthloom", version, propagate_version = true)]
+#[command(after_help = examples![
+    "new first.yaml" => "write a commented experiment that runs anywhere",
+    "run first.yaml" => "run it: a recording, a table, plots",
+    "nodes stereo/sgbm" => "explain a kind of node",
+    "help run" => "explain a command",
+])]
 pub struct Cli {
     /// What to do.
     #[command(subcommand)]
@@ -110,12 +123,20 @@ pub enum Command {
     /// Write synthetic street frames as a data set in KITTI stereo 2015 layout.
     Synth(SynthArgs),
     /// Show what this machine offers: cores, SIMD, engine of networks, data roots.
+    #[command(after_help = examples![
+        "doctor --json | jq .networks.engine" => "for programs",
+    ])]
     Doctor(JsonArgs),
     /// Write a first experiment, commented, to begin from.
     New(NewArgs),
     /// Print the JSON Schema of experiment files, for editors, or of what a command prints with --json.
     Schema(SchemaArgs),
     /// Print a shell's script that completes commands, options, kinds and files by asking this program.
+    #[command(after_help = examples![
+        "completions bash" => "bash, in ~/.bashrc: source <(depthloom completions bash)",
+        "completions zsh" => "zsh, in ~/.zshrc behind compinit: source <(depthloom completions zsh)",
+        "completions fish" => "fish, in ~/.config/fish/config.fish: depthloom completions fish | source",
+    ])]
     Completions {
         /// The shell.
         shell: clap_complete::Shell,
@@ -124,8 +145,11 @@ pub enum Command {
     Man(ManArgs),
 }
 
-/// `onnx`.
 #[derive(Debug, Args)]
+#[command(after_help = examples![
+    "onnx raft-stereo.onnx" => "inputs, outputs, operators, cost; the lines for an experiment",
+    "onnx net.onnx --json | jq .operators" => "for programs",
+])]
 pub struct OnnxArgs {
     /// The model.
     #[arg(value_hint = clap::ValueHint::FilePath)]
@@ -135,9 +159,8 @@ pub struct OnnxArgs {
     #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "1248x384", value_parser = size)]
     pub size: (usize, usize),
 
-    /// Print one JSON object instead of text.
-    #[arg(long)]
-    pub json: bool,
+    #[command(flatten)]
+    pub output: JsonArgs,
 }
 
 fn size(text: &str) -> Result<(usize, usize), String> {
@@ -146,27 +169,36 @@ fn size(text: &str) -> Result<(usize, usize), String> {
     sides.ok_or_else(|| "a size is written 1248x384: columns, rows, each from 1 to 16384".to_owned())
 }
 
-/// `nodes`.
 #[derive(Debug, Args)]
+#[command(after_help = examples![
+    "nodes" => "all kinds, with a sentence each",
+    "nodes stereo/sgbm" => "one kind: ports and parameters",
+    "nodes learn/ssl --json | jq .parameters" => "for programs",
+])]
 pub struct NodesArgs {
     /// The kind to explain, e.g. `stereo/sgbm`.
     pub kind: Option<String>,
 
-    /// Print one JSON object instead of text: the kinds, or one with its ports and the JSON Schema of its parameters.
-    #[arg(long)]
-    pub json: bool,
+    #[command(flatten)]
+    pub output: JsonArgs,
 }
 
-/// `schema`.
 #[derive(Debug, Args)]
+#[command(after_help = examples![
+    "schema > experiment.schema.json" => "an experiment names it in its first line",
+    "schema --output run" => "what `run --json` prints",
+])]
 pub struct SchemaArgs {
     /// Print the schema of what a command prints with --json.
     #[arg(long, value_name = "COMMAND")]
-    pub output: Option<Output>,
+    pub output: Option<String>,
 }
 
-/// `man`.
 #[derive(Debug, Args)]
+#[command(after_help = examples![
+    "man run | man -l -" => "read the page of a command",
+    "man --out ~/.local/share/man/man1" => "install all: then `man depthloom-run` finds them",
+])]
 pub struct ManArgs {
     /// The command to print the page of; without one, the program's own.
     pub command: Option<String>,
@@ -176,16 +208,20 @@ pub struct ManArgs {
     pub out: Option<PathBuf>,
 }
 
-/// `new`.
 #[derive(Debug, Args)]
+#[command(after_help = examples![
+    "new first.yaml" => "then: depthloom run first.yaml",
+])]
 pub struct NewArgs {
     /// The experiment file to write (YAML); it must not exist.
     #[arg(add = ArgValueCompleter::new(folders()))]
     pub file: PathBuf,
 }
 
-/// `synth`.
 #[derive(Debug, Args)]
+#[command(after_help = examples![
+    "synth street --frames 40 --seed 7" => "40 frames, the ground truth with them",
+])]
 pub struct SynthArgs {
     /// The folder to write; it must not exist.
     #[arg(add = ArgValueCompleter::new(folders()))]
@@ -212,10 +248,42 @@ pub struct SynthArgs {
     pub quiet: bool,
 }
 
-/// Only `--json`.
+/// A run.
+#[derive(Debug, Args)]
+pub struct RunArg {
+    /// A run: its folder, its recording, the beginning of its name in `runs`, or `@latest`.
+    #[arg(add = ArgValueCompleter::new(runs))]
+    run: PathBuf,
+}
+
+impl Deref for RunArg {
+    type Target = PathBuf;
+
+    fn deref(&self) -> &PathBuf {
+        &self.run
+    }
+}
+
+/// The form of an output.
 #[derive(Debug, Args)]
 pub struct JsonArgs {
     /// Print one JSON object instead of text.
     #[arg(long)]
+    pub json: bool,
+}
+
+/// The form of a table, and where it is written.
+#[derive(Debug, Args)]
+pub struct TableOutputArgs {
+    /// What it is written as; by default as text for a terminal.
+    #[arg(long, value_enum, value_name = "FORMAT")]
+    pub format: Option<TableFormat>,
+
+    /// The file to write, in place of standard output.
+    #[arg(long, short, value_name = "FILE", add = ArgValueCompleter::new(folders()))]
+    pub out: Option<PathBuf>,
+
+    /// Print one JSON object instead of text: the same as `--format json`.
+    #[arg(long, conflicts_with = "format")]
     pub json: bool,
 }

@@ -1,17 +1,18 @@
-//! The command line as a whole: the grammar, what stands at the end of each help text, and what completes from a registry.
+//! The command line as a whole: the grammar, with the exit codes in each help text, and what completes from a registry.
 
 use std::ffi::OsString;
 use std::path::Path;
 
+use clap::builder::PossibleValuesParser;
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{CommandFactory as _, FromArgMatches as _};
 use depthloom_graphs::Registry;
 use depthloom_graphs::language::nearest;
-use depthloom_terminal::{Exit, Stop};
+use depthloom_terminal::{CliError, ExitCode};
 
 use crate::args::Cli;
+use crate::commands::SCHEMAS;
 use crate::completion;
-use crate::help::Ending;
 
 /// The grammar with everything that help, manual and completion need.
 pub fn command(registry: &Registry) -> clap::Command {
@@ -19,18 +20,22 @@ pub fn command(registry: &Registry) -> clap::Command {
     let about = |sub: &clap::Command| sub.get_about().map(ToString::to_string).unwrap_or_default();
     let subs: Vec<_> = command.get_subcommands().map(|sub| (sub.get_name().to_owned(), about(sub))).collect();
     let pages = completion::words(subs.iter().map(|(name, about)| (name.as_str(), about.as_str())));
-    with_endings(command, "")
+    with_exit_codes(command)
         .mut_subcommand("nodes", |nodes| nodes.mut_arg("kind", |kind| kind.add(completion::kinds(registry))))
+        .mut_subcommand("schema", |schema| {
+            let names = SCHEMAS.iter().map(|(name, _)| *name);
+            schema.mut_arg("output", |output| output.value_parser(PossibleValuesParser::new(names)))
+        })
         .mut_subcommand("man", |man| man.mut_arg("command", |command| command.add(pages)))
 }
 
-/// Puts examples and exit codes below the help of a command and of its own; `name` is empty for the program.
-fn with_endings(command: clap::Command, name: &str) -> clap::Command {
-    let subs: Vec<String> = command.get_subcommands().map(|sub| sub.get_name().to_owned()).collect();
-    subs.iter().fold(command.after_help(Ending::of(name).text()), |command, sub| {
-        let name = format!("{name} {sub}");
-        command.mut_subcommand(sub, |command| with_endings(command, name.trim_start()))
-    })
+/// Adds the exit codes below the examples of a command and of its own commands.
+fn with_exit_codes(command: clap::Command) -> clap::Command {
+    let names: Vec<String> = command.get_subcommands().map(|sub| sub.get_name().to_owned()).collect();
+    let examples = command.get_after_help().map(ToString::to_string).unwrap_or_default();
+    let codes: String = ExitCode::ALL.iter().map(|(code, about)| format!("  {:<4}  {about}\n", *code as u8)).collect();
+    let command = command.after_help(format!("{examples}\nExit codes:\n{codes}"));
+    names.iter().fold(command, |command, name| command.mut_subcommand(name, with_exit_codes))
 }
 
 /// The same under the name that the program was called by: that of somebody's own, where it has kinds of its own.
@@ -71,11 +76,11 @@ fn with_nearest_command(mut error: clap::Error, command: &clap::Command) -> clap
 }
 
 /// An error of the arguments as any other: what is wrong, and what would be right.
-pub fn stop_of(error: &clap::Error) -> Stop {
+pub fn stop_of(error: &clap::Error) -> CliError {
     let text = error.render().to_string();
     let plain = |text: &str| text.split_whitespace().collect::<Vec<_>>().join(" ");
     let (message, rest) = text.split_once("\n\n").unwrap_or((&text, ""));
-    let stop = Stop::new(Exit::Before, plain(message.trim_start_matches("error: ")));
+    let stop = CliError::new(ExitCode::Usage, plain(message.trim_start_matches("error: ")));
     let tips = rest.lines().filter_map(|line| line.trim().strip_prefix("tip: "));
     tips.fold(stop, |stop, tip| stop.also(plain(tip)))
 }

@@ -13,7 +13,7 @@ use depthloom_graphs::language;
 use depthloom_graphs::plan::Plan;
 use depthloom_recording::{RecordedPlan, Recording};
 use depthloom_runs::recording_of;
-use depthloom_terminal::{Exit, Stop};
+use depthloom_terminal::{CliError, ExitCode};
 
 /// The environment variable by which a shell's script asks; not `COMPLETE`, which somebody may have set for something else.
 pub const VARIABLE: &str = "DEPTHLOOM_COMPLETE";
@@ -22,13 +22,13 @@ pub const VARIABLE: &str = "DEPTHLOOM_COMPLETE";
 static IS_SHELL: OnceLock<()> = OnceLock::new();
 
 /// Answers a shell's script, if it is one that asks.
-pub fn answer(command: impl Fn() -> clap::Command) -> Result<bool, Stop> {
+pub fn answer(command: impl Fn() -> clap::Command) -> Result<bool, CliError> {
     if std::env::var_os(VARIABLE).is_some() {
         IS_SHELL.get_or_init(|| ());
     }
     let here = std::env::current_dir().ok();
     let asked = CompleteEnv::with_factory(command).var(VARIABLE).try_complete(std::env::args_os(), here.as_deref());
-    asked.map_err(|error| Stop::because(Exit::Engine, "failed to complete", &error))
+    asked.map_err(|error| CliError::because(ExitCode::Engine, "failed to complete", &error))
 }
 
 /// Experiment files, and folders on the way to them.

@@ -9,8 +9,9 @@ pub use sarif::sarif;
 use std::io::IsTerminal;
 use std::sync::OnceLock;
 
+use depthloom_graphs::ErrorMessage;
 use depthloom_graphs::language::{Diagnostic, Severity};
-use depthloom_terminal::{Problem, Stop, help_of, on_one_line, same_length, say, tell_styled, visible};
+use depthloom_terminal::{CliError, Problem, help_of, on_one_line, same_length, say, tell_styled, visible};
 use miette::{GraphicalReportHandler, GraphicalTheme, LabeledSpan, MietteDiagnostic, NamedSource};
 
 use crate::args::Colour;
@@ -104,26 +105,31 @@ pub fn print_warning(message: &str) {
 }
 
 /// Prints an error and its remedy to standard error; one that counts problems, as these.
-pub fn print_stop(stop: &Stop) {
+pub fn print_stop(stop: &CliError) {
     if stop.problems.is_empty() {
-        return print_error(&stop.message, stop.remedy.as_deref());
+        return print_error(&stop.message);
     }
-    print(stop.problems.iter().filter_map(|problem| match problem {
-        Problem::Placed(diagnostic) => Some(diagnostic),
-        Problem::Here(..) => None,
-    }));
+    print(placed(stop));
     for problem in &stop.problems {
-        if let Problem::Here(message, remedy) = problem {
-            print_error(message, remedy.as_deref());
+        if let Problem::Here(message) = problem {
+            print_error(message);
         }
     }
 }
 
-fn print_error(message: &str, remedy: Option<&str>) {
+/// The problems of an error that are in the experiment.
+pub fn placed(stop: &CliError) -> impl Iterator<Item = &Diagnostic> {
+    stop.problems.iter().filter_map(|problem| match problem {
+        Problem::Placed(diagnostic) => Some(diagnostic),
+        Problem::Here(_) => None,
+    })
+}
+
+fn print_error(message: &ErrorMessage) {
     let (red, cyan, plain) =
         if *COLOUR.get_or_init(|| false) { ("\x1b[31m", "\x1b[36m", "\x1b[0m") } else { ("", "", "") };
-    tell_styled(format!("{red}error{plain}: {}\n", visible_lines(message)));
-    if let Some(help) = help_of(message, remedy) {
+    tell_styled(format!("{red}error{plain}: {}\n", visible_lines(&message.what)));
+    if let Some(help) = help_of(message) {
         tell_styled(format!("  {cyan}help{plain}: {}\n", visible_lines(&help)));
     }
 }

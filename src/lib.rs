@@ -19,29 +19,35 @@ pub use memory::ExitIfRefused;
 
 mod allow_exec;
 mod args;
+mod check_data;
 mod command_line;
 mod commands;
 mod completion;
 mod contact_sheet;
+mod delivery;
 mod diagnostics;
+mod execution;
+mod experiment;
 mod failures;
-mod help;
+mod frame_progress;
 mod memory;
-mod outputs;
+mod output;
+mod page;
 mod panics;
 mod progress;
+mod report;
+mod samples;
 mod signals;
 mod sizes;
-mod told;
+mod timings;
 mod truths;
-mod walk;
+mod warnings;
 
 use std::io;
-use std::process::ExitCode;
 
 use clap::error::ErrorKind;
 use depthloom_graphs::Registry;
-use depthloom_terminal::{Exit, Stop};
+use depthloom_terminal::{CliError, ExitCode};
 
 use crate::args::Command;
 
@@ -64,7 +70,7 @@ pub fn registry() -> Registry {
     clippy::needless_pass_by_value,
     reason = "a process has one program: who hands over its kinds is done with them"
 )]
-pub fn main(registry: Registry) -> ExitCode {
+pub fn main(registry: Registry) -> std::process::ExitCode {
     depthloom_runs::environment::mark_start();
     grow_stack();
     signals::outlive_file_size_limit();
@@ -74,7 +80,7 @@ pub fn main(registry: Registry) -> ExitCode {
         print_error_json(as_json, &stop);
         stop.exit
     });
-    ExitCode::from(exit as u8)
+    std::process::ExitCode::from(exit as u8)
 }
 
 /// Makes the stack of this thread as large as the program needs it.
@@ -87,35 +93,35 @@ fn grow_stack() {
 }
 
 /// Errors are JSON where output is; to people they are told in any case.
-fn print_error_json(as_json: bool, stop: &Stop) {
+fn print_error_json(as_json: bool, stop: &CliError) {
     if as_json {
         // The exit code tells it where standard output cannot.
-        let _ = outputs::print(&diagnostics::Failed::from(stop));
+        let _ = output::print(&diagnostics::Failed::from(stop));
     }
 }
 
-fn program(registry: &Registry, as_json: bool) -> Result<Exit, Stop> {
-    registry.check().map_err(|clash| {
-        Stop::new(Exit::Before, clash.to_string()).remedy("register it once, or give one of the two another name")
-    })?;
+fn program(registry: &Registry, as_json: bool) -> Result<ExitCode, CliError> {
+    registry
+        .check()
+        .map_err(|clash| CliError::usage(clash.to_string(), "register it once, or give one of the two another name"))?;
     if completion::answer(|| command_line::own_command(registry))? {
-        return Ok(Exit::Whole);
+        return Ok(ExitCode::Success);
     }
     let cli = match command_line::parse(registry) {
         Ok(cli) => cli,
         Err(error) if matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion) => {
             return match error.print() {
                 Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
-                    Err(Stop::because(Exit::Engine, "failed to print", &error))
+                    Err(CliError::because(ExitCode::Engine, "failed to print", &error))
                 }
-                Ok(()) | Err(_) => Ok(Exit::Whole),
+                Ok(()) | Err(_) => Ok(ExitCode::Success),
             };
         }
         Err(error) => {
             // The exit code tells it where standard error cannot.
             let _ = error.print();
             print_error_json(as_json, &command_line::stop_of(&error));
-            return Ok(Exit::Before);
+            return Ok(ExitCode::Usage);
         }
     };
     diagnostics::set_colour(cli.color);
@@ -124,16 +130,16 @@ fn program(registry: &Registry, as_json: bool) -> Result<Exit, Stop> {
         Command::Check(args) => commands::check::check(&args, registry),
         Command::Data(args) => commands::data::data(&args, registry),
         Command::Plan(args) => commands::plan::plan(&args, registry),
-        Command::Graph(args) => commands::plan::graph(&args, registry),
+        Command::Graph(args) => commands::graph::graph(&args, registry),
         Command::Report(args) => commands::report::report(&args),
         Command::Table(args) => commands::table::table(&args),
         Command::Compare(args) => commands::compare::compare(&args),
         Command::Explain(args) => commands::explain::explain(&args),
-        Command::Analyse(args) => commands::samples::analyse(&args),
+        Command::Analyse(args) => commands::analyse::analyse(&args),
         Command::Samples(args) => commands::samples::samples(&args),
         Command::Figure(args) => commands::figure::figure(&args),
         Command::Export(args) => commands::export::export(&args),
-        Command::Timings(args) => commands::report::timings(&args),
+        Command::Timings(args) => commands::timings::timings(&args),
         Command::Info(args) => commands::info::info(&args),
         Command::Replay(args) => commands::replay::replay(&args, registry),
         Command::Recover(args) => commands::recover::recover(&args),
@@ -141,24 +147,33 @@ fn program(registry: &Registry, as_json: bool) -> Result<Exit, Stop> {
         Command::Nodes(args) => commands::nodes::nodes(&args, registry),
         Command::Onnx(args) => commands::onnx::onnx(&args),
         Command::Dora(args) => commands::dora::dora(&args, registry),
-        Command::DoraNode(args) => commands::dora::dora_node(args, registry),
+        Command::DoraNode(args) => commands::dora_node::dora_node(args, registry),
         Command::Synth(args) => commands::synth::synth(&args),
         Command::Doctor(args) => commands::doctor::doctor(args.json),
         Command::New(args) => commands::new::new(&args),
-        Command::Schema(args) => commands::nodes::schema(&args, registry),
-        Command::Completions { shell } => commands::completions::completions(shell, registry),
-        Command::Man(args) => commands::man::man(&args, registry),
+        Command::Schema(args) => {
+            let named = |(name, _): &&(&str, _)| args.output.as_deref() == Some(name);
+            commands::schema::schema(commands::SCHEMAS.iter().find(named).map(|(_, schema)| *schema), registry)
+        }
+        Command::Completions { shell } => {
+            commands::completions::completions(shell, &command_line::own_command(registry))
+        }
+        Command::Man(args) => commands::man::man(&args, command_line::own_command(registry)),
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{Exit, program, registry};
+    use super::{ExitCode, program, registry};
 
     #[test]
     fn a_kind_registered_twice_is_refused_before_anything_else() {
         let stop = program(&registry().merge(registry()), false).unwrap_err();
-        assert_eq!(stop.exit, Exit::Before);
-        assert!(stop.message.starts_with("kind `confidence/edges` is registered twice: by "), "{}", stop.message);
+        assert_eq!(stop.exit, ExitCode::Usage);
+        assert!(
+            stop.message.what.starts_with("kind `confidence/edges` is registered twice: by "),
+            "{}",
+            stop.message.what
+        );
     }
 }

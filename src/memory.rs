@@ -8,7 +8,7 @@
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::io::{self, Write as _};
 
-use depthloom_terminal::Exit;
+use depthloom_terminal::ExitCode;
 
 use crate::signals;
 
@@ -63,5 +63,5 @@ fn refused(bytes: usize) -> ! {
     );
     let free = rest.len();
     let _ = io::stderr().lock().write_all(&line[..line.len() - free]);
-    signals::leave(Exit::Engine)
+    signals::leave(ExitCode::Engine)
 }

@@ -5,7 +5,7 @@
 
 use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
 
-use depthloom_terminal::{Exit, Stop};
+use depthloom_terminal::{CliError, ExitCode};
 
 use crate::diagnostics;
 use crate::signals;
@@ -17,7 +17,7 @@ const REMEDY: &str =
     "if the system refuses threads or files, raise its limits (`ulimit -u`, `ulimit -n`); else please report this";
 
 /// Runs the program; a panic that nobody else finds is an error of the engine, told to programs as well where they asked for JSON.
-pub fn watched(as_json: bool, program: impl FnOnce() -> Result<Exit, Stop>) -> Result<Exit, Stop> {
+pub fn watched(as_json: bool, program: impl FnOnce() -> Result<ExitCode, CliError>) -> Result<ExitCode, CliError> {
     let tell = take_hook();
     set_hook(Box::new(move |panic| {
         tell(panic);
@@ -26,12 +26,12 @@ pub fn watched(as_json: bool, program: impl FnOnce() -> Result<Exit, Stop>) -> R
             let stop = stop();
             diagnostics::print_stop(&stop);
             crate::print_error_json(as_json, &stop);
-            signals::leave(Exit::Engine);
+            signals::leave(ExitCode::Engine);
         }
     }));
     catch_unwind(AssertUnwindSafe(program)).unwrap_or_else(|_| Err(stop()))
 }
 
-fn stop() -> Stop {
-    Stop::new(Exit::Engine, "the engine failed").remedy(REMEDY)
+fn stop() -> CliError {
+    CliError::new(ExitCode::Engine, "the engine failed").remedy(REMEDY)
 }

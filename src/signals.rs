@@ -5,13 +5,13 @@
 //! ignored: that is how `nohup` and a shell's background jobs ask for it.
 
 use depthloom_runner::Interrupt;
-use depthloom_terminal::{Exit, Stop, say};
+use depthloom_terminal::{CliError, ExitCode, say};
 
 /// Listens for signals from now on; before, they end the process. `stopping` is what is said of the first.
-pub fn listen(stopping: &'static str) -> Result<Interrupt, Stop> {
+pub fn listen(stopping: &'static str) -> Result<Interrupt, CliError> {
     let interrupt = Interrupt::default();
     system::listen(interrupt.clone(), stopping).map_err(|error| {
-        Stop::because(Exit::Engine, "failed to listen for signals", &error)
+        CliError::because(ExitCode::Engine, "failed to listen for signals", &error)
             .remedy("raise the limits of threads and open files (`ulimit -u`, `ulimit -n`)")
     })?;
     Ok(interrupt)
@@ -23,13 +23,13 @@ pub fn outlive_file_size_limit() {
 }
 
 /// Ends the process at once, without waiting for anything it still holds.
-pub fn leave(exit: Exit) -> ! {
+pub fn leave(exit: ExitCode) -> ! {
     system::leave(exit as i32)
 }
 
 fn raise(interrupt: &Interrupt, stopping: &str) {
     if interrupt.aborts() {
-        leave(Exit::Interrupted);
+        leave(ExitCode::Interrupted);
     }
     match interrupt.raise() {
         1 => say(format_args!("{stopping}; again to abort")),

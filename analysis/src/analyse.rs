@@ -166,7 +166,7 @@ impl Gross {
 /// Answers an inquiry about files of samples, each with its run's name; gives the key of the run's plan, too, or one of all. `progress` is called with the samples read so far and all that will be.
 ///
 /// # Errors
-/// [`AnalysisError::Asked`] if it names what is not there, or a file is none of samples; if a file cannot be read; [`AnalysisError::Stopped`] once `stop`
+/// [`AnalysisError::Request`] if it names what is not there, or a file is none of samples; if a file cannot be read; [`AnalysisError::Stopped`] once `stop`
 /// says so.
 pub fn analyse(
     files: &[(String, PathBuf)],
@@ -348,7 +348,7 @@ fn nothing(files: &[(&str, SamplesFile)], inquiry: &Inquiry) -> AnalysisError {
 pub fn samples_are_of(file: &Path, recording: &depthloom_recording::Recording) -> Result<bool, AnalysisError> {
     caught(|| match SamplesFile::open(file) {
         Ok(file) => Ok(file.described.is_of(recording)),
-        Err(AnalysisError::Asked { .. } | AnalysisError::Compute { .. }) => Ok(false),
+        Err(AnalysisError::Request { .. } | AnalysisError::Compute { .. }) => Ok(false),
         Err(error) => Err(error),
     })
 }

@@ -89,7 +89,7 @@ struct Pair<'a> {
 /// Compares sides with the first, or with a baseline, from scores that were recorded; no map is read, but for the pixels that all answered.
 ///
 /// # Errors
-/// If a recording cannot be read or is damaged where scores are; [`AnalysisError::Asked`] if what was asked for is not there, or has no frame in
+/// If a recording cannot be read or is damaged where scores are; [`AnalysisError::Request`] if what was asked for is not there, or has no frame in
 /// common; [`AnalysisError::Stopped`] once `stop` says so.
 pub fn compare(
     runs: &[ComparedRun<'_>],

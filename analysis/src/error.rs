@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use depthloom_durable::remedy_of_writing;
 use depthloom_figures::page::PageError;
-use depthloom_graphs::Remedied;
+use depthloom_graphs::{ErrorMessage, Remedied};
 use depthloom_recording::RecordingError;
 use depthloom_threads::Caught;
 use polars::error::PolarsError;
@@ -30,14 +30,9 @@ pub enum AnalysisError {
         /// What, and where.
         what: String,
     },
-    /// What was asked for is not there.
-    #[error("{what}")]
-    Asked {
-        /// What.
-        what: String,
-        /// What there is, or how to have it.
-        help: String,
-    },
+    /// The request names what does not exist, or what cannot be computed.
+    #[error(transparent)]
+    Request(ErrorMessage),
     /// A file cannot be written.
     #[error("failed to write {}", path.display())]
     Write {
@@ -95,7 +90,7 @@ impl Remedied for AnalysisError {
     fn remedy(&self) -> Option<String> {
         let (source, whole) = match self {
             Self::Recording { source, whole } => (source, whole),
-            Self::Asked { help, .. } => return Some(help.clone()),
+            Self::Request(message) => return message.remedy.clone(),
             Self::Write { source, .. } => return remedy_of_writing(source).map(ToOwned::to_owned),
             _ => return None,
         };
@@ -143,9 +138,9 @@ impl AnalysisError {
         Self::Content { what: what.into() }
     }
 
-    /// What was asked for is not there, and what there is.
-    pub(crate) const fn asked(what: String, help: String) -> Self {
-        Self::Asked { what, help }
+    /// The request names what does not exist; `help` says what does.
+    pub(crate) fn asked(what: String, help: String) -> Self {
+        Self::Request(ErrorMessage::new(what).remedy(help))
     }
 }
 

@@ -112,7 +112,7 @@ struct Worst {
 /// Explains a score of an estimator, from a recording's scores alone: no map is read.
 ///
 /// # Errors
-/// If the recording cannot be read or is damaged where scores are; [`AnalysisError::Asked`] if there is no such score, estimator or zone;
+/// If the recording cannot be read or is damaged where scores are; [`AnalysisError::Request`] if there is no such score, estimator or zone;
 /// [`AnalysisError::Stopped`] once `stop` says so.
 pub fn explain(
     recording: &Recording,

@@ -237,7 +237,7 @@ impl Figure {
 /// Draws a figure of runs. `progress` is called with the samples read so far and all that will be.
 ///
 /// # Errors
-/// [`AnalysisError::Asked`] if what is asked for is not there, or does not fit the size; if a recording or samples cannot be read;
+/// [`AnalysisError::Request`] if what is asked for is not there, or does not fit the size; if a recording or samples cannot be read;
 /// [`AnalysisError::Stopped`] once `stop` says so.
 pub fn figure(
     runs: &[FigureRun<'_>],

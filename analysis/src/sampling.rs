@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use depthloom_graphs::contracts::{Commit, Slot, Store, StoredValue, Tap, TapError, Warned};
+use depthloom_graphs::contracts::{Commit, ErrorMessage, Slot, Store, StoredValue, Tap, Warned};
 use depthloom_graphs::plan::Plan;
 use depthloom_graphs::{Frame, Key, Value};
 use depthloom_recording::RecordedPlan;
@@ -140,7 +140,7 @@ impl<T: Tap> Tap for SamplingTap<'_, '_, T> {
         frame: (usize, &Frame),
         part: usize,
         values: &[(Slot, Value)],
-    ) -> Result<Self::Part, TapError> {
+    ) -> Result<Self::Part, ErrorMessage> {
         let encoded = self.tap.encode(run, frame, part, values)?;
         self.note(run, frame.0, values.iter().map(|(slot, value)| (*slot, Some(value))));
         Ok(encoded)
@@ -153,18 +153,18 @@ impl<T: Tap> Tap for SamplingTap<'_, '_, T> {
         part: usize,
         values: &[(Slot, Value)],
         stored: &[StoredValue<'_>],
-    ) -> Result<Self::Part, TapError> {
+    ) -> Result<Self::Part, ErrorMessage> {
         let encoded = self.tap.encode_stored(run, frame, part, values, stored)?;
         let stored = stored.iter().map(|stored| (stored.slot, stored.value.as_ref()));
         self.note(run, frame.0, values.iter().map(|(slot, value)| (*slot, Some(value))).chain(stored));
         Ok(encoded)
     }
 
-    fn write(&self, commit: &Commit<'_>, parts: Vec<Self::Part>) -> Result<(), TapError> {
+    fn write(&self, commit: &Commit<'_>, parts: Vec<Self::Part>) -> Result<(), ErrorMessage> {
         self.tap.write(commit, parts)
     }
 
-    fn once(&self, run: usize, slot: Slot, key: &Key, value: &Value, warnings: &[Warned]) -> Result<(), TapError> {
+    fn once(&self, run: usize, slot: Slot, key: &Key, value: &Value, warnings: &[Warned]) -> Result<(), ErrorMessage> {
         self.tap.once(run, slot, key, value, warnings)
     }
 

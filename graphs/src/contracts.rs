@@ -16,6 +16,7 @@ mod store;
 mod tap;
 mod upstream;
 
+pub use crate::message::ErrorMessage;
 pub use code::CodePath;
 pub use context::{Context, Host, InlineHost, Scratch};
 pub use declared_ports::{DeclaredPort, DeclaredPorts, check_name};
@@ -29,5 +30,5 @@ pub use port::{Contract, Port, Rate};
 pub use signature::Signature;
 pub use source::{Fact, Recognised, Source, SourceDeclaration, SourceKind, SourceOutputs, Survey};
 pub use store::{Held, Holding, Store};
-pub use tap::{Commit, Failure, Slot, SlotKey, StoredValue, Tap, TapError, Warned, stored_values};
+pub use tap::{Commit, Failure, Slot, SlotKey, StoredValue, Tap, Warned, stored_values};
 pub use upstream::{Giver, GivingNode, Upstream};

@@ -4,7 +4,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use depthloom_durable::remedy_of_writing;
-use depthloom_graphs::Remedied;
+use depthloom_graphs::{ErrorMessage, Remedied};
 
 use crate::read::damaged_content::DamagedContent;
 
@@ -176,6 +176,12 @@ impl Remedied for RecordingError {
             | Self::Value { .. }
             | Self::Missing { .. } => None,
         }
+    }
+}
+
+impl From<RecordingError> for ErrorMessage {
+    fn from(error: RecordingError) -> Self {
+        Self { what: error.to_string(), remedy: error.remedy(), source: Some(Box::new(error)) }
     }
 }
 

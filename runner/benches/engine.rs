@@ -13,7 +13,7 @@ use std::time::Duration;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use crossbeam::channel::{bounded, unbounded};
-use depthloom_graphs::contracts::{Commit, Contract, Slot, Tap, TapError, Warned};
+use depthloom_graphs::contracts::{Commit, Contract, ErrorMessage, Slot, Tap, Warned};
 use depthloom_graphs::values::Calibration;
 use depthloom_graphs::{Context, Fault, Frame, Inputs, Instance, Key, Outputs, PureNode, Source, SourceOutputs, Value};
 use depthloom_runner::{Audit, Interrupt, Options, Unwatched, run};
@@ -62,15 +62,15 @@ impl Tap for NoTap {
         None
     }
 
-    fn encode(&self, _: usize, _: (usize, &Frame), _: usize, _: &[(Slot, Value)]) -> Result<(), TapError> {
+    fn encode(&self, _: usize, _: (usize, &Frame), _: usize, _: &[(Slot, Value)]) -> Result<(), ErrorMessage> {
         Ok(())
     }
 
-    fn write(&self, _: &Commit<'_>, _: Vec<()>) -> Result<(), TapError> {
+    fn write(&self, _: &Commit<'_>, _: Vec<()>) -> Result<(), ErrorMessage> {
         Ok(())
     }
 
-    fn once(&self, _: usize, _: Slot, _: &Key, _: &Value, _: &[Warned]) -> Result<(), TapError> {
+    fn once(&self, _: usize, _: Slot, _: &Key, _: &Value, _: &[Warned]) -> Result<(), ErrorMessage> {
         Ok(())
     }
 }

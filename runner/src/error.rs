@@ -1,6 +1,6 @@
 //! Why a run ended before its end.
 
-use depthloom_graphs::contracts::TapError;
+use depthloom_graphs::contracts::ErrorMessage;
 use depthloom_graphs::{Fault, Remedied};
 
 use crate::audit_failure::AuditFailure;
@@ -58,7 +58,7 @@ pub enum RunError {
         what: String,
         /// Why.
         #[source]
-        error: TapError,
+        error: ErrorMessage,
     },
     /// The unfinished recording that a run resumes holds an aggregate value that was computed from something else.
     #[error("the recorded aggregate value of node `{stage}.{node}` was computed from other inputs than today's")]

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, HashMap};
 use std::ops::ControlFlow;
 
-use depthloom_graphs::contracts::{Commit, Contract, Slot, Store, Tap, TapError, Warned};
+use depthloom_graphs::contracts::{Commit, Contract, ErrorMessage, Slot, Store, Tap, Warned};
 use depthloom_graphs::plan::{Origin, Plan, PlannedOutput};
 use depthloom_graphs::ready::{Ready, ReadyRun};
 use depthloom_graphs::{Frame, Host, Key, Rate, Source, Value, ValueType, value_keys};
@@ -52,15 +52,15 @@ impl Tap for Preview<'_> {
         (output.recorded && output.port.rate == Rate::Frame).then_some(0)
     }
 
-    fn encode(&self, _: usize, _: (usize, &Frame), _: usize, _: &[(Slot, Value)]) -> Result<(), TapError> {
+    fn encode(&self, _: usize, _: (usize, &Frame), _: usize, _: &[(Slot, Value)]) -> Result<(), ErrorMessage> {
         Ok(())
     }
 
-    fn write(&self, _: &Commit<'_>, _: Vec<()>) -> Result<(), TapError> {
+    fn write(&self, _: &Commit<'_>, _: Vec<()>) -> Result<(), ErrorMessage> {
         Ok(())
     }
 
-    fn once(&self, _: usize, _: Slot, _: &Key, _: &Value, _: &[Warned]) -> Result<(), TapError> {
+    fn once(&self, _: usize, _: Slot, _: &Key, _: &Value, _: &[Warned]) -> Result<(), ErrorMessage> {
         Ok(())
     }
 

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Mutex, OnceLock};
 
-use depthloom_graphs::contracts::{TapError, Warned};
+use depthloom_graphs::contracts::{ErrorMessage, Warned};
 use depthloom_graphs::{Fault, Key, Value};
 use depthloom_threads::locked;
 
@@ -62,7 +62,7 @@ pub(crate) struct InFlight<P> {
     remaining: AtomicU32,
     /// What failed, by step, in no order.
     faults: Mutex<Vec<(usize, Fault)>>,
-    tap_errors: Mutex<Vec<(usize, TapError)>>,
+    tap_errors: Mutex<Vec<(usize, ErrorMessage)>>,
     audit_failure: Mutex<Option<Box<AuditFailure>>>,
     /// What was told of without failing, in no order.
     warnings: Mutex<Vec<Warned>>,
@@ -173,7 +173,7 @@ impl<P> InFlight<P> {
         warnings
     }
 
-    pub(crate) fn add_tap_error(&self, part: usize, error: TapError) {
+    pub(crate) fn add_tap_error(&self, part: usize, error: ErrorMessage) {
         locked(&self.tap_errors).push((part, error));
     }
 
@@ -199,7 +199,7 @@ impl<P> InFlight<P> {
     }
 
     /// Why the tap refused the frame, if it did: the error of its first part.
-    pub(crate) fn take_tap_error(&self) -> Option<TapError> {
+    pub(crate) fn take_tap_error(&self) -> Option<ErrorMessage> {
         let errors = std::mem::take(&mut *locked(&self.tap_errors));
         errors.into_iter().min_by_key(|(part, _)| *part).map(|(_, error)| error)
     }

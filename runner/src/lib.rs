@@ -18,7 +18,7 @@
 //! A tap that prints, and a run of no nodes at all:
 //!
 //! ```
-//! use depthloom_graphs::contracts::{Commit, Slot, Tap, TapError, Warned};
+//! use depthloom_graphs::contracts::{Commit, Slot, Tap, ErrorMessage, Warned};
 //! use depthloom_graphs::plan::{Plan, PlannedSource, Record, StageRun};
 //! use depthloom_graphs::ready::{Ready, ReadyRun};
 //! use depthloom_graphs::{Context, Fault, Frame, Key, Outputs, Source, SourceOutputs, Value};
@@ -48,14 +48,14 @@
 //!     fn part(&self, _run: usize, _slot: Slot) -> Option<usize> {
 //!         None
 //!     }
-//!     fn encode(&self, _: usize, _: (usize, &Frame), _: usize, _: &[(Slot, Value)]) -> Result<(), TapError> {
+//!     fn encode(&self, _: usize, _: (usize, &Frame), _: usize, _: &[(Slot, Value)]) -> Result<(), ErrorMessage> {
 //!         Ok(())
 //!     }
-//!     fn write(&self, commit: &Commit<'_>, _parts: Vec<()>) -> Result<(), TapError> {
+//!     fn write(&self, commit: &Commit<'_>, _parts: Vec<()>) -> Result<(), ErrorMessage> {
 //!         println!("frame {}", commit.frame.id);
 //!         Ok(())
 //!     }
-//!     fn once(&self, _: usize, _: Slot, _: &Key, _: &Value, _: &[Warned]) -> Result<(), TapError> {
+//!     fn once(&self, _: usize, _: Slot, _: &Key, _: &Value, _: &[Warned]) -> Result<(), ErrorMessage> {
 //!         Ok(())
 //!     }
 //! }

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use depthloom_graphs::contracts::{Contract, Slot, Tap, TapError, Warned};
+use depthloom_graphs::contracts::{Contract, ErrorMessage, Slot, Tap, Warned};
 use depthloom_graphs::plan::{Origin, Plan, PlannedNode};
 use depthloom_graphs::ready::NodeBuilder;
 use depthloom_graphs::{
@@ -288,7 +288,7 @@ impl<T: Tap> OnceWork<'_, T> {
                     None => {}
                 }
                 caught(|| self.common.tap.once(self.run, Slot::Node { node, port }, key, &once.value, told))
-                    .unwrap_or_else(|panic| Err(TapError::new(format!("panicked {}", panic.0))))
+                    .unwrap_or_else(|panic| Err(ErrorMessage::new(format!("panicked {}", panic.0))))
                     .map_err(|error| {
                         let what = format!("the once-value `{}/{}`", run.nodes[node].name, output.port.name);
                         RunError::Tap { stage: run.stage.clone(), what, error }

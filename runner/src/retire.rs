@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use crossbeam::channel::Receiver;
 use depthloom_graphs::Frame;
-use depthloom_graphs::contracts::{Commit, Failure, Slot, SlotKey, Tap, TapError};
+use depthloom_graphs::contracts::{Commit, ErrorMessage, Failure, Slot, SlotKey, Tap};
 use depthloom_graphs::plan::Plan;
 use depthloom_threads::caught;
 
@@ -191,7 +191,7 @@ fn write<T: Tap>(
             warnings: &warnings,
         };
         caught(|| stage.tap.write(&commit, in_flight.take_parts()))
-            .unwrap_or_else(|panic| Err(TapError::new(format!("panicked {}", panic.0))))
+            .unwrap_or_else(|panic| Err(ErrorMessage::new(format!("panicked {}", panic.0))))
             .map_err(tap_failed)?;
         if let Some(timing) = ledger.timings.last_mut() {
             timing.add(frame.index, watch.stop(0));

@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 
 use crossbeam::channel::Sender;
-use depthloom_graphs::contracts::{Slot, StoredValue, Tap, TapError, Warned};
+use depthloom_graphs::contracts::{ErrorMessage, Slot, StoredValue, Tap, Warned};
 use depthloom_graphs::plan::{PlannedNode, StageRun};
 use depthloom_graphs::value_keys::{self, Observed};
 use depthloom_graphs::{
@@ -556,9 +556,9 @@ impl<'a, T: Tap> Stage<'a, T> {
                 return self.tap.encode(run, frame, part, values);
             }
             let encoded = self.tap.encode_stored(run, frame, part, values, &stored);
-            encoded.map_err(|error| TapError { remedy: error.remedy.or_else(|| Some(FRESH.to_owned())), ..error })
+            encoded.map_err(|error| ErrorMessage { remedy: error.remedy.or_else(|| Some(FRESH.to_owned())), ..error })
         };
-        let encoded = caught(encoded).unwrap_or_else(|panic| Err(TapError::new(format!("panicked {}", panic.0))));
+        let encoded = caught(encoded).unwrap_or_else(|panic| Err(ErrorMessage::new(format!("panicked {}", panic.0))));
         let spent = worker.stop(watch, &host);
         worker.taken.clear();
         match encoded {

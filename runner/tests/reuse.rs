@@ -7,7 +7,7 @@ use std::collections::HashMap;
 use std::sync::Mutex;
 use std::sync::atomic::Ordering;
 
-use depthloom_graphs::contracts::{Commit, Contract, Held, Holding, Slot, Store, Tap, TapError, Warned};
+use depthloom_graphs::contracts::{Commit, Contract, ErrorMessage, Held, Holding, Slot, Store, Tap, Warned};
 use depthloom_graphs::plan::{Plan, PlannedOutput};
 use depthloom_graphs::{Fault, Frame, Key, Remedied, Value};
 use depthloom_runner::{Audit, Cause, Interrupt, Options, RunError, Unwatched, run};
@@ -129,7 +129,7 @@ impl Tap for Remembering {
         (position, frame): (usize, &Frame),
         part: usize,
         values: &[(Slot, Value)],
-    ) -> Result<String, TapError> {
+    ) -> Result<String, ErrorMessage> {
         let kept = values.iter().filter(|(slot, _)| self.keeps(run, *slot, position));
         let kept: Vec<(Slot, Value)> = kept.cloned().collect();
         let mut encoded = self.encoded.lock().expect("nobody panics with the lock");
@@ -137,7 +137,7 @@ impl Tap for Remembering {
         self.notebook.encode(run, (position, frame), part, &kept)
     }
 
-    fn write(&self, commit: &Commit<'_>, parts: Vec<String>) -> Result<(), TapError> {
+    fn write(&self, commit: &Commit<'_>, parts: Vec<String>) -> Result<(), ErrorMessage> {
         let values =
             self.encoded.lock().expect("nobody panics with the lock").remove(&(commit.run, commit.frame.index));
         let key = |slot: Slot| match slot {
@@ -153,7 +153,7 @@ impl Tap for Remembering {
         self.notebook.write(commit, parts)
     }
 
-    fn once(&self, run: usize, slot: Slot, key: &Key, value: &Value, warned: &[Warned]) -> Result<(), TapError> {
+    fn once(&self, run: usize, slot: Slot, key: &Key, value: &Value, warned: &[Warned]) -> Result<(), ErrorMessage> {
         let values = vec![(*key, self.output(run, slot).port.name, Some(value.clone()))];
         self.remember(Entry { run, once: Some(slot), keys: vec![*key], values });
         self.notebook.once(run, slot, key, value, warned)

@@ -6,7 +6,7 @@ use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, Weak};
 
-use depthloom_graphs::contracts::{Commit, Contract, Failure, Observation, Slot, Tap, TapError, Warned};
+use depthloom_graphs::contracts::{Commit, Contract, ErrorMessage, Failure, Observation, Slot, Tap, Warned};
 use depthloom_graphs::plan::PlannedNode;
 use depthloom_graphs::values::{Curve, CurvePoint, Mask, Raster};
 use depthloom_graphs::{
@@ -621,16 +621,22 @@ impl Tap for Last {
         (self.0 || slot == Slot::Node { node: 9, port: 0 }).then_some(0)
     }
 
-    fn encode(&self, _: usize, _: (usize, &Frame), _: usize, values: &[(Slot, Value)]) -> Result<Vec<Value>, TapError> {
+    fn encode(
+        &self,
+        _: usize,
+        _: (usize, &Frame),
+        _: usize,
+        values: &[(Slot, Value)],
+    ) -> Result<Vec<Value>, ErrorMessage> {
         Ok(values.iter().map(|(_, value)| value.clone()).collect())
     }
 
-    fn write(&self, _: &Commit<'_>, parts: Vec<Vec<Value>>) -> Result<(), TapError> {
+    fn write(&self, _: &Commit<'_>, parts: Vec<Vec<Value>>) -> Result<(), ErrorMessage> {
         assert_eq!(parts[0].len(), if self.0 { 11 } else { 1 });
         Ok(())
     }
 
-    fn once(&self, _: usize, _: Slot, _: &Key, _: &Value, _: &[Warned]) -> Result<(), TapError> {
+    fn once(&self, _: usize, _: Slot, _: &Key, _: &Value, _: &[Warned]) -> Result<(), ErrorMessage> {
         Ok(())
     }
 }

@@ -6,15 +6,17 @@ use clap::{Args, ValueEnum};
 use clap_complete::engine::ArgValueCompleter;
 use depthloom_analysis::{Bins, Gross, SampleSet};
 
-use super::TableFormat;
+use super::{JsonArgs, RunArg, TableOutputArgs};
 use crate::completion::{folders, runs};
 
-/// `samples`.
 #[derive(Debug, Args)]
+#[command(after_help = examples![
+    "samples @latest" => "samples.parquet into the run's folder",
+    "samples RUN --out /data/samples.parquet" => "elsewhere",
+])]
 pub struct SamplesArgs {
-    /// A run: its folder, its recording, the beginning of its name in `runs`, or `@latest`.
-    #[arg(add = ArgValueCompleter::new(runs))]
-    pub run: PathBuf,
+    #[command(flatten)]
+    pub run: RunArg,
 
     /// The file to write; by default `samples.parquet` in the run's folder.
     #[arg(long, short, value_name = "FILE", add = ArgValueCompleter::new(folders()))]
@@ -24,9 +26,8 @@ pub struct SamplesArgs {
     #[arg(long, short, conflicts_with = "json")]
     pub quiet: bool,
 
-    /// Print one JSON object instead of text.
-    #[arg(long)]
-    pub json: bool,
+    #[command(flatten)]
+    pub output: JsonArgs,
 }
 
 /// The pixels that errors are of.
@@ -48,8 +49,13 @@ impl SampleSetOption {
     }
 }
 
-/// `analyse`.
 #[derive(Debug, Args)]
+#[command(after_help = examples![
+    "analyse @latest" => "error against distance, a metre a bin",
+    "analyse @latest --bins log:12 --estimators '*/fused' --set common" => "of some estimators, on the pixels that all of them answered",
+    "analyse @latest --by weight --percentiles 50,95" => "is a higher weight a smaller error?",
+    "analyse one two --by frame --format csv --out frames.csv" => "two runs, frame by frame",
+])]
 pub struct AnalyseArgs {
     /// Runs: their folders, recordings, the beginnings of their names in `runs`, or `@latest`; also files of samples.
     #[arg(required = true, value_name = "RUN", add = ArgValueCompleter::new(runs))]
@@ -93,15 +99,6 @@ pub struct AnalyseArgs {
     #[arg(long, value_name = "LIMIT", value_parser = Gross::parse, default_value = "25%")]
     pub gross: Gross,
 
-    /// What it is written as; by default as text for a terminal.
-    #[arg(long, value_enum, value_name = "FORMAT")]
-    pub format: Option<TableFormat>,
-
-    /// The file to write, in place of standard output.
-    #[arg(long, short, value_name = "FILE", add = ArgValueCompleter::new(folders()))]
-    pub out: Option<PathBuf>,
-
-    /// Print one JSON object instead of text: the same as `--format json`.
-    #[arg(long, conflicts_with = "format")]
-    pub json: bool,
+    #[command(flatten)]
+    pub output: TableOutputArgs,
 }

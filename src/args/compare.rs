@@ -4,10 +4,10 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use clap_complete::engine::{ArgValueCandidates, ArgValueCompleter};
-use depthloom_analysis::Bins;
+use depthloom_analysis::{Bins, IntervalMethod, Resampling};
 
-use super::{ScoresArgs, TableFormat, TypesettingArgs};
-use crate::completion::{folders, metrics, runs};
+use super::{ScoresArgs, TableOutputArgs, TypesettingArgs};
+use crate::completion::{metrics, runs};
 
 /// How sure an interval is, and how it is found.
 #[derive(Clone, Debug, Args)]
@@ -27,6 +27,18 @@ pub struct IntervalArgs {
     /// The seed of the resamples: equal seeds give equal intervals, on any machine.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
+}
+
+impl IntervalArgs {
+    /// The resampling of the analysis; `resamples` is the default number.
+    pub fn resampling(&self, resamples: u32) -> Resampling {
+        let method = match self.interval {
+            IntervalOption::Bca => IntervalMethod::Bca,
+            IntervalOption::Percentile => IntervalMethod::Percentile,
+        };
+        let resamples = self.resamples.unwrap_or(resamples);
+        Resampling { resamples, seed: self.seed, confidence: self.confidence, method }
+    }
 }
 
 /// How an interval is read off the resamples.
@@ -51,8 +63,15 @@ pub enum CompareBy {
     Distance,
 }
 
-/// `compare`.
 #[derive(Debug, Args)]
+#[command(after_help = examples![
+    "compare RUN full no_scaling" => "a variant against another, all scores",
+    "compare RUN '*/fused' --scores abs_rel --baseline best" => "which are as good as the best, and which are not",
+    "compare table1/2026-11-20 @latest" => "is the newest run better than that of another day?",
+    "compare RUN stereo full/mono --by distance" => "where each is better, and where one hands over to the other",
+    "compare main pr --fail-if 'fused.abs_rel > +1%'" => "for CI: exit code 3 if it is worse",
+    "compare A:full/fused B:fused --set answered --json" => "for programs",
+])]
 pub struct CompareArgs {
     /// What is compared, the first being what the others are held against: runs (folders, recordings, beginnings of names, `@latest`); or a run, and
     /// variants or estimators of it (`full`, `full/fused`, `'*/fused'`); or `RUN:NAME`, of several runs. A run alone: all of its variants, or where it
@@ -98,15 +117,6 @@ pub struct CompareArgs {
     #[command(flatten)]
     pub typesetting: TypesettingArgs,
 
-    /// What it is written as; by default as text for a terminal.
-    #[arg(long, value_enum, value_name = "FORMAT")]
-    pub format: Option<TableFormat>,
-
-    /// The file to write, in place of standard output.
-    #[arg(long, short, value_name = "FILE", add = ArgValueCompleter::new(folders()))]
-    pub out: Option<PathBuf>,
-
-    /// Print one JSON object instead of text: the same as `--format json`.
-    #[arg(long, conflicts_with = "format")]
-    pub json: bool,
+    #[command(flatten)]
+    pub output: TableOutputArgs,
 }

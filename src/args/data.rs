@@ -5,10 +5,14 @@ use std::path::PathBuf;
 use clap::Args;
 use clap_complete::engine::ArgValueCompleter;
 
+use super::JsonArgs;
 use crate::completion::folders;
 
-/// `data`.
 #[derive(Debug, Args)]
+#[command(after_help = examples![
+    "data /data/kitti" => "frames, sizes, calibration and truth, and the source to paste",
+    "data /data/robot --sheet robot.png" => "and a picture of its frames",
+])]
 pub struct DataArgs {
     /// The folder of a data set, or a file that holds one (a bag, a recording).
     #[arg(add = ArgValueCompleter::new(folders()))]
@@ -18,7 +22,6 @@ pub struct DataArgs {
     #[arg(long, value_name = "FILE")]
     pub sheet: Option<PathBuf>,
 
-    /// Print one JSON object instead of text.
-    #[arg(long)]
-    pub json: bool,
+    #[command(flatten)]
+    pub output: JsonArgs,
 }

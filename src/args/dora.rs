@@ -6,8 +6,11 @@ use clap::Args;
 
 use super::RunArgs;
 
-/// `dora`.
 #[derive(Debug, Args)]
+#[command(after_help = examples![
+    "dora first.yaml --out look > dataflow.yml" => "then `dora run dataflow.yml`: every node a process, the same recording",
+    "dora first.yaml --machine '*.mono=jetson' > dataflow.yml" => "and one of them on another machine",
+])]
 pub struct DoraArgs {
     /// The run: what `run` takes. `--window` is how many frames are on their way at most (8 by default), `--workers` how many threads every node has (1 by default).
     #[command(flatten)]
@@ -26,7 +29,13 @@ pub struct DoraArgs {
     pub machines: Vec<(String, String)>,
 }
 
-/// `dora-node`.
+impl DoraArgs {
+    /// How many frames are on their way at most.
+    pub fn window(&self) -> usize {
+        usize::from(self.run.window.unwrap_or(8))
+    }
+}
+
 #[derive(Debug, Args)]
 pub struct DoraNodeArgs {
     /// Its name in the dataflow.

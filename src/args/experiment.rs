@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use clap_complete::engine::ArgValueCompleter;
 
+use super::JsonArgs;
 use crate::completion::{experiments, folders};
 
 /// An experiment file, and what of it is set otherwise.
@@ -43,16 +44,20 @@ pub struct ExecArgs {
     pub allow_exec: bool,
 }
 
-/// `check`.
 #[derive(Debug, Args)]
+#[command(after_help = examples![
+    "check first.yaml" => "all of its mistakes, each where it stands",
+    "check first.yaml --json | jq -r '.diagnostics[] | \"\\(.file):\\(.line): \\(.message)\"'" => "for programs",
+    "check first.yaml --sarif > check.sarif" => "for code review; begin in the repository's root",
+    "check first.yaml --data" => "every frame of its data too, before an hour is computed on them",
+])]
 pub struct CheckArgs {
     /// The experiment.
     #[command(flatten)]
     pub experiment: ExperimentArgs,
 
-    /// Print one JSON object instead of text: what the experiment holds, and every diagnostic.
-    #[arg(long)]
-    pub json: bool,
+    #[command(flatten)]
+    pub output: JsonArgs,
 
     /// Print the diagnostics as SARIF 2.1.0, which code review tools show at their lines.
     #[arg(long, conflicts_with = "json")]
@@ -72,8 +77,11 @@ pub struct CheckArgs {
     pub workers: Option<u16>,
 }
 
-/// `plan`.
 #[derive(Debug, Args)]
+#[command(after_help = examples![
+    "plan experiments/table1.yaml" => "stereo is run once for all variants",
+    "plan first.yaml --reuse --set look.stereo.with.block=7" => "what a run would take from earlier ones",
+])]
 pub struct PlanArgs {
     /// The experiment.
     #[command(flatten)]
@@ -92,9 +100,8 @@ pub struct PlanArgs {
     #[arg(long, short, value_name = "DIR", requires = "reuse", add = ArgValueCompleter::new(folders()))]
     pub out: Option<PathBuf>,
 
-    /// Print one JSON object instead of text.
-    #[arg(long)]
-    pub json: bool,
+    #[command(flatten)]
+    pub output: JsonArgs,
 }
 
 /// How a graph is drawn.
@@ -106,8 +113,12 @@ pub enum GraphFormat {
     Dot,
 }
 
-/// `graph`.
 #[derive(Debug, Args)]
+#[command(after_help = examples![
+    "graph first.yaml" => "Mermaid, for a Markdown file on GitHub",
+    "graph first.yaml --format dot | dot -Tsvg > graph.svg" => "Graphviz",
+    "graph first.yaml --json | jq '.edges[]'" => "for programs",
+])]
 pub struct GraphArgs {
     /// The experiment.
     #[command(flatten)]

@@ -8,7 +8,8 @@ use depthloom_analysis::FrameChoice;
 use depthloom_export::ExportFormat;
 use depthloom_graphs::contracts::FrameSelection;
 
-use crate::completion::{folders, runs};
+use super::{JsonArgs, RunArg};
+use crate::completion::folders;
 
 /// The colours of a map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -23,12 +24,17 @@ pub enum ColoursOption {
     Grey,
 }
 
-/// `export`.
 #[derive(Debug, Args)]
+#[command(after_help = examples![
+    "export RUN depth --out depths" => "each frame's depth as a 16-bit PNG, as KITTI has them",
+    "export RUN depth/depth --format npy,pfm --frames 3,7 --out arrays" => "the floats themselves, of two frames",
+    "export RUN 'fused*' --colormap turbo --range 0..40 --out look" => "in colours, for a figure",
+    "export RUN depth --format ply --range 0..60 --out clouds" => "points up to 60 m, coloured by the image",
+    "export RUN --out all --json | jq '.topics[]'" => "everything; for programs",
+])]
 pub struct ExportArgs {
-    /// A run: its folder, its recording, the beginning of its name in `runs`, or `@latest`.
-    #[arg(add = ArgValueCompleter::new(runs))]
-    pub run: PathBuf,
+    #[command(flatten)]
+    pub run: RunArg,
 
     /// What to export: topics as `info` lists them (`/look/depth/depth`), or by their end or node (`depth/depth`, `depth`); of the source also by the output
     /// alone (`calibration`), where no node has that name. `*` stands for any run of characters. Without one, all.
@@ -65,9 +71,8 @@ pub struct ExportArgs {
     #[arg(long, short, conflicts_with = "json")]
     pub quiet: bool,
 
-    /// Print one JSON object instead of text.
-    #[arg(long)]
-    pub json: bool,
+    #[command(flatten)]
+    pub output: JsonArgs,
 }
 
 pub(super) fn parse_frames(text: &str) -> Result<FrameSelection, String> {

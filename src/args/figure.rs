@@ -6,7 +6,7 @@ use clap::{Args, ValueEnum};
 use clap_complete::engine::{ArgValueCandidates, ArgValueCompleter};
 use depthloom_analysis::{Bins, FigureKind, FrameChoice, Layout};
 
-use super::{SetOption, compare::IntervalArgs};
+use super::{JsonArgs, SetOption, compare::IntervalArgs};
 use crate::completion::{folders, metrics, runs};
 
 /// What a figure shows.
@@ -79,8 +79,13 @@ impl LayoutOption {
     }
 }
 
-/// `figure`.
 #[derive(Debug, Args)]
+#[command(after_help = examples![
+    "figure @latest error-vs-distance --out error.pdf" => "the paper's figure, two columns wide",
+    "figure RUN difference --estimators stereo,full/mono --width one-column --out where.svg" => "where mono hands over to stereo",
+    "figure RUN parameter --axes block,p1 --score abs_rel --out sweep.png --dpi 600" => "of a matrix",
+    "figure RUN panels --frames 0,3 --out frames.png --data frames.csv" => "frames as the paper shows them",
+])]
 pub struct FigureArgs {
     /// Runs: their folders, recordings, the beginnings of their names in `runs`, or `@latest`. Several for `error-vs-distance`, `histogram`, `cdf` and
     /// `reliability`.
@@ -178,9 +183,8 @@ pub struct FigureArgs {
     #[command(flatten)]
     pub intervals: IntervalArgs,
 
-    /// Print one JSON object instead of text.
-    #[arg(long)]
-    pub json: bool,
+    #[command(flatten)]
+    pub output: JsonArgs,
 }
 
 fn parse_width(text: &str) -> Result<f64, String> {

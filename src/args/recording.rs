@@ -3,18 +3,19 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use clap_complete::engine::ArgValueCompleter;
 use depthloom_verify::Tolerance;
 
-use super::ExecArgs;
-use crate::completion::runs;
+use super::{ExecArgs, JsonArgs, RunArg};
 
-/// `info`.
 #[derive(Debug, Args)]
+#[command(after_help = examples![
+    "info @latest" => "topics with their sizes and recipes",
+    "info copied.mcap --check" => "is every byte what was written?",
+    "info RUN --keys --json | jq -r '.keys[].key' | sort -u" => "for programs",
+])]
 pub struct InfoArgs {
-    /// A recording, or its run: the folder, the beginning of its name in `runs`, or `@latest`.
-    #[arg(add = ArgValueCompleter::new(runs))]
-    pub file: PathBuf,
+    #[command(flatten)]
+    pub run: RunArg,
 
     /// Check every byte; without it a finished recording is taken at its summary's word.
     #[arg(long)]
@@ -24,33 +25,35 @@ pub struct InfoArgs {
     #[arg(long)]
     pub keys: bool,
 
-    /// Print one JSON object instead of text.
-    #[arg(long)]
-    pub json: bool,
+    #[command(flatten)]
+    pub output: JsonArgs,
 }
 
-/// `recover`.
 #[derive(Debug, Args)]
+#[command(after_help = examples![
+    "recover runs/first/2026-11-21T08-30-05Z.partial" => "what a killed run left, for any MCAP reader",
+])]
 pub struct RecoverArgs {
-    /// The recording, or its run: the folder, the beginning of its name in `runs`, or `@latest`.
-    #[arg(add = ArgValueCompleter::new(runs))]
-    pub file: PathBuf,
+    #[command(flatten)]
+    pub run: RunArg,
 
     /// The file to write, where none is; by default `<name>.recovered.mcap` in the current folder.
     #[arg(long, short, value_name = "FILE")]
     pub out: Option<PathBuf>,
 
-    /// Print one JSON object instead of text.
-    #[arg(long)]
-    pub json: bool,
+    #[command(flatten)]
+    pub output: JsonArgs,
 }
 
-/// `replay`.
 #[derive(Debug, Args)]
+#[command(after_help = examples![
+    "replay RUN --check" => "every node whose values and inputs are recorded",
+    "replay RUN --check compare.fused --tolerance depth=0.001" => "one node, to a millimetre",
+    "replay RUN --check --json | jq '.nodes[] | select(.different > 0)'" => "for programs",
+])]
 pub struct ReplayArgs {
-    /// A run: its folder, its recording, the beginning of its name in `runs`, or `@latest`.
-    #[arg(add = ArgValueCompleter::new(runs))]
-    pub run: PathBuf,
+    #[command(flatten)]
+    pub run: RunArg,
 
     /// Compare the values of every node with those recorded: where they differ, tell the first and the worst difference. Every node gets its
     /// recorded inputs, so that it is the node that changed which differs, and none behind it.
@@ -76,7 +79,6 @@ pub struct ReplayArgs {
     #[arg(long, short = 'j', value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub workers: Option<u16>,
 
-    /// Print one JSON object instead of text.
-    #[arg(long)]
-    pub json: bool,
+    #[command(flatten)]
+    pub output: JsonArgs,
 }

@@ -7,11 +7,16 @@ use clap_complete::engine::ArgValueCompleter;
 use depthloom_runner::Audit;
 
 use super::compare::parse_confidence;
-use super::{ExecArgs, ExperimentArgs};
-use crate::completion::{folders, runs};
+use super::{ExecArgs, ExperimentArgs, JsonArgs, RunArg};
+use crate::completion::folders;
 
-/// `run`.
 #[derive(Debug, Args)]
+#[command(after_help = examples![
+    "run experiments/table1.yaml" => "into runs/table1/<UTC time>",
+    "run first.yaml --out look --overwrite" => "into look, in place of the run there",
+    "run first.yaml --set sources.street.with.frames=0..2" => "with something set otherwise",
+    "run first.yaml --json | jq .report.table" => "for programs",
+])]
 pub struct RunArgs {
     /// The experiment.
     #[command(flatten)]
@@ -79,9 +84,8 @@ pub struct RunArgs {
     #[arg(long, short, conflicts_with = "json")]
     pub quiet: bool,
 
-    /// Print one JSON object instead of text.
-    #[arg(long)]
-    pub json: bool,
+    #[command(flatten)]
+    pub output: JsonArgs,
 }
 
 /// How much of what is reused is recomputed.
@@ -126,12 +130,14 @@ pub struct PageArgs {
     pub open: bool,
 }
 
-/// `report`.
 #[derive(Debug, Args)]
+#[command(after_help = examples![
+    "report runs/first/2026-11-21T08-30-05Z" => "its tables and plots again",
+    "report look.partial --out salvaged" => "of a run that did not come to its end",
+])]
 pub struct ReportArgs {
-    /// A run: its folder, its recording, the beginning of its name in `runs`, or `@latest`.
-    #[arg(add = ArgValueCompleter::new(runs))]
-    pub run: PathBuf,
+    #[command(flatten)]
+    pub run: RunArg,
 
     /// The folder to write tables and plots to; by default the run's own.
     #[arg(long, short, value_name = "DIR", add = ArgValueCompleter::new(folders()))]
@@ -150,19 +156,18 @@ pub struct ReportArgs {
     #[command(flatten)]
     pub page: PageArgs,
 
-    /// Print one JSON object instead of text.
-    #[arg(long)]
-    pub json: bool,
+    #[command(flatten)]
+    pub output: JsonArgs,
 }
 
-/// `timings`.
 #[derive(Debug, Args)]
+#[command(after_help = examples![
+    "timings runs/first/2026-11-21T08-30-05Z" => "what to make faster",
+])]
 pub struct TimingsArgs {
-    /// A run: its folder, the beginning of its name in `runs`, or `@latest`.
-    #[arg(add = ArgValueCompleter::new(runs))]
-    pub run: PathBuf,
+    #[command(flatten)]
+    pub run: RunArg,
 
-    /// Print one JSON object instead of text; times in nanoseconds, in all frames together.
-    #[arg(long)]
-    pub json: bool,
+    #[command(flatten)]
+    pub output: JsonArgs,
 }

@@ -9,9 +9,16 @@ use clap_complete::engine::ArgValueCompleter;
 use crate::completion::{folders, runs};
 use crate::sizes::{parse_age, parse_size};
 
-/// `runs`.
 #[derive(Debug, Args)]
 #[command(disable_help_subcommand = true)]
+#[command(after_help = examples![
+    "runs" => "all runs below `runs`",
+    "report @latest" => "the newest that is over, wherever a run is wanted; `table1/@latest`: of those in runs/table1",
+    "table table1/2026-11-21" => "or the beginning of its name, if no other's begins so",
+    "runs why table1/2026-11-20 @latest" => "which node is another since, and why",
+    "runs prune --keep 3 --dry-run" => "what would go if three of each experiment stayed",
+    "runs --in /data/runs --json | jq -r '.runs[] | select(.state != \"whole\").path'" => "for programs",
+])]
 pub struct RunsArgs {
     /// What to do; without one, list them.
     #[command(subcommand)]
@@ -30,6 +37,9 @@ pub struct RunsArgs {
 #[derive(Debug, Subcommand)]
 pub enum RunsCommand {
     /// List the runs in a folder, newest first; what `runs` does without a command.
+    #[command(after_help = examples![
+        "runs list --in /data/runs" => "the runs below another folder",
+    ])]
     List,
     /// Show a run: what it is of, what became of it, how it was made, and its files.
     Show(ShowArgs),
@@ -41,17 +51,24 @@ pub enum RunsCommand {
     Prune(PruneArgs),
 }
 
-/// `runs rm`.
 #[derive(Debug, Args)]
+#[command(after_help = examples![
+    "runs rm look.partial" => "what a run left that ended before it was whole",
+    "runs rm table1/2026-11-20 table1/2026-11-21" => "several",
+])]
 pub struct RmArgs {
     /// The runs: folders, names in full, or `@latest`.
     #[arg(required = true, add = ArgValueCompleter::new(runs))]
     pub runs: Vec<PathBuf>,
 }
 
-/// `runs prune`.
 #[derive(Debug, Args)]
 #[command(group = ArgGroup::new("rules").required(true).multiple(true).args(["keep", "older_than", "max_size", "unfinished"]))]
+#[command(after_help = examples![
+    "runs prune --keep 3 --dry-run" => "all but the newest three of each experiment: what would go",
+    "runs prune --older-than 30d --keep 1" => "what is older than 30 days, but never an experiment's last",
+    "runs prune --max-size 100GB --unfinished" => "the unfinished, then the oldest until the rest fits",
+])]
 pub struct PruneArgs {
     /// Keep the newest N whole runs of each experiment, whatever else is said; alone, remove all other whole runs.
     #[arg(long, value_name = "N")]
@@ -78,16 +95,22 @@ pub struct PruneArgs {
     pub dry_run: bool,
 }
 
-/// `runs show`.
 #[derive(Debug, Args)]
+#[command(after_help = examples![
+    "runs show @latest" => "the newest that is over",
+    "runs show look.partial --json | jq .stages" => "for programs",
+])]
 pub struct ShowArgs {
     /// A run: its folder, the beginning of its name, or `@latest`.
     #[arg(add = ArgValueCompleter::new(runs))]
     pub run: PathBuf,
 }
 
-/// `runs why`.
 #[derive(Debug, Args)]
+#[command(after_help = examples![
+    "runs why table1/2026-11-20 table1/@latest" => "what is another since that day, and why",
+    "runs why A B --json | jq -r '.nodes[] | select(.same | not) | .node'" => "for programs: the nodes whose values differ",
+])]
 pub struct WhyArgs {
     /// The earlier run: its folder, its recording, the beginning of its name, or `@latest`.
     #[arg(add = ArgValueCompleter::new(runs))]

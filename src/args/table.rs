@@ -4,12 +4,12 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use clap_complete::engine::{ArgValueCandidates, ArgValueCompleter};
-use depthloom_analysis::Resampling;
+use depthloom_analysis::{Mean, PixelSet, Resampling, Selection, Typesetting};
 use depthloom_graphs::contracts::FrameSelection;
 
-use super::compare::parse_confidence;
 use super::export::parse_frames;
-use crate::completion::{columns, folders, metrics, runs};
+use super::{JsonArgs, RunArg, TableOutputArgs, compare::parse_confidence};
+use crate::completion::{columns, metrics, runs};
 
 /// Which pixels scores are over.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -22,6 +22,18 @@ pub enum SetOption {
     Filled,
     /// Of depths, taken again from recorded maps: the true pixels that all selected estimates answered.
     Common,
+}
+
+impl SetOption {
+    /// The recorded pixel set; `None` for the one that is computed from recorded maps.
+    pub const fn recorded(self) -> Option<PixelSet> {
+        match self {
+            Self::All => Some(PixelSet::All),
+            Self::Answered => Some(PixelSet::Answered),
+            Self::Filled => Some(PixelSet::Filled),
+            Self::Common => None,
+        }
+    }
 }
 
 /// How frames' scores become one.
@@ -70,6 +82,19 @@ pub struct ScoresArgs {
     pub mean: Option<MeanOption>,
 }
 
+impl ScoresArgs {
+    /// The selection of the analysis.
+    pub fn selection(&self) -> Selection {
+        let mean = self.mean.map(|mean| match mean {
+            MeanOption::Frames => Mean::Frames,
+            MeanOption::Pixels => Mean::Pixels,
+        });
+        let (zone, frames) = (self.zone.clone(), self.frames.clone());
+        let (common, set) = (self.set == Some(SetOption::Common), self.set.and_then(SetOption::recorded));
+        Selection { common, set, zone, frames, mean, ..Selection::default() }
+    }
+}
+
 /// How a table is set.
 #[derive(Clone, Debug, Args)]
 pub struct TypesettingArgs {
@@ -86,8 +111,23 @@ pub struct TypesettingArgs {
     pub digits: Option<u8>,
 }
 
-/// `table`.
+impl TypesettingArgs {
+    /// The typesetting of the analysis.
+    pub fn typesetting(&self) -> Typesetting {
+        let Self { caption, label, digits } = self.clone();
+        Typesetting { caption, label, decimals: digits.map(usize::from) }
+    }
+}
+
 #[derive(Debug, Args)]
+#[command(after_help = examples![
+    "table RUN --sort d1 --top 10 --columns d1,epe,density,ms" => "the ten best settings",
+    "table RUN --effects abs_rel" => "what each axis did, and how much of it",
+    "table RUN --best-per-zone abs_rel" => "which setting is best where",
+    "table RUN --effects ms" => "what each axis costs",
+    "table RUN --pareto abs_rel,ms" => "what is worth its time",
+    "table RUN --top 8 --format latex --out variants.tex" => "for a paper",
+])]
 pub struct TableArgs {
     /// A run: its folder, its recording, the beginning of its name in `runs`, or `@latest`. Of several runs one table, with the settings in which
     /// they differ.
@@ -153,17 +193,8 @@ pub struct TableArgs {
     #[command(flatten)]
     pub typesetting: TypesettingArgs,
 
-    /// What it is written as; by default as text for a terminal.
-    #[arg(long, value_enum, value_name = "FORMAT")]
-    pub format: Option<TableFormat>,
-
-    /// The file to write, in place of standard output.
-    #[arg(long, short, value_name = "FILE", add = ArgValueCompleter::new(folders()))]
-    pub out: Option<PathBuf>,
-
-    /// Print one JSON object instead of text: the same as `--format json`.
-    #[arg(long, conflicts_with = "format")]
-    pub json: bool,
+    #[command(flatten)]
+    pub output: TableOutputArgs,
 }
 
 /// What a table has in rows.
@@ -175,12 +206,14 @@ pub enum RowsOption {
     Score,
 }
 
-/// `explain`.
 #[derive(Debug, Args)]
+#[command(after_help = examples![
+    "explain RUN abs_rel full/fused" => "formula, pixels, frames, source, the paper's convention",
+    "explain RUN rmse fused --set answered --json" => "for programs",
+])]
 pub struct ExplainArgs {
-    /// A run: its folder, its recording, the beginning of its name in `runs`, or `@latest`.
-    #[arg(add = ArgValueCompleter::new(runs))]
-    pub run: PathBuf,
+    #[command(flatten)]
+    pub run: RunArg,
 
     /// The score, e.g. `abs_rel`.
     #[arg(add = ArgValueCandidates::new(metrics))]
@@ -193,7 +226,6 @@ pub struct ExplainArgs {
     #[command(flatten)]
     pub scores: ScoresArgs,
 
-    /// Print one JSON object instead of text.
-    #[arg(long)]
-    pub json: bool,
+    #[command(flatten)]
+    pub output: JsonArgs,
 }

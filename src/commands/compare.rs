@@ -2,10 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use depthloom_analysis::{
-    CompareOptions, ComparedRun, ComparisonOutput, DistanceComparisonOutput, IntervalMethod, Resampling, Selection,
-    Side,
-};
+use depthloom_analysis::{CompareOptions, ComparedRun, ComparisonOutput, Resampling, Selection, Side};
 use depthloom_graphs::language::{glob, nearest};
 use depthloom_recording::Recording;
 use depthloom_runner::Interrupt;
@@ -13,15 +10,15 @@ use depthloom_runs::end;
 use depthloom_runs::failed;
 use depthloom_runs::open;
 use depthloom_runs::recording_of;
-use depthloom_terminal::{Exit, Stop};
+use depthloom_terminal::{CliError, ExitCode};
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use super::samples::samples_of;
-use super::table::{Delivery, selection, typesetting};
-use crate::args::{CompareArgs, CompareBy, IntervalArgs, IntervalOption, SetOption, TableFormat};
+use crate::args::{CompareArgs, CompareBy, SetOption, TableFormat};
+use crate::delivery::Delivery;
 use crate::diagnostics::Error;
-use crate::outputs::{self, CommandOutput, Output};
+use crate::output;
+use crate::samples::samples_of;
 use crate::signals;
 
 /// Columns of text of a terminal's table.
@@ -36,17 +33,9 @@ pub struct Compare {
     error: Option<Error>,
 }
 
-impl CommandOutput for Compare {
-    const OUTPUT: Output = Output::Compare;
-}
-
-impl CommandOutput for DistanceComparisonOutput {
-    const OUTPUT: Output = Output::CompareByDistance;
-}
-
 /// Compares runs, variants or estimators.
-pub fn compare(args: &CompareArgs) -> Result<Exit, Stop> {
-    let delivery = Delivery::of(args.format, args.json, args.out.as_deref())?;
+pub fn compare(args: &CompareArgs) -> Result<ExitCode, CliError> {
+    let delivery = Delivery::of(&args.output)?;
     let interrupt = signals::listen("stopping")?;
     let mut opened = Opened::default();
     let mut sides: Vec<Side> = Vec::new();
@@ -61,33 +50,33 @@ pub fn compare(args: &CompareArgs) -> Result<Exit, Stop> {
     let runs: Vec<ComparedRun<'_>> =
         opened.runs.iter().map(|(called, recording)| ComparedRun { called, recording }).collect();
     let options = CompareOptions {
-        selection: Selection { estimators: args.estimators.clone(), ..selection(&args.pixels) },
+        selection: Selection { estimators: args.estimators.clone(), ..args.pixels.selection() },
         scores: args.scores.clone(),
         baseline: args.baseline.clone(),
-        resampling: resampling(
-            &args.intervals,
-            if args.by.is_some() { Resampling::OF_ERRORS } else { Resampling::OF_SCORES },
-        ),
+        resampling: args.intervals.resampling(match args.by {
+            Some(CompareBy::Distance) => Resampling::OF_ERRORS,
+            None => Resampling::OF_SCORES,
+        }),
         fail_if: args.fail_if.clone(),
-        typesetting: typesetting(&args.typesetting),
+        typesetting: args.typesetting.typesetting(),
     };
     if args.by == Some(CompareBy::Distance) {
         return by_distance(args, &delivery, &runs, &sides, &options, &interrupt);
     }
     let compared = depthloom_analysis::compare(&runs, &sides, &options, &|| interrupt.stops_admission());
-    let compared = compared.map_err(|error| failed(&error))?;
+    let compared = compared.map_err(failed)?;
     let exceeded = compared.exceeded();
     let faulty = (!exceeded.is_empty())
-        .then(|| Stop::new(Exit::Frames, format!("what must not be is so: {}", exceeded.join("; "))));
+        .then(|| CliError::new(ExitCode::FrameFailures, format!("what must not be is so: {}", exceeded.join("; "))));
     let bytes = match delivery.format {
         TableFormat::Terminal => compared.terminal(TERMINAL_WIDTH).into_bytes(),
         TableFormat::Md => compared.markdown().into_bytes(),
         TableFormat::Csv => compared.csv(),
-        TableFormat::Parquet => compared.parquet().map_err(|error| failed(&error))?,
+        TableFormat::Parquet => compared.parquet().map_err(failed)?,
         TableFormat::Latex => compared.latex().into_bytes(),
         TableFormat::Json => {
             let output = Compare { comparison: compared.output(), error: faulty.as_ref().map(Error::from) };
-            outputs::text(&output).into_bytes()
+            output::text(&output).into_bytes()
         }
     };
     let recordings: Vec<&Path> = opened.runs.iter().map(|(_, recording)| recording.path()).collect();
@@ -106,14 +95,14 @@ fn by_distance(
     sides: &[Side],
     options: &CompareOptions,
     interrupt: &Interrupt,
-) -> Result<Exit, Stop> {
+) -> Result<ExitCode, CliError> {
     if !matches!(args.pixels.set, None | Some(SetOption::Common)) {
         let what = "errors by distance are compared on the pixels that both answered";
-        return Err(Stop::new(Exit::Before, what).remedy("leave --set out"));
+        return Err(CliError::usage(what, "leave --set out"));
     }
     if args.baseline.as_deref() == Some("best") {
         let what = "by distance no side is the best one";
-        return Err(Stop::new(Exit::Before, what).remedy("name the baseline"));
+        return Err(CliError::usage(what, "name the baseline"));
     }
     let is_silent = !delivery.is_shown();
     let mut samples = Vec::new();
@@ -122,27 +111,18 @@ fn by_distance(
     }
     let stop = || interrupt.stops_admission();
     let compared = depthloom_analysis::compare_by_distance(runs, &samples, sides, options, args.bins.as_ref(), &stop);
-    let compared = compared.map_err(|error| failed(&error))?;
+    let compared = compared.map_err(failed)?;
     let bytes = match delivery.format {
         TableFormat::Terminal => compared.terminal(TERMINAL_WIDTH).into_bytes(),
         TableFormat::Md => compared.markdown().into_bytes(),
         TableFormat::Csv => compared.csv(),
-        TableFormat::Parquet => compared.parquet().map_err(|error| failed(&error))?,
+        TableFormat::Parquet => compared.parquet().map_err(failed)?,
         TableFormat::Latex => compared.latex().into_bytes(),
-        TableFormat::Json => outputs::text(&compared.output()).into_bytes(),
+        TableFormat::Json => output::text(&compared.output()).into_bytes(),
     };
     let recordings: Vec<&Path> = runs.iter().map(|run| run.recording.path()).collect();
     delivery.deliver(&bytes, &recordings)?;
     Ok(end(runs.iter().map(|run| run.recording)))
-}
-
-/// How frames are resampled; so often where nobody says.
-pub(super) fn resampling(args: &IntervalArgs, resamples: u32) -> Resampling {
-    let method = match args.interval {
-        IntervalOption::Bca => IntervalMethod::Bca,
-        IntervalOption::Percentile => IntervalMethod::Percentile,
-    };
-    Resampling { resamples: args.resamples.unwrap_or(resamples), seed: args.seed, confidence: args.confidence, method }
 }
 
 /// The runs that were named so far.
@@ -153,7 +133,7 @@ struct Opened {
 
 impl Opened {
     /// A side: a part of the run that was named last, a run, or a part of another.
-    fn side(&mut self, written: &Path, last: Option<&Side>) -> Result<Side, Stop> {
+    fn side(&mut self, written: &Path, last: Option<&Side>) -> Result<Side, CliError> {
         let (text, last) = (written.to_str(), last.map(|side| side.run));
         if let (Some(run), Some(text)) = (last, text)
             && self.has(run, text)?
@@ -178,7 +158,7 @@ impl Opened {
         Err(if written.components().count() > 1 && written.exists() { is_run } else { self.no_such(run, &text)? })
     }
 
-    fn open(&mut self, called: &Path, path: &PathBuf) -> Result<usize, Stop> {
+    fn open(&mut self, called: &Path, path: &PathBuf) -> Result<usize, CliError> {
         let known = self.runs.iter().position(|(_, recording)| recording.path() == path);
         if let Some(run) = known {
             return Ok(run);
@@ -187,21 +167,18 @@ impl Opened {
         Ok(self.runs.len() - 1)
     }
 
-    fn names(&self, run: usize) -> Result<Vec<String>, Stop> {
-        depthloom_analysis::names(&self.runs[run].1).map_err(|error| failed(&error))
+    fn names(&self, run: usize) -> Result<Vec<String>, CliError> {
+        depthloom_analysis::names(&self.runs[run].1).map_err(failed)
     }
 
-    fn has(&self, run: usize, name: &str) -> Result<bool, Stop> {
+    fn has(&self, run: usize, name: &str) -> Result<bool, CliError> {
         Ok(self.names(run)?.iter().any(|of| glob(name, of)))
     }
 
-    fn no_such(&self, run: usize, name: &str) -> Result<Stop, Stop> {
+    fn no_such(&self, run: usize, name: &str) -> Result<CliError, CliError> {
         let (called, names) = (&self.runs[run].0, self.names(run)?);
         let what = format!("`{name}` is neither a run nor a variant or estimator of {called}");
-        let remedy = match nearest(name, names.iter().map(String::as_str)) {
-            Some(near) => format!("did you mean `{near}`?"),
-            None => format!("{called} has {}", names.join(", ")),
-        };
-        Ok(Stop::new(Exit::Before, what).remedy(remedy))
+        let near = nearest(name, names.iter().map(String::as_str));
+        Ok(CliError::unknown(what, near, format!("{called} has {}", names.join(", "))))
     }
 }

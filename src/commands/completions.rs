@@ -3,32 +3,30 @@
 use std::path::PathBuf;
 
 use clap_complete::env::Shells;
-use depthloom_graphs::Registry;
-use depthloom_terminal::{Exit, Stop, print_bytes};
+use depthloom_terminal::{CliError, ExitCode, print_bytes};
 
-use crate::command_line::{own_command, own_name};
 use crate::completion::VARIABLE;
 
 /// Prints the script: it completes the program by the name that it was called by, and asks it where it was found.
-pub fn completions(shell: clap_complete::Shell, registry: &Registry) -> Result<Exit, Stop> {
-    let failed = |error: &dyn std::error::Error| Stop::because(Exit::Engine, "failed to write the script", error);
+pub fn completions(shell: clap_complete::Shell, command: &clap::Command) -> Result<ExitCode, CliError> {
+    let failed =
+        |error: &dyn std::error::Error| CliError::because(ExitCode::Engine, "failed to write the script", error);
     let shells = Shells::builtins();
     let shell = shells.completer(&shell.to_string()).ok_or_else(|| {
-        Stop::new(Exit::Before, format!("{shell} cannot ask a program"))
-            .remedy("bash, elvish, fish, powershell and zsh can")
+        CliError::usage(format!("{shell} cannot ask a program"), "bash, elvish, fish, powershell and zsh can")
     })?;
     let called = PathBuf::from(std::env::args_os().next().unwrap_or_default());
     // Found by name, it is found so again: it may move with an update.
     let completer = match called.components().count() {
-        0 => PathBuf::from(own_name()),
+        0 => PathBuf::from(command.get_name()),
         1 => called,
         _ => std::path::absolute(&called).map_err(|error| failed(&error))?,
     };
-    let (command, name) = (own_command(registry), own_name());
+    let name = command.get_name();
     let mut script = Vec::new();
     shell
-        .write_registration(VARIABLE, command.get_name(), &name, &completer.to_string_lossy(), &mut script)
+        .write_registration(VARIABLE, name, name, &completer.to_string_lossy(), &mut script)
         .map_err(|error| failed(&error))?;
     print_bytes(&script)?;
-    Ok(Exit::Whole)
+    Ok(ExitCode::Success)
 }

@@ -12,7 +12,7 @@ use depthloom_graphs::contracts::{Fact, Recognised, Survey};
 use depthloom_graphs::registry::SourceEntry;
 use depthloom_graphs::{Context, Fault, Port, Registry, Scratch, Source, Value, ValueType};
 use depthloom_nodes::inspection::inspect;
-use depthloom_terminal::{Exit, Stop, print, print_path};
+use depthloom_terminal::{CliError, ExitCode, print, print_path};
 use schemars::JsonSchema;
 use serde::Serialize;
 use serde_json::{Map, Value as Json};
@@ -20,13 +20,13 @@ use serde_json::{Map, Value as Json};
 use self::contents::{Contents, contents};
 use self::seen::{Calibration, ImageSize, Seen, Truth};
 use self::stanza::stanza;
-use super::table::replaces_no_run;
 use crate::args::DataArgs;
-use crate::commands::check_data::{DataFact, file_of};
+use crate::check_data::{DataFact, file_of};
 use crate::contact_sheet::Sheet;
+use crate::delivery::replaces_no_run;
 use crate::diagnostics::Error;
-use crate::outputs::{self, CommandOutput, Output};
-use crate::told::Told;
+use crate::output;
+use crate::warnings::WarningCollector;
 
 /// As many frames are read of a data set, from all over it.
 const LOOKED_AT: usize = 16;
@@ -54,10 +54,6 @@ pub struct Data {
     contents: Option<Vec<Contents>>,
     #[serde(skip_serializing_if = "Option::is_none")]
     error: Option<Error>,
-}
-
-impl CommandOutput for Data {
-    const OUTPUT: Output = Output::Data;
 }
 
 /// A data set.
@@ -97,15 +93,15 @@ impl From<&Wrong> for DataSetFault {
 }
 
 /// Says what a folder holds and prints the source to paste.
-pub fn data(args: &DataArgs, registry: &Registry) -> Result<Exit, Stop> {
+pub fn data(args: &DataArgs, registry: &Registry) -> Result<ExitCode, CliError> {
     let root = std::path::absolute(&args.root).unwrap_or_else(|_| args.root.clone());
     if !root.exists() {
         let what = format!("there is no folder {}", root.display());
-        return Err(Stop::new(Exit::Before, what).remedy("name the folder that the data set was unpacked to"));
+        return Err(CliError::usage(what, "name the folder that the data set was unpacked to"));
     }
     if root.to_str().is_none() {
         let what = format!("the name of {} is not UTF-8: no experiment can name it", root.display());
-        return Err(Stop::new(Exit::Before, what).remedy("rename the folder"));
+        return Err(CliError::usage(what, "rename the folder"));
     }
     let mut known = known(registry, &root);
     if known.is_empty() {
@@ -119,20 +115,19 @@ pub fn data(args: &DataArgs, registry: &Registry) -> Result<Exit, Stop> {
     let stanza = stanza(&known);
     let unusable = stanza.is_none().then(|| {
         let what = format!("{}: no frame can be read", root.display());
-        Stop::new(Exit::Before, what)
-            .remedy("mend what is told as `wrong`, or name the folder that the data set was unpacked to")
+        CliError::usage(what, "mend what is told as `wrong`, or name the folder that the data set was unpacked to")
     });
     // What was found is told, whether or not the sheet can be written.
     let written = || match (&args.sheet, &sheet) {
         (Some(path), Some(sheet)) if unusable.is_none() => write(path, sheet).map(|()| Some(path)),
         _ => Ok(None),
     };
-    if args.json {
+    if args.output.json {
         let (sheet, stop) = match written() {
             Ok(sheet) => (sheet.map(|path| path.to_string_lossy().into_owned()), unusable),
             Err(stop) => (None, Some(stop)),
         };
-        outputs::print(&Data {
+        output::print(&Data {
             root: root.to_string_lossy().into_owned(),
             found: known.iter().map(DataSet::from).collect(),
             sheet: Some(sheet),
@@ -140,7 +135,7 @@ pub fn data(args: &DataArgs, registry: &Registry) -> Result<Exit, Stop> {
             contents: None,
             error: stop.as_ref().map(Error::from),
         })?;
-        return Ok(stop.map_or(Exit::Whole, |stop| stop.exit));
+        return Ok(stop.map_or(ExitCode::Success, |stop| stop.exit));
     }
     let mut text = String::new();
     let mut said = BTreeSet::new();
@@ -148,7 +143,7 @@ pub fn data(args: &DataArgs, registry: &Registry) -> Result<Exit, Stop> {
     text.push_str(stanza.as_deref().unwrap_or_default());
     print(text)?;
     written()?.map_or(Ok(()), |path| print_path("contact sheet: ", path))?;
-    unusable.map_or(Ok(Exit::Whole), Err)
+    unusable.map_or(Ok(ExitCode::Success), Err)
 }
 
 /// What a folder is, or the folders and files in it are; where no kind knows it, what it nearly is.
@@ -275,7 +270,7 @@ impl<'a> Known<'a> {
         if let Some(sheet) = sheet.as_deref_mut() {
             sheet.begin();
         }
-        let told = Told::default();
+        let told = WarningCollector::default();
         for position in positions {
             let mut scratch = Scratch::default();
             let read = source.examine(position, &mut Context::new(&told, &mut scratch));
@@ -385,20 +380,22 @@ impl From<&Known<'_>> for DataSet {
 }
 
 /// Tells what lies in a folder that no kind knows.
-fn unknown(args: &DataArgs, root: &Path) -> Result<Exit, Stop> {
+fn unknown(args: &DataArgs, root: &Path) -> Result<ExitCode, CliError> {
     let found = contents(root);
     let stop = match root.is_dir() {
-        true => Stop::new(Exit::Before, format!("{} is laid out as no data set that is known", root.display())).remedy(
+        true => CliError::usage(
+            format!("{} is laid out as no data set that is known", root.display()),
             "pairs of images are the source `images`: two patterns of names, `left: \"cam0/*.png\"` and `right: \"cam1/*.png\"`, or a `list:` (CSV), relative \
              to `root`; its `calibration` in numbers (`focal_px`, `baseline_m`) or files; `truth` where there is some: `depthloom nodes images`. `depthloom nodes` lists \
              the other kinds with their layouts",
         ),
-        false => Stop::new(Exit::Before, format!("{} is no bag, no recording and no folder", root.display())).remedy(
+        false => CliError::usage(
+            format!("{} is no bag, no recording and no folder", root.display()),
             "name the folder that a data set was unpacked to, the folder or a file (.mcap, .db3) of a ROS 2 bag, or the folder of a run",
         ),
     };
-    if args.json {
-        outputs::print(&Data {
+    if args.output.json {
+        output::print(&Data {
             root: root.to_string_lossy().into_owned(),
             found: Vec::new(),
             sheet: None,
@@ -419,15 +416,17 @@ fn unknown(args: &DataArgs, root: &Path) -> Result<Exit, Stop> {
     Err(stop)
 }
 
-fn write(path: &Path, sheet: &Sheet) -> Result<(), Stop> {
+fn write(path: &Path, sheet: &Sheet) -> Result<(), CliError> {
     replaces_no_run(path)?;
     let failed = |error: std::io::Error| {
-        Stop::because(Exit::Engine, format!("failed to write {}", path.display()), &error)
+        CliError::because(ExitCode::Engine, format!("failed to write {}", path.display()), &error)
             .remedy("name with --sheet a file in a folder that is there and may be written")
     };
     let bytes = sheet.png().ok_or_else(|| {
-        Stop::new(Exit::Before, "no frame can be shown: none has a left image")
-            .remedy("`depthloom data ROOT` without --sheet says what there is")
+        CliError::usage(
+            "no frame can be shown: none has a left image",
+            "`depthloom data ROOT` without --sheet says what there is",
+        )
     })?;
     depthloom_durable::write(path, &bytes).map_err(failed)
 }

@@ -5,11 +5,11 @@ use std::path::PathBuf;
 use depthloom_graphs::Fault;
 use depthloom_nodes::onnx;
 use depthloom_runs::environment::{self, Engine};
-use depthloom_terminal::{Exit, Stop, print};
+use depthloom_terminal::{CliError, ExitCode, print};
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::outputs::{self, CommandOutput, Output};
+use crate::output;
 
 /// The environment variables by which the shipped experiments find data.
 const DATA_ROOTS: [(&str, &str); 1] = [("KITTI_STEREO_2015", "training/image_2")];
@@ -25,10 +25,6 @@ pub struct Doctor {
     data: Vec<DataRoot>,
 }
 
-impl CommandOutput for Doctor {
-    const OUTPUT: Output = Output::Doctor;
-}
-
 /// A variable that names a data set's folder.
 #[derive(JsonSchema, Serialize)]
 pub struct DataRoot {
@@ -38,7 +34,7 @@ pub struct DataRoot {
 }
 
 /// Prints cores, SIMD, the engine of networks and data roots.
-pub fn doctor(as_json: bool) -> Result<Exit, Stop> {
+pub fn doctor(as_json: bool) -> Result<ExitCode, CliError> {
     let engine = onnx::find();
     let roots = DATA_ROOTS.map(|(variable, landmark)| {
         let root = std::env::var_os(variable).map(PathBuf::from);
@@ -51,14 +47,14 @@ pub fn doctor(as_json: bool) -> Result<Exit, Stop> {
             root: root.as_ref().map(|root| root.to_string_lossy().into_owned()),
             found: *there,
         });
-        outputs::print(&Doctor {
+        output::print(&Doctor {
             depthloom: env!("CARGO_PKG_VERSION").to_owned(),
             cores: environment::cores() as u64,
             simd: environment::simd().into_iter().map(ToOwned::to_owned).collect(),
             networks: engine.as_ref().ok().map(|&found| Engine::found(found, looked_at())),
             data: data.collect(),
         })?;
-        return Ok(Exit::Whole);
+        return Ok(ExitCode::Success);
     }
     let simd = environment::simd();
     let mut text = format!("depthloom     {}\n", env!("CARGO_PKG_VERSION"));
@@ -73,7 +69,7 @@ pub fn doctor(as_json: bool) -> Result<Exit, Stop> {
         };
     }
     print(&text)?;
-    Ok(Exit::Whole)
+    Ok(ExitCode::Success)
 }
 
 /// Where ONNX Runtime is looked for: what led to each folder, and the folder.

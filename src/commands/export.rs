@@ -13,12 +13,12 @@ use serde::Serialize;
 
 use crate::args::{ColoursOption, ExportArgs};
 use crate::diagnostics::Error;
-use crate::outputs::{self, CommandOutput, Output};
+use crate::output;
 use crate::signals;
 use depthloom_export::{Chosen, ExportFormat, Exported, Folder, Form, Maps, chosen, frames, write_model, write_rows};
-use depthloom_graphs::counted;
+use depthloom_graphs::{chain, counted};
 use depthloom_runs::environment;
-use depthloom_terminal::{Exit, Stop, aligned, chain, print, say};
+use depthloom_terminal::{CliError, ExitCode, aligned, print, say};
 
 /// Of `export`: what was written.
 #[derive(JsonSchema, Serialize)]
@@ -31,12 +31,8 @@ pub struct Export {
     error: Option<Error>,
 }
 
-impl CommandOutput for Export {
-    const OUTPUT: Output = Output::Export;
-}
-
 /// Writes what is asked for.
-pub fn export(args: &ExportArgs) -> Result<Exit, Stop> {
+pub fn export(args: &ExportArgs) -> Result<ExitCode, CliError> {
     let folder = Folder::at(&args.out, args.overwrite)?;
     let path = recording_of(&args.run, "export")?;
     let interrupt = signals::listen("stopping: files begun are finished")?;
@@ -55,7 +51,7 @@ pub fn export(args: &ExportArgs) -> Result<Exit, Stop> {
     folder.check(maps.files().chain(files().map(|(chosen, format)| chosen.path_with(format.name()))))?;
     folder.create()?;
 
-    let bar = if args.quiet || args.json { ProgressBar::hidden() } else { ProgressBar::new(maps.work()) };
+    let bar = if args.quiet || args.output.json { ProgressBar::hidden() } else { ProgressBar::new(maps.work()) };
     if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos}/{len}  {eta} left") {
         bar.set_style(style);
     }
@@ -74,16 +70,18 @@ pub fn export(args: &ExportArgs) -> Result<Exit, Stop> {
     let files: u64 = exported.iter().map(|of| of.files).sum();
     if stop() {
         let whole = format!("{} in {}", counted(files, "file"), args.out.display());
-        return Err(Stop::new(Exit::Interrupted, "interrupted while exporting").remedy(format!("whole: {whole}")));
+        return Err(
+            CliError::new(ExitCode::Interrupted, "interrupted while exporting").remedy(format!("whole: {whole}"))
+        );
     }
     for error in &damaged {
         say(format_args!("warning: left out: {}", chain(error)));
     }
     told(args, &recording, &exported);
     let is_damaged = !damaged.is_empty() || matches!(recording.condition(), Condition::Damaged { .. });
-    let faulty = is_damaged.then(|| Stop::new(Exit::Frames, "the recording is damaged"));
-    if args.json {
-        outputs::print(&Export {
+    let faulty = is_damaged.then(|| CliError::new(ExitCode::FrameFailures, "the recording is damaged"));
+    if args.output.json {
+        output::print(&Export {
             folder: args.out.to_string_lossy().into_owned(),
             condition: recording.condition().name(),
             topics: exported,
@@ -92,7 +90,7 @@ pub fn export(args: &ExportArgs) -> Result<Exit, Stop> {
     } else if !args.quiet {
         print(text(&exported, files, &args.out))?;
     }
-    Ok(faulty.map_or(Exit::Whole, |stop| stop.exit))
+    Ok(faulty.map_or(ExitCode::Success, |stop| stop.exit))
 }
 
 const fn colours(option: ColoursOption) -> Colours {
@@ -105,22 +103,23 @@ const fn colours(option: ColoursOption) -> Colours {
 }
 
 /// That colours and a range are of use to something.
-fn meant(args: &ExportArgs, chosen: &[Chosen<'_>], colours: Option<Colours>) -> Result<(), Stop> {
+fn meant(args: &ExportArgs, chosen: &[Chosen<'_>], colours: Option<Colours>) -> Result<(), CliError> {
     let formats =
         || chosen.iter().flat_map(|chosen| chosen.formats.iter().map(move |format| (*format, chosen.value_type)));
     let forms: Vec<Form> = formats().filter_map(|(format, of)| Form::of(format, of, colours, args.range)).collect();
     let has_colours = forms.iter().any(|form| matches!(form, Form::Coloured(..)));
     let has_points = forms.iter().any(|form| form.is_cloud());
     if args.colormap.is_some() && !has_colours {
-        return Err(Stop::new(
-            Exit::Before,
+        return Err(CliError::usage(
             "--colormap colours nothing: it is of disparities, depths and weights as PNG",
-        )
-        .remedy("leave it out, or ask for one of these with `--format png`"));
+            "leave it out, or ask for one of these with `--format png`",
+        ));
     }
     if args.range.is_some() && !has_colours && !has_points {
-        return Err(Stop::new(Exit::Before, "--range bounds nothing: it is of colours and of point clouds")
-            .remedy("add --colormap turbo, or `--format ply`"));
+        return Err(CliError::usage(
+            "--range bounds nothing: it is of colours and of point clouds",
+            "add --colormap turbo, or `--format ply`",
+        ));
     }
     Ok(())
 }

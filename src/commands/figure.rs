@@ -8,15 +8,14 @@ use depthloom_runs::end;
 use depthloom_runs::failed;
 use depthloom_runs::open;
 use depthloom_runs::recording_of;
-use depthloom_terminal::{Exit, Stop, print};
+use depthloom_terminal::{CliError, ExitCode, print};
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use super::compare::resampling;
-use super::samples::{bar, samples_of};
-use super::table::{ScoredSet, can_be_written, write_named};
 use crate::args::{FigureArgs, FigureFormat, SetOption};
-use crate::outputs::{self, CommandOutput, Output};
+use crate::delivery::{can_be_written, write_named};
+use crate::output;
+use crate::samples::{bar, samples_of};
 use crate::signals;
 
 /// Of `figure`: what was drawn.
@@ -34,19 +33,15 @@ pub struct Figure {
     notes: Vec<String>,
 }
 
-impl CommandOutput for Figure {
-    const OUTPUT: Output = Output::Figure;
-}
-
 /// Draws a figure of runs.
-pub fn figure(args: &FigureArgs) -> Result<Exit, Stop> {
+pub fn figure(args: &FigureArgs) -> Result<ExitCode, CliError> {
     let format = format_of(args)?;
     can_be_written(&args.out)?;
     if let Some(data) = &args.data {
         can_be_written(data)?;
         if data == &args.out {
             let what = format!("--data and --out are both {}", data.display());
-            return Err(Stop::new(Exit::Before, what).remedy("name two files"));
+            return Err(CliError::usage(what, "name two files"));
         }
     }
     let request = request(args)?;
@@ -55,7 +50,7 @@ pub fn figure(args: &FigureArgs) -> Result<Exit, Stop> {
     for run in &args.runs {
         let path = recording_of(run, "figure")?;
         let samples = match request.kind.is_of_samples() {
-            true => Some(samples_of(run, args.json, &interrupt)?),
+            true => Some(samples_of(run, args.output.json, &interrupt)?),
             false => None,
         };
         opened.push((run.to_string_lossy().into_owned(), open(&path)?, samples));
@@ -64,18 +59,18 @@ pub fn figure(args: &FigureArgs) -> Result<Exit, Stop> {
         .iter()
         .map(|(called, recording, samples)| FigureRun { called, recording, samples: samples.clone() })
         .collect();
-    let bar = bar(args.json, "{bar:30} {percent} %  {eta} left");
+    let bar = bar(args.output.json, "{bar:30} {percent} %  {eta} left");
     let progress = |done: u64, all: u64| {
         bar.set_length(all);
         bar.set_position(done);
     };
     let drawn = depthloom_analysis::figure(&runs, &request, &progress, &|| interrupt.stops_admission());
     bar.finish_and_clear();
-    let figure = drawn.map_err(|error| failed(&error))?;
+    let figure = drawn.map_err(failed)?;
     let bytes = match format {
         FigureFormat::Svg => figure.svg(),
         FigureFormat::Pdf => figure.pdf(),
-        FigureFormat::Png => figure.png(f64::from(args.dpi)).map_err(|error| failed(&error))?,
+        FigureFormat::Png => figure.png(f64::from(args.dpi)).map_err(failed)?,
     };
     let recordings: Vec<&Path> = opened.iter().map(|(_, recording, _)| recording.path()).collect();
     write_named(&args.out, &bytes, &recordings)?;
@@ -83,8 +78,8 @@ pub fn figure(args: &FigureArgs) -> Result<Exit, Stop> {
         write_named(data, figure.data(), &recordings)?;
     }
     let (width_mm, height_mm) = figure.size_mm();
-    if args.json {
-        outputs::print(&Figure {
+    if args.output.json {
+        output::print(&Figure {
             file: args.out.to_string_lossy().into_owned(),
             data: args.data.as_ref().map(|data| data.to_string_lossy().into_owned()),
             about: figure.about().to_owned(),
@@ -102,7 +97,7 @@ pub fn figure(args: &FigureArgs) -> Result<Exit, Stop> {
 }
 
 /// What the file is written as: what was asked for, or what its ending says.
-fn format_of(args: &FigureArgs) -> Result<FigureFormat, Stop> {
+fn format_of(args: &FigureArgs) -> Result<FigureFormat, CliError> {
     let ending = args.out.extension().map(|ending| ending.to_string_lossy().to_lowercase());
     let of_ending = match ending.as_deref() {
         Some("svg") => Some(FigureFormat::Svg),
@@ -113,26 +108,25 @@ fn format_of(args: &FigureArgs) -> Result<FigureFormat, Stop> {
     match (args.format, of_ending) {
         (Some(asked), Some(ending)) if asked != ending => {
             let what = format!("--format and the ending of {} say two things", args.out.display());
-            Err(Stop::new(Exit::Before, what).remedy("leave --format out, or name a file of that ending"))
+            Err(CliError::usage(what, "leave --format out, or name a file of that ending"))
         }
         (Some(format), _) | (None, Some(format)) => Ok(format),
         (None, None) => {
             let what = format!("what {} is to be is not said", args.out.display());
-            Err(Stop::new(Exit::Before, what).remedy("end it in `.svg`, `.png` or `.pdf`, or give --format"))
+            Err(CliError::usage(what, "end it in `.svg`, `.png` or `.pdf`, or give --format"))
         }
     }
 }
 
-fn request(args: &FigureArgs) -> Result<FigureRequest, Stop> {
+fn request(args: &FigureArgs) -> Result<FigureRequest, CliError> {
     let kind = args.kind.kind();
     let is_of_errors = kind.is_of_samples();
-    let ScoredSet { set: scored_set, .. } = ScoredSet::of(args.set);
     let set = match args.set {
         Some(SetOption::Common) => Some(SampleSet::Common),
         Some(SetOption::Answered) => Some(SampleSet::Answered),
         _ => None,
     };
-    let wrong = |what: &str, remedy: &str| Err(Stop::new(Exit::Before, what.to_owned()).remedy(remedy.to_owned()));
+    let wrong = |what: &str, remedy: &str| Err(CliError::usage(what.to_owned(), remedy.to_owned()));
     match args.set {
         Some(SetOption::All | SetOption::Filled) if is_of_errors => {
             return wrong("a pixel without an answer has no error to draw", "take `--set common` or `--set answered`");
@@ -152,9 +146,7 @@ fn request(args: &FigureArgs) -> Result<FigureRequest, Stop> {
     ] {
         if is_given && !is_taken {
             let what = format!("this kind of figure takes no {option}");
-            return Err(
-                Stop::new(Exit::Before, what).remedy("leave it out; `depthloom help figure` says what takes it")
-            );
+            return Err(CliError::usage(what, "leave it out; `depthloom help figure` says what takes it"));
         }
     }
     Ok(FigureRequest {
@@ -164,7 +156,7 @@ fn request(args: &FigureArgs) -> Result<FigureRequest, Stop> {
         variants: args.variant.clone(),
         stages: args.stage.clone(),
         set,
-        scored_set,
+        scored_set: args.set.and_then(SetOption::recorded),
         by: args.by.clone(),
         bins: args.bins.clone(),
         unit: if args.relative { Unit::OfTruth } else { Unit::Metres },
@@ -174,7 +166,7 @@ fn request(args: &FigureArgs) -> Result<FigureRequest, Stop> {
         score: args.score.clone(),
         axes: args.axes.clone(),
         frames: args.frames.clone(),
-        resampling: resampling(&args.intervals, Resampling::OF_ERRORS),
+        resampling: args.intervals.resampling(Resampling::OF_ERRORS),
         dpi: f64::from(args.dpi),
         ..FigureRequest::new(kind)
     })

@@ -8,13 +8,13 @@ use depthloom_graphs::{Key, counted};
 use depthloom_recording::{Condition, Damage as RecordedDamage, RecordedRun, Recording, TopicSize};
 use depthloom_runs::open;
 use depthloom_runs::recording_of;
-use depthloom_terminal::{Exit, Stop, aligned, print};
+use depthloom_terminal::{CliError, ExitCode, aligned, print};
 use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::args::InfoArgs;
 use crate::diagnostics::Error;
-use crate::outputs::{self, CommandOutput, Output};
+use crate::output;
 use crate::signals;
 use crate::sizes::size;
 
@@ -43,10 +43,6 @@ pub struct Info {
     keys: Option<Vec<KeyOf>>,
     #[serde(skip_serializing_if = "Option::is_none")]
     error: Option<Error>,
-}
-
-impl CommandOutput for Info {
-    const OUTPUT: Output = Output::Info;
 }
 
 /// A topic.
@@ -96,29 +92,29 @@ pub struct KeyOf {
 }
 
 /// Prints topics with their messages, sizes and keys, attachments, and whether the recording is whole.
-pub fn info(args: &InfoArgs) -> Result<Exit, Stop> {
-    let path = recording_of(&args.file, "info")?;
+pub fn info(args: &InfoArgs) -> Result<ExitCode, CliError> {
+    let path = recording_of(&args.run, "info")?;
     let interrupt = signals::listen("stopping")?;
     let recording = open(&path)?;
     let stop = || interrupt.stops_admission();
     let sizes = recording.topic_sizes(&stop).map_err(|error| {
-        let exit = if error.is_damage() { Exit::Frames } else { Exit::Engine };
-        Stop::remedied(exit, "failed to read the recording", &error)
+        let exit = if error.is_damage() { ExitCode::FrameFailures } else { ExitCode::Engine };
+        CliError::remedied(exit, "failed to read the recording", &error)
     })?;
     let damage = if args.check { recording.damage(&stop) } else { Vec::new() };
     if stop() {
-        return Err(Stop::new(Exit::Interrupted, "interrupted while reading"));
+        return Err(CliError::new(ExitCode::Interrupted, "interrupted while reading"));
     }
     let is_damaged = matches!(recording.condition(), Condition::Damaged { .. }) || !damage.is_empty();
-    let faulty = is_damaged.then(|| Stop::new(Exit::Frames, "the recording is damaged"));
+    let faulty = is_damaged.then(|| CliError::new(ExitCode::FrameFailures, "the recording is damaged"));
     let topics = topics(&recording, sizes);
-    if args.json {
+    if args.output.json {
         let error = faulty.as_ref().map(Error::from);
-        outputs::print(&Info { error, ..output(&recording, topics, &damage, args) })?;
+        output::print(&Info { error, ..output(&recording, topics, &damage, args) })?;
     } else {
         print(text(&recording, &topics, &damage, args))?;
     }
-    Ok(faulty.map_or(Exit::Whole, |stop| stop.exit))
+    Ok(faulty.map_or(ExitCode::Success, |stop| stop.exit))
 }
 
 /// The topics in the order of the plan, then those that are no port's.

@@ -5,25 +5,22 @@ use std::path::Path;
 
 use clap_mangen::Man;
 use clap_mangen::roff::{Inline, Roff, bold, roman};
-use depthloom_graphs::Registry;
 use depthloom_graphs::language::nearest;
-use depthloom_terminal::{Exit, Stop, print_bytes, print_path};
+use depthloom_terminal::{CliError, ExitCode, print_bytes, print_path};
 
 use crate::args::ManArgs;
-use crate::command_line::{own_command, own_name};
-use crate::help::Ending;
 
 /// When this version was released, as CHANGELOG.md has it: pages bear no date of the clock, so that equal versions print equal ones.
 const RELEASED: &str = "2026-11-21";
 
-/// Prints a page, or writes all.
-pub fn man(args: &ManArgs, registry: &Registry) -> Result<Exit, Stop> {
-    let mut program = own_command(registry).disable_help_subcommand(true);
+/// Prints a page of a program, or writes all.
+pub fn man(args: &ManArgs, program: clap::Command) -> Result<ExitCode, CliError> {
+    let mut program = program.disable_help_subcommand(true);
     program.build();
     if let Some(out) = &args.out {
         write_all(&program, out)?;
         print_path("manual pages in ", out)?;
-        return Ok(Exit::Whole);
+        return Ok(ExitCode::Success);
     }
     let wanted = match &args.command {
         None => &program,
@@ -32,22 +29,20 @@ pub fn man(args: &ManArgs, registry: &Registry) -> Result<Exit, Stop> {
             found.ok_or_else(|| unknown(name, &program))?
         }
     };
-    let page = page(wanted).map_err(|error| Stop::because(Exit::Engine, "failed to write the manual page", &error))?;
+    let page =
+        page(wanted).map_err(|error| CliError::because(ExitCode::Engine, "failed to write the manual page", &error))?;
     print_bytes(&page)?;
-    Ok(Exit::Whole)
+    Ok(ExitCode::Success)
 }
 
-fn unknown(name: &str, program: &clap::Command) -> Stop {
-    let stop = Stop::new(Exit::Before, format!("there is no command `{name}`"));
-    match nearest(name, program.get_subcommands().map(clap::Command::get_name)) {
-        Some(near) => stop.remedy(format!("did you mean `{near}`?")),
-        None => stop.remedy("`depthloom help` lists them all"),
-    }
+fn unknown(name: &str, program: &clap::Command) -> CliError {
+    let near = nearest(name, program.get_subcommands().map(clap::Command::get_name));
+    CliError::unknown(format!("there is no command `{name}`"), near, "`depthloom help` lists them all")
 }
 
-fn write_all(program: &clap::Command, out: &Path) -> Result<(), Stop> {
+fn write_all(program: &clap::Command, out: &Path) -> Result<(), CliError> {
     let failed = |what: &Path, error: &io::Error| {
-        Stop::because(Exit::Engine, format_args!("failed to write {}", what.display()), error)
+        CliError::because(ExitCode::Engine, format_args!("failed to write {}", what.display()), error)
     };
     std::fs::create_dir_all(out).map_err(|error| failed(out, &error))?;
     for command in and_below(program) {
@@ -71,9 +66,6 @@ fn display_name(command: &clap::Command) -> &str {
 
 /// A page in roff: clap's sections, then ours.
 fn page(command: &clap::Command) -> io::Result<Vec<u8>> {
-    // The program has its own name, whatever it is called, in no ending. No command has a hyphen in its name.
-    let (_, below) = display_name(command).split_at(own_name().len());
-    let ending = Ending::of(below.replace('-', " ").trim_start());
     let man = Man::new(command.clone()).date(RELEASED).source(source()).manual("depthloom manual");
     let mut page = Vec::new();
     man.render_title(&mut page)?;
@@ -84,7 +76,7 @@ fn page(command: &clap::Command) -> io::Result<Vec<u8>> {
     if command.has_subcommands() {
         man.render_subcommands_section(&mut page)?;
     }
-    endings(ending, command).to_writer(&mut page)?;
+    footer(command).to_writer(&mut page)?;
     Ok(tidied(&String::from_utf8_lossy(&page)).into_bytes())
 }
 
@@ -143,23 +135,28 @@ fn source() -> String {
     format!("depthloom {}", env!("CARGO_PKG_VERSION"))
 }
 
-fn endings(ending: &Ending, command: &clap::Command) -> Roff {
+/// Exit codes, the examples of the help text, and other pages.
+fn footer(command: &clap::Command) -> Roff {
     let mut roff = Roff::new();
     roff.control("SH", ["EXIT STATUS"]);
-    for (exit, about) in ending.exits {
-        roff.control("TP", []);
-        roff.text([bold((*exit as u8).to_string())]);
-        roff.text([roman(*about)]);
+    for (code, about) in ExitCode::ALL {
+        paragraph(&mut roff, (code as u8).to_string(), about);
     }
     roff.control("SH", ["EXAMPLES"]);
-    for (arguments, about) in ending.examples {
-        roff.control("TP", []);
-        roff.text([bold(format!("depthloom {arguments}"))]);
-        roff.text([roman(*about)]);
+    let help = command.get_after_help().map(ToString::to_string).unwrap_or_default();
+    let examples: Vec<&str> = help.lines().skip(1).take_while(|line| !line.is_empty()).map(str::trim).collect();
+    for example in examples.chunks_exact(2) {
+        paragraph(&mut roff, example[0].to_owned(), example[1]);
     }
     roff.control("SH", ["SEE ALSO"]);
     roff.text(see_also(command));
     roff
+}
+
+fn paragraph(roff: &mut Roff, tag: String, about: &str) {
+    roff.control("TP", []);
+    roff.text([bold(tag)]);
+    roff.text([roman(about)]);
 }
 
 /// From a command to its own, and back.

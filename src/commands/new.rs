@@ -3,7 +3,7 @@
 use std::fs::File;
 use std::io::{ErrorKind, Write as _};
 
-use depthloom_terminal::{Exit, Stop, print_path};
+use depthloom_terminal::{CliError, ExitCode, print_path};
 
 use crate::args::NewArgs;
 
@@ -11,15 +11,15 @@ use crate::args::NewArgs;
 const FIRST: &str = include_str!("new.yaml");
 
 /// Writes the first experiment where nothing is yet.
-pub fn new(args: &NewArgs) -> Result<Exit, Stop> {
+pub fn new(args: &NewArgs) -> Result<ExitCode, CliError> {
     let file = &args.file;
     let failed = |error: std::io::Error| match error.kind() {
         ErrorKind::AlreadyExists => {
-            Stop::new(Exit::Before, format!("{} exists already", file.display())).remedy("choose another name")
+            CliError::usage(format!("{} exists already", file.display()), "choose another name")
         }
-        _ => Stop::because(Exit::Before, format_args!("failed to write {}", file.display()), &error),
+        _ => CliError::because(ExitCode::Usage, format_args!("failed to write {}", file.display()), &error),
     };
     File::create_new(file).and_then(|mut file| file.write_all(FIRST.as_bytes())).map_err(failed)?;
     print_path("run it: depthloom run ", file)?;
-    Ok(Exit::Whole)
+    Ok(ExitCode::Success)
 }

@@ -7,12 +7,12 @@ use std::path::Path;
 use depthloom_graphs::render::ByName;
 use depthloom_graphs::{Key, regular_file};
 use depthloom_nodes::onnx::{self, Description, Tensor};
-use depthloom_terminal::{Exit, Stop, print};
+use depthloom_terminal::{CliError, ExitCode, print};
 use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::args::OnnxArgs;
-use crate::outputs::{self, CommandOutput, Output};
+use crate::output;
 
 /// The largest file that is looked at: ONNX's own limit.
 const MOST_BYTES: u64 = 2 << 30;
@@ -50,10 +50,6 @@ pub struct Onnx {
     refusal: Option<String>,
 }
 
-impl CommandOutput for Onnx {
-    const OUTPUT: Output = Output::Onnx;
-}
-
 /// An operator set.
 #[derive(JsonSchema, Serialize)]
 pub struct Opset {
@@ -79,13 +75,15 @@ impl From<&Tensor> for TensorJson {
 }
 
 /// Shows a model.
-pub fn onnx(args: &OnnxArgs) -> Result<Exit, Stop> {
+pub fn onnx(args: &OnnxArgs) -> Result<ExitCode, CliError> {
     let file = &args.file;
     let bytes = regular_file::read(file, MOST_BYTES)
-        .map_err(|error| Stop::new(Exit::Before, format!("failed to read {}: {error}", file.display())))?;
+        .map_err(|error| CliError::new(ExitCode::Usage, format!("failed to read {}: {error}", file.display())))?;
     let told = Description::read(&bytes).map_err(|what| {
-        Stop::new(Exit::Before, format!("{}: {what}", file.display()))
-            .remedy("a model of PyTorch becomes one by `torch.onnx.export(network, example, \"net.onnx\")`")
+        CliError::usage(
+            format!("{}: {what}", file.display()),
+            "a model of PyTorch becomes one by `torch.onnx.export(network, example, \"net.onnx\")`",
+        )
     })?;
     let shapes: Vec<Vec<usize>> = told.inputs.iter().map(|input| closed(input, args.size)).collect();
     let cost = match &told.external {
@@ -94,9 +92,9 @@ pub fn onnx(args: &OnnxArgs) -> Result<Exit, Stop> {
     };
     let node = stanza(&told, file);
     let hash = Key::of_content(&bytes);
-    if args.json {
+    if args.output.json {
         let opset = |(domain, version): &(String, i64)| Opset { domain: domain.clone(), version: *version };
-        outputs::print(&Onnx {
+        output::print(&Onnx {
             file: file.to_string_lossy().into_owned(),
             bytes: bytes.len() as u64,
             hash: hash.to_string(),
@@ -116,7 +114,7 @@ pub fn onnx(args: &OnnxArgs) -> Result<Exit, Stop> {
             stanza: node.as_ref().ok().map(|(_, stanza)| stanza.clone()),
             refusal: node.as_ref().err().cloned(),
         })?;
-        return Ok(Exit::Whole);
+        return Ok(ExitCode::Success);
     }
     let mut text = format!("{}  {} bytes, {hash}\n", file.display(), bytes.len());
     let opsets: Vec<String> = told
@@ -155,7 +153,7 @@ pub fn onnx(args: &OnnxArgs) -> Result<Exit, Stop> {
         Err(why) => writeln!(text, "\nno kind of node runs this model: {why}"),
     };
     print(&text)?;
-    Ok(Exit::Whole)
+    Ok(ExitCode::Success)
 }
 
 fn join(shape: &[usize]) -> String {

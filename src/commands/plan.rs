@@ -6,27 +6,18 @@ use depthloom_graphs::Registry;
 use depthloom_graphs::contracts::{Contract, InlineHost};
 use depthloom_graphs::language::Loaded;
 use depthloom_graphs::ready::Ready;
-use depthloom_graphs::render;
 use depthloom_recording::{RecordedPlan, node_pairs};
 use depthloom_runner::Foreseen;
 use depthloom_runs::earlier;
-use depthloom_terminal::{Exit, Stop, aligned, print};
+use depthloom_terminal::{CliError, ExitCode, aligned, print};
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use super::check::load;
 use crate::allow_exec;
-use crate::args::{GraphArgs, GraphFormat, PlanArgs};
+use crate::args::PlanArgs;
 use crate::diagnostics::print_warning;
-use crate::outputs::{self, CommandOutput, Output};
-
-impl CommandOutput for render::Plan {
-    const OUTPUT: Output = Output::Plan;
-}
-
-impl CommandOutput for render::Graph {
-    const OUTPUT: Output = Output::Graph;
-}
+use crate::experiment::load;
+use crate::output;
 
 /// Of `plan --reuse`: what would be taken from earlier runs.
 #[derive(JsonSchema, Serialize)]
@@ -35,10 +26,6 @@ pub struct PlanReuse {
     nearest: Option<String>,
     nodes: Vec<ReusedNode>,
     warnings: Vec<String>,
-}
-
-impl CommandOutput for PlanReuse {
-    const OUTPUT: Output = Output::PlanReuse;
 }
 
 /// How often a node would run.
@@ -55,32 +42,32 @@ pub struct ReusedNode {
 }
 
 /// Prints every node of the plan, the variants that share it, and its recipe.
-pub fn plan(args: &PlanArgs, registry: &Registry) -> Result<Exit, Stop> {
-    let loaded = load(&args.experiment, registry, args.json)?;
+pub fn plan(args: &PlanArgs, registry: &Registry) -> Result<ExitCode, CliError> {
+    let loaded = load(&args.experiment, registry, args.output.json)?;
     if args.reuse {
         return reuse(args, loaded, registry);
     }
     let plan = loaded.plan;
-    if args.json {
-        outputs::print(&plan.summary_json())?;
+    if args.output.json {
+        output::print(&plan.summary_json())?;
     } else {
         print(plan.summary_text())?;
     }
-    Ok(Exit::Whole)
+    Ok(ExitCode::Success)
 }
 
 /// Prints what of the plan would run and what would be taken from earlier runs, and why not all.
-fn reuse(args: &PlanArgs, loaded: Loaded, registry: &Registry) -> Result<Exit, Stop> {
+fn reuse(args: &PlanArgs, loaded: Loaded, registry: &Registry) -> Result<ExitCode, CliError> {
     allow_exec::decide(args.exec, Some((&args.experiment.experiment, &loaded)))?;
-    let ready = Ready::new(loaded.plan, registry).map_err(|missing| Stop::of_missing(&missing))?;
+    let ready = Ready::new(loaded.plan, registry).map_err(|missing| CliError::of_missing(&missing))?;
     let plan = ready.plan.clone();
     let earlier = earlier::beside(args.out.as_deref(), &plan);
     let warnings = earlier::unreadable(&earlier);
-    if !args.json {
+    if !args.output.json {
         warnings.iter().for_each(|warning| print_warning(warning));
     }
     let foreseen = depthloom_runner::foresee(&ready, &earlier, &InlineHost)
-        .map_err(|what| Stop::new(Exit::Engine, format!("failed to look ahead: {what}")))?;
+        .map_err(|what| CliError::new(ExitCode::Engine, format!("failed to look ahead: {what}")))?;
     let nearest = earlier.nearest(&plan);
     let pairs = nearest.map(|(_, before)| node_pairs(before, &RecordedPlan::of(&plan))).unwrap_or_default();
     let why = |run: usize, node: usize, foreseen: Foreseen| {
@@ -117,9 +104,9 @@ fn reuse(args: &PlanArgs, loaded: Loaded, registry: &Registry) -> Result<Exit, S
         let _ = write!(stages, "\nstage {}\n{}", planned.prefix.trim_start_matches('/'), aligned(&lines, &[]));
     }
     let nearest = nearest.map(|(path, _)| path.parent().unwrap_or(path));
-    if args.json {
+    if args.output.json {
         let nearest = nearest.map(|path| path.to_string_lossy().into_owned());
-        outputs::print(&PlanReuse { nearest, nodes: rows, warnings })?;
+        output::print(&PlanReuse { nearest, nodes: rows, warnings })?;
     } else {
         let head = nearest.map_or_else(
             || "no earlier run has anything of this experiment".to_owned(),
@@ -127,7 +114,7 @@ fn reuse(args: &PlanArgs, loaded: Loaded, registry: &Registry) -> Result<Exit, S
         );
         print(format!("{head}\n{stages}"))?;
     }
-    Ok(Exit::Whole)
+    Ok(ExitCode::Success)
 }
 
 /// Why a node runs that is equal to one of an earlier run.
@@ -143,20 +130,6 @@ fn why_equal_nodes_run(contract: Contract, foreseen: Foreseen) -> String {
         Contract::Pure if known > 0 && known == fires => "its values were not recorded".to_owned(),
         Contract::Pure | Contract::Ordered | Contract::Once => "other frames".to_owned(),
     }
-}
-
-/// Prints the plan as a drawing.
-pub fn graph(args: &GraphArgs, registry: &Registry) -> Result<Exit, Stop> {
-    let Loaded { plan, .. } = load(&args.experiment, registry, true)?;
-    if args.json {
-        outputs::print(&plan.graph_json())?;
-        return Ok(Exit::Whole);
-    }
-    print(match args.format {
-        GraphFormat::Mermaid => plan.mermaid(),
-        GraphFormat::Dot => plan.dot(),
-    })?;
-    Ok(Exit::Whole)
 }
 
 #[cfg(test)]

@@ -10,9 +10,9 @@ use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::args::RecoverArgs;
-use crate::outputs::{self, CommandOutput, Output};
+use crate::output;
 use depthloom_graphs::counted;
-use depthloom_terminal::{Exit, Stop, print_path, say};
+use depthloom_terminal::{CliError, ExitCode, print_path, say};
 
 /// Of `recover`: the recording that was made.
 #[derive(JsonSchema, Serialize)]
@@ -21,37 +21,34 @@ pub struct Recover {
     frames: u64,
 }
 
-impl CommandOutput for Recover {
-    const OUTPUT: Output = Output::Recover;
-}
-
 /// Copies what was committed, and closes it with a summary.
-pub fn recover(args: &RecoverArgs) -> Result<Exit, Stop> {
-    let path = recording_of(&args.file, "recover")?;
+pub fn recover(args: &RecoverArgs) -> Result<ExitCode, CliError> {
+    let path = recording_of(&args.run, "recover")?;
     let out = args.out.clone().unwrap_or_else(|| named_after(&path));
     if out.symlink_metadata().is_ok() {
-        return Err(Stop::new(Exit::Before, format!("{} exists already", out.display())).remedy("choose another --out"));
+        return Err(CliError::usage(format!("{} exists already", out.display()), "choose another --out"));
     }
     let recording = open(&path)?;
     let partial = depthloom_durable::partial_name(&out);
     if partial.symlink_metadata().is_ok() {
         let what = format!("{} exists already: what an earlier attempt left, or one that goes on", partial.display());
-        return Err(Stop::new(Exit::Before, what).remedy("remove it, or choose another --out"));
+        return Err(CliError::usage(what, "remove it, or choose another --out"));
     }
     let frames = depthloom_recording::recover(&recording, &partial).map_err(|error| {
-        let exit = if matches!(error, RecordingError::Missing { .. }) { Exit::Before } else { Exit::Engine };
+        let exit = if matches!(error, RecordingError::Missing { .. }) { ExitCode::Usage } else { ExitCode::Engine };
         let _ = std::fs::remove_file(&partial);
-        Stop::remedied(exit, "failed to recover the recording", &error)
+        CliError::remedied(exit, "failed to recover the recording", &error)
     })?;
-    depthloom_durable::rename(&partial, &out)
-        .map_err(|error| Stop::of_writing(Exit::Engine, format_args!("failed to write {}", out.display()), &error))?;
-    if args.json {
-        outputs::print(&Recover { recording: out.to_string_lossy().into_owned(), frames })?;
+    depthloom_durable::rename(&partial, &out).map_err(|error| {
+        CliError::of_writing(ExitCode::Engine, format_args!("failed to write {}", out.display()), &error)
+    })?;
+    if args.output.json {
+        output::print(&Recover { recording: out.to_string_lossy().into_owned(), frames })?;
     } else {
         say(format_args!("recovered {} of {}", counted(frames, "frame"), path.display()));
         print_path("", &out)?;
     }
-    Ok(Exit::Whole)
+    Ok(ExitCode::Success)
 }
 
 /// `<run>.recovered.mcap`, or `<file>.recovered.mcap`, in the current folder.

@@ -8,18 +8,17 @@ use depthloom_graphs::{Registry, counted};
 use depthloom_recording::Recording;
 use depthloom_runner::{Options, run};
 use depthloom_runs::open;
-use depthloom_runs::recording_of;
-use depthloom_terminal::{Exit, Stop, aligned, print, say};
+use depthloom_runs::{recording_of, run_failed};
+use depthloom_terminal::{CliError, ExitCode, aligned, print, say};
 use depthloom_verify::{Checker, Outcome, Placed, Tally, Tolerances, Unchecked};
 use schemars::JsonSchema;
 use serde::Serialize;
 use serde_json::{Value as Json, json};
 
-use super::run::stop_of;
 use crate::allow_exec;
 use crate::args::ReplayArgs;
 use crate::diagnostics::Error;
-use crate::outputs::{self, CommandOutput, Output};
+use crate::output;
 use crate::progress::Progress;
 use crate::signals;
 
@@ -41,10 +40,6 @@ pub struct Replay {
     damage: Vec<String>,
     #[serde(skip_serializing_if = "Option::is_none")]
     error: Option<Error>,
-}
-
-impl CommandOutput for Replay {
-    const OUTPUT: Output = Output::Replay;
 }
 
 /// A node that was made again.
@@ -100,7 +95,7 @@ pub struct Difference {
 }
 
 /// Makes nodes again and says whether their values are those recorded.
-pub fn replay(args: &ReplayArgs, registry: &Registry) -> Result<Exit, Stop> {
+pub fn replay(args: &ReplayArgs, registry: &Registry) -> Result<ExitCode, CliError> {
     allow_exec::decide(args.exec, None)?;
     let path = recording_of(&args.run, "replay")?;
     let interrupt = signals::listen("stopping: nothing is written")?;
@@ -114,9 +109,9 @@ pub fn replay(args: &ReplayArgs, registry: &Registry) -> Result<Exit, Stop> {
     let options = Options { workers: args.workers.map_or(default.workers, usize::from), keep_going: true, ..default };
     let progress = Progress::new(&replay.ready.plan, true);
     let checker = Checker::new(Arc::clone(&recording), &mut replay, Tolerances::of(&args.tolerance));
-    let report = run(replay.ready, &checker, &options, &progress, &interrupt).map_err(|error| stop_of(&error))?;
+    let report = run(replay.ready, &checker, &options, &progress, &interrupt).map_err(|error| run_failed(&error))?;
     if report.interrupted {
-        return Err(Stop::new(Exit::Interrupted, "interrupted: not all was compared"));
+        return Err(CliError::new(ExitCode::Interrupted, "interrupted: not all was compared"));
     }
 
     let Outcome { checked, behind, failed, mut damage } = checker.finish();
@@ -124,35 +119,31 @@ pub fn replay(args: &ReplayArgs, registry: &Registry) -> Result<Exit, Stop> {
     let unchecked = unchecked.into_iter().chain(behind).collect();
     let told = Told { recording: &recording, checked, unchecked, failed };
     let verdict = told.verdict(&damage);
-    if args.json {
-        outputs::print(&told.output(args, damage, verdict.as_ref()))?;
+    if args.output.json {
+        output::print(&told.output(args, damage, verdict.as_ref()))?;
     } else {
         print(told.text())?;
         damage.iter().take(TOLD).for_each(|what| say(format_args!("damaged: {what}")));
     }
-    Ok(verdict.map_or(Exit::Whole, |stop| {
-        say(&stop.message);
+    Ok(verdict.map_or(ExitCode::Success, |stop| {
+        say(&stop.message.what);
         stop.exit
     }))
 }
 
 /// What is to be said where a pattern names no node.
-fn unknown(recording: &Recording, pattern: &str) -> Stop {
+fn unknown(recording: &Recording, pattern: &str) -> CliError {
     let runs = &recording.plan().runs;
     let names: Vec<String> = runs
         .iter()
         .flat_map(|run| run.nodes.iter().flat_map(|node| [node.name.clone(), format!("{}.{}", run.stage, node.name)]))
         .collect();
-    let stop = Stop::new(Exit::Before, format!("the recording has no node `{pattern}`"));
-    match nearest(pattern, names.iter().map(String::as_str)) {
-        Some(near) => stop.remedy(format!("did you mean `{near}`?")),
-        None => {
-            let mut names: Vec<&str> = runs.iter().flat_map(|run| &run.nodes).map(|node| node.name.as_str()).collect();
-            names.sort_unstable();
-            names.dedup();
-            stop.remedy(format!("its nodes are {}", names.join(", ")))
-        }
-    }
+    let mut nodes: Vec<&str> = runs.iter().flat_map(|run| &run.nodes).map(|node| node.name.as_str()).collect();
+    nodes.sort_unstable();
+    nodes.dedup();
+    let near = nearest(pattern, names.iter().map(String::as_str));
+    let what = format!("the recording has no node `{pattern}`");
+    CliError::unknown(what, near, format!("its nodes are {}", nodes.join(", ")))
 }
 
 /// Refuses what would pass without a comparison: nothing at all to compare, or not what was asked for by name.
@@ -161,7 +152,7 @@ fn refuse(
     recording: &Recording,
     replay: &depthloom_verify::Replay,
     unchecked: &[Unchecked],
-) -> Result<(), Stop> {
+) -> Result<(), CliError> {
     let is_named = |node: &Unchecked| {
         let (run, name) = (&recording.plan().runs[node.run], &recording.plan().runs[node.run].nodes[node.node].name);
         args.nodes.iter().any(|of| of == name || *of == format!("{}.{name}", run.stage))
@@ -171,12 +162,13 @@ fn refuse(
     let in_the_way = unchecked.iter().find(|node| is_named(node)).or_else(|| unchecked.first().filter(|_| !compares));
     match in_the_way {
         Some(node) if node.is_damage => {
-            Err(Stop::new(Exit::Frames, format!("the recording is damaged: {}", told(node))))
+            Err(CliError::new(ExitCode::FrameFailures, format!("the recording is damaged: {}", told(node))))
         }
-        Some(node) => Err(Stop::new(Exit::Before, format!("cannot make again {}", told(node))).remedy(
+        Some(node) => Err(CliError::usage(
+            format!("cannot make again {}", told(node)),
             "`record:` of the experiment says what is recorded; without names, the nodes that can be are compared",
         )),
-        None if !compares => Err(Stop::new(Exit::Before, "nothing is recorded that could be compared")),
+        None if !compares => Err(CliError::new(ExitCode::Usage, "nothing is recorded that could be compared")),
         None => Ok(()),
     }
 }
@@ -214,7 +206,7 @@ impl Told<'_> {
         self.different().next().is_none() && self.failed.is_empty()
     }
 
-    fn verdict(&self, damage: &[String]) -> Option<Stop> {
+    fn verdict(&self, damage: &[String]) -> Option<CliError> {
         let has_failed = |run: usize, node: &depthloom_verify::Replayed| {
             self.failed.iter().any(|of| (of.run, of.node) == (run, node.recorded))
         };
@@ -226,7 +218,7 @@ impl Told<'_> {
         let damaged = (!damage.is_empty()).then(|| "the recording is damaged".to_owned());
         let what: Vec<String> = [differ, failed].into_iter().flatten().collect();
         let what = if what.is_empty() { damaged } else { Some(what.join(", ")) };
-        what.map(|what| Stop::new(Exit::Frames, what))
+        what.map(|what| CliError::new(ExitCode::FrameFailures, what))
     }
 
     fn text(&self) -> String {
@@ -283,7 +275,7 @@ impl Told<'_> {
     }
 
     /// For programs.
-    fn output(&self, args: &ReplayArgs, damage: Vec<String>, verdict: Option<&Stop>) -> Replay {
+    fn output(&self, args: &ReplayArgs, damage: Vec<String>, verdict: Option<&CliError>) -> Replay {
         let checked = self.checked.iter().map(|(run, node, tally)| {
             let NotReplayed { stage, node: name, kind, version, variants, .. } = self.node(*run, node.recorded, "");
             Replayed {

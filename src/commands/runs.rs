@@ -6,7 +6,13 @@ mod rm;
 mod show;
 mod why;
 
-use depthloom_terminal::{Exit, Stop};
+use std::path::Path;
+
+use depthloom_runs::{FoundRun, all, bytes_in, run_folder::Removal};
+use depthloom_terminal::{CliError, ExitCode, print};
+use schemars::JsonSchema;
+use serde::Serialize;
+
 pub use list::RunsList;
 pub use prune::RunsPrune;
 pub use rm::RunsRm;
@@ -14,14 +20,78 @@ pub use show::RunsShow;
 pub use why::RunsWhy;
 
 use crate::args::{RunsArgs, RunsCommand};
+use crate::diagnostics::{Error, print_stop};
+use crate::output::{self, CommandOutput};
+use crate::sizes::size;
 
 /// Lists runs, or does what else is asked for with them.
-pub fn runs(args: &RunsArgs) -> Result<Exit, Stop> {
+pub fn runs(args: &RunsArgs) -> Result<ExitCode, CliError> {
     match &args.command {
         None | Some(RunsCommand::List) => list::list(args),
         Some(RunsCommand::Show(asked)) => show::show(args, asked),
         Some(RunsCommand::Why(asked)) => why::why(args, asked),
         Some(RunsCommand::Rm(asked)) => rm::rm(args, asked),
         Some(RunsCommand::Prune(rules)) => prune::prune(args, rules),
+    }
+}
+
+/// The runs of the folder, oldest first.
+fn all_in(args: &RunsArgs) -> Result<Vec<FoundRun>, CliError> {
+    all(&args.folder).map_err(|error| {
+        let stop = CliError::because(ExitCode::Usage, format_args!("failed to list {}", args.folder.display()), &error);
+        stop.remedy("runs lie in `runs` where `depthloom run` was called without --out; name another folder with --in")
+    })
+}
+
+/// A run that was removed.
+#[derive(JsonSchema, Serialize)]
+pub struct Removed {
+    path: String,
+    bytes: u64,
+}
+
+/// What was removed.
+#[derive(Default)]
+struct RemovedRuns {
+    runs: Vec<Removed>,
+    bytes: u64,
+    failed: Vec<CliError>,
+}
+
+impl RemovedRuns {
+    /// Removes a run and says so; what fails is kept to be told, and the others go on.
+    fn remove(&mut self, removal: Removal, as_json: bool) -> Result<(), CliError> {
+        let (folder, bytes) = (removal.folder().to_owned(), bytes_in(removal.folder()));
+        match removal.remove() {
+            Ok(()) => self.add("removed", &folder, bytes, as_json)?,
+            Err(stop) => self.failed.push(stop),
+        }
+        Ok(())
+    }
+
+    /// Says what was done, or would be.
+    fn add(&mut self, what: &str, folder: &Path, bytes: u64, as_json: bool) -> Result<(), CliError> {
+        self.bytes += bytes;
+        self.runs.push(Removed { path: folder.to_string_lossy().into_owned(), bytes });
+        if as_json { Ok(()) } else { print(format!("{what} {} ({})\n", folder.display(), size(bytes))) }
+    }
+
+    /// How many, and how many bytes they had.
+    const fn sum(&self) -> (usize, u64) {
+        (self.runs.len(), self.bytes)
+    }
+
+    /// Tells programs what was removed, in the output that `output` makes of it, and everybody what could not be.
+    fn tell<T: CommandOutput>(
+        self,
+        args: &RunsArgs,
+        output: impl FnOnce(Vec<Removed>, u64, Option<Error>) -> T,
+    ) -> Result<ExitCode, CliError> {
+        let exit = self.failed.first().map_or(ExitCode::Success, |stop| stop.exit);
+        self.failed.iter().for_each(print_stop);
+        if args.json {
+            output::print(&output(self.runs, self.bytes, self.failed.first().map(Error::from)))?;
+        }
+        Ok(exit)
     }
 }

@@ -8,7 +8,7 @@ use depthloom_nodes::kitti_layout;
 use depthloom_nodes::sources::SyntheticRoadParams;
 use depthloom_runner::Interrupt;
 use depthloom_runs::environment;
-use depthloom_terminal::{Exit, Stop, chain, print_path};
+use depthloom_terminal::{CliError, ExitCode, print_path};
 use depthloom_threads::Budget;
 use indicatif::{ProgressBar, ProgressStyle};
 
@@ -16,7 +16,7 @@ use crate::args::SynthArgs;
 use crate::signals;
 
 /// Writes the frames.
-pub fn synth(args: &SynthArgs) -> Result<Exit, Stop> {
+pub fn synth(args: &SynthArgs) -> Result<ExitCode, CliError> {
     let params = SyntheticRoadParams {
         frames: FrameSelection::Range(0..u64::from(args.frames)),
         seed: args.seed,
@@ -34,21 +34,17 @@ pub fn synth(args: &SynthArgs) -> Result<Exit, Stop> {
     let renderer = Renderer { bar: &bar, interrupt, budget: &budget, has_begun: AtomicBool::new(false) };
     let frames = kitti_layout::write(&args.out, &params, &renderer).map_err(|fault| {
         let exit = match (&fault, renderer.has_begun.load(Ordering::Relaxed)) {
-            (Fault::Cancelled, _) => return Stop::new(Exit::Interrupted, "interrupted"),
-            (_, false) => Exit::Before,
-            (_, true) => Exit::Engine,
+            (Fault::Cancelled, _) => return CliError::new(ExitCode::Interrupted, "interrupted"),
+            (_, false) => ExitCode::Usage,
+            (_, true) => ExitCode::Engine,
         };
-        let stop = Stop::new(exit, chain(&fault));
-        match fault.remedy_text() {
-            Some(remedy) => stop.remedy(remedy),
-            None => stop,
-        }
+        CliError::of(exit, &fault)
     })?;
     bar.finish_and_clear();
     if !args.quiet {
         print_path(&format!("{} in ", counted(frames, "frame")), &args.out)?;
     }
-    Ok(Exit::Whole)
+    Ok(ExitCode::Success)
 }
 
 /// Renders with every core; one frame at a time.

@@ -3,11 +3,9 @@
 use std::ops::Range;
 
 use depthloom_graphs::language;
-use depthloom_terminal::{Problem, Stop, help_of};
+use depthloom_terminal::{CliError, Problem, help_of};
 use schemars::JsonSchema;
 use serde::Serialize;
-
-use crate::outputs::{CommandOutput, Output};
 
 /// Of a command that ended before it had anything else to print.
 #[derive(JsonSchema, Serialize)]
@@ -15,12 +13,8 @@ pub struct Failed {
     error: Error,
 }
 
-impl CommandOutput for Failed {
-    const OUTPUT: Output = Output::Error;
-}
-
-impl From<&Stop> for Failed {
-    fn from(stop: &Stop) -> Self {
+impl From<&CliError> for Failed {
+    fn from(stop: &CliError) -> Self {
         Self { error: Error::from(stop) }
     }
 }
@@ -38,11 +32,11 @@ pub struct Error {
     diagnostics: Vec<Diagnostic>,
 }
 
-impl From<&Stop> for Error {
-    fn from(stop: &Stop) -> Self {
+impl From<&CliError> for Error {
+    fn from(stop: &CliError) -> Self {
         Self {
-            message: stop.message.clone(),
-            help: help_of(&stop.message, stop.remedy.as_deref()),
+            message: stop.message.what.clone(),
+            help: help_of(&stop.message),
             exit_code: stop.exit as u8,
             diagnostics: stop.problems.iter().map(Diagnostic::from).collect(),
         }
@@ -97,10 +91,10 @@ impl From<&Problem> for Diagnostic {
     fn from(problem: &Problem) -> Self {
         match problem {
             Problem::Placed(diagnostic) => diagnostic.into(),
-            Problem::Here(message, help) => Self {
+            Problem::Here(message) => Self {
                 severity: Severity::Error,
-                message: message.clone(),
-                help: help_of(message, help.as_deref()),
+                message: message.what.clone(),
+                help: help_of(message),
                 label: None,
                 file: None,
                 line: None,

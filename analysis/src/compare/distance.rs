@@ -103,7 +103,7 @@ impl DistanceRow {
 /// Compares sides with the first, or with a baseline, by true distance; `samples` are the runs' files of samples.
 ///
 /// # Errors
-/// If a recording or samples cannot be read; [`AnalysisError::Asked`] if what was asked for is not there, or has no pixel in common;
+/// If a recording or samples cannot be read; [`AnalysisError::Request`] if what was asked for is not there, or has no pixel in common;
 /// [`AnalysisError::Stopped`] once `stop` says so.
 pub fn compare_by_distance(
     runs: &[ComparedRun<'_>],

@@ -96,7 +96,7 @@ pub(super) fn answers(ablation: &Ablation<'_>, table: &Table) -> Result<Vec<Json
         match grid {
             Ok(grid) => found.push(json!({ "title": title, "table": grid.page() })),
             // A run without axes has no effects, and one without zones no best of them.
-            Err(AnalysisError::Asked { .. }) => {}
+            Err(AnalysisError::Request { .. }) => {}
             Err(error) => return Err(error),
         }
     }

@@ -98,7 +98,7 @@ impl<'a> OfRun<'a> {
 /// A few frames are held in memory at a time, whatever their number. Equal recordings give equal files.
 ///
 /// # Errors
-/// If the recording cannot be read, or nothing in it was scored with its maps kept ([`AnalysisError::Asked`], with what `record:` would have to name);
+/// If the recording cannot be read, or nothing in it was scored with its maps kept ([`AnalysisError::Request`], with what `record:` would have to name);
 /// if the file cannot be written; [`AnalysisError::Stopped`] once `stop` says so.
 pub fn write_samples(
     recording: &Recording,

@@ -10,7 +10,7 @@ use std::thread;
 use std::time::Duration;
 
 use depthloom_graphs::{Fault, Frame};
-use depthloom_terminal::{Exit, Stop};
+use depthloom_terminal::{CliError, ExitCode};
 use depthloom_threads::{locked, look_for_room};
 use serde_json::{Map, Value as Json, json};
 
@@ -48,16 +48,16 @@ impl Bridge {
     ///
     /// # Errors
     /// If `python` cannot be started, lacks dora's package, or does not reach dora within `limit`.
-    pub fn start(&BridgeStart { python, part, limit }: &BridgeStart<'_>, mailbox: Mailbox) -> Result<Self, Stop> {
+    pub fn start(&BridgeStart { python, part, limit }: &BridgeStart<'_>, mailbox: Mailbox) -> Result<Self, CliError> {
         let wrong = |intent: &str, error: &dyn std::error::Error| {
-            Stop::because(Exit::Before, format!("{intent} `{python}`, which dora is reached by"), error)
+            CliError::because(ExitCode::Usage, format!("{intent} `{python}`, which dora is reached by"), error)
                 .remedy("name a Python that has `dora-rs` with --python, where the dataflow is written: `depthloom dora --python PATH`")
         };
         let mut command = Command::new(python);
         command.args(["-c", PROGRAM]).stdin(Stdio::piped()).stdout(Stdio::piped());
         let mut child = command.spawn().map_err(|error| wrong("failed to start", &error))?;
         let (Some(out), Some(from)) = (child.stdin.take(), child.stdout.take()) else {
-            return Err(Stop::new(Exit::Engine, "a process was started without streams"));
+            return Err(CliError::new(ExitCode::Engine, "a process was started without streams"));
         };
         let mailbox = Arc::new(mailbox);
         let out = Mutex::new(Some(BufWriter::new(out)));
@@ -77,24 +77,24 @@ impl Bridge {
         };
         let started =
             look_for_room().and_then(|()| thread::Builder::new().name("depthloom-dora".to_owned()).spawn(listening));
-        started.map_err(|error| Stop::because(Exit::Engine, "failed to start a thread", &error))?;
+        started.map_err(|error| CliError::because(ExitCode::Engine, "failed to start a thread", &error))?;
         let Ok(first) = first.recv_timeout(limit) else {
             // It waits inside of dora's library, and would not see that its input ends.
             let _ = bridge.child.kill();
             let what = format!("dora did not let node `{part}` begin within {} s", limit.as_secs());
-            return Err(Stop::new(Exit::Engine, what).remedy(
+            return Err(CliError::new(ExitCode::Engine, what).remedy(
                 "another node of the dataflow may not have started, its log says why (`dora logs`); run it again, or give it longer: `depthloom dora --start-timeout SECONDS`",
             ));
         };
         let first = first.map_err(|error| {
-            Stop::because(
-                Exit::Before,
+            CliError::because(
+                ExitCode::Usage,
                 format!("`{python}`, which dora is reached by, ended before dora knew the node"),
                 &error,
             )
         })?;
         if let Some(lacks) = first.head.get("lacks").and_then(Json::as_str) {
-            let stop = Stop::new(Exit::Before, format!("dora cannot be reached: {lacks}"));
+            let stop = CliError::new(ExitCode::Usage, format!("dora cannot be reached: {lacks}"));
             return Err(stop.remedy(if first.head.contains_key("outside") {
                 "dora starts this command: `depthloom dora EXPERIMENT > dataflow.yml`, then `dora run dataflow.yml`"
             } else {

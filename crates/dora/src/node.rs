@@ -6,9 +6,9 @@ use std::sync::atomic::AtomicUsize;
 
 use depthloom_graphs::plan::Plan;
 use depthloom_graphs::ready::{NotReady, Ready, ReadyRun};
-use depthloom_graphs::{Fault, Registry, Source};
+use depthloom_graphs::{Fault, Registry, Source, chain};
 use depthloom_runner::{Interrupt, Observer, Options, RunError};
-use depthloom_terminal::{Exit, Stop, chain, say};
+use depthloom_terminal::{CliError, ExitCode, say};
 
 use crate::bridge::Bridge;
 use crate::channel;
@@ -30,12 +30,14 @@ pub fn run(
     bridge: &Arc<Bridge>,
     options: &Options,
     interrupt: &Interrupt,
-) -> Result<Exit, Stop> {
-    let gone = |fault: Fault| Stop::new(Exit::Engine, fault.chain());
+) -> Result<ExitCode, CliError> {
+    let gone = |fault: Fault| CliError::new(ExitCode::Engine, fault.chain());
     let made = match part.role {
         Role::Source { run } => source_piece(plan, run, registry),
         Role::Node { run, node } => node_piece(plan, (run, node), part, registry, bridge, interrupt),
-        Role::Foreign { .. } | Role::Recorder => return Err(Stop::new(Exit::Before, "this is no part of the plan")),
+        Role::Foreign { .. } | Role::Recorder => {
+            return Err(CliError::new(ExitCode::Usage, "this is no part of the plan"));
+        }
     };
     let piece = match made {
         Ok(piece) => piece,
@@ -44,7 +46,7 @@ pub fn run(
             let readiness = Readiness { missing: missing.iter().map(told).collect(), ..Readiness::default() };
             bridge.send(channel::READY, None, &of_text(&readiness.text())).map_err(gone)?;
             bridge.mailbox.wait_for_the_end();
-            return Ok(Exit::Before);
+            return Ok(ExitCode::Usage);
         }
     };
     let whole = plan;
@@ -62,7 +64,7 @@ pub fn run(
             let frames = match arrived {
                 Ok(arrived) => frames(&arrived).map_err(gone)?,
                 // The run ended before it began.
-                Err(_) => return Ok(Exit::Whole),
+                Err(_) => return Ok(ExitCode::Success),
             };
             let _ = bridge.frames.set(frames.clone());
             Box::new(Incoming { bridge: Arc::clone(bridge), frames, ports, interrupt: interrupt.clone() })
@@ -70,7 +72,7 @@ pub fn run(
         Comes::Nothing => {
             if let (Role::Node { run, node }, Some(own)) = (part.role, plan.runs[0].nodes.last_mut()) {
                 let Ok(arrived) = bridge.mailbox.take(channel::ENGINES, None, &|| interrupt.aborts()) else {
-                    return Ok(Exit::Whole);
+                    return Ok(ExitCode::Success);
                 };
                 let engines = engines(&arrived).map_err(gone)?;
                 let whole = Ready::of(whole.clone(), Vec::new(), BTreeMap::new(), &engines).plan;
@@ -98,9 +100,9 @@ pub fn run(
     tap.close(&ran).map_err(gone)?;
     bridge.mailbox.wait_for_the_end();
     Ok(match ran {
-        Ok(_) | Err(RunError::Aborted) => Exit::Whole,
-        Err(error) if error.is_of_a_frame() => Exit::Frames,
-        Err(_) => Exit::Engine,
+        Ok(_) | Err(RunError::Aborted) => ExitCode::Success,
+        Err(error) if error.is_of_a_frame() => ExitCode::FrameFailures,
+        Err(_) => ExitCode::Engine,
     })
 }
 

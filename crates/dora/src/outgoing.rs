@@ -4,11 +4,10 @@ use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 
-use depthloom_graphs::contracts::{Commit, Contract, Slot, Tap, TapError, Warned};
+use depthloom_graphs::contracts::{Commit, Contract, ErrorMessage, Slot, Tap, Warned};
 use depthloom_graphs::plan::StageRun;
-use depthloom_graphs::{Fault, Frame, Key, Rate, Value};
+use depthloom_graphs::{Fault, Frame, Key, Rate, Value, chain};
 use depthloom_runner::RunError;
-use depthloom_terminal::chain;
 use depthloom_threads::locked;
 
 use crate::bridge::Bridge;
@@ -85,10 +84,6 @@ impl<'a> Outgoing<'a> {
     }
 }
 
-fn tap_error(fault: &Fault) -> TapError {
-    TapError::new(fault.chain())
-}
-
 impl Tap for Outgoing<'_> {
     type Part = ();
 
@@ -100,12 +95,18 @@ impl Tap for Outgoing<'_> {
         self.slots.iter().position(|(of, _)| *of == slot)
     }
 
-    fn encode(&self, _: usize, frame: (usize, &Frame), part: usize, values: &[(Slot, Value)]) -> Result<(), TapError> {
+    fn encode(
+        &self,
+        _: usize,
+        frame: (usize, &Frame),
+        part: usize,
+        values: &[(Slot, Value)],
+    ) -> Result<(), ErrorMessage> {
         let stream = values.first().map(|(_, value)| of_value(value)).unwrap_or_default();
-        self.bridge.send(self.slots[part].1, Some(frame), &stream).map_err(|fault| tap_error(&fault))
+        self.bridge.send(self.slots[part].1, Some(frame), &stream).map_err(ErrorMessage::from)
     }
 
-    fn write(&self, commit: &Commit<'_>, _: Vec<()>) -> Result<(), TapError> {
+    fn write(&self, commit: &Commit<'_>, _: Vec<()>) -> Result<(), ErrorMessage> {
         let position = self.written.fetch_add(1, Ordering::SeqCst);
         let is_ours = |slot: &Slot| self.slots.iter().find(|(of, _)| of == slot);
         let absent = commit.absent.iter().filter_map(is_ours).map(|(_, port)| (*port).to_owned()).collect();
@@ -120,14 +121,14 @@ impl Tap for Outgoing<'_> {
             failed: own.map(|failure| (failure.what.clone(), remedy)),
         };
         let stream = of_text(&report.text());
-        self.bridge.send(channel::REPORT, Some((position, commit.frame)), &stream).map_err(|fault| tap_error(&fault))
+        self.bridge.send(channel::REPORT, Some((position, commit.frame)), &stream).map_err(ErrorMessage::from)
     }
 
-    fn once(&self, run: usize, slot: Slot, _: &Key, value: &Value, warnings: &[Warned]) -> Result<(), TapError> {
+    fn once(&self, run: usize, slot: Slot, _: &Key, value: &Value, warnings: &[Warned]) -> Result<(), ErrorMessage> {
         let _ = run;
         let Slot::Node { port, .. } = slot else { return Ok(()) };
         let Some(name) = self.once_name(port) else { return Ok(()) };
-        self.bridge.send(name, None, &of_value(value)).map_err(|fault| tap_error(&fault))?;
+        self.bridge.send(name, None, &of_value(value))?;
         let mut sent = locked(&self.sent_once);
         sent.0.insert(name);
         sent.1 = warnings.to_vec();

@@ -12,10 +12,10 @@ use depthloom_graphs::values::{
     Artifact, Calibration, Curve, Depth, Disparity, Image, Mask, Pixels, Raster, TrueDisparity, Weight,
 };
 use depthloom_graphs::{
-    Context, Fault, Frame, Inputs, Instance, Key, Outputs, Rate, Source, SourceOutputs, Value, ValueType,
+    Context, ErrorMessage, Fault, Frame, Inputs, Instance, Key, Outputs, Rate, Source, SourceOutputs, Value, ValueType,
 };
 use depthloom_runner::{Interrupt, Observer};
-use depthloom_terminal::{Exit, Problem, Stop};
+use depthloom_terminal::{CliError, ExitCode};
 use image::GrayImage;
 
 use crate::bridge::Bridge;
@@ -34,10 +34,10 @@ pub fn prepare(
     bridge: &Arc<Bridge>,
     interrupt: &Interrupt,
     limit: Duration,
-) -> Result<(Ready, Remote), Stop> {
+) -> Result<(Ready, Remote), CliError> {
     let gone = |fault: Fault| match fault {
-        Fault::Cancelled => Stop::new(Exit::Interrupted, "interrupted"),
-        fault @ Fault::Failed { .. } => Stop::new(Exit::Before, fault.chain()),
+        Fault::Cancelled => CliError::new(ExitCode::Interrupted, "interrupted"),
+        fault @ Fault::Failed(_) => CliError::of(ExitCode::Usage, &fault),
     };
     let cancelled = || interrupt.stops_admission();
     let hear = |id: &str, output: &str| {
@@ -63,14 +63,12 @@ pub fn prepare(
     for run in &plan.runs {
         unread.extend(run.nodes.iter().flat_map(|node| read_files(&run.stage, node, &mut files)));
     }
-    match &*missing {
-        [] if unread.is_empty() => {}
-        [] => return Err(Stop::of_missing(&unread)),
-        [(what, remedy)] => return Err(Stop { remedy: remedy.clone(), ..Stop::new(Exit::Before, what.clone()) }),
-        several => {
-            let stop = Stop::new(Exit::Before, format!("{} things are missing", several.len()));
-            return Err(stop.problems(missing.into_iter().map(|(what, remedy)| Problem::Here(what, remedy))));
-        }
+    if !missing.is_empty() {
+        let message = |(what, remedy)| ErrorMessage { what, remedy, source: None };
+        return Err(CliError::missing(missing.into_iter().map(message).collect()));
+    }
+    if !unread.is_empty() {
+        return Err(CliError::of_missing(&unread));
     }
     bridge.send(channel::ENGINES, None, &of_text(&engines_text(&prints))).map_err(gone)?;
     let mut runs = Vec::new();
@@ -111,7 +109,12 @@ pub fn prepare(
 ///
 /// # Errors
 /// The parts that have not within `limit`.
-fn wait_for_start(layout: &Layout, bridge: &Bridge, cancelled: &dyn Fn() -> bool, limit: Duration) -> Result<(), Stop> {
+fn wait_for_start(
+    layout: &Layout,
+    bridge: &Bridge,
+    cancelled: &dyn Fn() -> bool,
+    limit: Duration,
+) -> Result<(), CliError> {
     let parts = layout.parts.iter().filter(|part| matches!(part.role, Role::Source { .. } | Role::Node { .. }));
     let inputs: Vec<String> = parts.map(|part| format!("{}/{}", part.id, channel::READY)).collect();
     let missing = bridge.mailbox.without_message(&inputs, Instant::now() + limit, cancelled);
@@ -121,7 +124,7 @@ fn wait_for_start(layout: &Layout, bridge: &Bridge, cancelled: &dyn Fn() -> bool
     let suffix = format!("/{}", channel::READY);
     let names: Vec<String> = missing.iter().map(|input| format!("`{}`", input.trim_end_matches(&suffix))).collect();
     let what = format!("not started within {} s: {} of the dataflow", limit.as_secs(), names.join(", "));
-    Err(Stop::new(Exit::Engine, what).remedy(
+    Err(CliError::new(ExitCode::Engine, what).remedy(
         "their logs may say why (`dora logs`); run the dataflow again, or give its nodes longer: `depthloom dora --start-timeout SECONDS`",
     ))
 }

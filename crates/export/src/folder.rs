@@ -6,7 +6,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
-use depthloom_terminal::{Exit, Stop};
+use depthloom_terminal::{CliError, ExitCode};
 use depthloom_threads::locked;
 
 use depthloom_runs::run_folder;
@@ -28,10 +28,10 @@ impl Folder {
     ///
     /// # Errors
     /// If it is no folder, or lies in a run's.
-    pub fn at(path: &Path, overwrite: bool) -> Result<Self, Stop> {
-        let cannot = |what: String| Stop::new(Exit::Before, what).remedy("choose another --out");
+    pub fn at(path: &Path, overwrite: bool) -> Result<Self, CliError> {
+        let cannot = |what: String| CliError::usage(what, "choose another --out");
         let failed = |error: &io::Error| {
-            Stop::because(Exit::Before, format_args!("failed to look at {}", path.display()), error)
+            CliError::because(ExitCode::Usage, format_args!("failed to look at {}", path.display()), error)
         };
         if let Some(run) = run_folder::around(path) {
             let run = run.display();
@@ -58,7 +58,7 @@ impl Folder {
     ///
     /// # Errors
     /// The first file that exists already.
-    pub fn check(&self, files: impl IntoIterator<Item = PathBuf>) -> Result<(), Stop> {
+    pub fn check(&self, files: impl IntoIterator<Item = PathBuf>) -> Result<(), CliError> {
         if self.replaces {
             return Ok(());
         }
@@ -67,8 +67,7 @@ impl Folder {
             None => Ok(()),
             Some(path) => {
                 let what = format!("{} exists already, in a folder that no export made", path.display());
-                Err(Stop::new(Exit::Before, what)
-                    .remedy("choose another --out, or replace what is there with --overwrite"))
+                Err(CliError::usage(what, "choose another --out, or replace what is there with --overwrite"))
             }
         }
     }
@@ -77,14 +76,14 @@ impl Folder {
     ///
     /// # Errors
     /// If it cannot be made.
-    pub fn create(&self) -> Result<(), Stop> {
+    pub fn create(&self) -> Result<(), CliError> {
         let made = fs::create_dir_all(&self.path).and_then(|()| {
             let is_empty = fs::read_dir(&self.path)?.next().is_none();
             depthloom_durable::remove_abandoned(&self.path);
             if is_empty { depthloom_durable::write(&self.path.join(MARKER), b"") } else { Ok(()) }
         });
         made.map_err(|error| {
-            Stop::of_writing(Exit::Before, format_args!("failed to create {}", self.path.display()), &error)
+            CliError::of_writing(ExitCode::Usage, format_args!("failed to create {}", self.path.display()), &error)
         })
     }
 
@@ -92,11 +91,12 @@ impl Folder {
     ///
     /// # Errors
     /// If it cannot be written.
-    pub fn write(&self, file: &Path, bytes: &[u8]) -> Result<(), Stop> {
+    pub fn write(&self, file: &Path, bytes: &[u8]) -> Result<(), CliError> {
         let path = self.path.join(file);
         let made = self.make(file.parent().unwrap_or(Path::new("")));
-        made.and_then(|()| depthloom_durable::write(&path, bytes))
-            .map_err(|error| Stop::of_writing(Exit::Engine, format_args!("failed to write {}", path.display()), &error))
+        made.and_then(|()| depthloom_durable::write(&path, bytes)).map_err(|error| {
+            CliError::of_writing(ExitCode::Engine, format_args!("failed to write {}", path.display()), &error)
+        })
     }
 
     fn make(&self, below: &Path) -> io::Result<()> {
@@ -135,7 +135,7 @@ mod tests {
         fs::remove_file(out.join(super::MARKER)).unwrap();
         fs::write(out.join(file), "mine").unwrap();
         let refused = export(false).unwrap_err();
-        assert!(refused.message.contains("0.png exists already"), "{}", refused.message);
+        assert!(refused.message.what.contains("0.png exists already"), "{}", refused.message.what);
         assert_eq!(fs::read(out.join(file)).unwrap(), b"mine");
         export(true).unwrap();
         assert_eq!(fs::read(out.join(file)).unwrap(), b"new");
@@ -151,7 +151,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         fs::write(folder.path().join(run_folder::MARKER), "").unwrap();
         for out in [folder.path().to_owned(), folder.path().join("a/b")] {
-            assert!(Folder::at(&out, true).err().unwrap().message.contains("is a run's folder"));
+            assert!(Folder::at(&out, true).err().unwrap().message.what.contains("is a run's folder"));
         }
     }
 
@@ -164,7 +164,7 @@ mod tests {
         let export = Folder::at(&out, false).unwrap();
         export.create().unwrap();
         std::os::unix::fs::symlink(&elsewhere, out.join("look")).unwrap();
-        assert!(export.write(Path::new("look/0.png"), b"new").unwrap_err().message.contains("not a folder"));
+        assert!(export.write(Path::new("look/0.png"), b"new").unwrap_err().message.what.contains("not a folder"));
         assert_eq!(fs::read_dir(&elsewhere).unwrap().count(), 0);
     }
 }

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use depthloom_analysis::FrameChoice;
 use depthloom_recording::{RecordedFrame, Recording};
-use depthloom_terminal::Stop;
+use depthloom_terminal::CliError;
 
 use depthloom_runs::failed;
 use depthloom_runs::file_name;
@@ -26,14 +26,14 @@ pub fn frames(
     recording: &Recording,
     runs: &BTreeSet<usize>,
     choice: Option<&FrameChoice>,
-) -> Result<Vec<Frames>, Stop> {
+) -> Result<Vec<Frames>, CliError> {
     let of_run = |run: &usize| (0..recording.frames(*run).len()).map(|at| (*run, at)).collect::<Vec<_>>();
     let places: Vec<(usize, usize)> = runs.iter().flat_map(of_run).collect();
     let all: Vec<&RecordedFrame> = places.iter().map(|&(run, at)| &recording.frames(run)[at]).collect();
     let chosen: BTreeSet<(usize, usize)> = match choice {
         None => places.into_iter().collect(),
         Some(choice) => {
-            let positions = choice.positions(&all).map_err(|error| failed(&error))?;
+            let positions = choice.positions(&all).map_err(failed)?;
             positions.into_iter().map(|at| places[at]).collect()
         }
     };

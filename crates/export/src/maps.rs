@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use depthloom_codecs::files::Colours;
 use depthloom_graphs::{Value, ValueType};
 use depthloom_recording::{RecordedOutput, RecordedRun, Recording, RecordingError};
-use depthloom_terminal::{Exit, Stop};
+use depthloom_terminal::{CliError, ExitCode};
 use depthloom_threads::{Budget, Tiles as _, caught, into_unlocked, locked};
 
 use crate::{Chosen, Exported, Folder, Form, Frames};
@@ -51,7 +51,7 @@ pub struct Maps<'a> {
 #[derive(Default)]
 struct Trouble {
     /// What ended it, at the first place in the order of the work.
-    failed: Option<(usize, Stop)>,
+    failed: Option<(usize, CliError)>,
     /// What is damaged, by place, and was left out.
     damaged: Vec<(usize, RecordingError)>,
 }
@@ -59,7 +59,7 @@ struct Trouble {
 /// Why a frame was not written.
 enum Failed {
     Damage(RecordingError),
-    Stop(Stop),
+    CliError(CliError),
 }
 
 impl<'a> Maps<'a> {
@@ -73,7 +73,7 @@ impl<'a> Maps<'a> {
         chosen: &'a [Chosen<'a>],
         colours: Option<Colours>,
         range: Option<(f64, f64)>,
-    ) -> Result<Self, Stop> {
+    ) -> Result<Self, CliError> {
         let mut groups = Vec::new();
         for run in 0..recording.plan().runs.len() {
             let of_run: Vec<&Chosen<'_>> = chosen.iter().filter(|chosen| chosen.run == run).collect();
@@ -118,7 +118,7 @@ impl<'a> Maps<'a> {
         threads: usize,
         stop: &(dyn Fn() -> bool + Sync),
         done: &(dyn Fn() + Sync),
-    ) -> Result<Vec<RecordingError>, Stop> {
+    ) -> Result<Vec<RecordingError>, CliError> {
         let jobs =
             self.groups.iter().flat_map(|group| self.frames[group.run].positions.iter().map(move |at| (group, *at)));
         let jobs: Vec<(&Group<'_>, usize)> = jobs.collect();
@@ -133,14 +133,14 @@ impl<'a> Maps<'a> {
             let written = caught(|| self.write_frame(group, position, folder));
             let written = written.unwrap_or_else(|panic| {
                 let what = format!("the export panicked: {}", panic.0);
-                Err(Failed::Stop(
-                    Stop::new(Exit::Engine, what).remedy("this is an error in the engine: please report it"),
+                Err(Failed::CliError(
+                    CliError::new(ExitCode::Engine, what).remedy("this is an error in the engine: please report it"),
                 ))
             });
             match written {
                 Ok(()) => {}
                 Err(Failed::Damage(error)) => locked(&trouble).damaged.push((job, error)),
-                Err(Failed::Stop(stop)) => {
+                Err(Failed::CliError(stop)) => {
                     let mut trouble = locked(&trouble);
                     if trouble.failed.as_ref().is_none_or(|(earlier, _)| job < *earlier) {
                         trouble.failed = Some((job, stop));
@@ -163,7 +163,7 @@ impl<'a> Maps<'a> {
             if error.is_damage() {
                 Failed::Damage(error)
             } else {
-                Failed::Stop(Stop::remedied(Exit::Engine, "failed to read the recording", &error))
+                Failed::CliError(CliError::remedied(ExitCode::Engine, "failed to read the recording", &error))
             }
         })?;
         let calibration = group.calibration.and_then(|place| match &values[place] {
@@ -179,9 +179,14 @@ impl<'a> Maps<'a> {
             let name = &self.frames[group.run].names[position];
             let file = series.form.file(value, calibration, image, &series.caps_m).map_err(|what| {
                 let frame = &self.recording.frames(group.run)[position].id;
-                Failed::Stop(Stop::new(Exit::Engine, format!("frame {frame}, topic {}: {what}", series.chosen.topic)))
+                Failed::CliError(CliError::new(
+                    ExitCode::Engine,
+                    format!("frame {frame}, topic {}: {what}", series.chosen.topic),
+                ))
             })?;
-            folder.write(&series.folder.join(format!("{name}.{}", file.ending)), &file.bytes).map_err(Failed::Stop)?;
+            folder
+                .write(&series.folder.join(format!("{name}.{}", file.ending)), &file.bytes)
+                .map_err(Failed::CliError)?;
             series.files.fetch_add(1, Ordering::Relaxed);
             series.jpegs.fetch_add(u64::from(file.ending != series.form.ending()), Ordering::Relaxed);
             series.clipped.fetch_add(file.clipped, Ordering::Relaxed);
@@ -229,7 +234,7 @@ impl<'a> Group<'a> {
         chosen: &[&'a Chosen<'a>],
         colours: Option<Colours>,
         range: Option<(f64, f64)>,
-    ) -> Result<Self, Stop> {
+    ) -> Result<Self, CliError> {
         let mut group = Self { run, topics: Vec::new(), series: Vec::new(), calibration: None, image: None };
         for &chosen in chosen {
             for &format in &chosen.formats {
@@ -254,8 +259,10 @@ impl<'a> Group<'a> {
             let Some(calibration) = first(ValueType::Calibration).filter(recorded) else {
                 let stage = recording.plan().runs[run].name();
                 let what = format!("there are no points without a calibration, and stage `{stage}` recorded none");
-                return Err(Stop::new(Exit::Before, what)
-                    .remedy("let `record:` keep `source/calibration`, and run the experiment again"));
+                return Err(CliError::usage(
+                    what,
+                    "let `record:` keep `source/calibration`, and run the experiment again",
+                ));
             };
             group.calibration = Some(group.place(&calibration.topic));
             // The source's first image is of the camera that all maps are of.

@@ -4,7 +4,7 @@ use depthloom_analysis::{AnalysisError, TopicRows, curve_rows, topic_rows};
 use depthloom_graphs::Value;
 use depthloom_graphs::contracts::Slot;
 use depthloom_recording::{RecordedOnce, Recording, RecordingError};
-use depthloom_terminal::{Exit, Stop};
+use depthloom_terminal::{CliError, ExitCode};
 
 use crate::ExportFormat;
 use crate::{Chosen, Exported, Folder, Frames};
@@ -13,7 +13,7 @@ use crate::{Chosen, Exported, Folder, Frames};
 ///
 /// # Errors
 /// If the recording is damaged there, or the file cannot be written.
-pub fn write_model(recording: &Recording, chosen: &Chosen<'_>, folder: &Folder) -> Result<Exported, Stop> {
+pub fn write_model(recording: &Recording, chosen: &Chosen<'_>, folder: &Folder) -> Result<Exported, CliError> {
     let format = ExportFormat::Onnx;
     let once = once_value(recording, chosen);
     let value =
@@ -32,7 +32,7 @@ pub fn write_rows(
     frames: &Frames,
     folder: &Folder,
     stop: &dyn Fn() -> bool,
-) -> Result<Option<(Exported, Vec<RecordingError>)>, Stop> {
+) -> Result<Option<(Exported, Vec<RecordingError>)>, CliError> {
     let of_curve = |once: &RecordedOnce| -> Result<Option<TopicRows>, AnalysisError> {
         match recording.once_value(once)? {
             Value::Curve(curve) => curve_rows(recording.plan(), once.run, once.node, &curve).map(Some),
@@ -47,8 +47,8 @@ pub fn write_rows(
         Ok(rows) => rows.filter(|rows| rows.rows > 0 || !rows.damaged.is_empty()),
         Err(AnalysisError::Stopped) => return Ok(None),
         Err(error) => {
-            let exit = if error.is_damage() { Exit::Frames } else { Exit::Engine };
-            return Err(Stop::remedied(exit, format_args!("failed to export {}", chosen.name), &error));
+            let exit = if error.is_damage() { ExitCode::FrameFailures } else { ExitCode::Engine };
+            return Err(CliError::remedied(exit, format_args!("failed to export {}", chosen.name), &error));
         }
     };
     let (parquet, damaged) = rows.map(|rows| (rows.parquet, rows.damaged)).unzip();
@@ -64,13 +64,18 @@ fn once_value<'a>(recording: &'a Recording, chosen: &Chosen<'_>) -> Option<&'a R
     recording.once_values().iter().find(is_it)
 }
 
-fn unread(what: &str, error: &RecordingError) -> Stop {
-    let exit = if error.is_damage() { Exit::Frames } else { Exit::Engine };
-    Stop::remedied(exit, format_args!("failed to read {what}"), error)
+fn unread(what: &str, error: &RecordingError) -> CliError {
+    let exit = if error.is_damage() { ExitCode::FrameFailures } else { ExitCode::Engine };
+    CliError::remedied(exit, format_args!("failed to read {what}"), error)
 }
 
 /// Writes the file of a topic, if it has anything.
-fn write(chosen: &Chosen<'_>, format: ExportFormat, bytes: Option<&[u8]>, folder: &Folder) -> Result<Exported, Stop> {
+fn write(
+    chosen: &Chosen<'_>,
+    format: ExportFormat,
+    bytes: Option<&[u8]>,
+    folder: &Folder,
+) -> Result<Exported, CliError> {
     let path = chosen.path_with(format.name());
     if let Some(bytes) = bytes {
         folder.write(&path, bytes)?;

@@ -7,7 +7,7 @@ use depthloom_graphs::ValueType;
 use depthloom_graphs::contracts::Slot;
 use depthloom_graphs::language::{glob, nearest};
 use depthloom_recording::RecordedPlan;
-use depthloom_terminal::{Exit, Stop};
+use depthloom_terminal::{CliError, ExitCode};
 
 use crate::ExportFormat;
 use crate::form::formats_of;
@@ -55,7 +55,7 @@ pub fn chosen<'a>(
     plan: &'a RecordedPlan,
     patterns: &[String],
     formats: &[ExportFormat],
-) -> Result<Vec<Chosen<'a>>, Stop> {
+) -> Result<Vec<Chosen<'a>>, CliError> {
     let outputs: Vec<Output<'a>> = outputs(plan);
     let patterns: &Vec<String> = &patterns.iter().map(|pattern| of_source(pattern, &outputs)).collect();
     patterns.iter().try_for_each(|pattern| check(pattern, &outputs, formats))?;
@@ -76,8 +76,10 @@ pub fn chosen<'a>(
     }
     if chosen.is_empty() {
         let asked = if formats.is_empty() { String::new() } else { format!(" as {}", named(formats)) };
-        return Err(Stop::new(Exit::Before, format!("nothing that was recorded can be exported{asked}"))
-            .remedy("`depthloom info RUN` says what was recorded"));
+        return Err(CliError::usage(
+            format!("nothing that was recorded can be exported{asked}"),
+            "`depthloom info RUN` says what was recorded",
+        ));
     }
     Ok(chosen)
 }
@@ -157,13 +159,15 @@ fn is_of(pattern: &str, topic: &str) -> bool {
 }
 
 /// That a pattern names something that can be exported so.
-fn check(pattern: &str, outputs: &[Output<'_>], formats: &[ExportFormat]) -> Result<(), Stop> {
+fn check(pattern: &str, outputs: &[Output<'_>], formats: &[ExportFormat]) -> Result<(), CliError> {
     let named_by: Vec<&Output<'_>> = outputs.iter().filter(|output| output.name_by(pattern).is_some()).collect();
     let Some(any) = named_by.first() else { return Err(unknown(pattern, outputs)) };
     let recorded: Vec<&Output<'_>> = named_by.iter().copied().filter(|output| output.recorded).collect();
     let Some(first) = recorded.first() else {
-        return Err(Stop::new(Exit::Before, format!("topic {} was not recorded", any.names[0]))
-            .remedy("let `record:` keep it, and run the experiment again"));
+        return Err(CliError::usage(
+            format!("topic {} was not recorded", any.names[0]),
+            "let `record:` keep it, and run the experiment again",
+        ));
     };
     if recorded.iter().any(|output| !output.formats(formats).is_empty()) {
         return Ok(());
@@ -171,22 +175,21 @@ fn check(pattern: &str, outputs: &[Output<'_>], formats: &[ExportFormat]) -> Res
     let carries = first.value_type.map_or("what this version does not know", ValueType::name);
     let of = format!("topic {} carries {carries}", first.names[0]);
     Err(match first.value_type.map_or(&[][..], formats_of) {
-        [] => Stop::new(Exit::Before, format!("{of}, which is not exported")),
-        has => Stop::new(Exit::Before, format!("{of}, which is not exported as {}", named(formats)))
-            .remedy(format!("it can be {}", named(has))),
+        [] => CliError::new(ExitCode::Usage, format!("{of}, which is not exported")),
+        has => CliError::usage(
+            format!("{of}, which is not exported as {}", named(formats)),
+            format!("it can be {}", named(has)),
+        ),
     })
 }
 
 /// That nothing is called so, and what is.
-fn unknown(pattern: &str, outputs: &[Output<'_>]) -> Stop {
-    let stop = Stop::new(Exit::Before, format!("the run has no topic `{pattern}`"));
+fn unknown(pattern: &str, outputs: &[Output<'_>]) -> CliError {
     let ends = outputs.iter().flat_map(|output| &output.names).flat_map(|name| ends_of(name));
-    if let Some(near) = nearest(pattern, ends) {
-        return stop.remedy(format!("did you mean `{near}`?"));
-    }
     let topics: Vec<&str> = outputs.iter().filter(|output| output.recorded).map(|output| output.names[0]).collect();
     let others = if topics.len() > TOLD { ", ... (`depthloom info RUN` has all)" } else { "" };
-    stop.remedy(format!("it has {}{others}", topics[..topics.len().min(TOLD)].join(", ")))
+    let has = format!("it has {}{others}", topics[..topics.len().min(TOLD)].join(", "));
+    CliError::unknown(format!("the run has no topic `{pattern}`"), nearest(pattern, ends), has)
 }
 
 /// A topic, its ends, and its node: what a pattern without `*` may be.

@@ -7,10 +7,10 @@ use std::time::SystemTime;
 use depthloom_graphs::contracts::{InlineHost, SlotKey};
 use depthloom_graphs::plan::Plan;
 use depthloom_graphs::ready::Ready;
-use depthloom_graphs::{Frame, Key, counted};
+use depthloom_graphs::{Frame, Key, chain, counted};
 use depthloom_recording::{EarlierRuns, Recording, RecordingError};
 use depthloom_runner::{Audit, KeptValues, Report};
-use depthloom_terminal::{Exit, Stop, chain};
+use depthloom_terminal::{CliError, ExitCode};
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -68,12 +68,13 @@ impl KeptValues for Kept<'_> {
 ///
 /// # Errors
 /// If today's keys cannot be computed.
-pub fn outdated(ready: &Ready, earlier: &EarlierRuns, recording: &Recording) -> Result<Option<String>, Stop> {
+pub fn outdated(ready: &Ready, earlier: &EarlierRuns, recording: &Recording) -> Result<Option<String>, CliError> {
     if !recording.has_plan(&ready.plan) {
         return Ok(Some("an engine or a program that it used changed".to_owned()));
     }
     let outdated = depthloom_runner::outdated(ready, earlier, &Kept(recording), &InlineHost);
-    let outdated = outdated.map_err(|what| Stop::new(Exit::Engine, format!("failed to compare cache keys: {what}")))?;
+    let outdated =
+        outdated.map_err(|what| CliError::new(ExitCode::Engine, format!("failed to compare cache keys: {what}")))?;
     Ok(outdated.map(|outdated| outdated.to_string()))
 }
 

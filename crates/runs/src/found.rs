@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
 use chrono::{DateTime, NaiveDateTime, Utc};
-use depthloom_terminal::{Exit, Stop, say};
+use depthloom_terminal::{CliError, ExitCode, say};
 
 use crate::RECORDING;
 use crate::environment::{self, STAMP};
@@ -44,9 +44,9 @@ impl FoundRun {
     ///
     /// # Errors
     /// If it is not a run, or its metadata cannot be read.
-    pub fn at(path: &Path, folder: &Path) -> Result<Self, Stop> {
+    pub fn at(path: &Path, folder: &Path) -> Result<Self, CliError> {
         let found = Found::at(path).map_err(|error| {
-            Stop::because(Exit::Before, format_args!("failed to look at {}", path.display()), &error)
+            CliError::because(ExitCode::Usage, format_args!("failed to look at {}", path.display()), &error)
         })?;
         if found != Found::Run {
             let what = match found {
@@ -54,7 +54,7 @@ impl FoundRun {
                 Found::Empty => "an empty folder",
                 Found::Nothing | Found::Run => "not there",
             };
-            let stop = Stop::new(Exit::Before, format!("{} is no run: it is {what}", path.display()));
+            let stop = CliError::new(ExitCode::Usage, format!("{} is no run: it is {what}", path.display()));
             return Err(stop.remedy("`depthloom runs` lists those there are; elsewhere a run is named by its folder"));
         }
         let name = path.strip_prefix(folder).unwrap_or(path).to_string_lossy().into_owned();

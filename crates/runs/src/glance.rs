@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 
 use depthloom_analysis::Leader;
-use depthloom_graphs::Remedied;
+use depthloom_graphs::{Remedied, chain};
 use depthloom_recording::{Condition, Recording};
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -14,7 +14,6 @@ use crate::RECORDING;
 use crate::found::FoundRun;
 use crate::run_folder::is_held;
 use depthloom_graphs::counted;
-use depthloom_terminal::chain;
 
 /// How far a run came.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, JsonSchema, Serialize)]

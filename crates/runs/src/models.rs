@@ -5,7 +5,7 @@ use std::io;
 use std::path::Path;
 
 use depthloom_recording::{RecordedContent, RecordedOnce, RecordedPlan, Recording};
-use depthloom_terminal::{Exit, Stop};
+use depthloom_terminal::{CliError, ExitCode};
 
 /// The folder of models in a run's folder.
 pub const FOLDER: &str = "models";
@@ -14,15 +14,16 @@ pub const FOLDER: &str = "models";
 ///
 /// # Errors
 /// If a model cannot be read, or its file not be written.
-pub fn write(recording: &Recording, folder: &Path) -> Result<(), Stop> {
+pub fn write(recording: &Recording, folder: &Path) -> Result<(), CliError> {
     let folder = folder.join(FOLDER);
-    let failed =
-        |error: &io::Error| Stop::of_writing(Exit::Engine, format_args!("failed to write {}", folder.display()), error);
+    let failed = |error: &io::Error| {
+        CliError::of_writing(ExitCode::Engine, format_args!("failed to write {}", folder.display()), error)
+    };
     for (value, name) in names(recording) {
         let RecordedContent::Attachment { name: attachment, .. } = &value.content else { continue };
         let bytes = recording.attachment(attachment).map_err(|error| {
-            let exit = if error.is_damage() { Exit::Frames } else { Exit::Engine };
-            Stop::remedied(exit, "failed to read a learnt model", &error)
+            let exit = if error.is_damage() { ExitCode::FrameFailures } else { ExitCode::Engine };
+            CliError::remedied(exit, "failed to read a learnt model", &error)
         })?;
         depthloom_durable::create_folder(&folder).map_err(|error| failed(&error))?;
         depthloom_durable::write(&folder.join(&name), &bytes).map_err(|error| failed(&error))?;

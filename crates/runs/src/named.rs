@@ -3,7 +3,7 @@
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-use depthloom_terminal::{Exit, Stop};
+use depthloom_terminal::{CliError, ExitCode};
 
 use crate::found::{FoundRun, all};
 
@@ -20,7 +20,7 @@ const TOLD: usize = 4;
 ///
 /// # Errors
 /// If several runs are meant, or there is no latest.
-pub fn named(run: &Path, folder: &Path) -> Result<PathBuf, Stop> {
+pub fn named(run: &Path, folder: &Path) -> Result<PathBuf, CliError> {
     find(run, folder, by_beginning)
 }
 
@@ -28,22 +28,22 @@ pub fn named(run: &Path, folder: &Path) -> Result<PathBuf, Stop> {
 ///
 /// # Errors
 /// As [`named`], and if `run` is only the beginning of a name.
-pub fn named_in_full(run: &Path, folder: &Path) -> Result<PathBuf, Stop> {
+pub fn named_in_full(run: &Path, folder: &Path) -> Result<PathBuf, CliError> {
     find(run, folder, |runs, text, folder| {
         let found = by_beginning(runs, text, folder)?;
         let Some(longer) = runs.iter().find(|run| found.as_ref() == Some(&run.path) && !run.is_named(text)) else {
             return Ok(found);
         };
         let what = format!("no run in {} is named `{text}`", folder.display());
-        Err(Stop::new(Exit::Before, what).remedy(format!("give the name in full: `{}` begins so", longer.name)))
+        Err(CliError::usage(what, format!("give the name in full: `{}` begins so", longer.name)))
     })
 }
 
 fn find(
     run: &Path,
     folder: &Path,
-    by_name: impl Fn(&[FoundRun], &str, &Path) -> Result<Option<PathBuf>, Stop>,
-) -> Result<PathBuf, Stop> {
+    by_name: impl Fn(&[FoundRun], &str, &Path) -> Result<Option<PathBuf>, CliError>,
+) -> Result<PathBuf, CliError> {
     let is_nothing = std::fs::symlink_metadata(run).is_err_and(|error| error.kind() == ErrorKind::NotFound);
     let Some(text) = run.to_str().filter(|text| is_nothing && !text.is_empty()) else { return Ok(run.to_owned()) };
     let runs = all(folder).unwrap_or_default();
@@ -53,12 +53,12 @@ fn find(
     }
 }
 
-fn latest(runs: &[FoundRun], of: &str, folder: &Path) -> Result<PathBuf, Stop> {
+fn latest(runs: &[FoundRun], of: &str, folder: &Path) -> Result<PathBuf, CliError> {
     let of_these = || runs.iter().filter(|run| run.name.starts_with(of));
     let newest = of_these().rfind(|run| run.is_over());
     newest.map(|run| run.path.clone()).ok_or_else(|| {
         let of = if of.is_empty() { String::new() } else { format!(" of `{}`", of.trim_end_matches('/')) };
-        let stop = Stop::new(Exit::Before, format!("there is no run{of} in {} that is over", folder.display()));
+        let stop = CliError::new(ExitCode::Usage, format!("there is no run{of} in {} that is over", folder.display()));
         match of_these().next_back() {
             Some(run) => stop.remedy(format!("one goes on, or ended before it was whole: {}", run.name)),
             None => stop.remedy("`depthloom runs` lists those there are; elsewhere a run is named by its path"),
@@ -66,7 +66,7 @@ fn latest(runs: &[FoundRun], of: &str, folder: &Path) -> Result<PathBuf, Stop> {
     })
 }
 
-fn by_beginning(runs: &[FoundRun], text: &str, folder: &Path) -> Result<Option<PathBuf>, Stop> {
+fn by_beginning(runs: &[FoundRun], text: &str, folder: &Path) -> Result<Option<PathBuf>, CliError> {
     // A name in full is that run's, whatever others begin with it.
     let whole: Vec<&FoundRun> = runs.iter().filter(|run| run.is_named(text)).collect();
     let meant = match whole.as_slice() {
@@ -81,7 +81,7 @@ fn by_beginning(runs: &[FoundRun], text: &str, folder: &Path) -> Result<Option<P
             let others = if several.len() > TOLD { ", ..." } else { "" };
             let what = format!("`{text}` names {} runs in {}", several.len(), folder.display());
             let remedy = format!("write more of a name ({}{others}), or @latest", names.join(", "));
-            Err(Stop::new(Exit::Before, what).remedy(remedy))
+            Err(CliError::usage(what, remedy))
         }
     }
 }
@@ -130,9 +130,9 @@ mod tests {
             assert_eq!(found(text), PathBuf::from(run), "{text}");
         }
         let several = of("table1").unwrap_err();
-        assert!(several.message.starts_with("`table1` names 2 runs in "), "{}", several.message);
-        assert!(several.remedy.unwrap().contains("table1/2026-11-22T10-00-00Z, table1/2026-11-21T10-00-00Z"));
-        assert!(of("later/@latest").unwrap_err().message.starts_with("there is no run of `later` in "));
+        assert!(several.message.what.starts_with("`table1` names 2 runs in "), "{}", several.message.what);
+        assert!(several.message.remedy.unwrap().contains("table1/2026-11-22T10-00-00Z, table1/2026-11-21T10-00-00Z"));
+        assert!(of("later/@latest").unwrap_err().message.what.starts_with("there is no run of `later` in "));
         // What is none is told by who opens it, and what is there under that name is meant.
         assert_eq!(of("none").unwrap(), PathBuf::from("none"));
         let here = folder.path().join("first");

@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 use depthloom_analysis::AnalysisError;
 use depthloom_graphs::regular_file;
 use depthloom_recording::{Condition, Recording};
-use depthloom_terminal::{Exit, Stop, say};
+use depthloom_runner::RunError;
+use depthloom_terminal::{CliError, ExitCode, say};
 
 use crate::{FOLDER, named};
 
@@ -23,7 +24,7 @@ const NAME_A_RUN: &str = "name a run's folder, a recording, or a run that `depth
 ///
 /// # Errors
 /// If no recording has this name, or several have.
-pub fn recording_of(run: &Path, command: &str) -> Result<PathBuf, Stop> {
+pub fn recording_of(run: &Path, command: &str) -> Result<PathBuf, CliError> {
     recording_in(Path::new(FOLDER), run, command)
 }
 
@@ -31,9 +32,9 @@ pub fn recording_of(run: &Path, command: &str) -> Result<PathBuf, Stop> {
 ///
 /// # Errors
 /// As [`recording_of`].
-pub fn recording_in(folder: &Path, run: &Path, command: &str) -> Result<PathBuf, Stop> {
+pub fn recording_in(folder: &Path, run: &Path, command: &str) -> Result<PathBuf, CliError> {
     let run = &named(run, folder)?;
-    let failed = |what: String| Stop::new(Exit::Before, format!("failed to open {}: {what}", run.display()));
+    let failed = |what: String| CliError::new(ExitCode::Usage, format!("failed to open {}: {what}", run.display()));
     let kind = match std::fs::metadata(run) {
         Ok(metadata) => metadata.file_type(),
         Err(error) => {
@@ -109,16 +110,16 @@ pub fn is_recording(path: &Path) -> bool {
     read.is_ok() && start == *b"\x89MCAP0\r\n"
 }
 
-/// The exit code of a command that read these recordings: [`Exit::Frames`] if one of them is damaged, with a warning.
-pub fn end<'a>(recordings: impl IntoIterator<Item = &'a Recording>) -> Exit {
-    let mut exit = Exit::Whole;
+/// The exit code of a command that read these recordings: [`ExitCode::FrameFailures`] if one of them is damaged, with a warning.
+pub fn end<'a>(recordings: impl IntoIterator<Item = &'a Recording>) -> ExitCode {
+    let mut exit = ExitCode::Success;
     for recording in recordings {
         if let damaged @ Condition::Damaged { .. } = recording.condition() {
             say(format_args!(
                 "warning: {} is {damaged}; the answer is of its whole frames",
                 recording.path().display()
             ));
-            exit = Exit::Frames;
+            exit = ExitCode::FrameFailures;
         }
     }
     exit
@@ -128,21 +129,29 @@ pub fn end<'a>(recordings: impl IntoIterator<Item = &'a Recording>) -> Exit {
 ///
 /// # Errors
 /// If it cannot be read.
-pub fn open(path: &Path) -> Result<Recording, Stop> {
-    Recording::open(path).map_err(|error| Stop::remedied(Exit::Before, "failed to read the recording", &error))
+pub fn open(path: &Path) -> Result<Recording, CliError> {
+    Recording::open(path).map_err(|error| CliError::remedied(ExitCode::Usage, "failed to read the recording", &error))
 }
 
-/// Why a question has no answer: it was wrong, or the recording is, or the analysis.
+/// Why a request to an analysis failed: it was wrong, or the recording is, or the analysis.
 #[must_use]
-pub fn failed(error: &AnalysisError) -> Stop {
+pub fn failed(error: AnalysisError) -> CliError {
     let exit = match error {
-        AnalysisError::Stopped => return Stop::new(Exit::Interrupted, "interrupted while analysing"),
-        AnalysisError::Asked { .. } => Exit::Before,
-        error if error.is_damage() => Exit::Frames,
-        _ => Exit::Engine,
+        AnalysisError::Stopped => return CliError::new(ExitCode::Interrupted, "interrupted while analysing"),
+        AnalysisError::Request(message) => return CliError { exit: ExitCode::Usage, message, problems: Vec::new() },
+        ref error if error.is_damage() => ExitCode::FrameFailures,
+        _ => ExitCode::Engine,
     };
-    match error {
-        AnalysisError::Asked { what, help } => Stop::new(exit, what.as_str()).remedy(help.as_str()),
-        error => Stop::remedied(exit, "failed to analyse the recording", error),
-    }
+    CliError::remedied(exit, "failed to analyse the recording", &error)
+}
+
+/// Why a run ended before its end.
+#[must_use]
+pub fn run_failed(error: &RunError) -> CliError {
+    let exit = match error {
+        RunError::Aborted => ExitCode::Interrupted,
+        error if error.is_of_a_frame() => ExitCode::FrameFailures,
+        _ => ExitCode::Engine,
+    };
+    CliError::of(exit, error)
 }

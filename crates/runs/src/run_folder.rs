@@ -15,8 +15,7 @@ use std::io;
 use std::path::{Component, Path, PathBuf};
 
 pub use contents::{in_the_way_of_a_report, mark_for_reports};
-use depthloom_durable::remedy_of_writing;
-use depthloom_terminal::{Exit, Stop, say};
+use depthloom_terminal::{CliError, ExitCode, say};
 pub use lock::{Lock, Refused, is_held};
 pub use marker::{Found, MARKER};
 pub use remove::Removal;
@@ -63,7 +62,7 @@ impl RunFolder {
         overwrite: bool,
         read: &[PathBuf],
         begun: impl FnOnce(&Path) -> Begun,
-    ) -> Result<Self, Stop> {
+    ) -> Result<Self, CliError> {
         let out = &without_turns(out)?;
         let partial = partial_name(out)?;
         make_parent(out)?;
@@ -96,8 +95,10 @@ impl RunFolder {
                 Begun::Other if !overwrite => {
                     let what = format!("{} holds frames that this run does not go on with", partial.display());
                     let why = "they are of another experiment or other parameters, or --fresh was requested";
-                    return Err(Stop::new(Exit::Before, format!("{what}: {why}"))
-                        .remedy("choose another --out, or replace it with --overwrite; a run with --fresh that was interrupted goes on without --fresh"));
+                    return Err(CliError::usage(
+                        format!("{what}: {why}"),
+                        "choose another --out, or replace it with --overwrite; a run with --fresh that was interrupted goes on without --fresh",
+                    ));
                 }
                 Begun::Nothing | Begun::Other => {}
             }
@@ -120,7 +121,7 @@ impl RunFolder {
     ///
     /// # Errors
     /// If the folder cannot be made, or not be marked.
-    pub fn create_new(parent: &Path, name: &str) -> Result<Self, Stop> {
+    pub fn create_new(parent: &Path, name: &str) -> Result<Self, CliError> {
         let mut number = 1_u32;
         loop {
             let out = parent.join(if number == 1 { name.to_owned() } else { format!("{name}-{number}") });
@@ -139,7 +140,7 @@ impl RunFolder {
         }
     }
 
-    fn marked(partial: PathBuf, out: &Path, replaced: Option<Lock>) -> Result<Self, Stop> {
+    fn marked(partial: PathBuf, out: &Path, replaced: Option<Lock>) -> Result<Self, CliError> {
         match Lock::mark(&partial) {
             Ok(lock) => Ok(Self { partial, out: out.to_owned(), lock, replaced, goes_on: false }),
             Err(error) => {
@@ -148,7 +149,7 @@ impl RunFolder {
                 let intent = format_args!("failed to mark {}", partial.display());
                 Err(match error {
                     Refused::System(error) => failed_to(intent, &error),
-                    busy @ Refused::Busy => Stop::because(Exit::Before, intent, &busy),
+                    busy @ Refused::Busy => CliError::because(ExitCode::Usage, intent, &busy),
                 })
             }
         }
@@ -163,10 +164,11 @@ impl RunFolder {
     ///
     /// # Errors
     /// If it cannot be written.
-    pub fn write(&self, name: &str, content: &str) -> Result<(), Stop> {
+    pub fn write(&self, name: &str, content: &str) -> Result<(), CliError> {
         let path = self.file(name);
-        depthloom_durable::write(&path, content.as_bytes())
-            .map_err(|error| Stop::of_writing(Exit::Engine, format_args!("failed to write {}", path.display()), &error))
+        depthloom_durable::write(&path, content.as_bytes()).map_err(|error| {
+            CliError::of_writing(ExitCode::Engine, format_args!("failed to write {}", path.display()), &error)
+        })
     }
 
     /// Where trainings put down their checkpoints: beside the run, so that the next one finds them.
@@ -185,10 +187,11 @@ impl RunFolder {
     ///
     /// # Errors
     /// If the name was taken meanwhile, or the system refuses to rename: the run is whole under its partial name.
-    pub fn finish(self) -> Result<PathBuf, Stop> {
+    pub fn finish(self) -> Result<PathBuf, CliError> {
         let Self { partial, out, lock, replaced, .. } = self;
         let unnamed = |what: String| {
-            Stop::new(Exit::Engine, what).remedy(format!("the run is whole in {}: rename it", partial.display()))
+            CliError::new(ExitCode::Engine, what)
+                .remedy(format!("the run is whole in {}: rename it", partial.display()))
         };
         let rename = |from: &Path, to: &Path| {
             depthloom_durable::rename(from, to)
@@ -237,7 +240,7 @@ pub fn around(path: &Path) -> Option<PathBuf> {
 ///
 /// # Errors
 /// If another process writes there, or the system refuses.
-pub fn lock_if_run(folder: &Path) -> Result<Option<Lock>, Stop> {
+pub fn lock_if_run(folder: &Path) -> Result<Option<Lock>, CliError> {
     if found(folder)? != Found::Run {
         return Ok(None);
     }
@@ -246,33 +249,36 @@ pub fn lock_if_run(folder: &Path) -> Result<Option<Lock>, Stop> {
     Ok(Some(lock))
 }
 
-fn lock(folder: &Path) -> Result<Lock, Stop> {
+fn lock(folder: &Path) -> Result<Lock, CliError> {
     Lock::take(folder).map_err(|refused| {
-        let stop = Stop::because(Exit::Before, format_args!("failed to lock {}", folder.display()), &refused);
+        let intent = format!("failed to lock {}", folder.display());
         match refused {
-            Refused::Busy => stop.remedy("wait until it is done, or write to another folder (--out)"),
-            Refused::System(error) => Stop { remedy: remedy_of_writing(&error).map(ToOwned::to_owned), ..stop },
+            Refused::Busy => CliError::because(ExitCode::Usage, intent, &refused)
+                .remedy("wait until it is done, or write to another folder (--out)"),
+            Refused::System(error) => failed_to(intent, &error),
         }
     })
 }
 
-fn partial_name(out: &Path) -> Result<PathBuf, Stop> {
+fn partial_name(out: &Path) -> Result<PathBuf, CliError> {
     let name = out.file_name().ok_or_else(|| {
-        Stop::new(Exit::Before, format!("the output folder `{}` has no name", out.display()))
-            .remedy("name a folder that is not there yet, such as runs/first")
+        CliError::usage(
+            format!("the output folder `{}` has no name", out.display()),
+            "name a folder that is not there yet, such as runs/first",
+        )
     })?;
     if Path::new(name).extension().is_some_and(|extension| extension == depthloom_durable::PARTIAL) {
         let what = format!("{}: a folder with that ending is a run that is not whole yet", out.display());
-        return Err(Stop::new(Exit::Before, what).remedy("choose another --out"));
+        return Err(CliError::usage(what, "choose another --out"));
     }
     if name == CHECKPOINTS {
         let what = format!("{}: a folder `{CHECKPOINTS}` is where trainings put down theirs", out.display());
-        return Err(Stop::new(Exit::Before, what).remedy("choose another --out"));
+        return Err(CliError::usage(what, "choose another --out"));
     }
     Ok(depthloom_durable::partial_name(out))
 }
 
-fn make_parent(out: &Path) -> Result<(), Stop> {
+fn make_parent(out: &Path) -> Result<(), CliError> {
     match out.parent() {
         Some(parent) => fs::create_dir_all(parent).map_err(|error| failed("create", parent, &error)),
         None => Ok(()),
@@ -286,13 +292,13 @@ fn aside(path: &Path) -> PathBuf {
     path.with_file_name(name)
 }
 
-fn found(path: &Path) -> Result<Found, Stop> {
+fn found(path: &Path) -> Result<Found, CliError> {
     Found::at(path).map_err(|error| failed("look at", path, &error))
 }
 
 /// The same path without `..`: a folder that goes aside must not lie on the way to its own name. And without a slash at its end,
 /// behind which a link is taken for what it leads to.
-fn without_turns(out: &Path) -> Result<PathBuf, Stop> {
+fn without_turns(out: &Path) -> Result<PathBuf, CliError> {
     if !out.components().any(|part| part == Component::ParentDir) {
         return Ok(out.components().collect());
     }
@@ -309,18 +315,18 @@ fn without_turns(out: &Path) -> Result<PathBuf, Stop> {
 }
 
 /// Refuses to replace what the person stands in, the run was made from, or somebody put there.
-fn keep_from_harm(path: &Path, read: &[PathBuf]) -> Result<(), Stop> {
+fn keep_from_harm(path: &Path, read: &[PathBuf]) -> Result<(), CliError> {
     match harm(path, read)? {
         None => Ok(()),
         Some(why) => {
             let what = format!("{} is not replaced: {why}", path.display());
-            Err(Stop::new(Exit::Before, what).remedy("choose another --out"))
+            Err(CliError::usage(what, "choose another --out"))
         }
     }
 }
 
 /// What speaks against removing a run's folder: it is what the person stands in, what is `read`, or holds what somebody put there.
-fn harm(path: &Path, read: &[PathBuf]) -> Result<Option<String>, Stop> {
+fn harm(path: &Path, read: &[PathBuf]) -> Result<Option<String>, CliError> {
     let real = fs::canonicalize(path).map_err(|error| failed("look at", path, &error))?;
     if std::env::current_dir().is_ok_and(|here| here.starts_with(&real)) {
         return Ok(Some("it is the current folder, or holds it".to_owned()));
@@ -332,25 +338,29 @@ fn harm(path: &Path, read: &[PathBuf]) -> Result<Option<String>, Stop> {
     Ok(foreign.map(|name| format!("it holds {}, which no run wrote", Path::new(&name).display())))
 }
 
-fn failed(to: &str, path: &Path, error: &io::Error) -> Stop {
+fn failed(to: &str, path: &Path, error: &io::Error) -> CliError {
     failed_to(format_args!("failed to {to} {}", path.display()), error)
 }
 
 /// Before any frame, whatever it is.
-fn failed_to(intent: impl Display, error: &io::Error) -> Stop {
-    Stop::of_writing(Exit::Before, intent, error)
+fn failed_to(intent: impl Display, error: &io::Error) -> CliError {
+    CliError::of_writing(ExitCode::Usage, intent, error)
 }
 
-fn no_run(path: &Path, what: &str) -> Stop {
-    Stop::new(Exit::Before, format!("{} is {what}: only runs are replaced", path.display()))
-        .remedy("choose another --out, or remove it yourself")
+fn no_run(path: &Path, what: &str) -> CliError {
+    CliError::usage(
+        format!("{} is {what}: only runs are replaced", path.display()),
+        "choose another --out, or remove it yourself",
+    )
 }
 
-fn exists(path: &Path) -> Stop {
+fn exists(path: &Path) -> CliError {
     let is_partial = path.extension().is_some_and(|extension| extension == depthloom_durable::PARTIAL);
     let what = if is_partial { ": a run that goes on, or ended before it was whole" } else { "" };
-    Stop::new(Exit::Before, format!("{} exists already{what}", path.display()))
-        .remedy("choose another --out, or replace it with --overwrite")
+    CliError::usage(
+        format!("{} exists already{what}", path.display()),
+        "choose another --out, or replace it with --overwrite",
+    )
 }
 
 #[cfg(test)]

@@ -2,11 +2,11 @@
 #![forbid(unsafe_code)]
 
 mod columns;
-mod exit;
+mod error;
 mod streams;
 
 pub use columns::aligned;
-pub use exit::{Exit, Problem, Stop, chain, help_of};
+pub use error::{CliError, ExitCode, Problem, help_of};
 pub use streams::{
     on_one_line, print, print_bytes, print_json, print_path, print_quoted, same_length, say, tell, tell_styled, visible,
 };

@@ -11,7 +11,7 @@ use std::path::Path;
 
 pub use visible::{on_one_line, same_length, visible};
 
-use crate::exit::{Exit, Stop};
+use crate::error::{CliError, ExitCode};
 
 /// Prints a line to standard error. A reader that went away or a full disk behind it costs no result: then nobody reads it.
 pub fn say(line: impl Display) {
@@ -33,7 +33,7 @@ pub fn tell_styled(text: impl AsRef<str>) {
 ///
 /// # Errors
 /// If standard output cannot be written; not if its reader went away.
-pub fn print(text: impl AsRef<str>) -> Result<(), Stop> {
+pub fn print(text: impl AsRef<str>) -> Result<(), CliError> {
     print_bytes(visible(text.as_ref()).as_bytes())
 }
 
@@ -41,11 +41,11 @@ pub fn print(text: impl AsRef<str>) -> Result<(), Stop> {
 ///
 /// # Errors
 /// If standard output cannot be written; not if its reader went away.
-pub fn print_bytes(bytes: &[u8]) -> Result<(), Stop> {
+pub fn print_bytes(bytes: &[u8]) -> Result<(), CliError> {
     let mut out = io::stdout().lock();
     match out.write_all(bytes).and_then(|()| out.flush()) {
         Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
-            Err(Stop::because(Exit::Engine, "failed to print", &error))
+            Err(CliError::because(ExitCode::Engine, "failed to print", &error))
         }
         Ok(()) | Err(_) => Ok(()),
     }
@@ -55,7 +55,7 @@ pub fn print_bytes(bytes: &[u8]) -> Result<(), Stop> {
 ///
 /// # Errors
 /// If standard output cannot be written; not if its reader went away.
-pub fn print_json(value: &serde_json::Value) -> Result<(), Stop> {
+pub fn print_json(value: &serde_json::Value) -> Result<(), CliError> {
     print_quoted(&format!("{value:#}\n"))
 }
 
@@ -63,7 +63,7 @@ pub fn print_json(value: &serde_json::Value) -> Result<(), Stop> {
 ///
 /// # Errors
 /// If standard output cannot be written; not if its reader went away.
-pub fn print_quoted(text: &str) -> Result<(), Stop> {
+pub fn print_quoted(text: &str) -> Result<(), CliError> {
     print_bytes(visible::in_quotes(text).as_bytes())
 }
 
@@ -72,7 +72,7 @@ pub fn print_quoted(text: &str) -> Result<(), Stop> {
 ///
 /// # Errors
 /// If standard output cannot be written; not if its reader went away.
-pub fn print_path(what: &str, path: &Path) -> Result<(), Stop> {
+pub fn print_path(what: &str, path: &Path) -> Result<(), CliError> {
     if io::IsTerminal::is_terminal(&io::stdout()) {
         return print(format!("{what}{}\n", on_one_line(&path.to_string_lossy())));
     }

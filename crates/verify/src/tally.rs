@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use depthloom_graphs::contracts::{Commit, Failure, Slot, Tap, TapError, Warned};
+use depthloom_graphs::contracts::{Commit, ErrorMessage, Failure, Slot, Tap, Warned};
 use depthloom_graphs::plan::{Origin, Plan, PlannedInput};
 use depthloom_graphs::values::{Difference, Differs};
 use depthloom_graphs::{Frame, Key, Value, ValueType};
@@ -261,7 +261,7 @@ impl Tap for Checker {
         _: (usize, &Frame),
         node: usize,
         values: &[(Slot, Value)],
-    ) -> Result<Self::Part, TapError> {
+    ) -> Result<Self::Part, ErrorMessage> {
         let at = |slot: Slot| values.iter().find(|(of, _)| *of == slot).map(|(_, value)| value);
         let of_port = |(port, expected): (usize, &Option<Expected>)| {
             let Some(Expected::Frames { port: recorded }) = expected else { return None };
@@ -271,7 +271,7 @@ impl Tap for Checker {
         Ok(self.nodes[run][node].expected.iter().enumerate().filter_map(of_port).collect())
     }
 
-    fn write(&self, commit: &Commit<'_>, parts: Vec<Self::Part>) -> Result<(), TapError> {
+    fn write(&self, commit: &Commit<'_>, parts: Vec<Self::Part>) -> Result<(), ErrorMessage> {
         let (run, frame) = (commit.run, commit.frame);
         if let Some(unreadable) = commit.failures.iter().find(|failure| failure.node.is_none()) {
             self.state(|state| state.damage.push(format!("frame `{}`: {}", frame.id, unreadable.what)));
@@ -301,7 +301,7 @@ impl Tap for Checker {
         Ok(())
     }
 
-    fn once(&self, run: usize, slot: Slot, _: &Key, value: &Value, _: &[Warned]) -> Result<(), TapError> {
+    fn once(&self, run: usize, slot: Slot, _: &Key, value: &Value, _: &[Warned]) -> Result<(), ErrorMessage> {
         let Slot::Node { node, port } = slot else { return Ok(()) };
         let Some(Expected::Once { value: recorded }) = &self.nodes[run][node].expected[port] else { return Ok(()) };
         let output = &self.plan.runs[run].nodes[node].outputs[port];

@@ -120,7 +120,7 @@ impl FrameSelection {
                 list.iter().map(find).collect::<Result<_, _>>()?
             }
             Self::File(path) => from_file(path, ids).map_err(|fault| match fault {
-                Fault::Failed { what, remedy: None, source } => Fault::Failed { what, remedy: Some(span()), source },
+                fault if fault.remedy_text().is_none() => fault.remedy(span()),
                 fault => fault,
             })?,
         };

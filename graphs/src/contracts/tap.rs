@@ -1,7 +1,7 @@
 //! The tap: where a run's values go besides to each other. A recording is one.
 
 use super::{Frame, Store};
-use crate::{Key, Value};
+use crate::{ErrorMessage, Key, Value};
 
 /// An output port of a stage run: of its source, or of one of its nodes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -68,27 +68,6 @@ pub struct Commit<'a> {
     pub warnings: &'a [Warned],
 }
 
-/// Why a tap could not take a value.
-#[derive(Debug, thiserror::Error)]
-#[error("{what}")]
-pub struct TapError {
-    /// A lower-case fragment naming file and place.
-    pub what: String,
-    /// What the person can do about it, if it is known.
-    pub remedy: Option<String>,
-    /// The error beneath.
-    #[source]
-    pub source: Option<Box<dyn std::error::Error + Send + Sync>>,
-}
-
-impl TapError {
-    /// A lower-case fragment and nothing else.
-    #[must_use]
-    pub fn new(what: impl Into<String>) -> Self {
-        Self { what: what.into(), remedy: None, source: None }
-    }
-}
-
 /// A value of a part that lies in the tap's store.
 #[derive(Clone, Debug)]
 pub struct StoredValue<'a> {
@@ -109,12 +88,10 @@ pub struct StoredValue<'a> {
 pub fn stored_values<'a>(
     store: &dyn Store,
     stored: impl Iterator<Item = &'a StoredValue<'a>>,
-) -> Result<Vec<(Slot, Value)>, TapError> {
+) -> Result<Vec<(Slot, Value)>, ErrorMessage> {
     let (there, missing): (Vec<_>, Vec<_>) = stored.partition(|stored| stored.value.is_some());
     let wanted: Vec<(Key, &str)> = missing.iter().map(|stored| (stored.key, stored.port)).collect();
-    let read = store
-        .values(&wanted)
-        .map_err(|fault| TapError { remedy: fault.remedy_text().map(str::to_owned), ..TapError::new(fault.chain()) })?;
+    let read = store.values(&wanted)?;
     let there = there.into_iter().filter_map(|stored| Some((stored.slot, stored.value.clone()?)));
     let read = missing.into_iter().zip(read).filter_map(|(stored, value)| Some((stored.slot, value?)));
     Ok(there.chain(read).collect())
@@ -146,19 +123,19 @@ pub trait Tap: Send + Sync {
         frame: (usize, &Frame),
         part: usize,
         values: &[(Slot, Value)],
-    ) -> Result<Self::Part, TapError>;
+    ) -> Result<Self::Part, ErrorMessage>;
 
     /// Writes a frame: its parts in order, then its commit record. Called by one thread, in order of frames.
     ///
     /// # Errors
     /// If the disk refuses.
-    fn write(&self, commit: &Commit<'_>, parts: Vec<Self::Part>) -> Result<(), TapError>;
+    fn write(&self, commit: &Commit<'_>, parts: Vec<Self::Part>) -> Result<(), ErrorMessage>;
 
     /// Takes a once-value, after the frames of its stage run, with what its node told of.
     ///
     /// # Errors
     /// If the disk refuses.
-    fn once(&self, run: usize, slot: Slot, key: &Key, value: &Value, warnings: &[Warned]) -> Result<(), TapError>;
+    fn once(&self, run: usize, slot: Slot, key: &Key, value: &Value, warnings: &[Warned]) -> Result<(), ErrorMessage>;
 
     /// Whether a slot's values are kept of the frame at a position: else it makes no difference whether they are handed over.
     fn keeps(&self, _run: usize, _slot: Slot, _position: usize) -> bool {
@@ -182,7 +159,7 @@ pub trait Tap: Send + Sync {
         part: usize,
         values: &[(Slot, Value)],
         stored: &[StoredValue<'_>],
-    ) -> Result<Self::Part, TapError> {
+    ) -> Result<Self::Part, ErrorMessage> {
         let mut all = values.to_vec();
         if let Some(store) = self.store() {
             all.extend(stored_values(store, stored.iter())?);

@@ -121,15 +121,11 @@ impl Listing {
             return Ok(Box::new(source));
         }
         let more = self.faults.len() - 1 - self.also;
-        Err(match self.faults.swap_remove(0) {
-            Fault::Failed { what, remedy, source } if more > 0 => {
-                let others =
-                    if more == 1 { "1 more frame lacks files" } else { &format!("{more} more frames lack files") };
-                let what = format!("{what}; {others}");
-                Fault::Failed { what, remedy, source }
-            }
-            fault => fault,
-        })
+        Err(self.faults.swap_remove(0).map_what(|what| match more {
+            0 => what,
+            1 => format!("{what}; 1 more frame lacks files"),
+            more => format!("{what}; {more} more frames lack files"),
+        }))
     }
 }
 
@@ -480,10 +476,5 @@ pub fn no_file(path: &Path, remedy: &str) -> Fault {
 
 /// A fault with the file or folder that it is in.
 pub fn at_file(path: &Path, fault: Fault) -> Fault {
-    match fault {
-        Fault::Failed { what, remedy, source } => {
-            Fault::Failed { what: format!("{}: {what}", path.display()), remedy, source }
-        }
-        Fault::Cancelled => Fault::Cancelled,
-    }
+    fault.map_what(|what| format!("{}: {what}", path.display()))
 }

@@ -435,10 +435,9 @@ fn frames_of_split<'a>(path: &Path, drives: &'a BTreeMap<String, Drive>) -> Resu
         let (Some(named), Some(number)) = (named, number) else {
             return Err(at(format!("`{line}` names no frame")).remedy(SPLIT));
         };
-        let drive = drive_named(drives, named).map(|(_, drive)| drive).map_err(|fault| match fault {
-            Fault::Failed { what, remedy, .. } => at(what).remedy(remedy.unwrap_or_default()),
-            Fault::Cancelled => Fault::Cancelled,
-        })?;
+        let drive = drive_named(drives, named)
+            .map(|(_, drive)| drive)
+            .map_err(|fault| fault.map_what(|what| format!("{}:{}: {what}", path.display(), index + 1)))?;
         let stem = format!("{number:010}");
         if seen.insert((drive.name.as_str(), number)) {
             frames.push((drive, stem));

@@ -4,10 +4,10 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard};
 
-use depthloom_graphs::contracts::{Commit, Slot, Store, StoredValue, Tap, TapError, Warned, stored_values};
+use depthloom_graphs::contracts::{Commit, ErrorMessage, Slot, Store, StoredValue, Tap, Warned, stored_values};
 use depthloom_graphs::plan::Plan;
 use depthloom_graphs::values::{Artifact, Curve};
-use depthloom_graphs::{Frame, Key, Remedied, Value};
+use depthloom_graphs::{Frame, Key, Value};
 use prost::Message;
 
 use crate::commit_message::CommitMessage;
@@ -223,7 +223,7 @@ impl Recorder {
         (position, frame): (usize, &Frame),
         (slot, value): (Slot, &Value),
         others: &[(Slot, Value)],
-    ) -> Result<(), TapError> {
+    ) -> Result<(), ErrorMessage> {
         let Some(port) = self.layout.runs[run].port(slot) else { return Ok(()) };
         let refused = match value {
             Value::Samples(_) | Value::Model(_) | Value::Curve(_) => {
@@ -236,7 +236,7 @@ impl Recorder {
         };
         if let Some(what) = refused {
             let (frame, topic) = (frame.id.to_string(), port.topic.to_string());
-            return Err(tap_error(RecordingError::Value { frame, topic, what }));
+            return Err(RecordingError::Value { frame, topic, what }.into());
         }
         if self.keeps(run, slot, position) {
             let put = put_port_value(part, frame, port, value);
@@ -248,16 +248,16 @@ impl Recorder {
         Ok(())
     }
 
-    fn unkept(&self, frame: &Frame, why: Unkept) -> TapError {
+    fn unkept(&self, frame: &Frame, why: Unkept) -> ErrorMessage {
         match why {
             Unkept::TooLarge { channel, bytes } => {
                 let topic = self.layout.channels[usize::from(channel) - 1].topic.clone();
-                tap_error(RecordingError::Value { frame: frame.id.to_string(), topic, what: too_large(bytes) })
+                RecordingError::Value { frame: frame.id.to_string(), topic, what: too_large(bytes) }.into()
             }
-            Unkept::Compression(error) => TapError {
-                source: Some(Box::new(error)),
-                ..TapError::new(format!("failed to compress frame {} for {}", frame.id, self.path.display()))
-            },
+            Unkept::Compression(error) => {
+                let what = format!("failed to compress frame {} for {}", frame.id, self.path.display());
+                ErrorMessage::new(what).because(error)
+            }
         }
     }
 }
@@ -279,7 +279,7 @@ impl Tap for Recorder {
         (position, frame): (usize, &Frame),
         part: usize,
         values: &[(Slot, Value)],
-    ) -> Result<Part, TapError> {
+    ) -> Result<Part, ErrorMessage> {
         let frame = &at_the_time_shown(position, frame);
         let mut builder = PartBuilder::new(frame, &self.pools[run][part]);
         for (slot, value) in values {
@@ -295,7 +295,7 @@ impl Tap for Recorder {
         part: usize,
         values: &[(Slot, Value)],
         stored: &[StoredValue<'_>],
-    ) -> Result<Part, TapError> {
+    ) -> Result<Part, ErrorMessage> {
         let frame = &at_the_time_shown(position, frame);
         let wanted = Wanted { layout: &self.layout.runs[run], channels: &self.layout.channels, frame, stored };
         let kept = stored.iter().filter(|stored| self.keeps(run, stored.slot, position));
@@ -327,7 +327,7 @@ impl Tap for Recorder {
             match content {
                 Content::Value(value) => self.add(&mut builder, run, (position, frame), (slot, value), &at_hand)?,
                 Content::Stored(key, bytes) => {
-                    bytes.copy(&key, &mut builder).map_err(tap_error)?.map_err(|why| self.unkept(frame, why))?;
+                    bytes.copy(&key, &mut builder)?.map_err(|why| self.unkept(frame, why))?;
                 }
             }
         }
@@ -358,7 +358,7 @@ impl Tap for Recorder {
         self.earlier.as_deref().map(|earlier| earlier as &dyn Store)
     }
 
-    fn write(&self, commit: &Commit<'_>, parts: Vec<Part>) -> Result<(), TapError> {
+    fn write(&self, commit: &Commit<'_>, parts: Vec<Part>) -> Result<(), ErrorMessage> {
         let layout = &self.layout.runs[commit.run];
         let pools = &self.pools[commit.run];
         let mut state = self.state();
@@ -366,7 +366,7 @@ impl Tap for Recorder {
             *spent += part.compress_ns;
         }
         for (part, pools) in parts.into_iter().zip(pools) {
-            state.writer.part(&part).map_err(tap_error)?;
+            state.writer.part(&part)?;
             pools.bytes.put(part.bytes);
         }
         let pools = &pools[layout.parts];
@@ -378,10 +378,10 @@ impl Tap for Recorder {
             closing.small(layout.commit_channel, &message).expect("a commit record is small");
             closing.finish()
         };
-        let closing = state.writer.closing_part(layout.commit_channel, closing).map_err(tap_error)?;
+        let closing = state.writer.closing_part(layout.commit_channel, closing)?;
         pools.bytes.put(closing.bytes);
         if self.durable {
-            state.writer.sync().map_err(tap_error)?;
+            state.writer.sync()?;
         }
         state.frames += 1;
         state.committed[commit.run] += 1;
@@ -389,9 +389,9 @@ impl Tap for Recorder {
         Ok(())
     }
 
-    fn once(&self, run: usize, slot: Slot, key: &Key, value: &Value, warnings: &[Warned]) -> Result<(), TapError> {
+    fn once(&self, run: usize, slot: Slot, key: &Key, value: &Value, warnings: &[Warned]) -> Result<(), ErrorMessage> {
         let Slot::Node { node, port } = slot else {
-            return Err(TapError::new("a source has no once-values"));
+            return Err(ErrorMessage::new("a source has no once-values"));
         };
         let mut state = self.state();
         let kept = match value {
@@ -399,12 +399,12 @@ impl Tap for Recorder {
             Value::Curve(curve) => {
                 let channel = self.layout.runs[run]
                     .curve_channel(slot)
-                    .ok_or_else(|| TapError::new("a learning curve came of a port that is not recorded"))?;
+                    .ok_or_else(|| ErrorMessage::new("a learning curve came of a port that is not recorded"))?;
                 state.keep_curve(run, channel, &self.layout.channels[usize::from(channel) - 1].topic, curve)
             }
             other => {
                 let what = format!("a once-value of type {} cannot be recorded", other.value_type());
-                return Err(TapError::new(what));
+                return Err(ErrorMessage::new(what));
             }
         };
         let of = [
@@ -414,13 +414,13 @@ impl Tap for Recorder {
             ("type", value.value_type().name().to_owned()),
             ("key", key.to_string()),
         ];
-        let kept = kept.map_err(tap_error)?;
+        let kept = kept?;
         let told: Vec<(&str, u64)> = warnings.iter().map(|of| (of.what.as_str(), of.count)).collect();
         let told = (!told.is_empty()).then(|| ("warnings", json(&told)));
         let metadata = of.into_iter().chain(kept).chain(told).map(|(name, text)| (name.to_owned(), text)).collect();
         // What stands before this record and is not named by one is no once-value: this commits it. Hours may have gone into it.
         let name = format!("{ONCE_METADATA}{}", self.layout.runs[run].once_topic(slot));
-        state.writer.metadata(&name, metadata).and_then(|()| state.writer.sync()).map_err(tap_error)
+        state.writer.metadata(&name, metadata).and_then(|()| state.writer.sync()).map_err(ErrorMessage::from)
     }
 }
 
@@ -464,8 +464,4 @@ impl State {
 
 fn too_large(bytes: u64) -> String {
     format!("{bytes} bytes are more than a recording keeps in one piece, which is {LARGEST_CHUNK}")
-}
-
-fn tap_error(error: RecordingError) -> TapError {
-    TapError { what: error.to_string(), remedy: error.remedy(), source: Some(Box::new(error)) }
 }

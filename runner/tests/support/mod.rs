@@ -8,7 +8,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
-use depthloom_graphs::contracts::{Commit, Contract, Slot, Tap, TapError, Warned};
+use depthloom_graphs::contracts::{Commit, Contract, ErrorMessage, Slot, Tap, Warned};
 use depthloom_graphs::plan::{Origin, Plan, PlannedInput, PlannedNode, PlannedOutput, PlannedSource, Record, StageRun};
 use depthloom_graphs::ready::{Ready, ReadyRun};
 use depthloom_graphs::values::{Artifact, Calibration};
@@ -346,23 +346,23 @@ impl Tap for Notebook {
         (_, frame): (usize, &Frame),
         part: usize,
         values: &[(Slot, Value)],
-    ) -> Result<String, TapError> {
+    ) -> Result<String, ErrorMessage> {
         if self.refuses_to_encode.contains(&frame.index) {
-            return Err(TapError::new("no ink"));
+            return Err(ErrorMessage::new("no ink"));
         }
         Ok(told_part(part, values))
     }
 
-    fn write(&self, commit: &Commit<'_>, parts: Vec<String>) -> Result<(), TapError> {
+    fn write(&self, commit: &Commit<'_>, parts: Vec<String>) -> Result<(), ErrorMessage> {
         if self.refuses_to_write.contains(&commit.frame.index) {
-            return Err(TapError::new("no paper"));
+            return Err(ErrorMessage::new("no paper"));
         }
         self.lines.lock().expect("nobody panics with the lock").push(told_commit(commit, &parts));
         self.on_write.iter().for_each(|f| f(commit.frame.index));
         Ok(())
     }
 
-    fn once(&self, run: usize, slot: Slot, key: &Key, value: &Value, _: &[Warned]) -> Result<(), TapError> {
+    fn once(&self, run: usize, slot: Slot, key: &Key, value: &Value, _: &[Warned]) -> Result<(), ErrorMessage> {
         self.lines
             .lock()
             .expect("nobody panics with the lock")

@@ -2,13 +2,14 @@
 
 use std::collections::BTreeSet;
 
-use depthloom_runs::{Best, FoundRun, State, all};
-use depthloom_terminal::{Exit, Stop, aligned, print, say};
+use depthloom_runs::{Best, FoundRun, State};
+use depthloom_terminal::{CliError, ExitCode, aligned, print, say};
 use schemars::JsonSchema;
 use serde::Serialize;
 
+use super::all_in;
 use crate::args::RunsArgs;
-use crate::outputs::{self, CommandOutput, Output};
+use crate::output;
 use crate::sizes::size;
 
 /// Of `runs`: the runs in a folder, newest first.
@@ -16,10 +17,6 @@ use crate::sizes::size;
 pub struct RunsList {
     folder: String,
     runs: Vec<Glance>,
-}
-
-impl CommandOutput for RunsList {
-    const OUTPUT: Output = Output::RunsList;
 }
 
 /// A run at a glance.
@@ -43,18 +40,18 @@ pub struct Glance {
 }
 
 /// Prints a line a run.
-pub fn list(args: &RunsArgs) -> Result<Exit, Stop> {
+pub fn list(args: &RunsArgs) -> Result<ExitCode, CliError> {
     let runs = all_in(args)?;
     let runs: Vec<(&FoundRun, depthloom_runs::Glance)> =
         runs.iter().rev().map(|run| (run, depthloom_runs::Glance::at(run))).collect();
     if args.json {
         let runs = runs.into_iter().map(|(run, glance)| Glance::of(run, glance)).collect();
-        outputs::print(&RunsList { folder: args.folder.to_string_lossy().into_owned(), runs })?;
-        return Ok(Exit::Whole);
+        output::print(&RunsList { folder: args.folder.to_string_lossy().into_owned(), runs })?;
+        return Ok(ExitCode::Success);
     }
     if runs.is_empty() {
         say(format_args!("no runs in {}", args.folder.display()));
-        return Ok(Exit::Whole);
+        return Ok(ExitCode::Success);
     }
     let head = ["run", "time (UTC)", "experiment", "variants", "frames", "size", "state", "best score"];
     let mut rows = vec![head.map(str::to_owned)];
@@ -65,7 +62,7 @@ pub fn list(args: &RunsArgs) -> Result<Exit, Stop> {
         text += &format!("* {warning}\n");
     }
     print(text)?;
-    Ok(Exit::Whole)
+    Ok(ExitCode::Success)
 }
 
 impl Glance {
@@ -102,12 +99,4 @@ fn row(run: &FoundRun, glance: &depthloom_runs::Glance) -> [String; 8] {
         glance.state_text() + if glance.warning.is_some() { " *" } else { "" },
         glance.trouble.clone().or(remark).unwrap_or_else(nothing),
     ]
-}
-
-/// The runs of the folder, oldest first.
-pub(super) fn all_in(args: &RunsArgs) -> Result<Vec<FoundRun>, Stop> {
-    all(&args.folder).map_err(|error| {
-        let stop = Stop::because(Exit::Before, format_args!("failed to list {}", args.folder.display()), &error);
-        stop.remedy("runs lie in `runs` where `depthloom run` was called without --out; name another folder with --in")
-    })
 }

@@ -9,15 +9,13 @@ use depthloom_graphs::regular_file;
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use super::list::all_in;
-use super::rm::{Removed, RemovedRuns};
+use super::{Removed, RemovedRuns, all_in};
 use crate::args::{PruneArgs, RunsArgs};
 use crate::diagnostics::Error;
-use crate::outputs::{CommandOutput, Output};
 use crate::sizes::size;
 use depthloom_graphs::counted;
 use depthloom_runs::{FoundRun, Glance, State, environment, run_folder::Removal};
-use depthloom_terminal::{Exit, Stop, print};
+use depthloom_terminal::{CliError, ExitCode, print};
 
 /// How much of an experiment is read, bytes: none is larger.
 const LARGEST: u64 = 64 << 20;
@@ -36,10 +34,6 @@ pub struct RunsPrune {
     error: Option<Error>,
 }
 
-impl CommandOutput for RunsPrune {
-    const OUTPUT: Output = Output::RunsPrune;
-}
-
 /// A run that was kept, and why.
 #[derive(JsonSchema, Serialize)]
 pub struct Kept {
@@ -48,7 +42,7 @@ pub struct Kept {
 }
 
 /// Removes what the rules choose, and says what was kept though they chose it.
-pub fn prune(args: &RunsArgs, rules: &PruneArgs) -> Result<Exit, Stop> {
+pub fn prune(args: &RunsArgs, rules: &PruneArgs) -> Result<ExitCode, CliError> {
     let runs: Vec<Run> = all_in(args)?.into_iter().map(Run::of).collect();
     let chosen = chosen(&runs, rules, Utc::now());
     let (chosen, mut kept) = without_those_that_are_read(&runs, &chosen);
@@ -59,7 +53,7 @@ pub fn prune(args: &RunsArgs, rules: &PruneArgs) -> Result<Exit, Stop> {
             Ok(removal) if rules.dry_run => removed.add("would remove", removal.folder(), run.bytes, args.json)?,
             Ok(removal) => removed.remove(removal, args.json)?,
             // Begun in the meantime, or not ours to remove.
-            Err(stop) => kept.push((run, stop.message)),
+            Err(stop) => kept.push((run, stop.message.what)),
         }
     }
     if !args.json {

@@ -7,11 +7,11 @@ use serde::Serialize;
 use serde_json::Value as Json;
 
 use crate::args::{RunsArgs, ShowArgs};
-use crate::outputs::{self, CommandOutput, Output};
+use crate::output;
 use crate::sizes::size;
 use depthloom_graphs::counted;
 use depthloom_runs::{Best, File, FoundRun, Glance, RECORDING, State, environment, files_in, models, named};
-use depthloom_terminal::{Exit, Stop, aligned, print};
+use depthloom_terminal::{CliError, ExitCode, aligned, print};
 
 /// How many variants are named.
 const NAMED: usize = 12;
@@ -40,10 +40,6 @@ pub struct RunsShow {
     files: Vec<File>,
 }
 
-impl CommandOutput for RunsShow {
-    const OUTPUT: Output = Output::RunsShow;
-}
-
 /// A stage of a run.
 #[derive(JsonSchema, Serialize)]
 pub struct Stage {
@@ -62,7 +58,7 @@ pub struct Stage {
 }
 
 /// Prints what a run is of, what became of it, and what lies in its folder.
-pub fn show(args: &RunsArgs, asked: &ShowArgs) -> Result<Exit, Stop> {
+pub fn show(args: &RunsArgs, asked: &ShowArgs) -> Result<ExitCode, CliError> {
     let path = named(&asked.run, &args.folder)?;
     let run = FoundRun::at(&path, &args.folder)?;
     let glance = Glance::at(&run);
@@ -72,7 +68,7 @@ pub fn show(args: &RunsArgs, asked: &ShowArgs) -> Result<Exit, Stop> {
     let files = files_in(&path);
     if args.json {
         let plan = recording.as_ref().map(Recording::plan);
-        outputs::print(&RunsShow {
+        output::print(&RunsShow {
             time_utc: run.time_utc(),
             name: run.name,
             path: run.path.to_string_lossy().into_owned(),
@@ -90,7 +86,7 @@ pub fn show(args: &RunsArgs, asked: &ShowArgs) -> Result<Exit, Stop> {
             environment,
             files,
         })?;
-        return Ok(Exit::Whole);
+        return Ok(ExitCode::Success);
     }
     let mut rows = vec![["run".to_owned(), format!("{} ({})", run.path.display(), glance.state_text())]];
     let mut row = |what: &str, text: String| rows.push([what.to_owned(), text]);
@@ -122,7 +118,7 @@ pub fn show(args: &RunsArgs, asked: &ShowArgs) -> Result<Exit, Stop> {
     let files = files.into_iter().map(|File { name, bytes }| [format!("  {name}"), size(bytes)]);
     text += &aligned(&files.collect::<Vec<_>>(), &[1]);
     print(text)?;
-    Ok(Exit::Whole)
+    Ok(ExitCode::Success)
 }
 
 fn time(run: &FoundRun, environment: &Json) -> String {

@@ -11,13 +11,13 @@ use depthloom_recording::{
 };
 use depthloom_runs::environment;
 use depthloom_runs::{RECORDING, open, recording_in};
-use depthloom_terminal::{Exit, Stop, print};
+use depthloom_terminal::{CliError, ExitCode, print};
 use schemars::JsonSchema;
 use serde::Serialize;
 use serde_json::{Value as Json, json};
 
 use crate::args::{RunsArgs, WhyArgs};
-use crate::outputs::{self, CommandOutput, Output};
+use crate::output;
 
 /// The experiment as resolved, in a recording.
 const RESOLVED: &str = "experiment.resolved.yaml";
@@ -37,10 +37,6 @@ pub struct RunsWhy {
     experiment: Vec<Difference>,
     frames: Vec<FramesOfBoth>,
     nodes: Vec<NodeOfBoth>,
-}
-
-impl CommandOutput for RunsWhy {
-    const OUTPUT: Output = Output::RunsWhy;
 }
 
 /// A difference: `what` says which of the other keys there are.
@@ -91,15 +87,15 @@ pub struct NodeOfBoth {
 }
 
 /// Prints what differs between two runs, the first of which counts as the earlier.
-pub fn why(args: &RunsArgs, asked: &WhyArgs) -> Result<Exit, Stop> {
+pub fn why(args: &RunsArgs, asked: &WhyArgs) -> Result<ExitCode, CliError> {
     let recording = |run: &Path| open(&recording_in(&args.folder, run, "runs show")?);
     let compared = Compared::of(recording(&asked.before)?, recording(&asked.after)?)?;
     if args.json {
-        outputs::print(&compared.output())?;
+        output::print(&compared.output())?;
     } else {
         print(compared.text())?;
     }
-    Ok(Exit::Whole)
+    Ok(ExitCode::Success)
 }
 
 impl Difference {
@@ -164,7 +160,7 @@ struct Node {
 }
 
 impl Compared {
-    fn of(before: Recording, after: Recording) -> Result<Self, Stop> {
+    fn of(before: Recording, after: Recording) -> Result<Self, CliError> {
         let experiment = json_differences(&resolved(&before)?, &resolved(&after)?);
         let made_by = json_differences(&engine(&before), &engine(&after)).into_iter().filter(is_of_both).collect();
         let frames = frames(&before, &after);
@@ -331,14 +327,14 @@ fn folder(recording: &Recording) -> Option<PathBuf> {
     path.parent().filter(|_| path.file_name().is_some_and(|name| name == RECORDING)).map(Path::to_owned)
 }
 
-fn resolved(recording: &Recording) -> Result<Json, Stop> {
+fn resolved(recording: &Recording) -> Result<Json, CliError> {
     let bytes = recording.attachment(RESOLVED).map_err(|error| {
-        let exit = if error.is_damage() { Exit::Frames } else { Exit::Before };
-        Stop::remedied(exit, "failed to read the experiment", &error)
+        let exit = if error.is_damage() { ExitCode::FrameFailures } else { ExitCode::Usage };
+        CliError::remedied(exit, "failed to read the experiment", &error)
     })?;
     serde_saphyr::from_slice(&bytes).map_err(|error| {
         let what = format!("the experiment that {} holds is no YAML: {error}", recording.path().display());
-        Stop::new(Exit::Before, what).remedy("run the experiment again")
+        CliError::usage(what, "run the experiment again")
     })
 }
 

@@ -96,18 +96,11 @@ fn exit_codes() -> String {
     let about = "What a command's exit code means. A script that asks for no more than `0` or not is right with all of them; `3` is an answer (frames failed, \
                  values differ, a limit of `compare --fail-if` was passed) and not a fault of the command.";
     let mut text = head("Exit codes", about);
-    text.push_str("\n| command | code | meaning |\n|---|---|---|\n");
-    for (command, help) in helps() {
-        let codes = help
-            .lines()
-            .skip_while(|line| *line != "Exit codes:")
-            .skip(1)
-            .map_while(|line| line.trim().split_once(' '));
-        for (place, (code, meaning)) in codes.enumerate() {
-            let name = format!("depthloom {command}");
-            let name = if place == 0 { format!("`{}`", name.trim()) } else { String::new() };
-            let _ = writeln!(text, "| {name} | {code} | {} |", meaning.trim());
-        }
+    text.push_str("\n| code | meaning |\n|---|---|\n");
+    let help = said(&["--help"]);
+    let codes = help.lines().skip_while(|line| *line != "Exit codes:").skip(1);
+    for (code, meaning) in codes.map_while(|line| line.trim().split_once(' ')) {
+        let _ = writeln!(text, "| {code} | {} |", meaning.trim());
     }
     text
 }

@@ -4,7 +4,7 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use depthloom_terminal::{Exit, Stop};
+use depthloom_terminal::{CliError, ExitCode};
 
 use super::lock::{Lock, Refused};
 use super::marker::{Found, MARKER};
@@ -22,10 +22,10 @@ impl Removal {
     ///
     /// # Errors
     /// If it is no run's folder, a link, of a run that goes on, where the person stands, or holds what no run wrote.
-    pub fn of(folder: &Path) -> Result<Self, Stop> {
+    pub fn of(folder: &Path) -> Result<Self, CliError> {
         let folder = without_turns(folder).map_err(may_not)?;
         let refuse = |why: &str, remedy: &str| {
-            Err(Stop::new(Exit::Before, format!("{} is not removed: {why}", folder.display())).remedy(remedy))
+            Err(CliError::usage(format!("{} is not removed: {why}", folder.display()), remedy))
         };
         match found(&folder).map_err(may_not)? {
             Found::Run if folder.join(MARKER).exists() => {}
@@ -35,7 +35,8 @@ impl Removal {
             Found::Nothing => return refuse("there is nothing", "`depthloom runs` lists the runs there are"),
         }
         let lock = Lock::take(&folder).map_err(|refused| {
-            let stop = Stop::because(Exit::Before, format_args!("failed to lock {}", folder.display()), &refused);
+            let stop =
+                CliError::because(ExitCode::Usage, format_args!("failed to lock {}", folder.display()), &refused);
             stop.remedy(if matches!(refused, Refused::Busy) { "wait until it is done" } else { RIGHT })
         })?;
         match harm(&folder, &[]).map_err(may_not)? {
@@ -54,12 +55,13 @@ impl Removal {
     ///
     /// # Errors
     /// What the system gave.
-    pub fn remove(self) -> Result<(), Stop> {
+    pub fn remove(self) -> Result<(), CliError> {
         let Self { folder, lock } = self;
         // Where folders with open files cannot be renamed the lock goes now.
         let lock = cfg!(unix).then_some(lock);
         let aside = aside(&folder);
-        let failed = |error: &io::Error| may_not(Stop { exit: Exit::Engine, ..failed("remove", &folder, error) });
+        let failed =
+            |error: &io::Error| may_not(CliError { exit: ExitCode::Engine, ..failed("remove", &folder, error) });
         depthloom_durable::rename(&folder, &aside).map_err(|error| failed(&error))?;
         remove_all(&aside)
             .map_err(|error| failed(&error).also(format!("what is left of it is {}", aside.display())))?;
@@ -73,7 +75,7 @@ const RIGHT: &str =
     "removing a run takes the right to write in its folder and in the one around it, on a disk that takes writes";
 
 /// What the system refuses, with a remedy for who removes: another folder to write is none.
-fn may_not(stop: Stop) -> Stop {
+fn may_not(stop: CliError) -> CliError {
     stop.remedy(RIGHT)
 }
 
@@ -98,7 +100,7 @@ mod tests {
     use super::super::Begun;
     use super::{MARKER, Removal};
     use crate::run_folder::RunFolder;
-    use depthloom_terminal::Exit;
+    use depthloom_terminal::ExitCode;
 
     fn run(out: &Path) {
         let folder = RunFolder::create(out, false, &[], |_| Begun::Other).unwrap();
@@ -108,8 +110,8 @@ mod tests {
 
     fn refused(folder: &Path) -> String {
         let stop = Removal::of(folder).unwrap_err();
-        assert_eq!(stop.exit, Exit::Before);
-        stop.message
+        assert_eq!(stop.exit, ExitCode::Usage);
+        stop.message.what
     }
 
     #[test]

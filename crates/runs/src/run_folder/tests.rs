@@ -1,8 +1,8 @@
-use super::{Begun, Exit, RunFolder};
+use super::{Begun, ExitCode, RunFolder};
 use std::fs;
 use std::path::Path;
 
-fn create(out: &Path, overwrite: bool) -> Result<RunFolder, Exit> {
+fn create(out: &Path, overwrite: bool) -> Result<RunFolder, ExitCode> {
     RunFolder::create(out, overwrite, &[], |_| Begun::Other).map_err(|stop| stop.exit)
 }
 
@@ -32,7 +32,7 @@ fn fault_06_a_folder_of_a_person_is_never_replaced() {
         fs::create_dir(&thesis).unwrap();
         fs::write(thesis.join("thesis"), "years").unwrap();
         for overwrite in [false, true] {
-            assert_eq!(create(&folder.path().join("t"), overwrite).err(), Some(Exit::Before));
+            assert_eq!(create(&folder.path().join("t"), overwrite).err(), Some(ExitCode::Usage));
         }
         assert_eq!(fs::read_to_string(thesis.join("thesis")).unwrap(), "years");
         fs::remove_dir_all(&thesis).unwrap();
@@ -49,8 +49,8 @@ fn fault_06_what_appears_while_a_run_goes_on_stays() {
         fs::create_dir(&out).unwrap();
         fs::write(out.join("thesis"), "years").unwrap();
         let stop = run.finish().unwrap_err();
-        assert_eq!(stop.exit, Exit::Engine);
-        assert!(stop.remedy.unwrap().contains("out.partial"));
+        assert_eq!(stop.exit, ExitCode::Engine);
+        assert!(stop.message.remedy.unwrap().contains("out.partial"));
         assert_eq!(fs::read_to_string(out.join("thesis")).unwrap(), "years");
         assert_eq!(content(&folder.path().join("out.partial")), "new");
         fs::remove_dir_all(&out).unwrap();
@@ -64,13 +64,13 @@ fn fault_41_a_run_that_goes_on_is_not_replaced_and_one_that_is_over_is() {
     let out = folder.path().join("out");
     let live = create(&out, false).unwrap();
     live.write("scores.csv", "first").unwrap();
-    assert_eq!(create(&out, true).err(), Some(Exit::Before), "its partial folder is being written");
+    assert_eq!(create(&out, true).err(), Some(ExitCode::Usage), "its partial folder is being written");
     live.finish().unwrap();
-    assert_eq!(create(&out, false).err(), Some(Exit::Before), "nobody asked for it");
+    assert_eq!(create(&out, false).err(), Some(ExitCode::Usage), "nobody asked for it");
 
     let next = create(&out, true).unwrap();
     assert_eq!(content(&out), "first", "until the new run is whole the old one stays");
-    assert_eq!(create(&out, true).err(), Some(Exit::Before), "the old run is to be replaced already");
+    assert_eq!(create(&out, true).err(), Some(ExitCode::Usage), "the old run is to be replaced already");
     next.write("scores.csv", "second").unwrap();
     next.finish().unwrap();
     assert_eq!(content(&out), "second");
@@ -82,7 +82,7 @@ fn an_unfinished_run_that_nobody_writes_any_more_is_replaced_when_asked_for() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");
     drop(create(&out, false).unwrap());
-    assert_eq!(create(&out, false).err(), Some(Exit::Before));
+    assert_eq!(create(&out, false).err(), Some(ExitCode::Usage));
     whole_run(&out, "new");
     assert_eq!((content(&out).as_str(), names(folder.path())), ("new", vec!["out".to_owned()]));
 }
@@ -94,14 +94,14 @@ fn fault_41_a_run_that_holds_what_is_read_is_not_replaced() {
     whole_run(&out, "experiment");
     let experiment = out.join("scores.csv");
     let stop = RunFolder::create(&out, true, &[experiment], |_| Begun::Other).err().unwrap();
-    assert_eq!(stop.exit, Exit::Before);
+    assert_eq!(stop.exit, ExitCode::Usage);
     assert_eq!(content(&out), "experiment");
 }
 
 #[test]
 fn fault_41_the_folder_of_checkpoints_is_no_run() {
     let folder = tempfile::tempdir().unwrap();
-    assert_eq!(create(&folder.path().join("checkpoints"), true).err(), Some(Exit::Before));
+    assert_eq!(create(&folder.path().join("checkpoints"), true).err(), Some(ExitCode::Usage));
 }
 
 #[test]
@@ -122,7 +122,7 @@ fn fault_50_a_dangling_link_is_found_before_any_frame() {
     let out = folder.path().join("out");
     std::os::unix::fs::symlink(folder.path().join("nowhere"), &out).unwrap();
     for overwrite in [false, true] {
-        assert_eq!(create(&out, overwrite).err(), Some(Exit::Before));
+        assert_eq!(create(&out, overwrite).err(), Some(ExitCode::Usage));
     }
     assert_eq!(names(folder.path()), ["out"]);
 }
@@ -135,7 +135,7 @@ fn a_link_to_a_run_is_not_replaced_by_whatever_way_it_is_named() {
     whole_run(&run, "kept");
     std::os::unix::fs::symlink(&run, &link).unwrap();
     for way in ["link", "link/", "./link//", "link/."] {
-        assert_eq!(create(&folder.path().join(way), true).err(), Some(Exit::Before), "{way}");
+        assert_eq!(create(&folder.path().join(way), true).err(), Some(ExitCode::Usage), "{way}");
     }
     assert_eq!((content(&run).as_str(), names(folder.path())), ("kept", vec!["link".to_owned(), "run".to_owned()]));
 }
@@ -150,8 +150,8 @@ fn a_run_that_holds_what_no_run_wrote_is_not_replaced() {
         fs::create_dir_all(path.parent().unwrap()).unwrap();
         if name == "runs" { fs::create_dir(&path) } else { fs::write(&path, "years") }.unwrap();
         let stop = RunFolder::create(&out, true, &[], |_| Begun::Other).err().unwrap();
-        assert_eq!(stop.exit, Exit::Before);
-        assert!(stop.message.contains(name.split('/').next().unwrap()), "{}", stop.message);
+        assert_eq!(stop.exit, ExitCode::Usage);
+        assert!(stop.message.what.contains(name.split('/').next().unwrap()), "{}", stop.message.what);
         assert!(path.exists() && content(&out) == "kept");
         if name == "runs" { fs::remove_dir(&path) } else { fs::remove_file(&path) }.unwrap();
     }
@@ -171,7 +171,7 @@ fn a_way_through_the_folder_itself_replaces_it_as_any_other() {
     run.write("scores.csv", "after").unwrap();
     run.finish().unwrap();
     assert_eq!((content(&out).as_str(), names(folder.path())), ("after", vec!["out".to_owned()]));
-    assert_eq!(create(&folder.path().join("none/../out"), true).err(), Some(Exit::Before));
+    assert_eq!(create(&folder.path().join("none/../out"), true).err(), Some(ExitCode::Usage));
     assert_eq!(names(folder.path()), ["out"], "nothing was made on the way");
     let run = create(&out.join("../new/er/run"), false).unwrap();
     run.finish().unwrap();
@@ -192,7 +192,7 @@ fn a_run_that_ended_as_it_began_is_in_nobodys_way() {
     }
     // Under the final name it is somebody's all the same.
     fs::create_dir(&out).unwrap();
-    assert_eq!(create(&out, true).err(), Some(Exit::Before));
+    assert_eq!(create(&out, true).err(), Some(ExitCode::Usage));
     assert_eq!(names(folder.path()), ["out"]);
 }
 
@@ -202,8 +202,8 @@ fn a_name_too_long_for_what_comes_behind_it_is_found_before_any_frame() {
     for length in [245, 250, 300] {
         let stop =
             RunFolder::create(&folder.path().join("x".repeat(length)), true, &[], |_| Begun::Other).err().unwrap();
-        assert_eq!(stop.exit, Exit::Before);
-        assert!(stop.remedy.is_some_and(|remedy| remedy.contains("a shorter --out")), "{}", stop.message);
+        assert_eq!(stop.exit, ExitCode::Usage);
+        assert!(stop.message.remedy.is_some_and(|remedy| remedy.contains("a shorter --out")), "{}", stop.message.what);
     }
     assert_eq!(names(folder.path()), Vec::<String>::new());
 }
@@ -211,5 +211,5 @@ fn a_name_too_long_for_what_comes_behind_it_is_found_before_any_frame() {
 #[test]
 fn a_name_for_what_is_not_whole_is_no_name_of_a_run() {
     let folder = tempfile::tempdir().unwrap();
-    assert_eq!(create(&folder.path().join("out.partial"), false).err(), Some(Exit::Before));
+    assert_eq!(create(&folder.path().join("out.partial"), false).err(), Some(ExitCode::Usage));
 }

@@ -226,12 +226,7 @@ pub fn by_list(root: &Path, list: &Path) -> Result<Pairs, Fault> {
         let line = line + 1;
         match row(root, &places, columns.len(), text) {
             Ok(mut row) => {
-                let placed = |fault: Fault| match fault {
-                    Fault::Failed { what, remedy, source } => {
-                        Fault::Failed { what: format!("{}:{line}: {what}", list.display()), remedy, source }
-                    }
-                    Fault::Cancelled => Fault::Cancelled,
-                };
+                let placed = |fault: Fault| fault.map_what(|what| format!("{}:{line}: {what}", list.display()));
                 row.right = row.right.map_err(placed);
                 row.truth = row.truth.map_err(placed);
                 if let Some(first) = seen.insert(row.id.clone(), line) {

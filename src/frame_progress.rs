@@ -14,7 +14,7 @@ use depthloom_terminal::{on_one_line, say};
 const EVERY: Duration = Duration::from_secs(5);
 
 /// How far a walk is.
-pub struct Walk {
+pub struct FrameProgress {
     name: String,
     frames: u64,
     bar: Option<ProgressBar>,
@@ -28,7 +28,7 @@ struct Now {
     said: Option<Instant>,
 }
 
-impl Walk {
+impl FrameProgress {
     /// A walk over so many frames of a source.
     pub fn new(name: &str, frames: u64, quiet: bool) -> Self {
         let is_bar = !quiet && std::io::stderr().is_terminal();
@@ -62,7 +62,7 @@ impl Walk {
     }
 }
 
-impl Drop for Walk {
+impl Drop for FrameProgress {
     fn drop(&mut self) {
         if let Some(bar) = &self.bar {
             bar.finish_and_clear();

@@ -11,7 +11,7 @@ use depthloom_recording::Recording;
 use depthloom_runner::Interrupt;
 use depthloom_runs::TIMINGS;
 use depthloom_runs::environment;
-use depthloom_terminal::{Exit, Stop, say};
+use depthloom_terminal::{CliError, ExitCode, say};
 use indicatif::ProgressBar;
 
 /// How long a browser that cannot be started has to say so.
@@ -25,7 +25,7 @@ pub fn write(
     surroundings: &Surroundings,
     is_quiet: bool,
     interrupt: &Interrupt,
-) -> Result<(), Stop> {
+) -> Result<(), CliError> {
     let spinner = (!is_quiet && std::io::stderr().is_terminal()).then(|| {
         let spinner = ProgressBar::new_spinner().with_message(format!("writing {PAGE}"));
         spinner.enable_steady_tick(Duration::from_millis(200));
@@ -42,13 +42,13 @@ fn write_silently(
     summary: &Summary,
     surroundings: &Surroundings,
     interrupt: &Interrupt,
-) -> Result<(), Stop> {
+) -> Result<(), CliError> {
     let written = write_page(recording, folder, summary, surroundings, &|| interrupt.stops_admission());
     written.map(|_| ()).map_err(|error| match error {
-        AnalysisError::Stopped => Stop::new(Exit::Interrupted, format!("interrupted while writing {PAGE}")),
+        AnalysisError::Stopped => CliError::new(ExitCode::Interrupted, format!("interrupted while writing {PAGE}")),
         error => {
-            let exit = if error.is_damage() { Exit::Frames } else { Exit::Engine };
-            Stop::remedied(exit, format!("failed to make {PAGE}"), &error).also("`--no-page` leaves it out")
+            let exit = if error.is_damage() { ExitCode::FrameFailures } else { ExitCode::Engine };
+            CliError::remedied(exit, format!("failed to make {PAGE}"), &error).also("`--no-page` leaves it out")
         }
     })
 }

@@ -7,17 +7,17 @@ use std::sync::Mutex;
 use depthloom_graphs::contracts::{Fact, Survey};
 use depthloom_graphs::plan::{Plan, SourcePart, StageRun};
 use depthloom_graphs::registry::SourceEntry;
-use depthloom_graphs::{Context, Fault, Frame, Port, Registry, Scratch, Source, Value, counted};
+use depthloom_graphs::{Context, ErrorMessage, Fault, Frame, Port, Registry, Scratch, Source, Value, counted};
 use depthloom_nodes::inspection::inspect;
-use depthloom_terminal::{Exit, Problem, Stop};
+use depthloom_terminal::{CliError, ExitCode, Problem};
 use depthloom_threads::{Budget, Tiles as _, into_unlocked, locked};
 use schemars::JsonSchema;
 use serde::Serialize;
 use serde_json::Value as Json;
 
-use crate::told::Told;
+use crate::frame_progress::FrameProgress;
 use crate::truths;
-use crate::walk::Walk;
+use crate::warnings::WarningCollector;
 
 /// What was found of a source.
 pub struct Walked {
@@ -123,8 +123,9 @@ fn one(name: &str, entry: &SourceEntry, params: &Json, workers: usize, quiet: bo
     if let Some(source) = source {
         frames = source.frames().len();
         warnings = source.warnings().to_vec();
-        let told = Told::default();
-        let of_frames = each_frame(&*source, &ports, workers, (&told, &there), &Walk::new(name, frames as u64, quiet));
+        let told = WarningCollector::default();
+        let of_frames =
+            each_frame(&*source, &ports, workers, (&told, &there), &FrameProgress::new(name, frames as u64, quiet));
         faults.extend(of_frames);
         warnings.extend(told.into_warnings());
     }
@@ -161,8 +162,8 @@ fn each_frame(
     source: &dyn Source,
     ports: &[Port],
     workers: usize,
-    seen: (&Told, &There),
-    progress: &Walk,
+    seen: (&WarningCollector, &There),
+    progress: &FrameProgress,
 ) -> Vec<Found> {
     let found: Mutex<Vec<(usize, Vec<Found>)>> = Mutex::default();
     let frames = source.frames();
@@ -291,7 +292,7 @@ impl From<&Found> for DataFault {
 }
 
 /// How the command ends where something is wrong: every fault, its remedy where it is said first; what all frames share once.
-pub fn stop(walked: &[Walked]) -> Option<Stop> {
+pub fn stop(walked: &[Walked]) -> Option<CliError> {
     let count: usize = walked.iter().map(|of| of.faults.len()).sum();
     if count == 0 {
         return None;
@@ -300,17 +301,17 @@ pub fn stop(walked: &[Walked]) -> Option<Stop> {
     let mut problems = Vec::new();
     for of in walked {
         for (fault, frames) in once(&of.faults, of.frames) {
-            let place = match (&fault.frame, frames) {
+            let what = match (&fault.frame, frames) {
                 (Some(_), 2..) => format!("source `{}`, all {frames} frames, the first: {}", of.name, fault.what),
                 (Some(frame), _) => format!("source `{}`, frame {frame}: {}", of.name, fault.what),
                 (None, _) => format!("source `{}`: {}", of.name, fault.what),
             };
-            let remedy = fault.remedy.as_deref().filter(|remedy| said.insert(*remedy));
-            problems.push(Problem::Here(place, remedy.map(ToOwned::to_owned)));
+            let remedy = fault.remedy.as_deref().filter(|remedy| said.insert(*remedy)).map(ToOwned::to_owned);
+            problems.push(Problem::Here(ErrorMessage { what, remedy, source: None }));
         }
     }
     let what = format!("the data have {}", counted(count, "fault"));
-    Some(Stop::new(Exit::Before, what).problems(problems))
+    Some(CliError::new(ExitCode::Usage, what).problems(problems))
 }
 
 /// The faults in their order, each with the number of frames that have it: more than one is all of them.

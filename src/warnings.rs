@@ -8,16 +8,16 @@ use depthloom_threads::{into_unlocked, locked};
 
 /// What the sources warn of, each once.
 #[derive(Default)]
-pub struct Told(Mutex<BTreeSet<String>>);
+pub struct WarningCollector(Mutex<BTreeSet<String>>);
 
-impl Told {
+impl WarningCollector {
     /// All of it, in order.
     pub fn into_warnings(self) -> BTreeSet<String> {
         into_unlocked(self.0)
     }
 }
 
-impl Host for Told {
+impl Host for WarningCollector {
     fn cancelled(&self) -> bool {
         false
     }

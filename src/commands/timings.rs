@@ -1,0 +1,62 @@
+//! `depthloom timings`: where a run's time went.
+
+use std::path::Path;
+
+use depthloom_analysis::{AnalysisError, Lead};
+use depthloom_runs::{FOLDER, TIMINGS, named, partial_with, remedy_of_partial};
+use depthloom_terminal::{CliError, ExitCode, print};
+use schemars::JsonSchema;
+use serde::Serialize;
+
+use crate::args::TimingsArgs;
+use crate::output;
+
+/// Of `timings`: where a run's time went.
+#[derive(JsonSchema, Serialize)]
+pub struct Timings {
+    timings: Vec<Timing>,
+}
+
+/// What a part of a run cost.
+#[derive(JsonSchema, Serialize)]
+pub struct Timing {
+    stage: String,
+    /// Null where all variants share the node; of several, the first.
+    variant: Option<String>,
+    node: String,
+    /// `read`, `process`, `once`, `encode`, `compress` or `write`.
+    phase: String,
+    frames: u64,
+    cpu_ns: u64,
+    wall_ns: u64,
+    median_cpu_ns: Option<u64>,
+}
+
+/// Prints core-milliseconds per frame by node, encoding, compression and writing.
+pub fn timings(args: &TimingsArgs) -> Result<ExitCode, CliError> {
+    let run = named(&args.run, Path::new(FOLDER))?;
+    let path = run.join(TIMINGS);
+    let failed = |error: AnalysisError| {
+        let stop = CliError::because(ExitCode::Usage, "failed to show the timings", &error);
+        match partial_with(&run, TIMINGS).filter(|_| !run.exists()) {
+            Some(partial) => stop.remedy(remedy_of_partial(&partial, "timings")),
+            None => stop.remedy("name the folder of a run"),
+        }
+    };
+    if args.output.json {
+        let timings = depthloom_analysis::read_timings(&path).map_err(failed)?;
+        output::print(&Timings { timings: timings.into_iter().map(Timing::of).collect() })?;
+    } else {
+        print(depthloom_analysis::timings_table(&path).map_err(failed)?)?;
+    }
+    Ok(ExitCode::Success)
+}
+
+impl Timing {
+    /// A timing under the names of the columns of `timings.parquet`.
+    fn of(timing: depthloom_analysis::Timing) -> Self {
+        let depthloom_analysis::Timing { lead, node, phase, frames, cpu_ns, wall_ns, median_cpu_ns } = timing;
+        let Lead { stage, variant, .. } = lead;
+        Self { stage, variant, node, phase, frames, cpu_ns, wall_ns, median_cpu_ns }
+    }
+}

@@ -1,0 +1,131 @@
+//! Tables and figures printed, or written to a file that a person names.
+
+use std::fs;
+use std::io::{self, IsTerminal as _};
+use std::path::Path;
+
+use depthloom_analysis::{Answer, TableOutput};
+use depthloom_graphs::Key;
+use depthloom_runs::{failed, run_folder};
+use depthloom_terminal::{CliError, ExitCode, print, print_bytes, print_quoted};
+
+use crate::args::{TableFormat, TableOutputArgs};
+use crate::output::{self, CommandOutput};
+
+/// The width of a table on a terminal, in columns of text.
+const TERMINAL_WIDTH: usize = 110;
+
+/// What a table is written as, and where.
+pub struct Delivery<'a> {
+    pub format: TableFormat,
+    out: Option<&'a Path>,
+}
+
+impl<'a> Delivery<'a> {
+    /// Checks that the output can be written where the arguments say.
+    pub fn of(args: &'a TableOutputArgs) -> Result<Self, CliError> {
+        let out = args.out.as_deref();
+        let default = if args.json { TableFormat::Json } else { TableFormat::Terminal };
+        let format = args.format.unwrap_or(default);
+        if format == TableFormat::Parquet && out.is_none() && io::stdout().is_terminal() {
+            return Err(CliError::usage("Parquet is no text", "name a file with --out, or pipe it on"));
+        }
+        if let Some(out) = out {
+            can_be_written(out)?;
+        }
+        Ok(Self { format, out })
+    }
+
+    /// Prints an answer, or writes it to the file, as JSON of type `T`; `run` is the key of the plan it is of, `recordings` are those.
+    pub fn answer<T: CommandOutput + From<TableOutput>>(
+        &self,
+        answer: &Answer,
+        run: &Key,
+        recordings: &[&Path],
+    ) -> Result<(), CliError> {
+        let bytes = match self.format {
+            TableFormat::Terminal => answer.terminal(TERMINAL_WIDTH).into_bytes(),
+            TableFormat::Md => answer.markdown().into_bytes(),
+            TableFormat::Csv => answer.csv(),
+            TableFormat::Parquet => answer.parquet(run).map_err(failed)?,
+            TableFormat::Latex => answer.latex().into_bytes(),
+            TableFormat::Json => output::text(&T::from(answer.output())).into_bytes(),
+        };
+        self.deliver(&bytes, recordings)
+    }
+
+    /// Whether it is text for a terminal.
+    pub fn is_shown(&self) -> bool {
+        self.format == TableFormat::Terminal && self.out.is_none()
+    }
+
+    /// Prints it, or writes it to the file; `recordings` are those that it is of.
+    pub fn deliver(&self, bytes: &[u8], recordings: &[&Path]) -> Result<(), CliError> {
+        match (self.out, self.format) {
+            (Some(out), _) => write_named(out, bytes, recordings),
+            (None, TableFormat::Parquet) => print_bytes(bytes),
+            (None, TableFormat::Json) => print_quoted(&String::from_utf8_lossy(bytes)),
+            (None, _) => print(String::from_utf8_lossy(bytes)),
+        }
+    }
+}
+
+/// Writes a file that a person named; never one of a run, which `recordings` are those of.
+pub fn write_named(out: &Path, bytes: &[u8], recordings: &[&Path]) -> Result<(), CliError> {
+    if recordings.iter().any(|recording| is_of_the_run(out, recording)) {
+        let what = format!("{} is the run's own", out.display());
+        return Err(CliError::usage(what, "choose another file"));
+    }
+    write(out, bytes).map_err(|error| {
+        CliError::of_writing(ExitCode::Engine, format_args!("failed to write {}", out.display()), &error)
+    })
+}
+
+/// Refuses to replace a file of a run or a recording.
+pub fn replaces_no_run(out: &Path) -> Result<(), CliError> {
+    let is_of_a_run = || run_folder::around(out.parent().unwrap_or(Path::new("."))).is_some();
+    let what = match out.is_file() {
+        true if is_of_a_run() => "it is a file of a run",
+        true if depthloom_runs::is_recording(out) => "it is a recording",
+        _ => return Ok(()),
+    };
+    Err(CliError::usage(format!("cannot write {}: {what}", out.display()), "choose another file"))
+}
+
+/// That a file may stand there: in a folder, and no folder itself.
+pub fn can_be_written(out: &Path) -> Result<(), CliError> {
+    let cannot = |what: String| CliError::new(ExitCode::Usage, format!("cannot write {}: {what}", out.display()));
+    if out.is_dir() {
+        let file = out.join("table.csv");
+        return Err(cannot("it is a folder".to_owned()).remedy(format!("name a file in it, e.g. {}", file.display())));
+    }
+    if out.is_symlink() && !is_stream(out) {
+        // In a folder that is a stranger's, it may lead to any file of the person's.
+        return Err(cannot("it is a symbolic link".to_owned()).remedy("name the file that it leads to"));
+    }
+    replaces_no_run(out)?;
+    match out.parent().filter(|folder| !folder.as_os_str().is_empty() && !folder.is_dir()) {
+        None => Ok(()),
+        Some(folder) => {
+            let stop = cannot(format!("there is no folder {}", folder.display()));
+            Err(stop.remedy(format!("make it (`mkdir -p {}`), or choose another --out", folder.display())))
+        }
+    }
+}
+
+/// Writes a file that a person named, or into the pipe or device of that name (`/dev/stdout`).
+fn write(out: &Path, bytes: &[u8]) -> io::Result<()> {
+    if is_stream(out) { fs::write(out, bytes) } else { depthloom_durable::write(out, bytes) }
+}
+
+/// Whether a path leads to a pipe or device, or to where the system names this process' own streams (`/dev/stdout`, `/dev/fd/3`).
+fn is_stream(out: &Path) -> bool {
+    ["/dev", "/proc"].iter().any(|folder| out.starts_with(folder))
+        || fs::metadata(out).is_ok_and(|there| !there.is_file() && !there.is_dir())
+}
+
+/// Whether a file is there already beside the recording, or is the recording.
+fn is_of_the_run(out: &Path, recording: &Path) -> bool {
+    let folder = |path: &Path| path.canonicalize().ok()?.parent().map(Path::to_owned);
+    out.exists() && folder(out).is_some_and(|of_out| Some(of_out) == folder(recording))
+}

@@ -1,0 +1,66 @@
+//! The timings of a run, beside its recording.
+
+use std::path::Path;
+
+use depthloom_analysis::{Leads, plan_key};
+use depthloom_graphs::plan::Plan;
+use depthloom_recording::{RecordedPlan, Recorder};
+use depthloom_runner::Phase;
+use depthloom_terminal::{CliError, ExitCode};
+
+/// Writes a run's timings beside its recording.
+pub fn write_timings(
+    timings: &[depthloom_runner::Timing],
+    plan: &Plan,
+    recorder: &Recorder,
+    path: &Path,
+) -> Result<(), CliError> {
+    let failed = |what: String| CliError::new(ExitCode::Engine, format!("failed to keep the timings: {what}"));
+    let recorded = RecordedPlan::read_back(plan).map_err(failed)?;
+    let leads = Leads::new(&recorded);
+    let rows: Vec<depthloom_analysis::Timing> =
+        timings.iter().flat_map(|timing| rows(timing, plan, &leads, recorder)).collect();
+    depthloom_analysis::write_timings(&rows, &plan_key(&recorded), path)
+        .map_err(|error| CliError::remedied(ExitCode::Engine, "failed to keep the timings", &error))
+}
+
+/// A timing's rows: one, or two where compression is a share of encoding.
+fn rows(
+    timing: &depthloom_runner::Timing,
+    plan: &Plan,
+    leads: &Leads<'_>,
+    recorder: &Recorder,
+) -> Vec<depthloom_analysis::Timing> {
+    let run = &plan.runs[timing.run];
+    let variants = match timing.phase {
+        Phase::Once(node) | Phase::Node(node) => &run.nodes[node].variants,
+        Phase::Source | Phase::Write | Phase::Encode(_) => &run.variants,
+    };
+    let row =
+        |node: String, phase: &str, cpu_ns: u64, wall_ns: u64, median_cpu_ns: Option<u64>| depthloom_analysis::Timing {
+            lead: leads.of_those(&run.stage, variants),
+            node,
+            phase: phase.to_owned(),
+            frames: timing.count,
+            cpu_ns,
+            wall_ns,
+            median_cpu_ns,
+        };
+    let whole =
+        |node: String, phase: &str| row(node, phase, timing.cpu.sum_ns, timing.wall.sum_ns, timing.median_cpu_ns());
+    match timing.phase {
+        Phase::Source => vec![whole(timing.label.clone(), "read")],
+        Phase::Write => vec![whole("recording".to_owned(), "write")],
+        Phase::Once(node) => vec![whole(run.nodes[node].name.clone(), "once")],
+        Phase::Node(node) => vec![whole(run.nodes[node].name.clone(), "process")],
+        Phase::Encode(part) => {
+            let compression = recorder.compression(timing.run)[part];
+            let node = format!("recording of {}", compression.class);
+            let encode_ns = timing.cpu.sum_ns.saturating_sub(compression.cpu_ns);
+            vec![
+                row(node.clone(), "encode", encode_ns, timing.wall.sum_ns, None),
+                row(node, "compress", compression.cpu_ns, 0, None),
+            ]
+        }
+    }
+}
