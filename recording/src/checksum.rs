@@ -8,8 +8,7 @@ use std::collections::BTreeMap;
 use crc32fast::Hasher;
 use depthloom_graphs::Key;
 
-use crate::error::RecordingError;
-use crate::file::PositionedFile;
+use depthloom_mcap::{FileError, PositionedFile};
 
 /// The entry of a metadata record with the checksum over its name and its other entries.
 const CHECKSUM: &str = "checksum";
@@ -55,7 +54,7 @@ impl<'a> CrcBefore<'a> {
     }
 
     /// The CRC-32 of all bytes before a place, which is not before the one asked for last.
-    pub(crate) fn place(&mut self, offset: u64) -> Result<u32, RecordingError> {
+    pub(crate) fn place(&mut self, offset: u64) -> Result<u32, FileError> {
         const BLOCK: u64 = 1 << 18;
         while self.at < offset {
             let length = BLOCK.min(offset - self.at);
@@ -67,7 +66,7 @@ impl<'a> CrcBefore<'a> {
     }
 
     /// The CRC-32 of the bytes from the previous place up to another one.
-    pub(crate) fn stretch(&mut self, end: u64) -> Result<u32, RecordingError> {
+    pub(crate) fn stretch(&mut self, end: u64) -> Result<u32, FileError> {
         let before = std::mem::replace(&mut self.crc, Hasher::new());
         let crc = self.place(end);
         let stretch = std::mem::replace(&mut self.crc, before);

@@ -98,18 +98,14 @@ mod commit_message;
 mod condition;
 mod difference;
 mod error;
-mod file;
-mod parse;
 mod plan;
 mod read;
-mod record;
 mod reuse;
 mod source;
-mod unpack;
-mod window;
 mod write;
 
 pub use condition::Condition;
+pub use depthloom_mcap::FileError;
 pub use difference::{Difference, NodePair, json_differences, node_pairs, source_differences};
 pub use error::RecordingError;
 pub use plan::{
@@ -119,8 +115,7 @@ pub use plan::{
 pub use read::attachment::AttachmentEntry;
 pub use read::damage::Damage;
 pub use read::damaged_content::DamagedContent;
-pub use read::digest::digest;
-pub use read::frame_reader::FrameReader;
+pub use read::frame_reader::{FrameReader, StoredMessage};
 pub use read::recording::{RecordedContent, RecordedFrame, RecordedOnce, Recording};
 pub use read::topic_sizes::TopicSize;
 pub use reuse::earlier_runs::EarlierRuns;
@@ -136,9 +131,16 @@ pub(crate) const FORMAT: &str = "5";
 /// The versions that are read. In version 2 values share chunks, and maps of floats are images. In both 2 and 4, values that depthloom 0.1 copied from
 /// an earlier run may be those of another variant: they can be looked at, and are never reused.
 pub(crate) const KNOWN_FORMATS: [&str; 3] = ["2", "4", FORMAT];
+/// The most a chunk may hold, uncompressed: protobuf messages end there, and no frame of a camera comes near. Writer and reader
+/// keep to the same number.
+pub(crate) const LARGEST_CHUNK: u64 = 1 << 31;
+/// The most bytes of a chunk's body before its records.
+pub(crate) const LONGEST_CHUNK_HEADER: u64 = 40 + "zstd".len() as u64;
 /// The metadata record that holds format, plan and aliases.
 pub(crate) const PLAN_METADATA: &str = "depthloom";
 /// The metadata records that say which attachment holds which once-value: the topic follows, for viewers know a record by its name.
 pub(crate) const ONCE_METADATA: &str = "depthloom.once";
 /// The metadata record of a run that ended before its end.
 pub(crate) const ENDED_METADATA: &str = "depthloom.ended";
+/// What a channel calls the topic of the plan, where its own is another.
+pub(crate) const TOPIC_IN_PLAN: &str = "topic_in_plan";

@@ -1,10 +1,10 @@
 //! Reading a recording: where its bytes are, what was committed, what is damaged.
 
 pub(crate) mod attachment;
+pub(crate) mod chunk_messages;
 pub(crate) mod curve;
 pub(crate) mod damage;
 pub(crate) mod damaged_content;
-pub(crate) mod digest;
 pub(crate) mod frame_reader;
 pub(crate) mod index;
 pub(crate) mod recording;

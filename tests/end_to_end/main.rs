@@ -37,6 +37,8 @@ mod page;
 mod process;
 mod python_package;
 mod python_reads;
+#[path = "../../recording/tests/recording/digest.rs"]
+mod recording_digest;
 mod replay;
 #[cfg(target_os = "linux")]
 mod reports;

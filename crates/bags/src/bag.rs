@@ -5,41 +5,21 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use depthloom_graphs::{Fault, regular_file};
+use depthloom_mcap::{PositionedFile, begins_as_mcap, name_of};
 use depthloom_threads::Budget;
 
 use crate::MOST_BYTES;
-use crate::chunk_cache::ChunkCache;
-use crate::file::{PositionedFile, name_of};
-use crate::mcap_file::McapFile;
-use crate::mcap_index::{Channel, MAGIC as MCAP, Warning};
 use crate::metadata;
-use crate::sqlite_file::{MAGIC as SQLITE, SqliteFile};
+use crate::storage::ChunkCache;
+use crate::storage::mcap_file::McapFile;
+use crate::storage::message::{Channel, Message, Place, Warning};
+use crate::storage::sqlite_file::{MAGIC as SQLITE, SqliteFile};
 
 /// How a zstd frame begins. No CDR or protobuf message begins so.
 const ZSTD: [u8; 4] = [0x28, 0xb5, 0x2f, 0xfd];
 
 /// What a path should be.
 const WANTED: &str = "path is the folder of a ROS 2 bag (with metadata.yaml), or one file of it (.mcap, .db3); ROS 1's .bag is converted by `rosbags-convert` (PyPI, rosbags)";
-
-/// A message of a bag: where it lies, and when it was recorded.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Message {
-    pub(crate) file: usize,
-    /// When it was recorded, nanoseconds since 1970.
-    pub log_ns: u64,
-    pub(crate) place: Place,
-}
-
-/// Where a message's bytes are.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Place {
-    /// In an MCAP file, outside of chunks.
-    Bytes { offset: u64, length: u64 },
-    /// In an MCAP file: a record of a chunk.
-    Chunk { chunk: usize, channel: u16, offset: u64 },
-    /// In an SQLite file.
-    Row(i64),
-}
 
 /// A topic of a bag.
 #[derive(Clone, Debug)]
@@ -319,7 +299,7 @@ fn open(path: &Path, number: usize, cache: &Arc<ChunkCache>) -> Result<Storage, 
     let head = file.range(0, file.size.min(16), 16)?;
     let no_bag = |what: &str| Fault::new(format!("{} {what}", path.display())).remedy(WANTED);
     match head.as_slice() {
-        head if head.starts_with(MCAP) => Ok(Storage::Mcap(Box::new(McapFile::open(path, number, Arc::clone(cache))?))),
+        _ if begins_as_mcap(&file)? => Ok(Storage::Mcap(Box::new(McapFile::open(file, number, Arc::clone(cache))?))),
         head if head == SQLITE => Ok(Storage::Sqlite(SqliteFile::open(path)?)),
         head if head.starts_with(&ZSTD) => Err(metadata::packed(path)),
         head if head.starts_with(b"#ROSBAG V") => Err(no_bag("is a ROS 1 bag")
@@ -329,17 +309,7 @@ fn open(path: &Path, number: usize, cache: &Arc<ChunkCache>) -> Result<Storage, 
             Err(Fault::new(format!("{} is a pointer of Git LFS, not the file itself", path.display()))
                 .remedy(regular_file::LFS_REMEDY))
         }
-        _ if ends_as_mcap(&file)? => Err(file.damaged(0, "it does not begin as an MCAP file, and ends as one")),
         _ => Err(no_bag("is neither an MCAP file nor an SQLite database")),
-    }
-}
-
-/// Whether a file ends as an MCAP file does, whatever its first bytes are.
-fn ends_as_mcap(file: &PositionedFile) -> Result<bool, Fault> {
-    let length = MCAP.len() as u64;
-    match file.size.checked_sub(length) {
-        Some(offset) => Ok(file.range(offset, length, length)? == MCAP),
-        None => Ok(false),
     }
 }
 

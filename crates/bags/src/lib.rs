@@ -22,31 +22,25 @@
 mod bag;
 pub mod camera;
 mod cdr;
-mod chunk_cache;
-mod chunks;
-mod file;
 mod form;
 pub mod images;
 mod malformed;
-mod mcap_file;
-mod mcap_index;
 mod metadata;
 mod mosaic;
 pub mod pace;
 pub mod pairs;
 pub mod points;
-mod record;
-mod scan;
-mod sqlite_file;
 pub mod stamps;
+mod storage;
 pub mod topics;
 pub mod transforms;
 mod yuv;
 
-pub use bag::{Bag, Message, Topic};
+pub use bag::{Bag, Topic};
 pub use form::{Form, Header, Sort};
 pub use malformed::Malformed;
-pub use mcap_file::written_by;
+pub use storage::mcap_file::written_by;
+pub use storage::message::Message;
 
 /// The most bytes of a message, compressed or not: 8192 x 8192 of 16-bit RGB are 384 MiB.
 pub const MOST_BYTES: u64 = 512 << 20;

@@ -207,7 +207,8 @@ impl Layout for KittiStereo2012 {
             KittiCameras::Grey => ["P0", "P1"],
         };
         let calibration = pair(&Lines::of(&file.path, &text, PROJECTIONS)?, cameras, size)?;
-        let map = |part| Ok(files.map_u16(part, "disparity", size)?.as_ref().map(TrueDisparity::from_px_256));
+        let map =
+            |part| Ok::<_, Fault>(files.map_u16(part, "disparity", size)?.as_ref().map(TrueDisparity::from_px_256));
         let maps = Evaluation { noc: map(NOC)?, occ: map(OCC)?, objects: None };
         let truth = match self.truth {
             Some(NOC) => maps.noc.as_ref(),

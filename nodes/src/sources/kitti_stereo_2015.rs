@@ -316,7 +316,8 @@ impl Layout for KittiStereo2015 {
                 assumed
             }
         };
-        let map = |part| Ok(files.map_u16(part, "disparity", size)?.as_ref().map(TrueDisparity::from_px_256));
+        let map =
+            |part| Ok::<_, Fault>(files.map_u16(part, "disparity", size)?.as_ref().map(TrueDisparity::from_px_256));
         let maps = Evaluation { noc: map(NOC)?, occ: map(OCC)?, objects: objects(files, size)? };
         let truth = if self.truth == Some(OCC) { maps.occ.as_ref() } else { maps.noc.as_ref() };
         let mut outputs = Outputs::one("left", left).with("right", right);

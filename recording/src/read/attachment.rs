@@ -1,10 +1,7 @@
 //! Attachments read back, checked.
 
-use mcap::records::op;
-
-use crate::error::RecordingError;
-use crate::file::PositionedFile;
-use crate::parse::{RECORD_HEADER, Records, attachment_head};
+use depthloom_mcap::records::AttachmentHeader;
+use depthloom_mcap::{FileError, PositionedFile, RECORD_HEADER, body_of, op, read};
 
 /// An attachment.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -21,25 +18,39 @@ pub struct AttachmentEntry {
 
 impl AttachmentEntry {
     /// Reads the content, checked.
-    pub(crate) fn read(&self, file: &PositionedFile) -> Result<Vec<u8>, RecordingError> {
+    pub(crate) fn read(&self, file: &PositionedFile) -> Result<Vec<u8>, FileError> {
         let mut record = Vec::new();
         file.read_range(&mut record, self.offset, self.length)?;
         let damaged = |what: &str| file.damaged(self.offset, what);
-        let Some(Ok((_, op::ATTACHMENT, body))) = Records::new(&record).next() else {
-            return Err(damaged("no attachment is there"));
-        };
-        let head = attachment_head(body).filter(|head| head.body_length == Some(body.len() as u64));
-        let head = head.ok_or_else(|| damaged("the sizes of an attachment contradict each other"))?;
-        let crc = body.len() - 4;
+        let body = body_of(op::ATTACHMENT, &record).ok_or_else(|| damaged("no attachment is there"))?;
+        let (head, content) = attachment_head(body).ok_or_else(|| damaged("no complete attachment is there"))?;
+        if head.size.checked_add(4) != Some(content.len() as u64) {
+            return Err(damaged("the sizes of an attachment contradict each other"));
+        }
+        let (crc, start) = (body.len() - 4, body.len() - content.len());
         if crc32fast::hash(&body[..crc]).to_le_bytes() != body[crc..] {
             return Err(damaged("an attachment's checksum differs"));
         }
         if (&head.name, &head.media_type, head.size) != (&self.name, &self.media_type, self.size) {
             return Err(damaged("an attachment is another than the summary says"));
         }
-        let content = RECORD_HEADER as usize + head.length;
         record.truncate(RECORD_HEADER as usize + crc);
-        record.drain(..content);
+        record.drain(..RECORD_HEADER as usize + start);
         Ok(record)
     }
+}
+
+/// What an attachment says of itself.
+pub(crate) struct AttachmentHead {
+    pub(crate) name: String,
+    pub(crate) media_type: String,
+    /// How many bytes the content has; a checksum of four bytes follows it.
+    pub(crate) size: u64,
+}
+
+/// The head of an attachment, and the bytes behind it.
+pub(crate) fn attachment_head(body: &[u8]) -> Option<(AttachmentHead, &[u8])> {
+    let (AttachmentHeader { name, media_type, .. }, rest) = read(body)?;
+    let (size, rest) = rest.split_first_chunk()?;
+    Some((AttachmentHead { name, media_type, size: u64::from_le_bytes(*size) }, rest))
 }

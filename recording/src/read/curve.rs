@@ -7,13 +7,12 @@ use depthloom_graphs::values::Curve;
 use prost::Message;
 
 use crate::error::RecordingError;
+use crate::read::chunk_messages::ChunkBuffers;
 use crate::read::damaged_content::DamagedContent;
-use crate::read::index::{ChunkEntry, Index};
+use crate::read::index::ChunkEntry;
 use crate::read::recording::Recording;
-use crate::unpack::ChunkBuffers;
 use crate::write::part::{Part, messages_outside_frames};
 use depthloom_codecs::messages::CurvePointMessage;
-use depthloom_codecs::schema::Schema;
 
 /// How far apart in time two steps are shown, nanoseconds: a training has no time of its own.
 const STEP_NS: u64 = 1_000_000;
@@ -23,15 +22,6 @@ pub(crate) fn points_part(channel: u16, first_frame_ns: u64, curve: &Curve) -> P
     let message = |point| CurvePointMessage::new(point).encode_to_vec();
     let time_ns = |step: u64| first_frame_ns.saturating_add(step.saturating_mul(STEP_NS));
     messages_outside_frames(channel, curve.points.iter().map(|point| (time_ns(point.step), message(point))))
-}
-
-impl Index {
-    /// Whether a chunk holds points of a learning curve.
-    pub(crate) fn holds_points(&self, chunk: &ChunkEntry) -> bool {
-        let [channel] = *chunk.channels else { return false };
-        let schema = self.channels.get(&channel).and_then(|channel| self.schema_of(channel));
-        schema == Some(Schema::CurvePoint.name())
-    }
 }
 
 impl Recording {
@@ -51,11 +41,11 @@ impl Recording {
                     points.push(point.point().ok_or("a point of a learning curve has no loss or no learning rate")?);
                     Ok(())
                 })
-                .map_err(|error| error.with_content(&DamagedContent::Curve(topic.to_owned())))?;
+                .map_err(|error| RecordingError::from(error).with_content(&DamagedContent::Curve(topic.to_owned())))?;
         }
         if points.len() as u64 != count {
             let what = format!("the learning curve {topic} has {} of its {count} points", points.len());
-            return Err(self.file.damaged(0, what));
+            return Err(self.file.damaged(0, what).into());
         }
         Ok(Curve { points })
     }

@@ -6,10 +6,10 @@
 use std::collections::BTreeSet;
 
 use crate::checksum::CrcBefore;
+use crate::read::chunk_messages::ChunkBuffers;
 use crate::read::damaged_content::DamagedContent;
 use crate::read::index::{ChunkEntry, DATA_END};
 use crate::read::recording::Recording;
-use crate::unpack::ChunkBuffers;
 
 /// A stretch of a recording that is not what was written.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -1,10 +1,11 @@
 //! Values of some topics, frame by frame.
 
 use depthloom_graphs::{Value, ValueType};
+use depthloom_mcap::Message;
 
 use crate::error::RecordingError;
+use crate::read::chunk_messages::ChunkBuffers;
 use crate::read::recording::{RecordedFrame, Recording};
-use crate::unpack::ChunkBuffers;
 use depthloom_codecs::decode::Gathered;
 use depthloom_codecs::schema::Schema;
 
@@ -22,6 +23,19 @@ pub struct FrameReader<'a> {
     next: usize,
 }
 
+/// A message as it is stored.
+#[derive(Clone, Copy, Debug)]
+pub struct StoredMessage<'a> {
+    /// The topic in the file.
+    pub topic: &'a str,
+    /// The name of its schema.
+    pub schema: &'a str,
+    /// When it was recorded, nanoseconds.
+    pub time_ns: u64,
+    /// Its data.
+    pub data: &'a [u8],
+}
+
 impl Recording {
     /// A reader of some of a stage run's topics; each may be an alias.
     ///
@@ -29,6 +43,25 @@ impl Recording {
     /// If the run has no such topic, or did not record it.
     pub fn reader(&self, run: usize, topics: &[impl AsRef<str>]) -> Result<FrameReader<'_>, RecordingError> {
         FrameReader::new(self, run, topics)
+    }
+
+    /// Passes all messages to `each`, in the order of the file.
+    ///
+    /// # Errors
+    /// If the recording cannot be read, or `each` fails.
+    pub fn each_message(
+        &self,
+        mut each: impl FnMut(StoredMessage<'_>) -> Result<(), String>,
+    ) -> Result<(), RecordingError> {
+        let mut buffers = ChunkBuffers::default();
+        for chunk in &self.index.chunks {
+            buffers.each_message(&self.file, chunk, |Message { channel, time_ns, data }| {
+                let channel = self.index.channels.get(&channel).ok_or("a message is of an unknown channel")?;
+                let schema = self.index.schema_of(channel).unwrap_or_default();
+                each(StoredMessage { topic: &channel.written_topic, schema, time_ns, data })
+            })?;
+        }
+        Ok(())
     }
 }
 
@@ -91,7 +124,9 @@ impl<'a> FrameReader<'a> {
                 Ok(())
             });
             let is_read = |id: u16| channels.iter().any(|(channel, ..)| *channel == id);
-            read.map_err(|error| error.with_content(&recording.frame_content(self.run, position, chunk, is_read)))?;
+            read.map_err(|error| {
+                RecordingError::from(error).with_content(&recording.frame_content(self.run, position, chunk, is_read))
+            })?;
         }
         Ok(gathered.into_iter().map(Gathered::into_value).collect())
     }

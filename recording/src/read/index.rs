@@ -1,18 +1,42 @@
-//! Where things lie in a recording, from its summary. `recovery_scan.rs` finds the same where there is none.
+//! Where things are in a recording, from its summary. `recovery_scan.rs` finds the same where there is none.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use crc32fast::Hasher;
-use mcap::records::{Record, op};
+use depthloom_codecs::schema::Schema;
+use depthloom_mcap::records::{
+    AttachmentIndex, Channel, ChunkHeader, ChunkIndex, Metadata, MetadataIndex, SchemaHeader,
+};
+use depthloom_mcap::{
+    FOOTER, FileEnd, FileError, MAGIC_LENGTH, PositionedFile, RECORD_HEADER, body_of, each_summary_record, file_end,
+    op, read, read_all,
+};
 
 use crate::checksum::unseal;
 use crate::error::RecordingError;
-use crate::file::PositionedFile;
-use crate::parse::{self, ChannelEntry, RECORD_HEADER, Records};
 use crate::read::attachment::AttachmentEntry;
-use crate::{KNOWN_FORMATS, ONCE_METADATA, PLAN_METADATA};
-use depthloom_codecs::schema::Schema;
+use crate::{KNOWN_FORMATS, LONGEST_CHUNK_HEADER, ONCE_METADATA, PLAN_METADATA, TOPIC_IN_PLAN};
+
+/// A channel.
+#[derive(Clone, Debug)]
+pub(crate) struct ChannelEntry {
+    pub(crate) schema: u16,
+    /// The topic of the plan.
+    pub(crate) topic: String,
+    /// The topic in the file: another one where viewers would not find the camera of an image by the plan's.
+    pub(crate) written_topic: String,
+    /// Whether all it says of itself is its stage: a commit's channel, and no other.
+    pub(crate) is_of_a_stage: bool,
+}
+
+impl From<Channel> for ChannelEntry {
+    fn from(Channel { schema_id, topic: written_topic, metadata, .. }: Channel) -> Self {
+        let topic = metadata.get(TOPIC_IN_PLAN).unwrap_or(&written_topic).clone();
+        let is_of_a_stage = metadata.len() == 1 && metadata.contains_key("stage");
+        Self { schema: schema_id, topic, written_topic, is_of_a_stage }
+    }
+}
 
 /// A chunk, and which channels it has messages of.
 #[derive(Clone, Debug)]
@@ -25,6 +49,17 @@ pub(crate) struct ChunkEntry {
     pub(crate) end: u64,
     /// Ascending; chunks of equal channels share the list.
     pub(crate) channels: Arc<[u16]>,
+}
+
+impl ChunkEntry {
+    /// What the chunk says of its records; `None` if no chunk is there.
+    pub(crate) fn header(&self, file: &PositionedFile) -> Result<Option<ChunkHeader>, FileError> {
+        let mut head = [0; LONGEST_CHUNK_HEADER as usize];
+        let length = self.length.saturating_sub(RECORD_HEADER).min(LONGEST_CHUNK_HEADER);
+        let head = &mut head[..length as usize];
+        file.read_exact(head, self.start + RECORD_HEADER)?;
+        Ok(read(head).map(|(header, _)| header))
+    }
 }
 
 /// A metadata record, its checksum found right.
@@ -62,35 +97,76 @@ pub(crate) struct Index {
 
 /// The record that ends the data, before the summary.
 pub(crate) const DATA_END: u64 = RECORD_HEADER + 4;
-/// A footer with its header, and the magic bytes after it.
-const FOOTER: u64 = RECORD_HEADER + 20 + MAGIC;
-pub(crate) const MAGIC: u64 = mcap::MAGIC.len() as u64;
-/// Bytes of a summary that are read at a time, if no record of it has more.
-const WINDOW: u64 = 1 << 20;
-
 impl Index {
     /// Reads the summary; `None` if the file's writer did not finish it.
     pub(crate) fn of_summary(file: &PositionedFile) -> Result<Option<Self>, RecordingError> {
         let Some(start) = summary_start(file)? else { return Ok(None) };
+        let mut index = Self::default();
         // The checksum covers the footer up to the checksum itself.
-        let checked_end = file.size - MAGIC - 4;
-        let (mut window, mut at, mut found) = (Vec::new(), start, Hasher::new());
+        let checked_end = file.size - MAGIC_LENGTH - 4;
+        let (mut block, mut at, mut found) = (Vec::new(), start, Hasher::new());
         while at < checked_end {
-            let length = WINDOW.min(checked_end - at);
-            file.read_range(&mut window, at, length)?;
-            found.update(&window);
+            let length = (1 << 20).min(checked_end - at);
+            file.read_range(&mut block, at, length)?;
+            found.update(&block);
             at += length;
         }
         let mut crc = [0; 4];
         file.read_exact(&mut crc, checked_end)?;
         if crc != found.finalize().to_le_bytes() {
-            return Err(file.damaged(start, "the summary's checksum differs"));
+            return Err(file.damaged(start, "the summary's checksum differs").into());
         }
         file.read_exact(&mut crc, start - 4)?;
-        let mut index = Self { data_end: Some((start - DATA_END, u32::from_le_bytes(crc))), ..Self::default() };
-        index.read_summary(file, start, window)?;
+        index.data_end = Some((start - DATA_END, u32::from_le_bytes(crc)));
+        let mut metadata = Vec::new();
+        each_summary_record(file, (start, file.size - FOOTER), |at, opcode, body| {
+            let known = index.add_summary_record(opcode, body, start, &mut metadata);
+            known.ok_or_else(|| file.damaged(at, "a record of the summary is not what was written"))
+        })?;
+        let mut record = Vec::new();
+        for MetadataIndex { offset, length, .. } in metadata {
+            file.read_range(&mut record, offset, length)?;
+            let body = body_of(op::METADATA, &record);
+            let body = body.ok_or_else(|| file.damaged(offset, "no metadata record is there"))?;
+            index.metadata.push(metadata_entry(file, offset, body)?);
+        }
+        index.chunks.sort_by_key(|chunk| chunk.start);
         index.channel_lists.clear();
         Ok(Some(index))
+    }
+
+    /// Adds a record of the summary, which starts at `summary`; `None` if no recording has it.
+    fn add_summary_record(
+        &mut self,
+        opcode: u8,
+        body: &[u8],
+        summary: u64,
+        metadata: &mut Vec<MetadataIndex>,
+    ) -> Option<()> {
+        match opcode {
+            op::SCHEMA => {
+                let (schema, _) = read::<SchemaHeader>(body)?;
+                self.schemas.insert(schema.id, schema.name);
+            }
+            op::CHANNEL => {
+                let channel: Channel = read_all(body)?;
+                self.channels.insert(channel.id, channel.into());
+            }
+            op::CHUNK_INDEX => {
+                let chunk: ChunkIndex = read_all(body)?;
+                let (start, length) = (chunk.chunk_start_offset, chunk.chunk_length);
+                let end = start.checked_add(length)?.checked_add(chunk.message_index_length)?;
+                let channels = self.channel_list(chunk.message_index_offsets.into_keys().collect());
+                self.chunks.push(ChunkEntry { start, length, end: (end <= summary).then_some(end)?, channels });
+            }
+            op::ATTACHMENT_INDEX => {
+                let AttachmentIndex { name, media_type, data_size: size, offset, length, .. } = read_all(body)?;
+                self.attachments.push(AttachmentEntry { name, media_type, size, offset, length });
+            }
+            op::METADATA_INDEX => metadata.push(read_all(body)?),
+            _ => {}
+        }
+        Some(())
     }
 
     /// The schema's name of a channel.
@@ -104,76 +180,11 @@ impl Index {
         schema == Some(Schema::Commit.name())
     }
 
-    /// Reads the records of the summary: some at a time, for of a long run they are many megabytes, of which little is kept.
-    fn read_summary(&mut self, file: &PositionedFile, start: u64, mut window: Vec<u8>) -> Result<(), RecordingError> {
-        let (end, mut at, mut length) = (file.size - FOOTER, start, WINDOW);
-        let mut indexes = Vec::new();
-        while at < end {
-            length = length.min(end - at);
-            file.read_range(&mut window, at, length)?;
-            let read = self.read_records(file, (at, start), &window, &mut indexes)?;
-            match read {
-                0 if length == end - at => return Err(file.damaged(at, "a record of the summary is cut")),
-                // A record longer than the window.
-                0 => length *= 2,
-                _ => (at, length) = (at + read, WINDOW),
-            }
-        }
-        let mut record = Vec::new();
-        for (offset, length) in indexes {
-            file.read_range(&mut record, offset, length)?;
-            let Some(Ok((_, op::METADATA, body))) = Records::new(&record).next() else {
-                return Err(file.damaged(offset, "no metadata record is there"));
-            };
-            self.metadata.push(metadata_entry(file, offset, body)?);
-        }
-        self.chunks.sort_by_key(|chunk| chunk.start);
-        Ok(())
-    }
-
-    /// Reads those of the summary's records that are whole in a window that starts at `at`, the summary at `start`; gives how many bytes they have.
-    fn read_records(
-        &mut self,
-        file: &PositionedFile,
-        (window_at, start): (u64, u64),
-        window: &[u8],
-        indexes: &mut Vec<(u64, u64)>,
-    ) -> Result<u64, RecordingError> {
-        let mut read = 0;
-        for record in Records::new(window) {
-            let Ok((at, opcode, body)) = record else { break };
-            read = at + RECORD_HEADER + body.len() as u64;
-            let at = window_at + at;
-            let parsed = mcap::parse_record(opcode, body);
-            match parsed.map_err(|error| file.damaged(at, error.to_string()))? {
-                Record::Schema { header, .. } => {
-                    self.schemas.insert(header.id, header.name);
-                }
-                Record::Channel(channel) => {
-                    let entry = ChannelEntry::new(channel.schema_id, &channel.topic, &channel.metadata);
-                    self.channels.insert(channel.id, entry);
-                }
-                Record::ChunkIndex(chunk) => {
-                    let channels = self.channel_list(chunk.message_index_offsets.keys().copied().collect());
-                    let ends = chunk.chunk_start_offset.checked_add(chunk.chunk_length);
-                    let end = ends.and_then(|end| end.checked_add(chunk.message_index_length));
-                    let end = end.filter(|end| *end <= start);
-                    let end = end.ok_or_else(|| file.damaged(at, "a chunk lies outside the data"))?;
-                    let (start, length) = (chunk.chunk_start_offset, chunk.chunk_length);
-                    self.chunks.push(ChunkEntry { start, length, end, channels });
-                }
-                Record::AttachmentIndex(attachment) => self.attachments.push(AttachmentEntry {
-                    name: attachment.name,
-                    media_type: attachment.media_type,
-                    size: attachment.data_size,
-                    offset: attachment.offset,
-                    length: attachment.length,
-                }),
-                Record::MetadataIndex(metadata) => indexes.push((metadata.offset, metadata.length)),
-                _ => {}
-            }
-        }
-        Ok(read)
+    /// Whether a chunk contains points of a learning curve.
+    pub(crate) fn holds_points(&self, chunk: &ChunkEntry) -> bool {
+        let [channel] = *chunk.channels else { return false };
+        let schema = self.channels.get(&channel).and_then(|channel| self.schema_of(channel));
+        schema == Some(Schema::CurvePoint.name())
     }
 
     pub(crate) fn channel_list(&mut self, channels: Vec<u16>) -> Arc<[u16]> {
@@ -186,7 +197,7 @@ impl Index {
 /// The format is looked at before the checksum: another one may have its checksums elsewhere.
 pub(crate) fn metadata_entry(file: &PositionedFile, offset: u64, body: &[u8]) -> Result<MetadataEntry, RecordingError> {
     let damaged = || file.damaged(offset, "a metadata record is not what was written");
-    let (name, values) = parse::metadata(body).ok_or_else(damaged)?;
+    let Metadata { name, metadata: values } = read_all(body).ok_or_else(damaged)?;
     if name == PLAN_METADATA {
         // Another program's metadata may have the name.
         let Some(found) = values.get("format").cloned() else {
@@ -205,34 +216,23 @@ pub(crate) fn metadata_entry(file: &PositionedFile, offset: u64, body: &[u8]) ->
 ///
 /// A bit flipped in the footer or behind it must not make a finished file look like one that was not: either the magic bytes
 /// or a footer are enough for one that was.
-fn summary_start(file: &PositionedFile) -> Result<Option<u64>, RecordingError> {
-    if file.size < MAGIC + FOOTER {
-        return Ok(None);
-    }
-    let mut bytes = [0; FOOTER as usize];
-    file.read_exact(&mut bytes, file.size - FOOTER)?;
-    let (record, magic) = bytes.split_at((FOOTER - MAGIC) as usize);
-    let is_ended = magic == mcap::MAGIC;
-    let footer = match Records::new(record).next() {
-        Some(Ok((_, op::FOOTER, footer))) => footer.first_chunk().map(|start| u64::from_le_bytes(*start)),
-        _ => None,
-    };
-    let Some(start) = footer else {
-        return if is_ended {
-            Err(file.damaged(file.size - FOOTER, "the footer is not what was written"))
-        } else {
-            Ok(None)
+fn summary_start(file: &PositionedFile) -> Result<Option<u64>, FileError> {
+    let Some(FileEnd { offset, footer, has_magic }) = file_end(file)? else { return Ok(None) };
+    let Some(start) = footer.map(|footer| footer.summary_start) else {
+        return match has_magic {
+            true => Err(file.damaged(offset, "the footer is not what was written")),
+            false => Ok(None),
         };
     };
     let mut end = [0; DATA_END as usize];
-    if (MAGIC + DATA_END..=file.size - FOOTER).contains(&start) {
+    if (MAGIC_LENGTH + DATA_END..=offset).contains(&start) {
         file.read_exact(&mut end, start - DATA_END)?;
     }
     let follows_data = end.starts_with(&[op::DATA_END, 4, 0, 0, 0, 0, 0, 0, 0]);
-    match (is_ended, follows_data) {
+    match (has_magic, follows_data) {
         (true, true) => Ok(Some(start)),
         (false, false) => Ok(None),
-        (true, false) => Err(file.damaged(file.size - FOOTER, "the footer points to no summary")),
-        (false, true) => Err(file.damaged(file.size - MAGIC, "the file does not end as an MCAP file does")),
+        (true, false) => Err(file.damaged(offset, "the footer points to no summary")),
+        (false, true) => Err(file.damaged(file.size - MAGIC_LENGTH, "the file does not end as an MCAP file does")),
     }
 }

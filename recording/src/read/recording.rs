@@ -12,14 +12,14 @@ use prost::Message;
 use crate::commit_message::CommitMessage;
 use crate::condition::Condition;
 use crate::error::RecordingError;
-use crate::file::PositionedFile;
 use crate::plan::RecordedPlan;
 use crate::read::attachment::AttachmentEntry;
+use crate::read::chunk_messages::ChunkBuffers;
 use crate::read::damaged_content::DamagedContent;
-use crate::read::index::{ChunkEntry, Index, MAGIC, MetadataEntry};
+use crate::read::index::{ChunkEntry, Index, MetadataEntry};
 use crate::read::recovery_scan::{Walked, walk};
-use crate::unpack::ChunkBuffers;
 use crate::{ENDED_METADATA, FORMAT, PLAN_METADATA};
+use depthloom_mcap::{FileError, PositionedFile, begins_as_mcap};
 
 /// A frame of a stage run, committed.
 #[derive(Clone, Debug, PartialEq)]
@@ -121,25 +121,17 @@ impl Recording {
     /// If the file cannot be read, is no recording, or its plan is damaged or one that no engine makes.
     pub fn open(path: impl AsRef<Path>) -> Result<Self, RecordingError> {
         let file = PositionedFile::open(path.as_ref())?;
-        let mut magic = [0; MAGIC as usize];
-        if file.size < MAGIC {
+        if !begins_as_mcap(&file)? {
             return Err(RecordingError::NotMcap { path: file.path });
-        }
-        file.read_exact(&mut magic, 0)?;
-        if magic != mcap::MAGIC {
-            let mut end = [0; MAGIC as usize];
-            file.read_exact(&mut end, file.size - MAGIC)?;
-            return Err(match end == mcap::MAGIC {
-                true => file.damaged(0, "it does not begin as an MCAP file, and ends as one"),
-                false => RecordingError::NotMcap { path: file.path },
-            });
         }
         let whole = Index::of_summary(&file).and_then(|index| index.map(|index| Found::of(&file, index)).transpose());
         let (found, condition) = match whole {
             Ok(Some(found)) if found.ended_early() => (found, Condition::Unfinished { rest_bytes: 0 }),
             Ok(Some(found)) => (found, Condition::Whole),
             Ok(None) => Found::without_summary(&file, None)?,
-            Err(RecordingError::Damaged { offset, what, .. }) => Found::without_summary(&file, Some((offset, what)))?,
+            Err(RecordingError::File(FileError::Damaged { offset, what, .. })) => {
+                Found::without_summary(&file, Some((offset, what)))?
+            }
             Err(error) => return Err(error),
         };
         let Found { index, plan, frames, once, committed, sealed } = found;
@@ -205,7 +197,9 @@ impl Recording {
             path: self.file.path.clone(),
             what: format!("attachment `{name}`"),
         })?;
-        entry.read(&self.file).map_err(|error| error.with_content(&DamagedContent::Attachment(name.to_owned())))
+        entry
+            .read(&self.file)
+            .map_err(|error| RecordingError::from(error).with_content(&DamagedContent::Attachment(name.to_owned())))
     }
 }
 
@@ -243,7 +237,7 @@ impl Found {
             (Ok(found), _) => Ok((found, condition)),
             // Without a plan there is nothing to read, and why is what the walk stumbled over.
             (Err(RecordingError::NotARecording { .. }), Condition::Damaged { offset, what, .. }) => {
-                Err(file.damaged(*offset, what))
+                Err(file.damaged(*offset, what).into())
             }
             (Err(error), _) => Err(error),
         }

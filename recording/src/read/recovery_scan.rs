@@ -3,19 +3,21 @@
 //! Commit records, metadata records and the end of the data hold the CRC-32 of all bytes before them. What stands before one of
 //! them that agrees is what was written, and is kept; what stands behind the last is kept by nothing.
 
-use mcap::records::op;
+use depthloom_mcap::records::{Channel, ChunkHeader, SchemaHeader};
+use depthloom_mcap::{
+    FileError, MAGIC_LENGTH, PositionedFile, RECORD_HEADER, RecordPlace, Window, counted, op, read, read_all,
+    record_header,
+};
 use prost::Message;
 
 use crate::checksum::CrcBefore;
 use crate::commit_message::CommitMessage;
 use crate::condition::Condition;
 use crate::error::RecordingError;
-use crate::file::PositionedFile;
-use crate::parse::{self, ChannelEntry, ChunkHead, RECORD_HEADER};
-use crate::read::attachment::AttachmentEntry;
-use crate::read::index::{ChunkEntry, Index, MAGIC, metadata_entry};
-use crate::unpack::{ChunkBuffers, LARGEST_CHUNK};
-use crate::window::Window;
+use crate::read::attachment::{AttachmentEntry, AttachmentHead, attachment_head};
+use crate::read::chunk_messages::ChunkBuffers;
+use crate::read::index::{ChannelEntry, ChunkEntry, Index, metadata_entry};
+use crate::{LARGEST_CHUNK, LONGEST_CHUNK_HEADER};
 use depthloom_codecs::schema::Schema;
 
 /// The most bytes before a chunk's or an attachment's content that are looked at: names are short.
@@ -39,9 +41,9 @@ enum End {
     Error(RecordingError),
 }
 
-impl From<RecordingError> for End {
-    fn from(error: RecordingError) -> Self {
-        Self::Error(error)
+impl<E: Into<RecordingError>> From<E> for End {
+    fn from(error: E) -> Self {
+        Self::Error(error.into())
     }
 }
 
@@ -55,9 +57,9 @@ pub(crate) fn walk(file: &PositionedFile) -> Result<Walked, RecordingError> {
         index: Index::default(),
         kept: Kept::default(),
         chunk: None,
-        at: MAGIC,
-        sound_to: MAGIC,
-        rest_from: MAGIC,
+        at: MAGIC_LENGTH,
+        sound_to: MAGIC_LENGTH,
+        rest_from: MAGIC_LENGTH,
     };
     let mut end = loop {
         if let Err(end) = walk.step() {
@@ -65,13 +67,15 @@ pub(crate) fn walk(file: &PositionedFile) -> Result<Walked, RecordingError> {
         }
     };
     if matches!(end, End::Cut) {
-        end = walk.check_the_rest().err().map_or(End::Cut, End::Error);
+        end = walk.check_the_rest().err().map_or(End::Cut, End::from);
     }
     let rest_bytes = file.size - walk.rest_from;
     walk.drop_the_rest();
     let condition = match end {
         End::Data | End::Cut => Condition::Unfinished { rest_bytes },
-        End::Error(RecordingError::Damaged { offset, what, .. }) => Condition::Damaged { offset, what, cut: true },
+        End::Error(RecordingError::File(FileError::Damaged { offset, what, .. })) => {
+            Condition::Damaged { offset, what, cut: true }
+        }
         End::Error(error) => return Err(error),
     };
     Ok(Walked { index: walk.index, condition })
@@ -127,11 +131,9 @@ impl Walk<'_> {
     /// Goes one record on.
     fn step(&mut self) -> Result<(), End> {
         let at = self.at;
-        let header = self.window.at(at, RECORD_HEADER)?.and_then(|header| header.first_chunk());
-        let [opcode, length @ ..]: [u8; RECORD_HEADER as usize] = *header.ok_or(End::Cut)?;
-        let (body, length) = (at + RECORD_HEADER, u64::from_le_bytes(length));
+        let RecordPlace { opcode, body, length } = self.window.record(at)?.ok_or(End::Cut)?;
         let is_known = match opcode {
-            op::HEADER => at == MAGIC,
+            op::HEADER => at == MAGIC_LENGTH,
             op::DATA_END => length == 4,
             op::SCHEMA | op::CHANNEL | op::CHUNK | op::MESSAGE_INDEX | op::METADATA | op::ATTACHMENT => true,
             _ => false,
@@ -180,8 +182,10 @@ impl Walk<'_> {
 
     fn schema(&mut self, here: Here) -> Result<(), End> {
         let body = self.window.at(here.body, here.length)?.ok_or(End::Cut)?;
-        match parse::schema(body) {
-            Some((id, name)) if !self.index.schemas.contains_key(&id) && is_consistent(id, &name) => {
+        match schema(body) {
+            Some(SchemaHeader { id, name, .. })
+                if !self.index.schemas.contains_key(&id) && is_consistent(id, &name) =>
+            {
                 self.index.schemas.insert(id, name);
                 self.kept.later_schemas.push(id);
                 Ok(())
@@ -192,7 +196,8 @@ impl Walk<'_> {
 
     fn channel(&mut self, here: Here) -> Result<(), End> {
         let body = self.window.at(here.body, here.length)?.ok_or(End::Cut)?;
-        match parse::channel(body) {
+        let channel = read_all::<Channel>(body).map(|channel| (channel.id, ChannelEntry::from(channel)));
+        match channel {
             Some((id, channel)) if !self.index.channels.contains_key(&id) && self.is_consistent(&channel) => {
                 self.index.channels.insert(id, channel);
                 self.kept.later_channels.push(id);
@@ -210,14 +215,17 @@ impl Walk<'_> {
 
     fn chunk(&mut self, here: Here) -> Result<(), End> {
         let head = self.head(here)?;
-        let first = match parse::chunk_head(head) {
-            // A commit record is never compressed.
-            Some(chunk) if chunk.body_length == Some(here.length) => match chunk.compression {
-                "" => first_channel(&head[chunk.length..]),
-                _ => None,
-            },
-            None if here.is_cut && (head.len() as u64) < ChunkHead::LONGEST => return Err(End::Cut),
-            _ => return Err(self.damaged(here.at, "the sizes of a chunk contradict each other")),
+        let first = match read::<ChunkHeader>(head) {
+            Some((chunk, records)) => {
+                let before = (head.len() - records.len()) as u64;
+                if before.checked_add(chunk.compressed_size) != Some(here.length) {
+                    return Err(self.damaged(here.at, "the sizes of a chunk contradict each other"));
+                }
+                // A commit record is never compressed.
+                if chunk.compression.is_empty() { first_channel(records) } else { None }
+            }
+            None if here.is_cut && (head.len() as u64) < LONGEST_CHUNK_HEADER => return Err(End::Cut),
+            None => return Err(self.damaged(here.at, "the sizes of a chunk contradict each other")),
         };
         here.whole()?;
         if first.is_some_and(|channel| !self.index.channels.contains_key(&channel)) {
@@ -232,7 +240,7 @@ impl Walk<'_> {
 
     fn message_index(&mut self, here: Here) -> Result<(), End> {
         let head = self.window.at(here.body, here.length.min(6))?.ok_or(End::Cut)?;
-        let Some(channel) = parse::message_index_channel(head, here.length) else {
+        let Some(channel) = message_index_channel(head, here.length) else {
             return Err(self.damaged(here.at, "a message index is not what was written"));
         };
         here.whole()?;
@@ -253,20 +261,25 @@ impl Walk<'_> {
     }
 
     fn attachment(&mut self, here: Here) -> Result<(), End> {
-        let head = match parse::attachment_head(self.head(here)?) {
-            Some(head) if head.body_length == Some(here.length) => head,
+        let start = self.head(here)?;
+        let head = attachment_head(start).map(|(head, rest)| (head, (start.len() - rest.len()) as u64));
+        let (AttachmentHead { name, media_type, size }, before) = match head {
             None if here.is_cut => return Err(End::Cut),
-            _ => return Err(self.damaged(here.at, "the sizes of an attachment contradict each other")),
+            None => return Err(self.damaged(here.at, "the sizes of an attachment contradict each other")),
+            Some(head) => head,
         };
+        // A checksum of four bytes follows the content.
+        if size.checked_add(before + 4) != Some(here.length) {
+            return Err(self.damaged(here.at, "the sizes of an attachment contradict each other"));
+        }
         here.whole()?;
-        let (name, media_type, size) = (head.name, head.media_type, head.size);
         let (offset, length) = (here.at, here.end - here.at);
         self.index.attachments.push(AttachmentEntry { name, media_type, size, offset, length });
         Ok(())
     }
 
     fn metadata(&mut self, here: Here) -> Result<(), End> {
-        if parse::metadata_length(self.head(here)?).is_some_and(|told| told != here.length) {
+        if metadata_length(self.head(here)?).is_some_and(|told| told != here.length) {
             return Err(self.damaged(here.at, "the sizes of a metadata record contradict each other"));
         }
         let body = self.window.at(here.body, here.length)?.ok_or(End::Cut)?;
@@ -278,7 +291,7 @@ impl Walk<'_> {
     }
 
     /// Takes the commit record in a chunk, and with it all that stands before.
-    fn commit(&mut self, start: u64, end: u64, channel: u16) -> Result<(), RecordingError> {
+    fn commit(&mut self, start: u64, end: u64, channel: u16) -> Result<(), FileError> {
         let channels = self.index.channel_list(vec![channel]);
         let chunk = ChunkEntry { start, length: end - start, end, channels };
         let mut crc_before = None;
@@ -298,7 +311,7 @@ impl Walk<'_> {
     }
 
     /// Compares what stands before a place with the checksum told of it there.
-    fn agree(&mut self, at: u64, told: u32) -> Result<(), RecordingError> {
+    fn agree(&mut self, at: u64, told: u32) -> Result<(), FileError> {
         if self.crc.place(at)? == told {
             return Ok(());
         }
@@ -335,7 +348,7 @@ impl Walk<'_> {
 
     /// Tells a file whose writer stopped from one that is damaged where the walk stopped: all that stands behind the last
     /// commit must be a beginning of what would have been written.
-    fn check_the_rest(&mut self) -> Result<(), RecordingError> {
+    fn check_the_rest(&mut self) -> Result<(), FileError> {
         // Where the file is cut among a chunk's message indexes, its last channels are missing.
         let unindexed = self.chunk.take().map(|(start, length, _)| {
             let channels = self.index.channels.keys().copied().collect();
@@ -370,9 +383,9 @@ impl Walk<'_> {
     }
 
     /// The first place behind one where a whole head of a chunk stands.
-    fn chunk_behind(&mut self, at: u64) -> Result<Option<u64>, RecordingError> {
+    fn chunk_behind(&mut self, at: u64) -> Result<Option<u64>, FileError> {
         const BLOCK: u64 = 1 << 20;
-        const LONGEST: u64 = RECORD_HEADER + ChunkHead::LONGEST;
+        const LONGEST: u64 = RECORD_HEADER + LONGEST_CHUNK_HEADER;
         let mut from = at + 1;
         while from < self.file.size {
             let length = (BLOCK + LONGEST).min(self.file.size - from);
@@ -381,10 +394,13 @@ impl Walk<'_> {
                 if bytes[place] != op::CHUNK {
                     continue;
                 }
-                let Some((length, body)) = bytes[place + 1..].split_first_chunk() else { break };
-                let told = Some(u64::from_le_bytes(*length));
-                let head = parse::chunk_head(&body[..body.len().min(ChunkHead::LONGEST as usize)]);
-                if head.is_some_and(|head| head.body_length == told && matches!(head.compression, "" | "zstd")) {
+                let Some((_, told)) = record_header(&bytes[place..]) else { break };
+                let body = &bytes[place + RECORD_HEADER as usize..];
+                let head = read::<ChunkHeader>(&body[..body.len().min(LONGEST_CHUNK_HEADER as usize)]);
+                if head.is_some_and(|(head, _)| {
+                    let before = LONGEST_CHUNK_HEADER - 4 + head.compression.len() as u64;
+                    matches!(&*head.compression, "" | "zstd") && before.checked_add(head.compressed_size) == Some(told)
+                }) {
                     return Ok(Some(from + place as u64));
                 }
             }
@@ -402,11 +418,28 @@ fn is_consistent(id: u16, name: &str) -> bool {
     }
 }
 
-/// The channel of the first message among a chunk's records.
+/// The schema that is all of a record.
+fn schema(body: &[u8]) -> Option<SchemaHeader> {
+    let (schema, mut rest) = read::<SchemaHeader>(body)?;
+    counted(&mut rest)?;
+    rest.is_empty().then_some(schema)
+}
+
+/// How many bytes a metadata record has by what its head says.
+fn metadata_length(mut head: &[u8]) -> Option<u64> {
+    let name = counted(&mut head)?.len() as u64;
+    Some(8 + name + u64::from(u32::from_le_bytes(*head.first_chunk()?)))
+}
+
+/// The channel of a message index of that length.
+pub(crate) fn message_index_channel(head: &[u8], length: u64) -> Option<u16> {
+    let [c0, c1, entries @ ..] = *head.first_chunk::<6>()?;
+    let entries = u32::from_le_bytes(entries);
+    (entries % 16 == 0 && length == 6 + u64::from(entries)).then_some(u16::from_le_bytes([c0, c1]))
+}
+
+/// The channel of the first message among a chunk's records, of which there may be only a beginning.
 fn first_channel(records: &[u8]) -> Option<u16> {
-    let (header, body) = records.split_first_chunk::<{ RECORD_HEADER as usize }>()?;
-    if header[0] != op::MESSAGE {
-        return None;
-    }
-    body.first_chunk().map(|channel| u16::from_le_bytes(*channel))
+    let (op::MESSAGE, _) = record_header(records)? else { return None };
+    records[RECORD_HEADER as usize..].first_chunk().map(|channel| u16::from_le_bytes(*channel))
 }

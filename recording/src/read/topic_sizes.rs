@@ -2,10 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use mcap::records::op;
+use depthloom_mcap::records::MessageIndex;
+use depthloom_mcap::{Records, op, read_all};
 
 use crate::error::RecordingError;
-use crate::parse::{ChunkHead, RECORD_HEADER, Records, chunk_head, message_index};
 use crate::read::index::ChunkEntry;
 use crate::read::recording::Recording;
 
@@ -67,18 +67,15 @@ impl Recording {
         by_channel: &mut BTreeMap<u16, Taken>,
     ) -> Result<(), RecordingError> {
         let damaged = || self.file.damaged(chunk.start, "a chunk and its message indexes contradict each other");
-        let head_bytes = chunk.length.min(RECORD_HEADER + ChunkHead::LONGEST);
-        self.file.read_range(bytes, chunk.start, head_bytes)?;
-        let head = bytes.get(RECORD_HEADER as usize..).and_then(chunk_head).ok_or_else(damaged)?;
-        let raw = head.uncompressed_size;
-        let stored = chunk.length.checked_sub(RECORD_HEADER + head.length as u64).ok_or_else(damaged)?;
+        let header = chunk.header(&self.file)?.ok_or_else(damaged)?;
+        let (raw, stored) = (header.uncompressed_size, header.compressed_size.min(chunk.length));
         let indexes = chunk.start + chunk.length;
         self.file.read_range(bytes, indexes, chunk.end.saturating_sub(indexes))?;
         let mut messages: Vec<(u64, u16)> = Vec::new();
         for record in Records::new(bytes) {
-            let Ok((_, op::MESSAGE_INDEX, body)) = record else { return Err(damaged()) };
-            let (channel, offsets) = message_index(body).ok_or_else(damaged)?;
-            messages.extend(offsets.map(|offset| (offset, channel)));
+            let Ok((_, op::MESSAGE_INDEX, body)) = record else { return Err(damaged().into()) };
+            let MessageIndex { channel_id, records } = read_all(body).ok_or_else(damaged)?;
+            messages.extend(records.iter().map(|entry| (entry.offset, channel_id)));
         }
         if let ([], [channel]) = (messages.as_slice(), &*chunk.channels) {
             // A commit that is whole without its index, where a file was cut behind it.
@@ -89,7 +86,7 @@ impl Recording {
         let share = |to: u64| (u128::from(stored) * u128::from(to) / u128::from(raw.max(1))) as u64;
         for (&(from, channel), to) in messages.iter().zip(ends) {
             if from > to || to > raw {
-                return Err(damaged());
+                return Err(damaged().into());
             }
             let taken = by_channel.entry(channel).or_default();
             taken.messages += 1;

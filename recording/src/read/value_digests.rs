@@ -4,7 +4,6 @@ use depthloom_graphs::Key;
 use depthloom_graphs::contracts::Slot;
 
 use crate::error::RecordingError;
-use crate::parse::{ChunkHead, RECORD_HEADER, chunk_head};
 use crate::read::index::ChunkEntry;
 use crate::read::recording::{RecordedFrame, Recording};
 
@@ -35,17 +34,12 @@ impl Recording {
     }
 
     fn chunk_digest(&self, chunk: &ChunkEntry, key: &Key) -> Result<Option<Key>, RecordingError> {
-        let mut head = [0; ChunkHead::LONGEST as usize];
-        let length = chunk.length.saturating_sub(RECORD_HEADER).min(ChunkHead::LONGEST);
-        let head = &mut head[..length as usize];
-        self.file.read_exact(head, chunk.start + RECORD_HEADER)?;
         // MCAP: a checksum of 0 means that the chunk was written without one.
-        let head = chunk_head(head).filter(|head| head.crc != 0);
-        let digest = |head: ChunkHead<'_>| {
-            let digest = Key::digest("depthloom value").key(key).number(head.uncompressed_size);
-            digest.number(u64::from(head.crc)).finish()
-        };
-        Ok(head.map(digest))
+        let header = chunk.header(&self.file)?.filter(|header| header.uncompressed_crc != 0);
+        Ok(header.map(|header| {
+            let digest = Key::digest("depthloom value").key(key).number(header.uncompressed_size);
+            digest.number(u64::from(header.uncompressed_crc)).finish()
+        }))
     }
 }
 

@@ -9,19 +9,16 @@ use std::sync::{Mutex, OnceLock};
 use depthloom_graphs::contracts::{Fault, Held, Holding, Store};
 use depthloom_graphs::plan::Plan;
 use depthloom_graphs::{Key, Value};
+use depthloom_mcap::{FileError, MAGIC_LENGTH, PositionedFile, RecordPlace, Window, op};
 use depthloom_threads::locked;
-use mcap::records::op;
 
 use crate::FORMAT;
 use crate::checksum::CrcBefore;
 use crate::error::RecordingError;
-use crate::file::PositionedFile;
-use crate::parse::RECORD_HEADER;
 use crate::plan::RecordedPlan;
-use crate::read::index::{ChunkEntry, MAGIC, metadata_entry};
+use crate::read::index::{ChunkEntry, metadata_entry};
 use crate::read::recording::{RecordedFrame, Recording, StoredValues};
 use crate::reuse::stored_values::{KeyedPlace, fault, unknown};
-use crate::window::Window;
 
 /// Recordings of earlier runs as one store: what they made and a run needs need not be made again.
 ///
@@ -156,8 +153,8 @@ fn is_only_begun(path: &Path, error: &RecordingError) -> bool {
     match error {
         RecordingError::NotARecording { .. } | RecordingError::NotMcap { .. } if is_finished => false,
         RecordingError::NotARecording { .. } => true,
-        RecordingError::NotMcap { path } => std::fs::metadata(path).is_ok_and(|file| file.len() < MAGIC),
-        RecordingError::Open { source, .. } => source.kind() == ErrorKind::NotFound,
+        RecordingError::NotMcap { path } => std::fs::metadata(path).is_ok_and(|file| file.len() < MAGIC_LENGTH),
+        RecordingError::File(FileError::Open { source, .. }) => source.kind() == ErrorKind::NotFound,
         _ => false,
     }
 }
@@ -165,10 +162,9 @@ fn is_only_begun(path: &Path, error: &RecordingError) -> bool {
 /// Format and plan of a recording, read from its head alone: of a file without an end all of it would have to be read.
 fn recorded_plan(path: &Path) -> Option<(String, RecordedPlan)> {
     let file = PositionedFile::open(path).ok()?;
-    let (mut window, mut at) = (Window::new(&file), MAGIC);
+    let (mut window, mut at) = (Window::new(&file), MAGIC_LENGTH);
     for _ in 0..2 {
-        let [opcode, length @ ..] = *window.at(at, RECORD_HEADER).ok()??.first_chunk::<{ RECORD_HEADER as usize }>()?;
-        let (body, length) = (at + RECORD_HEADER, u64::from_le_bytes(length));
+        let RecordPlace { opcode, body, length } = window.record(at).ok()??;
         if opcode == op::METADATA {
             let metadata = metadata_entry(&file, at, window.at(body, length).ok()??).ok()?;
             let plan = RecordedPlan::from_json(metadata.values.get("plan")?).ok()?;
@@ -203,7 +199,7 @@ impl Recording {
         if crc.place(start)? == told {
             return Ok(checksums);
         }
-        Err(self.file.damaged(start, "the bytes before are not what was written"))
+        Err(self.file.damaged(start, "the bytes before are not what was written").into())
     }
 }
 

@@ -4,10 +4,10 @@ use depthloom_graphs::contracts::StoredValue;
 use depthloom_graphs::{Frame, Key};
 
 use crate::error::RecordingError;
+use crate::read::chunk_messages::ChunkBuffers;
 use crate::read::index::ChunkEntry;
 use crate::read::recording::{Recording, StoredValues};
 use crate::reuse::earlier_runs::{EarlierRun, EarlierRuns};
-use crate::unpack::ChunkBuffers;
 use crate::write::layout::{ChannelLayout, PortLayout, RunLayout};
 use crate::write::part::{PartBuilder, Unkept};
 
@@ -127,7 +127,7 @@ impl StoredBytes<'_> {
                 let length = chunk.end - chunk.start;
                 match part.copied(*channel, *crc, |bytes| file.append_range(bytes, chunk.start, length))? {
                     Ok(()) => continue,
-                    Err(what) => return Err(file.damaged(chunk.start, what)),
+                    Err(what) => return Err(file.damaged(chunk.start, what).into()),
                 }
             }
             let mut added = Ok(());

@@ -6,14 +6,15 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use crc32fast::Hasher;
-use mcap::records::op;
+use depthloom_mcap::records::{
+    AttachmentHeader, AttachmentIndex, Channel, ChunkIndex, DataEnd, Footer, Header, Metadata, MetadataIndex,
+    SchemaHeader, Statistics, SummaryOffset,
+};
+use depthloom_mcap::{MAGIC, op, put, put_fields, put_record};
 
 use crate::checksum::seal;
 use crate::error::RecordingError;
-use crate::record::{
-    ChunkPlace, Counts, put_attachment, put_attachment_index, put_channel, put_chunk_index, put_data_end, put_footer,
-    put_header, put_metadata, put_metadata_index, put_schema, put_statistics, put_summary_offset,
-};
+use crate::read::attachment::AttachmentEntry;
 use crate::write::background_sync::EarlySync;
 use crate::write::chunk_indexes::ChunkIndexes;
 use crate::write::disk::{Disk, Through, write_all};
@@ -23,6 +24,8 @@ use depthloom_codecs::schema::Schema;
 
 /// The library named in the file's header: no version, since equal runs are equal files.
 pub(crate) const LIBRARY: &str = "depthloom";
+/// How schemas and messages are encoded.
+const PROTOBUF: &str = "protobuf";
 
 /// Appends to a recording's file.
 ///
@@ -37,7 +40,7 @@ pub(crate) struct Writer {
     channels: Vec<ChannelLayout>,
     pub(crate) schemas_written: Vec<Schema>,
     pub(crate) channels_written: Vec<u16>,
-    pub(crate) counts: Counts,
+    pub(crate) counts: Statistics,
     /// The records of the summary, in the bytes in which they will be written: the least memory.
     pub(crate) schema_records: Vec<u8>,
     pub(crate) channel_records: Vec<u8>,
@@ -56,8 +59,8 @@ impl Writer {
         let file = depthloom_durable::create_in_place(path)
             .map_err(|source| RecordingError::Create { path: path.to_owned(), source })?;
         let mut writer = Self::of(path, through(file), channels);
-        let mut start = mcap::MAGIC.to_vec();
-        put_header(&mut start, LIBRARY);
+        let mut start = MAGIC.to_vec();
+        put(&mut start, &Header { profile: String::new(), library: LIBRARY.to_owned() });
         writer.append(&start)?;
         Ok(writer)
     }
@@ -73,7 +76,7 @@ impl Writer {
             channels,
             schemas_written: Vec::new(),
             channels_written: Vec::new(),
-            counts: Counts::default(),
+            counts: Statistics::default(),
             schema_records: Vec::new(),
             channel_records: Vec::new(),
             chunk_indexes: ChunkIndexes::default(),
@@ -90,20 +93,30 @@ impl Writer {
         }
         self.declare(&part.messages)?;
         for channel in &part.messages {
-            *self.counts.messages.entry(*channel).or_default() += 1;
+            self.count_messages(*channel, 1);
         }
         let base = self.position;
         self.append_checked(&part.bytes, &part.crc)?;
-        part.chunks.iter().for_each(|chunk| self.index_chunk(base, chunk));
+        part.chunks.iter().for_each(|chunk| self.index_chunk(base, chunk.clone()));
         Ok(())
     }
 
-    /// Notes where a chunk lies that is `base` bytes farther than it says.
-    pub(crate) fn index_chunk(&mut self, base: u64, chunk: &ChunkPlace) {
-        self.chunk_indexes.put(|out| put_chunk_index(out, base, chunk));
-        self.counts.chunks += 1;
-        let (first, last) = self.counts.times_ns.unwrap_or(chunk.times_ns);
-        self.counts.times_ns = Some((first.min(chunk.times_ns.0), last.max(chunk.times_ns.1)));
+    /// Counts messages of a channel.
+    pub(crate) fn count_messages(&mut self, channel: u16, count: u64) {
+        self.counts.message_count += count;
+        *self.counts.channel_message_counts.entry(channel).or_default() += count;
+    }
+
+    /// Adds the index of a chunk, which is `base` bytes farther than it says.
+    pub(crate) fn index_chunk(&mut self, base: u64, mut chunk: ChunkIndex) {
+        chunk.chunk_start_offset += base;
+        chunk.message_index_offsets.values_mut().for_each(|offset| *offset += base);
+        self.chunk_indexes.put(|out| put(out, &chunk));
+        let ChunkIndex { message_start_time: first, message_end_time: last, .. } = chunk;
+        let counts = &mut self.counts;
+        counts.message_start_time = if counts.chunk_count == 0 { first } else { counts.message_start_time.min(first) };
+        counts.message_end_time = counts.message_end_time.max(last);
+        counts.chunk_count += 1;
     }
 
     /// Appends the part that `make` makes of the CRC-32 of all bytes before it; its messages are of one channel.
@@ -121,22 +134,36 @@ impl Writer {
     pub(crate) fn attachment(&mut self, name: &str, media_type: &str, data: &[u8]) -> Result<(), RecordingError> {
         let mut record = Vec::with_capacity(data.len() + name.len() + media_type.len() + 64);
         put_attachment(&mut record, name, media_type, data);
-        let (offset, length) = (self.position, record.len() as u64);
+        let (offset, length, size) = (self.position, record.len() as u64, data.len() as u64);
         self.append(&record)?;
-        put_attachment_index(&mut self.attachment_indexes, offset, length, data.len() as u64, name, media_type);
-        self.counts.attachments += 1;
+        let (name, media_type) = (name.to_owned(), media_type.to_owned());
+        self.index_attachment(AttachmentEntry { name, media_type, size, offset, length });
         Ok(())
     }
 
     /// Appends a metadata record, with its checksums.
     pub(crate) fn metadata(&mut self, name: &str, metadata: BTreeMap<String, String>) -> Result<(), RecordingError> {
         let mut record = Vec::new();
-        put_metadata(&mut record, name, &seal(name, metadata, self.crc.clone().finalize()));
+        let metadata = seal(name, metadata, self.crc.clone().finalize());
+        put(&mut record, &Metadata { name: name.to_owned(), metadata });
         let (offset, length) = (self.position, record.len() as u64);
         self.append(&record)?;
-        put_metadata_index(&mut self.metadata_indexes, offset, length, name);
-        self.counts.metadata += 1;
+        self.index_metadata(&MetadataIndex { offset, length, name: name.to_owned() });
         Ok(())
+    }
+
+    /// Adds the index of an attachment.
+    pub(crate) fn index_attachment(&mut self, entry: AttachmentEntry) {
+        let AttachmentEntry { name, media_type, size: data_size, offset, length } = entry;
+        let index = AttachmentIndex { offset, length, log_time: 0, create_time: 0, data_size, name, media_type };
+        put(&mut self.attachment_indexes, &index);
+        self.counts.attachment_count += 1;
+    }
+
+    /// Adds the index of a metadata record.
+    pub(crate) fn index_metadata(&mut self, index: &MetadataIndex) {
+        put(&mut self.metadata_indexes, index);
+        self.counts.metadata_count += 1;
     }
 
     /// Waits until all that was written is on the disk, and the file's name.
@@ -148,16 +175,16 @@ impl Writer {
     }
 
     /// Writes the summary, and waits until the file is on the disk; nothing can be written after it. Gives the file's size and what it holds.
-    pub(crate) fn finish(&mut self) -> Result<(u64, Counts), RecordingError> {
+    pub(crate) fn finish(&mut self) -> Result<(u64, Statistics), RecordingError> {
         let mut end = Vec::new();
-        put_data_end(&mut end, self.crc.clone().finalize());
+        put(&mut end, &DataEnd { data_section_crc: self.crc.clone().finalize() });
         self.append(&end)?;
         let start = self.position;
         let mut before = std::mem::take(&mut self.schema_records);
         let schemas_end = before.len();
         before.append(&mut self.channel_records);
         let channels_end = before.len();
-        put_statistics(&mut before, &self.counts);
+        put(&mut before, &self.counts);
         let mut after = std::mem::take(&mut self.attachment_indexes);
         let attachments = after.len();
         after.append(&mut self.metadata_indexes);
@@ -174,7 +201,8 @@ impl Writer {
         let mut group_start = 0;
         for (opcode, group_end) in groups {
             if group_end > group_start {
-                put_summary_offset(&mut after, opcode, start + group_start, group_end - group_start);
+                let (group_start, group_length) = (start + group_start, group_end - group_start);
+                put(&mut after, &SummaryOffset { group_opcode: opcode, group_start, group_length });
             }
             group_start = group_end;
         }
@@ -189,7 +217,7 @@ impl Writer {
             self.append(&records)?;
         }
         put_footer(&mut after, crc, start, offsets_start);
-        after.extend_from_slice(mcap::MAGIC);
+        after.extend_from_slice(MAGIC);
         self.append(&after)?;
         self.sync()?;
         self.closed = Some("it is finished");
@@ -207,16 +235,20 @@ impl Writer {
             let schema = channel.schema;
             if !self.schemas_written.contains(&schema) {
                 let start = out.len();
-                put_schema(&mut out, schema.id(), schema.name(), schema.descriptor_set());
+                put_schema(&mut out, schema);
                 self.schema_records.extend_from_slice(&out[start..]);
                 self.schemas_written.push(schema);
-                self.counts.schemas += 1;
+                self.counts.schema_count += 1;
             }
             let start = out.len();
-            put_channel(&mut out, id, schema.id(), &channel.topic, &channel.metadata);
+            let (topic, metadata) = (channel.topic.clone(), channel.metadata.clone());
+            put(
+                &mut out,
+                &Channel { id, schema_id: schema.id(), topic, message_encoding: PROTOBUF.to_owned(), metadata },
+            );
             self.channel_records.extend_from_slice(&out[start..]);
             self.channels_written.push(id);
-            self.counts.channels += 1;
+            self.counts.channel_count += 1;
         }
         if out.is_empty() { Ok(()) } else { self.append(&out) }
     }
@@ -242,4 +274,38 @@ impl Writer {
         self.closed = Some("an earlier write failed");
         RecordingError::Write { path: self.path.clone(), offset: self.position, source }
     }
+}
+
+fn put_schema(out: &mut Vec<u8>, schema: Schema) {
+    put_record(out, op::SCHEMA, |out| {
+        let (name, encoding) = (schema.name().to_owned(), PROTOBUF.to_owned());
+        put_fields(out, &SchemaHeader { id: schema.id(), name, encoding });
+        let data = schema.descriptor_set();
+        out.extend_from_slice(&(data.len() as u32).to_le_bytes());
+        out.extend_from_slice(data);
+    });
+}
+
+/// Appends an attachment, with its checksum. Its times are zero: equal runs are equal files.
+fn put_attachment(out: &mut Vec<u8>, name: &str, media_type: &str, data: &[u8]) {
+    put_record(out, op::ATTACHMENT, |out| {
+        let (start, name, media_type) = (out.len(), name.to_owned(), media_type.to_owned());
+        put_fields(out, &AttachmentHeader { log_time: 0, create_time: 0, name, media_type });
+        out.extend_from_slice(&(data.len() as u64).to_le_bytes());
+        out.extend_from_slice(data);
+        let crc = crc32fast::hash(&out[start..]);
+        out.extend_from_slice(&crc.to_le_bytes());
+    });
+}
+
+/// Appends the footer to the end of a summary section, whose checksum it contains; `before` is that of what comes before this end.
+fn put_footer(summary: &mut Vec<u8>, before: Hasher, summary_start: u64, summary_offset_start: u64) {
+    let (start, mut crc) = (summary.len(), before);
+    let mut footer = Footer { summary_start, summary_offset_start, summary_crc: 0 };
+    put(summary, &footer);
+    // The checksum covers the footer up to the checksum itself.
+    crc.update(&summary[..summary.len() - 4]);
+    footer.summary_crc = crc.finalize();
+    summary.truncate(start);
+    put(summary, &footer);
 }

@@ -10,15 +10,13 @@ use depthloom_graphs::contracts::Slot;
 use depthloom_graphs::plan::{Origin, Plan, PlannedNode, PlannedOutput, StageRun};
 use depthloom_graphs::{Frame, Rate, Value, ValueType};
 
+use crate::TOPIC_IN_PLAN;
 use crate::error::RecordingError;
 use crate::plan::{RecordedPlan, planned_output};
 use crate::write::part::{PartBuilder, Unkept};
 use crate::write::viewer::{Camera, Companion, Pose, picture_topic, points_of, points_topic, topic_shown};
 use depthloom_codecs::encode::Stamp;
 use depthloom_codecs::schema::Schema;
-
-/// What a channel calls the topic of the plan, where its own is another.
-pub(crate) const TOPIC_IN_PLAN: &str = "topic_in_plan";
 
 /// The topics that share chunks: what is replayed together lies together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]

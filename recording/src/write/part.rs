@@ -4,16 +4,16 @@
 //! one copies its chunk as it lies. Small messages share an uncompressed chunk behind those. Whether a raster is compressed is measured
 //! on a few of its own bytes, so that its chunk depends on it alone.
 
+use std::collections::BTreeMap;
 use std::io::Cursor;
 
 use crc32fast::Hasher;
 use depthloom_graphs::Frame;
-use mcap::records::op;
+use depthloom_mcap::records::{ChunkHeader, ChunkIndex, MessageIndex, MessageIndexEntry};
+use depthloom_mcap::{RECORD_HEADER, Records, op, put, put_fields, put_record, read, read_all};
 use rustix::time::{ClockId, clock_gettime};
 
-use crate::parse::{self, RECORD_HEADER, Records};
-use crate::record::{ChunkPlace, put_message, put_message_index};
-use crate::unpack::LARGEST_CHUNK;
+use crate::LARGEST_CHUNK;
 use crate::write::buffer_pool::PartPools;
 use depthloom_codecs::compression;
 
@@ -43,7 +43,7 @@ impl Packing {
 pub struct Part {
     pub(crate) bytes: Vec<u8>,
     pub(crate) crc: Hasher,
-    pub(crate) chunks: Vec<ChunkPlace>,
+    pub(crate) chunks: Vec<ChunkIndex>,
     /// The channel of each message.
     pub(crate) messages: Vec<u16>,
     /// Processor time that zstd took, nanoseconds.
@@ -162,7 +162,7 @@ impl<'a> PartBuilder<'a> {
         }
         self.part.messages.push(channel);
         let stored = (self.part.bytes.len() - records_start) as u64;
-        let header = chunk_header((time_ns, time_ns), uncompressed_size, crc, packing.name(), stored);
+        let header = chunk_header((time_ns, time_ns), uncompressed_size, crc, packing, stored);
         self.part.bytes[start..records_start].copy_from_slice(&header);
         self.part.close(start, uncompressed_size, packing, plain.as_ref(), &[Placed { channel, time_ns, offset: 0 }]);
         Ok(())
@@ -209,7 +209,7 @@ impl<'a> PartBuilder<'a> {
         let start = self.part.bytes.len();
         let size = self.shared.len() as u64;
         let crc = crc32fast::hash(&self.shared);
-        self.part.bytes.extend_from_slice(&chunk_header(times_ns(&self.placed), size, crc, "", size));
+        self.part.bytes.extend_from_slice(&chunk_header(times_ns(&self.placed), size, crc, Packing::Plain, size));
         self.part.bytes.append(&mut self.shared);
         self.part.close(start, size, Packing::Plain, None, &std::mem::take(&mut self.placed));
     }
@@ -241,15 +241,17 @@ impl Part {
         messages: &[Placed],
     ) {
         let end = self.bytes.len();
-        let (length, compression) = ((end - start) as u64, packing.name());
-        let mut place = ChunkPlace {
-            start: start as u64,
-            length,
-            times_ns: times_ns(messages),
-            indexes: Vec::new(),
-            indexes_length: 0,
-            compression,
-            compressed_size: length - header_length(compression) as u64,
+        let (length, header) = ((end - start) as u64, header_length(packing.name()));
+        let (message_start_time, message_end_time) = times_ns(messages);
+        let mut place = ChunkIndex {
+            message_start_time,
+            message_end_time,
+            chunk_start_offset: start as u64,
+            chunk_length: length,
+            message_index_offsets: BTreeMap::new(),
+            message_index_length: 0,
+            compression: packing.name().to_owned(),
+            compressed_size: length - header as u64,
             uncompressed_size,
         };
         let mut channels: Vec<u16> = messages.iter().map(|message| message.channel).collect();
@@ -257,13 +259,13 @@ impl Part {
         channels.dedup();
         for channel in channels {
             let of_channel = messages.iter().filter(|message| message.channel == channel);
-            let entries: Vec<(u64, u64)> = of_channel.map(|message| (message.time_ns, message.offset)).collect();
-            place.indexes.push((channel, self.bytes.len() as u64));
-            put_message_index(&mut self.bytes, channel, &entries);
+            let entry = |message: &Placed| MessageIndexEntry { log_time: message.time_ns, offset: message.offset };
+            place.message_index_offsets.insert(channel, self.bytes.len() as u64);
+            put(&mut self.bytes, &MessageIndex { channel_id: channel, records: of_channel.map(entry).collect() });
         }
-        place.indexes_length = (self.bytes.len() - end) as u64;
+        place.message_index_length = (self.bytes.len() - end) as u64;
         let summed = records.map_or(start, |records| {
-            self.crc.update(&self.bytes[start..start + header_length(compression)]);
+            self.crc.update(&self.bytes[start..start + header]);
             self.crc.combine(records);
             end
         });
@@ -273,34 +275,44 @@ impl Part {
 }
 
 /// A chunk and its message indexes, which start at `offset`; and how many messages it has of each channel. `None` if they are not whole.
-pub(crate) fn placed(stored: &[u8], offset: u64) -> Option<(ChunkPlace, Vec<(u16, u64)>)> {
+pub(crate) fn placed(stored: &[u8], offset: u64) -> Option<(ChunkIndex, Vec<(u16, u64)>)> {
     let mut records = Records::new(stored);
     let Some(Ok((0, op::CHUNK, body))) = records.next() else { return None };
-    let head = parse::chunk_head(body).filter(|head| head.body_length == Some(body.len() as u64))?;
-    let compression = match head.compression {
-        "" => "",
-        "zstd" => "zstd",
-        _ => return None,
-    };
+    let (header, content) = read::<ChunkHeader>(body)?;
+    if header.compressed_size != content.len() as u64 || !matches!(&*header.compression, "" | "zstd") {
+        return None;
+    }
     let length = RECORD_HEADER + body.len() as u64;
-    let (mut indexes, mut messages) = (Vec::new(), Vec::new());
+    let (mut message_index_offsets, mut messages) = (BTreeMap::new(), Vec::new());
     for record in records {
         let Ok((at, op::MESSAGE_INDEX, body)) = record else { return None };
-        let channel = parse::message_index_channel(body, body.len() as u64)?;
-        indexes.push((channel, offset + at));
-        messages.push((channel, (body.len() as u64 - 6) / 16));
+        let index: MessageIndex = read_all(body)?;
+        message_index_offsets.insert(index.channel_id, offset + at);
+        messages.push((index.channel_id, index.records.len() as u64));
     }
-    let place = ChunkPlace {
-        start: offset,
-        length,
-        times_ns: head.times_ns,
-        indexes,
-        indexes_length: stored.len() as u64 - length,
-        compression,
-        compressed_size: head.stored,
-        uncompressed_size: head.uncompressed_size,
+    let place = ChunkIndex {
+        message_start_time: header.message_start_time,
+        message_end_time: header.message_end_time,
+        chunk_start_offset: offset,
+        chunk_length: length,
+        message_index_offsets,
+        message_index_length: stored.len() as u64 - length,
+        compression: header.compression,
+        compressed_size: header.compressed_size,
+        uncompressed_size: header.uncompressed_size,
     };
     Some((place, messages))
+}
+
+/// Appends a message whose data `data` appends.
+fn put_message(out: &mut Vec<u8>, channel: u16, sequence: u32, time_ns: u64, data: impl FnOnce(&mut Vec<u8>)) {
+    put_record(out, op::MESSAGE, |out| {
+        out.extend_from_slice(&channel.to_le_bytes());
+        out.extend_from_slice(&sequence.to_le_bytes());
+        out.extend_from_slice(&time_ns.to_le_bytes());
+        out.extend_from_slice(&time_ns.to_le_bytes());
+        data(out);
+    });
 }
 
 /// Messages of one channel outside frames, as one uncompressed chunk: time and content of each.
@@ -316,7 +328,7 @@ pub(crate) fn messages_outside_frames(channel: u16, content: impl IntoIterator<I
     if !placed.is_empty() {
         let size = (part.bytes.len() - PLAIN_HEADER) as u64;
         let crc = crc32fast::hash(&part.bytes[PLAIN_HEADER..]);
-        part.bytes[..PLAIN_HEADER].copy_from_slice(&chunk_header(times_ns(&placed), size, crc, "", size));
+        part.bytes[..PLAIN_HEADER].copy_from_slice(&chunk_header(times_ns(&placed), size, crc, Packing::Plain, size));
         part.close(0, size, Packing::Plain, None, &placed);
     }
     part
@@ -335,18 +347,25 @@ fn thread_cpu_ns() -> u64 {
     time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64
 }
 
-fn chunk_header(times_ns: (u64, u64), size: u64, crc: u32, compression: &str, compressed: u64) -> Vec<u8> {
-    let mut header = Vec::with_capacity(header_length(compression));
-    header.push(op::CHUNK);
-    let after_length = (header_length(compression) - 9) as u64;
-    for number in [after_length + compressed, times_ns.0, times_ns.1, size] {
-        header.extend_from_slice(&number.to_le_bytes());
-    }
-    header.extend_from_slice(&crc.to_le_bytes());
-    header.extend_from_slice(&(compression.len() as u32).to_le_bytes());
-    header.extend_from_slice(compression.as_bytes());
-    header.extend_from_slice(&compressed.to_le_bytes());
-    header
+/// What comes before the stored records of a chunk.
+fn chunk_header(times_ns: (u64, u64), size: u64, crc: u32, packing: Packing, stored: u64) -> Vec<u8> {
+    let (message_start_time, message_end_time) = times_ns;
+    let (compression, mut record) = (packing.name().to_owned(), vec![op::CHUNK; RECORD_HEADER as usize]);
+    let (uncompressed_size, uncompressed_crc, compressed_size) = (size, crc, stored);
+    put_fields(
+        &mut record,
+        &ChunkHeader {
+            message_start_time,
+            message_end_time,
+            uncompressed_size,
+            uncompressed_crc,
+            compression,
+            compressed_size,
+        },
+    );
+    let length = record.len() as u64 - RECORD_HEADER + stored;
+    record[1..RECORD_HEADER as usize].copy_from_slice(&length.to_le_bytes());
+    record
 }
 
 #[cfg(test)]
@@ -354,11 +373,11 @@ mod tests {
     use std::collections::BTreeMap;
 
     use depthloom_graphs::Frame;
+    use depthloom_mcap::PositionedFile;
 
     use super::{Packing, PartBuilder, Unkept};
-    use crate::file::PositionedFile;
+    use crate::read::chunk_messages::ChunkBuffers;
     use crate::read::index::ChunkEntry;
-    use crate::unpack::ChunkBuffers;
     use crate::write::buffer_pool::PartPools;
 
     #[test]
@@ -390,9 +409,10 @@ mod tests {
         assert!(part.chunks.len() > 2 * sizes.len() + 4);
         for chunk in &part.chunks {
             assert!(chunk.uncompressed_size <= LARGEST);
-            let end = chunk.start + chunk.length + chunk.indexes_length;
-            let channels: Vec<u16> = chunk.indexes.iter().map(|(channel, _)| *channel).collect();
-            let entry = ChunkEntry { start: chunk.start, length: chunk.length, end, channels: channels.clone().into() };
+            let (start, length) = (chunk.chunk_start_offset, chunk.chunk_length);
+            let end = start + length + chunk.message_index_length;
+            let channels: Vec<u16> = chunk.message_index_offsets.keys().copied().collect();
+            let entry = ChunkEntry { start, length, end, channels: channels.clone().into() };
             let mut seen = Vec::new();
             let mut buffers = ChunkBuffers::default();
             let taken = buffers.each_message(&file, &entry, |message| {

@@ -17,7 +17,6 @@ use crate::read::curve::points_part;
 use crate::read::recording::Recording;
 use crate::reuse::earlier_runs::EarlierRuns;
 use crate::reuse::stored_bytes::{StoredBytes, Wanted};
-use crate::unpack::LARGEST_CHUNK;
 use crate::write::attachments::{Attachment, artifact_name, experiment_files};
 use crate::write::buffer_pool::PartPools;
 use crate::write::compression::put_port_value;
@@ -27,7 +26,7 @@ use crate::write::layout::{Class, FileLayout, PortLayout, RunLayout};
 use crate::write::part::{Part, PartBuilder, Unkept};
 use crate::write::resume::{Resumed, resume};
 use crate::write::viewer::{BEGINNING_NS, at_the_time_shown};
-use crate::{ENDED_METADATA, FORMAT, ONCE_METADATA, PLAN_METADATA};
+use crate::{ENDED_METADATA, FORMAT, LARGEST_CHUNK, ONCE_METADATA, PLAN_METADATA};
 use depthloom_codecs::decode::nothing_found;
 use depthloom_threads::locked;
 
@@ -436,8 +435,8 @@ type Kept = Vec<(&'static str, String)>;
 impl State {
     fn close(&mut self) -> Result<Written, RecordingError> {
         let (bytes, counts) = self.writer.finish()?;
-        let messages = counts.messages.values().sum();
-        Ok(Written { bytes, frames: self.frames, messages, chunks: u64::from(counts.chunks) })
+        let (messages, chunks) = (counts.message_count, u64::from(counts.chunk_count));
+        Ok(Written { bytes, frames: self.frames, messages, chunks })
     }
 
     /// Keeps an artefact as an attachment; equal ones once.

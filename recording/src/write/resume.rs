@@ -9,19 +9,16 @@ use depthloom_codecs::schema::Schema;
 use depthloom_graphs::Frame;
 use depthloom_graphs::contracts::Warned;
 use depthloom_graphs::plan::Plan;
-use mcap::records::op;
+use depthloom_mcap::records::{Channel, MessageIndex, MessageIndexEntry, Metadata, MetadataIndex, SchemaHeader};
+use depthloom_mcap::{MAGIC_LENGTH, PositionedFile, RecordPlace, Window, op, put, read, read_all};
 
 use crate::checksum::CrcBefore;
 use crate::condition::Condition;
 use crate::error::RecordingError;
-use crate::file::PositionedFile;
-use crate::parse::{self, RECORD_HEADER};
 use crate::plan::{RecordedPlan, json};
 use crate::read::attachment::AttachmentEntry;
-use crate::read::index::{ChunkEntry, MAGIC};
+use crate::read::index::ChunkEntry;
 use crate::read::recording::{RecordedContent, Recording};
-use crate::record::{put_attachment_index, put_message_index, put_metadata_index};
-use crate::window::Window;
 use crate::write::attachments::experiment_files;
 use crate::write::disk::{Through, itself, write_all};
 use crate::write::file_writer::Writer;
@@ -83,7 +80,10 @@ impl Recording {
         let frames = (0..self.plan().runs.len()).flat_map(|run| self.frames(run));
         let frame = frames.max_by_key(|frame| frame.commit);
         if let (Some(ChunkEntry { channels, .. }), Some(frame)) = (chunk, frame) {
-            channels.iter().for_each(|channel| put_message_index(&mut index, *channel, &[(frame.time_ns, 0)]));
+            let records = vec![MessageIndexEntry { log_time: frame.time_ns, offset: 0 }];
+            channels
+                .iter()
+                .for_each(|&channel_id| put(&mut index, &MessageIndex { channel_id, records: records.clone() }));
         }
         index
     }
@@ -192,49 +192,44 @@ impl Writer {
         attachments: &[AttachmentEntry],
         end: u64,
     ) -> Result<(), RecordingError> {
-        let (mut window, mut at, mut stored) = (Window::new(file), MAGIC, Vec::new());
+        let (mut window, mut at, mut stored) = (Window::new(file), MAGIC_LENGTH, Vec::new());
         // A chunk, and the message indexes behind it so far.
         let mut chunk: Option<(u64, u64)> = None;
         loop {
-            let header = if at < end { window.at(at, RECORD_HEADER)? } else { None };
-            let header = header.and_then(|header| header.first_chunk::<{ RECORD_HEADER as usize }>()).copied();
-            let opcode = header.map(|header| header[0]);
-            if opcode != Some(op::MESSAGE_INDEX)
+            let record = if at < end { window.record(at)? } else { None };
+            if record.is_none_or(|record| record.opcode != op::MESSAGE_INDEX)
                 && let Some((start, end)) = chunk.take()
             {
                 file.read_range(&mut stored, start, end - start)?;
                 self.take_up_chunk(&stored, start)
                     .ok_or_else(|| file.damaged(start, "a chunk is not what was written"))?;
             }
-            let Some([opcode, length @ ..]) = header else { return Ok(()) };
-            let (body, length) = (at + RECORD_HEADER, u64::from_le_bytes(length));
+            let Some(RecordPlace { opcode, body, length }) = record else { return Ok(()) };
             let next = body + length;
             let damaged = || file.damaged(at, "a record is not what was written");
             match opcode {
                 op::CHUNK => chunk = Some((at, next)),
                 op::MESSAGE_INDEX => chunk = chunk.map(|(start, _)| (start, next)),
                 op::SCHEMA => {
-                    let body = window.at(body, length)?.and_then(parse::schema).ok_or_else(damaged)?;
-                    self.schemas_written.push(Schema::named(&body.1).ok_or_else(damaged)?);
-                    self.counts.schemas += 1;
+                    let schema = window.at(body, length)?.and_then(read::<SchemaHeader>);
+                    let (SchemaHeader { name, .. }, _) = schema.ok_or_else(damaged)?;
+                    self.schemas_written.push(Schema::named(&name).ok_or_else(damaged)?);
+                    self.counts.schema_count += 1;
                     self.schema_records.extend_from_slice(window.at(at, next - at)?.unwrap_or_default());
                 }
                 op::CHANNEL => {
-                    let body = window.at(body, length)?.and_then(parse::channel).ok_or_else(damaged)?;
-                    self.channels_written.push(body.0);
-                    self.counts.channels += 1;
+                    let channel = window.at(body, length)?.and_then(read_all::<Channel>).ok_or_else(damaged)?;
+                    self.channels_written.push(channel.id);
+                    self.counts.channel_count += 1;
                     self.channel_records.extend_from_slice(window.at(at, next - at)?.unwrap_or_default());
                 }
                 op::METADATA => {
-                    let body = window.at(body, length)?.and_then(parse::metadata).ok_or_else(damaged)?;
-                    put_metadata_index(&mut self.metadata_indexes, at, next - at, &body.0);
-                    self.counts.metadata += 1;
+                    let metadata = window.at(body, length)?.and_then(read_all::<Metadata>).ok_or_else(damaged)?;
+                    self.index_metadata(&MetadataIndex { offset: at, length: next - at, name: metadata.name });
                 }
                 op::ATTACHMENT => {
                     let entry = attachments.iter().find(|entry| entry.offset == at).ok_or_else(damaged)?;
-                    let AttachmentEntry { name, media_type, size, offset, length } = entry;
-                    put_attachment_index(&mut self.attachment_indexes, *offset, *length, *size, name, media_type);
-                    self.counts.attachments += 1;
+                    self.index_attachment(entry.clone());
                 }
                 _ => {}
             }
@@ -245,9 +240,9 @@ impl Writer {
     fn take_up_chunk(&mut self, stored: &[u8], start: u64) -> Option<()> {
         let (place, messages) = placed(stored, 0)?;
         for (channel, count) in messages {
-            *self.counts.messages.entry(channel).or_default() += count;
+            self.count_messages(channel, count);
         }
-        self.index_chunk(start, &place);
+        self.index_chunk(start, place);
         Some(())
     }
 }
@@ -256,7 +251,7 @@ impl Writer {
 fn check(recording: &Recording) -> Result<(), RecordingError> {
     match recording.sealed.last() {
         Some((start, told)) if CrcBefore::new(&recording.file).place(*start)? != *told => {
-            Err(recording.file.damaged(*start, "the bytes before are not what was written"))
+            Err(recording.file.damaged(*start, "the bytes before are not what was written").into())
         }
         _ => Ok(()),
     }

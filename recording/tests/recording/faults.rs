@@ -6,10 +6,11 @@ use std::sync::{Arc, OnceLock};
 
 use depthloom_graphs::Remedied;
 use depthloom_graphs::contracts::Tap;
-use depthloom_recording::{Condition, Disk, Recorder, Recording, RecordingError};
+use depthloom_recording::{Condition, Disk, FileError, Recorder, Recording, RecordingError};
 use proptest::prelude::{ProptestConfig, Strategy, proptest};
 use proptest::{prop_assert, prop_assert_eq};
 
+use crate::digest::digest;
 use crate::fixture::{CURVE, Noise, curve, frame, plan, record, record_frame, record_once_values, values};
 
 const FRAMES: u64 = 6;
@@ -267,7 +268,7 @@ fn a_flipped_pixel_is_found() {
     flipped[place] ^= 1;
     let path = written(folder.path(), &flipped);
     let Err(error) = read_all(&path) else { panic!("the flip was not found") };
-    assert!(matches!(error, RecordingError::Damaged { .. }), "{error}");
+    assert!(matches!(error, RecordingError::File(FileError::Damaged { .. })), "{error}");
     assert!(error.to_string().contains("recording.mcap is damaged at byte"), "{error}");
     let held = "it held /compare/fused/depth of frame `000000_10` (position 0 of stage `compare`)";
     assert!(error.to_string().ends_with(&format!("a chunk's checksum differs; {held}")), "{error}");
@@ -339,7 +340,7 @@ fn points_of_a_curve_that_was_not_finished_belong_to_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let digest_of = |end: u64| {
         let path = written(folder.path(), &bytes[..end as usize]);
-        depthloom_recording::digest(&path).unwrap()["topics"].as_object().unwrap().clone()
+        digest(&path)["topics"].as_object().unwrap().clone()
     };
     let whole = digest_of(*once_end);
     assert_eq!(whole[CURVE]["count"], curve().points.len());
@@ -376,13 +377,13 @@ fn other_files_are_named_for_what_they_are() {
     let damaged = text.with_file_name("damaged.mcap");
     let bytes = [b"\x88MCAP0\r\n".as_slice(), &[0; 64], mcap::MAGIC].concat();
     std::fs::write(&damaged, bytes).unwrap();
-    assert!(matches!(Recording::open(&damaged), Err(RecordingError::Damaged { offset: 0, .. })));
+    assert!(matches!(Recording::open(&damaged), Err(RecordingError::File(FileError::Damaged { offset: 0, .. }))));
     let path = folder.path().join("other.mcap");
     mcap::Writer::new(File::create(&path).unwrap()).unwrap().finish().unwrap();
     let error = Recording::open(&path).unwrap_err();
     assert!(matches!(error, RecordingError::NotARecording { .. }));
     assert_eq!(error.remedy().unwrap(), "give a recording that `depthloom run` made");
-    assert!(matches!(Recording::open(folder.path().join("absent")), Err(RecordingError::Open { .. })));
+    assert!(matches!(Recording::open(folder.path().join("absent")), Err(RecordingError::File(FileError::Open { .. }))));
 }
 
 #[test]

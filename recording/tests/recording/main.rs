@@ -1,6 +1,7 @@
 //! Recordings as others see them: read back, read by other readers, cut off, made twice.
 
 mod copies;
+mod digest;
 mod faults;
 mod finer_values;
 mod fixture;

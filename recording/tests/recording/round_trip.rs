@@ -1,5 +1,6 @@
 //! What is recorded is read back, bit for bit.
 
+use crate::digest::digest;
 use crate::fixture::{
     BEGINNING_NS, CURVE, curve, frame, key, model, plan, plan_of, record, record_frame, record_once_values, values,
 };
@@ -213,7 +214,7 @@ fn a_learning_curve_lies_between_two_stages_and_in_no_frame() {
     assert_eq!([0, 1].map(|run| recording.frames(run).len()), [2, 2]);
     assert!(recording.reader(1, &[CURVE]).is_err(), "a curve is no value of a frame");
     // A millisecond a step, from the first frame of the stage on: all stages begin at once.
-    let digest = depthloom_recording::digest(&path).unwrap();
+    let digest = digest(&path);
     for topic in topics {
         let first_ns = BEGINNING_NS;
         let topic = &digest["topics"][topic];

@@ -5,14 +5,13 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
 use depthloom_graphs::{Fault, regular_file};
+use depthloom_mcap::{COPY_AGAIN, name_of};
 use depthloom_threads::locked;
 use rusqlite::config::DbConfig;
 use rusqlite::{Connection, MAIN_DB, OpenFlags};
 
+use super::message::{Channel, Message, Place, Warning};
 use crate::MOST_BYTES;
-use crate::bag::{Message, Place};
-use crate::file::{COPY_AGAIN, name_of};
-use crate::mcap_index::{Channel, Warning};
 
 /// How every SQLite file begins.
 pub const MAGIC: &[u8; 16] = b"SQLite format 3\0";

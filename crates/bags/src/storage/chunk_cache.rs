@@ -3,7 +3,6 @@
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
 
-use depthloom_graphs::Fault;
 use depthloom_threads::locked;
 
 /// The most bytes that are kept of a bag, however many files it has; a chunk that is larger is kept alone.
@@ -21,12 +20,12 @@ pub struct ChunkCache(Mutex<VecDeque<(ChunkId, u64, Slot)>>);
 
 impl ChunkCache {
     /// The records of a chunk of that size, by `read` where they are not kept.
-    pub fn get(
+    pub fn get<E>(
         &self,
         chunk: ChunkId,
         size: u64,
-        read: impl FnOnce() -> Result<Vec<u8>, Fault>,
-    ) -> Result<Arc<Vec<u8>>, Fault> {
+        read: impl FnOnce() -> Result<Vec<u8>, E>,
+    ) -> Result<Arc<Vec<u8>>, E> {
         let slot = self.slot(chunk, size);
         let mut held = locked(&slot);
         if let Some(records) = &*held {
@@ -61,17 +60,16 @@ mod tests {
         let mut reads = Vec::new();
         let third = MOST_BYTES / 3;
         for chunk in [0, 1, 0, 2, 3, 0, 1] {
-            cache
-                .get((0, chunk), third, || {
-                    reads.push(chunk);
-                    Ok(vec![chunk as u8])
-                })
-                .unwrap();
+            let read = || {
+                reads.push(chunk);
+                Ok::<_, ()>(vec![chunk as u8])
+            };
+            cache.get((0, chunk), third, read).unwrap();
         }
         // 1 was used longest ago when 3 came.
         assert_eq!(reads, [0, 1, 2, 3, 1]);
-        assert!(cache.get((0, 9), 1, || Err(depthloom_graphs::Fault::new("no"))).is_err());
-        assert_eq!(*cache.get((0, 9), 1, || Ok(vec![7])).unwrap(), [7]);
-        assert_eq!(*cache.get((0, 10), 2 * MOST_BYTES, || Ok(vec![8])).unwrap(), [8]);
+        assert!(cache.get((0, 9), 1, || Err(())).is_err());
+        assert_eq!(*cache.get((0, 9), 1, || Ok::<_, ()>(vec![7])).unwrap(), [7]);
+        assert_eq!(*cache.get((0, 10), 2 * MOST_BYTES, || Ok::<_, ()>(vec![8])).unwrap(), [8]);
     }
 }

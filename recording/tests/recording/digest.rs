@@ -3,16 +3,12 @@
 use std::path::Path;
 
 use crc32fast::Hasher;
+use depthloom_recording::{Recording, StoredMessage};
 use depthloom_scores::{DEPTH, DISPARITY};
 use foxglove::messages::{CameraCalibration, FrameTransform, Quaternion, Vector3};
 use prost::Message;
 use serde_json::{Map, Value as Json, json};
 
-use crate::commit_message::CommitMessage;
-use crate::error::RecordingError;
-use crate::parse::ChannelEntry;
-use crate::read::recording::Recording;
-use crate::unpack::ChunkBuffers;
 use depthloom_codecs::decode::{float_map, inverse_bytes};
 use depthloom_codecs::messages::{CurvePointMessage, ScoreMessage};
 use depthloom_codecs::schema::{BASELINE_M, DOFFS_PX, Schema};
@@ -41,30 +37,49 @@ struct Numbers {
 /// decode to; of maps of floats also the sum of the finite numbers, as text, and how many are NaN and infinite.
 ///
 /// `tests/python/read_recording.py` computes the same object with Python's readers.
-///
-/// # Errors
-/// If the recording cannot be read.
-pub fn digest(path: impl AsRef<Path>) -> Result<Json, RecordingError> {
-    let recording = Recording::open(path)?;
-    let mut topics: Vec<(&str, Topic)> = Vec::new();
-    let mut buffers = ChunkBuffers::default();
-    for chunk in &recording.index.chunks {
-        buffers.each_message(&recording.file, chunk, |message| {
-            let channel = recording.index.channels.get(&message.channel);
-            let ChannelEntry { written_topic: name, .. } = channel.ok_or("a message is of an unknown channel")?;
-            let schema = channel.and_then(|channel| recording.index.schema_of(channel)).and_then(Schema::named);
-            let schema = schema.ok_or("a channel is of an unknown schema")?;
-            let known = topics.iter().position(|(of, _)| of == name);
-            let topic = known.unwrap_or_else(|| {
-                topics.push((name, Topic::new(schema, message.time_ns)));
-                topics.len() - 1
-            });
-            topics[topic].1.take(schema, message.time_ns, message.data)
-        })?;
-    }
-    let topics: Map<String, Json> =
-        topics.into_iter().map(|(name, topic)| (name.to_owned(), topic.into_json())).collect();
-    Ok(json!({ "topics": topics }))
+pub fn digest(path: impl AsRef<Path>) -> Json {
+    let recording = Recording::open(path).expect("a recording");
+    let mut topics: Vec<(String, Topic)> = Vec::new();
+    let read = recording.each_message(|StoredMessage { topic: name, schema, time_ns, data }| {
+        let schema = Schema::named(schema).ok_or("a channel is of an unknown schema")?;
+        let known = topics.iter().position(|(of, _)| of == name);
+        let topic = known.unwrap_or_else(|| {
+            topics.push((name.to_owned(), Topic::new(schema, time_ns)));
+            topics.len() - 1
+        });
+        topics[topic].1.take(schema, time_ns, data)
+    });
+    read.expect("its messages");
+    let topics: Map<String, Json> = topics.into_iter().map(|(name, topic)| (name, topic.into_json())).collect();
+    json!({ "topics": topics })
+}
+
+/// `depthloom.Commit`, without what only depthloom reads.
+#[derive(Clone, PartialEq, prost::Message)]
+struct Commit {
+    #[prost(uint32, tag = "1")]
+    run: u32,
+    #[prost(string, tag = "2")]
+    frame: String,
+    #[prost(uint64, tag = "3")]
+    index: u64,
+    #[prost(string, tag = "4")]
+    source_key: String,
+    #[prost(message, repeated, tag = "5")]
+    keys: Vec<NodeText>,
+    #[prost(message, repeated, tag = "6")]
+    failures: Vec<NodeText>,
+    #[prost(fixed32, tag = "7")]
+    crc32_before: u32,
+}
+
+/// `depthloom.NodeKey` or `depthloom.Failure`.
+#[derive(Clone, PartialEq, prost::Message)]
+struct NodeText {
+    #[prost(uint32, optional, tag = "1")]
+    node: Option<u32>,
+    #[prost(string, tag = "2")]
+    text: String,
 }
 
 impl Topic {
@@ -167,19 +182,19 @@ impl Topic {
     }
 
     fn take_commit(&mut self, message: &[u8]) -> Result<(), String> {
-        let commit = CommitMessage::decode(message).map_err(|error| error.to_string())?;
+        let commit = Commit::decode(message).map_err(|error| error.to_string())?;
         self.crc.update(&commit.run.to_le_bytes());
         self.crc.update(&commit.index.to_le_bytes());
         self.crc.update(commit.frame.as_bytes());
         self.crc.update(commit.source_key.as_bytes());
         for of in &commit.keys {
-            self.crc.update(&of.node.to_le_bytes());
-            self.crc.update(of.key.as_bytes());
+            self.crc.update(&of.node.unwrap_or_default().to_le_bytes());
+            self.crc.update(of.text.as_bytes());
         }
         for of in &commit.failures {
             self.crc.update(&[u8::from(of.node.is_some())]);
             self.crc.update(&of.node.unwrap_or_default().to_le_bytes());
-            self.crc.update(of.what.as_bytes());
+            self.crc.update(of.text.as_bytes());
         }
         self.crc.update(&commit.crc32_before.to_le_bytes());
         Ok(())

@@ -5,16 +5,18 @@ use std::path::Path;
 use std::sync::{Arc, Mutex};
 
 use depthloom_graphs::Fault;
+use depthloom_mcap::records::{Header, MessageIndex};
+use depthloom_mcap::{
+    FileError, MAGIC_LENGTH, MESSAGE_HEADER, Message as Stored, PositionedFile, RECORD_HEADER, Window, begins_as_mcap,
+    body_of, message, no_message, op, read, record_header,
+};
 use depthloom_threads::{Tiles, into_unlocked, locked};
-use mcap::records::{Record, op};
 
+use super::chunk_cache::ChunkCache;
+use super::index::{Index, summary};
+use super::message::{Channel, Message, Place, Warning};
+use super::scan::{MOST_CHUNK, completed, read_chunk, scan};
 use crate::MOST_BYTES;
-use crate::bag::{Message, Place};
-use crate::chunk_cache::ChunkCache;
-use crate::chunks::{Chunk, MESSAGE_HEADER, RECORD_HEADER, message_header, record_header};
-use crate::file::PositionedFile;
-use crate::mcap_index::{Channel, Index, MAGIC, Warning};
-use crate::record;
 
 /// The most messages of a file: four days of a thousand a second. A few forged indexes that name one another's entries could ask for any number.
 const MOST_MESSAGES: usize = 400_000_000 / size_of::<Message>();
@@ -29,14 +31,31 @@ const MOST_INDEX: u64 = 256 << 20;
 #[must_use]
 pub fn written_by(path: &Path) -> Option<String> {
     let file = PositionedFile::open(path).ok()?;
-    let start = MAGIC.len() as u64;
-    let head = file.range(0, start + RECORD_HEADER as u64, MOST_HEADER).ok().filter(|head| head.starts_with(MAGIC))?;
-    let (op::HEADER, length) = record_header(&head[MAGIC.len()..])? else { return None };
-    let body = file.range(start + RECORD_HEADER as u64, length, MOST_HEADER).ok()?;
-    match record::parse(op::HEADER, &body)? {
-        Record::Header(header) => Some(header.library),
-        _ => None,
+    let record = Window::new(&file).record(MAGIC_LENGTH).ok()??;
+    if !begins_as_mcap(&file).ok()? || record.opcode != op::HEADER {
+        return None;
     }
+    let body = file.range(record.body, record.length, MOST_HEADER).ok()?;
+    read(&body).map(|(header, _): (Header, _)| header.library)
+}
+
+/// Reads the summary; of a file that has none, looks at every record.
+fn read_index(file: &PositionedFile) -> Result<Index, FileError> {
+    let why = match summary(file) {
+        Ok(Some(index)) => return completed(file, index),
+        // Written without chunks, or without an index: nothing is wrong with it.
+        Ok(None) => None,
+        Err(error) => Some(error),
+    };
+    let mut index = scan(file)?;
+    if let Some(why) = why.filter(|_| index.warning.is_none()) {
+        let text = format!(
+            "{}: its index cannot be read ({why}), and every record was looked at: `mcap recover` writes the file anew",
+            file.name()
+        );
+        index.warning = Some(Warning { text, is_loss: false });
+    }
+    completed(file, index)
 }
 
 pub struct McapFile {
@@ -50,9 +69,8 @@ pub struct McapFile {
 }
 
 impl McapFile {
-    pub fn open(path: &Path, number: usize, cache: Arc<ChunkCache>) -> Result<Self, Fault> {
-        let file = PositionedFile::open(path)?;
-        let index = Index::of(&file)?;
+    pub fn open(file: PositionedFile, number: usize, cache: Arc<ChunkCache>) -> Result<Self, FileError> {
+        let index = read_index(&file)?;
         Ok(Self { file, index, number, cache, sound: Mutex::default() })
     }
 
@@ -75,74 +93,65 @@ impl McapFile {
                 count += entries.len();
                 if count > MOST_MESSAGES {
                     let what = format!("its indexes name more than {MOST_MESSAGES} messages");
-                    return Err(self.file.damaged(at, what));
+                    return Err(self.file.damaged(at, what).into());
                 }
                 for (log_ns, offset) in entries {
                     give(which, Message { file, log_ns, place: Place::Chunk { chunk: number, channel, offset } });
                 }
             }
         }
-        for of in &self.index.unindexed {
-            if let Some(which) = wanted(of.channel) {
-                let place = Place::Chunk { chunk: of.chunk, channel: of.channel, offset: of.offset };
-                give(which, Message { file, log_ns: of.log_ns, place });
-            }
-        }
-        for of in &self.index.loose {
-            if let Some(which) = wanted(of.channel) {
-                give(
-                    which,
-                    Message { file, log_ns: of.log_ns, place: Place::Bytes { offset: of.offset, length: of.length } },
-                );
+        for message in &self.index.unindexed {
+            if let Some(which) = wanted(message.channel) {
+                give(which, Message { file, log_ns: message.log_ns, place: message.place });
             }
         }
         Ok(())
     }
 
     /// Log time and place in the chunk of each message of a channel.
-    fn message_index(&self, channel: u16, at: u64) -> Result<Vec<(u64, u64)>, Fault> {
-        let header = self.file.range(at, RECORD_HEADER as u64, MOST_INDEX)?;
-        let damaged = || self.file.damaged(at, "no message index");
+    fn message_index(&self, channel: u16, at: u64) -> Result<Vec<(u64, u64)>, FileError> {
+        let damaged = || self.file.damaged(at, "no message index is there");
+        let header = self.file.range(at, RECORD_HEADER, RECORD_HEADER)?;
         let Some((op::MESSAGE_INDEX, length)) = record_header(&header) else { return Err(damaged()) };
-        let body = self.file.range(at.saturating_add(RECORD_HEADER as u64), length, MOST_INDEX)?;
-        match record::parse(op::MESSAGE_INDEX, &body) {
-            Some(Record::MessageIndex(index)) if index.channel_id == channel => {
-                Ok(index.records.into_iter().map(|entry| (entry.log_time, entry.offset)).collect())
-            }
-            _ => Err(damaged()),
-        }
+        let body = self.file.range(at.saturating_add(RECORD_HEADER), length, MOST_INDEX)?;
+        let index = read(&body).filter(|(index, _): &(MessageIndex, _)| index.channel_id == channel);
+        let (index, _) = index.ok_or_else(damaged)?;
+        Ok(index.records.into_iter().map(|entry| (entry.log_time, entry.offset)).collect())
     }
 
-    /// Where a message lies in a chunk that is not compressed, by its header: offset in the file, and length.
-    fn bytes_in_chunk(&self, chunk: usize, channel: u16, offset: u64) -> Result<(u64, u64), Fault> {
+    /// Where a message is in a chunk that is not compressed, by its header: offset in the file, and length.
+    fn bytes_in_chunk(&self, chunk: usize, channel: u16, offset: u64) -> Result<(u64, u64), FileError> {
+        const BEFORE: u64 = RECORD_HEADER + MESSAGE_HEADER;
         let place = &self.index.chunks[chunk];
-        let records =
-            place.compressed_data_offset().map_err(|error| self.file.damaged(0, "no chunk").because(error))?;
-        let at = records.saturating_add(offset);
-        let before = (RECORD_HEADER + MESSAGE_HEADER) as u64;
         let end = place.chunk_start_offset.saturating_add(place.chunk_length);
+        let at = place.compressed_data_offset().unwrap_or(u64::MAX).saturating_add(offset);
         let damaged = || self.file.damaged(at, "the index names a message, and there is none");
-        if at.saturating_add(before) > end {
+        if at.saturating_add(BEFORE) > end {
             return Err(damaged());
         }
-        let header = self.file.range(at, before, before)?;
-        let length = match (record_header(&header), message_header(&header[RECORD_HEADER..])) {
-            (Some((op::MESSAGE, length)), Some((of, _))) if of == channel && length >= MESSAGE_HEADER as u64 => {
-                length - MESSAGE_HEADER as u64
+        let header = self.file.range(at, BEFORE, BEFORE)?;
+        let length = match (record_header(&header), message(&header[RECORD_HEADER as usize..])) {
+            (Some((op::MESSAGE, length)), Some(found)) if found.channel == channel => {
+                length.checked_sub(MESSAGE_HEADER)
             }
-            _ => return Err(damaged()),
+            _ => None,
         };
-        match (at + before).checked_add(length) {
-            Some(after) if after <= end => Ok((at + before, length)),
-            _ => Err(damaged()),
-        }
+        let length = length.filter(|length| (at + BEFORE).checked_add(*length).is_some_and(|after| after <= end));
+        Ok((at + BEFORE, length.ok_or_else(damaged)?))
+    }
+
+    /// Checks a chunk. Its records, if they are compressed: otherwise they are read where they are.
+    fn decompressed(&self, chunk: usize) -> Result<Vec<u8>, FileError> {
+        let (mut stored, mut records) = (Vec::new(), Vec::new());
+        read_chunk(&self.file, &self.index.chunks[chunk], &mut stored)?.records(&mut records)?;
+        Ok(records)
     }
 
     /// Reads a chunk that is not compressed once for its checksum: no other way a flipped bit of its messages is seen.
-    fn check(&self, chunk: usize) -> Result<(), Fault> {
+    fn check(&self, chunk: usize) -> Result<(), FileError> {
         let sound = || locked(&self.sound);
         if !sound().contains(&chunk) {
-            Chunk::read(&self.file, &self.index.chunks[chunk])?.records()?;
+            self.decompressed(chunk)?;
             sound().insert(chunk);
         }
         Ok(())
@@ -151,7 +160,7 @@ impl McapFile {
     /// A message's bytes.
     pub fn read(&self, place: Place) -> Result<Vec<u8>, Fault> {
         let (chunk, channel, offset) = match place {
-            Place::Bytes { offset, length } => return self.file.range(offset, length, MOST_BYTES),
+            Place::Bytes { offset, length } => return Ok(self.file.range(offset, length, MOST_BYTES)?),
             Place::Chunk { chunk, channel, offset } => (chunk, channel, offset),
             Place::Row(_) => unreachable!("rows are SQLite's"),
         };
@@ -159,21 +168,15 @@ impl McapFile {
         if of.compression.is_empty() {
             self.check(chunk)?;
             let (offset, length) = self.bytes_in_chunk(chunk, channel, offset)?;
-            return self.file.range(offset, length, MOST_BYTES);
+            return Ok(self.file.range(offset, length, MOST_BYTES)?);
         }
-        let records =
-            self.cache.get((self.number, chunk), of.uncompressed_size, || Chunk::read(&self.file, of)?.records())?;
-        let message = || {
-            let record = records.get(usize::try_from(offset).ok()?..)?;
-            let (opcode, length) = record_header(record)?;
-            let body = record[RECORD_HEADER..].get(..usize::try_from(length).ok()?)?;
-            let (of, _) = message_header(body)?;
-            (opcode == op::MESSAGE && of == channel).then(|| body[MESSAGE_HEADER..].to_vec())
-        };
-        message().ok_or_else(|| {
-            let what = format!("the index names a message at byte {offset} of the chunk's records, and there is none");
-            self.file.damaged(of.chunk_start_offset, what)
-        })
+        let size = of.uncompressed_size.min(MOST_CHUNK);
+        let records = self.cache.get((self.number, chunk), size, || self.decompressed(chunk))?;
+        let stored = usize::try_from(offset).ok().and_then(|offset| records.get(offset..));
+        match stored.and_then(|record| body_of(op::MESSAGE, record)).and_then(message) {
+            Some(Stored { channel: found, data, .. }) if found == channel => Ok(data.to_vec()),
+            _ => Err(no_message(&self.file, of.chunk_start_offset, offset).into()),
+        }
     }
 
     /// The first bytes of messages: of those in compressed chunks, chunk by chunk on as many threads as there are.
@@ -199,8 +202,9 @@ impl McapFile {
             let mut wanted = wanted.clone();
             wanted.sort_unstable();
             let offsets: Vec<u64> = wanted.iter().map(|(offset, _)| *offset).collect();
-            let read =
-                Chunk::read(&self.file, &self.index.chunks[*chunk]).and_then(|chunk| chunk.heads(&offsets, most));
+            let mut stored = Vec::new();
+            let read = read_chunk(&self.file, &self.index.chunks[*chunk], &mut stored)
+                .and_then(|chunk| chunk.heads(&offsets, most));
             locked(&unpacked).push((tile, wanted, read));
         });
         let mut unpacked = into_unlocked(unpacked);

@@ -1,0 +1,109 @@
+//! A file read by position, from several threads at once.
+
+use std::fs::File;
+use std::path::{Path, PathBuf};
+
+use depthloom_graphs::regular_file;
+
+use crate::error::FileError;
+
+/// A file open for reading.
+#[derive(Debug)]
+pub struct PositionedFile {
+    /// Its path.
+    pub path: PathBuf,
+    /// How many bytes it had when it was opened.
+    pub size: u64,
+    file: File,
+}
+
+impl PositionedFile {
+    /// Opens a regular file.
+    ///
+    /// # Errors
+    /// If it cannot be opened, or is not a regular file.
+    pub fn open(path: &Path) -> Result<Self, FileError> {
+        let failed = |source| FileError::Open { path: path.to_owned(), source };
+        let file = regular_file::open(path).map_err(failed)?;
+        let size = file.metadata().map_err(failed)?.len();
+        Ok(Self { path: path.to_owned(), size, file })
+    }
+
+    /// The last part of its path: folders differ between machines.
+    pub fn name(&self) -> std::path::Display<'_> {
+        name_of(&self.path)
+    }
+
+    /// Fills the buffer with the bytes at a position.
+    ///
+    /// # Errors
+    /// If the system cannot read them, or the file ends before.
+    pub fn read_exact(&self, buffer: &mut [u8], offset: u64) -> Result<(), FileError> {
+        let read = regular_file::read_exact_at(&self.file, buffer, offset);
+        read.map_err(|source| FileError::Read { path: self.path.clone(), offset, source })
+    }
+
+    /// The bytes of a range, in a buffer that is reused.
+    ///
+    /// # Errors
+    /// If the file ends before, the system cannot read them, or they do not fit into memory.
+    pub fn read_range(&self, buffer: &mut Vec<u8>, offset: u64, length: u64) -> Result<(), FileError> {
+        let bytes = self.checked(offset, length)?;
+        let more = bytes.saturating_sub(buffer.len());
+        buffer.try_reserve_exact(more).map_err(|_| self.too_large(offset, length))?;
+        buffer.resize(bytes, 0);
+        self.read_exact(buffer, offset)
+    }
+
+    /// Appends the bytes of a range to a buffer.
+    ///
+    /// # Errors
+    /// As [`PositionedFile::read_range`].
+    pub fn append_range(&self, buffer: &mut Vec<u8>, offset: u64, length: u64) -> Result<(), FileError> {
+        let (start, bytes) = (buffer.len(), self.checked(offset, length)?);
+        buffer.try_reserve(bytes).map_err(|_| self.too_large(offset, length))?;
+        buffer.resize(start + bytes, 0);
+        self.read_exact(&mut buffer[start..], offset)
+    }
+
+    /// The length of a range that the file has: lengths in a damaged file can be anything, so this comes before any allocation.
+    fn checked(&self, offset: u64, length: u64) -> Result<usize, FileError> {
+        let end = offset.checked_add(length).filter(|end| *end <= self.size);
+        end.and_then(|_| usize::try_from(length).ok()).ok_or_else(|| {
+            self.damaged(offset, format!("{length} bytes are expected there, and the file has {}", self.size))
+        })
+    }
+
+    /// The bytes of a range of at most `most`.
+    ///
+    /// # Errors
+    /// As [`PositionedFile::read_range`], and if the range is longer.
+    pub fn range(&self, offset: u64, length: u64, most: u64) -> Result<Vec<u8>, FileError> {
+        if self.checked(offset, length)? as u64 > most {
+            let (long, most) = (length.div_ceil(1 << 20), most >> 20);
+            let what = format!("a piece of {long} MiB is expected there, and it may have {most} MiB");
+            return Err(self.damaged(offset, what));
+        }
+        let mut bytes = Vec::new();
+        self.read_range(&mut bytes, offset, length)?;
+        Ok(bytes)
+    }
+
+    /// The error that the bytes at a position are not what was written.
+    #[must_use]
+    pub fn damaged(&self, offset: u64, what: impl Into<String>) -> FileError {
+        FileError::Damaged { path: self.path.clone(), offset, what: what.into() }
+    }
+
+    /// The error that the bytes at a position do not fit into memory.
+    #[must_use]
+    pub fn too_large(&self, offset: u64, bytes: u64) -> FileError {
+        FileError::Memory { path: self.path.clone(), offset, bytes }
+    }
+}
+
+/// The last part of a path.
+#[must_use]
+pub fn name_of(path: &Path) -> std::path::Display<'_> {
+    path.file_name().map_or_else(|| path.display(), |name| Path::new(name).display())
+}
