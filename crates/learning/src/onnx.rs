@@ -1,6 +1,5 @@
 //! Networks as ONNX files: writing them, and reading weights out of them and of `.safetensors` files.
 
-pub(crate) mod proto;
 pub(crate) mod weights;
 
 mod graph;

@@ -1,13 +1,16 @@
 //! What an ONNX file declares, read without an engine: inputs, outputs, metadata, sizes, files beside it.
 //!
-//! So both engines refuse the same models, in the same words, before they see a byte. Field numbers are those of the public schema
-//! (onnx/onnx.proto3); fields that are not named here, weights above all, are skipped in reading.
+//! So both engines refuse the same models, in the same words, before they see a byte. The elements of weights are skipped in reading.
 
 use std::collections::BTreeMap;
 
 use depthloom_graphs::regular_file;
+use depthloom_onnx::{
+    AttributeProto, Dimension, DimensionProto, EXTERNAL, GraphProto, ModelProto, StringStringEntryProto, TensorHead,
+    ValueInfoProto,
+};
 use ort::value::TensorElementType;
-use prost::{Message, Oneof};
+use prost::Message;
 
 /// An input or output, as the model declares it.
 #[derive(Clone)]
@@ -27,7 +30,7 @@ pub(crate) struct Declared {
     pub external: Option<String>,
     /// The largest tensor that it states whole: its name and sides.
     pub largest: Option<(String, Vec<i64>)>,
-    metadata: Vec<Entry>,
+    metadata: Vec<StringStringEntryProto>,
 }
 
 impl Declared {
@@ -36,21 +39,21 @@ impl Declared {
     /// # Errors
     /// Why it is no ONNX file.
     pub fn read(model: &[u8]) -> Result<Self, String> {
-        let Model { graph, metadata, .. } = Model::read(model)?;
+        let ModelProto { graph, metadata_props: metadata, .. } = decode(model)?;
         let graph = graph.ok_or(NO_GRAPH)?;
         // Old models list their weights among the inputs.
-        let is_weight = |input: &&ValueInfo| graph.initializers.iter().any(|weight| weight.name == input.name);
+        let is_weight = |input: &&ValueInfoProto| graph.initializer.iter().any(|weight| weight.name == input.name);
         let outlets: [Vec<Outlet>; 2] = [
-            graph.inputs.iter().filter(|input| !is_weight(input)).map(ValueInfo::outlet).collect(),
-            graph.outputs.iter().map(ValueInfo::outlet).collect(),
+            graph.input.iter().filter(|input| !is_weight(input)).map(outlet).collect(),
+            graph.output.iter().map(outlet).collect(),
         ];
         let mut weights = Vec::new();
-        graph.weights(&mut weights);
-        let external = weights.iter().find(|weight| weight.location == EXTERNAL).map(|weight| {
-            let place = weight.external.iter().find(|entry| entry.key == "location");
+        add_weights(&graph, &mut weights);
+        let external = weights.iter().find(|weight| weight.data_location == EXTERNAL).map(|weight| {
+            let place = weight.external_data.iter().find(|entry| entry.key == "location");
             place.map_or_else(|| "a file it does not name".to_owned(), |place| place.value.clone())
         });
-        let stated = graph.inputs.iter().chain(&graph.outputs).chain(&graph.within).map(ValueInfo::outlet);
+        let stated = graph.input.iter().chain(&graph.output).chain(&graph.value_info).map(outlet);
         let stated = stated.filter_map(|outlet| Some((outlet.name, outlet.tensor?.1)));
         let of_weights = weights.iter().map(|weight| (weight.name.clone(), weight.dims.clone()));
         let largest = stated.chain(of_weights).max_by_key(|(_, sides)| elements(sides));
@@ -105,17 +108,17 @@ impl Description {
     /// Why it is no ONNX file.
     pub fn read(model: &[u8]) -> Result<Self, String> {
         let declared = Declared::read(model)?;
-        let Model { ir_version, producer, producer_version, graph, opsets, .. } = Model::read(model)?;
+        let ModelProto { ir_version, producer_name, producer_version, graph, opset_import, .. } = decode(model)?;
         let graph = graph.ok_or(NO_GRAPH)?;
         let mut operators = BTreeMap::new();
-        graph.operators(&mut operators);
+        count_operators(&graph, &mut operators);
         let mut weights = Vec::new();
-        graph.weights(&mut weights);
+        add_weights(&graph, &mut weights);
         let tensors = |outlets: Vec<Outlet>| outlets.into_iter().map(Tensor::from).collect();
         Ok(Self {
-            producer: format!("{producer} {producer_version}").trim().to_owned(),
+            producer: format!("{producer_name} {producer_version}").trim().to_owned(),
             ir_version,
-            opsets: opsets.into_iter().map(|set| (set.domain, set.version)).collect(),
+            opsets: opset_import.into_iter().map(|set| (set.domain, set.version)).collect(),
             inputs: tensors(declared.inputs),
             outputs: tensors(declared.outputs),
             metadata: declared.metadata.into_iter().map(|entry| (entry.key, entry.value)).collect(),
@@ -148,179 +151,49 @@ pub(crate) fn elements(sides: &[i64]) -> u64 {
     sides.iter().fold(1, |product: u64, &side| product.saturating_mul(u64::try_from(side).unwrap_or(1)))
 }
 
-/// `TensorProto.DataLocation`: the values lie in another file.
-const EXTERNAL: i32 = 1;
-
 const NO_GRAPH: &str = "it is no ONNX file: it holds no graph";
 
-#[derive(Clone, PartialEq, Message)]
-struct Model {
-    #[prost(int64, tag = "1")]
-    ir_version: i64,
-    #[prost(string, tag = "2")]
-    producer: String,
-    #[prost(string, tag = "3")]
-    producer_version: String,
-    #[prost(message, optional, tag = "7")]
-    graph: Option<Graph>,
-    #[prost(message, repeated, tag = "8")]
-    opsets: Vec<OperatorSet>,
-    #[prost(message, repeated, tag = "14")]
-    metadata: Vec<Entry>,
+/// The messages of a model, without the elements of its weights.
+fn decode(model: &[u8]) -> Result<ModelProto<TensorHead>, String> {
+    if regular_file::is_lfs_pointer(model) {
+        return Err(format!("it is a pointer of Git LFS, not the file itself: {}", regular_file::LFS_REMEDY));
+    }
+    ModelProto::decode(model).map_err(|error| format!("it is no ONNX file: {error}"))
 }
 
-impl Model {
-    fn read(model: &[u8]) -> Result<Self, String> {
-        if regular_file::is_lfs_pointer(model) {
-            return Err(format!("it is a pointer of Git LFS, not the file itself: {}", regular_file::LFS_REMEDY));
-        }
-        Self::decode(model).map_err(|error| format!("it is no ONNX file: {error}"))
+/// The graphs within an attribute.
+fn graphs(attribute: &AttributeProto<TensorHead>) -> impl Iterator<Item = &GraphProto<TensorHead>> {
+    attribute.g.as_deref().into_iter().chain(&attribute.graphs)
+}
+
+/// Counts the operators, those of graphs within nodes too.
+fn count_operators(graph: &GraphProto<TensorHead>, found: &mut BTreeMap<String, u64>) {
+    for node in &graph.node {
+        let domain = if node.domain.is_empty() { String::new() } else { format!("{}.", node.domain) };
+        *found.entry(format!("{domain}{}", node.op_type)).or_default() += 1;
+        node.attribute.iter().flat_map(graphs).for_each(|graph| count_operators(graph, found));
     }
 }
 
-#[derive(Clone, PartialEq, Message)]
-struct OperatorSet {
-    #[prost(string, tag = "1")]
-    domain: String,
-    #[prost(int64, tag = "2")]
-    version: i64,
-}
-
-#[derive(Clone, PartialEq, Message)]
-struct Entry {
-    #[prost(string, tag = "1")]
-    key: String,
-    #[prost(string, tag = "2")]
-    value: String,
-}
-
-#[derive(Clone, PartialEq, Message)]
-struct Graph {
-    #[prost(message, repeated, tag = "1")]
-    nodes: Vec<GraphNode>,
-    #[prost(message, repeated, tag = "5")]
-    initializers: Vec<Weight>,
-    #[prost(message, repeated, tag = "11")]
-    inputs: Vec<ValueInfo>,
-    #[prost(message, repeated, tag = "12")]
-    outputs: Vec<ValueInfo>,
-    #[prost(message, repeated, tag = "13")]
-    within: Vec<ValueInfo>,
-}
-
-impl Graph {
-    /// Counts the operators, those of graphs within nodes too.
-    fn operators(&self, found: &mut BTreeMap<String, u64>) {
-        for node in &self.nodes {
-            let domain = if node.domain.is_empty() { String::new() } else { format!("{}.", node.domain) };
-            *found.entry(format!("{domain}{}", node.operator)).or_default() += 1;
-            for graph in node.attributes.iter().flat_map(|one| one.graph.as_deref().into_iter().chain(&one.graphs)) {
-                graph.operators(found);
-            }
-        }
-    }
-
-    /// All weights: those of the graph, those that nodes hold as attributes, and those of graphs within nodes.
-    fn weights<'a>(&'a self, found: &mut Vec<&'a Weight>) {
-        found.extend(&self.initializers);
-        for attribute in self.nodes.iter().flat_map(|node| &node.attributes) {
-            found.extend(attribute.tensor.iter().chain(&attribute.tensors));
-            for graph in attribute.graph.as_deref().into_iter().chain(&attribute.graphs) {
-                graph.weights(found);
-            }
-        }
+/// All weights: those of the graph, those that nodes hold as attributes, and those of graphs within nodes.
+fn add_weights<'a>(graph: &'a GraphProto<TensorHead>, found: &mut Vec<&'a TensorHead>) {
+    found.extend(&graph.initializer);
+    for attribute in graph.node.iter().flat_map(|node| &node.attribute) {
+        found.extend(attribute.t.iter().chain(&attribute.tensors));
+        graphs(attribute).for_each(|graph| add_weights(graph, found));
     }
 }
 
-#[derive(Clone, PartialEq, Message)]
-struct GraphNode {
-    #[prost(string, tag = "4")]
-    operator: String,
-    #[prost(message, repeated, tag = "5")]
-    attributes: Vec<Attribute>,
-    #[prost(string, tag = "7")]
-    domain: String,
-}
-
-#[derive(Clone, PartialEq, Message)]
-struct Attribute {
-    #[prost(message, optional, tag = "5")]
-    tensor: Option<Weight>,
-    #[prost(message, optional, boxed, tag = "6")]
-    graph: Option<Box<Graph>>,
-    #[prost(message, repeated, tag = "10")]
-    tensors: Vec<Weight>,
-    #[prost(message, repeated, tag = "11")]
-    graphs: Vec<Graph>,
-}
-
-/// `TensorProto`, without its values.
-#[derive(Clone, PartialEq, Message)]
-struct Weight {
-    #[prost(int64, repeated, tag = "1")]
-    dims: Vec<i64>,
-    #[prost(string, tag = "8")]
-    name: String,
-    #[prost(message, repeated, tag = "13")]
-    external: Vec<Entry>,
-    #[prost(int32, tag = "14")]
-    location: i32,
-}
-
-#[derive(Clone, PartialEq, Message)]
-struct ValueInfo {
-    #[prost(string, tag = "1")]
-    name: String,
-    #[prost(message, optional, tag = "2")]
-    of: Option<Type>,
-}
-
-impl ValueInfo {
-    fn outlet(&self) -> Outlet {
-        let tensor = self.of.as_ref().and_then(|of| of.tensor.as_ref()).map(|tensor| {
-            let side = |side: &Side| match side.value {
-                Some(Value::Fixed(fixed)) => fixed,
-                Some(Value::Named(_)) | None => -1,
-            };
-            let shape = tensor.shape.as_ref().map(|shape| shape.sides.iter().map(side).collect());
-            (element(tensor.element), shape.unwrap_or_default())
-        });
-        Outlet { name: self.name.clone(), tensor }
-    }
-}
-
-#[derive(Clone, PartialEq, Message)]
-struct Type {
-    #[prost(message, optional, tag = "1")]
-    tensor: Option<TensorType>,
-}
-
-#[derive(Clone, PartialEq, Message)]
-struct TensorType {
-    #[prost(int32, tag = "1")]
-    element: i32,
-    #[prost(message, optional, tag = "2")]
-    shape: Option<Shape>,
-}
-
-#[derive(Clone, PartialEq, Message)]
-struct Shape {
-    #[prost(message, repeated, tag = "1")]
-    sides: Vec<Side>,
-}
-
-#[derive(Clone, PartialEq, Message)]
-struct Side {
-    #[prost(oneof = "Value", tags = "1, 2")]
-    value: Option<Value>,
-}
-
-#[derive(Clone, PartialEq, Oneof)]
-enum Value {
-    #[prost(int64, tag = "1")]
-    Fixed(i64),
-    #[prost(string, tag = "2")]
-    Named(String),
+fn outlet(value: &ValueInfoProto) -> Outlet {
+    let tensor = value.r#type.as_ref().and_then(|kind| kind.tensor_type.as_ref()).map(|tensor| {
+        let side = |side: &DimensionProto| match side.value {
+            Some(Dimension::Value(fixed)) => fixed,
+            Some(Dimension::Param(_)) | None => -1,
+        };
+        let shape = tensor.shape.as_ref().map(|shape| shape.dim.iter().map(side).collect());
+        (element(tensor.elem_type), shape.unwrap_or_default())
+    });
+    Outlet { name: value.name.clone(), tensor }
 }
 
 /// The element type by its number in the schema.

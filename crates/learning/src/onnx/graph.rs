@@ -5,7 +5,7 @@ mod layers;
 use prost::Message;
 
 use super::metadata::{Metadata, NORMALISATION, names};
-use super::proto::{
+use depthloom_onnx::{
     AttributeProto, Dimension, DimensionProto, GraphProto, ModelProto, NodeProto, OperatorSetIdProto,
     StringStringEntryProto, TensorProto, TensorShapeProto, TensorTypeProto, TypeProto, ValueInfoProto, data_type,
 };
@@ -95,6 +95,7 @@ impl GraphBuilder {
             node: self.nodes,
             name: self.name,
             initializer: self.initializers,
+            value_info: Vec::new(),
         };
         let model = ModelProto {
             ir_version: IR_VERSION,
@@ -167,7 +168,14 @@ impl GraphBuilder {
     ) -> Tensor {
         let output = self.value(name, dims);
         let (name, op_type) = (name.to_owned(), op.to_owned());
-        self.nodes.push(NodeProto { input, output: vec![name.clone()], name, op_type, attribute });
+        self.nodes.push(NodeProto {
+            input,
+            output: vec![name.clone()],
+            name,
+            op_type,
+            attribute,
+            ..NodeProto::default()
+        });
         output
     }
 

@@ -10,7 +10,7 @@ use half::{bf16, f16};
 use prost::Message;
 use safetensors::tensor::{Dtype, SafeTensorError, SafeTensors};
 
-use super::proto::{TensorProto, data_type};
+use depthloom_onnx::{TensorProto, data_type};
 
 /// A tensor of a file.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,7 +1,7 @@
 //! The layers a graph is made of: what each computes, and the operator that says so.
 
 use super::{GraphBuilder, Tensor, Weights};
-use crate::onnx::proto::{AttributeProto, attribute_type};
+use depthloom_onnx::{AttributeProto, attribute_type};
 
 impl GraphBuilder {
     /// A convolution (as neural networks mean it: correlation); weights `[out, in, rows, columns]`, zeros around the image.

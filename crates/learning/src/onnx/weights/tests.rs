@@ -9,7 +9,7 @@ use prost::Message;
 
 use super::{NamedTensor, TensorError, WeightsError, decode_weights};
 use crate::networks::{Network, Size, export, layout};
-use crate::onnx::proto::{GraphProto, ModelProto, NodeProto, TensorProto, data_type};
+use depthloom_onnx::{GraphProto, ModelProto, NodeProto, TensorProto, data_type};
 
 /// A `.safetensors` file: the header's length in 8 bytes, the header, the elements.
 fn safetensors(header: &str, data: &[u8]) -> Vec<u8> {
