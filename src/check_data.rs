@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::sync::Mutex;
 
 use depthloom_graphs::contracts::{Fact, Survey};
-use depthloom_graphs::plan::{Plan, SourcePart, StageRun};
+use depthloom_graphs::plan::{FrameIndex, Plan, SourcePart, StageRun};
 use depthloom_graphs::registry::SourceEntry;
 use depthloom_graphs::{Context, ErrorMessage, Fault, Frame, Port, Registry, Scratch, Source, Value, counted};
 use depthloom_nodes::inspection::inspect;
@@ -165,11 +165,12 @@ fn each_frame(
     seen: (&WarningCollector, &There),
     progress: &FrameProgress,
 ) -> Vec<Found> {
-    let found: Mutex<Vec<(usize, Vec<Found>)>> = Mutex::default();
+    let found: Mutex<Vec<(FrameIndex, Vec<Found>)>> = Mutex::default();
     let frames = source.frames();
     let budget = Budget::new(workers);
     let _own = budget.permit();
-    budget.run(frames.len(), &|position| {
+    budget.run(frames.len(), &|tile| {
+        let position = FrameIndex(tile);
         let frame = &frames[position];
         let mut scratch = Scratch::default();
         let looked = || frame_faults(source, ports, position, frame, &mut Context::new(seen.0, &mut scratch), seen.1);
@@ -189,7 +190,7 @@ fn each_frame(
 fn frame_faults(
     source: &dyn Source,
     ports: &[Port],
-    position: usize,
+    position: FrameIndex,
     frame: &Frame,
     ctx: &mut Context<'_>,
     there: &There,

@@ -10,7 +10,7 @@ use clap_complete::CompleteEnv;
 use clap_complete::engine::{ArgValueCandidates, CompletionCandidate, PathCompleter, ValueCompleter as _};
 use depthloom_graphs::Registry;
 use depthloom_graphs::language;
-use depthloom_graphs::plan::Plan;
+use depthloom_graphs::plan::{Plan, RunId};
 use depthloom_recording::{RecordedPlan, Recording};
 use depthloom_runs::recording_of;
 use depthloom_terminal::{CliError, ExitCode};
@@ -142,7 +142,7 @@ fn named_variants(variants: &[String]) -> Vec<String> {
 
 /// The recorded topics: by node and port, with the folder before these where several topics end alike, and in whole.
 fn topics(plan: &RecordedPlan) -> Vec<String> {
-    let outputs = (0..plan.runs.len()).flat_map(|run| plan.outputs(run)).map(|(_, output)| output);
+    let outputs = RunId::all(plan.runs.len()).flat_map(|run| plan.outputs(run)).map(|(_, output)| output);
     let all: Vec<&str> = outputs.filter(|output| output.recorded).map(|output| output.topic.as_str()).collect();
     let end = |topic: &str, parts: usize| {
         let starts: Vec<usize> = topic.match_indices('/').map(|(at, _)| at + 1).collect();

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use depthloom_analysis::{Prepared, ReportOptions, SAMPLES, SamplingTap, Summary, plan_key};
 use depthloom_graphs::contracts::Failure;
 use depthloom_graphs::language::Loaded;
-use depthloom_graphs::plan::Plan;
+use depthloom_graphs::plan::{NodeId, Plan, RunId};
 use depthloom_graphs::ready::Ready;
 use depthloom_graphs::render;
 use depthloom_graphs::{Frame, counted};
@@ -441,32 +441,32 @@ fn record<'a>(
 struct Both<'a>(&'a dyn Observer, &'a dyn Observer);
 
 impl Observer for Both<'_> {
-    fn stage_started(&self, run: usize, frames: u64) {
+    fn stage_started(&self, run: RunId, frames: u64) {
         self.0.stage_started(run, frames);
         self.1.stage_started(run, frames);
     }
 
-    fn frame_retired(&self, run: usize, frame: &Frame, failures: &[Failure]) {
+    fn frame_retired(&self, run: RunId, frame: &Frame, failures: &[Failure]) {
         self.0.frame_retired(run, frame, failures);
         self.1.frame_retired(run, frame, failures);
     }
 
-    fn progress(&self, run: usize, node: usize, done: u64, total: u64, message: &str) {
+    fn progress(&self, run: RunId, node: NodeId, done: u64, total: u64, message: &str) {
         self.0.progress(run, node, done, total, message);
         self.1.progress(run, node, done, total, message);
     }
 
-    fn warned(&self, run: usize, node: Option<usize>, what: &str) {
+    fn warned(&self, run: RunId, node: Option<NodeId>, what: &str) {
         self.0.warned(run, node, what);
         self.1.warned(run, node, what);
     }
 
-    fn told(&self, run: usize, node: usize, what: &str) {
-        self.0.told(run, node, what);
-        self.1.told(run, node, what);
+    fn info(&self, run: RunId, node: NodeId, what: &str) {
+        self.0.info(run, node, what);
+        self.1.info(run, node, what);
     }
 
-    fn stage_finished(&self, run: usize) {
+    fn stage_finished(&self, run: RunId) {
         self.0.stage_finished(run);
         self.1.stage_finished(run);
     }

@@ -1,6 +1,7 @@
 //! The frames of a run, and what failed on them, for programs.
 
 use depthloom_analysis::Leads;
+use depthloom_graphs::plan::RunId;
 use depthloom_recording::Recording;
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -35,7 +36,7 @@ pub fn told(recording: &Recording) -> (Vec<Frames>, Vec<Failure>) {
     let plan = recording.plan();
     let leads = Leads::new(plan);
     let (mut frames, mut failures) = (Vec::new(), Vec::new());
-    for (run, planned) in plan.runs.iter().enumerate() {
+    for (run, planned) in RunId::enumerate(&plan.runs) {
         let of_run = recording.frames(run);
         let lead = leads.of_those(&planned.stage, &planned.variants);
         frames.push(Frames {
@@ -46,7 +47,7 @@ pub fn told(recording: &Recording) -> (Vec<Frames>, Vec<Failure>) {
         });
         for (position, frame) in of_run.iter().enumerate() {
             for failure in &frame.failures {
-                let node = failure.node.and_then(|node| planned.nodes.get(node));
+                let node = failure.node.and_then(|node| planned.nodes.get(node.0));
                 let of_node = node.map(|node| leads.of_those(&planned.stage, &node.variants));
                 failures.push(Failure {
                     stage: lead.stage.clone(),

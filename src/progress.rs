@@ -5,7 +5,7 @@ use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
 use depthloom_graphs::contracts::Failure;
-use depthloom_graphs::plan::Plan;
+use depthloom_graphs::plan::{NodeId, Plan, RunId};
 use depthloom_graphs::{Frame, counted};
 use depthloom_runner::Observer;
 use depthloom_terminal::{on_one_line, say};
@@ -72,7 +72,7 @@ fn style(template: &str) -> ProgressStyle {
 }
 
 impl Observer for Progress {
-    fn stage_started(&self, run: usize, frames: u64) {
+    fn stage_started(&self, run: RunId, frames: u64) {
         let name = &self.stages[run].name;
         self.with_now(|now| {
             (now.frames, now.done, now.failed) = (frames, 0, 0);
@@ -89,7 +89,7 @@ impl Observer for Progress {
         });
     }
 
-    fn frame_retired(&self, run: usize, frame: &Frame, failures: &[Failure]) {
+    fn frame_retired(&self, run: RunId, frame: &Frame, failures: &[Failure]) {
         self.with_now(|now| {
             now.done += 1;
             now.failed += u64::from(!failures.is_empty());
@@ -105,7 +105,7 @@ impl Observer for Progress {
                     if let Some(failure) = failures.iter().find(|failure| !failure.what.starts_with("not run: ")) {
                         let stage = &self.stages[run];
                         let node =
-                            failure.node.map_or(Some("source"), |node| stage.nodes.get(node).map(String::as_str));
+                            failure.node.map_or(Some("source"), |node| stage.nodes.get(node.0).map(String::as_str));
                         let (stage, node) = (&stage.name, node.unwrap_or_default());
                         say(format_args!("{stage}.{node}: frame {} failed: {}", frame.id, failure.what));
                     }
@@ -124,9 +124,9 @@ impl Observer for Progress {
         });
     }
 
-    fn progress(&self, run: usize, node: usize, done: u64, total: u64, message: &str) {
+    fn progress(&self, run: RunId, node: NodeId, done: u64, total: u64, message: &str) {
         let stage = &self.stages[run];
-        let name = stage.nodes.get(node).map_or("", String::as_str);
+        let name = stage.nodes.get(node.0).map_or("", String::as_str);
         self.with_now(|now| match self.how {
             How::Bar => {
                 now.bar.set_message(on_one_line(&format!("{name} {done}/{total} {message}")).into_owned());
@@ -139,9 +139,9 @@ impl Observer for Progress {
         });
     }
 
-    fn told(&self, run: usize, node: usize, what: &str) {
+    fn info(&self, run: RunId, node: NodeId, what: &str) {
         let stage = &self.stages[run];
-        let name = stage.nodes.get(node).map_or("", String::as_str);
+        let name = stage.nodes.get(node.0).map_or("", String::as_str);
         let line = format!("{}.{name}: {what}", stage.name);
         self.with_now(|now| match self.how {
             How::Bar => now.bar.suspend(|| say(line)),
@@ -150,7 +150,7 @@ impl Observer for Progress {
         });
     }
 
-    fn stage_finished(&self, run: usize) {
+    fn stage_finished(&self, run: RunId) {
         self.with_now(|now| match self.how {
             How::Bar => now.bar.finish_and_clear(),
             How::Lines => {

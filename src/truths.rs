@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use depthloom_graphs::Source;
 use depthloom_graphs::contracts::Slot;
-use depthloom_graphs::plan::StageRun;
+use depthloom_graphs::plan::{FrameIndex, StageRun};
 use depthloom_graphs::ready::Ready;
 
 /// What helps where there is no truth.
@@ -13,7 +13,7 @@ pub const REMEDY: &str = "say in the source's parameters where the truth lies (d
 /// The output ports of a stage's source that it scores against.
 pub fn of_source(run: &StageRun) -> BTreeSet<&'static str> {
     let port = |slot: &Slot| match slot {
-        Slot::Source { port } => run.source.outputs.get(*port).map(|output| output.port.name),
+        Slot::Source { port } => run.source.outputs.get(port.0).map(|output| output.port.name),
         Slot::Node { .. } => None,
     };
     run.estimates.iter().filter_map(|estimate| port(&estimate.truth)).collect()
@@ -34,7 +34,7 @@ pub fn missing(ready: &Ready) -> Vec<String> {
             let files = of.files(position);
             !files.is_empty() && !files.iter().any(|(part, _)| is_of_truth(part))
         };
-        (count > 0 && (0..count).all(lacks)).then(|| {
+        (count > 0 && FrameIndex::all(count).all(lacks)).then(|| {
             let (stage, source) = (&run.stage, &run.source.name);
             format!(
                 "stage `{stage}` scores against `source/{port}`, and no frame of source `{source}` has a file of truth: nothing will be scored; {REMEDY}"

@@ -22,7 +22,7 @@ impl Host for WarningCollector {
         false
     }
 
-    fn warn_of(&self, _count: u64, what: &str) {
+    fn warn_n(&self, _count: u64, what: &str) {
         locked(&self.0).insert(what.to_owned());
     }
 

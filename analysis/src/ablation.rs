@@ -20,6 +20,7 @@ use std::collections::{HashMap, HashSet};
 use depthloom_graphs::Key;
 use depthloom_graphs::contracts::FrameSelection;
 use depthloom_graphs::language::{glob, nearest};
+use depthloom_graphs::plan::{FrameIndex, RunId, VariantId};
 use depthloom_recording::RecordedPlan;
 use depthloom_scores::{Family, Mean, Metric, PixelSet, ScoreRow};
 
@@ -99,7 +100,7 @@ pub(crate) struct Ablation<'a> {
     core_ms: Vec<Option<f64>>,
     /// By estimator: the topic of the disparity that it is, or that it was computed from.
     disparities: Vec<Option<&'a str>>,
-    source: &'a dyn Fn(usize, usize) -> Option<Key>,
+    source: &'a dyn Fn(RunId, FrameIndex) -> Option<Key>,
 }
 
 /// An estimator's scores on the selected pixels.
@@ -156,7 +157,7 @@ impl<'a> Ablation<'a> {
         plan: &'a RecordedPlan,
         estimators: &'a [Estimator],
         scores: &'a [FrameScore],
-        source: &'a dyn Fn(usize, usize) -> Option<Key>,
+        source: &'a dyn Fn(RunId, FrameIndex) -> Option<Key>,
         costs: Option<&Costs>,
     ) -> Self {
         let (axes, levels) = axes(plan, estimators);
@@ -412,7 +413,7 @@ fn axes(plan: &RecordedPlan, estimators: &[Estimator]) -> (Vec<Axis>, Vec<Vec<Op
         });
         (place, level)
     };
-    let by_variant: Vec<Vec<(usize, usize)>> = (0..plan.variants.len())
+    let by_variant: Vec<Vec<(usize, usize)>> = VariantId::all(plan.variants.len())
         .map(|variant| match (plan.factors_of(variant), plan.variants[variant].as_str()) {
             ([], "") => Vec::new(),
             ([], name) => vec![level("variant", name)],

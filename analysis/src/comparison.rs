@@ -1,6 +1,7 @@
 //! What makes scores comparable.
 
 use depthloom_graphs::Key;
+use depthloom_graphs::plan::{FrameIndex, RunId};
 use depthloom_scores::{Mean, Settings};
 
 use crate::estimators::Estimator;
@@ -21,7 +22,7 @@ impl<'a> Comparison<'a> {
         estimator: &'a Estimator,
         mean: Mean,
         scores: impl Iterator<Item = &'a FrameScore>,
-        source: &dyn Fn(usize, usize) -> Option<Key>,
+        source: &dyn Fn(RunId, FrameIndex) -> Option<Key>,
     ) -> Self {
         let frame = |score: &'a FrameScore| (source(estimator.run, score.position), &*score.frame, score.row.pixels);
         Self {

@@ -1,6 +1,7 @@
 //! What a report says of the recording itself: its condition, what is damaged in it, and which stages have frames.
 
 use depthloom_graphs::counted;
+use depthloom_graphs::plan::RunId;
 use depthloom_recording::{Condition, Damage, DamagedContent, RecordedPlan, RecordedRun, Recording};
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -39,12 +40,12 @@ impl StageFrames {
     #[must_use]
     pub fn of(recording: &Recording) -> Vec<Self> {
         let plan = recording.plan();
-        let of_run = |(run, planned): (usize, &RecordedRun)| Self {
+        let of_run = |(run, planned): (RunId, &RecordedRun)| Self {
             stage: planned.stage.clone(),
             variant: variant_of(plan, &planned.variants).map(str::to_owned),
             frames: recording.frames(run).len() as u64,
         };
-        plan.runs.iter().enumerate().map(of_run).collect()
+        RunId::enumerate(&plan.runs).map(of_run).collect()
     }
 }
 
@@ -79,7 +80,7 @@ pub(crate) struct Told {
 /// any.
 pub(crate) fn told(recording: &Recording, damage: &[Damage], has_numbers: bool) -> Told {
     let plan = recording.plan();
-    let frames: Vec<usize> = (0..plan.runs.len()).map(|run| recording.frames(run).len()).collect();
+    let frames: Vec<usize> = RunId::all(plan.runs.len()).map(|run| recording.frames(run).len()).collect();
     let condition = recording.condition();
     let is_damaged = matches!(condition, Condition::Damaged { .. }) || !damage.is_empty();
     let mut wrong = Vec::new();
@@ -145,7 +146,7 @@ impl DamagedPlace {
         match content {
             DamagedContent::Frame { stage: of, position: at, id, topics: of_frame } => {
                 stage = Some(of.clone());
-                position = Some(*at as u64);
+                position = Some(at.0 as u64);
                 frame = Some(id.to_string());
                 topics = Some(of_frame.clone());
             }

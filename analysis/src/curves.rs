@@ -2,6 +2,7 @@
 
 use depthloom_figures::{Drawing, Size};
 use depthloom_graphs::Value;
+use depthloom_graphs::plan::{NodeId, RunId};
 use depthloom_graphs::values::Curve;
 use depthloom_recording::{RecordedPlan, Recording};
 use schemars::JsonSchema;
@@ -40,8 +41,8 @@ pub(crate) struct LearningCurve {
 pub(crate) fn learning_curves(recording: &Recording) -> Result<Vec<LearningCurve>, AnalysisError> {
     let mut curves = Vec::new();
     for once in recording.once_values() {
-        let node = recording.plan().runs.get(once.run).and_then(|run| run.nodes.get(once.node));
-        let Some(output) = node.and_then(|node| node.outputs.get(once.port)) else { continue };
+        let node = recording.plan().runs.get(once.run.0).and_then(|run| run.nodes.get(once.node.0));
+        let Some(output) = node.and_then(|node| node.outputs.get(once.port.0)) else { continue };
         if once.value_type != "curve" {
             continue;
         }
@@ -55,7 +56,7 @@ pub(crate) fn learning_curves(recording: &Recording) -> Result<Vec<LearningCurve
 }
 
 /// The learning curve of a node, without a label.
-pub(crate) fn learning_curve(plan: &RecordedPlan, run: usize, node: usize, curve: &Curve) -> LearningCurve {
+pub(crate) fn learning_curve(plan: &RecordedPlan, run: RunId, node: NodeId, curve: &Curve) -> LearningCurve {
     let (run, leads) = (&plan.runs[run], Leads::new(plan));
     let node = &run.nodes[node];
     LearningCurve {

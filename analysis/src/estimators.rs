@@ -2,6 +2,7 @@
 
 use std::collections::HashSet;
 
+use depthloom_graphs::plan::{RunId, VariantId};
 use depthloom_recording::RecordedPlan;
 use depthloom_scores::{DisparityScoreParams, Family, Mean, Metric, PixelSet, ScoreParams, Settings};
 
@@ -21,7 +22,7 @@ pub struct Estimator {
     /// Its stage, and its variant where it is not the same in all.
     pub lead: Lead,
     /// Index of the stage run in the recorded plan.
-    pub run: usize,
+    pub run: RunId,
     /// What was scored.
     pub family: Family,
     /// The pixel sets it was scored on.
@@ -68,7 +69,7 @@ impl Estimator {
 /// If a score node's parameters are not those of a kind `score/*` this version knows, or something in the plan points outside it.
 pub(crate) fn estimators(plan: &RecordedPlan) -> Result<Vec<Estimator>, AnalysisError> {
     let all = || {
-        plan.runs.iter().enumerate().flat_map(|(r, run)| run.estimates.iter().map(move |estimate| (r, run, estimate)))
+        RunId::enumerate(&plan.runs).flat_map(|(r, run)| run.estimates.iter().map(move |estimate| (r, run, estimate)))
     };
     let mut labels = HashSet::new();
     let repeated: HashSet<&str> =
@@ -76,7 +77,7 @@ pub(crate) fn estimators(plan: &RecordedPlan) -> Result<Vec<Estimator>, Analysis
     let leads = Leads::new(plan);
     let mut ordered = Vec::new();
     for (run, planned, estimate) in all() {
-        let kind = planned.nodes.get(estimate.score_node).map_or("", |node| node.kind.as_str());
+        let kind = planned.nodes.get(estimate.score_node.0).map_or("", |node| node.kind.as_str());
         let Asked { family, sets, metrics, mean, settings } = asked(kind, &estimate.score_params).map_err(|error| {
             AnalysisError::content(format!("parameters of the scores of `{}`: {error}", estimate.label))
         })?;
@@ -85,20 +86,20 @@ pub(crate) fn estimators(plan: &RecordedPlan) -> Result<Vec<Estimator>, Analysis
             true => format!("{}.{}", planned.stage, estimate.label),
             false => estimate.label.clone(),
         };
-        let named = |v: usize| {
+        let named = |v: VariantId| {
             let what =
                 || format!("the recording's plan is damaged: `{label}` is of variant {v} of {}", plan.variants.len());
-            plan.variants.get(v).cloned().ok_or_else(|| AnalysisError::content(what()))
+            plan.variants.get(v.0).cloned().ok_or_else(|| AnalysisError::content(what()))
         };
         estimate.variant.map(named).transpose()?;
         let lead = match estimate.variant {
             Some(variant) => leads.of(&planned.stage, &[variant]),
             None => leads.of_all(&planned.stage),
         };
-        let scoring = planned.nodes.get(estimate.score_node);
+        let scoring = planned.nodes.get(estimate.score_node.0);
         let from =
             |port: &str| scoring.and_then(|node| node.inputs.iter().find(|input| input.port == port)?.from.clone());
-        let place = estimate.variant.map_or(0, |v| v + 1);
+        let place = estimate.variant.map_or(0, |v| v.0 + 1);
         let estimator = Estimator {
             label,
             name: estimate.name.clone(),
@@ -172,7 +173,7 @@ impl Estimator {
             label: label.to_owned(),
             name: name.to_owned(),
             lead: Lead { stage: "s".to_owned(), variant: variant.map(str::to_owned), factors: Vec::new() },
-            run: 0,
+            run: RunId(0),
             sets: sets.to_vec(),
             family: Family::Depth,
             metrics: Family::Depth.defaults(),

@@ -1,5 +1,6 @@
 //! Where a number of a table comes from.
 
+use depthloom_graphs::plan::FrameIndex;
 use depthloom_recording::{RecordedPlan, RecordedRun, Recording};
 use depthloom_scores::{Align, Family, Mean, Metric, PixelSet, Preset, Settings};
 use schemars::JsonSchema;
@@ -96,7 +97,7 @@ pub struct WorstFrame {
 #[derive(Clone, Debug, PartialEq)]
 struct Frame {
     id: String,
-    position: usize,
+    position: FrameIndex,
     key: Option<String>,
     pixels: u64,
     value: Option<f64>,
@@ -172,7 +173,7 @@ fn explained(
         .map(|score| Frame {
             id: score.frame.to_string(),
             position: score.position,
-            key: recorded.get(score.position).and_then(|frame| frame.source_key).map(|key| key.to_string()),
+            key: recorded.get(score.position.0).and_then(|frame| frame.source_key).map(|key| key.to_string()),
             pixels: metric.pixels(&score.row),
             value: score.row.get(metric),
         })
@@ -385,7 +386,7 @@ impl Explanation {
     pub fn output(&self) -> Explain {
         let frame = |frame: &Frame| ScoredFrame {
             frame: frame.id.clone(),
-            position: frame.position as u64,
+            position: frame.position.0 as u64,
             source_key: frame.key.clone(),
             pixels: frame.pixels,
             value: frame.value,

@@ -3,6 +3,7 @@
 //! Like is compared with like: lines and bands are over the pixels that all estimators answered. A dashed line is the median over all that an
 //! estimator answered, where that is more. What is drawn how: [`SpreadFigure`].
 
+use depthloom_graphs::plan::RunId;
 use std::collections::BTreeMap;
 
 use crate::distance::{DistanceBin, Spread as OfDistance};
@@ -87,7 +88,7 @@ impl Figure<'_> {
 
     /// By metre: how many pixels are compared; estimators of one stage run share theirs.
     fn compared(&self) -> BTreeMap<u32, u64> {
-        let mut by_run: BTreeMap<(usize, u32), u64> = BTreeMap::new();
+        let mut by_run: BTreeMap<(RunId, u32), u64> = BTreeMap::new();
         for bin in self.bins {
             let count = self.compared_of(bin).map_or(0, |spread| spread.count);
             let most = by_run.entry((self.estimators[bin.estimator].run, bin.bin_m)).or_default();

@@ -5,6 +5,7 @@
 //! these columns from here, so that one is joined to another by them.
 
 use depthloom_graphs::Key;
+use depthloom_graphs::plan::VariantId;
 use depthloom_recording::RecordedPlan;
 use depthloom_scores::Metric;
 use serde::{Deserialize, Serialize};
@@ -137,16 +138,16 @@ impl<'a> Leads<'a> {
         Lead { stage: stage.to_owned(), variant: None, factors: self.axes.clone() }
     }
 
-    /// Of what these variants share, as indices into those of the plan; where they are all, of what all share.
+    /// Of what these variants share; where they are all, of what all share.
     #[must_use]
-    pub fn of_those(&self, stage: &str, variants: &[usize]) -> Lead {
+    pub fn of_those(&self, stage: &str, variants: &[VariantId]) -> Lead {
         if variants.len() < self.plan.variants.len() { self.of(stage, variants) } else { self.of_all(stage) }
     }
 
     /// Of what only these variants share.
-    pub(crate) fn of(&self, stage: &str, own: &[usize]) -> Lead {
+    pub(crate) fn of(&self, stage: &str, own: &[VariantId]) -> Lead {
         let value = |axis: &str| -> Option<&str> {
-            let of = |variant: usize| self.plan.factors_of(variant).iter().find(|factor| factor.axis == axis);
+            let of = |variant: VariantId| self.plan.factors_of(variant).iter().find(|factor| factor.axis == axis);
             let first = of(*own.first()?)?.value.as_str();
             own[1..].iter().all(|&other| of(other).is_some_and(|other| other.value == first)).then_some(first)
         };
@@ -198,14 +199,14 @@ pub fn plan_key(plan: &RecordedPlan) -> Key {
     Key::digest("depthloom run").bytes(&json).finish()
 }
 
-/// The variant that stands for some that share something, as indices into those of the plan: the first; `None` where they are all.
+/// The variant that stands for some that share something: the first; `None` where they are all.
 #[must_use]
-pub fn variant_of<'p>(plan: &'p RecordedPlan, variants: &[usize]) -> Option<&'p str> {
+pub fn variant_of<'p>(plan: &'p RecordedPlan, variants: &[VariantId]) -> Option<&'p str> {
     (variants.len() < plan.variants.len()).then(|| first_of(plan, variants)).flatten()
 }
 
-fn first_of<'p>(plan: &'p RecordedPlan, variants: &[usize]) -> Option<&'p str> {
-    let first = plan.variants.get(*variants.first()?)?;
+fn first_of<'p>(plan: &'p RecordedPlan, variants: &[VariantId]) -> Option<&'p str> {
+    let first = plan.variants.get(variants.first()?.0)?;
     (!first.is_empty()).then_some(first.as_str())
 }
 
@@ -222,7 +223,7 @@ fn column_of(axis: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use depthloom_graphs::plan::Factor;
+    use depthloom_graphs::plan::{Factor, VariantId};
     use serde::Deserialize as _;
     use serde_json::json;
 
@@ -243,20 +244,23 @@ mod tests {
     #[test]
     fn an_axis_is_null_where_all_share_a_row_or_those_that_do_differ_on_it() {
         let plan = plan();
-        let values = |variants: &[usize]| {
+        let values = |variants: &[VariantId]| {
             let lead = Leads::new(&plan).of_those("s", variants);
             (lead.variant, lead.factors.into_iter().map(|level| level.value).collect::<Vec<_>>())
         };
         let some = |text: &str| Some(text.to_owned());
-        assert_eq!(values(&[2]), (some("bare+block=3"), vec![some("bare"), some("3"), some("sgbm")]));
-        assert_eq!(values(&[0, 1]), (some("full+block=3"), vec![some("full"), None, some("hh")]));
-        assert_eq!(values(&[0, 1, 2]), (None, vec![None, None, None]));
+        assert_eq!(values(&[VariantId(2)]), (some("bare+block=3"), vec![some("bare"), some("3"), some("sgbm")]));
+        assert_eq!(values(&[0, 1].map(VariantId)), (some("full+block=3"), vec![some("full"), None, some("hh")]));
+        assert_eq!(values(&[0, 1, 2].map(VariantId)), (None, vec![None, None, None]));
     }
 
     #[test]
     fn an_axis_that_is_called_as_a_column_has_a_name_of_its_own_and_numbers_are_numbers() {
         let plan = plan();
-        let leads = [Leads::new(&plan).of("s", &[1]), Leads::new(&plan).of_those("s", &[0, 1, 2])];
+        let leads = [
+            Leads::new(&plan).of("s", &[VariantId(1)]),
+            Leads::new(&plan).of_those("s", &[VariantId(0), VariantId(1), VariantId(2)]),
+        ];
         let sheet = sheet(&leads.each_ref(), [("node", Cells::Text(vec!["a", "b"]))]);
         let expected = "stage,variant,node,axis.variant,block,mode\ns,full+block=9,a,full,9,hh\ns,,b,,,\n";
         assert_eq!(String::from_utf8(sheet.csv()).unwrap(), expected);

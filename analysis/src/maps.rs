@@ -1,6 +1,7 @@
 //! What a report says of maps that were not recorded: without them there is no error against distance.
 
 use depthloom_graphs::contracts::Slot;
+use depthloom_graphs::plan::RunId;
 use depthloom_recording::{RecordedPlan, Recording};
 
 use crate::estimators::Estimator;
@@ -33,7 +34,7 @@ pub(crate) fn not_recorded(plan: &RecordedPlan, estimators: &[&Estimator], what:
 }
 
 /// An output as `record:` takes it: `stage.node/port`.
-fn reference(plan: &RecordedPlan, run: usize, topic: &str) -> String {
+fn reference(plan: &RecordedPlan, run: RunId, topic: &str) -> String {
     let planned = &plan.runs[run];
     let (node, output) = match plan.find(run, topic) {
         Some((Slot::Source { .. }, output)) => ("source", output),

@@ -6,6 +6,7 @@ use std::sync::Mutex;
 use std::thread;
 
 use depthloom_graphs::Value;
+use depthloom_graphs::plan::{FrameIndex, RunId};
 use depthloom_recording::{FrameReader, RecordedPlan, Recording};
 use depthloom_scores::{ScoreRow, ScoredPixels};
 use depthloom_threads::{Budget, Tiles as _, into_unlocked, locked};
@@ -25,7 +26,7 @@ pub(crate) fn scores(
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<Vec<FrameScore>, AnalysisError> {
     let mut scores = Vec::new();
-    for run in 0..recording.plan().runs.len() {
+    for run in RunId::all(recording.plan().runs.len()) {
         let scored = |(index, estimator): (usize, &Estimator)| {
             (estimator.run == run).then(|| estimator.score_topic.clone().map(|topic| (index, topic))).flatten()
         };
@@ -34,7 +35,7 @@ pub(crate) fn scores(
             continue;
         }
         let mut reader = recording.reader(run, &topics)?;
-        for (position, frame) in recording.frames(run).iter().enumerate() {
+        for (position, frame) in FrameIndex::enumerate(recording.frames(run)) {
             if stop() {
                 return Err(AnalysisError::Stopped);
             }
@@ -59,7 +60,7 @@ pub(crate) struct Distances {
     /// By estimator: how many samples were left out, since they lie beyond [`FARTHEST_M`].
     pub(crate) beyond: Vec<u64>,
     /// Scored true pixels by stage run and metre, over the frames whose values were recorded; each truth counted once.
-    pub(crate) truth: BTreeMap<(usize, u32), u64>,
+    pub(crate) truth: BTreeMap<(RunId, u32), u64>,
 }
 
 /// Takes the samples of all recorded maps, on all cores; of the estimators whose maps were not recorded there are none.
@@ -99,13 +100,13 @@ fn read_distances(
     Taken { samples, mut truth, frames }: Taken<'_>,
 ) -> Result<Distances, AnalysisError> {
     let samples = Mutex::new(samples);
-    for run in 0..recording.plan().runs.len() {
+    for run in RunId::all(recording.plan().runs.len()) {
         let maps = Maps::of_some(run, estimators, &is_wanted);
         if maps.estimators.is_empty() {
             continue;
         }
-        let left = 0..recording.frames(run).len();
-        let left: Vec<usize> = left.filter(|position| !frames.contains(&(run, *position))).collect();
+        let left = FrameIndex::all(recording.frames(run).len());
+        let left: Vec<FrameIndex> = left.filter(|position| !frames.contains(&(run, *position))).collect();
         maps.read_all(recording, estimators, output, &left, &samples, &mut truth)?;
     }
     let samples = into_unlocked(samples);
@@ -116,9 +117,9 @@ fn read_distances(
 pub(crate) struct Taken<'a> {
     pub(crate) samples: Samples<'a>,
     /// True pixels by stage run and metre.
-    pub(crate) truth: BTreeMap<(usize, u32), u64>,
+    pub(crate) truth: BTreeMap<(RunId, u32), u64>,
     /// Which frames: stage run and position.
-    pub(crate) frames: BTreeSet<(usize, usize)>,
+    pub(crate) frames: BTreeSet<(RunId, FrameIndex)>,
 }
 
 impl<'a> Taken<'a> {
@@ -132,12 +133,12 @@ impl<'a> Taken<'a> {
 struct Worker<'a> {
     reader: FrameReader<'a>,
     /// True pixels by stage run and metre, of the frames it has read.
-    truth: BTreeMap<(usize, u32), u64>,
+    truth: BTreeMap<(RunId, u32), u64>,
 }
 
 /// The maps of a stage run that are compared: its topics, and where among them each estimator's are.
 pub(crate) struct Maps {
-    run: usize,
+    run: RunId,
     pub(crate) topics: Vec<String>,
     /// Estimator, place of its truth, place of its estimate.
     estimators: Vec<(usize, usize, usize)>,
@@ -145,12 +146,12 @@ pub(crate) struct Maps {
 
 impl Maps {
     /// The maps of all its estimators.
-    pub(crate) fn new(run: usize, estimators: &[Estimator]) -> Self {
+    pub(crate) fn new(run: RunId, estimators: &[Estimator]) -> Self {
         Self::of_some(run, estimators, |_| true)
     }
 
     /// The maps of those estimators for whose index `is_wanted` holds.
-    fn of_some(run: usize, estimators: &[Estimator], is_wanted: impl Fn(usize) -> bool) -> Self {
+    fn of_some(run: RunId, estimators: &[Estimator], is_wanted: impl Fn(usize) -> bool) -> Self {
         let mut maps = Self { run, topics: Vec::new(), estimators: Vec::new() };
         let of_run = estimators.iter().enumerate().filter(|(index, of)| of.run == run && is_wanted(*index));
         for (index, estimator) in of_run {
@@ -175,9 +176,9 @@ impl Maps {
         recording: &Recording,
         estimators: &[Estimator],
         output: Output<'_>,
-        positions: &[usize],
+        positions: &[FrameIndex],
         samples: &Mutex<Samples<'_>>,
-        truth: &mut BTreeMap<(usize, u32), u64>,
+        truth: &mut BTreeMap<(RunId, u32), u64>,
     ) -> Result<(), AnalysisError> {
         // Workers that read no frame at the moment.
         let idle: Mutex<Vec<Worker<'_>>> = Mutex::new(Vec::new());
@@ -194,8 +195,9 @@ impl Maps {
             Ok(())
         };
         // Of several frames that fail the first is told; what comes behind it is of no use then.
-        let failed: Mutex<Option<(usize, AnalysisError)>> = Mutex::new(None);
-        let goes_before = |failed: &Option<(usize, _)>, position| failed.as_ref().is_none_or(|(at, _)| position < *at);
+        let failed: Mutex<Option<(FrameIndex, AnalysisError)>> = Mutex::new(None);
+        let goes_before =
+            |failed: &Option<(FrameIndex, _)>, position| failed.as_ref().is_none_or(|(at, _)| position < *at);
         let budget = Budget::new(thread::available_parallelism().map_or(1, NonZero::get));
         let _own = budget.permit();
         budget.run(positions.len(), &|tile| {
@@ -226,7 +228,7 @@ impl Maps {
         &self,
         estimators: &[Estimator],
         maps: &[Option<Value>],
-        counts: &mut BTreeMap<(usize, u32), u64>,
+        counts: &mut BTreeMap<(RunId, u32), u64>,
     ) -> Result<FrameSamples, AnalysisError> {
         let map = |place: usize| maps[place].as_ref().filter(|value| value.metres().is_some());
         let mut samples = FrameSamples::default();
@@ -297,7 +299,7 @@ impl Distances {
     /// What the rows of the [table of truth](Self::table_of_truth) are of.
     pub(crate) fn leads(&self, plan: &RecordedPlan) -> Vec<Lead> {
         let leads = Leads::new(plan);
-        let of = |run: usize| leads.of_those(&plan.runs[run].stage, &plan.runs[run].variants);
+        let of = |run: RunId| leads.of_those(&plan.runs[run].stage, &plan.runs[run].variants);
         self.truth.keys().map(|(run, _)| of(*run)).collect()
     }
 

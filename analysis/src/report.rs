@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use depthloom_graphs::plan::RunId;
 use depthloom_graphs::{Key, counted};
 use depthloom_recording::Recording;
 
@@ -189,7 +190,7 @@ fn analyse(
         notes.push(format!("error against distance of {label} leaves out {beyond} pixels beyond {FARTHEST_M} m"));
     }
     let failed: usize =
-        (0..plan.runs.len()).flat_map(|run| recording.frames(run)).filter(|f| !f.failures.is_empty()).count();
+        RunId::all(plan.runs.len()).flat_map(|run| recording.frames(run)).filter(|f| !f.failures.is_empty()).count();
     if failed > 0 {
         let frames = counted(failed, "frame");
         notes.push(format!("{frames} failed somewhere; means are over the frames all estimators have"));

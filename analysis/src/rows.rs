@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use depthloom_graphs::plan::{FrameIndex, NodeId, RunId};
 use depthloom_graphs::values::{Calibration, Curve};
 use depthloom_graphs::{Key, Value};
 use depthloom_recording::{RecordedPlan, Recording, RecordingError};
@@ -32,9 +33,9 @@ pub struct TopicRows {
 /// If the recording cannot be read; [`AnalysisError::Stopped`] once `stop` says so.
 pub fn topic_rows(
     recording: &Recording,
-    run: usize,
+    run: RunId,
     topic: &str,
-    positions: &[usize],
+    positions: &[FrameIndex],
     stop: &dyn Fn() -> bool,
 ) -> Result<TopicRows, AnalysisError> {
     let mut reader = recording.reader(run, &[topic])?;
@@ -52,7 +53,7 @@ pub fn topic_rows(
             Err(error) => return Err(error.into()),
         };
         let frame = &recording.frames(run)[position].id;
-        let at = position as u64;
+        let at = position.0 as u64;
         match value {
             Some(Value::Scores(rows)) => scores.extend(rows.iter().map(|row| (at, Arc::clone(frame), row.clone()))),
             Some(Value::Calibration(calibration)) => calibrations.push((at, Arc::clone(frame), calibration)),
@@ -68,7 +69,7 @@ pub fn topic_rows(
 ///
 /// # Errors
 /// If polars fails.
-pub fn curve_rows(plan: &RecordedPlan, run: usize, node: usize, curve: &Curve) -> Result<TopicRows, AnalysisError> {
+pub fn curve_rows(plan: &RecordedPlan, run: RunId, node: NodeId, curve: &Curve) -> Result<TopicRows, AnalysisError> {
     let curves = [learning_curve(plan, run, node, curve)];
     let (name, rows) = (&plan.runs[run].nodes[node].name, curve.points.len() as u64);
     Ok(TopicRows { parquet: parquet(name, &plan_key(plan), table_of_points(&curves))?, rows, damaged: Vec::new() })

@@ -6,7 +6,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use depthloom_graphs::contracts::{Commit, ErrorMessage, Slot, Store, StoredValue, Tap, Warned};
-use depthloom_graphs::plan::Plan;
+use depthloom_graphs::plan::{FrameIndex, PartId, Plan, RunId};
 use depthloom_graphs::{Frame, Key, Value};
 use depthloom_recording::RecordedPlan;
 use depthloom_threads::{into_unlocked, locked};
@@ -27,7 +27,7 @@ pub struct SamplingTap<'t, 'a, T> {
     /// By stage run.
     runs: Vec<SampledRun>,
     /// By stage run and position: frames of which parts are missing.
-    pending: Mutex<HashMap<(usize, usize), Pending>>,
+    pending: Mutex<HashMap<(RunId, FrameIndex), Pending>>,
     taken: Mutex<Taken<'a>>,
     /// Whether something went wrong: then the report reads everything, and says what.
     is_broken: AtomicBool,
@@ -65,7 +65,7 @@ impl<'t, 'a, T: Tap> SamplingTap<'t, 'a, T> {
     ) -> Result<Self, AnalysisError> {
         let plan = RecordedPlan::read_back(plan).map_err(AnalysisError::content)?;
         let estimators = estimators(&plan)?;
-        let runs = (0..plan.runs.len()).map(|run| {
+        let runs = RunId::all(plan.runs.len()).map(|run| {
             let maps = Maps::new(run, &estimators);
             let place = |topic: &str| maps.topics.iter().position(|known| known == topic);
             let places = plan.outputs(run).filter_map(|(slot, output)| Some((slot, place(&output.topic)?))).collect();
@@ -86,7 +86,7 @@ impl<'t, 'a, T: Tap> SamplingTap<'t, 'a, T> {
     }
 
     /// Takes note of a part's values; with the last part, of the frame's samples.
-    fn note<'v>(&self, run: usize, position: usize, values: impl Iterator<Item = (Slot, Option<&'v Value>)>) {
+    fn note<'v>(&self, run: RunId, position: FrameIndex, values: impl Iterator<Item = (Slot, Option<&'v Value>)>) {
         let of_run = &self.runs[run];
         if of_run.places.is_empty() || self.is_broken.load(Ordering::Relaxed) {
             return;
@@ -126,19 +126,19 @@ impl<'t, 'a, T: Tap> SamplingTap<'t, 'a, T> {
 impl<T: Tap> Tap for SamplingTap<'_, '_, T> {
     type Part = T::Part;
 
-    fn parts(&self, run: usize) -> usize {
+    fn parts(&self, run: RunId) -> usize {
         self.tap.parts(run)
     }
 
-    fn part(&self, run: usize, slot: Slot) -> Option<usize> {
+    fn part(&self, run: RunId, slot: Slot) -> Option<PartId> {
         self.tap.part(run, slot)
     }
 
     fn encode(
         &self,
-        run: usize,
-        frame: (usize, &Frame),
-        part: usize,
+        run: RunId,
+        frame: (FrameIndex, &Frame),
+        part: PartId,
         values: &[(Slot, Value)],
     ) -> Result<Self::Part, ErrorMessage> {
         let encoded = self.tap.encode(run, frame, part, values)?;
@@ -148,9 +148,9 @@ impl<T: Tap> Tap for SamplingTap<'_, '_, T> {
 
     fn encode_stored(
         &self,
-        run: usize,
-        frame: (usize, &Frame),
-        part: usize,
+        run: RunId,
+        frame: (FrameIndex, &Frame),
+        part: PartId,
         values: &[(Slot, Value)],
         stored: &[StoredValue<'_>],
     ) -> Result<Self::Part, ErrorMessage> {
@@ -164,11 +164,11 @@ impl<T: Tap> Tap for SamplingTap<'_, '_, T> {
         self.tap.write(commit, parts)
     }
 
-    fn once(&self, run: usize, slot: Slot, key: &Key, value: &Value, warnings: &[Warned]) -> Result<(), ErrorMessage> {
+    fn once(&self, run: RunId, slot: Slot, key: &Key, value: &Value, warnings: &[Warned]) -> Result<(), ErrorMessage> {
         self.tap.once(run, slot, key, value, warnings)
     }
 
-    fn keeps(&self, run: usize, slot: Slot, position: usize) -> bool {
+    fn keeps(&self, run: RunId, slot: Slot, position: FrameIndex) -> bool {
         self.tap.keeps(run, slot, position)
     }
 
@@ -176,15 +176,15 @@ impl<T: Tap> Tap for SamplingTap<'_, '_, T> {
         self.tap.store()
     }
 
-    fn written(&self, run: usize) -> usize {
+    fn written(&self, run: RunId) -> usize {
         self.tap.written(run)
     }
 
-    fn told(&self, run: usize) -> Vec<Vec<Warned>> {
+    fn told(&self, run: RunId) -> Vec<Vec<Warned>> {
         self.tap.told(run)
     }
 
-    fn written_aggregate(&self, run: usize, slot: Slot) -> Option<Key> {
+    fn written_aggregate(&self, run: RunId, slot: Slot) -> Option<Key> {
         self.tap.written_aggregate(run, slot)
     }
 }

@@ -4,6 +4,7 @@ use std::ops::RangeInclusive;
 use std::sync::Arc;
 
 use depthloom_graphs::counted;
+use depthloom_graphs::plan::FrameIndex;
 use depthloom_scores::{Mean, Metric, ScoreRow};
 
 use crate::estimators::Estimator;
@@ -16,7 +17,7 @@ pub struct FrameScore {
     /// The frame's id: what people call it. Sources that are joined may repeat one, and a frame may be asked for twice.
     pub frame: Arc<str>,
     /// The frame's place in its stage run: what tells it from all others of the run.
-    pub position: usize,
+    pub position: FrameIndex,
     /// Index of the estimator.
     pub estimator: usize,
     /// Its scores.
@@ -63,7 +64,7 @@ pub(crate) fn table_of_scores<'a>(rows: &'a [FrameScore], estimators: &'a [Estim
         rows.iter().map(|score| (&estimators[score.estimator], score.row.set.name())).collect();
     let zones = rows.iter().map(|score| Some(score.row.zone.as_str()).filter(|zone| !zone.is_empty()));
     let mut table = sheet_of_estimators(&of, [("zone", Cells::TextIfAny(zones.collect()))])
-        .with("position", Cells::Count(rows.iter().map(|score| score.position as u64).collect()))
+        .with("position", Cells::Count(rows.iter().map(|score| score.position.0 as u64).collect()))
         .with("frame", Cells::Text(rows.iter().map(|score| &*score.frame).collect()))
         .with_unit("pixels", "pixels", Cells::Count(rows.iter().map(|score| score.row.pixels).collect()));
     for metric in metrics_of(estimators) {

@@ -8,6 +8,7 @@ mod terminal;
 
 use std::collections::{HashMap, HashSet};
 
+use depthloom_graphs::plan::{FrameIndex, RunId};
 use depthloom_graphs::{Key, counted};
 use depthloom_recording::Recording;
 use depthloom_scores::{Family, Mean, Metric, PixelSet, ScoreRow, Settings};
@@ -100,7 +101,7 @@ impl Table {
         scores: &[FrameScore],
         estimators: &[Estimator],
         with_paper: bool,
-        source: &dyn Fn(usize, usize) -> Option<Key>,
+        source: &dyn Fn(RunId, FrameIndex) -> Option<Key>,
     ) -> Self {
         let rows = whole_images(scores, estimators);
         let metrics = metrics_of(estimators);
@@ -340,11 +341,11 @@ fn whole_images<'a>(scores: &'a [FrameScore], estimators: &[Estimator]) -> Vec<&
 /// The scores, of zones too, of the frames that have rows of all estimators of their stage run.
 pub(crate) fn common<'a>(scores: &'a [FrameScore], estimators: &[Estimator]) -> Vec<&'a FrameScore> {
     let place = |score: &FrameScore| (estimators[score.estimator].run, score.position);
-    let mut rows_of_frame: HashMap<(usize, usize), usize> = HashMap::new();
+    let mut rows_of_frame: HashMap<(RunId, FrameIndex), usize> = HashMap::new();
     for score in scores.iter().filter(|score| score.row.zone.is_empty()) {
         *rows_of_frame.entry(place(score)).or_default() += 1;
     }
-    let mut rows_of_run: HashMap<usize, usize> = HashMap::new();
+    let mut rows_of_run: HashMap<RunId, usize> = HashMap::new();
     for estimator in estimators {
         *rows_of_run.entry(estimator.run).or_default() += estimator.sets.len();
     }
@@ -354,15 +355,15 @@ pub(crate) fn common<'a>(scores: &'a [FrameScore], estimators: &[Estimator]) -> 
 
 /// What is to be said of frames that not all means are over, although nothing failed on them: an estimate is missing there.
 pub(crate) fn incomplete_frames(recording: &Recording, estimators: &[Estimator], scores: &[FrameScore]) -> Vec<String> {
-    let mut scored: HashMap<(usize, usize), HashSet<usize>> = HashMap::new();
+    let mut scored: HashMap<(RunId, FrameIndex), HashSet<usize>> = HashMap::new();
     for score in scores {
         scored.entry((estimators[score.estimator].run, score.position)).or_default().insert(score.estimator);
     }
     let mut notes = Vec::new();
-    for (run, planned) in recording.plan().runs.iter().enumerate() {
+    for (run, planned) in RunId::enumerate(&recording.plan().runs) {
         let own: Vec<usize> = (0..estimators.len()).filter(|place| estimators[*place].run == run).collect();
         let (mut frames, mut unscored, mut labels) = (0, 0, Vec::new());
-        for (position, frame) in recording.frames(run).iter().enumerate() {
+        for (position, frame) in FrameIndex::enumerate(recording.frames(run)) {
             if !frame.failures.is_empty() {
                 continue;
             }

@@ -3,15 +3,16 @@
 use std::collections::BTreeMap;
 
 use depthloom_graphs::counted;
+use depthloom_graphs::plan::{NodeId, RunId};
 use depthloom_recording::{RecordedRun, Recording};
 
 /// All of it, in words, each once with how many things in all and on how many frames; of these stage runs alone, where some are named.
-pub(crate) fn warnings(recording: &Recording, run: Option<usize>) -> Vec<String> {
+pub(crate) fn warnings(recording: &Recording, run: Option<RunId>) -> Vec<String> {
     let plan = recording.plan();
     // By name and what was told: how many things in all, and on how many frames.
     let mut counts: BTreeMap<(String, &str), (u64, u64)> = BTreeMap::new();
     let mut order = Vec::new();
-    for of in (0..plan.runs.len()).filter(|of| run.is_none_or(|run| run == *of)) {
+    for of in RunId::all(plan.runs.len()).filter(|of| run.is_none_or(|run| run == *of)) {
         for frame in recording.frames(of) {
             for warned in &frame.warnings {
                 let key = (name(&plan.runs[of], warned.node), warned.what.as_str());
@@ -33,7 +34,7 @@ pub(crate) fn warnings(recording: &Recording, run: Option<usize>) -> Vec<String>
 }
 
 /// `stage.node`, or `stage.source`.
-fn name(run: &RecordedRun, node: Option<usize>) -> String {
-    let name = node.and_then(|node| run.nodes.get(node)).map_or(&run.source.name, |node| &node.name);
+fn name(run: &RecordedRun, node: Option<NodeId>) -> String {
+    let name = node.and_then(|node| run.nodes.get(node.0)).map_or(&run.source.name, |node| &node.name);
     format!("{}.{name}", run.stage)
 }

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use depthloom_graphs::Value;
+use depthloom_graphs::plan::FrameIndex;
 use depthloom_recording::Recording;
 use depthloom_scores::ScoredPixels;
 
@@ -35,14 +36,14 @@ impl Unscored {
         }
         let runs = &recording.plan().runs;
         // Variants may score the same frame in several runs of a stage.
-        let mut frames: BTreeMap<(&str, usize, &str), (usize, u64)> = BTreeMap::new();
+        let mut frames: BTreeMap<(&str, FrameIndex, &str), (usize, u64)> = BTreeMap::new();
         for score in scores {
             let estimator = &estimators[score.estimator];
             let place = (runs[estimator.run].stage.as_str(), score.position, &*score.frame);
             frames.entry(place).or_insert((score.estimator, 0)).1 += score.row.pixels;
         }
         let all = frames.len();
-        let empty: Vec<(usize, usize, &str)> = frames
+        let empty: Vec<(usize, FrameIndex, &str)> = frames
             .into_iter()
             .filter(|(_, (_, pixels))| *pixels == 0)
             .map(|((_, position, id), (estimator, _))| (estimator, position, id))
@@ -72,7 +73,7 @@ impl Unscored {
     /// Of a recording in which no score was made.
     fn without_a_score(recording: &Recording, estimators: &[Estimator]) -> Result<Self, AnalysisError> {
         let whole = |estimator: &Estimator| {
-            let frames = recording.frames(estimator.run).iter().enumerate();
+            let frames = FrameIndex::enumerate(recording.frames(estimator.run));
             frames.filter(|(_, frame)| frame.failures.is_empty()).map(|(position, _)| position).collect::<Vec<_>>()
         };
         let scored = estimators.iter().filter(|of| of.score_topic.is_some());
@@ -101,7 +102,7 @@ impl Unscored {
 fn cause(
     recording: &Recording,
     estimators: &[Estimator],
-    frames: &[(usize, usize, &str)],
+    frames: &[(usize, FrameIndex, &str)],
     everything: bool,
 ) -> Result<String, AnalysisError> {
     let first = &estimators[frames[0].0];

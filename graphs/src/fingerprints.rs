@@ -6,24 +6,23 @@
 
 use std::collections::BTreeMap;
 
-use crate::contracts::Slot;
 use crate::key::Key;
-use crate::plan::{Origin, Plan, PlannedInput};
+use crate::plan::{NodeId, NodeRef, Plan, RunId};
 
 /// Adds fingerprints, by stage run and node, to the recipes of a plan; recipes that none of them reaches stay as they are.
-pub(crate) fn add(plan: &mut Plan, fingerprints: &BTreeMap<(usize, usize), Key>) {
-    let mut changed: BTreeMap<(usize, usize), Key> = BTreeMap::new();
+pub(crate) fn add(plan: &mut Plan, fingerprints: &BTreeMap<NodeRef, Key>) {
+    let mut changed: BTreeMap<NodeRef, Key> = BTreeMap::new();
     // Every node comes after those it reads.
-    for run in 0..plan.runs.len() {
-        for node in 0..plan.runs[run].nodes.len() {
+    for run in RunId::all(plan.runs.len()) {
+        for node in NodeId::all(plan.runs[run].nodes.len()) {
             let planned = &plan.runs[run].nodes[node];
             let mut inputs: Vec<(&str, &Key)> = planned
                 .inputs
                 .iter()
-                .filter_map(|input| Some((input.port.name, changed.get(&producer(run, input)?)?)))
+                .filter_map(|input| Some((input.port.name, changed.get(&input.node_read(run)?)?)))
                 .collect();
             inputs.sort_unstable();
-            let own = fingerprints.get(&(run, node));
+            let own = fingerprints.get(&NodeRef { run, node });
             if own.is_none() && inputs.is_empty() {
                 continue;
             }
@@ -31,17 +30,8 @@ pub(crate) fn add(plan: &mut Plan, fingerprints: &BTreeMap<(usize, usize), Key>)
             let recipe = recipe.key(&planned.recipe);
             let recipe = inputs.into_iter().fold(recipe, |recipe, (port, of)| recipe.text(port).key(of)).finish();
             plan.runs[run].nodes[node].recipe = recipe;
-            changed.insert((run, node), recipe);
+            changed.insert(NodeRef { run, node }, recipe);
         }
-    }
-}
-
-/// The node that an input reads, by stage run and node.
-const fn producer(here: usize, input: &PlannedInput) -> Option<(usize, usize)> {
-    match input.from {
-        Some(Origin::Here(Slot::Node { node, .. })) => Some((here, node)),
-        Some(Origin::Once { run, node, .. }) => Some((run, node)),
-        Some(Origin::Here(Slot::Source { .. }) | Origin::File(_)) | None => None,
     }
 }
 
@@ -55,7 +45,10 @@ mod tests {
     use crate::ValueType;
     use crate::contracts::{Contract, Port, Slot};
     use crate::key::Key;
-    use crate::plan::{Origin, Plan, PlannedInput, PlannedNode, PlannedSource, Record, StageRun};
+    use crate::plan::{
+        NodeId, NodeRef, Origin, Plan, PlannedInput, PlannedNode, PlannedSource, PortId, Record, RunId, StageRun,
+        VariantId,
+    };
 
     fn node(name: &str, from: Option<Origin>) -> PlannedNode {
         PlannedNode {
@@ -71,21 +64,21 @@ mod tests {
             outputs: Vec::new(),
             observes: None,
             recipe: Key::of_content(name.as_bytes()),
-            variants: vec![0],
+            variants: vec![VariantId(0)],
         }
     }
 
     fn run(nodes: Vec<PlannedNode>) -> StageRun {
         let source = PlannedSource { name: "any".to_owned(), parts: Vec::new(), outputs: Vec::new() };
         let (stage, prefix) = ("look".to_owned(), "/look".to_owned());
-        StageRun { stage, prefix, source, nodes, estimates: Vec::new(), variants: vec![0] }
+        StageRun { stage, prefix, source, nodes, estimates: Vec::new(), variants: vec![VariantId(0)] }
     }
 
     /// Two stages: of the first, `network` and what reads it; of the second, a reader of its once-value, and one of the source.
     fn plan() -> Plan {
-        let here = |node| Some(Origin::Here(Slot::Node { node, port: 0 }));
-        let source = || Some(Origin::Here(Slot::Source { port: 0 }));
-        let once = Some(Origin::Once { run: 0, node: 1, port: 0 });
+        let here = |node| Some(Origin::Here(Slot::Node { node: NodeId(node), port: PortId(0) }));
+        let source = || Some(Origin::Here(Slot::Source { port: PortId(0) }));
+        let once = Some(Origin::Once { run: RunId(0), node: NodeId(1), port: PortId(0) });
         Plan {
             experiment: "any".to_owned(),
             about: String::new(),
@@ -103,7 +96,8 @@ mod tests {
 
     fn recipes(fingerprint: Option<&[u8]>) -> Vec<Key> {
         let mut plan = plan();
-        let of_network = fingerprint.map(|engine| ((0, 0), Key::of_content(engine)));
+        let of_network =
+            fingerprint.map(|engine| (NodeRef { run: RunId(0), node: NodeId(0) }, Key::of_content(engine)));
         add(&mut plan, &of_network.into_iter().collect::<BTreeMap<_, _>>());
         plan.runs.iter().flat_map(|run| &run.nodes).map(|node| node.recipe).collect()
     }

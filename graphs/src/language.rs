@@ -6,6 +6,7 @@
 mod blame;
 mod change;
 mod check;
+mod ids;
 mod load;
 mod plan;
 mod text;

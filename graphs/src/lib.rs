@@ -7,6 +7,7 @@
 pub mod contracts;
 mod counted;
 mod fingerprints;
+mod ids;
 pub mod key;
 pub mod language;
 mod message;

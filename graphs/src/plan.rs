@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
 
 use crate::contracts::{Contract, Fault, Frame, Observation, Port, Slot};
+pub use crate::ids::{FrameIndex, NodeId, NodeRef, PartId, PortId, RunId, VariantId};
 use crate::key::Key;
 use crate::language::glob;
 
@@ -91,8 +92,27 @@ pub struct StageRun {
     pub nodes: Vec<PlannedNode>,
     /// What is scored.
     pub estimates: Vec<Estimate>,
-    /// Which variants this run serves, as indices into [`Plan::variants`].
-    pub variants: Vec<usize>,
+    /// The variants that this run serves.
+    pub variants: Vec<VariantId>,
+}
+
+impl StageRun {
+    /// All output ports: those of the source, then those of the nodes, in plan order.
+    pub fn slots(&self) -> impl Iterator<Item = Slot> {
+        let source = PortId::all(self.source.outputs.len()).map(|port| Slot::Source { port });
+        let nodes = NodeId::enumerate(&self.nodes)
+            .flat_map(|(node, planned)| PortId::all(planned.outputs.len()).map(move |port| Slot::Node { node, port }));
+        source.chain(nodes)
+    }
+
+    /// The output port of a slot.
+    #[must_use]
+    pub fn output(&self, slot: Slot) -> &PlannedOutput {
+        match slot {
+            Slot::Source { port } => &self.source.outputs[port],
+            Slot::Node { node, port } => &self.nodes[node].outputs[port],
+        }
+    }
 }
 
 /// A source of a stage run.
@@ -157,8 +177,8 @@ pub struct PlannedNode {
     /// `H(kind, version, parameters, recipes of inputs)`; of a plan made [`ready`](crate::ready), with the fingerprints of the engines
     /// of this machine that the node and those before it run in.
     pub recipe: Key,
-    /// Which variants use it, as indices into [`Plan::variants`].
-    pub variants: Vec<usize>,
+    /// The variants that use it.
+    pub variants: Vec<VariantId>,
 }
 
 impl PlannedNode {
@@ -192,6 +212,16 @@ pub struct PlannedInput {
 }
 
 impl PlannedInput {
+    /// The node that it reads; `run` is the stage run of the input. `None` where it reads the source, a file or nothing.
+    #[must_use]
+    pub const fn node_read(&self, run: RunId) -> Option<NodeRef> {
+        match self.from {
+            Some(Origin::Here(Slot::Node { node, .. })) => Some(NodeRef { run, node }),
+            Some(Origin::Once { run, node, .. }) => Some(NodeRef { run, node }),
+            Some(Origin::Here(Slot::Source { .. }) | Origin::File(_)) | None => None,
+        }
+    }
+
     /// The path of its file as it may be shown.
     pub(crate) fn shown_path(&self, path: &Path) -> String {
         self.shown.clone().unwrap_or_else(|| path.display().to_string())
@@ -205,12 +235,12 @@ pub enum Origin {
     Here(Slot),
     /// A once-output of a node of this or an earlier stage run.
     Once {
-        /// Index into [`Plan::runs`].
-        run: usize,
-        /// Index into [`StageRun::nodes`].
-        node: usize,
-        /// Index into [`PlannedNode::outputs`].
-        port: usize,
+        /// The stage run.
+        run: RunId,
+        /// The node.
+        node: NodeId,
+        /// The node's output port.
+        port: PortId,
     },
     /// A once-value read from a file.
     File(PathBuf),
@@ -236,12 +266,12 @@ pub struct Estimate {
     pub label: String,
     /// The estimate's name under `estimates:`.
     pub name: String,
-    /// The variant, as an index into [`Plan::variants`]; `None` if the value is the same in all.
-    pub variant: Option<usize>,
+    /// The variant; `None` if the value is the same in all.
+    pub variant: Option<VariantId>,
     /// Where the estimated depth comes from.
     pub estimate: Slot,
     /// Where the true depth comes from.
     pub truth: Slot,
     /// Which node of the stage run computes its scores (`score/depth`).
-    pub score_node: usize,
+    pub score_node: NodeId,
 }

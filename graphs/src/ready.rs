@@ -10,7 +10,7 @@ use crate::contracts::{Context, Fault, Frame, Inputs, Instance, Port, Source, So
 use crate::fingerprints;
 use crate::key::Key;
 use crate::language::changed_since;
-use crate::plan::{Origin, Plan, PlannedNode, PlannedSource};
+use crate::plan::{FrameIndex, NodeId, NodeRef, Origin, Plan, PlannedNode, PlannedSource, RunId};
 use crate::registry::Registry;
 use crate::regular_file;
 use crate::values::{Artifact, Value, ValueType};
@@ -25,8 +25,8 @@ pub struct Ready {
     pub files: BTreeMap<PathBuf, Value>,
     /// What the sources have to say of the data they found, each once, with the source's name.
     pub warnings: Vec<String>,
-    /// By stage run and node, how another instance of the node is built: for an audit, which runs a node again from its first frame.
-    pub builders: BTreeMap<(usize, usize), NodeBuilder>,
+    /// By node, how another instance of the node is built: for an audit, which runs a node again from its first frame.
+    pub builders: BTreeMap<NodeRef, NodeBuilder>,
 }
 
 /// How a node of a plan is built again.
@@ -116,13 +116,14 @@ impl Ready {
         let mut files = BTreeMap::new();
         let mut prints = BTreeMap::new();
         let mut runs = Vec::with_capacity(plan.runs.len());
-        for (index, run) in plan.runs.iter().enumerate() {
+        for (run_id, run) in RunId::enumerate(&plan.runs) {
             let source = open(&run.source, registry).map_err(|error| missing.push(*error)).ok();
             let mut nodes = Vec::with_capacity(run.nodes.len());
-            for position in 0..run.nodes.len() {
-                match build(&plan, (index, position), registry, &mut files) {
+            for node in NodeId::all(run.nodes.len()) {
+                let node = NodeRef { run: run_id, node };
+                match build(&plan, node, registry, &mut files) {
                     Ok((instance, fingerprint)) => {
-                        prints.extend(fingerprint.map(|key| ((index, position), key)));
+                        prints.extend(fingerprint.map(|key| (node, key)));
                         nodes.push(instance);
                     }
                     Err(errors) => missing.extend(errors),
@@ -139,13 +140,13 @@ impl Ready {
         Ok(Self { builders, ..Self::of(plan, runs, files, &prints) })
     }
 
-    /// A plan with what stands behind its stage runs, wherever it was made: `fingerprints` are those of its nodes, by stage run and node.
+    /// A plan with what stands behind its stage runs, wherever it was made: `fingerprints` are those of its nodes.
     #[must_use]
     pub fn of(
         mut plan: Plan,
         runs: Vec<ReadyRun>,
         files: BTreeMap<PathBuf, Value>,
-        fingerprints: &BTreeMap<(usize, usize), Key>,
+        fingerprints: &BTreeMap<NodeRef, Key>,
     ) -> Self {
         fingerprints::add(&mut plan, fingerprints);
         let mut warnings: Vec<String> = Vec::new();
@@ -162,31 +163,31 @@ impl Ready {
 }
 
 /// How the nodes of a plan are built again.
-fn builders(plan: &Plan, registry: &Registry) -> BTreeMap<(usize, usize), NodeBuilder> {
-    let nodes =
-        plan.runs.iter().enumerate().flat_map(|(run, planned)| {
-            planned.nodes.iter().enumerate().map(move |(node, planned)| ((run, node), planned))
-        });
-    let builder = |(at, node): ((usize, usize), &PlannedNode)| {
-        let build = registry.node_kind(&node.kind)?.builder();
-        Some((at, NodeBuilder { build, params: node.params.clone() }))
-    };
-    nodes.filter_map(builder).collect()
+fn builders(plan: &Plan, registry: &Registry) -> BTreeMap<NodeRef, NodeBuilder> {
+    let mut builders = BTreeMap::new();
+    for (run, planned) in RunId::enumerate(&plan.runs) {
+        for (node, planned) in NodeId::enumerate(&planned.nodes) {
+            let Some(kind) = registry.node_kind(&planned.kind) else { continue };
+            let builder = NodeBuilder { build: kind.builder(), params: planned.params.clone() };
+            builders.insert(NodeRef { run, node }, builder);
+        }
+    }
+    builders
 }
 
-/// Builds a node of a plan, named by stage run and index; the files among its inputs are read into `files`, unless they are there, and shown to it. With it
+/// Builds a node of a plan; the files among its inputs are read into `files`, unless they are there, and shown to it. With it
 /// comes the fingerprint of the engine it runs in, if that decides its results.
 ///
 /// # Errors
 /// Everything that is missing.
 pub fn build(
     plan: &Plan,
-    (run, position): (usize, usize),
+    node: NodeRef,
     registry: &Registry,
     files: &mut BTreeMap<PathBuf, Value>,
 ) -> Result<(Instance, Option<Key>), Vec<NotReady>> {
-    let run = &plan.runs[run];
-    let node = &run.nodes[position];
+    let run = &plan.runs[node.run];
+    let node = &run.nodes[node.node];
     let at_node =
         |fault| NotReady::Node { stage: run.stage.clone(), name: node.name.clone(), kind: node.kind.clone(), fault };
     let built =
@@ -289,28 +290,28 @@ pub fn open(source: &PlannedSource, registry: &Registry) -> Result<Box<dyn Sourc
 struct Joined {
     parts: Vec<Box<dyn Source>>,
     frames: Vec<Frame>,
-    place: Vec<(usize, usize)>,
+    places: Vec<(usize, FrameIndex)>,
     warnings: Vec<String>,
 }
 
 impl Joined {
     fn new(parts: Vec<Box<dyn Source>>) -> Self {
         let warnings = parts.iter().flat_map(|part| part.warnings()).cloned().collect();
-        let (mut frames, mut place): (Vec<Frame>, Vec<_>) = (Vec::new(), Vec::new());
+        let (mut frames, mut places): (Vec<Frame>, Vec<_>) = (Vec::new(), Vec::new());
         for (part, source) in parts.iter().enumerate() {
             let first_index = frames.last().map_or(0, |f| f.index + 1);
             let first_time = frames.last().map_or(0, |f| f.time_ns + 100_000_000);
             let own_time = source.frames().first().map_or(0, |f| f.time_ns);
-            for (position, frame) in source.frames().iter().enumerate() {
+            for (position, frame) in FrameIndex::enumerate(source.frames()) {
                 let (index, time_ns) = match part {
                     0 => (frame.index, frame.time_ns),
-                    _ => (first_index + position as u64, first_time + frame.time_ns.saturating_sub(own_time)),
+                    _ => (first_index + position.0 as u64, first_time + frame.time_ns.saturating_sub(own_time)),
                 };
                 frames.push(Frame { id: frame.id.clone(), index, time_ns });
-                place.push((part, position));
+                places.push((part, position));
             }
         }
-        Self { parts, frames, place, warnings }
+        Self { parts, frames, places, warnings }
     }
 }
 
@@ -323,18 +324,18 @@ impl Source for Joined {
         &self.warnings
     }
 
-    fn key(&self, position: usize) -> Result<Key, Fault> {
-        let (part, position) = self.place[position];
+    fn key(&self, position: FrameIndex) -> Result<Key, Fault> {
+        let (part, position) = self.places[position];
         self.parts[part].key(position)
     }
 
-    fn read(&self, position: usize, ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
-        let (part, position) = self.place[position];
+    fn read(&self, position: FrameIndex, ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
+        let (part, position) = self.places[position];
         self.parts[part].read(position, ctx)
     }
 
-    fn files(&self, position: usize) -> Vec<(&'static str, PathBuf)> {
-        let (part, position) = self.place[position];
+    fn files(&self, position: FrameIndex) -> Vec<(&'static str, PathBuf)> {
+        let (part, position) = self.places[position];
         self.parts[part].files(position)
     }
 }

@@ -5,7 +5,7 @@ mod support;
 mod toys;
 
 use depthloom_graphs::language::{Loaded, Options, load};
-use depthloom_graphs::plan::{Plan, PlannedNode};
+use depthloom_graphs::plan::{Plan, PlannedNode, VariantId};
 
 const BASE: &str = concat!(
     compare!(),
@@ -58,7 +58,7 @@ fn refused(more: &str) -> String {
 fn node<'p>(plan: &'p Plan, variant: &str, name: &str) -> &'p PlannedNode {
     let index = plan.variants.iter().position(|own| own == variant).expect("there is such a variant");
     let mut nodes = plan.runs.iter().flat_map(|run| &run.nodes);
-    nodes.find(|node| node.name == name && node.variants.contains(&index)).expect("it has the node")
+    nodes.find(|node| node.name == name && node.variants.contains(&VariantId(index))).expect("it has the node")
 }
 
 /// A parameter of `left` and of `right`.
@@ -427,7 +427,7 @@ fn a_parameter_that_follows_others_becomes_its_number_before_all_else() {
         "variants: { plain: {}, auto: { compare.left.with.p1: auto }, same: { compare.left.with: { p1: 200, p2: 800 } } }\n",
     );
     let lefts = alike.runs[0].nodes.iter().filter(|node| node.name == "left");
-    assert_eq!(lefts.map(|node| node.variants.clone()).collect::<Vec<_>>(), [[0, 1, 2]]);
+    assert_eq!(lefts.map(|node| node.variants.clone()).collect::<Vec<_>>(), [[0, 1, 2].map(VariantId)]);
     let said = refused("variants: { wrong: { compare.left.with.p1: atuo }, half: { compare.left.with.p1: 2.5 } }\n");
     assert!(said.contains("did you mean `auto`?") && said.contains("`p1` wants a whole number, not `2.5`"), "{said}");
 }

@@ -4,6 +4,7 @@
 mod support;
 mod toys;
 
+use depthloom_graphs::plan::VariantId;
 use std::path::Path;
 
 use depthloom_graphs::language::{Loaded, Options, load};
@@ -36,8 +37,9 @@ const VARIANTS: &str =
 /// The block of a variant's `stereo`.
 fn block(loaded: &Loaded, variant: &str) -> u64 {
     let index = loaded.plan.variants.iter().position(|name| name == variant).expect("there is such a variant");
-    let of_variant =
-        |node: &&depthloom_graphs::plan::PlannedNode| node.name == "stereo" && node.variants.contains(&index);
+    let of_variant = |node: &&depthloom_graphs::plan::PlannedNode| {
+        node.name == "stereo" && node.variants.contains(&VariantId(index))
+    };
     let node = loaded.plan.runs.iter().flat_map(|run| &run.nodes).find(of_variant).expect("it has the node");
     node.params["block"].as_u64().expect("a number")
 }

@@ -4,6 +4,7 @@
 //!
 //! Each line of standard input is a number of threads; the answer is the seconds that all frames took.
 
+use depthloom_graphs::plan::FrameIndex;
 use std::io::{BufRead, stdin};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
@@ -28,8 +29,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 if position >= source.frames().len() {
                     return Ok(());
                 }
-                let key = source.key(position)?;
-                let read = source.read(position, &mut Context::new(&InlineHost, &mut scratch))?;
+                let key = source.key(FrameIndex(position))?;
+                let read = source.read(FrameIndex(position), &mut Context::new(&InlineHost, &mut scratch))?;
                 assert_eq!(key, read.key, "what was read is what was asked for");
             }
         };

@@ -95,7 +95,7 @@ Engines, providers and keys are as of `mono/onnx`.",
 }
 
 fn signature(params: &NetworkParams) -> Signature {
-    let port = |(name, value_type): (&String, ValueType)| Port::frame(Port::lasting(name), value_type, "");
+    let port = |(name, value_type): (&String, ValueType)| Port::frame(Port::intern(name), value_type, "");
     let mut inputs: Vec<Port> =
         params.ports.inputs.iter().map(|(name, input)| port((name, input.value_type.value_type()))).collect();
     inputs.push(Port::once(
@@ -160,9 +160,9 @@ impl PureNode for OnnxNetwork {
             let seen = numberless(&map);
             if seen > 0 {
                 let what = format!("pixels of the network's output `{tensor}` are no numbers (NaN or infinity)");
-                ctx.host.warn_of(seen as u64, &what);
+                ctx.host.warn_n(seen as u64, &what);
             }
-            outputs = outputs.with(Port::lasting(name), maps::value(map, output, &fitted, self.params.cap, size));
+            outputs = outputs.with(Port::intern(name), maps::value(map, output, &fitted, self.params.cap, size));
         }
         Ok(outputs)
     }

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use depthloom_graphs::contracts::{Commit, Slot, Tap};
-use depthloom_graphs::plan::Plan;
+use depthloom_graphs::plan::{FrameIndex, NodeId, PartId, Plan, PortId, RunId};
 use depthloom_graphs::values::{Calibration, Depth, Disparity, Encoded, Image, ImageFormat, Pixels, Raster, Weight};
 use depthloom_graphs::{Frame, Value};
 use depthloom_recording::{Recorder, Recording};
@@ -74,20 +74,20 @@ fn values(frame: &Frame) -> Vec<(Slot, Value)> {
         baseline_m: 0.532_725,
         doffs_px: 0.0,
     };
-    let node = |node| Slot::Node { node, port: 0 };
+    let node = |node| Slot::Node { node, port: PortId(0) };
     let source = |port| Slot::Source { port };
     let mut values: Vec<(Slot, Value)> = vec![
-        (source(0), left),
-        (source(1), right),
-        (source(2), Depth { metres: truth }.into()),
-        (source(3), calibration.into()),
-        (node(0), Disparity { sixteenths_px, min_disparity_px: 0 }.into()),
-        (node(1), Depth { metres: stereo }.into()),
-        (node(2), weight.into()),
+        (source(PortId(0)), left),
+        (source(PortId(1)), right),
+        (source(PortId(2)), Depth { metres: truth }.into()),
+        (source(PortId(3)), calibration.into()),
+        (node(NodeId(0)), Disparity { sixteenths_px, min_disparity_px: 0 }.into()),
+        (node(NodeId(1)), Depth { metres: stereo }.into()),
+        (node(NodeId(2)), weight.into()),
     ];
     // `fused` is node 3, the further maps come after the fixture's six nodes.
     let nodes = std::iter::once(3).chain(6..);
-    values.extend(maps.into_iter().zip(nodes).map(|(map, of)| (node(of), map.into())));
+    values.extend(maps.into_iter().zip(nodes).map(|(map, of)| (node(NodeId(of)), map.into())));
     values
 }
 
@@ -102,22 +102,22 @@ fn recording_a_frame(criterion: &mut Criterion) {
     let values = values(&frame);
     let recorder = Recorder::create(&path, &plan()).expect("a recorder");
     let of_part = |part| {
-        let of_part = values.iter().filter(|(slot, _)| recorder.part(0, *slot) == Some(part));
+        let of_part = values.iter().filter(|(slot, _)| recorder.part(RunId(0), *slot) == Some(part));
         of_part.cloned().collect::<Vec<_>>()
     };
-    let encode = |part, values: &[_]| recorder.encode(0, (0, &frame), part, values).expect("a part");
+    let encode = |part, values: &[_]| recorder.encode(RunId(0), (FrameIndex(0), &frame), part, values).expect("a part");
     let raw: usize = values.iter().map(|(_, value)| size(value)).sum();
     let mut group = criterion.benchmark_group("KITTI frame");
     for (part, name) in ["camera", "truth", "fixed point", "maps"].into_iter().enumerate() {
-        let values = of_part(part);
+        let values = of_part(PartId(part));
         group.throughput(Throughput::Bytes(values.iter().map(|(_, value)| size(value) as u64).sum()));
         group.bench_function(format!("encode {name}"), |bencher| {
-            bencher.iter(|| black_box(encode(part, &values)));
+            bencher.iter(|| black_box(encode(PartId(part), &values)));
         });
     }
-    let parts: Vec<_> = (0..4).map(of_part).collect();
+    let parts: Vec<_> = PartId::all(4).map(of_part).collect();
     let commit =
-        Commit { run: 0, frame: &frame, source_key: None, keys: &[], failures: &[], absent: &[], warnings: &[] };
+        Commit { run: RunId(0), frame: &frame, source_key: None, keys: &[], failures: &[], absent: &[], warnings: &[] };
     group.throughput(Throughput::Bytes(raw as u64));
     group.bench_function("write", |bencher| {
         bencher.iter_custom(|times| {
@@ -128,7 +128,7 @@ fn recording_a_frame(criterion: &mut Criterion) {
                     // A file of bounded size, so that the machine's memory and not its disk is measured.
                     target = Recorder::create(&path, &plan()).expect("a recorder");
                 }
-                let encoded = parts.iter().enumerate().map(|(part, values)| encode(part, values)).collect();
+                let encoded = parts.iter().enumerate().map(|(part, values)| encode(PartId(part), values)).collect();
                 let start = Instant::now();
                 target.write(&commit, encoded).expect("written");
                 spent += start.elapsed();
@@ -141,7 +141,10 @@ fn recording_a_frame(criterion: &mut Criterion) {
     let frames = folder.path().join("frames.mcap");
     let recorder = Recorder::create(&frames, &plan()).expect("a recorder");
     for _ in 0..10 {
-        let parts = parts.iter().enumerate().map(|(part, values)| recorder.encode(0, (0, &frame), part, values));
+        let parts = parts
+            .iter()
+            .enumerate()
+            .map(|(part, values)| recorder.encode(RunId(0), (FrameIndex(0), &frame), PartId(part), values));
         let parts = parts.collect::<Result<_, _>>().expect("parts");
         recorder.write(&commit, parts).expect("written");
     }
@@ -150,8 +153,8 @@ fn recording_a_frame(criterion: &mut Criterion) {
     let recording = Recording::open(&frames).expect("a recording");
     let topics = ["/compare/source/depth", "/compare/fused/depth", "/compare/depth/depth"];
     criterion.bench_function("read truth, stereo and one map of a frame", |bencher| {
-        let mut reader = recording.reader(0, &topics).expect("topics");
-        bencher.iter(|| black_box(reader.read(3).expect("values")));
+        let mut reader = recording.reader(RunId(0), &topics).expect("topics");
+        bencher.iter(|| black_box(reader.read(FrameIndex(3)).expect("values")));
     });
 }
 

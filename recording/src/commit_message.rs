@@ -2,6 +2,7 @@
 
 use depthloom_graphs::Key;
 use depthloom_graphs::contracts::{Commit, Failure, Slot, SlotKey, Warned};
+use depthloom_graphs::plan::{NodeId, PortId};
 
 /// `depthloom.Commit`: closes a frame; what stands before it and after the last one belongs to the frame.
 ///
@@ -82,14 +83,14 @@ impl CommitMessage {
         let keys = commit.keys.iter();
         let failures = commit.failures.iter();
         Self {
-            run: commit.run as u32,
+            run: commit.run.0 as u32,
             frame: commit.frame.id.to_string(),
             index: commit.frame.index,
             source_key: commit.source_key.map_or_else(String::new, |key| key.to_string()),
-            keys: keys.map(|of| NodeKeyMessage { node: of.node as u32, key: of.key.to_string() }).collect(),
+            keys: keys.map(|of| NodeKeyMessage { node: of.node.0 as u32, key: of.key.to_string() }).collect(),
             failures: failures
                 .map(|failure| FailureMessage {
-                    node: failure.node.map(|node| node as u32),
+                    node: failure.node.map(|node| node.0 as u32),
                     what: failure.what.clone(),
                 })
                 .collect(),
@@ -99,8 +100,10 @@ impl CommitMessage {
                     .absent
                     .iter()
                     .map(|slot| match *slot {
-                        Slot::Source { port } => AbsentPortMessage { node: None, port: port as u32 },
-                        Slot::Node { node, port } => AbsentPortMessage { node: Some(node as u32), port: port as u32 },
+                        Slot::Source { port } => AbsentPortMessage { node: None, port: port.0 as u32 },
+                        Slot::Node { node, port } => {
+                            AbsentPortMessage { node: Some(node.0 as u32), port: port.0 as u32 }
+                        }
                     })
                     .collect(),
             }),
@@ -108,7 +111,7 @@ impl CommitMessage {
                 .warnings
                 .iter()
                 .map(|of| WarningMessage {
-                    node: of.node.map(|node| node as u32),
+                    node: of.node.map(|node| node.0 as u32),
                     what: of.what.clone(),
                     count: of.count,
                 })
@@ -118,9 +121,9 @@ impl CommitMessage {
 
     /// The outputs that gave nothing although their source or node fired; `None` if the recording does not say it.
     pub(crate) fn absent(&self) -> Option<Vec<Slot>> {
-        let slot = |of: &AbsentPortMessage| match of.node {
-            None => Slot::Source { port: of.port as usize },
-            Some(node) => Slot::Node { node: node as usize, port: of.port as usize },
+        let slot = |absent: &AbsentPortMessage| {
+            let port = PortId(absent.port as usize);
+            absent.node.map_or(Slot::Source { port }, |node| Slot::Node { node: NodeId(node as usize), port })
         };
         Some(self.absent.as_ref()?.ports.iter().map(slot).collect())
     }
@@ -129,7 +132,11 @@ impl CommitMessage {
     pub(crate) fn warnings(&self) -> Vec<Warned> {
         let warnings = self.warnings.iter();
         warnings
-            .map(|of| Warned { node: of.node.map(|node| node as usize), what: of.what.clone(), count: of.count })
+            .map(|of| Warned {
+                node: of.node.map(|node| NodeId(node as usize)),
+                what: of.what.clone(),
+                count: of.count,
+            })
             .collect()
     }
 
@@ -140,12 +147,12 @@ impl CommitMessage {
 
     /// The keys of the nodes' values; `None` if one is none.
     pub(crate) fn keys(&self) -> Option<Vec<SlotKey>> {
-        self.keys.iter().map(|of| Some(SlotKey { node: of.node as usize, key: Key::parse(&of.key)? })).collect()
+        self.keys.iter().map(|of| Some(SlotKey { node: NodeId(of.node as usize), key: Key::parse(&of.key)? })).collect()
     }
 
     /// The failures.
     pub(crate) fn failures(&self) -> Vec<Failure> {
         let failures = self.failures.iter();
-        failures.map(|of| Failure { node: of.node.map(|node| node as usize), what: of.what.clone() }).collect()
+        failures.map(|of| Failure { node: of.node.map(|node| NodeId(node as usize)), what: of.what.clone() }).collect()
     }
 }

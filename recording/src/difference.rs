@@ -7,13 +7,11 @@ use std::fmt;
 
 use depthloom_graphs::Key;
 use depthloom_graphs::contracts::Slot;
+use depthloom_graphs::plan::{NodeId, NodeRef, RunId};
 use serde::Serialize;
 use serde_json::Value as Json;
 
 use crate::plan::{RecordedInput, RecordedNode, RecordedPlan, RecordedRun, RecordedSource, RecordedSourcePart};
-
-/// Stage run and node.
-type Place = (usize, usize);
 
 /// A node of two plans, or of one of them.
 #[derive(Clone, Debug, PartialEq)]
@@ -24,10 +22,10 @@ pub struct NodePair {
     pub name: String,
     /// The variants of the later plan that it is of, of a node that is gone those of the earlier; none where there are no variants.
     pub variants: Vec<String>,
-    /// Stage run and node in the earlier plan; `None` if it has no such node.
-    pub before: Option<(usize, usize)>,
-    /// Stage run and node in the later plan; `None` if it has no such node.
-    pub after: Option<(usize, usize)>,
+    /// The node in the earlier plan; `None` if it has no such node.
+    pub before: Option<NodeRef>,
+    /// The node in the later plan; `None` if it has no such node.
+    pub after: Option<NodeRef>,
     /// What differs; nothing if the recipes are equal, or one of the plans lacks it.
     pub differences: Vec<Difference>,
 }
@@ -127,30 +125,31 @@ pub fn source_differences(before: &RecordedSource, after: &RecordedSource) -> Ve
     found
 }
 
-/// Stage run and node of all nodes of a plan.
-fn places(plan: &RecordedPlan) -> impl Iterator<Item = Place> {
-    plan.runs.iter().enumerate().flat_map(|(run, of)| (0..of.nodes.len()).map(move |node| (run, node)))
+/// All nodes of a plan.
+fn places(plan: &RecordedPlan) -> impl Iterator<Item = NodeRef> {
+    RunId::enumerate(&plan.runs)
+        .flat_map(|(run, planned)| NodeId::all(planned.nodes.len()).map(move |node| NodeRef { run, node }))
 }
 
-fn node(plan: &RecordedPlan, (run, node): Place) -> &RecordedNode {
+fn node(plan: &RecordedPlan, NodeRef { run, node }: NodeRef) -> &RecordedNode {
     &plan.runs[run].nodes[node]
 }
 
 /// The names of a node's variants.
 fn names<'a>(plan: &'a RecordedPlan, node: &'a RecordedNode) -> impl Iterator<Item = &'a str> {
-    node.variants.iter().filter_map(|&variant| plan.variants.get(variant)).map(String::as_str)
+    node.variants.iter().filter_map(|&variant| plan.variants.get(variant.0)).map(String::as_str)
 }
 
 /// Adds a variant to the pair of these nodes, or makes it.
 fn add(
     pairs: &mut Vec<NodePair>,
     plan: &RecordedPlan,
-    (before, after): (Option<Place>, Option<Place>),
-    (place, variant): (Place, &str),
+    (before, after): (Option<NodeRef>, Option<NodeRef>),
+    (place, variant): (NodeRef, &str),
 ) {
     let known = pairs.iter().position(|pair| (pair.before, pair.after) == (before, after));
     let known = known.unwrap_or_else(|| {
-        let (stage, name) = (plan.runs[place.0].stage.clone(), node(plan, place).name.clone());
+        let (stage, name) = (plan.runs[place.run].stage.clone(), node(plan, place).name.clone());
         pairs.push(NodePair { stage, name, variants: Vec::new(), before, after, differences: Vec::new() });
         pairs.len() - 1
     });
@@ -159,9 +158,9 @@ fn add(
     }
 }
 
-fn counterpart(before: &RecordedPlan, after: &RecordedPlan, place: Place, variant: &str) -> Option<Place> {
-    let (stage, of) = (&after.runs[place.0].stage, node(after, place));
-    let of_stage = || places(before).filter(|&(run, _)| before.runs[run].stage == *stage);
+fn counterpart(before: &RecordedPlan, after: &RecordedPlan, place: NodeRef, variant: &str) -> Option<NodeRef> {
+    let (stage, of) = (&after.runs[place.run].stage, node(after, place));
+    let of_stage = || places(before).filter(|place| before.runs[place.run].stage == *stage);
     let named = || of_stage().filter(|&place| node(before, place).name == of.name);
     let of_variant = named().find(|&place| names(before, node(before, place)).any(|name| name == variant));
     let same = || of_stage().find(|&place| node(before, place).recipe == of.recipe);
@@ -169,7 +168,7 @@ fn counterpart(before: &RecordedPlan, after: &RecordedPlan, place: Place, varian
 }
 
 /// What differs between two nodes; nothing if they have one recipe.
-fn differences(before: &RecordedPlan, one: Place, after: &RecordedPlan, other: Place) -> Vec<Difference> {
+fn differences(before: &RecordedPlan, one: NodeRef, after: &RecordedPlan, other: NodeRef) -> Vec<Difference> {
     let (earlier, later) = (node(before, one), node(after, other));
     if earlier.recipe == later.recipe {
         return Vec::new();
@@ -268,7 +267,7 @@ impl Wire {
     }
 }
 
-fn wire(plan: &RecordedPlan, place: Place, input: &RecordedInput) -> Wire {
+fn wire(plan: &RecordedPlan, place: NodeRef, input: &RecordedInput) -> Wire {
     let Some(from) = &input.from else { return Wire::Nothing };
     if let Some(name) = from.strip_prefix("file") {
         return Wire::File(name.trim_start().to_owned());
@@ -281,10 +280,10 @@ fn wire(plan: &RecordedPlan, place: Place, input: &RecordedInput) -> Wire {
         let mut found = plan.runs.iter().flat_map(|run| run.nodes.iter().filter(|of| gives(run, of)).filter(is_read));
         return found.next().map_or_else(|| Wire::Source(once.to_owned()), |of| Wire::Node(once.to_owned(), of.recipe));
     }
-    match plan.find(place.0, from) {
+    match plan.find(place.run, from) {
         Some((Slot::Source { .. }, output)) => Wire::Source(format!("source/{}", output.port)),
         Some((Slot::Node { node, .. }, output)) => {
-            let of = &plan.runs[place.0].nodes[node];
+            let of = &plan.runs[place.run].nodes[node];
             Wire::Node(format!("{}/{}", of.name, output.port), of.recipe)
         }
         None => Wire::Source(from.clone()),
@@ -337,6 +336,7 @@ fn told(value: Option<&Json>) -> String {
 #[cfg(test)]
 mod tests {
     use depthloom_graphs::Key;
+    use depthloom_graphs::plan::VariantId;
     use serde::Deserialize;
     use serde_json::{Value as Json, json};
 
@@ -346,7 +346,7 @@ mod tests {
         json!(Key::of_content(text.as_bytes()).to_string())
     }
 
-    fn node(name: &str, params: &Json, inputs: &Json, recipe: &Json, variants: &[usize]) -> Json {
+    fn node(name: &str, params: &Json, inputs: &Json, recipe: &Json, variants: &[VariantId]) -> Json {
         let outputs = json!([{
             "port": "out", "type": "depth", "once": false, "topic": format!("/s/{name}{variants:?}/out"), "aliases": [],
             "recorded": true,
@@ -358,7 +358,7 @@ mod tests {
     }
 
     fn plan(variants: &[&str], nodes: &[Json]) -> RecordedPlan {
-        let all: Vec<usize> = (0..variants.len()).collect();
+        let all: Vec<VariantId> = VariantId::all(variants.len()).collect();
         let part = json!({ "kind": "made", "version": 1, "params": { "seed": nodes.len() } });
         let plan = json!({
             "experiment": "x", "about": "", "variants": variants, "every": 1, "view": false,
@@ -390,24 +390,36 @@ mod tests {
         let before = plan(
             &[""],
             &[
-                node("a", &json!({ "block": 5, "deep": { "p": 1 } }), &json!([]), &recipe("a"), &[0]),
-                node("b", &none, &reads("/s/a[0]/out"), &recipe("b"), &[0]),
-                node("c", &none, &json!([{ "port": "model", "from": "file net.onnx" }]), &recipe("c"), &[0]),
-                node("d", &none, &reads("/s/a[0]/out"), &recipe("d"), &[0]),
-                node("e", &none, &json!([]), &recipe("e"), &[0]),
-                node("old", &none, &json!([]), &recipe("old"), &[0]),
+                node("a", &json!({ "block": 5, "deep": { "p": 1 } }), &json!([]), &recipe("a"), &[VariantId(0)]),
+                node("b", &none, &reads("/s/a[0]/out"), &recipe("b"), &[VariantId(0)]),
+                node("c", &none, &json!([{ "port": "model", "from": "file net.onnx" }]), &recipe("c"), &[VariantId(0)]),
+                node("d", &none, &reads("/s/a[0]/out"), &recipe("d"), &[VariantId(0)]),
+                node("e", &none, &json!([]), &recipe("e"), &[VariantId(0)]),
+                node("old", &none, &json!([]), &recipe("old"), &[VariantId(0)]),
             ],
         );
         let after = plan(
             &[""],
             &[
-                node("a", &json!({ "block": 9, "deep": { "p": 1, "q": [1, 2] } }), &json!([]), &recipe("a2"), &[0]),
-                node("b", &none, &reads("/s/a[0]/out"), &recipe("b2"), &[0]),
-                node("c", &none, &json!([{ "port": "model", "from": "file net.onnx" }]), &recipe("c2"), &[0]),
-                node("d", &none, &reads("/s/b[0]/out"), &recipe("d2"), &[0]),
-                node("e", &none, &json!([]), &recipe("e2"), &[0]),
-                node("renamed", &none, &json!([]), &recipe("old"), &[0]),
-                node("new", &none, &json!([]), &recipe("new"), &[0]),
+                node(
+                    "a",
+                    &json!({ "block": 9, "deep": { "p": 1, "q": [1, 2] } }),
+                    &json!([]),
+                    &recipe("a2"),
+                    &[VariantId(0)],
+                ),
+                node("b", &none, &reads("/s/a[0]/out"), &recipe("b2"), &[VariantId(0)]),
+                node(
+                    "c",
+                    &none,
+                    &json!([{ "port": "model", "from": "file net.onnx" }]),
+                    &recipe("c2"),
+                    &[VariantId(0)],
+                ),
+                node("d", &none, &reads("/s/b[0]/out"), &recipe("d2"), &[VariantId(0)]),
+                node("e", &none, &json!([]), &recipe("e2"), &[VariantId(0)]),
+                node("renamed", &none, &json!([]), &recipe("old"), &[VariantId(0)]),
+                node("new", &none, &json!([]), &recipe("new"), &[VariantId(0)]),
             ],
         );
         assert_eq!(
@@ -429,11 +441,11 @@ mod tests {
 
     #[test]
     fn variants_are_compared_by_name() {
-        let of = |cap: u32, variants: &[usize]| {
+        let of = |cap: u32, variants: &[VariantId]| {
             node("a", &json!({ "cap": cap }), &json!([]), &recipe(&cap.to_string()), variants)
         };
-        let before = plan(&["x", "y"], &[of(1, &[0]), of(2, &[1])]);
-        let after = plan(&["y", "x", "z"], &[of(2, &[0]), of(3, &[1, 2])]);
+        let before = plan(&["x", "y"], &[of(1, &[VariantId(0)]), of(2, &[VariantId(1)])]);
+        let after = plan(&["y", "x", "z"], &[of(2, &[VariantId(0)]), of(3, &[VariantId(1), VariantId(2)])]);
         // `z` is new: of the nodes of that name it is held against the first.
         assert_eq!(told(&before, &after), ["a[\"y\"] ", "a[\"x\", \"z\"] cap: 1 -> 3"]);
     }

@@ -5,7 +5,9 @@ mod check;
 use std::collections::BTreeMap;
 
 use depthloom_graphs::contracts::Slot;
-use depthloom_graphs::plan::{Factor, Origin, Plan, PlannedInput, PlannedOutput, PlannedSource, StageRun};
+use depthloom_graphs::plan::{
+    Factor, NodeId, Origin, Plan, PlannedInput, PlannedOutput, PlannedSource, PortId, RunId, StageRun, VariantId,
+};
 use depthloom_graphs::{Key, Rate, ValueType};
 use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
@@ -39,8 +41,8 @@ pub struct RecordedRun {
     pub stage: String,
     /// The prefix of its topics.
     pub prefix: String,
-    /// The variants it served, as indices into [`RecordedPlan::variants`].
-    pub variants: Vec<usize>,
+    /// The variants it served.
+    pub variants: Vec<VariantId>,
     /// Its source.
     pub source: RecordedSource,
     /// Its nodes, by plan position.
@@ -93,8 +95,8 @@ pub struct RecordedNode {
     pub outputs: Vec<RecordedOutput>,
     /// Its recipe.
     pub recipe: Key,
-    /// The variants that use it, as indices into [`RecordedPlan::variants`].
-    pub variants: Vec<usize>,
+    /// The variants that use it.
+    pub variants: Vec<VariantId>,
 }
 
 /// An input port and where its value came from.
@@ -134,16 +136,16 @@ pub struct RecordedEstimate {
     pub label: String,
     /// The estimate's name under `estimates:`.
     pub name: String,
-    /// The variant, as an index into [`RecordedPlan::variants`]; `None` if the value is the same in all.
-    pub variant: Option<usize>,
+    /// The variant; `None` if the value is the same in all.
+    pub variant: Option<VariantId>,
     /// The topic of the estimated depth; `None` if it was not recorded.
     pub estimate_topic: Option<String>,
     /// The topic of the true depth; `None` if it was not recorded.
     pub truth_topic: Option<String>,
     /// The topic of the scores; `None` if they were not recorded.
     pub score_topic: Option<String>,
-    /// The score node's index among [`RecordedRun::nodes`].
-    pub score_node: usize,
+    /// The score node.
+    pub score_node: NodeId,
     /// The score node's parameters (preset, pixel sets, clamp, crop), every default filled in.
     pub score_params: Json,
 }
@@ -173,31 +175,31 @@ impl RecordedPlan {
 
     /// The values that the axes of the matrix had in a variant; none without a matrix.
     #[must_use]
-    pub fn factors_of(&self, variant: usize) -> &[Factor] {
-        self.factors.get(variant).map_or(&[], Vec::as_slice)
+    pub fn factors_of(&self, variant: VariantId) -> &[Factor] {
+        self.factors.get(variant.0).map_or(&[], Vec::as_slice)
     }
 
     /// The topic that each alias stands for.
     #[must_use]
     pub fn aliases(&self) -> BTreeMap<&str, &str> {
-        let outputs = (0..self.runs.len()).flat_map(|run| self.outputs(run));
+        let outputs = RunId::all(self.runs.len()).flat_map(|run| self.outputs(run));
         let aliases = outputs.flat_map(|(_, output)| output.aliases.iter().map(|alias| (alias, &output.topic)));
         aliases.filter(|(alias, topic)| alias != topic).map(|(alias, topic)| (alias.as_str(), topic.as_str())).collect()
     }
 
     /// All output ports of a stage run: the source's, then the nodes', in plan order.
-    pub fn outputs(&self, run: usize) -> impl Iterator<Item = (Slot, &RecordedOutput)> {
+    pub fn outputs(&self, run: RunId) -> impl Iterator<Item = (Slot, &RecordedOutput)> {
         let run = &self.runs[run];
-        let of_source = run.source.outputs.iter().enumerate().map(|(port, output)| (Slot::Source { port }, output));
-        let of_nodes = run.nodes.iter().enumerate().flat_map(|(node, planned)| {
-            planned.outputs.iter().enumerate().map(move |(port, output)| (Slot::Node { node, port }, output))
+        let source = PortId::enumerate(&run.source.outputs).map(|(port, output)| (Slot::Source { port }, output));
+        let nodes = NodeId::enumerate(&run.nodes).flat_map(|(node, planned)| {
+            PortId::enumerate(&planned.outputs).map(move |(port, output)| (Slot::Node { node, port }, output))
         });
-        of_source.chain(of_nodes)
+        source.chain(nodes)
     }
 
     /// The output port recorded under a topic, or under an alias of it.
     #[must_use]
-    pub fn find(&self, run: usize, topic: &str) -> Option<(Slot, &RecordedOutput)> {
+    pub fn find(&self, run: RunId, topic: &str) -> Option<(Slot, &RecordedOutput)> {
         self.outputs(run).find(|(_, output)| output.topic == topic || output.aliases.iter().any(|alias| alias == topic))
     }
 }
@@ -237,8 +239,8 @@ fn recorded_run(plan: &Plan, run: &StageRun) -> RecordedRun {
             label: estimate.label.clone(),
             name: estimate.name.clone(),
             variant: estimate.variant,
-            estimate_topic: recorded_topic(planned_output(run, estimate.estimate)),
-            truth_topic: recorded_topic(planned_output(run, estimate.truth)),
+            estimate_topic: recorded_topic(run.output(estimate.estimate)),
+            truth_topic: recorded_topic(run.output(estimate.truth)),
             score_topic: scores.and_then(recorded_topic),
             score_node: estimate.score_node,
             score_params: score.portable.clone(),
@@ -280,7 +282,7 @@ fn recorded_output(output: &PlannedOutput) -> RecordedOutput {
 
 fn recorded_input(plan: &Plan, run: &StageRun, input: &PlannedInput) -> RecordedInput {
     let from = input.from.as_ref().map(|from| match from {
-        Origin::Here(slot) => planned_output(run, *slot).topic.clone(),
+        Origin::Here(slot) => run.output(*slot).topic.clone(),
         Origin::Once { run, node, port } => {
             let (run, node) = (&plan.runs[*run], &plan.runs[*run].nodes[*node]);
             format!("once {}.{}/{}", run.stage, node.name, node.outputs[*port].port.name)
@@ -292,14 +294,6 @@ fn recorded_input(plan: &Plan, run: &StageRun, input: &PlannedInput) -> Recorded
         },
     });
     RecordedInput { port: input.port.name.to_owned(), from }
-}
-
-/// The output port of a slot.
-pub(crate) fn planned_output(run: &StageRun, slot: Slot) -> &PlannedOutput {
-    match slot {
-        Slot::Source { port } => &run.source.outputs[port],
-        Slot::Node { node, port } => &run.nodes[node].outputs[port],
-    }
 }
 
 fn recorded_topic(output: &PlannedOutput) -> Option<String> {

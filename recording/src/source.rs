@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use depthloom_graphs::contracts::{DataPath, FrameSelection, Recognised, SlotKey, SourceDeclaration, Survey};
 use depthloom_graphs::language::{glob, nearest};
+use depthloom_graphs::plan::{FrameIndex, NodeId, RunId, VariantId};
 use depthloom_graphs::{Context, Fault, Frame, Key, Outputs, Port, Source, SourceKind, SourceOutputs, ValueType};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -41,11 +42,11 @@ pub struct McapParams {
 /// The kind `mcap`.
 pub struct Mcap {
     recording: Recording,
-    run: usize,
+    run: RunId,
     given: Vec<Given>,
     frames: Vec<Frame>,
     /// By frame, its position among the recorded.
-    positions: Vec<usize>,
+    positions: Vec<FrameIndex>,
     warnings: Vec<String>,
 }
 
@@ -54,7 +55,7 @@ struct Given {
     port: Port,
     topic: String,
     /// The node that gave it; `None`: the source.
-    node: Option<usize>,
+    node: Option<NodeId>,
 }
 
 impl SourceKind for Mcap {
@@ -146,7 +147,7 @@ impl Mcap {
         let given = given(&recording, run, params)?;
         let every = usize::try_from(recording.plan().every).unwrap_or(usize::MAX).max(1);
         let recorded = recording.frames(run);
-        let mut kept: Vec<usize> = (0..recorded.len()).step_by(every).collect();
+        let mut kept: Vec<FrameIndex> = FrameIndex::all(recorded.len()).step_by(every).collect();
         kept.sort_by_key(|position| recorded[*position].index);
         let known: Vec<(u64, &str)> = kept.iter().map(|at| (recorded[*at].index, &*recorded[*at].id)).collect();
         if known.is_empty() {
@@ -169,8 +170,8 @@ impl Mcap {
                 known.len()
             ));
         }
-        let positions: Vec<usize> = chosen.into_iter().map(|at| kept[at]).collect();
-        let frame = |position: &usize| {
+        let positions: Vec<FrameIndex> = chosen.into_iter().map(|at| kept[at]).collect();
+        let frame = |position: &FrameIndex| {
             let of = &recorded[*position];
             Frame { id: of.id.clone(), index: of.index, time_ns: of.time_ns }
         };
@@ -216,7 +217,7 @@ impl Source for Mcap {
         &self.warnings
     }
 
-    fn key(&self, position: usize) -> Result<Key, Fault> {
+    fn key(&self, position: FrameIndex) -> Result<Key, Fault> {
         let frame = &self.recording.frames(self.run)[self.positions[position]];
         let of_source = frame.source_key.ok_or_else(|| {
             let what = format!("{} has no values of frame `{}`", self.recording.path().display(), frame.id);
@@ -225,7 +226,7 @@ impl Source for Mcap {
         if self.given.iter().all(|given| given.node.is_none()) {
             return Ok(of_source);
         }
-        let of_node = |node: usize| frame.keys.iter().find(|of| of.node == node).map(|SlotKey { key, .. }| *key);
+        let of_node = |node: NodeId| frame.keys.iter().find(|of| of.node == node).map(|SlotKey { key, .. }| *key);
         let mut key = Key::build(KIND).number(VERSION.into());
         for given in &self.given {
             let of = given.node.map_or(Some(of_source), of_node);
@@ -235,7 +236,7 @@ impl Source for Mcap {
         Ok(key.finish())
     }
 
-    fn read(&self, position: usize, _: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
+    fn read(&self, position: FrameIndex, _: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
         let key = self.key(position)?;
         let topics: Vec<&str> = self.given.iter().map(|given| given.topic.as_str()).collect();
         let mut reader = self.recording.reader(self.run, &topics).map_err(fault)?;
@@ -256,14 +257,14 @@ fn open(params: &McapParams) -> Result<Recording, Fault> {
 }
 
 /// The stage run that is read.
-fn run_of(recording: &Recording, params: &McapParams) -> Result<usize, Fault> {
+fn run_of(recording: &Recording, params: &McapParams) -> Result<RunId, Fault> {
     let plan = recording.plan();
     let variant = variant_of(recording, params)?;
     let fits = |run: &RecordedRun| {
         params.stage.as_ref().is_none_or(|stage| *stage == run.stage || stage == run.name())
             && variant.is_none_or(|variant| run.variants.contains(&variant))
     };
-    let found: Vec<usize> = (0..plan.runs.len()).filter(|run| fits(&plan.runs[*run])).collect();
+    let found: Vec<RunId> = RunId::all(plan.runs.len()).filter(|run| fits(&plan.runs[*run])).collect();
     let names = |runs: &mut dyn Iterator<Item = &RecordedRun>| {
         runs.map(|run| format!("`{}`", run.name())).collect::<Vec<_>>().join(", ")
     };
@@ -280,11 +281,11 @@ fn run_of(recording: &Recording, params: &McapParams) -> Result<usize, Fault> {
     }
 }
 
-fn variant_of(recording: &Recording, params: &McapParams) -> Result<Option<usize>, Fault> {
+fn variant_of(recording: &Recording, params: &McapParams) -> Result<Option<VariantId>, Fault> {
     let Some(name) = &params.variant else { return Ok(None) };
     let known = &recording.plan().variants;
     let found = known.iter().position(|variant| variant == name);
-    found.map(Some).ok_or_else(|| {
+    found.map(|found| Some(VariantId(found))).ok_or_else(|| {
         let fault = Fault::new(format!("{} has no variant `{name}`", recording.path().display()));
         match nearest(name, known.iter().map(String::as_str)) {
             Some(near) => fault.remedy(format!("did you mean `{near}`?")),
@@ -294,13 +295,13 @@ fn variant_of(recording: &Recording, params: &McapParams) -> Result<Option<usize
 }
 
 /// What there is of a stage run and is asked for.
-fn given(recording: &Recording, run: usize, params: &McapParams) -> Result<Vec<Given>, Fault> {
+fn given(recording: &Recording, run: RunId, params: &McapParams) -> Result<Vec<Given>, Fault> {
     let planned = &recording.plan().runs[run];
     let variant = variant_of(recording, params)?;
-    let of = |node: Option<usize>, name: String, output: &RecordedOutput| {
+    let of = |node: Option<NodeId>, name: String, output: &RecordedOutput| {
         let value_type = output.value_type().filter(|of| *of != ValueType::Scores)?;
-        let doc = Port::lasting(&format!("As recorded under {}.", output.topic));
-        let port = Port::frame(Port::lasting(&name), value_type, doc).optional();
+        let doc = Port::intern(&format!("As recorded under {}.", output.topic));
+        let port = Port::frame(Port::intern(&name), value_type, doc).optional();
         (output.recorded && !output.once).then(|| Given { port, topic: output.topic.clone(), node })
     };
     let mut all: Vec<Given> =
@@ -309,7 +310,7 @@ fn given(recording: &Recording, run: usize, params: &McapParams) -> Result<Vec<G
         Some(variant) => node.variants.contains(&variant),
         None => node.variants.len() == planned.variants.len(),
     };
-    for (index, node) in planned.nodes.iter().enumerate().filter(|(_, node)| serves(node)) {
+    for (index, node) in NodeId::enumerate(&planned.nodes).filter(|(_, node)| serves(node)) {
         let outputs = node.outputs.iter();
         let outputs = outputs.filter_map(|output| of(Some(index), format!("{}.{}", node.name, output.port), output));
         let outputs: Vec<Given> = outputs.collect();

@@ -6,6 +6,7 @@
 #[path = "../tests/support/mod.rs"]
 mod support;
 
+use depthloom_graphs::plan::{FrameIndex, PartId, RunId};
 use std::hint::black_box;
 use std::sync::Arc;
 use std::thread;
@@ -39,11 +40,11 @@ impl Source for Still {
         &self.0
     }
 
-    fn key(&self, _: usize) -> Result<Key, Fault> {
+    fn key(&self, _: FrameIndex) -> Result<Key, Fault> {
         Ok(self.2)
     }
 
-    fn read(&self, _: usize, _: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
+    fn read(&self, _: FrameIndex, _: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
         Ok(SourceOutputs { outputs: Outputs::one("x", self.1.clone()), key: self.2 })
     }
 }
@@ -54,15 +55,15 @@ struct NoTap;
 impl Tap for NoTap {
     type Part = ();
 
-    fn parts(&self, _: usize) -> usize {
+    fn parts(&self, _: RunId) -> usize {
         0
     }
 
-    fn part(&self, _: usize, _: Slot) -> Option<usize> {
+    fn part(&self, _: RunId, _: Slot) -> Option<PartId> {
         None
     }
 
-    fn encode(&self, _: usize, _: (usize, &Frame), _: usize, _: &[(Slot, Value)]) -> Result<(), ErrorMessage> {
+    fn encode(&self, _: RunId, _: (FrameIndex, &Frame), _: PartId, _: &[(Slot, Value)]) -> Result<(), ErrorMessage> {
         Ok(())
     }
 
@@ -70,7 +71,7 @@ impl Tap for NoTap {
         Ok(())
     }
 
-    fn once(&self, _: usize, _: Slot, _: &Key, _: &Value, _: &[Warned]) -> Result<(), ErrorMessage> {
+    fn once(&self, _: RunId, _: Slot, _: &Key, _: &Value, _: &[Warned]) -> Result<(), ErrorMessage> {
         Ok(())
     }
 }

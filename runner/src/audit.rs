@@ -12,7 +12,7 @@ use std::sync::Mutex;
 use std::sync::atomic::AtomicU64;
 
 use depthloom_graphs::contracts::{Contract, Tap};
-use depthloom_graphs::plan::StageRun;
+use depthloom_graphs::plan::{FrameIndex, NodeId, NodeRef, StageRun};
 use depthloom_graphs::ready::NodeBuilder;
 use depthloom_graphs::values::Difference;
 use depthloom_graphs::{Context, Fault, Inputs, Instance, Key, Outputs, Port, Scratch, Value};
@@ -20,7 +20,7 @@ use depthloom_threads::caught;
 
 use crate::audit_failure::{AuditFailure, Cause};
 use crate::error::RunError;
-use crate::frame_graph::Feed;
+use crate::frame_graph::{Feed, OutputId, StepId, StepOutput};
 use crate::host::TaskHost;
 use crate::observer::Unwatched;
 use crate::once::is_once;
@@ -40,7 +40,7 @@ pub(crate) struct Auditor<'s, 'a, T: Tap> {
 
 /// The values of one frame, as far as they were needed.
 struct FrameValues {
-    position: usize,
+    position: FrameIndex,
     plan: FramePlan,
     /// By step, its outputs once they were recomputed.
     computed: Vec<Option<Vec<Option<Value>>>>,
@@ -64,7 +64,7 @@ impl<'s, 'a, T: Tap> Auditor<'s, 'a, T> {
     }
 
     /// The part of the audit before the stage's frames; gives how many values were compared.
-    pub(crate) fn before_frames(&self, builders: &BTreeMap<(usize, usize), NodeBuilder>) -> Result<u64, RunError> {
+    pub(crate) fn before_frames(&self, builders: &BTreeMap<NodeRef, NodeBuilder>) -> Result<u64, RunError> {
         let frames = self.stage.source.frames().len();
         let mut compared = 0;
         for position in self.stage.sampler.early(frames, self.reuse.written) {
@@ -73,10 +73,10 @@ impl<'s, 'a, T: Tap> Auditor<'s, 'a, T> {
             }
             compared += self.frame(position, |_| true)?;
         }
-        for (node, planned) in self.stage.plan.nodes.iter().enumerate() {
+        for (node, planned) in NodeId::enumerate(&self.stage.plan.nodes) {
             if planned.contract == Contract::Ordered
                 && self.reuse.reuses_all_frames(node)
-                && let Some(builder) = builders.get(&(self.stage.run, node))
+                && let Some(builder) = builders.get(&NodeRef { run: self.stage.run, node })
             {
                 compared += self.ordered(node, builder)?;
             }
@@ -101,11 +101,11 @@ impl<'s, 'a, T: Tap> Auditor<'s, 'a, T> {
     }
 
     /// Recomputes what is reused on a frame, of the source and of nodes without memory.
-    fn frame(&self, position: usize, is_wanted: impl Fn(usize) -> bool) -> Result<u64, RunError> {
+    fn frame(&self, position: FrameIndex, is_wanted: impl Fn(StepId) -> bool) -> Result<u64, RunError> {
         // A frame whose key cannot be determined fails when it is read.
         let Some(mut values) = self.frame_values(position) else { return Ok(0) };
         let mut compared = 0;
-        for step in 0..self.stage.graph.producers.len() {
+        for step in StepId::all(self.stage.graph.producers.len()) {
             if !is_wanted(step) || !values.plan.reuses(step) || !self.is_recomputable(step) {
                 continue;
             }
@@ -122,12 +122,12 @@ impl<'s, 'a, T: Tap> Auditor<'s, 'a, T> {
                 Err(NotRecomputed::NeedsOrderedNode) => {}
                 Err(NotRecomputed::Absent) => {
                     let what = "stored a value, and now a required input is absent".to_owned();
-                    return Err(self.failure(&values, step, 0, what, None));
+                    return Err(self.failure(&values, step, what));
                 }
                 Err(NotRecomputed::Failed(_)) if self.is_interrupted() => return Ok(compared),
                 Err(NotRecomputed::Failed(fault)) => {
                     let what = format!("stored a value, and now fails: {}", fault.chain());
-                    return Err(self.failure(&values, step, 0, what, None));
+                    return Err(self.failure(&values, step, what));
                 }
             }
         }
@@ -135,13 +135,13 @@ impl<'s, 'a, T: Tap> Auditor<'s, 'a, T> {
     }
 
     /// Runs an ordered node that is reused again, from its first frame on.
-    fn ordered(&self, node: usize, builder: &NodeBuilder) -> Result<u64, RunError> {
-        let step = 1 + node;
+    fn ordered(&self, node: NodeId, builder: &NodeBuilder) -> Result<u64, RunError> {
+        let step = StepId::of_node(node);
         let Ok(Instance::Ordered(mut instance)) = builder.build() else { return Ok(0) };
         let (mut compared, mut scratch) = (0, Scratch::default());
         let frames = self.stage.source.frames();
         let prefix = self.stage.sampler.prefix(frames.len());
-        for (position, frame) in frames[..prefix].iter().enumerate() {
+        for (position, frame) in FrameIndex::enumerate(&frames[..prefix]) {
             let Some(mut values) = self.frame_values(position).filter(|_| !self.is_interrupted()) else {
                 return Ok(compared);
             };
@@ -163,7 +163,7 @@ impl<'s, 'a, T: Tap> Auditor<'s, 'a, T> {
                 Err(_) if self.is_interrupted() => return Ok(compared),
                 Err(fault) => {
                     let what = format!("stored a value, and now fails: {}", fault.chain());
-                    return Err(self.failure(&values, step, 0, what, None));
+                    return Err(self.failure(&values, step, what));
                 }
             }
         }
@@ -183,37 +183,37 @@ impl<'s, 'a, T: Tap> Auditor<'s, 'a, T> {
     /// Compares the outputs of an ordered node that ran although they are stored.
     pub(crate) fn ran_anyway(
         &self,
-        position: usize,
+        position: FrameIndex,
         plan: &FramePlan,
-        step: usize,
+        step: StepId,
         outputs: &[Option<Value>],
     ) -> Result<(), Box<AuditFailure>> {
         self.differences(position, plan, step, outputs, || None).map(|_| ())
     }
 
-    fn frame_values(&self, position: usize) -> Option<FrameValues> {
+    fn frame_values(&self, position: FrameIndex) -> Option<FrameValues> {
         let key = caught(|| self.stage.source.key(position)).ok()?.ok()?;
         let plan = self.reuse.plan(&self.stage.graph, self.stage.tap, position, key);
         Some(FrameValues { position, plan, computed: vec![None; self.stage.graph.producers.len()] })
     }
 
-    fn is_recomputable(&self, step: usize) -> bool {
-        step == 0 || matches!(self.stage.nodes[step - 1], FrameNode::Pure(_))
+    fn is_recomputable(&self, step: StepId) -> bool {
+        step.node().is_none_or(|node| matches!(self.stage.nodes[node], FrameNode::Pure(_)))
     }
 
     /// A step's outputs, from the stored or recomputed values of its inputs.
-    fn recompute(&self, values: &mut FrameValues, step: usize) -> Result<(), NotRecomputed> {
+    fn recompute(&self, values: &mut FrameValues, step: StepId) -> Result<(), NotRecomputed> {
         if values.computed[step].is_some() {
             return Ok(());
         }
         let inputs = self.inputs(values, step)?;
         let producer = &self.stage.graph.producers[step];
         let (warnings, mut scratch) = (Warnings::default(), Scratch::default());
-        let host = self.host(&warnings, step.checked_sub(1), Some(values.position));
+        let host = self.host(&warnings, step.node(), Some(values.position));
         let mut ctx = Context::new(&host, &mut scratch);
         let position = values.position;
         let made = caught(|| -> Result<Outputs, Fault> {
-            match step.checked_sub(1).map(|node| (&self.stage.nodes[node], &self.stage.plan.nodes[node])) {
+            match step.node().map(|node| (&self.stage.nodes[node], &self.stage.plan.nodes[node])) {
                 None => Ok(self.stage.source.read(position, &mut ctx)?.outputs),
                 Some((FrameNode::Pure(node), planned)) => {
                     let frame = &self.stage.source.frames()[position];
@@ -228,7 +228,7 @@ impl<'s, 'a, T: Tap> Auditor<'s, 'a, T> {
     }
 
     /// The values at a step's inputs.
-    fn inputs(&self, values: &mut FrameValues, step: usize) -> Result<Vec<Option<Value>>, NotRecomputed> {
+    fn inputs(&self, values: &mut FrameValues, step: StepId) -> Result<Vec<Option<Value>>, NotRecomputed> {
         let producer = &self.stage.graph.producers[step];
         let mut inputs = Vec::with_capacity(producer.inputs.len());
         for (port, feed) in producer.inputs.iter().zip(&producer.feeds) {
@@ -236,7 +236,8 @@ impl<'s, 'a, T: Tap> Auditor<'s, 'a, T> {
                 Feed::Unwired | Feed::Once(None) => None,
                 Feed::Once(Some(once)) => Some(once.value.clone()),
                 Feed::Place { place, step: from } => {
-                    self.output(values, *from, place - self.stage.graph.producers[*from].first_place)?
+                    let output = self.stage.graph.producers[*from].output_at(*place);
+                    self.output(values, StepOutput { step: *from, output })?
                 }
             };
             if value.is_none() && !port.optional {
@@ -248,14 +249,15 @@ impl<'s, 'a, T: Tap> Auditor<'s, 'a, T> {
     }
 
     /// A value of a step: recomputed on this frame already, stored, or recomputed now.
-    fn output(&self, values: &mut FrameValues, step: usize, output: usize) -> Result<Option<Value>, NotRecomputed> {
+    fn output(&self, values: &mut FrameValues, of_step: StepOutput) -> Result<Option<Value>, NotRecomputed> {
+        let StepOutput { step, output } = of_step;
         if let Some(computed) = &values.computed[step] {
             return Ok(computed[output].clone());
         }
-        if values.plan.nothing.contains(&(step, output)) {
+        if values.plan.absent.contains(&of_step) {
             return Ok(None);
         }
-        if let Some(key) = values.plan.stored(step, output) {
+        if let Some(key) = values.plan.stored(of_step) {
             let port = self.stage.graph.producers[step].outputs[output].name;
             let read = self.reuse.values(&[(key, port)]).map_err(NotRecomputed::Failed)?;
             return Ok(read.into_iter().next().flatten());
@@ -275,7 +277,7 @@ impl<'s, 'a, T: Tap> Auditor<'s, 'a, T> {
     fn compare(
         &self,
         values: &FrameValues,
-        step: usize,
+        step: StepId,
         outputs: &[Option<Value>],
         cause: impl FnOnce() -> Option<Cause>,
     ) -> Result<u64, RunError> {
@@ -284,25 +286,26 @@ impl<'s, 'a, T: Tap> Auditor<'s, 'a, T> {
 
     fn differences(
         &self,
-        position: usize,
+        position: FrameIndex,
         plan: &FramePlan,
-        step: usize,
+        step: StepId,
         outputs: &[Option<Value>],
         cause: impl FnOnce() -> Option<Cause>,
     ) -> Result<u64, Box<AuditFailure>> {
         let ports = &self.stage.graph.producers[step].outputs;
         let mut compared = 0;
-        for (output, now) in outputs.iter().enumerate() {
-            let what = if let Some(key) = plan.stored(step, output) {
+        for (output, now) in OutputId::enumerate(outputs) {
+            let of_step = StepOutput { step, output };
+            let what = if let Some(key) = plan.stored(of_step) {
                 compared += 1;
                 self.difference(&key, &ports[output], now.as_ref())
-            } else if plan.nothing.contains(&(step, output)) {
+            } else if plan.absent.contains(&of_step) {
                 now.as_ref().map(|_| "stored that there is no value, recomputed one".to_owned())
             } else {
                 None
             };
             if let Some(what) = what {
-                return Err(Box::new(self.audit_failure((position, plan), step, output, what, cause())));
+                return Err(Box::new(self.audit_failure((position, plan), of_step, what, cause())));
             }
         }
         Ok(compared)
@@ -333,7 +336,7 @@ impl<'s, 'a, T: Tap> Auditor<'s, 'a, T> {
     fn is_deterministic(
         &self,
         again: &mut Option<FrameValues>,
-        step: usize,
+        step: StepId,
         outputs: &[Option<Value>],
     ) -> Option<Cause> {
         let values = again.as_mut()?;
@@ -346,39 +349,32 @@ impl<'s, 'a, T: Tap> Auditor<'s, 'a, T> {
         (!is_equal).then_some(Cause::NotDeterministic)
     }
 
-    fn failure(
-        &self,
-        values: &FrameValues,
-        step: usize,
-        output: usize,
-        what: String,
-        cause: Option<Cause>,
-    ) -> RunError {
-        RunError::Audit(Box::new(self.audit_failure((values.position, &values.plan), step, output, what, cause)))
+    fn failure(&self, values: &FrameValues, step: StepId, what: String) -> RunError {
+        let first = StepOutput { step, output: OutputId(0) };
+        RunError::Audit(Box::new(self.audit_failure((values.position, &values.plan), first, what, None)))
     }
 
     fn audit_failure(
         &self,
-        (position, plan): (usize, &FramePlan),
-        step: usize,
-        output: usize,
+        (position, plan): (FrameIndex, &FramePlan),
+        StepOutput { step, output }: StepOutput,
         what: String,
         cause: Option<Cause>,
     ) -> AuditFailure {
         let run = self.stage.plan;
         let ports = &self.stage.graph.producers[step].outputs;
-        let port = ports.get(output).map_or("", |port| port.name);
-        let is_program = match step.checked_sub(1) {
+        let port = ports.get(output.0).map_or("", |port| port.name);
+        let is_program = match step.node() {
             None => run.source.parts.iter().any(|part| part.kind.starts_with(PROGRAM)),
             Some(node) => run.nodes[node].kind.starts_with(PROGRAM),
         };
         let kind_cause = match step {
             _ if is_program => Cause::Program,
-            0 => Cause::Data,
+            StepId::SOURCE => Cause::Data,
             _ => Cause::Implementation,
         };
         AuditFailure {
-            producer: match step.checked_sub(1) {
+            producer: match step.node() {
                 None => format!("source `{}` of stage `{}`", run.source.name, run.stage),
                 Some(node) => format!("node `{}.{}`", run.stage, run.nodes[node].name),
             },
@@ -386,11 +382,11 @@ impl<'s, 'a, T: Tap> Auditor<'s, 'a, T> {
             frame: Some(self.stage.source.frames()[position].id.to_string()),
             what,
             cause: cause.unwrap_or(kind_cause),
-            stored_in: plan.stored(step, output).and_then(|key| self.reuse.origin(&key, port)),
+            stored_in: plan.stored(StepOutput { step, output }).and_then(|key| self.reuse.origin(&key, port)),
         }
     }
 
-    fn host<'h>(&'h self, warnings: &'h Warnings, node: Option<usize>, position: Option<usize>) -> TaskHost<'h> {
+    fn host<'h>(&'h self, warnings: &'h Warnings, node: Option<NodeId>, position: Option<FrameIndex>) -> TaskHost<'h> {
         TaskHost {
             budget: self.stage.budget,
             interrupt: self.stage.interrupt,
@@ -411,7 +407,7 @@ impl<'s, 'a, T: Tap> Auditor<'s, 'a, T> {
 /// Compares the aggregate values of a reused node with recomputed ones; gives how many were compared.
 pub(crate) fn compare_aggregates(
     run: &StageRun,
-    node: usize,
+    node: NodeId,
     stored: &[Option<Value>],
     made: Result<Outputs, Fault>,
 ) -> Result<u64, RunError> {

@@ -4,9 +4,11 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::hash::{BuildHasher as _, RandomState};
 use std::sync::Mutex;
 
+use depthloom_graphs::plan::FrameIndex;
 use depthloom_random::SplitMix64;
 use depthloom_threads::locked;
 
+use crate::frame_graph::StepId;
 use crate::options::Audit;
 use crate::reuse::FramePlan;
 
@@ -24,7 +26,7 @@ struct SamplerState {
     /// By step, whether a reused value was compared.
     covered: Vec<bool>,
     /// By step that is not covered, on how many frames values were reused, and a random one of these.
-    pending: BTreeMap<usize, (usize, usize)>,
+    pending: BTreeMap<StepId, (usize, FrameIndex)>,
 }
 
 impl Sampler {
@@ -41,12 +43,12 @@ impl Sampler {
     }
 
     /// Notes on which frame which steps' values are reused.
-    pub(crate) fn note(&self, position: usize, plan: &FramePlan) {
+    pub(crate) fn note(&self, position: FrameIndex, plan: &FramePlan) {
         if self.mode != Audit::Sample {
             return;
         }
         let SamplerState { random, covered, pending } = &mut *locked(&self.state);
-        for step in (0..covered.len()).filter(|step| plan.reuses(*step)) {
+        for step in StepId::all(covered.len()).filter(|step| plan.reuses(*step)) {
             if covered[step] {
                 continue;
             }
@@ -59,10 +61,10 @@ impl Sampler {
     }
 
     /// The frames that are recomputed before the first one runs: `written` of them are kept from an interrupted run.
-    pub(crate) fn early(&self, frames: usize, written: usize) -> Vec<usize> {
+    pub(crate) fn early(&self, frames: usize, written: usize) -> Vec<FrameIndex> {
         match self.mode {
             Audit::None => Vec::new(),
-            Audit::All => (0..frames).collect(),
+            Audit::All => FrameIndex::all(frames).collect(),
             Audit::Sample => {
                 let random = &mut locked(&self.state).random;
                 let mut chosen = BTreeSet::new();
@@ -73,7 +75,7 @@ impl Sampler {
                     let count = (part.len() / FRAMES_PER_SAMPLE).max(1);
                     chosen.extend((0..count).map(|_| part.start + random.below(part.len())));
                 }
-                chosen.into_iter().collect()
+                chosen.into_iter().map(FrameIndex).collect()
             }
         }
     }
@@ -87,15 +89,15 @@ impl Sampler {
         }
     }
 
-    pub(crate) fn cover(&self, step: usize) {
+    pub(crate) fn cover(&self, step: StepId) {
         let state = &mut *locked(&self.state);
         state.covered[step] = true;
         state.pending.remove(&step);
     }
 
     /// The frames on which the steps that are not covered were reused, each with its steps.
-    pub(crate) fn late(&self) -> BTreeMap<usize, Vec<usize>> {
-        let mut frames: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+    pub(crate) fn late(&self) -> BTreeMap<FrameIndex, Vec<StepId>> {
+        let mut frames: BTreeMap<FrameIndex, Vec<StepId>> = BTreeMap::new();
         for (step, (_, position)) in &locked(&self.state).pending {
             frames.entry(*position).or_default().push(*step);
         }

@@ -4,13 +4,13 @@ use std::collections::{BTreeMap, HashMap};
 use std::ops::ControlFlow;
 
 use depthloom_graphs::contracts::{Commit, Contract, ErrorMessage, Slot, Store, Tap, Warned};
-use depthloom_graphs::plan::{Origin, Plan, PlannedOutput};
+use depthloom_graphs::plan::{FrameIndex, NodeId, NodeRef, Origin, PartId, Plan, PlannedOutput, RunId};
 use depthloom_graphs::ready::{Ready, ReadyRun};
 use depthloom_graphs::{Frame, Host, Key, Rate, Source, Value, ValueType, value_keys};
 
-use crate::frame_graph::FrameGraph;
+use crate::frame_graph::{FrameGraph, StepId};
 use crate::once::{OnceState, OnceValue, OnceValues, inputs_of};
-use crate::reuse::{Do, Reuse, once_values};
+use crate::reuse::{Reuse, StepAction, once_values};
 
 /// What would be done of a node.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -31,28 +31,24 @@ pub(crate) struct Preview<'a> {
 }
 
 impl Preview<'_> {
-    fn output(&self, run: usize, slot: Slot) -> &PlannedOutput {
-        let run = &self.plan.runs[run];
-        match slot {
-            Slot::Source { port } => &run.source.outputs[port],
-            Slot::Node { node, port } => &run.nodes[node].outputs[port],
-        }
+    fn output(&self, run: RunId, slot: Slot) -> &PlannedOutput {
+        self.plan.runs[run].output(slot)
     }
 }
 
 impl Tap for Preview<'_> {
     type Part = ();
 
-    fn parts(&self, _run: usize) -> usize {
+    fn parts(&self, _run: RunId) -> usize {
         1
     }
 
-    fn part(&self, run: usize, slot: Slot) -> Option<usize> {
+    fn part(&self, run: RunId, slot: Slot) -> Option<PartId> {
         let output = self.output(run, slot);
-        (output.recorded && output.port.rate == Rate::Frame).then_some(0)
+        (output.recorded && output.port.rate == Rate::Frame).then_some(PartId(0))
     }
 
-    fn encode(&self, _: usize, _: (usize, &Frame), _: usize, _: &[(Slot, Value)]) -> Result<(), ErrorMessage> {
+    fn encode(&self, _: RunId, _: (FrameIndex, &Frame), _: PartId, _: &[(Slot, Value)]) -> Result<(), ErrorMessage> {
         Ok(())
     }
 
@@ -60,13 +56,13 @@ impl Tap for Preview<'_> {
         Ok(())
     }
 
-    fn once(&self, _: usize, _: Slot, _: &Key, _: &Value, _: &[Warned]) -> Result<(), ErrorMessage> {
+    fn once(&self, _: RunId, _: Slot, _: &Key, _: &Value, _: &[Warned]) -> Result<(), ErrorMessage> {
         Ok(())
     }
 
-    fn keeps(&self, run: usize, slot: Slot, position: usize) -> bool {
+    fn keeps(&self, run: RunId, slot: Slot, position: FrameIndex) -> bool {
         let is_of_scores = self.output(run, slot).port.value_type == ValueType::Scores;
-        (position as u64).is_multiple_of(self.plan.record.every.max(1)) || is_of_scores
+        (position.0 as u64).is_multiple_of(self.plan.record.every.max(1)) || is_of_scores
     }
 
     fn store(&self) -> Option<&dyn Store> {
@@ -82,17 +78,19 @@ pub fn foresee(ready: &Ready, store: &dyn Store, host: &dyn Host) -> Result<Vec<
     let tap = Preview { plan: &ready.plan, store };
     let mut foreseen = Vec::with_capacity(ready.runs.len());
     walk(ready, &tap, host, |stage| {
-        let mut of_nodes = stage.nodes.clone();
-        for position in 0..stage.source.frames().len() {
+        let mut nodes = stage.nodes.clone();
+        for position in FrameIndex::all(stage.source.frames().len()) {
             let Ok(key) = stage.source.key(position) else { continue };
             let frame = stage.reuse.plan(stage.graph, &tap, position, key);
-            for (node, (of_node, step)) in of_nodes.iter_mut().zip(&frame.steps[1..]).enumerate() {
-                of_node.fires += u64::from(*step == Do::Fire);
-                of_node.known += u64::from(*step == Do::Fire && frame.is_known(1 + node));
-                of_node.taken += u64::from(matches!(step, Do::Take(..)));
+            for (id, node) in NodeId::enumerate(&mut nodes) {
+                let step = StepId::of_node(id);
+                let runs = frame.steps[step] == StepAction::Run;
+                node.fires += u64::from(runs);
+                node.known += u64::from(runs && frame.is_known(step));
+                node.taken += u64::from(matches!(frame.steps[step], StepAction::Reuse(..)));
             }
         }
-        foreseen.push(of_nodes);
+        foreseen.push(nodes);
         ControlFlow::Continue(())
     })?;
     Ok(foreseen)
@@ -100,14 +98,14 @@ pub fn foresee(ready: &Ready, store: &dyn Store, host: &dyn Host) -> Result<Vec<
 
 /// A stage run whose cache keys are known as far as the store has their values.
 pub(crate) struct KnownStage<'w> {
-    pub(crate) run: usize,
+    pub(crate) run: RunId,
     pub(crate) source: &'w dyn Source,
     pub(crate) graph: &'w FrameGraph,
     pub(crate) reuse: &'w Reuse<'w>,
     /// By node; only aggregate nodes are foreseen yet.
     nodes: Vec<Foreseen>,
     /// The keys of the aggregate values that the store has, by node.
-    pub(crate) aggregates: BTreeMap<usize, Key>,
+    pub(crate) aggregates: BTreeMap<NodeId, Key>,
 }
 
 /// Walks the cache keys of a plan's stage runs in order, without running a node.
@@ -122,7 +120,7 @@ pub(crate) fn walk(
 ) -> Result<(), String> {
     let Ready { plan, runs, files, .. } = ready;
     let mut values = OnceValues::new(files.clone());
-    for (run, ReadyRun { source, .. }) in runs.iter().enumerate() {
+    for (run, ReadyRun { source, .. }) in RunId::enumerate(runs) {
         let planned = &plan.runs[run];
         let (mut nodes, mut aggregates) = (vec![Foreseen::default(); planned.nodes.len()], BTreeMap::new());
         once(plan, run, tap.store, &mut values, (&mut nodes, &mut aggregates), &HashMap::new());
@@ -131,8 +129,7 @@ pub(crate) fn walk(
             known => known,
         })?;
         let Some(reuse) = Reuse::new(run, planned, &graph, source.as_ref(), tap, host) else { continue };
-        let finished = reuse.finished.iter().enumerate();
-        let finished = finished.filter_map(|(node, known)| Some((node, known.as_ref()?)));
+        let finished = NodeId::enumerate(&reuse.finished).filter_map(|(node, known)| Some((node, known.as_ref()?)));
         let finished = finished.map(|(node, known)| (node, (known.key, known.values.clone()))).collect();
         once(plan, run, tap.store, &mut values, (&mut nodes, &mut aggregates), &finished);
         let stage = KnownStage { run, source: source.as_ref(), graph: &graph, reuse: &reuse, nodes, aggregates };
@@ -144,36 +141,36 @@ pub(crate) fn walk(
 }
 
 /// Known once-values of ordered nodes: by node, key and values.
-type FinishedValues = HashMap<usize, (Key, Vec<Option<Value>>)>;
+type FinishedValues = HashMap<NodeId, (Key, Vec<Option<Value>>)>;
 
 /// Finds the once-values of a stage run that the store has; the nodes that would have to make theirs would fire.
 fn once(
     plan: &Plan,
-    run: usize,
+    run: RunId,
     store: &dyn Store,
     values: &mut OnceValues,
-    (of_nodes, aggregates): (&mut [Foreseen], &mut BTreeMap<usize, Key>),
+    (foreseen, aggregates): (&mut [Foreseen], &mut BTreeMap<NodeId, Key>),
     finished: &FinishedValues,
 ) {
     let planned = &plan.runs[run];
-    for (node, of_node) in planned.nodes.iter().enumerate() {
-        let known = match of_node.contract {
+    for (node, planned_node) in NodeId::enumerate(&planned.nodes) {
+        let known = match planned_node.contract {
             Contract::Pure => continue,
             Contract::Ordered => finished.get(&node).cloned(),
-            Contract::Once => inputs_of(of_node, values).and_then(|inputs| {
+            Contract::Once => inputs_of(planned_node, values).and_then(|inputs| {
                 let keys: Vec<Option<Key>> = inputs.iter().map(|input| input.as_ref().map(|once| once.key)).collect();
-                let key = value_keys::once(&of_node.recipe, &keys);
+                let key = value_keys::once(&planned_node.recipe, &keys);
                 once_values(store, planned, node, &key).map(|values| (key, values))
             }),
         };
-        if of_node.contract == Contract::Once {
+        if planned_node.contract == Contract::Once {
             let (fires, taken) = (u64::from(known.is_none()), u64::from(known.is_some()));
-            of_nodes[node] = Foreseen { fires, taken, known: 0 };
+            foreseen[node] = Foreseen { fires, taken, known: 0 };
         }
-        if let Some((key, given)) = known {
+        if let Some((key, outputs)) = known {
             aggregates.insert(node, key);
             // A node after it may read them.
-            values.make((run, node), of_node, Some(key), given);
+            values.make(NodeRef { run, node }, planned_node, Some(key), outputs);
         }
     }
 }

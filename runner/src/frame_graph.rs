@@ -1,20 +1,64 @@
 //! A stage run's frame graph, laid out by index: which step waits for which, and where values lie.
 
 use depthloom_graphs::contracts::{Contract, Slot, Tap};
-use depthloom_graphs::plan::{Origin, PlannedOutput, StageRun};
-use depthloom_graphs::{Instance, Port, Rate};
+use depthloom_graphs::plan::{NodeId, Origin, PartId, PlannedOutput, RunId, StageRun};
+use depthloom_graphs::{Instance, Port, Rate, index_type};
 
 use crate::once::{OnceState, OnceValue};
+
+index_type! {
+    /// Index of a step of a frame: the source, then the nodes, then the parts of the tap.
+    pub(crate) struct StepId;
+}
+
+index_type! {
+    /// Index of a per-frame output: among those of a step.
+    pub(crate) struct OutputId;
+}
+
+index_type! {
+    /// Index of a place: among the per-frame outputs of all steps.
+    pub(crate) struct PlaceId;
+}
+
+/// A per-frame output of a step.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct StepOutput {
+    pub(crate) step: StepId,
+    pub(crate) output: OutputId,
+}
+
+impl StepId {
+    pub(crate) const SOURCE: Self = Self(0);
+
+    /// The step of a node.
+    pub(crate) const fn of_node(node: NodeId) -> Self {
+        Self(1 + node.0)
+    }
+
+    /// The step that computes the values of a slot.
+    pub(crate) const fn of_slot(slot: Slot) -> Self {
+        match slot {
+            Slot::Source { .. } => Self::SOURCE,
+            Slot::Node { node, .. } => Self::of_node(node),
+        }
+    }
+
+    /// The node of a step that is not a part; `None` for the source.
+    pub(crate) fn node(self) -> Option<NodeId> {
+        self.0.checked_sub(1).map(NodeId)
+    }
+}
 
 /// A step of a frame: the source, a node or a part to encode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Step {
     /// Reading the frame.
     Source,
-    /// A node, by its index in the stage run.
-    Node(usize),
+    /// A node.
+    Node(NodeId),
     /// A part of the tap's.
-    Encode(usize),
+    Encode(PartId),
 }
 
 /// What feeds an input port.
@@ -22,7 +66,7 @@ pub(crate) enum Feed {
     /// Nothing.
     Unwired,
     /// A per-frame value: the place it lies in, and the step that puts it there.
-    Place { place: usize, step: usize },
+    Place { place: PlaceId, step: StepId },
     /// A once-value, which is there before the frames; `None` if its node did not give it.
     Once(Option<OnceValue>),
 }
@@ -44,7 +88,19 @@ pub(crate) struct Producer {
     /// The per-frame output ports.
     pub(crate) outputs: Vec<Port>,
     /// Where the first of their values lies; the others follow.
-    pub(crate) first_place: usize,
+    pub(crate) first_place: PlaceId,
+}
+
+impl Producer {
+    /// Where the value of an output lies.
+    pub(crate) const fn place(&self, output: OutputId) -> PlaceId {
+        PlaceId(self.first_place.0 + output.0)
+    }
+
+    /// The output whose value lies in a place.
+    pub(crate) const fn output_at(&self, place: PlaceId) -> OutputId {
+        OutputId(place.0 - self.first_place.0)
+    }
 }
 
 /// When a step runs.
@@ -53,7 +109,7 @@ pub(crate) struct Order {
     /// How many other steps it waits for.
     pub(crate) waits_for: u32,
     /// The steps that wait for it.
-    pub(crate) then: Vec<usize>,
+    pub(crate) then: Vec<StepId>,
 }
 
 /// A stage run's frame graph.
@@ -65,7 +121,7 @@ pub(crate) struct FrameGraph {
     /// Per-frame outputs: the source's ports, then the nodes' in plan order.
     pub(crate) places: Vec<Place>,
     /// What the tap takes, by part: in plan order.
-    pub(crate) parts: Vec<Vec<(Slot, usize)>>,
+    pub(crate) parts: Vec<Vec<(Slot, PlaceId)>>,
     /// By step.
     pub(crate) order: Vec<Order>,
     /// How many steps a frame has.
@@ -78,7 +134,7 @@ impl FrameGraph {
     /// # Errors
     /// Where the plan contradicts itself, the nodes built or the tap.
     pub(crate) fn new<T: Tap>(
-        run: usize,
+        run: RunId,
         plan: &StageRun,
         tap: &T,
         once: impl Fn(&Origin) -> OnceState,
@@ -87,14 +143,14 @@ impl FrameGraph {
             inputs: Vec::new(),
             feeds: Vec::new(),
             outputs: frame_ports(&plan.source.outputs),
-            first_place: 0,
+            first_place: PlaceId(0),
         };
         let mut places = source.outputs.len();
         let mut producers = vec![source];
         for node in &plan.nodes {
             let outputs = frame_ports(&node.outputs);
             let inputs = node.inputs.iter().map(|i| i.port.clone()).collect();
-            let first_place = places;
+            let first_place = PlaceId(places);
             places += outputs.len();
             producers.push(Producer { inputs, feeds: Vec::new(), outputs, first_place });
         }
@@ -105,7 +161,8 @@ impl FrameGraph {
             steps_per_frame: 1,
             producers,
         };
-        for (index, node) in plan.nodes.iter().enumerate().filter(|(_, n)| n.contract != Contract::Once) {
+        for (index, node) in NodeId::enumerate(&plan.nodes).filter(|(_, n)| n.contract != Contract::Once) {
+            let own_step = StepId::of_node(index);
             let mut feeds = Vec::with_capacity(node.inputs.len());
             for input in &node.inputs {
                 let feed = match &input.from {
@@ -125,7 +182,7 @@ impl FrameGraph {
                     },
                 };
                 if let Feed::Place { place, step } = feed {
-                    if step > index {
+                    if step >= own_step {
                         return Err(format!("node `{}` reads a node after it", node.name));
                     }
                     graph.places[place].uses += 1;
@@ -134,61 +191,60 @@ impl FrameGraph {
                 feeds.push(feed);
             }
             let steps = feeds.iter().filter_map(|w| if let Feed::Place { step, .. } = w { Some(*step) } else { None });
-            graph.wait(steps.collect(), 1 + index);
-            graph.producers[1 + index].feeds = feeds;
+            graph.wait(steps.collect(), own_step);
+            graph.producers[own_step].feeds = feeds;
         }
         graph.hand_over(run, plan, tap)?;
         Ok(graph)
     }
 
-    /// What step a number stands for.
-    pub(crate) const fn step(&self, number: usize) -> Step {
-        match number {
-            0 => Step::Source,
-            _ if number < self.producers.len() => Step::Node(number - 1),
-            _ => Step::Encode(number - self.producers.len()),
+    /// What a step does.
+    pub(crate) fn step(&self, step: StepId) -> Step {
+        match step.node() {
+            None => Step::Source,
+            Some(node) if step.0 < self.producers.len() => Step::Node(node),
+            Some(_) => Step::Encode(PartId(step.0 - self.producers.len())),
         }
     }
 
     fn place_of(&self, plan: &StageRun, slot: Slot) -> Option<Feed> {
-        let (outputs, step, port) = match slot {
-            Slot::Source { port } => (&plan.source.outputs, 0, port),
-            Slot::Node { node, port } => (&plan.nodes.get(node)?.outputs, 1 + node, port),
+        let (outputs, port) = match slot {
+            Slot::Source { port } => (&plan.source.outputs, port),
+            Slot::Node { node, port } => (&plan.nodes.get(node.0)?.outputs, port),
         };
-        if outputs.get(port)?.port.rate != Rate::Frame {
+        if outputs.get(port.0)?.port.rate != Rate::Frame {
             return None;
         }
-        let before = outputs[..port].iter().filter(|o| o.port.rate == Rate::Frame).count();
-        Some(Feed::Place { place: self.producers[step].first_place + before, step })
+        let before = outputs[..port.0].iter().filter(|o| o.port.rate == Rate::Frame).count();
+        let step = StepId::of_slot(slot);
+        Some(Feed::Place { place: self.producers[step].place(OutputId(before)), step })
     }
 
     /// Asks the tap which values it takes, and in which part.
-    fn hand_over<T: Tap>(&mut self, run: usize, plan: &StageRun, tap: &T) -> Result<(), String> {
+    fn hand_over<T: Tap>(&mut self, run: RunId, plan: &StageRun, tap: &T) -> Result<(), String> {
         let mut steps = vec![Vec::new(); self.parts.len()];
-        let of_source = (0..plan.source.outputs.len()).map(|port| Slot::Source { port });
-        let of_nodes = plan.nodes.iter().enumerate();
-        let of_nodes = of_nodes.flat_map(|(node, n)| (0..n.outputs.len()).map(move |port| Slot::Node { node, port }));
-        for slot in of_source.chain(of_nodes) {
+        for slot in plan.slots() {
             let Some(Feed::Place { place, step }) = self.place_of(plan, slot) else { continue };
             let Some(part) = tap.part(run, slot) else { continue };
             let count = self.parts.len();
-            let taken = self.parts.get_mut(part).ok_or_else(|| format!("the tap has {count} parts, none is {part}"))?;
+            let taken =
+                self.parts.get_mut(part.0).ok_or_else(|| format!("the tap has {count} parts, none is {part}"))?;
             taken.push((slot, place));
             self.places[place].uses += 1;
             steps[part].push(step);
         }
         for (part, steps) in steps.into_iter().enumerate() {
-            self.wait(steps, self.producers.len() + part);
+            self.wait(steps, StepId(self.producers.len() + part));
         }
         Ok(())
     }
 
     /// Makes a step wait for others; for the source, if there are none.
-    fn wait(&mut self, mut others: Vec<usize>, step: usize) {
+    fn wait(&mut self, mut others: Vec<StepId>, step: StepId) {
         others.sort_unstable();
         others.dedup();
         if others.is_empty() {
-            others.push(0);
+            others.push(StepId::SOURCE);
         }
         self.order[step].waits_for = u32::try_from(others.len()).unwrap_or(u32::MAX);
         others.iter().for_each(|&other| self.order[other].then.push(step));

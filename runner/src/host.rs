@@ -6,6 +6,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use depthloom_graphs::contracts::Warned;
+use depthloom_graphs::plan::{FrameIndex, NodeId, RunId};
 use depthloom_graphs::{Host, Key};
 use depthloom_threads::{Budget, Caught, caught, into_unlocked, locked, resume};
 
@@ -21,11 +22,11 @@ pub(crate) struct TaskHost<'a> {
     pub(crate) interrupt: &'a Interrupt,
     pub(crate) observer: &'a dyn Observer,
     pub(crate) warnings: &'a Warnings,
-    pub(crate) run: usize,
+    pub(crate) run: RunId,
     /// The node that works, if it is one.
-    pub(crate) node: Option<usize>,
+    pub(crate) node: Option<NodeId>,
     /// The position of the frame it works on, if it is one.
-    pub(crate) position: Option<usize>,
+    pub(crate) position: Option<FrameIndex>,
     /// The cache key of the aggregate values that it computes, if it does.
     pub(crate) key: Option<Key>,
     /// Where an aggregate node may keep checkpoints; an audit keeps none.
@@ -55,7 +56,7 @@ impl Host for TaskHost<'_> {
         self.interrupt.stops_admission()
     }
 
-    fn warn_of(&self, count: u64, what: &str) {
+    fn warn_n(&self, count: u64, what: &str) {
         let mut told = locked(&self.told);
         let first = !told.contains_key(what);
         let counted = told.entry(what.to_owned()).or_default();
@@ -73,9 +74,9 @@ impl Host for TaskHost<'_> {
         }
     }
 
-    fn tell(&self, what: &str) {
+    fn info(&self, what: &str) {
         if let Some(node) = self.node {
-            self.observer.told(self.run, node, what);
+            self.observer.info(self.run, node, what);
         }
     }
 
@@ -111,11 +112,11 @@ impl Host for TaskHost<'_> {
         self.budget.width()
     }
 
-    fn spent(&self, cpu_ns: u64) {
+    fn add_cpu_time(&self, cpu_ns: u64) {
         self.helpers_cpu_ns.fetch_add(cpu_ns, Ordering::Relaxed);
     }
 
-    fn position(&self) -> Option<usize> {
+    fn position(&self) -> Option<FrameIndex> {
         self.position
     }
 
@@ -145,6 +146,7 @@ mod tests {
     use crate::observer::Unwatched;
     use crate::warnings::Warnings;
     use depthloom_graphs::Host;
+    use depthloom_graphs::plan::RunId;
     use depthloom_threads::{Budget, caught};
     use std::sync::Mutex;
     use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
@@ -155,7 +157,7 @@ mod tests {
             interrupt,
             observer: &Unwatched,
             warnings,
-            run: 0,
+            run: RunId(0),
             node: None,
             position: None,
             key: None,

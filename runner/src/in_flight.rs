@@ -1,5 +1,6 @@
 //! One frame on its way through a stage: what has settled, the values still needed, the parts encoded.
 
+use depthloom_graphs::plan::{FrameIndex, PartId};
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Mutex, OnceLock};
@@ -9,8 +10,8 @@ use depthloom_graphs::{Fault, Key, Value};
 use depthloom_threads::locked;
 
 use crate::audit_failure::AuditFailure;
-use crate::frame_graph::{FrameGraph, Place};
-use crate::reuse::{Do, FramePlan};
+use crate::frame_graph::{FrameGraph, Place, PlaceId, StepId, StepOutput};
+use crate::reuse::{FramePlan, StepAction};
 use crate::timing::Spent;
 
 /// How a step ended on a frame.
@@ -25,7 +26,7 @@ pub(crate) enum Outcome {
     /// It failed.
     Failed,
     /// It did not run because that other step failed.
-    Skipped(usize),
+    Skipped(StepId),
 }
 
 /// A step that is over.
@@ -48,28 +49,27 @@ struct Cell {
 
 /// A frame in flight; `P` is an encoded part.
 pub(crate) struct InFlight<P> {
-    /// Its position among the source's frames.
-    pub(crate) position: usize,
+    pub(crate) position: FrameIndex,
     /// What need not be made again; set by the source's step, if there is a store.
     pub(crate) plan: OnceLock<FramePlan>,
     /// The values from the store that nodes need, by place, until their steps lay them there.
-    pub(crate) loaded: Mutex<BTreeMap<usize, Value>>,
-    /// The ports that gave nothing although their step fired, by step and per-frame output, in no order.
-    absent: Mutex<Vec<(usize, usize)>>,
+    pub(crate) loaded: Mutex<BTreeMap<PlaceId, Value>>,
+    /// The outputs without a value although their step ran, in no order.
+    absent: Mutex<Vec<StepOutput>>,
     steps: Box<[Progress]>,
     cells: Box<[Mutex<Cell>]>,
     parts: Box<[Mutex<Option<P>>]>,
     remaining: AtomicU32,
     /// What failed, by step, in no order.
-    faults: Mutex<Vec<(usize, Fault)>>,
-    tap_errors: Mutex<Vec<(usize, ErrorMessage)>>,
+    faults: Mutex<Vec<(StepId, Fault)>>,
+    tap_errors: Mutex<Vec<(PartId, ErrorMessage)>>,
     audit_failure: Mutex<Option<Box<AuditFailure>>>,
     /// What was told of without failing, in no order.
     warnings: Mutex<Vec<Warned>>,
 }
 
 impl<P> InFlight<P> {
-    pub(crate) fn new(position: usize, graph: &FrameGraph) -> Self {
+    pub(crate) fn new(position: FrameIndex, graph: &FrameGraph) -> Self {
         let progress = |waits_for| Progress { pending: AtomicU32::new(waits_for), settled: OnceLock::new() };
         let cell = |place: &Place| Mutex::new(Cell { value: None, key: None, uses: place.uses });
         Self {
@@ -89,7 +89,7 @@ impl<P> InFlight<P> {
     }
 
     /// Puts a value where its takers look for it; drops it if there are none.
-    pub(crate) fn put(&self, place: usize, value: Value, key: Option<Key>) {
+    pub(crate) fn put(&self, place: PlaceId, value: Value, key: Option<Key>) {
         let mut cell = locked(&self.cells[place]);
         if cell.uses > 0 {
             (cell.value, cell.key) = (Some(value), key);
@@ -97,35 +97,35 @@ impl<P> InFlight<P> {
     }
 
     /// Takes a value, if it is there, and its key. The last to take it takes it out.
-    pub(crate) fn take(&self, place: usize) -> Option<(Value, Option<Key>)> {
+    pub(crate) fn take(&self, place: PlaceId) -> Option<(Value, Option<Key>)> {
         let mut cell = locked(&self.cells[place]);
         cell.uses -= 1;
         let value = if cell.uses == 0 { cell.value.take() } else { cell.value.clone() };
         value.map(|value| (value, cell.key))
     }
 
-    /// What a step does.
-    pub(crate) fn to_do(&self, step: usize) -> &Do {
-        self.plan.get().map_or(&Do::Fire, |plan| &plan.steps[step])
+    /// What a step does on this frame.
+    pub(crate) fn action(&self, step: StepId) -> &StepAction {
+        self.plan.get().map_or(&StepAction::Run, |plan| &plan.steps[step])
     }
 
     /// How a step ended; `None` while it has not.
-    pub(crate) fn settled(&self, step: usize) -> Option<&Settled> {
+    pub(crate) fn settled(&self, step: StepId) -> Option<&Settled> {
         self.steps[step].settled.get()
     }
 
     /// Whether a step has ended without values because something failed.
-    pub(crate) fn is_without_values(&self, step: usize) -> bool {
+    pub(crate) fn is_without_values(&self, step: StepId) -> bool {
         self.settled(step).is_some_and(|s| matches!(s.outcome, Outcome::Failed | Outcome::Skipped(_)))
     }
 
     /// Ends a step; tells whether it was the frame's last. `ready` is called with the steps that waited for nothing else.
     pub(crate) fn settle(
         &self,
-        step: usize,
+        step: StepId,
         settled: Settled,
         graph: &FrameGraph,
-        mut ready: impl FnMut(usize),
+        mut ready: impl FnMut(StepId),
     ) -> bool {
         let fresh = self.steps[step].settled.set(settled).is_ok();
         debug_assert!(fresh, "a step ends once");
@@ -137,7 +137,7 @@ impl<P> InFlight<P> {
         self.remaining.fetch_sub(1, Ordering::AcqRel) == 1
     }
 
-    pub(crate) fn put_part(&self, part: usize, encoded: P) {
+    pub(crate) fn put_part(&self, part: PartId, encoded: P) {
         *locked(&self.parts[part]) = Some(encoded);
     }
 
@@ -146,17 +146,17 @@ impl<P> InFlight<P> {
         self.parts.iter().filter_map(|part| locked(part).take()).collect()
     }
 
-    pub(crate) fn add_fault(&self, step: usize, fault: Fault) {
+    pub(crate) fn add_fault(&self, step: StepId, fault: Fault) {
         locked(&self.faults).push((step, fault));
     }
 
-    /// Notes that an output gave nothing although its step fired.
-    pub(crate) fn add_absent(&self, step: usize, output: usize) {
-        locked(&self.absent).push((step, output));
+    /// Notes that an output has no value although its step ran.
+    pub(crate) fn add_absent(&self, output: StepOutput) {
+        locked(&self.absent).push(output);
     }
 
-    /// The outputs that gave nothing although their step fired, in order.
-    pub(crate) fn take_absent(&self) -> Vec<(usize, usize)> {
+    /// The outputs without a value although their step ran, in order.
+    pub(crate) fn take_absent(&self) -> Vec<StepOutput> {
         let mut absent = std::mem::take(&mut *locked(&self.absent));
         absent.sort_unstable();
         absent
@@ -173,7 +173,7 @@ impl<P> InFlight<P> {
         warnings
     }
 
-    pub(crate) fn add_tap_error(&self, part: usize, error: ErrorMessage) {
+    pub(crate) fn add_tap_error(&self, part: PartId, error: ErrorMessage) {
         locked(&self.tap_errors).push((part, error));
     }
 
@@ -192,7 +192,7 @@ impl<P> InFlight<P> {
     }
 
     /// What failed, in the order of the steps.
-    pub(crate) fn take_faults(&self) -> Vec<(usize, Fault)> {
+    pub(crate) fn take_faults(&self) -> Vec<(StepId, Fault)> {
         let mut faults = std::mem::take(&mut *locked(&self.faults));
         faults.sort_by_key(|(step, _)| *step);
         faults

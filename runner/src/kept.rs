@@ -4,30 +4,32 @@ use std::fmt;
 use std::ops::ControlFlow;
 
 use depthloom_graphs::contracts::{SlotKey, Store};
+use depthloom_graphs::plan::{FrameIndex, NodeId, RunId};
 use depthloom_graphs::ready::Ready;
 use depthloom_graphs::{Frame, Host, Key};
 
 use crate::foresee::{KnownStage, Preview, walk};
+use crate::frame_graph::StepId;
 
 /// The frames and aggregate values that an interrupted run recorded.
 pub trait KeptValues {
     /// How many frames of a stage run.
-    fn frames(&self, run: usize) -> usize;
+    fn frames(&self, run: RunId) -> usize;
 
     /// Whether the frame at a position has the id, index and time of this one.
-    fn is_frame(&self, run: usize, position: usize, frame: &Frame) -> bool;
+    fn is_frame(&self, run: RunId, position: FrameIndex, frame: &Frame) -> bool;
 
     /// The key of the source's values; `None` if the source failed.
-    fn source_key(&self, run: usize, position: usize) -> Option<Key>;
+    fn source_key(&self, run: RunId, position: FrameIndex) -> Option<Key>;
 
     /// Whether the source or a node failed on the frame at a position.
-    fn has_failed(&self, run: usize, position: usize) -> bool;
+    fn has_failed(&self, run: RunId, position: FrameIndex) -> bool;
 
     /// The keys of the nodes' values.
-    fn node_keys(&self, run: usize, position: usize) -> &[SlotKey];
+    fn node_keys(&self, run: RunId, position: FrameIndex) -> &[SlotKey];
 
     /// The keys of the aggregate values of a stage run, by node.
-    fn aggregates(&self, run: usize) -> Vec<(usize, Key)>;
+    fn aggregates(&self, run: RunId) -> Vec<(NodeId, Key)>;
 }
 
 /// Why what an interrupted run recorded is not what the same run would record today.
@@ -38,7 +40,7 @@ pub enum Outdated {
         /// The stage.
         stage: String,
         /// From 0.
-        position: usize,
+        position: FrameIndex,
         /// The frame's id today; `None` if the source has fewer frames.
         today: Option<String>,
     },
@@ -87,7 +89,7 @@ impl fmt::Display for Outdated {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Frame { stage, position, today: Some(frame) } => {
-                write!(f, "frame {} of stage `{stage}` is `{frame}` today, and was another frame", position + 1)
+                write!(f, "frame {} of stage `{stage}` is `{frame}` today, and was another frame", position.0 + 1)
             }
             Self::Frame { stage, position, today: None } => {
                 write!(f, "stage `{stage}` has {position} frames today, and had more")
@@ -135,8 +137,8 @@ pub fn outdated(
 fn outdated_in(ready: &Ready, known: &KnownStage<'_>, kept: &dyn KeptValues) -> Option<Outdated> {
     let (run, planned) = (known.run, &ready.plan.runs[known.run]);
     let stage = || planned.stage.clone();
-    for position in 0..kept.frames(run) {
-        let Some(frame) = known.source.frames().get(position) else {
+    for position in FrameIndex::all(kept.frames(run)) {
+        let Some(frame) = known.source.frames().get(position.0) else {
             return Some(Outdated::Frame { stage: stage(), position, today: None });
         };
         let id = || frame.id.to_string();
@@ -150,7 +152,8 @@ fn outdated_in(ready: &Ready, known: &KnownStage<'_>, kept: &dyn KeptValues) -> 
             return Some(Outdated::Data { stage: stage(), frame: id() });
         }
         let keys = known.reuse.keys(known.graph, position, key);
-        let changed = kept.node_keys(run, position).iter().find(|kept| keys[1 + kept.node] != Some(kept.key));
+        let changed =
+            kept.node_keys(run, position).iter().find(|kept| keys[StepId::of_node(kept.node)] != Some(kept.key));
         if let Some(changed) = changed {
             let node = planned.nodes[changed.node].name.clone();
             return Some(Outdated::Node { stage: stage(), node, frame: id() });
@@ -158,8 +161,8 @@ fn outdated_in(ready: &Ready, known: &KnownStage<'_>, kept: &dyn KeptValues) -> 
     }
     // Aggregate values and later stages are written behind the last frame of a stage.
     let (recorded, today) = (kept.frames(run), known.source.frames().len());
-    let is_written = |later: usize| later > run && kept.frames(later) > 0 || !kept.aggregates(later).is_empty();
-    if recorded < today && (run..ready.plan.runs.len()).any(is_written) {
+    let is_written = |later: RunId| later > run && kept.frames(later) > 0 || !kept.aggregates(later).is_empty();
+    if recorded < today && RunId::all(ready.plan.runs.len()).skip(run.0).any(is_written) {
         return Some(Outdated::MoreFrames { stage: stage(), recorded, today });
     }
     // One whose key is not known before the run is compared when it is written.

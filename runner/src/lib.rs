@@ -19,7 +19,7 @@
 //!
 //! ```
 //! use depthloom_graphs::contracts::{Commit, Slot, Tap, ErrorMessage, Warned};
-//! use depthloom_graphs::plan::{Plan, PlannedSource, Record, StageRun};
+//! use depthloom_graphs::plan::{FrameIndex, PartId, Plan, PlannedSource, Record, RunId, StageRun, VariantId};
 //! use depthloom_graphs::ready::{Ready, ReadyRun};
 //! use depthloom_graphs::{Context, Fault, Frame, Key, Outputs, Source, SourceOutputs, Value};
 //! use depthloom_runner::{Interrupt, Options, Unwatched, run};
@@ -30,10 +30,10 @@
 //!     fn frames(&self) -> &[Frame] {
 //!         &self.0
 //!     }
-//!     fn key(&self, position: usize) -> Result<Key, Fault> {
-//!         Ok(Key::of_content(&position.to_le_bytes()))
+//!     fn key(&self, position: FrameIndex) -> Result<Key, Fault> {
+//!         Ok(Key::of_content(&position.0.to_le_bytes()))
 //!     }
-//!     fn read(&self, position: usize, _: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
+//!     fn read(&self, position: FrameIndex, _: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
 //!         Ok(SourceOutputs { outputs: Outputs::none(), key: self.key(position)? })
 //!     }
 //! }
@@ -42,20 +42,20 @@
 //!
 //! impl Tap for Printer {
 //!     type Part = ();
-//!     fn parts(&self, _run: usize) -> usize {
+//!     fn parts(&self, _run: RunId) -> usize {
 //!         0
 //!     }
-//!     fn part(&self, _run: usize, _slot: Slot) -> Option<usize> {
+//!     fn part(&self, _run: RunId, _slot: Slot) -> Option<PartId> {
 //!         None
 //!     }
-//!     fn encode(&self, _: usize, _: (usize, &Frame), _: usize, _: &[(Slot, Value)]) -> Result<(), ErrorMessage> {
+//!     fn encode(&self, _: RunId, _: (FrameIndex, &Frame), _: PartId, _: &[(Slot, Value)]) -> Result<(), ErrorMessage> {
 //!         Ok(())
 //!     }
 //!     fn write(&self, commit: &Commit<'_>, _parts: Vec<()>) -> Result<(), ErrorMessage> {
 //!         println!("frame {}", commit.frame.id);
 //!         Ok(())
 //!     }
-//!     fn once(&self, _: usize, _: Slot, _: &Key, _: &Value, _: &[Warned]) -> Result<(), ErrorMessage> {
+//!     fn once(&self, _: RunId, _: Slot, _: &Key, _: &Value, _: &[Warned]) -> Result<(), ErrorMessage> {
 //!         Ok(())
 //!     }
 //! }
@@ -66,7 +66,7 @@
 //!     source: PlannedSource { name: "test".to_owned(), parts: vec![], outputs: vec![] },
 //!     nodes: vec![],
 //!     estimates: vec![],
-//!     variants: vec![0],
+//!     variants: vec![VariantId(0)],
 //! };
 //! let plan = Plan {
 //!     experiment: "empty".to_owned(),

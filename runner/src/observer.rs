@@ -2,38 +2,37 @@
 
 use depthloom_graphs::Frame;
 use depthloom_graphs::contracts::Failure;
+use depthloom_graphs::plan::{NodeId, RunId};
 
 /// Is told what happens; every call should return at once.
-///
-/// Stage runs and nodes are given as indices into the plan.
 pub trait Observer: Sync {
     /// A stage run starts on so many frames.
-    fn stage_started(&self, run: usize, frames: u64) {
+    fn stage_started(&self, run: RunId, frames: u64) {
         let _ = (run, frames);
     }
 
     /// A frame has been written, with its failures if it has any. Called in the order of the frames.
-    fn frame_retired(&self, run: usize, frame: &Frame, failures: &[Failure]) {
+    fn frame_retired(&self, run: RunId, frame: &Frame, failures: &[Failure]) {
         let _ = (run, frame, failures);
     }
 
     /// A node tells how far a long piece of work is. Called on the node's thread.
-    fn progress(&self, run: usize, node: usize, done: u64, total: u64, message: &str) {
+    fn progress(&self, run: RunId, node: NodeId, done: u64, total: u64, message: &str) {
         let _ = (run, node, done, total, message);
     }
 
     /// A node tells of something that is no failure, for the first time; the report says how often it did. Called on the node's thread.
-    fn warned(&self, run: usize, node: Option<usize>, what: &str) {
+    fn warned(&self, run: RunId, node: Option<NodeId>, what: &str) {
         let _ = (run, node, what);
     }
 
-    /// A node tells of something that is no trouble. Called on the node's thread.
-    fn told(&self, run: usize, node: usize, what: &str) {
+    /// A node reports something that is not a problem. Called on the node's thread.
+    fn info(&self, run: RunId, node: NodeId, what: &str) {
         let _ = (run, node, what);
     }
 
     /// A stage run is over: whole, interrupted or failed.
-    fn stage_finished(&self, run: usize) {
+    fn stage_finished(&self, run: RunId) {
         let _ = run;
     }
 }

@@ -6,7 +6,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use depthloom_graphs::contracts::{Contract, ErrorMessage, Slot, Tap, Warned};
-use depthloom_graphs::plan::{Origin, Plan, PlannedNode};
+use depthloom_graphs::plan::{NodeId, NodeRef, Origin, Plan, PlannedNode, PortId, RunId};
 use depthloom_graphs::ready::NodeBuilder;
 use depthloom_graphs::{
     Context, Fault, Host as _, Inputs, Instance, Key, OnceNode, OrderedNode, Port, Rate, Scratch, Source, Value,
@@ -45,8 +45,8 @@ pub(crate) enum OnceState {
 /// The once-values there are so far.
 pub(crate) struct OnceValues {
     files: BTreeMap<PathBuf, Value>,
-    /// By stage run, node and port; `None` where the node left an optional output out.
-    made: HashMap<(usize, usize, usize), Option<OnceValue>>,
+    /// By node and port; `None` where the node left an optional output out.
+    made: HashMap<(NodeRef, PortId), Option<OnceValue>>,
     /// What once-nodes gave, by their key: of two that are equal, in whichever stage runs, one fires.
     given: HashMap<Key, Vec<Option<Value>>>,
 }
@@ -57,22 +57,16 @@ impl OnceValues {
     }
 
     /// Puts down what a node gave, by once-output, under its key.
-    pub(crate) fn make(
-        &mut self,
-        (run, node): (usize, usize),
-        planned: &PlannedNode,
-        key: Option<Key>,
-        outputs: Vec<Option<Value>>,
-    ) {
+    pub(crate) fn make(&mut self, node: NodeRef, planned: &PlannedNode, key: Option<Key>, outputs: Vec<Option<Value>>) {
         let mut outputs = outputs.into_iter();
-        for (port, output) in planned.outputs.iter().enumerate().filter(|(_, o)| is_once(planned, &o.port)) {
+        for (port, output) in PortId::enumerate(&planned.outputs).filter(|(_, o)| is_once(planned, &o.port)) {
             let value = outputs.next().flatten();
             let keyed = value.zip(key).map(|(value, key)| {
                 let content = value.artifact().map(|artifact| artifact.hash);
                 let key = content.unwrap_or_else(|| value_keys::port(&key, output.port.name));
                 OnceValue { value, key }
             });
-            self.made.insert((run, node, port), keyed);
+            self.made.insert((node, port), keyed);
         }
     }
 
@@ -81,9 +75,10 @@ impl OnceValues {
         let there = |once: Option<OnceValue>| once.map_or(OnceState::Absent, OnceState::There);
         match from {
             Origin::Here(_) => OnceState::Pending,
-            Origin::Once { run, node, port } => {
-                self.made.get(&(*run, *node, *port)).map_or(OnceState::Pending, |made| there(made.clone()))
-            }
+            Origin::Once { run, node, port } => self
+                .made
+                .get(&(NodeRef { run: *run, node: *node }, *port))
+                .map_or(OnceState::Pending, |made| there(made.clone())),
             Origin::File(path) => {
                 let value = self.files.get(path);
                 value
@@ -125,19 +120,19 @@ type Done = (Result<Vec<Option<Value>>, Fault>, Option<Spent>, Vec<Warned>);
 
 /// A stage run's work outside frames.
 pub(crate) struct OnceWork<'a, T> {
-    pub(crate) run: usize,
+    pub(crate) run: RunId,
     pub(crate) plan: &'a Plan,
     pub(crate) common: &'a Common<'a, T>,
     /// The once-nodes that have not fired yet, by index.
-    pub(crate) waiting: BTreeMap<usize, Box<dyn OnceNode>>,
+    pub(crate) waiting: BTreeMap<NodeId, Box<dyn OnceNode>>,
     /// The key of each node that gave once-values, by index.
-    pub(crate) keys: BTreeMap<usize, Key>,
+    pub(crate) keys: BTreeMap<NodeId, Key>,
     /// What they told of, by index.
-    pub(crate) told: BTreeMap<usize, Vec<Warned>>,
+    pub(crate) told: BTreeMap<NodeId, Vec<Warned>>,
     /// The once-nodes that fired: not those whose values an equal one gave.
-    pub(crate) fired: BTreeSet<usize>,
+    pub(crate) fired: BTreeSet<NodeId>,
     /// The nodes whose once-values the tap's store had.
-    pub(crate) reused: BTreeSet<usize>,
+    pub(crate) reused: BTreeSet<NodeId>,
     pub(crate) timings: Vec<Timing>,
 }
 
@@ -151,7 +146,7 @@ impl<T: Tap> OnceWork<'_, T> {
             if ready.is_empty() {
                 return Ok(Completion::Whole);
             }
-            let with_inputs = |(node, instance): (usize, Box<dyn OnceNode>)| {
+            let with_inputs = |(node, instance): (NodeId, Box<dyn OnceNode>)| {
                 let inputs = inputs_of(&nodes[node], values).unwrap_or_default();
                 let is_absent = inputs.iter().zip(&nodes[node].inputs).any(|(v, i)| v.is_none() && !i.port.optional);
                 (node, Job::Fire(instance, (!is_absent).then_some(inputs)))
@@ -164,7 +159,7 @@ impl<T: Tap> OnceWork<'_, T> {
     }
 
     /// Does jobs that do not depend on each other, as many at once as there are workers.
-    pub(crate) fn do_all(&mut self, jobs: Vec<(usize, Job)>, values: &mut OnceValues) -> Result<Completion, RunError> {
+    pub(crate) fn do_all(&mut self, jobs: Vec<(NodeId, Job)>, values: &mut OnceValues) -> Result<Completion, RunError> {
         if jobs.is_empty() {
             return Ok(Completion::Whole);
         }
@@ -243,7 +238,7 @@ impl<T: Tap> OnceWork<'_, T> {
                     },
                 },
             };
-            values.make((self.run, node), planned, key, outputs);
+            values.make(self.node_ref(node), planned, key, outputs);
             self.keys.extend(key.map(|key| (node, key)));
         }
         Ok(completion)
@@ -259,7 +254,7 @@ impl<T: Tap> OnceWork<'_, T> {
     }
 
     /// A job, or its outcome where the tap's store has it.
-    fn known(&self, node: usize, key: Option<Key>, job: Job, values: &OnceValues) -> Job {
+    fn known(&self, node: NodeId, key: Option<Key>, job: Job, values: &OnceValues) -> Job {
         let (Job::Fire(..), Some(key), Some(store)) = (&job, key, self.common.tap.store()) else { return job };
         if values.given.contains_key(&key) {
             return job;
@@ -275,8 +270,8 @@ impl<T: Tap> OnceWork<'_, T> {
         let run = &self.plan.runs[self.run];
         for (&node, key) in &self.keys {
             let told = self.told.get(&node).map_or(&[][..], Vec::as_slice);
-            for (port, output) in run.nodes[node].outputs.iter().enumerate().filter(|(_, o)| o.recorded) {
-                let Some(Some(once)) = values.made.get(&(self.run, node, port)) else { continue };
+            for (port, output) in PortId::enumerate(&run.nodes[node].outputs).filter(|(_, o)| o.recorded) {
+                let Some(Some(once)) = values.made.get(&(self.node_ref(node), port)) else { continue };
                 match self.common.tap.written_aggregate(self.run, Slot::Node { node, port }) {
                     Some(written) if written == *key => continue,
                     Some(_) => {
@@ -301,7 +296,7 @@ impl<T: Tap> OnceWork<'_, T> {
     /// Recomputes the reused values of aggregate nodes, where all reused values are audited: a training may take hours. Gives how many were compared.
     pub(crate) fn audit(
         &self,
-        builders: &BTreeMap<(usize, usize), NodeBuilder>,
+        builders: &BTreeMap<NodeRef, NodeBuilder>,
         values: &OnceValues,
     ) -> Result<u64, RunError> {
         let run = &self.plan.runs[self.run];
@@ -309,7 +304,7 @@ impl<T: Tap> OnceWork<'_, T> {
         for &node in &self.reused {
             let planned = &run.nodes[node];
             let (Audit::All, Contract::Once) = (self.common.audit, planned.contract) else { continue };
-            let (Some(inputs), Some(builder)) = (inputs_of(planned, values), builders.get(&(self.run, node))) else {
+            let (Some(inputs), Some(builder)) = (inputs_of(planned, values), builders.get(&self.node_ref(node))) else {
                 continue;
             };
             if self.common.interrupt.stops_admission() {
@@ -328,15 +323,19 @@ impl<T: Tap> OnceWork<'_, T> {
                 Ok(Instance::Pure(_) | Instance::Ordered(_)) => continue,
                 Err(fault) => Err(fault),
             };
-            let stored: Vec<Option<Value>> = (0..planned.outputs.len())
-                .map(|port| values.made.get(&(self.run, node, port)).cloned().flatten().map(|once| once.value))
+            let stored: Vec<Option<Value>> = PortId::all(planned.outputs.len())
+                .map(|port| values.made.get(&(self.node_ref(node), port)).cloned().flatten().map(|once| once.value))
                 .collect();
             compared += compare_aggregates(run, node, &stored, made)?;
         }
         Ok(compared)
     }
 
-    fn host(&self, node: Option<usize>, key: Option<Key>) -> TaskHost<'_> {
+    const fn node_ref(&self, node: NodeId) -> NodeRef {
+        NodeRef { run: self.run, node }
+    }
+
+    fn host(&self, node: Option<NodeId>, key: Option<Key>) -> TaskHost<'_> {
         let Common { budget, interrupt, observer, warnings, checkpoints, .. } = *self.common;
         let (run, helpers_cpu_ns) = (self.run, AtomicU64::new(0));
         let checkpoints = key.is_some().then_some(checkpoints);
@@ -359,7 +358,7 @@ impl<T: Tap> OnceWork<'_, T> {
     }
 
     /// Does a job.
-    fn perform(&self, node: usize, planned: &PlannedNode, key: Key, job: Job) -> Done {
+    fn perform(&self, node: NodeId, planned: &PlannedNode, key: Key, job: Job) -> Done {
         let (watch, host, mut scratch) = (Stopwatch::start(), self.host(Some(node), Some(key)), Scratch::default());
         let mut ctx = Context::new(&host, &mut scratch);
         let ports: Vec<Port> =
@@ -373,7 +372,7 @@ impl<T: Tap> OnceWork<'_, T> {
             Job::Finish(instance, _) => caught(|| instance.finish(&mut ctx)),
             Job::Known(Finished { values, .. }) => {
                 for (what, count) in self.common.tap.store().map(|store| store.warnings(&key)).unwrap_or_default() {
-                    host.warn_of(count, &what);
+                    host.warn_n(count, &what);
                 }
                 return (Ok(values), None, host.into_told().collect());
             }

@@ -2,6 +2,7 @@
 
 use std::sync::{Arc, Mutex};
 
+use depthloom_graphs::plan::FrameIndex;
 use depthloom_graphs::{Key, OrderedNode};
 use depthloom_threads::{into_unlocked, locked};
 
@@ -23,20 +24,20 @@ pub(crate) struct State {
 }
 
 struct Line<P> {
-    /// The position of the frame whose turn it is.
-    next: usize,
+    /// The frame whose turn it is.
+    next: FrameIndex,
     /// Frames whose inputs are there, by position modulo the window.
     arrived: Vec<Option<Arc<InFlight<P>>>>,
 }
 
 impl<P> Ordered<P> {
     pub(crate) fn new(node: Box<dyn OrderedNode>, window: usize) -> Self {
-        let line = Line { next: 0, arrived: (0..window).map(|_| None).collect() };
+        let line = Line { next: FrameIndex(0), arrived: (0..window).map(|_| None).collect() };
         Self { line: Mutex::new(line), state: Mutex::new(State { node: Some(node), last_key: None }) }
     }
 
     /// Says which frame is the first.
-    pub(crate) fn start_at(&self, position: usize) {
+    pub(crate) fn start_at(&self, position: FrameIndex) {
         locked(&self.line).next = position;
     }
 
@@ -46,7 +47,7 @@ impl<P> Ordered<P> {
         if frame.position == line.next {
             return true;
         }
-        let place = frame.position % line.arrived.len();
+        let place = frame.position.0 % line.arrived.len();
         line.arrived[place] = Some(Arc::clone(frame));
         false
     }
@@ -54,8 +55,8 @@ impl<P> Ordered<P> {
     /// The node is done with a frame: the next one, if its inputs are there.
     pub(crate) fn advance(&self) -> Option<Arc<InFlight<P>>> {
         let mut line = locked(&self.line);
-        line.next += 1;
-        let place = line.next % line.arrived.len();
+        line.next.0 += 1;
+        let place = line.next.0 % line.arrived.len();
         line.arrived[place].take()
     }
 

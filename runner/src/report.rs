@@ -1,6 +1,7 @@
 //! What a run did.
 
 use depthloom_graphs::Frame;
+use depthloom_graphs::plan::{NodeId, RunId};
 
 use crate::checkpoints::Checkpoints;
 use crate::timing::Timing;
@@ -54,12 +55,12 @@ pub struct StageReport {
 /// A failure kept as a tombstone.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FrameFailure {
-    /// Index of the stage run in the plan.
-    pub run: usize,
+    /// The stage run.
+    pub run: RunId,
     /// The frame.
     pub frame: Frame,
-    /// The node's index in the stage run; `None` for the source.
-    pub node: Option<usize>,
+    /// The node; `None` for the source.
+    pub node: Option<NodeId>,
     /// What failed, with everything beneath.
     pub what: String,
     /// What the person can do about it.

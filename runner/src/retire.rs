@@ -6,11 +6,11 @@ use std::sync::Arc;
 use crossbeam::channel::Receiver;
 use depthloom_graphs::Frame;
 use depthloom_graphs::contracts::{Commit, ErrorMessage, Failure, Slot, SlotKey, Tap};
-use depthloom_graphs::plan::Plan;
+use depthloom_graphs::plan::{FrameIndex, NodeId, PartId, Plan, RunId};
 use depthloom_threads::caught;
 
 use crate::error::RunError;
-use crate::frame_graph::Step;
+use crate::frame_graph::{Step, StepId};
 use crate::in_flight::{InFlight, Outcome};
 use crate::report::{FrameFailure, Report, StageReport};
 use crate::reuse::{Reuse, slot_of};
@@ -20,7 +20,7 @@ use crate::timing::{Phase, Stopwatch, Timing};
 /// What is told of a stage run's frames as they retire.
 pub(crate) struct Ledger<'a> {
     plan: &'a Plan,
-    run: usize,
+    run: RunId,
     pub(crate) stage: StageReport,
     failures: Vec<FrameFailure>,
     /// By step; the writer's comes last.
@@ -28,11 +28,11 @@ pub(crate) struct Ledger<'a> {
 }
 
 impl<'a> Ledger<'a> {
-    pub(crate) fn new(plan: &'a Plan, run: usize, frames: usize, parts: usize) -> Self {
+    pub(crate) fn new(plan: &'a Plan, run: RunId, frames: usize, parts: usize) -> Self {
         let nodes = &plan.runs[run].nodes;
         let mut timings = vec![Timing::new(run, "source".to_owned(), Phase::Source)];
-        timings.extend(nodes.iter().enumerate().map(|(i, n)| Timing::new(run, n.name.clone(), Phase::Node(i))));
-        timings.extend((0..parts).map(|part| Timing::new(run, "encode".to_owned(), Phase::Encode(part))));
+        timings.extend(NodeId::enumerate(nodes).map(|(id, node)| Timing::new(run, node.name.clone(), Phase::Node(id))));
+        timings.extend(PartId::all(parts).map(|part| Timing::new(run, "encode".to_owned(), Phase::Encode(part))));
         timings.push(Timing::new(run, "write".to_owned(), Phase::Write));
         let stage = StageReport {
             frames: frames as u64,
@@ -70,8 +70,8 @@ pub(crate) fn retire_all<T: Tap>(
     for frame in &frames[..first] {
         stage.observer.frame_retired(stage.run, frame, &[]);
     }
-    stage.start_at(first);
-    stage.tell_again();
+    stage.start_at(FrameIndex(first));
+    stage.repeat_warnings();
     ledger.stage.resumed = stage.written() as u64;
     ledger.stage.retired = first as u64;
     let (mut admitted, mut retired) = (first, first);
@@ -80,9 +80,9 @@ pub(crate) fn retire_all<T: Tap>(
         while admitted < frames.len()
             && admitted < retired + stage.window
             && !stage.interrupt.stops_admission()
-            && !stage.is_past_the_last(admitted)
+            && !stage.is_past_the_last(FrameIndex(admitted))
         {
-            stage.admit(admitted);
+            stage.admit(FrameIndex(admitted));
             admitted += 1;
             ledger.stage.admitted += 1;
             ledger.stage.peak_in_flight = ledger.stage.peak_in_flight.max(admitted - retired);
@@ -90,7 +90,7 @@ pub(crate) fn retire_all<T: Tap>(
         if retired == admitted {
             break;
         }
-        let Some(frame) = complete.remove(&retired) else {
+        let Some(frame) = complete.remove(&FrameIndex(retired)) else {
             // The workers leave before their work is done only when the run is abandoned.
             let Ok(frame) = done.recv() else { return Err(RunError::Aborted) };
             complete.insert(frame.position, frame);
@@ -101,7 +101,7 @@ pub(crate) fn retire_all<T: Tap>(
         }
         write(stage, &frame, &frames[retired], ledger)?;
         retired += 1;
-        stage.set_oldest(retired);
+        stage.set_oldest(FrameIndex(retired));
     }
     Ok(if retired == frames.len() { Completion::Whole } else { Completion::Interrupted })
 }
@@ -140,9 +140,9 @@ fn write<T: Tap>(
     }
 
     let (mut source_key, mut keys, mut failures) = (None, Vec::new(), Vec::new());
-    for (step, timing) in ledger.timings.iter_mut().enumerate() {
+    for (step, timing) in StepId::enumerate(&mut ledger.timings) {
         let Some(settled) = (timing.phase != Phase::Write).then(|| in_flight.settled(step)).flatten() else { continue };
-        let node = step.checked_sub(1);
+        let node = step.node();
         match settled.outcome {
             Outcome::Absent => continue,
             Outcome::Fired(key) => match (stage.graph.step(step), key) {
@@ -176,11 +176,11 @@ fn write<T: Tap>(
         timing.add(frame.index, settled.spent);
     }
 
-    if in_flight.position >= stage.written() {
+    if in_flight.position.0 >= stage.written() {
         let watch = Stopwatch::start();
         let warnings = in_flight.take_warnings();
         let absent = in_flight.take_absent().into_iter();
-        let absent: Vec<Slot> = absent.filter_map(|(step, output)| slot_of(stage.plan, step, output)).collect();
+        let absent: Vec<Slot> = absent.filter_map(|absent| slot_of(stage.plan, absent)).collect();
         let commit = Commit {
             run: stage.run,
             frame,
@@ -202,7 +202,7 @@ fn write<T: Tap>(
     ledger.stage.failed += u64::from(!failures.is_empty());
     for (step, fault) in faults {
         if ledger.failures.len() < Report::FAILURES {
-            let (node, what) = (step.checked_sub(1), fault.chain());
+            let (node, what) = (step.node(), fault.chain());
             let remedy = fault.remedy_text().map(str::to_owned);
             ledger.failures.push(FrameFailure { run: ledger.run, frame: frame.clone(), node, what, remedy });
         }
@@ -212,7 +212,7 @@ fn write<T: Tap>(
 }
 
 /// What failed first of the steps that one after the other did not run.
-fn origin<T: Tap>(stage: &Stage<'_, T>, frame: &InFlight<T::Part>, mut step: usize) -> String {
+fn origin<T: Tap>(stage: &Stage<'_, T>, frame: &InFlight<T::Part>, mut step: StepId) -> String {
     while let Some(Outcome::Skipped(before)) = frame.settled(step).map(|s| s.outcome) {
         step = before;
     }

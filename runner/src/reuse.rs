@@ -8,51 +8,52 @@
 use std::sync::OnceLock;
 
 use depthloom_graphs::contracts::{Contract, Held, Holding, Slot, Store, Tap};
-use depthloom_graphs::plan::StageRun;
+use depthloom_graphs::plan::{FrameIndex, NodeId, PortId, RunId, StageRun};
 use depthloom_graphs::value_keys::{self, Observed};
-use depthloom_graphs::{Fault, Frame, Host, Key, Source, Value};
+use depthloom_graphs::{Fault, Frame, Host, Key, Port, Rate, Source, Value};
 
-use crate::frame_graph::{Feed, FrameGraph};
+use crate::frame_graph::{Feed, FrameGraph, OutputId, StepId, StepOutput};
 use crate::once::is_once;
 use depthloom_threads::caught;
 
 /// What a step does on a frame.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) enum Do {
-    /// It fires, as it would without a store.
-    Fire,
-    /// It does not fire: a required input is absent.
-    Absent,
-    /// It need not fire: this is its key, and these of its per-frame outputs are read from the store for nodes that fire.
-    Take(Key, Vec<usize>),
+pub(crate) enum StepAction {
+    /// It runs, as it would without a store.
+    Run,
+    /// It does not run: a required input is absent.
+    Skip,
+    /// It need not run: this is its key, and these of its per-frame outputs are read from the store for nodes that run.
+    Reuse(Key, Vec<OutputId>),
 }
 
 /// What is done on a frame.
 pub(crate) struct FramePlan {
     /// By step: the source, then the nodes.
-    pub(crate) steps: Vec<Do>,
+    pub(crate) steps: Vec<StepAction>,
     /// By step, the key under which the store has its values; and by per-frame output, whether it has that one.
     stored: Vec<Option<(Key, Vec<bool>)>>,
-    /// By step and per-frame output, those that are known to give nothing.
-    pub(crate) nothing: Vec<(usize, usize)>,
+    /// The outputs that are known to have no value.
+    pub(crate) absent: Vec<StepOutput>,
 }
 
 impl FramePlan {
     /// Whether values of a step are copied or read from the store.
-    pub(crate) fn reuses(&self, step: usize) -> bool {
+    pub(crate) fn reuses(&self, step: StepId) -> bool {
         let is_stored = self.stored[step].as_ref().is_some_and(|(_, is_there)| is_there.contains(&true));
-        is_stored || matches!(self.steps[step], Do::Take(..)) && self.nothing.iter().any(|(of, _)| *of == step)
+        is_stored
+            || matches!(self.steps[step], StepAction::Reuse(..)) && self.absent.iter().any(|absent| absent.step == step)
     }
 
     /// Whether the store knows what a step gave on the frame.
-    pub(crate) fn is_known(&self, step: usize) -> bool {
+    pub(crate) fn is_known(&self, step: StepId) -> bool {
         self.stored[step].is_some()
     }
 
     /// The key under which the store has a value, if it has.
-    pub(crate) fn stored(&self, step: usize, output: usize) -> Option<Key> {
-        let (key, is_there) = self.stored[step].as_ref()?;
-        is_there[output].then_some(*key)
+    pub(crate) fn stored(&self, output: StepOutput) -> Option<Key> {
+        let (key, is_there) = self.stored[output.step].as_ref()?;
+        is_there[output.output].then_some(*key)
     }
 }
 
@@ -103,7 +104,7 @@ pub(crate) struct Reuse<'a> {
     store: &'a dyn Store,
     plan: &'a StageRun,
     frames: &'a [Frame],
-    run: usize,
+    run: RunId,
     /// By node; of ordered nodes alone.
     chains: Vec<Option<Chain>>,
     /// By node, the once-values of ordered nodes that do not fire.
@@ -115,7 +116,7 @@ pub(crate) struct Reuse<'a> {
 impl<'a> Reuse<'a> {
     /// Walks the keys of a stage's frames. `None` if there is no store.
     pub(crate) fn new<T: Tap>(
-        run: usize,
+        run: RunId,
         plan: &'a StageRun,
         graph: &FrameGraph,
         source: &'a dyn Source,
@@ -128,7 +129,7 @@ impl<'a> Reuse<'a> {
         let mut reuse = Self { store, plan, frames: source.frames(), run, chains, finished, written: tap.written(run) };
         if reuse.chains.iter().any(Option::is_some) {
             let keys = source_keys(source, store, host);
-            for (position, key) in keys.iter().enumerate() {
+            for (position, key) in FrameIndex::enumerate(&keys) {
                 reuse.follow(graph, tap, position, *key);
             }
             reuse.finish();
@@ -138,30 +139,29 @@ impl<'a> Reuse<'a> {
     }
 
     /// Takes a frame into the chains of keys.
-    fn follow<T: Tap>(&mut self, graph: &FrameGraph, tap: &T, position: usize, source: Option<Key>) {
+    fn follow<T: Tap>(&mut self, graph: &FrameGraph, tap: &T, position: FrameIndex, source: Option<Key>) {
         for chain in self.chains.iter_mut().flatten() {
-            if let (Some(last), true) = (chain.last, chain.before.len() == position) {
+            if let (Some(last), true) = (chain.last, chain.before.len() == position.0) {
                 chain.before.push(last);
-            } else if position == 0 {
+            } else if position.0 == 0 {
                 chain.before.push(None);
             }
         }
         let known = self.known(graph, position, source);
-        for (node, chain) in self.chains.iter_mut().enumerate() {
+        for (node, chain) in NodeId::enumerate(&mut self.chains) {
             let Some(chain) = chain else { continue };
-            let step = 1 + node;
+            let step = StepId::of_node(node);
             match &known[step] {
                 Known::Fresh => (chain.last, chain.fires) = (None, true),
-                Known::Absent => chain.last = chain.before.get(position).copied(),
+                Known::Absent => chain.last = chain.before.get(position.0).copied(),
                 Known::There(key, outputs) => {
                     chain.last = Some(Some(*key));
-                    let lacks = (0..outputs.len()).any(|output| {
-                        outputs[output] == Output::NotHeld
-                            && slot_of(self.plan, step, output).is_some_and(|slot| {
+                    chain.fires |= OutputId::enumerate(outputs).any(|(output, known)| {
+                        *known == Output::NotHeld
+                            && slot_of(self.plan, StepOutput { step, output }).is_some_and(|slot| {
                                 tap.part(self.run, slot).is_some() && tap.keeps(self.run, slot, position)
                             })
                     });
-                    chain.fires |= lacks;
                 }
             }
         }
@@ -169,7 +169,7 @@ impl<'a> Reuse<'a> {
 
     /// Finds the once-values of the ordered nodes whose every frame is known; the others fire.
     fn finish(&mut self) {
-        for (node, chain) in self.chains.iter_mut().enumerate() {
+        for (node, chain) in NodeId::enumerate(&mut self.chains) {
             let Some(chain) = chain.as_mut().filter(|chain| !chain.fires) else { continue };
             let last = chain.last.unwrap_or_default();
             let key = value_keys::finished(&self.plan.nodes[node].recipe, last.as_ref());
@@ -181,14 +181,16 @@ impl<'a> Reuse<'a> {
     /// Whether an ordered node that was not to fire has to on some frame, for a value that was not kept: then it fires on all, for
     /// what it remembers comes of those before.
     fn fires_on_some_frame<T: Tap>(&mut self, graph: &FrameGraph, tap: &T, keys: &[Option<Key>]) -> bool {
-        let idle = self.chains.iter().enumerate().filter(|(_, chain)| chain.as_ref().is_some_and(|chain| !chain.fires));
-        let idle: Vec<usize> =
-            idle.map(|(node, _)| node).filter(|node| !graph.producers[1 + node].outputs.is_empty()).collect();
-        for (position, key) in keys.iter().enumerate().filter(|_| !idle.is_empty()) {
+        let idle =
+            NodeId::enumerate(&self.chains).filter(|(_, chain)| chain.as_ref().is_some_and(|chain| !chain.fires));
+        let idle: Vec<NodeId> = idle
+            .map(|(node, _)| node)
+            .filter(|node| !graph.producers[StepId::of_node(*node)].outputs.is_empty())
+            .collect();
+        for (position, key) in FrameIndex::enumerate(keys).filter(|_| !idle.is_empty()) {
             let Some(key) = *key else { continue };
             let steps = self.plan(graph, tap, position, key).steps;
-            let fires = |node: &&usize| steps[1 + **node] == Do::Fire;
-            if let Some(&node) = idle.iter().find(fires) {
+            if let Some(&node) = idle.iter().find(|node| steps[StepId::of_node(**node)] == StepAction::Run) {
                 self.finished[node] = None;
                 self.chains[node].iter_mut().for_each(|chain| chain.fires = true);
                 return true;
@@ -204,11 +206,11 @@ impl<'a> Reuse<'a> {
     }
 
     /// What is known of every step on a frame.
-    fn known(&self, graph: &FrameGraph, position: usize, source: Option<Key>) -> Vec<Known> {
+    fn known(&self, graph: &FrameGraph, position: FrameIndex, source: Option<Key>) -> Vec<Known> {
         let mut known = Vec::with_capacity(graph.producers.len());
-        known.push(source.map_or(Known::Fresh, |key| self.find(graph, 0, key)));
-        for (node, planned) in self.plan.nodes.iter().enumerate() {
-            let step = 1 + node;
+        known.push(source.map_or(Known::Fresh, |key| self.find(graph, StepId::SOURCE, key)));
+        for (node, planned) in NodeId::enumerate(&self.plan.nodes) {
+            let step = StepId::of_node(node);
             known.push(if planned.contract == Contract::Once {
                 Known::Absent
             } else {
@@ -223,8 +225,14 @@ impl<'a> Reuse<'a> {
     }
 
     /// The key of a node's values on a frame; `None` if it does not fire.
-    fn key(&self, graph: &FrameGraph, position: usize, node: usize, known: &[Known]) -> Result<Option<Key>, Unknown> {
-        let producer = &graph.producers[1 + node];
+    fn key(
+        &self,
+        graph: &FrameGraph,
+        position: FrameIndex,
+        node: NodeId,
+        known: &[Known],
+    ) -> Result<Option<Key>, Unknown> {
+        let producer = &graph.producers[StepId::of_node(node)];
         // What may fail is waited for, whether or not another input is absent: a failure is told of behind it.
         let is_fresh = |feed: &Feed| matches!(feed, Feed::Place { step, .. } if matches!(known[*step], Known::Fresh));
         if producer.feeds.iter().any(is_fresh) {
@@ -239,7 +247,7 @@ impl<'a> Reuse<'a> {
                     Known::Fresh => return Err(Unknown),
                     Known::Absent => None,
                     Known::There(key, outputs) => {
-                        let output = place - graph.producers[*step].first_place;
+                        let output = graph.producers[*step].output_at(*place);
                         match outputs[output] {
                             Output::Unknown => return Err(Unknown),
                             Output::None => None,
@@ -263,16 +271,16 @@ impl<'a> Reuse<'a> {
         match &self.chains[node] {
             None => Ok(Some(value_keys::pure(&planned.recipe, planned.observes.is_some().then_some(observed), &keys))),
             Some(chain) => {
-                let before = chain.before.get(position).ok_or(Unknown)?;
+                let before = chain.before.get(position.0).ok_or(Unknown)?;
                 Ok(Some(value_keys::ordered(&planned.recipe, before.as_ref(), observed, &keys)))
             }
         }
     }
 
     /// What the store has under a key.
-    fn find(&self, graph: &FrameGraph, step: usize, key: Key) -> Known {
+    fn find(&self, graph: &FrameGraph, step: StepId, key: Key) -> Known {
         let Some(held) = self.store.find(&key) else { return Known::Fresh };
-        let output = |port: &depthloom_graphs::Port| match held.iter().find(|held| held.port == port.name) {
+        let output = |port: &Port| match held.iter().find(|held| held.port == port.name) {
             Some(Held { is: Holding::There, .. }) => Output::Held,
             Some(Held { is: Holding::Nothing, .. }) if port.optional => Output::None,
             Some(Held { is: Holding::NotKept, .. }) => Output::NotHeld,
@@ -284,27 +292,27 @@ impl<'a> Reuse<'a> {
     }
 
     /// What is done on a frame, by its source's key.
-    pub(crate) fn plan<T: Tap>(&self, graph: &FrameGraph, tap: &T, position: usize, source: Key) -> FramePlan {
+    pub(crate) fn plan<T: Tap>(&self, graph: &FrameGraph, tap: &T, position: FrameIndex, source: Key) -> FramePlan {
         let known = self.known(graph, position, Some(source));
-        let is_written = position < self.written;
+        let is_written = position.0 < self.written;
         let steps = graph.producers.len();
         let mut fires = vec![false; steps];
-        let mut load: Vec<Vec<usize>> = vec![Vec::new(); steps];
-        for step in (0..steps).rev() {
-            let of_chain = step.checked_sub(1).and_then(|node| self.chains[node].as_ref());
+        let mut load: Vec<Vec<OutputId>> = vec![Vec::new(); steps];
+        for step in StepId::all(steps).rev() {
+            let chain = step.node().and_then(|node| self.chains[node].as_ref());
             fires[step] |= match &known[step] {
                 Known::Absent => false,
-                Known::Fresh => !is_written || of_chain.is_some(),
+                Known::Fresh => !is_written || chain.is_some(),
                 Known::There(_, outputs) => {
-                    let taken = |output: usize| {
-                        let slot = slot_of(self.plan, step, output);
-                        slot.is_some_and(|slot| {
-                            tap.part(self.run, slot).is_some() && tap.keeps(self.run, slot, position)
+                    let lacks = || {
+                        OutputId::enumerate(outputs).any(|(output, known)| {
+                            matches!(known, Output::NotHeld | Output::Unknown)
+                                && slot_of(self.plan, StepOutput { step, output }).is_some_and(|slot| {
+                                    tap.part(self.run, slot).is_some() && tap.keeps(self.run, slot, position)
+                                })
                         })
                     };
-                    let lacks = (0..outputs.len())
-                        .any(|output| matches!(outputs[output], Output::NotHeld | Output::Unknown) && taken(output));
-                    of_chain.is_some_and(|chain| chain.fires) || (lacks && !is_written)
+                    chain.is_some_and(|chain| chain.fires) || !is_written && lacks()
                 }
             };
             if !fires[step] {
@@ -312,7 +320,7 @@ impl<'a> Reuse<'a> {
             }
             for feed in &graph.producers[step].feeds {
                 let Feed::Place { place, step: from } = feed else { continue };
-                let output = place - graph.producers[*from].first_place;
+                let output = graph.producers[*from].output_at(*place);
                 match &known[*from] {
                     Known::Fresh => fires[*from] = true,
                     Known::There(_, outputs) if matches!(outputs[output], Output::NotHeld | Output::Unknown) => {
@@ -328,29 +336,28 @@ impl<'a> Reuse<'a> {
             Known::Fresh | Known::Absent => None,
         });
         let stored = stored.collect();
-        let outputs = |(step, known): (usize, &Known)| match known {
-            Known::There(_, outputs) if !fires[step] => {
-                let nothing = outputs.iter().enumerate().filter(|(_, output)| **output == Output::None);
-                nothing.map(|(output, _)| (step, output)).collect()
+        let mut absent = Vec::new();
+        for (step, known) in StepId::enumerate(&known) {
+            if let (Known::There(_, outputs), false) = (known, fires[step]) {
+                let none = OutputId::enumerate(outputs).filter(|(_, known)| **known == Output::None);
+                absent.extend(none.map(|(output, _)| StepOutput { step, output }));
             }
-            _ => Vec::new(),
-        };
-        let nothing = known.iter().enumerate().flat_map(outputs).collect();
-        let act = |(step, known): (usize, Known)| match known {
-            _ if fires[step] => Do::Fire,
+        }
+        let action = |(step, known): (StepId, Known)| match known {
+            _ if fires[step] => StepAction::Run,
             Known::There(key, _) => {
                 let mut load = std::mem::take(&mut load[step]);
                 load.sort_unstable();
                 load.dedup();
-                Do::Take(key, load)
+                StepAction::Reuse(key, load)
             }
-            Known::Absent | Known::Fresh => Do::Absent,
+            Known::Absent | Known::Fresh => StepAction::Skip,
         };
-        FramePlan { steps: known.into_iter().enumerate().map(act).collect(), stored, nothing }
+        FramePlan { steps: StepId::enumerate(known).map(action).collect(), stored, absent }
     }
 
     /// The key of every step's values on a frame, where the store has them; by step, the source first.
-    pub(crate) fn keys(&self, graph: &FrameGraph, position: usize, source: Key) -> Vec<Option<Key>> {
+    pub(crate) fn keys(&self, graph: &FrameGraph, position: FrameIndex, source: Key) -> Vec<Option<Key>> {
         let key = |known: Known| match known {
             Known::There(key, _) => Some(key),
             Known::Fresh | Known::Absent => None,
@@ -359,7 +366,7 @@ impl<'a> Reuse<'a> {
     }
 
     /// Whether an ordered node's values are all reused, so that it does not run.
-    pub(crate) fn reuses_all_frames(&self, node: usize) -> bool {
+    pub(crate) fn reuses_all_frames(&self, node: NodeId) -> bool {
         self.chains[node].as_ref().is_some_and(|chain| !chain.fires)
     }
 
@@ -368,7 +375,7 @@ impl<'a> Reuse<'a> {
         self.store.origin(key, port)
     }
 
-    /// What was told of when the values of a key were made.
+    /// The warnings of the computation that made the values of a key.
     pub(crate) fn warnings(&self, key: &Key) -> Vec<(String, u64)> {
         self.store.warnings(key)
     }
@@ -383,7 +390,7 @@ impl<'a> Reuse<'a> {
 struct Unknown;
 
 /// The once-values of a node, in the order of its once-outputs, if the store has all that are recorded or read.
-pub(crate) fn once_values(store: &dyn Store, plan: &StageRun, node: usize, key: &Key) -> Option<Vec<Option<Value>>> {
+pub(crate) fn once_values(store: &dyn Store, plan: &StageRun, node: NodeId, key: &Key) -> Option<Vec<Option<Value>>> {
     let planned = &plan.nodes[node];
     let mut outputs = planned.outputs.iter().filter(|output| is_once(planned, &output.port)).peekable();
     // An ordered node without aggregate outputs is known by its frames; an aggregate node is known by its values alone.
@@ -408,27 +415,27 @@ pub(crate) fn once_values(store: &dyn Store, plan: &StageRun, node: usize, key: 
 /// A frame whose key cannot be found out is not known; why is told when it is read.
 fn source_keys(source: &dyn Source, store: &dyn Store, host: &dyn Host) -> Vec<Option<Key>> {
     let keys: Vec<OnceLock<Key>> = source.frames().iter().map(|_| OnceLock::new()).collect();
-    host.tiles(keys.len(), &|position| {
+    host.tiles(keys.len(), &|frame| {
         if host.cancelled() {
             return;
         }
-        if let Ok(Ok(key)) = caught(|| source.key(position)) {
+        if let Ok(Ok(key)) = caught(|| source.key(FrameIndex(frame))) {
             let _ = store.find(&key);
-            let _ = keys[position].set(key);
+            let _ = keys[frame].set(key);
         }
     });
     keys.into_iter().map(OnceLock::into_inner).collect()
 }
 
 /// The slot of a step's per-frame output.
-pub(crate) fn slot_of(plan: &StageRun, step: usize, output: usize) -> Option<Slot> {
-    let outputs = match step.checked_sub(1) {
+pub(crate) fn slot_of(plan: &StageRun, StepOutput { step, output }: StepOutput) -> Option<Slot> {
+    let outputs = match step.node() {
         None => &plan.source.outputs,
         Some(node) => &plan.nodes[node].outputs,
     };
-    let mut of_frames = outputs.iter().enumerate().filter(|(_, of)| of.port.rate == depthloom_graphs::Rate::Frame);
-    let (port, _) = of_frames.nth(output)?;
-    Some(match step.checked_sub(1) {
+    let mut per_frame = PortId::enumerate(outputs).filter(|(_, output)| output.port.rate == Rate::Frame);
+    let (port, _) = per_frame.nth(output.0)?;
+    Some(match step.node() {
         None => Slot::Source { port },
         Some(node) => Slot::Node { node, port },
     })

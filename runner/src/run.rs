@@ -5,7 +5,7 @@ use std::thread::{Builder, scope};
 
 use crossbeam::channel::bounded;
 use depthloom_graphs::contracts::Tap;
-use depthloom_graphs::plan::Plan;
+use depthloom_graphs::plan::{NodeId, NodeRef, Plan, RunId};
 use depthloom_graphs::ready::{NodeBuilder, Ready, ReadyRun};
 use depthloom_graphs::{Instance, Source};
 
@@ -55,7 +55,7 @@ pub fn run<T: Tap>(
     };
     let mut values = OnceValues::new(files);
     let mut report = Report::default();
-    for (run, ready) in runs.into_iter().enumerate() {
+    for (run, ready) in RunId::enumerate(runs) {
         if interrupt.stops_admission() {
             report.interrupted = true;
             break;
@@ -74,7 +74,7 @@ pub fn run<T: Tap>(
 }
 
 fn run_stage<T: Tap>(
-    (run, plan): (usize, &Plan),
+    (run, plan): (RunId, &Plan),
     (ready, builders): (ReadyRun, &NodeBuilders),
     common: &Common<'_, T>,
     values: &mut OnceValues,
@@ -87,20 +87,17 @@ fn run_stage<T: Tap>(
         return Err(unrunnable(format!("{} nodes are planned and {} built", stage.nodes.len(), nodes.len())));
     }
     let mut waiting = BTreeMap::new();
-    let mut of_frames = Vec::with_capacity(nodes.len());
-    for (index, (instance, planned)) in nodes.into_iter().zip(&stage.nodes).enumerate() {
+    let mut frame_nodes = Vec::with_capacity(nodes.len());
+    for (id, (instance, planned)) in NodeId::enumerate(nodes.into_iter().zip(&stage.nodes)) {
         if contract_of(&instance) != planned.contract {
             let (planned, built) = (planned.contract.name(), contract_of(&instance).name());
-            return Err(unrunnable(format!(
-                "node `{}` is planned {planned} and built {built}",
-                stage.nodes[index].name
-            )));
+            return Err(unrunnable(format!("node `{}` is planned {planned} and built {built}", stage.nodes[id].name)));
         }
-        of_frames.push(match instance {
+        frame_nodes.push(match instance {
             Instance::Pure(node) => FrameNode::Pure(node),
             Instance::Ordered(node) => FrameNode::Ordered(Ordered::new(node, common.window)),
             Instance::Once(node) => {
-                waiting.insert(index, node);
+                waiting.insert(id, node);
                 FrameNode::Once
             }
         });
@@ -118,7 +115,7 @@ fn run_stage<T: Tap>(
         timings: Vec::new(),
     };
     let mut ledger = Ledger::new(plan, run, source.frames().len(), common.tap.parts(run));
-    let completion = pass(&mut once, source.as_ref(), (of_frames, builders), &mut ledger, values);
+    let completion = pass(&mut once, source.as_ref(), (frame_nodes, builders), &mut ledger, values);
     for &node in &once.fired {
         ledger.stage.firings[node] = 1;
     }
@@ -130,8 +127,8 @@ fn run_stage<T: Tap>(
     completion
 }
 
-/// How nodes are built again, by stage run and node.
-type NodeBuilders = BTreeMap<(usize, usize), NodeBuilder>;
+/// How nodes are built again.
+type NodeBuilders = BTreeMap<NodeRef, NodeBuilder>;
 
 /// A stage run from its first frame to its last once-value.
 fn pass<T: Tap>(
@@ -165,12 +162,12 @@ fn pass<T: Tap>(
     }
     let mut jobs = Vec::new();
     let mut reuse = stage.reuse.take();
-    for (index, node) in stage.nodes.into_iter().enumerate() {
+    for (id, node) in NodeId::enumerate(stage.nodes) {
         let FrameNode::Ordered(ordered) = node else { continue };
-        if let Some(finished) = reuse.as_mut().and_then(|reuse| reuse.finished[index].take()) {
-            jobs.push((index, Job::Known(finished)));
+        if let Some(finished) = reuse.as_mut().and_then(|reuse| reuse.finished[id].take()) {
+            jobs.push((id, Job::Known(finished)));
         } else if let (Some(node), last_key) = ordered.into_state() {
-            jobs.push((index, Job::Finish(node, last_key)));
+            jobs.push((id, Job::Finish(node, last_key)));
         }
     }
     if once.do_all(jobs, values)? == Completion::Interrupted || once.fire_all(values)? == Completion::Interrupted {

@@ -5,16 +5,14 @@ use std::sync::{Arc, Mutex};
 
 use crossbeam::channel::Sender;
 use depthloom_graphs::contracts::{ErrorMessage, Slot, StoredValue, Tap, Warned};
-use depthloom_graphs::plan::{PlannedNode, StageRun};
+use depthloom_graphs::plan::{FrameIndex, NodeId, PartId, PlannedNode, RunId, StageRun};
 use depthloom_graphs::value_keys::{self, Observed};
-use depthloom_graphs::{
-    Context, Fault, Frame, Host as _, Inputs, Key, Outputs, Port, PureNode, Scratch, Source, Value,
-};
+use depthloom_graphs::{Context, Fault, Frame, Host as _, Inputs, Key, Outputs, PureNode, Scratch, Source, Value};
 
 use crate::audit::Auditor;
 use crate::audit_sample::Sampler;
 use crate::checkpoints::Checkpoints;
-use crate::frame_graph::{Feed, FrameGraph, Step};
+use crate::frame_graph::{Feed, FrameGraph, OutputId, Step, StepId, StepOutput};
 use crate::host::TaskHost;
 use crate::in_flight::{InFlight, Outcome, Settled};
 use crate::interrupt::Interrupt;
@@ -24,7 +22,7 @@ use crate::options::Audit;
 use crate::ordered::Ordered;
 use crate::panics::fault;
 use crate::queues::Queues;
-use crate::reuse::{Do, FramePlan, Reuse};
+use crate::reuse::{FramePlan, Reuse, StepAction};
 use crate::timing::{Spent, Stopwatch};
 use crate::warnings::Warnings;
 use depthloom_threads::{Budget, caught, locked};
@@ -40,7 +38,7 @@ pub(crate) enum FrameNode<P> {
 /// A step of a frame that can run now.
 pub(crate) struct Task<P> {
     frame: Arc<InFlight<P>>,
-    step: usize,
+    step: StepId,
 }
 
 /// A frame on its way.
@@ -48,7 +46,7 @@ type FrameInFlight<T> = Arc<InFlight<<T as Tap>::Part>>;
 
 /// A stage run while its frames run.
 pub(crate) struct Stage<'a, T: Tap> {
-    pub(crate) run: usize,
+    pub(crate) run: RunId,
     pub(crate) plan: &'a StageRun,
     pub(crate) graph: FrameGraph,
     pub(crate) source: &'a dyn Source,
@@ -97,7 +95,7 @@ impl WorkerState {
 enum Gathered {
     Complete,
     Absent,
-    Without(usize),
+    Without(StepId),
 }
 
 /// Ends a stage when dropped, be it by a panic.
@@ -124,7 +122,7 @@ pub(crate) struct Common<'a, T> {
 
 impl<'a, T: Tap> Stage<'a, T> {
     pub(crate) fn new(
-        run: usize,
+        run: RunId,
         plan: &'a StageRun,
         graph: FrameGraph,
         source: &'a dyn Source,
@@ -155,13 +153,14 @@ impl<'a, T: Tap> Stage<'a, T> {
     }
 
     /// Lets a frame in.
-    pub(crate) fn admit(&self, position: usize) {
-        self.queues.push(position, Task { frame: Arc::new(InFlight::new(position, &self.graph)), step: 0 });
+    pub(crate) fn admit(&self, position: FrameIndex) {
+        self.queues
+            .push(position, Task { frame: Arc::new(InFlight::new(position, &self.graph)), step: StepId::SOURCE });
         self.budget.wake(1);
     }
 
     /// Says which frame is let in first.
-    pub(crate) fn start_at(&self, position: usize) {
+    pub(crate) fn start_at(&self, position: FrameIndex) {
         self.queues.set_oldest(position);
         for node in &self.nodes {
             if let FrameNode::Ordered(ordered) = node {
@@ -170,8 +169,8 @@ impl<'a, T: Tap> Stage<'a, T> {
         }
     }
 
-    /// Tells of what was told of on the frames that are written.
-    pub(crate) fn tell_again(&self) {
+    /// Reports the warnings of the frames that are already written.
+    pub(crate) fn repeat_warnings(&self) {
         for Warned { node, what, count } in self.tap.told(self.run).into_iter().flatten() {
             if self.warnings.add(self.run, node, &what, count, true) {
                 self.observer.warned(self.run, node, &what);
@@ -185,20 +184,20 @@ impl<'a, T: Tap> Stage<'a, T> {
     }
 
     /// Says which frame is the oldest in flight.
-    pub(crate) fn set_oldest(&self, position: usize) {
+    pub(crate) fn set_oldest(&self, position: FrameIndex) {
         self.queues.set_oldest(position);
     }
 
     /// Whether a frame comes after one that ends the stage.
-    pub(crate) fn is_past_the_last(&self, position: usize) -> bool {
-        position > self.last.load(Ordering::Relaxed)
+    pub(crate) fn is_past_the_last(&self, position: FrameIndex) -> bool {
+        position.0 > self.last.load(Ordering::Relaxed)
     }
 
     /// Whether what failed at a step ends the stage.
     ///
     /// With `keep_going` only an ordered node with aggregate outputs does: it cannot finish, and other nodes need what it would give.
-    pub(crate) fn is_fatal(&self, step: usize) -> bool {
-        let has_aggregates = |node: usize| {
+    pub(crate) fn is_fatal(&self, step: StepId) -> bool {
+        let has_aggregates = |node: NodeId| {
             let planned = &self.plan.nodes[node];
             matches!(self.nodes[node], FrameNode::Ordered(_))
                 && planned.outputs.iter().any(|output| is_once(planned, &output.port))
@@ -255,7 +254,7 @@ impl<'a, T: Tap> Stage<'a, T> {
         let kind = self.graph.step(step);
         let settled = match kind {
             Step::Source => self.read(&frame, worker),
-            Step::Node(node) => self.fire(&frame, node, worker),
+            Step::Node(node) => self.run_node(&frame, node, worker),
             Step::Encode(part) => self.encode(&frame, part, worker),
         };
         let (mut next, mut queued) = (None, 0);
@@ -294,7 +293,7 @@ impl<'a, T: Tap> Stage<'a, T> {
         next
     }
 
-    fn host(&self, node: Option<usize>, position: usize) -> TaskHost<'a> {
+    fn host(&self, node: Option<NodeId>, position: FrameIndex) -> TaskHost<'a> {
         let (budget, interrupt, observer) = (self.budget, self.interrupt, self.observer);
         TaskHost {
             budget,
@@ -308,7 +307,7 @@ impl<'a, T: Tap> Stage<'a, T> {
             checkpoints: None,
             helpers_cpu_ns: AtomicU64::new(0),
             told: Mutex::default(),
-            is_repeated: position < self.written(),
+            is_repeated: position.0 < self.written(),
         }
     }
 
@@ -323,7 +322,7 @@ impl<'a, T: Tap> Stage<'a, T> {
                 let plan = frame.plan.get_or_init(|| plan);
                 self.sampler.note(frame.position, plan);
                 self.load(frame, plan, reuse)?;
-                if plan.steps[0] != Do::Fire {
+                if plan.steps[StepId::SOURCE] != StepAction::Run {
                     return Ok(None);
                 }
             }
@@ -337,49 +336,50 @@ impl<'a, T: Tap> Stage<'a, T> {
             Ok(None) => {
                 // What looking and loading took is nobody's.
                 let _ = worker.stop(watch, &host);
-                return self.take(frame, 0);
+                return self.reuse(frame, StepId::SOURCE);
             }
             Ok(Some(read)) => Ok(read),
             Err(fault) => Err(fault),
         };
-        let read = read.and_then(|read| Ok((read.outputs.in_order_of(&self.graph.producers[0].outputs)?, read.key)));
+        let read = read
+            .and_then(|read| Ok((read.outputs.in_order_of(&self.graph.producers[StepId::SOURCE].outputs)?, read.key)));
         let spent = worker.stop(watch, &host);
         frame.add_warnings(host.into_told());
-        self.close(frame, 0, read, spent)
+        self.close(frame, StepId::SOURCE, read, spent)
     }
 
     /// Reads what nodes need of the values in the store: all of a frame at once, for what lies together is read once.
     fn load(&self, frame: &InFlight<T::Part>, plan: &FramePlan, reuse: &Reuse<'_>) -> Result<(), Fault> {
         let (mut wanted, mut places) = (Vec::new(), Vec::new());
-        for (producer, to_do) in self.graph.producers.iter().zip(&plan.steps) {
-            let Do::Take(key, load) = to_do else { continue };
+        for (producer, action) in self.graph.producers.iter().zip(&plan.steps) {
+            let StepAction::Reuse(key, load) = action else { continue };
             for &output in load {
                 wanted.push((*key, producer.outputs[output].name));
-                places.push(producer.first_place + output);
+                places.push(producer.place(output));
             }
         }
         let values = reuse.values(&wanted).map_err(|fault| fault.remedy(FRESH))?;
         let loaded = places.into_iter().zip(values).filter_map(|(place, value)| Some((place, value?)));
         locked(&frame.loaded).extend(loaded);
-        for &(step, output) in &plan.nothing {
-            frame.add_absent(step, output);
+        for absent in &plan.absent {
+            frame.add_absent(*absent);
         }
         Ok(())
     }
 
-    /// Ends a step that does not fire: what nodes need of its values was read from the store.
-    fn take(&self, frame: &InFlight<T::Part>, step: usize) -> Settled {
-        let (Do::Take(key, load), Some(reuse)) = (frame.to_do(step), &self.reuse) else {
+    /// Ends a step that does not run: what nodes need of its values was read from the store.
+    fn reuse(&self, frame: &InFlight<T::Part>, step: StepId) -> Settled {
+        let (StepAction::Reuse(key, load), Some(reuse)) = (frame.action(step), &self.reuse) else {
             return Settled { outcome: Outcome::Absent, spent: Spent::default() };
         };
-        let host = self.host(step.checked_sub(1), frame.position);
+        let host = self.host(step.node(), frame.position);
         for (what, count) in reuse.warnings(key) {
-            host.warn_of(count, &what);
+            host.warn_n(count, &what);
         }
         frame.add_warnings(host.into_told());
         let producer = &self.graph.producers[step];
         for &output in load {
-            let place = producer.first_place + output;
+            let place = producer.place(output);
             if let Some(value) = locked(&frame.loaded).remove(&place) {
                 frame.put(place, value, Some(value_keys::port(key, producer.outputs[output].name)));
             }
@@ -388,7 +388,7 @@ impl<'a, T: Tap> Stage<'a, T> {
     }
 
     /// Takes a node's inputs out of the way of a node that does not fire.
-    fn pass_by(&self, frame: &InFlight<T::Part>, step: usize) {
+    fn pass_by(&self, frame: &InFlight<T::Part>, step: StepId) {
         for feed in &self.graph.producers[step].feeds {
             if let Feed::Place { place, .. } = feed {
                 drop(frame.take(*place));
@@ -396,11 +396,11 @@ impl<'a, T: Tap> Stage<'a, T> {
         }
     }
 
-    fn fire(&self, frame: &InFlight<T::Part>, node: usize, worker: &mut WorkerState) -> Settled {
-        let step = 1 + node;
-        if *frame.to_do(step) != Do::Fire {
+    fn run_node(&self, frame: &InFlight<T::Part>, node: NodeId, worker: &mut WorkerState) -> Settled {
+        let step = StepId::of_node(node);
+        if *frame.action(step) != StepAction::Run {
             self.pass_by(frame, step);
-            return self.take(frame, step);
+            return self.reuse(frame, step);
         }
         let outcome = match self.gather(frame, step, worker) {
             Gathered::Complete => None,
@@ -458,16 +458,16 @@ impl<'a, T: Tap> Stage<'a, T> {
     }
 
     /// Compares the outputs of an ordered node that ran with those that are stored, and recorded again, under their key.
-    fn audit_again(&self, frame: &InFlight<T::Part>, step: usize, outputs: &[Option<Value>]) {
+    fn audit_again(&self, frame: &InFlight<T::Part>, step: StepId, outputs: &[Option<Value>]) {
         let (Some(plan), Some(auditor)) = (frame.plan.get(), Auditor::of(self)) else { return };
         if let Err(failure) = auditor.ran_anyway(frame.position, plan, step, outputs) {
             frame.add_audit_failure(failure);
-            self.last.fetch_min(frame.position, Ordering::Relaxed);
+            self.last.fetch_min(frame.position.0, Ordering::Relaxed);
         }
     }
 
     /// Takes a node's inputs from where they lie, whether it is going to fire or not.
-    fn gather(&self, frame: &InFlight<T::Part>, step: usize, worker: &mut WorkerState) -> Gathered {
+    fn gather(&self, frame: &InFlight<T::Part>, step: StepId, worker: &mut WorkerState) -> Gathered {
         let producer = &self.graph.producers[step];
         worker.inputs.clear();
         worker.keys.clear();
@@ -498,17 +498,17 @@ impl<'a, T: Tap> Stage<'a, T> {
     fn close(
         &self,
         frame: &InFlight<T::Part>,
-        step: usize,
+        step: StepId,
         result: Result<(Vec<Option<Value>>, Key), Fault>,
         spent: Spent,
     ) -> Settled {
         let outcome = match result {
             Ok((values, key)) => {
                 let producer = &self.graph.producers[step];
-                for (i, (value, port)) in values.into_iter().zip(&producer.outputs).enumerate() {
-                    let place = producer.first_place + i;
+                for (output, (value, port)) in OutputId::enumerate(values.into_iter().zip(&producer.outputs)) {
+                    let place = producer.place(output);
                     let Some(value) = value else {
-                        frame.add_absent(step, i);
+                        frame.add_absent(StepOutput { step, output });
                         continue;
                     };
                     let is_keyed = self.graph.places[place].keyed;
@@ -519,7 +519,7 @@ impl<'a, T: Tap> Stage<'a, T> {
             Err(fault) => {
                 frame.add_fault(step, fault);
                 if self.is_fatal(step) {
-                    self.last.fetch_min(frame.position, Ordering::Relaxed);
+                    self.last.fetch_min(frame.position.0, Ordering::Relaxed);
                 }
                 Outcome::Failed
             }
@@ -527,24 +527,28 @@ impl<'a, T: Tap> Stage<'a, T> {
         Settled { outcome, spent }
     }
 
-    fn encode(&self, frame: &InFlight<T::Part>, part: usize, worker: &mut WorkerState) -> Settled {
+    fn encode(&self, frame: &InFlight<T::Part>, part: PartId, worker: &mut WorkerState) -> Settled {
         worker.taken.clear();
         let mut stored = Vec::new();
         for &(slot, place) in &self.graph.parts[part] {
             let value = frame.take(place).map(|(value, _)| value);
             let key = frame.plan.get().and_then(|plan| {
-                let step = step_of(slot);
-                plan.stored(step, place - self.graph.producers[step].first_place)
+                let step = StepId::of_slot(slot);
+                let output = self.graph.producers[step].output_at(place);
+                plan.stored(StepOutput { step, output })
             });
             match (key, value) {
-                (Some(key), value) => stored.push(StoredValue { slot, key, port: self.port_of(slot).name, value }),
+                (Some(key), value) => {
+                    let port = self.plan.output(slot).port.name;
+                    stored.push(StoredValue { slot, key, port, value });
+                }
                 (None, Some(value)) => worker.taken.push((slot, value)),
                 (None, None) => {}
             }
         }
         // A frame that ends the stage is not written, nor one that is written already.
-        let ends = self.is_past_the_last(frame.position.saturating_add(1)) && frame.has_failed();
-        if ends || frame.position < self.written() {
+        let ends = self.is_past_the_last(FrameIndex(frame.position.0.saturating_add(1))) && frame.has_failed();
+        if ends || frame.position.0 < self.written() {
             worker.taken.clear();
             return Settled { outcome: Outcome::Absent, spent: Spent::default() };
         }
@@ -565,17 +569,10 @@ impl<'a, T: Tap> Stage<'a, T> {
             Ok(encoded) => frame.put_part(part, encoded),
             Err(error) => {
                 frame.add_tap_error(part, error);
-                self.last.fetch_min(frame.position, Ordering::Relaxed);
+                self.last.fetch_min(frame.position.0, Ordering::Relaxed);
             }
         }
         Settled { outcome: Outcome::Fired(None), spent }
-    }
-
-    fn port_of(&self, slot: Slot) -> &Port {
-        match slot {
-            Slot::Source { port } => &self.plan.source.outputs[port].port,
-            Slot::Node { node, port } => &self.plan.nodes[node].outputs[port].port,
-        }
     }
 }
 
@@ -609,11 +606,3 @@ fn with_files(
 
 /// What helps where the store cannot be read.
 const FRESH: &str = "run with --fresh, which takes nothing from earlier runs";
-
-/// The step that gives a slot its value.
-const fn step_of(slot: Slot) -> usize {
-    match slot {
-        Slot::Source { .. } => 0,
-        Slot::Node { node, .. } => 1 + node,
-    }
-}

@@ -2,6 +2,7 @@
 
 use std::time::Instant;
 
+use depthloom_graphs::plan::{NodeId, PartId, RunId};
 use rustix::time::{ClockId, clock_gettime};
 
 /// What kind of work a time was spent on.
@@ -9,14 +10,14 @@ use rustix::time::{ClockId, clock_gettime};
 pub enum Phase {
     /// Reading a frame.
     Source,
-    /// A node on a frame; its index in the stage run.
-    Node(usize),
-    /// Encoding a part of a frame; the part.
-    Encode(usize),
+    /// A node on a frame.
+    Node(NodeId),
+    /// Encoding a part of a frame.
+    Encode(PartId),
     /// Writing a frame.
     Write,
-    /// An ordered node's end, or a once-node; its index in the stage run.
-    Once(usize),
+    /// An ordered node's end, or an aggregate node.
+    Once(NodeId),
 }
 
 /// The time one task took.
@@ -54,8 +55,8 @@ impl Spread {
 /// The times of one class of tasks in a stage run.
 #[derive(Clone, Debug)]
 pub struct Timing {
-    /// Index of the stage run in the plan.
-    pub run: usize,
+    /// The stage run.
+    pub run: RunId,
     /// The node's name, or `source`, `encode`, `write`.
     pub label: String,
     /// What was done.
@@ -77,7 +78,7 @@ impl Timing {
     /// The most samples kept of a class.
     pub const KEPT: usize = 256;
 
-    pub(crate) const fn new(run: usize, label: String, phase: Phase) -> Self {
+    pub(crate) const fn new(run: RunId, label: String, phase: Phase) -> Self {
         Self { run, label, phase, count: 0, cpu: Spread::NONE, wall: Spread::NONE, samples: Vec::new(), stride: 1 }
     }
 
@@ -165,11 +166,13 @@ fn thread_cpu_ns() -> u64 {
 
 #[cfg(test)]
 mod tests {
+    use depthloom_graphs::plan::{NodeId, RunId};
+
     use super::{Phase, Spent, Stopwatch, Timing};
 
     #[test]
     fn long_runs_keep_evenly_spaced_samples_and_exact_sums() {
-        let mut timing = Timing::new(0, "stereo".into(), Phase::Node(0));
+        let mut timing = Timing::new(RunId(0), "stereo".into(), Phase::Node(NodeId(0)));
         let frames = 5 * Timing::KEPT as u64 + 3;
         (0..frames).for_each(|k| timing.add(k, Spent { cpu_ns: k, wall_ns: 2 * k }));
         assert!(timing.samples.len() <= Timing::KEPT && timing.samples.len() >= Timing::KEPT / 2);

@@ -4,16 +4,16 @@ use std::collections::BTreeMap;
 use std::sync::Mutex;
 
 use depthloom_graphs::Rate;
-use depthloom_graphs::plan::Plan;
+use depthloom_graphs::plan::{NodeId, Plan, RunId};
 use depthloom_threads::{into_unlocked, locked};
 
 /// Something a node told of that was no failure.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Warning {
-    /// Index of the stage run in the plan.
-    pub run: usize,
-    /// The node's index in the stage run; `None` for the source.
-    pub node: Option<usize>,
+    /// The stage run.
+    pub run: RunId,
+    /// The node; `None` for the source.
+    pub node: Option<NodeId>,
     /// What it told, a lower-case fragment; of a counted thing its name in the plural.
     pub what: String,
     /// How many of the thing there were in all; 0 if it is none to be counted.
@@ -44,16 +44,16 @@ impl Warning {
     }
 }
 
-/// Stage run, node and what was told.
-type Told = (usize, Option<usize>, String);
+/// Stage run, node and message.
+type WarningKey = (RunId, Option<NodeId>, String);
 
 /// The warnings of a run so far.
 #[derive(Default)]
-pub(crate) struct Warnings(Mutex<BTreeMap<Told, (u64, u64)>>);
+pub(crate) struct Warnings(Mutex<BTreeMap<WarningKey, (u64, u64)>>);
 
 impl Warnings {
     /// Adds a telling, on a new frame or on one that told it before; says whether it is the first of its kind.
-    pub(crate) fn add(&self, run: usize, node: Option<usize>, what: &str, count: u64, is_new: bool) -> bool {
+    pub(crate) fn add(&self, run: RunId, node: Option<NodeId>, what: &str, count: u64, is_new: bool) -> bool {
         let mut told = locked(&self.0);
         let (counted, times) = told.entry((run, node, what.to_owned())).or_default();
         *counted = counted.saturating_add(count);

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use std::error::Error;
 
 use depthloom_graphs::contracts::{Commit, Contract, Failure, InlineHost, Slot, SlotKey};
-use depthloom_graphs::plan::{Origin, PlannedNode};
+use depthloom_graphs::plan::{FrameIndex, NodeId, NodeRef, Origin, PartId, PlannedNode, PortId, RunId};
 use depthloom_graphs::{Context, Fault, Inputs, Instance, Key, Outputs, Port, Rate, Scratch, Value, value_keys};
 use depthloom_runner::{Audit, Interrupt, Options, RunError, Unwatched, run};
 use proptest::prelude::*;
@@ -29,8 +29,8 @@ fn told_run(graph: &AnyGraph, workers: usize, window: Option<usize>) -> (Vec<Str
 // --- the reference -------------------------------------------------------------------------------------------------
 
 type Keyed = Option<(Value, Key)>;
-/// Once-values by stage run, node and port.
-type Once = BTreeMap<(usize, usize, usize), (Value, Key)>;
+/// Once-values by node and port.
+type Once = BTreeMap<(NodeRef, PortId), (Value, Key)>;
 
 /// What a step gave on a frame: its values by port, or why not.
 enum Gave {
@@ -59,19 +59,19 @@ fn reference(graph: &AnyGraph) -> (Vec<String>, Option<String>) {
     let (mut lines, mut once) = (Vec::new(), Once::new());
     let mut scratch = Scratch::default();
     let mut ctx = Context::new(&InlineHost, &mut scratch);
-    for (run, (planned, mut ready)) in plan.runs.iter().zip(runs).enumerate() {
+    for (run, (planned, mut ready)) in RunId::enumerate(plan.runs.iter().zip(runs)) {
         let mut last_keys: Vec<Option<Key>> = vec![None; planned.nodes.len()];
-        for (position, frame) in ready.source.frames().iter().enumerate() {
+        for (position, frame) in FrameIndex::enumerate(ready.source.frames()) {
             let source_ports: Vec<Port> = planned.source.outputs.iter().map(|o| o.port.clone()).collect();
             let read = ready.source.read(position, &mut ctx);
             let mut gave = vec![match read.and_then(|r| Ok((r.outputs.in_order_of(&source_ports)?, r.key))) {
                 Ok((values, key)) => Gave::Values(key, keyed(values, &source_ports, &key)),
                 Err(fault) => Gave::Failed(fault),
             }];
-            for (index, (node, instance)) in planned.nodes.iter().zip(&mut ready.nodes).enumerate() {
+            for (index, (node, instance)) in NodeId::enumerate(planned.nodes.iter().zip(&mut ready.nodes)) {
                 let at = |from: &Origin| match from {
                     Origin::Here(Slot::Source { port }) => (0, *port),
-                    Origin::Here(Slot::Node { node, port }) => (1 + node, *port),
+                    Origin::Here(Slot::Node { node, port }) => (1 + node.0, *port),
                     _ => unreachable!("asked of per-frame inputs only"),
                 };
                 let before = node.inputs.iter().filter_map(|i| i.from.as_ref());
@@ -86,7 +86,9 @@ fn reference(graph: &AnyGraph) -> (Vec<String>, Option<String>) {
                     .inputs
                     .iter()
                     .map(|input| match input.from.as_ref()? {
-                        Origin::Once { run, node, port } => once.get(&(*run, *node, *port)).cloned(),
+                        Origin::Once { run, node, port } => {
+                            once.get(&(NodeRef { run: *run, node: *node }, *port)).cloned()
+                        }
                         here => match &gave[at(here).0] {
                             Gave::Values(_, values) => values[at(here).1].clone(),
                             Gave::Nothing | Gave::Failed(_) | Gave::NotRun(_) => None,
@@ -148,14 +150,14 @@ fn reference(graph: &AnyGraph) -> (Vec<String>, Option<String>) {
     (lines, None)
 }
 
-fn commit(run: usize, parts: usize, frame: &depthloom_graphs::Frame, gave: &[Gave]) -> String {
+fn commit(run: RunId, parts: usize, frame: &depthloom_graphs::Frame, gave: &[Gave]) -> String {
     let (mut taken, mut keys, mut failures) = (vec![Vec::new(); parts], Vec::new(), Vec::new());
     for (step, gave) in gave.iter().enumerate() {
-        let node = step.checked_sub(1);
+        let node = step.checked_sub(1).map(NodeId);
         match gave {
             Gave::Values(key, values) => {
                 keys.extend(node.map(|node| SlotKey { node, key: *key }));
-                for (port, value) in values.iter().enumerate() {
+                for (port, value) in PortId::enumerate(values) {
                     let slot = node.map_or(Slot::Source { port }, |node| Slot::Node { node, port });
                     if let (Some((value, _)), Some(part)) = (value, part_of(parts, slot)) {
                         taken[part].push((slot, value.clone()));
@@ -168,12 +170,12 @@ fn commit(run: usize, parts: usize, frame: &depthloom_graphs::Frame, gave: &[Gav
         }
     }
     let source_key = if let Gave::Values(key, _) = &gave[0] { Some(*key) } else { None };
-    let told: Vec<_> = taken.iter().enumerate().map(|(part, values)| told_part(part, values)).collect();
+    let told: Vec<_> = PartId::enumerate(&taken).map(|(part, values)| told_part(part, values)).collect();
     told_commit(&Commit { run, frame, source_key, keys: &keys, failures: &failures, absent: &[], warnings: &[] }, &told)
 }
 
 fn finish(
-    run: usize,
+    run: RunId,
     planned: &depthloom_graphs::plan::StageRun,
     nodes: Vec<Instance>,
     last_keys: &[Option<Key>],
@@ -182,7 +184,7 @@ fn finish(
 ) -> Option<String> {
     let mut scratch = Scratch::default();
     let mut ctx = Context::new(&InlineHost, &mut scratch);
-    for (index, (node, instance)) in planned.nodes.iter().zip(nodes).enumerate() {
+    for (index, (node, instance)) in NodeId::enumerate(planned.nodes.iter().zip(nodes)) {
         let ports = ports(node, Rate::Once);
         let (made, key) = match instance {
             Instance::Pure(_) => continue,
@@ -191,7 +193,7 @@ fn finish(
             }
             Instance::Once(instance) => {
                 let found = node.inputs.iter().map(|input| match input.from.as_ref()? {
-                    Origin::Once { run, node, port } => once.get(&(*run, *node, *port)).cloned(),
+                    Origin::Once { run, node, port } => once.get(&(NodeRef { run: *run, node: *node }, *port)).cloned(),
                     _ => None,
                 });
                 let (values, keys): (Vec<_>, Vec<_>) =
@@ -205,11 +207,11 @@ fn finish(
         for (port, value) in values.into_iter().enumerate() {
             let Some(value) = value else { continue };
             // An ordered toy's once-output follows its two per-frame ones.
-            let port = if node.contract == Contract::Ordered { 2 + port } else { port };
+            let port = if node.contract == Contract::Ordered { PortId(2 + port) } else { PortId(port) };
             let slot = Slot::Node { node: index, port };
             lines.push(format!("{run} {slot:?} {key} {}", told_value(&value)));
             let entering = once_key(&value, &key, node.outputs[port].port.name);
-            once.insert((run, index, port), (value, entering));
+            once.insert((NodeRef { run, node: index }, port), (value, entering));
         }
     }
     None

@@ -8,7 +8,7 @@ use std::sync::Mutex;
 use std::sync::atomic::Ordering;
 
 use depthloom_graphs::contracts::{Commit, Contract, ErrorMessage, Held, Holding, Slot, Store, Tap, Warned};
-use depthloom_graphs::plan::{Plan, PlannedOutput};
+use depthloom_graphs::plan::{FrameIndex, PartId, Plan, PlannedOutput, RunId};
 use depthloom_graphs::{Fault, Frame, Key, Remedied, Value};
 use depthloom_runner::{Audit, Cause, Interrupt, Options, RunError, Unwatched, run};
 use proptest::prelude::*;
@@ -50,7 +50,7 @@ impl Store for Memory {
 
 /// What was written down at once: a frame, or a once-value.
 struct Entry {
-    run: usize,
+    run: RunId,
     /// `None`: a frame.
     once: Option<Slot>,
     keys: Vec<Key>,
@@ -72,7 +72,7 @@ fn values_of(entries: &[Entry]) -> Values {
 }
 
 /// Values by run and frame.
-type Encoded = HashMap<(usize, u64), Vec<(Slot, Value)>>;
+type Encoded = HashMap<(RunId, u64), Vec<(Slot, Value)>>;
 
 /// A notebook that remembers under which keys it was told what, and may have a store.
 struct Remembering {
@@ -86,7 +86,7 @@ struct Remembering {
     encoded: Mutex<Encoded>,
     entries: Mutex<Vec<Entry>>,
     /// What an earlier process has written.
-    written: Vec<(usize, Option<Slot>, Key)>,
+    written: Vec<(RunId, Option<Slot>, Key)>,
 }
 
 impl Remembering {
@@ -95,12 +95,8 @@ impl Remembering {
         Self { notebook, plan, store, every, encoded: Mutex::default(), entries: Mutex::default(), written: Vec::new() }
     }
 
-    fn output(&self, run: usize, slot: Slot) -> &PlannedOutput {
-        let run = &self.plan.runs[run];
-        match slot {
-            Slot::Source { port } => &run.source.outputs[port],
-            Slot::Node { node, port } => &run.nodes[node].outputs[port],
-        }
+    fn output(&self, run: RunId, slot: Slot) -> &PlannedOutput {
+        self.plan.runs[run].output(slot)
     }
 
     fn remember(&self, entry: Entry) {
@@ -115,19 +111,19 @@ impl Remembering {
 impl Tap for Remembering {
     type Part = String;
 
-    fn parts(&self, run: usize) -> usize {
+    fn parts(&self, run: RunId) -> usize {
         self.notebook.parts(run)
     }
 
-    fn part(&self, run: usize, slot: Slot) -> Option<usize> {
+    fn part(&self, run: RunId, slot: Slot) -> Option<PartId> {
         self.output(run, slot).recorded.then(|| self.notebook.part(run, slot))?
     }
 
     fn encode(
         &self,
-        run: usize,
-        (position, frame): (usize, &Frame),
-        part: usize,
+        run: RunId,
+        (position, frame): (FrameIndex, &Frame),
+        part: PartId,
         values: &[(Slot, Value)],
     ) -> Result<String, ErrorMessage> {
         let kept = values.iter().filter(|(slot, _)| self.keeps(run, *slot, position));
@@ -153,23 +149,23 @@ impl Tap for Remembering {
         self.notebook.write(commit, parts)
     }
 
-    fn once(&self, run: usize, slot: Slot, key: &Key, value: &Value, warned: &[Warned]) -> Result<(), ErrorMessage> {
+    fn once(&self, run: RunId, slot: Slot, key: &Key, value: &Value, warned: &[Warned]) -> Result<(), ErrorMessage> {
         let values = vec![(*key, self.output(run, slot).port.name, Some(value.clone()))];
         self.remember(Entry { run, once: Some(slot), keys: vec![*key], values });
         self.notebook.once(run, slot, key, value, warned)
     }
 
-    fn written(&self, run: usize) -> usize {
+    fn written(&self, run: RunId) -> usize {
         self.written.iter().filter(|(of, once, _)| (*of, *once) == (run, None)).count()
     }
 
-    fn written_aggregate(&self, run: usize, slot: Slot) -> Option<Key> {
+    fn written_aggregate(&self, run: RunId, slot: Slot) -> Option<Key> {
         let written = self.written.iter().find(|(of, once, _)| (*of, *once) == (run, Some(slot)));
         written.map(|(.., key)| *key)
     }
 
-    fn keeps(&self, _run: usize, _slot: Slot, position: usize) -> bool {
-        position.is_multiple_of(self.every)
+    fn keeps(&self, _run: RunId, _slot: Slot, position: FrameIndex) -> bool {
+        position.0.is_multiple_of(self.every)
     }
 
     fn store(&self) -> Option<&dyn Store> {

@@ -7,14 +7,14 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, Weak};
 
 use depthloom_graphs::contracts::{Commit, Contract, ErrorMessage, Failure, Observation, Slot, Tap, Warned};
-use depthloom_graphs::plan::PlannedNode;
+use depthloom_graphs::plan::{FrameIndex, NodeId, PartId, PlannedNode, RunId, VariantId};
 use depthloom_graphs::values::{Curve, CurvePoint, Mask, Raster};
 use depthloom_graphs::{
     Context, Fault, Frame, Inputs, Instance, Key, OnceNode, Outputs, Port, PureNode, Remedied, Source, SourceOutputs,
     Value, ValueType, value_keys,
 };
 use depthloom_runner::{Audit, Interrupt, Observer, Options, Phase, RunError, Unwatched, run};
-use support::{Bench, Notebook, Numbers, Toy, build, node, once, output, planned, source};
+use support::{Bench, Notebook, Numbers, Toy, build, node, node_slot, once, output, planned, source};
 
 fn options(workers: usize) -> Options {
     Options { workers, window: None, keep_going: false, checkpoints: None, audit: Audit::None }
@@ -55,7 +55,7 @@ fn a_shared_node_fires_once_a_frame() {
     assert_eq!(calls.load(Ordering::Relaxed), 40);
     assert_eq!(report.stages[0].firings, [40; 4]);
     assert_eq!((report.stages[0].admitted, report.stages[0].retired, report.stages[0].failed), (40, 40, 0));
-    let stereo = report.timings.iter().find(|t| t.phase == Phase::Node(0)).unwrap();
+    let stereo = report.timings.iter().find(|t| t.phase == Phase::Node(NodeId(0))).unwrap();
     assert_eq!((stereo.label.as_str(), stereo.count, stereo.samples.len()), ("stereo", 40, 40));
     assert_eq!(stereo.samples[3].frame_index, 4);
     let classes: BTreeSet<_> = report.timings.iter().map(|t| t.label.as_str()).collect();
@@ -70,7 +70,7 @@ fn the_lowest_failing_frame_ends_the_run_and_those_before_it_are_kept() {
         c.panics_at = BTreeSet::from([21, 9]);
         let notebook = Notebook::with_parts(2);
         let mut bench = chain(60, [a, b, c, d]);
-        bench.plan.runs[0].nodes[2].variants = vec![1];
+        bench.plan.runs[0].nodes[2].variants = vec![VariantId(1)];
         let error = run(bench.ready(), &notebook, &options(workers), &Unwatched, &Interrupt::default()).unwrap_err();
         // Both fail on frame 9: `c` is first in plan order, and serves one variant only.
         assert_eq!(error.to_string(), "node `compare.c` (variant mean) failed on frame f9");
@@ -93,7 +93,10 @@ fn keep_going_leaves_tombstones_and_siblings_go_on() {
     assert_eq!(report.stages[0].firings, [6, 5, 5, 6]);
     assert_eq!(report.stages[0].failed, 1);
     assert_eq!(report.failures.len(), 1, "what was not run is not listed: {:?}", report.failures);
-    assert_eq!((report.failures[0].node, report.failures[0].remedy.as_deref()), (Some(1), Some("do not tell it to")));
+    assert_eq!(
+        (report.failures[0].node, report.failures[0].remedy.as_deref()),
+        (Some(NodeId(1)), Some("do not tell it to"))
+    );
 }
 
 #[test]
@@ -169,7 +172,7 @@ fn once_values_reach_later_stages_and_nodes_of_their_own_stage() {
     assert!(lines[7].starts_with("0 Node { node: 0, port: 2 }") && lines[8].starts_with("0 Node { node: 1, port: 0 }"));
     assert!(lines[12].starts_with("1 Node { node: 0, port: 0 }"), "after the frames of its stage: {}", lines[12]);
     assert_eq!(report.stages[1].firings, [1, 3]);
-    assert!(report.timings.iter().any(|t| t.phase == Phase::Once(1) && t.label == "teacher"));
+    assert!(report.timings.iter().any(|t| t.phase == Phase::Once(NodeId(1)) && t.label == "teacher"));
     let events = watcher.0.into_inner().unwrap();
     assert_eq!(
         events.iter().filter(|e| e.starts_with("progress")).collect::<Vec<_>>(),
@@ -314,7 +317,7 @@ fn equal_once_nodes_fire_once_in_whichever_stages_they_stand() {
         assert_eq!(firings, [vec![2, 1, 0], vec![0, 1, 2]]);
         let lines = notebook.lines();
         let given = |node: usize, run: usize| {
-            let start = format!("{run} {:?} ", Slot::Node { node, port: 0 });
+            let start = format!("{run} {:?} ", node_slot(node, 0));
             lines.iter().find_map(|line| line.strip_prefix(&start)).expect("it is handed over").to_owned()
         };
         assert!(given(1, 0) == given(2, 0) && given(1, 0) == given(0, 1), "each has the value under the key of all");
@@ -330,11 +333,11 @@ impl Source for Changing {
         self.0.frames()
     }
 
-    fn key(&self, position: usize) -> Result<Key, Fault> {
-        if position == 1 { Ok(Key::of_content(b"before")) } else { self.0.key(position) }
+    fn key(&self, position: FrameIndex) -> Result<Key, Fault> {
+        if position.0 == 1 { Ok(Key::of_content(b"before")) } else { self.0.key(position) }
     }
 
-    fn read(&self, position: usize, ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
+    fn read(&self, position: FrameIndex, ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
         self.0.read(position, ctx)
     }
 }
@@ -527,19 +530,19 @@ impl Watcher {
 }
 
 impl Observer for Watcher {
-    fn stage_started(&self, run: usize, frames: u64) {
+    fn stage_started(&self, run: RunId, frames: u64) {
         self.note(format!("started {run} {frames}"));
     }
 
-    fn frame_retired(&self, run: usize, frame: &Frame, failures: &[Failure]) {
+    fn frame_retired(&self, run: RunId, frame: &Frame, failures: &[Failure]) {
         self.note(format!("retired {run} {} {}", frame.id, failures.len()));
     }
 
-    fn progress(&self, run: usize, node: usize, done: u64, total: u64, message: &str) {
+    fn progress(&self, run: RunId, node: NodeId, done: u64, total: u64, message: &str) {
         self.note(format!("progress {run} {node} {done}/{total} {message}"));
     }
 
-    fn stage_finished(&self, run: usize) {
+    fn stage_finished(&self, run: RunId) {
         self.note(format!("finished {run}"));
     }
 }
@@ -575,12 +578,12 @@ impl Source for Cradle {
         &self.1
     }
 
-    fn key(&self, position: usize) -> Result<Key, Fault> {
-        Ok(Key::of_content(&position.to_le_bytes()))
+    fn key(&self, position: FrameIndex) -> Result<Key, Fault> {
+        Ok(Key::of_content(&position.0.to_le_bytes()))
     }
 
-    fn read(&self, position: usize, _: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
-        let outputs = Outputs::one("m", self.0.bear(u8::try_from(position).expect("few frames")));
+    fn read(&self, position: FrameIndex, _: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
+        let outputs = Outputs::one("m", self.0.bear(u8::try_from(position.0).expect("few frames")));
         Ok(SourceOutputs { outputs, key: self.key(position)? })
     }
 }
@@ -613,19 +616,19 @@ struct Last(bool);
 impl Tap for Last {
     type Part = Vec<Value>;
 
-    fn parts(&self, _: usize) -> usize {
+    fn parts(&self, _: RunId) -> usize {
         1
     }
 
-    fn part(&self, _: usize, slot: Slot) -> Option<usize> {
-        (self.0 || slot == Slot::Node { node: 9, port: 0 }).then_some(0)
+    fn part(&self, _: RunId, slot: Slot) -> Option<PartId> {
+        (self.0 || slot == node_slot(9, 0)).then_some(PartId(0))
     }
 
     fn encode(
         &self,
-        _: usize,
-        _: (usize, &Frame),
-        _: usize,
+        _: RunId,
+        _: (FrameIndex, &Frame),
+        _: PartId,
         values: &[(Slot, Value)],
     ) -> Result<Vec<Value>, ErrorMessage> {
         Ok(values.iter().map(|(_, value)| value.clone()).collect())
@@ -636,7 +639,7 @@ impl Tap for Last {
         Ok(())
     }
 
-    fn once(&self, _: usize, _: Slot, _: &Key, _: &Value, _: &[Warned]) -> Result<(), ErrorMessage> {
+    fn once(&self, _: RunId, _: Slot, _: &Key, _: &Value, _: &[Warned]) -> Result<(), ErrorMessage> {
         Ok(())
     }
 }
@@ -725,7 +728,7 @@ struct Warner;
 
 impl PureNode for Warner {
     fn process(&self, inputs: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
-        ctx.host.warn_of(3, "pixels are no numbers");
+        ctx.host.warn_n(3, "pixels are no numbers");
         ctx.host.warn("was called");
         Ok(Outputs::one("x", Value::Calibration(Arc::clone(inputs.get("a")?))))
     }
@@ -736,7 +739,7 @@ impl PureNode for Warner {
 struct Told(Mutex<Vec<String>>);
 
 impl Observer for Told {
-    fn warned(&self, run: usize, node: Option<usize>, what: &str) {
+    fn warned(&self, run: RunId, node: Option<NodeId>, what: &str) {
         self.0.lock().expect("nobody panics with the lock").push(format!("{run} {node:?} {what}"));
     }
 }

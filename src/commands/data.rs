@@ -4,6 +4,7 @@ mod contents;
 mod seen;
 mod stanza;
 
+use depthloom_graphs::plan::FrameIndex;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -264,8 +265,8 @@ impl<'a> Known<'a> {
         self.frames = source.frames().iter().map(|frame| frame.id.to_string()).collect();
         self.warnings = source.warnings().to_vec();
         let count = self.frames.len();
-        let mut positions: Vec<usize> =
-            (0..LOOKED_AT).map(|at| at * count / LOOKED_AT).filter(|at| *at < count).collect();
+        let mut positions: Vec<FrameIndex> =
+            (0..LOOKED_AT).map(|at| at * count / LOOKED_AT).filter(|at| *at < count).map(FrameIndex).collect();
         positions.dedup();
         if let Some(sheet) = sheet.as_deref_mut() {
             sheet.begin();
@@ -286,7 +287,7 @@ impl<'a> Known<'a> {
     fn take(
         &mut self,
         source: &dyn Source,
-        position: usize,
+        position: FrameIndex,
         ports: &[Port],
         values: &[Option<Value>],
         sheet: Option<&mut Sheet>,

@@ -61,7 +61,7 @@ pub fn dora_node(mut args: DoraNodeArgs, registry: &Registry) -> Result<ExitCode
     let bridge = Arc::new(Bridge::start(&wanted, Mailbox::new(interrupt.clone(), false))?);
     // What fires once has nobody beside it who could work in the meantime.
     let is_once =
-        matches!(part.role, Role::Node { run, node } if loaded.plan.runs[run].nodes[node].contract == Contract::Once);
+        matches!(part.role, Role::Node(node) if loaded.plan.runs[node.run].nodes[node.node].contract == Contract::Once);
     let usual = if is_once { Options::default().workers } else { 1 };
     let options = Options {
         workers: dora.run.workers.map_or(usual, usize::from),

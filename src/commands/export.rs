@@ -1,5 +1,6 @@
 //! `depthloom export`: recorded values as files that other programs read.
 
+use depthloom_graphs::plan::RunId;
 use std::collections::BTreeSet;
 use std::path::Path;
 
@@ -40,7 +41,7 @@ pub fn export(args: &ExportArgs) -> Result<ExitCode, CliError> {
     let chosen = chosen(recording.plan(), &args.topics, &args.format)?;
     let colours = args.colormap.map(colours);
     meant(args, &chosen, colours)?;
-    let runs: BTreeSet<usize> = chosen.iter().map(|chosen| chosen.run).collect();
+    let runs: BTreeSet<RunId> = chosen.iter().map(|chosen| chosen.run).collect();
     let frames = frames(&recording, &runs, args.frames.as_ref())?;
     let maps = Maps::new(&recording, &frames, &chosen, colours, args.range)?;
     let as_one = |format: ExportFormat| {

@@ -1,5 +1,6 @@
 //! `depthloom info`: what a recording holds, and what each topic takes.
 
+use depthloom_graphs::plan::{FrameIndex, RunId};
 use std::collections::{BTreeMap, BTreeSet};
 
 use depthloom_analysis::{StageFrames, variant_of};
@@ -122,7 +123,7 @@ fn topics(recording: &Recording, sizes: Vec<TopicSize>) -> Vec<Topic> {
     let plan = recording.plan();
     let mut sizes: BTreeMap<String, TopicSize> = sizes.into_iter().map(|size| (size.topic.clone(), size)).collect();
     let mut topics = Vec::new();
-    for run in 0..plan.runs.len() {
+    for run in RunId::all(plan.runs.len()) {
         for (slot, output) in plan.outputs(run) {
             let Some(size) = sizes.remove(&output.topic) else { continue };
             let recipe = match slot {
@@ -149,19 +150,19 @@ impl Topic {
 }
 
 /// The frames' positions and keys of a port's values.
-fn keys_of(recording: &Recording, run: usize, slot: Slot) -> impl Iterator<Item = (usize, Key)> {
+fn keys_of(recording: &Recording, run: RunId, slot: Slot) -> impl Iterator<Item = (FrameIndex, Key)> {
     let of_once = recording.once_values().iter().filter(move |once| match slot {
         Slot::Source { .. } => false,
         Slot::Node { node, port } => (once.run, once.node, once.port) == (run, node, port),
     });
-    let frames = recording.frames(run).iter().enumerate().filter_map(move |(position, frame)| {
+    let frames = FrameIndex::enumerate(recording.frames(run)).filter_map(move |(position, frame)| {
         let key = match slot {
             Slot::Source { .. } => frame.source_key,
             Slot::Node { node, .. } => frame.keys.iter().find(|of| of.node == node).map(|of| of.key),
         };
         key.map(|key| (position, key))
     });
-    frames.chain(of_once.map(|once| (0, once.key)))
+    frames.chain(of_once.map(|once| (FrameIndex(0), once.key)))
 }
 
 fn text(recording: &Recording, topics: &[Topic], damage: &[RecordedDamage], args: &InfoArgs) -> String {
@@ -176,10 +177,7 @@ fn text(recording: &Recording, topics: &[Topic], damage: &[RecordedDamage], args
     for RecordedDamage { offset, bytes, content } in damage {
         text += &format!("damaged in the {bytes} bytes from byte {offset} on: it held {content}\n");
     }
-    let stages = plan
-        .runs
-        .iter()
-        .enumerate()
+    let stages = RunId::enumerate(&plan.runs)
         .map(|(run, planned)| format!("{} {}", planned.name(), counted(recording.frames(run).len(), "frame")));
     let variants = counted(plan.variants.len(), "variant");
     text += &format!("experiment {}, {variants}: {}\n\n", plan.experiment, stages.collect::<Vec<_>>().join(", "));
@@ -259,11 +257,11 @@ struct RecordedKey<'a> {
 
 fn all_keys(recording: &Recording) -> impl Iterator<Item = RecordedKey<'_>> {
     let plan = recording.plan();
-    let of_frames = plan.runs.iter().enumerate().flat_map(move |(run, planned)| {
+    let of_frames = RunId::enumerate(&plan.runs).flat_map(move |(run, planned)| {
         recording.frames(run).iter().flat_map(move |frame| {
             let of_source = frame.source_key.map(|key| ("source", planned.variants.as_slice(), key));
             let of_nodes = frame.keys.iter().filter_map(|of| {
-                let node = planned.nodes.get(of.node)?;
+                let node = planned.nodes.get(of.node.0)?;
                 Some((node.name.as_str(), node.variants.as_slice(), of.key))
             });
             of_source.into_iter().chain(of_nodes).map(move |(node, variants, key)| {
@@ -273,8 +271,8 @@ fn all_keys(recording: &Recording) -> impl Iterator<Item = RecordedKey<'_>> {
         })
     });
     let of_once = recording.once_values().iter().filter_map(move |once| {
-        let planned = plan.runs.get(once.run)?;
-        let node = planned.nodes.get(once.node)?;
+        let planned = plan.runs.get(once.run.0)?;
+        let node = planned.nodes.get(once.node.0)?;
         let variant = variant_of(plan, &node.variants);
         Some(RecordedKey { planned, variant, frame: "", node: &node.name, key: once.key })
     });

@@ -1,5 +1,6 @@
 //! `depthloom plan` and `depthloom graph`: what would be run, as a list and as a drawing.
 
+use depthloom_graphs::plan::{NodeId, NodeRef, RunId};
 use std::fmt::Write as _;
 
 use depthloom_graphs::Registry;
@@ -70,26 +71,26 @@ fn reuse(args: &PlanArgs, loaded: Loaded, registry: &Registry) -> Result<ExitCod
         .map_err(|what| CliError::new(ExitCode::Engine, format!("failed to look ahead: {what}")))?;
     let nearest = earlier.nearest(&plan);
     let pairs = nearest.map(|(_, before)| node_pairs(before, &RecordedPlan::of(&plan))).unwrap_or_default();
-    let why = |run: usize, node: usize, foreseen: Foreseen| {
-        let pair = pairs.iter().find(|pair| pair.after == Some((run, node)))?;
+    let why = |node: NodeRef, foreseen: Foreseen| {
+        let pair = pairs.iter().find(|pair| pair.after == Some(node))?;
         match (pair.before, pair.differences.as_slice()) {
             (None, _) => Some("is new".to_owned()),
-            (Some(_), []) => Some(why_equal_nodes_run(plan.runs[run].nodes[node].contract, foreseen)),
+            (Some(_), []) => Some(why_equal_nodes_run(plan.runs[node.run].nodes[node.node].contract, foreseen)),
             (Some(_), differences) => Some(differences.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")),
         }
     };
     let (mut rows, mut stages) = (Vec::new(), String::new());
-    for (run, (planned, of_nodes)) in plan.runs.iter().zip(&foreseen).enumerate() {
+    for (run, (planned, foreseen_nodes)) in RunId::enumerate(plan.runs.iter().zip(&foreseen)) {
         let mut lines = Vec::new();
-        for (node, (planned, of_node)) in planned.nodes.iter().zip(of_nodes).enumerate() {
-            let Foreseen { fires, taken, .. } = *of_node;
+        for (node, (planned, foreseen)) in NodeId::enumerate(planned.nodes.iter().zip(foreseen_nodes)) {
+            let Foreseen { fires, taken, .. } = *foreseen;
             let does = match (fires, taken) {
                 (0, 0) => "not needed".to_owned(),
                 (0, _) => "taken".to_owned(),
                 (_, 0) => "runs".to_owned(),
                 _ => format!("taken {taken} of {} times", fires + taken),
             };
-            let why = if fires > 0 { why(run, node, *of_node) } else { None };
+            let why = if fires > 0 { why(NodeRef { run, node }, *foreseen) } else { None };
             let variants = planned.variant_names(&plan);
             rows.push(ReusedNode {
                 stage: plan.runs[run].stage.clone(),

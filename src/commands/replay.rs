@@ -1,5 +1,6 @@
 //! `depthloom replay`: nodes made again from a recording, and compared with it.
 
+use depthloom_graphs::plan::NodeRef;
 use std::sync::Arc;
 
 use depthloom_graphs::language::nearest;
@@ -154,11 +155,12 @@ fn refuse(
     unchecked: &[Unchecked],
 ) -> Result<(), CliError> {
     let is_named = |node: &Unchecked| {
-        let (run, name) = (&recording.plan().runs[node.run], &recording.plan().runs[node.run].nodes[node.node].name);
+        let run = &recording.plan().runs[node.node.run];
+        let name = &run.nodes[node.node.node].name;
         args.nodes.iter().any(|of| of == name || *of == format!("{}.{name}", run.stage))
     };
     let compares = replay.nodes.iter().flatten().any(|node| node.expected.iter().any(Option::is_some));
-    let told = |node: &Unchecked| format!("`{}`: {}", name(recording, node.run, node.node), node.why);
+    let told = |node: &Unchecked| format!("`{}`: {}", name(recording, node.node), node.why);
     let in_the_way = unchecked.iter().find(|node| is_named(node)).or_else(|| unchecked.first().filter(|_| !compares));
     match in_the_way {
         Some(node) if node.is_damage => {
@@ -174,9 +176,9 @@ fn refuse(
 }
 
 /// A node's name, with its stage, and with its variants where it does not serve all of the stage's.
-fn name(recording: &Recording, run: usize, node: usize) -> String {
+fn name(recording: &Recording, node: NodeRef) -> String {
     let plan = recording.plan();
-    let (run, node) = (&plan.runs[run], &plan.runs[run].nodes[node]);
+    let (run, node) = (&plan.runs[node.run], &plan.runs[node.run].nodes[node.node]);
     let name = format!("{}.{}", run.name().replace('/', "."), node.name);
     if node.variants.len() == run.variants.len() {
         return name;
@@ -191,14 +193,14 @@ fn name(recording: &Recording, run: usize, node: usize) -> String {
 /// What there is to tell.
 struct Told<'a> {
     recording: &'a Recording,
-    checked: Vec<(usize, depthloom_verify::Replayed, Tally)>,
+    checked: Vec<(NodeRef, depthloom_verify::Replayed, Tally)>,
     unchecked: Vec<Unchecked>,
     /// The nodes that failed where a run would have ended.
     failed: Vec<Unchecked>,
 }
 
 impl Told<'_> {
-    fn different(&self) -> impl Iterator<Item = &(usize, depthloom_verify::Replayed, Tally)> {
+    fn different(&self) -> impl Iterator<Item = &(NodeRef, depthloom_verify::Replayed, Tally)> {
         self.checked.iter().filter(|(.., tally)| tally.different > 0)
     }
 
@@ -207,10 +209,8 @@ impl Told<'_> {
     }
 
     fn verdict(&self, damage: &[String]) -> Option<CliError> {
-        let has_failed = |run: usize, node: &depthloom_verify::Replayed| {
-            self.failed.iter().any(|of| (of.run, of.node) == (run, node.recorded))
-        };
-        let different = self.different().filter(|(run, node, _)| !has_failed(*run, node)).count() as u64;
+        let has_failed = |node: NodeRef| self.failed.iter().any(|failed| failed.node == node);
+        let different = self.different().filter(|(node, ..)| !has_failed(*node)).count() as u64;
         let of = counted(self.checked.len(), "node");
         let differ = (different > 0).then(|| format!("{different} of {of} gave other values than recorded"));
         let failed = self.failed.len() as u64;
@@ -223,25 +223,24 @@ impl Told<'_> {
 
     fn text(&self) -> String {
         let mut rows = vec![["node", "kind", "compared", "different"].map(str::to_owned)];
-        rows.extend(self.checked.iter().map(|(run, node, tally)| self.row(*run, node, tally)));
+        rows.extend(self.checked.iter().map(|(node, _, tally)| self.row(*node, tally)));
         let mut text = aligned(&rows, &[2, 3]);
-        for (run, node, tally) in self.different().take(TOLD) {
-            text.push_str(&format!("\n{}\n", self.differences(*run, node, tally)));
+        for (node, _, tally) in self.different().take(TOLD) {
+            text.push_str(&format!("\n{}\n", self.differences(*node, tally)));
         }
         if let more @ 1.. = self.different().count().saturating_sub(TOLD) {
             text.push_str(&format!("\nand {more} more that differ: --json tells all\n"));
         }
-        let remarked = self.checked.iter().filter(|(_, node, _)| !node.remarks.is_empty());
-        for (run, node, _) in remarked {
-            let name = name(self.recording, *run, node.recorded);
-            text.push_str(&format!("{name}: {}\n", node.remarks.join("; ")));
+        for (node, replayed, _) in self.checked.iter().filter(|(_, replayed, _)| !replayed.remarks.is_empty()) {
+            let name = name(self.recording, *node);
+            text.push_str(&format!("{name}: {}\n", replayed.remarks.join("; ")));
         }
         for node in &self.unchecked {
-            let name = name(self.recording, node.run, node.node);
+            let name = name(self.recording, node.node);
             text.push_str(&format!("not compared: {name}: {}\n", node.why));
         }
         for node in &self.failed {
-            let name = name(self.recording, node.run, node.node);
+            let name = name(self.recording, node.node);
             text.push_str(&format!("failed: {name}: {}\n", node.why));
         }
         let plan = self.recording.plan();
@@ -255,14 +254,14 @@ impl Told<'_> {
         text
     }
 
-    fn row(&self, run: usize, node: &depthloom_verify::Replayed, tally: &Tally) -> [String; 4] {
+    fn row(&self, node: NodeRef, tally: &Tally) -> [String; 4] {
         let different = if tally.different == 0 { "-".to_owned() } else { tally.different.to_string() };
-        let kind = self.recording.plan().runs[run].nodes[node.recorded].kind.clone();
-        [name(self.recording, run, node.recorded), kind, tally.values.to_string(), different]
+        let kind = self.recording.plan().runs[node.run].nodes[node.node].kind.clone();
+        [name(self.recording, node), kind, tally.values.to_string(), different]
     }
 
-    fn differences(&self, run: usize, node: &depthloom_verify::Replayed, tally: &Tally) -> String {
-        let name = name(self.recording, run, node.recorded);
+    fn differences(&self, node: NodeRef, tally: &Tally) -> String {
+        let name = name(self.recording, node);
         let (different, of) = (tally.different, counted(tally.values, "value"));
         let numbers = format!("{} of {}", tally.different_numbers, counted(tally.numbers, "number"));
         let mut text = format!("{name}: {different} of {of}, {numbers}");
@@ -276,8 +275,8 @@ impl Told<'_> {
 
     /// For programs.
     fn output(&self, args: &ReplayArgs, damage: Vec<String>, verdict: Option<&CliError>) -> Replay {
-        let checked = self.checked.iter().map(|(run, node, tally)| {
-            let NotReplayed { stage, node: name, kind, version, variants, .. } = self.node(*run, node.recorded, "");
+        let checked = self.checked.iter().map(|(node, replayed, tally)| {
+            let NotReplayed { stage, node: name, kind, version, variants, .. } = self.node(*node, "");
             Replayed {
                 stage,
                 node: name,
@@ -290,10 +289,10 @@ impl Told<'_> {
                 different_numbers: tally.different_numbers,
                 first: tally.first.as_ref().map(difference),
                 worst: tally.worst.as_ref().map(difference),
-                remarks: node.remarks.clone(),
+                remarks: replayed.remarks.clone(),
             }
         });
-        let why = |node: &Unchecked| self.node(node.run, node.node, &node.why);
+        let why = |node: &Unchecked| self.node(node.node, &node.why);
         Replay {
             run: args.run.to_string_lossy().into_owned(),
             asked: args.nodes.clone(),
@@ -307,11 +306,11 @@ impl Told<'_> {
         }
     }
 
-    fn node(&self, run: usize, node: usize, why: &str) -> NotReplayed {
+    fn node(&self, node: NodeRef, why: &str) -> NotReplayed {
         let plan = self.recording.plan();
-        let (of, node) = (&plan.runs[run], &plan.runs[run].nodes[node]);
+        let (run, node) = (&plan.runs[node.run], &plan.runs[node.run].nodes[node.node]);
         NotReplayed {
-            stage: of.stage.clone(),
+            stage: run.stage.clone(),
             node: node.name.clone(),
             kind: node.kind.clone(),
             version: node.version,

@@ -1,5 +1,6 @@
 //! Many variants from few lines, and some of them: `--matrix`, `--variant`.
 
+use depthloom_graphs::plan::VariantId;
 use depthloom_recording::Recording;
 
 use crate::support::{Row, depthloom, number, read_csv, succeed, workspace};
@@ -22,7 +23,7 @@ fn variants_made_on_the_command_line_are_recorded_with_their_factors_and_run_aga
     let plan = recorded.plan();
     assert_eq!(plan.variants, ["block=3+mode=sgbm", "block=3+mode=hh", "block=5+mode=hh"]);
     let factors = |variant| plan.factors_of(variant).iter().map(|factor| (factor.axis.as_str(), factor.value.as_str()));
-    assert_eq!(factors(2).collect::<Vec<_>>(), [("block", "5"), ("mode", "hh")]);
+    assert_eq!(factors(VariantId(2)).collect::<Vec<_>>(), [("block", "5"), ("mode", "hh")]);
     let stereo = |block: u64| {
         let mut nodes = plan.runs[0].nodes.iter().filter(|node| node.name == "stereo");
         nodes.find(|node| node.params["block"] == block).expect("it ran").params.clone()

@@ -2,6 +2,7 @@
 //!
 //! `dora` and its library for Python come from PyPI (`tests/python/requirements-dora.txt`).
 
+use depthloom_graphs::plan::RunId;
 use std::fs;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -230,7 +231,7 @@ fn a_node_by_somebody_else_that_does_not_answer_fails_the_frame_and_one_that_end
             "{more}: {printed}"
         );
         let recording = Recording::open(flow.path("many.partial/recording.mcap")).expect("readable");
-        assert_eq!(recording.frames(0).len(), 2, "{more}");
+        assert_eq!(recording.frames(RunId(0)).len(), 2, "{more}");
         assert_eq!(flow.parts(), Vec::<u32>::new());
     }
 }
@@ -306,7 +307,7 @@ fn whatever_is_killed_the_rest_ends_and_the_recording_can_be_read() {
         wait_for(|| flow.parts().is_empty(), "all parts end");
         let log = plain(&fs::read(flow.path("log")).expect("a log"));
         let recording = Recording::open(&recording).expect("readable");
-        assert!(recording.frames(0).len() > 1, "{victim}: {log}");
+        assert!(recording.frames(RunId(0)).len() > 1, "{victim}: {log}");
         match victim {
             "look.stereo" => assert!(log.contains("error: node `look.stereo` failed on frame"), "{log}"),
             "look.own.dora" => assert!(log.contains("dora's node has ended"), "{log}"),

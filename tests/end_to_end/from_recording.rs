@@ -1,5 +1,6 @@
 //! A recording as a source: it stands for the source it was made from, and gives what its nodes gave.
 
+use depthloom_graphs::plan::{FrameIndex, RunId};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -57,14 +58,14 @@ impl Here {
 
 /// Of each frame the depths of a topic, bit for bit.
 fn depths(recording: &Recording, topic: &str) -> Vec<(String, Vec<u32>)> {
-    let mut reader = recording.reader(0, &[topic]).expect("a topic");
+    let mut reader = recording.reader(RunId(0), &[topic]).expect("a topic");
     let frame = |position: usize| {
-        let values = reader.read(position).expect("a frame");
+        let values = reader.read(FrameIndex(position)).expect("a frame");
         let [Some(Value::Depth(depth))] = &values[..] else { panic!("a depth") };
         let bits = depth.metres.as_raw().iter().map(|metres| metres.to_bits()).collect();
-        (recording.frames(0)[position].id.to_string(), bits)
+        (recording.frames(RunId(0))[position].id.to_string(), bits)
     };
-    (0..recording.frames(0).len()).map(frame).collect()
+    (0..recording.frames(RunId(0)).len()).map(frame).collect()
 }
 
 #[test]
@@ -75,7 +76,7 @@ fn a_recording_stands_for_the_source_it_was_made_from_key_by_key() {
     succeed(&mut here.command(&["run", "--no-page", "again.yaml", "--quiet", "--fresh", "--out", "again"]));
     let (first, again) = (here.recording("first"), here.recording("again"));
     let keys = |recording: &Recording| {
-        let frames = recording.frames(0).iter();
+        let frames = recording.frames(RunId(0)).iter();
         frames.map(|frame| (frame.id.clone(), frame.index, frame.source_key, frame.keys.clone())).collect::<Vec<_>>()
     };
     assert_eq!(keys(&first), keys(&again));
@@ -108,7 +109,8 @@ fn what_nodes_gave_is_there_under_their_names_and_frames_keep_theirs() {
     let behind = depths(&here.recording("behind"), "/look/depth/depth");
     assert_eq!(behind, [first[2].clone(), first[0].clone()]);
     // Keys name the values: of another variant they are others, of the same recording elsewhere the same.
-    let keys = |run: &str| here.recording(run).frames(0).iter().map(|frame| frame.source_key).collect::<Vec<_>>();
+    let keys =
+        |run: &str| here.recording(run).frames(RunId(0)).iter().map(|frame| frame.source_key).collect::<Vec<_>>();
     let moved = here.path().join("moved.mcap");
     std::fs::copy(here.path().join("first/recording.mcap"), &moved).expect("copied");
     for (name, set) in [("moved", "path=moved.mcap"), ("five", "variant=five")] {
@@ -121,7 +123,7 @@ fn what_nodes_gave_is_there_under_their_names_and_frames_keep_theirs() {
     let join = "[{ kind: mcap, with: { path: first } }, { kind: mcap, with: { path: moved.mcap, frames: [5] } }]";
     here.write("two.yaml", &format!("  street: {{ join: {join} }}\n"));
     succeed(&mut here.command(&["run", "--no-page", "two.yaml", "--quiet", "--out", "two"]));
-    assert_eq!(here.recording("two").frames(0).len(), 4);
+    assert_eq!(here.recording("two").frames(RunId(0)).len(), 4);
 }
 
 #[test]
@@ -150,9 +152,9 @@ fn a_recording_that_was_cut_gives_its_whole_frames_and_says_so() {
     here.write("cut.yaml", "  street: { kind: mcap, with: { path: cut.mcap } }\n");
     let told = succeed(&mut here.command(&["run", "--no-page", "cut.yaml", "--json", "--out", "rest"]));
     let told: Json = serde_json::from_slice(&told.stdout).expect("JSON");
-    let whole = Recording::open(&cut).expect("a recording").frames(0).len();
+    let whole = Recording::open(&cut).expect("a recording").frames(RunId(0)).len();
     assert!((1..3).contains(&whole));
-    assert_eq!(here.recording("rest").frames(0).len(), whole);
+    assert_eq!(here.recording("rest").frames(RunId(0)).len(), whole);
     let warning = told["warnings"][0].as_str().expect("a warning");
     assert!(warning.contains("cut.mcap is unfinished") || warning.contains("cut.mcap is damaged"), "{warning}");
     // A frame that is asked for and was cut off is missing.

@@ -1,5 +1,6 @@
 //! The package `python/`: typed, tested by tests of its own, bit for bit what our own reader gives; its notebook; the README's lines.
 
+use depthloom_graphs::plan::{FrameIndex, RunId};
 use std::path::Path;
 use std::process::Command;
 
@@ -85,8 +86,8 @@ fn assert_same_maps(python: &Path, run: &Path) -> usize {
     let plan = recording.plan();
     for (number, (stage, position, topic, type_name, shape)) in told.iter().enumerate() {
         let run = plan.runs.iter().position(|run| run.name() == stage).expect("a stage");
-        let mut reader = recording.reader(run, &[topic]).expect("a topic");
-        let values = reader.read(*position).expect("a frame");
+        let mut reader = recording.reader(RunId(run), &[topic]).expect("a topic");
+        let values = reader.read(FrameIndex(*position)).expect("a frame");
         let [Some(value)] = &values[..] else { panic!("{topic} has no value on frame {position}") };
         let (ours, our_type, our_shape) = bytes_of(value);
         assert_eq!((our_type, &our_shape), (type_name.as_str(), shape), "{topic}");
@@ -145,9 +146,9 @@ fn the_readmes_lines_of_python_read_a_run() {
     let told = String::from_utf8(told.stdout).expect("text");
 
     let recording = Recording::open(out.join("recording.mcap")).expect("a recording");
-    let mut reader = recording.reader(0, &["/look/depth/depth"]).expect("a topic");
-    let position = recording.frames(0).iter().position(|frame| &*frame.id == "000003_10").expect("a frame");
-    let values = reader.read(position).expect("a frame");
+    let mut reader = recording.reader(RunId(0), &["/look/depth/depth"]).expect("a topic");
+    let position = recording.frames(RunId(0)).iter().position(|frame| &*frame.id == "000003_10").expect("a frame");
+    let values = reader.read(FrameIndex(position)).expect("a frame");
     let [Some(Value::Depth(depth))] = &values[..] else { panic!("a depth") };
     let finite: Vec<f32> = depth.metres.iter().copied().filter(|metres| metres.is_finite()).collect();
     let most = finite.iter().copied().fold(0.0, f32::max);

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use depthloom_graphs::Value;
 use depthloom_graphs::language::{Options, load};
-use depthloom_graphs::plan::{Plan, PlannedNode};
+use depthloom_graphs::plan::{FrameIndex, Plan, PlannedNode, RunId};
 use depthloom_graphs::ready::Ready;
 use depthloom_recording::{Recorder, Recording};
 use depthloom_runner::{Interrupt, Unwatched};
@@ -165,14 +165,16 @@ fn with_block_9(recording: &Path) -> Json {
 /// By frame its id, and the disparities, pixels; `None`: nothing found.
 fn disparities(recording: &Path) -> Vec<(String, Vec<Option<f64>>)> {
     let recording = Recording::open(recording).expect("a recording");
-    let mut reader = recording.reader(0, &["/look/stereo/disparity"]).expect("a topic");
+    let mut reader = recording.reader(RunId(0), &["/look/stereo/disparity"]).expect("a topic");
     let frame = |position: usize| {
-        let Some(Value::Disparity(map)) = reader.read(position).expect("a frame").remove(0) else { panic!("a map") };
+        let Some(Value::Disparity(map)) = reader.read(FrameIndex(position)).expect("a frame").remove(0) else {
+            panic!("a map")
+        };
         let of = |value: &i16| (i32::from(*value) != map.invalid()).then(|| f64::from(*value) / 16.0);
         let values = map.sixteenths_px.as_raw().iter().map(of).collect();
-        (recording.frames(0)[position].id.to_string(), values)
+        (recording.frames(RunId(0))[position].id.to_string(), values)
     };
-    (0..recording.frames(0).len()).map(frame).collect()
+    (0..recording.frames(RunId(0)).len()).map(frame).collect()
 }
 
 #[test]
@@ -226,7 +228,7 @@ fn a_recording_that_was_cut_is_compared_as_far_as_it_is_whole_and_a_damaged_one_
         path
     };
     let cut = write("cut.mcap", &bytes[..bytes.len() / 2]);
-    let frames = Recording::open(&cut).expect("a recording").frames(0).len();
+    let frames = Recording::open(&cut).expect("a recording").frames(RunId(0)).len();
     assert!((1..3).contains(&frames));
     let (code, told) = check_json(&cut, &[]);
     assert_eq!((code, &told["nodes"][0]["compared"]), (Some(0), &json!(frames)), "{told:#}");
@@ -234,8 +236,8 @@ fn a_recording_that_was_cut_is_compared_as_far_as_it_is_whole_and_a_damaged_one_
     // A bit of something that is read, wherever that lies.
     let is_read_wrong = |path: &PathBuf| {
         let recording = Recording::open(path).expect("its plan is sound");
-        let mut reader = recording.reader(0, &["/look/stereo/disparity"]).expect("a topic");
-        (0..recording.frames(0).len()).any(|position| reader.read(position).is_err())
+        let mut reader = recording.reader(RunId(0), &["/look/stereo/disparity"]).expect("a topic");
+        (0..recording.frames(RunId(0)).len()).any(|position| reader.read(FrameIndex(position)).is_err())
     };
     let mut flipped = (1..128).map(|part| {
         let (mut flipped, at) = (bytes.clone(), bytes.len() * part / 128);

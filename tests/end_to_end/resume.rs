@@ -1,5 +1,6 @@
 //! A run that was ended at any byte goes on where it was, and ends with the bytes of one that was not.
 
+use depthloom_graphs::plan::RunId;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -171,7 +172,7 @@ fn a_recovered_recording_holds_what_was_committed() {
         succeed(&mut recover);
         let (before, after) = (open(&cut), open(&recovered));
         for run in 0..2 {
-            assert_eq!(before.frames(run), after.frames(run));
+            assert_eq!(before.frames(RunId(run)), after.frames(RunId(run)));
         }
         assert_eq!(before.once_values(), after.once_values());
         assert!(after.damage(&|| false).is_empty());

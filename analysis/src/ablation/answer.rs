@@ -4,6 +4,7 @@ use std::collections::HashSet;
 
 use depthloom_graphs::Key;
 use depthloom_graphs::contracts::FrameSelection;
+use depthloom_graphs::plan::{FrameIndex, RunId};
 use depthloom_recording::{RecordedFrame, Recording};
 use depthloom_scores::{Mean, ScoreRow};
 use schemars::JsonSchema;
@@ -164,8 +165,8 @@ impl Answer {
 }
 
 /// The key of a frame's source values, by stage run and position.
-pub(crate) fn source_of(recording: &Recording) -> impl Fn(usize, usize) -> Option<Key> {
-    |run, position| recording.frames(run).get(position).and_then(|frame| frame.source_key)
+pub(crate) fn source_of(recording: &Recording) -> impl Fn(RunId, FrameIndex) -> Option<Key> {
+    |run, position| recording.frames(run).get(position.0).and_then(|frame| frame.source_key)
 }
 
 /// The scores that a recording holds.
@@ -201,7 +202,7 @@ pub(crate) fn of_frames(
         FrameSelection::Range(range) => FrameSelection::Available(range.clone()),
         other => other.clone(),
     };
-    let frames = || (0..recording.plan().runs.len()).flat_map(|run| recording.frames(run));
+    let frames = || RunId::all(recording.plan().runs.len()).flat_map(|run| recording.frames(run));
     let mut ids: Vec<(u64, &str)> = frames().map(|frame| (frame.index, &*frame.id)).collect();
     ids.sort_unstable();
     let is_file = matches!(wanted, FrameSelection::File(_));
@@ -216,9 +217,10 @@ pub(crate) fn of_frames(
     })?;
     let indices: HashSet<u64> = selected.iter().map(|at| ids[*at].0).collect();
     let names: HashSet<&str> = selected.iter().map(|at| ids[*at].1).collect();
-    let runs: Vec<&[RecordedFrame]> = (0..recording.plan().runs.len()).map(|run| recording.frames(run)).collect();
+    let runs: Vec<&[RecordedFrame]> =
+        RunId::all(recording.plan().runs.len()).map(|run| recording.frames(run)).collect();
     let is_wanted = |score: &FrameScore| {
-        runs[estimators[score.estimator].run].get(score.position).is_some_and(|frame| match is_file {
+        runs[estimators[score.estimator].run].get(score.position.0).is_some_and(|frame| match is_file {
             true => names.contains(&*frame.id),
             false => indices.contains(&frame.index),
         })

@@ -2,6 +2,7 @@
 
 use std::collections::HashMap;
 
+use depthloom_graphs::plan::RunId;
 use depthloom_recording::RecordedPlan;
 use depthloom_scores::{Family, Metric};
 
@@ -13,7 +14,7 @@ const DEPTH_FROM_DISPARITY: &str = "depth/from-disparity";
 
 /// By estimator: the topic of the disparity that it is, or that it was computed from.
 pub(super) fn disparities<'a>(plan: &'a RecordedPlan, estimators: &'a [Estimator]) -> Vec<Option<&'a str>> {
-    let of_depth: HashMap<(usize, &str), &str> = (plan.runs.iter().enumerate())
+    let of_depth: HashMap<(RunId, &str), &str> = RunId::enumerate(&plan.runs)
         .flat_map(|(run, planned)| planned.nodes.iter().map(move |node| (run, node)))
         .filter(|(_, node)| node.kind == DEPTH_FROM_DISPARITY)
         .filter_map(|(run, node)| {
@@ -33,7 +34,7 @@ pub(super) fn disparities<'a>(plan: &'a RecordedPlan, estimators: &'a [Estimator
 pub(super) fn joined(ablation: &Ablation<'_>, rows: Vec<Row>) -> Vec<Row> {
     /// Rows of depths, and of disparities.
     type Both = [Vec<usize>; 2];
-    let mut by_disparity: HashMap<(usize, Option<&str>, &str), Both> = HashMap::new();
+    let mut by_disparity: HashMap<(RunId, Option<&str>, &str), Both> = HashMap::new();
     for (place, row) in rows.iter().enumerate() {
         if let Some(disparity) = ablation.disparities[row.estimator] {
             let estimator = ablation.estimator(row);
@@ -72,6 +73,7 @@ pub(crate) fn of_label(estimators: &[Estimator], wanted: &str, metric: &str) -> 
 
 #[cfg(test)]
 mod tests {
+    use depthloom_graphs::plan::FrameIndex;
     use std::sync::Arc;
 
     use depthloom_scores::{PixelSet, ScoreRow};
@@ -131,7 +133,7 @@ mod tests {
             let metric = Metric::named(if estimator % 3 == 2 { "d1" } else { "abs_rel" }).unwrap();
             let truth = if estimator % 3 == 2 { 50 } else { 80 };
             let row = ScoreRow { pixels: truth, truth, answered: 40, ..ScoreRow::new(PixelSet::All, "") };
-            FrameScore { frame: Arc::from("0"), position: 0, estimator, row: row.with(metric, value) }
+            FrameScore { frame: Arc::from("0"), position: FrameIndex(0), estimator, row: row.with(metric, value) }
         };
         let scores: Vec<FrameScore> = values.into_iter().enumerate().map(score).collect();
         let ablation = Ablation::new(&plan, &estimators, &scores, &|_, _| None, None);

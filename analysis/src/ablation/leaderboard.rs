@@ -1,5 +1,6 @@
 //! Estimates of several runs in one table, with the settings in which the runs differ.
 
+use depthloom_graphs::plan::VariantId;
 use std::collections::HashMap;
 
 use depthloom_recording::{Difference, Recording};
@@ -280,19 +281,19 @@ impl<'a> Board<'a> {
     /// The parameters in which the entries differ: `stage.node.parameter`, and its value by entry; `None` where variants that share an entry do not agree.
     fn settings(&self, entries: &[&Entry]) -> Vec<(String, Vec<Option<String>>)> {
         let text = |value: Json| value.as_str().map_or_else(|| value.to_string(), str::to_owned);
-        let variants = |entry: &Entry| -> Vec<Option<usize>> {
+        let variants = |entry: &Entry| -> Vec<Option<VariantId>> {
             let all = &self.runs[entry.run].recording.plan().variants;
             let is_of = |name: &&String| match &self.ablations[entry.run].estimator(&entry.row).lead.variant {
                 Some(variant) => *name == variant,
                 None => true,
             };
-            let own: Vec<_> = (0..all.len()).filter(|variant| is_of(&&all[*variant])).map(Some).collect();
+            let own: Vec<_> = VariantId::all(all.len()).filter(|variant| is_of(&&all[*variant])).map(Some).collect();
             if own.is_empty() { vec![None] } else { own }
         };
         let Some(first) = entries.first() else { return Vec::new() };
         let base = (self.runs[first.run].recording.plan(), variants(first)[0]);
         // Of each variant of a run, what is not as in the first entry.
-        let mut known: HashMap<(usize, Option<usize>), Vec<Setting>> = HashMap::new();
+        let mut known: HashMap<(usize, Option<VariantId>), Vec<Setting>> = HashMap::new();
         for entry in entries {
             for variant in variants(entry) {
                 known.entry((entry.run, variant)).or_insert_with(|| {
@@ -319,7 +320,7 @@ impl<'a> Board<'a> {
             }
         }
         let value = |entry: &Entry, (name, before): (&str, &Option<String>)| {
-            let of_variant = |variant: Option<usize>| {
+            let of_variant = |variant: Option<VariantId>| {
                 let changed = known[&(entry.run, variant)].iter().find(|setting| setting.name == name);
                 changed.map_or(before, |setting| &setting.after)
             };

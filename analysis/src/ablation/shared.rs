@@ -1,6 +1,7 @@
 //! Scores on the pixels that all compared estimates answered, taken again from recorded maps.
 
 use depthloom_graphs::Value;
+use depthloom_graphs::plan::FrameIndex;
 use depthloom_recording::Recording;
 use depthloom_scores::{PixelSet, ScoreRow, ScoredPixels, Settings, score_pixels};
 
@@ -78,7 +79,7 @@ fn score_together(
         let topics: Vec<&str> = some.iter().filter_map(|&index| estimators[index].estimate_topic.as_deref()).collect();
         readers.push((some, recording.reader(*run, &topics)?));
     }
-    for (position, frame) in recording.frames(*run).iter().enumerate() {
+    for (position, frame) in FrameIndex::enumerate(recording.frames(*run)) {
         if stop() {
             return Err(AnalysisError::Stopped);
         }

@@ -1,5 +1,6 @@
 //! Ablations of a recorded plan with two axes, and scores that are easy to reckon with.
 
+use depthloom_graphs::plan::FrameIndex;
 use std::sync::Arc;
 
 use depthloom_graphs::Remedied;
@@ -84,7 +85,7 @@ fn score(position: usize, estimator: usize, zone: &str, pixels: u64, abs_rel: f6
         let row = ScoreRow { pixels: counted, truth: pixels, answered, ..ScoreRow::new(set, zone) };
         let metric = |name: &str| Metric::named(name).unwrap();
         let row = row.with(metric("a1"), 1.0 - abs_rel).with(metric("a3"), 1.0).with(metric("abs_rel"), abs_rel);
-        FrameScore { frame: Arc::from(format!("f{position}")), position, estimator, row }
+        FrameScore { frame: Arc::from(format!("f{position}")), position: FrameIndex(position), estimator, row }
     })
 }
 

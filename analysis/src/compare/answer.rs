@@ -1,5 +1,6 @@
 //! A comparison as it is shown and written.
 
+use depthloom_graphs::plan::VariantId;
 use depthloom_graphs::{Key, counted};
 use depthloom_scores::{Mean, PixelSet, Pooling};
 
@@ -133,7 +134,7 @@ fn parameters(opened: &[Opened<'_>], first: &Party, other: &Party) -> Vec<Change
     let variant = |party: &Party| {
         let label = party.entries.first().filter(|_| party.variant.is_none()).map(|(_, label)| label)?;
         let of = opened[party.run].estimators.iter().find(|of| of.label == *label)?.lead.variant.as_ref()?;
-        plan(party).variants.iter().position(|name| name == of)
+        plan(party).variants.iter().position(|name| name == of).map(VariantId)
     };
     // Of an estimator, those of its variant; a run has all of its variants.
     let is_run = first.entries.iter().any(|(name, label)| name == label);

@@ -40,7 +40,7 @@ impl ScoredBy<'_> {
     }
 
     fn key(&self, score: &FrameScore) -> Option<Key> {
-        self.run.recording.frames(self.estimator.run).get(score.position).and_then(|frame| frame.source_key)
+        self.run.recording.frames(self.estimator.run).get(score.position.0).and_then(|frame| frame.source_key)
     }
 
     fn is_of_run(&self, other: &Self) -> bool {

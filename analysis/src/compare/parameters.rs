@@ -1,5 +1,6 @@
 //! What was set otherwise: which parameter, version, input or file of which node.
 
+use depthloom_graphs::plan::VariantId;
 use depthloom_recording::{Difference, NodePair, RecordedPlan, RecordedRun, node_pairs, source_differences};
 use serde::Serialize;
 
@@ -37,8 +38,8 @@ impl Changed {
 
 /// The differences between two plans, or a variant of each, with the node of each difference.
 pub(crate) fn parameter_changes(
-    before: (&RecordedPlan, Option<usize>),
-    after: (&RecordedPlan, Option<usize>),
+    before: (&RecordedPlan, Option<VariantId>),
+    after: (&RecordedPlan, Option<VariantId>),
 ) -> Vec<(String, Difference)> {
     let all = changed(before, after).into_iter();
     let difference = |changed: Changed| match changed.change {
@@ -49,8 +50,11 @@ pub(crate) fn parameter_changes(
 }
 
 /// What differs between two plans, or a variant of each.
-pub(super) fn changed(before: (&RecordedPlan, Option<usize>), after: (&RecordedPlan, Option<usize>)) -> Vec<Changed> {
-    let of = |(plan, variant): (&RecordedPlan, Option<usize>)| match variant {
+pub(super) fn changed(
+    before: (&RecordedPlan, Option<VariantId>),
+    after: (&RecordedPlan, Option<VariantId>),
+) -> Vec<Changed> {
+    let of = |(plan, variant): (&RecordedPlan, Option<VariantId>)| match variant {
         Some(variant) => of_variant(plan, variant),
         None => plan.clone(),
     };
@@ -103,14 +107,14 @@ fn label(pair: &NodePair, plan: &RecordedPlan) -> String {
 }
 
 /// The plan as it were, had it this variant alone, without a name: so that it can be held against another variant.
-fn of_variant(plan: &RecordedPlan, variant: usize) -> RecordedPlan {
+fn of_variant(plan: &RecordedPlan, variant: VariantId) -> RecordedPlan {
     let run = |run: &RecordedRun| {
         let nodes = run.nodes.iter().filter(|node| node.variants.contains(&variant)).cloned();
         let nodes = nodes.map(|mut node| {
-            node.variants = vec![0];
+            node.variants = vec![VariantId(0)];
             node
         });
-        RecordedRun { variants: vec![0], nodes: nodes.collect(), estimates: Vec::new(), ..run.clone() }
+        RecordedRun { variants: vec![VariantId(0)], nodes: nodes.collect(), estimates: Vec::new(), ..run.clone() }
     };
     let runs = plan.runs.iter().filter(|run| run.variants.contains(&variant)).map(run).collect();
     RecordedPlan { variants: vec![String::new()], factors: Vec::new(), runs, ..plan.clone() }

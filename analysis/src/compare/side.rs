@@ -1,6 +1,7 @@
 //! What is compared with what: runs, variants of a run, or estimators.
 
 use depthloom_graphs::language::glob;
+use depthloom_graphs::plan::VariantId;
 use depthloom_recording::{RecordedPlan, Recording};
 
 use super::{CompareOptions, ComparedRun, no_such};
@@ -35,7 +36,7 @@ pub(super) struct Party {
     /// What it is called: a run as it was named, a variant or an estimator, with its run where there are several.
     pub(super) title: String,
     /// The variant, of a variant.
-    pub(super) variant: Option<usize>,
+    pub(super) variant: Option<VariantId>,
     /// What its estimators have in common with those of others by name, and their labels.
     pub(super) entries: Vec<(String, String)>,
 }
@@ -133,8 +134,8 @@ fn whole(called: &str, estimators: &[Estimator], run: usize) -> (Kind, Party) {
 
 /// The variants of that name that have estimators of their own.
 fn variants(plan: &RecordedPlan, estimators: &[Estimator], name: &str, run: usize, prefix: &str) -> Vec<(Kind, Party)> {
-    let named = plan.variants.iter().enumerate().filter(|(_, of)| !of.is_empty() && glob(name, of));
-    let party = |(variant, of): (usize, &String)| {
+    let named = VariantId::enumerate(&plan.variants).filter(|(_, of)| !of.is_empty() && glob(name, of));
+    let party = |(variant, of): (VariantId, &String)| {
         let own = estimators.iter().filter(|estimator| estimator.lead.variant.as_ref() == Some(of));
         let entries: Vec<_> = own.map(|estimator| (own_name(estimator, estimators), estimator.label.clone())).collect();
         let title = format!("{prefix}{of}");

@@ -1,5 +1,6 @@
 //! Keys of what the error against distance is computed from. Estimators with equal keys have equal samples.
 
+use depthloom_graphs::plan::RunId;
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
 
@@ -24,9 +25,9 @@ pub(crate) struct Input {
 
 /// By estimator: what its bins are computed from. `None` for an estimator without recorded maps.
 pub(crate) fn inputs(recording: &Recording, estimators: &[Estimator]) -> Result<Vec<Option<Input>>, AnalysisError> {
-    let mut groups: Vec<(usize, &str, String)> = Vec::new();
+    let mut groups: Vec<(RunId, &str, String)> = Vec::new();
     let mut inputs = Vec::with_capacity(estimators.len());
-    let mut digests: BTreeMap<(usize, &str), Vec<Option<Key>>> = BTreeMap::new();
+    let mut digests: BTreeMap<(RunId, &str), Vec<Option<Key>>> = BTreeMap::new();
     for estimator in estimators {
         let Some(Compared { truth_topic, estimate_topic, settings }) = estimator.compared() else {
             inputs.push(None);

@@ -1,6 +1,7 @@
 //! Frames as the paper shows them (Martins et al. 2018, figures 4 and 5), one beside the other: the image, the estimates in one scale of colours, the
 //! weight, the difference of two estimates' errors, the truth.
 
+use depthloom_graphs::plan::{FrameIndex, RunId, VariantId};
 use std::collections::BTreeMap;
 
 use depthloom_figures::{
@@ -50,7 +51,7 @@ enum Row {
 
 /// What is read of a stage.
 struct Shown {
-    run: usize,
+    run: RunId,
     topics: Vec<String>,
     rows: Vec<Row>,
     truth: usize,
@@ -68,7 +69,7 @@ pub(super) fn panels(
     let shown = Shown::of(run.recording, request)?;
     let positions = positions(run.recording, &shown, request)?;
     let mut reader = run.recording.reader(shown.run, &shown.topics)?;
-    let mut frames: Vec<(usize, Vec<Option<Value>>)> = Vec::new();
+    let mut frames: Vec<(FrameIndex, Vec<Option<Value>>)> = Vec::new();
     for position in positions {
         if stop() {
             return Err(AnalysisError::Stopped);
@@ -179,7 +180,7 @@ impl Shown {
     fn drawn(
         &self,
         recording: &Recording,
-        frames: &[(usize, Vec<Option<Value>>)],
+        frames: &[(FrameIndex, Vec<Option<Value>>)],
         request: &FigureRequest,
     ) -> Result<Figure, AnalysisError> {
         let depth_bar = Bar { ramp: SEQUENTIAL, axis: Axis::log(NEAR_M, self.settings.max_m, "depth, m") };
@@ -245,7 +246,7 @@ impl Shown {
             }));
             for (column, (position, maps)) in frames.iter().enumerate() {
                 let x = MARGIN + of_names + column as f64 * (cell + GAP);
-                let frame = recording.frames(self.run).get(*position).map_or("", |frame| &frame.id);
+                let frame = recording.frames(self.run).get(position.0).map_or("", |frame| &frame.id);
                 if at == 0.0 {
                     let (words, size) = ending(frame, cell);
                     drawing.text((x + cell / 2.0, y - 3.0), words, size, Anchor::Middle);
@@ -280,7 +281,7 @@ impl Shown {
         }
         draw_bars(&mut drawing, &bars, below, page - 2.0 * MARGIN);
         let variant = self.variant.as_ref().map(|of| format!(" of {of}")).unwrap_or_default();
-        let ids = frames.iter().filter_map(|(at, _)| recording.frames(self.run).get(*at)).map(|frame| &*frame.id);
+        let ids = frames.iter().filter_map(|(at, _)| recording.frames(self.run).get(at.0)).map(|frame| &*frame.id);
         let ids = ids.collect::<Vec<_>>().join(", ");
         let about = format!("Frames {ids}{variant}, top to bottom: {}; white: no answer", names.join(", "));
         Ok(Figure { drawing, about, data: table.csv(), notes: Vec::new() })
@@ -351,12 +352,12 @@ fn ending(id: &str, room: f64) -> (String, f64) {
 }
 
 /// The frames that are asked for.
-fn positions(recording: &Recording, shown: &Shown, request: &FigureRequest) -> Result<Vec<usize>, AnalysisError> {
+fn positions(recording: &Recording, shown: &Shown, request: &FigureRequest) -> Result<Vec<FrameIndex>, AnalysisError> {
     let frames = recording.frames(shown.run);
     let Some(choice) = &request.frames else {
         // Those whose maps were kept.
         let every = recording.plan().every.max(1) as usize;
-        let kept: Vec<usize> = (0..frames.len()).step_by(every).collect();
+        let kept: Vec<FrameIndex> = FrameIndex::all(frames.len()).step_by(every).collect();
         let count = kept.len().min(SHOWN);
         return Ok((0..count).map(|at| kept[at * kept.len() / count]).collect());
     };
@@ -365,24 +366,24 @@ fn positions(recording: &Recording, shown: &Shown, request: &FigureRequest) -> R
         let what = format!("{} frames are more than {MOST}", positions.len());
         return Err(AnalysisError::asked(what, "name fewer".to_owned()));
     }
-    Ok(positions)
+    Ok(positions.into_iter().map(FrameIndex).collect())
 }
 
 /// The topic of the source's image: the left one, or the first.
-fn image(plan: &RecordedPlan, run: usize) -> Option<String> {
+fn image(plan: &RecordedPlan, run: RunId) -> Option<String> {
     let outputs = &plan.runs[run].source.outputs;
     let images = || outputs.iter().filter(|of| of.recorded && of.value_type() == Some(ValueType::Image));
     images().find(|of| of.port == "left").or_else(|| images().next()).map(|of| of.topic.clone())
 }
 
 /// The topic of the variant's weight, or of the one that all share.
-fn weight(plan: &RecordedPlan, run: usize, variant: Option<&str>) -> Option<String> {
-    let place = variant.and_then(|name| plan.variants.iter().position(|of| of == name));
+fn weight(plan: &RecordedPlan, run: RunId, variant: Option<&str>) -> Option<String> {
+    let place = variant.and_then(|name| plan.variants.iter().position(|of| of == name)).map(VariantId);
     let of_nodes = plan.runs[run].nodes.iter().flat_map(|node| node.outputs.iter().map(move |output| (node, output)));
     let kept: Vec<_> = of_nodes
         .filter(|(_, output)| output.recorded && !output.once && output.value_type() == Some(ValueType::Weight))
         .collect();
-    let is_own = |variants: &[usize]| place.is_none_or(|place| variants.contains(&place));
+    let is_own = |variants: &[VariantId]| place.is_none_or(|place| variants.contains(&place));
     kept.iter().find(|(node, _)| is_own(&node.variants)).map(|(_, output)| output.topic.clone())
 }
 

@@ -101,7 +101,7 @@ impl Scores<'_> {
         let metric = self.ablation.metrics[self.metric];
         let frames = self.ablation.frames(row.estimator, set, zone).iter();
         let of_frame =
-            |score: &&FrameScore| Some((score.position as u64, score.frame.to_string(), score.row.get(metric)?));
+            |score: &&FrameScore| Some((score.position.0 as u64, score.frame.to_string(), score.row.get(metric)?));
         Ok(frames.filter_map(of_frame).collect())
     }
 }

@@ -5,6 +5,7 @@ use std::collections::{BTreeSet, HashMap, HashSet};
 use depthloom_figures::page::{Layer, Role, Series, evenly};
 use depthloom_graphs::ValueType;
 use depthloom_graphs::contracts::Slot;
+use depthloom_graphs::plan::{FrameIndex, RunId, VariantId};
 use depthloom_recording::Recording;
 use depthloom_scores::{Align, PixelSet};
 
@@ -68,7 +69,7 @@ pub(super) fn series(
 ) -> Vec<Series> {
     let plan = recording.plan();
     let mut all: Vec<Series> =
-        (0..plan.runs.len()).filter_map(|run| layers(recording, estimators, shown, table, run)).collect();
+        RunId::all(plan.runs.len()).filter_map(|run| layers(recording, estimators, shown, table, run)).collect();
     let is_scored = |series: &Series| series.layers.iter().any(|layer| !layer.estimators.is_empty());
     let scored = all.iter().filter(|series| is_scored(series)).count();
     let others = all.len() - scored;
@@ -79,7 +80,7 @@ pub(super) fn series(
             (false, _) => FEW.min(MOST_UNSCORED / others),
         };
         let wanted = extremes(series, estimators, scores);
-        let kept: Vec<usize> = (0..recording.frames(series.run).len())
+        let kept: Vec<FrameIndex> = FrameIndex::all(recording.frames(series.run).len())
             .step_by(usize::try_from(plan.every.max(1)).unwrap_or(usize::MAX))
             .collect();
         series.positions = evenly(&kept, &wanted, most.max(1));
@@ -94,7 +95,7 @@ fn layers(
     estimators: &[Estimator],
     shown: &[usize],
     table: Option<&Table>,
-    run: usize,
+    run: RunId,
 ) -> Option<Series> {
     let (plan, planned) = (recording.plan(), &recording.plan().runs[run]);
     let own: Vec<usize> = shown.iter().copied().filter(|&index| estimators[index].run == run).collect();
@@ -134,7 +135,7 @@ fn layers(
         if let (Role::Other, Slot::Node { node, .. }) = (role, slot) {
             let of_node = &planned.nodes[node].variants;
             let is_of =
-                |variant: &usize| plan.variants.get(*variant).is_some_and(|name| variants.contains(name.as_str()));
+                |variant: &VariantId| plan.variants.get(variant.0).is_some_and(|name| variants.contains(name.as_str()));
             if of_node.len() < plan.variants.len() && !of_node.iter().any(is_of) && !variants.is_empty() {
                 continue;
             }
@@ -165,14 +166,14 @@ fn layers(
 }
 
 /// The positions of the frames on which the pictured estimators are worst and best by their first score.
-fn extremes(series: &Series, estimators: &[Estimator], scores: &[FrameScore]) -> BTreeSet<usize> {
+fn extremes(series: &Series, estimators: &[Estimator], scores: &[FrameScore]) -> BTreeSet<FrameIndex> {
     let mut positions = BTreeSet::new();
     for &index in series.layers.iter().flat_map(|layer| &layer.estimators) {
         let Some(metric) = estimators[index].metrics.first() else { continue };
         let Some(set) = set_of(&estimators[index]) else { continue };
         let own =
             scores.iter().filter(|score| score.estimator == index && score.row.set == set && score.row.zone.is_empty());
-        let mut values: Vec<(f64, usize)> = own
+        let mut values: Vec<(f64, FrameIndex)> = own
             .filter_map(|score| Some((score.row.get(metric).filter(|value| value.is_finite())?, score.position)))
             .collect();
         values.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
@@ -189,8 +190,8 @@ pub(super) fn set_of(estimator: &Estimator) -> Option<PixelSet> {
 }
 
 /// The positions in the figure of scores by frame, of a stage run with so many frames.
-pub(super) fn points(frames: usize, pictured: &BTreeSet<usize>) -> Vec<usize> {
-    evenly(&(0..frames).collect::<Vec<_>>(), pictured, MOST_POINTS)
+pub(super) fn points(frames: usize, pictured: &BTreeSet<FrameIndex>) -> Vec<FrameIndex> {
+    evenly(&FrameIndex::all(frames).collect::<Vec<_>>(), pictured, MOST_POINTS)
 }
 
 #[cfg(test)]

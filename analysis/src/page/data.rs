@@ -1,5 +1,6 @@
 //! What the page knows: one JSON object, from which its script makes tables and figures.
 
+use depthloom_graphs::plan::{FrameIndex, NodeId, RunId};
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 use depthloom_figures::colour_of;
@@ -158,7 +159,7 @@ pub(super) fn scores(
     scores: &[FrameScore],
 ) -> Json {
     let mut parts = Vec::new();
-    for (run, planned) in recording.plan().runs.iter().enumerate() {
+    for (run, planned) in RunId::enumerate(&recording.plan().runs) {
         let own: Vec<(usize, usize)> =
             shown.iter().copied().enumerate().filter(|(_, index)| estimators[*index].run == run).collect();
         if own.is_empty() {
@@ -168,7 +169,7 @@ pub(super) fn scores(
         let pictured =
             series.iter().filter(|series| series.run == run).flat_map(|series| series.positions.iter().copied());
         let positions = choice::points(frames.len(), &pictured.collect());
-        let places: HashMap<usize, usize> =
+        let places: HashMap<FrameIndex, usize> =
             positions.iter().enumerate().map(|(place, position)| (*position, place)).collect();
         let mut rows: BTreeMap<(usize, &str), Vec<Option<&FrameScore>>> = BTreeMap::new();
         let shown_as: HashMap<usize, usize> = own.iter().map(|(place, index)| (*index, *place)).collect();
@@ -225,8 +226,9 @@ pub(super) fn pictures(
             })
         });
         let failed = |frame: &RecordedFrame| -> Vec<String> {
-            let node =
-                |node: Option<usize>| node.and_then(|node| planned.nodes.get(node)).map_or("source", |node| &node.name);
+            let node = |node: Option<NodeId>| {
+                node.and_then(|node| planned.nodes.get(node.0)).map_or("source", |node| &node.name)
+            };
             frame.failures.iter().map(|failure| format!("{}: {}", node(failure.node), failure.what)).collect()
         };
         let shown = of.positions.iter().map(|&position| {
@@ -276,11 +278,11 @@ pub(super) fn failures(recording: &Recording) -> Json {
     let plan = recording.plan();
     let mut in_all = 0;
     let mut told = Vec::new();
-    for (run, planned) in plan.runs.iter().enumerate() {
-        for (position, frame) in recording.frames(run).iter().enumerate() {
+    for (run, planned) in RunId::enumerate(&plan.runs) {
+        for (position, frame) in FrameIndex::enumerate(recording.frames(run)) {
             in_all += frame.failures.len();
             for failure in frame.failures.iter().take(MOST_FAILURES.saturating_sub(told.len())) {
-                let node = failure.node.and_then(|node| planned.nodes.get(node));
+                let node = failure.node.and_then(|node| planned.nodes.get(node.0));
                 told.push(json!({
                     "stage": planned.name(), "position": position, "frame": &*frame.id,
                     "node": node.map_or("source", |node| &node.name), "what": failure.what,

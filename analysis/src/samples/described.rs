@@ -2,6 +2,7 @@
 
 use std::collections::HashSet;
 
+use depthloom_graphs::plan::RunId;
 use depthloom_graphs::{Key, ValueType};
 use depthloom_recording::{RecordedPlan, Recording};
 use serde::{Deserialize, Serialize};
@@ -111,8 +112,8 @@ impl Described {
         };
         let of_estimators: Vec<DescribedEstimator> = estimators.iter().map(described).collect();
         let (mut weights, mut topics) = (Vec::new(), Vec::new());
-        let scored: HashSet<usize> = estimators.iter().map(|estimator| estimator.run).collect();
-        for (run, planned) in plan.runs.iter().enumerate().filter(|(run, _)| scored.contains(run)) {
+        let scored: HashSet<RunId> = estimators.iter().map(|estimator| estimator.run).collect();
+        for (run, planned) in RunId::enumerate(&plan.runs).filter(|(run, _)| scored.contains(run)) {
             let kept = |output: &depthloom_recording::RecordedOutput| {
                 output.recorded && !output.once && output.value_type() == Some(ValueType::Weight)
             };
@@ -125,7 +126,7 @@ impl Described {
                     depthloom_graphs::contracts::Slot::Source { .. } => &planned.variants,
                 };
                 let variant = match variants {
-                    [one] => plan.variants.get(*one).cloned().filter(|name| !name.is_empty()),
+                    [one] => plan.variants.get(one.0).cloned().filter(|name| !name.is_empty()),
                     _ => None,
                 };
                 weights.push(DescribedWeight {
@@ -165,7 +166,7 @@ fn scoring(plan: &RecordedPlan, estimators: &[Estimator], estimator: &Estimator)
 /// What a recording's samples depend on: its plan, and which frames it has, with the keys of what they were made of.
 fn content_key(recording: &Recording) -> String {
     let mut key = Key::digest("depthloom samples").key(&plan_key(recording.plan()));
-    for run in 0..recording.plan().runs.len() {
+    for run in RunId::all(recording.plan().runs.len()) {
         let frames = recording.frames(run);
         key = key.number(frames.len() as u64);
         for frame in frames {

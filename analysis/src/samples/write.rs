@@ -8,6 +8,7 @@ use std::sync::Mutex;
 use std::thread;
 
 use depthloom_graphs::Value;
+use depthloom_graphs::plan::{FrameIndex, RunId};
 use depthloom_graphs::values::Raster;
 use depthloom_recording::{FrameReader, Recording};
 use depthloom_scores::{ScoredPixels, Settings};
@@ -50,7 +51,7 @@ struct Group<'a> {
 
 /// What is read of a stage run.
 struct OfRun<'a> {
-    run: usize,
+    run: RunId,
     topics: Vec<String>,
     groups: Vec<Group<'a>>,
     /// Weights, and the places of their maps.
@@ -58,7 +59,7 @@ struct OfRun<'a> {
 }
 
 impl<'a> OfRun<'a> {
-    fn new(run: usize, described: &Described, estimators: &'a [Estimator], weights: &[(String, usize)]) -> Self {
+    fn new(run: RunId, described: &Described, estimators: &'a [Estimator], weights: &[(String, usize)]) -> Self {
         let mut of_run = Self { run, topics: Vec::new(), groups: Vec::new(), weights: Vec::new() };
         for (index, estimator) in estimators.iter().enumerate().filter(|(_, estimator)| estimator.run == run) {
             let maps = (&estimator.truth_topic, &estimator.estimate_topic, &estimator.settings);
@@ -112,14 +113,14 @@ pub fn write_samples(
         // Disparities have no metres.
         let estimators: Vec<Estimator> = all.into_iter().filter(|estimator| estimator.settings.is_some()).collect();
         let (described, topics) = Described::of(recording, &estimators);
-        let of_run = |run: usize| {
+        let of_run = |run: RunId| {
             let name = recording.plan().runs[run].name();
             let weights = described.weights.iter().enumerate().filter(|(_, weight)| weight.stage == name);
             let weights: Vec<(String, usize)> = weights.map(|(at, _)| (topics[at].clone(), at)).collect();
             OfRun::new(run, &described, &estimators, &weights)
         };
         let runs: Vec<OfRun<'_>> =
-            (0..recording.plan().runs.len()).map(of_run).filter(|run| !run.groups.is_empty()).collect();
+            RunId::all(recording.plan().runs.len()).map(of_run).filter(|run| !run.groups.is_empty()).collect();
         let of_depths: Vec<&Estimator> = estimators.iter().collect();
         let missing = not_recorded(recording.plan(), &of_depths, "no samples");
         if runs.is_empty() {
@@ -178,7 +179,7 @@ impl Frames<'_> {
         let run = plan_key(self.recording.plan());
         let mut metadata = metadata("samples", &run, self.described.units());
         metadata.push((METADATA.to_owned(), serde_json::to_string(self.described).expect("names are JSON")));
-        let empty = self.rows(&runs[0], &runs[0].groups[0], 0, &vec![None; runs[0].topics.len()], true)?;
+        let empty = self.rows(&runs[0], &runs[0].groups[0], FrameIndex(0), &vec![None; runs[0].topics.len()], true)?;
         let empty = empty.expect("a table without rows where they are asked for");
         let writer = ParquetWriter::new(out)
             .with_compression(ParquetCompression::Zstd(None))
@@ -190,7 +191,7 @@ impl Frames<'_> {
         let _own = budget.permit();
         for of_run in runs {
             let idle: Mutex<Vec<FrameReader<'_>>> = Mutex::new(Vec::new());
-            let positions: Vec<usize> = (0..self.recording.frames(of_run.run).len()).collect();
+            let positions: Vec<FrameIndex> = FrameIndex::all(self.recording.frames(of_run.run).len()).collect();
             // So many at a time that no thread waits long for the writing.
             for positions in positions.chunks(2 * threads) {
                 let tables: Vec<Mutex<Option<OfFrame>>> = positions.iter().map(|_| Mutex::new(None)).collect();
@@ -233,7 +234,7 @@ impl Frames<'_> {
         &self,
         of_run: &OfRun<'_>,
         group: &Group<'_>,
-        position: usize,
+        position: FrameIndex,
         maps: &[Option<Value>],
         even_if_empty: bool,
     ) -> Result<Option<DataFrame>, AnalysisError> {
@@ -269,7 +270,7 @@ impl Frames<'_> {
                 _ => {}
             }
         }
-        let frame = self.recording.frames(of_run.run).get(position);
+        let frame = self.recording.frames(of_run.run).get(position.0);
         let rows = pixels.len();
         let text = |name: &str, text: &str| Column::from(Series::from(StringChunked::full(name.into(), text, rows)));
         let place = |name: &str, of: &dyn Fn(usize) -> usize| {
@@ -284,7 +285,7 @@ impl Frames<'_> {
         let mut table = vec![
             text("stage", self.recording.plan().runs[of_run.run].name()),
             text("scoring", &group.scoring),
-            Column::from(Series::new("position".into(), vec![position as u32; rows])),
+            Column::from(Series::new("position".into(), vec![position.0 as u32; rows])),
             text("frame", frame.map_or("", |frame| &frame.id)),
             place("x", &|at| at % width),
             place("y", &|at| at / width),

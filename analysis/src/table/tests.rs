@@ -1,3 +1,4 @@
+use depthloom_graphs::plan::{FrameIndex, RunId};
 use std::sync::Arc;
 
 use depthloom_scores::{ScoreRow, Settings};
@@ -25,7 +26,7 @@ fn score(frame: &str, estimator: usize, set: PixelSet, value: f64) -> FrameScore
     let values = values.map(|metric| (metric, if metric.name == "rmse" { 10.0 * value } else { value }));
     let row = ScoreRow { pixels: 5, truth: 8, answered: 5, ..ScoreRow::new(set, "") };
     let row = values.fold(row, |row, (metric, value)| row.with(metric, value));
-    FrameScore { frame: Arc::from(frame), position: frame.parse().unwrap(), estimator, row }
+    FrameScore { frame: Arc::from(frame), position: FrameIndex(frame.parse().unwrap()), estimator, row }
 }
 
 /// A row with some scores changed.
@@ -174,7 +175,8 @@ fn fault_02_frames_are_told_apart_by_their_place_and_not_by_their_id() {
     let mut scores = Vec::new();
     for (position, shift) in [(0, 0.0), (1, 0.0), (2, 0.3)] {
         let rows = [(0, PixelSet::Answered), (0, PixelSet::All), (1, PixelSet::All)];
-        let row = |(estimator, set)| FrameScore { position, ..score("7", estimator, set, 0.3 + shift) };
+        let row =
+            |(estimator, set)| FrameScore { position: FrameIndex(position), ..score("7", estimator, set, 0.3 + shift) };
         scores.extend(rows.map(row));
     }
     let table = table_of(&scores, &estimators()[..2], false);
@@ -193,7 +195,7 @@ fn fault_20_only_what_is_comparable_is_marked() {
         (estimator(Some("a"), "mono", &[PixelSet::All]), estimator(Some("a"), "fused", &[PixelSet::All]));
     let same = two(&mono, &fused, [&["0", "1"], &["0", "1"]]);
     assert_eq!((&marked(&same)[0][..], &marked(&same)[3][..]), ([1].as_slice(), [0].as_slice()));
-    let elsewhere = Estimator { run: 1, ..fused.clone() };
+    let elsewhere = Estimator { run: RunId(1), ..fused.clone() };
     assert_eq!(
         marked(&two(&mono, &elsewhere, [&["0", "1"], &["0", "1"]])),
         marked(&same),
@@ -219,9 +221,9 @@ fn fault_20_only_what_is_comparable_is_marked() {
 #[test]
 fn fault_20_sources_with_equal_ids_are_not_the_same_frames() {
     let estimators = [estimator(Some("a"), "mono", &[PixelSet::All]), estimator(Some("b"), "mono", &[PixelSet::All])];
-    let estimators = [estimators[0].clone(), Estimator { run: 1, ..estimators[1].clone() }];
+    let estimators = [estimators[0].clone(), Estimator { run: RunId(1), ..estimators[1].clone() }];
     let rows = [score("0", 0, PixelSet::All, 0.5), score("0", 1, PixelSet::All, 0.6)];
-    let key = |run: usize, _: usize| Some(Key::of_content(&[run as u8]));
+    let key = |run: RunId, _: FrameIndex| Some(Key::of_content(&[run.0 as u8]));
     let table = Table::new("x", &rows, &estimators, false, &key);
     assert_eq!(table.best_of(), None);
     assert!(table_of(&rows, &estimators, false).best_of().is_some(), "of one source they would be");

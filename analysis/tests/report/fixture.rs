@@ -4,7 +4,10 @@
 use std::path::Path;
 
 use depthloom_graphs::contracts::{Commit, Contract, Failure, Slot, SlotKey, Tap};
-use depthloom_graphs::plan::{Estimate, Plan, PlannedNode, PlannedOutput, PlannedSource, Record, SourcePart, StageRun};
+use depthloom_graphs::plan::{
+    Estimate, FrameIndex, NodeId, PartId, Plan, PlannedNode, PlannedOutput, PlannedSource, PortId, Record, RunId,
+    SourcePart, StageRun, VariantId,
+};
 use depthloom_graphs::values::{Curve, CurvePoint, Depth, Raster};
 use depthloom_graphs::{Frame, Key, Port, Value, ValueType};
 use depthloom_recording::Recorder;
@@ -44,7 +47,7 @@ pub fn plan(every: u64, keep_b: bool) -> Plan {
         outputs: vec![output(&name.replace('/', "_"), port, recorded)],
         observes: None,
         recipe: Key::of_content(name.as_bytes()),
-        variants: vec![0, 1],
+        variants: vec![VariantId(0), VariantId(1)],
         name,
     };
     let depths = ESTIMATORS.map(|(label, ..)| {
@@ -59,10 +62,10 @@ pub fn plan(every: u64, keep_b: bool) -> Plan {
     let estimates = (0..ESTIMATORS.len()).map(|i| Estimate {
         label: ESTIMATORS[i].0.to_owned(),
         name: ESTIMATORS[i].1.to_owned(),
-        variant: ESTIMATORS[i].2,
-        estimate: Slot::Node { node: i, port: 0 },
-        truth: Slot::Source { port: 0 },
-        score_node: ESTIMATORS.len() + i,
+        variant: ESTIMATORS[i].2.map(VariantId),
+        estimate: Slot::Node { node: NodeId(i), port: PortId(0) },
+        truth: Slot::Source { port: PortId(0) },
+        score_node: NodeId(ESTIMATORS.len() + i),
     });
     let truth = Port::frame("depth", ValueType::Depth, "True depth.").optional();
     Plan {
@@ -86,7 +89,7 @@ pub fn plan(every: u64, keep_b: bool) -> Plan {
             },
             estimates: estimates.collect(),
             nodes: depths.into_iter().chain(scores).collect(),
-            variants: vec![0, 1],
+            variants: vec![VariantId(0), VariantId(1)],
         }],
         record: Record { every, view: false, points: Vec::new() },
         written: vec![("fixture.yaml".to_owned(), "experiment: fixture\n".to_owned())],
@@ -171,7 +174,7 @@ pub fn plan_of_two_stages() -> Plan {
 pub fn record_unfinished(path: &Path, plan: &Plan, frames: &[u64]) {
     let recorder = Recorder::create(path, plan).unwrap();
     for (run, frames) in frames.iter().enumerate() {
-        (0..*frames).for_each(|index| record_frame(&recorder, run, index, true));
+        (0..*frames).for_each(|index| record_frame(&recorder, RunId(run), index, true));
     }
 }
 
@@ -188,10 +191,18 @@ pub fn record_absent(path: &Path, plan: &Plan) {
 fn record_with(path: &Path, plan: &Plan, fails: bool) {
     let recorder = Recorder::create(path, plan).unwrap();
     for index in 0..FRAMES {
-        record_frame(&recorder, 0, index, fails);
+        record_frame(&recorder, RunId(0), index, fails);
     }
     for (node, _) in plan.runs[0].nodes.iter().enumerate().filter(|(_, node)| node.contract == Contract::Once) {
-        recorder.once(0, Slot::Node { node, port: 0 }, &Key::of_content(b"teacher"), &curve().into(), &[]).unwrap();
+        recorder
+            .once(
+                RunId(0),
+                Slot::Node { node: NodeId(node), port: PortId(0) },
+                &Key::of_content(b"teacher"),
+                &curve().into(),
+                &[],
+            )
+            .unwrap();
     }
     recorder.finish(&[]).unwrap();
 }
@@ -207,20 +218,20 @@ pub fn record_complete(path: &Path, plan: &Plan, change: impl Fn(&mut [Vec<f32>;
             Key::build("map").number(index).bytes(&bytes).finish()
         };
         let estimates = maps[1..].iter().enumerate();
-        let keys: Vec<SlotKey> = estimates.map(|(node, map)| SlotKey { node, key: key(map) }).collect();
-        record_maps(&recorder, 0, (index, &maps), (Some(key(&maps[0])), &keys), false);
+        let keys: Vec<SlotKey> = estimates.map(|(node, map)| SlotKey { node: NodeId(node), key: key(map) }).collect();
+        record_maps(&recorder, RunId(0), (index, &maps), (Some(key(&maps[0])), &keys), false);
     }
     recorder.finish(&[]).unwrap();
 }
 
-fn record_frame(recorder: &Recorder, run: usize, index: u64, fails: bool) {
+fn record_frame(recorder: &Recorder, run: RunId, index: u64, fails: bool) {
     let source_key = Some(Key::build("source").number(index).finish());
     record_maps(recorder, run, (index, &maps(index)), (source_key, &[]), fails);
 }
 
 fn record_maps(
     recorder: &Recorder,
-    run: usize,
+    run: RunId,
     (index, maps): (u64, &[Vec<f32>; 4]),
     (source_key, keys): (Option<Key>, &[SlotKey]),
     fails: bool,
@@ -233,20 +244,23 @@ fn record_maps(
     let rows = rows_of(maps);
     let mut values = Vec::new();
     if has_truth(index) {
-        values.push((Slot::Source { port: 0 }, depth(truth)));
+        values.push((Slot::Source { port: PortId(0) }, depth(truth)));
     }
     let there = || (0..ESTIMATORS.len()).filter(|&i| answered(index, i));
-    values.extend(there().map(|i| (Slot::Node { node: i, port: 0 }, depth(&estimates[i]))));
+    values.extend(there().map(|i| (Slot::Node { node: NodeId(i), port: PortId(0) }, depth(&estimates[i]))));
     let scored = there().filter(|_| has_truth(index));
-    values.extend(scored.map(|i| (Slot::Node { node: ESTIMATORS.len() + i, port: 0 }, rows[i].clone().into())));
+    values.extend(
+        scored.map(|i| (Slot::Node { node: NodeId(ESTIMATORS.len() + i), port: PortId(0) }, rows[i].clone().into())),
+    );
     let parts = (0..recorder.parts(run)).map(|part| {
         let of_part: Vec<_> =
-            values.iter().filter(|(slot, _)| recorder.part(run, *slot) == Some(part)).cloned().collect();
-        recorder.encode(run, (index as usize, &frame), part, &of_part).unwrap()
+            values.iter().filter(|(slot, _)| recorder.part(run, *slot) == Some(PartId(part))).cloned().collect();
+        recorder.encode(run, (FrameIndex(index as usize), &frame), PartId(part), &of_part).unwrap()
     });
     let parts = parts.collect();
     let failed = (0..ESTIMATORS.len()).filter(|&i| fails && !answered(index, i));
-    let failures: Vec<Failure> = failed.map(|node| Failure { node: Some(node), what: "failed".to_owned() }).collect();
+    let failures: Vec<Failure> =
+        failed.map(|node| Failure { node: Some(NodeId(node)), what: "failed".to_owned() }).collect();
     recorder
         .write(&Commit { run, frame: &frame, source_key, keys, failures: &failures, absent: &[], warnings: &[] }, parts)
         .unwrap();

@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use depthloom_analysis::{AnalysisError, Question, Ranking, ReportOptions, Selection, Summary, answer, report};
 use depthloom_graphs::contracts::Slot;
-use depthloom_graphs::plan::{Origin as Wire, Plan, PlannedInput};
+use depthloom_graphs::plan::{NodeId, Origin as Wire, Plan, PlannedInput, PortId};
 use depthloom_graphs::{Port, ValueType};
 use depthloom_recording::Recording;
 use depthloom_scores::PixelSet;
@@ -353,7 +353,7 @@ fn scores_that_no_frame_has_of_all_are_written_without_a_table() {
     plan.runs[0].nodes.push(node);
     plan.runs[0].nodes[6].outputs[0].topic = "/compare/never/rows".to_owned();
     let mut never = plan.runs[0].estimates[2].clone();
-    (never.label, never.name, never.score_node) = ("never".to_owned(), "never".to_owned(), 6);
+    (never.label, never.name, never.score_node) = ("never".to_owned(), "never".to_owned(), NodeId(6));
     plan.runs[0].estimates.push(never);
     let (summary, files) = report_of_killed(folder.path(), &plan, &[2]);
     let expected = "note: no table: no frame has the scores of all estimators of its stage\n";
@@ -371,8 +371,8 @@ fn maps_of_which_none_was_recorded_are_told_in_one_note() {
         run.nodes[node].outputs[0].recorded = false;
         // As the language wires a score.
         let port = |name| Port::frame(name, ValueType::Depth, "");
-        let estimate = Some(Wire::Here(Slot::Node { node, port: 0 }));
-        let truth = Some(Wire::Here(Slot::Source { port: 0 }));
+        let estimate = Some(Wire::Here(Slot::Node { node: NodeId(node), port: PortId(0) }));
+        let truth = Some(Wire::Here(Slot::Source { port: PortId(0) }));
         let input = |name, from| PlannedInput { port: port(name), from, shown: None };
         run.nodes[3 + node].inputs = vec![input("estimate", estimate), input("truth", truth)];
     }

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use depthloom_analysis::{Prepared, ReportOptions, report, report_with};
 use depthloom_graphs::Key;
 use depthloom_graphs::contracts::Slot;
-use depthloom_graphs::plan::Plan;
+use depthloom_graphs::plan::{NodeId, Plan};
 use depthloom_recording::Recording;
 use polars::prelude::{
     DataFrame, IntoColumn as _, KeyValueMetadata, NamedFrom as _, ParquetReader, ParquetWriter, SerReader as _, Series,
@@ -179,7 +179,7 @@ fn labels_decide_nothing() {
     // Without the stereo estimate other pixels are shared.
     plan.runs[0].estimates.pop();
     runs.assert_as_fresh(&plan, |_| {});
-    assert!(matches!(plan.runs[0].estimates[0].estimate, Slot::Node { node: 1, .. }));
+    assert!(matches!(plan.runs[0].estimates[0].estimate, Slot::Node { node: NodeId(1), .. }));
 }
 
 #[test]

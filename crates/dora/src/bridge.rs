@@ -9,6 +9,7 @@ use std::sync::{Arc, Mutex, OnceLock, mpsc};
 use std::thread;
 use std::time::Duration;
 
+use depthloom_graphs::plan::FrameIndex;
 use depthloom_graphs::{Fault, Frame};
 use depthloom_terminal::{CliError, ExitCode};
 use depthloom_threads::{locked, look_for_room};
@@ -108,7 +109,7 @@ impl Bridge {
     ///
     /// # Errors
     /// If the process that reaches dora is gone.
-    pub fn send(&self, output: &str, of: Option<(usize, &Frame)>, stream: &[u8]) -> Result<(), Fault> {
+    pub fn send(&self, output: &str, of: Option<(FrameIndex, &Frame)>, stream: &[u8]) -> Result<(), Fault> {
         let metadata = of.map(|(position, frame)| metadata_of(position, frame)).unwrap_or_default();
         self.send_with(output, metadata, stream, false)
     }
@@ -156,9 +157,9 @@ impl Bridge {
 }
 
 /// What the metadata of a message says about its frame.
-pub fn metadata_of(position: usize, frame: &Frame) -> Map<String, Json> {
+pub fn metadata_of(position: FrameIndex, frame: &Frame) -> Map<String, Json> {
     Map::from_iter([
-        ("frame".to_owned(), position.into()),
+        ("frame".to_owned(), position.0.into()),
         ("frame_id".to_owned(), (&*frame.id).into()),
         ("time_ns".to_owned(), frame.time_ns.into()),
     ])

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use depthloom_codecs::arrow::View;
 use depthloom_graphs::contracts::{PureNode, Signature};
-use depthloom_graphs::plan::Plan;
+use depthloom_graphs::plan::{FrameIndex, NodeRef, Plan};
 use depthloom_graphs::ready::NotReady;
 use depthloom_graphs::values::{Depth, Image, Mask, Pixels, Raster, TrueDisparity, Weight};
 use depthloom_graphs::{
@@ -25,12 +25,12 @@ use crate::message::{Row, of_value};
 /// The node, as the runner sees it, and what it depends on.
 pub fn build(
     plan: &Plan,
-    (run, node): (usize, usize),
+    node: NodeRef,
     _: &Registry,
     bridge: &Arc<Bridge>,
 ) -> Result<(Instance, Option<Key>), Vec<NotReady>> {
-    let run = &plan.runs[run];
-    let planned = &run.nodes[node];
+    let run = &plan.runs[node.run];
+    let planned = &run.nodes[node.node];
     let missing = |fault| {
         let (stage, name, kind) = (run.stage.clone(), planned.name.clone(), planned.kind.clone());
         vec![NotReady::Node { stage, name, kind, fault }]
@@ -109,8 +109,8 @@ impl PureNode for Foreign {
 }
 
 impl Foreign {
-    fn ask(&self, port: &Port, position: usize, value: Option<&Value>) -> Result<(), Fault> {
-        let frame = self.bridge.frames.get().and_then(|frames| frames.get(position));
+    fn ask(&self, port: &Port, position: FrameIndex, value: Option<&Value>) -> Result<(), Fault> {
+        let frame = self.bridge.frames.get().and_then(|frames| frames.get(position.0));
         let frame = frame.ok_or_else(|| Fault::new(format!("its stage has no frame at position {position}")))?;
         let mut metadata = metadata_of(position, frame);
         let flat = value
@@ -151,14 +151,14 @@ impl Foreign {
 fn answer(
     mailbox: &Mailbox,
     name: &str,
-    position: usize,
+    position: FrameIndex,
     until: Instant,
     given_up: &mut BTreeSet<u64>,
     host: &dyn Host,
 ) -> Result<Option<Arrived>, Fault> {
-    let position = position as u64;
+    let position = position.0 as u64;
     let cancelled = || host.cancelled() || Instant::now() >= until;
-    let twice = || host.tell(&format!("dora's node answered a frame twice at `{name}`: the first answer stands"));
+    let twice = || host.info(&format!("dora's node answered a frame twice at `{name}`: the first answer stands"));
     loop {
         let arrived = match mailbox.take_any(&answered(name), &cancelled) {
             Ok(arrived) => arrived,
@@ -318,6 +318,7 @@ mod tests {
     use std::sync::Mutex;
     use std::time::{Duration, Instant};
 
+    use depthloom_graphs::plan::FrameIndex;
     use depthloom_graphs::values::{Depth, Pixels, Raster};
     use depthloom_graphs::{Fault, Host, Value, ValueType};
     use depthloom_runner::Interrupt;
@@ -337,7 +338,7 @@ mod tests {
         fn cancelled(&self) -> bool {
             false
         }
-        fn tell(&self, what: &str) {
+        fn info(&self, what: &str) {
             self.0.lock().unwrap().push(what.to_owned());
         }
         fn progress(&self, _: u64, _: u64, _: &str) {}
@@ -356,7 +357,7 @@ mod tests {
             mailbox.put(Arrived::new(answered("depth"), object(metadata), body.as_bytes().to_vec()));
         }
         let (host, until) = (Notices::default(), Instant::now() + Duration::from_millis(10));
-        let taken = answer(&mailbox, "depth", 2, until, &mut BTreeSet::from([1]), &host);
+        let taken = answer(&mailbox, "depth", FrameIndex(2), until, &mut BTreeSet::from([1]), &host);
         let body = |arrived: Arrived| String::from_utf8(arrived.body).unwrap();
         (taken.map(|arrived| arrived.map(body)), host.0.into_inner().unwrap())
     }

@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use depthloom_graphs::contracts::OnceNode;
+use depthloom_graphs::plan::FrameIndex;
 use depthloom_graphs::{Context, Fault, Frame, Inputs, Key, Outputs, Port, Source, SourceOutputs};
 use depthloom_runner::Interrupt;
 
@@ -48,11 +49,11 @@ impl Source for Incoming {
         &self.frames
     }
 
-    fn key(&self, position: usize) -> Result<Key, Fault> {
-        Ok(Key::build("dora").number(position as u64).finish())
+    fn key(&self, position: FrameIndex) -> Result<Key, Fault> {
+        Ok(Key::build("dora").number(position.0 as u64).finish())
     }
 
-    fn read(&self, position: usize, ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
+    fn read(&self, position: FrameIndex, ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
         let mut outputs = Outputs::none();
         for port in &self.ports {
             let arrived = self.bridge.mailbox.take(port.name, Some(position), &|| ctx.host.cancelled());
@@ -77,8 +78,8 @@ pub struct Admitted {
 
 impl Admitted {
     /// Waits until a frame is let in. Several threads may wait, each for a frame of its own: whoever hears how many are let in says it to the others.
-    fn wait(&self, position: usize) -> Result<(), Fault> {
-        let is_in = || self.so_far.load(Ordering::SeqCst) > position;
+    fn wait(&self, position: FrameIndex) -> Result<(), Fault> {
+        let is_in = || self.so_far.load(Ordering::SeqCst) > position.0;
         while !is_in() {
             let no_longer = || self.interrupt.aborts() || is_in();
             match self.bridge.mailbox.take(channel::ADMITTED, None, &no_longer) {
@@ -101,12 +102,12 @@ impl Source for Admitted {
         self.source.frames()
     }
 
-    fn key(&self, position: usize) -> Result<Key, Fault> {
+    fn key(&self, position: FrameIndex) -> Result<Key, Fault> {
         self.wait(position)?;
         self.source.key(position).inspect_err(|fault| keep_remedy(&self.remedies, Some(position), fault))
     }
 
-    fn read(&self, position: usize, ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
+    fn read(&self, position: FrameIndex, ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
         self.source.read(position, ctx).inspect_err(|fault| keep_remedy(&self.remedies, Some(position), fault))
     }
 }

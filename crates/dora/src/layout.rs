@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use depthloom_graphs::contracts::{Contract, Slot};
-use depthloom_graphs::plan::{Origin, Plan, PlannedNode, PlannedOutput};
+use depthloom_graphs::plan::{NodeId, NodeRef, Origin, Plan, PlannedNode, PlannedOutput, RunId};
 use depthloom_graphs::{Key, Rate};
 use depthloom_nodes::dora::KIND;
 
@@ -32,23 +32,13 @@ pub struct Part {
 pub enum Role {
     /// Reads a stage run's frames.
     Source {
-        /// Which stage run.
-        run: usize,
+        /// The stage run.
+        run: RunId,
     },
     /// A node of a stage run.
-    Node {
-        /// Which stage run.
-        run: usize,
-        /// Which of its nodes.
-        node: usize,
-    },
+    Node(NodeRef),
     /// A node of dora's, of somebody else, that a part of ours asks.
-    Foreign {
-        /// Which stage run.
-        run: usize,
-        /// Which of its nodes.
-        node: usize,
-    },
+    Foreign(NodeRef),
     /// Records.
     Recorder,
 }
@@ -77,7 +67,7 @@ impl Part {
 }
 
 /// The recorder's output that lets frames of a stage run in.
-pub fn admission(run: usize) -> String {
+pub fn admission(run: RunId) -> String {
     format!("{}.{run}", channel::ADMITTED)
 }
 
@@ -97,9 +87,9 @@ impl Layout {
         let names = Names::of(plan);
         let mut parts = Vec::new();
         let mut recorder = Part::new(RECORDER.to_owned(), Role::Recorder);
-        recorder.outputs.extend((0..plan.runs.len()).map(admission));
+        recorder.outputs.extend(RunId::all(plan.runs.len()).map(admission));
         recorder.outputs.extend([channel::ENGINES, channel::END].map(str::to_owned));
-        for (run, planned) in plan.runs.iter().enumerate() {
+        for (run, planned) in RunId::enumerate(&plan.runs) {
             let id = &names.sources[run];
             let mut source = Part::new(id.clone(), Role::Source { run });
             source.gets(channel::ADMITTED, RECORDER, admission(run));
@@ -109,9 +99,9 @@ impl Layout {
             recorder.gets(format!("{id}/{}", channel::FRAMES), id, channel::FRAMES);
             recorded(&mut recorder, id, &planned.source.outputs);
             parts.push(source);
-            for (node, of) in planned.nodes.iter().enumerate() {
-                parts.extend(node_parts(&names, (run, node), of));
-                recorded(&mut recorder, &names.nodes[run][node], &of.outputs);
+            for (node, planned) in NodeId::enumerate(&planned.nodes) {
+                parts.extend(node_parts(&names, NodeRef { run, node }, planned));
+                recorded(&mut recorder, &names.nodes[run][node], &planned.outputs);
             }
         }
         parts.push(recorder);
@@ -137,17 +127,18 @@ fn recorded(recorder: &mut Part, id: &str, outputs: &[PlannedOutput]) {
     }
 }
 
-fn node_parts(names: &Names, (run, node): (usize, usize), planned: &PlannedNode) -> Vec<Part> {
-    let id = &names.nodes[run][node];
-    let mut part = Part::new(id.clone(), Role::Node { run, node });
+fn node_parts(names: &Names, node: NodeRef, planned: &PlannedNode) -> Vec<Part> {
+    let run = node.run;
+    let id = &names.nodes[run][node.node];
+    let mut part = Part::new(id.clone(), Role::Node(node));
     for input in &planned.inputs {
-        let (giver, port) = match &input.from {
+        let (sender, port) = match &input.from {
             Some(Origin::Here(Slot::Source { port })) => (&names.sources[run], names.source_ports[run][*port]),
             Some(Origin::Here(Slot::Node { node, port })) => (&names.nodes[run][*node], names.ports[run][*node][*port]),
             Some(Origin::Once { run, node, port }) => (&names.nodes[*run][*node], names.ports[*run][*node][*port]),
             Some(Origin::File(_)) | None => continue,
         };
-        part.gets(input.port.name, giver, port);
+        part.gets(input.port.name, sender, port);
     }
     if planned.contract == Contract::Once {
         part.gets(channel::ENGINES, RECORDER, channel::ENGINES);
@@ -160,7 +151,7 @@ fn node_parts(names: &Names, (run, node): (usize, usize), planned: &PlannedNode)
     if planned.kind != KIND {
         return vec![part];
     }
-    let mut foreign = Part::new(format!("{id}.dora"), Role::Foreign { run, node });
+    let mut foreign = Part::new(format!("{id}.dora"), Role::Foreign(node));
     for input in planned.inputs.iter().filter(|input| input.from.is_some()) {
         part.outputs.push(asked(input.port.name));
         foreign.gets(input.port.name, id, asked(input.port.name));
@@ -281,7 +272,7 @@ matrix:
                 assert!(giver.outputs.contains(&link.output), "{} gives no {}", giver.id, link.output);
             }
         }
-        let foreign = layout.parts.iter().find(|part| matches!(part.role, Role::Foreign { .. })).unwrap();
+        let foreign = layout.parts.iter().find(|part| matches!(part.role, Role::Foreign(_))).unwrap();
         assert_eq!((foreign.inputs[0].input.as_str(), foreign.outputs[0].as_str()), ("depth", "far"));
         assert_eq!(foreign.id, format!("{}.dora", foreign.inputs[0].part));
     }

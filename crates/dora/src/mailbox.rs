@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, HashMap, HashSet};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
+use depthloom_graphs::plan::FrameIndex;
 use depthloom_graphs::{Fault, Value, ValueType};
 use depthloom_runner::Interrupt;
 use depthloom_threads::locked;
@@ -203,8 +204,8 @@ impl Mailbox {
     ///
     /// # Errors
     /// If the run ended, or is cancelled, before it came.
-    pub fn take(&self, input: &str, at: Option<usize>, cancelled: &dyn Fn() -> bool) -> Result<Arrived, Gone> {
-        let at = at.map(|at| at as u64);
+    pub fn take(&self, input: &str, at: Option<FrameIndex>, cancelled: &dyn Fn() -> bool) -> Result<Arrived, Gone> {
+        let at = at.map(|at| at.0 as u64);
         self.wait(cancelled, |state| {
             let arrived = state.there.get_mut(input).and_then(|there| there.remove(&at));
             arrived.map_or_else(
@@ -253,8 +254,8 @@ impl Mailbox {
     }
 
     /// Whether the message of a frame is there.
-    pub fn holds(&self, input: &str, position: usize) -> bool {
-        self.state().there.get(input).is_some_and(|there| there.contains_key(&Some(position as u64)))
+    pub fn holds(&self, input: &str, position: FrameIndex) -> bool {
+        self.state().there.get(input).is_some_and(|there| there.contains_key(&Some(position.0 as u64)))
     }
 
     /// Lets all who wait look again.
@@ -294,11 +295,11 @@ impl Mailbox {
     }
 
     /// Forgets what came for frames up to one, at some inputs.
-    pub fn forget(&self, inputs: &[String], position: usize) {
+    pub fn forget(&self, inputs: &[String], position: FrameIndex) {
         let mut state = self.state();
         for input in inputs {
             if let Some(there) = state.there.get_mut(input) {
-                there.retain(|at, _| at.is_none_or(|at| at > position as u64));
+                there.retain(|at, _| at.is_none_or(|at| at > position.0 as u64));
             }
         }
     }
@@ -315,6 +316,7 @@ mod tests {
     use std::time::{Duration, Instant};
 
     use depthloom_graphs::ValueType;
+    use depthloom_graphs::plan::FrameIndex;
     use depthloom_runner::Interrupt;
     use serde_json::{Map, json};
 
@@ -342,12 +344,12 @@ mod tests {
             std::thread::sleep(Duration::from_millis(20));
             other.put(message("left", &json!({ "frame": 0 }), b"zero"));
         });
-        assert_eq!(mailbox.take("left", Some(0), NEVER).unwrap().body, b"zero");
-        assert_eq!(mailbox.take("left", Some(1), NEVER).unwrap().body, b"one");
+        assert_eq!(mailbox.take("left", Some(FrameIndex(0)), NEVER).unwrap().body, b"zero");
+        assert_eq!(mailbox.take("left", Some(FrameIndex(1)), NEVER).unwrap().body, b"one");
         late.join().unwrap();
         mailbox.put(message("left", &json!({ "frame": 7 }), b""));
-        mailbox.forget(&["left".to_owned()], 7);
-        assert!(matches!(mailbox.take("left", Some(7), &|| true), Err(Gone::Cancelled)));
+        mailbox.forget(&["left".to_owned()], FrameIndex(7));
+        assert!(matches!(mailbox.take("left", Some(FrameIndex(7)), &|| true), Err(Gone::Cancelled)));
     }
 
     #[test]
@@ -357,9 +359,9 @@ mod tests {
         mailbox.put(message("left", &json!({ "frame": 4, "chunk": 0, "chunks": 2 }), b"x"));
         mailbox.put(message("left", &json!({ "frame": 3, "chunk": 1, "chunks": 3 }), b"b"));
         mailbox.put(message("left", &json!({ "frame": 4, "chunk": 1, "chunks": 2 }), b"y"));
-        assert!(matches!(mailbox.take("left", Some(3), &|| true), Err(Gone::Cancelled)));
+        assert!(matches!(mailbox.take("left", Some(FrameIndex(3)), &|| true), Err(Gone::Cancelled)));
         mailbox.put(message("left", &json!({ "frame": 3, "chunk": 2, "chunks": 3 }), b"c"));
-        assert_eq!(mailbox.take("left", Some(3), NEVER).unwrap().body, b"abc");
+        assert_eq!(mailbox.take("left", Some(FrameIndex(3)), NEVER).unwrap().body, b"abc");
         assert_eq!(mailbox.take_any("left", NEVER).unwrap().body, b"xy");
     }
 
@@ -372,10 +374,10 @@ mod tests {
         for order in [[0, 1, 2], [2, 1, 0], [1, 2, 0], [2, 0, 1]] {
             let (mailbox, _) = mailbox(false);
             for place in order {
-                assert!(matches!(mailbox.take("left", Some(3), &|| true), Err(Gone::Cancelled)));
+                assert!(matches!(mailbox.take("left", Some(FrameIndex(3)), &|| true), Err(Gone::Cancelled)));
                 mailbox.put(piece(place as u64, 3, &b"abc"[place..=place]));
             }
-            assert_eq!(mailbox.take("left", Some(3), NEVER).unwrap().body, b"abc", "{order:?}");
+            assert_eq!(mailbox.take("left", Some(FrameIndex(3)), NEVER).unwrap().body, b"abc", "{order:?}");
         }
     }
 
@@ -390,7 +392,7 @@ mod tests {
         for (pieces, expected) in cases {
             let (mailbox, _) = mailbox(false);
             pieces.into_iter().for_each(|piece| mailbox.put(piece));
-            let arrived = mailbox.take("left", Some(3), NEVER).unwrap();
+            let arrived = mailbox.take("left", Some(FrameIndex(3)), NEVER).unwrap();
             let what = arrived.value(ValueType::Depth).expect_err("no message").chain();
             assert!(what.contains(expected), "{what}");
         }
@@ -402,8 +404,10 @@ mod tests {
         mailbox.put(message("left", &json!({ "frame": 1 }), b"first"));
         mailbox.put(message("left", &json!({ "frame": 1 }), b"second"));
         mailbox.put(message("left", &json!({ "frame": 2 }), b"other"));
-        let (first, other) =
-            (mailbox.take("left", Some(1), NEVER).unwrap(), mailbox.take("left", Some(2), NEVER).unwrap());
+        let (first, other) = (
+            mailbox.take("left", Some(FrameIndex(1)), NEVER).unwrap(),
+            mailbox.take("left", Some(FrameIndex(2)), NEVER).unwrap(),
+        );
         assert_eq!((first.body.as_slice(), first.is_repeated), (&b"first"[..], true));
         assert_eq!((other.body.as_slice(), other.is_repeated), (&b"other"[..], false));
     }
@@ -427,8 +431,10 @@ mod tests {
         let (mailbox, interrupt) = mailbox(true);
         mailbox.put(message("look.stereo/node.report", &json!({ "frame": 0 }), b"said"));
         mailbox.close("look.stereo/node.report".to_owned());
-        assert_eq!(mailbox.take("look.stereo/node.report", Some(0), NEVER).unwrap().body, b"said");
-        let Err(Gone::Ended(what)) = mailbox.take("look.stereo/node.report", Some(1), NEVER) else { panic!() };
+        assert_eq!(mailbox.take("look.stereo/node.report", Some(FrameIndex(0)), NEVER).unwrap().body, b"said");
+        let Err(Gone::Ended(what)) = mailbox.take("look.stereo/node.report", Some(FrameIndex(1)), NEVER) else {
+            panic!()
+        };
         assert_eq!(what, "`look.stereo` ended before it said more");
         assert!(!interrupt.stops_admission());
     }

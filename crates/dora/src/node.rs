@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::AtomicUsize;
 
-use depthloom_graphs::plan::Plan;
+use depthloom_graphs::plan::{NodeId, Plan, RunId};
 use depthloom_graphs::ready::{NotReady, Ready, ReadyRun};
 use depthloom_graphs::{Fault, Registry, Source, chain};
 use depthloom_runner::{Interrupt, Observer, Options, RunError};
@@ -16,7 +16,7 @@ use crate::incoming::{Admitted, Incoming};
 use crate::layout::{Part, Role};
 use crate::message::of_text;
 use crate::outgoing::Outgoing;
-use crate::piece::{Comes, Piece, node_piece, source_piece};
+use crate::piece::{FrameInput, Piece, node_piece, source_piece};
 use crate::report::{Readiness, engines, frames, frames_text};
 
 /// Runs a part until the run is over. What it fails of, the recorder is told, and tells.
@@ -34,8 +34,8 @@ pub fn run(
     let gone = |fault: Fault| CliError::new(ExitCode::Engine, fault.chain());
     let made = match part.role {
         Role::Source { run } => source_piece(plan, run, registry),
-        Role::Node { run, node } => node_piece(plan, (run, node), part, registry, bridge, interrupt),
-        Role::Foreign { .. } | Role::Recorder => {
+        Role::Node(node) => node_piece(plan, node, part, registry, bridge, interrupt),
+        Role::Foreign(_) | Role::Recorder => {
             return Err(CliError::new(ExitCode::Usage, "this is no part of the plan"));
         }
     };
@@ -53,13 +53,13 @@ pub fn run(
     let Piece { mut plan, source, nodes, files, readiness, remedies } = piece;
     bridge.send(channel::READY, None, &of_text(&readiness.text())).map_err(gone)?;
     let source: Box<dyn Source> = match source {
-        Comes::Read(source) => {
+        FrameInput::Read(source) => {
             let told = frames_text(source.frames());
             bridge.send(channel::FRAMES, None, &of_text(&told)).map_err(gone)?;
             let (bridge, interrupt, remedies) = (Arc::clone(bridge), interrupt.clone(), Arc::clone(&remedies));
             Box::new(Admitted { source, bridge, so_far: AtomicUsize::new(0), interrupt, remedies })
         }
-        Comes::Sent(ports) => {
+        FrameInput::Sent(ports) => {
             let arrived = bridge.mailbox.take(channel::FRAMES, None, &|| interrupt.aborts());
             let frames = match arrived {
                 Ok(arrived) => frames(&arrived).map_err(gone)?,
@@ -69,15 +69,15 @@ pub fn run(
             let _ = bridge.frames.set(frames.clone());
             Box::new(Incoming { bridge: Arc::clone(bridge), frames, ports, interrupt: interrupt.clone() })
         }
-        Comes::Nothing => {
-            if let (Role::Node { run, node }, Some(own)) = (part.role, plan.runs[0].nodes.last_mut()) {
+        FrameInput::None => {
+            if let (Role::Node(node), Some(own)) = (part.role, plan.runs[0].nodes.last_mut()) {
                 let Ok(arrived) = bridge.mailbox.take(channel::ENGINES, None, &|| interrupt.aborts()) else {
                     return Ok(ExitCode::Success);
                 };
                 let engines = engines(&arrived).map_err(gone)?;
                 let whole = Ready::of(whole.clone(), Vec::new(), BTreeMap::new(), &engines).plan;
                 // With it the key of what it gives is the one that a run of one process has: the artefacts it reads enter that by their content.
-                own.recipe = whole.runs[run].nodes[node].recipe;
+                own.recipe = whole.runs[node.run].nodes[node.node].recipe;
             }
             let (frames, ports) = Default::default();
             Box::new(Incoming { bridge: Arc::clone(bridge), frames, ports, interrupt: interrupt.clone() })
@@ -91,7 +91,7 @@ pub fn run(
         warnings: Vec::new(),
         builders: BTreeMap::new(),
     };
-    let ran = depthloom_runner::run(ready, &tap, options, &Told { plan: &plan }, interrupt);
+    let ran = depthloom_runner::run(ready, &tap, options, &ProgressLog { plan: &plan }, interrupt);
     for program in depthloom_nodes::process::take_ended() {
         if let Some(failure) = program.failure {
             say(format_args!("warning: `{}` {failure}", program.command));
@@ -106,26 +106,26 @@ pub fn run(
     })
 }
 
-/// Says how far long work is.
-struct Told<'a> {
+/// Prints the progress of long computations.
+struct ProgressLog<'a> {
     plan: &'a Plan,
 }
 
-impl Told<'_> {
-    fn name(&self, node: usize) -> &str {
-        self.plan.runs[0].nodes.get(node).map_or("", |node| &node.name)
+impl ProgressLog<'_> {
+    fn name(&self, node: NodeId) -> &str {
+        self.plan.runs[0].nodes.get(node.0).map_or("", |node| &node.name)
     }
 }
 
-impl Observer for Told<'_> {
-    fn progress(&self, _: usize, node: usize, done: u64, total: u64, message: &str) {
+impl Observer for ProgressLog<'_> {
+    fn progress(&self, _: RunId, node: NodeId, done: u64, total: u64, message: &str) {
         // Some twenty lines of the longest work.
         if done == total || done.is_multiple_of((total / 20).max(1)) {
             say(format_args!("{}: {done}/{total} {message}", self.name(node)));
         }
     }
 
-    fn told(&self, _: usize, node: usize, what: &str) {
+    fn info(&self, _: RunId, node: NodeId, what: &str) {
         say(format_args!("{}: {what}", self.name(node)));
     }
 }

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 
 use depthloom_graphs::contracts::{Commit, Contract, ErrorMessage, Slot, Tap, Warned};
-use depthloom_graphs::plan::StageRun;
+use depthloom_graphs::plan::{FrameIndex, NodeId, PartId, PortId, RunId, StageRun};
 use depthloom_graphs::{Fault, Frame, Key, Rate, Value, chain};
 use depthloom_runner::RunError;
 use depthloom_threads::locked;
@@ -33,8 +33,8 @@ impl<'a> Outgoing<'a> {
     pub fn new(bridge: &'a Bridge, run: &StageRun, remedies: Arc<Remedies>) -> Self {
         let (mut slots, mut once) = (Vec::new(), Vec::new());
         let is_source = run.nodes.is_empty();
-        if let Some((node, planned)) = run.nodes.iter().enumerate().next_back() {
-            for (port, output) in planned.outputs.iter().enumerate() {
+        if let Some((node, planned)) = NodeId::enumerate(&run.nodes).last() {
+            for (port, output) in PortId::enumerate(&planned.outputs) {
                 if planned.contract == Contract::Once || output.port.rate == Rate::Once {
                     once.push(output.port.name);
                 } else {
@@ -42,7 +42,7 @@ impl<'a> Outgoing<'a> {
                 }
             }
         } else {
-            let outputs = run.source.outputs.iter().enumerate();
+            let outputs = PortId::enumerate(&run.source.outputs);
             slots.extend(outputs.map(|(port, output)| (Slot::Source { port }, output.port.name)));
         }
         let (written, sent_once) = (AtomicUsize::new(0), Mutex::default());
@@ -51,9 +51,13 @@ impl<'a> Outgoing<'a> {
 
     /// Tells how it ended, once there are no more frames.
     pub fn close(&self, ran: &Result<depthloom_runner::Report, RunError>) -> Result<(), Fault> {
-        let report = |of: Option<usize>, report: &Report| {
+        let report = |position: Option<usize>, report: &Report| {
             let frame = Frame::at_10_hz("", 0);
-            self.bridge.send(channel::REPORT, of.map(|of| (of, &frame)), &of_text(&report.text()))
+            self.bridge.send(
+                channel::REPORT,
+                position.map(|position| (FrameIndex(position), &frame)),
+                &of_text(&report.text()),
+            )
         };
         match ran {
             Ok(ran) if ran.interrupted => Ok(()),
@@ -87,19 +91,19 @@ impl<'a> Outgoing<'a> {
 impl Tap for Outgoing<'_> {
     type Part = ();
 
-    fn parts(&self, _: usize) -> usize {
+    fn parts(&self, _: RunId) -> usize {
         self.slots.len()
     }
 
-    fn part(&self, _: usize, slot: Slot) -> Option<usize> {
-        self.slots.iter().position(|(of, _)| *of == slot)
+    fn part(&self, _: RunId, slot: Slot) -> Option<PartId> {
+        self.slots.iter().position(|(of, _)| *of == slot).map(PartId)
     }
 
     fn encode(
         &self,
-        _: usize,
-        frame: (usize, &Frame),
-        part: usize,
+        _: RunId,
+        frame: (FrameIndex, &Frame),
+        part: PartId,
         values: &[(Slot, Value)],
     ) -> Result<(), ErrorMessage> {
         let stream = values.first().map(|(_, value)| of_value(value)).unwrap_or_default();
@@ -107,7 +111,7 @@ impl Tap for Outgoing<'_> {
     }
 
     fn write(&self, commit: &Commit<'_>, _: Vec<()>) -> Result<(), ErrorMessage> {
-        let position = self.written.fetch_add(1, Ordering::SeqCst);
+        let position = FrameIndex(self.written.fetch_add(1, Ordering::SeqCst));
         let is_ours = |slot: &Slot| self.slots.iter().find(|(of, _)| of == slot);
         let absent = commit.absent.iter().filter_map(is_ours).map(|(_, port)| (*port).to_owned()).collect();
         // Of the source of a node's piece there is nothing to tell but that it was abandoned.
@@ -124,8 +128,7 @@ impl Tap for Outgoing<'_> {
         self.bridge.send(channel::REPORT, Some((position, commit.frame)), &stream).map_err(ErrorMessage::from)
     }
 
-    fn once(&self, run: usize, slot: Slot, _: &Key, value: &Value, warnings: &[Warned]) -> Result<(), ErrorMessage> {
-        let _ = run;
+    fn once(&self, _: RunId, slot: Slot, _: &Key, value: &Value, warnings: &[Warned]) -> Result<(), ErrorMessage> {
         let Slot::Node { port, .. } = slot else { return Ok(()) };
         let Some(name) = self.once_name(port) else { return Ok(()) };
         self.bridge.send(name, None, &of_value(value))?;
@@ -138,8 +141,8 @@ impl Tap for Outgoing<'_> {
 
 impl Outgoing<'_> {
     /// The once-output of a port, by its index among all of the node's.
-    fn once_name(&self, port: usize) -> Option<&'static str> {
+    fn once_name(&self, port: PortId) -> Option<&'static str> {
         let before = self.slots.iter().filter(|(slot, _)| matches!(slot, Slot::Node { port: of, .. } if *of < port));
-        self.once.get(port - before.count()).copied()
+        self.once.get(port.0 - before.count()).copied()
     }
 }

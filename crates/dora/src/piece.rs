@@ -5,7 +5,10 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use depthloom_graphs::contracts::{Contract, Slot};
-use depthloom_graphs::plan::{Origin, Plan, PlannedInput, PlannedNode, PlannedOutput, PlannedSource, Record, StageRun};
+use depthloom_graphs::plan::{
+    NodeId, NodeRef, Origin, Plan, PlannedInput, PlannedNode, PlannedOutput, PlannedSource, PortId, Record, RunId,
+    StageRun,
+};
 use depthloom_graphs::ready::{self, NotReady};
 use depthloom_graphs::{Instance, Key, Port, Registry, Source, Value};
 use depthloom_nodes::dora::KIND;
@@ -19,26 +22,26 @@ use crate::remedies::{Remedies, guarded};
 use crate::report::Readiness;
 
 /// Where a piece's frames come from.
-pub enum Comes {
+pub enum FrameInput {
     /// From data.
     Read(Box<dyn Source>),
     /// From other parts, at these inputs.
     Sent(Vec<Port>),
     /// It has none.
-    Nothing,
+    None,
 }
 
 /// A piece of the plan, ready to run.
 pub struct Piece {
     pub plan: Plan,
-    pub source: Comes,
+    pub source: FrameInput,
     pub nodes: Vec<Instance>,
     pub files: BTreeMap<PathBuf, Value>,
     pub readiness: Readiness,
     pub remedies: Arc<Remedies>,
 }
 
-fn piece_of(plan: &Plan, run: usize, source: PlannedSource, nodes: Vec<PlannedNode>) -> Plan {
+fn piece_of(plan: &Plan, run: RunId, source: PlannedSource, nodes: Vec<PlannedNode>) -> Plan {
     let StageRun { stage, prefix, variants, .. } = &plan.runs[run];
     let (stage, prefix, variants) = (stage.clone(), prefix.clone(), variants.clone());
     Plan {
@@ -49,13 +52,13 @@ fn piece_of(plan: &Plan, run: usize, source: PlannedSource, nodes: Vec<PlannedNo
 }
 
 /// Of a source.
-pub fn source_piece(plan: &Plan, run: usize, registry: &Registry) -> Result<Piece, Vec<NotReady>> {
+pub fn source_piece(plan: &Plan, run: RunId, registry: &Registry) -> Result<Piece, Vec<NotReady>> {
     let planned = &plan.runs[run].source;
     let source = ready::open(planned, registry).map_err(|error| vec![*error])?;
     let readiness = Readiness { warnings: source.warnings().to_vec(), ..Readiness::default() };
     Ok(Piece {
         plan: piece_of(plan, run, planned.clone(), Vec::new()),
-        source: Comes::Read(source),
+        source: FrameInput::Read(source),
         nodes: Vec::new(),
         files: BTreeMap::new(),
         readiness,
@@ -66,18 +69,18 @@ pub fn source_piece(plan: &Plan, run: usize, registry: &Registry) -> Result<Piec
 /// Of a node.
 pub fn node_piece(
     plan: &Plan,
-    (run, node): (usize, usize),
+    node: NodeRef,
     part: &Part,
     registry: &Registry,
     bridge: &Arc<Bridge>,
     interrupt: &Interrupt,
 ) -> Result<Piece, Vec<NotReady>> {
     let mut files = BTreeMap::new();
-    let planned = &plan.runs[run].nodes[node];
+    let planned = &plan.runs[node.run].nodes[node.node];
     let (instance, fingerprint) = if planned.kind == KIND {
-        foreign::build(plan, (run, node), registry, bridge)?
+        foreign::build(plan, node, registry, bridge)?
     } else {
-        ready::build(plan, (run, node), registry, &mut files)?
+        ready::build(plan, node, registry, &mut files)?
     };
     let mut own = planned.clone();
     let (mut ports, mut nodes, mut instances) = (Vec::new(), Vec::new(), Vec::new());
@@ -89,15 +92,15 @@ pub fn node_piece(
         };
         let port = Port { optional: true, ..input.port.clone() };
         if is_once {
-            input.from = Some(Origin::Once { run: 0, node: nodes.len(), port: 0 });
-            nodes.push(once_giver(planned, input, &port));
+            input.from = Some(Origin::Once { run: RunId(0), node: NodeId(nodes.len()), port: PortId(0) });
+            nodes.push(aggregate_node(planned, input, &port));
             instances.push(Instance::Once(Box::new(Received {
                 bridge: Arc::clone(bridge),
                 port,
                 interrupt: interrupt.clone(),
             })));
         } else {
-            input.from = Some(Origin::Here(Slot::Source { port: ports.len() }));
+            input.from = Some(Origin::Here(Slot::Source { port: PortId(ports.len()) }));
             ports.push(port);
         }
     }
@@ -112,10 +115,10 @@ pub fn node_piece(
         parts: Vec::new(),
         outputs: ports.iter().cloned().map(|port| output_of(port, false)).collect(),
     };
-    let comes = if planned.contract == Contract::Once { Comes::Nothing } else { Comes::Sent(ports) };
+    let frames = if planned.contract == Contract::Once { FrameInput::None } else { FrameInput::Sent(ports) };
     Ok(Piece {
-        plan: piece_of(plan, run, source, nodes),
-        source: comes,
+        plan: piece_of(plan, node.run, source, nodes),
+        source: frames,
         nodes: instances,
         files,
         readiness: Readiness { fingerprint, ..Readiness::default() },
@@ -128,7 +131,7 @@ fn output_of(port: Port, recorded: bool) -> PlannedOutput {
 }
 
 /// A node that gives what comes for a once-input.
-fn once_giver(planned: &PlannedNode, input: &PlannedInput, port: &Port) -> PlannedNode {
+fn aggregate_node(planned: &PlannedNode, input: &PlannedInput, port: &Port) -> PlannedNode {
     PlannedNode {
         name: input.port.name.to_owned(),
         contract: Contract::Once,

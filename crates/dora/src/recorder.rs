@@ -6,7 +6,7 @@ use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
 use depthloom_graphs::contracts::{Contract, Failure, OnceNode, OrderedNode, PureNode};
-use depthloom_graphs::plan::{Plan, PlannedOutput};
+use depthloom_graphs::plan::{FrameIndex, NodeId, NodeRef, Plan, PlannedOutput, RunId};
 use depthloom_graphs::ready::{Ready, ReadyRun, read_files};
 use depthloom_graphs::values::{
     Artifact, Calibration, Curve, Depth, Disparity, Image, Mask, Pixels, Raster, TrueDisparity, Weight,
@@ -47,15 +47,15 @@ pub fn prepare(
     let (mut missing, mut prints) = (Vec::new(), BTreeMap::new());
     let mut warnings = vec![Vec::new(); plan.runs.len()];
     for part in &layout.parts {
-        if !matches!(part.role, Role::Source { .. } | Role::Node { .. }) {
+        if !matches!(part.role, Role::Source { .. } | Role::Node(_)) {
             continue;
         }
         let readiness = Readiness::read(&hear(&part.id, channel::READY)?).map_err(gone)?;
         missing.extend(readiness.missing);
         match part.role {
             Role::Source { run } => warnings[run] = readiness.warnings,
-            Role::Node { run, node } => prints.extend(readiness.fingerprint.map(|print| ((run, node), print))),
-            Role::Foreign { .. } | Role::Recorder => {}
+            Role::Node(node) => prints.extend(readiness.fingerprint.map(|print| (node, print))),
+            Role::Foreign(_) | Role::Recorder => {}
         }
     }
     let mut files = BTreeMap::new();
@@ -73,28 +73,31 @@ pub fn prepare(
     bridge.send(channel::ENGINES, None, &of_text(&engines_text(&prints))).map_err(gone)?;
     let mut runs = Vec::new();
     let mut inputs = vec![Vec::new(); plan.runs.len()];
-    for ((run, of), warnings) in plan.runs.iter().enumerate().zip(warnings) {
-        let giver = |role, outputs: &[PlannedOutput]| Giver {
+    for ((run, planned), warnings) in RunId::enumerate(&plan.runs).zip(warnings) {
+        let remote = |role, outputs: &[PlannedOutput]| RemoteNode {
             id: layout.id(role).to_owned(),
             outputs: outputs.to_vec(),
             bridge: Arc::clone(bridge),
         };
-        let source = giver(Role::Source { run }, &of.source.outputs);
+        let source = remote(Role::Source { run }, &planned.source.outputs);
         let frames = frames(&hear(&source.id, channel::FRAMES)?).map_err(gone)?;
         inputs[run].extend(source.inputs());
         let reports = frames.iter().map(|_| OnceLock::new()).collect();
         let mut nodes = Vec::new();
-        for (node, of) in of.nodes.iter().enumerate() {
-            let giver = giver(Role::Node { run, node }, &of.outputs);
-            inputs[run].extend(giver.inputs());
-            nodes.push(match of.contract {
-                Contract::Pure => Instance::Pure(Box::new(giver)),
-                Contract::Ordered => Instance::Ordered(Box::new(giver)),
-                Contract::Once => Instance::Once(Box::new(giver)),
+        for (node, planned) in NodeId::enumerate(&planned.nodes) {
+            let remote = remote(Role::Node(NodeRef { run, node }), &planned.outputs);
+            inputs[run].extend(remote.inputs());
+            nodes.push(match planned.contract {
+                Contract::Pure => Instance::Pure(Box::new(remote)),
+                Contract::Ordered => Instance::Ordered(Box::new(remote)),
+                Contract::Once => Instance::Once(Box::new(remote)),
             });
         }
         let interrupt = interrupt.clone();
-        runs.push(ReadyRun { source: Box::new(Given { giver: source, frames, warnings, reports, interrupt }), nodes });
+        runs.push(ReadyRun {
+            source: Box::new(RemoteSource { node: source, frames, warnings, reports, interrupt }),
+            nodes,
+        });
     }
     let remote = Remote {
         bridge: Arc::clone(bridge),
@@ -115,7 +118,7 @@ fn wait_for_start(
     cancelled: &dyn Fn() -> bool,
     limit: Duration,
 ) -> Result<(), CliError> {
-    let parts = layout.parts.iter().filter(|part| matches!(part.role, Role::Source { .. } | Role::Node { .. }));
+    let parts = layout.parts.iter().filter(|part| matches!(part.role, Role::Source { .. } | Role::Node(_)));
     let inputs: Vec<String> = parts.map(|part| format!("{}/{}", part.id, channel::READY)).collect();
     let missing = bridge.mailbox.without_message(&inputs, Instant::now() + limit, cancelled);
     if missing.is_empty() {
@@ -130,28 +133,34 @@ fn wait_for_start(
 }
 
 /// A part, as the recorder sees it.
-struct Giver {
+struct RemoteNode {
     id: String,
     outputs: Vec<PlannedOutput>,
     bridge: Arc<Bridge>,
 }
 
-impl Giver {
+impl RemoteNode {
     /// The recorder's inputs that are of frames.
     fn inputs(&self) -> Vec<String> {
         let values = self.outputs.iter().map(|output| output.port.name);
         [channel::REPORT].into_iter().chain(values).map(|output| format!("{}/{output}", self.id)).collect()
     }
 
-    fn report(&self, at: Option<usize>, cancelled: &dyn Fn() -> bool) -> Result<Report, Fault> {
+    fn report(&self, at: Option<FrameIndex>, cancelled: &dyn Fn() -> bool) -> Result<Report, Fault> {
         let arrived = self.bridge.mailbox.take(&format!("{}/{}", self.id, channel::REPORT), at, cancelled)?;
         Report::read(&arrived)
     }
 
     /// What it gave, at the outputs of a rate. Of what is not recorded nobody sees more than that it is there.
-    fn outputs(&self, report: &Report, rate: Rate, at: Option<usize>, ctx: &Context<'_>) -> Result<Outputs, Fault> {
+    fn outputs(
+        &self,
+        report: &Report,
+        rate: Rate,
+        at: Option<FrameIndex>,
+        ctx: &Context<'_>,
+    ) -> Result<Outputs, Fault> {
         for (what, count) in &report.warnings {
-            ctx.host.warn_of(*count, what);
+            ctx.host.warn_n(*count, what);
         }
         if let Some((what, remedy)) = &report.failed {
             let fault = Fault::new(what);
@@ -194,13 +203,13 @@ impl Giver {
     }
 }
 
-impl PureNode for Giver {
+impl PureNode for RemoteNode {
     fn process(&self, _: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
         self.of_frame(ctx)
     }
 }
 
-impl OrderedNode for Giver {
+impl OrderedNode for RemoteNode {
     fn process(&mut self, _: &Frame, _: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
         self.of_frame(ctx)
     }
@@ -210,15 +219,15 @@ impl OrderedNode for Giver {
     }
 }
 
-impl OnceNode for Giver {
+impl OnceNode for RemoteNode {
     fn run(&self, _: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
         self.of_once(ctx)
     }
 }
 
 /// A source whose frames a part reads.
-struct Given {
-    giver: Giver,
+struct RemoteSource {
+    node: RemoteNode,
     frames: Vec<Frame>,
     warnings: Vec<String>,
     /// By frame, what the part said of it.
@@ -226,7 +235,7 @@ struct Given {
     interrupt: Interrupt,
 }
 
-impl Source for Given {
+impl Source for RemoteSource {
     fn frames(&self) -> &[Frame] {
         &self.frames
     }
@@ -235,9 +244,9 @@ impl Source for Given {
         &self.warnings
     }
 
-    fn key(&self, position: usize) -> Result<Key, Fault> {
+    fn key(&self, position: FrameIndex) -> Result<Key, Fault> {
         if self.reports[position].get().is_none() {
-            let report = self.giver.report(Some(position), &|| self.interrupt.aborts())?;
+            let report = self.node.report(Some(position), &|| self.interrupt.aborts())?;
             let _ = self.reports[position].set(report);
         }
         // A frame that failed has none, and is not read: then it is said here what it failed of.
@@ -246,14 +255,14 @@ impl Source for Given {
             (_, Some((what, Some(remedy)))) => Err(Fault::new(what).remedy(remedy)),
             (_, Some((what, None))) => Err(Fault::new(what)),
             (Some(key), None) => Ok(*key),
-            (None, None) => Err(Fault::new(format!("`{}` named no key", self.giver.id))),
+            (None, None) => Err(Fault::new(format!("`{}` named no key", self.node.id))),
         }
     }
 
-    fn read(&self, position: usize, ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
+    fn read(&self, position: FrameIndex, ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
         let report = self.reports[position].get().ok_or_else(|| Fault::new("it is read before its key is known"))?;
-        let outputs = self.giver.outputs(report, Rate::Frame, Some(position), ctx)?;
-        let key = report.key.ok_or_else(|| Fault::new(format!("`{}` named no key", self.giver.id)))?;
+        let outputs = self.node.outputs(report, Rate::Frame, Some(position), ctx)?;
+        let key = report.key.ok_or_else(|| Fault::new(format!("`{}` named no key", self.node.id)))?;
         Ok(SourceOutputs { outputs, key })
     }
 }
@@ -269,20 +278,20 @@ pub struct Remote {
 }
 
 impl Remote {
-    fn admit(&self, run: usize, retired: usize) {
+    fn admit(&self, run: RunId, retired: usize) {
         // If nobody hears it, nothing comes, and that is told.
         let _ = self.bridge.send(&admission(run), None, &of_text(&(retired + self.window).to_string()));
     }
 }
 
 impl Observer for Remote {
-    fn stage_started(&self, run: usize, _: u64) {
+    fn stage_started(&self, run: RunId, _: u64) {
         self.admit(run, 0);
     }
 
-    fn frame_retired(&self, run: usize, _: &Frame, _: &[Failure]) {
+    fn frame_retired(&self, run: RunId, _: &Frame, _: &[Failure]) {
         let retired = self.retired[run].fetch_add(1, Ordering::SeqCst) + 1;
-        self.bridge.mailbox.forget(&self.inputs[run], retired - 1);
+        self.bridge.mailbox.forget(&self.inputs[run], FrameIndex(retired - 1));
         self.admit(run, retired);
     }
 }

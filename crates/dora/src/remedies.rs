@@ -4,14 +4,15 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
 
 use depthloom_graphs::contracts::{OrderedNode, PureNode};
+use depthloom_graphs::plan::FrameIndex;
 use depthloom_graphs::{Context, Fault, Frame, Inputs, Instance, Outputs};
 use depthloom_threads::locked;
 
-/// By the frame's position.
-pub type Remedies = Mutex<BTreeMap<usize, String>>;
+/// By frame.
+pub type Remedies = Mutex<BTreeMap<FrameIndex, String>>;
 
 /// Keeps what a failure says of it.
-pub fn keep_remedy(remedies: &Remedies, position: Option<usize>, fault: &Fault) {
+pub fn keep_remedy(remedies: &Remedies, position: Option<FrameIndex>, fault: &Fault) {
     if let (Some(position), Some(remedy)) = (position, fault.remedy_text()) {
         locked(remedies).insert(position, remedy.to_owned());
     }

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use depthloom_graphs::plan::{NodeId, NodeRef, RunId};
 use depthloom_graphs::{Fault, Frame, Key};
 use serde_json::{Value as Json, json};
 
@@ -80,20 +81,24 @@ impl Readiness {
     }
 }
 
-/// Fingerprints by stage run and node.
-pub type Engines = BTreeMap<(usize, usize), Key>;
+/// Fingerprints by node.
+pub type Engines = BTreeMap<NodeRef, Key>;
 
 /// Fingerprints as a text.
 pub fn engines_text(engines: &Engines) -> String {
-    let listed: Vec<_> = engines.iter().map(|((run, node), key)| json!([run, node, key.to_string()])).collect();
+    let listed: Vec<_> =
+        engines.iter().map(|(NodeRef { run, node }, key)| json!([run, node, key.to_string()])).collect();
     json!(listed).to_string()
 }
 
 /// Reads them.
 pub fn engines(arrived: &Arrived) -> Result<Engines, Fault> {
     let wrong = || Fault::new(format!("what came at `{}` is no list of engines", arrived.input));
-    let listed: Vec<(usize, usize, String)> = serde_json::from_value(arrived.json()?).map_err(|_| wrong())?;
-    listed.into_iter().map(|(run, node, key)| Ok(((run, node), Key::parse(&key).ok_or_else(wrong)?))).collect()
+    let listed: Vec<(RunId, NodeId, String)> = serde_json::from_value(arrived.json()?).map_err(|_| wrong())?;
+    listed
+        .into_iter()
+        .map(|(run, node, key)| Ok((NodeRef { run, node }, Key::parse(&key).ok_or_else(wrong)?)))
+        .collect()
 }
 
 /// The frames of a stage as a text.

@@ -79,10 +79,11 @@ fn put(text: &mut String, plan: &Plan, part: &Part, wanted: &Wanted) {
         let _ = writeln!(text, "    deploy: {{ machine: {} }}", quoted(machine));
     }
     let foreign = match part.role {
-        Role::Foreign { run, node } => {
-            serde_json::from_value::<DoraParams>(plan.runs[run].nodes[node].params.clone()).ok()
+        Role::Foreign(node) => {
+            let params = &plan.runs[node.run].nodes[node.node].params;
+            serde_json::from_value::<DoraParams>(params.clone()).ok()
         }
-        Role::Source { .. } | Role::Node { .. } | Role::Recorder => None,
+        Role::Source { .. } | Role::Node(_) | Role::Recorder => None,
     };
     if let Some(DoraParams { path, args, build, env, .. }) = foreign {
         let args: Vec<String> = args.iter().map(whole).collect();

@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 
 use depthloom_analysis::FrameChoice;
+use depthloom_graphs::plan::{FrameIndex, RunId};
 use depthloom_recording::{RecordedFrame, Recording};
 use depthloom_terminal::CliError;
 
@@ -12,7 +13,7 @@ use depthloom_runs::file_name;
 /// The frames of a stage run that are exported.
 pub struct Frames {
     /// Their positions in the run, ascending.
-    pub positions: Vec<usize>,
+    pub positions: Vec<FrameIndex>,
     /// By position, what a frame's files are called, whichever others are exported: its id, with its position behind it where an
     /// earlier frame of the run has the same.
     pub names: Vec<String>,
@@ -24,27 +25,24 @@ pub struct Frames {
 /// If `choice` names a frame that none of these runs has.
 pub fn frames(
     recording: &Recording,
-    runs: &BTreeSet<usize>,
+    runs: &BTreeSet<RunId>,
     choice: Option<&FrameChoice>,
 ) -> Result<Vec<Frames>, CliError> {
-    let of_run = |run: &usize| (0..recording.frames(*run).len()).map(|at| (*run, at)).collect::<Vec<_>>();
-    let places: Vec<(usize, usize)> = runs.iter().flat_map(of_run).collect();
+    let frames_of = |run: RunId| FrameIndex::all(recording.frames(run).len()).map(move |frame| (run, frame));
+    let places: Vec<(RunId, FrameIndex)> = runs.iter().flat_map(|run| frames_of(*run)).collect();
     let all: Vec<&RecordedFrame> = places.iter().map(|&(run, at)| &recording.frames(run)[at]).collect();
-    let chosen: BTreeSet<(usize, usize)> = match choice {
+    let chosen: BTreeSet<(RunId, FrameIndex)> = match choice {
         None => places.into_iter().collect(),
         Some(choice) => {
             let positions = choice.positions(&all).map_err(failed)?;
             positions.into_iter().map(|at| places[at]).collect()
         }
     };
-    let of_run = |run| {
-        let frames = recording.frames(run);
-        Frames {
-            positions: (0..frames.len()).filter(|at| chosen.contains(&(run, *at))).collect(),
-            names: names(frames),
-        }
+    let chosen_of = |run| Frames {
+        positions: frames_of(run).filter(|frame| chosen.contains(frame)).map(|(_, position)| position).collect(),
+        names: names(recording.frames(run)),
     };
-    Ok((0..recording.plan().runs.len()).map(of_run).collect())
+    Ok(RunId::all(recording.plan().runs.len()).map(chosen_of).collect())
 }
 
 fn names(frames: &[RecordedFrame]) -> Vec<String> {

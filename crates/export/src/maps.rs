@@ -6,6 +6,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use depthloom_codecs::files::Colours;
+use depthloom_graphs::plan::{FrameIndex, RunId};
 use depthloom_graphs::{Value, ValueType};
 use depthloom_recording::{RecordedOutput, RecordedRun, Recording, RecordingError};
 use depthloom_terminal::{CliError, ExitCode};
@@ -31,7 +32,7 @@ struct Series<'a> {
 
 /// Some series of a stage run that are read together.
 struct Group<'a> {
-    run: usize,
+    run: RunId,
     topics: Vec<&'a str>,
     /// Each with the place of its topic.
     series: Vec<(usize, Series<'a>)>,
@@ -75,7 +76,7 @@ impl<'a> Maps<'a> {
         range: Option<(f64, f64)>,
     ) -> Result<Self, CliError> {
         let mut groups = Vec::new();
-        for run in 0..recording.plan().runs.len() {
+        for run in RunId::all(recording.plan().runs.len()) {
             let of_run: Vec<&Chosen<'_>> = chosen.iter().filter(|chosen| chosen.run == run).collect();
             for chosen in of_run.chunks(TOPICS_AT_ONCE) {
                 let group = Group::new(recording, run, chosen, colours, range)?;
@@ -121,7 +122,7 @@ impl<'a> Maps<'a> {
     ) -> Result<Vec<RecordingError>, CliError> {
         let jobs =
             self.groups.iter().flat_map(|group| self.frames[group.run].positions.iter().map(move |at| (group, *at)));
-        let jobs: Vec<(&Group<'_>, usize)> = jobs.collect();
+        let jobs: Vec<(&Group<'_>, FrameIndex)> = jobs.collect();
         let trouble = Mutex::new(Trouble::default());
         let budget = Budget::new(threads);
         let _own = budget.permit();
@@ -157,7 +158,7 @@ impl<'a> Maps<'a> {
         Ok(damaged.into_iter().map(|(_, error)| error).collect())
     }
 
-    fn write_frame(&self, group: &Group<'_>, position: usize, folder: &Folder) -> Result<(), Failed> {
+    fn write_frame(&self, group: &Group<'_>, position: FrameIndex, folder: &Folder) -> Result<(), Failed> {
         let read = self.recording.reader(group.run, &group.topics).and_then(|mut reader| reader.read(position));
         let values = read.map_err(|error| {
             if error.is_damage() {
@@ -230,7 +231,7 @@ fn caps<'a>(run: &'a RecordedRun, topic: &'a str, seen: &mut HashSet<&'a str>, f
 impl<'a> Group<'a> {
     fn new(
         recording: &'a Recording,
-        run: usize,
+        run: RunId,
         chosen: &[&'a Chosen<'a>],
         colours: Option<Colours>,
         range: Option<(f64, f64)>,

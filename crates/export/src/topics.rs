@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use depthloom_graphs::ValueType;
 use depthloom_graphs::contracts::Slot;
 use depthloom_graphs::language::{glob, nearest};
+use depthloom_graphs::plan::RunId;
 use depthloom_recording::RecordedPlan;
 use depthloom_terminal::{CliError, ExitCode};
 
@@ -19,7 +20,7 @@ const TOLD: usize = 8;
 /// A topic that is exported.
 pub struct Chosen<'a> {
     /// The stage run.
-    pub run: usize,
+    pub run: RunId,
     /// The output port.
     pub slot: Slot,
     /// The topic.
@@ -86,7 +87,7 @@ pub fn chosen<'a>(
 
 /// An output port, under all its names.
 struct Output<'a> {
-    run: usize,
+    run: RunId,
     slot: Slot,
     /// Its topic, then the aliases.
     names: Vec<&'a str>,
@@ -102,7 +103,7 @@ fn outputs(plan: &RecordedPlan) -> Vec<Output<'_>> {
             Output { run, slot, names, recorded: output.recorded, value_type: output.value_type() }
         })
     };
-    (0..plan.runs.len()).flat_map(of_run).collect()
+    RunId::all(plan.runs.len()).flat_map(of_run).collect()
 }
 
 impl<'a> Output<'a> {

@@ -1,5 +1,6 @@
 //! MCAP recordings.
 
+use depthloom_graphs::plan::{FrameIndex, RunId};
 use depthloom_graphs::{Registry, ValueType};
 use depthloom_recording::{Mcap, Recording};
 use serde_json::json;
@@ -15,14 +16,14 @@ pub(crate) fn target() -> Target {
         std::fs::write(&path, bytes).expect("the folder takes a file");
         let recording = Recording::open(&path).map_err(|error| error.to_string())?;
         for run in 0..recording.plan().runs.len() {
-            let outputs = recording.plan().outputs(run).filter(|(_, output)| output.recorded && !output.once);
+            let outputs = recording.plan().outputs(RunId(run)).filter(|(_, output)| output.recorded && !output.once);
             let topics: Vec<String> = outputs
                 .filter(|(_, output)| output.value_type() != Some(ValueType::Curve))
                 .map(|(_, output)| output.topic.clone())
                 .collect();
-            let mut reader = recording.reader(run, &topics).map_err(|error| error.to_string())?;
-            for position in 0..recording.frames(run).len() {
-                reader.read(position).map_err(|error| error.to_string())?;
+            let mut reader = recording.reader(RunId(run), &topics).map_err(|error| error.to_string())?;
+            for position in 0..recording.frames(RunId(run)).len() {
+                reader.read(FrameIndex(position)).map_err(|error| error.to_string())?;
             }
         }
         read_all(&Registry::default().source::<Mcap>(), "mcap", &json!({ "path": path }))

@@ -1,5 +1,6 @@
 //! Files of data sets, read by their sources.
 
+use depthloom_graphs::plan::FrameIndex;
 use std::fs;
 use std::path::Path;
 
@@ -53,8 +54,9 @@ pub(crate) fn read_all(registry: &Registry, kind: &str, params: &Json) -> Result
     entry.outputs(&resolved).map_err(told)?;
     let source = entry.open(&resolved).map_err(told)?;
     for position in 0..source.frames().len().min(3) {
-        let key = source.key(position).map_err(told)?;
-        let read = source.read(position, &mut Context::new(&InlineHost, &mut Scratch::default())).map_err(told)?;
+        let key = source.key(FrameIndex(position)).map_err(told)?;
+        let read =
+            source.read(FrameIndex(position), &mut Context::new(&InlineHost, &mut Scratch::default())).map_err(told)?;
         assert_eq!(key, read.key, "a key is known before the frame is read");
     }
     Ok(())

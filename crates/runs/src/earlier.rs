@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
 use depthloom_graphs::contracts::{InlineHost, SlotKey};
-use depthloom_graphs::plan::Plan;
+use depthloom_graphs::plan::{FrameIndex, NodeId, Plan, RunId};
 use depthloom_graphs::ready::Ready;
 use depthloom_graphs::{Frame, Key, chain, counted};
 use depthloom_recording::{EarlierRuns, Recording, RecordingError};
@@ -38,27 +38,27 @@ pub fn of(is_fresh: bool, folder: &RunFolder, plan: &Plan) -> EarlierRuns {
 struct Kept<'a>(&'a Recording);
 
 impl KeptValues for Kept<'_> {
-    fn frames(&self, run: usize) -> usize {
+    fn frames(&self, run: RunId) -> usize {
         self.0.frames(run).len()
     }
 
-    fn is_frame(&self, run: usize, position: usize, frame: &Frame) -> bool {
+    fn is_frame(&self, run: RunId, position: FrameIndex, frame: &Frame) -> bool {
         self.0.is_frame(run, position, frame)
     }
 
-    fn source_key(&self, run: usize, position: usize) -> Option<Key> {
+    fn source_key(&self, run: RunId, position: FrameIndex) -> Option<Key> {
         self.0.frames(run)[position].source_key
     }
 
-    fn has_failed(&self, run: usize, position: usize) -> bool {
+    fn has_failed(&self, run: RunId, position: FrameIndex) -> bool {
         !self.0.frames(run)[position].failures.is_empty()
     }
 
-    fn node_keys(&self, run: usize, position: usize) -> &[SlotKey] {
+    fn node_keys(&self, run: RunId, position: FrameIndex) -> &[SlotKey] {
         &self.0.frames(run)[position].keys
     }
 
-    fn aggregates(&self, run: usize) -> Vec<(usize, Key)> {
+    fn aggregates(&self, run: RunId) -> Vec<(NodeId, Key)> {
         let values = self.0.once_values().iter().filter(|value| value.run == run);
         values.map(|value| (value.node, value.key)).collect()
     }
@@ -102,7 +102,7 @@ pub fn beside(out: Option<&Path>, plan: &Plan) -> EarlierRuns {
 
 /// How many frames a recording holds, over all stage runs.
 pub fn frames(recording: &Recording) -> u64 {
-    (0..recording.plan().runs.len()).map(|run| recording.frames(run).len() as u64).sum()
+    RunId::all(recording.plan().runs.len()).map(|run| recording.frames(run).len() as u64).sum()
 }
 
 /// The folders of the runs whose values were reused: this run's report can reuse parts of theirs. Empty if everything that is reused is computed

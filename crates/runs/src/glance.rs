@@ -1,5 +1,6 @@
 //! What can be said of a run at a glance: what its recording's summary tells, how much room it takes, and its best score.
 
+use depthloom_graphs::plan::RunId;
 use std::fs;
 use std::path::Path;
 
@@ -102,7 +103,7 @@ impl Glance {
             condition @ Condition::Unfinished { .. } => (State::Unfinished, is_over.then(|| condition.to_string())),
             condition @ Condition::Damaged { .. } => (State::Damaged, Some(condition.to_string())),
         };
-        let frames = || (0..plan.runs.len()).flat_map(|run| recording.frames(run));
+        let frames = || RunId::all(plan.runs.len()).flat_map(|run| recording.frames(run));
         Self {
             state,
             experiment: Some(plan.experiment.clone()),

@@ -49,11 +49,11 @@ pub fn names(recording: &Recording) -> Vec<(&RecordedOnce, String)> {
 
 /// `<stage>.<node>`, with the first of its variants where it does not serve them all, and its port unless that is `model`.
 fn stem(plan: &RecordedPlan, value: &RecordedOnce) -> String {
-    let Some(run) = plan.runs.get(value.run) else { return "model".to_owned() };
-    let Some(node) = run.nodes.get(value.node) else { return run.stage.clone() };
+    let Some(run) = plan.runs.get(value.run.0) else { return "model".to_owned() };
+    let Some(node) = run.nodes.get(value.node.0) else { return run.stage.clone() };
     let variant = node.variants.first().filter(|_| node.variants.len() < plan.variants.len());
-    let variant = variant.and_then(|&variant| plan.variants.get(variant)).map(String::as_str);
-    let port = node.outputs.get(value.port).map(|output| output.port.as_str()).filter(|port| *port != "model");
+    let variant = variant.and_then(|&variant| plan.variants.get(variant.0)).map(String::as_str);
+    let port = node.outputs.get(value.port.0).map(|output| output.port.as_str()).filter(|port| *port != "model");
     let parts: Vec<&str> = [run.stage.as_str(), node.name.as_str()].into_iter().chain(port).chain(variant).collect();
     crate::file_name(&parts.join("."))
 }

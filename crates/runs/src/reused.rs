@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use depthloom_analysis::{Leads, Timing, read_timings};
+use depthloom_graphs::plan::{NodeId, RunId};
 use depthloom_recording::Recording;
 
 use crate::TIMINGS;
@@ -33,9 +34,9 @@ fn has_reused(recording: &Recording, timings: &[Timing]) -> bool {
     let plan = recording.plan();
     let leads = Leads::new(plan);
     let mut stored: BTreeMap<(NodeName, &str), u64> = BTreeMap::new();
-    for (run, planned) in plan.runs.iter().enumerate() {
-        let name = |node: usize| -> Option<NodeName> {
-            let node = planned.nodes.get(node)?;
+    for (run, planned) in RunId::enumerate(&plan.runs) {
+        let name = |node: NodeId| -> Option<NodeName> {
+            let node = planned.nodes.get(node.0)?;
             let lead = leads.of_those(&planned.stage, &node.variants);
             Some((lead.stage, lead.variant, node.name.clone()))
         };

@@ -5,21 +5,22 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
 
 use depthloom_graphs::contracts::Instance;
+use depthloom_graphs::plan::NodeRef;
 use depthloom_graphs::{Context, Fault, Frame, Inputs, OnceNode, OrderedNode, Outputs, Port, Rate};
 use depthloom_threads::{Caught, caught, locked};
 
-/// What guarded nodes failed of, by stage run and node of the replay's plan.
+/// The failures of guarded nodes, by node of the plan that is replayed.
 #[derive(Clone, Default)]
-pub struct Failures(Arc<Mutex<BTreeMap<(usize, usize), String>>>);
+pub struct Failures(Arc<Mutex<BTreeMap<NodeRef, String>>>);
 
 impl Failures {
     /// What a node failed of, if it did.
-    pub fn of(&self, run: usize, node: usize) -> Option<String> {
-        locked(&self.0).get(&(run, node)).cloned()
+    pub fn of(&self, node: NodeRef) -> Option<String> {
+        locked(&self.0).get(&node).cloned()
     }
 
     /// The node under guard. A pure one needs none, for its failure is that of a frame.
-    pub fn guard(&self, at: (usize, usize), instance: Instance, outputs: &[Port]) -> Instance {
+    pub fn guard(&self, at: NodeRef, instance: Instance, outputs: &[Port]) -> Instance {
         let guard = Guard { at, failures: self.clone() };
         let at_rate = |is_once| outputs.iter().filter(|port| (port.rate == Rate::Once) == is_once).cloned().collect();
         match instance {
@@ -34,7 +35,7 @@ impl Failures {
 }
 
 struct Guard {
-    at: (usize, usize),
+    at: NodeRef,
     failures: Failures,
 }
 

@@ -6,7 +6,10 @@ use std::sync::Arc;
 
 use depthloom_graphs::contracts::{Contract, Instance, Port, Signature, Slot};
 use depthloom_graphs::language::glob;
-use depthloom_graphs::plan::{Origin, Plan, PlannedInput, PlannedNode, PlannedOutput, PlannedSource, Record, StageRun};
+use depthloom_graphs::plan::{
+    NodeId, NodeRef, Origin, Plan, PlannedInput, PlannedNode, PlannedOutput, PlannedSource, PortId, Record, RunId,
+    StageRun, VariantId,
+};
 use depthloom_graphs::ready::{Ready, ReadyRun};
 use depthloom_graphs::registry::{NodeKind, ParamError};
 use depthloom_graphs::{Rate, Registry, Value};
@@ -31,8 +34,8 @@ pub struct Replay {
 
 /// A node that is made again.
 pub struct Replayed {
-    /// Its index among the recording's.
-    pub recorded: usize,
+    /// The node of the recording.
+    pub recorded: NodeId,
     /// By output port, what it is compared with; `None` where nothing was recorded, or the node is made only for others to read.
     pub expected: Vec<Option<Expected>>,
     /// What is to be said of it.
@@ -44,7 +47,7 @@ pub enum Expected {
     /// The values at that port of the source.
     Frames {
         /// The source's port.
-        port: usize,
+        port: PortId,
     },
     /// A once-value of the recording.
     Once {
@@ -61,10 +64,8 @@ enum Found {
 
 /// A node that cannot be made again.
 pub struct Unchecked {
-    /// Its stage run.
-    pub run: usize,
-    /// Its index among the recording's.
-    pub node: usize,
+    /// The node of the recording.
+    pub node: NodeRef,
     /// Why, as a lower-case fragment.
     pub why: String,
     /// Whether the recording is damaged where it would be read.
@@ -91,16 +92,16 @@ enum Feed {
     Topic(String),
     /// A once-value of the recording.
     Recorded(RecordedOnce),
-    /// A node that is made again too, and its port's index.
-    Made { run: usize, node: usize, port: usize },
+    /// An output of a node that is made again too.
+    Made { node: NodeRef, port: PortId },
 }
 
 /// A plan in the making.
 struct Making<'a> {
     recording: &'a Recording,
     registry: &'a Registry,
-    /// Whether a node can be made again, by stage run and node; where not, why.
-    known: HashMap<(usize, usize), Option<String>>,
+    /// Whether a node can be made again; where not, why.
+    known: HashMap<NodeRef, Option<String>>,
     runs: Vec<MadeRun>,
     files: BTreeMap<PathBuf, Value>,
     failures: Failures,
@@ -131,23 +132,23 @@ impl Replay {
             failures: Failures::default(),
         };
         let mut unchecked = Vec::new();
-        for (run, node) in asked(recording, patterns)? {
-            if let Err(Obstacle { why, is_damage }) = making.check(run, node) {
-                unchecked.push(Unchecked { run, node, why, is_damage });
+        for node in requested(recording, patterns)? {
+            if let Err(Obstacle { why, is_damage }) = making.check(node) {
+                unchecked.push(Unchecked { node, why, is_damage });
             }
         }
         let Making { runs, files, failures, .. } = making;
         let (mut planned, mut ready, mut nodes) = (Vec::new(), Vec::new(), Vec::new());
-        for (run, made) in runs.into_iter().enumerate() {
-            let of = &recorded.runs[run];
+        for (run, made) in RunId::enumerate(runs) {
+            let recorded_run = &recorded.runs[run];
             let outputs = made.topics.iter().map(|topic| source_output(recording, run, topic)).collect();
             planned.push(StageRun {
-                stage: of.stage.clone(),
-                prefix: of.prefix.clone(),
-                source: PlannedSource { name: of.source.name.clone(), parts: Vec::new(), outputs },
+                stage: recorded_run.stage.clone(),
+                prefix: recorded_run.prefix.clone(),
+                source: PlannedSource { name: recorded_run.source.name.clone(), parts: Vec::new(), outputs },
                 nodes: made.planned,
                 estimates: Vec::new(),
-                variants: of.variants.clone(),
+                variants: recorded_run.variants.clone(),
             });
             let source = Box::new(RecordedFrames::new(Arc::clone(recording), run, made.topics));
             ready.push(ReadyRun { source, nodes: made.built });
@@ -173,41 +174,38 @@ impl Replay {
 }
 
 /// The nodes that patterns name: `stereo`, `compare.stereo`, `compare.*`; without patterns all that give anything recorded.
-fn asked(recording: &Recording, patterns: &[String]) -> Result<BTreeSet<(usize, usize)>, String> {
-    let runs = recording.plan().runs.iter().enumerate();
-    let all = runs.flat_map(|(run, of)| of.nodes.iter().enumerate().map(move |(node, of)| ((run, node), of)));
-    if patterns.is_empty() {
-        let recorded = all.filter(|(_, node)| node.outputs.iter().any(|output| output.recorded));
-        return Ok(recorded.map(|(at, _)| at).collect());
-    }
-    let mut asked = BTreeSet::new();
-    for pattern in patterns {
-        let fits = |run: usize, node: &RecordedNode| {
-            let stage = &recording.plan().runs[run].stage;
-            glob(pattern, &node.name) || glob(pattern, &format!("{stage}.{}", node.name))
-        };
-        let fitting: Vec<_> = all.clone().filter(|((run, _), node)| fits(*run, node)).map(|(at, _)| at).collect();
-        asked.extend(fitting.iter().copied());
-        if fitting.is_empty() {
-            return Err(pattern.clone());
+fn requested(recording: &Recording, patterns: &[String]) -> Result<BTreeSet<NodeRef>, String> {
+    let mut requested = BTreeSet::new();
+    let mut unmatched: BTreeSet<&String> = patterns.iter().collect();
+    for (run, recorded_run) in RunId::enumerate(&recording.plan().runs) {
+        for (node, recorded) in NodeId::enumerate(&recorded_run.nodes) {
+            let name = format!("{}.{}", recorded_run.stage, recorded.name);
+            let matching = patterns.iter().filter(|pattern| glob(pattern, &recorded.name) || glob(pattern, &name));
+            let matched = matching.map(|pattern| unmatched.remove(pattern)).count() > 0;
+            if matched || patterns.is_empty() && recorded.outputs.iter().any(|output| output.recorded) {
+                requested.insert(NodeRef { run, node });
+            }
         }
     }
-    Ok(asked)
+    match patterns.iter().find(|pattern| unmatched.contains(pattern)) {
+        Some(pattern) => Err(pattern.clone()),
+        None => Ok(requested),
+    }
 }
 
 impl<'a> Making<'a> {
     /// Adds a node, to be compared.
-    fn check(&mut self, run: usize, node: usize) -> Result<(), Obstacle> {
-        let recorded = self.node(run, node);
-        let expected: Vec<_> = (0..recorded.outputs.len()).map(|port| self.expected(run, node, port)).collect();
+    fn check(&mut self, node: NodeRef) -> Result<(), Obstacle> {
+        let recorded = self.node(node);
+        let expected: Vec<_> = PortId::all(recorded.outputs.len()).map(|port| self.expected(node, port)).collect();
         if expected.iter().all(Option::is_none) {
             return Err("none of its values are in the recording".to_owned().into());
         }
-        if let Some(why) = self.obstacle(run, node) {
+        if let Some(why) = self.obstacle(node) {
             return Err(why.into());
         }
-        let index = self.add(run, node)?;
-        let made = &mut self.runs[run];
+        let index = self.add(node)?;
+        let made = &mut self.runs[node.run];
         for (recorded, expected) in recorded.outputs.iter().zip(expected) {
             let mut outputs = made.planned[index].outputs.iter();
             let Some(port) = outputs.position(|output| output.port.name == recorded.port) else { continue };
@@ -221,39 +219,40 @@ impl<'a> Making<'a> {
     }
 
     /// What there is to compare an output with.
-    fn expected(&self, run: usize, node: usize, port: usize) -> Option<Found> {
-        let output = &self.node(run, node).outputs[port];
+    fn expected(&self, node: NodeRef, port: PortId) -> Option<Found> {
+        let output = &self.node(node).outputs[port];
         if !output.recorded {
             return None;
         }
         if !output.once {
             return Some(Found::Frames);
         }
-        let value = self.once_value(run, node, port).cloned();
+        let value = self.once_value(node, port).cloned();
         // What is not in a recording that was cut off may have been there.
         (value.is_some() || *self.recording.condition() == Condition::Whole).then_some(Found::Once(value))
     }
 
-    fn once_value(&self, run: usize, node: usize, port: usize) -> Option<&'a RecordedOnce> {
-        self.recording.once_values().iter().find(|once| (once.run, once.node, once.port) == (run, node, port))
+    fn once_value(&self, node: NodeRef, port: PortId) -> Option<&'a RecordedOnce> {
+        let is_meant = |once: &&RecordedOnce| (once.run, once.node, once.port) == (node.run, node.node, port);
+        self.recording.once_values().iter().find(is_meant)
     }
 
-    fn node(&self, run: usize, node: usize) -> &'a RecordedNode {
-        &self.recording.plan().runs[run].nodes[node]
+    fn node(&self, node: NodeRef) -> &'a RecordedNode {
+        &self.recording.plan().runs[node.run].nodes[node.node]
     }
 
     /// Why a node cannot be made again, if it cannot.
-    fn obstacle(&mut self, run: usize, node: usize) -> Option<String> {
-        if let Some(known) = self.known.get(&(run, node)) {
+    fn obstacle(&mut self, node: NodeRef) -> Option<String> {
+        if let Some(known) = self.known.get(&node) {
             return known.clone();
         }
-        let obstacle = self.obstacle_of(run, node).err();
-        self.known.insert((run, node), obstacle.clone());
+        let obstacle = self.obstacle_of(node).err();
+        self.known.insert(node, obstacle.clone());
         obstacle
     }
 
-    fn obstacle_of(&mut self, run: usize, node: usize) -> Result<(), String> {
-        let recorded = self.node(run, node);
+    fn obstacle_of(&mut self, node: NodeRef) -> Result<(), String> {
+        let recorded = self.node(node);
         let kind = self.kind(recorded)?;
         let params = kind.resolve(&recorded.params).map_err(|error| misfit(recorded, &error))?;
         let signature = kind.signature(&params).map_err(|fault| fault.chain())?;
@@ -263,7 +262,7 @@ impl<'a> Making<'a> {
             return Err(format!("it sees every frame, and the recording has the values of one in {every}"));
         }
         for input in &recorded.inputs {
-            self.feed(run, node, input).map_err(|why| format!("input `{}` {why}", input.port))?;
+            self.feed(node, input).map_err(|why| format!("input `{}` {why}", input.port))?;
         }
         Ok(())
     }
@@ -274,30 +273,30 @@ impl<'a> Making<'a> {
     }
 
     /// Where an input comes from; if from nowhere, why not.
-    fn feed(&mut self, run: usize, node: usize, input: &RecordedInput) -> Result<Feed, String> {
+    fn feed(&mut self, reader: NodeRef, input: &RecordedInput) -> Result<Feed, String> {
         let Some(from) = &input.from else { return Ok(Feed::Nothing) };
         if let Some(file) = from.strip_prefix("file") {
             return Err(format!("was the file `{}`, which is not in the recording", file.trim()));
         }
-        let (run, node, port) = match from.strip_prefix("once ") {
-            Some(from) => self.giver(from, &self.node(run, node).variants)?,
-            None => match self.recording.plan().outputs(run).find(|(_, output)| output.topic == *from) {
+        let (node, port) = match from.strip_prefix("once ") {
+            Some(from) => self.aggregate_output(from, &self.node(reader).variants)?,
+            None => match self.recording.plan().outputs(reader.run).find(|(_, output)| output.topic == *from) {
                 Some((_, output)) if output.recorded => return Ok(Feed::Topic(from.clone())),
-                Some((Slot::Node { node, port }, _)) => (run, node, port),
+                Some((Slot::Node { node, port }, _)) => (NodeRef { run: reader.run, node }, port),
                 Some((Slot::Source { .. }, _)) | None => {
                     return Err(format!("was {from}, which is not in the recording"));
                 }
             },
         };
-        if let Some(once) = self.once_value(run, node, port)
+        if let Some(once) = self.once_value(node, port)
             && matches!(once.content, RecordedContent::Attachment { .. })
         {
             return Ok(Feed::Recorded(once.clone()));
         }
-        match self.obstacle(run, node) {
-            None => Ok(Feed::Made { run, node, port }),
+        match self.obstacle(node) {
+            None => Ok(Feed::Made { node, port }),
             Some(why) => {
-                let name = &self.node(run, node).name;
+                let name = &self.node(node).name;
                 Err(format!(
                     "was of node `{name}`, whose values are neither in the recording nor can be made again: {why}"
                 ))
@@ -305,16 +304,16 @@ impl<'a> Making<'a> {
         }
     }
 
-    /// The node that gave a once-value to a node of these variants: of equal names the one that served them all.
-    fn giver(&self, from: &str, variants: &[usize]) -> Result<(usize, usize, usize), String> {
+    /// The output whose aggregate value a node of these variants read: of equal names that of the node that served them all.
+    fn aggregate_output(&self, from: &str, variants: &[VariantId]) -> Result<(NodeRef, PortId), String> {
         let mut found = Vec::new();
-        for (r, run) in self.recording.plan().runs.iter().enumerate() {
-            for (n, node) in run.nodes.iter().enumerate() {
+        for (run_id, run) in RunId::enumerate(&self.recording.plan().runs) {
+            for (id, node) in NodeId::enumerate(&run.nodes) {
                 let of_port = |output: &RecordedOutput| format!("{}.{}/{}", run.stage, node.name, output.port) == from;
                 if let Some(port) = node.outputs.iter().position(of_port)
                     && variants.iter().all(|variant| node.variants.contains(variant))
                 {
-                    found.push((r, n, port));
+                    found.push((NodeRef { run: run_id, node: id }, PortId(port)));
                 }
             }
         }
@@ -326,11 +325,11 @@ impl<'a> Making<'a> {
     }
 
     /// Adds a node and those it reads whose values are not recorded; its index in the plan.
-    fn add(&mut self, run: usize, node: usize) -> Result<usize, Obstacle> {
-        if let Some(index) = self.runs[run].nodes.iter().position(|made| made.recorded == node) {
-            return Ok(index);
+    fn add(&mut self, node: NodeRef) -> Result<NodeId, Obstacle> {
+        if let Some(index) = self.runs[node.run].nodes.iter().position(|made| made.recorded == node.node) {
+            return Ok(NodeId(index));
         }
-        let recorded = self.node(run, node);
+        let recorded = self.node(node);
         let kind = self.kind(recorded)?;
         let version = kind.declaration.version;
         let mut remarks = Vec::new();
@@ -343,11 +342,11 @@ impl<'a> Making<'a> {
         let mut inputs = Vec::with_capacity(signature.inputs.len());
         for port in &signature.inputs {
             let wired = recorded.inputs.iter().find(|input| input.port == port.name);
-            let feed = wired.map_or(Ok(Feed::Nothing), |input| self.feed(run, node, input))?;
-            if let Feed::Made { run, node, .. } = &feed {
-                remarks.push(format!("reads `{}` made again, which is not recorded", self.node(*run, *node).name));
+            let feed = wired.map_or(Ok(Feed::Nothing), |input| self.feed(node, input))?;
+            if let Feed::Made { node, .. } = &feed {
+                remarks.push(format!("reads `{}` made again, which is not recorded", self.node(*node).name));
             }
-            inputs.push(PlannedInput { port: port.clone(), from: self.origin(run, feed)?, shown: None });
+            inputs.push(PlannedInput { port: port.clone(), from: self.origin(node.run, feed)?, shown: None });
         }
         let built = kind.build(&params).map_err(|fault| Obstacle::from(fault.chain()))?;
         let is_guarded = signature.contract != Contract::Pure;
@@ -360,8 +359,9 @@ impl<'a> Making<'a> {
         };
         let outputs: Vec<PlannedOutput> = signature.outputs.iter().map(output).collect();
         let expected = outputs.iter().map(|_| None).collect();
-        let made = &mut self.runs[run];
-        let built = self.failures.guard((run, made.built.len()), built, &signature.outputs);
+        let made = &mut self.runs[node.run];
+        let added = NodeId(made.built.len());
+        let built = self.failures.guard(NodeRef { run: node.run, node: added }, built, &signature.outputs);
         made.planned.push(PlannedNode {
             name: recorded.name.clone(),
             kind: recorded.kind.clone(),
@@ -379,22 +379,22 @@ impl<'a> Making<'a> {
             variants: recorded.variants.clone(),
         });
         made.built.push(built);
-        made.nodes.push(Replayed { recorded: node, expected, remarks });
-        Ok(made.nodes.len() - 1)
+        made.nodes.push(Replayed { recorded: node.node, expected, remarks });
+        Ok(added)
     }
 
-    fn origin(&mut self, run: usize, feed: Feed) -> Result<Option<Origin>, Obstacle> {
+    fn origin(&mut self, run: RunId, feed: Feed) -> Result<Option<Origin>, Obstacle> {
         Ok(match feed {
             Feed::Nothing => None,
             Feed::Topic(topic) => Some(Origin::Here(Slot::Source { port: self.runs[run].topic(&topic) })),
-            Feed::Made { run: of, node, port } => {
-                let recorded = &self.node(of, node).outputs[port];
-                let index = self.add(of, node)?;
-                let mut outputs = self.runs[of].planned[index].outputs.iter();
-                let port = outputs.position(|output| output.port.name == recorded.port);
+            Feed::Made { node, port } => {
+                let recorded = &self.node(node).outputs[port];
+                let index = self.add(node)?;
+                let mut outputs = self.runs[node.run].planned[index].outputs.iter();
+                let port = outputs.position(|output| output.port.name == recorded.port).map(PortId);
                 let port = port.ok_or_else(|| format!("its kind has no output `{}` any more", recorded.port))?;
                 Some(if recorded.once {
-                    Origin::Once { run: of, node: index, port }
+                    Origin::Once { run: node.run, node: index, port }
                 } else {
                     Origin::Here(Slot::Node { node: index, port })
                 })
@@ -414,12 +414,12 @@ impl<'a> Making<'a> {
 
 impl MadeRun {
     /// The source's port of a topic.
-    fn topic(&mut self, topic: &str) -> usize {
+    fn topic(&mut self, topic: &str) -> PortId {
         let known = self.topics.iter().position(|known| *known == topic);
-        known.unwrap_or_else(|| {
-            self.topics.push(Port::lasting(topic));
+        PortId(known.unwrap_or_else(|| {
+            self.topics.push(Port::intern(topic));
             self.topics.len() - 1
-        })
+        }))
     }
 }
 
@@ -461,7 +461,7 @@ fn misfit(recorded: &RecordedNode, error: &ParamError) -> String {
     }
 }
 
-fn source_output(recording: &Recording, run: usize, topic: &'static str) -> PlannedOutput {
+fn source_output(recording: &Recording, run: RunId, topic: &'static str) -> PlannedOutput {
     let found = recording.plan().find(run, topic).and_then(|(_, output)| output.value_type());
     let value_type = found.expect("a topic was found in the plan before, whose types were checked");
     let port = Port::frame(topic, value_type, "As recorded.").optional();

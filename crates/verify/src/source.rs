@@ -2,26 +2,27 @@
 
 use std::sync::Arc;
 
+use depthloom_graphs::plan::{FrameIndex, RunId};
 use depthloom_graphs::{Context, Fault, Frame, Key, Outputs, Source, SourceOutputs};
 use depthloom_recording::Recording;
 
 /// The frames of a stage run that have values, and of each the values of some topics.
 pub struct RecordedFrames {
     recording: Arc<Recording>,
-    run: usize,
+    run: RunId,
     topics: Vec<&'static str>,
     frames: Vec<Frame>,
     /// By frame, its position among the recorded.
-    positions: Vec<usize>,
+    positions: Vec<FrameIndex>,
 }
 
 impl RecordedFrames {
     /// The frames of a stage run; none if there are no topics to read.
-    pub fn new(recording: Arc<Recording>, run: usize, topics: Vec<&'static str>) -> Self {
+    pub fn new(recording: Arc<Recording>, run: RunId, topics: Vec<&'static str>) -> Self {
         let every = usize::try_from(recording.plan().every).unwrap_or(usize::MAX).max(1);
         let all = if topics.is_empty() { 0 } else { recording.frames(run).len() };
         // Of the frames between, scores alone are kept.
-        let positions: Vec<usize> = (0..all).step_by(every).collect();
+        let positions: Vec<FrameIndex> = FrameIndex::all(all).step_by(every).collect();
         let frames = positions.iter().map(|position| &recording.frames(run)[*position]);
         let frames = frames.map(|of| Frame { id: of.id.clone(), index: of.index, time_ns: of.time_ns }).collect();
         Self { recording, run, topics, frames, positions }
@@ -33,11 +34,11 @@ impl Source for RecordedFrames {
         &self.frames
     }
 
-    fn key(&self, position: usize) -> Result<Key, Fault> {
-        Ok(Key::build("recorded").number(self.run as u64).number(self.positions[position] as u64).finish())
+    fn key(&self, position: FrameIndex) -> Result<Key, Fault> {
+        Ok(Key::build("recorded").number(self.run.0 as u64).number(self.positions[position].0 as u64).finish())
     }
 
-    fn read(&self, position: usize, _: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
+    fn read(&self, position: FrameIndex, _: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
         let unreadable = |error: depthloom_recording::RecordingError| Fault::new(error.to_string());
         let mut reader = self.recording.reader(self.run, &self.topics).map_err(unreadable)?;
         let values = reader.read(self.positions[position]).map_err(unreadable)?;

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use depthloom_graphs::contracts::{Commit, ErrorMessage, Failure, Slot, Tap, Warned};
-use depthloom_graphs::plan::{Origin, Plan, PlannedInput};
+use depthloom_graphs::plan::{FrameIndex, NodeId, NodeRef, PartId, Plan, PortId, RunId};
 use depthloom_graphs::values::{Difference, Differs};
 use depthloom_graphs::{Frame, Key, Value, ValueType};
 use depthloom_recording::Recording;
@@ -47,7 +47,7 @@ pub struct Tally {
     /// The one that differs most.
     pub worst: Option<Placed>,
     /// The ports whose once-values came.
-    came: Vec<usize>,
+    came: Vec<PortId>,
 }
 
 /// A difference, and of which value.
@@ -65,8 +65,8 @@ pub struct Placed {
 
 /// What a replay came to.
 pub struct Outcome {
-    /// Of each node that was compared, in plan order: its stage run, the node, and what came of it.
-    pub checked: Vec<(usize, Replayed, Tally)>,
+    /// Of each node that was compared, in plan order: the node of the recording, what was replayed, and the comparison.
+    pub checked: Vec<(NodeRef, Replayed, Tally)>,
     /// The nodes that could not be compared, for they read what one that failed did not give.
     pub behind: Vec<Unchecked>,
     /// The nodes that failed where a run would have ended.
@@ -98,45 +98,47 @@ impl Checker {
         self.take_missing();
         let (failed, behind) = (self.failed(), self.behind_failed());
         let State { tallies, damage } = into_unlocked(self.state);
-        let of_runs = self.nodes.into_iter().zip(tallies).enumerate();
-        let all = of_runs.flat_map(|(run, (nodes, tallies))| {
-            nodes.into_iter().zip(tallies).map(move |(node, tally)| (run, node, tally))
+        let all = RunId::enumerate(self.nodes.into_iter().zip(tallies)).flat_map(|(run, (nodes, tallies))| {
+            nodes
+                .into_iter()
+                .zip(tallies)
+                .map(move |(replayed, tally)| (NodeRef { run, node: replayed.recorded }, replayed, tally))
         });
-        let is_behind = |run: usize, node: &Replayed| behind.iter().any(|of| (of.run, of.node) == (run, node.recorded));
+        let is_compared = |replayed: &Replayed| replayed.expected.iter().any(Option::is_some);
+        let is_behind = |node: NodeRef| behind.iter().any(|other| other.node == node);
         let mut checked: Vec<_> =
-            all.filter(|(run, node, _)| node.expected.iter().any(Option::is_some) && !is_behind(*run, node)).collect();
-        checked.sort_by_key(|(run, node, _)| (*run, node.recorded));
+            all.filter(|(node, replayed, _)| is_compared(replayed) && !is_behind(*node)).collect();
+        checked.sort_by_key(|(node, ..)| *node);
         Outcome { checked, behind, failed, damage }
     }
 
     /// The nodes that failed where a run would have ended.
     fn failed(&self) -> Vec<Unchecked> {
-        let all = self.nodes.iter().enumerate().flat_map(|(run, nodes)| (0..nodes.len()).map(move |node| (run, node)));
-        let failed = all.filter_map(|(run, node)| {
-            let why = self.failures.of(run, node)?;
-            Some(Unchecked { run, node: self.nodes[run][node].recorded, why, is_damage: false })
-        });
-        failed.collect()
+        let mut failed = Vec::new();
+        for (run, nodes) in RunId::enumerate(&self.nodes) {
+            for (node, replayed) in NodeId::enumerate(nodes) {
+                if let Some(why) = self.failures.of(NodeRef { run, node }) {
+                    failed.push(Unchecked { node: NodeRef { run, node: replayed.recorded }, why, is_damage: false });
+                }
+            }
+        }
+        failed
     }
 
     /// The nodes that read, made again, what one that failed did not give.
     fn behind_failed(&self) -> Vec<Unchecked> {
-        let mut without: BTreeMap<(usize, usize), String> = BTreeMap::new();
+        let mut without: BTreeMap<NodeRef, String> = BTreeMap::new();
         loop {
             let before = without.len();
-            for (run, of) in self.plan.runs.iter().enumerate() {
-                for (node, planned) in of.nodes.iter().enumerate() {
-                    let giver = |input: &PlannedInput| match input.from.as_ref()? {
-                        Origin::Here(Slot::Node { node, .. }) => Some((run, *node)),
-                        Origin::Once { run, node, .. } => Some((*run, *node)),
-                        Origin::Here(Slot::Source { .. }) | Origin::File(_) => None,
-                    };
-                    let is_failed = |(run, node): &(usize, usize)| self.failures.of(*run, *node).is_some();
-                    let mut givers = planned.inputs.iter().filter_map(giver);
-                    let failed = givers.find(|giver| is_failed(giver) || without.contains_key(giver));
-                    if let (Some((of, giver)), false) = (failed, is_failed(&(run, node))) {
-                        let name = &self.plan.runs[of].nodes[giver].name;
-                        without.insert((run, node), format!("it reads `{name}` made again, which failed"));
+            for (run, stage_run) in RunId::enumerate(&self.plan.runs) {
+                for (node, planned) in NodeId::enumerate(&stage_run.nodes) {
+                    let is_failed = |node: NodeRef| self.failures.of(node).is_some();
+                    let mut read = planned.inputs.iter().filter_map(|input| input.node_read(run));
+                    let failed = read.find(|read| is_failed(*read) || without.contains_key(read));
+                    let node = NodeRef { run, node };
+                    if let (Some(failed), false) = (failed, is_failed(node)) {
+                        let name = &self.plan.runs[failed.run].nodes[failed.node].name;
+                        without.insert(node, format!("it reads `{name}` made again, which failed"));
                     }
                 }
             }
@@ -144,27 +146,27 @@ impl Checker {
                 break;
             }
         }
-        let told = |((run, node), why): ((usize, usize), String)| {
+        let unchecked = |(NodeRef { run, node }, why): (NodeRef, String)| {
             let replayed = &self.nodes[run][node];
-            let is_asked = replayed.expected.iter().any(Option::is_some);
-            is_asked.then_some(Unchecked { run, node: replayed.recorded, why, is_damage: false })
+            let is_compared = replayed.expected.iter().any(Option::is_some);
+            is_compared.then_some(Unchecked { node: NodeRef { run, node: replayed.recorded }, why, is_damage: false })
         };
-        without.into_iter().filter_map(told).collect()
+        without.into_iter().filter_map(unchecked).collect()
     }
 
     /// Counts the once-values that were recorded and did not come again.
     fn take_missing(&mut self) {
         let state = self.state.get_mut().unwrap_or_else(PoisonError::into_inner);
-        for (run, nodes) in self.nodes.iter().enumerate() {
-            for (index, node) in nodes.iter().enumerate() {
-                for (port, expected) in node.expected.iter().enumerate() {
-                    let tally = &mut state.tallies[run][index];
+        for (run, nodes) in RunId::enumerate(&self.nodes) {
+            for (node, replayed) in NodeId::enumerate(nodes) {
+                for (port, expected) in PortId::enumerate(&replayed.expected) {
+                    let tally = &mut state.tallies[run][node];
                     if matches!(expected, Some(Expected::Once { value: Some(_) })) && !tally.came.contains(&port) {
-                        let output = &self.plan.runs[run].nodes[index].outputs[port];
+                        let output = &self.plan.runs[run].nodes[node].outputs[port];
                         tally.values += 1;
                         tally.different += 1;
                         let value_type = output.port.value_type;
-                        let why = self.failures.of(run, index).map(|why| failed(&why));
+                        let why = self.failures.of(NodeRef { run, node }).map(|why| failed(&why));
                         let now = why.as_deref().unwrap_or(NONE);
                         tally.take(None, (&output.topic, value_type), Difference::whole(THERE, now));
                     }
@@ -191,28 +193,22 @@ impl Checker {
     }
 
     /// Says why a value is not there, where it is known: what failed on its frame before, and what now.
-    fn explain(
-        &self,
-        (run, node): (usize, usize),
-        differs: &mut Differs,
-        before: Option<&Failure>,
-        now: Option<&Failure>,
-    ) {
+    fn explain(&self, at: NodeRef, differs: &mut Differs, before: Option<&Failure>, now: Option<&Failure>) {
         let Differs::Whole { recorded, now: made } = differs else { return };
-        if let Some(why) = self.failures.of(run, node).filter(|_| made == NONE) {
+        if let Some(why) = self.failures.of(at).filter(|_| made == NONE) {
             *made = failed(&why);
         }
         if let Some(before) = before.filter(|_| recorded == NONE) {
             *recorded = format!("none, for it failed: {}", before.what);
         }
         if let Some((failure, node)) = now.filter(|_| made == NONE).and_then(|now| Some((now, now.node?))) {
-            let name = &self.plan.runs[run].nodes[node].name;
+            let name = &self.plan.runs[at.run].nodes[node].name;
             *made = format!("none, for `{name}` failed: {}", failure.what);
         }
     }
 
     /// What failed on a frame when it was recorded.
-    fn recorded_failure(&self, run: usize, frame: &Frame, node: usize) -> Option<&Failure> {
+    fn recorded_failure(&self, run: RunId, frame: &Frame, node: NodeId) -> Option<&Failure> {
         let frame = self.recording.frames(run).iter().find(|of| of.index == frame.index)?;
         frame.failures.iter().find(|failure| failure.node == Some(node))
     }
@@ -236,39 +232,41 @@ impl Tally {
 
 impl Tap for Checker {
     /// By output port that has a value on either side.
-    type Part = Vec<(usize, Difference)>;
+    type Part = Vec<(PortId, Difference)>;
 
     /// One a node.
-    fn parts(&self, run: usize) -> usize {
+    fn parts(&self, run: RunId) -> usize {
         self.nodes[run].len()
     }
 
-    fn part(&self, run: usize, slot: Slot) -> Option<usize> {
-        let is_compared = |expected: &Option<Expected>, with: usize| matches!(expected, Some(Expected::Frames { port }) if *port == with);
-        match slot {
+    fn part(&self, run: RunId, slot: Slot) -> Option<PartId> {
+        let is_compared = |expected: &Option<Expected>, with: PortId| matches!(expected, Some(Expected::Frames { port }) if *port == with);
+        let node = match slot {
             Slot::Source { port } => {
                 self.nodes[run].iter().position(|node| node.expected.iter().any(|expected| is_compared(expected, port)))
             }
             Slot::Node { node, port } => {
-                matches!(self.nodes[run][node].expected[port], Some(Expected::Frames { .. })).then_some(node)
+                matches!(self.nodes[run][node].expected[port], Some(Expected::Frames { .. })).then_some(node.0)
             }
-        }
+        };
+        node.map(PartId)
     }
 
     fn encode(
         &self,
-        run: usize,
-        _: (usize, &Frame),
-        node: usize,
+        run: RunId,
+        _: (FrameIndex, &Frame),
+        part: PartId,
         values: &[(Slot, Value)],
     ) -> Result<Self::Part, ErrorMessage> {
         let at = |slot: Slot| values.iter().find(|(of, _)| *of == slot).map(|(_, value)| value);
-        let of_port = |(port, expected): (usize, &Option<Expected>)| {
+        let node = NodeId(part.0);
+        let of_port = |(port, expected): (PortId, &Option<Expected>)| {
             let Some(Expected::Frames { port: recorded }) = expected else { return None };
             let recorded = at(Slot::Source { port: *recorded });
             Some((port, self.between(recorded, at(Slot::Node { node, port }))?))
         };
-        Ok(self.nodes[run][node].expected.iter().enumerate().filter_map(of_port).collect())
+        Ok(PortId::enumerate(&self.nodes[run][node].expected).filter_map(of_port).collect())
     }
 
     fn write(&self, commit: &Commit<'_>, parts: Vec<Self::Part>) -> Result<(), ErrorMessage> {
@@ -277,7 +275,7 @@ impl Tap for Checker {
             self.state(|state| state.damage.push(format!("frame `{}`: {}", frame.id, unreadable.what)));
             return Ok(());
         }
-        for (node, part) in parts.into_iter().enumerate() {
+        for (node, part) in NodeId::enumerate(parts) {
             if part.is_empty() {
                 continue;
             }
@@ -291,7 +289,7 @@ impl Tap for Checker {
                 tally.different += u64::from(differs);
                 for (port, mut difference) in part {
                     for differs in [&mut difference.first, &mut difference.worst].into_iter().flatten() {
-                        self.explain((run, node), differs, before, now);
+                        self.explain(NodeRef { run, node }, differs, before, now);
                     }
                     let output = &self.plan.runs[run].nodes[node].outputs[port];
                     tally.take(Some(&frame.id), (&output.topic, output.port.value_type), difference);
@@ -301,7 +299,7 @@ impl Tap for Checker {
         Ok(())
     }
 
-    fn once(&self, run: usize, slot: Slot, _: &Key, value: &Value, _: &[Warned]) -> Result<(), ErrorMessage> {
+    fn once(&self, run: RunId, slot: Slot, _: &Key, value: &Value, _: &[Warned]) -> Result<(), ErrorMessage> {
         let Slot::Node { node, port } = slot else { return Ok(()) };
         let Some(Expected::Once { value: recorded }) = &self.nodes[run][node].expected[port] else { return Ok(()) };
         let output = &self.plan.runs[run].nodes[node].outputs[port];

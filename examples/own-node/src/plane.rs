@@ -1,6 +1,7 @@
 //! `example/plane`: a source.
 
 use depthloom::graphs::contracts::{Frame, SourceDeclaration};
+use depthloom::graphs::plan::FrameIndex;
 use depthloom::graphs::values::{Calibration, Depth, Image, Pixels, Raster};
 use depthloom::graphs::{Context, Fault, Key, Outputs, Port, Source, SourceKind, SourceOutputs, ValueType};
 use image::{GrayImage, Luma};
@@ -62,12 +63,12 @@ impl Source for Plane {
         &self.frames
     }
 
-    fn key(&self, position: usize) -> Result<Key, Fault> {
+    fn key(&self, position: FrameIndex) -> Result<Key, Fault> {
         // What decides the frame, so that results can be known again: a data set hashes the files it reads.
         Ok(Key::build("example/plane").number(u64::from(self.disparities[position])).finish())
     }
 
-    fn read(&self, position: usize, _ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
+    fn read(&self, position: FrameIndex, _ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
         let disparity = self.disparities[position];
         let texture = |x: u32, y: u32| {
             let mixed = (y * 4096 + x).wrapping_mul(2_654_435_761);

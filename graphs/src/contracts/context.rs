@@ -5,6 +5,7 @@ use std::collections::HashMap;
 use std::path::PathBuf;
 
 use crate::Key;
+use crate::ids::FrameIndex;
 
 /// What the runner offers a node while it works.
 pub trait Host: Sync {
@@ -17,25 +18,25 @@ pub trait Host: Sync {
         self.cancelled()
     }
 
-    /// Tells the person something about this call that is no failure and spoils what follows from it, as a lower-case fragment
-    /// without the frame's name (`3 pixels are no numbers`); equal tellings of a node are counted, not repeated. It is recorded with
-    /// the values, and told again of who takes them from there: it must be equal on every machine. See [`Host::notice`].
+    /// Warns of something in this call that is not a failure but may spoil what is computed from its values, as a lower-case fragment
+    /// without the frame's name (`3 pixels are not numbers`). Equal warnings of a node are counted, not repeated. A warning is recorded with
+    /// the values and reported again where they are reused: it must be equal on every machine. See [`Host::notice`].
     fn warn(&self, what: &str) {
-        self.warn_of(0, what);
+        self.warn_n(0, what);
     }
 
-    /// As [`Host::warn`], of so many things named in the plural (`pixels that are no numbers`): their numbers are added up.
-    fn warn_of(&self, _count: u64, _what: &str) {}
+    /// As [`Host::warn`], of `count` things named in the plural (`pixels that are not numbers`): the counts are added up.
+    fn warn_n(&self, _count: u64, _what: &str) {}
 
     /// As [`Host::warn`], of this run alone, and not of the values that it gives (`no checkpoint can be kept`).
     fn notice(&self, what: &str) {
         self.warn(what);
     }
 
-    /// Tells the person at once of something that is no trouble, as a lower-case fragment (`goes on at step 60 of 120`).
-    fn tell(&self, _what: &str) {}
+    /// Shows a message that is not a warning at once, as a lower-case fragment (`resuming at step 60 of 120`).
+    fn info(&self, _what: &str) {}
 
-    /// Tells how far a long piece of work is.
+    /// Reports the progress of a long computation.
     fn progress(&self, done: u64, total: u64, message: &str);
 
     /// Runs `f(0) .. f(n - 1)`, each once: the caller works, idle workers help. Returns when all are done. They are begun in
@@ -47,8 +48,8 @@ pub trait Host: Sync {
     /// How many tiles could run at once at best.
     fn width(&self) -> usize;
 
-    /// Adds processor time that threads of the node's own spent, nanoseconds, to what is told of the node.
-    fn spent(&self, _cpu_ns: u64) {}
+    /// Adds CPU time of the node's own threads, nanoseconds, to the node's timings.
+    fn add_cpu_time(&self, _cpu_ns: u64) {}
 
     /// Names what this call gives: the key of a once-node's values. `None` where no key is known, as outside of a run.
     fn key(&self) -> Option<Key> {
@@ -57,7 +58,7 @@ pub trait Host: Sync {
 
     /// The position of the frame that this call is about among those of its stage run, from 0; `None` where it is about none. For whoever passes
     /// calls on to somewhere else. No result may depend on it: those of pure nodes are taken again wherever their inputs are equal.
-    fn position(&self) -> Option<usize> {
+    fn position(&self) -> Option<FrameIndex> {
         None
     }
 

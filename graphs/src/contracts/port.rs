@@ -80,17 +80,17 @@ impl Port {
         Self { name, value_type, rate: Rate::Once, optional: false, doc }
     }
 
-    /// A text that lasts as long as the program, as names and docs of ports do: for ports that a file declares. Equal texts are kept once.
+    /// The text with the lifetime of the program, as names and docs of ports have: for ports that a file declares. Equal texts are stored once.
     #[must_use]
-    pub fn lasting(text: &str) -> &'static str {
-        static KEPT: Mutex<BTreeSet<&str>> = Mutex::new(BTreeSet::new());
-        let mut kept = locked(&KEPT);
-        if let Some(known) = kept.get(text) {
+    pub fn intern(text: &str) -> &'static str {
+        static INTERNED: Mutex<BTreeSet<&str>> = Mutex::new(BTreeSet::new());
+        let mut interned = locked(&INTERNED);
+        if let Some(known) = interned.get(text) {
             return known;
         }
-        let lasting: &'static str = Box::leak(text.to_owned().into_boxed_str());
-        kept.insert(lasting);
-        lasting
+        let text: &'static str = Box::leak(text.to_owned().into_boxed_str());
+        interned.insert(text);
+        text
     }
 
     /// Whether a file can be the value of this input.

@@ -9,6 +9,7 @@ use serde_json::Value as Json;
 
 use super::{Context, Fault, Frame, Outputs, Port};
 use crate::Key;
+use crate::ids::FrameIndex;
 
 /// A frame's values, and the key of what they were made from.
 #[derive(Clone, Debug)]
@@ -36,16 +37,16 @@ pub trait Source: Send + Sync {
     ///
     /// # Errors
     /// The file at fault, the place and the remedy. What is no image may still have a key.
-    fn key(&self, position: usize) -> Result<Key, Fault>;
+    fn key(&self, position: FrameIndex) -> Result<Key, Fault>;
 
     /// Reads `frames()[position]`.
     ///
     /// # Errors
     /// The file at fault, the place and the remedy.
-    fn read(&self, position: usize, ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault>;
+    fn read(&self, position: FrameIndex, ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault>;
 
     /// The files that `frames()[position]` is made of, each with the part it plays (`left`, `truth`); none where it is made of no file of its own.
-    fn files(&self, _position: usize) -> Vec<(&'static str, PathBuf)> {
+    fn files(&self, _position: FrameIndex) -> Vec<(&'static str, PathBuf)> {
         Vec::new()
     }
 
@@ -53,7 +54,7 @@ pub trait Source: Send + Sync {
     ///
     /// # Errors
     /// At least one fault.
-    fn examine(&self, position: usize, ctx: &mut Context<'_>) -> Result<SourceOutputs, Vec<Fault>> {
+    fn examine(&self, position: FrameIndex, ctx: &mut Context<'_>) -> Result<SourceOutputs, Vec<Fault>> {
         self.read(position, ctx).map_err(|fault| vec![fault])
     }
 }

@@ -1,22 +1,23 @@
 //! The tap: where a run's values go besides to each other. A recording is one.
 
 use super::{Frame, Store};
+use crate::ids::{FrameIndex, NodeId, PartId, PortId, RunId};
 use crate::{ErrorMessage, Key, Value};
 
 /// An output port of a stage run: of its source, or of one of its nodes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Slot {
-    /// The source's output port of that index.
+    /// An output port of the source.
     Source {
-        /// Index among the source's outputs.
-        port: usize,
+        /// The port.
+        port: PortId,
     },
-    /// A node's output port.
+    /// An output port of a node.
     Node {
-        /// Index among the stage run's nodes.
-        node: usize,
-        /// Index among the node's outputs.
-        port: usize,
+        /// The node.
+        node: NodeId,
+        /// The port.
+        port: PortId,
     },
 }
 
@@ -24,7 +25,7 @@ pub enum Slot {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SlotKey {
     /// Which node of the stage run; all its output ports share the key.
-    pub node: usize,
+    pub node: NodeId,
     /// The key.
     pub key: Key,
 }
@@ -33,16 +34,16 @@ pub struct SlotKey {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Failure {
     /// Which node of the stage run; `None` for its source.
-    pub node: Option<usize>,
+    pub node: Option<NodeId>,
     /// What failed, with everything beneath.
     pub what: String,
 }
 
-/// What a node told of without failing; see [`Host::warn_of`](super::Host::warn_of).
+/// What a node told of without failing; see [`Host::warn_n`](super::Host::warn_n).
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Warned {
     /// Which node of the stage run; `None` for its source.
-    pub node: Option<usize>,
+    pub node: Option<NodeId>,
     /// What it told.
     pub what: String,
     /// How many of the thing there were; 0 if it is none to be counted.
@@ -52,8 +53,8 @@ pub struct Warned {
 /// All there is to say of a finished frame besides its values.
 #[derive(Clone, Debug)]
 pub struct Commit<'a> {
-    /// Index of the stage run in the plan.
-    pub run: usize,
+    /// The stage run.
+    pub run: RunId,
     /// The frame.
     pub frame: &'a Frame,
     /// The key of the source's values; `None` if the source failed.
@@ -106,10 +107,10 @@ pub trait Tap: Send + Sync {
     type Part: Send;
 
     /// How many parts a frame of this stage run has.
-    fn parts(&self, run: usize) -> usize;
+    fn parts(&self, run: RunId) -> usize;
 
     /// The part a slot's values belong to; `None` if they are not taken at all.
-    fn part(&self, run: usize, slot: Slot) -> Option<usize>;
+    fn part(&self, run: RunId, slot: Slot) -> Option<PartId>;
 
     /// Encodes (and compresses) one part of a frame; called on workers, several at once. With the frame comes its
     /// position among those of the stage run, from 0, whatever the source numbers them; `values` are in plan order and hold
@@ -119,9 +120,9 @@ pub trait Tap: Send + Sync {
     /// If a value cannot be encoded.
     fn encode(
         &self,
-        run: usize,
-        frame: (usize, &Frame),
-        part: usize,
+        run: RunId,
+        frame: (FrameIndex, &Frame),
+        part: PartId,
         values: &[(Slot, Value)],
     ) -> Result<Self::Part, ErrorMessage>;
 
@@ -135,10 +136,10 @@ pub trait Tap: Send + Sync {
     ///
     /// # Errors
     /// If the disk refuses.
-    fn once(&self, run: usize, slot: Slot, key: &Key, value: &Value, warnings: &[Warned]) -> Result<(), ErrorMessage>;
+    fn once(&self, run: RunId, slot: Slot, key: &Key, value: &Value, warnings: &[Warned]) -> Result<(), ErrorMessage>;
 
     /// Whether a slot's values are kept of the frame at a position: else it makes no difference whether they are handed over.
-    fn keeps(&self, _run: usize, _slot: Slot, _position: usize) -> bool {
+    fn keeps(&self, _run: RunId, _slot: Slot, _position: FrameIndex) -> bool {
         true
     }
 
@@ -154,9 +155,9 @@ pub trait Tap: Send + Sync {
     /// If a value cannot be encoded, or the store cannot be read.
     fn encode_stored(
         &self,
-        run: usize,
-        frame: (usize, &Frame),
-        part: usize,
+        run: RunId,
+        frame: (FrameIndex, &Frame),
+        part: PartId,
         values: &[(Slot, Value)],
         stored: &[StoredValue<'_>],
     ) -> Result<Self::Part, ErrorMessage> {
@@ -171,17 +172,17 @@ pub trait Tap: Send + Sync {
 
     /// How many frames of a stage run are written already, from the first on, by an earlier process whose work goes on. Their values
     /// are in the store.
-    fn written(&self, _run: usize) -> usize {
+    fn written(&self, _run: RunId) -> usize {
         0
     }
 
     /// What was told of on the frames that are written already, one list a frame.
-    fn told(&self, _run: usize) -> Vec<Vec<Warned>> {
+    fn told(&self, _run: RunId) -> Vec<Vec<Warned>> {
         Vec::new()
     }
 
     /// The key of an aggregate value that is written already, as [`Tap::written`] frames are.
-    fn written_aggregate(&self, _run: usize, _slot: Slot) -> Option<Key> {
+    fn written_aggregate(&self, _run: RunId, _slot: Slot) -> Option<Key> {
         None
     }
 }

@@ -28,7 +28,7 @@ use super::text::resolved;
 use super::text::source_file::Place;
 use super::text::tree::Node;
 use super::unused::Declared;
-use crate::plan::{Factor, Plan};
+use crate::plan::{Factor, Plan, VariantId};
 use crate::registry::Registry;
 
 /// The most values all variants of an experiment may hold together.
@@ -167,20 +167,20 @@ fn planned(
     let mut sweeps = Sweeps::default();
     let mut resolver = Resolver::default();
     let mut linked: Vec<Linked<'_>> = Vec::with_capacity(variants.len());
-    for (index, variant) in variants.iter().enumerate() {
+    for (id, variant) in VariantId::enumerate(&variants) {
         let before = report.len();
         let changed = apply::apply(&root, &variant.changes, Scope::Variant, report);
-        outlasted.look(index, &root, &changed);
+        outlasted.look(id, &root, &changed);
         resolver.changed = variant.changes.iter().map(|change| change.value.place.clone()).collect();
         let spec = spec::read(&changed, report);
         let link = link::link(&spec, registry, &mut resolver, report);
-        sweeps.look(&spec, |stage, node| link.stages[stage].nodes[node].parameters.as_deref());
+        sweeps.look(&spec, |id| link.stages[id.stage].nodes[id.node].parameters.as_deref());
         linked.push(link);
-        if index > 0 {
+        if id.0 > 0 {
             report.in_variant(before, variant);
         }
         // What is wrong in so many variants is wrong in the others too.
-        if report.is_full() || index >= ENOUGH_VARIANTS && report.has_errors() {
+        if report.is_full() || id.0 >= ENOUGH_VARIANTS && report.has_errors() {
             return None;
         }
     }

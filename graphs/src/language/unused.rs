@@ -15,6 +15,7 @@ use super::plan::live;
 use super::plan::record::Recorded;
 use super::text::diagnostics::{Diagnostic, Report};
 use super::text::tree::Node;
+use crate::language::ids::StageNode;
 use crate::registry::Registry;
 
 /// An experiment, with the variants that are not taken.
@@ -28,7 +29,7 @@ pub(crate) struct Declared<'a> {
 impl<'r> Declared<'r> {
     /// Reports patterns of `record` that match nothing, and nodes, sources and stages that are of no use; gives the useful nodes of
     /// each variant that is taken.
-    pub(crate) fn report(&self, taken: &mut Vec<Linked<'r>>, report: &mut Report) -> Vec<HashSet<(usize, usize)>> {
+    pub(crate) fn report(&self, taken: &mut Vec<Linked<'r>>, report: &mut Report) -> Vec<HashSet<StageNode>> {
         let count = taken.len();
         let useful = |linked: &[Linked<'r>]| -> Vec<_> {
             linked.iter().map(|linked| live::nodes(linked, self.recording)).collect()
@@ -52,7 +53,7 @@ impl<'r> Declared<'r> {
         live
     }
 
-    fn found(&self, linked: &[Linked<'_>], live: &[HashSet<(usize, usize)>], has_errors: bool) -> Vec<Diagnostic> {
+    fn found(&self, linked: &[Linked<'_>], live: &[HashSet<StageNode>], has_errors: bool) -> Vec<Diagnostic> {
         let mut report = Report::default();
         self.recording.check(linked, &mut report);
         live::check(linked, live, &mut report);

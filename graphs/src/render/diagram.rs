@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use crate::contracts::{Contract, Slot};
-use crate::plan::{Origin, Plan, StageRun};
+use crate::plan::{NodeId, Origin, Plan, RunId, StageRun, VariantId};
 
 /// What a box stands for.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -78,7 +78,7 @@ impl Diagram {
 }
 
 /// The variants something serves, in words; nothing if it serves all.
-pub(super) fn variants(plan: &Plan, served: &[usize]) -> Option<String> {
+pub(super) fn variants(plan: &Plan, served: &[VariantId]) -> Option<String> {
     (served.len() < plan.variants.len())
         .then(|| served.iter().map(|&v| plan.variants[v].as_str()).collect::<Vec<_>>().join(", "))
 }
@@ -86,12 +86,12 @@ pub(super) fn variants(plan: &Plan, served: &[usize]) -> Option<String> {
 pub(super) fn of(plan: &Plan) -> Diagram {
     let mut diagram = Diagram { groups: Vec::new(), files: Vec::new(), edges: Vec::new() };
     let mut files: BTreeMap<String, String> = BTreeMap::new();
-    for (r, run) in plan.runs.iter().enumerate() {
+    for (r, run) in RunId::enumerate(&plan.runs) {
         let mut group = Group { id: format!("r{r}"), title: title(plan, run), boxes: Vec::new() };
         let kinds: Vec<&str> = run.source.parts.iter().map(|part| part.kind.as_str()).collect();
         let lines = vec![run.source.name.clone(), kinds.join(", then ")];
         group.boxes.push(Box { id: format!("r{r}s"), shape: Shape::Source, lines });
-        for (n, node) in run.nodes.iter().enumerate() {
+        for (n, node) in NodeId::enumerate(&run.nodes) {
             let mut lines = vec![node.name.clone(), node.kind.clone()];
             lines.extend(variants(plan, &node.variants));
             let id = format!("r{r}n{n}");

@@ -5,7 +5,7 @@ use serde::Serialize;
 use serde_json::Value as Json;
 
 use super::by_name::ByName;
-use crate::plan;
+use crate::plan::{self, VariantId};
 
 /// Of `plan`: what would be run.
 #[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
@@ -167,7 +167,7 @@ impl plan::Plan {
         }
     }
 
-    pub(super) fn names(&self, served: &[usize]) -> Vec<String> {
+    pub(super) fn names(&self, served: &[VariantId]) -> Vec<String> {
         served.iter().map(|&variant| self.variants[variant].clone()).collect()
     }
 }

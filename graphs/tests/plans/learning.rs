@@ -1,6 +1,7 @@
 //! Nodes that learn: which parameters tell two of them apart.
 
 use super::{Written, loaded_with, nodes, plan_of, try_load};
+use depthloom_graphs::plan::VariantId;
 
 /// An experiment that learns; `with` are the teacher's parameters, `more` is appended.
 fn learning(with: &str, more: &str) -> String {
@@ -47,7 +48,10 @@ fn fault_05_trainings_that_differ_in_operational_parameters_alone_are_one_node()
     let loaded = loaded_with(&written.path("main.yaml"), &[]);
     let teachers = nodes(&loaded.plan, 0, "teacher");
     assert_eq!(teachers.len(), 2, "c learns otherwise");
-    assert_eq!((&teachers[0].variants, &teachers[0].params["checkpoint_every"]), (&vec![0, 1], &5.into()));
+    assert_eq!(
+        (&teachers[0].variants, &teachers[0].params["checkpoint_every"]),
+        (&[0, 1].map(VariantId).to_vec(), &5.into())
+    );
     let told = loaded.warnings.to_string();
     assert!(told.contains("node `teacher` differs from `teacher` in parameters alone that decide no result"), "{told}");
     assert!(told.contains("run with the parameters of `teacher` of variant `a`"), "{told}");
@@ -61,7 +65,10 @@ fn fault_05_trainings_from_weights_of_equal_content_are_one_node() {
     let written = Written::new(&[("main.yaml", &text), ("a.bin", "equal"), ("b.bin", "equal"), ("c.bin", "other")]);
     let plan = written.plan(&[]);
     let teachers = nodes(&plan, 0, "teacher");
-    assert_eq!(teachers.iter().map(|node| node.variants.clone()).collect::<Vec<_>>(), [vec![0, 1], vec![2]]);
+    assert_eq!(
+        teachers.iter().map(|node| node.variants.clone()).collect::<Vec<_>>(),
+        [vec![VariantId(0), VariantId(1)], vec![VariantId(2)]]
+    );
 }
 
 #[test]

@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 
 use depthloom_graphs::contracts::Slot;
 use depthloom_graphs::language::{Diagnostics, Loaded, Options, load};
-use depthloom_graphs::plan::{Origin, Plan, PlannedNode};
+use depthloom_graphs::plan::{NodeId, NodeRef, Origin, Plan, PlannedNode, PortId, RunId, VariantId};
 
 fn environment(name: &str) -> Option<String> {
     match name {
@@ -107,7 +107,7 @@ fn table_1_runs_stereo_once_for_all_variants() {
     let count = |name: &str| nodes(&plan, 1, name).len();
     assert_eq!([count("stereo"), count("depth"), count("weight"), count("mono")], [1, 1, 1, 1]);
     assert_eq!([count("scaled"), count("merged"), count("fused")], [3, 4, 4]);
-    assert_eq!(nodes(&plan, 1, "stereo")[0].variants, [0, 1, 2, 3]);
+    assert_eq!(nodes(&plan, 1, "stereo")[0].variants, [0, 1, 2, 3].map(VariantId));
     assert_eq!(nodes(&plan, 1, "stereo")[0].outputs[0].topic, "/compare/stereo/disparity");
     assert_eq!(nodes(&plan, 1, "scaled")[0].outputs[0].topic, "/compare/full/scaled/depth");
     assert_eq!(nodes(&plan, 1, "scaled")[0].outputs[0].aliases, ["/compare/no_weighting/scaled/depth"]);
@@ -130,12 +130,14 @@ fn table_1_runs_stereo_once_for_all_variants() {
 #[test]
 fn every_node_comes_after_those_it_reads() {
     let plan = loaded_with(&experiment("table1.yaml"), &[]).plan;
-    for (r, run) in plan.runs.iter().enumerate() {
-        for (n, node) in run.nodes.iter().enumerate() {
+    for (run_id, run) in RunId::enumerate(&plan.runs) {
+        for (id, node) in NodeId::enumerate(&run.nodes) {
             for from in node.inputs.iter().filter_map(|input| input.from.as_ref()) {
                 match from {
-                    Origin::Here(Slot::Node { node, .. }) => assert!(*node < n),
-                    Origin::Once { run, node, .. } => assert!((*run, *node) < (r, n)),
+                    Origin::Here(Slot::Node { node, .. }) => assert!(*node < id),
+                    &Origin::Once { run, node, .. } => {
+                        assert!(NodeRef { run, node } < NodeRef { run: run_id, node: id });
+                    }
                     Origin::Here(Slot::Source { .. }) | Origin::File(_) => {}
                 }
             }
@@ -234,7 +236,7 @@ fn scores_take_their_parameters_from_score_and_from_the_estimate() {
     assert_eq!(nodes(&plan_of(&stereo("")), 0, "score.fused")[0].params["sets"], serde_json::json!(["all"]));
     let estimate = &plan.runs[0].estimates[1];
     assert_eq!(plan.runs[0].nodes[estimate.score_node].name, "score.fused");
-    assert_eq!(estimate.truth, Slot::Source { port: 3 });
+    assert_eq!(estimate.truth, Slot::Source { port: PortId(3) });
 }
 
 #[test]
@@ -242,7 +244,7 @@ fn an_estimate_may_have_a_truth_of_its_own_and_then_no_other_is_wanted() {
     let own = "estimates: { stereo: { from: depth/depth, truth: fused/depth },";
     let text = stereo("").replace("estimates: { stereo: depth/depth,", own);
     let truths = |text: &str| plan_of(text).runs[0].estimates.iter().map(|of| of.truth).collect::<Vec<_>>();
-    assert!(matches!(truths(&text)[..], [Slot::Node { .. }, Slot::Source { port: 3 }]), "{:?}", truths(&text));
+    assert!(matches!(truths(&text)[..], [Slot::Node { .. }, Slot::Source { port: PortId(3) }]), "{:?}", truths(&text));
     let alone = stereo("").replace("estimates: { stereo: depth/depth,", &format!("{own} fused_too: null,"));
     let alone = alone.replace("      truth: source/depth\n", "").replace("fused: fused/depth }", "fused: null }");
     assert!(matches!(truths(&alone)[..], [Slot::Node { .. }]), "{alone}");

@@ -1,6 +1,6 @@
 //! Variants and matrices: what they change, what they are called, which nodes they share.
 
-use depthloom_graphs::plan::{Factor, Plan, PlannedNode};
+use depthloom_graphs::plan::{Factor, Plan, PlannedNode, VariantId};
 
 use super::{Written, labels, loaded_with, nodes, plan_of, stereo, try_load};
 
@@ -33,21 +33,27 @@ variants:
   smaller_cap: { compare.mono.with.cap: 20 }
 ");
     let plan = plan_of(text);
-    let runs: Vec<(&str, &str, &[usize])> =
-        plan.runs.iter().map(|run| (run.stage.as_str(), run.prefix.as_str(), run.variants.as_slice())).collect();
+    let runs: Vec<(&str, &str, Vec<usize>)> = plan
+        .runs
+        .iter()
+        .map(|run| (run.stage.as_str(), run.prefix.as_str(), run.variants.iter().map(|variant| variant.0).collect()))
+        .collect();
     assert_eq!(
         runs,
         [
-            ("learn", "/learn/full", &[0, 2, 3][..]),
-            ("learn", "/learn/other_lesson", &[1]),
-            ("compare", "/compare/full", &[0, 1, 3]),
-            ("compare", "/compare/other_test", &[2]),
+            ("learn", "/learn/full", vec![0, 2, 3]),
+            ("learn", "/learn/other_lesson", vec![1]),
+            ("compare", "/compare/full", vec![0, 1, 3]),
+            ("compare", "/compare/other_test", vec![2]),
         ]
     );
     // Two models; stereo of the stage compared is shared by the variants on the same source, though the models differ.
-    assert_eq!(nodes(&plan, 2, "stereo")[0].variants, [0, 1, 3]);
+    assert_eq!(nodes(&plan, 2, "stereo")[0].variants, [0, 1, 3].map(VariantId));
     let mono = nodes(&plan, 2, "mono");
-    assert_eq!(mono.iter().map(|node| node.variants.clone()).collect::<Vec<_>>(), [vec![0], vec![1], vec![3]]);
+    assert_eq!(
+        mono.iter().map(|node| node.variants.clone()).collect::<Vec<_>>(),
+        [0, 1, 3].map(|variant| vec![VariantId(variant)])
+    );
     let model = |node: &PlannedNode| node.inputs[2].from.clone();
     assert_ne!(model(mono[0]), model(mono[1]), "equal recipes, but another source: never one node");
     assert_eq!(mono[0].recipe, mono[1].recipe);
@@ -79,7 +85,8 @@ fn a_new_kind_in_a_variant_drops_the_old_parameters_and_keeps_the_inputs() {
         &text.replace("inputs: { depth: depth/depth } }", "inputs: { depth: depth/depth }, with: { sizes: [1] } }"),
     );
     let sizes = |variant: usize| {
-        let node = nodes(&plan, 0, "fused").into_iter().find(|node| node.variants.contains(&variant)).unwrap();
+        let node =
+            nodes(&plan, 0, "fused").into_iter().find(|node| node.variants.contains(&VariantId(variant))).unwrap();
         (node.params["size"].clone(), node.params["sizes"].clone())
     };
     // The same kind again is no new kind.
@@ -185,6 +192,6 @@ variants: { full: {}, raw: { compare.fused.inputs.depth: other/depth } }",
         "      other: { kind: filter/median, inputs: { depth: depth/depth }, with: { size: 9 } }\n      fused:",
     );
     let plan = plan_of(&text);
-    assert_eq!(nodes(&plan, 0, "other")[0].variants, [1]);
-    assert_eq!(nodes(&plan, 0, "depth")[0].variants, [0, 1]);
+    assert_eq!(nodes(&plan, 0, "other")[0].variants, [VariantId(1)]);
+    assert_eq!(nodes(&plan, 0, "depth")[0].variants, [0, 1].map(VariantId));
 }

@@ -178,7 +178,7 @@ impl PureNode for Onnx {
         // A number may become none when it is multiplied; one of two opinions may have been a number.
         let seen = of_network.max(numberless(map));
         if seen > 0 {
-            ctx.host.warn_of(seen as u64, "pixels of the network are no numbers (NaN or infinity)");
+            ctx.host.warn_n(seen as u64, "pixels of the network are no numbers (NaN or infinity)");
         }
         // Infinity would become the cap: what is no number is none, whether or not a map is resized.
         map.iter_mut().filter(|value| !value.is_finite()).for_each(|value| *value = f32::NAN);
@@ -191,12 +191,12 @@ impl PureNode for Onnx {
         match network.meaning {
             Output::InverseDepth => {
                 if nowhere > 0 {
-                    ctx.host.warn_of(nowhere, "pixels of inverse depth are not above 0: `align: scale-and-shift` takes them as they are, everything else as farthest");
+                    ctx.host.warn_n(nowhere, "pixels of inverse depth are not above 0: `align: scale-and-shift` takes them as they are, everything else as farthest");
                 }
                 Ok(Outputs::one("depth", Value::depth_from_inverse(Depth { metres }, &full)))
             }
             Output::Depth if nowhere > 0 => {
-                ctx.host.warn_of(nowhere, "pixels of depth are not above 0 and were raised to 0.001 m");
+                ctx.host.warn_n(nowhere, "pixels of depth are not above 0 and were raised to 0.001 m");
                 Ok(Outputs::one("depth", Depth { metres }))
             }
             Output::Depth | Output::DisparityShare | Output::DisparityPx => Ok(Outputs::one("depth", Depth { metres })),

@@ -102,7 +102,7 @@ impl Pool {
         running.has_failed = false;
         let answer = match says {
             Says::Values { values, cpu_ns } => {
-                host.spent(cpu_ns.min(most_cpu_ns(begun.elapsed())));
+                host.add_cpu_time(cpu_ns.min(most_cpu_ns(begun.elapsed())));
                 Ok(Answer::Values(values))
             }
             Says::Frames { ids, times_ns } => Ok(Answer::Frames(ids, times_ns)),
@@ -179,7 +179,7 @@ impl Pool {
                     }
                     Says::Modules(report) => self.launch.modules.check(report, &self.launch)?,
                     Says::Warning { count: 0, message } => host.warn(&message),
-                    Says::Warning { count, message } => host.warn_of(count, &message),
+                    Says::Warning { count, message } => host.warn_n(count, &message),
                     says => return Ok((running, says)),
                 },
             }

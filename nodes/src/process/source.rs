@@ -9,6 +9,7 @@ use depthloom_graphs::contracts::{
     Argument, CodePath, Contract, DeclaredPort, DeclaredPorts, Frame, FramePaths, FrameSelection, Observation,
     SourceDeclaration,
 };
+use depthloom_graphs::plan::FrameIndex;
 use depthloom_graphs::{Context, Fault, Host, Key, Outputs, Port, Rate, Source, SourceKind, SourceOutputs, Value};
 use depthloom_threads::{into_unlocked, locked};
 use schemars::JsonSchema;
@@ -155,7 +156,7 @@ impl Host for WarningCollector {
         false
     }
 
-    fn warn_of(&self, count: u64, what: &str) {
+    fn warn_n(&self, count: u64, what: &str) {
         let mut warnings = locked(&self.0);
         let counted = warnings.entry(what.to_owned()).or_default();
         *counted = counted.saturating_add(count);
@@ -262,7 +263,7 @@ impl Source for ProcessSource {
         &self.warnings
     }
 
-    fn key(&self, position: usize) -> Result<Key, Fault> {
+    fn key(&self, position: FrameIndex) -> Result<Key, Fault> {
         let frame = &self.frames[position];
         let key = Key::build("process/source frame").key(&self.recipe).number(frame.index).text(&frame.id);
         let key = key.number(frame.time_ns);
@@ -272,7 +273,7 @@ impl Source for ProcessSource {
         })
     }
 
-    fn read(&self, position: usize, ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
+    fn read(&self, position: FrameIndex, ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
         let call = Call::Process(Some(self.frames[position].clone()));
         let outputs = self.pool.outputs(call, Vec::new(), ctx.host)?;
         check_sizes(&outputs)?;

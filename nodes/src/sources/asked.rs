@@ -1,5 +1,6 @@
 //! What was read for a frame's key, kept for whoever reads the frame next.
 
+use depthloom_graphs::plan::FrameIndex;
 use depthloom_threads::locked;
 use std::collections::VecDeque;
 use std::sync::Mutex;
@@ -9,7 +10,7 @@ use std::sync::Mutex;
 const MOST: usize = 24;
 
 /// What was read for frames' keys, by position; the latest, and each until it is taken.
-pub struct Asked<T>(Mutex<VecDeque<(usize, T)>>);
+pub struct Asked<T>(Mutex<VecDeque<(FrameIndex, T)>>);
 
 impl<T> Default for Asked<T> {
     fn default() -> Self {
@@ -19,7 +20,7 @@ impl<T> Default for Asked<T> {
 
 impl<T> Asked<T> {
     /// Keeps what was read for a frame's key, in place of what was kept of the frame before.
-    pub fn keep(&self, position: usize, read: T) {
+    pub fn keep(&self, position: FrameIndex, read: T) {
         let mut kept = locked(&self.0);
         kept.retain(|(other, _)| *other != position);
         if kept.len() == MOST {
@@ -29,7 +30,7 @@ impl<T> Asked<T> {
     }
 
     /// What was read for a frame's key, if it is still kept.
-    pub fn take(&self, position: usize) -> Option<T> {
+    pub fn take(&self, position: FrameIndex) -> Option<T> {
         let mut kept = locked(&self.0);
         let at = kept.iter().position(|(other, _)| *other == position)?;
         kept.remove(at).map(|(_, read)| read)
@@ -38,14 +39,17 @@ impl<T> Asked<T> {
 
 #[cfg(test)]
 mod tests {
+    use depthloom_graphs::plan::FrameIndex;
+
     use super::{Asked, MOST};
 
     #[test]
     fn the_latest_are_kept_each_until_it_is_taken() {
         let asked = Asked::default();
-        (0..=MOST).for_each(|position| asked.keep(position, "first"));
-        assert_eq!((asked.take(0), asked.take(1), asked.take(1)), (None, Some("first"), None));
-        asked.keep(2, "second");
-        assert_eq!((asked.take(2), asked.take(2)), (Some("second"), None));
+        FrameIndex::all(MOST + 1).for_each(|position| asked.keep(position, "first"));
+        let take = |position| asked.take(FrameIndex(position));
+        assert_eq!((take(0), take(1), take(1)), (None, Some("first"), None));
+        asked.keep(FrameIndex(2), "second");
+        assert_eq!((take(2), take(2)), (Some("second"), None));
     }
 }

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use depthloom_graphs::contracts::{Frame, InlineHost, Recognised, Survey};
+use depthloom_graphs::plan::FrameIndex;
 use depthloom_graphs::values::{Image, Raster};
 use depthloom_graphs::{Context, Fault, Key, Outputs, Scratch, Source, SourceOutputs};
 
@@ -183,7 +184,9 @@ impl<L: Layout> Dataset<L> {
         let Some(shared) = self.files.first().map(|files| calibrations(files)) else { return Ok(()) };
         let is_shared = self.files.iter().all(|files| calibrations(files) == shared);
         // A file that cannot be read fails with its frame.
-        let Some((files, _)) = self.files(0).ok().filter(|_| is_shared && !shared.is_empty()) else { return Ok(()) };
+        let Some((files, _)) = self.files(FrameIndex(0)).ok().filter(|_| is_shared && !shared.is_empty()) else {
+            return Ok(());
+        };
         let mut scratch = Scratch::default();
         match self.layout.values(&files, &mut Context::new(&InlineHost, &mut scratch)) {
             Err(fault) => {
@@ -196,7 +199,7 @@ impl<L: Layout> Dataset<L> {
     }
 
     /// The files of a frame, whole and not decoded, and their key.
-    fn files(&self, position: usize) -> Result<(Files, Key), Fault> {
+    fn files(&self, position: FrameIndex) -> Result<(Files, Key), Fault> {
         let read =
             |(part, path): &(Part, PathBuf)| Ok(File { part, path: path.clone(), bytes: image_file::read(path)? });
         let files = Files(self.files[position].iter().map(read).collect::<Result<_, Fault>>()?);
@@ -214,22 +217,22 @@ impl<L: Layout> Source for Dataset<L> {
         &self.warnings
     }
 
-    fn key(&self, position: usize) -> Result<Key, Fault> {
+    fn key(&self, position: FrameIndex) -> Result<Key, Fault> {
         let (files, key) = self.files(position)?;
         self.asked.keep(position, (files, key));
         Ok(key)
     }
 
-    fn read(&self, position: usize, ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
+    fn read(&self, position: FrameIndex, ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
         let (files, key) = self.asked.take(position).map_or_else(|| self.files(position), Ok)?;
         Ok(SourceOutputs { outputs: self.layout.values(&files, ctx)?, key })
     }
 
-    fn files(&self, position: usize) -> Vec<(&'static str, PathBuf)> {
+    fn files(&self, position: FrameIndex) -> Vec<(&'static str, PathBuf)> {
         self.files[position].clone()
     }
 
-    fn examine(&self, position: usize, ctx: &mut Context<'_>) -> Result<SourceOutputs, Vec<Fault>> {
+    fn examine(&self, position: FrameIndex, ctx: &mut Context<'_>) -> Result<SourceOutputs, Vec<Fault>> {
         let first = match self.read(position, ctx) {
             Ok(read) => return Ok(read),
             Err(fault) => fault,

@@ -11,6 +11,7 @@ use depthloom_bags::stamps::seconds;
 use depthloom_bags::transforms::Transforms;
 use depthloom_bags::{Bag, Form, Message};
 use depthloom_graphs::contracts::{DataPath, Fact, Frame, FrameSelection, Recognised, SourceDeclaration, Survey};
+use depthloom_graphs::plan::FrameIndex;
 use depthloom_graphs::{Context, Fault, Key, Port, Source, SourceKind, SourceOutputs, ValueType};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -265,14 +266,14 @@ impl Ros2Bag {
             bag,
         };
         // What would fail on every frame is found on the first.
-        let (first, _) = source.messages_of(0)?;
+        let (first, _) = source.messages_of(FrameIndex(0))?;
         let more = source.reading.look_at(&first)?;
         source.warnings.extend(more);
         Ok((source, found.facts))
     }
 
     /// The messages of a frame, not decoded, and their key.
-    fn messages_of(&self, position: usize) -> Result<(Messages, Key), Fault> {
+    fn messages_of(&self, position: FrameIndex) -> Result<(Messages, Key), Fault> {
         let stamp = &self.frames[position].id;
         let read = |(part, message): &(Part, Message)| Ok((*part, self.bag.read(message)?));
         let messages = Messages::new(self.messages[position].iter().map(read).collect::<Result<_, Fault>>()?, stamp);
@@ -290,13 +291,13 @@ impl Source for Ros2Bag {
         &self.warnings
     }
 
-    fn key(&self, position: usize) -> Result<Key, Fault> {
+    fn key(&self, position: FrameIndex) -> Result<Key, Fault> {
         let (messages, key) = self.messages_of(position)?;
         self.asked.keep(position, (messages, key));
         Ok(key)
     }
 
-    fn read(&self, position: usize, ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
+    fn read(&self, position: FrameIndex, ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
         let (messages, key) = self.asked.take(position).map_or_else(|| self.messages_of(position), Ok)?;
         Ok(SourceOutputs { outputs: self.reading.values(&messages, ctx)?, key })
     }

@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use depthloom_graphs::contracts::{Frame, FrameSelection, SourceDeclaration};
+use depthloom_graphs::plan::FrameIndex;
 use depthloom_graphs::values::{Calibration, Depth, Image, Mask, Pixels, Raster, TrueDisparity};
 use depthloom_graphs::{Context, Fault, Host, Key, Outputs, Port, Source, SourceKind, SourceOutputs, ValueType};
 use image::RgbImage;
@@ -234,7 +235,7 @@ impl Source for SyntheticRoad {
         &self.frames
     }
 
-    fn key(&self, position: usize) -> Result<Key, Fault> {
+    fn key(&self, position: FrameIndex) -> Result<Key, Fault> {
         let truth = match self.truth {
             SyntheticTruth::Noc => "noc",
             SyntheticTruth::Occ => "occ",
@@ -244,7 +245,7 @@ impl Source for SyntheticRoad {
         Ok(if self.disparities { key.text("disparities") } else { key }.finish())
     }
 
-    fn read(&self, position: usize, ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
+    fn read(&self, position: FrameIndex, ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
         let index = self.frames[position].index;
         let frame = self.road.frame(index, ctx.host);
         let mut outputs = Outputs::none();

@@ -203,7 +203,7 @@ impl PureNode for StereoOnnx {
             let mut px = fitted.map_back(map.values, map.size).map_err(too_large)?;
             let seen = numberless(&px);
             if seen > 0 {
-                ctx.host.warn_of(seen as u64, "pixels of the network are no numbers (NaN or infinity)");
+                ctx.host.warn_n(seen as u64, "pixels of the network are no numbers (NaN or infinity)");
             }
             let is_disparity = matches!(self.params.output, StereoOutput::DisparityPx | StereoOutput::DisparityShare);
             if is_disparity && self.params.min_disparity >= 0 && nearly_all_negative(&px, self.params.output_scale) {

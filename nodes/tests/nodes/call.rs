@@ -1,5 +1,6 @@
 //! What the tests of nodes share: one node or source called as the runner would.
 
+use depthloom_graphs::plan::FrameIndex;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
@@ -59,12 +60,12 @@ pub fn open(kind: &str, params: &Json) -> Result<Opened, Fault> {
 
 impl Opened {
     /// A frame's values and key.
-    pub fn read(&self, position: usize) -> Result<(Values, Key), Fault> {
+    pub fn read(&self, position: FrameIndex) -> Result<(Values, Key), Fault> {
         self.read_on(&InlineHost, position)
     }
 
     /// As [`Opened::read`], on a host of the test's own.
-    pub fn read_on(&self, host: &dyn Host, position: usize) -> Result<(Values, Key), Fault> {
+    pub fn read_on(&self, host: &dyn Host, position: FrameIndex) -> Result<(Values, Key), Fault> {
         let mut scratch = Scratch::default();
         let key = self.source.key(position)?;
         let read = self.source.read(position, &mut Context::new(host, &mut scratch))?;

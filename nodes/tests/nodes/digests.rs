@@ -4,6 +4,7 @@
 //! did not: values under old keys would be taken for new ones. After raising a version, `DEPTHLOOM_ACCEPT_DIGESTS=1 cargo test -p depthloom-nodes`
 //! adds its line; a line that is there is never changed.
 
+use depthloom_graphs::plan::FrameIndex;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::fs;
@@ -331,7 +332,7 @@ fn digests() -> BTreeMap<String, Key> {
             _ if kind.starts_with("kitti/") => kitti_family::small(kind, folder.path()),
             _ => stereo_sets::small(kind, folder.path()),
         };
-        let (values, _) = open(kind, &params).unwrap().read(0).unwrap();
+        let (values, _) = open(kind, &params).unwrap().read(FrameIndex(0)).unwrap();
         let digest = add_values(Digest::of(kind), &values).finish();
         digests.insert(format!("{kind}@{}", source.declaration.version), digest);
     }

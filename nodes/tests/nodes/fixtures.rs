@@ -1,5 +1,6 @@
 //! Node by node on rendered frames, against OpenCV and NumPy: what a bare clone holds us against (`tests/fixtures/make.py`).
 
+use depthloom_graphs::plan::FrameIndex;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
@@ -18,7 +19,7 @@ fn golden(file: &str) -> PathBuf {
 /// The values of a frame: 0 is [`FRAME`].
 fn frame(index: usize) -> Values {
     let root = workspace().join("tests/fixtures/road");
-    open("kitti/stereo2015", &json!({ "root": root })).unwrap().read(index).unwrap().0
+    open("kitti/stereo2015", &json!({ "root": root })).unwrap().read(FrameIndex(index)).unwrap().0
 }
 
 /// Our parameters for OpenCV's, whose names `StereoBM` and `StereoSGBM` write with other initials.

@@ -1,5 +1,6 @@
 //! A data set of a test's own: files in a folder, and what a source says of it.
 
+use depthloom_graphs::plan::FrameIndex;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -102,7 +103,7 @@ impl Folder {
     /// What a person is told of it, when it is opened or at its first frame, with the folder called ROOT.
     pub fn told(&self, kind: &str, more: &Json) -> String {
         let fault = match open(kind, &self.params(more)) {
-            Ok(opened) => opened.read(0).expect_err("it is refused"),
+            Ok(opened) => opened.read(FrameIndex(0)).expect_err("it is refused"),
             Err(fault) => fault,
         };
         let remedy = fault.remedy_text().map_or_else(String::new, |text| format!("\n  remedy: {text}"));

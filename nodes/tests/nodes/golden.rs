@@ -1,5 +1,6 @@
 //! The whole pipeline, node by node, on two real frames against the oracle (OpenCV, NumPy, ONNX Runtime).
 
+use depthloom_graphs::plan::FrameIndex;
 use std::path::Path;
 
 use depthloom_graphs::Value;
@@ -41,7 +42,7 @@ fn frames(shared: &Path) -> Vec<Frame> {
         let weight = value("confidence/sobel", &json!({}), &[("image", &left)]);
         Frame { id, left, calibration, truth, disparity, stereo, weight }
     };
-    ["000150_10", "000155_10"].into_iter().enumerate().map(frame).collect()
+    FrameIndex::enumerate(["000150_10", "000155_10"]).map(frame).collect()
 }
 
 /// The share of pixels farther than 1/256 m from the oracle's map.

@@ -1,5 +1,6 @@
 //! `images`: pairs of one's own: what belongs together, what rectifies them (against OpenCV), and a point of each truth by hand.
 
+use depthloom_graphs::plan::FrameIndex;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -75,7 +76,7 @@ impl Folder {
     fn told(&self, more: &Json) -> String {
         let fault = match open("images", &self.params(more)) {
             Err(fault) => fault,
-            Ok(source) => source.read(0).map(|_| ()).expect_err("it is refused"),
+            Ok(source) => source.read(FrameIndex(0)).map(|_| ()).expect_err("it is refused"),
         };
         let remedy = fault.remedy_text().map_or_else(String::new, |text| format!("\n  remedy: {text}"));
         format!("{}{remedy}", fault.chain()).replace(&self.root.display().to_string(), "ROOT")
@@ -115,10 +116,10 @@ fn fault_52_images_of_12_bits_are_read_with_their_bits_which_decide_the_frames_k
     }
     let levels = |bits: Json| {
         let source = set.open(&json!({ "bits": bits }));
-        let values = source.read(0).unwrap().0;
+        let values = source.read(FrameIndex(0)).unwrap().0;
         let Value::Image(image) = &values["left"] else { panic!() };
         let Pixels::Grey(grey) = image.pixels() else { panic!() };
-        (grey.iter().collect::<std::collections::BTreeSet<_>>().len(), source.source.key(0).unwrap())
+        (grey.iter().collect::<std::collections::BTreeSet<_>>().len(), source.source.key(FrameIndex(0)).unwrap())
     };
     let (usual, of_12) = (levels(Json::Null), levels(json!(12)));
     assert_eq!((usual.0, of_12.0), (16, 40));
@@ -139,7 +140,7 @@ fn frames_come_in_the_order_of_their_numbers_with_a_calibration_in_numbers() {
     let set = pairs(Folder::new());
     let source = set.open(&json!({}));
     assert_eq!(ids(&source), ["0 1", "1 2", "2 10"]);
-    let (values, _) = source.read(2).unwrap();
+    let (values, _) = source.read(FrameIndex(2)).unwrap();
     let expected =
         Calibration { width: 40, height: 30, focal_px: 20.0, cx_px: 19.5, cy_px: 14.5, baseline_m: 0.5, doffs_px: 0.0 };
     assert_eq!(calibration(&values), &expected);
@@ -164,7 +165,7 @@ fn without_a_calibration_there_is_none_to_be_wired() {
     let pixels = json!({ "files": "x", "unit": "pixels" });
     assert_eq!(ports(json!({ "truth": pixels })), ["left", "right", "calibration", "depth", "disparity"]);
     assert_eq!(ports(json!({ "truth": pixels, "calibration": null })), ["left", "right", "disparity"]);
-    let (values, _) = set.open(&json!({ "calibration": null })).read(0).unwrap();
+    let (values, _) = set.open(&json!({ "calibration": null })).read(FrameIndex(0)).unwrap();
     assert_eq!(values.keys().copied().collect::<Vec<_>>(), ["left", "right"]);
 }
 
@@ -172,7 +173,7 @@ fn without_a_calibration_there_is_none_to_be_wired() {
 fn a_truth_of_every_unit_has_its_point() {
     let set = pairs(Folder::new());
     let known = |truth: Json| {
-        let (values, _) = set.open(&json!({ "truth": truth, "frames": [1] })).read(0).unwrap();
+        let (values, _) = set.open(&json!({ "truth": truth, "frames": [1] })).read(FrameIndex(0)).unwrap();
         let metres = metres(&values["depth"]);
         (metres[2 * 40 + 3], metres.iter().filter(|metres| metres.is_finite()).count())
     };
@@ -191,7 +192,7 @@ fn a_truth_of_every_unit_has_its_point() {
         "calibration": { "focal_px": 20, "baseline_m": 0.5, "doffs_px": -2 },
         "truth": { "files": "kitti_disparity/*.png", "unit": "pixels", "divide_by": 256 },
     });
-    let (values, _) = set.open(&apart).read(0).unwrap();
+    let (values, _) = set.open(&apart).read(FrameIndex(0)).unwrap();
     let Value::TrueDisparity(truth) = &values["disparity"] else { panic!() };
     assert_eq!((metres(&values["depth"])[83], truth.px.as_raw()[83], truth.px.as_raw()[84].is_nan()), (5.0, 4.0, true));
     // 8 bits, a disparity times 4; and floats, of which infinite, negative and none are unknown.
@@ -224,7 +225,7 @@ fn a_truth_of_every_unit_has_its_point() {
     // What has no truth gives none.
     let source = set.open(&json!({ "truth": { "files": "quarter/*.png", "unit": "pixels" } }));
     assert_eq!(source.source.warnings().len(), 1, "{:?}", source.source.warnings());
-    assert!(!source.read(0).unwrap().0.contains_key("depth"));
+    assert!(!source.read(FrameIndex(0)).unwrap().0.contains_key("depth"));
 }
 
 #[test]
@@ -235,8 +236,8 @@ fn a_list_names_pairs_truths_and_frames() {
     let of = json!({ "left": null, "right": null, "list": "pairs.csv", "truth": { "unit": "millimetres" } });
     let source = set.open(&of);
     assert_eq!(ids(&source), ["0 second", "1 cam0/1"]);
-    assert_eq!(metres(&source.read(0).unwrap().0["depth"])[83], 1.0);
-    assert!(!source.read(1).unwrap().0.contains_key("depth"));
+    assert_eq!(metres(&source.read(FrameIndex(0)).unwrap().0["depth"])[83], 1.0);
+    assert!(!source.read(FrameIndex(1)).unwrap().0.contains_key("depth"));
 }
 
 #[test]
@@ -276,7 +277,7 @@ fn case(name: &str) -> Json {
 
 /// That a source gives what OpenCV made of a case.
 fn is_opencvs(source: &Opened, name: &str, sampling: &str, metres_per_unit: f64) {
-    let (values, _) = source.read(0).unwrap();
+    let (values, _) = source.read(FrameIndex(0)).unwrap();
     for port in ["left", "right"] {
         let file = format!("{name}.{port}.{sampling}.png");
         let (ours, theirs) = (rgb(&values, port), image::open(golden(&file)).unwrap().into_rgb8());
@@ -374,7 +375,7 @@ fn camchain(name: &str, model: &str, metres: f64) {
 fn what_is_rectified_already_is_left_alone() {
     let set = unrectified(&["intrinsics.yml", "extrinsics.yml"]);
     let files = json!({ "files": ["intrinsics.yml", "extrinsics.yml"], "rectified": true });
-    let (values, _) = set.open(&json!({ "calibration": files })).read(0).unwrap();
+    let (values, _) = set.open(&json!({ "calibration": files })).read(FrameIndex(0)).unwrap();
     assert_eq!(rgb(&values, "left"), image::open(golden("left.png")).unwrap().into_rgb8());
     let focal = case("plumb_bob_0")["p1"][0][0].as_f64().unwrap();
     assert!((calibration(&values).focal_px - focal).abs() < 1e-9);
@@ -393,7 +394,7 @@ fn frames_of_any_size_and_camera_are_rectified_as_this_machines_opencv_does_it()
         let of = |file: &str| format!("{case}/{file}");
         let files = json!({ "files": [of("intrinsics.yml"), of("extrinsics.yml")], "metres_per_unit": 1 });
         let source = set.open(&json!({ "left": of("left.png"), "right": of("right.png"), "calibration": files }));
-        let (values, _) = source.read(0).unwrap();
+        let (values, _) = source.read(FrameIndex(0)).unwrap();
         for port in ["left", "right"] {
             let theirs = image::open(set.path(&of(&format!("{port}.rectified.png")))).unwrap().into_rgb8();
             let ours = rgb(&values, port);

@@ -1,5 +1,6 @@
 //! What a frame's images, calibration and truth say of each other: nothing of right data, and the mistake of wrong ones.
 
+use depthloom_graphs::plan::FrameIndex;
 use std::path::Path;
 
 use depthloom_graphs::contracts::InlineHost;
@@ -21,7 +22,7 @@ fn frames(kind: &str, params: &Json) -> Vec<(Vec<Port>, Vec<Option<Value>>)> {
         let read = source.read(position, &mut Context::new(&InlineHost, &mut scratch)).unwrap();
         (ports.clone(), read.outputs.in_order_of(&ports).unwrap())
     };
-    (0..source.frames().len()).map(read).collect()
+    FrameIndex::all(source.frames().len()).map(read).collect()
 }
 
 fn road() -> (Vec<Port>, Vec<Option<Value>>) {

@@ -1,5 +1,6 @@
 //! `kitti/stereo2015`: what it reads, and what it says of data that are not as KITTI made them.
 
+use depthloom_graphs::plan::FrameIndex;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -71,7 +72,7 @@ impl DataSet {
 
     fn at_frame(&self, more: &Json) -> Fault {
         let source = open("kitti/stereo2015", &self.params(more)).unwrap_or_else(|fault| panic!("{}", fault.chain()));
-        source.read(0).expect_err("found at the frame")
+        source.read(FrameIndex(0)).expect_err("found at the frame")
     }
 
     /// What a person is told, with the temporary folder called ROOT.
@@ -96,7 +97,7 @@ fn a_frame_has_its_images_with_their_bytes_its_calibration_and_its_truth() {
     let source = open("kitti/stereo2015", &set.params(&json!({}))).unwrap();
     let ids: Vec<(&str, u64, u64)> = source.source.frames().iter().map(|f| (&*f.id, f.index, f.time_ns)).collect();
     assert_eq!(ids, [("000003_10", 3, 300_000_000), ("000007_10", 7, 700_000_000)]);
-    let (values, _) = source.read(1).unwrap();
+    let (values, _) = source.read(FrameIndex(1)).unwrap();
     let Value::Image(left) = &values["left"] else { panic!("image") };
     assert_eq!(left.encoded().unwrap().bytes[..], fs::read(set.path("image_2/000007_10.png")).unwrap()[..]);
     let Value::Calibration(calibration) = &values["calibration"] else { panic!("calibration") };
@@ -110,13 +111,13 @@ fn a_frame_has_its_images_with_their_bytes_its_calibration_and_its_truth() {
 fn what_a_key_was_made_of_is_what_is_read_next() {
     let set = DataSet::new();
     let source = open("kitti/stereo2015", &set.params(&json!({}))).unwrap().source;
-    let read = || source.read(0, &mut Context::new(&InlineHost, &mut Scratch::default())).unwrap().key;
-    let before = source.key(0).unwrap();
+    let read = || source.read(FrameIndex(0), &mut Context::new(&InlineHost, &mut Scratch::default())).unwrap().key;
+    let before = source.key(FrameIndex(0)).unwrap();
     set.save("image_2/000003_10.png", &colour(64, 32).rotate180());
     assert_eq!(read(), before, "the files were read for the key");
     let after = read();
     assert_ne!(after, before);
-    assert_eq!(source.key(0).unwrap(), after);
+    assert_eq!(source.key(FrameIndex(0)).unwrap(), after);
 }
 
 #[test]
@@ -124,7 +125,7 @@ fn testing_frames_have_no_truth() {
     let set = DataSet::new();
     fs::rename(set.root.path().join("training"), set.root.path().join("testing")).unwrap();
     let source = open("kitti/stereo2015", &set.params(&json!({ "split": "testing" }))).unwrap();
-    let (values, _) = source.read(0).unwrap();
+    let (values, _) = source.read(FrameIndex(0)).unwrap();
     assert_eq!(values.keys().copied().collect::<Vec<_>>(), ["calibration", "left", "right"]);
 }
 
@@ -138,7 +139,7 @@ fn without_calibration_files_the_focal_length_goes_by_the_width() {
     set.save("disp_noc_0/000003_10.png", &truth(1224, 20));
     let source = open("kitti/stereo2015", &set.params(&json!({ "frames": [3] }))).unwrap();
     let host = Listening::default();
-    let (values, _) = source.read_on(&host, 0).unwrap();
+    let (values, _) = source.read_on(&host, FrameIndex(0)).unwrap();
     let Value::Calibration(calibration) = &values["calibration"] else { panic!("calibration") };
     assert_eq!((calibration.focal_px, calibration.baseline_m), (707.0493, 0.532_725));
     // Recorded with the values, so without the way to the folder, which differs between machines.
@@ -155,7 +156,7 @@ impl Host for Listening {
         false
     }
 
-    fn warn_of(&self, _count: u64, what: &str) {
+    fn warn_n(&self, _count: u64, what: &str) {
         self.0.lock().unwrap().push(what.to_owned());
     }
 
@@ -201,7 +202,7 @@ fn the_key_is_that_of_the_files_read_not_of_their_place() {
     let (set, moved) = (DataSet::new(), DataSet::new());
     let key = |set: &DataSet, more: Json| {
         let source = open("kitti/stereo2015", &set.params(&more)).unwrap();
-        source.read(source.source.frames().len() - 1).unwrap().1
+        source.read(FrameIndex(source.source.frames().len() - 1)).unwrap().1
     };
     let here = key(&set, json!({}));
     assert_eq!(here, key(&moved, json!({ "frames": [7] })));
@@ -316,7 +317,7 @@ fn truth_comes_as_disparities_too_where_it_is_asked_for_and_there() {
     let read = |params: Json| {
         let mut params = params;
         params["root"] = json!(set.root.path());
-        open("kitti/stereo2015", &params).unwrap().read(0).unwrap()
+        open("kitti/stereo2015", &params).unwrap().read(FrameIndex(0)).unwrap()
     };
     let (plain, plain_key) = read(json!({}));
     assert!(["disp_noc", "disp_occ", "occluded", "obj_map"].iter().all(|port| !plain.contains_key(port)));

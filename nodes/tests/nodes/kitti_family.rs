@@ -1,5 +1,6 @@
 //! KITTI's other benchmarks: `kitti/stereo2012`, `kitti/depth`, `kitti/odometry`: what stands where, and a point of each by hand.
 
+use depthloom_graphs::plan::FrameIndex;
 use std::fs;
 use std::path::Path;
 
@@ -60,18 +61,20 @@ fn stereo_2012_gives_the_first_step_of_either_pair_with_its_truth() {
     let grey = set.open("kitti/stereo2012", &json!({ "cameras": "grey", "disparities": true }));
     let ids: Vec<_> = grey.source.frames().iter().map(|frame| (frame.index, &*frame.id)).collect();
     assert_eq!(ids, [(3, "000003_10"), (7, "000007_10")]);
-    let (values, _) = grey.read(0).unwrap();
+    let (values, _) = grey.read(FrameIndex(0)).unwrap();
     assert_eq!((baseline(&values), known(&values)), (0.5, (2.5, 1)));
     for port in ["disp_noc", "disp_occ", "occluded"] {
         assert!(values.contains_key(port), "{port}");
     }
-    let (values, _) = set.open("kitti/stereo2012", &json!({ "truth": "occ", "disparities": true })).read(0).unwrap();
+    let (values, _) =
+        set.open("kitti/stereo2012", &json!({ "truth": "occ", "disparities": true })).read(FrameIndex(0)).unwrap();
     assert_eq!(agree(&values), 1);
     // The colour cameras are a metre apart here.
-    let (values, _) = set.open("kitti/stereo2012", &json!({ "truth": "occ", "frames": [7] })).read(0).unwrap();
+    let (values, _) =
+        set.open("kitti/stereo2012", &json!({ "truth": "occ", "frames": [7] })).read(FrameIndex(0)).unwrap();
     assert_eq!((baseline(&values), known(&values)), (1.0, (4.0, 1)));
     assert!(!values.contains_key("disp_noc"));
-    let (values, _) = set.open("kitti/stereo2012", &json!({ "truth": "none" })).read(0).unwrap();
+    let (values, _) = set.open("kitti/stereo2012", &json!({ "truth": "none" })).read(FrameIndex(0)).unwrap();
     assert!(!values.contains_key("depth"));
 }
 
@@ -93,9 +96,9 @@ fn odometry_gives_a_sequence_with_its_times() {
     let source = set.open("kitti/odometry", &json!({ "sequence": "04", "cameras": "grey", "frames": "1..3" }));
     let frames: Vec<_> = source.source.frames().iter().map(|frame| (&*frame.id, frame.time_ns)).collect();
     assert_eq!(frames, [("04_000001", 103_622_400), ("04_000002", 207_244_900)]);
-    let (values, _) = source.read(0).unwrap();
+    let (values, _) = source.read(FrameIndex(0)).unwrap();
     assert_eq!((baseline(&values), values.contains_key("depth")), (0.5, false));
-    let (values, _) = set.open("kitti/odometry", &json!({ "sequence": "04" })).read(0).unwrap();
+    let (values, _) = set.open("kitti/odometry", &json!({ "sequence": "04" })).read(FrameIndex(0)).unwrap();
     assert_eq!(baseline(&values), 1.0);
     let own = open("kitti/odometry", &json!({ "root": set.path("sequences/04") })).unwrap();
     assert_eq!(&*own.source.frames()[2].id, "04_000002");
@@ -134,10 +137,10 @@ fn depth_has_annotated_truth_over_the_raw_datas_images() {
     let source = set.open("kitti/depth", &json!({ "raw": raw }));
     let ids: Vec<_> = source.source.frames().iter().map(|frame| (frame.index, &*frame.id)).collect();
     assert_eq!(ids, [(1, "2011_09_26_drive_0001_sync_0000000001")]);
-    let (values, _) = source.read(0).unwrap();
+    let (values, _) = source.read(FrameIndex(0)).unwrap();
     assert_eq!((baseline(&values), known(&values)), (0.5, (2.5, 1)));
     let scan = set.open("kitti/depth", &json!({ "raw": raw.join("2011_09_26"), "truth": "velodyne_raw" }));
-    assert_eq!(known(&scan.read(0).unwrap().0), (0.5, 1));
+    assert_eq!(known(&scan.read(FrameIndex(0)).unwrap().0), (0.5, 1));
 }
 
 #[test]
@@ -162,7 +165,7 @@ fn the_shared_annotated_maps_are_read_as_opencv_reads_them() {
     for (position, number) in [5, 6].into_iter().enumerate() {
         let file = format!("2011_09_26_drive_0001_sync/proj_depth/groundtruth/image_02/{number:010}.png");
         let map = crate::call::png_u16(&root.join(file));
-        let (values, _) = source.read(position).unwrap();
+        let (values, _) = source.read(FrameIndex(position)).unwrap();
         assert!(map.iter().any(|raw| *raw > 0));
         for (ours, raw) in metres(&values["depth"]).iter().zip(map.iter()) {
             assert!(if *raw == 0 { ours.is_nan() } else { *ours == f32::from(*raw) / 256.0 });

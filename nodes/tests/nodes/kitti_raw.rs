@@ -1,5 +1,6 @@
 //! `kitti/raw`: against the oracle's projection, against monodepth2's rules in NumPy, and what it says of broken drives.
 
+use depthloom_graphs::plan::FrameIndex;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -93,7 +94,7 @@ impl Raw {
 
     /// What a person is told at the opening or at the first frame, with the temporary folder called ROOT.
     fn told(&self, more: &Json) -> String {
-        let fault = open("kitti/raw", &self.params(more)).and_then(|source| source.read(0).map(drop));
+        let fault = open("kitti/raw", &self.params(more)).and_then(|source| source.read(FrameIndex(0)).map(drop));
         let fault = fault.expect_err("it is refused");
         let remedy = fault.remedy_text().map_or_else(String::new, |text| format!("\n  remedy: {text}"));
         format!("{}{remedy}", fault.chain()).replace(&self.root.display().to_string(), "ROOT")
@@ -129,7 +130,7 @@ fn scans_are_the_oracles() {
     let source = open("kitti/raw", &json!({ "root": shared.join("data/kitti_raw") })).unwrap();
     assert_eq!(source.source.frames().len(), 3);
     for (position, frame) in source.source.frames().iter().enumerate() {
-        let (values, _) = source.read(position).unwrap();
+        let (values, _) = source.read(FrameIndex(position)).unwrap();
         let golden = png_u16(&shared.join(format!("oracle/golden/velodyne/{:010}.png", frame.index)));
         assert_eq!(&*frame.id, format!("{DRIVE}_{:010}", frame.index));
         let known = metres(&values["depth"]).iter().filter(|metres| metres.is_finite()).count();
@@ -156,7 +157,7 @@ fn with_monodepth2s_rules_truth_is_that_of_its_transcription() {
             let params = json!({ "root": root, "drives": [DRIVE], "frames": [0, 2], "compat": compat });
             let source = open("kitti/raw", &params).unwrap();
             for (position, frame) in source.source.frames().iter().enumerate() {
-                let (values, _) = source.read(position).unwrap();
+                let (values, _) = source.read(FrameIndex(position)).unwrap();
                 let Value::Image(left) = &values["left"] else { panic!() };
                 let (width, height) = left.dimensions();
                 let date = root.join("2011_09_26");
@@ -198,8 +199,8 @@ fn a_drives_frames_have_its_numbers_and_times_and_several_are_counted() {
         ]
     );
     assert_eq!(one.source.warnings(), ["1 of 2 frames have no laser scan, and so no truth"]);
-    assert!(one.read(0).unwrap().0.contains_key("depth"));
-    assert!(!one.read(1).unwrap().0.contains_key("depth"));
+    assert!(one.read(FrameIndex(0)).unwrap().0.contains_key("depth"));
+    assert!(!one.read(FrameIndex(1)).unwrap().0.contains_key("depth"));
 
     let all = open("kitti/raw", &raw.params(&json!({}))).unwrap();
     let indices: Vec<_> = all.source.frames().iter().map(|f| f.index).collect();

@@ -1,5 +1,6 @@
 //! `mono/onnx` with networks of one operator: what goes in, what comes out, and what is refused.
 
+use depthloom_graphs::plan::FrameIndex;
 use std::path::Path;
 #[cfg(feature = "tract")]
 use std::process::Command;
@@ -106,7 +107,7 @@ impl depthloom_graphs::Host for Listening {
         false
     }
 
-    fn warn_of(&self, count: u64, what: &str) {
+    fn warn_n(&self, count: u64, what: &str) {
         self.0.lock().unwrap().push((count, what.to_owned()));
     }
 
@@ -433,7 +434,7 @@ fn threads_do_not_change_a_bit() {
 fn share(shared: &Path) -> Vec<f32> {
     let root = shared.join("data/kitti_stereo_2015");
     let source = open("kitti/stereo2015", &json!({ "root": root, "frames": [150] })).unwrap();
-    let left = source.read(0).unwrap().0.remove("left").unwrap();
+    let left = source.read(FrameIndex(0)).unwrap().0.remove("left").unwrap();
     let network = model(std::fs::read(shared.join("models/ssl_unet.onnx")).unwrap());
     let inputs = [("image", &left), ("calibration", &calibration(721.5377, 0.532_725)), ("model", &network)];
     metres(&value("mono/onnx", &json!({ "output": "depth", "cap": null }), &inputs)).to_vec()

@@ -1,5 +1,6 @@
 //! Kinds recognise their own layouts, and no kind another's.
 
+use depthloom_graphs::plan::FrameIndex;
 use depthloom_test_needs::workspace;
 use serde_json::json;
 
@@ -59,7 +60,7 @@ fn every_kind_knows_its_own_folder_and_opens_it_as_it_says() {
         assert_eq!(own.len(), 1, "{kind}: {found:?}");
         assert_eq!(found.len(), 1, "{kind}: {found:?}");
         let source = open(kind, &own[0].1).unwrap_or_else(|fault| panic!("{kind}: {}", fault.chain()));
-        source.read(0).unwrap_or_else(|fault| panic!("{kind}: {}", fault.chain()));
+        source.read(FrameIndex(0)).unwrap_or_else(|fault| panic!("{kind}: {}", fault.chain()));
     }
     let road = recognised(&workspace().join("tests/fixtures/road"));
     assert_eq!(road.iter().map(|(kind, _)| *kind).collect::<Vec<_>>(), ["kitti/stereo2015"]);

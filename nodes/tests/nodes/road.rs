@@ -1,5 +1,6 @@
 //! `synthetic/road`, and the data set written from it.
 
+use depthloom_graphs::plan::FrameIndex;
 use std::fs;
 use std::path::Path;
 
@@ -50,7 +51,8 @@ fn a_written_data_set_reads_back_as_it_was_rendered() {
         let written = open("kitti/stereo2015", &json!({ "root": out, "truth": truth })).unwrap();
         assert_eq!(written.source.frames(), rendered.source.frames());
         for position in 0..2 {
-            let ((ours, _), (read, _)) = (rendered.read(position).unwrap(), written.read(position).unwrap());
+            let ((ours, _), (read, _)) =
+                (rendered.read(FrameIndex(position)).unwrap(), written.read(FrameIndex(position)).unwrap());
             for port in ["left", "right"] {
                 assert!(pixels(&ours[port]) == pixels(&read[port]), "{port} differs");
             }
@@ -76,7 +78,8 @@ fn a_written_data_set_gives_the_disparities_and_cars_that_were_rendered() {
     let rendered = open("synthetic/road", &rendering).unwrap();
     let written = open("kitti/stereo2015", &json!({ "root": out, "disparities": true })).unwrap();
     for position in 0..2 {
-        let ((ours, _), (read, _)) = (rendered.read(position).unwrap(), written.read(position).unwrap());
+        let ((ours, _), (read, _)) =
+            (rendered.read(FrameIndex(position)).unwrap(), written.read(FrameIndex(position)).unwrap());
         for port in ["disp_noc", "disp_occ"] {
             let (Value::TrueDisparity(ours), Value::TrueDisparity(read)) = (&ours[port], &read[port]) else { panic!() };
             assert!(ours.px_256().unwrap() == read.px_256().unwrap(), "{port} differs");
@@ -155,11 +158,11 @@ fn a_cancelled_data_set_never_has_its_final_name() {
 fn a_frame_depends_on_seed_size_and_index_and_on_nothing_else() {
     let key = |params: Json, position| open("synthetic/road", &params).unwrap().read(position).unwrap().1;
     let small = |frames: Json, seed: u64| json!({ "frames": frames, "seed": seed, "width": 64, "height": 32 });
-    assert_eq!(key(small(json!("0..4"), 1), 3), key(small(json!([3]), 1), 0));
-    assert_ne!(key(small(json!([3]), 1), 0), key(small(json!([3]), 2), 0));
-    assert_ne!(key(small(json!([3]), 1), 0), key(small(json!([2]), 1), 0));
+    assert_eq!(key(small(json!("0..4"), 1), FrameIndex(3)), key(small(json!([3]), 1), FrameIndex(0)));
+    assert_ne!(key(small(json!([3]), 1), FrameIndex(0)), key(small(json!([3]), 2), FrameIndex(0)));
+    assert_ne!(key(small(json!([3]), 1), FrameIndex(0)), key(small(json!([2]), 1), FrameIndex(0)));
     let occ = json!({ "frames": [3], "width": 64, "height": 32, "truth": "occ" });
-    assert_ne!(key(small(json!([3]), 1), 0), key(occ, 0));
+    assert_ne!(key(small(json!([3]), 1), FrameIndex(0)), key(occ, FrameIndex(0)));
 }
 
 #[test]

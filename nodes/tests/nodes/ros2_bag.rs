@@ -1,5 +1,6 @@
 //! `ros2/bag`: what is read of bags of either storage, which messages are a frame, known points by hand, and what is said of broken ones.
 
+use depthloom_graphs::plan::FrameIndex;
 use std::fs;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -43,7 +44,7 @@ impl Bench {
         let said = match open("ros2/bag", &params(path, more)) {
             Err(fault) => Ok(fault),
             Ok(opened) => {
-                let failed = (0..opened.source.frames().len()).find_map(|at| opened.read(at).err());
+                let failed = (0..opened.source.frames().len()).find_map(|at| opened.read(FrameIndex(at)).err());
                 failed.ok_or_else(|| {
                     format!("{} frames; {}", opened.source.frames().len(), opened.source.warnings().join("; "))
                 })
@@ -93,7 +94,7 @@ fn samples(value: &Value) -> &[u8] {
 /// Of every frame its id, left and right pixels, and key.
 fn all(opened: &Opened) -> Vec<(u64, Vec<u8>, Vec<u8>, String)> {
     let read = |at: usize| {
-        let (values, key) = opened.read(at).unwrap_or_else(|fault| panic!("{}", fault.chain()));
+        let (values, key) = opened.read(FrameIndex(at)).unwrap_or_else(|fault| panic!("{}", fault.chain()));
         (ids(opened)[at], samples(&values["left"]).to_vec(), samples(&values["right"]).to_vec(), format!("{key:?}"))
     };
     (0..opened.source.frames().len()).map(read).collect()
@@ -219,10 +220,10 @@ fn encodings_orders_and_rows_with_room_at_their_end_are_one_image() {
     messages[0].bytes = raw_image(false, T0, "camera_left", &raw);
     let bag = bench.mcap(&messages);
     let (usual, of_12) = (opened(&bag, &json!({})), opened(&bag, &json!({ "bits": 12 })));
-    assert_eq!(samples(&of_12.read(0).unwrap().0["left"]), grey);
+    assert_eq!(samples(&of_12.read(FrameIndex(0)).unwrap().0["left"]), grey);
     let collapsed: Vec<u8> = grey.iter().map(|of| of >> 4).collect();
-    assert_eq!(samples(&usual.read(0).unwrap().0["left"]), collapsed);
-    assert_ne!(usual.source.key(0).unwrap(), of_12.source.key(0).unwrap());
+    assert_eq!(samples(&usual.read(FrameIndex(0)).unwrap().0["left"]), collapsed);
+    assert_ne!(usual.source.key(FrameIndex(0)).unwrap(), of_12.source.key(FrameIndex(0)).unwrap());
 }
 
 #[test]
@@ -232,7 +233,7 @@ fn fault_63_with_a_baseline_the_left_cameras_info_is_enough_for_rectified_images
     messages.retain(|message| message.topic != RIGHT_INFO);
     let bag = bench.mcap(&messages);
     assert!(bench.told(&bag, &json!({})).contains("has no camera_info beside"));
-    let of = calibration(&opened(&bag, &json!({ "baseline_m": 0.25 })).read(0).unwrap().0);
+    let of = calibration(&opened(&bag, &json!({ "baseline_m": 0.25 })).read(FrameIndex(0)).unwrap().0);
     assert_eq!((of[3], of[4]), (0.25, 0.0));
     let raw = bench.told(&bag, &json!({ "baseline_m": 0.25, "rectified": false }));
     assert!(raw.contains("the right camera has no camera_info"), "{raw}");
@@ -291,7 +292,7 @@ fn fault_65_what_git_lfs_left_in_the_place_of_a_bag_is_named_and_so_is_a_damaged
 fn with_left(bench: &Bench, bytes: Vec<u8>) -> Values {
     let mut messages = frame(T0, 0);
     messages[0].bytes = bytes;
-    opened(&bench.mcap(&messages), &json!({})).read(0).unwrap_or_else(|fault| panic!("{}", fault.chain())).0
+    opened(&bench.mcap(&messages), &json!({})).read(FrameIndex(0)).unwrap_or_else(|fault| panic!("{}", fault.chain())).0
 }
 
 /// An image's size of 16-bit numbers: `value` in column 3 of row 2, 0 elsewhere.
@@ -321,8 +322,8 @@ fn depths_are_millimetres_metres_or_as_they_are_said_to_be() {
         let found = opened(&path, &with);
         let told = ["2 of 3 frames have no message of /depth within 10 ms, and so no truth"];
         assert_eq!(found.source.warnings(), told);
-        assert!(!found.read(1).unwrap().0.contains_key("depth"));
-        let (values, _) = found.read(0).unwrap_or_else(|fault| panic!("{}", fault.chain()));
+        assert!(!found.read(FrameIndex(1)).unwrap().0.contains_key("depth"));
+        let (values, _) = found.read(FrameIndex(0)).unwrap_or_else(|fault| panic!("{}", fault.chain()));
         // A disparity of 4 px: 2.5 m.
         assert_eq!(calibration(&values), [20.0, 20.0, 15.0, 0.5, 0.0]);
         known(&values)
@@ -382,11 +383,11 @@ pub fn with_points() -> Vec<Written> {
 fn points_go_through_the_transforms_to_the_nearest_pixel() {
     let bench = Bench::new();
     let found = opened(&bench.mcap(&with_points()), &json!({ "points": "/lidar/points" }));
-    let (values, key) = found.read(0).unwrap();
+    let (values, key) = found.read(FrameIndex(0)).unwrap();
     let map = metres(&values["depth"]);
     // The second is twice as far on the same ray: the nearest wins. What is behind the camera, or no number, is none.
     assert_eq!((map[5 * 40 + 3], map.iter().filter(|metres| metres.is_finite()).count()), (2.5, 1));
-    assert!(!found.read(1).unwrap().0.contains_key("depth"));
+    assert!(!found.read(FrameIndex(1)).unwrap().0.contains_key("depth"));
     // Other transforms are other depths: another key.
     let mut moved = with_points();
     let at = moved.iter().position(|of| of.topic == "/tf_static").unwrap();
@@ -395,7 +396,7 @@ fn points_go_through_the_transforms_to_the_nearest_pixel() {
         ("base", "mast", [0.0; 3], [0.0, 0.0, 0.0, 1.0]),
     ]);
     let found = opened(&bench.mcap(&moved), &json!({ "points": "/lidar/points" }));
-    assert_ne!(found.read(0).unwrap().1, key);
+    assert_ne!(found.read(FrameIndex(0)).unwrap().1, key);
 }
 
 #[test]
@@ -410,7 +411,7 @@ fn r_turns_points_where_it_is_asked_for() {
     let path = bench.mcap(&messages);
     let at = |more: Json| {
         let found = opened(&path, &more);
-        let (values, _) = found.read(0).unwrap();
+        let (values, _) = found.read(FrameIndex(0)).unwrap();
         (metres(&values["depth"]).iter().position(|metres| *metres == 2.0).unwrap(), found.source.warnings().len())
     };
     assert_eq!(at(json!({ "points": "/points" })), (15 * 40 + 25, 1));
@@ -431,19 +432,19 @@ fn parts_of_the_sensor_and_principal_points_apart_are_taken_into_account() {
     let mut messages = frame(T0, 0);
     messages[2] = part(0.0).on(LEFT_INFO, T0);
     messages[3] = part(-20.0).on(RIGHT_INFO, T0);
-    let (values, _) = opened(&bench.mcap(&messages), &json!({})).read(0).unwrap();
+    let (values, _) = opened(&bench.mcap(&messages), &json!({})).read(FrameIndex(0)).unwrap();
     assert_eq!(calibration(&values), [20.0, 20.0, 15.0, 0.5, 0.0]);
     // Of cameras whose axes do not look at one point: `cx_right - cx_left`.
     let mut p = RIGHT_P;
     p[2] = 25.5;
     messages[2] = Info::of(LEFT_P).on(LEFT_INFO, T0);
     messages[3] = Info::of(p).on(RIGHT_INFO, T0);
-    let (values, _) = opened(&bench.mcap(&messages), &json!({})).read(0).unwrap();
+    let (values, _) = opened(&bench.mcap(&messages), &json!({})).read(FrameIndex(0)).unwrap();
     assert_eq!(calibration(&values), [20.0, 20.0, 15.0, 0.5, 5.5]);
     messages[2] = part(0.0).on(LEFT_INFO, T0);
     // Where the driver does not say the baseline.
     messages[3] = part(0.0).on(RIGHT_INFO, T0);
-    let (values, _) = opened(&bench.mcap(&messages), &json!({ "baseline_m": 0.25 })).read(0).unwrap();
+    let (values, _) = opened(&bench.mcap(&messages), &json!({ "baseline_m": 0.25 })).read(FrameIndex(0)).unwrap();
     assert_eq!(calibration(&values), [20.0, 20.0, 15.0, 0.25, 0.0]);
 }
 
@@ -461,7 +462,7 @@ fn raw_images_are_rectified_and_rectified_ones_are_left_alone() {
         messages
     };
     let left = |messages: &[Written], more: Json| {
-        samples(&opened(&bench.mcap(messages), &more).read(0).unwrap().0["left"]).to_vec()
+        samples(&opened(&bench.mcap(messages), &more).read(FrameIndex(0)).unwrap().0["left"]).to_vec()
     };
     const BENT: &[f64] = &[-0.2, 0.05, 0.0, 0.0, 0.0];
     assert_eq!(left(&raw("image_rect", BENT), json!({})), grey(0));
@@ -548,7 +549,7 @@ fn a_flipped_bit_of_a_chunk_that_is_not_compressed_is_seen() {
     let told: Vec<String> = match open("ros2/bag", &params(&path, &json!({}))) {
         Err(fault) => vec![fault.chain()],
         Ok(found) => {
-            let faults = (0..found.source.frames().len()).filter_map(|position| found.read(position).err());
+            let faults = (0..found.source.frames().len()).filter_map(|position| found.read(FrameIndex(position)).err());
             faults.map(|fault| fault.chain()).collect()
         }
     };
@@ -569,7 +570,7 @@ fn opening_by_the_time_of_recording_reads_the_index_and_one_frame() {
     fs::write(&path, &bytes).unwrap();
     assert!(bench.told(&path, &json!({})).contains("cannot be decompressed"));
     let found = opened(&path, &json!({ "clock": "log" }));
-    assert!(found.read(0).is_ok() && found.read(5).is_err());
+    assert!(found.read(FrameIndex(0)).is_ok() && found.read(FrameIndex(5)).is_err());
     // Of a range, what lies more than a second away is not read; cameras that spoke once, at the beginning, are known.
     let messages: Vec<Written> = (0..40).flat_map(|number| frame(T0 + number * 100 * MS, number)).collect();
     let is_later_info = |message: &Written| message.topic.ends_with("camera_info") && message.log_ns > T0;

@@ -1,5 +1,6 @@
 //! `ros2/bag` on bags that were written by software that is not ours (`tests/python/write_bag.py`).
 
+use depthloom_graphs::plan::FrameIndex;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -32,7 +33,7 @@ fn pairs(folder: &Path, test: &str) -> (PathBuf, Vec<String>) {
     let street = open("synthetic/road", &json!({ "frames": "0..3", "width": 320, "height": 96 })).unwrap();
     let mut stems = Vec::new();
     for position in 0..3 {
-        let (values, _) = street.read(position).unwrap();
+        let (values, _) = street.read(FrameIndex(position)).unwrap();
         let stem = format!("{position:06}_10");
         for (port, into) in [("left", "image_2"), ("right", "image_3")] {
             let Value::Image(image) = &values[port] else { panic!() };
@@ -72,7 +73,7 @@ fn bags_give_the_disparities_of_the_png_files_they_were_made_from() {
     let files = open("kitti/stereo2015", &json!({ "root": root, "truth": "none", "frames": numbers })).unwrap();
     let expected: Vec<(Calibration, Vec<i16>)> = (0..3)
         .map(|at| {
-            let (values, _) = files.read(at).unwrap();
+            let (values, _) = files.read(FrameIndex(at)).unwrap();
             (calibration(&values), disparities(&values))
         })
         .collect();
@@ -134,7 +135,7 @@ fn bags_give_the_disparities_of_the_png_files_they_were_made_from() {
             ["1 of 4 left images and 1 of 4 right ones have no partner within 10 ms: they are left out"]
         );
         for (at, (calibrated, expected)) in expected.iter().enumerate() {
-            let (values, _) = bag.read(at).unwrap_or_else(|fault| panic!("{name}: {}", fault.chain()));
+            let (values, _) = bag.read(FrameIndex(at)).unwrap_or_else(|fault| panic!("{name}: {}", fault.chain()));
             assert!(disparities(&values) == *expected, "{name}: frame {at} has other disparities");
             let found = calibration(&values);
             assert!((found.baseline_m - calibrated.baseline_m).abs() < 1e-12, "{name}");
@@ -195,7 +196,7 @@ fn depths_points_and_photographs_of_another_writer_are_what_it_wrote() {
             let mut params = json!({ "path": path });
             params.as_object_mut().unwrap().extend(with.as_object().unwrap().clone());
             let bag = open("ros2/bag", &params).unwrap_or_else(|fault| panic!("{}", fault.chain()));
-            let (values, _) = bag.read(0).unwrap_or_else(|fault| panic!("{}", fault.chain()));
+            let (values, _) = bag.read(FrameIndex(0)).unwrap_or_else(|fault| panic!("{}", fault.chain()));
             let map = metres(&values["depth"]);
             assert_eq!((map[at], map.iter().filter(|metres| metres.is_finite()).count()), (2.5, 1), "{with}");
             let Value::Image(left) = &values["left"] else { panic!() };

@@ -1,5 +1,6 @@
 //! What there is to say of a bag beside its frames: its topics and their rates, what it lost, what it is recognised as.
 
+use depthloom_graphs::plan::FrameIndex;
 use std::fs;
 use std::path::Path;
 
@@ -69,7 +70,7 @@ fn a_bag_is_recognised_with_its_topics_and_the_truth_that_belongs_to_its_left_im
         let registry = depthloom_nodes::registry();
         let found = registry.source_kind("ros2/bag").unwrap().recognise(&path).remove(0);
         let source = open("ros2/bag", &found.params).map_err(|fault| fault.chain()).unwrap();
-        source.read(0).map_err(|fault| fault.chain()).unwrap();
+        source.read(FrameIndex(0)).map_err(|fault| fault.chain()).unwrap();
         (found.params, found.alternatives)
     };
     let depth = |topic: &str, size: (u32, u32), frame: &str| {

@@ -1,5 +1,6 @@
 //! `score/disparity` against the oracle (OpenCV, NumPy) and a transcription of KITTI's development kit.
 
+use depthloom_graphs::plan::FrameIndex;
 use std::collections::BTreeMap;
 use std::process::Command;
 
@@ -28,7 +29,7 @@ fn sgbm_scores_as_the_oracles() {
     let mut compared = 0;
     let mut means: BTreeMap<&str, [f64; 7]> = BTreeMap::new();
     for (position, frame) in frames.iter().enumerate() {
-        let (values, _) = source.read(position).unwrap();
+        let (values, _) = source.read(FrameIndex(position)).unwrap();
         let estimate = value("stereo/sgbm", &json!({}), &[("left", &values["left"]), ("right", &values["right"])]);
         let sets = json!({ "sets": ["answered", "filled", "all"] });
         for row in rows(&sets, &[("estimate", &estimate), ("truth", &values["disp_noc"])]) {
@@ -139,7 +140,7 @@ fn scores_are_those_of_kittis_development_kit() {
 #[test]
 fn a_road_gives_truth_as_disparities_with_its_cars_and_both_pixel_sets_differ() {
     let params = json!({ "frames": [3], "width": 320, "height": 96, "disparities": true });
-    let (values, _) = open("synthetic/road", &params).unwrap().read(0).unwrap();
+    let (values, _) = open("synthetic/road", &params).unwrap().read(FrameIndex(0)).unwrap();
     let (Value::TrueDisparity(noc), Value::TrueDisparity(occ)) = (&values["disp_noc"], &values["disp_occ"]) else {
         panic!("disparities")
     };

@@ -1,5 +1,6 @@
 //! `middlebury`, `eth3d/two-view`, `sintel-stereo`, `scene-flow`, `drivingstereo`: a point of each by hand.
 
+use depthloom_graphs::plan::FrameIndex;
 use std::fs;
 use std::path::Path;
 use std::process::Command;
@@ -84,7 +85,7 @@ fn middlebury_2014_has_principal_points_apart_and_a_mask_of_what_both_cameras_se
     let opened = set.open("middlebury", &json!({}));
     let ids: Vec<_> = opened.source.frames().iter().map(|frame| (frame.index, &*frame.id)).collect();
     assert_eq!(ids, [(0, "Adirondack"), (1, "Vintage")]);
-    let (values, _) = opened.read(0).unwrap();
+    let (values, _) = opened.read(FrameIndex(0)).unwrap();
     let of = calibration(&values);
     assert_eq!((of.focal_px, of.cx_px, of.cy_px, of.baseline_m, of.doffs_px), (100.0, 18.0, 15.0, 0.2, 5.5));
     // 20 px m / (4.5 + 5.5) px.
@@ -94,9 +95,9 @@ fn middlebury_2014_has_principal_points_apart_and_a_mask_of_what_both_cameras_se
     let Value::Mask(occluded) = &values["occluded"] else { panic!() };
     assert_eq!(occluded.set.iter().filter(|set| **set > 0).count(), 1);
     assert_eq!(agree(&values), 2);
-    let noc = set.open("middlebury", &json!({ "truth": "noc", "scenes": ["Vintage"] })).read(0).unwrap().0;
+    let noc = set.open("middlebury", &json!({ "truth": "noc", "scenes": ["Vintage"] })).read(FrameIndex(0)).unwrap().0;
     assert_eq!(known(metres(&noc["depth"]), 40), [((3, 2), 2.0)]);
-    let none = set.open("middlebury", &json!({ "truth": "none" })).read(0).unwrap().0;
+    let none = set.open("middlebury", &json!({ "truth": "none" })).read(FrameIndex(0)).unwrap().0;
     assert_eq!(none.keys().copied().collect::<Vec<_>>(), ["calibration", "left", "right"]);
     // A scene's own folder is a data set of one.
     let one = open("middlebury", &json!({ "root": set.path("Vintage") })).unwrap();
@@ -112,7 +113,7 @@ fn middlebury_scales_with_its_calibration() {
     set.image_of("half/Vintage/im1.png", (20, 15));
     set.text("half/Vintage/calib.txt", half);
     set.pfm("half/Vintage/disp0GT.pfm", (20, 15), &[2.25]);
-    let half = open("middlebury", &json!({ "root": set.path("half") })).unwrap().read(0).unwrap().0;
+    let half = open("middlebury", &json!({ "root": set.path("half") })).unwrap().read(FrameIndex(0)).unwrap().0;
     assert_eq!(known(metres(&half["depth"]), 20), [((3, 2), 2.0)]);
     assert_eq!((agree(&half), half.contains_key("disp_noc")), (1, false));
 }
@@ -128,7 +129,7 @@ pub fn of_2006(set: Folder) -> Folder {
 #[test]
 fn middlebury_2006_adds_what_cropping_took() {
     let set = of_2006(Folder::new());
-    let values = set.open("middlebury", &json!({})).read(0).unwrap().0;
+    let values = set.open("middlebury", &json!({})).read(FrameIndex(0)).unwrap().0;
     // At half size a grey level is half a pixel: 48 px, and 135 px of cropping; 1870 px focal length.
     assert_eq!(known(px(&values, "disp_occ"), 8), [((3, 2), 48.0)]);
     let of = calibration(&values);
@@ -137,12 +138,12 @@ fn middlebury_2006_adds_what_cropping_took() {
     let depth = metres(&values["depth"])[2 * 8 + 3];
     assert!((depth - 1.634_972_7).abs() < 1e-6, "{depth}");
     assert_eq!(agree(&values), 1);
-    let told = set.open("middlebury", &json!({ "factor": 3 })).read(0).unwrap().0;
+    let told = set.open("middlebury", &json!({ "factor": 3 })).read(FrameIndex(0)).unwrap().0;
     assert_eq!(known(px(&told, "disp_occ"), 8), [((3, 2), 32.0)]);
     set.remove("Aloe/dmin.txt");
     let opened = set.open("middlebury", &json!({}));
     assert_eq!(opened.source.warnings(), ["1 scene has no dmin.txt, and so neither calibration nor depth: Aloe"]);
-    let values = opened.read(0).unwrap().0;
+    let values = opened.read(FrameIndex(0)).unwrap().0;
     assert_eq!(values.keys().copied().collect::<Vec<_>>(), ["disp_occ", "left", "right"]);
 }
 
@@ -157,7 +158,7 @@ pub fn of_2001(set: Folder) -> Folder {
 #[test]
 fn middlebury_2001_and_2003_have_no_calibration_but_what_is_given() {
     let set = of_2001(Folder::new());
-    let read = |more: Json| set.open("middlebury", &more).read(0).unwrap().0;
+    let read = |more: Json| set.open("middlebury", &more).read(FrameIndex(0)).unwrap().0;
     let values = read(json!({}));
     assert_eq!(values.keys().copied().collect::<Vec<_>>(), ["disp_occ", "left", "right"]);
     assert_eq!(known(px(&values, "disp_occ"), 40), [((3, 2), 11.25)]);
@@ -182,14 +183,14 @@ pub fn eth3d(set: Folder) -> Folder {
 #[test]
 fn eth3d_has_its_baseline_in_millimetres_and_its_truth_apart() {
     let set = eth3d(Folder::new());
-    let values = set.open("eth3d/two-view", &json!({})).read(0).unwrap().0;
+    let values = set.open("eth3d/two-view", &json!({})).read(FrameIndex(0)).unwrap().0;
     // 541.764 px * 0.0599101 m / 16.25 px.
     let depth = metres(&values["depth"])[2 * 40 + 3];
     assert!((depth - 1.997_362).abs() < 1e-6, "{depth}");
     assert_eq!((agree(&values), known(px(&values, "disp_noc"), 40)), (1, vec![((3, 2), 16.25)]));
     let alone = open("eth3d/two-view", &json!({ "root": set.path("two_view_training"), "truth": "none" })).unwrap();
     assert_eq!(&*alone.source.frames()[0].id, "delivery_area_1l");
-    assert!(!alone.read(0).unwrap().0.contains_key("disp_occ"));
+    assert!(!alone.read(FrameIndex(0)).unwrap().0.contains_key("disp_occ"));
 }
 
 pub fn sintel(set: Folder) -> Folder {
@@ -213,7 +214,7 @@ fn sintel_leaves_out_what_leaves_the_frame_and_tells_what_is_occluded() {
     let set = sintel(Folder::new());
     let opened = set.open("sintel-stereo", &json!({ "focal_px": 1120, "frames": [1] }));
     assert_eq!((&*opened.source.frames()[0].id, opened.source.frames()[0].index), ("alley_1_frame_0002", 1));
-    let values = opened.read(0).unwrap().0;
+    let values = opened.read(FrameIndex(0)).unwrap().0;
     let disparity = 12.0 + 77.0 / 64.0 + 128.0 / 16384.0;
     let occ = known(px(&values, "disp_occ"), 40);
     assert_eq!((occ.len(), occ[0]), (39 * 30, ((1, 0), disparity)));
@@ -222,7 +223,7 @@ fn sintel_leaves_out_what_leaves_the_frame_and_tells_what_is_occluded() {
     assert_eq!((occluded.set[(3, 2)].0, occluded.set[(0, 0)].0), ([255], [0]));
     // 1120 px * 0.1 m.
     assert_eq!((metres(&values["depth"])[41], agree(&values)), (112.0 / disparity, 39 * 30));
-    let without = set.open("sintel-stereo", &json!({ "pass": "clean" })).read(0).unwrap().0;
+    let without = set.open("sintel-stereo", &json!({ "pass": "clean" })).read(FrameIndex(0)).unwrap().0;
     assert_eq!(without.keys().copied().collect::<Vec<_>>(), ["disp_noc", "disp_occ", "left", "occluded", "right"]);
     // The camera of the depth archive: tag, intrinsics, pose.
     let numbers = [900.0, 0.0, 20.0, 0.0, 900.0, 14.0, 0.0, 0.0, 1.0];
@@ -231,7 +232,7 @@ fn sintel_leaves_out_what_leaves_the_frame_and_tells_what_is_occluded() {
     for frame in ["frame_0001", "frame_0002"] {
         set.bytes(&format!("training/camdata_left/alley_1/{frame}.cam"), &camera);
     }
-    let values = set.open("sintel-stereo", &json!({})).read(0).unwrap().0;
+    let values = set.open("sintel-stereo", &json!({})).read(FrameIndex(0)).unwrap().0;
     let of = calibration(&values);
     assert_eq!((of.focal_px, of.cx_px, of.cy_px, metres(&values["depth"])[41]), (900.0, 20.0, 14.0, 90.0 / disparity));
 }
@@ -255,24 +256,24 @@ fn scene_flow_has_two_lenses() {
     let ids: Vec<_> = opened.source.frames().iter().map(|frame| &*frame.id).collect();
     assert_eq!(ids, ["15mm_focallength_scene_backwards_slow_0001", "35mm_focallength_scene_forwards_fast_0001"]);
     for (position, focal_px, depth) in [(0, 450.0, 12.0), (1, 1050.0, 28.0)] {
-        let values = opened.read(position).unwrap().0;
+        let values = opened.read(FrameIndex(position)).unwrap().0;
         let of = calibration(&values);
         assert_eq!((of.focal_px, of.cx_px, of.baseline_m), (focal_px, 479.5, 1.0));
         assert_eq!((known(metres(&values["depth"]), 960), agree(&values)), (vec![((3, 2), depth)], 1));
     }
     assert_ne!(
-        opened.read(0).unwrap().1,
-        opened.read(1).unwrap().1,
+        opened.read(FrameIndex(0)).unwrap().1,
+        opened.read(FrameIndex(1)).unwrap().1,
         "the lens is part of the key, though all files are equal"
     );
     let one = set.open("scene-flow", &json!({ "folders": ["35mm_focallength/scene_forwards"], "truth": "none" }));
-    assert_eq!((one.source.frames().len(), one.read(0).unwrap().0.contains_key("disp_occ")), (1, false));
+    assert_eq!((one.source.frames().len(), one.read(FrameIndex(0)).unwrap().0.contains_key("disp_occ")), (1, false));
     // Images of half the size have half the focal length.
     for folder in ["frames_finalpass/A/0000/left", "frames_finalpass/A/0000/right"] {
         set.image_of(&format!("small/{folder}/0006.png"), (480, 4));
     }
     set.pfm("small/disparity/A/0000/left/0006.pfm", (480, 4), &[18.75]);
-    let half = open("scene-flow", &json!({ "root": set.path("small") })).unwrap().read(0).unwrap().0;
+    let half = open("scene-flow", &json!({ "root": set.path("small") })).unwrap().read(FrameIndex(0)).unwrap().0;
     assert_eq!((known(metres(&half["depth"]), 480), calibration(&half).cx_px), (vec![((3, 2), 28.0)], 239.5));
 }
 
@@ -291,7 +292,7 @@ pub fn driving_stereo(set: Folder) -> Folder {
 #[test]
 fn drivingstereo_has_truth_in_256ths_and_a_baseline_of_its_own() {
     let set = driving_stereo(Folder::new());
-    let values = set.open("drivingstereo", &json!({})).read(0).unwrap().0;
+    let values = set.open("drivingstereo", &json!({})).read(FrameIndex(0)).unwrap().0;
     let of = calibration(&values);
     assert_eq!((of.focal_px, of.cx_px, of.baseline_m, of.doffs_px), (30.0, 20.0, 0.5, 0.0));
     // 30 px * 0.5 m / 4 px.
@@ -299,7 +300,7 @@ fn drivingstereo_has_truth_in_256ths_and_a_baseline_of_its_own() {
     // The data set's own depths go before those.
     let stem = "2018-10-19-09-30-39_2018-10-19-09-31-36-438";
     set.map(&format!("depth-map-half-size/{stem}.png"), 960);
-    let values = set.open("drivingstereo", &json!({})).read(0).unwrap().0;
+    let values = set.open("drivingstereo", &json!({})).read(FrameIndex(0)).unwrap().0;
     assert_eq!((known(metres(&values["depth"]), 40), agree(&values)), (vec![((3, 2), 3.75)], 1));
     // The training set: a folder a sequence, calibrations beside.
     for folder in ["train-left-image", "train-right-image"] {
@@ -308,13 +309,14 @@ fn drivingstereo_has_truth_in_256ths_and_a_baseline_of_its_own() {
     let map = "training/train-disparity-map/2018-07-09-16-11-56/2018-07-09-16-11-56_2018-07-09-16-11-57-000.png";
     set.map(map, 2 * 256);
     set.text("half-image-calib/2018-07-09-16-11-56.txt", OF_DRIVING);
-    let values = open("drivingstereo", &json!({ "root": set.path("training") })).unwrap().read(0).unwrap().0;
+    let values =
+        open("drivingstereo", &json!({ "root": set.path("training") })).unwrap().read(FrameIndex(0)).unwrap().0;
     assert_eq!(known(metres(&values["depth"]), 40), [((3, 2), 7.5)]);
     // Archives unpacked into folders of their names.
     for folder in ["left-image-half-size", "right-image-half-size", "disparity-map-half-size", "half-image-calib"] {
         fs::rename(set.path(folder), set.path(&format!("again/{folder}/{folder}"))).unwrap();
     }
-    let values = open("drivingstereo", &json!({ "root": set.path("again") })).unwrap().read(0).unwrap().0;
+    let values = open("drivingstereo", &json!({ "root": set.path("again") })).unwrap().read(FrameIndex(0)).unwrap().0;
     assert_eq!(known(metres(&values["depth"]), 40), [((3, 2), 3.75)]);
     // At full size a pixel is 128.
     for (folder, ending) in [("left-image-full-size", "png"), ("right-image-full-size", "png")] {
@@ -323,7 +325,7 @@ fn drivingstereo_has_truth_in_256ths_and_a_baseline_of_its_own() {
     set.map(&format!("cloudy/disparity-map-full-size/{stem}.png"), 4 * 256);
     let full = open("drivingstereo", &json!({ "root": set.path("cloudy"), "size": "full" })).unwrap();
     assert!(full.source.warnings()[0].starts_with("there is no folder full-image-calib in root"));
-    let values = full.read(0).unwrap().0;
+    let values = full.read(FrameIndex(0)).unwrap().0;
     assert_eq!((known(px(&values, "disp_occ"), 40), values.contains_key("depth")), (vec![((3, 2), 8.0)], false));
 }
 
@@ -339,7 +341,8 @@ fn maps_are_read_as_numpy_and_opencv_write_them() {
     let opened = open("middlebury", &json!({ "root": set.path("forms") })).unwrap();
     assert_eq!(opened.source.frames().len(), 9);
     for (position, frame) in opened.source.frames().iter().enumerate() {
-        let values = opened.read(position).unwrap_or_else(|fault| panic!("{}: {}", frame.id, fault.chain())).0;
+        let values =
+            opened.read(FrameIndex(position)).unwrap_or_else(|fault| panic!("{}: {}", frame.id, fault.chain())).0;
         for (at, number) in px(&values, "disp_occ").iter().enumerate() {
             let (x, y) = (at % 40, at / 40);
             let expected = (x != y).then_some(at as f32 + 0.125);
@@ -358,7 +361,7 @@ fn sgbm_is_as_wrong_on_teddy_and_cones_as_opencvs() {
     let scenes: Vec<_> = opened.source.frames().iter().map(|frame| &*frame.id).collect();
     assert_eq!(scenes, ["cones", "teddy"]);
     for (position, scene) in scenes.into_iter().enumerate() {
-        let values = opened.read(position).unwrap().0;
+        let values = opened.read(FrameIndex(position)).unwrap().0;
         let found = value("stereo/sgbm", &json!({}), &[("left", &values["left"]), ("right", &values["right"])]);
         let inputs = [("estimate", &found), ("truth", &values["disp_occ"])];
         let Value::Scores(rows) = value("score/disparity", &json!({ "sets": ["all", "answered"] }), &inputs) else {

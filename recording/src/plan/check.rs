@@ -3,6 +3,7 @@
 use std::collections::HashSet;
 
 use depthloom_graphs::ValueType;
+use depthloom_graphs::plan::{RunId, VariantId};
 
 use super::{RecordedEstimate, RecordedOutput, RecordedPlan, RecordedRun};
 
@@ -30,7 +31,7 @@ impl RecordedPlan {
                 return Err(format!("variant `{variant}` has two values on the axis `{}`", twice.axis));
             }
         }
-        let outputs = (0..self.runs.len()).flat_map(|run| self.outputs(run));
+        let outputs = RunId::all(self.runs.len()).flat_map(|run| self.outputs(run));
         let mut topics = HashSet::new();
         for (_, output) in outputs.filter(|(_, output)| output.recorded && !output.once) {
             if !topics.insert(&output.topic) {
@@ -58,8 +59,8 @@ impl RecordedPlan {
         Ok(())
     }
 
-    fn check_variants<'a>(&self, mut variants: impl Iterator<Item = &'a usize>) -> Result<(), String> {
-        match variants.find(|variant| **variant >= self.variants.len()) {
+    fn check_variants<'a>(&self, mut variants: impl Iterator<Item = &'a VariantId>) -> Result<(), String> {
+        match variants.find(|variant| variant.0 >= self.variants.len()) {
             None => Ok(()),
             Some(variant) => Err(format!("variant {variant} is one of {}", self.variants.len())),
         }
@@ -68,7 +69,7 @@ impl RecordedPlan {
 
 fn check_estimate(run: &RecordedRun, estimate: &RecordedEstimate) -> Result<(), String> {
     let nodes = run.nodes.len();
-    let score = run.nodes.get(estimate.score_node);
+    let score = run.nodes.get(estimate.score_node.0);
     let score = score.ok_or_else(|| format!("its score is node {} of {nodes}", estimate.score_node))?;
     if estimate.score_params != score.params {
         return Err("its scores have other parameters than their node".to_owned());
@@ -101,6 +102,7 @@ mod tests {
     use serde_json::{Value as Json, json};
 
     use super::RecordedPlan;
+    use depthloom_graphs::plan::{NodeId, VariantId};
 
     fn plan() -> Json {
         let output = |topic: &str, value_type: &str| {
@@ -136,8 +138,8 @@ mod tests {
         let mut with = plan();
         with["factors"] = json!([[factor("3")], []]);
         let with = read(&with).unwrap();
-        assert_eq!(with.factors_of(0)[0].value, "3");
-        assert!(with.factors_of(1).is_empty() && with.factors_of(2).is_empty());
+        assert_eq!(with.factors_of(VariantId(0))[0].value, "3");
+        assert!(with.factors_of(VariantId(1)).is_empty() && with.factors_of(VariantId(2)).is_empty());
         let refused = [
             ("/runs/0/estimates/0/variant", json!(9), "variant 9 is one of 2"),
             ("/runs/0/variants/1", json!(2), "variant 2 is one of 2"),
@@ -179,8 +181,8 @@ mod tests {
             let Ok(plan) = RecordedPlan::from_json(&changed) else { continue };
             for run in &plan.runs {
                 for estimate in &run.estimates {
-                    assert!(estimate.variant.is_none_or(|variant| variant < plan.variants.len()));
-                    assert!(estimate.score_node < run.nodes.len());
+                    assert!(estimate.variant.is_none_or(|variant| variant < VariantId(plan.variants.len())));
+                    assert!(estimate.score_node < NodeId(run.nodes.len()));
                 }
             }
         }

@@ -3,6 +3,7 @@
 //! Reading checks what it reads. All the rest is checked here: commits, metadata records and the end of the data contain the CRC-32 of all bytes before
 //! them, and a chunk contains the CRC-32 of its content.
 
+use depthloom_graphs::plan::{FrameIndex, RunId};
 use std::collections::BTreeSet;
 
 use crate::checksum::CrcBefore;
@@ -97,9 +98,9 @@ impl Recording {
 
     /// What a chunk held, by its place among the chunks.
     fn damaged_content(&self, place: usize, chunk: &ChunkEntry) -> DamagedContent {
-        for run in 0..self.plan().runs.len() {
+        for run in RunId::all(self.plan().runs.len()) {
             if let Some(position) = self.frames(run).iter().position(|frame| frame.chunks.contains(&place)) {
-                return self.frame_content(run, position, chunk, |_| true);
+                return self.frame_content(run, FrameIndex(position), chunk, |_| true);
             }
         }
         match self.topics(chunk, |_| true).pop() {
@@ -111,8 +112,8 @@ impl Recording {
     /// What a chunk of a frame held of some channels.
     pub(crate) fn frame_content(
         &self,
-        run: usize,
-        position: usize,
+        run: RunId,
+        position: FrameIndex,
         chunk: &ChunkEntry,
         is_one: impl Fn(u16) -> bool,
     ) -> DamagedContent {

@@ -1,5 +1,6 @@
 //! What a stretch of a recording held, to be said where it is damaged.
 
+use depthloom_graphs::plan::FrameIndex;
 use std::fmt;
 use std::sync::Arc;
 
@@ -11,7 +12,7 @@ pub enum DamagedContent {
         /// The stage run's name.
         stage: String,
         /// The frame's position among the stage run's.
-        position: usize,
+        position: FrameIndex,
         /// Its id.
         id: Arc<str>,
         /// The topics of the values.

@@ -1,5 +1,6 @@
 //! Values of some topics, frame by frame.
 
+use depthloom_graphs::plan::{FrameIndex, RunId};
 use depthloom_graphs::{Value, ValueType};
 use depthloom_mcap::Message;
 
@@ -15,12 +16,12 @@ use depthloom_codecs::schema::Schema;
 #[derive(Debug)]
 pub struct FrameReader<'a> {
     recording: &'a Recording,
-    run: usize,
+    run: RunId,
     types: Vec<ValueType>,
     /// Channel, its schema, and which of the topics it belongs to.
     channels: Vec<(u16, Schema, usize)>,
     buffers: ChunkBuffers,
-    next: usize,
+    next: FrameIndex,
 }
 
 /// A message as it is stored.
@@ -41,7 +42,7 @@ impl Recording {
     ///
     /// # Errors
     /// If the run has no such topic, or did not record it.
-    pub fn reader(&self, run: usize, topics: &[impl AsRef<str>]) -> Result<FrameReader<'_>, RecordingError> {
+    pub fn reader(&self, run: RunId, topics: &[impl AsRef<str>]) -> Result<FrameReader<'_>, RecordingError> {
         FrameReader::new(self, run, topics)
     }
 
@@ -66,9 +67,9 @@ impl Recording {
 }
 
 impl<'a> FrameReader<'a> {
-    fn new(recording: &'a Recording, run: usize, topics: &[impl AsRef<str>]) -> Result<Self, RecordingError> {
+    fn new(recording: &'a Recording, run: RunId, topics: &[impl AsRef<str>]) -> Result<Self, RecordingError> {
         let plan = recording.plan();
-        let Some(planned) = plan.runs.get(run) else {
+        let Some(planned) = plan.runs.get(run.0) else {
             let (path, what) = (recording.path().to_owned(), format!("stage run {run}"));
             return Err(RecordingError::Missing { path, what });
         };
@@ -96,7 +97,7 @@ impl<'a> FrameReader<'a> {
                 channels.push((*id, schema.ok_or_else(what)?, position));
             }
         }
-        Ok(Self { recording, run, types, channels, buffers: ChunkBuffers::default(), next: 0 })
+        Ok(Self { recording, run, types, channels, buffers: ChunkBuffers::default(), next: FrameIndex(0) })
     }
 
     /// The values of the frame at that position among [`Recording::frames`], one a topic, in the order the topics were
@@ -104,9 +105,9 @@ impl<'a> FrameReader<'a> {
     ///
     /// # Errors
     /// If there is no such frame, or its bytes are damaged.
-    pub fn read(&mut self, position: usize) -> Result<Vec<Option<Value>>, RecordingError> {
+    pub fn read(&mut self, position: FrameIndex) -> Result<Vec<Option<Value>>, RecordingError> {
         let recording = self.recording;
-        let frame = recording.frames(self.run).get(position).ok_or_else(|| RecordingError::Missing {
+        let frame = recording.frames(self.run).get(position.0).ok_or_else(|| RecordingError::Missing {
             path: recording.path().to_owned(),
             what: format!("frame at position {position} of run {}", self.run),
         })?;
@@ -136,9 +137,9 @@ impl<'a> Iterator for FrameReader<'a> {
     type Item = Result<(&'a RecordedFrame, Vec<Option<Value>>), RecordingError>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        let frame = self.recording.frames(self.run).get(self.next)?;
+        let frame = self.recording.frames(self.run).get(self.next.0)?;
         let values = self.read(self.next);
-        self.next += 1;
+        self.next.0 += 1;
         Some(values.map(|values| (frame, values)))
     }
 }

@@ -7,6 +7,7 @@ use std::sync::{Arc, OnceLock};
 
 use depthloom_graphs::Key;
 use depthloom_graphs::contracts::{Failure, Slot, SlotKey, Warned};
+use depthloom_graphs::plan::{FrameIndex, NodeId, PortId, RunId};
 use prost::Message;
 
 use crate::commit_message::CommitMessage;
@@ -49,11 +50,11 @@ pub struct RecordedFrame {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RecordedOnce {
     /// The stage run.
-    pub run: usize,
+    pub run: RunId,
     /// The node that gave it.
-    pub node: usize,
+    pub node: NodeId,
     /// Its output port.
-    pub port: usize,
+    pub port: PortId,
     /// What it is: the name of a `ValueType`.
     pub value_type: String,
     /// Its key; all once-values of a node share it.
@@ -89,9 +90,9 @@ pub enum RecordedContent {
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum StoredValues {
     /// Those of a run's source (`node: None`) or node on a frame.
-    Frame { run: usize, position: usize, node: Option<usize> },
+    Frame { run: RunId, position: FrameIndex, node: Option<NodeId> },
     /// The aggregate values of a node.
-    Once { run: usize, node: usize },
+    Once { run: RunId, node: NodeId },
 }
 
 /// A recording open for reading: whole, or what a crash or damage left of one, up to its last commit.
@@ -171,8 +172,8 @@ impl Recording {
 
     /// The committed frames of a stage run, in order; none if there is no such run.
     #[must_use]
-    pub fn frames(&self, run: usize) -> &[RecordedFrame] {
-        self.frames.get(run).map_or(&[], Vec::as_slice)
+    pub fn frames(&self, run: RunId) -> &[RecordedFrame] {
+        self.frames.get(run.0).map_or(&[], Vec::as_slice)
     }
 
     /// The once-values; [`Recording::once_value`] reads one.
@@ -268,11 +269,11 @@ impl Found {
                 Ok(())
             })?;
             let (run, frame, crc_before) = found.ok_or_else(|| file.damaged(chunk.start, "a commit chunk is empty"))?;
-            let nodes = self.plan.runs.get(run).map_or(0, |run| run.nodes.len());
+            let nodes = self.plan.runs.get(run.0).map_or(0, |run| run.nodes.len());
             let mut of_nodes =
                 frame.keys.iter().map(|of| of.node).chain(frame.failures.iter().filter_map(|of| of.node));
-            let is_of_plan = of_nodes.all(|node| node < nodes);
-            let frames = self.frames.get_mut(run).filter(|_| is_of_plan);
+            let is_of_plan = of_nodes.all(|node| node.0 < nodes);
+            let frames = self.frames.get_mut(run.0).filter(|_| is_of_plan);
             frames
                 .ok_or_else(|| file.damaged(chunk.start, "a frame is of a run or a node that the plan does not have"))?
                 .push(frame);
@@ -290,7 +291,7 @@ fn committed(
     message: &[u8],
     chunks: Range<usize>,
     commit: usize,
-) -> Result<(usize, RecordedFrame, u32), String> {
+) -> Result<(RunId, RecordedFrame, u32), String> {
     let told = CommitMessage::decode(message).map_err(|error| format!("a commit record is none: {error}"))?;
     let frame = RecordedFrame {
         id: told.frame.as_str().into(),
@@ -304,7 +305,7 @@ fn committed(
         chunks,
         commit,
     };
-    Ok((told.run as usize, frame, told.crc32_before))
+    Ok((RunId(told.run as usize), frame, told.crc32_before))
 }
 
 fn read_plan(file: &PositionedFile, index: &Index) -> Result<RecordedPlan, RecordingError> {
@@ -320,8 +321,8 @@ fn read_once(file: &PositionedFile, index: &Index, plan: &RecordedPlan) -> Resul
     let read = |metadata: &MetadataEntry| {
         let text = |name: &str| metadata.values.get(name).cloned();
         let number = |name: &str| metadata.values.get(name)?.parse::<usize>().ok();
-        let (run, node, port) = (number("run")?, number("node")?, number("port")?);
-        let output = plan.runs.get(run)?.nodes.get(node)?.outputs.get(port)?;
+        let (run, node, port) = (RunId(number("run")?), NodeId(number("node")?), PortId(number("port")?));
+        let output = plan.runs.get(run.0)?.nodes.get(node.0)?.outputs.get(port.0)?;
         Some(RecordedOnce {
             run,
             node,

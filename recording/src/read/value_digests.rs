@@ -2,6 +2,7 @@
 
 use depthloom_graphs::Key;
 use depthloom_graphs::contracts::Slot;
+use depthloom_graphs::plan::{FrameIndex, RunId};
 
 use crate::error::RecordingError;
 use crate::read::index::ChunkEntry;
@@ -15,14 +16,14 @@ impl Recording {
     ///
     /// # Errors
     /// If the run has no such topic, or the file cannot be read.
-    pub fn value_digests(&self, run: usize, topic: &str) -> Result<Vec<Option<Key>>, RecordingError> {
-        let found = (run < self.plan().runs.len()).then(|| self.plan().find(run, topic)).flatten();
+    pub fn value_digests(&self, run: RunId, topic: &str) -> Result<Vec<Option<Key>>, RecordingError> {
+        let found = (run.0 < self.plan().runs.len()).then(|| self.plan().find(run, topic)).flatten();
         let (slot, output) = found.ok_or_else(|| RecordingError::Missing {
             path: self.path().to_owned(),
             what: format!("topic {topic} of stage run {run}"),
         })?;
         let channels: Vec<u16> = self.channels_of(&output.topic).collect();
-        let digest = |(position, frame): (usize, &RecordedFrame)| {
+        let digest = |(position, frame): (FrameIndex, &RecordedFrame)| {
             let chunk = channels.iter().find_map(|channel| Some((*channel, self.chunk_of(run, position, *channel)?)));
             let own_chunk = chunk.filter(|(channel, chunk)| *chunk.channels == [*channel]);
             match (own_chunk, frame.key_of(slot)) {
@@ -30,7 +31,7 @@ impl Recording {
                 _ => Ok(None),
             }
         };
-        self.frames(run).iter().enumerate().map(digest).collect()
+        FrameIndex::enumerate(self.frames(run)).map(digest).collect()
     }
 
     fn chunk_digest(&self, chunk: &ChunkEntry, key: &Key) -> Result<Option<Key>, RecordingError> {

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, OnceLock};
 
 use depthloom_graphs::contracts::{Fault, Held, Holding, Store};
-use depthloom_graphs::plan::Plan;
+use depthloom_graphs::plan::{FrameIndex, Plan, RunId};
 use depthloom_graphs::{Key, Value};
 use depthloom_mcap::{FileError, MAGIC_LENGTH, PositionedFile, RecordPlace, Window, op};
 use depthloom_threads::locked;
@@ -129,7 +129,7 @@ impl EarlierRuns {
     }
 
     /// The CRC-32 of each chunk of a frame as it is stored; `None` if the frame's bytes are not what was written.
-    pub(crate) fn checksums<'a>(&self, run: &'a EarlierRun, stage: usize, position: usize) -> Option<&'a [u32]> {
+    pub(crate) fn checksums<'a>(&self, run: &'a EarlierRun, stage: RunId, position: FrameIndex) -> Option<&'a [u32]> {
         let frame = &run.recording.frames(stage)[position];
         let checked = run.checked[frame.commit].get_or_init(|| match run.recording.check_frame(frame) {
             Ok(checksums) => Some(checksums),
@@ -255,7 +255,7 @@ impl Store for EarlierRuns {
     fn values(&self, wanted: &[(Key, &str)]) -> Result<Vec<Option<Value>>, Fault> {
         let mut values = vec![None; wanted.len()];
         // By recording and frame, which values are read there.
-        let mut frames: Vec<(&EarlierRun, (usize, usize), Vec<usize>)> = Vec::new();
+        let mut frames: Vec<(&EarlierRun, (RunId, FrameIndex), Vec<usize>)> = Vec::new();
         let mut topics = vec![""; wanted.len()];
         for (index, (key, port)) in wanted.iter().enumerate() {
             match self.locate(key, port).map(|(run, place)| (run, place.values())) {

@@ -1,6 +1,7 @@
 //! Values copied from another recording as the bytes they are stored in.
 
 use depthloom_graphs::contracts::StoredValue;
+use depthloom_graphs::plan::{FrameIndex, RunId};
 use depthloom_graphs::{Frame, Key};
 
 use crate::error::RecordingError;
@@ -87,7 +88,7 @@ fn is_made_of_known_values(wanted: &Wanted<'_>, port: &PortLayout, source_key: O
 
 /// Whether the names of coordinate frames in a stage's messages are the same: they follow from the prefix of its topics, from the ports of its source, and
 /// from its name where it has no image.
-fn has_same_cameras(recording: &Recording, stage: usize, wanted: &Wanted<'_>) -> bool {
+fn has_same_cameras(recording: &Recording, stage: RunId, wanted: &Wanted<'_>) -> bool {
     let run = &recording.plan().runs[stage];
     let source = &run.source;
     let ports = source.outputs.iter().map(|output| (output.port.as_str(), output.value_type()));
@@ -96,7 +97,7 @@ fn has_same_cameras(recording: &Recording, stage: usize, wanted: &Wanted<'_>) ->
         && ports.eq(wanted.layout.source_ports.iter().map(|(name, value_type)| (name.as_str(), Some(*value_type))))
 }
 
-fn is_same_frame(recording: &Recording, stage: usize, position: usize, wanted: &Frame) -> bool {
+fn is_same_frame(recording: &Recording, stage: RunId, position: FrameIndex, wanted: &Frame) -> bool {
     let frame = &recording.frames(stage)[position];
     (&frame.id, frame.index, frame.time_ns) == (&wanted.id, wanted.index, wanted.time_ns)
 }

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use depthloom_graphs::contracts::{Fault, Held, Holding, Slot, Store};
+use depthloom_graphs::plan::{FrameIndex, NodeId, PortId, RunId};
 use depthloom_graphs::values::Artifact;
 use depthloom_graphs::{Key, Remedied, Value, ValueType};
 
@@ -60,7 +61,7 @@ impl Recording {
     }
 
     /// The chunk of a frame that has messages of a channel.
-    pub(crate) fn chunk_of(&self, run: usize, position: usize, channel: u16) -> Option<&ChunkEntry> {
+    pub(crate) fn chunk_of(&self, run: RunId, position: FrameIndex, channel: u16) -> Option<&ChunkEntry> {
         let chunks = self.frames(run)[position].chunks(&self.index);
         chunks.iter().find(|chunk| chunk.channels.binary_search(&channel).is_ok())
     }
@@ -73,8 +74,8 @@ impl Recording {
                 let frame = &self.frames(run)[position];
                 let is_there = |output: &RecordedOutput| self.value_chunk(place, &output.port).is_some();
                 let slot = |port| node.map_or(Slot::Source { port }, |node| Slot::Node { node, port });
-                let gave = |port: usize| frame.absent.as_ref().map(|absent| !absent.contains(&slot(port)));
-                let of_frames = self.outputs_of(run, node).enumerate().filter(|(_, output)| !output.once);
+                let gave = |port: PortId| frame.absent.as_ref().map(|absent| !absent.contains(&slot(port)));
+                let of_frames = PortId::enumerate(self.outputs_of(run, node)).filter(|(_, output)| !output.once);
                 let held = of_frames.filter_map(|(port, output)| {
                     let is = match (self.keeps(output, position), gave(port)) {
                         (true, _) if is_there(output) => Holding::There,
@@ -90,9 +91,9 @@ impl Recording {
     }
 
     /// Whether an output's values were kept of the frame at a position.
-    fn keeps(&self, output: &RecordedOutput, position: usize) -> bool {
+    fn keeps(&self, output: &RecordedOutput, position: FrameIndex) -> bool {
         // Of the frames between, only scores are kept.
-        let is_whole = (position as u64).is_multiple_of(self.plan().every.max(1));
+        let is_whole = (position.0 as u64).is_multiple_of(self.plan().every.max(1));
         let is_kept = is_whole || output.value_type() == Some(ValueType::Scores);
         output.recorded && !output.once && is_kept
     }
@@ -119,7 +120,7 @@ impl Recording {
                     return Ok(None);
                 }
                 let of_port = |once: &&RecordedOnce| {
-                    let output = self.plan().runs[run].nodes[node].outputs.get(once.port);
+                    let output = self.plan().runs[run].nodes[node].outputs.get(once.port.0);
                     (once.run, once.node) == (run, node) && output.is_some_and(|output| output.port == port)
                 };
                 let once = self.once_values().iter().find(of_port).ok_or_else(missing)?;
@@ -129,7 +130,7 @@ impl Recording {
     }
 
     /// The topic of a per-frame output of a source (`None`) or node.
-    pub(crate) fn topic_of(&self, run: usize, node: Option<usize>, port: &str) -> Option<&str> {
+    pub(crate) fn topic_of(&self, run: RunId, node: Option<NodeId>, port: &str) -> Option<&str> {
         let mut outputs = self.outputs_of(run, node);
         outputs.find(|output| output.port == port && !output.once).map(|output| output.topic.as_str())
     }
@@ -148,9 +149,9 @@ impl Recording {
         }
     }
 
-    fn held_once(&self, run: usize, node: usize) -> Vec<Held> {
+    fn held_once(&self, run: RunId, node: NodeId) -> Vec<Held> {
         let mut held = Vec::new();
-        for (port, output) in self.outputs_of(run, Some(node)).enumerate() {
+        for (port, output) in PortId::enumerate(self.outputs_of(run, Some(node))) {
             let is_there = self.once_values().iter().any(|once| (once.run, once.node, once.port) == (run, node, port));
             // Of a node's once-values each has a record of its own: one that is not there may have been cut off.
             if output.recorded && output.once && (is_there || *self.condition() == Condition::Whole) {
@@ -162,11 +163,11 @@ impl Recording {
     }
 
     /// The planned outputs of a source (`None`) or node.
-    fn outputs_of(&self, run: usize, node: Option<usize>) -> impl Iterator<Item = &RecordedOutput> {
+    fn outputs_of(&self, run: RunId, node: Option<NodeId>) -> impl Iterator<Item = &RecordedOutput> {
         let planned = &self.plan().runs[run];
         let outputs = match node {
             None => Some(&planned.source.outputs),
-            Some(node) => planned.nodes.get(node).map(|node| &node.outputs),
+            Some(node) => planned.nodes.get(node.0).map(|node| &node.outputs),
         };
         outputs.into_iter().flatten()
     }
@@ -194,8 +195,8 @@ impl Recording {
 
     fn keyed_places(&self) -> BTreeMap<Key, StoredValues> {
         let mut places = BTreeMap::new();
-        for run in 0..self.plan().runs.len() {
-            for (position, frame) in self.frames(run).iter().enumerate() {
+        for run in RunId::all(self.plan().runs.len()) {
+            for (position, frame) in FrameIndex::enumerate(self.frames(run)) {
                 let of_nodes = frame.keys.iter().map(|of| (of.key, Some(of.node)));
                 let of_source = frame.source_key.map(|key| (key, None));
                 for (key, node) in of_source.into_iter().chain(of_nodes) {

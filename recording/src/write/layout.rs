@@ -7,12 +7,12 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use depthloom_graphs::contracts::Slot;
-use depthloom_graphs::plan::{Origin, Plan, PlannedNode, PlannedOutput, StageRun};
+use depthloom_graphs::plan::{Origin, PartId, Plan, PlannedNode, PlannedOutput, RunId, StageRun};
 use depthloom_graphs::{Frame, Rate, Value, ValueType};
 
 use crate::TOPIC_IN_PLAN;
 use crate::error::RecordingError;
-use crate::plan::{RecordedPlan, planned_output};
+use crate::plan::RecordedPlan;
 use crate::write::part::{PartBuilder, Unkept};
 use crate::write::viewer::{Camera, Companion, Pose, picture_topic, points_of, points_topic, topic_shown};
 use depthloom_codecs::encode::Stamp;
@@ -51,7 +51,7 @@ impl Class {
 /// An output port that is recorded.
 #[derive(Clone, Debug)]
 pub(crate) struct PortLayout {
-    pub(crate) part: usize,
+    pub(crate) part: PartId,
     pub(crate) class: Class,
     pub(crate) topic: Arc<str>,
     pub(crate) channel: u16,
@@ -121,15 +121,15 @@ pub(crate) struct RunLayout {
 impl RunLayout {
     pub(crate) fn port(&self, slot: Slot) -> Option<&PortLayout> {
         match slot {
-            Slot::Source { port } => self.source.get(port)?.as_ref(),
-            Slot::Node { node, port } => self.nodes.get(node)?.get(port)?.as_ref(),
+            Slot::Source { port } => self.source.get(port.0)?.as_ref(),
+            Slot::Node { node, port } => self.nodes.get(node.0)?.get(port.0)?.as_ref(),
         }
     }
 
     fn port_mut(&mut self, slot: Slot) -> Option<&mut PortLayout> {
         match slot {
-            Slot::Source { port } => self.source.get_mut(port)?.as_mut(),
-            Slot::Node { node, port } => self.nodes.get_mut(node)?.get_mut(port)?.as_mut(),
+            Slot::Source { port } => self.source.get_mut(port.0)?.as_mut(),
+            Slot::Node { node, port } => self.nodes.get_mut(node.0)?.get_mut(port.0)?.as_mut(),
         }
     }
 
@@ -173,14 +173,14 @@ impl FileLayout {
 
     /// Gives disparities a channel for maps that 16 bits do not hold exactly: behind all others, whose numbers are as in files of before.
     fn number_float_disparities(&mut self, plan: &Plan) -> Result<(), RecordingError> {
-        for (number, run) in plan.runs.iter().enumerate() {
-            for slot in of_run(run).into_iter().filter(|slot| is_disparity(run, *slot)) {
-                let Some(port) = self.runs[number].port(slot) else { continue };
+        for (run_id, run) in RunId::enumerate(&plan.runs) {
+            for slot in run.slots().filter(|slot| is_disparity(run, *slot)) {
+                let Some(port) = self.runs[run_id].port(slot) else { continue };
                 let mut layout = self.channels[usize::from(port.channel) - 1].clone();
                 layout.schema = Schema::FloatMap;
                 layout.metadata.insert("unit".to_owned(), "disparity in pixels, NaN = none".to_owned());
                 let id = self.numbered(layout)?;
-                if let Some(port) = self.runs[number].port_mut(slot) {
+                if let Some(port) = self.runs[run_id].port_mut(slot) {
                     port.other_channel = Some(id);
                 }
             }
@@ -200,14 +200,14 @@ impl FileLayout {
     }
 
     fn run(&mut self, plan: &Plan, run: &StageRun, topics: &mut BTreeSet<String>) -> Result<RunLayout, RecordingError> {
-        let slots = of_run(run);
-        let used: BTreeSet<Class> = slots.iter().filter_map(|slot| class(run, *slot)).collect();
-        let part_of = |class: Class| Class::ALL.iter().filter(|c| used.contains(c)).position(|c| *c == class);
+        let used: BTreeSet<Class> = run.slots().filter_map(|slot| class(run, slot)).collect();
+        let part_of =
+            |class: Class| Class::ALL.iter().filter(|c| used.contains(c)).position(|c| *c == class).map(PartId);
         let mut source = vec![None; run.source.outputs.len()];
         let mut nodes: Vec<_> = run.nodes.iter().map(|node| vec![None; node.outputs.len()]).collect();
         let (mut curves, mut once) = (BTreeMap::new(), BTreeMap::new());
-        for slot in slots {
-            let output = planned_output(run, slot);
+        for slot in run.slots() {
+            let output = run.output(slot);
             if output.port.rate == Rate::Once {
                 once.insert(slot, output.topic.clone());
             }
@@ -256,10 +256,10 @@ impl FileLayout {
         run: &StageRun,
         slot: Slot,
         class: Class,
-        part: usize,
+        part: PartId,
         topics: &mut BTreeSet<String>,
     ) -> Result<PortLayout, RecordingError> {
-        let output = planned_output(run, slot);
+        let output = run.output(slot);
         let value_type = output.port.value_type;
         let schema = match value_type {
             ValueType::Image | ValueType::Disparity | ValueType::TrueDisparity | ValueType::Mask => Schema::RawImage,
@@ -304,7 +304,7 @@ impl FileLayout {
         slot: Slot,
         topics: &mut BTreeSet<String>,
     ) -> Result<Vec<CompanionLayout>, RecordingError> {
-        let output = planned_output(run, slot);
+        let output = run.output(slot);
         let mut wanted: Vec<(Schema, String, String, Companion)> = Vec::new();
         match output.port.value_type {
             ValueType::Disparity | ValueType::TrueDisparity | ValueType::Depth | ValueType::Weight
@@ -373,26 +373,18 @@ impl FileLayout {
     }
 }
 
-/// All slots of a stage run, in plan order.
-fn of_run(run: &StageRun) -> Vec<Slot> {
-    let of_source = (0..run.source.outputs.len()).map(|port| Slot::Source { port });
-    let of_nodes = run.nodes.iter().enumerate();
-    let of_nodes = of_nodes.flat_map(|(node, n)| (0..n.outputs.len()).map(move |port| Slot::Node { node, port }));
-    of_source.chain(of_nodes).collect()
-}
-
 /// Whether an output is a learning curve, of one point after the other outside frames, and recorded.
 fn is_recorded_curve(output: &PlannedOutput) -> bool {
     output.recorded && output.port.rate == Rate::Once && output.port.value_type == ValueType::Curve
 }
 
 fn is_disparity(run: &StageRun, slot: Slot) -> bool {
-    matches!(planned_output(run, slot).port.value_type, ValueType::Disparity | ValueType::TrueDisparity)
+    matches!(run.output(slot).port.value_type, ValueType::Disparity | ValueType::TrueDisparity)
 }
 
 /// The class of a slot's values; `None` if they are not recorded frame by frame.
 fn class(run: &StageRun, slot: Slot) -> Option<Class> {
-    let output = planned_output(run, slot);
+    let output = run.output(slot);
     if !output.recorded || output.port.rate == Rate::Once {
         return None;
     }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard};
 
 use depthloom_graphs::contracts::{Commit, ErrorMessage, Slot, Store, StoredValue, Tap, Warned, stored_values};
-use depthloom_graphs::plan::Plan;
+use depthloom_graphs::plan::{FrameIndex, NodeRef, PartId, Plan, PortId, RunId};
 use depthloom_graphs::values::{Artifact, Curve};
 use depthloom_graphs::{Frame, Key, Value};
 use prost::Message;
@@ -69,7 +69,7 @@ pub struct Recorder {
     durable: bool,
     /// What an earlier process wrote: frames by stage run, and once-values.
     written: Vec<usize>,
-    once: BTreeMap<(usize, usize, usize), Key>,
+    once: BTreeMap<(NodeRef, PortId), Key>,
     /// And what it told of, by stage run and frame.
     told: Vec<Vec<Vec<Warned>>>,
 }
@@ -180,7 +180,7 @@ impl Recorder {
     /// # Panics
     /// If the plan has no such stage run.
     #[must_use]
-    pub fn compression(&self, run: usize) -> Vec<Compression> {
+    pub fn compression(&self, run: RunId) -> Vec<Compression> {
         let state = self.state();
         let spent = self.layout.runs[run].classes.iter().zip(&state.compress_ns[run]);
         spent.map(|(class, cpu_ns)| Compression { class: class.name(), cpu_ns: *cpu_ns }).collect()
@@ -218,8 +218,8 @@ impl Recorder {
     fn add(
         &self,
         part: &mut PartBuilder<'_>,
-        run: usize,
-        (position, frame): (usize, &Frame),
+        run: RunId,
+        (position, frame): (FrameIndex, &Frame),
         (slot, value): (Slot, &Value),
         others: &[(Slot, Value)],
     ) -> Result<(), ErrorMessage> {
@@ -264,19 +264,19 @@ impl Recorder {
 impl Tap for Recorder {
     type Part = Part;
 
-    fn parts(&self, run: usize) -> usize {
+    fn parts(&self, run: RunId) -> usize {
         self.layout.runs[run].parts
     }
 
-    fn part(&self, run: usize, slot: Slot) -> Option<usize> {
+    fn part(&self, run: RunId, slot: Slot) -> Option<PartId> {
         Some(self.layout.runs[run].port(slot)?.part)
     }
 
     fn encode(
         &self,
-        run: usize,
-        (position, frame): (usize, &Frame),
-        part: usize,
+        run: RunId,
+        (position, frame): (FrameIndex, &Frame),
+        part: PartId,
         values: &[(Slot, Value)],
     ) -> Result<Part, ErrorMessage> {
         let frame = &at_the_time_shown(position, frame);
@@ -289,9 +289,9 @@ impl Tap for Recorder {
 
     fn encode_stored(
         &self,
-        run: usize,
-        (position, frame): (usize, &Frame),
-        part: usize,
+        run: RunId,
+        (position, frame): (FrameIndex, &Frame),
+        part: PartId,
         values: &[(Slot, Value)],
         stored: &[StoredValue<'_>],
     ) -> Result<Part, ErrorMessage> {
@@ -333,22 +333,22 @@ impl Tap for Recorder {
         Ok(builder.finish())
     }
 
-    fn keeps(&self, run: usize, slot: Slot, position: usize) -> bool {
+    fn keeps(&self, run: RunId, slot: Slot, position: FrameIndex) -> bool {
         let port = self.layout.runs[run].port(slot);
-        port.is_some_and(|port| (position as u64).is_multiple_of(self.every) || port.class == Class::Rows)
+        port.is_some_and(|port| (position.0 as u64).is_multiple_of(self.every) || port.class == Class::Rows)
     }
 
-    fn written(&self, run: usize) -> usize {
+    fn written(&self, run: RunId) -> usize {
         self.written[run]
     }
 
-    fn told(&self, run: usize) -> Vec<Vec<Warned>> {
-        self.told.get(run).cloned().unwrap_or_default()
+    fn told(&self, run: RunId) -> Vec<Vec<Warned>> {
+        self.told.get(run.0).cloned().unwrap_or_default()
     }
 
-    fn written_aggregate(&self, run: usize, slot: Slot) -> Option<Key> {
+    fn written_aggregate(&self, run: RunId, slot: Slot) -> Option<Key> {
         match slot {
-            Slot::Node { node, port } => self.once.get(&(run, node, port)).copied(),
+            Slot::Node { node, port } => self.once.get(&(NodeRef { run, node }, port)).copied(),
             Slot::Source { .. } => None,
         }
     }
@@ -370,7 +370,7 @@ impl Tap for Recorder {
         }
         let pools = &pools[layout.parts];
         // All of a stage run's frames are committed, in order.
-        let frame = at_the_time_shown(state.committed[commit.run], commit.frame);
+        let frame = at_the_time_shown(FrameIndex(state.committed[commit.run]), commit.frame);
         let closing = |crc32_before| {
             let message = CommitMessage::new(commit, crc32_before).encode_to_vec();
             let mut closing = PartBuilder::new(&frame, pools);
@@ -388,7 +388,7 @@ impl Tap for Recorder {
         Ok(())
     }
 
-    fn once(&self, run: usize, slot: Slot, key: &Key, value: &Value, warnings: &[Warned]) -> Result<(), ErrorMessage> {
+    fn once(&self, run: RunId, slot: Slot, key: &Key, value: &Value, warnings: &[Warned]) -> Result<(), ErrorMessage> {
         let Slot::Node { node, port } = slot else {
             return Err(ErrorMessage::new("a source has no once-values"));
         };
@@ -450,7 +450,7 @@ impl State {
     }
 
     /// Keeps a learning curve as messages of its topic.
-    fn keep_curve(&mut self, run: usize, channel: u16, topic: &str, curve: &Curve) -> Result<Kept, RecordingError> {
+    fn keep_curve(&mut self, run: RunId, channel: u16, topic: &str, curve: &Curve) -> Result<Kept, RecordingError> {
         let points = points_part(channel, self.first_ns[run].unwrap_or(BEGINNING_NS), curve);
         if let Some(chunk) = points.chunks.iter().find(|chunk| chunk.uncompressed_size > LARGEST_CHUNK) {
             let what = too_large(chunk.uncompressed_size);

@@ -8,7 +8,7 @@ use crc32fast::Hasher;
 use depthloom_codecs::schema::Schema;
 use depthloom_graphs::Frame;
 use depthloom_graphs::contracts::Warned;
-use depthloom_graphs::plan::Plan;
+use depthloom_graphs::plan::{FrameIndex, NodeRef, Plan, PortId, RunId};
 use depthloom_mcap::records::{Channel, MessageIndex, MessageIndexEntry, Metadata, MetadataIndex, SchemaHeader};
 use depthloom_mcap::{MAGIC_LENGTH, PositionedFile, RecordPlace, Window, op, put, read, read_all};
 
@@ -52,9 +52,9 @@ impl Recording {
 
     /// Whether the frame at a position of a stage run has the id, index and time with which this one would be recorded there.
     #[must_use]
-    pub fn is_frame(&self, run: usize, position: usize, frame: &Frame) -> bool {
+    pub fn is_frame(&self, run: RunId, position: FrameIndex, frame: &Frame) -> bool {
         let frame = at_the_time_shown(position, frame);
-        let recorded = self.frames(run).get(position);
+        let recorded = self.frames(run).get(position.0);
         recorded.is_some_and(|recorded| {
             (&recorded.id, recorded.index, recorded.time_ns) == (&frame.id, frame.index, frame.time_ns)
         })
@@ -77,7 +77,7 @@ impl Recording {
     fn missing_index(&self, end: u64) -> Vec<u8> {
         let mut index = Vec::new();
         let chunk = self.index.chunks.iter().find(|chunk| chunk.end == end && chunk.start + chunk.length == end);
-        let frames = (0..self.plan().runs.len()).flat_map(|run| self.frames(run));
+        let frames = RunId::all(self.plan().runs.len()).flat_map(|run| self.frames(run));
         let frame = frames.max_by_key(|frame| frame.commit);
         if let (Some(ChunkEntry { channels, .. }), Some(frame)) = (chunk, frame) {
             let records = vec![MessageIndexEntry { log_time: frame.time_ns, offset: 0 }];
@@ -109,7 +109,7 @@ pub fn recover(from: &Recording, to: &Path) -> Result<u64, RecordingError> {
     drop(copy);
     let copy = Recording::open(to)?;
     let mut writer = Writer::resume(&copy, Vec::new(), end, &itself)?;
-    let frames: usize = (0..copy.plan().runs.len()).map(|run| copy.frames(run).len()).sum();
+    let frames: usize = RunId::all(copy.plan().runs.len()).map(|run| copy.frames(run).len()).sum();
     if !matches!(from.condition(), Condition::Whole) {
         writer.metadata(ENDED_METADATA, BTreeMap::from([("frames".to_owned(), frames.to_string())]))?;
     }
@@ -122,8 +122,8 @@ pub(crate) struct Resumed {
     pub(crate) writer: Writer,
     /// By stage run, how many frames it holds.
     pub(crate) frames: Vec<usize>,
-    /// The keys of the aggregate values it holds, by stage run, node and port.
-    pub(crate) once: BTreeMap<(usize, usize, usize), depthloom_graphs::Key>,
+    /// The keys of the aggregate values it holds, by node and port.
+    pub(crate) once: BTreeMap<(NodeRef, PortId), depthloom_graphs::Key>,
     /// The artefacts it holds.
     pub(crate) artifacts: BTreeSet<depthloom_graphs::Key>,
     /// The time of each stage run's first frame.
@@ -140,7 +140,7 @@ pub(crate) fn resume(
 ) -> Result<Option<Resumed>, RecordingError> {
     let Some(end) = recording.end() else { return Ok(None) };
     let writer = Writer::resume(recording, channels, end, through)?;
-    let runs = 0..recording.plan().runs.len();
+    let runs = RunId::all(recording.plan().runs.len());
     let once = recording.once_values();
     let artifact = |content: &RecordedContent| match content {
         RecordedContent::Attachment { hash, .. } => Some(*hash),
@@ -149,7 +149,7 @@ pub(crate) fn resume(
     Ok(Some(Resumed {
         writer,
         frames: runs.clone().map(|run| recording.frames(run).len()).collect(),
-        once: once.iter().map(|once| ((once.run, once.node, once.port), once.key)).collect(),
+        once: once.iter().map(|once| ((NodeRef { run: once.run, node: once.node }, once.port), once.key)).collect(),
         artifacts: once.iter().filter_map(|once| artifact(&once.content)).collect(),
         told: runs
             .clone()

@@ -3,7 +3,6 @@
 //! Foxglove takes for an image the calibration whose topic begins like the image's, up to its last `/`; so each camera is a folder of topics.
 //! Rerun refuses a coordinate frame that two topics define; so each camera of each stage run has a frame of its own.
 
-use crate::plan::planned_output;
 use crate::write::part::{Packing, PartBuilder, Unkept};
 use depthloom_codecs::encode::{Stamp, put_camera, put_compressed_image, put_points, put_transform};
 use depthloom_codecs::files::Cloud;
@@ -12,7 +11,7 @@ use depthloom_graphs::Frame;
 use depthloom_graphs::Value;
 use depthloom_graphs::ValueType;
 use depthloom_graphs::contracts::Slot;
-use depthloom_graphs::plan::{Plan, StageRun};
+use depthloom_graphs::plan::{FrameIndex, Plan, PortId, StageRun};
 use depthloom_graphs::values::{Encoded, ImageFormat};
 
 /// A year, nanoseconds.
@@ -30,9 +29,9 @@ const FARTHEST_M: f64 = 100.0;
 /// frame from the beginning on, whatever the frames' numbers are: then all stages begin where a viewer opens, each with its first frame.
 ///
 /// What was recorded so comes again the same from a recording as a source.
-pub(crate) fn at_the_time_shown(position: usize, frame: &Frame) -> Frame {
+pub(crate) fn at_the_time_shown(position: FrameIndex, frame: &Frame) -> Frame {
     let has_clock = frame.time_ns >= YEAR_NS && !(BEGINNING_NS..BEGINNING_NS + YEAR_NS).contains(&frame.time_ns);
-    let time_ns = if has_clock { frame.time_ns } else { BEGINNING_NS + FRAME_NS * position as u64 };
+    let time_ns = if has_clock { frame.time_ns } else { BEGINNING_NS + FRAME_NS * position.0 as u64 };
     Frame { time_ns, ..frame.clone() }
 }
 
@@ -55,10 +54,10 @@ impl<'a> Camera<'a> {
         let outputs = &run.source.outputs;
         // A recording as a source may also give what nodes had made: `node.output`.
         let is_camera =
-            |port: usize| outputs[port].port.value_type == ValueType::Image && !outputs[port].port.name.contains('.');
-        let mut cameras = (0..outputs.len()).filter(|port| is_camera(*port));
+            |port: PortId| outputs[port].port.value_type == ValueType::Image && !outputs[port].port.name.contains('.');
+        let mut cameras = PortId::all(outputs.len()).filter(|port| is_camera(*port));
         let (reference, right) = (cameras.next(), cameras.next());
-        let name = |port: usize| outputs[port].port.name;
+        let name = |port: PortId| outputs[port].port.name;
         match slot {
             Slot::Source { port } if Some(port) == right => Self::Right(name(port)),
             Slot::Source { port } if is_camera(port) && Some(port) != reference => Self::Other(name(port)),
@@ -68,7 +67,7 @@ impl<'a> Camera<'a> {
 
     /// The other camera of the pair, if the source has one.
     pub(crate) fn right_of(run: &'a StageRun) -> Option<Self> {
-        let ports = 0..run.source.outputs.len();
+        let ports = PortId::all(run.source.outputs.len());
         ports.map(|port| Self::of(run, Slot::Source { port })).find(|camera| matches!(camera, Self::Right(_)))
     }
 
@@ -128,7 +127,7 @@ fn within(run: &StageRun, topic: &str) -> String {
 
 /// What the points of a slot's values are made of, if they are to be kept: they lie in one part of the frame with these.
 pub(crate) fn points_of(plan: &Plan, run: &StageRun, slot: Slot) -> Option<Companion> {
-    let output = planned_output(run, slot);
+    let output = run.output(slot);
     let node = match slot {
         Slot::Source { .. } => "source",
         Slot::Node { node, .. } => run.nodes[node].name.as_str(),
@@ -138,8 +137,8 @@ pub(crate) fn points_of(plan: &Plan, run: &StageRun, slot: Slot) -> Option<Compa
         return None;
     }
     let first = |value_type| {
-        let of_type = |port: &usize| run.source.outputs[*port].port.value_type == value_type;
-        let port = (0..run.source.outputs.len()).find(of_type)?;
+        let of_type = |port: &PortId| run.source.outputs[*port].port.value_type == value_type;
+        let port = PortId::all(run.source.outputs.len()).find(of_type)?;
         run.source.outputs[port].recorded.then_some(Slot::Source { port })
     };
     Some(Companion::Points { calibration: first(ValueType::Calibration)?, image: first(ValueType::Image) })

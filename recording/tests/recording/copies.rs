@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use depthloom_graphs::contracts::{Commit, Slot, SlotKey, Store as _, StoredValue, Tap};
-use depthloom_graphs::plan::OutputPattern;
+use depthloom_graphs::plan::{FrameIndex, NodeId, OutputPattern, PartId, PortId, RunId};
 use depthloom_graphs::{Key, Value};
 use depthloom_recording::{EarlierRuns, Recorder};
 use mcap::Summary;
@@ -19,7 +19,7 @@ fn every_raster_has_a_chunk_of_its_own() {
     let path = folder.path().join("recording.mcap");
     let recorder = Recorder::create(&path, &plan()).unwrap();
     let frame = frame(0);
-    record_frame(&recorder, 0, &frame, &values(&frame, WIDTH, HEIGHT), false);
+    record_frame(&recorder, RunId(0), &frame, &values(&frame, WIDTH, HEIGHT), false);
     recorder.finish(&[]).unwrap();
     let bytes = std::fs::read(&path).unwrap();
     let summary = Summary::read(&bytes).unwrap().expect("a summary");
@@ -47,7 +47,7 @@ fn values_of_an_earlier_run_and_made_ones_give_the_bytes_of_made_ones() {
     plan.record.points = vec![OutputPattern { stage: any(), node: any(), port: any() }];
     let of_frame = values(&frame, WIDTH, HEIGHT);
     let made = Recorder::create(path("made.mcap"), &plan).unwrap();
-    record_frame(&made, 0, &frame, &of_frame, false);
+    record_frame(&made, RunId(0), &frame, &of_frame, false);
     made.finish(&[]).unwrap();
     let expected = std::fs::read(path("made.mcap")).unwrap();
 
@@ -65,10 +65,10 @@ fn values_of_an_earlier_run_and_made_ones_give_the_bytes_of_made_ones() {
     for again in 0..slots.len() + 2 {
         let earlier = Arc::new(EarlierRuns::new([path("made.mcap")], &plan));
         let recorder = Recorder::create(path("taken.mcap"), &plan).unwrap().with_earlier(earlier);
-        let mut of_parts: Vec<Vec<(Slot, Value)>> = vec![Vec::new(); recorder.parts(0)];
-        let mut stored_of_parts: Vec<Vec<StoredValue<'_>>> = vec![Vec::new(); recorder.parts(0)];
+        let mut of_parts: Vec<Vec<(Slot, Value)>> = vec![Vec::new(); recorder.parts(RunId(0))];
+        let mut stored_of_parts: Vec<Vec<StoredValue<'_>>> = vec![Vec::new(); recorder.parts(RunId(0))];
         for (number, (slot, value)) in of_frame.iter().enumerate() {
-            let part = recorder.part(0, *slot).unwrap();
+            let part = recorder.part(RunId(0), *slot).unwrap();
             if number == again || (again == slots.len() + 1 && number != 6) {
                 of_parts[part].push((*slot, value.clone()));
             } else {
@@ -82,11 +82,21 @@ fn values_of_an_earlier_run_and_made_ones_give_the_bytes_of_made_ones() {
             }
         }
         let parts = of_parts.iter().zip(&stored_of_parts).enumerate();
-        let parts =
-            parts.map(|(part, (made, stored))| recorder.encode_stored(0, (0, &frame), part, made, stored).unwrap());
-        let keys: Vec<SlotKey> = (0..5).map(|node| SlotKey { node, key: key(&frame, node) }).collect();
+        let parts = parts.map(|(part, (made, stored))| {
+            recorder.encode_stored(RunId(0), (FrameIndex(0), &frame), PartId(part), made, stored).unwrap()
+        });
+        let keys: Vec<SlotKey> =
+            (0..5).map(|node| SlotKey { node: NodeId(node), key: key(&frame, NodeId(node)) }).collect();
         let (run, source_key) = (0, Some(source_key));
-        let commit = Commit { run, frame: &frame, source_key, keys: &keys, failures: &[], absent: &[], warnings: &[] };
+        let commit = Commit {
+            run: RunId(run),
+            frame: &frame,
+            source_key,
+            keys: &keys,
+            failures: &[],
+            absent: &[],
+            warnings: &[],
+        };
         recorder.write(&commit, parts.collect()).unwrap();
         recorder.finish(&[]).unwrap();
         assert!(std::fs::read(path("taken.mcap")).unwrap() == expected, "{again}");
@@ -100,12 +110,12 @@ fn nodes_that_exchange_their_keys_exchange_their_values() {
     let (frame, plan) = (frame(0), plan());
     let first = values(&frame, WIDTH, HEIGHT);
     let recorder = Recorder::create(path("first.mcap"), &plan).unwrap();
-    record_frame(&recorder, 0, &frame, &first, false);
+    record_frame(&recorder, RunId(0), &frame, &first, false);
     recorder.finish(&[]).unwrap();
 
-    let exchanged = |node: usize| match node {
-        1 => 3,
-        3 => 1,
+    let exchanged = |node: NodeId| match node {
+        NodeId(1) => NodeId(3),
+        NodeId(3) => NodeId(1),
         other => other,
     };
     let source = |slot: Slot| match slot {
@@ -113,9 +123,9 @@ fn nodes_that_exchange_their_keys_exchange_their_values() {
         Slot::Node { node, port } => Slot::Node { node: exchanged(node), port },
     };
     let source_key = Key::build("source").number(frame.index).finish();
-    let keys: Vec<SlotKey> = (0..5).map(|node| SlotKey { node, key: key(&frame, exchanged(node)) }).collect();
+    let keys: Vec<SlotKey> = NodeId::all(5).map(|node| SlotKey { node, key: key(&frame, exchanged(node)) }).collect();
     let commit = Commit {
-        run: 0,
+        run: RunId(0),
         frame: &frame,
         source_key: Some(source_key),
         keys: &keys,
@@ -127,12 +137,12 @@ fn nodes_that_exchange_their_keys_exchange_their_values() {
         let recorder = Recorder::create(path(name), &plan).unwrap();
         let earlier = Arc::new(EarlierRuns::new([path("first.mcap")], &plan));
         let recorder = if reuses { recorder.with_earlier(earlier) } else { recorder };
-        let part = |part: usize| {
-            let slots = first.iter().map(|(slot, _)| *slot).filter(|slot| recorder.part(0, *slot) == Some(part));
+        let part = |part: PartId| {
+            let slots = first.iter().map(|(slot, _)| *slot).filter(|slot| recorder.part(RunId(0), *slot) == Some(part));
             if !reuses {
                 let value = |slot: Slot| first.iter().find(|(of, _)| *of == source(slot)).unwrap().1.clone();
                 let values: Vec<(Slot, Value)> = slots.map(|slot| (slot, value(slot))).collect();
-                return recorder.encode(0, (0, &frame), part, &values).unwrap();
+                return recorder.encode(RunId(0), (FrameIndex(0), &frame), part, &values).unwrap();
             }
             let stored = slots.map(|slot| {
                 let (key, port) = match source(slot) {
@@ -141,9 +151,9 @@ fn nodes_that_exchange_their_keys_exchange_their_values() {
                 };
                 StoredValue { slot, key, port, value: None }
             });
-            recorder.encode_stored(0, (0, &frame), part, &[], &stored.collect::<Vec<_>>()).unwrap()
+            recorder.encode_stored(RunId(0), (FrameIndex(0), &frame), part, &[], &stored.collect::<Vec<_>>()).unwrap()
         };
-        let parts = (0..recorder.parts(0)).map(part).collect();
+        let parts = PartId::all(recorder.parts(RunId(0))).map(part).collect();
         recorder.write(&commit, parts).unwrap();
         recorder.finish(&[]).unwrap();
         std::fs::read(path(name)).unwrap()
@@ -158,7 +168,7 @@ fn a_chunk_that_changes_between_check_and_copy_is_refused() {
     let path = |name: &str| folder.path().join(name);
     let (frame, plan) = (frame(0), plan());
     let recorder = Recorder::create(path("first.mcap"), &plan).unwrap();
-    record_frame(&recorder, 0, &frame, &values(&frame, WIDTH, HEIGHT), false);
+    record_frame(&recorder, RunId(0), &frame, &values(&frame, WIDTH, HEIGHT), false);
     recorder.finish(&[]).unwrap();
     let bytes = std::fs::read(path("first.mcap")).unwrap();
     let summary = Summary::read(&bytes).unwrap().expect("a summary");
@@ -168,7 +178,12 @@ fn a_chunk_that_changes_between_check_and_copy_is_refused() {
     let chunk = summary.chunk_indexes.iter().find(|chunk| chunk.message_index_offsets.contains_key(&channel));
     let chunk = chunk.expect("it has a value");
 
-    let stored = StoredValue { slot: Slot::Node { node: 1, port: 0 }, key: key(&frame, 1), port, value: None };
+    let stored = StoredValue {
+        slot: Slot::Node { node: NodeId(1), port: PortId(0) },
+        key: key(&frame, NodeId(1)),
+        port,
+        value: None,
+    };
     let copy = |changed: Option<usize>| {
         std::fs::write(path("first.mcap"), &bytes).unwrap();
         let earlier = EarlierRuns::new([path("first.mcap")], &plan);
@@ -179,8 +194,8 @@ fn a_chunk_that_changes_between_check_and_copy_is_refused() {
             std::fs::write(path("first.mcap"), bytes).unwrap();
         }
         let recorder = Recorder::create(path("second.mcap"), &plan).unwrap().with_earlier(Arc::new(earlier));
-        let part = recorder.part(0, stored.slot).unwrap();
-        recorder.encode_stored(0, (0, &frame), part, &[], std::slice::from_ref(&stored)).map(|_| ())
+        let part = recorder.part(RunId(0), stored.slot).unwrap();
+        recorder.encode_stored(RunId(0), (FrameIndex(0), &frame), part, &[], std::slice::from_ref(&stored)).map(|_| ())
     };
     copy(None).unwrap();
     let content = chunk.chunk_start_offset as usize + chunk.chunk_length as usize - 1;

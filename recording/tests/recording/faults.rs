@@ -1,5 +1,6 @@
 //! What a crash leaves is readable to the last commit; what is damaged or not ours is said to be so.
 
+use depthloom_graphs::plan::{FrameIndex, RunId};
 use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
@@ -27,10 +28,10 @@ fn recorded() -> &'static (Vec<u8>, Vec<u64>, u64) {
         let recorder = Recorder::create(&path, &plan()).expect("a recorder");
         let mut ends = Vec::new();
         for index in 0..FRAMES {
-            record_frame(&recorder, 0, &frame(index), &values(&frame(index), 20, 12), false);
+            record_frame(&recorder, RunId(0), &frame(index), &values(&frame(index), 20, 12), false);
             ends.push(std::fs::metadata(&path).expect("the file").len());
         }
-        record_once_values(&recorder, 0);
+        record_once_values(&recorder, RunId(0));
         let once_end = std::fs::metadata(&path).expect("the file").len();
         recorder.finish(&[]).expect("a finished file");
         (std::fs::read(&path).expect("the file"), ends, once_end)
@@ -46,14 +47,14 @@ fn written(folder: &Path, bytes: &[u8]) -> PathBuf {
 /// Opens and reads everything.
 fn read_all(path: &Path) -> Result<usize, RecordingError> {
     let recording = Recording::open(path)?;
-    let mut reader = recording.reader(0, &TOPICS)?;
-    for position in 0..recording.frames(0).len() {
-        reader.read(position)?;
+    let mut reader = recording.reader(RunId(0), &TOPICS)?;
+    for position in 0..recording.frames(RunId(0)).len() {
+        reader.read(FrameIndex(position))?;
     }
     for once in recording.once_values() {
         recording.once_value(once)?;
     }
-    Ok(recording.frames(0).len())
+    Ok(recording.frames(RunId(0)).len())
 }
 
 proptest! {
@@ -67,7 +68,7 @@ proptest! {
         let committed = ends.iter().filter(|end| **end <= cut + COMMIT_INDEX).count();
         match Recording::open(&path) {
             Ok(recording) => {
-                prop_assert_eq!(recording.frames(0).len(), committed);
+                prop_assert_eq!(recording.frames(RunId(0)).len(), committed);
                 if cut == bytes.len() as u64 {
                     prop_assert_eq!(recording.condition(), &Condition::Whole);
                 } else {
@@ -93,7 +94,8 @@ proptest! {
 /// All that can be read of a recording, as text that tells every bit.
 fn everything(path: &Path) -> Result<String, RecordingError> {
     let recording = Recording::open(path)?;
-    let frames: Vec<_> = recording.plan().runs.iter().enumerate().map(|(run, _)| recording.frames(run)).collect();
+    let frames: Vec<_> =
+        recording.plan().runs.iter().enumerate().map(|(run, _)| recording.frames(RunId(run))).collect();
     let frames = frames
         .iter()
         .flat_map(|of| of.iter())
@@ -103,11 +105,11 @@ fn everything(path: &Path) -> Result<String, RecordingError> {
     for once in recording.once_values() {
         told += &format!("{:?}\n", recording.once_value(once)?);
     }
-    let topics = recording.plan().outputs(0).filter(|(_, output)| output.recorded && !output.once);
+    let topics = recording.plan().outputs(RunId(0)).filter(|(_, output)| output.recorded && !output.once);
     let topics: Vec<&str> = topics.map(|(_, output)| output.topic.as_str()).collect();
-    let mut reader = recording.reader(0, &topics)?;
-    for position in 0..recording.frames(0).len() {
-        told += &format!("{:?}\n", reader.read(position)?);
+    let mut reader = recording.reader(RunId(0), &topics)?;
+    for position in 0..recording.frames(RunId(0)).len() {
+        told += &format!("{:?}\n", reader.read(FrameIndex(position))?);
     }
     Ok(told)
 }
@@ -188,7 +190,11 @@ fn fault_48_a_flipped_bit_of_an_unfinished_recording_is_refused_said_or_changes_
         let path = written(folder.path(), &flipped);
         let Ok(recording) = Recording::open(&path) else { continue };
         let damaged = matches!(recording.condition(), Condition::Damaged { .. });
-        assert!(damaged || recording.frames(0).len() == FRAMES as usize, "byte {place}: {}", recording.condition());
+        assert!(
+            damaged || recording.frames(RunId(0)).len() == FRAMES as usize,
+            "byte {place}: {}",
+            recording.condition()
+        );
     }
 }
 
@@ -203,7 +209,7 @@ fn fault_07_a_damaged_frame_of_an_unfinished_file_cuts_it_at_the_commit_before()
             let mut holed = bytes[..end].to_vec();
             holed[start..start + length].fill(0);
             let recording = Recording::open(written(folder.path(), &holed)).unwrap();
-            assert_eq!(recording.frames(0).len(), frame);
+            assert_eq!(recording.frames(RunId(0)).len(), frame);
             assert!(matches!(recording.condition(), Condition::Damaged { cut: true, .. }), "{}", recording.condition());
             assert_eq!(read_all(recording.path()).unwrap(), frame);
         }
@@ -275,7 +281,11 @@ fn a_flipped_pixel_is_found() {
     assert_eq!(error.remedy().unwrap(), "copy the file again, or run the experiment again");
     // Only who wants the damaged topics reads their chunk.
     let recording = Recording::open(&path).unwrap();
-    let stereo = recording.reader(0, &["/compare/stereo/disparity", "/compare/source/left"]).unwrap().read(0).unwrap();
+    let stereo = recording
+        .reader(RunId(0), &["/compare/stereo/disparity", "/compare/source/left"])
+        .unwrap()
+        .read(FrameIndex(0))
+        .unwrap();
     assert!(stereo.iter().all(Option::is_some));
 }
 
@@ -394,7 +404,7 @@ fn nothing_is_written_after_the_end() {
     recorder.finish(&[]).unwrap();
     let size = std::fs::metadata(&path).unwrap().len();
     let commit = depthloom_graphs::contracts::Commit {
-        run: 0,
+        run: RunId(0),
         frame: &frame(0),
         source_key: None,
         keys: &[],
@@ -406,7 +416,7 @@ fn nothing_is_written_after_the_end() {
     assert!(error.to_string().ends_with("takes no more values: it is finished"), "{error}");
     assert!(recorder.finish(&[]).is_err());
     assert_eq!(std::fs::metadata(&path).unwrap().len(), size);
-    assert_eq!(Recording::open(&path).unwrap().frames(0).len(), 0);
+    assert_eq!(Recording::open(&path).unwrap().frames(RunId(0)).len(), 0);
 }
 
 #[test]
@@ -464,7 +474,7 @@ fn fault_49_a_run_that_ended_before_its_end_says_so_in_a_closed_file() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("recording.mcap");
     let recorder = Recorder::create(&path, &plan()).unwrap();
-    record_frame(&recorder, 0, &frame(0), &values(&frame(0), 20, 12), false);
+    record_frame(&recorder, RunId(0), &frame(0), &values(&frame(0), 20, 12), false);
     recorder.finish_early().unwrap();
     let recording = Recording::open(&path).unwrap();
     assert_eq!(*recording.condition(), Condition::Unfinished { rest_bytes: 0 });

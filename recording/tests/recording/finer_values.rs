@@ -2,6 +2,7 @@
 
 use depthloom_graphs::Value;
 use depthloom_graphs::contracts::{Contract, Slot};
+use depthloom_graphs::plan::{FrameIndex, NodeId, PortId, RunId};
 use depthloom_graphs::values::Depth;
 use depthloom_recording::{Recorder, Recording};
 use depthloom_test_needs::{python, workspace};
@@ -43,19 +44,21 @@ fn they_come_back_bit_for_bit_and_other_readers_see_them() {
     plan.record.view = false;
     let recorder = Recorder::create(&path, &plan).unwrap();
     for index in 0..4 {
-        record_frame(&recorder, 0, &frame(index), &finer(index), false);
+        record_frame(&recorder, RunId(0), &frame(index), &finer(index), false);
     }
     recorder.finish(&[]).unwrap();
     let recording = Recording::open(&path).unwrap();
     let of_frames = || plan.runs[0].nodes.iter().enumerate().filter(|(_, node)| node.contract != Contract::Once);
     let topics: Vec<String> =
         of_frames().flat_map(|(_, node)| &node.outputs).map(|output| output.topic.clone()).collect();
-    let mut reader = recording.reader(0, &topics).unwrap();
+    let mut reader = recording.reader(RunId(0), &topics).unwrap();
     let (mut floats, mut relative) = (0, 0);
     for index in 0..4 {
         let recorded = finer(index);
-        let slots = of_frames().flat_map(|(node, of)| (0..of.outputs.len()).map(move |port| Slot::Node { node, port }));
-        for (slot, read) in slots.zip(reader.read(index as usize).unwrap()) {
+        let slots = of_frames().flat_map(|(node, of)| {
+            (0..of.outputs.len()).map(move |port| Slot::Node { node: NodeId(node), port: PortId(port) })
+        });
+        for (slot, read) in slots.zip(reader.read(FrameIndex(index as usize)).unwrap()) {
             let Some((_, value)) = recorded.iter().find(|(of, _)| *of == slot) else { continue };
             match (value, read) {
                 (Value::FloatDisparity(a), Some(Value::FloatDisparity(b))) => {

@@ -6,7 +6,8 @@ use std::sync::Arc;
 
 use depthloom_graphs::contracts::{Commit, Contract, Failure, Slot, SlotKey, Tap};
 use depthloom_graphs::plan::{
-    Estimate, Origin, Plan, PlannedInput, PlannedNode, PlannedOutput, PlannedSource, Record, SourcePart, StageRun,
+    Estimate, FrameIndex, NodeId, Origin, PartId, Plan, PlannedInput, PlannedNode, PlannedOutput, PlannedSource,
+    PortId, Record, RunId, SourcePart, StageRun, VariantId,
 };
 use depthloom_graphs::values::{
     Artifact, Calibration, Curve, CurvePoint, Depth, Disparity, Encoded, Image, ImageFormat, Mask, Pixels, Raster,
@@ -28,16 +29,16 @@ struct NodeSpec {
     outputs: &'static [Port],
 }
 
-const LEFT: Slot = Slot::Source { port: 0 };
+const LEFT: Slot = Slot::Source { port: PortId(0) };
 const NODES: &[NodeSpec] = &[
     NodeSpec {
         name: "stereo",
-        inputs: &[("left", LEFT), ("right", Slot::Source { port: 1 })],
+        inputs: &[("left", LEFT), ("right", Slot::Source { port: PortId(1) })],
         outputs: &[Port::frame("disparity", ValueType::Disparity, "Fixed-point disparity.")],
     },
     NodeSpec {
         name: "depth",
-        inputs: &[("disparity", Slot::Node { node: 0, port: 0 })],
+        inputs: &[("disparity", Slot::Node { node: NodeId(0), port: PortId(0) })],
         outputs: &[Port::frame("depth", ValueType::Depth, "Depth of the disparity.")],
     },
     NodeSpec {
@@ -50,12 +51,18 @@ const NODES: &[NodeSpec] = &[
     },
     NodeSpec {
         name: "fused",
-        inputs: &[("stereo", Slot::Node { node: 1, port: 0 }), ("weight", Slot::Node { node: 2, port: 0 })],
+        inputs: &[
+            ("stereo", Slot::Node { node: NodeId(1), port: PortId(0) }),
+            ("weight", Slot::Node { node: NodeId(2), port: PortId(0) }),
+        ],
         outputs: &[Port::frame("depth", ValueType::Depth, "Fused depth.")],
     },
     NodeSpec {
         name: "score_fused",
-        inputs: &[("estimate", Slot::Node { node: 3, port: 0 }), ("truth", Slot::Source { port: 2 })],
+        inputs: &[
+            ("estimate", Slot::Node { node: NodeId(3), port: PortId(0) }),
+            ("truth", Slot::Source { port: PortId(2) }),
+        ],
         outputs: &[Port::frame("scores", ValueType::Scores, "Scores.")],
     },
     NodeSpec {
@@ -130,7 +137,7 @@ fn stage_run(stage: &str) -> StageRun {
         outputs: spec.outputs.iter().map(|port| output(spec.name, port)).collect(),
         observes: None,
         recipe: Key::of_content(spec.name.as_bytes()),
-        variants: vec![0, 1],
+        variants: [0, 1].map(VariantId).to_vec(),
     });
     StageRun {
         stage: stage.to_owned(),
@@ -151,11 +158,11 @@ fn stage_run(stage: &str) -> StageRun {
             label: "fused".to_owned(),
             name: "fused".to_owned(),
             variant: None,
-            estimate: Slot::Node { node: 3, port: 0 },
-            truth: Slot::Source { port: 2 },
-            score_node: 4,
+            estimate: Slot::Node { node: NodeId(3), port: PortId(0) },
+            truth: Slot::Source { port: PortId(2) },
+            score_node: NodeId(4),
         }],
-        variants: vec![0, 1],
+        variants: [0, 1].map(VariantId).to_vec(),
     }
 }
 
@@ -229,23 +236,23 @@ pub fn values(frame: &Frame, width: u32, height: u32) -> Vec<(Slot, Value)> {
     };
     let node = |node, port| Slot::Node { node, port };
     let mut values: Vec<(Slot, Value)> = vec![
-        (Slot::Source { port: 0 }, Image::with_encoded(pixels, encoded).into()),
-        (Slot::Source { port: 1 }, Image::new(made).into()),
+        (Slot::Source { port: PortId(0) }, Image::with_encoded(pixels, encoded).into()),
+        (Slot::Source { port: PortId(1) }, Image::new(made).into()),
     ];
     if frame.index % 3 != 2 {
-        values.push((Slot::Source { port: 2 }, Depth { metres: truth }.into()));
+        values.push((Slot::Source { port: PortId(2) }, Depth { metres: truth }.into()));
     }
     values.extend([
-        (Slot::Source { port: 3 }, calibration.into()),
-        (node(0, 0), disparity.into()),
-        (node(1, 0), stereo.into()),
-        (node(2, 0), weight.into()),
-        (node(2, 1), mask.into()),
-        (node(3, 0), Depth { metres: fused }.into()),
+        (Slot::Source { port: PortId(3) }, calibration.into()),
+        (node(NodeId(0), PortId(0)), disparity.into()),
+        (node(NodeId(1), PortId(0)), stereo.into()),
+        (node(NodeId(2), PortId(0)), weight.into()),
+        (node(NodeId(2), PortId(1)), mask.into()),
+        (node(NodeId(3), PortId(0)), Depth { metres: fused }.into()),
     ]);
     if frame.index % 3 != 2 {
         let rows = vec![row(PixelSet::Answered, 0.5), row(PixelSet::All, f64::NAN), zone(-0.0)];
-        values.push((node(4, 0), rows.into()));
+        values.push((node(NodeId(4), PortId(0)), rows.into()));
     }
     values
 }
@@ -256,19 +263,19 @@ pub fn frame(index: u64) -> Frame {
 }
 
 /// The key of a node's values.
-pub fn key(frame: &Frame, node: usize) -> Key {
-    Key::build("test").number(frame.index).number(node as u64).finish()
+pub fn key(frame: &Frame, node: NodeId) -> Key {
+    Key::build("test").number(frame.index).number(node.0 as u64).finish()
 }
 
 /// As [`record_frame_at`], of a source that is read from its first frame on.
-pub fn record_frame(recorder: &Recorder, run: usize, frame: &Frame, values: &[(Slot, Value)], backwards: bool) {
+pub fn record_frame(recorder: &Recorder, run: RunId, frame: &Frame, values: &[(Slot, Value)], backwards: bool) {
     record_frame_at(recorder, run, (frame.index as usize, frame), values, backwards);
 }
 
 /// Encodes a frame's parts in the order given by `order`, and commits it.
 pub fn record_frame_at(
     recorder: &Recorder,
-    run: usize,
+    run: RunId,
     (position, frame): (usize, &Frame),
     values: &[(Slot, Value)],
     backwards: bool,
@@ -281,16 +288,16 @@ pub fn record_frame_at(
     let mut encoded: Vec<Option<<Recorder as Tap>::Part>> = (0..parts).map(|_| None).collect();
     for part in order {
         let of_part: Vec<_> =
-            values.iter().filter(|(slot, _)| recorder.part(run, *slot) == Some(part)).cloned().collect();
-        encoded[part] = Some(recorder.encode(run, (position, frame), part, &of_part).unwrap());
+            values.iter().filter(|(slot, _)| recorder.part(run, *slot) == Some(PartId(part))).cloned().collect();
+        encoded[part] = Some(recorder.encode(run, (FrameIndex(position), frame), PartId(part), &of_part).unwrap());
     }
-    let nodes = 0..5;
+    let nodes = NodeId::all(5);
     let keys: Vec<SlotKey> = nodes
-        .filter(|node| values.iter().any(|(slot, _)| matches!(slot, Slot::Node { node: of, .. } if of == node)))
+        .filter(|node| values.iter().any(|(slot, _)| matches!(slot, Slot::Node { node: of, .. } if *of == *node)))
         .map(|node| SlotKey { node, key: key(frame, node) })
         .collect();
     let failures = match frame.index % 3 {
-        2 => vec![Failure { node: Some(4), what: "score: no truth".to_owned() }],
+        2 => vec![Failure { node: Some(NodeId(4)), what: "score: no truth".to_owned() }],
         _ => Vec::new(),
     };
     let source_key = Some(Key::build("source").number(frame.index).finish());
@@ -320,10 +327,10 @@ pub fn curve() -> Curve {
 }
 
 /// Records the once-values of a stage run.
-pub fn record_once_values(recorder: &Recorder, run: usize) {
+pub fn record_once_values(recorder: &Recorder, run: RunId) {
     let key = Key::of_content(b"teacher");
-    recorder.once(run, Slot::Node { node: 5, port: 0 }, &key, &model(), &[]).unwrap();
-    recorder.once(run, Slot::Node { node: 5, port: 1 }, &key, &curve().into(), &[]).unwrap();
+    recorder.once(run, Slot::Node { node: NodeId(5), port: PortId(0) }, &key, &model(), &[]).unwrap();
+    recorder.once(run, Slot::Node { node: NodeId(5), port: PortId(1) }, &key, &curve().into(), &[]).unwrap();
 }
 
 /// Records frames of that size and finishes the file.
@@ -331,9 +338,9 @@ pub fn record(path: &Path, plan: &Plan, frames: std::ops::Range<u64>, width: u32
     let recorder = Recorder::create(path, plan).unwrap();
     for (position, index) in frames.enumerate() {
         let frame = frame(index);
-        record_frame_at(&recorder, 0, (position, &frame), &values(&frame, width, height), index % 2 == 1);
+        record_frame_at(&recorder, RunId(0), (position, &frame), &values(&frame, width, height), index % 2 == 1);
     }
-    record_once_values(&recorder, 0);
+    record_once_values(&recorder, RunId(0));
     let note = Attachment { name: "note.txt".to_owned(), media_type: "text/plain".to_owned(), bytes: b"note".to_vec() };
     recorder.finish(&[note]).unwrap();
 }

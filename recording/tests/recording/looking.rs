@@ -4,7 +4,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use depthloom_graphs::contracts::Slot;
-use depthloom_graphs::plan::OutputPattern;
+use depthloom_graphs::plan::{NodeId, OutputPattern, PortId, RunId};
 use depthloom_graphs::values::Pixels;
 use depthloom_graphs::{Frame, Value};
 use depthloom_recording::{Recorder, Recording};
@@ -26,9 +26,9 @@ fn recorded(frames: impl Fn(u64) -> Frame) -> Vec<u8> {
         for position in 0..2 {
             let index = position as u64 + 3;
             let values = values(&frame(index), WIDTH, HEIGHT);
-            record_frame_at(&recorder, run, (position, &frames(index)), &values, false);
+            record_frame_at(&recorder, RunId(run), (position, &frames(index)), &values, false);
         }
-        record_once_values(&recorder, run);
+        record_once_values(&recorder, RunId(run));
     }
     recorder.finish(&[]).unwrap();
     std::fs::read(&path).unwrap()
@@ -174,15 +174,15 @@ fn pictures_lie_apart_and_are_left_out_where_they_are_not_wanted() {
     let mut plan = plan_of(&["compare"]);
     plan.record.view = false;
     let recorder = Recorder::create(&path, &plan).unwrap();
-    record_frame(&recorder, 0, &frame(0), &values(&frame(0), WIDTH, HEIGHT), false);
+    record_frame(&recorder, RunId(0), &frame(0), &values(&frame(0), WIDTH, HEIGHT), false);
     recorder.finish(&[]).unwrap();
     let without = std::fs::read(&path).unwrap();
     let summary = mcap::Summary::read(&without).unwrap().unwrap();
     assert!(summary.channels.values().all(|channel| !channel.topic.contains("/view/")));
     // Whoever reads values finds no more topics than before.
     let recording = Recording::open(&path).unwrap();
-    assert!(recording.reader(0, &["/compare/source/left", "/compare/source/calibration"]).is_ok());
-    assert!(recording.reader(0, &["/compare/source/left/image"]).is_err());
+    assert!(recording.reader(RunId(0), &["/compare/source/left", "/compare/source/calibration"]).is_ok());
+    assert!(recording.reader(RunId(0), &["/compare/source/left/image"]).is_err());
 }
 
 #[test]
@@ -194,7 +194,7 @@ fn points_of_a_depth_are_where_its_pixels_were_seen() {
     plan.record.points = vec![fused()];
     let recorder = Recorder::create(&path, &plan).unwrap();
     let values = values(&frame(0), WIDTH, HEIGHT);
-    record_frame(&recorder, 0, &frame(0), &values, false);
+    record_frame(&recorder, RunId(0), &frame(0), &values, false);
     recorder.finish(&[]).unwrap();
     let bytes = std::fs::read(&path).unwrap();
     let mut messages = MessageStream::new(&bytes).unwrap().map(Result::unwrap);
@@ -205,9 +205,11 @@ fn points_of_a_depth_are_where_its_pixels_were_seen() {
     let names = ["x", "y", "z", "red", "green", "blue", "alpha"];
     assert_eq!(fields, names.into_iter().zip([0, 4, 8, 12, 13, 14, 15]).collect::<Vec<_>>());
     let of = |slot: Slot| values.iter().find(|(of, _)| *of == slot).map(|(_, value)| value).unwrap();
-    let (Value::Depth(depth), Value::Calibration(calibration), Value::Image(image)) =
-        (of(Slot::Node { node: 3, port: 0 }), of(Slot::Source { port: 3 }), of(Slot::Source { port: 0 }))
-    else {
+    let (Value::Depth(depth), Value::Calibration(calibration), Value::Image(image)) = (
+        of(Slot::Node { node: NodeId(3), port: PortId(0) }),
+        of(Slot::Source { port: PortId(3) }),
+        of(Slot::Source { port: PortId(0) }),
+    ) else {
         panic!("the fixture's values")
     };
     let Pixels::Rgb(rgb) = image.pixels() else { panic!("the fixture's left image") };

@@ -1,5 +1,6 @@
 //! The `mcap` crate's own readers find everything, by every way in.
 
+use depthloom_graphs::plan::{NodeId, PortId};
 use std::collections::BTreeMap;
 
 use depthloom_graphs::contracts::Slot;
@@ -173,13 +174,17 @@ fn foxglove_decodes_its_own_messages() {
                 assert_eq!(u64::from(timestamp.sec()) * 1_000_000_000, BEGINNING_NS);
                 assert_eq!((image.width, image.height, image.step), (70, 40, 70));
                 assert_eq!((image.encoding.as_str(), image.frame_id.as_str()), ("mono8", "compare/left"));
-                let depthloom_graphs::Value::Mask(mask) = of_slot(Slot::Node { node: 2, port: 1 }) else { panic!() };
+                let depthloom_graphs::Value::Mask(mask) = of_slot(Slot::Node { node: NodeId(2), port: PortId(1) })
+                else {
+                    panic!()
+                };
                 assert_eq!(image.data, *mask.set.as_raw());
                 seen += 1;
             }
             "/compare/source/left/calibration" => {
                 let read = CameraCalibration::decode(&*message.data).unwrap();
-                let depthloom_graphs::Value::Calibration(calibration) = of_slot(Slot::Source { port: 3 }) else {
+                let depthloom_graphs::Value::Calibration(calibration) = of_slot(Slot::Source { port: PortId(3) })
+                else {
                     panic!()
                 };
                 assert_eq!((&read.k[..], &read.p[..]), (&calibration.k()[..], &calibration.p()[..]));

@@ -1,5 +1,6 @@
 //! Python's own reader decodes the same numbers.
 
+use depthloom_graphs::plan::{FrameIndex, NodeId, PortId, RunId};
 use std::path::Path;
 use std::process::Command;
 
@@ -37,7 +38,7 @@ fn python_decodes_the_same_numbers() {
     // The digest itself is held against the values that were recorded.
     let fused: Vec<u8> = (0..3)
         .flat_map(|index| values(&frame(index), WIDTH, HEIGHT))
-        .filter(|(slot, _)| *slot == Slot::Node { node: 3, port: 0 })
+        .filter(|(slot, _)| *slot == Slot::Node { node: NodeId(3), port: PortId(0) })
         .flat_map(|(_, value)| {
             let Value::Depth(depth) = value else { panic!("no depth") };
             depth.metres.iter().flat_map(|metres| metres.to_le_bytes()).collect::<Vec<u8>>()
@@ -133,11 +134,11 @@ fn fault_31_python_takes_the_numbers_of_a_disparity_map_at_their_word() {
         min_disparity_px: 0,
     };
     let recorder = Recorder::create(&path, &plan()).unwrap();
-    let slot = Slot::Node { node: 0, port: 0 };
-    record_frame(&recorder, 0, &frame(0), &[(slot, map.clone().into())], false);
+    let slot = Slot::Node { node: NodeId(0), port: PortId(0) };
+    record_frame(&recorder, RunId(0), &frame(0), &[(slot, map.clone().into())], false);
     recorder.finish(&[]).unwrap();
     let recording = Recording::open(&path).unwrap();
-    let read = recording.reader(0, &["/compare/stereo/disparity"]).unwrap().read(0).unwrap();
+    let read = recording.reader(RunId(0), &["/compare/stereo/disparity"]).unwrap().read(FrameIndex(0)).unwrap();
     assert!(matches!(&read[0], Some(Value::Disparity(read)) if **read == map));
     let test = "fault_31_python_takes_the_numbers_of_a_disparity_map_at_their_word";
     let Some(read) = read_with_python(test, &path, &["--messages"]) else { return };
@@ -152,7 +153,7 @@ fn fault_53_python_reads_an_unfinished_file_from_its_start_as_documented() {
     let path = folder.path().join("recording.mcap");
     let recorder = Recorder::create(&path, &plan()).unwrap();
     for index in 0..3 {
-        record_frame(&recorder, 0, &frame(index), &values(&frame(index), WIDTH, HEIGHT), false);
+        record_frame(&recorder, RunId(0), &frame(index), &values(&frame(index), WIDTH, HEIGHT), false);
     }
     drop(recorder);
     let test = "fault_53_python_reads_an_unfinished_file_from_its_start_as_documented";

@@ -5,6 +5,7 @@ use crate::fixture::{
     BEGINNING_NS, CURVE, curve, frame, key, model, plan, plan_of, record, record_frame, record_once_values, values,
 };
 use depthloom_graphs::contracts::{Failure, Holding, Slot, Store, Tap};
+use depthloom_graphs::plan::{FrameIndex, NodeId, PartId, PortId, RunId};
 use depthloom_graphs::values::{Curve, Pixels};
 use depthloom_graphs::{Key, Value};
 use depthloom_recording::{Condition, RecordedContent, Recorder, Recording, RecordingError};
@@ -67,14 +68,14 @@ fn every_value_comes_back_bit_for_bit() {
     record(&path, &plan(), 10..16, WIDTH, HEIGHT);
     let recording = Recording::open(&path).unwrap();
     assert_eq!(*recording.condition(), Condition::Whole);
-    let outputs: Vec<_> = recording.plan().outputs(0).filter(|(_, output)| !output.once).collect();
+    let outputs: Vec<_> = recording.plan().outputs(RunId(0)).filter(|(_, output)| !output.once).collect();
     let topics: Vec<&str> = outputs.iter().map(|(_, output)| output.topic.as_str()).collect();
     assert_eq!(topics.len(), 10);
-    let mut reader = recording.reader(0, &topics).unwrap();
-    assert_eq!(recording.frames(0).len(), 6);
+    let mut reader = recording.reader(RunId(0), &topics).unwrap();
+    assert_eq!(recording.frames(RunId(0)).len(), 6);
     for (position, index) in (10..16).enumerate() {
         let expected = values(&frame(index), WIDTH, HEIGHT);
-        let read = reader.read(position).unwrap();
+        let read = reader.read(FrameIndex(position)).unwrap();
         for ((slot, output), read) in outputs.iter().zip(&read) {
             let expected = expected.iter().find(|(of, _)| of == slot).map(|(_, value)| value);
             match (expected, read) {
@@ -84,7 +85,7 @@ fn every_value_comes_back_bit_for_bit() {
             }
         }
     }
-    let (first, from_iterator) = recording.reader(0, &topics[..1]).unwrap().next().unwrap().unwrap();
+    let (first, from_iterator) = recording.reader(RunId(0), &topics[..1]).unwrap().next().unwrap().unwrap();
     assert_eq!(&*first.id, "000010_10");
     assert!(matches!(&from_iterator[0], Some(Value::Image(image)) if matches!(image.pixels(), Pixels::Rgb(_))));
 }
@@ -95,17 +96,17 @@ fn frames_keep_ids_times_keys_and_failures() {
     let path = folder.path().join("recording.mcap");
     record(&path, &plan(), 0..3, 16, 16);
     let recording = Recording::open(&path).unwrap();
-    let frames = recording.frames(0);
+    let frames = recording.frames(RunId(0));
     assert_eq!(
         frames.iter().map(|of| (&*of.id, of.index, of.time_ns - BEGINNING_NS)).collect::<Vec<_>>(),
         [("000000_10", 0, 0), ("000001_10", 1, 100_000_000), ("000002_10", 2, 200_000_000)]
     );
     assert_eq!(frames[1].source_key, Some(Key::build("source").number(1).finish()));
-    assert_eq!(frames[1].keys.iter().map(|of| of.node).collect::<Vec<_>>(), [0, 1, 2, 3, 4]);
-    assert_eq!(frames[1].keys[3].key, key(&frame(1), 3));
+    assert_eq!(frames[1].keys.iter().map(|of| of.node.0).collect::<Vec<_>>(), [0, 1, 2, 3, 4]);
+    assert_eq!(frames[1].keys[3].key, key(&frame(1), NodeId(3)));
     assert!(frames[1].failures.is_empty());
     assert_eq!(frames[2].keys.len(), 4);
-    assert_eq!(frames[2].failures, [Failure { node: Some(4), what: "score: no truth".to_owned() }]);
+    assert_eq!(frames[2].failures, [Failure { node: Some(NodeId(4)), what: "score: no truth".to_owned() }]);
 }
 
 #[test]
@@ -134,10 +135,10 @@ fn an_alias_reads_the_topic_it_stands_for() {
     let path = folder.path().join("recording.mcap");
     record(&path, &plan(), 0..1, 16, 16);
     let recording = Recording::open(&path).unwrap();
-    let alias = recording.reader(0, &["/compare/full/fused/depth"]).unwrap().read(0).unwrap();
-    let topic = recording.reader(0, &["/compare/fused/depth"]).unwrap().read(0).unwrap();
+    let alias = recording.reader(RunId(0), &["/compare/full/fused/depth"]).unwrap().read(FrameIndex(0)).unwrap();
+    let topic = recording.reader(RunId(0), &["/compare/fused/depth"]).unwrap().read(FrameIndex(0)).unwrap();
     assert_same(alias[0].as_ref().unwrap(), topic[0].as_ref().unwrap());
-    let unknown = recording.reader(0, &["/compare/fused/depht"]);
+    let unknown = recording.reader(RunId(0), &["/compare/fused/depht"]);
     assert!(matches!(unknown, Err(RecordingError::UnknownTopic { topic, .. }) if topic == "/compare/fused/depht"));
 }
 
@@ -149,11 +150,11 @@ fn values_are_found_by_key() {
     let recording = Recording::open(&path).unwrap();
     let frame = frame(1);
     let expected = values(&frame, 16, 16);
-    let fused = expected.iter().find(|(slot, _)| *slot == Slot::Node { node: 3, port: 0 }).unwrap();
+    let fused = expected.iter().find(|(slot, _)| *slot == Slot::Node { node: NodeId(3), port: PortId(0) }).unwrap();
     let ports = |stored: &[(String, Option<Value>)]| stored.iter().map(|(port, _)| port.clone()).collect::<Vec<_>>();
-    let [(_, Some(found))] = &stored(&recording, &key(&frame, 3))[..] else { panic!("one port") };
+    let [(_, Some(found))] = &stored(&recording, &key(&frame, NodeId(3)))[..] else { panic!("one port") };
     assert_same(&fused.1, found);
-    assert_eq!(ports(&stored(&recording, &key(&frame, 2))), ["weight", "mask"]);
+    assert_eq!(ports(&stored(&recording, &key(&frame, NodeId(2)))), ["weight", "mask"]);
     let teacher = stored(&recording, &Key::of_content(b"teacher"));
     assert_eq!(ports(&teacher), ["model", "curve"]);
     let [(_, Some(Value::Model(model))), (_, Some(learned))] = &teacher[..] else { panic!() };
@@ -170,11 +171,13 @@ fn a_store_tells_what_is_known_to_be_nothing_from_what_was_not_kept() {
     plan.record.every = 2;
     let recorder = Recorder::create(&path, &plan).unwrap();
     for index in 0..2 {
-        let absent = |slot: &Slot| *slot == Slot::Node { node: 2, port: 1 };
+        let absent = |slot: &Slot| *slot == Slot::Node { node: NodeId(2), port: PortId(1) };
         let values: Vec<_> = values(&frame(index), 16, 16).into_iter().filter(|(slot, _)| !absent(slot)).collect();
-        record_frame(&recorder, 0, &frame(index), &values, false);
+        record_frame(&recorder, RunId(0), &frame(index), &values, false);
     }
-    recorder.once(0, Slot::Node { node: 5, port: 0 }, &Key::of_content(b"teacher"), &model(), &[]).unwrap();
+    recorder
+        .once(RunId(0), Slot::Node { node: NodeId(5), port: PortId(0) }, &Key::of_content(b"teacher"), &model(), &[])
+        .unwrap();
     let ports = |recording: &Recording, key: Key| -> Vec<(String, bool)> {
         stored(recording, &key).into_iter().map(|(port, value)| (port, value.is_some())).collect()
     };
@@ -185,9 +188,9 @@ fn a_store_tells_what_is_known_to_be_nothing_from_what_was_not_kept() {
     let (model, curve) = (("model".to_owned(), true), ("curve".to_owned(), false));
     assert_eq!(ports(&finished, Key::of_content(b"teacher")), [model, curve]);
     let (weight, mask) = (("weight".to_owned(), true), ("mask".to_owned(), false));
-    assert_eq!(ports(&finished, key(&frame(0), 2)), [weight, mask]);
-    assert_eq!(ports(&finished, key(&frame(1), 2)), Vec::new(), "of every second frame values are kept");
-    assert_eq!(ports(&finished, key(&frame(1), 4)), [("scores".to_owned(), true)], "scores of all");
+    assert_eq!(ports(&finished, key(&frame(0), NodeId(2))), [weight, mask]);
+    assert_eq!(ports(&finished, key(&frame(1), NodeId(2))), Vec::new(), "of every second frame values are kept");
+    assert_eq!(ports(&finished, key(&frame(1), NodeId(4))), [("scores".to_owned(), true)], "scores of all");
 }
 
 #[test]
@@ -197,22 +200,22 @@ fn a_learning_curve_lies_between_two_stages_and_in_no_frame() {
     let recorder = Recorder::create(&path, &plan_of(&["learn", "compare"])).unwrap();
     for (run, frames) in [(0, 3..5), (1, 0..2)] {
         for index in frames {
-            record_frame(&recorder, run, &frame(index), &values(&frame(index), 16, 16), false);
+            record_frame(&recorder, RunId(run), &frame(index), &values(&frame(index), 16, 16), false);
         }
-        record_once_values(&recorder, run);
+        record_once_values(&recorder, RunId(run));
     }
     recorder.finish(&[]).unwrap();
     let recording = Recording::open(&path).unwrap();
     let once = recording.once_values();
-    let told: Vec<_> = once.iter().map(|of| (of.run, of.node, of.port, of.value_type.as_str())).collect();
+    let told: Vec<_> = once.iter().map(|of| (of.run.0, of.node.0, of.port.0, of.value_type.as_str())).collect();
     assert_eq!(told, [(0, 5, 0, "model"), (0, 5, 1, "curve"), (1, 5, 0, "model"), (1, 5, 1, "curve")]);
     let topics = ["/learn/teacher/curve", CURVE];
     for (of, topic) in [&once[1], &once[3]].into_iter().zip(topics) {
         assert_eq!(of.content, RecordedContent::Messages { topic: topic.to_owned(), count: 4 });
         assert_same(&curve().into(), &recording.once_value(of).unwrap());
     }
-    assert_eq!([0, 1].map(|run| recording.frames(run).len()), [2, 2]);
-    assert!(recording.reader(1, &[CURVE]).is_err(), "a curve is no value of a frame");
+    assert_eq!([0, 1].map(|run| recording.frames(RunId(run)).len()), [2, 2]);
+    assert!(recording.reader(RunId(1), &[CURVE]).is_err(), "a curve is no value of a frame");
     // A millisecond a step, from the first frame of the stage on: all stages begin at once.
     let digest = digest(&path);
     for topic in topics {
@@ -228,9 +231,9 @@ fn a_curve_without_points_and_one_without_frames_come_back() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("recording.mcap");
     let recorder = Recorder::create(&path, &plan_of(&["learn", "compare"])).unwrap();
-    let (slot, key) = (Slot::Node { node: 5, port: 1 }, Key::of_content(b"teacher"));
-    recorder.once(0, slot, &key, &Curve::default().into(), &[]).unwrap();
-    recorder.once(1, slot, &key, &curve().into(), &[]).unwrap();
+    let (slot, key) = (Slot::Node { node: NodeId(5), port: PortId(1) }, Key::of_content(b"teacher"));
+    recorder.once(RunId(0), slot, &key, &Curve::default().into(), &[]).unwrap();
+    recorder.once(RunId(1), slot, &key, &curve().into(), &[]).unwrap();
     recorder.finish(&[]).unwrap();
     let recording = Recording::open(&path).unwrap();
     let read = |place: usize| recording.once_value(&recording.once_values()[place]).unwrap();
@@ -246,9 +249,9 @@ fn every_second_frame_keeps_values_and_every_frame_its_scores() {
     plan.record.every = 2;
     record(&path, &plan, 0..4, 16, 16);
     let recording = Recording::open(&path).unwrap();
-    let mut reader = recording.reader(0, &["/compare/fused/depth", "/compare/score_fused/scores"]).unwrap();
+    let mut reader = recording.reader(RunId(0), &["/compare/fused/depth", "/compare/score_fused/scores"]).unwrap();
     let kept: Vec<(bool, bool)> = (0..4)
-        .map(|position| reader.read(position).unwrap())
+        .map(|position| reader.read(FrameIndex(position)).unwrap())
         .map(|values| (values[0].is_some(), values[1].is_some()))
         .collect();
     // Frame 2 has no truth, and so no scores.
@@ -263,8 +266,8 @@ fn fault_29_every_nth_frame_counts_from_the_first_of_the_stage() {
     plan.record.every = 100;
     record(&path, &plan, 151..155, 16, 16);
     let recording = Recording::open(&path).unwrap();
-    let mut reader = recording.reader(0, &["/compare/fused/depth"]).unwrap();
-    let kept: Vec<bool> = (0..4).map(|position| reader.read(position).unwrap()[0].is_some()).collect();
+    let mut reader = recording.reader(RunId(0), &["/compare/fused/depth"]).unwrap();
+    let kept: Vec<bool> = (0..4).map(|position| reader.read(FrameIndex(position)).unwrap()[0].is_some()).collect();
     assert_eq!(kept, [true, false, false, false]);
 }
 
@@ -278,9 +281,9 @@ fn parts_encoded_in_any_order_give_the_same_file() {
         let other = values(&frame(99), 300, 100);
         for index in 0..3 {
             if backwards {
-                Tap::encode(&recorder, 0, (99, &frame(99)), 1, &other).unwrap();
+                Tap::encode(&recorder, RunId(0), (FrameIndex(99), &frame(99)), PartId(1), &other).unwrap();
             }
-            record_frame(&recorder, 0, &frame(index), &values(&frame(index), 300, 100), backwards);
+            record_frame(&recorder, RunId(0), &frame(index), &values(&frame(index), 300, 100), backwards);
         }
         recorder.finish(&[]).unwrap();
         std::fs::read(path).unwrap()
@@ -296,7 +299,7 @@ fn two_stage_runs_share_a_file_and_keep_apart() {
     // Their frames are of the same instants.
     for (run, frames) in [(0, 0..3), (1, 1..5)] {
         for index in frames {
-            record_frame(&recorder, run, &frame(index), &values(&frame(index), 16, 16), false);
+            record_frame(&recorder, RunId(run), &frame(index), &values(&frame(index), 16, 16), false);
         }
     }
     let written = recorder.finish(&[]).unwrap();
@@ -304,10 +307,10 @@ fn two_stage_runs_share_a_file_and_keep_apart() {
     assert_eq!(written.bytes, std::fs::metadata(&path).unwrap().len());
     let recording = Recording::open(&path).unwrap();
     let indices = |run| recording.frames(run).iter().map(|frame| frame.index).collect::<Vec<_>>();
-    assert_eq!((indices(0), indices(1)), (vec![0, 1, 2], vec![1, 2, 3, 4]));
-    let of_learning = recording.reader(0, &["/learn/fused/depth"]).unwrap().read(2).unwrap();
-    let of_comparing = recording.reader(1, &["/compare/fused/depth"]).unwrap().read(1).unwrap();
+    assert_eq!((indices(RunId(0)), indices(RunId(1))), (vec![0, 1, 2], vec![1, 2, 3, 4]));
+    let of_learning = recording.reader(RunId(0), &["/learn/fused/depth"]).unwrap().read(FrameIndex(2)).unwrap();
+    let of_comparing = recording.reader(RunId(1), &["/compare/fused/depth"]).unwrap().read(FrameIndex(1)).unwrap();
     assert_same(of_learning[0].as_ref().unwrap(), of_comparing[0].as_ref().unwrap());
-    assert!(recording.reader(0, &["/compare/fused/depth"]).is_err());
-    assert_eq!(recording.frames(2), []);
+    assert!(recording.reader(RunId(0), &["/compare/fused/depth"]).is_err());
+    assert_eq!(recording.frames(RunId(2)), []);
 }

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use depthloom_graphs::contracts::Slot;
-use depthloom_graphs::plan::{Plan, PlannedOutput};
+use depthloom_graphs::plan::{FrameIndex, Plan, PlannedOutput, PortId, RunId};
 use depthloom_graphs::values::{Raster, TrueDisparity};
 use depthloom_graphs::{Port, Value, ValueType};
 use depthloom_recording::{Recorder, Recording};
@@ -15,7 +15,7 @@ use crate::fixture::{frame, plan, record_frame, values};
 
 const SIZE: (u32, u32) = (12, 5);
 const TOPIC: &str = "/compare/source/disp_occ";
-const SLOT: Slot = Slot::Source { port: 4 };
+const SLOT: Slot = Slot::Source { port: PortId(4) };
 
 /// The fixture's plan with true disparities besides, the last of the source's outputs.
 fn with_truth() -> Plan {
@@ -45,13 +45,15 @@ fn each_frame_has_the_form_that_holds_it_and_comes_back_bit_for_bit() {
         let mut values = values(&frame, SIZE.0, SIZE.1);
         let after = values.iter().position(|(slot, _)| *slot > SLOT).unwrap();
         values.insert(after, (SLOT, TrueDisparity { px: truth(index) }.into()));
-        record_frame(&recorder, 0, &frame, &values, index == 1);
+        record_frame(&recorder, RunId(0), &frame, &values, index == 1);
     }
     recorder.finish(&[]).unwrap();
     let recording = Recording::open(&path).unwrap();
-    let mut reader = recording.reader(0, &[TOPIC]).unwrap();
+    let mut reader = recording.reader(RunId(0), &[TOPIC]).unwrap();
     for index in 0..4 {
-        let Some(Value::TrueDisparity(read)) = &reader.read(index as usize).unwrap()[0] else { panic!("a truth") };
+        let Some(Value::TrueDisparity(read)) = &reader.read(FrameIndex(index as usize)).unwrap()[0] else {
+            panic!("a truth")
+        };
         let bits = |px: &Raster<f32>| px.iter().map(|px| px.to_bits()).collect::<Vec<u32>>();
         assert_eq!(bits(&read.px), bits(&truth(index)), "{index}");
     }

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use depthloom_graphs::contracts::{Contract, Slot};
-use depthloom_graphs::plan::Origin;
+use depthloom_graphs::plan::{NodeId, Origin, PortId, RunId};
 use proptest::collection::{btree_set, vec};
 use proptest::prelude::*;
 
@@ -72,14 +72,14 @@ pub fn any_graph() -> impl Strategy<Value = AnyGraph> {
 pub fn bench(graph: &AnyGraph) -> Bench {
     let mut bench = Bench::new(&["one"]);
     let mut once_values: Vec<Origin> = Vec::new();
-    for (run, nodes) in graph.stages.iter().enumerate() {
+    for (run, nodes) in RunId::enumerate(&graph.stages) {
         let mut source = Numbers::new(graph.frames);
         (source.toy.fails_at, source.toy.absent_at) = (graph.source_fails_at.clone(), graph.source_absent_at.clone());
         bench.stage(&format!("stage{run}"), source);
-        let mut slots = vec![Slot::Source { port: 0 }, Slot::Source { port: 1 }];
+        let mut slots = vec![Slot::Source { port: PortId(0) }, Slot::Source { port: PortId(1) }];
         // Frames may read once-values of earlier stages, once-nodes those of their own stage too.
         let earlier = once_values.len();
-        for (index, node) in nodes.iter().enumerate() {
+        for (id, node) in NodeId::enumerate(nodes) {
             let contract = match node.contract {
                 0 => Contract::Ordered,
                 1 if !once_values.is_empty() => Contract::Once,
@@ -97,20 +97,20 @@ pub fn bench(graph: &AnyGraph) -> Bench {
                 }
             };
             let toy = Toy {
-                salt: 100 * run as u64 + index as u64,
+                salt: 100 * run.0 as u64 + id.0 as u64,
                 tiles: node.tiles,
                 fails_at: node.fails_at.clone(),
                 panics_at: node.panics_at.clone(),
                 absent_at: node.absent_at.clone(),
                 ..Toy::default()
             };
-            bench.toy(&format!("n{run}_{index}"), contract, from, toy);
+            bench.toy(&format!("n{run}_{id}"), contract, from, toy);
             if contract != Contract::Once {
-                slots.extend([0, 1].map(|port| Slot::Node { node: index, port }));
+                slots.extend([0, 1].map(|port| Slot::Node { node: id, port: PortId(port) }));
             }
             match contract {
-                Contract::Ordered => once_values.push(Origin::Once { run, node: index, port: 2 }),
-                Contract::Once => once_values.push(Origin::Once { run, node: index, port: 0 }),
+                Contract::Ordered => once_values.push(Origin::Once { run, node: id, port: PortId(2) }),
+                Contract::Once => once_values.push(Origin::Once { run, node: id, port: PortId(0) }),
                 Contract::Pure => {}
             }
         }

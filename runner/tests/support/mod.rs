@@ -9,7 +9,10 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
 use depthloom_graphs::contracts::{Commit, Contract, ErrorMessage, Slot, Tap, Warned};
-use depthloom_graphs::plan::{Origin, Plan, PlannedInput, PlannedNode, PlannedOutput, PlannedSource, Record, StageRun};
+use depthloom_graphs::plan::{
+    FrameIndex, NodeId, Origin, PartId, Plan, PlannedInput, PlannedNode, PlannedOutput, PlannedSource, PortId, Record,
+    RunId, StageRun, VariantId,
+};
 use depthloom_graphs::ready::{Ready, ReadyRun};
 use depthloom_graphs::values::{Artifact, Calibration};
 use depthloom_graphs::{
@@ -151,11 +154,11 @@ impl Source for Numbers {
         &self.frames
     }
 
-    fn key(&self, position: usize) -> Result<Key, Fault> {
+    fn key(&self, position: FrameIndex) -> Result<Key, Fault> {
         Ok(Key::of_content(&self.frames[position].index.to_le_bytes()))
     }
 
-    fn read(&self, position: usize, ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
+    fn read(&self, position: FrameIndex, ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
         let frame = self.frames[position].index;
         let outputs = self.toy.work(frame, &[Some(frame)], ctx)?;
         Ok(SourceOutputs { outputs, key: self.key(position)? })
@@ -197,7 +200,7 @@ pub fn planned(name: &str, contract: Contract, from: [Option<Origin>; 3]) -> Pla
         outputs,
         observes: None,
         recipe: Key::of_content(name.as_bytes()),
-        variants: vec![0],
+        variants: vec![VariantId(0)],
     }
 }
 
@@ -237,7 +240,7 @@ impl Bench {
             source: PlannedSource { name: "numbers".to_owned(), parts: Vec::new(), outputs: frame_outputs() },
             nodes: Vec::new(),
             estimates: Vec::new(),
-            variants: (0..self.plan.variants.len()).collect(),
+            variants: VariantId::all(self.plan.variants.len()).collect(),
         });
         self.runs.push(ReadyRun { source: Box::new(source), nodes: Vec::new() });
     }
@@ -264,15 +267,19 @@ impl Bench {
 }
 
 pub fn source(port: usize) -> Option<Origin> {
-    Some(Origin::Here(Slot::Source { port }))
+    Some(Origin::Here(Slot::Source { port: PortId(port) }))
 }
 
 pub fn node(node: usize, port: usize) -> Option<Origin> {
-    Some(Origin::Here(Slot::Node { node, port }))
+    Some(Origin::Here(node_slot(node, port)))
 }
 
 pub fn once(run: usize, node: usize, port: usize) -> Option<Origin> {
-    Some(Origin::Once { run, node, port })
+    Some(Origin::Once { run: RunId(run), node: NodeId(node), port: PortId(port) })
+}
+
+pub const fn node_slot(node: usize, port: usize) -> Slot {
+    Slot::Node { node: NodeId(node), port: PortId(port) }
 }
 
 /// What a tap was given, in words.
@@ -295,7 +302,7 @@ pub fn told_commit(commit: &Commit<'_>, parts: &[String]) -> String {
     format!("{} {} {:?} {keys:?} {failures:?} {parts:?}", commit.run, commit.frame.id, commit.source_key)
 }
 
-pub fn told_part(part: usize, values: &[(Slot, Value)]) -> String {
+pub fn told_part(part: PartId, values: &[(Slot, Value)]) -> String {
     let values: Vec<_> = values.iter().map(|(slot, value)| format!("{slot:?}={}", told_value(value))).collect();
     format!("{part}: {}", values.join(" "))
 }
@@ -321,30 +328,30 @@ impl Notebook {
 }
 
 /// Which part of the notebook a slot belongs to; some belong to none.
-pub fn part_of(parts: usize, slot: Slot) -> Option<usize> {
+pub fn part_of(parts: usize, slot: Slot) -> Option<PartId> {
     let n = match slot {
-        Slot::Source { port } => port,
-        Slot::Node { node, port } => 3 * node + port,
+        Slot::Source { port } => port.0,
+        Slot::Node { node, port } => 3 * node.0 + port.0,
     };
-    if parts == 0 || n % 5 == 4 { None } else { Some(n % parts) }
+    if parts == 0 || n % 5 == 4 { None } else { Some(PartId(n % parts)) }
 }
 
 impl Tap for Notebook {
     type Part = String;
 
-    fn parts(&self, _run: usize) -> usize {
+    fn parts(&self, _run: RunId) -> usize {
         self.parts
     }
 
-    fn part(&self, _run: usize, slot: Slot) -> Option<usize> {
+    fn part(&self, _run: RunId, slot: Slot) -> Option<PartId> {
         part_of(self.parts, slot)
     }
 
     fn encode(
         &self,
-        _: usize,
-        (_, frame): (usize, &Frame),
-        part: usize,
+        _: RunId,
+        (_, frame): (FrameIndex, &Frame),
+        part: PartId,
         values: &[(Slot, Value)],
     ) -> Result<String, ErrorMessage> {
         if self.refuses_to_encode.contains(&frame.index) {
@@ -362,7 +369,7 @@ impl Tap for Notebook {
         Ok(())
     }
 
-    fn once(&self, run: usize, slot: Slot, key: &Key, value: &Value, _: &[Warned]) -> Result<(), ErrorMessage> {
+    fn once(&self, run: RunId, slot: Slot, key: &Key, value: &Value, _: &[Warned]) -> Result<(), ErrorMessage> {
         self.lines
             .lock()
             .expect("nobody panics with the lock")

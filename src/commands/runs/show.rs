@@ -1,6 +1,7 @@
 //! `depthloom runs show`: a run at length.
 
 use depthloom_analysis::variant_of;
+use depthloom_graphs::plan::RunId;
 use depthloom_recording::Recording;
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -149,7 +150,7 @@ fn variants(names: &[String]) -> String {
 }
 
 fn stages(recording: &Recording) -> impl Iterator<Item = Stage> {
-    recording.plan().runs.iter().enumerate().map(|(run, planned)| Stage {
+    RunId::enumerate(&recording.plan().runs).map(|(run, planned)| Stage {
         name: planned.name().to_owned(),
         stage: planned.stage.clone(),
         variant: variant_of(recording.plan(), &planned.variants).map(str::to_owned),

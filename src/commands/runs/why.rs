@@ -1,5 +1,6 @@
 //! `depthloom runs why`: why the values of two runs differ, by what their recordings say of experiment, plan, frames and keys.
 
+use depthloom_graphs::plan::{FrameIndex, NodeId, NodeRef, RunId};
 use std::collections::{BTreeMap, VecDeque};
 use std::path::{Path, PathBuf};
 
@@ -142,9 +143,9 @@ struct Frames {
     /// What differs between the sources.
     source: Vec<RecordedDifference>,
     /// Of the frames in both, the positions, and whether the source's values are the same.
-    both: Vec<(usize, usize, bool)>,
+    both: Vec<(FrameIndex, FrameIndex, bool)>,
     /// Stage runs in the earlier and later recording; one of them may have none.
-    runs: (Option<usize>, Option<usize>),
+    runs: (Option<RunId>, Option<RunId>),
     only_before: usize,
     only_after: usize,
 }
@@ -358,36 +359,36 @@ fn is_of_both(difference: &RecordedDifference) -> bool {
 /// The stage runs side by side: by stage, and where a stage has several, by the names of their variants.
 fn frames(before: &Recording, after: &Recording) -> Vec<Frames> {
     let (one, other) = (before.plan(), after.plan());
-    let names = |plan: &RecordedPlan, run: usize| -> Vec<String> {
-        plan.runs[run].variants.iter().filter_map(|&variant| plan.variants.get(variant).cloned()).collect()
+    let names = |plan: &RecordedPlan, run: RunId| -> Vec<String> {
+        plan.runs[run].variants.iter().filter_map(|&variant| plan.variants.get(variant.0).cloned()).collect()
     };
     let mut taken = Vec::new();
     let mut found: Vec<Frames> = Vec::new();
-    for run in 0..other.runs.len() {
-        let of_stage: Vec<usize> =
-            (0..one.runs.len()).filter(|&was| one.runs[was].stage == other.runs[run].stage).collect();
+    for run in RunId::all(other.runs.len()) {
+        let of_stage: Vec<RunId> =
+            RunId::all(one.runs.len()).filter(|&was| one.runs[was].stage == other.runs[run].stage).collect();
         let mine = names(other, run);
-        let shares = |&&was: &&usize| names(one, was).iter().any(|name| mine.contains(name));
+        let shares = |&&was: &&RunId| names(one, was).iter().any(|name| mine.contains(name));
         let was = of_stage.iter().find(shares).or(of_stage.first()).copied();
         taken.extend(was);
         found.push(Frames::of(before, was, after, Some(run)));
     }
-    let gone = (0..one.runs.len()).filter(|run| !taken.contains(run));
+    let gone = RunId::all(one.runs.len()).filter(|run| !taken.contains(run));
     found.extend(gone.map(|run| Frames::of(before, Some(run), after, None)));
     found
 }
 
 impl Frames {
-    fn of(before: &Recording, was: Option<usize>, after: &Recording, is: Option<usize>) -> Self {
+    fn of(before: &Recording, was: Option<RunId>, after: &Recording, is: Option<RunId>) -> Self {
         let earlier = was.map_or(&[][..], |run| before.frames(run));
         let later = is.map_or(&[][..], |run| after.frames(run));
         // Sources that are joined may repeat an id: then the first is held against the first.
-        let mut places: BTreeMap<(&str, u64), VecDeque<usize>> = BTreeMap::new();
-        for (position, frame) in earlier.iter().enumerate() {
+        let mut places: BTreeMap<(&str, u64), VecDeque<FrameIndex>> = BTreeMap::new();
+        for (position, frame) in FrameIndex::enumerate(earlier) {
             places.entry((&*frame.id, frame.index)).or_default().push_back(position);
         }
         let mut both = Vec::new();
-        for (position, frame) in later.iter().enumerate() {
+        for (position, frame) in FrameIndex::enumerate(later) {
             let Some(was) = places.get_mut(&(&*frame.id, frame.index)).and_then(VecDeque::pop_front) else { continue };
             both.push((was, position, earlier[was].source_key == frame.source_key));
         }
@@ -430,33 +431,27 @@ impl Frames {
 }
 
 /// The frames of both on which stored values of a node differ although their cache keys are equal.
-fn unequal(
-    before: &Recording,
-    one: (usize, usize),
-    after: &Recording,
-    other: (usize, usize),
-    frames: &[Frames],
-) -> Vec<String> {
-    let outputs = |recording: &Recording, (run, node): (usize, usize)| -> Vec<(String, String)> {
+fn unequal(before: &Recording, one: NodeRef, after: &Recording, other: NodeRef, frames: &[Frames]) -> Vec<String> {
+    let outputs = |recording: &Recording, NodeRef { run, node }: NodeRef| -> Vec<(String, String)> {
         let outputs = recording.plan().runs[run].nodes[node].outputs.iter();
         let stored = outputs.filter(|output| output.recorded && !output.once);
         stored.map(|output| (output.port.clone(), output.topic.clone())).collect()
     };
     let later = outputs(after, other);
-    let key = |frame: &RecordedFrame, node: usize| frame.keys.iter().find(|of| of.node == node).map(|of| of.key);
+    let key = |frame: &RecordedFrame, node: NodeId| frame.keys.iter().find(|of| of.node == node).map(|of| of.key);
     let mut found = Vec::new();
     for (port, topic) in outputs(before, one) {
         let Some((_, later_topic)) = later.iter().find(|(later, _)| *later == port) else { continue };
-        let digests = (before.value_digests(one.0, &topic), after.value_digests(other.0, later_topic));
+        let digests = (before.value_digests(one.run, &topic), after.value_digests(other.run, later_topic));
         let (Ok(earlier), Ok(later)) = digests else { continue };
-        let readers = (before.reader(one.0, &[&topic]), after.reader(other.0, &[later_topic]));
+        let readers = (before.reader(one.run, &[&topic]), after.reader(other.run, &[later_topic]));
         let (Ok(mut earlier_values), Ok(mut later_values)) = readers else { continue };
-        for frames in frames.iter().filter(|frames| frames.runs == (Some(one.0), Some(other.0))) {
+        for frames in frames.iter().filter(|frames| frames.runs == (Some(one.run), Some(other.run))) {
             // Chunks of equal values differ where runs have other topics: then the values are compared, of some frames.
             let mut looked = 0;
             for &(was, is, _) in &frames.both {
-                let (first, second) = (&before.frames(one.0)[was], &after.frames(other.0)[is]);
-                let is_suspect = key(first, one.1) == key(second, other.1)
+                let (first, second) = (&before.frames(one.run)[was], &after.frames(other.run)[is]);
+                let is_suspect = key(first, one.node) == key(second, other.node)
                     && earlier[was].zip(later[is]).is_some_and(|(earlier, later)| earlier != later);
                 if !is_suspect || looked == MOST_COMPARED || found.contains(&second.id.to_string()) {
                     continue;
@@ -481,7 +476,7 @@ impl Node {
         let (Some(one), Some(other)) = (pair.before, pair.after) else {
             return Self { pair, same: 0, both: 0, unequal: None };
         };
-        let key = |frame: &RecordedFrame, node: usize| frame.keys.iter().find(|of| of.node == node).map(|of| of.key);
+        let key = |frame: &RecordedFrame, node: NodeId| frame.keys.iter().find(|of| of.node == node).map(|of| of.key);
         let (mut same, mut both) = (0, 0);
         let mut add = |was: Option<Key>, is: Option<Key>| {
             if let (Some(was), Some(is)) = (was, is) {
@@ -489,12 +484,12 @@ impl Node {
                 same += usize::from(was == is);
             }
         };
-        for frames in frames.iter().filter(|frames| frames.runs == (Some(one.0), Some(other.0))) {
+        for frames in frames.iter().filter(|frames| frames.runs == (Some(one.run), Some(other.run))) {
             for &(was, is, _) in &frames.both {
-                add(key(&before.frames(one.0)[was], one.1), key(&after.frames(other.0)[is], other.1));
+                add(key(&before.frames(one.run)[was], one.node), key(&after.frames(other.run)[is], other.node));
             }
         }
-        let once = |recording: &Recording, (run, node): (usize, usize)| {
+        let once = |recording: &Recording, NodeRef { run, node }: NodeRef| {
             recording.once_values().iter().find(|once| (once.run, once.node) == (run, node)).map(|once| once.key)
         };
         add(once(before, one), once(after, other));

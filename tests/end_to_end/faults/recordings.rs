@@ -1,5 +1,6 @@
 //! Faults of recordings: checksums, cuts, damage.
 
+use depthloom_graphs::plan::FrameIndex;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Output;
@@ -96,7 +97,7 @@ fn flipped_in(folder: &Path, bytes: &[u8], topic: &str) -> Vec<u8> {
         flipped[place] ^= 4;
         std::fs::write(&path, &flipped).expect("written");
         let damage = Recording::open(&path).map_or_else(|_| Vec::new(), |recording| recording.damage(&|| false));
-        if let [Damage { content: DamagedContent::Frame { position: 2, topics, .. }, .. }] = &damage[..]
+        if let [Damage { content: DamagedContent::Frame { position: FrameIndex(2), topics, .. }, .. }] = &damage[..]
             && topics.iter().any(|of| of == topic)
         {
             return flipped;

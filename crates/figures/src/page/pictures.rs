@@ -16,6 +16,7 @@ use std::thread;
 use base64::Engine as _;
 use base64::prelude::BASE64_STANDARD;
 use depthloom_graphs::Value;
+use depthloom_graphs::plan::{FrameIndex, RunId};
 use depthloom_graphs::values::{Image, Pixels};
 use depthloom_recording::Recording;
 use depthloom_scores::Settings;
@@ -124,19 +125,19 @@ pub struct Layer {
 /// A stage run whose maps the page shows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Series {
-    pub run: usize,
+    pub run: RunId,
     pub layers: Vec<Layer>,
     /// How many maps were recorded, of which these are.
     pub recorded: usize,
     /// The positions of its frames.
-    pub positions: Vec<usize>,
+    pub positions: Vec<FrameIndex>,
 }
 
 /// Pictures, and how they were made.
 pub struct Pictures {
     size: Size,
     /// By stage run, as [`Series`] come: the positions of its frames, and where the text of each lies in the file.
-    places: Vec<Vec<(usize, Range<u64>)>>,
+    places: Vec<Vec<(FrameIndex, Range<u64>)>>,
     file: File,
     /// By series and layer, whether any frame has it.
     there: Vec<Vec<bool>>,
@@ -277,7 +278,7 @@ fn probe(recording: &Recording, series: &[Series], size: Size, output: Output<'_
     for of in series {
         let count = of.positions.len();
         let some = PROBES.min(count);
-        let probes: Vec<usize> = (0..some).map(|i| of.positions[(2 * i + 1) * count / (2 * some)]).collect();
+        let probes: Vec<FrameIndex> = (0..some).map(|i| of.positions[(2 * i + 1) * count / (2 * some)]).collect();
         let made = all_at_once(&probes, some, &|position| frame(recording, of, position, size, output))?;
         let bytes: usize = made.iter().map(|made| made.text.len()).sum();
         needed += bytes as f64 / some as f64 * count as f64;
@@ -295,16 +296,16 @@ fn thin(series: &mut [Series], share: f64) {
 
 /// A frame's text: a line a layer, empty where there is no value.
 struct Made {
-    position: usize,
+    position: FrameIndex,
     text: Vec<u8>,
     damaged: u64,
 }
 
 /// Makes all on several threads; in order, and of several that fail the first is told.
 fn all_at_once(
-    positions: &[usize],
+    positions: &[FrameIndex],
     threads: usize,
-    make: &(dyn Fn(usize) -> Result<Made, PageError> + Sync),
+    make: &(dyn Fn(FrameIndex) -> Result<Made, PageError> + Sync),
 ) -> Result<Vec<Made>, PageError> {
     let made: Mutex<BTreeMap<usize, Result<Made, PageError>>> = Mutex::new(BTreeMap::new());
     let budget = Budget::new(threads.max(1));
@@ -319,7 +320,7 @@ fn all_at_once(
 fn frame(
     recording: &Recording,
     series: &Series,
-    position: usize,
+    position: FrameIndex,
     size: Size,
     output: Output<'_>,
 ) -> Result<Made, PageError> {
@@ -454,13 +455,13 @@ fn picked(columns: Range<usize>, rows: Range<usize>, width: usize, truth: Option
 
 /// At most so many of some positions: the wanted ones first, then others evenly, the first and the last among them.
 #[must_use]
-pub fn evenly(positions: &[usize], wanted: &BTreeSet<usize>, most: usize) -> Vec<usize> {
+pub fn evenly(positions: &[FrameIndex], wanted: &BTreeSet<FrameIndex>, most: usize) -> Vec<FrameIndex> {
     if positions.len() <= most {
         return positions.to_vec();
     }
-    let wanted: BTreeSet<usize> =
+    let wanted: BTreeSet<FrameIndex> =
         positions.iter().copied().filter(|position| wanted.contains(position)).take(most / 2).collect();
-    let with = |even: usize| -> BTreeSet<usize> {
+    let with = |even: usize| -> BTreeSet<FrameIndex> {
         let at = |i: usize| positions[i * (positions.len() - 1) / (even - 1).max(1)];
         wanted.iter().copied().chain((0..even).map(at)).collect()
     };
@@ -479,6 +480,7 @@ pub fn evenly(positions: &[usize], wanted: &BTreeSet<usize>, most: usize) -> Vec
 #[cfg(test)]
 mod tests {
     use super::*;
+    use depthloom_graphs::plan::FrameIndex;
 
     #[test]
     fn a_smaller_map_is_made_of_pixels_with_a_truth_where_there_are_any() {
@@ -492,13 +494,16 @@ mod tests {
 
     #[test]
     fn of_many_frames_the_wanted_are_there_and_the_others_are_even() {
-        let positions: Vec<usize> = (0..1000).collect();
-        let chosen = evenly(&positions, &BTreeSet::from([17, 18, 19, 500]), 20);
+        let positions: Vec<FrameIndex> = FrameIndex::all(1000).collect();
+        let chosen = evenly(&positions, &BTreeSet::from([17, 18, 19, 500].map(FrameIndex)), 20);
         assert!((18..=20).contains(&chosen.len()), "{chosen:?}");
-        assert!([0, 17, 18, 19, 500, 999].iter().all(|position| chosen.contains(position)), "{chosen:?}");
-        assert!(chosen.windows(2).all(|two| two[1] - two[0] <= 80), "{chosen:?}");
-        assert_eq!(evenly(&positions[..5], &BTreeSet::new(), 20), [0, 1, 2, 3, 4]);
-        assert_eq!(evenly(&positions, &BTreeSet::new(), 1), [0]);
+        assert!(
+            [0, 17, 18, 19, 500, 999].map(FrameIndex).iter().all(|position| chosen.contains(position)),
+            "{chosen:?}"
+        );
+        assert!(chosen.windows(2).all(|two| two[1].0 - two[0].0 <= 80), "{chosen:?}");
+        assert_eq!(evenly(&positions[..5], &BTreeSet::new(), 20), [0, 1, 2, 3, 4].map(FrameIndex));
+        assert_eq!(evenly(&positions, &BTreeSet::new(), 1), [FrameIndex(0)]);
     }
 
     #[test]

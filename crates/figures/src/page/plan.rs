@@ -6,6 +6,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 
+use depthloom_graphs::plan::VariantId;
 use depthloom_recording::RecordedPlan;
 
 use crate::xml::escaped;
@@ -24,7 +25,7 @@ struct Node {
     name: String,
     kinds: BTreeSet<String>,
     is_source: bool,
-    variants: BTreeSet<usize>,
+    variants: BTreeSet<VariantId>,
     /// Several nodes that differ between variants.
     several: usize,
     column: usize,
@@ -132,7 +133,7 @@ fn graph(plan: &RecordedPlan) -> (Vec<String>, Vec<Node>, Vec<Edge>) {
     let mut nodes: Vec<Node> = Vec::new();
     let mut known: BTreeMap<(usize, bool, String), usize> = BTreeMap::new();
     let mut node_of =
-        |nodes: &mut Vec<Node>, stage: usize, is_source: bool, name: &str, kinds: Vec<&str>, variants: &[usize]| {
+        |nodes: &mut Vec<Node>, stage: usize, is_source: bool, name: &str, kinds: Vec<&str>, variants: &[VariantId]| {
             let place = *known.entry((stage, is_source, name.to_owned())).or_insert_with(|| {
                 let (kinds, variants) = (BTreeSet::new(), BTreeSet::new());
                 nodes.push(Node {
@@ -267,11 +268,12 @@ mod tests {
     use serde_json::json;
 
     use super::*;
+    use depthloom_graphs::plan::VariantId;
 
     #[test]
     fn a_plan_is_drawn_with_what_differs_between_variants_in_one_box_and_names_escaped() {
         let output = |topic: &str| json!([{ "port": "depth", "type": "depth", "once": false, "topic": topic, "aliases": [], "recorded": true }]);
-        let node = |name: &str, from: &str, topic: &str, variants: &[usize]| {
+        let node = |name: &str, from: &str, topic: &str, variants: &[VariantId]| {
             json!({ "name": name, "kind": "filter/median", "version": 1, "contract": "pure", "params": {},
                     "inputs": [{ "port": "depth", "from": from }], "outputs": output(topic),
                     "recipe": "00".repeat(16), "variants": variants })
@@ -281,7 +283,7 @@ mod tests {
             "runs": [{
                 "stage": "s", "prefix": "/s", "variants": [0, 1], "estimates": [],
                 "source": { "name": "<street>", "parts": [{ "kind": "k", "version": 1, "params": {} }], "outputs": output("/s/source/depth") },
-                "nodes": [node("shared", "/s/source/depth", "/s/shared", &[0, 1]), node("own", "/s/shared", "/s/a/own", &[0]), node("own", "/s/shared", "/s/b/own", &[1])],
+                "nodes": [node("shared", "/s/source/depth", "/s/shared", &[VariantId(0), VariantId(1)]), node("own", "/s/shared", "/s/a/own", &[VariantId(0)]), node("own", "/s/shared", "/s/b/own", &[VariantId(1)])],
             }],
         });
         let plan = RecordedPlan::deserialize(plan).unwrap();

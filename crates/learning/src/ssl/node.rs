@@ -105,7 +105,7 @@ impl OnceNode for Ssl {
         let learn = || self.learn(&layout, &samples, validation.as_ref(), ctx.host);
         let pool = pool(ctx.host.width(), self.params.batch)?;
         let learned = pool.install(learn);
-        ctx.host.spent(spent_ns(&pool));
+        ctx.host.add_cpu_time(spent_ns(&pool));
         let (values, curve) = learned?;
         let key = ctx.host.key().map_or_else(String::new, |key| key.to_string());
         let file = export(self.params.network, form.size, &values, &key);
@@ -141,7 +141,7 @@ impl Ssl {
         });
         let state = match taken_up {
             Some(state) => {
-                host.tell(&format!(
+                host.info(&format!(
                     "goes on at step {} of {}, where an earlier run left it",
                     state.step, self.params.steps
                 ));

@@ -67,7 +67,7 @@ impl Host for Patience {
         self.told.lock().expect("nobody panics with it").push(what.to_owned());
     }
 
-    fn tell(&self, what: &str) {
+    fn info(&self, what: &str) {
         self.warn(what);
     }
 
@@ -87,7 +87,7 @@ impl Host for Patience {
         self.threads
     }
 
-    fn spent(&self, cpu_ns: u64) {
+    fn add_cpu_time(&self, cpu_ns: u64) {
         self.cpu_ns.fetch_add(cpu_ns, Ordering::Relaxed);
     }
 

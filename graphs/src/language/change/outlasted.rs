@@ -10,6 +10,7 @@ use super::variant::Variant;
 use crate::language::text::diagnostics::{Diagnostic, Report};
 use crate::language::text::names;
 use crate::language::text::tree::{Node, Tree};
+use crate::plan::VariantId;
 
 /// What was set on the command line, and in which variants it is not what they have.
 pub(crate) struct Outlasted<'a>(Vec<Set<'a>>);
@@ -19,7 +20,7 @@ struct Set<'a> {
     /// Where it stands in the experiment.
     keys: Vec<String>,
     /// The variants with a value of their own.
-    variants: Vec<usize>,
+    variants: Vec<VariantId>,
 }
 
 impl<'a> Outlasted<'a> {
@@ -34,7 +35,7 @@ impl<'a> Outlasted<'a> {
     }
 
     /// Looks at what a variant made of the experiment.
-    pub(crate) fn look(&mut self, variant: usize, root: &Node, of_variant: &Node) {
+    pub(crate) fn look(&mut self, variant: VariantId, root: &Node, of_variant: &Node) {
         for set in &mut self.0 {
             if !stays(&set.change.value, at(root, &set.keys), at(of_variant, &set.keys)) {
                 set.variants.push(variant);

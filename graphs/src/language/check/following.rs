@@ -9,6 +9,7 @@ use serde_json::Value as Json;
 
 use super::params::Parameters;
 use super::spec::Spec;
+use crate::language::ids::{StageId, StageNode, StageNodeId};
 use crate::language::text::diagnostics::{Diagnostic, Report};
 use crate::language::text::source_file::Place;
 use crate::registry::ParamError;
@@ -113,29 +114,30 @@ struct Held {
     follows: Vec<(String, Vec<Json>)>,
 }
 
-/// What is held while what it could follow is swept, by stage, node and name.
+/// What is held while what it could follow is swept, by node and name.
 #[derive(Default)]
 pub(crate) struct Sweeps {
-    held: BTreeMap<(usize, usize, String), Held>,
+    held: BTreeMap<(StageNode, String), Held>,
     /// What follows in one variant or another.
-    followed: HashSet<(usize, usize, String)>,
+    followed: HashSet<(StageNode, String)>,
 }
 
 impl Sweeps {
-    /// Looks at a variant; `parameters` gives those of a node by stage and position.
-    pub(crate) fn look<'p>(&mut self, spec: &Spec, parameters: impl Fn(usize, usize) -> Option<&'p Parameters>) {
-        for (s, stage) in spec.stages.iter().enumerate() {
-            for (n, node) in stage.nodes.iter().enumerate() {
-                let Some(parameters) = parameters(s, n) else { continue };
+    /// Looks at a variant; `parameters` finds those of a node.
+    pub(crate) fn look<'p>(&mut self, spec: &Spec, parameters: impl Fn(StageNode) -> Option<&'p Parameters>) {
+        for (stage_id, stage) in StageId::enumerate(&spec.stages) {
+            for (id, node) in StageNodeId::enumerate(&stage.nodes) {
+                let id = StageNode { stage: stage_id, node: id };
+                let Some(parameters) = parameters(id) else { continue };
                 let with = node.instance.as_ref().and_then(|instance| instance.with.as_ref());
                 for following in &parameters.following {
                     let name = &following.name;
                     if following.is_auto {
-                        self.followed.insert((s, n, name.clone()));
+                        self.followed.insert((id, name.clone()));
                         continue;
                     }
                     let Some(written) = with.and_then(|with| with.entry(name)) else { continue };
-                    let held = self.held.entry((s, n, name.clone())).or_insert_with(|| Held {
+                    let held = self.held.entry((id, name.clone())).or_insert_with(|| Held {
                         node: node.name.text.clone(),
                         place: written.key_place.clone(),
                         own: Vec::new(),
@@ -160,7 +162,7 @@ impl Sweeps {
                 true => "the same in all variants that set it",
                 false => "the same in all variants",
             };
-            let (_, _, name) = key;
+            let (_, name) = key;
             let swept = held.follows.iter().filter(|(_, values)| values.len() > 1);
             let swept: Vec<String> =
                 swept.map(|(name, values)| format!("`{name}`, which it would follow, is {}", listed(values))).collect();

@@ -2,9 +2,12 @@
 
 use super::linked::{Linked, Wire};
 use super::record::Recorded;
-use super::share::{PlacedStage, Shared, SharedNode, SharedRun};
+use super::share::{PlacedStage, Shared, SharedNode};
 use super::topics::Topics;
-use crate::plan::{Estimate, Origin, PlannedInput, PlannedNode, PlannedSource, StageRun};
+use crate::language::ids::StageId;
+use crate::plan::{
+    Estimate, NodeId, NodeRef, Origin, PlannedInput, PlannedNode, PlannedSource, RunId, StageRun, VariantId,
+};
 
 /// The stage runs of all variants, named.
 pub(crate) fn stage_runs(
@@ -14,19 +17,19 @@ pub(crate) fn stage_runs(
     recorded: &Recorded,
 ) -> Vec<StageRun> {
     let topics = Topics::new(shared, names, variants, recorded);
-    let runs = shared.runs.iter().enumerate();
-    let mut runs: Vec<StageRun> = runs.map(|(r, run)| stage_run(shared, r, run, &topics)).collect();
+    let mut runs: Vec<StageRun> = RunId::all(shared.runs.len()).map(|run| stage_run(shared, run, &topics)).collect();
     label(&mut runs, &shared.placed, names, variants);
     runs
 }
 
-fn stage_run(shared: &Shared<'_>, r: usize, run: &SharedRun<'_>, topics: &Topics<'_>) -> StageRun {
+fn stage_run(shared: &Shared<'_>, run_id: RunId, topics: &Topics<'_>) -> StageRun {
+    let run = &shared.runs[run_id];
     let source = PlannedSource {
         name: run.source.name.clone(),
         parts: run.source.parts.clone(),
         outputs: topics.of_source(run),
     };
-    let planned = |(n, node): (usize, &SharedNode<'_>)| {
+    let planned = |(node_id, node): (NodeId, &SharedNode<'_>)| {
         let declaration = &node.kind.declaration;
         let wired = node.inputs.iter().cloned().zip(&node.first.wires);
         let inputs = node.signature.inputs.iter().cloned().zip(wired);
@@ -41,7 +44,7 @@ fn stage_run(shared: &Shared<'_>, r: usize, run: &SharedRun<'_>, topics: &Topics
             portable: node.parameters.recorded.clone(),
             auto: node.parameters.following.iter().filter(|one| one.is_auto).map(|one| one.name.clone()).collect(),
             inputs: inputs.collect(),
-            outputs: topics.of_node(shared, r, n),
+            outputs: topics.of_node(shared, NodeRef { run: run_id, node: node_id }),
             observes: node.signature.observes.clone(),
             recipe: node.recipe,
             variants: node.variants.clone(),
@@ -51,7 +54,7 @@ fn stage_run(shared: &Shared<'_>, r: usize, run: &SharedRun<'_>, topics: &Topics
         stage: run.stage.to_owned(),
         prefix: topics.prefix(run),
         source,
-        nodes: run.nodes.iter().enumerate().map(planned).collect(),
+        nodes: NodeId::enumerate(&run.nodes).map(planned).collect(),
         estimates: Vec::new(),
         variants: run.variants.clone(),
     }
@@ -68,28 +71,27 @@ fn shown(wire: Option<&Wire>) -> Option<String> {
 /// Labels what is scored: an estimate that is the same in all variants once, any other once a variant.
 fn label(runs: &mut [StageRun], placed: &[Vec<PlacedStage>], names: &[String], variants: &[Linked<'_>]) {
     let Some(first) = variants.first() else { return };
-    for (s, stage) in first.stages.iter().enumerate() {
+    for (stage_id, stage) in StageId::enumerate(&first.stages) {
         let name = |e: usize| stage.estimates[e].name.text.clone();
-        let place = |v: usize, e: usize| {
-            let placed = &placed[v][s];
-            Some((placed.run, placed.nodes[variants[v].stages[s].estimates[e].node]?))
+        let place = |variant: VariantId, e: usize| {
+            let placed = &placed[variant][stage_id];
+            let node = placed.nodes[variants[variant].stages[stage_id].estimates[e].node]?;
+            Some(NodeRef { run: placed.run, node })
         };
-        let everywhere = |e: usize| {
-            let here = place(0, e);
-            (1..variants.len()).all(|v| place(v, e) == here)
-        };
+        let everywhere =
+            |e: usize| VariantId::all(variants.len()).all(|other| place(other, e) == place(VariantId(0), e));
         let (alike, differing): (Vec<usize>, Vec<usize>) = (0..stage.estimates.len()).partition(|&e| everywhere(e));
         let mut found = Vec::new();
         for e in alike {
-            found.extend(place(0, e).map(|at| (at, name(e), name(e), None)));
+            found.extend(place(VariantId(0), e).map(|at| (at, name(e), name(e), None)));
         }
-        for (v, variant) in names.iter().enumerate() {
+        for (variant, variant_name) in VariantId::enumerate(names) {
             for &e in &differing {
-                let label = format!("{variant}/{}", name(e));
-                found.extend(place(v, e).map(|at| (at, label, name(e), Some(v))));
+                let label = format!("{variant_name}/{}", name(e));
+                found.extend(place(variant, e).map(|at| (at, label, name(e), Some(variant))));
             }
         }
-        for ((run, score_node), label, name, variant) in found {
+        for (NodeRef { run, node: score_node }, label, name, variant) in found {
             let slot = |port: &str| {
                 let inputs = &runs[run].nodes[score_node].inputs;
                 match inputs.iter().find(|input| input.port.name == port)?.from {

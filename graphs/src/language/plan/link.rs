@@ -12,6 +12,7 @@ use crate::language::check::params::Resolver;
 use crate::language::check::reference::Reference;
 use crate::language::check::score;
 use crate::language::check::spec::{InputSpec, NodeSpec, SourceSpec, Spec, StageSpec, Wired};
+use crate::language::ids::{StageId, StageNodeId};
 use crate::language::text::diagnostics::{Diagnostic, Report};
 use crate::language::text::names;
 use crate::plan::SourcePart;
@@ -43,12 +44,12 @@ pub(crate) fn link<'r>(
         stages.push(StageNames {
             name: &stage.name.text,
             source: stage_source(stage, spec, &sources, report),
-            index: nodes.iter().enumerate().map(|(n, node)| (node.name, n)).collect(),
+            index: StageNodeId::enumerate(&nodes).map(|(id, node)| (node.name, id)).collect(),
             nodes,
         });
     }
     let mut linked = Vec::with_capacity(stages.len());
-    for (index, (stage, scores)) in spec.stages.iter().zip(&scores).enumerate() {
+    for (index, (stage, scores)) in StageId::enumerate(spec.stages.iter().zip(&scores)) {
         let reachable = Reachable { stages: &stages, stage: index };
         let mut nodes: Vec<LinkedNode<'r>> = stage
             .nodes
@@ -243,7 +244,7 @@ fn link_node<'r>(
             break;
         }
         if let Some(Wired::Reference(reference)) = &input.from {
-            reads.extend(reachable.read(reference).map(|(stage, node)| (stage, node, input.place.clone())));
+            reads.extend(reachable.read(reference).map(|node| (node, input.place.clone())));
         }
         let Some((kind, signature)) = known_ports else {
             // Without a signature there are no ports, but whether the reference names something can be said.

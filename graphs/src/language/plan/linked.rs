@@ -6,9 +6,10 @@ use std::sync::Arc;
 use crate::contracts::{Port, Signature};
 use crate::key::Key;
 use crate::language::check::params::Parameters;
+use crate::language::ids::{StageNode, StageNodeId};
 use crate::language::text::source_file::Place;
 use crate::language::text::word::Word;
-use crate::plan::SourcePart;
+use crate::plan::{PortId, SourcePart};
 use crate::registry::NodeKind;
 
 /// A variant's stages, in the order of the file.
@@ -24,7 +25,7 @@ pub(crate) struct LinkedStage<'r> {
     /// In the order of the file, the scores last.
     pub(crate) nodes: Vec<LinkedNode<'r>>,
     /// Indices of nodes, each after all those it reads; empty where nodes go round in a circle.
-    pub(crate) order: Vec<usize>,
+    pub(crate) order: Vec<StageNodeId>,
     pub(crate) estimates: Vec<LinkedEstimate>,
 }
 
@@ -47,8 +48,8 @@ pub(crate) struct LinkedNode<'r> {
     pub(crate) signature: Option<Arc<Signature>>,
     /// By input port of the signature; `None` where unwired, or wired wrongly.
     pub(crate) wires: Vec<Option<Wire>>,
-    /// The nodes it reads, as (stage, node), whether or not the wires fit.
-    pub(crate) reads: Vec<(usize, usize, Place)>,
+    /// The nodes it reads, whether or not the wires fit.
+    pub(crate) reads: Vec<(StageNode, Place)>,
     /// Whether it is one of the nodes that `score:` stands for.
     pub(crate) is_score: bool,
 }
@@ -64,9 +65,9 @@ impl LinkedNode<'_> {
 #[derive(Clone, Debug)]
 pub(crate) enum Wire {
     /// The stage's source.
-    Source { port: usize },
+    Source { port: PortId },
     /// A node of the same stage, or a once-value of an earlier one.
-    Node { stage: usize, node: usize, port: usize },
+    Node { node: StageNode, port: PortId },
     /// A file.
     File {
         path: PathBuf,
@@ -79,6 +80,6 @@ pub(crate) enum Wire {
 /// An estimate of a stage's `score:`.
 pub(crate) struct LinkedEstimate {
     pub(crate) name: Word,
-    /// Index of its score node.
-    pub(crate) node: usize,
+    /// Its score node.
+    pub(crate) node: StageNodeId,
 }

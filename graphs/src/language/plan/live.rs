@@ -5,38 +5,39 @@ use std::collections::HashSet;
 use super::linked::Linked;
 use super::record::Recorded;
 use crate::contracts::Rate;
+use crate::language::ids::{StageId, StageNode, StageNodeId};
 use crate::language::text::diagnostics::{Diagnostic, Report};
 
-/// The useful nodes of one variant, as (stage, node).
-pub(crate) fn nodes(linked: &Linked<'_>, recording: &Recorded) -> HashSet<(usize, usize)> {
+/// The useful nodes of one variant.
+pub(crate) fn nodes(linked: &Linked<'_>, recording: &Recorded) -> HashSet<StageNode> {
     let mut live = HashSet::new();
     let mut open = Vec::new();
-    for (s, stage) in linked.stages.iter().enumerate() {
-        for (n, node) in stage.nodes.iter().enumerate() {
+    for (stage_id, stage) in StageId::enumerate(&linked.stages) {
+        for (node_id, node) in StageNodeId::enumerate(&stage.nodes) {
             let kept = node.signature.as_ref().is_none_or(|signature| {
                 // What gives nothing (a sink) is there for what it does.
                 let outputs = &signature.outputs;
                 outputs.is_empty() || outputs.iter().any(|o| recording.keeps(&stage.name.text, &node.name.text, o.name))
             });
             if node.is_score || kept {
-                open.push((s, n));
+                open.push(StageNode { stage: stage_id, node: node_id });
             }
         }
     }
-    while let Some((s, n)) = open.pop() {
-        if live.insert((s, n)) {
-            open.extend(linked.stages[s].nodes[n].reads.iter().map(|(stage, node, _)| (*stage, *node)));
+    while let Some(node) = open.pop() {
+        if live.insert(node) {
+            open.extend(linked.stages[node.stage].nodes[node.node].reads.iter().map(|(read, _)| *read));
         }
     }
     live
 }
 
 /// Reports nodes that are of no use in any variant.
-pub(crate) fn check(variants: &[Linked<'_>], live: &[HashSet<(usize, usize)>], report: &mut Report) {
+pub(crate) fn check(variants: &[Linked<'_>], live: &[HashSet<StageNode>], report: &mut Report) {
     let Some(first) = variants.first() else { return };
-    for (s, stage) in first.stages.iter().enumerate() {
-        for (n, node) in stage.nodes.iter().enumerate() {
-            if live.iter().any(|live| live.contains(&(s, n))) {
+    for (stage_id, stage) in StageId::enumerate(&first.stages) {
+        for (node_id, node) in StageNodeId::enumerate(&stage.nodes) {
+            if live.iter().any(|live| live.contains(&StageNode { stage: stage_id, node: node_id })) {
                 continue;
             }
             let (stage, name) = (&stage.name.text, &node.name.text);
@@ -51,19 +52,20 @@ pub(crate) fn check(variants: &[Linked<'_>], live: &[HashSet<(usize, usize)>], r
 /// does not ask for it. Where no later stage scores anything, what is learned is what the experiment is for.
 pub(crate) fn check_stages(variants: &[Linked<'_>], recording: &Recorded, report: &mut Report) {
     let Some(first) = variants.first() else { return };
-    let scores = |s: usize| variants.iter().any(|linked| !linked.stages[s].estimates.is_empty());
-    for (s, stage) in first.stages.iter().enumerate() {
+    let scores = |stage: StageId| variants.iter().any(|linked| !linked.stages[stage].estimates.is_empty());
+    for (stage_id, stage) in StageId::enumerate(&first.stages) {
         let mut learns = stage
             .nodes
             .iter()
             .filter_map(|node| node.outputs().iter().find(|port| port.rate == Rate::Once).map(|port| (node, port)));
         let Some((node, port)) = learns.next_back() else { continue };
         let reads = |linked: &Linked<'_>| {
-            let others = linked.stages.iter().enumerate().filter(|(other, _)| *other != s);
-            others.flat_map(|(_, other)| &other.nodes).flat_map(|node| &node.reads).any(|(of, ..)| *of == s)
+            let others = StageId::enumerate(&linked.stages).filter(|(other, _)| *other != stage_id);
+            let mut reads = others.flat_map(|(_, other)| &other.nodes).flat_map(|node| &node.reads);
+            reads.any(|(read, _)| read.stage == stage_id)
         };
-        let later_scores = (s + 1..first.stages.len()).any(scores);
-        if !later_scores || scores(s) || recording.asks_for(&stage.name.text) || variants.iter().any(reads) {
+        let later_scores = StageId::all(first.stages.len()).skip(stage_id.0 + 1).any(scores);
+        if !later_scores || scores(stage_id) || recording.asks_for(&stage.name.text) || variants.iter().any(reads) {
             continue;
         }
         let name = &stage.name.text;

@@ -4,21 +4,22 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 use super::linked::LinkedNode;
+use crate::language::ids::{StageId, StageNode, StageNodeId};
 use crate::language::text::diagnostics::{Diagnostic, Report};
 
 /// Indices of a stage's nodes, each after all those it reads, otherwise in the order of the file. Nodes in or after a
 /// circle are left out.
-pub(crate) fn of(stage: usize, nodes: &[LinkedNode<'_>], report: &mut Report) -> Vec<usize> {
+pub(crate) fn of(stage: StageId, nodes: &[LinkedNode<'_>], report: &mut Report) -> Vec<StageNodeId> {
     let mut waiting_for: Vec<usize> = vec![0; nodes.len()];
-    let mut readers: Vec<Vec<usize>> = vec![Vec::new(); nodes.len()];
-    for (index, node) in nodes.iter().enumerate() {
-        for &(_, read, _) in node.reads.iter().filter(|(of, ..)| *of == stage) {
+    let mut readers: Vec<Vec<StageNodeId>> = vec![Vec::new(); nodes.len()];
+    for (index, node) in StageNodeId::enumerate(nodes) {
+        for (read, _) in node.reads.iter().filter(|(read, _)| read.stage == stage) {
             waiting_for[index] += 1;
-            readers[read].push(index);
+            readers[read.node].push(index);
         }
     }
-    let mut ready: BinaryHeap<Reverse<usize>> =
-        (0..nodes.len()).filter(|&node| waiting_for[node] == 0).map(Reverse).collect();
+    let mut ready: BinaryHeap<Reverse<StageNodeId>> =
+        StageNodeId::all(nodes.len()).filter(|&node| waiting_for[node] == 0).map(Reverse).collect();
     let mut order = Vec::with_capacity(nodes.len());
     while let Some(Reverse(node)) = ready.pop() {
         order.push(node);
@@ -39,18 +40,20 @@ pub(crate) fn of(stage: usize, nodes: &[LinkedNode<'_>], report: &mut Report) ->
 const LONGEST: usize = 12;
 
 /// Reports each circle once, at the wire that closes it.
-fn circles(stage: usize, nodes: &[LinkedNode<'_>], waiting_for: &[usize], report: &mut Report) {
+fn circles(stage: StageId, nodes: &[LinkedNode<'_>], waiting_for: &[usize], report: &mut Report) {
     let mut visited = vec![false; nodes.len()];
-    for start in (0..nodes.len()).filter(|&node| waiting_for[node] > 0) {
+    for start in StageNodeId::all(nodes.len()).filter(|&node| waiting_for[node] > 0) {
         // Every node that waits reads another that waits: following those comes back to one seen before.
-        let mut path: Vec<usize> = Vec::new();
+        let mut path: Vec<StageNodeId> = Vec::new();
         let mut node = start;
         while !visited[node] {
             visited[node] = true;
             path.push(node);
-            let waits = |read: usize| waiting_for[read] > 0;
-            let next = nodes[node].reads.iter().find(|(of, read, _)| *of == stage && waits(*read));
-            let Some((_, next, place)) = next else { break };
+            let waits = |read: &StageNode| read.stage == stage && waiting_for[read.node] > 0;
+            let Some((StageNode { node: next, .. }, place)) = nodes[node].reads.iter().find(|(read, _)| waits(read))
+            else {
+                break;
+            };
             if let Some(first) = path.iter().position(|seen| seen == next) {
                 let mut names: Vec<String> =
                     path[first..].iter().map(|&n| format!("`{}`", nodes[n].name.text)).collect();

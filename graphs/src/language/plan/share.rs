@@ -10,8 +10,9 @@ use super::recipe::{self, InputRecipe};
 use crate::contracts::{Rate, Signature, Slot};
 use crate::key::Key;
 use crate::language::check::params::{Parameters, canonical};
+use crate::language::ids::{StageId, StageNode};
 use crate::language::text::source_file::Place;
-use crate::plan::Origin;
+use crate::plan::{NodeId, Origin, PortId, RunId, VariantId};
 use crate::registry::NodeKind;
 
 /// All variants, with what is equal in them once.
@@ -30,7 +31,7 @@ pub(crate) struct SharedRun<'l> {
     pub(crate) source: &'l LinkedSource,
     pub(crate) nodes: Vec<SharedNode<'l>>,
     /// The variants it serves.
-    pub(crate) variants: Vec<usize>,
+    pub(crate) variants: Vec<VariantId>,
 }
 
 /// A node, and all that it stands for.
@@ -44,7 +45,7 @@ pub(crate) struct SharedNode<'l> {
     pub(crate) inputs: Vec<Option<Origin>>,
     pub(crate) recipe: Key,
     /// The variants it serves.
-    pub(crate) variants: Vec<usize>,
+    pub(crate) variants: Vec<VariantId>,
 }
 
 /// A node whose operational parameters do not count, since it is one with a node written before it.
@@ -52,22 +53,22 @@ pub(crate) struct Overruled {
     pub(crate) node: String,
     pub(crate) place: Place,
     /// The variant and node whose parameters count.
-    pub(crate) variant: usize,
+    pub(crate) variant: VariantId,
     pub(crate) first: String,
 }
 
 /// A stage of a variant, in the plan.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct PlacedStage {
-    pub(crate) run: usize,
+    pub(crate) run: RunId,
     /// By the linked stage's nodes, the node of the stage run; `None` for those of no use to this variant.
-    pub(crate) nodes: Vec<Option<usize>>,
+    pub(crate) nodes: Vec<Option<NodeId>>,
 }
 
 /// What makes two nodes of a stage run the same.
 #[derive(PartialEq, Eq, Hash)]
 struct Identity {
-    run: usize,
+    run: RunId,
     kind: &'static str,
     params: String,
     inputs: Vec<Option<InputIdentity>>,
@@ -81,36 +82,36 @@ enum InputIdentity {
 }
 
 /// The nodes there are: by identity, the node of its stage run, and the variant it is from.
-type Known = HashMap<Identity, (usize, usize)>;
+type Known = HashMap<Identity, (NodeId, VariantId)>;
 
 /// Puts linked variants without errors together.
-pub(crate) fn share<'l>(variants: &'l [Linked<'l>], live: &[HashSet<(usize, usize)>]) -> Shared<'l> {
+pub(crate) fn share<'l>(variants: &'l [Linked<'l>], live: &[HashSet<StageNode>]) -> Shared<'l> {
     let mut shared = Shared { runs: Vec::new(), placed: vec![Vec::new(); variants.len()], overruled: Vec::new() };
     let mut known = Known::new();
     let stages = variants.first().map_or(0, |linked| linked.stages.len());
-    for s in 0..stages {
+    for stage_id in StageId::all(stages) {
         // Stage runs first: once-values of this stage are looked up by run.
         let first_run = shared.runs.len();
-        for (v, linked) in variants.iter().enumerate() {
-            let stage = &linked.stages[s];
+        for (variant, linked) in VariantId::enumerate(variants) {
+            let stage = &linked.stages[stage_id];
             let Some(source) = &stage.source else { continue };
             let equal = |run: &SharedRun<'_>| run.source.parts == source.parts;
-            let run = match shared.runs[first_run..].iter().position(equal) {
-                Some(run) => first_run + run,
-                None => {
-                    let (nodes, variants) = (Vec::new(), Vec::new());
-                    shared.runs.push(SharedRun { stage: &stage.name.text, source, nodes, variants });
-                    shared.runs.len() - 1
-                }
-            };
-            shared.runs[run].variants.push(v);
-            shared.placed[v].push(PlacedStage { run, nodes: vec![None; stage.nodes.len()] });
+            let known = shared.runs[first_run..].iter().position(equal);
+            let run = RunId(known.map_or(shared.runs.len(), |known| first_run + known));
+            if known.is_none() {
+                let (nodes, variants) = (Vec::new(), Vec::new());
+                shared.runs.push(SharedRun { stage: &stage.name.text, source, nodes, variants });
+            }
+            shared.runs[run].variants.push(variant);
+            shared.placed[variant].push(PlacedStage { run, nodes: vec![None; stage.nodes.len()] });
         }
-        for (v, linked) in variants.iter().enumerate() {
-            let stage = &linked.stages[s];
-            for &n in stage.order.iter().filter(|&&n| live[v].contains(&(s, n))) {
-                let node = shared.place(&mut known, v, s, &stage.nodes[n]);
-                shared.placed[v][s].nodes[n] = node;
+        for (variant, linked) in VariantId::enumerate(variants) {
+            let stage = &linked.stages[stage_id];
+            for &node in &stage.order {
+                if live[variant].contains(&StageNode { stage: stage_id, node }) {
+                    let placed = shared.place(&mut known, variant, stage_id, &stage.nodes[node]);
+                    shared.placed[variant][stage_id].nodes[node] = placed;
+                }
             }
         }
     }
@@ -119,7 +120,13 @@ pub(crate) fn share<'l>(variants: &'l [Linked<'l>], live: &[HashSet<(usize, usiz
 
 impl<'l> Shared<'l> {
     /// The node of the stage run that a variant's node is: one that is there already, or a new one.
-    fn place(&mut self, known: &mut Known, variant: usize, stage: usize, node: &'l LinkedNode<'l>) -> Option<usize> {
+    fn place(
+        &mut self,
+        known: &mut Known,
+        variant: VariantId,
+        stage: StageId,
+        node: &'l LinkedNode<'l>,
+    ) -> Option<NodeId> {
         let (kind, parameters, signature) = (node.kind?, node.parameters.as_deref()?, node.signature.as_deref()?);
         let run = self.placed[variant][stage].run;
         let declaration = &kind.declaration;
@@ -135,7 +142,7 @@ impl<'l> Shared<'l> {
                 .map(|(from, wire)| input_identity(from.as_ref()?, wire.as_ref()?))
                 .collect(),
         };
-        let next = self.runs[run].nodes.len();
+        let next = NodeId(self.runs[run].nodes.len());
         let &mut (index, first) = known.entry(identity).or_insert((next, variant));
         if index == next {
             let contributions: Vec<(&'static str, InputRecipe<'_>)> = signature
@@ -175,15 +182,15 @@ impl<'l> Shared<'l> {
         Some(index)
     }
 
-    fn origin(&self, variant: usize, stage: usize, wire: &Wire) -> Option<Origin> {
+    fn origin(&self, variant: VariantId, stage: StageId, wire: &Wire) -> Option<Origin> {
         match wire {
             Wire::Source { port } => Some(Origin::Here(Slot::Source { port: *port })),
             Wire::File { path, .. } => Some(Origin::File(path.clone())),
-            Wire::Node { stage: of, node, port } => {
-                let placed = &self.placed[variant][*of];
-                let node = placed.nodes[*node]?;
+            Wire::Node { node: read, port } => {
+                let placed = &self.placed[variant][read.stage];
+                let node = placed.nodes[read.node]?;
                 let once = self.runs[placed.run].nodes[node].signature.outputs[*port].rate == Rate::Once;
-                Some(if once || *of != stage {
+                Some(if once || read.stage != stage {
                     Origin::Once { run: placed.run, node, port: *port }
                 } else {
                     Origin::Here(Slot::Node { node, port: *port })
@@ -192,15 +199,15 @@ impl<'l> Shared<'l> {
         }
     }
 
-    fn contribution<'a>(&'a self, run: usize, wire: &'a Wire, from: &Origin) -> InputRecipe<'a> {
-        let of = |run: usize, node: usize, port: usize| {
+    fn contribution<'a>(&'a self, run: RunId, wire: &'a Wire, from: &Origin) -> InputRecipe<'a> {
+        let output = |run: RunId, node: NodeId, port: PortId| {
             let node = &self.runs[run].nodes[node];
             InputRecipe::Node(&node.recipe, node.signature.outputs[port].name)
         };
         match (from, wire) {
             (Origin::Here(Slot::Source { port }), _) => InputRecipe::Source(self.runs[run].source.outputs[*port].name),
-            (Origin::Here(Slot::Node { node, port }), _) => of(run, *node, *port),
-            (Origin::Once { run, node, port }, _) => of(*run, *node, *port),
+            (Origin::Here(Slot::Node { node, port }), _) => output(run, *node, *port),
+            (Origin::Once { run, node, port }, _) => output(*run, *node, *port),
             (Origin::File(_), Wire::File { content, .. }) => InputRecipe::File(content),
             (Origin::File(_), _) => unreachable!("only a file's wire becomes a file"),
         }

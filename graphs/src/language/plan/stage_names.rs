@@ -6,6 +6,7 @@ use std::sync::Arc;
 use super::linked::LinkedSource;
 use crate::contracts::{Port, Signature};
 use crate::language::check::params::Parameters;
+use crate::language::ids::StageNodeId;
 use crate::registry::NodeKind;
 
 /// The names and nodes of a stage, known before any wire is looked at.
@@ -13,7 +14,7 @@ pub(crate) struct StageNames<'r, 's> {
     pub(crate) name: &'s str,
     pub(crate) source: Option<Arc<LinkedSource>>,
     pub(crate) nodes: Vec<KnownNode<'r, 's>>,
-    pub(crate) index: HashMap<&'s str, usize>,
+    pub(crate) index: HashMap<&'s str, StageNodeId>,
 }
 
 /// What is known of a node by itself.
@@ -35,7 +36,7 @@ impl KnownNode<'_, '_> {
 }
 
 impl StageNames<'_, '_> {
-    pub(crate) fn node(&self, name: &str) -> Option<usize> {
+    pub(crate) fn node(&self, name: &str) -> Option<StageNodeId> {
         self.index.get(name).copied()
     }
 }

@@ -6,12 +6,12 @@ use super::linked::Linked;
 use super::record::Recorded;
 use super::share::{Shared, SharedRun};
 use crate::contracts::Port;
-use crate::plan::PlannedOutput;
+use crate::plan::{NodeRef, PlannedOutput, VariantId};
 
 /// The names under which a shared node goes, with the variants that call it so.
 #[derive(Default)]
 struct Uses<'a> {
-    names: Vec<(&'a str, Vec<usize>)>,
+    names: Vec<(&'a str, Vec<VariantId>)>,
     /// Whether one of the nodes it stands for is of `score:`.
     is_score: bool,
 }
@@ -21,8 +21,8 @@ pub(crate) struct Topics<'a> {
     /// The variants' names.
     variants: &'a [String],
     recorded: &'a Recorded,
-    /// By stage run and node.
-    uses: HashMap<(usize, usize), Uses<'a>>,
+    /// By node.
+    uses: HashMap<NodeRef, Uses<'a>>,
 }
 
 impl<'a> Topics<'a> {
@@ -32,16 +32,16 @@ impl<'a> Topics<'a> {
         linked: &'a [Linked<'_>],
         recorded: &'a Recorded,
     ) -> Self {
-        let mut uses: HashMap<(usize, usize), Uses<'a>> = HashMap::new();
-        for (v, (linked, placed)) in linked.iter().zip(&shared.placed).enumerate() {
+        let mut uses: HashMap<NodeRef, Uses<'a>> = HashMap::new();
+        for (variant, (linked, placed)) in VariantId::enumerate(linked.iter().zip(&shared.placed)) {
             for (stage, placed) in linked.stages.iter().zip(placed) {
-                for (node, index) in stage.nodes.iter().zip(&placed.nodes) {
-                    let Some(index) = index else { continue };
-                    let uses = uses.entry((placed.run, *index)).or_default();
+                for (node, id) in stage.nodes.iter().zip(&placed.nodes) {
+                    let Some(id) = *id else { continue };
+                    let uses = uses.entry(NodeRef { run: placed.run, node: id }).or_default();
                     uses.is_score |= node.is_score;
                     match uses.names.iter_mut().find(|(name, _)| *name == node.name.text) {
-                        Some((_, variants)) => variants.push(v),
-                        None => uses.names.push((&node.name.text, vec![v])),
+                        Some((_, variants)) => variants.push(variant),
+                        None => uses.names.push((&node.name.text, vec![variant])),
                     }
                 }
             }
@@ -65,18 +65,18 @@ impl<'a> Topics<'a> {
         run.source.outputs.iter().map(|port| self.output(run, &uses, port, false)).collect()
     }
 
-    /// The outputs of a node, by index of its stage run and its own.
-    pub(crate) fn of_node(&self, shared: &Shared<'_>, run: usize, node: usize) -> Vec<PlannedOutput> {
-        let stage_run = &shared.runs[run];
-        let (names, is_score) = self.uses.get(&(run, node)).map_or((&[][..], false), |u| (&u.names, u.is_score));
-        let ports = &stage_run.nodes[node].signature.outputs;
+    /// The outputs of a node.
+    pub(crate) fn of_node(&self, shared: &Shared<'_>, node: NodeRef) -> Vec<PlannedOutput> {
+        let stage_run = &shared.runs[node.run];
+        let (names, is_score) = self.uses.get(&node).map_or((&[][..], false), |u| (&u.names, u.is_score));
+        let ports = &stage_run.nodes[node.node].signature.outputs;
         ports.iter().map(|port| self.output(stage_run, names, port, is_score)).collect()
     }
 
     fn output(
         &self,
         run: &SharedRun<'_>,
-        uses: &[(&str, Vec<usize>)],
+        uses: &[(&str, Vec<VariantId>)],
         port: &Port,
         always_recorded: bool,
     ) -> PlannedOutput {

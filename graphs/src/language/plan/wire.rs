@@ -6,37 +6,39 @@ use crate::contracts::{Contract, Port, Rate, Signature};
 use crate::language::check::params::Resolver;
 use crate::language::check::reference::Reference;
 use crate::language::check::spec::{InputSpec, Wired};
+use crate::language::ids::{StageId, StageNode};
 use crate::language::text::diagnostics::{Diagnostic, Report};
 use crate::language::text::names;
 use crate::language::text::paths;
 use crate::language::text::tree::Node;
+use crate::plan::PortId;
 use crate::values::ValueType;
 
 /// What a stage's inputs can be wired to.
 pub(crate) struct Reachable<'r, 's, 'n> {
     pub(crate) stages: &'n [StageNames<'r, 's>],
     /// The stage whose inputs are wired.
-    pub(crate) stage: usize,
+    pub(crate) stage: StageId,
 }
 
 /// An output found.
 struct Output<'n> {
     wire: Wire,
     port: &'n Port,
-    stage: usize,
+    stage: StageId,
 }
 
 impl<'r> Reachable<'r, '_, '_> {
     /// The node a reference reads, if there is one of that name.
-    pub(crate) fn read(&self, reference: &Reference) -> Option<(usize, usize)> {
+    pub(crate) fn read(&self, reference: &Reference) -> Option<StageNode> {
         let stage = self.stage_of(reference)?;
-        Some((stage, self.stages[stage].node(&reference.node.text)?))
+        Some(StageNode { stage, node: self.stages[stage].node(&reference.node.text)? })
     }
 
-    fn stage_of(&self, reference: &Reference) -> Option<usize> {
+    fn stage_of(&self, reference: &Reference) -> Option<StageId> {
         match &reference.stage {
             None => Some(self.stage),
-            Some(word) => self.stages.iter().position(|stage| stage.name == word.text),
+            Some(word) => self.stages.iter().position(|stage| stage.name == word.text).map(StageId),
         }
     }
 
@@ -161,9 +163,10 @@ impl<'r> Reachable<'r, '_, '_> {
                 return None;
             }
         };
-        match ports.iter().position(|port| port.name == output.text) {
+        match ports.iter().position(|port| port.name == output.text).map(PortId) {
             Some(port) => {
-                let wire = node.map_or(Wire::Source { port }, |node| Wire::Node { stage, node, port });
+                let wire =
+                    node.map_or(Wire::Source { port }, |node| Wire::Node { node: StageNode { stage, node }, port });
                 Some(Output { wire, port: &ports[port], stage })
             }
             None => {
@@ -179,14 +182,14 @@ impl<'r> Reachable<'r, '_, '_> {
         }
     }
 
-    fn unknown_node(&self, reference: &Reference, stage: usize, report: &mut Report) {
+    fn unknown_node(&self, reference: &Reference, stage: StageId, report: &mut Report) {
         let name = &reference.node.text;
         let names = &self.stages[stage];
         let what = format!("stage `{}` has no node `{name}`", names.name);
         let mut known: Vec<&str> =
             names.nodes.iter().map(|node| node.name).filter(|name| !name.contains('.')).collect();
         known.push("source");
-        let elsewhere = self.stages[..self.stage].iter().find(|earlier| earlier.node(name).is_some());
+        let elsewhere = self.stages[..self.stage.0].iter().find(|earlier| earlier.node(name).is_some());
         let help = match elsewhere {
             Some(earlier) => {
                 Some(format!("did you mean `{}.{name}/{}`, of stage `{0}`?", earlier.name, reference.output.text))
@@ -204,7 +207,7 @@ impl<'r> Reachable<'r, '_, '_> {
         const MOST: usize = 100;
         let mut fitting = Vec::new();
         let fits = |output: &Port| output.value_type == port.value_type && output.rate == port.rate;
-        for (index, stage) in self.stages.iter().enumerate().take(self.stage + 1) {
+        for (index, stage) in StageId::enumerate(self.stages).take(self.stage.0 + 1) {
             let here = index == self.stage;
             if !here && port.rate == Rate::Frame {
                 continue;
