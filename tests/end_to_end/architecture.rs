@@ -1,4 +1,4 @@
-//! ARCHITECTURE.md against the manifests: its table of crates, its direction, its arrows.
+//! ARCHITECTURE.md against the manifests and the files: its table of crates, its arrows, the paths that it names, its size.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::process::Command;
@@ -22,7 +22,7 @@ fn crates() -> BTreeMap<String, Crate> {
     let text = |json: &Json| json.as_str().expect("text").to_owned();
     let names: BTreeSet<String> = packages.iter().map(|package| text(&package["name"])).collect();
     let root = text(&metadata["workspace_root"]);
-    let of = |package: &Json| {
+    let member = |package: &Json| {
         let manifest = text(&package["manifest_path"]);
         let folder = manifest
             .strip_prefix(&root)
@@ -37,7 +37,7 @@ fn crates() -> BTreeMap<String, Crate> {
         let folder = if folder.is_empty() { "src/".to_owned() } else { folder };
         (text(&package["name"]), Crate { folder, uses })
     };
-    packages.iter().map(of).collect()
+    packages.iter().map(member).collect()
 }
 
 fn architecture() -> String {
@@ -60,7 +60,7 @@ fn the_table_lists_every_crate_and_each_uses_only_what_stands_below_it() {
     let (text, crates) = (architecture(), crates());
     let rows = rows(&text);
     let listed: BTreeSet<(&str, &str)> = rows.iter().map(|(folder, name)| (&**folder, &**name)).collect();
-    let there: BTreeSet<(&str, &str)> = crates.iter().map(|(name, of)| (&*of.folder, &**name)).collect();
+    let there: BTreeSet<(&str, &str)> = crates.iter().map(|(name, member)| (&*member.folder, &**name)).collect();
     assert_eq!(listed, there);
     for (place, (_, name)) in rows.iter().enumerate() {
         for used in &crates[name].uses {
@@ -85,8 +85,21 @@ fn the_arrows_are_those_of_the_manifests() {
         })
         .collect();
     let mut there = BTreeSet::new();
-    for (name, of) in crates() {
-        there.extend(of.uses.into_iter().map(|used| (name.clone(), used)));
+    for (name, member) in crates() {
+        there.extend(member.uses.into_iter().map(|used| (name.clone(), used)));
     }
     assert_eq!(drawn, there);
+}
+
+#[test]
+fn every_path_that_the_page_names_exists_and_the_page_is_short() {
+    let text = architecture();
+    let is_path = |word: &&str| {
+        word.split_once('/').is_some_and(|(folder, _)| !word.contains(['*', ' ']) && workspace().join(folder).is_dir())
+    };
+    let paths: Vec<&str> = text.split('`').skip(1).step_by(2).filter(is_path).collect();
+    assert!(paths.len() > 40, "{paths:?}");
+    let missing: Vec<&&str> = paths.iter().filter(|path| !workspace().join(path).exists()).collect();
+    assert!(missing.is_empty(), "{missing:?}");
+    assert!(text.len() <= 12_000, "{} bytes", text.len());
 }
