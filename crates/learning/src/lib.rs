@@ -1,8 +1,14 @@
-//! Self-supervised learning of still-mono networks: samples, networks, training, ONNX writing.
+//! Self-supervised training of monocular networks: samples, networks, training, ONNX export.
 //!
-//! A stage collects what stereo was confident of (`samples`: the kind `learn/samples`); a once-node teaches a network with it (`ssl`: `learn/ssl`)
-//! and gives an ONNX file (`onnx`) that `mono/onnx` runs. Networks are described once, for learning and for writing (`networks`). The
-//! training library is burn; its convolutions on a CPU are ours (`ops`).
+//! A stage collects confident stereo (`samples`: the kind `learn/samples`); an aggregate node trains a network with it (`ssl`: `learn/ssl`)
+//! and writes an ONNX file (`onnx`) that `mono/onnx` runs. Each network is described once, for training and for export (`networks`).
+//!
+//! - burn computes gradients and holds Adam. CPU time goes to operations of our own under burn's extension mechanism (`ops`). Their kernels
+//!   read images as lines with zeros between rows, so that a convolution is a sum of shifted lines (`crates/kernels/src/convolve`).
+//! - The same bits with any number of workers and after any kill: randomness is a function of seed and step, gradients are added in the order of
+//!   the images, and the pool of threads is no wider than the run's workers.
+//! - A checkpoint is a file with a checksum. The runner names it by the key of the values that it leads to, and locks it: a second process trains
+//!   without a checkpoint. The file is removed when the whole run is stored.
 //!
 //! All of it is reached through the kinds that [`register()`] adds:
 //!
